@@ -1,0 +1,86 @@
+"""Soft bodies with changing contacts, in real time.
+
+Reads a scene, assembles it with FEniCSx, reduces it for each contact mode, and steps the reduced models with passive
+midpoint integration. Importing this package loads NumPy and nothing of FEniCSx; a name is loaded when it is used.
+"""
+
+from importlib import import_module
+from typing import TYPE_CHECKING, Any
+
+__version__ = "0.1.0"
+
+_HOME = {
+    "Record": "record",
+    "Rom": "rom",
+    "Scene": "scene",
+    "Simulator": "runtime.simulator",
+    "System": "system",
+    "assemble": "fem.assemble",
+    "compare": "comparison",
+    "read_record": "record_file",
+    "read_rom": "rom_file",
+    "read_scene": "scene",
+    "reduce": "reduction.reduce",
+    "simulate": "runtime.run",
+    "solve": "fem.solve",
+    "truncated": "rom",
+    "write_record": "record_file",
+    "write_rom": "rom_file",
+}
+_PACKAGES = {
+    "fem": ("dolfinx", "sudo apt-get install --no-install-recommends python3-dolfinx python3-gmsh libopenblas0"),
+    "reduction": ("scipy", "pip install fenics-rom[reduction]"),
+}
+
+if TYPE_CHECKING:
+    from fenics_rom.comparison import compare
+    from fenics_rom.fem.assemble import assemble
+    from fenics_rom.fem.solve import solve
+    from fenics_rom.record import Record
+    from fenics_rom.record_file import read_record, write_record
+    from fenics_rom.reduction.reduce import reduce
+    from fenics_rom.rom import Rom, truncated
+    from fenics_rom.rom_file import read_rom, write_rom
+    from fenics_rom.runtime.run import simulate
+    from fenics_rom.runtime.simulator import Simulator
+    from fenics_rom.scene import Scene, read_scene
+    from fenics_rom.system import System
+
+__all__ = [
+    "Record",
+    "Rom",
+    "Scene",
+    "Simulator",
+    "System",
+    "assemble",
+    "compare",
+    "read_record",
+    "read_rom",
+    "read_scene",
+    "reduce",
+    "simulate",
+    "solve",
+    "truncated",
+    "write_record",
+    "write_rom",
+]
+
+
+def __getattr__(name: str) -> Any:
+    if name not in _HOME:
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    home = _HOME[name]
+    try:
+        module = import_module(f"{__name__}.{home}")
+    except ModuleNotFoundError as error:
+        needed, cure = _PACKAGES.get(home.split(".")[0], ("", ""))
+        if not needed or (error.name or "").startswith(__name__):
+            raise
+        from fenics_rom.errors import MissingPackageError
+
+        raise MissingPackageError(f"fenics_rom.{name} needs {error.name}, which this Python lacks: {cure}") from error
+    return getattr(module, name)
+
+
+def __dir__() -> list[str]:
+    return sorted([*globals(), *_HOME])

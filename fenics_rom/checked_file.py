@@ -1,0 +1,224 @@
+"""HDF5 files that are what they say: arrays in tables of name, unit, kind and shape, checked on writing and reading.
+
+A file is written beside its place and renamed, so there is never half a file. Under MPI rank 0 alone writes.
+"""
+
+import os
+import tempfile
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+
+import h5py
+import numpy as np
+
+from fenics_rom.errors import FenicsRomError, RomFileError
+
+FORMAT = "fenics-rom"
+VERSION = "1.0"  # files of the same first number can be read
+LONGEST_TEXT = 60_000  # bytes; HDF5 keeps attributes in a header of 64 KiB
+
+Array = np.ndarray
+T = TypeVar("T")
+Sizes = dict[str, int]
+
+
+@dataclass(frozen=True)
+class Entry:
+    """What one dataset is.
+
+    Attributes:
+        unit: "1" for a pure number.
+        shape: numbers, or names of sizes that must agree wherever they occur.
+        kind: "f" real or "i" whole numbers.
+        optional: whether it may be absent.
+    """
+
+    unit: str
+    shape: tuple[str | int, ...]
+    kind: str = "f"
+    optional: bool = False
+
+
+Table = Mapping[str, Entry]
+
+
+def is_rank_0() -> bool:
+    """Whether this process writes: true outside mpirun. Asks the launcher, so that the runtime needs no MPI."""
+    ranks = (os.environ.get(name) for name in ("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "PMI_RANK"))
+    return next((rank for rank in ranks if rank is not None), "0") == "0"
+
+
+def write_file(file: str | Path, content: str, fill: Callable[[h5py.File], None]) -> None:
+    """Writes a file of some content ("rom" or "run"), or nothing.
+
+    Raises:
+        RomFileError: it cannot be written, or its content does not hold together.
+    """
+    if not is_rank_0():
+        return
+    path = Path(file)
+    temporary = None
+    try:
+        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent)
+        os.close(handle)
+        temporary = Path(name)
+        with h5py.File(temporary, "w", track_order=True) as h5:
+            put_text(h5, format=FORMAT, format_version=VERSION, content=content, software=_software())
+            fill(h5)
+        temporary.chmod(0o644)
+        temporary.replace(path)
+    except OSError as error:
+        raise RomFileError(f"{path}: cannot be written: {error}") from error
+    finally:
+        if temporary is not None:
+            temporary.unlink(missing_ok=True)
+
+
+def read_file(file: str | Path, content: str, take: Callable[[h5py.File], T]) -> T:
+    """Reads a file of that content.
+
+    Raises:
+        RomFileError: it is missing, damaged, of another format, or its content does not hold together.
+    """
+    path = Path(file)
+    if not path.is_file():
+        raise RomFileError(f"{path}: not found")
+    try:
+        with h5py.File(path, "r") as h5:
+            if get_text(h5, "format") != FORMAT:
+                raise RomFileError("is not a fenics-rom file")
+            version = get_text(h5, "format_version")
+            if version.split(".")[0] != VERSION.split(".")[0]:
+                raise RomFileError(f"has format version {version}; this release reads {VERSION.split('.')[0]}.x")
+            found = get_text(h5, "content")
+            if found != content:
+                raise RomFileError(f"holds a {found}, not a {content}")
+            return take(h5)
+    except FenicsRomError as error:
+        raise RomFileError(f"{path}: {error}") from error
+    except (OSError, RuntimeError, ValueError, KeyError, TypeError, AttributeError, MemoryError) as error:
+        raise RomFileError(f"{path}: is damaged or not an HDF5 file: {error}") from error
+
+
+def content_of(file: str | Path) -> str:
+    """What a file holds, "rom" or "run".
+
+    Raises:
+        RomFileError: it is no such file.
+    """
+    for content in ("rom", "run"):
+        try:
+            return read_file(file, content, lambda h5: get_text(h5, "content"))
+        except RomFileError as error:
+            if not str(error).endswith(f", not a {content}"):
+                raise
+    raise RomFileError(f"{file}: holds neither a rom nor a run")
+
+
+def put_text(group: h5py.Group, **texts: str) -> None:
+    """Keeps short texts as attributes.
+
+    Raises:
+        RomFileError: a text is too long for an attribute.
+    """
+    for name, text in texts.items():
+        data = text.encode()
+        if len(data) > LONGEST_TEXT:
+            raise RomFileError(f"text {name!r} has {len(data)} bytes; allowed are {LONGEST_TEXT}")
+        group.attrs[name] = np.bytes_(data) if data else h5py.Empty("S1")
+
+
+def get_text(group: h5py.Group, name: str) -> str:
+    """A text that `put_text` kept.
+
+    Raises:
+        RomFileError: it is missing or not text.
+    """
+    value = group.attrs.get(name)
+    if isinstance(value, h5py.Empty):
+        return ""
+    if not isinstance(value, bytes):
+        raise RomFileError(f"attribute {name!r} of {group.name} is missing or not text")
+    try:
+        return value.decode()
+    except UnicodeDecodeError as error:
+        raise RomFileError(f"attribute {name!r} of {group.name} is not UTF-8") from error
+
+
+def put_arrays(group: h5py.Group, table: Table, sizes: Sizes, arrays: Mapping[str, Array | None]) -> None:
+    """Writes the arrays of a table into a group; None leaves an optional one out.
+
+    Raises:
+        RomFileError: an array is missing, misshapen or not finite.
+    """
+    for name, entry in table.items():
+        array = arrays[name]
+        if array is None:
+            if not entry.optional:
+                raise RomFileError(f"{group.name}/{name} is missing")
+            continue
+        array = np.asarray(array, dtype=np.int64 if entry.kind == "i" else np.float64)
+        _check(f"{group.name}/{name}", array, entry, sizes)
+        dataset = group.create_dataset(name, data=array)
+        dataset.attrs["unit"] = np.bytes_(entry.unit.encode())
+
+
+def get_arrays(group: h5py.Group, table: Table, sizes: Sizes, others: tuple[str, ...] = ()) -> dict[str, Array | None]:
+    """Reads the arrays of a table from a group, which may hold nothing else but `others`.
+
+    Raises:
+        RomFileError: an array is missing, misshapen, of the wrong kind, not finite, or unexpected.
+    """
+    extra = set(group) - set(table) - set(others)
+    if extra:
+        raise RomFileError(f"unexpected {', '.join(sorted(extra))} in {group.name}")
+    arrays: dict[str, Array | None] = {}
+    for name, entry in table.items():
+        where = f"{group.name.rstrip('/')}/{name}"
+        if name not in group:
+            if not entry.optional:
+                raise RomFileError(f"{where} is missing")
+            arrays[name] = None
+            continue
+        dataset = group[name]
+        if not isinstance(dataset, h5py.Dataset) or dataset.dtype.kind != entry.kind or dataset.dtype.itemsize != 8:
+            raise RomFileError(f"{where} is not an array of {'whole' if entry.kind == 'i' else 'real'} numbers")
+        if dataset.nbytes > dataset.id.get_storage_size():  # a size that lies would be answered with memory
+            raise RomFileError(f"{where} says it has {dataset.nbytes} bytes, but fewer are stored")
+        if get_text(dataset, "unit") != entry.unit:
+            raise RomFileError(f"{where} has unit {get_text(dataset, 'unit')!r}, not {entry.unit!r}")
+        array = dataset[()]
+        _check(where, array, entry, sizes)
+        arrays[name] = array
+    return arrays
+
+
+def get_group(parent: h5py.Group, name: str) -> h5py.Group:
+    """A group that must be there.
+
+    Raises:
+        RomFileError: it is not.
+    """
+    group = parent.get(name)
+    if not isinstance(group, h5py.Group):
+        raise RomFileError(f"{parent.name.rstrip('/')}/{name} is missing")
+    return group
+
+
+def _check(where: str, array: Array, entry: Entry, sizes: Sizes) -> None:
+    if array.ndim != len(entry.shape):
+        raise RomFileError(f"{where} has {array.ndim} dimensions, not {len(entry.shape)}")
+    for got, size in zip(array.shape, entry.shape, strict=True):
+        expected = sizes.setdefault(size, got) if isinstance(size, str) else size
+        if got != expected:
+            raise RomFileError(f"{where} has shape {array.shape}; allowed is {entry.shape}, {size} = {expected}")
+    if entry.kind == "f" and not np.isfinite(array).all():
+        raise RomFileError(f"{where} holds numbers that are not finite")
+
+
+def _software() -> str:
+    from fenics_rom import __version__
+
+    return f"fenics-rom {__version__}"

@@ -1,0 +1,41 @@
+"""The errors a caller can meet. Each says what was wrong, where, what was given and what is allowed."""
+
+
+class FenicsRomError(Exception):
+    """Base of everything that this package raises on purpose."""
+
+
+class SceneError(FenicsRomError):
+    """A scene file, or a choice made in it, cannot be used."""
+
+
+class MeshError(FenicsRomError):
+    """A mesh cannot be read, or lacks what the scene names."""
+
+
+class SolverError(FenicsRomError):
+    """A factorisation, eigensolver or Lyapunov solver did not deliver."""
+
+
+class StructureError(FenicsRomError):
+    """Matrices or reduced models lack the structure the mathematics needs (symmetry, definiteness, shape)."""
+
+
+class RomFileError(FenicsRomError):
+    """A ROM or run file is missing, damaged, of another format or not what it says."""
+
+
+class StepError(FenicsRomError):
+    """A step or a switch was asked for that cannot be taken; the state is as it was."""
+
+
+class CompareError(FenicsRomError):
+    """Two runs have nothing in common that could be compared."""
+
+
+class MissingPackageError(FenicsRomError):
+    """A package that this task needs is not installed; the message says how to get it."""
+
+
+class FenicsRomWarning(UserWarning):
+    """The result is usable, but not quite what was asked for; the message says what was done instead."""

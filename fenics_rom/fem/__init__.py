@@ -1,0 +1,1 @@
+"""The high-fidelity solver: the only folder that imports dolfinx, PETSc and SLEPc."""

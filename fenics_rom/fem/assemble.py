@@ -1,0 +1,204 @@
+"""Scene to System: linear elasticity by dolfinx, clamped nodes eliminated, in canonical order."""
+
+import logging
+from typing import Any
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from dolfinx.fem.petsc import assemble_matrix
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from fenics_rom.errors import MeshError, SceneError
+from fenics_rom.fem.mesh import Mesh, read_mesh
+from fenics_rom.fem.nodes import CELL_EDGES, Nodes, canonical_nodes, clamped_nodes, output_rows, patch_columns
+from fenics_rom.fem.petsc_algebra import PetscAlgebra, PetscMatrix, combination, require_real
+from fenics_rom.fem.ranks import on_rank_0
+from fenics_rom.fem.versions import cell_constants, cell_dofs, cell_nodes, create_tetrahedra, vector_space
+from fenics_rom.scene import Scene
+from fenics_rom.system import Body, System
+
+
+def assemble(scene: Scene, comm: Any = None) -> System:
+    """Assembles the full-order model of a scene; every rank of `comm` must call it.
+
+    Args:
+        scene: what to assemble.
+        comm: an mpi4py communicator, MPI.COMM_WORLD where None.
+
+    Raises:
+        MeshError: the mesh cannot be used or lacks a group.
+        SceneError: the scene asks for something this body does not have.
+        SolverError: PETSc is a complex-valued build.
+    """
+    require_real(PETSc.ScalarType)
+    comm = MPI.COMM_WORLD if comm is None else comm
+    mesh = on_rank_0(comm, lambda: read_mesh(scene.mesh_file, scene.mesh_groups))
+    nodes = on_rank_0(comm, lambda: canonical_nodes(mesh, scene.degree))
+    free = _free_components(scene, nodes)
+    material = _material_of_cells(scene, mesh)
+
+    logging.disable(logging.INFO)  # dolfinx 0.5 lets the C compiler talk
+    try:
+        mass, stiffness, node_mass = _matrices(comm, mesh, nodes, scene.degree, material, free)
+    finally:
+        logging.disable(logging.NOTSET)
+    damping = scene.effects.get("damping", {"alpha": 0.0, "beta": 0.0})
+    alpha, beta = damping["alpha"], damping["beta"]
+    algebra = PetscAlgebra(comm, mass.mat.getOwnershipRange())
+    here = algebra.rows()
+    return System(
+        mass=mass,
+        damping=PetscMatrix(combination((alpha, mass), (beta, stiffness))) if alpha or beta else _Zero(),
+        stiffness=stiffness,
+        contacts={
+            name: patch_columns(nodes, patch, free, f"contacts.{name}")[here] for name, patch in scene.contacts.items()
+        },
+        actuators={
+            name: patch_columns(nodes, patch, free, f"actuators.{name}")[here]
+            for name, patch in scene.actuators.items()
+        },
+        outputs={
+            name: output_rows(nodes, output, free, f"outputs.{name}")[here] for name, output in scene.outputs.items()
+        },
+        algebra=algebra,
+        rayleigh=(alpha, beta),
+        body=Body(nodes.coordinates, nodes.drawn_triangles(), free, node_mass),
+        scene=scene,
+        warnings=_locking(scene),
+    )
+
+
+class _Zero:
+    """The damping matrix of an undamped body: no matrix is stored."""
+
+    def __matmul__(self, block: np.ndarray) -> np.ndarray:
+        return np.zeros_like(block)
+
+
+def _locking(scene: Scene) -> tuple[str, ...]:
+    stiffest = max(material.poisson for material in scene.materials.values())
+    if scene.degree == 1 and stiffest > 0.45:
+        return (
+            f"Poisson's ratio {stiffest:g} on degree 1 tetrahedra: they lock (too stiff, in bending most of all); "
+            "mesh.degree = 2 is the cure",
+        )
+    return ()
+
+
+def _free_components(scene: Scene, nodes: Nodes) -> np.ndarray:
+    if not scene.clamped:
+        raise SceneError(f"{scene.source}: supports.clamped is empty: free bodies (rigid modes) are not offered")
+    moves = np.ones((len(nodes.coordinates), 3), dtype=bool)
+    for name in scene.clamped:
+        moves[clamped_nodes(nodes, name)] = False
+    _refuse_unsupported_parts(scene, nodes, moves[:, 0])
+    free = np.flatnonzero(moves)
+    if len(free) == 0:
+        raise SceneError(f"{scene.source}: supports.clamped: every node of the mesh is clamped")
+    return free
+
+
+def _refuse_unsupported_parts(scene: Scene, nodes: Nodes, moves: np.ndarray) -> None:
+    """A part of the mesh that touches no support would make K singular; three clamped nodes hold a part."""
+    import scipy.sparse
+    from scipy.sparse.csgraph import connected_components
+
+    vertices = int(nodes.cells.max()) + 1
+    start, end = nodes.cells[:, [0, 0, 0]].ravel(), nodes.cells[:, 1:].ravel()
+    graph = scipy.sparse.coo_array((np.ones(len(start)), (start, end)), shape=(vertices, vertices))
+    count, part = connected_components(graph, directed=False)
+    held = np.bincount(part[~moves[:vertices]], minlength=count)
+    if (held < 3).any():
+        raise SceneError(
+            f"{scene.source}: supports.clamped: the mesh has {count} unconnected parts, and {(held < 3).sum()} of them "
+            "have fewer than three clamped nodes; free bodies (rigid modes) are not offered"
+        )
+
+
+def _material_of_cells(scene: Scene, mesh: Mesh) -> np.ndarray:
+    """λ, μ (Pa) and ρ (kg/m3) of every cell of the mesh file, (C, 3)."""
+    values = np.full((len(mesh.cells), 3), np.nan)
+    for name, m in scene.materials.items():
+        cells = slice(None) if m.cells is None else mesh.region(m.cells)
+        if not np.isnan(values[cells]).all():
+            raise SceneError(f"{scene.source}: materials.{name}: some cells of {m.cells!r} already have a material")
+        shear = m.young / (2 * (1 + m.poisson))
+        values[cells] = 2 * shear * m.poisson / (1 - 2 * m.poisson), shear, m.density
+    bare = np.isnan(values[:, 0])
+    if bare.any():
+        raise SceneError(f"{scene.source}: materials: {bare.sum()} of {len(bare)} cells have no material")
+    return values
+
+
+def _matrices(
+    comm: Any, mesh: Mesh, nodes: Nodes, degree: int, material: np.ndarray, free: np.ndarray
+) -> tuple[PetscMatrix, PetscMatrix, np.ndarray]:
+    root = comm.rank == 0
+    domain = create_tetrahedra(
+        comm, mesh.cells if root else np.empty((0, 4)), mesh.points if root else np.empty((0, 3))
+    )
+    space = vector_space(domain, degree)
+    λ, μ, ρ = (_cell_function(domain, column) for column in material.T)
+
+    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+    ε_u, ε_v = ufl.sym(ufl.grad(u)), ufl.sym(ufl.grad(v))
+    stress = λ * ufl.tr(ε_u) * ufl.Identity(3) + 2 * μ * ε_u
+    mass = _assembled(ρ * ufl.inner(u, v) * ufl.dx)
+    stiffness = _assembled(ufl.inner(stress, ε_v) * ufl.dx)
+
+    place = _dolfinx_nodes(space, degree, nodes)
+    node_mass = _node_mass(mass, place)
+    share = np.array_split(free, comm.size)[comm.rank]
+    rows = (3 * place[share // 3] + share % 3).astype(PETSc.IntType)
+    chosen = PETSc.IS().createGeneral(rows, comm=comm)
+    reduced = [PetscMatrix(matrix.createSubMatrix(chosen, chosen)) for matrix in (mass, stiffness)]
+    for matrix in (mass, stiffness):
+        matrix.destroy()
+    return reduced[0], reduced[1], node_mass
+
+
+def _assembled(form: Any) -> PETSc.Mat:
+    matrix = assemble_matrix(fem.form(form))
+    matrix.assemble()
+    return matrix
+
+
+def _cell_function(domain: Any, values: np.ndarray) -> Any:
+    function = fem.Function(cell_constants(domain))
+    original = np.asarray(domain.topology.original_cell_index, dtype=np.int64)
+    dofs = cell_dofs(function.function_space).ravel()
+    function.x.array[dofs] = values[original[: len(dofs)]]
+    function.x.scatter_forward()
+    return function
+
+
+def _dolfinx_nodes(space: Any, degree: int, nodes: Nodes) -> np.ndarray:
+    """Global dolfinx number of every canonical node."""
+    domain, dofs = space.mesh, cell_dofs(space)
+    index_map = space.dofmap.index_map
+    points = np.asarray(domain.geometry.input_global_indices, dtype=np.int64)[cell_nodes(domain)]
+    keys = np.full((index_map.size_local + index_map.num_ghosts, 2), -1, dtype=np.int64)
+    keys[dofs[:, :4].ravel(), 0] = points.ravel()
+    if degree == 2:
+        keys[dofs[:, 4:].ravel()] = np.sort(points[:, CELL_EDGES], axis=2).reshape(-1, 2)
+    keys = np.concatenate(domain.comm.allgather(keys[: index_map.size_local]))
+    order = np.lexsort((keys[:, 1], keys[:, 0], keys[:, 1] >= 0))
+    if not np.array_equal(keys[order], nodes.keys):
+        raise MeshError(f"{nodes.mesh.source}: dolfinx numbers other nodes than the mesh file has")
+    return order
+
+
+def _node_mass(mass: PETSc.Mat, place: np.ndarray) -> np.ndarray:
+    """Diagonal of M per node, scaled so that the nodes together weigh what the body weighs."""
+    ones, diagonal = mass.createVecRight(), mass.getDiagonal()
+    product = ones.duplicate()
+    ones.set(1.0)
+    mass.mult(ones, product)
+    body = product.sum() / 3
+    local = diagonal.array.reshape(-1, 3)[:, 0].copy()
+    for vector in (ones, diagonal, product):
+        vector.destroy()
+    values = np.concatenate(mass.comm.tompi4py().allgather(local))[place]
+    return values * (body / values.sum())

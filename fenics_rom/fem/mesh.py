@@ -1,0 +1,202 @@
+"""A mesh file as plain arrays: points, tetrahedra, named surfaces and regions.
+
+Groups may overlap (a contact patch on a clamp, one patch inside another), which tags of one value per facet could
+not hold. Everything here runs on one rank.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from xml.etree import ElementTree
+
+import numpy as np
+
+from fenics_rom.errors import MeshError
+from fenics_rom.schema import unknown
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Straight tetrahedra.
+
+    Attributes:
+        points: (N, 3), m.
+        cells: (C, 4), positively oriented.
+        surfaces: triangles of each named surface, (F, 3) each.
+        regions: cells of each named region, as rows of `cells`.
+        source: file name for messages.
+    """
+
+    points: np.ndarray
+    cells: np.ndarray
+    surfaces: Mapping[str, np.ndarray]
+    regions: Mapping[str, np.ndarray]
+    source: str
+
+    def surface(self, name: str) -> np.ndarray:
+        """Triangles of a named surface.
+
+        Raises:
+            MeshError: there is none of that name, or it is empty.
+        """
+        return self._group("surface", name, self.surfaces)
+
+    def region(self, name: str) -> np.ndarray:
+        """Cells of a named region.
+
+        Raises:
+            MeshError: there is none of that name, or it is empty.
+        """
+        return self._group("region", name, self.regions)
+
+    def _group(self, kind: str, name: str, groups: Mapping[str, np.ndarray]) -> np.ndarray:
+        if name not in groups:
+            raise MeshError(f"{self.source}: {unknown(kind, name, groups)}")
+        if len(groups[name]) == 0:
+            raise MeshError(f"{self.source}: {kind} {name!r} is empty")
+        return groups[name]
+
+
+def read_mesh(file: Path, groups: Mapping[str, int]) -> Mesh:
+    """Reads Gmsh .msh or XDMF.
+
+    Args:
+        file: path; `.msh` with physical groups, or `.xdmf` as dolfinx writes it.
+        groups: names for tags that have none in the file (XDMF holds tag values only). In XDMF, tags written under
+            a name of their own are also a group of that name.
+
+    Raises:
+        MeshError: the file is missing, unreadable, or holds no usable tetrahedra.
+    """
+    if not file.is_file():
+        raise MeshError(f"mesh file {file}: not found")
+    readers = {".msh": _read_gmsh, ".xdmf": _read_xdmf}
+    if file.suffix not in readers:
+        raise MeshError(f"mesh file {file}: allowed endings are {', '.join(readers)}")
+    points, cells, surfaces, regions = readers[file.suffix](file, groups)
+    cells = _oriented(points, cells, file)
+    return Mesh(points, cells, surfaces, regions, str(file))
+
+
+def _oriented(points: np.ndarray, cells: np.ndarray, file: Path) -> np.ndarray:
+    if len(cells) == 0:
+        raise MeshError(f"mesh file {file}: holds no tetrahedra")
+    if not np.isfinite(points).all():
+        raise MeshError(f"mesh file {file}: coordinates that are not finite")
+    a, b, c, d = (points[cells[:, k]] for k in range(4))
+    volume = np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) / 6
+    longest = np.max([np.linalg.norm(p - q, axis=1) for p, q in ((a, b), (a, c), (a, d), (b, c), (b, d), (c, d))], 0)
+    flat = np.abs(volume) <= 1e-12 * longest**3
+    if flat.any():
+        raise MeshError(
+            f"mesh file {file}: {flat.sum()} of {len(cells)} cells have no volume, e.g. cell {flat.argmax()}"
+        )
+    cells = cells.copy()
+    inverted = volume < 0
+    cells[inverted, :2] = cells[inverted, 1::-1]
+    return cells
+
+
+def _read_gmsh(file: Path, groups: Mapping[str, int]):  # type: ignore[no-untyped-def]
+    import gmsh
+
+    gmsh.initialize([], readConfigFiles=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        try:
+            gmsh.merge(str(file))
+        except Exception as error:
+            raise MeshError(f"mesh file {file}: Gmsh cannot read it: {error}") from error
+        return _from_gmsh_model(gmsh.model, file, groups)
+    finally:
+        gmsh.finalize()
+
+
+def _from_gmsh_model(model, file: Path, groups: Mapping[str, int]):  # type: ignore[no-untyped-def]
+    tags, coordinates, _ = model.mesh.getNodes()
+    if len(tags) == 0:
+        raise MeshError(f"mesh file {file}: holds no nodes")
+    order = np.argsort(tags)
+    points = coordinates.reshape(-1, 3)[order]
+    row = np.full(int(tags.max()) + 1, -1, dtype=np.int64)
+    row[tags[order].astype(np.int64)] = np.arange(len(tags))
+
+    kinds = {int(kind) for kind in model.mesh.getElementTypes(3)}
+    if kinds - {4}:
+        names = ", ".join(model.mesh.getElementProperties(kind)[0] for kind in sorted(kinds - {4}))
+        raise MeshError(f"mesh file {file}: holds {names}; allowed are straight tetrahedra (Mesh.ElementOrder = 1)")
+
+    def elements(kind: int, entity: int = -1) -> tuple[np.ndarray, np.ndarray]:
+        width = {2: 3, 4: 4}[kind]
+        numbers, nodes = model.mesh.getElementsByType(kind, entity)
+        return numbers.astype(np.int64), row[nodes.astype(np.int64).reshape(-1, width)]
+
+    numbers, cells = elements(4)
+    cell_of = {int(number): k for k, number in enumerate(numbers)}
+    named = {tag: name for name, tag in groups.items()}
+    surfaces, regions = {}, {}
+    for dimension, tag in model.getPhysicalGroups():
+        name = model.getPhysicalName(dimension, tag) or named.get(tag)
+        entities = model.getEntitiesForPhysicalGroup(dimension, tag)
+        if not name:
+            continue
+        if dimension == 2:
+            surfaces[name] = np.concatenate([elements(2, e)[1] for e in entities])
+        elif dimension == 3:
+            regions[name] = np.array([cell_of[int(k)] for e in entities for k in elements(4, e)[0]], dtype=np.int64)
+    return points, cells, surfaces, regions
+
+
+def _read_xdmf(file: Path, groups: Mapping[str, int]):  # type: ignore[no-untyped-def]
+    from dolfinx.io import XDMFFile
+    from mpi4py import MPI
+
+    from fenics_rom.fem.versions import cell_nodes, read_xdmf_tags
+
+    try:
+        grids = [grid.get("Name", "") for grid in ElementTree.parse(file).getroot().iter("Grid")]
+        with XDMFFile(MPI.COMM_SELF, str(file), "r") as xdmf:
+            domain = xdmf.read_mesh(name=grids[0]) if grids else None
+            if domain is None or domain.topology.dim != 3 or domain.geometry.x.shape[1] != 3:
+                raise MeshError(f"mesh file {file}: holds no tetrahedra")
+            domain.topology.create_connectivity(2, 3)
+            domain.topology.create_connectivity(2, 0)
+            tags = {name: read_xdmf_tags(xdmf, domain, name) for name in grids[1:]}
+    except (ElementTree.ParseError, RuntimeError) as error:
+        raise MeshError(f"mesh file {file}: cannot be read as XDMF: {error}") from error
+    nodes = cell_nodes(domain)
+    if nodes.shape[1] != 4:
+        raise MeshError(f"mesh file {file}: holds cells of {nodes.shape[1]} nodes; allowed are straight tetrahedra")
+
+    order = np.asarray(domain.geometry.input_global_indices, dtype=np.int64)
+    points = np.zeros((order.max() + 1, 3))
+    points[order] = domain.geometry.x
+    cells = order[nodes]
+    surfaces: dict[str, np.ndarray] = {}
+    regions: dict[str, np.ndarray] = {}
+    for name, tag in tags.items():
+        parts = {name: tag.indices} | {
+            group: tag.indices[tag.values == value] for group, value in groups.items() if (tag.values == value).any()
+        }
+        for group, entities in parts.items():
+            if tag.dim == 2:
+                surfaces[group] = _facet_nodes(domain, entities, cells)
+            elif tag.dim == 3:
+                regions[group] = np.asarray(entities, dtype=np.int64)
+    return points, cells, surfaces, regions
+
+
+def _facet_nodes(domain, facets: np.ndarray, cells: np.ndarray) -> np.ndarray:  # type: ignore[no-untyped-def]
+    """Points of facets: those of one of their cells, less the vertex that the facet does not have."""
+    topology = domain.topology
+    topology.create_connectivity(3, 0)
+    cell_of, corners_of, vertices = (
+        topology.connectivity(2, 3),
+        topology.connectivity(2, 0),
+        topology.connectivity(3, 0),
+    )
+    triangles = np.empty((len(facets), 3), dtype=np.int64)
+    for k, facet in enumerate(facets):
+        cell = cell_of.links(facet)[0]
+        triangles[k] = cells[cell][np.isin(vertices.links(cell), corners_of.links(facet))]
+    return triangles

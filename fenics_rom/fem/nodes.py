@@ -1,0 +1,233 @@
+"""Canonical nodes: a numbering that depends on the mesh file alone, not on the ranks or the dolfinx release.
+
+Vertices first, in the order of the file; then, for degree 2, the mid-points of the edges, in the order of their
+vertices. All weights of patches and outputs are computed in it with NumPy; the same on every rank.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fenics_rom.errors import MeshError, SceneError
+from fenics_rom.fem.mesh import Mesh
+from fenics_rom.scene import Near, Output, Patch
+
+CELL_EDGES = np.array([(2, 3), (1, 3), (1, 2), (0, 3), (0, 2), (0, 1)])  # node 4 + e of a cell is on edge e
+CELL_FACES = np.array([(1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1)])  # face f is opposite to vertex f, outward
+
+
+@dataclass(frozen=True)
+class Nodes:
+    """The nodes of a Lagrange space of degree 1 or 2.
+
+    Attributes:
+        coordinates: (N, 3), m.
+        keys: (N, 2) mesh points that a node belongs to: (point, -1) or the two ends of its edge.
+        cells: (C, 4) vertices of each cell.
+        edges: (N - vertices, 2) ends of each edge in canonical vertices, sorted; empty for degree 1.
+        surface: (F, 3) outward triangles of the boundary, between vertices.
+        mesh: where they come from.
+    """
+
+    coordinates: np.ndarray
+    keys: np.ndarray
+    cells: np.ndarray
+    edges: np.ndarray
+    surface: np.ndarray
+    mesh: Mesh
+
+    def on_edges(self, ends: np.ndarray) -> np.ndarray:
+        """Nodes at the mid-points of edges given by their canonical vertices, (..., 2) to (...)."""
+        ends = np.sort(ends, axis=-1)
+        count = len(self.coordinates)
+        found = np.searchsorted(self.edges[:, 0] * count + self.edges[:, 1], ends[..., 0] * count + ends[..., 1])
+        return len(self.coordinates) - len(self.edges) + found
+
+    def triangle_edges(self, triangles: np.ndarray) -> np.ndarray:
+        """Mid-side nodes of triangles, (F, 3): of the sides 01, 12, 20."""
+        return self.on_edges(np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2))
+
+    def vertices(self, points: np.ndarray) -> np.ndarray:
+        """Canonical vertices of mesh points, -1 for points of no cell."""
+        row = np.full(len(self.mesh.points), -1, dtype=np.int64)
+        used = self.keys[self.keys[:, 1] < 0, 0]
+        row[used] = np.arange(len(used))
+        return row[points]
+
+    def drawn_triangles(self) -> np.ndarray:
+        """Surface triangles through all nodes: each split in four for degree 2."""
+        if len(self.edges) == 0:
+            return self.surface
+        (a, b, c), (ab, bc, ca) = self.surface.T, self.triangle_edges(self.surface).T
+        return np.concatenate([np.stack(t, axis=1) for t in ((a, ab, ca), (ab, b, bc), (ca, bc, c), (ab, bc, ca))])
+
+
+def canonical_nodes(mesh: Mesh, degree: int) -> Nodes:
+    """Numbers the nodes of a mesh."""
+    used, cells = np.unique(mesh.cells, return_inverse=True)
+    cells = cells.reshape(-1, 4)
+    keys = np.stack([used, np.full(len(used), -1)], axis=1)
+    coordinates = mesh.points[used]
+    edges = np.empty((0, 2), dtype=np.int64)
+    if degree == 2:
+        edges = np.unique(np.sort(cells[:, CELL_EDGES], axis=2).reshape(-1, 2), axis=0)
+        keys = np.concatenate([keys, used[edges]])
+        coordinates = np.concatenate([coordinates, coordinates[edges].mean(axis=1)])
+    return Nodes(coordinates, keys, cells, edges, _boundary(cells), mesh)
+
+
+def _boundary(cells: np.ndarray) -> np.ndarray:
+    """Faces of one cell only; cells are positively oriented, so their faces point outward."""
+    faces = cells[:, CELL_FACES].reshape(-1, 3)
+    _, first, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
+    return faces[first[count == 1]]
+
+
+def surface_triangles(nodes: Nodes, name: str) -> np.ndarray:
+    """Outward triangles of a named surface, between canonical vertices.
+
+    Raises:
+        MeshError: the surface does not exist, is empty, or is not part of the boundary.
+    """
+    given = np.sort(nodes.vertices(nodes.mesh.surface(name)), axis=1)
+    count = len(nodes.coordinates) + 1
+    weights = np.array([count * count, count, 1])
+    boundary = np.sort(nodes.surface, axis=1) @ weights
+    order = np.argsort(boundary)
+    place = np.minimum(np.searchsorted(boundary[order], given @ weights), len(order) - 1)
+    inside = boundary[order][place] != given @ weights
+    if inside.any():
+        raise MeshError(
+            f"{nodes.mesh.source}: surface {name!r}: {inside.sum()} of its {len(given)} triangles "
+            "are not on the boundary of the body"
+        )
+    return nodes.surface[np.unique(order[place])]
+
+
+def _centroids(nodes: Nodes, triangles: np.ndarray) -> np.ndarray:
+    return nodes.coordinates[triangles].mean(axis=1)
+
+
+def _near_triangles(nodes: Nodes, near: Near, where: str) -> np.ndarray:
+    distance = np.linalg.norm(_centroids(nodes, nodes.surface) - near.point, axis=1)
+    chosen = distance <= near.radius
+    if not chosen.any():
+        raise SceneError(
+            f"{where}.near.radius = {near.radius:g}: no surface triangle has its centroid that close to "
+            f"{list(near.point)}; the nearest is {distance.min():.4g} m away"
+        )
+    return nodes.surface[chosen]
+
+
+def clamped_nodes(nodes: Nodes, name: str) -> np.ndarray:
+    """All nodes of a named surface, inside the body or on its boundary."""
+    triangles = nodes.vertices(nodes.mesh.surface(name))
+    parts = [triangles.ravel()]
+    if len(nodes.edges):
+        parts.append(nodes.triangle_edges(triangles).ravel())
+    return np.unique(np.concatenate(parts))
+
+
+def _load_weights(nodes: Nodes, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Integral of each node's shape function over each flat triangle: nodes (F, 3) and weights (F, 1), m².
+
+    Degree 1: a third of the area at each vertex. Degree 2: nothing at the vertices, a third at each mid-side node.
+    """
+    a, b, c = (nodes.coordinates[triangles[:, k]] for k in range(3))
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+    carriers = nodes.triangle_edges(triangles) if len(nodes.edges) else triangles
+    return carriers, area[:, None] / 3
+
+
+def _mean_over(nodes: Nodes, triangles: np.ndarray) -> np.ndarray:
+    """Weights (N,) whose product with nodal values is their mean over a surface."""
+    carriers, weight = _load_weights(nodes, triangles)
+    mean = np.zeros(len(nodes.coordinates))
+    np.add.at(mean, carriers, weight)
+    return mean / mean.sum()
+
+
+def patch_columns(nodes: Nodes, patch: Patch, free: np.ndarray, where: str) -> np.ndarray:
+    """Columns of the input matrix of a patch on the free degrees of freedom, (n, columns).
+
+    Args:
+        nodes: all nodes.
+        patch: which surface, which forces.
+        free: (n,) free displacement components among 3 N.
+        where: name of the patch in messages.
+
+    Raises:
+        MeshError, SceneError: the patch does not exist, is empty, or cannot move.
+    """
+    if patch.near is not None:
+        triangles = _near_triangles(nodes, patch.near, where)
+    else:
+        triangles = surface_triangles(nodes, str(patch.surface))
+    if patch.force == "normal":
+        columns = _inward_pressure(nodes, triangles).reshape(-1, 1)
+    elif patch.force == "resultant":
+        columns = np.kron(_mean_over(nodes, triangles)[:, None], np.eye(3))
+    else:
+        touched = np.unique(triangles)
+        if len(nodes.edges):
+            touched = np.union1d(touched, nodes.triangle_edges(triangles))
+        components = np.intersect1d(3 * touched[:, None] + np.arange(3), free)
+        columns = np.zeros((3 * len(nodes.coordinates), len(components)))
+        columns[components, np.arange(len(components))] = 1.0
+    columns = columns[free]
+    if not np.any(columns):
+        raise SceneError(f"{where}: the whole patch is clamped, so no force on it can move the body")
+    return columns
+
+
+def _inward_pressure(nodes: Nodes, triangles: np.ndarray) -> np.ndarray:
+    carriers, weight = _load_weights(nodes, triangles)
+    a, b, c = (nodes.coordinates[triangles[:, k]] for k in range(3))
+    inward = np.cross(c - a, b - a)
+    inward /= np.linalg.norm(inward, axis=1)[:, None]
+    force = np.zeros((len(nodes.coordinates), 3))
+    np.add.at(force, carriers, (weight * inward)[:, None, :])
+    return force / (3 * weight.sum())
+
+
+def output_rows(nodes: Nodes, output: Output, free: np.ndarray, where: str) -> np.ndarray:
+    """Cᵀ of an output on the free degrees of freedom, (n, 3 points); a surface is one point, its mean.
+
+    Raises:
+        MeshError, SceneError: the surface does not exist, or a point is not in the body.
+    """
+    if output.surface is not None:
+        weights = _mean_over(nodes, surface_triangles(nodes, output.surface))[:, None]
+    else:
+        weights = np.stack([_shape_functions(nodes, np.array(point), where) for point in output.points or ()], axis=1)
+    return np.kron(weights, np.eye(3))[free]
+
+
+def _shape_functions(nodes: Nodes, point: np.ndarray, where: str) -> np.ndarray:
+    """Values (N,) of all shape functions at a point.
+
+    A point just outside (a marker on a curved surface that the mesh cuts off) is read at the nearest cell.
+    """
+    corners = nodes.coordinates[nodes.cells]
+    edges = np.transpose(corners[:, 1:] - corners[:, :1], (0, 2, 1))
+    inner = np.linalg.solve(edges, (point - corners[:, 0])[:, :, None])[:, :, 0]
+    barycentric = np.column_stack([1 - inner.sum(axis=1), inner])
+    clipped = np.clip(barycentric, 0, None)
+    clipped /= clipped.sum(axis=1)[:, None]
+    distance = np.linalg.norm(np.einsum("ci,cij->cj", clipped, corners) - point, axis=1)
+    cell = distance.argmin()
+    size = np.linalg.norm(np.ptp(nodes.coordinates, axis=0))
+    if distance[cell] > 0.01 * size:
+        raise SceneError(
+            f"{where}: point {point.tolist()} is {distance[cell]:.3g} m outside the body; "
+            f"allowed is 1 % of its size, {0.01 * size:.3g} m"
+        )
+    values = np.zeros(len(nodes.coordinates))
+    ends, at = nodes.cells[cell], clipped[cell]
+    if len(nodes.edges) == 0:
+        values[ends] = at
+    else:
+        values[ends] = at * (2 * at - 1)
+        i, j = CELL_EDGES.T
+        values[nodes.on_edges(ends[CELL_EDGES])] = 4 * at[i] * at[j]
+    return values

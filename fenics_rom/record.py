@@ -1,0 +1,145 @@
+"""A run: what is kept of it, the same for full and reduced models."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from fenics_rom.ledger import Ledger
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Record:
+    """Times, outputs and the energy account of a run.
+
+    Attributes:
+        name: of the scene.
+        model: "full" or "reduced".
+        settings: numbers that belong beside any rate or error: dt, seconds (wall clock of the stepping), order or n.
+        times: (steps + 1,), s.
+        contacts: names of the contact modes.
+        contact: (steps + 1,) which of them was active.
+        outputs: displacement of each named output, (steps + 1, points, 3), m.
+        energy: (steps + 1,) stored, J.
+        supplied, dissipated, lost_in_switching: (steps + 1,) running sums, J.
+        shape_times: (shapes,), s.
+        shapes: displacement of every node, (shapes, N, 3), m.
+        nodes: (N, 3), m.
+        triangles: (F, 3).
+        node_mass: (N,), kg.
+        warnings: what the user should know about this run.
+    """
+
+    name: str
+    model: str
+    settings: Mapping[str, float]
+    times: Array
+    contacts: tuple[str, ...]
+    contact: Array
+    outputs: Mapping[str, Array]
+    energy: Array
+    supplied: Array
+    dissipated: Array
+    lost_in_switching: Array
+    shape_times: Array
+    shapes: Array
+    nodes: Array
+    triangles: Array
+    node_mass: Array
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def balance_error(self) -> float:
+        """Largest |E - E₀ - supplied + dissipated + lost in switching|, as a share of the largest energy or work."""
+        gap = self.energy - self.energy[0] - self.supplied + self.dissipated + self.lost_in_switching
+        scale = max(np.abs(self.energy).max(), np.abs(self.supplied).max(), np.abs(self.dissipated).max())
+        return float(np.abs(gap).max() / scale) if scale > 0 else 0.0
+
+    @property
+    def steps(self) -> int:
+        """Number of steps."""
+        return len(self.times) - 1
+
+
+class Recorder:
+    """Fills the arrays of a record, step by step.
+
+    Args:
+        steps: number of steps of the run.
+        dt: time step, s.
+        outputs: number of points of each named output.
+        contacts: names of the contact modes.
+        nodes: number N of nodes.
+        shapes: how many whole shapes to keep, evenly spread, the last step among them.
+    """
+
+    def __init__(
+        self, steps: int, dt: float, outputs: Mapping[str, int], contacts: tuple[str, ...], nodes: int, shapes: int
+    ):
+        self._contacts = contacts
+        self._times = dt * np.arange(steps + 1)
+        self._contact = np.zeros(steps + 1, dtype=np.int64)
+        self._account = np.zeros((4, steps + 1))
+        self._outputs = {name: np.zeros((steps + 1, points, 3)) for name, points in outputs.items()}
+        self._shape_steps = np.unique(np.round(np.linspace(0, steps, shapes + 1)).astype(int))[1:]
+        self._shapes = np.zeros((len(self._shape_steps), nodes, 3))
+
+    def sample(
+        self,
+        step: int,
+        contact: str,
+        energy: float,
+        ledger: Ledger,
+        displacement: Callable[[str | None], Array],
+    ) -> None:
+        """Keeps what is to be kept of one instant.
+
+        Args:
+            step: 0 is the start.
+            contact: the active contact mode.
+            energy: stored, J.
+            ledger: the account so far.
+            displacement: of a named output (points, 3), or with None of all nodes (N, 3), m.
+        """
+        self._contact[step] = self._contacts.index(contact)
+        self._account[:, step] = energy, ledger.supplied, ledger.dissipated, ledger.lost_in_switching
+        for name, values in self._outputs.items():
+            values[step] = displacement(name)
+        row = np.searchsorted(self._shape_steps, step)
+        if row < len(self._shape_steps) and self._shape_steps[row] == step:
+            self._shapes[row] = displacement(None)
+
+    def record(
+        self,
+        *,
+        name: str,
+        model: str,
+        settings: Mapping[str, float],
+        nodes: Array,
+        triangles: Array,
+        node_mass: Array,
+        warnings: tuple[str, ...],
+    ) -> Record:
+        """The finished run."""
+        energy, supplied, dissipated, lost = self._account
+        return Record(
+            name=name,
+            model=model,
+            settings=settings,
+            times=self._times,
+            contacts=self._contacts,
+            contact=self._contact,
+            outputs=self._outputs,
+            energy=energy,
+            supplied=supplied,
+            dissipated=dissipated,
+            lost_in_switching=lost,
+            shape_times=self._times[self._shape_steps],
+            shapes=self._shapes,
+            nodes=nodes,
+            triangles=triangles,
+            node_mass=node_mass,
+            warnings=warnings,
+        )

@@ -1,0 +1,108 @@
+"""The run file: one HDF5 file, the same for full and reduced runs.
+
+Format 1.0. Root attributes (fixed-length UTF-8 text): format = "fenics-rom", format_version, content = "run",
+software, name, model ("full" or "reduced"), contacts (one a line), warnings (one a line). Every dataset has an
+attribute `unit`. Sizes: S instants (steps + 1), s whole shapes, N nodes, F triangles, P points of an output.
+
+    times (S,) s, contact (S,)       index of the active contact mode
+    energy, supplied, dissipated, lost_in_switching (S,) J
+    shape_times (s,) s, shapes (s, N, 3) m
+    nodes (N, 3) m, triangles (F, 3), node_mass (N,) kg
+    outputs/NAME (S, P, 3) m
+    settings/NAME (1,)               dt in s, seconds (wall clock of the stepping) in s, order
+"""
+
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from fenics_rom.checked_file import (
+    Entry,
+    Sizes,
+    get_arrays,
+    get_group,
+    get_text,
+    put_arrays,
+    put_text,
+    read_file,
+    write_file,
+)
+from fenics_rom.errors import RomFileError
+from fenics_rom.record import Record
+
+RUN = {
+    "times": Entry("s", ("S",)),
+    "contact": Entry("1", ("S",), "i"),
+    **{name: Entry("J", ("S",)) for name in ("energy", "supplied", "dissipated", "lost_in_switching")},
+    "shape_times": Entry("s", ("s",)),
+    "shapes": Entry("m", ("s", "N", 3)),
+    "nodes": Entry("m", ("N", 3)),
+    "triangles": Entry("1", ("F", 3), "i"),
+    "node_mass": Entry("kg", ("N",)),
+}
+SETTINGS = {"dt": Entry("s", (1,)), "seconds": Entry("s", (1,)), "order": Entry("1", (1,))}
+
+
+def write_record(file: str | Path, record: Record) -> None:
+    """Writes a run; an existing file is replaced only by a complete one.
+
+    Raises:
+        RomFileError: it cannot be written, or holds numbers that are not finite.
+    """
+    write_file(file, "run", lambda h5: _fill(h5, record))
+
+
+def read_record(file: str | Path) -> Record:
+    """Reads a run.
+
+    Raises:
+        RomFileError: the file is missing, damaged or of another format.
+    """
+    return read_file(file, "run", _take)
+
+
+def _fill(h5: h5py.File, record: Record) -> None:
+    put_text(
+        h5,
+        name=record.name,
+        model=record.model,
+        contacts="\n".join(record.contacts),
+        warnings="\n".join(record.warnings),
+    )
+    sizes: Sizes = {}
+    put_arrays(h5, RUN, sizes, {name: getattr(record, name) for name in RUN})
+    outputs = h5.create_group("outputs", track_order=True)
+    for name, values in record.outputs.items():
+        put_arrays(outputs, {name: _output(name)}, sizes, {name: values})
+    settings = h5.create_group("settings", track_order=True)
+    put_arrays(settings, SETTINGS, sizes, {name: np.array([record.settings[name]]) for name in SETTINGS})
+
+
+def _take(h5: h5py.File) -> Record:
+    sizes: Sizes = {}
+    arrays: Any = get_arrays(h5, RUN, sizes, ("outputs", "settings"))
+    outputs = get_group(h5, "outputs")
+    named: Any = get_arrays(outputs, {name: _output(name) for name in outputs}, sizes)
+    settings: Any = get_arrays(get_group(h5, "settings"), SETTINGS, sizes)
+    record = Record(
+        name=get_text(h5, "name"),
+        model=get_text(h5, "model"),
+        settings={name: float(value[0]) for name, value in settings.items()},
+        contacts=tuple(get_text(h5, "contacts").split("\n")),
+        outputs=named,
+        warnings=tuple(filter(None, get_text(h5, "warnings").split("\n"))),
+        **arrays,
+    )
+    if not len(record.times) or (np.diff(record.times) <= 0).any():
+        raise RomFileError("/times does not increase")
+    if not 0 <= record.contact.min() <= record.contact.max() < len(record.contacts):
+        raise RomFileError(f"/contact names contact modes beyond {len(record.contacts)}")
+    if record.triangles.size and not 0 <= record.triangles.min() <= record.triangles.max() < len(record.nodes):
+        raise RomFileError(f"/triangles name nodes beyond {len(record.nodes)}")
+    return record
+
+
+def _output(name: str) -> Entry:
+    return Entry("m", ("S", f"P of {name}", 3))

@@ -1,0 +1,179 @@
+"""The frozen reduced model: what the offline stage hands to the runtime."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+
+import numpy as np
+
+from fenics_rom.errors import StructureError
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Mode:
+    """The reduced model of one contact mode, in the basis W_i = Q C_i with W_iᵀMW_i = I, W_iᵀKW_i = diag(γ).
+
+    Attributes:
+        eigenvalues: γ (m,), ascending, 1/s².
+        damping: W_iᵀDW_i, its diagonal (m,) where D is proportional, else (m, m), 1/s.
+        inputs: G = W_iᵀB_i (m, p); the contact's columns, then the actuators', kg^-1/2.
+        coordinates: C_i (k, m), orthonormal columns in the shared basis Q.
+        directions: (m, m) orthonormal; its first k columns span the reduced model of order k.
+        hankel_singular_values: σ (r,), descending, r >= m; what was left out included.
+        left_inverse: (m, k) oblique projection from the shared basis; only for switching = "oblique".
+        static_error: |K⁻¹B - W_i diag(1/γ) G| / |K⁻¹B| in the mass norm; None where the full model was not at hand.
+    """
+
+    eigenvalues: Array
+    damping: Array
+    inputs: Array
+    coordinates: Array
+    directions: Array
+    hankel_singular_values: Array
+    left_inverse: Array | None = None
+    static_error: float | None = None
+
+    @property
+    def order(self) -> int:
+        """Number m of reduced displacements."""
+        return len(self.eigenvalues)
+
+
+@dataclass(frozen=True)
+class Rom:
+    """Reduced models of all contact modes of one body, in one shared basis.
+
+    Attributes:
+        name: of the scene.
+        switching: "energy" (any basis, energy-orthogonal), "modal" (the paper's eigenvectors) or "oblique".
+        modes: by contact mode.
+        actuators: number of input columns of each actuator.
+        basis: Q (n, k), QᵀMQ = I, on the free degrees of freedom, kg^-1/2.
+        stiffness: κ (k,) with QᵀKQ = diag(κ), 1/s².
+        outputs: C Q of each named output, (3 points, k).
+        free: (n,) which of the 3 N displacement components are free.
+        nodes: (N, 3), m.
+        triangles: (F, 3) outward surface triangles.
+        node_mass: (N,), kg.
+        effects: the effects of the scene with their parameters.
+        scene_text: the scene file it was made from.
+        tables: force tables of the scene.
+        warnings: what the user should know about this model.
+    """
+
+    name: str
+    switching: str
+    modes: Mapping[str, Mode]
+    actuators: Mapping[str, int]
+    basis: Array
+    stiffness: Array
+    outputs: Mapping[str, Array]
+    free: Array
+    nodes: Array
+    triangles: Array
+    node_mass: Array
+    effects: Mapping[str, Mapping[str, float]]
+    scene_text: str
+    tables: Mapping[str, Array] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def contacts(self) -> dict[str, int]:
+        """Number of contact columns of each contact mode, actuators not counted."""
+        shared = sum(self.actuators.values())
+        return {name: mode.inputs.shape[1] - shared for name, mode in self.modes.items()}
+
+    @property
+    def certificate(self) -> dict[str, dict[str, float | None]]:
+        """What is known of each contact mode's error: the static error, and the share of the σ left out."""
+        return {
+            name: {"static_error": mode.static_error, "neglected": neglected(mode)} for name, mode in self.modes.items()
+        }
+
+
+def neglected(mode: Mode) -> float:
+    """Share of the sum of Hankel singular values that is not in the reduced model."""
+    σ = mode.hankel_singular_values
+    return float(σ[mode.order :].sum() / σ.sum())
+
+
+def diagonalized_span(κ: Array, span: Array) -> tuple[Array, Array]:
+    """Generalized eigenvalues and coordinates of a subspace of the shared basis.
+
+    The singular values of √κ C are √γ: accurate where an eigenproblem of CᵀκC would lose half the digits.
+
+    Args:
+        κ: (k,) shared stiffness.
+        span: (k, m) orthonormal columns.
+
+    Returns:
+        γ (m,), ascending, and C (k, m) with the same span, CᵀC = I and CᵀκC = diag(γ).
+    """
+    _, ω, rotation = np.linalg.svd(np.sqrt(κ)[:, None] * span, full_matrices=False)
+    C = span @ rotation[::-1].T
+    return ω[::-1] ** 2, C * np.where(C[np.abs(C).argmax(axis=0), np.arange(C.shape[1])] < 0, -1.0, 1.0)
+
+
+def truncated(rom: Rom, order: int) -> Rom:
+    """The ROM at a lower order: the leading directions of every contact mode that has more.
+
+    Raises:
+        StructureError: order below 1, or beyond what every contact mode has, or a ROM with oblique switching.
+    """
+    most = max(mode.order for mode in rom.modes.values())
+    if not 1 <= order <= most:
+        raise StructureError(f"order {order}: allowed are 1 to {most}, the largest order in the ROM")
+    if rom.switching == "oblique":
+        raise StructureError("a ROM with oblique switching cannot be truncated; reduce to that order instead")
+    return replace(rom, modes={name: _truncated_mode(rom.stiffness, mode, order) for name, mode in rom.modes.items()})
+
+
+def _truncated_mode(κ: Array, mode: Mode, order: int) -> Mode:
+    if order >= mode.order:
+        return mode
+    γ, C = diagonalized_span(κ, mode.coordinates @ mode.directions[:, :order])
+    within = mode.coordinates.T @ C  # (m, order), orthonormal columns
+    D = mode.damping
+    reduced = within.T @ (D[:, None] * within if D.ndim == 1 else D @ within)
+    return Mode(
+        eigenvalues=γ,
+        damping=np.diag(reduced).copy() if D.ndim == 1 else (reduced + reduced.T) / 2,
+        inputs=within.T @ mode.inputs,
+        coordinates=C,
+        directions=np.linalg.qr(within.T @ mode.directions[:, :order])[0],
+        hankel_singular_values=mode.hankel_singular_values,
+    )
+
+
+ORTHONORMALITY = 1e-10  # largest accepted |CᵀC - I| and relative |CᵀκC - diag(γ)|
+
+
+def check_rom(rom: Rom) -> Rom:
+    """Measures the structure that passivity rests on, and returns the ROM.
+
+    Raises:
+        StructureError: with the measured number.
+    """
+    if (rom.stiffness <= 0).any():
+        raise StructureError(f"shared stiffness is not positive definite: least κ = {rom.stiffness.min():g}")
+    root = np.sqrt(rom.stiffness)[:, None]
+    for name, mode in rom.modes.items():
+        if (mode.eigenvalues <= 0).any():
+            raise StructureError(f"contact mode {name!r}: least eigenvalue {mode.eigenvalues.min():g} is not positive")
+        D = mode.damping
+        least = D.min() if D.ndim == 1 else np.linalg.eigvalsh(D)[0]
+        if D.ndim == 2 and np.abs(D - D.T).max() > 0:
+            raise StructureError(f"contact mode {name!r}: damping is not symmetric")
+        if least < -1e-12 * np.abs(D).max():
+            raise StructureError(f"contact mode {name!r}: damping is not positive semi-definite, least {least:g}")
+        C = mode.coordinates
+        lack_m = np.abs(C.T @ C - np.eye(mode.order)).max()
+        strained = root * C / np.sqrt(mode.eigenvalues)
+        lack_k = np.abs(strained.T @ strained - np.eye(mode.order)).max()
+        if max(lack_m, lack_k) > ORTHONORMALITY:
+            raise StructureError(
+                f"contact mode {name!r}: coordinates are not orthonormal: in mass {lack_m:.1e}, in stiffness "
+                f"{lack_k:.1e}, allowed {ORTHONORMALITY:g}"
+            )
+    return rom

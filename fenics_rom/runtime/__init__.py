@@ -1,0 +1,1 @@
+"""Stepping and switching reduced models, with NumPy alone."""

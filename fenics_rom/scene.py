@@ -1,0 +1,364 @@
+"""A scene: what is simulated, read from TOML into a frozen, checked record. No numerics.
+
+The text and the force tables travel with the record (and with every ROM made from it), so that a ROM file can
+be run without the scene file beside it.
+"""
+
+import csv
+import itertools
+import tomllib
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fenics_rom.effects import EFFECTS
+from fenics_rom.errors import SceneError
+from fenics_rom.schema import Many, Number, OneOf, Table, Text, unknown
+
+
+@dataclass(frozen=True)
+class Material:
+    """Isotropic linear elastic material of one cell group (of the whole body where `cells` is None)."""
+
+    young: float  # Pa
+    poisson: float
+    density: float  # kg/m3
+    cells: str | None = None
+
+
+@dataclass(frozen=True)
+class Near:
+    """The surface triangles whose centroids lie in a ball."""
+
+    point: tuple[float, float, float]  # m
+    radius: float  # m
+
+
+@dataclass(frozen=True)
+class Patch:
+    """A piece of the surface and the forces that can act on it: a contact mode or an actuator.
+
+    `force` is "resultant" (3 columns: a force spread uniformly over the patch), "normal" (1 column: a uniform
+    pressure along the inward normals, scaled so that 1 N is pressure times area) or "nodal" (3 columns a node).
+    """
+
+    surface: str | None
+    near: Near | None
+    force: str
+
+
+@dataclass(frozen=True)
+class Output:
+    """Displacements that are read often: of points, or the mean over a named surface."""
+
+    points: tuple[tuple[float, float, float], ...] | None  # m
+    surface: str | None
+
+
+@dataclass(frozen=True)
+class Reduction:
+    """How the scene wants to be reduced."""
+
+    method: str = "balanced"
+    switching: str = "energy"
+    order: int | Mapping[str, int] | None = None  # one for all contact modes, or by name
+    tolerance: float | None = None  # share of the sum of σ that may be left out
+    weighting: str = "mass"
+    lyapunov: str = "auto"
+    share: float = 0.9999  # of the trace of the covariance, for switching = "modal"
+
+
+@dataclass(frozen=True)
+class Load:
+    """A force on a contact mode or an actuator between two times."""
+
+    contact: str | None
+    actuator: str | None
+    start: float  # s
+    stop: float  # s
+    force: tuple[float, ...] | None  # N, constant
+    table: str | None  # name of a force table
+
+
+@dataclass(frozen=True)
+class Run:
+    """A load history."""
+
+    dt: float  # s
+    duration: float  # s
+    shapes: int  # whole shapes kept in the record, evenly spread
+    loads: tuple[Load, ...]
+
+
+@dataclass(frozen=True)
+class Scene:
+    """Everything that was asked for. Numbers are in SI units."""
+
+    name: str
+    mesh_file: Path
+    degree: int
+    mesh_groups: Mapping[str, int]
+    materials: Mapping[str, Material]
+    clamped: tuple[str, ...]
+    contacts: Mapping[str, Patch]
+    actuators: Mapping[str, Patch]
+    outputs: Mapping[str, Output]
+    effects: Mapping[str, Mapping[str, float]]
+    reduction: Reduction
+    run: Run | None
+    text: str
+    tables: Mapping[str, np.ndarray]  # force tables: (times, 1 + columns), s and N
+    source: str  # for messages
+
+
+SWITCHINGS = ("energy", "modal", "oblique")
+WEIGHTINGS = ("mass", "nodal", "outputs")
+LYAPUNOV = ("auto", "closed-form", "bartels-stewart", "krylov")
+METHODS = ("balanced",)
+
+_POINT = Many(item=Number(unit="m"), length=3)
+_NEAR = Table(default=None, fields={"point": _POINT, "radius": Number(above=0.0, unit="m")})
+_MATERIAL = {
+    "young": Number(above=0.0, unit="Pa"),
+    "poisson": Number(above=-1.0, below=0.5),
+    "density": Number(above=0.0, unit="kg/m3"),
+}
+_PATCH = Table(
+    fields={
+        "surface": Text(default=None),
+        "near": _NEAR,
+        "force": Text(default="resultant", choices=("resultant", "normal", "nodal")),
+    }
+)
+_ORDER = Number(at_least=1, integer=True)
+_LOAD = Table(
+    fields={
+        "contact": Text(default=None),
+        "actuator": Text(default=None),
+        "start": Number(default=0.0, at_least=0.0, unit="s"),
+        "stop": Number(default=None, above=0.0, unit="s"),
+        "force": Many(default=None, item=Number(unit="N"), at_least=1),
+        "table": Text(default=None),
+    }
+)
+SCENE = Table(
+    fields={
+        "name": Text(default="scene"),
+        "mesh": Table(
+            fields={
+                "file": Text(),
+                "degree": Number(default=1, at_least=1, at_most=2, integer=True),
+                "groups": Table(default={}, each=Number(integer=True, at_least=0)),
+            }
+        ),
+        "material": Table(default=None, fields=_MATERIAL),
+        "materials": Table(default=None, each=Table(fields={**_MATERIAL, "cells": Text()})),
+        "supports": Table(default={"clamped": ()}, fields={"clamped": Many(default=(), item=Text())}),
+        "contacts": Table(each=_PATCH),
+        "actuators": Table(default={}, each=_PATCH),
+        "outputs": Table(
+            default={},
+            each=Table(fields={"points": Many(default=None, item=_POINT, at_least=1), "surface": Text(default=None)}),
+        ),
+        "effects": Table(fields={name: Table(default=None, fields=e.parameters) for name, e in EFFECTS.items()}),
+        "reduction": Table(
+            default={},
+            fields={
+                "method": Text(default="balanced", choices=METHODS),
+                "switching": Text(default="energy", choices=SWITCHINGS),
+                "order": OneOf(default=None, kinds=(_ORDER, Table(each=_ORDER))),
+                "tolerance": Number(default=None, above=0.0, below=1.0),
+                "weighting": Text(default="mass", choices=WEIGHTINGS),
+                "lyapunov": Text(default="auto", choices=LYAPUNOV),
+                "share": Number(default=0.9999, above=0.0, at_most=1.0),
+            },
+        ),
+        "run": Table(
+            default=None,
+            fields={
+                "dt": Number(above=0.0, unit="s"),
+                "duration": Number(above=0.0, unit="s"),
+                "shapes": Number(default=100, at_least=1, integer=True),
+                "load": Many(default=(), item=_LOAD),
+            },
+        ),
+    }
+)
+
+
+def read_scene(file: str | Path) -> Scene:
+    """Reads a scene file and the force tables it names.
+
+    Args:
+        file: path of a TOML file; paths in it are relative to its folder.
+
+    Raises:
+        SceneError: the file cannot be read, or says something that is not allowed.
+    """
+    path = Path(file)
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise SceneError(f"{path}: cannot be read: {error}") from error
+    return parse_scene(text, folder=path.parent, source=str(path))
+
+
+def parse_scene(
+    text: str,
+    *,
+    folder: Path = Path(),
+    tables: Mapping[str, np.ndarray] | None = None,
+    source: str = "scene",
+) -> Scene:
+    """Checks the text of a scene.
+
+    Args:
+        text: TOML.
+        folder: what relative paths are relative to.
+        tables: force tables by name; read from files below `folder` where this is None.
+        source: name of the text in messages.
+
+    Raises:
+        SceneError: as `read_scene`.
+    """
+    try:
+        raw = tomllib.loads(text)
+    except tomllib.TOMLDecodeError as error:
+        raise SceneError(f"{source}: is not TOML: {error}") from error
+    except RecursionError as error:
+        raise SceneError(f"{source}: is nested too deeply") from error
+    try:
+        return _scene(SCENE.check(raw, ""), text, folder, tables, source)
+    except SceneError as error:
+        raise SceneError(f"{source}: {error}") from error
+
+
+def _scene(t: dict[str, Any], text: str, folder: Path, tables: Mapping[str, np.ndarray] | None, source: str) -> Scene:
+    contacts = {name: _patch(p, f"contacts.{name}") for name, p in t["contacts"].items()}
+    if not contacts:
+        raise SceneError("contacts: at least one contact mode is needed, as [contacts.NAME]")
+    actuators = {name: _patch(p, f"actuators.{name}") for name, p in t["actuators"].items()}
+    effects = {name: value for name, value in t["effects"].items() if value is not None}
+    if "inertia" not in effects:
+        raise SceneError("effects: inertia is missing (inertia = {}); runs without inertia are not offered")
+    run = _run(t["run"], contacts, actuators) if t["run"] is not None else None
+    if tables is None:
+        names = {load.table for load in run.loads if load.table} if run else set()
+        tables = {name: _force_table(folder / name) for name in sorted(names)}
+    return Scene(
+        name=t["name"],
+        mesh_file=folder / t["mesh"]["file"],
+        degree=t["mesh"]["degree"],
+        mesh_groups=t["mesh"]["groups"],
+        materials=_materials(t["material"], t["materials"]),
+        clamped=t["supports"]["clamped"],
+        contacts=contacts,
+        actuators=actuators,
+        outputs={name: _output(o, f"outputs.{name}") for name, o in t["outputs"].items()},
+        effects=effects,
+        reduction=_reduction(t["reduction"], contacts),
+        run=run,
+        text=text,
+        tables=tables,
+        source=source,
+    )
+
+
+def _exactly_one(table: Mapping[str, Any], keys: tuple[str, ...], where: str) -> None:
+    given = [key for key in keys if table[key] is not None]
+    if len(given) != 1:
+        raise SceneError(f"{where}: give exactly one of {', '.join(keys)}; given: {', '.join(given) or 'none'}")
+
+
+def _materials(single: dict[str, Any] | None, several: dict[str, Any] | None) -> dict[str, Material]:
+    if (single is None) == (several is None):
+        raise SceneError("give either [material] or [materials.NAME]")
+    if single is not None:
+        return {"material": Material(**single)}
+    if not several:
+        raise SceneError("materials: at least one [materials.NAME] is needed")
+    return {name: Material(**m) for name, m in several.items()}
+
+
+def _patch(t: dict[str, Any], where: str) -> Patch:
+    _exactly_one(t, ("surface", "near"), where)
+    return Patch(t["surface"], Near(**t["near"]) if t["near"] else None, t["force"])
+
+
+def _output(t: dict[str, Any], where: str) -> Output:
+    _exactly_one(t, ("points", "surface"), where)
+    return Output(t["points"], t["surface"])
+
+
+def _reduction(t: dict[str, Any], contacts: Mapping[str, Patch]) -> Reduction:
+    if t.get("order") is not None and t.get("tolerance") is not None:
+        raise SceneError("reduction: give order or tolerance, not both")
+    check_order(t.get("order"), contacts, "reduction.order")
+    return Reduction(**t)
+
+
+def check_order(order: int | Mapping[str, int] | None, contacts: Mapping[str, Any], where: str) -> None:
+    """Checks that orders given by name are given for every contact mode and for nothing else.
+
+    Raises:
+        SceneError: they are not.
+    """
+    if isinstance(order, Mapping):
+        for name in order:
+            if name not in contacts:
+                raise SceneError(f"{where}: {unknown('contact mode', name, contacts)}")
+        for name in contacts:
+            if name not in order:
+                raise SceneError(f"{where}: contact mode {name!r} has no order")
+
+
+def _run(t: dict[str, Any], contacts: Mapping[str, Patch], actuators: Mapping[str, Patch]) -> Run:
+    if t["dt"] > t["duration"]:
+        raise SceneError(f"run.dt = {t['dt']:g}: allowed is at most the duration, {t['duration']:g} s")
+    loads = [_load(load, k, t["duration"], contacts, actuators) for k, load in enumerate(t["load"])]
+    pushes = sorted((load for load in loads if load.contact), key=lambda load: load.start)
+    for first, second in itertools.pairwise(pushes):
+        if second.start < first.stop and second.contact != first.contact:
+            raise SceneError(
+                f"run.load: {first.contact!r} acts until {first.stop:g} s and {second.contact!r} from "
+                f"{second.start:g} s, but one contact mode acts at a time; make a contact mode of both surfaces"
+            )
+    return Run(t["dt"], t["duration"], t["shapes"], tuple(sorted(loads, key=lambda load: load.start)))
+
+
+def _load(
+    t: dict[str, Any],
+    k: int,
+    duration: float,
+    contacts: Mapping[str, Patch],
+    actuators: Mapping[str, Patch],
+) -> Load:
+    where = f"run.load[{k}]"
+    _exactly_one(t, ("contact", "actuator"), where)
+    _exactly_one(t, ("force", "table"), where)
+    if t["contact"] is not None and t["contact"] not in contacts:
+        raise SceneError(f"{where}.contact: {unknown('contact mode', t['contact'], contacts)}")
+    if t["actuator"] is not None and t["actuator"] not in actuators:
+        raise SceneError(f"{where}.actuator: {unknown('actuator', t['actuator'], actuators)}")
+    load = Load(**{**t, "stop": duration if t["stop"] is None else t["stop"]})
+    if load.stop <= load.start:
+        raise SceneError(f"{where}.stop = {load.stop:g}: allowed is more than start, {load.start:g} s")
+    return load
+
+
+def _force_table(file: Path) -> np.ndarray:
+    """Times and forces from a CSV file whose first row names the columns."""
+    try:
+        with file.open(newline="", encoding="utf-8") as stream:
+            rows = list(csv.reader(stream))
+        table = np.array([[float(cell) for cell in row] for row in rows[1:]], dtype=float)
+    except (OSError, ValueError) as error:
+        raise SceneError(f"force table {file}: cannot be read: {error}") from error
+    if table.ndim != 2 or table.shape[0] < 2 or table.shape[1] < 2:
+        raise SceneError(f"force table {file}: allowed is a header, then two or more rows: time in s, forces in N")
+    if not np.isfinite(table).all() or (np.diff(table[:, 0]) <= 0).any():
+        raise SceneError(f"force table {file}: allowed are finite numbers and strictly increasing times")
+    return table

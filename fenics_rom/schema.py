@@ -1,0 +1,161 @@
+"""Tables that say what a value in a scene may be, and the one place that checks values against them."""
+
+import difflib
+import math
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+from fenics_rom.errors import SceneError
+
+REQUIRED: Any = object()  # a field without a default
+
+
+def unknown(kind: str, given: str, allowed: Mapping[str, Any] | list[str]) -> str:
+    """Sentence about a name that does not exist: what was given, what there is, the nearest."""
+    names = sorted(allowed)
+    near = difflib.get_close_matches(given, names, n=1)
+    hint = f"; did you mean {near[0]!r}?" if near else ""
+    return f"no {kind} {given!r}; there is {', '.join(names) if names else 'none'}{hint}"
+
+
+@dataclass(frozen=True)
+class Field:
+    """What one key holds."""
+
+    default: Any = REQUIRED
+
+    def check(self, value: Any, where: str) -> Any:
+        """Returns the value, as the program uses it.
+
+        Raises:
+            SceneError: it is not what the key holds.
+        """
+        raise NotImplementedError
+
+
+def _refuse(where: str, value: Any, allowed: str) -> SceneError:
+    return SceneError(f"{where} = {value!r}: allowed is {allowed}")
+
+
+@dataclass(frozen=True)
+class Number(Field):
+    """A finite number with a unit and a range; bounds are allowed values unless they are open."""
+
+    unit: str = ""
+    at_least: float = -math.inf
+    above: float = -math.inf
+    below: float = math.inf
+    at_most: float = math.inf
+    integer: bool = False
+
+    def allowed(self) -> str:
+        """The range in words."""
+        bounds = [
+            f"{word} {bound:g}"
+            for word, bound in (
+                (">=", self.at_least),
+                (">", self.above),
+                ("<", self.below),
+                ("<=", self.at_most),
+            )
+            if math.isfinite(bound)
+        ]
+        kind = "a whole number" if self.integer else "a finite number"
+        return " and ".join([kind, *bounds]) + (f", in {self.unit}" if self.unit else "")
+
+    def check(self, value: Any, where: str) -> Any:
+        """See Field."""
+        kinds = int if self.integer else (int, float)
+        if isinstance(value, bool) or not isinstance(value, kinds):
+            raise _refuse(where, value, self.allowed())
+        try:
+            number = value if self.integer else float(value)
+        except OverflowError as error:
+            raise _refuse(where, value, self.allowed()) from error
+        inside = self.at_least <= number <= self.at_most and self.above < number < self.below
+        if not (math.isfinite(number) and inside):
+            raise _refuse(where, value, self.allowed())
+        return number
+
+
+@dataclass(frozen=True)
+class Text(Field):
+    """A non-empty string; one of `choices` where there are any."""
+
+    choices: tuple[str, ...] = ()
+
+    def check(self, value: Any, where: str) -> str:
+        """See Field."""
+        if not isinstance(value, str) or not value:
+            raise _refuse(where, value, "a non-empty string")
+        if self.choices and value not in self.choices:
+            raise SceneError(f"{where}: {unknown('choice', value, list(self.choices))}")
+        return value
+
+
+@dataclass(frozen=True)
+class Many(Field):
+    """A list whose items are all of one kind, `length` of them where that is fixed."""
+
+    item: Field = Number()
+    length: int | None = None
+    at_least: int = 0
+
+    def check(self, value: Any, where: str) -> tuple[Any, ...]:
+        """See Field."""
+        count = f"{self.length}" if self.length is not None else f"at least {self.at_least}"
+        if not isinstance(value, list):
+            raise _refuse(where, value, f"a list of {count}")
+        if len(value) < self.at_least or (self.length is not None and len(value) != self.length):
+            raise SceneError(f"{where} has {len(value)} items: allowed are {count}")
+        return tuple(self.item.check(item, f"{where}[{k}]") for k, item in enumerate(value))
+
+
+@dataclass(frozen=True)
+class OneOf(Field):
+    """A value that may be of several kinds; the first kind that takes it counts."""
+
+    kinds: tuple[Field, ...] = ()
+
+    def check(self, value: Any, where: str) -> Any:
+        """See Field."""
+        refusals = []
+        for kind in self.kinds:
+            try:
+                return kind.check(value, where)
+            except SceneError as error:
+                refusals.append(str(error))
+        raise SceneError("; or ".join(refusals))
+
+
+@dataclass(frozen=True)
+class Table(Field):
+    """A table: with `fields`, those keys and no other; with `each`, any names, each holding such a value."""
+
+    fields: Mapping[str, Field] | None = None
+    each: Field | None = None
+
+    def check(self, value: Any, where: str) -> dict[str, Any]:
+        """See Field."""
+        if not isinstance(value, dict):
+            raise _refuse(where, value, "a table")
+        if self.each is not None:
+            for name in value:
+                if not re.fullmatch(r"[\w-]{1,100}", name):  # it becomes a name inside HDF5 files
+                    raise SceneError(f"{where}: name {name!r}: allowed are letters, digits, _ and -, at most 100")
+            return {name: self.each.check(item, f"{where}.{name}") for name, item in value.items()}
+        fields = self.fields or {}
+        for key in value:
+            if key not in fields:
+                raise SceneError(f"{where}: {unknown('key', key, fields)}")
+        checked = {}
+        for key, field in fields.items():
+            if key in value:
+                checked[key] = field.check(value[key], f"{where}.{key}" if where else key)
+            elif field.default is REQUIRED:
+                raise SceneError(f"{where + ': ' if where else ''}{key} is missing")
+            else:
+                checked[key] = field.default
+        return checked
