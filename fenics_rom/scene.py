@@ -68,7 +68,7 @@ class Reduction:
     tolerance: float | None = None  # share of the sum of σ that may be left out
     weighting: str = "mass"
     lyapunov: str = "auto"
-    share: float = 0.9999  # of the trace of the covariance, for switching = "modal"
+    share: float = 0.9999999  # of the trace of the covariance, for switching = "modal"
 
 
 @dataclass(frozen=True)
@@ -173,7 +173,7 @@ SCENE = Table(
                 "tolerance": Number(default=None, above=0.0, below=1.0),
                 "weighting": Text(default="mass", choices=WEIGHTINGS),
                 "lyapunov": Text(default="auto", choices=LYAPUNOV),
-                "share": Number(default=0.9999, above=0.0, at_most=1.0),
+                "share": Number(default=0.9999999, above=0.0, at_most=1.0),
             },
         ),
         "run": Table(

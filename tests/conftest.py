@@ -1,0 +1,36 @@
+"""Models that many tests read and none changes; assembled once."""
+
+import warnings
+
+import pytest
+from bodies import PLATE, scene_text, write_box
+
+import fenics_rom as fr
+from fenics_rom.scene import parse_scene
+
+
+@pytest.fixture(scope="session")
+def plate_system():
+    """The paper's plate, n = 180."""
+    return fr.assemble(fr.read_scene(PLATE))
+
+
+@pytest.fixture(scope="session")
+def plate_rom(plate_system):
+    """The plate at order 20."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return fr.reduce(plate_system, order=20)
+
+
+@pytest.fixture(scope="session")
+def box_file(tmp_path_factory):
+    """A thick box: its γ span four decades only, so that round-off hides nothing."""
+    return write_box(tmp_path_factory.mktemp("box") / "box.msh", (1.0, 0.4, 0.3), (4, 2, 2))
+
+
+@pytest.fixture(scope="session")
+def box_system(box_file):
+    """The box, n = 108, with an actuator."""
+    text = scene_text(box_file, **{"actuators.pull": 'surface = "back"\nforce = "normal"'})
+    return fr.assemble(parse_scene(text))
