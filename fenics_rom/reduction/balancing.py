@@ -1,4 +1,4 @@
-"""Second-order balanced truncation by the position Gramians, seed (5)-(8), in coordinates with M = I."""
+"""Second-order balanced truncation by the position Gramians, paper (5)-(8), in coordinates with M = I."""
 
 from dataclasses import dataclass
 
@@ -14,7 +14,7 @@ class Balanced:
     Attributes:
         singular_values: σ (r,), Hankel singular values of the position Gramians, descending.
         transformation: T (k, r) with Tᵀ Wo T = T⁻¹ Wc T⁻ᵀ = diag(σ).
-        left_inverse: (r, k), the seed's P T̄⁻¹ (7): an oblique projection.
+        left_inverse: (r, k), the paper's P T̄⁻¹ (7): an oblique projection.
     """
 
     singular_values: Array
@@ -40,10 +40,10 @@ def balance(Wc: Array, Wo: Array) -> Balanced:
 
 
 def balance_as_printed(Wc: Array, Wo: Array) -> Balanced:
-    """Standard balanced truncation as seed (5) is printed: Wc = RᵀR, U Λ² Uᵀ = R Wo Rᵀ, every direction taken.
+    """Standard balanced truncation as paper (5) is printed: Wc = RᵀR, U Λ² Uᵀ = R Wo Rᵀ, every direction taken.
 
     Squaring and the missing floor fill the trailing directions with round-off. What the oblique projections of such
-    models do to the energy is the seed's Fig. 2; this is here to show it, and for nothing else.
+    models do to the energy is the paper's Fig. 2; this is here to show it, and for nothing else.
 
     Args:
         Wc, Wo: (n, n), symmetric.

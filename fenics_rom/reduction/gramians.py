@@ -58,7 +58,7 @@ def observability(γ: Array, damping: Array, weight: Array) -> Array:
 
 
 def textbook_gramians(M: Array, D: Array, K: Array, B: Array, CCᵀ: Array) -> tuple[Array, Array]:
-    """Wc and Wo of whole matrices, (n, n) each, by dense Lyapunov equations of the plain first-order form, seed (5).
+    """Wc and Wo of whole matrices, (n, n) each, by dense Lyapunov equations of the plain first-order form, paper (5).
 
     The Bartels-Stewart algorithm on the state (x, v): it uses neither V nor any closed form, so it is the independent
     check of the other routes. Its round-off is that of matrices whose norm is the largest γ; trailing directions of

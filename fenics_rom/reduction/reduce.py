@@ -63,7 +63,7 @@ def reduce(
         tolerance: instead of an order: share of the sum of Hankel singular values that may be left out.
         switching: "energy": the balanced bases themselves, switched by energy-orthogonal projection (any order, no
             loss of accuracy); "modal": the paper's selection of eigenvectors; "oblique": standard balanced truncation
-            as the seed's (5)-(8) stand, from dense Gramians with their round-off, switched by their oblique
+            as the paper's (5)-(8) stand, from dense Gramians with their round-off, switched by their oblique
             projections, which can create energy: for comparison only.
         weighting: what of the shape counts: "mass" (the L² norm), "nodal" (all nodes alike, the paper's) or
             "outputs" (the named outputs only).

@@ -1,4 +1,4 @@
-"""The paper's passive reduction: the eigenvectors that hold a share of a balanced basis' covariance, seed (12)-(13)."""
+"""The paper's passive reduction: eigenvectors that hold a share of a balanced basis' covariance, paper (12)-(13)."""
 
 import numpy as np
 

@@ -64,7 +64,7 @@ def krylov_spaces(system: System, factor: Factor, start: Array) -> Iterator[Subs
 
 
 def diagonalized(system: System, basis: Array) -> Subspace:
-    """The same space in the basis that diagonalizes K (simultaneously with M, seed (10)-(11))."""
+    """The same space in the basis that diagonalizes K (simultaneously with M, paper (10)-(11))."""
     K = system.algebra.inner(basis, system.stiffness @ basis)
     γ, rotation = np.linalg.eigh((K + K.T) / 2)
     basis = basis @ rotation

@@ -1,6 +1,6 @@
 """Passive midpoint integration (PMI) of one reduced model at one step size.
 
-Kim, Lee & Lee, IJRR 2017; the seed's (2)-(4). With M = I and K = diag(γ):
+Kim, Lee et al., IJRR, doi 10.1177/0278364917731821; the paper's (2)-(4). With M = I and K = diag(γ):
 
     v̂ = (2/h + D + h/2 γ)⁻¹ (G u + 2/h r - γ q),   q⁺ = q + h v̂,   r⁺ = 2 v̂ - r,
 

@@ -5,7 +5,7 @@ Displacement and velocity are each projected orthogonally in their own energy,
     q_j = diag(1/γ_j) (W_jᵀ K W_i) q_i,    r_j = (W_jᵀ M W_i) r_i,
 
 and an orthogonal projection lengthens no vector: potential energy is a length in K, kinetic energy one in M. So the
-energy cannot grow, for any two bases, at any cadence. For bases of eigenvectors this is the seed's own (13).
+energy cannot grow, for any two bases, at any cadence. For bases of eigenvectors this is the paper's own (13).
 """
 
 import numpy as np
@@ -26,7 +26,7 @@ def energy_orthogonal(rom: Rom, start: Mode, end: Mode) -> tuple[Array, Array]:
 
 
 def oblique(start: Mode, end: Mode) -> tuple[Array, Array]:
-    """Maps of standard balanced truncation (seed (7)): they can add energy (seed, Prop. 1); for comparison only."""
+    """Maps of standard balanced truncation (paper (7)): they can add energy (paper, Prop. 1); for comparison only."""
     if end.left_inverse is None:
         raise ValueError("the ROM was not reduced for oblique switching")
     both = end.left_inverse @ start.coordinates

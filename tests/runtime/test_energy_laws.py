@@ -156,7 +156,7 @@ def test_energy_switching_of_eigenvectors_is_the_papers_selection(plate_system):
 
 @pytest.mark.parametrize(("switching", "passive"), [("oblique", False), ("energy", True), ("modal", True)])
 def test_standard_switching_fails_the_law_that_the_others_keep(plate_system, switching, passive):
-    """The seed's Fig. 2: orders 52 and 67, a switch at every step of 0.1 ms, white-noise forces."""
+    """The paper's Fig. 2: orders 52 and 67, a switch at every step of 0.1 ms, white-noise forces."""
     rom = fr.reduce(
         plate_system,
         order={"tip_left": 52, "middle": 67},
