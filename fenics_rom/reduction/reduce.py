@@ -1,5 +1,6 @@
 """System to ROM: for each contact mode, Gramians, balancing, a basis; then one shared basis for all of them."""
 
+import itertools
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -19,13 +20,14 @@ from fenics_rom.reduction.subspace import (
     orthonormal_rest,
 )
 from fenics_rom.rom import Mode, Rom, check_rom, diagonalized_span
-from fenics_rom.scene import LYAPUNOV, SWITCHINGS, WEIGHTINGS, check_order
+from fenics_rom.scene import LYAPUNOV, SHARE, SWITCHINGS, TOLERANCE, WEIGHTINGS, check_order
 from fenics_rom.schema import unknown
 from fenics_rom.system import Array, Factor, System
 
 DENSE_LIMIT = 1000  # unknowns up to which all eigenvectors are cheaper than a Krylov space
 DEFAULT_TOLERANCE = 1e-6  # share of the sum of σ that is left out where neither order nor tolerance is given
 SETTLED = 1e-9  # relative change of σ between Krylov spaces that ends their growth
+MOST_BLOCKS = 60  # of a Krylov space: a body that needs more is not one for shifts at zero alone
 NEGLIGIBLE = 1e-12  # share of σ_1 below which σ is not waited for
 
 Report = Callable[[str, int, int], None]  # stage, done, of
@@ -79,6 +81,9 @@ def reduce(
     chosen = system.scene.reduction
     if order is None and tolerance is None:
         order, tolerance = chosen.order, chosen.tolerance
+    check_order(order, system.contacts, "order")
+    tolerance = DEFAULT_TOLERANCE if tolerance is None else TOLERANCE.check(tolerance, "tolerance")
+    share = SHARE.check(chosen.share if share is None else share, "share")
     switching = _choice("switching", switching or chosen.switching, SWITCHINGS)
     weighting = _choice("weighting", weighting or chosen.weighting, WEIGHTINGS)
     route = _choice("lyapunov", lyapunov or chosen.lyapunov, LYAPUNOV)
@@ -88,18 +93,22 @@ def reduce(
         route = "closed-form" if system.size <= DENSE_LIMIT else "krylov"
     if weighting == "outputs" and not system.outputs:
         raise SceneError("reduction.weighting = 'outputs', but the scene names no outputs")
-    check_order(order, system.contacts, "order")
 
     messages = list(system.warnings)
     reduced = {}
     factor = system.algebra.factor((1.0, system.stiffness))
     whole = all_eigenvectors(system) if route != "krylov" else None
-    selection = EigenvectorSelection(system, share or chosen.share, whole)
+    selection = EigenvectorSelection(system, share, whole)
     for done, name in enumerate(system.contacts):
         report("contact modes", done, len(system.contacts))
         wanted = order[name] if isinstance(order, Mapping) else order
-        space, balanced = _balanced(system, factor, system.input_matrix(name), weighting, route, whole, wanted)
-        reduced[name] = _truncated(space, balanced, wanted, tolerance or DEFAULT_TOLERANCE, name, messages)
+        space, balanced, unrest = _balanced(system, factor, system.input_matrix(name), weighting, route, whole, wanted)
+        if unrest > SETTLED:
+            messages.append(
+                f"contact mode {name!r}: Hankel singular values still changed by {unrest:.0e} between the last Krylov "
+                f"spaces, of {space.basis.shape[1]} vectors; ask for a lower order"
+            )
+        reduced[name] = _truncated(space, balanced, wanted, tolerance, name, messages)
         if switching == "modal":
             r = reduced[name]
             V = selection.select(r.T, r.σ[: r.T.shape[1]])
@@ -120,8 +129,8 @@ def _choice(key: str, value: str, choices: tuple[str, ...]) -> str:
 
 def _balanced(
     system: System, factor: Factor, B: Array, weighting: str, route: str, whole: Subspace | None, order: int | None
-) -> tuple[Subspace, Balanced]:
-    """Balanced realization of one input matrix, in a subspace that holds it to round-off."""
+) -> tuple[Subspace, Balanced, float]:
+    """Balanced realization of one input matrix, the subspace that holds it, and by how much σ still changed there."""
 
     def realize(space: Subspace) -> Balanced:
         weight = _weight(system, space.basis, weighting)
@@ -132,7 +141,7 @@ def _balanced(
         return balance(controllability(γ, damping, G), observability(γ, damping, weight))
 
     if whole is not None:
-        return whole, realize(whole)
+        return whole, realize(whole), 0.0
     start = np.hstack([B, *system.outputs.values()]) if weighting == "outputs" else B
     return _settled(krylov_spaces(system, factor, start), realize, order)
 
@@ -153,19 +162,20 @@ def _textbook(
 
 def _settled(
     spaces: Iterator[Subspace], realize: Callable[[Subspace], Balanced], order: int | None
-) -> tuple[Subspace, Balanced]:
-    """The first space whose σ are those of the space before it; the last one where they never settle."""
+) -> tuple[Subspace, Balanced, float]:
+    """The first space whose σ are those of the space before it, or the last one, and the relative change of σ there."""
     previous = np.empty(0)
-    for space in spaces:
+    for count, space in enumerate(itertools.islice(spaces, MOST_BLOCKS), start=1):  # noqa: B007, it is used below
         balanced = realize(space)
         σ = balanced.singular_values
         waited_for = min(len(σ), order if order is not None else int(np.sum(σ > NEGLIGIBLE * σ[0])))
         known = min(waited_for, len(previous))
-        change = np.abs(σ[:known] - previous[:known])
-        if known == waited_for and np.all(change <= SETTLED * σ[:known] + NEGLIGIBLE * σ[0]):
-            break
+        unrest = np.abs(σ[:known] - previous[:known]) / (σ[:known] + NEGLIGIBLE / SETTLED * σ[0])
+        change = float(unrest.max(initial=0.0)) if known == waited_for else 1.0
+        if change <= SETTLED:
+            return space, balanced, change
         previous = σ
-    return space, balanced
+    return space, balanced, change if count == MOST_BLOCKS else 0.0  # 0: the space holds all that can be reached
 
 
 def _weight(system: System, X: Array, weighting: str) -> Array:

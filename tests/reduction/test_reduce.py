@@ -182,6 +182,12 @@ def test_tolerance_chooses_the_order(box_system):
             assert σ[m:].sum() <= tolerance * σ.sum() < σ[m - 1 :].sum()
 
 
+def test_krylov_space_that_does_not_settle_says_so(box_system, monkeypatch):
+    monkeypatch.setattr("fenics_rom.reduction.reduce.MOST_BLOCKS", 4)
+    with pytest.warns(FenicsRomWarning, match=r"'right': Hankel singular values still changed by \de[-+]\d+ between"):
+        fr.reduce(box_system, order=6, lyapunov="krylov")
+
+
 def test_orders_by_name(box_system):
     rom = fr.reduce(box_system, order={"right": 5, "top": 9})
     assert {name: mode.order for name, mode in rom.modes.items()} == {"right": 5, "top": 9}
@@ -195,6 +201,11 @@ def test_orders_by_name(box_system):
         ({"switching": "enrgy"}, "did you mean 'energy'"),
         ({"weighting": "outputs"}, "names no outputs"),
         ({"lyapunov": "magic"}, "no choice 'magic'"),
+        ({"order": 0}, "order = 0: allowed is a whole number >= 1"),
+        ({"order": 2.5}, "order = 2.5: allowed is a whole number >= 1"),
+        ({"order": {"right": 5, "top": -1}}, "order.top = -1"),
+        ({"tolerance": -1.0}, "tolerance = -1.0: allowed"),
+        ({"switching": "modal", "share": 2.0}, "share = 2.0: allowed"),
     ],
 )
 def test_choices_that_do_not_fit_are_refused(box_system, choice, message):
