@@ -15,8 +15,9 @@ die() {
 }
 
 install_packages() {
-  local package missing=() apt=(env DEBIAN_FRONTEND=noninteractive apt-get -qq -o DPkg::Lock::Timeout=600) progress=/dev/null
-  command -v dpkg-query apt-get >/dev/null || die "this needs Debian 12 or 13, or a derivative that has python3-dolfinx"
+  local needs="this needs Debian 12 or 13 (or a derivative that has its packages)" package missing=() progress=/dev/null
+  local apt=(env DEBIAN_FRONTEND=noninteractive apt-get -qq -o DPkg::Lock::Timeout=600)
+  command -v apt-get >/dev/null || die "there is no apt-get; $needs"
   for package in "${packages[@]}"; do
     [ "$(dpkg-query -Wf '${db:Status-Status}' "$package" 2>/dev/null)" = installed ] || missing+=("$package")
   done
@@ -25,13 +26,13 @@ install_packages() {
   if [ $EUID -ne 0 ]; then
     apt=(sudo "${apt[@]}")
     { command -v sudo >/dev/null && "${apt[@]}" --version >/dev/null; } ||
-      die "run this as root, then start again: apt-get update && apt-get install -y --no-install-recommends ${missing[*]}"
+      die "first run as root: apt-get update && apt-get install -y --no-install-recommends ${missing[*]}"
   fi
   echo "Installing ${missing[*]} with apt (some minutes) ..."
   "${apt[@]}" update || true # someone's broken source is no reason to stop; what is really missing shows now
   if ! apt-cache show "${missing[@]}" >/dev/null 2>&1 || ! dpkg --compare-versions \
     "$(apt-cache show --no-all-versions python3-dolfinx | sed -n 's/^Version: //p')" ge 1:0.5; then
-    die "apt offers no dolfinx >= 0.5 with Gmsh; this needs Debian 12 or 13, or a derivative, and its archive within reach"
+    die "apt does not offer ${missing[*]} (dolfinx 0.5 or newer); $needs and its archive within reach"
   fi
   [ ! -t 1 ] || progress=/dev/stdout # 500 packages: something to watch for who waits, too much for a log
   "${apt[@]}" install -y --no-install-recommends "${missing[@]}" >"$progress"

@@ -71,6 +71,8 @@ def __getattr__(name: str) -> Any:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     home = _HOME[name]
     try:
+        if home.startswith("fem."):
+            import_module("h5py")  # first: PyPI's h5py, after dolfinx, would take dolfinx's HDF5 for its own
         module = import_module(f"{__name__}.{home}")
     except ModuleNotFoundError as error:
         needed, cure = _PACKAGES.get(home.split(".")[0], ("", ""))

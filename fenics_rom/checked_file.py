@@ -1,11 +1,17 @@
 """HDF5 files that are what they say: arrays in tables of name, unit, kind and shape, checked on writing and reading.
 
 A file is written beside its place and renamed, so there is never half a file. Under MPI rank 0 alone writes.
+
+The first 512 bytes are a user block, which HDF5 leaves to whoever wrote the file. Here it seals the rest: a line of
+text with its SHA-256. No bit of a file can change unnoticed, and HDF5, which crashes on some damaged files, sees none.
 """
 
+import hashlib
+import io
+import math
 import os
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
@@ -14,10 +20,12 @@ import h5py
 import numpy as np
 
 from fenics_rom.errors import FenicsRomError, RomFileError
+from fenics_rom.schema import NAME, NAME_IN_WORDS
 
 FORMAT = "fenics-rom"
 VERSION = "1.0"  # files of the same first number can be read
 LONGEST_TEXT = 60_000  # bytes; HDF5 keeps attributes in a header of 64 KiB
+SEAL_SIZE = 512  # bytes; the smallest user block there is
 
 Array = np.ndarray
 T = TypeVar("T")
@@ -61,16 +69,20 @@ def write_file(file: str | Path, content: str, fill: Callable[[h5py.File], None]
     path = Path(file)
     temporary = None
     try:
-        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent)
-        os.close(handle)
-        temporary = Path(name)
-        with h5py.File(temporary, "w", track_order=True) as h5:
+        check_place(path)
+        memory = io.BytesIO()  # not the disk: HDF5 does not take it well when that is full
+        with h5py.File(memory, "w", track_order=True, userblock_size=SEAL_SIZE) as h5:
             put_text(h5, format=FORMAT, format_version=VERSION, content=content, software=_software())
             fill(h5)
+        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent)
+        temporary = Path(name)
+        with os.fdopen(handle, "wb") as stream:
+            stream.write(sealed(memory.getbuffer()))
+            stream.write(memory.getbuffer()[SEAL_SIZE:])
         temporary.chmod(0o644)
         temporary.replace(path)
     except OSError as error:
-        raise RomFileError(f"{path}: cannot be written: {error}") from error
+        raise RomFileError(f"{path}: cannot be written: {_reason(error)}") from error
     finally:
         if temporary is not None:
             temporary.unlink(missing_ok=True)
@@ -83,9 +95,10 @@ def read_file(file: str | Path, content: str, take: Callable[[h5py.File], T]) ->
         RomFileError: it is missing, damaged, of another format, or its content does not hold together.
     """
     path = Path(file)
-    if not path.is_file():
-        raise RomFileError(f"{path}: not found")
     try:
+        if not path.is_file():
+            raise RomFileError("is a folder or a device" if path.exists() else "not found")
+        _check_seal(path)
         with h5py.File(path, "r") as h5:
             if get_text(h5, "format") != FORMAT:
                 raise RomFileError("is not a fenics-rom file")
@@ -98,8 +111,46 @@ def read_file(file: str | Path, content: str, take: Callable[[h5py.File], T]) ->
             return take(h5)
     except FenicsRomError as error:
         raise RomFileError(f"{path}: {error}") from error
-    except (OSError, RuntimeError, ValueError, KeyError, TypeError, AttributeError, MemoryError) as error:
-        raise RomFileError(f"{path}: is damaged or not an HDF5 file: {error}") from error
+    except (OSError, RuntimeError, ValueError, LookupError, TypeError, AttributeError, MemoryError) as error:
+        raise RomFileError(f"{path}: cannot be read: {_reason(error)}") from error
+
+
+def _reason(error: Exception) -> str:
+    """The system's words, where there are some, and not HDF5's."""
+    number = getattr(error, "errno", None)
+    return os.strerror(number) if number else str(error)
+
+
+def check_place(path: Path) -> None:
+    """Checks that a file can be put there; worth asking before long work.
+
+    Raises:
+        RomFileError: there is no such folder, or something that is not a file (root could even replace /dev/null).
+    """
+    if not path.parent.is_dir():
+        raise RomFileError(f"{path}: cannot be written: folder {path.parent} does not exist")
+    if path.exists() and not path.is_file():
+        raise RomFileError(f"{path}: cannot be written: it is a folder or a device")
+    if not os.access(path.parent, os.W_OK):
+        raise RomFileError(f"{path}: cannot be written: no permission to write in {path.parent}")
+
+
+def sealed(content: bytes | memoryview) -> bytes:
+    """The user block that belongs to a whole file: the seal of what follows it."""
+    return _seal(hashlib.sha256(memoryview(content)[SEAL_SIZE:]).hexdigest())
+
+
+def _check_seal(path: Path) -> None:
+    with path.open("rb", buffering=0) as stream:
+        found = stream.read(SEAL_SIZE)
+        if not found.startswith(f"{FORMAT} ".encode()):
+            raise RomFileError("is not a fenics-rom file")
+        if found != _seal(hashlib.file_digest(stream, "sha256").hexdigest()):  # of what is still to be read
+            raise RomFileError("is damaged: its content is not what was written (the checksum differs)")
+
+
+def _seal(digest: str) -> bytes:
+    return f"{FORMAT} HDF5 file; SHA-256 from byte {SEAL_SIZE}: {digest}\n".encode().ljust(SEAL_SIZE, b"\0")
 
 
 def content_of(file: str | Path) -> str:
@@ -115,6 +166,17 @@ def content_of(file: str | Path) -> str:
             if not str(error).endswith(f", not a {content}"):
                 raise
     raise RomFileError(f"{file}: holds neither a rom nor a run")
+
+
+def check_names(names: Iterable[str]) -> None:
+    """Checks names that are to become names in a file.
+
+    Raises:
+        RomFileError: one of them cannot.
+    """
+    for name in names:
+        if not NAME.fullmatch(name):
+            raise RomFileError(f"name {name!r}: allowed are {NAME_IN_WORDS}")
 
 
 def put_text(group: h5py.Group, **texts: str) -> None:
@@ -157,10 +219,10 @@ def put_arrays(group: h5py.Group, table: Table, sizes: Sizes, arrays: Mapping[st
         array = arrays[name]
         if array is None:
             if not entry.optional:
-                raise RomFileError(f"{group.name}/{name} is missing")
+                raise RomFileError(f"{group.name.rstrip('/')}/{name} is missing")
             continue
         array = np.asarray(array, dtype=np.int64 if entry.kind == "i" else np.float64)
-        _check(f"{group.name}/{name}", array, entry, sizes)
+        _check(f"{group.name.rstrip('/')}/{name}", array, entry, sizes)
         dataset = group.create_dataset(name, data=array)
         dataset.attrs["unit"] = np.bytes_(entry.unit.encode())
 
@@ -185,8 +247,9 @@ def get_arrays(group: h5py.Group, table: Table, sizes: Sizes, others: tuple[str,
         dataset = group[name]
         if not isinstance(dataset, h5py.Dataset) or dataset.dtype.kind != entry.kind or dataset.dtype.itemsize != 8:
             raise RomFileError(f"{where} is not an array of {'whole' if entry.kind == 'i' else 'real'} numbers")
-        if dataset.nbytes > dataset.id.get_storage_size():  # a size that lies would be answered with memory
-            raise RomFileError(f"{where} says it has {dataset.nbytes} bytes, but fewer are stored")
+        size = 8 * math.prod(dataset.shape)  # Python's whole numbers: NumPy's would overflow
+        if size > dataset.id.get_storage_size():  # a size that lies would be answered with memory
+            raise RomFileError(f"{where} says it has {size} bytes, but fewer are stored")
         if get_text(dataset, "unit") != entry.unit:
             raise RomFileError(f"{where} has unit {get_text(dataset, 'unit')!r}, not {entry.unit!r}")
         array = dataset[()]

@@ -1,9 +1,11 @@
 """The command line: `fenics-rom COMMAND ...`. Exit status 0 done, 1 could not be done, 2 wrong usage."""
 
 import argparse
+import io
 import os
 import sys
 import time
+import traceback
 import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -11,7 +13,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 import fenics_rom as fr
-from fenics_rom.checked_file import content_of, is_rank_0
+from fenics_rom.checked_file import check_place, content_of, is_rank_0
 from fenics_rom.errors import FenicsRomError, FenicsRomWarning, MissingPackageError, RomFileError, SceneError
 from fenics_rom.scene import LYAPUNOV, SWITCHINGS, WEIGHTINGS
 
@@ -20,16 +22,29 @@ PATIENCE = 5.0  # s that other ranks give rank 0 to say why the run ends
 
 def main(arguments: list[str] | None = None) -> NoReturn:
     """Runs one command and exits."""
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="replace")  # a terminal without σ gets a ?
     choice = _parser().parse_args(arguments)
     warnings.simplefilter("ignore", FenicsRomWarning)  # the summary at the end lists them
     try:
+        _rich()  # before long work, not after it
         choice.run(choice)
+        sys.stdout.flush()
     except FenicsRomError as error:
         _give_up(str(error))
+    except MemoryError as error:
+        _give_up(f"not enough memory: {error}")
     except KeyboardInterrupt:
         _give_up("interrupted")
     except BrokenPipeError:  # whoever read the output has seen enough
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        _drop_output()
+    except OSError as error:
+        _drop_output()
+        _give_up(str(error))
+    except Exception:
+        traceback.print_exc()
+        _end(1)
     sys.exit(0)
 
 
@@ -38,10 +53,21 @@ def _give_up(reason: str) -> NoReturn:
     if not is_rank_0():
         time.sleep(PATIENCE)  # in nearly every case rank 0 says the same and ends this rank too
     print(f"fenics-rom: error: {' '.join(reason.split())}", file=sys.stderr, flush=True)
+    _end(1)
+
+
+def _drop_output() -> None:
+    """What standard output could not take is not to be tried again at exit."""
+    os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+
+
+def _end(status: int) -> NoReturn:
+    """Ends every rank."""
     ranks = sys.modules.get("mpi4py.MPI")
     if ranks is not None and ranks.COMM_WORLD.size > 1:
-        ranks.COMM_WORLD.Abort(1)
-    sys.exit(1)
+        sys.stderr.flush()
+        ranks.COMM_WORLD.Abort(status)
+    sys.exit(status)
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -94,11 +120,11 @@ def _output(command: argparse.ArgumentParser, metavar: str) -> None:
 
 
 def _reduce(choice: Any) -> None:
-    _check_folder(choice.output)
-    for key in ("tolerance", "share"):
-        value = getattr(choice, key)
-        if value is not None and not 0 < value <= 1:
-            raise SceneError(f"--{key} {value:g}: allowed is more than 0 and at most 1")
+    _check_output(choice.output, choice.scene)
+    if choice.tolerance is not None and not 0 < choice.tolerance < 1:
+        raise SceneError(f"--tolerance {choice.tolerance:g}: allowed is more than 0 and less than 1")
+    if choice.share is not None and not 0 < choice.share <= 1:
+        raise SceneError(f"--share {choice.share:g}: allowed is more than 0 and at most 1")
     if choice.order is not None and choice.order < 1:
         raise SceneError(f"--order {choice.order}: allowed are whole numbers from 1")
     scene = fr.read_scene(choice.scene)
@@ -122,7 +148,7 @@ def _reduce(choice: Any) -> None:
 
 
 def _solve(choice: Any) -> None:
-    _check_folder(choice.output)
+    _check_output(choice.output, choice.scene)
     scene = fr.read_scene(choice.scene)
     with _progress() as report:
         record = fr.solve(scene, dt=choice.dt, report=report)
@@ -132,7 +158,7 @@ def _solve(choice: Any) -> None:
 
 
 def _simulate(choice: Any) -> None:
-    _check_folder(choice.output)
+    _check_output(choice.output, choice.rom, choice.scene)
     rom = fr.read_rom(choice.rom)
     if choice.order is not None:
         rom = fr.truncated(rom, choice.order)
@@ -167,12 +193,12 @@ def _compare(choice: Any) -> None:
     _print_table(title, ("quantity", "relative error", "largest error", "of", "instants"), rows)
 
 
-def _check_folder(output: Path) -> None:
+def _check_output(output: Path, *inputs: str | None) -> None:
     """Before long work, not after it."""
-    if not output.parent.is_dir():
-        raise RomFileError(f"{output}: folder {output.parent} does not exist")
-    if output.is_dir():
-        raise RomFileError(f"{output}: is a folder")
+    check_place(output)
+    for name in inputs:
+        if name is not None and output.exists() and Path(name).exists() and output.samefile(name):
+            raise RomFileError(f"{output}: is read by this command, so it cannot be its output")
 
 
 def _print_rom(rom: fr.Rom, file: Path | str) -> None:
@@ -193,6 +219,7 @@ def _print_rom(rom: fr.Rom, file: Path | str) -> None:
         ("contact mode", "order", "inputs", "lowest", "σ_1", "σ left out", "static error"),
         rows,
     )
+    width = 3 if len(rom.nodes) else 1
     lines = {
         "full order": f"{len(rom.free)} displacements, {len(rom.nodes)} nodes",
         "shared basis": f"{len(rom.stiffness)} vectors",
@@ -200,8 +227,9 @@ def _print_rom(rom: fr.Rom, file: Path | str) -> None:
         "effects": "; ".join(
             " ".join([name, *(f"{key}={value:g}" for key, value in parameters.items())])
             for name, parameters in rom.effects.items()
-        ),
-        "outputs": ", ".join(f"{name} ({len(rows) // 3})" for name, rows in rom.outputs.items()) or "none",
+        )
+        or "of the matrices",
+        "outputs": ", ".join(f"{name} ({len(rows) // width})" for name, rows in rom.outputs.items()) or "none",
         "actuators": ", ".join(rom.actuators) or "none",
     }
     _print_lines(lines, rom.warnings)
@@ -220,7 +248,9 @@ def _print_record(record: fr.Record, file: Path | str) -> None:
     lines = {
         "steps": f"{record.steps} of {dt:g} s",
         "order": f"{record.settings['order']:.0f}",
-        "rate": f"{record.steps / seconds:,.0f} steps/s, {record.times[-1] / seconds:.3g} times real time",
+        "rate": f"{record.steps / seconds:,.0f} steps/s, {record.times[-1] / seconds:.3g} times real time"
+        if seconds > 0
+        else "not measured",
         "energy account closes to": f"{record.balance_error:.1e} of the largest energy or work",
     }
     _print_lines(lines, record.warnings)
@@ -246,16 +276,14 @@ def _rich() -> Any:
 
 def _print_table(title: str, columns: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> None:
     rich = _rich()
-    table = rich.table.Table(
-        title=title, title_justify="left", title_style="", header_style="", box=rich.box.SIMPLE_HEAD
-    )
+    table = rich.table.Table(header_style="", box=rich.box.SIMPLE_HEAD)
     for k, column in enumerate(columns):
         table.add_column(column, justify="left" if k == 0 else "right", no_wrap=True)
     for row in rows:
         table.add_row(*row)
-    console = rich.console.Console(highlight=False)
-    console.width = max(console.width, 120)  # a pipe says 80, and cells must not be cut
-    console.print(table)
+    text = io.StringIO()
+    rich.console.Console(file=text, width=1000).print(table)  # so wide that no cell is cut
+    print(title, *(line.rstrip() for line in text.getvalue().rstrip().split("\n")), "", sep="\n")
 
 
 @contextmanager

@@ -1,5 +1,6 @@
 """Relative errors of one run against another."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,7 +16,8 @@ class Difference:
     """How far one quantity of a run is from the reference.
 
     Attributes:
-        relative: L² in time (and over the points, or in mass over the body), as a share of the reference's.
+        relative: L² in time (and over the points, or in mass over the body), as a share of the reference's; inf where
+            the reference is zero throughout and the run is not.
         largest: largest distance of any point at any instant, in the quantity's unit.
         largest_reference: largest length of the reference, to judge `largest` by.
         instants: number of common instants.
@@ -60,7 +62,7 @@ def _common(times: Array, reference: Array, what: str) -> tuple[Array, Array]:
     if len(reference) > 1:
         near -= np.abs(reference[near - 1] - times) < np.abs(reference[near] - times)
     close = np.abs(reference[near] - times) <= 1e-9 * max(np.abs(reference).max(), 1e-300)
-    if not close.any():
+    if not (close & (times > 0)).any():  # at the start every run is at rest, and that says nothing
         raise CompareError(f"the runs have no common {what}; run both with time steps of which one divides the other")
     return np.flatnonzero(close), near[close]
 
@@ -70,7 +72,7 @@ def _difference(values: Array, reference: Array, weight: Array | float = 1.0) ->
     distance = np.linalg.norm(gap, axis=-1)
     missing = np.linalg.norm(weight * gap)
     return Difference(
-        relative=float(missing / size) if size > 0 else float(missing > 0),
+        relative=float(missing / size) if size > 0 else math.inf if missing > 0 else 0.0,
         largest=float(distance.max()),
         largest_reference=float(np.linalg.norm(reference, axis=-1).max()),
         instants=len(values),

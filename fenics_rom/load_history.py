@@ -6,6 +6,9 @@ import numpy as np
 
 from fenics_rom.errors import SceneError
 from fenics_rom.scene import Load, Scene
+from fenics_rom.schema import unknown
+
+MOST_STEPS = 10**7  # a record holds some 100 bytes of each
 
 
 class LoadHistory:
@@ -18,7 +21,7 @@ class LoadHistory:
         dt: time step instead of the scene's, s.
 
     Raises:
-        SceneError: no run in the scene, or a force that does not fit the columns.
+        SceneError: no run in the scene, a force that does not fit the columns, or one that no step would see.
     """
 
     def __init__(
@@ -34,7 +37,10 @@ class LoadHistory:
         self.dt = run.dt if dt is None else dt
         if not (np.isfinite(self.dt) and 0 < self.dt <= run.duration):
             raise SceneError(f"dt = {self.dt!r}: allowed is more than 0 and at most the duration, {run.duration:g} s")
-        self.steps = max(1, round(run.duration / self.dt))
+        steps = run.duration / self.dt
+        if steps > MOST_STEPS:
+            raise SceneError(f"dt = {self.dt:g}: a run of {steps:.3g} steps; allowed are at most {MOST_STEPS:,}")
+        self.steps = round(steps)
         self._loads = run.loads
         self._tables = scene.tables
         self._contact_columns = dict(contact_columns)
@@ -44,17 +50,29 @@ class LoadHistory:
         }
         self._actuator_total = int(ends[-1])
         for load in self._loads:
-            self._check_columns(load, scene)
+            self._check_columns(load, contact_columns if load.contact else actuator_columns, scene.source)
+            self._check_seen(load, scene.source)
 
-    def _check_columns(self, load: Load, scene: Scene) -> None:
-        if load.contact is not None:
-            name, columns = f"contact mode {load.contact!r}", self._contact_columns[load.contact]
-        else:
-            part = self._actuator_slice[str(load.actuator)]
-            name, columns = f"actuator {load.actuator!r}", part.stop - part.start
+    def _check_columns(self, load: Load, columns: Mapping[str, int], source: str) -> None:
+        kind, name = ("contact mode", load.contact) if load.contact else ("actuator", str(load.actuator))
+        if name not in columns:  # the run of one scene on the model of another
+            raise SceneError(f"{source}: run.load: the model has {unknown(kind, name, columns)}")
         given = len(load.force) if load.force is not None else self._tables[str(load.table)].shape[1] - 1
-        if given != columns:
-            raise SceneError(f"{scene.source}: run.load: {name} takes {columns} numbers as its force, given: {given}")
+        if given != columns[name]:
+            raise SceneError(
+                f"{source}: run.load: {kind} {name!r}: numbers in its force: given {given}, allowed {columns[name]}"
+            )
+
+    def _check_seen(self, load: Load, source: str) -> None:
+        first = max(0, int(load.start / self.dt) - 1)
+        if not any(load.start <= self._middle(k) < load.stop for k in range(first, min(first + 4, self.steps))):
+            raise SceneError(
+                f"{source}: run.load: the force from {load.start:g} to {load.stop:g} s acts in the middle of no step "
+                f"of {self.dt:g} s, so the run would not see it; allowed is a smaller dt, or a longer force"
+            )
+
+    def _middle(self, step: int) -> float:
+        return (step + 0.5) * self.dt
 
     def _force(self, load: Load, time: float) -> np.ndarray:
         if load.force is not None:
@@ -74,7 +92,7 @@ class LoadHistory:
         """
         contact = self.first_contact()
         for step in range(self.steps):
-            time = (step + 0.5) * self.dt
+            time = self._middle(step)
             active = [load for load in self._loads if load.start <= time < load.stop]
             contact = next((load.contact for load in active if load.contact is not None), contact)
             columns = self._contact_columns[contact]

@@ -83,7 +83,7 @@ class Recorder:
         self._contact = np.zeros(steps + 1, dtype=np.int64)
         self._account = np.zeros((4, steps + 1))
         self._outputs = {name: np.zeros((steps + 1, points, 3)) for name, points in outputs.items()}
-        self._shape_steps = np.unique(np.round(np.linspace(0, steps, shapes + 1)).astype(int))[1:]
+        self._shape_steps = np.unique(np.round(np.linspace(0, steps, min(shapes, steps) + 1)).astype(int))[1:]
         self._shapes = np.zeros((len(self._shape_steps), nodes, 3))
 
     def sample(

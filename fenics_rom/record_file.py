@@ -1,6 +1,7 @@
 """The run file: one HDF5 file, the same for full and reduced runs.
 
-Format 1.0. Root attributes (fixed-length UTF-8 text): format = "fenics-rom", format_version, content = "run",
+Format 1.0. The first 512 bytes are a user block with the SHA-256 of the rest (see checked_file).
+Root attributes (fixed-length UTF-8 text): format = "fenics-rom", format_version, content = "run",
 software, name, model ("full" or "reduced"), contacts (one a line), warnings (one a line). Every dataset has an
 attribute `unit`. Sizes: S instants (steps + 1), s whole shapes, N nodes, F triangles, P points of an output.
 
@@ -21,6 +22,7 @@ import numpy as np
 from fenics_rom.checked_file import (
     Entry,
     Sizes,
+    check_names,
     get_arrays,
     get_group,
     get_text,
@@ -64,6 +66,7 @@ def read_record(file: str | Path) -> Record:
 
 
 def _fill(h5: h5py.File, record: Record) -> None:
+    check_names([*record.contacts, *record.outputs])
     put_text(
         h5,
         name=record.name,
@@ -78,6 +81,7 @@ def _fill(h5: h5py.File, record: Record) -> None:
         put_arrays(outputs, {name: _output(name)}, sizes, {name: values})
     settings = h5.create_group("settings", track_order=True)
     put_arrays(settings, SETTINGS, sizes, {name: np.array([record.settings[name]]) for name in SETTINGS})
+    _check_fit(record)
 
 
 def _take(h5: h5py.File) -> Record:
@@ -95,13 +99,21 @@ def _take(h5: h5py.File) -> Record:
         warnings=tuple(filter(None, get_text(h5, "warnings").split("\n"))),
         **arrays,
     )
-    if not len(record.times) or (np.diff(record.times) <= 0).any():
-        raise RomFileError("/times does not increase")
+    _check_fit(record)
+    return record
+
+
+def _check_fit(record: Record) -> None:
+    """What a shape cannot say: times that pass, indices that point somewhere."""
+    for name in ("times", "shape_times"):
+        if not len(getattr(record, name)) or (np.diff(getattr(record, name)) <= 0).any():
+            raise RomFileError(f"/{name} does not increase, or is empty")
     if not 0 <= record.contact.min() <= record.contact.max() < len(record.contacts):
         raise RomFileError(f"/contact names contact modes beyond {len(record.contacts)}")
     if record.triangles.size and not 0 <= record.triangles.min() <= record.triangles.max() < len(record.nodes):
         raise RomFileError(f"/triangles name nodes beyond {len(record.nodes)}")
-    return record
+    if (record.node_mass < 0).any():
+        raise RomFileError("/node_mass has negative masses")
 
 
 def _output(name: str) -> Entry:

@@ -1,15 +1,16 @@
 """The ROM file: one HDF5 file with everything the runtime needs.
 
-Format 1.0. Root attributes (fixed-length UTF-8 text): format = "fenics-rom", format_version, content = "rom",
+Format 1.0. The first 512 bytes are a user block with the SHA-256 of the rest (see checked_file).
+Root attributes (fixed-length UTF-8 text): format = "fenics-rom", format_version, content = "rom",
 software, name, switching, scene (the scene file), warnings (one a line). Every dataset has an attribute `unit`.
 Sizes: n free displacement components, k shared basis vectors, N nodes, F triangles; for each contact mode m order,
 p input columns, r Hankel singular values; P points of an output.
 
     basis (n, k) kg^-1/2             Q, QᵀMQ = I
     stiffness (k,) 1/s^2             κ, QᵀKQ = diag(κ)
-    free (n,)                        index of each free component among 3 N
-    nodes (N, 3) m, triangles (F, 3), node_mass (N,) kg
-    outputs/NAME (3P, k) kg^-1/2     C Q
+    free (n,)                        index of each free component among 3 N, or 0 to n - 1 where there is no mesh
+    nodes (N, 3) m, triangles (F, 3), node_mass (N,) kg; empty where there is no mesh
+    outputs/NAME (3P, k) kg^-1/2     C Q; any number of rows where there is no mesh
     actuators/NAME (1,)              number of input columns
     effects/NAME/PARAMETER (1,)
     tables/NUMBER (rows, columns)    force tables of the scene; attribute `file`
@@ -33,6 +34,7 @@ import numpy as np
 from fenics_rom.checked_file import (
     Entry,
     Sizes,
+    check_names,
     get_arrays,
     get_group,
     get_text,
@@ -73,10 +75,9 @@ def write_rom(file: str | Path, rom: Rom) -> None:
     """Writes a ROM; an existing file is replaced only by a complete one.
 
     Raises:
-        RomFileError: it cannot be written.
+        RomFileError: it cannot be written, or its parts do not fit each other.
         StructureError: the ROM lacks the structure that passivity rests on.
     """
-    check_rom(rom)
     write_file(file, "rom", lambda h5: _fill(h5, rom))
 
 
@@ -90,6 +91,8 @@ def read_rom(file: str | Path) -> Rom:
 
 
 def _fill(h5: h5py.File, rom: Rom) -> None:
+    for names in (rom.outputs, rom.actuators, rom.modes):
+        check_names(names)
     put_text(h5, name=rom.name, switching=rom.switching, scene=rom.scene_text, warnings="\n".join(rom.warnings))
     sizes: Sizes = {}
     put_arrays(h5, BODY, sizes, {name: getattr(rom, name) for name in BODY})
@@ -99,9 +102,9 @@ def _fill(h5: h5py.File, rom: Rom) -> None:
     for name, columns in rom.actuators.items():
         put_arrays(groups["actuators"], {name: Entry("1", (1,), "i")}, sizes, {name: np.array([columns])})
     for name, parameters in rom.effects.items():
-        table = {key: Entry(EFFECTS[name].parameters[key].unit, (1,)) for key in parameters}
+        table = _effect(name)
         group = groups["effects"].create_group(name, track_order=True)
-        put_arrays(group, table, sizes, {key: np.array([value]) for key, value in parameters.items()})
+        put_arrays(group, table, sizes, {key: np.array([parameters[key]]) for key in table})
     for number, (name, rows) in enumerate(rom.tables.items()):
         put_arrays(groups["tables"], {str(number): _force_table(number)}, sizes, {str(number): rows})
         put_text(groups["tables"][str(number)], file=name)
@@ -110,6 +113,8 @@ def _fill(h5: h5py.File, rom: Rom) -> None:
         arrays["static_error"] = None if mode.static_error is None else np.array([mode.static_error])
         group = groups["modes"].create_group(name, track_order=True)
         put_arrays(group, MODE if mode.damping.ndim == 1 else DENSE_DAMPING, _mode_sizes(sizes), arrays)
+    _check_fit(rom)
+    check_rom(rom)
 
 
 def _take(h5: h5py.File) -> Rom:
@@ -117,8 +122,6 @@ def _take(h5: h5py.File) -> Rom:
     body: Any = get_arrays(h5, BODY, sizes, GROUPS)
     groups = {name: get_group(h5, name) for name in GROUPS}
     outputs: Any = get_arrays(groups["outputs"], {name: _output(name) for name in groups["outputs"]}, sizes)
-    if any(len(rows) % 3 or not len(rows) for rows in outputs.values()):
-        raise RomFileError("an output does not have three rows a point")
     columns: Any = get_arrays(groups["actuators"], {name: Entry("1", (1,), "i") for name in groups["actuators"]}, sizes)
     actuators = {name: int(value[0]) for name, value in columns.items()}
     tables: Any = get_arrays(groups["tables"], {str(k): _force_table(k) for k in range(len(groups["tables"]))}, sizes)
@@ -135,7 +138,7 @@ def _take(h5: h5py.File) -> Rom:
         warnings=tuple(filter(None, get_text(h5, "warnings").split("\n"))),
         **body,
     )
-    _check_indices(rom)
+    _check_fit(rom)
     return check_rom(rom)
 
 
@@ -148,25 +151,32 @@ def _take_mode(group: h5py.Group, sizes: Sizes) -> Mode:
 
 
 def _take_effect(group: h5py.Group) -> dict[str, float]:
-    name = group.name.split("/")[-1]
-    if name not in EFFECTS:
-        raise RomFileError(unknown("effect", name, EFFECTS))
-    table = {key: Entry(number.unit, (1,)) for key, number in EFFECTS[name].parameters.items()}
-    arrays: Any = get_arrays(group, table, {})
+    arrays: Any = get_arrays(group, _effect(group.name.split("/")[-1]), {})
     return {key: float(value[0]) for key, value in arrays.items()}
 
 
-def _check_indices(rom: Rom) -> None:
+def _effect(name: str) -> dict[str, Entry]:
+    if name not in EFFECTS:
+        raise RomFileError(unknown("effect", name, EFFECTS))
+    return {key: Entry(number.unit or "1", (1,)) for key, number in EFFECTS[name].parameters.items()}
+
+
+def _check_fit(rom: Rom) -> None:
     """What a shape cannot say: indices that point somewhere, inputs that fit, a switching that exists."""
     if rom.switching not in SWITCHINGS:
         raise RomFileError(unknown("switching", rom.switching, list(SWITCHINGS)))
     if not rom.modes or not len(rom.stiffness) or any(mode.order == 0 for mode in rom.modes.values()):
         raise RomFileError("holds no contact modes, or an empty one")
-    components = 3 * len(rom.nodes)
+    meshed = len(rom.nodes) > 0
+    if any(len(rows) == 0 or (meshed and len(rows) % 3) for rows in rom.outputs.values()):
+        raise RomFileError("an output does not have three rows a point")
+    components = 3 * len(rom.nodes) if meshed else len(rom.free)
     if len(rom.free) and (rom.free[0] < 0 or rom.free[-1] >= components or (np.diff(rom.free) <= 0).any()):
         raise RomFileError(f"/free does not name components among {components}, in ascending order")
     if rom.triangles.size and not 0 <= rom.triangles.min() <= rom.triangles.max() < len(rom.nodes):
         raise RomFileError(f"/triangles name nodes beyond {len(rom.nodes)}")
+    if (rom.node_mass < 0).any():
+        raise RomFileError("/node_mass has negative masses")
     if any(columns < 0 for columns in rom.actuators.values()):
         raise RomFileError("an actuator has a negative number of columns")
     for name, mode in rom.modes.items():

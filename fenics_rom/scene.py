@@ -8,7 +8,7 @@ import csv
 import itertools
 import tomllib
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -118,6 +118,7 @@ SWITCHINGS = ("energy", "modal", "oblique")
 WEIGHTINGS = ("mass", "nodal", "outputs")
 LYAPUNOV = ("auto", "closed-form", "bartels-stewart", "krylov")
 METHODS = ("balanced",)
+LONGEST = 60_000  # bytes of a scene, which travels as an attribute of every ROM file
 
 _POINT = Many(item=Number(unit="m"), length=3)
 _NEAR = Table(default=None, fields={"point": _POINT, "radius": Number(above=0.0, unit="m")})
@@ -134,6 +135,8 @@ _PATCH = Table(
     }
 )
 _ORDER = Number(at_least=1, integer=True)
+TOLERANCE = Number(above=0.0, below=1.0)
+SHARE = Number(above=0.0, at_most=1.0)
 _LOAD = Table(
     fields={
         "contact": Text(default=None),
@@ -170,10 +173,10 @@ SCENE = Table(
                 "method": Text(default="balanced", choices=METHODS),
                 "switching": Text(default="energy", choices=SWITCHINGS),
                 "order": OneOf(default=None, kinds=(_ORDER, Table(each=_ORDER))),
-                "tolerance": Number(default=None, above=0.0, below=1.0),
+                "tolerance": replace(TOLERANCE, default=None),
                 "weighting": Text(default="mass", choices=WEIGHTINGS),
                 "lyapunov": Text(default="auto", choices=LYAPUNOV),
-                "share": Number(default=0.9999999, above=0.0, at_most=1.0),
+                "share": replace(SHARE, default=0.9999999),
             },
         ),
         "run": Table(
@@ -200,9 +203,9 @@ def read_scene(file: str | Path) -> Scene:
     """
     path = Path(file)
     try:
-        text = path.read_text(encoding="utf-8")
-    except (OSError, UnicodeDecodeError) as error:
-        raise SceneError(f"{path}: cannot be read: {error}") from error
+        text = path.read_text(encoding="utf-8-sig")  # some editors on Windows begin a file with a mark
+    except (OSError, ValueError) as error:
+        raise SceneError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
     return parse_scene(text, folder=path.parent, source=str(path))
 
 
@@ -218,15 +221,18 @@ def parse_scene(
     Args:
         text: TOML.
         folder: what relative paths are relative to.
-        tables: force tables by name; read from files below `folder` where this is None.
+        tables: force tables by name, as they travel with a ROM; read from files below `folder` where this is None.
         source: name of the text in messages.
 
     Raises:
         SceneError: as `read_scene`.
     """
+    size = len(text.encode(errors="replace"))
+    if size > LONGEST:
+        raise SceneError(f"{source}: has {size} bytes: allowed are {LONGEST}; long force histories belong in tables")
     try:
         raw = tomllib.loads(text)
-    except tomllib.TOMLDecodeError as error:
+    except ValueError as error:  # TOMLDecodeError, and what Python says of numbers with thousands of digits
         raise SceneError(f"{source}: is not TOML: {error}") from error
     except RecursionError as error:
         raise SceneError(f"{source}: is nested too deeply") from error
@@ -245,9 +251,11 @@ def _scene(t: dict[str, Any], text: str, folder: Path, tables: Mapping[str, np.n
     if "inertia" not in effects:
         raise SceneError("effects: inertia is missing (inertia = {}); runs without inertia are not offered")
     run = _run(t["run"], contacts, actuators) if t["run"] is not None else None
+    names = sorted({load.table for load in run.loads if load.table}) if run else []
     if tables is None:
-        names = {load.table for load in run.loads if load.table} if run else set()
-        tables = {name: _force_table(folder / name) for name in sorted(names)}
+        tables = {name: _read_force_table(folder / name) for name in names}
+    for name in names:
+        _check_force_table(tables, name)
     return Scene(
         name=t["name"],
         mesh_file=folder / t["mesh"]["file"],
@@ -301,18 +309,23 @@ def _reduction(t: dict[str, Any], contacts: Mapping[str, Patch]) -> Reduction:
 
 
 def check_order(order: int | Mapping[str, int] | None, contacts: Mapping[str, Any], where: str) -> None:
-    """Checks that orders given by name are given for every contact mode and for nothing else.
+    """Checks an order, or that orders by name are given for every contact mode and for nothing else.
 
     Raises:
         SceneError: they are not.
     """
-    if isinstance(order, Mapping):
-        for name in order:
-            if name not in contacts:
-                raise SceneError(f"{where}: {unknown('contact mode', name, contacts)}")
-        for name in contacts:
-            if name not in order:
-                raise SceneError(f"{where}: contact mode {name!r} has no order")
+    if order is None:
+        return
+    if not isinstance(order, Mapping):
+        _ORDER.check(order, where)
+        return
+    for name, value in order.items():
+        if name not in contacts:
+            raise SceneError(f"{where}: {unknown('contact mode', name, contacts)}")
+        _ORDER.check(value, f"{where}.{name}")
+    for name in contacts:
+        if name not in order:
+            raise SceneError(f"{where}: contact mode {name!r} has no order")
 
 
 def _run(t: dict[str, Any], contacts: Mapping[str, Patch], actuators: Mapping[str, Patch]) -> Run:
@@ -320,7 +333,7 @@ def _run(t: dict[str, Any], contacts: Mapping[str, Patch], actuators: Mapping[st
         raise SceneError(f"run.dt = {t['dt']:g}: allowed is at most the duration, {t['duration']:g} s")
     loads = [_load(load, k, t["duration"], contacts, actuators) for k, load in enumerate(t["load"])]
     pushes = sorted((load for load in loads if load.contact), key=lambda load: load.start)
-    for first, second in itertools.pairwise(pushes):
+    for first, second in itertools.combinations(pushes, 2):
         if second.start < first.stop and second.contact != first.contact:
             raise SceneError(
                 f"run.load: {first.contact!r} acts until {first.stop:g} s and {second.contact!r} from "
@@ -343,22 +356,45 @@ def _load(
         raise SceneError(f"{where}.contact: {unknown('contact mode', t['contact'], contacts)}")
     if t["actuator"] is not None and t["actuator"] not in actuators:
         raise SceneError(f"{where}.actuator: {unknown('actuator', t['actuator'], actuators)}")
+    if t["start"] >= duration:
+        raise SceneError(f"{where}.start = {t['start']:g}: allowed is less than the run's duration, {duration:g} s")
     load = Load(**{**t, "stop": duration if t["stop"] is None else t["stop"]})
     if load.stop <= load.start:
         raise SceneError(f"{where}.stop = {load.stop:g}: allowed is more than start, {load.start:g} s")
     return load
 
 
-def _force_table(file: Path) -> np.ndarray:
+def _read_force_table(file: Path) -> np.ndarray:
     """Times and forces from a CSV file whose first row names the columns."""
     try:
-        with file.open(newline="", encoding="utf-8") as stream:
-            rows = list(csv.reader(stream))
-        table = np.array([[float(cell) for cell in row] for row in rows[1:]], dtype=float)
-    except (OSError, ValueError) as error:
-        raise SceneError(f"force table {file}: cannot be read: {error}") from error
+        with file.open(newline="", encoding="utf-8-sig") as stream:
+            rows = [row for row in csv.reader(stream) if row]
+    except (OSError, ValueError, csv.Error) as error:
+        raise SceneError(f"force table {file}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
+    if not rows or all(_is_number(cell) for cell in rows[0]):
+        raise SceneError(f"force table {file}: its first row must name the columns, such as: time, x, y, z")
+    for number, row in enumerate(rows[1:], start=2):
+        if len(row) != len(rows[0]):
+            raise SceneError(f"force table {file}: row {number} has {len(row)} columns, the first has {len(rows[0])}")
+        for cell in row:
+            if not _is_number(cell):
+                raise SceneError(f"force table {file}: row {number}: {cell!r} is not a number")
+    return np.array([[float(cell) for cell in row] for row in rows[1:]], dtype=float)
+
+
+def _is_number(cell: str) -> bool:
+    try:
+        float(cell)
+    except ValueError:
+        return False
+    return True
+
+
+def _check_force_table(tables: Mapping[str, np.ndarray], name: str) -> None:
+    if name not in tables:
+        raise SceneError(f"force table {name}: did not come with the scene")
+    table = tables[name]
     if table.ndim != 2 or table.shape[0] < 2 or table.shape[1] < 2:
-        raise SceneError(f"force table {file}: allowed is a header, then two or more rows: time in s, forces in N")
+        raise SceneError(f"force table {name}: allowed are two or more rows: time in s, forces in N")
     if not np.isfinite(table).all() or (np.diff(table[:, 0]) <= 0).any():
-        raise SceneError(f"force table {file}: allowed are finite numbers and strictly increasing times")
-    return table
+        raise SceneError(f"force table {name}: allowed are finite numbers and strictly increasing times")

@@ -10,6 +10,8 @@ from typing import Any
 from fenics_rom.errors import SceneError
 
 REQUIRED: Any = object()  # a field without a default
+NAME = re.compile(r"[\w-]{1,100}")  # of contact modes, outputs, ...: they become names inside HDF5 files
+NAME_IN_WORDS = "letters, digits, _ and -, at most 100"
 
 
 def unknown(kind: str, given: str, allowed: Mapping[str, Any] | list[str]) -> str:
@@ -17,7 +19,7 @@ def unknown(kind: str, given: str, allowed: Mapping[str, Any] | list[str]) -> st
     names = sorted(allowed)
     near = difflib.get_close_matches(given, names, n=1)
     hint = f"; did you mean {near[0]!r}?" if near else ""
-    return f"no {kind} {given!r}; there is {', '.join(names) if names else 'none'}{hint}"
+    return f"no {kind} {_shown(given)}; there is {', '.join(names) if names else 'none'}{hint}"
 
 
 @dataclass(frozen=True)
@@ -25,6 +27,10 @@ class Field:
     """What one key holds."""
 
     default: Any = REQUIRED
+
+    def allowed(self) -> str:
+        """What it holds, in words."""
+        raise NotImplementedError
 
     def check(self, value: Any, where: str) -> Any:
         """Returns the value, as the program uses it.
@@ -36,7 +42,16 @@ class Field:
 
 
 def _refuse(where: str, value: Any, allowed: str) -> SceneError:
-    return SceneError(f"{where} = {value!r}: allowed is {allowed}")
+    return SceneError(f"{where} = {_shown(value)}: allowed is {allowed}")
+
+
+def _shown(value: Any) -> str:
+    """A value as a short text."""
+    try:
+        text = repr(value)
+    except ValueError:  # Python does not print whole numbers of thousands of digits
+        text = "a number with thousands of digits"
+    return text if len(text) <= 80 else f"{text[:76]} ..."
 
 
 @dataclass(frozen=True)
@@ -51,7 +66,7 @@ class Number(Field):
     integer: bool = False
 
     def allowed(self) -> str:
-        """The range in words."""
+        """See Field."""
         bounds = [
             f"{word} {bound:g}"
             for word, bound in (
@@ -71,13 +86,12 @@ class Number(Field):
         if isinstance(value, bool) or not isinstance(value, kinds):
             raise _refuse(where, value, self.allowed())
         try:
-            number = value if self.integer else float(value)
-        except OverflowError as error:
-            raise _refuse(where, value, self.allowed()) from error
-        inside = self.at_least <= number <= self.at_most and self.above < number < self.below
-        if not (math.isfinite(number) and inside):
+            finite = math.isfinite(value)
+        except OverflowError:  # a whole number beyond 1e308
+            finite = False
+        if not (finite and self.at_least <= value <= self.at_most and self.above < value < self.below):
             raise _refuse(where, value, self.allowed())
-        return number
+        return value if self.integer else float(value)
 
 
 @dataclass(frozen=True)
@@ -86,10 +100,14 @@ class Text(Field):
 
     choices: tuple[str, ...] = ()
 
+    def allowed(self) -> str:
+        """See Field."""
+        return "a non-empty string"
+
     def check(self, value: Any, where: str) -> str:
         """See Field."""
         if not isinstance(value, str) or not value:
-            raise _refuse(where, value, "a non-empty string")
+            raise _refuse(where, value, self.allowed())
         if self.choices and value not in self.choices:
             raise SceneError(f"{where}: {unknown('choice', value, list(self.choices))}")
         return value
@@ -103,13 +121,18 @@ class Many(Field):
     length: int | None = None
     at_least: int = 0
 
+    def allowed(self) -> str:
+        """See Field."""
+        if self.length is not None:
+            return f"a list of {self.length}"
+        return f"a list of at least {self.at_least}" if self.at_least else "a list"
+
     def check(self, value: Any, where: str) -> tuple[Any, ...]:
         """See Field."""
-        count = f"{self.length}" if self.length is not None else f"at least {self.at_least}"
         if not isinstance(value, list):
-            raise _refuse(where, value, f"a list of {count}")
+            raise _refuse(where, value, f"{self.allowed()}, each {self.item.allowed()}")
         if len(value) < self.at_least or (self.length is not None and len(value) != self.length):
-            raise SceneError(f"{where} has {len(value)} items: allowed are {count}")
+            raise SceneError(f"{where} is a list of {len(value)}: allowed is {self.allowed()}")
         return tuple(self.item.check(item, f"{where}[{k}]") for k, item in enumerate(value))
 
 
@@ -119,15 +142,19 @@ class OneOf(Field):
 
     kinds: tuple[Field, ...] = ()
 
+    def allowed(self) -> str:
+        """See Field."""
+        return ", or ".join(kind.allowed() for kind in self.kinds)
+
     def check(self, value: Any, where: str) -> Any:
         """See Field."""
-        refusals = []
         for kind in self.kinds:
             try:
                 return kind.check(value, where)
-            except SceneError as error:
-                refusals.append(str(error))
-        raise SceneError("; or ".join(refusals))
+            except SceneError:
+                if isinstance(kind, Table) and isinstance(value, dict):
+                    raise  # the right kind, and something wrong inside it
+        raise _refuse(where, value, self.allowed())
 
 
 @dataclass(frozen=True)
@@ -137,19 +164,23 @@ class Table(Field):
     fields: Mapping[str, Field] | None = None
     each: Field | None = None
 
+    def allowed(self) -> str:
+        """See Field."""
+        return "a table"
+
     def check(self, value: Any, where: str) -> dict[str, Any]:
         """See Field."""
         if not isinstance(value, dict):
-            raise _refuse(where, value, "a table")
+            raise _refuse(where, value, self.allowed())
         if self.each is not None:
             for name in value:
-                if not re.fullmatch(r"[\w-]{1,100}", name):  # it becomes a name inside HDF5 files
-                    raise SceneError(f"{where}: name {name!r}: allowed are letters, digits, _ and -, at most 100")
+                if not NAME.fullmatch(name):
+                    raise SceneError(f"{where}: name {name!r}: allowed are {NAME_IN_WORDS}")
             return {name: self.each.check(item, f"{where}.{name}") for name, item in value.items()}
         fields = self.fields or {}
         for key in value:
             if key not in fields:
-                raise SceneError(f"{where}: {unknown('key', key, fields)}")
+                raise SceneError(f"{where + ': ' if where else ''}{unknown('key', key, fields)}")
         checked = {}
         for key, field in fields.items():
             if key in value:

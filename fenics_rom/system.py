@@ -5,14 +5,16 @@ Blocks of vectors are NumPy arrays that hold the rows of this rank; the rows of 
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
 
+from fenics_rom.errors import StructureError
 from fenics_rom.scene import Scene
 
 Array = np.ndarray
+PROPORTIONAL = 1e-12  # share of D that may be neither M nor K where it counts as α M + β K
 
 
 class Operator(Protocol):
@@ -68,19 +70,23 @@ class Body:
     node_mass: Array
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, init=False)
 class System:
-    """M v̇ + D v + K x = B_i u_i, x = v's integral, y = Cᵀ x.
+    """M v̇ + D v + K x = B_i u_i, dx/dt = v, y = Cᵀ x.
+
+    `assemble` makes one from a scene. Anyone's SciPy or NumPy matrices make one, too:
+
+        System(mass=M, damping=D, stiffness=K, contacts={"tip": B}, outputs={"tip": C})
 
     Attributes:
         mass, damping, stiffness: symmetric; M and K positive definite, D positive semi-definite. kg, N s/m, N/m.
         contacts: contact columns of each contact mode, (rows here, columns).
         actuators: columns of each actuator, which every contact mode has after its own, (rows here, columns).
-        outputs: C of each named output, (rows here, 3 points).
+        outputs: C of each named output, (rows here, 3 points); any number of columns where there is no mesh.
         algebra: solves, sums and eigenpairs for these matrices.
         rayleigh: (α, β) where D = α M + β K, else None.
-        body: nodes and surface.
-        scene: the scene it was assembled from.
+        body: nodes and surface; without nodes where there is no mesh.
+        scene: the scene it was assembled from, if it was.
         warnings: what the user should know about this model.
     """
 
@@ -93,8 +99,47 @@ class System:
     algebra: Algebra
     rayleigh: tuple[float, float] | None
     body: Body
-    scene: Scene
-    warnings: tuple[str, ...] = field(default=())
+    scene: Scene | None
+    warnings: tuple[str, ...]
+
+    def __init__(
+        self,
+        *,
+        mass: Any,
+        damping: Any,
+        stiffness: Any,
+        contacts: Mapping[str, Any],
+        actuators: Mapping[str, Any] | None = None,
+        outputs: Mapping[str, Any] | None = None,
+        algebra: Algebra | None = None,
+        rayleigh: tuple[float, float] | None = None,
+        body: Body | None = None,
+        scene: Scene | None = None,
+        warnings: tuple[str, ...] = (),
+    ):
+        """Takes what `assemble` has put together as it is (then `algebra` is given), and checks anything else.
+
+        Raises:
+            StructureError: matrices or columns that do not fit or lack structure, with the measured number.
+        """
+        if algebra is None:
+            from fenics_rom.reduction.matrix_algebra import MatrixAlgebra, checked_columns, checked_matrix
+
+            mass = checked_matrix(mass, "mass", None, definite=True)
+            size = mass.shape[0]
+            stiffness = checked_matrix(stiffness, "stiffness", size, definite=True)
+            damping = checked_matrix(damping, "damping", size, definite=False)
+            algebra = MatrixAlgebra(size)
+            contacts = checked_columns(contacts, "contacts", size)
+            actuators = checked_columns(actuators or {}, "actuators", size)
+            outputs = checked_columns(outputs or {}, "outputs", size)
+            rayleigh = rayleigh or _rayleigh(mass, damping, stiffness, size)
+            body = body or Body(np.empty((0, 3)), np.empty((0, 3), dtype=int), np.arange(size), np.empty(0))
+        if not contacts:
+            raise StructureError("contacts: at least one contact mode is needed")
+        given = locals()
+        for name in self.__dataclass_fields__:
+            object.__setattr__(self, name, given[name])
 
     @property
     def size(self) -> int:
@@ -104,3 +149,15 @@ class System:
     def input_matrix(self, contact: str) -> Array:
         """B_i: the contact columns, then the actuator columns, (rows here, p_i)."""
         return np.hstack([self.contacts[contact], *self.actuators.values()])
+
+
+def _rayleigh(M: Any, D: Any, K: Any, size: int) -> tuple[float, float] | None:
+    """(α, β) of D = α M + β K, or None where D is anything else; told by products with a few vectors."""
+    probes = np.random.default_rng(0).standard_normal((size, 4))
+    Mz, Dz, Kz = M @ probes, D @ probes, K @ probes
+    columns = np.stack([Mz.ravel() / np.linalg.norm(Mz), Kz.ravel() / np.linalg.norm(Kz)], axis=1)
+    weights, *_ = np.linalg.lstsq(columns, Dz.ravel(), rcond=None)
+    if np.linalg.norm(columns @ weights - Dz.ravel()) > PROPORTIONAL * np.linalg.norm(Dz):
+        return None
+    α, β = weights[0] / np.linalg.norm(Mz), weights[1] / np.linalg.norm(Kz)
+    return (float(max(α, 0.0)), float(max(β, 0.0)))

@@ -1,8 +1,14 @@
 """Bodies and scenes that the tests are made of."""
 
+from itertools import permutations
 from pathlib import Path
 
 import gmsh
+import numpy as np
+import scipy.sparse
+
+import fenics_rom as fr
+from fenics_rom.scene import parse_scene
 
 PLATE = Path(__file__).parent.parent / "demos" / "plate" / "plate.toml"
 
@@ -35,15 +41,98 @@ def write_box(path: Path, lengths: tuple[float, float, float], cells: tuple[int,
     return path
 
 
+def box_arrays(
+    lengths: tuple[float, float, float], bricks: tuple[int, int, int], shake: float = 0.0
+) -> tuple[np.ndarray, np.ndarray]:
+    """Points and tetrahedra of a box, six in each brick; inner points are shaken by that share of a brick."""
+    count = np.array(bricks)
+    grid = np.stack(np.meshgrid(*(np.arange(n + 1) for n in bricks), indexing="ij"), axis=-1).reshape(-1, 3)
+    inner = ((grid > 0) & (grid < count)).all(axis=1)
+    moved = grid + inner[:, None] * np.random.default_rng(0).uniform(-shake, shake, grid.shape)
+    along = np.array([(count[1] + 1) * (count[2] + 1), count[2] + 1, 1])
+    first = np.flatnonzero((grid < count).all(axis=1))
+    steps = [np.cumsum([0, *along[list(order)]]) for order in permutations(range(3))]
+    return moved * np.array(lengths) / count, np.concatenate([first[:, None] + step for step in steps])
+
+
+def box_surfaces(points: np.ndarray, cells: np.ndarray) -> dict[str, np.ndarray]:
+    """Triangles of the six faces of a box."""
+    faces = np.sort(cells[:, [(1, 2, 3), (0, 2, 3), (0, 1, 3), (0, 1, 2)]].reshape(-1, 3), axis=1)
+    unique, count = np.unique(faces, axis=0, return_counts=True)
+    outer = unique[count == 1]
+    on = {}
+    for axis, names in enumerate((("left", "right"), ("front", "back"), ("bottom", "top"))):
+        for name, end in zip(names, (points[:, axis].min(), points[:, axis].max()), strict=True):
+            on[name] = outer[np.isclose(points[outer, axis], end).all(axis=1)]
+    return on
+
+
+def write_arrays(
+    path: Path,
+    points: np.ndarray,
+    cells: np.ndarray,
+    surfaces: dict[str, np.ndarray] | None = None,
+    regions: dict[str, np.ndarray] | None = None,
+    version: float = 4.1,
+) -> Path:
+    """Any mesh as Gmsh's .msh: groups of triangles (those of a box where None) and of cells may overlap."""
+    surfaces = box_surfaces(points, cells) if surfaces is None else surfaces
+    regions = {"body": np.arange(len(cells))} if regions is None else regions
+    triangles, row = np.unique(np.sort(np.concatenate(list(surfaces.values())), axis=1), axis=0, return_inverse=True)
+    parts = np.split(row.ravel(), np.cumsum([len(s) for s in surfaces.values()])[:-1])
+    gmsh.initialize([], readConfigFiles=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        gmsh.option.setNumber("Mesh.MshFileVersion", version)
+        rows_of = dict(zip(surfaces, parts, strict=True))
+        for dimension, kind, elements, groups in ((3, 4, cells, regions), (2, 2, triangles, rows_of)):
+            member = np.array([np.isin(np.arange(len(elements)), rows) for rows in groups.values()]).T
+            members, entity = np.unique(member, axis=0, return_inverse=True)  # an entity is what has the same groups
+            for tag in range(1, len(members) + 1):
+                gmsh.model.addDiscreteEntity(dimension, tag)
+                if (dimension, tag) == (3, 1):
+                    gmsh.model.mesh.addNodes(3, 1, np.arange(1, len(points) + 1), points.ravel())
+                gmsh.model.mesh.addElementsByType(tag, kind, [], elements[entity.ravel() == tag - 1].ravel() + 1)
+            for name, inside in zip(groups, members.T, strict=True):
+                group = gmsh.model.addPhysicalGroup(dimension, list(np.flatnonzero(inside) + 1))
+                gmsh.model.setPhysicalName(dimension, group, name)
+        gmsh.write(str(path))
+    finally:
+        gmsh.finalize()
+    return path
+
+
 def scene_text(
-    mesh: Path, *, contacts: str | None = None, damping: str = "alpha = 1.0, beta = 1e-3", **parts: str
+    mesh: Path,
+    *,
+    degree: int = 1,
+    contacts: str | None = None,
+    damping: str = "alpha = 1.0, beta = 1e-3",
+    **parts: str | None,
 ) -> str:
-    """A scene of a box held on its left; `parts` are further tables by heading, or replace these."""
+    """A scene of a box held on its left; `parts` are further tables by heading, or replace these (None: remove)."""
     tables = {
-        "mesh": f'file = "{mesh}"',
+        "mesh": f'file = "{mesh}"\ndegree = {degree}',
         "material": "young = 1.0e6\npoisson = 0.3\ndensity = 1000.0",
         "supports": 'clamped = ["left"]',
         "effects": f"inertia = {{}}\ndamping = {{ {damping} }}",
     } | parts
     contacts = contacts or '[contacts.right]\nsurface = "right"\n[contacts.top]\nsurface = "top"'
-    return "\n".join(f"[{heading}]\n{body}" for heading, body in tables.items()) + "\n" + contacts
+    given = [f"[{heading}]\n{body}" for heading, body in tables.items() if body is not None]
+    return "\n".join([*given, contacts])
+
+
+def assembled(mesh: Path, **choices: str | int | None) -> fr.System:
+    """The system of such a scene."""
+    return fr.assemble(parse_scene(scene_text(mesh, **choices)))
+
+
+def dense(matrix, size: int) -> np.ndarray:
+    """All numbers of an operator."""
+    return matrix @ np.eye(size)
+
+
+def sparse(matrix) -> scipy.sparse.csc_matrix:
+    """An operator on one rank as a SciPy matrix."""
+    start, columns, values = matrix.mat.getValuesCSR()
+    return scipy.sparse.csr_matrix((values, columns, start)).tocsc()

@@ -74,7 +74,7 @@ def read_mesh(file: Path, groups: Mapping[str, int]) -> Mesh:
     if file.suffix not in readers:
         raise MeshError(f"mesh file {file}: allowed endings are {', '.join(readers)}")
     points, cells, surfaces, regions = readers[file.suffix](file, groups)
-    cells = _oriented(points, cells, file)
+    cells, regions = _each_once(_oriented(points, cells, file), regions)
     return Mesh(points, cells, surfaces, regions, str(file))
 
 
@@ -97,9 +97,20 @@ def _oriented(points: np.ndarray, cells: np.ndarray, file: Path) -> np.ndarray:
     return cells
 
 
+def _each_once(cells: np.ndarray, regions: Mapping[str, np.ndarray]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+    """MSH 2 files repeat a cell for each physical group that it is in; mass and stiffness must count it once."""
+    _, first, which = np.unique(np.sort(cells, axis=1), axis=0, return_index=True, return_inverse=True)
+    kept = np.sort(first)
+    row = np.searchsorted(kept, first[which.ravel()])
+    return cells[kept], {name: np.unique(row[rows]) for name, rows in regions.items()}
+
+
 def _read_gmsh(file: Path, groups: Mapping[str, int]):  # type: ignore[no-untyped-def]
     import gmsh
 
+    with file.open("rb") as stream:  # what has no such head Gmsh takes for a script, and runs
+        if not stream.readline().startswith((b"$MeshFormat", b"$Comments")):
+            raise MeshError(f"mesh file {file}: is not in Gmsh's MSH format, version 2 or 4")
     gmsh.initialize([], readConfigFiles=False)
     try:
         gmsh.option.setNumber("General.Terminal", 0)
@@ -134,16 +145,19 @@ def _from_gmsh_model(model, file: Path, groups: Mapping[str, int]):  # type: ign
     numbers, cells = elements(4)
     cell_of = {int(number): k for k, number in enumerate(numbers)}
     named = {tag: name for name, tag in groups.items()}
-    surfaces, regions = {}, {}
+    surfaces: dict[str, np.ndarray] = {}
+    regions: dict[str, np.ndarray] = {}
+    no_triangles = np.empty((0, 3), dtype=np.int64)
     for dimension, tag in model.getPhysicalGroups():
         name = model.getPhysicalName(dimension, tag) or named.get(tag)
         entities = model.getEntitiesForPhysicalGroup(dimension, tag)
         if not name:
             continue
         if dimension == 2:
-            surfaces[name] = np.concatenate([elements(2, e)[1] for e in entities])
+            surfaces[name] = np.concatenate([surfaces.get(name, no_triangles), *(elements(2, e)[1] for e in entities)])
         elif dimension == 3:
-            regions[name] = np.array([cell_of[int(k)] for e in entities for k in elements(4, e)[0]], dtype=np.int64)
+            found = [cell_of[int(k)] for e in entities for k in elements(4, e)[0]]
+            regions[name] = np.array([*regions.get(name, ()), *found], dtype=np.int64)
     return points, cells, surfaces, regions
 
 
@@ -179,6 +193,8 @@ def _read_xdmf(file: Path, groups: Mapping[str, int]):  # type: ignore[no-untype
             group: tag.indices[tag.values == value] for group, value in groups.items() if (tag.values == value).any()
         }
         for group, entities in parts.items():
+            if group in (surfaces if tag.dim == 2 else regions):
+                raise MeshError(f"mesh file {file}: group {group!r} is in {name!r} and in other tags before it")
             if tag.dim == 2:
                 surfaces[group] = _facet_nodes(domain, entities, cells)
             elif tag.dim == 3:

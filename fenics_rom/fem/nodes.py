@@ -83,19 +83,22 @@ def _boundary(cells: np.ndarray) -> np.ndarray:
     return faces[first[count == 1]]
 
 
+def _face_keys(nodes: Nodes, triangles: np.ndarray) -> np.ndarray:
+    """One number for each triangle, whatever the order of its vertices."""
+    count = len(nodes.coordinates) + 1
+    return np.sort(triangles, axis=1) @ np.array([count * count, count, 1])
+
+
 def surface_triangles(nodes: Nodes, name: str) -> np.ndarray:
     """Outward triangles of a named surface, between canonical vertices.
 
     Raises:
         MeshError: the surface does not exist, is empty, or is not part of the boundary.
     """
-    given = np.sort(nodes.vertices(nodes.mesh.surface(name)), axis=1)
-    count = len(nodes.coordinates) + 1
-    weights = np.array([count * count, count, 1])
-    boundary = np.sort(nodes.surface, axis=1) @ weights
+    given, boundary = _face_keys(nodes, nodes.vertices(nodes.mesh.surface(name))), _face_keys(nodes, nodes.surface)
     order = np.argsort(boundary)
-    place = np.minimum(np.searchsorted(boundary[order], given @ weights), len(order) - 1)
-    inside = boundary[order][place] != given @ weights
+    place = np.minimum(np.searchsorted(boundary[order], given), len(order) - 1)
+    inside = boundary[order][place] != given
     if inside.any():
         raise MeshError(
             f"{nodes.mesh.source}: surface {name!r}: {inside.sum()} of its {len(given)} triangles "
@@ -120,8 +123,19 @@ def _near_triangles(nodes: Nodes, near: Near, where: str) -> np.ndarray:
 
 
 def clamped_nodes(nodes: Nodes, name: str) -> np.ndarray:
-    """All nodes of a named surface, inside the body or on its boundary."""
+    """All nodes of a named surface, inside the body or on its boundary.
+
+    Raises:
+        MeshError: the surface does not exist, is empty, or is not made of faces of the cells.
+    """
     triangles = nodes.vertices(nodes.mesh.surface(name))
+    faces = nodes.cells[:, CELL_FACES].reshape(-1, 3)
+    stray = ~np.isin(_face_keys(nodes, triangles), _face_keys(nodes, faces))
+    if stray.any():
+        raise MeshError(
+            f"{nodes.mesh.source}: surface {name!r}: {stray.sum()} of its {len(stray)} triangles "
+            "are not faces of the tetrahedra"
+        )
     parts = [triangles.ravel()]
     if len(nodes.edges):
         parts.append(nodes.triangle_edges(triangles).ravel())

@@ -12,6 +12,10 @@ from fenics_rom.errors import SolverError
 DENSE_SHARE = 3  # beyond a third of all eigenpairs, LAPACK on gathered matrices is the better eigensolver
 EIGEN_RESIDUAL = 1e-6  # largest accepted |K v - γ M v| / |K v|
 EIGEN_ORTHONORMALITY = 1e-9  # largest accepted |Vᵀ M V - I|
+FACTOR_PREFIX = "fenics_rom_factor_"
+NEGATIVE_PIVOTS = 12  # of MUMPS' INFOG: it factors indefinite matrices without a word
+# L Lᵀ, which fails for an indefinite matrix; the simplicial L D Lᵀ that CHOLMOD prefers for small ones does not.
+CHOLMOD_OPTIONS = {"mat_cholmod_factor": "SUPERNODAL", "mat_cholmod_print": 0}
 
 
 def require_real(scalar: type) -> None:
@@ -98,24 +102,41 @@ class PetscFactor:
 
     def __init__(self, mat: PETSc.Mat, one_by_one: bool = False):
         solver = "cholmod" if one_by_one and mat.comm.size == 1 else "mumps"
+        size = mat.getSize()[0]
         self._like = PetscMatrix(mat)
         mat.setOption(PETSc.Mat.Option.SPD, True)
         self.ksp = PETSc.KSP().create(mat.comm)
+        self.ksp.setOptionsPrefix(FACTOR_PREFIX)
         self.ksp.setOperators(mat)
         self.ksp.setType("preonly")
         preconditioner = self.ksp.getPC()
         preconditioner.setType("cholesky")
         preconditioner.setFactorSolverType(solver)
         self.ksp.setErrorIfNotConverged(True)
+        failure = self._factorize(mat, solver)
+        if failure:
+            self.close()
+            raise SolverError(
+                f"{solver} could not factor a matrix of {size} unknowns ({failure}): "
+                "is it symmetric positive definite, and does its factor fit in memory?"
+            )
+
+    def _factorize(self, mat: PETSc.Mat, solver: str) -> str:
+        """Makes the factor, or says why there is none."""
+        if not np.isfinite(mat.norm()):
+            return "not all of its numbers are finite"
+        if solver == "cholmod":  # no sooner: PETSc complains of options that nothing has read
+            options = PETSc.Options(FACTOR_PREFIX)
+            for name, value in CHOLMOD_OPTIONS.items():
+                options[name] = value
         try:
             self.ksp.setUp()
         except PETSc.Error as error:
-            self.close()
-            raise SolverError(
-                f"{solver} could not factor a matrix of {mat.getSize()[0]} unknowns "
-                f"(PETSc error {error.ierr}): is it symmetric positive definite, and does its factor fit in memory?"
-            ) from error
-        self._factor = preconditioner.getFactorMatrix()
+            return f"PETSc error {error.ierr}"
+        self._factor = self.ksp.getPC().getFactorMatrix()
+        if solver == "mumps" and self._factor.getMumpsInfog(NEGATIVE_PIVOTS) > 0:
+            return "negative pivots"
+        return ""
 
     def solve(self, block: np.ndarray) -> np.ndarray:
         """Solution for local rows (rows here, k)."""
@@ -160,7 +181,7 @@ class PetscAlgebra:
         return PetscFactor(combination(*terms))
 
     def eigenpairs(self, mass: PetscMatrix, stiffness: PetscMatrix, count: int) -> tuple[np.ndarray, np.ndarray]:
-        """The lowest γ of K v = γ M v, ascending, and M-orthonormal v, seed (10)-(11).
+        """The lowest γ of K v = γ M v, ascending, and M-orthonormal v, paper (10)-(11).
 
         Raises:
             SolverError: not enough pairs converged, or they do not satisfy their equation.
@@ -229,7 +250,7 @@ class PetscAlgebra:
         residual = kv - gamma * mv
         norms = np.sqrt(np.diag(self.inner(residual, residual)) / np.diag(self.inner(kv, kv)))
         lack = np.abs(self.inner(vectors, mv) - np.eye(len(gamma))).max()
-        if norms.max() > EIGEN_RESIDUAL or lack > EIGEN_ORTHONORMALITY:
+        if not (norms.max() <= EIGEN_RESIDUAL and lack <= EIGEN_ORTHONORMALITY):  # so that NaN is refused too
             raise SolverError(
                 f"eigenvectors are not good enough: |K v - γ M v| / |K v| = {norms.max():.1e} "
                 f"(allowed {EIGEN_RESIDUAL:g}), |Vᵀ M V - I| = {lack:.1e} (allowed {EIGEN_ORTHONORMALITY:g})"

@@ -1,4 +1,4 @@
-"""The full-order run: passive midpoint integration with one kept factorisation per step size, seed (2)-(4)."""
+"""The full-order run: passive midpoint integration with one kept factorisation per step size, paper (2)-(4)."""
 
 import time
 from collections.abc import Callable
@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from fenics_rom.errors import StepError
+from fenics_rom.errors import SceneError, StepError
 from fenics_rom.fem.assemble import assemble
 from fenics_rom.fem.extended import ExtendedMatrix
 from fenics_rom.fem.petsc_algebra import PetscFactor, combination
@@ -119,18 +119,21 @@ def solve(scene: Scene | System, *, dt: float | None = None, report: Report = la
         SceneError, MeshError, SolverError: as `assemble`, or no load history.
     """
     system = assemble(scene) if isinstance(scene, Scene) else scene
+    asked = system.scene
+    if asked is None or asked.run is None:
+        raise SceneError("the system has no scene with a [run], so there is no load history to solve")
     shared = sum(columns.shape[1] for columns in system.actuators.values())
     inputs = {name: system.input_matrix(name) for name in system.contacts}
     history = LoadHistory(
-        system.scene,
+        asked,
         {name: B.shape[1] - shared for name, B in inputs.items()},
         {name: columns.shape[1] for name, columns in system.actuators.items()},
         dt,
     )
     simulator = FullSimulator(system, history.dt)
     points = {name: rows.shape[1] // 3 for name, rows in system.outputs.items()}
-    shapes = system.scene.run.shapes if system.scene.run else 1
-    recorder = Recorder(history.steps, history.dt, points, tuple(inputs), len(system.body.nodes), shapes)
+    nodes = len(system.body.nodes)
+    recorder = Recorder(history.steps, history.dt, points, tuple(inputs), nodes, asked.run.shapes)
     recorder.sample(0, history.first_contact(), simulator.energy, simulator.ledger, simulator.displacement)
     seconds = 0.0
     for step, (contact, u) in enumerate(history, start=1):
@@ -141,7 +144,7 @@ def solve(scene: Scene | System, *, dt: float | None = None, report: Report = la
         report("steps", step, history.steps)
     simulator.close()
     return recorder.record(
-        name=system.scene.name,
+        name=asked.name,
         model="full",
         settings={"dt": history.dt, "seconds": seconds, "order": system.size},
         nodes=system.body.nodes,

@@ -1,6 +1,5 @@
 """System to ROM: for each contact mode, Gramians, balancing, a basis; then one shared basis for all of them."""
 
-import itertools
 import warnings
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -20,14 +19,14 @@ from fenics_rom.reduction.subspace import (
     orthonormal_rest,
 )
 from fenics_rom.rom import Mode, Rom, check_rom, diagonalized_span
-from fenics_rom.scene import LYAPUNOV, SHARE, SWITCHINGS, TOLERANCE, WEIGHTINGS, check_order
+from fenics_rom.scene import LYAPUNOV, SHARE, SWITCHINGS, TOLERANCE, WEIGHTINGS, Reduction, check_order
 from fenics_rom.schema import unknown
 from fenics_rom.system import Array, Factor, System
 
 DENSE_LIMIT = 1000  # unknowns up to which all eigenvectors are cheaper than a Krylov space
 DEFAULT_TOLERANCE = 1e-6  # share of the sum of σ that is left out where neither order nor tolerance is given
 SETTLED = 1e-9  # relative change of σ between Krylov spaces that ends their growth
-MOST_BLOCKS = 60  # of a Krylov space: a body that needs more is not one for shifts at zero alone
+MOST_VECTORS = 400  # of a Krylov space: a body that needs more is not one for shifts at zero alone
 NEGLIGIBLE = 1e-12  # share of σ_1 below which σ is not waited for
 
 Report = Callable[[str, int, int], None]  # stage, done, of
@@ -78,7 +77,7 @@ def reduce(
         SceneError: a choice that does not exist or does not fit the system.
         SolverError: undamped motions, or a solver that did not deliver.
     """
-    chosen = system.scene.reduction
+    chosen = system.scene.reduction if system.scene else Reduction()
     if order is None and tolerance is None:
         order, tolerance = chosen.order, chosen.tolerance
     check_order(order, system.contacts, "order")
@@ -164,18 +163,18 @@ def _settled(
     spaces: Iterator[Subspace], realize: Callable[[Subspace], Balanced], order: int | None
 ) -> tuple[Subspace, Balanced, float]:
     """The first space whose σ are those of the space before it, or the last one, and the relative change of σ there."""
-    previous = np.empty(0)
-    for count, space in enumerate(itertools.islice(spaces, MOST_BLOCKS), start=1):  # noqa: B007, it is used below
+    previous, change = np.empty(0), 1.0
+    for space in spaces:
         balanced = realize(space)
         σ = balanced.singular_values
         waited_for = min(len(σ), order if order is not None else int(np.sum(σ > NEGLIGIBLE * σ[0])))
         known = min(waited_for, len(previous))
         unrest = np.abs(σ[:known] - previous[:known]) / (σ[:known] + NEGLIGIBLE / SETTLED * σ[0])
         change = float(unrest.max(initial=0.0)) if known == waited_for else 1.0
-        if change <= SETTLED:
+        if change <= SETTLED or len(space.eigenvalues) >= MOST_VECTORS:
             return space, balanced, change
         previous = σ
-    return space, balanced, change if count == MOST_BLOCKS else 0.0  # 0: the space holds all that can be reached
+    return space, balanced, 0.0  # the space holds all that can be reached
 
 
 def _weight(system: System, X: Array, weighting: str) -> Array:
@@ -234,7 +233,7 @@ def _in_shared_basis(
             static_error=_norm(system, error) / _norm(system, statics),
         )
     return Rom(
-        name=scene.name,
+        name=scene.name if scene else "system",
         switching=switching,
         modes=modes,
         actuators={name: columns.shape[1] for name, columns in system.actuators.items()},
@@ -245,9 +244,9 @@ def _in_shared_basis(
         nodes=system.body.nodes,
         triangles=system.body.triangles,
         node_mass=system.body.node_mass,
-        effects=scene.effects,
-        scene_text=scene.text,
-        tables=scene.tables,
+        effects=scene.effects if scene else {},
+        scene_text=scene.text if scene else "",
+        tables=scene.tables if scene else {},
         warnings=tuple(messages),
     )
 

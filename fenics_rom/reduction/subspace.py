@@ -8,6 +8,7 @@ import scipy.linalg
 
 from fenics_rom.system import Array, Factor, System
 
+GROWTH = 1.15  # of a Krylov space between two looks at it
 DEFLATION = 1e-10  # share of a unit column that must be new for it to count as a direction
 
 
@@ -44,8 +45,8 @@ def all_eigenvectors(system: System) -> Subspace:
 def krylov_spaces(system: System, factor: Factor, start: Array) -> Iterator[Subspace]:
     """Growing block Krylov spaces of K⁻¹M from K⁻¹ start: moments of the transfer function at s = 0.
 
-    One factor of K serves all blocks. Directions that add nothing are left out; the last space is the one that
-    cannot grow any more.
+    One factor of K serves all blocks. Directions that add nothing are left out. A space is worth looking at when it
+    has grown by a share; the last one is that which cannot grow any more.
 
     Args:
         system: the full-order model.
@@ -54,12 +55,16 @@ def krylov_spaces(system: System, factor: Factor, start: Array) -> Iterator[Subs
     """
     basis = np.empty((len(start), 0))
     block = factor.solve(start)
-    while basis.shape[1] < system.size:
+    seen = 0
+    while True:
         new = orthonormal_rest(system, block, basis)
-        if new.shape[1] == 0:
-            return
         basis = np.hstack([basis, new])
-        yield diagonalized(system, basis)
+        complete = new.shape[1] == 0 or basis.shape[1] == system.size
+        if complete or basis.shape[1] >= GROWTH * seen:
+            seen = basis.shape[1]
+            yield diagonalized(system, basis)
+        if complete:
+            return
         block = factor.solve(system.mass @ new)
 
 

@@ -81,6 +81,8 @@ class Simulator:
     def displacement(self, output: str | None = None) -> Array:
         """Displacement, m: of a named output (points, 3), or of every mesh node (nodes, 3).
 
+        Without a mesh: the rows of the output, or all n displacements.
+
         Raises:
             StepError: no such output.
         """
@@ -163,7 +165,10 @@ class Simulator:
         if output is not None:
             if output not in self.rom.outputs:
                 raise StepError(unknown("output", output, self.rom.outputs))
-            return (self.rom.outputs[output] @ shared).reshape(-1, 3)
+            read = self.rom.outputs[output] @ shared
+            return read.reshape(-1, 3) if len(self.rom.nodes) else read
+        if not len(self.rom.nodes):
+            return self.rom.basis @ shared
         field = np.zeros(3 * len(self.rom.nodes))
         field[self.rom.free] = self.rom.basis @ shared
         return field.reshape(-1, 3)

@@ -1,0 +1,133 @@
+"""SciPy and NumPy matrices as the reduction sees them, on one process."""
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+import scipy.linalg
+import scipy.sparse
+import scipy.sparse.linalg
+
+from fenics_rom.errors import SolverError, StructureError
+from fenics_rom.system import Array
+
+SYMMETRY = 1e-10  # largest accepted |A - Aᵀ| as a share of |A|
+DENSE_SHARE = 3  # beyond a third of all eigenpairs, LAPACK is the better eigensolver
+
+
+class MatrixFactor:
+    """Factor of a symmetric positive definite matrix: Cholesky where it is dense, SuperLU where it is sparse."""
+
+    def __init__(self, matrix: Any):
+        self._solve: Callable[[Array], Array]
+        try:
+            if scipy.sparse.issparse(matrix):
+                # No pivoting, and an ordering for AᵀA's pattern: then the pivots' signs are those of the eigenvalues.
+                options = {"SymmetricMode": True, "DiagPivotThresh": 0.0}
+                factor = scipy.sparse.linalg.splu(matrix.tocsc(), permc_spec="MMD_AT_PLUS_A", options=options)
+                definite = bool((factor.U.diagonal() > 0).all())
+                self._solve = factor.solve
+            else:
+                cholesky = scipy.linalg.cho_factor(matrix)
+                definite = True
+                self._solve = lambda block: scipy.linalg.cho_solve(cholesky, block)
+        except (RuntimeError, np.linalg.LinAlgError):  # singular, or a pivot that is not positive
+            definite = False
+        if not definite:
+            raise SolverError(f"a matrix of {matrix.shape[0]} unknowns could not be factored: not positive definite")
+
+    def solve(self, block: Array) -> Array:
+        """Solution for a block of right-hand sides (n, k)."""
+        return self._solve(np.ascontiguousarray(block))
+
+    def close(self) -> None:
+        """Nothing to give back."""
+
+
+class MatrixAlgebra:
+    """Sums, solves and eigenpairs of SciPy and NumPy matrices."""
+
+    def __init__(self, size: int):
+        self._size = size
+
+    def rows(self) -> slice:
+        """All of them."""
+        return slice(0, self._size)
+
+    def inner(self, left: Array, right: Array) -> Array:
+        """Left transposed times right."""
+        return left.T @ right
+
+    def gather(self, block: Array) -> Array:
+        """The block itself."""
+        return block
+
+    def factor(self, *terms: tuple[float, Any]) -> MatrixFactor:
+        """Factorisation of a sum of coefficient times matrix."""
+        (first, start), *rest = [(c, matrix) for c, matrix in terms if c != 0.0]
+        total = first * start
+        for coefficient, matrix in rest:
+            total = total + coefficient * matrix
+        return MatrixFactor(total)
+
+    def eigenpairs(self, mass: Any, stiffness: Any, count: int) -> tuple[Array, Array]:
+        """The lowest γ of K v = γ M v, ascending, and M-orthonormal v.
+
+        Raises:
+            SolverError: not enough pairs converged.
+        """
+        if DENSE_SHARE * count > self._size:
+            identity = np.eye(self._size)
+            γ, V = scipy.linalg.eigh(stiffness @ identity, mass @ identity)
+            return γ[:count], V[:, :count]
+        try:
+            γ, V = scipy.sparse.linalg.eigsh(stiffness, count, mass, sigma=0.0)
+        except (scipy.sparse.linalg.ArpackError, RuntimeError) as error:
+            raise SolverError(f"ARPACK could not find {count} eigenpairs: {error}") from error
+        order = np.argsort(γ)
+        return γ[order], V[:, order]
+
+
+def checked_matrix(matrix: Any, name: str, size: int | None, definite: bool) -> Any:
+    """A float matrix with its structure measured; sparse ones become CSR.
+
+    Raises:
+        StructureError: not square, of another size, not finite, not symmetric or not (semi-)definite; with numbers.
+    """
+    sparse = scipy.sparse.issparse(matrix)
+    A = scipy.sparse.csr_matrix(matrix, dtype=float) if sparse else np.array(matrix, dtype=float)
+    if A.ndim != 2 or A.shape[0] != A.shape[1] or A.shape[0] != (size or A.shape[0]) or A.shape[0] == 0:
+        raise StructureError(f"{name} has shape {A.shape}; allowed is {(size, size) if size else 'square'}")
+    entries: Any = A.data if sparse else A
+    if not np.isfinite(entries).all():
+        raise StructureError(f"{name} holds numbers that are not finite")
+    scale = np.abs(entries).max(initial=0.0)
+    lack = abs(A - A.T).max()
+    if lack > SYMMETRY * scale:
+        raise StructureError(f"{name} is not symmetric: |A - Aᵀ| = {lack:.1e}, |A| = {scale:.1e}")
+    if definite or scale > 0:
+        shift = 0.0 if definite else SYMMETRY * scale
+        unit = scipy.sparse.identity(A.shape[0], format="csr") if sparse else np.eye(A.shape[0])
+        try:
+            MatrixFactor(A + shift * unit)
+        except SolverError as error:
+            raise StructureError(f"{name} is not positive {'definite' if definite else 'semi-definite'}") from error
+    return A
+
+
+def checked_columns(columns: Mapping[str, Any], name: str, size: int) -> dict[str, Array]:
+    """Float columns (size, any number) by name; one column may be a vector.
+
+    Raises:
+        StructureError: another number of rows, no column, or not finite.
+    """
+    checked = {}
+    for key, block in columns.items():
+        dense = block.toarray() if scipy.sparse.issparse(block) else np.array(block, dtype=float)
+        dense = dense[:, None] if dense.ndim == 1 else dense
+        if dense.ndim != 2 or dense.shape[0] != size or dense.shape[1] == 0:
+            raise StructureError(f"{name}[{key!r}] has shape {dense.shape}; allowed is ({size}, columns)")
+        if not np.isfinite(dense).all():
+            raise StructureError(f"{name}[{key!r}] holds numbers that are not finite")
+        checked[key] = dense
+    return checked

@@ -1,0 +1,158 @@
+"""PETSc and SLEPc against LAPACK, and failures that must not be silent."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from bodies import assembled, box_arrays, box_surfaces, dense, sparse, write_arrays
+from petsc4py import PETSc
+from scipy.linalg import eigh
+from scipy.sparse.linalg import eigsh
+
+from fenics_rom.errors import SolverError
+from fenics_rom.fem.petsc_algebra import PetscFactor, combination, require_real
+
+SOLVERS = pytest.mark.parametrize("one_by_one", [False, True], ids=["mumps", "cholmod"])
+
+
+@pytest.fixture(scope="module")
+def beam(tmp_path_factory):
+    """n = 1050."""
+    mesh = write_arrays(tmp_path_factory.mktemp("beam") / "beam.msh", *box_arrays((1.0, 0.1, 0.1), (14, 4, 4)))
+    return assembled(mesh)
+
+
+@pytest.fixture(scope="module")
+def twins(tmp_path_factory):
+    """Two equal beams apart from each other, n = 768: every eigenvalue is there twice."""
+    points, cells = box_arrays((1.0, 0.1, 0.1), (8, 3, 3))
+    two = np.concatenate([points, points + np.array([0, 1, 0])]), np.concatenate([cells, cells + len(points)])
+    faces = {name: np.concatenate([s, s + len(points)]) for name, s in box_surfaces(points, cells).items()}
+    return assembled(write_arrays(tmp_path_factory.mktemp("twins") / "twins.msh", *two, faces))
+
+
+@pytest.fixture(scope="module")
+def lapack(twins):
+    return eigh(dense(twins.stiffness, twins.size), dense(twins.mass, twins.size))
+
+
+def test_products_are_those_of_the_matrix(beam):
+    block = np.random.default_rng(0).standard_normal((beam.size, 5))
+    expected = sparse(beam.stiffness) @ block
+    for k in (0, 1, 5):
+        product = beam.stiffness @ block[:, :k]
+        assert product.shape == (beam.size, k)
+        assert np.abs(product - expected[:, :k]).max(initial=0) <= 1e-15 * np.abs(expected).max()
+
+
+def test_combination_is_the_sum(beam):
+    total = sparse(beam.mass) * 3.0 + sparse(beam.stiffness) * 1e-4
+    made = combination((3.0, beam.mass), (0.0, beam.mass), (1e-4, beam.stiffness))
+    start, columns, values = made.getValuesCSR()
+    made.destroy()
+    assert abs(total - type(total)((values, columns, start)).T).max() <= 1e-15 * abs(total).max()
+
+
+@SOLVERS
+def test_solves_leave_no_residual(beam, one_by_one):
+    matrix = combination((200.0, beam.mass), (1e-2, beam.stiffness))
+    A = sparse(beam.mass) * 200.0 + sparse(beam.stiffness) * 1e-2
+    factor = PetscFactor(matrix, one_by_one)
+    block = np.random.default_rng(0).standard_normal((beam.size, 7))
+    for k in (0, 1, 7):
+        x = factor.solve(block[:, :k])
+        assert x.shape == (beam.size, k)
+        assert np.abs(A @ x - block[:, :k]).max(initial=0) <= 1e-13
+    np.testing.assert_allclose(factor.solve(block[:, :1])[:, 0], factor.solve(block)[:, 0], rtol=1e-9)
+    factor.close()
+
+
+def tridiagonal(diagonal, off):
+    matrix = PETSc.Mat().createAIJ((len(diagonal),) * 2)
+    matrix.setUp()
+    for k, value in enumerate(diagonal):
+        matrix.setValue(k, k, value)
+        for j in {max(k - 1, 0), min(k + 1, len(diagonal) - 1)} - {k}:
+            matrix.setValue(k, j, off)
+    matrix.assemble()
+    return matrix
+
+
+NOT_DEFINITE = {
+    "one negative": ([1.0, -1.0, 2.0, 3.0], 0.1),
+    "all negative": ([-1.0] * 4, 0.1),
+    "positive diagonal": ([1.0] * 4, 5.0),
+    "zero row": ([1.0, 0.0, 1.0, 1.0], 0.0),
+    "constants in the kernel": ([1.0, 2.0, 2.0, 1.0], -1.0),
+    "not a number": ([1.0, np.nan, 1.0, 1.0], 0.1),
+}
+
+
+@SOLVERS
+@pytest.mark.parametrize("name", NOT_DEFINITE)
+def test_matrix_that_is_not_definite_is_refused(name, one_by_one):
+    solver = "cholmod" if one_by_one else "mumps"
+    with pytest.raises(SolverError, match=f"{solver} could not factor a matrix of 4 unknowns .*: is it symmetric pos"):
+        PetscFactor(tridiagonal(*NOT_DEFINITE[name]), one_by_one)
+
+
+@SOLVERS
+def test_one_negative_eigenvalue_among_a_thousand_is_found(beam, one_by_one):
+    """Sylvester: K - s M is definite just below the lowest γ, and is not just above it."""
+    lowest = eigsh(sparse(beam.stiffness), 1, sparse(beam.mass), sigma=0.0)[0][0]
+    PetscFactor(combination((1.0, beam.stiffness), (-0.99 * lowest, beam.mass)), one_by_one).close()
+    with pytest.raises(SolverError):
+        PetscFactor(combination((1.0, beam.stiffness), (-1.01 * lowest, beam.mass)), one_by_one)
+
+
+def resident_bytes():
+    return int(Path("/proc/self/statm").read_text().split()[1]) * 4096
+
+
+@SOLVERS
+def test_closed_factors_give_their_memory_back(tmp_path, one_by_one):
+    """Each of these factors takes 10 MB and more; thirty of them must not stay."""
+    mesh = write_arrays(tmp_path / "box.msh", *box_arrays((1.0, 1.0, 1.0), (9, 9, 9)))
+    system = assembled(mesh)
+    sizes = []
+    for k in range(35):
+        factor = PetscFactor(combination((1.0 + k, system.mass), (1.0, system.stiffness)), one_by_one)
+        factor.solve(np.ones((system.size, 2)))
+        factor.close()
+        sizes.append(resident_bytes())
+    assert sizes[-1] - sizes[4] <= 60e6
+
+
+def test_lowest_eigenpairs_are_those_of_lapack(twins, lapack):
+    count = 40
+    γ, V = twins.algebra.eigenpairs(twins.mass, twins.stiffness, count)
+    np.testing.assert_allclose(γ, lapack[0][:count], rtol=1e-9)
+    MV, KV = twins.mass @ V, twins.stiffness @ V
+    assert np.abs(V.T @ MV - np.eye(count)).max() <= 1e-11
+    assert (np.linalg.norm(KV - γ * MV, axis=0) <= 1e-9 * np.linalg.norm(KV, axis=0)).all()
+    np.testing.assert_allclose(γ[::2], γ[1::2], rtol=1e-9)
+    inside = np.linalg.norm(lapack[1][:, :count].T @ MV, axis=0)  # of the space that LAPACK's vectors span
+    np.testing.assert_allclose(inside, 1, atol=1e-9)
+
+
+def test_dense_and_sparse_eigensolvers_agree(twins):
+    algebra, few, many = twins.algebra, 30, 400
+    assert 3 * few < twins.size < 3 * many  # on either side of the choice
+    one, other = (algebra.eigenpairs(twins.mass, twins.stiffness, count) for count in (few, many))
+    np.testing.assert_allclose(one[0], other[0][:few], rtol=1e-9)
+    assert len(other[0]) == many == other[1].shape[1]
+
+
+def test_eigenvectors_that_are_not_good_enough_are_refused(twins, lapack, monkeypatch):
+    γ, V = lapack[0][:5].copy(), lapack[1][:, :5].copy()
+    for damage in (1e-3, np.nan):
+        V[7, 2] += damage
+        monkeypatch.setattr(twins.algebra, "_lowest_eigenpairs", lambda *_, V=V: (γ, V))
+        with pytest.raises(SolverError, match="eigenvectors are not good enough"):
+            twins.algebra.eigenpairs(twins.mass, twins.stiffness, 5)
+
+
+def test_complex_petsc_is_refused():
+    require_real(np.float64)
+    with pytest.raises(SolverError, match=r"complex-valued build; fenics_rom needs the real one \(on Debian: unset"):
+        require_real(np.complex128)

@@ -1,0 +1,117 @@
+"""The same files and the same errors on any number of ranks."""
+
+import json
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy as np
+import pytest
+from bodies import PLATE, box_arrays, scene_text, write_arrays
+
+import fenics_rom as fr
+from fenics_rom.reduction.reduce import DENSE_LIMIT
+
+RUN = 'dt = 0.01\nduration = 0.5\nload = [{ contact = "middle", stop = 0.3, force = [0.0, 0.1, 0.5] }]'
+TIP = {"outputs.tip": "points = [[0.9, 0.2, 0.1]]", "reduction": "order = 12"}
+
+
+def write_scenes(folder):
+    """The plate; a box and a beam of degree 2, the beam too large for dense routes."""
+    plate = PLATE.read_text().replace("../../meshes", str(PLATE.parent.parent.parent / "meshes"))
+    (folder / "plate.toml").write_text(plate[: plate.index("[run]")] + "[run]\n" + RUN)
+    for name, bricks in {"box": (3, 1, 1), "beam": (7, 2, 2)}.items():
+        mesh = write_arrays(folder / f"{name}.msh", *box_arrays((1.0, 0.4, 0.3), bricks, shake=0.2))
+        (folder / f"{name}.toml").write_text(scene_text(mesh, degree=2, **TIP))
+    (folder / "missing.toml").write_text(scene_text(folder / "none.msh"))
+
+
+@pytest.fixture(scope="module")
+def results(tmp_path_factory):
+    """Folder of what 1, 2 and 3 ranks made of the same scenes."""
+    folder = tmp_path_factory.mktemp("ranks")
+    write_scenes(folder)
+    for ranks in (1, 2, 3):
+        made = folder / str(ranks)
+        made.mkdir()
+        command = ["mpirun", "-n", str(ranks), sys.executable, Path(__file__).with_name("on_ranks.py"), folder, made]
+        # the environment as it was before this process made itself a rank of its own
+        done = subprocess.run(command, env=dict(os.environ), capture_output=True, text=True, timeout=300)
+        assert done.returncode == 0, done.stdout + done.stderr
+    return folder
+
+
+def checks(results, ranks):
+    return json.loads((results / str(ranks) / "checks.json").read_text())
+
+
+def transfer(rom, name, ω):
+    """C W (-ω² + iω d + γ)⁻¹ G over all nodes."""
+    mode = rom.modes[name]
+    response = mode.inputs / (-(ω**2) + 1j * ω * mode.damping + mode.eigenvalues)[:, None]
+    return rom.basis @ (mode.coordinates @ response)
+
+
+@pytest.mark.parametrize("ranks", [2, 3])
+@pytest.mark.parametrize("name", ["plate", "plate-krylov", "box", "beam", "beam-modal"])
+def test_roms_do_not_depend_on_the_number_of_ranks(results, name, ranks):
+    one, other = (fr.read_rom(results / str(n) / f"{name}.h5") for n in (1, ranks))
+    assert (len(one.free) > DENSE_LIMIT) is name.startswith("beam")
+    for field in ("nodes", "triangles", "free"):
+        np.testing.assert_array_equal(getattr(one, field), getattr(other, field))
+    np.testing.assert_allclose(one.node_mass, other.node_mass, rtol=1e-12)
+    for contact, mode in one.modes.items():
+        σ, σ_other = mode.hankel_singular_values, other.modes[contact].hankel_singular_values
+        count = min(mode.order, 12)
+        np.testing.assert_allclose(σ_other[:count], σ[:count], rtol=1e-8)
+        assert other.modes[contact].order == mode.order
+        own = np.sqrt(mode.eigenvalues[:6])
+        # at a resonance H multiplies the round-off in γ, which is eps times the condition of K, by the quality factor
+        for ω in (0.0, *(own[:-1] + own[1:]) / 2):
+            H = transfer(one, contact, ω)
+            assert np.abs(transfer(other, contact, ω) - H).max() <= 1e-8 * np.abs(H).max(), (contact, ω)
+
+
+@pytest.mark.parametrize("ranks", [2, 3])
+def test_full_runs_do_not_depend_on_the_number_of_ranks(results, ranks):
+    one, other = (fr.read_record(results / str(n) / "run.h5") for n in (1, ranks))
+    scale = np.abs(one.shapes).max()
+    assert scale > 1e-3
+    assert np.abs(other.shapes - one.shapes).max() <= 1e-9 * scale
+    assert np.abs(other.outputs["tip"] - one.outputs["tip"]).max() <= 1e-9 * scale
+    assert np.abs(other.energy - one.energy).max() <= 1e-9 * one.energy.max()
+    assert max(one.balance_error, other.balance_error) <= 1e-12
+
+
+@pytest.mark.parametrize("ranks", [1, 2, 3])
+def test_canonical_nodes_are_where_dolfinx_has_them(results, ranks):
+    for rank in checks(results, ranks):
+        assert max(rank["nodes"]) <= 1e-14
+
+
+@pytest.mark.parametrize("ranks", [1, 2, 3])
+def test_matrices_and_eigenvectors_hold_on_all_ranks(results, ranks):
+    reference = checks(results, 1)[0]["eigenvalues"]
+    for rank in checks(results, ranks):
+        assert rank["symmetric"]
+        assert rank["orthonormality"] <= 1e-11
+        assert rank["residual"] <= 1e-9
+        np.testing.assert_allclose(rank["eigenvalues"], reference, rtol=1e-9)
+
+
+@pytest.mark.parametrize("ranks", [1, 2, 3])
+@pytest.mark.parametrize("failure", ["indefinite", "singular", "shifted"])
+def test_factor_that_fails_fails_on_every_rank(results, ranks, failure):
+    for rank in checks(results, ranks):
+        kind, message = rank[failure]
+        assert kind == "SolverError"
+        assert "is it symmetric positive definite" in message
+
+
+@pytest.mark.parametrize("ranks", [1, 2, 3])
+def test_error_of_rank_0_is_raised_on_every_rank(results, ranks):
+    seen = [rank["missing"] for rank in checks(results, ranks)]
+    assert len(seen) == ranks
+    assert all(one == ["MeshError", seen[0][1]] for one in seen)
+    assert "none.msh: not found" in seen[0][1]

@@ -1,0 +1,388 @@
+"""The command line, as its users meet it: what it does, and what it says when it cannot."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from bodies import PLATE
+
+import fenics_rom as fr
+from fenics_rom.cli import main
+
+DATA = Path(__file__).parent / "data"
+ROM, RUN = DATA / "rom-1.0.h5", DATA / "run-1.0.h5"
+TEXT = PLATE.read_text().replace("../../meshes/plate.msh", str(PLATE.parents[2] / "meshes" / "plate.msh"))
+COMMANDS = {
+    "reduce": ["--order", "--tolerance", "--switching", "--weighting", "--lyapunov", "--share", "--output"],
+    "solve": ["--dt", "--output"],
+    "simulate": ["--scene", "--dt", "--order", "--output"],
+    "info": [],
+    "compare": [],
+}
+
+
+def process(*command, **options):
+    """A process of its own; in the environment as it was before this one made itself an MPI rank."""
+    options = {"env": dict(os.environ), "capture_output": "stdout" not in options, **options}
+    return subprocess.run([str(part) for part in command], text=True, timeout=100, **options)
+
+
+def fenics_rom(*arguments, **options):
+    return process(Path(sys.executable).parent / "fenics-rom", *arguments, **options)
+
+
+@pytest.fixture(scope="module")
+def story(tmp_path_factory):
+    """The plate from its scene to numbers, each command in its own process; what they printed."""
+    folder = tmp_path_factory.mktemp("story")
+    printed = {}
+    for name, *arguments in (
+        ("reduce", PLATE, "-o", "rom.h5", "--order", "500"),
+        ("solve", PLATE, "-o", "full.h5", "--dt", "0.01"),
+        ("simulate", "rom.h5", "-o", "run.h5", "--dt", "0.01"),
+        ("compare", "run.h5", "full.h5"),
+    ):
+        run = fenics_rom(name, *arguments, cwd=folder)
+        assert (run.returncode, run.stderr) == (0, "")
+        printed[name] = run.stdout
+    return folder, printed
+
+
+@pytest.fixture
+def inside(tmp_path, monkeypatch):
+    """Works in an empty folder, in this process."""
+    monkeypatch.chdir(tmp_path)
+    return tmp_path
+
+
+@pytest.fixture
+def say(capfd):
+    """Runs a command in this process: its exit status and what it printed."""
+
+    def run(*arguments):
+        with pytest.raises(SystemExit) as end:
+            main([str(argument) for argument in arguments])
+        return end.value.code, *capfd.readouterr()
+
+    return run
+
+
+def contents(folder):
+    return {file.name: (file.stat().st_mtime_ns, file.stat().st_size) for file in folder.iterdir()}
+
+
+@pytest.fixture
+def refused(inside, say):
+    """What a command says that cannot be done: one line, and nothing is written or changed."""
+
+    def run(*arguments):
+        before = contents(inside)
+        status, out, err = say(*arguments)
+        assert (status, out) == (1, "")
+        assert re.fullmatch(r"fenics-rom: error: [^\n]+\n", err)
+        assert contents(inside) == before
+        return err.removeprefix("fenics-rom: error: ").rstrip()
+
+    return run
+
+
+# --- what it does ----------------------------------------------------------------------------------------------------
+
+
+def test_reduce_says_what_was_kept_of_an_order_that_is_not_there(story):
+    kept = re.findall(
+        r"mode '(\w+)': order 500 was asked for, (\d+) are numerically there and were kept", story[1]["reduce"]
+    )
+    modes = fr.read_rom(story[0] / "rom.h5").modes
+    assert kept == [(name, str(mode.order)) for name, mode in modes.items()]
+    assert len(kept) == 2
+    assert "180 displacements, 66 nodes" in story[1]["reduce"]
+
+
+def test_reduced_run_of_all_that_is_there_is_the_full_run(story):
+    rows = dict(re.findall(r"^  (output tip|shape|energy) +(\S+)", story[1]["compare"], flags=re.M))
+    assert rows.keys() == {"output tip", "shape", "energy"}
+    assert all(float(error) < 1e-6 for error in rows.values())
+    differences = fr.compare(*(fr.read_record(story[0] / name) for name in ("run.h5", "full.h5")))
+    assert f"{differences['shape'].relative:.2e}" == rows["shape"]
+
+
+def test_info_is_what_the_commands_printed(story, say, monkeypatch):
+    monkeypatch.chdir(story[0])
+    for command, file in (("reduce", "rom.h5"), ("solve", "full.h5"), ("simulate", "run.h5")):
+        assert say("info", file) == (0, story[1][command], "")
+    assert "full run plate: full.h5" in story[1]["solve"]
+    assert "reduced run plate: run.h5" in story[1]["simulate"]
+    assert "steps                     300 of 0.01 s" in story[1]["solve"]
+
+
+def test_simulate_takes_another_load_history_and_a_lower_order(story, inside, say):
+    (inside / "other.toml").write_text(TEXT.replace('contact = "tip_left"', 'contact = "middle"'))
+    status, out, err = say(
+        "simulate", story[0] / "rom.h5", "-o", "run.h5", "--scene", "other.toml", "--order", "5", "--dt", "0.01"
+    )
+    assert (status, err) == (0, "")
+    assert re.search(r"order +5\n", out)
+    assert fr.read_record("run.h5").contact.tolist() == 301 * [1]
+
+
+@pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")  # the plate locks
+@pytest.mark.parametrize(
+    "choices",
+    [
+        {"tolerance": 0.01, "switching": "modal", "share": 0.9},
+        {"order": 3, "weighting": "nodal", "lyapunov": "bartels-stewart"},
+    ],
+)
+def test_choices_on_the_command_line_come_before_those_of_the_scene(inside, say, plate_system, choices):
+    options = [part for key, value in choices.items() for part in (f"--{key}", value)]
+    assert say("reduce", PLATE, "-o", "rom.h5", *options)[0] == 0
+    made, expected = fr.read_rom("rom.h5"), fr.reduce(plate_system, **choices)
+    assert made.switching == expected.switching
+    for name, mode in expected.modes.items():
+        np.testing.assert_allclose(made.modes[name].eigenvalues, mode.eigenvalues, rtol=1e-6)
+        np.testing.assert_allclose(made.modes[name].hankel_singular_values[:3], mode.hankel_singular_values[:3])
+
+
+def test_names_are_printed_as_they_are(inside, say):
+    """Also where they look like markup to what draws the tables."""
+    rom = replace(fr.read_rom(ROM), name="[bold]a[/x] :smile: Prüfling")
+    fr.write_rom("a[1] :b:.h5", rom)
+    status, out, _ = say("info", "a[1] :b:.h5")
+    assert status == 0
+    assert out.startswith("ROM [bold]a[/x] :smile: Prüfling: a[1] :b:.h5\n")
+
+
+def test_long_names_are_not_cut(inside, say):
+    rom = fr.read_rom(ROM)
+    fr.write_rom("rom.h5", replace(rom, modes={100 * "x": rom.modes["right"], 100 * "y": rom.modes["corner"]}))
+    out = say("info", "rom.h5")[1]
+    assert 100 * "x" in out
+    assert 100 * "y" in out
+
+
+def test_run_whose_clock_stood_still_is_printed(inside, say):
+    run = fr.read_record(RUN)
+    fr.write_record("run.h5", replace(run, settings={**run.settings, "seconds": 0.0}))
+    assert "rate                      not measured" in say("info", "run.h5")[1]
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_of_every_command_names_its_options(say, command):
+    status, out, err = say(command, "--help")
+    assert (status, err) == (0, "")
+    assert out.startswith(f"usage: fenics-rom {command}")
+    assert set(re.findall(r"--[a-z]+", out)) == {"--help", *COMMANDS[command]}
+
+
+def test_help_lists_every_command(say):
+    status, out, _ = say("--help")
+    assert status == 0
+    assert [line.split()[0] for line in out.splitlines() if re.match(r"    \w", line)] == list(COMMANDS)
+
+
+@pytest.mark.parametrize(
+    "arguments",
+    [
+        [],
+        ["redce"],
+        ["reduce"],
+        ["reduce", "scene.toml"],
+        ["reduce", "scene.toml", "-o", "rom.h5", "--order", "many"],
+        ["reduce", "scene.toml", "-o", "rom.h5", "--order", "2", "--tolerance", "0.1"],
+        ["reduce", "scene.toml", "-o", "rom.h5", "--switching", "none"],
+        ["simulate", "rom.h5", "-o", "run.h5", "--dt", "fast"],
+        ["compare", "run.h5"],
+        ["info", "rom.h5", "more"],
+    ],
+)
+def test_wrong_usage_ends_with_status_2(inside, say, arguments):
+    status, out, err = say(*arguments)
+    assert (status, out) == (2, "")
+    assert err.startswith("usage: fenics-rom")
+    assert not any(inside.iterdir())
+
+
+# --- what it refuses -------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("there", "instead", "said"),
+    [
+        ("poisson = 0.49", "poisson = 0.5", "material.poisson = 0.5: allowed is a finite number and > -1 and < 0.5"),
+        ("density = 2300.0", "density = -1", "material.density = -1: allowed is a finite number and > 0, in kg/m3"),
+        ("[supports]", "[suports]", "did you mean 'supports'?"),
+        ("inertia = {}", "inertia = {}\nwind = {}", "effects: no key 'wind'; there is damping, inertia"),
+        (
+            'clamped = ["root"]',
+            'clamped = ["rot"]',
+            "no surface 'rot'; there is middle, root,",
+        ),
+        ('surface = "middle"', 'surface = "midle"', "no surface 'midle'; there is"),
+        ('surface = "middle"', 'surface = "root"', "contacts.middle: the whole patch is clamped"),
+        ("plate.msh", "none.msh", "none.msh: not found"),
+        ('clamped = ["root"]', "", "supports.clamped is empty"),
+        ("[0.5, 0.2, 0.01]", "[9.0, 0.2, 0.01]", "outputs.tip: point [9.0, 0.2, 0.01] is"),
+        ("dt = 1e-3", "dt = nan", "run.dt = nan: allowed is a finite number and > 0, in s"),
+        ("name", "[name", "is not TOML"),
+    ],
+)
+def test_bad_scene_is_refused(inside, refused, there, instead, said):
+    (inside / "plate.toml").write_text(TEXT.replace(there, instead, 1))
+    for command in ("reduce", "solve"):
+        assert said in refused(command, "plate.toml", "-o", "out.h5")
+
+
+def test_empty_mesh_group_is_refused(inside, refused):
+    mesh = (PLATE.parents[2] / "meshes" / "plate.msh").read_text()
+    count, names = re.search(r"\$PhysicalNames\n(\d+)\n((?:.*\n)*?)\$End", mesh).groups()
+    mesh = mesh.replace(f"{count}\n{names}", f'{int(count) + 1}\n2 99 "bare"\n{names}', 1)
+    (inside / "plate.msh").write_text(mesh)
+    (inside / "plate.toml").write_text(PLATE.read_text().replace("../../meshes/", "").replace('"middle"', '"bare"', 1))
+    assert "surface 'bare'" in refused("reduce", "plate.toml", "-o", "rom.h5")
+
+
+@pytest.mark.parametrize(
+    ("force", "said"),
+    [
+        ("[1.0, 2.0]", "contact mode 'tip_left': numbers in its force: given 2, allowed 3"),
+        ("[0.0, nan, 0.0]", "run.load[0].force[1] = nan: allowed is a finite number, in N"),
+    ],
+)
+def test_force_that_does_not_fit_is_refused(inside, refused, force, said):
+    (inside / "plate.toml").write_text(TEXT.replace("[0.0, 0.0, 0.5]   #", f"{force} #"))
+    shutil.copy(ROM, inside / "rom.h5")
+    assert said in refused("solve", "plate.toml", "-o", "run.h5")
+
+
+def test_what_is_no_rom_or_run_is_refused(inside, refused):
+    whole = ROM.read_bytes()
+    (inside / "short.h5").write_bytes(whole[:5000])
+    (inside / "text.h5").write_text("no HDF5")
+    damaged = "is damaged: its content is not what was written (the checksum differs)"
+    for file, what in (("short.h5", damaged), ("text.h5", "is not a fenics-rom file"), ("none.h5", "not found")):
+        for arguments in (
+            ("simulate", file, "-o", "run.h5"),
+            ("info", file),
+            ("compare", file, RUN),
+            ("compare", RUN, file),
+        ):
+            assert refused(*arguments) == f"{file}: {what}"
+    assert refused("simulate", RUN, "-o", "run.h5") == f"{RUN}: holds a run, not a rom"
+    assert refused("compare", ROM, RUN) == f"{ROM}: holds a rom, not a run"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "said"),
+    [
+        (["reduce", "plate.toml", "--order", "0"], "--order 0: allowed are whole numbers from 1"),
+        (["reduce", "plate.toml", "--tolerance", "2"], "--tolerance 2: allowed is more than 0 and less than 1"),
+        (["reduce", "plate.toml", "--tolerance", "nan"], "--tolerance nan: allowed is more than 0 and less than 1"),
+        (["reduce", "plate.toml", "--share", "0"], "--share 0: allowed is more than 0 and at most 1"),
+        (["reduce", "none.toml"], "none.toml: cannot be read: No such file or directory"),
+        (["reduce", "two\nlines.toml"], "two lines.toml: cannot be read: No such file or directory"),
+        (["solve", "plate.toml", "--dt", "-1"], "dt = -1.0: allowed is more than 0 and at most the duration, 3 s"),
+        (["simulate", ROM, "--dt", "nan"], "dt = nan: allowed is more than 0 and at most the duration, 0.4 s"),
+        (["simulate", ROM, "--dt", "1e-12"], "dt = 1e-12: a run of 4e+11 steps; allowed are at most 10,000,000"),
+        (["simulate", ROM, "--order", "5"], "order 5: allowed are 1 to 4, the largest order in the ROM"),
+        (
+            ["simulate", ROM, "--scene", "plate.toml"],
+            "plate.toml: run.load: the model has no contact mode 'tip_left'; there",
+        ),
+    ],
+)
+def test_choice_that_does_not_exist_is_refused(inside, refused, arguments, said):
+    (inside / "plate.toml").write_text(TEXT)
+    assert said in refused(*arguments, "-o", "out.h5")
+
+
+def test_scene_without_a_run_is_refused_where_one_is_needed(inside, refused):
+    (inside / "plate.toml").write_text(TEXT[: TEXT.index("[run]")])
+    said = "plate.toml: has no [run], so there is no load history to simulate"
+    assert refused("simulate", ROM, "--scene", "plate.toml", "-o", "run.h5") == said
+    assert refused("solve", "plate.toml", "-o", "run.h5") == said
+
+
+@pytest.mark.parametrize("command", [["reduce", "plate.toml"], ["solve", "plate.toml"], ["simulate", "rom.h5"]])
+def test_place_that_cannot_be_written_to_is_refused_before_the_work(inside, refused, command):
+    """Before: none of these inputs exists yet, and the place is what is told."""
+    os.mkfifo("pipe")
+    assert refused(*command, "-o", "none/out.h5") == "none/out.h5: cannot be written: folder none does not exist"
+    assert refused(*command, "-o", ".") == ".: cannot be written: it is a folder or a device"
+    assert refused(*command, "-o", "pipe") == "pipe: cannot be written: it is a folder or a device"
+    Path(command[1]).touch()
+    Path("link").symlink_to(command[1])
+    for output in (command[1], f"./{command[1]}", "link"):
+        assert "is read by this command, so it cannot be its output" in refused(*command, "-o", output)
+
+
+def test_runs_of_different_bodies_are_not_compared(story, refused):
+    assert refused("compare", RUN, story[0] / "run.h5").startswith("the runs are of different meshes: 12 and 66 nodes")
+
+
+# --- as a process ----------------------------------------------------------------------------------------------------
+
+
+def test_program_and_module_are_the_same_and_show_no_traceback(inside):
+    (inside / "bad.toml").write_text("name = 3\n")
+    arguments = ("reduce", "bad.toml", "-o", "rom.h5")
+    for run in (fenics_rom(*arguments), process(sys.executable, "-m", "fenics_rom", *arguments)):
+        assert (run.returncode, run.stdout) == (1, "")
+        assert run.stderr == "fenics-rom: error: bad.toml: name = 3: allowed is a non-empty string\n"
+    assert fenics_rom("--version").stdout == f"fenics-rom {fr.__version__}\n"
+
+
+def test_reader_that_has_seen_enough_is_no_error():
+    reading, writing = os.pipe()
+    os.close(reading)
+    run = fenics_rom("info", ROM, stdout=writing, stderr=subprocess.PIPE)
+    os.close(writing)
+    assert (run.returncode, run.stderr) == (0, "")
+
+
+def test_output_that_has_no_room_is_an_error_of_one_line():
+    with Path("/dev/full").open("w") as full:
+        run = fenics_rom("info", ROM, stdout=full, stderr=subprocess.PIPE)
+    assert run.returncode == 1
+    assert run.stderr == "fenics-rom: error: [Errno 28] No space left on device\n"
+
+
+def test_terminal_without_greek_letters_gets_the_rest():
+    run = fenics_rom("info", ROM, env={**os.environ, "PYTHONIOENCODING": "ascii"})
+    assert (run.returncode, run.stderr) == (0, "")
+    assert "?_1" in run.stdout
+    assert "24 displacements" in run.stdout
+
+
+def mpirun(*arguments):
+    return process("mpirun", "-n", "2", sys.executable, "-m", "fenics_rom", *arguments)
+
+
+@pytest.mark.parametrize(
+    ("there", "instead", "said"), [("name", "nam", "no key 'nam'"), (".msh", ".none", "not found")]
+)
+def test_two_ranks_say_once_what_is_wrong_and_end(inside, there, instead, said):
+    """Both before and after MPI is at work."""
+    (inside / "plate.toml").write_text(TEXT.replace(there, instead, 1))
+    run = mpirun("reduce", "plate.toml", "-o", "rom.h5")
+    assert run.returncode == 1
+    (line,) = (line for line in run.stderr.splitlines() if "fenics-rom: error:" in line)
+    assert said in line
+    assert "Traceback" not in run.stderr
+    assert [file.name for file in inside.iterdir()] == ["plate.toml"]
+
+
+def test_two_ranks_write_one_rom_and_one_summary(inside, plate_rom):
+    run = mpirun("reduce", PLATE, "-o", "rom.h5", "--order", "20")
+    assert run.returncode == 0, run.stderr
+    assert run.stdout.count("ROM plate: rom.h5") == 1
+    assert [file.name for file in inside.iterdir()] == ["rom.h5"]
+    for name, mode in fr.read_rom("rom.h5").modes.items():
+        σ = plate_rom.modes[name].hankel_singular_values[:20]
+        np.testing.assert_allclose(mode.hankel_singular_values[:20], σ, rtol=1e-8)

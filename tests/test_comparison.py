@@ -1,0 +1,137 @@
+"""Differences of runs whose differences are known."""
+
+import math
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import fenics_rom as fr
+from fenics_rom.errors import CompareError
+
+NODES = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
+MASS = np.array([1.0, 2.0, 5.0])
+X = np.array([1.0, 0, 0])
+
+
+def motion(times, scale=1.0):
+    """Displacement of every node: along x, growing with time, (times, nodes, 3)."""
+    return scale * times[:, None, None] * np.array([1.0, 2.0, 3.0])[:, None] * X
+
+
+def record(dt=0.1, steps=20, scale=1.0, every=2, **changes):
+    """A run of the motion, that keeps each second shape."""
+    times = dt * np.arange(steps + 1)
+    zeros = np.zeros(steps + 1)
+    shape_times = times[every::every]
+    return replace(
+        fr.Record(
+            name="motion",
+            model="full",
+            settings={"dt": dt, "seconds": 1.0, "order": 9},
+            times=times,
+            contacts=("one",),
+            contact=zeros.astype(int),
+            outputs={"tip": motion(times, scale)[:, [2]]},
+            energy=scale**2 * times**2,
+            supplied=zeros,
+            dissipated=zeros,
+            lost_in_switching=zeros,
+            shape_times=shape_times,
+            shapes=motion(shape_times, scale),
+            nodes=NODES,
+            triangles=np.array([[0, 1, 2]]),
+            node_mass=MASS,
+        ),
+        **changes,
+    )
+
+
+def test_a_run_is_as_itself():
+    for difference in fr.compare(record(), record()).values():
+        assert (difference.relative, difference.largest) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("ε", [1e-12, -0.25, 3.0])
+def test_scaled_run_is_off_by_the_scale(ε):
+    differences = fr.compare(record(scale=1 + ε), record())
+    assert list(differences) == ["output tip", "shape", "energy"]
+    for name, unit, length in (("output tip", 1, 6.0), ("shape", 1, 6.0), ("energy", 2, 4.0)):
+        d = differences[name]
+        share = abs((1 + ε) ** unit - 1)
+        assert d.relative == pytest.approx(share, rel=1e-3)
+        assert d.largest == pytest.approx(share * length, rel=1e-3)
+        assert d.largest_reference == pytest.approx(length)  # of node 2 after 2 s; J after 2 s
+    assert [d.instants for d in differences.values()] == [21, 10, 21]
+
+
+def test_shapes_are_weighed_by_mass_and_outputs_are_not():
+    """Node 1 stands still: of Σ m |u|², 1 + 2·4 + 5·9, 2·4 is missing, at all times alike."""
+    still = record()
+    still.shapes[:, 1] = 0
+    differences = fr.compare(still, record())
+    assert differences["shape"].relative == pytest.approx(math.sqrt(8 / 54), rel=1e-12)
+    assert differences["shape"].largest == pytest.approx(2 * 2.0)  # of any node, in m
+    assert differences["output tip"].relative == 0
+
+
+def test_one_instant_counts_by_its_share_of_the_whole_run():
+    late = record()
+    late.outputs["tip"][-1] += [0, 0.5, 0]
+    times = np.arange(21) / 10
+    d = fr.compare(late, record())["output tip"]
+    assert d.relative == pytest.approx(0.5 / np.linalg.norm(3 * times), rel=1e-12)
+    assert d.largest == pytest.approx(0.5)
+
+
+@pytest.mark.parametrize(("dt", "steps", "instants"), [(0.1, 20, 21), (0.05, 40, 21), (0.2, 10, 11), (0.3, 6, 7)])
+def test_runs_of_other_time_steps_are_compared_where_they_meet(dt, steps, instants):
+    for run, reference in ((record(dt, steps), record()), (record(), record(dt, steps))):
+        differences = fr.compare(run, reference)
+        assert all(d.relative < 1e-12 for d in differences.values())
+        assert differences["energy"].instants == instants
+
+
+def test_runs_of_other_lengths_are_compared_where_they_meet():
+    assert fr.compare(record(steps=12), record())["energy"].instants == 13
+    assert fr.compare(record(), record(steps=12))["shape"].instants == 6
+
+
+def test_runs_that_meet_only_at_rest_cannot_be_compared():
+    """At the start any two runs agree, and an error of zero would be no news."""
+    with pytest.raises(CompareError, match="no common times; run both with time steps of which one divides the other"):
+        fr.compare(record(dt=0.1 * math.sqrt(2)), record())
+
+
+def test_runs_without_a_common_shape_cannot_be_compared():
+    shifted = record()
+    with pytest.raises(CompareError, match="no common whole shapes"):
+        fr.compare(replace(shifted, shape_times=shifted.shape_times + 0.05), record())
+
+
+@pytest.mark.parametrize("nodes", [NODES[:2], NODES + 0.1])
+def test_runs_of_other_meshes_cannot_be_compared(nodes):
+    other = record(nodes=nodes, shapes=np.zeros((10, len(nodes), 3)), node_mass=np.ones(len(nodes)))
+    with pytest.raises(CompareError, match=f"the runs are of different meshes: {len(nodes)} and 3 nodes"):
+        fr.compare(other, record())
+
+
+def test_outputs_of_one_run_only_are_left_out():
+    tip = record().outputs["tip"]
+    one, other = record(outputs={"tip": tip, "a": tip}), record(outputs={"b": tip, "tip": tip})
+    assert list(fr.compare(one, other)) == ["output tip", "shape", "energy"]
+    assert list(fr.compare(one, record(outputs={"tip": np.repeat(tip, 2, axis=1)}))) == ["shape", "energy"]
+
+
+def test_a_body_at_rest_is_as_one_at_rest_and_infinitely_off_from_one_that_moves():
+    for d in fr.compare(record(scale=0.0), record(scale=0.0)).values():
+        assert d.relative == 0
+    for d in fr.compare(record(), record(scale=0.0)).values():
+        assert d.relative == math.inf
+        assert d.largest > 0
+    for d in fr.compare(record(scale=0.0), record()).values():
+        assert d.relative == 1
+
+
+def test_run_of_one_step_is_compared():
+    assert fr.compare(record(steps=1, every=1), record(steps=1, every=1))["shape"].instants == 1

@@ -1,0 +1,509 @@
+"""ROM and run files: what is written is read again, there is never half a file, and nothing else is taken for one."""
+
+import os
+import re
+import resource
+from collections.abc import Mapping
+from contextlib import contextmanager
+from dataclasses import fields, is_dataclass, replace
+from pathlib import Path
+
+import h5py
+import numpy as np
+import pytest
+
+import fenics_rom as fr
+from fenics_rom.checked_file import LONGEST_TEXT, content_of, sealed
+from fenics_rom.errors import FenicsRomError, RomFileError, StructureError
+from fenics_rom.scene import LONGEST
+
+pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")  # the plate locks
+DATA = Path(__file__).parent / "data"
+KINDS = ("energy", "modal", "oblique", "dense damping", "actuators and tables", "no outputs", "own matrices")
+FREQUENCIES = 2j * np.pi * np.array([0.0, 1.0, 10.0, 100.0])
+
+
+def own_matrices():
+    """A ROM without a mesh: a row of seven masses."""
+    chain = 2 * np.eye(7) - np.eye(7, k=1) - np.eye(7, k=-1)
+    ends = {"first": np.eye(7)[:, :1], "last": np.eye(7)[:, 6:]}
+    system = fr.System(
+        mass=np.eye(7), damping=chain / 9, stiffness=chain, contacts=ends, outputs={"ends": np.eye(7)[:, ::6]}
+    )
+    return fr.reduce(system, order=3)
+
+
+@pytest.fixture(scope="session")
+def roms(plate_system, box_system):
+    """One ROM of each kind that a file can hold."""
+    energy, modal, oblique = (fr.reduce(plate_system, order=4, switching=s) for s in ("energy", "modal", "oblique"))
+    shaken = {
+        name: replace(mode, damping=np.diag(mode.damping) + np.ones((mode.order, mode.order)))
+        for name, mode in energy.modes.items()
+    }
+    tables = {"b.csv": np.array([[0.0, 1.0], [1.0, 2.0]]), "a/b.csv": np.arange(12.0).reshape(3, 4)}
+    return {
+        "energy": energy,
+        "modal": modal,
+        "oblique": oblique,
+        "dense damping": replace(energy, modes=shaken),
+        "actuators and tables": replace(fr.reduce(box_system, order=4), tables=tables, warnings=("one", "two")),
+        "no outputs": replace(energy, outputs={}),
+        "own matrices": own_matrices(),
+    }
+
+
+@pytest.fixture
+def rom(roms):
+    return roms["energy"]
+
+
+@pytest.fixture
+def run():
+    return fr.read_record(DATA / "run-1.0.h5")
+
+
+@pytest.fixture
+def rom_file(tmp_path, rom):
+    fr.write_rom(tmp_path / "rom.h5", rom)
+    return tmp_path / "rom.h5"
+
+
+@pytest.fixture
+def run_file(tmp_path, run):
+    fr.write_record(tmp_path / "run.h5", run)
+    return tmp_path / "run.h5"
+
+
+def same(one, other):
+    """Whether two records are the same to the last bit, in the same order."""
+    if is_dataclass(one):
+        return all(same(getattr(one, f.name), getattr(other, f.name)) for f in fields(one))
+    if isinstance(one, Mapping):
+        return list(one) == list(other) and all(same(one[key], other[key]) for key in one)
+    if isinstance(one, np.ndarray):
+        return one.dtype == other.dtype and np.array_equal(one, other)
+    return one == other
+
+
+def tampered(file, change):
+    """Changes the content of a file behind its seal, and seals it anew."""
+    with h5py.File(file, "r+") as h5:
+        change(h5)
+    content = file.read_bytes()
+    file.write_bytes(sealed(content) + content[512:])
+    return file
+
+
+def put(path, array, unit=None):
+    """A change that puts an array, or a function of the array that is there, into a file."""
+
+    def change(h5):
+        kept = h5[path].attrs["unit"] if path in h5 else b"1"
+        new = array(h5[path][()]) if callable(array) else array
+        h5.pop(path, None)
+        h5[path] = new
+        h5[path].attrs["unit"] = np.bytes_(unit or kept)
+
+    return change
+
+
+def says(**texts):
+    """A change of what a file says of itself."""
+    return lambda h5: h5.attrs.update({name: np.bytes_(text) for name, text in texts.items()})
+
+
+def without(path):
+    return lambda h5: h5.pop(path)
+
+
+def group(path):
+    return lambda h5: (h5.pop(path, None), h5.create_group(path))
+
+
+def announced(path, shape, **options):
+    """A change that makes an array of a size of which nothing is stored."""
+    return lambda h5: (h5.pop(path), h5.create_dataset(path, shape, float, **options))
+
+
+def with_mode(rom, **changes):
+    """A ROM with a changed first contact mode."""
+    name, mode = next(iter(rom.modes.items()))
+    return replace(rom, modes={**rom.modes, name: replace(mode, **changes)})
+
+
+# --- round trips -----------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_what_is_written_is_read_to_the_last_bit(roms, tmp_path, kind):
+    fr.write_rom(tmp_path / "rom.h5", roms[kind])
+    assert same(fr.read_rom(tmp_path / "rom.h5"), roms[kind])
+    assert content_of(tmp_path / "rom.h5") == "rom"
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [{}, {"outputs": {}}, {"warnings": ("one", "two")}, {"name": "Prüfling ☃"}, {"triangles": np.empty((0, 3), int)}],
+)
+def test_what_is_written_of_a_run_is_read_to_the_last_bit(tmp_path, run, changes):
+    run = replace(run, **changes)
+    fr.write_record(tmp_path / "run.h5", run)
+    assert same(fr.read_record(tmp_path / "run.h5"), run)
+    assert content_of(tmp_path / "run.h5") == "run"
+
+
+def test_a_read_rom_runs_as_the_one_in_memory(rom, rom_file):
+    runs = [fr.simulate(each, dt=0.01) for each in (rom, fr.read_rom(rom_file))]
+    assert same(*(replace(run, settings={}) for run in runs))  # the settings hold the wall clock
+
+
+def test_longest_scene_goes_into_a_file(tmp_path, rom):
+    assert LONGEST <= LONGEST_TEXT
+    rom = replace(rom, scene_text=LONGEST * "x", warnings=tuple(10 * ["w" * 1000]))
+    fr.write_rom(tmp_path / "rom.h5", rom)
+    assert same(fr.read_rom(tmp_path / "rom.h5"), rom)
+
+
+# --- format 1.0 ------------------------------------------------------------------------------------------------------
+
+
+def test_files_of_format_1_0_load_for_ever():
+    """Written by release 0.1.0: a box of two bricks at order 4, everything that a scene can hold in it, and its run.
+
+    To be read by every release that reads format 1, and never to be written anew: a change of the format that
+    needs that is format 2.
+    """
+    rom, run = fr.read_rom(DATA / "rom-1.0.h5"), fr.read_record(DATA / "run-1.0.h5")
+    assert rom.contacts == {"right": 3, "corner": 1}
+    assert rom.actuators == {"pull": 1}
+    assert {name: rows.shape for name, rows in rom.outputs.items()} == {"tip": (6, 8), "face": (3, 8)}
+    assert list(rom.tables) == ["force.csv"]
+    assert rom.effects == {"inertia": {}, "damping": {"alpha": 1.0, "beta": 1e-3}}
+    assert rom.name == run.name == "box"
+    assert run.steps == 40
+    assert run.balance_error < 1e-14
+    again = fr.simulate(rom)
+    np.testing.assert_allclose(again.shapes, run.shapes, rtol=1e-9, atol=1e-15)
+    np.testing.assert_allclose(again.outputs["tip"], run.outputs["tip"], rtol=1e-9, atol=1e-15)
+    np.testing.assert_allclose(again.energy, run.energy, rtol=1e-9, atol=1e-15)
+
+
+def test_later_minor_version_loads(rom_file, rom):
+    tampered(rom_file, lambda h5: h5.attrs.update(format_version=np.bytes_("1.7"), remark=np.bytes_("new")))
+    assert same(fr.read_rom(rom_file), rom)
+
+
+# --- never half a file -----------------------------------------------------------------------------------------------
+
+
+@contextmanager
+def disk_of(size):
+    """Files can have that many bytes, as if the disk were full then."""
+    soft, hard = resource.getrlimit(resource.RLIMIT_FSIZE)
+    resource.setrlimit(resource.RLIMIT_FSIZE, (size, hard))
+    try:
+        yield
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, (soft, hard))
+
+
+class Interrupted(dict):
+    """Outputs that somebody presses Ctrl-C at."""
+
+    def items(self):
+        raise KeyboardInterrupt
+
+
+@pytest.mark.parametrize("size", [0, 300, 3000, 20_000])
+def test_full_disk_leaves_the_old_file(rom, rom_file, size):
+    before = rom_file.read_bytes()
+    with disk_of(size), pytest.raises(RomFileError) as caught:
+        fr.write_rom(rom_file, replace(rom, name="new"))
+    assert str(caught.value) == f"{rom_file}: cannot be written: File too large"
+    assert rom_file.read_bytes() == before
+    assert list(rom_file.parent.iterdir()) == [rom_file]
+
+
+@pytest.mark.parametrize(
+    ("changes", "error"),
+    [
+        ({"nodes": np.full((3, 3), np.nan)}, RomFileError),
+        ({"stiffness": -np.ones(8)}, StructureError),
+        ({"outputs": Interrupted()}, KeyboardInterrupt),
+    ],
+)
+def test_failed_writing_leaves_the_old_file(rom, rom_file, changes, error):
+    before = rom_file.read_bytes()
+    with pytest.raises(error):
+        fr.write_rom(rom_file, replace(rom, **changes))
+    assert rom_file.read_bytes() == before
+    assert list(rom_file.parent.iterdir()) == [rom_file]
+
+
+def test_new_file_replaces_the_old_one(rom, rom_file):
+    fr.write_rom(rom_file, replace(rom, name="new"))
+    assert fr.read_rom(rom_file).name == "new"
+    assert list(rom_file.parent.iterdir()) == [rom_file]
+
+
+def test_place_that_cannot_be_written_to_is_told(tmp_path, rom):
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    for place, reason in (
+        (tmp_path / "none" / "rom.h5", f"folder {tmp_path / 'none'} does not exist"),
+        (tmp_path, "it is a folder or a device"),
+        (pipe, "it is a folder or a device"),  # as /dev/null is, which root could replace by a file
+        (tmp_path / (300 * "x"), "File name too long"),
+    ):
+        with pytest.raises(RomFileError) as caught:
+            fr.write_rom(place, rom)
+        assert str(caught.value) == f"{place}: cannot be written: {reason}"
+    assert list(tmp_path.iterdir()) == [pipe]
+    assert pipe.is_fifo()
+
+
+def test_under_mpi_rank_0_alone_writes(tmp_path, rom, monkeypatch):
+    monkeypatch.setenv("PMI_RANK", "1")
+    fr.write_rom(tmp_path / "rom.h5", rom)
+    assert not any(tmp_path.iterdir())
+
+
+# --- damage ----------------------------------------------------------------------------------------------------------
+
+
+def refusal(read, file):
+    """What is said of a file that is none; in one line, after its name."""
+    with pytest.raises(RomFileError) as caught:
+        read(file)
+    message = str(caught.value)
+    assert message.startswith(f"{file}: ")
+    assert "\n" not in message
+    return message.removeprefix(f"{file}: ")
+
+
+@pytest.mark.parametrize(("name", "read"), [("rom-1.0.h5", fr.read_rom), ("run-1.0.h5", fr.read_record)])
+class TestDamage:
+    """HDF5 itself crashes on some damaged files, so these must not reach it."""
+
+    def test_no_changed_byte_goes_unnoticed(self, tmp_path, name, read):
+        whole, random, file = (DATA / name).read_bytes(), np.random.default_rng(7), tmp_path / name
+        for at in [*range(0, 140), *random.integers(140, len(whole), 200)]:
+            damaged = bytearray(whole)
+            damaged[at] ^= 1 << random.integers(8)
+            file.write_bytes(damaged)
+            assert refusal(read, file) in (
+                "is damaged: its content is not what was written (the checksum differs)",
+                "is not a fenics-rom file",
+            )
+
+    def test_truncated_file_is_refused(self, tmp_path, name, read):
+        whole, file = (DATA / name).read_bytes(), tmp_path / name
+        for length in [0, 1, 10, 100, 511, 512, 513, *range(600, len(whole), 700), len(whole) - 1]:
+            file.write_bytes(whole[:length])
+            assert "is damaged" in refusal(read, file) or length <= 10
+        file.write_bytes(whole + b"\0")
+        assert "is damaged" in refusal(read, file)
+
+    def test_resealed_garbage_is_refused(self, tmp_path, name, read):
+        """A seal keeps accidents out, not malice; what HDF5 cannot make sense of is refused after it, too."""
+        whole, file = (DATA / name).read_bytes(), tmp_path / name
+        for content in (whole[:512], whole[:520], whole[:512] + bytes(5000), whole[:5000]):
+            file.write_bytes(sealed(content) + content[512:])
+            assert "cannot be read: " in refusal(read, file)
+
+
+@pytest.mark.parametrize("content", [b"", b"name = 'plate'\n", b"\x89HDF\r\n\x1a\n" + bytes(2000)])
+@pytest.mark.parametrize("read", [fr.read_rom, fr.read_record, content_of])
+def test_other_files_are_refused(tmp_path, content, read):
+    file = tmp_path / "some.h5"
+    file.write_bytes(content)
+    assert refusal(read, file) == "is not a fenics-rom file"
+
+
+@pytest.mark.parametrize("read", [fr.read_rom, fr.read_record, content_of])
+def test_no_file_is_told(tmp_path, read):
+    assert refusal(read, tmp_path / "none.h5") == "not found"
+    assert refusal(read, tmp_path) == "is a folder or a device"
+
+
+def test_a_rom_is_no_run_and_a_run_no_rom():
+    assert refusal(fr.read_rom, DATA / "run-1.0.h5") == "holds a run, not a rom"
+    assert refusal(fr.read_record, DATA / "rom-1.0.h5") == "holds a rom, not a run"
+
+
+# --- files that are not what they say --------------------------------------------------------------------------------
+
+MODE = "modes/tip_left"
+LIES = {
+    "is not a fenics-rom file": says(format="other"),
+    "has format version 2.0; this release reads 1.x": says(format_version="2.0"),
+    "holds a film, not a rom": says(content="film"),
+    "no switching 'enrgy'; there is energy, modal, oblique; did you mean 'energy'?": says(switching="enrgy"),
+    "left_inverse goes with oblique switching, and only with it": says(switching="oblique"),
+    "contact mode 'tip_left': left_inverse goes with oblique": put(f"{MODE}/left_inverse", np.ones((4, 8))),
+    "attribute 'name' of / is missing or not text": lambda h5: h5.attrs.pop("name"),
+    "attribute 'scene' of / is missing or not text": lambda h5: h5.attrs.update(scene=1),
+    "attribute 'name' of / is not UTF-8": says(name=b"\xfc"),
+    "/basis is missing": without("basis"),
+    f"/{MODE}/inputs is missing": without(f"{MODE}/inputs"),
+    "/outputs is missing": without("outputs"),
+    "/modes is missing": lambda h5: (h5.pop("modes"), h5.update(modes=[1.0])),
+    "/effects/damping/beta is missing": without("effects/damping/beta"),
+    "unexpected more in /": put("more", [1.0]),
+    f"unexpected more in /{MODE}": put(f"{MODE}/more", [1.0]),
+    "unexpected 7 in /tables": put("tables/7", np.eye(2)),
+    "no effect 'gravity'; there is damping, inertia": group("effects/gravity"),
+    "/free has shape (180,); allowed is ('n',), n = 5": put("basis", np.ones((5, 8))),
+    "/stiffness has shape (7,); allowed is ('k',), k = 8": put("stiffness", np.ones(7)),
+    "/free has 2 dimensions, not 1": put("free", lambda free: free[None]),
+    "/nodes has shape (66, 2); allowed is ('N', 3), 3 = 3": put("nodes", np.ones((66, 2))),
+    f"/{MODE}/directions has shape (3, 3); allowed is ('m', 'm'), m = 4": put(f"{MODE}/directions", np.eye(3)),
+    "/node_mass holds numbers that are not finite": put("node_mass", lambda mass: mass * np.nan),
+    f"/{MODE}/damping holds numbers that are not finite": put(f"{MODE}/damping", np.full(4, np.inf)),
+    "/stiffness is not an array of real numbers": put("stiffness", np.arange(8)),
+    "/node_mass is not an array of real numbers": put("node_mass", np.ones(66, np.float32)),
+    "/nodes is not an array of real numbers": put("nodes", np.bytes_("soft")),
+    "/basis is not an array of real numbers": group("basis"),
+    "/free is not an array of whole numbers": put("free", np.arange(180.0)),
+    "/nodes has unit 'mm', not 'm'": put("nodes", np.ones((66, 3)), unit="mm"),
+    "attribute 'unit' of /nodes is missing or not text": lambda h5: h5["nodes"].attrs.pop("unit"),
+    "/basis says it has 64000000000000 bytes, but fewer are stored": announced("basis", (10**12, 8)),
+    "/basis says it has 73786976294838206464 bytes": announced("basis", (2**61, 4), chunks=(1, 4)),
+    "shared stiffness is not positive definite: least κ = 0": put("stiffness", np.zeros(8)),
+    "contact mode 'tip_left': least eigenvalue -1 is not positive": put(f"{MODE}/eigenvalues", [-1.0, 1, 2, 3]),
+    "not orthonormal in stiffness: off by 9.9e-03, allowed 1e-10": put(f"{MODE}/eigenvalues", lambda γ: 1.01 * γ),
+    "not orthonormal in mass: off by 2.0e-02, allowed 1e-10": put(f"{MODE}/coordinates", lambda C: 1.01 * C),
+    "not orthonormal in mass: off by inf": put(f"{MODE}/coordinates", np.full((8, 4), 1e200)),
+    "contact mode 'tip_left': directions are not orthonormal: off by 3": put(f"{MODE}/directions", 2 * np.eye(4)),
+    "damping is not positive semi-definite, least -1": put(f"{MODE}/damping", -np.ones(4)),
+    "damping is not positive semi-definite, least -2": put(f"{MODE}/damping", -2 * np.eye(4)),
+    "contact mode 'tip_left': damping is not symmetric": put(f"{MODE}/damping", np.eye(4) + np.eye(4, k=1) / 9),
+    "'tip_left': Hankel singular values must be positive": put(f"{MODE}/hankel_singular_values", [-1.0]),
+    "'middle': Hankel singular values must be positive": put("modes/middle/hankel_singular_values", np.empty(0)),
+    "/free does not name components among 198, in ascending order": put("free", lambda free: free[::-1]),
+    "/free does not name components among 198": put("free", lambda free: free + 99),
+    "/triangles name nodes beyond 66": put("triangles", lambda triangles: triangles + 1),
+    "/node_mass has negative masses": put("node_mass", -np.ones(66)),
+    "an output does not have three rows a point": put("outputs/tip", np.ones((4, 8))),
+    "an output does not have three rows": put("outputs/tip", np.ones((0, 8))),
+    "/free does not name components among 180": lambda h5: [
+        put(name, lambda there: there[:0])(h5) for name in ("nodes", "node_mass", "triangles")
+    ],
+    "contact mode 'tip_left' has fewer input columns than the actuators": put("actuators/pull", [4]),
+    "an actuator has a negative number of columns": put("actuators/pull", [-1]),
+    "holds no contact modes, or an empty one": group("modes"),
+}
+RUN_LIES = {
+    "/times does not increase, or is empty": put("times", np.zeros(41)),
+    "/shape_times does not increase, or is empty": put("shape_times", [0.4, 0.3, 0.2, 0.1]),
+    "/contact names contact modes beyond 2": put("contact", np.full(41, 2)),
+    "/contact names contact modes": put("contact", np.full(41, -1)),
+    "/triangles name nodes beyond 12": put("triangles", lambda triangles: triangles + 1),
+    "/node_mass has negative masses": put("node_mass", -np.ones(12)),
+    "/energy has shape (20,); allowed is ('S',), S = 41": put("energy", np.ones(20)),
+    "/energy holds numbers that are not finite": put("energy", np.full(41, np.nan)),
+    "/energy has unit 'mJ', not 'J'": put("energy", np.ones(41), unit="mJ"),
+    "/outputs/tip has shape (20, 2, 3); allowed is": put("outputs/tip", np.ones((20, 2, 3))),
+    "/settings/dt is missing": without("settings/dt"),
+    "unexpected more in /settings": put("settings/more", [1.0]),
+    "holds a rom, not a run": says(content="rom"),
+}
+
+
+@pytest.mark.parametrize(("message", "lie"), LIES.items(), ids=LIES)
+def test_rom_file_that_is_not_what_it_says_is_refused_with_the_reason(rom_file, message, lie):
+    assert message in refusal(fr.read_rom, tampered(rom_file, lie))
+
+
+@pytest.mark.parametrize(("message", "lie"), RUN_LIES.items(), ids=RUN_LIES)
+def test_run_file_that_is_not_what_it_says_is_refused_with_the_reason(run_file, message, lie):
+    assert message in refusal(fr.read_record, tampered(run_file, lie))
+
+
+BAD_ROMS = {
+    "/basis holds numbers that are not finite": lambda rom: replace(rom, basis=rom.basis * np.nan),
+    "/node_mass has shape": lambda rom: replace(rom, nodes=rom.nodes[1:]),
+    "no switching 'free'": lambda rom: replace(rom, switching="free"),
+    "/triangles name nodes beyond 66": lambda rom: replace(rom, triangles=rom.triangles + 99),
+    "name 'a/b': allowed are letters, digits, _ and -": lambda rom: replace(rom, modes={"a/b": rom.modes["middle"]}),
+    "name '': allowed are letters, digits, _ and -": lambda rom: replace(rom, outputs={"": rom.outputs["tip"]}),
+    "no effect 'gravity'": lambda rom: replace(rom, effects={"gravity": {}}),
+    "text 'scene' has 60001 bytes": lambda rom: replace(rom, scene_text=(LONGEST_TEXT + 1) * "x"),
+    "/modes/tip_left/inputs has shape (3, 3)": lambda rom: with_mode(rom, inputs=np.ones((3, 3))),
+    "damping is not positive semi-definite": lambda rom: with_mode(rom, damping=-np.ones(4)),
+    "directions are not orthonormal": lambda rom: with_mode(rom, directions=np.ones((4, 4))),
+    "/modes/tip_left/static_error holds numbers": lambda rom: with_mode(rom, static_error=np.nan),
+}
+
+
+@pytest.mark.parametrize(("message", "spoil"), BAD_ROMS.items(), ids=BAD_ROMS)
+def test_what_would_not_be_read_is_not_written(tmp_path, rom, message, spoil):
+    with pytest.raises(FenicsRomError, match=re.escape(message)):
+        fr.write_rom(tmp_path / "rom.h5", spoil(rom))
+    assert not any(tmp_path.iterdir())
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"energy": np.full(41, np.inf)}, "/energy holds numbers that are not finite"),
+        ({"contact": np.full(41, 9)}, "/contact names contact modes beyond 2"),
+        ({"times": np.zeros(41)}, "/times does not increase"),
+        ({"contacts": ("a\nb", "c")}, "name 'a\\nb': allowed are letters"),
+    ],
+)
+def test_what_would_not_be_read_of_a_run_is_not_written(tmp_path, run, changes, message):
+    with pytest.raises(RomFileError, match=re.escape(message)):
+        fr.write_record(tmp_path / "run.h5", replace(run, **changes))
+    assert not any(tmp_path.iterdir())
+
+
+# --- lower orders ----------------------------------------------------------------------------------------------------
+
+
+def transfer(rom, name):
+    """Displacement of the outputs per unit of input, at some frequencies."""
+    mode, seen = rom.modes[name], np.vstack(list(rom.outputs.values())) @ rom.modes[name].coordinates
+    D = np.diag(mode.damping) if mode.damping.ndim == 1 else mode.damping
+    matrices = [s * s * np.eye(mode.order) + s * D + np.diag(mode.eigenvalues) for s in FREQUENCIES]
+    return np.array([seen @ np.linalg.solve(matrix, mode.inputs) for matrix in matrices])
+
+
+@pytest.mark.parametrize("order", [1, 3, 7, 12, 20])
+def test_order_k_of_a_stored_rom_is_the_reduction_to_order_k(plate_system, plate_rom, tmp_path, order):
+    fr.write_rom(tmp_path / "rom.h5", plate_rom)
+    stored, direct = fr.truncated(fr.read_rom(tmp_path / "rom.h5"), order), fr.reduce(plate_system, order=order)
+    for name, mode in direct.modes.items():
+        assert stored.modes[name].order == mode.order == order
+        np.testing.assert_array_equal(stored.modes[name].hankel_singular_values, mode.hankel_singular_values)
+        np.testing.assert_allclose(stored.modes[name].eigenvalues, mode.eigenvalues, rtol=1e-9)
+        gap = np.abs(transfer(stored, name) - transfer(direct, name)).max()
+        assert gap <= 1e-9 * np.abs(transfer(direct, name)).max()
+    fr.write_rom(tmp_path / "lower.h5", stored)  # it has all the structure of a ROM
+    assert same(fr.read_rom(tmp_path / "lower.h5"), stored)
+
+
+def test_lower_order_of_a_lower_order_is_that_order(plate_rom):
+    once, twice = fr.truncated(plate_rom, 5), fr.truncated(fr.truncated(plate_rom, 11), 5)
+    np.testing.assert_allclose(transfer(twice, "middle"), transfer(once, "middle"), rtol=1e-9, atol=1e-15)
+
+
+def test_dense_damping_is_truncated_as_its_diagonal(plate_rom):
+    dense = {name: replace(mode, damping=np.diag(mode.damping)) for name, mode in plate_rom.modes.items()}
+    lower = [fr.truncated(rom, 6) for rom in (plate_rom, replace(plate_rom, modes=dense))]
+    assert lower[1].modes["middle"].damping.shape == (6, 6)
+    np.testing.assert_allclose(*(transfer(rom, "middle") for rom in lower), rtol=1e-9, atol=1e-15)
+
+
+@pytest.mark.parametrize(
+    ("kind", "order", "message"),
+    [
+        ("energy", 0, "order 0: allowed are 1 to 4, the largest order in the ROM"),
+        ("energy", 5, "order 5: allowed are 1 to 4, the largest order in the ROM"),
+        ("oblique", 2, "a ROM with oblique switching cannot be truncated; reduce to that order instead"),
+    ],
+)
+def test_order_that_is_not_there_is_told(roms, kind, order, message):
+    with pytest.raises(StructureError, match=message):
+        fr.truncated(roms[kind], order)
