@@ -224,6 +224,7 @@ def _print_rom(rom: fr.Rom, file: Path | str) -> None:
         "full order": f"{len(rom.free)} displacements, {len(rom.nodes)} nodes",
         "shared basis": f"{len(rom.stiffness)} vectors",
         "switching": rom.switching,
+        "weighting": rom.weighting,
         "effects": "; ".join(
             " ".join([name, *(f"{key}={value:g}" for key, value in parameters.items())])
             for name, parameters in rom.effects.items()

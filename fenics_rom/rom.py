@@ -60,6 +60,7 @@ class Rom:
         scene_text: the scene file it was made from.
         tables: force tables of the scene.
         warnings: what the user should know about this model.
+        weighting: of the shape in the Hankel singular values: "mass", "nodal" or "outputs".
     """
 
     name: str
@@ -77,6 +78,7 @@ class Rom:
     scene_text: str
     tables: Mapping[str, Array] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
+    weighting: str = "mass"
 
     @property
     def contacts(self) -> dict[str, int]:

@@ -1,8 +1,8 @@
 """The ROM file: one HDF5 file with everything the runtime needs.
 
 Format 1.0. The first 512 bytes are a user block with the SHA-256 of the rest (see checked_file).
-Root attributes (fixed-length UTF-8 text): format = "fenics-rom", format_version, content = "rom",
-software, name, switching, scene (the scene file), warnings (one a line). Every dataset has an attribute `unit`.
+Root attributes (fixed-length UTF-8 text): format = "fenics-rom", format_version, content = "rom", software, name,
+switching, weighting, scene (the scene file), warnings (one a line). Every dataset has an attribute `unit`.
 Sizes: n free displacement components, k shared basis vectors, N nodes, F triangles; for each contact mode m order,
 p input columns, r Hankel singular values; P points of an output.
 
@@ -20,7 +20,7 @@ p input columns, r Hankel singular values; P points of an output.
         inputs (m, p) kg^-1/2        G = W_iᵀB_i; contact columns, then actuator columns
         coordinates (k, m)           C_i, W_i = Q C_i
         directions (m, m)            first columns span the models of lower order
-        hankel_singular_values (r,) s^3/kg^1/2 under mass weighting
+        hankel_singular_values (r,)  s^2/kg^1/2 under mass weighting, else s^2/kg
         static_error (1,)            may be absent
         left_inverse (m, k)          only for switching = "oblique"
 """
@@ -57,17 +57,15 @@ BODY = {
     "triangles": Entry("1", ("F", 3), "i"),
     "node_mass": Entry("kg", ("N",)),
 }
+HANKEL_UNIT = {"mass": "s^2/kg^1/2", "nodal": "s^2/kg", "outputs": "s^2/kg"}  # by weighting
 MODE = {
     "eigenvalues": Entry("1/s^2", ("m",)),
-    "damping": Entry("1/s", ("m",)),
     "inputs": Entry("kg^-1/2", ("m", "p")),
     "coordinates": Entry("1", ("k", "m")),
     "directions": Entry("1", ("m", "m")),
-    "hankel_singular_values": Entry("1", ("r",)),
     "static_error": Entry("1", (1,), optional=True),
     "left_inverse": Entry("1", ("m", "k"), optional=True),
 }
-DENSE_DAMPING = {**MODE, "damping": Entry("1/s", ("m", "m"))}
 GROUPS = ("outputs", "actuators", "effects", "tables", "modes")
 
 
@@ -93,7 +91,8 @@ def read_rom(file: str | Path) -> Rom:
 def _fill(h5: h5py.File, rom: Rom) -> None:
     for names in (rom.outputs, rom.actuators, rom.modes):
         check_names(names)
-    put_text(h5, name=rom.name, switching=rom.switching, scene=rom.scene_text, warnings="\n".join(rom.warnings))
+    put_text(h5, name=rom.name, switching=rom.switching, weighting=rom.weighting)
+    put_text(h5, scene=rom.scene_text, warnings="\n".join(rom.warnings))
     sizes: Sizes = {}
     put_arrays(h5, BODY, sizes, {name: getattr(rom, name) for name in BODY})
     groups = {name: h5.create_group(name, track_order=True) for name in GROUPS}
@@ -109,10 +108,11 @@ def _fill(h5: h5py.File, rom: Rom) -> None:
         put_arrays(groups["tables"], {str(number): _force_table(number)}, sizes, {str(number): rows})
         put_text(groups["tables"][str(number)], file=name)
     for name, mode in rom.modes.items():
-        arrays = {key: getattr(mode, key) for key in MODE}
+        table = _mode_table(rom.weighting, dense=mode.damping.ndim == 2)
+        arrays = {key: getattr(mode, key) for key in table}
         arrays["static_error"] = None if mode.static_error is None else np.array([mode.static_error])
         group = groups["modes"].create_group(name, track_order=True)
-        put_arrays(group, MODE if mode.damping.ndim == 1 else DENSE_DAMPING, _mode_sizes(sizes), arrays)
+        put_arrays(group, table, _mode_sizes(sizes), arrays)
     _check_fit(rom)
     check_rom(rom)
 
@@ -125,7 +125,8 @@ def _take(h5: h5py.File) -> Rom:
     columns: Any = get_arrays(groups["actuators"], {name: Entry("1", (1,), "i") for name in groups["actuators"]}, sizes)
     actuators = {name: int(value[0]) for name, value in columns.items()}
     tables: Any = get_arrays(groups["tables"], {str(k): _force_table(k) for k in range(len(groups["tables"]))}, sizes)
-    modes = {name: _take_mode(get_group(groups["modes"], name), sizes) for name in groups["modes"]}
+    weighting = get_text(h5, "weighting")
+    modes = {name: _take_mode(get_group(groups["modes"], name), weighting, sizes) for name in groups["modes"]}
     rom = Rom(
         name=get_text(h5, "name"),
         switching=get_text(h5, "switching"),
@@ -136,16 +137,24 @@ def _take(h5: h5py.File) -> Rom:
         scene_text=get_text(h5, "scene"),
         tables={get_text(groups["tables"][number], "file"): rows for number, rows in tables.items()},
         warnings=tuple(filter(None, get_text(h5, "warnings").split("\n"))),
+        weighting=weighting,
         **body,
     )
     _check_fit(rom)
     return check_rom(rom)
 
 
-def _take_mode(group: h5py.Group, sizes: Sizes) -> Mode:
+def _mode_table(weighting: str, dense: bool) -> dict[str, Entry]:
+    if weighting not in HANKEL_UNIT:
+        raise RomFileError(unknown("weighting", weighting, HANKEL_UNIT))
+    damping = Entry("1/s", ("m", "m") if dense else ("m",))
+    return {**MODE, "damping": damping, "hankel_singular_values": Entry(HANKEL_UNIT[weighting], ("r",))}
+
+
+def _take_mode(group: h5py.Group, weighting: str, sizes: Sizes) -> Mode:
     damping = group.get("damping")
     dense = isinstance(damping, h5py.Dataset) and damping.ndim == 2
-    arrays: Any = get_arrays(group, DENSE_DAMPING if dense else MODE, _mode_sizes(sizes))
+    arrays: Any = get_arrays(group, _mode_table(weighting, dense), _mode_sizes(sizes))
     static = arrays.pop("static_error")
     return Mode(**arrays, static_error=None if static is None else float(static[0]))
 

@@ -2,6 +2,7 @@
 
 import difflib
 import math
+import numbers
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -82,8 +83,8 @@ class Number(Field):
 
     def check(self, value: Any, where: str) -> Any:
         """See Field."""
-        kinds = int if self.integer else (int, float)
-        if isinstance(value, bool) or not isinstance(value, kinds):
+        kind = numbers.Integral if self.integer else numbers.Real  # NumPy's numbers count, too
+        if isinstance(value, bool) or not isinstance(value, kind):
             raise _refuse(where, value, self.allowed())
         try:
             finite = math.isfinite(value)
@@ -91,7 +92,7 @@ class Number(Field):
             finite = False
         if not (finite and self.at_least <= value <= self.at_most and self.above < value < self.below):
             raise _refuse(where, value, self.allowed())
-        return value if self.integer else float(value)
+        return int(value) if self.integer else float(value)
 
 
 @dataclass(frozen=True)

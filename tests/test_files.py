@@ -48,7 +48,7 @@ def roms(plate_system, box_system):
         "oblique": oblique,
         "dense damping": replace(energy, modes=shaken),
         "actuators and tables": replace(fr.reduce(box_system, order=4), tables=tables, warnings=("one", "two")),
-        "no outputs": replace(energy, outputs={}),
+        "no outputs": replace(energy, outputs={}, weighting="nodal"),
         "own matrices": own_matrices(),
     }
 
@@ -339,6 +339,8 @@ LIES = {
     "is not a fenics-rom file": says(format="other"),
     "has format version 2.0; this release reads 1.x": says(format_version="2.0"),
     "holds a film, not a rom": says(content="film"),
+    "no weighting 'volume'; there is mass, nodal, outputs": says(weighting="volume"),
+    "hankel_singular_values has unit 's^2/kg^1/2', not 's^2/kg'": says(weighting="nodal"),
     "no switching 'enrgy'; there is energy, modal, oblique; did you mean 'energy'?": says(switching="enrgy"),
     "left_inverse goes with oblique switching, and only with it": says(switching="oblique"),
     "contact mode 'tip_left': left_inverse goes with oblique": put(f"{MODE}/left_inverse", np.ones((4, 8))),

@@ -30,10 +30,11 @@ def folder(tmp_path):
 
 
 def test_python_and_commands_run_as_printed(folder):
-    (python,), (commands,) = blocks("python"), blocks("sh")
-    run = subprocess.run([sys.executable, "-c", python], cwd=folder, capture_output=True, text=True)
-    assert run.returncode == 0, run.stderr
-    assert "supplied=" in run.stdout
+    (plate, matrices), (commands,) = blocks("python"), blocks("sh")
+    for python, printed in ((plate, "supplied="), (matrices, "")):
+        run = subprocess.run([sys.executable, "-c", python], cwd=folder, capture_output=True, text=True)
+        assert run.returncode == 0, run.stderr
+        assert printed in run.stdout
     for command in commands.strip().splitlines():
         program = command.replace("fenics-rom", f"{sys.executable} -m fenics_rom", 1).split("#")[0]
         run = subprocess.run(program.split(), cwd=folder, capture_output=True, text=True)

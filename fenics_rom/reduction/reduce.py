@@ -113,7 +113,7 @@ def reduce(
             V = selection.select(r.T, r.σ[: r.T.shape[1]])
             reduced[name] = replace(r, W=V, T=V)
     report("contact modes", len(reduced), len(reduced))
-    rom = _in_shared_basis(system, factor, reduced, switching, messages)
+    rom = replace(_in_shared_basis(system, factor, reduced, switching, messages), weighting=weighting)
     factor.close()
     for message in messages:
         warnings.warn(message, FenicsRomWarning, stacklevel=2)

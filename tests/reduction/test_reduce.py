@@ -189,7 +189,7 @@ def test_krylov_space_that_does_not_settle_says_so(box_system, monkeypatch):
 
 
 def test_orders_by_name(box_system):
-    rom = fr.reduce(box_system, order={"right": 5, "top": 9})
+    rom = fr.reduce(box_system, order={"right": np.int64(5), "top": 9})
     assert {name: mode.order for name, mode in rom.modes.items()} == {"right": 5, "top": 9}
 
 
