@@ -83,7 +83,7 @@ class Number(Field):
 
     def check(self, value: Any, where: str) -> Any:
         """See Field."""
-        kind = numbers.Integral if self.integer else numbers.Real  # NumPy's numbers count, too
+        kind: Any = numbers.Integral if self.integer else numbers.Real  # NumPy's numbers count, too
         if isinstance(value, bool) or not isinstance(value, kind):
             raise _refuse(where, value, self.allowed())
         try:
