@@ -219,12 +219,16 @@ def test_cell_without_volume_is_refused(arrays, tmp_path):
 
 
 def test_empty_group_is_said_to_be_empty(arrays, tmp_path):
-    points, cells, faces, regions = arrays
-    mesh = write_arrays(tmp_path / "box.msh", points, cells, faces, regions)
-    empty = read_mesh(mesh, {})
-    empty.surfaces["right"] = empty.surfaces["right"][:0]
-    with pytest.raises(MeshError, match="surface 'right' is empty"):
-        empty.surface("right")
+    full = write_arrays(tmp_path / "full.msh", *arrays)
+
+    def with_nothing():
+        gmsh.merge(str(full))
+        gmsh.model.addDiscreteEntity(2, 99)
+        gmsh.model.setPhysicalName(2, gmsh.model.addPhysicalGroup(2, [99]), "nothing")
+
+    write_gmsh(tmp_path / "box.msh", with_nothing)
+    with pytest.raises(MeshError, match="surface 'nothing' is empty"):
+        assembled(tmp_path / "box.msh", supports='clamped = ["nothing"]')
 
 
 def truncated(path, arrays):

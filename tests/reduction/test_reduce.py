@@ -183,7 +183,7 @@ def test_tolerance_chooses_the_order(box_system):
 
 
 def test_krylov_space_that_does_not_settle_says_so(box_system, monkeypatch):
-    monkeypatch.setattr("fenics_rom.reduction.reduce.MOST_VECTORS", 12)
+    monkeypatch.setattr("fenics_rom.reduction.realization.MOST_VECTORS", 12)
     with pytest.warns(FenicsRomWarning, match=r"Hankel singular values still changed by \de[-+]\d+ between"):
         fr.reduce(box_system, order=6, lyapunov="krylov")
 
