@@ -10,6 +10,7 @@ import hashlib
 import io
 import math
 import os
+import sys
 import tempfile
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
@@ -53,9 +54,9 @@ Table = Mapping[str, Entry]
 
 
 def is_rank_0() -> bool:
-    """Whether this process writes: true outside mpirun. Asks the launcher, so that the runtime needs no MPI."""
-    ranks = (os.environ.get(name) for name in ("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "PMI_RANK"))
-    return next((rank for rank in ranks if rank is not None), "0") == "0"
+    """Whether this process is the one that writes. Only a program that uses MPI has ranks; the runtime needs none."""
+    mpi = sys.modules.get("mpi4py.MPI")
+    return mpi is None or mpi.COMM_WORLD.rank == 0
 
 
 def write_file(file: str | Path, content: str, fill: Callable[[h5py.File], None]) -> None:

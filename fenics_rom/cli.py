@@ -13,7 +13,7 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 import fenics_rom as fr
-from fenics_rom.checked_file import check_place, content_of, is_rank_0
+from fenics_rom.checked_file import check_place, content_of
 from fenics_rom.errors import FenicsRomError, FenicsRomWarning, MissingPackageError, RomFileError, SceneError
 from fenics_rom.scene import LYAPUNOV, SWITCHINGS, WEIGHTINGS
 
@@ -48,9 +48,15 @@ def main(arguments: list[str] | None = None) -> NoReturn:
     sys.exit(0)
 
 
+def _speaks() -> bool:
+    """Whether this process is the first that mpirun started, or the only one; known before MPI is."""
+    ranks = (os.environ.get(name) for name in ("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "PMI_RANK"))
+    return next((rank for rank in ranks if rank is not None), "0") == "0"
+
+
 def _give_up(reason: str) -> NoReturn:
     """Says why, once, and ends every rank: an error of one rank must not leave the others waiting."""
-    if not is_rank_0():
+    if not _speaks():
         time.sleep(PATIENCE)  # in nearly every case rank 0 says the same and ends this rank too
     print(f"fenics-rom: error: {' '.join(reason.split())}", file=sys.stderr, flush=True)
     _end(1)
@@ -143,7 +149,7 @@ def _reduce(choice: Any) -> None:
             report=report,
         )
     fr.write_rom(choice.output, rom)
-    if is_rank_0():
+    if _speaks():
         _print_rom(rom, choice.output)
 
 
@@ -153,7 +159,7 @@ def _solve(choice: Any) -> None:
     with _progress() as report:
         record = fr.solve(scene, dt=choice.dt, report=report)
     fr.write_record(choice.output, record)
-    if is_rank_0():
+    if _speaks():
         _print_record(record, choice.output)
 
 
@@ -166,7 +172,7 @@ def _simulate(choice: Any) -> None:
     with _progress() as report:
         record = fr.simulate(rom, scene=scene, dt=choice.dt, report=report)
     fr.write_record(choice.output, record)
-    if is_rank_0():
+    if _speaks():
         _print_record(record, choice.output)
 
 
@@ -290,7 +296,7 @@ def _print_table(title: str, columns: tuple[str, ...], rows: Sequence[tuple[str,
 @contextmanager
 def _progress() -> Iterator[Callable[[str, int, int], None]]:
     """A report that draws a bar on a terminal, on rank 0, and nothing elsewhere."""
-    if not (is_rank_0() and sys.stderr.isatty()):
+    if not (_speaks() and sys.stderr.isatty()):
         yield lambda stage, done, of: None
         return
     rich = _rich()

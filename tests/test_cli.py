@@ -49,7 +49,8 @@ def story(tmp_path_factory):
         ("compare", "run.h5", "full.h5"),
     ):
         run = fenics_rom(name, *arguments, cwd=folder)
-        assert (run.returncode, run.stderr) == (0, "")
+        assert run.returncode == 0, run.stderr
+        assert "fenics" not in run.stderr  # what a machine's MPI says of the machine may be there
         printed[name] = run.stdout
     return folder, printed
 
@@ -304,9 +305,8 @@ def test_choice_that_does_not_exist_is_refused(inside, refused, arguments, said)
 
 def test_scene_without_a_run_is_refused_where_one_is_needed(inside, refused):
     (inside / "plate.toml").write_text(TEXT[: TEXT.index("[run]")])
-    said = "plate.toml: has no [run], so there is no load history to simulate"
-    assert refused("simulate", ROM, "--scene", "plate.toml", "-o", "run.h5") == said
-    assert refused("solve", "plate.toml", "-o", "run.h5") == said
+    for command in (("simulate", ROM, "--scene", "plate.toml"), ("solve", "plate.toml")):
+        assert "[run], so there is no load history" in refused(*command, "-o", "run.h5")
 
 
 @pytest.mark.parametrize("command", [["reduce", "plate.toml"], ["solve", "plate.toml"], ["simulate", "rom.h5"]])

@@ -3,6 +3,8 @@
 import os
 import re
 import resource
+import subprocess
+import sys
 from collections.abc import Mapping
 from contextlib import contextmanager
 from dataclasses import fields, is_dataclass, replace
@@ -263,10 +265,19 @@ def test_place_that_cannot_be_written_to_is_told(tmp_path, rom):
     assert pipe.is_fifo()
 
 
-def test_under_mpi_rank_0_alone_writes(tmp_path, rom, monkeypatch):
-    monkeypatch.setenv("PMI_RANK", "1")
-    fr.write_rom(tmp_path / "rom.h5", rom)
-    assert not any(tmp_path.iterdir())
+@pytest.mark.parametrize(("uses_mpi", "written"), [("from mpi4py import MPI", 1), ("", 2)])
+def test_of_the_ranks_of_a_program_the_first_alone_writes(tmp_path, uses_mpi, written):
+    """Two programs that know nothing of each other are no ranks, whoever launched them."""
+    script = f"""
+import os, fenics_rom as fr
+rom = fr.read_rom({str(DATA / "rom-1.0.h5")!r})
+{uses_mpi}
+fr.write_rom(f"{{os.getpid()}}.h5", rom)
+"""
+    command = ["mpirun", "-n", "2", sys.executable, "-c", script]
+    done = subprocess.run(command, cwd=tmp_path, env=dict(os.environ), capture_output=True, text=True)
+    assert done.returncode == 0, done.stderr
+    assert len(list(tmp_path.glob("*.h5"))) == written
 
 
 # --- damage ----------------------------------------------------------------------------------------------------------
@@ -479,23 +490,23 @@ def test_order_k_of_a_stored_rom_is_the_reduction_to_order_k(plate_system, plate
     for name, mode in direct.modes.items():
         assert stored.modes[name].order == mode.order == order
         np.testing.assert_array_equal(stored.modes[name].hankel_singular_values, mode.hankel_singular_values)
-        np.testing.assert_allclose(stored.modes[name].eigenvalues, mode.eigenvalues, rtol=1e-9)
+        np.testing.assert_allclose(stored.modes[name].eigenvalues, mode.eigenvalues, rtol=1e-8)
         gap = np.abs(transfer(stored, name) - transfer(direct, name)).max()
-        assert gap <= 1e-9 * np.abs(transfer(direct, name)).max()
+        assert gap <= 1e-8 * np.abs(transfer(direct, name)).max()  # κ spans six decades
     fr.write_rom(tmp_path / "lower.h5", stored)  # it has all the structure of a ROM
     assert same(fr.read_rom(tmp_path / "lower.h5"), stored)
 
 
 def test_lower_order_of_a_lower_order_is_that_order(plate_rom):
     once, twice = fr.truncated(plate_rom, 5), fr.truncated(fr.truncated(plate_rom, 11), 5)
-    np.testing.assert_allclose(transfer(twice, "middle"), transfer(once, "middle"), rtol=1e-9, atol=1e-15)
+    np.testing.assert_allclose(transfer(twice, "middle"), transfer(once, "middle"), rtol=1e-7, atol=1e-12)
 
 
 def test_dense_damping_is_truncated_as_its_diagonal(plate_rom):
     dense = {name: replace(mode, damping=np.diag(mode.damping)) for name, mode in plate_rom.modes.items()}
     lower = [fr.truncated(rom, 6) for rom in (plate_rom, replace(plate_rom, modes=dense))]
     assert lower[1].modes["middle"].damping.shape == (6, 6)
-    np.testing.assert_allclose(*(transfer(rom, "middle") for rom in lower), rtol=1e-9, atol=1e-15)
+    np.testing.assert_allclose(*(transfer(rom, "middle") for rom in lower), rtol=1e-7, atol=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -1,5 +1,6 @@
 """The README is run: its Python block, its commands, and the demo that its picture and its table come from."""
 
+import os
 import re
 import subprocess
 import sys
@@ -32,18 +33,20 @@ def folder(tmp_path):
 def test_python_and_commands_run_as_printed(folder):
     (plate, matrices), (commands,) = blocks("python"), blocks("sh")
     for python, printed in ((plate, "supplied="), (matrices, "")):
-        run = subprocess.run([sys.executable, "-c", python], cwd=folder, capture_output=True, text=True)
+        run = subprocess.run(
+            [sys.executable, "-c", python], cwd=folder, capture_output=True, text=True, env=dict(os.environ)
+        )
         assert run.returncode == 0, run.stderr
         assert printed in run.stdout
     for command in commands.strip().splitlines():
         program = command.replace("fenics-rom", f"{sys.executable} -m fenics_rom", 1).split("#")[0]
-        run = subprocess.run(program.split(), cwd=folder, capture_output=True, text=True)
+        run = subprocess.run(program.split(), cwd=folder, capture_output=True, text=True, env=dict(os.environ))
         assert run.returncode == 0, run.stderr
     assert {path.name for path in folder.glob("*.h5")} == {"plate.h5", "reduced.h5", "full.h5"}
 
 
 def test_plate_demo_keeps_its_claims_and_the_readmes_table():
-    run = subprocess.run([sys.executable, DEMO / "plate.py"], capture_output=True, text=True)
+    run = subprocess.run([sys.executable, DEMO / "plate.py"], capture_output=True, text=True, env=dict(os.environ))
     assert run.returncode == 0, run.stdout + run.stderr
     assert "FAILS" not in run.stdout
     out = {path.name for path in (DEMO / "out").iterdir()}

@@ -121,7 +121,8 @@ def solve(scene: Scene | System, *, dt: float | None = None, report: Report = la
     system = assemble(scene) if isinstance(scene, Scene) else scene
     asked = system.scene
     if asked is None or asked.run is None:
-        raise SceneError("the system has no scene with a [run], so there is no load history to solve")
+        where = asked.source if asked else "a system of matrices"
+        raise SceneError(f"{where}: has no [run], so there is no load history to simulate")
     shared = sum(columns.shape[1] for columns in system.actuators.values())
     inputs = {name: system.input_matrix(name) for name in system.contacts}
     history = LoadHistory(

@@ -3,6 +3,7 @@
 import time
 from collections.abc import Callable
 
+from fenics_rom.errors import SceneError
 from fenics_rom.load_history import LoadHistory
 from fenics_rom.record import Record, Recorder
 from fenics_rom.rom import Rom
@@ -30,6 +31,8 @@ def simulate(
     Raises:
         SceneError: there is no load history, or it does not fit the ROM.
     """
+    if len(rom.nodes) == 0:
+        raise SceneError(f"ROM {rom.name!r} has no mesh, so no scene goes with it; step it with Simulator")
     if scene is None:
         scene = parse_scene(rom.scene_text, tables=rom.tables, source=f"scene of ROM {rom.name!r}")
     history = LoadHistory(scene, rom.contacts, rom.actuators, dt)

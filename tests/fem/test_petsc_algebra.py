@@ -10,7 +10,7 @@ from scipy.linalg import eigh
 from scipy.sparse.linalg import eigsh
 
 from fenics_rom.errors import SolverError
-from fenics_rom.fem.petsc_algebra import PetscFactor, combination, require_real
+from fenics_rom.fem.petsc_algebra import PetscFactor, PetscMatrix, combination, require_real
 
 SOLVERS = pytest.mark.parametrize("one_by_one", [False, True], ids=["mumps", "cholmod"])
 
@@ -150,6 +150,24 @@ def test_eigenvectors_that_are_not_good_enough_are_refused(twins, lapack, monkey
         monkeypatch.setattr(twins.algebra, "_lowest_eigenpairs", lambda *_, V=V: (γ, V))
         with pytest.raises(SolverError, match="eigenvectors are not good enough"):
             twins.algebra.eigenpairs(twins.mass, twins.stiffness, 5)
+
+
+def test_eigenproblem_without_solution_is_an_error(twins):
+    nothing = PetscMatrix(combination((1.0, twins.stiffness), (-1.0, twins.stiffness)))
+    with pytest.raises(SolverError, match="SLEPc failed with PETSc error"):
+        twins.algebra.eigenpairs(twins.mass, nothing, 5)
+    nothing.destroy()
+
+
+def test_eigenpairs_that_do_not_converge_are_an_error(twins):
+    options = PETSc.Options("fenics_rom_eps_")
+    options["eps_max_it"], options["eps_tol"] = 1, 1e-20
+    try:
+        with pytest.raises(SolverError, match=r"SLEPc found \d+ of 40 eigenpairs in 1 iterations .*; ask for fewer"):
+            twins.algebra.eigenpairs(twins.mass, twins.stiffness, 40)
+    finally:
+        for name in ("eps_max_it", "eps_tol"):
+            options.delValue(name)
 
 
 def test_complex_petsc_is_refused():

@@ -5,7 +5,7 @@ import pytest
 import scipy.sparse
 
 import fenics_rom as fr
-from fenics_rom.errors import StructureError
+from fenics_rom.errors import SceneError, StructureError
 
 
 def triple_chain(length, α, β, v):
@@ -68,6 +68,19 @@ def test_sparse_and_dense_matrices_give_the_same_model():
     dense = {"mass": M.toarray(), "damping": D.toarray(), "stiffness": K.toarray()}
     other = fr.reduce(fr.System(**dense, contacts={"all": B}), order=5)
     np.testing.assert_allclose(one.modes["all"].eigenvalues, other.modes["all"].eigenvalues, rtol=1e-9)
+
+
+def test_model_without_a_mesh_is_kept_in_a_file_and_has_no_scene_to_run(tmp_path):
+    M, D, K, B = triple_chain(10, 0.1, 0.1, 1.0)
+    fr.write_rom(
+        tmp_path / "chain.h5", fr.reduce(fr.System(mass=M, damping=D, stiffness=K, contacts={"all": B}), order=5)
+    )
+    rom = fr.read_rom(tmp_path / "chain.h5")
+    body = fr.Simulator(rom, dt=0.1)
+    body.step([1.0])
+    assert body.displacement().shape == (31,)
+    with pytest.raises(SceneError, match="has no mesh, so no scene goes with it; step it with Simulator"):
+        fr.simulate(rom)
 
 
 def test_proportional_damping_is_found_out():
