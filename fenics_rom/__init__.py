@@ -19,7 +19,7 @@ _HOME = {
     "compare": "comparison",
     "read_record": "record_file",
     "read_rom": "rom_file",
-    "read_scene": "scene",
+    "read_scene": "scene_file",
     "reduce": "reduction.reduce",
     "simulate": "runtime.run",
     "solve": "fem.solve",
@@ -43,7 +43,8 @@ if TYPE_CHECKING:
     from fenics_rom.rom_file import read_rom, write_rom
     from fenics_rom.runtime.run import simulate
     from fenics_rom.runtime.simulator import Simulator
-    from fenics_rom.scene import Scene, read_scene
+    from fenics_rom.scene import Scene
+    from fenics_rom.scene_file import read_scene
     from fenics_rom.system import System
 
 __all__ = [

@@ -5,7 +5,7 @@ import pytest
 
 from fenics_rom.errors import SceneError
 from fenics_rom.load_history import MOST_STEPS, LoadHistory
-from fenics_rom.scene import parse_scene
+from fenics_rom.scene_file import parse_scene
 
 CONTACTS = {"tip": 3, "top": 1}
 ACTUATORS = {"tendon": 1, "muscle": 2}

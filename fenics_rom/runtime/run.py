@@ -8,7 +8,8 @@ from fenics_rom.load_history import LoadHistory
 from fenics_rom.record import Record, Recorder
 from fenics_rom.rom import Rom
 from fenics_rom.runtime.simulator import Simulator
-from fenics_rom.scene import Scene, parse_scene
+from fenics_rom.scene import Scene
+from fenics_rom.scene_file import parse_scene
 
 Report = Callable[[str, int, int], None]
 

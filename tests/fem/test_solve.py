@@ -11,7 +11,7 @@ import fenics_rom as fr
 from fenics_rom.errors import StepError
 from fenics_rom.fem import solve
 from fenics_rom.fem.solve import FullSimulator
-from fenics_rom.scene import parse_scene
+from fenics_rom.scene_file import parse_scene
 
 CLOSES_TO = 1e-12  # of the largest energy or work seen
 

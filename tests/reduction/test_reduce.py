@@ -15,7 +15,7 @@ from fenics_rom.reduction.balancing import balance
 from fenics_rom.reduction.gramians import controllability, observability
 from fenics_rom.reduction.reduce import DENSE_LIMIT
 from fenics_rom.rom import check_rom
-from fenics_rom.scene import parse_scene
+from fenics_rom.scene_file import parse_scene
 
 LOADED = "dt = 0.01\nduration = 1.0\nload = [{contact = 'right', stop = 0.3, force = [0.0, 0.0, 1.0]}]"
 
