@@ -167,7 +167,9 @@ def test_standard_switching_fails_the_law_that_the_others_keep(plate_system, swi
     random = np.random.default_rng(0)
     simulator = fr.Simulator(rom, dt=1e-4)
     work = ratio = 0.0
-    for step in range(250):
+    for step in range(2000):  # round-off decides how soon; some 60 to 140 steps, where this was tried
+        if ratio > 1e9:
+            break
         simulator.switch(("tip_left", "middle")[step % 2])
         simulator.step(random.standard_normal(simulator.inputs))
         work = max(work, simulator.ledger.supplied)
