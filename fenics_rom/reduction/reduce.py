@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Callable, Mapping
+from contextlib import closing
 from dataclasses import replace
 
 from fenics_rom.errors import FenicsRomWarning, SceneError
@@ -73,22 +74,21 @@ def reduce(
 
     messages = list(system.warnings)
     reduced = {}
-    factor = system.algebra.factor((1.0, system.stiffness))
     whole = all_eigenvectors(system) if route != "krylov" else None
     selection = EigenvectorSelection(system, share, whole)
-    for done, name in enumerate(system.contacts):
-        report("contact modes", done, len(system.contacts))
-        wanted = order[name] if isinstance(order, Mapping) else order
-        B = system.input_matrix(name)
-        found = realization(system, factor, B, weighting=weighting, route=route, whole=whole, order=wanted)
-        reduced[name] = _truncated(found, wanted, tolerance, name, messages)
-        if switching == "modal":
-            r = reduced[name]
-            V = selection.select(r.T, r.σ[: r.T.shape[1]])
-            reduced[name] = replace(r, W=V, T=V)
-    report("contact modes", len(reduced), len(reduced))
-    rom = in_shared_basis(system, factor, reduced, switching=switching, weighting=weighting, messages=messages)
-    factor.close()
+    with closing(system.algebra.factor((1.0, system.stiffness))) as factor:
+        for done, name in enumerate(system.contacts):
+            report("contact modes", done, len(system.contacts))
+            wanted = order[name] if isinstance(order, Mapping) else order
+            B = system.input_matrix(name)
+            found = realization(system, factor, B, weighting=weighting, route=route, whole=whole, order=wanted)
+            reduced[name] = _truncated(found, wanted, tolerance, name, messages)
+            if switching == "modal":
+                r = reduced[name]
+                V = selection.select(r.T, r.σ[: r.T.shape[1]])
+                reduced[name] = replace(r, W=V, T=V)
+        report("contact modes", len(reduced), len(reduced))
+        rom = in_shared_basis(system, factor, reduced, switching=switching, weighting=weighting, messages=messages)
     for message in messages:
         warnings.warn(message, FenicsRomWarning, stacklevel=2)
     return check_rom(rom)
