@@ -74,9 +74,9 @@ def reduce(
 
     messages = list(system.warnings)
     reduced = {}
-    whole = all_eigenvectors(system) if route != "krylov" else None
-    selection = EigenvectorSelection(system, share, whole)
     with closing(system.algebra.factor((1.0, system.stiffness))) as factor:
+        whole = all_eigenvectors(system) if route != "krylov" else None
+        selection = EigenvectorSelection(system, share, whole)
         for done, name in enumerate(system.contacts):
             report("contact modes", done, len(system.contacts))
             wanted = order[name] if isinstance(order, Mapping) else order
