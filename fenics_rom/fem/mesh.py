@@ -165,7 +165,7 @@ def _read_xdmf(file: Path, groups: Mapping[str, int]):  # type: ignore[no-untype
     from dolfinx.io import XDMFFile
     from mpi4py import MPI
 
-    from fenics_rom.fem.versions import cell_nodes, read_xdmf_tags
+    from fenics_rom.fem.versions import cell_nodes
 
     try:
         grids = [grid.get("Name", "") for grid in ElementTree.parse(file).getroot().iter("Grid")]
@@ -175,7 +175,7 @@ def _read_xdmf(file: Path, groups: Mapping[str, int]):  # type: ignore[no-untype
                 raise MeshError(f"mesh file {file}: holds no tetrahedra")
             domain.topology.create_connectivity(2, 3)
             domain.topology.create_connectivity(2, 0)
-            tags = {name: read_xdmf_tags(xdmf, domain, name) for name in grids[1:]}
+            tags = {name: xdmf.read_meshtags(domain, name) for name in grids[1:]}
     except (ElementTree.ParseError, RuntimeError) as error:
         raise MeshError(f"mesh file {file}: cannot be read as XDMF: {error}") from error
     nodes = cell_nodes(domain)

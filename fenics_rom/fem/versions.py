@@ -58,8 +58,3 @@ def cell_nodes(domain: Any) -> np.ndarray:
 def cell_dofs(space: Any) -> np.ndarray:
     """Nodes of the space in each local cell."""
     return _rows(space.dofmap.list)
-
-
-def read_xdmf_tags(file: Any, domain: Any, name: str) -> Any:
-    """Tags of that name from an open XDMF file."""
-    return file.read_meshtags(domain, name)
