@@ -20,6 +20,7 @@ _HOME = {
     "read_record": "record_file",
     "read_rom": "rom_file",
     "read_scene": "scene_file",
+    "read_system": "matrix_market",
     "reduce": "reduction.reduce",
     "simulate": "runtime.run",
     "solve": "fem.solve",
@@ -30,12 +31,14 @@ _HOME = {
 _PACKAGES = {
     "fem": ("dolfinx", "sudo apt-get install --no-install-recommends python3-dolfinx python3-gmsh libopenblas0"),
     "reduction": ("scipy", "pip install fenics-rom[reduction]"),
+    "matrix_market": ("scipy", "pip install fenics-rom[reduction]"),
 }
 
 if TYPE_CHECKING:
     from fenics_rom.comparison import compare
     from fenics_rom.fem.assemble import assemble
     from fenics_rom.fem.solve import solve
+    from fenics_rom.matrix_market import read_system
     from fenics_rom.record import Record
     from fenics_rom.record_file import read_record, write_record
     from fenics_rom.reduction.reduce import reduce
@@ -58,6 +61,7 @@ __all__ = [
     "read_record",
     "read_rom",
     "read_scene",
+    "read_system",
     "reduce",
     "simulate",
     "solve",

@@ -7,17 +7,27 @@ import sys
 import time
 import traceback
 import warnings
-from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
+from contextlib import suppress
 from pathlib import Path
 from typing import Any, NoReturn
 
 import fenics_rom as fr
 from fenics_rom.checked_file import check_place, content_of
+from fenics_rom.display import print_record, print_rom, print_table, print_warnings, progress, rich_package
 from fenics_rom.errors import FenicsRomError, FenicsRomWarning, MissingPackageError, RomFileError, SceneError
-from fenics_rom.scene import LYAPUNOV, SWITCHINGS, WEIGHTINGS
+from fenics_rom.launcher import speaks
+from fenics_rom.scene import LYAPUNOV, METHODS, SOLVERS, SWITCHINGS, WEIGHTINGS
+from fenics_rom.schema import NAME, NAME_IN_WORDS
+from fenics_rom.stages import Report
+from fenics_rom.system import is_petsc
 
 PATIENCE = 5.0  # s that other ranks give rank 0 to say why the run ends
+PETSC_COMMANDS = ("reduce", "solve")
+PETSC_WORD = "-fenics_rom_"  # what options for PETSc and SLEPc begin with
+PETSC_HELP = """PETSc's and SLEPc's own options are passed on: -fenics_rom_factor_... for factorisations and the
+iterative solver, -fenics_rom_eps_... and -fenics_rom_st_... for eigenvectors, such as
+-fenics_rom_factor_mat_mumps_icntl_14 50. The word after such an option is its value; put those without a value last."""
 
 
 def main(arguments: list[str] | None = None) -> NoReturn:
@@ -25,11 +35,14 @@ def main(arguments: list[str] | None = None) -> NoReturn:
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="replace")  # a terminal without σ gets a ?
-    choice = _parser().parse_args(arguments)
+    words, petsc = _petsc_options(sys.argv[1:] if arguments is None else arguments)
+    choice = _parser().parse_args(words)
     warnings.simplefilter("ignore", FenicsRomWarning)  # the summary at the end lists them
     try:
-        _rich()  # before long work, not after it
+        rich_package()  # before long work, not after it
+        _set_petsc_options(petsc)
         choice.run(choice)
+        _print_unused(petsc)
         sys.stdout.flush()
     except FenicsRomError as error:
         _give_up(str(error))
@@ -42,21 +55,17 @@ def main(arguments: list[str] | None = None) -> NoReturn:
     except OSError as error:
         _drop_output()
         _give_up(str(error))
-    except Exception:
+    except Exception as error:
+        if is_petsc(error):  # most likely of an option with a value that there is not
+            _give_up(f"PETSc: {error}")
         traceback.print_exc()
         _end(1)
     sys.exit(0)
 
 
-def _speaks() -> bool:
-    """Whether this process is the first that mpirun started, or the only one; known before MPI is."""
-    ranks = (os.environ.get(name) for name in ("OMPI_COMM_WORLD_RANK", "PMIX_RANK", "PMI_RANK"))
-    return next((rank for rank in ranks if rank is not None), "0") == "0"
-
-
 def _give_up(reason: str) -> NoReturn:
     """Says why, once, and ends every rank: an error of one rank must not leave the others waiting."""
-    if not _speaks():
+    if not speaks():
         time.sleep(PATIENCE)  # in nearly every case rank 0 says the same and ends this rank too
     print(f"fenics-rom: error: {' '.join(reason.split())}", file=sys.stderr, flush=True)
     _end(1)
@@ -83,16 +92,20 @@ def _parser() -> argparse.ArgumentParser:
     parser.add_argument("--version", action="version", version=f"fenics-rom {fr.__version__}")
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
 
-    command = _command(commands, "reduce", _reduce, "assemble a scene and write its ROM; runs under mpirun")
-    command.add_argument("scene", metavar="SCENE", help="scene file (TOML)")
+    command = _command(commands, "reduce", _reduce, "reduce a scene, or matrices, to a ROM; runs under mpirun")
+    command.add_argument("scene", metavar="SCENE", nargs="?", help="scene file (TOML)")
+    _matrix_options(command)
     _output(command, "ROM.h5")
     group = command.add_mutually_exclusive_group()
-    group.add_argument("--order", type=int, metavar="M", help="balanced displacements per contact mode")
+    group.add_argument("--order", type=int, metavar="M", help="displacements per contact mode")
     group.add_argument("--tolerance", type=float, metavar="T", help="share of the sum of σ that may be left out")
+    command.add_argument("--method", choices=METHODS, help="where the bases come from")
     command.add_argument("--switching", choices=SWITCHINGS, help="how states are carried between contact modes")
     command.add_argument("--weighting", choices=WEIGHTINGS, help="what of the shape counts")
     command.add_argument("--lyapunov", choices=LYAPUNOV, help="route to the Gramians")
     command.add_argument("--share", type=float, help="of the covariance's trace, for --switching modal")
+    command.add_argument("--solver", choices=SOLVERS, default="auto", help="for the stiffness matrix")
+    command.add_argument("--resume", action="store_true", help="go on from what a killed run left in ROM.h5.partial")
 
     command = _command(commands, "solve", _solve, "run the full-order model: the reference; runs under mpirun")
     command.add_argument("scene", metavar="SCENE", help="scene file (TOML)")
@@ -116,51 +129,171 @@ def _parser() -> argparse.ArgumentParser:
 
 
 def _command(commands: Any, name: str, run: Callable[[Any], None], summary: str) -> argparse.ArgumentParser:
-    command: argparse.ArgumentParser = commands.add_parser(name, help=summary, description=summary)
+    epilog = PETSC_HELP if name in PETSC_COMMANDS else None
+    command: argparse.ArgumentParser = commands.add_parser(name, help=summary, description=summary, epilog=epilog)
     command.set_defaults(run=run)
     return command
+
+
+def _matrix_options(command: argparse.ArgumentParser) -> None:
+    """Files of M v̇ + D v + K x = B u, y = Cᵀ x in place of a scene."""
+    command.set_defaults(wrong_usage=command.error)
+    files = command.add_argument_group("instead of SCENE", "matrices of your own, each in a Matrix Market file")
+    files.add_argument("--mass", metavar="M.mtx", help="symmetric positive definite")
+    files.add_argument("--stiffness", metavar="K.mtx", help="symmetric positive definite")
+    damping = files.add_mutually_exclusive_group()
+    damping.add_argument("--damping", metavar="D.mtx", help="symmetric positive semi-definite")
+    damping.add_argument("--rayleigh", nargs=2, type=float, metavar=("ALPHA", "BETA"), help="D = ALPHA M + BETA K")
+    for option, metavar, what in (
+        ("--contact", "NAME=B.mtx", "input columns of a contact mode; once for each"),
+        ("--actuator", "NAME=F.mtx", "input columns that all contact modes have; once for each"),
+        ("--observe", "NAME=C.mtx", "columns of an output; once for each"),
+    ):
+        files.add_argument(option, metavar=metavar, type=_named_file, action="append", default=[], help=what)
+
+
+def _named_file(text: str) -> tuple[str, str]:
+    name, _, file = text.partition("=")
+    if not (NAME.fullmatch(name) and file):
+        raise argparse.ArgumentTypeError(f"{text!r}: allowed is NAME=FILE, the name of {NAME_IN_WORDS}")
+    return name, file
 
 
 def _output(command: argparse.ArgumentParser, metavar: str) -> None:
     command.add_argument("-o", "--output", type=Path, required=True, metavar=metavar, help="file to write")
 
 
+def _petsc_options(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
+    """Splits the words of a command line into ours and PETSc's options with their values."""
+    if not arguments or arguments[0] not in PETSC_COMMANDS:
+        return list(arguments), []
+    ours: list[str] = []
+    petsc: list[str] = []
+    value_may_follow = False
+    for word in arguments:
+        option = word.startswith(PETSC_WORD)
+        value = value_may_follow and not (word.startswith("-") and not word[1:2].isdigit())
+        (petsc if option or value else ours).append(word)
+        value_may_follow = option
+    return ours, petsc
+
+
+def _set_petsc_options(words: list[str]) -> None:
+    if not words:
+        return
+    try:
+        from fenics_rom.fem.options import set_options
+    except ModuleNotFoundError as error:
+        raise MissingPackageError(f"options of PETSc need {error.name}, which this Python lacks") from error
+    set_options(words)
+
+
+def _print_unused(words: list[str]) -> None:
+    """A typing error in an option must not pass in silence."""
+    if words and speaks():
+        from fenics_rom.fem.options import unused_options
+
+        print_warnings([f"option {name} was given, but nothing has read it" for name in unused_options()])
+
+
 def _reduce(choice: Any) -> None:
-    _check_output(choice.output, choice.scene)
+    from fenics_rom.reduction.checkpoint import remove_checkpoint
+
+    files = _matrix_files(choice)
+    _check_output(choice.output, choice.scene, *files)
+    partial = Path(f"{choice.output}.partial")
+    if partial.exists() and not partial.is_dir():
+        raise RomFileError(f"{partial}: is needed for what is finished, but it is not a folder")
     if choice.tolerance is not None and not 0 < choice.tolerance < 1:
         raise SceneError(f"--tolerance {choice.tolerance:g}: allowed is more than 0 and less than 1")
     if choice.share is not None and not 0 < choice.share <= 1:
         raise SceneError(f"--share {choice.share:g}: allowed is more than 0 and at most 1")
     if choice.order is not None and choice.order < 1:
         raise SceneError(f"--order {choice.order}: allowed are whole numbers from 1")
-    scene = fr.read_scene(choice.scene)
-    with _progress() as report:
-        report("assembling", 0, 1)
-        system = fr.assemble(scene)
-        report("assembling", 1, 1)
-        rom = fr.reduce(
+    begun: dict[str, tuple[int, int]] = {}  # what was done already when a stage began, and of how much
+    with progress() as show:
+
+        def report(stage: str, done: int, of: int) -> None:
+            begun.setdefault(stage, (done, of))
+            show(stage, done, of)
+
+        report("assembly", 0, 1)
+        system = _system(choice) if files else fr.assemble(fr.read_scene(choice.scene))
+        report("assembly", 1, 1)
+        rom = _reduced(system, choice, partial, report)
+    fr.write_rom(choice.output, rom)
+    remove_checkpoint(partial)
+    if speaks():
+        print_rom(rom, choice.output)
+        if choice.resume:
+            print("  resumed: {} of {} contact modes were taken over".format(*begun["contact modes"]))
+
+
+def _reduced(system: fr.System, choice: Any, partial: Path, report: Report) -> fr.Rom:
+    """The ROM; what is finished is kept in a folder meanwhile, and stays there when something ends the run."""
+    try:
+        return fr.reduce(
             system,
             order=choice.order,
             tolerance=choice.tolerance,
+            method=choice.method,
             switching=choice.switching,
             weighting=choice.weighting,
             lyapunov=choice.lyapunov,
             share=choice.share,
+            solver=choice.solver,
+            checkpoint=partial,
+            resume=choice.resume,
             report=report,
         )
-    fr.write_rom(choice.output, rom)
-    if _speaks():
-        _print_rom(rom, choice.output)
+    except BaseException:
+        with suppress(OSError):  # it is not there, or holds something
+            partial.rmdir()
+        raise
+
+
+def _matrix_files(choice: Any) -> list[str]:
+    """The Matrix Market files to read, none where a scene is given; ends with status 2 where it is neither or both."""
+    single = {"--mass": choice.mass, "--stiffness": choice.stiffness, "--damping": choice.damping}
+    named = {"--contact": choice.contact, "--actuator": choice.actuator, "--observe": choice.observe}
+    given = [option for option, value in (single | named).items() if value]
+    given += ["--rayleigh"] if choice.rayleigh else []
+    if choice.scene is not None:
+        if given:
+            choice.wrong_usage(f"SCENE and {', '.join(given)} cannot be used together")
+        return []
+    if not given:
+        choice.wrong_usage("SCENE is needed, or --mass, --stiffness, --damping (or --rayleigh) and --contact")
+    missing = [option for option in ("--mass", "--stiffness", "--contact") if option not in given]
+    missing += ["--damping or --rayleigh"] if not {"--damping", "--rayleigh"} & set(given) else []
+    if missing:
+        choice.wrong_usage(f"matrices instead of SCENE: {', '.join(missing)} missing")
+    for option, pairs in named.items():
+        if len(dict(pairs)) < len(pairs):
+            choice.wrong_usage(f"{option}: each name may be used once")
+    return [*filter(None, single.values()), *(file for pairs in named.values() for _, file in pairs)]
+
+
+def _system(choice: Any) -> fr.System:
+    return fr.read_system(
+        mass=choice.mass,
+        damping=choice.damping,
+        rayleigh=tuple(choice.rayleigh) if choice.rayleigh else None,
+        stiffness=choice.stiffness,
+        contacts=dict(choice.contact),
+        actuators=dict(choice.actuator),
+        outputs=dict(choice.observe),
+    )
 
 
 def _solve(choice: Any) -> None:
     _check_output(choice.output, choice.scene)
     scene = fr.read_scene(choice.scene)
-    with _progress() as report:
+    with progress() as report:
         record = fr.solve(scene, dt=choice.dt, report=report)
     fr.write_record(choice.output, record)
-    if _speaks():
-        _print_record(record, choice.output)
+    if speaks():
+        print_record(record, choice.output)
 
 
 def _simulate(choice: Any) -> None:
@@ -169,18 +302,18 @@ def _simulate(choice: Any) -> None:
     if choice.order is not None:
         rom = fr.truncated(rom, choice.order)
     scene = fr.read_scene(choice.scene) if choice.scene else None
-    with _progress() as report:
+    with progress() as report:
         record = fr.simulate(rom, scene=scene, dt=choice.dt, report=report)
     fr.write_record(choice.output, record)
-    if _speaks():
-        _print_record(record, choice.output)
+    if speaks():
+        print_record(record, choice.output)
 
 
 def _info(choice: Any) -> None:
     if content_of(choice.file) == "rom":
-        _print_rom(fr.read_rom(choice.file), choice.file)
+        print_rom(fr.read_rom(choice.file), choice.file)
     else:
-        _print_record(fr.read_record(choice.file), choice.file)
+        print_record(fr.read_record(choice.file), choice.file)
 
 
 def _compare(choice: Any) -> None:
@@ -196,7 +329,7 @@ def _compare(choice: Any) -> None:
         for name, d in differences.items()
     ]
     title = f"{choice.run_file} against {choice.reference}"
-    _print_table(title, ("quantity", "relative error", "largest error", "of", "instants"), rows)
+    print_table(title, ("quantity", "relative error", "largest error", "of", "instants"), rows)
 
 
 def _check_output(output: Path, *inputs: str | None) -> None:
@@ -205,107 +338,3 @@ def _check_output(output: Path, *inputs: str | None) -> None:
     for name in inputs:
         if name is not None and output.exists() and Path(name).exists() and output.samefile(name):
             raise RomFileError(f"{output}: is read by this command, so it cannot be its output")
-
-
-def _print_rom(rom: fr.Rom, file: Path | str) -> None:
-    rows = [
-        (
-            name,
-            str(mode.order),
-            str(mode.inputs.shape[1]),
-            f"{mode.eigenvalues[0] ** 0.5 / 6.283185307179586:.4g} Hz",
-            f"{mode.hankel_singular_values[0]:.2e}",
-            f"{rom.certificate[name]['neglected']:.1e}",
-            "-" if mode.static_error is None else f"{mode.static_error:.1e}",
-        )
-        for name, mode in rom.modes.items()
-    ]
-    _print_table(
-        f"ROM {rom.name}: {file}",
-        ("contact mode", "order", "inputs", "lowest", "σ_1", "σ left out", "static error"),
-        rows,
-    )
-    width = 3 if len(rom.nodes) else 1
-    lines = {
-        "full order": f"{len(rom.free)} displacements, {len(rom.nodes)} nodes",
-        "shared basis": f"{len(rom.stiffness)} vectors",
-        "switching": rom.switching,
-        "weighting": rom.weighting,
-        "effects": "; ".join(
-            " ".join([name, *(f"{key}={value:g}" for key, value in parameters.items())])
-            for name, parameters in rom.effects.items()
-        )
-        or "of the matrices",
-        "outputs": ", ".join(f"{name} ({len(rows) // width})" for name, rows in rom.outputs.items()) or "none",
-        "actuators": ", ".join(rom.actuators) or "none",
-    }
-    _print_lines(lines, rom.warnings)
-
-
-def _print_record(record: fr.Record, file: Path | str) -> None:
-    seconds, dt = record.settings["seconds"], record.settings["dt"]
-    account = {
-        "supplied": record.supplied[-1],
-        "dissipated": record.dissipated[-1],
-        "lost in switching": record.lost_in_switching[-1],
-        "stored": record.energy[-1],
-    }
-    title = f"{record.model} run {record.name}: {file}"
-    _print_table(title, tuple(account), [tuple(f"{value:.6e} J" for value in account.values())])
-    lines = {
-        "steps": f"{record.steps} of {dt:g} s",
-        "order": f"{record.settings['order']:.0f}",
-        "rate": f"{record.steps / seconds:,.0f} steps/s, {record.times[-1] / seconds:.3g} times real time"
-        if seconds > 0
-        else "not measured",
-        "energy account closes to": f"{record.balance_error:.1e} of the largest energy or work",
-    }
-    _print_lines(lines, record.warnings)
-
-
-def _print_lines(lines: dict[str, str], messages: tuple[str, ...]) -> None:
-    width = max(len(key) for key in lines)
-    for key, value in lines.items():
-        print(f"  {key:<{width}}  {value}")
-    for message in messages:
-        print(f"  warning: {message}")
-
-
-def _rich() -> Any:
-    try:
-        import rich.console
-        import rich.progress
-        import rich.table
-    except ModuleNotFoundError as error:
-        raise MissingPackageError("the command line needs rich: pip install fenics-rom[cli]") from error
-    return rich
-
-
-def _print_table(title: str, columns: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> None:
-    rich = _rich()
-    table = rich.table.Table(header_style="", box=rich.box.SIMPLE_HEAD)
-    for k, column in enumerate(columns):
-        table.add_column(column, justify="left" if k == 0 else "right", no_wrap=True)
-    for row in rows:
-        table.add_row(*row)
-    text = io.StringIO()
-    rich.console.Console(file=text, width=1000).print(table)  # so wide that no cell is cut
-    print(title, *(line.rstrip() for line in text.getvalue().rstrip().split("\n")), "", sep="\n")
-
-
-@contextmanager
-def _progress() -> Iterator[Callable[[str, int, int], None]]:
-    """A report that draws a bar on a terminal, on rank 0, and nothing elsewhere."""
-    if not (_speaks() and sys.stderr.isatty()):
-        yield lambda stage, done, of: None
-        return
-    rich = _rich()
-    with rich.progress.Progress(console=rich.console.Console(stderr=True), transient=True) as progress:
-        tasks: dict[str, Any] = {}
-
-        def report(stage: str, done: int, of: int) -> None:
-            if stage not in tasks:
-                tasks[stage] = progress.add_task(stage, total=of)
-            progress.update(tasks[stage], completed=done, total=of)
-
-        yield report

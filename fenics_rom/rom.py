@@ -6,6 +6,7 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 
 from fenics_rom.errors import StructureError
+from fenics_rom.stages import Stage
 
 Array = np.ndarray
 
@@ -20,9 +21,11 @@ class Mode:
         inputs: G = W_iᵀB_i (m, p); the contact's columns, then the actuators', kg^-1/2.
         coordinates: C_i (k, m), orthonormal columns in the shared basis Q.
         directions: (m, m) orthonormal; its first k columns span the reduced model of order k.
-        hankel_singular_values: σ (r,), descending, r >= m; what was left out included.
+        hankel_singular_values: σ (r,), descending, r >= m; what was left out included. Balanced modes have them.
         left_inverse: (m, k) oblique projection from the shared basis; only for switching = "oblique".
         static_error: |K⁻¹B - W_i diag(1/γ) G| / |K⁻¹B| in the mass norm; None where the full model was not at hand.
+        frequencies: (f,) at which the frequency response was compared with the full model's, rad/s.
+        transfer_errors: (f,) |H(iω) - H_i(iω)| / max |H| in the mass norm, by full solves; the maximum is over them.
     """
 
     eigenvalues: Array
@@ -33,6 +36,8 @@ class Mode:
     hankel_singular_values: Array
     left_inverse: Array | None = None
     static_error: float | None = None
+    frequencies: Array = field(default_factory=lambda: np.empty(0))
+    transfer_errors: Array = field(default_factory=lambda: np.empty(0))
 
     @property
     def order(self) -> int:
@@ -61,6 +66,8 @@ class Rom:
         tables: force tables of the scene.
         warnings: what the user should know about this model.
         weighting: of the shape in the Hankel singular values: "mass", "nodal" or "outputs".
+        method: how the bases were found.
+        stages: what the offline work spent its time on.
     """
 
     name: str
@@ -79,6 +86,8 @@ class Rom:
     tables: Mapping[str, Array] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     weighting: str = "mass"
+    method: str = "balanced"
+    stages: tuple[Stage, ...] = ()
 
     @property
     def contacts(self) -> dict[str, int]:
@@ -88,16 +97,24 @@ class Rom:
 
     @property
     def certificate(self) -> dict[str, dict[str, float | None]]:
-        """What is known of each contact mode's error: the static error, and the share of the σ left out."""
+        """What is known of each contact mode's error; None where it is not.
+
+        `static_error`, `transfer_error` (the largest sampled one) and `neglected`, the share of the σ left out.
+        """
         return {
-            name: {"static_error": mode.static_error, "neglected": neglected(mode)} for name, mode in self.modes.items()
+            name: {
+                "static_error": mode.static_error,
+                "transfer_error": float(mode.transfer_errors.max()) if len(mode.transfer_errors) else None,
+                "neglected": neglected(mode),
+            }
+            for name, mode in self.modes.items()
         }
 
 
-def neglected(mode: Mode) -> float:
+def neglected(mode: Mode) -> float | None:
     """Share of the sum of Hankel singular values that is not in the reduced model."""
     σ = mode.hankel_singular_values
-    return float(σ[mode.order :].sum() / σ.sum())
+    return float(σ[mode.order :].sum() / σ.sum()) if len(σ) else None
 
 
 def diagonalized_span(κ: Array, span: Array) -> tuple[Array, Array]:

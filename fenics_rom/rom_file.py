@@ -1,10 +1,10 @@
 """The ROM file: one HDF5 file with everything the runtime needs.
 
-Format 1.0. The first 512 bytes are a user block with the SHA-256 of the rest (see checked_file).
+Format 1.1. The first 512 bytes are a user block with the SHA-256 of the rest (see checked_file).
 Root attributes (fixed-length UTF-8 text): format = "fenics-rom", format_version, content = "rom", software, name,
-switching, weighting, scene (the scene file), warnings (one a line). Every dataset has an attribute `unit`.
+method, switching, weighting, scene (the scene file), warnings (one a line). Every dataset has an attribute `unit`.
 Sizes: n free displacement components, k shared basis vectors, N nodes, F triangles; for each contact mode m order,
-p input columns, r Hankel singular values; P points of an output.
+p input columns, r Hankel singular values, f sampled frequencies; P points of an output.
 
     basis (n, k) kg^-1/2             Q, QᵀMQ = I
     stiffness (k,) 1/s^2             κ, QᵀKQ = diag(κ)
@@ -14,15 +14,21 @@ p input columns, r Hankel singular values; P points of an output.
     actuators/NAME (1,)              number of input columns
     effects/NAME/PARAMETER (1,)
     tables/NUMBER (rows, columns)    force tables of the scene; attribute `file`
+    offline/NUMBER (2,) s, B         wall-clock time and peak memory of a stage of the offline work; attribute `name`
     modes/NAME/                      in the order of the scene
         eigenvalues (m,) 1/s^2       γ
         damping (m,) or (m, m) 1/s
         inputs (m, p) kg^-1/2        G = W_iᵀB_i; contact columns, then actuator columns
         coordinates (k, m)           C_i, W_i = Q C_i
         directions (m, m)            first columns span the models of lower order
-        hankel_singular_values (r,)  s^2/kg^1/2 under mass weighting, else s^2/kg
+        hankel_singular_values (r,)  s^2/kg^1/2 under mass weighting, else s^2/kg; absent where there are none
         static_error (1,)            may be absent
+        frequencies (f,) rad/s       ascending; may be absent, with
+        transfer_errors (f,)         at these frequencies
         left_inverse (m, k)          only for switching = "oblique"
+
+Files of format 1.0, where every method is "balanced", have no attribute `method`, no group `offline`, and neither
+frequencies nor transfer_errors.
 """
 
 from pathlib import Path
@@ -48,6 +54,7 @@ from fenics_rom.errors import RomFileError
 from fenics_rom.rom import Mode, Rom, check_rom
 from fenics_rom.scene import SWITCHINGS
 from fenics_rom.schema import unknown
+from fenics_rom.stages import Stage
 
 BODY = {
     "basis": Entry("kg^-1/2", ("n", "k")),
@@ -64,9 +71,13 @@ MODE = {
     "coordinates": Entry("1", ("k", "m")),
     "directions": Entry("1", ("m", "m")),
     "static_error": Entry("1", (1,), optional=True),
+    "frequencies": Entry("rad/s", ("f",), optional=True),
+    "transfer_errors": Entry("1", ("f",), optional=True),
     "left_inverse": Entry("1", ("m", "k"), optional=True),
 }
-GROUPS = ("outputs", "actuators", "effects", "tables", "modes")
+EMPTY_WHERE_ABSENT = ("hankel_singular_values", "frequencies", "transfer_errors")
+STAGE = Entry("s, B", (2,))
+GROUPS = ("outputs", "actuators", "effects", "tables", "modes", "offline")
 
 
 def write_rom(file: str | Path, rom: Rom) -> None:
@@ -91,7 +102,7 @@ def read_rom(file: str | Path) -> Rom:
 def _fill(h5: h5py.File, rom: Rom) -> None:
     for names in (rom.outputs, rom.actuators, rom.modes):
         check_names(names)
-    put_text(h5, name=rom.name, switching=rom.switching, weighting=rom.weighting)
+    put_text(h5, name=rom.name, method=rom.method, switching=rom.switching, weighting=rom.weighting)
     put_text(h5, scene=rom.scene_text, warnings="\n".join(rom.warnings))
     sizes: Sizes = {}
     put_arrays(h5, BODY, sizes, {name: getattr(rom, name) for name in BODY})
@@ -107,9 +118,14 @@ def _fill(h5: h5py.File, rom: Rom) -> None:
     for number, (name, rows) in enumerate(rom.tables.items()):
         put_arrays(groups["tables"], {str(number): _force_table(number)}, sizes, {str(number): rows})
         put_text(groups["tables"][str(number)], file=name)
+    for number, stage in enumerate(rom.stages):
+        numbers = np.array([stage.seconds, stage.peak_memory])
+        put_arrays(groups["offline"], {str(number): STAGE}, sizes, {str(number): numbers})
+        put_text(groups["offline"][str(number)], name=stage.name)
     for name, mode in rom.modes.items():
         table = _mode_table(rom.weighting, dense=mode.damping.ndim == 2)
         arrays = {key: getattr(mode, key) for key in table}
+        arrays |= {key: None for key in EMPTY_WHERE_ABSENT if not len(arrays[key])}
         arrays["static_error"] = None if mode.static_error is None else np.array([mode.static_error])
         group = groups["modes"].create_group(name, track_order=True)
         put_arrays(group, table, _mode_sizes(sizes), arrays)
@@ -120,7 +136,7 @@ def _fill(h5: h5py.File, rom: Rom) -> None:
 def _take(h5: h5py.File) -> Rom:
     sizes: Sizes = {}
     body: Any = get_arrays(h5, BODY, sizes, GROUPS)
-    groups = {name: get_group(h5, name) for name in GROUPS}
+    groups = {name: get_group(h5, name) for name in GROUPS if name != "offline" or name in h5}
     outputs: Any = get_arrays(groups["outputs"], {name: _output(name) for name in groups["outputs"]}, sizes)
     columns: Any = get_arrays(groups["actuators"], {name: Entry("1", (1,), "i") for name in groups["actuators"]}, sizes)
     actuators = {name: int(value[0]) for name, value in columns.items()}
@@ -129,6 +145,7 @@ def _take(h5: h5py.File) -> Rom:
     modes = {name: _take_mode(get_group(groups["modes"], name), weighting, sizes) for name in groups["modes"]}
     rom = Rom(
         name=get_text(h5, "name"),
+        method=get_text(h5, "method") if "method" in h5.attrs else "balanced",
         switching=get_text(h5, "switching"),
         modes=modes,
         actuators=actuators,
@@ -138,6 +155,7 @@ def _take(h5: h5py.File) -> Rom:
         tables={get_text(groups["tables"][number], "file"): rows for number, rows in tables.items()},
         warnings=tuple(filter(None, get_text(h5, "warnings").split("\n"))),
         weighting=weighting,
+        stages=_take_stages(groups["offline"]) if "offline" in groups else (),
         **body,
     )
     _check_fit(rom)
@@ -148,7 +166,8 @@ def _mode_table(weighting: str, dense: bool) -> dict[str, Entry]:
     if weighting not in HANKEL_UNIT:
         raise RomFileError(unknown("weighting", weighting, HANKEL_UNIT))
     damping = Entry("1/s", ("m", "m") if dense else ("m",))
-    return {**MODE, "damping": damping, "hankel_singular_values": Entry(HANKEL_UNIT[weighting], ("r",))}
+    σ = Entry(HANKEL_UNIT[weighting], ("r",), optional=True)
+    return {**MODE, "damping": damping, "hankel_singular_values": σ}
 
 
 def _take_mode(group: h5py.Group, weighting: str, sizes: Sizes) -> Mode:
@@ -156,7 +175,17 @@ def _take_mode(group: h5py.Group, weighting: str, sizes: Sizes) -> Mode:
     dense = isinstance(damping, h5py.Dataset) and damping.ndim == 2
     arrays: Any = get_arrays(group, _mode_table(weighting, dense), _mode_sizes(sizes))
     static = arrays.pop("static_error")
+    for key in EMPTY_WHERE_ABSENT:
+        if arrays[key] is None:
+            arrays[key] = np.empty(0)
+        elif not len(arrays[key]):
+            raise RomFileError(f"{group.name}/{key} is empty")
     return Mode(**arrays, static_error=None if static is None else float(static[0]))
+
+
+def _take_stages(group: h5py.Group) -> tuple[Stage, ...]:
+    arrays: Any = get_arrays(group, {str(k): STAGE for k in range(len(group))}, {})
+    return tuple(Stage(get_text(group[key], "name"), *map(float, numbers)) for key, numbers in arrays.items())
 
 
 def _take_effect(group: h5py.Group) -> dict[str, float]:
@@ -188,13 +217,27 @@ def _check_fit(rom: Rom) -> None:
         raise RomFileError("/node_mass has negative masses")
     if any(columns < 0 for columns in rom.actuators.values()):
         raise RomFileError("an actuator has a negative number of columns")
+    if any(stage.seconds < 0 or stage.peak_memory < 0 for stage in rom.stages):
+        raise RomFileError("/offline has a negative time or memory")
     for name, mode in rom.modes.items():
         if rom.contacts[name] < 0:
             raise RomFileError(f"contact mode {name!r} has fewer input columns than the actuators")
         if (mode.left_inverse is None) == (rom.switching == "oblique"):
             raise RomFileError(f"contact mode {name!r}: left_inverse goes with oblique switching, and only with it")
-        if len(mode.hankel_singular_values) == 0 or (mode.hankel_singular_values <= 0).any():
-            raise RomFileError(f"contact mode {name!r}: Hankel singular values must be positive")
+        _check_numbers(f"contact mode {name!r}", mode)
+
+
+def _check_numbers(where: str, mode: Mode) -> None:
+    """What is said of the quality of a mode."""
+    ω = mode.frequencies
+    if (mode.hankel_singular_values <= 0).any():
+        raise RomFileError(f"{where}: Hankel singular values must be positive")
+    if len(ω) != len(mode.transfer_errors):
+        raise RomFileError(f"{where}: frequencies and transfer_errors go together")
+    if (ω <= 0).any() or (np.diff(ω) <= 0).any():
+        raise RomFileError(f"{where}: frequencies must be positive, in ascending order")
+    if (mode.transfer_errors < 0).any() or (mode.static_error or 0.0) < 0:
+        raise RomFileError(f"{where}: an error is negative")
 
 
 def _mode_sizes(sizes: Sizes) -> Sizes:

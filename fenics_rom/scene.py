@@ -108,8 +108,9 @@ class Scene:
 
 SWITCHINGS = ("energy", "modal", "oblique")
 WEIGHTINGS = ("mass", "nodal", "outputs")
-LYAPUNOV = ("auto", "closed-form", "bartels-stewart", "krylov")
-METHODS = ("balanced",)
+LYAPUNOV = ("auto", "closed-form", "bartels-stewart", "krylov", "adi")
+METHODS = ("balanced", "modal", "modal+static", "pod")
+SOLVERS = ("auto", "direct", "iterative")
 ORDER = Number(at_least=1, integer=True)
 TOLERANCE = Number(above=0.0, below=1.0)
 SHARE = Number(above=0.0, at_most=1.0)

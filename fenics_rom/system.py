@@ -4,17 +4,21 @@ The reduction sees a system only through M @ X, D @ X, K @ X, solves, Xᵀ Y sum
 Blocks of vectors are NumPy arrays that hold the rows of this rank; the rows of the ranks follow one another.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from math import isfinite
 from typing import Any, Protocol
 
 import numpy as np
 
 from fenics_rom.errors import StructureError
 from fenics_rom.scene import Scene
+from fenics_rom.stages import Stage
 
 Array = np.ndarray
 PROPORTIONAL = 1e-12  # share of D that may be neither M nor K where it counts as α M + β K
+MATRICES = ("mass", "damping", "stiffness")
+COLUMNS = ("contacts", "actuators", "outputs")
 
 
 class Operator(Protocol):
@@ -25,7 +29,13 @@ class Operator(Protocol):
 
 
 class Factor(Protocol):
-    """A kept factorisation of a symmetric positive definite matrix."""
+    """Solves with a symmetric matrix, again and again: a kept factorisation, or an iterative solver.
+
+    Attributes:
+        notice: what the user should know of how it solves; empty where there is nothing to say.
+    """
+
+    notice: str
 
     def solve(self, block: Array) -> Array:
         """Solution for a block of right-hand sides, (rows here, k) to (rows here, k)."""
@@ -46,11 +56,14 @@ class Algebra(Protocol):
     def rows(self) -> slice:
         """Which rows are held here."""
 
-    def factor(self, *terms: tuple[float, Any]) -> Factor:
-        """Factorisation of a sum of coefficient times operator."""
+    def factor(self, *terms: tuple[complex, Any], solver: str = "auto") -> Factor:
+        """Factorisation of a sum of coefficient times operator; complex as soon as one coefficient is."""
 
-    def eigenpairs(self, mass: Any, stiffness: Any, count: int) -> tuple[Array, Array]:
-        """The lowest eigenvalues γ (count,) of K v = γ M v, and M-orthonormal eigenvectors (rows here, count)."""
+    def eigenpairs(self, mass: Any, stiffness: Any, count: int, factor: Any = None) -> tuple[Array, Array]:
+        """The lowest eigenvalues γ (count,) of K v = γ M v, and M-orthonormal eigenvectors (rows here, count).
+
+        A kept `factor` of K saves another one.
+        """
 
 
 @dataclass(frozen=True)
@@ -74,9 +87,15 @@ class Body:
 class System:
     """M v̇ + D v + K x = B_i u_i, dx/dt = v, y = Cᵀ x.
 
-    `assemble` makes one from a scene. Anyone's SciPy or NumPy matrices make one, too:
+    `assemble` makes one from a scene, `from_forms` from variational forms, `read_system` from files. Anyone's SciPy,
+    NumPy or PETSc matrices make one, too:
 
         System(mass=M, damping=D, stiffness=K, contacts={"tip": B}, outputs={"tip": C})
+        System(mass=M, rayleigh=(α, β), stiffness=K, contacts={"tip": B})  # D = α M + β K
+
+    With SciPy or NumPy matrices B and C are arrays or sparse matrices (n, columns), or vectors (n,). With PETSc
+    matrices they are such blocks of the rows of this rank, PETSc matrices with the same rows, or lists of PETSc
+    vectors; then all ranks of the matrices' communicator make the system together.
 
     Attributes:
         mass, damping, stiffness: symmetric; M and K positive definite, D positive semi-definite. kg, N s/m, N/m.
@@ -84,10 +103,11 @@ class System:
         actuators: columns of each actuator, which every contact mode has after its own, (rows here, columns).
         outputs: C of each named output, (rows here, 3 points); any number of columns where there is no mesh.
         algebra: solves, sums and eigenpairs for these matrices.
-        rayleigh: (α, β) where D = α M + β K, else None.
+        rayleigh: (α, β) where D = α M + β K, else None. 1/s, s.
         body: nodes and surface; without nodes where there is no mesh.
         scene: the scene it was assembled from, if it was.
         warnings: what the user should know about this model.
+        stages: what making it spent its time on.
     """
 
     mass: Operator
@@ -101,14 +121,15 @@ class System:
     body: Body
     scene: Scene | None
     warnings: tuple[str, ...]
+    stages: tuple[Stage, ...]
 
     def __init__(
         self,
         *,
         mass: Any,
-        damping: Any,
         stiffness: Any,
         contacts: Mapping[str, Any],
+        damping: Any = None,
         actuators: Mapping[str, Any] | None = None,
         outputs: Mapping[str, Any] | None = None,
         algebra: Algebra | None = None,
@@ -116,30 +137,66 @@ class System:
         body: Body | None = None,
         scene: Scene | None = None,
         warnings: tuple[str, ...] = (),
+        stages: tuple[Stage, ...] = (),
     ):
         """Takes what `assemble` has put together as it is (then `algebra` is given), and checks anything else.
 
         Raises:
             StructureError: matrices or columns that do not fit or lack structure, with the measured number.
         """
-        if algebra is None:
-            from fenics_rom.reduction.matrix_algebra import MatrixAlgebra, checked_columns, checked_matrix
-
-            mass = checked_matrix(mass, "mass", None, definite=True)
-            size = mass.shape[0]
-            stiffness = checked_matrix(stiffness, "stiffness", size, definite=True)
-            damping = checked_matrix(damping, "damping", size, definite=False)
-            algebra = MatrixAlgebra(size)
-            contacts = checked_columns(contacts, "contacts", size)
-            actuators = checked_columns(actuators or {}, "actuators", size)
-            outputs = checked_columns(outputs or {}, "outputs", size)
-            rayleigh = rayleigh or _rayleigh(mass, damping, stiffness, size)
-            body = body or Body(np.empty((0, 3)), np.empty((0, 3), dtype=int), np.arange(size), np.empty(0))
+        given = {name: value for name, value in locals().items() if name != "self"}
+        given |= {"actuators": actuators or {}, "outputs": outputs or {}}
         if not contacts:
             raise StructureError("contacts: at least one contact mode is needed")
-        given = locals()
+        if algebra is None:
+            given |= _checked(given)
         for name in self.__dataclass_fields__:
             object.__setattr__(self, name, given[name])
+
+    @classmethod
+    def from_forms(
+        cls,
+        *,
+        mass: Any,
+        stiffness: Any,
+        contacts: Mapping[str, Any],
+        damping: Any = None,
+        rayleigh: tuple[float, float] | None = None,
+        actuators: Mapping[str, Any] | None = None,
+        outputs: Mapping[str, Any] | None = None,
+        bcs: Sequence[Any] = (),
+    ) -> "System":
+        """The system of variational forms in dolfinx, on any function space; every rank of the mesh must call it.
+
+        Displacements in 3D (Lagrange of degree 1 or 2 on straight tetrahedra) get nodes and a surface, so that they
+        can be drawn, and rows that do not depend on the number of ranks. Any other space (2D, scalar, mixed) is a
+        model without a mesh, with its rows in dolfinx's order.
+
+        Args:
+            mass, stiffness: bilinear UFL forms of one space, symmetric and positive definite under the `bcs`.
+            contacts: linear UFL forms of each contact mode, one per input: the work of a unit input on a test function.
+            damping: bilinear UFL form, symmetric and positive semi-definite.
+            rayleigh: instead of `damping`: (α, β) of D = α M + β K, 1/s and s.
+            actuators: linear UFL forms of each actuator, which every contact mode has after its own.
+            outputs: linear UFL forms of each output, functionals of the displacement; where there are nodes, three
+                for each point.
+            bcs: Dirichlet conditions of value zero; their degrees of freedom are eliminated.
+
+        Raises:
+            StructureError: forms that do not fit together or lack structure, or a boundary value other than zero.
+        """
+        from fenics_rom.fem.forms import system_of_forms
+
+        return system_of_forms(
+            mass=mass,
+            stiffness=stiffness,
+            contacts=contacts,
+            damping=damping,
+            rayleigh=rayleigh,
+            actuators=actuators or {},
+            outputs=outputs or {},
+            bcs=bcs,
+        )
 
     @property
     def size(self) -> int:
@@ -151,13 +208,86 @@ class System:
         return np.hstack([self.contacts[contact], *self.actuators.values()])
 
 
-def _rayleigh(M: Any, D: Any, K: Any, size: int) -> tuple[float, float] | None:
+def unmeshed(size: int) -> Body:
+    """The body of a model without a mesh."""
+    return Body(np.empty((0, 3)), np.empty((0, 3), dtype=int), np.arange(size), np.empty(0))
+
+
+def check_damping_choice(damping: Any, rayleigh: tuple[float, float] | None) -> None:
+    """Refuses both or none of a damping matrix and (α, β), and an (α, β) that could drive.
+
+    Raises:
+        StructureError: what was given, and what is allowed.
+    """
+    if (damping is None) == (rayleigh is None):
+        raise StructureError(
+            f"{'neither' if damping is None else 'both'} damping {'nor' if damping is None else 'and'} rayleigh given; "
+            "allowed is one of them"
+        )
+    if rayleigh is not None and not (len(rayleigh) == 2 and all(isfinite(c) and c >= 0 for c in rayleigh)):
+        raise StructureError(f"rayleigh = {rayleigh}: allowed are two finite numbers (α, β) from 0, in 1/s and s")
+
+
+def is_petsc(value: Any) -> bool:
+    """Whether it is an object of petsc4py, which need not be installed for this."""
+    return any(kind.__module__.partition(".")[0] == "petsc4py" for kind in type(value).__mro__)
+
+
+def _checked(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Anyone's matrices and columns as fields of a system, measured."""
+    check_damping_choice(given["damping"], given["rayleigh"])
+    if any(is_petsc(given[name]) for name in MATRICES):
+        from fenics_rom.fem.own_matrices import checked_parts
+
+        parts = checked_parts(given)
+    else:
+        parts = _checked_here(given)
+    return parts | {"body": given["body"] or parts["body"]}
+
+
+def _checked_here(given: Mapping[str, Any]) -> dict[str, Any]:
+    """SciPy and NumPy matrices, which each process has all of."""
+    from fenics_rom.reduction.matrix_algebra import MatrixAlgebra, checked_columns, checked_matrix
+
+    _refuse_what_is_not_for_scipy(given)
+    M = checked_matrix(given["mass"], "mass", None, definite=True)
+    size = M.shape[0]
+    K = checked_matrix(given["stiffness"], "stiffness", size, definite=True)
+    algebra, rayleigh = MatrixAlgebra(size), given["rayleigh"]
+    damping = given["damping"] if rayleigh is None else rayleigh[0] * M + rayleigh[1] * K
+    D = checked_matrix(damping, "damping", size, definite=False)
+    return {
+        **{"mass": M, "damping": D, "stiffness": K, "algebra": algebra, "body": unmeshed(size)},
+        **{kind: checked_columns(given[kind], kind, size) for kind in COLUMNS},
+        "rayleigh": rayleigh or rayleigh_of(M, D, K, algebra, size),
+    }
+
+
+def _refuse_what_is_not_for_scipy(given: Mapping[str, Any]) -> None:
+    """NumPy would drop imaginary parts, and take a PETSc vector for something else."""
+    columns = {f"{kind}[{name!r}]": value for kind in COLUMNS for name, value in given[kind].items()}
+    for name, value in ({name: given[name] for name in MATRICES} | columns).items():
+        if any(map(is_petsc, value if isinstance(value, list | tuple) else [value])):
+            raise StructureError(f"{name} is of PETSc, but the matrices are not")
+        if np.iscomplexobj(value):
+            raise StructureError(f"{name} is complex; allowed are real numbers")
+
+
+def rayleigh_of(M: Operator, D: Operator, K: Operator, algebra: Algebra, size: int) -> tuple[float, float] | None:
     """(α, β) of D = α M + β K, or None where D is anything else; told by products with a few vectors."""
-    probes = np.random.default_rng(0).standard_normal((size, 4))
-    Mz, Dz, Kz = M @ probes, D @ probes, K @ probes
-    columns = np.stack([Mz.ravel() / np.linalg.norm(Mz), Kz.ravel() / np.linalg.norm(Kz)], axis=1)
-    weights, *_ = np.linalg.lstsq(columns, Dz.ravel(), rcond=None)
-    if np.linalg.norm(columns @ weights - Dz.ravel()) > PROPORTIONAL * np.linalg.norm(Dz):
+    probes = np.random.default_rng(0).standard_normal((size, 4))[algebra.rows()]
+
+    def dot(left: Array, right: Array) -> float:
+        return float(np.trace(algebra.inner(left, right)))
+
+    Mz, Dz, Kz = (A @ probes for A in (M, D, K))
+    μ, κ = np.sqrt(dot(Mz, Mz)), np.sqrt(dot(Kz, Kz))
+    cosine = dot(Mz, Kz) / (μ * κ)
+    weights, rest = np.zeros(2), Dz
+    for _ in range(2):  # once more for what the normal equations lose to round-off
+        projections = [dot(Mz, rest) / μ, dot(Kz, rest) / κ]
+        weights += np.linalg.lstsq([[1.0, cosine], [cosine, 1.0]], projections, rcond=None)[0]
+        rest = Dz - weights[0] / μ * Mz - weights[1] / κ * Kz
+    if dot(rest, rest) > PROPORTIONAL**2 * dot(Dz, Dz):
         return None
-    α, β = weights[0] / np.linalg.norm(Mz), weights[1] / np.linalg.norm(Kz)
-    return (float(max(α, 0.0)), float(max(β, 0.0)))
+    return float(weights[0] / μ), float(weights[1] / κ)

@@ -5,21 +5,29 @@ import re
 import shutil
 import subprocess
 import sys
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from bodies import PLATE
+from petsc4py import PETSc
 
 import fenics_rom as fr
 from fenics_rom.cli import main
+from fenics_rom.scene import LYAPUNOV, METHODS
+from fenics_rom.stages import Stage
 
 DATA = Path(__file__).parent / "data"
 ROM, RUN = DATA / "rom-1.0.h5", DATA / "run-1.0.h5"
 TEXT = PLATE.read_text().replace("../../meshes/plate.msh", str(PLATE.parents[2] / "meshes" / "plate.msh"))
 COMMANDS = {
-    "reduce": ["--order", "--tolerance", "--switching", "--weighting", "--lyapunov", "--share", "--output"],
+    "reduce": [
+        *("--order", "--tolerance", "--switching", "--weighting", "--lyapunov", "--share", "--output"),
+        *("--method", "--solver", "--resume"),
+        *("--mass", "--stiffness", "--damping", "--rayleigh", "--contact", "--actuator", "--observe"),
+    ],
     "solve": ["--dt", "--output"],
     "simulate": ["--scene", "--dt", "--order", "--output"],
     "info": [],
@@ -93,6 +101,15 @@ def refused(inside, say):
     return run
 
 
+@pytest.fixture
+def database():
+    """PETSc's options, which live as long as the process."""
+    before = set(PETSc.Options().getAll())
+    yield lambda: {name: value for name, value in PETSc.Options().getAll().items() if name not in before}
+    for name in set(PETSc.Options().getAll()) - before:
+        PETSc.Options().delValue(name)
+
+
 # --- what it does ----------------------------------------------------------------------------------------------------
 
 
@@ -151,12 +168,82 @@ def test_choices_on_the_command_line_come_before_those_of_the_scene(inside, say,
         np.testing.assert_allclose(made.modes[name].hankel_singular_values[:3], mode.hankel_singular_values[:3])
 
 
+def test_reduce_says_what_it_cost_and_how_good_the_models_are(story):
+    rom, printed = fr.read_rom(story[0] / "rom.h5"), story[1]["reduce"]
+    table = printed[printed.index("offline work\n") :]
+    rows = re.findall(r"^  (\S.*?) +([\d.,]+) +([\d.]+) % +([\d,]+) MB$", table, flags=re.M)
+    assert [row[0] for row in rows] == [*(stage.name for stage in rom.stages), "total"]
+    assert rows[0][0] == "assembly"
+    for (_, seconds, _, memory), stage in zip(rows, rom.stages, strict=False):
+        assert seconds == f"{stage.seconds:.2f}"
+        assert memory == f"{stage.peak_memory / 1e6:.0f}"
+    total = sum(stage.seconds for stage in rom.stages)
+    assert rows[-1][1:] == (f"{total:.2f}", "100.0", rows[-2][3])
+    assert abs(sum(float(row[2]) for row in rows[:-1]) - 100) < 0.1 * len(rows)
+    for name, mode in rom.modes.items():
+        last = re.search(rf"^  {name} .* (\S+) +(\S+) +(\d+) frequencies$", printed, flags=re.M).groups()
+        assert last == (
+            f"{mode.static_error:.1e}",
+            f"{mode.transfer_errors.max():.1e}",
+            str(len(mode.frequencies)),
+        )
+    assert re.search(r"^  method +balanced$", printed, flags=re.M)
+
+
+def test_what_a_file_does_not_say_is_not_made_up(say):
+    out = say("info", ROM)[1]
+    assert len(re.findall(r"^  (?:right|corner) .* [\d.e-]+ +- +-$", out, flags=re.M)) == 2
+    assert "offline" not in out
+    out = say("info", DATA / "rom-1.1.h5")[1]
+    errors = r"\S+e-\d+ +\S+e-\d+ +4 frequencies"
+    assert len(re.findall(rf"^  (?:right|corner) .* Hz +- +- +{errors}$", out, flags=re.M)) == 2
+    assert re.search(r"^  method +modal\+static$", out, flags=re.M)
+    assert "\noffline work\n" in out
+
+
+@pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")  # the plate locks
+@pytest.mark.parametrize("choices", [("--method", m) for m in METHODS] + [("--lyapunov", r) for r in LYAPUNOV])
+def test_every_method_and_route_makes_a_rom(inside, say, choices):
+    status, _, err = say("reduce", PLATE, "-o", "rom.h5", "--order", "3", *choices)
+    assert (status, err) == (0, "")
+    assert fr.read_rom("rom.h5").method == dict([choices]).get("--method", "balanced")
+    assert [file.name for file in inside.iterdir()] == ["rom.h5"]
+
+
+def test_iterative_solver_says_so_then_and_later(inside, say):
+    status, out, _ = say("reduce", PLATE, "-o", "rom.h5", "--order", "3", "--solver", "iterative")
+    assert status == 0
+    assert out.count("  warning: conjugate gradients with algebraic multigrid, as asked for") == 1
+    assert say("info", "rom.h5")[1] == out
+
+
+def test_terminal_shows_bars_with_time_and_memory(inside):
+    ours, theirs = os.openpty()
+    command = [Path(sys.executable).parent / "fenics-rom", "reduce", PLATE, "-o", "rom.h5", "--order", "3"]
+    environment = {**os.environ, "TERM": "xterm", "COLUMNS": "120", "LINES": "40"}
+    shown = b""
+    with subprocess.Popen(command, env=environment, stdout=subprocess.PIPE, stderr=theirs) as run:
+        os.close(theirs)
+        with suppress(OSError):  # the end
+            while part := os.read(ours, 1000):
+                shown += part
+        assert run.stdout.read().startswith(b"ROM plate: ")
+    os.close(ours)
+    assert run.returncode == 0
+    plain = re.sub(r"\x1b\[[\d;?]*[A-Za-z]", "", shown.decode())
+    remaining, elapsed = r"(?:-:--:--|\d:\d\d:\d\d)", r"\d:\d\d:\d\d"
+    for stage in ("assembly", "contact modes", "certificate"):
+        assert re.search(rf"{stage} +\S+ +\d+% {remaining} {elapsed} [1-9]\d\d MB", plain)
+
+
 def test_names_are_printed_as_they_are(inside, say):
     """Also where they look like markup to what draws the tables."""
-    rom = replace(fr.read_rom(ROM), name="[bold]a[/x] :smile: Prüfling")
+    stages = (Stage("[red]K⁻¹[/red] :smile:", 1.0, 1e6),)
+    rom = replace(fr.read_rom(ROM), name="[bold]a[/x] :smile: Prüfling", stages=stages)
     fr.write_rom("a[1] :b:.h5", rom)
     status, out, _ = say("info", "a[1] :b:.h5")
     assert status == 0
+    assert "\n  [red]K⁻¹[/red] :smile:      1.00   100.0 %" in out
     assert out.startswith("ROM [bold]a[/x] :smile: Prüfling: a[1] :b:.h5\n")
 
 
@@ -201,13 +288,69 @@ def test_help_lists_every_command(say):
         ["simulate", "rom.h5", "-o", "run.h5", "--dt", "fast"],
         ["compare", "run.h5"],
         ["info", "rom.h5", "more"],
+        ["info", "rom.h5", "-fenics_rom_eps_ncv"],
+        ["simulate", "rom.h5", "-o", "run.h5", "-fenics_rom_eps_ncv", "40"],
+        ["reduce", "scene.toml", "-o", "rom.h5", "-mat_mumps_icntl_14", "40"],
+        ["reduce", "scene.toml", "-o", "rom.h5", "--fenics_rom_eps_ncv", "40"],
+        ["reduce", "-o", "rom.h5", "-fenics_rom_eps_monitor", "scene.toml"],
+        ["reduce", "scene.toml", "-o", "rom.h5", "--method", "podd"],
+        ["reduce", "scene.toml", "-o", "rom.h5", "--solver", "none"],
+        ["solve", "scene.toml", "-o", "run.h5", "--resume"],
     ],
 )
-def test_wrong_usage_ends_with_status_2(inside, say, arguments):
+def test_wrong_usage_ends_with_status_2(inside, say, database, arguments):
     status, out, err = say(*arguments)
     assert (status, out) == (2, "")
     assert err.startswith("usage: fenics-rom")
     assert not any(inside.iterdir())
+
+
+# --- options of PETSc and SLEPc --------------------------------------------------------------------------------------
+
+EIGENVECTORS = ("reduce", PLATE, "-o", "rom.h5", "--method", "modal", "--order", "5")
+
+
+@pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")  # the plate locks
+class TestOptions:
+    @pytest.mark.parametrize("at", [1, 2, 3, 8])
+    def test_reach_petsc_from_anywhere_on_the_line(self, inside, say, database, at):
+        words = ["-fenics_rom_eps_ncv", "40", "-fenics_rom_factor_mat_mumps_cntl_4", "-1.0"]
+        status, out, err = say(*EIGENVECTORS[:at], *words, *EIGENVECTORS[at:])
+        assert (status, err) == (0, "")
+        assert database() == {"fenics_rom_eps_ncv": "40", "fenics_rom_factor_mat_mumps_cntl_4": "-1.0"}
+        assert "nothing has read it" not in out
+
+    def test_without_a_value_take_no_option_of_ours_for_one(self, inside, say, database):
+        words = ["-fenics_rom_eps_one", "--switching", "energy", "-fenics_rom_eps_two"]
+        assert say(*EIGENVECTORS, *words)[0] == 0
+        assert [name for name, value in database().items() if not value] == ["fenics_rom_eps_one", "fenics_rom_eps_two"]
+
+    def test_reach_the_factor_of_a_time_step(self, inside, say, database):
+        words = ["-fenics_rom_factor_mat_cholmod_factor", "SUPERNODAL", "-fenics_rom_factor_mat_cholmod_fctor", "x"]
+        status, out, _ = say("solve", PLATE, "-o", "run.h5", "--dt", "0.1", *words)
+        assert status == 0
+        assert re.findall("option (.*) was given", out) == ["-fenics_rom_factor_mat_cholmod_fctor"]
+
+    def test_that_nothing_reads_are_told_at_the_end(self, inside, say, database):
+        out = say(*EIGENVECTORS, "-fenics_rom_eps_nvc", "40", "-fenics_rom_eps_ncv", "40")[1]
+        assert out.endswith("\n  warning: option -fenics_rom_eps_nvc was given, but nothing has read it\n")
+        assert out.count("nothing has read it") == 1
+
+    def test_of_nothing_here_are_refused_before_the_work(self, refused, database):
+        for command in ("reduce", "solve"):
+            said = refused(command, "none.toml", "-o", "out.h5", "-fenics_rom_ncv", "40")
+            assert said.startswith("option '-fenics_rom_ncv': allowed are those that begin with -fenics_rom_factor_")
+        assert database() == {}
+
+    @pytest.mark.parametrize(
+        ("option", "said"),
+        [
+            (("-fenics_rom_eps_type", "none"), "PETSc: error code 86 .*Unknown EPS type given: none"),
+            (("-fenics_rom_factor_mat_mumps_icntl_14", "much"), "mumps could not factor"),
+        ],
+    )
+    def test_with_values_that_do_not_exist_are_an_error_of_one_line(self, refused, database, option, said):
+        assert re.match(said, refused(*EIGENVECTORS, *option))
 
 
 # --- what it refuses -------------------------------------------------------------------------------------------------
@@ -286,6 +429,8 @@ def test_what_is_no_rom_or_run_is_refused(inside, refused):
         (["reduce", "plate.toml", "--tolerance", "2"], "--tolerance 2: allowed is more than 0 and less than 1"),
         (["reduce", "plate.toml", "--tolerance", "nan"], "--tolerance nan: allowed is more than 0 and less than 1"),
         (["reduce", "plate.toml", "--share", "0"], "--share 0: allowed is more than 0 and at most 1"),
+        (["reduce", "plate.toml", "--method", "pod", "--switching", "modal"], "switching = 'modal' goes with method"),
+        (["reduce", "eigenvectors.toml"], "have no singular values for a tolerance to leave out; give an order"),
         (["reduce", "none.toml"], "none.toml: cannot be read: No such file or directory"),
         (["reduce", "two\nlines.toml"], "two lines.toml: cannot be read: No such file or directory"),
         (["solve", "plate.toml", "--dt", "-1"], "dt = -1.0: allowed is more than 0 and at most the duration, 3 s"),
@@ -300,6 +445,7 @@ def test_what_is_no_rom_or_run_is_refused(inside, refused):
 )
 def test_choice_that_does_not_exist_is_refused(inside, refused, arguments, said):
     (inside / "plate.toml").write_text(TEXT)
+    (inside / "eigenvectors.toml").write_text(re.sub("^order = .*$", 'method = "modal"', TEXT, flags=re.M))
     assert said in refused(*arguments, "-o", "out.h5")
 
 
@@ -379,9 +525,10 @@ def test_two_ranks_say_once_what_is_wrong_and_end(inside, there, instead, said):
 
 
 def test_two_ranks_write_one_rom_and_one_summary(inside, plate_rom):
-    run = mpirun("reduce", PLATE, "-o", "rom.h5", "--order", "20")
+    run = mpirun("reduce", PLATE, "-o", "rom.h5", "--order", "20", "-fenics_rom_eps_nvc", "40")
     assert run.returncode == 0, run.stderr
     assert run.stdout.count("ROM plate: rom.h5") == 1
+    assert run.stdout.count("fenics_rom_eps_nvc") == 1  # PETSc on its own would name it, too
     assert [file.name for file in inside.iterdir()] == ["rom.h5"]
     for name, mode in fr.read_rom("rom.h5").modes.items():
         σ = plate_rom.modes[name].hankel_singular_values[:20]

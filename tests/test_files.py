@@ -18,10 +18,14 @@ import fenics_rom as fr
 from fenics_rom.checked_file import LONGEST_TEXT, content_of, sealed
 from fenics_rom.errors import FenicsRomError, RomFileError, StructureError
 from fenics_rom.scene_file import LONGEST
+from fenics_rom.stages import Stage
 
 pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")  # the plate locks
 DATA = Path(__file__).parent / "data"
-KINDS = ("energy", "modal", "oblique", "dense damping", "actuators and tables", "no outputs", "own matrices")
+KINDS = (
+    *("energy", "modal", "oblique", "dense damping", "actuators and tables", "no outputs", "own matrices"),
+    *("eigenvectors", "nothing measured"),
+)
 FREQUENCIES = 2j * np.pi * np.array([0.0, 1.0, 10.0, 100.0])
 
 
@@ -52,6 +56,8 @@ def roms(plate_system, box_system):
         "actuators and tables": replace(fr.reduce(box_system, order=4), tables=tables, warnings=("one", "two")),
         "no outputs": replace(energy, outputs={}, weighting="nodal"),
         "own matrices": own_matrices(),
+        "eigenvectors": fr.reduce(plate_system, order=4, method="modal"),
+        "nothing measured": fr.truncated(replace(energy, method="<lambda>", stages=()), 3),
     }
 
 
@@ -167,7 +173,14 @@ def test_longest_scene_goes_into_a_file(tmp_path, rom):
     assert same(fr.read_rom(tmp_path / "rom.h5"), rom)
 
 
-# --- format 1.0 ------------------------------------------------------------------------------------------------------
+def test_names_of_stages_are_any_text(tmp_path, rom):
+    """Methods are anyone's, and so are the names of what they spend their time on."""
+    stages = (Stage("modes/K⁻¹\nλ ", 0.0, 0.0), Stage("", 1e5, 2e12), Stage("", 0.25, 1.5))
+    fr.write_rom(tmp_path / "rom.h5", replace(rom, stages=stages))
+    assert fr.read_rom(tmp_path / "rom.h5").stages == stages
+
+
+# --- formats 1.0 and 1.1 ---------------------------------------------------------------------------------------------
 
 
 def test_files_of_format_1_0_load_for_ever():
@@ -185,10 +198,33 @@ def test_files_of_format_1_0_load_for_ever():
     assert rom.name == run.name == "box"
     assert run.steps == 40
     assert run.balance_error < 1e-14
+    assert (rom.method, rom.stages) == ("balanced", ())
+    for certificate in rom.certificate.values():
+        assert certificate["transfer_error"] is None
+        assert 0 < certificate["static_error"] < 0.1
+        assert 0 < certificate["neglected"] < 0.1
     again = fr.simulate(rom)
     np.testing.assert_allclose(again.shapes, run.shapes, rtol=1e-9, atol=1e-15)
     np.testing.assert_allclose(again.outputs["tip"], run.outputs["tip"], rtol=1e-9, atol=1e-15)
     np.testing.assert_allclose(again.energy, run.energy, rtol=1e-9, atol=1e-15)
+
+
+def test_roms_of_format_1_1_load_for_ever():
+    """Written on the way to release 0.2.0: the same box at order 8, in eigenvectors and static shapes.
+
+    With a certificate, and with what it cost. As those of format 1.0, it is never to be written anew.
+    """
+    rom = fr.read_rom(DATA / "rom-1.1.h5")
+    assert (rom.name, rom.method) == ("box", "modal+static")
+    assert [stage.name for stage in rom.stages][:2] == ["assembly", "factorisation of K"]
+    assert all(stage.seconds > 0 and stage.peak_memory > 1e6 for stage in rom.stages)
+    for name, certificate in rom.certificate.items():
+        mode = rom.modes[name]
+        assert len(mode.hankel_singular_values) == 0
+        assert len(mode.frequencies) == len(mode.transfer_errors) > 2
+        assert certificate["neglected"] is None
+        assert 0 < certificate["static_error"] < certificate["transfer_error"] < 0.1
+    assert fr.simulate(rom).balance_error < 1e-14
 
 
 def test_later_minor_version_loads(rom_file, rom):
@@ -293,7 +329,9 @@ def refusal(read, file):
     return message.removeprefix(f"{file}: ")
 
 
-@pytest.mark.parametrize(("name", "read"), [("rom-1.0.h5", fr.read_rom), ("run-1.0.h5", fr.read_record)])
+@pytest.mark.parametrize(
+    ("name", "read"), [("rom-1.0.h5", fr.read_rom), ("rom-1.1.h5", fr.read_rom), ("run-1.0.h5", fr.read_record)]
+)
 class TestDamage:
     """HDF5 itself crashes on some damaged files, so these must not reach it."""
 
@@ -393,7 +431,30 @@ LIES = {
     "damping is not positive semi-definite, least -2": put(f"{MODE}/damping", -2 * np.eye(4)),
     "contact mode 'tip_left': damping is not symmetric": put(f"{MODE}/damping", np.eye(4) + np.eye(4, k=1) / 9),
     "'tip_left': Hankel singular values must be positive": put(f"{MODE}/hankel_singular_values", [-1.0]),
-    "'middle': Hankel singular values must be positive": put("modes/middle/hankel_singular_values", np.empty(0)),
+    "/modes/middle/hankel_singular_values is empty": put("modes/middle/hankel_singular_values", np.empty(0)),
+    "attribute 'method' of / is missing or not text": lambda h5: h5.attrs.update(method=1),
+    f"/{MODE}/frequencies is empty": lambda h5: [
+        put(f"{MODE}/{name}", lambda there: there[:0])(h5) for name in ("frequencies", "transfer_errors")
+    ],
+    "contact mode 'tip_left': frequencies and transfer_errors go together": without(f"{MODE}/frequencies"),
+    "'tip_left': frequencies and transfer_errors go together": without(f"{MODE}/transfer_errors"),
+    f"/{MODE}/transfer_errors has shape (2,); allowed is ('f',), f = 3": lambda h5: [
+        put(f"{MODE}/frequencies", [1.0, 2.0, 3.0])(h5),
+        put(f"{MODE}/transfer_errors", [0.1, 0.2])(h5),
+    ],
+    f"/{MODE}/frequencies has unit 'Hz', not 'rad/s'": put(f"{MODE}/frequencies", [1.0], unit="Hz"),
+    f"/{MODE}/transfer_errors holds numbers that are not finite": put(f"{MODE}/transfer_errors", lambda e: np.nan * e),
+    "'tip_left': frequencies must be positive, in ascending order": put(f"{MODE}/frequencies", lambda ω: ω - ω[0]),
+    "frequencies must be positive, in ascending": put(f"{MODE}/frequencies", lambda ω: ω[::-1]),
+    "contact mode 'tip_left': an error is negative": put(f"{MODE}/transfer_errors", lambda errors: -errors),
+    "'tip_left': an error is negative": put(f"{MODE}/static_error", [-1e-9]),
+    "/offline is missing": lambda h5: (h5.pop("offline"), h5.update(offline=[1.0])),
+    "unexpected 99 in /offline": put("offline/99", [1.0, 1.0], unit="s, B"),
+    "/offline/0 has shape (3,); allowed is (2,)": put("offline/0", np.ones(3)),
+    "/offline/0 has unit 's', not 's, B'": put("offline/0", np.ones(2), unit="s"),
+    "attribute 'name' of /offline/0 is missing or not text": put("offline/0", np.ones(2)),
+    "/offline has a negative time or memory": lambda h5: h5["offline/0"].write_direct(np.array([-1.0, 1.0])),
+    "/offline has a negative time": lambda h5: h5["offline/0"].write_direct(np.array([1.0, -1.0])),
     "/free does not name components among 198, in ascending order": put("free", lambda free: free[::-1]),
     "/free does not name components among 198": put("free", lambda free: free + 99),
     "/triangles name nodes beyond 66": put("triangles", lambda triangles: triangles + 1),
@@ -447,6 +508,12 @@ BAD_ROMS = {
     "damping is not positive semi-definite": lambda rom: with_mode(rom, damping=-np.ones(4)),
     "directions are not orthonormal": lambda rom: with_mode(rom, directions=np.ones((4, 4))),
     "/modes/tip_left/static_error holds numbers": lambda rom: with_mode(rom, static_error=np.nan),
+    "frequencies and transfer_errors go together": lambda rom: with_mode(rom, frequencies=np.empty(0)),
+    "/transfer_errors has shape (7,)": lambda rom: with_mode(rom, transfer_errors=np.ones(7)),
+    "frequencies must be positive, in": lambda rom: with_mode(rom, frequencies=-rom.modes["tip_left"].frequencies),
+    "Hankel singular values must be positive": lambda rom: with_mode(rom, hankel_singular_values=np.zeros(4)),
+    "/offline/0 holds numbers": lambda rom: replace(rom, stages=(Stage("assembly", np.inf, 1.0),)),
+    "/offline has a negative": lambda rom: replace(rom, stages=(Stage("assembly", -1.0, 1.0),)),
 }
 
 

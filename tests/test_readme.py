@@ -31,8 +31,8 @@ def folder(tmp_path):
 
 
 def test_python_and_commands_run_as_printed(folder):
-    (plate, matrices), (commands,) = blocks("python"), blocks("sh")
-    for python, printed in ((plate, "supplied="), (matrices, "")):
+    (plate, matrices, method), (commands,) = blocks("python"), blocks("sh")
+    for python, printed in ((plate, "supplied="), (matrices, ""), (method, "'static_error': ")):
         run = subprocess.run(
             [sys.executable, "-c", python], cwd=folder, capture_output=True, text=True, env=dict(os.environ)
         )

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import fenics_rom as fr
 from fenics_rom.errors import SceneError
-from fenics_rom.scene import Material, Near
+from fenics_rom.scene import LYAPUNOV, METHODS, SWITCHINGS, Material, Near
 from fenics_rom.scene_file import LONGEST, parse_scene
 
 TEXT = PLATE.read_text()
@@ -64,6 +64,13 @@ def test_what_is_not_named_is_absent():
     assert list(scene.effects) == ["inertia"]
     assert scene.run is None
     assert scene.tables == {}
+
+
+@pytest.mark.parametrize(("key", "choices"), [("method", METHODS), ("lyapunov", LYAPUNOV), ("switching", SWITCHINGS)])
+def test_every_choice_of_a_reduction_reads(key, choices):
+    for choice in choices:
+        reduction = parse(changed(("[reduction]", f'[reduction]\n{key} = "{choice}"'))).reduction
+        assert getattr(reduction, key) == choice
 
 
 def test_several_materials_ball_contacts_and_one_order_for_all_read():
@@ -141,7 +148,8 @@ middle = 67 | middle = 0 | reduction.order.middle = 0: allowed is a whole number
 { tip_left = 52, middle = 67 } | 2.5 | reduction.order = 2.5: allowed is a whole number and >= 1, or a table
 order = { tip_left = 52, middle = 67 } | tolerance = 1 | reduction.tolerance = 1: allowed is a finite number and > 0
 [reduction] | [reduction]⏎switching = "enrgy" | there is energy, modal, oblique; did you mean 'energy'?
-[reduction] | [reduction]⏎method = "pod" | reduction.method: no choice 'pod'; there is balanced
+[reduction] | [reduction]⏎method = "podd" | no choice 'podd'; there is balanced, modal, modal+static, pod; did you
+[reduction] | [reduction]⏎lyapunov = "ad" | no choice 'ad'; there is adi, auto, bartels-stewart, closed-form, krylov
 dt = 1e-3 | dt = 0 | run.dt = 0: allowed is a finite number and > 0, in s
 dt = 1e-3 | dt = 4 | run.dt = 4: allowed is at most the duration, 3 s
 [run] | [run]⏎shapes = 0 | run.shapes = 0: allowed is a whole number and >= 1

@@ -2,4 +2,6 @@
 
 import petsc4py
 
-petsc4py.init(["fenics-rom", "-no_signal_handler"])  # PETSc would answer a closed pipe or Ctrl-C with a crash report
+# PETSc would answer a closed pipe or Ctrl-C with a crash report, and later releases than 3.18 would name options that
+# nothing has read among the results
+petsc4py.init(["fenics-rom", "-no_signal_handler", "-options_left", "no"])

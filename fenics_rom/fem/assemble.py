@@ -1,6 +1,7 @@
 """Scene to System: linear elasticity by dolfinx, clamped nodes eliminated, in canonical order."""
 
 import logging
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,10 +14,12 @@ from petsc4py import PETSc
 from fenics_rom.errors import MeshError, SceneError
 from fenics_rom.fem.mesh import Mesh, read_mesh
 from fenics_rom.fem.nodes import CELL_EDGES, Nodes, canonical_nodes, clamped_nodes, output_rows, patch_columns
-from fenics_rom.fem.petsc_algebra import PetscAlgebra, PetscMatrix, combination, require_real
+from fenics_rom.fem.petsc_algebra import PetscAlgebra, require_real
+from fenics_rom.fem.petsc_matrix import PetscMatrix, ZeroMatrix, combination
 from fenics_rom.fem.ranks import on_rank_0
 from fenics_rom.fem.versions import cell_constants, cell_dofs, cell_nodes, create_tetrahedra, vector_space
 from fenics_rom.scene import Scene
+from fenics_rom.stages import Stages
 from fenics_rom.system import Body, System
 
 
@@ -34,6 +37,13 @@ def assemble(scene: Scene, comm: Any = None) -> System:
     """
     require_real(PETSc.ScalarType)
     comm = MPI.COMM_WORLD if comm is None else comm
+    stages = Stages(lambda value: comm.allreduce(value, MPI.MAX))
+    with stages("assembly"):
+        system = _system(scene, comm)
+    return replace(system, stages=stages.done)
+
+
+def _system(scene: Scene, comm: Any) -> System:
     mesh = on_rank_0(comm, lambda: read_mesh(scene.mesh_file, scene.mesh_groups))
     nodes = on_rank_0(comm, lambda: canonical_nodes(mesh, scene.degree))
     free = _free_components(scene, nodes)
@@ -50,7 +60,7 @@ def assemble(scene: Scene, comm: Any = None) -> System:
     here = algebra.rows()
     return System(
         mass=mass,
-        damping=PetscMatrix(combination((alpha, mass), (beta, stiffness))) if alpha or beta else _Zero(),
+        damping=PetscMatrix(combination((alpha, mass), (beta, stiffness))) if alpha or beta else ZeroMatrix(),
         stiffness=stiffness,
         contacts={
             name: patch_columns(nodes, patch, free, f"contacts.{name}")[here] for name, patch in scene.contacts.items()
@@ -68,13 +78,6 @@ def assemble(scene: Scene, comm: Any = None) -> System:
         scene=scene,
         warnings=_locking(scene),
     )
-
-
-class _Zero:
-    """The damping matrix of an undamped body: no matrix is stored."""
-
-    def __matmul__(self, block: np.ndarray) -> np.ndarray:
-        return np.zeros_like(block)
 
 
 def _locking(scene: Scene) -> tuple[str, ...]:
@@ -148,15 +151,27 @@ def _matrices(
     mass = _assembled(ρ * ufl.inner(u, v) * ufl.dx)
     stiffness = _assembled(ufl.inner(stress, ε_v) * ufl.dx)
 
-    place = _dolfinx_nodes(space, degree, nodes)
-    node_mass = _node_mass(mass, place)
-    share = np.array_split(free, comm.size)[comm.rank]
+    place = dolfinx_nodes(space, degree, nodes)
+    node_mass = node_masses(mass, place)
+    share = np.array_split(free.reshape(-1, 3), comm.size)[comm.rank].ravel()  # whole nodes, for multigrid
     rows = (3 * place[share // 3] + share % 3).astype(PETSc.IntType)
     chosen = PETSc.IS().createGeneral(rows, comm=comm)
+    chosen.setBlockSize(3)
     reduced = [PetscMatrix(_symmetric(matrix.createSubMatrix(chosen, chosen))) for matrix in (mass, stiffness)]
     for matrix in (mass, stiffness):
         matrix.destroy()
+    set_rigid_modes(reduced[1].mat, nodes.coordinates[share[::3] // 3])
     return reduced[0], reduced[1], node_mass
+
+
+def set_rigid_modes(stiffness: PETSc.Mat, coordinates: np.ndarray) -> None:
+    """Tells multigrid the motions that cost next to no energy; `coordinates` of the nodes here, (N here, 3)."""
+    points = stiffness.createVecRight()
+    points.array[:] = coordinates.ravel()
+    modes = PETSc.NullSpace().createRigidBody(points)
+    stiffness.setNearNullSpace(modes)
+    modes.destroy()
+    points.destroy()
 
 
 def _assembled(form: Any) -> PETSc.Mat:
@@ -186,7 +201,7 @@ def _cell_function(domain: Any, values: np.ndarray) -> Any:
     return function
 
 
-def _dolfinx_nodes(space: Any, degree: int, nodes: Nodes) -> np.ndarray:
+def dolfinx_nodes(space: Any, degree: int, nodes: Nodes) -> np.ndarray:
     """Global dolfinx number of every canonical node."""
     domain, dofs = space.mesh, cell_dofs(space)
     index_map = space.dofmap.index_map
@@ -202,7 +217,7 @@ def _dolfinx_nodes(space: Any, degree: int, nodes: Nodes) -> np.ndarray:
     return order
 
 
-def _node_mass(mass: PETSc.Mat, place: np.ndarray) -> np.ndarray:
+def node_masses(mass: PETSc.Mat, place: np.ndarray) -> np.ndarray:
     """Diagonal of M per node, scaled so that the nodes together weigh what the body weighs."""
     ones, diagonal = mass.createVecRight(), mass.getDiagonal()
     product = ones.duplicate()

@@ -8,8 +8,9 @@ import numpy as np
 
 from fenics_rom.errors import SceneError, StepError
 from fenics_rom.fem.assemble import assemble
+from fenics_rom.fem.direct import PetscFactor
 from fenics_rom.fem.extended import ExtendedMatrix
-from fenics_rom.fem.petsc_algebra import PetscFactor, combination
+from fenics_rom.fem.petsc_matrix import combination
 from fenics_rom.ledger import Ledger
 from fenics_rom.load_history import LoadHistory
 from fenics_rom.record import Record, Recorder
@@ -59,25 +60,31 @@ class FullSimulator:
         M v and K x carried along by their increments close it to round-off.
         """
         h, s = self.dt, self.system
-        α, β = s.rayleigh or (0.0, 0.0)
         factor = self._factor(h)
         force = (B @ u)[:, None]
         right = force + 2 / h * self._momentum - self._elastic
         v = factor.solve(right)
         Mv, Kv = s.mass @ v, self._stiffness @ v
-        correction = factor.solve(right - (2 / h + α) * Mv - (h / 2 + β) * Kv)
+        correction = factor.solve(right - 2 / h * Mv - self._damped(v, Mv, Kv) - h / 2 * Kv)
         v += correction
         Mv += s.mass @ correction
         Kv += s.stiffness @ correction
         if not np.isfinite(self._dot(v, v)):
             raise StepError(f"input {u.tolist()} leads out of the finite numbers; the state was left as it was")
         self.ledger.supplied += h * self._dot(force, v)
-        self.ledger.dissipated += h * self._dot(v, α * Mv + β * Kv)
+        self.ledger.dissipated += h * self._dot(v, self._damped(v, Mv, Kv))
         self.x += h * v
         self.v = 2 * v - self.v
         self._momentum = 2 * Mv - self._momentum
         self._elastic = self._elastic + h * Kv
         self.time += h
+
+    def _damped(self, v: Array, Mv: Array, Kv: Array) -> Array:
+        """D v."""
+        if self.system.rayleigh is None:
+            return self.system.damping @ v
+        α, β = self.system.rayleigh
+        return α * Mv + β * Kv
 
     def displacement(self, output: str | None = None) -> Array:
         """Displacement, m: of a named output (points, 3), or of every mesh node (nodes, 3)."""
@@ -102,7 +109,7 @@ class FullSimulator:
             self.close()
             s = self.system
             α, β = s.rayleigh or (0.0, 0.0)
-            matrix: Any = combination((2 / h + α, s.mass), (h / 2 + β, s.stiffness))  # type: ignore[arg-type]
+            matrix: Any = combination((2 / h + α, s.mass), (h / 2 + β, s.stiffness))
             self._factored = h, PetscFactor(matrix, one_by_one=True)
         return self._factored[1]
 

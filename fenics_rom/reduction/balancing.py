@@ -5,6 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 Array = np.ndarray
+FLOOR = 1e-12  # share of σ_1 below which σ is round-off
 
 
 @dataclass(frozen=True)
@@ -22,21 +23,18 @@ class Balanced:
     left_inverse: Array
 
 
-def balance(Wc: Array, Wo: Array) -> Balanced:
-    """Balances two position Gramians.
+def balance(Z: Array, Y: Array) -> Balanced:
+    """Balances Wc = Z Zᵀ and Wo = Y Yᵀ.
 
-    With Wc = Z Zᵀ and Wo = Y Yᵀ, the singular value decomposition of Yᵀ Z gives σ without squaring them.
-    Directions that are lost in round-off of either Gramian are not returned.
+    The singular value decomposition of Yᵀ Z gives σ without squaring them, and with it both transformations.
 
     Args:
-        Wc, Wo: (k, k), symmetric positive semi-definite.
+        Z, Y: (k, any).
     """
-    Z, Y = _square_root(Wc), _square_root(Wo)
-    _, σ, Uᵀ = np.linalg.svd(Y.T @ Z, full_matrices=False)
-    there = σ > _round_off(σ)
-    σ, U = σ[there], Uᵀ[there].T
-    T = Z @ U / np.sqrt(σ)
-    return Balanced(σ, T, (U.T @ Z.T @ Wo) / σ[:, None] ** 1.5)
+    V, σ, Uᵀ = np.linalg.svd(Y.T @ Z, full_matrices=False)
+    there = σ > FLOOR * σ[0]
+    V, σ, U = V[:, there], σ[there], Uᵀ[there].T
+    return Balanced(σ, Z @ U / np.sqrt(σ), V.T @ Y.T / np.sqrt(σ)[:, None])
 
 
 def balance_as_printed(Wc: Array, Wo: Array) -> Balanced:
@@ -70,14 +68,3 @@ def orthonormal_span(T: Array, order: int) -> Array:
     dependent = np.abs(np.diag(R)) < 1e-10
     kept = int(dependent.argmax()) if dependent.any() else Q.shape[1]
     return Q[:, :kept]
-
-
-def _square_root(W: Array) -> Array:
-    """Z with Z Zᵀ = W, without the directions that are round-off."""
-    w, E = np.linalg.eigh(W)
-    there = w > _round_off(w)
-    return E[:, there] * np.sqrt(w[there])
-
-
-def _round_off(values: Array) -> float:
-    return float(values.max(initial=0.0) * len(values) * np.finfo(float).eps)

@@ -1,25 +1,39 @@
-"""System to ROM: for each contact mode, Gramians, balancing, a basis; then one shared basis for all of them."""
+"""System to ROM: a method finds directions for each contact mode; what is kept of them goes into one shared basis."""
 
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
 
 from fenics_rom.errors import FenicsRomWarning, SceneError
 from fenics_rom.reduction.balancing import order_of, orthonormal_span
-from fenics_rom.reduction.realization import SETTLED, Realization, realization
+from fenics_rom.reduction.checkpoint import Checkpoint
+from fenics_rom.reduction.methods import BY_NAME
+from fenics_rom.reduction.problem import Directions, Method, Problem
 from fenics_rom.reduction.selection import EigenvectorSelection
-from fenics_rom.reduction.shared_basis import Reduced, in_shared_basis
-from fenics_rom.reduction.subspace import all_eigenvectors
+from fenics_rom.reduction.shared_basis import Kept, rom_of
+from fenics_rom.reduction.shared_space import SharedSpace
 from fenics_rom.rom import Rom, check_rom
-from fenics_rom.scene import LYAPUNOV, SHARE, SWITCHINGS, TOLERANCE, WEIGHTINGS, Reduction, check_order
+from fenics_rom.scene import (
+    LYAPUNOV,
+    METHODS,
+    SHARE,
+    SOLVERS,
+    SWITCHINGS,
+    TOLERANCE,
+    WEIGHTINGS,
+    Reduction,
+    check_order,
+)
 from fenics_rom.schema import unknown
+from fenics_rom.stages import Report, Stages
 from fenics_rom.system import System
 
 DENSE_LIMIT = 1000  # unknowns up to which all eigenvectors are cheaper than a Krylov space
 DEFAULT_TOLERANCE = 1e-6  # share of the sum of σ that is left out where neither order nor tolerance is given
-
-Report = Callable[[str, int, int], None]  # stage, done, of
 
 
 def reduce(
@@ -27,10 +41,14 @@ def reduce(
     *,
     order: int | Mapping[str, int] | None = None,
     tolerance: float | None = None,
+    method: str | Method | None = None,
     switching: str | None = None,
     weighting: str | None = None,
     lyapunov: str | None = None,
     share: float | None = None,
+    solver: str = "auto",
+    checkpoint: str | Path | None = None,
+    resume: bool = False,
     report: Report = lambda stage, done, of: None,
 ) -> Rom:
     """Reduces a full-order model for each of its contact modes; every rank must call it, every rank gets the ROM.
@@ -39,22 +57,30 @@ def reduce(
 
     Args:
         system: the full-order model.
-        order: number of balanced displacements, one for all contact modes or by name.
-        tolerance: instead of an order: share of the sum of Hankel singular values that may be left out.
-        switching: "energy": the balanced bases themselves, switched by energy-orthogonal projection (any order, no
-            loss of accuracy); "modal": the paper's selection of eigenvectors; "oblique": standard balanced truncation
+        order: number of reduced displacements, one for all contact modes or by name.
+        tolerance: instead of an order: share of the sum of singular values that may be left out.
+        method: "balanced" (by the Gramians), "modal" (the lowest eigenvectors), "modal+static" (with the static
+            shapes of the inputs), "pod" (of full-order runs), or a function of a `Problem`.
+        switching: "energy": the bases themselves, switched by energy-orthogonal projection (any order, no loss of
+            accuracy); "modal": the paper's selection of eigenvectors; "oblique": standard balanced truncation
             as the paper's (5)-(8) stand, from dense Gramians with their round-off, switched by their oblique
             projections, which can create energy: for comparison only.
         weighting: what of the shape counts: "mass" (the L² norm), "nodal" (all nodes alike, the paper's) or
             "outputs" (the named outputs only).
-        lyapunov: route to the Gramians: "closed-form" in all eigenvectors, "bartels-stewart" (dense), "krylov", or
-            "auto" (closed form up to 1,000 unknowns).
+        lyapunov: route to the Gramians: "closed-form" in all eigenvectors, "bartels-stewart" (dense), "krylov", "adi"
+            or "auto" (closed form up to 1,000 unknowns, else krylov).
         share: of the covariance's trace that the eigenvectors of "modal" hold.
+        solver: for K: "direct" (a Cholesky factor), "iterative" (conjugate gradients with algebraic multigrid), or
+            "auto": direct where the factor fits into the memory.
+        checkpoint: folder that keeps what is finished, contact mode by contact mode; yours to remove when the ROM is
+            written.
+        resume: go on from what an earlier call left in `checkpoint`.
         report: called with the stage, how much of it is done, and of how much.
 
     Raises:
         SceneError: a choice that does not exist or does not fit the system.
         SolverError: undamped motions, or a solver that did not deliver.
+        RomFileError: a checkpoint of something else, or one that cannot be written.
     """
     chosen = system.scene.reduction if system.scene else Reduction()
     if order is None and tolerance is None:
@@ -62,34 +88,41 @@ def reduce(
     check_order(order, system.contacts, "order")
     tolerance = DEFAULT_TOLERANCE if tolerance is None else TOLERANCE.check(tolerance, "tolerance")
     share = SHARE.check(chosen.share if share is None else share, "share")
+    named, method = _method(method or chosen.method)
     switching = _choice("switching", switching or chosen.switching, SWITCHINGS)
     weighting = _choice("weighting", weighting or chosen.weighting, WEIGHTINGS)
-    route = _choice("lyapunov", lyapunov or chosen.lyapunov, LYAPUNOV)
+    lyapunov = _choice("lyapunov", lyapunov or chosen.lyapunov, LYAPUNOV)
+    _choice("solver", solver, SOLVERS)
     if switching == "oblique":
-        route = "as-printed"
-    elif route == "auto":
-        route = "closed-form" if system.size <= DENSE_LIMIT else "krylov"
+        lyapunov = "as-printed"
+    elif lyapunov == "auto":
+        lyapunov = "closed-form" if system.size <= DENSE_LIMIT else "krylov"
     if weighting == "outputs" and not system.outputs:
         raise SceneError("reduction.weighting = 'outputs', but the scene names no outputs")
+    if switching != "energy" and named != "balanced":
+        raise SceneError(f"switching = {switching!r} goes with method = 'balanced', not with {named!r}")
 
-    messages = list(system.warnings)
-    reduced = {}
-    with closing(system.algebra.factor((1.0, system.stiffness))) as factor:
-        whole = all_eigenvectors(system) if route != "krylov" else None
-        selection = EigenvectorSelection(system, share, whole)
-        for done, name in enumerate(system.contacts):
-            report("contact modes", done, len(system.contacts))
-            wanted = order[name] if isinstance(order, Mapping) else order
-            B = system.input_matrix(name)
-            found = realization(system, factor, B, weighting=weighting, route=route, whole=whole, order=wanted)
-            reduced[name] = _truncated(found, wanted, tolerance, name, messages)
-            if switching == "modal":
-                r = reduced[name]
-                V = selection.select(r.T, r.σ[: r.T.shape[1]])
-                reduced[name] = replace(r, W=V, T=V)
-        report("contact modes", len(reduced), len(reduced))
-        rom = in_shared_basis(system, factor, reduced, switching=switching, weighting=weighting, messages=messages)
-    for message in messages:
+    stages = Stages(lambda value: float(system.algebra.gather(np.array([[value]])).max()), system.stages, report)
+    with stages("factorisation of K"):
+        factor = system.algebra.factor((1.0, system.stiffness), solver=solver)
+    with closing(factor):
+        problem = Problem(
+            system=system,
+            factor=factor,
+            space=SharedSpace(system),
+            contacts=tuple(system.contacts),
+            order=order,
+            tolerance=tolerance,
+            switching=switching,
+            weighting=weighting,
+            lyapunov=lyapunov,
+            share=share,
+            stages=stages,
+            messages=[*system.warnings, *filter(None, [factor.notice])],
+        )
+        finished = Checkpoint(checkpoint, problem, named, resume)
+        rom = rom_of(problem, _kept(problem, method, finished), method=named)
+    for message in problem.messages:
         warnings.warn(message, FenicsRomWarning, stacklevel=2)
     return check_rom(rom)
 
@@ -100,18 +133,44 @@ def _choice(key: str, value: str, choices: tuple[str, ...]) -> str:
     return value
 
 
-def _truncated(found: Realization, order: int | None, tolerance: float, name: str, messages: list[str]) -> Reduced:
-    """The leading balanced directions, and what the user should know about them."""
-    space, balanced = found.space, found.balanced
-    σ, T = balanced.singular_values, balanced.transformation
-    m = order_of(σ, order, tolerance)
+def _method(method: str | Method) -> tuple[str, Method]:
+    if callable(method):
+        return getattr(method, "__name__", type(method).__name__), method
+    return method, BY_NAME[_choice("method", method, METHODS)]
+
+
+def _kept(problem: Problem, method: Method, checkpoint: Checkpoint) -> dict[str, Kept]:
+    """What each contact mode keeps of its directions, in the order of the system."""
+    kept = checkpoint.restored(problem)
+    names = problem.contacts
+    selection = EigenvectorSelection(problem) if problem.switching == "modal" else None
+    problem.stages.report("contact modes", len(kept), len(names))
+    for name, found in method(replace(problem, contacts=tuple(name for name in names if name not in kept))):
+        if name not in names or name in kept:
+            raise SceneError(f"the method gave contact mode {name!r}, which was not asked for")
+        kept[name] = _truncated(problem, name, found)
+        if selection is not None:
+            V = selection.select(kept[name].directions, found.singular_values)
+            kept[name] = Kept(V, V, found.singular_values)
+        checkpoint.keep(problem, name, kept[name])
+        problem.stages.report("contact modes", len(kept), len(names))
+    missing = [name for name in names if name not in kept]
+    if missing:
+        raise SceneError(f"the method gave no directions for contact mode {missing[0]!r}")
+    return {name: kept[name] for name in names}
+
+
+def _truncated(problem: Problem, name: str, found: Directions) -> Kept:
+    """The leading directions, and what the user should know about them."""
+    σ, T, order = found.singular_values, found.coordinates, problem.order_of(name)
+    if order is None and not len(σ):
+        raise SceneError("this method has no singular values for a tolerance to leave out; give an order")
+    m = order_of(σ, order, problem.tolerance)
     span = orthonormal_span(T, m)
-    kept = span.shape[1]
-    if found.unrest > SETTLED:
-        messages.append(
-            f"contact mode {name!r}: Hankel singular values still changed by {found.unrest:.0e} between the last "
-            f"Krylov spaces, of {space.basis.shape[1]} vectors; ask for a lower order"
+    there = span.shape[1]
+    if there < m:
+        problem.messages.append(
+            f"contact mode {name!r}: order {m} was asked for, {there} are numerically there and were kept"
         )
-    if kept < m:
-        messages.append(f"contact mode {name!r}: order {m} was asked for, {kept} are numerically there and were kept")
-    return Reduced(space.basis @ span, σ, space.basis @ T[:, :kept], balanced.left_inverse[:kept], space)
+    left = None if problem.switching != "oblique" or found.left_inverse is None else found.left_inverse[:there]
+    return Kept(span, T[:, :there], σ if found.hankel else np.empty(0), left)

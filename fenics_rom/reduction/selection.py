@@ -3,47 +3,56 @@
 import numpy as np
 
 from fenics_rom.errors import SolverError
-from fenics_rom.reduction.subspace import Subspace
-from fenics_rom.system import Array, System
+from fenics_rom.reduction.eigenvectors import share_eigenvectors
+from fenics_rom.reduction.problem import Problem
+from fenics_rom.system import Array
+
+FIRST = 4  # eigenvectors for each balanced direction, to begin with
+FEWEST = 60
 
 
 class EigenvectorSelection:
     """Selects columns of V for each contact mode; V is computed once and grown when a mode needs more of it.
 
     Args:
-        system: the full-order model.
-        share: of the trace of the covariance that the selected eigenvectors must hold.
-        known: V already computed, where there is one.
+        problem: what is reduced; its shared space, still empty, gets the first eigenvectors.
     """
 
-    def __init__(self, system: System, share: float, known: Subspace | None = None):
-        self._system = system
-        self._share = share
-        self._V = np.empty((0, 0)) if known is None else known.basis
+    def __init__(self, problem: Problem):
+        self._problem = problem
+        orders = [problem.order_of(name) or 0 for name in problem.contacts]
+        all_needed = problem.lyapunov not in ("krylov", "adi")
+        share_eigenvectors(problem, problem.system.size if all_needed else max(FEWEST, FIRST * max(orders)))
+        self._V = np.eye(problem.space.eigenvectors)  # coordinates
 
-    def select(self, balanced_basis: Array, σ: Array) -> Array:
-        """Eigenvectors by falling covariance, (rows here, m_ξ); m_ξ >= m in general.
+    def select(self, directions: Array, σ: Array) -> Array:
+        """Coordinates of eigenvectors by falling covariance, (k, m_ξ); m_ξ >= m in general.
 
         Args:
-            balanced_basis: T_i, (rows here, m).
-            σ: (m,) Hankel singular values.
+            directions: (k, m) coordinates of the balanced basis T_i.
+            σ: (r,) Hankel singular values, r >= m.
 
         Raises:
             SolverError: all eigenvectors together do not hold the share.
         """
-        system, inner = self._system, self._system.algebra.inner
-        MT = system.mass @ balanced_basis
-        trace = np.sum(np.diag(inner(balanced_basis, MT)) * σ)  # of C, without its other entries
-        count = max(self._V.shape[1], min(system.size, 4 * len(σ)))
+        problem, m = self._problem, directions.shape[1]
+        trace = np.sum(directions**2 @ σ[:m])  # of C, without its other entries
         while True:
-            if self._V.shape[1] < count:
-                _, self._V = system.algebra.eigenpairs(system.mass, system.stiffness, count)
-            covariance = inner(self._V, MT) ** 2 @ σ  # diagonal of VᵀMT Σ (VᵀMT)ᵀ
+            V, count = self._V, self._V.shape[1]
+            T = directions[: len(V)]  # V has no part in later directions
+            covariance = (V.T @ T) ** 2 @ σ[:m]  # diagonal of VᵀMT Σ (VᵀMT)ᵀ
             order = np.argsort(covariance)[::-1]
             held = np.cumsum(covariance[order]) / trace
-            if held[-1] >= self._share or (count == system.size and held[-1] > self._share - 1e-9):
-                chosen = int(np.argmax(held >= min(self._share, held[-1]))) + 1
-                return self._V[:, order[:chosen]]
-            if count == system.size:
-                raise SolverError(f"all {count} eigenvectors hold {held[-1]:.9f} of the trace, not {self._share:g}")
-            count = min(system.size, 2 * count)
+            everything = count == problem.system.size
+            if held[-1] >= problem.share or (everything and held[-1] > problem.share - 1e-9):
+                chosen = int(np.argmax(held >= min(problem.share, held[-1]))) + 1
+                return V[:, order[:chosen]]
+            if everything:
+                raise SolverError(f"all {count} eigenvectors hold {held[-1]:.9f} of the trace, not {problem.share:g}")
+            self._grow(min(problem.system.size, 2 * count))
+
+    def _grow(self, count: int) -> None:
+        system, space = self._problem.system, self._problem.space
+        with self._problem.stages("eigenvectors"):
+            _, V = system.algebra.eigenpairs(system.mass, system.stiffness, count, self._problem.factor)
+            self._V = space.add(V)

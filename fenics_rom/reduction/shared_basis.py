@@ -1,84 +1,74 @@
-"""One shared basis for all contact modes: W_i = Q C_i, so that a file holds the joint span and not every basis."""
+"""From the shared space to the ROM: one basis Q of what the contact modes keep, and each mode diagonal in its own."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
-from fenics_rom.reduction.subspace import Subspace, damping_in, diagonalized, orthonormal_rest
+from fenics_rom.reduction.certificate import certified
+from fenics_rom.reduction.problem import Problem
+from fenics_rom.reduction.shared_space import padded, rest_of
 from fenics_rom.rom import Mode, Rom, diagonalized_span
-from fenics_rom.system import Array, Factor, System
+from fenics_rom.system import Array
 
 
 @dataclass(frozen=True)
-class Reduced:
-    """One contact mode before the shared basis is known.
+class Kept:
+    """What one contact mode keeps, in the coordinates of the shared space.
 
     Attributes:
-        W: (rows here, m) M-orthonormal basis.
-        σ: (r,) Hankel singular values.
-        T: (rows here, m) what spans W, by falling importance: the balanced basis, or eigenvectors.
-        left: (m, k) the oblique P T̄⁻¹ in the coordinates of `space`.
-        space: where it was balanced.
+        span: (k, m) orthonormal.
+        directions: (k, m) what spans the same, by falling importance.
+        hankel_singular_values: σ (r,), r >= m; none where the method has none.
+        left_inverse: (m, k) oblique projection; only for switching = "oblique".
     """
 
-    W: Array
-    σ: Array
-    T: Array
-    left: Array
-    space: Subspace
+    span: Array
+    directions: Array
+    hankel_singular_values: Array
+    left_inverse: Array | None = None
 
 
-def in_shared_basis(
-    system: System,
-    factor: Factor,
-    reduced: Mapping[str, Reduced],
-    *,
-    switching: str,
-    weighting: str,
-    messages: list[str],
-) -> Rom:
-    """Puts all bases into one M-orthonormal Q that diagonalizes K, and diagonalizes each mode in its own span.
+def rom_of(problem: Problem, kept: Mapping[str, Kept], *, method: str) -> Rom:
+    """Puts all contact modes into one M-orthonormal Q that diagonalizes K, with a certificate for each.
 
     Args:
-        system: the full-order model.
-        factor: of K, for the static errors.
-        reduced: by contact mode.
-        switching, weighting: what the ROM is reduced for.
-        messages: its warnings.
+        problem: what was reduced.
+        kept: by contact mode, in the order of the ROM.
+        method: name of the method.
     """
+    system, space = problem.system, problem.space
     algebra, scene = system.algebra, system.scene
-    Q = np.empty((len(next(iter(reduced.values())).W), 0))
-    for r in reduced.values():
-        Q = np.hstack([Q, orthonormal_rest(system, r.W, Q)])
-    joint = diagonalized(system, Q)
-    Q, κ = joint.basis, joint.eigenvalues
-    MQ = system.mass @ Q
-
-    modes = {}
-    for name, r in reduced.items():
-        B = system.input_matrix(name)
-        span, _ = np.linalg.qr(algebra.inner(MQ, r.W))
-        γ, C = diagonalized_span(κ, span)
-        W = Q @ C
-        G = algebra.inner(W, B)
-        T = algebra.inner(MQ @ C, r.T)  # in this mode's coordinates
-        left = T @ r.left @ algebra.inner(r.space.basis, MQ) if switching == "oblique" else None
-        statics = factor.solve(B)
-        error = statics - W @ (G / γ[:, None])
-        modes[name] = Mode(
-            eigenvalues=γ,
-            damping=damping_in(system, W, γ),
-            inputs=G,
-            coordinates=C,
-            directions=np.linalg.qr(T / np.linalg.norm(T, axis=0))[0],
-            hankel_singular_values=r.σ,
-            left_inverse=left,
-            static_error=_norm(system, error) / _norm(system, statics),
-        )
+    with problem.stages("shared basis"):
+        joint = np.empty((space.size, 0))
+        for k in kept.values():
+            joint = np.hstack([joint, rest_of(padded(k.span, space.size), joint)])
+        whole = space.subspace(joint)
+        U, κ = whole.coordinates, whole.eigenvalues
+        Q = space.basis @ U
+        inputs = [system.input_matrix(name) for name in kept]
+        seen = np.split(algebra.inner(Q, np.hstack(inputs)), np.cumsum([B.shape[1] for B in inputs])[:-1], axis=1)
+        modes, bases = {}, {}
+        for (name, k), QᵀB in zip(kept.items(), seen, strict=True):
+            γ, C = diagonalized_span(κ, np.linalg.qr(U.T @ padded(k.span, space.size))[0])
+            W = U @ C
+            T = W.T @ padded(k.directions, space.size)
+            bases[name] = W
+            modes[name] = Mode(
+                eigenvalues=γ,
+                damping=space.damping_in(W, γ),
+                inputs=C.T @ QᵀB,
+                coordinates=C,
+                directions=np.linalg.qr(T / np.linalg.norm(T, axis=0))[0],
+                hankel_singular_values=k.hankel_singular_values,
+                left_inverse=None if k.left_inverse is None else T @ k.left_inverse @ U,
+            )
+    with problem.stages("certificate"):
+        modes = certified(problem, modes, bases)
     return Rom(
         name=scene.name if scene else "system",
-        switching=switching,
+        method=method,
+        switching=problem.switching,
         modes=modes,
         actuators={name: columns.shape[1] for name, columns in system.actuators.items()},
         basis=algebra.gather(Q),
@@ -91,10 +81,7 @@ def in_shared_basis(
         effects=scene.effects if scene else {},
         scene_text=scene.text if scene else "",
         tables=scene.tables if scene else {},
-        warnings=tuple(messages),
-        weighting=weighting,
+        warnings=tuple(problem.messages),
+        weighting=problem.weighting,
+        stages=problem.stages.done,
     )
-
-
-def _norm(system: System, block: Array) -> float:
-    return float(np.sqrt(np.trace(system.algebra.inner(block, system.mass @ block))))

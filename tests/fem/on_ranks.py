@@ -15,7 +15,7 @@ from petsc4py import PETSc
 import fenics_rom as fr
 from fenics_rom.cli import main
 from fenics_rom.errors import FenicsRomError
-from fenics_rom.fem.assemble import _dolfinx_nodes
+from fenics_rom.fem.assemble import dolfinx_nodes
 from fenics_rom.fem.mesh import read_mesh
 from fenics_rom.fem.nodes import canonical_nodes
 from fenics_rom.fem.petsc_algebra import PetscFactor
@@ -25,6 +25,9 @@ COMM = MPI.COMM_WORLD
 COMMANDS = {
     "plate.h5": ("reduce", "plate.toml"),
     "plate-krylov.h5": ("reduce", "plate.toml", "--lyapunov", "krylov", "--order", "20"),
+    "plate-adi.h5": ("reduce", "plate.toml", "--lyapunov", "adi", "--order", "12"),
+    "many.h5": ("reduce", "many.toml"),
+    "beam-static.h5": ("reduce", "beam.toml", "--method", "modal+static"),
     "box.h5": ("reduce", "box.toml", "--lyapunov", "closed-form"),
     "beam.h5": ("reduce", "beam.toml"),
     "beam-modal.h5": ("reduce", "beam.toml", "--switching", "modal", "--share", "0.9999"),
@@ -59,7 +62,7 @@ def misplaced(mesh_file, degree):
     space = vector_space(create_tetrahedra(COMM, cells, points), degree)
     owned = space.tabulate_dof_coordinates()[: space.dofmap.index_map.size_local]
     there = np.concatenate(COMM.allgather(owned))
-    return float(np.abs(there[_dolfinx_nodes(space, degree, nodes)] - nodes.coordinates).max())
+    return float(np.abs(there[dolfinx_nodes(space, degree, nodes)] - nodes.coordinates).max())
 
 
 def symmetric(matrix):

@@ -1,5 +1,6 @@
 """PETSc and SLEPc against LAPACK, and failures that must not be silent."""
 
+from contextlib import closing
 from pathlib import Path
 
 import numpy as np
@@ -8,9 +9,14 @@ from bodies import assembled, box_arrays, box_surfaces, dense, sparse, write_arr
 from petsc4py import PETSc
 from scipy.linalg import eigh
 from scipy.sparse.linalg import eigsh
+from slepc4py import SLEPc
 
 from fenics_rom.errors import SolverError
-from fenics_rom.fem.petsc_algebra import PetscFactor, PetscMatrix, combination, require_real
+from fenics_rom.fem import direct, eigenpairs, petsc_algebra
+from fenics_rom.fem.direct import PetscFactor
+from fenics_rom.fem.options import set_options
+from fenics_rom.fem.petsc_algebra import require_real
+from fenics_rom.fem.petsc_matrix import CHUNK, Dense, PetscMatrix, ZeroMatrix, combination
 
 SOLVERS = pytest.mark.parametrize("one_by_one", [False, True], ids=["mumps", "cholmod"])
 
@@ -43,6 +49,28 @@ def test_products_are_those_of_the_matrix(beam):
         product = beam.stiffness @ block[:, :k]
         assert product.shape == (beam.size, k)
         assert np.abs(product - expected[:, :k]).max(initial=0) <= 1e-15 * np.abs(expected).max()
+    product = beam.stiffness @ (block[:, :2] + 1j * block[:, 2:4])
+    assert np.abs(product - expected[:, :2] - 1j * expected[:, 2:4]).max() <= 1e-15 * np.abs(expected).max()
+
+
+def test_wide_blocks_are_taken_in_parts(beam, monkeypatch):
+    """So that their copies stay small, however many columns there are."""
+    widths = []
+
+    class Seen(Dense):
+        def __init__(self, like, block):
+            widths.append(block.shape[1])
+            super().__init__(like, block)
+
+    for module in ("petsc_matrix", "direct"):
+        monkeypatch.setattr(f"fenics_rom.fem.{module}.Dense", Seen)
+    block = np.random.default_rng(0).standard_normal((beam.size, 2 * CHUNK + 44))
+    with closing(beam.algebra.factor((1.0, beam.stiffness))) as factor:
+        x = factor.solve(block)
+    product = beam.stiffness @ x
+    assert set(widths) == {CHUNK, 44}
+    assert np.abs(product - block).max() <= 1e-9 * np.abs(block).max()
+    np.testing.assert_allclose(product[:, -1:], beam.stiffness @ x[:, -1:], rtol=1e-9, atol=1e-9)
 
 
 def test_combination_is_the_sum(beam):
@@ -51,6 +79,28 @@ def test_combination_is_the_sum(beam):
     start, columns, values = made.getValuesCSR()
     made.destroy()
     assert abs(total - type(total)((values, columns, start)).T).max() <= 1e-15 * abs(total).max()
+
+
+def test_combination_of_other_patterns_is_the_sum(beam):
+    """A dashpot between two distant rows is in no element."""
+    dashpot = PETSc.Mat().createAIJ((beam.size,) * 2, nnz=2)
+    for row, column, value in ((0, 0, 2.0), (0, beam.size - 1, -2.0), (beam.size - 1, 0, -2.0)):
+        dashpot.setValue(row, column, value)
+    dashpot.assemble()
+    extra = PetscMatrix(dashpot)
+    for terms in (((1.0, beam.mass), (3.0, extra)), ((3.0, extra), (1.0, beam.mass))):
+        total = PetscMatrix(combination(*terms, (5.0, ZeroMatrix())))
+        z = np.random.default_rng(0).standard_normal((beam.size, 1))
+        np.testing.assert_allclose(total @ z, beam.mass @ z + 3.0 * (extra @ z), rtol=0, atol=1e-14)
+        total.destroy()
+    extra.destroy()
+
+
+def test_sums_that_are_none_are_refused(beam):
+    with pytest.raises(SolverError, match="sum of PETSc matrices was asked for with a ndarray in it"):
+        beam.algebra.factor((1.0, beam.stiffness), (1.0, np.eye(beam.size)))
+    with pytest.raises(SolverError, match="sum of PETSc matrices was asked for without one"):
+        beam.algebra.factor((1.0, ZeroMatrix()))
 
 
 @SOLVERS
@@ -64,6 +114,8 @@ def test_solves_leave_no_residual(beam, one_by_one):
         assert x.shape == (beam.size, k)
         assert np.abs(A @ x - block[:, :k]).max(initial=0) <= 1e-12
     np.testing.assert_allclose(factor.solve(block[:, :1])[:, 0], factor.solve(block)[:, 0], rtol=1e-9)
+    x = factor.solve(block[:, :2] + 1j * block[:, 2:4])
+    assert np.abs(A @ x - block[:, :2] - 1j * block[:, 2:4]).max() <= 1e-12
     factor.close()
 
 
@@ -147,27 +199,82 @@ def test_eigenvectors_that_are_not_good_enough_are_refused(twins, lapack, monkey
     γ, V = lapack[0][:5].copy(), lapack[1][:, :5].copy()
     for damage in (1e-3, np.nan):
         V[7, 2] += damage
-        monkeypatch.setattr(twins.algebra, "_lowest_eigenpairs", lambda *_, V=V: (γ, V))
+        monkeypatch.setattr(petsc_algebra, "lowest_eigenpairs", lambda *_, V=V: (γ, V))
         with pytest.raises(SolverError, match="eigenvectors are not good enough"):
             twins.algebra.eigenpairs(twins.mass, twins.stiffness, 5)
 
 
-def test_eigenproblem_without_solution_is_an_error(twins):
-    nothing = PetscMatrix(combination((1.0, twins.stiffness), (-1.0, twins.stiffness)))
+def test_kept_factor_is_used_instead_of_another(beam, monkeypatch):
+    """And solves are all that SLEPc does with it: 4 for each eigenpair at most."""
+    made, solves = [], []
+    monkeypatch.setattr(direct, "cholesky_numeric", lambda *a: made.append(1) or cholesky_numeric(*a))
+    monkeypatch.setattr(PetscFactor, "apply", lambda self, b, x: solves.append(1) or apply(self, b, x))
+    expected = beam.algebra.eigenpairs(beam.mass, beam.stiffness, 60)
+    assert len(made) == 1
+    with closing(beam.algebra.factor((1.0, beam.stiffness))) as factor:
+        solves.clear()
+        γ, V = beam.algebra.eigenpairs(beam.mass, beam.stiffness, 60, factor)
+        assert len(made) == 2  # that of the line above
+        assert 60 <= len(solves) <= 240
+        factor.solve(np.ones((beam.size, 1)))  # still there
+    np.testing.assert_allclose(γ, expected[0], rtol=1e-9)
+    assert np.abs(np.abs(np.sum(V * (beam.mass @ expected[1]), axis=0)) - 1).max() <= 1e-6
+
+
+cholesky_numeric, apply = direct.cholesky_numeric, PetscFactor.apply
+
+
+def test_factor_of_another_matrix_does_not_pass(beam):
+    with (
+        closing(beam.algebra.factor((1.0, beam.stiffness), (1e4, beam.mass))) as factor,
+        pytest.raises(SolverError, match="eigenvectors are not good enough"),
+    ):
+        beam.algebra.eigenpairs(beam.mass, beam.stiffness, 10, factor)
+
+
+@pytest.fixture
+def made(monkeypatch):
+    """Every eigensolver that is made."""
+    solvers = []
+
+    class Kept(SLEPc.EPS):
+        def create(self, comm):
+            solvers.append(self)
+            return super().create(comm)
+
+    monkeypatch.setattr(eigenpairs.SLEPc, "EPS", Kept)
+    return solvers
+
+
+def test_eigenproblem_without_solution_is_an_error(twins, made):
+    class Nothing:
+        def apply(self, right, solution):
+            solution.set(np.nan)
+
+    class Broken:
+        def apply(self, right, solution):
+            raise SolverError("no solution")
+
     with pytest.raises(SolverError, match="SLEPc failed with PETSc error"):
-        twins.algebra.eigenpairs(twins.mass, nothing, 5)
-    nothing.destroy()
+        twins.algebra.eigenpairs(twins.mass, twins.stiffness, 5, Nothing())
+    with pytest.raises(SolverError, match="no solution"):
+        twins.algebra.eigenpairs(twins.mass, twins.stiffness, 5, Broken())
+    assert len(made) == 2
+    assert not any(made)  # destroyed
 
 
-def test_eigenpairs_that_do_not_converge_are_an_error(twins):
-    options = PETSc.Options("fenics_rom_eps_")
-    options["eps_max_it"], options["eps_tol"] = 1, 1e-20
+def test_eigenpairs_that_do_not_converge_are_an_error(twins, made):
+    set_options(["-fenics_rom_eps_max_it", "1", "-fenics_rom_eps_tol", "1e-20"])
     try:
-        with pytest.raises(SolverError, match=r"SLEPc found \d+ of 40 eigenpairs in 1 iterations .*; ask for fewer"):
+        with pytest.raises(
+            SolverError, match=r"SLEPc found \d+ of 40 eigenpairs in 1 iterations \(DIVERGED_ITS\); ask for fewer"
+        ):
             twins.algebra.eigenpairs(twins.mass, twins.stiffness, 40)
     finally:
-        for name in ("eps_max_it", "eps_tol"):
-            options.delValue(name)
+        for name in ("max_it", "tol"):
+            PETSc.Options("fenics_rom_eps_").delValue(name)
+    assert len(made) == 1
+    assert not any(made)
 
 
 def test_complex_petsc_is_refused():

@@ -4,13 +4,24 @@ import numpy as np
 import pytest
 from scipy.linalg import eigh, expm
 
-from fenics_rom.reduction.gramians import controllability, observability, textbook_gramians
+from fenics_rom.errors import SolverError
+from fenics_rom.reduction.gramians import gramian_factors, square_root, textbook_gramians
 
 DAMPINGS = {"heavy": (0.5, 1e-2), "light": (0.1, 1e-6), "alpha only": (1.0, 0.0), "beta only": (0.0, 1e-3)}
 
 
 def relative(one, other):
     return np.abs(one - other).max() / np.abs(other).max()
+
+
+def controllability(γ, damping, G):
+    Z, _ = gramian_factors(γ, damping, G, np.eye(len(γ)))
+    return Z @ Z.T
+
+
+def observability(γ, damping, weight):
+    _, Y = gramian_factors(γ, damping, np.ones((len(γ), 1)), weight)
+    return Y @ Y.T
 
 
 def matrices(system):
@@ -71,3 +82,34 @@ def test_gramians_are_the_energies_that_they_stand_for():
     start = np.array([0.3, -1.0])
     assert relative(controllability(γ, d, g), Wc) <= 1e-8
     assert start @ observability(γ, d, np.outer(c, c)) @ start == pytest.approx(seen, rel=1e-8)
+
+
+def test_square_roots_are_as_accurate_in_their_small_columns_as_in_their_large_ones():
+    """Of a Gramian whose entries span 24 decades, as those of heavily damped bodies do."""
+    scale = np.logspace(0, -12, 13)
+    root = np.tril(np.random.default_rng(0).uniform(0.5, 1.0, (13, 13)))
+    W = scale[:, None] * (root @ root.T) * scale
+    Z = square_root(W, noise=0.0)
+    assert Z.shape == (13, 13)
+    assert np.abs(Z @ Z.T / W - 1).max() <= 1e-12
+
+
+def test_noise_is_left_out_of_square_roots():
+    root = np.random.default_rng(0).standard_normal((30, 4))
+    assert square_root(root @ root.T).shape == (30, 4)
+
+
+@pytest.mark.parametrize(
+    "damping", [np.zeros(3), np.array([1.0, 0.0, 1.0]), np.zeros((3, 3)), np.diag([1.0, 0.0, 1.0])]
+)
+def test_undamped_motions_have_no_gramians(damping):
+    with pytest.raises(SolverError, match="needs damping of every motion"):
+        gramian_factors(np.array([1.0, 4.0, 9.0]), damping, np.ones((3, 1)), np.eye(3))
+
+
+def test_one_dashpot_that_all_motions_feel_is_damping_enough():
+    γ, G = np.array([1.0, 4.0, 9.0]), np.ones((3, 1))
+    D = np.outer(*[[0.3, -0.2, 0.4]] * 2)
+    Wc, Wo = textbook_gramians(np.eye(3), D, np.diag(γ), G, np.eye(3))
+    assert relative(controllability(γ, D, G), Wc) <= 1e-9
+    assert relative(observability(γ, D, np.eye(3)), Wo) <= 1e-9

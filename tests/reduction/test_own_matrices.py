@@ -89,6 +89,31 @@ def test_proportional_damping_is_found_out():
     assert fr.System(mass=M, damping=0 * M, stiffness=K, contacts={"all": B}).rayleigh == pytest.approx((0.0, 0.0))
 
 
+def test_coefficients_in_place_of_a_damping_matrix():
+    M, D, K, B = triple_chain(10, 0.3, 0.02, 0.0)
+    given = fr.System(mass=M, rayleigh=(0.3, 0.02), stiffness=K.toarray(), contacts={"all": B})
+    assert given.rayleigh == (0.3, 0.02)
+    np.testing.assert_allclose(given.damping @ np.eye(31), D.toarray(), rtol=1e-12, atol=1e-12)
+    found = fr.System(mass=M, damping=D, stiffness=K, contacts={"all": B})
+    σ = [fr.reduce(system, order=5).modes["all"].hankel_singular_values[:5] for system in (given, found)]
+    np.testing.assert_allclose(*σ, rtol=1e-9)
+
+
+def test_damping_that_takes_from_the_mass_is_found_out_and_reduced():
+    M, _, K, B = triple_chain(10, 0.0, 0.0, 0.0)
+    lowest = np.linalg.eigvals(np.linalg.solve(M.toarray(), K.toarray())).real.min()
+    system = fr.System(mass=M, damping=0.1 * K - 0.05 * lowest * M, stiffness=K, contacts={"all": B})
+    assert system.rayleigh == pytest.approx((-0.05 * lowest, 0.1))
+    reference = hankel_singular_values(M, system.damping, K, B, np.linalg.cholesky(M.toarray()))
+    np.testing.assert_allclose(fr.reduce(system, order=6).modes["all"].hankel_singular_values[:6], reference, rtol=1e-6)
+
+
+def test_dashpots_alone_are_semi_definite():
+    M, _, K, B = triple_chain(10, 0.0, 0.0, 0.0)
+    dashpots = scipy.sparse.diags(1.0 * (np.arange(31) == 7))
+    assert fr.System(mass=M, damping=dashpots, stiffness=K, contacts={"all": B}).rayleigh is None
+
+
 def test_undamped_matrices_are_modal_only():
     M, D, K, B = triple_chain(10, 0.3, 0.02, 0.0)
     with pytest.raises(fr.errors.SolverError, match="needs damping"):
@@ -121,6 +146,12 @@ def broken(what):
         (lambda p: {"mass": p["mass"] * np.nan}, "mass holds numbers that are not finite"),
         (lambda p: {"contacts": {"all": np.ones((4, 1))}}, r"contacts\['all'\] has shape \(4, 1\)"),
         (lambda p: {"contacts": {}}, "at least one contact mode"),
+        (lambda p: {"mass": p["mass"] * 1j}, "mass is complex; allowed are real numbers"),
+        (lambda p: {"outputs": {"tip": np.full((13, 1), 1j)}}, r"outputs\['tip'\] is complex"),
+        (lambda p: {"damping": None}, "neither damping nor rayleigh given; allowed is one of them"),
+        (lambda p: {"rayleigh": (0.1, 0.1)}, "both damping and rayleigh given; allowed is one of them"),
+        (lambda p: {"damping": None, "rayleigh": (0.1, np.inf)}, r"rayleigh = \(0.1, inf\): allowed are two finite"),
+        (lambda p: {"damping": None, "rayleigh": (0.1,)}, r"rayleigh = \(0.1,\): allowed are two finite"),
         (lambda p: {"actuators": {"pull": np.full((13, 1), np.inf)}}, r"actuators\['pull'\] holds numbers"),
     ],
 )
@@ -128,6 +159,7 @@ def broken(what):
 def test_matrices_without_structure_are_refused(what, message, sparse):
     parts = broken(what)
     if sparse:
-        parts |= {name: scipy.sparse.csr_matrix(parts[name]) for name in ("mass", "damping", "stiffness")}
+        given = {name: parts[name] for name in ("mass", "damping", "stiffness") if parts[name] is not None}
+        parts |= {name: scipy.sparse.csr_matrix(matrix) for name, matrix in given.items()}
     with pytest.raises(StructureError, match=message):
         fr.System(**parts)

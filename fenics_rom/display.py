@@ -1,0 +1,185 @@
+"""What the command line shows: summaries of files, tables, and bars while it works."""
+
+import io
+import math
+import sys
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import fenics_rom as fr
+from fenics_rom.errors import MissingPackageError
+from fenics_rom.launcher import speaks
+from fenics_rom.rom import Mode
+from fenics_rom.stages import Report, Stage, peak_memory
+
+
+def rich_package() -> Any:
+    """The package rich, which draws.
+
+    Raises:
+        MissingPackageError: it is not installed.
+    """
+    try:
+        import rich.console
+        import rich.progress
+        import rich.table
+        import rich.text
+    except ModuleNotFoundError as error:
+        raise MissingPackageError("the command line needs rich: pip install fenics-rom[cli]") from error
+    return rich
+
+
+def print_rom(rom: fr.Rom, file: Path | str) -> None:
+    """What is in a ROM, how good it is, and what it cost."""
+    certificate = rom.certificate
+    print_table(
+        f"ROM {rom.name}: {file}",
+        (
+            "contact mode",
+            "order",
+            "inputs",
+            "lowest",
+            "σ_1",
+            "σ left out",
+            "static error",
+            "transfer error",
+            "sampled at",
+        ),
+        [_mode_row(name, mode, certificate[name]) for name, mode in rom.modes.items()],
+    )
+    width = 3 if len(rom.nodes) else 1
+    lines = {
+        "full order": f"{len(rom.free)} displacements, {len(rom.nodes)} nodes",
+        "shared basis": f"{len(rom.stiffness)} vectors",
+        "method": rom.method,
+        "switching": rom.switching,
+        "weighting": rom.weighting,
+        "effects": "; ".join(
+            " ".join([name, *(f"{key}={value:g}" for key, value in parameters.items())])
+            for name, parameters in rom.effects.items()
+        )
+        or "of the matrices",
+        "outputs": ", ".join(f"{name} ({len(rows) // width})" for name, rows in rom.outputs.items()) or "none",
+        "actuators": ", ".join(rom.actuators) or "none",
+    }
+    _print_lines(lines, rom.warnings)
+    if rom.stages:
+        print()
+        _print_stages(rom.stages)
+
+
+def _mode_row(name: str, mode: Mode, certificate: dict[str, float | None]) -> tuple[str, ...]:
+    σ, count = mode.hankel_singular_values, len(mode.frequencies)
+    return (
+        name,
+        str(mode.order),
+        str(mode.inputs.shape[1]),
+        f"{mode.eigenvalues[0] ** 0.5 / math.tau:.4g} Hz",
+        f"{σ[0]:.2e}" if len(σ) else "-",
+        *(_share(certificate[key]) for key in ("neglected", "static_error", "transfer_error")),
+        f"{count} frequenc{'y' if count == 1 else 'ies'}" if count else "-",
+    )
+
+
+def _share(value: float | None) -> str:
+    return "-" if value is None else f"{value:.1e}"
+
+
+def _print_stages(stages: tuple[Stage, ...]) -> None:
+    total = sum(stage.seconds for stage in stages)
+    whole = Stage("total", total, max(stage.peak_memory for stage in stages))
+    print_table(
+        "offline work",
+        ("stage", "seconds", "share", "peak memory per rank"),
+        [
+            (
+                stage.name,
+                f"{stage.seconds:,.2f}",
+                f"{100 * stage.seconds / total if total else 0:.1f} %",
+                _megabytes(stage),
+            )
+            for stage in (*stages, whole)
+        ],
+    )
+
+
+def _megabytes(stage: Stage) -> str:
+    return f"{stage.peak_memory / 1e6:,.0f} MB"
+
+
+def print_record(record: fr.Record, file: Path | str) -> None:
+    """What a run came to, and where the energy went."""
+    seconds, dt = record.settings["seconds"], record.settings["dt"]
+    account = {
+        "supplied": record.supplied[-1],
+        "dissipated": record.dissipated[-1],
+        "lost in switching": record.lost_in_switching[-1],
+        "stored": record.energy[-1],
+    }
+    title = f"{record.model} run {record.name}: {file}"
+    print_table(title, tuple(account), [tuple(f"{value:.6e} J" for value in account.values())])
+    lines = {
+        "steps": f"{record.steps} of {dt:g} s",
+        "order": f"{record.settings['order']:.0f}",
+        "rate": f"{record.steps / seconds:,.0f} steps/s, {record.times[-1] / seconds:.3g} times real time"
+        if seconds > 0
+        else "not measured",
+        "energy account closes to": f"{record.balance_error:.1e} of the largest energy or work",
+    }
+    _print_lines(lines, record.warnings)
+
+
+def _print_lines(lines: dict[str, str], messages: tuple[str, ...]) -> None:
+    width = max(len(key) for key in lines)
+    for key, value in lines.items():
+        print(f"  {key:<{width}}  {value}")
+    print_warnings(messages)
+
+
+def print_warnings(messages: Sequence[str]) -> None:
+    """What the user should know."""
+    for message in messages:
+        print(f"  warning: {message}")
+
+
+def print_table(title: str, columns: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> None:
+    """A table under its title."""
+    rich = rich_package()
+    table = rich.table.Table(header_style="", box=rich.box.SIMPLE_HEAD)
+    for k, column in enumerate(columns):
+        table.add_column(column, justify="left" if k == 0 else "right", no_wrap=True)
+    for row in rows:
+        table.add_row(*(rich.text.Text(cell) for cell in row))
+    text = io.StringIO()
+    rich.console.Console(file=text, width=1000).print(table)  # so wide that no cell is cut
+    print(title, *(line.rstrip() for line in text.getvalue().rstrip().split("\n")), "", sep="\n")
+
+
+@contextmanager
+def progress() -> Iterator[Report]:
+    """A report that draws a bar for each stage on a terminal, on rank 0, and nothing elsewhere."""
+    if not (speaks() and sys.stderr.isatty()):
+        yield lambda stage, done, of: None
+        return
+    rich = rich_package()
+
+    class Memory(rich.progress.ProgressColumn):  # type: ignore[name-defined]
+        """The most that this rank has held, up to now or to the end of the stage."""
+
+        def render(self, task: Any) -> Any:
+            if not task.finished:
+                task.fields["memory"] = peak_memory()
+            return rich.text.Text(f"{task.fields.get('memory', peak_memory()) / 1e6:,.0f} MB")
+
+    columns = (*rich.progress.Progress.get_default_columns(), rich.progress.TimeElapsedColumn(), Memory())
+    with rich.progress.Progress(*columns, console=rich.console.Console(stderr=True), transient=True) as bars:
+        tasks: dict[str, Any] = {}
+
+        def report(stage: str, done: int, of: int) -> None:
+            if stage not in tasks:
+                tasks[stage] = bars.add_task(stage, total=of)
+            bars.update(tasks[stage], completed=done, total=of)
+
+        yield report

@@ -1,0 +1,170 @@
+"""Kept factorisations by MUMPS, and by CHOLMOD for time steps."""
+
+import numpy as np
+from petsc4py import PETSc
+
+from fenics_rom.errors import SolverError
+from fenics_rom.fem.libpetsc import cholesky_numeric, cholesky_symbolic, set_factor_prefix
+from fenics_rom.fem.memory import need_and_free
+from fenics_rom.fem.options import FACTOR_PREFIX, defaults
+from fenics_rom.fem.petsc_matrix import CHUNK, Dense, PetscMatrix, by_parts, chunks
+
+# L Lᵀ, which fails for an indefinite matrix; the simplicial L D Lᵀ that CHOLMOD prefers for small ones does not.
+CHOLMOD_OPTIONS = {"mat_cholmod_factor": "SUPERNODAL", "mat_cholmod_print": "0"}
+MUMPS_OPTIONS = {"mat_mumps_icntl_27": str(CHUNK)}  # right-hand sides that it takes at once
+NEGATIVE_PIVOTS = 12  # of MUMPS' INFOG: it factors indefinite matrices without a word
+NEED = 15  # of MUMPS' INFO: MB on this rank, as the analysis estimates
+TOO_LITTLE_MEMORY = (-8, -9, -13, -17, -19, -20)  # what INFOG(1) says then
+FACTOR_SHARE = 0.9  # of the free memory that a factor may take; vectors need some, too
+
+
+class MemoryShortage(SolverError):
+    """A factor does not fit; `shortage` says so with numbers, without what to do about it."""
+
+    def __init__(self, shortage: str, replaceable: bool = True):
+        instead = 'solver = "iterative" (conjugate gradients with algebraic multigrid), ' if replaceable else ""
+        super().__init__(
+            f"{shortage}: tried was the direct solver, MUMPS; choose {instead}a coarser mesh or more machines"
+        )
+        self.shortage = shortage
+
+
+class PetscFactor:
+    """L Lᵀ of a symmetric positive definite matrix, kept; or L D Lᵀ of one that is only symmetric.
+
+    MUMPS solves many right-hand sides at once and on any number of ranks; CHOLMOD, on one rank, is about three times
+    as fast for one right-hand side at a time, which is what a time step has.
+
+    Args:
+        mat: the matrix, which then belongs to the factor.
+        one_by_one: solves will be for one right-hand side at a time.
+        definite: the matrix is positive definite, and refused where it is not.
+
+    Raises:
+        MemoryShortage: there is less memory than the factor needs, by the analysis of its pattern or as it turned out.
+        SolverError: the matrix cannot be factored.
+    """
+
+    notice = ""
+
+    def __init__(self, mat: PETSc.Mat, one_by_one: bool = False, definite: bool = True):
+        self._solver = "cholmod" if one_by_one and mat.comm.size == 1 else "mumps"
+        self._definite = definite
+        self._like = PetscMatrix(mat)
+        mat.setOption(PETSc.Mat.Option.SYMMETRIC, True)
+        mat.setOption(PETSc.Mat.Option.SPD, definite)
+        set_factor_prefix(mat, FACTOR_PREFIX)
+        self._preconditioner = PETSc.PC().create(mat.comm)
+        self._preconditioner.setOperators(mat)
+        self._preconditioner.setType("cholesky")
+        self._preconditioner.setFactorSolverType(self._solver)
+        try:
+            with defaults(FACTOR_PREFIX, CHOLMOD_OPTIONS if self._solver == "cholmod" else MUMPS_OPTIONS):
+                self._factorize(mat)
+        except SolverError:
+            self.close()
+            raise
+
+    def _factorize(self, mat: PETSc.Mat) -> None:
+        if not np.isfinite(mat.norm()):
+            raise self._failure("not all of its numbers are finite")
+        self._preconditioner.setFactorSetUpSolverType()
+        self._factor = self._preconditioner.getFactorMatrix()
+        self._check(cholesky_symbolic(self._factor, mat))
+        if self._solver == "mumps":
+            need, free = need_and_free(mat.comm.tompi4py(), self._factor.getMumpsInfo(NEED) * 1e6)
+            if need > FACTOR_SHARE * free:
+                raise MemoryShortage(
+                    f"the factor of a matrix of {self._like.size:,} unknowns would need {need / 1e9:.3g} GB on this "
+                    f"machine and {free / 1e9:.3g} GB are free",
+                    self._definite,
+                )
+        self._check(cholesky_numeric(self._factor, mat))
+        if self._solver == "mumps" and self._definite and self._factor.getMumpsInfog(NEGATIVE_PIVOTS) > 0:
+            raise self._failure("negative pivots")
+
+    def _check(self, error: int) -> None:
+        """Raises on every rank what went wrong on one."""
+        error = self._like.mat.comm.tompi4py().allreduce(abs(error))
+        if error:
+            raise self._failure(f"PETSc error {error}")
+        if self._solver == "mumps":
+            first, second = (self._factor.getMumpsInfog(k) for k in (1, 2))
+            told = f"INFOG(1) = {first}, INFOG(2) = {second}"
+            if first in TOO_LITTLE_MEMORY:
+                estimate = self._factor.getMumpsInfog(17) / 1e3
+                raise MemoryShortage(
+                    f"MUMPS ran out of memory with a matrix of {self._like.size:,} unknowns ({told}), whose factor it "
+                    f"expected to need {estimate:.3g} GB on all ranks (-{FACTOR_PREFIX}mat_mumps_icntl_14 allows more)",
+                    self._definite,
+                )
+            if first < 0:
+                raise self._failure(told)
+
+    def _failure(self, reason: str) -> SolverError:
+        kind = "symmetric positive definite" if self._definite else "symmetric and regular"
+        return SolverError(
+            f"{self._solver} could not factor a matrix of {self._like.size} unknowns ({reason}): is it {kind}, "
+            "and does its factor fit in memory?"
+        )
+
+    def solve(self, block: np.ndarray) -> np.ndarray:
+        """Solution for local rows (rows here, k), real or complex."""
+        if np.iscomplexobj(block):
+            return by_parts(self.solve, block)
+        if block.shape[1] == 1:
+            return self._like.single(self.apply, block)
+        result = np.empty(block.shape)
+        for part in chunks(block):
+            with Dense(self._like, block[:, part]) as b, Dense(self._like, result[:, part]) as x:
+                self._factor.matSolve(b, x)
+                result[:, part] = x.getDenseArray()
+        return result
+
+    def apply(self, right: PETSc.Vec, solution: PETSc.Vec) -> None:
+        """Solution for one right-hand side."""
+        self._factor.solve(right, solution)
+
+    def close(self) -> None:
+        """Frees the factor; what is left to Python to free, PETSc keeps for good on several ranks."""
+        if hasattr(self, "_factor"):
+            self._factor.destroy()
+        self._preconditioner.destroy()
+        self._like.destroy()
+
+
+class ComplexFactor:
+    """Factor of A + i B, both symmetric, on a PETSc of real numbers.
+
+    (A + i B)(x + i y) = f + i g is [A, -B; -B, -A] [x; y] = [f; -g]: real and symmetric, of twice the size.
+
+    Args:
+        real: A, which is used up.
+        imaginary: B, which is used up.
+
+    Raises:
+        MemoryShortage, SolverError: as `PetscFactor`.
+    """
+
+    notice = ""
+
+    def __init__(self, real: PETSc.Mat, imaginary: PETSc.Mat):
+        self._local = real.getLocalSize()[0]
+        minus_real = real.copy()
+        minus_real.scale(-1.0)
+        imaginary.scale(-1.0)
+        nest = PETSc.Mat().createNest([[real, imaginary], [imaginary, minus_real]], comm=real.comm)
+        doubled = PETSc.Mat()
+        nest.convert("aij", doubled)
+        for mat in (nest, minus_real, real, imaginary):
+            mat.destroy()
+        self._doubled = PetscFactor(doubled, definite=False)
+
+    def solve(self, block: np.ndarray) -> np.ndarray:
+        """Complex solution for local rows (rows here, k), real or complex."""
+        both = self._doubled.solve(np.vstack([block.real, -block.imag]))
+        return both[: self._local] + 1j * both[self._local :]
+
+    def close(self) -> None:
+        """Frees the factor."""
+        self._doubled.close()

@@ -1,0 +1,234 @@
+"""Variational forms to System: assembled by dolfinx, constrained degrees of freedom eliminated."""
+
+import logging
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from dolfinx.fem.petsc import assemble_matrix, assemble_vector, set_bc
+from dolfinx.mesh import CellType
+from petsc4py import PETSc
+
+from fenics_rom.errors import StructureError
+from fenics_rom.fem.assemble import dolfinx_nodes, node_masses, set_rigid_modes
+from fenics_rom.fem.mesh import Mesh
+from fenics_rom.fem.nodes import canonical_nodes
+from fenics_rom.fem.own_matrices import refuse_together
+from fenics_rom.fem.petsc_algebra import require_real
+from fenics_rom.fem.versions import cell_nodes, vector_space
+from fenics_rom.system import Body, System, check_damping_choice
+
+ARITY = {1: "a linear form: one test function", 2: "a bilinear form: a trial and a test function"}
+NOT_SET = np.finfo(float).max  # stands where no Dirichlet condition has put its value
+
+
+@dataclass(frozen=True)
+class Rows:
+    """The unconstrained degrees of freedom in the order of the system.
+
+    Attributes:
+        chosen: those of this rank, as global dolfinx numbers.
+        body: nodes and surface, where there are any.
+        nodes_here: (N here, 3) places of the nodes of this rank, m, where all of them are free in all components.
+    """
+
+    chosen: PETSc.IS
+    body: Body | None = None
+    nodes_here: np.ndarray | None = None
+
+    def of_matrix(self, matrix: PETSc.Mat) -> PETSc.Mat:
+        """These rows and columns; the whole matrix is given back."""
+        reduced = matrix.createSubMatrix(self.chosen, self.chosen)
+        matrix.destroy()
+        return reduced
+
+    def of_vector(self, vector: PETSc.Vec) -> np.ndarray:
+        """These rows, (rows here,); the whole vector is given back."""
+        part = vector.getSubVector(self.chosen)
+        rows = part.array_r.copy()
+        vector.restoreSubVector(self.chosen, part)
+        vector.destroy()
+        return rows
+
+
+def system_of_forms(
+    *,
+    mass: Any,
+    stiffness: Any,
+    contacts: Mapping[str, Any],
+    damping: Any,
+    rayleigh: tuple[float, float] | None,
+    actuators: Mapping[str, Any],
+    outputs: Mapping[str, Any],
+    bcs: Sequence[Any],
+) -> System:
+    """As `System.from_forms`, which says what the arguments are and what is raised."""
+    require_real(PETSc.ScalarType)
+    check_damping_choice(damping, rayleigh)
+    space = _space(mass)
+    bilinear = {"mass": mass, "stiffness": stiffness} | ({} if damping is None else {"damping": damping})
+    linear = {
+        kind: {name: _one_each(forms, f"{kind}[{name!r}]") for name, forms in given.items()}
+        for kind, given in {"contacts": contacts, "actuators": actuators, "outputs": outputs}.items()
+    }
+    for name, form in bilinear.items():
+        _check_form(name, form, 2, space)
+    for kind, given in linear.items():
+        for name, forms in given.items():
+            for k, form in enumerate(forms):
+                _check_form(f"{kind}[{name!r}][{k}]", form, 1, space)
+
+    logging.disable(logging.INFO)  # dolfinx 0.5 lets the C compiler talk
+    try:
+        matrices = {name: _matrix(form) for name, form in bilinear.items()}
+        rows = _rows(space, _constrained(space, bcs), matrices["mass"])
+        columns = {
+            kind: {name: np.stack([rows.of_vector(_vector(f)) for f in forms], axis=1) for name, forms in given.items()}
+            for kind, given in linear.items()
+        }
+    finally:
+        logging.disable(logging.NOTSET)
+    if rows.body is not None:
+        _check_points(columns["outputs"])
+    reduced = {name: rows.of_matrix(matrix) for name, matrix in matrices.items()}
+    if rows.nodes_here is not None:
+        set_rigid_modes(reduced["stiffness"], rows.nodes_here)
+    system = System(
+        mass=reduced["mass"],
+        damping=reduced.get("damping"),
+        stiffness=reduced["stiffness"],
+        contacts=columns["contacts"],
+        actuators=columns["actuators"],
+        outputs=columns["outputs"],
+        rayleigh=rayleigh,
+        body=rows.body,
+    )
+    for matrix in reduced.values():  # the system has copies, and PETSc forgets nothing by itself
+        matrix.destroy()
+    return system
+
+
+def _space(mass: Any) -> Any:
+    """The function space of the mass form."""
+    if not isinstance(mass, ufl.Form) or len(mass.arguments()) != 2:
+        raise StructureError(f"mass is no UFL form with two arguments; allowed is {ARITY[2]}")
+    return mass.arguments()[0].ufl_function_space()
+
+
+def _one_each(forms: Any, where: str) -> list[Any]:
+    """Forms, one per column; one alone is one column."""
+    listed = [forms] if isinstance(forms, ufl.Form) else list(forms)
+    if not listed:
+        raise StructureError(f"{where} has no forms; allowed is one for each column, at least one")
+    return listed
+
+
+def _check_form(where: str, form: Any, arity: int, space: Any) -> None:
+    if not isinstance(form, ufl.Form):
+        raise StructureError(f"{where} is a {type(form).__name__}; allowed is a UFL form")
+    arguments = form.arguments()
+    if len(arguments) != arity:
+        raise StructureError(f"{where} has {len(arguments)} arguments; allowed is {ARITY[arity]}")
+    if any(argument.ufl_function_space() != space for argument in arguments):
+        raise StructureError(f"{where} is of another function space than mass")
+
+
+def _matrix(form: Any) -> PETSc.Mat:
+    matrix = assemble_matrix(fem.form(form))
+    matrix.assemble()
+    return matrix
+
+
+def _vector(form: Any) -> PETSc.Vec:
+    vector = assemble_vector(fem.form(form))
+    vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
+    return vector
+
+
+def _constrained(space: Any, bcs: Sequence[Any]) -> np.ndarray:
+    """Which of the degrees of freedom that this rank owns have a Dirichlet condition, (rows here,)."""
+    for k, bc in enumerate(bcs):
+        if not hasattr(bc, "function_space"):
+            raise StructureError(f"bcs[{k}] is a {type(bc).__name__}; allowed are Dirichlet conditions of dolfinx")
+        if not space._cpp_object.contains(bc.function_space):
+            raise StructureError(f"bcs[{k}] is of another function space than mass")
+    dofs = space.dofmap
+    values = PETSc.Vec().createMPI((dofs.index_map.size_local * dofs.index_map_bs, None), comm=space.mesh.comm)
+    values.set(NOT_SET)
+    set_bc(values, list(bcs))
+    fixed = values.array_r != NOT_SET
+    moved = np.flatnonzero(fixed & (values.array_r != 0))
+    refuse_together(
+        space.mesh.comm,
+        f"bcs: a Dirichlet condition has the value {values.array_r[moved[0]]:g}; allowed is 0: the body hangs on it"
+        if len(moved)
+        else "",
+    )
+    values.destroy()
+    return fixed
+
+
+def _rows(space: Any, constrained: np.ndarray, mass: PETSc.Mat) -> Rows:
+    """What is left of the degrees of freedom, and in which order."""
+    comm = space.mesh.comm
+    if comm.allreduce(int((~constrained).sum())) == 0:
+        raise StructureError("bcs: every degree of freedom is constrained")
+    degree = _displacement_degree(space)
+    if degree is None:
+        start, _ = mass.getOwnershipRange()
+        return Rows(_index_set(start + np.flatnonzero(~constrained), comm))
+    nodes = canonical_nodes(_mesh(space.mesh), degree)
+    place = dolfinx_nodes(space, degree, nodes)
+    moves = ~np.concatenate(comm.allgather(constrained)).reshape(-1, 3)[place]
+    free = np.flatnonzero(moves)
+    body = Body(nodes.coordinates, nodes.drawn_triangles(), free, node_masses(mass, place))
+    by_node = bool((moves.all(axis=1) == moves.any(axis=1)).all())
+    mine = np.array_split(free.reshape(-1, 3) if by_node else free, comm.size)[comm.rank]  # whole nodes, for multigrid
+    chosen = _index_set(3 * place[mine // 3] + mine % 3, comm)
+    if not by_node:
+        return Rows(chosen, body)
+    chosen.setBlockSize(3)
+    return Rows(chosen, body, nodes.coordinates[mine[:, 0] // 3])
+
+
+def _index_set(rows: np.ndarray, comm: Any) -> PETSc.IS:
+    return PETSc.IS().createGeneral(rows.ravel().astype(PETSc.IntType), comm=comm)
+
+
+def _displacement_degree(space: Any) -> int | None:
+    """1 or 2 where the space is Lagrange displacements on straight tetrahedra, else None."""
+    domain = space.mesh
+    if domain.topology.cell_type != CellType.tetrahedron or cell_nodes(domain).shape[1] != 4:
+        return None
+    for degree in (1, 2):
+        if space.ufl_element() == vector_space(domain, degree).ufl_element():
+            return degree
+    return None
+
+
+def _mesh(domain: Any) -> Mesh:
+    """All tetrahedra of a distributed mesh, on every rank, in an order that does not depend on the ranks."""
+    original = np.asarray(domain.geometry.input_global_indices, dtype=np.int64)
+    owned = domain.topology.index_map(3).size_local
+    known = domain.comm.allgather((original, domain.geometry.x, original[cell_nodes(domain)[:owned]]))
+    points = np.zeros((max(numbers.max(initial=-1) for numbers, _, _ in known) + 1, 3))
+    for numbers, coordinates, _ in known:
+        points[numbers] = coordinates
+    cells = np.sort(np.concatenate([cells for *_, cells in known]), axis=1)
+    cells = cells[np.lexsort(cells.T[::-1])]
+    a, b, c, d = (points[cells[:, k]] for k in range(4))
+    inverted = np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) < 0
+    cells[inverted, :2] = cells[inverted, 1::-1]
+    return Mesh(points, cells, {}, {}, "the mesh of the forms")
+
+
+def _check_points(outputs: Mapping[str, np.ndarray]) -> None:
+    for name, columns in outputs.items():
+        if columns.shape[1] % 3:
+            raise StructureError(
+                f"outputs[{name!r}] has {columns.shape[1]} forms; on a body with nodes an output is displacements of "
+                "points: allowed are three forms (x, y, z) for each"
+            )

@@ -1,0 +1,109 @@
+"""PETSc matrices as the reduction sees them."""
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+from petsc4py import PETSc
+
+from fenics_rom.errors import SolverError
+
+CHUNK = 128  # columns that PETSc gets at a time: as fast as all of them, and their copies stay small
+
+
+class PetscMatrix:
+    """A symmetric sparse matrix with its rows spread over the ranks."""
+
+    def __init__(self, mat: PETSc.Mat):
+        self.mat = mat
+        self.size = mat.getSize()[0]
+        self.local = mat.getLocalSize()[0]
+        self._vectors = mat.createVecs()
+
+    def __matmul__(self, block: np.ndarray) -> np.ndarray:
+        """Product with local rows (rows here, k)."""
+        if np.iscomplexobj(block):
+            return by_parts(self.__matmul__, block)
+        if block.shape[1] == 1:
+            return self.single(self.mat.mult, block)
+        result = np.empty(block.shape)
+        for part in chunks(block):
+            with Dense(self, block[:, part]) as x:
+                y = self.mat.matMult(x)
+                result[:, part] = y.getDenseArray()
+                y.destroy()
+        return result
+
+    def single(self, operation: Callable[[PETSc.Vec, PETSc.Vec], None], column: np.ndarray) -> np.ndarray:
+        """Result of `operation(x, y)` for one column, in vectors that are kept: this is what a time step does."""
+        x, y = self._vectors
+        x.array[:] = column[:, 0]
+        operation(x, y)
+        return y.array[:, None].copy()
+
+    def destroy(self) -> None:
+        """Frees the matrix."""
+        for part in (*self._vectors, self.mat):
+            part.destroy()
+
+
+class ZeroMatrix:
+    """A matrix of zeros (the damping of an undamped body): nothing is stored."""
+
+    def __matmul__(self, block: np.ndarray) -> np.ndarray:
+        """Zeros, (rows here, k)."""
+        return np.zeros_like(block)
+
+
+class Dense:
+    """A block of local rows as a PETSc matrix, for as long as a call needs it."""
+
+    def __init__(self, like: PetscMatrix, block: np.ndarray):
+        size = ((like.local, like.size), (None, block.shape[1]))
+        self.data = np.array(block, dtype=float, order="F")  # PETSc takes no copy, so this one must live as long
+        self.mat = PETSc.Mat().createDense(size, array=self.data, comm=like.mat.comm)
+        self.mat.setUp()  # without it PETSc 3.18 crashes
+        self.mat.assemble()
+
+    def __enter__(self) -> PETSc.Mat:
+        return self.mat
+
+    def __exit__(self, *_: object) -> None:
+        self.mat.destroy()
+
+
+def chunks(block: np.ndarray) -> list[slice]:
+    """The columns of a block, some at a time."""
+    return [slice(first, first + CHUNK) for first in range(0, block.shape[1], CHUNK)]
+
+
+def by_parts(operation: Callable[[np.ndarray], np.ndarray], block: np.ndarray) -> np.ndarray:
+    """What a real linear operation makes of a complex block."""
+    both = operation(np.hstack([block.real, block.imag]))
+    count = block.shape[1]
+    return both[:, :count] + 1j * both[:, count:]
+
+
+def combination(*terms: tuple[float, Any]) -> PETSc.Mat:
+    """Sum of coefficient times matrix; it knows the near-nullspace that one of them knows.
+
+    Raises:
+        SolverError: a term is not a PETSc matrix, or none is.
+    """
+    for _, term in terms:
+        if not isinstance(term, PetscMatrix | ZeroMatrix):
+            raise SolverError(f"a sum of PETSc matrices was asked for with a {type(term).__name__} in it")
+    matrices = [(c, a.mat) for c, a in terms if isinstance(a, PetscMatrix)]
+    if not matrices:
+        raise SolverError("a sum of PETSc matrices was asked for without one")
+    (first, start), *rest = [(c, mat) for c, mat in matrices if c != 0.0] or matrices[:1]
+    total = start.copy()
+    total.scale(first)
+    for coefficient, mat in rest:
+        total.axpy(coefficient, mat, structure=PETSc.Mat.Structure.UNKNOWN_NONZERO_PATTERN)
+    for _, mat in matrices:
+        near = mat.getNearNullSpace()
+        if near:
+            total.setNearNullSpace(near)
+        near.destroy()
+    return total

@@ -1,0 +1,187 @@
+"""The certificate: what the reduced models get wrong, measured by full solves at frequencies no basis was made from.
+
+The full response is the one in the shared space plus the solution for its residual, found by generalized minimal
+residuals (GMRES) preconditioned with the one factor of K, for many frequencies, inputs and contact modes side by side.
+"""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fenics_rom.reduction.frequency_response import applied, dynamic_product, inner_products, response
+from fenics_rom.reduction.problem import Problem
+from fenics_rom.reduction.shared_space import Subspace
+from fenics_rom.rom import Mode
+from fenics_rom.system import Array
+
+MOST_INPUTS = 6  # of a contact mode at a frequency; where it has more columns, random combinations of them
+MOST_COLUMNS = 300  # of all contact modes at all frequencies, unless that is less than one
+GROUP = 48  # complex columns that are solved for together
+MODES_AT_ONCE = 16  # contact modes whose static shapes are solved for together
+ACCURACY = 0.03  # of the error that is measured
+MOST_STEPS = 15  # of GMRES
+
+
+@dataclass(frozen=True)
+class Sample:
+    """One contact mode at one frequency.
+
+    Attributes:
+        name: of the contact mode.
+        frequency: ω, rad/s.
+        inputs: (rows here, c) columns of B, or combinations of them.
+        reduced: (k, c) the reduced model's amplitudes in the shared space.
+    """
+
+    name: str
+    frequency: float
+    inputs: Array
+    reduced: Array
+
+
+def certified(problem: Problem, modes: Mapping[str, Mode], bases: Mapping[str, Array]) -> dict[str, Mode]:
+    """The same modes with their static and frequency response errors.
+
+    Args:
+        problem: what was reduced.
+        modes: by contact mode.
+        bases: W_i in the shared space, (k, m) each.
+    """
+    whole = problem.space.subspace(np.eye(problem.space.size))
+    count = sum(len(sample_frequencies(mode.eigenvalues)) for mode in modes.values())
+    width = max(1, min(MOST_INPUTS, MOST_COLUMNS // count))
+    samples = [s for name, mode in modes.items() for s in _samples(problem, name, mode, bases[name], width)]
+    errors: dict[str, list[float]] = {name: [] for name in modes}
+    sizes: dict[str, list[float]] = {name: [] for name in modes}
+    for done, group in enumerate(groups := _groups(samples)):
+        problem.stages.report("certificate", done, len(groups))
+        error, full = (np.sqrt(norms) for norms in _squared_norms(problem, whole, group))
+        for sample, e, x in zip(group, error, full, strict=True):
+            errors[sample.name].append(e)
+            sizes[sample.name].append(x)
+    problem.stages.report("certificate", len(groups), len(groups))
+    static = _static_errors(problem, modes, bases)
+    return {
+        name: replace(
+            mode,
+            static_error=static[name],
+            frequencies=sample_frequencies(mode.eigenvalues),
+            transfer_errors=np.array(errors[name]) / max(sizes[name]),
+        )
+        for name, mode in modes.items()
+    }
+
+
+def sample_frequencies(γ: Array) -> Array:
+    """The first resonance, where most is at stake, and up to the middle of those that the model has, rad/s."""
+    ω = np.sqrt(γ)
+    return np.unique(ω[[0, len(ω) // 4, len(ω) // 2]])
+
+
+def _samples(problem: Problem, name: str, mode: Mode, W: Array, width: int) -> list[Sample]:
+    B, G, samples = problem.system.input_matrix(name), mode.inputs, []
+    random = np.random.default_rng(0)
+    for ω in sample_frequencies(mode.eigenvalues):
+        mixed = np.eye(B.shape[1])
+        if B.shape[1] > width:
+            mixed = np.linalg.qr(random.standard_normal((B.shape[1], width)))[0]
+        samples.append(Sample(name, ω, B @ mixed, W @ response(mode.eigenvalues, mode.damping, G @ mixed, ω)))
+    return samples
+
+
+def _groups(samples: list[Sample]) -> list[list[Sample]]:
+    groups: list[list[Sample]] = []
+    width = GROUP
+    for sample in samples:
+        width += sample.inputs.shape[1]
+        if width > GROUP:
+            groups.append([])
+            width = sample.inputs.shape[1]
+        groups[-1].append(sample)
+    return groups
+
+
+def _squared_norms(problem: Problem, whole: Subspace, group: list[Sample]) -> tuple[Array, Array]:
+    """Of the error and of the full response, in the mass norm, for each sample."""
+    system, X = problem.system, problem.space.basis
+    widths = [sample.inputs.shape[1] for sample in group]
+    ω = np.repeat([sample.frequency for sample in group], widths)
+    inputs = np.hstack([sample.inputs for sample in group])
+    seen = np.split(whole.coordinates.T @ system.algebra.inner(X, inputs), np.cumsum(widths)[:-1], axis=1)
+    within = whole.coordinates @ np.hstack(
+        [response(whole.eigenvalues, whole.damping, g, s.frequency) for g, s in zip(seen, group, strict=True)]
+    )
+    error = within - np.hstack([sample.reduced for sample in group])
+
+    def preconditioned(columns: Array) -> Array:
+        return applied(problem.factor.solve, columns)
+
+    rest = minimal_residuals(
+        lambda columns: preconditioned(dynamic_product(system, columns, ω)),
+        preconditioned(inputs - dynamic_product(system, applied(X.__matmul__, within), ω)),
+        lambda left, right: np.diag(inner_products(system, left, applied(system.mass.__matmul__, right))),
+        ACCURACY * np.linalg.norm(error, axis=0),
+    )
+    Mrest = applied(system.mass.__matmul__, rest)
+    shared = applied(lambda block: system.algebra.inner(X, block), Mrest)
+    outside = np.diag(inner_products(system, rest, Mrest)).real - np.sum(np.abs(shared) ** 2, axis=0)
+    starts = np.cumsum([0, *widths[:-1]])
+    size, full = (
+        np.add.reduceat(np.sum(np.abs(y + shared) ** 2, axis=0) + np.maximum(outside, 0.0), starts)
+        for y in (error, within)
+    )
+    return size, full
+
+
+def minimal_residuals(
+    operator: Callable[[Array], Array], right: Array, dot: Callable[[Array, Array], Array], enough: Array
+) -> Array:
+    """Solves for all columns side by side by GMRES (Saad & Schultz 1986), each with a Krylov space of its own.
+
+    Args:
+        operator: acts on columns (n, c).
+        right: (n, c) right-hand sides.
+        dot: leftᴴ right of each pair of columns in the inner product, (c,).
+        enough: (c,) norms that residuals may keep, beside ACCURACY of the right-hand sides'.
+    """
+    size = np.sqrt(dot(right, right).real)
+    if (size <= enough).all():
+        return right
+    enough = np.maximum(enough, ACCURACY * size)
+    basis = [right / np.where(size > 0, size, 1.0)]
+    H = np.zeros((right.shape[1], MOST_STEPS + 1, MOST_STEPS), dtype=complex)
+    for step in range(1, MOST_STEPS + 1):
+        new = operator(basis[-1])
+        for row, old in enumerate(basis):
+            H[:, row, step - 1] = dot(old, new)
+            new = new - old * H[:, row, step - 1]
+        length = np.sqrt(dot(new, new).real)
+        H[:, step, step - 1] = length
+        first = np.zeros((right.shape[1], step + 1, 1))
+        first[:, 0, 0] = size
+        small = H[:, : step + 1, :step]
+        weights = np.linalg.pinv(small) @ first
+        residual = np.linalg.norm(small @ weights - first, axis=1)[:, 0]
+        if (residual <= enough).all():
+            break
+        basis.append(new / np.where(length > 0, length, 1.0))
+    return np.sum([w * old for w, old in zip(weights[:, :, 0].T, basis, strict=False)], axis=0)
+
+
+def _static_errors(problem: Problem, modes: Mapping[str, Mode], bases: Mapping[str, Array]) -> dict[str, float]:
+    """|K⁻¹B - W diag(1/γ) G| / |K⁻¹B| in the mass norm."""
+    system, names = problem.system, list(modes)
+    errors: dict[str, float] = {}
+    for first in range(0, len(names), MODES_AT_ONCE):
+        group = names[first : first + MODES_AT_ONCE]
+        inputs = [system.input_matrix(name) for name in group]
+        statics = problem.factor.solve(np.hstack(inputs))
+        reduced = [bases[name] @ (modes[name].inputs / modes[name].eigenvalues[:, None]) for name in group]
+        error = statics - problem.space.basis @ np.hstack(reduced)
+        starts = np.cumsum([0, *(B.shape[1] for B in inputs[:-1])])
+        gap, size = (
+            np.add.reduceat(np.diag(system.algebra.inner(x, system.mass @ x)), starts) for x in (error, statics)
+        )
+        errors |= zip(group, map(float, np.sqrt(gap / size)), strict=True)
+    return errors

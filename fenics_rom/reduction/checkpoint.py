@@ -1,0 +1,146 @@
+"""What a reduction has finished, contact mode by contact mode, in a folder, so that a killed run can go on.
+
+Each finished contact mode is a file of its own: what it added to the shared space, and what it keeps of it. The files
+do not depend on the number of ranks.
+"""
+
+import re
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fenics_rom.checked_file import (
+    Entry,
+    Sizes,
+    get_arrays,
+    get_text,
+    is_rank_0,
+    put_arrays,
+    put_text,
+    read_file,
+    write_file,
+)
+from fenics_rom.errors import RomFileError
+from fenics_rom.reduction.problem import Problem
+from fenics_rom.reduction.shared_basis import Kept
+from fenics_rom.system import Array
+
+SAME = 1e-9  # largest relative difference of what is the same system
+PART_FILE = re.compile(r"\d+\.h5|\.\d+\.h5\..*\.part")
+PART = {
+    "probe": Entry("1", ("probes",)),
+    "eigenvectors": Entry("1", (1,), "i"),
+    "basis": Entry("kg^-1/2", ("n", "new")),
+    "span": Entry("1", ("k", "m")),
+    "directions": Entry("1", ("k", "directions")),
+    "hankel_singular_values": Entry("1", ("r",)),
+    "left_inverse": Entry("1", ("m", "k"), optional=True),
+}
+
+
+class Checkpoint:
+    """Keeps finished contact modes in a folder; None keeps nothing.
+
+    Whoever asked for it removes it (`remove_checkpoint`), when the ROM is safe.
+
+    Args:
+        folder: where.
+        problem: what is reduced.
+        method: name of the method.
+        resume: go on from what is there, instead of removing it.
+    """
+
+    def __init__(self, folder: str | Path | None, problem: Problem, method: str, resume: bool):
+        self._folder = None if folder is None else Path(folder)
+        self._resume = resume
+        self._written = 0  # files,
+        self._columns = 0  # of the shared space,
+        self._told = len(problem.messages)  # and messages in them or in every run
+        if self._folder is None:
+            return
+        self._probe = _probe(problem)
+        p = problem
+        choices = (method, p.order, p.tolerance, p.switching, p.weighting, p.lyapunov, p.share)
+        self._choices = repr((*choices, p.system.size, p.contacts))
+        if is_rank_0():
+            if not resume:
+                remove_checkpoint(self._folder)
+            try:
+                self._folder.mkdir(exist_ok=True)
+            except OSError as error:
+                raise RomFileError(f"{self._folder}: cannot be written: {error.strerror}") from error
+
+    def restored(self, problem: Problem) -> dict[str, Kept]:
+        """Contact modes that are finished; the shared space is filled with what they are in.
+
+        Raises:
+            RomFileError: they belong to another system or other choices, or are damaged.
+        """
+        kept: dict[str, Kept] = {}
+        while self._folder is not None and self._resume and self._file(self._written).exists():
+            name, basis, eigenvectors, part, messages = read_file(self._file(self._written), "part", self._take)
+            problem.messages.extend(messages)
+            problem.space.append(basis[problem.system.algebra.rows()])
+            problem.space.eigenvectors = eigenvectors
+            kept[name] = part
+            self._written += 1
+        self._columns, self._told = problem.space.size, len(problem.messages)
+        return kept
+
+    def keep(self, problem: Problem, name: str, kept: Kept) -> None:
+        """Writes a contact mode that is finished."""
+        if self._folder is None:
+            return
+        new = problem.system.algebra.gather(np.ascontiguousarray(problem.space.basis[:, self._columns :]))
+        arrays = {
+            "probe": self._probe,
+            "eigenvectors": np.array([problem.space.eigenvectors]),
+            "basis": new,
+            "span": kept.span,
+            "directions": kept.directions,
+            "hankel_singular_values": kept.hankel_singular_values,
+            "left_inverse": kept.left_inverse,
+        }
+
+        def fill(h5: Any) -> None:
+            put_text(h5, name=name, choices=self._choices, messages="\n".join(problem.messages[self._told :]))
+            put_arrays(h5, PART, {}, arrays)
+
+        write_file(self._file(self._written), "part", fill)
+        self._written += 1
+        self._columns, self._told = problem.space.size, len(problem.messages)
+
+    def _file(self, number: int) -> Path:
+        assert self._folder is not None
+        return self._folder / f"{number}.h5"
+
+    def _take(self, h5: Any) -> tuple[str, Array, int, Kept, list[str]]:
+        sizes: Sizes = {}
+        a: Any = get_arrays(h5, PART, sizes)
+        same = len(a["probe"]) == len(self._probe) and np.allclose(a["probe"], self._probe, rtol=SAME, atol=0)
+        if get_text(h5, "choices") != self._choices or not same:
+            raise RomFileError("was made from another system or with other choices; start without resume")
+        kept = Kept(a["span"], a["directions"], a["hankel_singular_values"], a["left_inverse"])
+        messages = list(filter(None, get_text(h5, "messages").split("\n")))
+        return get_text(h5, "name"), a["basis"], int(a["eigenvectors"][0]), kept, messages
+
+
+def remove_checkpoint(folder: Path) -> None:
+    """Removes what a checkpoint wrote, half-written files included, and the folder where it holds nothing else."""
+    if not is_rank_0() or not folder.is_dir():
+        return
+    for file in folder.iterdir():
+        if PART_FILE.fullmatch(file.name):
+            file.unlink()
+    if not any(folder.iterdir()):
+        folder.rmdir()
+
+
+def _probe(problem: Problem) -> Array:
+    """Numbers that two systems share only when they are the same."""
+    system = problem.system
+    z = np.random.default_rng(0).standard_normal((system.size, 1))[system.algebra.rows()]
+    blocks = [system.input_matrix(name) for name in problem.contacts] + list(system.outputs.values())
+    forms = [system.algebra.inner(z, A @ z)[0, 0] for A in (system.mass, system.damping, system.stiffness)]
+    return np.array(forms + [np.abs(system.algebra.inner(z, block)).sum() for block in blocks])

@@ -1,0 +1,79 @@
+"""What a reduction method is given, and what it gives back: the interface for methods, ours and anyone's."""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from fenics_rom.reduction.shared_space import SharedSpace
+from fenics_rom.stages import Stages
+from fenics_rom.system import Array, Factor, System
+
+
+@dataclass(frozen=True)
+class Directions:
+    """The directions of one contact mode, the most important first.
+
+    Attributes:
+        coordinates: (k, r) in the shared space; their lengths do not matter.
+        singular_values: (s,), descending, one for each direction and for those left out; empty where there are none.
+        hankel: whether the singular values are Hankel singular values.
+        left_inverse: (r, k) oblique projection of the shared space onto them; only for switching = "oblique".
+    """
+
+    coordinates: Array
+    singular_values: Array = field(default_factory=lambda: np.empty(0))
+    hankel: bool = False
+    left_inverse: Array | None = None
+
+
+@dataclass(frozen=True)
+class Problem:
+    """A reduction to be done.
+
+    A method is a function of a problem that yields the name and the directions of each contact mode in `contacts`:
+
+        def static_shapes(problem):
+            for name in problem.contacts:
+                yield name, problem.directions(problem.factor.solve(problem.system.input_matrix(name)))
+
+        rom = fr.reduce(system, method=static_shapes, order=3)
+
+    Columns are NumPy arrays (rows of this rank, any number). The bases of any method are switched passively.
+
+    Attributes:
+        system: the full-order model.
+        factor: of K; `factor.solve(block)` is K⁻¹ times a block of columns.
+        space: the basis that the contact modes share.
+        contacts: names of the contact modes to reduce.
+        order: number of directions, one for all contact modes or by name; None where a tolerance decides.
+        tolerance: share of the sum of singular values that may be left out.
+        switching, weighting, lyapunov, share: as in `reduce`.
+        stages: times what is done: `with problem.stages("snapshots"): ...`.
+        messages: what the user should know; append to it.
+    """
+
+    system: System
+    factor: Factor
+    space: SharedSpace
+    contacts: tuple[str, ...]
+    order: int | Mapping[str, int] | None
+    tolerance: float
+    switching: str
+    weighting: str
+    lyapunov: str
+    share: float
+    stages: Stages
+    messages: list[str]
+
+    def order_of(self, name: str) -> int | None:
+        """The order asked for one contact mode."""
+        return self.order[name] if isinstance(self.order, Mapping) else self.order
+
+    def directions(self, columns: Array, singular_values: Array | None = None) -> Directions:
+        """Directions from columns (rows here, r), the most important first."""
+        coordinates = self.space.add(columns)
+        return Directions(coordinates) if singular_values is None else Directions(coordinates, singular_values)
+
+
+Method = Callable[[Problem], Iterator[tuple[str, Directions]]]

@@ -1,0 +1,164 @@
+"""One M-orthonormal basis for all contact modes: W_i = X C_i, so that what is tall is kept and worked on once."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+
+from fenics_rom.system import Array, System
+
+DEFLATION = 1e-10  # share of a unit column that must be new for it to count as a direction
+
+
+@dataclass(frozen=True)
+class Subspace:
+    """A part of the shared space, in the basis of it that diagonalizes M and K.
+
+    Attributes:
+        coordinates: S (k, r) in the shared basis, SᵀS = I.
+        eigenvalues: γ (r,), diagonal of SᵀXᵀKXS, 1/s².
+        damping: SᵀXᵀDXS, its diagonal (r,) where D is proportional, else (r, r), 1/s.
+    """
+
+    coordinates: Array
+    eigenvalues: Array
+    damping: Array
+
+    @property
+    def size(self) -> int:
+        """Number r of its dimensions."""
+        return len(self.eigenvalues)
+
+
+class SharedSpace:
+    """A growing basis X (rows here, k), XᵀMX = I, and what K and D are in it.
+
+    Attributes:
+        stiffness: XᵀKX (k, k), 1/s².
+        damping: XᵀDX (k, k), 1/s; None where D is proportional.
+        eigenvectors: how many of the first columns are generalized eigenvectors.
+    """
+
+    def __init__(self, system: System):
+        self._system = system
+        rows = system.algebra.rows()
+        self._transposed = np.empty((0, rows.stop - rows.start))  # a column of X is a row here: cheap to append
+        self._size = 0
+        self.stiffness = np.empty((0, 0))
+        self.damping = None if system.rayleigh is not None else np.empty((0, 0))
+        self.eigenvectors = 0
+
+    @property
+    def size(self) -> int:
+        """Number k of basis vectors."""
+        return self._size
+
+    @property
+    def basis(self) -> Array:
+        """X (rows here, k), kg^-1/2."""
+        return self._transposed[: self._size].T
+
+    def add(self, block: Array) -> Array:
+        """Coordinates of columns, (k, columns); what they add to the basis is appended to it."""
+        new, coordinates = orthonormal_rest(self._system, block, self.basis)
+        self.append(new)
+        return coordinates
+
+    def append(self, new: Array) -> None:
+        """Further M-orthonormal columns, orthogonal to those there."""
+        k = self._size + new.shape[1]
+        if k > len(self._transposed):
+            grown = np.empty((k + k // 4, self._transposed.shape[1]))
+            grown[: self._size] = self._transposed[: self._size]
+            self._transposed = grown
+        self._transposed[self._size : k] = new.T
+        self._size = k
+        self.stiffness = self._extended(self.stiffness, self._system.stiffness @ new)
+        if self.damping is not None:
+            self.damping = self._extended(self.damping, self._system.damping @ new)
+
+    def _extended(self, projected: Array, product: Array) -> Array:
+        """XᵀAX with the rows and columns of the new vectors, whose A-product is given."""
+        old = len(projected)
+        columns = self._system.algebra.inner(self.basis, product)
+        matrix = np.empty((self._size, self._size))
+        matrix[:old, :old] = projected
+        matrix[:, old:] = columns
+        matrix[old:, :old] = columns[:old].T
+        matrix[old:, old:] = (columns[old:] + columns[old:].T) / 2
+        return matrix
+
+    def subspace(self, span: Array) -> Subspace:
+        """The subspace that orthonormal coordinates (at most k, r) span, K-diagonal (paper (10)-(11))."""
+        S = padded(span, self._size)
+        K = S.T @ self.stiffness @ S
+        γ, rotation = np.linalg.eigh((K + K.T) / 2)
+        S = S @ rotation
+        return Subspace(S, γ, self.damping_in(S, γ))
+
+    def damping_in(self, S: Array, γ: Array) -> Array:
+        """SᵀXᵀDXS where S diagonalizes K: (r,) for proportional damping, else (r, r)."""
+        if self._system.rayleigh is not None:
+            α, β = self._system.rayleigh
+            return α + β * γ
+        D = S.T @ self.damping @ S
+        return (D + D.T) / 2
+
+
+def padded(coordinates: Array, size: int) -> Array:
+    """Coordinates in the basis that has grown to a size since."""
+    return np.pad(coordinates, ((0, size - len(coordinates)), (0, 0)))
+
+
+def orthonormal_rest(system: System, block: Array, basis: Array) -> tuple[Array, Array]:
+    """What a block (rows here, c) adds to an M-orthonormal basis (rows here, k).
+
+    Gram matrices square the spectrum, so each pass takes only directions within four decades of the largest;
+    what is left is tried again until it is below DEFLATION of the unit columns it came from.
+
+    Returns:
+        M-orthonormal columns (rows here, new), and the coordinates of the block in both, (k + new, c).
+    """
+    inner, M = system.algebra.inner, system.mass
+    Mrest = M @ block
+    norms = np.sqrt(np.diag(inner(block, Mrest)))
+    scale = np.where(norms > 0, norms, 1.0)
+    rest, Mrest = block / scale, Mrest / scale
+    coordinates = np.zeros((basis.shape[1], block.shape[1]))
+    for _ in range(2):
+        seen = inner(basis, Mrest)
+        coordinates += seen
+        rest = rest - basis @ seen
+        Mrest = M @ rest
+    new, left, Mleft = rest[:, :0], rest, Mrest
+    while left.shape[1]:
+        w, E = np.linalg.eigh(inner(left, Mleft))
+        take = w > max(1e-8 * w[-1], DEFLATION**2)
+        if not take.any():
+            break
+        parts = E[:, take] / np.sqrt(w[take])
+        fresh, Mfresh = left @ parts, Mleft @ parts
+        for old in (basis, new):  # division by a small norm magnified what was left of the old directions
+            if old.shape[1]:
+                fresh = fresh - old @ inner(old, Mfresh)
+                Mfresh = M @ fresh
+        fresh = scipy.linalg.solve_triangular(np.linalg.cholesky(inner(fresh, Mfresh)), fresh.T, lower=True).T
+        new = np.hstack([new, fresh])
+        if take.all():
+            break
+        for _ in range(2):
+            left = left - new @ inner(new, Mleft)
+            Mleft = M @ left
+    return new, np.vstack([coordinates, inner(new, Mrest)]) * norms
+
+
+def rest_of(block: Array, span: Array) -> Array:
+    """The same for coordinates: orthonormal basis of what a block (k, any) adds to orthonormal columns, (k, new)."""
+    norms = np.linalg.norm(block, axis=0)
+    block = block[:, norms > 0] / norms[norms > 0]
+    for _ in range(2):
+        block = block - span @ (span.T @ block)
+    U, share, _ = np.linalg.svd(block, full_matrices=False)
+    new = U[:, share > DEFLATION]
+    new = new - span @ (span.T @ new)
+    return np.linalg.qr(new)[0]

@@ -1,0 +1,130 @@
+"""A reduction that is stopped goes on from the last finished contact mode, and from nothing else."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+import fenics_rom as fr
+from fenics_rom.errors import FenicsRomWarning, RomFileError
+from fenics_rom.fem.petsc_matrix import PetscMatrix
+from fenics_rom.reduction import methods
+from fenics_rom.reduction.balanced import balanced
+from fenics_rom.reduction.checkpoint import remove_checkpoint
+
+CHOICES = {
+    "closed form": {},
+    "krylov": {"lyapunov": "krylov"},
+    "selection": {"lyapunov": "krylov", "switching": "modal"},
+    "adi": {"lyapunov": "adi"},
+}
+
+
+class Stopped(Exception):
+    """What ends a run."""
+
+
+@pytest.fixture
+def stopped(box_system, tmp_path, monkeypatch):
+    """Runs a reduction that ends when one of the two contact modes is finished, and returns its checkpoint."""
+
+    def run(**choices):
+        def one(problem):
+            yield next(balanced(problem))
+            raise Stopped
+
+        with monkeypatch.context() as patch:
+            patch.setitem(methods.BY_NAME, "balanced", one)
+            with pytest.raises(Stopped):
+                fr.reduce(box_system, checkpoint=tmp_path / "partial", **{"order": 6} | choices)
+        return tmp_path / "partial"
+
+    return run
+
+
+@pytest.mark.parametrize("choices", CHOICES.values(), ids=CHOICES)
+def test_stopped_run_goes_on(box_system, stopped, monkeypatch, choices):
+    folder = stopped(**choices)
+    assert [file.name for file in folder.iterdir()] == ["0.h5"]
+    left = []
+
+    def noting(problem):
+        left.append(problem.contacts)
+        yield from balanced(problem)
+
+    monkeypatch.setitem(methods.BY_NAME, "balanced", noting)
+    rom = fr.reduce(box_system, order=6, checkpoint=folder, resume=True, **choices)
+    assert left == [("top",)]
+    assert {file.name for file in folder.iterdir()} == {"0.h5", "1.h5"}
+    for name, mode in fr.reduce(box_system, order=6, **choices).modes.items():
+        σ = mode.hankel_singular_values[:6]
+        np.testing.assert_allclose(rom.modes[name].eigenvalues, mode.eigenvalues, rtol=1e-8)
+        np.testing.assert_allclose(rom.modes[name].hankel_singular_values[:6], σ, rtol=1e-8)
+        assert rom.modes[name].static_error == pytest.approx(mode.static_error, rel=1e-4, abs=1e-9)
+
+
+def test_without_resume_it_starts_anew(box_system, stopped):
+    folder = stopped(tolerance=1e-3, order=None)
+    fr.reduce(box_system, order=6, checkpoint=folder)
+    assert fr.reduce(box_system, order=6, checkpoint=folder, resume=True).modes["top"].order == 6
+
+
+def test_what_a_checkpoint_wrote_is_removed_and_nothing_else(stopped):
+    folder = stopped()
+    (folder / ".1.h5.x1y2.part").write_text("half a file")
+    (folder / "note.txt").write_text("not ours")
+    remove_checkpoint(folder)
+    assert [file.name for file in folder.iterdir()] == ["note.txt"]
+    (folder / "note.txt").unlink()
+    remove_checkpoint(folder)
+    assert not folder.exists()
+
+
+def test_messages_are_told_again(box_system, stopped):
+    with pytest.warns(FenicsRomWarning, match="order 500 was asked for"):
+        whole = fr.reduce(box_system, order=500)
+    with pytest.warns(FenicsRomWarning, match="order 500 was asked for"):
+        rom = fr.reduce(box_system, order=500, checkpoint=stopped(order=500), resume=True)
+    assert rom.warnings == whole.warnings
+    assert len(rom.warnings) == 2
+
+
+def test_there_need_be_nothing_to_resume(box_system, tmp_path):
+    fr.reduce(box_system, order=6, checkpoint=tmp_path / "partial", resume=True)
+    assert {file.name for file in (tmp_path / "partial").iterdir()} == {"0.h5", "1.h5"}
+
+
+def with_scaled_stiffness(system):
+    matrix = system.stiffness.mat.copy()
+    matrix.scale(1.000001)
+    return replace(system, stiffness=PetscMatrix(matrix))
+
+
+@pytest.mark.parametrize("what", ["order", "inputs", "stiffness", "outputs"])
+def test_a_checkpoint_of_something_else_is_refused(box_system, stopped, what):
+    folder, order, other = stopped(), 6, box_system
+    if what == "order":
+        order = 7
+    elif what == "inputs":
+        other = replace(box_system, contacts={name: 2 * B for name, B in box_system.contacts.items()})
+    elif what == "outputs":
+        other = replace(box_system, outputs={"new": box_system.contacts["top"]})
+    else:
+        other = with_scaled_stiffness(box_system)
+    with pytest.raises(RomFileError, match="was made from another system or with other choices"):
+        fr.reduce(other, order=order, checkpoint=folder, resume=True)
+    assert (folder / "0.h5").exists()
+
+
+def test_a_damaged_checkpoint_is_refused(box_system, stopped):
+    part = stopped() / "0.h5"
+    content = bytearray(part.read_bytes())
+    content[2000] ^= 1
+    part.write_bytes(content)
+    with pytest.raises(RomFileError, match=r"0\.h5: is damaged"):
+        fr.reduce(box_system, order=6, checkpoint=part.parent, resume=True)
+
+
+def test_a_checkpoint_needs_a_place(box_system, tmp_path):
+    with pytest.raises(RomFileError, match="cannot be written"):
+        fr.reduce(box_system, order=6, checkpoint=tmp_path / "nowhere" / "partial")

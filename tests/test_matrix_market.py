@@ -1,0 +1,224 @@
+"""Matrix Market files on the command line: the model of their matrices, and what is refused."""
+
+import os
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+import scipy.io
+import scipy.sparse
+
+import fenics_rom as fr
+from fenics_rom.cli import main
+from fenics_rom.errors import StructureError
+
+SIZE = 31
+MATRICES = ("--mass", "M.mtx", "--damping", "D.mtx", "--stiffness", "K.mtx")
+BANNER = "%%MatrixMarket matrix coordinate real general\n"
+
+
+def chain():
+    """Masses between springs, two of them with dashpots to the ground."""
+    K = scipy.sparse.diags([-np.ones(SIZE - 1), 2 * np.ones(SIZE), -np.ones(SIZE - 1)], [-1, 0, 1]).tocsr()
+    M = scipy.sparse.diags(1 + np.arange(SIZE) / SIZE).tocsr()
+    return M, 0.1 * M + 0.05 * K + scipy.sparse.diags(1.0 * (np.arange(SIZE) % 13 == 0)).tocsr(), K
+
+
+ENDS, MIDDLE, MEANS = np.eye(SIZE)[:, [0, -1]], np.eye(SIZE)[:, [15]], np.ones((SIZE, 2)) / SIZE
+
+
+def written(folder):
+    """The chain in files of every form: symmetric, general, dense, whole numbers."""
+    M, D, K = chain()
+    scipy.io.mmwrite(folder / "M.mtx", M, symmetry="symmetric")
+    scipy.io.mmwrite(folder / "D.mtx", D, symmetry="general")
+    scipy.io.mmwrite(folder / "K.mtx", K.astype(int), symmetry="symmetric")
+    scipy.io.mmwrite(folder / "ends.mtx", scipy.sparse.coo_matrix(ENDS))
+    scipy.io.mmwrite(folder / "middle.mtx", MIDDLE)
+    scipy.io.mmwrite(folder / "means.mtx", MEANS)
+    return folder
+
+
+@pytest.fixture
+def inside(tmp_path, monkeypatch):
+    """Works in a folder with the chain's files."""
+    monkeypatch.chdir(tmp_path)
+    return written(tmp_path)
+
+
+@pytest.fixture
+def say(capfd):
+    """Runs `reduce` in this process: its exit status and what it printed."""
+
+    def run(*arguments):
+        with pytest.raises(SystemExit) as end:
+            main(["reduce", *map(str, arguments), "-o", "rom.h5"])
+        return end.value.code, *capfd.readouterr()
+
+    return run
+
+
+def of_memory(**parts):
+    M, D, K = chain()
+    given = {"mass": M, "damping": D, "stiffness": K, "contacts": {"ends": ENDS}}
+    return fr.System(**given | parts)
+
+
+def hankel(rom, contact="ends"):
+    return rom.modes[contact].hankel_singular_values[:8]
+
+
+def test_files_are_the_model_of_their_matrices(inside, say, capfd):
+    status, out, err = say(
+        *(*MATRICES, "--contact", "ends=ends.mtx", "--contact", "middle=middle.mtx", "--actuator", "pull=ends.mtx"),
+        *("--observe", "mean=means.mtx", "--order", "8", "--weighting", "outputs"),
+    )
+    assert (status, err) == (0, "")
+    assert "31 displacements, 0 nodes" in out
+    rom = fr.read_rom("rom.h5")
+    system = of_memory(contacts={"ends": ENDS, "middle": MIDDLE}, actuators={"pull": ENDS}, outputs={"mean": MEANS})
+    expected = fr.reduce(system, order=8, weighting="outputs")
+    assert rom.contacts == {"ends": 2, "middle": 1}
+    assert rom.actuators == {"pull": 2}
+    assert rom.outputs["mean"].shape[0] == 2
+    for name in ("ends", "middle"):
+        np.testing.assert_allclose(hankel(rom, name), hankel(expected, name), rtol=1e-9)
+    with pytest.raises(SystemExit) as end:
+        main(["info", "rom.h5"])
+    assert (end.value.code, *capfd.readouterr()) == (0, out, "")
+
+
+def test_rayleigh_in_place_of_a_file(inside, say):
+    options = ("--mass", "M.mtx", "--stiffness", "K.mtx", "--rayleigh", "0.1", "0.05", "--contact", "ends=ends.mtx")
+    assert say(*options, "--order", "8")[0] == 0
+    M, _, K = chain()
+    expected = fr.reduce(of_memory(damping=0.1 * M + 0.05 * K), order=8)
+    np.testing.assert_allclose(hankel(fr.read_rom("rom.h5")), hankel(expected), rtol=1e-9)
+    assert fr.read_rom("rom.h5").modes["ends"].damping.ndim == 1
+
+
+def test_two_ranks_spread_the_rows(inside):
+    run = mpirun(*MATRICES, "--contact", "ends=ends.mtx", "--order", "8")
+    assert run.returncode == 0, run.stderr
+    assert run.stdout.count("ROM system: rom.h5") == 1
+    np.testing.assert_allclose(hankel(fr.read_rom("rom.h5")), hankel(fr.reduce(of_memory(), order=8)), rtol=1e-9)
+
+
+def mpirun(*arguments):
+    """`reduce` on two ranks; in the environment as it was before this process made itself a rank."""
+    command = ["mpirun", "-n", "2", sys.executable, "-m", "fenics_rom", "reduce", *arguments, "-o", "rom.h5"]
+    return subprocess.run(command, env=dict(os.environ), capture_output=True, text=True, timeout=100)
+
+
+@pytest.mark.parametrize(
+    ("content", "said"),
+    [
+        ("no matrix", "K.mtx: is not a Matrix Market file"),
+        (BANNER + "31 31 1\n1 1 -2.0\n", "K.mtx: stiffness is not positive definite: mumps could not factor"),
+    ],
+)
+def test_two_ranks_say_once_what_is_wrong_and_end(inside, content, said):
+    """Also that it is PETSc's matrix that is reduced then."""
+    (inside / "K.mtx").write_text(content)
+    run = mpirun(*MATRICES, "--contact", "ends=ends.mtx")
+    assert run.returncode == 1
+    (line,) = (line for line in run.stderr.splitlines() if "fenics-rom: error:" in line)
+    assert said in line
+    assert "Traceback" not in run.stderr
+
+
+@pytest.mark.parametrize(
+    ("file", "content", "said"),
+    [
+        ("K.mtx", "mass = 3\n", "K.mtx: is not a Matrix Market file: its first line must start with %%MatrixMarket"),
+        ("K.mtx", "", "K.mtx: is not a Matrix Market file"),
+        ("K.mtx", BANNER + "31 31 5\n1 1 2.0\n", "K.mtx: cannot be read as a Matrix Market file: "),
+        ("K.mtx", BANNER + "31 31 1\n1 99 2.0\n", "K.mtx: cannot be read as a Matrix Market file: "),
+        ("K.mtx", BANNER + "31 31 1\n1 1 two\n", "K.mtx: cannot be read as a Matrix Market file: "),
+        (
+            "K.mtx",
+            BANNER + "31 31 1\n1 2 2.0\n",
+            "K.mtx: stiffness is not symmetric: |A - Aᵀ| = 2.0e+00, |A| = 2.0e+00",
+        ),
+        ("K.mtx", BANNER + "31 31 1\n1 1 2.0\n", "K.mtx: stiffness is not positive definite"),
+        ("K.mtx", BANNER + "31 31 1\n1 1 nan\n", "K.mtx: stiffness holds numbers that are not finite"),
+        ("K.mtx", BANNER + "30 30 1\n1 1 2.0\n", "K.mtx: stiffness has shape (30, 30); allowed is (31, 31)"),
+        ("M.mtx", BANNER + "31 30 1\n1 1 2.0\n", "M.mtx: mass has shape (31, 30); allowed is square"),
+        ("D.mtx", BANNER + "31 31 1\n1 1 -2.0\n", "D.mtx: damping is not positive semi-definite"),
+        ("M.mtx", BANNER.replace("real", "complex") + "31 31 1\n1 1 2.0 1.0\n", "M.mtx: holds complex numbers"),
+        (
+            "M.mtx",
+            BANNER.replace("real", "pattern") + "31 31 1\n1 1\n",
+            "M.mtx: holds pattern numbers; allowed are real",
+        ),
+        (
+            "ends.mtx",
+            BANNER + "30 1 1\n1 1 1.0\n",
+            "ends.mtx: has shape (30, 1); the mass matrix asks for (31, columns)",
+        ),
+        ("ends.mtx", BANNER + "31 0 0\n", "ends.mtx: "),
+        ("ends.mtx", BANNER + "31 1 1\n1 1 inf\n", "ends.mtx: contacts['ends'] holds numbers that are not finite"),
+    ],
+)
+def test_file_that_cannot_be_used_is_named(inside, say, file, content, said):
+    (inside / file).write_text(content)
+    status, out, err = say(*MATRICES, "--contact", "ends=ends.mtx")
+    assert (status, out) == (1, "")
+    assert re.fullmatch(r"fenics-rom: error: [^\n]+\n", err)
+    assert err.startswith(f"fenics-rom: error: {said}")
+    assert not (inside / "rom.h5").exists()
+
+
+def test_file_that_is_not_there_is_named(inside, say):
+    (inside / "D.mtx").unlink()
+    assert (
+        say(*MATRICES, "--contact", "ends=.")[2]
+        == "fenics-rom: error: D.mtx: cannot be read: No such file or directory\n"
+    )
+    written(inside)
+    assert say(*MATRICES, "--contact", "ends=.")[2] == "fenics-rom: error: .: cannot be read: Is a directory\n"
+
+
+def test_output_is_none_of_the_files(inside, capfd):
+    before = (inside / "M.mtx").read_bytes()
+    with pytest.raises(SystemExit):
+        main(["reduce", *MATRICES, "--contact", "ends=ends.mtx", "-o", "M.mtx"])
+    assert "M.mtx: is read by this command, so it cannot be its output" in capfd.readouterr().err
+    assert (inside / "M.mtx").read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("options", "said"),
+    [
+        ("", "SCENE is needed, or --mass, --stiffness, --damping (or --rayleigh) and --contact"),
+        ("scene.toml --mass M.mtx --rayleigh 0 1", "SCENE and --mass, --rayleigh cannot be used together"),
+        ("--mass M.mtx", "matrices instead of SCENE: --stiffness, --contact, --damping or --rayleigh missing"),
+        ("--contact a=a.mtx --damping D.mtx", "matrices instead of SCENE: --mass, --stiffness missing"),
+        ("--mass M --stiffness K --rayleigh 0 1 --contact a=a --contact a=b", "--contact: each name may be used once"),
+        ("--damping D.mtx --rayleigh 0 1", "argument --rayleigh: not allowed with argument --damping"),
+        ("--contact ends.mtx", "argument --contact: 'ends.mtx': allowed is NAME=FILE"),
+        ("--contact a/b=ends.mtx", "argument --contact: 'a/b=ends.mtx': allowed is NAME=FILE"),
+        ("--observe a=", "argument --observe: 'a=': allowed is NAME=FILE"),
+        ("--rayleigh 0.1", "argument --rayleigh: "),
+    ],
+)
+def test_wrong_usage_ends_with_status_2(inside, say, options, said):
+    status, out, err = say(*options.split())
+    assert (status, out) == (2, "")
+    assert err.startswith("usage: fenics-rom reduce")
+    assert f"error: {said}" in err
+
+
+def test_negative_coefficients_are_refused(inside, say):
+    options = ("--mass", "M.mtx", "--stiffness", "K.mtx", "--rayleigh", "-0.1", "nan", "--contact", "ends=ends.mtx")
+    status, _, err = say(*options)
+    assert status == 1
+    assert err.startswith("fenics-rom: error: rayleigh = (-0.1, nan): allowed are two finite numbers (α, β) from 0")
+
+
+def test_in_python_the_error_names_the_file_too(inside):
+    (inside / "D.mtx").write_text(BANNER + "31 31 1\n1 1 -2.0\n")
+    with pytest.raises(StructureError, match=r"^D\.mtx: damping is not positive semi-definite"):
+        fr.read_system(mass="M.mtx", damping="D.mtx", stiffness="K.mtx", contacts={"ends": "ends.mtx"})

@@ -1,0 +1,37 @@
+"""The examples of own matrices are run as they are printed; each ends in checks of its own."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+FOLDER = Path(__file__).parent.parent / "demos" / "own_matrices"
+SCRIPTS = sorted(path.name for path in FOLDER.glob("*.py") if path.name != "checks.py")
+PARALLEL = ["forms_beam.py", "petsc_rope.py"]
+
+
+def run(*command):
+    return subprocess.run(command, capture_output=True, text=True, env=dict(os.environ), timeout=100)
+
+
+def assert_checks_held(done, ranks):
+    assert done.returncode == 0, done.stdout + done.stderr
+    assert done.stdout.count("energy account closes to") == 1
+    assert f"on {ranks} ranks" in done.stdout or ranks == 1
+
+
+@pytest.mark.parametrize("script", SCRIPTS)
+def test_example_keeps_its_claims(script):
+    assert_checks_held(run(sys.executable, FOLDER / script), 1)
+
+
+@pytest.mark.parametrize("script", PARALLEL)
+def test_example_keeps_its_claims_on_two_ranks(script):
+    assert_checks_held(run("mpirun", "-n", "2", sys.executable, FOLDER / script), 2)
+
+
+def test_every_example_is_known():
+    assert SCRIPTS == ["forms_beam.py", "matrix_market.py", "petsc_rope.py", "scipy_rope.py"]
+    assert set(PARALLEL) < set(SCRIPTS)

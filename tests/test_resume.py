@@ -1,0 +1,213 @@
+"""Reductions that were killed, and what goes on from what they left."""
+
+import os
+import re
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from bodies import box_arrays, scene_text, write_arrays
+from test_files import transfer
+
+import fenics_rom as fr
+from fenics_rom.cli import main
+from fenics_rom.reduction.checkpoint import Checkpoint
+
+pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
+PLACES = 8
+COMMAND = ("reduce", "box.toml", "-o", "rom.h5")
+RESUMED = re.compile(r"^  resumed: (\d+) of 8 contact modes were taken over$", flags=re.M)
+KILLS_ITSELF = """
+import os, signal
+from fenics_rom.checked_file import is_rank_0
+from fenics_rom.cli import main
+from fenics_rom.reduction.checkpoint import Checkpoint
+keep = Checkpoint.keep
+def keep_and_die(*arguments):
+    keep(*arguments)
+    if is_rank_0():
+        os.kill(os.getpid(), signal.SIGKILL)
+Checkpoint.keep = keep_and_die
+main()
+"""
+
+
+@pytest.fixture(scope="module")
+def scene(tmp_path_factory):
+    """A folder with the scene of a box that can be touched at eight places."""
+    folder = tmp_path_factory.mktemp("scene")
+    write_arrays(folder / "box.msh", *box_arrays((1.0, 0.4, 0.3), (9, 4, 3)))
+    contacts = "\n".join(
+        f"[contacts.place{k}]\nnear = {{ point = [{(k + 1.5) / 9:.4f}, 0.2, 0.3], radius = 0.15 }}"
+        for k in range(PLACES)
+    )
+    reduction = 'lyapunov = "krylov"\norder = 10'
+    outputs = {"outputs.tip": "points = [[1.0, 0.4, 0.3]]"}
+    (folder / "box.toml").write_text(scene_text("box.msh", contacts=contacts, reduction=reduction, **outputs))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def expected(scene):
+    """The ROM without any interruption."""
+    return fr.reduce(fr.assemble(fr.read_scene(scene / "box.toml")))
+
+
+@pytest.fixture(scope="module")
+def killed(scene, tmp_path_factory):
+    """What is left of a run that was killed as soon as something of it was finished."""
+    folder = copied(scene, tmp_path_factory.mktemp("killed"))
+    program = [Path(sys.executable).parent / "fenics-rom", *COMMAND]
+    with subprocess.Popen(program, cwd=folder, env=dict(os.environ), stdout=subprocess.PIPE) as run:
+        while run.poll() is None and not (folder / "rom.h5.partial" / "0.h5").exists():
+            time.sleep(1e-3)
+        run.send_signal(signal.SIGKILL)
+    assert run.returncode == -signal.SIGKILL
+    assert not (folder / "rom.h5").exists()
+    return folder
+
+
+def copied(source, target):
+    return Path(shutil.copytree(source, target, dirs_exist_ok=True))
+
+
+@pytest.fixture
+def inside(killed, tmp_path, monkeypatch):
+    """Works in a copy of what is left of the killed run."""
+    monkeypatch.chdir(copied(killed, tmp_path))
+    return tmp_path
+
+
+@pytest.fixture
+def say(capfd):
+    """Runs a command in this process: its exit status and what it printed."""
+
+    def run(*arguments):
+        with pytest.raises(SystemExit) as end:
+            main([*COMMAND, *arguments])
+        return end.value.code, *capfd.readouterr()
+
+    return run
+
+
+def left():
+    return {file.name: file.read_bytes() for file in Path("rom.h5.partial").iterdir() if file.suffix == ".h5"}
+
+
+def same(rom, expected):
+    assert list(rom.modes) == list(expected.modes)
+    for name, mode in expected.modes.items():
+        σ = mode.hankel_singular_values
+        np.testing.assert_allclose(rom.modes[name].hankel_singular_values, σ, rtol=0, atol=1e-10 * σ[0])
+        H = transfer(expected, name)
+        np.testing.assert_allclose(transfer(rom, name), H, rtol=0, atol=1e-10 * np.abs(H).max())
+
+
+def test_killed_run_goes_on_to_the_same_rom(inside, say, expected):
+    finished = len(left())
+    assert 1 <= finished <= PLACES
+    status, out, err = say("--resume")
+    assert (status, err) == (0, "")
+    assert RESUMED.findall(out) == [str(finished)]
+    same(fr.read_rom("rom.h5"), expected)
+    assert not Path("rom.h5.partial").exists()
+
+
+def test_one_rank_goes_on_with_what_two_left(scene, tmp_path, monkeypatch, say, expected):
+    monkeypatch.chdir(copied(scene, tmp_path))
+    command = ["mpirun", "-n", "2", sys.executable, "-c", KILLS_ITSELF, *COMMAND]
+    killed = subprocess.run(command, env=dict(os.environ), capture_output=True, timeout=100)
+    assert killed.returncode != 0
+    finished = len(left())
+    assert 1 <= finished <= PLACES
+    status, out, err = say("--resume")
+    assert (status, err) == (0, "")
+    assert RESUMED.findall(out) == [str(finished)]
+    same(fr.read_rom("rom.h5"), expected)
+
+
+def test_leftover_is_replaced_where_nobody_asks_for_it(inside, say):
+    """It is of another order, so that reading it would be an error."""
+    assert left()
+    status, out, err = say("--order", "9")
+    assert (status, err) == (0, "")
+    assert "resumed" not in out
+    assert {mode.order for mode in fr.read_rom("rom.h5").modes.values()} == {9}
+    assert not Path("rom.h5.partial").exists()
+
+
+@pytest.mark.parametrize(
+    ("there", "instead", "options"),
+    [
+        ("", "", ("--order", "9")),
+        ("", "", ("--weighting", "nodal")),
+        ("young = 1.0e6", "young = 1.1e6", ()),
+        ("place7", "last", ()),
+    ],
+)
+def test_what_was_finished_of_something_else_is_refused_and_kept(inside, say, there, instead, options):
+    before = left()
+    (inside / "box.toml").write_text((inside / "box.toml").read_text().replace(there, instead))
+    status, out, err = say("--resume", *options)
+    assert (status, out) == (1, "")
+    assert err == (
+        "fenics-rom: error: rom.h5.partial/0.h5: was made from another system or with other choices; "
+        "start without resume\n"
+    )
+    assert left() == before
+    assert not (inside / "rom.h5").exists()
+
+
+def test_damaged_part_is_told(inside, say):
+    part = inside / "rom.h5.partial" / "0.h5"
+    part.write_bytes(part.read_bytes()[:-9])
+    status, out, err = say("--resume")
+    assert (status, out) == (1, "")
+    assert err == (
+        "fenics-rom: error: rom.h5.partial/0.h5: is damaged: its content is not what was written "
+        "(the checksum differs)\n"
+    )
+
+
+def test_what_is_finished_outlives_an_error(scene, tmp_path, monkeypatch, say, expected):
+    """Such as too little memory for the certificate."""
+    monkeypatch.chdir(copied(scene, tmp_path))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("fenics_rom.reduction.reduce.rom_of", lambda *_, **__: np.empty(10**15))
+        status, _, err = say()
+    assert status == 1
+    assert err.startswith("fenics-rom: error: not enough memory: ")
+    assert len(left()) == PLACES
+    status, out, _ = say("--resume")
+    assert RESUMED.findall(out) == ["8"]
+    same(fr.read_rom("rom.h5"), expected)
+
+
+def test_error_before_anything_is_finished_leaves_nothing(scene, tmp_path, monkeypatch, say):
+    monkeypatch.chdir(copied(scene, tmp_path))
+    before = sorted(tmp_path.iterdir())
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(Checkpoint, "restored", lambda *_: np.empty(10**15))
+        assert say()[0] == 1
+    assert sorted(tmp_path.iterdir()) == before
+
+
+def test_nothing_to_go_on_from_is_a_beginning(scene, tmp_path, monkeypatch, say):
+    monkeypatch.chdir(copied(scene, tmp_path))
+    status, out, _ = say("--resume", "--order", "2", "--lyapunov", "auto")
+    assert (status, RESUMED.findall(out)) == (0, ["0"])
+
+
+def test_file_in_the_place_of_the_folder_is_told_before_the_work(scene, tmp_path, monkeypatch, say):
+    monkeypatch.chdir(copied(scene, tmp_path))
+    (tmp_path / "box.toml").unlink()
+    (tmp_path / "rom.h5.partial").write_text("mine")
+    status, out, err = say()
+    assert (status, out) == (1, "")
+    assert err == "fenics-rom: error: rom.h5.partial: is needed for what is finished, but it is not a folder\n"
+    assert (tmp_path / "rom.h5.partial").read_text() == "mine"
