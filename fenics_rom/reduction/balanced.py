@@ -17,7 +17,8 @@ from fenics_rom.system import Array
 
 MOST_COLUMNS = 24  # of all input matrices, that are better served by Krylov spaces alone than with eigenvectors
 EIGENVECTORS = 100  # shared by more columns than that; three times the order where that is more
-GROUP = 48  # columns whose blocks are solved for together
+GROUP = 48  # columns whose blocks are solved for together then
+SMALL_GROUP = 12  # and else: fewer, so that a stopped run has something finished
 MUCH = 1e-4  # share of all motions that is still to come, with which σ need not be looked at
 
 
@@ -48,17 +49,17 @@ def _in_all_eigenvectors(problem: Problem) -> Iterator[tuple[str, Directions]]:
 
 
 def _krylov(problem: Problem) -> Iterator[tuple[str, Directions]]:
-    """One contact mode after the other; where there are many columns, in groups, and with eigenvectors to share."""
+    """Contact modes in groups; where there are many columns, with eigenvectors to share."""
     names = problem.contacts
     widths = [problem.system.input_matrix(name).shape[1] for name in names]
     if sum(widths) <= MOST_COLUMNS:
-        for name in names:
-            yield from directions_by_change(problem, [name])
-        return
-    share_eigenvectors(problem, max(EIGENVECTORS, 3 * max(problem.order_of(name) or 0 for name in names)))
-    size = max(1, GROUP // max(widths))
+        directions, columns = directions_by_change, SMALL_GROUP
+    else:
+        share_eigenvectors(problem, max(EIGENVECTORS, 3 * max(problem.order_of(name) or 0 for name in names)))
+        directions, columns = directions_by_residual, GROUP
+    size = max(1, columns // max(widths))
     for first in range(0, len(names), size):
-        yield from directions_by_residual(problem, names[first : first + size])
+        yield from directions(problem, names[first : first + size])
 
 
 def _adi(problem: Problem, name: str) -> Directions:

@@ -126,6 +126,7 @@ class KrylovSpaces:
         V = np.eye(shared.size)[:, : shared.eigenvectors]
         self.chains = {name: Chain(V) for name in names}
         self._company = Chain(V)  # columns that belong to the space of every contact mode
+        self._orders = {name: problem.order_of(name) for name in names}  # where a tolerance decides, of the last look
         self._seen: tuple[int, dict[str, Array]] = (-1, {})
         self._shifts = 0
         self._blocks = 0
@@ -166,8 +167,10 @@ class KrylovSpaces:
 
     def look(self, name: str) -> Look:
         """A contact mode balanced in its space."""
-        found = self._projection(name)
-        return Look(found, balanced_in(self._problem, found.space, found.inputs))
+        problem, found = self._problem, self._projection(name)
+        balanced = balanced_in(problem, found.space, found.inputs)
+        self._orders[name] = order_of(balanced.singular_values, problem.order_of(name), problem.tolerance)
+        return Look(found, balanced)
 
     def _projection(self, name: str) -> Projection:
         problem, chain = self._problem, self.chains[name]
@@ -226,7 +229,7 @@ class KrylovSpaces:
         for name in names:
             found, B = self._projection(name), self.inputs[name]
             all_inputs = np.full((B.shape[1], 1), B.shape[1] ** -0.5)
-            for ω in sample_frequencies(found.space.eigenvalues, self._problem.order_of(name), count):
+            for ω in sample_frequencies(found.space.eigenvalues, self._orders[name], count):
                 where.append((name, float(ω)))
                 responses.append(found.response(ω) @ all_inputs)
                 residuals.append(B @ all_inputs)
@@ -256,17 +259,22 @@ def directions_by_residual(problem: Problem, names: Sequence[str]) -> Iterator[t
     For contact modes that share eigenvectors: two or three blocks do, and one balancing each.
     """
     krylov = KrylovSpaces(problem, names)
+    count = TOP if problem.system.rayleigh is not None else SAMPLES
     waiting = list(names)
     while waiting:
         krylov.grow(waiting)
+        for name in waiting:
+            if problem.order_of(name) is None:
+                krylov.look(name)
         with problem.stages("residuals"):
-            gaps = {name: max(of_mode.values()) for name, of_mode in krylov.gaps(waiting, TOP).items()}
+            gaps = krylov.gaps(waiting, count)
         for name in list(waiting):
-            if gaps[name] <= SETTLED or krylov.complete(name) or krylov.at_limit(name):
+            gap = 0.0 if krylov.complete(name) else max(gaps[name].values())
+            if gap <= SETTLED or krylov.at_limit(name):
                 waiting.remove(name)
                 with problem.stages("balancing"):
                     look = krylov.look(name)
-                yield name, _told(problem, name, look, gaps[name] if not krylov.complete(name) else 0.0)
+                yield name, _told(problem, name, look, gap)
 
 
 def directions_by_change(problem: Problem, names: Sequence[str]) -> Iterator[tuple[str, Directions]]:

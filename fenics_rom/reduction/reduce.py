@@ -105,7 +105,7 @@ def reduce(
     stages = Stages(lambda value: float(system.algebra.gather(np.array([[value]])).max()), system.stages, report)
     with stages("factorisation of K"):
         factor = system.algebra.factor((1.0, system.stiffness), solver=solver)
-    with closing(factor):
+    with closing(factor), stages("other work"):
         problem = Problem(
             system=system,
             factor=factor,
@@ -145,7 +145,8 @@ def _kept(problem: Problem, method: Method, checkpoint: Checkpoint) -> dict[str,
     names = problem.contacts
     selection = EigenvectorSelection(problem) if problem.switching == "modal" else None
     problem.stages.report("contact modes", len(kept), len(names))
-    for name, found in method(replace(problem, contacts=tuple(name for name in names if name not in kept))):
+    left = tuple(name for name in names if name not in kept)
+    for name, found in method(replace(problem, contacts=left)) if left else ():
         if name not in names or name in kept:
             raise SceneError(f"the method gave contact mode {name!r}, which was not asked for")
         kept[name] = _truncated(problem, name, found)

@@ -175,6 +175,26 @@ def test_many_contact_modes_share_eigenvectors(plate, damping):
         assert rom.certificate[name]["transfer_error"] <= 0.01
 
 
+def test_many_contact_modes_and_a_tolerance(plate):
+    D = plate.rayleigh(0.5, 1e-3)
+    patches = {f"c{k}": plate.middle[:, k : k + 3] for k in range(0, 45, 3)}
+    rom = fr.reduce(plate.damped(D, **patches), tolerance=1e-3, lyapunov="krylov")
+    for name, B in patches.items():
+        σ = plate.sigma(D, B)
+        m = rom.modes[name].order
+        assert σ[m:].sum() <= 1.001e-3 * σ.sum() <= 1.01 * σ[m - 1 :].sum()
+        assert gap(rom, name, σ, m) <= 1e-6
+
+
+def test_many_contact_modes_of_two_materials(small_plate):
+    """Shared eigenvectors, and shifts as well."""
+    D = 0.5 * small_plate.M + 1e-3 * (small_plate.K - small_plate.right) + 1e-4 * small_plate.right
+    patches = {f"c{k}": small_plate.middle[:, k : k + 3] for k in range(0, 27, 3)}
+    rom = reduced(small_plate.damped(D, **patches), 10)
+    for name, B in list(patches.items())[::4]:
+        assert gap(rom, name, small_plate.sigma(D, B), 10) <= 1e-6
+
+
 def chain(length, α):
     M, D, K, B = triple_chain(length, α, α, 5.0)
     return fr.System(mass=M, damping=D, stiffness=K, contacts={"all": B})
