@@ -113,8 +113,8 @@ def padded(coordinates: Array, size: int) -> Array:
 def orthonormal_rest(system: System, block: Array, basis: Array) -> tuple[Array, Array]:
     """What a block (rows here, c) adds to an M-orthonormal basis (rows here, k).
 
-    Gram matrices square the spectrum, so each pass takes only directions within four decades of the largest;
-    what is left is tried again until it is below DEFLATION of the unit columns it came from.
+    Gram matrices square the spectrum, so each pass takes only directions within four decades of the largest, of columns
+    scaled alike; what is left is tried again until it is below DEFLATION of the unit columns it came from.
 
     Returns:
         M-orthonormal columns (rows here, new), and the coordinates of the block in both, (k + new, c).
@@ -131,12 +131,16 @@ def orthonormal_rest(system: System, block: Array, basis: Array) -> tuple[Array,
         rest = rest - basis @ seen
         Mrest = M @ rest
     new, left, Mleft = rest[:, :0], rest, Mrest
-    while left.shape[1]:
-        w, E = np.linalg.eigh(inner(left, Mleft))
-        take = w > max(1e-8 * w[-1], DEFLATION**2)
-        if not take.any():
+    while True:
+        gram = inner(left, Mleft)
+        there = np.diag(gram) > DEFLATION**2
+        if not there.any():
             break
-        parts = E[:, take] / np.sqrt(w[take])
+        left, Mleft, gram = left[:, there], Mleft[:, there], gram[there][:, there]
+        sizes = np.sqrt(np.diag(gram))
+        w, E = np.linalg.eigh(gram / sizes[:, None] / sizes)
+        take = w > 1e-8 * w[-1]
+        parts = E[:, take] / sizes[:, None] / np.sqrt(w[take])
         fresh, Mfresh = left @ parts, Mleft @ parts
         for old in (basis, new):  # division by a small norm magnified what was left of the old directions
             if old.shape[1]:
