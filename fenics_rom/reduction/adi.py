@@ -254,9 +254,9 @@ def _independent(system: System, factor: Factor, B: Array) -> tuple[Array, float
 
 def _first_space(system: System, factor: Factor, force: Array) -> Span:
     """A block Krylov space of K⁻¹M from K⁻¹B, of `START` vectors or what there is."""
-    basis = new = orthonormal_rest(system, factor.solve(force), force[:, :0])[0]
+    basis = new = orthonormal_rest(system, factor.solve(force), force[:, :0], force[:, :0])[0]
     while basis.shape[1] < START and new.shape[1]:
-        new = orthonormal_rest(system, factor.solve(system.mass @ new), basis)[0]
+        new = orthonormal_rest(system, factor.solve(system.mass @ new), basis, system.mass @ basis)[0]
         basis = np.hstack([basis, new])
     return _span(system, basis)
 
@@ -284,7 +284,7 @@ def _compressed(system: System, basis: Array, parts: list[Array], columns: list[
     """
     inner, rest = system.algebra.inner, np.hstack(columns)
     for _ in range(2):  # what is too small a share of a column to be a direction is too large to be lost
-        basis = np.hstack([basis, orthonormal_rest(system, rest, basis)[0]])
+        basis = np.hstack([basis, orthonormal_rest(system, rest, basis, system.mass @ basis)[0]])
         rest = rest - basis @ inner(basis, system.mass @ rest)
     added = [inner(basis, system.mass @ new) for new in columns]
     grown = [

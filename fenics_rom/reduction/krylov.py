@@ -22,7 +22,7 @@ from fenics_rom.system import Array
 
 SETTLED = 1e-7  # relative change of σ, and of frequency responses, between two looks that ends the growth of a space
 NEGLIGIBLE = 1e-9  # share of σ_1 below which σ need not settle in all their digits
-GROWTH = {1: 1.2, 2: 1.5}  # of a space between two looks at it, for diagonal and dense damping: those take longer
+GROWTH = {1: 1.1, 2: 1.5}  # of a space between two looks at it, for diagonal and dense damping: those take longer
 MOST_VECTORS = 400  # of a contact mode's space, shared eigenvectors not counted
 ZERO_BLOCKS = 15  # before the first positive shift
 SHIFT_BLOCKS = 3  # at each positive shift
@@ -128,6 +128,7 @@ class KrylovSpaces:
         self._company = Chain(V)  # columns that belong to the space of every contact mode
         self._orders = {name: problem.order_of(name) for name in names}  # where a tolerance decides, of the last look
         self._seen: tuple[int, dict[str, Array]] = (-1, {})
+        self._projections: dict[str, Projection] = {}
         self._shifts = 0
         self._blocks = 0
         dashpots = local_damping(system)
@@ -143,7 +144,7 @@ class KrylovSpaces:
         if self._zero_suffices or self._blocks < ZERO_BLOCKS:
             chains = [*(self.chains[name] for name in names), self._company]
             latest = [padded(chain.latest, self._problem.space.size) for chain in chains]
-            columns = self._problem.system.mass @ (self._problem.space.basis @ np.hstack(latest))
+            columns = self._problem.space.momenta @ np.hstack(latest)
             self._add(_split(columns, latest), names)
         else:
             self._add_shift(names)
@@ -173,9 +174,12 @@ class KrylovSpaces:
         return Look(found, balanced)
 
     def _projection(self, name: str) -> Projection:
-        problem, chain = self._problem, self.chains[name]
-        space = problem.space.subspace(chain.span)
-        return Projection(chain.own, space, space.coordinates.T @ self._seen_inputs()[name])
+        chain, last = self.chains[name], self._projections.get(name)
+        if last is None or last.own != chain.own or len(last.space.coordinates) != self._problem.space.size:
+            space = self._problem.space.subspace(chain.span)
+            last = Projection(chain.own, space, space.coordinates.T @ self._seen_inputs()[name])
+            self._projections[name] = last
+        return last
 
     def _seen_inputs(self) -> dict[str, Array]:
         """XᵀB of all contact modes, (k, p) each, computed together whenever the shared space has grown."""

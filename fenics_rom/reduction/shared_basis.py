@@ -42,9 +42,11 @@ def rom_of(problem: Problem, kept: Mapping[str, Kept], *, method: str) -> Rom:
     with problem.stages("shared basis"):
         joint = np.empty((space.size, 0))
         for k in kept.values():
-            joint = np.hstack([joint, rest_of(padded(k.span, space.size), joint)])
-        whole = space.subspace(joint)
-        U, κ = whole.coordinates, whole.eigenvalues
+            if joint.shape[1] < space.size:
+                joint = np.hstack([joint, rest_of(padded(k.span, space.size), joint)])
+        whole = space.subspace(np.eye(space.size))
+        together = whole if joint.shape[1] == space.size else space.subspace(joint)
+        U, κ = together.coordinates, together.eigenvalues
         Q = space.basis @ U
         inputs = [system.input_matrix(name) for name in kept]
         seen = np.split(algebra.inner(Q, np.hstack(inputs)), np.cumsum([B.shape[1] for B in inputs])[:-1], axis=1)
@@ -64,7 +66,7 @@ def rom_of(problem: Problem, kept: Mapping[str, Kept], *, method: str) -> Rom:
                 left_inverse=None if k.left_inverse is None else T @ k.left_inverse @ U,
             )
     with problem.stages("certificate"):
-        modes = certified(problem, modes, bases)
+        modes = certified(problem, whole, modes, bases)
     return Rom(
         name=scene.name if scene else "system",
         method=method,

@@ -42,7 +42,7 @@ class SharedSpace:
     def __init__(self, system: System):
         self._system = system
         rows = system.algebra.rows()
-        self._transposed = np.empty((0, rows.stop - rows.start))  # a column of X is a row here: cheap to append
+        self._transposed = np.empty((2, 0, rows.stop - rows.start))  # a column of X, M X is a row: cheap to append
         self._size = 0
         self.stiffness = np.empty((0, 0))
         self.damping = None if system.rayleigh is not None else np.empty((0, 0))
@@ -56,22 +56,30 @@ class SharedSpace:
     @property
     def basis(self) -> Array:
         """X (rows here, k), kg^-1/2."""
-        return self._transposed[: self._size].T
+        return self._transposed[0, : self._size].T
+
+    @property
+    def momenta(self) -> Array:
+        """M X (rows here, k), kg^1/2: kept, because products with M are what orthonormal columns cost most."""
+        return self._transposed[1, : self._size].T
 
     def add(self, block: Array) -> Array:
         """Coordinates of columns, (k, columns); what they add to the basis is appended to it."""
-        new, coordinates = orthonormal_rest(self._system, block, self.basis)
-        self.append(new)
+        new, momenta, coordinates = orthonormal_rest(self._system, block, self.basis, self.momenta)
+        self._append(new, momenta)
         return coordinates
 
     def append(self, new: Array) -> None:
         """Further M-orthonormal columns, orthogonal to those there."""
+        self._append(new, self._system.mass @ new)
+
+    def _append(self, new: Array, momenta: Array) -> None:
         k = self._size + new.shape[1]
-        if k > len(self._transposed):
-            grown = np.empty((k + k // 4, self._transposed.shape[1]))
-            grown[: self._size] = self._transposed[: self._size]
+        if k > self._transposed.shape[1]:
+            grown = np.empty((2, k + k // 4, self._transposed.shape[2]))
+            grown[:, : self._size] = self._transposed[:, : self._size]
             self._transposed = grown
-        self._transposed[self._size : k] = new.T
+        self._transposed[:, self._size : k] = new.T, momenta.T
         self._size = k
         self.stiffness = self._extended(self.stiffness, self._system.stiffness @ new)
         if self.damping is not None:
@@ -110,50 +118,47 @@ def padded(coordinates: Array, size: int) -> Array:
     return np.pad(coordinates, ((0, size - len(coordinates)), (0, 0)))
 
 
-def orthonormal_rest(system: System, block: Array, basis: Array) -> tuple[Array, Array]:
-    """What a block (rows here, c) adds to an M-orthonormal basis (rows here, k).
+def orthonormal_rest(system: System, block: Array, basis: Array, momenta: Array) -> tuple[Array, Array, Array]:
+    """What a block (rows here, c) adds to an M-orthonormal basis (rows here, k), whose product with M is `momenta`.
 
     Gram matrices square the spectrum, so each pass takes only directions within four decades of the largest, of columns
-    scaled alike; what is left is tried again until it is below DEFLATION of the unit columns it came from.
+    scaled alike; what is left is tried again until it is below DEFLATION of the column that it came from.
 
     Returns:
-        M-orthonormal columns (rows here, new), and the coordinates of the block in both, (k + new, c).
+        M-orthonormal columns (rows here, new), M times them, and the coordinates of the block, (k + new, c).
     """
     inner, M = system.algebra.inner, system.mass
-    Mrest = M @ block
-    norms = np.sqrt(np.diag(inner(block, Mrest)))
-    scale = np.where(norms > 0, norms, 1.0)
-    rest, Mrest = block / scale, Mrest / scale
-    coordinates = np.zeros((basis.shape[1], block.shape[1]))
+    rest, coordinates = block, np.zeros((basis.shape[1], block.shape[1]))
     for _ in range(2):
-        seen = inner(basis, Mrest)
+        seen = inner(momenta, rest)
         coordinates += seen
         rest = rest - basis @ seen
-        Mrest = M @ rest
-    new, left, Mleft = rest[:, :0], rest, Mrest
+    Mrest = M @ rest
+    gram = inner(rest, Mrest)
+    least = DEFLATION**2 * (np.sum(coordinates**2, axis=0) + np.diag(gram))
+    new, Mnew, left, Mleft = rest[:, :0], rest[:, :0], rest, Mrest
     while True:
-        gram = inner(left, Mleft)
-        there = np.diag(gram) > DEFLATION**2
+        there = np.diag(gram) > least
         if not there.any():
             break
-        left, Mleft, gram = left[:, there], Mleft[:, there], gram[there][:, there]
+        left, Mleft, gram, least = left[:, there], Mleft[:, there], gram[there][:, there], least[there]
         sizes = np.sqrt(np.diag(gram))
         w, E = np.linalg.eigh(gram / sizes[:, None] / sizes)
         take = w > 1e-8 * w[-1]
-        parts = E[:, take] / sizes[:, None] / np.sqrt(w[take])
-        fresh, Mfresh = left @ parts, Mleft @ parts
-        for old in (basis, new):  # division by a small norm magnified what was left of the old directions
-            if old.shape[1]:
-                fresh = fresh - old @ inner(old, Mfresh)
-                Mfresh = M @ fresh
-        fresh = scipy.linalg.solve_triangular(np.linalg.cholesky(inner(fresh, Mfresh)), fresh.T, lower=True).T
-        new = np.hstack([new, fresh])
+        fresh = left @ (E[:, take] / sizes[:, None] / np.sqrt(w[take]))
+        fresh = fresh - basis @ inner(momenta, fresh)  # division by a small norm magnified what was left of the old
+        fresh = fresh - new @ inner(Mnew, fresh)
+        Mfresh = M @ fresh
+        triangle = np.linalg.cholesky(inner(fresh, Mfresh))
+        fresh, Mfresh = (scipy.linalg.solve_triangular(triangle, f.T, lower=True).T for f in (fresh, Mfresh))
+        new, Mnew = np.hstack([new, fresh]), np.hstack([Mnew, Mfresh])
         if take.all():
             break
         for _ in range(2):
-            left = left - new @ inner(new, Mleft)
-            Mleft = M @ left
-    return new, np.vstack([coordinates, inner(new, Mrest)]) * norms
+            left = left - new @ inner(Mnew, left)
+        Mleft = M @ left
+        gram = inner(left, Mleft)
+    return new, Mnew, np.vstack([coordinates, inner(new, Mrest)])
 
 
 def rest_of(block: Array, span: Array) -> Array:
