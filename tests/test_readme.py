@@ -58,6 +58,8 @@ def test_plate_demo_keeps_its_claims_and_the_readmes_table():
         assert measured[model] == pytest.approx(error, rel=0.1)
 
 
-def test_picture_is_there():
-    (picture,) = re.findall(r"!\[.*?\]\((.*?)\)", README)
-    assert (ROOT / picture).stat().st_size > 10_000
+def test_pictures_are_there():
+    pictures = re.findall(r"!\[.*?\]\((.*?)\)", README)
+    assert len(pictures) == 2
+    for picture in pictures:
+        assert (ROOT / picture).stat().st_size > 10_000

@@ -16,7 +16,7 @@ from fenics_rom.reduction.realization import balanced_by_textbook, balanced_in, 
 from fenics_rom.system import Array
 
 MOST_COLUMNS = 24  # of all input matrices, that are better served by Krylov spaces alone than with eigenvectors
-EIGENVECTORS = 100  # shared by more columns than that; three times the order where that is more
+EIGENVECTORS = 100  # shared by more columns than that; twice the order where that is more
 GROUP = 48  # columns whose blocks are solved for together then
 SMALL_GROUP = 12  # and else: fewer, so that a stopped run has something finished
 MUCH = 1e-4  # share of all motions that is still to come, with which σ need not be looked at
@@ -55,7 +55,7 @@ def _krylov(problem: Problem) -> Iterator[tuple[str, Directions]]:
     if sum(widths) <= MOST_COLUMNS:
         directions, columns = directions_by_change, SMALL_GROUP
     else:
-        share_eigenvectors(problem, max(EIGENVECTORS, 3 * max(problem.order_of(name) or 0 for name in names)))
+        share_eigenvectors(problem, max(EIGENVECTORS, 2 * max(problem.order_of(name) or 0 for name in names)))
         directions, columns = directions_by_residual, GROUP
     size = max(1, columns // max(widths))
     for first in range(0, len(names), size):

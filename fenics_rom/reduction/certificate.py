@@ -123,7 +123,7 @@ def _squared_norms(problem: Problem, whole: Subspace, group: list[Sample]) -> tu
         lambda columns: preconditioned(dynamic_product(system, columns, ω)),
         preconditioned(inputs - dynamic_product(system, applied(X.__matmul__, within), ω)),
         lambda left, right: np.diag(inner_products(system, left, applied(system.mass.__matmul__, right))),
-        ACCURACY * np.linalg.norm(error, axis=0),
+        ACCURACY * _largest_of_mode(np.linalg.norm(error, axis=0), [s.name for s in group], widths),
     )
     Mrest = applied(system.mass.__matmul__, rest)
     shared = applied(lambda block: system.algebra.inner(X, block), Mrest)
@@ -134,6 +134,12 @@ def _squared_norms(problem: Problem, whole: Subspace, group: list[Sample]) -> tu
         for y in (error, within)
     )
     return size, full
+
+
+def _largest_of_mode(sizes: Array, names: list[str], widths: list[int]) -> Array:
+    """The largest size (c,) among the columns of the same contact mode: smaller errors matter no more than that."""
+    of = np.repeat(names, widths)
+    return np.array([sizes[of == name].max() for name in of])
 
 
 def minimal_residuals(
