@@ -62,7 +62,7 @@ def square_root(W: Array, noise: float = ROUND_OFF) -> Array:
 def _dense_factors(ω: Array, D: Array, G: Array, weight: Array) -> tuple[Array, Array]:
     """By one Schur form of the state (ω q, r), whose A is skew-symmetric but for the damping, and so well scaled.
 
-    Changing the sign of r transposes A, so the same Schur form serves both Gramians.
+    Changing the sign of r transposes A and leaves position blocks as they are, so one equation serves both Gramians.
     """
     k = len(ω)
     A = np.block([[np.zeros((k, k)), np.diag(ω)], [-np.diag(ω), -D]])
@@ -72,8 +72,7 @@ def _dense_factors(ω: Array, D: Array, G: Array, weight: Array) -> tuple[Array,
     forced, seen = np.zeros((2 * k, 2 * k)), np.zeros((2 * k, 2 * k))
     forced[k:, k:] = G @ G.T
     seen[:k, :k] = weight / ω[:, None] / ω
-    flipped = np.concatenate([U[:k], -U[k:]])
-    Z, Y = square_root(_schur_lyapunov(T, U, forced)[:k, :k]), square_root(_schur_lyapunov(T, flipped, seen)[:k, :k])
+    Z, Y = (square_root(_schur_lyapunov(T, U, right)[:k, :k]) for right in (forced, seen))
     return Z / ω[:, None], Y * ω[:, None]
 
 

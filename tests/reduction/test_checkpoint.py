@@ -69,6 +69,14 @@ def test_without_resume_it_starts_anew(box_system, stopped):
     assert fr.reduce(box_system, order=6, checkpoint=folder, resume=True).modes["top"].order == 6
 
 
+def test_what_another_rank_has_not_removed_yet_is_not_read(box_system, stopped, monkeypatch):
+    folder = stopped()
+    monkeypatch.setattr("fenics_rom.reduction.checkpoint.remove_checkpoint", lambda folder: None)
+    begun = []
+    fr.reduce(box_system, order=6, checkpoint=folder, report=lambda stage, done, of: begun.append((stage, done)))
+    assert ("contact modes", 0) in begun
+
+
 def test_what_a_checkpoint_wrote_is_removed_and_nothing_else(stopped):
     folder = stopped()
     (folder / ".1.h5.x1y2.part").write_text("half a file")

@@ -74,6 +74,7 @@ def test_pod_follows_the_run_that_it_was_made_from(box_system):
         full.close()
         errors.append(gap / size)
     assert errors[-1] <= 2e-3
+    assert rom.modes["top"].static_error <= 1.1e-3  # which velocities alone do not reach
     assert all(later < earlier / 2 for earlier, later in itertools.pairwise(errors)), errors
 
 
