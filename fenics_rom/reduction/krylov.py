@@ -36,18 +36,18 @@ class Chain:
     """The part of the shared space that belongs to one contact mode, and its latest directions.
 
     Args:
-        shared: (k, r) coordinates that it starts with.
+        shared: (k, r) coordinates that it starts with, the first unit vectors.
     """
 
     def __init__(self, shared: Array):
         self.span = shared
         self.latest = shared[:, :0]
-        self._shared = shared.shape[1]
+        self.shared = shared.shape[1]
 
     @property
     def own(self) -> int:
         """Number of directions beyond those it started with."""
-        return self.span.shape[1] - self._shared
+        return self.span.shape[1] - self.shared
 
     def extend(self, coordinates: Array) -> Array:
         """Takes coordinates (k, any) in, and returns the directions (k, new) that they add."""
@@ -176,7 +176,7 @@ class KrylovSpaces:
     def _projection(self, name: str) -> Projection:
         chain, last = self.chains[name], self._projections.get(name)
         if last is None or last.own != chain.own or len(last.space.coordinates) != self._problem.space.size:
-            space = self._problem.space.subspace(chain.span)
+            space = self._problem.space.subspace(chain.span, chain.shared)
             last = Projection(chain.own, space, space.coordinates.T @ self._seen_inputs()[name])
             self._projections[name] = last
         return last

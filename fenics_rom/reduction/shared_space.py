@@ -96,10 +96,15 @@ class SharedSpace:
         matrix[old:, old:] = (columns[old:] + columns[old:].T) / 2
         return matrix
 
-    def subspace(self, span: Array) -> Subspace:
-        """The subspace that orthonormal coordinates (at most k, r) span, K-diagonal (paper (10)-(11))."""
+    def subspace(self, span: Array, units: int = 0) -> Subspace:
+        """The subspace that orthonormal coordinates (at most k, r) span, K-diagonal (paper (10)-(11)).
+
+        Args:
+            span: coordinates.
+            units: how many of its first columns are the first unit vectors, whose products cost nothing.
+        """
         S = padded(span, self._size)
-        K = S.T @ self.stiffness @ S
+        K = S.T @ np.hstack([self.stiffness[:, :units], self.stiffness @ S[:, units:]])
         γ, rotation = np.linalg.eigh((K + K.T) / 2)
         S = S @ rotation
         return Subspace(S, γ, self.damping_in(S, γ))
