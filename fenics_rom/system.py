@@ -4,7 +4,7 @@ The reduction sees a system only through M @ X, D @ X, K @ X, solves, Xᵀ Y sum
 Blocks of vectors are NumPy arrays that hold the rows of this rank; the rows of the ranks follow one another.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from math import isfinite
 from typing import Any, Protocol
@@ -21,11 +21,17 @@ MATRICES = ("mass", "damping", "stiffness")
 COLUMNS = ("contacts", "actuators", "outputs")
 
 
+def by_parts(operation: Callable[[Array], Array], block: Array) -> Array:
+    """What a real linear operation makes of complex columns (any, k): their parts side by side, one operation."""
+    both, count = operation(np.hstack([block.real, block.imag])), block.shape[1]
+    return both[:, :count] + 1j * both[:, count:]
+
+
 class Operator(Protocol):
     """A symmetric n × n matrix."""
 
     def __matmul__(self, block: Array) -> Array:
-        """Product with a block, (rows here, k) to (rows here, k)."""
+        """Product with a real or complex block, (rows here, k) to (rows here, k)."""
 
 
 class Factor(Protocol):
@@ -38,7 +44,7 @@ class Factor(Protocol):
     notice: str
 
     def solve(self, block: Array) -> Array:
-        """Solution for a block of right-hand sides, (rows here, k) to (rows here, k)."""
+        """Solution for a real or complex block of right-hand sides, (rows here, k) to (rows here, k)."""
 
     def close(self) -> None:
         """Gives the memory back."""

@@ -7,6 +7,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from fenics_rom.errors import SolverError
+from fenics_rom.system import by_parts
 
 CHUNK = 128  # columns that PETSc gets at a time: as fast as all of them, and their copies stay small
 
@@ -75,13 +76,6 @@ class Dense:
 def chunks(block: np.ndarray) -> list[slice]:
     """The columns of a block, some at a time."""
     return [slice(first, first + CHUNK) for first in range(0, block.shape[1], CHUNK)]
-
-
-def by_parts(operation: Callable[[np.ndarray], np.ndarray], block: np.ndarray) -> np.ndarray:
-    """What a real linear operation makes of a complex block."""
-    both = operation(np.hstack([block.real, block.imag]))
-    count = block.shape[1]
-    return both[:, :count] + 1j * both[:, count:]
 
 
 def combination(*terms: tuple[float, Any]) -> PETSc.Mat:

@@ -9,11 +9,11 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fenics_rom.reduction.frequency_response import applied, dynamic_product, inner_products, response
+from fenics_rom.reduction.frequency_response import dynamic_product, inner_products, response
 from fenics_rom.reduction.problem import Problem
 from fenics_rom.reduction.shared_space import Subspace
 from fenics_rom.rom import Mode
-from fenics_rom.system import Array
+from fenics_rom.system import Array, by_parts
 
 MOST_INPUTS = 6  # of a contact mode at a frequency; where it has more columns, random combinations of them
 MOST_COLUMNS = 300  # of all contact modes at all frequencies, unless that is less than one
@@ -115,18 +115,15 @@ def _squared_norms(problem: Problem, whole: Subspace, group: list[Sample]) -> tu
         [response(whole.eigenvalues, whole.damping, g, s.frequency) for g, s in zip(seen, group, strict=True)]
     )
     error = within - np.hstack([sample.reduced for sample in group])
-
-    def preconditioned(columns: Array) -> Array:
-        return applied(problem.factor.solve, columns)
-
+    preconditioned = problem.factor.solve
     rest = minimal_residuals(
         lambda columns: preconditioned(dynamic_product(system, columns, ω)),
-        preconditioned(inputs - dynamic_product(system, applied(X.__matmul__, within), ω)),
-        lambda left, right: np.diag(inner_products(system, left, applied(system.mass.__matmul__, right))),
+        preconditioned(inputs - dynamic_product(system, by_parts(X.__matmul__, within), ω)),
+        lambda left, right: np.diag(inner_products(system, left, system.mass @ right)),
         ACCURACY * _largest_of_mode(np.linalg.norm(error, axis=0), [s.name for s in group], widths),
     )
-    Mrest = applied(system.mass.__matmul__, rest)
-    shared = applied(lambda block: system.algebra.inner(X, block), Mrest)
+    Mrest = system.mass @ rest
+    shared = by_parts(lambda block: system.algebra.inner(X, block), Mrest)
     outside = np.diag(inner_products(system, rest, Mrest)).real - np.sum(np.abs(shared) ** 2, axis=0)
     starts = np.cumsum([0, *widths[:-1]])
     size, full = (

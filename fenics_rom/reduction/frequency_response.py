@@ -1,7 +1,5 @@
 """Frequency responses (K + iωD - ω²M)⁻¹ B of reduced models, and what they leave undone in the full model."""
 
-from collections.abc import Callable
-
 import numpy as np
 
 from fenics_rom.system import Array, System
@@ -16,17 +14,11 @@ def response(γ: Array, damping: Array, G: Array, ω: float) -> Array:
 
 def dynamic_product(system: System, x: Array, ω: Array) -> Array:
     """(K + iωD - ω²M) x for complex columns x (rows here, c), each at its own ω (c,)."""
-    Mx, Kx = applied(system.mass.__matmul__, x), applied(system.stiffness.__matmul__, x)
+    Mx, Kx = system.mass @ x, system.stiffness @ x
     if system.rayleigh is None:
-        return Kx + 1j * ω * applied(system.damping.__matmul__, x) - ω**2 * Mx
+        return Kx + 1j * ω * (system.damping @ x) - ω**2 * Mx
     α, β = system.rayleigh
     return (1 + 1j * ω * β) * Kx + (1j * ω * α - ω**2) * Mx
-
-
-def applied(act: Callable[[Array], Array], x: Array) -> Array:
-    """A real linear map of complex columns: products and solves take real blocks."""
-    product, half = act(np.hstack([x.real, x.imag])), x.shape[1]
-    return product[:, :half] + 1j * product[:, half:]
 
 
 def inner_products(system: System, left: Array, right: Array) -> Array:
@@ -38,4 +30,4 @@ def inner_products(system: System, left: Array, right: Array) -> Array:
 
 def mass_norms(system: System, x: Array) -> Array:
     """√(xᴴ M x) of complex columns, (c,)."""
-    return np.sqrt(np.abs(np.diag(inner_products(system, x, applied(system.mass.__matmul__, x)))))
+    return np.sqrt(np.abs(np.diag(inner_products(system, x, system.mass @ x))))

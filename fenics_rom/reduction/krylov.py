@@ -13,12 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from fenics_rom.reduction.balancing import Balanced, order_of
-from fenics_rom.reduction.frequency_response import applied, dynamic_product, mass_norms, response
+from fenics_rom.reduction.frequency_response import dynamic_product, mass_norms, response
 from fenics_rom.reduction.local_damping import local_damping
 from fenics_rom.reduction.problem import Directions, Problem
 from fenics_rom.reduction.realization import balanced_in, directions_of
 from fenics_rom.reduction.shared_space import Subspace, padded, rest_of
-from fenics_rom.system import Array
+from fenics_rom.system import Array, by_parts
 
 SETTLED = 1e-7  # relative change of σ, and of frequency responses, between two looks that ends the growth of a space
 NEGLIGIBLE = 1e-9  # share of σ_1 below which σ need not settle in all their digits
@@ -239,8 +239,10 @@ class KrylovSpaces:
                 residuals.append(B @ all_inputs)
         system, X = self._problem.system, self._problem.space.basis
         y = np.hstack(responses)
-        left = np.hstack(residuals) - dynamic_product(system, applied(X.__matmul__, y), np.array([ω for _, ω in where]))
-        left = applied(self._problem.factor.solve, left)
+        left = np.hstack(residuals) - dynamic_product(
+            system, by_parts(X.__matmul__, y), np.array([ω for _, ω in where])
+        )
+        left = self._problem.factor.solve(left)
         gaps: dict[str, dict[float, float]] = {name: {} for name in names}
         for (name, ω), gap in zip(where, mass_norms(system, left) / np.linalg.norm(y, axis=0), strict=True):
             gaps[name][ω] = float(gap)
@@ -248,7 +250,7 @@ class KrylovSpaces:
 
     def _residual(self, name: str, ω: float) -> Array:
         """B - (K + iωD - ω²M) x of the response x of a contact mode in its space, (rows here, p)."""
-        x = applied(self._problem.space.basis.__matmul__, self._projection(name).response(ω))
+        x = by_parts(self._problem.space.basis.__matmul__, self._projection(name).response(ω))
         return self.inputs[name] - dynamic_product(self._problem.system, x, np.full(x.shape[1], ω))
 
 
