@@ -108,13 +108,18 @@ def same(rom, expected):
         np.testing.assert_allclose(transfer(rom, name), H, rtol=0, atol=1e-10 * np.abs(H).max())
 
 
-def test_killed_run_goes_on_to_the_same_rom(inside, say, expected):
+def goes_on(say, expected):
+    """Resumes with what is left, all of it, to the ROM that was expected."""
     finished = len(left())
     assert 1 <= finished <= PLACES
     status, out, err = say("--resume")
     assert (status, err) == (0, "")
     assert RESUMED.findall(out) == [str(finished)]
     same(fr.read_rom("rom.h5"), expected)
+
+
+def test_killed_run_goes_on_to_the_same_rom(inside, say, expected):
+    goes_on(say, expected)
     assert not Path("rom.h5.partial").exists()
 
 
@@ -123,12 +128,7 @@ def test_one_rank_goes_on_with_what_two_left(scene, tmp_path, monkeypatch, say, 
     command = ["mpirun", "-n", "2", sys.executable, "-c", KILLS_ITSELF, *COMMAND]
     killed = subprocess.run(command, env=dict(os.environ), capture_output=True, timeout=100)
     assert killed.returncode != 0
-    finished = len(left())
-    assert 1 <= finished <= PLACES
-    status, out, err = say("--resume")
-    assert (status, err) == (0, "")
-    assert RESUMED.findall(out) == [str(finished)]
-    same(fr.read_rom("rom.h5"), expected)
+    goes_on(say, expected)
 
 
 def test_leftover_is_replaced_where_nobody_asks_for_it(inside, say):
