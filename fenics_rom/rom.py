@@ -25,7 +25,8 @@ class Mode:
         left_inverse: (m, k) oblique projection from the shared basis; only for switching = "oblique".
         static_error: |K⁻¹B - W_i diag(1/γ) G| / |K⁻¹B| in the mass norm; None where the full model was not at hand.
         frequencies: (f,) at which the frequency response was compared with the full model's, rad/s.
-        transfer_errors: (f,) |H(iω) - H_i(iω)| / max |H| in the mass norm, by full solves; the maximum is over them.
+        transfer_errors: (f,) |H(iω) - H_i(iω)| / max |H| in the mass norm, by full solves, to 10 %; the maximum is
+            over them.
     """
 
     eigenvalues: Array
