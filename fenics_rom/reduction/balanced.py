@@ -7,10 +7,10 @@ import numpy as np
 from fenics_rom.errors import SolverError
 from fenics_rom.reduction.adi import Span, low_rank_gramians, observed
 from fenics_rom.reduction.balancing import balance, order_of
+from fenics_rom.reduction.company import Company, company_of
 from fenics_rom.reduction.eigenvectors import share_eigenvectors
 from fenics_rom.reduction.gramians import gramian_factors, square_root
 from fenics_rom.reduction.krylov import SETTLED, UNREST, change_of, directions_by_change, directions_by_residual
-from fenics_rom.reduction.local_damping import local_damping
 from fenics_rom.reduction.problem import Directions, Problem
 from fenics_rom.reduction.realization import balanced_by_textbook, balanced_in, directions_of, output_weight
 from fenics_rom.system import Array
@@ -27,8 +27,9 @@ def balanced(problem: Problem) -> Iterator[tuple[str, Directions]]:
     if problem.lyapunov == "krylov":
         yield from _krylov(problem)
     elif problem.lyapunov == "adi":
+        company = company_of(problem)
         for name in problem.contacts:
-            yield name, _adi(problem, name)
+            yield name, _adi(problem, name, company)
     else:
         yield from _in_all_eigenvectors(problem)
 
@@ -57,21 +58,17 @@ def _krylov(problem: Problem) -> Iterator[tuple[str, Directions]]:
     else:
         share_eigenvectors(problem, max(EIGENVECTORS, 2 * max(problem.order_of(name) or 0 for name in names)))
         directions, columns = directions_by_residual, GROUP
-    size = max(1, columns // max(widths))
+    size, company = max(1, columns // max(widths)), company_of(problem)
     for first in range(0, len(names), size):
-        yield from directions(problem, names[first : first + size])
+        yield from directions(problem, names[first : first + size], company)
 
 
-def _adi(problem: Problem, name: str) -> Directions:
+def _adi(problem: Problem, name: str, company: Company) -> Directions:
     """From a low-rank Gramian, grown until σ have stayed for two sweeps: with light damping one can pass by chance."""
     system, factor, order = problem.system, problem.factor, problem.order_of(name)
-    B, company = system.input_matrix(name), local_damping(system)
-    others = [] if company is None else [company]
-    if problem.weighting == "outputs":
-        others += system.outputs.values()
     σ, change, calm = np.empty(0), 1.0, 0
     with problem.stages("shifts and sweeps"):
-        for found in low_rank_gramians(system, factor, B, np.hstack([B[:, :0], *others])):
+        for found in low_rank_gramians(system, factor, system.input_matrix(name), company.columns):
             if found.rest > MUCH:
                 continue
             balanced = balance(found.factor, _observed(problem, found.space))

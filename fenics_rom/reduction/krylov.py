@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from fenics_rom.reduction.balancing import Balanced, order_of
+from fenics_rom.reduction.company import Company
 from fenics_rom.reduction.frequency_response import dynamic_product, mass_norms, response
-from fenics_rom.reduction.local_damping import local_damping
 from fenics_rom.reduction.problem import Directions, Problem
 from fenics_rom.reduction.realization import balanced_in, directions_of
 from fenics_rom.reduction.shared_space import Subspace, padded, rest_of
@@ -117,27 +117,23 @@ class KrylovSpaces:
     Args:
         problem: what is reduced.
         names: of the contact modes.
+        company: columns that belong to the space of every contact mode.
     """
 
-    def __init__(self, problem: Problem, names: Sequence[str]):
+    def __init__(self, problem: Problem, names: Sequence[str], company: Company):
         system, shared = problem.system, problem.space
         self._problem = problem
         self.inputs = {name: system.input_matrix(name) for name in names}
         V = np.eye(shared.size)[:, : shared.eigenvectors]
         self.chains = {name: Chain(V) for name in names}
-        self._company = Chain(V)  # columns that belong to the space of every contact mode
+        self._company = Chain(V)
         self._orders = {name: problem.order_of(name) for name in names}  # where a tolerance decides, of the last look
         self._seen: tuple[int, dict[str, Array]] = (-1, {})
         self._projections: dict[str, Projection] = {}
         self._shifts = 0
         self._blocks = 0
-        dashpots = local_damping(system)
-        self._zero_suffices = dashpots is not None
-        company = [dashpots] if dashpots is not None else []
-        if problem.weighting == "outputs":
-            company += system.outputs.values()
-        empty = next(iter(self.inputs.values()))[:, :0]
-        self._add([*self.inputs.values(), np.hstack([empty, *company])])
+        self._zero_suffices = company.complete
+        self._add([*self.inputs.values(), company.columns])
 
     def grow(self, names: Sequence[str]) -> None:
         """Adds a block, or blocks at a positive shift, for those contact modes that still need it."""
@@ -259,12 +255,14 @@ def _split(columns: Array, like: Sequence[Array]) -> list[Array]:
     return np.split(columns, np.cumsum([block.shape[1] for block in like])[:-1], axis=1)
 
 
-def directions_by_residual(problem: Problem, names: Sequence[str]) -> Iterator[tuple[str, Directions]]:
+def directions_by_residual(
+    problem: Problem, names: Sequence[str], company: Company
+) -> Iterator[tuple[str, Directions]]:
     """Each contact mode balanced in the first space that leaves next to nothing of its frequency response.
 
     For contact modes that share eigenvectors: two or three blocks do, and one balancing each.
     """
-    krylov = KrylovSpaces(problem, names)
+    krylov = KrylovSpaces(problem, names, company)
     count = TOP if problem.system.rayleigh is not None else SAMPLES
     waiting = list(names)
     while waiting:
@@ -283,9 +281,9 @@ def directions_by_residual(problem: Problem, names: Sequence[str]) -> Iterator[t
                 yield name, _told(problem, name, look, gap)
 
 
-def directions_by_change(problem: Problem, names: Sequence[str]) -> Iterator[tuple[str, Directions]]:
+def directions_by_change(problem: Problem, names: Sequence[str], company: Company) -> Iterator[tuple[str, Directions]]:
     """Each contact mode balanced in the first space whose σ and frequency responses are those of the one before."""
-    krylov = KrylovSpaces(problem, names)
+    krylov = KrylovSpaces(problem, names, company)
     looks: dict[str, Look | None] = dict.fromkeys(names)
     while looks:
         for name, last in list(looks.items()):
