@@ -1,23 +1,27 @@
 """The full-order run: passive midpoint integration with one kept factorisation per step size, paper (2)-(4)."""
 
 import time
+import warnings
 from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 
-from fenics_rom.errors import SceneError, StepError
+from fenics_rom.errors import FenicsRomWarning, SceneError, StepError
 from fenics_rom.fem.assemble import assemble
 from fenics_rom.fem.direct import PetscFactor
 from fenics_rom.fem.extended import ExtendedMatrix
 from fenics_rom.fem.petsc_matrix import combination
 from fenics_rom.ledger import Ledger
+from fenics_rom.linear_limit import Excursion, SurfaceGauges, largest, summary, warning
 from fenics_rom.load_history import LoadHistory
 from fenics_rom.record import Record, Recorder
 from fenics_rom.scene import Scene
 from fenics_rom.system import Array, System
 
 Report = Callable[[str, int, int], None]
+
+LOOK_EVERY = 10  # steps; a look at the surface costs less than one
 
 
 class FullSimulator:
@@ -122,6 +126,8 @@ def solve(scene: Scene | System, *, dt: float | None = None, report: Report = la
         dt: time step instead of the scene's, s.
         report: called with the stage, how much of it is done, and of how much.
 
+    Warns where the surface turns or strains more than a linear model can follow.
+
     Raises:
         SceneError, MeshError, SolverError: as `assemble`, or no load history.
     """
@@ -143,11 +149,17 @@ def solve(scene: Scene | System, *, dt: float | None = None, report: Report = la
     nodes = len(system.body.nodes)
     recorder = Recorder(history.steps, history.dt, points, tuple(inputs), nodes, asked.run.shapes)
     recorder.sample(0, history.first_contact(), simulator.energy, simulator.ledger, simulator.displacement)
+    gauges, seen = SurfaceGauges(system.body.nodes, system.body.triangles), Excursion()
     seconds = 0.0
     for step, (contact, u) in enumerate(history, start=1):
         start = time.perf_counter()
         simulator.step(inputs[contact], u)
         seconds += time.perf_counter() - start
+        if step % LOOK_EVERY == 0:
+            now = Excursion(*largest(gauges.components(simulator.displacement())), simulator.time)
+            if now.beyond and not seen.beyond:
+                warnings.warn(warning(now), FenicsRomWarning, stacklevel=2)
+            seen = seen.joined(now)
         recorder.sample(step, contact, simulator.energy, simulator.ledger, simulator.displacement)
         report("steps", step, history.steps)
     simulator.close()
@@ -158,5 +170,5 @@ def solve(scene: Scene | System, *, dt: float | None = None, report: Report = la
         nodes=system.body.nodes,
         triangles=system.body.triangles,
         node_mass=system.body.node_mass,
-        warnings=system.warnings,
+        warnings=(*system.warnings, *filter(None, [summary(seen)])),
     )

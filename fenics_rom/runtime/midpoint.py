@@ -1,10 +1,12 @@
 """Passive midpoint integration (PMI) of one reduced model at one step size.
 
-Kim, Lee et al., IJRR, doi 10.1177/0278364917731821; the paper's (2)-(4). With M = I and K = diag(γ):
+Kim, Lee et al., IJRR, doi 10.1177/0278364917731821; the paper's (2)-(4). With M = I, K = diag(γ), ω = √γ and the state
+in energy coordinates e = ω q and r, so that (eᵀe + rᵀr)/2 is the stored energy:
 
-    v̂ = (2/h + D + h/2 γ)⁻¹ (G u + 2/h r - γ q),   q⁺ = q + h v̂,   r⁺ = 2 v̂ - r,
+    v̂ = A⁻¹ (G u + 2/h r - ω e),    A = 2/h + D + h/2 γ,
+    e⁺ = e + h ω v̂,    r⁺ = 2 v̂ - r,
 
-and E⁺ - E = h (G u)ᵀ v̂ - h v̂ᵀ D v̂ exactly, whatever h is.
+and E⁺ - E = h (G u)ᵀ v̂ - h v̂ᵀ D v̂ exactly, whatever h is. Without input the step is a contraction.
 """
 
 import numpy as np
@@ -14,52 +16,45 @@ from fenics_rom.rom import Mode
 Array = np.ndarray
 
 
-class Midpoint:
-    """The coefficients of a step, and the buffers it overwrites.
+def compliance(mode: Mode, h: float) -> Array:
+    """A⁻¹: (m,) where the damping is diagonal, else (m, m), symmetric and positive in round-off too. h in s."""
+    if mode.damping.ndim == 1:
+        return 1 / (2 / h + mode.damping + h / 2 * mode.eigenvalues)
+    A = mode.damping.copy()
+    A.flat[:: mode.order + 1] += 2 / h + h / 2 * mode.eigenvalues
+    root = np.linalg.inv(np.linalg.cholesky(A))
+    return root.T @ root
 
-    Args:
-        mode: the reduced model.
-        h: time step, s.
+
+def damping_root(mode: Mode) -> Array:
+    """R with RᵀR = D, (m,) where the damping is diagonal, else (m, m): |R v|² is dissipated, and never negative."""
+    D = mode.damping
+    if D.ndim == 1:
+        return np.sqrt(np.maximum(D, 0.0))
+    λ, U = np.linalg.eigh(D)
+    return np.sqrt(np.maximum(λ, 0.0))[:, None] * U.T
+
+
+def representative_velocity(mode: Mode, h: float) -> Array:
+    """The rows of v̂, (m, 2m + p), acting on [e, r, u]."""
+    right = np.hstack([-np.diag(np.sqrt(mode.eigenvalues)), 2 / h * np.eye(mode.order), mode.inputs])
+    a = compliance(mode, h)
+    return a[:, None] * right if a.ndim == 1 else a @ right
+
+
+def transition(mode: Mode, h: float) -> Array:
+    """[Φ Ψ], (2m, 2m + p): a step takes [e, r, u] to [e⁺, r⁺]."""
+    v, m = representative_velocity(mode, h), mode.order
+    after = np.vstack([h * np.sqrt(mode.eigenvalues)[:, None] * v, 2 * v])
+    after[:, : 2 * m] += np.diag(np.repeat([1.0, -1.0], m))
+    return after
+
+
+def account(mode: Mode, h: float) -> Array:
+    """Rows of √h R v̂ and of h Gᵀ v̂, (m + p, 2m + p), acting on [e, r, u].
+
+    The squared length of the former is dissipated in a step; u times the latter is supplied, J.
     """
-
-    def __init__(self, mode: Mode, h: float):
-        self._γ = mode.eigenvalues
-        self._inertia = 2 / h
-        self._damping = mode.damping
-        self._elastic = np.empty(mode.order)
-        if mode.damping.ndim == 1:
-            self._compliance = 1 / (2 / h + mode.damping + h / 2 * self._γ)
-        else:
-            matrix = mode.damping.copy()
-            matrix.flat[:: mode.order + 1] += 2 / h + h / 2 * self._γ
-            # v̂ = L⁻ᵀ (L⁻¹ b): the product keeps the inverse symmetric and positive in round-off too
-            self._inverse_root = np.linalg.inv(np.linalg.cholesky(matrix))
-        self._v = np.empty(mode.order)
-        self._half = np.empty(mode.order)
-
-    def representative_velocity(self, q: Array, r: Array, force: Array) -> Array:
-        """v̂ (m,), the mean velocity of the step, in a buffer that the next call overwrites.
-
-        Args:
-            q, r: (m,) reduced displacement and velocity.
-            force: (m,) G u.
-        """
-        v = self._v
-        np.multiply(self._γ, q, out=self._elastic)
-        np.multiply(self._inertia, r, out=v)
-        v += force
-        v -= self._elastic
-        if self._damping.ndim == 1:
-            v *= self._compliance
-        else:
-            np.dot(self._inverse_root, v, out=self._half)
-            np.dot(self._half, self._inverse_root, out=v)
-        return v
-
-    def dissipation(self, v: Array) -> float:
-        """v̂ᵀ D v̂ of the last step, W."""
-        if self._damping.ndim == 1:
-            np.multiply(self._damping, v, out=self._half)
-        else:
-            np.dot(self._damping, v, out=self._half)
-        return float(self._half.dot(v))
+    v, R = representative_velocity(mode, h), damping_root(mode)
+    heat = R[:, None] * v if R.ndim == 1 else R @ v
+    return np.vstack([np.sqrt(h) * heat, h * mode.inputs.T @ v])

@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable
 
 from fenics_rom.errors import SceneError
+from fenics_rom.linear_limit import summary
 from fenics_rom.load_history import LoadHistory
 from fenics_rom.record import Record, Recorder
 from fenics_rom.rom import Rom
@@ -63,5 +64,5 @@ def simulate(
         nodes=rom.nodes,
         triangles=rom.triangles,
         node_mass=rom.node_mass,
-        warnings=rom.warnings,
+        warnings=(*rom.warnings, *filter(None, [summary(simulator.excursion)])),
     )

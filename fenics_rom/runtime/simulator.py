@@ -2,26 +2,58 @@
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 
 from fenics_rom.errors import StepError
 from fenics_rom.ledger import Ledger
-from fenics_rom.rom import Mode, Rom
-from fenics_rom.runtime.midpoint import Midpoint
-from fenics_rom.runtime.switching import energy_orthogonal, oblique
+from fenics_rom.linear_limit import Excursion
+from fenics_rom.rom import Rom
+from fenics_rom.runtime.forms import OneProduct, VelocityFirst, fastest
+from fenics_rom.runtime.march import LONGEST, Block, ladder, one_step, repeated, run, spans
+from fenics_rom.runtime.switching import Projections
+from fenics_rom.runtime.watch import Watch
 from fenics_rom.schema import unknown
 
 Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Snapshot:
+    """All that a simulator does not take from its ROM, exact to the bit.
+
+    Attributes:
+        contact: the active contact mode.
+        dt: time step, s.
+        steps: number of steps taken.
+        since: time, s, and number of steps at which dt was last changed.
+        state: [√γ q, r] (2m,), read-only.
+        ledger: the energy account, or None.
+        excursion: how far the surface went.
+    """
+
+    contact: str
+    dt: float
+    steps: int
+    since: tuple[float, int]
+    state: Array
+    ledger: Ledger | None
+    excursion: Excursion
 
 
 class Simulator:
     """Steps a ROM from rest, beginning in its first contact mode.
 
     Args:
-        rom: the reduced model; it is only read.
+        rom: the reduced model; it is only read, and copies of a simulator share it.
         dt: time step, s; may be set anew before any step.
         ledger: whether to keep the energy account.
+
+    Attributes:
+        steps: number of steps taken.
+        ledger: the energy account, or None.
 
     Raises:
         StepError: dt is not a positive finite number.
@@ -29,14 +61,21 @@ class Simulator:
 
     def __init__(self, rom: Rom, dt: float, *, ledger: bool = True):
         self.rom = rom
-        self.time = 0.0
+        self.steps = 0
         self.ledger = Ledger() if ledger else None
-        self._steppers: dict[str, Midpoint] = {}
-        self._maps: dict[tuple[str, str], tuple[Array, Array]] = {}
-        self.dt = dt
+        self._dt, self._since = _checked_dt(dt), (0.0, 0)
+        self._watch = Watch(rom)
+        self._projections = Projections(rom)
+        self._forms: dict[str, OneProduct | VelocityFirst] = {}
+        self._readings: dict[tuple[str, str], Array] = {}
+        self._ladders: dict[tuple[Any, ...], list[Block]] = {}
         self._enter(next(iter(rom.modes)))
-        self._q = np.zeros(self._mode.order)
-        self._r = np.zeros(self._mode.order)
+
+    @property
+    def time(self) -> float:
+        """Simulated time, s."""
+        start, steps = self._since
+        return start + (self.steps - steps) * self._dt
 
     @property
     def dt(self) -> float:
@@ -45,10 +84,11 @@ class Simulator:
 
     @dt.setter
     def dt(self, dt: float) -> None:
-        if not (isinstance(dt, int | float | np.number) and math.isfinite(dt) and dt > 0):
-            raise StepError(f"dt = {dt!r}: allowed is a finite number > 0, in s")
-        self._dt = float(dt)
-        self._steppers.clear()
+        if dt == self._dt:
+            return
+        dt = _checked_dt(dt)
+        self._since, self._dt = (self.time, self.steps), dt
+        self._form.retime(dt)
 
     @property
     def contact(self) -> str:
@@ -58,25 +98,32 @@ class Simulator:
     @property
     def inputs(self) -> int:
         """Length of the input: the contact mode's columns, then the actuators'."""
-        return int(self._mode.inputs.shape[1])
+        return self._shape[0]
 
     @property
     def state(self) -> tuple[Array, Array]:
         """Copies of the reduced displacement q and velocity r of the active contact mode, (m,) each."""
-        return self._q.copy(), self._r.copy()
+        e, r = self._form.state.reshape(2, -1)
+        return e / self._ω, r.copy()
 
     @state.setter
     def state(self, state: tuple[Sequence[float] | Array, Sequence[float] | Array]) -> None:
         given = [np.array(part, dtype=float) for part in state]
-        shape = (self._mode.order,)
+        shape = self._ω.shape
         if len(given) != 2 or any(part.shape != shape or not np.isfinite(part).all() for part in given):
             raise StepError(f"state: allowed are two finite arrays of shape {shape}, given: {[p.shape for p in given]}")
-        self._q, self._r = given
+        self._form.state[:] = np.concatenate([self._ω * given[0], given[1]])
 
     @property
     def energy(self) -> float:
         """Stored energy ½ vᵀMv + ½ xᵀKx, J."""
-        return _energy(self._mode, self._q, self._r)
+        state = self._form.state
+        return float(state.dot(state)) / 2
+
+    @property
+    def excursion(self) -> Excursion:
+        """How far the surface turned and strained, where the stored energy was high enough for a look at it."""
+        return self._watch.seen
 
     def displacement(self, output: str | None = None) -> Array:
         """Displacement, m: of a named output (points, 3), or of every mesh node (nodes, 3).
@@ -94,7 +141,7 @@ class Simulator:
         Raises:
             StepError: no such output.
         """
-        return self._field(self._r, output)
+        return self._field(self._form.state[len(self._ω) :], output)
 
     def switch(self, contact: str) -> None:
         """Makes another contact mode active; the state is projected, and never gains energy by it.
@@ -102,16 +149,18 @@ class Simulator:
         Raises:
             StepError: no such contact mode.
         """
-        if contact not in self.rom.modes:
-            raise StepError(unknown("contact mode", contact, self.rom.modes))
         if contact == self._contact:
             return
-        before = self.energy if self.ledger is not None else 0.0
-        displacement, velocity = self._switch_maps(self._contact, contact)
-        self._q, self._r = displacement @ self._q, velocity @ self._r
+        if contact not in self.rom.modes:
+            raise StepError(unknown("contact mode", contact, self.rom.modes))
+        potential, kinetic = self._projections.between(self._contact, contact)
+        before, m = self._form.state, len(self._ω)
         self._enter(contact)
+        after, n = self._form.state, len(self._ω)
+        np.dot(potential, before[:m], out=after[:n])
+        np.dot(kinetic, before[m:], out=after[n:])
         if self.ledger is not None:
-            self.ledger.lost_in_switching += before - self.energy
+            self.ledger.lost_in_switching += float(before.dot(before) - after.dot(after)) / 2
 
     def step(self, u: Sequence[float] | Array) -> None:
         """Advances by dt under a constant input.
@@ -123,57 +172,213 @@ class Simulator:
             StepError: wrong length, or not finite; the state is as it was.
         """
         u = np.asarray(u, dtype=float)
-        if u.shape != (self.inputs,):
+        if u.shape != self._shape:
             raise StepError(
-                f"input of contact mode {self._contact!r}: allowed are {self.inputs} numbers in N, "
+                f"step {self.steps}: input of contact mode {self._contact!r}: allowed are {self.inputs} numbers in N, "
                 f"given: an array of shape {u.shape}"
             )
-        stepper = self._stepper()
-        h = self._dt
-        np.dot(self._mode.inputs, u, out=self._force)
-        v = stepper.representative_velocity(self._q, self._r, self._force)
-        if not math.isfinite(v.dot(v)):
-            raise StepError(f"input {u.tolist()} leads out of the finite numbers; the state was left as it was")
+        form = self._form
+        twice = form.advance(u)
+        if not math.isfinite(twice):
+            form.undo()
+            raise StepError(
+                f"step {self.steps}: input {u.tolist()} leads out of the finite numbers; the state was left as it was"
+            )
         if self.ledger is not None:
-            self.ledger.supplied += h * float(self._force.dot(v))
-            self.ledger.dissipated += h * stepper.dissipation(v)
-        np.multiply(2.0, v, out=self._force)  # its work is booked; the step allocates nothing
-        np.subtract(self._force, self._r, out=self._r)
-        v *= h
-        self._q += v
-        self.time += h
+            self.ledger.book(*form.work(u))
+        self.steps += 1
+        if twice > self._watch.alert:
+            self._watch.look(form.state[: len(self._ω)], self.time)
+
+    def march(
+        self,
+        inputs: Sequence[Sequence[float]] | Array,
+        *,
+        contact: str | Sequence[str] | None = None,
+        dt: float | Sequence[float] | Array | None = None,
+        every: int = 1,
+        outputs: Sequence[str] | None = None,
+    ) -> dict[str, Array]:
+        """Takes many steps under known inputs at once, as products of matrices; the same as stepping, to round-off.
+
+        Args:
+            inputs: (steps, p) N, of each step.
+            contact: contact mode to be in from the first step on, or (steps,) in each; None: the active one. All must
+                take p inputs.
+            dt: time step from the first step on, or (steps,) of each, s; None: the one that is set.
+            every: the outputs are read after every so many steps.
+            outputs: names of those that are read; None: all.
+
+        Returns:
+            Displacement of each output, m: (steps // every, points, 3); without a mesh (steps // every, rows).
+
+        Raises:
+            StepError: wrong shapes, unknown names, or numbers that are not finite; everything is as it was.
+        """
+        u = np.asarray(inputs, dtype=float)
+        names = tuple(self.rom.outputs if outputs is None else outputs)
+        if not (isinstance(every, int | np.integer) and every >= 1):
+            raise StepError(f"every = {every!r}: allowed is a whole number of steps, at least 1")
+        if u.ndim != 2:
+            raise StepError(f"inputs: allowed are (steps, {self.inputs}) numbers in N, given: shape {u.shape}")
+        if not np.isfinite(u).all():
+            bad = int(np.flatnonzero(~np.isfinite(u).all(axis=1))[0])
+            raise StepError(f"step {self.steps + bad}: input {u[bad].tolist()} is not finite")
+        plan = spans(len(u), self._contact if contact is None else contact, self._dt if dt is None else dt)
+        for span in plan:
+            _checked_dt(span.dt)
+            if span.contact not in self.rom.modes:
+                raise StepError(unknown("contact mode", span.contact, self.rom.modes))
+            columns = self.rom.modes[span.contact].inputs.shape[1]
+            if u.shape[1] != columns:
+                raise StepError(
+                    f"step {self.steps + span.start}: inputs of contact mode {span.contact!r}: allowed are (steps, "
+                    f"{columns}) numbers in N, given: shape {u.shape}"
+                )
+        widths = [len(self._reading(name)) for name in names]
+        start, read = self.save(), [np.empty((0, sum(widths)))]
+        try:
+            with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is told as a StepError
+                for span in plan:
+                    self.dt = span.dt
+                    self.switch(span.contact)
+                    self._march(u[span.start : span.stop], span.start, every, names, read)
+        except StepError:
+            self.restore(start)
+            raise
+        parts = np.split(np.concatenate(read), np.cumsum(widths)[:-1], axis=1) if names else []
+        return {name: self._points(values) for name, values in zip(names, parts, strict=True)}
+
+    def _march(self, u: Array, taken: int, every: int, names: tuple[str, ...], read: list[Array]) -> None:
+        """Takes the steps of one span, `taken` steps after the march began, and adds what is read to `read`."""
+        while len(u):
+            due = every - taken % every  # steps until the outputs are due
+            if due == every <= min(LONGEST, len(u)):
+                steps = len(u) - len(u) % every
+                read += self._blocks(u[:steps], every, names)
+            else:
+                steps = min(due, len(u))
+                self._blocks(u[:steps], 1, ())
+                if steps == due:
+                    read.append(np.concatenate([self._reading(name) @ self._q for name in names])[None])
+            u, taken = u[steps:], taken + steps
+
+    def _blocks(self, u: Array, every: int, names: tuple[str, ...]) -> list[Array]:
+        """Takes steps in the longest blocks that fit; what is read, a row for each instant."""
+        key = self._contact, self._dt, every, names
+        if key not in self._ladders:
+            if len(self._ladders) >= 32:  # step sizes that never come back must not pile up
+                self._ladders.clear()
+            rows = np.concatenate([np.empty((0, len(self._ω))), *(self._reading(name) / self._ω for name in names)])
+            single = one_step(self.rom.modes[self._contact], self._dt, rows, self.ledger is not None)
+            self._ladders[key] = ladder(repeated(single, every))
+        read, state = [], self._form.state
+        width = len(self._ladders[key][-1].outputs)
+        for block in self._ladders[key]:
+            times = len(u) // block.length
+            steps = times * block.length
+            if times:
+                outputs, starts, *work = run(block, state, u[:steps].reshape(times, -1))
+                if not math.isfinite(state.dot(state)):
+                    raise StepError(f"steps from {self.steps} on: the inputs lead out of the finite numbers")
+                if self.ledger is not None:
+                    self.ledger.book(*work)
+                twice = np.einsum("bs,bs->b", starts, starts)
+                highest = int(twice.argmax())
+                if twice[highest] > self._watch.alert:
+                    e, later = starts[highest, : len(self._ω)], highest * block.length * self._dt
+                    self._watch.look(e, self.time + later)
+                self.steps += steps
+                read.append(outputs.reshape(steps // every, width))
+                u = u[steps:]
+        return read
+
+    def reset(self) -> None:
+        """Back to rest in the first contact mode, at time 0, with an empty account; dt stays."""
+        self.steps, self._since = 0, (0.0, 0)
+        self._watch.begin(Excursion())
+        self.ledger = None if self.ledger is None else Ledger()
+        self._enter(next(iter(self.rom.modes)))
+        self._form.state[:] = 0
+
+    def save(self) -> Snapshot:
+        """The state of everything, to come back to."""
+        state = self._form.state.copy()
+        state.flags.writeable = False
+        ledger = None if self.ledger is None else replace(self.ledger)
+        return Snapshot(self._contact, self._dt, self.steps, self._since, state, ledger, self.excursion)
+
+    def restore(self, snapshot: Snapshot) -> None:
+        """Goes back to a saved state, of this simulator or of another one of the same ROM.
+
+        Raises:
+            StepError: it is of another ROM, or has a ledger where this has none, or none where this has one.
+        """
+        mode = self.rom.modes.get(snapshot.contact)
+        if mode is None or 2 * mode.order != len(snapshot.state):
+            raise StepError(f"the snapshot is of another ROM than {self.rom.name!r}")
+        if (snapshot.ledger is None) != (self.ledger is None):
+            raise StepError("the snapshot and the simulator must both keep an energy account, or neither")
+        self._dt, self.steps, self._since = snapshot.dt, snapshot.steps, snapshot.since
+        self._watch.begin(snapshot.excursion)
+        self._enter(snapshot.contact)
+        self._form.state[:] = snapshot.state
+        if snapshot.ledger is not None:
+            self.ledger = replace(snapshot.ledger)
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return _revived, (self.rom, self.save())
+
+    def __copy__(self) -> "Simulator":
+        return _revived(self.rom, self.save())
+
+    def __deepcopy__(self, memo: object) -> "Simulator":
+        return _revived(self.rom, self.save())
 
     def _enter(self, contact: str) -> None:
-        self._contact = contact
-        self._mode = self.rom.modes[contact]
-        self._force = np.empty(self._mode.order)
+        mode = self.rom.modes[contact]
+        if contact not in self._forms:
+            self._forms[contact] = fastest(mode)
+        self._contact, self._form = contact, self._forms[contact]
+        if self._form.h != self._dt:
+            self._form.retime(self._dt)
+        self._watch.enter(contact)
+        self._shape, self._ω = mode.inputs.shape[1:], np.sqrt(mode.eigenvalues)
 
-    def _stepper(self) -> Midpoint:
-        if self._contact not in self._steppers:
-            self._steppers[self._contact] = Midpoint(self._mode, self._dt)
-        return self._steppers[self._contact]
+    @property
+    def _q(self) -> Array:
+        return self._form.state[: len(self._ω)] / self._ω
 
-    def _switch_maps(self, start: str, end: str) -> tuple[Array, Array]:
-        if (start, end) not in self._maps:
-            one, other = self.rom.modes[start], self.rom.modes[end]
-            self._maps[start, end] = (
-                oblique(one, other) if self.rom.switching == "oblique" else energy_orthogonal(self.rom, one, other)
-            )
-        return self._maps[start, end]
+    def _reading(self, output: str) -> Array:
+        """Rows of a named output, (rows, m), in the active contact mode's basis."""
+        if output not in self.rom.outputs:
+            raise StepError(unknown("output", output, self.rom.outputs))
+        key = self._contact, output
+        if key not in self._readings:
+            self._readings[key] = self.rom.outputs[output] @ self.rom.modes[self._contact].coordinates
+        return self._readings[key]
+
+    def _points(self, rows: Array) -> Array:
+        return rows.reshape(*rows.shape[:-1], rows.shape[-1] // 3, 3) if len(self.rom.nodes) else rows
 
     def _field(self, coordinates: Array, output: str | None) -> Array:
-        shared = self._mode.coordinates @ coordinates
         if output is not None:
-            if output not in self.rom.outputs:
-                raise StepError(unknown("output", output, self.rom.outputs))
-            read = self.rom.outputs[output] @ shared
-            return read.reshape(-1, 3) if len(self.rom.nodes) else read
+            return self._points(self._reading(output) @ coordinates)
+        shape = self.rom.basis @ (self.rom.modes[self._contact].coordinates @ coordinates)
         if not len(self.rom.nodes):
-            return self.rom.basis @ shared
+            return shape
         field = np.zeros(3 * len(self.rom.nodes))
-        field[self.rom.free] = self.rom.basis @ shared
+        field[self.rom.free] = shape
         return field.reshape(-1, 3)
 
 
-def _energy(mode: Mode, q: Array, r: Array) -> float:
-    return float(r.dot(r) + q.dot(mode.eigenvalues * q)) / 2
+def _checked_dt(dt: float) -> float:
+    if not (isinstance(dt, int | float | np.number) and math.isfinite(dt) and dt > 0):
+        raise StepError(f"dt = {dt!r}: allowed is a finite number > 0, in s")
+    return float(dt)
+
+
+def _revived(rom: Rom, snapshot: Snapshot) -> Simulator:
+    simulator = Simulator(rom, snapshot.dt, ledger=snapshot.ledger is not None)
+    simulator.restore(snapshot)
+    return simulator

@@ -6,6 +6,8 @@ Displacement and velocity are each projected orthogonally in their own energy,
 
 and an orthogonal projection lengthens no vector: potential energy is a length in K, kinetic energy one in M. So the
 energy cannot grow, for any two bases, at any cadence. For bases of eigenvectors this is the paper's own (13).
+
+In energy coordinates (ω q, r) both maps are products of two orthonormal bases: contractions.
 """
 
 import numpy as np
@@ -15,22 +17,40 @@ from fenics_rom.rom import Mode, Rom
 Array = np.ndarray
 
 
-def energy_orthogonal(rom: Rom, start: Mode, end: Mode) -> tuple[Array, Array]:
-    """Maps of displacement and velocity, each (m_end, m_start), that never add energy."""
-    ω_start, ω_end = np.sqrt(start.eigenvalues), np.sqrt(end.eigenvalues)
-    strained_start = np.sqrt(rom.stiffness)[:, None] * start.coordinates / ω_start
-    strained_end = np.sqrt(rom.stiffness)[:, None] * end.coordinates / ω_end
-    potential = _contraction(strained_end.T @ strained_start)
-    kinetic = _contraction(end.coordinates.T @ start.coordinates)
-    return potential * ω_start / ω_end[:, None], kinetic
+class Projections:
+    """The maps between the contact modes of a ROM, each found when it is first asked for.
+
+    Args:
+        rom: the reduced models.
+    """
+
+    def __init__(self, rom: Rom):
+        self._rom = rom
+        self._maps: dict[tuple[str, str], tuple[Array, Array]] = {}
+
+    def between(self, start: str, end: str) -> tuple[Array, Array]:
+        """Maps of ω q and of r, each (m_end, m_start), from one contact mode to another."""
+        if (start, end) not in self._maps:
+            one, other = self._rom.modes[start], self._rom.modes[end]
+            self._maps[start, end] = (
+                _oblique(one, other) if self._rom.switching == "oblique" else _orthogonal(self._rom, one, other)
+            )
+        return self._maps[start, end]
 
 
-def oblique(start: Mode, end: Mode) -> tuple[Array, Array]:
+def _orthogonal(rom: Rom, start: Mode, end: Mode) -> tuple[Array, Array]:
+    """Orthogonal projections in K and in M, which never add energy."""
+    strained_start = np.sqrt(rom.stiffness)[:, None] * start.coordinates / np.sqrt(start.eigenvalues)
+    strained_end = np.sqrt(rom.stiffness)[:, None] * end.coordinates / np.sqrt(end.eigenvalues)
+    return _contraction(strained_end.T @ strained_start), _contraction(end.coordinates.T @ start.coordinates)
+
+
+def _oblique(start: Mode, end: Mode) -> tuple[Array, Array]:
     """Maps of standard balanced truncation (paper (7)): they can add energy (paper, Prop. 1); for comparison only."""
     if end.left_inverse is None:
         raise ValueError("the ROM was not reduced for oblique switching")
     both = end.left_inverse @ start.coordinates
-    return both, both
+    return np.sqrt(end.eigenvalues)[:, None] * both / np.sqrt(start.eigenvalues), both
 
 
 def _contraction(cosines: Array) -> Array:

@@ -8,7 +8,7 @@ from scipy.linalg import expm
 
 import fenics_rom as fr
 from fenics_rom.rom import Mode
-from fenics_rom.runtime.midpoint import Midpoint
+from fenics_rom.runtime.forms import LARGEST_PRODUCT, OneProduct, VelocityFirst, fastest
 
 
 def three_modes():
@@ -21,51 +21,110 @@ def three_modes():
 
 
 MODES = three_modes()
+each_mode = pytest.mark.parametrize("mode", MODES, ids=("proportional", "dense", "undamped"))
+each_form = pytest.mark.parametrize("form", [OneProduct, VelocityFirst])
 
 
-def final_state(mode, h, steps, u):
-    stepper, q, r = Midpoint(mode, h), np.zeros(mode.order), np.ones(mode.order)
-    for _ in range(steps):
-        v = stepper.representative_velocity(q, r, mode.inputs @ u).copy()
-        q, r = q + h * v, 2 * v - r
-    return np.concatenate([q, r])
+def dense(mode):
+    return np.diag(mode.damping) if mode.damping.ndim == 1 else mode.damping
 
 
-@pytest.mark.parametrize("mode", MODES, ids=("proportional", "dense", "undamped"))
-def test_order_of_accuracy_is_two(mode):
+def started(form, mode, h, q, r):
+    stepper = form(mode)
+    stepper.retime(h)
+    stepper.state[:] = np.concatenate([np.sqrt(mode.eigenvalues) * q, r])
+    return stepper
+
+
+def displacement_and_velocity(stepper, mode):
+    e, r = stepper.state.reshape(2, -1)
+    return e / np.sqrt(mode.eigenvalues), r.copy()
+
+
+@each_form
+@each_mode
+def test_order_of_accuracy_is_two(mode, form):
     m, u, end = mode.order, np.array([1.0, -2.0]), 1.0
-    D = np.diag(mode.damping) if mode.damping.ndim == 1 else mode.damping
-    A = np.block([[np.zeros((m, m)), np.eye(m)], [-np.diag(mode.eigenvalues), -D]])
+    A = np.block([[np.zeros((m, m)), np.eye(m)], [-np.diag(mode.eigenvalues), -dense(mode)]])
     forced = np.concatenate([np.zeros(m), mode.inputs @ u])
     start = np.concatenate([np.zeros(m), np.ones(m)])
     exact = expm(end * A) @ start + np.linalg.solve(A, (expm(end * A) - np.eye(2 * m)) @ forced)
-    errors = [np.linalg.norm(final_state(mode, end / n, n, u) - exact) for n in (400, 800, 1600)]
+
+    def error(steps):
+        stepper = started(form, mode, end / steps, np.zeros(m), np.ones(m))
+        for _ in range(steps):
+            stepper.advance(u)
+        return np.linalg.norm(np.concatenate(displacement_and_velocity(stepper, mode)) - exact)
+
+    errors = [error(n) for n in (400, 800, 1600)]
     orders = np.log2(np.array(errors[:-1]) / errors[1:])
     assert ((orders >= 1.9) & (orders <= 2.1)).all(), orders
 
 
-@pytest.mark.parametrize("mode", MODES, ids=("proportional", "dense", "undamped"))
-def test_step_solves_the_equation_of_the_paper(mode):
+@each_form
+@each_mode
+def test_step_solves_the_equation_of_the_paper(mode, form):
     """(2)-(3): M (v⁺ - v)/h + D v̂ + K (x⁺ + x)/2 = B u, with v̂ = (v⁺ + v)/2 = (x⁺ - x)/h."""
     random = np.random.default_rng(1)
-    D = np.diag(mode.damping) if mode.damping.ndim == 1 else mode.damping
     for h in (1e-6, 1e-3, 1.0):
-        q, r, force = random.standard_normal((3, mode.order))
-        v = Midpoint(mode, h).representative_velocity(q, r, force)
-        after_q, after_r = q + h * v, 2 * v - r
-        residual = (after_r - r) / h + D @ v + mode.eigenvalues * (after_q + q) / 2 - force
-        assert np.abs(residual).max() <= 1e-13 * (np.abs(r).max() / h + np.abs(mode.eigenvalues * q).max())
+        (q, r), u = random.standard_normal((2, mode.order)), random.standard_normal(2)
+        stepper = started(form, mode, h, q, r)
+        twice_energy = stepper.advance(u)
+        after_q, after_r = displacement_and_velocity(stepper, mode)
+        assert twice_energy == pytest.approx(after_r @ after_r + after_q @ (mode.eigenvalues * after_q), rel=1e-14)
+        v, force = (after_r + r) / 2, mode.inputs @ u
+        residual = (after_r - r) / h + dense(mode) @ v + mode.eigenvalues * (after_q + q) / 2 - force
+        scale = np.abs(r).max() / h + np.abs(mode.eigenvalues * q).max()
+        assert np.abs(residual).max() <= 1e-13 * scale
+        assert np.abs(after_q - q - h * v).max() <= 1e-14 * (np.abs(q).max() + h * np.abs(r).max())
+        supplied, dissipated = stepper.work(u)
+        assert supplied == pytest.approx(h * force @ v, rel=1e-9)
+        assert dissipated == pytest.approx(h * v @ dense(mode) @ v, rel=1e-9)
+        stepper.undo()
+        np.testing.assert_allclose(displacement_and_velocity(stepper, mode), [q, r], rtol=1e-15)
 
 
-def test_undamped_energy_is_kept_for_ever():
-    mode = MODES[2]
-    stepper, h = Midpoint(mode, 0.05), 0.05
-    q, r, force = np.zeros(3), np.ones(3), np.zeros(3)
+@each_form
+def test_undamped_energy_is_kept_for_ever(form):
+    stepper = started(form, MODES[2], 0.05, np.zeros(3), np.ones(3))
     for _ in range(100_000):
-        v = stepper.representative_velocity(q, r, force)
-        r = 2 * v - r
-        q = q + h * v
-    assert (r @ r + q @ (mode.eigenvalues * q)) / 3 == pytest.approx(1, abs=1e-11)
+        twice = stepper.advance(np.zeros(2))
+    assert twice / 3 == pytest.approx(1, abs=1e-11)
+
+
+@pytest.mark.parametrize("damping", ["diagonal", "dense"])
+@pytest.mark.parametrize("m", [1, 20, 164])
+def test_every_form_gives_the_same_numbers(m, damping):
+    """To round-off, over 300 steps of changing size."""
+    random = np.random.default_rng(m)
+    γ = np.sort(10 ** random.uniform(0, 8, m))
+    root = random.standard_normal((m, m))
+    D = 0.1 + 1e-4 * γ if damping == "diagonal" else root @ root.T
+    mode = Mode(γ, D, random.standard_normal((m, 3)), np.eye(m), np.eye(m), np.ones(m))
+    one, other = (started(form, mode, 1e-3, *np.zeros((2, m))) for form in (OneProduct, VelocityFirst))
+    largest = 0.0
+    for step in range(300):
+        u = random.standard_normal(3)
+        if step % 30 == 0:
+            h = 10 ** random.uniform(-6, -1)
+            one.retime(h)
+            other.retime(h)
+        one.advance(u)
+        other.advance(u)
+        largest = max(largest, np.linalg.norm(one.state))
+        assert np.linalg.norm(one.state - other.state) <= 1e-12 * largest
+        np.testing.assert_allclose(one.work(u), other.work(u), rtol=1e-9, atol=1e-12 * largest**2)
+
+
+def test_the_form_is_chosen_by_order_and_damping():
+    def form(m, dimensions):
+        shape = (m,) * dimensions
+        damping = np.ones(m) if len(shape) == 1 else np.eye(m)
+        return type(fastest(Mode(np.ones(m), damping, np.ones((m, 1)), np.eye(m), np.eye(m), np.ones(m))))
+
+    for dimensions, largest in LARGEST_PRODUCT.items():
+        assert form(largest, dimensions) is OneProduct
+        assert form(largest + 1, dimensions) is VelocityFirst
 
 
 def test_dense_and_diagonal_damping_agree(box_system):

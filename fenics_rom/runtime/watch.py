@@ -1,0 +1,65 @@
+"""Saying when a reduced run leaves what a linear model can follow."""
+
+import math
+import warnings
+
+import numpy as np
+
+from fenics_rom.errors import FenicsRomWarning
+from fenics_rom.linear_limit import Excursion, ModeGauge, basis_rows, warning
+from fenics_rom.rom import Rom
+
+Array = np.ndarray
+
+# High states between two looks, so that looking costs less than stepping: before a limit was passed, and after.
+PATIENCE = {False: 10, True: 100}
+
+
+class Watch:
+    """Looks at the surface of a body when its stored energy would allow it to turn or strain too far.
+
+    Args:
+        rom: the reduced model; without a mesh there is nothing to look at.
+
+    Attributes:
+        alert: twice the stored energy, J, up to which there is no need to look in the present contact mode.
+        seen: how far the surface went, of all looks.
+    """
+
+    def __init__(self, rom: Rom):
+        self._rom, self._gauges = rom, dict[str, ModeGauge]()
+        self._rows = basis_rows(rom)
+        self.alert = math.inf
+        self.begin(Excursion())
+
+    def begin(self, seen: Excursion) -> None:
+        """Goes on from what was seen, with a look as soon as there is need."""
+        self.seen = seen
+        self._margin, self._last = 0.0, np.empty(0)
+        self._since = max(PATIENCE.values())
+
+    def enter(self, contact: str) -> None:
+        """Watches a contact mode."""
+        if contact not in self._gauges:
+            mode = self._rom.modes[contact]
+            self._gauges[contact] = ModeGauge(self._rows @ mode.coordinates, mode.eigenvalues)
+        self._ω = np.sqrt(self._rom.modes[contact].eigenvalues)
+        self._margin = 0.0  # what was safe in another mode's coordinates says nothing here
+        self._gauge = self._gauges[contact]
+        self.alert = 2 * self._gauge.safe_energy
+
+    def look(self, e: Array, time: float) -> None:
+        """Looks at the state e = ω q (m,) of an energy above `alert`, unless the last look says that it is safe.
+
+        Warns of the first one beyond the limits.
+        """
+        self._since += 1
+        if self._since < PATIENCE[self.seen.beyond]:
+            return
+        if self._margin and np.square(e - self._last).sum() / 2 < self._margin:
+            return
+        before, now = self.seen, Excursion(*self._gauge.read(e / self._ω), time)
+        self.seen = before.joined(now)
+        self._margin, self._last, self._since = self._gauge.safe_change(now.severity), e.copy(), 0
+        if now.beyond and not before.beyond:
+            warnings.warn(warning(now), FenicsRomWarning, stacklevel=4)
