@@ -22,7 +22,7 @@ from fenics_rom.runtime.midpoint import account, transition
 
 Array = np.ndarray
 
-LONGEST = 64  # steps of a block: longer ones have fewer states to carry, but larger maps
+LONGEST = 32  # steps of a block: longer ones have fewer states to carry, but larger maps
 TOGETHER = 128  # blocks whose z are held at once: what fits the cache
 
 
@@ -89,13 +89,11 @@ def composed(first: Block, second: Block, *, silent: bool = False) -> Block:
 
 def repeated(block: Block, times: int) -> Block:
     """The map of a block taken some times, with the outputs of the last one only."""
-    result = None
-    while times:
-        if times % 2:
-            result = block if result is None else composed(result, block, silent=True)
-        block, times = composed(block, block, silent=True), times // 2
-    assert result is not None
-    return result
+    if times == 1:
+        return block
+    half = repeated(block, times // 2)
+    whole = composed(half, half, silent=True)
+    return composed(whole, block, silent=True) if times % 2 else whole
 
 
 def ladder(block: Block) -> list[Block]:

@@ -7,10 +7,12 @@ import tracemalloc
 
 import numpy as np
 import pytest
+from test_energy_laws import random_rom
 
 import fenics_rom as fr
 from fenics_rom.errors import StepError
 from fenics_rom.ledger import Ledger
+from fenics_rom.runtime.forms import LARGEST_PRODUCT
 
 
 def pushed(rom, **choice):
@@ -66,6 +68,19 @@ def test_bad_input_leaves_the_state_as_it_was(plate_rom, u):
     after = (*simulator.state, simulator.energy, simulator.time, vars(simulator.ledger).copy())
     for old, new in zip(before, after, strict=True):
         np.testing.assert_equal(new, old)
+
+
+@pytest.mark.parametrize("dimensions", [1, 2])
+@pytest.mark.parametrize("newton", [np.nan, np.inf, 1e308])
+def test_bad_input_of_a_large_model_leaves_the_state_as_it_was(dimensions, newton):
+    m = LARGEST_PRODUCT[dimensions] + 1
+    rom = random_rom(np.random.default_rng(0), m, [m], 4, dense=dimensions == 2)
+    simulator = fr.Simulator(rom, dt=1e-3)
+    simulator.step([1.0, 1.0])
+    before = everything(simulator)
+    with pytest.raises(StepError, match=r"step 1: .* leads out of the finite numbers"):
+        simulator.step([newton, newton])
+    assert everything(simulator) == before
 
 
 @pytest.mark.parametrize("dt", [0.0, -1e-3, np.nan, np.inf, "1", None])

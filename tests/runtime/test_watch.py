@@ -8,6 +8,7 @@ import pytest
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning
 from fenics_rom.linear_limit import ROTATION_LIMIT, SurfaceGauges, largest
+from fenics_rom.runtime.watch import Watch
 from fenics_rom.scene_file import parse_scene
 
 PUSHED = """
@@ -99,3 +100,14 @@ def test_the_record_says_it_of_reduced_and_full_runs(plate_rom, newton, said):
     lines = [[line for line in run.warnings if "surface was turned by up to" in line] for run in runs]
     assert [len(found) for found in lines] == [said, said]
     assert len([w for w in caught if "surface is turned" in str(w.message)]) == 2 * said
+
+
+def test_what_was_safe_in_one_contact_mode_says_nothing_in_another(plate_rom):
+    """The same numbers are another shape there."""
+    watch, e = Watch(plate_rom), np.eye(20)[0]
+    watch.enter("middle")
+    watch.look(1e-6 * e, time=0.0)
+    watch.enter("tip_left")
+    for _ in range(20):
+        watch.look(1e-6 * e, time=1.0)
+    assert watch.seen.time == 1.0
