@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 __version__ = "0.1.0"
 
 _HOME = {
+    "Batch": "runtime.batch",
     "Record": "record",
     "Rom": "rom",
     "Scene": "scene",
@@ -22,6 +23,7 @@ _HOME = {
     "read_scene": "scene_file",
     "read_system": "matrix_market",
     "reduce": "reduction.reduce",
+    "run_realtime": "runtime.realtime",
     "simulate": "runtime.run",
     "solve": "fem.solve",
     "truncated": "rom",
@@ -44,6 +46,8 @@ if TYPE_CHECKING:
     from fenics_rom.reduction.reduce import reduce
     from fenics_rom.rom import Rom, truncated
     from fenics_rom.rom_file import read_rom, write_rom
+    from fenics_rom.runtime.batch import Batch
+    from fenics_rom.runtime.realtime import run_realtime
     from fenics_rom.runtime.run import simulate
     from fenics_rom.runtime.simulator import Simulator
     from fenics_rom.scene import Scene
@@ -51,6 +55,7 @@ if TYPE_CHECKING:
     from fenics_rom.system import System
 
 __all__ = [
+    "Batch",
     "Record",
     "Rom",
     "Scene",
@@ -63,6 +68,7 @@ __all__ = [
     "read_scene",
     "read_system",
     "reduce",
+    "run_realtime",
     "simulate",
     "solve",
     "truncated",

@@ -96,6 +96,15 @@ class Rom:
         shared = sum(self.actuators.values())
         return {name: mode.inputs.shape[1] - shared for name, mode in self.modes.items()}
 
+    def shape(self, coordinates: Array) -> Array:
+        """The field of coordinates (k,) in the shared basis, on all nodes (N, 3); without a mesh (n,)."""
+        free = self.basis @ coordinates
+        if not len(self.nodes):
+            return free
+        field = np.zeros(3 * len(self.nodes))
+        field[self.free] = free
+        return field.reshape(-1, 3)
+
     @property
     def certificate(self) -> dict[str, dict[str, float | None]]:
         """What is known of each contact mode's error; None where it is not.

@@ -9,11 +9,25 @@ in energy coordinates e = ω q and r, so that (eᵀe + rᵀr)/2 is the stored en
 and E⁺ - E = h (G u)ᵀ v̂ - h v̂ᵀ D v̂ exactly, whatever h is. Without input the step is a contraction.
 """
 
+import math
+
 import numpy as np
 
+from fenics_rom.errors import StepError
 from fenics_rom.rom import Mode
 
 Array = np.ndarray
+
+
+def checked_dt(dt: float) -> float:
+    """A time step, s.
+
+    Raises:
+        StepError: it is not a positive finite number.
+    """
+    if not (isinstance(dt, int | float | np.number) and math.isfinite(dt) and dt > 0):
+        raise StepError(f"dt = {dt!r}: allowed is a finite number > 0, in s")
+    return float(dt)
 
 
 def compliance(mode: Mode, h: float) -> Array:

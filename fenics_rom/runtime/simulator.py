@@ -13,6 +13,7 @@ from fenics_rom.linear_limit import Excursion
 from fenics_rom.rom import Rom
 from fenics_rom.runtime.forms import OneProduct, VelocityFirst, fastest
 from fenics_rom.runtime.march import LONGEST, Block, ladder, one_step, repeated, run, spans
+from fenics_rom.runtime.midpoint import checked_dt
 from fenics_rom.runtime.switching import Projections
 from fenics_rom.runtime.watch import Watch
 from fenics_rom.schema import unknown
@@ -63,7 +64,7 @@ class Simulator:
         self.rom = rom
         self.steps = 0
         self.ledger = Ledger() if ledger else None
-        self._dt, self._since = _checked_dt(dt), (0.0, 0)
+        self._dt, self._since = checked_dt(dt), (0.0, 0)
         self._watch = Watch(rom)
         self._projections = Projections(rom)
         self._forms: dict[str, OneProduct | VelocityFirst] = {}
@@ -86,7 +87,7 @@ class Simulator:
     def dt(self, dt: float) -> None:
         if dt == self._dt:
             return
-        dt = _checked_dt(dt)
+        dt = checked_dt(dt)
         self._since, self._dt = (self.time, self.steps), dt
         self._form.retime(dt)
 
@@ -226,7 +227,7 @@ class Simulator:
             raise StepError(f"step {self.steps + bad}: input {u[bad].tolist()} is not finite")
         plan = spans(len(u), self._contact if contact is None else contact, self._dt if dt is None else dt)
         for span in plan:
-            _checked_dt(span.dt)
+            checked_dt(span.dt)
             if span.contact not in self.rom.modes:
                 raise StepError(unknown("contact mode", span.contact, self.rom.modes))
             columns = self.rom.modes[span.contact].inputs.shape[1]
@@ -364,18 +365,7 @@ class Simulator:
     def _field(self, coordinates: Array, output: str | None) -> Array:
         if output is not None:
             return self._points(self._reading(output) @ coordinates)
-        shape = self.rom.basis @ (self.rom.modes[self._contact].coordinates @ coordinates)
-        if not len(self.rom.nodes):
-            return shape
-        field = np.zeros(3 * len(self.rom.nodes))
-        field[self.rom.free] = shape
-        return field.reshape(-1, 3)
-
-
-def _checked_dt(dt: float) -> float:
-    if not (isinstance(dt, int | float | np.number) and math.isfinite(dt) and dt > 0):
-        raise StepError(f"dt = {dt!r}: allowed is a finite number > 0, in s")
-    return float(dt)
+        return self.rom.shape(self.rom.modes[self._contact].coordinates @ coordinates)
 
 
 def _revived(rom: Rom, snapshot: Snapshot) -> Simulator:

@@ -1,5 +1,6 @@
 """The exact laws: the energy account closes, and no switch adds energy. To round-off, for anything."""
 
+import copy
 from dataclasses import replace
 
 import numpy as np
@@ -8,7 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import fenics_rom as fr
+from fenics_rom.ledger import Ledger
 from fenics_rom.rom import Mode, Rom, check_rom, diagonalized_span
+from fenics_rom.runtime.forms import LARGEST_PRODUCT
 
 pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")  # the plate locks
 CLOSES_TO = 1e-12  # of the largest energy or work seen
@@ -107,6 +110,55 @@ def test_account_closes_for_any_bases_and_damping(seed, free, share, decades, de
     assert account.gap <= CLOSES_TO * account.scale
     assert account.largest_gain <= 1e-14
     assert all(np.linalg.norm(part) < np.inf for part in account.simulator.state)
+
+
+@pytest.mark.parametrize("dense", [False, True])
+def test_account_closes_for_models_too_large_for_one_product(dense):
+    random = np.random.default_rng(0)
+    size = LARGEST_PRODUCT[1 + dense] + 10
+    account = rough_ride(random_rom(random, size + 5, [size, size - 5, size // 3], 6, dense), 1000, seed=1)
+    assert account.gap <= CLOSES_TO * account.scale
+    assert account.largest_gain <= 1e-14
+
+
+OPERATIONS = st.one_of(
+    st.tuples(st.just("switch"), st.integers(0, 2)),
+    st.tuples(st.just("dt"), st.floats(-7, 0)),
+    st.tuples(st.just("step"), st.floats(-3, 3)),
+    st.tuples(st.just("march"), st.integers(0, 80)),
+    st.tuples(st.sampled_from(["reset", "save", "restore", "copy"]), st.none()),
+)
+
+
+@settings(max_examples=100, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), dense=st.booleans(), operations=st.lists(OPERATIONS, max_size=40))
+def test_account_closes_whatever_is_called(seed, dense, operations):
+    random = np.random.default_rng(seed)
+    body = fr.Simulator(random_rom(random, 12, random.integers(1, 13, 3), 6, dense), dt=1e-3)
+    saved, scale = body.save(), 0.0
+    for name, value in operations:
+        if name == "switch":
+            body.switch(f"mode{value}")
+        elif name == "dt":
+            body.dt = 10**value
+        elif name == "step":
+            body.step(random.standard_normal(2) * 10**value)
+        elif name == "march":
+            body.march(random.standard_normal((value, 2)))
+        elif name == "reset":
+            body.reset()
+            assert (body.energy, body.ledger, body.time) == (0.0, Ledger(), 0.0)
+        elif name == "save":
+            saved = body.save()
+        elif name == "restore":
+            body.restore(saved)
+        else:
+            body = copy.deepcopy(body)
+        account = body.ledger
+        scale = max(scale, body.energy, abs(account.supplied), account.dissipated)
+        gap = body.energy - account.supplied + account.dissipated + account.lost_in_switching
+        assert abs(gap) <= CLOSES_TO * scale
+        assert body.energy - account.supplied <= CLOSES_TO * scale
 
 
 @settings(max_examples=60, deadline=None)
