@@ -47,7 +47,7 @@ for name in "numpy", "scipy", "h5py", "dolfinx", "gmsh":  # compiled for each ot
     spec = find_spec(name)
     if not spec or not spec.origin.startswith("/usr/lib/"):
         sys.exit(f"error: .venv does not see Debian's {name}: {spec}")
-for name in "fenics_rom", "matplotlib", "pytest", "rich":
+for name in "fenics_rom", "gymnasium", "matplotlib", "pytest", "rich":
     if not find_spec(name):
         sys.exit(f"error: .venv has no {name}")
 PYTHON
@@ -74,7 +74,7 @@ PYTHON
 
 make_venv() {
   local made_from
-  made_from=$(/usr/bin/python3 -V && pwd && sha256sum pyproject.toml demos/install.sh)
+  made_from=$(/usr/bin/python3 -V && pwd && sha256sum pyproject.toml demos/install.sh demos/*/requirements.txt)
   if [ "$(cat .venv/made-from 2>/dev/null)" = "$made_from" ] && check_venv 2>/dev/null; then return; fi
 
   echo "Making .venv ..."
@@ -82,7 +82,8 @@ make_venv() {
   # Not the python3 on PATH: that may be one of pyenv or conda, which has no dolfinx.
   /usr/bin/python3 -m venv --system-site-packages .venv
   constrain_pip
-  .venv/bin/pip install -q --disable-pip-version-check -c .venv/constraints.txt -e '.[reduction,cli,plot,test]'
+  .venv/bin/pip install -q --disable-pip-version-check -c .venv/constraints.txt -e '.[reduction,cli,plot,test]' \
+    -r demos/learning/requirements.txt
   check_venv
   echo "$made_from" >.venv/made-from # last: a .venv without it is half-made, and made again
 }

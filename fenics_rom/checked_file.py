@@ -11,7 +11,6 @@ import io
 import math
 import os
 import sys
-import tempfile
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -68,6 +67,8 @@ def write_file(file: str | Path, content: str, fill: Callable[[h5py.File], None]
     if not is_rank_0():
         return
     path = Path(file)
+    import tempfile  # here, as who only reads a ROM need not wait for it
+
     temporary = None
     try:
         check_place(path)

@@ -17,7 +17,8 @@ from fenics_rom.checked_file import check_place, content_of
 from fenics_rom.display import print_record, print_rom, print_table, print_warnings, progress, rich_package
 from fenics_rom.errors import FenicsRomError, FenicsRomWarning, MissingPackageError, RomFileError, SceneError
 from fenics_rom.launcher import speaks
-from fenics_rom.scene import LYAPUNOV, METHODS, SOLVERS, SWITCHINGS, WEIGHTINGS
+from fenics_rom.rom import SWITCHINGS
+from fenics_rom.scene import LYAPUNOV, METHODS, SOLVERS, WEIGHTINGS
 from fenics_rom.schema import NAME, NAME_IN_WORDS
 from fenics_rom.stages import Report
 from fenics_rom.system import is_petsc

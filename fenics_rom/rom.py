@@ -10,6 +10,8 @@ from fenics_rom.stages import Stage
 
 Array = np.ndarray
 
+SWITCHINGS = ("energy", "modal", "oblique")  # any basis; the paper's eigenvectors; standard balanced truncation
+
 
 @dataclass(frozen=True)
 class Mode:

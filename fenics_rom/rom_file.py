@@ -51,8 +51,7 @@ from fenics_rom.checked_file import (
 )
 from fenics_rom.effects import EFFECTS
 from fenics_rom.errors import RomFileError
-from fenics_rom.rom import Mode, Rom, check_rom
-from fenics_rom.scene import SWITCHINGS
+from fenics_rom.rom import SWITCHINGS, Mode, Rom, check_rom
 from fenics_rom.schema import unknown
 from fenics_rom.stages import Stage
 

@@ -106,7 +106,6 @@ class Scene:
     source: str  # for messages
 
 
-SWITCHINGS = ("energy", "modal", "oblique")
 WEIGHTINGS = ("mass", "nodal", "outputs")
 LYAPUNOV = ("auto", "closed-form", "bartels-stewart", "krylov", "adi")
 METHODS = ("balanced", "modal", "modal+static", "pod")

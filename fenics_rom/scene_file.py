@@ -16,12 +16,12 @@ import numpy as np
 
 from fenics_rom.effects import EFFECTS
 from fenics_rom.errors import SceneError
+from fenics_rom.rom import SWITCHINGS
 from fenics_rom.scene import (
     LYAPUNOV,
     METHODS,
     ORDER,
     SHARE,
-    SWITCHINGS,
     TOLERANCE,
     WEIGHTINGS,
     Load,

@@ -1,6 +1,5 @@
 """Tables that say what a value in a scene may be, and the one place that checks values against them."""
 
-import difflib
 import math
 import numbers
 import re
@@ -17,6 +16,8 @@ NAME_IN_WORDS = "letters, digits, _ and -, at most 100"
 
 def unknown(kind: str, given: str, allowed: Mapping[str, Any] | list[str]) -> str:
     """Sentence about a name that does not exist: what was given, what there is, the nearest."""
+    import difflib  # here, as of no use to a program that makes no mistake: every import delays the runtime's start
+
     names = sorted(allowed)
     near = difflib.get_close_matches(given, names, n=1)
     hint = f"; did you mean {near[0]!r}?" if near else ""

@@ -11,7 +11,8 @@ from hypothesis import strategies as st
 
 import fenics_rom as fr
 from fenics_rom.errors import SceneError
-from fenics_rom.scene import LYAPUNOV, METHODS, SWITCHINGS, Material, Near
+from fenics_rom.rom import SWITCHINGS
+from fenics_rom.scene import LYAPUNOV, METHODS, Material, Near
 from fenics_rom.scene_file import LONGEST, parse_scene
 
 TEXT = PLATE.read_text()

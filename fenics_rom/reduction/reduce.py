@@ -16,13 +16,12 @@ from fenics_rom.reduction.problem import Directions, Method, Problem
 from fenics_rom.reduction.selection import EigenvectorSelection
 from fenics_rom.reduction.shared_basis import Kept, rom_of
 from fenics_rom.reduction.shared_space import SharedSpace
-from fenics_rom.rom import Rom, check_rom
+from fenics_rom.rom import SWITCHINGS, Rom, check_rom
 from fenics_rom.scene import (
     LYAPUNOV,
     METHODS,
     SHARE,
     SOLVERS,
-    SWITCHINGS,
     TOLERANCE,
     WEIGHTINGS,
     Reduction,
