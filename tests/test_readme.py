@@ -31,8 +31,9 @@ def folder(tmp_path):
 
 
 def test_python_and_commands_run_as_printed(folder):
-    (plate, matrices, method), (commands,) = blocks("python"), blocks("sh")
-    for python, printed in ((plate, "supplied="), (matrices, ""), (method, "'static_error': ")):
+    (plate, matrices, method, faster), (commands,) = blocks("python"), blocks("sh")
+    printing = ((plate, "supplied="), (matrices, ""), (method, "'static_error': "), (faster, "(256, 2, 3)"))
+    for python, printed in printing:
         run = subprocess.run(
             [sys.executable, "-c", python], cwd=folder, capture_output=True, text=True, env=dict(os.environ)
         )
