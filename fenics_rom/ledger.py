@@ -21,6 +21,10 @@ class Ledger:
     _supplied_excess: float = 0.0
     _dissipated_excess: float = 0.0
 
+    def become(self, other: "Ledger") -> None:
+        """Takes the sums of another account; who holds this one goes on seeing the run's."""
+        vars(self).update(vars(other))
+
     def book(self, supplied: float, dissipated: float) -> None:
         """Adds what a step supplied and dissipated, J."""
         old, more = self.supplied, supplied - self._supplied_excess

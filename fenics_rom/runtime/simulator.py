@@ -12,7 +12,7 @@ from fenics_rom.ledger import Ledger
 from fenics_rom.linear_limit import Excursion
 from fenics_rom.rom import Rom
 from fenics_rom.runtime.forms import OneProduct, VelocityFirst, fastest
-from fenics_rom.runtime.march import LONGEST, Block, ladder, one_step, repeated, run, spans
+from fenics_rom.runtime.march import LONGEST, Block, Span, ladder, one_step, repeated, run, spans
 from fenics_rom.runtime.midpoint import checked_dt
 from fenics_rom.runtime.switching import Projections
 from fenics_rom.runtime.watch import Watch
@@ -216,15 +216,37 @@ class Simulator:
         Raises:
             StepError: wrong shapes, unknown names, or numbers that are not finite; everything is as it was.
         """
-        u = np.asarray(inputs, dtype=float)
-        names = tuple(self.rom.outputs if outputs is None else outputs)
         if not (isinstance(every, int | np.integer) and every >= 1):
             raise StepError(f"every = {every!r}: allowed is a whole number of steps, at least 1")
+        u, plan = self._planned(inputs, contact, dt)
+        names = tuple(self.rom.outputs if outputs is None else outputs)
+        widths = [len(self._reading(name)) for name in names]
+        start, read = self.save(), [np.empty((0, sum(widths)))]
+        try:
+            with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is told as a StepError
+                for span in plan:
+                    self.dt = span.dt
+                    self.switch(span.contact)
+                    self._march(u[span.start : span.stop], span.start, every if names else 1, names, read)
+        except BaseException:
+            self.restore(start)
+            raise
+        parts = np.split(np.concatenate(read), np.cumsum(widths)[:-1], axis=1) if names else []
+        return {name: self._points(values) for name, values in zip(names, parts, strict=True)}
+
+    def _planned(
+        self,
+        inputs: Sequence[Sequence[float]] | Array,
+        contact: str | Sequence[str] | None,
+        dt: float | Sequence[float] | Array | None,
+    ) -> tuple[Array, list[Span]]:
+        """What a march was asked for, checked."""
+        u = np.asarray(inputs, dtype=float)
         if u.ndim != 2:
             raise StepError(f"inputs: allowed are (steps, {self.inputs}) numbers in N, given: shape {u.shape}")
-        if not np.isfinite(u).all():
-            bad = int(np.flatnonzero(~np.isfinite(u).all(axis=1))[0])
-            raise StepError(f"step {self.steps + bad}: input {u[bad].tolist()} is not finite")
+        bad = np.flatnonzero(~np.isfinite(u).all(axis=1))
+        if len(bad):
+            raise StepError(f"step {self.steps + bad[0]}: input {u[bad[0]].tolist()} is not finite")
         plan = spans(len(u), self._contact if contact is None else contact, self._dt if dt is None else dt)
         for span in plan:
             checked_dt(span.dt)
@@ -236,19 +258,7 @@ class Simulator:
                     f"step {self.steps + span.start}: inputs of contact mode {span.contact!r}: allowed are (steps, "
                     f"{columns}) numbers in N, given: shape {u.shape}"
                 )
-        widths = [len(self._reading(name)) for name in names]
-        start, read = self.save(), [np.empty((0, sum(widths)))]
-        try:
-            with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is told as a StepError
-                for span in plan:
-                    self.dt = span.dt
-                    self.switch(span.contact)
-                    self._march(u[span.start : span.stop], span.start, every, names, read)
-        except StepError:
-            self.restore(start)
-            raise
-        parts = np.split(np.concatenate(read), np.cumsum(widths)[:-1], axis=1) if names else []
-        return {name: self._points(values) for name, values in zip(names, parts, strict=True)}
+        return u, plan
 
     def _march(self, u: Array, taken: int, every: int, names: tuple[str, ...], read: list[Array]) -> None:
         """Takes the steps of one span, `taken` steps after the march began, and adds what is read to `read`."""
@@ -298,7 +308,8 @@ class Simulator:
         """Back to rest in the first contact mode, at time 0, with an empty account; dt stays."""
         self.steps, self._since = 0, (0.0, 0)
         self._watch.begin(Excursion())
-        self.ledger = None if self.ledger is None else Ledger()
+        if self.ledger is not None:
+            self.ledger.become(Ledger())
         self._enter(next(iter(self.rom.modes)))
         self._form.state[:] = 0
 
@@ -324,8 +335,8 @@ class Simulator:
         self._watch.begin(snapshot.excursion)
         self._enter(snapshot.contact)
         self._form.state[:] = snapshot.state
-        if snapshot.ledger is not None:
-            self.ledger = replace(snapshot.ledger)
+        if self.ledger is not None and snapshot.ledger is not None:
+            self.ledger.become(snapshot.ledger)
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _revived, (self.rom, self.save())

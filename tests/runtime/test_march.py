@@ -92,6 +92,7 @@ def test_march_without_ledger_or_outputs(plate_rom):
     one.march(inputs)
     assert other.march(inputs, outputs=[]) == {}
     assert other.ledger is None
+    assert fr.Simulator(plate_rom, dt=1e-3).march(inputs, every=2 * LONGEST, outputs=[]) == {}
     np.testing.assert_allclose(one.state, other.state, rtol=1e-9, atol=1e-13)
     assert one.march(np.empty((0, 3)))["tip"].shape == (0, 2, 3)
     assert one.steps == 300

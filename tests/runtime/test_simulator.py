@@ -195,8 +195,10 @@ def test_snapshots_of_others_are_refused(plate_system, plate_rom):
 
 def test_reset_is_a_new_simulator(plate_rom):
     simulator = restless(plate_rom)
+    account = simulator.ledger
     simulator.dt = 1e-3
     simulator.reset()
+    assert simulator.ledger is account  # who watches it goes on seeing the run's
     fresh = fr.Simulator(plate_rom, dt=1e-3)
     assert everything(simulator) == everything(fresh)
     for body in (simulator, fresh):
