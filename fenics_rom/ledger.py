@@ -1,35 +1,64 @@
 """The energy account of a run, J: running sums that together with the stored energy must close to round-off."""
 
-from dataclasses import dataclass
+import math
+from collections.abc import Callable
 
 
-@dataclass
 class Ledger:
     """E - E₀ = supplied - dissipated - lost_in_switching.
 
-    The sums of the steps carry their rounding errors along (Kahan), so that a million small works add up.
+    Every sum carries along what it was rounded by, so that a million small works add up.
 
-    Attributes:
-        supplied: work of the inputs, Σ h (B u)ᵀ v̂.
-        dissipated: Σ h v̂ᵀ D v̂, never negative.
-        lost_in_switching: taken out of the state by projections; negative only for oblique switching.
+    Args:
+        settle: called before a sum is read, to book what is still to be booked.
     """
 
-    supplied: float = 0.0
-    dissipated: float = 0.0
-    lost_in_switching: float = 0.0
-    _supplied_excess: float = 0.0
-    _dissipated_excess: float = 0.0
+    def __init__(self, settle: Callable[[], None] = lambda: None):
+        self._settle = settle
+        self._supplied = self._dissipated = self._lost = (0.0, 0.0)
 
-    def become(self, other: "Ledger") -> None:
-        """Takes the sums of another account; who holds this one goes on seeing the run's."""
-        vars(self).update(vars(other))
+    @property
+    def supplied(self) -> float:
+        """Work of the inputs, Σ h (B u)ᵀ v̂."""
+        self._settle()
+        return self._supplied[0]
 
-    def book(self, supplied: float, dissipated: float) -> None:
-        """Adds what a step supplied and dissipated, J."""
-        old, more = self.supplied, supplied - self._supplied_excess
-        self.supplied = new = old + more
-        self._supplied_excess = (new - old) - more
-        old, more = self.dissipated, dissipated - self._dissipated_excess
-        self.dissipated = new = old + more
-        self._dissipated_excess = (new - old) - more
+    @property
+    def dissipated(self) -> float:
+        """Σ h v̂ᵀ D v̂, never negative."""
+        self._settle()
+        return self._dissipated[0]
+
+    @property
+    def lost_in_switching(self) -> float:
+        """Taken out of the state by projections; negative only for oblique switching."""
+        return self._lost[0]
+
+    def book(self, *, supplied: float = 0.0, dissipated: float = 0.0, lost_in_switching: float = 0.0) -> None:
+        """Adds to the sums, J."""
+        self._supplied = _added(self._supplied, supplied)
+        self._dissipated = _added(self._dissipated, dissipated)
+        self._lost = _added(self._lost, lost_in_switching)
+
+    @property
+    def sums(self) -> tuple[tuple[float, float], ...]:
+        """Each sum, J, and what it was rounded by: all that there is to save."""
+        self._settle()
+        return self._supplied, self._dissipated, self._lost
+
+    @sums.setter
+    def sums(self, sums: tuple[tuple[float, float], ...]) -> None:
+        self._settle()  # what is not yet booked belongs to the old ones
+        self._supplied, self._dissipated, self._lost = sums
+
+    def __repr__(self) -> str:
+        return (
+            f"Ledger(supplied={self.supplied:.6g}, dissipated={self.dissipated:.6g}, "
+            f"lost_in_switching={self.lost_in_switching:.6g})"
+        )
+
+
+def _added(total: tuple[float, float], more: float) -> tuple[float, float]:
+    """A sum, and what it lacks of the exact one."""
+    rounded = math.fsum((*total, more))
+    return rounded, math.fsum((*total, more, -rounded))

@@ -75,8 +75,7 @@ class FullSimulator:
         Kv += s.stiffness @ correction
         if not np.isfinite(self._dot(v, v)):
             raise StepError(f"input {u.tolist()} leads out of the finite numbers; the state was left as it was")
-        self.ledger.supplied += h * self._dot(force, v)
-        self.ledger.dissipated += h * self._dot(v, self._damped(v, Mv, Kv))
+        self.ledger.book(supplied=h * self._dot(force, v), dissipated=h * self._dot(v, self._damped(v, Mv, Kv)))
         self.x += h * v
         self.v = 2 * v - self.v
         self._momentum = 2 * Mv - self._momentum

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, DTypeLike
 
 from fenics_rom.errors import StepError
 from fenics_rom.rom import Rom
-from fenics_rom.runtime.midpoint import checked_dt, compliance, damping_root
+from fenics_rom.runtime.midpoint import checked_dt, compliance
 from fenics_rom.runtime.switching import Projections
 from fenics_rom.schema import unknown
 
@@ -91,10 +91,10 @@ class Batch:
             G[self._widest :, : mode.order] = mode.inputs[:, contact:].T
         self._ledger = ledger
         self._ones = np.ones(m, self.dtype)
-        self._roots: list[tuple[Array | None, Array]] = []  # Rᵀ and weights: wᵀDw/2 is the weighted squares of R w
-        for root in map(damping_root, rom.modes.values()):
-            filled = _filled(root.T, (m,) * root.ndim).astype(self.dtype)
-            self._roots.append((None, filled**2 / 2) if root.ndim == 1 else (filled, self._ones / 2))
+        self._drags = [  # wᵀDw/2, where D is diagonal, is what these make of the squares of w
+            _filled(mode.damping / 2, (m,)).astype(self.dtype) if mode.damping.ndim == 1 else self._ones / 2
+            for mode in rom.modes.values()
+        ]
         self._projections = Projections(rom)
         self._maps: dict[tuple[int, int], Array] = {}
         self._readers: dict[str, list[Array]] = {}
@@ -146,14 +146,16 @@ class Batch:
         self._dt = h
         self._table = np.zeros((2, *self._ω.shape), self.dtype)
         self._push = np.empty(self._G.shape, self.dtype)
-        self._coupling: list[Array | None] = []
+        self._coupling: list[tuple[Array, Array] | None] = []  # where D is dense: to w, and to R w
         for k, mode in enumerate(self.rom.modes.values()):
-            a = 4 / h * compliance(mode, h)
+            a, Ra = (4 / h * part for part in compliance(mode, h))
             dense = a.ndim == 2
             diagonal = _filled(np.ones(mode.order) if dense else a, angles[k].shape)
             self._table[:, k] = -diagonal * angles[k] ** 2, diagonal
             self._push[k] = diagonal * (h / 2 * self._G[k])
-            self._coupling.append(_filled(a, (len(diagonal),) * 2).astype(self.dtype) if dense else None)
+            square = (len(diagonal),) * 2
+            maps = [_filled(part.T, square).astype(self.dtype) for part in (a, Ra)] if dense else None
+            self._coupling.append(None if maps is None else (maps[0], maps[1]))
         # A step is passive: it adds at most h |G u| to the length of (ω q, r), and x is at most 2/(h ω) times that.
         # So what bounds the inputs bounds the states, and nothing else needs to be looked at in a step: below this
         # limit no number overflows in the first `_huge` steps from rest, 4e9 of them in float32.
@@ -311,11 +313,13 @@ class Batch:
             np.multiply(inertial, r, out=spare)
             np.add(w, spare, out=w)
             for part in parts:
-                a = self._coupling[part.mode]
-                if a is not None:
-                    part.w[:] = np.matmul(part.w, a, out=part.spare)
+                coupling = self._coupling[part.mode]
                 if self._ledger:
-                    self._work(part)
+                    self._dissipation(part, coupling)
+                if coupling is not None:
+                    part.w[:] = np.matmul(part.w, coupling[0], out=part.spare)
+                if self._ledger:
+                    self._supply(part)
             np.add(x, w, out=x)
             np.subtract(w, r, out=r)
         self._account[TIME] += self._dt
@@ -425,15 +429,17 @@ class Batch:
             self._plan.append(_Chunk(x, r, elastic, inertial, w, spare, parts))
         return self._plan
 
-    def _work(self, part: _Part) -> None:
-        """Work and dissipation of a step by the rows, with w = 2 v̂ in hand."""
-        root, weights = self._roots[part.mode]
+    def _dissipation(self, part: _Part, coupling: tuple[Array, Array] | None) -> None:
+        """What a step dissipates, by the rows, with w = 2 v̂ in hand or what dense damping makes it of."""
+        drawn = part.w if coupling is None else np.matmul(part.w, coupling[1], out=part.spare)
+        np.multiply(drawn, drawn, out=part.spare)
+        np.matmul(part.spare, self._drags[part.mode], out=self._works[1, part.rows])
+
+    def _supply(self, part: _Part) -> None:
+        """What the inputs supply in a step, by the rows, with w = 2 v̂ in hand."""
         force = np.matmul(part.u, self._G[part.mode], out=part.spare)
         np.multiply(force, part.w, out=force)
         np.matmul(force, self._ones, out=self._works[0, part.rows])
-        drawn = part.w if root is None else np.matmul(part.w, root, out=part.spare)
-        np.multiply(drawn, drawn, out=part.spare)
-        np.matmul(part.spare, weights, out=self._works[1, part.rows])
 
     def _booked(self, entry: int) -> Array:
         if not self._ledger:

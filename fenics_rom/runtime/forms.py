@@ -6,86 +6,114 @@ In NumPy a step costs calls and memory read, not arithmetic:
     VelocityFirst    v̂, then e⁺ and r⁺ from it      seven calls and O(m) numbers; eight and m² where D is dense
 
 All hold the state in energy coordinates, write each next state beside the last, so that a step can be taken back, and
-allocate nothing while they step.
+allocate nothing while they step. What the energy account needs of some steps stays where it is and is booked for all of
+them at once: so it costs a tenth of what it would cost step by step.
 """
 
 import math
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from fenics_rom.ledger import Ledger
 from fenics_rom.rom import Mode
 from fenics_rom.runtime.midpoint import account, compliance, damping_root, transition
 
 Array = np.ndarray
 
 LARGEST_PRODUCT = {1: 75, 2: 90}  # order up to which one product is the faster, by the dimensions of the damping
+PAGES = 32  # steps that are booked together
 
 
-def fastest(mode: Mode) -> "OneProduct | VelocityFirst":
+def fastest(mode: Mode, ledger: Ledger | None) -> "OneProduct | VelocityFirst":
     """The form for a model's size and damping."""
-    return OneProduct(mode) if mode.order <= LARGEST_PRODUCT[mode.damping.ndim] else VelocityFirst(mode)
+    form = OneProduct if mode.order <= LARGEST_PRODUCT[mode.damping.ndim] else VelocityFirst
+    return form(mode, ledger)
 
 
-class _Page(NamedTuple):
-    """One buffer [e, r, u]: the state is written, and all of it is read by the next product."""
-
-    state: Array
-    u: Array
-    read: Array
-
-
-def _page(m: int, p: int) -> _Page:
-    page = np.zeros(2 * m + p)
-    return _Page(page[: 2 * m], page[2 * m :], page)
-
-
-class OneProduct:
-    """The whole step as one matrix, and its account as another.
+class _Form:
+    """What the forms share: pages of states, one after the other, and the account of those that were left.
 
     Args:
         mode: the reduced model.
+        ledger: the account to book in, if one is kept.
 
     Attributes:
         h: time step, s; 0 before the first `retime`.
     """
 
-    def __init__(self, mode: Mode):
-        self._mode, self.h = mode, 0.0
-        m, p = mode.inputs.shape
-        self._now, self._next = _page(m, p), _page(m, p)
-        self._account = np.zeros(m + p)  # √h R v̂ and h Gᵀ v̂
-        self._heat, self._power = self._account[:m], self._account[m:]
+    def __init__(self, mode: Mode, ledger: Ledger | None):
+        self._mode, self._ledger, self.h = mode, ledger, 0.0
+        self._states: list[Array]  # (2m,) each, views
+        self._page = 0  # where the state is
+        self._booked = 0  # pages before this one are in the account
 
     @property
     def state(self) -> Array:
         """[e, r] (2m,), ½|state|² is the stored energy; a view, which a later step overwrites."""
-        return self._now.state
-
-    def retime(self, h: float) -> None:
-        """Makes the coefficients for another time step, s."""
-        # The methods: np.dot first looks for overrides, which takes as long as the product.
-        self._step = transition(self._mode, h).dot
-        self._booking = account(self._mode, h).dot
-        self.h = h
-
-    def advance(self, u: Array) -> float:
-        """Takes a step under u (p,), N, and returns twice the stored energy, J, which may be anything but finite."""
-        now, after = self._now, self._next
-        now.u[:] = u
-        self._step(now.read, after.state)
-        self._now, self._next = after, now
-        state = after.state
-        return state.dot(state)
+        return self._states[self._page]
 
     def undo(self) -> None:
         """Takes the last step back."""
-        self._now, self._next = self._next, self._now
+        self._page -= 1
 
-    def work(self, u: Array) -> tuple[float, float]:
-        """What u supplied and the damping dissipated in the last step, J."""
-        self._booking(self._next.read, self._account)
-        return float(u.dot(self._power)), float(self._heat.dot(self._heat))
+    def settle(self) -> None:
+        """Books what the steps so far supplied and dissipated."""
+        if self._ledger is not None and self._booked < self._page:
+            supplied, dissipated = self._work(slice(self._booked, self._page))
+            self._ledger.book(supplied=supplied, dissipated=dissipated)
+        self._booked = self._page
+
+    def rewind(self) -> int:
+        """Books, and goes on from the first page: what follows is then the same to the bit, whatever came before."""
+        self.settle()
+        if self._page:
+            self._states[0][:] = self.state
+            self._page = self._booked = 0
+        return 0
+
+    def _work(self, pages: slice) -> tuple[float, float]:
+        """What was supplied and dissipated in the steps from these pages on, J."""
+        raise NotImplementedError
+
+
+class OneProduct(_Form):
+    """The whole step as one matrix, and its account as another. Arguments and attributes as in _Form."""
+
+    def __init__(self, mode: Mode, ledger: Ledger | None):
+        super().__init__(mode, ledger)
+        self._m, p = mode.inputs.shape
+        self._pages = np.zeros((PAGES + 1, 2 * self._m + p))  # [e, r, u]: what a product reads
+        self._reads = list(self._pages)
+        self._states = [page[: 2 * self._m] for page in self._pages]
+        self._slots: list[Any] = [page[2 * self._m :].data for page in self._pages]  # to write u: twice as fast
+
+    def retime(self, h: float) -> None:
+        """Makes the coefficients for another time step, s."""
+        self.settle()
+        # The method: np.dot first looks for overrides, which takes as long as the product.
+        self._step = transition(self._mode, h).dot
+        self._account: Any = None if self._ledger is None else account(self._mode, h).T
+        self.h = h
+
+    def advance(self, u: Array) -> float:
+        """Takes a step under u (p,), N, and returns twice the stored energy, J, which may be anything but finite.
+
+        Raises:
+            ValueError: u has another shape; no step was taken.
+        """
+        page = self._page
+        if page == PAGES:
+            page = self.rewind()
+        self._slots[page][:] = u
+        state = self._states[page + 1]
+        self._step(self._reads[page], state)
+        self._page = page + 1
+        return state.dot(state)
+
+    def _work(self, pages: slice) -> tuple[float, float]:
+        rows = self._pages[pages] @ self._account
+        return _inner(rows[:, self._m :], self._pages[pages, 2 * self._m :]), _inner(rows[:, : self._m])
 
 
 class _Halves(NamedTuple):
@@ -94,80 +122,70 @@ class _Halves(NamedTuple):
     both: Array  # (2, m)
     e: Array
     r: Array
-    state: Array  # (2m,)
 
 
-def _halves(m: int) -> _Halves:
-    both = np.zeros((2, m))
-    return _Halves(both, both[0], both[1], both.reshape(-1))
+class VelocityFirst(_Form):
+    """The step as the paper writes it: v̂, and the state from it. Arguments and attributes as in _Form."""
 
-
-class VelocityFirst:
-    """The step as the paper writes it: v̂, and the state from it.
-
-    Args:
-        mode: the reduced model.
-
-    Attributes:
-        h: time step, s; 0 before the first `retime`.
-    """
-
-    def __init__(self, mode: Mode):
-        self._mode, self.h = mode, 0.0
+    def __init__(self, mode: Mode, ledger: Ledger | None):
+        super().__init__(mode, ledger)
         m, p = mode.inputs.shape
-        self._now, self._next = _halves(m), _halves(m)
-        self._terms = _halves(m)  # of the right-hand side: elastic, inertial
-        self._v, self._right, self._heat = np.zeros((3, m))  # _v is 2 v̂
-        self._power = np.empty(p)
+        pages = np.zeros((PAGES + 1, 2, m))
+        self._halves = [_Halves(page, page[0], page[1]) for page in pages]
+        self._states = [page.reshape(-1) for page in pages]
+        self._terms = np.zeros((2, m))  # of the right-hand side: elastic, inertial
+        self._elastic, self._inertial = self._terms
+        self._inputs, self._velocities, self._rights = (np.zeros((PAGES, size)) for size in (p, m, m))  # u, 2 v̂
+        self._slots: list[Any] = [row.data for row in self._inputs]
+        self._v, self._right = list(self._velocities), list(self._rights)
         self._R = damping_root(mode)
-
-    @property
-    def state(self) -> Array:
-        """[e, r] (2m,), ½|state|² is the stored energy; a view, which a later step overwrites."""
-        return self._now.state
 
     def retime(self, h: float) -> None:
         """Makes the coefficients for another time step, s."""
+        self.settle()
         mode, ω = self._mode, np.sqrt(self._mode.eigenvalues)
-        a = compliance(mode, h)
+        a, Ra = compliance(mode, h)
         kept, forced = np.stack([-ω, np.full(mode.order, 2 / h)]), mode.inputs
-        self._spread = None if a.ndim == 1 else (2 * a).dot
-        self._kept = 2 * a * kept if a.ndim == 1 else kept
-        self._push = (2 * a[:, None] * forced if a.ndim == 1 else forced.copy()).dot
+        dense = a.ndim == 2
+        self._spread: Any = (2 * a).dot if dense else None
+        self._drain = 2 * Ra.T if dense else None
+        self._kept = kept if dense else 2 * a * kept
+        self._push = (forced.copy() if dense else 2 * a[:, None] * forced).dot
         self._travel = h / 2 * ω
         self.h = h
 
     def advance(self, u: Array) -> float:
-        """Takes a step under u (p,), N, and returns twice the stored energy, J, which may be anything but finite."""
-        both, e, r, _ = now = self._now
-        _, next_e, next_r, state = after = self._next
-        terms, elastic, inertial, _ = self._terms
-        v = self._v
-        right = v if self._spread is None else self._right
-        self._now, self._next = after, now
+        """As in OneProduct."""
+        page = self._page
+        if page == PAGES:
+            page = self.rewind()
+        self._slots[page][:] = u
+        v = self._v[page]
+        right = v if self._spread is None else self._right[page]
+        both, e, r = self._halves[page]
+        _, next_e, next_r = self._halves[page + 1]
+        self._page = page + 1
+        self._push(u, right)
         if not math.isfinite(u.dot(u)):  # in ufuncs, unlike in products, what is not finite would warn
             return math.nan
-        self._push(u, right)
-        np.multiply(self._kept, both, terms)
-        np.add(right, elastic, right)
-        np.add(right, inertial, right)
+        np.multiply(self._kept, both, self._terms)
+        np.add(right, self._elastic, right)
+        np.add(right, self._inertial, right)
         if self._spread is not None:
             self._spread(right, v)
         np.multiply(self._travel, v, next_e)
         np.add(next_e, e, next_e)
         np.subtract(v, r, next_r)
+        state = self._states[page + 1]
         return state.dot(state)
 
-    def undo(self) -> None:
-        """Takes the last step back."""
-        self._now, self._next = self._next, self._now
+    def _work(self, pages: slice) -> tuple[float, float]:
+        v = self._velocities[pages]
+        drawn = self._R * v if self._drain is None else self._rights[pages] @ self._drain
+        supplied = _inner(v @ self._mode.inputs, self._inputs[pages])
+        return self.h / 2 * supplied, self.h / 4 * _inner(drawn)
 
-    def work(self, u: Array) -> tuple[float, float]:
-        """What u supplied and the damping dissipated in the last step, J."""
-        v, heat = self._v, self._heat
-        if self._R.ndim == 1:
-            np.multiply(self._R, v, heat)
-        else:
-            np.dot(self._R, v, heat)
-        np.dot(v, self._mode.inputs, self._power)
-        return self.h / 2 * float(u.dot(self._power)), self.h / 4 * float(heat.dot(heat))
+
+def _inner(rows: Array, others: Array | None = None) -> float:
+    """Σ of the products of all entries, or of their squares."""
+    return float(np.einsum("ij,ij->", rows, rows if others is None else others))

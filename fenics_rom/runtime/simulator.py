@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -31,7 +31,7 @@ class Snapshot:
         steps: number of steps taken.
         since: time, s, and number of steps at which dt was last changed.
         state: [√γ q, r] (2m,), read-only.
-        ledger: the energy account, or None.
+        sums: of the energy account, J, and what they were rounded by; or None.
         excursion: how far the surface went.
     """
 
@@ -40,7 +40,7 @@ class Snapshot:
     steps: int
     since: tuple[float, int]
     state: Array
-    ledger: Ledger | None
+    sums: tuple[tuple[float, float], ...] | None
     excursion: Excursion
 
 
@@ -63,7 +63,7 @@ class Simulator:
     def __init__(self, rom: Rom, dt: float, *, ledger: bool = True):
         self.rom = rom
         self.steps = 0
-        self.ledger = Ledger() if ledger else None
+        self.ledger = Ledger(self._settle) if ledger else None
         self._dt, self._since = checked_dt(dt), (0.0, 0)
         self._watch = Watch(rom)
         self._projections = Projections(rom)
@@ -154,6 +154,7 @@ class Simulator:
             return
         if contact not in self.rom.modes:
             raise StepError(unknown("contact mode", contact, self.rom.modes))
+        self._settle()
         potential, kinetic = self._projections.between(self._contact, contact)
         before, m = self._form.state, len(self._ω)
         self._enter(contact)
@@ -161,7 +162,7 @@ class Simulator:
         np.dot(potential, before[:m], out=after[:n])
         np.dot(kinetic, before[m:], out=after[n:])
         if self.ledger is not None:
-            self.ledger.lost_in_switching += float(before.dot(before) - after.dot(after)) / 2
+            self.ledger.book(lost_in_switching=float(before.dot(before) - after.dot(after)) / 2)
 
     def step(self, u: Sequence[float] | Array) -> None:
         """Advances by dt under a constant input.
@@ -172,23 +173,23 @@ class Simulator:
         Raises:
             StepError: wrong length, or not finite; the state is as it was.
         """
+        form = self._form
         u = np.asarray(u, dtype=float)
-        if u.shape != self._shape:
+        try:
+            twice = form.advance(u)
+        except ValueError:
             raise StepError(
                 f"step {self.steps}: input of contact mode {self._contact!r}: allowed are {self.inputs} numbers in N, "
                 f"given: an array of shape {u.shape}"
-            )
-        form = self._form
-        twice = form.advance(u)
-        if not math.isfinite(twice):
+            ) from None
+        high = not twice <= self._alert  # or not a number
+        if high and not math.isfinite(twice):
             form.undo()
             raise StepError(
                 f"step {self.steps}: input {u.tolist()} leads out of the finite numbers; the state was left as it was"
             )
-        if self.ledger is not None:
-            self.ledger.book(*form.work(u))
         self.steps += 1
-        if twice > self._watch.alert:
+        if high:
             self._watch.look(form.state[: len(self._ω)], self.time)
 
     def march(
@@ -293,10 +294,10 @@ class Simulator:
                 if not math.isfinite(state.dot(state)):
                     raise StepError(f"steps from {self.steps} on: the inputs lead out of the finite numbers")
                 if self.ledger is not None:
-                    self.ledger.book(*work)
+                    self.ledger.book(supplied=work[0], dissipated=work[1])
                 twice = np.einsum("bs,bs->b", starts, starts)
                 highest = int(twice.argmax())
-                if twice[highest] > self._watch.alert:
+                if twice[highest] > self._alert:
                     e, later = starts[highest, : len(self._ω)], highest * block.length * self._dt
                     self._watch.look(e, self.time + later)
                 self.steps += steps
@@ -306,19 +307,21 @@ class Simulator:
 
     def reset(self) -> None:
         """Back to rest in the first contact mode, at time 0, with an empty account; dt stays."""
+        self._settle()
         self.steps, self._since = 0, (0.0, 0)
         self._watch.begin(Excursion())
         if self.ledger is not None:
-            self.ledger.become(Ledger())
+            self.ledger.sums = Ledger().sums
         self._enter(next(iter(self.rom.modes)))
         self._form.state[:] = 0
 
     def save(self) -> Snapshot:
         """The state of everything, to come back to."""
+        self._form.rewind()
         state = self._form.state.copy()
         state.flags.writeable = False
-        ledger = None if self.ledger is None else replace(self.ledger)
-        return Snapshot(self._contact, self._dt, self.steps, self._since, state, ledger, self.excursion)
+        sums = None if self.ledger is None else self.ledger.sums
+        return Snapshot(self._contact, self._dt, self.steps, self._since, state, sums, self.excursion)
 
     def restore(self, snapshot: Snapshot) -> None:
         """Goes back to a saved state, of this simulator or of another one of the same ROM.
@@ -329,14 +332,15 @@ class Simulator:
         mode = self.rom.modes.get(snapshot.contact)
         if mode is None or 2 * mode.order != len(snapshot.state):
             raise StepError(f"the snapshot is of another ROM than {self.rom.name!r}")
-        if (snapshot.ledger is None) != (self.ledger is None):
+        if (snapshot.sums is None) != (self.ledger is None):
             raise StepError("the snapshot and the simulator must both keep an energy account, or neither")
+        self._settle()
         self._dt, self.steps, self._since = snapshot.dt, snapshot.steps, snapshot.since
         self._watch.begin(snapshot.excursion)
         self._enter(snapshot.contact)
         self._form.state[:] = snapshot.state
-        if self.ledger is not None and snapshot.ledger is not None:
-            self.ledger.become(snapshot.ledger)
+        if self.ledger is not None and snapshot.sums is not None:
+            self.ledger.sums = snapshot.sums
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _revived, (self.rom, self.save())
@@ -347,14 +351,19 @@ class Simulator:
     def __deepcopy__(self, memo: object) -> "Simulator":
         return _revived(self.rom, self.save())
 
+    def _settle(self) -> None:
+        """Books what the steps so far supplied and dissipated; no other contact mode than the active one owes any."""
+        self._form.settle()
+
     def _enter(self, contact: str) -> None:
         mode = self.rom.modes[contact]
         if contact not in self._forms:
-            self._forms[contact] = fastest(mode)
+            self._forms[contact] = fastest(mode, self.ledger)
         self._contact, self._form = contact, self._forms[contact]
+        self._form.rewind()
         if self._form.h != self._dt:
             self._form.retime(self._dt)
-        self._watch.enter(contact)
+        self._alert = self._watch.enter(contact)
         self._shape, self._ω = mode.inputs.shape[1:], np.sqrt(mode.eigenvalues)
 
     @property
@@ -380,6 +389,6 @@ class Simulator:
 
 
 def _revived(rom: Rom, snapshot: Snapshot) -> Simulator:
-    simulator = Simulator(rom, snapshot.dt, ledger=snapshot.ledger is not None)
+    simulator = Simulator(rom, snapshot.dt, ledger=snapshot.sums is not None)
     simulator.restore(snapshot)
     return simulator

@@ -1,6 +1,6 @@
 """Saying when a reduced run leaves what a linear model can follow."""
 
-import math
+import sys
 import warnings
 
 import numpy as np
@@ -22,14 +22,12 @@ class Watch:
         rom: the reduced model; without a mesh there is nothing to look at.
 
     Attributes:
-        alert: twice the stored energy, J, up to which there is no need to look in the present contact mode.
         seen: how far the surface went, of all looks.
     """
 
     def __init__(self, rom: Rom):
         self._rom, self._gauges = rom, dict[str, ModeGauge]()
         self._rows = basis_rows(rom)
-        self.alert = math.inf
         self.begin(Excursion())
 
     def begin(self, seen: Excursion) -> None:
@@ -38,18 +36,18 @@ class Watch:
         self._margin, self._last = 0.0, np.empty(0)
         self._since = max(PATIENCE.values())
 
-    def enter(self, contact: str) -> None:
-        """Watches a contact mode."""
+    def enter(self, contact: str) -> float:
+        """Watches a contact mode; returns twice the stored energy, J, up to which there is no need to look."""
         if contact not in self._gauges:
             mode = self._rom.modes[contact]
             self._gauges[contact] = ModeGauge(self._rows @ mode.coordinates, mode.eigenvalues)
         self._ω = np.sqrt(self._rom.modes[contact].eigenvalues)
         self._margin = 0.0  # what was safe in another mode's coordinates says nothing here
         self._gauge = self._gauges[contact]
-        self.alert = 2 * self._gauge.safe_energy
+        return min(2 * self._gauge.safe_energy, sys.float_info.max)  # infinite is never safe
 
     def look(self, e: Array, time: float) -> None:
-        """Looks at the state e = ω q (m,) of an energy above `alert`, unless the last look says that it is safe.
+        """Looks at the state e = ω q (m,) of an energy that is not safe in itself, unless the last look says it is.
 
         Warns of the first one beyond the limits.
         """

@@ -7,6 +7,7 @@ import pytest
 from scipy.linalg import expm
 
 import fenics_rom as fr
+from fenics_rom.ledger import Ledger
 from fenics_rom.rom import Mode
 from fenics_rom.runtime.forms import LARGEST_PRODUCT, OneProduct, VelocityFirst, fastest
 
@@ -30,10 +31,15 @@ def dense(mode):
 
 
 def started(form, mode, h, q, r):
-    stepper = form(mode)
+    stepper = form(mode, Ledger())
     stepper.retime(h)
     stepper.state[:] = np.concatenate([np.sqrt(mode.eigenvalues) * q, r])
     return stepper
+
+
+def booked(stepper):
+    stepper.settle()
+    return stepper._ledger
 
 
 def displacement_and_velocity(stepper, mode):
@@ -77,9 +83,9 @@ def test_step_solves_the_equation_of_the_paper(mode, form):
         scale = np.abs(r).max() / h + np.abs(mode.eigenvalues * q).max()
         assert np.abs(residual).max() <= 1e-13 * scale
         assert np.abs(after_q - q - h * v).max() <= 1e-14 * (np.abs(q).max() + h * np.abs(r).max())
-        supplied, dissipated = stepper.work(u)
-        assert supplied == pytest.approx(h * force @ v, rel=1e-9)
-        assert dissipated == pytest.approx(h * v @ dense(mode) @ v, rel=1e-9)
+        ledger = booked(stepper)
+        assert ledger.supplied == pytest.approx(h * force @ v, rel=1e-9)
+        assert ledger.dissipated == pytest.approx(h * v @ dense(mode) @ v, rel=1e-9)
         stepper.undo()
         np.testing.assert_allclose(displacement_and_velocity(stepper, mode), [q, r], rtol=1e-15)
 
@@ -113,14 +119,16 @@ def test_every_form_gives_the_same_numbers(m, damping):
         other.advance(u)
         largest = max(largest, np.linalg.norm(one.state))
         assert np.linalg.norm(one.state - other.state) <= 1e-12 * largest
-        np.testing.assert_allclose(one.work(u), other.work(u), rtol=1e-9, atol=1e-12 * largest**2)
+        if step % 7 == 0:  # in between, works wait to be booked
+            sums, others = (np.array(booked(form).sums)[:2, 0] for form in (one, other))
+            np.testing.assert_allclose(sums, others, rtol=1e-9, atol=1e-12 * largest**2)
 
 
 def test_the_form_is_chosen_by_order_and_damping():
     def form(m, dimensions):
         shape = (m,) * dimensions
         damping = np.ones(m) if len(shape) == 1 else np.eye(m)
-        return type(fastest(Mode(np.ones(m), damping, np.ones((m, 1)), np.eye(m), np.eye(m), np.ones(m))))
+        return type(fastest(Mode(np.ones(m), damping, np.ones((m, 1)), np.eye(m), np.eye(m), np.ones(m)), None))
 
     for dimensions, largest in LARGEST_PRODUCT.items():
         assert form(largest, dimensions) is OneProduct

@@ -34,7 +34,7 @@ def test_motion_is_that_of_plain_stepping_bit_for_bit(plate_rom, body):
     assert run.steps == 50
     assert body.time == plain.time == pytest.approx(run.simulated)
     assert body.energy == plain.energy
-    assert vars(body.ledger) == vars(plain.ledger)
+    assert body.ledger.sums == plain.ledger.sums
     np.testing.assert_array_equal(body.displacement(), plain.displacement())
 
 
