@@ -37,6 +37,7 @@ from environment import FORCE, LENGTH, REACH, SKIP, STEP, PlateReach
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning
+from fenics_rom.report import markdown
 
 HERE = Path(__file__).parent
 OUT = HERE / "out"
@@ -229,17 +230,6 @@ def spread(p: Play, place: int) -> list[int]:
     here = np.flatnonzero(p.place == place)
     ranked = here[p.observations[0, here, 2].argsort()]
     return [int(ranked[len(ranked) * share // 8]) for share in (1, 3, 7)]
-
-
-def markdown(heading: tuple[str, ...], rows: list[tuple[object, ...]]) -> str:
-    """A Markdown table, aligned to be read as it is."""
-    cells = [[str(cell) for cell in row] for row in [heading, *rows]]
-    widths = [max(len(row[k]) for row in cells) for k in range(len(heading))]
-    lines = [
-        "| " + " | ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) + " |" for row in cells
-    ]
-    lines.insert(1, "|" + "|".join("-" * (width + 2) for width in widths) + "|")
-    return "\n".join(lines) + "\n"
 
 
 def check(plays: dict[str, Play]) -> None:

@@ -31,6 +31,7 @@ import numpy as np
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning, StepError
 from fenics_rom.plots import draw_body, draw_energy_over_work, draw_force
+from fenics_rom.report import markdown
 
 HERE = Path(__file__).parent
 OUT = HERE / "out"
@@ -165,17 +166,6 @@ def table_1(system: fr.System, rides: list[Ride]) -> None:
     (OUT / "table_1.md").write_text(table)
     print("Table I, number of states; the most energy stored when the contact changes at every step\n")
     print(table)
-
-
-def markdown(heading: tuple[str, ...], rows: list[tuple[object, ...]]) -> str:
-    """A Markdown table, aligned to be read as it is."""
-    cells = [[str(cell) for cell in row] for row in [heading, *rows]]
-    widths = [max(len(row[k]) for row in cells) for k in range(len(heading))]
-    lines = [
-        "| " + " | ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) + " |" for row in cells
-    ]
-    lines.insert(1, "|" + "|".join("-" * (width + 2) for width in widths) + "|")
-    return "\n".join(lines) + "\n"
 
 
 def picture_of_energy(rides: list[Ride]) -> None:

@@ -29,12 +29,13 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from cylinder import PAPER, markdown, mesh, places, scene
+from cylinder import PAPER, mesh, places, scene
 from scipy.sparse import csr_matrix
 from scipy.sparse.linalg import splu
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning
+from fenics_rom.report import markdown
 
 HERE = Path(__file__).parent
 OUT = HERE / "out"

@@ -69,14 +69,3 @@ def scene(file: Path, contacts: Mapping[str, list[float]]) -> Scene:
     for name, (x, y, z) in contacts.items():
         text += CONTACT.format(name=name, x=x, y=y, z=z)
     return parse_scene(text, folder=file.parent, source="cylinder")
-
-
-def markdown(heading: tuple[str, ...], rows: list[tuple[object, ...]]) -> str:
-    """A Markdown table, aligned to be read as it is."""
-    cells = [[str(cell) for cell in row] for row in [heading, *rows]]
-    widths = [max(len(row[k]) for row in cells) for k in range(len(heading))]
-    lines = [
-        "| " + " | ".join(cell.ljust(width) for cell, width in zip(row, widths, strict=True)) + " |" for row in cells
-    ]
-    lines.insert(1, "|" + "|".join("-" * (width + 2) for width in widths) + "|")
-    return "\n".join(lines) + "\n"

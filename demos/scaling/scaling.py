@@ -32,7 +32,9 @@ mpl.use("Agg")
 
 import matplotlib.pyplot as plt
 import numpy as np
-from cylinder import PAPER, markdown, mesh
+from cylinder import PAPER, mesh
+
+from fenics_rom.report import markdown
 
 HERE = Path(__file__).parent
 OUT = HERE / "out"
