@@ -61,6 +61,6 @@ def test_plate_demo_keeps_its_claims_and_the_readmes_table():
 
 def test_pictures_are_there():
     pictures = re.findall(r"!\[.*?\]\((.*?)\)", README)
-    assert len(pictures) == 2
+    assert len(pictures) == 3
     for picture in pictures:
         assert (ROOT / picture).stat().st_size > 10_000
