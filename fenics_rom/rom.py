@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
+from functools import cached_property
 
 import numpy as np
 
@@ -46,6 +47,14 @@ class Mode:
     def order(self) -> int:
         """Number m of reduced displacements."""
         return len(self.eigenvalues)
+
+    @cached_property
+    def damping_root(self) -> Array:
+        """R with RᵀR = D, (m,) where the damping is diagonal, else (m, m): |R v|² is dissipated, and never negative."""
+        if self.damping.ndim == 1:
+            return np.sqrt(np.maximum(self.damping, 0.0))
+        λ, U = np.linalg.eigh(self.damping)
+        return np.sqrt(np.maximum(λ, 0.0))[:, None] * U.T
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from petsc4py import PETSc
 import fenics_rom as fr
 from fenics_rom.fem.petsc_matrix import combination
 from fenics_rom.rom import Mode, Rom, check_rom, diagonalized_span
-from fenics_rom.runtime.midpoint import transition
+from fenics_rom.runtime.midpoint import matrices
 from fenics_rom.scene_file import parse_scene
 
 Array = np.ndarray
@@ -77,7 +77,7 @@ class OneProductBare:
     """Nothing but one product of the (2m, 2m + p) matrix of a step, into an array that is there."""
 
     def __init__(self, mode: Mode):
-        self._map = transition(mode, STEP)
+        self._map = matrices(mode, STEP)[0]
         self._given, self.state = np.zeros(self._map.shape[1]), np.zeros(len(self._map))
 
     def run(self, inputs: Sequence[Array]) -> None:
@@ -97,7 +97,7 @@ class FourCallsBare:
     """The step where damping is diagonal, written out: a real 2 x 2 map for each eigenvalue, and the push."""
 
     def __init__(self, mode: Mode):
-        m, after = mode.order, transition(mode, STEP)
+        m, after = mode.order, matrices(mode, STEP)[0]
         parts = after[:, : 2 * m].reshape(2, m, 2, m)
         self._maps = np.ascontiguousarray(np.einsum("akbk->bak", parts))  # from e and r, to e and r
         self._push, self._pushed = after[:, 2 * m :].copy(), np.empty(2 * m)

@@ -10,14 +10,13 @@ allocate nothing while they step. What the energy account needs of some steps st
 them at once: so it costs a tenth of what it would cost step by step.
 """
 
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from fenics_rom.ledger import Ledger
 from fenics_rom.rom import Mode
-from fenics_rom.runtime.midpoint import account, compliance, damping_root, transition
+from fenics_rom.runtime.midpoint import compliance, matrices
 
 Array = np.ndarray
 
@@ -92,8 +91,8 @@ class OneProduct(_Form):
         """Makes the coefficients for another time step, s."""
         self.settle()
         # The method: np.dot first looks for overrides, which takes as long as the product.
-        self._step = transition(self._mode, h).dot
-        self._account: Any = None if self._ledger is None else account(self._mode, h).T
+        step, account = matrices(self._mode, h)
+        self._step, self._account = step.dot, account.T
         self.h = h
 
     def advance(self, u: Array) -> float:
@@ -138,7 +137,6 @@ class VelocityFirst(_Form):
         self._inputs, self._velocities, self._rights = (np.zeros((PAGES, size)) for size in (p, m, m))  # u, 2 v̂
         self._slots: list[Any] = [row.data for row in self._inputs]
         self._v, self._right = list(self._velocities), list(self._rights)
-        self._R = damping_root(mode)
 
     def retime(self, h: float) -> None:
         """Makes the coefficients for another time step, s."""
@@ -166,8 +164,6 @@ class VelocityFirst(_Form):
         _, next_e, next_r = self._halves[page + 1]
         self._page = page + 1
         self._push(u, right)
-        if not math.isfinite(u.dot(u)):  # in ufuncs, unlike in products, what is not finite would warn
-            return math.nan
         np.multiply(self._kept, both, self._terms)
         np.add(right, self._elastic, right)
         np.add(right, self._inertial, right)
@@ -181,7 +177,7 @@ class VelocityFirst(_Form):
 
     def _work(self, pages: slice) -> tuple[float, float]:
         v = self._velocities[pages]
-        drawn = self._R * v if self._drain is None else self._rights[pages] @ self._drain
+        drawn = self._mode.damping_root * v if self._drain is None else self._rights[pages] @ self._drain
         supplied = _inner(v @ self._mode.inputs, self._inputs[pages])
         return self.h / 2 * supplied, self.h / 4 * _inner(drawn)
 

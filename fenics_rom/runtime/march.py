@@ -18,7 +18,7 @@ import numpy as np
 
 from fenics_rom.errors import StepError
 from fenics_rom.rom import Mode
-from fenics_rom.runtime.midpoint import account, transition
+from fenics_rom.runtime.midpoint import matrices
 
 Array = np.ndarray
 
@@ -53,13 +53,13 @@ def one_step(mode: Mode, h: float, rows: Array, ledger: bool) -> Block:
         rows: (R, m) of the outputs that are read after it, acting on e.
         ledger: whether the account is kept.
     """
-    after = transition(mode, h)
+    after, account = matrices(mode, h)
     block = Block(1, after, rows @ after[: mode.order])
     if not ledger:
         return block
-    rows, m = account(mode, h), mode.order
-    heat, work = rows[:m], np.zeros((after.shape[1], after.shape[1]))
-    work[2 * m :] = rows[m:]
+    m = mode.order
+    heat, work = account[:m], np.zeros((after.shape[1], after.shape[1]))
+    work[2 * m :] = account[m:]
     return Block(1, block.state, block.outputs, work, heat.T @ heat)
 
 

@@ -30,53 +30,33 @@ def checked_dt(dt: float) -> float:
     return float(dt)
 
 
-def damping_root(mode: Mode) -> Array:
-    """R with RᵀR = D, (m,) where the damping is diagonal, else (m, m): |R v|² is dissipated, and never negative."""
-    D = mode.damping
-    if D.ndim == 1:
-        return np.sqrt(np.maximum(D, 0.0))
-    λ, U = np.linalg.eigh(D)
-    return np.sqrt(np.maximum(λ, 0.0))[:, None] * U.T
-
-
 def compliance(mode: Mode, h: float) -> tuple[Array, Array]:
-    """A⁻¹ and R A⁻¹: (m,) each where the damping is diagonal, else (m, m). h in s.
+    """A⁻¹ and, but for a rotation, R A⁻¹: (m,) each where the damping is diagonal, else (m, m). h in s.
 
     With S = 2/h + h/2 γ and the singular values P σ Uᵀ of R S^(-1/2), A⁻¹ = S^(-1/2) U (1 + σ²)⁻¹ Uᵀ S^(-1/2), which
-    is symmetric and positive in round-off too, and R A⁻¹ = P σ (1 + σ²)⁻¹ Uᵀ S^(-1/2): as a product of the two, what a
+    is symmetric and positive in round-off too, and Pᵀ R A⁻¹ = σ (1 + σ²)⁻¹ Uᵀ S^(-1/2): as a product of the two, what a
     strong dashpot dissipates would be lost to cancellation.
     """
-    R, S = damping_root(mode), 2 / h + h / 2 * mode.eigenvalues
+    R, S = mode.damping_root, 2 / h + h / 2 * mode.eigenvalues
     if R.ndim == 1:
         a = 1 / (S + mode.damping)
         return a, R * a
-    P, σ, Uᵀ = np.linalg.svd(R / np.sqrt(S))
+    _, σ, Uᵀ = np.linalg.svd(R / np.sqrt(S))
     Uᵀ /= np.sqrt(S)
     root = Uᵀ / np.sqrt(1 + σ[:, None] ** 2)
-    return root.T @ root, P @ (Uᵀ * (σ / (1 + σ**2))[:, None])
+    return root.T @ root, Uᵀ * (σ / (1 + σ**2))[:, None]
 
 
-def _right_hand_side(mode: Mode, h: float) -> Array:
-    """The rows of G u + 2/h r - ω e, (m, 2m + p), acting on [e, r, u]."""
-    return np.hstack([-np.diag(np.sqrt(mode.eigenvalues)), 2 / h * np.eye(mode.order), mode.inputs])
+def matrices(mode: Mode, h: float) -> tuple[Array, Array]:
+    """The step and its account, acting on [e, r, u].
 
-
-def _times(rows: Array, a: Array) -> Array:
-    return a[:, None] * rows if a.ndim == 1 else a @ rows
-
-
-def transition(mode: Mode, h: float) -> Array:
-    """[Φ Ψ], (2m, 2m + p): a step takes [e, r, u] to [e⁺, r⁺]."""
-    v, m = _times(_right_hand_side(mode, h), compliance(mode, h)[0]), mode.order
-    after = np.vstack([h * np.sqrt(mode.eigenvalues)[:, None] * v, 2 * v])
-    after[:, : 2 * m] += np.diag(np.repeat([1.0, -1.0], m))
-    return after
-
-
-def account(mode: Mode, h: float) -> Array:
-    """Rows of √h R v̂ and of h Gᵀ v̂, (m + p, 2m + p), acting on [e, r, u].
-
-    The squared length of the former is dissipated in a step; u times the latter is supplied, J.
+    Returns:
+        [Φ Ψ] (2m, 2m + p), which gives [e⁺, r⁺], and (m + p, 2m + p) rows: the first m give what has the squared length
+        of what is dissipated, the others h Gᵀ v̂, of which u times is supplied, J.
     """
-    right, (a, Ra) = _right_hand_side(mode, h), compliance(mode, h)
-    return np.vstack([np.sqrt(h) * _times(right, Ra), h * mode.inputs.T @ _times(right, a)])
+    ω, m = np.sqrt(mode.eigenvalues), mode.order
+    right = np.hstack([-np.diag(ω), 2 / h * np.eye(m), mode.inputs])
+    v, heat = (part[:, None] * right if part.ndim == 1 else part @ right for part in compliance(mode, h))
+    after = np.vstack([h * ω[:, None] * v, 2 * v])
+    after[:, : 2 * m] += np.diag(np.repeat([1.0, -1.0], m))
+    return after, np.vstack([np.sqrt(h) * heat, h * mode.inputs.T @ v])

@@ -1,9 +1,11 @@
 """The reduced run of a load history."""
 
 import time
+import warnings
 from collections.abc import Callable
+from itertools import islice
 
-from fenics_rom.errors import SceneError
+from fenics_rom.errors import FenicsRomWarning, SceneError
 from fenics_rom.linear_limit import summary
 from fenics_rom.load_history import LoadHistory
 from fenics_rom.record import Record, Recorder
@@ -49,20 +51,37 @@ def simulate(
         recorder.sample(step, simulator.contact, simulator.energy, simulator.ledger, simulator.displacement)
 
     sample(0)
-    seconds = 0.0
     for step, (contact, u) in enumerate(history, start=1):
-        start = time.perf_counter()
         simulator.switch(contact)
         simulator.step(u)
-        seconds += time.perf_counter() - start
         sample(step)
         report("steps", step, history.steps)
     return recorder.record(
         name=rom.name,
         model="reduced",
-        settings={"dt": history.dt, "seconds": seconds, "order": max(mode.order for mode in rom.modes.values())},
+        settings={
+            "dt": history.dt,
+            "seconds": _seconds(rom, history),
+            "order": max(mode.order for mode in rom.modes.values()),
+        },
         nodes=rom.nodes,
         triangles=rom.triangles,
         node_mass=rom.node_mass,
         warnings=(*rom.warnings, *filter(None, [summary(simulator.excursion)])),
     )
+
+
+def _seconds(rom: Rom, history: LoadHistory) -> float:
+    """Wall clock of the steps alone, s, with the account kept; in a second run, as reading it after each costs more."""
+    simulator, seconds, inputs = Simulator(rom, history.dt), 0.0, iter(history)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FenicsRomWarning)  # it was said
+        while some := list(islice(inputs, 1000)):
+            start = time.perf_counter()
+            for contact, u in some:
+                simulator.switch(contact)
+                simulator.step(u)
+            assert simulator.ledger is not None
+            simulator.ledger.supplied  # noqa: B018, it is booked by this
+            seconds += time.perf_counter() - start
+    return seconds

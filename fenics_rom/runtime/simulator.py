@@ -307,11 +307,10 @@ class Simulator:
 
     def reset(self) -> None:
         """Back to rest in the first contact mode, at time 0, with an empty account; dt stays."""
-        self._settle()
-        self.steps, self._since = 0, (0.0, 0)
-        self._watch.begin(Excursion())
         if self.ledger is not None:
             self.ledger.sums = Ledger().sums
+        self.steps, self._since = 0, (0.0, 0)
+        self._watch.begin(Excursion())
         self._enter(next(iter(self.rom.modes)))
         self._form.state[:] = 0
 
@@ -334,13 +333,12 @@ class Simulator:
             raise StepError(f"the snapshot is of another ROM than {self.rom.name!r}")
         if (snapshot.sums is None) != (self.ledger is None):
             raise StepError("the snapshot and the simulator must both keep an energy account, or neither")
-        self._settle()
+        if self.ledger is not None and snapshot.sums is not None:
+            self.ledger.sums = snapshot.sums
         self._dt, self.steps, self._since = snapshot.dt, snapshot.steps, snapshot.since
         self._watch.begin(snapshot.excursion)
         self._enter(snapshot.contact)
         self._form.state[:] = snapshot.state
-        if self.ledger is not None and snapshot.sums is not None:
-            self.ledger.sums = snapshot.sums
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _revived, (self.rom, self.save())
