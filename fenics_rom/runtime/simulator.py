@@ -174,13 +174,14 @@ class Simulator:
             StepError: wrong length, or not finite; the state is as it was.
         """
         form = self._form
-        u = np.asarray(u, dtype=float)
         try:
+            u = np.asarray(u, dtype=float)
             twice = form.advance(u)
-        except ValueError:
+        except (TypeError, ValueError):
+            given = f"an array of shape {u.shape}" if isinstance(u, np.ndarray) else repr(u)[:80]
             raise StepError(
                 f"step {self.steps}: input of contact mode {self._contact!r}: allowed are {self.inputs} numbers in N, "
-                f"given: an array of shape {u.shape}"
+                f"given: {given}"
             ) from None
         high = not twice <= self._alert  # or not a number
         if high and not math.isfinite(twice):

@@ -58,7 +58,20 @@ def test_velocity_is_the_rate_of_displacement(plate_rom):
 
 
 @pytest.mark.parametrize(
-    "u", [[0.0, 0.0], [0.0] * 4, [[0.0, 0.0, 1.0]], [0.0, np.nan, 0.0], [np.inf, 0.0, 0.0], [1e308, 1e308, 1e308]]
+    "u",
+    [
+        "abc",
+        [0, "a", 0],
+        [0, 0, 1j],
+        [[0], [1, 2], 3],
+        None,
+        [0.0, 0.0],
+        [0.0] * 4,
+        [[0.0, 0.0, 1.0]],
+        [0.0, np.nan, 0.0],
+        [np.inf, 0.0, 0.0],
+        [1e308, 1e308, 1e308],
+    ],
 )
 def test_bad_input_leaves_the_state_as_it_was(plate_rom, u):
     simulator = pushed(plate_rom)
