@@ -16,6 +16,7 @@ class Ledger:
     def __init__(self, settle: Callable[[], None] = lambda: None):
         self._settle = settle
         self._supplied = self._dissipated = self._lost = (0.0, 0.0)
+        self._obstacles = self._contact = self._friction = (0.0, 0.0)
 
     @property
     def supplied(self) -> float:
@@ -34,6 +35,31 @@ class Ledger:
         """Taken out of the state by projections; negative only for oblique switching."""
         return self._lost[0]
 
+    @property
+    def obstacles(self) -> float:
+        """Of what was supplied: the work of moving obstacles."""
+        self._settle()
+        return self._obstacles[0]
+
+    @property
+    def contact(self) -> float:
+        """Of what was dissipated: in impacts, never negative; with the penalty method less what its springs hold."""
+        self._settle()
+        return self._contact[0]
+
+    @property
+    def friction(self) -> float:
+        """Of what was dissipated: by sliding, never negative."""
+        self._settle()
+        return self._friction[0]
+
+    def book_contact(self, obstacles: float, contact: float, friction: float) -> None:
+        """Adds what obstacles supplied and what contact and friction dissipated, J, to their sums and to the whole."""
+        self.book(supplied=obstacles, dissipated=contact + friction)
+        self._obstacles = _added(self._obstacles, obstacles)
+        self._contact = _added(self._contact, contact)
+        self._friction = _added(self._friction, friction)
+
     def book(self, *, supplied: float = 0.0, dissipated: float = 0.0, lost_in_switching: float = 0.0) -> None:
         """Adds to the sums, J."""
         self._supplied = _added(self._supplied, supplied)
@@ -44,12 +70,12 @@ class Ledger:
     def sums(self) -> tuple[tuple[float, float], ...]:
         """Each sum, J, and what it was rounded by: all that there is to save."""
         self._settle()
-        return self._supplied, self._dissipated, self._lost
+        return self._supplied, self._dissipated, self._lost, self._obstacles, self._contact, self._friction
 
     @sums.setter
     def sums(self, sums: tuple[tuple[float, float], ...]) -> None:
         self._settle()  # what is not yet booked belongs to the old ones
-        self._supplied, self._dissipated, self._lost = sums
+        self._supplied, self._dissipated, self._lost, self._obstacles, self._contact, self._friction = sums
 
     def __repr__(self) -> str:
         return (

@@ -20,6 +20,11 @@ class LoadHistory:
         actuator_columns: number of columns of each actuator, in the order of the input.
         dt: time step instead of the scene's, s.
 
+    Attributes:
+        dt: time step, s.
+        steps: number of steps.
+        automatic: whether the contact mode follows the obstacles; inputs are then the actuators' alone.
+
     Raises:
         SceneError: no run in the scene, a force that does not fit the columns, or one that no step would see.
     """
@@ -41,6 +46,7 @@ class LoadHistory:
         if steps > MOST_STEPS:
             raise SceneError(f"dt = {self.dt:g}: a run of {steps:.3g} steps; allowed are at most {MOST_STEPS:,}")
         self.steps = round(steps)
+        self.automatic = scene.effects.get("contact", {}).get("switching") == "automatic"
         self._loads = run.loads
         self._tables = scene.tables
         self._contact_columns = dict(contact_columns)
@@ -95,7 +101,7 @@ class LoadHistory:
             time = self._middle(step)
             active = [load for load in self._loads if load.start <= time < load.stop]
             contact = next((load.contact for load in active if load.contact is not None), contact)
-            columns = self._contact_columns[contact]
+            columns = 0 if self.automatic else self._contact_columns[contact]
             u = np.zeros(columns + self._actuator_total)
             for load in active:
                 if load.contact is not None:

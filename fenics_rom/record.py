@@ -1,13 +1,15 @@
 """A run: what is kept of it, the same for full and reduced models."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
 from fenics_rom.ledger import Ledger
 
 Array = np.ndarray
+
+CONTACT_ACCOUNT = ("obstacles", "contact", "friction")
 
 
 @dataclass(frozen=True)
@@ -30,6 +32,11 @@ class Record:
         triangles: (F, 3).
         node_mass: (N,), kg.
         warnings: what the user should know about this run.
+        effects: names of those that acted.
+        forces: of each obstacle on the body, (steps + 1, 3), N.
+        contact_account: where the scene has contact, running sums (steps + 1,), J: what "obstacles" supplied, and what
+            "contact" and "friction" dissipated; they are parts of `supplied` and `dissipated`.
+        profile: seconds per step of each part of a reduced run, where they were measured.
     """
 
     name: str
@@ -49,6 +56,10 @@ class Record:
     triangles: Array
     node_mass: Array
     warnings: tuple[str, ...] = ()
+    effects: tuple[str, ...] = ()
+    forces: Mapping[str, Array] = field(default_factory=dict)
+    contact_account: Mapping[str, Array] = field(default_factory=dict)
+    profile: Mapping[str, float] = field(default_factory=dict)
 
     @property
     def balance_error(self) -> float:
@@ -73,16 +84,26 @@ class Recorder:
         contacts: names of the contact modes.
         nodes: number N of nodes.
         shapes: how many whole shapes to keep, evenly spread, the last step among them.
+        obstacles: names of the obstacles; of none nothing is kept of contact.
     """
 
     def __init__(
-        self, steps: int, dt: float, outputs: Mapping[str, int], contacts: tuple[str, ...], nodes: int, shapes: int
+        self,
+        steps: int,
+        dt: float,
+        outputs: Mapping[str, int],
+        contacts: tuple[str, ...],
+        nodes: int,
+        shapes: int,
+        obstacles: tuple[str, ...] = (),
     ):
         self._contacts = contacts
         self._times = dt * np.arange(steps + 1)
         self._contact = np.zeros(steps + 1, dtype=np.int64)
         self._account = np.zeros((4, steps + 1))
         self._outputs = {name: np.zeros((steps + 1, points, 3)) for name, points in outputs.items()}
+        self._forces = {name: np.zeros((steps + 1, 3)) for name in obstacles}
+        self._contact_account = {name: np.zeros(steps + 1) for name in (CONTACT_ACCOUNT if obstacles else ())}
         self._shape_steps = np.unique(np.round(np.linspace(0, steps, min(shapes, steps) + 1)).astype(int))[1:]
         self._shapes = np.zeros((len(self._shape_steps), nodes, 3))
 
@@ -93,6 +114,7 @@ class Recorder:
         energy: float,
         ledger: Ledger,
         displacement: Callable[[str | None], Array],
+        forces: Array | None,
     ) -> None:
         """Keeps what is to be kept of one instant.
 
@@ -102,11 +124,17 @@ class Recorder:
             energy: stored, J.
             ledger: the account so far.
             displacement: of a named output (points, 3), or with None of all nodes (N, 3), m.
+            forces: of the obstacles on the body (O, 3), N; None where nothing touches.
         """
         self._contact[step] = self._contacts.index(contact)
         self._account[:, step] = energy, ledger.supplied, ledger.dissipated, ledger.lost_in_switching
         for name, values in self._outputs.items():
             values[step] = displacement(name)
+        for name, sums in self._contact_account.items():
+            sums[step] = getattr(ledger, name)
+        if forces is not None:
+            for values, force in zip(self._forces.values(), forces, strict=True):
+                values[step] = force
         row = np.searchsorted(self._shape_steps, step)
         if row < len(self._shape_steps) and self._shape_steps[row] == step:
             self._shapes[row] = displacement(None)
@@ -121,6 +149,8 @@ class Recorder:
         triangles: Array,
         node_mass: Array,
         warnings: tuple[str, ...],
+        effects: tuple[str, ...],
+        profile: Mapping[str, float] | None = None,
     ) -> Record:
         """The finished run."""
         energy, supplied, dissipated, lost = self._account
@@ -142,4 +172,8 @@ class Recorder:
             triangles=triangles,
             node_mass=node_mass,
             warnings=warnings,
+            effects=effects,
+            forces=self._forces,
+            contact_account=self._contact_account,
+            profile=profile or {},
         )

@@ -1,8 +1,8 @@
 """The run file: one HDF5 file, the same for full and reduced runs.
 
-Format 1.0. The first 512 bytes are a user block with the SHA-256 of the rest (see checked_file).
+Format 1.2. The first 512 bytes are a user block with the SHA-256 of the rest (see checked_file).
 Root attributes (fixed-length UTF-8 text): format = "fenics-rom", format_version, content = "run",
-software, name, model ("full" or "reduced"), contacts (one a line), warnings (one a line). Every dataset has an
+software, name, model ("full" or "reduced"), contacts, warnings, effects (one a line each). Every dataset has an
 attribute `unit`. Sizes: S instants (steps + 1), s whole shapes, N nodes, F triangles, P points of an output.
 
     times (S,) s, contact (S,)       index of the active contact mode
@@ -11,6 +11,11 @@ attribute `unit`. Sizes: S instants (steps + 1), s whole shapes, N nodes, F tria
     nodes (N, 3) m, triangles (F, 3), node_mass (N,) kg
     outputs/NAME (S, P, 3) m
     settings/NAME (1,)               dt in s, seconds (wall clock of the stepping) in s, order
+    forces/NAME (S, 3) N             of each obstacle on the body; absent where there are none, with
+    contact_account/NAME (S,) J      running sums: obstacles (supplied), contact, friction (dissipated)
+    profile/NUMBER (1,) s            per step, of a part of the run that attribute `name` names; absent if not measured
+
+Files of format 1.0 and 1.1 name no effects, and have none of the last three.
 """
 
 from pathlib import Path
@@ -32,7 +37,7 @@ from fenics_rom.checked_file import (
     write_file,
 )
 from fenics_rom.errors import RomFileError
-from fenics_rom.record import Record
+from fenics_rom.record import CONTACT_ACCOUNT, Record
 
 RUN = {
     "times": Entry("s", ("S",)),
@@ -45,6 +50,9 @@ RUN = {
     "node_mass": Entry("kg", ("N",)),
 }
 SETTINGS = {"dt": Entry("s", (1,)), "seconds": Entry("s", (1,)), "order": Entry("1", (1,))}
+
+MAYBE = ("forces", "contact_account", "profile")
+FORCE, WORK, PER_STEP = Entry("N", ("S", 3)), Entry("J", ("S",)), Entry("s", (1,))
 
 
 def write_record(file: str | Path, record: Record) -> None:
@@ -66,13 +74,14 @@ def read_record(file: str | Path) -> Record:
 
 
 def _fill(h5: h5py.File, record: Record) -> None:
-    check_names([*record.contacts, *record.outputs])
+    check_names([*record.contacts, *record.outputs, *record.forces])
     put_text(
         h5,
         name=record.name,
         model=record.model,
         contacts="\n".join(record.contacts),
         warnings="\n".join(record.warnings),
+        effects="\n".join(record.effects),
     )
     sizes: Sizes = {}
     put_arrays(h5, RUN, sizes, {name: getattr(record, name) for name in RUN})
@@ -81,15 +90,28 @@ def _fill(h5: h5py.File, record: Record) -> None:
         put_arrays(outputs, {name: _output(name)}, sizes, {name: values})
     settings = h5.create_group("settings", track_order=True)
     put_arrays(settings, SETTINGS, sizes, {name: np.array([record.settings[name]]) for name in SETTINGS})
+    if record.forces:
+        forces = h5.create_group("forces", track_order=True)
+        put_arrays(forces, dict.fromkeys(record.forces, FORCE), sizes, record.forces)
+        account = h5.create_group("contact_account", track_order=True)
+        put_arrays(account, dict.fromkeys(CONTACT_ACCOUNT, WORK), sizes, record.contact_account)
+    if record.profile:
+        profile = h5.create_group("profile", track_order=True)
+        for number, (name, seconds) in enumerate(record.profile.items()):
+            put_arrays(profile, {str(number): PER_STEP}, sizes, {str(number): np.array([seconds])})
+            put_text(profile[str(number)], name=name)
     _check_fit(record)
 
 
 def _take(h5: h5py.File) -> Record:
     sizes: Sizes = {}
-    arrays: Any = get_arrays(h5, RUN, sizes, ("outputs", "settings"))
+    arrays: Any = get_arrays(h5, RUN, sizes, ("outputs", "settings", *MAYBE))
     outputs = get_group(h5, "outputs")
     named: Any = get_arrays(outputs, {name: _output(name) for name in outputs}, sizes)
     settings: Any = get_arrays(get_group(h5, "settings"), SETTINGS, sizes)
+    maybe = {name: get_group(h5, name) if name in h5 else {} for name in MAYBE}
+    forces: Any = get_arrays(maybe["forces"], dict.fromkeys(maybe["forces"], FORCE), sizes) if maybe["forces"] else {}
+    account: Any = get_arrays(maybe["contact_account"], dict.fromkeys(CONTACT_ACCOUNT, WORK), sizes) if forces else {}
     record = Record(
         name=get_text(h5, "name"),
         model=get_text(h5, "model"),
@@ -97,10 +119,21 @@ def _take(h5: h5py.File) -> Record:
         contacts=tuple(get_text(h5, "contacts").split("\n")),
         outputs=named,
         warnings=tuple(filter(None, get_text(h5, "warnings").split("\n"))),
+        effects=tuple(filter(None, get_text(h5, "effects").split("\n"))) if "effects" in h5.attrs else (),
+        forces=forces,
+        contact_account=account,
+        profile=_take_profile(maybe["profile"]),
         **arrays,
     )
     _check_fit(record)
     return record
+
+
+def _take_profile(group: Any) -> dict[str, float]:
+    if not group:
+        return {}
+    arrays: Any = get_arrays(group, {str(k): PER_STEP for k in range(len(group))}, {})
+    return {get_text(group[key], "name"): float(seconds[0]) for key, seconds in arrays.items()}
 
 
 def _check_fit(record: Record) -> None:

@@ -21,7 +21,8 @@ class Mode:
     Attributes:
         eigenvalues: γ (m,), ascending, 1/s².
         damping: W_iᵀDW_i, its diagonal (m,) where D is proportional, else (m, m), 1/s.
-        inputs: G = W_iᵀB_i (m, p); the contact's columns, then the actuators', kg^-1/2.
+        inputs: G = W_iᵀB_i (m, p); the contact's columns, then the actuators', then the loads', kg^-1/2 times N
+            per unit of the input.
         coordinates: C_i (k, m), orthonormal columns in the shared basis Q.
         directions: (m, m) orthonormal; its first k columns span the reduced model of order k.
         hankel_singular_values: σ (r,), descending, r >= m; what was left out included. Balanced modes have them.
@@ -30,6 +31,7 @@ class Mode:
         frequencies: (f,) at which the frequency response was compared with the full model's, rad/s.
         transfer_errors: (f,) |H(iω) - H_i(iω)| / max |H| in the mass norm, by full solves, to 10 %; the maximum is
             over them.
+        contact_points: (P,) nodes at which obstacles can touch it; none where the scene has no contact.
     """
 
     eigenvalues: Array
@@ -42,11 +44,17 @@ class Mode:
     static_error: float | None = None
     frequencies: Array = field(default_factory=lambda: np.empty(0))
     transfer_errors: Array = field(default_factory=lambda: np.empty(0))
+    contact_points: Array = field(default_factory=lambda: np.empty(0, dtype=int))
 
     @property
     def order(self) -> int:
         """Number m of reduced displacements."""
         return len(self.eigenvalues)
+
+    @cached_property
+    def divisors(self) -> Array:
+        """√γ (m,) to divide energy coordinates by, rad/s: infinite for rigid motions, of which these hold nothing."""
+        return divisors(self.eigenvalues)
 
     @cached_property
     def damping_root(self) -> Array:
@@ -73,13 +81,14 @@ class Rom:
         nodes: (N, 3), m.
         triangles: (F, 3) outward surface triangles.
         node_mass: (N,), kg.
-        effects: the effects of the scene with their parameters.
+        effects: the effects of the scene with those of their parameters that are numbers.
         scene_text: the scene file it was made from.
         tables: force tables of the scene.
         warnings: what the user should know about this model.
         weighting: of the shape in the Hankel singular values: "mass", "nodal" or "outputs".
         method: how the bases were found.
         stages: what the offline work spent its time on.
+        loads: number of input columns of each load that acts by a history of its own.
     """
 
     name: str
@@ -93,18 +102,19 @@ class Rom:
     nodes: Array
     triangles: Array
     node_mass: Array
-    effects: Mapping[str, Mapping[str, float]]
+    effects: Mapping[str, Mapping[str, float | tuple[float, ...]]]
     scene_text: str
     tables: Mapping[str, Array] = field(default_factory=dict)
     warnings: tuple[str, ...] = ()
     weighting: str = "mass"
     method: str = "balanced"
     stages: tuple[Stage, ...] = ()
+    loads: Mapping[str, int] = field(default_factory=dict)
 
     @property
     def contacts(self) -> dict[str, int]:
-        """Number of contact columns of each contact mode, actuators not counted."""
-        shared = sum(self.actuators.values())
+        """Number of contact columns of each contact mode, actuators and loads not counted."""
+        shared = sum(self.actuators.values()) + sum(self.loads.values())
         return {name: mode.inputs.shape[1] - shared for name, mode in self.modes.items()}
 
     def shape(self, coordinates: Array) -> Array:
@@ -130,6 +140,11 @@ class Rom:
             }
             for name, mode in self.modes.items()
         }
+
+
+def divisors(γ: Array) -> Array:
+    """√γ to divide by, infinite where γ = 0."""
+    return np.where(γ == 0, np.inf, np.sqrt(γ))
 
 
 def neglected(mode: Mode) -> float | None:
@@ -183,6 +198,7 @@ def _truncated_mode(κ: Array, mode: Mode, order: int) -> Mode:
         coordinates=C,
         directions=np.linalg.qr(within.T @ mode.directions[:, :order])[0],
         hankel_singular_values=mode.hankel_singular_values,
+        contact_points=mode.contact_points,
     )
 
 

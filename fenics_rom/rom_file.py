@@ -1,6 +1,6 @@
 """The ROM file: one HDF5 file with everything the runtime needs.
 
-Format 1.1. The first 512 bytes are a user block with the SHA-256 of the rest (see checked_file).
+Format 1.2. The first 512 bytes are a user block with the SHA-256 of the rest (see checked_file).
 Root attributes (fixed-length UTF-8 text): format = "fenics-rom", format_version, content = "rom", software, name,
 method, switching, weighting, scene (the scene file), warnings (one a line). Every dataset has an attribute `unit`.
 Sizes: n free displacement components, k shared basis vectors, N nodes, F triangles; for each contact mode m order,
@@ -12,13 +12,14 @@ p input columns, r Hankel singular values, f sampled frequencies; P points of an
     nodes (N, 3) m, triangles (F, 3), node_mass (N,) kg; empty where there is no mesh
     outputs/NAME (3P, k) kg^-1/2     C Q; any number of rows where there is no mesh
     actuators/NAME (1,)              number of input columns
-    effects/NAME/PARAMETER (1,)
-    tables/NUMBER (rows, columns)    force tables of the scene; attribute `file`
+    loads/NAME (1,)                  the same of loads with histories of their own; absent where there are none
+    effects/NAME/PARAMETER (1,)      or (3,); of those that are numbers, the others are in the scene
+    tables/NUMBER (rows, columns)    tables of the scene: forces, motions; attribute `file`
     offline/NUMBER (2,) s, B         wall-clock time and peak memory of a stage of the offline work; attribute `name`
     modes/NAME/                      in the order of the scene
         eigenvalues (m,) 1/s^2       γ
         damping (m,) or (m, m) 1/s
-        inputs (m, p) kg^-1/2        G = W_iᵀB_i; contact columns, then actuator columns
+        inputs (m, p) kg^-1/2        G = W_iᵀB_i; contact columns, then actuators', then loads'
         coordinates (k, m)           C_i, W_i = Q C_i
         directions (m, m)            first columns span the models of lower order
         hankel_singular_values (r,)  s^2/kg^1/2 under mass weighting, else s^2/kg; absent where there are none
@@ -26,7 +27,9 @@ p input columns, r Hankel singular values, f sampled frequencies; P points of an
         frequencies (f,) rad/s       ascending; may be absent, with
         transfer_errors (f,)         at these frequencies
         left_inverse (m, k)          only for switching = "oblique"
+        contact_points (P,)          nodes that obstacles can touch; absent where there are none
 
+Files of format 1.1 have neither loads nor contact points.
 Files of format 1.0, where every method is "balanced", have no attribute `method`, no group `offline`, and neither
 frequencies nor transfer_errors.
 """
@@ -73,10 +76,13 @@ MODE = {
     "frequencies": Entry("rad/s", ("f",), optional=True),
     "transfer_errors": Entry("1", ("f",), optional=True),
     "left_inverse": Entry("1", ("m", "k"), optional=True),
+    "contact_points": Entry("1", ("P",), "i", optional=True),
 }
-EMPTY_WHERE_ABSENT = ("hankel_singular_values", "frequencies", "transfer_errors")
+EMPTY_WHERE_ABSENT = ("hankel_singular_values", "frequencies", "transfer_errors", "contact_points")
 STAGE = Entry("s, B", (2,))
-GROUPS = ("outputs", "actuators", "effects", "tables", "modes", "offline")
+COUNT = Entry("1", (1,), "i")
+GROUPS = ("outputs", "actuators", "effects", "tables", "modes")
+MAYBE = ("offline", "loads")
 
 
 def write_rom(file: str | Path, rom: Rom) -> None:
@@ -99,21 +105,28 @@ def read_rom(file: str | Path) -> Rom:
 
 
 def _fill(h5: h5py.File, rom: Rom) -> None:
-    for names in (rom.outputs, rom.actuators, rom.modes):
+    for names in (rom.outputs, rom.actuators, rom.loads, rom.modes):
         check_names(names)
     put_text(h5, name=rom.name, method=rom.method, switching=rom.switching, weighting=rom.weighting)
     put_text(h5, scene=rom.scene_text, warnings="\n".join(rom.warnings))
     sizes: Sizes = {}
     put_arrays(h5, BODY, sizes, {name: getattr(rom, name) for name in BODY})
-    groups = {name: h5.create_group(name, track_order=True) for name in GROUPS}
+    there = (*GROUPS, "offline", *(["loads"] if rom.loads else []))
+    groups = {name: h5.create_group(name, track_order=True) for name in there}
     for name, rows in rom.outputs.items():
         put_arrays(groups["outputs"], {name: _output(name)}, sizes, {name: rows})
-    for name, columns in rom.actuators.items():
-        put_arrays(groups["actuators"], {name: Entry("1", (1,), "i")}, sizes, {name: np.array([columns])})
+    for kind, widths in (("actuators", rom.actuators), ("loads", rom.loads)):
+        for name, columns in widths.items():
+            put_arrays(groups[kind], {name: COUNT}, sizes, {name: np.array([columns])})
     for name, parameters in rom.effects.items():
         table = _effect(name)
         group = groups["effects"].create_group(name, track_order=True)
-        put_arrays(group, table, sizes, {key: np.array([parameters[key]]) for key in table})
+        put_arrays(
+            group,
+            table,
+            sizes,
+            {key: np.atleast_1d(parameters[key]) if key in parameters else None for key in table},
+        )
     for number, (name, rows) in enumerate(rom.tables.items()):
         put_arrays(groups["tables"], {str(number): _force_table(number)}, sizes, {str(number): rows})
         put_text(groups["tables"][str(number)], file=name)
@@ -134,11 +147,9 @@ def _fill(h5: h5py.File, rom: Rom) -> None:
 
 def _take(h5: h5py.File) -> Rom:
     sizes: Sizes = {}
-    body: Any = get_arrays(h5, BODY, sizes, GROUPS)
-    groups = {name: get_group(h5, name) for name in GROUPS if name != "offline" or name in h5}
+    body: Any = get_arrays(h5, BODY, sizes, (*GROUPS, *MAYBE))
+    groups = {name: get_group(h5, name) for name in (*GROUPS, *MAYBE) if name in GROUPS or name in h5}
     outputs: Any = get_arrays(groups["outputs"], {name: _output(name) for name in groups["outputs"]}, sizes)
-    columns: Any = get_arrays(groups["actuators"], {name: Entry("1", (1,), "i") for name in groups["actuators"]}, sizes)
-    actuators = {name: int(value[0]) for name, value in columns.items()}
     tables: Any = get_arrays(groups["tables"], {str(k): _force_table(k) for k in range(len(groups["tables"]))}, sizes)
     weighting = get_text(h5, "weighting")
     modes = {name: _take_mode(get_group(groups["modes"], name), weighting, sizes) for name in groups["modes"]}
@@ -147,7 +158,8 @@ def _take(h5: h5py.File) -> Rom:
         method=get_text(h5, "method") if "method" in h5.attrs else "balanced",
         switching=get_text(h5, "switching"),
         modes=modes,
-        actuators=actuators,
+        actuators=_take_counts(groups["actuators"]),
+        loads=_take_counts(groups["loads"]) if "loads" in groups else {},
         outputs=outputs,
         effects={name: _take_effect(get_group(groups["effects"], name)) for name in groups["effects"]},
         scene_text=get_text(h5, "scene"),
@@ -176,7 +188,7 @@ def _take_mode(group: h5py.Group, weighting: str, sizes: Sizes) -> Mode:
     static = arrays.pop("static_error")
     for key in EMPTY_WHERE_ABSENT:
         if arrays[key] is None:
-            arrays[key] = np.empty(0)
+            arrays[key] = np.empty(0, dtype=int if key == "contact_points" else float)
         elif not len(arrays[key]):
             raise RomFileError(f"{group.name}/{key} is empty")
     return Mode(**arrays, static_error=None if static is None else float(static[0]))
@@ -187,15 +199,25 @@ def _take_stages(group: h5py.Group) -> tuple[Stage, ...]:
     return tuple(Stage(get_text(group[key], "name"), *map(float, numbers)) for key, numbers in arrays.items())
 
 
-def _take_effect(group: h5py.Group) -> dict[str, float]:
+def _take_counts(group: h5py.Group) -> dict[str, int]:
+    counts: Any = get_arrays(group, dict.fromkeys(group, COUNT), {})
+    return {name: int(value[0]) for name, value in counts.items()}
+
+
+def _take_effect(group: h5py.Group) -> dict[str, float | tuple[float, ...]]:
     arrays: Any = get_arrays(group, _effect(group.name.split("/")[-1]), {})
-    return {key: float(value[0]) for key, value in arrays.items()}
+    numbers = {key: tuple(map(float, value)) for key, value in arrays.items() if value is not None}
+    return {key: value[0] if len(value) == 1 else value for key, value in numbers.items()}
 
 
 def _effect(name: str) -> dict[str, Entry]:
     if name not in EFFECTS:
         raise RomFileError(unknown("effect", name, EFFECTS))
-    return {key: Entry(number.unit or "1", (1,)) for key, number in EFFECTS[name].parameters.items()}
+    effect = EFFECTS[name]
+    return {
+        key: Entry(unit, (length,), optional=effect.parameters[key].default is None)
+        for key, (unit, length) in effect.numbers.items()
+    }
 
 
 def _check_fit(rom: Rom) -> None:
@@ -214,15 +236,19 @@ def _check_fit(rom: Rom) -> None:
         raise RomFileError(f"/triangles name nodes beyond {len(rom.nodes)}")
     if (rom.node_mass < 0).any():
         raise RomFileError("/node_mass has negative masses")
-    if any(columns < 0 for columns in rom.actuators.values()):
-        raise RomFileError("an actuator has a negative number of columns")
+    if any(columns < 0 for columns in (*rom.actuators.values(), *rom.loads.values())):
+        raise RomFileError("an actuator or a load has a negative number of columns")
     if any(stage.seconds < 0 or stage.peak_memory < 0 for stage in rom.stages):
         raise RomFileError("/offline has a negative time or memory")
     for name, mode in rom.modes.items():
         if rom.contacts[name] < 0:
-            raise RomFileError(f"contact mode {name!r} has fewer input columns than the actuators")
+            raise RomFileError(f"contact mode {name!r} has fewer input columns than the actuators and loads")
         if (mode.left_inverse is None) == (rom.switching == "oblique"):
             raise RomFileError(f"contact mode {name!r}: left_inverse goes with oblique switching, and only with it")
+        if len(mode.contact_points) and not 0 <= mode.contact_points.min() <= mode.contact_points.max() < len(
+            rom.nodes
+        ):
+            raise RomFileError(f"contact mode {name!r}: contact_points name nodes beyond {len(rom.nodes)}")
         _check_numbers(f"contact mode {name!r}", mode)
 
 

@@ -54,7 +54,7 @@ class Output:
 class Reduction:
     """How the scene wants to be reduced."""
 
-    method: str = "balanced"
+    method: str | None = None  # "balanced", and "static" without inertia
     switching: str = "energy"
     order: int | Mapping[str, int] | None = None  # one for all contact modes, or by name
     tolerance: float | None = None  # share of the sum of σ that may be left out
@@ -98,7 +98,7 @@ class Scene:
     contacts: Mapping[str, Patch]
     actuators: Mapping[str, Patch]
     outputs: Mapping[str, Output]
-    effects: Mapping[str, Mapping[str, float]]
+    effects: Mapping[str, Mapping[str, Any]]  # with their parameters, as in EFFECTS
     reduction: Reduction
     run: Run | None
     text: str
@@ -108,7 +108,7 @@ class Scene:
 
 WEIGHTINGS = ("mass", "nodal", "outputs")
 LYAPUNOV = ("auto", "closed-form", "bartels-stewart", "krylov", "adi")
-METHODS = ("balanced", "modal", "modal+static", "pod")
+METHODS = ("balanced", "modal", "modal+static", "pod", "static")
 SOLVERS = ("auto", "direct", "iterative")
 ORDER = Number(at_least=1, integer=True)
 TOLERANCE = Number(above=0.0, below=1.0)

@@ -7,14 +7,14 @@ be run without the scene file beside it.
 import csv
 import itertools
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
-from fenics_rom.effects import EFFECTS
+from fenics_rom.effects import ACTUATORS, ANY_SURFACE, EFFECTS, LOADS, POINT
 from fenics_rom.errors import SceneError
 from fenics_rom.rom import SWITCHINGS
 from fenics_rom.scene import (
@@ -35,11 +35,11 @@ from fenics_rom.scene import (
     check_order,
 )
 from fenics_rom.schema import Many, Number, OneOf, Table, Text, unknown
+from fenics_rom.surroundings import obstacle
 
+_PLACE = ("surface", "near", "point")
 LONGEST = 60_000  # bytes of a scene, which travels as an attribute of every ROM file
 
-_POINT = Many(item=Number(unit="m"), length=3)
-_NEAR = Table(default=None, fields={"point": _POINT, "radius": Number(above=0.0, unit="m")})
 _MATERIAL = {
     "young": Number(above=0.0, unit="Pa"),
     "poisson": Number(above=-1.0, below=0.5),
@@ -47,8 +47,7 @@ _MATERIAL = {
 }
 _PATCH = Table(
     fields={
-        "surface": Text(default=None),
-        "near": _NEAR,
+        **ANY_SURFACE,
         "force": Text(default="resultant", choices=("resultant", "normal", "nodal")),
     }
 )
@@ -79,13 +78,13 @@ SCENE = Table(
         "actuators": Table(default={}, each=_PATCH),
         "outputs": Table(
             default={},
-            each=Table(fields={"points": Many(default=None, item=_POINT, at_least=1), "surface": Text(default=None)}),
+            each=Table(fields={"points": Many(default=None, item=POINT, at_least=1), "surface": Text(default=None)}),
         ),
-        "effects": Table(fields={name: Table(default=None, fields=e.parameters) for name, e in EFFECTS.items()}),
+        "effects": Table(fields={name: effect.field for name, effect in EFFECTS.items()}),
         "reduction": Table(
             default={},
             fields={
-                "method": Text(default="balanced", choices=METHODS),
+                "method": Text(default=None, choices=METHODS),
                 "switching": Text(default="energy", choices=SWITCHINGS),
                 "order": OneOf(default=None, kinds=(ORDER, Table(each=ORDER))),
                 "tolerance": replace(TOLERANCE, default=None),
@@ -162,15 +161,21 @@ def _scene(t: dict[str, Any], text: str, folder: Path, tables: Mapping[str, np.n
     if not contacts:
         raise SceneError("contacts: at least one contact mode is needed, as [contacts.NAME]")
     actuators = {name: _patch(p, f"actuators.{name}") for name, p in t["actuators"].items()}
-    effects = {name: value for name, value in t["effects"].items() if value is not None}
-    if "inertia" not in effects:
-        raise SceneError("effects: inertia is missing (inertia = {}); runs without inertia are not offered")
-    run = _run(t["run"], contacts, actuators) if t["run"] is not None else None
-    names = sorted({load.table for load in run.loads if load.table}) if run else []
+    effects = {name: _given(value) for name, value in t["effects"].items() if value is not None}
+    inputs = [*actuators, *(name for kind in ACTUATORS for name in effects.get(kind, ()))]
+    _check_effects(effects, actuators)
+    run = _run(t["run"], contacts, inputs) if t["run"] is not None else None
+    if run and effects.get("contact", {}).get("switching") == "automatic" and any(load.contact for load in run.loads):
+        raise SceneError(
+            "effects.contact.switching = 'automatic': the contact mode follows the obstacles, so run.load can push "
+            "with actuators only; allowed beside contacts in run.load is 'scene'"
+        )
+    columns = _tables_of_effects(effects)
+    names = sorted({load.table for load in run.loads if load.table} | columns.keys()) if run else sorted(columns)
     if tables is None:
-        tables = {name: _read_force_table(folder / name) for name in names}
+        tables = {name: _read_table(folder / name) for name in names}
     for name in names:
-        _check_force_table(tables, name)
+        _check_table(tables, name, columns.get(name))
     return Scene(
         name=t["name"],
         mesh_file=folder / t["mesh"]["file"],
@@ -191,7 +196,7 @@ def _scene(t: dict[str, Any], text: str, folder: Path, tables: Mapping[str, np.n
 
 
 def _exactly_one(table: Mapping[str, Any], keys: tuple[str, ...], where: str) -> None:
-    given = [key for key in keys if table[key] is not None]
+    given = [key for key in keys if table.get(key) is not None]
     if len(given) != 1:
         raise SceneError(f"{where}: give exactly one of {', '.join(keys)}; given: {', '.join(given) or 'none'}")
 
@@ -216,6 +221,67 @@ def _output(t: dict[str, Any], where: str) -> Output:
     return Output(t["points"], t["surface"])
 
 
+def _given(value: dict[str, Any]) -> dict[str, Any]:
+    """What was said of an effect, defaults included; what stands for nothing is left out."""
+    return {key: _given(item) if isinstance(item, dict) else item for key, item in value.items() if item is not None}
+
+
+def _check_effects(effects: Mapping[str, Mapping[str, Any]], actuators: Mapping[str, Patch]) -> None:
+    """What holds for several parameters, or for several effects, together."""
+    for name in effects:
+        for needed in EFFECTS[name].needs:
+            if needed not in effects:
+                raise SceneError(f"effects.{name}: means nothing without {needed}; name effects.{needed} as well")
+    taken = dict.fromkeys(actuators, "actuators") | {"gravity": "effects"}
+    for kind in (*LOADS, *ACTUATORS):
+        for name in effects.get(kind, ()) if EFFECTS[kind].several else ():
+            if name in taken:
+                raise SceneError(f"effects.{kind}.{name}: the name is taken by {taken[name]}.{name}")
+            taken[name] = f"effects.{kind}"
+    for kind, keys in (("springs", _PLACE[:2]), ("pressure", _PLACE[:2]), ("prescribed", _PLACE)):
+        for name, one in effects.get(kind, {}).items():
+            _exactly_one(one, keys, f"effects.{kind}.{name}")
+    for name, one in effects.get("damping", {}).get("dashpots", {}).items():
+        _exactly_one(one, _PLACE[:2], f"effects.damping.dashpots.{name}")
+    for kind, key in (("prescribed", "force"), ("base_motion", "acceleration")):
+        for name, one in effects.get(kind, {}).items():
+            if key in one and "table" in one:
+                raise SceneError(f"effects.{kind}.{name}: give {key} or table, not both")
+    for name, one in effects.get("base_motion", {}).items():
+        if not any(one["direction"]):
+            raise SceneError(f"effects.base_motion.{name}.direction: allowed is any but zero")
+    if "contact" in effects:
+        _check_contact(effects)
+
+
+def _check_contact(effects: Mapping[str, Mapping[str, Any]]) -> None:
+    contact = effects["contact"]
+    if not contact["obstacles"]:
+        raise SceneError("effects.contact.obstacles: at least one is needed, as [effects.contact.obstacles.NAME]")
+    for name, one in contact["obstacles"].items():
+        obstacle(one, f"effects.contact.obstacles.{name}")
+    penalty = contact["method"] == "penalty"
+    if penalty and "stiffness" not in contact:
+        raise SceneError("effects.contact.stiffness is missing: the spring of method = 'penalty' at every point, N/m")
+    for key in ("stiffness", "damping"):
+        if key in contact and not penalty:
+            raise SceneError(f"effects.contact.{key}: goes with method = 'penalty'; a rigid obstacle has none")
+    if contact["restitution"] and (penalty or "inertia" not in effects):
+        raise SceneError("effects.contact.restitution: goes with inertia and method = 'complementarity'")
+
+
+def _tables_of_effects(effects: Mapping[str, Mapping[str, Any]]) -> dict[str, int]:
+    """Tables that effects name, with the number of columns beside the time."""
+    columns: dict[str, int] = {}
+    of_kinds = [(kind, effects.get(kind, {}), width) for kind, width in (("prescribed", 3), ("base_motion", 1))]
+    for kind, several, width in (*of_kinds, ("obstacles", effects.get("contact", {}).get("obstacles", {}), 3)):
+        for name, one in several.items():
+            table = one.get("table")
+            if table is not None and columns.setdefault(table, width) != width:
+                raise SceneError(f"effects: table {table} of {kind}.{name} is used with other columns elsewhere")
+    return columns
+
+
 def _reduction(t: dict[str, Any], contacts: Mapping[str, Patch]) -> Reduction:
     if t.get("order") is not None and t.get("tolerance") is not None:
         raise SceneError("reduction: give order or tolerance, not both")
@@ -223,7 +289,7 @@ def _reduction(t: dict[str, Any], contacts: Mapping[str, Patch]) -> Reduction:
     return Reduction(**t)
 
 
-def _run(t: dict[str, Any], contacts: Mapping[str, Patch], actuators: Mapping[str, Patch]) -> Run:
+def _run(t: dict[str, Any], contacts: Mapping[str, Patch], actuators: Sequence[str]) -> Run:
     if t["dt"] > t["duration"]:
         raise SceneError(f"run.dt = {t['dt']:g}: allowed is at most the duration, {t['duration']:g} s")
     loads = [_load(load, k, t["duration"], contacts, actuators) for k, load in enumerate(t["load"])]
@@ -242,7 +308,7 @@ def _load(
     k: int,
     duration: float,
     contacts: Mapping[str, Patch],
-    actuators: Mapping[str, Patch],
+    actuators: Sequence[str],
 ) -> Load:
     where = f"run.load[{k}]"
     _exactly_one(t, ("contact", "actuator"), where)
@@ -250,7 +316,7 @@ def _load(
     if t["contact"] is not None and t["contact"] not in contacts:
         raise SceneError(f"{where}.contact: {unknown('contact mode', t['contact'], contacts)}")
     if t["actuator"] is not None and t["actuator"] not in actuators:
-        raise SceneError(f"{where}.actuator: {unknown('actuator', t['actuator'], actuators)}")
+        raise SceneError(f"{where}.actuator: {unknown('actuator', t['actuator'], list(actuators))}")
     if t["start"] >= duration:
         raise SceneError(f"{where}.start = {t['start']:g}: allowed is less than the run's duration, {duration:g} s")
     load = Load(**{**t, "stop": duration if t["stop"] is None else t["stop"]})
@@ -259,7 +325,7 @@ def _load(
     return load
 
 
-def _read_force_table(file: Path) -> np.ndarray:
+def _read_table(file: Path) -> np.ndarray:
     """Times and forces from a CSV file whose first row names the columns."""
     try:
         with file.open(newline="", encoding="utf-8-sig") as stream:
@@ -285,7 +351,7 @@ def _is_number(cell: str) -> bool:
     return True
 
 
-def _check_force_table(tables: Mapping[str, np.ndarray], name: str) -> None:
+def _check_table(tables: Mapping[str, np.ndarray], name: str, columns: int | None) -> None:
     if name not in tables:
         raise SceneError(f"force table {name}: did not come with the scene")
     table = tables[name]
@@ -293,3 +359,7 @@ def _check_force_table(tables: Mapping[str, np.ndarray], name: str) -> None:
         raise SceneError(f"force table {name}: allowed are two or more rows: time in s, forces in N")
     if not np.isfinite(table).all() or (np.diff(table[:, 0]) <= 0).any():
         raise SceneError(f"force table {name}: allowed are finite numbers and strictly increasing times")
+    if columns is not None and table.shape[1] != 1 + columns:
+        raise SceneError(
+            f"table {name}: columns beside the time: given {table.shape[1] - 1}, allowed {columns} for what uses it"
+        )

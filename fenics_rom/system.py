@@ -107,6 +107,10 @@ class System:
         mass, damping, stiffness: symmetric; M and K positive definite, D positive semi-definite. kg, N s/m, N/m.
         contacts: contact columns of each contact mode, (rows here, columns).
         actuators: columns of each actuator, which every contact mode has after its own, (rows here, columns).
+        loads: columns of each load that acts by a history of its own, after the actuators', (rows here, columns).
+        units: what a column of 1 N is to be multiplied by for inputs of another unit, by actuator or load: N per unit.
+        contact_points: nodes of each contact mode at which obstacles can touch it, (P,) each; the contact modes that
+            have some are reduced for forces at each of them, too.
         outputs: C of each named output, (rows here, 3 points); any number of columns where there is no mesh.
         algebra: solves, sums and eigenpairs for these matrices.
         rayleigh: (α, β) where D = α M + β K, else None. 1/s, s.
@@ -121,6 +125,9 @@ class System:
     stiffness: Operator
     contacts: Mapping[str, Array]
     actuators: Mapping[str, Array]
+    loads: Mapping[str, Array]
+    units: Mapping[str, float]
+    contact_points: Mapping[str, Array]
     outputs: Mapping[str, Array]
     algebra: Algebra
     rayleigh: tuple[float, float] | None
@@ -137,6 +144,9 @@ class System:
         contacts: Mapping[str, Any],
         damping: Any = None,
         actuators: Mapping[str, Any] | None = None,
+        loads: Mapping[str, Array] | None = None,
+        units: Mapping[str, float] | None = None,
+        contact_points: Mapping[str, Array] | None = None,
         outputs: Mapping[str, Any] | None = None,
         algebra: Algebra | None = None,
         rayleigh: tuple[float, float] | None = None,
@@ -151,7 +161,7 @@ class System:
             StructureError: matrices or columns that do not fit or lack structure, with the measured number.
         """
         given = {name: value for name, value in locals().items() if name != "self"}
-        given |= {"actuators": actuators or {}, "outputs": outputs or {}}
+        given |= {name: given[name] or {} for name in ("actuators", "loads", "units", "contact_points", "outputs")}
         if not contacts:
             raise StructureError("contacts: at least one contact mode is needed")
         if algebra is None:
@@ -209,9 +219,35 @@ class System:
         """Number n of free displacement degrees of freedom."""
         return len(self.body.free)
 
+    @property
+    def widths(self) -> dict[str, int]:
+        """Number of columns of each actuator and load, which every contact mode has after its own."""
+        return {name: columns.shape[1] for name, columns in {**self.actuators, **self.loads}.items()}
+
     def input_matrix(self, contact: str) -> Array:
-        """B_i: the contact columns, then the actuator columns, (rows here, p_i)."""
-        return np.hstack([self.contacts[contact], *self.actuators.values()])
+        """B_i: the contact columns, then those of actuators and loads, (rows here, p_i), in the units of the inputs."""
+        units = [self.units.get(name, 1.0) for name in (*self.actuators, *self.loads)]
+        shared = [unit * B for unit, B in zip(units, (*self.actuators.values(), *self.loads.values()), strict=True)]
+        return np.hstack([self.contacts[contact], *shared])
+
+    def forces(self, contact: str) -> Array:
+        """All that can act in a contact mode, as unit forces of 1 N, (rows here, any): what its basis has to know.
+
+        The contact columns, actuators and loads, and where obstacles can touch it a force on each component of a node.
+        """
+        parts = [self.contacts[contact], *self.actuators.values(), *self.loads.values()]
+        if contact in self.contact_points:
+            parts.append(self.at_nodes(self.contact_points[contact]))
+        return np.hstack(parts)
+
+    def at_nodes(self, nodes: Array) -> Array:
+        """Unit forces on the free components of nodes (P,), a column each, (rows here, at most 3 P)."""
+        row = np.searchsorted(self.body.free, (3 * nodes[:, None] + np.arange(3)).ravel())
+        here = self.algebra.rows()
+        columns = np.zeros((here.stop - here.start, len(row)))
+        local = (here.start <= row) & (row < here.stop)
+        columns[row[local] - here.start, np.flatnonzero(local)] = 1.0
+        return columns
 
 
 def unmeshed(size: int) -> Body:

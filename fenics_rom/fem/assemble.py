@@ -1,7 +1,7 @@
 """Scene to System: linear elasticity by dolfinx, clamped nodes eliminated, in canonical order."""
 
 import logging
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,13 +12,23 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_rom.errors import MeshError, SceneError
+from fenics_rom.fem.loads import actuators_of, contact_points_of, loads_of
 from fenics_rom.fem.mesh import Mesh, read_mesh
-from fenics_rom.fem.nodes import CELL_EDGES, Nodes, canonical_nodes, clamped_nodes, output_rows, patch_columns
+from fenics_rom.fem.nodes import (
+    CELL_EDGES,
+    Nodes,
+    canonical_nodes,
+    clamped_nodes,
+    output_rows,
+    patch_columns,
+)
 from fenics_rom.fem.petsc_algebra import PetscAlgebra, require_real
 from fenics_rom.fem.petsc_matrix import PetscMatrix, ZeroMatrix, combination
 from fenics_rom.fem.ranks import on_rank_0
+from fenics_rom.fem.springs import dashpots_of, springs_of, with_surfaces
 from fenics_rom.fem.versions import cell_constants, cell_dofs, cell_nodes, create_tetrahedra, vector_space
 from fenics_rom.scene import Scene
+from fenics_rom.schema import unknown
 from fenics_rom.stages import Stages
 from fenics_rom.system import Body, System
 
@@ -51,33 +61,41 @@ def _system(scene: Scene, comm: Any) -> System:
 
     logging.disable(logging.INFO)  # dolfinx 0.5 lets the C compiler talk
     try:
-        mass, stiffness, node_mass = _matrices(comm, mesh, nodes, scene.degree, material, free)
+        m = _matrices(comm, mesh, nodes, scene, material, free)
     finally:
         logging.disable(logging.NOTSET)
-    damping = scene.effects.get("damping", {"alpha": 0.0, "beta": 0.0})
-    alpha, beta = damping["alpha"], damping["beta"]
-    algebra = PetscAlgebra(comm, mass.mat.getOwnershipRange())
+    algebra = PetscAlgebra(comm, m.mass.mat.getOwnershipRange())
     here = algebra.rows()
+    actuators, units = actuators_of(scene, nodes, free)
+    loads, more_units = loads_of(scene, nodes, m.translated, free)
     return System(
-        mass=mass,
-        damping=PetscMatrix(combination((alpha, mass), (beta, stiffness))) if alpha or beta else ZeroMatrix(),
-        stiffness=stiffness,
+        mass=m.mass,
+        damping=m.damping,
+        stiffness=m.stiffness,
         contacts={
             name: patch_columns(nodes, patch, free, f"contacts.{name}")[here] for name, patch in scene.contacts.items()
         },
-        actuators={
-            name: patch_columns(nodes, patch, free, f"actuators.{name}")[here]
-            for name, patch in scene.actuators.items()
-        },
+        actuators={name: columns[here] for name, columns in actuators.items()},
+        loads={name: columns[here] for name, columns in loads.items()},
+        units=units | more_units,
+        contact_points=contact_points_of(scene, nodes, free),
         outputs={
             name: output_rows(nodes, output, free, f"outputs.{name}")[here] for name, output in scene.outputs.items()
         },
         algebra=algebra,
-        rayleigh=(alpha, beta),
-        body=Body(nodes.coordinates, nodes.drawn_triangles(), free, node_mass),
+        rayleigh=_rayleigh(scene),
+        body=Body(nodes.coordinates, nodes.drawn_triangles(), free, m.node_mass),
         scene=scene,
         warnings=_locking(scene),
     )
+
+
+def _rayleigh(scene: Scene) -> tuple[float, float] | None:
+    """(α, β) where the damping is α M + β K of the whole body."""
+    damping = scene.effects.get("damping", {"alpha": 0.0, "beta": 0.0})
+    if "materials" in damping or "dashpots" in damping:
+        return None
+    return damping["alpha"], damping["beta"]
 
 
 def _locking(scene: Scene) -> tuple[str, ...]:
@@ -135,33 +153,78 @@ def _material_of_cells(scene: Scene, mesh: Mesh) -> np.ndarray:
     return values
 
 
-def _matrices(
-    comm: Any, mesh: Mesh, nodes: Nodes, degree: int, material: np.ndarray, free: np.ndarray
-) -> tuple[PetscMatrix, PetscMatrix, np.ndarray]:
+@dataclass(frozen=True)
+class _Matrices:
+    """What dolfinx and surfaces make of a scene.
+
+    Attributes:
+        mass, damping, stiffness: on the free degrees of freedom.
+        node_mass: (N,) as in Body.
+        translated: (N,) kg, M times a unit translation: ∫ρ of each shape function.
+    """
+
+    mass: PetscMatrix
+    damping: PetscMatrix | ZeroMatrix
+    stiffness: PetscMatrix
+    node_mass: np.ndarray
+    translated: np.ndarray
+
+
+def _matrices(comm: Any, mesh: Mesh, nodes: Nodes, scene: Scene, material: np.ndarray, free: np.ndarray) -> _Matrices:
     root = comm.rank == 0
     domain = create_tetrahedra(
         comm, mesh.cells if root else np.empty((0, 4)), mesh.points if root else np.empty((0, 3))
     )
-    space = vector_space(domain, degree)
+    space = vector_space(domain, scene.degree)
     λ, μ, ρ = (_cell_function(domain, column) for column in material.T)
 
     u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
     ε_u, ε_v = ufl.sym(ufl.grad(u)), ufl.sym(ufl.grad(v))
     stress = λ * ufl.tr(ε_u) * ufl.Identity(3) + 2 * μ * ε_u
-    mass = _assembled(ρ * ufl.inner(u, v) * ufl.dx)
-    stiffness = _assembled(ufl.inner(stress, ε_v) * ufl.dx)
+    inertia, elasticity = ρ * ufl.inner(u, v), ufl.inner(stress, ε_v)
+    whole = {"mass": _assembled(inertia * ufl.dx), "stiffness": _assembled(elasticity * ufl.dx)}
+    of_materials = scene.effects.get("damping", {}).get("materials")
+    if of_materials is not None:
+        α, β = (_cell_function(domain, column) for column in _damping_of_cells(scene, mesh).T)
+        whole["damping"] = _assembled((α * inertia + β * elasticity) * ufl.dx)
 
-    place = dolfinx_nodes(space, degree, nodes)
-    node_mass = node_masses(mass, place)
+    place = dolfinx_nodes(space, scene.degree, nodes)
+    node_mass, translated = node_masses(whole["mass"], place)
     share = np.array_split(free.reshape(-1, 3), comm.size)[comm.rank].ravel()  # whole nodes, for multigrid
     rows = (3 * place[share // 3] + share % 3).astype(PETSc.IntType)
     chosen = PETSc.IS().createGeneral(rows, comm=comm)
     chosen.setBlockSize(3)
-    reduced = [PetscMatrix(_symmetric(matrix.createSubMatrix(chosen, chosen))) for matrix in (mass, stiffness)]
-    for matrix in (mass, stiffness):
+    reduced = {name: PetscMatrix(_symmetric(matrix.createSubMatrix(chosen, chosen))) for name, matrix in whole.items()}
+    for matrix in whole.values():
         matrix.destroy()
-    set_rigid_modes(reduced[1].mat, nodes.coordinates[share[::3] // 3])
-    return reduced[0], reduced[1], node_mass
+    mass, stiffness = reduced["mass"], with_surfaces(reduced["stiffness"], springs_of(scene, nodes), free)
+    set_rigid_modes(stiffness.mat, nodes.coordinates[share[::3] // 3])
+
+    damping: PetscMatrix | ZeroMatrix
+    if "damping" in reduced:
+        damping = reduced["damping"]
+    else:
+        said = scene.effects.get("damping", {"alpha": 0.0, "beta": 0.0})
+        terms = [(c, matrix) for c, matrix in ((said["alpha"], mass), (said["beta"], stiffness)) if c]
+        damping = PetscMatrix(combination(*terms)) if terms else ZeroMatrix()
+    dashpots = dashpots_of(scene, nodes)
+    if dashpots is not None and isinstance(damping, ZeroMatrix):
+        damping = PetscMatrix(combination((0.0, mass)))
+    if isinstance(damping, PetscMatrix):
+        damping = with_surfaces(damping, dashpots, free)
+    return _Matrices(mass, damping, stiffness, node_mass, translated)
+
+
+def _damping_of_cells(scene: Scene, mesh: Mesh) -> np.ndarray:
+    """α (1/s) and β (s) of every cell of the mesh file, (C, 2)."""
+    damping = scene.effects["damping"]
+    values = np.tile([damping["alpha"], damping["beta"]], (len(mesh.cells), 1))
+    for name, own in damping["materials"].items():
+        if name not in scene.materials:
+            raise SceneError(f"{scene.source}: effects.damping.materials: {unknown('material', name, scene.materials)}")
+        cells = scene.materials[name].cells
+        values[slice(None) if cells is None else mesh.region(cells)] = own["alpha"], own["beta"]
+    return values
 
 
 def set_rigid_modes(stiffness: PETSc.Mat, coordinates: np.ndarray) -> None:
@@ -217,15 +280,17 @@ def dolfinx_nodes(space: Any, degree: int, nodes: Nodes) -> np.ndarray:
     return order
 
 
-def node_masses(mass: PETSc.Mat, place: np.ndarray) -> np.ndarray:
-    """Diagonal of M per node, scaled so that the nodes together weigh what the body weighs."""
+def node_masses(mass: PETSc.Mat, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Two masses of each node (N,), kg, whose sums are the body's.
+
+    The diagonal of M, scaled to it; and ∫ρ of each shape function, which is M times a unit translation.
+    """
     ones, diagonal = mass.createVecRight(), mass.getDiagonal()
     product = ones.duplicate()
     ones.set(1.0)
     mass.mult(ones, product)
-    body = product.sum() / 3
-    local = diagonal.array.reshape(-1, 3)[:, 0].copy()
+    local = np.stack([vector.array.reshape(-1, 3)[:, 0] for vector in (diagonal, product)], axis=1)
     for vector in (ones, diagonal, product):
         vector.destroy()
-    values = np.concatenate(mass.comm.tompi4py().allgather(local))[place]
-    return values * (body / values.sum())
+    values, translated = np.concatenate(mass.comm.tompi4py().allgather(local))[place].T
+    return values * (translated.sum() / values.sum()), translated.copy()

@@ -184,7 +184,7 @@ def _rows(space: Any, constrained: np.ndarray, mass: PETSc.Mat) -> Rows:
     place = dolfinx_nodes(space, degree, nodes)
     moves = ~np.concatenate(comm.allgather(constrained)).reshape(-1, 3)[place]
     free = np.flatnonzero(moves)
-    body = Body(nodes.coordinates, nodes.drawn_triangles(), free, node_masses(mass, place))
+    body = Body(nodes.coordinates, nodes.drawn_triangles(), free, node_masses(mass, place)[0])
     by_node = bool((moves.all(axis=1) == moves.any(axis=1)).all())
     mine = np.array_split(free.reshape(-1, 3) if by_node else free, comm.size)[comm.rank]  # whole nodes, for multigrid
     chosen = _index_set(3 * place[mine // 3] + mine % 3, comm)

@@ -7,6 +7,7 @@ vertices. All weights of patches and outputs are computed in it with NumPy; the 
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.sparse
 
 from fenics_rom.errors import MeshError, SceneError
 from fenics_rom.fem.mesh import Mesh
@@ -161,6 +162,41 @@ def _mean_over(nodes: Nodes, triangles: np.ndarray) -> np.ndarray:
     return mean / mean.sum()
 
 
+def patch_triangles(nodes: Nodes, patch: Patch, where: str) -> np.ndarray:
+    """Outward triangles of a patch, between canonical vertices."""
+    if patch.near is not None:
+        return _near_triangles(nodes, patch.near, where)
+    return surface_triangles(nodes, str(patch.surface))
+
+
+def patch_nodes(nodes: Nodes, patch: Patch, where: str) -> np.ndarray:
+    """All nodes of a patch, ascending."""
+    triangles = patch_triangles(nodes, patch, where)
+    touched = np.unique(triangles)
+    return np.union1d(touched, nodes.triangle_edges(triangles)) if len(nodes.edges) else touched
+
+
+def patch_area(nodes: Nodes, patch: Patch, where: str) -> float:
+    """Area of a patch, m²."""
+    return 3 * float(_load_weights(nodes, patch_triangles(nodes, patch, where))[1].sum())
+
+
+def surface_mass(nodes: Nodes, triangles: np.ndarray) -> scipy.sparse.csr_matrix:
+    """∫ φ_i φ_j over flat triangles, as a share of their area, (N, N)."""
+    a, b, c = (nodes.coordinates[triangles[:, k]] for k in range(3))
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
+    if len(nodes.edges):  # vertices, then mid-sides of 01, 12, 20
+        triangles = np.hstack([triangles, nodes.triangle_edges(triangles)])
+        opposite = -4 * np.array([[0, 1, 0], [0, 0, 1], [1, 0, 0]])
+        one = np.block([[7 * np.eye(3) - 1, opposite], [opposite.T, 16 * (np.eye(3) + 1)]]) / 180
+    else:
+        one = (np.eye(3) + 1) / 12
+    rows, columns = (np.repeat(triangles, len(one), axis=1), np.tile(triangles, len(one)))
+    values = (area / area.sum())[:, None] * one.ravel()
+    shape = (len(nodes.coordinates), len(nodes.coordinates))
+    return scipy.sparse.coo_matrix((values.ravel(), (rows.ravel(), columns.ravel())), shape=shape).tocsr()
+
+
 def patch_columns(nodes: Nodes, patch: Patch, free: np.ndarray, where: str) -> np.ndarray:
     """Columns of the input matrix of a patch on the free degrees of freedom, (n, columns).
 
@@ -173,18 +209,13 @@ def patch_columns(nodes: Nodes, patch: Patch, free: np.ndarray, where: str) -> n
     Raises:
         MeshError, SceneError: the patch does not exist, is empty, or cannot move.
     """
-    if patch.near is not None:
-        triangles = _near_triangles(nodes, patch.near, where)
-    else:
-        triangles = surface_triangles(nodes, str(patch.surface))
+    triangles = patch_triangles(nodes, patch, where)
     if patch.force == "normal":
         columns = _inward_pressure(nodes, triangles).reshape(-1, 1)
     elif patch.force == "resultant":
         columns = np.kron(_mean_over(nodes, triangles)[:, None], np.eye(3))
     else:
-        touched = np.unique(triangles)
-        if len(nodes.edges):
-            touched = np.union1d(touched, nodes.triangle_edges(triangles))
+        touched = patch_nodes(nodes, patch, where)
         components = np.intersect1d(3 * touched[:, None] + np.arange(3), free)
         columns = np.zeros((3 * len(nodes.coordinates), len(components)))
         columns[components, np.arange(len(components))] = 1.0
@@ -213,11 +244,11 @@ def output_rows(nodes: Nodes, output: Output, free: np.ndarray, where: str) -> n
     if output.surface is not None:
         weights = _mean_over(nodes, surface_triangles(nodes, output.surface))[:, None]
     else:
-        weights = np.stack([_shape_functions(nodes, np.array(point), where) for point in output.points or ()], axis=1)
+        weights = np.stack([shape_functions(nodes, np.array(point), where) for point in output.points or ()], axis=1)
     return np.kron(weights, np.eye(3))[free]
 
 
-def _shape_functions(nodes: Nodes, point: np.ndarray, where: str) -> np.ndarray:
+def shape_functions(nodes: Nodes, point: np.ndarray, where: str) -> np.ndarray:
     """Values (N,) of all shape functions at a point.
 
     A point just outside (a marker on a curved surface that the mesh cuts off) is read at the nearest cell.

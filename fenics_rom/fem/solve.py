@@ -2,11 +2,12 @@
 
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 
+from fenics_rom.contact import Contact, Resolution
 from fenics_rom.errors import FenicsRomWarning, SceneError, StepError
 from fenics_rom.fem.assemble import assemble
 from fenics_rom.fem.direct import PetscFactor
@@ -17,6 +18,7 @@ from fenics_rom.linear_limit import Excursion, SurfaceGauges, largest, summary, 
 from fenics_rom.load_history import LoadHistory
 from fenics_rom.record import Record, Recorder
 from fenics_rom.scene import Scene
+from fenics_rom.surroundings import ContactPoints, History, Surroundings
 from fenics_rom.system import Array, System
 
 Report = Callable[[str, int, int], None]
@@ -30,10 +32,22 @@ class FullSimulator:
     Args:
         system: the full-order model, on PETSc matrices.
         dt: time step, s; may be set anew before any step.
+        surroundings: obstacles, and whether there is inertia; None: no obstacles, and inertia.
+
+    Attributes:
+        touched: contact in the last step; None where nothing touched.
     """
 
-    def __init__(self, system: System, dt: float):
-        self.system = system
+    def __init__(self, system: System, dt: float, surroundings: Surroundings | None = None):
+        self.system, self.surroundings = system, surroundings
+        self.touched: Resolution | None = None
+        self._quasi_static = surroundings is not None and surroundings.quasi_static
+        self._contact: Contact | None = None
+        if surroundings is not None and surroundings.law is not None:
+            self.points = ContactPoints(system.contact_points, system.body.nodes)
+            self._contact = Contact(self.points.places, list(surroundings.obstacles.values()), surroundings.law)
+            self._contact.check_start(np.zeros(self.points.places.shape), surroundings.offsets)
+            self._Sᵀ = system.at_nodes(self.points.nodes)
         self.dt = dt
         self.time = 0.0
         self.ledger = Ledger()
@@ -66,21 +80,61 @@ class FullSimulator:
         h, s = self.dt, self.system
         factor = self._factor(h)
         force = (B @ u)[:, None]
-        right = force + 2 / h * self._momentum - self._elastic
+        right = force - self._elastic if self._quasi_static else force + 2 / h * self._momentum - self._elastic
         v = factor.solve(right)
+        touched = self._touched(v)
+        if touched is not None:
+            right = right + self._Sᵀ @ touched.forces.reshape(-1, 1)
+            v = factor.solve(right)
         Mv, Kv = s.mass @ v, self._stiffness @ v
-        correction = factor.solve(right - 2 / h * Mv - self._damped(v, Mv, Kv) - h / 2 * Kv)
+        correction = factor.solve(right - self._resisted(v, Mv, Kv))
         v += correction
         Mv += s.mass @ correction
         Kv += s.stiffness @ correction
         if not np.isfinite(self._dot(v, v)):
             raise StepError(f"input {u.tolist()} leads out of the finite numbers; the state was left as it was")
-        self.ledger.book(supplied=h * self._dot(force, v), dissipated=h * self._dot(v, self._damped(v, Mv, Kv)))
+        drawn = h / 2 * Kv if self._quasi_static else self._damped(v, Mv, Kv)
+        self.ledger.book(supplied=h * self._dot(force, v), dissipated=h * self._dot(v, drawn))
+        if touched is not None:
+            self.ledger.book_contact(*touched.account(self._at_points(v), h))
+        self.touched = touched
         self.x += h * v
-        self.v = 2 * v - self.v
-        self._momentum = 2 * Mv - self._momentum
+        if not self._quasi_static:
+            self.v = 2 * v - self.v
+            self._momentum = 2 * Mv - self._momentum
         self._elastic = self._elastic + h * Kv
         self.time += h
+
+    def nearest(self, active: str) -> str:
+        """The contact mode that an obstacle is nearest to, if one is near; else the active one."""
+        assert self._contact is not None
+        assert self.surroundings is not None
+        gaps = self._contact.gaps(self._at_points(self.x), self.surroundings.offsets)
+        return self.points.nearest(gaps, active)
+
+    def _touched(self, free: Array) -> Resolution | None:
+        """Contact forces of a step, from the mid-step velocity without contact (rows here, 1)."""
+        if self._contact is None or self.surroundings is None:
+            return None
+        return self._contact.resolve(
+            self._at_points(self.x),
+            self._at_points(self.v),
+            self._at_points(free),
+            self._W,
+            self.dt,
+            self.surroundings.offsets,
+            self.surroundings.ahead,
+            self._quasi_static,
+        )
+
+    def _at_points(self, x: Array) -> Array:
+        """What a field (rows here, 1) is at the contact points, (P, 3)."""
+        return self.system.algebra.inner(self._Sᵀ, x).reshape(-1, 3)
+
+    def _resisted(self, v: Array, Mv: Array, Kv: Array) -> Array:
+        """A v, A = 2/h M + D + h/2 K; without inertia A = h K."""
+        h = self.dt
+        return h * Kv if self._quasi_static else 2 / h * Mv + self._damped(v, Mv, Kv) + h / 2 * Kv
 
     def _damped(self, v: Array, Mv: Array, Kv: Array) -> Array:
         """D v."""
@@ -111,18 +165,34 @@ class FullSimulator:
         if self._factored is None or self._factored[0] != h:
             self.close()
             s = self.system
-            α, β = s.rayleigh or (0.0, 0.0)
-            matrix: Any = combination((2 / h + α, s.mass), (h / 2 + β, s.stiffness))
+            if self._quasi_static:
+                matrix: Any = combination((h, s.stiffness))
+            elif s.rayleigh is None:
+                matrix = combination((2 / h, s.mass), (1.0, s.damping), (h / 2, s.stiffness))
+            else:
+                α, β = s.rayleigh
+                matrix = combination((2 / h + α, s.mass), (h / 2 + β, s.stiffness))
             self._factored = h, PetscFactor(matrix, one_by_one=True)
+            if self._contact is not None:
+                W = s.algebra.inner(self._Sᵀ, self._factored[1].solve(self._Sᵀ))
+                self._W = (W + W.T) / 2
         return self._factored[1]
 
 
-def solve(scene: Scene | System, *, dt: float | None = None, report: Report = lambda stage, done, of: None) -> Record:
+def solve(
+    scene: Scene | System,
+    *,
+    dt: float | None = None,
+    histories: Mapping[str, History] | None = None,
+    report: Report = lambda stage, done, of: None,
+) -> Record:
     """Runs the full-order model through the scene's load history from rest; every rank must call it.
 
     Args:
         scene: the scene, or the system assembled from it.
         dt: time step instead of the scene's, s.
+        histories: of loads and obstacles by name, instead of the scene's: numbers, or functions of time; as in
+            Simulator.
         report: called with the stage, how much of it is done, and of how much.
 
     Warns where the surface turns or strains more than a linear model can follow.
@@ -135,31 +205,46 @@ def solve(scene: Scene | System, *, dt: float | None = None, report: Report = la
     if asked is None or asked.run is None:
         where = asked.source if asked else "a system of matrices"
         raise SceneError(f"{where}: has no [run], so there is no load history to simulate")
-    shared = sum(columns.shape[1] for columns in system.actuators.values())
+    surroundings = Surroundings(asked, histories=histories)
+    if surroundings.quasi_static and getattr(system, "rigid", np.empty((0, 0))).shape[1]:
+        raise SceneError(
+            f"{asked.source}: effects: inertia is missing, and a body that nothing holds has no equilibrium"
+        )
     inputs = {name: system.input_matrix(name) for name in system.contacts}
     history = LoadHistory(
         asked,
-        {name: B.shape[1] - shared for name, B in inputs.items()},
+        {name: columns.shape[1] for name, columns in system.contacts.items()},
         {name: columns.shape[1] for name, columns in system.actuators.items()},
         dt,
     )
-    simulator = FullSimulator(system, history.dt)
+    simulator = FullSimulator(system, history.dt, surroundings)
     points = {name: rows.shape[1] // 3 for name, rows in system.outputs.items()}
-    nodes = len(system.body.nodes)
-    recorder = Recorder(history.steps, history.dt, points, tuple(inputs), nodes, asked.run.shapes)
-    recorder.sample(0, history.first_contact(), simulator.energy, simulator.ledger, simulator.displacement)
+    nodes, contact = len(system.body.nodes), history.first_contact()
+    obstacles = tuple(surroundings.obstacles)
+    recorder = Recorder(history.steps, history.dt, points, tuple(inputs), nodes, asked.run.shapes, obstacles)
+    recorder.sample(0, contact, simulator.energy, simulator.ledger, simulator.displacement, None)
     gauges, seen = SurfaceGauges(system.body.nodes, system.body.triangles), Excursion()
     seconds = 0.0
-    for step, (contact, u) in enumerate(history, start=1):
+    for step, (pushed, u) in enumerate(history, start=1):
         start = time.perf_counter()
-        simulator.step(inputs[contact], u)
+        if history.automatic:
+            contact = simulator.nearest(contact)
+            u = np.concatenate([np.zeros(system.contacts[contact].shape[1]), u])
+        else:
+            contact = pushed
+        middle, end = simulator.time + history.dt / 2, simulator.time + history.dt
+        surroundings.ahead = surroundings.offsets_at(end)
+        loads = surroundings.loads(end if surroundings.quasi_static else middle)
+        simulator.step(inputs[contact], np.concatenate([u, loads]))
+        surroundings.offsets = surroundings.ahead
         seconds += time.perf_counter() - start
         if step % LOOK_EVERY == 0:
             now = Excursion(*largest(gauges.components(simulator.displacement())), simulator.time)
             if now.beyond and not seen.beyond:
                 warnings.warn(warning(now), FenicsRomWarning, stacklevel=2)
             seen = seen.joined(now)
-        recorder.sample(step, contact, simulator.energy, simulator.ledger, simulator.displacement)
+        forces = None if simulator.touched is None else simulator.touched.by_obstacle
+        recorder.sample(step, contact, simulator.energy, simulator.ledger, simulator.displacement, forces)
         report("steps", step, history.steps)
     simulator.close()
     return recorder.record(
@@ -170,4 +255,5 @@ def solve(scene: Scene | System, *, dt: float | None = None, report: Report = la
         triangles=system.body.triangles,
         node_mass=system.body.node_mass,
         warnings=(*system.warnings, *filter(None, [summary(seen)])),
+        effects=tuple(asked.effects),
     )

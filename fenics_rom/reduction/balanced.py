@@ -39,7 +39,7 @@ def _in_all_eigenvectors(problem: Problem) -> Iterator[tuple[str, Directions]]:
     share_eigenvectors(problem, system.size)
     whole = space.subspace(np.eye(system.size))
     for name in problem.contacts:
-        B = system.input_matrix(name)
+        B = system.forces(name)
         with problem.stages("balancing"):
             if problem.lyapunov == "closed-form":
                 inputs = whole.coordinates.T @ system.algebra.inner(space.basis, B)
@@ -52,7 +52,7 @@ def _in_all_eigenvectors(problem: Problem) -> Iterator[tuple[str, Directions]]:
 def _krylov(problem: Problem) -> Iterator[tuple[str, Directions]]:
     """Contact modes in groups; where there are many columns, with eigenvectors to share."""
     names = problem.contacts
-    widths = [problem.system.input_matrix(name).shape[1] for name in names]
+    widths = [problem.system.forces(name).shape[1] for name in names]
     if sum(widths) <= MOST_COLUMNS:
         directions, columns = directions_by_change, SMALL_GROUP
     else:
@@ -68,7 +68,7 @@ def _adi(problem: Problem, name: str, company: Company) -> Directions:
     system, factor, order = problem.system, problem.factor, problem.order_of(name)
     σ, change, calm = np.empty(0), 1.0, 0
     with problem.stages("shifts and sweeps"):
-        for found in low_rank_gramians(system, factor, system.input_matrix(name), company.columns):
+        for found in low_rank_gramians(system, factor, system.forces(name), company.columns):
             if found.rest > MUCH:
                 continue
             balanced = balance(found.factor, _observed(problem, found.space))

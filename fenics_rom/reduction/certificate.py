@@ -51,6 +51,11 @@ def certified(
         modes: by contact mode.
         bases: W_i in the shared space, (k, m) each.
     """
+    static = _static_errors(problem, modes, bases)
+    modes = {name: replace(mode, static_error=static[name]) for name, mode in modes.items()}
+    scene = problem.system.scene
+    if scene is not None and "inertia" not in scene.effects:  # runs are equilibria, and know no frequencies
+        return modes
     count = sum(len(sample_frequencies(mode.eigenvalues)) for mode in modes.values())
     width = max(1, min(MOST_INPUTS, MOST_COLUMNS // count))
     samples = [s for name, mode in modes.items() for s in _samples(problem, name, mode, bases[name], width)]
@@ -63,11 +68,9 @@ def certified(
             errors[sample.name].append(e)
             sizes[sample.name].append(x)
     problem.stages.report("certificate", len(groups), len(groups))
-    static = _static_errors(problem, modes, bases)
     return {
         name: replace(
             mode,
-            static_error=static[name],
             frequencies=sample_frequencies(mode.eigenvalues),
             transfer_errors=np.array(errors[name]) / max(sizes[name]),
         )
@@ -82,7 +85,8 @@ def sample_frequencies(γ: Array) -> Array:
 
 
 def _samples(problem: Problem, name: str, mode: Mode, W: Array, width: int) -> list[Sample]:
-    B, G, samples = problem.system.input_matrix(name), mode.inputs, []
+    B, samples = problem.system.forces(name), []
+    G = W.T @ problem.system.algebra.inner(problem.space.basis, B)
     random = np.random.default_rng(0)
     for ω in sample_frequencies(mode.eigenvalues):
         mixed = np.eye(B.shape[1])
@@ -174,17 +178,26 @@ def minimal_residuals(
     return np.sum([w * old for w, old in zip(weights[:, :, 0].T, basis, strict=False)], axis=0)
 
 
+def _ends(blocks: list[Array]) -> Array:
+    """Where the columns of each block but the last end, side by side."""
+    return np.cumsum([block.shape[1] for block in blocks[:-1]], dtype=int)
+
+
 def _static_errors(problem: Problem, modes: Mapping[str, Mode], bases: Mapping[str, Array]) -> dict[str, float]:
     """|K⁻¹B - W diag(1/γ) G| / |K⁻¹B| in the mass norm."""
     system, names = problem.system, list(modes)
     errors: dict[str, float] = {}
     for first in range(0, len(names), MODES_AT_ONCE):
         group = names[first : first + MODES_AT_ONCE]
-        inputs = [system.input_matrix(name) for name in group]
+        inputs = [system.forces(name) for name in group]
         statics = problem.factor.solve(np.hstack(inputs))
-        reduced = [bases[name] @ (modes[name].inputs / modes[name].eigenvalues[:, None]) for name in group]
+        seen = np.split(system.algebra.inner(problem.space.basis, np.hstack(inputs)), _ends(inputs), axis=1)
+        reduced = [
+            bases[name] @ (bases[name].T @ XᵀB / modes[name].eigenvalues[:, None])
+            for name, XᵀB in zip(group, seen, strict=True)
+        ]
         error = statics - problem.space.basis @ np.hstack(reduced)
-        starts = np.cumsum([0, *(B.shape[1] for B in inputs[:-1])])
+        starts = [0, *_ends(inputs)]
         gap, size = (
             np.add.reduceat(np.diag(system.algebra.inner(x, system.mass @ x)), starts) for x in (error, statics)
         )

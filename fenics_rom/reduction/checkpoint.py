@@ -141,6 +141,6 @@ def _probe(problem: Problem) -> Array:
     """Numbers that two systems share only when they are the same."""
     system = problem.system
     z = np.random.default_rng(0).standard_normal((system.size, 1))[system.algebra.rows()]
-    blocks = [system.input_matrix(name) for name in problem.contacts] + list(system.outputs.values())
+    blocks = [system.forces(name) for name in problem.contacts] + list(system.outputs.values())
     forms = [system.algebra.inner(z, A @ z)[0, 0] for A in (system.mass, system.damping, system.stiffness)]
     return np.array(forms + [np.abs(system.algebra.inner(z, block)).sum() for block in blocks])

@@ -123,7 +123,7 @@ class KrylovSpaces:
     def __init__(self, problem: Problem, names: Sequence[str], company: Company):
         system, shared = problem.system, problem.space
         self._problem = problem
-        self.inputs = {name: system.input_matrix(name) for name in names}
+        self.inputs = {name: system.forces(name) for name in names}
         V = np.eye(shared.size)[:, : shared.eigenvectors]
         self.chains = {name: Chain(V) for name in names}
         self._company = Chain(V)

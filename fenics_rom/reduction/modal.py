@@ -22,7 +22,7 @@ def modal_static(problem: Problem) -> Iterator[tuple[str, Directions]]:
     share_eigenvectors(problem, _highest_order(problem))
     for name in problem.contacts:
         with problem.stages("solves with K"):
-            statics = problem.factor.solve(problem.system.input_matrix(name))
+            statics = problem.factor.solve(problem.system.forces(name))
         shapes = problem.space.add(statics)
         V = padded(np.eye(problem.space.eigenvectors), len(shapes))
         yield name, Directions(np.hstack([rest_of(shapes, shapes[:, :0]), V]))

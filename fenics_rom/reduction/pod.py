@@ -23,7 +23,7 @@ def pod(problem: Problem) -> Iterator[tuple[str, Directions]]:
     statics = {}
     for name in problem.contacts:
         with problem.stages("solves with K"):
-            statics[name] = problem.factor.solve(system.input_matrix(name))
+            statics[name] = problem.factor.solve(system.forces(name))
     slowest = min(_frequency(system, shapes) for shapes in statics.values())
     h = 2 * np.pi / slowest / STEPS
     with problem.stages("factorisation of the step"):
@@ -31,7 +31,7 @@ def pod(problem: Problem) -> Iterator[tuple[str, Directions]]:
     with closing(factor):
         for name in problem.contacts:
             with problem.stages("full-order runs"):
-                snapshots = _snapshots(system, factor, system.input_matrix(name), h, slowest)
+                snapshots = _snapshots(system, factor, system.forces(name), h, slowest)
             with problem.stages("orthonormal basis"):
                 found = _decomposed(problem, snapshots)
             yield name, found

@@ -35,7 +35,7 @@ class Problem:
 
         def static_shapes(problem):
             for name in problem.contacts:
-                yield name, problem.directions(problem.factor.solve(problem.system.input_matrix(name)))
+                yield name, problem.directions(problem.factor.solve(problem.system.forces(name)))
 
         rom = fr.reduce(system, method=static_shapes, order=3)
 

@@ -59,7 +59,8 @@ def reduce(
         order: number of reduced displacements, one for all contact modes or by name.
         tolerance: instead of an order: share of the sum of singular values that may be left out.
         method: "balanced" (by the Gramians), "modal" (the lowest eigenvectors), "modal+static" (with the static
-            shapes of the inputs), "pod" (of full-order runs), or a function of a `Problem`.
+            shapes of the inputs), "pod" (of full-order runs), "static" (the shapes at rest alone; what a scene without
+            inertia gets), or a function of a `Problem`.
         switching: "energy": the bases themselves, switched by energy-orthogonal projection (any order, no loss of
             accuracy); "modal": the paper's selection of eigenvectors; "oblique": standard balanced truncation
             as the paper's (5)-(8) stand, from dense Gramians with their round-off, switched by their oblique
@@ -87,7 +88,7 @@ def reduce(
     check_order(order, system.contacts, "order")
     tolerance = DEFAULT_TOLERANCE if tolerance is None else TOLERANCE.check(tolerance, "tolerance")
     share = SHARE.check(chosen.share if share is None else share, "share")
-    named, method = _method(method or chosen.method)
+    named, method = _method(method or chosen.method or _usual_method(system))
     switching = _choice("switching", switching or chosen.switching, SWITCHINGS)
     weighting = _choice("weighting", weighting or chosen.weighting, WEIGHTINGS)
     lyapunov = _choice("lyapunov", lyapunov or chosen.lyapunov, LYAPUNOV)
@@ -124,6 +125,11 @@ def reduce(
     for message in problem.messages:
         warnings.warn(message, FenicsRomWarning, stacklevel=2)
     return check_rom(rom)
+
+
+def _usual_method(system: System) -> str:
+    """Balanced; for runs without inertia, which no transient has a part in, the shapes at rest."""
+    return "static" if system.scene is not None and "inertia" not in system.scene.effects else "balanced"
 
 
 def _choice(key: str, value: str, choices: tuple[str, ...]) -> str:

@@ -2,9 +2,11 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 
+from fenics_rom.effects import EFFECTS
 from fenics_rom.reduction.certificate import certified
 from fenics_rom.reduction.problem import Problem
 from fenics_rom.reduction.shared_space import padded, rest_of
@@ -60,6 +62,7 @@ def rom_of(problem: Problem, kept: Mapping[str, Kept], *, method: str) -> Rom:
                 eigenvalues=γ,
                 damping=space.damping_in(W, γ),
                 inputs=C.T @ QᵀB,
+                contact_points=system.contact_points.get(name, np.empty(0, dtype=int)),
                 coordinates=C,
                 directions=np.linalg.qr(T / np.linalg.norm(T, axis=0))[0],
                 hankel_singular_values=k.hankel_singular_values,
@@ -75,15 +78,21 @@ def rom_of(problem: Problem, kept: Mapping[str, Kept], *, method: str) -> Rom:
         actuators={name: columns.shape[1] for name, columns in system.actuators.items()},
         basis=algebra.gather(Q),
         stiffness=κ,
+        loads={name: columns.shape[1] for name, columns in system.loads.items()},
         outputs={name: algebra.inner(C, Q) for name, C in system.outputs.items()},
         free=system.body.free,
         nodes=system.body.nodes,
         triangles=system.body.triangles,
         node_mass=system.body.node_mass,
-        effects=scene.effects if scene else {},
+        effects=_numbers(scene.effects) if scene else {},
         scene_text=scene.text if scene else "",
         tables=scene.tables if scene else {},
         warnings=tuple(problem.messages),
         weighting=problem.weighting,
         stages=problem.stages.done,
     )
+
+
+def _numbers(effects: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+    """Of each effect the parameters that are numbers."""
+    return {name: {key: said[key] for key in EFFECTS[name].numbers if key in said} for name, said in effects.items()}

@@ -2,8 +2,10 @@
 
 import time
 import warnings
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from itertools import islice
+
+import numpy as np
 
 from fenics_rom.errors import FenicsRomWarning, SceneError
 from fenics_rom.linear_limit import summary
@@ -11,10 +13,13 @@ from fenics_rom.load_history import LoadHistory
 from fenics_rom.record import Record, Recorder
 from fenics_rom.rom import Rom
 from fenics_rom.runtime.simulator import Simulator
+from fenics_rom.runtime.surrounded import MOTION
 from fenics_rom.scene import Scene
 from fenics_rom.scene_file import parse_scene
+from fenics_rom.surroundings import History
 
 Report = Callable[[str, int, int], None]
+UNTIMED = "what is no part of a step"
 
 
 def simulate(
@@ -22,37 +27,51 @@ def simulate(
     *,
     scene: Scene | None = None,
     dt: float | None = None,
+    histories: Mapping[str, History] | None = None,
+    profile: bool = False,
     report: Report = lambda stage, done, of: None,
 ) -> Record:
     """Runs a ROM through a load history from rest.
 
     Args:
         rom: the reduced model.
-        scene: whose run to take instead of that of the scene in the ROM; only its loads and outputs' names count.
+        scene: whose run, effects and outputs' names to take instead of those of the scene in the ROM.
         dt: time step instead of the scene's, s.
+        histories: of loads and obstacles by name, instead of the scene's: numbers, or functions of time; as in
+            Simulator.
+        profile: whether to run it once more to measure what each effect costs in a step.
         report: called with the stage, how much of it is done, and of how much.
 
     Raises:
         SceneError: there is no load history, or it does not fit the ROM.
+        StepError: a step could not be taken.
     """
     if len(rom.nodes) == 0:
         raise SceneError(f"ROM {rom.name!r} has no mesh, so no scene goes with it; step it with Simulator")
-    if scene is None:
-        scene = parse_scene(rom.scene_text, tables=rom.tables, source=f"scene of ROM {rom.name!r}")
-    history = LoadHistory(scene, rom.contacts, rom.actuators, dt)
-    simulator = Simulator(rom, history.dt)
-    simulator.switch(history.first_contact())
+    asked = scene or parse_scene(rom.scene_text, tables=rom.tables, source=f"scene of ROM {rom.name!r}")
+    history = LoadHistory(asked, rom.contacts, rom.actuators, dt)
+
+    def fresh() -> Simulator:
+        simulator = Simulator(rom, history.dt, scene=scene, histories=histories)
+        simulator.switch(history.first_contact())
+        return simulator
+
+    simulator = fresh()
     points = {name: len(rows) // 3 for name, rows in rom.outputs.items()}
-    shapes = scene.run.shapes if scene.run else 1
-    recorder = Recorder(history.steps, history.dt, points, tuple(rom.modes), len(rom.nodes), shapes)
+    shapes = asked.run.shapes if asked.run else 1
+    obstacles = tuple(simulator.surroundings.obstacles) if simulator.surroundings else ()
+    recorder = Recorder(history.steps, history.dt, points, tuple(rom.modes), len(rom.nodes), shapes, obstacles)
 
     def sample(step: int) -> None:
         assert simulator.ledger is not None
-        recorder.sample(step, simulator.contact, simulator.energy, simulator.ledger, simulator.displacement)
+        forces = np.array([simulator.contact_forces(name) for name in obstacles]) if obstacles else None
+        account = simulator.contact, simulator.energy, simulator.ledger, simulator.displacement
+        recorder.sample(step, *account, forces)
 
     sample(0)
     for step, (contact, u) in enumerate(history, start=1):
-        simulator.switch(contact)
+        if not history.automatic:
+            simulator.switch(contact)
         simulator.step(u)
         sample(step)
         report("steps", step, history.steps)
@@ -61,27 +80,56 @@ def simulate(
         model="reduced",
         settings={
             "dt": history.dt,
-            "seconds": _seconds(rom, history),
+            "seconds": _seconds(fresh(), history),
             "order": max(mode.order for mode in rom.modes.values()),
         },
         nodes=rom.nodes,
         triangles=rom.triangles,
         node_mass=rom.node_mass,
         warnings=(*rom.warnings, *filter(None, [summary(simulator.excursion)])),
+        effects=tuple(asked.effects),
+        profile=_profile(fresh(), history) if profile else None,
     )
 
 
-def _seconds(rom: Rom, history: LoadHistory) -> float:
+def _seconds(simulator: Simulator, history: LoadHistory) -> float:
     """Wall clock of the steps alone, s, with the account kept; in a second run, as reading it after each costs more."""
-    simulator, seconds, inputs = Simulator(rom, history.dt), 0.0, iter(history)
+    seconds, inputs = 0.0, iter(history)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", FenicsRomWarning)  # it was said
         while some := list(islice(inputs, 1000)):
             start = time.perf_counter()
             for contact, u in some:
-                simulator.switch(contact)
+                if not history.automatic:
+                    simulator.switch(contact)
                 simulator.step(u)
             assert simulator.ledger is not None
             simulator.ledger.supplied  # noqa: B018, it is booked by this
             seconds += time.perf_counter() - start
     return seconds
+
+
+def _profile(simulator: Simulator, history: LoadHistory) -> dict[str, float]:
+    """Seconds per step of each part, in a run whose clock is read between them."""
+    spent: dict[str, float] = {}
+    last = time.perf_counter()
+
+    def lap(part: str) -> None:
+        nonlocal last
+        now = time.perf_counter()
+        spent[part] = spent.get(part, 0.0) + now - last
+        last = time.perf_counter()
+
+    if simulator.surroundings is not None:
+        simulator.surroundings.lap = lap
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FenicsRomWarning)
+        for contact, u in history:
+            lap(UNTIMED)
+            if not history.automatic:
+                simulator.switch(contact)
+                lap("switching")
+            simulator.step(u)
+            lap(MOTION)
+    del spent[UNTIMED]
+    return {part: seconds / history.steps for part, seconds in spent.items()}

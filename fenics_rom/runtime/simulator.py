@@ -1,22 +1,27 @@
 """A soft body in real time: the reduced model of the active contact mode, stepped, switched and accounted for."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 
+from fenics_rom.contact import Contact
 from fenics_rom.errors import StepError
 from fenics_rom.ledger import Ledger
 from fenics_rom.linear_limit import Excursion
-from fenics_rom.rom import Rom
+from fenics_rom.rom import Mode, Rom
+from fenics_rom.runtime.acting import surrounded
 from fenics_rom.runtime.forms import OneProduct, VelocityFirst, fastest
 from fenics_rom.runtime.march import LONGEST, Block, Span, ladder, one_step, repeated, run, spans
 from fenics_rom.runtime.midpoint import checked_dt
+from fenics_rom.runtime.surrounded import Equilibrium, MidpointAmongObstacles, Touch
 from fenics_rom.runtime.switching import Projections
 from fenics_rom.runtime.watch import Watch
+from fenics_rom.scene import Scene
 from fenics_rom.schema import unknown
+from fenics_rom.surroundings import ContactPoints, History
 
 Array = np.ndarray
 
@@ -33,6 +38,8 @@ class Snapshot:
         state: [√γ q, r] (2m,), read-only.
         sums: of the energy account, J, and what they were rounded by; or None.
         excursion: how far the surface went.
+        offsets: where the obstacles are, (O, 3), m; None where there are no surroundings.
+        pressed: the last contact forces, which the next search begins with.
     """
 
     contact: str
@@ -42,32 +49,58 @@ class Snapshot:
     state: Array
     sums: tuple[tuple[float, float], ...] | None
     excursion: Excursion
+    offsets: Array | None = None
+    pressed: Array | None = None
 
 
 class Simulator:
     """Steps a ROM from rest, beginning in its first contact mode.
 
+    Loads and obstacles of the scene act by themselves. Where its contact switches automatically, the contact mode is
+    the one that an obstacle is nearest to.
+
     Args:
         rom: the reduced model; it is only read, and copies of a simulator share it.
         dt: time step, s; may be set anew before any step.
         ledger: whether to keep the energy account.
+        scene: whose effects act; None: those of the scene that the ROM was made from.
+        histories: of loads and obstacles by name, instead of the scene's: numbers, or functions of time in s. Of
+            gravity multiples of its acceleration; of a base motion m/s²; of a prescribed force N (3,); of an obstacle
+            its displacement, m (3,).
 
     Attributes:
         steps: number of steps taken.
         ledger: the energy account, or None.
 
     Raises:
-        StepError: dt is not a positive finite number.
+        SceneError: an effect that the ROM was not made with, or a load without a history.
+        StepError: dt is not a positive finite number, a history has another width, or the body begins in an obstacle.
     """
 
-    def __init__(self, rom: Rom, dt: float, *, ledger: bool = True):
-        self.rom = rom
+    def __init__(
+        self,
+        rom: Rom,
+        dt: float,
+        *,
+        ledger: bool = True,
+        scene: Scene | None = None,
+        histories: Mapping[str, History] | None = None,
+    ):
+        self._origin = rom, scene
+        self.rom, self.surroundings = rom, surroundings = surrounded(rom, scene, histories)
+        self._touch: Touch | None = None
+        if surroundings is not None and surroundings.law is not None:
+            self._touchable = ContactPoints({name: mode.contact_points for name, mode in rom.modes.items()}, rom.nodes)
+            contact = Contact(self._touchable.places, list(surroundings.obstacles.values()), surroundings.law)
+            contact.check_start(np.zeros(self._touchable.places.shape), surroundings.offsets)
+            components = (3 * self._touchable.nodes[:, None] + np.arange(3)).ravel()
+            self._touch = Touch(contact, rom.basis[np.searchsorted(rom.free, components)], surroundings)
         self.steps = 0
         self.ledger = Ledger(self._settle) if ledger else None
         self._dt, self._since = checked_dt(dt), (0.0, 0)
         self._watch = Watch(rom)
         self._projections = Projections(rom)
-        self._forms: dict[str, OneProduct | VelocityFirst] = {}
+        self._forms: dict[str, OneProduct | VelocityFirst | MidpointAmongObstacles | Equilibrium] = {}
         self._readings: dict[tuple[str, str], Array] = {}
         self._ladders: dict[tuple[Any, ...], list[Block]] = {}
         self._enter(next(iter(rom.modes)))
@@ -99,7 +132,7 @@ class Simulator:
     @property
     def inputs(self) -> int:
         """Length of the input: the contact mode's columns, then the actuators'."""
-        return self._shape[0]
+        return self._width
 
     @property
     def state(self) -> tuple[Array, Array]:
@@ -164,25 +197,102 @@ class Simulator:
         if self.ledger is not None:
             self.ledger.book(lost_in_switching=float(before.dot(before) - after.dot(after)) / 2)
 
-    def step(self, u: Sequence[float] | Array) -> None:
+    def drive(self, name: str, history: History) -> None:
+        """Gives a load or an obstacle another value, or another function of time (s), from the next step on.
+
+        Args:
+            name: of gravity (multiples of its acceleration), a base motion (m/s²), a prescribed force (N) or an
+                obstacle (its displacement, m).
+            history: numbers, or a function that gives them.
+
+        Raises:
+            StepError: there is no such load or obstacle, or not so many numbers.
+        """
+        if self.surroundings is None:
+            raise StepError(unknown("load or obstacle", name, []))
+        self.surroundings.set(name, history)
+
+    def contact_forces(self, obstacle: str | None = None) -> Array:
+        """Forces on the body in the last step, N: of an obstacle (3,), or on every contact point (P, 3).
+
+        Raises:
+            StepError: no such obstacle.
+        """
+        if self.surroundings is None or self._touch is None:
+            raise StepError("there are no contact forces: the scene has no contact")
+        names = list(self.surroundings.obstacles)
+        if obstacle is not None and obstacle not in names:
+            raise StepError(unknown("obstacle", obstacle, names))
+        touched = getattr(self._form, "touched", None)
+        if obstacle is not None:
+            return np.zeros(3) if touched is None else touched.by_obstacle[names.index(obstacle)]
+        return np.zeros(self._touchable.places.shape) if touched is None else touched.forces
+
+    @property
+    def contact_points(self) -> Array:
+        """Nodes (P,) that obstacles can touch; none where the scene has no contact."""
+        return np.empty(0, dtype=int) if self._touch is None else self._touchable.nodes
+
+    def step(self, u: Sequence[float] | Array = ()) -> None:
         """Advances by dt under a constant input.
 
         Args:
-            u: (p,) N; the contact mode's columns, then the actuators'.
+            u: (p,) N; the contact mode's columns, then the actuators' (Pa of a pressure). The actuators' alone, where
+                the scene has loads, obstacles or no inertia: then nothing pushes at the contact mode besides.
 
         Raises:
-            StepError: wrong length, or not finite; the state is as it was.
+            StepError: wrong length, or not finite, or no contact forces were found; the state is as it was.
         """
+        if self.surroundings is not None:
+            self._step_surrounded(u)
+        else:
+            self._step(u)
+
+    def _step_surrounded(self, u: Sequence[float] | Array) -> None:
+        """A step with what acts by itself: the nearest contact mode, loads, obstacles."""
+        around, before = self.surroundings, None
+        assert around is not None
+        if around.automatic and (nearest := self._nearest()) != self._contact:
+            before = self.save()
+            self.switch(nearest)
+        if around.lap is not None and around.automatic:
+            around.lap("switching")
+        try:
+            end = self.time + self._dt
+            given = np.asarray(u, dtype=float)
+            if given.shape == (sum(self.rom.actuators.values()),) != (self._width,):
+                given = np.concatenate([np.zeros(self._width - len(given)), given])
+            if given.shape != (self._width,):
+                raise StepError(self._wrong_input(given))
+            around.ahead = around.offsets_at(end)
+            self._step(np.concatenate([given, around.loads(end if around.quasi_static else end - self._dt / 2)]))
+            around.offsets = around.ahead
+        except BaseException:
+            if before is not None:
+                self.restore(before)
+            raise
+
+    def _nearest(self) -> str:
+        """The contact mode that an obstacle is nearest to."""
+        assert self._touch is not None
+        contact, rows, around = self._touch
+        displacement = rows @ (self.rom.modes[self._contact].coordinates @ self._q)
+        return self._touchable.nearest(contact.gaps(displacement.reshape(-1, 3), around.offsets), self._contact)
+
+    def _wrong_input(self, u: object) -> str:
+        given = f"an array of shape {u.shape}" if isinstance(u, np.ndarray) else repr(u)[:80]
+        return (
+            f"step {self.steps}: input of contact mode {self._contact!r}: allowed are {self.inputs} numbers in N, "
+            f"given: {given}"
+        )
+
+    def _step(self, u: Sequence[float] | Array) -> None:
         form = self._form
         try:
             u = np.asarray(u, dtype=float)
             twice = form.advance(u)
         except (TypeError, ValueError):
-            given = f"an array of shape {u.shape}" if isinstance(u, np.ndarray) else repr(u)[:80]
-            raise StepError(
-                f"step {self.steps}: input of contact mode {self._contact!r}: allowed are {self.inputs} numbers in N, "
-                f"given: {given}"
-            ) from None
+            raise StepError(self._wrong_input(u)) from None
         high = not twice <= self._alert  # or not a number
         if high and not math.isfinite(twice):
             form.undo()
@@ -218,6 +328,8 @@ class Simulator:
         Raises:
             StepError: wrong shapes, unknown names, or numbers that are not finite; everything is as it was.
         """
+        if self._touch is not None or (self.surroundings is not None and self.surroundings.quasi_static):
+            raise StepError("march: is for known forces; among obstacles or without inertia take each step by itself")
         if not (isinstance(every, int | np.integer) and every >= 1):
             raise StepError(f"every = {every!r}: allowed is a whole number of steps, at least 1")
         u, plan = self._planned(inputs, contact, dt)
@@ -250,16 +362,21 @@ class Simulator:
         if len(bad):
             raise StepError(f"step {self.steps + bad[0]}: input {u[bad[0]].tolist()} is not finite")
         plan = spans(len(u), self._contact if contact is None else contact, self._dt if dt is None else dt)
+        loads = sum(self.rom.loads.values())
         for span in plan:
             checked_dt(span.dt)
             if span.contact not in self.rom.modes:
                 raise StepError(unknown("contact mode", span.contact, self.rom.modes))
             columns = self.rom.modes[span.contact].inputs.shape[1]
-            if u.shape[1] != columns:
+            if u.shape[1] != columns - loads:
                 raise StepError(
                     f"step {self.steps + span.start}: inputs of contact mode {span.contact!r}: allowed are (steps, "
-                    f"{columns}) numbers in N, given: shape {u.shape}"
+                    f"{columns - loads}) numbers in N, given: shape {u.shape}"
                 )
+        if self.surroundings is not None:
+            ends = self.time + np.cumsum(np.concatenate([np.full(span.stop - span.start, span.dt) for span in plan]))
+            halves = np.concatenate([np.full(span.stop - span.start, span.dt / 2) for span in plan])
+            u = np.hstack([u, np.array([self.surroundings.loads(t) for t in ends - halves]).reshape(len(u), loads)])
         return u, plan
 
     def _march(self, u: Array, taken: int, every: int, names: tuple[str, ...], read: list[Array]) -> None:
@@ -314,6 +431,10 @@ class Simulator:
         self._watch.begin(Excursion())
         self._enter(next(iter(self.rom.modes)))
         self._form.state[:] = 0
+        if self.surroundings is not None:
+            self.surroundings.offsets = self.surroundings.offsets_at(0.0)
+        if self._touch is not None:
+            self._touch.contact.last = np.zeros_like(self._touch.contact.last)
 
     def save(self) -> Snapshot:
         """The state of everything, to come back to."""
@@ -321,7 +442,9 @@ class Simulator:
         state = self._form.state.copy()
         state.flags.writeable = False
         sums = None if self.ledger is None else self.ledger.sums
-        return Snapshot(self._contact, self._dt, self.steps, self._since, state, sums, self.excursion)
+        offsets = None if self.surroundings is None else self.surroundings.offsets
+        pressed = None if self._touch is None else self._touch.contact.last
+        return Snapshot(self._contact, self._dt, self.steps, self._since, state, sums, self.excursion, offsets, pressed)
 
     def restore(self, snapshot: Snapshot) -> None:
         """Goes back to a saved state, of this simulator or of another one of the same ROM.
@@ -340,15 +463,24 @@ class Simulator:
         self._watch.begin(snapshot.excursion)
         self._enter(snapshot.contact)
         self._form.state[:] = snapshot.state
+        if self.surroundings is not None and snapshot.offsets is not None:
+            self.surroundings.offsets = snapshot.offsets
+        if self._touch is not None and snapshot.pressed is not None:
+            self._touch.contact.last = snapshot.pressed
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _revived, (self.rom, self.save())
+        return _revived, (*self._origin, self._histories, self.save())
 
     def __copy__(self) -> "Simulator":
-        return _revived(self.rom, self.save())
+        return _revived(*self._origin, self._histories, self.save())
 
     def __deepcopy__(self, memo: object) -> "Simulator":
-        return _revived(self.rom, self.save())
+        return _revived(*self._origin, self._histories, self.save())
+
+    @property
+    def _histories(self) -> Mapping[str, History] | None:
+        """What loads and obstacles do, as it was last said."""
+        return None if self.surroundings is None else self.surroundings.histories
 
     def _settle(self) -> None:
         """Books what the steps so far supplied and dissipated; no other contact mode than the active one owes any."""
@@ -357,13 +489,20 @@ class Simulator:
     def _enter(self, contact: str) -> None:
         mode = self.rom.modes[contact]
         if contact not in self._forms:
-            self._forms[contact] = fastest(mode, self.ledger)
+            self._forms[contact] = self._form_of(mode)
         self._contact, self._form = contact, self._forms[contact]
         self._form.rewind()
         if self._form.h != self._dt:
             self._form.retime(self._dt)
         self._alert = self._watch.enter(contact)
-        self._shape, self._ω = mode.inputs.shape[1:], np.sqrt(mode.eigenvalues)
+        self._width, self._ω = mode.inputs.shape[1] - sum(self.rom.loads.values()), np.sqrt(mode.eigenvalues)
+
+    def _form_of(self, mode: Mode) -> OneProduct | VelocityFirst | MidpointAmongObstacles | Equilibrium:
+        if self.surroundings is not None and self.surroundings.quasi_static:
+            return Equilibrium(mode, self.ledger, np.empty(0), self._touch)
+        if self._touch is not None:
+            return MidpointAmongObstacles(mode, self.ledger, np.empty(0), self._touch)
+        return fastest(mode, self.ledger)
 
     @property
     def _q(self) -> Array:
@@ -387,7 +526,8 @@ class Simulator:
         return self.rom.shape(self.rom.modes[self._contact].coordinates @ coordinates)
 
 
-def _revived(rom: Rom, snapshot: Snapshot) -> Simulator:
-    simulator = Simulator(rom, snapshot.dt, ledger=snapshot.sums is not None)
+def _revived(rom: Rom, scene: Scene | None, histories: Mapping[str, History] | None, snapshot: Snapshot) -> Simulator:
+    ledger = snapshot.sums is not None
+    simulator = Simulator(rom, snapshot.dt, ledger=ledger, scene=scene, histories=histories)
     simulator.restore(snapshot)
     return simulator

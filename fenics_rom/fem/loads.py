@@ -1,0 +1,110 @@
+"""Input columns of the effects that act as forces, each for a total of 1 N, and what 1 of its unit is worth in N.
+
+A column's unit must not decide how much of it a reduced basis knows: pascals and newtons are reduced as equals.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from fenics_rom.errors import SceneError
+from fenics_rom.fem.nodes import Nodes, patch_area, patch_columns, patch_nodes, shape_functions
+from fenics_rom.scene import Near, Patch, Scene
+
+Array = np.ndarray
+Columns = dict[str, Array]
+SHORTEST = 1e-9  # piece of a cable, as a share of its length
+
+
+def patch_of(one: Mapping[str, Any], force: str) -> Patch:
+    """The place that an effect names."""
+    near = one.get("near")
+    return Patch(one.get("surface"), Near(**near) if near else None, force)
+
+
+def actuators_of(scene: Scene, nodes: Nodes, free: Array) -> tuple[Columns, dict[str, float]]:
+    """Columns (n, columns) and units of actuators: the scene's own, pressures (Pa) and tendons (N).
+
+    Raises:
+        MeshError, SceneError: a place that does not exist, is empty, or cannot move.
+    """
+    columns = {name: patch_columns(nodes, patch, free, f"actuators.{name}") for name, patch in scene.actuators.items()}
+    units = {}
+    for name, one in scene.effects.get("pressure", {}).items():
+        patch, where = patch_of(one, "normal"), f"effects.pressure.{name}"
+        columns[name] = patch_columns(nodes, patch, free, where)
+        units[name] = patch_area(nodes, patch, where)
+    for name, one in scene.effects.get("tendon", {}).items():
+        columns[name] = _cable(nodes, np.array(one["points"]), f"effects.tendon.{name}")[free]
+        _refuse_nothing(columns[name], f"effects.tendon.{name}")
+    return columns, units
+
+
+def loads_of(scene: Scene, nodes: Nodes, masses: Array, free: Array) -> tuple[Columns, dict[str, float]]:
+    """Columns (n, columns) and units of loads with histories of their own, in the order of `load_columns`.
+
+    Args:
+        scene: whose gravity (in multiples of its acceleration), base motions (m/s²) and prescribed forces (N).
+        nodes: all nodes.
+        masses: (N,) kg, ∫ρ of each shape function: M times a rigid translation.
+        free: (n,) free displacement components among 3 N.
+
+    Raises:
+        MeshError, SceneError: a place that does not exist, is empty, or cannot move.
+    """
+    columns: Columns = {}
+    units: dict[str, float] = {}
+    mass = float(masses.sum())
+
+    def inertial(name: str, direction: Array, unit: float) -> None:
+        columns[name] = np.kron(masses / mass, direction)[free, None]
+        units[name] = unit
+
+    if "gravity" in scene.effects:
+        g = np.array(scene.effects["gravity"]["acceleration"])
+        size = float(np.linalg.norm(g))
+        if size == 0:
+            raise SceneError("effects.gravity.acceleration is zero; leave gravity out instead")
+        inertial("gravity", g / size, mass * size)
+    for name, one in scene.effects.get("base_motion", {}).items():
+        direction = np.array(one["direction"])
+        inertial(name, -direction / np.linalg.norm(direction), mass)
+    for name, one in scene.effects.get("prescribed", {}).items():
+        where = f"effects.prescribed.{name}"
+        if "point" in one:
+            columns[name] = np.kron(shape_functions(nodes, np.array(one["point"]), where)[:, None], np.eye(3))[free]
+            _refuse_nothing(columns[name], where)
+        else:
+            columns[name] = patch_columns(nodes, patch_of(one, "resultant"), free, where)
+    return columns, units
+
+
+def contact_points_of(scene: Scene, nodes: Nodes, free: Array) -> dict[str, Array]:
+    """Nodes (P,) of each contact mode that can move, where the scene has contact."""
+    if "contact" not in scene.effects:
+        return {}
+    movable = np.zeros(3 * len(nodes.coordinates), dtype=bool)
+    movable[free] = True
+    movable = movable.reshape(-1, 3).all(axis=1)
+    found = {name: patch_nodes(nodes, patch, f"contacts.{name}") for name, patch in scene.contacts.items()}
+    return {name: touched[movable[touched]] for name, touched in found.items()}
+
+
+def _cable(nodes: Nodes, points: Array, where: str) -> Array:
+    """Forces (3 N, 1) of a cable under 1 N: at each end towards its neighbour, at a guide towards both."""
+    pieces = np.diff(points, axis=0)
+    lengths = np.linalg.norm(pieces, axis=1)
+    if (lengths <= SHORTEST * lengths.sum()).any():
+        raise SceneError(f"{where}.points: two that follow one another are the same point")
+    directions = pieces / lengths[:, None]
+    pulls = np.zeros_like(points)
+    pulls[:-1] += directions
+    pulls[1:] -= directions
+    shapes = [shape_functions(nodes, point, f"{where}.points") for point in points]
+    return (np.array(shapes).T @ pulls).reshape(-1, 1)
+
+
+def _refuse_nothing(columns: Array, where: str) -> None:
+    if not np.any(columns):
+        raise SceneError(f"{where}: acts on nothing that can move")

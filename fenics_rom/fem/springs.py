@@ -1,0 +1,55 @@
+"""Springs and dashpots to ground, spread evenly over surfaces: matrices of NumPy, added to those of dolfinx."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+import scipy.sparse
+from petsc4py import PETSc
+
+from fenics_rom.fem.loads import patch_of
+from fenics_rom.fem.nodes import Nodes, patch_triangles, surface_mass
+from fenics_rom.fem.petsc_matrix import PetscMatrix
+from fenics_rom.scene import Scene
+
+
+def springs_of(scene: Scene, nodes: Nodes) -> scipy.sparse.csr_matrix | None:
+    """Stiffness of springs to ground, of each component of the nodes (N, N), N/m."""
+    where = "effects.springs"
+    springs = [(name, one, one["stiffness"]) for name, one in scene.effects.get("springs", {}).items()]
+    return _on_surfaces(nodes, springs, where)
+
+
+def dashpots_of(scene: Scene, nodes: Nodes) -> scipy.sparse.csr_matrix | None:
+    """Damping of dashpots to ground, of each component of the nodes (N, N), N s/m."""
+    dashpots = scene.effects.get("damping", {}).get("dashpots", {})
+    where = "effects.damping.dashpots"
+    return _on_surfaces(nodes, [(name, one, one["coefficient"]) for name, one in dashpots.items()], where)
+
+
+def _on_surfaces(
+    nodes: Nodes, parts: list[tuple[str, Mapping[str, Any], float]], where: str
+) -> scipy.sparse.csr_matrix | None:
+    """Sum of coefficients spread evenly over surfaces; None of none."""
+    total = None
+    for name, one, coefficient in parts:
+        triangles = patch_triangles(nodes, patch_of(one, "resultant"), f"{where}.{name}")
+        added = coefficient * surface_mass(nodes, triangles)
+        total = added if total is None else total + added
+    return total
+
+
+def with_surfaces(matrix: PetscMatrix, scalar: scipy.sparse.csr_matrix | None, free: np.ndarray) -> PetscMatrix:
+    """The matrix plus one that acts on each component of the nodes alike (N, N), if there is one."""
+    if scalar is None:
+        return matrix
+    start, stop = matrix.mat.getOwnershipRange()
+    here = scipy.sparse.kron(scalar, np.eye(3), format="csr")[free[start:stop]][:, free].tocsr()
+    sizes = ((matrix.local, matrix.size), (matrix.local, matrix.size))
+    csr = (here.indptr.astype(PETSc.IntType), here.indices.astype(PETSc.IntType), here.data)
+    added = PETSc.Mat().createAIJ(sizes, bsize=3, csr=csr, comm=matrix.mat.comm)
+    total = matrix.mat.copy()
+    total.axpy(1.0, added, structure=PETSc.Mat.Structure.UNKNOWN_NONZERO_PATTERN)
+    added.destroy()
+    matrix.destroy()
+    return PetscMatrix(total)

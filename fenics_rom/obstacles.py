@@ -1,0 +1,217 @@
+"""Rigid convex obstacles: how far points are from them, and which way out.
+
+The signed distance to a convex body is a convex function, so that with the unit normal n at x,
+distance(x + d) >= distance(x) + n·d for every d: a step that keeps the right side positive does not penetrate.
+An obstacle moves by translation only: evaluate it at points - offset.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Protocol
+
+import numpy as np
+
+from fenics_rom.errors import SceneError
+
+Array = np.ndarray
+
+_ONES, _UP = np.ones(3), np.array([0.0, 0.0, 1.0])
+_NOWHERE = 1e-150  # m; lengths below it have squares that underflow and no direction
+
+
+class Obstacle(Protocol):
+    """A rigid convex body."""
+
+    def distance(self, points: Array) -> tuple[Array, Array]:
+        """Signed distance (P,), m, negative inside, of points (P, 3), m, and its gradient: unit normals (P, 3)."""
+
+
+@dataclass(frozen=True)
+class HalfSpace:
+    """All that lies behind a plane.
+
+    Args:
+        point: a point of the plane, m.
+        normal: which way is out; of any length but 0.
+
+    Raises:
+        SceneError: not three finite numbers each, or a normal of length 0.
+    """
+
+    point: Sequence[float]
+    normal: Sequence[float]
+    _n: Array = field(init=False, repr=False, compare=False)
+    _level: float = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        point, normal = _vector(self, "point"), _vector(self, "normal")
+        length = math.hypot(*normal)
+        if not length > 0:
+            raise SceneError("half-space: normal: allowed is a vector of any length but 0, given: length 0")
+        n = normal / length
+        object.__setattr__(self, "_n", n / math.hypot(*n))
+        object.__setattr__(self, "_level", float(point.dot(self._n)))
+
+    def distance(self, points: Array) -> tuple[Array, Array]:
+        """Signed distance (P,), m, negative inside, of points (P, 3), m, and its gradient: unit normals (P, 3)."""
+        normals = np.empty(points.shape)
+        normals[:] = self._n
+        return points.dot(self._n) - self._level, normals
+
+
+@dataclass(frozen=True)
+class Sphere:
+    """A ball.
+
+    Args:
+        center: m.
+        radius: m.
+
+    Raises:
+        SceneError: not three finite numbers, or a radius that is not finite and > 0.
+    """
+
+    center: Sequence[float]
+    radius: float
+    _center: Array = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_center", _vector(self, "center"))
+        _positive(self, "radius")
+
+    def distance(self, points: Array) -> tuple[Array, Array]:
+        """Signed distance (P,), m, negative inside, of points (P, 3), m, and its gradient: unit normals (P, 3)."""
+        length, normals = _directions(points - self._center, _UP)
+        return length - self.radius, normals
+
+
+@dataclass(frozen=True)
+class Capsule:
+    """All that is nearer than a radius to a segment of a line.
+
+    Args:
+        start: one end of the segment, m.
+        end: the other end, m.
+        radius: m.
+
+    Raises:
+        SceneError: not three finite numbers each, ends that coincide, or a radius that is not finite and > 0.
+    """
+
+    start: Sequence[float]
+    end: Sequence[float]
+    radius: float
+    _start: Array = field(init=False, repr=False, compare=False)
+    _axis: Array = field(init=False, repr=False, compare=False)
+    _per_length: Array = field(init=False, repr=False, compare=False)
+    _aside: Array = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        start, end = _vector(self, "start"), _vector(self, "end")
+        _positive(self, "radius")
+        axis = end - start
+        square = float(axis.dot(axis))
+        if not square > 0:
+            raise SceneError("capsule: allowed are a start and an end that differ, given: the same; use a sphere")
+        aside = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
+        object.__setattr__(self, "_start", start)
+        object.__setattr__(self, "_axis", axis)
+        object.__setattr__(self, "_per_length", axis / square)
+        object.__setattr__(self, "_aside", aside / np.linalg.norm(aside))
+
+    def distance(self, points: Array) -> tuple[Array, Array]:
+        """Signed distance (P,), m, negative inside, of points (P, 3), m, and its gradient: unit normals (P, 3)."""
+        from_start = points - self._start
+        along = from_start.dot(self._per_length)
+        np.minimum(along, 1.0, out=along)
+        np.maximum(along, 0.0, out=along)
+        length, normals = _directions(from_start - along[:, None] * self._axis, self._aside)
+        return length - self.radius, normals
+
+
+@dataclass(frozen=True)
+class Box:
+    """A block with flat faces.
+
+    Args:
+        center: m.
+        size: full lengths of the edges, m.
+        rotation: axis times angle, rad (Rodrigues' formula), by which it is turned about its center.
+
+    Raises:
+        SceneError: not three finite numbers each, or an edge that is not > 0.
+    """
+
+    center: Sequence[float]
+    size: Sequence[float]
+    rotation: Sequence[float] = (0.0, 0.0, 0.0)
+    _center: Array = field(init=False, repr=False, compare=False)
+    _half: Array = field(init=False, repr=False, compare=False)
+    _turn: Array = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        object.__setattr__(self, "_center", _vector(self, "center"))
+        object.__setattr__(self, "_half", _vector(self, "size") / 2)
+        object.__setattr__(self, "_turn", _rotation(_vector(self, "rotation")))
+        if not self._half.min() > 0:
+            raise SceneError(f"box: size: allowed are edges > 0, in m, given: {list(self.size)}")
+
+    def distance(self, points: Array) -> tuple[Array, Array]:
+        """Signed distance (P,), m, negative inside, of points (P, 3), m, and its gradient: unit normals (P, 3)."""
+        local = (points - self._center).dot(self._turn)
+        beyond = np.abs(local)
+        beyond -= self._half
+        deepest = beyond.max(axis=1)
+        gap, normals = _directions(np.copysign(np.maximum(beyond, 0.0), local), _UP)
+        inside = deepest < _NOWHERE
+        if inside.any():
+            rows = np.flatnonzero(inside)
+            faces = beyond[rows].argmax(axis=1)
+            gap[rows] = deepest[rows]
+            normals[rows] = 0.0
+            normals[rows, faces] = np.copysign(1.0, local[rows, faces])
+        return gap, normals.dot(self._turn.T)
+
+
+def _directions(vectors: Array, otherwise: Array) -> tuple[Array, Array]:
+    """Lengths (P,) and directions (P, 3); where there is no direction, `otherwise`."""
+    length = np.sqrt((vectors * vectors).dot(_ONES))
+    if not length.min(initial=np.inf) > _NOWHERE:
+        nowhere = ~(length > _NOWHERE)
+        directions = vectors / np.where(nowhere, 1.0, length)[:, None]
+        directions[nowhere] = otherwise
+        return length, directions
+    return length, vectors / length[:, None]
+
+
+def _rotation(vector: Array) -> Array:
+    """The matrix (3, 3) that turns by |vector| about it: I + sin θ X + (1 - cos θ) X²."""
+    angle = math.hypot(*vector)
+    if not angle > 0:
+        return np.eye(3)
+    x, y, z = vector / angle
+    X = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+    return np.eye(3) + math.sin(angle) * X + 2 * math.sin(angle / 2) ** 2 * X @ X
+
+
+def _vector(obstacle: object, name: str) -> Array:
+    """An attribute as an array (3,); the attribute itself becomes a tuple, so that obstacles compare by value."""
+    given = getattr(obstacle, name)
+    try:
+        vector = np.array(given, dtype=float)
+    except (TypeError, ValueError):
+        vector = np.empty(0)
+    if vector.shape != (3,) or not np.isfinite(vector).all():
+        kind = type(obstacle).__name__.lower()
+        raise SceneError(f"{kind}: {name}: allowed are three finite numbers, given: {given!r}")
+    object.__setattr__(obstacle, name, tuple(vector.tolist()))
+    return vector
+
+
+def _positive(obstacle: object, name: str) -> None:
+    given = getattr(obstacle, name)
+    if not (isinstance(given, int | float | np.number) and math.isfinite(given) and given > 0):
+        kind = type(obstacle).__name__.lower()
+        raise SceneError(f"{kind}: {name}: allowed is a finite number > 0, in m, given: {given!r}")
+    object.__setattr__(obstacle, name, float(given))

@@ -1,0 +1,26 @@
+"""Method "static": the shapes of the loads at rest, K⁻¹B, which is all that a quasi-static run needs."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from fenics_rom.reduction.problem import Directions, Problem
+
+ROUND_OFF = 1e-14  # share of the largest eigenvalue of the compliance below which it is noise
+
+
+def static(problem: Problem) -> Iterator[tuple[str, Directions]]:
+    """Ordered by the compliance BᵀK⁻¹B = U Λ Uᵀ: the shapes K⁻¹B U, the most compliant combination of forces first.
+
+    They are stiffness-orthogonal, and what r of them leave out of the displacement energy of any force of length 1 is
+    at most Λ_(r+1). All of them are exact.
+    """
+    for name in problem.contacts:
+        B = problem.system.forces(name)
+        with problem.stages("solves with K"):
+            shapes = problem.factor.solve(B)
+        compliance = problem.system.algebra.inner(B, shapes)
+        Λ, U = np.linalg.eigh((compliance + compliance.T) / 2)
+        there = ROUND_OFF * Λ[-1] < Λ
+        Λ, U = Λ[there][::-1], U[:, there][:, ::-1]
+        yield name, problem.directions(shapes @ (U / np.sqrt(Λ)), Λ)
