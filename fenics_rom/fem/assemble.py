@@ -17,7 +17,9 @@ from fenics_rom.fem.nodes import CELL_EDGES, Nodes, canonical_nodes, clamped_nod
 from fenics_rom.fem.petsc_algebra import PetscAlgebra, require_real
 from fenics_rom.fem.petsc_matrix import PetscMatrix, ZeroMatrix, combination
 from fenics_rom.fem.ranks import on_rank_0
+from fenics_rom.fem.rigid import rigid_motions
 from fenics_rom.fem.versions import cell_constants, cell_dofs, cell_nodes, create_tetrahedra, vector_space
+from fenics_rom.rigid import mass_orthonormal, without_energy
 from fenics_rom.scene import Scene
 from fenics_rom.stages import Stages
 from fenics_rom.system import Body, System
@@ -46,7 +48,8 @@ def assemble(scene: Scene, comm: Any = None) -> System:
 def _system(scene: Scene, comm: Any) -> System:
     mesh = on_rank_0(comm, lambda: read_mesh(scene.mesh_file, scene.mesh_groups))
     nodes = on_rank_0(comm, lambda: canonical_nodes(mesh, scene.degree))
-    free = _free_components(scene, nodes)
+    moves = _moves(scene, nodes)
+    free = np.flatnonzero(moves)
     material = _material_of_cells(scene, mesh)
 
     logging.disable(logging.INFO)  # dolfinx 0.5 lets the C compiler talk
@@ -58,6 +61,8 @@ def _system(scene: Scene, comm: Any) -> System:
     alpha, beta = damping["alpha"], damping["beta"]
     algebra = PetscAlgebra(comm, mass.mat.getOwnershipRange())
     here = algebra.rows()
+    motions = mass_orthonormal(mass, rigid_motions(nodes, node_mass, moves)[here], algebra)
+    rigid = without_energy(mass, stiffness, motions, algebra)
     return System(
         mass=mass,
         damping=PetscMatrix(combination((alpha, mass), (beta, stiffness))) if alpha or beta else ZeroMatrix(),
@@ -74,9 +79,10 @@ def _system(scene: Scene, comm: Any) -> System:
         },
         algebra=algebra,
         rayleigh=(alpha, beta),
+        rigid=rigid,
         body=Body(nodes.coordinates, nodes.drawn_triangles(), free, node_mass),
         scene=scene,
-        warnings=_locking(scene),
+        warnings=(*_locking(scene), *_partly_held(scene, rigid)),
     )
 
 
@@ -90,34 +96,23 @@ def _locking(scene: Scene) -> tuple[str, ...]:
     return ()
 
 
-def _free_components(scene: Scene, nodes: Nodes) -> np.ndarray:
-    if not scene.clamped:
-        raise SceneError(f"{scene.source}: supports.clamped is empty: free bodies (rigid modes) are not offered")
+def _partly_held(scene: Scene, rigid: np.ndarray) -> tuple[str, ...]:
+    """Whoever clamps a body may not know that some of it still moves freely."""
+    if scene.clamped and rigid.shape[1]:
+        return (
+            f"supports.clamped leaves {rigid.shape[1]} rigid motions: the body, or a part of it, is not wholly held",
+        )
+    return ()
+
+
+def _moves(scene: Scene, nodes: Nodes) -> np.ndarray:
+    """Which displacement components are free, (N, 3)."""
     moves = np.ones((len(nodes.coordinates), 3), dtype=bool)
     for name in scene.clamped:
         moves[clamped_nodes(nodes, name)] = False
-    _refuse_unsupported_parts(scene, nodes, moves[:, 0])
-    free = np.flatnonzero(moves)
-    if len(free) == 0:
+    if not moves.any():
         raise SceneError(f"{scene.source}: supports.clamped: every node of the mesh is clamped")
-    return free
-
-
-def _refuse_unsupported_parts(scene: Scene, nodes: Nodes, moves: np.ndarray) -> None:
-    """A part of the mesh that touches no support would make K singular; three clamped nodes hold a part."""
-    import scipy.sparse
-    from scipy.sparse.csgraph import connected_components
-
-    vertices = int(nodes.cells.max()) + 1
-    start, end = nodes.cells[:, [0, 0, 0]].ravel(), nodes.cells[:, 1:].ravel()
-    graph = scipy.sparse.coo_array((np.ones(len(start)), (start, end)), shape=(vertices, vertices))
-    count, part = connected_components(graph, directed=False)
-    held = np.bincount(part[~moves[:vertices]], minlength=count)
-    if (held < 3).any():
-        raise SceneError(
-            f"{scene.source}: supports.clamped: the mesh has {count} unconnected parts, and {(held < 3).sum()} of them "
-            "have fewer than three clamped nodes; free bodies (rigid modes) are not offered"
-        )
+    return moves
 
 
 def _material_of_cells(scene: Scene, mesh: Mesh) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -33,6 +33,7 @@ class Snapshot:
         state: [√γ q, r] (2m,), read-only.
         sums: of the energy account, J, and what they were rounded by; or None.
         excursion: how far the surface went.
+        rigid: displacement along the rigid motions (ρ,), read-only.
     """
 
     contact: str
@@ -42,6 +43,7 @@ class Snapshot:
     state: Array
     sums: tuple[tuple[float, float], ...] | None
     excursion: Excursion
+    rigid: Array = field(default_factory=lambda: np.empty(0))
 
 
 class Simulator:
@@ -65,7 +67,8 @@ class Simulator:
         self.steps = 0
         self.ledger = Ledger(self._settle) if ledger else None
         self._dt, self._since = checked_dt(dt), (0.0, 0)
-        self._watch = Watch(rom)
+        self._drift = np.zeros(rom.rigid)  # displacement along the rigid motions, as far as it is booked
+        self._watch = Watch(rom, self._rigid)
         self._projections = Projections(rom)
         self._forms: dict[str, OneProduct | VelocityFirst] = {}
         self._readings: dict[tuple[str, str], Array] = {}
@@ -104,8 +107,7 @@ class Simulator:
     @property
     def state(self) -> tuple[Array, Array]:
         """Copies of the reduced displacement q and velocity r of the active contact mode, (m,) each."""
-        e, r = self._form.state.reshape(2, -1)
-        return e / self._ω, r.copy()
+        return self._q, self._form.state[len(self._ω) :].copy()
 
     @state.setter
     def state(self, state: tuple[Sequence[float] | Array, Sequence[float] | Array]) -> None:
@@ -113,6 +115,7 @@ class Simulator:
         shape = self._ω.shape
         if len(given) != 2 or any(part.shape != shape or not np.isfinite(part).all() for part in given):
             raise StepError(f"state: allowed are two finite arrays of shape {shape}, given: {[p.shape for p in given]}")
+        self._rigid()[:] = given[0][: len(self._drift)]
         self._form.state[:] = np.concatenate([self._ω * given[0], given[1]])
 
     @property
@@ -264,6 +267,12 @@ class Simulator:
 
     def _march(self, u: Array, taken: int, every: int, names: tuple[str, ...], read: list[Array]) -> None:
         """Takes the steps of one span, `taken` steps after the march began, and adds what is read to `read`."""
+        if len(self._drift):  # outputs follow what energy coordinates do not hold
+            for count, row in enumerate(u, start=taken + 1):
+                self.step(row)
+                if names and count % every == 0:
+                    read.append(np.concatenate([self._reading(name) @ self._q for name in names])[None])
+            return
         while len(u):
             due = every - taken % every  # steps until the outputs are due
             if due == every <= min(LONGEST, len(u)):
@@ -308,6 +317,7 @@ class Simulator:
 
     def reset(self) -> None:
         """Back to rest in the first contact mode, at time 0, with an empty account; dt stays."""
+        self._rigid()[:] = 0
         if self.ledger is not None:
             self.ledger.sums = Ledger().sums
         self.steps, self._since = 0, (0.0, 0)
@@ -319,9 +329,10 @@ class Simulator:
         """The state of everything, to come back to."""
         self._form.rewind()
         state = self._form.state.copy()
-        state.flags.writeable = False
+        rigid = self._rigid().copy()
+        state.flags.writeable = rigid.flags.writeable = False
         sums = None if self.ledger is None else self.ledger.sums
-        return Snapshot(self._contact, self._dt, self.steps, self._since, state, sums, self.excursion)
+        return Snapshot(self._contact, self._dt, self.steps, self._since, state, sums, self.excursion, rigid)
 
     def restore(self, snapshot: Snapshot) -> None:
         """Goes back to a saved state, of this simulator or of another one of the same ROM.
@@ -330,12 +341,13 @@ class Simulator:
             StepError: it is of another ROM, or has a ledger where this has none, or none where this has one.
         """
         mode = self.rom.modes.get(snapshot.contact)
-        if mode is None or 2 * mode.order != len(snapshot.state):
+        if mode is None or 2 * mode.order != len(snapshot.state) or mode.rigid != len(snapshot.rigid):
             raise StepError(f"the snapshot is of another ROM than {self.rom.name!r}")
         if (snapshot.sums is None) != (self.ledger is None):
             raise StepError("the snapshot and the simulator must both keep an energy account, or neither")
         if self.ledger is not None and snapshot.sums is not None:
             self.ledger.sums = snapshot.sums
+        self._rigid()[:] = snapshot.rigid
         self._dt, self.steps, self._since = snapshot.dt, snapshot.steps, snapshot.since
         self._watch.begin(snapshot.excursion)
         self._enter(snapshot.contact)
@@ -357,17 +369,25 @@ class Simulator:
     def _enter(self, contact: str) -> None:
         mode = self.rom.modes[contact]
         if contact not in self._forms:
-            self._forms[contact] = fastest(mode, self.ledger)
+            self._forms[contact] = fastest(mode, self.ledger, self._drift)
         self._contact, self._form = contact, self._forms[contact]
         self._form.rewind()
         if self._form.h != self._dt:
             self._form.retime(self._dt)
         self._alert = self._watch.enter(contact)
-        self._shape, self._ω = mode.inputs.shape[1:], np.sqrt(mode.eigenvalues)
+        self._shape, self._ω, self._divisors = mode.inputs.shape[1:], np.sqrt(mode.eigenvalues), mode.divisors
+
+    def _rigid(self) -> Array:
+        """Displacement along the rigid motions (ρ,), up to date, to read or to change."""
+        if len(self._drift):
+            self._settle()
+        return self._drift
 
     @property
     def _q(self) -> Array:
-        return self._form.state[: len(self._ω)] / self._ω
+        q = self._form.state[: len(self._ω)] / self._divisors
+        q[: len(self._drift)] = self._rigid()
+        return q
 
     def _reading(self, output: str) -> Array:
         """Rows of a named output, (rows, m), in the active contact mode's basis."""
