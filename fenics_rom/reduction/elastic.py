@@ -45,7 +45,7 @@ def require_loads(system: System) -> None:
         if not np.any(system.algebra.inner(B := system.input_matrix(name), B)):
             raise SceneError(
                 f"contact mode {name!r}: its inputs move the body without straining it, so there is nothing that they "
-                "ask to be kept; method = 'modal' keeps eigenvectors whatever the inputs are"
+                "ask to be kept; give them to an actuator, beside a contact that strains it"
             )
 
 

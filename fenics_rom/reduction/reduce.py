@@ -110,8 +110,7 @@ def reduce(
                 "bodies that are not wholly held have no dense Gramians of the first-order form; allowed are "
                 "lyapunov = 'closed-form', 'krylov' and 'adi', and switching = 'energy' and 'modal'"
             )
-        if not (named or "").startswith("modal"):
-            require_loads(system)
+        require_loads(system)
     stages = Stages(lambda value: float(system.algebra.gather(np.array([[value]])).max()), system.stages, report)
     with stages("factorisation of K"):
         factor = system.algebra.factor((1.0, system.stiffness), solver=solver)
