@@ -67,7 +67,8 @@ class _Form:
         if len(self._drift) and self._booked < self._page:
             m = self._mode.order
             r = np.stack([state[m : m + len(self._drift)] for state in self._states[self._booked : self._page + 1]])
-            self._drift += self.h / 2 * (r[1:] + r[:-1]).sum(axis=0)
+            steps = self.h / 2 * (r[1:] + r[:-1])
+            self._drift[:] = np.cumsum(np.vstack([self._drift, steps]), axis=0)[-1]  # the same bits whenever it is read
         self._booked = self._page
 
     def rewind(self) -> int:
