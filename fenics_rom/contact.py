@@ -299,5 +299,5 @@ def _helping(f: Array, c_t: Array, normals: Array, u: Array, q: Array) -> Array 
     if not work.max() > negligible:
         return None
     tangential = f - (f * normals).dot(_ONES)[:, None] * normals
-    helps = (tangential * (u + c_t)).dot(_ONES) > negligible
-    return helps if helps.any() else None
+    work = (tangential * (u + c_t)).dot(_ONES)
+    return work > negligible if work.sum() > negligible else None

@@ -74,9 +74,9 @@ def _mode_row(name: str, mode: Mode, certificate: dict[str, float | None]) -> tu
     σ, count = mode.hankel_singular_values, len(mode.frequencies)
     return (
         name,
-        str(mode.order),
+        str(mode.order - mode.rigid) + (f" + {mode.rigid} rigid" if mode.rigid else ""),
         str(mode.inputs.shape[1]),
-        f"{mode.eigenvalues[0] ** 0.5 / math.tau:.4g} Hz",
+        f"{mode.eigenvalues[mode.rigid] ** 0.5 / math.tau:.4g} Hz",
         f"{σ[0]:.2e}" if len(σ) else "-",
         *(_share(certificate[key]) for key in ("neglected", "static_error", "transfer_error")),
         f"{count} frequenc{'y' if count == 1 else 'ies'}" if count else "-",

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fenics_rom.rom import Rom
+from fenics_rom.rom import Rom, divisors
 
 Array = np.ndarray
 
@@ -23,6 +23,7 @@ ROTATION_LIMIT = 0.2  # rad
 # An incompressible neo-Hookean bar at it pulls with 9 % less than Young's modulus says, and pushes with 12 % more.
 STRAIN_LIMIT = 0.1
 MOST = 512  # triangles that are looked at
+ROUND_OFF = 1e-9  # share of the largest slope of the basis that is none
 THINNEST = 1e-9  # height of a triangle as a share of its longest side; below, its normal is round-off
 
 
@@ -161,7 +162,7 @@ class ModeGauge:
 
     With q = diag(1/√γ) y, |y|² = qᵀ diag(γ) q is at most 2 E. So no triangle turns by more than ρ √(2E), ρ the largest
     spectral norm of (its rows of ω) diag(1/√γ), and some state does; for strain, whose |ε| bounds the principal
-    strains to a factor of at most √2, likewise.
+    strains to a factor of at most √2, likewise. No energy bounds a rigid rotation: where there is one, none is safe.
 
     Args:
         rows: (6g, m) components of the basis W of the contact mode.
@@ -173,10 +174,13 @@ class ModeGauge:
 
     def __init__(self, rows: Array, eigenvalues: Array):
         self._rows = rows
-        strained = (rows / np.sqrt(eigenvalues)).reshape(-1, 2, 3, len(eigenvalues))
+        strained = (rows / divisors(eigenvalues)).reshape(-1, 2, 3, len(eigenvalues))
         ρ2 = np.linalg.eigvalsh(strained @ strained.swapaxes(2, 3))[:, :, -1].max(axis=0, initial=0.0)
         severity2 = float((ρ2 / np.square([ROTATION_LIMIT, STRAIN_LIMIT])).max())
         self.safe_energy = 1 / (2 * severity2) if severity2 > 0 else math.inf
+        turning = np.abs(rows[:, eigenvalues == 0]).max(initial=0.0)
+        if turning > ROUND_OFF * np.abs(rows).max(initial=0.0):  # translations turn nothing but by round-off
+            self.safe_energy = 0.0
 
     def read(self, q: Array) -> tuple[float, float]:
         """Largest |ω|, rad, and largest |principal strain|, of the state q (m,)."""

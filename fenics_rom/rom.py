@@ -19,12 +19,12 @@ class Mode:
     """The reduced model of one contact mode, in the basis W_i = Q C_i with W_iᵀMW_i = I, W_iᵀKW_i = diag(γ).
 
     Attributes:
-        eigenvalues: γ (m,), ascending, 1/s².
+        eigenvalues: γ (m,), ascending, 1/s²; of the rigid motions of a body that is not wholly held 0, exactly.
         damping: W_iᵀDW_i, its diagonal (m,) where D is proportional, else (m, m), 1/s.
         inputs: G = W_iᵀB_i (m, p); the contact's columns, then the actuators', then the loads', kg^-1/2 times N
             per unit of the input.
-        coordinates: C_i (k, m), orthonormal columns in the shared basis Q.
-        directions: (m, m) orthonormal; its first k columns span the reduced model of order k.
+        coordinates: C_i (k, m), orthonormal columns in the shared basis Q, those of rigid motions first: unit vectors.
+        directions: (m, m) orthonormal; after the rigid motions, its first k columns span the reduced model of order k.
         hankel_singular_values: σ (r,), descending, r >= m; what was left out included. Balanced modes have them.
         left_inverse: (m, k) oblique projection from the shared basis; only for switching = "oblique".
         static_error: |K⁻¹B - W_i diag(1/γ) G| / |K⁻¹B| in the mass norm; None where the full model was not at hand.
@@ -48,8 +48,13 @@ class Mode:
 
     @property
     def order(self) -> int:
-        """Number m of reduced displacements."""
+        """Number m of reduced displacements, rigid and elastic."""
         return len(self.eigenvalues)
+
+    @property
+    def rigid(self) -> int:
+        """Number ρ of rigid motions among them, the first ones."""
+        return int(np.count_nonzero(self.eigenvalues == 0))
 
     @cached_property
     def divisors(self) -> Array:
@@ -75,7 +80,7 @@ class Rom:
         modes: by contact mode.
         actuators: number of input columns of each actuator.
         basis: Q (n, k), QᵀMQ = I, on the free degrees of freedom, kg^-1/2.
-        stiffness: κ (k,) with QᵀKQ = diag(κ), 1/s².
+        stiffness: κ (k,) with QᵀKQ = diag(κ), 1/s²; 0 for rigid motions, which come first.
         outputs: C Q of each named output, (3 points, k).
         free: (n,) which of the 3 N displacement components are free.
         nodes: (N, 3), m.
@@ -117,6 +122,11 @@ class Rom:
         shared = sum(self.actuators.values()) + sum(self.loads.values())
         return {name: mode.inputs.shape[1] - shared for name, mode in self.modes.items()}
 
+    @property
+    def rigid(self) -> int:
+        """Number ρ of rigid motions, the first vectors of the shared basis and of all contact modes."""
+        return int(np.count_nonzero(self.stiffness == 0))
+
     def shape(self, coordinates: Array) -> Array:
         """The field of coordinates (k,) in the shared basis, on all nodes (N, 3); without a mesh (n,)."""
         free = self.basis @ coordinates
@@ -150,7 +160,7 @@ def divisors(γ: Array) -> Array:
 def neglected(mode: Mode) -> float | None:
     """Share of the sum of Hankel singular values that is not in the reduced model."""
     σ = mode.hankel_singular_values
-    return float(σ[mode.order :].sum() / σ.sum()) if len(σ) else None
+    return float(σ[mode.order - mode.rigid :].sum() / σ.sum()) if len(σ) else None
 
 
 def diagonalized_span(κ: Array, span: Array) -> tuple[Array, Array]:
@@ -159,29 +169,37 @@ def diagonalized_span(κ: Array, span: Array) -> tuple[Array, Array]:
     The singular values of √κ C are √γ: accurate where an eigenproblem of CᵀκC would lose half the digits.
 
     Args:
-        κ: (k,) shared stiffness.
+        κ: (k,) shared stiffness; where it begins with zeros, the span holds the rigid motions that they are of.
         span: (k, m) orthonormal columns.
 
     Returns:
-        γ (m,), ascending, and C (k, m) with the same span, CᵀC = I and CᵀκC = diag(γ).
+        γ (m,), ascending, and C (k, m) with the same span, CᵀC = I and CᵀκC = diag(γ); rigid motions are unit vectors.
     """
+    rigid = np.count_nonzero(κ == 0)
     _, ω, rotation = np.linalg.svd(np.sqrt(κ)[:, None] * span, full_matrices=False)
-    C = span @ rotation[::-1].T
-    return ω[::-1] ** 2, C * np.where(C[np.abs(C).argmax(axis=0), np.arange(C.shape[1])] < 0, -1.0, 1.0)
+    C, γ = span @ rotation[::-1].T, ω[::-1] ** 2
+    γ[:rigid], C[:rigid], C[:, :rigid] = 0.0, 0.0, np.eye(*C.shape)[:, :rigid]
+    return γ, C * np.where(C[np.abs(C).argmax(axis=0), np.arange(C.shape[1])] < 0, -1.0, 1.0)
 
 
 def truncated(rom: Rom, order: int) -> Rom:
     """The ROM at a lower order: the leading directions of every contact mode that has more.
 
+    Args:
+        rom: at the order it was reduced to.
+        order: number of displacements that strain; rigid motions stay, and are not counted.
+
     Raises:
         StructureError: order below 1, or beyond what every contact mode has, or a ROM with oblique switching.
     """
-    most = max(mode.order for mode in rom.modes.values())
+    most = max(mode.order - mode.rigid for mode in rom.modes.values())
     if not 1 <= order <= most:
         raise StructureError(f"order {order}: allowed are 1 to {most}, the largest order in the ROM")
     if rom.switching == "oblique":
         raise StructureError("a ROM with oblique switching cannot be truncated; reduce to that order instead")
-    return replace(rom, modes={name: _truncated_mode(rom.stiffness, mode, order) for name, mode in rom.modes.items()})
+    return replace(
+        rom, modes={name: _truncated_mode(rom.stiffness, mode, rom.rigid + order) for name, mode in rom.modes.items()}
+    )
 
 
 def _truncated_mode(κ: Array, mode: Mode, order: int) -> Mode:
@@ -211,29 +229,33 @@ def check_rom(rom: Rom) -> Rom:
     Raises:
         StructureError: with the measured number.
     """
-    if not (rom.stiffness > 0).all():
+    rigid = rom.rigid
+    if rigid == len(rom.stiffness) or rom.stiffness[:rigid].any() or not (rom.stiffness[rigid:] > 0).all():
         raise StructureError(f"shared stiffness is not positive definite: least κ = {rom.stiffness.min():g}")
     with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused like any other gap
         for name, mode in rom.modes.items():
-            _check_mode(f"contact mode {name!r}", rom.stiffness, mode)
+            _check_mode(f"contact mode {name!r}", rom.stiffness, mode, rigid)
     return rom
 
 
-def _check_mode(where: str, κ: Array, mode: Mode) -> None:
-    if not (mode.eigenvalues > 0).all():
-        raise StructureError(f"{where}: least eigenvalue {mode.eigenvalues.min():g} is not positive")
+def _check_mode(where: str, κ: Array, mode: Mode, rigid: int) -> None:
+    if not (mode.eigenvalues[rigid:] > 0).all():
+        raise StructureError(f"{where}: least eigenvalue {mode.eigenvalues[rigid:].min():g} is not positive")
+    C = mode.coordinates
+    if mode.eigenvalues[:rigid].any() or C[:rigid, rigid:].any() or (C[:, :rigid] != np.eye(len(C))[:, :rigid]).any():
+        raise StructureError(f"{where}: does not begin with the {rigid} rigid motions of the shared basis")
     D = mode.damping
     if D.ndim == 2 and not np.array_equal(D, D.T):
         raise StructureError(f"{where}: damping is not symmetric")
     least = D.min() if D.ndim == 1 else np.linalg.eigvalsh(D)[0]
     if not least >= -1e-12 * np.abs(D).max():
         raise StructureError(f"{where}: damping is not positive semi-definite, least {least:g}")
-    strained = np.sqrt(κ)[:, None] * mode.coordinates / np.sqrt(mode.eigenvalues)
+    strained = (np.sqrt(κ)[:, None] * C / mode.divisors)[:, rigid:]
     for what, columns in (
         ("coordinates are not orthonormal in mass", mode.coordinates),
         ("coordinates are not orthonormal in stiffness", strained),
         ("directions are not orthonormal", mode.directions),
     ):
-        gap = np.abs(columns.T @ columns - np.eye(mode.order)).max()
+        gap = np.abs(columns.T @ columns - np.eye(columns.shape[1])).max()
         if not gap <= ORTHONORMALITY:
             raise StructureError(f"{where}: {what}: off by {gap:.1e}, allowed {ORTHONORMALITY:g}")

@@ -6,8 +6,8 @@ method, switching, weighting, scene (the scene file), warnings (one a line). Eve
 Sizes: n free displacement components, k shared basis vectors, N nodes, F triangles; for each contact mode m order,
 p input columns, r Hankel singular values, f sampled frequencies; P points of an output.
 
-    basis (n, k) kg^-1/2             Q, QᵀMQ = I
-    stiffness (k,) 1/s^2             κ, QᵀKQ = diag(κ)
+    basis (n, k) kg^-1/2             Q, QᵀMQ = I; the rigid motions of a body that is not wholly held come first
+    stiffness (k,) 1/s^2             κ, QᵀKQ = diag(κ); 0 for these
     free (n,)                        index of each free component among 3 N, or 0 to n - 1 where there is no mesh
     nodes (N, 3) m, triangles (F, 3), node_mass (N,) kg; empty where there is no mesh
     outputs/NAME (3P, k) kg^-1/2     C Q; any number of rows where there is no mesh
@@ -17,7 +17,7 @@ p input columns, r Hankel singular values, f sampled frequencies; P points of an
     tables/NUMBER (rows, columns)    tables of the scene: forces, motions; attribute `file`
     offline/NUMBER (2,) s, B         wall-clock time and peak memory of a stage of the offline work; attribute `name`
     modes/NAME/                      in the order of the scene
-        eigenvalues (m,) 1/s^2       γ
+        eigenvalues (m,) 1/s^2       γ; 0 for rigid motions, which come first, the same in all modes
         damping (m,) or (m, m) 1/s
         inputs (m, p) kg^-1/2        G = W_iᵀB_i; contact columns, then actuators', then loads'
         coordinates (k, m)           C_i, W_i = Q C_i
@@ -224,7 +224,7 @@ def _check_fit(rom: Rom) -> None:
     """What a shape cannot say: indices that point somewhere, inputs that fit, a switching that exists."""
     if rom.switching not in SWITCHINGS:
         raise RomFileError(unknown("switching", rom.switching, list(SWITCHINGS)))
-    if not rom.modes or not len(rom.stiffness) or any(mode.order == 0 for mode in rom.modes.values()):
+    if not rom.modes or not len(rom.stiffness) or any(mode.order == mode.rigid for mode in rom.modes.values()):
         raise RomFileError("holds no contact modes, or an empty one")
     meshed = len(rom.nodes) > 0
     if any(len(rows) == 0 or (meshed and len(rows) % 3) for rows in rom.outputs.values()):

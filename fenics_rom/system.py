@@ -11,7 +11,8 @@ from typing import Any, Protocol
 
 import numpy as np
 
-from fenics_rom.errors import StructureError
+from fenics_rom.errors import SolverError, StructureError
+from fenics_rom.rigid import check_rigid, hint, is_singular, mass_orthonormal, pins
 from fenics_rom.scene import Scene
 from fenics_rom.stages import Stage
 
@@ -19,6 +20,7 @@ Array = np.ndarray
 PROPORTIONAL = 1e-12  # share of D that may be neither M nor K where it counts as α M + β K
 MATRICES = ("mass", "damping", "stiffness")
 COLUMNS = ("contacts", "actuators", "outputs")
+NONE = np.empty(0, dtype=int)
 
 
 def by_parts(operation: Callable[[Array], Array], block: Array) -> Array:
@@ -62,8 +64,11 @@ class Algebra(Protocol):
     def rows(self) -> slice:
         """Which rows are held here."""
 
-    def factor(self, *terms: tuple[complex, Any], solver: str = "auto") -> Factor:
-        """Factorisation of a sum of coefficient times operator; complex as soon as one coefficient is."""
+    def factor(self, *terms: tuple[complex, Any], solver: str = "auto", pins: Array = NONE) -> Factor:
+        """Factorisation of a sum of coefficient times operator; complex as soon as one coefficient is.
+
+        The degrees of freedom `pins` are held where they are; only with real coefficients.
+        """
 
     def eigenpairs(self, mass: Any, stiffness: Any, count: int, factor: Any = None) -> tuple[Array, Array]:
         """The lowest eigenvalues γ (count,) of K v = γ M v, and M-orthonormal eigenvectors (rows here, count).
@@ -103,8 +108,12 @@ class System:
     matrices they are such blocks of the rows of this rank, PETSc matrices with the same rows, or lists of PETSc
     vectors; then all ranks of the matrices' communicator make the system together.
 
+    A body that moves freely has a singular K: `rigid` are columns that span its null space, given like those of a
+    contact mode.
+
     Attributes:
-        mass, damping, stiffness: symmetric; M and K positive definite, D positive semi-definite. kg, N s/m, N/m.
+        mass, damping, stiffness: symmetric; M positive definite, D positive semi-definite, K positive definite but for
+            the rigid motions. kg, N s/m, N/m.
         contacts: contact columns of each contact mode, (rows here, columns).
         actuators: columns of each actuator, which every contact mode has after its own, (rows here, columns).
         loads: columns of each load that acts by a history of its own, after the actuators', (rows here, columns).
@@ -114,6 +123,7 @@ class System:
         outputs: C of each named output, (rows here, 3 points); any number of columns where there is no mesh.
         algebra: solves, sums and eigenpairs for these matrices.
         rayleigh: (α, β) where D = α M + β K, else None. 1/s, s.
+        rigid: R (rows here, ρ), RᵀMR = I, what spans the null space of K; no columns where the body is held. kg^-1/2.
         body: nodes and surface; without nodes where there is no mesh.
         scene: the scene it was assembled from, if it was.
         warnings: what the user should know about this model.
@@ -131,6 +141,7 @@ class System:
     outputs: Mapping[str, Array]
     algebra: Algebra
     rayleigh: tuple[float, float] | None
+    rigid: Array
     body: Body
     scene: Scene | None
     warnings: tuple[str, ...]
@@ -150,6 +161,7 @@ class System:
         outputs: Mapping[str, Any] | None = None,
         algebra: Algebra | None = None,
         rayleigh: tuple[float, float] | None = None,
+        rigid: Any = None,
         body: Body | None = None,
         scene: Scene | None = None,
         warnings: tuple[str, ...] = (),
@@ -166,6 +178,9 @@ class System:
             raise StructureError("contacts: at least one contact mode is needed")
         if algebra is None:
             given |= _checked(given)
+        elif rigid is None:
+            here = algebra.rows()
+            given["rigid"] = np.empty((here.stop - here.start, 0))
         for name in self.__dataclass_fields__:
             object.__setattr__(self, name, given[name])
 
@@ -249,6 +264,11 @@ class System:
         columns[row[local] - here.start, np.flatnonzero(local)] = 1.0
         return columns
 
+    @property
+    def elastic_size(self) -> int:
+        """Number of displacements that strain: n less the rigid motions."""
+        return self.size - self.rigid.shape[1]
+
 
 def unmeshed(size: int) -> Body:
     """The body of a model without a mesh."""
@@ -289,26 +309,53 @@ def _checked(given: Mapping[str, Any]) -> dict[str, Any]:
 
 def _checked_here(given: Mapping[str, Any]) -> dict[str, Any]:
     """SciPy and NumPy matrices, which each process has all of."""
-    from fenics_rom.reduction.matrix_algebra import MatrixAlgebra, checked_columns, checked_matrix
+    from fenics_rom.reduction.matrix_algebra import MatrixAlgebra, checked_block, checked_columns, checked_matrix
 
     _refuse_what_is_not_for_scipy(given)
     M = checked_matrix(given["mass"], "mass", None, definite=True)
     size = M.shape[0]
-    K = checked_matrix(given["stiffness"], "stiffness", size, definite=True)
     algebra, rayleigh = MatrixAlgebra(size), given["rayleigh"]
+    K = checked_matrix(given["stiffness"], "stiffness", size, definite=None)
+    R = np.empty((size, 0)) if given["rigid"] is None else checked_block(given["rigid"], "rigid", size)
+    R = rigid_columns(M, K, R, algebra)
+    _check_definite(K, R, algebra)
     damping = given["damping"] if rayleigh is None else rayleigh[0] * M + rayleigh[1] * K
     D = checked_matrix(damping, "damping", size, definite=False)
     return {
         **{"mass": M, "damping": D, "stiffness": K, "algebra": algebra, "body": unmeshed(size)},
         **{kind: checked_columns(given[kind], kind, size) for kind in COLUMNS},
         "rayleigh": rayleigh or rayleigh_of(M, D, K, algebra, size),
+        "rigid": R,
     }
+
+
+def rigid_columns(M: Operator, K: Operator, columns: Array, algebra: Algebra) -> Array:
+    """R of anyone's columns (rows here, ρ), measured.
+
+    Raises:
+        StructureError: they depend on each other, or strain the body.
+    """
+    R = mass_orthonormal(M, columns, algebra)
+    check_rigid(M, K, R, algebra)
+    return R
+
+
+def _check_definite(K: Operator, R: Array, algebra: Algebra) -> None:
+    from fenics_rom.reduction.matrix_algebra import MatrixFactor, held
+
+    fixed = pins(R, algebra)
+    try:
+        singular = is_singular(K, MatrixFactor(held(K, fixed)), algebra, fixed)
+    except SolverError as error:
+        raise StructureError(f"stiffness is not positive definite{hint(R)}") from error
+    if singular:
+        raise StructureError(f"stiffness is not positive definite, but singular to round-off{hint(R)}")
 
 
 def _refuse_what_is_not_for_scipy(given: Mapping[str, Any]) -> None:
     """NumPy would drop imaginary parts, and take a PETSc vector for something else."""
     columns = {f"{kind}[{name!r}]": value for kind in COLUMNS for name, value in given[kind].items()}
-    for name, value in ({name: given[name] for name in MATRICES} | columns).items():
+    for name, value in ({name: given[name] for name in (*MATRICES, "rigid")} | columns).items():
         if any(map(is_petsc, value if isinstance(value, list | tuple) else [value])):
             raise StructureError(f"{name} is of PETSc, but the matrices are not")
         if np.iscomplexobj(value):

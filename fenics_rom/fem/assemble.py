@@ -25,8 +25,10 @@ from fenics_rom.fem.nodes import (
 from fenics_rom.fem.petsc_algebra import PetscAlgebra, require_real
 from fenics_rom.fem.petsc_matrix import PetscMatrix, ZeroMatrix, combination
 from fenics_rom.fem.ranks import on_rank_0
+from fenics_rom.fem.rigid import rigid_motions
 from fenics_rom.fem.springs import dashpots_of, springs_of, with_surfaces
 from fenics_rom.fem.versions import cell_constants, cell_dofs, cell_nodes, create_tetrahedra, vector_space
+from fenics_rom.rigid import mass_orthonormal, without_energy
 from fenics_rom.scene import Scene
 from fenics_rom.schema import unknown
 from fenics_rom.stages import Stages
@@ -56,7 +58,8 @@ def assemble(scene: Scene, comm: Any = None) -> System:
 def _system(scene: Scene, comm: Any) -> System:
     mesh = on_rank_0(comm, lambda: read_mesh(scene.mesh_file, scene.mesh_groups))
     nodes = on_rank_0(comm, lambda: canonical_nodes(mesh, scene.degree))
-    free = _free_components(scene, nodes)
+    moves = _moves(scene, nodes)
+    free = np.flatnonzero(moves)
     material = _material_of_cells(scene, mesh)
 
     logging.disable(logging.INFO)  # dolfinx 0.5 lets the C compiler talk
@@ -68,6 +71,8 @@ def _system(scene: Scene, comm: Any) -> System:
     here = algebra.rows()
     actuators, units = actuators_of(scene, nodes, free)
     loads, more_units = loads_of(scene, nodes, m.translated, free)
+    motions = mass_orthonormal(m.mass, rigid_motions(nodes, m.node_mass, moves)[here], algebra)
+    rigid = without_energy(m.mass, m.stiffness, motions, algebra)
     return System(
         mass=m.mass,
         damping=m.damping,
@@ -84,9 +89,10 @@ def _system(scene: Scene, comm: Any) -> System:
         },
         algebra=algebra,
         rayleigh=_rayleigh(scene),
+        rigid=rigid,
         body=Body(nodes.coordinates, nodes.drawn_triangles(), free, m.node_mass),
         scene=scene,
-        warnings=_locking(scene),
+        warnings=(*_locking(scene), *_partly_held(scene, rigid)),
     )
 
 
@@ -108,34 +114,23 @@ def _locking(scene: Scene) -> tuple[str, ...]:
     return ()
 
 
-def _free_components(scene: Scene, nodes: Nodes) -> np.ndarray:
-    if not scene.clamped:
-        raise SceneError(f"{scene.source}: supports.clamped is empty: free bodies (rigid modes) are not offered")
+def _partly_held(scene: Scene, rigid: np.ndarray) -> tuple[str, ...]:
+    """Whoever clamps a body may not know that some of it still moves freely."""
+    if scene.clamped and rigid.shape[1]:
+        return (
+            f"supports.clamped leaves {rigid.shape[1]} rigid motions: the body, or a part of it, is not wholly held",
+        )
+    return ()
+
+
+def _moves(scene: Scene, nodes: Nodes) -> np.ndarray:
+    """Which displacement components are free, (N, 3)."""
     moves = np.ones((len(nodes.coordinates), 3), dtype=bool)
     for name in scene.clamped:
         moves[clamped_nodes(nodes, name)] = False
-    _refuse_unsupported_parts(scene, nodes, moves[:, 0])
-    free = np.flatnonzero(moves)
-    if len(free) == 0:
+    if not moves.any():
         raise SceneError(f"{scene.source}: supports.clamped: every node of the mesh is clamped")
-    return free
-
-
-def _refuse_unsupported_parts(scene: Scene, nodes: Nodes, moves: np.ndarray) -> None:
-    """A part of the mesh that touches no support would make K singular; three clamped nodes hold a part."""
-    import scipy.sparse
-    from scipy.sparse.csgraph import connected_components
-
-    vertices = int(nodes.cells.max()) + 1
-    start, end = nodes.cells[:, [0, 0, 0]].ravel(), nodes.cells[:, 1:].ravel()
-    graph = scipy.sparse.coo_array((np.ones(len(start)), (start, end)), shape=(vertices, vertices))
-    count, part = connected_components(graph, directed=False)
-    held = np.bincount(part[~moves[:vertices]], minlength=count)
-    if (held < 3).any():
-        raise SceneError(
-            f"{scene.source}: supports.clamped: the mesh has {count} unconnected parts, and {(held < 3).sum()} of them "
-            "have fewer than three clamped nodes; free bodies (rigid modes) are not offered"
-        )
+    return moves
 
 
 def _material_of_cells(scene: Scene, mesh: Mesh) -> np.ndarray:

@@ -17,8 +17,11 @@ from fenics_rom.fem.assemble import dolfinx_nodes, node_masses, set_rigid_modes
 from fenics_rom.fem.mesh import Mesh
 from fenics_rom.fem.nodes import canonical_nodes
 from fenics_rom.fem.own_matrices import refuse_together
-from fenics_rom.fem.petsc_algebra import require_real
+from fenics_rom.fem.petsc_algebra import PetscAlgebra, require_real
+from fenics_rom.fem.petsc_matrix import PetscMatrix
+from fenics_rom.fem.rigid import rigid_motions
 from fenics_rom.fem.versions import cell_nodes, vector_space
+from fenics_rom.rigid import mass_orthonormal, without_energy
 from fenics_rom.system import Body, System, check_damping_choice
 
 ARITY = {1: "a linear form: one test function", 2: "a bilinear form: a trial and a test function"}
@@ -33,11 +36,13 @@ class Rows:
         chosen: those of this rank, as global dolfinx numbers.
         body: nodes and surface, where there are any.
         nodes_here: (N here, 3) places of the nodes of this rank, m, where all of them are free in all components.
+        motions: (rows here, ρ) rigid motions that the constraints leave, where there are nodes.
     """
 
     chosen: PETSc.IS
     body: Body | None = None
     nodes_here: np.ndarray | None = None
+    motions: np.ndarray | None = None
 
     def of_matrix(self, matrix: PETSc.Mat) -> PETSc.Mat:
         """These rows and columns; the whole matrix is given back."""
@@ -104,11 +109,22 @@ def system_of_forms(
         actuators=columns["actuators"],
         outputs=columns["outputs"],
         rayleigh=rayleigh,
+        rigid=_rigid(rows, reduced),
         body=rows.body,
     )
     for matrix in reduced.values():  # the system has copies, and PETSc forgets nothing by itself
         matrix.destroy()
     return system
+
+
+def _rigid(rows: Rows, matrices: Mapping[str, PETSc.Mat]) -> np.ndarray | None:
+    """Those motions that the stiffness does not see, either; None where there are none."""
+    if rows.motions is None or not rows.motions.shape[1]:
+        return None
+    M, K = (PetscMatrix(matrices[name]) for name in ("mass", "stiffness"))
+    algebra = PetscAlgebra(M.mat.comm.tompi4py(), M.mat.getOwnershipRange())
+    rigid = without_energy(M, K, mass_orthonormal(M, rows.motions, algebra), algebra)
+    return rigid if rigid.shape[1] else None
 
 
 def _space(mass: Any) -> Any:
@@ -184,14 +200,16 @@ def _rows(space: Any, constrained: np.ndarray, mass: PETSc.Mat) -> Rows:
     place = dolfinx_nodes(space, degree, nodes)
     moves = ~np.concatenate(comm.allgather(constrained)).reshape(-1, 3)[place]
     free = np.flatnonzero(moves)
-    body = Body(nodes.coordinates, nodes.drawn_triangles(), free, node_masses(mass, place)[0])
+    masses = node_masses(mass, place)[0]
+    body = Body(nodes.coordinates, nodes.drawn_triangles(), free, masses)
     by_node = bool((moves.all(axis=1) == moves.any(axis=1)).all())
     mine = np.array_split(free.reshape(-1, 3) if by_node else free, comm.size)[comm.rank]  # whole nodes, for multigrid
     chosen = _index_set(3 * place[mine // 3] + mine % 3, comm)
+    motions = rigid_motions(nodes, masses, moves)[np.isin(free, mine)]
     if not by_node:
-        return Rows(chosen, body)
+        return Rows(chosen, body, None, motions)
     chosen.setBlockSize(3)
-    return Rows(chosen, body, nodes.coordinates[mine[:, 0] // 3])
+    return Rows(chosen, body, nodes.coordinates[mine[:, 0] // 3], motions)
 
 
 def _index_set(rows: np.ndarray, comm: Any) -> PETSc.IS:

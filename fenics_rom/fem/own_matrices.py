@@ -4,6 +4,7 @@ What one rank finds wrong is raised on every rank, so none waits for another.
 """
 
 from collections.abc import Callable, Mapping
+from contextlib import closing
 from typing import Any
 
 import numpy as np
@@ -14,9 +15,10 @@ from petsc4py import PETSc
 from fenics_rom.errors import SolverError, StructureError
 from fenics_rom.fem.direct import MemoryShortage, PetscFactor
 from fenics_rom.fem.petsc_algebra import PetscAlgebra, require_real
-from fenics_rom.fem.petsc_matrix import PetscMatrix, ZeroMatrix, combination
+from fenics_rom.fem.petsc_matrix import PetscMatrix, ZeroMatrix, combination, held
 from fenics_rom.fem.ranks import on_rank_0
-from fenics_rom.system import COLUMNS, MATRICES, System, rayleigh_of, unmeshed
+from fenics_rom.rigid import hint, is_singular, pins
+from fenics_rom.system import COLUMNS, MATRICES, System, rayleigh_of, rigid_columns, unmeshed
 
 SYMMETRY = 1e-10  # largest accepted |A - Aᵀ| as a share of |A|, Frobenius norms
 DIFFERENT = PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN
@@ -26,7 +28,7 @@ def checked_parts(given: Mapping[str, Any]) -> dict[str, Any]:
     """Fields of a system; the matrices that were given stay as they are.
 
     Args:
-        given: "mass" and "stiffness", "damping" or "rayleigh", "contacts", "actuators", "outputs", "warnings".
+        given: "mass" and "stiffness", "damping" or "rayleigh", "contacts", "actuators", "outputs", "rigid", "warnings".
 
     Raises:
         StructureError: on all ranks, with the measured number.
@@ -43,10 +45,13 @@ def checked_parts(given: Mapping[str, Any]) -> dict[str, Any]:
     for name, matrix in present.items():
         _check_layout(name, matrix, mass)
     mats = {name: _symmetric_copy(name, matrix) for name, matrix in present.items()}
-    warnings = [_definite(name, mats[name].copy()) for name in ("mass", "stiffness")]
+    warnings = [_definite("mass", mats["mass"].copy())]
 
     M, K = PetscMatrix(mats["mass"]), PetscMatrix(mats["stiffness"])
     algebra, rayleigh = PetscAlgebra(comm, mass.getOwnershipRange()), given["rayleigh"]
+    R = np.empty((M.local, 0)) if given["rigid"] is None else _checked_block(comm, given["rigid"], "rigid", M.local)
+    R = rigid_columns(M, K, R, algebra)
+    warnings.append(_definite_stiffness(K, R, algebra))
     D: PetscMatrix | ZeroMatrix
     if rayleigh is None:
         D = PetscMatrix(mats["damping"])
@@ -59,7 +64,7 @@ def checked_parts(given: Mapping[str, Any]) -> dict[str, Any]:
     return {
         **{"mass": M, "damping": D, "stiffness": K, "algebra": algebra, "body": unmeshed(M.size)},
         **{kind: _checked_columns(comm, given[kind], kind, M.local) for kind in COLUMNS},
-        **{"rayleigh": rayleigh, "warnings": (*given["warnings"], *filter(None, warnings))},
+        **{"rayleigh": rayleigh, "rigid": R, "warnings": (*given["warnings"], *filter(None, warnings))},
     }
 
 
@@ -177,6 +182,21 @@ def _definite(name: str, matrix: PETSc.Mat) -> str:
         return f"{name}: nobody has seen whether it is positive {kind}: {error.shortage}"
     except SolverError as error:
         raise StructureError(f"{name} is not positive {kind}: {error}") from error
+    return ""
+
+
+def _definite_stiffness(K: PetscMatrix, R: np.ndarray, algebra: PetscAlgebra) -> str:
+    """The same of K beside its rigid motions, where pivots alone would not do: round-off makes zeros positive."""
+    fixed = pins(R, algebra)
+    try:
+        with closing(PetscFactor(held(K.mat.copy(), fixed))) as factor:
+            singular = is_singular(K, factor, algebra, fixed)
+    except MemoryShortage as error:
+        return f"stiffness: nobody has seen whether it is positive definite: {error.shortage}"
+    except SolverError as error:
+        raise StructureError(f"stiffness is not positive definite: {error}{hint(R)}") from error
+    if singular:
+        raise StructureError(f"stiffness is not positive definite, but singular to round-off{hint(R)}")
     return ""
 
 

@@ -9,7 +9,8 @@ from fenics_rom.errors import SolverError
 from fenics_rom.fem.direct import ComplexFactor, MemoryShortage, PetscFactor
 from fenics_rom.fem.eigenpairs import lowest_eigenpairs
 from fenics_rom.fem.iterative import METHOD, RESIDUAL, IterativeFactor
-from fenics_rom.fem.petsc_matrix import PetscMatrix, combination
+from fenics_rom.fem.petsc_matrix import PetscMatrix, combination, held
+from fenics_rom.system import NONE
 
 DENSE_SHARE = 3  # beyond a third of all eigenpairs, LAPACK on gathered matrices is the better eigensolver
 EIGEN_RESIDUAL = 1e-6  # largest accepted |K v - γ M v| / |K v|
@@ -50,7 +51,7 @@ class PetscAlgebra:
         return np.concatenate(self.comm.allgather(np.ascontiguousarray(block)))
 
     def factor(
-        self, *terms: tuple[complex, Any], solver: str = "auto"
+        self, *terms: tuple[complex, Any], solver: str = "auto", pins: np.ndarray = NONE
     ) -> PetscFactor | ComplexFactor | IterativeFactor:
         """Factorisation of a sum of coefficient times matrix, or what stands for it; every rank must call it.
 
@@ -60,6 +61,7 @@ class PetscAlgebra:
             solver: "direct": MUMPS. "iterative": conjugate gradients with algebraic multigrid, which cannot tell for
                 sure whether the matrix is positive definite; real coefficients only. "auto": direct where the factor
                 fits into the memory, else iterative; then `notice` of the result says so.
+            pins: degrees of freedom that are held where they are; only with real coefficients.
 
         Raises:
             SolverError: what was asked for cannot be had, or the factor does not fit into the memory.
@@ -73,14 +75,16 @@ class PetscAlgebra:
             imaginary = [(float(np.imag(coefficient)), a) for coefficient, a in terms]
             return ComplexFactor(combination(*real), combination(*imaginary))
         if solver == "iterative":
-            return IterativeFactor(combination(*real), f"{METHOD}, as asked for, to a residual of {RESIDUAL:g}")
+            return IterativeFactor(
+                held(combination(*real), pins), f"{METHOD}, as asked for, to a residual of {RESIDUAL:g}"
+            )
         try:
-            return PetscFactor(combination(*real))
+            return PetscFactor(held(combination(*real), pins))
         except MemoryShortage as error:
             if solver == "direct":
                 raise
             notice = f"{error.shortage}: {METHOD} were used, to a residual of {RESIDUAL:g}"
-        return IterativeFactor(combination(*real), notice)
+        return IterativeFactor(held(combination(*real), pins), notice)
 
     def eigenpairs(
         self, mass: PetscMatrix, stiffness: PetscMatrix, count: int, factor: Any = None

@@ -101,3 +101,14 @@ def combination(*terms: tuple[float, Any]) -> PETSc.Mat:
             total.setNearNullSpace(near)
         near.destroy()
     return total
+
+
+def held(mat: PETSc.Mat, pins: np.ndarray) -> PETSc.Mat:
+    """The matrix itself, with some degrees of freedom held: their rows and columns zero but for the diagonal."""
+    if len(pins):
+        diagonal = mat.getDiagonal()
+        mean = diagonal.sum() / diagonal.getSize()
+        diagonal.destroy()
+        start, stop = mat.getOwnershipRange()
+        mat.zeroRowsColumns(pins[(start <= pins) & (pins < stop)].astype(PETSc.IntType), diag=mean)
+    return mat

@@ -206,7 +206,7 @@ def solve(
         where = asked.source if asked else "a system of matrices"
         raise SceneError(f"{where}: has no [run], so there is no load history to simulate")
     surroundings = Surroundings(asked, histories=histories)
-    if surroundings.quasi_static and getattr(system, "rigid", np.empty((0, 0))).shape[1]:
+    if surroundings.quasi_static and system.rigid.shape[1]:
         raise SceneError(
             f"{asked.source}: effects: inertia is missing, and a body that nothing holds has no equilibrium"
         )

@@ -36,8 +36,8 @@ def balanced(problem: Problem) -> Iterator[tuple[str, Directions]]:
 
 def _in_all_eigenvectors(problem: Problem) -> Iterator[tuple[str, Directions]]:
     system, space = problem.system, problem.space
-    share_eigenvectors(problem, system.size)
-    whole = space.subspace(np.eye(system.size))
+    share_eigenvectors(problem, system.elastic_size)
+    whole = space.subspace(np.eye(system.elastic_size))
     for name in problem.contacts:
         B = system.forces(name)
         with problem.stages("balancing"):

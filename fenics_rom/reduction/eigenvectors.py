@@ -7,7 +7,7 @@ from fenics_rom.reduction.problem import Problem
 def share_eigenvectors(problem: Problem, count: int) -> None:
     """Makes the lowest eigenvectors the first columns of the shared space, which is empty or begins with some."""
     system, space = problem.system, problem.space
-    count = min(count, system.size)
+    count = min(count, system.elastic_size)
     if space.eigenvectors >= count:
         return
     if space.size:

@@ -149,7 +149,7 @@ class KrylovSpaces:
         """Whether the space of a contact mode holds all there is."""
         chain = self.chains[name]
         ended = self._zero_suffices and chain.latest.shape[1] + self._company.latest.shape[1] == 0
-        return ended or chain.span.shape[1] == self._problem.system.size
+        return ended or chain.span.shape[1] == self._problem.system.elastic_size
 
     def at_limit(self, name: str) -> bool:
         """Whether no more is to be tried for a contact mode."""

@@ -9,7 +9,7 @@ import scipy.sparse
 import scipy.sparse.linalg
 
 from fenics_rom.errors import SolverError, StructureError
-from fenics_rom.system import Array
+from fenics_rom.system import NONE, Array
 
 SYMMETRY = 1e-10  # largest accepted |A - Aᵀ| as a share of |A|
 DENSE_SHARE = 3  # beyond a third of all eigenpairs, LAPACK is the better eigensolver
@@ -86,8 +86,8 @@ class MatrixAlgebra:
         """The block itself."""
         return block
 
-    def factor(self, *terms: tuple[complex, Any], solver: str = "auto") -> MatrixFactor:
-        """Factorisation of a sum of coefficient times matrix; complex as soon as one coefficient is.
+    def factor(self, *terms: tuple[complex, Any], solver: str = "auto", pins: Array = NONE) -> MatrixFactor:
+        """Factorisation of a sum of coefficient times matrix, `pins` held; complex as soon as one coefficient is.
 
         Raises:
             SolverError: it could not be done, or an iterative solver was asked for.
@@ -98,7 +98,7 @@ class MatrixAlgebra:
         total = first * start
         for coefficient, matrix in rest:
             total = total + coefficient * matrix
-        return MatrixFactor(total)
+        return MatrixFactor(held(total, pins))
 
     def eigenpairs(
         self, mass: Any, stiffness: Any, count: int, factor: MatrixFactor | None = None
@@ -124,8 +124,21 @@ class MatrixAlgebra:
         return γ[order], V[:, order]
 
 
-def checked_matrix(matrix: Any, name: str, size: int | None, definite: bool) -> Any:
-    """A float matrix with its structure measured; sparse ones become CSR.
+def held(matrix: Any, pins: Array) -> Any:
+    """The matrix with some degrees of freedom held: their rows and columns zero but for the diagonal."""
+    if not len(pins):
+        return matrix
+    moves = np.ones(matrix.shape[0])
+    moves[pins] = 0.0
+    diagonal = matrix.diagonal() * (1 - moves)
+    if scipy.sparse.issparse(matrix):
+        mask = scipy.sparse.diags(moves)
+        return mask @ matrix @ mask + scipy.sparse.diags(diagonal)
+    return moves[:, None] * matrix * moves + np.diag(diagonal)
+
+
+def checked_matrix(matrix: Any, name: str, size: int | None, definite: bool | None) -> Any:
+    """A float matrix with its structure measured, definiteness but where None; sparse ones become CSR.
 
     Raises:
         StructureError: not square, of another size, not finite, not symmetric or not (semi-)definite; with numbers.
@@ -141,7 +154,7 @@ def checked_matrix(matrix: Any, name: str, size: int | None, definite: bool) -> 
     lack = abs(A - A.T).max()
     if lack > SYMMETRY * scale:
         raise StructureError(f"{name} is not symmetric: |A - Aᵀ| = {lack:.1e}, |A| = {scale:.1e}")
-    if definite or scale > 0:
+    if definite is not None and (definite or scale > 0):
         shift = 0.0 if definite else SYMMETRY * scale
         unit = scipy.sparse.identity(A.shape[0], format="csr") if sparse else np.eye(A.shape[0])
         try:
@@ -157,13 +170,19 @@ def checked_columns(columns: Mapping[str, Any], name: str, size: int) -> dict[st
     Raises:
         StructureError: another number of rows, no column, or not finite.
     """
-    checked = {}
-    for key, block in columns.items():
-        dense = block.toarray() if scipy.sparse.issparse(block) else np.array(block, dtype=float)
-        dense = dense[:, None] if dense.ndim == 1 else dense
-        if dense.ndim != 2 or dense.shape[0] != size or dense.shape[1] == 0:
-            raise StructureError(f"{name}[{key!r}] has shape {dense.shape}; allowed is ({size}, columns)")
-        if not np.isfinite(dense).all():
-            raise StructureError(f"{name}[{key!r}] holds numbers that are not finite")
-        checked[key] = dense
-    return checked
+    return {key: checked_block(block, f"{name}[{key!r}]", size) for key, block in columns.items()}
+
+
+def checked_block(block: Any, where: str, size: int) -> Array:
+    """Float columns (size, any number); one may be a vector.
+
+    Raises:
+        StructureError: as `checked_columns`.
+    """
+    dense = block.toarray() if scipy.sparse.issparse(block) else np.array(block, dtype=float)
+    dense = dense[:, None] if dense.ndim == 1 else dense
+    if dense.ndim != 2 or dense.shape[0] != size or dense.shape[1] == 0:
+        raise StructureError(f"{where} has shape {dense.shape}; allowed is ({size}, columns)")
+    if not np.isfinite(dense).all():
+        raise StructureError(f"{where} holds numbers that are not finite")
+    return dense

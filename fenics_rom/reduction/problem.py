@@ -42,7 +42,8 @@ class Problem:
     Columns are NumPy arrays (rows of this rank, any number). The bases of any method are switched passively.
 
     Attributes:
-        system: the full-order model.
+        system: the full-order model; of a body that is not wholly held its elastic rest, M-orthogonal to its rigid
+            motions, with loads in balance.
         factor: of K; `factor.solve(block)` is K⁻¹ times a block of columns.
         space: the basis that the contact modes share.
         contacts: names of the contact modes to reduce.

@@ -11,6 +11,7 @@ import numpy as np
 from fenics_rom.errors import FenicsRomWarning, SceneError
 from fenics_rom.reduction.balancing import order_of, orthonormal_span
 from fenics_rom.reduction.checkpoint import Checkpoint
+from fenics_rom.reduction.elastic import elastic_part, require_loads, with_rigid
 from fenics_rom.reduction.methods import BY_NAME
 from fenics_rom.reduction.problem import Directions, Method, Problem
 from fenics_rom.reduction.selection import EigenvectorSelection
@@ -56,7 +57,8 @@ def reduce(
 
     Args:
         system: the full-order model.
-        order: number of reduced displacements, one for all contact modes or by name.
+        order: number of reduced displacements, one for all contact modes or by name; the rigid motions of a body that
+            is not wholly held come with them, exactly.
         tolerance: instead of an order: share of the sum of singular values that may be left out.
         method: "balanced" (by the Gramians), "modal" (the lowest eigenvectors), "modal+static" (with the static
             shapes of the inputs), "pod" (of full-order runs), "static" (the shapes at rest alone; what a scene without
@@ -102,6 +104,14 @@ def reduce(
     if switching != "energy" and named != "balanced":
         raise SceneError(f"switching = {switching!r} goes with method = 'balanced', not with {named!r}")
 
+    whole, system = system, elastic_part(system)
+    if system is not whole:
+        if lyapunov in ("as-printed", "bartels-stewart"):
+            raise SceneError(
+                "bodies that are not wholly held have no dense Gramians of the first-order form; allowed are "
+                "lyapunov = 'closed-form', 'krylov' and 'adi', and switching = 'energy' and 'modal'"
+            )
+        require_loads(system)
     stages = Stages(lambda value: float(system.algebra.gather(np.array([[value]])).max()), system.stages, report)
     with stages("factorisation of K"):
         factor = system.algebra.factor((1.0, system.stiffness), solver=solver)
@@ -122,6 +132,7 @@ def reduce(
         )
         finished = Checkpoint(checkpoint, problem, named, resume)
         rom = rom_of(problem, _kept(problem, method, finished), method=named)
+        rom = with_rigid(rom, whole)
     for message in problem.messages:
         warnings.warn(message, FenicsRomWarning, stacklevel=2)
     return check_rom(rom)

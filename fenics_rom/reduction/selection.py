@@ -22,7 +22,7 @@ class EigenvectorSelection:
         self._problem = problem
         orders = [problem.order_of(name) or 0 for name in problem.contacts]
         all_needed = problem.lyapunov not in ("krylov", "adi")
-        share_eigenvectors(problem, problem.system.size if all_needed else max(FEWEST, FIRST * max(orders)))
+        share_eigenvectors(problem, problem.system.elastic_size if all_needed else max(FEWEST, FIRST * max(orders)))
         self._V = np.eye(problem.space.eigenvectors)  # coordinates
 
     def select(self, directions: Array, σ: Array) -> Array:
@@ -43,13 +43,13 @@ class EigenvectorSelection:
             covariance = (V.T @ T) ** 2 @ σ[:m]  # diagonal of VᵀMT Σ (VᵀMT)ᵀ
             order = np.argsort(covariance)[::-1]
             held = np.cumsum(covariance[order]) / trace
-            everything = count == problem.system.size
+            everything = count == problem.system.elastic_size
             if held[-1] >= problem.share or (everything and held[-1] > problem.share - 1e-9):
                 chosen = int(np.argmax(held >= min(problem.share, held[-1]))) + 1
                 return V[:, order[:chosen]]
             if everything:
                 raise SolverError(f"all {count} eigenvectors hold {held[-1]:.9f} of the trace, not {problem.share:g}")
-            self._grow(min(problem.system.size, 2 * count))
+            self._grow(min(problem.system.elastic_size, 2 * count))
 
     def _grow(self, count: int) -> None:
         system, space = self._problem.system, self._problem.space

@@ -31,7 +31,7 @@ class Subspace:
 
 
 class SharedSpace:
-    """A growing basis X (rows here, k), XᵀMX = I, and what K and D are in it.
+    """A growing basis X (rows here, k), XᵀMX = I, RᵀMX = 0, and what K and D are in it.
 
     Attributes:
         stiffness: XᵀKX (k, k), 1/s².
@@ -42,6 +42,10 @@ class SharedSpace:
     def __init__(self, system: System):
         self._system = system
         rows = system.algebra.rows()
+        self._rigid, self._rigid_momenta = (
+            system.rigid,
+            system.mass @ system.rigid if system.rigid.size else system.rigid,
+        )
         self._transposed = np.empty((2, 0, rows.stop - rows.start))  # a column of X, M X is a row: cheap to append
         self._size = 0
         self.stiffness = np.empty((0, 0))
@@ -65,9 +69,12 @@ class SharedSpace:
 
     def add(self, block: Array) -> Array:
         """Coordinates of columns, (k, columns); what they add to the basis is appended to it."""
-        new, momenta, coordinates = orthonormal_rest(self._system, block, self.basis, self.momenta)
+        rigid, basis, momenta = self._rigid.shape[1], self.basis, self.momenta
+        if rigid:  # what a small new direction magnifies must not be a motion that no method asked for
+            basis, momenta = np.hstack([self._rigid, basis]), np.hstack([self._rigid_momenta, momenta])
+        new, momenta, coordinates = orthonormal_rest(self._system, block, basis, momenta)
         self._append(new, momenta)
-        return coordinates
+        return coordinates[rigid:]
 
     def append(self, new: Array) -> None:
         """Further M-orthonormal columns, orthogonal to those there."""

@@ -140,7 +140,8 @@ class Batch:
         with np.errstate(over="ignore", invalid="ignore"):
             x = self._state[0] * (self._dt / h)
             angles = h / 2 * self._ω
-        if not (angles.min() >= 1 / most and angles.max() <= most and np.abs(x).max() <= most):
+        rigid = self.rom.rigid
+        if not (angles[:, rigid:].min() >= 1 / most and angles.max() <= most and np.abs(x).max() <= most):
             raise StepError(f"dt = {dt!r}: too far from the model's periods for {self.dtype}")
         self._state[0] = x
         self._dt = h
@@ -156,10 +157,11 @@ class Batch:
             square = (len(diagonal),) * 2
             maps = [_filled(part.T, square).astype(self.dtype) for part in (a, Ra)] if dense else None
             self._coupling.append(None if maps is None else (maps[0], maps[1]))
-        # A step is passive: it adds at most h |G u| to the length of (ω q, r), and x is at most 2/(h ω) times that.
+        # A step is passive: it adds at most h |G u| to the length of (ω q, r), and x is at most 2/(h ω) times that, or
+        # along rigid motions twice that in each step.
         # So what bounds the inputs bounds the states, and nothing else needs to be looked at in a step: below this
         # limit no number overflows in the first `_huge` steps from rest, 4e9 of them in float32.
-        longest = np.abs(self._G).sum(axis=(1, 2)) * np.maximum(h, 2 / self._ω.min(axis=1))
+        longest = np.abs(self._G).sum(axis=(1, 2)) * np.maximum(h, 2 / self._ω[:, rigid:].min(axis=1))
         self._limit = self._huge / max(1.0, longest.max())
         self._written[:] = -1
         self._plan = None
@@ -457,7 +459,9 @@ class Batch:
             e, r = self._projections.between(self._names[start], self._names[end])
             m = self._ω.shape[1]
             both = _filled(np.stack([e.T, r.T]), (2, m, m))
-            both[0] *= self._ω[start][:, None] / self._ω[end]
+            rigid = self.rom.rigid
+            both[0] *= self._ω[start][:, None] / np.where(self._ω[end] > 0, self._ω[end], np.inf)
+            both[0, :rigid, :rigid] = np.eye(rigid)
             self._maps[start, end] = both.astype(self.dtype)
         return self._maps[start, end]
 

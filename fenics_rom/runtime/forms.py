@@ -22,12 +22,13 @@ Array = np.ndarray
 
 LARGEST_PRODUCT = {1: 75, 2: 90}  # order up to which one product is the faster, by the dimensions of the damping
 PAGES = 32  # steps that are booked together
+HELD = np.empty(0)  # displacement along the rigid motions of a body that has none
 
 
-def fastest(mode: Mode, ledger: Ledger | None) -> "OneProduct | VelocityFirst":
-    """The form for a model's size and damping."""
+def fastest(mode: Mode, ledger: Ledger | None, drift: Array = HELD) -> "OneProduct | VelocityFirst":
+    """The form for a model's size and damping; arguments as in _Form."""
     form = OneProduct if mode.order <= LARGEST_PRODUCT[mode.damping.ndim] else VelocityFirst
-    return form(mode, ledger)
+    return form(mode, ledger, drift)
 
 
 class _Form:
@@ -36,13 +37,15 @@ class _Form:
     Args:
         mode: the reduced model.
         ledger: the account to book in, if one is kept.
+        drift: displacement along the rigid motions (ρ,), which energy coordinates do not hold; what the steps add to it
+            is booked here.
 
     Attributes:
         h: time step, s; 0 before the first `retime`.
     """
 
-    def __init__(self, mode: Mode, ledger: Ledger | None):
-        self._mode, self._ledger, self.h = mode, ledger, 0.0
+    def __init__(self, mode: Mode, ledger: Ledger | None, drift: Array = HELD):
+        self._mode, self._ledger, self._drift, self.h = mode, ledger, drift, 0.0
         self._states: list[Array]  # (2m,) each, views
         self._page = 0  # where the state is
         self._booked = 0  # pages before this one are in the account
@@ -57,10 +60,15 @@ class _Form:
         self._page -= 1
 
     def settle(self) -> None:
-        """Books what the steps so far supplied and dissipated."""
+        """Books what the steps so far supplied and dissipated, and how far they carried the body."""
         if self._ledger is not None and self._booked < self._page:
             supplied, dissipated = self._work(slice(self._booked, self._page))
             self._ledger.book(supplied=supplied, dissipated=dissipated)
+        if len(self._drift) and self._booked < self._page:
+            m = self._mode.order
+            r = np.stack([state[m : m + len(self._drift)] for state in self._states[self._booked : self._page + 1]])
+            steps = self.h / 2 * (r[1:] + r[:-1])
+            self._drift[:] = np.cumsum(np.vstack([self._drift, steps]), axis=0)[-1]  # the same bits whenever it is read
         self._booked = self._page
 
     def rewind(self) -> int:
@@ -79,8 +87,8 @@ class _Form:
 class OneProduct(_Form):
     """The whole step as one matrix, and its account as another. Arguments and attributes as in _Form."""
 
-    def __init__(self, mode: Mode, ledger: Ledger | None):
-        super().__init__(mode, ledger)
+    def __init__(self, mode: Mode, ledger: Ledger | None, drift: Array = HELD):
+        super().__init__(mode, ledger, drift)
         self._m, p = mode.inputs.shape
         self._pages = np.zeros((PAGES + 1, 2 * self._m + p))  # [e, r, u]: what a product reads
         self._reads = list(self._pages)
@@ -126,8 +134,8 @@ class _Halves(NamedTuple):
 class VelocityFirst(_Form):
     """The step as the paper writes it: v̂, and the state from it. Arguments and attributes as in _Form."""
 
-    def __init__(self, mode: Mode, ledger: Ledger | None):
-        super().__init__(mode, ledger)
+    def __init__(self, mode: Mode, ledger: Ledger | None, drift: Array = HELD):
+        super().__init__(mode, ledger, drift)
         m, p = mode.inputs.shape
         pages = np.zeros((PAGES + 1, 2, m))
         self._halves = [_Halves(page, page[0], page[1]) for page in pages]

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -38,6 +38,7 @@ class Snapshot:
         state: [√γ q, r] (2m,), read-only.
         sums: of the energy account, J, and what they were rounded by; or None.
         excursion: how far the surface went.
+        rigid: displacement along the rigid motions (ρ,), read-only.
         offsets: where the obstacles are, (O, 3), m; None where there are no surroundings.
         pressed: the last contact forces, which the next search begins with.
     """
@@ -49,6 +50,7 @@ class Snapshot:
     state: Array
     sums: tuple[tuple[float, float], ...] | None
     excursion: Excursion
+    rigid: Array = field(default_factory=lambda: np.empty(0))
     offsets: Array | None = None
     pressed: Array | None = None
 
@@ -98,7 +100,8 @@ class Simulator:
         self.steps = 0
         self.ledger = Ledger(self._settle) if ledger else None
         self._dt, self._since = checked_dt(dt), (0.0, 0)
-        self._watch = Watch(rom)
+        self._drift = np.zeros(rom.rigid)  # displacement along the rigid motions, as far as it is booked
+        self._watch = Watch(rom, self._rigid)
         self._projections = Projections(rom)
         self._forms: dict[str, OneProduct | VelocityFirst | MidpointAmongObstacles | Equilibrium] = {}
         self._readings: dict[tuple[str, str], Array] = {}
@@ -137,8 +140,7 @@ class Simulator:
     @property
     def state(self) -> tuple[Array, Array]:
         """Copies of the reduced displacement q and velocity r of the active contact mode, (m,) each."""
-        e, r = self._form.state.reshape(2, -1)
-        return e / self._ω, r.copy()
+        return self._q, self._form.state[len(self._ω) :].copy()
 
     @state.setter
     def state(self, state: tuple[Sequence[float] | Array, Sequence[float] | Array]) -> None:
@@ -146,6 +148,7 @@ class Simulator:
         shape = self._ω.shape
         if len(given) != 2 or any(part.shape != shape or not np.isfinite(part).all() for part in given):
             raise StepError(f"state: allowed are two finite arrays of shape {shape}, given: {[p.shape for p in given]}")
+        self._rigid()[:] = given[0][: len(self._drift)]
         self._form.state[:] = np.concatenate([self._ω * given[0], given[1]])
 
     @property
@@ -381,6 +384,12 @@ class Simulator:
 
     def _march(self, u: Array, taken: int, every: int, names: tuple[str, ...], read: list[Array]) -> None:
         """Takes the steps of one span, `taken` steps after the march began, and adds what is read to `read`."""
+        if len(self._drift):  # outputs follow what energy coordinates do not hold
+            for count, row in enumerate(u, start=taken + 1):
+                self.step(row)
+                if names and count % every == 0:
+                    read.append(np.concatenate([self._reading(name) @ self._q for name in names])[None])
+            return
         while len(u):
             due = every - taken % every  # steps until the outputs are due
             if due == every <= min(LONGEST, len(u)):
@@ -425,6 +434,7 @@ class Simulator:
 
     def reset(self) -> None:
         """Back to rest in the first contact mode, at time 0, with an empty account; dt stays."""
+        self._rigid()[:] = 0
         if self.ledger is not None:
             self.ledger.sums = Ledger().sums
         self.steps, self._since = 0, (0.0, 0)
@@ -440,11 +450,13 @@ class Simulator:
         """The state of everything, to come back to."""
         self._form.rewind()
         state = self._form.state.copy()
-        state.flags.writeable = False
+        rigid = self._rigid().copy()
+        state.flags.writeable = rigid.flags.writeable = False
         sums = None if self.ledger is None else self.ledger.sums
         offsets = None if self.surroundings is None else self.surroundings.offsets
         pressed = None if self._touch is None else self._touch.contact.last
-        return Snapshot(self._contact, self._dt, self.steps, self._since, state, sums, self.excursion, offsets, pressed)
+        so_far = self._contact, self._dt, self.steps, self._since
+        return Snapshot(*so_far, state, sums, self.excursion, rigid, offsets, pressed)
 
     def restore(self, snapshot: Snapshot) -> None:
         """Goes back to a saved state, of this simulator or of another one of the same ROM.
@@ -453,12 +465,13 @@ class Simulator:
             StepError: it is of another ROM, or has a ledger where this has none, or none where this has one.
         """
         mode = self.rom.modes.get(snapshot.contact)
-        if mode is None or 2 * mode.order != len(snapshot.state):
+        if mode is None or 2 * mode.order != len(snapshot.state) or mode.rigid != len(snapshot.rigid):
             raise StepError(f"the snapshot is of another ROM than {self.rom.name!r}")
         if (snapshot.sums is None) != (self.ledger is None):
             raise StepError("the snapshot and the simulator must both keep an energy account, or neither")
         if self.ledger is not None and snapshot.sums is not None:
             self.ledger.sums = snapshot.sums
+        self._rigid()[:] = snapshot.rigid
         self._dt, self.steps, self._since = snapshot.dt, snapshot.steps, snapshot.since
         self._watch.begin(snapshot.excursion)
         self._enter(snapshot.contact)
@@ -495,18 +508,27 @@ class Simulator:
         if self._form.h != self._dt:
             self._form.retime(self._dt)
         self._alert = self._watch.enter(contact)
-        self._width, self._ω = mode.inputs.shape[1] - sum(self.rom.loads.values()), np.sqrt(mode.eigenvalues)
+        self._width = mode.inputs.shape[1] - sum(self.rom.loads.values())
+        self._ω, self._divisors = np.sqrt(mode.eigenvalues), mode.divisors
 
     def _form_of(self, mode: Mode) -> OneProduct | VelocityFirst | MidpointAmongObstacles | Equilibrium:
         if self.surroundings is not None and self.surroundings.quasi_static:
-            return Equilibrium(mode, self.ledger, np.empty(0), self._touch)
+            return Equilibrium(mode, self.ledger, self._drift, self._touch)
         if self._touch is not None:
-            return MidpointAmongObstacles(mode, self.ledger, np.empty(0), self._touch)
-        return fastest(mode, self.ledger)
+            return MidpointAmongObstacles(mode, self.ledger, self._drift, self._touch)
+        return fastest(mode, self.ledger, self._drift)
+
+    def _rigid(self) -> Array:
+        """Displacement along the rigid motions (ρ,), up to date, to read or to change."""
+        if len(self._drift):
+            self._settle()
+        return self._drift
 
     @property
     def _q(self) -> Array:
-        return self._form.state[: len(self._ω)] / self._ω
+        q = self._form.state[: len(self._ω)] / self._divisors
+        q[: len(self._drift)] = self._rigid()
+        return q
 
     def _reading(self, output: str) -> Array:
         """Rows of a named output, (rows, m), in the active contact mode's basis."""

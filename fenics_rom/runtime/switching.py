@@ -7,7 +7,8 @@ Displacement and velocity are each projected orthogonally in their own energy,
 and an orthogonal projection lengthens no vector: potential energy is a length in K, kinetic energy one in M. So the
 energy cannot grow, for any two bases, at any cadence. For bases of eigenvectors this is the paper's own (13).
 
-In energy coordinates (ω q, r) both maps are products of two orthonormal bases: contractions.
+In energy coordinates (ω q, r) both maps are products of two orthonormal bases: contractions. Rigid motions are the
+same in all contact modes: their velocities are carried over as they are, and their displacements are elsewhere.
 """
 
 import numpy as np
@@ -40,9 +41,21 @@ class Projections:
 
 def _orthogonal(rom: Rom, start: Mode, end: Mode) -> tuple[Array, Array]:
     """Orthogonal projections in K and in M, which never add energy."""
-    strained_start = np.sqrt(rom.stiffness)[:, None] * start.coordinates / np.sqrt(start.eigenvalues)
-    strained_end = np.sqrt(rom.stiffness)[:, None] * end.coordinates / np.sqrt(end.eigenvalues)
-    return _contraction(strained_end.T @ strained_start), _contraction(end.coordinates.T @ start.coordinates)
+    rigid, ω = rom.rigid, np.sqrt(rom.stiffness)[:, None]
+    strained_start, strained_end = ((ω * mode.coordinates / mode.divisors)[:, rigid:] for mode in (start, end))
+    potential = _contraction(strained_end.T @ strained_start)
+    kinetic = _contraction(end.coordinates[:, rigid:].T @ start.coordinates[:, rigid:])
+    if not rigid:
+        return potential, kinetic
+    return _beside(np.zeros((rigid, rigid)), potential), _beside(np.eye(rigid), kinetic)
+
+
+def _beside(rigid: Array, elastic: Array) -> Array:
+    """One map of both parts of a state, which shares nothing between them."""
+    ρ = len(rigid)
+    both = np.zeros((ρ + len(elastic), ρ + elastic.shape[1]))
+    both[:ρ, :ρ], both[ρ:, ρ:] = rigid, elastic
+    return both
 
 
 def _oblique(start: Mode, end: Mode) -> tuple[Array, Array]:

@@ -2,6 +2,7 @@
 
 import sys
 import warnings
+from collections.abc import Callable
 
 import numpy as np
 
@@ -20,13 +21,14 @@ class Watch:
 
     Args:
         rom: the reduced model; without a mesh there is nothing to look at.
+        rigid: gives the displacement along the rigid motions (ρ,), which energy coordinates do not hold.
 
     Attributes:
         seen: how far the surface went, of all looks.
     """
 
-    def __init__(self, rom: Rom):
-        self._rom, self._gauges = rom, dict[str, ModeGauge]()
+    def __init__(self, rom: Rom, rigid: Callable[[], Array] = lambda: np.empty(0)):
+        self._rom, self._rigid, self._gauges = rom, rigid, dict[str, ModeGauge]()
         self._rows = basis_rows(rom)
         self.begin(Excursion())
 
@@ -41,7 +43,7 @@ class Watch:
         if contact not in self._gauges:
             mode = self._rom.modes[contact]
             self._gauges[contact] = ModeGauge(self._rows @ mode.coordinates, mode.eigenvalues)
-        self._ω = np.sqrt(self._rom.modes[contact].eigenvalues)
+        self._divisors = self._rom.modes[contact].divisors
         self._margin = 0.0  # what was safe in another mode's coordinates says nothing here
         self._gauge = self._gauges[contact]
         return min(2 * self._gauge.safe_energy, sys.float_info.max)  # infinite is never safe
@@ -56,7 +58,9 @@ class Watch:
             return
         if self._margin and np.square(e - self._last).sum() / 2 < self._margin:
             return
-        before, now = self.seen, Excursion(*self._gauge.read(e / self._ω), time)
+        q, s = e / self._divisors, self._rigid()
+        q[: len(s)] = s
+        before, now = self.seen, Excursion(*self._gauge.read(q), time)
         self.seen = before.joined(now)
         self._margin, self._last, self._since = self._gauge.safe_change(now.severity), e.copy(), 0
         if now.beyond and not before.beyond:

@@ -31,6 +31,9 @@ COMMANDS = {
     "box.h5": ("reduce", "box.toml", "--lyapunov", "closed-form"),
     "beam.h5": ("reduce", "beam.toml"),
     "beam-modal.h5": ("reduce", "beam.toml", "--switching", "modal", "--share", "0.9999"),
+    "free.h5": ("reduce", "free.toml"),
+    "free-krylov.h5": ("reduce", "free.toml", "--lyapunov", "krylov"),
+    "free-iterative.h5": ("reduce", "free.toml", "--lyapunov", "krylov", "--solver", "iterative"),
     "run.h5": ("solve", "plate.toml"),
 }
 

@@ -158,16 +158,6 @@ def test_cells_without_material_are_counted(halves):
         assembled(halves, **{"material": None, "materials.soft": material(cells="near")})
 
 
-def test_body_that_nothing_holds_is_refused(tmp_path, halves):
-    points, cells = box_arrays(LENGTHS, (2, 1, 1))
-    both = np.concatenate([points, points + np.array([0, 2, 0])]), np.concatenate([cells, cells + len(points)])
-    island = write_arrays(tmp_path / "island.msh", *both, box_surfaces(points, cells))
-    with pytest.raises(SceneError, match="2 unconnected parts, and 1 of them have fewer than three clamped nodes"):
-        assembled(island)
-    with pytest.raises(SceneError, match=r"supports.clamped is empty: free bodies \(rigid modes\) are not offered"):
-        assembled(halves, supports="clamped = []")
-
-
 def test_body_that_is_all_clamped_is_refused(tmp_path):
     mesh = write_arrays(tmp_path / "one.msh", *box_arrays(LENGTHS, (1, 1, 1)))
     with pytest.raises(SceneError, match="every node of the mesh is clamped"):

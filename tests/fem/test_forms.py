@@ -223,7 +223,7 @@ FORM_ERRORS = {
     "all held": "bcs: every degree of freedom is constrained",
     "no condition": "bcs[0] is a FunctionSpace; allowed are Dirichlet conditions of dolfinx",
     "condition elsewhere": "bcs[0] is of another function space than mass",
-    "free": "stiffness is not positive definite",
+    "no shear": "stiffness is not positive definite",
     "no form": "stiffness is a float; allowed is a UFL form",
     "no mass": "mass is no UFL form with two arguments; allowed is a bilinear form",
     "linear": "stiffness has 1 arguments; allowed is a bilinear form",

@@ -26,6 +26,7 @@ def write_scenes(folder):
         (folder / f"{name}.toml").write_text(scene_text(mesh, degree=2, **TIP))
     patches = [f"[contacts.c{k}]\nnear = {{point = [{k / 10}, 0.2, 0.3], radius = 0.15}}" for k in range(1, 11)]
     (folder / "many.toml").write_text(scene_text(folder / "beam.msh", degree=2, contacts="\n".join(patches), **TIP))
+    (folder / "free.toml").write_text(scene_text(folder / "box.msh", degree=2, supports=None, **TIP))
     (folder / "missing.toml").write_text(scene_text(folder / "none.msh"))
 
 
@@ -75,6 +76,20 @@ def test_roms_do_not_depend_on_the_number_of_ranks(results, name, ranks):
         for ω in (0.0, *(own[:-1] + own[1:]) / 2):
             H = transfer(one, contact, ω)
             assert np.abs(transfer(other, contact, ω) - H).max() <= 1e-8 * np.abs(H).max(), (contact, ω)
+
+
+@pytest.mark.parametrize("ranks", [2, 4])
+@pytest.mark.parametrize("name", ["free", "free-krylov", "free-iterative"])
+def test_free_bodies_do_not_depend_on_the_number_of_ranks(results, name, ranks):
+    one, other = (fr.read_rom(results / str(n) / f"{name}.h5") for n in (1, ranks))
+    np.testing.assert_allclose(np.abs(other.basis[:, :6]), np.abs(one.basis[:, :6]), rtol=0, atol=1e-12)
+    bodies = [fr.Simulator(rom, dt=1e-3) for rom in (one, other)]
+    for body in bodies:
+        for step in range(100):
+            body.switch(("right", "top")[step // 10 % 2])
+            body.step([1e-3, 2e-3, -1e-3])
+    shapes = [body.displacement() for body in bodies]
+    assert np.abs(shapes[1] - shapes[0]).max() <= 1e-10 * np.abs(shapes[0]).max()
 
 
 @pytest.mark.parametrize("ranks", [2, 4])
