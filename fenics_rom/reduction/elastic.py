@@ -6,7 +6,7 @@ reduced of it gets R back, exactly, in every contact mode.
 """
 
 from contextlib import closing
-from dataclasses import replace
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
@@ -26,13 +26,21 @@ def elastic_part(system: System) -> System:
     if not system.rigid.shape[1]:
         return system
     algebra = ElasticAlgebra(system)
-    return replace(
-        system,
-        contacts={name: algebra.balanced(B) for name, B in system.contacts.items()},
-        actuators={name: algebra.balanced(B) for name, B in system.actuators.items()},
-        outputs={name: algebra.balanced(C) for name, C in system.outputs.items()},
-        algebra=algebra,
-    )
+    kept = {field.name: getattr(system, field.name) for field in fields(system)}
+    balanced = {
+        kind: {name: algebra.balanced(B) for name, B in kept[kind].items()}
+        for kind in ("contacts", "actuators", "loads", "outputs")
+    }
+    return _Elastic(**{**kept, **balanced, "algebra": algebra})
+
+
+class _Elastic(System):
+    """An elastic part, whose loads are in balance wherever they come from."""
+
+    def at_nodes(self, nodes: Array) -> Array:
+        """As in System."""
+        columns: Array = self.algebra.balanced(super().at_nodes(nodes))  # type: ignore[attr-defined]
+        return columns
 
 
 def require_loads(system: System) -> None:
@@ -42,7 +50,7 @@ def require_loads(system: System) -> None:
         SceneError: the first of them.
     """
     for name in system.contacts:
-        if not np.any(system.algebra.inner(B := system.input_matrix(name), B)):
+        if not np.any(system.algebra.inner(B := system.forces(name), B)):
             raise SceneError(
                 f"contact mode {name!r}: its inputs move the body without straining it, so there is nothing that they "
                 "ask to be kept; give them to an actuator, beside a contact that strains it"

@@ -43,7 +43,7 @@ def surrounded(
         undamped = {name: replace(mode, damping=np.zeros(mode.order)) for name, mode in rom.modes.items()}
         rom = replace(rom, modes=undamped)
     around = Surroundings(scene, rom.loads, histories)
-    if around.quasi_static and any((mode.eigenvalues == 0).any() for mode in rom.modes.values()):
+    if around.quasi_static and rom.rigid:
         raise SceneError(
             f"{scene.source}: effects: inertia is missing, and a body that nothing holds has no equilibrium"
         )
