@@ -116,9 +116,10 @@ def _parser() -> argparse.ArgumentParser:
     command = _command(commands, "simulate", _simulate, "run a ROM through the load history of its scene")
     command.add_argument("rom", metavar="ROM.h5", help="a file that `reduce` wrote")
     _output(command, "RUN.h5")
-    command.add_argument("--scene", metavar="SCENE", help="take the load history of this scene")
+    command.add_argument("--scene", metavar="SCENE", help="take load history and effects of this scene")
     command.add_argument("--dt", type=float, metavar="S", help="time step instead of the scene's, s")
     command.add_argument("--order", type=int, metavar="M", help="run at a lower order than the ROM's")
+    command.add_argument("--profile", action="store_true", help="measure what each effect costs in a step")
 
     command = _command(commands, "info", _info, "say what is in a ROM or a run")
     command.add_argument("file", metavar="FILE.h5")
@@ -304,7 +305,7 @@ def _simulate(choice: Any) -> None:
         rom = fr.truncated(rom, choice.order)
     scene = fr.read_scene(choice.scene) if choice.scene else None
     with progress() as report:
-        record = fr.simulate(rom, scene=scene, dt=choice.dt, report=report)
+        record = fr.simulate(rom, scene=scene, dt=choice.dt, profile=choice.profile, report=report)
     fr.write_record(choice.output, record)
     if speaks():
         print_record(record, choice.output)

@@ -60,8 +60,9 @@ def solve(W: Array, q: Array, normals: Array, friction: float, start: Array) -> 
     size = W.diagonal().reshape(-1, 3).dot(_ONES) / 3
     if not size.min() > 0:
         size = np.maximum(size, 1e-12 * size.max() or 1.0)
-    problem = _Frictionless if friction == 0 else _Frictional
-    return problem(W, q, normals, friction, size).solve(start)
+    if friction == 0:
+        return _Frictionless(W, q, normals, size).solve(start)
+    return _Frictional(W, q, normals, friction, size).solve(start)
 
 
 class _Frictional:
@@ -244,65 +245,76 @@ class _Frictional:
 
 
 class _Frictionless:
-    """Block principal pivoting (Júdice & Pires, 1994) with Murty's rule (1974), which always ends, behind it."""
+    """A linear complementarity problem: a primal-dual active set, and an interior-point method where it cycles."""
 
-    def __init__(self, W: Array, q: Array, normals: Array, friction: float, size: Array):
+    def __init__(self, W: Array, q: Array, normals: Array, size: Array):
         C = len(q)
-        self.W, self.q, self.n = W, q, normals
         N = np.zeros((C, C, 3))
         N[np.arange(C), np.arange(C)] = normals
         N = N.reshape(C, 3 * C)
-        self.M = N.dot(W).dot(N.T)
-        self.r = (q * normals).dot(_ONES)
-        diagonal = self.M.diagonal()
-        self.size = np.maximum(diagonal, 1e-12 * size)
-        self.speed = float(np.abs(q).max())
-        self.allowed = _SOLVED * self.speed
-        self.iterations = 0
+        self.W, self.q, self.n, self.M, self.r = W, q, normals, N.dot(W).dot(N.T), (q * normals).dot(_ONES)
+        self.size = np.maximum(self.M.diagonal(), 1e-12 * size)
+        self.speed = float(np.abs(self.r).max())
+        self.best, self.error, self.iterations = self.r, np.inf, 0
 
     def solve(self, start: Array) -> Solution:
-        λ = np.maximum((start * self.n).dot(_ONES), 0.0)
-        best, least = λ, np.inf
-        for _ in range(20):
-            z = λ - (self.M.dot(λ) + self.r) / self.size
-            projected = np.maximum(z, 0.0)
-            error = float((np.abs(λ - projected) * self.size).max())
-            if error < least:
-                best, least = projected, error
-            if error <= self.allowed:
-                break
-            λ = self.pivoted(λ, z > 0)
-        else:
-            _accept(least / self.speed, len(self.q), self.iterations)
-        f = best[:, None] * self.n
+        if not self.newton((start * self.n).dot(_ONES)) and not self.through_interior():
+            _accept(self.error / self.speed, len(self.q), self.iterations)
+        f = self.best[:, None] * self.n
         return Solution(f, self.W.dot(f.ravel()).reshape(f.shape) + self.q, self.iterations)
 
-    def pivoted(self, center: Array, active: Array) -> Array:
-        """Solves the problem with a small compliance about `center`, beginning with the `active` pairs closed."""
-        δ = _PROXIMAL * self.size
-        r = self.r - δ * center
-        M = self.M.copy()
-        M.flat[:: len(r) + 1] += δ
-        fewest, patience = len(r) + 1, 0
-        λ = center
-        for _ in range(50 + 4 * len(r)):
+    def newton(self, λ: Array) -> bool:
+        """Whether the active set settles, beginning with that of λ (Hintermüller, Ito & Kunisch, 2002)."""
+        for _ in range(_NEWTON):
+            z = λ - (self.M.dot(λ) + self.r) / self.size
+            projected = np.maximum(z, 0.0)
+            error, before = float(np.abs((λ - projected) * self.size).max()), self.error
+            if error < before:
+                self.best, self.error = projected, error
+            if error <= _SOLVED * self.speed or before / 2 < self.error <= _GOOD * self.speed:
+                return True
             self.iterations += 1
-            closed = np.flatnonzero(active)
-            λ = np.zeros(len(r))
-            λ[closed] = np.linalg.solve(M[closed[:, None], closed], -r[closed])
-            u = M.dot(λ) + r
-            wrong = np.where(active, λ < 0, u < -self.allowed)
-            count = np.count_nonzero(wrong)
-            if not count:
+            closed = np.flatnonzero(z > 0)
+            M = self.M[closed[:, None], closed]
+            wanted = M.dot(λ[closed]) + self.r[closed]
+            M.ravel()[:: len(closed) + 1] += _PROXIMAL * self.size[closed]
+            λ, previous = np.zeros_like(λ), λ
+            λ[closed] = previous[closed] - np.linalg.solve(M, wanted)
+        return False
+
+    def through_interior(self) -> bool:
+        """Whether the active set settles from an approximation by Mehrotra's predictor-corrector method (1992)."""
+        root = np.sqrt(self.size)
+        M, p = self.M / (root * root[:, None]), self.r / root
+        scale = float(np.abs(p).max())
+        p /= scale
+        y, z = np.ones_like(p), np.ones_like(p)
+        due, error = 1e-3, np.inf
+        for _ in range(_INTERIOR):
+            self.iterations += 1
+            τ = float(y.dot(z)) / len(y)
+            lack = M.dot(y) + p - z
+            error = max(float(np.abs(lack).max()), τ)
+            if not _LIMIT < error < 1 / _LIMIT:
                 break
-            if count < fewest:
-                fewest, patience = count, 3
-            elif patience:
-                patience -= 1
-            else:
-                wrong[: np.flatnonzero(wrong)[-1]] = False  # Murty: the last one only
-            active = active ^ wrong
-        return λ
+            if error < due:
+                due = error / 100
+                if self.newton(scale * y / root):
+                    return True
+            G = M.copy()
+            G.ravel()[:: len(y) + 1] += z / y
+            aim = -y * z
+            for corrected in (False, True):
+                Δy = np.linalg.solve(G, aim / y - lack)
+                Δz = M.dot(Δy) + lack
+                α = min(_stays(y, Δy), _stays(z, Δz))
+                if not corrected:
+                    aim += max((1 - α) ** 3, 0.1) * τ - Δy * Δz
+            y, z = y + 0.9 * α * Δy, z + 0.9 * α * Δz
+        if error > _GOOD / 10:
+            return False
+        self.best, self.error = scale * y / root, error * self.speed
+        return True
 
 
 _OPEN, _STICK, _SLIP = np.int8([0, 1, 2])
@@ -398,6 +410,12 @@ def _reach(y: Array, Δy: Array) -> float:
     below = np.sqrt(np.maximum(root, 0.0)) - b
     leaves = (root >= 0) & (below > 0)
     return min(1.0, float((c[leaves] / below[leaves]).min(initial=1.0)))
+
+
+def _stays(y: Array, Δy: Array) -> float:
+    """The largest α <= 1 with y + α Δy >= 0."""
+    falls = Δy < 0
+    return min(1.0, float((y[falls] / -Δy[falls]).min(initial=1.0)))
 
 
 def _accept(relative: float, pairs: int, iterations: int) -> None:

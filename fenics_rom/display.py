@@ -3,12 +3,15 @@
 import io
 import math
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 import fenics_rom as fr
+from fenics_rom.effects import EFFECTS
 from fenics_rom.errors import MissingPackageError
 from fenics_rom.launcher import speaks
 from fenics_rom.rom import Mode
@@ -56,18 +59,36 @@ def print_rom(rom: fr.Rom, file: Path | str) -> None:
         "method": rom.method,
         "switching": rom.switching,
         "weighting": rom.weighting,
-        "effects": "; ".join(
-            " ".join([name, *(f"{key}={value:g}" for key, value in parameters.items())])
-            for name, parameters in rom.effects.items()
-        )
-        or "of the matrices",
+        "effects": _effects(rom),
         "outputs": ", ".join(f"{name} ({len(rows) // width})" for name, rows in rom.outputs.items()) or "none",
         "actuators": ", ".join(rom.actuators) or "none",
+        **({"loads": ", ".join(rom.loads)} if rom.loads else {}),
     }
+    touched = {name: len(mode.contact_points) for name, mode in rom.modes.items() if len(mode.contact_points)}
+    if touched:
+        lines["contact points"] = ", ".join(f"{name} ({count})" for name, count in touched.items())
     _print_lines(lines, rom.warnings)
     if rom.stages:
         print()
         _print_stages(rom.stages)
+
+
+def _effects(rom: fr.Rom) -> str:
+    """Each with those of its parameters that are numbers, in their units."""
+    shown = []
+    for name, parameters in rom.effects.items():
+        units = EFFECTS[name].numbers
+        numbers = (f"{key} = {_number(value)}{_unit(units[key][0])}" for key, value in parameters.items())
+        shown.append(f"{name} ({', '.join(numbers)})" if parameters else name)
+    return ", ".join(shown) or "of the matrices"
+
+
+def _number(value: float | tuple[float, ...]) -> str:
+    return f"[{', '.join(f'{v:g}' for v in value)}]" if isinstance(value, tuple) else f"{value:g}"
+
+
+def _unit(unit: str) -> str:
+    return "" if unit == "1" else f" {unit}"
 
 
 def _mode_row(name: str, mode: Mode, certificate: dict[str, float | None]) -> tuple[str, ...]:
@@ -128,7 +149,32 @@ def print_record(record: fr.Record, file: Path | str) -> None:
         else "not measured",
         "energy account closes to": f"{record.balance_error:.1e} of the largest energy or work",
     }
+    if record.effects:
+        lines["effects"] = ", ".join(record.effects)
+    if record.contact_account:
+        done = {name: f"{sums[-1]:.6e} J" for name, sums in record.contact_account.items()}
+        lines["supplied by obstacles"] = done["obstacles"]
+        lines["dissipated in contact"] = done["contact"]
+        if "friction" in done:
+            lines["dissipated by friction"] = done["friction"]
+    for name, forces in record.forces.items():
+        lines[f"largest force of {name}"] = f"{np.linalg.norm(forces, axis=1).max():.4g} N"
     _print_lines(lines, record.warnings)
+    if record.profile:
+        print()
+        _print_profile(record.profile)
+
+
+def _print_profile(profile: Mapping[str, float]) -> None:
+    total = sum(profile.values())
+    print_table(
+        "what a step costs (with the clock read between its parts)",
+        ("part", "microseconds", "share"),
+        [
+            (name, f"{1e6 * seconds:,.2f}", f"{100 * seconds / total if total else 0:.1f} %")
+            for name, seconds in ({**profile, "total": total}).items()
+        ],
+    )
 
 
 def _print_lines(lines: dict[str, str], messages: tuple[str, ...]) -> None:

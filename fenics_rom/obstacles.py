@@ -48,7 +48,7 @@ class HalfSpace:
         point, normal = _vector(self, "point"), _vector(self, "normal")
         length = math.hypot(*normal)
         if not length > 0:
-            raise SceneError("half-space: normal: allowed is a vector of any length but 0, given: length 0")
+            raise SceneError("halfspace: normal: allowed is a vector of any length but 0, given: length 0")
         n = normal / length
         object.__setattr__(self, "_n", n / math.hypot(*n))
         object.__setattr__(self, "_level", float(point.dot(self._n)))

@@ -9,7 +9,11 @@ from fenics_rom.ledger import Ledger
 
 Array = np.ndarray
 
-CONTACT_ACCOUNT = ("obstacles", "contact", "friction")
+CONTACT_ACCOUNT = {
+    "obstacles": "contact",
+    "contact": "contact",
+    "friction": "friction",
+}  # sums, and effects they are of
 
 
 @dataclass(frozen=True)
@@ -35,7 +39,7 @@ class Record:
         effects: names of those that acted.
         forces: of each obstacle on the body, (steps + 1, 3), N.
         contact_account: where the scene has contact, running sums (steps + 1,), J: what "obstacles" supplied, and what
-            "contact" and "friction" dissipated; they are parts of `supplied` and `dissipated`.
+            "contact" and (where it has that, too) "friction" dissipated; they are parts of `supplied` and `dissipated`.
         profile: seconds per step of each part of a reduced run, where they were measured.
     """
 
@@ -84,7 +88,8 @@ class Recorder:
         contacts: names of the contact modes.
         nodes: number N of nodes.
         shapes: how many whole shapes to keep, evenly spread, the last step among them.
-        obstacles: names of the obstacles; of none nothing is kept of contact.
+        effects: names of those that act; without contact nothing is kept of it.
+        obstacles: names of the obstacles.
     """
 
     def __init__(
@@ -95,15 +100,18 @@ class Recorder:
         contacts: tuple[str, ...],
         nodes: int,
         shapes: int,
+        effects: tuple[str, ...] = (),
         obstacles: tuple[str, ...] = (),
     ):
+        self._effects = effects
         self._contacts = contacts
         self._times = dt * np.arange(steps + 1)
         self._contact = np.zeros(steps + 1, dtype=np.int64)
         self._account = np.zeros((4, steps + 1))
         self._outputs = {name: np.zeros((steps + 1, points, 3)) for name, points in outputs.items()}
         self._forces = {name: np.zeros((steps + 1, 3)) for name in obstacles}
-        self._contact_account = {name: np.zeros(steps + 1) for name in (CONTACT_ACCOUNT if obstacles else ())}
+        kept = [name for name, effect in CONTACT_ACCOUNT.items() if effect in effects]
+        self._contact_account = {name: np.zeros(steps + 1) for name in kept}
         self._shape_steps = np.unique(np.round(np.linspace(0, steps, min(shapes, steps) + 1)).astype(int))[1:]
         self._shapes = np.zeros((len(self._shape_steps), nodes, 3))
 
@@ -149,7 +157,6 @@ class Recorder:
         triangles: Array,
         node_mass: Array,
         warnings: tuple[str, ...],
-        effects: tuple[str, ...],
         profile: Mapping[str, float] | None = None,
     ) -> Record:
         """The finished run."""
@@ -172,7 +179,7 @@ class Recorder:
             triangles=triangles,
             node_mass=node_mass,
             warnings=warnings,
-            effects=effects,
+            effects=self._effects,
             forces=self._forces,
             contact_account=self._contact_account,
             profile=profile or {},

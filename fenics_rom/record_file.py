@@ -12,7 +12,7 @@ attribute `unit`. Sizes: S instants (steps + 1), s whole shapes, N nodes, F tria
     outputs/NAME (S, P, 3) m
     settings/NAME (1,)               dt in s, seconds (wall clock of the stepping) in s, order
     forces/NAME (S, 3) N             of each obstacle on the body; absent where there are none, with
-    contact_account/NAME (S,) J      running sums: obstacles (supplied), contact, friction (dissipated)
+    contact_account/NAME (S,) J      running sums: obstacles (supplied), contact and perhaps friction (dissipated)
     profile/NUMBER (1,) s            per step, of a part of the run that attribute `name` names; absent if not measured
 
 Files of format 1.0 and 1.1 name no effects, and have none of the last three.
@@ -94,7 +94,7 @@ def _fill(h5: h5py.File, record: Record) -> None:
         forces = h5.create_group("forces", track_order=True)
         put_arrays(forces, dict.fromkeys(record.forces, FORCE), sizes, record.forces)
         account = h5.create_group("contact_account", track_order=True)
-        put_arrays(account, dict.fromkeys(CONTACT_ACCOUNT, WORK), sizes, record.contact_account)
+        put_arrays(account, dict.fromkeys(record.contact_account, WORK), sizes, record.contact_account)
     if record.profile:
         profile = h5.create_group("profile", track_order=True)
         for number, (name, seconds) in enumerate(record.profile.items()):
@@ -111,7 +111,8 @@ def _take(h5: h5py.File) -> Record:
     settings: Any = get_arrays(get_group(h5, "settings"), SETTINGS, sizes)
     maybe = {name: get_group(h5, name) if name in h5 else {} for name in MAYBE}
     forces: Any = get_arrays(maybe["forces"], dict.fromkeys(maybe["forces"], FORCE), sizes) if maybe["forces"] else {}
-    account: Any = get_arrays(maybe["contact_account"], dict.fromkeys(CONTACT_ACCOUNT, WORK), sizes) if forces else {}
+    done = [name for name in CONTACT_ACCOUNT if name in maybe["contact_account"]]
+    account: Any = get_arrays(maybe["contact_account"], dict.fromkeys(done, WORK), sizes) if forces else {}
     record = Record(
         name=get_text(h5, "name"),
         model=get_text(h5, "model"),

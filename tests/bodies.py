@@ -127,6 +127,11 @@ def assembled(mesh: Path, **choices: str | int | None) -> fr.System:
     return fr.assemble(parse_scene(scene_text(mesh, **choices)))
 
 
+def acted_on(mesh: Path, effects: str, **choices: str | int | None) -> fr.Scene:
+    """Such a scene with other effects; `effects` is the text of their table."""
+    return parse_scene(scene_text(mesh, effects=effects, **choices))
+
+
 def dense(matrix, size: int) -> np.ndarray:
     """All numbers of an operator."""
     return matrix @ np.eye(size)

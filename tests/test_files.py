@@ -404,7 +404,8 @@ LIES = {
     "unexpected more in /": put("more", [1.0]),
     f"unexpected more in /{MODE}": put(f"{MODE}/more", [1.0]),
     "unexpected 7 in /tables": put("tables/7", np.eye(2)),
-    "no effect 'gravity'; there is damping, inertia": group("effects/gravity"),
+    "no effect 'wind'; there is base_motion, contact, damping": group("effects/wind"),
+    "/effects/gravity/acceleration is missing": group("effects/gravity"),
     "/free has shape (180,); allowed is ('n',), n = 5": put("basis", np.ones((5, 8))),
     "/stiffness has shape (7,); allowed is ('k',), k = 8": put("stiffness", np.ones(7)),
     "/free has 2 dimensions, not 1": put("free", lambda free: free[None]),
@@ -465,7 +466,7 @@ LIES = {
         put(name, lambda there: there[:0])(h5) for name in ("nodes", "node_mass", "triangles")
     ],
     "contact mode 'tip_left' has fewer input columns than the actuators": put("actuators/pull", [4]),
-    "an actuator has a negative number of columns": put("actuators/pull", [-1]),
+    "an actuator or a load has a negative number of columns": put("actuators/pull", [-1]),
     "holds no contact modes, or an empty one": group("modes"),
 }
 RUN_LIES = {
@@ -502,7 +503,8 @@ BAD_ROMS = {
     "/triangles name nodes beyond 66": lambda rom: replace(rom, triangles=rom.triangles + 99),
     "name 'a/b': allowed are letters, digits, _ and -": lambda rom: replace(rom, modes={"a/b": rom.modes["middle"]}),
     "name '': allowed are letters, digits, _ and -": lambda rom: replace(rom, outputs={"": rom.outputs["tip"]}),
-    "no effect 'gravity'": lambda rom: replace(rom, effects={"gravity": {}}),
+    "no effect 'wind'": lambda rom: replace(rom, effects={"wind": {}}),
+    "/effects/gravity/acceleration is missing": lambda rom: replace(rom, effects={"gravity": {}}),
     "text 'scene' has 60001 bytes": lambda rom: replace(rom, scene_text=(LONGEST_TEXT + 1) * "x"),
     "/modes/tip_left/inputs has shape (3, 3)": lambda rom: with_mode(rom, inputs=np.ones((3, 3))),
     "damping is not positive semi-definite": lambda rom: with_mode(rom, damping=-np.ones(4)),

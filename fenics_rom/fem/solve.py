@@ -220,8 +220,8 @@ def solve(
     simulator = FullSimulator(system, history.dt, surroundings)
     points = {name: rows.shape[1] // 3 for name, rows in system.outputs.items()}
     nodes, contact = len(system.body.nodes), history.first_contact()
-    obstacles = tuple(surroundings.obstacles)
-    recorder = Recorder(history.steps, history.dt, points, tuple(inputs), nodes, asked.run.shapes, obstacles)
+    kept = points, tuple(inputs), nodes, asked.run.shapes, tuple(asked.effects), tuple(surroundings.obstacles)
+    recorder = Recorder(history.steps, history.dt, *kept)
     recorder.sample(0, contact, simulator.energy, simulator.ledger, simulator.displacement, None)
     gauges, seen = SurfaceGauges(system.body.nodes, system.body.triangles), Excursion()
     seconds = 0.0
@@ -255,5 +255,4 @@ def solve(
         triangles=system.body.triangles,
         node_mass=system.body.node_mass,
         warnings=(*system.warnings, *filter(None, [summary(seen)])),
-        effects=tuple(asked.effects),
     )

@@ -1,4 +1,4 @@
-"""What of a scene acts in a reduced run: the effects that it names, out of those that the ROM was made with."""
+"""What acts by itself in a reduced run: the effects that its scene names, out of those that the ROM was made with."""
 
 from collections.abc import Mapping
 from dataclasses import replace
@@ -6,11 +6,121 @@ from typing import Any
 
 import numpy as np
 
+from fenics_rom.contact import Contact
 from fenics_rom.effects import EFFECTS
-from fenics_rom.errors import SceneError
-from fenics_rom.rom import Rom
+from fenics_rom.errors import SceneError, StepError
+from fenics_rom.ledger import Ledger
+from fenics_rom.rom import Mode, Rom
+from fenics_rom.runtime.forms import OneProduct, VelocityFirst, fastest
+from fenics_rom.runtime.surrounded import Equilibrium, MidpointAmongObstacles, Touch
 from fenics_rom.scene import Scene
-from fenics_rom.surroundings import History, Surroundings
+from fenics_rom.schema import unknown
+from fenics_rom.surroundings import ContactPoints, History, Surroundings
+
+Array = np.ndarray
+Form = OneProduct | VelocityFirst | MidpointAmongObstacles | Equilibrium
+
+
+class Acting:
+    """Loads and obstacles of a run, as a simulator needs them.
+
+    Args:
+        rom: the reduced model.
+        surroundings: what acts.
+
+    Attributes:
+        surroundings: what acts.
+        step_by_step: whether what happens in a step is not known before it is taken.
+
+    Raises:
+        StepError: the body begins in an obstacle.
+    """
+
+    def __init__(self, rom: Rom, surroundings: Surroundings):
+        self.surroundings = surroundings
+        self._actuators = sum(rom.actuators.values())
+        self._touch: Touch | None = None
+        if surroundings.law is not None:
+            self._points = ContactPoints({name: mode.contact_points for name, mode in rom.modes.items()}, rom.nodes)
+            contact = Contact(self._points.places, list(surroundings.obstacles.values()), surroundings.law)
+            contact.check_start(np.zeros(self._points.places.shape), surroundings.offsets)
+            components = (3 * self._points.nodes[:, None] + np.arange(3)).ravel()
+            self._touch = Touch(contact, rom.basis[np.searchsorted(rom.free, components)], surroundings)
+        self.step_by_step = surroundings.quasi_static or self._touch is not None
+
+    def form(self, mode: Mode, ledger: Ledger | None, drift: Array) -> Form:
+        """How a contact mode is stepped; arguments as in _Form."""
+        if self.surroundings.quasi_static:
+            return Equilibrium(mode, ledger, drift, self._touch)
+        if self._touch is not None:
+            return MidpointAmongObstacles(mode, ledger, drift, self._touch)
+        return fastest(mode, ledger, drift)
+
+    def nearest(self, contact: str, coordinates: Array) -> str:
+        """The contact mode to be in, from the active one and the displacement (k,) in the shared basis."""
+        around = self.surroundings
+        assert self._touch is not None
+        displacement = (self._touch.rows @ coordinates).reshape(-1, 3)
+        found = self._points.nearest(self._touch.contact.gaps(displacement, around.offsets), contact)
+        if around.lap is not None:
+            around.lap("switching")
+        return found
+
+    def input(self, u: Array, width: int, time: float, dt: float) -> Array:
+        """All inputs of the step that begins at a time, s, and notes where the obstacles will be at its end.
+
+        Args:
+            u: (width,), or the actuators' alone.
+            width: number of contact columns and actuators' columns.
+            time, dt: s.
+
+        Raises:
+            ValueError: u has another shape.
+            StepError: a history gave something else than finite numbers.
+        """
+        if u.shape != (width,):
+            if u.shape != (self._actuators,):
+                raise ValueError
+            u = np.concatenate([np.zeros(width - len(u)), u])
+        around = self.surroundings
+        loads = around.loads(time + dt if around.quasi_static else time + dt / 2)
+        around.ahead = around.offsets_at(time + dt)
+        return np.concatenate([u, loads])
+
+    def forces(self, form: Form, obstacle: str | None) -> Array:
+        """As Simulator.contact_forces."""
+        if self._touch is None:
+            raise StepError(NO_CONTACT)
+        names = list(self.surroundings.obstacles)
+        if obstacle is not None and obstacle not in names:
+            raise StepError(unknown("obstacle", obstacle, names))
+        touched = getattr(form, "touched", None)
+        if obstacle is None:
+            return np.zeros(self._points.places.shape) if touched is None else touched.forces
+        return np.zeros(3) if touched is None else touched.by_obstacle[names.index(obstacle)]
+
+    @property
+    def points(self) -> Array:
+        """Nodes (P,) that obstacles can touch."""
+        return np.empty(0, dtype=int) if self._touch is None else self._points.nodes
+
+    @property
+    def state(self) -> tuple[Array, Array]:
+        """All that has a past: where the obstacles are, (O, 3), m, and the last contact forces."""
+        return self.surroundings.offsets, np.empty(0) if self._touch is None else self._touch.contact.last
+
+    @state.setter
+    def state(self, state: tuple[Array, Array]) -> None:
+        self.surroundings.offsets = state[0]
+        if self._touch is not None:
+            self._touch.contact.last = state[1]
+
+    def reset(self) -> None:
+        """Back to time 0."""
+        self.state = self.surroundings.offsets_at(0.0), np.zeros_like(self.state[1])
+
+
+NO_CONTACT = "there are no contact forces: the scene has no contact"
 
 
 def surrounded(

@@ -11,7 +11,7 @@ one product for each mode of a chunk. A switch projects the state where it is; b
 are then in another mode's place change places. Modes of lower order are filled up with zeros.
 """
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from itertools import pairwise
 from typing import Any, NamedTuple
@@ -21,9 +21,11 @@ from numpy.typing import ArrayLike, DTypeLike
 
 from fenics_rom.errors import StepError
 from fenics_rom.rom import Rom
+from fenics_rom.runtime.acting import surrounded
 from fenics_rom.runtime.midpoint import checked_dt, compliance
 from fenics_rom.runtime.switching import Projections
 from fenics_rom.schema import unknown
+from fenics_rom.surroundings import History, Surroundings
 
 Array = np.ndarray
 Bodies = int | Sequence[int] | Sequence[bool] | Array | None
@@ -65,24 +67,41 @@ class Batch:
         dt: time step of all bodies, s; may be set anew before any step.
         dtype: of the states and the arithmetic, float64 or float32; energies, work and time are float64 always.
         ledger: whether to keep the energy account of each body.
+        histories: of loads by name, instead of the scene's: numbers, or functions of each body's time; as in Simulator.
 
     Attributes:
         steps: number of steps the batch has taken.
 
     Raises:
-        StepError: size is not a whole number > 0, dt not a positive finite number, or dtype another one.
+        StepError: size is not a whole number > 0, dt not a positive finite number, or dtype another one; or the scene
+            has contact or no inertia, which `Simulator` steps.
     """
 
-    def __init__(self, rom: Rom, size: int, dt: float, *, dtype: DTypeLike = float, ledger: bool = False):
+    def __init__(
+        self,
+        rom: Rom,
+        size: int,
+        dt: float,
+        *,
+        dtype: DTypeLike = float,
+        ledger: bool = False,
+        histories: Mapping[str, History] | None = None,
+    ):
         if not (isinstance(size, int | np.integer) and size > 0):
             raise StepError(f"size = {size!r}: allowed is a whole number > 0")
         if np.dtype(dtype) not in (np.float64, np.float32):
             raise StepError(f"dtype = {dtype!r}: allowed are float64 and float32")
+        rom, self._surroundings = surrounded(rom, None, histories)
+        if self._surroundings is not None and (self._surroundings.quasi_static or self._surroundings.law is not None):
+            raise StepError(
+                f"ROM {rom.name!r} has contact or no inertia in its scene: allowed are forces that are known before a "
+                "step; Simulator steps such bodies, one by one"
+            )
         self.rom, self.size, self.dtype = rom, int(size), np.dtype(dtype)
         self._names = list(rom.modes)
         self._widest = max(rom.contacts.values())
         self._orders = np.array([mode.order for mode in rom.modes.values()])
-        m, p = self._orders.max(), self.inputs
+        m, p = self._orders.max(), self.inputs + sum(rom.loads.values())
         self._ω = np.ones((len(self._names), m))  # where a mode has less, x = 0
         self._G = np.zeros((len(self._names), p, m), self.dtype)
         for ω, G, mode, contact in zip(self._ω, self._G, rom.modes.values(), rom.contacts.values(), strict=True):
@@ -306,6 +325,8 @@ class Batch:
         chunks = self._chunks()
         if len(held):
             kept = self._state[:, self._row[held]], self._account[:, held]
+        if self._surroundings is not None:
+            u = np.hstack([u, self._loads(self._surroundings)])
         np.take(u, self._body, axis=0, out=self._u, mode="clip")  # the other modes of take go through a buffer
         for x, r, elastic, inertial, w, spare, parts in chunks:
             for part in parts:
@@ -395,6 +416,11 @@ class Batch:
                 f"{self._limit:.0e}, in N; all bodies were left as they were"
             )
         return np.where(fine[:, None], u, 0), held
+
+    def _loads(self, surroundings: Surroundings) -> Array:
+        """Values of the loads that act by themselves in the middle of each body's step, (size, columns)."""
+        times, which = np.unique(self._account[TIME], return_inverse=True)
+        return np.array([surroundings.loads(time + self._dt / 2) for time in times])[which]
 
     def _enter(self, chosen: Array, modes: Array) -> None:
         if (self._mode[chosen] != modes).any():

@@ -60,7 +60,8 @@ def simulate(
     points = {name: len(rows) // 3 for name, rows in rom.outputs.items()}
     shapes = asked.run.shapes if asked.run else 1
     obstacles = tuple(simulator.surroundings.obstacles) if simulator.surroundings else ()
-    recorder = Recorder(history.steps, history.dt, points, tuple(rom.modes), len(rom.nodes), shapes, obstacles)
+    kept = points, tuple(rom.modes), len(rom.nodes), shapes, tuple(asked.effects), obstacles
+    recorder = Recorder(history.steps, history.dt, *kept)
 
     def sample(step: int) -> None:
         assert simulator.ledger is not None
@@ -87,7 +88,6 @@ def simulate(
         triangles=rom.triangles,
         node_mass=rom.node_mass,
         warnings=(*rom.warnings, *filter(None, [summary(simulator.excursion)])),
-        effects=tuple(asked.effects),
         profile=_profile(fresh(), history) if profile else None,
     )
 

@@ -7,21 +7,19 @@ from typing import Any
 
 import numpy as np
 
-from fenics_rom.contact import Contact
 from fenics_rom.errors import StepError
 from fenics_rom.ledger import Ledger
 from fenics_rom.linear_limit import Excursion
-from fenics_rom.rom import Mode, Rom
-from fenics_rom.runtime.acting import surrounded
-from fenics_rom.runtime.forms import OneProduct, VelocityFirst, fastest
+from fenics_rom.rom import Rom
+from fenics_rom.runtime.acting import NO_CONTACT, Acting, Form, surrounded
+from fenics_rom.runtime.forms import fastest
 from fenics_rom.runtime.march import LONGEST, Block, Span, ladder, one_step, repeated, run, spans
 from fenics_rom.runtime.midpoint import checked_dt
-from fenics_rom.runtime.surrounded import Equilibrium, MidpointAmongObstacles, Touch
 from fenics_rom.runtime.switching import Projections
 from fenics_rom.runtime.watch import Watch
 from fenics_rom.scene import Scene
 from fenics_rom.schema import unknown
-from fenics_rom.surroundings import ContactPoints, History
+from fenics_rom.surroundings import History, Surroundings
 
 Array = np.ndarray
 
@@ -39,8 +37,7 @@ class Snapshot:
         sums: of the energy account, J, and what they were rounded by; or None.
         excursion: how far the surface went.
         rigid: displacement along the rigid motions (ρ,), read-only.
-        offsets: where the obstacles are, (O, 3), m; None where there are no surroundings.
-        pressed: the last contact forces, which the next search begins with.
+        acting: where the obstacles are, (O, 3), m, and the last contact forces; None where nothing acts by itself.
     """
 
     contact: str
@@ -51,8 +48,7 @@ class Snapshot:
     sums: tuple[tuple[float, float], ...] | None
     excursion: Excursion
     rigid: Array = field(default_factory=lambda: np.empty(0))
-    offsets: Array | None = None
-    pressed: Array | None = None
+    acting: tuple[Array, Array] | None = None
 
 
 class Simulator:
@@ -89,21 +85,15 @@ class Simulator:
         histories: Mapping[str, History] | None = None,
     ):
         self._origin = rom, scene
-        self.rom, self.surroundings = rom, surroundings = surrounded(rom, scene, histories)
-        self._touch: Touch | None = None
-        if surroundings is not None and surroundings.law is not None:
-            self._touchable = ContactPoints({name: mode.contact_points for name, mode in rom.modes.items()}, rom.nodes)
-            contact = Contact(self._touchable.places, list(surroundings.obstacles.values()), surroundings.law)
-            contact.check_start(np.zeros(self._touchable.places.shape), surroundings.offsets)
-            components = (3 * self._touchable.nodes[:, None] + np.arange(3)).ravel()
-            self._touch = Touch(contact, rom.basis[np.searchsorted(rom.free, components)], surroundings)
+        rom, surroundings = surrounded(rom, scene, histories)
+        self.rom, self._acting = rom, None if surroundings is None else Acting(rom, surroundings)
         self.steps = 0
         self.ledger = Ledger(self._settle) if ledger else None
         self._dt, self._since = checked_dt(dt), (0.0, 0)
         self._drift = np.zeros(rom.rigid)  # displacement along the rigid motions, as far as it is booked
         self._watch = Watch(rom, self._rigid)
         self._projections = Projections(rom)
-        self._forms: dict[str, OneProduct | VelocityFirst | MidpointAmongObstacles | Equilibrium] = {}
+        self._forms: dict[str, Form] = {}
         self._readings: dict[tuple[str, str], Array] = {}
         self._ladders: dict[tuple[Any, ...], list[Block]] = {}
         self._enter(next(iter(rom.modes)))
@@ -211,30 +201,29 @@ class Simulator:
         Raises:
             StepError: there is no such load or obstacle, or not so many numbers.
         """
-        if self.surroundings is None:
+        if self._acting is None:
             raise StepError(unknown("load or obstacle", name, []))
-        self.surroundings.set(name, history)
+        self._acting.surroundings.set(name, history)
+
+    @property
+    def surroundings(self) -> Surroundings | None:
+        """The loads and obstacles that act by themselves; None where there are none."""
+        return None if self._acting is None else self._acting.surroundings
 
     def contact_forces(self, obstacle: str | None = None) -> Array:
         """Forces on the body in the last step, N: of an obstacle (3,), or on every contact point (P, 3).
 
         Raises:
-            StepError: no such obstacle.
+            StepError: no such obstacle, or no contact in the scene.
         """
-        if self.surroundings is None or self._touch is None:
-            raise StepError("there are no contact forces: the scene has no contact")
-        names = list(self.surroundings.obstacles)
-        if obstacle is not None and obstacle not in names:
-            raise StepError(unknown("obstacle", obstacle, names))
-        touched = getattr(self._form, "touched", None)
-        if obstacle is not None:
-            return np.zeros(3) if touched is None else touched.by_obstacle[names.index(obstacle)]
-        return np.zeros(self._touchable.places.shape) if touched is None else touched.forces
+        if self._acting is None:
+            raise StepError(NO_CONTACT)
+        return self._acting.forces(self._form, obstacle)
 
     @property
     def contact_points(self) -> Array:
         """Nodes (P,) that obstacles can touch; none where the scene has no contact."""
-        return np.empty(0, dtype=int) if self._touch is None else self._touchable.nodes
+        return np.empty(0, dtype=int) if self._acting is None else self._acting.points
 
     def step(self, u: Sequence[float] | Array = ()) -> None:
         """Advances by dt under a constant input.
@@ -246,41 +235,53 @@ class Simulator:
         Raises:
             StepError: wrong length, or not finite, or no contact forces were found; the state is as it was.
         """
-        if self.surroundings is not None:
-            self._step_surrounded(u)
-        else:
-            self._step(u)
-
-    def _step_surrounded(self, u: Sequence[float] | Array) -> None:
-        """A step with what acts by itself: the nearest contact mode, loads, obstacles."""
-        around, before = self.surroundings, None
-        assert around is not None
-        if around.automatic and (nearest := self._nearest()) != self._contact:
-            before = self.save()
-            self.switch(nearest)
-        if around.lap is not None and around.automatic:
-            around.lap("switching")
+        if self._acting is not None:
+            self._step_with(self._acting, u)
+            return
+        form = self._form
         try:
-            end = self.time + self._dt
-            given = np.asarray(u, dtype=float)
-            if given.shape == (sum(self.rom.actuators.values()),) != (self._width,):
-                given = np.concatenate([np.zeros(self._width - len(given)), given])
-            if given.shape != (self._width,):
-                raise StepError(self._wrong_input(given))
-            around.ahead = around.offsets_at(end)
-            self._step(np.concatenate([given, around.loads(end if around.quasi_static else end - self._dt / 2)]))
-            around.offsets = around.ahead
+            u = np.asarray(u, dtype=float)
+            twice = form.advance(u)
+        except (TypeError, ValueError):
+            raise StepError(self._wrong_input(u)) from None
+        if twice <= self._alert:
+            self.steps += 1
+        else:
+            self._step_high(u, twice)
+
+    def _step_with(self, acting: Acting, u: Sequence[float] | Array) -> None:
+        """A step with what acts by itself."""
+        before = None
+        if acting.surroundings.automatic:
+            nearest = acting.nearest(self._contact, self.rom.modes[self._contact].coordinates @ self._q)
+            if nearest != self._contact:
+                before = self.save()
+                self.switch(nearest)
+        try:
+            try:
+                u = acting.input(np.asarray(u, dtype=float), self._width, self.time, self._dt)
+            except (TypeError, ValueError):
+                raise StepError(self._wrong_input(u)) from None
+            twice = self._form.advance(u)
+            if twice <= self._alert:
+                self.steps += 1
+            else:
+                self._step_high(u, twice)
         except BaseException:
             if before is not None:
                 self.restore(before)
             raise
+        acting.surroundings.offsets = acting.surroundings.ahead
 
-    def _nearest(self) -> str:
-        """The contact mode that an obstacle is nearest to."""
-        assert self._touch is not None
-        contact, rows, around = self._touch
-        displacement = rows @ (self.rom.modes[self._contact].coordinates @ self._q)
-        return self._touchable.nearest(contact.gaps(displacement.reshape(-1, 3), around.offsets), self._contact)
+    def _step_high(self, u: Array, twice: float) -> None:
+        """The end of a step to an energy at which the surface may have gone too far, or that is not a number."""
+        if not math.isfinite(twice):
+            self._form.undo()
+            raise StepError(
+                f"step {self.steps}: input {u.tolist()} leads out of the finite numbers; the state was left as it was"
+            )
+        self.steps += 1
+        self._watch.look(self._form.state[: len(self._ω)], self.time)
 
     def _wrong_input(self, u: object) -> str:
         given = f"an array of shape {u.shape}" if isinstance(u, np.ndarray) else repr(u)[:80]
@@ -288,23 +289,6 @@ class Simulator:
             f"step {self.steps}: input of contact mode {self._contact!r}: allowed are {self.inputs} numbers in N, "
             f"given: {given}"
         )
-
-    def _step(self, u: Sequence[float] | Array) -> None:
-        form = self._form
-        try:
-            u = np.asarray(u, dtype=float)
-            twice = form.advance(u)
-        except (TypeError, ValueError):
-            raise StepError(self._wrong_input(u)) from None
-        high = not twice <= self._alert  # or not a number
-        if high and not math.isfinite(twice):
-            form.undo()
-            raise StepError(
-                f"step {self.steps}: input {u.tolist()} leads out of the finite numbers; the state was left as it was"
-            )
-        self.steps += 1
-        if high:
-            self._watch.look(form.state[: len(self._ω)], self.time)
 
     def march(
         self,
@@ -331,7 +315,7 @@ class Simulator:
         Raises:
             StepError: wrong shapes, unknown names, or numbers that are not finite; everything is as it was.
         """
-        if self._touch is not None or (self.surroundings is not None and self.surroundings.quasi_static):
+        if self._acting is not None and self._acting.step_by_step:
             raise StepError("march: is for known forces; among obstacles or without inertia take each step by itself")
         if not (isinstance(every, int | np.integer) and every >= 1):
             raise StepError(f"every = {every!r}: allowed is a whole number of steps, at least 1")
@@ -376,10 +360,11 @@ class Simulator:
                     f"step {self.steps + span.start}: inputs of contact mode {span.contact!r}: allowed are (steps, "
                     f"{columns - loads}) numbers in N, given: shape {u.shape}"
                 )
-        if self.surroundings is not None:
+        if self._acting is not None:
+            around = self._acting.surroundings
             ends = self.time + np.cumsum(np.concatenate([np.full(span.stop - span.start, span.dt) for span in plan]))
             halves = np.concatenate([np.full(span.stop - span.start, span.dt / 2) for span in plan])
-            u = np.hstack([u, np.array([self.surroundings.loads(t) for t in ends - halves]).reshape(len(u), loads)])
+            u = np.hstack([u, np.array([around.loads(t) for t in ends - halves]).reshape(len(u), loads)])
         return u, plan
 
     def _march(self, u: Array, taken: int, every: int, names: tuple[str, ...], read: list[Array]) -> None:
@@ -441,10 +426,8 @@ class Simulator:
         self._watch.begin(Excursion())
         self._enter(next(iter(self.rom.modes)))
         self._form.state[:] = 0
-        if self.surroundings is not None:
-            self.surroundings.offsets = self.surroundings.offsets_at(0.0)
-        if self._touch is not None:
-            self._touch.contact.last = np.zeros_like(self._touch.contact.last)
+        if self._acting is not None:
+            self._acting.reset()
 
     def save(self) -> Snapshot:
         """The state of everything, to come back to."""
@@ -453,10 +436,8 @@ class Simulator:
         rigid = self._rigid().copy()
         state.flags.writeable = rigid.flags.writeable = False
         sums = None if self.ledger is None else self.ledger.sums
-        offsets = None if self.surroundings is None else self.surroundings.offsets
-        pressed = None if self._touch is None else self._touch.contact.last
-        so_far = self._contact, self._dt, self.steps, self._since
-        return Snapshot(*so_far, state, sums, self.excursion, rigid, offsets, pressed)
+        acting = None if self._acting is None else self._acting.state
+        return Snapshot(self._contact, self._dt, self.steps, self._since, state, sums, self.excursion, rigid, acting)
 
     def restore(self, snapshot: Snapshot) -> None:
         """Goes back to a saved state, of this simulator or of another one of the same ROM.
@@ -476,10 +457,8 @@ class Simulator:
         self._watch.begin(snapshot.excursion)
         self._enter(snapshot.contact)
         self._form.state[:] = snapshot.state
-        if self.surroundings is not None and snapshot.offsets is not None:
-            self.surroundings.offsets = snapshot.offsets
-        if self._touch is not None and snapshot.pressed is not None:
-            self._touch.contact.last = snapshot.pressed
+        if self._acting is not None and snapshot.acting is not None:
+            self._acting.state = snapshot.acting
 
     def __reduce__(self) -> tuple[Any, ...]:
         return _revived, (*self._origin, self._histories, self.save())
@@ -502,7 +481,8 @@ class Simulator:
     def _enter(self, contact: str) -> None:
         mode = self.rom.modes[contact]
         if contact not in self._forms:
-            self._forms[contact] = self._form_of(mode)
+            form = fastest if self._acting is None else self._acting.form
+            self._forms[contact] = form(mode, self.ledger, self._drift)
         self._contact, self._form = contact, self._forms[contact]
         self._form.rewind()
         if self._form.h != self._dt:
@@ -510,13 +490,6 @@ class Simulator:
         self._alert = self._watch.enter(contact)
         self._width = mode.inputs.shape[1] - sum(self.rom.loads.values())
         self._ω, self._divisors = np.sqrt(mode.eigenvalues), mode.divisors
-
-    def _form_of(self, mode: Mode) -> OneProduct | VelocityFirst | MidpointAmongObstacles | Equilibrium:
-        if self.surroundings is not None and self.surroundings.quasi_static:
-            return Equilibrium(mode, self.ledger, self._drift, self._touch)
-        if self._touch is not None:
-            return MidpointAmongObstacles(mode, self.ledger, self._drift, self._touch)
-        return fastest(mode, self.ledger, self._drift)
 
     def _rigid(self) -> Array:
         """Displacement along the rigid motions (ρ,), up to date, to read or to change."""

@@ -1,0 +1,370 @@
+"""Effects on the full-order model: forces add up, and what a hand calculation says comes out; of the ROM, too."""
+
+import warnings
+
+import numpy as np
+import pytest
+from bodies import acted_on, box_arrays, box_surfaces, dense, write_arrays
+
+import fenics_rom as fr
+from fenics_rom.errors import FenicsRomWarning, MeshError, SceneError
+from fenics_rom.fem.nodes import surface_mass
+from fenics_rom.fem.solve import FullSimulator
+from fenics_rom.surroundings import Surroundings
+
+EXACT = 1e-10  # degree 2 holds the exact solution: what is left is the round-off of solves
+YOUNG, DENSITY, GRAVITY = 1e6, 1000.0, 9.81
+LENGTHS = LENGTH, WIDTH, HEIGHT = 1.0, 0.1, 0.2
+AREA, MASS = WIDTH * HEIGHT, DENSITY * LENGTH * WIDTH * HEIGHT
+NO_POISSON = f"young = {YOUNG}\npoisson = 0.0\ndensity = {DENSITY}"  # a bar that is pulled does not thin
+RIGHT = '[contacts.right]\nsurface = "right"'
+ENDS = {
+    "outputs.left": 'surface = "left"',
+    "outputs.right": 'surface = "right"',
+    "outputs.middle": "points = [[0.5, 0.05, 0.1]]",
+}
+FREE = {"supports": None}
+BOTH = pytest.mark.parametrize("model", ["full", "reduced"])
+
+
+@pytest.fixture(scope="module")
+def bar(tmp_path_factory):
+    """A straight bar of tetrahedra."""
+    return write_arrays(tmp_path_factory.mktemp("bar") / "bar.msh", *box_arrays(LENGTHS, (2, 1, 2)))
+
+
+@pytest.fixture(scope="module")
+def hollow(tmp_path_factory):
+    """A cube of 0.3 m with a chamber of any shape inside, and the surface "chamber"."""
+    points, cells = box_arrays((0.3, 0.3, 0.3), (3, 3, 3), shake=0.2)
+    brick = np.arange(len(cells)) % 27
+    cells = cells[brick != 13]  # the one in the middle
+    faces = np.sort(cells[:, [(1, 2, 3), (0, 2, 3), (0, 1, 3), (0, 1, 2)]].reshape(-1, 3), axis=1)
+    unique, count = np.unique(faces, axis=0, return_counts=True)
+    outer = box_surfaces(points, cells)
+    known = np.unique(np.sort(np.concatenate(list(outer.values())), axis=1), axis=0)
+    skin = unique[count == 1]
+    inner = skin[~(skin[:, None] == known).all(axis=2).any(axis=1)]
+    assert len(inner) == 12
+    return write_arrays(tmp_path_factory.mktemp("hollow") / "hollow.msh", points, cells, outer | {"chamber": inner})
+
+
+def beam(bar, effects, degree=2, contacts=RIGHT, **parts):
+    """The scene of the bar without Poisson's effect."""
+    return acted_on(bar, effects, degree=degree, contacts=contacts, **({"material": NO_POISSON} | ENDS | parts))
+
+
+def reduced(system, **choices):
+    """The ROM; orders that are not numerically there are no matter."""
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FenicsRomWarning)
+        return fr.reduce(system, **choices)
+
+
+def run_of(scene, model, **choices):
+    """The run of a scene: of the full model, or of a ROM that has all that is there."""
+    system = fr.assemble(scene)
+    if model == "full":
+        return fr.solve(system, **choices)
+    order = {} if "inertia" not in scene.effects else {"order": system.size}
+    return fr.simulate(reduced(system, **order), **choices)
+
+
+def resultant(system, columns):
+    """Sum of the nodal forces of each column, (columns, 3)."""
+    return np.stack([columns[system.body.free % 3 == axis].sum(axis=0) for axis in range(3)], axis=1)
+
+
+def forces_of(system, column):
+    """Nodal forces of one column, (N, 3)."""
+    forces = np.zeros(3 * len(system.body.nodes))
+    forces[system.body.free] = column
+    return forces.reshape(-1, 3)
+
+
+# --- gravity ---------------------------------------------------------------------------------------------------------
+
+STILL = {"run": "dt = 0.1\nduration = 0.1"}
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_weight_adds_up_in_the_middle_of_the_body(bar, degree):
+    scene = beam(bar, "inertia = {}\ngravity = { acceleration = [1.0, -2.0, 2.0] }", degree=degree, **FREE)
+    system = fr.assemble(scene)
+    weight = system.input_matrix("right")[:, -1]
+    np.testing.assert_allclose(resultant(system, weight[:, None])[0], MASS * np.array([1.0, -2.0, 2.0]), rtol=1e-12)
+    moment = np.cross(system.body.nodes, forces_of(system, weight)).sum(axis=0)
+    middle = np.array(LENGTHS) / 2
+    np.testing.assert_allclose(moment, np.cross(middle, MASS * np.array([1.0, -2.0, 2.0])), rtol=1e-12)
+
+
+@BOTH
+def test_bar_that_hangs_under_its_weight(bar, model):
+    """u = ρ g (L x - x²/2)/E; half of the work of the weight is stored, the other half spent on the way."""
+    run = run_of(beam(bar, f"gravity = {{ acceleration = [{GRAVITY}, 0, 0] }}", **STILL), model)
+    tip = DENSITY * GRAVITY * LENGTH**2 / (2 * YOUNG)
+    assert tip == pytest.approx(4.905e-3)
+    np.testing.assert_allclose(run.outputs["right"][-1, 0], [tip, 0, 0], atol=EXACT * tip)
+    np.testing.assert_allclose(run.outputs["middle"][-1, 0], [tip * 0.75, 0, 0], atol=EXACT * tip)
+    stored = (DENSITY * GRAVITY) ** 2 * AREA * LENGTH**3 / (6 * YOUNG)
+    assert run.energy[-1] == pytest.approx(stored, rel=EXACT)
+    assert run.supplied[-1] == pytest.approx(2 * stored, rel=EXACT)
+    assert run.dissipated[-1] == pytest.approx(stored, rel=EXACT)
+    assert run.effects == ("gravity",)
+
+
+@BOTH
+def test_springs_under_a_hanging_bar_carry_its_weight(bar, model):
+    """k times the mean displacement of the surface that they hold is the reaction, m g."""
+    springs = '[effects.springs.hook]\nsurface = "left"\nstiffness = 5e3'
+    run = run_of(beam(bar, f"gravity = {{ acceleration = [{GRAVITY}, 0, 0] }}\n{springs}", **FREE, **STILL), model)
+    left = MASS * GRAVITY / 5e3
+    np.testing.assert_allclose(run.outputs["left"][-1, 0], [left, 0, 0], atol=EXACT * left)
+    tip = left + DENSITY * GRAVITY * LENGTH**2 / (2 * YOUNG)
+    np.testing.assert_allclose(run.outputs["right"][-1, 0], [tip, 0, 0], atol=EXACT * tip)
+    stored = (MASS * GRAVITY) ** 2 / 5e3 / 2 + (DENSITY * GRAVITY) ** 2 * AREA * LENGTH**3 / (6 * YOUNG)
+    assert run.energy[-1] == pytest.approx(stored, rel=EXACT)  # what springs hold is part of it
+
+
+@BOTH
+def test_free_fall(bar, model):
+    effects = f"inertia = {{}}\ngravity = {{ acceleration = [0, 0, {-GRAVITY}] }}\ndamping = {{ beta = 1e-3 }}"
+    run = run_of(beam(bar, effects, degree=1, **FREE, run="dt = 0.01\nduration = 0.5"), model)
+    fallen = np.array([0, 0, -GRAVITY / 2]) * run.times[:, None] ** 2
+    assert np.abs(run.outputs["middle"][:, 0] - fallen).max() <= EXACT * GRAVITY / 8
+    assert run.energy[-1] == pytest.approx(MASS / 2 * (GRAVITY * 0.5) ** 2, rel=EXACT)
+    assert run.balance_error <= 1e-12
+
+
+# --- loads and actuators ---------------------------------------------------------------------------------------------
+
+
+@BOTH
+def test_force_on_a_surface_stretches_the_bar(bar, model):
+    """F L/(E A), and the work of a force that is there at once is F times it."""
+    load = '[effects.prescribed.pull]\nsurface = "right"\nforce = [40.0, 0, 0]'
+    run = run_of(beam(bar, load, **STILL), model)
+    tip = 40.0 * LENGTH / (YOUNG * AREA)
+    np.testing.assert_allclose(run.outputs["right"][-1, 0], [tip, 0, 0], atol=EXACT * tip)
+    assert run.supplied[-1] == pytest.approx(40.0 * tip, rel=EXACT)
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+@pytest.mark.parametrize("point", [(0.6, 0.03, 0.07), (1.0, 0.1, 0.2)])
+def test_force_at_a_point_acts_there(bar, degree, point):
+    load = f"[effects.prescribed.push]\npoint = {list(point)}"
+    system = fr.assemble(beam(bar, load, degree=degree, **FREE))
+    columns = system.loads["push"]
+    np.testing.assert_allclose(resultant(system, columns), np.eye(3), atol=1e-13)
+    for column, force in zip(columns.T, np.eye(3), strict=True):
+        moment = np.cross(system.body.nodes, forces_of(system, column)).sum(axis=0)
+        np.testing.assert_allclose(moment, np.cross(point, force), atol=1e-13)
+
+
+@BOTH
+def test_work_of_a_force_at_a_point_is_force_times_its_way(bar, model):
+    effects = "inertia = {}\ndamping = { alpha = 1.0, beta = 1e-3 }\n"
+    load = "[effects.prescribed.push]\npoint = [0.7, 0.02, 0.15]\nforce = [1.0, 2.0, -3.0]"
+    there = {"outputs.there": "points = [[0.7, 0.02, 0.15]]", "run": "dt = 0.01\nduration = 0.5"}
+    run = run_of(beam(bar, effects + load, degree=1, **there), model)
+    work = run.outputs["there"][:, 0] @ [1.0, 2.0, -3.0]
+    assert np.abs(run.supplied - work).max() <= EXACT * np.abs(work).max()
+    assert run.balance_error <= 1e-12
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_pressure_in_a_chamber_is_in_balance(hollow, degree):
+    """Whatever its shape: no resultant and no moment; but along any affine motion the work p times the volume's."""
+    pressure = '[effects.pressure.air]\nsurface = "chamber"'
+    scene = acted_on(hollow, f"inertia = {{}}\n{pressure}", degree=degree, contacts=RIGHT, **FREE)
+    system = fr.assemble(scene)
+    air = system.input_matrix("right")[:, -1]
+    forces = forces_of(system, air)
+    size = np.abs(forces).sum()
+    assert np.abs(forces.sum(axis=0)).max() <= 1e-14 * size
+    assert np.abs(np.cross(system.body.nodes, forces).sum(axis=0)).max() <= 1e-14 * size
+    volume = np.prod([0.3, 0.3, 0.3]) - system.body.node_mass.sum() / DENSITY
+    assert volume == pytest.approx(1e-3, rel=0.5)
+    gradient = np.random.default_rng(0).standard_normal((3, 3))
+    work = (forces * (system.body.nodes @ gradient.T)).sum()
+    assert work == pytest.approx(np.trace(gradient) * volume, rel=1e-11)
+
+
+@BOTH
+def test_pressure_on_the_end_shortens_the_bar(bar, model):
+    """p L/E, by p A at the end; the input is in Pa."""
+    pressure = '[effects.pressure.wind]\nsurface = "right"'
+    push = {"run": 'dt = 0.1\nduration = 0.1\nload = [{ actuator = "wind", force = [250.0] }]'}
+    scene = beam(bar, pressure, **push)
+    run = run_of(scene, model)
+    tip = -250.0 * LENGTH / YOUNG
+    np.testing.assert_allclose(run.outputs["right"][-1, 0], [tip, 0, 0], atol=EXACT * abs(tip))
+    system = fr.assemble(scene)
+    np.testing.assert_allclose(
+        resultant(system, system.input_matrix("right")[:, -1:])[0], [-AREA, 0, 0], atol=1e-13 * AREA
+    )
+
+
+PULLED = 'dt = 0.1\nduration = 0.1\nload = [{ actuator = "rope", force = [40.0] }]'
+
+
+@BOTH
+def test_straight_cable_shortens_the_bar(bar, model):
+    """The mean of the end goes by T L/(E A), wherever on it the cable ends (Betti)."""
+    cable = "[effects.tendon.rope]\npoints = [[0.0, 0.03, 0.12], [1.0, 0.03, 0.12]]"
+    run = run_of(beam(bar, cable, run=PULLED), model)
+    tip = -40.0 * LENGTH / (YOUNG * AREA)
+    assert run.outputs["right"][-1, 0, 0] == pytest.approx(tip, rel=EXACT)
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_cable_pulls_its_ends_and_its_guides(bar, degree):
+    """T e at the ends, T (e₁ + e₂) at a guide, no resultant and no moment, and the work of T along its shortening."""
+    points = np.array([[0.0, 0.0, 0.0], [0.5, 0.1, 0.1], [1.0, 0.1, 0.0], [1.0, 0.02, 0.2]])
+    cable = f"inertia = {{}}\n[effects.tendon.rope]\npoints = {points.tolist()}"
+    system = fr.assemble(beam(bar, cable, degree=degree, **FREE))
+    forces = forces_of(system, system.input_matrix("right")[:, -1])
+    pieces = np.diff(points, axis=0)
+    e = pieces / np.linalg.norm(pieces, axis=1)[:, None]
+    for point, force in zip(points[:3], (e[0], e[1] - e[0], e[2] - e[1]), strict=True):
+        node = np.linalg.norm(system.body.nodes - point, axis=1).argmin()
+        np.testing.assert_allclose(forces[node], force, atol=1e-14)
+    assert np.abs(forces.sum(axis=0)).max() <= 1e-13
+    assert np.abs(np.cross(system.body.nodes, forces).sum(axis=0)).max() <= 1e-13
+    gradient = np.random.default_rng(1).standard_normal((3, 3))
+    work = (forces * (system.body.nodes @ gradient.T)).sum()
+    lengthening = np.einsum("pi,ij,pj->", e, gradient, pieces)
+    assert work == pytest.approx(-lengthening, rel=1e-12)
+
+
+# --- springs, dampers ------------------------------------------------------------------------------------------------
+
+
+@BOTH
+def test_block_on_springs_gives_way_by_force_over_stiffness(bar, model):
+    springs = '[effects.springs.bed]\nsurface = "bottom"\nstiffness = 2e3\n'
+    load = '[effects.prescribed.push]\nsurface = "bottom"\nforce = [3.0, 4.0, -20.0]'
+    bottom = {"outputs.bottom": 'surface = "bottom"'}
+    run = run_of(beam(bar, springs + load, degree=1, **bottom, **FREE, **STILL), model)
+    moved = np.array([3.0, 4.0, -20.0]) / 2e3
+    np.testing.assert_allclose(run.outputs["bottom"][-1, 0], moved, atol=EXACT * 1e-2)
+
+
+def test_springs_and_dashpots_add_up(bar):
+    """Along any translation: k, and c; the dashpot of a part of the body is nowhere else."""
+    effects = """inertia = {}
+        [effects.springs.bed]
+        surface = "bottom"
+        stiffness = 7.0
+        [effects.springs.wall]
+        near = { point = [1.0, 0.05, 0.1], radius = 0.05 }
+        stiffness = 5.0
+        [effects.damping.dashpots.bed]
+        surface = "bottom"
+        coefficient = 3.0
+        [effects.damping.dashpots.wall]
+        surface = "right"
+        coefficient = 2.0"""
+    with_them = fr.assemble(beam(bar, effects, **FREE))
+    without = fr.assemble(beam(bar, "inertia = {}", **FREE))
+    n = with_them.size
+    added = dense(with_them.stiffness, n) - dense(without.stiffness, n)
+    damping = dense(with_them.damping, n)
+    shift = np.kron(np.ones((n // 3, 1)), np.eye(3))
+    np.testing.assert_allclose(shift.T @ added @ shift, 12 * np.eye(3), atol=1e-9)
+    np.testing.assert_allclose(shift.T @ damping @ shift, 5 * np.eye(3), atol=1e-12)
+    on = (without.body.nodes[:, 2] == 0) | (without.body.nodes[:, 0] == 1)
+    assert not damping[np.repeat(~on, 3)].any()
+    assert damping[np.repeat(on, 3)].any(axis=1).all()
+    for matrix in (added, damping):
+        assert np.linalg.eigvalsh((matrix + matrix.T) / 2)[0] >= -1e-9 * np.abs(matrix).max()
+    assert with_them.rigid.shape[1] == 0
+    assert without.rigid.shape[1] == 6
+
+
+@BOTH
+def test_dashpot_holds_a_pulled_block_at_its_terminal_speed(bar, model):
+    """v = F/c, when F v is dissipated and nothing more is stored."""
+    effects = """inertia = {}
+        damping.beta = 1e-3
+        [effects.damping.dashpots.oil]
+        surface = "left"
+        coefficient = 400.0
+        [effects.prescribed.pull]
+        surface = "left"
+        force = [30.0, 0, 0]"""
+    run = run_of(beam(bar, effects, degree=1, **FREE, run="dt = 0.01\nduration = 8.0"), model)
+    late = run.times > 7.5
+    speed = np.diff(run.outputs["left"][late, 0], axis=0) / 0.01
+    assert np.abs(speed - [30.0 / 400.0, 0, 0]).max() <= 1e-9 * 30.0 / 400.0
+    power = np.diff(run.dissipated[late]) / 0.01
+    np.testing.assert_allclose(power, 30.0**2 / 400.0, rtol=1e-9)
+    assert run.energy[-1] == pytest.approx(MASS / 2 * (30.0 / 400.0) ** 2, rel=1e-2)  # and what holds it together
+    assert run.balance_error <= 1e-12
+
+
+@pytest.fixture(scope="module")
+def halves(tmp_path_factory):
+    """A bar of two materials."""
+    points, cells = box_arrays(LENGTHS, (2, 1, 2))
+    first = points[cells].mean(axis=1)[:, 0] < 0.5
+    regions = {"front": np.flatnonzero(first), "rear": np.flatnonzero(~first)}
+    return write_arrays(tmp_path_factory.mktemp("halves") / "halves.msh", points, cells, None, regions)
+
+
+def two_materials(halves, effects, front=(1e6, 1000.0), rear=(3e6, 500.0), **parts):
+    text = {
+        f"materials.{name}": f'cells = "{name}"\nyoung = {young}\npoisson = 0.3\ndensity = {density}'
+        for name, (young, density) in (("front", front), ("rear", rear))
+    }
+    return acted_on(halves, effects, contacts=RIGHT, **({"material": None} | text | parts))
+
+
+def test_damping_of_each_material(halves):
+    """Σ α M + β K of each, with the body's own α and β where a material has none."""
+    nothing = 1e-200
+    effects = "inertia = {}\ndamping = { alpha = 2.0, beta = 1e-3, materials.rear = { alpha = 5.0, beta = 3e-3 } }"
+    both = fr.assemble(two_materials(halves, effects))
+    front = fr.assemble(two_materials(halves, "inertia = {}", rear=(nothing, nothing)))
+    rear = fr.assemble(two_materials(halves, "inertia = {}", front=(nothing, nothing)))
+    n = both.size
+    M, K, D = ([dense(matrix, n) for matrix in (s.mass, s.stiffness, s.damping)] for s in (front, rear, both))
+    expected = 2.0 * M[0] + 1e-3 * M[1] + 5.0 * K[0] + 3e-3 * K[1]
+    np.testing.assert_allclose(D[2], expected, atol=1e-13 * np.abs(expected).max())
+    assert both.rayleigh is None
+
+
+def test_damping_of_materials_that_are_alike_is_the_bodys(halves):
+    one = "inertia = {}\ndamping = { alpha = 2.0, beta = 1e-3 }"
+    all_alike = "inertia = {}\ndamping = { materials = { front = {A}, rear = {A} } }".replace(
+        "{A}", "{ alpha = 2.0, beta = 1e-3 }"
+    )
+    systems = [fr.assemble(two_materials(halves, effects)) for effects in (one, all_alike)]
+    D = [dense(system.damping, system.size) for system in systems]
+    np.testing.assert_allclose(D[1], D[0], atol=1e-13 * np.abs(D[0]).max())
+
+
+# --- base motion -----------------------------------------------------------------------------------------------------
+
+
+@BOTH
+def test_shaken_support_is_a_gravity_the_other_way(bar, model):
+    shaken = "[effects.base_motion.quake]\ndirection = [0, 3, 4]\nacceleration = 2.0"
+    heavy = "[effects.gravity]\nacceleration = [0, -1.2, -1.6]"
+    damped = "inertia = {}\ndamping = { alpha = 1.0, beta = 1e-3 }\n"
+    runs = [
+        run_of(beam(bar, damped + what, degree=1, run="dt = 0.01\nduration = 0.5"), model) for what in (shaken, heavy)
+    ]
+    scale = np.abs(runs[1].outputs["right"]).max()
+    assert scale > 1e-3
+    assert np.abs(runs[0].outputs["right"] - runs[1].outputs["right"]).max() <= 1e-11 * scale
+    assert np.abs(runs[0].supplied - runs[1].supplied).max() <= 1e-11 * runs[1].supplied.max()
+
+
+@BOTH
+def test_free_body_stays_behind_a_moving_frame(bar, model):
+    """Relative to it: -a t²/2."""
+    shaken = "inertia = {}\ndamping = { beta = 1e-3 }\n[effects.base_motion.quake]\ndirection = [0, 3, 4]\nacceleration = 2.0"
+    run = run_of(beam(bar, shaken, degree=1, **FREE, run="dt = 0.01\nduration = 0.3"), model)
+    behind = -np.array([0, 0.6, 0.8]) * run.times[:, None] ** 2
+    assert np.abs(run.outputs["right"][:, 0] - behind).max() <= EXACT * 0.09

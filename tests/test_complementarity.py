@@ -1,0 +1,164 @@
+"""The solver of contact problems: its own conditions, enumerated problems, and known solutions."""
+
+from itertools import product
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fenics_rom import complementarity
+from fenics_rom.complementarity import solve
+from fenics_rom.errors import StepError
+
+seeds = st.integers(0, 2**32 - 1)
+frictions = st.sampled_from([0.0, 0.05, 0.3, 0.8, 1.5])
+
+
+def random_problem(rng, pairs, rank, one_normal=False, masses=0.0):
+    """W of some rank whose body can move away from the obstacles, and velocities that it can have: solvable."""
+    n = np.tile(rng.standard_normal(3), (pairs, 1)) if one_normal else rng.standard_normal((pairs, 3))
+    n /= np.linalg.norm(n, axis=1)[:, None]
+    J = np.hstack([rng.standard_normal((3 * pairs, rank)), n.reshape(-1, 1)])
+    J *= np.repeat(10.0 ** rng.uniform(-masses, masses, pairs), 3)[:, None]
+    return J @ J.T, (J @ rng.standard_normal(rank + 1)).reshape(-1, 3), n
+
+
+def violation(W, q, n, μ, f):
+    """The largest relative error in any of the conditions."""
+    u = (W @ f.ravel()).reshape(-1, 3) + q
+    λ, un = (f * n).sum(axis=1), (u * n).sum(axis=1)
+    ft, ut = f - λ[:, None] * n, u - un[:, None] * n
+    speed, force = np.abs(q).max(), max(np.abs(f).max(), 1e-300)
+    assert λ.min() >= -1e-15 * force
+    assert (np.linalg.norm(ft, axis=1) - μ * λ).max() <= 1e-14 * force
+    opposite = np.linalg.norm(ut, axis=1)[:, None] * ft + μ * λ[:, None] * ut
+    return max(-un.min() / speed, np.abs(λ * un).max() / speed / force, np.abs(opposite).max() / speed / force)
+
+
+@given(seed=seeds, μ=frictions, one_normal=st.booleans(), masses=st.sampled_from([0.0, 3.0]))
+@settings(max_examples=150, deadline=None)
+def test_random_contacts_fulfil_their_conditions(seed, μ, one_normal, masses):
+    """Also with more pairs than freedoms, and with velocities per force that differ by 1e12 (to 1e-7 then).
+
+    With much friction and arbitrary coupling a few problems in a thousand stay unsolved: that is said, not hidden.
+    """
+    rng = np.random.default_rng(seed)
+    pairs = int(rng.integers(1, 13))
+    W, q, n = random_problem(rng, pairs, int(rng.integers(1, 3 * pairs + 3)), one_normal, masses)
+    try:
+        solution = solve(W, q, n, μ, np.zeros_like(q))
+    except StepError:
+        assert μ > 0
+        return
+    assert violation(W, q, n, μ, solution.forces) < (1e-7 if masses else 1e-9)
+    u = (W @ solution.forces.ravel()).reshape(-1, 3) + q
+    assert np.abs(u - solution.velocities).max() < 1e-8 * np.abs(q).max()
+
+
+@given(seed=seeds)
+@settings(max_examples=60, deadline=None)
+def test_frictionless_forces_are_those_of_the_best_enumerated_set(seed):
+    rng = np.random.default_rng(seed)
+    C = int(rng.integers(1, 6))
+    W, q, n = random_problem(rng, C, 3 * C)
+    N = np.zeros((C, 3 * C))
+    for i in range(C):
+        N[i, 3 * i : 3 * i + 3] = n[i]
+    M, r = N @ W @ N.T, N @ q.ravel()
+    solutions = []
+    for closed in product([False, True], repeat=C):
+        λ, c = np.zeros(C), np.array(closed)
+        λ[c] = np.linalg.solve(M[c][:, c], -r[c])
+        if (λ >= 0).all() and (M @ λ + r >= -1e-9).all():
+            solutions.append(λ)
+    assert len(solutions) == 1
+    λ = (solve(W, q, n, 0.0, np.zeros_like(q)).forces * n).sum(axis=1)
+    np.testing.assert_allclose(λ, solutions[0], atol=1e-8 * max(1.0, np.abs(solutions[0]).max()))
+
+
+@pytest.mark.parametrize("μ", [0.0, 0.4])
+def test_motion_of_a_rigid_body_on_300_points_is_unique(μ):
+    """Six freedoms, 900 forces: whatever forces the search begins with, the body moves the same way."""
+    rng = np.random.default_rng(3)
+    x = np.column_stack([rng.uniform(-1, 1, (300, 2)), np.full(300, -0.5)])
+    J = np.zeros((300, 3, 6))
+    J[:, :, :3] = np.eye(3)
+    J[:, 0, 4], J[:, 0, 5], J[:, 1, 3] = x[:, 2], -x[:, 1], -x[:, 2]
+    J[:, 1, 5], J[:, 2, 3], J[:, 2, 4] = x[:, 0], x[:, 1], -x[:, 0]
+    J = J.reshape(900, 6)
+    n = np.tile([0.0, 0.0, 1.0], (300, 1))
+    free = np.array([0.02, 0.0, -0.05, 0.0, 0.0, 0.01])
+    W, q = J @ J.T, (J @ free).reshape(-1, 3)
+    motions = []
+    for start in (np.zeros_like(q), rng.standard_normal(q.shape), 1e6 * n):
+        f = solve(W, q, n, μ, start).forces
+        assert violation(W, q, n, μ, f) < 1e-9
+        motions.append(free + J.T @ f.ravel())
+    np.testing.assert_allclose(motions[1], motions[0], atol=1e-10)
+    np.testing.assert_allclose(motions[2], motions[0], atol=1e-10)
+
+
+def test_a_block_sticks_below_the_angle_of_friction_and_slides_above():
+    """u = h (g sin θ - μ g cos θ) down the slope, or nothing at all."""
+    W, n, gh = np.eye(3) / 2.0, np.array([[0.0, 0.0, 1.0]]), 9.81e-3
+    for θ, μ in ((0.2, 0.3), (0.29, 0.3), (0.3, 0.3), (0.8, 0.3)):
+        q = gh * np.array([[np.sin(θ), 0.0, -np.cos(θ)]])
+        solution = solve(W, q, n, μ, np.zeros((1, 3)))
+        down = max(0.0, gh * (np.sin(θ) - μ * np.cos(θ)))
+        np.testing.assert_allclose(q + solution.forces @ W, [[down, 0.0, 0.0]], atol=1e-16)
+
+
+def test_a_solution_is_known_again():
+    """From its own solution the search takes no step, and from one nearby it comes to the same motion."""
+    rng = np.random.default_rng(8)
+    W, q, n = random_problem(rng, 15, 30)
+    for μ in (0.0, 0.3):
+        first = solve(W, q, n, μ, np.zeros_like(q))
+        again = solve(W, q, n, μ, first.forces)
+        assert again.iterations == 0
+        near = solve(W, q, n, μ, first.forces * (1 + 1e-3 * rng.standard_normal((15, 1))))
+        assert near.iterations <= 5
+        np.testing.assert_allclose(near.velocities, first.velocities, atol=1e-10 * np.abs(q).max())
+
+
+def test_units_do_not_matter():
+    """Forces and velocities scale with those given, to round-off."""
+    rng = np.random.default_rng(9)
+    W, q, n = random_problem(rng, 10, 12)
+    f = solve(W, q, n, 0.4, np.zeros_like(q)).forces
+    for force, speed in ((1e9, 1e-6), (1e-9, 1e3)):
+        scaled = solve(W * speed / force, q * speed, n, 0.4, np.zeros_like(q)).forces
+        np.testing.assert_allclose(scaled, f * force, atol=1e-8 * np.abs(f).max() * force)
+
+
+@pytest.mark.parametrize("method", ["through_interior", "follow"])
+def test_each_method_behind_newtons_comes_to_a_solution(method):
+    """Newton's method may only finish what the others began: from zero it is not tried."""
+    rng = np.random.default_rng(10)
+    solved = 0
+    for _ in range(20):
+        W, q, n = random_problem(rng, 8, 14)
+        size = W.diagonal().reshape(-1, 3).mean(axis=1)
+        problem = complementarity._Frictional(W, q, n, 0.3, size)
+        arguments = () if method == "through_interior" else (0.3, 10)
+        if getattr(problem, method)(*arguments):
+            solved += 1
+            assert violation(W, q, n, 0.3, problem.best) < 1e-9
+    assert solved >= 18
+
+
+def test_frictionless_interior_point_solves_without_the_active_set(monkeypatch):
+    monkeypatch.setattr(complementarity._Frictionless, "newton", lambda self, λ: False)
+    rng = np.random.default_rng(11)
+    for _ in range(20):
+        W, q, n = random_problem(rng, 10, 12)
+        assert violation(W, q, n, 0.0, solve(W, q, n, 0.0, np.zeros_like(q)).forces) < 1e-9
+
+
+def test_what_cannot_be_stopped_is_refused():
+    """A point held fast, and an obstacle that runs into it."""
+    W, n = np.zeros((3, 3)), np.array([[0.0, 0.0, 1.0]])
+    for μ in (0.0, 0.5):
+        with pytest.raises(StepError, match="1 pairs: no forces found .* smaller dt"):
+            solve(W, np.array([[0.0, 0.0, -1.0]]), n, μ, np.zeros((1, 3)))
