@@ -371,7 +371,6 @@ class TestOptions:
         ('surface = "middle"', 'surface = "midle"', "no surface 'midle'; there is"),
         ('surface = "middle"', 'surface = "root"', "contacts.middle: the whole patch is clamped"),
         ("plate.msh", "none.msh", "none.msh: not found"),
-        ('clamped = ["root"]', "", "supports.clamped is empty"),
         ("[0.5, 0.2, 0.01]", "[9.0, 0.2, 0.01]", "outputs.tip: point [9.0, 0.2, 0.01] is"),
         ("dt = 1e-3", "dt = nan", "run.dt = nan: allowed is a finite number and > 0, in s"),
         ("name", "[name", "is not TOML"),
