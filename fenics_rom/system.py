@@ -204,7 +204,8 @@ class System:
         model without a mesh, with its rows in dolfinx's order.
 
         Args:
-            mass, stiffness: bilinear UFL forms of one space, symmetric and positive definite under the `bcs`.
+            mass, stiffness: bilinear UFL forms of one space, symmetric and positive definite under the `bcs`; stiffness
+                but for the rigid motions of displacements in 3D, which are found.
             contacts: linear UFL forms of each contact mode, one per input: the work of a unit input on a test function.
             damping: bilinear UFL form, symmetric and positive semi-definite.
             rayleigh: instead of `damping`: (α, β) of D = α M + β K, 1/s and s.

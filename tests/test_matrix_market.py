@@ -17,6 +17,12 @@ from fenics_rom.errors import StructureError
 SIZE = 31
 MATRICES = ("--mass", "M.mtx", "--damping", "D.mtx", "--stiffness", "K.mtx")
 BANNER = "%%MatrixMarket matrix coordinate real general\n"
+FREE = (
+    BANNER.replace("general", "symmetric")
+    + "31 31 61\n"
+    + "".join(f"{k} {k} {1 if k in (1, 31) else 2}\n" for k in range(1, 32))
+)
+FREE += "".join(f"{k + 1} {k} -1\n" for k in range(1, 31))
 
 
 def chain():
@@ -117,6 +123,7 @@ def mpirun(*arguments):
     [
         ("no matrix", "K.mtx: is not a Matrix Market file"),
         (BANNER + "31 31 1\n1 1 -2.0\n", "K.mtx: stiffness is not positive definite: mumps could not factor"),
+        (FREE, "of a body that moves freely give rigid, columns that span the null space"),
     ],
 )
 def test_two_ranks_say_once_what_is_wrong_and_end(inside, content, said):
@@ -143,6 +150,7 @@ def test_two_ranks_say_once_what_is_wrong_and_end(inside, content, said):
             "K.mtx: stiffness is not symmetric: |A - Aᵀ| = 2.0e+00, |A| = 2.0e+00",
         ),
         ("K.mtx", BANNER + "31 31 1\n1 1 2.0\n", "K.mtx: stiffness is not positive definite"),
+        ("K.mtx", FREE, "K.mtx: stiffness is not positive definite; of a body that moves freely give rigid, columns"),
         ("K.mtx", BANNER + "31 31 1\n1 1 nan\n", "K.mtx: stiffness holds numbers that are not finite"),
         ("K.mtx", BANNER + "30 30 1\n1 1 2.0\n", "K.mtx: stiffness has shape (30, 30); allowed is (31, 31)"),
         ("M.mtx", BANNER + "31 30 1\n1 1 2.0\n", "M.mtx: mass has shape (31, 30); allowed is square"),

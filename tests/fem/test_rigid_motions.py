@@ -168,3 +168,17 @@ def test_full_order_runs_fall_and_spin(tmp_path):
     start = (random[1] @ (system.mass @ random[1:].T) + random[0] @ (system.stiffness @ random[:1].T)).item() / 2
     assert abs(full.energy - start + account.dissipated) <= 1e-12 * start
     full.close()
+
+
+def test_scene_of_a_free_body_runs_reduced_as_at_full_order(tmp_path):
+    """Pushed, and then free to go; also from what a killed reduction left."""
+    run = "dt = 0.002\nduration = 0.4\nload = [{ contact = 'top', stop = 0.1, force = [0.5, 0.0, -1.0] }]"
+    system = box(tmp_path, run=run, damping="alpha = 0.1, beta = 1e-3")
+    whole = fr.reduce(system, order=80, checkpoint=tmp_path / "kept")
+    rom = fr.reduce(system, order=80, checkpoint=tmp_path / "kept", resume=True)
+    np.testing.assert_allclose(rom.stiffness, whole.stiffness, rtol=1e-12)
+    reduced, full = fr.simulate(rom), fr.solve(system)
+    differences = fr.compare(reduced, full)
+    assert max(difference.relative for difference in differences.values()) <= 1e-6
+    assert max(reduced.balance_error, full.balance_error) <= 1e-12
+    assert np.abs(full.outputs["tip"][-1]).max() > 1e-5

@@ -86,6 +86,16 @@ def test_every_basis_begins_with_the_rigid_motions_and_holds_no_more_of_them(fre
         np.testing.assert_allclose(mode.damping, 1.0 + 1e-3 * mode.eigenvalues, rtol=1e-12)
 
 
+def test_all_of_the_elastic_rest_is_all_there_is(free):
+    rom = fr.reduce(free, order=20, switching="modal", share=1.0)
+    assert {mode.order for mode in rom.modes.values()} == {free.size}
+    root = np.random.default_rng(0).standard_normal((12, 12))
+    chain = fr.System(**free_chain(12, damping=0.1 * root @ root.T, rayleigh=None))
+    mode = fr.reduce(chain, order=11, lyapunov="krylov").modes["left"]
+    assert mode.order == 12
+    np.testing.assert_allclose(mode.hankel_singular_values, reference(chain, chain.contacts["left"]), rtol=1e-5)
+
+
 @pytest.mark.parametrize("dashpot", [0.0, 50.0])
 def test_certificate_is_that_of_the_elastic_rest(free, dashpot):
     """With a dashpot to the ground, too, which the elastic rest feels as if the rigid motions were held."""
