@@ -144,6 +144,7 @@ class _Frictional:
         G.ravel()[:: form.unknowns + 1] += compliance
         return E.dot(start - np.linalg.solve(G, wanted)).reshape(f.shape)
 
+    @np.errstate(divide="ignore", invalid="ignore", over="ignore")  # where it diverges it ends
     def through_interior(self) -> bool:
         """Whether Newton's method arrives from an approximation by an interior-point method.
 
@@ -198,7 +199,7 @@ class _Frictional:
             except np.linalg.LinAlgError:
                 break
             y, z = y + 0.9 * α * Δy, z + 0.9 * α * Δz
-        if error > _GOOD / 10:
+        if not (error <= _GOOD / 10 and np.isfinite(y).all()):
             return False
         self.best, self.error = scale * _times(Q, y), error * self.speed
         self.velocities = self.W.dot(self.best.ravel()).reshape(C, 3) + self.q
@@ -282,6 +283,7 @@ class _Frictionless:
             λ[closed] = previous[closed] - np.linalg.solve(M, wanted)
         return False
 
+    @np.errstate(divide="ignore", invalid="ignore", over="ignore")  # where it diverges it ends
     def through_interior(self) -> bool:
         """Whether the active set settles from an approximation by Mehrotra's predictor-corrector method (1992)."""
         root = np.sqrt(self.size)
@@ -311,7 +313,7 @@ class _Frictionless:
                 if not corrected:
                     aim += max((1 - α) ** 3, 0.1) * τ - Δy * Δz
             y, z = y + 0.9 * α * Δy, z + 0.9 * α * Δz
-        if error > _GOOD / 10:
+        if not (error <= _GOOD / 10 and np.isfinite(y).all()):
             return False
         self.best, self.error = scale * y / root, error * self.speed
         return True

@@ -14,7 +14,8 @@ to be stopped by the next step: g + h s + h (1 - e)/2 min(2 s - a, 0) < 0. So th
 before the surface, and in steps of one length it never enters an obstacle that moves at a constant speed.
 
 Friction is Coulomb's, with s_t = v̂_t - w_t - c_t and c_t = (v_t - w_t)/2: what sticks has v_t⁺ = w_t. Where friction
-would do work on the body, having turned its motion round within the step, c_t = 0 takes its place.
+as a whole would do work on the body, having turned its motion round within the step, c_t = 0 takes its place for the
+pairs that do it.
 """
 
 import math
@@ -107,8 +108,9 @@ class Resolution(NamedTuple):
 
     @property
     def touching(self) -> int:
-        """Number of pairs that push."""
-        return int(np.count_nonzero(self.pair_forces.any(axis=1)))
+        """Number of pairs that push, by more than round-off."""
+        pressure = (self.pair_forces * self.normals).dot(_ONES)
+        return int(np.count_nonzero(pressure > 1e-9 * pressure.max()))
 
     def account(self, velocity: Array, dt: float) -> Account:
         """Where the work went.
@@ -293,10 +295,9 @@ def _compliant(W: Array, normals: Array, compliance: float) -> Array:
 
 
 def _helping(f: Array, c_t: Array, normals: Array, u: Array, q: Array) -> Array | None:
-    """Pairs whose friction would do work on the body, or None; u = v̂ - w - c n - c_t."""
-    work = (f * c_t).dot(_ONES)  # with u_t it never does
+    """Pairs whose friction would do work on the body, or None if it does none as a whole; u = v̂ - w - c n - c_t."""
     negligible = _ROUNDING * float(np.abs(f).max()) * float(np.abs(q).max())
-    if not work.max() > negligible:
+    if not f.ravel().dot(c_t.ravel()) > negligible:  # with u_t it never does
         return None
     tangential = f - (f * normals).dot(_ONES)[:, None] * normals
     work = (tangential * (u + c_t)).dot(_ONES)

@@ -5,6 +5,7 @@ A scene names the effects it calls for. One that is not named costs nothing and 
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from math import isfinite
 
 from fenics_rom.schema import Field, Many, Number, Table, Text
 
@@ -160,3 +161,34 @@ EFFECTS: Mapping[str, Effect] = {
 }
 LOADS = ("gravity", "base_motion", "prescribed")  # forces with a history of their own
 ACTUATORS = ("pressure", "tendon")  # forces that are inputs
+
+
+def table_of_effects() -> list[tuple[str, str, str, str]]:
+    """For each effect its name, its force, what a scene says of it, and its part in the energy account."""
+    return [
+        (
+            f"`{name}.NAME`" if effect.several else f"`{name}`",
+            effect.force,
+            ", ".join(_described(key, parameter) for key, parameter in effect.parameters.items()) or "-",
+            "; ".join(
+                f"{verb} {what}"
+                for verb, what in (
+                    ("stores", effect.stores),
+                    ("dissipates", effect.dissipates),
+                    ("supplies", effect.supplies),
+                )
+                if what != "nothing"
+            ),
+        )
+        for name, effect in EFFECTS.items()
+    ]
+
+
+def _described(key: str, parameter: Field) -> str:
+    """A parameter with its unit and its bounds."""
+    one = parameter.item if isinstance(parameter, Many) else parameter
+    if not isinstance(one, Number):
+        return f"`{key}`"
+    signs = ((one.at_least, "≥"), (one.above, ">"), (one.at_most, "≤"), (one.below, "<"))
+    bounds = "".join(f" {sign} {bound:g}" for bound, sign in signs if isfinite(bound))
+    return f"`{key}`{bounds}{f' {one.unit}' if one.unit else ''}"

@@ -56,12 +56,12 @@ class Acting:
             return MidpointAmongObstacles(mode, ledger, drift, self._touch)
         return fastest(mode, ledger, drift)
 
-    def nearest(self, contact: str, coordinates: Array) -> str:
-        """The contact mode to be in, from the active one and the displacement (k,) in the shared basis."""
+    def nearest(self, contact: str, form: Form) -> str:
+        """The contact mode to be in, from the active one and its form."""
         around = self.surroundings
-        assert self._touch is not None
-        displacement = (self._touch.rows @ coordinates).reshape(-1, 3)
-        found = self._points.nearest(self._touch.contact.gaps(displacement, around.offsets), contact)
+        if self._touch is None or not around.automatic or not isinstance(form, MidpointAmongObstacles | Equilibrium):
+            return contact
+        found = self._points.nearest(self._touch.contact.gaps(form.displacement(), around.offsets), contact)
         if around.lap is not None:
             around.lap("switching")
         return found

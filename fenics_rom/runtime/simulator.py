@@ -252,11 +252,10 @@ class Simulator:
     def _step_with(self, acting: Acting, u: Sequence[float] | Array) -> None:
         """A step with what acts by itself."""
         before = None
-        if acting.surroundings.automatic:
-            nearest = acting.nearest(self._contact, self.rom.modes[self._contact].coordinates @ self._q)
-            if nearest != self._contact:
-                before = self.save()
-                self.switch(nearest)
+        nearest = acting.nearest(self._contact, self._form)
+        if nearest != self._contact:
+            before = self.save()
+            self.switch(nearest)
         try:
             try:
                 u = acting.input(np.asarray(u, dtype=float), self._width, self.time, self._dt)

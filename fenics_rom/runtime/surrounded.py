@@ -73,6 +73,13 @@ class _Surrounded:
             self._S = touch.rows @ mode.coordinates
             self._S_e, self._S_rigid = self._S / mode.divisors, self._S[:, : len(drift)]
 
+    def displacement(self) -> Array:
+        """Of the contact points, (P, 3), m."""
+        moved = self._S_e @ self.state[: len(self._ω)]
+        if len(self._drift):
+            moved += self._S_rigid @ self._drift
+        return moved.reshape(-1, 3)
+
     def undo(self) -> None:
         """Takes the last step back."""
         self.state[:] = self._before
@@ -99,9 +106,8 @@ class _Surrounded:
         contact, _, around = self._touch
         if around.lap is not None:
             around.lap(MOTION)
-        displacement = self._S_e @ self.state[: len(self._ω)] + self._S_rigid @ self._drift
         touched = contact.resolve(
-            displacement.reshape(-1, 3),
+            self.displacement(),
             (self._S @ velocity).reshape(-1, 3),
             (self._S @ free).reshape(-1, 3),
             W,

@@ -1,0 +1,371 @@
+"""Contact inside a step: laws that hold to round-off, closed forms of impact and friction, and the energy account."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from fenics_rom import contact as contact_module
+from fenics_rom.contact import Contact, ContactLaw
+from fenics_rom.errors import SceneError, StepError
+from fenics_rom.obstacles import Box, Capsule, HalfSpace, Sphere
+
+G = 9.81  # m/s²
+FLOOR = HalfSpace((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+WALL = HalfSpace((1.0, 0.0, 0.0), (-1.0, 0.0, 0.0))
+seeds = st.integers(0, 2**32 - 1)
+
+
+class Points:
+    """Point masses, between springs or not, stepped by passive midpoint integration with contact."""
+
+    def __init__(
+        self, points, obstacles, law, h, *, mass=1.0, K=None, D=None, force=(0.0, 0.0, 0.0), v=(0.0, 0.0, 0.0)
+    ):
+        points = np.atleast_2d(np.array(points, dtype=float))
+        n = points.size
+        self.M = np.diag(np.repeat(np.broadcast_to(mass, len(points)), 3))
+        self.K, self.D = (np.zeros((n, n)) if m is None else m for m in (K, D))
+        self.contact, self.h = Contact(points, obstacles, law), h
+        self.points, self.offsets = points, np.zeros((len(obstacles), 3))
+        self.force, self.v = (np.array(np.broadcast_to(a, points.shape)).ravel() for a in (force, v))
+        self.x, self.work, self.heat = np.zeros(n), 0.0, 0.0
+        self.accounts, self.resolution = [], None
+        W = np.linalg.inv(2 / h * self.M + self.D + h / 2 * self.K)
+        self.W = (W + W.T) / 2
+
+    def step(self, w=0.0, quasi_static=False):
+        h, end = self.h, self.offsets + self.h * np.broadcast_to(w, self.offsets.shape)
+        free = self.W @ (self.force + 2 / h * self.M @ self.v - self.K @ self.x)
+        x, v, free = (a.reshape(-1, 3) for a in (self.x, self.v, free))
+        self.resolution = self.contact.resolve(x, v, free, self.W, h, self.offsets, end, quasi_static)
+        mid = free.ravel()
+        if self.resolution is not None:
+            mid = mid + self.W @ self.resolution.forces.ravel()
+            account = self.resolution.account(mid.reshape(-1, 3), h)
+            self.accounts.append(account)
+            total = h * self.resolution.forces.ravel() @ mid
+            scale = h * np.abs(self.resolution.forces).max() * np.abs(mid).max() + max(map(abs, account))
+            assert abs(account.supplied - account.contact - account.friction - total) <= 1e-13 * scale
+        self.work += h * self.force @ mid
+        self.heat += h * mid @ self.D @ mid
+        self.x, self.v, self.offsets = self.x + h * mid, 2 * mid - self.v, end
+        return self
+
+    @property
+    def position(self):
+        return self.points + self.x.reshape(-1, 3)
+
+    @property
+    def velocity(self):
+        return self.v.reshape(-1, 3)
+
+    @property
+    def energy(self):
+        return (self.v @ self.M @ self.v + self.x @ self.K @ self.x) / 2
+
+    @property
+    def gap(self):
+        return self.contact.gaps(self.x.reshape(-1, 3), self.offsets).min()
+
+    def sums(self):
+        return np.sum(self.accounts, axis=0) if self.accounts else np.zeros(3)
+
+
+def chain(P, k):
+    """Stiffness (3P, 3P) of springs in all directions from each point to the next."""
+    d = np.diff(np.eye(P), axis=0)
+    return np.kron(k * d.T @ d, np.eye(3))
+
+
+@pytest.mark.parametrize("e", [0.0, 0.25, 0.5, 0.9, 1.0])
+def test_an_impact_gives_back_its_part_of_the_speed(e):
+    """n·v⁺ = -e n·v to round-off, whatever the step and wherever in the step the surface is; none enters it."""
+    for h in (1e-4, 3e-3, 5e-2):
+        for way in np.linspace(1.5, 4.5, 13):
+            ball = Points([0, 0, way * 2.0 * h], [FLOOR], ContactLaw(restitution=e), h, v=(0.3, 0.0, -2.0))
+            while ball.resolution is None:
+                ball.step()
+            np.testing.assert_allclose(ball.velocity[0], [0.3, 0.0, 2.0 * e], atol=1e-15)
+            assert -1e-15 <= ball.gap <= 2.0 * h
+
+
+@pytest.mark.parametrize("e", [0.3, 0.7, 1.0])
+def test_rebound_height(e):
+    """e² of the height dropped from, to the way of a step."""
+    h, height = 1e-4, 0.5
+    ball = Points([0, 0, height], [FLOOR], ContactLaw(restitution=e), h, force=(0, 0, -G))
+    while not ball.accounts:
+        ball.step()
+    while ball.velocity[0, 2] > 0:
+        ball.step()
+    assert ball.position[0, 2] == pytest.approx(e**2 * height, abs=2 * h * np.sqrt(2 * G * height))
+
+
+def test_lossless_bounces_keep_the_energy():
+    """e = 1, no friction: 20,000 steps in a box with a ball in it lose nothing."""
+    walls = [HalfSpace(s * a, -s * a) for a in np.eye(3) for s in (1.0, -1.0)]
+    ball = Points([0.6, 0.1, -0.2], [*walls, Sphere((0, 0, 0), 0.3)], ContactLaw(restitution=1.0), 7e-3, v=(1, 2, -0.7))
+    before = ball.energy
+    for _ in range(20_000):
+        ball.step()
+    assert len(ball.accounts) > 100
+    assert ball.energy == pytest.approx(before, rel=1e-12)
+    assert ball.gap > -1e-14
+
+
+def test_sliding_distance():
+    """v0²/(2 μ g) to O(h), and then rest."""
+    for h in (1e-2, 1e-3):
+        block = Points(
+            [0, 0, 0], [FLOOR], ContactLaw(friction=0.4), h, mass=3.0, force=(0, 0, -3 * G), v=(1.2, 0.9, 0.0)
+        )
+        for _ in range(int(1.0 / h)):
+            block.step()
+        way = np.array([0.8, 0.6, 0.0]) * 1.5**2 / (2 * 0.4 * G)
+        np.testing.assert_allclose(block.position[0], way, atol=1.5 * h)
+        assert np.abs(block.v).max() == 0
+        assert block.sums()[2] == pytest.approx(1.5 * 1.5**2, rel=1e-13)  # all of the kinetic energy
+
+
+@pytest.mark.parametrize("h", [1e-5, 1e-3, 5e-2])
+@pytest.mark.parametrize("law", [ContactLaw(friction=0.5), ContactLaw(friction=0.5, restitution=0.6), ContactLaw()])
+def test_rest_is_rest(h, law):
+    """Under gravity, let fall from one step's way, in the end nothing moves at all."""
+    P = 4
+    body = Points(
+        np.column_stack([np.arange(P), np.zeros(P), np.full(P, 0.5 * G * h**2)]),
+        [FLOOR], law, h, K=chain(P, 1e3), D=chain(P, 3.0), force=(0, 0, -G),
+    )  # fmt: skip
+    for _ in range(600):
+        body.step()
+    assert np.abs(body.v).max() <= 1e-13 * G * h
+    assert body.gap >= -1e-16
+    before = body.x.copy()
+    for _ in range(20):
+        body.step()
+    assert np.abs(body.x - before).max() <= 1e-12 * G * h**2
+
+
+@pytest.mark.parametrize("μ", [0.3, 0.8])
+def test_incline(μ):
+    """Below the angle of friction it stays, above it slides with g (sin θ - μ cos θ), exactly."""
+    h = 2e-3
+    for tilt in (-0.01, 0.01):
+        θ = np.arctan(μ) + tilt
+        block = Points(
+            [[0, 0, 0], [1, 0, 0]], [FLOOR], ContactLaw(friction=μ), h, K=chain(2, 1e4),
+            force=(G * np.sin(θ), 0.0, -G * np.cos(θ)),
+        )  # fmt: skip
+        for _ in range(100):
+            block.step()
+        speed = 0.0 if tilt < 0 else 100 * h * G * (np.sin(θ) - μ * np.cos(θ))
+        np.testing.assert_allclose(block.velocity, [[speed, 0, 0]] * 2, atol=1e-13)
+
+
+def test_a_conveyor_takes_along_what_lies_on_it():
+    """It slips until it has the belt's speed; half of what the belt supplies is heat."""
+    h = 1e-3
+    block = Points([0, 0, 0], [FLOOR], ContactLaw(friction=0.5), h, mass=2.0, force=(0, 0, -2 * G))
+    for _ in range(500):
+        block.step(w=(0.7, 0.0, 0.0))
+    np.testing.assert_allclose(block.velocity, [[0.7, 0.0, 0.0]], atol=1e-14)
+    supplied, impact, friction = block.sums()
+    assert supplied == pytest.approx(2.0 * 0.7**2, rel=1e-12)
+    assert friction == pytest.approx(0.5 * 2.0 * 0.7**2, rel=1e-12)
+    assert abs(impact) < 1e-15
+
+
+def test_a_piston_does_work():
+    """A floor that rises pushes a weight at its own speed; the impact, e = 0, takes half of the impulse's work."""
+    h = 1e-3
+    weight = Points([0, 0, 0], [FLOOR], ContactLaw(), h, mass=2.0, force=(0, 0, -2 * G))
+    for _ in range(100):
+        weight.step(w=(0.0, 0.0, 0.3))
+    np.testing.assert_allclose(weight.velocity, [[0, 0, 0.3]], atol=1e-14)
+    supplied, impact, friction = weight.sums()
+    assert weight.energy - weight.work == pytest.approx(supplied - impact, rel=1e-12)
+    assert impact == pytest.approx(0.5 * (2 * 0.3 + 2 * G * h) * 0.3, rel=1e-12)
+    assert friction == pytest.approx(0.0, abs=1e-15)
+
+
+def test_corner_of_floor_and_wall():
+    """A ball pushed into a corner touches both, each with its own force."""
+    h = 1e-3
+    ball = Points([0.9, 0, 0.1], [FLOOR, WALL], ContactLaw(friction=0.2), h, force=(5.0, 0.0, -G), v=(1.0, 0.2, 0.0))
+    for _ in range(2000):
+        ball.step()
+    assert np.abs(ball.v).max() < 1e-14
+    assert ball.position[0, 0] <= 1
+    assert ball.position[0, 2] >= 0
+    assert ball.resolution.touching == 2
+    floor, wall = ball.resolution.by_obstacle
+    np.testing.assert_allclose(floor + wall, [-5.0, 0.0, G], atol=1e-11)
+    assert floor[2] > 0 > wall[0]
+    np.testing.assert_allclose(ball.resolution.forces, [floor + wall])
+
+
+def scene(rng, law):
+    """A net of points of very different masses and springs among obstacles of all kinds."""
+    P = int(rng.integers(1, 7))
+    points = rng.uniform(-0.4, 0.4, (P, 3)) + [0, 0, 1.0]
+    shapes = [FLOOR, WALL, Sphere((-0.5, 0.0, 0.0), 0.4), Capsule((-1, 0.6, 0.2), (1, 0.6, 0.2), 0.15),
+              Box((0.2, -0.6, 0.0), (0.5, 0.5, 0.8), (0.2, 0.1, 0.5))]  # fmt: skip
+    obstacles = [shapes[i] for i in rng.permutation(5)[: rng.integers(1, 4)]]
+    B = rng.standard_normal((3 * P, 3 * P))
+    k = 10.0 ** rng.uniform(0, 6)
+    return Points(
+        points, obstacles, law, 10.0 ** rng.uniform(-4, -1.3), mass=10.0 ** rng.uniform(-3, 3, P), K=k * B @ B.T / P,
+        D=0.01 * B.T @ B if rng.random() < 0.5 else None, force=rng.uniform(-10, 10, (P, 3)), v=rng.uniform(-3, 3, (P, 3)),
+    )  # fmt: skip
+
+
+@given(seed=seeds, e=st.sampled_from([0.0, 0.4, 1.0]), μ=st.sampled_from([0.0, 0.2, 0.7]))
+@settings(max_examples=60, deadline=None)
+def test_energy_law_in_random_scenes(seed, e, μ):
+    """E⁺ - E = work + supplied - contact - friction - heat at every step, and contact never gives any.
+
+    In a step the sum of contact and friction counts: an impact of one point may push another along the floor.
+    """
+    rng = np.random.default_rng(seed)
+    body = scene(rng, ContactLaw(restitution=e, friction=μ))
+    w = rng.uniform(-1, 1, body.offsets.shape) * (rng.random() < 0.5)
+    for _ in range(60):
+        before, work, heat, booked = body.energy, body.work, body.heat, len(body.accounts)
+        body.step(w)
+        supplied, impact, friction = body.accounts[-1] if len(body.accounts) > booked else (0.0, 0.0, 0.0)
+        change = (body.work - work) - (body.heat - heat) + supplied - impact - friction
+        scale = max(body.energy, before, abs(supplied), abs(body.work - work))
+        assert abs(body.energy - before - change) <= 1e-11 * scale
+        assert impact >= -1e-9 * scale
+        assert friction >= -1e-9 * scale
+
+
+@given(seed=seeds, e=st.sampled_from([0.0, 0.4, 1.0]))
+@settings(max_examples=40, deadline=None)
+def test_nothing_enters_an_obstacle(seed, e):
+    """If the obstacles move at constant speeds and the body begins far enough away to be stopped in time."""
+    rng = np.random.default_rng(seed)
+    body = scene(rng, ContactLaw(restitution=e, friction=0.3))
+    w = rng.uniform(-0.5, 0.5, body.offsets.shape) * (rng.random() < 0.5)
+    fastest = np.linalg.norm(body.velocity, axis=1).max() + np.linalg.norm(w, axis=1).max()
+    if body.gap < body.h * fastest / 2:
+        return
+    for _ in range(80):
+        body.step(w)
+        assert body.gap >= -1e-9 * max(1.0, np.abs(body.x).max())
+    assert np.isfinite(body.energy)
+
+
+@pytest.mark.parametrize("h", [1e-5, 1e-3, 5e-2])
+@pytest.mark.parametrize("ratio", [1e-6, 1e6])
+def test_unequal_masses_and_springs_stay_bounded(h, ratio):
+    """Two points with masses 1 : 1e6 on springs 1 : 1e6 thrown on the floor never have more energy than at first."""
+    body = Points(
+        [[0, 0, h], [0.5, 0, 2 * h]], [FLOOR], ContactLaw(friction=0.5, restitution=0.5), h, mass=[1.0, ratio],
+        K=chain(2, ratio), v=[[1, 0, -1], [0, 0.5, -2]],
+    )  # fmt: skip
+    energies = [body.energy]
+    for _ in range(300):
+        energies.append(body.step().energy)
+    assert np.diff(energies).max() <= 1e-12 * energies[0]
+    assert body.gap >= -1e-12
+
+
+@given(seed=seeds)
+@settings(max_examples=20, deadline=None)
+def test_quasi_static_contact_closes_gaps_and_no_more(seed):
+    rng = np.random.default_rng(seed)
+    body = scene(rng, ContactLaw(friction=0.3, restitution=0.5))
+    for _ in range(30):
+        start = np.minimum(body.contact.gaps(body.x.reshape(-1, 3), body.offsets), 0.0)
+        body.step(quasi_static=True)
+        after = body.contact.gaps(body.x.reshape(-1, 3), body.offsets)
+        assert (after - start).min() >= -1e-9 * max(1.0, np.abs(body.x).max())
+        body.v[:] = 0
+
+
+def test_a_gap_closes_quasi_statically_within_one_step():
+    body = Points([0, 0, 0.1], [FLOOR], ContactLaw(restitution=1.0, friction=0.5), 0.1, force=(0.1, 0.0, -100.0))
+    body.step(quasi_static=True)
+    assert body.position[0, 2] == pytest.approx(0.0, abs=1e-17)
+    assert body.position[0, 0] == pytest.approx(0.0, abs=1e-17)
+
+
+@pytest.mark.parametrize("damping", [0.0, 50.0])
+def test_penalty_springs_are_indented_by_force_over_stiffness(damping):
+    k, h = 2e4, 1e-3
+    body = Points([0, 0, 0], [FLOOR], ContactLaw(stiffness=k, damping=damping, friction=0.3), h, force=(0.5, 0.0, -G))
+    body.D[:] = np.diag([0.0, 0.0, 60.0])
+    body.W = np.linalg.inv(2 / h * body.M + body.D)
+    for _ in range(3000):
+        body.step()
+    assert body.position[0, 2] == pytest.approx(-G / k, rel=1e-9)
+    assert np.abs(body.v).max() < 1e-12
+    np.testing.assert_allclose(body.resolution.forces, [[-0.5, 0.0, G]], rtol=1e-9, atol=1e-9)
+
+
+def test_penalty_keeps_its_springs_energy_in_the_account():
+    """Undamped and deep enough that it does not leave within the steps: contact is ½ k g² to round-off, to and fro."""
+    k, h = 1e3, 1e-3
+    body = Points([0, 0, -0.05], [FLOOR], ContactLaw(stiffness=k), h, force=(0, 0, -G))
+    for _ in range(15):
+        before = body.position[0, 2]
+        body.step()
+        stored = k / 2 * (body.position[0, 2] ** 2 - before**2)
+        assert body.accounts[-1].contact == pytest.approx(stored, rel=1e-9, abs=1e-15)
+    assert body.energy == pytest.approx(body.work - body.sums()[1], rel=1e-12)
+
+
+def test_check_start_tells_where_and_how_deep():
+    contact = Contact([[0, 0, 1.0], [0, 0, 0.2]], [FLOOR, Sphere((0, 0, 0), 0.5)], ContactLaw())
+    offsets = np.zeros((2, 3))
+    with pytest.raises(StepError, match="point 1 is 0.3 m inside obstacle 1"):
+        contact.check_start(np.zeros((2, 3)), offsets)
+    contact.check_start(np.zeros((2, 3)), offsets + [0, 0, -1.0])
+    contact.check_start(np.array([[0, 0, 0.0], [0, 0, 0.3 - 1e-10]]), offsets)
+
+
+def test_gaps_are_the_smallest_to_any_obstacle():
+    contact = Contact([[0, 0, 1.0], [0, 0, 2.0]], [FLOOR, Sphere((0, 0, 3.0), 0.5)], ContactLaw())
+    np.testing.assert_allclose(contact.gaps(np.zeros((2, 3)), np.zeros((2, 3))), [1.0, 0.5])
+    np.testing.assert_allclose(contact.gaps(np.zeros((2, 3)), np.array([[0, 0, 0.9], [0, 0, 0]])), [0.1, 0.5])
+
+
+def test_out_of_reach_is_nothing():
+    body = Points([0, 0, 10.0], [FLOOR, WALL], ContactLaw(friction=0.5), 1e-3, v=(1, 1, -1))
+    assert body.step().resolution is None
+
+
+def test_a_failed_search_changes_nothing(monkeypatch):
+    """After an error the same step comes out as if there had been none."""
+
+    def fails(*arguments):
+        raise StepError("no")
+
+    first, second = (Points([[0, 0, 0], [1, 0, 0]], [FLOOR], ContactLaw(friction=0.5), 1e-3, force=(1, 0, -G), v=(1, 0, 0))
+                     for _ in range(2))  # fmt: skip
+    for body in (first, second):
+        body.step()
+    with monkeypatch.context() as patch:
+        patch.setattr(contact_module, "solve", fails)
+        with pytest.raises(StepError, match="no"):
+            first.step()
+    np.testing.assert_array_equal(first.step().x, second.step().x)
+    assert first.resolution.iterations == second.resolution.iterations
+
+
+@pytest.mark.parametrize(
+    ("arguments", "says"),
+    [
+        ({"restitution": 1.1}, r"restitution: allowed is a number in \[0, 1\]"),
+        ({"restitution": float("nan")}, "restitution"),
+        ({"friction": -0.1}, "friction: allowed is a finite number >= 0"),
+        ({"stiffness": 0.0}, "stiffness: allowed is a finite number > 0"),
+        ({"damping": 1.0}, "damping acts beside a stiffness"),
+        ({"stiffness": 1.0, "restitution": 0.5}, "restitution belongs to the rigid law"),
+    ],
+)
+def test_laws_out_of_range_are_refused(arguments, says):
+    with pytest.raises(SceneError, match=says):
+        ContactLaw(**arguments)
