@@ -20,7 +20,8 @@ from fenics_rom.errors import StepError
 
 Array = np.ndarray
 
-_ONES, _XYZ = np.ones(3), np.arange(3)
+_ONES, _XYZ, _NEXT, _LAST = np.ones(3), np.arange(3), np.array([1, 2, 0]), np.array([2, 0, 1])
+_OPEN, _STICK, _SLIP = np.int8(0), np.int8(1), np.int8(2)
 _SOLVED = 1e-12  # of the velocities that the forces have to stop: near what round-off leaves
 _GOOD = 1e-9  # what is accepted when no method gets further
 _PROXIMAL = 1e-9  # compliance added to a system, in parts of each pair's own
@@ -75,8 +76,11 @@ class _Frictional:
         self.best, self.velocities, self.error, self.iterations = q, q, np.inf, 0
 
     def solve(self, start: Array) -> Solution:
-        if not self.newton(start) and not self.through_interior() and not any(self.follow(*path) for path in _PATHS):
-            _accept(self.error / self.speed, len(self.q), self.iterations)
+        if not self.newton(start):
+            with np.errstate(all="ignore"):  # what diverges ends
+                arrived = self.through_interior() or any(self.follow(*path) for path in _PATHS)
+            if not arrived:
+                _accept(self.error / self.speed, len(self.q), self.iterations)
         return Solution(self.best, self.velocities, self.iterations)
 
     def newton(self, f: Array, tolerance: float = _SOLVED) -> bool:
@@ -91,12 +95,12 @@ class _Frictional:
             length = np.sqrt((zt * zt).dot(_ONES))
             pressure = np.maximum(zn, 0.0)
             cone = self.μ * pressure
-            ratio = cone / np.maximum(np.maximum(length, cone), 1e-300)
+            ratio = cone / (np.maximum(length, cone) + 1e-300)
             projected = pressure[:, None] * n + ratio[:, None] * zt
             error, before = float(np.abs((f - projected) * self.size).max()), self.error
             if error < before:
                 self.best, self.velocities, self.error = projected, u, error
-            if error <= allowed or before / 2 < self.error <= _GOOD * self.speed:  # done, or what round-off leaves
+            if error <= allowed or before / 2 < self.error <= _GOOD / 10 * self.speed:  # done, or what round-off leaves
                 return True
             status = np.where(length > cone, _SLIP, _STICK)
             status[zn <= 0] = _OPEN
@@ -116,6 +120,10 @@ class _Frictional:
         form = _layout(status.tobytes())
         if not form.unknowns:
             return np.zeros_like(f)
+        if 3 * len(f) == form.unknowns:  # everything sticks: E = T = I
+            G = self.W.copy()
+            G.ravel()[:: len(G) + 1] += _PROXIMAL * self.size[form.pairs, 0]
+            return f - np.linalg.solve(G, self.W.dot(f.ravel()) + self.q.ravel()).reshape(f.shape)
         E = np.zeros((f.size, form.unknowns))
         E.ravel()[form.stick_entries] = 1.0
         compliance = _PROXIMAL * self.size[form.pairs, 0]
@@ -144,7 +152,6 @@ class _Frictional:
         G.ravel()[:: form.unknowns + 1] += compliance
         return E.dot(start - np.linalg.solve(G, wanted)).reshape(f.shape)
 
-    @np.errstate(divide="ignore", invalid="ignore", over="ignore")  # where it diverges it ends
     def through_interior(self) -> bool:
         """Whether Newton's method arrives from an approximation by an interior-point method.
 
@@ -259,8 +266,11 @@ class _Frictionless:
         self.best, self.error, self.iterations = self.r, np.inf, 0
 
     def solve(self, start: Array) -> Solution:
-        if not self.newton((start * self.n).dot(_ONES)) and not self.through_interior():
-            _accept(self.error / self.speed, len(self.q), self.iterations)
+        if not self.newton((start * self.n).dot(_ONES)):
+            with np.errstate(all="ignore"):  # what diverges ends
+                arrived = self.through_interior()
+            if not arrived:
+                _accept(self.error / self.speed, len(self.q), self.iterations)
         f = self.best[:, None] * self.n
         return Solution(f, self.W.dot(f.ravel()).reshape(f.shape) + self.q, self.iterations)
 
@@ -272,7 +282,7 @@ class _Frictionless:
             error, before = float(np.abs((λ - projected) * self.size).max()), self.error
             if error < before:
                 self.best, self.error = projected, error
-            if error <= _SOLVED * self.speed or before / 2 < self.error <= _GOOD * self.speed:
+            if error <= _SOLVED * self.speed or before / 2 < self.error <= _GOOD / 10 * self.speed:
                 return True
             self.iterations += 1
             closed = np.flatnonzero(z > 0)
@@ -283,7 +293,6 @@ class _Frictionless:
             λ[closed] = previous[closed] - np.linalg.solve(M, wanted)
         return False
 
-    @np.errstate(divide="ignore", invalid="ignore", over="ignore")  # where it diverges it ends
     def through_interior(self) -> bool:
         """Whether the active set settles from an approximation by Mehrotra's predictor-corrector method (1992)."""
         root = np.sqrt(self.size)
@@ -317,10 +326,6 @@ class _Frictionless:
             return False
         self.best, self.error = scale * y / root, error * self.speed
         return True
-
-
-_OPEN, _STICK, _SLIP = np.int8([0, 1, 2])
-_NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])
 
 
 class _Layout(NamedTuple):

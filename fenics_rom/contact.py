@@ -11,7 +11,8 @@ midpoint)
 so that an impact ends with n·(v⁺ - w) = -e a exactly, and relative to the obstacle the work h λ c <= 0 is done: contact
 never adds energy, and none is lost for e = 1. A pair takes part if without it the body would come closer than it needs
 to be stopped by the next step: g + h s + h (1 - e)/2 min(2 s - a, 0) < 0. So the body stops up to one step's motion
-before the surface, and in steps of one length it never enters an obstacle that moves at a constant speed.
+before the surface. In steps of one length it does not enter an obstacle that moves at a constant speed, but where a
+point that leaves is thrown back within one step: then by at most (1 - e)/2 of a step's motion.
 
 Friction is Coulomb's, with s_t = v̂_t - w_t - c_t and c_t = (v_t - w_t)/2: what sticks has v_t⁺ = w_t. Where friction
 as a whole would do work on the body, having turned its motion round within the step, c_t = 0 takes its place for the
@@ -138,6 +139,9 @@ class Contact:
         points: (P, 3) at rest, m.
         obstacles: O of them.
         law: how they meet.
+
+    Attributes:
+        last: (O P, 3) the last forces, N, obstacle after obstacle.
     """
 
     def __init__(self, points: Array, obstacles: Sequence[Obstacle], law: ContactLaw):
@@ -171,7 +175,8 @@ class Contact:
         if gaps[deepest] < -_INSIDE * size:
             obstacle, point = divmod(deepest, len(self.points))
             raise StepError(
-                f"contact: point {point} is {-gaps[deepest]:.3g} m inside obstacle {obstacle}: allowed is a start outside"
+                f"contact: allowed is a start outside of all obstacles, given: point {point} is {-gaps[deepest]:.3g} m "
+                f"inside obstacle {obstacle}"
             )
 
     def resolve(
@@ -241,8 +246,11 @@ class Contact:
             solution = solve(part, q, normals, law.friction, start if every else start[pairs])
             f = solution.forces
             iterations += solution.iterations
-            start = np.zeros((len(chosen), 3))
-            start[pairs] = f
+            if every:
+                start = f
+            else:
+                start = np.zeros((len(chosen), 3))
+                start[pairs] = f
             by_pair = start.reshape(-1, P, 3)
             forces = by_pair[0] if len(by_pair) == 1 else by_pair.sum(axis=0)
             again = False
@@ -277,7 +285,7 @@ class Contact:
 
     def _operator(self, W: Array, pairs: Array, P: int) -> Array:
         """Relative velocities of the pairs per force of the pairs; kept while both stay the same."""
-        if len(pairs) == len(W) // 3 == P * len(self.obstacles):
+        if len(pairs) == P and len(self.obstacles) == 1:
             return W
         key = pairs.tobytes()
         if W is not self._whole or key != self._chosen:

@@ -127,6 +127,11 @@ class Rom:
         """Number ρ of rigid motions, the first vectors of the shared basis and of all contact modes."""
         return int(np.count_nonzero(self.stiffness == 0))
 
+    @property
+    def surrounded(self) -> bool:
+        """Whether more acts in its scene than inputs on a body with inertia: loads, obstacles."""
+        return bool(self.loads or "contact" in self.effects or (self.effects and "inertia" not in self.effects))
+
     def shape(self, coordinates: Array) -> Array:
         """The field of coordinates (k,) in the shared basis, on all nodes (N, 3); without a mesh (n,)."""
         free = self.basis @ coordinates

@@ -53,7 +53,7 @@ def test_random_contacts_fulfil_their_conditions(seed, μ, one_normal, masses):
         return
     assert violation(W, q, n, μ, solution.forces) < (1e-7 if masses else 1e-9)
     u = (W @ solution.forces.ravel()).reshape(-1, 3) + q
-    assert np.abs(u - solution.velocities).max() < 1e-8 * np.abs(q).max()
+    assert np.abs(u - solution.velocities).max() < (1e-6 if masses else 1e-8) * np.abs(q).max()
 
 
 @given(seed=seeds)
@@ -160,5 +160,5 @@ def test_what_cannot_be_stopped_is_refused():
     """A point held fast, and an obstacle that runs into it."""
     W, n = np.zeros((3, 3)), np.array([[0.0, 0.0, 1.0]])
     for μ in (0.0, 0.5):
-        with pytest.raises(StepError, match="1 pairs: no forces found .* smaller dt"):
+        with pytest.raises(StepError, match=r"1 pairs: no forces found .* smaller dt"):
             solve(W, np.array([[0.0, 0.0, -1.0]]), n, μ, np.zeros((1, 3)))

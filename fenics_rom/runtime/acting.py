@@ -14,6 +14,7 @@ from fenics_rom.rom import Mode, Rom
 from fenics_rom.runtime.forms import OneProduct, VelocityFirst, fastest
 from fenics_rom.runtime.surrounded import Equilibrium, MidpointAmongObstacles, Touch
 from fenics_rom.scene import Scene
+from fenics_rom.scene_file import parse_scene
 from fenics_rom.schema import unknown
 from fenics_rom.surroundings import ContactPoints, History, Surroundings
 
@@ -90,7 +91,7 @@ class Acting:
     def forces(self, form: Form, obstacle: str | None) -> Array:
         """As Simulator.contact_forces."""
         if self._touch is None:
-            raise StepError(NO_CONTACT)
+            raise StepError("there are no contact forces: the scene has no contact")
         names = list(self.surroundings.obstacles)
         if obstacle is not None and obstacle not in names:
             raise StepError(unknown("obstacle", obstacle, names))
@@ -120,9 +121,6 @@ class Acting:
         self.state = self.surroundings.offsets_at(0.0), np.zeros_like(self.state[1])
 
 
-NO_CONTACT = "there are no contact forces: the scene has no contact"
-
-
 def surrounded(
     rom: Rom, scene: Scene | None, histories: Mapping[str, History] | None
 ) -> tuple[Rom, Surroundings | None]:
@@ -137,10 +135,6 @@ def surrounded(
         SceneError: an effect that the ROM was not made with.
         StepError: as Surroundings.
     """
-    if scene is None and not histories and not _more_than_inputs(rom):
-        return rom, None
-    from fenics_rom.scene_file import parse_scene  # what needs no scene should not wait for its reader
-
     if not rom.scene_text:
         if histories or (scene is not None and set(scene.effects) - {"inertia", "damping"}):
             raise SceneError(f"ROM {rom.name!r} was made from matrices, so that it knows of no loads and obstacles")
@@ -159,11 +153,6 @@ def surrounded(
         )
     acts = around.law is not None or around.quasi_static or rom.loads
     return rom, around if acts else None
-
-
-def _more_than_inputs(rom: Rom) -> bool:
-    """Whether the scene that a ROM was made from has more to it than a body and inputs."""
-    return bool(rom.loads or "contact" in rom.effects or (rom.effects and "inertia" not in rom.effects))
 
 
 def _check(rom: Rom, own: Scene, scene: Scene) -> None:

@@ -14,18 +14,19 @@ are then in another mode's place change places. Modes of lower order are filled 
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
 from fenics_rom.errors import StepError
 from fenics_rom.rom import Rom
-from fenics_rom.runtime.acting import surrounded
 from fenics_rom.runtime.midpoint import checked_dt, compliance
 from fenics_rom.runtime.switching import Projections
 from fenics_rom.schema import unknown
-from fenics_rom.surroundings import History, Surroundings
+
+if TYPE_CHECKING:
+    from fenics_rom.surroundings import History, Surroundings
 
 Array = np.ndarray
 Bodies = int | Sequence[int] | Sequence[bool] | Array | None
@@ -85,13 +86,17 @@ class Batch:
         *,
         dtype: DTypeLike = float,
         ledger: bool = False,
-        histories: Mapping[str, History] | None = None,
+        histories: "Mapping[str, History] | None" = None,
     ):
         if not (isinstance(size, int | np.integer) and size > 0):
             raise StepError(f"size = {size!r}: allowed is a whole number > 0")
         if np.dtype(dtype) not in (np.float64, np.float32):
             raise StepError(f"dtype = {dtype!r}: allowed are float64 and float32")
-        rom, self._surroundings = surrounded(rom, None, histories)
+        self._surroundings: Surroundings | None = None
+        if rom.surrounded or histories:
+            from fenics_rom.runtime import acting  # here, so that bodies on which nothing acts start without it
+
+            rom, self._surroundings = acting.surrounded(rom, None, histories)
         if self._surroundings is not None and (self._surroundings.quasi_static or self._surroundings.law is not None):
             raise StepError(
                 f"ROM {rom.name!r} has contact or no inertia in its scene: allowed are forces that are known before a "
@@ -417,7 +422,7 @@ class Batch:
             )
         return np.where(fine[:, None], u, 0), held
 
-    def _loads(self, surroundings: Surroundings) -> Array:
+    def _loads(self, surroundings: "Surroundings") -> Array:
         """Values of the loads that act by themselves in the middle of each body's step, (size, columns)."""
         times, which = np.unique(self._account[TIME], return_inverse=True)
         return np.array([surroundings.loads(time + self._dt / 2) for time in times])[which]

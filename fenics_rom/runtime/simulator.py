@@ -3,7 +3,7 @@
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -11,15 +11,17 @@ from fenics_rom.errors import StepError
 from fenics_rom.ledger import Ledger
 from fenics_rom.linear_limit import Excursion
 from fenics_rom.rom import Rom
-from fenics_rom.runtime.acting import NO_CONTACT, Acting, Form, surrounded
 from fenics_rom.runtime.forms import fastest
 from fenics_rom.runtime.march import LONGEST, Block, Span, ladder, one_step, repeated, run, spans
 from fenics_rom.runtime.midpoint import checked_dt
 from fenics_rom.runtime.switching import Projections
 from fenics_rom.runtime.watch import Watch
-from fenics_rom.scene import Scene
 from fenics_rom.schema import unknown
-from fenics_rom.surroundings import History, Surroundings
+
+if TYPE_CHECKING:
+    from fenics_rom.runtime.acting import Acting, Form
+    from fenics_rom.scene import Scene
+    from fenics_rom.surroundings import History, Surroundings
 
 Array = np.ndarray
 
@@ -81,12 +83,17 @@ class Simulator:
         dt: float,
         *,
         ledger: bool = True,
-        scene: Scene | None = None,
-        histories: Mapping[str, History] | None = None,
+        scene: "Scene | None" = None,
+        histories: "Mapping[str, History] | None" = None,
     ):
         self._origin = rom, scene
-        rom, surroundings = surrounded(rom, scene, histories)
-        self.rom, self._acting = rom, None if surroundings is None else Acting(rom, surroundings)
+        self._acting: Acting | None = None
+        if rom.surrounded or scene is not None or histories:
+            from fenics_rom.runtime import acting  # here, so that bodies on which nothing acts start without it
+
+            rom, surroundings = acting.surrounded(rom, scene, histories)
+            self._acting = None if surroundings is None else acting.Acting(rom, surroundings)
+        self.rom = rom
         self.steps = 0
         self.ledger = Ledger(self._settle) if ledger else None
         self._dt, self._since = checked_dt(dt), (0.0, 0)
@@ -190,7 +197,7 @@ class Simulator:
         if self.ledger is not None:
             self.ledger.book(lost_in_switching=float(before.dot(before) - after.dot(after)) / 2)
 
-    def drive(self, name: str, history: History) -> None:
+    def drive(self, name: str, history: "History") -> None:
         """Gives a load or an obstacle another value, or another function of time (s), from the next step on.
 
         Args:
@@ -206,7 +213,7 @@ class Simulator:
         self._acting.surroundings.set(name, history)
 
     @property
-    def surroundings(self) -> Surroundings | None:
+    def surroundings(self) -> "Surroundings | None":
         """The loads and obstacles that act by themselves; None where there are none."""
         return None if self._acting is None else self._acting.surroundings
 
@@ -217,7 +224,7 @@ class Simulator:
             StepError: no such obstacle, or no contact in the scene.
         """
         if self._acting is None:
-            raise StepError(NO_CONTACT)
+            raise StepError("there are no contact forces: nothing acts but inputs")
         return self._acting.forces(self._form, obstacle)
 
     @property
@@ -249,7 +256,7 @@ class Simulator:
         else:
             self._step_high(u, twice)
 
-    def _step_with(self, acting: Acting, u: Sequence[float] | Array) -> None:
+    def _step_with(self, acting: "Acting", u: Sequence[float] | Array) -> None:
         """A step with what acts by itself."""
         before = None
         nearest = acting.nearest(self._contact, self._form)
@@ -469,7 +476,7 @@ class Simulator:
         return _revived(*self._origin, self._histories, self.save())
 
     @property
-    def _histories(self) -> Mapping[str, History] | None:
+    def _histories(self) -> "Mapping[str, History] | None":
         """What loads and obstacles do, as it was last said."""
         return None if self.surroundings is None else self.surroundings.histories
 
@@ -520,7 +527,9 @@ class Simulator:
         return self.rom.shape(self.rom.modes[self._contact].coordinates @ coordinates)
 
 
-def _revived(rom: Rom, scene: Scene | None, histories: Mapping[str, History] | None, snapshot: Snapshot) -> Simulator:
+def _revived(
+    rom: Rom, scene: "Scene | None", histories: "Mapping[str, History] | None", snapshot: Snapshot
+) -> Simulator:
     ledger = snapshot.sums is not None
     simulator = Simulator(rom, snapshot.dt, ledger=ledger, scene=scene, histories=histories)
     simulator.restore(snapshot)
