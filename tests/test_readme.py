@@ -8,6 +8,9 @@ from pathlib import Path
 
 import pytest
 
+from fenics_rom.effects import table_of_effects
+from fenics_rom.report import markdown
+
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text()
 DEMO = ROOT / "demos" / "plate"
@@ -57,6 +60,10 @@ def test_plate_demo_keeps_its_claims_and_the_readmes_table():
     assert len(printed) == 8
     for model, error in printed.items():
         assert measured[model] == pytest.approx(error, rel=0.1)
+
+
+def test_effects_are_those_of_the_table():
+    assert markdown(("effect", "force", "parameters", "energy"), table_of_effects()) in README
 
 
 def test_pictures_are_there():

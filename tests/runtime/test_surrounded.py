@@ -263,7 +263,7 @@ def test_contact_that_a_scene_does_not_name_changes_no_bit(mesh):
     for part in (0, 1):
         np.testing.assert_array_equal(runs[0].state[part], runs[1].state[part])
     assert runs[0].ledger.sums == runs[1].ledger.sums
-    with pytest.raises(StepError, match="there are no contact forces: the scene has no contact"):
+    with pytest.raises(StepError, match="there are no contact forces: nothing acts but inputs"):
         runs[0].contact_forces()
 
 
@@ -373,10 +373,33 @@ def test_saved_bodies_go_on_to_the_bit(tabled, tmp_path):
 def test_copies_keep_what_they_are_driven_by(tabled):
     body = fr.Simulator(tabled, 1e-3)
     body.drive("push", [0.5, 0.0, -1.0])
-    body.drive("ball", [-0.02, 0.0, 0.0])
+    body.drive("ball", [-0.004, 0.0, 0.0])
     run_on(body, 30)
     other = pickle.loads(pickle.dumps(body))
     assert run_on(other, 30, 1) == run_on(body, 30, 1)
+
+
+def test_copies_of_bodies_that_are_pressed_in_can_be_made(tabled):
+    """The obstacle is where the body was before it gave way."""
+    body = fr.Simulator(tabled, 1e-3)
+    for depth in np.linspace(0, 0.02, 40):
+        body.drive("ball", [-depth, 0.0, 0.0])
+        body.step([0.0, 0.0])
+    other = copy.copy(body)
+    assert run_on(other, 30, 1) == run_on(body, 30, 1)
+
+
+def test_forces_that_were_saved_are_read_again(tabled):
+    body = fr.Simulator(tabled, 1e-3)
+    run_on(body, 60)
+    there, pressed = body.save(), body.contact_forces()
+    assert pressed.any()
+    run_on(body, 20, seed=1)
+    body.restore(there)
+    np.testing.assert_array_equal(body.contact_forces(), pressed)
+    np.testing.assert_array_equal(copy.copy(body).contact_forces(), pressed)
+    body.reset()
+    assert not body.contact_forces().any()
 
 
 def test_functions_and_tables_give_the_same(tabled):
@@ -524,8 +547,20 @@ def test_free_body_has_no_equilibrium(mesh):
 
 
 def test_batches_are_for_bodies_without_obstacles(everything):
-    with pytest.raises(StepError, match="Batch: .*obstacles"):
+    with pytest.raises(StepError, match="has contact or no inertia in its scene: .*Simulator steps such bodies"):
         fr.Batch(everything.rom, 4, 1e-3, histories=shaken(0))
+
+
+def test_bodies_of_a_batch_are_under_the_same_loads(mesh):
+    load = PLAIN + GRAVITY + '[effects.prescribed.push]\nsurface = "right"\n'
+    rom = reduced(scene_of(mesh, load), order=16)
+    push = {"push": shaken(1)["push"]}
+    batch, body = fr.Batch(rom, 3, 1e-3, histories=push), fr.Simulator(rom, 1e-3, histories=push)
+    for u in np.random.default_rng(0).standard_normal((100, 3)):
+        batch.step(np.tile(u, (3, 1)))
+        body.step(u)
+    shape = body.displacement("tip")
+    assert np.abs(batch.displacement("tip") - shape).max() <= 1e-11 * np.abs(shape).max()
 
 
 # --- switching -------------------------------------------------------------------------------------------------------
