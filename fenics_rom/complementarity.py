@@ -100,7 +100,9 @@ class _Frictional:
             error, before = float(np.abs((f - projected) * self.size).max()), self.error
             if error < before:
                 self.best, self.velocities, self.error = projected, u, error
-            if error <= allowed or before / 2 < self.error <= _GOOD / 100 * self.speed:  # done, or what round-off leaves
+            if (
+                error <= allowed or before / 2 < self.error <= _GOOD / 100 * self.speed
+            ):  # done, or what round-off leaves
                 return True
             status = np.where(length > cone, _SLIP, _STICK)
             status[zn <= 0] = _OPEN

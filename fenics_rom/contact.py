@@ -159,15 +159,16 @@ class Contact:
         """
         return self._distances(displacement, offsets)[0].reshape(len(self.obstacles), -1).min(axis=0)
 
-    def check_start(self, displacement: Array, offsets: Array) -> None:
+    def check_start(self, displacement: Array, offsets: Array, names: Sequence[str]) -> None:
         """Checks that no point is inside an obstacle by more than round-off, 1e-9 of the size of the body.
 
         Args:
             displacement: (P, 3), m.
             offsets: (O, 3) how far the obstacles have moved, m.
+            names: of the O obstacles.
 
         Raises:
-            StepError: one is; it says which, and how deep.
+            StepError: one is; it says where, and how deep.
         """
         gaps = self._distances(displacement, offsets)[0]
         size = float(max(np.ptp(self.points, axis=0).max(), np.abs(self.points).max()))
@@ -175,8 +176,8 @@ class Contact:
         if gaps[deepest] < -_INSIDE * size:
             obstacle, point = divmod(deepest, len(self.points))
             raise StepError(
-                f"contact: allowed is a start outside of all obstacles, given: point {point} is {-gaps[deepest]:.3g} m "
-                f"inside obstacle {obstacle}"
+                f"contact: allowed is a start outside of all obstacles, but the point at "
+                f"{(self.points[point] + displacement[point]).tolist()} is {-gaps[deepest]:.3g} m inside {names[obstacle]!r}"
             )
 
     def resolve(
@@ -309,4 +310,5 @@ def _helping(f: Array, c_t: Array, normals: Array, u: Array, q: Array) -> Array 
         return None
     tangential = f - (f * normals).dot(_ONES)[:, None] * normals
     work = (tangential * (u + c_t)).dot(_ONES)
-    return work > negligible if work.sum() > negligible else None
+    helps = (work > negligible) & c_t.any(axis=1)  # each but once: where c_t = 0, what is left is round-off
+    return helps if work.sum() > negligible and helps.any() else None

@@ -148,12 +148,16 @@ def test_each_method_behind_newtons_comes_to_a_solution(method):
     assert solved >= 18
 
 
-def test_frictionless_interior_point_solves_without_the_active_set(monkeypatch):
-    monkeypatch.setattr(complementarity._Frictionless, "newton", lambda self, λ: False)
+def test_interior_points_alone_come_to_solutions(monkeypatch):
+    """Without Newton's method or an active set to finish what they began."""
+    for problem in (complementarity._Frictionless, complementarity._Frictional):
+        monkeypatch.setattr(problem, "newton", lambda self, f: False)
+    monkeypatch.setattr(complementarity._Frictional, "follow", lambda self, *path: False)
     rng = np.random.default_rng(11)
-    for _ in range(20):
-        W, q, n = random_problem(rng, 10, 12)
-        assert violation(W, q, n, 0.0, solve(W, q, n, 0.0, np.zeros_like(q)).forces) < 1e-9
+    for μ in (0.0, 0.3):
+        for _ in range(10):
+            W, q, n = random_problem(rng, 10, 12)
+            assert violation(W, q, n, μ, solve(W, q, n, μ, np.zeros_like(q)).forces) < 1e-8
 
 
 def test_what_cannot_be_stopped_is_refused():

@@ -298,6 +298,24 @@ def test_a_gap_closes_quasi_statically_within_one_step():
     assert body.position[0, 0] == pytest.approx(0.0, abs=1e-17)
 
 
+def test_a_point_inside_is_held_but_not_pushed_out_quasi_statically():
+    body = Points([0, 0, -0.1], [FLOOR], ContactLaw(), 0.1, force=(0.0, 0.0, -100.0))
+    body.step(quasi_static=True)
+    assert body.position[0, 2] == pytest.approx(-0.1, abs=1e-17)
+
+
+def test_what_slides_steadily_is_solved_at_once():
+    """The last forces are kept, and are the solution of the next step."""
+    body = Points(
+        np.eye(3) * [1, 1, 0], [FLOOR, WALL], ContactLaw(friction=0.3), 1e-3, K=chain(3, 1e4), force=(0, 0, -G),
+        v=(0, -5, 0),
+    )  # fmt: skip
+    for _ in range(10):
+        body.step()
+    assert body.resolution.iterations == 0
+    np.testing.assert_array_equal(body.contact.last[:3], body.resolution.forces)
+
+
 @pytest.mark.parametrize("damping", [0.0, 50.0])
 def test_penalty_springs_are_indented_by_force_over_stiffness(damping):
     k, h = 2e4, 1e-3
@@ -325,11 +343,11 @@ def test_penalty_keeps_its_springs_energy_in_the_account():
 
 def test_check_start_tells_where_and_how_deep():
     contact = Contact([[0, 0, 1.0], [0, 0, 0.2]], [FLOOR, Sphere((0, 0, 0), 0.5)], ContactLaw())
-    offsets = np.zeros((2, 3))
-    with pytest.raises(StepError, match=r"point 1 is 0\.3 m inside obstacle 1"):
-        contact.check_start(np.zeros((2, 3)), offsets)
-    contact.check_start(np.zeros((2, 3)), np.tile([0, 0, -1.0], (2, 1)))
-    contact.check_start(np.array([[0, 0, 0.0], [0, 0, 0.3 - 1e-10]]), offsets)
+    offsets, names = np.zeros((2, 3)), ["floor", "ball"]
+    with pytest.raises(StepError, match=r"the point at \[0\.0, 0\.0, 0\.2\] is 0\.3 m inside 'ball'"):
+        contact.check_start(np.zeros((2, 3)), offsets, names)
+    contact.check_start(np.zeros((2, 3)), np.tile([0, 0, -1.0], (2, 1)), names)
+    contact.check_start(np.array([[0, 0, 0.0], [0, 0, 0.3 - 1e-10]]), offsets, names)
 
 
 def test_gaps_are_the_smallest_to_any_obstacle():
@@ -375,3 +393,15 @@ def test_a_failed_search_changes_nothing(monkeypatch):
 def test_laws_out_of_range_are_refused(arguments, says):
     with pytest.raises(SceneError, match=says):
         ContactLaw(**arguments)
+
+
+def test_each_pair_is_told_to_help_but_once():
+    """What has no target any more is not asked again, whatever round-off is left: so the search ends."""
+    n = np.tile([0.0, 0.0, 1.0], (2, 1))
+    f = np.array([[1.0, 0.0, 3.0], [1.0, 0.0, 3.0]])
+    u, q = np.full((2, 3), 1e-9), np.ones((2, 3))
+    both, one = np.tile([0.1, 0.0, 0.0], (2, 1)), np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]])
+    assert contact_module._helping(f, both, n, u, q).tolist() == [True, True]
+    assert contact_module._helping(f, one, n, u, q).tolist() == [False, True]
+    assert contact_module._helping(f, 0 * one, n, u, q) is None
+    assert contact_module._helping(f, one, n, u - [[0.2, 0.0, 0.0]], q) is None

@@ -227,6 +227,21 @@ def test_roms_of_format_1_1_load_for_ever():
     assert fr.simulate(rom).balance_error < 1e-14
 
 
+def test_files_of_format_1_2_load_for_ever():
+    """Written on the way to release 0.2.0: a free box of 0.12 m³ on a rough floor; never to be written anew."""
+    rom, run = fr.read_rom(DATA / "rom-1.2.h5"), fr.read_record(DATA / "run-1.2.h5")
+    assert (rom.rigid, rom.modes["bottom"].order, rom.loads, rom.actuators) == (6, 12, {"gravity": 1}, {"back": 1})
+    assert len(rom.modes["bottom"].contact_points) == 6
+    assert run.effects == ("inertia", "damping", "gravity", "pressure", "contact", "friction")
+    assert run.profile.keys() == {"switching", "gravity", "inertia, damping, elasticity", "contact, friction"}
+    np.testing.assert_allclose(run.forces["floor"][-1], [0, 0, 1000 * 0.12 * 9.81], atol=1e-6)
+    again = fr.simulate(rom)
+    np.testing.assert_allclose(again.outputs["tip"], run.outputs["tip"], rtol=1e-6, atol=1e-9)
+    assert again.contact_account.keys() == run.contact_account.keys()
+    for name, sums in run.contact_account.items():
+        np.testing.assert_allclose(again.contact_account[name], sums, rtol=1e-6, atol=1e-9)
+
+
 def test_later_minor_version_loads(rom_file, rom):
     tampered(rom_file, lambda h5: h5.attrs.update(format_version=np.bytes_("1.7"), remark=np.bytes_("new")))
     assert same(fr.read_rom(rom_file), rom)
@@ -330,7 +345,9 @@ def refusal(read, file):
 
 
 @pytest.mark.parametrize(
-    ("name", "read"), [("rom-1.0.h5", fr.read_rom), ("rom-1.1.h5", fr.read_rom), ("run-1.0.h5", fr.read_record)]
+    ("name", "read"),
+    [("rom-1.0.h5", fr.read_rom), ("rom-1.1.h5", fr.read_rom), ("run-1.0.h5", fr.read_record)]
+    + [("rom-1.2.h5", fr.read_rom), ("run-1.2.h5", fr.read_record)],
 )
 class TestDamage:
     """HDF5 itself crashes on some damaged files, so these must not reach it."""

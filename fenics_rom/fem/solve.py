@@ -46,7 +46,9 @@ class FullSimulator:
         if surroundings is not None and surroundings.law is not None:
             self.points = ContactPoints(system.contact_points, system.body.nodes)
             self._contact = Contact(self.points.places, list(surroundings.obstacles.values()), surroundings.law)
-            self._contact.check_start(np.zeros(self.points.places.shape), surroundings.offsets)
+            self._contact.check_start(
+                np.zeros(self.points.places.shape), surroundings.offsets, list(surroundings.obstacles)
+            )
             self._Sᵀ = system.at_nodes(self.points.nodes)
         self.dt = dt
         self.time = 0.0

@@ -44,7 +44,7 @@ class Acting:
         if surroundings.law is not None:
             self._points = ContactPoints({name: mode.contact_points for name, mode in rom.modes.items()}, rom.nodes)
             contact = Contact(self._points.places, list(surroundings.obstacles.values()), surroundings.law)
-            contact.check_start(np.zeros(self._points.places.shape), surroundings.offsets)
+            contact.check_start(np.zeros(self._points.places.shape), surroundings.offsets, list(surroundings.obstacles))
             components = (3 * self._points.nodes[:, None] + np.arange(3)).ravel()
             self._touch = Touch(contact, rom.basis[np.searchsorted(rom.free, components)], surroundings)
         self.step_by_step = surroundings.quasi_static or self._touch is not None
