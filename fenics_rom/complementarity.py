@@ -23,7 +23,8 @@ Array = np.ndarray
 _ONES, _XYZ, _NEXT, _LAST = np.ones(3), np.arange(3), np.array([1, 2, 0]), np.array([2, 0, 1])
 _OPEN, _STICK, _SLIP = np.int8(0), np.int8(1), np.int8(2)
 _SOLVED = 1e-12  # of the velocities that the forces have to stop: near what round-off leaves
-_GOOD = 1e-9  # what is accepted when no method gets further
+GOOD = 1e-9  # what is as good as solved
+_FAIR = 1e-4  # what is accepted, and told, where no method gets further: there may be no solution at all
 _PROXIMAL = 1e-9  # compliance added to a system, in parts of each pair's own
 _NEWTON = 12  # iterations; where they suffice they are rarely more than five
 _INTERIOR = 40  # iterations of the interior-point method; where it gets there they are rarely more than fifteen
@@ -38,11 +39,13 @@ class Solution(NamedTuple):
         forces: (C, 3), N, exactly in their cones.
         velocities: u (C, 3), m/s, to round-off.
         iterations: of all methods together.
+        residual: what is left to solve, as a share of the velocities that the forces have to stop.
     """
 
     forces: Array
     velocities: Array
     iterations: int
+    residual: float = 0.0
 
 
 def solve(W: Array, q: Array, normals: Array, friction: float, start: Array) -> Solution:
@@ -81,7 +84,7 @@ class _Frictional:
                 arrived = self.through_interior() or any(self.follow(*path) for path in _PATHS)
             if not arrived:
                 _accept(self.error / self.speed, len(self.q), self.iterations)
-        return Solution(self.best, self.velocities, self.iterations)
+        return Solution(self.best, self.velocities, self.iterations, self.error / self.speed)
 
     def newton(self, f: Array, tolerance: float = _SOLVED) -> bool:
         """Whether Newton's method arrives from f; the best forces are kept."""
@@ -100,9 +103,7 @@ class _Frictional:
             error, before = float(np.abs((f - projected) * self.size).max()), self.error
             if error < before:
                 self.best, self.velocities, self.error = projected, u, error
-            if (
-                error <= allowed or before / 2 < self.error <= _GOOD / 100 * self.speed
-            ):  # done, or what round-off leaves
+            if error <= allowed or before / 2 < self.error <= GOOD / 100 * self.speed:  # done, or what round-off leaves
                 return True
             status = np.where(length > cone, _SLIP, _STICK)
             status[zn <= 0] = _OPEN
@@ -208,7 +209,7 @@ class _Frictional:
             except np.linalg.LinAlgError:
                 break
             y, z = y + 0.9 * α * Δy, z + 0.9 * α * Δz
-        if not (error <= _GOOD / 10 and np.isfinite(y).all()):
+        if not (error <= GOOD / 10 and np.isfinite(y).all()):
             return False
         self.best, self.error = scale * _times(Q, y), error * self.speed
         self.velocities = self.W.dot(self.best.ravel()).reshape(C, 3) + self.q
@@ -274,7 +275,8 @@ class _Frictionless:
             if not arrived:
                 _accept(self.error / self.speed, len(self.q), self.iterations)
         f = self.best[:, None] * self.n
-        return Solution(f, self.W.dot(f.ravel()).reshape(f.shape) + self.q, self.iterations)
+        u = self.W.dot(f.ravel()).reshape(f.shape) + self.q
+        return Solution(f, u, self.iterations, self.error / self.speed)
 
     def newton(self, λ: Array) -> bool:
         """Whether the active set settles, beginning with that of λ (Hintermüller, Ito & Kunisch, 2002)."""
@@ -284,7 +286,7 @@ class _Frictionless:
             error, before = float(np.abs((λ - projected) * self.size).max()), self.error
             if error < before:
                 self.best, self.error = projected, error
-            if error <= _SOLVED * self.speed or before / 2 < self.error <= _GOOD / 100 * self.speed:
+            if error <= _SOLVED * self.speed or before / 2 < self.error <= GOOD / 100 * self.speed:
                 return True
             self.iterations += 1
             closed = np.flatnonzero(z > 0)
@@ -324,7 +326,7 @@ class _Frictionless:
                 if not corrected:
                     aim += max((1 - α) ** 3, 0.1) * τ - Δy * Δz
             y, z = y + 0.9 * α * Δy, z + 0.9 * α * Δz
-        if not (error <= _GOOD / 10 and np.isfinite(y).all()):
+        if not (error <= GOOD / 10 and np.isfinite(y).all()):
             return False
         self.best, self.error = scale * y / root, error * self.speed
         return True
@@ -429,9 +431,9 @@ def _stays(y: Array, Δy: Array) -> float:
 
 def _accept(relative: float, pairs: int, iterations: int) -> None:
     """Raises StepError if what is left of the residual is too much."""
-    if not relative <= _GOOD:
+    if not relative <= _FAIR:
         raise StepError(
             f"contact of {pairs} pairs: no forces found that stop them: after {iterations} iterations the residual is "
-            f"{relative:.1e} of the velocities, allowed is {_GOOD:.0e}; a smaller dt, less friction or the penalty "
+            f"{relative:.1e} of the velocities, allowed is {_FAIR:.0e}; a smaller dt, less friction or the penalty "
             f"variant (stiffness) may help"
         )

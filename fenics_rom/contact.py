@@ -26,7 +26,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fenics_rom.complementarity import solve
+from fenics_rom.complementarity import GOOD, solve
 from fenics_rom.errors import SceneError, StepError
 from fenics_rom.obstacles import Obstacle
 
@@ -130,6 +130,28 @@ class Resolution(NamedTuple):
         return Account(dt * supplied, -dt * normal, dt * (normal - whole))
 
 
+class Loose(NamedTuple):
+    """Steps whose forces solve the contact problem but for a residual.
+
+    Attributes:
+        steps: how many.
+        residual: the largest, as a share of the velocities that the forces had to stop.
+    """
+
+    steps: int = 0
+    residual: float = 0.0
+
+    @property
+    def message(self) -> str:
+        """What to say of a run; empty where there is nothing to say."""
+        if not self.steps:
+            return ""
+        return (
+            f"in {self.steps} steps contact forces were found only to {self.residual:.0e} of the velocities that they "
+            "stop, and made smaller so that they do no work; a smaller dt or less friction may help"
+        )
+
+
 class Contact:
     """Contact of the points of a body with obstacles.
 
@@ -145,6 +167,7 @@ class Contact:
     """
 
     def __init__(self, points: Array, obstacles: Sequence[Obstacle], law: ContactLaw):
+        self.loose = Loose()
         self.points, self.obstacles, self.law = np.array(points, dtype=float), tuple(obstacles), law
         self.last = np.zeros((len(self.obstacles) * len(self.points), 3))
         self._whole = self._part = np.empty((0, 0))
@@ -176,8 +199,8 @@ class Contact:
         if gaps[deepest] < -_INSIDE * size:
             obstacle, point = divmod(deepest, len(self.points))
             raise StepError(
-                f"contact: allowed is a start outside of all obstacles, but the point at "
-                f"{(self.points[point] + displacement[point]).tolist()} is {-gaps[deepest]:.3g} m inside {names[obstacle]!r}"
+                f"contact: allowed is a start outside of all obstacles, but {-gaps[deepest]:.3g} m inside "
+                f"{names[obstacle]!r} is the point at {(self.points[point] + displacement[point]).tolist()}"
             )
 
     def resolve(
@@ -247,6 +270,8 @@ class Contact:
             solution = solve(part, q, normals, law.friction, start if every else start[pairs])
             f = solution.forces
             iterations += solution.iterations
+            if solution.residual > GOOD:
+                f = _passive(f, part, relative_free if every else relative_free[pairs])
             if every:
                 start = f
             else:
@@ -270,6 +295,8 @@ class Contact:
             if not again:
                 break
         self.last = start
+        if solution.residual > GOOD:
+            self.loose = Loose(self.loose.steps + 1, max(self.loose.residual, solution.residual))
         return Resolution(forces, by_pair.sum(axis=1), iterations, pairs, normals, f, w)
 
     def _distances(self, displacement: Array, offsets: Array) -> tuple[Array, Array]:
@@ -293,6 +320,12 @@ class Contact:
             rows = (3 * (pairs % P)[:, None] + np.arange(3)).ravel()
             self._whole, self._chosen, self._part = W, key, W[rows[:, None], rows]
         return self._part
+
+
+def _passive(f: Array, W: Array, free: Array) -> Array:
+    """Forces that solve the problem but for a residual, made smaller until they do no work on the body."""
+    own, given = float(f.ravel().dot(W.dot(f.ravel()))), float(f.ravel().dot(free.ravel()))
+    return f * min(1.0, max(0.0, -given / own)) if own > 0 else f
 
 
 def _compliant(W: Array, normals: Array, compliance: float) -> Array:

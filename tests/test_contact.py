@@ -344,7 +344,7 @@ def test_penalty_keeps_its_springs_energy_in_the_account():
 def test_check_start_tells_where_and_how_deep():
     contact = Contact([[0, 0, 1.0], [0, 0, 0.2]], [FLOOR, Sphere((0, 0, 0), 0.5)], ContactLaw())
     offsets, names = np.zeros((2, 3)), ["floor", "ball"]
-    with pytest.raises(StepError, match=r"the point at \[0\.0, 0\.0, 0\.2\] is 0\.3 m inside 'ball'"):
+    with pytest.raises(StepError, match=r"0\.3 m inside 'ball' is the point at \[0\.0, 0\.0, 0\.2\]"):
         contact.check_start(np.zeros((2, 3)), offsets, names)
     contact.check_start(np.zeros((2, 3)), np.tile([0, 0, -1.0], (2, 1)), names)
     contact.check_start(np.array([[0, 0, 0.0], [0, 0, 0.3 - 1e-10]]), offsets, names)

@@ -114,6 +114,11 @@ class FullSimulator:
         gaps = self._contact.gaps(self._at_points(self.x), self.surroundings.offsets)
         return self.points.nearest(gaps, active)
 
+    @property
+    def loose(self) -> str:
+        """What to say of contact in the run so far; empty where there is nothing to say."""
+        return "" if self._contact is None else self._contact.loose.message
+
     def _touched(self, free: Array) -> Resolution | None:
         """Contact forces of a step, from the mid-step velocity without contact (rows here, 1)."""
         if self._contact is None or self.surroundings is None:
@@ -256,5 +261,5 @@ def solve(
         nodes=system.body.nodes,
         triangles=system.body.triangles,
         node_mass=system.body.node_mass,
-        warnings=(*system.warnings, *filter(None, [summary(seen)])),
+        warnings=(*system.warnings, *filter(None, [summary(seen), simulator.loose])),
     )

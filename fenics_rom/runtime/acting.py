@@ -101,6 +101,11 @@ class Acting:
         return np.zeros(3) if touched is None else touched.by_obstacle[names.index(obstacle)]
 
     @property
+    def warning(self) -> str:
+        """What to say of contact in the run so far; empty where there is nothing to say."""
+        return "" if self._touch is None else self._touch.contact.loose.message
+
+    @property
     def points(self) -> Array:
         """Nodes (P,) that obstacles can touch."""
         return np.empty(0, dtype=int) if self._touch is None else self._points.nodes

@@ -8,7 +8,6 @@ from itertools import islice
 import numpy as np
 
 from fenics_rom.errors import FenicsRomWarning, SceneError
-from fenics_rom.linear_limit import summary
 from fenics_rom.load_history import LoadHistory
 from fenics_rom.record import Record, Recorder
 from fenics_rom.rom import Rom
@@ -87,7 +86,7 @@ def simulate(
         nodes=rom.nodes,
         triangles=rom.triangles,
         node_mass=rom.node_mass,
-        warnings=(*rom.warnings, *filter(None, [summary(simulator.excursion)])),
+        warnings=(*rom.warnings, *simulator.warnings),
         profile=_profile(fresh(), history) if profile else None,
     )
 

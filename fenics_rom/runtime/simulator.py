@@ -9,7 +9,7 @@ import numpy as np
 
 from fenics_rom.errors import StepError
 from fenics_rom.ledger import Ledger
-from fenics_rom.linear_limit import Excursion
+from fenics_rom.linear_limit import Excursion, summary
 from fenics_rom.rom import Rom
 from fenics_rom.runtime.forms import fastest
 from fenics_rom.runtime.march import LONGEST, Block, Span, ladder, one_step, repeated, run, spans
@@ -226,6 +226,12 @@ class Simulator:
         if self._acting is None:
             raise StepError("there are no contact forces: nothing acts but inputs")
         return self._acting.forces(self._form, obstacle)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the user should know of the run so far: a surface that went too far, contact that was not solved."""
+        contact = "" if self._acting is None else self._acting.warning
+        return tuple(filter(None, [summary(self.excursion), contact]))
 
     @property
     def contact_points(self) -> Array:
