@@ -97,6 +97,7 @@ class Resolution(NamedTuple):
         normals: (C, 3) theirs.
         pair_forces: (C, 3) theirs, N.
         obstacle_velocities: (O, 3), m/s.
+        rough: whether there is friction.
     """
 
     forces: Array
@@ -106,6 +107,7 @@ class Resolution(NamedTuple):
     normals: Array
     pair_forces: Array
     obstacle_velocities: Array
+    rough: bool
 
     @property
     def touching(self) -> int:
@@ -121,11 +123,15 @@ class Resolution(NamedTuple):
             dt: of the step, s.
         """
         w = self.obstacle_velocities
-        obstacle, point = np.divmod(self.pairs, len(velocity))
-        relative = velocity[point] - w[obstacle]
-        pressure = (self.pair_forces * self.normals).dot(_ONES)
-        approach = (relative * self.normals).dot(_ONES)
-        whole, normal = float(self.pair_forces.ravel().dot(relative.ravel())), float(pressure.dot(approach))
+        if len(w) == 1:
+            relative = velocity[self.pairs] - w[0]
+        else:
+            obstacle, point = np.divmod(self.pairs, len(velocity))
+            relative = velocity[point] - w[obstacle]
+        whole = normal = float(self.pair_forces.ravel().dot(relative.ravel()))
+        if self.rough:
+            pressure = (self.pair_forces * self.normals).dot(_ONES)
+            normal = float(pressure.dot((relative * self.normals).dot(_ONES)))
         supplied = float(self.by_obstacle.ravel().dot(w.ravel()))
         return Account(dt * supplied, -dt * normal, dt * (normal - whole))
 
@@ -297,7 +303,7 @@ class Contact:
         self.last = start
         if solution.residual > GOOD:
             self.loose = Loose(self.loose.steps + 1, max(self.loose.residual, solution.residual))
-        return Resolution(forces, by_pair.sum(axis=1), iterations, pairs, normals, f, w)
+        return Resolution(forces, by_pair.sum(axis=1), iterations, pairs, normals, f, w, law.friction > 0)
 
     def _distances(self, displacement: Array, offsets: Array) -> tuple[Array, Array]:
         """Gaps (O P,), m, and normals (O P, 3), obstacle after obstacle."""

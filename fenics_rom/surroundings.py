@@ -63,6 +63,11 @@ class _Value:
         self._function = history if callable(history) else None
         self._constant = np.empty(0) if callable(history) else self._checked(history)
 
+    @property
+    def changes(self) -> bool:
+        """Whether it is a function of time."""
+        return self._function is not None
+
     def at(self, time: float) -> Array:
         """The numbers at a time, s."""
         return self._constant if self._function is None else self._checked(self._function(time))
@@ -145,6 +150,9 @@ class Surroundings:
                 )
         self.histories: dict[str, History] = dict(histories or {})
         self._values = {name: _Value(name, self.columns.get(name, 3), history) for name, history in said.items()}
+        self._steady: Array | None = None
+        self._still: Array | None = None
+        self._keep_constants()
         self.offsets = self.ahead = self.offsets_at(0.0)
 
     def _said(self, one: Mapping[str, Any], key: str) -> Any:
@@ -165,9 +173,12 @@ class Surroundings:
             raise StepError(unknown("load or obstacle", name, [*self.columns, *self.obstacles]))
         self._values[name] = _Value(name, width, history)
         self.histories[name] = history
+        self._keep_constants()
 
     def loads(self, time: float) -> Array:
         """The values of all loads at a time (s), in the order of their columns."""
+        if self._steady is not None and self.lap is None:
+            return self._steady
         values = [np.empty(0)]
         for name, width in self.columns.items():
             values.append(self._values[name].at(time) if name in self._values else np.zeros(width))
@@ -177,7 +188,17 @@ class Surroundings:
 
     def offsets_at(self, time: float) -> Array:
         """Displacements of the obstacles at a time (s), (O, 3), m."""
+        if self._still is not None:
+            return self._still
         return np.array([self._values[name].at(time) for name in self.obstacles]).reshape(-1, 3)
+
+    def _keep_constants(self) -> None:
+        """What does not depend on time is put together once."""
+        self._steady = self._still = None
+        if not any(self._values[name].changes for name in self.columns if name in self._values):
+            self._steady = self.loads(0.0)
+        if not any(self._values[name].changes for name in self.obstacles):
+            self._still = self.offsets_at(0.0)
 
 
 REACH = 0.05  # of the size of the contact surfaces: an obstacle that far away begins to matter

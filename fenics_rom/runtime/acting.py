@@ -2,11 +2,11 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from fenics_rom.contact import Contact
+from fenics_rom.contact import Contact, Resolution
 from fenics_rom.effects import EFFECTS
 from fenics_rom.errors import SceneError, StepError
 from fenics_rom.ledger import Ledger
@@ -20,6 +20,20 @@ from fenics_rom.surroundings import ContactPoints, History, Surroundings
 
 Array = np.ndarray
 Form = OneProduct | VelocityFirst | MidpointAmongObstacles | Equilibrium
+
+
+class Past(NamedTuple):
+    """What is left of the last step.
+
+    Attributes:
+        offsets: where the obstacles are, (O, 3), m.
+        last: contact forces, which the next search begins with, N.
+        touched: contact; None where nothing touched.
+    """
+
+    offsets: Array
+    last: Array
+    touched: Resolution | None
 
 
 class Acting:
@@ -39,6 +53,7 @@ class Acting:
 
     def __init__(self, rom: Rom, surroundings: Surroundings):
         self.surroundings = surroundings
+        self._chooses = surroundings.automatic and len(rom.modes) > 1
         self._actuators = sum(rom.actuators.values())
         self._touch: Touch | None = None
         if surroundings.law is not None:
@@ -60,7 +75,7 @@ class Acting:
     def nearest(self, contact: str, form: Form) -> str:
         """The contact mode to be in, from the active one and its form."""
         around = self.surroundings
-        if self._touch is None or not around.automatic or not isinstance(form, MidpointAmongObstacles | Equilibrium):
+        if self._touch is None or not self._chooses or not isinstance(form, MidpointAmongObstacles | Equilibrium):
             return contact
         found = self._points.nearest(self._touch.contact.gaps(form.displacement(), around.offsets), contact)
         if around.lap is not None:
@@ -110,20 +125,23 @@ class Acting:
         """Nodes (P,) that obstacles can touch."""
         return np.empty(0, dtype=int) if self._touch is None else self._points.nodes
 
-    @property
-    def state(self) -> tuple[Array, Array]:
-        """All that has a past: where the obstacles are, (O, 3), m, and the last contact forces."""
-        return self.surroundings.offsets, np.empty(0) if self._touch is None else self._touch.contact.last
+    def save(self, form: Form) -> Past:
+        """All that has a past beside the state of a form."""
+        last = np.empty(0) if self._touch is None else self._touch.contact.last
+        return Past(self.surroundings.offsets, last, getattr(form, "touched", None))
 
-    @state.setter
-    def state(self, state: tuple[Array, Array]) -> None:
-        self.surroundings.offsets = state[0]
+    def restore(self, form: Form, past: Past) -> None:
+        """Goes back to what was saved."""
+        self.surroundings.offsets = past.offsets
         if self._touch is not None:
-            self._touch.contact.last = state[1]
+            self._touch.contact.last = past.last
+        if isinstance(form, MidpointAmongObstacles | Equilibrium):
+            form.touched = past.touched
 
-    def reset(self) -> None:
+    def reset(self, form: Form) -> None:
         """Back to time 0."""
-        self.state = self.surroundings.offsets_at(0.0), np.zeros_like(self.state[1])
+        last = np.empty(0) if self._touch is None else np.zeros_like(self._touch.contact.last)
+        self.restore(form, Past(self.surroundings.offsets_at(0.0), last, None))
 
 
 def surrounded(

@@ -19,7 +19,7 @@ from fenics_rom.runtime.watch import Watch
 from fenics_rom.schema import unknown
 
 if TYPE_CHECKING:
-    from fenics_rom.runtime.acting import Acting, Form
+    from fenics_rom.runtime.acting import Acting, Form, Past
     from fenics_rom.scene import Scene
     from fenics_rom.surroundings import History, Surroundings
 
@@ -39,7 +39,7 @@ class Snapshot:
         sums: of the energy account, J, and what they were rounded by; or None.
         excursion: how far the surface went.
         rigid: displacement along the rigid motions (ρ,), read-only.
-        acting: where the obstacles are, (O, 3), m, and the last contact forces; None where nothing acts by itself.
+        past: where the obstacles are, and the last contact; None where nothing acts by itself.
     """
 
     contact: str
@@ -50,7 +50,7 @@ class Snapshot:
     sums: tuple[tuple[float, float], ...] | None
     excursion: Excursion
     rigid: Array = field(default_factory=lambda: np.empty(0))
-    acting: tuple[Array, Array] | None = None
+    past: "Past | None" = None
 
 
 class Simulator:
@@ -86,7 +86,7 @@ class Simulator:
         scene: "Scene | None" = None,
         histories: "Mapping[str, History] | None" = None,
     ):
-        self._origin = rom, scene
+        self._origin = rom, scene, histories
         self._acting: Acting | None = None
         if rom.surrounded or scene is not None or histories:
             from fenics_rom.runtime import acting  # here, so that bodies on which nothing acts start without it
@@ -439,7 +439,7 @@ class Simulator:
         self._enter(next(iter(self.rom.modes)))
         self._form.state[:] = 0
         if self._acting is not None:
-            self._acting.reset()
+            self._acting.reset(self._form)
 
     def save(self) -> Snapshot:
         """The state of everything, to come back to."""
@@ -448,8 +448,8 @@ class Simulator:
         rigid = self._rigid().copy()
         state.flags.writeable = rigid.flags.writeable = False
         sums = None if self.ledger is None else self.ledger.sums
-        acting = None if self._acting is None else self._acting.state
-        return Snapshot(self._contact, self._dt, self.steps, self._since, state, sums, self.excursion, rigid, acting)
+        past = None if self._acting is None else self._acting.save(self._form)
+        return Snapshot(self._contact, self._dt, self.steps, self._since, state, sums, self.excursion, rigid, past)
 
     def restore(self, snapshot: Snapshot) -> None:
         """Goes back to a saved state, of this simulator or of another one of the same ROM.
@@ -469,22 +469,22 @@ class Simulator:
         self._watch.begin(snapshot.excursion)
         self._enter(snapshot.contact)
         self._form.state[:] = snapshot.state
-        if self._acting is not None and snapshot.acting is not None:
-            self._acting.state = snapshot.acting
+        if self._acting is not None and snapshot.past is not None:
+            self._acting.restore(self._form, snapshot.past)
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _revived, (*self._origin, self._histories, self.save())
+        return _revived, (*self._origin, self._driven, self.save())
 
     def __copy__(self) -> "Simulator":
-        return _revived(*self._origin, self._histories, self.save())
+        return _revived(*self._origin, self._driven, self.save())
 
     def __deepcopy__(self, memo: object) -> "Simulator":
-        return _revived(*self._origin, self._histories, self.save())
+        return _revived(*self._origin, self._driven, self.save())
 
     @property
-    def _histories(self) -> "Mapping[str, History] | None":
+    def _driven(self) -> "dict[str, History]":
         """What loads and obstacles do, as it was last said."""
-        return None if self.surroundings is None else self.surroundings.histories
+        return {} if self._acting is None else dict(self._acting.surroundings.histories)
 
     def _settle(self) -> None:
         """Books what the steps so far supplied and dissipated; no other contact mode than the active one owes any."""
@@ -534,9 +534,15 @@ class Simulator:
 
 
 def _revived(
-    rom: Rom, scene: "Scene | None", histories: "Mapping[str, History] | None", snapshot: Snapshot
+    rom: Rom,
+    scene: "Scene | None",
+    histories: "Mapping[str, History] | None",
+    driven: "Mapping[str, History]",
+    snapshot: Snapshot,
 ) -> Simulator:
     ledger = snapshot.sums is not None
     simulator = Simulator(rom, snapshot.dt, ledger=ledger, scene=scene, histories=histories)
+    for name, history in driven.items():  # after the start: an obstacle may since have gone where the body was
+        simulator.drive(name, history)
     simulator.restore(snapshot)
     return simulator

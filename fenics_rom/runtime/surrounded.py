@@ -21,6 +21,7 @@ from fenics_rom.surroundings import Surroundings
 
 Array = np.ndarray
 
+NOTHING = np.empty((0, 3))
 MOTION = "inertia, damping, elasticity"  # what is not loads and contact
 
 
@@ -66,19 +67,27 @@ class _Surrounded:
         self._mode, self._ledger, self._drift, self._touch = mode, ledger, drift, touch
         self.h = 0.0
         self.touched: Resolution | None = None
-        self._ω, self._before, self._drifted = np.sqrt(mode.eigenvalues), np.zeros(2 * mode.order), drift.copy()
-        self.state = np.zeros(2 * mode.order)
+        self._ω, self._inverse_ω = np.sqrt(mode.eigenvalues), 1 / mode.divisors
+        self.state, self._before, self._drifted = np.zeros(2 * mode.order), np.zeros(2 * mode.order), drift.copy()
+        self._halves = self.state.reshape(2, -1)
+        self._e, self._r = self._halves
         self._owed: _Work | None = None
         if touch is not None:
-            self._S = touch.rows @ mode.coordinates
-            self._S_e, self._S_rigid = self._S / mode.divisors, self._S[:, : len(drift)]
+            self._Sᵀ = np.ascontiguousarray((touch.rows @ mode.coordinates).T)
+            self._W = np.empty((0, 0))
+            self._seen = np.zeros((3, mode.order))  # q, r and v̂, of which the points' are read together
 
     def displacement(self) -> Array:
         """Of the contact points, (P, 3), m."""
-        moved = self._S_e @ self.state[: len(self._ω)]
+        return self._coordinates().dot(self._Sᵀ).reshape(-1, 3)
+
+    def _coordinates(self) -> Array:
+        """q (m,), which a later call overwrites."""
+        q = self._seen[0]
+        np.multiply(self._e, self._inverse_ω, q)
         if len(self._drift):
-            moved += self._S_rigid @ self._drift
-        return moved.reshape(-1, 3)
+            q[: len(self._drift)] = self._drift
+        return q
 
     def undo(self) -> None:
         """Takes the last step back."""
@@ -100,25 +109,25 @@ class _Surrounded:
         self.settle()
         return 0
 
-    def _touched(self, velocity: Array, free: Array, W: Array, quasi_static: bool) -> Resolution | None:
-        """Contact forces of a step, from the velocities (m,) of now and of its middle without contact."""
+    def _touched(self, free: Array, quasi_static: bool) -> Resolution | None:
+        """Contact forces of a step, from its mid-step velocity without contact (m,)."""
         assert self._touch is not None
         contact, _, around = self._touch
         if around.lap is not None:
             around.lap(MOTION)
+        self._coordinates()
+        self._seen[1], self._seen[2] = self._r, free
+        displacement, velocity, free = self._seen.dot(self._Sᵀ).reshape(3, -1, 3)
         touched = contact.resolve(
-            self.displacement(),
-            (self._S @ velocity).reshape(-1, 3),
-            (self._S @ free).reshape(-1, 3),
-            W,
-            self.h,
-            around.offsets,
-            around.ahead,
-            quasi_static,
+            displacement, velocity, free, self._W, self.h, around.offsets, around.ahead, quasi_static
         )
         if around.lap is not None:
             around.lap("contact, friction")
         return touched
+
+    def _at_points(self, v: Array, touched: Resolution | None) -> Array:
+        """Mid-step velocities of the points, (P, 3), m/s; none where nothing touches."""
+        return NOTHING if touched is None else v.dot(self._Sᵀ).reshape(-1, 3)
 
     def _keep(self, work: _Work) -> None:
         """Notes what is there before a step, and what is to be booked after it."""
@@ -135,9 +144,10 @@ class MidpointAmongObstacles(_Surrounded):
         """Makes the coefficients for another time step, s."""
         self.settle()
         self._a, self._Ra = compliance(self._mode, h)
-        spread = self._a[:, None] * self._S.T if self._a.ndim == 1 else self._a @ self._S.T
-        W = self._S @ spread
+        W = self._Sᵀ.T @ (self._a[:, None] * self._Sᵀ if self._a.ndim == 1 else self._a @ self._Sᵀ)
         self._W = (W + W.T) / 2
+        self._kept = np.stack([-self._ω, np.full(self._mode.order, 2 / h)])
+        self._travel = h * self._ω
         self.h = h
 
     def advance(self, u: Array) -> float:
@@ -147,27 +157,27 @@ class MidpointAmongObstacles(_Surrounded):
             ValueError: u has another shape; no step was taken.
             StepError: no contact forces were found; no step was taken.
         """
-        h, m = self.h, len(self._ω)
-        e, r = self.state[:m], self.state[m:]
-        right = self._mode.inputs @ u + 2 / h * r - self._ω * e
+        pushed = self._mode.inputs.dot(u)
+        elastic, inertial = self._kept * self._halves
+        right = pushed + elastic + inertial
         v = self._spread(self._a, right)
-        touched = self._touched(r, v, self._W, quasi_static=False)
+        touched = self._touched(v, quasi_static=False)
         if touched is not None:
-            right += self._S.T @ touched.forces.ravel()
+            right += self._Sᵀ.dot(touched.forces.ravel())
             v = self._spread(self._a, right)
         heat = self._spread(self._Ra, right)
-        velocities = (self._S @ v).reshape(-1, 3)
-        self._keep(_Work(h * float((self._mode.inputs.T @ v) @ u), h * float(heat @ heat), touched, velocities))
-        self._drift += h * v[: len(self._drift)]
-        e += h * self._ω * v
-        r *= -1
-        r += 2 * v
+        h, supplied, dissipated = self.h, float(pushed.dot(v)), float(heat.dot(heat))
+        self._keep(_Work(h * supplied, h * dissipated, touched, self._at_points(v, touched)))
+        if len(self._drift):
+            self._drift += h * v[: len(self._drift)]
+        self._e += self._travel * v
+        np.subtract(v + v, self._r, self._r)
         self.touched = touched
-        return float(self.state @ self.state)
+        return self.state.dot(self.state)
 
     @staticmethod
     def _spread(matrix: Array, right: Array) -> Array:
-        return matrix * right if matrix.ndim == 1 else matrix @ right
+        return matrix * right if matrix.ndim == 1 else matrix.dot(right)
 
 
 class Equilibrium(_Surrounded):
@@ -177,24 +187,23 @@ class Equilibrium(_Surrounded):
         """Makes the coefficients for another time step, s."""
         self.settle()
         if self._touch is not None:
-            W = self._S_e @ self._S_e.T / h
+            strained = self._inverse_ω[:, None] * self._Sᵀ
+            W = strained.T @ strained / h
             self._W = (W + W.T) / 2
         self.h = h
 
     def advance(self, u: Array) -> float:
         """As in MidpointAmongObstacles."""
-        h, m, ω = self.h, len(self._ω), self._mode.divisors
-        e = self.state[:m]
-        force = self._mode.inputs @ u
-        change = force / ω - e
+        force = self._mode.inputs.dot(u)
+        change = force * self._inverse_ω - self._e
         touched = None
         if self._touch is not None:
-            touched = self._touched(np.zeros(m), change / ω / h, self._W, quasi_static=True)
+            touched = self._touched(change * self._inverse_ω / self.h, quasi_static=True)
             if touched is not None:
-                change = change + self._S_e.T @ touched.forces.ravel()
-        moved = change / ω
-        velocities = np.empty((0, 3)) if touched is None else (self._S @ moved / h).reshape(-1, 3)
-        self._keep(_Work(float(force @ moved), float(change @ change) / 2, touched, velocities))
-        e += change
+                change += self._inverse_ω * self._Sᵀ.dot(touched.forces.ravel())
+        moved = change * self._inverse_ω
+        velocities = self._at_points(moved / self.h, touched)
+        self._keep(_Work(float(force.dot(moved)), float(change.dot(change)) / 2, touched, velocities))
+        self._e += change
         self.touched = touched
-        return float(self.state @ self.state)
+        return self.state.dot(self.state)
