@@ -29,7 +29,7 @@ COMMANDS = {
         *("--mass", "--stiffness", "--damping", "--rayleigh", "--contact", "--actuator", "--observe"),
     ],
     "solve": ["--dt", "--output"],
-    "simulate": ["--scene", "--dt", "--order", "--output"],
+    "simulate": ["--scene", "--dt", "--order", "--profile", "--output"],
     "info": [],
     "compare": [],
 }
@@ -362,7 +362,11 @@ class TestOptions:
         ("poisson = 0.49", "poisson = 0.5", "material.poisson = 0.5: allowed is a finite number and > -1 and < 0.5"),
         ("density = 2300.0", "density = -1", "material.density = -1: allowed is a finite number and > 0, in kg/m3"),
         ("[supports]", "[suports]", "did you mean 'supports'?"),
-        ("inertia = {}", "inertia = {}\nwind = {}", "effects: no key 'wind'; there is base_motion, contact, damping, friction"),
+        (
+            "inertia = {}",
+            "inertia = {}\nwind = {}",
+            "effects: no key 'wind'; there is base_motion, contact, damping, friction",
+        ),
         (
             'clamped = ["root"]',
             'clamped = ["rot"]',
@@ -371,7 +375,11 @@ class TestOptions:
         ('surface = "middle"', 'surface = "midle"', "no surface 'midle'; there is"),
         ('surface = "middle"', 'surface = "root"', "contacts.middle: the whole patch is clamped"),
         ("plate.msh", "none.msh", "none.msh: not found"),
-        ('clamped = ["root"]', 'clamped = "root"', "supports.clamped = 'root': allowed is a list, each a non-empty string"),
+        (
+            'clamped = ["root"]',
+            'clamped = "root"',
+            "supports.clamped = 'root': allowed is a list, each a non-empty string",
+        ),
         ("[0.5, 0.2, 0.01]", "[9.0, 0.2, 0.01]", "outputs.tip: point [9.0, 0.2, 0.01] is"),
         ("dt = 1e-3", "dt = nan", "run.dt = nan: allowed is a finite number and > 0, in s"),
         ("name", "[name", "is not TOML"),

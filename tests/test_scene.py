@@ -120,7 +120,7 @@ young | yuong | material: no key 'yuong'; there is density, poisson, young; did 
 surface = "middle" | surfac = "m" | contacts.middle: no key 'surfac'; there is force, near, surface; did
 stop = 0.5 | end = 0.5 | run.load[0]: no key 'end'; there is actuator, contact, force, start, stop, table
 alpha = 0.5 | alpa = 0.5 | effects.damping: no key 'alpa'; there is alpha, beta, dashpots, materials; did
-inertia = {} | inertia = {}⏎wind = {} | effects: no key 'wind'; there is base_motion, contact, damping, friction, gravity,
+inertia = {} | inertia = {}⏎wind = {} | effects: no key 'wind'; there is base_motion, contact, damping, friction
 inertia = {} | inertia = {mass = 1} | effects.inertia: no key 'mass'; there is none
 inertia = {} | | effects.damping: means nothing without inertia; name effects.inertia as well
 inertia = {} | inertia = true | effects.inertia = True: allowed is a table
@@ -149,7 +149,7 @@ middle = 67 | middle = 0 | reduction.order.middle = 0: allowed is a whole number
 { tip_left = 52, middle = 67 } | 2.5 | reduction.order = 2.5: allowed is a whole number and >= 1, or a table
 order = { tip_left = 52, middle = 67 } | tolerance = 1 | reduction.tolerance = 1: allowed is a finite number and > 0
 [reduction] | [reduction]⏎switching = "enrgy" | there is energy, modal, oblique; did you mean 'energy'?
-[reduction] | [reduction]⏎method = "podd" | no choice 'podd'; there is balanced, modal, modal+static, pod, static; did you
+[reduction] | [reduction]⏎method = "podd" | no choice 'podd'; there is balanced, modal, modal+static, pod, static;
 [reduction] | [reduction]⏎lyapunov = "ad" | no choice 'ad'; there is adi, auto, bartels-stewart, closed-form, krylov
 dt = 1e-3 | dt = 0 | run.dt = 0: allowed is a finite number and > 0, in s
 dt = 1e-3 | dt = 4 | run.dt = 4: allowed is at most the duration, 3 s

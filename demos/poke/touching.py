@@ -2,6 +2,7 @@
 
 import sys
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -9,6 +10,7 @@ from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_rgb
 
 import fenics_rom as fr
+from fenics_rom.report import markdown
 from fenics_rom.scene import Scene
 from fenics_rom.surroundings import Surroundings
 
@@ -26,21 +28,27 @@ def error(run: fr.Record, full: fr.Record) -> float:
 
 
 def deepest(run: fr.Record, scene: Scene, points: Array) -> tuple[float, float]:
-    """How deep points (P,) are in an obstacle at most, m, and how far any that touches it moves in a step, m.
+    """How deep points (P,) are in an obstacle at most, m, and the most that one moves with or against it in a step, m.
 
-    The run must have kept the shape of every step. Motion is relative to the obstacle.
+    The run must have kept the shape of every step. The motion is that of the point and that of the obstacle, of points
+    so close that they may touch.
     """
     around = Surroundings(scene)
-    moved = np.concatenate([np.zeros((1, len(points), 3)), run.shapes[:, points]])
+    places = run.nodes[points] + np.concatenate([np.zeros((1, len(points), 3)), run.shapes[:, points]])
+    moved = np.linalg.norm(np.diff(places, axis=0), axis=2)
     offsets = np.array([around.offsets_at(t) for t in run.times])
     depth, motion = 0.0, 0.0
     for o, obstacle in enumerate(around.obstacles.values()):
-        places = run.nodes[points] + moved - offsets[:, None, o]
-        steps = np.linalg.norm(np.diff(places, axis=0), axis=2)
-        gaps = np.array([obstacle.distance(at)[0] for at in places])
+        gaps = np.array([obstacle.distance(at - offset)[0] for at, offset in zip(places, offsets[:, o], strict=True)])
+        both = moved + np.linalg.norm(np.diff(offsets[:, o], axis=0), axis=1)[:, None]
         depth = max(depth, -float(gaps.min()))
-        motion = max(motion, float(steps[(gaps[:-1] < steps)].max(initial=0.0)))
+        motion = max(motion, float(both[gaps[:-1] < both].max(initial=0.0)))
     return depth, motion
+
+
+def within_linear(run: fr.Record) -> bool:
+    """Whether nothing turned or strained beyond what a linear model can follow."""
+    return not any("linear model" in message for message in run.warnings)
 
 
 def laws(run: fr.Record, scene: Scene, points: Array) -> dict[str, bool]:
@@ -50,14 +58,41 @@ def laws(run: fr.Record, scene: Scene, points: Array) -> dict[str, bool]:
     rounding = 1e-12 * max(np.abs(run.supplied).max(), run.dissipated[-1])
     print(
         f"{run.model}: energy account closed to {run.balance_error:.1e}; impacts took {contact[-1]:.2e} J and friction "
-        f"{friction[-1]:.2e} J of {run.supplied[-1]:.2e} J put in; deepest {depth:.1e} m, motion in a step up to {motion:.1e} m"
+        f"{friction[-1]:.2e} J of {run.supplied[-1]:.2e} J put in; deepest {depth:.1e} m, where a step is up to "
+        f"{motion:.1e} m"
     )
     return {
         f"{run.model}: the energy account is closed to 1e-12": run.balance_error < 1e-12,
         f"{run.model}: contact never adds energy": bool(np.diff(contact).min() >= -rounding),
         f"{run.model}: friction never adds energy": bool(np.diff(friction).min() >= -rounding),
-        f"{run.model}: no point is deeper in an obstacle than what touches moves in a step": depth <= motion,
+        f"{run.model}: no point is deeper in an obstacle than both move in a step": depth <= motion,
     }
+
+
+def table_of_errors(
+    runs: dict[int, fr.Record], errors: dict[int, float], full: fr.Record, size: int, file: Path
+) -> None:
+    """Errors and rates against the order."""
+    rate = {order: run.steps / run.settings["seconds"] for order, run in runs.items()}
+    full_rate = full.steps / full.settings["seconds"]
+    rows = [("full order", size, "", f"{full_rate:,.0f}", "1")]
+    rows += [
+        ("reduced", order, f"{errors[order]:.1e}", f"{rate[order]:,.0f}", f"{rate[order] / full_rate:.0f}")
+        for order in runs
+    ]
+    heading = ("model", "order", "largest error / largest displacement", "steps per second", "times full order")
+    table = markdown(heading, rows)
+    file.write_text(table)
+    print(f"{full.steps} steps of {full.settings['dt'] * 1e3:g} ms with contact and friction, one thread\n\n{table}")
+
+
+def table_of_parts(run: fr.Record, file: Path) -> None:
+    """What a step spends its time on."""
+    total = sum(run.profile.values())
+    rows = [(part, f"{1e6 * each:.0f}", f"{each / total:.0%}") for part, each in run.profile.items()]
+    table = markdown(("part of a step", "microseconds", "share"), rows)
+    file.write_text(table)
+    print(f"Order {run.settings['order']}, {1e6 * total:.0f} microseconds per step\n\n{table}")
 
 
 def check(claims: Mapping[str, bool]) -> None:
@@ -69,7 +104,7 @@ def check(claims: Mapping[str, bool]) -> None:
 
 
 def draw_from_side(
-    axes: Any, nodes: Array, triangles: Array, *, coloured: Mapping[str, Array], lift: float = 0.0
+    axes: Any, nodes: Array, triangles: Array, *, coloured: Mapping[str, Array] | None = None, lift: float = 0.0
 ) -> None:
     """Draws a surface as it is seen along y, to scale, shaded; what is in front hides what is behind.
 
@@ -84,7 +119,7 @@ def draw_from_side(
     normals = np.cross(b - a, c - a)
     normals /= np.linalg.norm(normals, axis=1)[:, None]
     colours = np.tile(to_rgb(BODY), (len(triangles), 1))
-    for colour, points in coloured.items():
+    for colour, points in (coloured or {}).items():
         colours[np.isin(triangles, points).all(axis=1)] = to_rgb(colour)
     shade = 0.62 + 0.38 * np.clip(normals @ LIGHT, 0, 1)
     front = np.flatnonzero(normals[:, 1] < 0)

@@ -7,8 +7,7 @@ import pytest
 from bodies import acted_on, box_arrays, box_surfaces, dense, write_arrays
 
 import fenics_rom as fr
-from fenics_rom.errors import FenicsRomWarning, MeshError, SceneError
-from fenics_rom.fem.nodes import surface_mass
+from fenics_rom.errors import FenicsRomWarning
 from fenics_rom.fem.solve import FullSimulator
 from fenics_rom.surroundings import Surroundings
 
@@ -364,7 +363,8 @@ def test_shaken_support_is_a_gravity_the_other_way(bar, model):
 @BOTH
 def test_free_body_stays_behind_a_moving_frame(bar, model):
     """Relative to it: -a t²/2."""
-    shaken = "inertia = {}\ndamping = { beta = 1e-3 }\n[effects.base_motion.quake]\ndirection = [0, 3, 4]\nacceleration = 2.0"
+    shaken = "inertia = {}\ndamping = { beta = 1e-3 }\n"
+    shaken += "[effects.base_motion.quake]\ndirection = [0, 3, 4]\nacceleration = 2.0"
     run = run_of(beam(bar, shaken, degree=1, **FREE, run="dt = 0.01\nduration = 0.3"), model)
     behind = -np.array([0, 0.6, 0.8]) * run.times[:, None] ** 2
     assert np.abs(run.outputs["right"][:, 0] - behind).max() <= EXACT * 0.09
@@ -499,6 +499,63 @@ def test_elastic_impacts_lose_nothing(slab, model):
     assert run.outputs["corners"][:, :3, 2].min() >= -0.01 - 1e-12
 
 
+SHAPES = {
+    "half-space": "point = [1.02, 0, 0]\nnormal = [-3, 0, 4]",
+    "sphere": "center = [1.06, 0.05, 0.1]\nradius = 0.05",
+    "capsule": "start = [1.06, 0.05, -1]\nend = [1.06, 0.05, 1]\nradius = 0.05",
+    "box": "center = [1.195, 0.0, 0.0]\nsize = [0.3, 0.3, 0.3]\nrotation = [0, 0, 0.2]",
+}
+
+
+def outside(shape, x):
+    """How far points (P, 3) are from these, worked out by hand."""
+    if shape == "half-space":
+        return (x - [1.02, 0, 0]) @ [-0.6, 0, 0.8]
+    if shape == "sphere":
+        return np.linalg.norm(x - [1.06, 0.05, 0.1], axis=1) - 0.05
+    if shape == "capsule":
+        return np.hypot(x[:, 0] - 1.06, x[:, 1] - 0.05) - 0.05
+    c, s = np.cos(0.2), np.sin(0.2)
+    along, across, up = ((x - [1.195, 0, 0]) @ np.array([[c, -s, 0], [s, c, 0], [0, 0, 1]])).T
+    return np.maximum(np.maximum(np.abs(along), np.abs(across)), np.abs(up)) - 0.15
+
+
+@BOTH
+@pytest.mark.parametrize("shape", SHAPES)
+def test_body_gives_way_to_where_the_obstacle_is(bar, shape, model):
+    """Without inertia: the nearest node is on its surface, and what pushes is a force outwards."""
+    effects = f'[effects.contact.obstacles.it]\nshape = "{shape}"\n{SHAPES[shape]}'
+    scene = beam(bar, effects, run="dt = 0.1\nduration = 1.0\nshapes = 10")
+    run = run_of(scene, model, histories={"it": lambda t: [-0.04 * t, 0.0, 0.0]})
+    right = run.nodes[:, 0] == 1.0
+    gaps = [
+        outside(shape, (run.nodes + moved)[right] - [-0.04 * time, 0.0, 0.0]).min()
+        for time, moved in zip(run.shape_times, run.shapes, strict=True)
+    ]
+    assert min(gaps) >= -1e-4  # the normal is that of the step's beginning
+    assert abs(gaps[-1]) <= 1e-4
+    assert run.forces["it"][-1, 0] < -1.0
+    assert run.balance_error <= 1e-12
+
+
+PENALTY = '[effects.contact]\nmethod = "penalty"\nstiffness = 1e3\ndamping = 2.0\n'
+
+
+@BOTH
+def test_penalty_floor_gives_way_by_weight_over_stiffness(slab, model):
+    """m g/(P k) on the mean of its P points, and its springs and dashpots are in the account."""
+    effects = "inertia = {}\ndamping = { alpha = 20.0, beta = 2e-3 }\n" + WEIGHT + PENALTY + FLOOR
+    run = run_of(block(slab, effects, run="dt = 2e-3\nduration = 3.0"), model)
+    bottom = run.nodes[:, 2] == 0
+    depth = -0.01 - run.shapes[-1, bottom, 2]
+    assert bottom.sum() == 6
+    assert depth.mean() == pytest.approx(BLOCK_MASS * GRAVITY / (6 * 1e3), rel=1e-8)
+    assert run.forces["floor"][-1, 2] == pytest.approx(BLOCK_MASS * GRAVITY, rel=1e-8)
+    assert run.balance_error <= 1e-12
+    held = 1e3 / 2 * (depth**2).sum()  # in the springs, at least
+    assert run.contact_account["contact"][-1] >= held
+
+
 def stepper(scene, model, dt, velocity, histories=None):
     """A body that moves with a velocity (3,) at first: how to take a step, and what to read."""
     system, around = fr.assemble(scene), Surroundings(scene, histories=histories)
@@ -525,7 +582,7 @@ def stepper(scene, model, dt, velocity, histories=None):
 @BOTH
 @pytest.mark.parametrize("restitution", [0.0, 0.3, 0.8, 1.0])
 def test_stiff_block_bounces_to_the_height_that_restitution_says(slab, restitution, model):
-    """e² H, to what a step of falling is; the speed is turned round to e of it, to what the block gives way in a step."""
+    """e² H, and e of the speed, to what a step of falling makes of them."""
     law = f"[effects.contact]\nrestitution = {restitution}\n"
     effects = "inertia = {}\ndamping = { beta = 1e-9 }\n" + WEIGHT + law + FLOOR
     h = 1e-4

@@ -13,6 +13,50 @@ from bodies import PLATE, box_arrays, scene_text, write_arrays
 import fenics_rom as fr
 from fenics_rom.reduction.reduce import DENSE_LIMIT
 
+EFFECTS = """
+[effects.gravity]
+acceleration = [0, 0, -9.81]
+[effects.springs.bed]
+surface = "front"
+stiffness = 50.0
+[effects.prescribed.push]
+surface = "right"
+force = [0.0, 2.0, 0.0]
+[effects.prescribed.poke]
+point = [0.7, 0.1, 0.3]
+force = [0.0, 0.0, -5.0]
+[effects.pressure.air]
+surface = "top"
+[effects.tendon.rope]
+points = [[0.0, 0.0, 0.3], [0.5, 0.2, 0.3], [1.0, 0.4, 0.3]]
+[effects.contact.obstacles.floor]
+shape = "half-space"
+point = [0, 0, -1e-3]
+normal = [0, 0, 1]
+[effects.contact.obstacles.ball]
+shape = "sphere"
+center = [1.1, 0.4, 0.3]
+radius = 0.099
+table = "ball.csv"
+"""
+MOVING = """inertia = {}
+[effects.damping]
+alpha = 1.0
+beta = 1e-3
+materials.material = { alpha = 2.0, beta = 2e-3 }
+[effects.damping.dashpots.oil]
+surface = "right"
+coefficient = 3.0
+[effects.base_motion.quake]
+direction = [0, 1, 0]
+acceleration = 0.5
+[effects.friction]
+coefficient = 0.2
+"""
+ACTING = """dt = 0.005
+duration = 0.5
+shapes = 10
+load = [{ actuator = "air", force = [50.0] }, { actuator = "rope", start = 0.1, force = [3.0] }]"""
 RUN = 'dt = 0.01\nduration = 0.5\nload = [{ contact = "middle", stop = 0.3, force = [0.0, 0.1, 0.5] }]'
 TIP = {"outputs.tip": "points = [[0.9, 0.2, 0.1]]", "reduction": "order = 12"}
 
@@ -27,6 +71,11 @@ def write_scenes(folder):
     patches = [f"[contacts.c{k}]\nnear = {{point = [{k / 10}, 0.2, 0.3], radius = 0.15}}" for k in range(1, 11)]
     (folder / "many.toml").write_text(scene_text(folder / "beam.msh", degree=2, contacts="\n".join(patches), **TIP))
     (folder / "free.toml").write_text(scene_text(folder / "box.msh", degree=2, supports=None, **TIP))
+    for name, effects in {"effects": MOVING + EFFECTS, "still": EFFECTS}.items():
+        bottom = {"contacts": '[contacts.bottom]\nsurface = "bottom"\n[contacts.right]\nsurface = "right"'}
+        parts = {"effects": effects, "run": ACTING, "outputs.tip": TIP["outputs.tip"]}
+        (folder / f"{name}.toml").write_text(scene_text(folder / "box.msh", **bottom, **parts))
+    (folder / "ball.csv").write_text("time,x,y,z\n0,0,0,0\n0.3,-0.02,0.0,0.0\n0.5,0.01,0.0,0.0\n")
     (folder / "missing.toml").write_text(scene_text(folder / "none.msh"))
 
 
@@ -101,6 +150,25 @@ def test_full_runs_do_not_depend_on_the_number_of_ranks(results, ranks):
     assert np.abs(other.outputs["tip"] - one.outputs["tip"]).max() <= 1e-9 * scale
     assert np.abs(other.energy - one.energy).max() <= 1e-9 * one.energy.max()
     assert max(one.balance_error, other.balance_error) <= 1e-12
+
+
+@pytest.mark.parametrize("ranks", [2, 4])
+@pytest.mark.parametrize("name", ["effects", "still"])
+def test_effects_do_not_depend_on_the_number_of_ranks(results, name, ranks):
+    """Full runs and runs of ROMs among obstacles, under all loads; with inertia and without."""
+    full = [fr.read_record(results / str(n) / f"{name}-run.h5") for n in (1, ranks)]
+    roms = [fr.read_rom(results / str(n) / f"{name}.h5") for n in (1, ranks)]
+    for one, other in (full, [fr.simulate(rom) for rom in roms]):
+        scale = np.abs(one.shapes).max()
+        assert scale > 1e-3
+        assert np.abs(other.shapes - one.shapes).max() <= 1e-9 * scale
+        assert np.abs(other.energy - one.energy).max() <= 1e-9 * one.energy.max()
+        np.testing.assert_array_equal(other.contact, one.contact)
+        assert list(one.forces) == ["floor", "ball"]
+        for obstacle, force in one.forces.items():
+            assert np.abs(force).max() > 0.1
+            assert np.abs(other.forces[obstacle] - force).max() <= 1e-7 * np.abs(force).max()
+        assert max(one.balance_error, other.balance_error) <= 1e-12
 
 
 @pytest.mark.parametrize("ranks", [1, 2, 4])

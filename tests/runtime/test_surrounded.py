@@ -179,7 +179,9 @@ def ride(run, steps, seed, least=1e-5, most=5e-2, strength=1.0):
 
 # --- the energy account ----------------------------------------------------------------------------------------------
 
-QUIETLY = settings(max_examples=8, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+QUIETLY = settings(
+    max_examples=8, deadline=None, derandomize=True, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
 
 
 @given(seed=st.integers(0, 10**6))
@@ -323,7 +325,7 @@ TABLES = {
 def tabled(mesh):
     """The ROM with all effects, whose histories are tables."""
     text = EVERYTHING.replace("direction = [1, 0, 1]", 'direction = [1, 0, 1]\ntable = "quake.csv"')
-    text = text.replace('[effects.prescribed.push]', '[effects.prescribed.push]\ntable = "push.csv"')
+    text = text.replace("[effects.prescribed.push]", '[effects.prescribed.push]\ntable = "push.csv"')
     text = text.replace("radius = 0.045", 'radius = 0.045\ntable = "ball.csv"')
     scene = parse_scene(scene_text(mesh, effects=text, **TIP, **two()), tables=TABLES)
     return reduced(scene)
@@ -398,6 +400,8 @@ def test_forces_that_were_saved_are_read_again(tabled):
     body.restore(there)
     np.testing.assert_array_equal(body.contact_forces(), pressed)
     np.testing.assert_array_equal(copy.copy(body).contact_forces(), pressed)
+    body.switch("right" if body.contact == "bottom" else "bottom")
+    np.testing.assert_array_equal(body.contact_forces(), pressed)
     body.reset()
     assert not body.contact_forces().any()
 
@@ -457,14 +461,15 @@ def test_function_that_gives_nonsense_leaves_the_state_as_it_was(tabled, name, v
     if name == "quake" and not np.isscalar(value):
         value = [np.inf]
     body = fr.Simulator(tabled, 1e-3)
-    first = run_on(body, 40)
+    first = run_on(body, 60)
+    assert body.contact_forces().any()
     there = body.save()
     body.drive(name, lambda t: value)
     with pytest.raises(StepError), np.errstate(all="ignore"):
         body.step()
     assert bits(body) == first
     again = body.save()
-    for kept, now in zip(there.acting, again.acting, strict=True):
+    for kept, now in zip(there.past[:2], again.past[:2], strict=True):
         np.testing.assert_array_equal(kept, now)
 
 
@@ -482,9 +487,9 @@ def test_wrong_inputs_leave_the_state_as_it_was(tabled):
 
 def test_body_that_begins_in_an_obstacle_is_refused(everything):
     inside = {"floor": [0.0, 0.0, 0.01]} | {name: shaken(0)[name] for name in ("quake", "push")}
-    with pytest.raises(StepError, match="contact: allowed is a start outside of all obstacles, given: point 0 is 0.008 m inside obstacle 0"):
+    with pytest.raises(StepError, match=r"a start outside of all obstacles, but 0\.008 m inside 'floor' is"):
         fr.Simulator(everything.rom, 1e-3, histories=inside)
-    with pytest.raises(StepError, match="contact: allowed is a start outside of all obstacles, given: point 0 is 0.008 m inside obstacle 0"):
+    with pytest.raises(StepError, match=r"a start outside of all obstacles, but 0\.008 m inside 'floor' is"):
         Full(everything.system, inside)
 
 
@@ -547,7 +552,7 @@ def test_free_body_has_no_equilibrium(mesh):
 
 
 def test_batches_are_for_bodies_without_obstacles(everything):
-    with pytest.raises(StepError, match="has contact or no inertia in its scene: .*Simulator steps such bodies"):
+    with pytest.raises(StepError, match=r"has contact or no inertia in its scene: .*Simulator steps such bodies"):
         fr.Batch(everything.rom, 4, 1e-3, histories=shaken(0))
 
 
@@ -579,7 +584,7 @@ table = "low.csv"
 
 
 def test_contact_mode_follows_the_obstacle_that_is_near(mesh):
-    """Pushed from below, then from the side; the full model goes through the same modes, at any order as far as told."""
+    """Pushed from below, then from the side; the full model goes through the same modes."""
     tables = {f"{name}.csv": np.array(rows, dtype=float) for name, rows in PRESSED.items()}
     effects = PLAIN + LOW + BALL.replace("0.045", '0.045\ntable = "ball.csv"')
     scene = parse_scene(
@@ -600,3 +605,13 @@ def test_contact_mode_follows_the_obstacle_that_is_near(mesh):
         assert force > 0
         assert np.abs(run.forces[name] - full.forces[name]).max() <= 1e-6 * force
     assert max(full.balance_error, run.balance_error) <= CLOSES_TO
+
+    body = fr.Simulator(models.rom, 1e-3)
+    for _ in range(np.flatnonzero(run.contact)[0] - 1):
+        body.step()
+    before = bits(body)
+    with pytest.raises(StepError, match="input of contact mode"):
+        body.step([1.0])  # refused after the switch, which is taken back
+    assert bits(body) == before
+    body.step()
+    assert body.contact == "right"

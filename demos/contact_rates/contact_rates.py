@@ -1,0 +1,315 @@
+"""What a step with contact and friction costs, by what is in contact.
+
+    python demos/contact_rates/contact_rates.py             # less than a minute
+    python demos/contact_rates/contact_rates.py --quick     # short loops, to see that it works
+
+A pad of foam, which nothing holds, is pressed on the ground, or on a big ball, with 20 points that can touch, and
+pushed aside: too weakly to move it, so that part of it slides, or so that all of it does. Its reduced model has order
+40. Every case first runs until it has settled. Then all cases take turns in one process, and the median of their rates
+counts. The script
+
+1. tables steps per second beside how many points touch, how many of them slide and how many systems of equations a
+   step takes, also with the penalty method, without friction, out of reach, and without contact in the scene;
+2. splits a step into its effects;
+3. checks that the scene without contact steps as if there was no such thing: in the same form, to the same bits.
+
+Everything is written to demos/contact_rates/out/, with --quick to out/quick/. The checks at the end are on what
+touches, on forces and on energy; --quick leaves out that on rates.
+"""
+
+import argparse
+import os
+import statistics
+import sys
+import time
+import warnings
+from dataclasses import dataclass
+from pathlib import Path
+
+import gmsh
+import numpy as np
+
+import fenics_rom as fr
+from fenics_rom.errors import FenicsRomWarning
+from fenics_rom.report import markdown
+from fenics_rom.runtime.forms import OneProduct
+from fenics_rom.scene_file import parse_scene
+
+OUT = Path(__file__).parent / "out"
+ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
+
+SIZE, BRICKS = (0.20, 0.15, 0.10), (4, 3, 2)  # m; 5 x 4 nodes at the bottom
+ORDER = 34  # and six rigid motions
+DENSITY, GRAVITY = 200.0, 9.81
+WEIGHT = DENSITY * SIZE[0] * SIZE[1] * SIZE[2] * GRAVITY
+NEAR = 1e-4  # m; a point stops up to one step before the ground, and need not be pressed on
+PRESSED = 4 * WEIGHT  # N, with the weight itself
+COEFFICIENT = 0.5
+STEP = 1e-3  # s
+WANTED = 5000.0  # steps a second with all points touching and friction
+
+GROUND = 'ground = { shape = "half-space", point = [0, 0, 0], normal = [0, 0, 1] }'
+BALL = 'ball = { shape = "sphere", center = [0.1, 0.075, -10.0], radius = 10.0 }'
+FAR = 'ground = { shape = "half-space", point = [0, 0, -1000.0], normal = [0, 0, 1] }'
+
+BODY = """
+name = "pad"
+[mesh]
+file = "{file}"
+[material]
+young = 1.0e5       # Pa
+poisson = 0.1
+density = {density}     # kg/m3
+[contacts.bottom]
+surface = "bottom"
+[effects]
+inertia = {{}}
+damping = {{ alpha = 5.0, beta = 1e-2 }}   # 1/s, s
+"""
+LOADS = """
+gravity = {{ acceleration = [0, 0, -{gravity}] }}   # m/s2
+[effects.prescribed.press]
+surface = "top"
+force = [0, 0, {press}]   # N
+[effects.prescribed.push]
+surface = "bottom"
+force = [{push}, 0, 0]   # N
+"""
+CONTACT = """
+[effects.contact]
+{law}
+[effects.contact.obstacles]
+{obstacle}
+"""
+FRICTION = """
+[effects.friction]
+coefficient = {coefficient}
+"""
+RUN = """
+[run]
+dt = {step}
+duration = {duration}
+"""
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Case:
+    """What acts on the pad."""
+
+    obstacle: str | None = GROUND
+    push: float = 0.0  # of the force at which it would slide
+    friction: bool = True
+    law: str = ""
+    loads: bool = True
+
+    def text(self, file: Path, duration: float) -> str:
+        """Its scene."""
+        parts = [BODY.format(file=file.name, density=DENSITY)]
+        if self.loads:
+            push = self.push * COEFFICIENT * PRESSED
+            parts.append(LOADS.format(gravity=GRAVITY, press=WEIGHT - PRESSED, push=push))
+        if self.obstacle is not None:
+            parts.append(CONTACT.format(law=self.law, obstacle=self.obstacle))
+            if self.friction:
+                parts.append(FRICTION.format(coefficient=COEFFICIENT))
+        return "".join([*parts, RUN.format(step=STEP, duration=duration)])
+
+
+CASES = {
+    "at rest": Case(),
+    "sticks": Case(push=0.5),
+    "in part slides": Case(push=0.96),
+    "slides": Case(push=1.5),
+    "on a ball, sticks": Case(BALL, push=0.5),
+    "on a ball, slides": Case(BALL, push=1.2),
+    "no friction": Case(friction=False),
+    "penalty, sticks": Case(push=0.5, law='method = "penalty"\nstiffness = 1e4\ndamping = 10.0'),
+    "nothing in reach": Case(FAR),
+    "loads alone": Case(None),
+    "neither": Case(None, loads=False),
+}
+ON_THE_GROUND = ("at rest", "sticks", "in part slides", "slides")
+
+
+def main() -> None:
+    """Runs the demo."""
+    parser = argparse.ArgumentParser(description="Measures what a step with contact costs.")
+    parser.add_argument("--quick", action="store_true", help="short loops; rates are not judged")
+    quick = parser.parse_args().quick
+    if not ONE_THREAD.items() <= os.environ.items():  # read when NumPy is loaded, so it takes another start
+        os.execve(sys.executable, [sys.executable, *sys.argv], os.environ | ONE_THREAD)
+    out = OUT / "quick" if quick else OUT  # so that a test does not overwrite the whole
+    out.mkdir(parents=True, exist_ok=True)
+    warnings.simplefilter("ignore", FenicsRomWarning)  # the pad slides away from where it was
+    file = out / "pad.msh"
+    mesh(file)
+    settle, steps, rounds = (100, 20, 1) if quick else (700, 100, 5)
+
+    scenes = {name: scene(case, file, settle * STEP) for name, case in CASES.items()}
+    whole, bare = (fr.reduce(fr.assemble(scenes[name]), order=ORDER) for name in ("sticks", "neither"))
+    print(f"Pad: order {next(iter(whole.modes.values())).order}, dt {STEP:g} s, one thread\n")
+    bodies = {name: settled(bare if name == "neither" else whole, scenes[name], settle) for name in CASES}
+    rates = in_turns(bodies, steps, rounds)
+    seen = {name: look(body) for name, body in bodies.items() if CASES[name].obstacle is not None}
+    table_of_rates(rates, seen, out)
+    table_of_effects(whole, {name: scenes[name] for name in ("sticks", "in part slides", "slides", "no friction")}, out)
+    check(rates, seen, bodies, whole, bare, scenes, quick)
+
+
+def mesh(file: Path) -> None:
+    """Writes the mesh of the pad: bricks of tetrahedra, with the surfaces "bottom" and "top"."""
+    gmsh.initialize([], readConfigFiles=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        geo, (lx, ly, lz), (nx, ny, nz) = gmsh.model.geo, SIZE, BRICKS
+        corners = [geo.addPoint(x, y, 0) for x, y in ((0, 0), (lx, 0), (lx, ly), (0, ly))]
+        lines = [geo.addLine(corners[k], corners[(k + 1) % 4]) for k in range(4)]
+        for line, count in zip(lines, (nx, ny, nx, ny), strict=True):
+            geo.mesh.setTransfiniteCurve(line, count + 1)
+        bottom = geo.addPlaneSurface([geo.addCurveLoop(lines)])
+        geo.mesh.setTransfiniteSurface(bottom)
+        (_, top), (_, body), *_ = geo.extrude([(2, bottom)], 0, 0, lz, numElements=[nz])
+        geo.synchronize()
+        for dimension, tag, name in ((2, bottom, "bottom"), (2, top, "top"), (3, body, "body")):
+            gmsh.model.setPhysicalName(dimension, gmsh.model.addPhysicalGroup(dimension, [tag]), name)
+        gmsh.model.mesh.generate(3)
+        gmsh.write(str(file))
+    finally:
+        gmsh.finalize()
+
+
+def scene(case: Case, file: Path, duration: float) -> fr.Scene:
+    """The scene of a case."""
+    return parse_scene(case.text(file, duration), folder=file.parent, source="pad")
+
+
+def settled(rom: fr.Rom, scene: fr.Scene, steps: int) -> fr.Simulator:
+    """A pad that has been pressed and pushed for some steps."""
+    body = fr.Simulator(rom, STEP, scene=scene)
+    for _ in range(steps):
+        body.step(np.zeros(body.inputs) if body.surroundings is None else ())
+    return body
+
+
+def in_turns(bodies: dict[str, fr.Simulator], steps: int, rounds: int) -> dict[str, float]:
+    """Steps per second of each, median of rounds in which they take turns; each round begins from the settled state."""
+    starts = {name: body.save() for name, body in bodies.items()}
+    found: dict[str, list[float]] = {name: [] for name in bodies}
+    for _ in range(rounds):
+        for name, body in bodies.items():
+            u = np.zeros(body.inputs) if body.surroundings is None else np.empty(0)
+            body.restore(starts[name])
+            start = time.perf_counter()
+            for _ in range(steps):
+                body.step(u)
+            assert body.ledger is not None
+            body.ledger.supplied  # noqa: B018, it is booked by this
+            found[name].append(steps / (time.perf_counter() - start))
+    return {name: statistics.median(values) for name, values in found.items()}
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What is in contact, mean over some steps."""
+
+    touching: float
+    pushing: float
+    sliding: float
+    force: Array  # (3,), N, of the obstacle
+
+
+def look(body: fr.Simulator, steps: int = 20) -> Seen:
+    """What is in contact in the next steps.
+
+    More points touch than the model has freedoms to tell apart, so that some of them need not push. A point slides
+    where its friction is as large as it can be.
+    """
+    (name, obstacle), *_ = body.surroundings.obstacles.items()  # type: ignore[union-attr]
+    points = body.contact_points
+    touching, pushing, sliding, force = [], [], [], []
+    for _ in range(steps):
+        body.step()
+        gaps, normals = obstacle.distance(body.rom.nodes[points] + body.displacement()[points])
+        forces = body.contact_forces()
+        pressure = (forces * normals).sum(axis=1)
+        pushes = pressure > 1e-9 * pressure.max(initial=0.0)
+        aside = np.linalg.norm(forces - pressure[:, None] * normals, axis=1)
+        touching.append(np.count_nonzero(gaps < NEAR))
+        pushing.append(np.count_nonzero(pushes))
+        sliding.append(np.count_nonzero(pushes & (aside > 0.999 * COEFFICIENT * pressure)))
+        force.append(body.contact_forces(name))
+    return Seen(*(float(np.mean(count)) for count in (touching, pushing, sliding)), np.mean(force, axis=0))
+
+
+def table_of_rates(rates: dict[str, float], seen: dict[str, Seen], out: Path) -> None:
+    """Section 1."""
+    rows: list[tuple[object, ...]] = []
+    for name, rate in rates.items():
+        known = seen.get(name)
+        counts = (known.touching, known.pushing, known.sliding) if known else ()
+        contact = [f"{count:.3g}" for count in counts] or [""] * 3
+        rows.append((name, *contact, f"{rate:,.0f}", f"{1e6 / rate:.0f} µs", f"{rates['neither'] / rate:.1f}"))
+    heading = ("case", "points that touch", "push", "slide", "steps per second", "each", "times a step of neither")
+    table = markdown(heading, rows)
+    (out / "rates.md").write_text(table)
+    print(f"{table}")
+
+
+def table_of_effects(rom: fr.Rom, scenes: dict[str, fr.Scene], out: Path) -> None:
+    """Section 2: microseconds per step of each effect, from the start on."""
+    profiles = {name: fr.simulate(rom, scene=scene, profile=True).profile for name, scene in scenes.items()}
+    parts = list(dict.fromkeys(part for profile in profiles.values() for part in profile))
+    rows = [(part, *(f"{1e6 * profile.get(part, 0.0):.1f}" for profile in profiles.values())) for part in parts]
+    table = markdown(("µs of a step, from rest on", *profiles), rows)
+    (out / "effects.md").write_text(table)
+    print(table)
+
+
+def check(
+    rates: dict[str, float],
+    seen: dict[str, Seen],
+    bodies: dict[str, fr.Simulator],
+    whole: fr.Rom,
+    bare: fr.Rom,
+    scenes: dict[str, fr.Scene],
+    quick: bool,
+) -> None:
+    """The claims of this page, measured."""
+    held = max(abs(seen[name].force[2] / PRESSED - 1) for name in ON_THE_GROUND)
+    dragged = abs(seen["slides"].force[0] / (COEFFICIENT * PRESSED) + 1)
+    gaps = []
+    for body in bodies.values():
+        account = body.ledger
+        assert account is not None
+        size = max(body.energy, account.supplied, account.dissipated)
+        gaps.append(abs(body.energy - account.supplied + account.dissipated) / size if size else 0.0)
+    plain, asked = fr.Simulator(bare, STEP), fr.Simulator(bare, STEP, scene=scenes["neither"])
+    for u in np.random.default_rng(0).standard_normal((100, plain.inputs)):
+        plain.step(u)
+        asked.step(u)
+    same = all(np.array_equal(*pair) for pair in zip(plain.state, asked.state, strict=True))
+    claims = {
+        "what does not name contact has no part of it": asked.surroundings is None and type(asked._form) is OneProduct,
+        "it steps to the same bits": same,
+        "of 20 points at least 14 push in the first four cases": quick
+        or min(seen[name].pushing for name in ON_THE_GROUND) >= 14,
+        f"the ground carries what presses, to 1e-4: {held:.1e}": quick or held < 1e-4,
+        f"what slides is held back by the coefficient of friction times that, to 1e-4: {dragged:.1e}": quick
+        or dragged < 1e-4,
+        f"the energy account closes to 1e-12: {max(gaps):.1e}": max(gaps) < 1e-12,
+        "nothing touches what is out of reach": seen["nothing in reach"].touching == 0,
+    }
+    for claim, holds in claims.items():
+        print(f"  {'holds' if holds else 'FAILS'}: {claim}")
+    if not quick:
+        for name in ON_THE_GROUND:
+            verdict = "reached" if rates[name] >= WANTED else "missed"
+            print(f"  {verdict}: {WANTED:,.0f} steps a second, {name}: {rates[name]:,.0f}")
+    if not all(claims.values()):
+        sys.exit(1)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,206 @@
+"""A soft finger closes on three objects and lets go: tendons, air, contact and friction in one reduced model.
+
+    python demos/finger/finger.py              # under a minute
+    python demos/finger/finger.py --quick      # it closes only, at one order
+
+A silicone finger, 10 cm long, is fixed at its root. A tendon along its lower side closes it on a ball, a rod and a
+block; air in a closed chamber presses it on; the ball is taken away; a tendon along its upper side opens it. The
+contact mode follows the objects. The script
+
+1. runs the scene at full order and at several reduced orders, and tables errors and rates;
+2. tables what a reduced step spends its time on;
+3. draws the finger at four instants, to scale, and what it feels.
+
+Everything is written to demos/finger/out/. The checks at the end fail if a claim does not hold.
+"""
+
+import argparse
+import sys
+import warnings
+from collections.abc import Iterator
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+
+mpl.use("Agg")
+
+import matplotlib.pyplot as plt
+import numpy as np
+from matplotlib.collections import PolyCollection
+from matplotlib.patches import Circle, Polygon, Rectangle
+
+sys.path.append(str(Path(__file__).parents[1] / "poke"))
+
+from touching import (
+    OUTLINE,
+    check,
+    draw_from_side,
+    error,
+    laws,
+    table_of_errors,
+    table_of_parts,
+    true_to_scale,
+    within_linear,
+)
+
+import fenics_rom as fr
+from fenics_rom.errors import FenicsRomWarning
+from fenics_rom.reduction.balanced import balanced
+from fenics_rom.reduction.problem import Directions, Problem
+from fenics_rom.scene import Scene
+
+HERE = Path(__file__).parent
+
+ORDERS: tuple[int, ...] = (20, 40, 60)
+CLOSED = 0.8  # s, until which it closes
+INSTANTS = {0.33: "the flexor pulls", 0.87: "and air presses", 1.14: "the ball is gone", 2.34: "the extensor opens it"}
+COLOURS = {"ball": "#c2410c", "rod": "#15803d", "block": "#1d4ed8"}
+MODES = {"proximal": "#f0b48c", "middle": "#9fd3a9", "distal": "#a9c1f2"}  # of the contact mode next to each
+AIR, CABLES, SLACK = "#38bdf8", {"flexor": "#b91c1c", "extensor": "#7c3aed"}, "#8a8478"
+CHAMBER = [0.05, -0.006, 0.0025]  # m
+
+
+def main() -> None:
+    """Runs the demo."""
+    parser = argparse.ArgumentParser(description="A soft finger closes on three objects.")
+    parser.add_argument("--quick", action="store_true", help="it closes only, at one order")
+    quick = parser.parse_args().quick
+    out = HERE / "out" / "quick" if quick else HERE / "out"
+    out.mkdir(parents=True, exist_ok=True)
+
+    scene = fr.read_scene(HERE / "finger.toml")
+    assert scene.run is not None
+    orders, run = ORDERS, scene.run
+    if quick:
+        orders, loads = (
+            ORDERS[-1:],
+            tuple(replace(load, stop=CLOSED) for load in run.loads if load.actuator != "extensor"),
+        )
+        run = replace(run, duration=CLOSED, loads=loads)
+    scene = replace(scene, run=replace(run, shapes=round(run.duration / run.dt)))  # the shape of every step
+    system = fr.assemble(scene)
+    points = np.unique(np.concatenate(list(system.contact_points.values())))
+    print(f"Finger: {system.size} unknowns, {len(system.contacts)} contact modes, {len(points)} contact points\n")
+
+    full = fr.solve(system)
+    rom = fr.reduce(system, order=orders[-1], method=with_actuators_at_rest)
+    runs = {order: fr.simulate(fr.truncated(rom, order), scene=scene, profile=True) for order in orders}
+    errors = {order: error(reduced, full) for order, reduced in runs.items()}
+    best = runs[orders[-1]]
+
+    table_of_errors(runs, errors, full, system.size, out / "accuracy.md")
+    table_of_parts(best, out / "profile.md")
+    if not quick:
+        picture(best, scene, out / "finger.png")
+    forces = [np.linalg.norm(each, axis=1) for each in best.forces.values()]
+    pressed = np.abs(system.actuators["air"]).sum()
+    resultant = [np.abs(system.actuators["air"][axis::3].sum()) / pressed for axis in range(3)]
+    claims = {
+        f"at order {orders[-1]} no node is ever off by 1 % of the largest displacement": errors[orders[-1]] < 0.01,
+        "there is an instant at which all three objects are touched": bool(np.min(forces, axis=0).max() > 0),
+        "pressure on the closed chamber has no resultant": max(resultant) < 1e-12,
+        "nothing turned or strained beyond what a linear model can follow": within_linear(best) and within_linear(full),
+        **laws(full, scene, points),
+        **laws(best, scene, points),
+    }
+    if not quick:
+        claims["the contact mode follows the objects"] = len(np.unique(best.contact)) > 1
+    print(f"\nReduced in {sum(stage.seconds for stage in rom.stages):.0f} s\n")
+    check(claims)
+
+
+def with_actuators_at_rest(problem: Problem) -> Iterator[tuple[str, Directions]]:
+    """Balanced directions after the shapes at rest of the actuators.
+
+    All inputs are balanced as forces of 1 N. The air here presses with 32 N on walls that hardly move, so that of
+    balanced directions alone few would know of it.
+    """
+    at_rest = None
+    for name, found in balanced(problem):
+        if at_rest is None:
+            columns = np.hstack(list(problem.system.actuators.values()))
+            at_rest = problem.space.add(problem.factor.solve(columns))
+        rows = max(len(at_rest), len(found.coordinates))
+        both = [np.pad(block, ((0, rows - len(block)), (0, 0))) for block in (at_rest, found.coordinates)]
+        yield name, Directions(np.hstack(both))
+
+
+def picture(run: fr.Record, scene: Scene, file: Path) -> None:
+    """The finger at a few instants, what it feels and what drives it."""
+    figure = plt.figure(figsize=(10.5, 7.2), layout="constrained")
+    grid = figure.add_gridspec(4, 2, height_ratios=(2.3, 2.3, 1.5, 1.0))
+    for k, (instant, what) in enumerate(INSTANTS.items()):
+        axes = figure.add_subplot(grid[k // 2, k % 2])
+        draw_finger(axes, run, scene, int(np.abs(run.shape_times - instant).argmin()))
+        axes.set_title(f"{instant:.2f} s  {what}", fontsize=10, loc="left")
+    felt, driven = figure.add_subplot(grid[2, :]), figure.add_subplot(grid[3, :])
+
+    for name, force in run.forces.items():
+        felt.plot(run.times, np.linalg.norm(force, axis=1), color=COLOURS[name], label=name, linewidth=1.4)
+    felt.set(ylabel="force (N)", xlim=(0, run.times[-1]), ylim=(-0.035, None))
+    felt.set_xticklabels([])
+    changes = np.flatnonzero(np.diff(run.contact)) + 1
+    for first, last in zip([0, *changes], [*changes, run.steps], strict=True):
+        name = run.contacts[run.contact[first]]
+        start, lasts = run.times[first], run.times[last] - run.times[first]
+        felt.add_patch(Rectangle((start, -0.035), lasts, 0.022, color=MODES[name], linewidth=0))
+        if lasts > 0.15:
+            felt.text(start + 0.01, -0.024, f"contact mode {name}", fontsize=7.5, va="center")
+    felt.legend(frameon=False, ncols=3, fontsize=9, loc="upper right")
+
+    for name, colour in {**CABLES, "air": AIR}.items():
+        times, values = scene.tables[f"{name}.csv"].T
+        unit, size = ("10 kPa", 1e4) if name == "air" else ("N", 1.0)
+        driven.plot(times, values / size, color=colour, label=f"{name} ({unit})", linewidth=1.4)
+    driven.set(xlabel="time (s)", xlim=(0, run.times[-1]))
+    driven.legend(frameon=False, fontsize=8.5, loc="upper left", bbox_to_anchor=(0.0, 1.15))
+    for axes in (felt, driven):
+        for side in ("top", "right"):
+            axes.spines[side].set_visible(False)
+    figure.savefig(file, dpi=100)
+    plt.close(figure)
+
+
+def draw_finger(axes: Any, run: fr.Record, scene: Scene, row: int) -> None:
+    """The finger from its side, with its objects, its tendons and its chamber, in a row of the kept shapes."""
+    time, nodes = run.shape_times[row], run.nodes + run.shapes[row]
+    draw_objects(axes, scene, time)
+    draw_from_side(axes, nodes, run.triangles)
+
+    drive = {name: np.interp(time, *scene.tables[f"{name}.csv"].T) for name in ("flexor", "extensor", "air")}
+    x, y, z = np.abs(run.nodes - CHAMBER).T  # from the middle of the chamber's wall at the front
+    wall = np.flatnonzero((x < 0.0401) & (y < 1e-4) & (z < 0.0036))
+    seen = nodes[run.triangles[np.isin(run.triangles, wall).all(axis=1)]][:, :, [0, 2]]
+    faces = (*mpl.colors.to_rgb(AIR), 0.12 + 0.4 * drive["air"] / 1e4)
+    axes.add_collection(PolyCollection(seen, facecolors=[faces], edgecolors="none", zorder=3))
+    for name in ("flexor", "extensor"):
+        cable = np.array(scene.outputs[name].points) + run.outputs[name][row + 1]
+        pulled = drive[name] > 0
+        colour = CABLES[name] if pulled else SLACK
+        axes.plot(cable[:, 0], cable[:, 2], "o-", color=colour, linewidth=1 + pulled, markersize=2.5, zorder=4)
+    axes.add_patch(Rectangle((-0.008, -0.015), 0.008, 0.03, color="0.45", linewidth=0))
+    true_to_scale(axes, (-0.009, 0.113), (-0.0335, 0.0195))
+
+
+def draw_objects(axes: Any, scene: Scene, time: float) -> None:
+    """The objects from the side, where they are at a time, s."""
+    style: dict[str, Any] = {"edgecolor": OUTLINE, "linewidth": 0.8}
+    for name, one in scene.effects["contact"]["obstacles"].items():
+        moved = (
+            [np.interp(time, *scene.tables[one["table"]][:, [0, k]].T) for k in (1, 3)] if "table" in one else (0, 0)
+        )
+        centre = np.array(one.get("center") or one["start"])[[0, 2]] + moved
+        if "radius" in one:
+            axes.add_patch(Circle((centre[0], centre[1]), one["radius"], facecolor=COLOURS[name], **style))
+        else:
+            x, z = np.array(one["size"])[[0, 2]] / 2
+            c, s = np.cos(one["rotation"][1]), np.sin(one["rotation"][1])
+            corners = np.array([(-x, -z), (x, -z), (x, z), (-x, z)]) @ [[c, -s], [s, c]] + centre
+            axes.add_patch(Polygon(corners, facecolor=COLOURS[name], **style))
+
+
+if __name__ == "__main__":
+    warnings.simplefilter("ignore", FenicsRomWarning)  # records hold them
+    main()

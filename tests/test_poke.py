@@ -1,0 +1,37 @@
+"""The demo of pokes runs, with its first three."""
+
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+FOLDER = Path(__file__).parent.parent / "demos" / "poke"
+OUT = FOLDER / "out" / "quick"
+
+
+@pytest.fixture(scope="module")
+def motion():
+    """The ball's motion as it was before the demo wrote it."""
+    return (FOLDER / "ball.csv").read_text()
+
+
+@pytest.fixture(scope="module")
+def run(motion):
+    return subprocess.run([sys.executable, FOLDER / "poke.py", "--quick"], capture_output=True, text=True)
+
+
+def test_all_claims_hold(run):
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert run.stdout.count("  holds: ") == 12
+    assert "FAILS" not in run.stdout
+
+
+def test_tables_and_picture_are_written(run):
+    assert "| reduced    | 60 " in (OUT / "accuracy.md").read_text()
+    assert "contact, friction" in (OUT / "profile.md").read_text()
+    assert (OUT / "poke.png").stat().st_size > 10_000
+
+
+def test_the_motion_beside_the_scene_is_the_one_that_the_demo_writes(run, motion):
+    assert (FOLDER / "ball.csv").read_text() == motion
