@@ -24,9 +24,12 @@ _ONES, _XYZ, _NEXT, _LAST = np.ones(3), np.arange(3), np.array([1, 2, 0]), np.ar
 _OPEN, _STICK, _SLIP = np.int8(0), np.int8(1), np.int8(2)
 _SOLVED = 1e-12  # of the velocities that the forces have to stop: near what round-off leaves
 GOOD = 1e-9  # what is as good as solved
-_FAIR = 1e-4  # what is accepted, and told, where no method gets further: there may be no solution at all
+_NEAR = 1e-6  # from where on the slowest method is not worth its time
+_FAIR = 1e-3  # what is accepted, and told, where no method gets further: there may be no solution at all
 _PROXIMAL = 1e-9  # compliance added to a system, in parts of each pair's own
+_SOFT = 1e-4  # the same to begin with: where W hardly tells forces apart, Newton's method would cycle between them
 _NEWTON = 12  # iterations; where they suffice they are rarely more than five
+_FIRST = 8  # of them with the larger compliance
 _INTERIOR = 40  # iterations of the interior-point method; where it gets there they are rarely more than fifteen
 _LIMIT = 1e-14  # of what it can do
 _PATHS = ((0.3, 10), (0.6, 30))  # of shrinking compliance: the factor, and Gauss-Seidel sweeps where Newton cycles
@@ -79,17 +82,20 @@ class _Frictional:
         self.best, self.velocities, self.error, self.iterations = q, q, np.inf, 0
 
     def solve(self, start: Array) -> Solution:
-        if not self.newton(start):
+        if not self.newton(start, _SOFT, _FIRST) and not self.newton(self.best):
             with np.errstate(all="ignore"):  # what diverges ends
-                arrived = self.through_interior() or any(self.follow(*path) for path in _PATHS)
+                arrived = self.through_interior()
+                if not arrived and not self.error <= _NEAR * self.speed:
+                    arrived = any(self.follow(*path) for path in _PATHS)
             if not arrived:
                 _accept(self.error / self.speed, len(self.q), self.iterations)
         return Solution(self.best, self.velocities, self.iterations, self.error / self.speed)
 
-    def newton(self, f: Array, tolerance: float = _SOLVED) -> bool:
-        """Whether Newton's method arrives from f; the best forces are kept."""
+    def newton(self, f: Array, proximal: float = _PROXIMAL, most: int = _NEWTON, tolerance: float = _SOLVED) -> bool:
+        """Whether Newton's method arrives from f within so many iterations; the best forces are kept."""
         q, n, allowed = self.q, self.n, tolerance * self.speed
-        for _ in range(_NEWTON):
+        self.proximal = proximal
+        for _ in range(most):
             u = self.W.dot(f.ravel()).reshape(f.shape)
             u += q
             z = f - self.ρ * u
@@ -125,11 +131,11 @@ class _Frictional:
             return np.zeros_like(f)
         if 3 * len(f) == form.unknowns:  # everything sticks: E = T = I
             G = self.W.copy()
-            G.ravel()[:: len(G) + 1] += _PROXIMAL * self.size[form.pairs, 0]
+            G.ravel()[:: len(G) + 1] += self.proximal * self.size[form.pairs, 0]
             return f - np.linalg.solve(G, self.W.dot(f.ravel()) + self.q.ravel()).reshape(f.shape)
         E = np.zeros((f.size, form.unknowns))
         E.ravel()[form.stick_entries] = 1.0
-        compliance = _PROXIMAL * self.size[form.pairs, 0]
+        compliance = self.proximal * self.size[form.pairs, 0]
         slip = form.slip
         if len(slip):
             T = E.copy()
@@ -222,8 +228,8 @@ class _Frictional:
             W = self.W.copy()
             W.ravel()[:: len(W) + 1] += compliance * np.repeat(self.size, 3)
             softer = _Frictional(W, self.q, self.n, self.μ, self.size[:, 0])
-            if not softer.newton(f, 1e-6):
-                softer.newton(softer.sweep(softer.best, sweeps), 1e-6)
+            if not softer.newton(f, tolerance=1e-6):
+                softer.newton(softer.sweep(softer.best, sweeps), tolerance=1e-6)
             self.iterations += softer.iterations
             f = softer.best
             if compliance < 0.01 and self.newton(f):

@@ -99,6 +99,7 @@ class Surroundings:
         obstacles: by name.
         offsets: where the obstacles are, as displacements from where the scene puts them, (O, 3), m.
         ahead: where they will be at the end of the step that is being taken.
+        velocities: theirs in the last step, (O, 3), m/s.
         histories: by name, those that were given.
         law: of contact; None where the scene names none.
         automatic: whether the contact mode follows the obstacles.
@@ -153,7 +154,7 @@ class Surroundings:
         self._steady: Array | None = None
         self._still: Array | None = None
         self._keep_constants()
-        self.offsets = self.ahead = self.offsets_at(0.0)
+        self.begin()
 
     def _said(self, one: Mapping[str, Any], key: str) -> Any:
         """The history that the scene gives: a constant, a table, or none."""
@@ -191,6 +192,16 @@ class Surroundings:
         if self._still is not None:
             return self._still
         return np.array([self._values[name].at(time) for name in self.obstacles]).reshape(-1, 3)
+
+    def begin(self) -> None:
+        """Puts the obstacles where they are at time 0, at rest."""
+        self.offsets = self.ahead = self.offsets_at(0.0)
+        self.velocities = np.zeros_like(self.offsets)
+
+    def arrive(self, dt: float) -> None:
+        """Ends a step of dt, s, that was taken: the obstacles are where they were to be."""
+        self.velocities = (self.ahead - self.offsets) / dt
+        self.offsets = self.ahead
 
     def _keep_constants(self) -> None:
         """What does not depend on time is put together once."""

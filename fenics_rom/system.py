@@ -117,7 +117,8 @@ class System:
         contacts: contact columns of each contact mode, (rows here, columns).
         actuators: columns of each actuator, which every contact mode has after its own, (rows here, columns).
         loads: columns of each load that acts by a history of its own, after the actuators', (rows here, columns).
-        units: what a column of 1 N is to be multiplied by for inputs of another unit, by actuator or load: N per unit.
+        units: for those actuators and loads that are effects, what their columns are to be multiplied by for an input
+            of 1 (Pa, N, ...): the columns may have any length, which says how much of them a basis is to know.
         contact_points: nodes of each contact mode at which obstacles can touch it, (P,) each; the contact modes that
             have some are reduced for forces at each of them, too.
         outputs: C of each named output, (rows here, 3 points); any number of columns where there is no mesh.
@@ -247,7 +248,7 @@ class System:
         return np.hstack([self.contacts[contact], *shared])
 
     def forces(self, contact: str) -> Array:
-        """All that can act in a contact mode, as unit forces of 1 N, (rows here, any): what its basis has to know.
+        """All that can act in a contact mode, (rows here, any): what its basis has to know.
 
         The contact columns, actuators and loads, and where obstacles can touch it a force on each component of a node.
         """

@@ -124,7 +124,7 @@ def test_sliding_distance():
             block.step()
         way = np.array([0.8, 0.6, 0.0]) * 1.5**2 / (2 * 0.4 * G)
         np.testing.assert_allclose(block.position[0], way, atol=1.5 * h)
-        assert np.abs(block.v).max() == 0
+        assert np.abs(block.v).max() <= 1e-15
         assert block.sums()[2] == pytest.approx(1.5 * 1.5**2, rel=1e-13)  # all of the kinetic energy
 
 
@@ -139,7 +139,7 @@ def test_rest_is_rest(h, law):
     )  # fmt: skip
     for _ in range(600):
         body.step()
-    assert np.abs(body.v).max() <= 1e-13 * G * h
+    assert np.abs(body.v).max() <= 1e-12 * G * h
     assert body.gap >= -1e-16
     before = body.x.copy()
     for _ in range(20):
@@ -294,14 +294,14 @@ def test_quasi_static_contact_closes_gaps_and_no_more(seed):
 def test_a_gap_closes_quasi_statically_within_one_step():
     body = Points([0, 0, 0.1], [FLOOR], ContactLaw(restitution=1.0, friction=0.5), 0.1, force=(0.1, 0.0, -100.0))
     body.step(quasi_static=True)
-    assert body.position[0, 2] == pytest.approx(0.0, abs=1e-17)
-    assert body.position[0, 0] == pytest.approx(0.0, abs=1e-17)
+    assert body.position[0, 2] == pytest.approx(0.0, abs=1e-15)
+    assert body.position[0, 0] == pytest.approx(0.0, abs=1e-15)
 
 
 def test_a_point_inside_is_held_but_not_pushed_out_quasi_statically():
     body = Points([0, 0, -0.1], [FLOOR], ContactLaw(), 0.1, force=(0.0, 0.0, -100.0))
     body.step(quasi_static=True)
-    assert body.position[0, 2] == pytest.approx(-0.1, abs=1e-17)
+    assert body.position[0, 2] == pytest.approx(-0.1, abs=1e-15)
 
 
 def test_what_slides_steadily_is_solved_at_once():

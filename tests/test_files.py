@@ -346,8 +346,10 @@ def refusal(read, file):
 
 @pytest.mark.parametrize(
     ("name", "read"),
-    [("rom-1.0.h5", fr.read_rom), ("rom-1.1.h5", fr.read_rom), ("run-1.0.h5", fr.read_record)]
-    + [("rom-1.2.h5", fr.read_rom), ("run-1.2.h5", fr.read_record)],
+    [
+        *((f"rom-{version}.h5", fr.read_rom) for version in ("1.0", "1.1", "1.2")),
+        *((f"run-{version}.h5", fr.read_record) for version in ("1.0", "1.2")),
+    ],
 )
 class TestDamage:
     """HDF5 itself crashes on some damaged files, so these must not reach it."""

@@ -240,7 +240,8 @@ def look(body: fr.Simulator, steps: int = 20) -> Seen:
         pushing.append(np.count_nonzero(pushes))
         sliding.append(np.count_nonzero(pushes & (aside > 0.999 * COEFFICIENT * pressure)))
         force.append(body.contact_forces(name))
-    return Seen(*(float(np.mean(count)) for count in (touching, pushing, sliding)), np.mean(force, axis=0))
+    counts = [float(np.mean(count)) for count in (touching, pushing, sliding)]
+    return Seen(counts[0], counts[1], counts[2], np.mean(force, axis=0))
 
 
 def table_of_rates(rates: dict[str, float], seen: dict[str, Seen], out: Path) -> None:

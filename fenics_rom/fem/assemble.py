@@ -196,10 +196,10 @@ def _matrices(comm: Any, mesh: Mesh, nodes: Nodes, scene: Scene, material: np.nd
     set_rigid_modes(stiffness.mat, nodes.coordinates[share[::3] // 3])
 
     damping: PetscMatrix | ZeroMatrix
-    if "damping" in reduced:
-        damping = reduced["damping"]
+    said, springs = scene.effects.get("damping", {"alpha": 0.0, "beta": 0.0}), springs_of(scene, nodes)
+    if "damping" in reduced:  # K has the springs in it already, what is damped by material has not
+        damping = with_surfaces(reduced["damping"], None if springs is None else said["beta"] * springs, free)
     else:
-        said = scene.effects.get("damping", {"alpha": 0.0, "beta": 0.0})
         terms = [(c, matrix) for c, matrix in ((said["alpha"], mass), (said["beta"], stiffness)) if c]
         damping = PetscMatrix(combination(*terms)) if terms else ZeroMatrix()
     dashpots = dashpots_of(scene, nodes)

@@ -30,13 +30,14 @@ def actuators_of(scene: Scene, nodes: Nodes, free: Array) -> tuple[Columns, dict
         MeshError, SceneError: a place that does not exist, is empty, or cannot move.
     """
     columns = {name: patch_columns(nodes, patch, free, f"actuators.{name}") for name, patch in scene.actuators.items()}
-    units = {}
+    units: dict[str, float] = {}
     for name, one in scene.effects.get("pressure", {}).items():
         patch, where = patch_of(one, "normal"), f"effects.pressure.{name}"
         columns[name] = patch_columns(nodes, patch, free, where)
         units[name] = patch_area(nodes, patch, where)
     for name, one in scene.effects.get("tendon", {}).items():
         columns[name] = _cable(nodes, np.array(one["points"]), f"effects.tendon.{name}")[free]
+        units[name] = 1.0
         _refuse_nothing(columns[name], f"effects.tendon.{name}")
     return columns, units
 
@@ -71,7 +72,7 @@ def loads_of(scene: Scene, nodes: Nodes, masses: Array, free: Array) -> tuple[Co
         direction = np.array(one["direction"])
         inertial(name, -direction / np.linalg.norm(direction), mass)
     for name, one in scene.effects.get("prescribed", {}).items():
-        where = f"effects.prescribed.{name}"
+        where, units[name] = f"effects.prescribed.{name}", 1.0
         if "point" in one:
             columns[name] = np.kron(shape_functions(nodes, np.array(one["point"]), where)[:, None], np.eye(3))[free]
             _refuse_nothing(columns[name], where)

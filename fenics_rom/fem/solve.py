@@ -132,6 +132,7 @@ class FullSimulator:
             self.surroundings.offsets,
             self.surroundings.ahead,
             self._quasi_static,
+            self.surroundings.velocities,
         )
 
     def _at_points(self, x: Array) -> Array:
@@ -243,7 +244,7 @@ def solve(
         surroundings.ahead = surroundings.offsets_at(end)
         loads = surroundings.loads(end if surroundings.quasi_static else middle)
         simulator.step(inputs[contact], np.concatenate([u, loads]))
-        surroundings.offsets = surroundings.ahead
+        surroundings.arrive(history.dt)
         seconds += time.perf_counter() - start
         if step % LOOK_EVERY == 0:
             now = Excursion(*largest(gauges.components(simulator.displacement())), simulator.time)

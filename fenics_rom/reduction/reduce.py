@@ -11,6 +11,7 @@ import numpy as np
 from fenics_rom.errors import FenicsRomWarning, SceneError
 from fenics_rom.reduction.balancing import order_of, orthonormal_span
 from fenics_rom.reduction.checkpoint import Checkpoint
+from fenics_rom.reduction.comparable import comparable
 from fenics_rom.reduction.elastic import elastic_part, require_loads, with_rigid
 from fenics_rom.reduction.methods import BY_NAME
 from fenics_rom.reduction.problem import Directions, Method, Problem
@@ -116,6 +117,7 @@ def reduce(
     with stages("factorisation of K"):
         factor = system.algebra.factor((1.0, system.stiffness), solver=solver)
     with closing(factor), stages("other work"):
+        system = comparable(system, factor)
         problem = Problem(
             system=system,
             factor=factor,

@@ -12,7 +12,7 @@ from fenics_rom.errors import SceneError, StepError
 from fenics_rom.ledger import Ledger
 from fenics_rom.rom import Mode, Rom
 from fenics_rom.runtime.forms import OneProduct, VelocityFirst, fastest
-from fenics_rom.runtime.surrounded import Equilibrium, MidpointAmongObstacles, Touch
+from fenics_rom.runtime.surrounded import Equilibrium, MidpointAmongObstacles, Surrounded, Touch
 from fenics_rom.scene import Scene
 from fenics_rom.scene_file import parse_scene
 from fenics_rom.schema import unknown
@@ -27,11 +27,13 @@ class Past(NamedTuple):
 
     Attributes:
         offsets: where the obstacles are, (O, 3), m.
+        velocities: theirs, (O, 3), m/s.
         last: contact forces, which the next search begins with, N.
         touched: contact; None where nothing touched.
     """
 
     offsets: Array
+    velocities: Array
     last: Array
     touched: Resolution | None
 
@@ -59,10 +61,25 @@ class Acting:
         if surroundings.law is not None:
             self._points = ContactPoints({name: mode.contact_points for name, mode in rom.modes.items()}, rom.nodes)
             contact = Contact(self._points.places, list(surroundings.obstacles.values()), surroundings.law)
-            contact.check_start(np.zeros(self._points.places.shape), surroundings.offsets, list(surroundings.obstacles))
             components = (3 * self._points.nodes[:, None] + np.arange(3)).ravel()
             self._touch = Touch(contact, rom.basis[np.searchsorted(rom.free, components)], surroundings)
         self.step_by_step = surroundings.quasi_static or self._touch is not None
+        self.check_start()
+
+    def check_start(self) -> None:
+        """Checks that at time 0 the body at rest is outside of all obstacles.
+
+        Raises:
+            StepError: it is not.
+        """
+        if self._touch is not None:
+            around, rest = self.surroundings, np.zeros(self._points.places.shape)
+            self._touch.contact.check_start(rest, around.offsets_at(0.0), list(around.obstacles))
+
+    def hand_over(self, left: Form, entered: Form) -> None:
+        """Takes the last contact from one contact mode's form to another's."""
+        if isinstance(left, Surrounded) and isinstance(entered, Surrounded):
+            entered.touched = left.touched
 
     def form(self, mode: Mode, ledger: Ledger | None, drift: Array) -> Form:
         """How a contact mode is stepped; arguments as in _Form."""
@@ -75,7 +92,7 @@ class Acting:
     def nearest(self, contact: str, form: Form) -> str:
         """The contact mode to be in, from the active one and its form."""
         around = self.surroundings
-        if self._touch is None or not self._chooses or not isinstance(form, MidpointAmongObstacles | Equilibrium):
+        if self._touch is None or not self._chooses or not isinstance(form, Surrounded):
             return contact
         found = self._points.nearest(self._touch.contact.gaps(form.displacement(), around.offsets), contact)
         if around.lap is not None:
@@ -128,20 +145,21 @@ class Acting:
     def save(self, form: Form) -> Past:
         """All that has a past beside the state of a form."""
         last = np.empty(0) if self._touch is None else self._touch.contact.last
-        return Past(self.surroundings.offsets, last, getattr(form, "touched", None))
+        return Past(self.surroundings.offsets, self.surroundings.velocities, last, getattr(form, "touched", None))
 
     def restore(self, form: Form, past: Past) -> None:
         """Goes back to what was saved."""
-        self.surroundings.offsets = past.offsets
+        self.surroundings.offsets, self.surroundings.velocities = past.offsets, past.velocities
         if self._touch is not None:
             self._touch.contact.last = past.last
-        if isinstance(form, MidpointAmongObstacles | Equilibrium):
+        if isinstance(form, Surrounded):
             form.touched = past.touched
 
     def reset(self, form: Form) -> None:
         """Back to time 0."""
         last = np.empty(0) if self._touch is None else np.zeros_like(self._touch.contact.last)
-        self.restore(form, Past(self.surroundings.offsets_at(0.0), last, None))
+        self.surroundings.begin()
+        self.restore(form, Past(self.surroundings.offsets, self.surroundings.velocities, last, None))
 
 
 def surrounded(

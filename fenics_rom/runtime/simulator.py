@@ -189,8 +189,10 @@ class Simulator:
             raise StepError(unknown("contact mode", contact, self.rom.modes))
         self._settle()
         potential, kinetic = self._projections.between(self._contact, contact)
-        before, m = self._form.state, len(self._ω)
+        left, before, m = self._form, self._form.state, len(self._ω)
         self._enter(contact)
+        if self._acting is not None:
+            self._acting.hand_over(left, self._form)
         after, n = self._form.state, len(self._ω)
         np.dot(potential, before[:m], out=after[:n])
         np.dot(kinetic, before[m:], out=after[n:])
@@ -283,7 +285,7 @@ class Simulator:
             if before is not None:
                 self.restore(before)
             raise
-        acting.surroundings.offsets = acting.surroundings.ahead
+        acting.surroundings.arrive(self._dt)
 
     def _step_high(self, u: Array, twice: float) -> None:
         """The end of a step to an energy at which the surface may have gone too far, or that is not a number."""
@@ -432,6 +434,8 @@ class Simulator:
     def reset(self) -> None:
         """Back to rest in the first contact mode, at time 0, with an empty account; dt stays."""
         self._rigid()[:] = 0
+        if self._acting is not None:
+            self._acting.check_start()
         if self.ledger is not None:
             self.ledger.sums = Ledger().sums
         self.steps, self._since = 0, (0.0, 0)

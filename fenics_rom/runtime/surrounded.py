@@ -48,7 +48,7 @@ class _Work(NamedTuple):
     velocities: Array
 
 
-class _Surrounded:
+class Surrounded:
     """What the forms here share: the state, the one before it, and the account of the step between them.
 
     Args:
@@ -119,7 +119,7 @@ class _Surrounded:
         self._seen[1], self._seen[2] = self._r, free
         displacement, velocity, free = self._seen.dot(self._Sᵀ).reshape(3, -1, 3)
         touched = contact.resolve(
-            displacement, velocity, free, self._W, self.h, around.offsets, around.ahead, quasi_static
+            displacement, velocity, free, self._W, self.h, around.offsets, around.ahead, quasi_static, around.velocities
         )
         if around.lap is not None:
             around.lap("contact, friction")
@@ -137,8 +137,8 @@ class _Surrounded:
         self._owed = work
 
 
-class MidpointAmongObstacles(_Surrounded):
-    """The midpoint step with contact. Arguments and attributes as in _Surrounded."""
+class MidpointAmongObstacles(Surrounded):
+    """The midpoint step with contact. Arguments and attributes as in Surrounded."""
 
     def retime(self, h: float) -> None:
         """Makes the coefficients for another time step, s."""
@@ -180,8 +180,8 @@ class MidpointAmongObstacles(_Surrounded):
         return matrix * right if matrix.ndim == 1 else matrix.dot(right)
 
 
-class Equilibrium(_Surrounded):
-    """A step of a quasi-static run. Arguments and attributes as in _Surrounded; the velocity stays zero."""
+class Equilibrium(Surrounded):
+    """A step of a quasi-static run. Arguments and attributes as in Surrounded; the velocity stays zero."""
 
     def retime(self, h: float) -> None:
         """Makes the coefficients for another time step, s."""

@@ -569,7 +569,7 @@ def stepper(scene, model, dt, velocity, histories=None):
         def step():
             around.ahead = around.offsets_at(full.time + dt)
             full.step(B, np.concatenate([none, around.loads(full.time + dt / 2)]))
-            around.offsets = around.ahead
+            around.arrive(dt)
 
         return step, full
     rom = reduced(system, order=system.size)

@@ -158,7 +158,7 @@ class Full:
         loads = around.loads(body.time + (dt if around.quasi_static else dt / 2))
         none = np.zeros(B.shape[1] - len(u) - len(loads))
         body.step(B, np.concatenate([none, u, loads]))
-        around.offsets = around.ahead
+        around.arrive(dt)
 
 
 def ride(run, steps, seed, least=1e-5, most=5e-2, strength=1.0):
