@@ -68,6 +68,6 @@ def test_effects_are_those_of_the_table():
 
 def test_pictures_are_there():
     pictures = re.findall(r"!\[.*?\]\((.*?)\)", README)
-    assert len(pictures) == 3
+    assert len(pictures) == 4
     for picture in pictures:
         assert (ROOT / picture).stat().st_size > 10_000

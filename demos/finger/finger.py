@@ -17,7 +17,6 @@ Everything is written to demos/finger/out/. The checks at the end fail if a clai
 import argparse
 import sys
 import warnings
-from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -47,8 +46,6 @@ from touching import (
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning
-from fenics_rom.reduction.balanced import balanced
-from fenics_rom.reduction.problem import Directions, Problem
 from fenics_rom.scene import Scene
 
 HERE = Path(__file__).parent
@@ -85,7 +82,7 @@ def main() -> None:
     print(f"Finger: {system.size} unknowns, {len(system.contacts)} contact modes, {len(points)} contact points\n")
 
     full = fr.solve(system)
-    rom = fr.reduce(system, order=orders[-1], method=with_actuators_at_rest)
+    rom = fr.reduce(system, order=orders[-1])
     runs = {order: fr.simulate(fr.truncated(rom, order), scene=scene, profile=True) for order in orders}
     errors = {order: error(reduced, full) for order, reduced in runs.items()}
     best = runs[orders[-1]]
@@ -109,22 +106,6 @@ def main() -> None:
         claims["the contact mode follows the objects"] = len(np.unique(best.contact)) > 1
     print(f"\nReduced in {sum(stage.seconds for stage in rom.stages):.0f} s\n")
     check(claims)
-
-
-def with_actuators_at_rest(problem: Problem) -> Iterator[tuple[str, Directions]]:
-    """Balanced directions after the shapes at rest of the actuators.
-
-    All inputs are balanced as forces of 1 N. The air here presses with 32 N on walls that hardly move, so that of
-    balanced directions alone few would know of it.
-    """
-    at_rest = None
-    for name, found in balanced(problem):
-        if at_rest is None:
-            columns = np.hstack(list(problem.system.actuators.values()))
-            at_rest = problem.space.add(problem.factor.solve(columns))
-        rows = max(len(at_rest), len(found.coordinates))
-        both = [np.pad(block, ((0, rows - len(block)), (0, 0))) for block in (at_rest, found.coordinates)]
-        yield name, Directions(np.hstack(both))
 
 
 def picture(run: fr.Record, scene: Scene, file: Path) -> None:
