@@ -23,7 +23,7 @@ def blocks(language):
 def errors(table):
     """Error by model and order, from a Markdown table."""
     rows = [[cell.strip() for cell in line.split("|")[1:-1]] for line in table.splitlines() if line.startswith("|")]
-    return {(row[0], row[1]): float(row[2]) for row in rows if re.fullmatch(r"\d.*e-\d+", row[2])}
+    return {(row[0], row[1]): float(row[2]) for row in rows if re.fullmatch(r"\d.*e-\d+", "".join(row[2:3]))}
 
 
 @pytest.fixture
