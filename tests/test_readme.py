@@ -35,7 +35,13 @@ def folder(tmp_path):
 
 def test_python_and_commands_run_as_printed(folder):
     (plate, matrices, method, faster, touch), (commands,) = blocks("python"), blocks("sh")
-    printing = ((plate, "supplied="), (matrices, ""), (method, "'static_error': "), (faster, "(256, 2, 3)"), (touch, "["))
+    printing = (
+        (plate, "supplied="),
+        (matrices, ""),
+        (method, "'static_error': "),
+        (faster, "(256, 2, 3)"),
+        (touch, "["),
+    )
     for python, printed in printing:
         run = subprocess.run(
             [sys.executable, "-c", python], cwd=folder, capture_output=True, text=True, env=dict(os.environ)

@@ -433,9 +433,9 @@ class Simulator:
 
     def reset(self) -> None:
         """Back to rest in the first contact mode, at time 0, with an empty account; dt stays."""
-        self._rigid()[:] = 0
         if self._acting is not None:
             self._acting.check_start()
+        self._rigid()[:] = 0
         if self.ledger is not None:
             self.ledger.sums = Ledger().sums
         self.steps, self._since = 0, (0.0, 0)

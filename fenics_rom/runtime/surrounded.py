@@ -67,6 +67,7 @@ class Surrounded:
         self._mode, self._ledger, self._drift, self._touch = mode, ledger, drift, touch
         self.h = 0.0
         self.touched: Resolution | None = None
+        self._touched_before: Resolution | None = None
         self._ω, self._inverse_ω = np.sqrt(mode.eigenvalues), 1 / mode.divisors
         self.state, self._before, self._drifted = np.zeros(2 * mode.order), np.zeros(2 * mode.order), drift.copy()
         self._halves = self.state.reshape(2, -1)
@@ -93,7 +94,7 @@ class Surrounded:
         """Takes the last step back."""
         self.state[:] = self._before
         self._drift[:] = self._drifted
-        self._owed = None
+        self._owed, self.touched = None, self._touched_before
 
     def settle(self) -> None:
         """Books what the last step supplied and dissipated."""
@@ -134,7 +135,7 @@ class Surrounded:
         self.settle()
         self._before[:] = self.state
         self._drifted[:] = self._drift
-        self._owed = work
+        self._owed, self._touched_before = work, self.touched
 
 
 class MidpointAmongObstacles(Surrounded):
