@@ -67,20 +67,35 @@ def write_file(file: str | Path, content: str, fill: Callable[[h5py.File], None]
     if not is_rank_0():
         return
     path = Path(file)
-    import tempfile  # here, as who only reads a ROM need not wait for it
-
-    temporary = None
     try:
         check_place(path)
         memory = io.BytesIO()  # not the disk: HDF5 does not take it well when that is full
         with h5py.File(memory, "w", track_order=True, userblock_size=SEAL_SIZE) as h5:
             put_text(h5, format=FORMAT, format_version=VERSION, content=content, software=_software())
             fill(h5)
+    except OSError as error:
+        raise RomFileError(f"{path}: cannot be written: {_reason(error)}") from error
+    write_whole(path, sealed(memory.getbuffer()), memory.getbuffer()[SEAL_SIZE:])
+
+
+def write_whole(path: Path, *parts: bytes | memoryview) -> None:
+    """Writes a file beside its place and renames it, so that there is never half of it; under MPI, rank 0 does.
+
+    Raises:
+        RomFileError: it cannot be written.
+    """
+    if not is_rank_0():
+        return
+    import tempfile  # here, as who only reads a ROM need not wait for it
+
+    temporary = None
+    try:
+        check_place(path)
         handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent)
         temporary = Path(name)
         with os.fdopen(handle, "wb") as stream:
-            stream.write(sealed(memory.getbuffer()))
-            stream.write(memory.getbuffer()[SEAL_SIZE:])
+            for part in parts:
+                stream.write(part)
         temporary.chmod(0o644)
         temporary.replace(path)
     except OSError as error:

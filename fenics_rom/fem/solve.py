@@ -2,7 +2,7 @@
 
 import time
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -33,12 +33,14 @@ class FullSimulator:
         system: the full-order model, on PETSc matrices.
         dt: time step, s; may be set anew before any step.
         surroundings: obstacles, and whether there is inertia; None: no obstacles, and inertia.
+        ledger: whether the energy account is kept; without it a step is one solve and two products.
 
     Attributes:
         touched: contact in the last step; None where nothing touched.
+        ledger: the energy account, or None.
     """
 
-    def __init__(self, system: System, dt: float, surroundings: Surroundings | None = None):
+    def __init__(self, system: System, dt: float, surroundings: Surroundings | None = None, *, ledger: bool = True):
         self.system, self.surroundings = system, surroundings
         self.touched: Resolution | None = None
         self._quasi_static = surroundings is not None and surroundings.quasi_static
@@ -52,7 +54,7 @@ class FullSimulator:
             self._Sᵀ = system.at_nodes(self.points.nodes)
         self.dt = dt
         self.time = 0.0
-        self.ledger = Ledger()
+        self.ledger = Ledger() if ledger else None
         rows = system.algebra.rows()
         self.x = np.zeros((rows.stop - rows.start, 1))
         self.v = np.zeros_like(self.x)
@@ -64,6 +66,7 @@ class FullSimulator:
     @property
     def energy(self) -> float:
         """Stored energy ½ vᵀMv + ½ xᵀKx, J."""
+        self._renew_products()
         return self._dot(self.v, self._momentum) / 2 + self._dot(self.x, self._elastic) / 2
 
     def set_state(self, x: Array, v: Array) -> None:
@@ -77,10 +80,11 @@ class FullSimulator:
 
         In K x large terms cancel (bending against stretching), so that in double precision the energy account of a
         thin body would close to 1e-10 only. Products with K in extended precision, one refinement of the solve, and
-        M v and K x carried along by their increments close it to round-off.
+        M v and K x carried along by their increments close it to round-off. Without an account none of that is done.
         """
-        h, s = self.dt, self.system
+        h = self.dt
         factor = self._factor(h)
+        self._renew_products()
         force = (B @ u)[:, None]
         right = force - self._elastic if self._quasi_static else force + 2 / h * self._momentum - self._elastic
         v = factor.solve(right)
@@ -88,23 +92,20 @@ class FullSimulator:
         if touched is not None:
             right = right + self._Sᵀ @ touched.forces.reshape(-1, 1)
             v = factor.solve(right)
-        Mv, Kv = s.mass @ v, self._stiffness @ v
-        correction = factor.solve(right - self._resisted(v, Mv, Kv))
-        v += correction
-        Mv += s.mass @ correction
-        Kv += s.stiffness @ correction
         if not np.isfinite(self._dot(v, v)):
             raise StepError(f"input {u.tolist()} leads out of the finite numbers; the state was left as it was")
-        drawn = h / 2 * Kv if self._quasi_static else self._damped(v, Mv, Kv)
-        self.ledger.book(supplied=h * self._dot(force, v), dissipated=h * self._dot(v, drawn))
-        if touched is not None:
-            self.ledger.book_contact(*touched.account(self._at_points(v), h))
+        if self.ledger is not None:
+            Mv, Kv = self._refined(factor, right, v)
+            drawn = h / 2 * Kv if self._quasi_static else self._damped(v, Mv, Kv)
+            self.ledger.book(supplied=h * self._dot(force, v), dissipated=h * self._dot(v, drawn))
+            if touched is not None:
+                self.ledger.book_contact(*touched.account(self._at_points(v), h))
+            self._momentum = 2 * Mv - self._momentum
+            self._elastic = self._elastic + h * Kv
         self.touched = touched
         self.x += h * v
         if not self._quasi_static:
             self.v = 2 * v - self.v
-            self._momentum = 2 * Mv - self._momentum
-        self._elastic = self._elastic + h * Kv
         self.time += h
 
     def nearest(self, active: str) -> str:
@@ -138,6 +139,19 @@ class FullSimulator:
     def _at_points(self, x: Array) -> Array:
         """What a field (rows here, 1) is at the contact points, (P, 3)."""
         return self.system.algebra.inner(self._Sᵀ, x).reshape(-1, 3)
+
+    def _renew_products(self) -> None:
+        """M v and K x anew, where no account carries them along."""
+        if self.ledger is None:
+            self._momentum, self._elastic = self.system.mass @ self.v, self.system.stiffness @ self.x
+
+    def _refined(self, factor: PetscFactor, right: Array, v: Array) -> tuple[Array, Array]:
+        """Refines A v = right once, in place; M v and K v."""
+        s = self.system
+        Mv, Kv = s.mass @ v, self._stiffness @ v
+        correction = factor.solve(right - self._resisted(v, Mv, Kv))
+        v += correction
+        return Mv + s.mass @ correction, Kv + s.stiffness @ correction
 
     def _resisted(self, v: Array, Mv: Array, Kv: Array) -> Array:
         """A v, A = 2/h M + D + h/2 K; without inertia A = h K."""
@@ -209,50 +223,30 @@ def solve(
         SceneError, MeshError, SolverError: as `assemble`, or no load history.
     """
     system = assemble(scene) if isinstance(scene, Scene) else scene
-    asked = system.scene
-    if asked is None or asked.run is None:
-        where = asked.source if asked else "a system of matrices"
-        raise SceneError(f"{where}: has no [run], so there is no load history to simulate")
-    surroundings = Surroundings(asked, histories=histories)
-    if surroundings.quasi_static and system.rigid.shape[1]:
-        raise SceneError(
-            f"{asked.source}: effects: inertia is missing, and a body that nothing holds has no equilibrium"
-        )
-    inputs = {name: system.input_matrix(name) for name in system.contacts}
-    history = LoadHistory(
-        asked,
-        {name: columns.shape[1] for name, columns in system.contacts.items()},
-        {name: columns.shape[1] for name, columns in system.actuators.items()},
-        dt,
-    )
+    asked, surroundings, history = _asked(system, dt, histories)
+    assert asked.run is not None
     simulator = FullSimulator(system, history.dt, surroundings)
     points = {name: rows.shape[1] // 3 for name, rows in system.outputs.items()}
     nodes, contact = len(system.body.nodes), history.first_contact()
-    kept = points, tuple(inputs), nodes, asked.run.shapes, tuple(asked.effects), tuple(surroundings.obstacles)
+    kept = points, tuple(system.contacts), nodes, asked.run.shapes, tuple(asked.effects), tuple(surroundings.obstacles)
     recorder = Recorder(history.steps, history.dt, *kept)
-    recorder.sample(0, contact, simulator.energy, simulator.ledger, simulator.displacement, None)
+
+    def sample(step: int, contact: str) -> None:
+        assert simulator.ledger is not None
+        forces = None if simulator.touched is None else simulator.touched.by_obstacle
+        recorder.sample(step, contact, simulator.energy, simulator.ledger, simulator.displacement, forces)
+
+    sample(0, contact)
     gauges, seen = SurfaceGauges(system.body.nodes, system.body.triangles), Excursion()
     seconds = 0.0
-    for step, (pushed, u) in enumerate(history, start=1):
-        start = time.perf_counter()
-        if history.automatic:
-            contact = simulator.nearest(contact)
-            u = np.concatenate([np.zeros(system.contacts[contact].shape[1]), u])
-        else:
-            contact = pushed
-        middle, end = simulator.time + history.dt / 2, simulator.time + history.dt
-        surroundings.ahead = surroundings.offsets_at(end)
-        loads = surroundings.loads(end if surroundings.quasi_static else middle)
-        simulator.step(inputs[contact], np.concatenate([u, loads]))
-        surroundings.arrive(history.dt)
-        seconds += time.perf_counter() - start
+    for step, (contact, spent) in enumerate(_steps(simulator, history), start=1):
+        seconds += spent
         if step % LOOK_EVERY == 0:
             now = Excursion(*largest(gauges.components(simulator.displacement())), simulator.time)
             if now.beyond and not seen.beyond:
                 warnings.warn(warning(now), FenicsRomWarning, stacklevel=2)
             seen = seen.joined(now)
-        forces = None if simulator.touched is None else simulator.touched.by_obstacle
-        recorder.sample(step, contact, simulator.energy, simulator.ledger, simulator.displacement, forces)
+        sample(step, contact)
         report("steps", step, history.steps)
     simulator.close()
     return recorder.record(
@@ -264,3 +258,69 @@ def solve(
         node_mass=system.body.node_mass,
         warnings=(*system.warnings, *filter(None, [summary(seen), simulator.loose])),
     )
+
+
+def plain_rate(system: System, dt: float, seconds: float = 0.2, windows: int = 5) -> float:
+    """Steps per second of the scene's load history without the energy account; every rank must call it.
+
+    Args:
+        system: with a scene.
+        dt: time step, s.
+        seconds: wall clock of a window.
+        windows: how many there are, of which the fastest counts: whatever else a machine does can only slow it down.
+    """
+    _, surroundings, history = _asked(system, dt, None)
+    simulator = FullSimulator(system, history.dt, surroundings, ledger=False)
+    rates = []
+    spent, taken = 0.0, 0
+    for step, (_, last) in enumerate(_steps(simulator, history)):
+        if step == 0:  # it has the factorisation in it
+            continue
+        spent, taken = spent + float(system.algebra.gather(np.array([[last]])).max()), taken + 1
+        if spent >= seconds or step == history.steps - 1:
+            rates.append(taken / spent)
+            spent, taken = 0.0, 0
+        if len(rates) == windows:
+            break
+    simulator.close()
+    return max(rates, default=0.0)
+
+
+def _asked(
+    system: System, dt: float | None, histories: Mapping[str, History] | None
+) -> tuple[Scene, Surroundings, LoadHistory]:
+    """The scene of a system, what acts in it, and the inputs of every step."""
+    asked = system.scene
+    if asked is None or asked.run is None:
+        where = asked.source if asked else "a system of matrices"
+        raise SceneError(f"{where}: has no [run], so there is no load history to simulate")
+    surroundings = Surroundings(asked, histories=histories)
+    if surroundings.quasi_static and system.rigid.shape[1]:
+        raise SceneError(
+            f"{asked.source}: effects: inertia is missing, and a body that nothing holds has no equilibrium"
+        )
+    contacts, actuators = (
+        {name: B.shape[1] for name, B in blocks.items()} for blocks in (system.contacts, system.actuators)
+    )
+    return asked, surroundings, LoadHistory(asked, contacts, actuators, dt)
+
+
+def _steps(simulator: FullSimulator, history: LoadHistory) -> Iterator[tuple[str, float]]:
+    """Takes the steps of a load history; contact mode and wall clock (s) of each."""
+    system, surroundings = simulator.system, simulator.surroundings
+    assert surroundings is not None
+    inputs = {name: system.input_matrix(name) for name in system.contacts}
+    contact = history.first_contact()
+    for pushed, u in history:
+        start = time.perf_counter()
+        if history.automatic:
+            contact = simulator.nearest(contact)
+            u = np.concatenate([np.zeros(system.contacts[contact].shape[1]), u])
+        else:
+            contact = pushed
+        middle, end = simulator.time + history.dt / 2, simulator.time + history.dt
+        surroundings.ahead = surroundings.offsets_at(end)
+        loads = surroundings.loads(end if surroundings.quasi_static else middle)
+        simulator.step(inputs[contact], np.concatenate([u, loads]))
+        surroundings.arrive(history.dt)
+        yield contact, time.perf_counter() - start

@@ -1,0 +1,99 @@
+"""One reduced model, measured against the reference at every step of the grid."""
+
+import tempfile
+import time
+from collections.abc import Iterable
+from pathlib import Path
+
+import fenics_rom as fr
+from fenics_rom.accuracy.findings import Row
+from fenics_rom.accuracy.ways import WAYS
+from fenics_rom.comparison import compare
+from fenics_rom.record import Record
+from fenics_rom.rom import Rom
+from fenics_rom.runtime.run import rate
+from fenics_rom.scene import Scene
+from fenics_rom.system import System
+
+CERTIFICATE = ("static_error", "transfer_error", "neglected")
+SHARE = 1 - 1e-9  # of the trace, so that the paper's selection has as many eigenvectors as are asked for
+
+
+def reduced(system: System, method: str, order: int) -> tuple[Rom, float]:
+    """The model and the seconds that its reduction took; every rank must call it.
+
+    Raises:
+        SceneError, SolverError: as `reduce`.
+    """
+    start = time.perf_counter()
+    rom = fr.reduce(system, order=order, share=SHARE, **WAYS[method].choices)
+    seconds = time.perf_counter() - start
+    if max(mode.order - mode.rigid for mode in rom.modes.values()) > order:
+        rom = fr.truncated(rom, order)  # the paper's selection takes more eigenvectors than directions
+    return rom, seconds
+
+
+def order_of(rom: Rom) -> int:
+    """Displacements of the contact mode that has most."""
+    return max(mode.order for mode in rom.modes.values())
+
+
+def measured(
+    rom: Rom, seconds: float, method: str, scene: Scene, reference: Record, steps: tuple[float, ...]
+) -> tuple[Row, ...]:
+    """Errors, rates and costs of a reduced model at each time step.
+
+    Args:
+        rom: the model.
+        seconds: that its reduction took.
+        method: name of it.
+        scene: whose run is taken.
+        reference: the full-order run.
+        steps: s.
+
+    Raises:
+        StepError, SceneError: a run could not be made.
+    """
+    own_step = fr.simulate(rom, scene=scene, dt=reference.settings["dt"])
+    reduction = compare(own_step, reference)["shape"].relative
+    certificates = list(rom.certificate.values())
+    worst = {key: _largest(c[key] for c in certificates) for key in CERTIFICATE}
+    size = _file_size(rom)
+    rows = []
+    for dt in steps:
+        run = fr.simulate(rom, scene=scene, dt=dt)
+        differences = compare(run, reference)
+        shape = differences.pop("shape")
+        rows.append(
+            Row(
+                method=method,
+                order=order_of(rom),
+                dt=dt,
+                error=shape.relative,
+                largest=shape.largest / shape.largest_reference,
+                outputs={
+                    name.removeprefix("output "): (d.relative, d.largest / d.largest_reference if d.largest else 0.0)
+                    for name, d in differences.items()
+                    if name != "energy"
+                },
+                energy=differences["energy"].relative,
+                reduction=reduction,
+                time_step=compare(run, own_step)["shape"].relative,
+                rate=rate(rom, scene=scene, dt=dt),
+                offline=seconds,
+                file_size=size,
+                **worst,
+            )
+        )
+    return tuple(rows)
+
+
+def _largest(values: Iterable[float | None]) -> float | None:
+    return max((value for value in values if value is not None), default=None)
+
+
+def _file_size(rom: Rom) -> int:
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder, "rom.h5")
+        fr.write_rom(file, rom)
+        return file.stat().st_size

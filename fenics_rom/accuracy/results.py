@@ -1,0 +1,42 @@
+"""What a study leaves in its folder for people to read: tables and pictures."""
+
+from pathlib import Path
+
+from fenics_rom.accuracy.findings import Findings
+from fenics_rom.accuracy.tables import csv_table, report
+from fenics_rom.checked_file import is_rank_0, write_whole
+from fenics_rom.errors import MissingPackageError
+
+PICTURES = ("speed", "orders", "parts")
+
+
+def require_pictures() -> None:
+    """Worth asking before long work.
+
+    Raises:
+        MissingPackageError: Matplotlib is not installed.
+    """
+    try:
+        import matplotlib  # noqa: F401
+    except ModuleNotFoundError as error:
+        raise MissingPackageError("the pictures need Matplotlib: pip install fenics-rom[plot]") from error
+
+
+def write_results(folder: Path, findings: Findings, command: str) -> None:
+    """Writes study.csv, study.md, and the pictures speed, orders and parts; under MPI, rank 0 does.
+
+    Args:
+        folder: where.
+        findings: of the study.
+        command: that made them, as it is typed.
+
+    Raises:
+        RomFileError: a file cannot be written.
+    """
+    if not is_rank_0():
+        return
+    from fenics_rom.accuracy.pictures import draw
+
+    write_whole(folder / "study.csv", csv_table(findings).encode())
+    write_whole(folder / "study.md", report(findings, command).encode())
+    draw(findings, folder)

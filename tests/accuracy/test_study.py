@@ -1,0 +1,310 @@
+"""What a study says of errors, against closed forms and runs of their own; what it leaves, takes over and refuses."""
+
+import csv
+import os
+import subprocess
+import sys
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from bodies import dense, scene_text, write_box
+
+import fenics_rom as fr
+from fenics_rom.accuracy.results import PICTURES, write_results
+from fenics_rom.accuracy.study import study_for
+from fenics_rom.accuracy.tables import remarks
+from fenics_rom.accuracy.ways import ORDERS, WAYS
+from fenics_rom.errors import RomFileError, SceneError, SolverError
+from fenics_rom.scene_file import parse_scene
+
+pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
+
+PUSH = """dt = 0.01
+duration = 1.0
+load = [{ contact = "right", stop = 0.48, force = [1.0, 2.0, 5.0] }]"""
+TIP = {"outputs.tip": "points = [[1.0, 0.0, 0.3]]"}
+FIRST, SECOND = 0.48, 0.52  # s with and without the force
+FORCE = np.array([1.0, 2.0, 5.0])
+
+
+def box_scene(mesh, run=PUSH, **parts):
+    return parse_scene(scene_text(mesh, run=run, **(TIP | parts)), folder=Path(mesh).parent, source="box")
+
+
+@pytest.fixture(scope="module")
+def scene(box_file):
+    return box_scene(box_file)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("study")
+
+
+@pytest.fixture(scope="module")
+def findings(scene, folder):
+    return fr.study(scene, folder, orders=[5, 20, 60], steps=[0.02, 0.01, 0.005])
+
+
+def exact_shapes(system, times):
+    """Displacements in all eigenvectors, each solved in closed form; damping below the critical one or above."""
+    M, D, K = (dense(A, system.size) for A in (system.mass, system.damping, system.stiffness))
+    L = np.linalg.cholesky(M)
+    γ, U = np.linalg.eigh(np.linalg.solve(L, np.linalg.solve(L, K).T))
+    V = np.linalg.solve(L.T, U)
+    d, g = np.diag(V.T @ D @ V), V.T @ system.input_matrix("right") @ FORCE
+    root = np.sqrt(d.astype(complex) ** 2 / 4 - γ)
+    ends = -d / 2 + root, -d / 2 - root
+
+    def free(q, r, t):
+        a, b = (r - ends[1] * q) / (ends[0] - ends[1]), (ends[0] * q - r) / (ends[0] - ends[1])
+        terms = a * np.exp(ends[0] * t), b * np.exp(ends[1] * t)
+        return (terms[0] + terms[1]).real, (ends[0] * terms[0] + ends[1] * terms[1]).real
+
+    held, shapes = g / γ, []
+    last = [part + rest for part, rest in zip(free(-held, 0 * held, FIRST), (held, 0), strict=True)]
+    for t in times:
+        q = held + free(-held, 0 * held, t)[0] if t <= FIRST else free(*last, t - FIRST)[0]
+        field = np.zeros(3 * len(system.body.nodes))
+        field[system.body.free] = V @ q
+        shapes.append(field.reshape(-1, 3))
+    return np.array(shapes)
+
+
+def off(shapes, reference, node_mass):
+    weight = np.sqrt(node_mass)[:, None]
+    return np.linalg.norm(weight * (shapes - reference)) / np.linalg.norm(weight * reference)
+
+
+def test_reference_knows_its_own_error(scene, box_system, findings, folder):
+    reference = fr.read_record(folder / "reference.h5")
+    assert reference.settings["dt"] == findings.reference_step == 0.005 / 4
+    system = fr.assemble(scene)
+    truth = exact_shapes(system, reference.shape_times)
+    assert off(reference.shapes, truth, reference.node_mass) == pytest.approx(findings.reference_error, rel=0.05)
+
+
+def test_errors_are_those_from_the_closed_form(scene, findings):
+    """Of the largest model at each step, whose error is the step's."""
+    system = fr.assemble(scene)
+    rom = fr.reduce(system, order=60)
+    for row in findings.of("balanced", 60):
+        run = fr.simulate(rom, scene=scene, dt=row.dt)
+        truth = exact_shapes(system, run.shape_times)
+        assert off(run.shapes, truth, run.node_mass) == pytest.approx(row.error, rel=0.1)
+        assert row.error == pytest.approx(row.time_step, rel=0.1)
+
+
+def test_errors_add_up_to_no_more_than_their_parts(findings):
+    assert len(findings.rows) == 5 * 3 * 3
+    for row in findings.rows:
+        assert row.error <= (row.reduction + row.time_step) * (1 + 1e-9)
+        assert row.error >= abs(row.reduction - row.time_step) * (1 - 1e-9)
+        assert row.outputs.keys() == {"tip"}
+        assert row.rate > 0
+        assert row.offline > 0
+    by_step = [row.time_step for row in findings.of("balanced", 60)]
+    assert by_step[0] / by_step[1] == pytest.approx(4, rel=0.3)
+    assert by_step[1] / by_step[2] == pytest.approx(4, rel=0.3)
+
+
+def test_reduction_is_measured_at_the_step_of_the_reference(scene, findings, folder):
+    reference = fr.read_record(folder / "reference.h5")
+    rom = fr.reduce(fr.assemble(scene), order=20, method="pod")
+    run = fr.simulate(rom, scene=replace(scene, run=replace(scene.run, shapes=50)), dt=findings.reference_step)
+    assert len(run.shape_times) == len(reference.shape_times)
+    expected = off(run.shapes, reference.shapes, run.node_mass)
+    rows = findings.of("pod", 20)
+    assert [row.reduction for row in rows] == pytest.approx([expected] * 3, rel=1e-6)
+
+
+def test_reference_is_ten_times_closer_than_what_it_measures_or_it_says_so(findings):
+    assert findings.reference_error < 0.1 * findings.smallest_error
+    assert not [said for said in remarks(findings) if "reference" in said]
+    poor = replace(findings, reference_error=0.2 * findings.smallest_error)
+    assert "more than a tenth of the smallest error" in remarks(poor)[0]
+
+
+def test_paper_selection_has_as_many_eigenvectors_as_asked_for(findings):
+    assert {row.order for row in findings.rows if row.method == "selection"} == {5, 20, 60}
+
+
+def test_results_hold_what_was_found(findings, tmp_path):
+    write_results(tmp_path, findings, "fenics-rom study box.toml -o out")
+    with (tmp_path / "study.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    assert len(rows) == len(findings.rows)
+    for row, found in zip(rows, findings.rows, strict=True):
+        assert (row["method"], int(row["order"]), float(row["step (s)"])) == (found.method, found.order, found.dt)
+        assert float(row["error of shape"]) == pytest.approx(found.error, rel=1e-3)
+        assert float(row["largest error of tip"]) == pytest.approx(found.outputs["tip"][1], rel=1e-3)
+        assert float(row["times real time"]) == pytest.approx(found.rate * found.dt, rel=1e-3)
+    assert 1 <= sum(row["on the Pareto front"] == "yes" for row in rows) < len(rows)
+    text = (tmp_path / "study.md").read_text()
+    assert "`fenics-rom study box.toml -o out`" in text
+    assert all(WAYS[method].label in text for method in ("balanced", "selection", "modal", "modal+static", "pod"))
+    for name in PICTURES:
+        assert (tmp_path / f"{name}.png").stat().st_size > 20_000
+        assert (tmp_path / f"{name}.pdf").stat().st_size > 5_000
+
+
+def test_interrupted_study_goes_on(scene, tmp_path):
+    choices = {"methods": ["balanced", "modal"], "orders": [5, 10], "steps": [0.02]}
+
+    def stop(stage, done, of):
+        if (stage, done) == ("reduced models", 3):
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        fr.study(scene, tmp_path, **choices, report=stop)
+    begun = (tmp_path / "reference.h5").stat().st_mtime_ns
+    seen = []
+    found = fr.study(scene, tmp_path, **choices, resume=True, report=lambda stage, done, of: seen.append(stage))
+    assert (tmp_path / "reference.h5").stat().st_mtime_ns == begun
+    assert "full order" not in seen
+    assert [(row.method, row.order) for row in found.rows] == [
+        ("balanced", 5),
+        ("modal", 5),
+        ("balanced", 10),
+        ("modal", 10),
+    ]
+    again = fr.study(scene, tmp_path, **choices, resume=True)
+    assert again == found  # rates and all: nothing was measured anew
+    with pytest.raises(RomFileError, match="of another scene, mesh or smallest step; start without resume"):
+        fr.study(scene, tmp_path, steps=[0.01], resume=True)
+    (tmp_path / "study.json").write_text("{}")
+    with pytest.raises(RomFileError, match="does not hold a study"):
+        fr.study(scene, tmp_path, **choices, resume=True)
+
+
+def test_two_ranks_find_the_same(box_file, tmp_path):
+    file = tmp_path / "box.toml"
+    file.write_text(scene_text(box_file, run=PUSH, **TIP))
+    rows = {}
+    for ranks in (1, 2):
+        out = tmp_path / str(ranks)
+        command = ["mpirun", "-n", str(ranks), sys.executable, "-m", "fenics_rom", "study", str(file), "-o", str(out)]
+        command += ["--methods", "balanced", "selection", "--orders", "10", "--steps", "0.02", "0.01"]
+        run = subprocess.run(command, capture_output=True, text=True, env=dict(os.environ))
+        assert run.returncode == 0, run.stderr
+        assert run.stdout.count("what each decimal costs") == 1
+        with (out / "study.csv").open(newline="") as table:
+            rows[ranks] = list(csv.DictReader(table))
+    assert len(rows[1]) == len(rows[2]) == 4
+    for one, two in zip(rows[1], rows[2], strict=True):
+        for column in ("error of shape", "error of reduction alone", "error of energy", "largest error of tip"):
+            assert float(one[column]) == pytest.approx(float(two[column]), rel=1e-3)
+
+
+class TestForATolerance:
+    def test_model_keeps_it_and_a_smaller_one_would_not(self, scene, tmp_path):
+        tolerance = 1e-3
+        findings, row, rom = study_for(scene, tmp_path, tolerance)
+        system = fr.assemble(scene)
+        run = fr.simulate(rom, dt=row.dt)
+        assert off(run.shapes, exact_shapes(system, run.shape_times), run.node_mass) < 1.02 * tolerance
+        tried = sorted({other.order for other in findings.rows})
+        assert tried == list(ORDERS[: len(tried)])
+        assert row.order == tried[-1]
+        assert all(other.error > tolerance for other in findings.rows if other.order < row.order)
+
+    def test_that_no_step_reaches(self, box_file, tmp_path):
+        short = box_scene(
+            box_file, 'dt = 0.01\nduration = 0.2\nload = [{ contact = "right", force = [0.0, 0.0, 5.0] }]'
+        )
+        said = r"tolerance 1e-12: not reached, as the time step alone leaves an error of .*e-0\d at .* µs"
+        with pytest.raises(SolverError, match=said):
+            study_for(short, tmp_path, 1e-12)
+
+    def test_that_no_order_reaches(self, scene, tmp_path, monkeypatch):
+        monkeypatch.setattr("fenics_rom.accuracy.ways.ORDERS", (4, 6))
+        said = r"not reached; the least error of the whole shape was .*, of which the reduction \(order 6\) alone makes"
+        with pytest.raises(SolverError, match=said):
+            study_for(scene, tmp_path, 1e-4)
+        assert (tmp_path / "study.json").exists()  # what was found is not lost
+
+    @pytest.mark.parametrize("tolerance", [0.0, 1.0, -1e-3, np.nan])
+    def test_that_means_nothing(self, scene, tmp_path, tolerance):
+        with pytest.raises(SceneError, match="tolerance"):
+            study_for(scene, tmp_path, tolerance)
+
+
+class TestMeshes:
+    def test_are_compared_at_outputs_with_the_finest(self, box_file, tmp_path):
+        finer = [write_box(tmp_path / f"{n}.msh", (1.0, 0.4, 0.3), (4 * n, 2 * n, 2 * n)) for n in (3, 2)]
+        scene = box_scene(box_file)
+        found = fr.study(scene, tmp_path / "out", meshes=finer, orders=[5], methods=["balanced"], steps=[0.02])
+        assert [mesh.file for mesh in found.meshes] == ["box.msh", "2.msh", "3.msh"]
+        runs = [fr.solve(replace(scene, mesh_file=file)).outputs["tip"] for file in (box_file, finer[1], finer[0])]
+        errors = [np.linalg.norm(run - runs[-1]) / np.linalg.norm(runs[-1]) for run in runs]
+        assert [mesh.outputs["tip"] for mesh in found.meshes] == pytest.approx(errors, rel=1e-9)
+        assert errors[0] > errors[1] > errors[2] == 0
+        assert any(said.startswith("the mesh is ") for said in remarks(found))
+        write_results(tmp_path / "out", found, "study")
+        assert "## Error of the mesh" in (tmp_path / "out" / "study.md").read_text()
+
+    def test_that_are_no_finer_are_refused(self, box_file, tmp_path):
+        coarse = write_box(tmp_path / "coarse.msh", (1.0, 0.4, 0.3), (2, 1, 1))
+        with pytest.raises(SceneError, match=r"box.msh has 108 unknowns; allowed are meshes that are finer"):
+            fr.study(box_scene(box_file), tmp_path, meshes=[coarse], quick=True)
+
+    def test_need_outputs(self, box_file, tmp_path):
+        bare = box_scene(box_file, **{"outputs.tip": None})
+        with pytest.raises(SceneError, match=r"compared at outputs, and the scene names none; add \[outputs.NAME\]"):
+            fr.study(bare, tmp_path, meshes=[box_file], quick=True)
+
+
+def test_statics_and_contact_can_be_studied(box_file, tmp_path):
+    quiet = box_scene(box_file, effects="")
+    static = fr.study(quiet, tmp_path / "static", quick=True)
+    assert {row.method for row in static.rows} == {"static"}
+    assert static.smallest_error < 1e-9  # K⁻¹B is all that an equilibrium has
+    floor = '[effects.contact.obstacles.floor]\nshape = "half-space"\npoint = [0, 0, -1e-4]\nnormal = [0, 0, 1]'
+    pressed = box_scene(
+        box_file,
+        PUSH.replace("5.0]", "-5.0]"),
+        effects="inertia = {}\ndamping = { alpha = 1.0, beta = 1e-3 }\n"
+        + '[effects.contact]\nswitching = "scene"\n'
+        + floor,
+    )
+    touched = fr.study(pressed, tmp_path / "contact", methods=["balanced"], orders=[60], steps=[0.01])
+    assert touched.divisor == 1.0
+    assert touched.rows[0].reduction < 1e-2
+    assert touched.reference_error < touched.rows[0].error
+
+
+@pytest.mark.parametrize(
+    ("run", "said"),
+    [
+        (None, r"has no \[run\], so there is nothing to measure"),
+        ("dt = 0.01\nduration = 1.0", "nothing acts in its run, so there is nothing to measure; add"),
+        (PUSH.replace("[1.0, 2.0, 5.0]", "[0, 0, 0]"), "nothing moves in its run, so there is nothing to measure"),
+    ],
+)
+def test_scene_without_anything_to_measure_is_refused(box_file, tmp_path, run, said):
+    with pytest.raises(SceneError, match=said):
+        fr.study(box_scene(box_file, run), tmp_path, quick=True)
+
+
+@pytest.mark.parametrize(
+    ("choice", "said"),
+    [
+        ({"methods": ["balancd"]}, "no method 'balancd'; there is .* did you mean 'balanced'"),
+        ({"orders": [0]}, "order = 0"),
+        ({"orders": []}, "nothing to study"),
+        ({"steps": [-1.0]}, "step = -1.0"),
+        ({"steps": [0.01, 0.007]}, "steps: 0.01 s is no whole multiple of the smallest, 0.007 s"),
+        ({"steps": [0.7]}, "steps: 0.7 s is too long for a run of 1 s"),
+    ],
+)
+def test_choice_that_does_not_exist_is_refused(scene, tmp_path, choice, said):
+    with pytest.raises(SceneError, match=said):
+        fr.study(scene, tmp_path, **choice)
+
+
+def test_folder_that_cannot_be_made_is_refused(scene, tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(RomFileError, match="cannot be made"):
+        fr.study(scene, tmp_path / "file" / "out", quick=True)
