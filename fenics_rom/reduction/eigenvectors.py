@@ -1,20 +1,26 @@
 """Generalized eigenvectors in the shared space, computed once for all contact modes."""
 
+import numpy as np
+
 from fenics_rom.errors import SceneError
 from fenics_rom.reduction.problem import Problem
+from fenics_rom.reduction.shared_space import orthonormal_rest
 
 
 def share_eigenvectors(problem: Problem, count: int) -> None:
-    """Makes the lowest eigenvectors the first columns of the shared space, which is empty or begins with some."""
+    """Makes the lowest eigenvectors the first columns of the shared space, which is empty or holds some and no more."""
     system, space = problem.system, problem.space
     count = min(count, system.elastic_size)
     if space.eigenvectors >= count:
         return
-    if space.size:
+    if space.size > space.eigenvectors:
         raise SceneError(f"{count} eigenvectors were asked for after other directions; ask for them first")
     problem.stages.report("eigenvectors", 0, count)
     with problem.stages("eigenvectors"):
         _, V = system.algebra.eigenpairs(system.mass, system.stiffness, count, problem.factor)
+        if space.size:  # those of equal eigenvalues may have come out otherwise than before
+            V, *_ = orthonormal_rest(system, V, space.basis, space.momenta)
+            V = V @ np.linalg.eigh(system.algebra.inner(V, system.stiffness @ V))[1]
         space.append(V)
-    space.eigenvectors = count
+    space.eigenvectors = space.size
     problem.stages.report("eigenvectors", count, count)

@@ -39,8 +39,8 @@ class EigenvectorSelection:
         trace = np.sum(directions**2 @ σ[:m])  # of C, without its other entries
         while True:
             V, count = self._V, self._V.shape[1]
-            T = directions[: len(V)]  # V has no part in later directions
-            covariance = (V.T @ T) ** 2 @ σ[:m]  # diagonal of VᵀMT Σ (VᵀMT)ᵀ
+            both = min(len(V), len(directions))  # what came into the space later is orthogonal to the other
+            covariance = (V[:both].T @ directions[:both]) ** 2 @ σ[:m]  # diagonal of VᵀMT Σ (VᵀMT)ᵀ
             order = np.argsort(covariance)[::-1]
             held = np.cumsum(covariance[order]) / trace
             everything = count == problem.system.elastic_size

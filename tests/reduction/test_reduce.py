@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from bodies import scene_text, write_box
+from bodies import assembled, scene_text, write_box
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning, SceneError, SolverError
@@ -131,6 +131,29 @@ def test_krylov_and_modal_selection_on_a_body_too_large_to_be_dense(tmp_path):
     )
     for name, mode in modal.modes.items():
         np.testing.assert_allclose(mode.eigenvalues, reference.modes[name].eigenvalues, rtol=1e-7)
+
+
+def test_selection_grows_until_the_share_is_held(box_system):
+    """From a Krylov space and 60 eigenvectors to begin with, the same selection as from all of them."""
+    grown, whole = (
+        fr.reduce(box_system, order=10, switching="modal", share=1 - 1e-9, lyapunov=route)
+        for route in ("krylov", "closed-form")
+    )
+    for name, mode in grown.modes.items():
+        assert mode.order > 60
+        np.testing.assert_allclose(mode.eigenvalues, whole.modes[name].eigenvalues, rtol=1e-9)
+
+
+def test_selection_shares_its_eigenvectors_with_many_inputs(box_file):
+    """More than 24 columns begin with 100 eigenvectors, a selection with 60."""
+    system = assembled(box_file, contacts='[contacts.right]\nsurface = "right"\nforce = "nodal"')
+    assert system.input_matrix("right").shape[1] > 24
+    grown, whole = (
+        fr.reduce(system, order=10, switching="modal", share=0.999, lyapunov=route)
+        for route in ("krylov", "closed-form")
+    )
+    γ = whole.modes["right"].eigenvalues
+    np.testing.assert_allclose(grown.modes["right"].eigenvalues, γ, rtol=1e-8)
 
 
 def test_eigenvectors_hold_the_share_of_the_trace_that_was_asked_for(box_system):
