@@ -5,7 +5,7 @@
 A silicone plate, 0.5 x 0.2 x 0.01 m, is fixed on one side and pushed in turn at a corner of its tip and in its middle.
 The full-order model has 180 states; each contact has a reduced model of its own. The script
 
-1. runs the scene at full order and reduced, and tables what accuracy costs;
+1. studies what accuracy costs: orders, time steps and methods against the full order;
 2. prints the paper's Table I beside ours;
 3. repeats the paper's Fig. 2: the same push under three ways of switching. With the oblique projections of standard
    balanced truncation the plate gains energy from nothing; with the paper's selection of eigenvectors and with
@@ -14,10 +14,8 @@ The full-order model has 180 states; each contact has a reduced model of its own
 Everything is written to demos/plate/out/. The checks at the end fail if a claim does not hold.
 """
 
-import statistics
 import sys
 import warnings
-from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -29,6 +27,9 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import fenics_rom as fr
+from fenics_rom.accuracy.findings import Findings
+from fenics_rom.accuracy.results import write_results
+from fenics_rom.accuracy.tables import COSTS, cost_rows, reduction_table
 from fenics_rom.errors import FenicsRomWarning, StepError
 from fenics_rom.plots import draw_body, draw_energy_over_work, draw_force
 from fenics_rom.report import markdown
@@ -75,7 +76,8 @@ def main() -> None:
     system = fr.assemble(scene)
     print(f"Plate: {system.size} states at full order, contact modes {', '.join(system.contacts)}\n")
 
-    errors = accuracy_and_cost(system)
+    findings = accuracy_and_cost(scene)
+    write_models(system)
     rides = [
         ride(system, "standard balanced truncation (oblique)", switching="oblique", weighting="nodal"),
         ride(system, "the paper's selection of eigenvectors", switching="modal", weighting="nodal", share=SHARE),
@@ -84,46 +86,25 @@ def main() -> None:
     table_1(system, rides)
     picture_of_energy(rides)
     picture_of_shapes(system, rides)
-    check(system, errors, rides)
+    check(system, findings, rides)
 
 
-def accuracy_and_cost(system: fr.System) -> dict[str, dict[int, float]]:
-    """Runs the scene at full order and at several reduced orders; writes the ROM, the runs and a table."""
-    full, rate = timed(lambda: fr.solve(system), 3)
-    fr.write_record(OUT / "full.h5", full)
-    rows = [("full order", system.size, "", f"{rate:,.0f}", "1")]
-    errors: dict[str, dict[int, float]] = {"energy": {}, "modal": {}}
-    for order in (5, 10, 20, 40):
-        for switching in errors:
-            rom = fr.reduce(system, order=order, switching=switching)
-            if switching == "modal":  # as many eigenvectors as the other has balanced directions
-                rom = fr.truncated(fr.reduce(system, order=order, switching=switching, share=1 - 1e-11), order)
-            run, reduced_rate = timed(lambda rom=rom: fr.simulate(rom), 7)
-            errors[switching][order] = fr.compare(run, full)["shape"].relative
-            rows.append(
-                (
-                    {"energy": "balanced, energy-orthogonal", "modal": "eigenvectors, the paper's"}[switching],
-                    order,
-                    f"{errors[switching][order]:.1e}",
-                    f"{reduced_rate:,.0f}",
-                    f"{reduced_rate / rate:.0f}",
-                )
-            )
-            if switching == "energy" and order == 20:
-                fr.write_rom(OUT / "plate.h5", rom)
-                fr.write_record(OUT / "reduced.h5", run)
-    heading = ("model", "order", "relative error of the shape", "steps per second", "times full order")
-    table = markdown(heading, rows)
-    (OUT / "accuracy.md").write_text(table)
-    print(f"What accuracy costs: {full.steps} steps of {full.settings['dt']:g} s, energy account kept, one thread\n")
-    print(table)
-    return errors
+def accuracy_and_cost(scene: fr.Scene) -> Findings:
+    """Studies the scene at full order and at some reduced ones; `fenics-rom study plate.toml -o DIR` tries more."""
+    choices = {"methods": ("balanced", "selection", "modal"), "orders": (5, 10, 20, 40), "steps": (4e-3, 2e-3, 1e-3)}
+    findings = fr.study(scene, OUT, **choices)  # type: ignore[arg-type]
+    write_results(OUT, findings, "bash demos/run.sh plate")
+    print(f"What each decimal costs\n\n{markdown(COSTS, cost_rows(findings))}")
+    print(f"Error of the reduction alone, whole shape\n\n{reduction_table(findings)}")
+    return findings
 
 
-def timed(run: Callable[[], fr.Record], times: int) -> tuple[fr.Record, float]:
-    """A run, and the median of its steps per second when it is repeated."""
-    records = [run() for _ in range(times)]
-    return records[0], statistics.median(record.steps / record.settings["seconds"] for record in records)
+def write_models(system: fr.System) -> None:
+    """The files that the commands `simulate`, `solve`, `compare` and `info` are about."""
+    rom = fr.reduce(system, order=20)
+    fr.write_rom(OUT / "plate.h5", rom)
+    fr.write_record(OUT / "reduced.h5", fr.simulate(rom))
+    fr.write_record(OUT / "full.h5", fr.solve(system))
 
 
 def ride(system: fr.System, label: str, **choice: object) -> Ride:
@@ -211,17 +192,17 @@ def picture_of_shapes(system: fr.System, rides: list[Ride]) -> None:
     plt.close(figure)
 
 
-def check(system: fr.System, errors: dict[str, dict[int, float]], rides: list[Ride]) -> None:
+def check(system: fr.System, findings: Findings, rides: list[Ride]) -> None:
     """The claims of this page, measured."""
+    balanced, eigenvectors = (findings.of(method, 40)[0].reduction for method in ("balanced", "selection"))
     standard, selected, orthogonal = rides
     claims = {
         "the full order has exactly 180 states": system.size == 180,
         "oblique switching passes 1e9 times the work put in": standard.worst > EXPLODED,
         "the paper's selection never exceeds the work put in": selected.worst <= 1 + 1e-12,
         "energy-orthogonal switching never exceeds the work put in": orthogonal.worst <= 1 + 1e-12,
-        "at order 40 the shape is right to 1e-6": errors["energy"][40] < 1e-6,
-        "at order 40 the balanced basis is 10 times closer than eigenvectors": 10 * errors["energy"][40]
-        < errors["modal"][40],
+        "at order 40 the shape is right to 1e-6": balanced < 1e-6,
+        "at order 40 the balanced basis is 10 times closer than eigenvectors": 10 * balanced < eigenvectors,
     }
     for claim, holds in claims.items():
         print(f"  {'holds' if holds else 'FAILS'}: {claim}")

@@ -11,7 +11,7 @@ from fenics_rom.accuracy import choice, measure, reference
 from fenics_rom.accuracy.findings import Findings, Row, read_findings, write_findings
 from fenics_rom.accuracy.ways import ORDERS, WAYS, Grid, compared_instants, grid
 from fenics_rom.comparison import compare
-from fenics_rom.errors import RomFileError, SceneError, SolverError
+from fenics_rom.errors import RomFileError, SceneError, SolverError, StepError
 from fenics_rom.fem.ranks import on_rank_0
 from fenics_rom.fem.solve import plain_rate
 from fenics_rom.record import Record
@@ -58,11 +58,15 @@ def study(
     Raises:
         SceneError: nothing to measure, or a choice that does not exist.
         RomFileError: the folder cannot be written, or holds another study.
+        SolverError: not one reduced model could be made.
     """
     reference.check_measurable(scene, [Path(file) for file in meshes])
     system = fr.assemble(scene)
     tried = _grid(system, quick=quick, methods=methods, orders=orders, steps=steps)
-    return _Study(system, Path(folder), tried, resume, report).run([Path(file) for file in meshes])
+    findings = _Study(system, Path(folder), tried, resume, report).run([Path(file) for file in meshes])
+    if not findings.rows:
+        raise SolverError(f"{scene.source}: no reduced model could be measured: {'; '.join(findings.notes)}")
+    return findings
 
 
 def study_for(
@@ -95,7 +99,7 @@ def study_for(
     step = _longest_step(system, tolerance, report)
     for _ in range(TRIES):
         tried = _grid(system, methods=[_usual(scene)], steps=[step])
-        work = _Study(system, Path(folder), tried, resume, report)
+        work = _Study(system, Path(folder), tried, resume, report, or_begin=True)
         findings = work.run([], enough=lambda row: row.error <= tolerance)
         row = choice.cheapest(findings.rows, tolerance)
         if row is not None:
@@ -132,12 +136,13 @@ class _Study:
         tried: methods, orders and steps.
         resume: go on from what is there.
         report: told of progress.
+        or_begin: where what is there is of another study, begin instead of refusing.
 
     Attributes:
         findings: so far.
     """
 
-    def __init__(self, system: System, folder: Path, tried: Grid, resume: bool, report: Report):
+    def __init__(self, system: System, folder: Path, tried: Grid, resume: bool, report: Report, or_begin: bool = False):
         assert system.scene is not None
         assert system.scene.run is not None
         self._folder, self._grid, self._report = folder, tried, report
@@ -149,7 +154,7 @@ class _Study:
         self._system = replace(system, scene=self._scene)
         self._fingerprint = reference.fingerprint(self._scene, step, shapes)
         self._reference: Record | None = None
-        found = on_rank_0(self._comm, lambda: self._taken_over(resume))
+        found = on_rank_0(self._comm, lambda: self._taken_over(resume, or_begin))
         self.findings = found or self._begun(step)
         self._add()
 
@@ -171,7 +176,7 @@ class _Study:
         """The model of a row, for the scene as it was given."""
         return measure.reduced(self._given, row.method, row.order)[0]
 
-    def _taken_over(self, resume: bool) -> Findings | None:
+    def _taken_over(self, resume: bool, or_begin: bool) -> Findings | None:
         """What an earlier study left, and its reference; on rank 0."""
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
@@ -182,6 +187,8 @@ class _Study:
             return None
         found = read_findings(file)
         if found.fingerprint != self._fingerprint:
+            if or_begin:
+                return None
             raise RomFileError(f"{file}: is of another scene, mesh or smallest step; start without resume")
         self._reference = fr.read_record(self._folder / REFERENCE)
         return found
@@ -217,19 +224,26 @@ class _Study:
         except (SceneError, SolverError) as error:
             self._add(notes=(*self.findings.notes, f"{WAYS[method].label}, order {order}: {error}"))
             return
-        known = self.findings.of(method, measure.order_of(rom))
-        if known:  # more was asked for than is numerically there
-            rows: tuple[Row, ...] = ()
-        else:
-            rows = on_rank_0(self._comm, lambda: self._rows(rom, seconds, method))
+        rows: tuple[Row, ...] = ()
+        notes: tuple[str, ...] = ()
+        if not self.findings.of(method, measure.order_of(rom)):  # else more was asked for than is numerically there
+            rows, notes = on_rank_0(self._comm, lambda: self._rows(rom, seconds, method))
         hankel = self.findings.hankel
         if method == "balanced":
             hankel = {name: tuple(mode.hankel_singular_values) for name, mode in rom.modes.items()}
-        self._add(rows=(*self.findings.rows, *rows), tried=(*self.findings.tried, (method, order)), hankel=hankel)
+        self._add(
+            rows=(*self.findings.rows, *rows),
+            tried=(*self.findings.tried, (method, order)),
+            hankel=hankel,
+            notes=(*self.findings.notes, *notes),
+        )
 
-    def _rows(self, rom: Rom, seconds: float, method: str) -> tuple[Row, ...]:
+    def _rows(self, rom: Rom, seconds: float, method: str) -> tuple[tuple[Row, ...], tuple[str, ...]]:
         assert self._reference is not None  # on rank 0 it is there
-        return measure.measured(rom, seconds, method, self._scene, self._reference, self._grid.steps)
+        try:
+            return measure.measured(rom, seconds, method, self._scene, self._reference, self._grid.steps)
+        except StepError as error:
+            return (), (f"{WAYS[method].label}, order {measure.order_of(rom)}: {error}",)
 
     def _add(self, **more: Any) -> None:
         """Keeps what was found, in memory and on disk."""

@@ -209,6 +209,9 @@ class TestForATolerance:
         assert tried == list(ORDERS[: len(tried)])
         assert row.order == tried[-1]
         assert all(other.error > tolerance for other in findings.rows if other.order < row.order)
+        assert study_for(scene, tmp_path, tolerance, resume=True)[0] == findings  # nothing was measured anew
+        looser = study_for(scene, tmp_path, 10 * tolerance, resume=True)[1]  # at another step: begun anew
+        assert looser.dt > row.dt
 
     def test_that_no_step_reaches(self, box_file, tmp_path):
         short = box_scene(
@@ -302,6 +305,21 @@ def test_scene_without_anything_to_measure_is_refused(box_file, tmp_path, run, s
 def test_choice_that_does_not_exist_is_refused(scene, tmp_path, choice, said):
     with pytest.raises(SceneError, match=said):
         fr.study(scene, tmp_path, **choice)
+
+
+def test_step_too_long_for_a_load_is_left_out_and_said(box_file, tmp_path):
+    tap = PUSH.replace("stop = 0.48", "start = 0.01, stop = 0.02")
+    found = fr.study(box_scene(box_file, tap), tmp_path, methods=["modal"], orders=[5], steps=[0.08, 0.01])
+    assert [row.dt for row in found.rows] == [0.01]
+    (note,) = found.notes
+    assert note.startswith("lowest modes, order 5, step 80 ms: ")
+    assert "acts in the middle of no step" in note
+
+
+def test_body_that_no_method_can_reduce_is_refused(box_file, tmp_path):
+    undamped = box_scene(box_file, effects="inertia = {}")
+    with pytest.raises(SolverError, match="no reduced model could be measured: balanced, order 5: .*damping"):
+        fr.study(undamped, tmp_path, methods=["balanced"], orders=[5], steps=[0.02])
 
 
 def test_folder_that_cannot_be_made_is_refused(scene, tmp_path):
