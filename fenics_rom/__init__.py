@@ -11,6 +11,7 @@ __version__ = "0.1.0"
 
 _HOME = {
     "Batch": "runtime.batch",
+    "Identification": "identification.result",
     "Record": "record",
     "Rom": "rom",
     "Scene": "scene",
@@ -18,6 +19,7 @@ _HOME = {
     "System": "system",
     "assemble": "fem.assemble",
     "compare": "comparison",
+    "identify": "identification.identify",
     "read_record": "record_file",
     "read_rom": "rom_file",
     "read_scene": "scene_file",
@@ -26,20 +28,29 @@ _HOME = {
     "run_realtime": "runtime.realtime",
     "simulate": "runtime.run",
     "solve": "fem.solve",
+    "study": "accuracy.study",
     "truncated": "rom",
+    "write_identification": "identification.write",
     "write_record": "record_file",
     "write_rom": "rom_file",
 }
+_FENICSX = ("dolfinx", "sudo apt-get install --no-install-recommends python3-dolfinx python3-gmsh libopenblas0")
 _PACKAGES = {
-    "fem": ("dolfinx", "sudo apt-get install --no-install-recommends python3-dolfinx python3-gmsh libopenblas0"),
+    "accuracy": _FENICSX,
+    "fem": _FENICSX,
     "reduction": ("scipy", "pip install fenics-rom[reduction]"),
+    "identification": _FENICSX,
     "matrix_market": ("scipy", "pip install fenics-rom[reduction]"),
 }
 
 if TYPE_CHECKING:
+    from fenics_rom.accuracy.study import study
     from fenics_rom.comparison import compare
     from fenics_rom.fem.assemble import assemble
     from fenics_rom.fem.solve import solve
+    from fenics_rom.identification.identify import identify
+    from fenics_rom.identification.result import Identification
+    from fenics_rom.identification.write import write_identification
     from fenics_rom.matrix_market import read_system
     from fenics_rom.record import Record
     from fenics_rom.record_file import read_record, write_record
@@ -56,6 +67,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "Batch",
+    "Identification",
     "Record",
     "Rom",
     "Scene",
@@ -63,6 +75,7 @@ __all__ = [
     "System",
     "assemble",
     "compare",
+    "identify",
     "read_record",
     "read_rom",
     "read_scene",
@@ -71,7 +84,9 @@ __all__ = [
     "run_realtime",
     "simulate",
     "solve",
+    "study",
     "truncated",
+    "write_identification",
     "write_record",
     "write_rom",
 ]
@@ -82,7 +97,7 @@ def __getattr__(name: str) -> Any:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     home = _HOME[name]
     try:
-        if home.startswith("fem."):
+        if home.startswith(("accuracy.", "fem.", "identification.")):
             import_module("h5py")  # first: PyPI's h5py, after dolfinx, would take dolfinx's HDF5 for its own
         module = import_module(f"{__name__}.{home}")
     except ModuleNotFoundError as error:

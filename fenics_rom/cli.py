@@ -3,6 +3,7 @@
 import argparse
 import io
 import os
+import shlex
 import sys
 import time
 import traceback
@@ -13,9 +14,20 @@ from pathlib import Path
 from typing import Any, NoReturn
 
 import fenics_rom as fr
-from fenics_rom.checked_file import check_place, content_of
-from fenics_rom.display import print_record, print_rom, print_table, print_warnings, progress, rich_package
+from fenics_rom.accuracy.ways import WAYS
+from fenics_rom.checked_file import check_folder, check_place, content_of
+from fenics_rom.display import (
+    print_findings,
+    print_identification,
+    print_record,
+    print_rom,
+    print_table,
+    print_warnings,
+    progress,
+    rich_package,
+)
 from fenics_rom.errors import FenicsRomError, FenicsRomWarning, MissingPackageError, RomFileError, SceneError
+from fenics_rom.figure import figure_class
 from fenics_rom.launcher import speaks
 from fenics_rom.rom import SWITCHINGS
 from fenics_rom.scene import LYAPUNOV, METHODS, SOLVERS, WEIGHTINGS
@@ -23,8 +35,9 @@ from fenics_rom.schema import NAME, NAME_IN_WORDS
 from fenics_rom.stages import Report
 from fenics_rom.system import is_petsc
 
+ROM = "rom.h5"  # in the folder of a study for a tolerance
 PATIENCE = 5.0  # s that other ranks give rank 0 to say why the run ends
-PETSC_COMMANDS = ("reduce", "solve")
+PETSC_COMMANDS = ("reduce", "solve", "study", "identify")
 PETSC_WORD = "-fenics_rom_"  # what options for PETSc and SLEPc begin with
 PETSC_HELP = """PETSc's and SLEPc's own options are passed on: -fenics_rom_factor_... for factorisations and the
 iterative solver, -fenics_rom_eps_... and -fenics_rom_st_... for eigenvectors, such as
@@ -38,6 +51,7 @@ def main(arguments: list[str] | None = None) -> NoReturn:
             stream.reconfigure(errors="replace")  # a terminal without σ gets a ?
     words, petsc = _petsc_options(sys.argv[1:] if arguments is None else arguments)
     choice = _parser().parse_args(words)
+    choice.words = words
     warnings.simplefilter("ignore", FenicsRomWarning)  # the summary at the end lists them
     try:
         rich_package()  # before long work, not after it
@@ -121,6 +135,34 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--order", type=int, metavar="M", help="run at a lower order than the ROM's")
     command.add_argument("--profile", action="store_true", help="measure what each effect costs in a step")
 
+    command = _command(commands, "study", _study, "what accuracy costs in time, for a scene; runs under mpirun")
+    command.add_argument("scene", metavar="SCENE", help="scene file (TOML)")
+    _output(command, "DIR", "folder for tables, pictures and the reference run")
+    command.add_argument(
+        "--tolerance", type=float, metavar="T", help="find the cheapest model for it, and write its ROM"
+    )
+    command.add_argument("--quick", action="store_true", help="fewer methods, orders and steps: a first look")
+    command.add_argument("--methods", nargs="+", choices=WAYS, help="where the bases come from")
+    command.add_argument("--orders", nargs="+", type=int, metavar="M", help="displacements per contact mode")
+    command.add_argument("--steps", nargs="+", type=float, metavar="S", help="time steps, s")
+    command.add_argument(
+        "--mesh", dest="meshes", nargs="+", default=[], metavar="FILE", help="finer meshes, to see the mesh's own error"
+    )
+    command.add_argument("--resume", action="store_true", help="go on from what a killed study left in DIR")
+
+    command = _command(commands, "identify", _identify, "find material and damping from marker data; runs under mpirun")
+    command.add_argument("scene", metavar="SCENE", help="scene file (TOML); its values are the start")
+    command.add_argument(
+        "--data", action="append", required=True, metavar="FILE.csv", help="measured displacements; once for each file"
+    )
+    _output(command, "DIR", "folder for the scene found, the report, the residuals and the picture of the fit")
+    command.add_argument(
+        "--parameters",
+        type=lambda text: text.split(","),
+        metavar="NAME,...",
+        help="which to find: young, poisson, density, alpha, beta; MATERIAL.young of several materials",
+    )
+
     command = _command(commands, "info", _info, "say what is in a ROM or a run")
     command.add_argument("file", metavar="FILE.h5")
 
@@ -133,13 +175,12 @@ def _parser() -> argparse.ArgumentParser:
 def _command(commands: Any, name: str, run: Callable[[Any], None], summary: str) -> argparse.ArgumentParser:
     epilog = PETSC_HELP if name in PETSC_COMMANDS else None
     command: argparse.ArgumentParser = commands.add_parser(name, help=summary, description=summary, epilog=epilog)
-    command.set_defaults(run=run)
+    command.set_defaults(run=run, wrong_usage=command.error)
     return command
 
 
 def _matrix_options(command: argparse.ArgumentParser) -> None:
     """Files of M v̇ + D v + K x = B u, y = Cᵀ x in place of a scene."""
-    command.set_defaults(wrong_usage=command.error)
     files = command.add_argument_group("instead of SCENE", "matrices of your own, each in a Matrix Market file")
     files.add_argument("--mass", metavar="M.mtx", help="symmetric positive definite")
     files.add_argument("--stiffness", metavar="K.mtx", help="symmetric positive definite")
@@ -161,8 +202,8 @@ def _named_file(text: str) -> tuple[str, str]:
     return name, file
 
 
-def _output(command: argparse.ArgumentParser, metavar: str) -> None:
-    command.add_argument("-o", "--output", type=Path, required=True, metavar=metavar, help="file to write")
+def _output(command: argparse.ArgumentParser, metavar: str, what: str = "file to write") -> None:
+    command.add_argument("-o", "--output", type=Path, required=True, metavar=metavar, help=what)
 
 
 def _petsc_options(arguments: Sequence[str]) -> tuple[list[str], list[str]]:
@@ -309,6 +350,59 @@ def _simulate(choice: Any) -> None:
     fr.write_record(choice.output, record)
     if speaks():
         print_record(record, choice.output)
+
+
+def _study(choice: Any) -> None:
+    from fenics_rom.accuracy.choice import sentence
+    from fenics_rom.accuracy.results import write_results
+    from fenics_rom.accuracy.tables import remarks
+
+    if choice.tolerance is not None:
+        given = [name for name in ("quick", "methods", "orders", "steps", "meshes") if getattr(choice, name)]
+        if given:
+            choice.wrong_usage(f"--tolerance finds method, order and step itself; it goes without --{given[0]}")
+    figure_class()
+    check_folder(choice.output)
+    scene = fr.read_scene(choice.scene)
+    command = shlex.join(["fenics-rom", *choice.words])
+    with progress() as report:
+        if choice.tolerance is None:
+            findings = fr.study(
+                scene,
+                choice.output,
+                methods=choice.methods,
+                orders=choice.orders,
+                steps=choice.steps,
+                meshes=choice.meshes,
+                quick=choice.quick,
+                resume=choice.resume,
+                report=report,
+            )
+        else:
+            from fenics_rom.accuracy.study import study_for
+
+            findings, row, rom = study_for(scene, choice.output, choice.tolerance, resume=choice.resume, report=report)
+            fr.write_rom(choice.output / ROM, rom)
+    write_results(choice.output, findings, command)
+    if not speaks():
+        return
+    if choice.tolerance is None:
+        print_findings(findings, choice.output)
+    else:
+        print(sentence(findings, choice.tolerance, row))
+        print(f"Its model, for --dt {row.dt:g}: {choice.output / ROM}; what was tried: {choice.output / 'study.md'}")
+        print_warnings(remarks(findings))
+
+
+def _identify(choice: Any) -> None:
+    figure_class()
+    check_folder(choice.output)
+    scene = fr.read_scene(choice.scene)
+    with progress() as report:
+        result = fr.identify(scene, choice.data, parameters=choice.parameters, report=report)
+    fr.write_identification(choice.output, result)
+    if speaks():
+        print_identification(result, choice.output)
 
 
 def _info(choice: Any) -> None:

@@ -11,6 +11,10 @@ from typing import Any
 import numpy as np
 
 import fenics_rom as fr
+from fenics_rom.accuracy.choice import decades, sentence
+from fenics_rom.accuracy.findings import Findings
+from fenics_rom.accuracy.results import PICTURES
+from fenics_rom.accuracy.tables import COSTS, cost_rows, remarks
 from fenics_rom.effects import EFFECTS
 from fenics_rom.errors import MissingPackageError
 from fenics_rom.launcher import speaks
@@ -163,6 +167,29 @@ def print_record(record: fr.Record, file: Path | str) -> None:
     if record.profile:
         print()
         _print_profile(record.profile)
+
+
+def print_findings(findings: Findings, folder: Path) -> None:
+    """What each decimal costs, and which model to choose for it."""
+    title = f"study {findings.name}: what each decimal costs"
+    print_table(title, COSTS, cost_rows(findings))
+    lines = {
+        "full order": f"{findings.size:,} unknowns, {findings.full_rate:,.0f} steps/s without account",
+        "reference": f"steps of {findings.reference_step:.3g} s, own error {findings.reference_error:.1e}",
+        "tables": f"{folder / 'study.md'}, {folder / 'study.csv'}",
+        "pictures": ", ".join(str(folder / f"{name}.png") for name in PICTURES),
+    }
+    _print_lines(lines, tuple(remarks(findings)))
+    for tolerance, row in decades(findings.rows):
+        print(f"  {sentence(findings, tolerance, row)}")
+
+
+def print_identification(result: Any, folder: Path) -> None:
+    """The parameters found, and how good the fit is."""
+    from fenics_rom.identification.write import HEADING, lines_of, rows_of  # needs SciPy, which a run of a ROM does not
+
+    print_table(f"identification of {result.scene.name}: {folder}", HEADING, rows_of(result))
+    _print_lines(lines_of(result), result.warnings)
 
 
 def _print_profile(profile: Mapping[str, float]) -> None:

@@ -25,6 +25,10 @@ class RomFileError(FenicsRomError):
     """A ROM or run file is missing, damaged, of another format or not what it says."""
 
 
+class DataError(FenicsRomError):
+    """A file of measurements, or a cell of it, cannot be used."""
+
+
 class StepError(FenicsRomError):
     """A step or a switch was asked for that cannot be taken; the state is as it was."""
 

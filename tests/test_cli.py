@@ -30,6 +30,8 @@ COMMANDS = {
     ],
     "solve": ["--dt", "--output"],
     "simulate": ["--scene", "--dt", "--order", "--profile", "--output"],
+    "study": ["--tolerance", "--quick", "--methods", "--orders", "--steps", "--mesh", "--resume", "--output"],
+    "identify": ["--data", "--parameters", "--output"],
     "info": [],
     "compare": [],
 }
@@ -129,6 +131,31 @@ def test_reduced_run_of_all_that_is_there_is_the_full_run(story):
     assert all(float(error) < 1e-6 for error in rows.values())
     differences = fr.compare(*(fr.read_record(story[0] / name) for name in ("run.h5", "full.h5")))
     assert f"{differences['shape'].relative:.2e}" == rows["shape"]
+
+
+def test_study_says_what_each_decimal_costs_and_leaves_tables_and_pictures(inside, say):
+    grid = ("--methods", "balanced", "modal", "--orders", "5", "20", "--steps", "0.002", "0.004")
+    status, out, err = say("study", PLATE, "-o", "out", *grid)
+    assert (status, err) == (0, "")
+    assert re.search(r"1e-3 +\w.* 4 ms +6\.\de-04 ", out)
+    assert "For 1e-2 of the whole shape: " in out
+    assert " times faster than real time and " in out
+    pictures = {f"{name}.{ending}" for name in ("speed", "orders", "parts") for ending in ("png", "pdf")}
+    assert {path.name for path in Path("out").iterdir()} == pictures | {
+        *("study.csv", "study.md", "study.json", "reference.h5")
+    }
+    command = f"`fenics-rom study {PLATE} -o out {' '.join(grid)}`"
+    assert command in Path("out/study.md").read_text()
+
+
+def test_study_for_a_tolerance_writes_the_model(inside, say):
+    status, out, err = say("study", PLATE, "-o", "out", "--tolerance", "1e-2")
+    assert (status, err) == (0, "")
+    sentence, written, *_ = out.splitlines()
+    chosen = re.fullmatch(r"For 1e-2 of the whole shape: balanced, order (\d+), step (\d) ms; .*", sentence)
+    assert chosen
+    assert f"--dt 0.00{chosen[2]}:" in written
+    assert max(mode.order for mode in fr.read_rom("out/rom.h5").modes.values()) == int(chosen[1])
 
 
 def test_info_is_what_the_commands_printed(story, say, monkeypatch):
@@ -296,6 +323,10 @@ def test_help_lists_every_command(say):
         ["reduce", "scene.toml", "-o", "rom.h5", "--method", "podd"],
         ["reduce", "scene.toml", "-o", "rom.h5", "--solver", "none"],
         ["solve", "scene.toml", "-o", "run.h5", "--resume"],
+        ["study", "scene.toml"],
+        ["study", "scene.toml", "-o", "out", "--methods", "best"],
+        ["study", "scene.toml", "-o", "out", "--tolerance", "1e-3", "--quick"],
+        ["study", "scene.toml", "-o", "out", "--tolerance", "1e-3", "--mesh", "fine.msh"],
     ],
 )
 def test_wrong_usage_ends_with_status_2(inside, say, database, arguments):

@@ -15,7 +15,7 @@ DATA = Path(__file__).parent / "data"
 RUNTIME = sorted(file for file in (PACKAGE / "runtime").glob("*.py") if file.stem != "__init__")
 FENICSX = {"dolfinx", "petsc4py", "slepc4py", "mpi4py", "ufl", "basix", "gmsh"}
 NOT_IN_THE_RUNTIME = FENICSX | {"scipy", "matplotlib", "rich"}
-FOLDERS = {"fem", "reduction", "runtime"}
+FOLDERS = {"accuracy", "fem", "reduction", "runtime", "identification"}
 
 REFUSE = f"""
 import sys
@@ -77,6 +77,7 @@ def test_importing_the_package_alone_reads_no_file_format():
         ("fem", FENICSX | {"numpy", "scipy"}, {"fem"}),
         ("reduction", {"numpy", "scipy"}, {"reduction"}),
         ("runtime", {"numpy"}, {"runtime"}),
+        ("identification", {"numpy", "scipy", "matplotlib"}, {"identification", "fem", "reduction"}),
     ],
 )
 def test_folder_imports_only(folder, packages, folders):

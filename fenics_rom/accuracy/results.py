@@ -5,21 +5,8 @@ from pathlib import Path
 from fenics_rom.accuracy.findings import Findings
 from fenics_rom.accuracy.tables import csv_table, report
 from fenics_rom.checked_file import is_rank_0, write_whole
-from fenics_rom.errors import MissingPackageError
 
 PICTURES = ("speed", "orders", "parts")
-
-
-def require_pictures() -> None:
-    """Worth asking before long work.
-
-    Raises:
-        MissingPackageError: Matplotlib is not installed.
-    """
-    try:
-        import matplotlib  # noqa: F401
-    except ModuleNotFoundError as error:
-        raise MissingPackageError("the pictures need Matplotlib: pip install fenics-rom[plot]") from error
 
 
 def write_results(folder: Path, findings: Findings, command: str) -> None:

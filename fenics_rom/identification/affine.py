@@ -1,0 +1,163 @@
+"""How M, D, K and the inputs depend on the values θ of a scene, exactly.
+
+With the moduli λ, μ of each material, M = Σ ρ_i M_i, K = Σ (λ_i Λ_i + μ_i G_i) + K_s of springs to ground, and
+D = Σ (α_i ρ_i M_i + β_i (λ_i Λ_i + μ_i G_i)) + β_s K_s + D_d of dashpots. Gravity and base motions push with
+inputs Σ ρ_i B_i. The parts are differences of what `assemble` makes of the scene at a few simple values.
+"""
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+
+from fenics_rom.fem.assemble import assemble
+from fenics_rom.identification.parameters import ALPHA, BETA, DENSITY, POISSON, YOUNG
+from fenics_rom.scene import Scene
+from fenics_rom.system import System
+
+Array = np.ndarray
+
+
+def lame(θ: Array) -> tuple[Array, Array]:
+    """λ and μ (m,) of all materials, Pa."""
+    E, ν = θ[:-1, YOUNG], θ[:-1, POISSON]
+    return E * ν / ((1 + ν) * (1 - 2 * ν)), E / (2 * (1 + ν))
+
+
+def lame_along(θ: Array, dθ: Array) -> tuple[Array, Array]:
+    """Derivatives of λ and μ (m,) in a direction of θ."""
+    λ, μ = lame(θ)
+    E, ν, dE, dν = θ[:-1, YOUNG], θ[:-1, POISSON], dθ[:-1, YOUNG], dθ[:-1, POISSON]
+    dλ = λ / E * dE + E * (1 + 2 * ν**2) / ((1 + ν) * (1 - 2 * ν)) ** 2 * dν
+    return dλ, μ / E * dE - μ / (1 + ν) * dν
+
+
+@dataclass(frozen=True)
+class Matrices:
+    """M, D and K, or their derivatives, (k, k) each."""
+
+    mass: Array
+    damping: Array
+    stiffness: Array
+
+
+@dataclass(frozen=True)
+class Parts:
+    """The parts on a basis Q (k columns).
+
+    Attributes:
+        mass, dilation, shear: QᵀM_iQ, QᵀΛ_iQ, QᵀG_iQ of each material, (m, k, k).
+        springs, dashpots: QᵀK_sQ, QᵀD_dQ, (k, k).
+        inputs: QᵀB of each contact mode that does not depend on θ, (k, p): contact columns, actuators, loads.
+        weights: QᵀB_i of each contact mode, (m, k, p).
+        outputs: CᵀQ of each output, (3 points, k).
+    """
+
+    mass: Array
+    dilation: Array
+    shear: Array
+    springs: Array
+    dashpots: Array
+    inputs: dict[str, Array]
+    weights: dict[str, Array]
+    outputs: dict[str, Array]
+
+    def at(self, θ: Array) -> Matrices:
+        """The matrices at θ."""
+        λ, μ = lame(θ)
+        ρ, α, β = (θ[:-1, column] for column in (DENSITY, ALPHA, BETA))
+        return Matrices(
+            mass=_sum(ρ, self.mass),
+            damping=_sum(α * ρ, self.mass) + self._strain(β * λ, β * μ) + θ[-1, BETA] * self.springs + self.dashpots,
+            stiffness=self._strain(λ, μ) + self.springs,
+        )
+
+    def along(self, θ: Array, dθ: Array) -> Matrices:
+        """Their derivatives in a direction of θ."""
+        (λ, μ), (dλ, dμ) = lame(θ), lame_along(θ, dθ)
+        ρ, α, β = (θ[:-1, column] for column in (DENSITY, ALPHA, BETA))
+        dρ, dα, dβ = (dθ[:-1, column] for column in (DENSITY, ALPHA, BETA))
+        damping = _sum(dα * ρ + α * dρ, self.mass) + dθ[-1, BETA] * self.springs
+        return Matrices(
+            mass=_sum(dρ, self.mass),
+            damping=damping + self._strain(dβ * λ + β * dλ, dβ * μ + β * dμ),
+            stiffness=self._strain(dλ, dμ),
+        )
+
+    def _strain(self, λ: Array, μ: Array) -> Array:
+        return _sum(λ, self.dilation) + _sum(μ, self.shear)
+
+
+def _sum(weights: Array, matrices: Array) -> Array:
+    """Weighted sum over the first axis."""
+    return np.tensordot(weights, matrices, 1)
+
+
+class AffineSystem:
+    """A scene assembled at a few simple values; every rank must make it, and ask it for parts.
+
+    At ν = 0, λ = 0; at ν = 1/4, λ = μ. So with E = 2 and ρ = 1 everywhere μ = ρ = 1, and where one material has
+    E = 5/2, ν = 1/4 and ρ = 2, its λ and its ρ are 1 more.
+
+    Args:
+        scene: whose materials are all that varies.
+
+    Attributes:
+        plain: where all materials have λ = 0, μ = ρ = 1; no springs, no dashpots.
+    """
+
+    def __init__(self, scene: Scene):
+        self._names = tuple(scene.materials)
+        bare = replace(
+            scene, effects={name: one for name, one in scene.effects.items() if name not in ("damping", "springs")}
+        )
+        self.plain = assemble(self._sample(bare))
+        self._dilated = [
+            assemble(self._sample(bare, name, young=2.5, poisson=0.25, density=2.0)) for name in self._names
+        ]
+        self._sheared = [assemble(self._sample(bare, name, young=4.0)) for name in self._names[1:]]
+        dashpots = scene.effects.get("damping", {}).get("dashpots", {})
+        ground: dict[str, Any] = {"damping": {"alpha": 0.0, "beta": 0.0, "dashpots": dashpots}} if dashpots else {}
+        ground |= {"springs": scene.effects["springs"]} if "springs" in scene.effects else {}
+        self._grounded = assemble(self._sample(replace(bare, effects={**bare.effects, **ground}))) if ground else None
+
+    def _sample(self, scene: Scene, of: str = "", **values: Any) -> Scene:
+        one = {name: replace(m, young=2.0, poisson=0.0, density=1.0) for name, m in scene.materials.items()}
+        if of:
+            one[of] = replace(one[of], **values)
+        return replace(scene, materials=one)
+
+    def parts(self, basis: Array) -> Parts:
+        """The parts on a basis, of which this rank has its rows, (rows here, k)."""
+        inner, plain = self.plain.algebra.inner, self.plain
+        weighed = inner(basis, plain.mass @ basis)
+        strained = inner(basis, plain.stiffness @ basis)
+
+        def projected(matrix: Any, less: Array) -> Array:
+            return inner(basis, matrix @ basis) - less
+
+        mass = np.array([projected(s.mass, weighed) for s in self._dilated])
+        dilation = np.array([projected(s.stiffness, strained) for s in self._dilated])
+        others = [projected(s.stiffness, strained) for s in self._sheared]
+        shear = np.array([strained - sum(others, np.zeros_like(strained)), *others])
+        nothing = np.zeros_like(strained)
+        grounded = self._grounded
+        inputs, weights = {}, {}
+        for name in plain.contacts:
+            B = self._inputs(plain, name, basis)
+            weights[name] = np.array([self._inputs(s, name, basis) - B for s in self._dilated])
+            inputs[name] = B - weights[name].sum(axis=0)
+        return Parts(
+            mass=mass,
+            dilation=dilation,
+            shear=shear,
+            springs=nothing if grounded is None else projected(grounded.stiffness, strained),
+            dashpots=nothing if grounded is None else projected(grounded.damping, nothing),
+            inputs=inputs,
+            weights=weights,
+            outputs={name: inner(C, basis) for name, C in plain.outputs.items()},
+        )
+
+    @staticmethod
+    def _inputs(system: System, contact: str, basis: Array) -> Array:
+        return system.algebra.inner(basis, system.input_matrix(contact))

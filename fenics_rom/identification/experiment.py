@@ -1,0 +1,192 @@
+"""What was measured, when and under which inputs: what any model of the scene has to answer to."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fenics_rom.errors import DataError, SceneError
+from fenics_rom.identification.marker_data import Data, Equilibria, Marker, Motion
+from fenics_rom.load_history import LoadHistory
+from fenics_rom.scene import Scene
+from fenics_rom.surroundings import Surroundings, load_columns
+from fenics_rom.system import System
+
+Array = np.ndarray
+
+SUPPORT = 4  # steps between which a value is interpolated, by a cubic
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """All measured values, N_m of motion and then N_r at rest.
+
+    Attributes:
+        markers: that are seen in any of them, (n,).
+        dt, steps: of the run; 0 steps where no motion was measured.
+        inputs: of each contact mode in each step of the run, (steps, p), zero where another one is active.
+        rest_inputs: of each contact mode in each of the R equilibria, (R, p).
+        times: of values of motion, (N_m,), s.
+        instants, weights: the step ends that these are interpolated between, (N_m, 4), and by what.
+        rows: of values at rest, among the equilibria, (N_r,).
+        marker: of each value, (N_m + N_r,).
+        measured: (N_m + N_r,), m.
+        places: file, line and column of each value.
+    """
+
+    markers: tuple[Marker, ...]
+    dt: float
+    steps: int
+    inputs: Mapping[str, Array]
+    rest_inputs: Mapping[str, Array]
+    times: Array
+    instants: Array
+    weights: Array
+    rows: Array
+    marker: Array
+    measured: Array
+    places: tuple[tuple[str, int, str], ...]
+
+    @property
+    def equilibria(self) -> int:
+        """Their number R."""
+        return max((len(inputs) for inputs in self.rest_inputs.values()), default=0)
+
+    def predictions(self, run: Array, rest: Array) -> Array:
+        """What a model says of all values, (N, ...), from its markers at all step ends (steps + 1, n, ...) and at rest.
+
+        The value at any time is that of the cubic through the nearest four step ends.
+        """
+        moving = len(self.times)
+        columns = self.marker[:moving]
+        seen = np.zeros((moving, *run.shape[2:]))
+        for k in range(self.instants.shape[1]):
+            weight = self.weights[:, k].reshape(-1, *[1] * (run.ndim - 2))
+            seen += weight * run[self.instants[:, k], columns]
+        return np.concatenate([seen, rest[self.rows, self.marker[moving:]]])
+
+    def until(self, time: float) -> "Experiment":
+        """The same without what was measured later than a time, s."""
+        kept = self.times <= time
+        steps = int(self.instants[kept].max(initial=0))
+        all_kept = np.concatenate([kept, np.ones(len(self.rows), dtype=bool)])
+        return replace(
+            self,
+            steps=steps,
+            inputs={name: inputs[:steps] for name, inputs in self.inputs.items()},
+            times=self.times[kept],
+            instants=self.instants[kept],
+            weights=self.weights[kept],
+            marker=self.marker[all_kept],
+            measured=self.measured[all_kept],
+            places=tuple(place for place, here in zip(self.places, all_kept, strict=True) if here),
+        )
+
+
+def experiment_of(scene: Scene, data: Sequence[Data], system: System) -> Experiment:
+    """Everything that was measured.
+
+    Args:
+        scene: what it was measured on.
+        data: from any number of files.
+        system: of that scene, for its inputs.
+
+    Raises:
+        DataError: nothing was measured.
+        SceneError: the scene has a load whose value at rest cannot be told, or none in its run.
+    """
+    markers = tuple(dict.fromkeys(marker for one in data for marker in one.markers))
+    motions = [one for one in data if isinstance(one, Motion)]
+    at_rest = [one for one in data if isinstance(one, Equilibria)]
+    whole: list[Data] = [*motions, *at_rest]
+    dt, steps, inputs = _run_inputs(scene, system) if motions else (1.0, 0, {})
+    rest_inputs = _rest_inputs(scene, at_rest, system)
+    first = np.cumsum([0, *(len(one.contacts) for one in at_rest)])
+    seen = [np.nonzero(np.isfinite(one.measured)) for one in whole]
+    times = [one.times[row] for one, (row, _) in zip(motions, seen, strict=False)]
+    rows = [begin + row for begin, (row, _) in zip(first, seen[len(motions) :], strict=False)]
+    all_times = np.concatenate([np.empty(0), *times])
+    instants, weights = interpolation(all_times, dt, steps)
+    measured = np.concatenate([np.empty(0), *(one.measured[at] for one, at in zip(whole, seen, strict=True))])
+    if not len(measured):
+        raise DataError("no marker was seen: every cell is empty")
+    return Experiment(
+        markers=markers,
+        dt=dt,
+        steps=steps,
+        inputs=inputs,
+        rest_inputs=rest_inputs,
+        times=all_times,
+        instants=instants,
+        weights=weights,
+        rows=np.concatenate([np.empty(0, dtype=int), *rows]),
+        marker=np.concatenate(
+            [
+                np.array([markers.index(m) for m in one.markers])[column]
+                for one, (_, column) in zip(whole, seen, strict=True)
+            ]
+        ),
+        measured=measured,
+        places=tuple(
+            (one.file, int(one.lines[r]), one.columns[c])
+            for one, at in zip(whole, seen, strict=True)
+            for r, c in zip(*at, strict=True)
+        ),
+    )
+
+
+def interpolation(times: Array, dt: float, steps: int) -> tuple[Array, Array]:
+    """Step ends (T, 4) nearest to times (T,), and the weights of Lagrange's cubic through them."""
+    count = min(SUPPORT, steps + 1)
+    place = times / dt
+    first = np.clip(np.floor(place).astype(int) - (count // 2 - 1), 0, steps + 1 - count)
+    nodes = first[:, None] + np.arange(count)
+    weights = np.ones(nodes.shape)
+    for k in range(count):
+        for other in range(count):
+            if other != k:
+                weights[:, k] *= (place - nodes[:, other]) / (k - other)
+    return nodes, weights
+
+
+def _run_inputs(scene: Scene, system: System) -> tuple[float, int, dict[str, Array]]:
+    """dt, steps, and the inputs of each contact mode in the scene's run, with loads at the middle of each step."""
+    contacts, actuators = (
+        {name: columns.shape[1] for name, columns in of.items()} for of in (system.contacts, system.actuators)
+    )
+    history, surroundings = LoadHistory(scene, contacts, actuators), Surroundings(scene)
+    steps = [
+        (contact, np.concatenate([u, surroundings.loads((n + 0.5) * history.dt)]))
+        for n, (contact, u) in enumerate(history)
+    ]
+    inputs: dict[str, Array] = {}
+    for n, (contact, u) in enumerate(steps):
+        inputs.setdefault(contact, np.zeros((len(steps), len(u))))[n] = u
+    return history.dt, len(steps), inputs
+
+
+def _rest_inputs(scene: Scene, data: Sequence[Equilibria], system: System) -> dict[str, Array]:
+    """Inputs of each contact mode in each equilibrium: its force, gravity, and prescribed forces that are constant."""
+    if not data:
+        return {}
+    loads = [np.empty(0)]
+    for name, width in load_columns(scene).items():
+        value = np.zeros(width)  # of a base motion: it is at rest
+        if name == "gravity":
+            value = np.ones(1)
+        elif name in scene.effects.get("prescribed", {}):
+            said = scene.effects["prescribed"][name]
+            if "force" not in said:
+                raise SceneError(
+                    f"{scene.source}: effects.prescribed.{name}: changes with time, so it has no value in an "
+                    "equilibrium; allowed beside data at rest is a constant force"
+                )
+            value = np.array(said["force"])
+        loads.append(value)
+    actuators = sum(columns.shape[1] for columns in system.actuators.values())
+    rows = [(name, force) for one in data for name, force in zip(one.contacts, one.forces, strict=True)]
+    inputs: dict[str, Array] = {}
+    for n, (name, force) in enumerate(rows):
+        u = np.concatenate([force, np.zeros(actuators), *loads])
+        inputs.setdefault(name, np.zeros((len(rows), len(u))))[n] = u
+    return inputs

@@ -1,0 +1,252 @@
+"""Measured displacements of markers, from CSV files whose header names every column with its unit.
+
+A motion has its times in the first column, `time (s)`. It is a measurement of the scene's [run], which begins at rest
+in the shape of the mesh; from that shape all displacements are counted.
+
+Equilibria have the name of a contact mode in the first column, `contact`, and its force in `force.x (N)`,
+`force.y (N)`, `force.z (N)` (or `force.normal (N)`, where the mode's force is "normal"). Every row is an equilibrium
+under that force, gravity, and prescribed forces that are constant.
+
+The other columns are displacements: `NAME.x (m)` of an output of one point, `NAME[2].x (m)` of the third point of an
+output. An empty cell is a marker that was not seen, or a component of the force that is zero.
+"""
+
+import csv
+import math
+import re
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NoReturn
+
+import numpy as np
+
+from fenics_rom.errors import DataError
+from fenics_rom.scene import Output, Scene
+from fenics_rom.schema import unknown
+
+Array = np.ndarray
+
+TIMES = {"s": 1.0, "ms": 1e-3}
+LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
+FORCES = {"N": 1.0}
+AXES = ("x", "y", "z")
+HEADING = re.compile(r"(?P<what>[^()]*?)\s*\((?P<unit>[^()]*)\)")
+MARKER = re.compile(r"(?P<output>[\w-]+)(?:\[(?P<point>\d+)\])?\.(?P<axis>[xyz])")
+LATE = 1e-9  # share of the run by which a time may be beyond its end, for round-off
+
+
+@dataclass(frozen=True)
+class Marker:
+    """One component of the displacement of one point."""
+
+    output: str
+    point: int
+    axis: int
+
+    @property
+    def row(self) -> int:
+        """Among the rows of the output."""
+        return 3 * self.point + self.axis
+
+
+@dataclass(frozen=True)
+class Motion:
+    """What was measured in the scene's run.
+
+    Attributes:
+        file: where it is from.
+        lines: (T,) of the file.
+        columns: name of each marker's column.
+        markers: (C,).
+        measured: (T, C), m; NaN where a marker was not seen.
+        times: (T,), s.
+    """
+
+    file: str
+    lines: Array
+    columns: tuple[str, ...]
+    markers: tuple[Marker, ...]
+    measured: Array
+    times: Array
+
+
+@dataclass(frozen=True)
+class Equilibria:
+    """What was measured at rest under known forces.
+
+    Attributes:
+        file, lines, columns, markers, measured: as of a motion.
+        contacts: contact mode of each row, (T,).
+        forces: its force, (columns of the contact mode,) each, N.
+    """
+
+    file: str
+    lines: Array
+    columns: tuple[str, ...]
+    markers: tuple[Marker, ...]
+    measured: Array
+    contacts: tuple[str, ...]
+    forces: tuple[Array, ...]
+
+
+Data = Motion | Equilibria
+
+
+def read_markers(file: str | Path, scene: Scene) -> Data:
+    """Reads one file.
+
+    Args:
+        file: CSV.
+        scene: whose outputs, contact modes and run it is of.
+
+    Raises:
+        DataError: it cannot be read, or a line or column of it is not as it should be.
+    """
+    table = _Table(Path(file))
+    first = table.heading[0]
+    if first == "contact":
+        return _equilibria(table, scene)
+    if first.startswith("time"):
+        return _motion(table, scene)
+    table.refuse(1, first, "allowed in the first column are 'time (s)', 'time (ms)' and 'contact'")
+
+
+class _Table:
+    """The cells of a CSV file, and where they are."""
+
+    def __init__(self, file: Path):
+        self.file = file
+        try:
+            with file.open(newline="", encoding="utf-8-sig") as stream:
+                reader = csv.reader(stream)
+                rows = [(reader.line_num, [cell.strip() for cell in row]) for row in reader if any(map(str.strip, row))]
+        except (OSError, ValueError, csv.Error) as error:
+            raise DataError(f"{file}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
+        if len(rows) < 2:
+            raise DataError(f"{file}: allowed are a line that names the columns and at least one line of data")
+        self.heading, self.lines = rows[0][1], [line for line, _ in rows[1:]]
+        self.cells = [cells for _, cells in rows[1:]]
+        for k, name in enumerate(self.heading):
+            if name in self.heading[:k]:
+                raise DataError(f"{file}, line 1: column {name!r} is there twice")
+        for line, cells in zip(self.lines, self.cells, strict=True):
+            if len(cells) != len(self.heading):
+                raise DataError(
+                    f"{file}, line {line}: has {len(cells)} cells; allowed are {len(self.heading)}, as in line 1"
+                )
+
+    def refuse(self, line: int, column: str, what: str) -> NoReturn:
+        raise DataError(f"{self.file}, line {line}, column {column!r}: {what}")
+
+    def unit(self, column: str, units: dict[str, float]) -> tuple[str, float]:
+        """What a column is named, and what its unit is in SI units."""
+        found = HEADING.fullmatch(column)
+        if found is None or found["unit"].strip() not in units:
+            given = "no unit" if found is None else f"unit {found['unit']!r}"
+            self.refuse(1, column, f"{given}; allowed is a name and one of {', '.join(f'({unit})' for unit in units)}")
+        return found["what"], units[found["unit"].strip()]
+
+    def numbers(self, column: str, units: dict[str, float], *, empty: bool = False) -> Array:
+        """A column in SI units; NaN where it is empty and may be."""
+        _, factor = self.unit(column, units)
+        k, values = self.heading.index(column), []
+        for line, cells in zip(self.lines, self.cells, strict=True):
+            try:
+                value = float(cells[k]) if cells[k] or not empty else None
+            except ValueError:
+                value = math.nan
+            if value is not None and not math.isfinite(value):
+                allowed = "a finite number, or nothing" if empty else "a finite number"
+                self.refuse(line, column, f"{cells[k]!r} was given; allowed is {allowed}")
+            values.append(math.nan if value is None else factor * value)
+        return np.array(values)
+
+
+def _motion(table: _Table, scene: Scene) -> Motion:
+    if scene.run is None:
+        raise DataError(f"{table.file}: has times, but {scene.source} has no [run] that they could be of")
+    column = table.heading[0]
+    if table.unit(column, TIMES)[0] != "time":
+        table.refuse(1, column, "allowed in the first column are 'time (s)', 'time (ms)' and 'contact'")
+    times = table.numbers(column, TIMES)
+    end = round(scene.run.duration / scene.run.dt) * scene.run.dt
+    for k, time in enumerate(times):
+        if not 0 <= time <= end * (1 + LATE):
+            table.refuse(table.lines[k], column, f"{time:g} s was given; allowed is from 0 to the run's end, {end:g} s")
+        if k and time <= times[k - 1]:
+            table.refuse(
+                table.lines[k], column, f"{time:g} s follows {times[k - 1]:g} s; allowed are times that increase"
+            )
+    return Motion(times=times, **_seen(table, table.heading[1:], scene))
+
+
+def _equilibria(table: _Table, scene: Scene) -> Equilibria:
+    of_force = [column for column in table.heading if column.startswith("force")]
+    if not of_force:
+        raise DataError(
+            f"{table.file}, line 1: no force was given; allowed are 'force.x (N)', ... and 'force.normal (N)'"
+        )
+    given = {table.unit(column, FORCES)[0]: column for column in of_force}
+    for name, column in given.items():
+        if name not in ("force.x", "force.y", "force.z", "force.normal"):
+            table.refuse(1, column, "allowed are force.x, force.y, force.z and force.normal, in N")
+    values = {name: table.numbers(column, FORCES, empty=True) for name, column in given.items()}
+    contacts, forces = [], []
+    for k, (line, cells) in enumerate(zip(table.lines, table.cells, strict=True)):
+        name = cells[0]
+        if name not in scene.contacts:
+            table.refuse(line, "contact", unknown("contact mode", name, scene.contacts))
+        kind = scene.contacts[name].force
+        if kind == "nodal":
+            table.refuse(line, "contact", f"{name!r} has a force at every node; allowed are 'resultant' and 'normal'")
+        own = ("force.normal",) if kind == "normal" else ("force.x", "force.y", "force.z")
+        pushed = {axis: column[k] for axis, column in values.items() if not np.isnan(column[k])}
+        for axis in pushed:
+            if axis not in own:
+                table.refuse(line, given[axis], f"contact mode {name!r} has {', '.join(own)}; leave this cell empty")
+        if not pushed:
+            table.refuse(line, of_force[0], f"no force was given; contact mode {name!r} has {', '.join(own)}")
+        contacts.append(name)
+        forces.append(np.array([pushed.get(axis, 0.0) for axis in own]))
+    others = [column for column in table.heading[1:] if column not in of_force]
+    return Equilibria(contacts=tuple(contacts), forces=tuple(forces), **_seen(table, others, scene))
+
+
+def _seen(table: _Table, columns: Sequence[str], scene: Scene) -> dict[str, Any]:
+    """What both kinds of data have."""
+    if not columns:
+        raise DataError(f"{table.file}, line 1: no marker was given; allowed are columns such as 'NAME.x (m)'")
+    markers = tuple(_marker(table, column, scene.outputs) for column in columns)
+    for k, marker in enumerate(markers):
+        if marker in markers[:k]:
+            table.refuse(1, columns[k], f"is the same marker as {columns[markers.index(marker)]!r}")
+    measured = np.stack([table.numbers(column, LENGTHS, empty=True) for column in columns], axis=1)
+    return {
+        "file": str(table.file),
+        "lines": np.array(table.lines),
+        "columns": tuple(table.unit(column, LENGTHS)[0] for column in columns),
+        "markers": markers,
+        "measured": measured,
+    }
+
+
+def _marker(table: _Table, column: str, outputs: Mapping[str, Output]) -> Marker:
+    name, _ = table.unit(column, LENGTHS)
+    found = MARKER.fullmatch(name)
+    if found is None:
+        table.refuse(
+            1, column, "allowed are 'NAME.x (m)' and 'NAME[2].x (m)', with x, y or z, of an output of the scene"
+        )
+    output = found["output"]
+    if output not in outputs:
+        table.refuse(1, column, unknown("output", output, outputs))
+    points = len(outputs[output].points or [()])
+    if found["point"] is None and points > 1:
+        table.refuse(
+            1, column, f"output {output!r} has {points} points; allowed are {output}[0] to {output}[{points - 1}]"
+        )
+    point = int(found["point"] or 0)
+    if point >= points:
+        table.refuse(1, column, f"output {output!r} has no point [{point}]; allowed are [0] to [{points - 1}]")
+    return Marker(output, point, AXES.index(found["axis"]))

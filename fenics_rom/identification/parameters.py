@@ -1,0 +1,186 @@
+"""What can be identified in a scene, each parameter in a coordinate q that suits a fit and is 0 at the start.
+
+The values that the matrices depend on are one array θ (m + 1, 5): a row for each material (E, ν, ρ, α, β), and one for
+the springs to ground, of which only β counts.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+
+from fenics_rom.errors import SceneError
+from fenics_rom.scene import Scene
+from fenics_rom.schema import unknown
+
+Array = np.ndarray
+
+YOUNG, POISSON, DENSITY, ALPHA, BETA = range(5)  # columns of θ
+NAMES = ("young", "poisson", "density", "alpha", "beta")
+UNITS = ("Pa", "1", "kg/m3", "1/s", "s")
+LOWEST_POISSON, HIGHEST_POISSON = -1.0, 0.5
+LEAST = 1e-6  # share of its start value that damping keeps
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """One number of the scene.
+
+    E and ρ are sought as ln(E / E_start), so that they stay positive; ν as a logit that keeps it between -1 and 0.5;
+    α and β, which may well be next to 0, as (α - α_start) / α_start > -1.
+
+    Attributes:
+        name: as in the scene, after the material's where there are several.
+        column: of θ.
+        rows: of θ, which hold it.
+        start: its value in the scene.
+        path: keys that lead to it in the scene file.
+    """
+
+    name: str
+    column: int
+    rows: tuple[int, ...]
+    start: float
+    path: tuple[str, ...]
+
+    @property
+    def unit(self) -> str:
+        """Of its value."""
+        return UNITS[self.column]
+
+    @property
+    def proportional(self) -> bool:
+        """Whether q is a logarithm, so that steps of q are ratios of the value."""
+        return self.column in (YOUNG, DENSITY)
+
+    @property
+    def lowest(self) -> float:
+        """Least allowed q: some damping is left, without which there are no Gramians."""
+        return LEAST - 1.0 if self.column in (ALPHA, BETA) else -np.inf
+
+    def value(self, q: float) -> float:
+        """The parameter at q."""
+        if self.proportional:
+            return float(self.start * np.exp(q))
+        if self.column == POISSON:
+            share = 1 / (1 + (1 / _share(self.start) - 1) * np.exp(-q))
+            return float(LOWEST_POISSON + (HIGHEST_POISSON - LOWEST_POISSON) * share)
+        return float(self.start * (1 + q))
+
+    def slope(self, q: float) -> float:
+        """Derivative of the value with respect to q."""
+        if self.proportional:
+            return self.value(q)
+        if self.column == POISSON:
+            share = _share(self.value(q))
+            return (HIGHEST_POISSON - LOWEST_POISSON) * share * (1 - share)
+        return self.start
+
+
+def _share(poisson: float) -> float:
+    """How far ν is from its least to its largest value."""
+    return (poisson - LOWEST_POISSON) / (HIGHEST_POISSON - LOWEST_POISSON)
+
+
+def values_of(scene: Scene) -> Array:
+    """θ (m + 1, 5) of a scene; 0 where it has no damping."""
+    damping = scene.effects.get("damping", {"alpha": 0.0, "beta": 0.0})
+    own = damping.get("materials", {})
+    rows = [
+        (m.young, m.poisson, m.density, *(own.get(name, damping)[key] for key in NAMES[ALPHA:]))
+        for name, m in scene.materials.items()
+    ]
+    return np.array([*rows, (0.0, 0.0, 0.0, 0.0, damping["beta"])])
+
+
+def parameters_of(scene: Scene) -> dict[str, Parameter]:
+    """All that a scene gives a value to, by name; damping that it says is 0 is not looked for."""
+    θ = values_of(scene)
+    found: list[Parameter] = []
+    for row, (material, m) in enumerate(scene.materials.items()):
+        single = m.cells is None
+        path: tuple[str, ...] = ("material",) if single else ("materials", material)
+        for column in (YOUNG, POISSON, DENSITY):
+            key = NAMES[column]
+            name = key if single else f"{material}.{key}"
+            found.append(Parameter(name, column, (row,), float(θ[row, column]), (*path, key)))
+    if "damping" in scene.effects:
+        own = scene.effects["damping"].get("materials", {})
+        shared = tuple(row for row, name in enumerate(scene.materials) if name not in own)
+        for column in (ALPHA, BETA):
+            key, start = NAMES[column], scene.effects["damping"][NAMES[column]]
+            rows = (*shared, len(scene.materials)) if column == BETA else shared
+            if start > 0:
+                found.append(Parameter(key, column, rows, start, ("effects", "damping", key)))
+            for row, name in enumerate(scene.materials):
+                if name in own and own[name][key] > 0:
+                    path = ("effects", "damping", "materials", name, key)
+                    found.append(Parameter(f"{name}.{key}", column, (row,), own[name][key], path))
+    return {parameter.name: parameter for parameter in found}
+
+
+def chosen(scene: Scene, names: Sequence[str] | None, *, moving: bool) -> tuple[Parameter, ...]:
+    """The parameters that are to be identified.
+
+    Args:
+        scene: whose values are the start.
+        names: which; None: all that data of this kind can depend on.
+        moving: whether there are data of a motion; an equilibrium knows no damping, and density by gravity alone.
+
+    Raises:
+        SceneError: a name that does not exist, or is given twice, or none.
+    """
+    there = parameters_of(scene)
+    if names is None:
+        seen = range(5) if moving else [YOUNG, POISSON, *([DENSITY] if "gravity" in scene.effects else [])]
+        return tuple(parameter for parameter in there.values() if parameter.column in seen)
+    if not names or len(set(names)) < len(names):
+        raise SceneError(f"parameters = {', '.join(names) or 'none'}: allowed is each name once, and at least one")
+    for name in names:
+        if name not in there:
+            raise SceneError(
+                f"{scene.source}: {unknown('parameter', name, there)} (damping that is to be identified needs a start "
+                "value above 0 in effects.damping)"
+            )
+    return tuple(there[name] for name in names)
+
+
+def values_at(start: Array, parameters: Sequence[Parameter], q: Array) -> Array:
+    """θ at coordinates q (p,) of the parameters; the others are as in `start`."""
+    θ = start.copy()
+    for parameter, coordinate in zip(parameters, q, strict=True):
+        θ[list(parameter.rows), parameter.column] = parameter.value(coordinate)
+    return θ
+
+
+def directions_at(start: Array, parameters: Sequence[Parameter], q: Array) -> list[Array]:
+    """dθ/dq of each parameter, (m + 1, 5) each."""
+    found = []
+    for parameter, coordinate in zip(parameters, q, strict=True):
+        dθ = np.zeros_like(start)
+        dθ[list(parameter.rows), parameter.column] = parameter.slope(coordinate)
+        found.append(dθ)
+    return found
+
+
+def scene_with(scene: Scene, θ: Array) -> Scene:
+    """The scene with other values; its text stays."""
+    materials = {
+        name: replace(m, young=row[YOUNG], poisson=row[POISSON], density=row[DENSITY])
+        for (name, m), row in zip(scene.materials.items(), θ.tolist(), strict=False)
+    }
+    effects = dict(scene.effects)
+    if "damping" in effects:
+        damping = dict(effects["damping"])
+        own = damping.get("materials", {})
+        row_of = dict(zip(scene.materials, θ.tolist(), strict=False))
+        shared = [row for name, row in row_of.items() if name not in own]
+        damping["alpha"] = shared[0][ALPHA] if shared else damping["alpha"]
+        damping["beta"] = float(θ[-1, BETA])
+        if own:
+            damping["materials"] = {
+                name: {"alpha": row_of[name][ALPHA], "beta": row_of[name][BETA]} if name in row_of else one
+                for name, one in own.items()
+            }
+        effects["damping"] = damping
+    return replace(scene, materials=materials, effects=effects)

@@ -1,0 +1,156 @@
+"""The result of an identification: values with intervals, and every reason that is known to doubt them."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fenics_rom.identification.experiment import Experiment
+from fenics_rom.identification.parameters import Parameter
+from fenics_rom.identification.uncertainty import CONFIDENCE, half_widths
+from fenics_rom.scene import Scene
+
+Array = np.ndarray
+
+ENTANGLED = 0.95  # correlation from which intervals of single parameters say less than they seem to
+LIKE_NOISE = 0.3  # correlation of neighbours in time that residuals without a system do not have
+CERTAIN = 4.0  # standard errors that it has to be away from 0
+POOR = 0.2  # of what was measured, that residuals may be
+MUCH = 0.25  # of half an interval, that an approximation may move a parameter by
+UNSEEN = 1e-6  # of a parameter, that nobody would care for
+
+
+@dataclass(frozen=True)
+class Estimate:
+    """One parameter.
+
+    Attributes:
+        parameter: with its start value.
+        value: found, or the start value where it is held.
+        low, high: 95 % interval, all others free; None where it is held.
+        held: why it could not be found; empty where it was.
+    """
+
+    parameter: Parameter
+    value: float
+    low: float | None
+    high: float | None
+    held: str = ""
+
+
+@dataclass(frozen=True)
+class Identification:
+    """What was found.
+
+    Attributes:
+        scene: with the values found; its text is still the one it was read from.
+        estimates: of all parameters that were sought.
+        correlations: of the errors of those found, in their order, (p, p).
+        noise: s, standard deviation of a single value, estimated from the residuals, m.
+        experiment: what was measured.
+        predicted: by the reduced model, (N,), m.
+        full: by the full order, (N,), m.
+        finer: by the reduced model with steps half as long, (N,), m.
+        jacobian: of the predictions, with respect to the coordinates q of those found, (N, p), m.
+        order: displacements of the reduced model.
+        bases: how many were made on the way.
+        warnings: what the user should know.
+    """
+
+    scene: Scene
+    estimates: tuple[Estimate, ...]
+    correlations: Array
+    noise: float
+    experiment: Experiment
+    predicted: Array
+    full: Array
+    finer: Array
+    jacobian: Array
+    order: int
+    bases: int
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def values(self) -> dict[str, float]:
+        """By name, in SI units."""
+        return {one.parameter.name: one.value for one in self.estimates}
+
+    @property
+    def found(self) -> tuple[Estimate, ...]:
+        """Those that the data tell."""
+        return tuple(one for one in self.estimates if not one.held)
+
+    @property
+    def residual(self) -> float:
+        """Root mean square of what the reduced model leaves, m."""
+        return rms(self.experiment.measured - self.predicted)
+
+    @property
+    def full_residual(self) -> float:
+        """Root mean square of what the full order leaves at the same values, m."""
+        return rms(self.experiment.measured - self.full)
+
+    @property
+    def shifts(self) -> dict[str, Array]:
+        """By how much an approximation moves each parameter found, (p,), as shares of half its interval.
+
+        `reduction`: the full order instead of the reduced model; `time step`: steps that are infinitely short.
+        """
+        return {
+            "reduction": self._shift(self.full - self.predicted),
+            "time step": self._shift((self.finer - self.predicted) * 4 / 3),  # errors are of second order
+        }
+
+    def _shift(self, change: Array) -> Array:
+        moved = np.abs(np.linalg.lstsq(self.jacobian, change, rcond=None)[0])
+        half = half_widths(self.experiment.measured - self.predicted, self.jacobian)
+        return np.where(moved < UNSEEN, 0.0, moved / half)
+
+
+def rms(values: Array) -> float:
+    """Root mean square."""
+    return float(np.sqrt(np.mean(values**2)))
+
+
+def doubts(result: Identification) -> list[str]:
+    """What of the fit the user should know."""
+    said = []
+    names = [one.parameter.name for one in result.found]
+    for i, j in zip(*np.triu_indices(len(names), 1), strict=True):
+        if abs(result.correlations[i, j]) > ENTANGLED:
+            said.append(
+                f"{names[i]} and {names[j]} are known together rather than each alone: their errors correlate by "
+                f"{result.correlations[i, j]:.3f}"
+            )
+    measured = rms(result.experiment.measured)
+    if result.residual > POOR * measured:
+        said.append(
+            f"the fit is poor: it leaves {result.residual / measured:.0%} of what was measured (root mean squares)"
+        )
+    correlation, pairs = neighbours(result)
+    if correlation > max(LIKE_NOISE, CERTAIN / np.sqrt(max(pairs, 1))) and result.residual > UNSEEN * measured:
+        said.append(
+            f"the residuals are not like noise: from one instant to the next they correlate by {correlation:.2f}. The "
+            "model lacks something, and the intervals, which count noise alone, are too narrow"
+        )
+    cures = {"reduction": "this should not be: please report it", "time step": "a smaller run.dt is the cure"}
+    for name, shift in result.shifts.items():
+        k = int(np.argmax(shift))
+        if shift[k] > MUCH:
+            said.append(
+                f"the {name} moves {names[k]} by {shift[k]:.2g} times half its {CONFIDENCE:.0%} interval; {cures[name]}"
+            )
+    return said
+
+
+def neighbours(result: Identification) -> tuple[float, int]:
+    """Correlation of residuals of the same marker at instants that follow one another, and of how many pairs."""
+    moving = len(result.experiment.times)
+    residual = (result.experiment.measured - result.predicted)[:moving]
+    where = [(file, column) for file, _, column in result.experiment.places[:moving]]
+    products, pairs = 0.0, 0
+    for one in dict.fromkeys(where):
+        r = residual[[here == one for here in where]]  # in the order of the file, which is that of time
+        products += float(r[1:] @ r[:-1])
+        pairs += len(r) - 1
+    total = float(residual @ residual)
+    return (products / total if total > 0 else 0.0), pairs

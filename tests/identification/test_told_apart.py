@@ -1,0 +1,47 @@
+"""Combinations that data cannot tell, and their names."""
+
+import numpy as np
+import pytest
+
+from fenics_rom.identification.parameters import NAMES, Parameter
+from fenics_rom.identification.told_apart import untold
+
+E, NU, RHO, ALPHA, BETA = (Parameter(name, k, (0,), 0.3, ("material", name)) for k, name in enumerate(NAMES))
+RNG = np.random.default_rng(0)
+
+
+def blind_to(direction):
+    """A Jacobian (30, p) that does not see a direction."""
+    n = np.array(direction) / np.linalg.norm(direction)
+    return RNG.standard_normal((30, len(n))) @ (np.eye(len(n)) - np.outer(n, n))
+
+
+@pytest.mark.parametrize(
+    ("parameters", "direction", "held", "said"),
+    [
+        ((E, RHO), (0, 1), RHO, "the data do not depend on density"),
+        ((E, RHO, ALPHA), (1, 1, 0), RHO, "young and density appear only as their ratio: nothing in the data, such as"),
+        ((E, RHO), (-1, 1), RHO, "young and density appear only as their product"),
+        ((E, ALPHA, BETA), (0, -1, 3), BETA, "more of alpha and less of beta gives the same data"),
+        ((E, ALPHA, BETA), (0, 1, 3), BETA, "more of alpha and beta together gives the same data"),
+    ],
+)
+def test_what_cannot_be_told_at_all_is_named(parameters, direction, held, said):
+    found = untold(parameters, blind_to(direction), 0.0)
+    assert found.held == held
+    assert found.because.startswith(said)
+
+
+def test_poisson_counts_in_the_width_that_says_nothing():
+    found = untold((E, NU), blind_to((1, 1)), 0.0)
+    assert "young" in found.because
+    assert "poisson" in found.because
+
+
+def test_what_is_told_is_left_alone_and_what_noise_hides_is_not():
+    J = np.diag([100.0, 1.0])
+    assert untold((E, RHO), J, 0.0) is None
+    assert untold((E, RHO), J, 0.5) is None
+    found = untold((E, RHO), J, 1.5)
+    assert found.held == RHO
+    assert found.because.startswith("the data hardly depend on density; density was left at 0.3 kg/m3")
