@@ -152,6 +152,18 @@ def check_place(path: Path) -> None:
         raise RomFileError(f"{path}: cannot be written: no permission to write in {path.parent}")
 
 
+def check_folder(folder: Path) -> None:
+    """Checks that a folder of results is there or can be made; worth asking before long work.
+
+    Raises:
+        RomFileError: it is a file, or the folder that it would be in does not exist.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise RomFileError(f"{folder}: is a file; allowed is a folder, or a name that is free")
+    if not folder.resolve().parent.is_dir():
+        raise RomFileError(f"{folder}: cannot be made: folder {folder.resolve().parent} does not exist")
+
+
 def sealed(content: bytes | memoryview) -> bytes:
     """The user block that belongs to a whole file: the seal of what follows it."""
     return _seal(hashlib.sha256(memoryview(content)[SEAL_SIZE:]).hexdigest())
