@@ -18,6 +18,7 @@ from fenics_rom.linear_limit import Excursion, SurfaceGauges, largest, summary, 
 from fenics_rom.load_history import LoadHistory
 from fenics_rom.record import Record, Recorder
 from fenics_rom.scene import Scene
+from fenics_rom.step_length import StepGauge
 from fenics_rom.surroundings import ContactPoints, History, Surroundings
 from fenics_rom.system import Array, System
 
@@ -38,6 +39,7 @@ class FullSimulator:
     Attributes:
         touched: contact in the last step; None where nothing touched.
         ledger: the energy account, or None.
+        gauge: of the length of the steps, where an account is kept.
     """
 
     def __init__(self, system: System, dt: float, surroundings: Surroundings | None = None, *, ledger: bool = True):
@@ -55,6 +57,7 @@ class FullSimulator:
         self.dt = dt
         self.time = 0.0
         self.ledger = Ledger() if ledger else None
+        self.gauge = StepGauge()
         rows = system.algebra.rows()
         self.x = np.zeros((rows.stop - rows.start, 1))
         self.v = np.zeros_like(self.x)
@@ -96,6 +99,8 @@ class FullSimulator:
             raise StepError(f"input {u.tolist()} leads out of the finite numbers; the state was left as it was")
         if self.ledger is not None:
             Mv, Kv = self._refined(factor, right, v)
+            if not self._quasi_static:
+                self.gauge.add(4 * self._dot(v - self.v, Mv - self._momentum), self._dot(v, Mv))
             drawn = h / 2 * Kv if self._quasi_static else self._damped(v, Mv, Kv)
             self.ledger.book(supplied=h * self._dot(force, v), dissipated=h * self._dot(v, drawn))
             if touched is not None:
@@ -256,11 +261,11 @@ def solve(
         nodes=system.body.nodes,
         triangles=system.body.triangles,
         node_mass=system.body.node_mass,
-        warnings=(*system.warnings, *filter(None, [summary(seen), simulator.loose])),
+        warnings=(*system.warnings, *filter(None, [summary(seen), simulator.loose, simulator.gauge.message])),
     )
 
 
-def plain_rate(system: System, dt: float, seconds: float = 0.2, windows: int = 5) -> float:
+def plain_rate(system: System, dt: float, seconds: float = 0.02, windows: int = 25) -> float:
     """Steps per second of the scene's load history without the energy account; every rank must call it.
 
     Args:

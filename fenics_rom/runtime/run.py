@@ -15,6 +15,7 @@ from fenics_rom.runtime.simulator import Simulator
 from fenics_rom.runtime.surrounded import MOTION
 from fenics_rom.scene import Scene
 from fenics_rom.scene_file import parse_scene
+from fenics_rom.step_length import StepGauge
 from fenics_rom.surroundings import History
 
 Report = Callable[[str, int, int], None]
@@ -60,10 +61,15 @@ def simulate(
         recorder.sample(step, *account, forces)
 
     sample(0)
+    gauge = StepGauge()
     for step, (contact, u) in enumerate(history, start=1):
         if not history.automatic:
             simulator.switch(contact)
+        was, before = simulator.contact, simulator.state[1]
         simulator.step(u)
+        if "inertia" in asked.effects and simulator.contact == was:
+            after = simulator.state[1]
+            gauge.add(np.square(after - before).sum(), np.square(after + before).sum() / 4)
         sample(step)
         report("steps", step, history.steps)
     return recorder.record(
@@ -77,7 +83,7 @@ def simulate(
         nodes=rom.nodes,
         triangles=rom.triangles,
         node_mass=rom.node_mass,
-        warnings=(*rom.warnings, *simulator.warnings),
+        warnings=(*rom.warnings, *simulator.warnings, *filter(None, [gauge.message])),
         profile=_profile(fresh(), history) if profile else None,
     )
 

@@ -14,7 +14,7 @@ from fenics_rom.rom import Rom
 from fenics_rom.runtime.forms import fastest
 from fenics_rom.runtime.march import LONGEST, Block, Span, ladder, one_step, repeated, run, spans
 from fenics_rom.runtime.midpoint import checked_dt
-from fenics_rom.runtime.switching import Projections
+from fenics_rom.runtime.switching import Loss, Projections
 from fenics_rom.runtime.watch import Watch
 from fenics_rom.schema import unknown
 
@@ -38,6 +38,7 @@ class Snapshot:
         state: [√γ q, r] (2m,), read-only.
         sums: of the energy account, J, and what they were rounded by; or None.
         excursion: how far the surface went.
+        loss: the switch that lost most.
         rigid: displacement along the rigid motions (ρ,), read-only.
         past: where the obstacles are, and the last contact; None where nothing acts by itself.
     """
@@ -49,6 +50,7 @@ class Snapshot:
     state: Array
     sums: tuple[tuple[float, float], ...] | None
     excursion: Excursion
+    loss: Loss
     rigid: Array = field(default_factory=lambda: np.empty(0))
     past: "Past | None" = None
 
@@ -71,6 +73,7 @@ class Simulator:
     Attributes:
         steps: number of steps taken.
         ledger: the energy account, or None.
+        loss: the switch that lost most, where an account is kept.
 
     Raises:
         SceneError: an effect that the ROM was not made with, or a load without a history.
@@ -96,6 +99,7 @@ class Simulator:
         self.rom = rom
         self.steps = 0
         self.ledger = Ledger(self._settle) if ledger else None
+        self.loss = Loss()
         self._dt, self._since = checked_dt(dt), (0.0, 0)
         self._drift = np.zeros(rom.rigid)  # displacement along the rigid motions, as far as it is booked
         self._watch = Watch(rom, self._rigid)
@@ -189,7 +193,7 @@ class Simulator:
             raise StepError(unknown("contact mode", contact, self.rom.modes))
         self._settle()
         potential, kinetic = self._projections.between(self._contact, contact)
-        left, before, m = self._form, self._form.state, len(self._ω)
+        was, left, before, m = self._contact, self._form, self._form.state, len(self._ω)
         self._enter(contact)
         if self._acting is not None:
             self._acting.hand_over(left, self._form)
@@ -197,7 +201,11 @@ class Simulator:
         np.dot(potential, before[:m], out=after[:n])
         np.dot(kinetic, before[m:], out=after[n:])
         if self.ledger is not None:
-            self.ledger.book(lost_in_switching=float(before.dot(before) - after.dot(after)) / 2)
+            held = float(before.dot(before)) / 2
+            lost = held - float(after.dot(after)) / 2
+            self.ledger.book(lost_in_switching=lost)
+            if lost > self.loss.energy:
+                self.loss = Loss(lost, lost / held, was, contact, self.time)
 
     def drive(self, name: str, history: "History") -> None:
         """Gives a load or an obstacle another value, or another function of time (s), from the next step on.
@@ -231,9 +239,12 @@ class Simulator:
 
     @property
     def warnings(self) -> tuple[str, ...]:
-        """What the user should know of the run so far: a surface that went too far, contact that was not solved."""
+        """What the user should know of the run so far.
+
+        A surface that went too far, a switch that lost much, contact that was not solved.
+        """
         contact = "" if self._acting is None else self._acting.warning
-        return tuple(filter(None, [summary(self.excursion), contact]))
+        return tuple(filter(None, [summary(self.excursion), self.loss.message, contact]))
 
     @property
     def contact_points(self) -> Array:
@@ -438,6 +449,7 @@ class Simulator:
         self._rigid()[:] = 0
         if self.ledger is not None:
             self.ledger.sums = Ledger().sums
+        self.loss = Loss()
         self.steps, self._since = 0, (0.0, 0)
         self._watch.begin(Excursion())
         self._enter(next(iter(self.rom.modes)))
@@ -453,7 +465,8 @@ class Simulator:
         state.flags.writeable = rigid.flags.writeable = False
         sums = None if self.ledger is None else self.ledger.sums
         past = None if self._acting is None else self._acting.save(self._form)
-        return Snapshot(self._contact, self._dt, self.steps, self._since, state, sums, self.excursion, rigid, past)
+        where = self._contact, self._dt, self.steps, self._since
+        return Snapshot(*where, state, sums, self.excursion, self.loss, rigid, past)
 
     def restore(self, snapshot: Snapshot) -> None:
         """Goes back to a saved state, of this simulator or of another one of the same ROM.
@@ -471,6 +484,7 @@ class Simulator:
         self._rigid()[:] = snapshot.rigid
         self._dt, self.steps, self._since = snapshot.dt, snapshot.steps, snapshot.since
         self._watch.begin(snapshot.excursion)
+        self.loss = snapshot.loss
         self._enter(snapshot.contact)
         self._form.state[:] = snapshot.state
         if self._acting is not None and snapshot.past is not None:

@@ -11,11 +11,44 @@ In energy coordinates (ω q, r) both maps are products of two orthonormal bases:
 same in all contact modes: their velocities are carried over as they are, and their displacements are elsewhere.
 """
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from fenics_rom.rom import Mode, Rom
 
 Array = np.ndarray
+
+MUCH = 0.01  # of the stored energy, lost in one switch: some 10 % of a shape
+
+
+@dataclass(frozen=True)
+class Loss:
+    """What a switch took out of the state, because the next contact mode's model cannot hold it.
+
+    Attributes:
+        energy: J.
+        share: of what was stored.
+        start, end: contact modes.
+        time: s.
+    """
+
+    energy: float = 0.0
+    share: float = 0.0
+    start: str = ""
+    end: str = ""
+    time: float = 0.0
+
+    @property
+    def message(self) -> str:
+        """What the user should know; empty where little was lost."""
+        if self.share <= MUCH:
+            return ""
+        return (
+            f"switching from {self.start!r} to {self.end!r} at t = {self.time:.4g} s lost {100 * self.share:.2g} % of "
+            f"the stored energy ({self.energy:.2g} J), as the next model cannot hold all of that shape; a higher order "
+            "loses less"
+        )
 
 
 class Projections:
