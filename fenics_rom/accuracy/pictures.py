@@ -61,7 +61,7 @@ def _speed(axes: Any, findings: Findings) -> None:
         textcoords="offset points",
         fontsize=8,
     )
-    axes.margins(x=0.14)
+    axes.margins(x=0.2)
     axes.set(xscale="log", yscale="log", xlabel="seconds simulated in a second", ylabel="error of the whole shape")
     top = axes.secondary_xaxis("top", functions=(lambda x: x / findings.dt, lambda x: x * findings.dt))
     top.set_xlabel(f"steps per second, if all were of {length(findings.dt)}")
