@@ -318,7 +318,7 @@ def test_step_too_long_for_a_load_is_left_out_and_said(box_file, tmp_path):
 
 def test_body_that_no_method_can_reduce_is_refused(box_file, tmp_path):
     undamped = box_scene(box_file, effects="inertia = {}")
-    with pytest.raises(SolverError, match="no reduced model could be measured: balanced, order 5: .*damping"):
+    with pytest.raises(SolverError, match=r"no reduced model could be measured: balanced, order 5: .*damping"):
         fr.study(undamped, tmp_path, methods=["balanced"], orders=[5], steps=[0.02])
 
 
