@@ -75,11 +75,15 @@ def write_file(file: str | Path, content: str, fill: Callable[[h5py.File], None]
             fill(h5)
     except OSError as error:
         raise RomFileError(f"{path}: cannot be written: {_reason(error)}") from error
-    write_whole(path, sealed(memory.getbuffer()), memory.getbuffer()[SEAL_SIZE:])
+    with memory.getbuffer() as whole, whole[SEAL_SIZE:] as rest:  # let go of, also where writing fails
+        write_whole(path, sealed(whole), rest)
 
 
 def write_whole(path: Path, *parts: bytes | memoryview) -> None:
     """Writes a file beside its place and renames it, so that there is never half of it; under MPI, rank 0 does.
+
+    Of two that write one file at a time, the last one's stays. Where SIGKILL ends it meanwhile, `.NAME.*.part` is left
+    beside the file, which nothing reads and which may be removed.
 
     Raises:
         RomFileError: it cannot be written.
@@ -264,7 +268,8 @@ def get_arrays(group: h5py.Group, table: Table, sizes: Sizes, others: tuple[str,
     """
     extra = set(group) - set(table) - set(others)
     if extra:
-        raise RomFileError(f"unexpected {', '.join(sorted(extra))} in {group.name}")
+        shown = (name if NAME.fullmatch(name) else repr(name) for name in sorted(extra))
+        raise RomFileError(f"unexpected {', '.join(shown)} in {group.name}")
     arrays: dict[str, Array | None] = {}
     for name, entry in table.items():
         where = f"{group.name.rstrip('/')}/{name}"
@@ -273,12 +278,14 @@ def get_arrays(group: h5py.Group, table: Table, sizes: Sizes, others: tuple[str,
                 raise RomFileError(f"{where} is missing")
             arrays[name] = None
             continue
-        dataset = group[name]
-        if not isinstance(dataset, h5py.Dataset) or dataset.dtype.kind != entry.kind or dataset.dtype.itemsize != 8:
+        dataset = _own(group, name, h5py.Dataset)
+        if dataset is None or dataset.dtype.kind != entry.kind or dataset.dtype.itemsize != 8:
             raise RomFileError(f"{where} is not an array of {'whole' if entry.kind == 'i' else 'real'} numbers")
         size = 8 * math.prod(dataset.shape)  # Python's whole numbers: NumPy's would overflow
         if size > dataset.id.get_storage_size():  # a size that lies would be answered with memory
             raise RomFileError(f"{where} says it has {size} bytes, but fewer are stored")
+        if dataset.is_virtual or dataset.external or dataset.chunks:  # elsewhere, or in less room than it takes
+            raise RomFileError(f"{where} is not stored in one piece")
         if get_text(dataset, "unit") != entry.unit:
             raise RomFileError(f"{where} has unit {get_text(dataset, 'unit')!r}, not {entry.unit!r}")
         array = dataset[()]
@@ -293,10 +300,18 @@ def get_group(parent: h5py.Group, name: str) -> h5py.Group:
     Raises:
         RomFileError: it is not.
     """
-    group = parent.get(name)
-    if not isinstance(group, h5py.Group):
+    group = _own(parent, name, h5py.Group)
+    if group is None:
         raise RomFileError(f"{parent.name.rstrip('/')}/{name} is missing")
     return group
+
+
+def _own(group: h5py.Group, name: str, kind: type[T]) -> T | None:
+    """What has that name and is of that kind; None where it is not, or where a link leads elsewhere."""
+    if not isinstance(group.get(name, getlink=True), h5py.HardLink):
+        return None
+    found = group[name]
+    return found if isinstance(found, kind) else None
 
 
 def _check(where: str, array: Array, entry: Entry, sizes: Sizes) -> None:

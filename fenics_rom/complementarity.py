@@ -11,6 +11,7 @@ has freedoms; each system is solved for the change of the forces with a small co
 method), which leaves what is solved for unchanged and what W does not determine near where it was.
 """
 
+from contextlib import suppress
 from functools import lru_cache
 from typing import NamedTuple
 
@@ -86,7 +87,8 @@ class _Frictional:
             with np.errstate(all="ignore"):  # what diverges ends
                 arrived = self.through_interior()
                 if not arrived and not self.error <= _NEAR * self.speed:
-                    arrived = any(self.follow(*path) for path in _PATHS)
+                    with suppress(np.linalg.LinAlgError):  # of compliances whose squares overflow
+                        arrived = any(self.follow(*path) for path in _PATHS)
             if not arrived:
                 _accept(self.error / self.speed, len(self.q), self.iterations)
         return Solution(self.best, self.velocities, self.iterations, self.error / self.speed)

@@ -86,5 +86,7 @@ class Ledger:
 
 def _added(total: tuple[float, float], more: float) -> tuple[float, float]:
     """A sum, and what it lacks of the exact one."""
+    if not math.isfinite(total[0] + more):  # standard switching can gain energy until there are no numbers for it
+        return total[0] + more, 0.0
     rounded = math.fsum((*total, more))
     return rounded, math.fsum((*total, more, -rounded))

@@ -24,6 +24,7 @@ ROTATION_LIMIT = 0.2  # rad
 STRAIN_LIMIT = 0.1
 MOST = 512  # triangles that are looked at
 ROUND_OFF = 1e-9  # share of the largest slope of the basis that is none
+SMALLEST, GREATEST = 1e-60, 1e60  # m, longest side of a triangle: beyond, squares of areas vanish or overflow
 THINNEST = 1e-9  # height of a triangle as a share of its longest side; below, its normal is round-off
 
 
@@ -105,7 +106,7 @@ class SurfaceGauges:
         a, b = nodes[chosen[:, 1]] - nodes[chosen[:, 0]], nodes[chosen[:, 2]] - nodes[chosen[:, 0]]
         n = np.cross(a, b)
         longest = np.linalg.norm([a, b, b - a], axis=2).max(axis=0)
-        solid = np.linalg.norm(n, axis=1) > THINNEST * longest**2
+        solid = (longest > SMALLEST) & (longest < GREATEST) & (np.linalg.norm(n, axis=1) > THINNEST * longest**2)
         self.triangles = chosen[solid]
         a, b, n = a[solid], b[solid], _unit(n[solid])
         t1 = _unit(a)
@@ -138,6 +139,19 @@ def largest(components: Array) -> tuple[float, float]:
     ω, (ε1, ε2, shear) = components[:, :3], components[:, 3:].T
     principal = np.abs(ε1 + ε2) / 2 + np.hypot((ε1 - ε2) / 2, shear / math.sqrt(2))
     return float(np.linalg.norm(ω, axis=1).max(initial=0.0)), float(principal.max(initial=0.0))
+
+
+def _safe_energy(strained: Array) -> float:
+    """Energy with which nothing is beyond its limit, of the rows (g, 2, 3, m) of energy coordinates, J."""
+    scale = np.abs(strained).max(initial=0.0)  # squares may overflow, or vanish
+    if scale == 0:
+        return math.inf
+    if not np.isfinite(scale):
+        return 0.0
+    strained = strained / scale
+    ρ2 = np.linalg.eigvalsh(strained @ strained.swapaxes(2, 3))[:, :, -1].max(axis=0, initial=0.0)
+    severity = float(scale) * float((np.sqrt(ρ2) / [ROTATION_LIMIT, STRAIN_LIMIT]).max())
+    return 0.5 / severity / severity
 
 
 def basis_rows(rom: Rom) -> Array:
@@ -174,10 +188,7 @@ class ModeGauge:
 
     def __init__(self, rows: Array, eigenvalues: Array):
         self._rows = rows
-        strained = (rows / divisors(eigenvalues)).reshape(-1, 2, 3, len(eigenvalues))
-        ρ2 = np.linalg.eigvalsh(strained @ strained.swapaxes(2, 3))[:, :, -1].max(axis=0, initial=0.0)
-        severity2 = float((ρ2 / np.square([ROTATION_LIMIT, STRAIN_LIMIT])).max())
-        self.safe_energy = 1 / (2 * severity2) if severity2 > 0 else math.inf
+        self.safe_energy = _safe_energy((rows / divisors(eigenvalues)).reshape(-1, 2, 3, len(eigenvalues)))
         turning = np.abs(rows[:, eigenvalues == 0]).max(initial=0.0)
         if turning > ROUND_OFF * np.abs(rows).max(initial=0.0):  # translations turn nothing but by round-off
             self.safe_energy = 0.0

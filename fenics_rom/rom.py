@@ -252,8 +252,9 @@ def _check_mode(where: str, κ: Array, mode: Mode, rigid: int) -> None:
     D = mode.damping
     if D.ndim == 2 and not np.array_equal(D, D.T):
         raise StructureError(f"{where}: damping is not symmetric")
-    least = D.min() if D.ndim == 1 else np.linalg.eigvalsh(D)[0]
-    if not least >= -1e-12 * np.abs(D).max():
+    largest = np.abs(D).max()
+    least = D.min() if D.ndim == 1 else largest * np.linalg.eigvalsh(D / (largest or 1.0))[0]  # else it may overflow
+    if not least >= -1e-12 * largest:
         raise StructureError(f"{where}: damping is not positive semi-definite, least {least:g}")
     strained = (np.sqrt(κ)[:, None] * C / mode.divisors)[:, rigid:]
     for what, columns in (

@@ -236,6 +236,8 @@ def _check_fit(rom: Rom) -> None:
         raise RomFileError(f"/triangles name nodes beyond {len(rom.nodes)}")
     if (rom.node_mass < 0).any():
         raise RomFileError("/node_mass has negative masses")
+    if "contact" in rom.effects and not any(len(mode.contact_points) for mode in rom.modes.values()):
+        raise RomFileError("has contact, and no node that obstacles can touch")
     if any(columns < 0 for columns in (*rom.actuators.values(), *rom.loads.values())):
         raise RomFileError("an actuator or a load has a negative number of columns")
     if any(stage.seconds < 0 or stage.peak_memory < 0 for stage in rom.stages):

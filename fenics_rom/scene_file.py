@@ -117,7 +117,8 @@ def read_scene(file: str | Path) -> Scene:
     """
     path = Path(file)
     try:
-        text = path.read_text(encoding="utf-8-sig")  # some editors on Windows begin a file with a mark
+        with path.open(encoding="utf-8-sig") as stream:  # some editors on Windows begin a file with a mark
+            text = stream.read(LONGEST + 1)  # no more: a device may have no end
     except (OSError, ValueError) as error:
         raise SceneError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
     return parse_scene(text, folder=path.parent, source=str(path))
@@ -141,9 +142,8 @@ def parse_scene(
     Raises:
         SceneError: as `read_scene`.
     """
-    size = len(text.encode(errors="replace"))
-    if size > LONGEST:
-        raise SceneError(f"{source}: has {size} bytes: allowed are {LONGEST}; long force histories belong in tables")
+    if len(text.encode(errors="replace")) > LONGEST:
+        raise SceneError(f"{source}: is too long: bytes allowed are {LONGEST}; long force histories belong in tables")
     try:
         raw = tomllib.loads(text)
     except ValueError as error:  # TOMLDecodeError, and what Python says of numbers with thousands of digits
@@ -328,6 +328,8 @@ def _load(
 def _read_table(file: Path) -> np.ndarray:
     """Times and forces from a CSV file whose first row names the columns."""
     try:
+        if file.exists() and not file.is_file():  # a device may have no end, a pipe no beginning
+            raise SceneError(f"force table {file}: cannot be read: is a folder or a device")
         with file.open(newline="", encoding="utf-8-sig") as stream:
             rows = [row for row in csv.reader(stream) if row]
     except (OSError, ValueError, csv.Error) as error:

@@ -9,6 +9,7 @@ from typing import Any
 
 from fenics_rom.errors import SceneError
 
+SMALLEST, GREATEST = 1e-50, 1e50  # size of a number that is not 0: what is made of some stays a number, too
 REQUIRED: Any = object()  # a field without a default
 NAME = re.compile(r"[\w-]{1,100}")  # of contact modes, outputs, ...: they become names inside HDF5 files
 NAME_IN_WORDS = "letters, digits, _ and -, at most 100"
@@ -93,6 +94,8 @@ class Number(Field):
             finite = False
         if not (finite and self.at_least <= value <= self.at_most and self.above < value < self.below):
             raise _refuse(where, value, self.allowed())
+        if value and not SMALLEST <= abs(value) <= GREATEST:
+            raise _refuse(where, value, f"0 or a size from {SMALLEST:g} to {GREATEST:g}")
         return int(value) if self.integer else float(value)
 
 

@@ -36,7 +36,7 @@ class StepGauge:
         """What the user should know; empty where steps are short enough."""
         if self.oscillation >= FEWEST:
             return ""
-        late = 100 * (math.tau / self.oscillation) ** 2 / 12
+        late = 100 * (math.tau / self.oscillation) ** 2 / 12 if self.oscillation else math.inf
         return (
             f"the time step is long for what moves: {self.oscillation:.2g} steps in an oscillation (root mean square), "
             f"which makes oscillations take some {late:.2g} % too long; {FEWEST:g} steps are good to 3 %"

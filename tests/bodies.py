@@ -74,6 +74,7 @@ def write_arrays(
     surfaces: dict[str, np.ndarray] | None = None,
     regions: dict[str, np.ndarray] | None = None,
     version: float = 4.1,
+    binary: bool = False,
 ) -> Path:
     """Any mesh as Gmsh's .msh: groups of triangles (those of a box where None) and of cells may overlap."""
     surfaces = box_surfaces(points, cells) if surfaces is None else surfaces
@@ -84,6 +85,7 @@ def write_arrays(
     try:
         gmsh.option.setNumber("General.Terminal", 0)
         gmsh.option.setNumber("Mesh.MshFileVersion", version)
+        gmsh.option.setNumber("Mesh.Binary", binary)
         rows_of = dict(zip(surfaces, parts, strict=True))
         for dimension, kind, elements, groups in ((3, 4, cells, regions), (2, 2, triangles, rows_of)):
             member = np.array([np.isin(np.arange(len(elements)), rows) for rows in groups.values()]).T

@@ -126,7 +126,7 @@ def without(path):
 
 
 def group(path):
-    return lambda h5: (h5.pop(path, None), h5.create_group(path))
+    return lambda h5: (h5.pop(path, None), h5.create_group(path, track_order=True))
 
 
 def announced(path, shape, **options):

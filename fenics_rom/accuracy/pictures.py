@@ -5,13 +5,13 @@ from typing import Any
 
 import numpy as np
 from matplotlib import colormaps
-from matplotlib.figure import Figure
 
 from fenics_rom.accuracy.choice import decades, length, pareto_front
 from fenics_rom.accuracy.findings import Findings
 from fenics_rom.accuracy.results import PICTURES
 from fenics_rom.accuracy.tables import largest_model
 from fenics_rom.accuracy.ways import WAYS
+from fenics_rom.figure import figure_class, write_figure
 
 COLOURS = dict(zip(WAYS, ("tab:blue", "tab:red", "tab:green", "tab:orange", "tab:purple", "tab:blue"), strict=True))
 MARKERS = dict(zip(WAYS, "osv^DX", strict=True))
@@ -21,10 +21,10 @@ SIZE = (7.5, 4.8)  # inches
 def draw(findings: Findings, folder: Path) -> None:
     """Writes the PICTURES, each as .png and .pdf."""
     for name, drawn in zip(PICTURES, (_speed, _orders, _parts), strict=True):
-        figure = Figure(figsize=SIZE, layout="constrained")
+        figure = figure_class()(figsize=SIZE, layout="constrained")
         drawn(figure.add_subplot(), findings)
         for ending in ("png", "pdf"):
-            figure.savefig(folder / f"{name}.{ending}", dpi=150)
+            write_figure(figure, folder / f"{name}.{ending}", dpi=150)
 
 
 def _speed(axes: Any, findings: Findings) -> None:

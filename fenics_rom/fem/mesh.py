@@ -68,7 +68,11 @@ def read_mesh(file: Path, groups: Mapping[str, int]) -> Mesh:
     Raises:
         MeshError: the file is missing, unreadable, or holds no usable tetrahedra.
     """
-    if not file.is_file():
+    try:
+        found = file.is_file()
+    except OSError as error:  # a name that is too long
+        raise MeshError(f"mesh file {file}: {error.strerror}") from error
+    if not found:
         raise MeshError(f"mesh file {file}: not found")
     readers = {".msh": _read_gmsh, ".xdmf": _read_xdmf}
     if file.suffix not in readers:
@@ -116,9 +120,11 @@ def _read_gmsh(file: Path, groups: Mapping[str, int]):  # type: ignore[no-untype
         gmsh.option.setNumber("General.Terminal", 0)
         try:
             gmsh.merge(str(file))
-        except Exception as error:
+            return _from_gmsh_model(gmsh.model, file, groups)
+        except MeshError:
+            raise
+        except Exception as error:  # Gmsh's own, and what Python says of names that are no text
             raise MeshError(f"mesh file {file}: Gmsh cannot read it: {error}") from error
-        return _from_gmsh_model(gmsh.model, file, groups)
     finally:
         gmsh.finalize()
 
@@ -128,9 +134,7 @@ def _from_gmsh_model(model, file: Path, groups: Mapping[str, int]):  # type: ign
     if len(tags) == 0:
         raise MeshError(f"mesh file {file}: holds no nodes")
     order = np.argsort(tags)
-    points = coordinates.reshape(-1, 3)[order]
-    row = np.full(int(tags.max()) + 1, -1, dtype=np.int64)
-    row[tags[order].astype(np.int64)] = np.arange(len(tags))
+    points, tags = coordinates.reshape(-1, 3)[order], tags[order]
 
     kinds = {int(kind) for kind in model.mesh.getElementTypes(3)}
     if kinds - {4}:
@@ -140,7 +144,10 @@ def _from_gmsh_model(model, file: Path, groups: Mapping[str, int]):  # type: ign
     def elements(kind: int, entity: int = -1) -> tuple[np.ndarray, np.ndarray]:
         width = {2: 3, 4: 4}[kind]
         numbers, nodes = model.mesh.getElementsByType(kind, entity)
-        return numbers.astype(np.int64), row[nodes.astype(np.int64).reshape(-1, width)]
+        rows = np.searchsorted(tags, nodes)  # tags may be anything, in any order
+        if (rows == len(tags)).any() or (tags[rows] != nodes).any():
+            raise MeshError(f"mesh file {file}: names nodes that it does not hold")
+        return numbers.astype(np.int64), rows.reshape(-1, width)
 
     numbers, cells = elements(4)
     cell_of = {int(number): k for k, number in enumerate(numbers)}

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from fenics_rom.figure import figure_class
+from fenics_rom.figure import figure_class, write_figure
 from fenics_rom.identification.result import Identification
 
 Array = np.ndarray
@@ -46,7 +46,7 @@ def picture_of(result: Identification, files: Sequence[Path]) -> None:
         below.set_ylabel("residual (mm)", fontsize=8)
         above.legend(fontsize=8)
     for target in files:
-        figure.savefig(target, dpi=110)
+        write_figure(figure, target, dpi=110)
 
 
 def _motions(result: Identification) -> list[tuple[tuple[str, str], Array]]:

@@ -4,6 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fenics_rom.errors import SolverError
+
 Array = np.ndarray
 FLOOR = 1e-12  # share of σ_1 below which σ is round-off
 
@@ -30,8 +32,13 @@ def balance(Z: Array, Y: Array) -> Balanced:
 
     Args:
         Z, Y: (k, any).
+
+    Raises:
+        SolverError: there is nothing to balance.
     """
     V, σ, Uᵀ = np.linalg.svd(Y.T @ Z, full_matrices=False)
+    if not σ.any():
+        raise SolverError("the Gramians vanish: inputs move the body by less than numbers can hold")
     there = σ > FLOOR * σ[0]
     V, σ, U = V[:, there], σ[there], Uᵀ[there].T
     return Balanced(σ, Z @ U / np.sqrt(σ), V.T @ Y.T / np.sqrt(σ)[:, None])

@@ -5,6 +5,7 @@ do not depend on the number of ranks.
 """
 
 import re
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -103,6 +104,10 @@ class Checkpoint:
             "left_inverse": kept.left_inverse,
         }
 
+        if is_rank_0():
+            with suppress(OSError):  # another run of the same output removes the folder when it is done
+                self._folder.mkdir(exist_ok=True)
+
         def fill(h5: Any) -> None:
             put_text(h5, name=name, choices=self._choices, messages="\n".join(problem.messages[self._told :]))
             put_arrays(h5, PART, {}, arrays)
@@ -130,10 +135,10 @@ def remove_checkpoint(folder: Path) -> None:
     """Removes what a checkpoint wrote, half-written files included, and the folder where it holds nothing else."""
     if not is_rank_0() or not folder.is_dir():
         return
-    for file in folder.iterdir():
+    for file in list(folder.iterdir()):
         if PART_FILE.fullmatch(file.name):
-            file.unlink()
-    if not any(folder.iterdir()):
+            file.unlink(missing_ok=True)
+    with suppress(OSError):  # it holds something else, or another run was faster
         folder.rmdir()
 
 
