@@ -523,6 +523,21 @@ def test_program_and_module_are_the_same_and_show_no_traceback(inside):
     assert fenics_rom("--version").stdout == f"fenics-rom {fr.__version__}\n"
 
 
+def test_interrupted_while_it_starts_it_says_so_in_one_line():
+    code = """
+import sys
+class Interrupt:
+    def find_spec(self, name, path=None, target=None):
+        if name == "fenics_rom.cli":
+            raise KeyboardInterrupt
+sys.meta_path.insert(0, Interrupt())
+from fenics_rom.__main__ import main
+main()
+"""
+    run = process(sys.executable, "-c", code)
+    assert (run.returncode, run.stdout, run.stderr) == (1, "", "fenics-rom: error: interrupted\n")
+
+
 def test_reader_that_has_seen_enough_is_no_error():
     reading, writing = os.pipe()
     os.close(reading)
