@@ -37,7 +37,9 @@ def decades(rows: Sequence[Row]) -> list[tuple[float, Row]]:
     found: dict[tuple[str, int, float], tuple[float, Row]] = {}
     k = 1
     while (row := cheapest(rows, 10.0**-k)) is not None:
-        found[row.method, row.order, row.dt] = 10.0**-k, row
+        key = row.method, row.order, row.dt
+        found.pop(key, None)
+        found[key] = 10.0**-k, row
         k += 1
     return list(found.values())
 

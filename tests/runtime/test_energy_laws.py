@@ -25,9 +25,9 @@ class Account:
         self.gap = self.scale = self.largest_gain = self.excess = 0.0
 
     def switch(self, contact):
-        lost, energy = self.simulator.ledger.lost_in_switching, self.simulator.energy
+        energy = self.simulator.energy
         self.simulator.switch(contact)
-        gain = lost - self.simulator.ledger.lost_in_switching
+        gain = self.simulator.energy - energy
         self.largest_gain = max(self.largest_gain, gain / energy if energy > 0 else 0.0)
         self.look()
 
