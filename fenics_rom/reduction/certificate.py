@@ -21,6 +21,7 @@ GROUP = 48  # complex columns that are solved for together
 MODES_AT_ONCE = 16  # contact modes whose static shapes are solved for together
 ACCURACY = 0.1  # of the error that is measured
 MOST_STEPS = 15  # of GMRES
+UNDAMPED = 1e-9  # share of critical damping that is none: at such a resonance round-off is all that is seen
 
 
 @dataclass(frozen=True)
@@ -56,7 +57,7 @@ def certified(
     scene = problem.system.scene
     if scene is not None and "inertia" not in scene.effects:  # runs are equilibria, and know no frequencies
         return modes
-    count = sum(len(sample_frequencies(mode.eigenvalues)) for mode in modes.values())
+    count = sum(len(sample_frequencies(mode)) for mode in modes.values())
     width = max(1, min(MOST_INPUTS, MOST_COLUMNS // count))
     samples = [s for name, mode in modes.items() for s in _samples(problem, name, mode, bases[name], width)]
     errors: dict[str, list[float]] = {name: [] for name in modes}
@@ -71,24 +72,33 @@ def certified(
     return {
         name: replace(
             mode,
-            frequencies=sample_frequencies(mode.eigenvalues),
+            frequencies=sample_frequencies(mode),
             transfer_errors=np.array(errors[name]) / max(sizes[name]),
         )
         for name, mode in modes.items()
     }
 
 
-def sample_frequencies(γ: Array) -> Array:
-    """The first resonance, where most is at stake, and up to the middle of those that the model has, rad/s."""
-    ω = np.sqrt(γ)
-    return np.unique(ω[[0, len(ω) // 4, len(ω) // 2]])
+def sample_frequencies(mode: Mode) -> Array:
+    """The first resonance, where most is at stake, and up to the middle of those that the model has, rad/s.
+
+    Undamped resonances are infinite: where there are some, the middle of the widest gaps between them instead.
+    """
+    ω = np.sqrt(mode.eigenvalues)
+    first, middle, last = 0, len(ω) // 4, len(ω) // 2
+    damping = mode.damping if mode.damping.ndim == 1 else np.diag(mode.damping)
+    if (damping > UNDAMPED * ω).all():
+        return np.unique(ω[[first, middle, last]])
+    gaps = np.diff(ω, prepend=0.0)
+    widest = {int(at[gaps[at].argmax()]) for at in np.split(np.arange(last + 1), [1, middle + 1]) if len(at)}
+    return np.array([ω[k] - gaps[k] / 2 for k in sorted(widest)])
 
 
 def _samples(problem: Problem, name: str, mode: Mode, W: Array, width: int) -> list[Sample]:
     B, samples = problem.system.forces(name), []
     G = W.T @ problem.system.algebra.inner(problem.space.basis, B)
     random = np.random.default_rng(0)
-    for ω in sample_frequencies(mode.eigenvalues):
+    for ω in sample_frequencies(mode):
         mixed = np.eye(B.shape[1])
         if B.shape[1] > width:
             mixed = np.linalg.qr(random.standard_normal((B.shape[1], width)))[0]

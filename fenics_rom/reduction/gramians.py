@@ -14,7 +14,7 @@ ROUND_OFF = float(np.finfo(float).eps)
 UNSTABLE = 1e-14  # share of the largest frequency that a rate of decay must exceed to be one
 UNDAMPED = (
     "balanced reduction needs damping of every motion: without it the Gramians are infinite; "
-    "name effects.damping with alpha or beta above 0 (small will do)"
+    "name effects.damping with alpha or beta above 0 (small will do), or take method = 'modal'"
 )
 
 

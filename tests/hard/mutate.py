@@ -1,0 +1,152 @@
+"""How many small faults in the step, the switches and the energy account are found by tests.
+
+    python tests/hard/mutate.py             # some minutes; not part of the test suite
+    python tests/hard/mutate.py march.py    # only those of one file
+
+Each fault is made in a copy of the package, one at a time; first the hard cases are run on it, and if they find
+nothing, the tests of the runtime. Exits with 1 where less than 95 % are found.
+"""
+
+import os
+import shutil
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+ROOT = Path(__file__).parent.parent.parent
+COPIED = ("fenics_rom", "tests", "meshes", "demos/plate", "demos/hard_cases")
+HARD = ["tests/hard/test_hard_cases.py", "-k", "every_claim and not material and not shape"]
+RUNTIME = [f"tests/runtime/test_{name}.py" for name in ("midpoint", "march", "energy_laws", "simulator", "free_bodies")]
+WANTED = 0.95
+HUNG = 300  # s; a fault that makes a loop endless is found, too
+
+MUTATIONS = [
+    ("runtime/midpoint.py", "S = mode.damping_root, 2 / h + h / 2", "S = mode.damping_root, 1 / h + h / 2"),
+    ("runtime/midpoint.py", "2 / h + h / 2 * mode.eigenvalues", "2 / h + h * mode.eigenvalues"),
+    ("runtime/midpoint.py", "2 / h + h / 2 * mode.eigenvalues", "2 / h - h / 2 * mode.eigenvalues"),
+    ("runtime/midpoint.py", "a = 1 / (S + mode.damping)", "a = 1 / (S - mode.damping)"),
+    ("runtime/midpoint.py", "a = 1 / (S + mode.damping)", "a = 1 / S"),
+    ("runtime/midpoint.py", "return a, R * a", "return a, a"),
+    ("runtime/midpoint.py", "np.linalg.svd(R / np.sqrt(S))", "np.linalg.svd(R)"),
+    ("runtime/midpoint.py", "Uᵀ / np.sqrt(1 + σ[:, None] ** 2)", "Uᵀ / np.sqrt(1 + σ[:, None])"),
+    ("runtime/midpoint.py", "(σ / (1 + σ**2))", "(σ / (1 + σ))"),
+    ("runtime/midpoint.py", "[-np.diag(ω), 2 / h * np.eye(m)", "[np.diag(ω), 2 / h * np.eye(m)"),
+    ("runtime/midpoint.py", "2 / h * np.eye(m), mode.inputs]", "1 / h * np.eye(m), mode.inputs]"),
+    ("runtime/midpoint.py", "[h * ω[:, None] * v, 2 * v]", "[h / 2 * ω[:, None] * v, 2 * v]"),
+    ("runtime/midpoint.py", "[h * ω[:, None] * v, 2 * v]", "[h * ω[:, None] * v, v]"),
+    ("runtime/midpoint.py", "np.repeat([1.0, -1.0], m)", "np.repeat([1.0, 1.0], m)"),
+    ("runtime/midpoint.py", "np.sqrt(h) * heat", "h * heat"),
+    ("runtime/midpoint.py", "h * mode.inputs.T @ v", "h / 2 * mode.inputs.T @ v"),
+    (
+        "runtime/forms.py",
+        "self._ledger.book(supplied=supplied, dissipated=dissipated)",
+        "self._ledger.book(supplied=supplied)",
+    ),
+    ("runtime/forms.py", "self._booked = self._page\n", "pass\n"),
+    ("runtime/forms.py", "steps = self.h / 2 * (r[1:] + r[:-1])", "steps = self.h * r[1:]"),
+    ("runtime/forms.py", "self._states[0][:] = self.state", "pass"),
+    ("runtime/forms.py", "self._page = self._booked = 0", "self._page = 0"),
+    ("runtime/forms.py", "rows[:, self._m :], self._pages", "rows[:, : -self._m], self._pages"),
+    ("runtime/forms.py", "kept, forced = np.stack([-ω,", "kept, forced = np.stack([ω,"),
+    ("runtime/forms.py", "np.full(mode.order, 2 / h)", "np.full(mode.order, 1 / h)"),
+    ("runtime/forms.py", "else 2 * a * kept", "else a * kept"),
+    ("runtime/forms.py", "else 2 * a[:, None] * forced", "else a[:, None] * forced"),
+    ("runtime/forms.py", "self._travel = h / 2 * ω", "self._travel = h * ω"),
+    ("runtime/forms.py", "np.add(next_e, e, next_e)", "pass"),
+    ("runtime/forms.py", "np.subtract(v, r, next_r)", "np.add(v, r, next_r)"),
+    ("runtime/forms.py", "self.h / 2 * supplied, self.h / 4", "self.h * supplied, self.h / 4"),
+    ("runtime/forms.py", "self.h / 2 * supplied, self.h / 4", "self.h / 2 * supplied, self.h / 2"),
+    ("runtime/switching.py", "ω * mode.coordinates / mode.divisors", "mode.coordinates / mode.divisors"),
+    ("runtime/switching.py", "strained_end.T @ strained_start", "strained_start.T @ strained_end"),
+    ("runtime/switching.py", "(U * np.minimum(s, 1.0)) @ Vᵀ", "U @ Vᵀ"),
+    ("runtime/switching.py", "(U * np.minimum(s, 1.0)) @ Vᵀ", "(U * s * (1 + 1e-13)) @ Vᵀ"),
+    ("runtime/switching.py", "_beside(np.eye(rigid), kinetic)", "_beside(np.zeros((rigid, rigid)), kinetic)"),
+    ("runtime/switching.py", "_contraction(end.coordinates[:, rigid:].T", "_contraction(-end.coordinates[:, rigid:].T"),
+    ("runtime/switching.py", "if (start, end) not in self._maps", "if not self._maps"),
+    ("runtime/simulator.py", "lost = held - float(after.dot(after)) / 2", "lost = held - float(after.dot(after))"),
+    (
+        "runtime/simulator.py",
+        "np.dot(potential, before[:m], out=after[:n])",
+        "np.dot(kinetic, before[:m], out=after[:n])",
+    ),
+    (
+        "ledger.py",
+        "self._supplied = _added(self._supplied, supplied)",
+        "self._supplied = (self._supplied[0] + supplied, 0.0)",
+    ),
+    (
+        "ledger.py",
+        "self._dissipated = _added(self._dissipated, dissipated)",
+        "self._dissipated = _added(self._dissipated, 0.0)",
+    ),
+    (
+        "ledger.py",
+        "self._lost = _added(self._lost, lost_in_switching)",
+        "self._lost = _added(self._lost, -lost_in_switching)",
+    ),
+    ("ledger.py", "more, -rounded))", "more, rounded))"),
+    ("ledger.py", "self._settle()\n        return self._supplied[0]", "return self._supplied[0]"),
+    ("ledger.py", "self._settle()  # what is not yet booked belongs to the old ones", "pass"),
+    ("runtime/march.py", "work[2 * m :] = account[m:]", "work[2 * m :] = 2 * account[m:]"),
+    ("runtime/march.py", "work, heat.T @ heat)", "work, 2 * heat.T @ heat)"),
+    (
+        "runtime/march.py",
+        "lift[: len(first.state), :size] = first.state",
+        "lift[: len(first.state), :size] = 0.999 * first.state",
+    ),
+    ("runtime/march.py", "lift[len(first.state) :, size:] = np.eye(more)", "pass"),
+    ("runtime/march.py", "np.pad(of_first, (0, more)) + lift.T", "lift.T"),
+    ("runtime/march.py", "both(first.dissipated, second.dissipated)", "both(first.dissipated, first.dissipated)"),
+    ("runtime/march.py", "if times % 2 else whole", "if False else whole"),
+    ("runtime/march.py", "np.add(after, push, after)", "pass"),
+    (
+        "runtime/march.py",
+        "supplied += float(np.vdot(z @ block.supplied, z))",
+        "supplied = float(np.vdot(z @ block.supplied, z))",
+    ),
+    ("runtime/march.py", "state[:] = states[-1]", "state[:] = states[-2]"),
+    ("runtime/march.py", "| (sizes[1:] != sizes[:-1])", ""),
+    ("runtime/march.py", "names[1:] != names[:-1]) | (", "names[1:] != names[1:]) | ("),
+]
+
+
+def main() -> None:
+    """Makes each fault, runs the tests, and tables what found it."""
+    chosen = [m for m in MUTATIONS if len(sys.argv) < 2 or m[0].endswith(sys.argv[1])]
+    found, by_hard_cases = 0, 0
+    with tempfile.TemporaryDirectory() as folder:
+        copy = Path(folder)
+        for part in COPIED:
+            shutil.copytree(ROOT / part, copy / part, ignore=shutil.ignore_patterns("out", "__pycache__", "*.h5"))
+        shutil.copy(ROOT / "pyproject.toml", copy)
+        if not passes(copy, HARD) or not passes(copy, RUNTIME):
+            sys.exit("the tests fail without any fault")
+        for file, right, wrong in chosen:
+            path = copy / "fenics_rom" / file
+            text = path.read_text()
+            if text.count(right) != 1:
+                sys.exit(f"{file}: {right!r} is there {text.count(right)} times; allowed is once")
+            path.write_text(text.replace(right, wrong))
+            hard = not passes(copy, HARD)
+            caught = hard or not passes(copy, RUNTIME)
+            path.write_text(text)
+            found, by_hard_cases = found + caught, by_hard_cases + hard
+            verdict = "hard cases" if hard else "runtime tests" if caught else "NOT FOUND"
+            print(f"{verdict:13}  {file}: {right.strip()!r} -> {wrong.strip()!r}", flush=True)
+    print(f"{found} of {len(chosen)} found, {by_hard_cases} by the hard cases alone")
+    sys.exit(0 if found >= WANTED * len(chosen) else 1)
+
+
+def passes(copy: Path, tests: list[str]) -> bool:
+    """Whether tests pass in a copy of the project."""
+    command = [sys.executable, "-B", "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *tests]
+    environment = {**os.environ, "PYTHONPATH": str(copy)}
+    try:
+        return subprocess.run(command, cwd=copy, env=environment, capture_output=True, timeout=HUNG).returncode == 0
+    except subprocess.TimeoutExpired:
+        return False
+
+
+if __name__ == "__main__":
+    main()
