@@ -48,7 +48,7 @@ def film(file: Path, scene: fr.Scene, *, every: int = 2, noise: float = 0.0, see
     rows = []
     for n in range(every, run.steps + 1, every):
         seen = np.concatenate([run.outputs[name][n, point] for _, name, point in markers])
-        rows.append([repr(run.times[n]), *map(repr, 1e3 * (seen + noise * rng.standard_normal(9)))])
+        rows.append([float(run.times[n]), *(1e3 * (seen + noise * rng.standard_normal(9))).tolist()])
     write(file, ["time (s)", *(f"{place}.{axis} (mm)" for place, _, _ in markers for axis in "xyz")], rows)
     return file
 
@@ -60,7 +60,7 @@ def weigh(file: Path, scene: fr.Scene, pushes: list[tuple[str, tuple[float, floa
     rows = []
     for contact, force in pushes:
         x = factor.solve(system.input_matrix(contact) @ np.concatenate([force, loads])[:, None])
-        rows.append([contact, *force, *map(repr, system.algebra.inner(system.outputs["tip"], x)[:, 0])])
+        rows.append([contact, *force, *system.algebra.inner(system.outputs["tip"], x)[:, 0].tolist()])
     factor.close()
     heading = ["contact", *(f"force.{axis} (N)" for axis in "xyz")]
     write(file, [*heading, *(f"tip[{k}].{axis} (m)" for k in (0, 1) for axis in "xyz")], rows)
