@@ -62,12 +62,11 @@ def test_nothing_fails_as_it_is(demo, rom, undamped):
     assert demo.damping.kept_by_steps(free, 2000) <= demo.damping.KEPT
 
 
-def test_oblique_switching(demo, system):
-    found = rides(demo, fr.reduce(system, order=120, switching="oblique"))
+@pytest.mark.parametrize("order", [20, 50])
+def test_oblique_switching(demo, system, order):
+    """Random rides may miss it; the worst state never does."""
+    found = rides(demo, fr.reduce(system, order=order, switching="oblique"))
     assert not found["any steps"], "it does not switch"
-    beyond = "stored beyond supplied"
-    assert any(beyond in claim for claim in found["switches"])
-    assert any(beyond in claim for claim in found["contacts"])
     assert "most that a switch can add, of the stored energy" in found["contacts"]
 
 
