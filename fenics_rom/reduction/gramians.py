@@ -66,6 +66,8 @@ def _dense_factors(ω: Array, D: Array, G: Array, weight: Array) -> tuple[Array,
     """
     k = len(ω)
     A = np.block([[np.zeros((k, k)), np.diag(ω)], [-np.diag(ω), -D]])
+    if not np.isfinite(A).all():
+        raise SolverError("the projected stiffness or damping is beyond floating-point numbers")
     T, U = scipy.linalg.schur(A)
     if np.diag(T).max() >= -UNSTABLE * ω.max():  # the real parts of its eigenvalues
         raise SolverError(UNDAMPED)

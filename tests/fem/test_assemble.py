@@ -1,5 +1,6 @@
 """Assembly against closed forms: constant strain, bars, beams, springs, weights."""
 
+from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
@@ -9,6 +10,7 @@ from scipy.sparse.linalg import eigsh
 
 import fenics_rom as fr
 from fenics_rom.errors import MeshError, SceneError, SolverError
+from fenics_rom.fem.petsc_matrix import PetscMatrix, combination
 
 LENGTHS = (1.0, 0.4, 0.3)
 YOUNG, POISSON, DENSITY = 1.0e6, 0.3, 1000.0  # of bodies.scene_text
@@ -165,9 +167,10 @@ def test_body_that_is_all_clamped_is_refused(tmp_path):
 
 
 def test_numbers_beyond_floating_point_are_an_error_of_the_solver(box_file):
-    system = assembled(box_file, material=material(young=1e308, poisson=0.49))
+    system = assembled(box_file, material=material(poisson=0.49))
+    stiff = PetscMatrix(combination((1e308, system.stiffness)))
     with pytest.raises(SolverError, match="not all of its numbers are finite"):
-        fr.reduce(system, order=4)
+        fr.reduce(replace(system, stiffness=stiff), order=4)
 
 
 @pytest.mark.parametrize(("degree", "poisson", "warns"), [(1, 0.49, True), (1, 0.4, False), (2, 0.49, False)])

@@ -113,3 +113,8 @@ def test_one_dashpot_that_all_motions_feel_is_damping_enough():
     Wc, Wo = textbook_gramians(np.eye(3), D, np.diag(γ), G, np.eye(3))
     assert relative(controllability(γ, D, G), Wc) <= 1e-9
     assert relative(observability(γ, D, np.eye(3)), Wo) <= 1e-9
+
+
+def test_numbers_beyond_floating_point_are_an_error_of_the_solver():
+    with pytest.raises(SolverError, match="beyond floating-point numbers"):
+        gramian_factors(np.array([1.0, 4.0]), np.diag([1.0, np.inf]), np.ones((2, 1)), np.eye(2))
