@@ -8,7 +8,6 @@ import numpy as np
 from rows import Row
 
 import fenics_rom as fr
-from fenics_rom.errors import SolverError
 from fenics_rom.fem.solve import FullSimulator
 
 Array = np.ndarray
@@ -73,20 +72,6 @@ class Runs:
     full_gap: float
     reduced_gap: float
     tip: Array
-
-
-def model_of(system: fr.System, order: int) -> tuple[fr.Rom, str]:
-    """A model, and how it came about.
-
-    Where stiffness spans much, K v of the lowest eigenvectors is round-off, and they are refused; Krylov spaces do
-    without them.
-    """
-    try:
-        return fr.reduce(system, order=order), f"order {order}"
-    except SolverError as error:
-        if "eigenvectors are not good enough" not in str(error):
-            raise
-    return fr.reduce(system, order=order, lyapunov="krylov"), f"order {order} by 'krylov', as 'closed-form' refuses,"
 
 
 def both_runs(system: fr.System, rom: fr.Rom, push: Sequence[float], *, steps: int = 60, dt: float = 0.0) -> Runs:
