@@ -147,13 +147,13 @@ class _Study:
         assert system.scene.run is not None
         self._folder, self._grid, self._report = folder, tried, report
         self._comm = system.algebra.comm  # type: ignore[attr-defined]
-        self._given = system
         run, step = system.scene.run, tried.reference_step
         duration, shapes = compared_instants(run.duration, (*tried.steps, 2 * step, step), len(system.body.nodes))
         self._scene = replace(system.scene, run=replace(run, duration=duration, shapes=shapes))
         self._system = replace(system, scene=self._scene)
         self._fingerprint = reference.fingerprint(self._scene, step, shapes)
         self._reference: Record | None = None
+        self._last: Rom | None = None
         found = on_rank_0(self._comm, lambda: self._taken_over(resume, or_begin))
         self.findings = found or self._begun(step)
         self._add()
@@ -173,8 +173,10 @@ class _Study:
         return self.findings
 
     def model(self, row: Row) -> Rom:
-        """The model of a row, for the scene as it was given."""
-        return measure.reduced(self._given, row.method, row.order)[0]
+        """The model of a row; made anew where an earlier study measured it."""
+        if self._last is not None and measure.order_of(self._last) == row.order:
+            return self._last
+        return measure.reduced(self._system, row.method, row.order)[0]
 
     def _taken_over(self, resume: bool, or_begin: bool) -> Findings | None:
         """What an earlier study left, and its reference; on rank 0."""
@@ -224,6 +226,7 @@ class _Study:
         except (SceneError, SolverError) as error:
             self._add(notes=(*self.findings.notes, f"{WAYS[method].label}, order {order}: {error}"))
             return
+        self._last = rom
         rows: tuple[Row, ...] = ()
         notes: tuple[str, ...] = ()
         if not self.findings.of(method, measure.order_of(rom)):  # else more was asked for than is numerically there
