@@ -262,7 +262,7 @@ def table_2(system: fr.System, scene: Scene, theirs: Rom, ours: Rom, quick: bool
         row("the same, `march`, all markers after every step", states["ours"], "march"),
     ]
     heading = ("", "states, first contact", "states, second contact", "steps per second", "times full order")
-    title = "Table II: states and rates; here of one thread (demos/rates has a full-order step 1.5 times as fast)"
+    title = "Table II: states and rates; here of one thread"
     publish(title, markdown(heading, rows), out / "table_2.md")
     return speedups
 

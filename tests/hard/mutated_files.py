@@ -26,7 +26,6 @@ VALUES = (
 )
 WHOLE = (0, 1, -1, 2, 3, 10**6, 2**31, 2**53, 2**62, 2**63 - 1, -(2**63))
 STEPS = 5
-LEAST_FREE = 2**26  # bytes; a file of some kB that takes more than that lies
 
 Random = np.random.Generator
 
