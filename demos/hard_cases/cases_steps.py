@@ -18,8 +18,13 @@ SPIKE = 1e9  # N
 
 def rows(quick: bool) -> Iterator[Row]:
     """All of them; `quick`: fewer steps."""
+    yield from rides(2_000 if quick else 50_000)
+    yield from switches(20_000 if quick else 1_000_000)
+
+
+def rides(steps: int) -> Iterator[Row]:
+    """Steps of any size, spikes, and switches among them."""
     system = box((0.4, 0.1, 0.1), (6, 2, 2), contacts=CONTACTS)
-    steps = 2_000 if quick else 50_000
     for order in (20, 100):
         rom = fr.reduce(system, order=order)
         kind = f"order {order}"
@@ -30,10 +35,13 @@ def rows(quick: bool) -> Iterator[Row]:
     rom = fr.reduce(free, order=20, method="modal+static")
     yield from of("no damping", f"{steps:,} steps of 1e-8 to 10 s, a switch each", any_steps(rom, steps, switch=True))
     yield from of("no damping", f"{steps:,} steps, spikes of 1e9 N", spikes(rom, steps))
-    count = 20_000 if quick else 1_000_000
-    rom = fr.reduce(system, order=8)
-    yield from of("order 8", f"{count:,} random switches, stepped", endless(rom, count))
-    yield from of("order 8", f"{count:,} random switches, marched", marched(rom, count))
+
+
+def switches(steps: int) -> Iterator[Row]:
+    """A switch at every step, one by one and in blocks."""
+    rom = fr.reduce(box((0.4, 0.1, 0.1), (6, 2, 2), contacts=CONTACTS), order=8)
+    yield from of("order 8", f"{steps:,} random switches, stepped", endless(rom, steps))
+    yield from of("order 8", f"{steps:,} random switches, marched", marched(rom, steps))
 
 
 def of(case: str, hard: str, account: Account) -> Iterator[Row]:

@@ -12,7 +12,10 @@ from xml.etree import ElementTree
 import numpy as np
 
 from fenics_rom.errors import MeshError
+from fenics_rom.fem.gmsh_file import GmshFile, read_gmsh_file
 from fenics_rom.schema import unknown
+
+STRAIGHT = "Tetrahedron 4"  # what Gmsh calls the only kind of cells that is allowed
 
 
 @dataclass(frozen=True)
@@ -110,61 +113,44 @@ def _each_once(cells: np.ndarray, regions: Mapping[str, np.ndarray]) -> tuple[np
 
 
 def _read_gmsh(file: Path, groups: Mapping[str, int]):  # type: ignore[no-untyped-def]
-    import gmsh
-
     with file.open("rb") as stream:  # what has no such head Gmsh takes for a script, and runs
         if not stream.readline().startswith((b"$MeshFormat", b"$Comments")):
             raise MeshError(f"mesh file {file}: is not in Gmsh's MSH format, version 2 or 4")
-    gmsh.initialize([], readConfigFiles=False)
-    try:
-        gmsh.option.setNumber("General.Terminal", 0)
-        try:
-            gmsh.merge(str(file))
-            return _from_gmsh_model(gmsh.model, file, groups)
-        except MeshError:
-            raise
-        except Exception as error:  # Gmsh's own, and what Python says of names that are no text
-            raise MeshError(f"mesh file {file}: Gmsh cannot read it: {error}") from error
-    finally:
-        gmsh.finalize()
+    return _from_gmsh(read_gmsh_file(file), file, groups)
 
 
-def _from_gmsh_model(model, file: Path, groups: Mapping[str, int]):  # type: ignore[no-untyped-def]
-    tags, coordinates, _ = model.mesh.getNodes()
-    if len(tags) == 0:
+def _from_gmsh(found: GmshFile, file: Path, groups: Mapping[str, int]):  # type: ignore[no-untyped-def]
+    if len(found.nodes) == 0:
         raise MeshError(f"mesh file {file}: holds no nodes")
-    order = np.argsort(tags)
-    points, tags = coordinates.reshape(-1, 3)[order], tags[order]
+    order = np.argsort(found.nodes)
+    points, tags = found.points[order], found.nodes[order]
+    others = sorted(set(found.kinds) - {STRAIGHT})
+    if others:
+        raise MeshError(
+            f"mesh file {file}: holds {', '.join(others)}; allowed are straight tetrahedra (Mesh.ElementOrder = 1)"
+        )
 
-    kinds = {int(kind) for kind in model.mesh.getElementTypes(3)}
-    if kinds - {4}:
-        names = ", ".join(model.mesh.getElementProperties(kind)[0] for kind in sorted(kinds - {4}))
-        raise MeshError(f"mesh file {file}: holds {names}; allowed are straight tetrahedra (Mesh.ElementOrder = 1)")
+    def places(wanted: np.ndarray, among: np.ndarray, what: str) -> np.ndarray:
+        rows = np.searchsorted(among, wanted)  # tags may be anything, in any order
+        if (rows == len(among)).any() or (among[rows] != wanted).any():
+            raise MeshError(f"mesh file {file}: names {what} that it does not hold")
+        return rows
 
-    def elements(kind: int, entity: int = -1) -> tuple[np.ndarray, np.ndarray]:
-        width = {2: 3, 4: 4}[kind]
-        numbers, nodes = model.mesh.getElementsByType(kind, entity)
-        rows = np.searchsorted(tags, nodes)  # tags may be anything, in any order
-        if (rows == len(tags)).any() or (tags[rows] != nodes).any():
-            raise MeshError(f"mesh file {file}: names nodes that it does not hold")
-        return numbers.astype(np.int64), rows.reshape(-1, width)
-
-    numbers, cells = elements(4)
-    cell_of = {int(number): k for k, number in enumerate(numbers)}
+    cells = places(found.cells, tags, "nodes")
+    by_number = np.argsort(found.numbers)
     named = {tag: name for name, tag in groups.items()}
     surfaces: dict[str, np.ndarray] = {}
     regions: dict[str, np.ndarray] = {}
-    no_triangles = np.empty((0, 3), dtype=np.int64)
-    for dimension, tag in model.getPhysicalGroups():
-        name = model.getPhysicalName(dimension, tag) or named.get(tag)
-        entities = model.getEntitiesForPhysicalGroup(dimension, tag)
+    for group in found.groups:
+        name = group.name or named.get(group.tag)
         if not name:
             continue
-        if dimension == 2:
-            surfaces[name] = np.concatenate([surfaces.get(name, no_triangles), *(elements(2, e)[1] for e in entities)])
-        elif dimension == 3:
-            found = [cell_of[int(k)] for e in entities for k in elements(4, e)[0]]
-            regions[name] = np.array([*regions.get(name, ()), *found], dtype=np.int64)
+        if group.dimension == 2:
+            triangles = places(group.members, tags, "nodes").reshape(-1, 3)
+            surfaces[name] = np.concatenate([surfaces.get(name, triangles[:0]), triangles])
+        else:
+            rows = by_number[places(group.members, found.numbers[by_number], "cells")]
+            regions[name] = np.concatenate([regions.get(name, rows[:0]), rows])
     return points, cells, surfaces, regions
 
 

@@ -4,7 +4,7 @@ The full response is the one in the shared space plus the solution for its resid
 residuals (GMRES) preconditioned with the one factor of K, for many frequencies, inputs and contact modes side by side.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -21,6 +21,8 @@ GROUP = 48  # complex columns that are solved for together
 MODES_AT_ONCE = 16  # contact modes whose static shapes are solved for together
 ACCURACY = 0.1  # of the error that is measured
 MOST_STEPS = 15  # of GMRES
+LIGHT = 3.0  # times the static error by mass: an error by nodes beyond that is one of a part that weighs little
+MUCH = 0.05  # of the static shapes, by nodes, that the user should know is missing
 UNDAMPED = 1e-9  # share of critical damping that is none: at such a resonance round-off is all that is seen
 
 
@@ -41,6 +43,19 @@ class Sample:
     reduced: Array
 
 
+@dataclass(frozen=True)
+class StaticError:
+    """|K⁻¹B - W diag(1/γ) G| / |K⁻¹B| of one contact mode, in two norms.
+
+    Attributes:
+        by_mass: in the mass norm.
+        by_node: in the norm that counts all nodes alike.
+    """
+
+    by_mass: float
+    by_node: float
+
+
 def certified(
     problem: Problem, whole: Subspace, modes: Mapping[str, Mode], bases: Mapping[str, Array]
 ) -> dict[str, Mode]:
@@ -53,7 +68,8 @@ def certified(
         bases: W_i in the shared space, (k, m) each.
     """
     static = _static_errors(problem, modes, bases)
-    modes = {name: replace(mode, static_error=static[name]) for name, mode in modes.items()}
+    modes = {name: replace(mode, static_error=static[name].by_mass) for name, mode in modes.items()}
+    problem.messages.extend(_light_parts(problem, modes, static))
     scene = problem.system.scene
     if scene is not None and "inertia" not in scene.effects:  # runs are equilibria, and know no frequencies
         return modes
@@ -193,10 +209,10 @@ def _ends(blocks: list[Array]) -> Array:
     return np.cumsum([block.shape[1] for block in blocks[:-1]], dtype=int)
 
 
-def _static_errors(problem: Problem, modes: Mapping[str, Mode], bases: Mapping[str, Array]) -> dict[str, float]:
-    """|K⁻¹B - W diag(1/γ) G| / |K⁻¹B| in the mass norm."""
+def _static_errors(problem: Problem, modes: Mapping[str, Mode], bases: Mapping[str, Array]) -> dict[str, StaticError]:
+    """What the models miss at rest."""
     system, names = problem.system, list(modes)
-    errors: dict[str, float] = {}
+    errors: dict[str, StaticError] = {}
     for first in range(0, len(names), MODES_AT_ONCE):
         group = names[first : first + MODES_AT_ONCE]
         inputs = [system.forces(name) for name in group]
@@ -208,8 +224,32 @@ def _static_errors(problem: Problem, modes: Mapping[str, Mode], bases: Mapping[s
         ]
         error = statics - problem.space.basis @ np.hstack(reduced)
         starts = [0, *_ends(inputs)]
-        gap, size = (
-            np.add.reduceat(np.diag(system.algebra.inner(x, system.mass @ x)), starts) for x in (error, statics)
+        by_mass, by_node = (
+            np.sqrt(np.divide(*(np.add.reduceat(np.diag(system.algebra.inner(x, y)), starts) for x, y in pairs)))
+            for pairs in (
+                ((error, system.mass @ error), (statics, system.mass @ statics)),
+                ((error, error), (statics, statics)),
+            )
         )
-        errors |= zip(group, map(float, np.sqrt(gap / size)), strict=True)
+        errors |= zip(group, map(StaticError, by_mass.tolist(), by_node.tolist()), strict=True)
     return errors
+
+
+def _light_parts(problem: Problem, modes: Mapping[str, Mode], static: Mapping[str, StaticError]) -> Iterator[str]:
+    """What to say where directions that were chosen by mass pass over a part that has next to none."""
+    if problem.weighting != "mass" or not len(problem.system.body.nodes):
+        return
+    told = {
+        name: static[name]
+        for name, mode in modes.items()
+        if len(mode.hankel_singular_values)  # else nothing was weighted
+        and static[name].by_node > max(MUCH, LIGHT * static[name].by_mass)
+    }
+    if told:
+        worst = max(told, key=lambda name: told[name].by_node)
+        others = f" (and {len(told) - 1} more)" if len(told) > 1 else ""
+        yield (
+            f"contact mode {worst!r}{others} misses {told[worst].by_mass:.2g} of its static shapes by mass, but "
+            f"{told[worst].by_node:.2g} with all nodes counted alike: a part that weighs little is followed badly; "
+            "a higher order, or weighting = 'nodal' or 'outputs', follows it"
+        )

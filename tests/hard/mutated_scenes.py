@@ -4,6 +4,8 @@ import copy
 import sys
 import tomllib
 import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
@@ -12,10 +14,12 @@ from mutated_files import refused
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomError, MeshError, SceneError
+from fenics_rom.fem import gmsh_file
 from fenics_rom.load_history import LoadHistory
 
 sys.path.append(str(Path(__file__).parent.parent))
 from bodies import box_arrays, write_arrays
+from gmsh_here import arrays_found_here
 
 RICH = """
 name = "rich"
@@ -148,6 +152,7 @@ def prepare(folder: Path) -> None:
     """The mesh, a table, and things that are neither."""
     import os
 
+    gmsh_file.arrays_of = arrays_found_here
     write_arrays(folder / "box.msh", *box_arrays((1.0, 0.4, 0.3), (2, 1, 1)))
     (folder / "push.csv").write_text(TABLE)
     os.mkfifo(folder / "pipe")
@@ -161,8 +166,20 @@ def mutated(random: np.random.Generator) -> tuple[str, bytes]:
         return f"{name}, as text", as_text(text, random)
     tree = copy.deepcopy(tomllib.loads(text))
     change = as_tree if random.random() < 0.4 else of_its_kind
-    done = [change(tree, random) for _ in range(random.integers(1, 4))]
-    return f"{name}, {'; '.join(done)}", toml(tree).encode("utf-8", "surrogatepass")
+    with deep():
+        done = [change(tree, random) for _ in range(random.integers(1, 4))]
+        return f"{name}, {'; '.join(done)}", toml(tree).encode("utf-8", "surrogatepass")
+
+
+@contextmanager
+def deep() -> Iterator[None]:
+    """Lets a tree be nested deeper than what reads it stands: it is made by recursion, too."""
+    limit = sys.getrecursionlimit()
+    sys.setrecursionlimit(20_000)
+    try:
+        yield
+    finally:
+        sys.setrecursionlimit(limit)
 
 
 def outcome(content: bytes, folder: Path) -> str:

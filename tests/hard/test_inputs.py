@@ -12,7 +12,8 @@ from test_files import put, refusal, tampered
 
 import fenics_rom as fr
 from fenics_rom.errors import MeshError, RomFileError, SceneError, SolverError, StructureError
-from fenics_rom.fem.mesh import _from_gmsh_model, read_mesh
+from fenics_rom.fem.gmsh_file import GmshFile, Group
+from fenics_rom.fem.mesh import _from_gmsh, read_mesh
 from fenics_rom.ledger import Ledger
 from fenics_rom.linear_limit import ModeGauge, SurfaceGauges
 from fenics_rom.reduction.balancing import balance
@@ -76,24 +77,21 @@ def test_cell_of_a_node_that_there_is_not_is_refused(tmp_path, version):
         read_mesh(mesh, {})
 
 
-class ModelWithHole:
+@pytest.mark.parametrize(
+    ("more", "what"),
+    [
+        ({"cells": np.array([[1, 2, 3, 4]])}, "nodes"),
+        ({"groups": (Group(2, 1, "left", np.array([1, 2, 4])),)}, "nodes"),
+        ({"groups": (Group(3, 1, "body", np.array([8])),)}, "cells"),
+    ],
+)
+def test_node_or_cell_that_gmsh_does_not_miss_is_missed(more, what):
     """What Gmsh makes of some damaged files: a cell of a node that is not among the nodes."""
-
-    mesh = property(lambda self: self)
-
-    def getNodes(self):
-        return np.array([1, 2, 3, 5]), np.array([0.0, 0, 0, 1, 0, 0, 0, 1, 0, 0, 0, 1]), None
-
-    def getElementTypes(self, dimension):
-        return [4]
-
-    def getElementsByType(self, kind, entity):
-        return np.array([1]), np.array([1, 2, 3, 4])
-
-
-def test_node_that_gmsh_does_not_miss_is_missed():
-    with pytest.raises(MeshError, match="names nodes that it does not hold"):
-        _from_gmsh_model(ModelWithHole(), Path("hole.msh"), {})
+    points = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
+    whole = GmshFile(np.array([1, 2, 3, 5]), points, (), np.array([7]), np.array([[1, 2, 3, 5]]), ())
+    assert len(_from_gmsh(whole, Path("whole.msh"), {})[1]) == 1
+    with pytest.raises(MeshError, match=f"names {what} that it does not hold"):
+        _from_gmsh(replace(whole, **more), Path("hole.msh"), {})
 
 
 @pytest.mark.parametrize("version", [2.2, 4.1])

@@ -1,0 +1,111 @@
+"""What is in a .msh file, read by Gmsh in a process of its own, which a damaged file may crash or hang."""
+
+import io
+import os
+import signal
+import subprocess
+import sys
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from fenics_rom.errors import MeshError
+from fenics_rom.fem import gmsh_process
+
+LAUNCHERS = ("OMPI_", "PMIX_", "PRTE_", "PMI_", "HYDRA_", "HYDI_")  # what mpirun says is not for this process
+PATIENCE = 60.0  # s that Gmsh may take for any file
+SLOWEST = 1e6  # bytes that it reads in another second
+
+
+@dataclass(frozen=True)
+class Group:
+    """A physical group of triangles or tetrahedra.
+
+    Attributes:
+        dimension: 2 or 3.
+        tag: its number.
+        name: empty where the file gives none.
+        members: of a surface the node tags of its triangles, one after the other; of a region the numbers of its cells.
+    """
+
+    dimension: int
+    tag: int
+    name: str
+    members: np.ndarray
+
+
+@dataclass(frozen=True)
+class GmshFile:
+    """What Gmsh finds in a file.
+
+    Attributes:
+        nodes: (N,) tags, in any order.
+        points: (N, 3) of the nodes, m.
+        kinds: names of the kinds of cells.
+        numbers: (C,) of the straight tetrahedra.
+        cells: (C, 4) node tags of them.
+        groups: of surfaces and cells.
+    """
+
+    nodes: np.ndarray
+    points: np.ndarray
+    kinds: tuple[str, ...]
+    numbers: np.ndarray
+    cells: np.ndarray
+    groups: tuple[Group, ...]
+
+
+def read_gmsh_file(file: Path) -> GmshFile:
+    """Reads any version of the format, text or binary, partitioned or not.
+
+    Raises:
+        MeshError: Gmsh cannot read the file, crashed, or was not done in time.
+    """
+    found = arrays_of(file)
+    groups = zip(found["dimensions"], found["tags"], found["names"], strict=True)
+    return GmshFile(
+        nodes=found["nodes"],
+        points=found["points"].reshape(-1, 3),
+        kinds=tuple(map(str, found["kinds"])),
+        numbers=found["numbers"],
+        cells=found["cells"].reshape(-1, 4),
+        groups=tuple(
+            Group(int(dimension), int(tag), str(name), found[f"group{k}"])
+            for k, (dimension, tag, name) in enumerate(groups)
+        ),
+    )
+
+
+def arrays_of(file: Path) -> Mapping[str, np.ndarray]:
+    """What `gmsh_process.found` finds, in another process.
+
+    Raises:
+        MeshError: as `read_gmsh_file`.
+    """
+    patience = PATIENCE + file.stat().st_size / SLOWEST
+    try:
+        process = subprocess.run(
+            [sys.executable, "-P", gmsh_process.__file__, file],
+            env=_surroundings(),
+            stdin=subprocess.DEVNULL,
+            capture_output=True,
+            timeout=patience,
+        )
+    except subprocess.TimeoutExpired:
+        raise MeshError(f"mesh file {file}: Gmsh could not read it (it went on for {patience:.0f} s)") from None
+    if process.returncode < 0:
+        name = signal.strsignal(-process.returncode)
+        raise MeshError(f"mesh file {file}: Gmsh could not read it (signal {-process.returncode}: {name})")
+    if process.returncode:
+        said = process.stderr.decode(errors="replace").strip().splitlines()
+        raise MeshError(f"mesh file {file}: Gmsh cannot read it: {said[-1] if said else 'it does not say why'}")
+    with np.load(io.BytesIO(process.stdout), allow_pickle=False) as arrays:
+        return dict(arrays)
+
+
+def _surroundings() -> dict[str, str]:
+    """This process's, less what would make the other a rank; with the same packages, and no home to write to."""
+    mine = {name: value for name, value in os.environ.items() if not name.startswith(LAUNCHERS)}
+    return mine | {"HOME": os.devnull, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}

@@ -1,0 +1,71 @@
+"""A process of its own that lets Gmsh read a .msh file, and writes what it finds to standard output.
+
+Gmsh crashes on some damaged files; here it takes nobody with it. It is started by `gmsh_file`, as a script, so that it
+needs NumPy and Gmsh only.
+"""
+
+import io
+import os
+import resource
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+MEMORY = 2**30  # bytes of address space that Gmsh may take for any file, of which it takes a fifth by itself
+MEMORY_PER_BYTE = 50  # and for each byte of the file, of which it takes five to ten
+TRIANGLE, TETRAHEDRON = 2, 4  # Gmsh's numbers of the straight ones
+
+
+def main() -> None:
+    """Reads the file that the command line names; ends with a message where Gmsh does."""
+    limit(resource.RLIMIT_CORE, 0)  # a crash leaves nothing behind
+    limit(resource.RLIMIT_AS, MEMORY + MEMORY_PER_BYTE * Path(sys.argv[1]).stat().st_size)  # sizes in a file may lie
+    with os.fdopen(os.dup(1), "wb") as told:
+        os.dup2(2, 1)  # what libraries print is no part of the arrays
+        try:
+            arrays = found(sys.argv[1])
+        except Exception as error:  # Gmsh's own, and what Python says of names that are no text
+            sys.exit(" ".join(str(error).split()))
+        content = io.BytesIO()
+        np.savez(content, **arrays)
+        told.write(content.getbuffer())
+
+
+def limit(what: int, most: int) -> None:
+    """Lowers a limit of this process."""
+    soft, hard = (most if one == resource.RLIM_INFINITY else min(most, one) for one in resource.getrlimit(what))
+    resource.setrlimit(what, (soft, hard))
+
+
+def found(file: str) -> dict[str, Any]:
+    """The arrays of a `GmshFile`, groups one by one."""
+    import gmsh
+
+    gmsh.initialize([], readConfigFiles=False)
+    gmsh.option.setNumber("General.Terminal", 0)
+    gmsh.merge(file)
+    mesh = gmsh.model.mesh
+    tags, coordinates, _ = mesh.getNodes()
+    numbers, nodes = mesh.getElementsByType(TETRAHEDRON)
+    groups = [(dimension, tag) for dimension, tag in gmsh.model.getPhysicalGroups() if dimension in (2, 3)]
+    members = {}
+    for k, (dimension, tag) in enumerate(groups):
+        entities = gmsh.model.getEntitiesForPhysicalGroup(dimension, tag)
+        of_entities = [mesh.getElementsByType(TRIANGLE if dimension == 2 else TETRAHEDRON, e) for e in entities]
+        members[f"group{k}"] = np.concatenate([np.empty(0, np.uint64), *(one[3 - dimension] for one in of_entities)])
+    return members | {
+        "nodes": tags,
+        "points": coordinates,
+        "kinds": np.array([mesh.getElementProperties(kind)[0] for kind in mesh.getElementTypes(3)], dtype=str),
+        "numbers": numbers,
+        "cells": nodes,
+        "dimensions": np.array([dimension for dimension, _ in groups], dtype=int),
+        "tags": np.array([tag for _, tag in groups], dtype=int),
+        "names": np.array([gmsh.model.getPhysicalName(*group) for group in groups], dtype=str),
+    }
+
+
+if __name__ == "__main__":
+    main()
