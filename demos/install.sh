@@ -6,6 +6,7 @@ set -euo pipefail
 packages=(
   python3-dolfinx # with PETSc, SLEPc, Open MPI, SciPy and the C++ compiler
   python3-gmsh python3-h5py python3-venv
+  libegl1 # VTK draws with it where there is no screen
   libopenblas0 # Debian's default BLAS is the reference one, many times slower
 )
 
@@ -47,7 +48,7 @@ for name in "numpy", "scipy", "h5py", "dolfinx", "gmsh":  # compiled for each ot
     spec = find_spec(name)
     if not spec or not spec.origin.startswith("/usr/lib/"):
         sys.exit(f"error: .venv does not see Debian's {name}: {spec}")
-for name in "fenics_rom", "gymnasium", "matplotlib", "pytest", "rich":
+for name in "fenics_rom", "gymnasium", "matplotlib", "playwright", "pytest", "pyvista", "rich", "viser", "xdist":
     if not find_spec(name):
         sys.exit(f"error: .venv has no {name}")
 PYTHON
@@ -82,7 +83,7 @@ make_venv() {
   # Not the python3 on PATH: that may be one of pyenv or conda, which has no dolfinx.
   /usr/bin/python3 -m venv --system-site-packages .venv
   constrain_pip
-  .venv/bin/pip install -q --disable-pip-version-check -c .venv/constraints.txt -e '.[reduction,cli,plot,test]' \
+  .venv/bin/pip install -q --disable-pip-version-check -c .venv/constraints.txt -e '.[reduction,cli,plot,view,test]' \
     -r demos/learning/requirements.txt
   check_venv
   echo "$made_from" >.venv/made-from # last: a .venv without it is half-made, and made again

@@ -19,7 +19,9 @@ _HOME = {
     "System": "system",
     "assemble": "fem.assemble",
     "compare": "comparison",
+    "export": "exports.files",
     "identify": "identification.identify",
+    "plot": "plots.files",
     "read_record": "record_file",
     "read_rom": "rom_file",
     "read_scene": "scene_file",
@@ -46,12 +48,14 @@ _PACKAGES = {
 if TYPE_CHECKING:
     from fenics_rom.accuracy.study import study
     from fenics_rom.comparison import compare
+    from fenics_rom.exports.files import export
     from fenics_rom.fem.assemble import assemble
     from fenics_rom.fem.solve import solve
     from fenics_rom.identification.identify import identify
     from fenics_rom.identification.result import Identification
     from fenics_rom.identification.write import write_identification
     from fenics_rom.matrix_market import read_system
+    from fenics_rom.plots.files import plot
     from fenics_rom.record import Record
     from fenics_rom.record_file import read_record, write_record
     from fenics_rom.reduction.reduce import reduce
@@ -75,7 +79,9 @@ __all__ = [
     "System",
     "assemble",
     "compare",
+    "export",
     "identify",
+    "plot",
     "read_record",
     "read_rom",
     "read_scene",

@@ -23,7 +23,7 @@ from fenics_rom.errors import FenicsRomError, RomFileError
 from fenics_rom.schema import NAME, NAME_IN_WORDS
 
 FORMAT = "fenics-rom"
-VERSION = "1.2"  # files of the same first number can be read
+VERSION = "1.3"  # files of the same first number can be read
 LONGEST_TEXT = 60_000  # bytes; HDF5 keeps attributes in a header of 64 KiB
 SEAL_SIZE = 512  # bytes; the smallest user block there is
 

@@ -15,7 +15,7 @@ from typing import Any, NoReturn
 
 import fenics_rom as fr
 from fenics_rom.accuracy.ways import WAYS
-from fenics_rom.checked_file import check_folder, check_place, content_of
+from fenics_rom.checked_file import check_folder, check_place, content_of, is_rank_0, write_whole
 from fenics_rom.display import (
     print_findings,
     print_identification,
@@ -27,10 +27,11 @@ from fenics_rom.display import (
     rich_package,
 )
 from fenics_rom.errors import FenicsRomError, FenicsRomWarning, MissingPackageError, RomFileError, SceneError
+from fenics_rom.exports.fields import KINDS
 from fenics_rom.figure import figure_class
 from fenics_rom.launcher import speaks
 from fenics_rom.rom import SWITCHINGS
-from fenics_rom.scene import LYAPUNOV, METHODS, SOLVERS, WEIGHTINGS
+from fenics_rom.scene import LYAPUNOV, METHODS, SOLVERS, STEPPERS, WEIGHTINGS, Scene
 from fenics_rom.schema import NAME, NAME_IN_WORDS
 from fenics_rom.stages import Report
 from fenics_rom.system import is_petsc
@@ -134,6 +135,9 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--dt", type=float, metavar="S", help="time step instead of the scene's, s")
     command.add_argument("--order", type=int, metavar="M", help="run at a lower order than the ROM's")
     command.add_argument("--profile", action="store_true", help="measure what each effect costs in a step")
+    command.add_argument(
+        "--stepper", choices=STEPPERS, help="of large deformation: newton for large steps, linearly-implicit for small"
+    )
 
     command = _command(commands, "study", _study, "what accuracy costs in time, for a scene; runs under mpirun")
     command.add_argument("scene", metavar="SCENE", help="scene file (TOML)")
@@ -166,9 +170,37 @@ def _parser() -> argparse.ArgumentParser:
     command = _command(commands, "info", _info, "say what is in a ROM or a run")
     command.add_argument("file", metavar="FILE.h5")
 
+    command = _command(commands, "view", _view, "show a ROM live, or runs, in the browser")
+    command.add_argument("files", metavar="FILE.h5", nargs="+", help="a ROM to push, a run, or two runs to compare")
+    command.add_argument("--port", type=_port, default=8080, metavar="N", help="tried first; else one that follows")
+    command.add_argument("--no-browser", action="store_true", help="only print the address")
+    command.add_argument("--dt", type=float, metavar="S", help="time step of a ROM instead of the scene's, s")
+
     command = _command(commands, "compare", _compare, "relative errors of one run against another")
     command.add_argument("run_file", metavar="A.h5", help="a run")
     command.add_argument("reference", metavar="B.h5", help="the run it is measured against")
+
+    command = _command(commands, "plot", _plot, "draw energy and outputs of runs, or σ and responses of a ROM")
+    command.add_argument("files", metavar="FILE.h5", nargs="+", help="a ROM, or runs to be drawn over one another")
+    _output(command, "OUT", "file (.pdf, .svg, .png) for all plots, or folder for a .pdf and a .png of each")
+    command.add_argument(
+        "--what",
+        nargs="+",
+        metavar="NAME",
+        help="some of: energy, output_NAME, forces of runs; sigma, response of a ROM",
+    )
+    command.add_argument("--full", metavar="SCENE", help="solve for the full model's frequency responses, too")
+    command.add_argument("--dark", action="store_true", help="light on dark")
+
+    command = _command(commands, "export", _export, "write files for ParaView, pictures and films")
+    command.add_argument("file", metavar="FILE.h5", help="a ROM or a run")
+    _output(command, "OUT", "of a run .pvd, .vtu, .png, .gif or .mp4; of a ROM .vtu, or .png, .pdf, .svg")
+    command.add_argument("--what", choices=KINDS, help="shapes of a ROM; modes, unless others are asked for")
+    command.add_argument("--count", type=int, metavar="N", help="shapes of each contact mode")
+    command.add_argument("--time", type=float, metavar="S", help="instant of a run for .vtu and .png, s; else the last")
+    command.add_argument("--scale", type=float, metavar="X", default=1.0, help="of displacements in pictures of a run")
+    command.add_argument("--seconds", type=float, metavar="S", help="length of .gif and .mp4; else at most 10 s")
+    command.add_argument("--dark", action="store_true", help="light on dark")
     return parser
 
 
@@ -200,6 +232,12 @@ def _named_file(text: str) -> tuple[str, str]:
     if not (NAME.fullmatch(name) and file):
         raise argparse.ArgumentTypeError(f"{text!r}: allowed is NAME=FILE, the name of {NAME_IN_WORDS}")
     return name, file
+
+
+def _port(text: str) -> int:
+    if not (text.isdecimal() and int(text) < 2**16):
+        raise argparse.ArgumentTypeError(f"{text!r}: allowed is a whole number from 0 (any that is free) to 65535")
+    return int(text)
 
 
 def _output(command: argparse.ArgumentParser, metavar: str, what: str = "file to write") -> None:
@@ -346,7 +384,9 @@ def _simulate(choice: Any) -> None:
         rom = fr.truncated(rom, choice.order)
     scene = fr.read_scene(choice.scene) if choice.scene else None
     with progress() as report:
-        record = fr.simulate(rom, scene=scene, dt=choice.dt, profile=choice.profile, report=report)
+        record = fr.simulate(
+            rom, scene=scene, dt=choice.dt, profile=choice.profile, stepper=choice.stepper, report=report
+        )
     fr.write_record(choice.output, record)
     if speaks():
         print_record(record, choice.output)
@@ -365,6 +405,12 @@ def _study(choice: Any) -> None:
     check_folder(choice.output)
     scene = fr.read_scene(choice.scene)
     command = shlex.join(["fenics-rom", *choice.words])
+    if "large_deformation" in scene.effects:
+        given = [name for name in ("tolerance", "methods", "orders", "steps", "meshes") if getattr(choice, name)]
+        if given:
+            choice.wrong_usage(f"with large_deformation a study goes over the size of the load, without --{given[0]}")
+        _study_amplitudes(scene, choice, command)
+        return
     with progress() as report:
         if choice.tolerance is None:
             findings = fr.study(
@@ -392,6 +438,22 @@ def _study(choice: Any) -> None:
         print(sentence(findings, choice.tolerance, row))
         print(f"Its model, for --dt {row.dt:g}: {choice.output / ROM}; what was tried: {choice.output / 'study.md'}")
         print_warnings(remarks(findings))
+
+
+def _study_amplitudes(scene: Scene, choice: Any, command: str) -> None:
+    from fenics_rom.accuracy.amplitude_picture import draw
+    from fenics_rom.accuracy.amplitudes import HEADING, cells, report_of, study_of_amplitudes
+
+    with progress() as report:
+        found = study_of_amplitudes(scene, choice.output, quick=choice.quick, resume=choice.resume, report=report)
+    if not is_rank_0():
+        return
+    write_whole(choice.output / "amplitudes.md", report_of(found, command).encode())
+    draw(found, choice.output)
+    if speaks():
+        print_table(f"study {found.name}: what large deformation costs", HEADING, cells(found))
+        print(f"  table {choice.output / 'amplitudes.md'}, picture {choice.output / 'amplitudes.png'}")
+        print_warnings(found.notes)
 
 
 def _identify(choice: Any) -> None:
@@ -426,6 +488,56 @@ def _compare(choice: Any) -> None:
     ]
     title = f"{choice.run_file} against {choice.reference}"
     print_table(title, ("quantity", "relative error", "largest error", "of", "instants"), rows)
+
+
+def _plot(choice: Any) -> None:
+    from fenics_rom.plots.files import check_output
+
+    check_output(choice.output)
+    contents = [content_of(file) for file in choice.files]
+    if "rom" in contents and len(contents) > 1:
+        raise RomFileError("plots are of one ROM, or of any number of runs")
+    if "rom" not in contents and choice.full is not None:
+        raise RomFileError("--full is for a ROM: a run at full order is drawn like any other")
+    with progress() as report:
+        if "rom" in contents:
+            model: Any = fr.read_rom(choice.files[0])
+            full = fr.assemble(fr.read_scene(choice.full)) if choice.full is not None else None
+        else:
+            model, full = {name: fr.read_record(file) for name, file in _labels(choice.files).items()}, None
+        files = fr.plot(model, choice.output, what=choice.what, dark=choice.dark, full=full, report=report)
+    print(*files, sep="\n")
+
+
+def _labels(files: Sequence[str]) -> dict[str, str]:
+    """Files by what they are called in a legend: their names without ending, where these differ."""
+    names = [Path(file).stem for file in files]
+    return dict(zip(names if len(set(names)) == len(names) else files, files, strict=True))
+
+
+def _export(choice: Any) -> None:
+    model: Any = fr.read_rom(choice.file) if content_of(choice.file) == "rom" else fr.read_record(choice.file)
+    with progress() as report:
+        file = fr.export(
+            model,
+            choice.output,
+            what=choice.what,
+            count=choice.count,
+            time=choice.time,
+            scale=choice.scale,
+            seconds=choice.seconds,
+            dark=choice.dark,
+            report=report,
+        )
+    print(file)
+
+
+def _view(choice: Any) -> None:
+    if len(choice.files) > 2:
+        choice.wrong_usage("allowed are a ROM, a run, or two runs")
+    from fenics_rom.viewer.command import view
+
+    view([Path(file) for file in choice.files], port=choice.port, browser=not choice.no_browser, dt=choice.dt)
 
 
 def _check_output(output: Path, *inputs: str | None) -> None:

@@ -15,6 +15,7 @@ from fenics_rom.accuracy.choice import decades, sentence
 from fenics_rom.accuracy.findings import Findings
 from fenics_rom.accuracy.results import PICTURES
 from fenics_rom.accuracy.tables import COSTS, cost_rows, remarks
+from fenics_rom.deformation import ReducedDeformation
 from fenics_rom.effects import EFFECTS
 from fenics_rom.errors import MissingPackageError
 from fenics_rom.launcher import speaks
@@ -64,6 +65,7 @@ def print_rom(rom: fr.Rom, file: Path | str) -> None:
         "switching": rom.switching,
         "weighting": rom.weighting,
         "effects": _effects(rom),
+        **({} if rom.deformation is None else _deformation(rom.deformation)),
         "outputs": ", ".join(f"{name} ({len(rows) // width})" for name, rows in rom.outputs.items()) or "none",
         "actuators": ", ".join(rom.actuators) or "none",
         **({"loads": ", ".join(rom.loads)} if rom.loads else {}),
@@ -75,6 +77,16 @@ def print_rom(rom: fr.Rom, file: Path | str) -> None:
     if rom.stages:
         print()
         _print_stages(rom.stages)
+
+
+def _deformation(body: ReducedDeformation) -> dict[str, str]:
+    """What large deformation was trained for, and how good it is."""
+    validation = "not measured" if body.validation_error is None else f"{body.validation_error:.1e}"
+    return {
+        "large deformation": f"{body.law.replace('_', ' ')}, {len(body.weights)} of {body.points_of} points kept",
+        "error of forces": f"{body.cubature_error:.1e} on the states it was trained on",
+        "error of a run": f"{validation}, that it was not trained on",
+    }
 
 
 def _effects(rom: fr.Rom) -> str:
@@ -153,6 +165,10 @@ def print_record(record: fr.Record, file: Path | str) -> None:
         else "not measured",
         "energy account closes to": f"{record.balance_error:.1e} of the largest energy or work",
     }
+    if record.stepping:
+        lines["steps are taken by"] = record.stepping
+    if "mismatch" in record.settings:
+        lines["mismatch of strains"] = f"{record.settings['mismatch']:.1e} of the largest"
     if record.effects:
         lines["effects"] = ", ".join(record.effects)
     if record.contact_account:

@@ -137,6 +137,11 @@ EFFECTS: Mapping[str, Effect] = {
         several=True,
         parameters={"points": Many(item=POINT, at_least=2)},
     ),
+    "large_deformation": Effect(
+        force="that of a hyperelastic material in place of K x; β acts on the rate of its Green strain",
+        stores="∫ W in place of ½ xᵀ K x",
+        parameters={"material": Text(default="st_venant_kirchhoff", choices=("st_venant_kirchhoff", "neo_hookean"))},
+    ),
     "contact": Effect(
         force="λ ≥ 0 along the normals of rigid obstacles, with λ = 0 or a gap that does not close",
         dissipates="what restitution below 1 takes in an impact",

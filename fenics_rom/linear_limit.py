@@ -23,6 +23,7 @@ ROTATION_LIMIT = 0.2  # rad
 # An incompressible neo-Hookean bar at it pulls with 9 % less than Young's modulus says, and pushes with 12 % more.
 STRAIN_LIMIT = 0.1
 MOST = 512  # triangles that are looked at
+CURE = "effects.large_deformation follows bodies further"
 ROUND_OFF = 1e-9  # share of the largest slope of the basis that is none
 SMALLEST, GREATEST = 1e-60, 1e60  # m, longest side of a triangle: beyond, squares of areas vanish or overflow
 THINNEST = 1e-9  # height of a triangle as a share of its longest side; below, its normal is round-off
@@ -66,7 +67,7 @@ def warning(seen: Excursion) -> str:
     is_at, good_to = _beyond(seen)
     return is_at and (
         f"the surface is {is_at} at t = {seen.time:.4g} s, and a linear model is good to about {good_to}: "
-        "shapes and forces from here on are not to be trusted"
+        f"shapes and forces from here on are not to be trusted; {CURE}"
     )
 
 
@@ -75,7 +76,7 @@ def summary(seen: Excursion) -> str:
     is_at, good_to = _beyond(seen, "up to ")
     return is_at and (
         f"the surface was {is_at}, and a linear model is good to about {good_to}: "
-        f"shapes and forces from t = {seen.time:.4g} s on are not to be trusted"
+        f"shapes and forces from t = {seen.time:.4g} s on are not to be trusted; {CURE}"
     )
 
 

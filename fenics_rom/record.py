@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fenics_rom.ledger import Ledger
+from fenics_rom.obstacles import Obstacle
 
 Array = np.ndarray
 
@@ -23,7 +24,8 @@ class Record:
     Attributes:
         name: of the scene.
         model: "full" or "reduced".
-        settings: numbers that belong beside any rate or error: dt, seconds (wall clock of the stepping), order or n.
+        settings: numbers that belong beside any rate or error: dt, seconds (wall clock of the stepping), order or n;
+            of linearly implicit steps with large deformation mismatch (of strains, as a share of the largest).
         times: (steps + 1,), s.
         contacts: names of the contact modes.
         contact: (steps + 1,) which of them was active.
@@ -41,6 +43,11 @@ class Record:
         contact_account: where the scene has contact, running sums (steps + 1,), J: what "obstacles" supplied, and what
             "contact" and (where it has that, too) "friction" dissipated; they are parts of `supplied` and `dissipated`.
         profile: seconds per step of each part of a reduced run, where they were measured.
+        velocities: of every node beside its displacement in `shapes`, (shapes, N, 3), m/s; None without inertia, and in
+            files of earlier releases.
+        obstacles: where the scene puts them, by name.
+        obstacle_motion: how far each was from there at `shape_times`, (shapes, 3), m.
+        stepping: how a step was taken and why, where there was a choice.
     """
 
     name: str
@@ -64,6 +71,10 @@ class Record:
     forces: Mapping[str, Array] = field(default_factory=dict)
     contact_account: Mapping[str, Array] = field(default_factory=dict)
     profile: Mapping[str, float] = field(default_factory=dict)
+    velocities: Array | None = None
+    obstacles: Mapping[str, Obstacle] = field(default_factory=dict)
+    obstacle_motion: Mapping[str, Array] = field(default_factory=dict)
+    stepping: str = ""
 
     @property
     def balance_error(self) -> float:
@@ -89,7 +100,7 @@ class Recorder:
         nodes: number N of nodes.
         shapes: how many whole shapes to keep, evenly spread, the last step among them.
         effects: names of those that act; without contact nothing is kept of it.
-        obstacles: names of the obstacles.
+        obstacles: by name.
     """
 
     def __init__(
@@ -101,7 +112,7 @@ class Recorder:
         nodes: int,
         shapes: int,
         effects: tuple[str, ...] = (),
-        obstacles: tuple[str, ...] = (),
+        obstacles: Mapping[str, Obstacle] | None = None,
     ):
         self._effects = effects
         self._contacts = contacts
@@ -109,11 +120,14 @@ class Recorder:
         self._contact = np.zeros(steps + 1, dtype=np.int64)
         self._account = np.zeros((4, steps + 1))
         self._outputs = {name: np.zeros((steps + 1, points, 3)) for name, points in outputs.items()}
-        self._forces = {name: np.zeros((steps + 1, 3)) for name in obstacles}
+        self._obstacles = obstacles or {}
+        self._forces = {name: np.zeros((steps + 1, 3)) for name in self._obstacles}
         kept = [name for name, effect in CONTACT_ACCOUNT.items() if effect in effects]
         self._contact_account = {name: np.zeros(steps + 1) for name in kept}
         self._shape_steps = np.unique(np.round(np.linspace(0, steps, min(shapes, steps) + 1)).astype(int))[1:]
         self._shapes = np.zeros((len(self._shape_steps), nodes, 3))
+        self._velocities = np.zeros_like(self._shapes) if not effects or "inertia" in effects else None
+        self._motion = {name: np.zeros((len(self._shape_steps), 3)) for name in self._obstacles}
 
     def sample(
         self,
@@ -122,7 +136,9 @@ class Recorder:
         energy: float,
         ledger: Ledger,
         displacement: Callable[[str | None], Array],
+        velocity: Callable[[], Array],
         forces: Array | None,
+        offsets: Array | None,
     ) -> None:
         """Keeps what is to be kept of one instant.
 
@@ -132,7 +148,9 @@ class Recorder:
             energy: stored, J.
             ledger: the account so far.
             displacement: of a named output (points, 3), or with None of all nodes (N, 3), m.
+            velocity: of all nodes, (N, 3), m/s.
             forces: of the obstacles on the body (O, 3), N; None where nothing touches.
+            offsets: how far the obstacles are from where the scene puts them, (O, 3), m; None where there are none.
         """
         self._contact[step] = self._contacts.index(contact)
         self._account[:, step] = energy, ledger.supplied, ledger.dissipated, ledger.lost_in_switching
@@ -146,6 +164,11 @@ class Recorder:
         row = np.searchsorted(self._shape_steps, step)
         if row < len(self._shape_steps) and self._shape_steps[row] == step:
             self._shapes[row] = displacement(None)
+            if self._velocities is not None:
+                self._velocities[row] = velocity()
+            if offsets is not None:
+                for values, offset in zip(self._motion.values(), offsets, strict=True):
+                    values[row] = offset
 
     def record(
         self,
@@ -158,6 +181,7 @@ class Recorder:
         node_mass: Array,
         warnings: tuple[str, ...],
         profile: Mapping[str, float] | None = None,
+        stepping: str = "",
     ) -> Record:
         """The finished run."""
         energy, supplied, dissipated, lost = self._account
@@ -183,4 +207,8 @@ class Recorder:
             forces=self._forces,
             contact_account=self._contact_account,
             profile=profile or {},
+            velocities=self._velocities,
+            obstacles=self._obstacles,
+            obstacle_motion=self._motion,
+            stepping=stepping,
         )

@@ -6,6 +6,7 @@ from functools import cached_property
 
 import numpy as np
 
+from fenics_rom.deformation import ReducedDeformation, check_deformation
 from fenics_rom.errors import StructureError
 from fenics_rom.stages import Stage
 
@@ -94,6 +95,7 @@ class Rom:
         method: how the bases were found.
         stages: what the offline work spent its time on.
         loads: number of input columns of each load that acts by a history of its own.
+        deformation: what large deformation adds; then all contact modes have the same basis. None: the model is linear.
     """
 
     name: str
@@ -115,6 +117,7 @@ class Rom:
     method: str = "balanced"
     stages: tuple[Stage, ...] = ()
     loads: Mapping[str, int] = field(default_factory=dict)
+    deformation: ReducedDeformation | None = None
 
     @property
     def contacts(self) -> dict[str, int]:
@@ -200,6 +203,8 @@ def truncated(rom: Rom, order: int) -> Rom:
     most = max(mode.order - mode.rigid for mode in rom.modes.values())
     if not 1 <= order <= most:
         raise StructureError(f"order {order}: allowed are 1 to {most}, the largest order in the ROM")
+    if rom.deformation is not None:
+        raise StructureError("a ROM with large deformation cannot be truncated; reduce to that order instead")
     if rom.switching == "oblique":
         raise StructureError("a ROM with oblique switching cannot be truncated; reduce to that order instead")
     return replace(
@@ -240,7 +245,23 @@ def check_rom(rom: Rom) -> Rom:
     with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused like any other gap
         for name, mode in rom.modes.items():
             _check_mode(f"contact mode {name!r}", rom.stiffness, mode, rigid)
+        if rom.deformation is not None:
+            _check_deformation(rom, rom.deformation)
     return rom
+
+
+def _check_deformation(rom: Rom, body: ReducedDeformation) -> None:
+    check_deformation(body, len(rom.stiffness))
+    for name, mode in rom.modes.items():
+        if not (np.array_equal(mode.coordinates, np.eye(len(rom.stiffness)))):
+            raise StructureError(f"contact mode {name!r}: has not the one basis that large deformation takes")
+    for name, force in body.pressures.items():
+        m = body.order
+        if rom.actuators.get(name) != 1 or force.shape != (m, 1 + m + m * (m + 1) // 2):
+            raise StructureError(f"deformation: pressure {name!r} is no actuator, or has not {m} displacements")
+    for name, tendon in body.tendons.items():
+        if rom.actuators.get(name) != 1 or tendon.shapes.shape != (tendon.points.size, body.order):
+            raise StructureError(f"deformation: tendon {name!r} is no actuator, or has not {body.order} displacements")
 
 
 def _check_mode(where: str, κ: Array, mode: Mode, rigid: int) -> None:

@@ -1,6 +1,6 @@
 """The ROM file: one HDF5 file with everything the runtime needs.
 
-Format 1.2. The first 512 bytes are a user block with the SHA-256 of the rest (see checked_file).
+Format 1.3. The first 512 bytes are a user block with the SHA-256 of the rest (see checked_file).
 Root attributes (fixed-length UTF-8 text): format = "fenics-rom", format_version, content = "rom", software, name,
 method, switching, weighting, scene (the scene file), warnings (one a line). Every dataset has an attribute `unit`.
 Sizes: n free displacement components, k shared basis vectors, N nodes, F triangles; for each contact mode m order,
@@ -28,7 +28,15 @@ p input columns, r Hankel singular values, f sampled frequencies; P points of an
         transfer_errors (f,)         at these frequencies
         left_inverse (m, k)          only for switching = "oblique"
         contact_points (P,)          nodes that obstacles can touch; absent where there are none
+    deformation/                     where the scene has large_deformation; attribute `law`; Q kept points
+        gradients (3, 3, Q, k)       ∂W_i/∂X_j, kg^-1/2/m; W is the basis, as all contact modes have the same
+        weights (Q,) m^3, first_lame, shear (Q,) Pa, viscosity (Q,) s
+        drag (k, k) 1/s, springs (k, k) 1/s^2
+        reach (1,) m kg^1/2, points_of (1,), cubature_error, validation_error (1,); the last may be absent
+        pressures/NAME (k, 1 + k + k (k+1)/2) m^2/kg^1/2     force of 1 Pa: of 1, q_i and q_i q_j (i <= j)
+        tendons/NAME/points (K, 3) m, shapes (3K, k) kg^-1/2
 
+Files of format 1.2 have no large deformation.
 Files of format 1.1 have neither loads nor contact points.
 Files of format 1.0, where every method is "balanced", have no attribute `method`, no group `offline`, and neither
 frequencies nor transfer_errors.
@@ -52,6 +60,7 @@ from fenics_rom.checked_file import (
     read_file,
     write_file,
 )
+from fenics_rom.deformation_file import put_deformation, take_deformation
 from fenics_rom.effects import EFFECTS
 from fenics_rom.errors import RomFileError
 from fenics_rom.rom import SWITCHINGS, Mode, Rom, check_rom
@@ -82,7 +91,7 @@ EMPTY_WHERE_ABSENT = ("hankel_singular_values", "frequencies", "transfer_errors"
 STAGE = Entry("s, B", (2,))
 COUNT = Entry("1", (1,), "i")
 GROUPS = ("outputs", "actuators", "effects", "tables", "modes")
-MAYBE = ("offline", "loads")
+MAYBE = ("offline", "loads", "deformation")
 
 
 def write_rom(file: str | Path, rom: Rom) -> None:
@@ -141,6 +150,8 @@ def _fill(h5: h5py.File, rom: Rom) -> None:
         arrays["static_error"] = None if mode.static_error is None else np.array([mode.static_error])
         group = groups["modes"].create_group(name, track_order=True)
         put_arrays(group, table, _mode_sizes(sizes), arrays)
+    if rom.deformation is not None:
+        put_deformation(h5, rom.deformation, sizes)
     _check_fit(rom)
     check_rom(rom)
 
@@ -167,6 +178,7 @@ def _take(h5: h5py.File) -> Rom:
         warnings=tuple(filter(None, get_text(h5, "warnings").split("\n"))),
         weighting=weighting,
         stages=_take_stages(groups["offline"]) if "offline" in groups else (),
+        deformation=take_deformation(h5, sizes) if "deformation" in groups else None,
         **body,
     )
     _check_fit(rom)
@@ -236,6 +248,8 @@ def _check_fit(rom: Rom) -> None:
         raise RomFileError(f"/triangles name nodes beyond {len(rom.nodes)}")
     if (rom.node_mass < 0).any():
         raise RomFileError("/node_mass has negative masses")
+    if ("large_deformation" in rom.effects) != (rom.deformation is not None):
+        raise RomFileError("large_deformation among the effects and /deformation go together")
     if "contact" in rom.effects and not any(len(mode.contact_points) for mode in rom.modes.values()):
         raise RomFileError("has contact, and no node that obstacles can touch")
     if any(columns < 0 for columns in (*rom.actuators.values(), *rom.loads.values())):

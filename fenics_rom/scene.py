@@ -61,6 +61,7 @@ class Reduction:
     weighting: str = "mass"
     lyapunov: str = "auto"
     share: float = 0.9999999  # of the trace of the covariance, for switching = "modal"
+    cubature: float = 0.01  # relative error of the forces of the points that are kept, for large deformation
 
 
 @dataclass(frozen=True)
@@ -108,11 +109,13 @@ class Scene:
 
 WEIGHTINGS = ("mass", "nodal", "outputs")
 LYAPUNOV = ("auto", "closed-form", "bartels-stewart", "krylov", "adi")
-METHODS = ("balanced", "modal", "modal+static", "pod", "static")
+METHODS = ("balanced", "modal", "modal+static", "pod", "static", "trained", "modal+derivatives")
 SOLVERS = ("auto", "direct", "iterative")
+STEPPERS = ("newton", "linearly-implicit")  # of large deformation
 ORDER = Number(at_least=1, integer=True)
 TOLERANCE = Number(above=0.0, below=1.0)
 SHARE = Number(above=0.0, at_most=1.0)
+CUBATURE = Number(at_least=1e-6, below=1.0)
 
 
 def check_order(order: int | Mapping[str, int] | None, contacts: Mapping[str, Any], where: str) -> None:

@@ -18,6 +18,7 @@ from fenics_rom.effects import ACTUATORS, ANY_SURFACE, EFFECTS, LOADS, POINT
 from fenics_rom.errors import SceneError
 from fenics_rom.rom import SWITCHINGS
 from fenics_rom.scene import (
+    CUBATURE,
     LYAPUNOV,
     METHODS,
     ORDER,
@@ -91,6 +92,7 @@ SCENE = Table(
                 "weighting": Text(default="mass", choices=WEIGHTINGS),
                 "lyapunov": Text(default="auto", choices=LYAPUNOV),
                 "share": replace(SHARE, default=0.9999999),
+                "cubature": replace(CUBATURE, default=0.01),
             },
         ),
         "run": Table(

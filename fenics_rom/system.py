@@ -77,6 +77,54 @@ class Algebra(Protocol):
         """
 
 
+class Deformation(Protocol):
+    """How a full-order body deforms largely: a potential ∫ W(E) in place of ½ xᵀ K x, and what steps it."""
+
+    @property
+    def law(self) -> str:
+        """Of the material, one of `hyperelastic.LAWS`."""
+
+    @property
+    def weights(self) -> Array:
+        """Volumes that the quadrature points of this rank stand for, (P here,), m³."""
+
+    @property
+    def first_lame(self) -> Array:
+        """λ there, (P here,), Pa."""
+
+    @property
+    def shear(self) -> Array:
+        """μ there, (P here,), Pa."""
+
+    @property
+    def viscosity(self) -> Array:
+        """β there, (P here,), s: of the stress β (λ tr(Ė) I + 2μ Ė)."""
+
+    @property
+    def spring(self) -> Operator | None:
+        """K_s of springs to ground, N/m; None: no springs."""
+
+    @property
+    def drag(self) -> Operator | None:
+        """D_c, damping that does not strain: α M and dashpots, N s/m; None: nothing."""
+
+    @property
+    def tendons(self) -> Mapping[str, tuple[Array, Array]]:
+        """Points (K, 3), m, and shapes (rows here, 3K): the moved points are points + (shapesᵀ x).reshape(K, 3)."""
+
+    def gradients(self, columns: Array) -> Array:
+        """Displacement gradients [i, j] = ∂u_i/∂X_j of columns (rows here, k) at the points, (3, 3, P here, k)."""
+
+    def force(self, x: Array) -> Array:
+        """∂/∂x of ∫ W(E), (rows here,), N, at a displacement (rows here,), m."""
+
+    def simulator(self, dt: float, surroundings: Any = None, *, ledger: bool = True) -> Any:
+        """What steps the body at full order from rest, a `fem.deformation.simulator.LargeDeformationSimulator`."""
+
+    def follower(self, x: Array) -> dict[str, Array]:
+        """Force (rows here, 1) of 1 Pa or 1 N of each pressure and tendon at a displacement (rows here,), m."""
+
+
 @dataclass(frozen=True)
 class Body:
     """Where the degrees of freedom are: canonical nodes, the same on every rank.
@@ -127,6 +175,7 @@ class System:
         rigid: R (rows here, ρ), RᵀMR = I, what spans the null space of K; no columns where the body is held. kg^-1/2.
         body: nodes and surface; without nodes where there is no mesh.
         scene: the scene it was assembled from, if it was.
+        deformation: of a body that deforms largely, beyond what these matrices say; None: linear.
         warnings: what the user should know about this model.
         stages: what making it spent its time on.
     """
@@ -145,6 +194,7 @@ class System:
     rigid: Array
     body: Body
     scene: Scene | None
+    deformation: Deformation | None
     warnings: tuple[str, ...]
     stages: tuple[Stage, ...]
 
@@ -165,6 +215,7 @@ class System:
         rigid: Any = None,
         body: Body | None = None,
         scene: Scene | None = None,
+        deformation: Deformation | None = None,
         warnings: tuple[str, ...] = (),
         stages: tuple[Stage, ...] = (),
     ):

@@ -4,15 +4,18 @@ import warnings
 
 import pytest
 from bodies import PLATE, scene_text, write_box
-from gmsh_here import arrays_found_here
 
 import fenics_rom as fr
-from fenics_rom.fem import gmsh_file
 from fenics_rom.scene_file import parse_scene
 
 
 @pytest.fixture(scope="session", autouse=True)
 def _gmsh_in_this_process():
+    # Not above: fenics_rom.fem starts MPI, which the processes that this one starts to run tests would inherit.
+    from gmsh_here import arrays_found_here
+
+    from fenics_rom.fem import gmsh_file
+
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(gmsh_file, "arrays_of", arrays_found_here)
         yield

@@ -16,7 +16,8 @@ from petsc4py import PETSc
 
 import fenics_rom as fr
 from fenics_rom.cli import main
-from fenics_rom.scene import LYAPUNOV, METHODS
+from fenics_rom.reduction.methods import BY_NAME
+from fenics_rom.scene import LYAPUNOV
 from fenics_rom.stages import Stage
 
 DATA = Path(__file__).parent / "data"
@@ -29,11 +30,14 @@ COMMANDS = {
         *("--mass", "--stiffness", "--damping", "--rayleigh", "--contact", "--actuator", "--observe"),
     ],
     "solve": ["--dt", "--output"],
-    "simulate": ["--scene", "--dt", "--order", "--profile", "--output"],
+    "simulate": ["--scene", "--dt", "--order", "--profile", "--stepper", "--output"],
     "study": ["--tolerance", "--quick", "--methods", "--orders", "--steps", "--mesh", "--resume", "--output"],
     "identify": ["--data", "--parameters", "--output"],
     "info": [],
+    "view": ["--port", "--no-browser", "--dt"],
     "compare": [],
+    "plot": ["--what", "--full", "--dark", "--output"],
+    "export": ["--what", "--count", "--time", "--scale", "--seconds", "--dark", "--output"],
 }
 
 
@@ -229,7 +233,7 @@ def test_what_a_file_does_not_say_is_not_made_up(say):
 
 
 @pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")  # the plate locks
-@pytest.mark.parametrize("choices", [("--method", m) for m in METHODS] + [("--lyapunov", r) for r in LYAPUNOV])
+@pytest.mark.parametrize("choices", [("--method", m) for m in BY_NAME] + [("--lyapunov", r) for r in LYAPUNOV])
 def test_every_method_and_route_makes_a_rom(inside, say, choices):
     status, _, err = say("reduce", PLATE, "-o", "rom.h5", "--order", "3", *choices)
     assert (status, err) == (0, "")
@@ -293,7 +297,7 @@ def test_help_of_every_command_names_its_options(say, command):
     status, out, err = say(command, "--help")
     assert (status, err) == (0, "")
     assert out.startswith(f"usage: fenics-rom {command}")
-    assert set(re.findall(r"--[a-z]+", out)) == {"--help", *COMMANDS[command]}
+    assert set(re.findall(r"--[a-z-]+", out)) == {"--help", *COMMANDS[command]}
 
 
 def test_help_lists_every_command(say):

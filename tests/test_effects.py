@@ -105,8 +105,9 @@ def test_table_of_effects_is_sound():
 
 
 def test_all_effects_are_read_with_their_defaults():
-    effects = parse(ALL).effects
+    effects = parse(f"{ALL}\n[effects.large_deformation]").effects
     assert set(effects) == set(EFFECTS)
+    assert effects["large_deformation"] == {"material": "st_venant_kirchhoff"}
     assert effects["inertia"] == {}
     assert effects["gravity"] == {"acceleration": (0.0, 0.0, -9.81)}
     contact = {key: value for key, value in effects["contact"].items() if key != "obstacles"}
@@ -328,7 +329,7 @@ def test_run_among_obstacles_is_read_to_the_last_bit(rom, tmp_path):
     fr.write_record(tmp_path / "run.h5", run)
     back = fr.read_record(tmp_path / "run.h5")
     assert same(back, run)
-    assert set(back.effects) == set(EFFECTS)
+    assert set(back.effects) == set(EFFECTS) - {"large_deformation"}
     assert list(back.forces) == ["floor", "ball"]
     assert list(back.contact_account) == ["obstacles", "contact", "friction"]
     assert {"gravity", "contact, friction", "inertia, damping, elasticity"} <= set(back.profile)

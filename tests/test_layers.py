@@ -14,7 +14,7 @@ PACKAGE = Path(fenics_rom.__file__).parent
 DATA = Path(__file__).parent / "data"
 RUNTIME = sorted(file for file in (PACKAGE / "runtime").glob("*.py") if file.stem != "__init__")
 FENICSX = {"dolfinx", "petsc4py", "slepc4py", "mpi4py", "ufl", "basix", "gmsh"}
-NOT_IN_THE_RUNTIME = FENICSX | {"scipy", "matplotlib", "rich"}
+NOT_IN_THE_RUNTIME = FENICSX | {"scipy", "matplotlib", "rich", "viser", "pyvista", "imageio"}
 FOLDERS = {"accuracy", "fem", "reduction", "runtime", "identification"}
 
 REFUSE = f"""
@@ -75,7 +75,7 @@ def test_importing_the_package_alone_reads_no_file_format():
     ("folder", "packages", "folders"),
     [
         ("fem", FENICSX | {"numpy", "scipy"}, {"fem"}),
-        ("reduction", {"numpy", "scipy"}, {"reduction"}),
+        ("reduction", {"numpy", "scipy"}, {"reduction", "runtime"}),
         ("runtime", {"numpy"}, {"runtime"}),
         ("identification", {"numpy", "scipy", "matplotlib"}, {"identification", "fem", "reduction"}),
     ],

@@ -254,11 +254,13 @@ def test_warning_says_how_much_when_and_what_is_allowed(rotation, strain, is_at,
     assert seen.beyond
     assert warning(seen) == (
         f"the surface is {is_at} at t = 0.42 s, and a linear model is good to about {good_to}: "
-        "shapes and forces from here on are not to be trusted"
+        "shapes and forces from here on are not to be trusted; "
+        "effects.large_deformation follows bodies further"
     )
     assert summary(seen) == (
         f"the surface was {is_at.replace('by ', 'by up to ')}, and a linear model is good to about {good_to}: "
-        "shapes and forces from t = 0.42 s on are not to be trusted"
+        "shapes and forces from t = 0.42 s on are not to be trusted; "
+        "effects.large_deformation follows bodies further"
     )
 
 

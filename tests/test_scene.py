@@ -149,7 +149,7 @@ middle = 67 | middle = 0 | reduction.order.middle = 0: allowed is a whole number
 { tip_left = 52, middle = 67 } | 2.5 | reduction.order = 2.5: allowed is a whole number and >= 1, or a table
 order = { tip_left = 52, middle = 67 } | tolerance = 1 | reduction.tolerance = 1: allowed is a finite number and > 0
 [reduction] | [reduction]⏎switching = "enrgy" | there is energy, modal, oblique; did you mean 'energy'?
-[reduction] | [reduction]⏎method = "podd" | no choice 'podd'; there is balanced, modal, modal+static, pod, static;
+[reduction] | [reduction]⏎method = "podd" | no choice 'podd'; there is balanced, modal, modal+derivatives,
 [reduction] | [reduction]⏎lyapunov = "ad" | no choice 'ad'; there is adi, auto, bartels-stewart, closed-form, krylov
 dt = 1e-3 | dt = 0 | run.dt = 0: allowed is a finite number and > 0, in s
 dt = 1e-3 | dt = 4 | run.dt = 4: allowed is at most the duration, 3 s

@@ -50,7 +50,7 @@ from trajectories import (
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning
-from fenics_rom.plots import draw_body
+from fenics_rom.plots.body import draw_body
 from fenics_rom.reduction.balanced import balanced
 from fenics_rom.reduction.problem import Directions, Problem
 from fenics_rom.reduction.shared_space import padded

@@ -23,7 +23,7 @@ import numpy as np
 
 import fenics_rom as fr
 from fenics_rom.figure import figure_class
-from fenics_rom.plots import draw_body
+from fenics_rom.plots.body import draw_body
 from fenics_rom.report import markdown
 
 HERE = Path(__file__).parent

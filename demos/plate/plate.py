@@ -31,7 +31,7 @@ from fenics_rom.accuracy.findings import Findings
 from fenics_rom.accuracy.results import write_results
 from fenics_rom.accuracy.tables import COSTS, cost_rows, reduction_table
 from fenics_rom.errors import FenicsRomWarning, StepError
-from fenics_rom.plots import draw_body, draw_energy_over_work, draw_force
+from fenics_rom.plots.body import draw_body, draw_energy_over_work, draw_force
 from fenics_rom.report import markdown
 
 HERE = Path(__file__).parent

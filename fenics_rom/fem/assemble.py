@@ -12,6 +12,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_rom.errors import MeshError, SceneError
+from fenics_rom.fem.deformation.body import large_deformation_of
 from fenics_rom.fem.loads import actuators_of, contact_points_of, loads_of
 from fenics_rom.fem.mesh import Mesh, read_mesh
 from fenics_rom.fem.nodes import (
@@ -73,7 +74,7 @@ def _system(scene: Scene, comm: Any) -> System:
     loads, more_units = loads_of(scene, nodes, m.translated, free)
     motions = mass_orthonormal(m.mass, rigid_motions(nodes, m.node_mass, moves)[here], algebra)
     rigid = without_energy(m.mass, m.stiffness, motions, algebra)
-    return System(
+    system = System(
         mass=m.mass,
         damping=m.damping,
         stiffness=m.stiffness,
@@ -94,6 +95,13 @@ def _system(scene: Scene, comm: Any) -> System:
         scene=scene,
         warnings=(*_locking(scene), *_partly_held(scene, rigid)),
     )
+    if "large_deformation" not in scene.effects:
+        return system
+
+    def of_cells(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        return material[cells, 0], material[cells, 1], _damping_of_cells(scene, mesh)[cells, 1]
+
+    return replace(system, deformation=large_deformation_of(system, nodes, of_cells, m.drag, m.spring))
 
 
 def _rayleigh(scene: Scene) -> tuple[float, float] | None:
@@ -156,6 +164,7 @@ class _Matrices:
         mass, damping, stiffness: on the free degrees of freedom.
         node_mass: (N,) as in Body.
         translated: (N,) kg, M times a unit translation: ∫ρ of each shape function.
+        drag, spring: for large deformation, what of D and K does not strain the body; None: nothing.
     """
 
     mass: PetscMatrix
@@ -163,6 +172,8 @@ class _Matrices:
     stiffness: PetscMatrix
     node_mass: np.ndarray
     translated: np.ndarray
+    drag: PetscMatrix | None
+    spring: PetscMatrix | None
 
 
 def _matrices(comm: Any, mesh: Mesh, nodes: Nodes, scene: Scene, material: np.ndarray, free: np.ndarray) -> _Matrices:
@@ -182,6 +193,8 @@ def _matrices(comm: Any, mesh: Mesh, nodes: Nodes, scene: Scene, material: np.nd
     if of_materials is not None:
         α, β = (_cell_function(domain, column) for column in _damping_of_cells(scene, mesh).T)
         whole["damping"] = _assembled((α * inertia + β * elasticity) * ufl.dx)
+        if "large_deformation" in scene.effects:
+            whole["drag"] = _assembled(α * inertia * ufl.dx)
 
     place = dolfinx_nodes(space, scene.degree, nodes)
     node_mass, translated = node_masses(whole["mass"], place)
@@ -207,14 +220,37 @@ def _matrices(comm: Any, mesh: Mesh, nodes: Nodes, scene: Scene, material: np.nd
         damping = PetscMatrix(combination((0.0, mass)))
     if isinstance(damping, PetscMatrix):
         damping = with_surfaces(damping, dashpots, free)
-    return _Matrices(mass, damping, stiffness, node_mass, translated)
+    drag, spring = (None, None)
+    if "large_deformation" in scene.effects:
+        drag, spring = _without_strain(scene, nodes, mass, reduced.get("drag"), free)
+    return _Matrices(mass, damping, stiffness, node_mass, translated, drag, spring)
+
+
+def _without_strain(
+    scene: Scene, nodes: Nodes, mass: PetscMatrix, drag: PetscMatrix | None, free: np.ndarray
+) -> tuple[PetscMatrix | None, PetscMatrix | None]:
+    """What of D and K does not strain the body, with `drag` α M where materials have their own; None: nothing."""
+    said = scene.effects.get("damping", {"alpha": 0.0, "beta": 0.0})
+    if drag is None and said["alpha"]:
+        drag = PetscMatrix(combination((said["alpha"], mass)))
+    springs, dashpots = springs_of(scene, nodes), dashpots_of(scene, nodes)
+
+    def added(to: PetscMatrix | None, surfaces: Any) -> PetscMatrix | None:
+        if surfaces is None:
+            return to
+        return with_surfaces(PetscMatrix(combination((0.0, mass))) if to is None else to, surfaces, free)
+
+    spring = added(None, springs)
+    if springs is not None and said["beta"]:
+        drag = added(drag, said["beta"] * springs)
+    return added(drag, dashpots), spring
 
 
 def _damping_of_cells(scene: Scene, mesh: Mesh) -> np.ndarray:
     """α (1/s) and β (s) of every cell of the mesh file, (C, 2)."""
-    damping = scene.effects["damping"]
+    damping = scene.effects.get("damping", {"alpha": 0.0, "beta": 0.0})
     values = np.tile([damping["alpha"], damping["beta"]], (len(mesh.cells), 1))
-    for name, own in damping["materials"].items():
+    for name, own in damping.get("materials", {}).items():
         if name not in scene.materials:
             raise SceneError(f"{scene.source}: effects.damping.materials: {unknown('material', name, scene.materials)}")
         cells = scene.materials[name].cells

@@ -10,6 +10,7 @@ import numpy as np
 from fenics_rom.contact import Contact, Resolution
 from fenics_rom.errors import FenicsRomWarning, SceneError, StepError
 from fenics_rom.fem.assemble import assemble
+from fenics_rom.fem.deformation.simulator import LargeDeformationSimulator
 from fenics_rom.fem.direct import PetscFactor
 from fenics_rom.fem.extended import ExtendedMatrix
 from fenics_rom.fem.petsc_matrix import combination
@@ -121,9 +122,10 @@ class FullSimulator:
         return self.points.nearest(gaps, active)
 
     @property
-    def loose(self) -> str:
-        """What to say of contact in the run so far; empty where there is nothing to say."""
-        return "" if self._contact is None else self._contact.loose.message
+    def messages(self) -> tuple[str, ...]:
+        """What the user should know of the run so far."""
+        loose = "" if self._contact is None else self._contact.loose.message
+        return tuple(filter(None, [loose, self.gauge.message]))
 
     def _touched(self, free: Array) -> Resolution | None:
         """Contact forces of a step, from the mid-step velocity without contact (rows here, 1)."""
@@ -175,15 +177,23 @@ class FullSimulator:
         s = self.system
         if output is not None:
             return s.algebra.inner(s.outputs[output], self.x).reshape(-1, 3)
-        field = np.zeros(3 * len(s.body.nodes))
-        field[s.body.free] = s.algebra.gather(self.x)[:, 0]
-        return field.reshape(-1, 3)
+        return self._on_nodes(self.x)
+
+    def velocity(self) -> Array:
+        """Velocity of every mesh node (nodes, 3), m/s."""
+        return self._on_nodes(self.v)
 
     def close(self) -> None:
         """Gives the factor's memory back."""
         if self._factored is not None:
             self._factored[1].close()
             self._factored = None
+
+    def _on_nodes(self, x: Array) -> Array:
+        """A field (rows here, 1) on all nodes (nodes, 3), the same on every rank."""
+        field = np.zeros(3 * len(self.system.body.nodes))
+        field[self.system.body.free] = self.system.algebra.gather(x)[:, 0]
+        return field.reshape(-1, 3)
 
     def _dot(self, a: Array, b: Array) -> float:
         return float(self.system.algebra.inner(a, b)[0, 0])
@@ -230,27 +240,25 @@ def solve(
     system = assemble(scene) if isinstance(scene, Scene) else scene
     asked, surroundings, history = _asked(system, dt, histories)
     assert asked.run is not None
-    simulator = FullSimulator(system, history.dt, surroundings)
+    simulator = _simulator(system, history.dt, surroundings)
     points = {name: rows.shape[1] // 3 for name, rows in system.outputs.items()}
     nodes, contact = len(system.body.nodes), history.first_contact()
-    kept = points, tuple(system.contacts), nodes, asked.run.shapes, tuple(asked.effects), tuple(surroundings.obstacles)
+    kept = points, tuple(system.contacts), nodes, asked.run.shapes, tuple(asked.effects), surroundings.obstacles
     recorder = Recorder(history.steps, history.dt, *kept)
 
     def sample(step: int, contact: str) -> None:
         assert simulator.ledger is not None
         forces = None if simulator.touched is None else simulator.touched.by_obstacle
-        recorder.sample(step, contact, simulator.energy, simulator.ledger, simulator.displacement, forces)
+        account = contact, simulator.energy, simulator.ledger, simulator.displacement, simulator.velocity
+        recorder.sample(step, *account, forces, surroundings.offsets)
 
     sample(0, contact)
-    gauges, seen = SurfaceGauges(system.body.nodes, system.body.triangles), Excursion()
+    watch = LinearLimit(system) if isinstance(simulator, FullSimulator) else TurnedInsideOut(simulator)
     seconds = 0.0
     for step, (contact, spent) in enumerate(_steps(simulator, history), start=1):
         seconds += spent
         if step % LOOK_EVERY == 0:
-            now = Excursion(*largest(gauges.components(simulator.displacement())), simulator.time)
-            if now.beyond and not seen.beyond:
-                warnings.warn(warning(now), FenicsRomWarning, stacklevel=2)
-            seen = seen.joined(now)
+            watch.look(simulator.displacement(), simulator.time)
         sample(step, contact)
         report("steps", step, history.steps)
     simulator.close()
@@ -261,8 +269,53 @@ def solve(
         nodes=system.body.nodes,
         triangles=system.body.triangles,
         node_mass=system.body.node_mass,
-        warnings=(*system.warnings, *filter(None, [summary(seen), simulator.loose, simulator.gauge.message])),
+        warnings=(*system.warnings, *filter(None, [watch.summary]), *simulator.messages),
     )
+
+
+class LinearLimit:
+    """Watches whether the surface turns or strains more than a linear model can follow."""
+
+    def __init__(self, system: System):
+        self._gauges, self._seen = SurfaceGauges(system.body.nodes, system.body.triangles), Excursion()
+
+    def look(self, displacement: Array, time: float) -> None:
+        """Notes displacements of all nodes (N, 3), m, at a time, s, and warns at the first that is too much."""
+        now = Excursion(*largest(self._gauges.components(displacement)), time)
+        if now.beyond and not self._seen.beyond:
+            warnings.warn(warning(now), FenicsRomWarning, stacklevel=3)
+        self._seen = self._seen.joined(now)
+
+    @property
+    def summary(self) -> str:
+        """What to say of the run; empty where there is nothing to say."""
+        return summary(self._seen)
+
+
+class TurnedInsideOut:
+    """Watches whether points of a body that deforms largely are turned inside out."""
+
+    def __init__(self, simulator: LargeDeformationSimulator):
+        self._simulator, self._most, self._first = simulator, 0, 0.0
+
+    def look(self, displacement: Array, time: float) -> None:
+        """As in LinearLimit."""
+        count = self._simulator.inverted
+        first = count > 0 and self._most == 0
+        self._most = max(self._most, count)
+        if first:
+            self._first = time
+            warnings.warn(self.summary, FenicsRomWarning, stacklevel=3)
+
+    @property
+    def summary(self) -> str:
+        """As in LinearLimit."""
+        if not self._most:
+            return ""
+        return (
+            f"up to {self._most} points of the body were turned inside out, from t = {self._first:.4g} s on: shapes "
+            "and forces there are not to be trusted; a finer mesh or a smaller load may help"
+        )
 
 
 def plain_rate(system: System, dt: float, seconds: float = 0.02, windows: int = 25) -> float:
@@ -275,7 +328,7 @@ def plain_rate(system: System, dt: float, seconds: float = 0.02, windows: int = 
         windows: how many there are, of which the fastest counts: whatever else a machine does can only slow it down.
     """
     _, surroundings, history = _asked(system, dt, None)
-    simulator = FullSimulator(system, history.dt, surroundings, ledger=False)
+    simulator = _simulator(system, history.dt, surroundings, ledger=False)
     rates = []
     spent, taken = 0.0, 0
     for step, (_, last) in enumerate(_steps(simulator, history)):
@@ -310,7 +363,17 @@ def _asked(
     return asked, surroundings, LoadHistory(asked, contacts, actuators, dt)
 
 
-def _steps(simulator: FullSimulator, history: LoadHistory) -> Iterator[tuple[str, float]]:
+def _simulator(
+    system: System, dt: float, surroundings: Surroundings, ledger: bool = True
+) -> FullSimulator | LargeDeformationSimulator:
+    """What steps a system: linear, unless its scene names large deformation."""
+    if system.deformation is None:
+        return FullSimulator(system, dt, surroundings, ledger=ledger)
+    made: LargeDeformationSimulator = system.deformation.simulator(dt, surroundings, ledger=ledger)
+    return made
+
+
+def _steps(simulator: FullSimulator | LargeDeformationSimulator, history: LoadHistory) -> Iterator[tuple[str, float]]:
     """Takes the steps of a load history; contact mode and wall clock (s) of each."""
     system, surroundings = simulator.system, simulator.surroundings
     assert surroundings is not None
@@ -326,6 +389,10 @@ def _steps(simulator: FullSimulator, history: LoadHistory) -> Iterator[tuple[str
         middle, end = simulator.time + history.dt / 2, simulator.time + history.dt
         surroundings.ahead = surroundings.offsets_at(end)
         loads = surroundings.loads(end if surroundings.quasi_static else middle)
-        simulator.step(inputs[contact], np.concatenate([u, loads]))
+        u = np.concatenate([u, loads])
+        if isinstance(simulator, FullSimulator):
+            simulator.step(inputs[contact], u)
+        else:
+            simulator.step(contact, u)
         surroundings.arrive(history.dt)
         yield contact, time.perf_counter() - start

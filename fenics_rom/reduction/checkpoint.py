@@ -1,10 +1,11 @@
 """What a reduction has finished, contact mode by contact mode, in a folder, so that a killed run can go on.
 
-Each finished contact mode is a file of its own: what it added to the shared space, and what it keeps of it. The files
-do not depend on the number of ranks.
+Each finished contact mode is a file of its own: what it added to the shared space, and what it keeps of it. So is each
+training run of a body that deforms largely. The files do not depend on the number of ranks.
 """
 
 import re
+from collections.abc import Callable
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -28,7 +29,7 @@ from fenics_rom.reduction.shared_basis import Kept
 from fenics_rom.system import Array
 
 SAME = 1e-9  # largest relative difference of what is the same system
-PART_FILE = re.compile(r"\d+\.h5|\.\d+\.h5\..*\.part")
+PART_FILE = re.compile(r"(run-)?\d+\.h5|\.(run-)?\d+\.h5\..*\.part")
 PART = {
     "probe": Entry("1", ("probes",)),
     "eigenvectors": Entry("1", (1,), "i"),
@@ -38,6 +39,7 @@ PART = {
     "hankel_singular_values": Entry("1", ("r",)),
     "left_inverse": Entry("1", ("m", "k"), optional=True),
 }
+RUN = {"probe": Entry("1", ("probes",)), "shapes": Entry("m", ("n", "s"))}
 
 
 class Checkpoint:
@@ -104,28 +106,64 @@ class Checkpoint:
             "left_inverse": kept.left_inverse,
         }
 
-        if is_rank_0():
-            with suppress(OSError):  # another run of the same output removes the folder when it is done
-                self._folder.mkdir(exist_ok=True)
-
         def fill(h5: Any) -> None:
             put_text(h5, name=name, choices=self._choices, messages="\n".join(problem.messages[self._told :]))
             put_arrays(h5, PART, {}, arrays)
 
-        write_file(self._file(self._written), "part", fill)
+        self._write(self._file(self._written), fill)
         self._written += 1
         self._columns, self._told = problem.space.size, len(problem.messages)
+
+    def restored_run(self, number: int, loads: str, rows: slice) -> Array | None:
+        """The shapes (rows here, s) of a training run under such loads; None where it is not finished.
+
+        Raises:
+            RomFileError: it is of another system or of other loads, or damaged.
+        """
+        if self._folder is None or not self._resume or not self._run_file(number).exists():
+            return None
+
+        def take(h5: Any) -> Array:
+            a: Any = get_arrays(h5, RUN, {})
+            self._check_same(a["probe"], get_text(h5, "loads") == loads)
+            return np.asarray(a["shapes"])
+
+        return read_file(self._run_file(number), "training run", take)[rows]
+
+    def keep_run(self, number: int, loads: str, shapes: Array) -> None:
+        """Writes a training run that is finished, with its shapes on all rows (n, s)."""
+        if self._folder is None:
+            return
+
+        def fill(h5: Any) -> None:
+            put_text(h5, loads=loads)
+            put_arrays(h5, RUN, {}, {"probe": self._probe, "shapes": shapes})
+
+        self._write(self._run_file(number), fill, "training run")
+
+    def _write(self, file: Path, fill: Callable[[Any], None], content: str = "part") -> None:
+        if is_rank_0():
+            with suppress(OSError):  # another run of the same output removes the folder when it is done
+                file.parent.mkdir(exist_ok=True)
+        write_file(file, content, fill)
 
     def _file(self, number: int) -> Path:
         assert self._folder is not None
         return self._folder / f"{number}.h5"
 
+    def _run_file(self, number: int) -> Path:
+        assert self._folder is not None
+        return self._folder / f"run-{number}.h5"
+
+    def _check_same(self, probe: Array, same_choices: bool) -> None:
+        same = len(probe) == len(self._probe) and np.allclose(probe, self._probe, rtol=SAME, atol=0)
+        if not (same and same_choices):
+            raise RomFileError("was made from another system or with other choices; start without resume")
+
     def _take(self, h5: Any) -> tuple[str, Array, int, Kept, list[str]]:
         sizes: Sizes = {}
         a: Any = get_arrays(h5, PART, sizes)
-        same = len(a["probe"]) == len(self._probe) and np.allclose(a["probe"], self._probe, rtol=SAME, atol=0)
-        if get_text(h5, "choices") != self._choices or not same:
-            raise RomFileError("was made from another system or with other choices; start without resume")
+        self._check_same(a["probe"], get_text(h5, "choices") == self._choices)
         kept = Kept(a["span"], a["directions"], a["hankel_singular_values"], a["left_inverse"])
         messages = list(filter(None, get_text(h5, "messages").split("\n")))
         return get_text(h5, "name"), a["basis"], int(a["eigenvectors"][0]), kept, messages

@@ -13,6 +13,7 @@ from fenics_rom.reduction.balancing import order_of, orthonormal_span
 from fenics_rom.reduction.checkpoint import Checkpoint
 from fenics_rom.reduction.comparable import comparable
 from fenics_rom.reduction.elastic import elastic_part, require_loads, with_rigid
+from fenics_rom.reduction.large_deformation.reduced import BASES, reduced
 from fenics_rom.reduction.methods import BY_NAME
 from fenics_rom.reduction.problem import Directions, Method, Problem
 from fenics_rom.reduction.selection import EigenvectorSelection
@@ -20,6 +21,7 @@ from fenics_rom.reduction.shared_basis import Kept, rom_of
 from fenics_rom.reduction.shared_space import SharedSpace
 from fenics_rom.rom import SWITCHINGS, Rom, check_rom
 from fenics_rom.scene import (
+    CUBATURE,
     LYAPUNOV,
     METHODS,
     SHARE,
@@ -35,6 +37,7 @@ from fenics_rom.system import System
 
 DENSE_LIMIT = 1000  # unknowns up to which all eigenvectors are cheaper than a Krylov space
 DEFAULT_TOLERANCE = 1e-6  # share of the sum of σ that is left out where neither order nor tolerance is given
+LARGE_TOLERANCE = 3e-5  # the same for large deformation
 
 
 def reduce(
@@ -47,6 +50,7 @@ def reduce(
     weighting: str | None = None,
     lyapunov: str | None = None,
     share: float | None = None,
+    cubature: float | None = None,
     solver: str = "auto",
     checkpoint: str | Path | None = None,
     resume: bool = False,
@@ -63,7 +67,8 @@ def reduce(
         tolerance: instead of an order: share of the sum of singular values that may be left out.
         method: "balanced" (by the Gramians), "modal" (the lowest eigenvectors), "modal+static" (with the static
             shapes of the inputs), "pod" (of full-order runs), "static" (the shapes at rest alone; what a scene without
-            inertia gets), or a function of a `Problem`.
+            inertia gets), or a function of a `Problem`. With large deformation "trained" (by full-order runs; what such
+            a scene gets) or "modal+derivatives" (without runs).
         switching: "energy": the bases themselves, switched by energy-orthogonal projection (any order, no loss of
             accuracy); "modal": the paper's selection of eigenvectors; "oblique": standard balanced truncation
             as the paper's (5)-(8) stand, from dense Gramians with their round-off, switched by their oblique
@@ -73,6 +78,7 @@ def reduce(
         lyapunov: route to the Gramians: "closed-form" in all eigenvectors, "bartels-stewart" (dense), "krylov", "adi"
             or "auto" (closed form up to 1,000 unknowns, else krylov).
         share: of the covariance's trace that the eigenvectors of "modal" hold.
+        cubature: for large deformation, error of the forces of the points that are kept, relative.
         solver: for K: "direct" (a Cholesky factor), "iterative" (conjugate gradients with algebraic multigrid), or
             "auto": direct where the factor fits into the memory.
         checkpoint: folder that keeps what is finished, contact mode by contact mode; yours to remove when the ROM is
@@ -89,9 +95,12 @@ def reduce(
     if order is None and tolerance is None:
         order, tolerance = chosen.order, chosen.tolerance
     check_order(order, system.contacts, "order")
-    tolerance = DEFAULT_TOLERANCE if tolerance is None else TOLERANCE.check(tolerance, "tolerance")
+    if tolerance is None:
+        tolerance = DEFAULT_TOLERANCE if system.deformation is None else LARGE_TOLERANCE
+    tolerance = TOLERANCE.check(tolerance, "tolerance")
     share = SHARE.check(chosen.share if share is None else share, "share")
-    named, method = _method(method or chosen.method or _usual_method(system))
+    cubature = CUBATURE.check(chosen.cubature if cubature is None else cubature, "cubature")
+    named, method = _method(method or chosen.method or _usual_method(system), system)
     switching = _choice("switching", switching or chosen.switching, SWITCHINGS)
     weighting = _choice("weighting", weighting or chosen.weighting, WEIGHTINGS)
     lyapunov = _choice("lyapunov", lyapunov or chosen.lyapunov, LYAPUNOV)
@@ -107,6 +116,11 @@ def reduce(
 
     whole, system = system, elastic_part(system)
     if system is not whole:
+        if system.deformation is not None:
+            raise SceneError(
+                "effects.large_deformation: a body that is not wholly held turns as far as it likes, which no fixed "
+                "basis follows; hold it by supports or springs, or solve it at full order"
+            )
         if lyapunov in ("as-printed", "bartels-stewart"):
             raise SceneError(
                 "bodies that are not wholly held have no dense Gramians of the first-order form; allowed are "
@@ -133,15 +147,19 @@ def reduce(
             messages=[*system.warnings, *filter(None, [factor.notice])],
         )
         finished = Checkpoint(checkpoint, problem, named, resume)
-        rom = rom_of(problem, _kept(problem, method, finished), method=named)
-        rom = with_rigid(rom, whole)
+        if method is None:
+            rom = reduced(problem, named, cubature, finished)
+        else:
+            rom = with_rigid(rom_of(problem, _kept(problem, method, finished), method=named), whole)
     for message in problem.messages:
         warnings.warn(message, FenicsRomWarning, stacklevel=2)
     return check_rom(rom)
 
 
 def _usual_method(system: System) -> str:
-    """Balanced; for runs without inertia, which no transient has a part in, the shapes at rest."""
+    """Balanced; for runs without inertia, which no transient has a part in, the shapes at rest; or by training."""
+    if system.deformation is not None:
+        return "trained"
     return "static" if system.scene is not None and "inertia" not in system.scene.effects else "balanced"
 
 
@@ -151,10 +169,15 @@ def _choice(key: str, value: str, choices: tuple[str, ...]) -> str:
     return value
 
 
-def _method(method: str | Method) -> tuple[str, Method]:
-    if callable(method):
-        return getattr(method, "__name__", type(method).__name__), method
-    return method, BY_NAME[_choice("method", method, METHODS)]
+def _method(method: str | Method, system: System) -> tuple[str, Method | None]:
+    """Name and function; of large deformation the name alone."""
+    large = not callable(method) and _choice("method", method, METHODS) in BASES
+    named = getattr(method, "__name__", type(method).__name__) if callable(method) else method
+    if large != (system.deformation is not None):
+        raise SceneError(
+            f"method = {named!r}: {' and '.join(map(repr, BASES))} go with effects.large_deformation, and no others do"
+        )
+    return named, method if callable(method) else BY_NAME.get(method)
 
 
 def _kept(problem: Problem, method: Method, checkpoint: Checkpoint) -> dict[str, Kept]:

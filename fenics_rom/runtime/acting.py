@@ -19,7 +19,7 @@ from fenics_rom.schema import unknown
 from fenics_rom.surroundings import ContactPoints, History, Surroundings
 
 Array = np.ndarray
-Form = OneProduct | VelocityFirst | MidpointAmongObstacles | Equilibrium
+Form = OneProduct | VelocityFirst | Surrounded
 
 
 class Past(NamedTuple):
@@ -75,6 +75,11 @@ class Acting:
         if self._touch is not None:
             around, rest = self.surroundings, np.zeros(self._points.places.shape)
             self._touch.contact.check_start(rest, around.offsets_at(0.0), list(around.obstacles))
+
+    @property
+    def touching(self) -> tuple[Touch | None, bool]:
+        """What can touch, and whether there is no inertia."""
+        return self._touch, self.surroundings.quasi_static
 
     def hand_over(self, left: Form, entered: Form) -> None:
         """Takes the last contact from one contact mode's form to another's."""
@@ -187,6 +192,8 @@ def surrounded(
     if "damping" in rom.effects and "damping" not in scene.effects:
         undamped = {name: replace(mode, damping=np.zeros(mode.order)) for name, mode in rom.modes.items()}
         rom = replace(rom, modes=undamped)
+    if "large_deformation" not in scene.effects:
+        rom = replace(rom, deformation=None)
     around = Surroundings(scene, rom.loads, histories)
     if around.quasi_static and rom.rigid:
         raise SceneError(

@@ -102,6 +102,10 @@ class Batch:
                 f"ROM {rom.name!r} has contact or no inertia in its scene: allowed are forces that are known before a "
                 "step; Simulator steps such bodies, one by one"
             )
+        if rom.deformation is not None:
+            raise StepError(
+                f"ROM {rom.name!r} has large deformation in its scene: Simulator steps such bodies, one by one"
+            )
         self.rom, self.size, self.dtype = rom, int(size), np.dtype(dtype)
         self._names = list(rom.modes)
         self._widest = max(rom.contacts.values())

@@ -55,6 +55,11 @@ class _Form:
         """[e, r] (2m,), ½|state|² is the stored energy; a view, which a later step overwrites."""
         return self._states[self._page]
 
+    @property
+    def energy(self) -> float:
+        """Stored, J."""
+        return float(self.state.dot(self.state)) / 2
+
     def undo(self) -> None:
         """Takes the last step back."""
         self._page -= 1

@@ -29,6 +29,7 @@ def simulate(
     dt: float | None = None,
     histories: Mapping[str, History] | None = None,
     profile: bool = False,
+    stepper: str | None = None,
     report: Report = lambda stage, done, of: None,
 ) -> Record:
     """Runs a ROM through a load history from rest.
@@ -40,25 +41,27 @@ def simulate(
         histories: of loads and obstacles by name, instead of the scene's: numbers, or functions of time; as in
             Simulator.
         profile: whether to run it once more to measure what each effect costs in a step.
+        stepper: of a body with large deformation, as in Simulator.
         report: called with the stage, how much of it is done, and of how much.
 
     Raises:
         SceneError: there is no load history, or it does not fit the ROM.
         StepError: a step could not be taken.
     """
-    asked, history, fresh = _prepared(rom, scene, dt, histories)
+    asked, history, fresh = _prepared(rom, scene, dt, histories, stepper)
     simulator = fresh()
     points = {name: len(rows) // 3 for name, rows in rom.outputs.items()}
     shapes = asked.run.shapes if asked.run else 1
-    obstacles = tuple(simulator.surroundings.obstacles) if simulator.surroundings else ()
+    surroundings = simulator.surroundings
+    obstacles = surroundings.obstacles if surroundings else {}
     kept = points, tuple(rom.modes), len(rom.nodes), shapes, tuple(asked.effects), obstacles
     recorder = Recorder(history.steps, history.dt, *kept)
 
     def sample(step: int) -> None:
         assert simulator.ledger is not None
         forces = np.array([simulator.contact_forces(name) for name in obstacles]) if obstacles else None
-        account = simulator.contact, simulator.energy, simulator.ledger, simulator.displacement
-        recorder.sample(step, *account, forces)
+        account = simulator.contact, simulator.energy, simulator.ledger, simulator.displacement, simulator.velocity
+        recorder.sample(step, *account, forces, surroundings.offsets if surroundings else None)
 
     sample(0)
     gauge, moves = StepGauge(), "inertia" in asked.effects
@@ -79,26 +82,34 @@ def simulate(
             "dt": history.dt,
             "seconds": _seconds(fresh(), history),
             "order": max(mode.order for mode in rom.modes.values()),
+            **({} if simulator.mismatch is None else {"mismatch": simulator.mismatch}),
         },
         nodes=rom.nodes,
         triangles=rom.triangles,
         node_mass=rom.node_mass,
         warnings=(*rom.warnings, *simulator.warnings, *filter(None, [gauge.message])),
         profile=_profile(fresh(), history) if profile else None,
+        stepping=f"{simulator.stepper}: {simulator.stepping}" if rom.deformation is not None else "",
     )
 
 
-def rate(rom: Rom, *, scene: Scene | None = None, dt: float | None = None, runs: int = 5) -> float:
+def rate(
+    rom: Rom, *, scene: Scene | None = None, dt: float | None = None, stepper: str | None = None, runs: int = 5
+) -> float:
     """Steps per second of single steps with the account kept, of the fastest of some runs; arguments as `simulate`.
 
     The fastest, as whatever else a machine does can only slow a run down.
     """
-    _, history, fresh = _prepared(rom, scene, dt, None)
+    _, history, fresh = _prepared(rom, scene, dt, None, stepper)
     return history.steps / min(_seconds(fresh(), history) for _ in range(runs))
 
 
 def _prepared(
-    rom: Rom, scene: Scene | None, dt: float | None, histories: Mapping[str, History] | None
+    rom: Rom,
+    scene: Scene | None,
+    dt: float | None,
+    histories: Mapping[str, History] | None,
+    stepper: str | None,
 ) -> tuple[Scene, LoadHistory, Callable[[], Simulator]]:
     """The scene that is run, the inputs of its steps, and what makes a simulator at its start."""
     if len(rom.nodes) == 0:
@@ -107,7 +118,7 @@ def _prepared(
     history = LoadHistory(asked, rom.contacts, rom.actuators, dt)
 
     def fresh() -> Simulator:
-        simulator = Simulator(rom, history.dt, scene=scene, histories=histories)
+        simulator = Simulator(rom, history.dt, scene=scene, histories=histories, stepper=stepper)
         simulator.switch(history.first_contact())
         return simulator
 

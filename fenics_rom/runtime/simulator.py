@@ -1,6 +1,7 @@
 """A soft body in real time: the reduced model of the active contact mode, stepped, switched and accounted for."""
 
 import math
+import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
@@ -20,6 +21,7 @@ from fenics_rom.schema import unknown
 
 if TYPE_CHECKING:
     from fenics_rom.runtime.acting import Acting, Form, Past
+    from fenics_rom.runtime.large_deformation import LargeDeformation
     from fenics_rom.scene import Scene
     from fenics_rom.surroundings import History, Surroundings
 
@@ -41,6 +43,7 @@ class Snapshot:
         loss: the switch that lost most.
         rigid: displacement along the rigid motions (ρ,), read-only.
         past: where the obstacles are, and the last contact; None where nothing acts by itself.
+        auxiliary: what a step of large deformation carries along besides, read-only.
     """
 
     contact: str
@@ -53,6 +56,7 @@ class Snapshot:
     loss: Loss
     rigid: Array = field(default_factory=lambda: np.empty(0))
     past: "Past | None" = None
+    auxiliary: Array = field(default_factory=lambda: np.empty(0))
 
 
 class Simulator:
@@ -69,11 +73,15 @@ class Simulator:
         histories: of loads and obstacles by name, instead of the scene's: numbers, or functions of time in s. Of
             gravity multiples of its acceleration; of a base motion m/s²; of a prescribed force N (3,); of an obstacle
             its displacement, m (3,).
+        stepper: of a body with large deformation: "newton" (for large steps) or "linearly-implicit" (for small ones);
+            None: the one that suits dt.
 
     Attributes:
         steps: number of steps taken.
         ledger: the energy account, or None.
         loss: the switch that lost most, where an account is kept.
+        stepper: how a step is taken: "midpoint", or one of the two of large deformation.
+        stepping: why it is that one.
 
     Raises:
         SceneError: an effect that the ROM was not made with, or a load without a history.
@@ -88,8 +96,9 @@ class Simulator:
         ledger: bool = True,
         scene: "Scene | None" = None,
         histories: "Mapping[str, History] | None" = None,
+        stepper: str | None = None,
     ):
-        self._origin = rom, scene, histories
+        self._origin = rom, scene, histories, stepper
         self._acting: Acting | None = None
         if rom.surrounded or scene is not None or histories:
             from fenics_rom.runtime import acting  # here, so that bodies on which nothing acts start without it
@@ -104,7 +113,12 @@ class Simulator:
         self._drift = np.zeros(rom.rigid)  # displacement along the rigid motions, as far as it is booked
         self._watch = Watch(rom, self._rigid)
         self._projections = Projections(rom)
+        self._form: Form
         self._forms: dict[str, Form] = {}
+        self._bent: LargeDeformation | None = None
+        self.stepper, self.stepping = "midpoint", "the model is linear"
+        if rom.deformation is not None or stepper is not None:
+            self._bent = self._deforming(stepper)
         self._readings: dict[tuple[str, str], Array] = {}
         self._ladders: dict[tuple[Any, ...], list[Block]] = {}
         self._enter(next(iter(rom.modes)))
@@ -151,12 +165,18 @@ class Simulator:
             raise StepError(f"state: allowed are two finite arrays of shape {shape}, given: {[p.shape for p in given]}")
         self._rigid()[:] = given[0][: len(self._drift)]
         self._form.state[:] = np.concatenate([self._ω * given[0], given[1]])
+        if self._bent is not None:
+            self._bent.resume()
 
     @property
     def energy(self) -> float:
-        """Stored energy ½ vᵀMv + ½ xᵀKx, J."""
-        state = self._form.state
-        return float(state.dot(state)) / 2
+        """Stored energy ½ vᵀMv + ½ xᵀKx, with large deformation ½ vᵀMv + Φ(x), J."""
+        return self._form.energy
+
+    @property
+    def mismatch(self) -> float | None:
+        """Of the strains that linearly implicit steps carry along and those of the shape; None where there are none."""
+        return None if self._bent is None else self._bent.mismatch
 
     @property
     def excursion(self) -> Excursion:
@@ -192,6 +212,9 @@ class Simulator:
         if contact not in self.rom.modes:
             raise StepError(unknown("contact mode", contact, self.rom.modes))
         self._settle()
+        if self._bent is not None:  # one basis for all: only the inputs change
+            self._enter(contact)
+            return
         potential, kinetic = self._projections.between(self._contact, contact)
         was, left, before, m = self._contact, self._form, self._form.state, len(self._ω)
         self._enter(contact)
@@ -244,7 +267,8 @@ class Simulator:
         A surface that went too far, a switch that lost much, contact that was not solved.
         """
         contact = "" if self._acting is None else self._acting.warning
-        return tuple(filter(None, [summary(self.excursion), self.loss.message, contact]))
+        bent = () if self._bent is None else self._bent.messages
+        return tuple(filter(None, [summary(self.excursion), self.loss.message, contact, *bent]))
 
     @property
     def contact_points(self) -> Array:
@@ -340,6 +364,8 @@ class Simulator:
         Raises:
             StepError: wrong shapes, unknown names, or numbers that are not finite; everything is as it was.
         """
+        if self._bent is not None:
+            raise StepError("march: is for linear models; with large deformation take each step by itself")
         if self._acting is not None and self._acting.step_by_step:
             raise StepError("march: is for known forces; among obstacles or without inertia take each step by itself")
         if not (isinstance(every, int | np.integer) and every >= 1):
@@ -454,6 +480,8 @@ class Simulator:
         self._watch.begin(Excursion())
         self._enter(next(iter(self.rom.modes)))
         self._form.state[:] = 0
+        if self._bent is not None:
+            self._bent.begin()
         if self._acting is not None:
             self._acting.reset(self._form)
 
@@ -462,11 +490,12 @@ class Simulator:
         self._form.rewind()
         state = self._form.state.copy()
         rigid = self._rigid().copy()
-        state.flags.writeable = rigid.flags.writeable = False
+        auxiliary = np.empty(0) if self._bent is None else self._bent.auxiliary.copy()
+        state.flags.writeable = rigid.flags.writeable = auxiliary.flags.writeable = False
         sums = None if self.ledger is None else self.ledger.sums
         past = None if self._acting is None else self._acting.save(self._form)
         where = self._contact, self._dt, self.steps, self._since
-        return Snapshot(*where, state, sums, self.excursion, self.loss, rigid, past)
+        return Snapshot(*where, state, sums, self.excursion, self.loss, rigid, past, auxiliary)
 
     def restore(self, snapshot: Snapshot) -> None:
         """Goes back to a saved state, of this simulator or of another one of the same ROM.
@@ -487,6 +516,8 @@ class Simulator:
         self.loss = snapshot.loss
         self._enter(snapshot.contact)
         self._form.state[:] = snapshot.state
+        if self._bent is not None:
+            self._bent.resume(snapshot.auxiliary)
         if self._acting is not None and snapshot.past is not None:
             self._acting.restore(self._form, snapshot.past)
 
@@ -508,16 +539,30 @@ class Simulator:
         """Books what the steps so far supplied and dissipated; no other contact mode than the active one owes any."""
         self._form.settle()
 
+    def _deforming(self, stepper: str | None) -> "LargeDeformation":
+        """How a body with large deformation is stepped."""
+        from fenics_rom.runtime import large_deformation  # here, so that linear bodies start without it
+
+        if self.rom.deformation is None:
+            raise StepError(f"stepper = {stepper!r}: belongs to large deformation, which ROM {self.rom.name!r} has not")
+        touch, quasi_static = (None, False) if self._acting is None else self._acting.touching
+        self.stepper, self.stepping = large_deformation.chosen(self.rom, self._dt, stepper, quasi_static)
+        return large_deformation.BY_NAME[self.stepper](self.rom, self.ledger, touch)
+
     def _enter(self, contact: str) -> None:
         mode = self.rom.modes[contact]
-        if contact not in self._forms:
-            form = fastest if self._acting is None else self._acting.form
-            self._forms[contact] = form(mode, self.ledger, self._drift)
-        self._contact, self._form = contact, self._forms[contact]
+        self._contact = contact
+        if self._bent is not None:
+            self._form, self._alert = self._bent, sys.float_info.max  # there is no linear limit to look out for
+            self._bent.enter(mode)
+        else:
+            if contact not in self._forms:
+                form = fastest if self._acting is None else self._acting.form
+                self._forms[contact] = form(mode, self.ledger, self._drift)
+            self._form, self._alert = self._forms[contact], self._watch.enter(contact)
         self._form.rewind()
         if self._form.h != self._dt:
             self._form.retime(self._dt)
-        self._alert = self._watch.enter(contact)
         self._width = mode.inputs.shape[1] - sum(self.rom.loads.values())
         self._ω, self._divisors = np.sqrt(mode.eigenvalues), mode.divisors
 
@@ -555,11 +600,12 @@ def _revived(
     rom: Rom,
     scene: "Scene | None",
     histories: "Mapping[str, History] | None",
+    stepper: str | None,
     driven: "Mapping[str, History]",
     snapshot: Snapshot,
 ) -> Simulator:
     ledger = snapshot.sums is not None
-    simulator = Simulator(rom, snapshot.dt, ledger=ledger, scene=scene, histories=histories)
+    simulator = Simulator(rom, snapshot.dt, ledger=ledger, scene=scene, histories=histories, stepper=stepper)
     for name, history in driven.items():  # after the start: an obstacle may since have gone where the body was
         simulator.drive(name, history)
     simulator.restore(snapshot)

@@ -21,7 +21,6 @@ from fenics_rom.surroundings import Surroundings
 
 Array = np.ndarray
 
-NOTHING = np.empty((0, 3))
 MOTION = "inertia, damping, elasticity"  # what is not loads and contact
 
 
@@ -39,13 +38,17 @@ class Touch(NamedTuple):
     surroundings: Surroundings
 
 
-class _Work(NamedTuple):
-    """What a step is to be booked for, J, and the contact in it."""
+class Work(NamedTuple):
+    """What a step is to be booked for.
+
+    Attributes:
+        supplied, dissipated: but for contact, J.
+        touches: contact in each part of the step, the mid-step velocities of the points (P, 3), m/s, and its length, s.
+    """
 
     supplied: float
     dissipated: float
-    touched: Resolution | None
-    velocities: Array
+    touches: tuple[tuple[Resolution, Array, float], ...]
 
 
 class Surrounded:
@@ -72,11 +75,16 @@ class Surrounded:
         self.state, self._before, self._drifted = np.zeros(2 * mode.order), np.zeros(2 * mode.order), drift.copy()
         self._halves = self.state.reshape(2, -1)
         self._e, self._r = self._halves
-        self._owed: _Work | None = None
+        self._owed: Work | None = None
+        self._seen = np.zeros((3, mode.order))  # q, r and v̂, of which the points' are read together
         if touch is not None:
             self._Sᵀ = np.ascontiguousarray((touch.rows @ mode.coordinates).T)
             self._W = np.empty((0, 0))
-            self._seen = np.zeros((3, mode.order))  # q, r and v̂, of which the points' are read together
+
+    @property
+    def energy(self) -> float:
+        """Stored, J."""
+        return float(self.state.dot(self.state)) / 2
 
     def displacement(self) -> Array:
         """Of the contact points, (P, 3), m."""
@@ -90,6 +98,19 @@ class Surrounded:
             q[: len(self._drift)] = self._drift
         return q
 
+    def retime(self, h: float) -> None:
+        """Makes the coefficients for another time step, s."""
+        raise NotImplementedError
+
+    def advance(self, u: Array) -> float:
+        """Takes a step under u (p,), N, and returns twice the stored energy, J, which may be anything but finite.
+
+        Raises:
+            ValueError: u has another shape; no step was taken.
+            StepError: no contact forces were found; no step was taken.
+        """
+        raise NotImplementedError
+
     def undo(self) -> None:
         """Takes the last step back."""
         self.state[:] = self._before
@@ -102,8 +123,8 @@ class Surrounded:
         if owed is None or self._ledger is None:
             return
         self._ledger.book(supplied=owed.supplied, dissipated=owed.dissipated)
-        if owed.touched is not None:
-            self._ledger.book_contact(*owed.touched.account(owed.velocities, self.h))
+        for touched, velocities, h in owed.touches:
+            self._ledger.book_contact(*touched.account(velocities, h))
 
     def rewind(self) -> int:
         """Books."""
@@ -126,11 +147,11 @@ class Surrounded:
             around.lap("contact, friction")
         return touched
 
-    def _at_points(self, v: Array, touched: Resolution | None) -> Array:
-        """Mid-step velocities of the points, (P, 3), m/s; none where nothing touches."""
-        return NOTHING if touched is None else v.dot(self._Sᵀ).reshape(-1, 3)
+    def _touches(self, v: Array, touched: Resolution | None, h: float) -> tuple[tuple[Resolution, Array, float], ...]:
+        """What Work holds of contact at mid-step velocities v̂ (m,) in h s; nothing where nothing touches."""
+        return () if touched is None else ((touched, v.dot(self._Sᵀ).reshape(-1, 3), h),)
 
-    def _keep(self, work: _Work) -> None:
+    def _keep(self, work: Work) -> None:
         """Notes what is there before a step, and what is to be booked after it."""
         self.settle()
         self._before[:] = self.state
@@ -142,7 +163,7 @@ class MidpointAmongObstacles(Surrounded):
     """The midpoint step with contact. Arguments and attributes as in Surrounded."""
 
     def retime(self, h: float) -> None:
-        """Makes the coefficients for another time step, s."""
+        """As in Surrounded."""
         self.settle()
         self._a, self._Ra = compliance(self._mode, h)
         W = self._Sᵀ.T @ (self._a[:, None] * self._Sᵀ if self._a.ndim == 1 else self._a @ self._Sᵀ)
@@ -152,12 +173,7 @@ class MidpointAmongObstacles(Surrounded):
         self.h = h
 
     def advance(self, u: Array) -> float:
-        """Takes a step under u (p,), N, and returns twice the stored energy, J, which may be anything but finite.
-
-        Raises:
-            ValueError: u has another shape; no step was taken.
-            StepError: no contact forces were found; no step was taken.
-        """
+        """As in Surrounded."""
         pushed = self._mode.inputs.dot(u)
         elastic, inertial = self._kept * self._halves
         right = pushed + elastic + inertial
@@ -168,7 +184,7 @@ class MidpointAmongObstacles(Surrounded):
             v = self._spread(self._a, right)
         heat = self._spread(self._Ra, right)
         h, supplied, dissipated = self.h, float(pushed.dot(v)), float(heat.dot(heat))
-        self._keep(_Work(h * supplied, h * dissipated, touched, self._at_points(v, touched)))
+        self._keep(Work(h * supplied, h * dissipated, self._touches(v, touched, h)))
         if len(self._drift):
             self._drift += h * v[: len(self._drift)]
         self._e += self._travel * v
@@ -185,7 +201,7 @@ class Equilibrium(Surrounded):
     """A step of a quasi-static run. Arguments and attributes as in Surrounded; the velocity stays zero."""
 
     def retime(self, h: float) -> None:
-        """Makes the coefficients for another time step, s."""
+        """As in Surrounded."""
         self.settle()
         if self._touch is not None:
             strained = self._inverse_ω[:, None] * self._Sᵀ
@@ -194,7 +210,7 @@ class Equilibrium(Surrounded):
         self.h = h
 
     def advance(self, u: Array) -> float:
-        """As in MidpointAmongObstacles."""
+        """As in Surrounded."""
         force = self._mode.inputs.dot(u)
         change = force * self._inverse_ω - self._e
         touched = None
@@ -203,8 +219,8 @@ class Equilibrium(Surrounded):
             if touched is not None:
                 change += self._inverse_ω * self._Sᵀ.dot(touched.forces.ravel())
         moved = change * self._inverse_ω
-        velocities = self._at_points(moved / self.h, touched)
-        self._keep(_Work(float(force.dot(moved)), float(change.dot(change)) / 2, touched, velocities))
+        touches = self._touches(moved / self.h, touched, self.h)
+        self._keep(Work(float(force.dot(moved)), float(change.dot(change)) / 2, touches))
         self._e += change
         self.touched = touched
         return self.state.dot(self.state)

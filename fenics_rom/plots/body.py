@@ -1,4 +1,4 @@
-"""Pictures of bodies and runs, on Matplotlib axes that the caller arranges. Needs no screen."""
+"""Bodies, forces and energies on Matplotlib axes that the caller arranges. Needs no screen."""
 
 from typing import Any
 

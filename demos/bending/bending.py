@@ -1,0 +1,201 @@
+"""A soft finger bends by more than 60 degrees and hooks around a rod: large deformation, at full order and reduced.
+
+    python demos/bending/bending.py            # some minutes, most of them at full order
+    python demos/bending/bending.py --quick    # without what is slow: a lower order, and half of the run
+    python demos/bending/bending.py --large    # about 20,000 tetrahedra: an hour
+
+The finger of demos/finger, of softer silicone. A tendon along its lower side bends it around a rod, and air presses it
+on. The scene names large_deformation; without that a linear model stretches it to a multiple of its thickness. The
+script
+
+1. runs the scene at full order, nonlinear and linear;
+2. reduces it (training runs, choice of points) and runs the reduced model with both steppers;
+3. tables errors, rates and energy accounts, and draws linear and nonlinear side by side, to scale.
+
+Everything is written to demos/bending/out/. The checks at the end fail if a claim does not hold.
+"""
+
+import argparse
+import subprocess
+import sys
+import warnings
+from dataclasses import replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from matplotlib.patches import Circle, Rectangle
+
+sys.path.append(str(Path(__file__).parents[1] / "poke"))
+
+from touching import draw_from_side, true_to_scale
+
+import fenics_rom as fr
+from fenics_rom.errors import FenicsRomWarning
+from fenics_rom.figure import figure_class
+from fenics_rom.report import markdown
+from fenics_rom.scene import STEPPERS, Scene
+
+HERE = Path(__file__).parent
+GEOMETRY = HERE.parents[1] / "meshes" / "finger.geo"
+FINE = 0.0033  # m, of the edges of the large mesh
+INSTANTS = (0.15, 0.28, 0.8)  # s
+QUICK_ORDER = 20
+ERROR, FASTER = 0.02, 200  # that a reduced run may have, and how much faster than full order it must be at least
+Array = np.ndarray
+
+
+def main() -> None:
+    """Runs the demo; exits with 1 where a claim fails."""
+    parser = argparse.ArgumentParser(description="A soft finger bends around a rod.")
+    parser.add_argument("--quick", action="store_true", help="a lower order, and half of the run")
+    parser.add_argument("--large", action="store_true", help="about 20,000 tetrahedra of degree 1")
+    choice = parser.parse_args()
+    out = HERE / "out" / ("quick" if choice.quick else "large" if choice.large else "")
+    out.mkdir(parents=True, exist_ok=True)
+
+    scene = fr.read_scene(HERE / "bending.toml")
+    assert scene.run is not None
+    if choice.large:
+        scene = replace(scene, mesh_file=large_mesh(out / "finger.msh"), degree=1)
+    if choice.quick:
+        scene = replace(scene, run=replace(scene.run, duration=scene.run.duration / 2))
+    system = fr.assemble(scene)
+    assert system.deformation is not None
+    print(f"Finger: {system.size:,} unknowns, {len(system.deformation.weights):,} points\n")
+
+    full = fr.solve(system)
+    straight = fr.solve(without(scene, "large_deformation"))
+    rom = fr.reduce(system, order=QUICK_ORDER if choice.quick else None)
+    fr.write_rom(out / "bending.h5", rom)
+    runs = {stepper: fr.simulate(rom, stepper=stepper) for stepper in STEPPERS}
+    table(out / "bending.md", full, straight, runs, rom)
+    best = runs["linearly-implicit"]
+    draw(out / "bending.png", scene, full, best, straight)
+
+    error = {stepper: fr.compare(run, full)["shape"].relative for stepper, run in runs.items()}
+    angle = np.degrees(tip_angle(full, scene)).max()
+    tip = np.linalg.norm(full.outputs["tip"], axis=-1).max()
+    speed = rate(best) / rate(full)
+    assert rom.deformation is not None
+    claims = {
+        f"the tip turns by more than 60 degrees ({angle:.0f})": angle > 60,
+        f"and moves by more than a third of the length ({1e3 * tip:.0f} mm)": tip > 0.1 / 3,
+        f"the linear model is wrong by most of the motion ({wrong(straight, full):.2f})": wrong(straight, full) > 0.5,
+        **{f"{stepper}: error below {ERROR:g} ({e:.1e})": e < ERROR for stepper, e in error.items()},
+        f"the energy account of all runs closes to 1e-10 ({max(map(gap, [full, *runs.values()])):.0e})": max(
+            map(gap, [full, *runs.values()])
+        )
+        < 1e-10,
+        f"reduced, it is at least {FASTER} times as fast ({speed:.0f})": speed > FASTER,
+        f"and faster than real time ({rate(best) * scene.run.dt:.1f})": rate(best) * scene.run.dt > 1,
+    }
+    if not choice.quick:
+        touched = np.linalg.norm(best.forces["rod"], axis=1)
+        claims[f"it holds the rod ({touched[-1]:.2f} N)"] = touched[-1] > 0.05
+    for claim, holds in claims.items():
+        print(f"  {'holds' if holds else 'FAILS'}: {claim}")
+    sys.exit(0 if all(claims.values()) else 1)
+
+
+def without(scene: Scene, effect: str) -> Scene:
+    """The scene without an effect."""
+    return replace(scene, effects={name: said for name, said in scene.effects.items() if name != effect})
+
+
+def large_mesh(file: Path) -> Path:
+    """The finger with about 20,000 tetrahedra."""
+    command = "import sys, gmsh; gmsh.initialize(['gmsh', '-3', *sys.argv[1:]], run=True)"
+    options = ["-format", "msh41", "-bin", "-v", "2", "-clmax", str(FINE), "-clmin", str(FINE), "-o", str(file)]
+    subprocess.run([sys.executable, "-c", command, str(GEOMETRY), *options], check=True)
+    return file
+
+
+def rate(run: fr.Record) -> float:
+    """Steps per second."""
+    return run.steps / run.settings["seconds"]
+
+
+def gap(run: fr.Record) -> float:
+    """What the energy account misses, as a share of the most that was supplied."""
+    missing = run.energy - run.supplied + run.dissipated + run.lost_in_switching
+    return float(np.abs(missing).max() / np.abs(run.supplied).max())
+
+
+def wrong(run: fr.Record, full: fr.Record) -> float:
+    """Relative error of the whole shape."""
+    return fr.compare(run, full)["shape"].relative
+
+
+def tip_angle(run: fr.Record, scene: Scene) -> Array:
+    """By how much the last quarter of the upper side has turned (steps + 1,), rad."""
+    line = np.array(scene.outputs["line"].points) + run.outputs["line"]
+    last = line[:, -1] - line[:, -2]
+    return np.arctan2(-last[:, 2], last[:, 0])
+
+
+def table(file: Path, full: fr.Record, straight: fr.Record, runs: dict[str, fr.Record], rom: fr.Rom) -> None:
+    """Errors, rates and accounts."""
+    assert rom.deformation is not None
+    rows = [
+        ("nonlinear, full order", full.settings["order"], "-", *costs(full, full)),
+        ("linear, full order", straight.settings["order"], f"{wrong(straight, full):.2f}", *costs(straight, full)),
+        *(
+            (f"nonlinear, reduced, {stepper}", run.settings["order"], f"{wrong(run, full):.1e}", *costs(run, full))
+            for stepper, run in runs.items()
+        ),
+    ]
+    heading = ("model", "order", "error", "steps per second", "times real time", "times full order", "account")
+    offline = sum(stage.seconds for stage in rom.stages)
+    text = markdown(heading, [(row[0], f"{row[1]:.0f}", *row[2:]) for row in rows])
+    text += (
+        f"\nReduced in {offline:.0f} s; {len(rom.deformation.weights)} of {rom.deformation.points_of:,} points kept, "
+        f"error of their forces {rom.deformation.cubature_error:.1e}.\n"
+    )
+    file.write_text(text)
+    print(text)
+
+
+def costs(run: fr.Record, full: fr.Record) -> tuple[str, ...]:
+    """What a run costs, and how well its account closes."""
+    dt = run.settings["dt"]
+    return f"{rate(run):,.3g}", f"{rate(run) * dt:.2g}", f"{rate(run) / rate(full):,.3g}", f"{gap(run):.0e}"
+
+
+def draw(file: Path, scene: Scene, full: fr.Record, reduced: fr.Record, straight: fr.Record) -> None:
+    """Nonlinear, with the reduced model's outline over the full order, and linear, at a few instants."""
+    figure = figure_class()(figsize=(10.5, 6.2), layout="constrained")
+    instants = [t for t in INSTANTS if t <= full.shape_times[-1] + 1e-9]
+    axes = figure.subplots(2, len(instants), sharey="row", squeeze=False)
+    rod = scene.effects["contact"]["obstacles"]["rod"]
+    for column, instant in enumerate(instants):
+        for row, run in enumerate((full, straight)):
+            ax: Any = axes[row, column]
+            at = int(np.abs(run.shape_times - instant).argmin())
+            ax.add_patch(Circle((rod["start"][0], rod["start"][2]), rod["radius"], facecolor="#1d4ed8", alpha=0.8))
+            ax.add_patch(Rectangle((-0.008, -0.016), 0.008, 0.032, color="0.45", linewidth=0))
+            draw_from_side(ax, run.nodes + run.shapes[at], run.triangles)
+            if run is full:
+                outline(ax, reduced, scene, instant)
+            true_to_scale(ax, (-0.009, 0.115), (-0.105, 0.024))
+        axes[0, column].set_title(f"{instant:.2f} s", fontsize=10)
+    axes[0, 0].set_ylabel("large deformation", fontsize=10)
+    axes[1, 0].set_ylabel("linear", fontsize=10)
+    for ax in axes[:, 0]:
+        ax.set_axis_on()
+        ax.set(xticks=[], yticks=[])
+        for side in ax.spines.values():
+            side.set_visible(False)
+    figure.savefig(file, dpi=130)
+
+
+def outline(ax: Any, run: fr.Record, scene: Scene, instant: float) -> None:
+    """The reduced model's upper side."""
+    row = int(np.abs(run.times - instant).argmin())
+    line = np.array(scene.outputs["line"].points) + run.outputs["line"][row]
+    ax.plot(line[:, 0], line[:, 2], "o", color="#dc2626", markersize=5, zorder=6, label="reduced")
+
+
+if __name__ == "__main__":
+    warnings.simplefilter("ignore", FenicsRomWarning)  # records hold them
+    main()

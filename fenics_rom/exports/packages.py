@@ -1,0 +1,98 @@
+"""The packages that draw bodies, where they are installed, set up to work without a screen."""
+
+import os
+import sys
+from collections.abc import Iterator
+from contextlib import contextmanager
+from ctypes import CDLL
+from importlib.util import find_spec
+from typing import Any
+
+from fenics_rom.errors import MissingPackageError
+
+WINDOW = "VTK_DEFAULT_OPENGL_WINDOW"  # where VTK reads which kind of window to open
+EGL, BY_EGL = "libEGL.so.1", "vtkEGLRenderWindow"
+
+
+def pyvista_package() -> Any:
+    """PyVista, which draws by VTK, and writes its files.
+
+    On Linux VTK would ask for an X server first, and complain where there is none; EGL needs none, and no GPU either.
+    dolfinx 0.5 makes its symbols global, VTK would take some for its own, and crash: it is told to look at home first.
+
+    Raises:
+        MissingPackageError: it is not installed.
+    """
+    if sys.platform == "linux":
+        os.environ.setdefault(WINDOW, BY_EGL)
+        os.environ.setdefault("MESA_SHADER_CACHE_DISABLE", "true")  # else Mesa writes into the home, or says it cannot
+    with _looking_at_home():
+        try:
+            import pyvista
+        except ModuleNotFoundError as error:
+            raise _missing(error.name) from error
+    return pyvista
+
+
+@contextmanager
+def _looking_at_home() -> Iterator[None]:
+    """Libraries that are loaded meanwhile prefer their own symbols to those of the same name that are global."""
+    if sys.platform != "linux":
+        yield
+        return
+    flags = sys.getdlopenflags()
+    sys.setdlopenflags(os.RTLD_NOW | os.RTLD_DEEPBIND)
+    try:
+        yield
+    finally:
+        sys.setdlopenflags(flags)
+
+
+def check_window() -> None:
+    """Checks that there is what VTK draws with; it would crash where there is not.
+
+    Raises:
+        MissingPackageError: there is no EGL.
+    """
+    if os.environ.get(WINDOW) != BY_EGL:
+        return
+    try:
+        CDLL(EGL)
+    except OSError as error:
+        raise MissingPackageError(
+            f"pictures of bodies need {EGL}, which this system lacks: sudo apt-get install libegl1"
+        ) from error
+
+
+def imageio_package() -> Any:
+    """imageio, which writes films by an encoder that it brings.
+
+    Raises:
+        MissingPackageError: it, or its encoder, is not installed.
+    """
+    try:
+        import imageio.v2
+    except ModuleNotFoundError as error:
+        raise _missing("imageio") from error
+    if find_spec("imageio_ffmpeg") is None:
+        raise _missing("imageio_ffmpeg")
+    return imageio.v2
+
+
+def pillow_package() -> Any:
+    """Pillow's module for pictures; PyVista brings it.
+
+    Raises:
+        MissingPackageError: it is not installed.
+    """
+    try:
+        import PIL.Image
+    except ModuleNotFoundError as error:
+        raise _missing(error.name) from error
+    return PIL.Image
+
+
+def _missing(name: str | None) -> MissingPackageError:
+    return MissingPackageError(
+        f"pictures of bodies and files for ParaView need {name}, which this Python lacks: pip install fenics-rom[view]"
+    )

@@ -1,0 +1,118 @@
+"""Isotropic hyperelastic materials, point by point, in the Green strain E = ½ (H + Hᵀ + HᵀH) of H = ∇u.
+
+    st_venant_kirchhoff    W = λ/2 (tr E)² + μ E:E
+    neo_hookean            W = μ (tr E - ln J) + λ/2 ln²J,  ln J = ½ ln det C,  C = I + 2E
+
+Both have the linear material of Lamé's λ and μ as their limit of small strain. As functions of E they do not see a
+rotation, and stay finite where a point is turned inside out.
+
+A strain is kept as its six components (xx, yy, zz, yz, xz, xy), the shears twice: then S:E is a plain product, with the
+stress in the same order. Arrays have the components first, (6, P) of P points, Lamé's moduli are (P,) each, Pa.
+"""
+
+import numpy as np
+
+Array = np.ndarray
+
+LAWS = ("st_venant_kirchhoff", "neo_hookean")
+AXES = np.array([[0, 0], [1, 1], [2, 2], [1, 2], [0, 2], [0, 1]])  # of the six components
+FULL = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])  # which component each entry of a symmetric matrix is
+TWICE = np.array([1.0, 1, 1, 2, 2, 2])[:, None]  # how often each counts in S:E
+SMALLEST = 1e-7  # change of strain below which W(E⁺) - W(E) is round-off
+
+
+def strain(H: Array) -> Array:
+    """Green strain (6, P) of displacement gradients H (3, 3, P), H[i, j] = ∂u_i/∂X_j."""
+    i, j = AXES.T
+    return (TWICE / 2) * (H[i, j] + H[j, i] + np.einsum("kcp,kcp->cp", H[:, i], H[:, j]))
+
+
+def strain_rate(H: Array, rate: Array) -> Array:
+    """Change of the Green strain (6, P) per time where H changes by `rate` (3, 3, P)."""
+    i, j = AXES.T
+    moved = np.einsum("kcp,kcp->cp", H[:, i], rate[:, j]) + np.einsum("kcp,kcp->cp", rate[:, i], H[:, j])
+    return (TWICE / 2) * (rate[i, j] + rate[j, i] + moved)
+
+
+def energy_density(law: str, E: Array, λ: Array, μ: Array) -> Array:
+    """W (P,), J/m³."""
+    trace = E[:3].sum(axis=0)
+    if law == "st_venant_kirchhoff":
+        return λ / 2 * trace**2 + μ * (E * E / TWICE).sum(axis=0)
+    lnJ = _log_stretch(E)
+    return μ * (trace - lnJ) + λ / 2 * lnJ**2
+
+
+def stress(law: str, E: Array, λ: Array, μ: Array) -> Array:
+    """Second Piola-Kirchhoff stress S = ∂W/∂E (6, P), Pa."""
+    if law == "st_venant_kirchhoff":
+        return linear_stress(E, λ, μ)
+    inverse, lnJ = _inverse_metric(E), _log_stretch(E)
+    unit = np.zeros((6, 1))
+    unit[:3] = 1.0
+    return μ * (unit - inverse) + λ * lnJ * inverse
+
+
+def linear_stress(E: Array, λ: Array, μ: Array) -> Array:
+    """λ tr(E) I + 2 μ E (6, P), Pa."""
+    S = 2 * μ * E / TWICE
+    S[:3] += λ * E[:3].sum(axis=0)
+    return S
+
+
+def stress_between(law: str, E: Array, after: Array, λ: Array, μ: Array) -> Array:
+    """A stress Ŝ (6, P) with Ŝ:(E⁺ - E) = W(E⁺) - W(E), of second order: so a step with it balances energy exactly.
+
+    The stress of the averaged strain (Simo & Tarnow, 1992), with Gonzalez' correction (2000) where W is not quadratic.
+    """
+    S = stress(law, (E + after) / 2, λ, μ)
+    if law == "st_venant_kirchhoff":
+        return S
+    change = after - E
+    gained = energy_density(law, after, λ, μ) - energy_density(law, E, λ, μ)
+    missing = gained - (S * change).sum(axis=0)
+    return S + missing / ((change**2 / TWICE).sum(axis=0) + SMALLEST**2) * (change / TWICE)
+
+
+def _metric(E: Array) -> tuple[Array, Array]:
+    """Adjugate (6, P) and determinant less 1 (P,) of C = I + 2E, without the cancellation of large terms."""
+    a, b, c = 2 * E[:3]  # the diagonal of C - I
+    f, e, d = E[3:]  # off it: yz, xz, xy
+    adjugate = np.stack(
+        [
+            b + c + b * c - f * f,
+            a + c + a * c - e * e,
+            a + b + a * b - d * d,
+            d * e - f * (1 + a),
+            d * f - e * (1 + b),
+            e * f - d * (1 + c),
+        ]
+    )
+    determinant = a + b + c + a * b + b * c + c * a - d * d - e * e - f * f
+    determinant += a * b * c + 2 * d * e * f - a * f * f - b * e * e - c * d * d
+    adjugate[:3] += 1.0
+    return adjugate, determinant
+
+
+def _log_stretch(E: Array) -> Array:
+    """ln J (P,)."""
+    return np.log1p(_metric(E)[1]) / 2
+
+
+def _inverse_metric(E: Array) -> Array:
+    """C⁻¹ (6, P)."""
+    adjugate, determinant = _metric(E)
+    return adjugate / (1 + determinant)
+
+
+def moduli(law: str, E: Array, λ: Array, μ: Array) -> Array:
+    """∂S/∂E (6, 6, P), Pa."""
+    if law == "st_venant_kirchhoff":
+        D = np.zeros((6, 6, E.shape[1]))
+        D[:3, :3] = λ
+        D[np.arange(6), np.arange(6)] += 2 * μ / TWICE
+        return D
+    c, spread = _inverse_metric(E), μ - λ * _log_stretch(E)
+    full = c[FULL]
+    (i, j), (k, m) = AXES.T[:, :, None], AXES.T[:, None, :]
+    return λ * c[:, None] * c[None, :] + spread * (full[i, k] * full[j, m] + full[i, m] * full[j, k])

@@ -1,0 +1,1 @@
+"""Plots of runs and reduced models, and bodies on axes that the caller arranges."""

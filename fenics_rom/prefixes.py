@@ -1,0 +1,22 @@
+"""SI prefixes, so that numbers on axes have few digits."""
+
+import math
+
+PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
+
+
+def prefixed(unit: str, largest: float) -> tuple[float, str]:
+    """What to multiply values by, and their unit with a prefix, so that the largest is from 1 to 1000.
+
+    Args:
+        unit: of SI, such as "m".
+        largest: absolute value, in that unit.
+    """
+    exponent = 3 * math.floor(math.log10(largest) / 3 + 1e-9) if largest > 0 and math.isfinite(largest) else 0
+    exponent = min(max(exponent, min(PREFIXES)), max(PREFIXES))
+    return 10.0**-exponent, PREFIXES[exponent] + unit
+
+
+def readable(unit: str) -> str:
+    """A unit as files have it, with its exponents as they are printed: s^2/kg^1/2 is s²/√kg."""
+    return unit.replace("kg^1/2", "√kg").replace("^2", "²")

@@ -1,0 +1,101 @@
+"""What of a surface is drawn: pieces of triangles, and what colours them."""
+
+import math
+
+import numpy as np
+
+Array = np.ndarray
+
+ENOUGH = 4000  # pieces, so that the colours of a coarse mesh follow the field and not the triangles
+MOST_CUTS = 4  # of an edge of a triangle
+
+
+class Surface:
+    """The surface of a body, each triangle cut into equal pieces as a coarse mesh needs them.
+
+    Args:
+        nodes: (N, 3) of the whole body at rest, m.
+        triangles: (F, 3) nodes, outward.
+
+    Attributes:
+        nodes: (n,) those of the body that are on the surface.
+        places: (n, 3) theirs at rest, m.
+        triangles: (F, 3) into `nodes`.
+        cuts: into how many parts an edge is cut; a triangle makes cuts² pieces.
+    """
+
+    def __init__(self, nodes: Array, triangles: Array):
+        self.nodes, corners = np.unique(triangles, return_inverse=True)
+        self.places, self.triangles = nodes[self.nodes], corners.reshape(-1, 3)
+        self.cuts = min(MOST_CUTS, max(1, math.ceil(math.sqrt(ENOUGH / len(triangles)))))
+        self._weights = _pieces(self.cuts)
+
+    def pieces(self, moved: Array) -> Array:
+        """Corners of all pieces, (F cuts², 3, 3), of the moved nodes (n, 3)."""
+        if self.cuts == 1:
+            return moved[self.triangles]
+        return np.einsum("pck,fkx->fpcx", self._weights, moved[self.triangles]).reshape(-1, 3, 3)
+
+    def of_nodes(self, values: Array) -> Array:
+        """Values in the middle of all pieces, (F cuts²,), of values at the nodes (n,)."""
+        return (values[self.triangles] @ self._weights.mean(axis=1).T).ravel()
+
+    def of_triangles(self, values: Array) -> Array:
+        """Values of all pieces, (F cuts²,), of values that are constant on triangles (F,)."""
+        return np.repeat(values, self.cuts**2)
+
+
+def _pieces(cuts: int) -> Array:
+    """Barycentric coordinates (cuts², 3 corners, 3) of the equal pieces of a triangle."""
+    upward = [((i, j), (i + 1, j), (i, j + 1)) for i in range(cuts) for j in range(cuts - i)]
+    downward = [((i + 1, j), (i + 1, j + 1), (i, j + 1)) for i in range(cuts) for j in range(cuts - 1 - i)]
+    steps = np.array(upward + downward) / cuts
+    return np.concatenate([1 - steps.sum(axis=2, keepdims=True), steps], axis=2)
+
+
+class SurfaceStrain:
+    """Strain in the plane of each triangle, from the displacement of its corners.
+
+    A surface that nothing pushes is free of traction, so that its stress is plane and its strain in the plane tells
+    all of its energy density: w = E / (2 (1 - ν²)) (ε₁₁² + ε₂₂² + 2 ν ε₁₁ ε₂₂ + 2 (1 - ν) ε₁₂²).
+    Source: Timoshenko & Goodier, Theory of Elasticity, 1970, § 16 and § 90 (plane stress).
+
+    Args:
+        places: (n, 3) at rest, m.
+        triangles: (F, 3); one without area has no strain.
+    """
+
+    def __init__(self, places: Array, triangles: Array):
+        a, b = places[triangles[:, 1]] - places[triangles[:, 0]], places[triangles[:, 2]] - places[triangles[:, 0]]
+        normal, long = np.cross(a, b), np.maximum(np.linalg.norm(a, axis=1), np.linalg.norm(b, axis=1))
+        area = np.linalg.norm(normal, axis=1)
+        solid = area > 1e-9 * long**2
+        a[~solid], b[~solid], normal[~solid], area[~solid] = np.eye(3)[0], np.eye(3)[1], np.eye(3)[2], 1.0
+        t1 = a / np.linalg.norm(a, axis=1, keepdims=True)
+        frame = np.stack([t1, np.cross(normal / area[:, None], t1)], axis=1)  # (F, 2, 3)
+        sides = frame @ np.stack([a, b], axis=2)
+        slopes = np.array([[-1.0, -1.0], [1.0, 0.0], [0.0, 1.0]]) @ np.linalg.inv(sides)  # (F, 3 corners, 2)
+        (e1, e2), (s1, s2) = frame.swapaxes(0, 1), slopes.transpose(2, 0, 1)
+        rows = [
+            s1[:, :, None] * e1[:, None],
+            s2[:, :, None] * e2[:, None],
+            (s2[:, :, None] * e1[:, None] + s1[:, :, None] * e2[:, None]) / 2,
+        ]
+        self._operator = np.stack(rows, axis=1).reshape(-1, 3, 9) * solid[:, None, None]
+        self._triangles = triangles
+
+    def components(self, displacement: Array) -> Array:
+        """ε₁₁, ε₂₂ and ε₁₂ of each triangle, (F, 3), from the displacement of the nodes (n, 3), m."""
+        corners = displacement[self._triangles].reshape(-1, 9, 1)
+        return (self._operator @ corners)[:, :, 0]
+
+    def largest(self, displacement: Array) -> Array:
+        """The principal strain of largest size, without its sign, (F,)."""
+        ε1, ε2, shear = self.components(displacement).T
+        return np.abs(ε1 + ε2) / 2 + np.hypot((ε1 - ε2) / 2, shear)
+
+    def energy_density(self, displacement: Array, young: float, poisson: float) -> Array:
+        """Of a surface without traction, (F,), J/m³; E in Pa."""
+        ε1, ε2, shear = self.components(displacement).T
+        plane = ε1**2 + ε2**2 + 2 * poisson * ε1 * ε2 + 2 * (1 - poisson) * shear**2
+        return young / (2 * (1 - poisson**2)) * plane

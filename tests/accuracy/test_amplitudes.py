@@ -1,0 +1,102 @@
+"""What a study over the size of the load says, against runs of its own; what it leaves, takes over and refuses."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from bodies import scene_text, write_box
+
+import fenics_rom as fr
+from fenics_rom import cli
+from fenics_rom.accuracy.amplitudes import Row, linear, read_amplitudes, scaled, study_of_amplitudes
+from fenics_rom.errors import RomFileError, SceneError
+
+pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
+
+BEND = """dt = 5e-3
+duration = 0.15
+load = [{ contact = "right", stop = 0.1, force = [0.0, 0.0, 0.25] }]"""
+EFFECTS = "inertia = {}\ndamping = { alpha = 1.0, beta = 2e-3 }\nlarge_deformation = {}"
+
+
+@pytest.fixture(scope="module")
+def file(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("beam")
+    mesh = write_box(folder / "beam.msh", (0.2, 0.02, 0.02), (8, 1, 1))
+    text = scene_text(
+        mesh, run=BEND, effects=EFFECTS, reduction="order = 8", material="young = 2e5\npoisson = 0.3\ndensity = 1000.0"
+    )
+    (folder / "beam.toml").write_text(text)
+    return folder / "beam.toml"
+
+
+@pytest.fixture(scope="module")
+def found(file):
+    return study_of_amplitudes(fr.read_scene(file), file.parent / "study", quick=True)
+
+
+def of(found, model, share=1.0) -> Row:
+    return next(row for row in found.rows if (row.model, row.share) == (model, share))
+
+
+def test_small_loads_are_linear_and_large_ones_are_not(found):
+    for model in ("linear, full order", "linear, reduced"):
+        assert of(found, model, 0.125).error < 0.2 * of(found, model).error
+        assert of(found, model).error > 0.1
+    for stepper in ("newton", "linearly-implicit"):
+        assert of(found, f"nonlinear, reduced, {stepper}").error < 0.2 * of(found, "linear, reduced").error
+    assert of(found, "nonlinear, full order").error < of(found, "nonlinear, reduced, newton").error
+    assert of(found, "nonlinear, full order").displacement > 0.03
+
+
+def test_errors_are_those_of_runs(file, found):
+    scene = fr.read_scene(file)
+    full, straight = fr.solve(scene), fr.solve(linear(scene))
+    assert of(found, "linear, full order").error == pytest.approx(
+        fr.compare(straight, full)["shape"].relative, rel=1e-6
+    )
+    rom = fr.read_rom(file.parent / "study" / "rom.h5")
+    reduced = fr.simulate(rom, stepper="newton")
+    error = fr.compare(reduced, full)["shape"].relative
+    assert of(found, "nonlinear, reduced, newton").error == pytest.approx(error, rel=1e-6)
+
+
+def test_a_share_of_the_loads_is_that(file, tmp_path):
+    scene = fr.read_scene(file)
+    assert scaled(scene, 0.5).run.loads[0].force == (0.0, 0.0, 0.125)
+    table = np.array([[0.0, 0, 0, 0], [1.0, 1, 2, 3]])
+    load = replace(scene.run.loads[0], force=None, table="f.csv")
+    with_table = replace(scene, run=replace(scene.run, loads=(load,)), tables={"f.csv": table})
+    half = scaled(with_table, 0.5)
+    np.testing.assert_array_equal(half.tables[half.run.loads[0].table], table * [1, 0.5, 0.5, 0.5])
+
+
+def test_what_was_found_is_taken_over(file, found, monkeypatch):
+    again = study_of_amplitudes(fr.read_scene(file), file.parent / "study", quick=True, resume=True)
+    assert again == found == read_amplitudes(file.parent / "study" / "amplitudes.json")
+    other = replace(fr.read_scene(file), text=fr.read_scene(file).text + "\n# changed")
+    with pytest.raises(RomFileError, match="of another scene"):
+        study_of_amplitudes(other, file.parent / "study", resume=True)
+
+
+def test_the_command_writes_table_and_picture(file, found, monkeypatch, capsys):
+    folder = file.parent / "study"
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["study", str(file), "-o", str(folder), "--quick", "--resume"])
+    assert not ended.value.code
+    assert "nonlinear, reduced, newton, order 8" in (folder / "amplitudes.md").read_text()
+    assert (folder / "amplitudes.png").stat().st_size > 20_000
+    assert (folder / "amplitudes.pdf").exists()
+    with pytest.raises(SystemExit) as ended:
+        cli.main(["study", str(file), "-o", str(folder), "--orders", "5"])
+    assert ended.value.code == 2
+    assert "--orders" in capsys.readouterr().err
+
+
+def test_what_cannot_be_studied_is_said(file, tmp_path):
+    scene = fr.read_scene(file)
+    with pytest.raises(SceneError, match="large_deformation"):
+        study_of_amplitudes(linear(scene), tmp_path)
+    (tmp_path / "amplitudes.json").write_text("{}")
+    with pytest.raises(RomFileError, match="does not hold"):
+        read_amplitudes(tmp_path / "amplitudes.json")

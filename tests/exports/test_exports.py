@@ -1,0 +1,411 @@
+"""What other programs read of a ROM or a run, and what people see of it."""
+
+import io
+import subprocess
+import sys
+import xml.etree.ElementTree as ET
+from dataclasses import replace
+from pathlib import Path
+
+import imageio.v3 as imageio
+import imageio_ffmpeg
+import numpy as np
+import pytest
+import pyvista
+
+import fenics_rom as fr
+from fenics_rom.cli import main
+from fenics_rom.errors import MissingPackageError, RomFileError, SceneError
+from fenics_rom.exports import packages, sheet
+from fenics_rom.exports.fields import KINDS, balanced_modes, eigenvectors, shapes_at_rest
+from fenics_rom.exports.patches import touched
+from fenics_rom.exports.stage import DARK, Stage
+from fenics_rom.obstacles import Box, Capsule, HalfSpace, Sphere
+from fenics_rom.scene_file import parse_scene
+
+pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
+DATA = Path(__file__).parent.parent / "data"
+OBSTACLES = {
+    "ball": Sphere((1.3, 0.2, 0.1), 0.1),
+    "rod": Capsule((1.4, 0.0, 0.0), (1.4, 0.4, 0.0), 0.05),
+    "block": Box((0.5, -0.3, 0.1), (0.2, 0.1, 0.1), (0.0, 0.3, 0.0)),
+    "ground": HalfSpace((0.0, 0.0, -0.1), (0.0, 0.1, 2.0)),
+}
+
+
+@pytest.fixture(scope="session")
+def touching():
+    """A ROM with contact, on a box of 1.0 × 0.4 × 0.3 m."""
+    return fr.read_rom(DATA / "rom-1.2.h5")
+
+
+@pytest.fixture(scope="session")
+def run(touching):
+    """Its run, which keeps three shapes, with one obstacle of each kind; the ball moves."""
+    made = fr.simulate(touching)
+    shapes = np.concatenate([made.shapes, 2 * made.shapes[-1:]])
+    still, moving = np.zeros((3, 3)), np.outer([0.0, 1.0, 2.0], [0.1, 0.0, 0.0])
+    return replace(
+        made,
+        shapes=shapes,
+        velocities=np.concatenate([made.velocities, made.velocities[:1]]),
+        shape_times=np.array([0.01, 0.025, 0.05]),
+        obstacles=OBSTACLES,
+        obstacle_motion={name: moving if name == "ball" else still for name in OBSTACLES},
+    )
+
+
+def ink(picture, paper=(255, 255, 255)):
+    """Share of pixels that are not paper."""
+    return float((np.abs(picture[..., :3].astype(int) - paper).max(axis=-1) > 8).mean())
+
+
+# --- ParaView --------------------------------------------------------------------------------------------------------
+
+
+def test_series_holds_the_run_to_the_last_bit(run, tmp_path):
+    assert fr.export(run, tmp_path / "run.pvd") == tmp_path / "run.pvd"
+    assert {path.name for path in tmp_path.iterdir()} == {"run.pvd", "run"}
+    reader = pyvista.get_reader(str(tmp_path / "run.pvd"))
+    assert reader.time_values == run.shape_times.tolist()
+    for row, instant in enumerate(run.shape_times):
+        reader.set_active_time_value(instant)
+        grid = reader.read()[0]
+        np.testing.assert_array_equal(grid.points, run.nodes)
+        np.testing.assert_array_equal(grid.cells.reshape(-1, 4)[:, 1:], run.triangles)
+        np.testing.assert_array_equal(grid.point_data["displacement"], run.shapes[row])
+        np.testing.assert_array_equal(grid.point_data["velocity"], run.velocities[row])
+    fr.export(run, tmp_path / "run.pvd")  # replaces what it wrote
+
+
+def test_paths_in_a_series_are_relative_and_escaped(run, tmp_path):
+    fr.export(run, tmp_path / "a & b.pvd")
+    files = [entry.get("file") for entry in ET.parse(tmp_path / "a & b.pvd").iter("DataSet")]
+    assert files == [f"a & b/a & b_000{k}.vtu" for k in range(3)]
+    assert all((tmp_path / file).is_file() for file in files)
+
+
+def test_a_folder_with_other_things_is_not_replaced(run, tmp_path):
+    (tmp_path / "run").mkdir()
+    (tmp_path / "run" / "thesis.tex").write_text("dear")
+    with pytest.raises(RomFileError, match=r"holds other things, such as 'thesis\.tex'"):
+        fr.export(run, tmp_path / "run.pvd")
+    assert [path.name for path in tmp_path.rglob("*")] == ["run", "thesis.tex"]
+
+
+def test_one_instant_is_the_nearest(run, tmp_path):
+    for asked, row in ((None, 2), (0.0, 0), (0.02, 1), (0.05, 2)):
+        grid = pyvista.read(fr.export(run, tmp_path / "one.vtu", time=asked))
+        np.testing.assert_array_equal(grid.point_data["displacement"], run.shapes[row])
+        assert grid.field_data["TimeValue"] == run.shape_times[row]
+
+
+def test_a_run_of_an_earlier_release_has_no_velocities(tmp_path):
+    grid = pyvista.read(fr.export(fr.read_record(DATA / "run-1.0.h5"), tmp_path / "old.vtu"))
+    assert grid.point_data.keys() == ["displacement"]
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_shapes_of_a_rom_are_those_of_the_model(plate_rom, tmp_path, kind):
+    grid = pyvista.read(fr.export(plate_rom, tmp_path / "rom.vtu", what=kind, count=3))
+    assert grid.point_data.keys() == [f"{name}.{kind}.{k}" for name in plate_rom.modes for k in (1, 2, 3)]
+    for name, mode in plate_rom.modes.items():
+        for field in KINDS[kind](plate_rom, mode)[:3]:
+            np.testing.assert_array_equal(grid.point_data[f"{name}.{kind}.{field.number}"], field.displacement)
+        if kind == "modes":
+            np.testing.assert_array_equal(grid.field_data[f"{name}.sigma"], mode.hankel_singular_values[:3])
+
+
+# --- shapes ----------------------------------------------------------------------------------------------------------
+
+
+def free(rom, field):
+    return field.displacement.ravel()[rom.free]
+
+
+def test_modes_are_orthonormal_and_have_their_own_frequencies(plate_rom, plate_system):
+    M, K = plate_system.mass, plate_system.stiffness
+    for name, mode in plate_rom.modes.items():
+        modes = balanced_modes(plate_rom, mode)
+        X = np.column_stack([free(plate_rom, field) for field in modes])
+        np.testing.assert_allclose(X.T @ (M @ X), np.eye(len(modes)), atol=1e-10)
+        rayleigh = np.sqrt(np.diag(X.T @ (K @ X))) / (2 * np.pi)
+        np.testing.assert_allclose([field.frequency for field in modes], rayleigh, rtol=1e-8)
+        assert [field.σ for field in modes] == list(mode.hankel_singular_values[: mode.order])
+        lower = balanced_modes(fr.truncated(plate_rom, 5), fr.truncated(plate_rom, 5).modes[name])
+        np.testing.assert_allclose(  # the first five span the model of order five
+            X[:, :5].T @ (M @ np.column_stack([free(plate_rom, field) for field in lower])) @ np.ones(5),
+            (X.T @ (M @ np.column_stack([free(plate_rom, field) for field in lower])) @ np.ones(5))[:5],
+        )
+
+
+def test_eigenvectors_and_shapes_at_rest_are_those_of_the_full_model(plate_rom, plate_system):
+    K, mode = plate_system.stiffness, plate_rom.modes["tip_left"]
+    first = eigenvectors(plate_rom, mode)[0]
+    x = free(plate_rom, first)
+    residual = K @ x[:, None] - (2 * np.pi * first.frequency) ** 2 * (plate_system.mass @ x[:, None])
+    assert np.linalg.norm(residual) < 1e-3 * np.linalg.norm(K @ x[:, None])
+    rest = np.column_stack([free(plate_rom, field) for field in shapes_at_rest(plate_rom, mode)])
+    b = plate_system.contacts["tip_left"]
+    np.testing.assert_allclose(
+        rest.T @ b, b.T @ plate_system.algebra.factor((1.0, K)).solve(b), rtol=1e-4, atol=1e-5 * 0.033
+    )
+
+
+def test_rigid_motions_are_no_modes(touching):
+    mode = touching.modes["bottom"]
+    assert mode.rigid == 6
+    assert [len(kind(touching, mode)) for kind in (balanced_modes, eigenvectors)] == [mode.order - 6] * 2
+    assert balanced_modes(touching, mode)[0].σ == mode.hankel_singular_values[0]
+    assert all(np.isfinite(field.displacement).all() for field in shapes_at_rest(touching, mode))
+
+
+def test_patches_are_where_contact_modes_are_touched(touching, plate_rom):
+    z = touching.nodes[touched(touching, "bottom")][..., 2]
+    assert len(z)
+    assert not z.any()
+    assert not len(touched(plate_rom, "middle"))  # a group of the mesh, which the ROM does not know
+    near = plate_rom.scene_text.replace('surface = "middle"', "near = { point = [0.25, 0.1, 0.01], radius = 0.08 }")
+    patch = touched(replace(plate_rom, scene_text=near), "middle")
+    centroids = plate_rom.nodes[patch].mean(axis=1)
+    assert len(patch)
+    assert (np.linalg.norm(centroids - [0.25, 0.1, 0.01], axis=1) <= 0.08).all()
+
+
+# --- pictures --------------------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("dark", [False, True])
+def test_still_shows_the_body_its_obstacles_and_words(run, tmp_path, dark):
+    picture = imageio.imread(fr.export(run, tmp_path / "run.png", dark=dark))
+    bare = imageio.imread(fr.export(replace(run, obstacles={}, obstacle_motion={}), tmp_path / "bare.png", dark=dark))
+    paper = picture[-1, 0, :3].tolist() if not dark else [int(DARK.paper[k : k + 2], 16) for k in (1, 3, 5)]
+    assert 0.2 < ink(bare, paper) < 0.8
+    assert picture.shape[1] == 1000
+    assert len(np.unique(bare.reshape(-1, bare.shape[-1]), axis=0)) > 200  # shades, a colour bar
+    assert not np.array_equal(picture.shape, bare.shape) or ink(picture, paper) != ink(bare, paper)
+
+
+def test_every_obstacle_is_where_it_is(run):
+    """Only what is drawn of the obstacle differs, and it moves with it."""
+    for name in OBSTACLES:
+        one = {name: OBSTACLES[name]}
+        moved = np.array([[[0.0, 0.0, 0.0]], [[0.0, 0.0, -0.2]]])
+        stage = Stage(run.nodes, run.triangles, [run.shapes[0]], obstacles=one, offsets=moved, width=300)
+        there, lower = (stage.picture(run.shapes[0], offset) for offset in moved)
+        stage.close()
+        assert there.shape == lower.shape
+        assert (there != lower).any(axis=-1).mean() > 0.003
+
+
+def test_scale_enlarges_what_is_seen_and_not_what_it_says(run):
+    small, large = (
+        Stage(run.nodes, run.triangles, [1e-9 * np.ones_like(run.nodes), run.shapes[2]], scale=scale, width=300)
+        for scale in (1.0, 50.0)
+    )
+    assert small._largest == large._largest
+    at_rest, moved = small.picture(run.shapes[2]), large.picture(run.shapes[2])
+    assert at_rest.shape != moved.shape or (at_rest != moved).any()
+
+
+def frames(film, height, width):
+    """All pictures of an .mp4 file, by the encoder's own program."""
+    command = [imageio_ffmpeg.get_ffmpeg_exe(), "-v", "error", "-i", film, "-f", "rawvideo", "-pix_fmt", "rgb24", "-"]
+    raw = subprocess.run(command, capture_output=True, check=True, stdin=subprocess.DEVNULL).stdout
+    return np.frombuffer(raw, np.uint8).reshape(-1, height, width, 3)
+
+
+def test_films_have_a_picture_for_each_shape(run, tmp_path):
+    gif = fr.export(run, tmp_path / "run.gif")
+    pictures = imageio.imread(gif)
+    assert len(pictures) == 3
+    assert imageio.immeta(gif)["duration"] == 50
+    assert imageio.immeta(gif)["loop"] == 0
+    again = frames(fr.export(run, tmp_path / "run.mp4"), *pictures.shape[1:3])
+    assert len(again) == 3
+    for some in (pictures, again):
+        assert all(0.2 < ink(picture) < 0.9 for picture in some)
+        assert len({picture.tobytes() for picture in some}) == 3
+    assert np.abs(pictures[..., :3].astype(int) - again).mean() < 3  # of 255
+
+
+def test_length_of_a_film(run, tmp_path):
+    assert imageio.immeta(fr.export(run, tmp_path / "slow.gif", seconds=3.0))["duration"] == 1000
+    assert len(list(imageio.imiter(fr.export(run, tmp_path / "short.gif", seconds=0.1)))) == 2
+
+
+def test_sheet_has_a_row_for_each_contact_mode(plate_rom, tmp_path, monkeypatch):
+    figures = []
+    write = sheet.write_figure
+    monkeypatch.setattr(
+        sheet, "write_figure", lambda figure, *rest, **more: figures.append(figure) or write(figure, *rest, **more)
+    )
+    picture = imageio.imread(fr.export(plate_rom, tmp_path / "modes.png", count=3))
+    panels = figures[0].axes
+    assert len(panels) == 6
+    assert all(0.05 < ink(np.asarray(axes.images[0].get_array())) < 0.7 for axes in panels)
+    titles = [axes.get_title(loc="left") for axes in panels]
+    for name, words in zip(plate_rom.modes, (titles[:3], titles[3:]), strict=True):
+        mode = plate_rom.modes[name]
+        σ, f = mode.hankel_singular_values[1], balanced_modes(plate_rom, mode)[1].frequency
+        assert words[1] == f"2: σ = {σ:.1e}, {f:.3g} Hz"
+    assert [axes.get_ylabel() for axes in panels[::3]] == ["tip left", "middle"]
+    assert "s²/√kg" in figures[0]._suptitle.get_text()
+    assert 0.03 < ink(picture) < 0.5
+
+
+@pytest.mark.parametrize(("kind", "ending"), [("eigenvectors", "pdf"), ("rest", "svg")])
+def test_other_sheets_and_formats(touching, tmp_path, kind, ending):
+    content = fr.export(touching, tmp_path / f"sheet.{ending}", what=kind, count=1, dark=True).read_bytes()
+    assert content.startswith({"pdf": b"%PDF", "svg": b"<?xml"}[ending])
+
+
+def test_modes_of_a_method_without_singular_values_have_none(plate_system, tmp_path):
+    rom = fr.reduce(plate_system, order=2, method="static")
+    assert rom.modes["middle"].hankel_singular_values.size == 0
+    grid = pyvista.read(fr.export(rom, tmp_path / "rom.vtu"))
+    assert sorted(grid.field_data.keys()) == ["middle.frequency", "tip_left.frequency"]
+
+
+# --- the record that this rests on -----------------------------------------------------------------------------------
+
+
+def test_velocities_are_the_rates_of_the_shapes(plate_rom):
+    """The midpoint rule: the mean of two velocities is the rate of the displacement between them."""
+    scene = parse_scene(plate_rom.scene_text, tables=plate_rom.tables)
+    every = fr.simulate(plate_rom, scene=replace(scene, run=replace(scene.run, duration=0.05, shapes=50)))
+    assert every.velocities.shape == every.shapes.shape == (50, len(plate_rom.nodes), 3)
+    rates, means = np.diff(every.shapes, axis=0) / 1e-3, (every.velocities[1:] + every.velocities[:-1]) / 2
+    np.testing.assert_allclose(rates, means, atol=1e-9 * np.abs(means).max())
+
+
+def test_full_order_keeps_the_same_velocities(plate_system, plate_rom):
+    scene = replace(plate_system.scene, run=replace(plate_system.scene.run, duration=0.05, shapes=5))
+    system = replace_scene(plate_system, scene)
+    full, reduced = fr.solve(system), fr.simulate(plate_rom, scene=scene)
+    assert np.abs(full.velocities - reduced.velocities).max() < 5e-3 * np.abs(full.velocities).max()
+
+
+def replace_scene(system, scene):
+    given = {name: getattr(system, name) for name in system.__dataclass_fields__}
+    return fr.System(**given | {"scene": scene})
+
+
+def test_obstacles_are_written_and_read(run, tmp_path):
+    fr.write_record(tmp_path / "run.h5", run)
+    read = fr.read_record(tmp_path / "run.h5")
+    assert read.obstacles == OBSTACLES
+    assert list(read.obstacles) == list(OBSTACLES)
+    for name, motion in run.obstacle_motion.items():
+        np.testing.assert_array_equal(read.obstacle_motion[name], motion)
+    np.testing.assert_array_equal(read.velocities, run.velocities)
+
+
+# --- bad input -------------------------------------------------------------------------------------------------------
+
+
+def said(capsys, *words):
+    """What the command line says where it cannot."""
+    with pytest.raises(SystemExit) as ended:
+        main([str(word) for word in words])
+    assert ended.value.code == 1
+    text = capsys.readouterr().err
+    assert text.count("\n") == 1
+    return text
+
+
+@pytest.mark.parametrize(
+    ("file", "arguments", "words"),
+    [
+        ("run-1.2.h5", ["-o", "x.jpg"], r"a run becomes a file that ends in .pvd, .vtu, .png, .gif, .mp4"),
+        ("rom-1.2.h5", ["-o", "x.gif"], r"a ROM becomes a file that ends in .vtu, .png, .pdf, .svg"),
+        ("rom-1.2.h5", ["-o", "x"], r"a ROM becomes a file that ends in"),
+        ("run-1.2.h5", ["-o", "x.png", "--time", "0.1"], r"--time 0.1: allowed are 0 to 0.05 s, which the run lasts"),
+        ("run-1.2.h5", ["-o", "x.png", "--time", "nan"], r"--time nan: allowed are 0 to 0.05 s"),
+        ("run-1.2.h5", ["-o", "x.pvd", "--time", "0.01"], r"shows all instants; --time is for .vtu and .png"),
+        ("run-1.2.h5", ["-o", "x.png", "--what", "modes"], r"has no modes; --what and --count are for ROMs"),
+        ("run-1.2.h5", ["-o", "x.png", "--scale", "0"], r"--scale 0: allowed are finite numbers > 0"),
+        ("run-1.2.h5", ["-o", "x.gif", "--seconds", "-1"], r"--seconds -1: allowed is more than 0 and at most 3600"),
+        ("rom-1.2.h5", ["-o", "x.png", "--time", "0.1"], r"has no instants; --time is for runs"),
+        ("rom-1.2.h5", ["-o", "x.png", "--count", "0"], r"--count 0: allowed are whole numbers from 1"),
+        ("rom-1.2.h5", ["-o", "nowhere/x.png"], r"folder .*nowhere does not exist"),
+        ("triple-chain-1501.csv", ["-o", "x.png"], r"is not a fenics-rom file"),
+        ("not there.h5", ["-o", "x.png"], r"not found"),
+        ("run-1.2.h5", ["-o", "/proc/x.png"], r"/proc/x.png: cannot be written: No such file or directory"),
+        ("run-1.2.h5", ["-o", "/proc/x.pvd"], r"/proc/x: cannot be written: No such file or directory"),
+    ],
+)
+def test_what_cannot_be_done_is_one_line(capsys, tmp_path, file, arguments, words):
+    output = tmp_path / arguments[1]
+    text = said(capsys, "export", DATA / file, "-o", output, *arguments[2:])
+    assert words.replace("\\", "").split(".*")[-1] in text
+    assert not any(tmp_path.iterdir())
+
+
+def test_a_model_without_a_mesh_has_nothing_to_show(tmp_path):
+    chain = 2 * np.eye(7) - np.eye(7, k=1) - np.eye(7, k=-1)
+    system = fr.System(mass=np.eye(7), damping=chain / 9, stiffness=chain, contacts={"end": np.eye(7)[:, :1]})
+    with pytest.raises(SceneError, match="has no surface to draw: it is of matrices"):
+        fr.export(fr.reduce(system, order=3), tmp_path / "x.png")
+
+
+def test_a_run_without_shapes_has_nothing_to_show(run, tmp_path):
+    for nothing in (replace(run, triangles=run.triangles[:0]), replace(run, shapes=run.shapes[:0])):
+        with pytest.raises(RomFileError, match="has no surface to draw"):
+            fr.export(nothing, tmp_path / "x.png")
+
+
+def test_missing_packages_are_named(tmp_path):
+    code = """
+import sys
+class Refuse:
+    def find_spec(self, name, path=None, target=None):
+        if name.partition(".")[0] == "pyvista":
+            raise ModuleNotFoundError(f"No module named {name!r}", name=name)
+sys.meta_path.insert(0, Refuse())
+from fenics_rom.cli import main
+main()
+"""
+    words = ("export", DATA / "run-1.2.h5", "-o", tmp_path / "x.vtu")
+    run = subprocess.run([sys.executable, "-c", code, *map(str, words)], capture_output=True, text=True)
+    assert run.returncode == 1
+    assert run.stderr == (
+        "fenics-rom: error: pictures of bodies and files for ParaView need pyvista, which this Python lacks: "
+        "pip install fenics-rom[view]\n"
+    )
+
+
+def test_pictures_are_drawn_beside_fenicsx(tmp_path):
+    """Which is loaded first: dolfinx 0.5 makes the symbols of what comes later global, and VTK crashed."""
+    code = """
+import sys, dolfinx, fenics_rom as fr
+run, rom = fr.read_record(sys.argv[1]), fr.read_rom(sys.argv[2])
+fr.export(run, sys.argv[3] + "/x.png", dark=True)
+fr.export(rom, sys.argv[3] + "/modes.png", count=2)
+try:
+    fr.export(run, sys.argv[3] + "/x.png", time=1e9)
+except fr.errors.FenicsRomError as error:
+    print(error)
+"""
+    words = (DATA / "run-1.2.h5", DATA / "rom-1.2.h5", tmp_path)
+    run = subprocess.run([sys.executable, "-c", code, *map(str, words)], capture_output=True, text=True)
+    assert (run.returncode, run.stderr) == (0, "")
+    assert "--time 1e+09: allowed are 0 to" in run.stdout
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["modes.png", "x.png"]
+
+
+def test_without_egl_pictures_are_refused_and_files_for_paraview_are_not(run, tmp_path, monkeypatch):
+    monkeypatch.setattr(packages, "EGL", "libEGL.so.none")
+    with pytest.raises(MissingPackageError, match="which this system lacks: sudo apt-get install libegl1"):
+        fr.export(run, tmp_path / "x.gif")
+    assert not any(tmp_path.iterdir())
+    fr.export(run, tmp_path / "x.vtu")
+
+
+def test_nothing_is_said_of_a_screen_that_is_not_there(tmp_path):
+    words = ("export", DATA / "run-1.2.h5", "-o", tmp_path / "x.png")
+    run = subprocess.run(
+        [sys.executable, "-m", "fenics_rom", *map(str, words)], capture_output=True, text=True, env={"PATH": "/usr/bin"}
+    )
+    assert (run.returncode, run.stderr, run.stdout) == (0, "", f"{tmp_path / 'x.png'}\n")
+    assert ink(imageio.imread(io.BytesIO((tmp_path / "x.png").read_bytes()))) > 0.1

@@ -1,0 +1,82 @@
+"""A body that deforms largely, from a scene to a ROM, on one rank and on two."""
+
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from bodies import box_arrays, scene_text, write_arrays
+
+import fenics_rom as fr
+from fenics_rom.deformation import monomials
+
+RUN = """
+dt = 0.1
+duration = 1.0
+load = [
+  { contact = "right", stop = 0.6, force = [0.0, 300.0, -500.0] },
+  { actuator = "air", start = 0.3, force = [1e4] },
+  { actuator = "rope", start = 0.3, force = [1000.0] },
+]"""
+PARTS = {
+    "effects": "",  # no inertia
+    "effects.large_deformation": 'material = "neo_hookean"',
+    "effects.springs.bed": 'surface = "right"\nstiffness = 5.0',
+    "effects.gravity": "acceleration = [0.0, 0.0, -1.0]",
+    "effects.pressure.air": 'surface = "top"',
+    "effects.tendon.rope": "points = [[0.0, 0.2, 0.3], [0.5, 0.2, 0.3], [1.0, 0.2, 0.3]]",
+    "outputs.tip": "points = [[1.0, 0.4, 0.3]]",
+    "reduction": 'method = "modal+derivatives"\norder = 8',  # few solves: two ranks wait long where a machine is busy
+    "run": RUN,
+}
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("large")
+    mesh = write_arrays(folder / "box.msh", *box_arrays((1.0, 0.4, 0.3), (4, 1, 1), shake=0.2))
+    (folder / "box.toml").write_text(scene_text(mesh, **PARTS, contacts='[contacts.right]\nsurface = "right"'))
+    return folder
+
+
+@pytest.fixture(scope="module")
+def roms(folder):
+    for ranks in (1, 2):
+        command = [sys.executable, "-m", "fenics_rom", "reduce", folder / "box.toml", "-o", folder / f"{ranks}.h5"]
+        launched = command if ranks == 1 else ["mpirun", "-n", "2", *command]
+        subprocess.run(launched, check=True, capture_output=True, env=os.environ | {"OMP_NUM_THREADS": "1"})
+    return [fr.read_rom(folder / f"{ranks}.h5") for ranks in (1, 2)]
+
+
+def test_two_ranks_make_the_same_model(roms):
+    one, two = roms
+    np.testing.assert_allclose(two.stiffness, one.stiffness, rtol=1e-5)
+    bodies = [rom.deformation for rom in roms]
+    assert bodies[0].points_of == bodies[1].points_of == 24
+    q = 0.5 * bodies[0].reach * np.eye(8)[0]
+    for found in (lambda body: body.energy(q), lambda body: np.abs(body.force(q))):  # vectors may have either sign
+        np.testing.assert_allclose(
+            found(bodies[1]), found(bodies[0]), rtol=0.02, atol=0.02 * np.abs(found(bodies[0])).max()
+        )
+
+
+def test_all_points_and_what_follows_are_those_of_the_full_order(folder, roms):
+    system, rom = fr.assemble(fr.read_scene(folder / "box.toml")), roms[0]
+    full, body, W = system.deformation, rom.deformation, rom.basis
+    q = 0.5 * body.reach * np.eye(8)[0]
+    follower = full.follower(W @ q)
+    for name, found in (("air", body.pressures["air"] @ monomials(q)), ("rope", body.tendons["rope"].force(q))):
+        exact = W.T @ follower[name][:, 0]
+        np.testing.assert_allclose(found, exact, atol=1e-10 * np.abs(exact).max())
+    exact = full.force(W @ q) @ W
+    gap = (body.force(q) - body.springs @ q - exact) / np.sqrt(rom.stiffness)
+    assert np.linalg.norm(gap) <= 0.05 * np.linalg.norm(exact / np.sqrt(rom.stiffness))
+    ε = 1e-6 * body.reach
+    linear = full.force(ε * W[:, 0]) @ W[:, 0] / ε
+    assert linear + body.springs[0, 0] == pytest.approx(rom.stiffness[0], rel=1e-4)
+
+
+def test_training_by_the_full_order(folder):
+    rom = fr.reduce(fr.assemble(fr.read_scene(folder / "box.toml")), method="trained")
+    assert rom.deformation.validation_error <= 0.02

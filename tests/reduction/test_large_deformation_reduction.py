@@ -1,0 +1,336 @@
+"""Large deformation reduced: the basis, the points and weights, what follows, and what is said of it."""
+
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy.optimize
+from bodies import assembled
+from soft_box import SoftSimulator, soft_box
+
+import fenics_rom as fr
+from fenics_rom.deformation import ReducedDeformation, monomials
+from fenics_rom.errors import RomFileError, SceneError, SolverError
+from fenics_rom.hyperelastic import LAWS
+from fenics_rom.reduction.large_deformation.cubature import spread
+from fenics_rom.reduction.large_deformation.derivatives import derivatives, second_order
+from fenics_rom.reduction.large_deformation.loads import loads_of, slowest_period, targets
+from fenics_rom.reduction.large_deformation.runs import runs_of
+from fenics_rom.reduction.large_deformation.sparse_weights import sparse_weights
+from fenics_rom.reduction.large_deformation.validation import validation_error
+from fenics_rom.reduction.problem import Problem
+from fenics_rom.reduction.shared_space import SharedSpace
+from fenics_rom.stages import Stages
+
+RUN = """
+dt = 0.02
+duration = 1.0
+load = [
+  { contact = "tip", stop = 0.5, force = [0.0, 0.2, -0.25] },
+  { actuator = "cable", start = 0.2, stop = 0.8, force = [1.75] },
+  { actuator = "air", start = 0.4, force = [75.0] },
+]"""
+SIZE, BRICKS = (0.3, 0.02, 0.02), (10, 1, 1)
+METHODS = ("trained", "modal+derivatives")
+
+
+def box(**choices):
+    return soft_box(SIZE, BRICKS, choices.pop("run", RUN), **{"beta": 5e-3} | choices)
+
+
+def problem_of(system, **choices):
+    return Problem(
+        **{
+            "system": system,
+            "factor": system.algebra.factor((1.0, system.stiffness)),
+            "space": SharedSpace(system),
+            "contacts": tuple(system.contacts),
+            "order": 8,
+            "tolerance": 1e-4,
+            "switching": "energy",
+            "weighting": "mass",
+            "lyapunov": "krylov",
+            "share": 0.999,
+            "stages": Stages(),
+            "messages": [],
+        }
+        | choices
+    )
+
+
+@pytest.fixture(scope="module")
+def system():
+    return box()
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    return tmp_path_factory.mktemp("checkpoints") / "trained"
+
+
+@pytest.fixture(scope="module")
+def roms(system, folder):
+    found = {}
+    for method in METHODS:
+        found[method] = fr.reduce(system, order=16, method=method, checkpoint=folder if method == "trained" else None)
+    return found
+
+
+@pytest.fixture(params=METHODS)
+def rom(roms, request):
+    return roms[request.param]
+
+
+def whole_body(system, rom):
+    """The reduced model with all points."""
+    body = system.deformation
+    return replace(
+        rom.deformation,
+        gradients=body.gradients(rom.basis),
+        weights=body.weights,
+        first_lame=body.first_lame,
+        shear=body.shear,
+        viscosity=body.viscosity,
+        points_of=len(body.weights),
+    )
+
+
+def size(body: ReducedDeformation, share: float) -> np.ndarray:
+    """A random state, as large as a share of those that were trained on."""
+    q = np.random.default_rng(1).standard_normal(body.order) / np.arange(1, body.order + 1) ** 2
+    return share * body.reach * q / np.linalg.norm(q)
+
+
+def test_nonnegative_least_squares_are_those_of_scipy():
+    random = np.random.default_rng(0)
+    for rows, columns in ((30, 20), (40, 200), (100, 90)):
+        A, b = random.standard_normal((rows, columns)), random.standard_normal(rows)
+        np.testing.assert_allclose(sparse_weights(A, b, 0.0), scipy.optimize.nnls(A, b)[0], atol=1e-12)
+
+
+def test_weights_stop_at_the_tolerance_and_are_few():
+    random = np.random.default_rng(0)
+    A = random.standard_normal((60, 8)) @ random.random((8, 500)) + 0.01 * random.random((60, 500))
+    b = A.sum(axis=1)
+    counts = []
+    for tolerance in (1e-1, 1e-2, 1e-3):
+        x = sparse_weights(A, b, tolerance)
+        assert (x >= 0).all()
+        assert np.linalg.norm(A @ x - b) <= tolerance * np.linalg.norm(b)
+        counts.append(np.count_nonzero(x))
+    assert counts == sorted(counts)
+    assert counts[-1] <= 60
+
+
+def test_what_is_out_of_reach_is_approached():
+    A, b = np.array([[1.0, 2.0], [0.0, 0.0]]), np.array([1.0, -1.0])
+    x = sparse_weights(A, b, 1e-3)
+    np.testing.assert_allclose(A @ x, [1.0, 0.0])
+    assert not sparse_weights(-A, b, 1e-3).any()
+
+
+def test_states_are_spread_from_the_largest_on():
+    states = np.array([[1.0, 1.1, 5.0, 5.1, 0.0], [0.0, 0.0, 0.0, 0.0, 1.0]])
+    np.testing.assert_array_equal(spread(states, 2), states[:, [3, 4]])
+    np.testing.assert_array_equal(spread(states, 9), states)
+
+
+def test_all_contact_modes_have_one_basis(system, rom):
+    W, γ = rom.basis, rom.stiffness
+    np.testing.assert_allclose(W.T @ (system.mass @ W), np.eye(16), atol=1e-10)
+    np.testing.assert_allclose(W.T @ (system.stiffness @ W), np.diag(γ), atol=1e-9 * γ[-1])
+    for name, mode in rom.modes.items():
+        np.testing.assert_array_equal(mode.coordinates, np.eye(16))
+        np.testing.assert_array_equal(mode.eigenvalues, γ)
+        np.testing.assert_allclose(mode.damping, 1.0 + 5e-3 * γ)
+        np.testing.assert_allclose(mode.inputs, W.T @ system.input_matrix(name), atol=1e-12 * np.abs(mode.inputs).max())
+
+
+def test_reduced_force_is_the_gradient_of_the_reduced_energy(rom):
+    body = rom.deformation
+    q, ε = size(body, 1.0), 1e-5 * body.reach
+    slopes = [(body.energy(q + ε * e) - body.energy(q - ε * e)) / (2 * ε) for e in np.eye(body.order)]
+    np.testing.assert_allclose(slopes, body.force(q), atol=1e-7 * np.abs(body.force(q)).max())
+
+
+def test_all_points_give_the_projected_force(system, rom):
+    body, W = whole_body(system, rom), rom.basis
+    q = size(body, 1.0)
+    exact = W.T @ system.deformation.force(W @ q)
+    np.testing.assert_allclose(body.force(q), exact, atol=1e-10 * np.abs(exact).max())
+
+
+def test_kept_points_are_few_and_give_its_forces_to_the_tolerance(system, rom):
+    body, every = rom.deformation, whole_body(system, rom)
+    assert 0 < body.cubature_error <= 0.01
+    assert len(body.weights) < len(every.weights) == body.points_of
+    assert (body.weights > 0).all()
+    root = np.sqrt(rom.stiffness)
+    stiffness = body.tangent(np.zeros(16)) / np.outer(root, root)
+    np.testing.assert_allclose(np.linalg.norm(stiffness - np.eye(16)) / 4, 0.0, atol=0.015)
+    body_of_rom = system.deformation
+    sim = body_of_rom.simulator(0.02)
+    for _ in range(12):  # a load that no run had
+        sim.step("tip", np.array([0.05, -0.1, 0.2, 25.0, 0.5]))
+    q = rom.basis.T @ (system.mass @ sim.x[:, 0])
+    exact = every.force(q) / root
+    assert np.linalg.norm(body.force(q) / root - exact) <= 0.05 * np.linalg.norm(exact)
+
+
+def test_a_smaller_tolerance_keeps_more_points(system, roms):
+    finer = fr.reduce(system, order=16, method="modal+derivatives", cubature=1e-3).deformation
+    assert finer.cubature_error <= 1e-3
+    assert len(finer.weights) > len(roms["modal+derivatives"].deformation.weights)
+
+
+def test_trained_model_follows_runs_that_it_has_not_seen(roms):
+    assert roms["trained"].deformation.validation_error <= 0.02
+    assert roms["modal+derivatives"].deformation.validation_error is None
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_both_methods_follow_a_load_history_that_linear_models_do_not(system, roms, method):
+    """The held-out run of the scene itself, against an independent full order."""
+    run = runs_of(problem_of(system))[1][-1]
+    assert run.title == "the scene's own load history"
+    sim, shapes = system.deformation.simulator(run.dt), []
+    for contact, u in run.steps:
+        sim.step(contact, u)
+        shapes.append(sim.x[:, 0].copy())
+    shapes = np.column_stack(shapes)[:, run.shown()]
+    assert np.abs(system.outputs["tip"].T @ shapes).max() > 0.07  # m, of 0.3 m
+    assert validation_error(roms[method], system, run, shapes) <= 0.03
+    soft = replace(roms[method].deformation, weights=0.9 * roms[method].deformation.weights)
+    assert validation_error(replace(roms[method], deformation=soft), system, run, shapes) > 0.03
+
+
+def test_small_loads_move_it_like_the_linear_model(rom):
+    body, γ = rom.deformation, rom.stiffness
+    for mode in rom.modes.values():
+        linear = mode.inputs / γ[:, None]
+        kept = np.linalg.solve(body.tangent(np.zeros(16)), mode.inputs)
+        assert (np.linalg.norm(kept - linear, axis=0) <= 0.03 * np.linalg.norm(linear, axis=0)).all()
+
+
+def test_pressure_is_exactly_a_polynomial(system, rom):
+    q = size(rom.deformation, 1.0)
+    exact = rom.basis.T @ system.deformation.follower(rom.basis @ q)["air"][:, 0]
+    found = rom.deformation.pressures["air"] @ monomials(q)
+    np.testing.assert_allclose(found, exact, atol=1e-12 * np.abs(exact).max())
+
+
+def test_tendon_is_exact(system, rom):
+    q = size(rom.deformation, 1.0)
+    exact = rom.basis.T @ system.deformation.follower(rom.basis @ q)["cable"][:, 0]
+    np.testing.assert_allclose(rom.deformation.tendons["cable"].force(q), exact, atol=1e-12 * np.abs(exact).max())
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_derivatives_are_those_of_the_tangent(law):
+    system = box(law=law)
+    problem, body = problem_of(system), system.deformation
+    V = system.algebra.eigenpairs(system.mass, system.stiffness, 3)[1] * 1e-3
+    (θ,) = derivatives(problem, V, [(0, 2)]).T
+    ε = 1e-3
+
+    def tangent_times(direction, along):
+        """K_t(along) direction, by central differences of the force."""
+        return (body.force(along + ε * direction) - body.force(along - ε * direction)) / (2 * ε)
+
+    change = (tangent_times(V[:, 0], ε * V[:, 2]) - tangent_times(V[:, 0], -ε * V[:, 2])) / (2 * ε)
+    exact = -problem.factor.solve(change[:, None])[:, 0]
+    np.testing.assert_allclose(θ, exact, atol=1e-5 * np.abs(exact).max())
+    np.testing.assert_allclose(derivatives(problem, V, [(1, 1)]), 2 * second_order(problem, V[:, [1]]))
+
+
+def test_targets_come_from_the_scene(system):
+    problem = problem_of(system)
+    loads = loads_of(problem, slowest_period(problem))
+    first, *alone = [next(wanted) for wanted in [targets(loads)] for _ in range(4)]
+    assert first[0] == "tip"
+    assert loads.extremes[1] == pytest.approx([75.0, 1.75], rel=1e-6)
+    np.testing.assert_allclose(loads.pushes["tip"], [0.0, 0.2, -0.25])
+    assert loads.pushes["middle"].any()  # what undoes there what the others do
+    assert [np.count_nonzero(u) for _, u in alone] == [1, 1, 2]
+
+
+def test_training_goes_on_where_it_was_stopped(system, folder, roms):
+    files = sorted(file.name for file in folder.glob("run-*.h5"))
+    assert len(files) == sum(map(len, runs_of(problem_of(system))))
+    (folder / files[-1]).unlink()
+    reported = []
+    rom = fr.reduce(
+        system, order=16, checkpoint=folder, resume=True, report=lambda stage, done, of: reported.append(stage)
+    )
+    assert "training runs" in reported
+    np.testing.assert_allclose(rom.stiffness, roms["trained"].stiffness, rtol=1e-8)
+    assert rom.deformation.validation_error == pytest.approx(roms["trained"].deformation.validation_error, rel=1e-6)
+    other = box(run=RUN.replace("75.0", "74.0"))
+    with pytest.raises(RomFileError, match="was made from another system or with other choices"):
+        fr.reduce(other, order=16, checkpoint=folder, resume=True)
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_without_inertia_equilibria_are_what_is_seen(method):
+    run = 'dt = 0.1\nduration = 1.0\nload = [{ contact = "tip", force = [0.0, 0.05, -0.15] }]'
+    system = box(run=run, effects="")
+    rom = fr.reduce(system, order=12, method=method)
+    u = np.array([0.0, 0.05, -0.15, 0.0, 0.0])
+    full, body = system.deformation.simulator(1.0), rom.deformation
+    full.equilibrium("tip", u)
+    q = np.zeros(12)
+    for _ in range(30):
+        q = q - np.linalg.solve(body.tangent(q), body.force(q) - rom.modes["tip"].inputs @ u)
+    moved = system.outputs["tip"].T @ full.x[:, 0]
+    assert np.linalg.norm(moved) > 0.03
+    np.testing.assert_allclose(rom.outputs["tip"] @ q, moved, atol=0.02 * np.linalg.norm(moved))
+
+
+def test_a_rom_on_file_is_the_same(roms, tmp_path):
+    fr.write_rom(tmp_path / "rom.h5", roms["trained"])
+    body = fr.read_rom(tmp_path / "rom.h5").deformation
+    q = size(body, 1.0)
+    np.testing.assert_array_equal(body.force(q), roms["trained"].deformation.force(q))
+
+
+def test_order_beyond_what_was_seen_is_told():
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        rom = fr.reduce(box(), order=500, method="modal+derivatives")
+    assert len(rom.stiffness) < 500
+    assert any("order 500 was asked for" in str(one.message) for one in told)
+
+
+def test_loads_beyond_what_can_be_followed_say_which_and_what_to_lower(monkeypatch):
+    solved = SoftSimulator._solved
+    monkeypatch.setattr(SoftSimulator, "_solved", lambda body, *load: body.time < 0.03 and solved(body, *load))
+    message = r"training run 1 of \d+ \(tip\[1\] 0.2, tip\[2\] -0.25, .* does not converge in step 3 of .*lower those"
+    with pytest.raises(SolverError, match=message):
+        fr.reduce(box(), order=8)
+
+
+@pytest.mark.parametrize(
+    ("choices", "message"),
+    [
+        ({"method": "balanced"}, "'trained' and 'modal\\+derivatives' go with effects.large_deformation"),
+        ({"switching": "modal"}, "switching = 'modal' goes with method = 'balanced'"),
+        ({"cubature": 0.0}, "cubature"),
+    ],
+)
+def test_choices_that_do_not_fit_are_refused(system, choices, message):
+    with pytest.raises(SceneError, match=message):
+        fr.reduce(system, order=8, **choices)
+
+
+def test_trained_goes_with_the_effect_alone(box_file):
+    with pytest.raises(SceneError, match="method = 'trained'"):
+        fr.reduce(assembled(box_file), order=8, method="trained")
+
+
+def test_a_scene_must_say_how_far_to_train():
+    with pytest.raises(SceneError, match="nothing acts"):
+        fr.reduce(box(run="dt = 0.01\nduration = 0.1"), order=8)
+    system = box()
+    with pytest.raises(SceneError, match=r"has no \[run\]"):
+        fr.reduce(replace(system, scene=replace(system.scene, run=None)), order=8)

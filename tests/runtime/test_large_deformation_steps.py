@@ -1,0 +1,271 @@
+import copy
+import pickle
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from soft_rom import linear, soft_rom, swing
+
+import fenics_rom as fr
+from fenics_rom.errors import FenicsRomWarning, StepError
+from fenics_rom.scene import STEPPERS
+
+LAWS = ("st_venant_kirchhoff", "neo_hookean")
+
+
+@pytest.fixture(scope="module")
+def roms():
+    return {law: soft_rom(law) for law in LAWS}
+
+
+@pytest.fixture(scope="module")
+def undamped():
+    return {law: soft_rom(law, alpha=0.0, beta=0.0) for law in LAWS}
+
+
+def imbalance(simulator):
+    """Of the energy account, as a share of what was supplied."""
+    ledger = simulator.ledger
+    return abs(simulator.energy - ledger.supplied + ledger.dissipated + ledger.lost_in_switching) / ledger.supplied
+
+
+def apart(one, other):
+    """Of the states of two simulators of one basis, relative."""
+    a, b = np.concatenate(one.state), np.concatenate(other.state)
+    return np.linalg.norm(a - b) / np.linalg.norm(b)
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("stepper", STEPPERS)
+@pytest.mark.parametrize("damped", [True, False])
+def test_energy_balances_at_any_step(roms, undamped, law, stepper, damped):
+    rom = (roms if damped else undamped)[law]
+    for h in (1e-4, 2e-3, 2e-2):
+        simulator = swing(rom, h, stepper, duration=16 * h if h < 1e-3 else 0.32)
+        assert imbalance(simulator) < 1e-10
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
+def test_the_linearly_implicit_step_never_creates_energy(roms, undamped, law):
+    for rom in (roms[law], undamped[law]):
+        rng = np.random.default_rng(1)
+        simulator = fr.Simulator(rom, 1e-3, stepper="linearly-implicit")
+        scale = 1e-6 if law == "st_venant_kirchhoff" else rom.deformation.shear @ rom.deformation.weights / 10  # J
+        for _ in range(300):
+            simulator.dt = 10 ** rng.uniform(-6, 1)
+            simulator.switch(rng.choice(list(rom.modes)))
+            simulator.step(rng.standard_normal(5) * 10 ** rng.uniform(-3, 5) * (rng.random() < 0.3) * [1, 1, 1, 1, 0.1])
+            scale = max(scale, simulator.energy, simulator.ledger.supplied)
+            ledger = simulator.ledger
+            assert abs(simulator.energy - ledger.supplied + ledger.dissipated) <= 1e-10 * scale
+            assert ledger.dissipated >= -1e-12 * scale
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_both_steps_are_of_second_order(roms, law):
+    rom = roms[law]
+    exact = swing(rom, 2.5e-4, "newton", force=0.1)
+    for stepper in STEPPERS:
+        errors = [apart(swing(rom, h, stepper, force=0.1), exact) for h in (8e-3, 4e-3, 2e-3)]
+        assert 3.4 < errors[0] / errors[1] < 4.6
+        assert 3.4 < errors[1] / errors[2] < 4.6
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("stepper", STEPPERS)
+def test_small_loads_give_the_linear_model_to_second_order(roms, law, stepper):
+    rom = roms[law]
+    bent, straight = (swing(each, 4e-3, how, force=2e-3) for each, how in ((rom, stepper), (linear(rom), None)))
+    less, reference = (swing(each, 4e-3, how, force=1e-3) for each, how in ((rom, stepper), (linear(rom), None)))
+
+    def gap(one, other):
+        return np.linalg.norm(one.state[0] - other.state[0])
+
+    assert gap(bent, straight) < 0.05 * np.linalg.norm(straight.state[0])
+    assert gap(bent, straight) / gap(less, reference) >= 3.8
+    assert bent.displacement("tip").shape == (1, 3)
+
+
+def test_a_switch_changes_inputs_alone(roms):
+    simulator = swing(roms["neo_hookean"], 4e-3, None)
+    before = simulator.state, simulator.energy
+    simulator.switch("middle")
+    assert simulator.contact == "middle"
+    np.testing.assert_array_equal(simulator.state, before[0])
+    assert simulator.energy == before[1]
+    assert simulator.ledger.lost_in_switching == 0
+    other = copy.deepcopy(simulator)
+    other.switch("tip")
+    for each in (simulator, other):
+        each.step([0.0, 0.0, 0.1, 0.0, 0.0])
+    assert apart(simulator, other) > 1e-6
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("stepper", STEPPERS)
+def test_what_was_saved_comes_back_to_the_bit(roms, law, stepper):
+    simulator = swing(roms[law], 4e-3, stepper, duration=0.08)
+    copies = [pickle.loads(pickle.dumps(simulator)), copy.copy(simulator)]
+    saved = simulator.save()
+    for _ in range(5):
+        simulator.step([0.0, 0.1, 0.0, 50.0, 0.1])
+    after = simulator.state, simulator.energy, simulator.ledger.sums
+    simulator.restore(saved)
+    for each in (simulator, *copies):
+        for _ in range(5):
+            each.step([0.0, 0.1, 0.0, 50.0, 0.1])
+        np.testing.assert_array_equal(each.state, after[0])
+        assert (each.energy, each.ledger.sums) == after[1:]
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_set_states_and_resets_begin_anew(roms, law):
+    simulator = swing(roms[law], 4e-3, "linearly-implicit", duration=0.08)
+    q, r = simulator.state
+    other = fr.Simulator(roms[law], 4e-3, stepper="newton")
+    other.state = simulator.state = q, r
+    assert simulator.energy == pytest.approx(other.energy, rel=1e-10)
+    simulator.reset()
+    assert simulator.energy == pytest.approx(0.0, abs=1e-15)
+    assert not np.concatenate(simulator.state).any()
+
+
+@pytest.mark.parametrize("stepper", STEPPERS)
+def test_a_force_beyond_the_numbers_leaves_the_state_as_it_was(roms, stepper):
+    simulator = swing(roms["st_venant_kirchhoff"], 4e-3, stepper, duration=0.08)
+    before, energy = simulator.state, simulator.energy
+    with pytest.raises(StepError):
+        simulator.step([1e200, 0.0, 0.0, 0.0, 0.0])
+    np.testing.assert_array_equal(simulator.state, before)
+    assert simulator.energy == energy
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_followers_pull_where_the_body_is(roms, law):
+    rom = roms[law]
+    bent = swing(rom, 4e-3, "newton", force=0.3)
+    q, t = bent.state[0], 1e-6
+    tendon = rom.deformation.tendons["cable"]
+
+    def length(q):
+        return np.linalg.norm(np.diff(tendon.points + (tendon.shapes @ q).reshape(-1, 3), axis=0), axis=1).sum()
+
+    slope = [(length(q + t * e) - length(q - t * e)) / (2 * t) for e in np.eye(len(q))]
+    np.testing.assert_allclose(tendon.force(q), np.negative(slope), rtol=1e-6, atol=1e-8)
+    for u in ([0, 0, 0, 30.0, 0], [0, 0, 0, 0, 1.0]):
+        finals = [fr.Simulator(rom, 2e-3, stepper=stepper) for stepper in STEPPERS]
+        for each in finals:
+            for _ in range(60):
+                each.step(u)
+            assert imbalance(each) < 1e-10
+        assert apart(*finals) < 5e-3
+        straight = fr.Simulator(linear(rom), 2e-3)
+        for _ in range(60):
+            straight.step(u)
+        assert apart(straight, finals[0]) > 0.01  # it is the turned force that makes the difference
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_without_inertia_every_step_is_an_equilibrium(law):
+    rom = soft_rom(law, inertia=False)
+    simulator = fr.Simulator(rom, 0.1)
+    assert simulator.stepper == "equilibrium"
+    for share in np.linspace(0.1, 1.0, 10):
+        simulator.step([0.0, 0.0, 0.3 * share, 0.0, 0.5 * share])
+        q, body = simulator.state[0], rom.deformation
+        loads = rom.modes["tip"].inputs[:, 2] * 0.3 * share + body.tendons["cable"].force(q) * 0.5 * share
+        assert np.abs(body.force(q) - loads).max() < 1e-9 * np.abs(loads).max()
+    assert imbalance(simulator) < 1e-10
+    assert simulator.ledger.dissipated > 0
+    settled = fr.Simulator(soft_rom(law, alpha=60.0), 5e-3)
+    for _ in range(2000):
+        settled.step([0.0, 0.0, 0.3, 0.0, 0.5])
+    assert np.linalg.norm(settled.state[0] - q) < 1e-6 * np.linalg.norm(q)
+    at_once = fr.Simulator(rom, 0.1)
+    at_once.step([0.0, 0.0, 0.3, 0.0, 0.5])
+    assert np.linalg.norm(at_once.state[0] - q) < 1e-8 * np.linalg.norm(q)
+
+
+@pytest.mark.parametrize("stepper", [*STEPPERS, None])
+def test_contact_never_adds_energy_and_lets_nothing_in(stepper):
+    rom = soft_rom(contact=True, inertia=stepper is not None)
+    simulator = fr.Simulator(rom, 2e-3, stepper=stepper)
+    lowest, last = 0.0, 0.0
+    for step in range(300):
+        simulator.step([0.0, 0.05, -0.15 if step < 200 else 0.1, 0.0, 0.0])
+        tip = simulator.displacement()[rom.modes["tip"].contact_points]
+        lowest = min(lowest, tip[:, 2].min())
+        assert simulator.ledger.contact >= -1e-14
+        assert simulator.ledger.friction >= last - 1e-14
+        last = simulator.ledger.friction
+    assert -0.0082 < lowest < -0.0079
+    assert imbalance(simulator) < 1e-9
+    if stepper:
+        assert simulator.ledger.contact > 0
+        assert last > 0
+
+
+def test_both_steppers_agree_in_contact():
+    rom = soft_rom(contact=True)
+    runs = [fr.Simulator(rom, 5e-4, stepper=stepper) for stepper in STEPPERS]
+    for each in runs:
+        pushed = []
+        for _ in range(400):
+            each.step([0.0, 0.0, -0.15, 0.0, 0.0])
+            pushed.append(np.linalg.norm(each.contact_forces("floor")))
+        assert max(pushed) > 0.01
+    (one, _), (other, _) = (each.state for each in runs)
+    assert np.linalg.norm(one - other) < 0.01 * np.linalg.norm(other)  # velocities jump in impacts
+
+
+def test_the_stepper_follows_from_the_step_and_says_why(roms):
+    rom = roms["st_venant_kirchhoff"]
+    short, long = fr.Simulator(rom, 1e-3), fr.Simulator(rom, 0.05)
+    assert (short.stepper, long.stepper) == ("linearly-implicit", "newton")
+    assert "steps in a period" in short.stepping
+    assert fr.Simulator(linear(rom), 1e-3).stepper == "midpoint"
+    assert fr.Simulator(rom, 1e-3, stepper="newton").stepper == "newton"
+
+
+@pytest.mark.parametrize(
+    ("ask", "says"),
+    [
+        (lambda rom: fr.Simulator(rom, 1e-3, stepper="euler"), "stepper"),
+        (lambda rom: fr.Simulator(linear(rom), 1e-3, stepper="newton"), "belongs to large deformation"),
+        (lambda rom: fr.Simulator(rom, 1e-3).march(np.zeros((3, 5))), "march"),
+        (lambda rom: fr.Batch(rom, 3, 1e-3), "large deformation"),
+        (lambda rom: fr.truncated(rom, 3), "truncated"),
+        (lambda rom: fr.Simulator(soft_rom(inertia=False), 0.1, stepper="newton"), "inertia"),
+    ],
+)
+def test_what_cannot_be_is_said(roms, ask, says):
+    with pytest.raises(fr.errors.FenicsRomError, match=says):
+        ask(roms["st_venant_kirchhoff"])
+
+
+def test_steps_too_long_and_shapes_too_far_are_told_once(undamped):
+    rom = undamped["st_venant_kirchhoff"]
+    simulator = fr.Simulator(rom, 0.1, stepper="linearly-implicit")
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", FenicsRomWarning)
+        for step in range(100):
+            simulator.step([0.0, 0.0, 3.0 * (step < 30), 0.0, 0.0])
+    assert len(caught) <= 1
+    assert any("too long" in message for message in simulator.warnings)
+    far = fr.Simulator(replace(rom, deformation=replace(rom.deformation, reach=1e-3)), 1e-3)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FenicsRomWarning)
+        for _ in range(400):
+            far.step([0.0, 0.0, 5.0, 0.0, 0.0])
+    assert any("times as far" in message for message in far.warnings)
+
+
+@pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
+def test_newton_cuts_a_step_that_it_cannot_solve(undamped):
+    simulator = fr.Simulator(undamped["neo_hookean"], 0.05, stepper="newton")
+    for step in range(12):
+        simulator.step([0.0, 0.0, 4.0 * (step < 6), 0.0, 0.0])
+    assert imbalance(simulator) < 1e-9
+    assert any("cut into parts" in message for message in simulator.warnings)

@@ -1,0 +1,120 @@
+"""A reduced soft box that keeps all its points, on its lowest eigenvectors: what the steps are tested with."""
+
+from dataclasses import replace
+
+import numpy as np
+import scipy.linalg
+from soft_box import soft_box
+
+import fenics_rom as fr
+from fenics_rom.deformation import ReducedDeformation, Tendon, monomials
+from fenics_rom.rom import Mode, Rom
+
+CONTACT = """
+[effects.contact.obstacles.floor]
+shape = "half-space"
+point = [0.0, 0.0, -0.008]
+normal = [0.0, 0.0, 1.0]
+[effects.friction]
+coefficient = 0.4
+"""
+
+
+def soft_rom(
+    law: str = "st_venant_kirchhoff",
+    *,
+    order: int = 12,
+    alpha: float = 1.0,
+    beta: float = 2e-3,
+    inertia: bool = True,
+    contact: bool = False,
+) -> Rom:
+    """A slender box, 0.3 m long, with contact modes "tip" and "middle", pressure "air" and tendon "cable"."""
+    system = soft_box((0.3, 0.02, 0.02), (6, 1, 1), "dt = 5e-3\nduration = 0.1", law=law, alpha=alpha, beta=beta)
+    body, nodes = system.deformation, system.body.nodes
+    γ, W = scipy.linalg.eigh(system.stiffness.toarray(), system.mass.toarray(), subset_by_index=[0, order - 1])
+    touched = (
+        np.flatnonzero(np.isclose(nodes[:, 0], 0.3) & np.isclose(nodes[:, 2], 0.0)) if contact else np.empty(0, int)
+    )
+    modes = {
+        name: Mode(
+            eigenvalues=γ,
+            damping=alpha + beta * γ,
+            inputs=W.T @ np.hstack([B, *system.actuators.values()]),
+            coordinates=np.eye(order),
+            directions=np.eye(order),
+            hankel_singular_values=np.empty(0),
+            contact_points=touched,
+        )
+        for name, B in system.contacts.items()
+    }
+    effects = ["[effects]", f"damping = {{ alpha = {alpha}, beta = {beta} }}"]
+    effects = [*effects, "inertia = {}"] if inertia else effects[:1]
+    effects.append(f'large_deformation = {{ material = "{law}" }}')
+    text = system.scene.text
+    start, end = text.index("[effects]"), text.index("[effects.pressure.air]")
+    text = text[:start] + "\n".join(effects) + (CONTACT if contact else "\n") + text[end:]
+    if contact and inertia:
+        text = text.replace("[effects.contact.obs", "[effects.contact]\nrestitution = 0.5\n[effects.contact.obs")
+    named = {
+        "large_deformation": {},
+        "pressure": {},
+        "tendon": {},
+        **({"inertia": {}, "damping": {"alpha": alpha, "beta": beta}} if inertia else {}),
+    }
+    if contact:
+        named |= {"contact": {"restitution": 0.5 * inertia}, "friction": {"coefficient": 0.4}}
+    points, shapes = body.tendons["cable"]
+    drag = W.T @ (body.drag @ W)
+    return Rom(
+        name="soft box",
+        switching="energy",
+        modes=modes,
+        actuators={"air": 1, "cable": 1},
+        basis=W,
+        stiffness=γ,
+        outputs={"tip": system.outputs["tip"].T @ W},
+        free=body.free,
+        nodes=nodes,
+        triangles=system.body.triangles,
+        node_mass=system.body.node_mass,
+        effects=named,
+        scene_text=text,
+        deformation=ReducedDeformation(
+            law=law,
+            gradients=body.gradients(W),
+            weights=body.weights,
+            first_lame=body.first_lame,
+            shear=body.shear,
+            viscosity=body.viscosity,
+            drag=(drag + drag.T) / 2,
+            springs=np.zeros((order, order)),
+            reach=0.05,
+            points_of=len(body.weights),
+            cubature_error=0.0,
+            pressures={"air": pressed(body, W)},
+            tendons={"cable": Tendon(points, shapes.T @ W)},
+        ),
+    )
+
+
+def linear(rom: Rom) -> Rom:
+    """The same without large deformation."""
+    return replace(rom, deformation=None)
+
+
+def pressed(body, W) -> np.ndarray:
+    """The polynomial of a pressure's force, fitted to more shapes than it has coefficients."""
+    m = W.shape[1]
+    rng = np.random.default_rng(0)
+    shapes = 0.05 * rng.standard_normal((2 * (1 + m + m * (m + 1) // 2), m))
+    forces = np.array([(W.T @ body.follower(W @ q)["air"])[:, 0] for q in shapes])
+    return np.linalg.lstsq(np.array([monomials(q) for q in shapes]), forces, rcond=None)[0].T
+
+
+def swing(rom: Rom, h: float, stepper: str | None, *, force: float = 0.2, duration: float = 0.32) -> fr.Simulator:
+    """Pulled at its tip and let go."""
+    simulator = fr.Simulator(rom, h, stepper=stepper)
+    for step in range(round(duration / h)):
+        simulator.step([0.0, 0.0, force * (step * h < duration / 2), 0.0, 0.0])
+    return simulator

@@ -1,0 +1,119 @@
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from fenics_rom.deformation import ReducedDeformation
+from fenics_rom.hyperelastic import (
+    LAWS,
+    energy_density,
+    linear_stress,
+    moduli,
+    strain,
+    stress,
+    stress_between,
+)
+
+P = 40
+λ, μ = np.full(P, 2.0), np.full(P, 1.0)  # Pa
+
+
+def gradients(size: float, seed: int = 0) -> np.ndarray:
+    return size * np.random.default_rng(seed).standard_normal((3, 3, P))
+
+
+def rotation(seed: int) -> np.ndarray:
+    return np.linalg.qr(np.random.default_rng(seed).standard_normal((3, 3)))[0]
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_stress_and_moduli_are_derivatives(law):
+    E, e, t = strain(gradients(0.2)), gradients(1.0, 1).reshape(9, P)[:6], 1e-6
+    slope = (energy_density(law, E + t * e, λ, μ) - energy_density(law, E - t * e, λ, μ)) / (2 * t)
+    np.testing.assert_allclose((stress(law, E, λ, μ) * e).sum(axis=0), slope, rtol=1e-7, atol=1e-8)
+    slope = (stress(law, E + t * e, λ, μ) - stress(law, E - t * e, λ, μ)) / (2 * t)
+    np.testing.assert_allclose(np.einsum("cdp,dp->cp", moduli(law, E, λ, μ), e), slope, rtol=1e-6, atol=1e-7)
+
+
+def test_neo_hookean_is_what_textbooks_print():
+    H = gradients(0.1)
+    F = np.moveaxis(H, 2, 0) + np.eye(3)
+    J, C = np.linalg.det(F), np.swapaxes(F, 1, 2) @ F
+    W = μ / 2 * (np.trace(C, axis1=1, axis2=2) - 3 - 2 * np.log(J)) + λ / 2 * np.log(J) ** 2
+    np.testing.assert_allclose(energy_density("neo_hookean", strain(H), λ, μ), W, rtol=1e-12)
+    S = μ[:, None, None] * (np.eye(3) - np.linalg.inv(C)) + (λ * np.log(J))[:, None, None] * np.linalg.inv(C)
+    np.testing.assert_allclose(stress("neo_hookean", strain(H), λ, μ)[3], S[:, 1, 2], rtol=1e-10, atol=1e-13)
+    np.testing.assert_allclose(stress("neo_hookean", strain(H), λ, μ)[0], S[:, 0, 0], rtol=1e-10, atol=1e-13)
+
+
+@pytest.mark.parametrize("law", LAWS)
+@given(before=st.floats(1e-9, 0.15), change=st.floats(1e-9, 0.15), seed=st.integers(0, 100))
+def test_the_stress_between_two_strains_does_the_work_of_going_there(law, before, change, seed):
+    E = strain(gradients(before, seed))
+    after = strain(gradients(before, seed) + gradients(change, seed + 1))
+    work = (stress_between(law, E, after, λ, μ) * (after - E)).sum(axis=0)
+    gained = energy_density(law, after, λ, μ) - energy_density(law, E, λ, μ)
+    size = energy_density(law, E, λ, μ) + energy_density(law, after, λ, μ)
+    assert (np.abs(work - gained) <= 1e-11 * size + 1e-18).all()
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_it_is_of_second_order(law):
+    E, e = strain(gradients(0.1)), gradients(1.0, 1).reshape(9, P)[:6]
+    gaps = [np.abs(stress_between(law, E - t * e, E + t * e, λ, μ) - stress(law, E, λ, μ)).max() for t in (2e-3, 1e-3)]
+    assert gaps[0] < 1e-12 or 3.9 < gaps[0] / gaps[1] < 4.1
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("seed", range(4))
+def test_a_rotation_stores_nothing_and_changes_nothing(law, seed):
+    R, unit = rotation(seed), np.eye(3)
+    turned = np.repeat((R - unit)[:, :, None], P, axis=2)
+    assert np.abs(energy_density(law, strain(turned), λ, μ)).max() < 1e-12
+    H = gradients(0.2)
+    after = np.einsum("ij,jkp->ikp", R, H + unit[:, :, None]) - unit[:, :, None]
+    np.testing.assert_allclose(strain(after), strain(H), atol=1e-13)
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_small_strains_are_linear(law):
+    E = strain(gradients(1e-7))
+    np.testing.assert_allclose(stress(law, E, λ, μ), linear_stress(E, λ, μ), rtol=1e-5, atol=1e-12)
+    np.testing.assert_allclose(
+        moduli(law, np.zeros((6, P)), λ, μ), moduli("st_venant_kirchhoff", np.zeros((6, P)), λ, μ), atol=1e-14
+    )
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_a_point_that_is_inside_out_has_numbers(law):
+    H = np.repeat(np.diag([-2.1, 0.0, 0.1])[:, :, None], P, axis=2)
+    E = strain(H)
+    for values in (energy_density(law, E, λ, μ), stress(law, E, λ, μ), moduli(law, E, λ, μ)):
+        assert np.isfinite(values).all()
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_a_reduced_body_that_turns_by_a_right_angle_stores_nothing(law):
+    """Its basis are the nine gradients that are the same everywhere, so that it can turn."""
+    body = ReducedDeformation(
+        law=law,
+        gradients=np.repeat(np.eye(9).reshape(3, 3, 1, 9), P, axis=2),
+        weights=np.full(P, 1 / P),
+        first_lame=λ,
+        shear=μ,
+        viscosity=np.zeros(P),
+        drag=np.zeros((9, 9)),
+        springs=np.zeros((9, 9)),
+        reach=1.0,
+        points_of=P,
+        cubature_error=0.0,
+    )
+    turned = (np.array([[0, -1, 0], [1, 0, 0], [0, 0, 1.0]]) - np.eye(3)).ravel()
+    assert abs(body.energy(turned)) < 1e-12
+    assert np.abs(body.force(turned)).max() < 1e-12
+    q, e, t = turned + 0.1 * np.random.default_rng(0).standard_normal(9), np.eye(9), 1e-6
+    slope = [(body.energy(q + t * d) - body.energy(q - t * d)) / (2 * t) for d in e]
+    np.testing.assert_allclose(body.force(q), slope, rtol=1e-7, atol=1e-8)
+    slope = np.array([(body.force(q + t * d) - body.force(q - t * d)) / (2 * t) for d in e])
+    np.testing.assert_allclose(body.tangent(q), slope, rtol=1e-6, atol=1e-7)
+    np.testing.assert_allclose(body.tangent(q), body.tangent(q).T, atol=1e-13)

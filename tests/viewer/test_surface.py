@@ -1,0 +1,131 @@
+"""Pieces of triangles, strain of a surface, colours and obstacles."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from bodies import box_arrays, box_surfaces
+
+from fenics_rom.obstacles import Box, Capsule, HalfSpace, Sphere
+from fenics_rom.scene_file import parse_scene
+from fenics_rom.viewer.colours import BANDS, band_colours, bands_of, round_up, with_unit
+from fenics_rom.viewer.drawing import obstacle_mesh
+from fenics_rom.viewer.fields import fields
+from fenics_rom.viewer.surface import ENOUGH, MOST_CUTS, Surface, SurfaceStrain
+
+
+@pytest.fixture(scope="module")
+def box():
+    """Nodes and surface triangles of a box that is not straight in its inside."""
+    points, cells = box_arrays((1.0, 0.4, 0.3), (4, 3, 2))
+    return points, np.concatenate(list(box_surfaces(points, cells).values()))
+
+
+def areas(corners):
+    a, b = corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    return np.linalg.norm(np.cross(a, b), axis=1) / 2
+
+
+def test_pieces_are_equal_parts_of_the_triangles(box):
+    surface = Surface(*box)
+    pieces = surface.pieces(surface.places)
+    assert surface.cuts == MOST_CUTS
+    assert pieces.shape == (len(box[1]) * MOST_CUTS**2, 3, 3)
+    whole = areas(box[0][box[1]])
+    assert areas(pieces) == pytest.approx(np.repeat(whole / MOST_CUTS**2, MOST_CUTS**2), rel=1e-12)
+
+
+def test_a_fine_surface_is_not_cut():
+    triangles = np.tile([[0, 1, 2]], (ENOUGH, 1))
+    surface = Surface(np.eye(3), triangles)
+    assert surface.cuts == 1
+    assert np.array_equal(surface.pieces(surface.places), surface.places[triangles])
+
+
+def test_values_of_a_linear_field_are_exact_in_the_middle_of_pieces(box):
+    surface = Surface(*box)
+    slope = np.array([1.0, -2.0, 3.0])
+    middles = surface.pieces(surface.places).mean(axis=1)
+    assert surface.of_nodes(surface.places @ slope) == pytest.approx(middles @ slope, abs=1e-14)
+    assert np.array_equal(surface.of_triangles(np.arange(len(box[1])))[:: MOST_CUTS**2], np.arange(len(box[1])))
+
+
+def test_bar_under_tension_has_its_energy_density_on_every_side(box):
+    E, ν, ε = 2e6, 0.3, 1e-3
+    places, triangles = box
+    displacement = places * (ε * np.array([1, -ν, -ν]))
+    strain = SurfaceStrain(places, triangles)
+    along = np.ptp(places[triangles][:, :, 0], axis=1) > 0  # not the two ends, which are pulled at
+    assert strain.energy_density(displacement, E, ν)[along] == pytest.approx(E * ε**2 / 2, rel=1e-12)
+    assert strain.largest(displacement)[along] == pytest.approx(ε, rel=1e-12)
+
+
+def test_sheared_plate_has_its_energy_density(box):
+    E, ν, γ = 2e6, 0.3, 1e-3
+    places, triangles = box
+    flat = np.ptp(places[triangles][:, :, 2], axis=1) == 0
+    strain = SurfaceStrain(places, triangles[flat])
+    density = strain.energy_density(np.outer(γ * places[:, 1], [1, 0, 0]), E, ν)
+    assert density == pytest.approx(E / (2 * (1 + ν)) * γ**2 / 2, rel=1e-12)
+    assert strain.largest(np.outer(γ * places[:, 1], [1, 0, 0])) == pytest.approx(γ / 2, rel=1e-12)
+
+
+def test_rigid_motion_does_not_strain(box):
+    places, triangles = box
+    motion = np.cross([0.1, -0.2, 0.3], places) + np.array([1.0, 2.0, 3.0])
+    assert np.abs(SurfaceStrain(places, triangles).components(motion)).max() < 1e-14
+
+
+def test_triangle_without_area_has_no_strain():
+    places = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0], [0, 1, 0]])
+    strain = SurfaceStrain(places, np.array([[0, 1, 2], [0, 1, 3], [1, 1, 1]]))
+    assert np.array_equal(strain.largest(places) > 0, [False, True, False])
+
+
+def test_energy_density_is_offered_for_one_material_only(box, plate_rom):
+    surface, scene = Surface(*box), parse_scene(plate_rom.scene_text, source="plate")
+    assert set(fields(surface, scene)) == {"displacement", "speed", "strain", "energy density"}
+    assert set(fields(surface, None, moves=False)) == {"displacement", "strain"}
+    (material,) = scene.materials.values()
+    assert "energy density" not in fields(surface, replace(scene, materials={"rubber": material, "steel": material}))
+
+
+def test_bands_are_even_and_closed():
+    found = bands_of(np.array([0.0, 0.999 / BANDS, 1 / BANDS + 1e-9, 1.0, 2.0]), 1.0)
+    assert np.array_equal(found, [0, 0, 1, BANDS - 1, BANDS - 1])
+    assert not bands_of(np.array([0.0, 1.0]), 0.0).any()
+    assert len(set(band_colours())) == BANDS
+    assert band_colours()[0] == (68, 1, 84)
+    assert band_colours()[-1] == (253, 231, 37)
+
+
+@pytest.mark.parametrize(
+    ("value", "end"), [(0, 0), (1, 1), (1.01, 2), (3e-5, 5e-5), (7e3, 1e4), (0.2, 0.2), (np.nan, 0), (1e-300, 1e-300)]
+)
+def test_scale_ends_at_a_round_number(value, end):
+    assert round_up(value) == pytest.approx(end, rel=1e-12)
+
+
+def test_numbers_have_prefixes_where_the_unit_takes_them():
+    assert [with_unit(0.00123, "J"), with_unit(0.0, "J"), with_unit(12.3456, "%"), with_unit(1e4, "J/m³")] == [
+        "1.23 mJ",
+        "0 J",
+        "12.3 %",
+        "1e+04 J/m³",
+    ]
+
+
+@pytest.mark.parametrize(
+    "obstacle",
+    [
+        Sphere((1.0, 2.0, 3.0), 0.5),
+        Capsule((0.0, 1.0, 0.0), (1.0, 2.0, -1.0), 0.2),
+        Box((1.0, 0.0, 0.0), (1.0, 2.0, 3.0), (0.3, -0.2, 0.5)),
+        HalfSpace((0.0, 0.0, 1.0), (0.3, 0.1, 1.0)),
+    ],
+)
+def test_meshes_of_obstacles_lie_on_them(obstacle):
+    vertices, faces = obstacle_mesh(obstacle, 1.0)
+    gap, _ = obstacle.distance(vertices)
+    assert np.abs(gap).max() < 1e-7  # what trimesh rounds to
+    assert faces.max() == len(vertices) - 1
