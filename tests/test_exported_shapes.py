@@ -1,0 +1,53 @@
+"""The shapes and velocities that exports show, against the full-order model."""
+
+from dataclasses import replace
+
+import numpy as np
+
+import fenics_rom as fr
+from fenics_rom.exports.fields import balanced_modes, eigenvectors, shapes_at_rest
+
+
+def free(rom, field):
+    return field.displacement.ravel()[rom.free]
+
+
+def test_modes_are_orthonormal_and_have_their_own_frequencies(plate_rom, plate_system):
+    M, K = plate_system.mass, plate_system.stiffness
+    for name, mode in plate_rom.modes.items():
+        modes = balanced_modes(plate_rom, mode)
+        X = np.column_stack([free(plate_rom, field) for field in modes])
+        np.testing.assert_allclose(X.T @ (M @ X), np.eye(len(modes)), atol=1e-10)
+        rayleigh = np.sqrt(np.diag(X.T @ (K @ X))) / (2 * np.pi)
+        np.testing.assert_allclose([field.frequency for field in modes], rayleigh, rtol=1e-8)
+        assert [field.σ for field in modes] == list(mode.hankel_singular_values[: mode.order])
+        lower = balanced_modes(fr.truncated(plate_rom, 5), fr.truncated(plate_rom, 5).modes[name])
+        np.testing.assert_allclose(  # the first five span the model of order five
+            X[:, :5].T @ (M @ np.column_stack([free(plate_rom, field) for field in lower])) @ np.ones(5),
+            (X.T @ (M @ np.column_stack([free(plate_rom, field) for field in lower])) @ np.ones(5))[:5],
+        )
+
+
+def test_eigenvectors_and_shapes_at_rest_are_those_of_the_full_model(plate_rom, plate_system):
+    K, mode = plate_system.stiffness, plate_rom.modes["tip_left"]
+    first = eigenvectors(plate_rom, mode)[0]
+    x = free(plate_rom, first)
+    residual = K @ x[:, None] - (2 * np.pi * first.frequency) ** 2 * (plate_system.mass @ x[:, None])
+    assert np.linalg.norm(residual) < 1e-3 * np.linalg.norm(K @ x[:, None])
+    rest = np.column_stack([free(plate_rom, field) for field in shapes_at_rest(plate_rom, mode)])
+    b = plate_system.contacts["tip_left"]
+    np.testing.assert_allclose(
+        rest.T @ b, b.T @ plate_system.algebra.factor((1.0, K)).solve(b), rtol=1e-4, atol=1e-5 * 0.033
+    )
+
+
+def test_full_order_keeps_the_same_velocities(plate_system, plate_rom):
+    scene = replace(plate_system.scene, run=replace(plate_system.scene.run, duration=0.05, shapes=5))
+    system = replace_scene(plate_system, scene)
+    full, reduced = fr.solve(system), fr.simulate(plate_rom, scene=scene)
+    assert np.abs(full.velocities - reduced.velocities).max() < 5e-3 * np.abs(full.velocities).max()
+
+
+def replace_scene(system, scene):
+    given = {name: getattr(system, name) for name in system.__dataclass_fields__}
+    return fr.System(**given | {"scene": scene})
