@@ -39,7 +39,7 @@ def energy_density(law: str, E: Array, λ: Array, μ: Array) -> Array:
     trace = E[:3].sum(axis=0)
     if law == "st_venant_kirchhoff":
         return λ / 2 * trace**2 + μ * (E * E / TWICE).sum(axis=0)
-    lnJ = _log_stretch(E)
+    lnJ = np.log1p(_volume(E)) / 2
     return μ * (trace - lnJ) + λ / 2 * lnJ**2
 
 
@@ -47,7 +47,7 @@ def stress(law: str, E: Array, λ: Array, μ: Array) -> Array:
     """Second Piola-Kirchhoff stress S = ∂W/∂E (6, P), Pa."""
     if law == "st_venant_kirchhoff":
         return linear_stress(E, λ, μ)
-    inverse, lnJ = _inverse_metric(E), _log_stretch(E)
+    inverse, lnJ = _inverse_metric(E)
     unit = np.zeros((6, 1))
     unit[:3] = 1.0
     return μ * (unit - inverse) + λ * lnJ * inverse
@@ -74,35 +74,28 @@ def stress_between(law: str, E: Array, after: Array, λ: Array, μ: Array) -> Ar
     return S + missing / ((change**2 / TWICE).sum(axis=0) + SMALLEST**2) * (change / TWICE)
 
 
-def _metric(E: Array) -> tuple[Array, Array]:
-    """Adjugate (6, P) and determinant less 1 (P,) of C = I + 2E, without the cancellation of large terms."""
+def _volume(E: Array) -> Array:
+    """det C - 1 (P,) of C = I + 2E, without the cancellation of large terms; J is √det C."""
     a, b, c = 2 * E[:3]  # the diagonal of C - I
     f, e, d = E[3:]  # off it: yz, xz, xy
-    adjugate = np.stack(
-        [
-            b + c + b * c - f * f,
-            a + c + a * c - e * e,
-            a + b + a * b - d * d,
-            d * e - f * (1 + a),
-            d * f - e * (1 + b),
-            e * f - d * (1 + c),
-        ]
-    )
-    determinant = a + b + c + a * b + b * c + c * a - d * d - e * e - f * f
-    determinant += a * b * c + 2 * d * e * f - a * f * f - b * e * e - c * d * d
-    adjugate[:3] += 1.0
-    return adjugate, determinant
+    ab, ff, ee, dd = a * b, f * f, e * e, d * d
+    return a + b + c + ab + (a + b) * c - dd - ee - ff + ab * c + 2 * d * e * f - a * ff - b * ee - c * dd
 
 
-def _log_stretch(E: Array) -> Array:
-    """ln J (P,)."""
-    return np.log1p(_metric(E)[1]) / 2
-
-
-def _inverse_metric(E: Array) -> Array:
-    """C⁻¹ (6, P)."""
-    adjugate, determinant = _metric(E)
-    return adjugate / (1 + determinant)
+def _inverse_metric(E: Array) -> tuple[Array, Array]:
+    """C⁻¹ (6, P) and ln J (P,)."""
+    a, b, c = 2 * E[:3]
+    f, e, d = E[3:]
+    volume = _volume(E)
+    adjugate = np.empty_like(E)
+    adjugate[0] = 1 + b + c + b * c - f * f
+    adjugate[1] = 1 + a + c + a * c - e * e
+    adjugate[2] = 1 + a + b + a * b - d * d
+    adjugate[3] = d * e - f * (1 + a)
+    adjugate[4] = d * f - e * (1 + b)
+    adjugate[5] = e * f - d * (1 + c)
+    adjugate /= 1 + volume
+    return adjugate, np.log1p(volume) / 2
 
 
 def moduli(law: str, E: Array, λ: Array, μ: Array) -> Array:
@@ -112,7 +105,8 @@ def moduli(law: str, E: Array, λ: Array, μ: Array) -> Array:
         D[:3, :3] = λ
         D[np.arange(6), np.arange(6)] += 2 * μ / TWICE
         return D
-    c, spread = _inverse_metric(E), μ - λ * _log_stretch(E)
+    c, lnJ = _inverse_metric(E)
+    spread = μ - λ * lnJ
     full = c[FULL]
     (i, j), (k, m) = AXES.T[:, :, None], AXES.T[:, None, :]
     return λ * c[:, None] * c[None, :] + spread * (full[i, k] * full[j, m] + full[i, m] * full[j, k])

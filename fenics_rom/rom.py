@@ -148,13 +148,16 @@ class Rom:
     def certificate(self) -> dict[str, dict[str, float | None]]:
         """What is known of each contact mode's error; None where it is not.
 
-        `static_error`, `transfer_error` (the largest sampled one) and `neglected`, the share of the σ left out.
+        `static_error`, `transfer_error` (the largest sampled one) and `neglected`, the share of the σ left out, are of
+        small motions; with large deformation `validation_error` is of a run that the model was not trained on.
         """
+        large = {} if self.deformation is None else {"validation_error": self.deformation.validation_error}
         return {
             name: {
                 "static_error": mode.static_error,
                 "transfer_error": float(mode.transfer_errors.max()) if len(mode.transfer_errors) else None,
                 "neglected": neglected(mode),
+                **large,
             }
             for name, mode in self.modes.items()
         }

@@ -110,16 +110,12 @@ class LargeDeformation(Surrounded):
         self._mode = mode
         first = mode.inputs.shape[1] - self._shared
         self._following = [(first + column, force) for column, force in self._followers]
-        self._dead = mode.inputs.copy()
+        self._dead = mode.inputs.copy()  # of loads whose direction stays
         self._dead[:, [column for column, _ in self._following]] = 0.0
 
     def resume(self, auxiliary: Array = _NONE) -> None:
         """Goes on from the state that was put in, and what was saved beside it, if it was."""
         self._furthest = 0.0
-
-    def begin(self) -> None:
-        """Begins anew, at rest."""
-        self.resume()
 
     @property
     def messages(self) -> tuple[str, ...]:

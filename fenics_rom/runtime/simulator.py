@@ -481,7 +481,7 @@ class Simulator:
         self._enter(next(iter(self.rom.modes)))
         self._form.state[:] = 0
         if self._bent is not None:
-            self._bent.begin()
+            self._bent.resume()
         if self._acting is not None:
             self._acting.reset(self._form)
 

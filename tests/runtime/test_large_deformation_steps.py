@@ -8,8 +8,9 @@ import pytest
 from soft_rom import linear, soft_rom, swing
 
 import fenics_rom as fr
-from fenics_rom.errors import FenicsRomWarning, StepError
+from fenics_rom.errors import FenicsRomWarning, SceneError, StepError
 from fenics_rom.scene import STEPPERS
+from fenics_rom.scene_file import parse_scene
 
 LAWS = ("st_venant_kirchhoff", "neo_hookean")
 
@@ -243,6 +244,20 @@ def test_the_stepper_follows_from_the_step_and_says_why(roms):
 def test_what_cannot_be_is_said(roms, ask, says):
     with pytest.raises(fr.errors.FenicsRomError, match=says):
         ask(roms["st_venant_kirchhoff"])
+
+
+def test_a_scene_chooses_whether_it_deforms_largely(roms):
+    rom = roms["st_venant_kirchhoff"]
+    large = parse_scene(rom.scene_text)
+    straight = replace(
+        large, effects={name: said for name, said in large.effects.items() if name != "large_deformation"}
+    )
+    assert fr.Simulator(rom, 1e-3, scene=straight).stepper == "midpoint"
+    text = "\n".join(line for line in rom.scene_text.splitlines() if "large_deformation" not in line)
+    effects = {name: said for name, said in rom.effects.items() if name != "large_deformation"}
+    without = replace(linear(rom), scene_text=text, effects=effects)
+    with pytest.raises(SceneError, match=r"effects.large_deformation: ROM 'soft box' was made without it"):
+        fr.Simulator(without, 1e-3, scene=large)
 
 
 def test_steps_too_long_and_shapes_too_far_are_told_once(undamped):

@@ -23,7 +23,7 @@ from fenics_rom.reduction.problem import Problem
 from fenics_rom.scene import Scene
 from fenics_rom.system import Array, System
 
-FEWEST, MOST = 6, 12  # training runs
+FEWEST, MOST = 10, 14  # training runs
 STEPS_OF_PERIOD = 60  # of the slowest motion; no more, if the scene's are shorter
 STEPS_AT_REST = 10  # of a load that grows without inertia
 SHAPES = 50  # kept of each run

@@ -1,0 +1,26 @@
+"""The demo of large deformation, in its short form."""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import fenics_rom as fr
+
+DEMO = Path(__file__).parent.parent / "demos" / "bending"
+
+
+def test_all_claims_hold():
+    run = subprocess.run(
+        [sys.executable, DEMO / "bending.py", "--quick"], capture_output=True, text=True, env=dict(os.environ)
+    )
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert "FAILS" not in run.stdout
+    out = DEMO / "out" / "quick"
+    assert {"bending.h5", "bending.md", "bending.png"} <= {file.name for file in out.iterdir()}
+    body = fr.read_rom(out / "bending.h5").deformation
+    assert body.law == "neo_hookean"
+    assert set(body.tendons) == {"flexor"}
+    assert set(body.pressures) == {"air"}
+    certificate = fr.read_rom(out / "bending.h5").certificate["under"]
+    assert 0 < certificate["validation_error"] < 0.1
