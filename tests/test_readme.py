@@ -113,6 +113,6 @@ def test_effects_are_those_of_the_table():
 
 def test_pictures_are_there():
     pictures = re.findall(r"!\[.*?\]\((.*?)\)", README)
-    assert len(pictures) == 12
+    assert len(pictures) == 13
     for picture in pictures:
         assert (ROOT / picture).stat().st_size > 10_000
