@@ -504,18 +504,18 @@ def test_parts_of_a_step_are_steps(beam):
 
 
 def test_load_beyond_reach_is_told_with_its_time(beam, tmp_path, capsys):
-    push = '[[run.load]]\ncontact = "right"\nstart = 0.1\nforce = [-1e9, 0.0, 0.0]'
+    push = '[[run.load]]\ncontact = "right"\nstart = 0.1\nforce = [-1e15, 0.0, 0.0]'
     run = {"run": f"dt = 0.1\nduration = 0.3\n{push}"}
     system = assembled(beam, f"inertia = {{}}\n{large('neo_hookean')}", **run)
     with pytest.raises(
-        SolverError, match=r"did not converge at t = 0.1 s in contact mode 'right' under.*-1e\+09.*lower"
+        SolverError, match=r"did not converge at t = 0.1 s in contact mode 'right' under.*-1e\+15.*lower"
     ):
         fr.solve(system)
     body = system.deformation.simulator(0.1)
     body.step("right", np.array([0.0, 0.0, 0.1]))
     kept, supplied = body.x.copy(), body.ledger.supplied
     with pytest.raises(SolverError):
-        body.step("right", np.array([-1e9, 0.0, 0.0]))
+        body.step("right", np.array([-1e15, 0.0, 0.0]))
     np.testing.assert_array_equal(body.x, kept)
     assert (body.ledger.supplied, body.time) == (supplied, 0.1)
     with pytest.raises(StepError, match="3 finite numbers"):
