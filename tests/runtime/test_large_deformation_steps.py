@@ -278,9 +278,10 @@ def test_steps_too_long_and_shapes_too_far_are_told_once(undamped):
 
 
 @pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
-def test_newton_cuts_a_step_that_it_cannot_solve(undamped):
-    simulator = fr.Simulator(undamped["neo_hookean"], 0.05, stepper="newton")
+@pytest.mark.parametrize("damped", [True, False])
+def test_newton_cuts_a_step_that_it_cannot_solve(roms, undamped, damped):
+    simulator = fr.Simulator((roms if damped else undamped)["neo_hookean"], 0.05, stepper="newton")
     for step in range(12):
-        simulator.step([0.0, 0.0, 4.0 * (step < 6), 0.0, 0.0])
+        simulator.step([0.0, 0.0, (40.0 if damped else 4.0) * (step < 6), 0.0, 0.0])
     assert imbalance(simulator) < 1e-9
     assert any("cut into parts" in message for message in simulator.warnings)
