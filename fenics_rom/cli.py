@@ -29,7 +29,7 @@ from fenics_rom.display import (
 from fenics_rom.errors import FenicsRomError, FenicsRomWarning, MissingPackageError, RomFileError, SceneError
 from fenics_rom.exports.fields import KINDS
 from fenics_rom.figure import figure_class
-from fenics_rom.launcher import speaks
+from fenics_rom.launcher import launched_rank, speaks
 from fenics_rom.rom import SWITCHINGS
 from fenics_rom.scene import LYAPUNOV, METHODS, SOLVERS, STEPPERS, WEIGHTINGS, Scene
 from fenics_rom.schema import NAME, NAME_IN_WORDS
@@ -94,10 +94,12 @@ def _drop_output() -> None:
 
 def _end(status: int) -> NoReturn:
     """Ends every rank."""
-    ranks = sys.modules.get("mpi4py.MPI")
-    if ranks is not None and ranks.COMM_WORLD.size > 1:
-        sys.stderr.flush()
-        ranks.COMM_WORLD.Abort(status)
+    sys.stderr.flush()
+    ranks = getattr(sys.modules.get("mpi4py.MPI"), "COMM_WORLD", None)
+    if ranks is not None and ranks.size > 1:
+        ranks.Abort(status)
+    if launched_rank() is not None:  # an import that was interrupted may have begun MPI, whose end waits for all ranks
+        os._exit(status)
     sys.exit(status)
 
 
