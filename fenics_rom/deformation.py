@@ -12,6 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
+from fenics_rom.cable import pulls_of
 from fenics_rom.errors import StructureError
 from fenics_rom.hyperelastic import AXES, FULL, LAWS, energy_density, moduli, strain, stress
 from fenics_rom.schema import unknown
@@ -33,12 +34,7 @@ class Tendon:
 
     def force(self, q: Array) -> Array:
         """Of a tension of 1 N, (m,): -∂ℓ/∂q of its length ℓ."""
-        pieces = np.diff(self.points + (self.shapes @ q).reshape(-1, 3), axis=0)
-        directions = pieces / np.sqrt(np.einsum("ki,ki->k", pieces, pieces))[:, None]
-        pulls = np.zeros(self.points.shape)
-        pulls[:-1] += directions
-        pulls[1:] -= directions
-        return pulls.ravel() @ self.shapes
+        return pulls_of(self.points + (self.shapes @ q).reshape(-1, 3)).ravel() @ self.shapes
 
 
 @dataclass(frozen=True)

@@ -27,11 +27,13 @@ def strain(H: Array) -> Array:
     return (TWICE / 2) * (H[i, j] + H[j, i] + np.einsum("kcp,kcp->cp", H[:, i], H[:, j]))
 
 
-def strain_rate(H: Array, rate: Array) -> Array:
-    """Change of the Green strain (6, P) per time where H changes by `rate` (3, 3, P)."""
-    i, j = AXES.T
-    moved = np.einsum("kcp,kcp->cp", H[:, i], rate[:, j]) + np.einsum("kcp,kcp->cp", rate[:, i], H[:, j])
-    return (TWICE / 2) * (rate[i, j] + rate[j, i] + moved)
+def strain_rate(F: Array, dH: Array) -> Array:
+    """Change (6, P) of the Green strain, ½ (Fᵀ dH + dHᵀ F), with that of H (3, 3, P), where F = I + H."""
+    both = F[0][:, None] * dH[0] + F[1][:, None] * dH[1] + F[2][:, None] * dH[2]
+    (i, j), shear = AXES.T, slice(3, None)
+    rates = both[i, j]
+    rates[shear] += both[j[shear], i[shear]]
+    return rates
 
 
 def energy_density(law: str, E: Array, λ: Array, μ: Array) -> Array:

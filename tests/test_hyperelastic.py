@@ -10,6 +10,7 @@ from fenics_rom.hyperelastic import (
     linear_stress,
     moduli,
     strain,
+    strain_rate,
     stress,
     stress_between,
 )
@@ -73,6 +74,12 @@ def test_a_rotation_stores_nothing_and_changes_nothing(law, seed):
     H = gradients(0.2)
     after = np.einsum("ij,jkp->ikp", R, H + unit[:, :, None]) - unit[:, :, None]
     np.testing.assert_allclose(strain(after), strain(H), atol=1e-13)
+
+
+def test_the_strain_rate_is_the_change_of_the_strain():
+    H, dH, t = gradients(0.3), gradients(1.0, 1), 1e-6
+    slope = (strain(H + t * dH) - strain(H - t * dH)) / (2 * t)
+    np.testing.assert_allclose(strain_rate(H + np.eye(3)[:, :, None], dH), slope, rtol=1e-8, atol=1e-9)
 
 
 @pytest.mark.parametrize("law", LAWS)

@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from fenics_rom.cable import pieces_of, pulls_of
 from fenics_rom.errors import SceneError
 from fenics_rom.fem.nodes import Nodes, patch_area, patch_columns, patch_nodes, shape_functions
 from fenics_rom.scene import Near, Patch, Scene
@@ -94,16 +95,11 @@ def contact_points_of(scene: Scene, nodes: Nodes, free: Array) -> dict[str, Arra
 
 def _cable(nodes: Nodes, points: Array, where: str) -> Array:
     """Forces (3 N, 1) of a cable under 1 N: at each end towards its neighbour, at a guide towards both."""
-    pieces = np.diff(points, axis=0)
-    lengths = np.linalg.norm(pieces, axis=1)
+    _, lengths = pieces_of(points)
     if (lengths <= SHORTEST * lengths.sum()).any():
         raise SceneError(f"{where}.points: two that follow one another are the same point")
-    directions = pieces / lengths[:, None]
-    pulls = np.zeros_like(points)
-    pulls[:-1] += directions
-    pulls[1:] -= directions
     shapes = [shape_functions(nodes, point, f"{where}.points") for point in points]
-    return (np.array(shapes).T @ pulls).reshape(-1, 1)
+    return (np.array(shapes).T @ pulls_of(points)).reshape(-1, 1)
 
 
 def _refuse_nothing(columns: Array, where: str) -> None:

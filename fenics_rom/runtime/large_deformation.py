@@ -120,11 +120,13 @@ class LargeDeformation(Surrounded):
     @property
     def messages(self) -> tuple[str, ...]:
         """What the user should know of the run so far."""
-        if self._furthest <= self._far:
-            return ()
+        return (self._too_far,) if self._furthest > self._far else ()
+
+    @property
+    def _too_far(self) -> str:
         return (
             f"the body went {self._furthest / self._body.reach:.2g} times as far as in any state that the model was "
-            f"trained on; beyond {BEYOND:g} times it is not to be trusted: reduce with larger loads",
+            f"trained on; beyond {BEYOND:g} times it is not to be trusted: reduce with larger loads"
         )
 
     def _loads(self, u: Array, q: Array) -> Array:
@@ -141,7 +143,7 @@ class LargeDeformation(Surrounded):
         if far > self._furthest:
             before, self._furthest = self._furthest, far
             if before <= self._far < far < math.inf:
-                warnings.warn(self.messages[-1], FenicsRomWarning, stacklevel=5)
+                warnings.warn(self._too_far, FenicsRomWarning, stacklevel=5)
 
 
 class LinearlyImplicit(LargeDeformation):
@@ -208,9 +210,7 @@ class LinearlyImplicit(LargeDeformation):
         self._stiff = (2 * weight * self._μ / TWICE)[:, :, None]
         self._bulk = (weight * self._λ)[:, None]
         self._fixed = 2 / h * np.eye(self._mode.order) + self._body.drag + h / 2 * self._body.springs
-        self.h = h
-
-        self._tangent_inverse = None
+        self._tangent_inverse, self.h = None, h
 
     def rewind(self) -> int:
         """Books, and forgets the tangent: what follows is then the same to the bit, whatever came before."""
@@ -277,7 +277,7 @@ class LinearlyImplicit(LargeDeformation):
         h, body, v = self.h, self._body, self._pace
         middle = q + h / 2 * v
         H = body.displacement_gradients(middle)
-        rates = strain_rate(H, body.displacement_gradients(v))
+        rates = strain_rate(H + np.eye(3)[:, :, None], body.displacement_gradients(v))
         S = body.weights * stress(body.law, strain(H), body.first_lame, body.shear)
         S += linear_stress(rates, body.viscosity * self._λ, body.viscosity * self._μ)
         if self._tangent_inverse is None:
@@ -363,7 +363,6 @@ class Newton(LargeDeformation):
     """Newton's iteration in every step. Arguments and attributes as in LargeDeformation.
 
     Attributes:
-        iterations: of the last step.
         cut: number of steps that had to be cut into parts.
     """
 
@@ -371,7 +370,7 @@ class Newton(LargeDeformation):
         super().__init__(rom, ledger, touch)
         self._inverse: Array | None = None  # of the last tangent
         self._W_of: Array | None = None  # which W belongs to
-        self.iterations = self.cut = 0
+        self.cut = 0
 
     @property
     def energy(self) -> float:
@@ -461,8 +460,7 @@ class Newton(LargeDeformation):
         body, ω = self._body, self._body.weights
         E = body.strains(q)
         v, before, fresh = r.copy(), math.inf, False
-        for iteration in range(ITERATIONS):
-            self.iterations = iteration
+        for _ in range(ITERATIONS):
             middle = q + h / 2 * v
             H, after = body.displacement_gradients(middle), body.strains(q + h * v)
             rates = (after - E) / h

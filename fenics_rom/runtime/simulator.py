@@ -506,6 +506,9 @@ class Simulator:
         mode = self.rom.modes.get(snapshot.contact)
         if mode is None or 2 * mode.order != len(snapshot.state) or mode.rigid != len(snapshot.rigid):
             raise StepError(f"the snapshot is of another ROM than {self.rom.name!r}")
+        own = 0 if self._bent is None else len(self._bent.auxiliary)
+        if own and len(snapshot.auxiliary) not in (0, own):
+            raise StepError(f"the snapshot is of another ROM than {self.rom.name!r}")
         if (snapshot.sums is None) != (self.ledger is None):
             raise StepError("the snapshot and the simulator must both keep an energy account, or neither")
         if self.ledger is not None and snapshot.sums is not None:

@@ -121,6 +121,13 @@ def test_what_was_saved_comes_back_to_the_bit(roms, law, stepper):
         assert (each.energy, each.ledger.sums) == after[1:]
 
 
+def test_a_snapshot_of_other_points_is_refused(roms):
+    simulator = fr.Simulator(roms["neo_hookean"], 4e-3)
+    snapshot = simulator.save()
+    with pytest.raises(StepError, match="another ROM"):
+        simulator.restore(replace(snapshot, auxiliary=snapshot.auxiliary[6:]))
+
+
 @pytest.mark.parametrize("law", LAWS)
 def test_set_states_and_resets_begin_anew(roms, law):
     simulator = swing(roms[law], 4e-3, "linearly-implicit", duration=0.08)

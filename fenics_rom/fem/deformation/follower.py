@@ -4,6 +4,7 @@ from typing import Protocol
 
 import numpy as np
 
+from fenics_rom.cable import ends_of, pieces_of, pulls_of
 from fenics_rom.fem.nodes import Nodes
 
 Array = np.ndarray
@@ -77,27 +78,14 @@ class Tendon:
 
     def force(self, u: Array) -> Array:
         """As in Follower."""
-        pieces, lengths = self._pieces(u)
-        return self._spread(pieces / lengths)
+        return self.shapes.T @ pulls_of(self.points + self.shapes @ u)
 
     def changed(self, u: Array, du: Array) -> Array:
         """As in Follower."""
-        pieces, lengths = self._pieces(u)
+        pieces, lengths = pieces_of(self.points + self.shapes @ u)
         directions, change = pieces / lengths, np.diff(self.shapes @ du, axis=0)
         along = np.einsum("ki,ki->k", directions, change)[:, None]
-        return self._spread((change - along * directions) / lengths)
-
-    def _pieces(self, u: Array) -> tuple[Array, Array]:
-        """Pieces (K - 1, 3) of the cable and their lengths (K - 1, 1), m."""
-        pieces = np.diff(self.points + self.shapes @ u, axis=0)
-        return pieces, np.sqrt(np.einsum("ki,ki->k", pieces, pieces))[:, None]
-
-    def _spread(self, directions: Array) -> Array:
-        """Each piece pulls its two ends towards one another, (N, 3)."""
-        pulls = np.zeros_like(self.points)
-        pulls[:-1] += directions
-        pulls[1:] -= directions
-        return self.shapes.T @ pulls
+        return self.shapes.T @ ends_of((change - along * directions) / lengths)
 
 
 def _shapes(places: Array, degree: int) -> tuple[Array, Array]:

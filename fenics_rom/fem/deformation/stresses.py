@@ -14,7 +14,6 @@ from functools import cached_property
 import numpy as np
 
 from fenics_rom.hyperelastic import (
-    AXES,
     FULL,
     SMALLEST,
     TWICE,
@@ -22,6 +21,7 @@ from fenics_rom.hyperelastic import (
     linear_stress,
     moduli,
     strain,
+    strain_rate,
     stress,
     stress_between,
 )
@@ -86,7 +86,7 @@ class Stresses:
 
     def changed(self, dH: Array) -> Array:
         """Change (3, 3, P) of P with that of H⁺, (3, 3, P)."""
-        dS = np.einsum("cdp,dp->cp", self.moduli, strained(self.end, dH))
+        dS = np.einsum("cdp,dp->cp", self.moduli, strain_rate(self.end, dH))
         return self.share * carried(dH, self.S) + carried(self.frame, dS)
 
     @property
@@ -170,12 +170,3 @@ def carried(F: Array, S: Array) -> Array:
     """F S (3, 3, P) of deformation gradients (3, 3, P) and stresses (6, P)."""
     full = S[FULL]
     return F[:, 0, None] * full[None, 0] + F[:, 1, None] * full[None, 1] + F[:, 2, None] * full[None, 2]
-
-
-def strained(F: Array, dH: Array) -> Array:
-    """Change (6, P) of the Green strain, ½ (Fᵀ dH + dHᵀ F), of a body deformed by F."""
-    both = F[0][:, None] * dH[0] + F[1][:, None] * dH[1] + F[2][:, None] * dH[2]
-    (i, j), shear = AXES.T, slice(3, None)
-    rates = both[i, j]
-    rates[shear] += both[j[shear], i[shear]]
-    return rates
