@@ -9,7 +9,6 @@ import warnings
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -41,7 +40,7 @@ class Row:
     Attributes:
         share: of the scene's loads.
         displacement: largest of any node at any instant, in the reference, m.
-        model: "linear" or "nonlinear", "full" or "reduced", and of the nonlinear reduced one the stepper.
+        model: "linear" or "nonlinear", "full order" or "reduced", and of the nonlinear reduced one the stepper.
         order: displacements.
         dt: s.
         error: of the whole shape, L² in time and mass, as a share of the reference's size; of the reference itself an
@@ -98,7 +97,7 @@ def study_of_amplitudes(
 
     Args:
         scene: with large_deformation and a run in which loads act.
-        folder: for amplitudes.json, the ROMs and the full-order runs, from which an interrupted study can go on.
+        folder: for amplitudes.json and the ROMs, from which an interrupted study can go on; made where it is missing.
         quick: fewer loads.
         resume: go on from what an interrupted study left in the folder.
         report: called with the stage, how much of it is done, and of how much.
@@ -113,25 +112,21 @@ def study_of_amplitudes(
         raise SceneError(f"{scene.source}: a study of amplitudes is of scenes that name effects.{EFFECT}")
     if scene.run is not None and not (scene.run.loads or "prescribed" in scene.effects):
         raise SceneError(f"{scene.source}: has no [[run.load]] and no prescribed force whose size could be varied")
-    folder = Path(folder)
-    folder.mkdir(parents=True, exist_ok=True)
-    system = fr.assemble(scene)
-    comm = system.algebra.comm  # type: ignore[attr-defined]
-    work = _Work(scene, folder, resume, report, comm)
-    roms = {name: work.rom(name) for name in ROMS}
-    found = work.begun(system.size, roms)
+    work = _Work(scene, Path(folder), resume, report)
+    found, roms = work.begun()
     shares = QUICK if quick else SHARES
     for done, share in enumerate(shares):
         report("loads", done, len(shares))
         if any(row.share == share for row in found.rows):
             continue
         rows, notes = work.at(share, roms)
-        found = replace(
-            found,
-            rows=tuple(sorted((*found.rows, *rows), key=lambda row: row.share)),
-            notes=tuple(dict.fromkeys((*found.notes, *notes))),
+        found = work.kept(
+            replace(
+                found,
+                rows=tuple(sorted((*found.rows, *rows), key=lambda row: row.share)),
+                notes=tuple(dict.fromkeys((*found.notes, *notes))),
+            )
         )
-        write_whole(folder / FOUND, json.dumps(asdict(found), indent=1).encode())
     report("loads", len(shares), len(shares))
     return found
 
@@ -207,46 +202,61 @@ def cells(found: Amplitudes) -> list[tuple[str, ...]]:
 class _Work:
     """What a study does; every rank calls every method."""
 
-    def __init__(self, scene: Scene, folder: Path, resume: bool, report: Report, comm: Any):
+    def __init__(self, scene: Scene, folder: Path, resume: bool, report: Report):
         assert scene.run is not None
-        self._scene, self._folder, self._resume, self._report, self._comm = scene, folder, resume, report, comm
-        self._dt = scene.run.dt
+        self._scene, self._folder, self._report, self._dt = scene, folder, report, scene.run.dt
         self._fingerprint = reference.fingerprint(scene, self._dt, scene.run.shapes)
+        self._systems = {"linear": fr.assemble(linear(scene)), "nonlinear": fr.assemble(scene)}
+        self._comm = self._systems["linear"].algebra.comm  # type: ignore[attr-defined]
+        self._left = on_rank_0(self._comm, lambda: self._taken_over(resume))
 
-    def rom(self, name: str) -> Rom:
-        """The linear or the nonlinear ROM."""
-        file = self._folder / ROMS[name]
-        scene = linear(self._scene) if name == "linear" else self._scene
-        if self._resume and self._same() and on_rank_0(self._comm, file.exists):
-            rom = on_rank_0(self._comm, lambda: fr.read_rom(file))
-        else:
-            rom = fr.reduce(fr.assemble(scene), report=self._report)
-            on_rank_0(self._comm, lambda: fr.write_rom(file, rom))
-        return rom
+    def _taken_over(self, resume: bool) -> Amplitudes | None:
+        """What an earlier study left; on rank 0."""
+        try:
+            self._folder.mkdir(parents=True, exist_ok=True)
+        except OSError as error:
+            raise RomFileError(f"{self._folder}: cannot be made: {error.strerror}") from error
+        file = self._folder / FOUND
+        if not (resume and file.exists()):
+            return None
+        found = read_amplitudes(file)
+        if found.fingerprint != self._fingerprint:
+            raise RomFileError(f"{file}: is of another scene, mesh or step; start without resume")
+        return found
 
-    def begun(self, unknowns: int, roms: Mapping[str, Rom]) -> Amplitudes:
-        """What an earlier study left, or nothing yet."""
-        if self._resume:
-            found = on_rank_0(self._comm, self._left)
-            if found is not None:
-                return found
+    def begun(self) -> tuple[Amplitudes, dict[str, Rom]]:
+        """What is known before the first load, or was left, and the linear and the nonlinear ROM."""
+        files = {name: self._folder / file for name, file in ROMS.items()}
+        if self._left is not None:  # it is written after them
+            return self._left, {name: self._read(file) for name, file in files.items()}
+        roms = {name: fr.reduce(self._systems[name], report=self._report) for name in files}
+        for name, file in files.items():
+            fr.write_rom(file, roms[name])
         deformation = roms["nonlinear"].deformation
-        return Amplitudes(
+        found = Amplitudes(
             name=self._scene.name,
             fingerprint=self._fingerprint,
-            unknowns=unknowns,
+            unknowns=self._systems["linear"].size,
             offline={name: sum(stage.seconds for stage in rom.stages) for name, rom in roms.items()},
             validation=None if deformation is None else deformation.validation_error,
         )
+        return self.kept(found), roms
+
+    def _read(self, file: Path) -> Rom:
+        return on_rank_0(self._comm, lambda: fr.read_rom(file))
+
+    def kept(self, found: Amplitudes) -> Amplitudes:
+        """Writes what was found so far, and returns it."""
+        write_whole(self._folder / FOUND, json.dumps(asdict(found), indent=1).encode())
+        return found
 
     def at(self, share: float, roms: Mapping[str, Rom]) -> tuple[list[Row], list[str]]:
         """All models at one load."""
         scene = scaled(self._scene, share)
-        twice, full = (
-            self._full(scene, dt, f"nonlinear full order, {share:g} of the load") for dt in (2 * self._dt, self._dt)
-        )
+        stage = f"full order, {share:g} of the load"
+        twice, full = (self._full("nonlinear", scene, dt, stage) for dt in (2 * self._dt, self._dt))
         moved = float(np.linalg.norm(full.shapes, axis=-1).max())
-        straight = self._full(linear(scene), self._dt, f"linear full order, {share:g} of the load")
+        straight = self._full("linear", linear(scene), self._dt, stage)
         own = compare(twice, full)["shape"].relative / reference.divisor(scene)
 
         def row(model: str, run: Record, speed: float, error: float) -> Row:
@@ -277,22 +287,11 @@ class _Work:
             rows += on_rank_0(self._comm, reduced)
         return rows, notes
 
-    def _full(self, scene: Scene, dt: float, stage: str) -> Record:
+    def _full(self, model: str, scene: Scene, dt: float, stage: str) -> Record:
+        system = replace(self._systems[model], scene=scene)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", FenicsRomWarning)
-            return fr.solve(scene, dt=dt, report=lambda _, done, of: self._report(stage, done, of))
-
-    def _same(self) -> bool:
-        return on_rank_0(self._comm, self._left) is not None
-
-    def _left(self) -> Amplitudes | None:
-        file = self._folder / FOUND
-        if not file.exists():
-            return None
-        found = read_amplitudes(file)
-        if found.fingerprint != self._fingerprint:
-            raise RomFileError(f"{file}: is of another scene, mesh or step; start without resume")
-        return found
+            return fr.solve(system, dt=dt, report=lambda _, done, of: self._report(f"{model} {stage}", done, of))
 
 
 def read_amplitudes(file: Path) -> Amplitudes:

@@ -71,7 +71,7 @@ def test_a_share_of_the_loads_is_that(file, tmp_path):
     np.testing.assert_array_equal(half.tables[half.run.loads[0].table], table * [1, 0.5, 0.5, 0.5])
 
 
-def test_what_was_found_is_taken_over(file, found, monkeypatch):
+def test_what_was_found_is_taken_over(file, found):
     again = study_of_amplitudes(fr.read_scene(file), file.parent / "study", quick=True, resume=True)
     assert again == found == read_amplitudes(file.parent / "study" / "amplitudes.json")
     other = replace(fr.read_scene(file), text=fr.read_scene(file).text + "\n# changed")
@@ -79,7 +79,7 @@ def test_what_was_found_is_taken_over(file, found, monkeypatch):
         study_of_amplitudes(other, file.parent / "study", resume=True)
 
 
-def test_the_command_writes_table_and_picture(file, found, monkeypatch, capsys):
+def test_the_command_writes_table_and_picture(file, found, capsys):
     folder = file.parent / "study"
     with pytest.raises(SystemExit) as ended:
         cli.main(["study", str(file), "-o", str(folder), "--quick", "--resume"])
