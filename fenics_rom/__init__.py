@@ -12,62 +12,62 @@ __version__ = "0.1.0"
 _HOME = {
     "Batch": "runtime.batch",
     "Identification": "identification.result",
-    "Record": "record",
-    "Rom": "rom",
-    "Scene": "scene",
+    "Record": "trajectory.trajectory",
+    "Rom": "rom.rom",
+    "Scene": "scene.scene",
     "Simulator": "runtime.simulator",
-    "System": "system",
+    "System": "system.system",
     "assemble": "fem.assemble",
-    "compare": "comparison",
-    "export": "exports.files",
+    "compare": "trajectory.comparison",
+    "export": "visualization.exports.export",
     "identify": "identification.identify",
-    "plot": "plots.files",
-    "read_record": "record_file",
-    "read_rom": "rom_file",
-    "read_scene": "scene_file",
-    "read_system": "matrix_market",
+    "plot": "visualization.plots.plot",
+    "read_record": "trajectory.file",
+    "read_rom": "rom.file",
+    "read_scene": "scene.file",
+    "read_system": "system.matrix_market",
     "reduce": "reduction.reduce",
     "run_realtime": "runtime.realtime",
-    "simulate": "runtime.run",
-    "solve": "fem.solve",
-    "study": "accuracy.study",
-    "truncated": "rom",
+    "simulate": "runtime.simulate",
+    "solve": "fem.simulate",
+    "study": "studies.study",
+    "truncated": "rom.rom",
     "write_identification": "identification.write",
-    "write_record": "record_file",
-    "write_rom": "rom_file",
+    "write_record": "trajectory.file",
+    "write_rom": "rom.file",
 }
 _FENICSX = ("dolfinx", "sudo apt-get install --no-install-recommends python3-dolfinx python3-gmsh libopenblas0")
 _PACKAGES = {
-    "accuracy": _FENICSX,
+    "studies": _FENICSX,
     "fem": _FENICSX,
     "reduction": ("scipy", "pip install fenics-rom[reduction]"),
     "identification": _FENICSX,
-    "matrix_market": ("scipy", "pip install fenics-rom[reduction]"),
+    "system": ("scipy", "pip install fenics-rom[reduction]"),
 }
 
 if TYPE_CHECKING:
-    from fenics_rom.accuracy.study import study
-    from fenics_rom.comparison import compare
-    from fenics_rom.exports.files import export
     from fenics_rom.fem.assemble import assemble
-    from fenics_rom.fem.solve import solve
+    from fenics_rom.fem.simulate import solve
     from fenics_rom.identification.identify import identify
     from fenics_rom.identification.result import Identification
     from fenics_rom.identification.write import write_identification
-    from fenics_rom.matrix_market import read_system
-    from fenics_rom.plots.files import plot
-    from fenics_rom.record import Record
-    from fenics_rom.record_file import read_record, write_record
     from fenics_rom.reduction.reduce import reduce
-    from fenics_rom.rom import Rom, truncated
-    from fenics_rom.rom_file import read_rom, write_rom
+    from fenics_rom.rom.file import read_rom, write_rom
+    from fenics_rom.rom.rom import Rom, truncated
     from fenics_rom.runtime.batch import Batch
     from fenics_rom.runtime.realtime import run_realtime
-    from fenics_rom.runtime.run import simulate
+    from fenics_rom.runtime.simulate import simulate
     from fenics_rom.runtime.simulator import Simulator
-    from fenics_rom.scene import Scene
-    from fenics_rom.scene_file import read_scene
-    from fenics_rom.system import System
+    from fenics_rom.scene.file import read_scene
+    from fenics_rom.scene.scene import Scene
+    from fenics_rom.studies.study import study
+    from fenics_rom.system.matrix_market import read_system
+    from fenics_rom.system.system import System
+    from fenics_rom.trajectory.comparison import compare
+    from fenics_rom.trajectory.file import read_record, write_record
+    from fenics_rom.trajectory.trajectory import Record
+    from fenics_rom.visualization.exports.export import export
+    from fenics_rom.visualization.plots.plot import plot
 
 __all__ = [
     "Batch",
@@ -103,7 +103,7 @@ def __getattr__(name: str) -> Any:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
     home = _HOME[name]
     try:
-        if home.startswith(("accuracy.", "fem.", "identification.")):
+        if home.startswith(("studies.", "fem.", "identification.")):
             import_module("h5py")  # first: PyPI's h5py, after dolfinx, would take dolfinx's HDF5 for its own
         module = import_module(f"{__name__}.{home}")
     except ModuleNotFoundError as error:

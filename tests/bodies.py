@@ -8,7 +8,7 @@ import numpy as np
 import scipy.sparse
 
 import fenics_rom as fr
-from fenics_rom.scene_file import parse_scene
+from fenics_rom.scene.file import parse_scene
 
 PLATE = Path(__file__).parent.parent / "demos" / "plate" / "plate.toml"
 

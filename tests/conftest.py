@@ -6,7 +6,7 @@ import pytest
 from bodies import PLATE, scene_text, write_box
 
 import fenics_rom as fr
-from fenics_rom.scene_file import parse_scene
+from fenics_rom.scene.file import parse_scene
 
 
 @pytest.fixture(scope="session", autouse=True)

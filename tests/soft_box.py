@@ -10,9 +10,9 @@ from bodies import box_arrays, box_surfaces
 
 import fenics_rom as fr
 from fenics_rom.errors import SolverError
-from fenics_rom.hyperelastic import FULL, linear_stress, moduli, strain, stress, stress_between
-from fenics_rom.scene_file import parse_scene
-from fenics_rom.system import Body
+from fenics_rom.mechanics.hyperelastic import FULL, linear_stress, moduli, strain, stress, stress_between
+from fenics_rom.scene.file import parse_scene
+from fenics_rom.system.system import Body
 
 Array = np.ndarray
 

@@ -7,8 +7,8 @@ import scipy.linalg
 from soft_box import soft_box
 
 import fenics_rom as fr
-from fenics_rom.deformation import ReducedDeformation, Tendon, monomials
-from fenics_rom.rom import Mode, Rom
+from fenics_rom.rom.deformation import ReducedDeformation, Tendon, monomials
+from fenics_rom.rom.rom import Mode, Rom
 
 CONTACT = """
 [effects.contact.obstacles.floor]

@@ -15,10 +15,10 @@ from bodies import PLATE
 from petsc4py import PETSc
 
 import fenics_rom as fr
-from fenics_rom.cli import main
-from fenics_rom.reduction.methods import BY_NAME
-from fenics_rom.scene import LYAPUNOV
-from fenics_rom.stages import Stage
+from fenics_rom.cli.main import main
+from fenics_rom.io.stages import Stage
+from fenics_rom.reduction.methods.by_name import BY_NAME
+from fenics_rom.scene.scene import LYAPUNOV
 
 DATA = Path(__file__).parent / "data"
 ROM, RUN = DATA / "rom-1.0.h5", DATA / "run-1.0.h5"
@@ -532,7 +532,7 @@ def test_interrupted_while_it_starts_it_says_so_in_one_line():
 import sys
 class Interrupt:
     def find_spec(self, name, path=None, target=None):
-        if name == "fenics_rom.cli":
+        if name == "fenics_rom.cli.main":
             raise KeyboardInterrupt
 sys.meta_path.insert(0, Interrupt())
 from fenics_rom.__main__ import main

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fenics_rom import complementarity
-from fenics_rom.complementarity import solve
 from fenics_rom.errors import StepError
+from fenics_rom.mechanics import complementarity
+from fenics_rom.mechanics.complementarity import solve
 
 seeds = st.integers(0, 2**32 - 1)
 frictions = st.sampled_from([0.0, 0.05, 0.3, 0.8, 1.5])

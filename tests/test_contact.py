@@ -5,10 +5,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fenics_rom import contact as contact_module
-from fenics_rom.contact import Contact, ContactLaw
 from fenics_rom.errors import SceneError, StepError
-from fenics_rom.obstacles import Box, Capsule, HalfSpace, Sphere
+from fenics_rom.mechanics import contact as contact_module
+from fenics_rom.mechanics.contact import Contact, ContactLaw
+from fenics_rom.mechanics.obstacles import Box, Capsule, HalfSpace, Sphere
 
 G = 9.81  # m/s²
 FLOOR = HalfSpace((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))

@@ -6,8 +6,8 @@ import pytest
 from soft_rom import soft_rom, swing
 
 import fenics_rom as fr
-from fenics_rom.checked_file import write_file
 from fenics_rom.errors import RomFileError, StructureError
+from fenics_rom.io.hdf5 import write_file
 
 
 @pytest.fixture(scope="module")

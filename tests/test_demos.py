@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import fenics_rom as fr
-from fenics_rom.viewer import command
+from fenics_rom.visualization.viewer import command
 
 DEMOS = Path(__file__).parent.parent / "demos"
 TABLE = (DEMOS / "README.md").read_text()

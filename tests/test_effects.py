@@ -11,12 +11,12 @@ import pytest
 from bodies import acted_on, box_arrays, scene_text, write_arrays
 
 import fenics_rom as fr
-from fenics_rom.cli import main
-from fenics_rom.effects import ACTUATORS, EFFECTS, LOADS
+from fenics_rom.cli.main import main
 from fenics_rom.errors import FenicsRomError, FenicsRomWarning, MeshError, RomFileError, SceneError
-from fenics_rom.obstacles import Box, Capsule, HalfSpace, Sphere
-from fenics_rom.scene_file import parse_scene
-from fenics_rom.surroundings import Surroundings, load_columns
+from fenics_rom.mechanics.environment import Surroundings, load_columns
+from fenics_rom.mechanics.obstacles import Box, Capsule, HalfSpace, Sphere
+from fenics_rom.scene.effects import ACTUATORS, EFFECTS, LOADS
+from fenics_rom.scene.file import parse_scene
 
 RIGHT = '[contacts.right]\nsurface = "right"'
 FLOOR = '[effects.contact.obstacles.floor]\nshape = "half-space"\npoint = [0, 0, -0.01]\nnormal = [0, 0, 1]\n'

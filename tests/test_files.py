@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 
 import fenics_rom as fr
-from fenics_rom.checked_file import LONGEST_TEXT, content_of, sealed
 from fenics_rom.errors import FenicsRomError, RomFileError, StructureError
-from fenics_rom.scene_file import LONGEST
-from fenics_rom.stages import Stage
+from fenics_rom.io.hdf5 import LONGEST_TEXT, content_of, sealed
+from fenics_rom.io.stages import Stage
+from fenics_rom.scene.file import LONGEST
 
 pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")  # the plate locks
 DATA = Path(__file__).parent / "data"

@@ -3,8 +3,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fenics_rom.deformation import ReducedDeformation
-from fenics_rom.hyperelastic import (
+from fenics_rom.mechanics.hyperelastic import (
     LAWS,
     energy_density,
     linear_stress,
@@ -14,6 +13,7 @@ from fenics_rom.hyperelastic import (
     stress,
     stress_between,
 )
+from fenics_rom.rom.deformation import ReducedDeformation
 
 P = 40
 λ, μ = np.full(P, 2.0), np.full(P, 1.0)  # Pa

@@ -57,7 +57,7 @@ def imported(files):
 
 @pytest.mark.parametrize(
     "modules",
-    ["fenics_rom", ", ".join(["fenics_rom.rom_file", *(f"fenics_rom.runtime.{file.stem}" for file in RUNTIME)])],
+    ["fenics_rom", ", ".join(["fenics_rom.rom.file", *(f"fenics_rom.runtime.{file.stem}" for file in RUNTIME)])],
 )
 def test_import_loads_nothing_but_numpy_and_h5py(modules):
     run = python(f"import sys, {modules}; print(*{{name.partition('.')[0] for name in sys.modules}})")
@@ -67,7 +67,7 @@ def test_import_loads_nothing_but_numpy_and_h5py(modules):
 
 
 def test_importing_the_package_alone_reads_no_file_format():
-    run = python("import sys, fenics_rom; print('h5py' in sys.modules, 'fenics_rom.scene' in sys.modules)")
+    run = python("import sys, fenics_rom; print('h5py' in sys.modules, 'fenics_rom.scene.scene' in sys.modules)")
     assert run.stdout.split() == ["False", "False"]
 
 
@@ -122,7 +122,7 @@ for name in "assemble", "reduce":
 
 
 def test_command_line_without_rich_says_how_to_get_it_before_any_work(tmp_path):
-    code = REFUSE + "from fenics_rom.cli import main; main()"
+    code = REFUSE + "from fenics_rom.cli.main import main; main()"
     run = python(code, "simulate", DATA / "rom-1.0.h5", "-o", tmp_path / "run.h5")
     assert run.returncode == 1
     assert run.stderr == "fenics-rom: error: the command line needs rich: pip install fenics-rom[cli]\n"

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from bodies import assembled, box_arrays, box_surfaces, write_box
 
-from fenics_rom.linear_limit import (
+from fenics_rom.mechanics.linearity import (
     MOST,
     ROTATION_LIMIT,
     STRAIN_LIMIT,

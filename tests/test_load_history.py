@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from fenics_rom.errors import SceneError
-from fenics_rom.load_history import MOST_STEPS, LoadHistory
-from fenics_rom.scene_file import parse_scene
+from fenics_rom.mechanics.load_history import MOST_STEPS, LoadHistory
+from fenics_rom.scene.file import parse_scene
 
 CONTACTS = {"tip": 3, "top": 1}
 ACTUATORS = {"tendon": 1, "muscle": 2}

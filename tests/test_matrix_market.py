@@ -11,7 +11,7 @@ import scipy.io
 import scipy.sparse
 
 import fenics_rom as fr
-from fenics_rom.cli import main
+from fenics_rom.cli.main import main
 from fenics_rom.errors import StructureError
 
 SIZE = 31

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fenics_rom.errors import SceneError
-from fenics_rom.obstacles import Box, Capsule, HalfSpace, Sphere
+from fenics_rom.mechanics.obstacles import Box, Capsule, HalfSpace, Sphere
 
 SHAPES = {
     "half-space": HalfSpace((0.3, -0.2, 0.1), (1.0, 2.0, -2.0)),

@@ -10,9 +10,9 @@ from pathlib import Path
 import pytest
 
 import fenics_rom as fr
-from fenics_rom.accuracy.ways import METHODS, WAYS
-from fenics_rom.effects import table_of_effects
-from fenics_rom.report import markdown
+from fenics_rom.io.markdown import markdown
+from fenics_rom.scene.effects import table_of_effects
+from fenics_rom.studies.method_configs import METHODS, WAYS
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text()

@@ -15,7 +15,7 @@ from bodies import box_arrays, scene_text, write_arrays
 from test_files import transfer
 
 import fenics_rom as fr
-from fenics_rom.cli import main
+from fenics_rom.cli.main import main
 from fenics_rom.reduction.checkpoint import Checkpoint
 
 pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
@@ -24,8 +24,8 @@ COMMAND = ("reduce", "box.toml", "-o", "rom.h5")
 RESUMED = re.compile(r"^  resumed: (\d+) of 8 contact modes were taken over$", flags=re.M)
 KILLS_ITSELF = """
 import os, signal
-from fenics_rom.checked_file import is_rank_0
-from fenics_rom.cli import main
+from fenics_rom.io.hdf5 import is_rank_0
+from fenics_rom.cli.main import main
 from fenics_rom.reduction.checkpoint import Checkpoint
 keep = Checkpoint.keep
 def keep_and_die(*arguments):

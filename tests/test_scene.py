@@ -11,9 +11,9 @@ from hypothesis import strategies as st
 
 import fenics_rom as fr
 from fenics_rom.errors import SceneError
-from fenics_rom.rom import SWITCHINGS
-from fenics_rom.scene import LYAPUNOV, METHODS, Material, Near
-from fenics_rom.scene_file import LONGEST, parse_scene
+from fenics_rom.rom.rom import SWITCHINGS
+from fenics_rom.scene.file import LONGEST, parse_scene
+from fenics_rom.scene.scene import LYAPUNOV, METHODS, Material, Near
 
 TEXT = PLATE.read_text()
 MATERIAL = TEXT[TEXT.index("[material]") : TEXT.index("[supports]")]

@@ -5,7 +5,7 @@ import pytest
 from bodies import PLATE
 
 import fenics_rom as fr
-from fenics_rom.stages import Stage, Stages, peak_memory
+from fenics_rom.io.stages import Stage, Stages, peak_memory
 
 
 @pytest.fixture
@@ -16,8 +16,8 @@ def clock(monkeypatch):
     def wait(seconds):
         time[0] += seconds
 
-    monkeypatch.setattr("fenics_rom.stages.time.perf_counter", lambda: time[0])
-    monkeypatch.setattr("fenics_rom.stages.peak_memory", lambda: time[0])
+    monkeypatch.setattr("fenics_rom.io.stages.time.perf_counter", lambda: time[0])
+    monkeypatch.setattr("fenics_rom.io.stages.peak_memory", lambda: time[0])
     return wait
 
 

@@ -9,8 +9,8 @@ import scipy.sparse as sp
 from bodies import scene_text
 
 import fenics_rom as fr
-from fenics_rom.scene_file import parse_scene
-from fenics_rom.step_length import StepGauge
+from fenics_rom.mechanics.time_step_monitor import StepGauge
+from fenics_rom.scene.file import parse_scene
 
 pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
 

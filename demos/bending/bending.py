@@ -30,10 +30,10 @@ from touching import draw_from_side, true_to_scale
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning
-from fenics_rom.figure import figure_class
-from fenics_rom.report import markdown
-from fenics_rom.runtime.run import rate as fastest
-from fenics_rom.scene import STEPPERS, Scene
+from fenics_rom.io.markdown import markdown
+from fenics_rom.runtime.simulate import rate as fastest
+from fenics_rom.scene.scene import STEPPERS, Scene
+from fenics_rom.visualization.figure import figure_class
 
 HERE = Path(__file__).parent
 GEOMETRY = HERE.parents[1] / "meshes" / "finger.geo"

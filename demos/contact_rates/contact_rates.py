@@ -31,9 +31,9 @@ import numpy as np
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning
-from fenics_rom.report import markdown
-from fenics_rom.runtime.forms import OneProduct
-from fenics_rom.scene_file import parse_scene
+from fenics_rom.io.markdown import markdown
+from fenics_rom.runtime.steppers.midpoint_forms import OneProduct
+from fenics_rom.scene.file import parse_scene
 
 OUT = Path(__file__).parent / "out"
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}

@@ -50,13 +50,13 @@ from trajectories import (
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning
-from fenics_rom.plots.body import draw_body
-from fenics_rom.reduction.balanced import balanced
+from fenics_rom.io.markdown import markdown
+from fenics_rom.reduction.common_basis import padded
+from fenics_rom.reduction.methods.balanced import balanced
 from fenics_rom.reduction.problem import Directions, Problem
-from fenics_rom.reduction.shared_space import padded
-from fenics_rom.report import markdown
-from fenics_rom.rom import Rom
-from fenics_rom.scene import Load, Scene
+from fenics_rom.rom.rom import Rom
+from fenics_rom.scene.scene import Load, Scene
+from fenics_rom.visualization.plots.body import draw_body
 
 HERE = Path(__file__).parent
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}

@@ -11,10 +11,10 @@ import gmsh
 import numpy as np
 
 import fenics_rom as fr
-from fenics_rom.fem.solve import FullSimulator
-from fenics_rom.load_history import LoadHistory
-from fenics_rom.rom import Rom
-from fenics_rom.scene import Scene
+from fenics_rom.fem.simulate import FullSimulator
+from fenics_rom.mechanics.load_history import LoadHistory
+from fenics_rom.rom.rom import Rom
+from fenics_rom.scene.scene import Scene
 
 Array = np.ndarray
 

@@ -36,8 +36,8 @@ from matplotlib.collections import PolyCollection
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning
-from fenics_rom.linear_limit import SurfaceGauges, largest
-from fenics_rom.report import markdown
+from fenics_rom.io.markdown import markdown
+from fenics_rom.mechanics.linearity import SurfaceGauges, largest
 
 HERE = Path(__file__).parent
 OUT = HERE / "out"

@@ -46,7 +46,7 @@ from touching import (
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning
-from fenics_rom.scene import Scene
+from fenics_rom.scene.scene import Scene
 
 HERE = Path(__file__).parent
 

@@ -22,9 +22,9 @@ from pathlib import Path
 import numpy as np
 
 import fenics_rom as fr
-from fenics_rom.figure import figure_class
-from fenics_rom.plots.body import draw_body
-from fenics_rom.report import markdown
+from fenics_rom.io.markdown import markdown
+from fenics_rom.visualization.figure import figure_class
+from fenics_rom.visualization.plots.body import draw_body
 
 HERE = Path(__file__).parent
 BEATS, PRESSURE = 6.5, 8.0e3  # 1/s, near the lowest natural frequency; Pa

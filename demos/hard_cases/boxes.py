@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 import fenics_rom as fr
-from fenics_rom.scene_file import parse_scene
+from fenics_rom.scene.file import parse_scene
 
 Array = np.ndarray
 Inside = Callable[[Array], Array]  # of points (N, 3), which are in it

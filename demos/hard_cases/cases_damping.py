@@ -10,8 +10,8 @@ from rows import Row, said
 
 import fenics_rom as fr
 from fenics_rom.errors import SolverError, StepError
-from fenics_rom.fem.solve import FullSimulator
-from fenics_rom.runtime.forms import LARGEST_PRODUCT
+from fenics_rom.fem.simulate import FullSimulator
+from fenics_rom.runtime.steppers.midpoint_forms import LARGEST_PRODUCT
 
 BEAM = (0.4, 0.1, 0.1)  # m
 PUSH = (0.0, 0.0, 0.1)  # N

@@ -8,7 +8,7 @@ import numpy as np
 from rows import Row
 
 import fenics_rom as fr
-from fenics_rom.fem.solve import FullSimulator
+from fenics_rom.fem.simulate import FullSimulator
 
 Array = np.ndarray
 

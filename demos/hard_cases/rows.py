@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from fenics_rom.report import markdown
+from fenics_rom.io.markdown import markdown
 
 
 @dataclass(frozen=True)

@@ -26,7 +26,7 @@ import numpy as np
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning
-from fenics_rom.report import markdown
+from fenics_rom.io.markdown import markdown
 
 HERE = Path(__file__).parent
 OUT = HERE / "out"

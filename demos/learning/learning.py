@@ -37,7 +37,7 @@ from environment import FORCE, LENGTH, REACH, SKIP, STEP, PlateReach
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning
-from fenics_rom.report import markdown
+from fenics_rom.io.markdown import markdown
 
 HERE = Path(__file__).parent
 OUT = HERE / "out"

@@ -36,7 +36,7 @@ from scipy.sparse.linalg import LinearOperator, eigsh, splu
 from turns import ROUNDS, machine, medians
 
 import fenics_rom as fr
-from fenics_rom.scene_file import parse_scene
+from fenics_rom.scene.file import parse_scene
 
 SIZE = (0.1, 0.03, 0.03)  # m
 BETA = 5e-5  # s

@@ -27,12 +27,12 @@ import matplotlib.pyplot as plt
 import numpy as np
 
 import fenics_rom as fr
-from fenics_rom.accuracy.findings import Findings
-from fenics_rom.accuracy.results import write_results
-from fenics_rom.accuracy.tables import COSTS, cost_rows, reduction_table
 from fenics_rom.errors import FenicsRomWarning, StepError
-from fenics_rom.plots.body import draw_body, draw_energy_over_work, draw_force
-from fenics_rom.report import markdown
+from fenics_rom.io.markdown import markdown
+from fenics_rom.studies.report import write_results
+from fenics_rom.studies.study_results import Findings
+from fenics_rom.studies.tables import COSTS, cost_rows, reduction_table
+from fenics_rom.visualization.plots.body import draw_body, draw_energy_over_work, draw_force
 
 HERE = Path(__file__).parent
 OUT = HERE / "out"

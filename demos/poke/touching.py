@@ -10,9 +10,9 @@ from matplotlib.collections import PolyCollection
 from matplotlib.colors import to_rgb
 
 import fenics_rom as fr
-from fenics_rom.report import markdown
-from fenics_rom.scene import Scene
-from fenics_rom.surroundings import Surroundings
+from fenics_rom.io.markdown import markdown
+from fenics_rom.mechanics.environment import Surroundings
+from fenics_rom.scene.scene import Scene
 
 Array = np.ndarray
 

@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from fenics_rom.report import markdown
+from fenics_rom.io.markdown import markdown
 
 
 def rates(loops: Mapping[str, Callable[[], int]], rounds: int) -> dict[str, float]:

@@ -59,8 +59,8 @@ from models import (
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning
-from fenics_rom.fem.solve import FullSimulator
-from fenics_rom.rom import Mode, Rom
+from fenics_rom.fem.simulate import FullSimulator
+from fenics_rom.rom.rom import Mode, Rom
 from fenics_rom.runtime.batch import Batch
 
 OUT = Path(__file__).parent / "out"

@@ -6,8 +6,8 @@ from pathlib import Path
 import gmsh
 import numpy as np
 
-from fenics_rom.scene import Scene
-from fenics_rom.scene_file import parse_scene
+from fenics_rom.scene.file import parse_scene
+from fenics_rom.scene.scene import Scene
 
 GEOMETRY = Path(__file__).parents[2] / "meshes" / "cylinder.geo"
 RADIUS = 0.0075  # m

@@ -34,7 +34,7 @@ import matplotlib.pyplot as plt
 import numpy as np
 from cylinder import PAPER, mesh
 
-from fenics_rom.report import markdown
+from fenics_rom.io.markdown import markdown
 
 HERE = Path(__file__).parent
 OUT = HERE / "out"

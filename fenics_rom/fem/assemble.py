@@ -12,7 +12,8 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_rom.errors import MeshError, SceneError
-from fenics_rom.fem.deformation.body import large_deformation_of
+from fenics_rom.fem.dolfinx_compat import cell_constants, cell_dofs, cell_nodes, create_tetrahedra, vector_space
+from fenics_rom.fem.finite_strain.assemble import large_deformation_of
 from fenics_rom.fem.loads import actuators_of, contact_points_of, loads_of
 from fenics_rom.fem.mesh import Mesh, read_mesh
 from fenics_rom.fem.nodes import (
@@ -26,14 +27,13 @@ from fenics_rom.fem.nodes import (
 from fenics_rom.fem.petsc_algebra import PetscAlgebra, require_real
 from fenics_rom.fem.petsc_matrix import PetscMatrix, ZeroMatrix, combination
 from fenics_rom.fem.ranks import on_rank_0
-from fenics_rom.fem.rigid import rigid_motions
+from fenics_rom.fem.rigid_modes import rigid_motions
 from fenics_rom.fem.springs import dashpots_of, springs_of, with_surfaces
-from fenics_rom.fem.versions import cell_constants, cell_dofs, cell_nodes, create_tetrahedra, vector_space
-from fenics_rom.rigid import mass_orthonormal, without_energy
-from fenics_rom.scene import Scene
-from fenics_rom.schema import unknown
-from fenics_rom.stages import Stages
-from fenics_rom.system import Body, System
+from fenics_rom.io.stages import Stages
+from fenics_rom.scene.scene import Scene
+from fenics_rom.scene.schema import unknown
+from fenics_rom.system.rigid_modes import mass_orthonormal, without_energy
+from fenics_rom.system.system import Body, System
 
 
 def assemble(scene: Scene, comm: Any = None) -> System:

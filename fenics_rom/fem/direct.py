@@ -4,11 +4,11 @@ import numpy as np
 from petsc4py import PETSc
 
 from fenics_rom.errors import SolverError
-from fenics_rom.fem.libpetsc import cholesky_numeric, cholesky_symbolic, set_factor_prefix
 from fenics_rom.fem.memory import need_and_free
 from fenics_rom.fem.options import FACTOR_PREFIX, defaults
+from fenics_rom.fem.petsc_ctypes import cholesky_numeric, cholesky_symbolic, set_factor_prefix
 from fenics_rom.fem.petsc_matrix import CHUNK, Dense, PetscMatrix, chunks
-from fenics_rom.system import by_parts
+from fenics_rom.system.system import by_parts
 
 # L Lᵀ, which fails for an indefinite matrix; the simplicial L D Lᵀ that CHOLMOD prefers for small ones does not.
 CHOLMOD_OPTIONS = {"mat_cholmod_factor": "SUPERNODAL", "mat_cholmod_print": "0"}

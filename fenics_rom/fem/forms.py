@@ -14,15 +14,15 @@ from petsc4py import PETSc
 
 from fenics_rom.errors import StructureError
 from fenics_rom.fem.assemble import dolfinx_nodes, node_masses, set_rigid_modes
+from fenics_rom.fem.dolfinx_compat import cell_nodes, vector_space
 from fenics_rom.fem.mesh import Mesh
 from fenics_rom.fem.nodes import canonical_nodes
-from fenics_rom.fem.own_matrices import refuse_together
 from fenics_rom.fem.petsc_algebra import PetscAlgebra, require_real
 from fenics_rom.fem.petsc_matrix import PetscMatrix
-from fenics_rom.fem.rigid import rigid_motions
-from fenics_rom.fem.versions import cell_nodes, vector_space
-from fenics_rom.rigid import mass_orthonormal, without_energy
-from fenics_rom.system import Body, System, check_damping_choice
+from fenics_rom.fem.rigid_modes import rigid_motions
+from fenics_rom.fem.user_matrices import refuse_together
+from fenics_rom.system.rigid_modes import mass_orthonormal, without_energy
+from fenics_rom.system.system import Body, System, check_damping_choice
 
 ARITY = {1: "a linear form: one test function", 2: "a bilinear form: a trial and a test function"}
 NOT_SET = np.finfo(float).max  # stands where no Dirichlet condition has put its value

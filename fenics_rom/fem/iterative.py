@@ -6,7 +6,7 @@ from petsc4py import PETSc
 from fenics_rom.errors import SolverError
 from fenics_rom.fem.options import FACTOR_PREFIX, defaults
 from fenics_rom.fem.petsc_matrix import PetscMatrix
-from fenics_rom.system import by_parts
+from fenics_rom.system.system import by_parts
 
 RESIDUAL = 1e-14  # preconditioned, as a share of the right-hand side's: solutions are then as good as a factor's
 MOST_ITERATIONS = 5000

@@ -8,10 +8,10 @@ from typing import Any
 
 import numpy as np
 
-from fenics_rom.cable import pieces_of, pulls_of
 from fenics_rom.errors import SceneError
 from fenics_rom.fem.nodes import Nodes, patch_area, patch_columns, patch_nodes, shape_functions
-from fenics_rom.scene import Near, Patch, Scene
+from fenics_rom.mechanics.tendon import pieces_of, pulls_of
+from fenics_rom.scene.scene import Near, Patch, Scene
 
 Array = np.ndarray
 Columns = dict[str, Array]

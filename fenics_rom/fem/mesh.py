@@ -13,7 +13,7 @@ import numpy as np
 
 from fenics_rom.errors import MeshError
 from fenics_rom.fem.gmsh_file import GmshFile, read_gmsh_file
-from fenics_rom.schema import unknown
+from fenics_rom.scene.schema import unknown
 
 STRAIGHT = "Tetrahedron 4"  # what Gmsh calls the only kind of cells that is allowed
 
@@ -158,7 +158,7 @@ def _read_xdmf(file: Path, groups: Mapping[str, int]):  # type: ignore[no-untype
     from dolfinx.io import XDMFFile
     from mpi4py import MPI
 
-    from fenics_rom.fem.versions import cell_nodes
+    from fenics_rom.fem.dolfinx_compat import cell_nodes
 
     try:
         grids = [grid.get("Name", "") for grid in ElementTree.parse(file).getroot().iter("Grid")]

@@ -11,7 +11,7 @@ import scipy.sparse
 
 from fenics_rom.errors import MeshError, SceneError
 from fenics_rom.fem.mesh import Mesh
-from fenics_rom.scene import Near, Output, Patch
+from fenics_rom.scene.scene import Near, Output, Patch
 
 CELL_EDGES = np.array([(2, 3), (1, 3), (1, 2), (0, 3), (0, 2), (0, 1)])  # node 4 + e of a cell is on edge e
 CELL_FACES = np.array([(1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1)])  # face f is opposite to vertex f, outward

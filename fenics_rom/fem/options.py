@@ -6,7 +6,7 @@ from contextlib import contextmanager
 from petsc4py import PETSc
 
 from fenics_rom.errors import SolverError
-from fenics_rom.fem.libpetsc import option_was_read
+from fenics_rom.fem.petsc_ctypes import option_was_read
 
 FACTOR_PREFIX = "fenics_rom_factor_"  # of factorisations, direct or iterative
 EIGEN_PREFIX = "fenics_rom_"  # SLEPc goes on with eps_, and st_ for what it solves with

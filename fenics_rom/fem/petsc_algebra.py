@@ -11,7 +11,7 @@ from fenics_rom.fem.direct import ComplexFactor, MemoryShortage, PetscFactor
 from fenics_rom.fem.eigenpairs import lowest_eigenpairs
 from fenics_rom.fem.iterative import METHOD, RESIDUAL, IterativeFactor
 from fenics_rom.fem.petsc_matrix import PetscMatrix, combination, held
-from fenics_rom.system import NONE
+from fenics_rom.system.system import NONE
 
 DENSE_SHARE = 3  # beyond a third of all eigenpairs, LAPACK on gathered matrices is the better eigensolver
 EIGEN_RESIDUAL = 1e-6  # largest accepted |K v - γ M v| / |K v|

@@ -7,7 +7,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from fenics_rom.errors import SolverError
-from fenics_rom.system import by_parts
+from fenics_rom.system.system import by_parts
 
 CHUNK = 128  # columns that PETSc gets at a time: as fast as all of them, and their copies stay small
 

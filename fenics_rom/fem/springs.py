@@ -10,7 +10,7 @@ from petsc4py import PETSc
 from fenics_rom.fem.loads import patch_of
 from fenics_rom.fem.nodes import Nodes, patch_triangles, surface_mass
 from fenics_rom.fem.petsc_matrix import PetscMatrix
-from fenics_rom.scene import Scene
+from fenics_rom.scene.scene import Scene
 
 
 def springs_of(scene: Scene, nodes: Nodes) -> scipy.sparse.csr_matrix | None:

@@ -12,8 +12,8 @@ import numpy as np
 
 from fenics_rom.fem.assemble import assemble
 from fenics_rom.identification.parameters import ALPHA, BETA, DENSITY, POISSON, YOUNG
-from fenics_rom.scene import Scene
-from fenics_rom.system import System
+from fenics_rom.scene.scene import Scene
+from fenics_rom.system.system import System
 
 Array = np.ndarray
 

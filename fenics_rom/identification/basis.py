@@ -14,7 +14,7 @@ from fenics_rom.errors import FenicsRomWarning
 from fenics_rom.identification.experiment import Experiment
 from fenics_rom.identification.marker_data import Marker
 from fenics_rom.reduction.reduce import reduce
-from fenics_rom.system import System
+from fenics_rom.system.system import System
 
 Array = np.ndarray
 

@@ -7,10 +7,10 @@ import numpy as np
 
 from fenics_rom.errors import DataError, SceneError
 from fenics_rom.identification.marker_data import Data, Equilibria, Marker, Motion
-from fenics_rom.load_history import LoadHistory
-from fenics_rom.scene import Scene
-from fenics_rom.surroundings import Surroundings, load_columns
-from fenics_rom.system import System
+from fenics_rom.mechanics.environment import Surroundings, load_columns
+from fenics_rom.mechanics.load_history import LoadHistory
+from fenics_rom.scene.scene import Scene
+from fenics_rom.system.system import System
 
 Array = np.ndarray
 

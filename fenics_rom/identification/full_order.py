@@ -4,10 +4,10 @@ from contextlib import closing
 
 import numpy as np
 
-from fenics_rom.fem.solve import solve
+from fenics_rom.fem.simulate import solve
 from fenics_rom.identification.experiment import Experiment
-from fenics_rom.stages import Report
-from fenics_rom.system import System
+from fenics_rom.io.stages import Report
+from fenics_rom.system.system import System
 
 Array = np.ndarray
 

@@ -14,15 +14,15 @@ from fenics_rom.identification.basis import basis_for
 from fenics_rom.identification.experiment import Experiment, experiment_of
 from fenics_rom.identification.fit import MOST_BASES, Fit, Search, fitted
 from fenics_rom.identification.full_order import full_answer
+from fenics_rom.identification.identifiability import Untold, untold
 from fenics_rom.identification.marker_data import Data, Equilibria, Motion, read_markers
 from fenics_rom.identification.parameters import Parameter, chosen, scene_with, values_of
 from fenics_rom.identification.reduced_model import ReducedModel
 from fenics_rom.identification.result import Estimate, Identification, doubts
-from fenics_rom.identification.told_apart import Untold, untold
 from fenics_rom.identification.uncertainty import correlations, half_widths, noise, student
-from fenics_rom.scene import Scene
-from fenics_rom.stages import Report
-from fenics_rom.system import System
+from fenics_rom.io.stages import Report
+from fenics_rom.scene.scene import Scene
+from fenics_rom.system.system import System
 
 Array = np.ndarray
 

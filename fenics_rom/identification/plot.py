@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from fenics_rom.figure import figure_class, write_figure
 from fenics_rom.identification.result import Identification
+from fenics_rom.visualization.figure import figure_class, write_figure
 
 Array = np.ndarray
 

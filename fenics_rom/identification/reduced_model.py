@@ -6,8 +6,8 @@ import numpy as np
 
 from fenics_rom.identification.affine import Parts
 from fenics_rom.identification.experiment import Experiment
-from fenics_rom.identification.motion import Stepper, pushes
 from fenics_rom.identification.parameters import DENSITY
+from fenics_rom.identification.sensitivities import Stepper, pushes
 
 Array = np.ndarray
 

@@ -7,7 +7,7 @@ import numpy as np
 from fenics_rom.identification.experiment import Experiment
 from fenics_rom.identification.parameters import Parameter
 from fenics_rom.identification.uncertainty import CONFIDENCE, half_widths
-from fenics_rom.scene import Scene
+from fenics_rom.scene.scene import Scene
 
 Array = np.ndarray
 

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-from fenics_rom.checked_file import check_folder, is_rank_0, write_whole
 from fenics_rom.errors import RomFileError
 from fenics_rom.identification.identified_scene import identified_text
 from fenics_rom.identification.plot import picture_of
 from fenics_rom.identification.result import Identification
-from fenics_rom.report import markdown
+from fenics_rom.io.hdf5 import check_folder, is_rank_0, write_whole
+from fenics_rom.io.markdown import markdown
 
 HEADING = ("parameter", "unit", "start", "found", "95 % interval", "")
 

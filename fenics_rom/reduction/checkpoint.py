@@ -12,7 +12,8 @@ from typing import Any
 
 import numpy as np
 
-from fenics_rom.checked_file import (
+from fenics_rom.errors import RomFileError
+from fenics_rom.io.hdf5 import (
     Entry,
     Sizes,
     get_arrays,
@@ -23,10 +24,9 @@ from fenics_rom.checked_file import (
     read_file,
     write_file,
 )
-from fenics_rom.errors import RomFileError
 from fenics_rom.reduction.problem import Problem
-from fenics_rom.reduction.shared_basis import Kept
-from fenics_rom.system import Array
+from fenics_rom.reduction.projection import Kept
+from fenics_rom.system.system import Array
 
 SAME = 1e-9  # largest relative difference of what is the same system
 PART_FILE = re.compile(r"(run-)?\d+\.h5|\.(run-)?\d+\.h5\..*\.part")

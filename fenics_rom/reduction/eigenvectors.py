@@ -3,8 +3,8 @@
 import numpy as np
 
 from fenics_rom.errors import SceneError
+from fenics_rom.reduction.common_basis import orthonormal_rest
 from fenics_rom.reduction.problem import Problem
-from fenics_rom.reduction.shared_space import orthonormal_rest
 
 
 def share_eigenvectors(problem: Problem, count: int) -> None:

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from fenics_rom.system import Array, System
+from fenics_rom.system.system import Array, System
 
 
 def response(γ: Array, damping: Array, G: Array, ω: float) -> Array:

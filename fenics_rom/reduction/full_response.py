@@ -7,10 +7,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from fenics_rom.errors import StructureError
+from fenics_rom.io.stages import Report
 from fenics_rom.reduction.frequency_response import mass_norms, response
-from fenics_rom.rom import Rom
-from fenics_rom.stages import Report
-from fenics_rom.system import Array, System
+from fenics_rom.rom.rom import Rom
+from fenics_rom.system.system import Array, System
 
 
 @dataclass(frozen=True)

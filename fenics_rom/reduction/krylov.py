@@ -13,12 +13,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from fenics_rom.reduction.balancing import Balanced, order_of
-from fenics_rom.reduction.company import Company
+from fenics_rom.reduction.common_basis import Subspace, padded, rest_of
 from fenics_rom.reduction.frequency_response import dynamic_product, mass_norms, response
+from fenics_rom.reduction.krylov_augmentation import Company
 from fenics_rom.reduction.problem import Directions, Problem
 from fenics_rom.reduction.realization import balanced_in, directions_of
-from fenics_rom.reduction.shared_space import Subspace, padded, rest_of
-from fenics_rom.system import Array, by_parts
+from fenics_rom.system.system import Array, by_parts
 
 SETTLED = 1e-7  # relative change of σ, and of frequency responses, between two looks that ends the growth of a space
 NEGLIGIBLE = 1e-9  # share of σ_1 below which σ need not settle in all their digits

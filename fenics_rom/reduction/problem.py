@@ -5,9 +5,9 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from fenics_rom.reduction.shared_space import SharedSpace
-from fenics_rom.stages import Stages
-from fenics_rom.system import Array, Factor, System
+from fenics_rom.io.stages import Stages
+from fenics_rom.reduction.common_basis import SharedSpace
+from fenics_rom.system.system import Array, Factor, System
 
 
 @dataclass(frozen=True)

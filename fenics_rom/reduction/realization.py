@@ -3,10 +3,10 @@
 import numpy as np
 
 from fenics_rom.reduction.balancing import Balanced, balance, balance_as_printed
+from fenics_rom.reduction.common_basis import Subspace
 from fenics_rom.reduction.gramians import gramian_factors, square_root, textbook_gramians
 from fenics_rom.reduction.problem import Directions, Problem
-from fenics_rom.reduction.shared_space import Subspace
-from fenics_rom.system import Array
+from fenics_rom.system.system import Array
 
 
 def balanced_in(problem: Problem, space: Subspace, inputs: Array) -> Balanced:

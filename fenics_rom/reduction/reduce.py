@@ -9,18 +9,19 @@ from pathlib import Path
 import numpy as np
 
 from fenics_rom.errors import FenicsRomWarning, SceneError
+from fenics_rom.io.stages import Report, Stages
 from fenics_rom.reduction.balancing import order_of, orthonormal_span
 from fenics_rom.reduction.checkpoint import Checkpoint
-from fenics_rom.reduction.comparable import comparable
-from fenics_rom.reduction.elastic import elastic_part, require_loads, with_rigid
-from fenics_rom.reduction.large_deformation.reduced import BASES, reduced
-from fenics_rom.reduction.methods import BY_NAME
+from fenics_rom.reduction.common_basis import SharedSpace
+from fenics_rom.reduction.eigenvector_selection import EigenvectorSelection
+from fenics_rom.reduction.hyperreduction.reduce import BASES, reduced
+from fenics_rom.reduction.input_scaling import comparable
+from fenics_rom.reduction.methods.by_name import BY_NAME
 from fenics_rom.reduction.problem import Directions, Method, Problem
-from fenics_rom.reduction.selection import EigenvectorSelection
-from fenics_rom.reduction.shared_basis import Kept, rom_of
-from fenics_rom.reduction.shared_space import SharedSpace
-from fenics_rom.rom import SWITCHINGS, Rom, check_rom
-from fenics_rom.scene import (
+from fenics_rom.reduction.projection import Kept, rom_of
+from fenics_rom.reduction.rigid_mode_deflation import elastic_part, require_loads, with_rigid
+from fenics_rom.rom.rom import SWITCHINGS, Rom, check_rom
+from fenics_rom.scene.scene import (
     CUBATURE,
     LYAPUNOV,
     METHODS,
@@ -31,9 +32,8 @@ from fenics_rom.scene import (
     Reduction,
     check_order,
 )
-from fenics_rom.schema import unknown
-from fenics_rom.stages import Report, Stages
-from fenics_rom.system import System
+from fenics_rom.scene.schema import unknown
+from fenics_rom.system.system import System
 
 DENSE_LIMIT = 1000  # unknowns up to which all eigenvectors are cheaper than a Krylov space
 DEFAULT_TOLERANCE = 1e-6  # share of the sum of σ that is left out where neither order nor tolerance is given

@@ -6,17 +6,17 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fenics_rom.contact import Contact, Resolution
-from fenics_rom.effects import EFFECTS
 from fenics_rom.errors import SceneError, StepError
-from fenics_rom.ledger import Ledger
-from fenics_rom.rom import Mode, Rom
-from fenics_rom.runtime.forms import OneProduct, VelocityFirst, fastest
-from fenics_rom.runtime.surrounded import Equilibrium, MidpointAmongObstacles, Surrounded, Touch
-from fenics_rom.scene import Scene
-from fenics_rom.scene_file import parse_scene
-from fenics_rom.schema import unknown
-from fenics_rom.surroundings import ContactPoints, History, Surroundings
+from fenics_rom.mechanics.contact import Contact, Resolution
+from fenics_rom.mechanics.energy_ledger import Ledger
+from fenics_rom.mechanics.environment import ContactPoints, History, Surroundings
+from fenics_rom.rom.rom import Mode, Rom
+from fenics_rom.runtime.steppers.contact import Equilibrium, MidpointAmongObstacles, Surrounded, Touch
+from fenics_rom.runtime.steppers.midpoint_forms import OneProduct, VelocityFirst, fastest
+from fenics_rom.scene.effects import EFFECTS
+from fenics_rom.scene.file import parse_scene
+from fenics_rom.scene.scene import Scene
+from fenics_rom.scene.schema import unknown
 
 Array = np.ndarray
 Form = OneProduct | VelocityFirst | Surrounded

@@ -20,13 +20,13 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
 from fenics_rom.errors import StepError
-from fenics_rom.rom import Rom
-from fenics_rom.runtime.midpoint import checked_dt, compliance
+from fenics_rom.rom.rom import Rom
+from fenics_rom.runtime.steppers.midpoint import checked_dt, compliance
 from fenics_rom.runtime.switching import Projections
-from fenics_rom.schema import unknown
+from fenics_rom.scene.schema import unknown
 
 if TYPE_CHECKING:
-    from fenics_rom.surroundings import History, Surroundings
+    from fenics_rom.mechanics.environment import History, Surroundings
 
 Array = np.ndarray
 Bodies = int | Sequence[int] | Sequence[bool] | Array | None

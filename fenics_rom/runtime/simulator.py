@@ -9,21 +9,21 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fenics_rom.errors import StepError
-from fenics_rom.ledger import Ledger
-from fenics_rom.linear_limit import Excursion, summary
-from fenics_rom.rom import Rom
-from fenics_rom.runtime.forms import fastest
-from fenics_rom.runtime.march import LONGEST, Block, Span, ladder, one_step, repeated, run, spans
-from fenics_rom.runtime.midpoint import checked_dt
+from fenics_rom.mechanics.energy_ledger import Ledger
+from fenics_rom.mechanics.linearity import Excursion, summary
+from fenics_rom.rom.rom import Rom
+from fenics_rom.runtime.linearity_monitor import Watch
+from fenics_rom.runtime.rollout import LONGEST, Block, Span, ladder, one_step, repeated, run, spans
+from fenics_rom.runtime.steppers.midpoint import checked_dt
+from fenics_rom.runtime.steppers.midpoint_forms import fastest
 from fenics_rom.runtime.switching import Loss, Projections
-from fenics_rom.runtime.watch import Watch
-from fenics_rom.schema import unknown
+from fenics_rom.scene.schema import unknown
 
 if TYPE_CHECKING:
+    from fenics_rom.mechanics.environment import History, Surroundings
     from fenics_rom.runtime.acting import Acting, Form, Past
-    from fenics_rom.runtime.large_deformation import LargeDeformation
-    from fenics_rom.scene import Scene
-    from fenics_rom.surroundings import History, Surroundings
+    from fenics_rom.runtime.steppers.finite_strain import LargeDeformation
+    from fenics_rom.scene.scene import Scene
 
 Array = np.ndarray
 
@@ -544,13 +544,13 @@ class Simulator:
 
     def _deforming(self, stepper: str | None) -> "LargeDeformation":
         """How a body with large deformation is stepped."""
-        from fenics_rom.runtime import large_deformation  # here, so that linear bodies start without it
+        from fenics_rom.runtime.steppers import finite_strain  # here, so that linear bodies start without it
 
         if self.rom.deformation is None:
             raise StepError(f"stepper = {stepper!r}: belongs to large deformation, which ROM {self.rom.name!r} has not")
         touch, quasi_static = (None, False) if self._acting is None else self._acting.touching
-        self.stepper, self.stepping = large_deformation.chosen(self.rom, self._dt, stepper, quasi_static)
-        return large_deformation.BY_NAME[self.stepper](self.rom, self.ledger, touch)
+        self.stepper, self.stepping = finite_strain.chosen(self.rom, self._dt, stepper, quasi_static)
+        return finite_strain.BY_NAME[self.stepper](self.rom, self.ledger, touch)
 
     def _enter(self, contact: str) -> None:
         mode = self.rom.modes[contact]

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fenics_rom.rom import Mode, Rom
+from fenics_rom.rom.rom import Mode, Rom
 
 Array = np.ndarray
 

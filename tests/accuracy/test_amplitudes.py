@@ -7,9 +7,9 @@ import pytest
 from bodies import scene_text, write_box
 
 import fenics_rom as fr
-from fenics_rom import cli
-from fenics_rom.accuracy.amplitudes import Row, linear, read_amplitudes, scaled, study_of_amplitudes
+from fenics_rom.cli.main import main
 from fenics_rom.errors import RomFileError, SceneError
+from fenics_rom.studies.amplitudes import Row, linear, read_amplitudes, scaled, study_of_amplitudes
 
 pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
 
@@ -82,13 +82,13 @@ def test_what_was_found_is_taken_over(file, found):
 def test_the_command_writes_table_and_picture(file, found, capsys):
     folder = file.parent / "study"
     with pytest.raises(SystemExit) as ended:
-        cli.main(["study", str(file), "-o", str(folder), "--quick", "--resume"])
+        main.main(["study", str(file), "-o", str(folder), "--quick", "--resume"])
     assert not ended.value.code
     assert "nonlinear, reduced, newton, order 8" in (folder / "amplitudes.md").read_text()
     assert (folder / "amplitudes.png").stat().st_size > 20_000
     assert (folder / "amplitudes.pdf").exists()
     with pytest.raises(SystemExit) as ended:
-        cli.main(["study", str(file), "-o", str(folder), "--orders", "5"])
+        main.main(["study", str(file), "-o", str(folder), "--orders", "5"])
     assert ended.value.code == 2
     assert "--orders" in capsys.readouterr().err
 

@@ -4,9 +4,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fenics_rom.accuracy.choice import cheapest, decades, pareto_front
-from fenics_rom.accuracy.findings import Row
-from fenics_rom.accuracy.ways import compared_instants
+from fenics_rom.studies.method_configs import compared_instants
+from fenics_rom.studies.pareto import cheapest, decades, pareto_front
+from fenics_rom.studies.study_results import Row
 
 
 def row(error, dt=1e-3, rate=1e5, order=10, method="balanced"):

@@ -12,12 +12,12 @@ import pytest
 from bodies import dense, scene_text, write_box
 
 import fenics_rom as fr
-from fenics_rom.accuracy.results import PICTURES, write_results
-from fenics_rom.accuracy.study import study_for
-from fenics_rom.accuracy.tables import remarks
-from fenics_rom.accuracy.ways import ORDERS, WAYS
 from fenics_rom.errors import RomFileError, SceneError, SolverError
-from fenics_rom.scene_file import parse_scene
+from fenics_rom.scene.file import parse_scene
+from fenics_rom.studies.method_configs import ORDERS, WAYS
+from fenics_rom.studies.report import PICTURES, write_results
+from fenics_rom.studies.study import study_for
+from fenics_rom.studies.tables import remarks
 
 pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
 
@@ -222,7 +222,7 @@ class TestForATolerance:
             study_for(short, tmp_path, 1e-12)
 
     def test_that_no_order_reaches(self, scene, tmp_path, monkeypatch):
-        monkeypatch.setattr("fenics_rom.accuracy.ways.ORDERS", (4, 6))
+        monkeypatch.setattr("fenics_rom.studies.method_configs.ORDERS", (4, 6))
         said = r"not reached; the least error of the whole shape was .*, of which the reduction \(order 6\) alone makes"
         with pytest.raises(SolverError, match=said):
             study_for(scene, tmp_path, 1e-4)

@@ -14,14 +14,15 @@ import pytest
 import pyvista
 
 import fenics_rom as fr
-from fenics_rom.cli import main
+from fenics_rom.cli.main import main
 from fenics_rom.errors import MissingPackageError, RomFileError, SceneError
-from fenics_rom.exports import packages, sheet
-from fenics_rom.exports.fields import KINDS, balanced_modes, eigenvectors, shapes_at_rest
-from fenics_rom.exports.patches import touched
-from fenics_rom.exports.stage import DARK, Stage
-from fenics_rom.obstacles import Box, Capsule, HalfSpace, Sphere
-from fenics_rom.scene_file import parse_scene
+from fenics_rom.mechanics.obstacles import Box, Capsule, HalfSpace, Sphere
+from fenics_rom.scene.file import parse_scene
+from fenics_rom.visualization import optional_dependencies
+from fenics_rom.visualization.exports import mode_sheet
+from fenics_rom.visualization.exports.body_renderer import DARK, Stage
+from fenics_rom.visualization.exports.contact_surface import touched
+from fenics_rom.visualization.exports.fields import KINDS, balanced_modes, eigenvectors, shapes_at_rest
 
 pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
 DATA = Path(__file__).parent.parent / "data"
@@ -203,9 +204,9 @@ def test_length_of_a_film(run, tmp_path):
 
 def test_sheet_has_a_row_for_each_contact_mode(plate_rom, tmp_path, monkeypatch):
     figures = []
-    write = sheet.write_figure
+    write = mode_sheet.write_figure
     monkeypatch.setattr(
-        sheet, "write_figure", lambda figure, *rest, **more: figures.append(figure) or write(figure, *rest, **more)
+        mode_sheet, "write_figure", lambda figure, *rest, **more: figures.append(figure) or write(figure, *rest, **more)
     )
     picture = imageio.imread(fr.export(plate_rom, tmp_path / "modes.png", count=3))
     panels = figures[0].axes
@@ -317,7 +318,7 @@ class Refuse:
         if name.partition(".")[0] == "pyvista":
             raise ModuleNotFoundError(f"No module named {name!r}", name=name)
 sys.meta_path.insert(0, Refuse())
-from fenics_rom.cli import main
+from fenics_rom.cli.main import main
 main()
 """
     words = ("export", DATA / "run-1.2.h5", "-o", tmp_path / "x.vtu")
@@ -349,7 +350,7 @@ except fr.errors.FenicsRomError as error:
 
 
 def test_without_egl_pictures_are_refused_and_files_for_paraview_are_not(run, tmp_path, monkeypatch):
-    monkeypatch.setattr(packages, "EGL", "libEGL.so.none")
+    monkeypatch.setattr(optional_dependencies, "EGL", "libEGL.so.none")
     with pytest.raises(MissingPackageError, match="which this system lacks: sudo apt-get install libegl1"):
         fr.export(run, tmp_path / "x.gif")
     assert not any(tmp_path.iterdir())

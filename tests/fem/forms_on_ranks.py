@@ -20,9 +20,9 @@ from ufl import Identity, dx, grad, inner, sym, tr
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomError
+from fenics_rom.fem.dolfinx_compat import OLD, cell_constants, cell_dofs, create_tetrahedra, vector_space
 from fenics_rom.fem.mesh import read_mesh
-from fenics_rom.fem.own_matrices import spread
-from fenics_rom.fem.versions import OLD, cell_constants, cell_dofs, create_tetrahedra, vector_space
+from fenics_rom.fem.user_matrices import spread
 
 COMM = MPI.COMM_WORLD
 E, NU, RHO = 1.0e6, 0.3, 1000.0

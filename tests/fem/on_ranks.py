@@ -13,13 +13,13 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 import fenics_rom as fr
-from fenics_rom.cli import main
+from fenics_rom.cli.main import main
 from fenics_rom.errors import FenicsRomError
 from fenics_rom.fem.assemble import dolfinx_nodes
+from fenics_rom.fem.dolfinx_compat import create_tetrahedra, vector_space
 from fenics_rom.fem.mesh import read_mesh
 from fenics_rom.fem.nodes import canonical_nodes
 from fenics_rom.fem.petsc_algebra import PetscFactor
-from fenics_rom.fem.versions import create_tetrahedra, vector_space
 
 COMM = MPI.COMM_WORLD
 COMMANDS = {

@@ -8,8 +8,8 @@ from bodies import acted_on, box_arrays, box_surfaces, dense, write_arrays
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning
-from fenics_rom.fem.solve import FullSimulator
-from fenics_rom.surroundings import Surroundings
+from fenics_rom.fem.simulate import FullSimulator
+from fenics_rom.mechanics.environment import Surroundings
 
 EXACT = 1e-10  # degree 2 holds the exact solution: what is left is the round-off of solves
 YOUNG, DENSITY, GRAVITY = 1e6, 1000.0, 9.81

@@ -176,7 +176,7 @@ def test_multigrid_is_told_of_nodes_and_rigid_motions(results, ranks):
 
 def test_factor_that_has_no_room_leaves_a_warning(monkeypatch):
     """Definiteness is told by factors; larger models must not be refused for want of memory."""
-    from fenics_rom.fem import own_matrices
+    from fenics_rom.fem import user_matrices
     from fenics_rom.fem.direct import MemoryShortage
 
     def no_room(matrix):
@@ -184,8 +184,8 @@ def test_factor_that_has_no_room_leaves_a_warning(monkeypatch):
         error.shortage = "the factor would need 1 TB"
         raise error
 
-    monkeypatch.setattr(own_matrices, "PetscFactor", no_room)
-    matrices, _ = own_matrices.spread(lambda: (dict(zip(("mass", "damping", "stiffness"), chain(9), strict=True)), {}))
+    monkeypatch.setattr(user_matrices, "PetscFactor", no_room)
+    matrices, _ = user_matrices.spread(lambda: (dict(zip(("mass", "damping", "stiffness"), chain(9), strict=True)), {}))
     system = fr.System(**matrices, contacts={"tip": np.ones((9, 1))})
     assert system.warnings == tuple(
         f"{name}: nobody has seen whether it is positive {kind}: the factor would need 1 TB"

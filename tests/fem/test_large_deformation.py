@@ -13,17 +13,17 @@ from mpi4py import MPI
 from scipy.integrate import solve_bvp
 
 import fenics_rom as fr
-from fenics_rom.cli import main
+from fenics_rom.cli.main import main
 from fenics_rom.errors import FenicsRomWarning, SolverError, StepError
 from fenics_rom.fem.assemble import dolfinx_nodes
-from fenics_rom.fem.deformation.equations import Equilibrium, Midpoint, Start
-from fenics_rom.fem.deformation.model import Load
-from fenics_rom.fem.deformation.newton import NotConvergedError
+from fenics_rom.fem.dolfinx_compat import create_tetrahedra, vector_space
+from fenics_rom.fem.finite_strain.model import Load
+from fenics_rom.fem.finite_strain.newton import NotConvergedError
+from fenics_rom.fem.finite_strain.residuals import Equilibrium, Midpoint, Start
 from fenics_rom.fem.mesh import read_mesh
 from fenics_rom.fem.nodes import canonical_nodes
-from fenics_rom.fem.versions import create_tetrahedra, vector_space
-from fenics_rom.hyperelastic import LAWS, strain
-from fenics_rom.surroundings import Surroundings
+from fenics_rom.mechanics.environment import Surroundings
+from fenics_rom.mechanics.hyperelastic import LAWS, strain
 
 RIGHT = '[contacts.right]\nsurface = "right"'
 TIP = {"outputs.tip": 'surface = "right"'}

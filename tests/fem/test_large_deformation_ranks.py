@@ -32,7 +32,7 @@ friction = { coefficient = 0.2 }
 LOADS = 'load = [{ actuator = "air", force = [9000.0] }, { actuator = "rope", start = 0.02, force = [60.0] }]'
 BOTH = """import sys
 from contextlib import suppress
-from fenics_rom.cli import main
+from fenics_rom.cli.main import main
 for name in sys.argv[1:]:
     with suppress(SystemExit):
         main(["solve", name + ".toml", "-o", name + ".h5"])

@@ -11,9 +11,9 @@ from mpi4py import MPI
 
 import fenics_rom as fr
 from fenics_rom.errors import MeshError
+from fenics_rom.fem.dolfinx_compat import create_tetrahedra
 from fenics_rom.fem.mesh import read_mesh
-from fenics_rom.fem.versions import create_tetrahedra
-from fenics_rom.scene_file import parse_scene
+from fenics_rom.scene.file import parse_scene
 
 LENGTHS = (1.0, 0.4, 0.3)
 TAGS = {"left": 1, "right": 2, "top": 3}

@@ -10,10 +10,10 @@ import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning
 from fenics_rom.fem.mesh import read_mesh
 from fenics_rom.fem.nodes import canonical_nodes
-from fenics_rom.fem.rigid import rigid_motions
-from fenics_rom.fem.solve import FullSimulator
-from fenics_rom.rigid import mass_orthonormal, without_energy
-from fenics_rom.scene_file import parse_scene
+from fenics_rom.fem.rigid_modes import rigid_motions
+from fenics_rom.fem.simulate import FullSimulator
+from fenics_rom.scene.file import parse_scene
+from fenics_rom.system.rigid_modes import mass_orthonormal, without_energy
 
 LENGTHS, BRICKS = (1.0, 0.4, 0.3), (3, 2, 2)
 TIP = {"outputs.tip": "points = [[1.0, 0.4, 0.3]]"}

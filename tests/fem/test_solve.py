@@ -9,9 +9,9 @@ from scipy.linalg import expm
 
 import fenics_rom as fr
 from fenics_rom.errors import StepError
-from fenics_rom.fem import solve
-from fenics_rom.fem.solve import FullSimulator
-from fenics_rom.scene_file import parse_scene
+from fenics_rom.fem import simulate
+from fenics_rom.fem.simulate import FullSimulator
+from fenics_rom.scene.file import parse_scene
 
 CLOSES_TO = 1e-12  # of the largest energy or work seen
 
@@ -143,12 +143,12 @@ def test_force_that_stays_ends_in_static_balance(small):
 def test_there_is_one_factorisation_for_each_step_size(small, monkeypatch):
     made = []
 
-    class Counted(solve.PetscFactor):
+    class Counted(simulate.PetscFactor):
         def __init__(self, *arguments, **choices):
             super().__init__(*arguments, **choices)
             made.append(self)
 
-    monkeypatch.setattr(solve, "PetscFactor", Counted)
+    monkeypatch.setattr(simulate, "PetscFactor", Counted)
     simulator, B = FullSimulator(small, 1e-3), small.input_matrix("top")
     for dt, factors in ((1e-3, 1), (2e-3, 2), (1e-3, 3)):
         simulator.dt = dt

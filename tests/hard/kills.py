@@ -23,8 +23,8 @@ from pathlib import Path
 import numpy as np
 
 import fenics_rom as fr
-from fenics_rom.accuracy.findings import read_findings
 from fenics_rom.errors import FenicsRomError
+from fenics_rom.studies.study_results import read_findings
 
 sys.path.append(str(Path(__file__).parent.parent))
 from bodies import box_arrays, scene_text, write_arrays

@@ -15,8 +15,8 @@ import h5py
 import numpy as np
 
 import fenics_rom as fr
-from fenics_rom.checked_file import SEAL_SIZE, content_of, sealed
 from fenics_rom.errors import FenicsRomError, RomFileError
+from fenics_rom.io.hdf5 import SEAL_SIZE, content_of, sealed
 
 DATA = Path(__file__).parent.parent / "data"
 ORIGINALS = ("rom-1.0.h5", "rom-1.1.h5", "rom-1.2.h5", "run-1.0.h5", "run-1.2.h5", "oblique.h5")

@@ -15,7 +15,7 @@ from mutated_files import refused
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomError, MeshError, SceneError
 from fenics_rom.fem import gmsh_file
-from fenics_rom.load_history import LoadHistory
+from fenics_rom.mechanics.load_history import LoadHistory
 
 sys.path.append(str(Path(__file__).parent.parent))
 from bodies import box_arrays, write_arrays

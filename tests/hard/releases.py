@@ -9,7 +9,7 @@ import warnings
 from pathlib import Path
 
 import fenics_rom as fr
-from fenics_rom.scene_file import parse_scene
+from fenics_rom.scene.file import parse_scene
 
 sys.path.append(str(Path(__file__).parent.parent))
 from bodies import box_arrays, scene_text, write_arrays

@@ -17,10 +17,12 @@ import numpy as np
 import pytest
 
 import fenics_rom as fr
-from fenics_rom.fem import assemble, solve
-from fenics_rom.reduction import balanced, certificate, gramians
+from fenics_rom.fem import assemble, simulate
+from fenics_rom.reduction import gramians, validation
 from fenics_rom.reduction import reduce as reduction
-from fenics_rom.runtime import forms, march, midpoint, switching
+from fenics_rom.reduction.methods.by_name import balanced
+from fenics_rom.runtime import rollout, switching
+from fenics_rom.runtime.steppers import midpoint, midpoint_forms
 
 FOLDER = Path(__file__).parent.parent.parent / "demos" / "hard_cases"
 KINDS = ("contact", "damping", "material", "order", "precision", "shape", "steps", "support")
@@ -76,13 +78,13 @@ def stiffness_halved_in_steps(patch, demo):
 
 def products_off_at_full_order(patch, demo):
     """M v that the account of the full order goes by is another than that of the step."""
-    right = solve.FullSimulator._refined
+    right = simulate.FullSimulator._refined
 
     def off(self, factor, force, v):
         Mv, Kv = right(self, factor, force, v)
         return (1 + 1e-3) * Mv, Kv
 
-    patch.setattr(solve.FullSimulator, "_refined", off)
+    patch.setattr(simulate.FullSimulator, "_refined", off)
 
 
 def steps_off(patch, demo):
@@ -99,7 +101,7 @@ def work_that_is_not_booked(patch, demo):
         after, account = right(mode, h)
         return after, 0.9 * account
 
-    for module in (forms, march):
+    for module in (midpoint_forms, rollout):
         patch.setattr(module, "matrices", off)
 
 
@@ -222,13 +224,13 @@ def damping_from_nowhere(patch, demo):
 
 def certified_next_to_infinite_resonances(patch, demo):
     """Of modes that are stiffer than they should be, by a millionth."""
-    samples = certificate._samples
+    samples = validation._samples
 
     def stiffer(problem, name, mode, W, width):
         return samples(problem, name, replace(mode, eigenvalues=(1 + 1e-6) * mode.eigenvalues), W, width)
 
-    patch.setattr(certificate, "_samples", stiffer)
-    patch.setattr(certificate, "sample_frequencies", lambda mode: np.sqrt(mode.eigenvalues[:1]) * (1 + 1e-9))
+    patch.setattr(validation, "_samples", stiffer)
+    patch.setattr(validation, "sample_frequencies", lambda mode: np.sqrt(mode.eigenvalues[:1]) * (1 + 1e-9))
 
 
 def dashpots_that_do_not_couple(rom):
@@ -246,15 +248,15 @@ def warnings_that_nobody_gives(patch, demo):
 
 
 def light_parts_that_nobody_misses(patch, demo):
-    patch.setattr(certificate, "MUCH", 1.0)
+    patch.setattr(validation, "MUCH", 1.0)
 
 
 def warnings_of_even_bodies(patch, demo):
     """That a part weighs little is said whatever the weighting is."""
-    right = certificate._light_parts
-    patch.setattr(certificate, "MUCH", 0.0)
-    patch.setattr(certificate, "LIGHT", 0.0)
-    patch.setattr(certificate, "_light_parts", lambda problem, *more: right(replace(problem, weighting="mass"), *more))
+    right = validation._light_parts
+    patch.setattr(validation, "MUCH", 0.0)
+    patch.setattr(validation, "LIGHT", 0.0)
+    patch.setattr(validation, "_light_parts", lambda problem, *more: right(replace(problem, weighting="mass"), *more))
 
 
 def noisy_singular_values(patch, demo):

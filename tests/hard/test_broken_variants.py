@@ -9,8 +9,9 @@ import numpy as np
 import pytest
 
 import fenics_rom as fr
-from fenics_rom.reduction import certificate
-from fenics_rom.runtime import forms, march, midpoint, simulator, switching
+from fenics_rom.reduction import validation
+from fenics_rom.runtime import rollout, simulator, switching
+from fenics_rom.runtime.steppers import midpoint, midpoint_forms
 
 FOLDER = Path(__file__).parent.parent.parent / "demos" / "hard_cases"
 pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
@@ -113,7 +114,7 @@ def account_of(mode, h, after):
 
 @pytest.mark.parametrize("step", [explicit_euler, central_differences, unsymmetric_stiffness])
 def test_other_steps(demo, rom, undamped, step, monkeypatch):
-    for module in (forms, march):
+    for module in (midpoint_forms, rollout):
         monkeypatch.setattr(module, "matrices", step)
     found = rides(demo, rom)
     assert found["any steps"]
@@ -143,7 +144,7 @@ def test_an_account_that_is_off(demo, rom, factor, monkeypatch):
         after, account = right(mode, h)
         return after, factor * account
 
-    for module in (forms, march):
+    for module in (midpoint_forms, rollout):
         monkeypatch.setattr(module, "matrices", off)
     assert all("gap of the energy account" in claims for claims in rides(demo, rom).values())
 
@@ -193,7 +194,7 @@ def test_displacement_along_rigid_motions_that_is_not_booked(demo, monkeypatch):
     system = demo.boxes.box(demo.support.LENGTHS, demo.support.BRICKS, clamped=False)
     rom = fr.reduce(system, order=20)
     assert demo.measures.both_runs(system, rom, demo.support.PUSH, dt=1e-3).error <= 1e-3
-    monkeypatch.setattr(forms._Form, "settle", lambda self: None)
+    monkeypatch.setattr(midpoint_forms._Form, "settle", lambda self: None)
     assert demo.measures.both_runs(system, rom, demo.support.PUSH, dt=1e-3).error > 0.1
 
 
@@ -214,7 +215,7 @@ def test_single_precision_where_double_is_claimed(demo, undamped):
 
 def test_a_certificate_at_resonances_that_are_infinite(undamped, monkeypatch):
     assert fr.reduce(undamped, order=20, method="modal").modes["right"].transfer_errors.max() <= 1.0
-    monkeypatch.setattr(certificate, "UNDAMPED", -1.0)
+    monkeypatch.setattr(validation, "UNDAMPED", -1.0)
     with np.errstate(divide="ignore", invalid="ignore"):
         try:
             worst = fr.reduce(undamped, order=20, method="modal").modes["right"].transfer_errors.max()

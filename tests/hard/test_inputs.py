@@ -14,12 +14,12 @@ import fenics_rom as fr
 from fenics_rom.errors import MeshError, RomFileError, SceneError, SolverError, StructureError
 from fenics_rom.fem.gmsh_file import GmshFile, Group
 from fenics_rom.fem.mesh import _from_gmsh, read_mesh
-from fenics_rom.ledger import Ledger
-from fenics_rom.linear_limit import ModeGauge, SurfaceGauges
+from fenics_rom.mechanics.energy_ledger import Ledger
+from fenics_rom.mechanics.linearity import ModeGauge, SurfaceGauges
+from fenics_rom.mechanics.time_step_monitor import StepGauge
 from fenics_rom.reduction.balancing import balance
-from fenics_rom.rom import check_rom
-from fenics_rom.scene_file import parse_scene
-from fenics_rom.step_length import StepGauge
+from fenics_rom.rom.rom import check_rom
+from fenics_rom.scene.file import parse_scene
 
 DATA = Path(__file__).parent.parent / "data"
 RUN = 'dt = 0.01\nduration = 0.1\nload = [{{ contact = "right", table = "{}" }}]'

@@ -15,11 +15,11 @@ import fenics_rom as fr
 DATA = Path(__file__).parent.parent / "data"
 HALFWAY = """
 import io, os, pathlib, signal, sys
-from fenics_rom import checked_file
-from fenics_rom.cli import main
+from fenics_rom.io import hdf5
+from fenics_rom.cli.main import main
 place, sent = sys.argv.pop(1), signal.Signals[sys.argv.pop(1)]
 def end():
-    if checked_file.is_rank_0():
+    if hdf5.is_rank_0():
         os.kill(os.getpid(), sent)
 class Half(io.FileIO):
     def write(self, data):

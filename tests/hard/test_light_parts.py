@@ -7,7 +7,7 @@ import pytest
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning
-from fenics_rom.reduction import certificate
+from fenics_rom.reduction import validation
 
 HEAVY, LIGHT = (1e5, 0.3, 1e5), (1e5, 0.3, 1e1)  # Pa, 1, kg/m3
 CONTACTS = {
@@ -38,5 +38,5 @@ def test_the_contact_modes_of_a_light_tip_are_named_and_others_are_not(box, monk
         fr.reduce(system, order=30, method="modal")  # which knows no weighting
         fr.reduce(system, order=60)
         fr.reduce(box((0.3, 0.1, 0.1), (4, 2, 2), contacts=CONTACTS), order=2)
-        monkeypatch.setattr(certificate, "MUCH", 0.01)
+        monkeypatch.setattr(validation, "MUCH", 0.01)
         fr.reduce(system, order=30, weighting="outputs")  # whoever asks for that knows

@@ -51,7 +51,7 @@ def hook(event, arguments):
 def told(what, about):
     os.write(3, f"{what}\\t{about}\\n".encode())
 sys.addaudithook(hook)
-from fenics_rom.cli import main
+from fenics_rom.cli.main import main
 main()
 """
 

@@ -7,7 +7,7 @@ import numpy as np
 from bodies import box_arrays, scene_text, write_arrays
 
 import fenics_rom as fr
-from fenics_rom.scene_file import parse_scene
+from fenics_rom.scene.file import parse_scene
 
 RUN = 'dt = 0.01\nduration = 0.6\nload = [{ contact = "right", stop = 0.2, force = [1.0, 2.0, 3.0] }]'
 TRUTH = {"young": 2e4, "poisson": 0.35, "density": 1200.0, "alpha": 2.0, "beta": 5e-3}

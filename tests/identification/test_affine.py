@@ -10,7 +10,7 @@ from measuring import TRUTH, box_mesh, scene_of
 import fenics_rom as fr
 from fenics_rom.identification.affine import AffineSystem
 from fenics_rom.identification.parameters import chosen, directions_at, parameters_of, scene_with, values_at, values_of
-from fenics_rom.scene_file import parse_scene
+from fenics_rom.scene.file import parse_scene
 
 EFFECTS = """
 gravity = { acceleration = [0.0, 1.0, -9.81] }

@@ -7,7 +7,7 @@ from measuring import POINTS, RUN
 
 from fenics_rom.errors import DataError
 from fenics_rom.identification.marker_data import Equilibria, Marker, Motion, read_markers
-from fenics_rom.scene_file import parse_scene
+from fenics_rom.scene.file import parse_scene
 
 CONTACTS = """
 [contacts.right]

@@ -12,9 +12,9 @@ import pytest
 from measuring import START, TRUTH, box_mesh, film, text_of, weigh
 
 import fenics_rom as fr
-from fenics_rom.checked_file import check_folder
 from fenics_rom.errors import RomFileError, SceneError
 from fenics_rom.identification.identified_scene import NUMBER, STRING, _with
+from fenics_rom.io.hdf5 import check_folder
 
 PUSHES = [("right", (0.0, 0.0, 2.0)), ("top", (1.0, 0.5, 0.0))]
 TABLE = 'dt = 0.01\nduration = 0.6\n[[run.load]]\ncontact = "right"\ntable = "tables/push.csv"'

@@ -10,10 +10,12 @@ import pytest
 from matplotlib.figure import Figure
 
 import fenics_rom as fr
-from fenics_rom.cli import main
+from fenics_rom.cli.main import main
 from fenics_rom.errors import RomFileError, SceneError, StructureError
-from fenics_rom.plots.files import plot
-from fenics_rom.plots.reduced import (
+from fenics_rom.io.units import prefixed, readable
+from fenics_rom.reduction.full_response import full_responses
+from fenics_rom.visualization.plots.plot import plot
+from fenics_rom.visualization.plots.reduced import (
     FULL_AROUND,
     FULL_POINTS,
     has_frequencies,
@@ -22,10 +24,8 @@ from fenics_rom.plots.reduced import (
     shown_frequencies,
     size,
 )
-from fenics_rom.plots.runs import run_panels
-from fenics_rom.plots.style import DARK, LIGHT
-from fenics_rom.prefixes import prefixed, readable
-from fenics_rom.reduction.full_response import full_responses
+from fenics_rom.visualization.plots.runs import run_panels
+from fenics_rom.visualization.plots.style import DARK, LIGHT
 
 pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
 DATA = Path(__file__).parent.parent / "data"
@@ -189,7 +189,7 @@ def test_the_certificate_is_what_full_solves_find(plate_system, plate_rom):
 def test_a_free_body_has_no_rigid_motions_in_its_response(box_file):
     from bodies import scene_text
 
-    from fenics_rom.scene_file import parse_scene
+    from fenics_rom.scene.file import parse_scene
 
     free = scene_text(box_file).replace('[supports]\nclamped = ["left"]', "")
     system = fr.assemble(parse_scene(free))
@@ -338,7 +338,7 @@ class Refuse:
         if name.partition(".")[0] == "matplotlib":
             raise ModuleNotFoundError(f"No module named {name!r}", name=name)
 sys.meta_path.insert(0, Refuse())
-from fenics_rom.cli import main
+from fenics_rom.cli.main import main
 main()
 """
     words = ("plot", DATA / "run-1.2.h5", "-o", tmp_path / "x.pdf")

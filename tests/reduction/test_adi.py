@@ -19,7 +19,7 @@ import fenics_rom as fr
 from fenics_rom.errors import SolverError
 from fenics_rom.reduction import adi
 from fenics_rom.reduction.adi import Residual, independent, low_rank_gramians, observed, shifts, step
-from fenics_rom.reduction.matrix_algebra import MatrixFactor
+from fenics_rom.system.scipy_backend import MatrixFactor
 
 PROPORTIONAL = {"heavy": (0.5, 1e-2), "light": (0.1, 1e-6), "alpha only": (1.0, 0.0), "beta only": (0.0, 1e-3)}
 

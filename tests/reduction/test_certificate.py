@@ -7,7 +7,7 @@ from bodies import sparse
 from test_own_matrices import triple_chain
 
 import fenics_rom as fr
-from fenics_rom.reduction.certificate import minimal_residuals
+from fenics_rom.reduction.validation import minimal_residuals
 
 
 def measured(system, rom, name):

@@ -13,8 +13,8 @@ from test_own_matrices import triple_chain
 import fenics_rom as fr
 from fenics_rom.reduction.balancing import balance
 from fenics_rom.reduction.gramians import gramian_factors
-from fenics_rom.reduction.local_damping import local_damping
-from fenics_rom.reduction.matrix_algebra import MatrixAlgebra
+from fenics_rom.reduction.low_rank_damping import local_damping
+from fenics_rom.system.scipy_backend import MatrixAlgebra
 
 DATA = Path(__file__).parents[1] / "data"
 PROPORTIONAL = {

@@ -9,7 +9,7 @@ import pytest
 from bodies import box_arrays, scene_text, write_arrays
 
 import fenics_rom as fr
-from fenics_rom.deformation import monomials
+from fenics_rom.rom.deformation import monomials
 
 RUN = """
 dt = 0.1

@@ -10,18 +10,18 @@ from bodies import assembled
 from soft_box import SoftSimulator, soft_box
 
 import fenics_rom as fr
-from fenics_rom.deformation import ReducedDeformation, monomials
 from fenics_rom.errors import RomFileError, SceneError, SolverError
-from fenics_rom.hyperelastic import LAWS
-from fenics_rom.reduction.large_deformation.cubature import spread
-from fenics_rom.reduction.large_deformation.derivatives import derivatives, second_order
-from fenics_rom.reduction.large_deformation.loads import loads_of, slowest_period, targets
-from fenics_rom.reduction.large_deformation.runs import runs_of
-from fenics_rom.reduction.large_deformation.sparse_weights import sparse_weights
-from fenics_rom.reduction.large_deformation.validation import validation_error
+from fenics_rom.io.stages import Stages
+from fenics_rom.mechanics.hyperelastic import LAWS
+from fenics_rom.reduction.common_basis import SharedSpace
+from fenics_rom.reduction.hyperreduction.cubature import spread
+from fenics_rom.reduction.hyperreduction.modal_derivatives import derivatives, second_order
+from fenics_rom.reduction.hyperreduction.nonnegative_weights import sparse_weights
+from fenics_rom.reduction.hyperreduction.training_loads import loads_of, slowest_period, targets
+from fenics_rom.reduction.hyperreduction.training_runs import runs_of
+from fenics_rom.reduction.hyperreduction.validation import validation_error
 from fenics_rom.reduction.problem import Problem
-from fenics_rom.reduction.shared_space import SharedSpace
-from fenics_rom.stages import Stages
+from fenics_rom.rom.deformation import ReducedDeformation, monomials
 
 RUN = """
 dt = 0.02

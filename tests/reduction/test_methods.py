@@ -9,7 +9,7 @@ from bodies import dense
 
 import fenics_rom as fr
 from fenics_rom.errors import SceneError
-from fenics_rom.fem.solve import FullSimulator
+from fenics_rom.fem.simulate import FullSimulator
 
 METHODS = ("balanced", "modal", "modal+static", "pod")
 

@@ -10,12 +10,12 @@ from bodies import assembled, scene_text, write_box
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning, SceneError, SolverError
-from fenics_rom.fem.solve import FullSimulator
+from fenics_rom.fem.simulate import FullSimulator
 from fenics_rom.reduction.balancing import balance
 from fenics_rom.reduction.gramians import gramian_factors
 from fenics_rom.reduction.reduce import DENSE_LIMIT
-from fenics_rom.rom import check_rom
-from fenics_rom.scene_file import parse_scene
+from fenics_rom.rom.rom import check_rom
+from fenics_rom.scene.file import parse_scene
 
 LOADED = "dt = 0.01\nduration = 1.0\nload = [{contact = 'right', stop = 0.3, force = [0.0, 0.0, 1.0]}]"
 

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from test_energy_laws import CLOSES_TO, random_rom
 
 from fenics_rom.errors import StepError
-from fenics_rom.rom import check_rom
+from fenics_rom.rom.rom import check_rom
 from fenics_rom.runtime.batch import Batch
 
 ROUND_OFF = 1e-12  # of the largest state, where two ways of computing the same differ

@@ -9,9 +9,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import fenics_rom as fr
-from fenics_rom.ledger import Ledger
-from fenics_rom.rom import Mode, Rom, check_rom, diagonalized_span
-from fenics_rom.runtime.forms import LARGEST_PRODUCT
+from fenics_rom.mechanics.energy_ledger import Ledger
+from fenics_rom.rom.rom import Mode, Rom, check_rom, diagonalized_span
+from fenics_rom.runtime.steppers.midpoint_forms import LARGEST_PRODUCT
 
 pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")  # the plate locks
 CLOSES_TO = 1e-12  # of the largest energy or work seen

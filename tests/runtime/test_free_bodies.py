@@ -13,10 +13,10 @@ from test_energy_laws import CLOSES_TO, rough_ride
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning, StepError, StructureError
-from fenics_rom.fem.solve import FullSimulator
-from fenics_rom.linear_limit import ModeGauge, basis_rows
-from fenics_rom.rom import Mode, check_rom, diagonalized_span
-from fenics_rom.runtime.forms import OneProduct, VelocityFirst
+from fenics_rom.fem.simulate import FullSimulator
+from fenics_rom.mechanics.linearity import ModeGauge, basis_rows
+from fenics_rom.rom.rom import Mode, check_rom, diagonalized_span
+from fenics_rom.runtime.steppers.midpoint_forms import OneProduct, VelocityFirst
 
 GRAVITY = 9.81
 
@@ -316,7 +316,7 @@ def test_lower_orders_keep_the_rigid_motions(rom, system):
 
 
 def test_files_keep_them_and_refuse_others(rom, tmp_path, capsys):
-    from fenics_rom.display import print_rom
+    from fenics_rom.cli.display import print_rom
 
     file = tmp_path / "free.h5"
     fr.write_rom(file, rom)

@@ -9,8 +9,8 @@ from soft_rom import linear, soft_rom, swing
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning, SceneError, StepError
-from fenics_rom.scene import STEPPERS
-from fenics_rom.scene_file import parse_scene
+from fenics_rom.scene.file import parse_scene
+from fenics_rom.scene.scene import STEPPERS
 
 LAWS = ("st_venant_kirchhoff", "neo_hookean")
 

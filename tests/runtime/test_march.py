@@ -10,7 +10,7 @@ from test_energy_laws import random_rom
 
 import fenics_rom as fr
 from fenics_rom.errors import StepError
-from fenics_rom.runtime.march import LONGEST, spans
+from fenics_rom.runtime.rollout import LONGEST, spans
 
 ROUND_OFF = 1e-12
 

@@ -7,9 +7,9 @@ import pytest
 from scipy.linalg import expm
 
 import fenics_rom as fr
-from fenics_rom.ledger import Ledger
-from fenics_rom.rom import Mode
-from fenics_rom.runtime.forms import LARGEST_PRODUCT, OneProduct, VelocityFirst, fastest
+from fenics_rom.mechanics.energy_ledger import Ledger
+from fenics_rom.rom.rom import Mode
+from fenics_rom.runtime.steppers.midpoint_forms import LARGEST_PRODUCT, OneProduct, VelocityFirst, fastest
 
 
 def three_modes():

@@ -11,8 +11,8 @@ from test_energy_laws import random_rom
 
 import fenics_rom as fr
 from fenics_rom.errors import StepError
-from fenics_rom.ledger import Ledger
-from fenics_rom.runtime.forms import LARGEST_PRODUCT
+from fenics_rom.mechanics.energy_ledger import Ledger
+from fenics_rom.runtime.steppers.midpoint_forms import LARGEST_PRODUCT
 
 
 def pushed(rom, **choice):

@@ -13,11 +13,11 @@ from hypothesis import strategies as st
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning, SceneError, StepError
-from fenics_rom.fem.solve import FullSimulator
-from fenics_rom.runtime.forms import OneProduct
-from fenics_rom.runtime.surrounded import Equilibrium, MidpointAmongObstacles
-from fenics_rom.scene_file import parse_scene
-from fenics_rom.surroundings import Surroundings
+from fenics_rom.fem.simulate import FullSimulator
+from fenics_rom.mechanics.environment import Surroundings
+from fenics_rom.runtime.steppers.contact import Equilibrium, MidpointAmongObstacles
+from fenics_rom.runtime.steppers.midpoint_forms import OneProduct
+from fenics_rom.scene.file import parse_scene
 
 CLOSES_TO = 1e-12  # of the largest energy or work seen
 SOLVED_TO = 1e-9  # of the largest velocity: as well as contact forces are found

@@ -7,9 +7,9 @@ import pytest
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning
-from fenics_rom.linear_limit import ROTATION_LIMIT, SurfaceGauges, largest
-from fenics_rom.runtime.watch import Watch
-from fenics_rom.scene_file import parse_scene
+from fenics_rom.mechanics.linearity import ROTATION_LIMIT, SurfaceGauges, largest
+from fenics_rom.runtime.linearity_monitor import Watch
+from fenics_rom.scene.file import parse_scene
 
 PUSHED = """
 name = "plate"

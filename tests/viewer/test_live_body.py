@@ -8,9 +8,9 @@ from bodies import acted_on, scene_text
 
 import fenics_rom as fr
 from fenics_rom.errors import SceneError
-from fenics_rom.scene_file import parse_scene
-from fenics_rom.viewer.grip import contact_triangles, point_of, take_hold
-from fenics_rom.viewer.live_body import LiveBody, free_name
+from fenics_rom.scene.file import parse_scene
+from fenics_rom.visualization.viewer.live_body import LiveBody, free_name
+from fenics_rom.visualization.viewer.mouse_spring import contact_triangles, point_of, take_hold
 
 BALL = 'shape = "sphere"\ncenter = [0.75, 0.2, 0.41]\nradius = 0.1'
 

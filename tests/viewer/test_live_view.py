@@ -22,8 +22,8 @@ from websockets.sync.client import connect
 
 import fenics_rom as fr
 from fenics_rom.errors import MissingPackageError, SceneError
-from fenics_rom.scene_file import parse_scene
-from fenics_rom.viewer import server
+from fenics_rom.scene.file import parse_scene
+from fenics_rom.visualization.viewer import server
 
 COMMAND = Path(sys.executable).parent / "fenics-rom"
 CHROMIUM = "/usr/bin/chromium"
@@ -298,7 +298,7 @@ def bad_files(folder, plate_rom):
     ],
 )
 def test_what_cannot_be_viewed(files, what, bad_files, capsys, monkeypatch):
-    from fenics_rom.cli import main
+    from fenics_rom.cli.main import main
 
     monkeypatch.chdir(bad_files)
     with pytest.raises(SystemExit) as ended:
@@ -311,7 +311,7 @@ def test_what_cannot_be_viewed(files, what, bad_files, capsys, monkeypatch):
 
 @pytest.mark.parametrize("arguments", [["a", "b", "c"], ["a", "--port", "70000"], ["a", "--port", "x"], []])
 def test_wrong_usage(arguments, capsys):
-    from fenics_rom.cli import main
+    from fenics_rom.cli.main import main
 
     with pytest.raises(SystemExit) as ended:
         main(["view", *arguments])
@@ -336,7 +336,7 @@ def test_no_free_port(monkeypatch):
 
 
 def test_browser_is_not_told_the_token_where_others_can_read_it(monkeypatch, capsys):
-    from fenics_rom.viewer import command
+    from fenics_rom.visualization.viewer import command
 
     opened = []
     monkeypatch.setattr(command.webbrowser, "open", lambda address: opened.append(address) or True)

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 from bodies import box_arrays, box_surfaces
 
-from fenics_rom.obstacles import Box, Capsule, HalfSpace, Sphere
-from fenics_rom.scene_file import parse_scene
-from fenics_rom.viewer.colours import BANDS, band_colours, bands_of, round_up, with_unit
-from fenics_rom.viewer.drawing import obstacle_mesh
-from fenics_rom.viewer.fields import fields
-from fenics_rom.viewer.surface import ENOUGH, MOST_CUTS, Surface, SurfaceStrain
+from fenics_rom.mechanics.obstacles import Box, Capsule, HalfSpace, Sphere
+from fenics_rom.scene.file import parse_scene
+from fenics_rom.visualization.viewer.colours import BANDS, band_colours, bands_of, round_up, with_unit
+from fenics_rom.visualization.viewer.drawing import obstacle_mesh
+from fenics_rom.visualization.viewer.fields import fields
+from fenics_rom.visualization.viewer.surface import ENOUGH, MOST_CUTS, Surface, SurfaceStrain
 
 
 @pytest.fixture(scope="module")

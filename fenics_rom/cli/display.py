@@ -1,0 +1,274 @@
+"""What the command line shows: summaries of files, tables, and bars while it works."""
+
+import io
+import math
+import sys
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+import fenics_rom as fr
+from fenics_rom.errors import MissingPackageError
+from fenics_rom.io.launcher import speaks
+from fenics_rom.io.stages import Report, Stage, peak_memory
+from fenics_rom.rom.deformation import ReducedDeformation
+from fenics_rom.rom.rom import Mode
+from fenics_rom.scene.effects import EFFECTS
+from fenics_rom.studies.pareto import decades, sentence
+from fenics_rom.studies.report import PICTURES
+from fenics_rom.studies.study_results import Findings
+from fenics_rom.studies.tables import COSTS, cost_rows, remarks
+
+
+def rich_package() -> Any:
+    """The package rich, which draws.
+
+    Raises:
+        MissingPackageError: it is not installed.
+    """
+    try:
+        import rich.console
+        import rich.progress
+        import rich.table
+        import rich.text
+    except ModuleNotFoundError as error:
+        raise MissingPackageError("the command line needs rich: pip install fenics-rom[cli]") from error
+    return rich
+
+
+def print_rom(rom: fr.Rom, file: Path | str) -> None:
+    """What is in a ROM, how good it is, and what it cost."""
+    certificate = rom.certificate
+    print_table(
+        f"ROM {rom.name}: {file}",
+        (
+            "contact mode",
+            "order",
+            "inputs",
+            "lowest",
+            "σ_1",
+            "σ left out",
+            "static error",
+            "transfer error",
+            "sampled at",
+        ),
+        [_mode_row(name, mode, certificate[name]) for name, mode in rom.modes.items()],
+    )
+    width = 3 if len(rom.nodes) else 1
+    lines = {
+        "full order": f"{len(rom.free)} displacements, {len(rom.nodes)} nodes",
+        "shared basis": f"{len(rom.stiffness)} vectors",
+        "method": rom.method,
+        "switching": rom.switching,
+        "weighting": rom.weighting,
+        "effects": _effects(rom),
+        **({} if rom.deformation is None else _deformation(rom.deformation)),
+        "outputs": ", ".join(f"{name} ({len(rows) // width})" for name, rows in rom.outputs.items()) or "none",
+        "actuators": ", ".join(rom.actuators) or "none",
+        **({"loads": ", ".join(rom.loads)} if rom.loads else {}),
+    }
+    touched = {name: len(mode.contact_points) for name, mode in rom.modes.items() if len(mode.contact_points)}
+    if touched:
+        lines["contact points"] = ", ".join(f"{name} ({count})" for name, count in touched.items())
+    _print_lines(lines, rom.warnings)
+    if rom.stages:
+        print()
+        _print_stages(rom.stages)
+
+
+def _deformation(body: ReducedDeformation) -> dict[str, str]:
+    """What large deformation was trained for, and how good it is."""
+    validation = "not measured" if body.validation_error is None else f"{body.validation_error:.1e}"
+    return {
+        "large deformation": f"{body.law.replace('_', ' ')}, {len(body.weights)} of {body.points_of} points kept",
+        "error of forces": f"{body.cubature_error:.1e} on the states it was trained on",
+        "error of a run": f"{validation}, that it was not trained on",
+    }
+
+
+def _effects(rom: fr.Rom) -> str:
+    """Each with those of its parameters that are numbers, in their units."""
+    shown = []
+    for name, parameters in rom.effects.items():
+        units = EFFECTS[name].numbers
+        numbers = (f"{key} = {_number(value)}{_unit(units[key][0])}" for key, value in parameters.items())
+        shown.append(f"{name} ({', '.join(numbers)})" if parameters else name)
+    return ", ".join(shown) or "of the matrices"
+
+
+def _number(value: float | tuple[float, ...]) -> str:
+    return f"[{', '.join(f'{v:g}' for v in value)}]" if isinstance(value, tuple) else f"{value:g}"
+
+
+def _unit(unit: str) -> str:
+    return "" if unit == "1" else f" {unit}"
+
+
+def _mode_row(name: str, mode: Mode, certificate: dict[str, float | None]) -> tuple[str, ...]:
+    σ, count = mode.hankel_singular_values, len(mode.frequencies)
+    return (
+        name,
+        str(mode.order - mode.rigid) + (f" + {mode.rigid} rigid" if mode.rigid else ""),
+        str(mode.inputs.shape[1]),
+        f"{mode.eigenvalues[mode.rigid] ** 0.5 / math.tau:.4g} Hz",
+        f"{σ[0]:.2e}" if len(σ) else "-",
+        *(_share(certificate[key]) for key in ("neglected", "static_error", "transfer_error")),
+        f"{count} frequenc{'y' if count == 1 else 'ies'}" if count else "-",
+    )
+
+
+def _share(value: float | None) -> str:
+    return "-" if value is None else f"{value:.1e}"
+
+
+def _print_stages(stages: tuple[Stage, ...]) -> None:
+    total = sum(stage.seconds for stage in stages)
+    whole = Stage("total", total, max(stage.peak_memory for stage in stages))
+    print_table(
+        "offline work",
+        ("stage", "seconds", "share", "peak memory per rank"),
+        [
+            (
+                stage.name,
+                f"{stage.seconds:,.2f}",
+                f"{100 * stage.seconds / total if total else 0:.1f} %",
+                _megabytes(stage),
+            )
+            for stage in (*stages, whole)
+        ],
+    )
+
+
+def _megabytes(stage: Stage) -> str:
+    return f"{stage.peak_memory / 1e6:,.0f} MB"
+
+
+def print_record(record: fr.Record, file: Path | str) -> None:
+    """What a run came to, and where the energy went."""
+    seconds, dt = record.settings["seconds"], record.settings["dt"]
+    account = {
+        "supplied": record.supplied[-1],
+        "dissipated": record.dissipated[-1],
+        "lost in switching": record.lost_in_switching[-1],
+        "stored": record.energy[-1],
+    }
+    title = f"{record.model} run {record.name}: {file}"
+    print_table(title, tuple(account), [tuple(f"{value:.6e} J" for value in account.values())])
+    lines = {
+        "steps": f"{record.steps} of {dt:g} s",
+        "order": f"{record.settings['order']:.0f}",
+        "rate": f"{record.steps / seconds:,.0f} steps/s, {record.times[-1] / seconds:.3g} times real time"
+        if seconds > 0
+        else "not measured",
+        "energy account closes to": f"{record.balance_error:.1e} of the largest energy or work",
+    }
+    if record.stepping:
+        lines["steps are taken by"] = record.stepping
+    if "mismatch" in record.settings:
+        lines["mismatch of strains"] = f"{record.settings['mismatch']:.1e} of the largest"
+    if record.effects:
+        lines["effects"] = ", ".join(record.effects)
+    if record.contact_account:
+        done = {name: f"{sums[-1]:.6e} J" for name, sums in record.contact_account.items()}
+        lines["supplied by obstacles"] = done["obstacles"]
+        lines["dissipated in contact"] = done["contact"]
+        if "friction" in done:
+            lines["dissipated by friction"] = done["friction"]
+    for name, forces in record.forces.items():
+        lines[f"largest force of {name}"] = f"{np.linalg.norm(forces, axis=1).max():.4g} N"
+    _print_lines(lines, record.warnings)
+    if record.profile:
+        print()
+        _print_profile(record.profile)
+
+
+def print_findings(findings: Findings, folder: Path) -> None:
+    """What each decimal costs, and which model to choose for it."""
+    title = f"study {findings.name}: what each decimal costs"
+    print_table(title, COSTS, cost_rows(findings))
+    lines = {
+        "full order": f"{findings.size:,} unknowns, {findings.full_rate:,.0f} steps/s without account",
+        "reference": f"steps of {findings.reference_step:.3g} s, own error {findings.reference_error:.1e}",
+        "tables": f"{folder / 'study.md'}, {folder / 'study.csv'}",
+        "pictures": ", ".join(str(folder / f"{name}.png") for name in PICTURES),
+    }
+    _print_lines(lines, tuple(remarks(findings)))
+    for tolerance, row in decades(findings.rows):
+        print(f"  {sentence(findings, tolerance, row)}")
+
+
+def print_identification(result: Any, folder: Path) -> None:
+    """The parameters found, and how good the fit is."""
+    from fenics_rom.identification.write import HEADING, lines_of, rows_of  # needs SciPy, which a run of a ROM does not
+
+    print_table(f"identification of {result.scene.name}: {folder}", HEADING, rows_of(result))
+    _print_lines(lines_of(result), result.warnings)
+
+
+def _print_profile(profile: Mapping[str, float]) -> None:
+    total = sum(profile.values())
+    print_table(
+        "what a step costs (with the clock read between its parts)",
+        ("part", "microseconds", "share"),
+        [
+            (name, f"{1e6 * seconds:,.2f}", f"{100 * seconds / total if total else 0:.1f} %")
+            for name, seconds in ({**profile, "total": total}).items()
+        ],
+    )
+
+
+def _print_lines(lines: dict[str, str], messages: tuple[str, ...]) -> None:
+    width = max(len(key) for key in lines)
+    for key, value in lines.items():
+        print(f"  {key:<{width}}  {value}")
+    print_warnings(messages)
+
+
+def print_warnings(messages: Sequence[str]) -> None:
+    """What the user should know."""
+    for message in messages:
+        print(f"  warning: {message}")
+
+
+def print_table(title: str, columns: tuple[str, ...], rows: Sequence[tuple[str, ...]]) -> None:
+    """A table under its title."""
+    rich = rich_package()
+    table = rich.table.Table(header_style="", box=rich.box.SIMPLE_HEAD)
+    for k, column in enumerate(columns):
+        table.add_column(column, justify="left" if k == 0 else "right", no_wrap=True)
+    for row in rows:
+        table.add_row(*(rich.text.Text(cell) for cell in row))
+    text = io.StringIO()
+    rich.console.Console(file=text, width=1000).print(table)  # so wide that no cell is cut
+    print(title, *(line.rstrip() for line in text.getvalue().rstrip().split("\n")), "", sep="\n")
+
+
+@contextmanager
+def progress() -> Iterator[Report]:
+    """A report that draws a bar for each stage on a terminal, on rank 0, and nothing elsewhere."""
+    if not (speaks() and sys.stderr.isatty()):
+        yield lambda stage, done, of: None
+        return
+    rich = rich_package()
+
+    class Memory(rich.progress.ProgressColumn):  # type: ignore[name-defined]
+        """The most that this rank has held, up to now or to the end of the stage."""
+
+        def render(self, task: Any) -> Any:
+            if not task.finished:
+                task.fields["memory"] = peak_memory()
+            return rich.text.Text(f"{task.fields.get('memory', peak_memory()) / 1e6:,.0f} MB")
+
+    columns = (*rich.progress.Progress.get_default_columns(), rich.progress.TimeElapsedColumn(), Memory())
+    with rich.progress.Progress(*columns, console=rich.console.Console(stderr=True), transient=True) as bars:
+        tasks: dict[str, Any] = {}
+
+        def report(stage: str, done: int, of: int) -> None:
+            if stage not in tasks:
+                tasks[stage] = bars.add_task(stage, total=of)
+            bars.update(tasks[stage], completed=done, total=of)
+
+        yield report

@@ -1,0 +1,83 @@
+"""What a body that deforms largely consists of at full order."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from fenics_rom.fem.finite_strain.follower_loads import Follower
+from fenics_rom.fem.finite_strain.quadrature import Points
+from fenics_rom.fem.finite_strain.stresses import Material
+from fenics_rom.fem.petsc_matrix import PetscMatrix
+from fenics_rom.system.system import Algebra
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Model:
+    """M, D_c and K_s, the points that strain, and what follows the body.
+
+    Attributes:
+        mass: M, kg.
+        drag: D_c = α M and dashpots to ground, N s/m; None: nothing.
+        spring: K_s of springs to ground, N/m; None: nothing.
+        points: where strains are taken, of the cells of this rank.
+        material: theirs.
+        followers: forces that follow the body, by name of their actuator.
+        free: (n,) free components among the 3 N displacements.
+        algebra: what the ranks do together.
+    """
+
+    mass: PetscMatrix
+    drag: PetscMatrix | None
+    spring: PetscMatrix | None
+    points: Points
+    material: Material
+    followers: Mapping[str, Follower]
+    free: Array
+    algebra: Algebra
+
+    def everywhere(self, x: Array) -> Array:
+        """Displacements (N, 3) of all nodes from local rows (rows here, 1)."""
+        field = np.zeros(3 * self.points.count)
+        field[self.free] = self.algebra.gather(x)[:, 0]
+        return field.reshape(-1, 3)
+
+    def here(self, field: Array) -> Array:
+        """Local rows (rows here, 1) of a field of all nodes (N, 3)."""
+        return field.ravel()[self.free[self.algebra.rows()], None]
+
+    def dot(self, left: Array, right: Array) -> float:
+        """leftᵀ right of columns (rows here, 1)."""
+        return float(self.algebra.inner(left, right)[0, 0])
+
+    def elastic_energy(self, E: Array) -> float:
+        """∫ W, J, of Green strains (6, P here)."""
+        return self.points.integral(self.material.energy_density(E))
+
+
+@dataclass(frozen=True)
+class Load:
+    """What pushes in a step.
+
+    Attributes:
+        dead: force (rows here, 1), N, that does not follow the body.
+        following: values and followers of those that do.
+    """
+
+    dead: Array
+    following: tuple[tuple[float, Follower], ...]
+
+    def force(self, model: Model, u: Array) -> Array:
+        """(rows here, 1), N, at displacements of all nodes (N, 3)."""
+        return self.dead + model.here(sum((value * one.force(u) for value, one in self.following), np.zeros_like(u)))
+
+    def changed(self, model: Model, u: Array, du: Array) -> Array:
+        """Change (rows here, 1) of the force with that of displacements of all nodes (N, 3)."""
+        return model.here(sum((value * one.changed(u, du) for value, one in self.following), np.zeros_like(u)))
+
+
+def times(matrix: PetscMatrix | None, column: Array) -> Array:
+    """Product (rows here, 1) with a matrix that may be absent, which stands for zero."""
+    return np.zeros_like(column) if matrix is None else matrix @ column

@@ -1,0 +1,298 @@
+"""Steps of a full-order body that deforms largely: energy-consistent midpoint steps, or equilibria without inertia."""
+
+from contextlib import suppress
+
+import numpy as np
+
+from fenics_rom.errors import SolverError, StepError
+from fenics_rom.fem.direct import PetscFactor
+from fenics_rom.fem.finite_strain.contact import Touching
+from fenics_rom.fem.finite_strain.gmres import Krylov
+from fenics_rom.fem.finite_strain.model import Load, Model, times
+from fenics_rom.fem.finite_strain.newton import NotConvergedError, Solution, solved
+from fenics_rom.fem.finite_strain.preconditioner import StepMatrix, Weights
+from fenics_rom.fem.finite_strain.residuals import Equation, Equilibrium, Midpoint, Start
+from fenics_rom.fem.finite_strain.stresses import UNIT, StressesInStep
+from fenics_rom.mechanics.contact import Resolution
+from fenics_rom.mechanics.energy_ledger import Ledger
+from fenics_rom.mechanics.environment import Surroundings
+from fenics_rom.mechanics.hyperelastic import strain
+from fenics_rom.mechanics.time_step_monitor import StepGauge
+from fenics_rom.system.system import Array, System
+
+FINEST = 1 / 64  # share of a step below which none is tried
+DEAR = 25  # products with the tangent in a step, more than a new factor is worth
+
+
+class LargeDeformationSimulator:
+    """Steps a body from rest; every rank must call every method.
+
+    Args:
+        system: the full-order model.
+        model: what deforms in it.
+        dt: time step, s; may be set anew before any step.
+        surroundings: obstacles, and whether there is inertia; None: no obstacles, and inertia.
+        ledger: whether the energy account is kept.
+
+    Attributes:
+        x, v: displacement and velocity (rows here, 1), m and m/s.
+        touched: contact in the last step; None where nothing touched.
+        newton: iterations of Newton's method in the last step.
+        products: products with tangents in the last step.
+        factors: how often a matrix was factored so far.
+        parted: steps that were taken in parts, as Newton's method did not solve them whole.
+        finest: smallest share of a step that was taken.
+        ledger: the energy account, or None.
+        gauge: of the length of the steps, where an account is kept.
+    """
+
+    def __init__(
+        self, system: System, model: Model, dt: float, surroundings: Surroundings | None = None, *, ledger: bool = True
+    ):
+        self.system, self.surroundings, self._model = system, surroundings, model
+        self.dt, self.time = dt, 0.0
+        self.ledger = Ledger() if ledger else None
+        self.gauge = StepGauge()
+        self.touched: Resolution | None = None
+        self.newton = self.products = self.factors = self.parted = 0
+        self.finest = 1.0
+        self._quasi_static = surroundings is not None and surroundings.quasi_static
+        self._touch: Touching | None = None
+        if surroundings is not None and surroundings.law is not None:
+            self._touch = Touching(system, surroundings)
+        here = system.algebra.rows()
+        rows = here.stop - here.start
+        self._matrix = StepMatrix(
+            model.points, model.material, model.free, here, (model.mass, model.drag, model.spring)
+        )
+        self._krylov = Krylov(rows, system.size, model.mass.mat.comm)
+        self._factored: tuple[Weights, PetscFactor] | None = None
+        self._columns: dict[str, Array] = {}
+        self.set_state(np.zeros(rows), np.zeros(rows))
+
+    @property
+    def energy(self) -> float:
+        """Stored energy ½ vᵀMv + ½ xᵀK_s x + ∫W, J."""
+        m, x, v = self._model, self.x, self.v
+        quadratic = m.dot(v, m.mass @ v) + m.dot(x, times(m.spring, x))
+        return quadratic / 2 + m.elastic_energy(self._E)
+
+    @property
+    def inverted(self) -> int:
+        """Number of points that are turned inside out, det F <= 0."""
+        J = np.linalg.det((UNIT + self._H).transpose(2, 0, 1))
+        return int(self._model.points.summed(np.array([np.count_nonzero(J <= 0.0)]))[0])
+
+    @property
+    def messages(self) -> tuple[str, ...]:
+        """What the user should know of the run so far."""
+        loose = "" if self._touch is None else self._touch.contact.loose.message
+        parted = ""
+        if self.parted:
+            parted = (
+                f"Newton's method did not solve {self.parted} of the steps whole: they were taken in parts, the "
+                f"smallest 1/{round(1 / self.finest)} of a step; a smaller dt may be faster"
+            )
+        return tuple(filter(None, [parted, loose, self.gauge.message]))
+
+    def set_state(self, x: Array, v: Array) -> None:
+        """Puts the body somewhere, moving: local rows of displacement (m) and velocity (m/s), (rows here,) each."""
+        self._arrive(x.reshape(-1, 1).copy(), v.reshape(-1, 1).copy())
+        self._past: list[Array] = []
+
+    def step(self, contact: str, u: Array) -> None:
+        """Advances by dt, in a contact mode, under inputs u in the order of its `System.input_matrix`.
+
+        Raises:
+            StepError: an input is not finite.
+            SolverError: Newton's method did not converge, not even for the smallest part of a step.
+        """
+        self._advance(contact, u, self._quasi_static)
+        self.time += self.dt
+
+    def equilibrium(self, contact: str, u: Array) -> None:
+        """Brings the body to rest under inputs u, put on in as many parts as it takes; arguments as in `step`."""
+        self._past = []
+        self._advance(contact, u, quasi_static=True)
+
+    def nearest(self, active: str) -> str:
+        """The contact mode that an obstacle is nearest to, if one is near; else the active one."""
+        assert self._touch is not None
+        assert self.surroundings is not None
+        gaps = self._touch.contact.gaps(self._touch.at_points(self.x), self.surroundings.offsets)
+        return self._touch.points.nearest(gaps, active)
+
+    def displacement(self, output: str | None = None) -> Array:
+        """Displacement, m: of a named output (points, 3), or of every mesh node (nodes, 3)."""
+        if output is None:
+            return self._model.everywhere(self.x)
+        return self.system.algebra.inner(self.system.outputs[output], self.x).reshape(-1, 3)
+
+    def velocity(self) -> Array:
+        """Velocity of every mesh node (nodes, 3), m/s."""
+        return self._model.everywhere(self.v)
+
+    def close(self) -> None:
+        """Gives the memory back."""
+        self._krylov.close()
+        self._forget()
+
+    def _forget(self) -> None:
+        """Gives the factor back."""
+        if self._factored is not None:
+            self._factored[1].close()
+            self._factored = None
+
+    def _arrive(self, x: Array, v: Array, H: Array | None = None) -> None:
+        """Makes x and v (rows here, 1) the state, whose displacement gradients (3, 3, P here) may be known."""
+        self.x, self.v = x, v
+        self._u = self._model.everywhere(x)
+        self._H = self._model.points.gradients(self._u) if H is None else H
+        self._E = strain(self._H)
+
+    def _load(self, contact: str, u: Array) -> Load:
+        """The force of inputs u in a contact mode."""
+        s, followers = self.system, self._model.followers
+        if contact not in self._columns:
+            self._columns[contact] = s.input_matrix(contact)
+        width = self._columns[contact].shape[1]
+        if u.shape != (width,) or not np.isfinite(u).all():
+            raise StepError(f"input {u.tolist()}: allowed are {width} finite numbers in contact mode {contact!r}")
+        u, following, at = u.copy(), [], s.contacts[contact].shape[1]
+        for name, columns in s.actuators.items():
+            if name in followers:
+                if u[at]:
+                    following.append((float(u[at]), followers[name]))
+                u[at] = 0.0
+            at += columns.shape[1]
+        return Load(self._columns[contact] @ u[:, None], tuple(following))
+
+    def _advance(self, contact: str, u: Array, quasi_static: bool) -> None:
+        """Takes a step, in parts where Newton's method does not solve it whole; if none does, nothing has changed."""
+        load, state = self._load(contact, u), (self.x, self.v, self._H, self.touched)
+        sums = self.ledger.sums if self.ledger is not None else ()
+        self.newton, products = 0, self._krylov.products
+        missing = self._unbalanced(load) if quasi_static else None
+        done, share, finest = 0.0, 1.0, 1.0
+        while done < 1.0:
+            try:
+                self._part(load, done, share, missing)
+            except (NotConvergedError, StepError):
+                share /= 2
+                if share >= FINEST:
+                    continue
+                if self.ledger is not None:
+                    self.ledger.sums = sums
+                *kinematics, self.touched = state
+                self._arrive(*kinematics)
+                raise SolverError(self._failure(contact, u, quasi_static)) from None
+            done, finest = done + share, min(finest, share)
+        self.products = self._krylov.products - products
+        if finest < 1.0:
+            self.parted, self.finest = self.parted + 1, min(self.finest, finest)
+
+    def _failure(self, contact: str, u: Array, quasi_static: bool) -> str:
+        """Why a step could not be taken, and what to do."""
+        part = f"1/{round(1 / FINEST)} of {'its load' if quasi_static else f'a step of {self.dt:g} s'}"
+        lower = "the load" if quasi_static else "the load or dt"
+        return (
+            f"Newton's method did not converge at t = {self.time:.6g} s in contact mode {contact!r} under the inputs "
+            f"[{', '.join(f'{value:.6g}' for value in u)}], not even for {part}: lower {lower}, or the body is pushed "
+            "beyond what this mesh and material can follow"
+        )
+
+    def _unbalanced(self, load: Load) -> Array:
+        """Force (rows here, 1), N, that a load, contact and elasticity leave at the start of a step."""
+        start = Start(self.x, self.v, self._u, self._H, self._E)
+        rest = Equilibrium(self._model, start, load, self.dt, np.zeros_like(self.x)).at(np.zeros_like(self.x))
+        if self._touch is None:
+            return rest.residual
+        return rest.residual + self._touch.push(self.touched)
+
+    def _part(self, load: Load, done: float, share: float, missing: Array | None) -> None:
+        """Takes the part of a step that begins when `done` of it is taken."""
+        h = share * self.dt
+        start = Start(self.x, self.v, self._u, self._H, self._E)
+        equation: Equation
+        if missing is None:
+            equation = Midpoint(self._model, start, load, h)
+        else:
+            equation = Equilibrium(self._model, start, load, h, (1 - done - share) * missing)
+        if self._touch is not None:
+            assert self.surroundings is not None
+            around = self.surroundings
+            moved = around.ahead - around.offsets
+            offsets = around.offsets + done * moved, around.offsets + (done + share) * moved
+            before = around.velocities if done == 0 else moved / self.dt
+            self._touch.begin(self.x, self.v, h, offsets, before, missing is not None)
+        solution = self._solution(equation, share)
+        self.newton += solution.iterations
+        self._book(equation, solution, missing is not None)
+        trial, h = solution.trial, equation.h
+        x = self.x + h * trial.v
+        v = np.zeros_like(x) if missing is not None else 2 * trial.v - self.v
+        self._past = [trial.v, *self._past[:1]] if share == 1 else []
+        self.touched = solution.touched
+        self._arrive(x, v, trial.stresses.end - UNIT)
+
+    def _solution(self, equation: Equation, share: float) -> Solution:
+        """Solves the equations of a step, with a kept factor if that is good enough."""
+        guesses = self._guesses(equation)
+        products = self._krylov.products
+        kept = self._factored is not None and self._factored[0] == equation.weights
+        if kept:
+            with suppress(NotConvergedError):
+                solution = self._tried(equation, guesses)
+                if self._krylov.products - products > DEAR:
+                    self._forget()
+                return solution
+        self._factor(equation.weights)
+        return self._tried(equation, guesses)
+
+    def _tried(self, equation: Equation, guesses: list[Array]) -> Solution:
+        assert self._factored is not None
+        if self._touch is not None:
+            self._touch.use(self._factored[1])
+        try:
+            return solved(
+                equation, guesses, self._factored[1], self._krylov, self._touch, self._model.dot, self.touched
+            )
+        except NotConvergedError:
+            if self._touch is not None:
+                self._touch.undo()
+            raise
+
+    def _factor(self, weights: Weights) -> None:
+        """Factors the matrix of the state that the body is in."""
+        self._forget()
+        self._factored = weights, PetscFactor(self._matrix.assembled(self._H, weights), one_by_one=True)
+        self.factors += 1
+
+    def _guesses(self, equation: Equation) -> list[Array]:
+        """Mid-step velocities to begin the search with."""
+        if isinstance(equation, Equilibrium):
+            return [np.zeros_like(self.x), *self._past[:1]]
+        if len(self._past) == 2:
+            return [self.v, 2 * self._past[0] - self._past[1]]
+        return [self.v]
+
+    def _book(self, equation: Equation, solution: Solution, quasi_static: bool) -> None:
+        """Books what a part of a step supplied and dissipated."""
+        if self.ledger is None:
+            return
+        m, trial, h, touched = self._model, solution.trial, equation.h, solution.touched
+        supplied = h * m.dot(trial.force, trial.v)
+        if touched is not None:
+            assert self._touch is not None
+            self.ledger.book_contact(*touched.account(self._touch.at_points(trial.v), h))
+        if quasi_static:
+            pushed = h * m.dot(self._touch.push(touched), trial.v) if self._touch is not None else 0.0
+            x = self.x + h * trial.v
+            stored = m.elastic_energy(strain(trial.stresses.end - UNIT)) + m.dot(x, times(m.spring, x)) / 2
+            self.ledger.book(supplied=supplied, dissipated=supplied + pushed + self.energy - stored)
+            return
+        assert isinstance(trial.stresses, StressesInStep)
+        drawn = m.dot(trial.v, times(m.drag, trial.v))
+        self.ledger.book(supplied=supplied, dissipated=h * drawn + m.points.integral(trial.stresses.heat))
+        change = 2 * (trial.v - self.v)
+        self.gauge.add(m.dot(change, m.mass @ change), m.dot(trial.v, m.mass @ trial.v))

@@ -1,0 +1,249 @@
+"""Anyone's PETSc matrices as parts of a system, measured as SciPy's are, by all ranks together.
+
+What one rank finds wrong is raised on every rank, so none waits for another.
+"""
+
+from collections.abc import Callable, Mapping
+from contextlib import closing
+from typing import Any
+
+import numpy as np
+import scipy.sparse
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from fenics_rom.errors import SolverError, StructureError
+from fenics_rom.fem.direct import MemoryShortage, PetscFactor
+from fenics_rom.fem.petsc_algebra import PetscAlgebra, require_real
+from fenics_rom.fem.petsc_matrix import PetscMatrix, ZeroMatrix, combination, held
+from fenics_rom.fem.ranks import on_rank_0
+from fenics_rom.system.rigid_modes import hint, is_singular, pins
+from fenics_rom.system.system import COLUMNS, MATRICES, System, rayleigh_of, rigid_columns, unmeshed
+
+SYMMETRY = 1e-10  # largest accepted |A - Aᵀ| as a share of |A|, Frobenius norms
+DIFFERENT = PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN
+
+
+def checked_parts(given: Mapping[str, Any]) -> dict[str, Any]:
+    """Fields of a system; the matrices that were given stay as they are.
+
+    Args:
+        given: "mass" and "stiffness", "damping" or "rayleigh", "contacts", "actuators", "outputs", "rigid", "warnings".
+
+    Raises:
+        StructureError: on all ranks, with the measured number.
+        SolverError: PETSc is a complex-valued build.
+    """
+    require_real(PETSc.ScalarType)
+    present = {name: given[name] for name in MATRICES if given[name] is not None}
+    for name, matrix in present.items():
+        if not isinstance(matrix, PETSc.Mat):
+            kind = type(matrix).__name__
+            raise StructureError(f"{name} is a {kind}, but others are PETSc matrices; allowed are all of them or none")
+    mass = present["mass"]
+    comm = mass.comm.tompi4py()
+    for name, matrix in present.items():
+        _check_layout(name, matrix, mass)
+    mats = {name: _symmetric_copy(name, matrix) for name, matrix in present.items()}
+    warnings = [_definite("mass", mats["mass"].copy())]
+
+    M, K = PetscMatrix(mats["mass"]), PetscMatrix(mats["stiffness"])
+    algebra, rayleigh = PetscAlgebra(comm, mass.getOwnershipRange()), given["rayleigh"]
+    R = np.empty((M.local, 0)) if given["rigid"] is None else _checked_block(comm, given["rigid"], "rigid", M.local)
+    R = rigid_columns(M, K, R, algebra)
+    warnings.append(_definite_stiffness(K, R, algebra))
+    D: PetscMatrix | ZeroMatrix
+    if rayleigh is None:
+        D = PetscMatrix(mats["damping"])
+        rayleigh = rayleigh_of(M, D, K, algebra, M.size)
+        if rayleigh is None or min(rayleigh) < 0:  # else it is semi-definite because M and K are
+            warnings.append(_definite("damping", _lifted(D.mat, M.mat)))
+    else:
+        α, β = rayleigh
+        D = PetscMatrix(combination((α, M), (β, K))) if α or β else ZeroMatrix()
+    return {
+        **{"mass": M, "damping": D, "stiffness": K, "algebra": algebra, "body": unmeshed(M.size)},
+        **{kind: _checked_columns(comm, given[kind], kind, M.local) for kind in COLUMNS},
+        **{"rayleigh": rayleigh, "rigid": R, "warnings": (*given["warnings"], *filter(None, warnings))},
+    }
+
+
+def refuse_together(comm: Any, complaint: str) -> None:
+    """Raises on every rank what the first rank that complains has to say.
+
+    Raises:
+        StructureError: some rank's complaint is not empty.
+    """
+    for rank, said in enumerate(comm.allgather(complaint)):
+        if said:
+            raise StructureError(f"{said} (rank {rank})" if comm.size > 1 else said)
+
+
+def spread(read: Callable[[], tuple[dict[str, Any], dict[str, dict[str, Any]]]]) -> tuple[dict[str, Any], ...]:
+    """SciPy matrices and NumPy columns that rank 0 reads, as PETSc matrices and columns with their rows spread.
+
+    Args:
+        read: gives the matrices by name, and the columns by kind and name; only rank 0 calls it.
+
+    Raises:
+        StructureError: what `read` raises, on every rank.
+    """
+    comm, held = MPI.COMM_WORLD, []
+    on_rank_0(comm, lambda: held.append(read()))  # what was read stays on rank 0
+    square, tall = held[0] if held else ({}, {})
+    names = comm.bcast(list(square), root=0)
+    matrices = {name: _spread_matrix(comm, square.get(name)) for name in names}
+    shares = [
+        {
+            kind: {name: np.array_split(block, comm.size)[rank] for name, block in given.items()}
+            for kind, given in tall.items()
+        }
+        for rank in range(comm.size)
+    ]
+    return matrices, comm.scatter(shares, root=0)
+
+
+def spread_system(read: Any, rayleigh: tuple[float, float] | None) -> System:
+    """The system of what rank 0 reads, as in `spread`."""
+    matrices, columns = spread(read)
+    system = System(**matrices, **columns, rayleigh=rayleigh)
+    for matrix in matrices.values():  # the system has copies, and PETSc forgets nothing by itself
+        matrix.destroy()
+    return system
+
+
+def _spread_matrix(comm: Any, matrix: Any) -> PETSc.Mat:
+    """A SciPy matrix that rank 0 has and the others do not (None), its rows spread evenly over the ranks."""
+    whole = scipy.sparse.csr_matrix((0, 0) if matrix is None else matrix, dtype=float)
+    whole.sort_indices()
+    shape = comm.bcast(whole.shape, root=0)
+    csr = (whole.indptr.astype(PETSc.IntType), whole.indices.astype(PETSc.IntType), whole.data)
+    gathered = PETSc.Mat().createAIJ(tuple(zip(whole.shape, shape, strict=True)), csr=csr, comm=comm)
+    mine = [np.array_split(np.arange(size, dtype=PETSc.IntType), comm.size)[comm.rank] for size in shape]
+    chosen = [PETSc.IS().createGeneral(indices, comm=comm) for indices in mine]
+    result = gathered.createSubMatrix(*chosen)
+    for part in (gathered, *chosen):
+        part.destroy()
+    return result
+
+
+def _check_layout(name: str, matrix: PETSc.Mat, mass: PETSc.Mat) -> None:
+    """Refuses what is not square, of the size of M, with its rows on the same ranks, and assembled."""
+    if MPI.Comm.Compare(matrix.comm.tompi4py(), mass.comm.tompi4py()) not in (MPI.IDENT, MPI.CONGRUENT):
+        raise StructureError(f"{name} is on another communicator than mass")
+    shape, size = matrix.getSize(), mass.getSize()[0]
+    if shape != (size, size) or size == 0:
+        raise StructureError(f"{name} has shape {shape}; allowed is {(size, size) if matrix is not mass else 'square'}")
+    own, other = matrix.getOwnershipRange(), mass.getOwnershipRange()
+    columns = matrix.getOwnershipRangeColumn()
+    apart = own != other or columns != other
+    refuse_together(
+        mass.comm.tompi4py(),
+        f"{name} has rows {own[0]} to {own[1]} and columns {columns[0]} to {columns[1]} here, but mass has rows "
+        f"{other[0]} to {other[1]}; allowed are the same"
+        if apart
+        else "",
+    )
+    if not matrix.assembled:
+        raise StructureError(f"{name} is not assembled; call its assemble()")
+
+
+def _symmetric_copy(name: str, matrix: PETSc.Mat) -> PETSc.Mat:
+    """(A + Aᵀ)/2 in the AIJ format, where A is symmetric up to round-off."""
+    try:
+        A = matrix.convert("aij", PETSc.Mat())  # a copy in any case
+    except PETSc.Error as error:
+        raise StructureError(f"{name} is of type {matrix.getType()}, which PETSc cannot convert to AIJ") from error
+    scale = A.norm()
+    if not np.isfinite(scale):
+        raise StructureError(f"{name} holds numbers that are not finite")
+    transposed = A.transpose(PETSc.Mat())
+    skew = A.copy()
+    skew.axpy(-1.0, transposed, structure=DIFFERENT)
+    lack = skew.norm()
+    if lack > SYMMETRY * scale:
+        raise StructureError(f"{name} is not symmetric: |A - Aᵀ| = {lack:.1e}, |A| = {scale:.1e}")
+    A.axpy(1.0, transposed, structure=DIFFERENT)
+    A.scale(0.5)
+    near = matrix.getNearNullSpace()  # for multigrid
+    if near:
+        A.setNearNullSpace(near)
+    for part in (transposed, skew, near):
+        part.destroy()
+    return A
+
+
+def _definite(name: str, matrix: PETSc.Mat) -> str:
+    """Refuses by the pivots of a factor, which uses the matrix up; returns what to warn of where it has no room."""
+    kind = "semi-definite" if name == "damping" else "definite"
+    try:
+        PetscFactor(matrix).close()
+    except MemoryShortage as error:
+        return f"{name}: nobody has seen whether it is positive {kind}: {error.shortage}"
+    except SolverError as error:
+        raise StructureError(f"{name} is not positive {kind}: {error}") from error
+    return ""
+
+
+def _definite_stiffness(K: PetscMatrix, R: np.ndarray, algebra: PetscAlgebra) -> str:
+    """The same of K beside its rigid motions, where pivots alone would not do: round-off makes zeros positive."""
+    fixed = pins(R, algebra)
+    try:
+        with closing(PetscFactor(held(K.mat.copy(), fixed))) as factor:
+            singular = is_singular(K, factor, algebra, fixed)
+    except MemoryShortage as error:
+        return f"stiffness: nobody has seen whether it is positive definite: {error.shortage}"
+    except SolverError as error:
+        raise StructureError(f"stiffness is not positive definite: {error}{hint(R)}") from error
+    if singular:
+        raise StructureError(f"stiffness is not positive definite, but singular to round-off{hint(R)}")
+    return ""
+
+
+def _lifted(damping: PETSc.Mat, mass: PETSc.Mat) -> PETSc.Mat:
+    """D + ε I, where ε is what counts as round-off: D may be singular."""
+    result = mass.copy()  # has a whole diagonal
+    result.zeroEntries()
+    result.shift(SYMMETRY * damping.norm())
+    result.axpy(1.0, damping, structure=DIFFERENT)
+    return result
+
+
+def _checked_columns(comm: Any, columns: Mapping[str, Any], kind: str, local: int) -> dict[str, np.ndarray]:
+    """Local rows of columns by name, (rows here, columns)."""
+    asked = comm.allgather([(name, isinstance(value, PETSc.Mat)) for name, value in columns.items()])
+    if any(others != asked[0] for others in asked):
+        raise StructureError(f"{kind}: the ranks give different names, or only some of them a PETSc matrix")
+    return {name: _checked_block(comm, value, f"{kind}[{name!r}]", local) for name, value in columns.items()}
+
+
+def _checked_block(comm: Any, value: Any, where: str, local: int) -> np.ndarray:
+    complaint, block = "", np.empty((0, 0))
+    try:
+        block = _rows_here(value)
+    except (TypeError, ValueError, PETSc.Error) as error:
+        complaint = f"{where} cannot be read as columns: {error}"
+    if not complaint and (block.ndim != 2 or block.shape[0] != local or block.shape[1] == 0):
+        complaint = f"{where} has shape {block.shape}; allowed is ({local}, columns), the rows of this rank"
+    elif not np.isfinite(block).all():
+        complaint = f"{where} holds numbers that are not finite"
+    refuse_together(comm, complaint)
+    widths = comm.allgather(block.shape[1])
+    if len(set(widths)) > 1:
+        raise StructureError(f"{where}: the ranks give different numbers of columns, {widths}")
+    return block
+
+
+def _rows_here(value: Any) -> np.ndarray:
+    """The rows of this rank of a PETSc matrix, of PETSc vectors or of an array."""
+    if isinstance(value, PETSc.Mat):
+        dense = value.convert("dense", PETSc.Mat())
+        block = dense.getDenseArray().copy()
+        dense.destroy()
+        return block
+    if isinstance(value, PETSc.Vec):
+        return value.array_r[:, None].copy()
+    if isinstance(value, list | tuple) and any(isinstance(column, PETSc.Vec) for column in value):
+        return np.stack([column.array_r for column in value], axis=1)
+    block = value.toarray() if scipy.sparse.issparse(value) else np.array(value, dtype=float)
+    return block[:, None] if block.ndim == 1 else block

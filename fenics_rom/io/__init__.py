@@ -1,0 +1,1 @@
+"""Files, tables, units and progress: what every folder writes with."""

@@ -1,0 +1,331 @@
+"""HDF5 files that are what they say: arrays in tables of name, unit, kind and shape, checked on writing and reading.
+
+A file is written beside its place and renamed, so there is never half a file. Under MPI rank 0 alone writes.
+
+The first 512 bytes are a user block, which HDF5 leaves to whoever wrote the file. Here it seals the rest: a line of
+text with its SHA-256. No bit of a file can change unnoticed, and HDF5, which crashes on some damaged files, sees none.
+"""
+
+import hashlib
+import io
+import math
+import os
+import sys
+from collections.abc import Callable, Iterable, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TypeVar
+
+import h5py
+import numpy as np
+
+from fenics_rom.errors import FenicsRomError, RomFileError
+from fenics_rom.scene.schema import NAME, NAME_IN_WORDS
+
+FORMAT = "fenics-rom"
+VERSION = "1.3"  # files of the same first number can be read
+LONGEST_TEXT = 60_000  # bytes; HDF5 keeps attributes in a header of 64 KiB
+SEAL_SIZE = 512  # bytes; the smallest user block there is
+
+Array = np.ndarray
+T = TypeVar("T")
+Sizes = dict[str, int]
+
+
+@dataclass(frozen=True)
+class Entry:
+    """What one dataset is.
+
+    Attributes:
+        unit: "1" for a pure number.
+        shape: numbers, or names of sizes that must agree wherever they occur.
+        kind: "f" real or "i" whole numbers.
+        optional: whether it may be absent.
+    """
+
+    unit: str
+    shape: tuple[str | int, ...]
+    kind: str = "f"
+    optional: bool = False
+
+
+Table = Mapping[str, Entry]
+
+
+def is_rank_0() -> bool:
+    """Whether this process is the one that writes. Only a program that uses MPI has ranks; the runtime needs none."""
+    mpi = sys.modules.get("mpi4py.MPI")
+    return mpi is None or mpi.COMM_WORLD.rank == 0
+
+
+def write_file(file: str | Path, content: str, fill: Callable[[h5py.File], None]) -> None:
+    """Writes a file of some content ("rom" or "run"), or nothing.
+
+    Raises:
+        RomFileError: it cannot be written, or its content does not hold together.
+    """
+    if not is_rank_0():
+        return
+    path = Path(file)
+    try:
+        check_place(path)
+        memory = io.BytesIO()  # not the disk: HDF5 does not take it well when that is full
+        with h5py.File(memory, "w", track_order=True, userblock_size=SEAL_SIZE) as h5:
+            put_text(h5, format=FORMAT, format_version=VERSION, content=content, software=_software())
+            fill(h5)
+    except OSError as error:
+        raise RomFileError(f"{path}: cannot be written: {_reason(error)}") from error
+    with memory.getbuffer() as whole, whole[SEAL_SIZE:] as rest:  # let go of, also where writing fails
+        write_whole(path, sealed(whole), rest)
+
+
+def write_whole(path: Path, *parts: bytes | memoryview) -> None:
+    """Writes a file beside its place and renames it, so that there is never half of it; under MPI, rank 0 does.
+
+    Of two that write one file at a time, the last one's stays. Where SIGKILL ends it meanwhile, `.NAME.*.part` is left
+    beside the file, which nothing reads and which may be removed.
+
+    Raises:
+        RomFileError: it cannot be written.
+    """
+    if not is_rank_0():
+        return
+    import tempfile  # here, as who only reads a ROM need not wait for it
+
+    temporary = None
+    try:
+        check_place(path)
+        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent)
+        temporary = Path(name)
+        with os.fdopen(handle, "wb") as stream:
+            for part in parts:
+                stream.write(part)
+        temporary.chmod(0o644)
+        temporary.replace(path)
+    except OSError as error:
+        raise RomFileError(f"{path}: cannot be written: {_reason(error)}") from error
+    finally:
+        if temporary is not None:
+            temporary.unlink(missing_ok=True)
+
+
+def read_file(file: str | Path, content: str, take: Callable[[h5py.File], T]) -> T:
+    """Reads a file of that content.
+
+    Raises:
+        RomFileError: it is missing, damaged, of another format, or its content does not hold together.
+    """
+    path = Path(file)
+    try:
+        if not path.is_file():
+            raise RomFileError("is a folder or a device" if path.exists() else "not found")
+        _check_seal(path)
+        with h5py.File(path, "r") as h5:
+            if get_text(h5, "format") != FORMAT:
+                raise RomFileError("is not a fenics-rom file")
+            version = get_text(h5, "format_version")
+            if version.split(".")[0] != VERSION.split(".")[0]:
+                raise RomFileError(f"has format version {version}; this release reads {VERSION.split('.')[0]}.x")
+            found = get_text(h5, "content")
+            if found != content:
+                raise RomFileError(f"holds a {found}, not a {content}")
+            return take(h5)
+    except FenicsRomError as error:
+        raise RomFileError(f"{path}: {error}") from error
+    except (OSError, RuntimeError, ValueError, LookupError, TypeError, AttributeError, MemoryError) as error:
+        raise RomFileError(f"{path}: cannot be read: {_reason(error)}") from error
+
+
+def _reason(error: Exception) -> str:
+    """The system's words, where there are some, and not HDF5's."""
+    number = getattr(error, "errno", None)
+    return os.strerror(number) if number else str(error)
+
+
+def check_place(path: Path) -> None:
+    """Checks that a file can be put there; worth asking before long work.
+
+    Raises:
+        RomFileError: there is no such folder, or something that is not a file (root could even replace /dev/null).
+    """
+    if not path.parent.is_dir():
+        raise RomFileError(f"{path}: cannot be written: folder {path.parent} does not exist")
+    if path.exists() and not path.is_file():
+        raise RomFileError(f"{path}: cannot be written: it is a folder or a device")
+    if not os.access(path.parent, os.W_OK):
+        raise RomFileError(f"{path}: cannot be written: no permission to write in {path.parent}")
+
+
+def check_folder(folder: Path) -> None:
+    """Checks that a folder of results is there or can be made; worth asking before long work.
+
+    Raises:
+        RomFileError: it is a file, or the folder that it would be in does not exist.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise RomFileError(f"{folder}: is a file; allowed is a folder, or a name that is free")
+    if not folder.resolve().parent.is_dir():
+        raise RomFileError(f"{folder}: cannot be made: folder {folder.resolve().parent} does not exist")
+
+
+def sealed(content: bytes | memoryview) -> bytes:
+    """The user block that belongs to a whole file: the seal of what follows it."""
+    return _seal(hashlib.sha256(memoryview(content)[SEAL_SIZE:]).hexdigest())
+
+
+def _check_seal(path: Path) -> None:
+    with path.open("rb", buffering=0) as stream:
+        found = stream.read(SEAL_SIZE)
+        if not found.startswith(f"{FORMAT} ".encode()):
+            raise RomFileError("is not a fenics-rom file")
+        if found != _seal(hashlib.file_digest(stream, "sha256").hexdigest()):  # of what is still to be read
+            raise RomFileError("is damaged: its content is not what was written (the checksum differs)")
+
+
+def _seal(digest: str) -> bytes:
+    return f"{FORMAT} HDF5 file; SHA-256 from byte {SEAL_SIZE}: {digest}\n".encode().ljust(SEAL_SIZE, b"\0")
+
+
+def content_of(file: str | Path) -> str:
+    """What a file holds, "rom" or "run".
+
+    Raises:
+        RomFileError: it is no such file.
+    """
+    for content in ("rom", "run"):
+        try:
+            return read_file(file, content, lambda h5: get_text(h5, "content"))
+        except RomFileError as error:
+            if not str(error).endswith(f", not a {content}"):
+                raise
+    raise RomFileError(f"{file}: holds neither a rom nor a run")
+
+
+def check_names(names: Iterable[str]) -> None:
+    """Checks names that are to become names in a file.
+
+    Raises:
+        RomFileError: one of them cannot.
+    """
+    for name in names:
+        if not NAME.fullmatch(name):
+            raise RomFileError(f"name {name!r}: allowed are {NAME_IN_WORDS}")
+
+
+def put_text(group: h5py.Group, **texts: str) -> None:
+    """Keeps short texts as attributes.
+
+    Raises:
+        RomFileError: a text is too long for an attribute.
+    """
+    for name, text in texts.items():
+        data = text.encode()
+        if len(data) > LONGEST_TEXT:
+            raise RomFileError(f"text {name!r} has {len(data)} bytes; allowed are {LONGEST_TEXT}")
+        group.attrs[name] = np.bytes_(data) if data else h5py.Empty("S1")
+
+
+def get_text(group: h5py.Group, name: str) -> str:
+    """A text that `put_text` kept.
+
+    Raises:
+        RomFileError: it is missing or not text.
+    """
+    value = group.attrs.get(name)
+    if isinstance(value, h5py.Empty):
+        return ""
+    if not isinstance(value, bytes):
+        raise RomFileError(f"attribute {name!r} of {group.name} is missing or not text")
+    try:
+        return value.decode()
+    except UnicodeDecodeError as error:
+        raise RomFileError(f"attribute {name!r} of {group.name} is not UTF-8") from error
+
+
+def put_arrays(group: h5py.Group, table: Table, sizes: Sizes, arrays: Mapping[str, Array | None]) -> None:
+    """Writes the arrays of a table into a group; None leaves an optional one out.
+
+    Raises:
+        RomFileError: an array is missing, misshapen or not finite.
+    """
+    for name, entry in table.items():
+        array = arrays[name]
+        if array is None:
+            if not entry.optional:
+                raise RomFileError(f"{group.name.rstrip('/')}/{name} is missing")
+            continue
+        array = np.asarray(array, dtype=np.int64 if entry.kind == "i" else np.float64)
+        _check(f"{group.name.rstrip('/')}/{name}", array, entry, sizes)
+        dataset = group.create_dataset(name, data=array)
+        dataset.attrs["unit"] = np.bytes_(entry.unit.encode())
+
+
+def get_arrays(group: h5py.Group, table: Table, sizes: Sizes, others: tuple[str, ...] = ()) -> dict[str, Array | None]:
+    """Reads the arrays of a table from a group, which may hold nothing else but `others`.
+
+    Raises:
+        RomFileError: an array is missing, misshapen, of the wrong kind, not finite, or unexpected.
+    """
+    extra = set(group) - set(table) - set(others)
+    if extra:
+        shown = (name if NAME.fullmatch(name) else repr(name) for name in sorted(extra))
+        raise RomFileError(f"unexpected {', '.join(shown)} in {group.name}")
+    arrays: dict[str, Array | None] = {}
+    for name, entry in table.items():
+        where = f"{group.name.rstrip('/')}/{name}"
+        if name not in group:
+            if not entry.optional:
+                raise RomFileError(f"{where} is missing")
+            arrays[name] = None
+            continue
+        dataset = _own(group, name, h5py.Dataset)
+        if dataset is None or dataset.dtype.kind != entry.kind or dataset.dtype.itemsize != 8:
+            raise RomFileError(f"{where} is not an array of {'whole' if entry.kind == 'i' else 'real'} numbers")
+        size = 8 * math.prod(dataset.shape)  # Python's whole numbers: NumPy's would overflow
+        if size > dataset.id.get_storage_size():  # a size that lies would be answered with memory
+            raise RomFileError(f"{where} says it has {size} bytes, but fewer are stored")
+        if dataset.is_virtual or dataset.external or dataset.chunks:  # elsewhere, or in less room than it takes
+            raise RomFileError(f"{where} is not stored in one piece")
+        if get_text(dataset, "unit") != entry.unit:
+            raise RomFileError(f"{where} has unit {get_text(dataset, 'unit')!r}, not {entry.unit!r}")
+        array = dataset[()]
+        _check(where, array, entry, sizes)
+        arrays[name] = array
+    return arrays
+
+
+def get_group(parent: h5py.Group, name: str) -> h5py.Group:
+    """A group that must be there.
+
+    Raises:
+        RomFileError: it is not.
+    """
+    group = _own(parent, name, h5py.Group)
+    if group is None:
+        raise RomFileError(f"{parent.name.rstrip('/')}/{name} is missing")
+    return group
+
+
+def _own(group: h5py.Group, name: str, kind: type[T]) -> T | None:
+    """What has that name and is of that kind; None where it is not, or where a link leads elsewhere."""
+    if not isinstance(group.get(name, getlink=True), h5py.HardLink):
+        return None
+    found = group[name]
+    return found if isinstance(found, kind) else None
+
+
+def _check(where: str, array: Array, entry: Entry, sizes: Sizes) -> None:
+    if array.ndim != len(entry.shape):
+        raise RomFileError(f"{where} has {array.ndim} dimensions, not {len(entry.shape)}")
+    for got, size in zip(array.shape, entry.shape, strict=True):
+        expected = sizes.setdefault(size, got) if isinstance(size, str) else size
+        if got != expected:
+            raise RomFileError(f"{where} has shape {array.shape}; allowed is {entry.shape}, {size} = {expected}")
+    if entry.kind == "f" and not np.isfinite(array).all():
+        raise RomFileError(f"{where} holds numbers that are not finite")
+
+
+def _software() -> str:
+    from fenics_rom import __version__
+
+    return f"fenics-rom {__version__}"

@@ -1,0 +1,111 @@
+"""What acts when: the contact mode and the input of every step of a run, the same for full and reduced models."""
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from fenics_rom.errors import SceneError
+from fenics_rom.scene.scene import Load, Scene
+from fenics_rom.scene.schema import unknown
+
+MOST_STEPS = 10**7  # a record holds some 100 bytes of each
+
+
+class LoadHistory:
+    """The inputs of a scene's run, sampled at the middle of each step (as the midpoint rule wants them).
+
+    Args:
+        scene: a scene with a run.
+        contact_columns: number of contact columns of each contact mode.
+        actuator_columns: number of columns of each actuator, in the order of the input.
+        dt: time step instead of the scene's, s.
+
+    Attributes:
+        dt: time step, s.
+        steps: number of steps.
+        automatic: whether the contact mode follows the obstacles; inputs are then the actuators' alone.
+
+    Raises:
+        SceneError: no run in the scene, a force that does not fit the columns, or one that no step would see.
+    """
+
+    def __init__(
+        self,
+        scene: Scene,
+        contact_columns: Mapping[str, int],
+        actuator_columns: Mapping[str, int],
+        dt: float | None = None,
+    ):
+        if scene.run is None:
+            raise SceneError(f"{scene.source}: has no [run], so there is no load history to simulate")
+        run = scene.run
+        self.dt = run.dt if dt is None else dt
+        if not (np.isfinite(self.dt) and 0 < self.dt <= run.duration):
+            raise SceneError(f"dt = {self.dt!r}: allowed is more than 0 and at most the duration, {run.duration:g} s")
+        steps = run.duration / self.dt
+        if steps > MOST_STEPS:
+            raise SceneError(f"dt = {self.dt:g}: a run of {steps:.3g} steps; allowed are at most {MOST_STEPS:,}")
+        self.steps = round(steps)
+        self.automatic = scene.effects.get("contact", {}).get("switching") == "automatic"
+        self._loads = run.loads
+        self._tables = scene.tables
+        self._contact_columns = dict(contact_columns)
+        ends = np.cumsum([0, *actuator_columns.values()])
+        self._actuator_slice = {
+            name: slice(a, b) for name, a, b in zip(actuator_columns, ends[:-1], ends[1:], strict=True)
+        }
+        self._actuator_total = int(ends[-1])
+        for load in self._loads:
+            self._check_columns(load, contact_columns if load.contact else actuator_columns, scene.source)
+            self._check_seen(load, scene.source)
+
+    def _check_columns(self, load: Load, columns: Mapping[str, int], source: str) -> None:
+        kind, name = ("contact mode", load.contact) if load.contact else ("actuator", str(load.actuator))
+        if name not in columns:  # the run of one scene on the model of another
+            raise SceneError(f"{source}: run.load: the model has {unknown(kind, name, columns)}")
+        given = len(load.force) if load.force is not None else self._tables[str(load.table)].shape[1] - 1
+        if given != columns[name]:
+            raise SceneError(
+                f"{source}: run.load: {kind} {name!r}: numbers in its force: given {given}, allowed {columns[name]}"
+            )
+
+    def _check_seen(self, load: Load, source: str) -> None:
+        first = max(0, int(load.start / self.dt) - 1)
+        if not any(load.start <= self._middle(k) < load.stop for k in range(first, min(first + 4, self.steps))):
+            raise SceneError(
+                f"{source}: run.load: the force from {load.start:g} to {load.stop:g} s acts in the middle of no step "
+                f"of {self.dt:g} s, so the run would not see it; allowed is a smaller dt, or a longer force"
+            )
+
+    def _middle(self, step: int) -> float:
+        return (step + 0.5) * self.dt
+
+    def _force(self, load: Load, time: float) -> np.ndarray:
+        if load.force is not None:
+            return np.array(load.force)
+        table = self._tables[str(load.table)]
+        return np.array([np.interp(time, table[:, 0], column) for column in table[:, 1:].T])
+
+    def first_contact(self) -> str:
+        """Contact mode that the run begins in."""
+        pushes = (load.contact for load in self._loads if load.contact is not None)
+        return next(pushes, next(iter(self._contact_columns)))
+
+    def __iter__(self) -> Iterator[tuple[str, np.ndarray]]:
+        """Contact mode and input (contact columns, then actuator columns; N) of each step.
+
+        A contact mode stays until another one's force begins, so a body is released in the mode it was pushed in.
+        """
+        contact = self.first_contact()
+        for step in range(self.steps):
+            time = self._middle(step)
+            active = [load for load in self._loads if load.start <= time < load.stop]
+            contact = next((load.contact for load in active if load.contact is not None), contact)
+            columns = 0 if self.automatic else self._contact_columns[contact]
+            u = np.zeros(columns + self._actuator_total)
+            for load in active:
+                if load.contact is not None:
+                    u[:columns] += self._force(load, time)
+                else:
+                    u[columns:][self._actuator_slice[str(load.actuator)]] += self._force(load, time)
+            yield contact, u

@@ -1,0 +1,185 @@
+"""One M-orthonormal basis for all contact modes: W_i = X C_i, so that what is tall is kept and worked on once."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import scipy.linalg
+
+from fenics_rom.system.system import Array, System
+
+DEFLATION = 1e-10  # share of a unit column that must be new for it to count as a direction
+
+
+@dataclass(frozen=True)
+class Subspace:
+    """A part of the shared space, in the basis of it that diagonalizes M and K.
+
+    Attributes:
+        coordinates: S (k, r) in the shared basis, SᵀS = I.
+        eigenvalues: γ (r,), diagonal of SᵀXᵀKXS, 1/s².
+        damping: SᵀXᵀDXS, its diagonal (r,) where D is proportional, else (r, r), 1/s.
+    """
+
+    coordinates: Array
+    eigenvalues: Array
+    damping: Array
+
+    @property
+    def size(self) -> int:
+        """Number r of its dimensions."""
+        return len(self.eigenvalues)
+
+
+class SharedSpace:
+    """A growing basis X (rows here, k), XᵀMX = I, RᵀMX = 0, and what K and D are in it.
+
+    Attributes:
+        stiffness: XᵀKX (k, k), 1/s².
+        damping: XᵀDX (k, k), 1/s; None where D is proportional.
+        eigenvectors: how many of the first columns are generalized eigenvectors.
+    """
+
+    def __init__(self, system: System):
+        self._system = system
+        rows = system.algebra.rows()
+        self._rigid, self._rigid_momenta = (
+            system.rigid,
+            system.mass @ system.rigid if system.rigid.size else system.rigid,
+        )
+        self._transposed = np.empty((2, 0, rows.stop - rows.start))  # a column of X, M X is a row: cheap to append
+        self._size = 0
+        self.stiffness = np.empty((0, 0))
+        self.damping = None if system.rayleigh is not None else np.empty((0, 0))
+        self.eigenvectors = 0
+
+    @property
+    def size(self) -> int:
+        """Number k of basis vectors."""
+        return self._size
+
+    @property
+    def basis(self) -> Array:
+        """X (rows here, k), kg^-1/2."""
+        return self._transposed[0, : self._size].T
+
+    @property
+    def momenta(self) -> Array:
+        """M X (rows here, k), kg^1/2: kept, because products with M are what orthonormal columns cost most."""
+        return self._transposed[1, : self._size].T
+
+    def add(self, block: Array) -> Array:
+        """Coordinates of columns, (k, columns); what they add to the basis is appended to it."""
+        rigid, basis, momenta = self._rigid.shape[1], self.basis, self.momenta
+        if rigid:  # what a small new direction magnifies must not be a motion that no method asked for
+            basis, momenta = np.hstack([self._rigid, basis]), np.hstack([self._rigid_momenta, momenta])
+        new, momenta, coordinates = orthonormal_rest(self._system, block, basis, momenta)
+        self._append(new, momenta)
+        return coordinates[rigid:]
+
+    def append(self, new: Array) -> None:
+        """Further M-orthonormal columns, orthogonal to those there."""
+        self._append(new, self._system.mass @ new)
+
+    def _append(self, new: Array, momenta: Array) -> None:
+        k = self._size + new.shape[1]
+        if k > self._transposed.shape[1]:
+            grown = np.empty((2, k + k // 4, self._transposed.shape[2]))
+            grown[:, : self._size] = self._transposed[:, : self._size]
+            self._transposed = grown
+        self._transposed[:, self._size : k] = new.T, momenta.T
+        self._size = k
+        self.stiffness = self._extended(self.stiffness, self._system.stiffness @ new)
+        if self.damping is not None:
+            self.damping = self._extended(self.damping, self._system.damping @ new)
+
+    def _extended(self, projected: Array, product: Array) -> Array:
+        """XᵀAX with the rows and columns of the new vectors, whose A-product is given."""
+        old = len(projected)
+        columns = self._system.algebra.inner(self.basis, product)
+        matrix = np.empty((self._size, self._size))
+        matrix[:old, :old] = projected
+        matrix[:, old:] = columns
+        matrix[old:, :old] = columns[:old].T
+        matrix[old:, old:] = (columns[old:] + columns[old:].T) / 2
+        return matrix
+
+    def subspace(self, span: Array, units: int = 0) -> Subspace:
+        """The subspace that orthonormal coordinates (at most k, r) span, K-diagonal (paper (10)-(11)).
+
+        Args:
+            span: coordinates.
+            units: how many of its first columns are the first unit vectors, whose products cost nothing.
+        """
+        S = padded(span, self._size)
+        K = S.T @ np.hstack([self.stiffness[:, :units], self.stiffness @ S[:, units:]])
+        γ, rotation = np.linalg.eigh((K + K.T) / 2)
+        S = S @ rotation
+        return Subspace(S, γ, self.damping_in(S, γ))
+
+    def damping_in(self, S: Array, γ: Array) -> Array:
+        """SᵀXᵀDXS where S diagonalizes K: (r,) for proportional damping, else (r, r)."""
+        if self._system.rayleigh is not None:
+            α, β = self._system.rayleigh
+            return α + β * γ
+        D = S.T @ self.damping @ S
+        return (D + D.T) / 2
+
+
+def padded(coordinates: Array, size: int) -> Array:
+    """Coordinates in the basis that has grown to a size since."""
+    return np.pad(coordinates, ((0, size - len(coordinates)), (0, 0)))
+
+
+def orthonormal_rest(system: System, block: Array, basis: Array, momenta: Array) -> tuple[Array, Array, Array]:
+    """What a block (rows here, c) adds to an M-orthonormal basis (rows here, k), whose product with M is `momenta`.
+
+    Gram matrices square the spectrum, so each pass takes only directions within four decades of the largest, of columns
+    scaled alike; what is left is tried again until it is below DEFLATION of the column that it came from.
+
+    Returns:
+        M-orthonormal columns (rows here, new), M times them, and the coordinates of the block, (k + new, c).
+    """
+    inner, M = system.algebra.inner, system.mass
+    rest, coordinates = block, np.zeros((basis.shape[1], block.shape[1]))
+    for _ in range(2):
+        seen = inner(momenta, rest)
+        coordinates += seen
+        rest = rest - basis @ seen
+    Mrest = M @ rest
+    gram = inner(rest, Mrest)
+    least = DEFLATION**2 * (np.sum(coordinates**2, axis=0) + np.diag(gram))
+    new, Mnew, left, Mleft = rest[:, :0], rest[:, :0], rest, Mrest
+    while True:
+        there = np.diag(gram) > least
+        if not there.any():
+            break
+        left, Mleft, gram, least = left[:, there], Mleft[:, there], gram[there][:, there], least[there]
+        sizes = np.sqrt(np.diag(gram))
+        w, E = np.linalg.eigh(gram / sizes[:, None] / sizes)
+        take = w > 1e-8 * w[-1]
+        fresh = left @ (E[:, take] / sizes[:, None] / np.sqrt(w[take]))
+        fresh = fresh - basis @ inner(momenta, fresh)  # division by a small norm magnified what was left of the old
+        fresh = fresh - new @ inner(Mnew, fresh)
+        Mfresh = M @ fresh
+        triangle = np.linalg.cholesky(inner(fresh, Mfresh))
+        fresh, Mfresh = (scipy.linalg.solve_triangular(triangle, f.T, lower=True).T for f in (fresh, Mfresh))
+        new, Mnew = np.hstack([new, fresh]), np.hstack([Mnew, Mfresh])
+        if take.all():
+            break
+        for _ in range(2):
+            left = left - new @ inner(Mnew, left)
+        Mleft = M @ left
+        gram = inner(left, Mleft)
+    return new, Mnew, np.vstack([coordinates, inner(new, Mrest)])
+
+
+def rest_of(block: Array, span: Array) -> Array:
+    """The same for coordinates: orthonormal basis of what a block (k, any) adds to orthonormal columns, (k, new)."""
+    norms = np.linalg.norm(block, axis=0)
+    block = block[:, norms > 0] / norms[norms > 0]
+    for _ in range(2):
+        block = block - span @ (span.T @ block)
+    U, share, _ = np.linalg.svd(block, full_matrices=False)
+    new = U[:, share > DEFLATION]
+    new = new - span @ (span.T @ new)
+    return np.linalg.qr(new)[0]

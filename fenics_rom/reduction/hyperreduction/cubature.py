@@ -1,0 +1,162 @@
+"""Which points of the body a reduced model keeps, and with what weights: energy-conserving sampling and weighting.
+
+ECSW (Farhat, Avery, Chapman & Cortial, 2014; Farhat, Chapman & Avery, 2015) looks for few weights ω >= 0 with
+G ω ≈ G 1, where a column of G holds what one point contributes to the reduced forces of states that were seen. As the
+kept points have an energy, with positive weights, the reduced model is as passive as the whole one.
+"""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from fenics_rom.errors import SolverError
+from fenics_rom.mechanics.hyperelastic import AXES, FULL, TWICE, linear_stress, strain, stress
+from fenics_rom.reduction.hyperreduction.nonnegative_weights import sparse_weights
+from fenics_rom.system.system import Algebra, Array, Deformation
+
+AT_ONCE = 4096  # points whose contributions are worked on together
+FEWEST_STATES, MOST_STATES = 8, 32  # that the weights are fitted to
+ROWS = 1280  # of all states together, or more for the fewest
+PROBES = 800  # of the stiffness at rest, where it has more entries
+LEAST = 1e-3  # of the largest state: smaller ones are the stiffness at rest
+UNSEEN = 0.01  # of the tolerance: what compressed rows may leave out
+STRICTER = (1.0, 0.7, 0.4, 0.1)  # of the tolerance, when what they left out was too much after all
+
+
+@dataclass(frozen=True)
+class Cubature:
+    """Kept points of this rank.
+
+    Attributes:
+        points: (K here,) which of this rank's.
+        weights: ω (K here,), > 0.
+        error: |G ω - G 1| / |G 1|.
+    """
+
+    points: Array
+    weights: Array
+    error: float
+
+
+def cubature(
+    body: Deformation, algebra: Algebra, gradients: Array, γ: Array, states: Array, tolerance: float
+) -> Cubature:
+    """Points and weights for the forces of states and for the stiffness at rest.
+
+    A row of G is a component of a force, divided by √γ, so that errors count by the energy of the motion they cause.
+    Each state counts by its own size, and the stiffness at rest as much as all states together.
+
+    Args:
+        body: all points.
+        algebra: what sums over the ranks.
+        gradients: of the basis, (3, 3, P here, m).
+        γ: (m,) of the basis.
+        states: q (m, s).
+        tolerance: of the error.
+
+    Raises:
+        SolverError: no weights reach the tolerance.
+    """
+    sizes = np.linalg.norm(states, axis=0)
+    count = max(FEWEST_STATES, min(MOST_STATES, ROWS // len(γ)))
+    rows = _Rows(body, algebra, gradients, γ, spread(states[:, sizes > LEAST * sizes.max()], count))
+    U = rows.leading(UNSEEN * tolerance)
+    compressed = algebra.gather(np.hstack([U.T @ block for _, block in rows]).T).T
+    for stricter in STRICTER:
+        ω = sparse_weights(compressed, U.T @ rows.whole, stricter * tolerance)
+        ω = _own(ω, algebra, gradients.shape[2])
+        points, error = np.flatnonzero(ω), rows.error(ω)
+        if error <= tolerance:
+            return Cubature(points, ω[points], error)
+    raise SolverError(f"no positive weights of fewer points reach a tolerance of {tolerance:g}, only {error:.1e}")
+
+
+def spread(states: Array, count: int) -> Array:
+    """That many of some states (m, s), the largest and then always the farthest from those taken."""
+    if states.shape[1] <= count:
+        return states
+    squares = (states**2).sum(axis=0)
+    taken = [int(squares.argmax())]
+    distance = np.full(states.shape[1], np.inf)
+    while len(taken) < count:
+        new = states[:, taken[-1]]
+        distance = np.minimum(distance, squares - 2 * new @ states + new @ new)
+        taken.append(int(distance.argmax()))
+    return states[:, taken]
+
+
+class _Rows:
+    """G, block of points by block: too large to be kept."""
+
+    def __init__(self, body: Deformation, algebra: Algebra, gradients: Array, γ: Array, states: Array):
+        self._body, self._algebra, self._gradients, self._γ, self._states = body, algebra, gradients, γ, states
+        self._left, self._right = _probes(len(γ))
+        self._scales = np.ones(states.shape[1] + 1)
+        forces = self._summed(np.ones(1))
+        m, count = states.shape
+        sizes = np.linalg.norm(forces[: count * m].reshape(count, m), axis=1)
+        self._scales = np.append(1 / sizes, np.sqrt(count) / np.linalg.norm(forces[count * m :]))
+        self.whole = self._summed(np.ones(1))
+
+    def __iter__(self) -> Iterator[tuple[slice, Array]]:
+        for first in range(0, self._gradients.shape[2], AT_ONCE):
+            here = slice(first, first + AT_ONCE)
+            yield here, self._block(here)
+
+    def _block(self, here: slice) -> Array:
+        """Columns of G (rows, points)."""
+        body, G = self._body, self._gradients[:, :, here]
+        λ, μ, w = body.first_lame[here], body.shear[here], body.weights[here]
+        root = 1 / np.sqrt(self._γ)
+        blocks = []
+        for q, scale in zip(self._states.T, self._scales, strict=False):
+            H = G @ q
+            S = stress(body.law, strain(H), λ, μ)
+            first = np.einsum("ikp,kjp->ijp", H + np.eye(3)[:, :, None], S[FULL])
+            blocks.append(scale * root[:, None] * w * np.einsum("ijp,ijpm->mp", first, G, optimize=True))
+        left, right = (_strains(G @ (root[:, None] * probes)) for probes in (self._left, self._right))
+        stressed = np.stack([linear_stress(column, λ, μ) for column in left.transpose(2, 0, 1)])
+        stiffness = np.einsum("kcp,cpk->kp", stressed, right) * w
+        return np.vstack([*blocks, self._scales[-1] * stiffness])
+
+    def _summed(self, ω: Array) -> Array:
+        """G ω (rows,), of all ranks; ω (1,) or (P here,)."""
+        ω = np.broadcast_to(ω, self._gradients.shape[2])
+        total = sum(self._algebra.inner(block.T, ω[here, None])[:, 0] for here, block in self)
+        return np.asarray(total)
+
+    def error(self, ω: Array) -> float:
+        """|G ω - G 1| / |G 1|."""
+        return float(np.linalg.norm(self._summed(ω) - self.whole) / np.linalg.norm(self.whole))
+
+    def leading(self, share: float) -> Array:
+        """Left singular vectors of G, all but what is less than a share of |G 1| together."""
+        gram = np.asarray(sum(self._algebra.inner(block.T, block.T) for _, block in self))
+        λ, U = np.linalg.eigh(gram)
+        left = np.sqrt(np.cumsum(np.maximum(λ, 0.0)))
+        return U[:, left > share * np.linalg.norm(self.whole)]
+
+
+def _own(ω: Array, algebra: Algebra, count: int) -> Array:
+    """This rank's part (count,) of weights of the points of all ranks, which follow one another."""
+    mark = np.random.default_rng().integers(2**62)  # that no other rank draws
+    ranks = algebra.gather(np.array([[mark, count]]))
+    me = int(np.flatnonzero(ranks[:, 0] == mark)[0])
+    first = int(ranks[:me, 1].sum())
+    return ω[first : first + count]
+
+
+def _strains(gradients: Array) -> Array:
+    """Strains (6, P, k) of small gradients (3, 3, P, k)."""
+    i, j = AXES.T
+    return np.asarray((TWICE / 2)[..., None] * (gradients[i, j] + gradients[j, i]))
+
+
+def _probes(m: int) -> tuple[Array, Array]:
+    """Vectors (m, k), whose products zᵀ A y with a symmetric A have its Frobenius norm: all its entries, or random."""
+    i, j = np.triu_indices(m)
+    if len(i) <= PROBES:
+        return np.eye(m)[:, i], np.eye(m)[:, j] * np.where(i == j, 1.0, np.sqrt(2.0))
+    z, y = np.random.default_rng(0).standard_normal((2, m, PROBES))
+    return z, y / np.sqrt(PROBES)

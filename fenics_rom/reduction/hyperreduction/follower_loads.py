@@ -1,0 +1,48 @@
+"""Loads that follow the body, in reduced coordinates: exactly what they are at full order."""
+
+from collections.abc import Iterable
+
+import numpy as np
+
+from fenics_rom.rom.deformation import Tendon, monomials
+from fenics_rom.system.system import Algebra, Array, Deformation
+
+
+def pressures_of(body: Deformation, algebra: Algebra, W: Array, names: Iterable[str]) -> dict[str, Array]:
+    """Forces of 1 Pa as polynomials of q, (m, 1 + m + m (m+1)/2) for `monomials(q)`.
+
+    ∫ cof(F) N · δ dS is of second degree in the displacement. So values at rest, at plus and minus each basis vector
+    and at each sum of two are all there is to know (polarisation).
+
+    Args:
+        body: at full order.
+        algebra: what sums over the ranks.
+        W: basis (rows here, m).
+        names: of the pressures.
+    """
+    names, m = list(names), W.shape[1]
+    if not names:
+        return {}
+    length = float(algebra.inner(np.ones((len(body.weights), 1)), body.weights[:, None])[0, 0]) ** (1 / 3)
+    unit = length / algebra.gather(np.abs(W).max(axis=0, initial=0.0)[None]).max(axis=0)  # for alike degrees
+
+    def forces(q: Array) -> Array:
+        """Of all pressures, (pressures, m)."""
+        columns = body.follower(W @ (unit * q))
+        return algebra.inner(np.hstack([columns[name] for name in names]), W)
+
+    e = np.eye(m)
+    rest = forces(np.zeros(m))
+    ahead, back = (np.array([forces(sign * e[i]) for i in range(m)]) for sign in (1.0, -1.0))
+    first, second = (ahead - back) / 2, (ahead + back) / 2 - rest
+    mixed = [
+        second[i] if i == j else forces(e[i] + e[j]) - rest - first[i] - first[j] - second[i] - second[j]
+        for i, j in zip(*np.triu_indices(m), strict=True)
+    ]
+    coefficients = np.stack([rest, *first, *mixed], axis=-1) / monomials(unit)
+    return dict(zip(names, coefficients, strict=True))
+
+
+def tendons_of(body: Deformation, algebra: Algebra, W: Array) -> dict[str, Tendon]:
+    """Cables through points of the body."""
+    return {name: Tendon(points, algebra.inner(shapes, W)) for name, (points, shapes) in body.tendons.items()}

@@ -1,0 +1,107 @@
+"""Method "modal+derivatives": how a body deforms at second order, without any full-order run.
+
+The force of an elastic body is f(x) = K x + f₂(x, x) + ..., so that under a load which K x alone would balance the body
+goes to x - K⁻¹ f₂(x, x) (Idelsohn & Cardona, 1985). Eigenvectors and static shapes of the loads, with all that they
+make of each other (static modal derivatives) and what loads that follow the body do as it moves, span the basis. What
+random combinations of them become is what points are chosen for (Jain & Tiso, 2018: a lifting to the quadratic
+manifold).
+"""
+
+from collections.abc import Iterable
+from itertools import combinations_with_replacement, islice
+
+import numpy as np
+
+from fenics_rom.reduction.checkpoint import Checkpoint
+from fenics_rom.reduction.hyperreduction.training import Seen
+from fenics_rom.reduction.hyperreduction.training_loads import loads_of, slowest_period, targets
+from fenics_rom.reduction.problem import Problem
+from fenics_rom.system.system import Array
+
+STRAIN = 1e-3  # that second differences are taken at: exact for St. Venant-Kirchhoff, whose force is a cubic
+TARGETS = 16  # loads whose shapes at rest are looked at
+EIGENVECTORS = 12
+PAIRS = 120  # derivatives, those of the largest amplitudes
+LEVELS = (0.3, 0.6, 1.0)  # of each shape
+MIXED = 32  # random combinations
+
+
+def modal_derivatives(problem: Problem, checkpoint: Checkpoint) -> Seen:
+    """Eigenvectors, static shapes and their derivatives, each weighted by its amplitude under the scene's loads.
+
+    Raises:
+        SceneError: the scene has no loads that say how large the amplitudes are.
+    """
+    system = problem.system
+    inner, M = system.algebra.inner, system.mass
+    moves = system.scene is None or "inertia" in system.scene.effects
+    loads = loads_of(problem, slowest_period(problem) if moves else 0.0)
+    forces = [system.input_matrix(name) @ loads.whole(u) for name, u in islice(targets(loads), TARGETS)]
+    at_rest = problem.factor.solve(np.column_stack(forces))
+    with problem.stages("eigenvectors"):
+        count = min(EIGENVECTORS, system.size)
+        _, V = system.algebra.eigenpairs(M, system.stiffness, count, problem.factor)
+    with problem.stages("modal derivatives"):
+        seen = inner(V, M @ at_rest)
+        rest = at_rest - V @ seen
+        w, E = np.linalg.eigh(inner(rest, M @ rest))
+        there = w > 1e-12 * np.trace(inner(at_rest, M @ at_rest))
+        shapes = np.hstack([V, rest @ (E[:, there] / np.sqrt(w[there]))])
+        a = np.sqrt(np.concatenate([(seen**2).sum(axis=1), w[there]]) / at_rest.shape[1])  # root mean squares
+        pairs = sorted(combinations_with_replacement(range(len(a)), 2), key=lambda ij: -a[ij[0]] * a[ij[1]])[:PAIRS]
+        weights = [a[i] * a[j] * (0.5 if i == j else 1.0) for i, j in pairs]
+        columns = [shapes * a, derivatives(problem, shapes, pairs) * weights]
+        at = np.cumsum([0, *system.widths.values()])
+        largest = dict(zip(system.widths, np.abs(loads.extremes).max(axis=0)[at[:-1]], strict=True))
+        turned = [largest[name] * columns for name, columns in turned_loads(problem, shapes).items()]
+        columns += [block * a for block in turned]
+        random = np.random.default_rng(0).standard_normal((len(a), MIXED))
+        first = np.hstack([at_rest, (shapes * a) @ random])
+        second = second_order(problem, first)
+        for block in turned:
+            second += block @ inner(shapes, M @ first)
+    return Seen(np.hstack(columns), np.hstack([s * first + s**2 * second for s in LEVELS]))
+
+
+def derivatives(problem: Problem, shapes: Array, pairs: Iterable[tuple[int, int]]) -> Array:
+    """θ_ij = -K⁻¹ (∂K_t/∂q_j) φ_i = -2 K⁻¹ f₂(φ_i, φ_j) of pairs of shapes (rows here, k), (rows here, pairs)."""
+    pairs = list(pairs)
+    alone = second_order(problem, shapes)
+    mixed = [(i, j) for i, j in pairs if i != j]
+    sums = second_order(problem, shapes[:, [i for i, _ in mixed]] + shapes[:, [j for _, j in mixed]])
+    of_sum = dict(zip(mixed, sums.T, strict=True))
+    columns = [2 * alone[:, i] if i == j else of_sum[i, j] - alone[:, i] - alone[:, j] for i, j in pairs]
+    return np.column_stack(columns)
+
+
+def second_order(problem: Problem, shapes: Array) -> Array:
+    """-K⁻¹ f₂(x, x) of each shape x, (rows here, k): quadratic in x."""
+    body = problem.system.deformation
+    assert body is not None
+    forces = np.empty_like(shapes)
+    for k, x in enumerate(shapes.T):
+        ε = _small(problem, x)
+        forces[:, k] = (body.force(ε * x) + body.force(-ε * x)) / (2 * ε**2)
+    return -problem.factor.solve(forces)
+
+
+def turned_loads(problem: Problem, shapes: Array) -> dict[str, Array]:
+    """K⁻¹ ∂f/∂x x of each load that follows the body, at 1 Pa or 1 N, and each shape x, (rows here, k)."""
+    system = problem.system
+    body = system.deformation
+    assert body is not None
+    changes: dict[str, list[Array]] = {name: [] for name in system.actuators if name in body.follower(shapes[:, 0] * 0)}
+    for x in shapes.T:
+        ε = _small(problem, x)
+        ahead, back = body.follower(ε * x), body.follower(-ε * x)
+        for name, columns in changes.items():
+            columns.append((ahead[name] - back[name])[:, 0] / (2 * ε))
+    return {name: problem.factor.solve(np.column_stack(columns)) for name, columns in changes.items()}
+
+
+def _small(problem: Problem, x: Array) -> float:
+    """What a shape is to be multiplied by for a strain of STRAIN."""
+    body = problem.system.deformation
+    assert body is not None
+    steepest = np.abs(body.gradients(x[:, None])).max(initial=0.0)
+    return STRAIN / float(problem.system.algebra.gather(np.array([[steepest]])).max())

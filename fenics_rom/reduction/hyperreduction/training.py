@@ -1,0 +1,89 @@
+"""Method "trained": what a body does in full-order runs, and the directions of its small motions."""
+
+from contextlib import closing
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from fenics_rom.errors import SolverError
+from fenics_rom.reduction.checkpoint import Checkpoint
+from fenics_rom.reduction.hyperreduction.basis import small_motions, snapshots
+from fenics_rom.reduction.hyperreduction.training_runs import Run, runs_of
+from fenics_rom.reduction.methods.balanced import balanced
+from fenics_rom.reduction.methods.static import static
+from fenics_rom.reduction.problem import Problem
+from fenics_rom.system.system import Array
+
+
+@dataclass(frozen=True)
+class Seen:
+    """What a basis and its points are chosen from.
+
+    Attributes:
+        columns: (rows here, any) whose leading singular vectors are the basis, each weighted by what it matters.
+        shapes: (rows here, any) for whose forces points are chosen, m.
+        held_out: runs that nothing was chosen from, and the shapes (rows here, s) in each.
+    """
+
+    columns: Array
+    shapes: Array
+    held_out: tuple[tuple[Run, Array], ...] = ()
+
+
+def trained(problem: Problem, checkpoint: Checkpoint) -> Seen:
+    """From full-order runs under the scene's loads, and the linear reductions of the contact modes.
+
+    Raises:
+        SceneError: the scene has no loads to train with.
+        SolverError: a run does not converge.
+        RomFileError: a checkpoint of something else, or one that cannot be written.
+    """
+    training, held_out = runs_of(problem)
+    shapes = _played(problem, [*training, *held_out], checkpoint)
+    seen, unseen = shapes[: len(training)], shapes[len(training) :]
+    moves = training[0].dt is not None
+    small = small_motions(problem, dict((balanced if moves else static)(problem)))
+    columns = np.hstack([snapshots(problem, seen), small])
+    return Seen(columns, np.hstack(seen), tuple(zip(held_out, unseen, strict=True)))
+
+
+def _played(problem: Problem, runs: list[Run], checkpoint: Checkpoint) -> list[Array]:
+    """The shapes (rows here, s) of each run."""
+    system, shapes = problem.system, []
+    body = system.deformation
+    assert body is not None
+    with problem.stages("training runs"), closing(body.simulator(1.0, ledger=False)) as simulator:
+        for number, run in enumerate(runs):
+            problem.stages.report("training runs", number, len(runs))
+            key = f"{body.law}; {run.title}; {len(run.steps)} steps of {run.dt} s"
+            found = checkpoint.restored_run(number, key, system.algebra.rows())
+            if found is None:
+                found = _shapes(simulator, run, f"training run {number + 1} of {len(runs)}")
+                checkpoint.keep_run(number, key, system.algebra.gather(found))
+            shapes.append(found)
+    problem.stages.report("training runs", len(runs), len(runs))
+    return shapes
+
+
+def _shapes(simulator: Any, run: Run, name: str) -> Array:
+    """The shapes (rows here, s) of a run, from rest."""
+    rest = np.zeros(simulator.x.size)
+    simulator.set_state(rest, rest)
+    if run.dt is not None:
+        simulator.dt = run.dt
+    shown, shapes = set(run.shown()), []
+    try:
+        for step, (contact, u) in enumerate(run.steps):
+            if run.dt is None:
+                simulator.equilibrium(contact, u)
+            else:
+                simulator.step(contact, u)
+            if step in shown:
+                shapes.append(simulator.x[:, 0].copy())
+    except SolverError as error:
+        raise SolverError(
+            f"{name} ({run.title}) does not converge in step {step + 1} of {len(run.steps)}: {error}; its loads are as "
+            "large as in the scene's [run]: lower those"
+        ) from error
+    return np.column_stack(shapes)

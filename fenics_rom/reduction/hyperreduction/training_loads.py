@@ -1,0 +1,185 @@
+"""How large the loads of a scene get, and which of them together: what a reduction is to know of."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from itertools import count
+
+import numpy as np
+
+from fenics_rom.errors import SceneError
+from fenics_rom.mechanics.environment import Surroundings
+from fenics_rom.mechanics.load_history import LoadHistory
+from fenics_rom.reduction.problem import Problem
+from fenics_rom.scene.scene import Scene
+from fenics_rom.system.system import Array, System
+
+SMOOTHING = 0.25  # of the slowest period: what acts for less moves the body by less
+MOMENTS = 24  # of the load history, of which the worst is looked for
+ALONE = 6  # loads that are tried alone, at most
+SIDEWAYS = 0.5  # of a contact force that is given to a random direction
+
+
+@dataclass(frozen=True)
+class Loads:
+    """How large they get in the scene's load history, in the order of the input.
+
+    Attributes:
+        resting: (c,) actuators and loads: what is always there.
+        extremes: (2, c) the rest, least and most.
+        pushes: (columns,) by contact mode, of its largest force.
+        worst: contact mode and input, less what is always there, that move the body farthest at rest.
+    """
+
+    resting: Array
+    extremes: Array
+    pushes: dict[str, Array]
+    worst: tuple[str, Array]
+
+    @property
+    def count(self) -> int:
+        """Number of loads and contact modes."""
+        return int(self.extremes.any(axis=0).sum()) + len(self.pushes)
+
+    def whole(self, target: Array, share: float = 1.0) -> Array:
+        """An input with what is always there, and a share of a target."""
+        always = np.zeros(len(target))
+        always[len(target) - len(self.resting) :] = self.resting
+        return always + share * target
+
+
+def scene_with_run(system: System) -> Scene:
+    """The scene that says how far the body is to be trained to deform.
+
+    Raises:
+        SceneError: there is none, or it has no load history.
+    """
+    scene = system.scene
+    if scene is None or scene.run is None:
+        where = scene.source if scene else "a system of matrices"
+        raise SceneError(f"{where}: has no [run], whose loads say how far the body is to be trained to deform")
+    return scene
+
+
+def slowest_period(problem: Problem) -> float:
+    """Time that the slowest motion takes, s: its period, or as much longer as it is damped more than critically."""
+    system = problem.system
+    γ, v = system.algebra.eigenpairs(system.mass, system.stiffness, 1, problem.factor)
+    ω = float(np.sqrt(γ[0]))
+    ζ = float(system.algebra.inner(v, system.damping @ v)[0, 0]) / (2 * ω)
+    return 2 * np.pi / ω * max(1.0, ζ)
+
+
+def loads_of(problem: Problem, period: float) -> Loads:
+    """From the scene's own history, smoothed over a part of the slowest period (s; 0 without inertia).
+
+    Raises:
+        SceneError: the scene has no load history, or one in which nothing acts that could be trained with.
+    """
+    system = problem.system
+    scene = scene_with_run(system)
+    histories = list(own_history(system, scene))
+    assert scene.run is not None
+    shared = sum(system.widths.values())
+    acting = np.array([u[len(u) - shared :] for _, u in histories])
+    constant = (acting == acting[0]).all(axis=0)
+    of_loads = np.arange(shared) >= sum(B.shape[1] for B in system.actuators.values())
+    resting = np.where(constant & of_loads, acting[0], 0.0)
+    width = max(1, min(len(histories), round(SMOOTHING * period / scene.run.dt)))
+    acting = _averages(acting - resting, width)
+    pushing = {}
+    for name, B in system.contacts.items():
+        forces = np.array([u[: B.shape[1]] if name == contact else np.zeros(B.shape[1]) for contact, u in histories])
+        pushing[name] = _averages(forces, width)
+    extremes = np.array([np.minimum(acting.min(axis=0), 0.0), np.maximum(acting.max(axis=0), 0.0)])
+    pushes = {name: forces[np.linalg.norm(forces, axis=1).argmax()] for name, forces in pushing.items()}
+    if not extremes.any() and not any(push.any() for push in pushes.values()):
+        raise SceneError(f"{scene.source}: run: nothing acts but what is always there: there is nothing to train with")
+    worst = _worst(problem, acting, pushing)
+    return Loads(resting, extremes, _completed(problem, extremes, pushes), worst)
+
+
+def _worst(problem: Problem, acting: Array, pushing: dict[str, Array]) -> tuple[str, Array]:
+    """Of some moments of a history the one whose forces would move the body farthest, if they stayed."""
+    system = problem.system
+    moments = np.unique(np.linspace(0, len(acting) - 1, MOMENTS).astype(int))
+    found = []
+    for k in moments:
+        name = max(pushing, key=lambda name: float(np.linalg.norm(pushing[name][k])))
+        found.append((name, np.concatenate([pushing[name][k], acting[k]])))
+    shapes = problem.factor.solve(np.column_stack([system.input_matrix(name) @ u for name, u in found]))
+    return found[int(np.diag(system.algebra.inner(shapes, system.mass @ shapes)).argmax())]
+
+
+def own_history(system: System, scene: Scene) -> Iterator[tuple[str, Array]]:
+    """Contact mode and whole input of each step of the scene's load history; obstacles push nothing."""
+    surroundings = Surroundings(scene)
+    columns = {name: B.shape[1] for name, B in system.contacts.items()}
+    history = LoadHistory(scene, columns, {name: B.shape[1] for name, B in system.actuators.items()})
+    for step, (contact, u) in enumerate(history):
+        pushed = np.zeros(columns[contact]) if history.automatic else np.empty(0)
+        late = 1.0 if surroundings.quasi_static else 0.5
+        yield contact, np.concatenate([pushed, u, surroundings.loads((step + late) * history.dt)])
+
+
+def _averages(values: Array, width: int) -> Array:
+    """Means of that many values that follow one another, (any, c)."""
+    sums = np.cumsum(np.vstack([np.zeros((1, values.shape[1])), values]), axis=0)
+    return (sums[width:] - sums[:-width]) / width
+
+
+def _completed(problem: Problem, extremes: Array, pushes: dict[str, Array]) -> dict[str, Array]:
+    """With forces for the contact modes that the history does not push: each undoes what one of the others does."""
+    system = problem.system
+    blocks = [system.input_matrix(name)[:, : len(push)] @ push for name, push in pushes.items() if push.any()]
+    first = next(iter(pushes))
+    shared = system.input_matrix(first)[:, len(pushes[first]) :]
+    blocks += [shared[:, k] * value for row in extremes for k, value in enumerate(row) if value]
+    if not blocks:
+        return pushes
+    shapes = problem.factor.solve(np.column_stack(blocks))
+    found = {}
+    for name, push in pushes.items():
+        if push.any():
+            found[name] = push
+            continue
+        mixed = resultants(len(push))
+        B = system.contacts[name] @ mixed
+        compliance = system.algebra.inner(B, problem.factor.solve(B))
+        undoing = -np.linalg.lstsq(compliance, system.algebra.inner(B, shapes), rcond=1e-12)[0]
+        found[name] = mixed @ undoing[:, np.linalg.norm(undoing, axis=0).argmax()]
+    return found
+
+
+def resultants(columns: int) -> Array:
+    """What of a contact mode's input is pushed: forces of many nodes together, along each axis, (columns, any)."""
+    if columns <= 3 or columns % 3:
+        return np.eye(columns)
+    return np.kron(np.full((columns // 3, 1), 3 / columns), np.eye(3))
+
+
+def targets(loads: Loads) -> Iterator[tuple[str, Array]]:
+    """Contact mode and input to grow to, without end: the worst, then loads alone, then random ones together."""
+    yield loads.worst
+    names = list(loads.pushes)
+    alone: list[tuple[str, Array]] = []
+    still = {name: np.zeros(len(push)) for name, push in loads.pushes.items()}
+    for k, (least, most) in enumerate(loads.extremes.T):
+        if least or most:
+            u = np.zeros(loads.extremes.shape[1])
+            u[k] = most if most >= -least else least
+            alone.append((names[0], np.concatenate([still[names[0]], u])))
+    for name, push in loads.pushes.items():
+        if push.any():
+            alone.append((name, np.concatenate([push, 0 * loads.resting])))
+    yield from alone[:: -(-len(alone) // ALONE)]
+    random = np.random.default_rng(0)
+    for k in count():
+        name = names[k % len(names)]
+        level = np.sin(np.pi / 2 * random.random(len(loads.resting) + 1)) ** 2  # more often near the ends
+        least, most = loads.extremes
+        push = loads.pushes[name]
+        mixed = resultants(len(push))
+        aside = mixed @ random.standard_normal(mixed.shape[1])
+        aside *= np.linalg.norm(push) / np.linalg.norm(aside)
+        pushed = level[-1] * (push + SIDEWAYS * aside) / np.sqrt(1 + SIDEWAYS**2)
+        yield name, np.concatenate([pushed, least + (most - least) * level[:-1]])

@@ -1,0 +1,90 @@
+"""Full-order runs that show a reduction how a body deforms under the loads of its scene.
+
+Each begins at rest, lets loads grow to a target within half of the slowest period, so that the body overshoots, holds
+them, lets go and swings: what the scene does at its worst moment, then actuators, loads and contact modes one by one,
+and together. A contact mode that the scene never pushes is pushed by as much as undoes there what the other loads do:
+obstacles do no more.
+"""
+
+from dataclasses import dataclass
+from itertools import islice
+
+import numpy as np
+
+from fenics_rom.reduction.hyperreduction.training_loads import (
+    Loads,
+    loads_of,
+    own_history,
+    scene_with_run,
+    slowest_period,
+    targets,
+)
+from fenics_rom.reduction.problem import Problem
+from fenics_rom.scene.scene import Scene
+from fenics_rom.system.system import Array, System
+
+FEWEST, MOST = 10, 14  # training runs
+STEPS_OF_PERIOD = 60  # of the slowest motion; no more, if the scene's are shorter
+STEPS_AT_REST = 10  # of a load that grows without inertia
+SHAPES = 50  # kept of each run
+LONGEST = 400  # steps of the scene's own load history
+GROWING, HOLDING, LENGTH = 0.5, 0.75, 2.5  # slowest periods that loads grow, are held, and that a run takes
+
+
+@dataclass(frozen=True)
+class Run:
+    """What is done to the body.
+
+    Attributes:
+        title: its loads, for messages.
+        steps: contact mode and input of each.
+        dt: s; None where every step is an equilibrium.
+    """
+
+    title: str
+    steps: tuple[tuple[str, Array], ...]
+    dt: float | None
+
+    def shown(self) -> range:
+        """The steps after which the shape is kept."""
+        return range(0, len(self.steps), -(-len(self.steps) // SHAPES))
+
+
+def runs_of(problem: Problem) -> tuple[list[Run], list[Run]]:
+    """Training runs, and held-out ones to validate with.
+
+    Raises:
+        SceneError: the scene has no load history, or one in which nothing acts.
+    """
+    system = problem.system
+    scene = scene_with_run(system)
+    assert scene.run is not None
+    moves = "inertia" in scene.effects
+    period = slowest_period(problem) if moves else 0.0
+    dt = max(scene.run.dt, period / STEPS_OF_PERIOD) if moves else None
+    loads = loads_of(problem, period)
+    number = min(MOST, max(FEWEST, 2 * loads.count))
+    made = [_grown(system, loads, contact, u, dt, period) for contact, u in islice(targets(loads), number + 1)]
+    held_out = made[-1:]
+    if "contact" not in scene.effects:  # where obstacles do not stop the body, it would go too far without them
+        held_out.append(_own(system, scene, dt))
+    return made[:-1], held_out
+
+
+def _grown(system: System, loads: Loads, contact: str, target: Array, dt: float | None, period: float) -> Run:
+    """The run of a target: grow, hold, let go, swing; without inertia, grow alone."""
+    shares: Array = np.arange(1, STEPS_AT_REST + 1) / STEPS_AT_REST
+    if dt is not None:
+        time = (np.arange(round(LENGTH * period / dt)) + 0.5) * dt / period
+        shares = np.where(time < GROWING + HOLDING, np.minimum(time / GROWING, 1.0), 0.0)
+    names = [f"{contact}[{k}]" for k in range(len(target) - len(loads.resting))]
+    names += [name if width == 1 else f"{name}[{k}]" for name, width in system.widths.items() for k in range(width)]
+    title = ", ".join(f"{name} {value:.3g}" for name, value in zip(names, loads.whole(target), strict=True) if value)
+    return Run(title, tuple((contact, loads.whole(target, share)) for share in shares), dt)
+
+
+def _own(system: System, scene: Scene, dt: float | None) -> Run:
+    """The beginning of the scene's own history."""
+    assert scene.run is not None
+    steps = tuple(islice(own_history(system, scene), LONGEST))
+    return Run("the scene's own load history", steps, None if dt is None else scene.run.dt)

@@ -1,0 +1,42 @@
+"""How far a reduced model is from full-order runs that it has not seen."""
+
+import numpy as np
+
+from fenics_rom.errors import StepError
+from fenics_rom.reduction.hyperreduction.training import Run
+from fenics_rom.rom.rom import Rom
+from fenics_rom.runtime.steppers.finite_strain import Equilibrium, Newton
+from fenics_rom.system.system import Array, System
+
+
+def validation_error(rom: Rom, system: System, run: Run, shapes: Array) -> float:
+    """Largest difference between shapes in a run, as a share of the largest, in the mass norm; inf where none is there.
+
+    Args:
+        rom: the reduced model.
+        system: the full one.
+        run: what was done.
+        shapes: (rows here, s) what the body did.
+    """
+    W, inner = rom.basis[system.algebra.rows()], system.algebra.inner
+    Mx = system.mass @ shapes
+    size, seen = np.diag(inner(shapes, Mx)), inner(W, Mx)  # of |x - W q|² = |x|² - |WᵀMx|² + |WᵀMx - q|²
+    try:
+        reduced = _played(rom, run)
+    except StepError:
+        return float("inf")
+    gaps = np.maximum(size - (seen**2).sum(axis=0), 0.0) + ((seen - reduced) ** 2).sum(axis=0)
+    return float(np.sqrt(gaps.max() / size.max()))
+
+
+def _played(rom: Rom, run: Run) -> Array:
+    """q (m, s) of the reduced model in a run."""
+    stepper = (Equilibrium if run.dt is None else Newton)(rom, None, None)
+    stepper.retime(1.0 if run.dt is None else run.dt)
+    shown, states, m = set(run.shown()), [], len(rom.stiffness)
+    for step, (contact, u) in enumerate(run.steps):
+        stepper.enter(rom.modes[contact])
+        stepper.advance(u)
+        if step in shown:
+            states.append(stepper.state[:m] / np.sqrt(rom.stiffness))
+    return np.column_stack(states)

@@ -1,0 +1,33 @@
+"""Columns that keep every contact mode's inputs company in its space: dashpots, and outputs where those count."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fenics_rom.reduction.low_rank_damping import local_damping
+from fenics_rom.reduction.problem import Problem
+from fenics_rom.system.system import Array
+
+
+@dataclass(frozen=True)
+class Company:
+    """What belongs to the space of every contact mode.
+
+    Attributes:
+        columns: (rows here, c).
+        complete: whether inputs and these columns lead to all resolvents by zero shifts alone, as they do where D is
+            proportional but for dashpots.
+    """
+
+    columns: Array
+    complete: bool
+
+
+def company_of(problem: Problem) -> Company:
+    """Finds the dashpots, and adds the columns of the outputs where those are what counts."""
+    system = problem.system
+    here, dashpots = system.algebra.rows(), local_damping(system)
+    columns = [np.empty((here.stop - here.start, 0)) if dashpots is None else dashpots]
+    if problem.weighting == "outputs":
+        columns += system.outputs.values()
+    return Company(np.hstack(columns), dashpots is not None)

@@ -1,0 +1,1 @@
+"""The reduction methods, each a function of a reduction problem."""

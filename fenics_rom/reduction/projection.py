@@ -1,0 +1,98 @@
+"""From the shared space to the ROM: one basis Q of what the contact modes keep, and each mode diagonal in its own."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from fenics_rom.reduction.common_basis import padded, rest_of
+from fenics_rom.reduction.problem import Problem
+from fenics_rom.reduction.validation import certified
+from fenics_rom.rom.rom import Mode, Rom, diagonalized_span
+from fenics_rom.scene.effects import EFFECTS
+from fenics_rom.system.system import Array
+
+
+@dataclass(frozen=True)
+class Kept:
+    """What one contact mode keeps, in the coordinates of the shared space.
+
+    Attributes:
+        span: (k, m) orthonormal.
+        directions: (k, m) what spans the same, by falling importance.
+        hankel_singular_values: σ (r,), r >= m; none where the method has none.
+        left_inverse: (m, k) oblique projection; only for switching = "oblique".
+    """
+
+    span: Array
+    directions: Array
+    hankel_singular_values: Array
+    left_inverse: Array | None = None
+
+
+def rom_of(problem: Problem, kept: Mapping[str, Kept], *, method: str) -> Rom:
+    """Puts all contact modes into one M-orthonormal Q that diagonalizes K, with a certificate for each.
+
+    Args:
+        problem: what was reduced.
+        kept: by contact mode, in the order of the ROM.
+        method: name of the method.
+    """
+    system, space = problem.system, problem.space
+    algebra, scene = system.algebra, system.scene
+    with problem.stages("shared basis"):
+        joint = np.empty((space.size, 0))
+        for k in kept.values():
+            if joint.shape[1] < space.size:
+                joint = np.hstack([joint, rest_of(padded(k.span, space.size), joint)])
+        whole = space.subspace(np.eye(space.size))
+        together = whole if joint.shape[1] == space.size else space.subspace(joint)
+        U, κ = together.coordinates, together.eigenvalues
+        Q = space.basis @ U
+        inputs = [system.input_matrix(name) for name in kept]
+        seen = np.split(algebra.inner(Q, np.hstack(inputs)), np.cumsum([B.shape[1] for B in inputs])[:-1], axis=1)
+        modes, bases = {}, {}
+        for (name, k), QᵀB in zip(kept.items(), seen, strict=True):
+            γ, C = diagonalized_span(κ, np.linalg.qr(U.T @ padded(k.span, space.size))[0])
+            W = U @ C
+            T = W.T @ padded(k.directions, space.size)
+            bases[name] = W
+            modes[name] = Mode(
+                eigenvalues=γ,
+                damping=space.damping_in(W, γ),
+                inputs=C.T @ QᵀB,
+                contact_points=system.contact_points.get(name, np.empty(0, dtype=int)),
+                coordinates=C,
+                directions=np.linalg.qr(T / np.linalg.norm(T, axis=0))[0],
+                hankel_singular_values=k.hankel_singular_values,
+                left_inverse=None if k.left_inverse is None else T @ k.left_inverse @ U,
+            )
+    with problem.stages("certificate"):
+        modes = certified(problem, whole, modes, bases)
+    return Rom(
+        name=scene.name if scene else "system",
+        method=method,
+        switching=problem.switching,
+        modes=modes,
+        actuators={name: columns.shape[1] for name, columns in system.actuators.items()},
+        basis=algebra.gather(Q),
+        stiffness=κ,
+        loads={name: columns.shape[1] for name, columns in system.loads.items()},
+        outputs={name: algebra.inner(C, Q) for name, C in system.outputs.items()},
+        free=system.body.free,
+        nodes=system.body.nodes,
+        triangles=system.body.triangles,
+        node_mass=system.body.node_mass,
+        effects=_numbers(scene.effects) if scene else {},
+        scene_text=scene.text if scene else "",
+        tables=scene.tables if scene else {},
+        warnings=tuple(problem.messages),
+        weighting=problem.weighting,
+        stages=problem.stages.done,
+    )
+
+
+def _numbers(effects: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
+    """Of each effect the parameters that are numbers."""
+    return {name: {key: said[key] for key in EFFECTS[name].numbers if key in said} for name, said in effects.items()}

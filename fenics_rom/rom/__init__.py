@@ -1,0 +1,1 @@
+"""The reduced model: a frozen record, its file, and its truncation."""

@@ -1,0 +1,176 @@
+"""A reduced body that deforms as far as it likes: the energy of a few of its points, with positive weights.
+
+    Φ(q) = Σ_p ω_p W(E_p(q)) + ½ qᵀ K_s q,   E = ½ (H + Hᵀ + HᵀH),   H = Σ_k q_k ∇W_k
+
+It is a potential like the whole body's, whatever points were kept (ECSW: Farhat, Avery, Chapman & Cortial, 2014), so
+what balances energy for the one does for the other.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from fenics_rom.errors import StructureError
+from fenics_rom.mechanics.hyperelastic import AXES, FULL, LAWS, energy_density, moduli, strain, stress
+from fenics_rom.mechanics.tendon import pulls_of
+from fenics_rom.scene.schema import unknown
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Tendon:
+    """A cable through points of the body.
+
+    Attributes:
+        points: at rest, (K, 3), m.
+        shapes: (3K, m) rows of the basis there.
+    """
+
+    points: Array
+    shapes: Array
+
+    def force(self, q: Array) -> Array:
+        """Of a tension of 1 N, (m,): -∂ℓ/∂q of its length ℓ."""
+        return pulls_of(self.points + (self.shapes @ q).reshape(-1, 3)).ravel() @ self.shapes
+
+
+@dataclass(frozen=True)
+class ReducedDeformation:
+    """What a ROM needs beside its linear model where the scene names large_deformation.
+
+    Its basis W is the same for all contact modes, WᵀMW = I.
+
+    Attributes:
+        law: of the material, one of `hyperelastic.LAWS`.
+        gradients: (3, 3, P, m), [i, j] = ∂W_i/∂X_j at the kept points, kg^-1/2/m.
+        weights: ω (P,), > 0, m³.
+        first_lame, shear: λ and μ (P,), Pa.
+        viscosity: β (P,), s: the stress β (λ tr(Ė) I + 2μ Ė) of strain rates.
+        drag: (m, m) damping that does not strain: α M and dashpots, 1/s.
+        springs: (m, m) K_s of springs to ground, 1/s².
+        pressures: of each, the force of 1 Pa as a polynomial of q, (m, 1 + m + m (m+1)/2): of `monomials(q)`.
+        tendons: of each.
+        reach: largest |q| of the states it was trained on, m kg^1/2.
+        points_of: number of points of the whole body.
+        cubature_error: of the forces of the kept points on the training states, relative.
+        validation_error: of a run that was not trained on, relative, in the mass norm; None where there was none.
+    """
+
+    law: str
+    gradients: Array
+    weights: Array
+    first_lame: Array
+    shear: Array
+    viscosity: Array
+    drag: Array
+    springs: Array
+    reach: float
+    points_of: int
+    cubature_error: float
+    validation_error: float | None = None
+    pressures: Mapping[str, Array] = field(default_factory=dict)
+    tendons: Mapping[str, Tendon] = field(default_factory=dict)
+
+    @property
+    def order(self) -> int:
+        """Number m of reduced displacements."""
+        return self.gradients.shape[-1]
+
+    def displacement_gradients(self, q: Array) -> Array:
+        """H (3, 3, P) at the kept points."""
+        return (self._rows @ q).reshape(-1, 3, 3).transpose(2, 1, 0)
+
+    def strains(self, q: Array) -> Array:
+        """E (6, P) at the kept points."""
+        return strain(self.displacement_gradients(q))
+
+    def energy(self, q: Array) -> float:
+        """Φ, J."""
+        return self.elastic_energy(self.strains(q)) + float(q @ self.springs @ q) / 2
+
+    def elastic_energy(self, E: Array) -> float:
+        """Σ ω W(E), J."""
+        return float(self.weights @ energy_density(self.law, E, self.first_lame, self.shear))
+
+    def force(self, q: Array) -> Array:
+        """∂Φ/∂q (m,)."""
+        H = self.displacement_gradients(q)
+        S = stress(self.law, strain(H), self.first_lame, self.shear)
+        return self.resultant(H, self.weights * S) + self.springs @ q
+
+    def tangent(self, q: Array) -> Array:
+        """∂²Φ/∂q² (m, m)."""
+        H = self.displacement_gradients(q)
+        E = strain(H)
+        A = self.strain_rates(H)
+        D = self.weights * moduli(self.law, E, self.first_lame, self.shear)
+        K = A.reshape(-1, self.order).T @ np.einsum("cdp,dpk->cpk", D, A).reshape(-1, self.order)
+        return K + self.geometric(self.weights * stress(self.law, E, self.first_lame, self.shear)) + self.springs
+
+    def resultant(self, H: Array, S: Array) -> Array:
+        """Force (m,) of stresses S (6, P), which hold the weights, on the body deformed by H: Σ (F S) : ∇W_k."""
+        Fᵀ = H.transpose(2, 1, 0) + np.eye(3)
+        return (S[FULL].transpose(2, 0, 1) @ Fᵀ).ravel() @ self._rows
+
+    def strain_rates(self, H: Array) -> Array:
+        """A = ∂E/∂q (6, P, m) on the body deformed by H."""
+        P, m = len(self.weights), self.order
+        both = ((H.transpose(2, 1, 0) + np.eye(3)) @ self._columns).reshape(P, 3, 3, m)  # F_ij ∂W_i/∂X_l
+        A = np.empty((6, P, m))
+        for c, (i, j) in enumerate(AXES):
+            A[c] = both[:, i, j] if i == j else both[:, i, j] + both[:, j, i]
+        return A
+
+    def geometric(self, S: Array) -> Array:
+        """Σ S_jl ∂W_i/∂X_j ∂W_i/∂X_l (m, m) of stresses S (6, P), which hold the weights."""
+        spread = S[FULL].transpose(2, 0, 1) @ self._rows.reshape(-1, 3, 3 * self.order)
+        return self._rows.T @ spread.reshape(-1, self.order)
+
+    @cached_property
+    def _rows(self) -> Array:
+        """∂W_i/∂X_j as (P j i, m)."""
+        return np.ascontiguousarray(self.gradients.transpose(2, 1, 0, 3)).reshape(-1, self.order)
+
+    @cached_property
+    def _columns(self) -> Array:
+        """∂W_i/∂X_j as (P, i, j m)."""
+        return np.ascontiguousarray(self.gradients.transpose(2, 0, 1, 3)).reshape(-1, 3, 3 * self.order)
+
+
+def monomials(q: Array) -> Array:
+    """1, q_i and q_i q_j (i <= j), (1 + m + m (m+1)/2,)."""
+    return np.concatenate([[1.0], q, np.outer(q, q)[np.triu_indices(len(q))]])
+
+
+def check_deformation(body: ReducedDeformation, order: int) -> None:
+    """Measures what its energy balance rests on.
+
+    Raises:
+        StructureError: with the measured number.
+    """
+    if body.law not in LAWS:
+        raise StructureError(f"deformation: {unknown('material', body.law, list(LAWS))}")
+    if body.order != order:
+        raise StructureError(f"deformation: has {body.order} displacements, its contact modes {order}")
+    stiff = 3 * body.first_lame + 2 * body.shear  # three times the bulk modulus
+    for what, values, strict in (
+        ("weights", body.weights, True),
+        ("shear moduli", body.shear, True),
+        ("bulk moduli", stiff, True),
+        ("viscosities", body.viscosity, False),
+    ):
+        least = values.min(initial=np.inf)
+        if not (least > 0 if strict else least >= 0):
+            raise StructureError(f"deformation: {what} are not {'positive' if strict else 'non-negative'}: {least:g}")
+    for what, matrix in (("drag", body.drag), ("springs", body.springs)):
+        largest = np.abs(matrix).max(initial=0.0)
+        if not np.array_equal(matrix, matrix.T):
+            raise StructureError(f"deformation: {what} is not symmetric")
+        least = np.linalg.eigvalsh(matrix / (largest or 1.0)).min()
+        if not least >= -1e-12:
+            raise StructureError(f"deformation: {what} is not positive semi-definite, least {least * largest:g}")
+    if not (body.reach > 0 and body.points_of >= len(body.weights) > 0):
+        raise StructureError("deformation: has no points, or no states that it was trained on")

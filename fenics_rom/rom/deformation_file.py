@@ -1,0 +1,78 @@
+"""Large deformation in a ROM file: the group `deformation`, described in rom_file."""
+
+from typing import Any
+
+import h5py
+import numpy as np
+
+from fenics_rom.io.hdf5 import Entry, Sizes, get_arrays, get_group, get_text, put_arrays, put_text
+from fenics_rom.rom.deformation import ReducedDeformation, Tendon
+
+Array = np.ndarray
+
+BODY = {
+    "gradients": Entry("kg^-1/2/m", (3, 3, "Q", "k")),
+    "weights": Entry("m^3", ("Q",)),
+    "first_lame": Entry("Pa", ("Q",)),
+    "shear": Entry("Pa", ("Q",)),
+    "viscosity": Entry("s", ("Q",)),
+    "drag": Entry("1/s", ("k", "k")),
+    "springs": Entry("1/s^2", ("k", "k")),
+}
+NUMBERS = {
+    "reach": Entry("m kg^1/2", (1,)),
+    "points_of": Entry("1", (1,), "i"),
+    "cubature_error": Entry("1", (1,)),
+    "validation_error": Entry("1", (1,), optional=True),
+}
+PRESSURE = Entry("m^2/kg^1/2", ("k", "monomials"))
+TENDON = {"points": Entry("m", ("K", 3)), "shapes": Entry("kg^-1/2", ("3K", "k"))}
+
+
+def put_deformation(h5: h5py.File, body: ReducedDeformation, sizes: Sizes) -> None:
+    """Writes the group.
+
+    Raises:
+        RomFileError: arrays that do not fit.
+    """
+    group = h5.create_group("deformation", track_order=True)
+    put_text(group, law=body.law)
+    sizes = {"k": sizes["k"]}
+    put_arrays(group, BODY, sizes, {name: getattr(body, name) for name in BODY})
+    numbers = {name: getattr(body, name) for name in NUMBERS}
+    put_arrays(group, NUMBERS, sizes, {key: None if one is None else np.array([one]) for key, one in numbers.items()})
+    pressures, tendons = (group.create_group(name, track_order=True) for name in ("pressures", "tendons"))
+    put_arrays(pressures, dict.fromkeys(body.pressures, PRESSURE), sizes, body.pressures)
+    for name, tendon in body.tendons.items():
+        own = {"k": sizes["k"]}
+        put_arrays(tendons.create_group(name, track_order=True), TENDON, own, vars(tendon))
+
+
+def take_deformation(h5: h5py.File, sizes: Sizes) -> ReducedDeformation:
+    """Reads the group.
+
+    Raises:
+        RomFileError: arrays that are missing or do not fit.
+    """
+    group = get_group(h5, "deformation")
+    sizes = {"k": sizes["k"]}
+    arrays: Any = get_arrays(group, BODY | NUMBERS, sizes, ("pressures", "tendons"))
+    pressures, tendons = get_group(group, "pressures"), get_group(group, "tendons")
+    forces: Any = get_arrays(pressures, dict.fromkeys(pressures, PRESSURE), sizes)
+    validation = arrays["validation_error"]
+    cables = {name: _tendon(get_group(tendons, name), sizes["k"]) for name in tendons}
+    return ReducedDeformation(
+        law=get_text(group, "law"),
+        **{name: arrays[name] for name in BODY},
+        reach=float(arrays["reach"][0]),
+        points_of=int(arrays["points_of"][0]),
+        cubature_error=float(arrays["cubature_error"][0]),
+        validation_error=None if validation is None else float(validation[0]),
+        pressures=forces,
+        tendons=cables,
+    )
+
+
+def _tendon(group: h5py.Group, order: int) -> Tendon:
+    arrays: Any = get_arrays(group, TENDON, {"k": order})
+    return Tendon(**arrays)

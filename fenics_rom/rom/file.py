@@ -1,0 +1,293 @@
+"""The ROM file: one HDF5 file with everything the runtime needs.
+
+Format 1.3. The first 512 bytes are a user block with the SHA-256 of the rest (see checked_file).
+Root attributes (fixed-length UTF-8 text): format = "fenics-rom", format_version, content = "rom", software, name,
+method, switching, weighting, scene (the scene file), warnings (one a line). Every dataset has an attribute `unit`.
+Sizes: n free displacement components, k shared basis vectors, N nodes, F triangles; for each contact mode m order,
+p input columns, r Hankel singular values, f sampled frequencies; P points of an output.
+
+    basis (n, k) kg^-1/2             Q, QᵀMQ = I; the rigid motions of a body that is not wholly held come first
+    stiffness (k,) 1/s^2             κ, QᵀKQ = diag(κ); 0 for these
+    free (n,)                        index of each free component among 3 N, or 0 to n - 1 where there is no mesh
+    nodes (N, 3) m, triangles (F, 3), node_mass (N,) kg; empty where there is no mesh
+    outputs/NAME (3P, k) kg^-1/2     C Q; any number of rows where there is no mesh
+    actuators/NAME (1,)              number of input columns
+    loads/NAME (1,)                  the same of loads with histories of their own; absent where there are none
+    effects/NAME/PARAMETER (1,)      or (3,); of those that are numbers, the others are in the scene
+    tables/NUMBER (rows, columns)    tables of the scene: forces, motions; attribute `file`
+    offline/NUMBER (2,) s, B         wall-clock time and peak memory of a stage of the offline work; attribute `name`
+    modes/NAME/                      in the order of the scene
+        eigenvalues (m,) 1/s^2       γ; 0 for rigid motions, which come first, the same in all modes
+        damping (m,) or (m, m) 1/s
+        inputs (m, p) kg^-1/2        G = W_iᵀB_i; contact columns, then actuators', then loads'
+        coordinates (k, m)           C_i, W_i = Q C_i
+        directions (m, m)            first columns span the models of lower order
+        hankel_singular_values (r,)  s^2/kg^1/2 under mass weighting, else s^2/kg; absent where there are none
+        static_error (1,)            may be absent
+        frequencies (f,) rad/s       ascending; may be absent, with
+        transfer_errors (f,)         at these frequencies
+        left_inverse (m, k)          only for switching = "oblique"
+        contact_points (P,)          nodes that obstacles can touch; absent where there are none
+    deformation/                     where the scene has large_deformation; attribute `law`; Q kept points
+        gradients (3, 3, Q, k)       ∂W_i/∂X_j, kg^-1/2/m; W is the basis, as all contact modes have the same
+        weights (Q,) m^3, first_lame, shear (Q,) Pa, viscosity (Q,) s
+        drag (k, k) 1/s, springs (k, k) 1/s^2
+        reach (1,) m kg^1/2, points_of (1,), cubature_error, validation_error (1,); the last may be absent
+        pressures/NAME (k, 1 + k + k (k+1)/2) m^2/kg^1/2     force of 1 Pa: of 1, q_i and q_i q_j (i <= j)
+        tendons/NAME/points (K, 3) m, shapes (3K, k) kg^-1/2
+
+Files of format 1.2 have no large deformation.
+Files of format 1.1 have neither loads nor contact points.
+Files of format 1.0, where every method is "balanced", have no attribute `method`, no group `offline`, and neither
+frequencies nor transfer_errors.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from fenics_rom.errors import RomFileError
+from fenics_rom.io.hdf5 import (
+    Entry,
+    Sizes,
+    check_names,
+    get_arrays,
+    get_group,
+    get_text,
+    put_arrays,
+    put_text,
+    read_file,
+    write_file,
+)
+from fenics_rom.io.stages import Stage
+from fenics_rom.rom.deformation_file import put_deformation, take_deformation
+from fenics_rom.rom.rom import SWITCHINGS, Mode, Rom, check_rom
+from fenics_rom.scene.effects import EFFECTS
+from fenics_rom.scene.schema import unknown
+
+BODY = {
+    "basis": Entry("kg^-1/2", ("n", "k")),
+    "stiffness": Entry("1/s^2", ("k",)),
+    "free": Entry("1", ("n",), "i"),
+    "nodes": Entry("m", ("N", 3)),
+    "triangles": Entry("1", ("F", 3), "i"),
+    "node_mass": Entry("kg", ("N",)),
+}
+HANKEL_UNIT = {"mass": "s^2/kg^1/2", "nodal": "s^2/kg", "outputs": "s^2/kg"}  # by weighting
+MODE = {
+    "eigenvalues": Entry("1/s^2", ("m",)),
+    "inputs": Entry("kg^-1/2", ("m", "p")),
+    "coordinates": Entry("1", ("k", "m")),
+    "directions": Entry("1", ("m", "m")),
+    "static_error": Entry("1", (1,), optional=True),
+    "frequencies": Entry("rad/s", ("f",), optional=True),
+    "transfer_errors": Entry("1", ("f",), optional=True),
+    "left_inverse": Entry("1", ("m", "k"), optional=True),
+    "contact_points": Entry("1", ("P",), "i", optional=True),
+}
+EMPTY_WHERE_ABSENT = ("hankel_singular_values", "frequencies", "transfer_errors", "contact_points")
+STAGE = Entry("s, B", (2,))
+COUNT = Entry("1", (1,), "i")
+GROUPS = ("outputs", "actuators", "effects", "tables", "modes")
+MAYBE = ("offline", "loads", "deformation")
+
+
+def write_rom(file: str | Path, rom: Rom) -> None:
+    """Writes a ROM; an existing file is replaced only by a complete one.
+
+    Raises:
+        RomFileError: it cannot be written, or its parts do not fit each other.
+        StructureError: the ROM lacks the structure that passivity rests on.
+    """
+    write_file(file, "rom", lambda h5: _fill(h5, rom))
+
+
+def read_rom(file: str | Path) -> Rom:
+    """Reads a ROM.
+
+    Raises:
+        RomFileError: the file is missing, damaged, of another format, or its model lacks structure.
+    """
+    return read_file(file, "rom", _take)
+
+
+def _fill(h5: h5py.File, rom: Rom) -> None:
+    for names in (rom.outputs, rom.actuators, rom.loads, rom.modes):
+        check_names(names)
+    put_text(h5, name=rom.name, method=rom.method, switching=rom.switching, weighting=rom.weighting)
+    put_text(h5, scene=rom.scene_text, warnings="\n".join(rom.warnings))
+    sizes: Sizes = {}
+    put_arrays(h5, BODY, sizes, {name: getattr(rom, name) for name in BODY})
+    there = (*GROUPS, "offline", *(["loads"] if rom.loads else []))
+    groups = {name: h5.create_group(name, track_order=True) for name in there}
+    for name, rows in rom.outputs.items():
+        put_arrays(groups["outputs"], {name: _output(name)}, sizes, {name: rows})
+    for kind, widths in (("actuators", rom.actuators), ("loads", rom.loads)):
+        for name, columns in widths.items():
+            put_arrays(groups[kind], {name: COUNT}, sizes, {name: np.array([columns])})
+    for name, parameters in rom.effects.items():
+        table = _effect(name)
+        group = groups["effects"].create_group(name, track_order=True)
+        put_arrays(
+            group,
+            table,
+            sizes,
+            {key: np.atleast_1d(parameters[key]) if key in parameters else None for key in table},
+        )
+    for number, (name, rows) in enumerate(rom.tables.items()):
+        put_arrays(groups["tables"], {str(number): _force_table(number)}, sizes, {str(number): rows})
+        put_text(groups["tables"][str(number)], file=name)
+    for number, stage in enumerate(rom.stages):
+        numbers = np.array([stage.seconds, stage.peak_memory])
+        put_arrays(groups["offline"], {str(number): STAGE}, sizes, {str(number): numbers})
+        put_text(groups["offline"][str(number)], name=stage.name)
+    for name, mode in rom.modes.items():
+        table = _mode_table(rom.weighting, dense=mode.damping.ndim == 2)
+        arrays = {key: getattr(mode, key) for key in table}
+        arrays |= {key: None for key in EMPTY_WHERE_ABSENT if not len(arrays[key])}
+        arrays["static_error"] = None if mode.static_error is None else np.array([mode.static_error])
+        group = groups["modes"].create_group(name, track_order=True)
+        put_arrays(group, table, _mode_sizes(sizes), arrays)
+    if rom.deformation is not None:
+        put_deformation(h5, rom.deformation, sizes)
+    _check_fit(rom)
+    check_rom(rom)
+
+
+def _take(h5: h5py.File) -> Rom:
+    sizes: Sizes = {}
+    body: Any = get_arrays(h5, BODY, sizes, (*GROUPS, *MAYBE))
+    groups = {name: get_group(h5, name) for name in (*GROUPS, *MAYBE) if name in GROUPS or name in h5}
+    outputs: Any = get_arrays(groups["outputs"], {name: _output(name) for name in groups["outputs"]}, sizes)
+    tables: Any = get_arrays(groups["tables"], {str(k): _force_table(k) for k in range(len(groups["tables"]))}, sizes)
+    weighting = get_text(h5, "weighting")
+    modes = {name: _take_mode(get_group(groups["modes"], name), weighting, sizes) for name in groups["modes"]}
+    rom = Rom(
+        name=get_text(h5, "name"),
+        method=get_text(h5, "method") if "method" in h5.attrs else "balanced",
+        switching=get_text(h5, "switching"),
+        modes=modes,
+        actuators=_take_counts(groups["actuators"]),
+        loads=_take_counts(groups["loads"]) if "loads" in groups else {},
+        outputs=outputs,
+        effects={name: _take_effect(get_group(groups["effects"], name)) for name in groups["effects"]},
+        scene_text=get_text(h5, "scene"),
+        tables={get_text(groups["tables"][number], "file"): rows for number, rows in tables.items()},
+        warnings=tuple(filter(None, get_text(h5, "warnings").split("\n"))),
+        weighting=weighting,
+        stages=_take_stages(groups["offline"]) if "offline" in groups else (),
+        deformation=take_deformation(h5, sizes) if "deformation" in groups else None,
+        **body,
+    )
+    _check_fit(rom)
+    return check_rom(rom)
+
+
+def _mode_table(weighting: str, dense: bool) -> dict[str, Entry]:
+    if weighting not in HANKEL_UNIT:
+        raise RomFileError(unknown("weighting", weighting, HANKEL_UNIT))
+    damping = Entry("1/s", ("m", "m") if dense else ("m",))
+    σ = Entry(HANKEL_UNIT[weighting], ("r",), optional=True)
+    return {**MODE, "damping": damping, "hankel_singular_values": σ}
+
+
+def _take_mode(group: h5py.Group, weighting: str, sizes: Sizes) -> Mode:
+    damping = group.get("damping")
+    dense = isinstance(damping, h5py.Dataset) and damping.ndim == 2
+    arrays: Any = get_arrays(group, _mode_table(weighting, dense), _mode_sizes(sizes))
+    static = arrays.pop("static_error")
+    for key in EMPTY_WHERE_ABSENT:
+        if arrays[key] is None:
+            arrays[key] = np.empty(0, dtype=int if key == "contact_points" else float)
+        elif not len(arrays[key]):
+            raise RomFileError(f"{group.name}/{key} is empty")
+    return Mode(**arrays, static_error=None if static is None else float(static[0]))
+
+
+def _take_stages(group: h5py.Group) -> tuple[Stage, ...]:
+    arrays: Any = get_arrays(group, {str(k): STAGE for k in range(len(group))}, {})
+    return tuple(Stage(get_text(group[key], "name"), *map(float, numbers)) for key, numbers in arrays.items())
+
+
+def _take_counts(group: h5py.Group) -> dict[str, int]:
+    counts: Any = get_arrays(group, dict.fromkeys(group, COUNT), {})
+    return {name: int(value[0]) for name, value in counts.items()}
+
+
+def _take_effect(group: h5py.Group) -> dict[str, float | tuple[float, ...]]:
+    arrays: Any = get_arrays(group, _effect(group.name.split("/")[-1]), {})
+    numbers = {key: tuple(map(float, value)) for key, value in arrays.items() if value is not None}
+    return {key: value[0] if len(value) == 1 else value for key, value in numbers.items()}
+
+
+def _effect(name: str) -> dict[str, Entry]:
+    if name not in EFFECTS:
+        raise RomFileError(unknown("effect", name, EFFECTS))
+    effect = EFFECTS[name]
+    return {
+        key: Entry(unit, (length,), optional=effect.parameters[key].default is None)
+        for key, (unit, length) in effect.numbers.items()
+    }
+
+
+def _check_fit(rom: Rom) -> None:
+    """What a shape cannot say: indices that point somewhere, inputs that fit, a switching that exists."""
+    if rom.switching not in SWITCHINGS:
+        raise RomFileError(unknown("switching", rom.switching, list(SWITCHINGS)))
+    if not rom.modes or not len(rom.stiffness) or any(mode.order == mode.rigid for mode in rom.modes.values()):
+        raise RomFileError("holds no contact modes, or an empty one")
+    meshed = len(rom.nodes) > 0
+    if any(len(rows) == 0 or (meshed and len(rows) % 3) for rows in rom.outputs.values()):
+        raise RomFileError("an output does not have three rows a point")
+    components = 3 * len(rom.nodes) if meshed else len(rom.free)
+    if len(rom.free) and (rom.free[0] < 0 or rom.free[-1] >= components or (np.diff(rom.free) <= 0).any()):
+        raise RomFileError(f"/free does not name components among {components}, in ascending order")
+    if rom.triangles.size and not 0 <= rom.triangles.min() <= rom.triangles.max() < len(rom.nodes):
+        raise RomFileError(f"/triangles name nodes beyond {len(rom.nodes)}")
+    if (rom.node_mass < 0).any():
+        raise RomFileError("/node_mass has negative masses")
+    if ("large_deformation" in rom.effects) != (rom.deformation is not None):
+        raise RomFileError("large_deformation among the effects and /deformation go together")
+    if "contact" in rom.effects and not any(len(mode.contact_points) for mode in rom.modes.values()):
+        raise RomFileError("has contact, and no node that obstacles can touch")
+    if any(columns < 0 for columns in (*rom.actuators.values(), *rom.loads.values())):
+        raise RomFileError("an actuator or a load has a negative number of columns")
+    if any(stage.seconds < 0 or stage.peak_memory < 0 for stage in rom.stages):
+        raise RomFileError("/offline has a negative time or memory")
+    for name, mode in rom.modes.items():
+        if rom.contacts[name] < 0:
+            raise RomFileError(f"contact mode {name!r} has fewer input columns than the actuators and loads")
+        if (mode.left_inverse is None) == (rom.switching == "oblique"):
+            raise RomFileError(f"contact mode {name!r}: left_inverse goes with oblique switching, and only with it")
+        if len(mode.contact_points) and not 0 <= mode.contact_points.min() <= mode.contact_points.max() < len(
+            rom.nodes
+        ):
+            raise RomFileError(f"contact mode {name!r}: contact_points name nodes beyond {len(rom.nodes)}")
+        _check_numbers(f"contact mode {name!r}", mode)
+
+
+def _check_numbers(where: str, mode: Mode) -> None:
+    """What is said of the quality of a mode."""
+    ω = mode.frequencies
+    if (mode.hankel_singular_values <= 0).any():
+        raise RomFileError(f"{where}: Hankel singular values must be positive")
+    if len(ω) != len(mode.transfer_errors):
+        raise RomFileError(f"{where}: frequencies and transfer_errors go together")
+    if (ω <= 0).any() or (np.diff(ω) <= 0).any():
+        raise RomFileError(f"{where}: frequencies must be positive, in ascending order")
+    if (mode.transfer_errors < 0).any() or (mode.static_error or 0.0) < 0:
+        raise RomFileError(f"{where}: an error is negative")
+
+
+def _mode_sizes(sizes: Sizes) -> Sizes:
+    return {"k": sizes["k"]}
+
+
+def _output(name: str) -> Entry:
+    return Entry("kg^-1/2", (f"3P of {name}", "k"))
+
+
+def _force_table(number: int) -> Entry:
+    return Entry("s, N", (f"rows of table {number}", f"columns of table {number}"))

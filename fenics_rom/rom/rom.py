@@ -1,0 +1,291 @@
+"""The frozen reduced model: what the offline stage hands to the runtime."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+
+import numpy as np
+
+from fenics_rom.errors import StructureError
+from fenics_rom.io.stages import Stage
+from fenics_rom.rom.deformation import ReducedDeformation, check_deformation
+
+Array = np.ndarray
+
+SWITCHINGS = ("energy", "modal", "oblique")  # any basis; the paper's eigenvectors; standard balanced truncation
+
+
+@dataclass(frozen=True)
+class Mode:
+    """The reduced model of one contact mode, in the basis W_i = Q C_i with W_iᵀMW_i = I, W_iᵀKW_i = diag(γ).
+
+    Attributes:
+        eigenvalues: γ (m,), ascending, 1/s²; of the rigid motions of a body that is not wholly held 0, exactly.
+        damping: W_iᵀDW_i, its diagonal (m,) where D is proportional, else (m, m), 1/s.
+        inputs: G = W_iᵀB_i (m, p); the contact's columns, then the actuators', then the loads', kg^-1/2 times N
+            per unit of the input.
+        coordinates: C_i (k, m), orthonormal columns in the shared basis Q, those of rigid motions first: unit vectors.
+        directions: (m, m) orthonormal; after the rigid motions, its first k columns span the reduced model of order k.
+        hankel_singular_values: σ (r,), descending, r >= m; what was left out included. Balanced modes have them.
+        left_inverse: (m, k) oblique projection from the shared basis; only for switching = "oblique".
+        static_error: |K⁻¹B - W_i diag(1/γ) G| / |K⁻¹B| in the mass norm; None where the full model was not at hand.
+        frequencies: (f,) at which the frequency response was compared with the full model's, rad/s.
+        transfer_errors: (f,) |H(iω) - H_i(iω)| / max |H| in the mass norm, by full solves, to 10 %; the maximum is
+            over them.
+        contact_points: (P,) nodes at which obstacles can touch it; none where the scene has no contact.
+    """
+
+    eigenvalues: Array
+    damping: Array
+    inputs: Array
+    coordinates: Array
+    directions: Array
+    hankel_singular_values: Array
+    left_inverse: Array | None = None
+    static_error: float | None = None
+    frequencies: Array = field(default_factory=lambda: np.empty(0))
+    transfer_errors: Array = field(default_factory=lambda: np.empty(0))
+    contact_points: Array = field(default_factory=lambda: np.empty(0, dtype=int))
+
+    @property
+    def order(self) -> int:
+        """Number m of reduced displacements, rigid and elastic."""
+        return len(self.eigenvalues)
+
+    @property
+    def rigid(self) -> int:
+        """Number ρ of rigid motions among them, the first ones."""
+        return int(np.count_nonzero(self.eigenvalues == 0))
+
+    @cached_property
+    def divisors(self) -> Array:
+        """√γ (m,) to divide energy coordinates by, rad/s: infinite for rigid motions, of which these hold nothing."""
+        return divisors(self.eigenvalues)
+
+    @cached_property
+    def damping_root(self) -> Array:
+        """R with RᵀR = D, (m,) where the damping is diagonal, else (m, m): |R v|² is dissipated, and never negative."""
+        if self.damping.ndim == 1:
+            return np.sqrt(np.maximum(self.damping, 0.0))
+        λ, U = np.linalg.eigh(self.damping)
+        return np.sqrt(np.maximum(λ, 0.0))[:, None] * U.T
+
+
+@dataclass(frozen=True)
+class Rom:
+    """Reduced models of all contact modes of one body, in one shared basis.
+
+    Attributes:
+        name: of the scene.
+        switching: "energy" (any basis, energy-orthogonal), "modal" (the paper's eigenvectors) or "oblique".
+        modes: by contact mode.
+        actuators: number of input columns of each actuator.
+        basis: Q (n, k), QᵀMQ = I, on the free degrees of freedom, kg^-1/2.
+        stiffness: κ (k,) with QᵀKQ = diag(κ), 1/s²; 0 for rigid motions, which come first.
+        outputs: C Q of each named output, (3 points, k).
+        free: (n,) which of the 3 N displacement components are free.
+        nodes: (N, 3), m.
+        triangles: (F, 3) outward surface triangles.
+        node_mass: (N,), kg.
+        effects: the effects of the scene with those of their parameters that are numbers.
+        scene_text: the scene file it was made from.
+        tables: force tables of the scene.
+        warnings: what the user should know about this model.
+        weighting: of the shape in the Hankel singular values: "mass", "nodal" or "outputs".
+        method: how the bases were found.
+        stages: what the offline work spent its time on.
+        loads: number of input columns of each load that acts by a history of its own.
+        deformation: what large deformation adds; then all contact modes have the same basis. None: the model is linear.
+    """
+
+    name: str
+    switching: str
+    modes: Mapping[str, Mode]
+    actuators: Mapping[str, int]
+    basis: Array
+    stiffness: Array
+    outputs: Mapping[str, Array]
+    free: Array
+    nodes: Array
+    triangles: Array
+    node_mass: Array
+    effects: Mapping[str, Mapping[str, float | tuple[float, ...]]]
+    scene_text: str
+    tables: Mapping[str, Array] = field(default_factory=dict)
+    warnings: tuple[str, ...] = ()
+    weighting: str = "mass"
+    method: str = "balanced"
+    stages: tuple[Stage, ...] = ()
+    loads: Mapping[str, int] = field(default_factory=dict)
+    deformation: ReducedDeformation | None = None
+
+    @property
+    def contacts(self) -> dict[str, int]:
+        """Number of contact columns of each contact mode, actuators and loads not counted."""
+        shared = sum(self.actuators.values()) + sum(self.loads.values())
+        return {name: mode.inputs.shape[1] - shared for name, mode in self.modes.items()}
+
+    @property
+    def rigid(self) -> int:
+        """Number ρ of rigid motions, the first vectors of the shared basis and of all contact modes."""
+        return int(np.count_nonzero(self.stiffness == 0))
+
+    @property
+    def surrounded(self) -> bool:
+        """Whether more acts in its scene than inputs on a body with inertia: loads, obstacles."""
+        return bool(self.loads or "contact" in self.effects or (self.effects and "inertia" not in self.effects))
+
+    def shape(self, coordinates: Array) -> Array:
+        """The field of coordinates (k,) in the shared basis, on all nodes (N, 3); without a mesh (n,)."""
+        free = self.basis @ coordinates
+        if not len(self.nodes):
+            return free
+        field = np.zeros(3 * len(self.nodes))
+        field[self.free] = free
+        return field.reshape(-1, 3)
+
+    @property
+    def certificate(self) -> dict[str, dict[str, float | None]]:
+        """What is known of each contact mode's error; None where it is not.
+
+        `static_error`, `transfer_error` (the largest sampled one) and `neglected`, the share of the σ left out, are of
+        small motions; with large deformation `validation_error` is of a run that the model was not trained on.
+        """
+        large = {} if self.deformation is None else {"validation_error": self.deformation.validation_error}
+        return {
+            name: {
+                "static_error": mode.static_error,
+                "transfer_error": float(mode.transfer_errors.max()) if len(mode.transfer_errors) else None,
+                "neglected": neglected(mode),
+                **large,
+            }
+            for name, mode in self.modes.items()
+        }
+
+
+def divisors(γ: Array) -> Array:
+    """√γ to divide by, infinite where γ = 0."""
+    return np.where(γ == 0, np.inf, np.sqrt(γ))
+
+
+def neglected(mode: Mode) -> float | None:
+    """Share of the sum of Hankel singular values that is not in the reduced model."""
+    σ = mode.hankel_singular_values
+    return float(σ[mode.order - mode.rigid :].sum() / σ.sum()) if len(σ) else None
+
+
+def diagonalized_span(κ: Array, span: Array) -> tuple[Array, Array]:
+    """Generalized eigenvalues and coordinates of a subspace of the shared basis.
+
+    The singular values of √κ C are √γ: accurate where an eigenproblem of CᵀκC would lose half the digits.
+
+    Args:
+        κ: (k,) shared stiffness; where it begins with zeros, the span holds the rigid motions that they are of.
+        span: (k, m) orthonormal columns.
+
+    Returns:
+        γ (m,), ascending, and C (k, m) with the same span, CᵀC = I and CᵀκC = diag(γ); rigid motions are unit vectors.
+    """
+    rigid = np.count_nonzero(κ == 0)
+    _, ω, rotation = np.linalg.svd(np.sqrt(κ)[:, None] * span, full_matrices=False)
+    C, γ = span @ rotation[::-1].T, ω[::-1] ** 2
+    γ[:rigid], C[:rigid], C[:, :rigid] = 0.0, 0.0, np.eye(*C.shape)[:, :rigid]
+    return γ, C * np.where(C[np.abs(C).argmax(axis=0), np.arange(C.shape[1])] < 0, -1.0, 1.0)
+
+
+def truncated(rom: Rom, order: int) -> Rom:
+    """The ROM at a lower order: the leading directions of every contact mode that has more.
+
+    Args:
+        rom: at the order it was reduced to.
+        order: number of displacements that strain; rigid motions stay, and are not counted.
+
+    Raises:
+        StructureError: order below 1, or beyond what every contact mode has, or a ROM with oblique switching.
+    """
+    most = max(mode.order - mode.rigid for mode in rom.modes.values())
+    if not 1 <= order <= most:
+        raise StructureError(f"order {order}: allowed are 1 to {most}, the largest order in the ROM")
+    if rom.deformation is not None:
+        raise StructureError("a ROM with large deformation cannot be truncated; reduce to that order instead")
+    if rom.switching == "oblique":
+        raise StructureError("a ROM with oblique switching cannot be truncated; reduce to that order instead")
+    return replace(
+        rom, modes={name: _truncated_mode(rom.stiffness, mode, rom.rigid + order) for name, mode in rom.modes.items()}
+    )
+
+
+def _truncated_mode(κ: Array, mode: Mode, order: int) -> Mode:
+    if order >= mode.order:
+        return mode
+    γ, C = diagonalized_span(κ, mode.coordinates @ mode.directions[:, :order])
+    within = mode.coordinates.T @ C  # (m, order), orthonormal columns
+    D = mode.damping
+    reduced = within.T @ (D[:, None] * within if D.ndim == 1 else D @ within)
+    return Mode(
+        eigenvalues=γ,
+        damping=np.diag(reduced).copy() if D.ndim == 1 else (reduced + reduced.T) / 2,
+        inputs=within.T @ mode.inputs,
+        coordinates=C,
+        directions=np.linalg.qr(within.T @ mode.directions[:, :order])[0],
+        hankel_singular_values=mode.hankel_singular_values,
+        contact_points=mode.contact_points,
+    )
+
+
+ORTHONORMALITY = 1e-10  # largest accepted |CᵀC - I|, relative |CᵀκC - diag(γ)|, and |RᵀR - I| of the directions R
+
+
+def check_rom(rom: Rom) -> Rom:
+    """Measures the structure that passivity rests on, and returns the ROM.
+
+    Raises:
+        StructureError: with the measured number.
+    """
+    rigid = rom.rigid
+    if rigid == len(rom.stiffness) or rom.stiffness[:rigid].any() or not (rom.stiffness[rigid:] > 0).all():
+        raise StructureError(f"shared stiffness is not positive definite: least κ = {rom.stiffness.min():g}")
+    with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused like any other gap
+        for name, mode in rom.modes.items():
+            _check_mode(f"contact mode {name!r}", rom.stiffness, mode, rigid)
+        if rom.deformation is not None:
+            _check_deformation(rom, rom.deformation)
+    return rom
+
+
+def _check_deformation(rom: Rom, body: ReducedDeformation) -> None:
+    check_deformation(body, len(rom.stiffness))
+    for name, mode in rom.modes.items():
+        if not (np.array_equal(mode.coordinates, np.eye(len(rom.stiffness)))):
+            raise StructureError(f"contact mode {name!r}: has not the one basis that large deformation takes")
+    for name, force in body.pressures.items():
+        m = body.order
+        if rom.actuators.get(name) != 1 or force.shape != (m, 1 + m + m * (m + 1) // 2):
+            raise StructureError(f"deformation: pressure {name!r} is no actuator, or has not {m} displacements")
+    for name, tendon in body.tendons.items():
+        if rom.actuators.get(name) != 1 or tendon.shapes.shape != (tendon.points.size, body.order):
+            raise StructureError(f"deformation: tendon {name!r} is no actuator, or has not {body.order} displacements")
+
+
+def _check_mode(where: str, κ: Array, mode: Mode, rigid: int) -> None:
+    if not (mode.eigenvalues[rigid:] > 0).all():
+        raise StructureError(f"{where}: least eigenvalue {mode.eigenvalues[rigid:].min():g} is not positive")
+    C = mode.coordinates
+    if mode.eigenvalues[:rigid].any() or C[:rigid, rigid:].any() or (C[:, :rigid] != np.eye(len(C))[:, :rigid]).any():
+        raise StructureError(f"{where}: does not begin with the {rigid} rigid motions of the shared basis")
+    D = mode.damping
+    if D.ndim == 2 and not np.array_equal(D, D.T):
+        raise StructureError(f"{where}: damping is not symmetric")
+    largest = np.abs(D).max()
+    least = D.min() if D.ndim == 1 else largest * np.linalg.eigvalsh(D / (largest or 1.0))[0]  # else it may overflow
+    if not least >= -1e-12 * largest:
+        raise StructureError(f"{where}: damping is not positive semi-definite, least {least:g}")
+    strained = (np.sqrt(κ)[:, None] * C / mode.divisors)[:, rigid:]
+    for what, columns in (
+        ("coordinates are not orthonormal in mass", mode.coordinates),
+        ("coordinates are not orthonormal in stiffness", strained),
+        ("directions are not orthonormal", mode.directions),
+    ):
+        gap = np.abs(columns.T @ columns - np.eye(columns.shape[1])).max()
+        if not gap <= ORTHONORMALITY:
+            raise StructureError(f"{where}: {what}: off by {gap:.1e}, allowed {ORTHONORMALITY:g}")

@@ -1,0 +1,164 @@
+"""Many steps under known inputs at once, as products of matrices.
+
+L steps of one contact mode and step size are one affine map. With the state s = [e, r] at their start, the inputs
+U = [u_1, ..., u_L] and the outputs Y,
+
+    s⁺ = [Φᴸ Γ] z,    Y = O z,    supplied = zᵀ S z,    dissipated = zᵀ H z,    z = [s, U].
+
+What comes of the inputs is found for all blocks at once, the state is carried from block to block, and then outputs and
+account are read off for all blocks at once. The map of many steps is composed of the maps of few.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import NamedTuple
+
+import numpy as np
+
+from fenics_rom.errors import StepError
+from fenics_rom.rom.rom import Mode
+from fenics_rom.runtime.steppers.midpoint import matrices
+
+Array = np.ndarray
+
+LONGEST = 32  # steps of a block: longer ones have fewer states to carry, but larger maps
+TOGETHER = 128  # blocks whose z are held at once: what fits the cache
+
+
+@dataclass(frozen=True)
+class Block:
+    """The map of L steps.
+
+    Attributes:
+        length: L.
+        state: [Φᴸ Γ] (2m, 2m + p L).
+        outputs: O (rows, 2m + p L), of every instant at which the outputs are read.
+        supplied, dissipated: S and H (2m + p L, 2m + p L), J; None where no account is kept.
+    """
+
+    length: int
+    state: Array
+    outputs: Array
+    supplied: Array | None = None
+    dissipated: Array | None = None
+
+
+def one_step(mode: Mode, h: float, rows: Array, ledger: bool) -> Block:
+    """The map of a step.
+
+    Args:
+        mode: the reduced model.
+        h: time step, s.
+        rows: (R, m) of the outputs that are read after it, acting on e.
+        ledger: whether the account is kept.
+    """
+    after, account = matrices(mode, h)
+    block = Block(1, after, rows @ after[: mode.order])
+    if not ledger:
+        return block
+    m = mode.order
+    heat, work = account[:m], np.zeros((after.shape[1], after.shape[1]))
+    work[2 * m :] = account[m:]
+    return Block(1, block.state, block.outputs, work, heat.T @ heat)
+
+
+def composed(first: Block, second: Block, *, silent: bool = False) -> Block:
+    """The map of one block after the other; `silent`: without the outputs of the first."""
+    size, more = first.state.shape[1], second.state.shape[1] - first.state.shape[0]
+    lift = np.zeros((second.state.shape[1], size + more))  # of z to the second block's
+    lift[: len(first.state), :size] = first.state
+    lift[len(first.state) :, size:] = np.eye(more)
+    outputs = second.outputs @ lift
+    if not silent:
+        outputs = np.vstack([np.pad(first.outputs, ((0, 0), (0, more))), outputs])
+
+    def both(of_first: Array | None, of_second: Array | None) -> Array | None:
+        if of_first is None or of_second is None:
+            return None
+        return np.pad(of_first, (0, more)) + lift.T @ of_second @ lift
+
+    return Block(
+        first.length + second.length,
+        second.state @ lift,
+        outputs,
+        both(first.supplied, second.supplied),
+        both(first.dissipated, second.dissipated),
+    )
+
+
+def repeated(block: Block, times: int) -> Block:
+    """The map of a block taken some times, with the outputs of the last one only."""
+    if times == 1:
+        return block
+    half = repeated(block, times // 2)
+    whole = composed(half, half, silent=True)
+    return composed(whole, block, silent=True) if times % 2 else whole
+
+
+def ladder(block: Block) -> list[Block]:
+    """A block, twice it, four times it, and so on to the longest one worth having; the longest first."""
+    rungs = [block]
+    while 2 * rungs[0].length <= LONGEST:
+        rungs.insert(0, composed(rungs[0], rungs[0]))
+    return rungs
+
+
+def run(block: Block, state: Array, inputs: Array) -> tuple[Array, Array, float, float]:
+    """Takes a block's steps again and again.
+
+    Args:
+        block: their map.
+        state: (2m,) at the start; overwritten by that at the end.
+        inputs: (times, p L) N.
+
+    Returns:
+        The outputs (times, rows), the states at each start (times, 2m), and what was supplied and dissipated, J.
+    """
+    times, kept = len(inputs), len(state)
+    carry, forcing = np.ascontiguousarray(block.state[:, :kept]).dot, block.state[:, kept:].T
+    outputs, states = np.empty((times, len(block.outputs))), np.empty((times + 1, kept))
+    states[0] = state
+    supplied = dissipated = 0.0
+    for begin in range(0, times, TOGETHER):
+        given = inputs[begin : begin + TOGETHER]
+        ahead = states[begin : begin + len(given) + 1]
+        for before, after, push in zip(ahead[:-1], ahead[1:], given @ forcing, strict=True):
+            carry(before, after)
+            np.add(after, push, after)
+        z = np.hstack([ahead[:-1], given])
+        np.dot(z, block.outputs.T, out=outputs[begin : begin + TOGETHER])
+        if block.supplied is not None and block.dissipated is not None:
+            supplied += float(np.vdot(z @ block.supplied, z))
+            dissipated += float(np.vdot(z @ block.dissipated, z))
+    state[:] = states[-1]
+    return outputs, states[:-1], supplied, dissipated
+
+
+class Span(NamedTuple):
+    """Steps `start` to `stop` in one contact mode, of one size dt, s."""
+
+    start: int
+    stop: int
+    contact: str
+    dt: float
+
+
+def spans(steps: int, contact: str | Sequence[str], dt: float | Sequence[float] | Array) -> list[Span]:
+    """The steps between changes of contact mode or step size.
+
+    Raises:
+        StepError: one of them is neither one for all steps nor one for each.
+    """
+    columns = []
+    for what, given in (("contact", contact), ("dt", dt)):
+        column = np.asarray(given, dtype=object)
+        if column.shape not in ((), (steps,)):
+            raise StepError(f"{what}: allowed is one for all {steps} steps, or one of each, given: {column.shape}")
+        columns.append(np.broadcast_to(column, (steps,)))
+    if not steps:
+        return []
+    names, sizes = columns
+    changes = np.flatnonzero((names[1:] != names[:-1]) | (sizes[1:] != sizes[:-1])) + 1
+    bounds = [0, *map(int, changes), steps]
+    return [Span(a, b, names[a], sizes[a]) for a, b in pairwise(bounds)]

@@ -1,0 +1,168 @@
+"""The reduced run of a load history."""
+
+import time
+import warnings
+from collections.abc import Callable, Mapping
+from itertools import islice
+
+import numpy as np
+
+from fenics_rom.errors import FenicsRomWarning, SceneError
+from fenics_rom.mechanics.environment import History
+from fenics_rom.mechanics.load_history import LoadHistory
+from fenics_rom.mechanics.time_step_monitor import StepGauge
+from fenics_rom.rom.rom import Rom
+from fenics_rom.runtime.simulator import Simulator
+from fenics_rom.runtime.steppers.contact import MOTION
+from fenics_rom.scene.file import parse_scene
+from fenics_rom.scene.scene import Scene
+from fenics_rom.trajectory.trajectory import Record, Recorder
+
+Report = Callable[[str, int, int], None]
+UNTIMED = "what is no part of a step"
+
+
+def simulate(
+    rom: Rom,
+    *,
+    scene: Scene | None = None,
+    dt: float | None = None,
+    histories: Mapping[str, History] | None = None,
+    profile: bool = False,
+    stepper: str | None = None,
+    report: Report = lambda stage, done, of: None,
+) -> Record:
+    """Runs a ROM through a load history from rest.
+
+    Args:
+        rom: the reduced model.
+        scene: whose run, effects and outputs' names to take instead of those of the scene in the ROM.
+        dt: time step instead of the scene's, s.
+        histories: of loads and obstacles by name, instead of the scene's: numbers, or functions of time; as in
+            Simulator.
+        profile: whether to run it once more to measure what each effect costs in a step.
+        stepper: of a body with large deformation, as in Simulator.
+        report: called with the stage, how much of it is done, and of how much.
+
+    Raises:
+        SceneError: there is no load history, or it does not fit the ROM.
+        StepError: a step could not be taken.
+    """
+    asked, history, fresh = _prepared(rom, scene, dt, histories, stepper)
+    simulator = fresh()
+    points = {name: len(rows) // 3 for name, rows in rom.outputs.items()}
+    shapes = asked.run.shapes if asked.run else 1
+    surroundings = simulator.surroundings
+    obstacles = surroundings.obstacles if surroundings else {}
+    kept = points, tuple(rom.modes), len(rom.nodes), shapes, tuple(asked.effects), obstacles
+    recorder = Recorder(history.steps, history.dt, *kept)
+
+    def sample(step: int) -> None:
+        assert simulator.ledger is not None
+        forces = np.array([simulator.contact_forces(name) for name in obstacles]) if obstacles else None
+        account = simulator.contact, simulator.energy, simulator.ledger, simulator.displacement, simulator.velocity
+        recorder.sample(step, *account, forces, surroundings.offsets if surroundings else None)
+
+    sample(0)
+    gauge, moves = StepGauge(), "inertia" in asked.effects
+    for step, (contact, u) in enumerate(history, start=1):
+        if not history.automatic:
+            simulator.switch(contact)
+        was, before = simulator.contact, simulator.state[1]
+        simulator.step(u)
+        if moves and simulator.contact == was:  # velocities of two contact modes' models are not of one basis
+            after = simulator.state[1]
+            gauge.add(np.square(after - before).sum(), np.square(after + before).sum() / 4)
+        sample(step)
+        report("steps", step, history.steps)
+    return recorder.record(
+        name=rom.name,
+        model="reduced",
+        settings={
+            "dt": history.dt,
+            "seconds": _seconds(fresh(), history),
+            "order": max(mode.order for mode in rom.modes.values()),
+            **({} if simulator.mismatch is None else {"mismatch": simulator.mismatch}),
+        },
+        nodes=rom.nodes,
+        triangles=rom.triangles,
+        node_mass=rom.node_mass,
+        warnings=(*rom.warnings, *simulator.warnings, *filter(None, [gauge.message])),
+        profile=_profile(fresh(), history) if profile else None,
+        stepping=f"{simulator.stepper}: {simulator.stepping}" if rom.deformation is not None else "",
+    )
+
+
+def rate(
+    rom: Rom, *, scene: Scene | None = None, dt: float | None = None, stepper: str | None = None, runs: int = 5
+) -> float:
+    """Steps per second of single steps with the account kept, of the fastest of some runs; arguments as `simulate`.
+
+    The fastest, as whatever else a machine does can only slow a run down.
+    """
+    _, history, fresh = _prepared(rom, scene, dt, None, stepper)
+    return history.steps / min(_seconds(fresh(), history) for _ in range(runs))
+
+
+def _prepared(
+    rom: Rom,
+    scene: Scene | None,
+    dt: float | None,
+    histories: Mapping[str, History] | None,
+    stepper: str | None,
+) -> tuple[Scene, LoadHistory, Callable[[], Simulator]]:
+    """The scene that is run, the inputs of its steps, and what makes a simulator at its start."""
+    if len(rom.nodes) == 0:
+        raise SceneError(f"ROM {rom.name!r} has no mesh, so no scene goes with it; step it with Simulator")
+    asked = scene or parse_scene(rom.scene_text, tables=rom.tables, source=f"scene of ROM {rom.name!r}")
+    history = LoadHistory(asked, rom.contacts, rom.actuators, dt)
+
+    def fresh() -> Simulator:
+        simulator = Simulator(rom, history.dt, scene=scene, histories=histories, stepper=stepper)
+        simulator.switch(history.first_contact())
+        return simulator
+
+    return asked, history, fresh
+
+
+def _seconds(simulator: Simulator, history: LoadHistory) -> float:
+    """Wall clock of the steps alone, s, with the account kept; in a second run, as reading it after each costs more."""
+    seconds, inputs = 0.0, iter(history)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FenicsRomWarning)  # it was said
+        while some := list(islice(inputs, 1000)):
+            start = time.perf_counter()
+            for contact, u in some:
+                if not history.automatic:
+                    simulator.switch(contact)
+                simulator.step(u)
+            assert simulator.ledger is not None
+            simulator.ledger.supplied  # noqa: B018, it is booked by this
+            seconds += time.perf_counter() - start
+    return seconds
+
+
+def _profile(simulator: Simulator, history: LoadHistory) -> dict[str, float]:
+    """Seconds per step of each part, in a run whose clock is read between them."""
+    spent: dict[str, float] = {}
+    last = time.perf_counter()
+
+    def lap(part: str) -> None:
+        nonlocal last
+        now = time.perf_counter()
+        spent[part] = spent.get(part, 0.0) + now - last
+        last = time.perf_counter()
+
+    if simulator.surroundings is not None:
+        simulator.surroundings.lap = lap
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FenicsRomWarning)
+        for contact, u in history:
+            lap(UNTIMED)
+            if not history.automatic:
+                simulator.switch(contact)
+                lap("switching")
+            simulator.step(u)
+            lap(MOTION)
+    del spent[UNTIMED]
+    return {part: seconds / history.steps for part, seconds in spent.items()}

@@ -1,0 +1,200 @@
+"""Equivalent forms of one midpoint step of one contact mode, and which of them is the fastest.
+
+In NumPy a step costs calls and memory read, not arithmetic:
+
+    OneProduct       [Φ Ψ] [e, r, u]                one call, 4 m² numbers
+    VelocityFirst    v̂, then e⁺ and r⁺ from it      seven calls and O(m) numbers; eight and m² where D is dense
+
+All hold the state in energy coordinates, write each next state beside the last, so that a step can be taken back, and
+allocate nothing while they step. What the energy account needs of some steps stays where it is and is booked for all of
+them at once: so it adds a quarter to a step, where booking each by itself would double it.
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from fenics_rom.mechanics.energy_ledger import Ledger
+from fenics_rom.rom.rom import Mode
+from fenics_rom.runtime.steppers.midpoint import compliance, matrices
+
+Array = np.ndarray
+
+LARGEST_PRODUCT = {1: 75, 2: 90}  # order up to which one product is the faster, by the dimensions of the damping
+PAGES = 32  # steps that are booked together
+HELD = np.empty(0)  # displacement along the rigid motions of a body that has none
+
+
+def fastest(mode: Mode, ledger: Ledger | None, drift: Array = HELD) -> "OneProduct | VelocityFirst":
+    """The form for a model's size and damping; arguments as in _Form."""
+    form = OneProduct if mode.order <= LARGEST_PRODUCT[mode.damping.ndim] else VelocityFirst
+    return form(mode, ledger, drift)
+
+
+class _Form:
+    """What the forms share: pages of states, one after the other, and the account of those that were left.
+
+    Args:
+        mode: the reduced model.
+        ledger: the account to book in, if one is kept.
+        drift: displacement along the rigid motions (ρ,), which energy coordinates do not hold; what the steps add to it
+            is booked here.
+
+    Attributes:
+        h: time step, s; 0 before the first `retime`.
+    """
+
+    def __init__(self, mode: Mode, ledger: Ledger | None, drift: Array = HELD):
+        self._mode, self._ledger, self._drift, self.h = mode, ledger, drift, 0.0
+        self._states: list[Array]  # (2m,) each, views
+        self._page = 0  # where the state is
+        self._booked = 0  # pages before this one are in the account
+
+    @property
+    def state(self) -> Array:
+        """[e, r] (2m,), ½|state|² is the stored energy; a view, which a later step overwrites."""
+        return self._states[self._page]
+
+    @property
+    def energy(self) -> float:
+        """Stored, J."""
+        return float(self.state.dot(self.state)) / 2
+
+    def undo(self) -> None:
+        """Takes the last step back."""
+        self._page -= 1
+
+    def settle(self) -> None:
+        """Books what the steps so far supplied and dissipated, and how far they carried the body."""
+        if self._ledger is not None and self._booked < self._page:
+            supplied, dissipated = self._work(slice(self._booked, self._page))
+            self._ledger.book(supplied=supplied, dissipated=dissipated)
+        if len(self._drift) and self._booked < self._page:
+            m = self._mode.order
+            r = np.stack([state[m : m + len(self._drift)] for state in self._states[self._booked : self._page + 1]])
+            steps = self.h / 2 * (r[1:] + r[:-1])
+            self._drift[:] = np.cumsum(np.vstack([self._drift, steps]), axis=0)[-1]  # the same bits whenever it is read
+        self._booked = self._page
+
+    def rewind(self) -> int:
+        """Books, and goes on from the first page: what follows is then the same to the bit, whatever came before."""
+        self.settle()
+        if self._page:
+            self._states[0][:] = self.state
+            self._page = self._booked = 0
+        return 0
+
+    def _work(self, pages: slice) -> tuple[float, float]:
+        """What was supplied and dissipated in the steps from these pages on, J."""
+        raise NotImplementedError
+
+
+class OneProduct(_Form):
+    """The whole step as one matrix, and its account as another. Arguments and attributes as in _Form."""
+
+    def __init__(self, mode: Mode, ledger: Ledger | None, drift: Array = HELD):
+        super().__init__(mode, ledger, drift)
+        self._m, p = mode.inputs.shape
+        self._pages = np.zeros((PAGES + 1, 2 * self._m + p))  # [e, r, u]: what a product reads
+        self._reads = list(self._pages)
+        self._states = [page[: 2 * self._m] for page in self._pages]
+        self._slots: list[Any] = [page[2 * self._m :].data for page in self._pages]  # to write u: twice as fast
+
+    def retime(self, h: float) -> None:
+        """Makes the coefficients for another time step, s."""
+        self.settle()
+        # The method: np.dot first looks for overrides, which takes as long as the product.
+        step, account = matrices(self._mode, h)
+        self._step, self._account = step.dot, account.T
+        self.h = h
+
+    def advance(self, u: Array) -> float:
+        """Takes a step under u (p,), N, and returns twice the stored energy, J, which may be anything but finite.
+
+        Raises:
+            ValueError: u has another shape; no step was taken.
+        """
+        page = self._page
+        if page == PAGES:
+            page = self.rewind()
+        self._slots[page][:] = u
+        state = self._states[page + 1]
+        self._step(self._reads[page], state)
+        self._page = page + 1
+        return state.dot(state)
+
+    def _work(self, pages: slice) -> tuple[float, float]:
+        rows = self._pages[pages] @ self._account
+        return _inner(rows[:, self._m :], self._pages[pages, 2 * self._m :]), _inner(rows[:, : self._m])
+
+
+class _Halves(NamedTuple):
+    """A state, and its parts."""
+
+    both: Array  # (2, m)
+    e: Array
+    r: Array
+
+
+class VelocityFirst(_Form):
+    """The step as the paper writes it: v̂, and the state from it. Arguments and attributes as in _Form."""
+
+    def __init__(self, mode: Mode, ledger: Ledger | None, drift: Array = HELD):
+        super().__init__(mode, ledger, drift)
+        m, p = mode.inputs.shape
+        pages = np.zeros((PAGES + 1, 2, m))
+        self._halves = [_Halves(page, page[0], page[1]) for page in pages]
+        self._states = [page.reshape(-1) for page in pages]
+        self._terms = np.zeros((2, m))  # of the right-hand side: elastic, inertial
+        self._elastic, self._inertial = self._terms
+        self._inputs, self._velocities, self._rights = (np.zeros((PAGES, size)) for size in (p, m, m))  # u, 2 v̂
+        self._slots: list[Any] = [row.data for row in self._inputs]
+        self._v, self._right = list(self._velocities), list(self._rights)
+
+    def retime(self, h: float) -> None:
+        """Makes the coefficients for another time step, s."""
+        self.settle()
+        mode, ω = self._mode, np.sqrt(self._mode.eigenvalues)
+        a, Ra = compliance(mode, h)
+        kept, forced = np.stack([-ω, np.full(mode.order, 2 / h)]), mode.inputs
+        dense = a.ndim == 2
+        self._spread: Any = (2 * a).dot if dense else None
+        self._drain = 2 * Ra.T if dense else None
+        self._kept = kept if dense else 2 * a * kept
+        self._push = (forced.copy() if dense else 2 * a[:, None] * forced).dot
+        self._travel = h / 2 * ω
+        self.h = h
+
+    def advance(self, u: Array) -> float:
+        """As in OneProduct."""
+        page = self._page
+        if page == PAGES:
+            page = self.rewind()
+        self._slots[page][:] = u
+        v = self._v[page]
+        right = v if self._spread is None else self._right[page]
+        both, e, r = self._halves[page]
+        _, next_e, next_r = self._halves[page + 1]
+        self._page = page + 1
+        self._push(u, right)
+        np.multiply(self._kept, both, self._terms)
+        np.add(right, self._elastic, right)
+        np.add(right, self._inertial, right)
+        if self._spread is not None:
+            self._spread(right, v)
+        np.multiply(self._travel, v, next_e)
+        np.add(next_e, e, next_e)
+        np.subtract(v, r, next_r)
+        state = self._states[page + 1]
+        return state.dot(state)
+
+    def _work(self, pages: slice) -> tuple[float, float]:
+        v = self._velocities[pages]
+        drawn = self._mode.damping_root * v if self._drain is None else self._rights[pages] @ self._drain
+        supplied = _inner(v @ self._mode.inputs, self._inputs[pages])
+        return self.h / 2 * supplied, self.h / 4 * _inner(drawn)
+
+
+def _inner(rows: Array, others: Array | None = None) -> float:
+    """Σ of the products of all entries, or of their squares."""
+    return float(np.einsum("ij,ij->", rows, rows if others is None else others))

@@ -1,0 +1,1 @@
+"""What is simulated: a scene file, checked and typed."""

@@ -1,0 +1,112 @@
+"""One reduced model, measured against the reference at every step of the grid."""
+
+import tempfile
+import time
+from collections.abc import Iterable
+from dataclasses import replace
+from pathlib import Path
+
+import fenics_rom as fr
+from fenics_rom.errors import SceneError, StepError
+from fenics_rom.rom.rom import Rom
+from fenics_rom.runtime.simulate import rate
+from fenics_rom.scene.scene import Scene
+from fenics_rom.studies.method_configs import WAYS
+from fenics_rom.studies.pareto import length
+from fenics_rom.studies.study_results import Row
+from fenics_rom.system.system import System
+from fenics_rom.trajectory.comparison import compare
+from fenics_rom.trajectory.trajectory import Record
+
+CERTIFICATE = ("static_error", "transfer_error", "neglected")
+SHARES = (1 - 1e-5, 1 - 1e-8, 1 - 1e-11)  # of the trace, until the paper's selection has as many eigenvectors as asked
+
+
+def reduced(system: System, method: str, order: int) -> tuple[Rom, float]:
+    """The model and the seconds that its reduction took; every rank must call it.
+
+    Raises:
+        SceneError, SolverError: as `reduce`.
+    """
+    for share in SHARES:
+        start = time.perf_counter()
+        rom = fr.reduce(system, order=order, share=share, **WAYS[method].choices)
+        seconds = time.perf_counter() - start
+        most, least = (of(mode.order - mode.rigid for mode in rom.modes.values()) for of in (max, min))
+        if method != "selection" or least >= order:
+            break
+    if most > order:  # the paper's selection takes more eigenvectors than directions
+        rom = fr.truncated(rom, order)
+    return rom, seconds
+
+
+def order_of(rom: Rom) -> int:
+    """Displacements of the contact mode that has most."""
+    return max(mode.order for mode in rom.modes.values())
+
+
+def measured(
+    rom: Rom, seconds: float, method: str, scene: Scene, reference: Record, steps: tuple[float, ...]
+) -> tuple[tuple[Row, ...], tuple[str, ...]]:
+    """Errors, rates and costs of a reduced model at each time step; and why there are none of some.
+
+    Args:
+        rom: the model.
+        seconds: that its reduction took.
+        method: name of it.
+        scene: whose run is taken.
+        reference: the full-order run.
+        steps: s.
+
+    Raises:
+        StepError: the run at the reference's own step could not be made.
+    """
+    own_step = fr.simulate(rom, scene=scene, dt=reference.settings["dt"])
+    reduction = compare(own_step, reference)["shape"].relative
+    certificates = list(rom.certificate.values())
+    worst = {key: _largest(c[key] for c in certificates) for key in CERTIFICATE}
+    size = _file_size(rom)
+    rows, notes = [], []
+    for dt in steps:
+        try:
+            run = fr.simulate(rom, scene=scene, dt=dt)
+        except (SceneError, StepError) as error:  # a load too short for the step, or contact that it cannot resolve
+            notes.append(f"{WAYS[method].label}, order {order_of(rom)}, step {length(dt)}: {error}")
+            continue
+        differences = compare(run, reference)
+        shape = differences.pop("shape")
+        rows.append(
+            Row(
+                method=method,
+                order=order_of(rom),
+                dt=dt,
+                error=shape.relative,
+                largest=shape.largest / shape.largest_reference,
+                outputs={
+                    name.removeprefix("output "): (d.relative, d.largest / d.largest_reference if d.largest else 0.0)
+                    for name, d in differences.items()
+                    if name != "energy"
+                },
+                energy=differences["energy"].relative,
+                reduction=reduction,
+                time_step=compare(run, own_step)["shape"].relative,
+                rate=rate(rom, scene=scene, dt=dt),
+                offline=seconds,
+                file_size=size,
+                **worst,
+            )
+        )
+    if "contact" not in scene.effects:  # then a step costs the same whatever its length, and noise is all that differs
+        rows = [replace(row, rate=max(other.rate for other in rows)) for row in rows]
+    return tuple(rows), tuple(notes)
+
+
+def _largest(values: Iterable[float | None]) -> float | None:
+    return max((value for value in values if value is not None), default=None)
+
+
+def _file_size(rom: Rom) -> int:
+    with tempfile.TemporaryDirectory() as folder:
+        file = Path(folder, "rom.h5")
+        fr.write_rom(file, rom)
+        return file.stat().st_size

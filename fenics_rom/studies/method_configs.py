@@ -1,0 +1,127 @@
+"""The methods that a study compares, and the orders and steps that it tries."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from fenics_rom.errors import SceneError
+from fenics_rom.scene.scene import ORDER
+from fenics_rom.scene.schema import Number, unknown
+
+
+@dataclass(frozen=True)
+class Way:
+    """A way to a basis.
+
+    Attributes:
+        label: for tables and pictures.
+        choices: as `reduce` takes them.
+    """
+
+    label: str
+    choices: Mapping[str, Any]
+
+
+WAYS = {
+    "balanced": Way("balanced", {"method": "balanced", "switching": "energy"}),
+    "selection": Way("V-selection (the paper's)", {"method": "balanced", "switching": "modal"}),
+    "modal": Way("lowest modes", {"method": "modal", "switching": "energy"}),
+    "modal+static": Way("static shapes and modes", {"method": "modal+static", "switching": "energy"}),
+    "pod": Way("POD", {"method": "pod", "switching": "energy"}),
+    "static": Way("static shapes", {"method": "static", "switching": "energy"}),
+}
+ORDERS = (4, 6, 8, 10, 14, 20, 28, 40, 56, 80)
+STEPS = (8.0, 4.0, 2.0, 1.0, 0.5, 0.25)  # times the scene's
+METHODS = ("balanced", "selection", "modal", "modal+static", "pod")
+QUICK_METHODS = ("balanced", "selection", "modal")
+QUICK_ORDERS = (5, 10, 20, 40)
+QUICK_STEPS = (4.0, 2.0, 1.0)
+FINER = 4  # steps of the reference in the smallest that is studied: a sixteenth of its error
+MOST_SHAPES = 100  # whole shapes that are compared
+SHAPE_MEMORY = 2e8  # bytes that those of one run may take
+
+
+@dataclass(frozen=True)
+class Grid:
+    """What is tried.
+
+    Attributes:
+        methods: names of WAYS.
+        orders: ascending.
+        steps: falling, s.
+    """
+
+    methods: tuple[str, ...]
+    orders: tuple[int, ...]
+    steps: tuple[float, ...]
+
+    @property
+    def reference_step(self) -> float:
+        """Step of the reference, s."""
+        return self.steps[-1] / FINER
+
+
+def grid(
+    dt: float,
+    *,
+    usual: str,
+    size: int,
+    quick: bool = False,
+    methods: Sequence[str] | None = None,
+    orders: Sequence[int] | None = None,
+    steps: Sequence[float] | None = None,
+) -> Grid:
+    """A checked grid; what is None is a choice of ours.
+
+    Args:
+        dt: the scene's time step, s.
+        usual: the method to begin with; where it is not "balanced", the only one.
+        size: unknowns at full order; orders beyond are left out.
+        quick: fewer of all.
+        methods: names of WAYS.
+        orders: displacements of each contact mode.
+        steps: s; each a whole multiple of the smallest.
+
+    Raises:
+        SceneError: an unknown method, an order below 1, steps that do not divide each other.
+    """
+    if methods is None:
+        methods = (QUICK_METHODS if quick else METHODS) if usual == "balanced" else (usual,)
+    for name in methods:
+        if name not in WAYS:
+            raise SceneError(unknown("method", name, WAYS))
+    orders = (QUICK_ORDERS if quick else ORDERS) if orders is None else orders
+    steps = [factor * dt for factor in (QUICK_STEPS if quick else STEPS)] if steps is None else steps
+    for order in orders:
+        ORDER.check(order, "order")
+    for step in steps:
+        Number(above=0.0, unit="s").check(step, "step")
+    if not (methods and orders and steps):
+        raise SceneError("nothing to study: at least one method, one order and one step are needed")
+    kept = sorted({order for order in orders if order <= size}) or [size]
+    falling = sorted(set(steps), reverse=True)
+    for step in falling:
+        ratio = step / falling[-1]
+        if abs(ratio - round(ratio)) > 1e-9 * ratio:
+            raise SceneError(f"steps: {step:g} s is no whole multiple of the smallest, {falling[-1]:g} s")
+    return Grid(tuple(methods), tuple(kept), tuple(falling))
+
+
+def compared_instants(duration: float, steps: Sequence[float], nodes: int) -> tuple[float, int]:
+    """A duration, and a number of whole shapes evenly spread over it, so that runs with all steps meet at each of them.
+
+    A little of the end may be left out.
+
+    Args:
+        duration: of the scene's run, s.
+        steps: falling, s; each a whole multiple of the smallest.
+        nodes: of the mesh.
+    """
+    ratios = [round(step / steps[-1]) for step in steps]
+    common = int(np.lcm.reduce(ratios))
+    count = max(round(duration / steps[-1]) // common, 1)
+    most = max(1, min(MOST_SHAPES, int(SHAPE_MEMORY / (24 * nodes)), count))
+    shapes = min(range(most, most // 2, -1), key=lambda s: count % s)
+    return (count - count % shapes) * common * steps[-1], shapes

@@ -1,0 +1,63 @@
+"""Which model to choose: the Pareto front of error and speed, and the cheapest model within a tolerance."""
+
+from collections.abc import Iterable, Sequence
+
+from fenics_rom.studies.method_configs import WAYS
+from fenics_rom.studies.study_results import Findings, Row
+
+
+def pareto_front(rows: Iterable[Row]) -> list[Row]:
+    """The rows that no other is both faster and closer than, the fastest first."""
+    front: list[Row] = []
+    for row in sorted(rows, key=lambda row: (-row.real_time, row.error)):
+        if not front or row.error < front[-1].error:
+            front.append(row)
+    return front
+
+
+def cheapest(rows: Iterable[Row], tolerance: float) -> Row | None:
+    """The row to choose for an error of the whole shape; None where none is within it.
+
+    At each step the lowest order, and of these the least error; of the steps the one that simulates fastest. Between
+    orders nothing is left to rates, which on many a machine say less than that.
+    """
+    within = [row for row in rows if row.error <= tolerance]
+    at_each = [
+        min((row for row in within if row.dt == dt), key=lambda row: (row.order, row.error))
+        for dt in {row.dt for row in within}
+    ]
+    return max(at_each, key=lambda row: row.real_time, default=None)
+
+
+def decades(rows: Sequence[Row]) -> list[tuple[float, Row]]:
+    """Tolerances 1e-1, 1e-2, ... as far as a row reaches, and the row to choose for each.
+
+    Of several tolerances that lead to the same row, the smallest.
+    """
+    found: dict[tuple[str, int, float], tuple[float, Row]] = {}
+    k = 1
+    while (row := cheapest(rows, 10.0**-k)) is not None:
+        key = row.method, row.order, row.dt
+        found.pop(key, None)
+        found[key] = 10.0**-k, row
+        k += 1
+    return list(found.values())
+
+
+def sentence(findings: Findings, tolerance: float, row: Row) -> str:
+    """The choice in words."""
+    return (
+        f"For {tolerance:.0e} of the whole shape: {WAYS[row.method].label}, order {row.order}, step {length(row.dt)}; "
+        f"{times(row.real_time)} {'faster than' if row.real_time >= 1 else 'of'} real time and "
+        f"{times(row.rate / findings.full_rate)} as fast as full order at the same step."
+    ).replace("e-0", "e-")
+
+
+def times(factor: float) -> str:
+    """A factor in words."""
+    return f"{factor:,.0f} times" if factor >= 10 else f"{factor:.2g} times"
+
+
+def length(seconds: float) -> str:
+    """A time step in a readable unit."""
+    return f"{1e3 * seconds:.4g} ms" if seconds >= 1e-4 else f"{1e6 * seconds:.4g} µs"

@@ -1,0 +1,29 @@
+"""What a study leaves in its folder for people to read: tables and pictures."""
+
+from pathlib import Path
+
+from fenics_rom.io.hdf5 import is_rank_0, write_whole
+from fenics_rom.studies.study_results import Findings
+from fenics_rom.studies.tables import csv_table, report
+
+PICTURES = ("speed", "orders", "parts")
+
+
+def write_results(folder: Path, findings: Findings, command: str) -> None:
+    """Writes study.csv, study.md, and the pictures speed, orders and parts; under MPI, rank 0 does.
+
+    Args:
+        folder: where.
+        findings: of the study.
+        command: that made them, as it is typed.
+
+    Raises:
+        RomFileError: a file cannot be written.
+    """
+    if not is_rank_0():
+        return
+    from fenics_rom.studies.plots import draw
+
+    write_whole(folder / "study.csv", csv_table(findings).encode())
+    write_whole(folder / "study.md", report(findings, command).encode())
+    draw(findings, folder)

@@ -1,0 +1,153 @@
+"""What a study has found, as frozen records; and the JSON file that a killed study goes on from."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+from typing import Any
+
+from fenics_rom.errors import RomFileError
+from fenics_rom.io.hdf5 import write_whole
+
+
+@dataclass(frozen=True)
+class Row:
+    """One reduced model at one time step. Errors are shares of the reference's size, L² in time, if not said otherwise.
+
+    Attributes:
+        method: name of the method, as in METHODS.
+        order: displacements of the contact mode that has most.
+        dt: time step, s.
+        error: of the whole shape in the mass norm, against the reference: all that reduction and time step do.
+        largest: largest distance of any node at any instant, as a share of the largest displacement.
+        outputs: the same two numbers for each named output.
+        energy: error of the stored energy.
+        reduction: error of the whole shape where the reduced model takes the reference's own step.
+        time_step: distance of the whole shape from the same model at the reference's step.
+        rate: steps per second, one by one, energy account kept, one thread.
+        offline: seconds that its reduction took, without the assembly, with the certificate.
+        file_size: of the ROM, bytes.
+        static_error, transfer_error: its certificate, of the worst contact mode; None where there is none.
+        neglected: share of the sum of σ left out, of the worst contact mode; None where the method has no σ.
+    """
+
+    method: str
+    order: int
+    dt: float
+    error: float
+    largest: float
+    outputs: Mapping[str, tuple[float, float]]
+    energy: float
+    reduction: float
+    time_step: float
+    rate: float
+    offline: float
+    file_size: int
+    static_error: float | None
+    transfer_error: float | None
+    neglected: float | None
+
+    @property
+    def real_time(self) -> float:
+        """Seconds simulated in a second."""
+        return self.rate * self.dt
+
+
+@dataclass(frozen=True)
+class MeshRow:
+    """One mesh of the scene at full order.
+
+    Attributes:
+        file: its name.
+        size: number of unknowns.
+        outputs: distance of each named output from that of the finest mesh, as a share of its size, L² in time.
+    """
+
+    file: str
+    size: int
+    outputs: Mapping[str, float]
+
+
+@dataclass(frozen=True)
+class Findings:
+    """A study, finished or on its way.
+
+    Attributes:
+        name: of the scene.
+        fingerprint: of the scene, its tables and its mesh, and of the reference's step.
+        size: unknowns at full order.
+        dt: the scene's time step, s.
+        duration: of the runs, s.
+        reference_step: s.
+        reference_error: what the reference's own step does to its whole shape: its distance from the run at twice the
+            step, divided by `divisor`, which is 3 where the midpoint rule converges with the square of the step, and 1
+            with contact.
+        divisor: see there.
+        full_rate: steps per second at full order, of steps without an account.
+        tried: methods and orders that are done, as they were asked for.
+        rows: reduced models at each step.
+        meshes: the scene's mesh and finer ones, the finest last; empty where none was given.
+        hankel: σ of each contact mode.
+        notes: what the user should know.
+    """
+
+    name: str
+    fingerprint: str
+    size: int
+    dt: float
+    duration: float
+    reference_step: float
+    reference_error: float
+    divisor: float
+    full_rate: float
+    tried: tuple[tuple[str, int], ...] = ()
+    rows: tuple[Row, ...] = ()
+    meshes: tuple[MeshRow, ...] = ()
+    hankel: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
+    notes: tuple[str, ...] = ()
+
+    @property
+    def mesh_error(self) -> float | None:
+        """Largest distance of an output from that of the finest mesh; None where no finer mesh was given."""
+        return max(self.meshes[0].outputs.values()) if self.meshes else None
+
+    @property
+    def smallest_error(self) -> float | None:
+        """The least error of a row; None where there is none."""
+        return min((row.error for row in self.rows), default=None)
+
+    def of(self, method: str, order: int) -> tuple[Row, ...]:
+        """The rows of one reduced model."""
+        return tuple(row for row in self.rows if (row.method, row.order) == (method, order))
+
+
+def write_findings(file: Path, findings: Findings) -> None:
+    """Writes findings as JSON, or nothing.
+
+    Raises:
+        RomFileError: the file cannot be written.
+    """
+    write_whole(file, json.dumps(asdict(findings), indent=1).encode())
+
+
+def read_findings(file: Path) -> Findings:
+    """Reads findings.
+
+    Raises:
+        RomFileError: there is no such file, or it holds something else.
+    """
+    try:
+        known: dict[str, Any] = json.loads(file.read_text())
+        rows = tuple(Row(**_tuples(row)) for row in known.pop("rows"))
+        meshes = tuple(MeshRow(**mesh) for mesh in known.pop("meshes"))
+        hankel = {name: tuple(σ) for name, σ in known.pop("hankel").items()}
+        tried = tuple((method, order) for method, order in known.pop("tried"))
+        return Findings(tried=tried, rows=rows, meshes=meshes, hankel=hankel, notes=tuple(known.pop("notes")), **known)
+    except OSError as error:
+        raise RomFileError(f"{file}: cannot be read: {error.strerror}") from error
+    except (ValueError, TypeError, KeyError, AttributeError) as error:
+        raise RomFileError(f"{file}: does not hold a study") from error
+
+
+def _tuples(row: dict[str, Any]) -> dict[str, Any]:
+    return row | {"outputs": {name: tuple(errors) for name, errors in row["outputs"].items()}}

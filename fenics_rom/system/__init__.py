@@ -1,0 +1,1 @@
+"""The full-order model as the reduction sees it, whoever assembled it."""

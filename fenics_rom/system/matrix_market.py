@@ -1,0 +1,104 @@
+"""Matrix Market files to a system: on one process with SciPy, under mpirun with PETSc and the rows spread."""
+
+from collections.abc import Callable, Mapping
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import scipy.io
+import scipy.sparse
+
+from fenics_rom.errors import StructureError
+from fenics_rom.io.launcher import launched_rank
+from fenics_rom.system.system import System, check_damping_choice
+
+File = str | PathLike[str]
+
+
+def read_system(
+    *,
+    mass: File,
+    stiffness: File,
+    contacts: Mapping[str, File],
+    damping: File | None = None,
+    rayleigh: tuple[float, float] | None = None,
+    actuators: Mapping[str, File] | None = None,
+    outputs: Mapping[str, File] | None = None,
+) -> System:
+    """A system of matrices in Matrix Market files (.mtx); under mpirun every rank must call it.
+
+    Args:
+        mass, stiffness: files of M and K, (n, n), symmetric and positive definite.
+        contacts: file of the columns of each contact mode, (n, columns).
+        damping: file of D, (n, n), symmetric and positive semi-definite.
+        rayleigh: instead of `damping`: (α, β) of D = α M + β K, 1/s and s.
+        actuators: file of the columns of each actuator.
+        outputs: file of C of each output, (n, columns).
+
+    Raises:
+        StructureError: a file that cannot be read, or whose content cannot be used, with its name.
+    """
+    check_damping_choice(damping, rayleigh)
+    matrices = {"mass": mass, "stiffness": stiffness} | ({} if damping is None else {"damping": damping})
+    columns = {"contacts": contacts, "actuators": actuators or {}, "outputs": outputs or {}}
+    files = matrices | {f"{kind}[{name!r}]": file for kind, given in columns.items() for name, file in given.items()}
+
+    def read() -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
+        square = {name: scipy.sparse.csr_matrix(_read(file)) for name, file in matrices.items()}
+        rows = square["mass"].shape[0]
+        return square, {
+            kind: {name: _read_columns(file, rows) for name, file in given.items()} for kind, given in columns.items()
+        }
+
+    try:
+        return _system(read, rayleigh)
+    except StructureError as error:
+        file = next((file for subject, file in files.items() if str(error).startswith(f"{subject} ")), None)
+        if file is None:
+            raise
+        raise StructureError(f"{file}: {error}") from error
+
+
+def _system(read: Callable[[], Any], rayleigh: tuple[float, float] | None) -> System:
+    """The system of what is read: all of it here, or the rows of this rank."""
+    if launched_rank() is not None:
+        from fenics_rom.fem.user_matrices import spread_system
+
+        return spread_system(read, rayleigh)
+    square, tall = read()
+    return System(**square, **tall, rayleigh=rayleigh)
+
+
+def _read(file: File) -> Any:
+    """A real matrix, sparse or dense as it is in the file.
+
+    Raises:
+        StructureError: there is none.
+    """
+    try:
+        with Path(file).open(encoding="latin-1") as stream:
+            banner = stream.readline(1000).lower().split()
+        if banner[:1] != ["%%matrixmarket"]:
+            raise StructureError(f"{file}: is not a Matrix Market file: its first line must start with %%MatrixMarket")
+        if not {"real", "integer", "double"} & set(banner):
+            raise StructureError(f"{file}: holds {' '.join(banner[3:4]) or 'no'} numbers; allowed are real ones")
+        return scipy.io.mmread(file)
+    except StructureError:
+        raise
+    except OSError as error:
+        raise StructureError(f"{file}: cannot be read: {error.strerror or error}") from error
+    except Exception as error:  # SciPy's readers raise what they come across, each release its own
+        raise StructureError(f"{file}: cannot be read as a Matrix Market file: {error}") from error
+
+
+def _read_columns(file: File, rows: int) -> np.ndarray:
+    """Columns (rows, any number) as an array.
+
+    Raises:
+        StructureError: there are none, or they have another number of rows.
+    """
+    matrix = _read(file)
+    if matrix.shape[0] != rows:
+        raise StructureError(f"{file}: has shape {matrix.shape}; the mass matrix asks for ({rows}, columns)")
+    return matrix.toarray() if scipy.sparse.issparse(matrix) else matrix

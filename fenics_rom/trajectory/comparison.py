@@ -1,0 +1,79 @@
+"""Relative errors of one run against another."""
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+
+from fenics_rom.errors import CompareError
+from fenics_rom.trajectory.trajectory import Record
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Difference:
+    """How far one quantity of a run is from the reference.
+
+    Attributes:
+        relative: L² in time (and over the points, or in mass over the body), as a share of the reference's; inf where
+            the reference is zero throughout and the run is not.
+        largest: largest distance of any point at any instant, in the quantity's unit.
+        largest_reference: largest length of the reference, to judge `largest` by.
+        instants: number of common instants.
+    """
+
+    relative: float
+    largest: float
+    largest_reference: float
+    instants: int
+
+
+def compare(run: Record, reference: Record) -> dict[str, Difference]:
+    """Differences per named output, of the whole shape ("shape", weighted by mass) and of the stored energy.
+
+    Runs with different time steps are compared at the instants they have in common.
+
+    Raises:
+        CompareError: no common instants, or different bodies.
+    """
+    first, second = _common(run.times, reference.times, "times")
+    differences = {
+        f"output {name}": _difference(values[first], reference.outputs[name][second])
+        for name, values in run.outputs.items()
+        if name in reference.outputs and values.shape[1] == reference.outputs[name].shape[1]
+    }
+    if run.shapes.shape[1:] != reference.shapes.shape[1:] or not np.allclose(run.nodes, reference.nodes):
+        raise CompareError(
+            f"the runs are of different meshes: {len(run.nodes)} and {len(reference.nodes)} nodes; "
+            "outputs can be compared only of the same mesh"
+        )
+    at, other = _common(run.shape_times, reference.shape_times, "whole shapes")
+    weight = np.sqrt(reference.node_mass)[:, None]
+    differences["shape"] = _difference(run.shapes[at], reference.shapes[other], weight)
+    differences["energy"] = _difference(run.energy[first, None], reference.energy[second, None])
+    return differences
+
+
+def _common(times: Array, reference: Array, what: str) -> tuple[Array, Array]:
+    """Indices of the instants that both have."""
+    place = np.clip(np.searchsorted(reference, times), 1, max(len(reference) - 1, 1)) if len(reference) > 1 else 0
+    near = np.zeros(len(times), dtype=int) + place
+    if len(reference) > 1:
+        near -= np.abs(reference[near - 1] - times) < np.abs(reference[near] - times)
+    close = np.abs(reference[near] - times) <= 1e-9 * max(np.abs(reference).max(), 1e-300)
+    if not (close & (times > 0)).any():  # at the start every run is at rest, and that says nothing
+        raise CompareError(f"the runs have no common {what}; run both with time steps of which one divides the other")
+    return np.flatnonzero(close), near[close]
+
+
+def _difference(values: Array, reference: Array, weight: Array | float = 1.0) -> Difference:
+    gap, size = values - reference, np.linalg.norm(weight * reference)
+    distance = np.linalg.norm(gap, axis=-1)
+    missing = np.linalg.norm(weight * gap)
+    return Difference(
+        relative=float(missing / size) if size > 0 else math.inf if missing > 0 else 0.0,
+        largest=float(distance.max()),
+        largest_reference=float(np.linalg.norm(reference, axis=-1).max()),
+        instants=len(values),
+    )

@@ -1,0 +1,211 @@
+"""The run file: one HDF5 file, the same for full and reduced runs.
+
+Format 1.3. The first 512 bytes are a user block with the SHA-256 of the rest (see checked_file).
+Root attributes (fixed-length UTF-8 text): format = "fenics-rom", format_version, content = "run",
+software, name, model ("full" or "reduced"), contacts, warnings, effects (one a line each), stepping (how a step was
+taken and why, where there was a choice). Every dataset has an attribute `unit`. Sizes: S instants (steps + 1), s whole
+shapes, N nodes, F triangles, P points of an output.
+
+    times (S,) s, contact (S,)       index of the active contact mode
+    energy, supplied, dissipated, lost_in_switching (S,) J
+    shape_times (s,) s, shapes (s, N, 3) m, velocities (s, N, 3) m/s; these may be absent
+    nodes (N, 3) m, triangles (F, 3), node_mass (N,) kg
+    outputs/NAME (S, P, 3) m
+    settings/NAME (1,)               dt in s, seconds (wall clock of the stepping) in s, order; mismatch may be absent
+    forces/NAME (S, 3) N             of each obstacle on the body; absent where there are none, with
+    contact_account/NAME (S,) J      running sums: obstacles (supplied), contact and perhaps friction (dissipated)
+    obstacles/NAME/motion (s, 3) m   from where the scene puts it; attribute `shape`, and what describes that:
+        point, normal; center, radius; start, end, radius; or center, size, rotation (3,) or (1,); m, 1, rad
+    profile/NUMBER (1,) s            per step, of a part of the run that attribute `name` names; absent if not measured
+
+Files of format 1.0 and 1.1 name no effects, and have none of the last four; files of format 1.2 have neither velocities
+nor obstacles.
+"""
+
+from collections.abc import Mapping
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import h5py
+import numpy as np
+
+from fenics_rom.errors import RomFileError
+from fenics_rom.io.hdf5 import (
+    Entry,
+    Sizes,
+    check_names,
+    get_arrays,
+    get_group,
+    get_text,
+    put_arrays,
+    put_text,
+    read_file,
+    write_file,
+)
+from fenics_rom.mechanics.environment import SHAPES
+from fenics_rom.mechanics.obstacles import Obstacle
+from fenics_rom.scene.schema import unknown
+from fenics_rom.trajectory.trajectory import CONTACT_ACCOUNT, Record
+
+Array = np.ndarray
+
+RUN = {
+    "times": Entry("s", ("S",)),
+    "contact": Entry("1", ("S",), "i"),
+    **{name: Entry("J", ("S",)) for name in ("energy", "supplied", "dissipated", "lost_in_switching")},
+    "shape_times": Entry("s", ("s",)),
+    "shapes": Entry("m", ("s", "N", 3)),
+    "velocities": Entry("m/s", ("s", "N", 3), optional=True),
+    "nodes": Entry("m", ("N", 3)),
+    "triangles": Entry("1", ("F", 3), "i"),
+    "node_mass": Entry("kg", ("N",)),
+}
+SETTINGS = {
+    "dt": Entry("s", (1,)),
+    "seconds": Entry("s", (1,)),
+    "order": Entry("1", (1,)),
+    "mismatch": Entry("1", (1,), optional=True),
+}
+
+MAYBE = ("forces", "contact_account", "obstacles", "profile")
+OBSTACLE = {
+    **{name: Entry("m", (3,)) for name in ("point", "center", "start", "end", "size")},
+    "radius": Entry("m", (1,)),
+    "normal": Entry("1", (3,)),
+    "rotation": Entry("rad", (3,)),
+}
+MOTION = {"motion": Entry("m", ("s", 3))}
+FORCE, WORK, PER_STEP = Entry("N", ("S", 3)), Entry("J", ("S",)), Entry("s", (1,))
+
+
+def write_record(file: str | Path, record: Record) -> None:
+    """Writes a run; an existing file is replaced only by a complete one.
+
+    Raises:
+        RomFileError: it cannot be written, or holds numbers that are not finite.
+    """
+    write_file(file, "run", lambda h5: _fill(h5, record))
+
+
+def read_record(file: str | Path) -> Record:
+    """Reads a run.
+
+    Raises:
+        RomFileError: the file is missing, damaged or of another format.
+    """
+    return read_file(file, "run", _take)
+
+
+def _fill(h5: h5py.File, record: Record) -> None:
+    check_names([*record.contacts, *record.outputs, *record.forces])
+    put_text(
+        h5,
+        name=record.name,
+        model=record.model,
+        contacts="\n".join(record.contacts),
+        warnings="\n".join(record.warnings),
+        effects="\n".join(record.effects),
+        stepping=record.stepping,
+    )
+    sizes: Sizes = {}
+    put_arrays(h5, RUN, sizes, {name: getattr(record, name) for name in RUN})
+    outputs = h5.create_group("outputs", track_order=True)
+    for name, values in record.outputs.items():
+        put_arrays(outputs, {name: _output(name)}, sizes, {name: values})
+    settings = h5.create_group("settings", track_order=True)
+    put_arrays(settings, SETTINGS, sizes, _rows_of(record.settings))
+    if record.forces:
+        forces = h5.create_group("forces", track_order=True)
+        put_arrays(forces, dict.fromkeys(record.forces, FORCE), sizes, record.forces)
+        account = h5.create_group("contact_account", track_order=True)
+        put_arrays(account, dict.fromkeys(record.contact_account, WORK), sizes, record.contact_account)
+    if record.obstacles:
+        obstacles = h5.create_group("obstacles", track_order=True)
+        for name, obstacle in record.obstacles.items():
+            group, table = obstacles.create_group(name, track_order=True), _dimensions(type(obstacle))
+            dimensions = {key: np.atleast_1d(getattr(obstacle, key)) for key in table}
+            put_arrays(group, table | MOTION, sizes, dimensions | {"motion": record.obstacle_motion[name]})
+            put_text(group, shape=next(shape for shape, kind in SHAPES.items() if isinstance(obstacle, kind)))
+    if record.profile:
+        profile = h5.create_group("profile", track_order=True)
+        for number, (name, seconds) in enumerate(record.profile.items()):
+            put_arrays(profile, {str(number): PER_STEP}, sizes, {str(number): np.array([seconds])})
+            put_text(profile[str(number)], name=name)
+    _check_fit(record)
+
+
+def _take(h5: h5py.File) -> Record:
+    sizes: Sizes = {}
+    arrays: Any = get_arrays(h5, RUN, sizes, ("outputs", "settings", *MAYBE))
+    outputs = get_group(h5, "outputs")
+    named: Any = get_arrays(outputs, {name: _output(name) for name in outputs}, sizes)
+    settings: Any = get_arrays(get_group(h5, "settings"), SETTINGS, sizes)
+    maybe = {name: get_group(h5, name) if name in h5 else {} for name in MAYBE}
+    forces: Any = get_arrays(maybe["forces"], dict.fromkeys(maybe["forces"], FORCE), sizes) if maybe["forces"] else {}
+    done = [name for name in CONTACT_ACCOUNT if name in maybe["contact_account"]]
+    account: Any = get_arrays(maybe["contact_account"], dict.fromkeys(done, WORK), sizes) if forces else {}
+    solids = {name: _take_obstacle(get_group(maybe["obstacles"], name), sizes) for name in maybe["obstacles"]}
+    record = Record(
+        name=get_text(h5, "name"),
+        model=get_text(h5, "model"),
+        settings={name: float(value[0]) for name, value in settings.items() if value is not None},
+        contacts=tuple(get_text(h5, "contacts").split("\n")),
+        outputs=named,
+        warnings=tuple(filter(None, get_text(h5, "warnings").split("\n"))),
+        effects=tuple(filter(None, get_text(h5, "effects").split("\n"))) if "effects" in h5.attrs else (),
+        stepping=get_text(h5, "stepping") if "stepping" in h5.attrs else "",
+        forces=forces,
+        contact_account=account,
+        profile=_take_profile(maybe["profile"]),
+        obstacles={name: obstacle for name, (obstacle, _) in solids.items()},
+        obstacle_motion={name: motion for name, (_, motion) in solids.items()},
+        **arrays,
+    )
+    _check_fit(record)
+    return record
+
+
+def _rows_of(settings: Mapping[str, float]) -> dict[str, Array | None]:
+    return {name: np.array([settings[name]]) if name in settings else None for name in SETTINGS}
+
+
+def _take_obstacle(group: h5py.Group, sizes: Sizes) -> tuple[Obstacle, Array]:
+    """An obstacle, and how far it was from where the scene puts it."""
+    shape = get_text(group, "shape")
+    if shape not in SHAPES:
+        raise RomFileError(f"{group.name}: {unknown('shape', shape, SHAPES)}")
+    table = _dimensions(SHAPES[shape])
+    arrays: Any = get_arrays(group, table | MOTION, sizes)
+    dimensions = {key: arrays[key][0] if table[key].shape == (1,) else tuple(arrays[key]) for key in table}
+    obstacle: Obstacle = SHAPES[shape](**dimensions)
+    return obstacle, arrays["motion"]
+
+
+def _dimensions(kind: Any) -> dict[str, Entry]:
+    """What describes an obstacle of a kind."""
+    return {field.name: OBSTACLE[field.name] for field in fields(kind) if field.init}
+
+
+def _take_profile(group: Any) -> dict[str, float]:
+    if not group:
+        return {}
+    arrays: Any = get_arrays(group, {str(k): PER_STEP for k in range(len(group))}, {})
+    return {get_text(group[key], "name"): float(seconds[0]) for key, seconds in arrays.items()}
+
+
+def _check_fit(record: Record) -> None:
+    """What a shape cannot say: times that pass, indices that point somewhere."""
+    for name in ("times", "shape_times"):
+        if not len(getattr(record, name)) or (np.diff(getattr(record, name)) <= 0).any():
+            raise RomFileError(f"/{name} does not increase, or is empty")
+    if not 0 <= record.contact.min() <= record.contact.max() < len(record.contacts):
+        raise RomFileError(f"/contact names contact modes beyond {len(record.contacts)}")
+    if record.triangles.size and not 0 <= record.triangles.min() <= record.triangles.max() < len(record.nodes):
+        raise RomFileError(f"/triangles name nodes beyond {len(record.nodes)}")
+    if (record.node_mass < 0).any():
+        raise RomFileError("/node_mass has negative masses")
+
+
+def _output(name: str) -> Entry:
+    return Entry("m", ("S", f"P of {name}", 3))

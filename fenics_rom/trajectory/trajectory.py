@@ -1,0 +1,214 @@
+"""A run: what is kept of it, the same for full and reduced models."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from fenics_rom.mechanics.energy_ledger import Ledger
+from fenics_rom.mechanics.obstacles import Obstacle
+
+Array = np.ndarray
+
+CONTACT_ACCOUNT = {
+    "obstacles": "contact",
+    "contact": "contact",
+    "friction": "friction",
+}  # sums, and effects they are of
+
+
+@dataclass(frozen=True)
+class Record:
+    """Times, outputs and the energy account of a run.
+
+    Attributes:
+        name: of the scene.
+        model: "full" or "reduced".
+        settings: numbers that belong beside any rate or error: dt, seconds (wall clock of the stepping), order or n;
+            of linearly implicit steps with large deformation mismatch (of strains, as a share of the largest).
+        times: (steps + 1,), s.
+        contacts: names of the contact modes.
+        contact: (steps + 1,) which of them was active.
+        outputs: displacement of each named output, (steps + 1, points, 3), m.
+        energy: (steps + 1,) stored, J.
+        supplied, dissipated, lost_in_switching: (steps + 1,) running sums, J.
+        shape_times: (shapes,), s.
+        shapes: displacement of every node, (shapes, N, 3), m.
+        nodes: (N, 3), m.
+        triangles: (F, 3).
+        node_mass: (N,), kg.
+        warnings: what the user should know about this run.
+        effects: names of those that acted.
+        forces: of each obstacle on the body, (steps + 1, 3), N.
+        contact_account: where the scene has contact, running sums (steps + 1,), J: what "obstacles" supplied, and what
+            "contact" and (where it has that, too) "friction" dissipated; they are parts of `supplied` and `dissipated`.
+        profile: seconds per step of each part of a reduced run, where they were measured.
+        velocities: of every node beside its displacement in `shapes`, (shapes, N, 3), m/s; None without inertia, and in
+            files of earlier releases.
+        obstacles: where the scene puts them, by name.
+        obstacle_motion: how far each was from there at `shape_times`, (shapes, 3), m.
+        stepping: how a step was taken and why, where there was a choice.
+    """
+
+    name: str
+    model: str
+    settings: Mapping[str, float]
+    times: Array
+    contacts: tuple[str, ...]
+    contact: Array
+    outputs: Mapping[str, Array]
+    energy: Array
+    supplied: Array
+    dissipated: Array
+    lost_in_switching: Array
+    shape_times: Array
+    shapes: Array
+    nodes: Array
+    triangles: Array
+    node_mass: Array
+    warnings: tuple[str, ...] = ()
+    effects: tuple[str, ...] = ()
+    forces: Mapping[str, Array] = field(default_factory=dict)
+    contact_account: Mapping[str, Array] = field(default_factory=dict)
+    profile: Mapping[str, float] = field(default_factory=dict)
+    velocities: Array | None = None
+    obstacles: Mapping[str, Obstacle] = field(default_factory=dict)
+    obstacle_motion: Mapping[str, Array] = field(default_factory=dict)
+    stepping: str = ""
+
+    @property
+    def balance_error(self) -> float:
+        """Largest |E - E₀ - supplied + dissipated + lost in switching|, as a share of the largest energy or work."""
+        gap = self.energy - self.energy[0] - self.supplied + self.dissipated + self.lost_in_switching
+        scale = max(np.abs(self.energy).max(), np.abs(self.supplied).max(), np.abs(self.dissipated).max())
+        return float(np.abs(gap).max() / scale) if scale > 0 else 0.0
+
+    @property
+    def steps(self) -> int:
+        """Number of steps."""
+        return len(self.times) - 1
+
+
+class Recorder:
+    """Fills the arrays of a record, step by step.
+
+    Args:
+        steps: number of steps of the run.
+        dt: time step, s.
+        outputs: number of points of each named output.
+        contacts: names of the contact modes.
+        nodes: number N of nodes.
+        shapes: how many whole shapes to keep, evenly spread, the last step among them.
+        effects: names of those that act; without contact nothing is kept of it.
+        obstacles: by name.
+    """
+
+    def __init__(
+        self,
+        steps: int,
+        dt: float,
+        outputs: Mapping[str, int],
+        contacts: tuple[str, ...],
+        nodes: int,
+        shapes: int,
+        effects: tuple[str, ...] = (),
+        obstacles: Mapping[str, Obstacle] | None = None,
+    ):
+        self._effects = effects
+        self._contacts = contacts
+        self._times = dt * np.arange(steps + 1)
+        self._contact = np.zeros(steps + 1, dtype=np.int64)
+        self._account = np.zeros((4, steps + 1))
+        self._outputs = {name: np.zeros((steps + 1, points, 3)) for name, points in outputs.items()}
+        self._obstacles = obstacles or {}
+        self._forces = {name: np.zeros((steps + 1, 3)) for name in self._obstacles}
+        kept = [name for name, effect in CONTACT_ACCOUNT.items() if effect in effects]
+        self._contact_account = {name: np.zeros(steps + 1) for name in kept}
+        self._shape_steps = np.unique(np.round(np.linspace(0, steps, min(shapes, steps) + 1)).astype(int))[1:]
+        self._shapes = np.zeros((len(self._shape_steps), nodes, 3))
+        self._velocities = np.zeros_like(self._shapes) if not effects or "inertia" in effects else None
+        self._motion = {name: np.zeros((len(self._shape_steps), 3)) for name in self._obstacles}
+
+    def sample(
+        self,
+        step: int,
+        contact: str,
+        energy: float,
+        ledger: Ledger,
+        displacement: Callable[[str | None], Array],
+        velocity: Callable[[], Array],
+        forces: Array | None,
+        offsets: Array | None,
+    ) -> None:
+        """Keeps what is to be kept of one instant.
+
+        Args:
+            step: 0 is the start.
+            contact: the active contact mode.
+            energy: stored, J.
+            ledger: the account so far.
+            displacement: of a named output (points, 3), or with None of all nodes (N, 3), m.
+            velocity: of all nodes, (N, 3), m/s.
+            forces: of the obstacles on the body (O, 3), N; None where nothing touches.
+            offsets: how far the obstacles are from where the scene puts them, (O, 3), m; None where there are none.
+        """
+        self._contact[step] = self._contacts.index(contact)
+        self._account[:, step] = energy, ledger.supplied, ledger.dissipated, ledger.lost_in_switching
+        for name, values in self._outputs.items():
+            values[step] = displacement(name)
+        for name, sums in self._contact_account.items():
+            sums[step] = getattr(ledger, name)
+        if forces is not None:
+            for values, force in zip(self._forces.values(), forces, strict=True):
+                values[step] = force
+        row = np.searchsorted(self._shape_steps, step)
+        if row < len(self._shape_steps) and self._shape_steps[row] == step:
+            self._shapes[row] = displacement(None)
+            if self._velocities is not None:
+                self._velocities[row] = velocity()
+            if offsets is not None:
+                for values, offset in zip(self._motion.values(), offsets, strict=True):
+                    values[row] = offset
+
+    def record(
+        self,
+        *,
+        name: str,
+        model: str,
+        settings: Mapping[str, float],
+        nodes: Array,
+        triangles: Array,
+        node_mass: Array,
+        warnings: tuple[str, ...],
+        profile: Mapping[str, float] | None = None,
+        stepping: str = "",
+    ) -> Record:
+        """The finished run."""
+        energy, supplied, dissipated, lost = self._account
+        return Record(
+            name=name,
+            model=model,
+            settings=settings,
+            times=self._times,
+            contacts=self._contacts,
+            contact=self._contact,
+            outputs=self._outputs,
+            energy=energy,
+            supplied=supplied,
+            dissipated=dissipated,
+            lost_in_switching=lost,
+            shape_times=self._times[self._shape_steps],
+            shapes=self._shapes,
+            nodes=nodes,
+            triangles=triangles,
+            node_mass=node_mass,
+            warnings=warnings,
+            effects=self._effects,
+            forces=self._forces,
+            contact_account=self._contact_account,
+            profile=profile or {},
+            velocities=self._velocities,
+            obstacles=self._obstacles,
+            obstacle_motion=self._motion,
+            stepping=stepping,
+        )

@@ -1,0 +1,1 @@
+"""What people look at: plots, exports and the live view."""

@@ -1,0 +1,185 @@
+"""ROMs and runs as files of other programs: what each can become, and how."""
+
+from collections.abc import Iterator
+from pathlib import Path
+
+import numpy as np
+
+from fenics_rom.errors import RomFileError
+from fenics_rom.io.hdf5 import check_place
+from fenics_rom.io.stages import Report
+from fenics_rom.rom.rom import Rom
+from fenics_rom.trajectory.trajectory import Record
+from fenics_rom.visualization.exports.body_renderer import Stage
+from fenics_rom.visualization.exports.fields import KINDS, fields
+from fenics_rom.visualization.exports.mode_sheet import write_sheet
+from fenics_rom.visualization.exports.paraview import check_series_place, write_grid, write_series
+from fenics_rom.visualization.exports.pictures import write_film, write_still
+from fenics_rom.visualization.exports.subprocess_export import beside_dolfinx, draw_elsewhere
+from fenics_rom.visualization.optional_dependencies import pyvista_package
+
+Array = np.ndarray
+
+SHEETS = (".png", ".pdf", ".svg")
+OF_ROMS = (".vtu", *SHEETS)
+FILMS = (".gif", ".mp4")
+OF_RUNS = (".pvd", ".vtu", ".png", *FILMS)
+COUNT = 6  # shapes of each contact mode on a sheet
+RATE, LONGEST = 20, 10.0  # pictures a second of a film, and how long it is at most unless it is told, s
+MOST_SECONDS = 3600.0
+WIDTH, FILM_WIDTH = 1000, 720  # pixels
+
+
+def export(
+    model: Rom | Record,
+    output: str | Path,
+    *,
+    what: str | None = None,
+    count: int | None = None,
+    time: float | None = None,
+    scale: float = 1.0,
+    seconds: float | None = None,
+    dark: bool = False,
+    report: Report = lambda stage, done, of: None,
+) -> Path:
+    """Writes a ROM's shapes, or a run, as a file that others read or people look at; nothing of it where it fails.
+
+    Of a ROM: .vtu, for ParaView, every shape a field on the nodes; or .png, .pdf, .svg, a sheet of the first shapes of
+    each contact mode. Of a run: .pvd with a folder of .vtu files, displacement (m) and velocity (m/s) at each instant
+    of which it holds the whole shape; .vtu or .png of one instant; .gif or .mp4 of all. Cells are the triangles of the
+    surface, and points all nodes.
+
+    Args:
+        model: the ROM or the run.
+        output: the file; its ending says what becomes of it.
+        what: of a ROM: "modes", the directions that lower orders keep, the most important first (balanced modes, if
+            it is balanced); "eigenvectors" of its reduced models; or "rest", its shapes at rest under unit inputs.
+            None: modes.
+        count: of shapes of each contact mode; None: six on a sheet, all in a file for ParaView.
+        time: of one instant, s; the nearest one of which there is a shape is taken. None: the last.
+        scale: by which displacements are multiplied in pictures; ParaView does so itself.
+        seconds: how long a film is to be. None: as many pictures as there are shapes, but not longer than ten seconds.
+        dark: light on dark instead of dark on light, in pictures.
+        report: called with the stage, how much of it is done, and of how much.
+
+    Returns:
+        The file.
+
+    Raises:
+        RomFileError: another ending, a file that cannot be written, or a run without what was asked for.
+        SceneError: there is no such kind of shape, or no surface.
+        MissingPackageError: a package is not installed.
+        FenicsRomError: any of these, where dolfinx is loaded: VTK then works in a process of its own.
+    """
+    place = Path(output)
+    if beside_dolfinx():
+        draw_elsewhere(
+            model,
+            place,
+            what=what,
+            count=count,
+            time=time,
+            scale=None if scale == 1.0 else scale,
+            seconds=seconds,
+            dark=dark,
+        )
+        return place
+    pyvista_package()
+    if isinstance(model, Rom):
+        if time is not None:
+            raise RomFileError(f"ROM {model.name!r} has no instants; --time is for runs")
+        _check_ending(place, OF_ROMS, "a ROM")
+        _export_rom(place, model, what or next(iter(KINDS)), count, dark)
+    else:
+        if what is not None or count is not None:
+            raise RomFileError(f"run {model.name!r} has no modes; --what and --count are for ROMs")
+        _check_ending(place, OF_RUNS, "a run")
+        _export_run(place, model, time, scale, seconds, dark, report)
+    return place
+
+
+def _check_ending(place: Path, allowed: tuple[str, ...], what: str) -> None:
+    if place.suffix not in allowed:
+        raise RomFileError(f"{place}: {what} becomes a file that ends in {', '.join(allowed)}")
+    check_place(place)
+
+
+def _export_rom(place: Path, rom: Rom, kind: str, count: int | None, dark: bool) -> None:
+    if count is not None and count < 1:
+        raise RomFileError(f"--count {count}: allowed are whole numbers from 1")
+    if place.suffix in SHEETS:
+        write_sheet(place, rom, kind, COUNT if count is None else count, dark)
+        return
+    shapes: dict[str, Array] = {}
+    whole: dict[str, Array] = {}
+    for name, row in fields(rom, kind).items():
+        shown = row[:count]
+        shapes |= {f"{name}.{kind}.{field.number}": field.displacement for field in shown}
+        for key, numbers in (
+            ("frequency", [field.frequency for field in shown]),
+            ("sigma", [field.σ for field in shown]),
+        ):
+            if None not in numbers:
+                whole[f"{name}.{key}"] = np.array(numbers, dtype=float)
+    write_grid(place, rom.nodes, rom.triangles, shapes, whole)
+
+
+def _export_run(
+    place: Path, run: Record, time: float | None, scale: float, seconds: float | None, dark: bool, report: Report
+) -> None:
+    if not len(run.triangles) or not len(run.shapes):
+        raise RomFileError(f"run {run.name!r} has no surface to draw")
+    if not (np.isfinite(scale) and scale > 0):
+        raise RomFileError(f"--scale {scale:g}: allowed are finite numbers > 0")
+    if seconds is not None and not 0 < seconds <= MOST_SECONDS:
+        raise RomFileError(f"--seconds {seconds:g}: allowed is more than 0 and at most {MOST_SECONDS:g}")
+    if time is not None:
+        if place.suffix not in (".vtu", ".png"):
+            raise RomFileError(f"{place}: shows all instants; --time is for .vtu and .png")
+        if not 0 <= time <= run.times[-1]:
+            raise RomFileError(f"--time {time:g}: allowed are 0 to {run.times[-1]:g} s, which the run lasts")
+    row = len(run.shapes) - 1 if time is None else int(np.abs(run.shape_times - time).argmin())
+    if place.suffix == ".pvd":
+        check_series_place(place)
+        every = [_on_nodes(run, k) for k in range(len(run.shapes))]
+        write_series(place, run.shape_times, run.nodes, run.triangles, every)
+    elif place.suffix == ".vtu":
+        instant = {"TimeValue": run.shape_times[[row]]}
+        write_grid(place, run.nodes, run.triangles, _on_nodes(run, row), instant)
+    elif place.suffix == ".png":
+        write_still(place, *_pictures(run, [row], scale, WIDTH, dark, report))
+    else:
+        shapes = len(run.shapes)
+        wanted = max(1, round(RATE * (min(shapes / RATE, LONGEST) if seconds is None else seconds)))
+        rows = np.unique(np.linspace(0, shapes - 1, min(wanted, shapes)).round().astype(int))
+        write_film(place, _pictures(run, list(rows), scale, FILM_WIDTH, dark, report), RATE * len(rows) / wanted)
+
+
+def _on_nodes(run: Record, row: int) -> dict[str, Array]:
+    """Fields of one instant."""
+    moving = {} if run.velocities is None else {"velocity": run.velocities[row]}
+    return {"displacement": run.shapes[row], **moving}
+
+
+def _pictures(run: Record, rows: list[int], scale: float, width: int, dark: bool, report: Report) -> Iterator[Array]:
+    """Pictures of some instants, all from one place and in the same colours."""
+    moved = np.stack(list(run.obstacle_motion.values()), axis=1) if run.obstacles else np.zeros((len(run.shapes), 0, 3))
+    stage = Stage(
+        run.nodes,
+        run.triangles,
+        list(run.shapes),
+        scale=scale,
+        obstacles=run.obstacles,
+        offsets=moved,
+        width=width,
+        dark=dark,
+    )
+    digits = max(0, int(np.ceil(-np.log10(np.diff(run.shape_times, prepend=0.0).min()) - 1e-9)))
+    try:
+        for done, row in enumerate(rows):
+            report("pictures", done, len(rows))
+            words = f"{run.shape_times[row]:.{digits}f} s" + (f", displacements x {scale:g}" if scale != 1 else "")
+            yield stage.picture(run.shapes[row], moved[row], words)
+        report("pictures", len(rows), len(rows))
+    finally:
+        stage.close()

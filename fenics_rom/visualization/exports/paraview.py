@@ -1,0 +1,117 @@
+"""Files for ParaView: the surface of a body with displacements and velocities on all of its nodes.
+
+A ROM and a run know the nodes and the surface of a body, not what is inside: cells are triangles. Numbers are in
+double precision, as they are in the ROM or the run.
+"""
+
+import re
+import shutil
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+from xml.sax.saxutils import quoteattr
+
+import numpy as np
+
+from fenics_rom.errors import RomFileError
+from fenics_rom.io.hdf5 import check_folder, write_whole
+from fenics_rom.visualization.optional_dependencies import pyvista_package
+
+Array = np.ndarray
+
+
+def write_grid(
+    file: Path, nodes: Array, triangles: Array, on_nodes: Mapping[str, Array], whole: Mapping[str, Array]
+) -> None:
+    """Writes one .vtu file, or nothing.
+
+    Args:
+        file: its name.
+        nodes: (N, 3), m.
+        triangles: (F, 3).
+        on_nodes: fields by name, (N,) or (N, 3).
+        whole: numbers of the whole body by name, such as the instant.
+
+    Raises:
+        RomFileError: it cannot be written.
+        MissingPackageError: there is no PyVista.
+    """
+    with tempfile.TemporaryDirectory() as folder:
+        written = Path(folder) / "grid.vtu"
+        _save(written, nodes, triangles, on_nodes, whole)
+        write_whole(file, written.read_bytes())
+
+
+def write_series(
+    file: Path, times: Array, nodes: Array, triangles: Array, on_nodes: Sequence[Mapping[str, Array]]
+) -> None:
+    """Writes a .pvd file, and beside it a folder of its name with one .vtu file for each instant; or nothing.
+
+    A folder of that name is replaced if it holds nothing but what this has written there before.
+
+    Args:
+        file: the .pvd file; run.pvd has the folder run.
+        times: (s,), s.
+        nodes: (N, 3), m.
+        triangles: (F, 3).
+        on_nodes: fields by name of each instant, (N,) or (N, 3).
+
+    Raises:
+        RomFileError: they cannot be written, or there is something else in the folder.
+        MissingPackageError: there is no PyVista.
+    """
+    pyvista_package()
+    folder = file.with_suffix("")
+    check_series_place(file)
+    digits = max(4, len(str(len(times) - 1)))
+    names = [f"{folder.name}_{k:0{digits}}.vtu" for k in range(len(times))]
+    entries = [
+        f'    <DataSet timestep="{float(t)!r}" part="0" file={quoteattr(f"{folder.name}/{name}")}/>'
+        for t, name in zip(times, names, strict=True)
+    ]
+    head = '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1" byte_order="LittleEndian">\n  <Collection>'
+    index = "\n".join([head, *entries, "  </Collection>", "</VTKFile>", ""])
+    try:
+        staged = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", suffix=".part", dir=folder.parent))
+        try:
+            for name, t, fields in zip(names, times, on_nodes, strict=True):
+                _save(staged / name, nodes, triangles, fields, {"TimeValue": np.array([t])})
+            staged.chmod(0o755)
+            if folder.exists():
+                shutil.rmtree(folder)
+            staged.replace(folder)
+        finally:
+            shutil.rmtree(staged, ignore_errors=True)
+    except OSError as error:
+        raise RomFileError(f"{folder}: cannot be written: {error.strerror or error}") from error
+    write_whole(file, index.encode())
+
+
+def check_series_place(file: Path) -> None:
+    """Checks that the folder of a .pvd file can be made, or replaced without loss; worth asking before long work.
+
+    Raises:
+        RomFileError: it cannot, or there is something else in it.
+    """
+    folder = file.with_suffix("")
+    check_folder(folder)
+    ours = re.compile(re.escape(folder.name) + r"_\d{4,}\.vtu")
+    others = [found.name for found in (folder.iterdir() if folder.exists() else ()) if not ours.fullmatch(found.name)]
+    if others:
+        raise RomFileError(
+            f"{folder}: the folder that goes with {file.name} holds other things, such as {others[0]!r}; "
+            "allowed is a name whose folder is free"
+        )
+
+
+def _save(
+    file: Path, nodes: Array, triangles: Array, on_nodes: Mapping[str, Array], whole: Mapping[str, Array]
+) -> None:
+    pv: Any = pyvista_package()
+    grid = pv.UnstructuredGrid({pv.CellType.TRIANGLE: triangles}, nodes)
+    for name, values in on_nodes.items():
+        grid.point_data[name] = values
+    for name, values in whole.items():
+        grid.field_data[name] = values
+    grid.save(file)

@@ -1,0 +1,32 @@
+"""Matplotlib, where it is installed; its figures need no screen."""
+
+import io
+from pathlib import Path
+from typing import Any
+
+from fenics_rom.errors import MissingPackageError
+from fenics_rom.io.hdf5 import write_whole
+
+
+def figure_class() -> Any:
+    """The class of figures; worth asking for before long work.
+
+    Raises:
+        MissingPackageError: there is no Matplotlib.
+    """
+    try:
+        from matplotlib.figure import Figure
+    except ModuleNotFoundError as error:
+        raise MissingPackageError("pictures need Matplotlib: pip install fenics-rom[plot]") from error
+    return Figure
+
+
+def write_figure(figure: Any, file: Path, dpi: int) -> None:
+    """Writes a picture in the format of its name's ending, or nothing.
+
+    Raises:
+        RomFileError: it cannot be written.
+    """
+    picture = io.BytesIO()
+    figure.savefig(picture, format=file.suffix[1:], dpi=dpi)
+    write_whole(file, picture.getvalue())

@@ -1,0 +1,147 @@
+"""Plots as files: one file with all panels, or a folder with a file for each."""
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from fenics_rom.errors import RomFileError, SceneError
+from fenics_rom.io.hdf5 import check_folder, check_place
+from fenics_rom.io.stages import Report
+from fenics_rom.rom.rom import Rom
+from fenics_rom.scene.schema import unknown
+from fenics_rom.system.system import System
+from fenics_rom.trajectory.trajectory import Record
+from fenics_rom.visualization.figure import figure_class, write_figure
+from fenics_rom.visualization.plots.reduced import (
+    FULL_AROUND,
+    FULL_POINTS,
+    has_frequencies,
+    reduced_panels,
+    shown_frequencies,
+)
+from fenics_rom.visualization.plots.runs import Panel, run_panels
+from fenics_rom.visualization.plots.style import COLUMN, DARK, DPI, FORMATS, HEIGHT, LIGHT, Style
+
+Array = np.ndarray
+
+IN_FOLDERS = (".pdf", ".png")  # what a folder gets of each panel: one to print, one to look at
+TALLER = {"response": 1.35}  # of a usual panel; it has two parts
+
+
+def plot(
+    model: Rom | Record | Mapping[str, Record],
+    output: str | Path,
+    *,
+    what: Sequence[str] | None = None,
+    dark: bool = False,
+    full: System | None = None,
+    report: Report = lambda stage, done, of: None,
+) -> tuple[Path, ...]:
+    """Draws what there is to see of a ROM or of runs.
+
+    Of runs: the energy account ("energy"), each output against time ("output_NAME"), and the forces of obstacles
+    ("forces"). Of a ROM: its Hankel singular values ("sigma") and frequency responses ("response").
+
+    Args:
+        model: a ROM, a run, or runs by their names in the legend, which are drawn over one another.
+        output: a .pdf, .svg or .png file, which gets all panels; or a folder, which gets a .pdf and a .png of each.
+        what: names of panels; None: all that there are.
+        dark: light on dark instead of dark on light.
+        full: the full model that the ROM was made from: its responses are drawn beside the reduced ones. It takes a
+            factorisation at each of some fifty frequencies.
+        report: called with the stage, how much of it is done, and of how much.
+
+    Returns:
+        The files that were written.
+
+    Raises:
+        RomFileError: the output has another ending, or cannot be written.
+        SceneError: there is no such panel.
+        StructureError, SolverError: of `full`.
+        MissingPackageError: there is no Matplotlib.
+    """
+    figure_of = figure_class()
+    import matplotlib
+
+    place, style = Path(output), DARK if dark else LIGHT
+    in_folder = check_output(place)
+    panels = _panels(model, style, what, full, report)
+    files = []
+    with matplotlib.rc_context(style.settings):
+        if in_folder:
+            _make(place)
+            for name, draw in panels.items():
+                figure = figure_of(figsize=(COLUMN, HEIGHT * TALLER.get(name, 1.0)), layout="constrained")
+                draw(figure)
+                for ending in IN_FOLDERS:
+                    files.append(place / f"{name}{ending}")
+                    write_figure(figure, files[-1], dpi=DPI)
+        else:
+            wide = min(len(panels), 2)
+            high = math.ceil(len(panels) / wide)
+            tall = max(TALLER.get(name, 1.0) for name in panels)
+            figure = figure_of(figsize=(wide * COLUMN, high * HEIGHT * tall), layout="constrained")
+            parts = figure.subfigures(high, wide, squeeze=False)
+            for draw, part in zip(panels.values(), parts.flat, strict=False):
+                draw(part)
+            write_figure(figure, place, dpi=DPI)
+            files.append(place)
+    return tuple(files)
+
+
+def check_output(place: Path) -> bool:
+    """Checks where plots are to go, and tells whether that is a folder; worth asking before long work.
+
+    Raises:
+        RomFileError: it has an ending that is no format of plots, or cannot be written.
+    """
+    if place.is_dir() or not place.suffix:
+        check_folder(place)
+        return True
+    if place.suffix not in FORMATS:
+        raise RomFileError(f"{place}: allowed are a folder, or a file that ends in {', '.join(FORMATS)}")
+    check_place(place)
+    return False
+
+
+def _make(folder: Path) -> None:
+    try:
+        folder.mkdir(exist_ok=True)
+    except OSError as error:
+        raise RomFileError(f"{folder}: cannot be made: {error.strerror}") from error
+
+
+def _panels(
+    model: Rom | Record | Mapping[str, Record],
+    style: Style,
+    what: Sequence[str] | None,
+    full: System | None,
+    report: Report,
+) -> Mapping[str, Panel]:
+    """The panels that were asked for.
+
+    Raises:
+        SceneError: there is none of that name, or nothing at all.
+    """
+    if isinstance(model, Rom):
+        asked = full is not None and has_frequencies(model) and (what is None or "response" in what)
+        panels = reduced_panels(model, style, _full(model, full, report) if asked and full is not None else None)
+    else:
+        panels = run_panels({model.name: model} if isinstance(model, Record) else model)
+    for name in what or ():
+        if name not in panels:
+            raise SceneError(unknown("plot", name, panels))
+    if not panels:
+        raise SceneError("there is nothing to draw: neither Hankel singular values nor frequencies")
+    return {name: panels[name] for name in (panels if what is None else dict.fromkeys(what))}
+
+
+def _full(rom: Rom, system: System, report: Report) -> Mapping[str, tuple[Array, Array, Array]]:
+    """Frequencies, |H| and |H - H_i| of each contact mode; those of the certificate are among them."""
+    from fenics_rom.reduction.full_response import full_responses  # needs SciPy, which a plot of a run does not
+
+    sampled = [mode.frequencies for mode in rom.modes.values()]
+    ω = np.unique(np.concatenate([shown_frequencies(rom, FULL_POINTS, FULL_AROUND), *sampled]))
+    return {name: (ω, full.sizes, full.errors) for name, full in full_responses(system, rom, ω, report).items()}

@@ -1,0 +1,151 @@
+"""Plots of a ROM: how its Hankel singular values fall, and its frequency responses beside the full model's."""
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from functools import partial
+from typing import Any
+
+import numpy as np
+
+from fenics_rom.io.units import readable
+from fenics_rom.rom.file import HANKEL_UNIT
+from fenics_rom.rom.rom import Mode, Rom
+from fenics_rom.visualization.plots.style import Style
+
+Array = np.ndarray
+Panel = Callable[[Any], None]  # draws into a (sub)figure
+
+POINTS = 400  # at which a reduced model is asked, beside those around its eigenfrequencies
+FULL_POINTS = 40  # at which the full one is
+AROUND = (-4.0, -2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0, 4.0)  # an eigenfrequency, in half-widths of its peak
+FULL_AROUND = (-1.0, 0.0, 1.0)
+APART = 0.25  # half-widths that frequencies around peaks are apart at least
+FIRST, BEYOND = 0.2, 1.2  # of the lowest eigenfrequency, and of the highest that is shown
+SHADES = "viridis"  # where there are more contact modes than colours
+
+
+def reduced_panels(rom: Rom, style: Style, full: Mapping[str, tuple[Array, Array, Array]] | None) -> dict[str, Panel]:
+    """What there is to draw of a ROM, by name.
+
+    Args:
+        rom: of any method; without Hankel singular values there is nothing to draw of them, and without inertia
+            nothing of frequencies.
+        style: whose colours are used.
+        full: of each contact mode frequencies (rad/s), |H| of the full model, and |H - H_i| in the norm of `size`;
+            None where it was not asked.
+    """
+    panels: dict[str, Panel] = {}
+    if any(len(mode.hankel_singular_values) for mode in rom.modes.values()):
+        panels["sigma"] = partial(_sigma, rom=rom, style=style)
+    if has_frequencies(rom):
+        panels["response"] = partial(_response, rom=rom, style=style, full=full)
+    return panels
+
+
+def has_frequencies(rom: Rom) -> bool:
+    """Whether it oscillates: a scene without inertia knows equilibria only."""
+    return not rom.effects or "inertia" in rom.effects
+
+
+def shown_frequencies(rom: Rom, points: int, around: Sequence[float]) -> Array:
+    """Evenly spread on a logarithmic axis, and denser around the eigenfrequencies that are shown, rad/s, ascending.
+
+    From below the lowest eigenfrequency of all contact modes to above the middle one, up to where the certificate goes:
+    beyond it a reduced model is not meant to be right.
+
+    Args:
+        rom: the reduced models.
+        points: how many are evenly spread.
+        around: further ones at each eigenfrequency, in half-widths of its peak.
+    """
+    ω = [np.sqrt(mode.eigenvalues[mode.rigid :]) for mode in rom.modes.values()]
+    first = FIRST * min(each[0] for each in ω)
+    last = BEYOND * max(each[len(each) // 2] for each in ω)
+    peaks: dict[float, float] = {}  # and their half-widths; those of another contact mode may be the same
+    for each, mode in zip(ω, rom.modes.values(), strict=True):
+        damping = (mode.damping if mode.damping.ndim == 1 else np.diag(mode.damping))[mode.rigid :] / 2
+        for peak, half in zip(each, damping, strict=True):
+            if first <= peak <= last and all(abs(peak - other) > APART * half for other in peaks):
+                peaks[float(peak)] = float(half)
+    near = [peak + half * step for peak, half in peaks.items() for step in around]
+    every = np.unique(np.concatenate([np.geomspace(first, last, points), near]))
+    return every[(every >= first) & (every <= last)]
+
+
+def size(rom: Rom) -> tuple[float, str]:
+    """What turns |H| in M, over the contact's columns, into what is drawn, and its unit.
+
+    Of a body with a mesh the root mean square of its displacement by mass, |H| / √m, in m for a force of 1 N in each
+    column; of other matrices |H| itself.
+    """
+    mass = float(rom.node_mass.sum())
+    return (1 / math.sqrt(mass), "m/N") if mass > 0 else (1.0, "")
+
+
+def reduced_response(mode: Mode, columns: int, frequencies: Array) -> Array:
+    """|H_i(iω)| in M over the contact's own columns (Frobenius), (f,), without rigid motions."""
+    ρ, G = mode.rigid, mode.inputs[mode.rigid :, :columns]
+    γ, ω = mode.eigenvalues[ρ:], frequencies[:, None]
+    if mode.damping.ndim == 1:
+        gain = 1 / np.abs(γ + 1j * ω * mode.damping[ρ:] - ω**2)
+        return np.linalg.norm(gain * np.linalg.norm(G, axis=1), axis=1)
+    Z = 1j * ω[:, :, None] * mode.damping[ρ:, ρ:] + np.eye(len(γ)) * (γ - ω**2)[:, None, :]
+    return np.linalg.norm(np.linalg.solve(Z, G[None]), axis=(1, 2))
+
+
+def _sigma(figure: Any, rom: Rom, style: Style) -> None:
+    """σ of each contact mode; what is in the model filled, what was left out empty."""
+    axes = figure.subplots()
+    for (name, mode), colour in zip(rom.modes.items(), _colours(rom, style), strict=True):
+        σ, order = mode.hankel_singular_values, mode.order - mode.rigid
+        if not len(σ):
+            continue
+        k = np.arange(1, len(σ) + 1)
+        axes.plot(k, σ, color=colour, linewidth=0.6, alpha=0.6)
+        axes.plot(k[:order], σ[:order], "o", color=colour, markersize=2.5, label=f"{name}, order {order}")
+        axes.plot(k[order:], σ[order:], "o", color=colour, markersize=2.5, fillstyle="none", markeredgewidth=0.6)
+    axes.set(
+        yscale="log",
+        xlabel="number k",
+        ylabel=f"σ$_k$ ({readable(HANKEL_UNIT[rom.weighting])})",
+        title="Hankel singular values; empty: left out",
+    )
+    figure.legend(loc="outside lower center", ncols=2)
+
+
+def _response(figure: Any, rom: Rom, style: Style, full: Mapping[str, tuple[Array, Array, Array]] | None) -> None:
+    """|H| of every contact mode, and below it how far the reduced models are from the full one, where that is known."""
+    known = full is not None or any(len(mode.frequencies) for mode in rom.modes.values())
+    above, *below = figure.subplots(1 + known, 1, sharex=True, height_ratios=(3, 2)[: 1 + known], squeeze=False)[:, 0]
+    ω, (scale, unit) = shown_frequencies(rom, POINTS, AROUND), size(rom)
+    for (name, mode), colour in zip(rom.modes.items(), _colours(rom, style), strict=True):
+        if full is not None:
+            above.plot(full[name][0] / math.tau, scale * full[name][1], color=style.ink, linewidth=2.2, alpha=0.25)
+            below[0].plot(full[name][0] / math.tau, full[name][2] / full[name][1].max(), color=colour, linewidth=0.8)
+        if rom.contacts[name]:
+            H = scale * reduced_response(mode, rom.contacts[name], ω)
+            above.plot(ω / math.tau, H, color=colour, label=f"{name}, order {mode.order - mode.rigid}")
+        if len(mode.frequencies):
+            f = mode.frequencies / math.tau
+            below[0].plot(f, mode.transfer_errors, "o", color=colour, fillstyle="none")
+    if full is not None:
+        above.plot([], [], color=style.ink, linewidth=2.2, alpha=0.25, label="full order")
+    what = "RMS displacement" if unit else "|H|"
+    above.set(xscale="log", yscale="log", title="frequency response to the contact's forces")
+    above.set_ylabel(f"{what} ({unit})" if unit else what)
+    if below:
+        below[0].plot([], [], "o", color=style.ink, fillstyle="none", label="certificate")
+        if full is not None:
+            below[0].plot([], [], color=style.ink, linewidth=0.8, label="full solves")
+        below[0].set(yscale="log", ylabel="error / max |H|")
+    (below or [above])[-1].set_xlabel("frequency (Hz)")
+    figure.legend(loc="outside lower center", ncols=2)
+
+
+def _colours(rom: Rom, style: Style) -> list[Any]:
+    """One for each contact mode."""
+    if len(rom.modes) <= len(style.colours):
+        return list(style.colours[: len(rom.modes)])
+    from matplotlib import colormaps
+
+    return list(colormaps[SHADES](np.linspace(0.1, 0.9, len(rom.modes))))

@@ -1,0 +1,217 @@
+"""Bodies, obstacles and pulls in viser's scene.
+
+A mesh of viser has one colour (1.1), so a body is drawn as one mesh for each band of the colour scale, of the pieces of
+triangles that have it: a contour plot. Everything is drawn in units of the body's size, as viser's camera and
+lights are made for scenes of about one metre.
+"""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from fenics_rom.mechanics.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
+from fenics_rom.visualization.viewer.colours import BANDS, band_colours, bands_of
+from fenics_rom.visualization.viewer.surface import Surface
+
+Array = np.ndarray
+
+PICTURES = 30.0  # a second
+LIT = (255, 120, 30)
+GREY = (150, 150, 160)
+SPARE = 1.3  # room in a band's mesh, so that it rarely has to be made anew
+ABOVE = 1e-3  # of the body, by which a contact surface is met before the body itself
+GROUND = 3.0  # sides of the square that stands for a half-space, in sizes of the body
+
+
+def set_stage(server: Any, places: Array) -> None:
+    """Camera and light for a body at these places, in units of what is drawn.
+
+    Neither shadows nor reflections: without a GPU they cost more than all of the rest.
+    """
+    server.scene.configure_default_lights(cast_shadow=False)
+    server.scene.configure_environment_map(hdri=None)
+    server.scene.add_light_hemisphere("/light", sky_color=(255, 255, 255), ground_color=(230, 230, 230), intensity=4.0)
+    middle, size = (places.min(axis=0) + places.max(axis=0)) / 2, np.linalg.norm(np.ptp(places, axis=0))
+    server.initial_camera.look_at = tuple(middle)
+    server.initial_camera.position = tuple(middle + size * np.array([0.35, -0.8, 0.5]))
+
+
+class BandedBody:
+    """A body that changes its shape and its colours.
+
+    Args:
+        scene: viser's.
+        name: of the nodes that are added.
+        surface: what is drawn.
+        scale: 1/m, of what is drawn.
+        offset: (3,) where to draw it, m.
+    """
+
+    def __init__(self, scene: Any, name: str, surface: Surface, scale: float, offset: Array | None = None):
+        self.surface, self._scale = surface, scale
+        position = tuple(scale * (np.zeros(3) if offset is None else offset))
+        options: dict[str, Any] = {"cast_shadow": False, "receive_shadow": False, "side": "double"}
+        nothing = np.zeros((3, 3)), np.zeros((1, 3), dtype=np.uint32)
+        self._meshes = [
+            scene.add_mesh_simple(f"{name}/{k}", *nothing, color=colour, position=position, **options)
+            for k, colour in enumerate([*band_colours(), LIT])
+        ]
+        for mesh in self._meshes:  # a gesture that nobody makes: what is behind the body is not met through it
+            mesh.on_drag("middle", modifier="cmd/ctrl+alt+shift")(_nothing)
+        self._room = np.zeros(BANDS + 1, dtype=int)
+
+    def draw(self, moved: Array, values: Array, largest: float, lit: Array | None = None) -> None:
+        """Draws the moved nodes.
+
+        Args:
+            moved: (n, 3), m.
+            values: of all pieces, not negative.
+            largest: value of the brightest colour.
+            lit: triangles that are shown in another colour.
+        """
+        bands = bands_of(values, largest)
+        if lit is not None:
+            bands.reshape(-1, self.surface.cuts**2)[lit] = BANDS
+        order = np.argsort(bands, kind="stable")
+        corners = (self._scale * self.surface.pieces(moved)).astype(np.float32)[order].reshape(-1, 3)
+        ends = 3 * np.cumsum(np.bincount(bands, minlength=BANDS + 1))
+        for k, part in enumerate(np.split(corners, ends[:-1])):
+            self._draw_band(k, part, corners[0])
+
+    def _draw_band(self, k: int, corners: Array, somewhere: Array) -> None:
+        """An empty band has triangles without area: hiding it would be seen a picture earlier than what replaces it."""
+        mesh, count = self._meshes[k], len(corners)
+        if not self._room[k] / 4 - 3 < count <= self._room[k]:
+            self._room[k] = 3 * round(SPARE * count / 3 + 1)
+            mesh.faces = np.arange(self._room[k], dtype=np.uint32).reshape(-1, 3)
+        padded = np.empty((max(self._room[k], 3), 3), dtype=np.float32)
+        padded[:count], padded[count:] = corners, somewhere
+        mesh.vertices = padded
+
+
+async def _nothing(_: Any) -> None:
+    pass
+
+
+class Patch:
+    """A contact surface that the mouse can meet: an invisible mesh just above it, which viser outlines under the mouse.
+
+    Args:
+        scene: viser's.
+        name: of the node that is added.
+        surface: of the body.
+        chosen: (F_i,) its triangles.
+        scale: 1/m, of what is drawn.
+
+    Attributes:
+        mesh: viser's handle.
+        triangles: (F_i, 3) into the nodes of the surface.
+    """
+
+    def __init__(self, scene: Any, name: str, surface: Surface, chosen: Array, scale: float):
+        self._scale, self.triangles = scale, surface.triangles[chosen]
+        self._nodes, corners = np.unique(self.triangles, return_inverse=True)
+        self._corners = corners.reshape(-1, 3)
+        self.mesh = scene.add_mesh_simple(
+            name, self._raised(surface.places), self._corners, opacity=0.0, cast_shadow=False, receive_shadow=False
+        )
+
+    def draw(self, moved: Array) -> None:
+        """Follows the moved nodes of the surface, (n, 3), m."""
+        self.mesh.vertices = self._raised(moved)
+
+    def _raised(self, moved: Array) -> Array:
+        places = self._scale * moved[self._nodes]
+        a, b, c = places[self._corners].swapaxes(0, 1)
+        of_triangles = np.repeat(np.cross(b - a, c - a), 3, axis=0).T
+        normals = np.column_stack([np.bincount(self._corners.ravel(), one, len(places)) for one in of_triangles])
+        return places + ABOVE * normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+
+
+def add_obstacles(scene: Any, obstacles: Mapping[str, Obstacle], scale: float, size: float) -> dict[str, Any]:
+    """Adds the meshes of obstacles; their position is how far they have moved.
+
+    Args:
+        scene: viser's.
+        obstacles: by name.
+        scale: 1/m, of what is drawn.
+        size: of the body, m.
+    """
+    handles = {}
+    for name, one in obstacles.items():
+        vertices, faces = obstacle_mesh(one, size)
+        handles[name] = scene.add_mesh_simple(
+            f"/obstacles/{name}",
+            scale * vertices,
+            faces,
+            color=GREY,
+            opacity=0.6 if isinstance(one, HalfSpace) else None,
+            side="double",
+            flat_shading=isinstance(one, Box),
+            cast_shadow=False,
+            receive_shadow=False,
+        )
+    return handles
+
+
+def obstacle_mesh(obstacle: Obstacle, size: float) -> tuple[Array, Array]:
+    """Vertices (V, 3), m, and triangles (F, 3); of a half-space a square of three times `size`, m, around its point."""
+    from trimesh import creation, transformations
+
+    if isinstance(obstacle, HalfSpace):
+        normal = np.array(obstacle.normal) / np.linalg.norm(obstacle.normal)
+        aside = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
+        aside *= GROUND * size / 2 / np.linalg.norm(aside)
+        along = np.cross(normal, aside)
+        square = np.array([aside + along, along - aside, -aside - along, aside - along])
+        return obstacle.point + square, np.array([[0, 1, 2], [0, 2, 3]])
+    if isinstance(obstacle, Sphere):
+        ball = creation.icosphere(subdivisions=3, radius=obstacle.radius)
+        return np.asarray(ball.vertices) + obstacle.center, np.asarray(ball.faces)
+    if isinstance(obstacle, Capsule):
+        axis, middle = np.subtract(obstacle.end, obstacle.start), np.add(obstacle.start, obstacle.end) / 2
+        rod = creation.capsule(height=float(np.linalg.norm(axis)), radius=obstacle.radius, count=[24, 24])
+        centred = np.asarray(rod.vertices) - np.mean(rod.bounds, axis=0)  # wherever trimesh puts it
+        return centred @ _turn_z_to(axis).T + middle, np.asarray(rod.faces)
+    assert isinstance(obstacle, Box)
+    block = creation.box(extents=obstacle.size)
+    vertices, vector = np.asarray(block.vertices), np.array(obstacle.rotation)
+    if vector.any():
+        vertices = vertices @ transformations.rotation_matrix(np.linalg.norm(vector), vector)[:3, :3].T
+    return vertices + obstacle.center, np.asarray(block.faces)
+
+
+def _turn_z_to(axis: Array) -> Array:
+    """A rotation (3, 3) that turns the z axis to a direction."""
+    z = axis / np.linalg.norm(axis)
+    x = np.cross(np.eye(3)[np.abs(z).argmin()], z)
+    x /= np.linalg.norm(x)
+    return np.column_stack([x, np.cross(z, x), z])
+
+
+class Pull:
+    """The arrow of a force, from the node to where the hand is, and its size.
+
+    Args:
+        scene: viser's.
+        scale: 1/m, of what is drawn.
+    """
+
+    def __init__(self, scene: Any, scale: float):
+        self._scale = scale
+        self._arrow = scene.add_arrows(
+            "/pull", np.zeros((1, 2, 3)), LIT, shaft_radius=0.006, head_radius=0.016, head_length=0.04, visible=False
+        )
+        self._label = scene.add_label("/pull_label", "", visible=False)
+
+    def draw(self, start: Array, end: Array, text: str) -> None:
+        """Draws it from one point to another, (3,), m."""
+        self._arrow.points = self._scale * np.array([[start, end]])
+        self._label.position = tuple(self._scale * end)
+        self._label.text = text
+        self._arrow.visible = self._label.visible = True
+
+    def hide(self) -> None:
+        """Takes it away."""
+        self._arrow.visible = self._label.visible = False

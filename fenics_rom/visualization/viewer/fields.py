@@ -1,0 +1,40 @@
+"""What can be shown as colour on a surface."""
+
+from collections.abc import Callable, Mapping
+
+import numpy as np
+
+from fenics_rom.scene.scene import Scene
+from fenics_rom.visualization.viewer.surface import Surface, SurfaceStrain
+
+Array = np.ndarray
+Field = Callable[[Array, Array], Array]  # of displacement (n, 3), m, and velocity (n, 3), m/s: values of all pieces
+
+UNITS = {"displacement": "m", "speed": "m/s", "strain": "%", "energy density": "J/m³"}
+
+
+def fields(surface: Surface, scene: Scene | None, *, moves: bool = True) -> Mapping[str, Field]:
+    """What can be shown, by name; the units are in UNITS.
+
+    Energy density is that of a surface without traction (see SurfaceStrain), and there is none where the body has
+    several materials: a ROM does not say which of them a triangle is of.
+
+    Args:
+        surface: of the body.
+        scene: of the body, for its material; None where it is not known.
+        moves: whether there are velocities.
+    """
+    strain = SurfaceStrain(surface.places, surface.triangles)
+
+    def of_length(vectors: Array) -> Array:
+        return surface.of_nodes(np.linalg.norm(vectors, axis=1))
+
+    shown: dict[str, Field] = {"displacement": lambda x, v: of_length(x)}
+    if moves:
+        shown["speed"] = lambda x, v: of_length(v)
+    shown["strain"] = lambda x, v: surface.of_triangles(100 * strain.largest(x))
+    if scene is not None and len(scene.materials) == 1:
+        (material,) = scene.materials.values()
+        E, ν = material.young, material.poisson
+        shown["energy density"] = lambda x, v: surface.of_triangles(strain.energy_density(x, E, ν))
+    return shown

@@ -1,0 +1,307 @@
+"""A body that is stepped while somebody pulls at it: simulator, hand, actuators and account. No picture."""
+
+import math
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from pathlib import Path
+
+import numpy as np
+
+from fenics_rom.errors import SceneError, StructureError
+from fenics_rom.rom.rom import Rom, truncated
+from fenics_rom.runtime.simulator import Simulator
+from fenics_rom.scene.file import parse_scene
+from fenics_rom.scene.scene import Scene
+from fenics_rom.trajectory.trajectory import Record
+from fenics_rom.visualization.viewer.mouse_spring import Grip, Hand, largest_input, take_hold
+from fenics_rom.visualization.viewer.recording import Recording
+
+Array = np.ndarray
+
+STEPS_IN_A_PERIOD = 100  # of the lowest oscillation, where the scene has no time step
+UNITS = {"pressure": "Pa", "tendon": "N"}
+
+
+@dataclass(frozen=True)
+class Actuator:
+    """One column of an input that all contact modes share.
+
+    Attributes:
+        name: of the actuator, and which of its columns.
+        unit: of the input.
+        least, largest: a sensible range: beyond it the shape at rest leaves the linear model.
+    """
+
+    name: str
+    unit: str
+    least: float
+    largest: float
+
+
+@dataclass(frozen=True)
+class Account:
+    """Where the energy is, J: stored = supplied - dissipated - lost in switching, but for round-off."""
+
+    stored: float
+    supplied: float
+    dissipated: float
+    lost: float
+
+
+class LiveBody:
+    """Steps a ROM under a hand and actuators that may change before any step.
+
+    The hand pulls with a spring at a point of the surface, never stronger than what a linear model can follow. While
+    it holds, the contact mode is the one that is held; else it is the last one, or what the obstacles make it.
+
+    Args:
+        rom: the reduced model.
+        dt: time step, s; None: the scene's.
+
+    Attributes:
+        rom: at the order it is stepped at.
+        dt: time step, s.
+        actuators: columns that can be set.
+        values: (columns,) what they are set to.
+        force: what the hand pulls with, (3,), N.
+        steps: number of steps taken since the start, whatever was reset meanwhile.
+        seconds: wall clock of these steps, s.
+
+    Raises:
+        SceneError: a ROM without a surface, or a load of its scene without a history.
+        StepError: dt is not a positive finite number, or the body begins in an obstacle.
+    """
+
+    def __init__(self, rom: Rom, dt: float | None = None):
+        if not len(rom.nodes) or not len(rom.triangles):
+            raise SceneError(
+                f"ROM {rom.name!r} has no surface triangles, as it was made from matrices and not from a mesh: "
+                "there is nothing to draw; step it with fr.Simulator"
+            )
+        self._whole = self.rom = rom
+        self.scene = parse_scene(rom.scene_text, tables=rom.tables, source=f"scene of ROM {rom.name!r}")
+        self.actuators = _actuators(rom, self.scene)
+        self.values = np.zeros(len(self.actuators))
+        self._hand: Hand | None = None
+        self.force, self._target = np.zeros(3), np.zeros(3)
+        self.steps, self.seconds = 0, 0.0
+        self._recording: Recording | None = None
+        self._begin(_time_step(rom, self.scene) if dt is None else dt)
+
+    def _begin(self, dt: float) -> None:
+        self._free = Simulator(self.rom, dt)
+        around = self._free.surroundings
+        # No obstacle may switch a mode that is held: a second simulator takes over, which does not switch.
+        self._alone = not (around is not None and around.automatic and len(self.rom.modes) > 1)
+        self._held = self._free if self._alone else Simulator(self.rom, dt, scene=_unswitched(self.scene))
+        self.simulator = self._free
+
+    @property
+    def order(self) -> int:
+        """Displacements that strain, of the contact mode that has most."""
+        return max(mode.order - mode.rigid for mode in self.rom.modes.values())
+
+    @order.setter
+    def order(self, order: int) -> None:
+        """Truncates, which begins anew: states of two orders are not of one basis."""
+        dt = self.dt
+        self.rom = truncated(self._whole, order)
+        self.release()
+        self._recording = None
+        self._begin(dt)
+
+    @property
+    def largest_order(self) -> int | None:
+        """Of the ROM as it was read; None where it cannot be truncated."""
+        most = max(mode.order - mode.rigid for mode in self._whole.modes.values())
+        try:
+            truncated(self._whole, most)
+        except StructureError:
+            return None
+        return most
+
+    @property
+    def dt(self) -> float:
+        """Time step, s."""
+        return self.simulator.dt
+
+    @dt.setter
+    def dt(self, dt: float) -> None:
+        """Sets it from the next step on; a recording, whose steps are equal, ends."""
+        if dt != self.dt:
+            self._recording = None
+            self.simulator.dt = dt
+            if self._hand is not None:
+                self._hand = Hand(self.rom, self._hand.grip, dt)
+
+    @property
+    def account(self) -> Account:
+        """Where the energy is."""
+        ledger = self.simulator.ledger
+        assert ledger is not None
+        return Account(self.simulator.energy, ledger.supplied, ledger.dissipated, ledger.lost_in_switching)
+
+    @property
+    def damping_ratio(self) -> tuple[float, float]:
+        """Of the lowest oscillation of the active contact mode: damping as a share of critical, and frequency, Hz."""
+        mode = self.rom.modes[self.simulator.contact]
+        first = mode.rigid
+        D = mode.damping if mode.damping.ndim == 1 else np.diag(mode.damping)
+        ω = math.sqrt(mode.eigenvalues[first])
+        return float(D[first]) / (2 * ω), ω / math.tau
+
+    def grab(self, contact: str, nodes: Array, weights: Array) -> bool:
+        """Takes hold of a point of a contact surface, whatever was held before; False where nothing would come of it.
+
+        Args:
+            contact: the contact mode.
+            nodes: (c,) of the mesh, whose weighted mean the point is.
+            weights: (c,) of these nodes, in sum 1.
+        """
+        grip = take_hold(self.rom, contact, nodes, weights)
+        if grip is None:
+            return False
+        if self.simulator is not self._held:
+            self._held.restore(self.simulator.save())
+            self.simulator = self._held
+        self.simulator.switch(contact)
+        self._hand = Hand(self.rom, grip, self.dt)
+        self._target = self.held_at
+        return True
+
+    def pull_to(self, target: Array) -> None:
+        """Moves the hand to a point (3,), m."""
+        self._target = np.asarray(target, dtype=float)
+
+    def release(self) -> None:
+        """Lets go."""
+        self._hand, self.force = None, np.zeros(3)
+        if self.simulator is not self._free:
+            self._free.restore(self.simulator.save())
+            self.simulator = self._free
+
+    @property
+    def grip(self) -> Grip | None:
+        """What the hand holds; None: nothing."""
+        return None if self._hand is None else self._hand.grip
+
+    @property
+    def held_at(self) -> Array:
+        """Where the point is that is held, (3,), m."""
+        assert self.grip is not None
+        return self.grip.moved(self.simulator.state[0])
+
+    @property
+    def hand(self) -> Array:
+        """Where the hand is, (3,), m."""
+        return self._target
+
+    def step(self) -> None:
+        """Takes one step.
+
+        Raises:
+            StepError: it could not be taken; the state is as it was.
+        """
+        simulator, u = self.simulator, self._input()
+        begin = time.perf_counter()
+        simulator.step(u)
+        took = time.perf_counter() - begin
+        self.steps += 1
+        self.seconds += took
+        if self._recording is not None:
+            self._recording.steps.append((simulator.contact, u))
+            self._recording.seconds += took
+
+    def _input(self) -> Array:
+        around = self.simulator.surroundings
+        if self._hand is not None:
+            loads = np.empty(0) if around is None else around.loads(self.simulator.time + self.dt / 2)
+            q, r = self.simulator.state
+            self.force = self._hand.force(q, r, np.concatenate([self.values, loads]), self._target)
+            return np.concatenate([self._hand.grip.spread @ self.force, self.values])
+        if around is not None:
+            return self.values.copy()
+        return np.concatenate([np.zeros(self.simulator.inputs - len(self.values)), self.values])
+
+    def advance(self, duration: float, patience: float, clock: Callable[[], float] = time.perf_counter) -> float:
+        """Takes the steps that begin within a duration, but none after so long by the wall clock.
+
+        Args:
+            duration: to be simulated, s.
+            patience: s.
+            clock: gives the wall clock, s.
+
+        Returns:
+            Of the duration what is left, s: negative where the last step went beyond it.
+
+        Raises:
+            StepError: a step could not be taken.
+        """
+        end = clock() + patience
+        while duration > 0 and clock() < end:
+            self.step()
+            duration -= self.dt
+        return duration
+
+    def reset(self) -> None:
+        """Back to rest at time 0, with nothing held, actuators at zero and an empty account; a recording ends."""
+        self.release()
+        self._recording = None
+        self.values[:] = 0
+        self._free.reset()
+
+    @property
+    def records(self) -> bool:
+        """Whether steps are being recorded."""
+        return self._recording is not None
+
+    def record(self) -> None:
+        """Begins to record, from the next step on."""
+        self._recording = Recording(self.simulator.save())
+
+    def finish(self) -> Callable[[], Record] | None:
+        """Ends the recording; what is returned makes the run, in any thread, and None means that no step was taken."""
+        recording, self._recording = self._recording, None
+        if recording is None or not recording.steps:
+            return None
+        rom, scene = self.rom, self.scene
+        again = scene if self._alone else _unswitched(scene)
+        return lambda: recording.run(rom, scene, Simulator(rom, recording.start.dt, scene=again))
+
+
+def free_name(folder: Path, stem: str) -> Path:
+    """A file STEM-view-1.h5, -2, ... that does not exist yet."""
+    number = 1
+    while (file := folder / f"{stem}-view-{number}.h5").exists():
+        number += 1
+    return file
+
+
+def _time_step(rom: Rom, scene: Scene) -> float:
+    if scene.run is not None:
+        return scene.run.dt
+    lowest = min(mode.eigenvalues[mode.rigid] for mode in rom.modes.values())
+    return math.tau / math.sqrt(lowest) / STEPS_IN_A_PERIOD
+
+
+def _unswitched(scene: Scene) -> Scene:
+    """The scene, but its contact mode does not follow the obstacles."""
+    contact = {**scene.effects["contact"], "switching": "scene"}
+    return replace(scene, effects={**scene.effects, "contact": contact})
+
+
+def _actuators(rom: Rom, scene: Scene) -> list[Actuator]:
+    """Every column of every actuator, with a range that a linear model can follow."""
+    first = next(iter(rom.modes))
+    column = rom.contacts[first]
+    found = []
+    for name, width in rom.actuators.items():
+        kind = next((effect for effect in UNITS if name in scene.effects.get(effect, {})), "")
+        for k in range(width):
+            largest = float(f"{largest_input(rom, first, column):.2g}")
+            least = 0.0 if kind == "tendon" else -largest  # a cable only pulls
+            axis = f" {'xyz'[k]}" if width == 3 else f" {k + 1}" if width > 1 else ""
+            found.append(Actuator(name + axis, UNITS.get(kind, "N"), least, largest))
+            column += 1
+    return found

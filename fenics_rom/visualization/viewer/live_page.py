@@ -1,0 +1,317 @@
+"""The page of a live body: widgets, pictures and the clock around a LiveBody.
+
+viser calls back from threads of its own. They only put what is to be done in a queue; the loop of this page does it
+between two pictures, and is the only one that touches the body.
+"""
+
+import queue
+import threading
+import time
+from collections.abc import Callable
+from contextlib import suppress
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from fenics_rom.errors import FenicsRomError
+from fenics_rom.trajectory.file import write_record
+from fenics_rom.trajectory.trajectory import Record
+from fenics_rom.visualization.viewer.colours import with_unit
+from fenics_rom.visualization.viewer.drawing import PICTURES, BandedBody, Patch, Pull, add_obstacles, set_stage
+from fenics_rom.visualization.viewer.fields import UNITS, fields
+from fenics_rom.visualization.viewer.live_body import LiveBody, free_name
+from fenics_rom.visualization.viewer.mouse_spring import contact_triangles, point_of
+from fenics_rom.visualization.viewer.panel import SERIES, EnergyPlot, Scale, begin_panel
+from fenics_rom.visualization.viewer.surface import Surface
+
+Array = np.ndarray
+
+STEPPING = 0.6  # of the time of a picture that steps may take; the rest is for drawing and for the browser
+LONGEST = 0.1  # s between two pictures that steps make up for
+WORDS = 0.25  # s between two states of the panel
+SLOWEST = 0.01
+LIMIT = 1.0 - 1e-9
+
+
+class LivePage:
+    """Shows a live body on a viser server, steps it with the clock, and hands it what the mouse does.
+
+    Args:
+        viser: the package.
+        server: viser's handle.
+        body: what is shown.
+        folder: where recordings are written.
+        stem: what their names begin with.
+        say: told what goes on, for the terminal.
+    """
+
+    def __init__(self, viser: Any, server: Any, body: LiveBody, folder: Path, stem: str, say: Callable[[str], None]):
+        self._server, self.body, self._folder, self._stem, self._say = server, body, folder, stem, say
+        self._todo: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
+        self._paused, self._speed, self._behind = False, 1.0, 0.0
+        self._holder: int | None = None
+        self._trouble = ""
+        self._writing: list[threading.Thread] = []
+        self._words_due, self._words_since, self._steps_since, self._time_since = 0.0, time.perf_counter(), 0, 0.0
+
+        rom = body.rom
+        self._surface = Surface(rom.nodes, rom.triangles)
+        self._fields = fields(self._surface, body.scene)
+        self._size = float(np.ptp(self._surface.places, axis=0).max())
+        self._scale = 1 / self._size
+        self._triangles = contact_triangles(rom)
+        self._lit: str | None = None
+        set_stage(server, self._scale * self._surface.places)
+        self._picture = BandedBody(server.scene, "/body", self._surface, self._scale)
+        self._patches = {name: self._add_patch(name, chosen) for name, chosen in self._triangles.items() if len(chosen)}
+        around = body.simulator.surroundings
+        self._obstacles = add_obstacles(server.scene, around.obstacles if around else {}, self._scale, self._size)
+        self._pull = Pull(server.scene, self._scale)
+        self._add_widgets(viser, server.gui)
+
+    def _add_patch(self, contact: str, chosen: Array) -> Patch:
+        patch = Patch(self._server.scene, f"/contact/{contact}", self._surface, chosen, self._scale)
+
+        @patch.mesh.on_click
+        async def _(_: Any) -> None:
+            self._todo.put(lambda: self.body.simulator.switch(contact))
+
+        @patch.mesh.on_drag
+        async def _(event: Any) -> None:  # async: viser calls these in order, in one thread
+            start, end = (np.array(place) / self._scale for place in (event.start_position, event.end_position))
+            if event.phase == "start":
+                self._todo.put(lambda: self._grab(event.client_id, contact, start))
+            elif event.phase == "update":
+                self._todo.put(lambda: self._drag(event.client_id, end - start))
+            else:
+                self._todo.put(lambda: self._let_go(event.client_id))
+
+        return patch
+
+    def _grab(self, client: int, contact: str, place: Array) -> None:
+        """Takes hold of the point of a contact surface that is nearest to a place; the last who grabs has the hand."""
+        triangles = self._patches[contact].triangles
+        chosen, weights = point_of(self._moved()[triangles], place)
+        if self.body.grab(contact, self._surface.nodes[triangles[chosen]], weights):
+            self._holder, self._lit, self._grabbed_at = client, contact, self.body.held_at
+
+    def _drag(self, client: int, way: Array) -> None:
+        if client == self._holder:
+            self.body.pull_to(self._grabbed_at + way)
+
+    def _let_go(self, client: int) -> None:
+        if client == self._holder:
+            self.body.release()
+            self._holder = self._lit = None
+
+    def _add_widgets(self, viser: Any, gui: Any) -> None:
+        body = self.body
+        begin_panel(gui, body.rom.name)
+        self._words = gui.add_markdown("")
+        actions = {"pause": self._toggle_pause, "reset": self._reset, "record": self._toggle_record}
+        buttons = gui.add_button_group("", tuple(actions))
+        buttons.on_click(lambda event: self._todo.put(actions[event.target.value]))
+        self._field = gui.add_dropdown("colour", tuple(self._fields), initial_value=next(iter(self._fields)))
+        self._colours = Scale(gui)
+        self._field.on_update(lambda _: self._todo.put(self._colours.clear))
+        self._sliders = []
+        if body.actuators:
+            with gui.add_folder("Actuators"):
+                for k, actuator in enumerate(body.actuators):
+                    label, step = f"{actuator.name} ({actuator.unit})", (actuator.largest - actuator.least) / 100
+                    bounds = actuator.least, actuator.largest, step, 0.0
+                    self._sliders.append(self._slider(gui, label, *bounds, partial(self._actuate, k)))
+        with gui.add_folder("Energy"):
+            self._account = gui.add_markdown("")
+            self._plot = EnergyPlot(viser, gui)
+        with gui.add_folder("Settings"):
+            self._slider(gui, "speed", SLOWEST, 1.0, 0.01, 1.0, self._set_speed, "1 is real time, 0.1 ten times slower")
+            dt = 1e3 * body.dt
+            self._slider(gui, "step (ms)", dt / 10, 10 * dt, dt / 10, dt, self._set_dt, "the time step")
+            if body.largest_order is not None and body.largest_order > 1:
+                hint = "displacements of each contact mode; another order begins anew"
+                self._slider(gui, "order", 1, body.largest_order, 1, body.order, self._set_order, hint)
+
+    def _slider(
+        self,
+        gui: Any,
+        label: str,
+        least: float,
+        most: float,
+        step: float,
+        value: float,
+        action: Callable[[float], None],
+        hint: str | None = None,
+    ) -> Any:
+        slider = gui.add_slider(label, min=least, max=most, step=step, initial_value=value, hint=hint)
+
+        @slider.on_update
+        def _(event: Any) -> None:
+            if event.client_id is not None:  # by hand, not by a reset
+                self._todo.put(lambda: action(slider.value))
+
+        return slider
+
+    def _toggle_pause(self) -> None:
+        self._paused, self._trouble = not self._paused, ""
+
+    def _reset(self) -> None:
+        self._end_recording()
+        self.body.reset()
+        self._begin()
+        for slider in self._sliders:
+            slider.value = 0.0
+
+    def _begin(self) -> None:
+        """What a body at rest and at time 0 needs."""
+        self._holder = self._lit = None
+        self._behind, self._trouble, self._time_since = 0.0, "", 0.0
+        self._colours.clear()
+        self._plot.clear()
+        self._words_due = 0.0
+
+    def _set_speed(self, speed: float) -> None:
+        self._speed = speed
+
+    def _set_dt(self, milliseconds: float) -> None:
+        self._end_recording()
+        self.body.dt = milliseconds / 1e3
+
+    def _set_order(self, order: float) -> None:
+        if order != self.body.order:
+            self._end_recording()
+            self.body.order = int(order)
+            self._begin()
+
+    def _actuate(self, k: int, value: float) -> None:
+        self.body.values[k] = value
+
+    def _toggle_record(self) -> None:
+        if self.body.records:
+            self._end_recording()
+        else:
+            self.body.record()
+
+    def _end_recording(self) -> None:
+        """Makes the run and writes it, beside the live body."""
+        if not self.body.records:
+            return
+        make = self.body.finish()
+        if make is None:
+            return
+        file = free_name(self._folder, self._stem)
+        file.touch()  # the name is taken
+        writer = threading.Thread(target=self._write, args=(make, file))
+        self._writing.append(writer)
+        writer.start()
+
+    def _write(self, make: Callable[[], Record], file: Path) -> None:
+        try:
+            write_record(file, make())
+            told = f"recorded: {file}"
+        except (FenicsRomError, OSError) as error:
+            file.unlink(missing_ok=True)
+            told = f"not recorded: {error}"
+        self._say(told)
+        for client in self._server.get_clients().values():
+            client.add_notification("Recording", told, with_close_button=True)
+
+    def run(self) -> None:
+        """Steps and draws until somebody interrupts it; then what was being recorded is written."""
+        due = self._clock = time.perf_counter()
+        try:
+            while True:
+                self._picture_time()
+                now = time.perf_counter()
+                due = max(due + 1 / PICTURES, now)
+                time.sleep(due - now)
+        finally:
+            self._end_recording()
+            for writer in self._writing:
+                writer.join()
+
+    def _picture_time(self) -> None:
+        with suppress(queue.Empty):
+            while True:
+                self._try(self._todo.get_nowait())
+        now = time.perf_counter()
+        passed, self._clock = now - self._clock, now
+        if not self._paused:
+            self._step(passed)
+        if self._server.get_clients():
+            with self._server.atomic():
+                self._draw()
+                self._tell()
+
+    def _try(self, action: Callable[[], object]) -> bool:
+        """Does something, and tells what was wrong with it; gives whether it was done."""
+        try:
+            action()
+        except FenicsRomError as error:
+            self._trouble = str(error)
+            return False
+        return True
+
+    def _step(self, passed: float) -> None:
+        """The steps of the time that has passed. What the machine cannot keep up with is dropped."""
+        due = self._speed * min(passed, LONGEST) + self._behind
+        self._behind = 0.0
+        if not self._try(lambda: self._advance(due)):
+            self._paused = True
+
+    def _advance(self, due: float) -> None:
+        self._behind = min(self.body.advance(due, STEPPING / PICTURES), self._speed / PICTURES)
+
+    def _moved(self) -> Array:
+        return self._surface.places + self.body.simulator.displacement()[self._surface.nodes]
+
+    def _draw(self) -> None:
+        simulator, name = self.body.simulator, self._field.value
+        displacement = simulator.displacement()[self._surface.nodes]
+        velocity = simulator.velocity()[self._surface.nodes] if name == "speed" else displacement
+        moved, values = self._surface.places + displacement, self._fields[name](displacement, velocity)
+        largest = self._colours.cover(float(values.max()), UNITS[name])
+        self._picture.draw(moved, values, largest, self._triangles[self._lit] if self._lit else None)
+        for patch in self._patches.values():
+            patch.draw(moved)
+        if self._obstacles and simulator.surroundings is not None:
+            for handle, offset in zip(self._obstacles.values(), simulator.surroundings.offsets, strict=True):
+                handle.position = tuple(self._scale * offset)
+        if self.body.grip is None:
+            self._pull.hide()
+        else:
+            force = float(np.linalg.norm(self.body.force))
+            most = " (most)" if force > LIMIT * self.body.grip.largest else ""
+            self._pull.draw(self.body.held_at, self.body.hand, with_unit(force, "N") + most)
+
+    def _tell(self) -> None:
+        """The words and the plot, a few times a second."""
+        now = time.perf_counter()
+        if now < self._words_due:
+            return
+        body = self.body
+        wall, steps, simulated = now - self._words_since, body.steps - self._steps_since, body.simulator.time
+        factor = max(simulated - self._time_since, 0.0) / wall
+        self._words_due, self._words_since = now + WORDS, now
+        self._steps_since, self._time_since = body.steps, simulated
+        could = body.steps / body.seconds if body.seconds else 0.0
+        ratio, frequency = body.damping_ratio
+        lines = [
+            f"t = {simulated:.2f} s · {factor:.2f} × real time",
+            f"{steps / wall:,.0f} steps/s (could make {could:,.0f})",
+            f"contact mode: **{body.simulator.contact}** · order {body.order}",
+            f"damping: {100 * ratio:.2g} % of critical at {frequency:.3g} Hz",
+        ]
+        state = ["paused"] * self._paused + ["recording"] * body.records
+        lines += [f"**{', '.join(state)}**"] if state else []
+        lines += [f"**{self._trouble}**"] if self._trouble else []
+        lines += [f"*{warning}*" for warning in body.simulator.warnings]
+        self._words.content = "  \n".join(lines)
+        account = body.account
+        energies = account.stored, account.supplied, account.dissipated, account.lost
+        self._account.content = " · ".join(
+            f"{name} {with_unit(e, 'J')}" for name, e in zip(SERIES, energies, strict=True)
+        )
+        self._plot.add(simulated, energies)

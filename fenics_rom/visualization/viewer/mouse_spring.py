@@ -1,0 +1,197 @@
+"""Where a contact mode can be taken hold of, and what a pull at one point does in its columns."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from fenics_rom.mechanics.linearity import Excursion, ModeGauge, basis_rows
+from fenics_rom.rom.rom import Rom
+from fenics_rom.runtime.steppers.midpoint import compliance
+
+Array = np.ndarray
+
+SOFT = (
+    2.0  # stiffness of the hand's spring, as a multiple of the body's at rest: the body follows two thirds of the way
+)
+SAME = 1e-8  # relative singular value below which two columns do the same to the shape at rest
+SWING = 2.0  # a force that begins at once leads this much further than at rest
+BEYOND = 10.0  # times as far as a linear model can follow, a body of large deformation may be pulled
+HALF = 0.5  # of the largest velocity after a push: nodes that move more belong to the contact surface
+
+
+def contact_triangles(rom: Rom) -> dict[str, Array]:
+    """Triangles (F_i,) of each contact mode's surface, by which none is two modes'.
+
+    A ROM does not keep its contact surfaces. Where obstacles can touch, their nodes tell; elsewhere a unit impulse,
+    W_i Wᵢᵀ B_i, moves the nodes of the surface at once and the others hardly. Where surfaces overlap, a triangle is of
+    the mode whose impulse moves it most: of the smallest surface.
+    """
+    of_mode, moved = {}, {}
+    for name, mode in rom.modes.items():
+        columns = mode.coordinates @ mode.inputs[:, : rom.contacts[name]]
+        velocity = np.zeros(len(rom.nodes))
+        for column in columns.T:
+            velocity = np.maximum(velocity, np.linalg.norm(rom.shape(column), axis=1))
+        moved[name] = velocity[rom.triangles].mean(axis=1)
+        touched = np.isin(rom.triangles, mode.contact_points).all(axis=1)
+        of_mode[name] = touched if touched.any() else moved[name] > HALF * moved[name].max(initial=0.0)
+    rank = np.array([np.where(of_mode[name], moved[name], -1.0) for name in rom.modes])
+    first = rank.argmax(axis=0)
+    return {name: np.flatnonzero(of_mode[name] & (first == k)) for k, name in enumerate(rom.modes)}
+
+
+@dataclass(frozen=True)
+class Grip:
+    """A hold of one point in one contact mode. A force f there enters as the input u = S f.
+
+    The spring acts on y = Pᵀ q, P = G S, the point's displacement as the contact mode's columns know it. What it does
+    to the body is then what the body does to it, and a step that takes both together adds no energy to the two.
+
+    Attributes:
+        contact: the contact mode.
+        nodes: (c,) of the mesh, whose weighted mean the point is.
+        weights: (c,) of these nodes, in sum 1.
+        place: of the point at rest, (3,), m.
+        rows: W_p (3, m) of the point in the contact mode's basis.
+        spread: S (p, 3), the columns' forces that come closest to f in what they do to the shape at rest.
+        columns: P (m, 3).
+        stiffness: k of the hand's spring, N/m.
+        largest: force that leads the surface to the limit of a linear model when it begins at once, N.
+    """
+
+    contact: str
+    nodes: Array
+    weights: Array
+    place: Array
+    rows: Array
+    spread: Array
+    columns: Array
+    stiffness: float
+    largest: float
+
+    def moved(self, q: Array) -> Array:
+        """Where the point is, (3,), m, at a reduced displacement q (m,)."""
+        return self.place + self.rows @ q
+
+    def force(self, y: Array, flexibility: Array, target: Array) -> Array:
+        """What the hand pulls with, (3,), N: f = k (target - place - y - flexibility f), but not more than `largest`.
+
+        Args:
+            y: (3,) displacement without f at the moment that counts, m.
+            flexibility: (3, 3) what f adds to it, m/N.
+            target: where the hand is, (3,), m.
+        """
+        f = np.linalg.solve(np.eye(3) / self.stiffness + flexibility, target - self.place - y)
+        length = float(np.linalg.norm(f))
+        return f if length <= self.largest else f * (self.largest / length)
+
+
+def take_hold(rom: Rom, contact: str, nodes: Array, weights: Array) -> Grip | None:
+    """A hold of a point; None where the contact mode has no column that moves it.
+
+    S minimizes |K⁻½ (B S - e_p)|, the distance of the shapes at rest in energy; of a resultant it is near to the
+    identity, of a pressure the share along the normal, of nodal forces those of the nearest nodes.
+
+    Args:
+        rom: the reduced model.
+        contact: a contact mode of it.
+        nodes: (c,) of the mesh, whose weighted mean the point is.
+        weights: (c,) of these nodes, in sum 1.
+    """
+    mode = rom.modes[contact]
+    G = mode.inputs[:, : rom.contacts[contact]]
+    rows = np.einsum("c,cik->ik", weights, _node_rows(rom, nodes)) @ mode.coordinates
+    soft = 1 / mode.divisors  # K⁻½; rigid motions have no shape at rest
+    S = np.linalg.lstsq(soft[:, None] * G, soft[:, None] * rows.T, rcond=SAME)[0]
+    P = G @ S
+    shapes = soft[:, None] ** 2 * P
+    λ, directions = np.linalg.eigh(P.T @ shapes)
+    if not λ[-1] > 0:
+        return None
+    gauge = ModeGauge(basis_rows(rom) @ mode.coordinates, mode.eigenvalues)
+    severity = Excursion(*gauge.read(shapes @ directions[:, -1])).severity
+    return Grip(
+        contact=contact,
+        nodes=nodes,
+        weights=weights,
+        place=weights @ rom.nodes[nodes],
+        rows=rows,
+        spread=S,
+        columns=P,
+        stiffness=SOFT / λ[-1],
+        largest=_reach(rom) / (SWING * severity) if severity > 0 else np.inf,
+    )
+
+
+class Hand:
+    """A grip in steps of one length.
+
+    In a step of passive midpoint integration the spring is that of the middle, ŷ = y + h/2 Pᵀ v̂, without inertia
+    that of the end. Its own part in v̂ is solved for, which keeps it stable at any step; those of actuators and loads
+    are known, and that of obstacles is left out.
+
+    Args:
+        rom: the reduced model.
+        grip: what is held.
+        h: time step, s.
+    """
+
+    def __init__(self, rom: Rom, grip: Grip, h: float):
+        mode, P = rom.modes[grip.contact], grip.columns
+        self.grip, self._h, self._mode = grip, h, mode
+        self._others = mode.inputs[:, rom.contacts[grip.contact] :]
+        self._moves = not rom.effects or "inertia" in rom.effects
+        inverse = compliance(mode, h)[0] if self._moves else 1 / mode.divisors**2  # A⁻¹, or K⁻¹
+        self._spread = inverse[:, None] * P if inverse.ndim == 1 else inverse @ P
+        self._flexibility = (h / 2 if self._moves else 1.0) * P.T @ self._spread
+
+    def force(self, q: Array, r: Array, others: Array, target: Array) -> Array:
+        """What the hand pulls with in a step, (3,), N.
+
+        Args:
+            q: (m,) reduced displacement at its start.
+            r: (m,) reduced velocity.
+            others: actuators and loads.
+            target: where the hand is, (3,), m.
+        """
+        pushed = self._others @ others
+        if not self._moves:
+            return self.grip.force(self._spread.T @ pushed, self._flexibility, target)
+        travel = self._spread.T @ (pushed + 2 / self._h * r - self._mode.eigenvalues * q) * (self._h / 2)
+        return self.grip.force(self.grip.columns.T @ q + travel, self._flexibility, target)
+
+
+def largest_input(rom: Rom, contact: str, column: int) -> float:
+    """The input of one column at which the surface at rest is at the limit of a linear model, in the input's unit."""
+    mode = rom.modes[contact]
+    gauge = ModeGauge(basis_rows(rom) @ mode.coordinates, mode.eigenvalues)
+    severity = Excursion(*gauge.read(mode.inputs[:, column] / mode.divisors**2)).severity
+    return _reach(rom) / severity if severity > 0 else 1.0
+
+
+def _reach(rom: Rom) -> float:
+    """How far the shape may go, in limits of a linear model."""
+    return 1.0 if rom.deformation is None else BEYOND
+
+
+def _node_rows(rom: Rom, nodes: Array) -> Array:
+    """Displacements of nodes in the shared basis, (c, 3, k); of what is held 0."""
+    components = 3 * np.asarray(nodes)[:, None] + np.arange(3)
+    at = np.minimum(np.searchsorted(rom.free, components), len(rom.free) - 1)
+    return np.where((rom.free[at] == components)[:, :, None], rom.basis[at], 0.0)
+
+
+def point_of(corners: Array, place: Array) -> tuple[int, Array]:
+    """The triangle that a point of a surface lies in, and its barycentric coordinates (3,) there.
+
+    Args:
+        corners: (F, 3, 3) of the triangles, m.
+        place: (3,), on the surface but for round-off, m.
+    """
+    origin, a, b = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
+    sides = np.stack([a, b], axis=2)
+    coordinates = (np.linalg.pinv(sides) @ (place - origin)[:, :, None])[:, :, 0]
+    weights = np.maximum(np.column_stack([1 - coordinates.sum(axis=1), coordinates]), 0.0)
+    weights /= weights.sum(axis=1, keepdims=True)
+    nearest = int(np.linalg.norm(np.einsum("fc,fcx->fx", weights, corners) - place, axis=1).argmin())
+    return nearest, weights[nearest]

@@ -1,0 +1,85 @@
+"""What was done to a live body, step by step, and the run that it makes.
+
+A step costs the live body one entry of a list. The run is made afterwards, by taking the same steps again from where
+the body was: a simulator's steps are the same to the bit.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from fenics_rom.mechanics.energy_ledger import Ledger
+from fenics_rom.rom.rom import Rom
+from fenics_rom.runtime.simulator import Simulator, Snapshot
+from fenics_rom.scene.scene import Scene
+from fenics_rom.trajectory.trajectory import Record, Recorder
+
+Array = np.ndarray
+
+PER_SECOND = 30  # whole shapes kept
+MOST_NUMBERS = 3e7  # in all shapes together, 240 MB
+
+
+@dataclass
+class Recording:
+    """The steps of a live body from a moment on.
+
+    Attributes:
+        start: the state it began from.
+        steps: contact mode and input of each step.
+        seconds: wall clock of the steps, s.
+    """
+
+    start: Snapshot
+    steps: list[tuple[str, Array]] = field(default_factory=list)
+    seconds: float = 0.0
+
+    def run(self, rom: Rom, scene: Scene, simulator: Simulator) -> Record:
+        """The run, whose account begins anew.
+
+        Args:
+            rom: the model that was stepped.
+            scene: of its run.
+            simulator: of the same ROM, whose contact mode does not switch by itself.
+        """
+        simulator.restore(self.start)
+        assert simulator.ledger is not None
+        simulator.ledger.sums = Ledger().sums
+        around = simulator.surroundings
+        obstacles = around.obstacles if around else {}
+        shapes = min(round(len(self.steps) * self.start.dt * PER_SECOND), int(MOST_NUMBERS / rom.nodes.size))
+        recorder = Recorder(
+            len(self.steps),
+            self.start.dt,
+            {name: len(rows) // 3 for name, rows in rom.outputs.items()},
+            tuple(rom.modes),
+            len(rom.nodes),
+            max(shapes, 1),
+            tuple(scene.effects),
+            obstacles,
+        )
+
+        def sample(step: int) -> None:
+            assert simulator.ledger is not None
+            forces = np.array([simulator.contact_forces(name) for name in obstacles]) if obstacles else None
+            account = simulator.contact, simulator.energy, simulator.ledger, simulator.displacement, simulator.velocity
+            recorder.sample(step, *account, forces, around.offsets if around else None)
+
+        sample(0)
+        for step, (contact, u) in enumerate(self.steps, start=1):
+            simulator.switch(contact)
+            simulator.step(u)
+            sample(step)
+        return recorder.record(
+            name=rom.name,
+            model="reduced",
+            settings={
+                "dt": self.start.dt,
+                "seconds": self.seconds,
+                "order": max(mode.order for mode in rom.modes.values()),
+            },
+            nodes=rom.nodes,
+            triangles=rom.triangles,
+            node_mass=rom.node_mass,
+            warnings=(*rom.warnings, *simulator.warnings),
+        )

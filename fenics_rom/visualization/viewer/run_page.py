@@ -1,0 +1,184 @@
+"""The page of a recorded run, or of two beside each other with their difference as colour."""
+
+import threading
+import time
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+
+from fenics_rom.errors import CompareError, SceneError
+from fenics_rom.trajectory.comparison import compare
+from fenics_rom.trajectory.trajectory import Record
+from fenics_rom.visualization.viewer.colours import with_unit
+from fenics_rom.visualization.viewer.drawing import PICTURES, BandedBody, add_obstacles, set_stage
+from fenics_rom.visualization.viewer.fields import UNITS, fields
+from fenics_rom.visualization.viewer.panel import EnergyPlot, Scale, begin_panel
+from fenics_rom.visualization.viewer.surface import Surface
+
+Array = np.ndarray
+
+APART = 1.3  # of the body's width, between two runs side by side
+PLAYED = 4.0, 30.0  # s that a run is played in, if it is shorter or longer
+DIFFERENCE = "difference"
+SAME_TIME = 1e-9  # of the longest time: instants closer than this are one
+
+
+class RunPage:
+    """Plays runs.
+
+    Args:
+        viser: the package.
+        runs: one, or a run and the reference that it is measured against.
+        names: what they are called on the page.
+
+    Raises:
+        SceneError: a run without a surface.
+        CompareError: two runs of different bodies, or without common instants.
+    """
+
+    def __init__(self, viser: Any, runs: Sequence[Record], names: Sequence[str]):
+        for run, name in zip(runs, names, strict=True):
+            if not len(run.triangles):
+                raise SceneError(f"{name}: has no surface triangles, so there is nothing to draw")
+        self._viser, self._runs, self._names = viser, runs, names
+        first = runs[0]
+        self._surface = Surface(first.nodes, first.triangles)
+        if len(runs) == 1:
+            self._rows = [np.arange(len(first.shape_times))]
+            self._comparison = ""
+        else:
+            difference = compare(*runs)["shape"]
+            self._comparison = (
+                f"{names[0]} against {names[1]}: {difference.relative:.2e} of the shape (in mass and time), "
+                f"at most {with_unit(difference.largest, 'm')} of {with_unit(difference.largest_reference, 'm')}"
+            )
+            self._rows = list(common_instants(first.shape_times, runs[1].shape_times))
+            if not len(self._rows[0]):
+                raise CompareError("the runs kept no whole shapes at common instants")
+        self._times = first.shape_times[self._rows[0]]
+        self._changed = threading.Event()
+        self._changed.set()
+
+    def show_on(self, server: Any) -> "RunPage":
+        """Puts bodies and widgets on a viser server."""
+        places = self._surface.places
+        self._size = float(np.ptp(places, axis=0).max())
+        scale = 1 / self._size
+        aside = np.zeros(3)
+        axis = int(np.ptp(places, axis=0).argsort()[1])
+        aside[axis] = APART * max(float(np.ptp(places[:, axis])), 0.2 * self._size)
+        offsets = [k * aside for k in range(len(self._runs))]
+        set_stage(server, scale * np.concatenate([places + offset for offset in offsets]))
+        self._server, self._scale = server, scale
+        self._pictures = [
+            BandedBody(server.scene, f"/run_{k}", self._surface, scale, offset) for k, offset in enumerate(offsets)
+        ]
+        if len(self._runs) == 2:
+            for name, offset in zip(self._names, offsets, strict=True):
+                top = places.max(axis=0)
+                middle = [*(places.mean(axis=0)[:2]), top[2] + 0.1 * self._size]
+                server.scene.add_label(f"/name_of_{name}", name, position=tuple(scale * (middle + offset)))
+        run = self._runs[0]
+        self._obstacles = add_obstacles(server.scene, run.obstacles, scale, self._size) if len(self._runs) == 1 else {}
+        self._add_widgets(server.gui)
+        return self
+
+    def _add_widgets(self, gui: Any) -> None:
+        run = self._runs[0]
+        begin_panel(gui, run.name)
+        self._words = gui.add_markdown("")
+        last = len(self._times) - 1
+        self._play = gui.add_button("Play", disabled=last == 0)
+        start, end = float(self._times[0]), float(self._times[-1])
+        step = float(np.diff(self._times).min()) if last else end
+        self._at = gui.add_slider(
+            "time (s)", min=start if last else 0.0, max=end, step=step, initial_value=end, disabled=last == 0
+        )
+        took = float(np.clip(end, *PLAYED))
+        self._played = gui.add_slider("plays in (s)", min=1.0, max=60.0, step=0.5, initial_value=round(took))
+        self._fields = fields(self._surface, None, moves=False)  # a run does not keep its materials
+        names = ([DIFFERENCE] if len(self._runs) == 2 else []) + list(self._fields)
+        self._field = gui.add_dropdown("colour", tuple(names), initial_value=names[0])
+        self._colours = Scale(gui)
+        with gui.add_folder("Energy"):
+            plot = EnergyPlot(self._viser, gui)
+            plot.show(run.times, np.array([run.energy, run.supplied, run.dissipated, run.lost_in_switching]))
+        self._playing = False
+
+        @self._play.on_click
+        def _(_: Any) -> None:
+            self._moment = 0.0 if self._row() == last else self._at.value
+            self._playing = not self._playing
+            self._play.label = "Pause" if self._playing else "Play"
+
+        @self._at.on_update
+        def _(_: Any) -> None:
+            self._changed.set()
+
+        @self._field.on_update
+        def _(_: Any) -> None:
+            self._colours.clear()
+            self._changed.set()
+
+    def _row(self) -> int:
+        """The shape that is nearest to the time that is set."""
+        return int(np.abs(self._times - self._at.value).argmin())
+
+    def _move(self, share: float) -> None:
+        """Goes on by a share of the run."""
+        last = float(self._times[-1])
+        self._moment += share * last
+        if self._moment >= last:
+            self._playing, self._play.label = False, "Play"
+        self._at.value = float(np.clip(self._moment, self._times[0], last))
+        self._changed.set()
+
+    def run(self) -> None:
+        """Draws until somebody interrupts it."""
+        clock = time.perf_counter()
+        while True:
+            begin = time.perf_counter()
+            if self._playing:
+                self._move((begin - clock) / self._played.value)
+            clock = begin
+            if self._changed.is_set():
+                self._changed.clear()
+                with self._server.atomic():
+                    self._draw(self._row())
+            time.sleep(max(0.0, begin + 1 / PICTURES - time.perf_counter()))
+
+    def _draw(self, row: int) -> None:
+        name = self._field.value
+        shapes = [run.shapes[rows[row]][self._surface.nodes] for run, rows in zip(self._runs, self._rows, strict=True)]
+        if name == DIFFERENCE:
+            values = [self._surface.of_nodes(np.linalg.norm(shapes[0] - shapes[1], axis=1))] * 2
+        else:
+            values = [self._fields[name](shape, shape) for shape in shapes]
+        unit = UNITS.get(name, "m")
+        largest = self._colours.cover(max(float(one.max()) for one in values), unit)
+        for picture, shape, one in zip(self._pictures, shapes, values, strict=True):
+            picture.draw(self._surface.places + shape, one, largest)
+        run = self._runs[0]
+        for obstacle, handle in self._obstacles.items():
+            handle.position = tuple(self._scale * run.obstacle_motion[obstacle][self._rows[0][row]])
+        self._words.content = "  \n".join(
+            filter(
+                None,
+                [
+                    f"t = {self._times[row]:.3f} s, {name} up to {with_unit(max(one.max() for one in values), unit)}",
+                    f"shape {row + 1} of {len(self._times)}",
+                    self._comparison,
+                ],
+            )
+        )
+
+
+def common_instants(times: Array, reference: Array) -> tuple[Array, Array]:
+    """Rows of the instants, ascending, that two runs have in common."""
+    after = np.clip(np.searchsorted(reference, times), 1, max(len(reference) - 1, 1))
+    after = np.minimum(after, len(reference) - 1)
+    before = np.maximum(after - 1, 0)
+    near = np.where(np.abs(reference[before] - times) < np.abs(reference[after] - times), before, after)
+    same = np.abs(reference[near] - times) <= SAME_TIME * np.abs(reference).max()
+    return np.flatnonzero(same), near[same]
