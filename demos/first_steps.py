@@ -38,11 +38,11 @@ run = { dt = 1e-3, duration = 1.0, load = [{ contact = "tip", stop = 0.3, force 
 """
 (out / "tongue.toml").write_text(scene)
 
-# %% Assembled once, and reduced: order 20 for each contact mode, with a certificate of what that leaves out.
+# %% Assembled once, and reduced: order 20 for each contact mode, with a validation of what that leaves out.
 system = fr.assemble(fr.read_scene(out / "tongue.toml"))
 rom = fr.reduce(system, order=20)
 fr.write_rom(out / "tongue.h5", rom)
-print(rom.certificate)
+print(rom.validation)
 
 # %% The load history at both orders: how far they are apart, and how much faster the small one is.
 full, reduced = fr.solve(system), fr.simulate(rom)

@@ -12,7 +12,7 @@ __version__ = "0.1.0"
 _HOME = {
     "Batch": "runtime.batch",
     "Identification": "identification.result",
-    "Record": "trajectory.trajectory",
+    "Trajectory": "trajectory.trajectory",
     "Rom": "rom.rom",
     "Scene": "scene.scene",
     "Simulator": "runtime.simulator",
@@ -22,7 +22,7 @@ _HOME = {
     "export": "visualization.exports.export",
     "identify": "identification.identify",
     "plot": "visualization.plots.plot",
-    "read_record": "trajectory.file",
+    "read_trajectory": "trajectory.file",
     "read_rom": "rom.file",
     "read_scene": "scene.file",
     "read_system": "system.matrix_market",
@@ -33,7 +33,7 @@ _HOME = {
     "study": "studies.study",
     "truncated": "rom.rom",
     "write_identification": "identification.write",
-    "write_record": "trajectory.file",
+    "write_trajectory": "trajectory.file",
     "write_rom": "rom.file",
 }
 _FENICSX = ("dolfinx", "sudo apt-get install --no-install-recommends python3-dolfinx python3-gmsh libopenblas0")
@@ -64,28 +64,28 @@ if TYPE_CHECKING:
     from fenics_rom.system.matrix_market import read_system
     from fenics_rom.system.system import System
     from fenics_rom.trajectory.comparison import compare
-    from fenics_rom.trajectory.file import read_record, write_record
-    from fenics_rom.trajectory.trajectory import Record
+    from fenics_rom.trajectory.file import read_trajectory, write_trajectory
+    from fenics_rom.trajectory.trajectory import Trajectory
     from fenics_rom.visualization.exports.export import export
     from fenics_rom.visualization.plots.plot import plot
 
 __all__ = [
     "Batch",
     "Identification",
-    "Record",
     "Rom",
     "Scene",
     "Simulator",
     "System",
+    "Trajectory",
     "assemble",
     "compare",
     "export",
     "identify",
     "plot",
-    "read_record",
     "read_rom",
     "read_scene",
     "read_system",
+    "read_trajectory",
     "reduce",
     "run_realtime",
     "simulate",
@@ -93,8 +93,8 @@ __all__ = [
     "study",
     "truncated",
     "write_identification",
-    "write_record",
     "write_rom",
+    "write_trajectory",
 ]
 
 

@@ -21,7 +21,7 @@ class StructureError(FenicsRomError):
     """Matrices or reduced models lack the structure the mathematics needs (symmetry, definiteness, shape)."""
 
 
-class RomFileError(FenicsRomError):
+class FileError(FenicsRomError):
     """A ROM or run file is missing, damaged, of another format or not what it says."""
 
 

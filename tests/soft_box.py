@@ -10,7 +10,14 @@ from bodies import box_arrays, box_surfaces
 
 import fenics_rom as fr
 from fenics_rom.errors import SolverError
-from fenics_rom.mechanics.hyperelastic import FULL, linear_stress, moduli, strain, stress, stress_between
+from fenics_rom.mechanics.hyperelastic import (
+    VOIGT_INDEX,
+    discrete_gradient_stress,
+    linear_stress,
+    moduli,
+    strain,
+    stress,
+)
 from fenics_rom.scene.file import parse_scene
 from fenics_rom.system.system import Body
 
@@ -32,7 +39,7 @@ class SoftDeformation:
     shear: Array
     viscosity: Array
     mass: scipy.sparse.spmatrix
-    drag: scipy.sparse.spmatrix
+    external_damping: scipy.sparse.spmatrix
     spring = None
     pressed: Array
     cable: Array
@@ -75,8 +82,10 @@ class SoftDeformation:
     def tangent(self, before: Array, after: Array, D: Array, S: Array) -> scipy.sparse.spmatrix:
         """∫ (before ∇δ) : D : (after ∇v) + S : ∇δᵀ∇v for deformation gradients (3, 3, P), D (6, 6, P), S (6, P)."""
         P = len(self.cells)
-        C = np.einsum("iap,ajblp,kbp->ijklp", before, D[FULL][:, :, FULL], after, optimize=True).reshape(9, 9, P)
-        C += np.einsum("ik,jlp->ijklp", np.eye(3), S[FULL]).reshape(9, 9, P)
+        C = np.einsum("iap,ajblp,kbp->ijklp", before, D[VOIGT_INDEX][:, :, VOIGT_INDEX], after, optimize=True).reshape(
+            9, 9, P
+        )
+        C += np.einsum("ik,jlp->ijklp", np.eye(3), S[VOIGT_INDEX]).reshape(9, 9, P)
         row, column, p = np.meshgrid(range(9), range(9), range(P), indexing="ij")
         blocks = scipy.sparse.coo_matrix(
             ((self.weights * C).ravel(), ((row * P + p).ravel(), (column * P + p).ravel()))
@@ -94,7 +103,7 @@ class SoftDeformation:
         """Elastic force (n,)."""
         H = self.gradients(x[:, None])[..., 0]
         S = stress(self.law, strain(H), self.first_lame, self.shear)
-        first = np.einsum("ikp,kjp->ijp", H + np.eye(3)[:, :, None], S[FULL])
+        first = np.einsum("ikp,kjp->ijp", H + np.eye(3)[:, :, None], S[VOIGT_INDEX])
         return self.resultants(first[..., None])[:, 0]
 
     def places(self, x: Array) -> Array:
@@ -167,15 +176,15 @@ class SoftSimulator:
         for _ in range(15):
             H_next = body.gradients((x + h * mid)[:, None])[..., 0]
             E_next, F_mid = strain(H_next), unit + (H + H_next) / 2
-            S = stress_between(body.law, E, E_next, λ, μ) + β / h * linear_stress(E_next - E, λ, μ)
-            inner = body.resultants(np.einsum("ikp,kjp->ijp", F_mid, S[FULL])[..., None])[:, 0]
+            S = discrete_gradient_stress(body.law, E, E_next, λ, μ) + β / h * linear_stress(E_next - E, λ, μ)
+            inner = body.resultants(np.einsum("ikp,kjp->ijp", F_mid, S[VOIGT_INDEX])[..., None])[:, 0]
             outer = self._force(contact, u, x + h / 2 * mid)
-            residual = body.mass @ (2 / h * (mid - v)) + body.drag @ mid + inner - outer
+            residual = body.mass @ (2 / h * (mid - v)) + body.external_damping @ mid + inner - outer
             scale = sum(map(np.linalg.norm, (outer, inner, 2 / h * (body.mass @ v))))
             if np.linalg.norm(residual) <= 1e-9 * scale:
                 break
             D = moduli(body.law, (E + E_next) / 2, λ, μ) / 2 + β / h * K0
-            slope = h * body.tangent(F_mid, unit + H_next, D, S / 2) + 2 / h * body.mass + body.drag
+            slope = h * body.tangent(F_mid, unit + H_next, D, S / 2) + 2 / h * body.mass + body.external_damping
             mid = mid - scipy.sparse.linalg.splu(slope.tocsc()).solve(residual)
         else:
             return False

@@ -8,7 +8,7 @@ from soft_box import soft_box
 
 import fenics_rom as fr
 from fenics_rom.rom.deformation import ReducedDeformation, Tendon, monomials
-from fenics_rom.rom.rom import Mode, Rom
+from fenics_rom.rom.rom import ContactModel, Rom
 
 CONTACT = """
 [effects.contact.obstacles.floor]
@@ -37,7 +37,7 @@ def soft_rom(
         np.flatnonzero(np.isclose(nodes[:, 0], 0.3) & np.isclose(nodes[:, 2], 0.0)) if contact else np.empty(0, int)
     )
     modes = {
-        name: Mode(
+        name: ContactModel(
             eigenvalues=γ,
             damping=alpha + beta * γ,
             inputs=W.T @ np.hstack([B, *system.actuators.values()]),
@@ -65,11 +65,11 @@ def soft_rom(
     if contact:
         named |= {"contact": {"restitution": 0.5 * inertia}, "friction": {"coefficient": 0.4}}
     points, shapes = body.tendons["cable"]
-    drag = W.T @ (body.drag @ W)
+    external_damping = W.T @ (body.external_damping @ W)
     return Rom(
         name="soft box",
         switching="energy",
-        modes=modes,
+        contact_models=modes,
         actuators={"air": 1, "cable": 1},
         basis=W,
         stiffness=γ,
@@ -87,9 +87,9 @@ def soft_rom(
             first_lame=body.first_lame,
             shear=body.shear,
             viscosity=body.viscosity,
-            drag=(drag + drag.T) / 2,
+            external_damping=(external_damping + external_damping.T) / 2,
             springs=np.zeros((order, order)),
-            reach=0.05,
+            training_radius=0.05,
             points_of=len(body.weights),
             cubature_error=0.0,
             pressures={"air": pressed(body, W)},

@@ -123,7 +123,7 @@ def test_reduce_says_what_was_kept_of_an_order_that_is_not_there(story):
     kept = re.findall(
         r"mode '(\w+)': order 500 was asked for, (\d+) are numerically there and were kept", story[1]["reduce"]
     )
-    modes = fr.read_rom(story[0] / "rom.h5").modes
+    modes = fr.read_rom(story[0] / "rom.h5").contact_models
     assert kept == [(name, str(mode.order)) for name, mode in modes.items()]
     assert len(kept) == 2
     assert "180 displacements, 66 nodes" in story[1]["reduce"]
@@ -133,7 +133,7 @@ def test_reduced_run_of_all_that_is_there_is_the_full_run(story):
     rows = dict(re.findall(r"^  (output tip|shape|energy) +(\S+)", story[1]["compare"], flags=re.M))
     assert rows.keys() == {"output tip", "shape", "energy"}
     assert all(float(error) < 1e-6 for error in rows.values())
-    differences = fr.compare(*(fr.read_record(story[0] / name) for name in ("run.h5", "full.h5")))
+    differences = fr.compare(*(fr.read_trajectory(story[0] / name) for name in ("run.h5", "full.h5")))
     assert f"{differences['shape'].relative:.2e}" == rows["shape"]
 
 
@@ -159,7 +159,7 @@ def test_study_for_a_tolerance_writes_the_model(inside, say):
     chosen = re.fullmatch(r"For 1e-2 of the whole shape: balanced, order (\d+), step (\d) ms; .*", sentence)
     assert chosen
     assert f"--dt 0.00{chosen[2]}:" in written
-    assert max(mode.order for mode in fr.read_rom("out/rom.h5").modes.values()) == int(chosen[1])
+    assert max(mode.order for mode in fr.read_rom("out/rom.h5").contact_models.values()) == int(chosen[1])
 
 
 def test_info_is_what_the_commands_printed(story, say, monkeypatch):
@@ -178,7 +178,7 @@ def test_simulate_takes_another_load_history_and_a_lower_order(story, inside, sa
     )
     assert (status, err) == (0, "")
     assert re.search(r"order +5\n", out)
-    assert fr.read_record("run.h5").contact.tolist() == 301 * [1]
+    assert fr.read_trajectory("run.h5").contact.tolist() == 301 * [1]
 
 
 @pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")  # the plate locks
@@ -194,9 +194,11 @@ def test_choices_on_the_command_line_come_before_those_of_the_scene(inside, say,
     assert say("reduce", PLATE, "-o", "rom.h5", *options)[0] == 0
     made, expected = fr.read_rom("rom.h5"), fr.reduce(plate_system, **choices)
     assert made.switching == expected.switching
-    for name, mode in expected.modes.items():
-        np.testing.assert_allclose(made.modes[name].eigenvalues, mode.eigenvalues, rtol=1e-6)
-        np.testing.assert_allclose(made.modes[name].hankel_singular_values[:3], mode.hankel_singular_values[:3])
+    for name, mode in expected.contact_models.items():
+        np.testing.assert_allclose(made.contact_models[name].eigenvalues, mode.eigenvalues, rtol=1e-6)
+        np.testing.assert_allclose(
+            made.contact_models[name].hankel_singular_values[:3], mode.hankel_singular_values[:3]
+        )
 
 
 def test_reduce_says_what_it_cost_and_how_good_the_models_are(story):
@@ -211,7 +213,7 @@ def test_reduce_says_what_it_cost_and_how_good_the_models_are(story):
     total = sum(stage.seconds for stage in rom.stages)
     assert rows[-1][1:] == (f"{total:.2f}", "100.0", rows[-2][3])
     assert abs(sum(float(row[2]) for row in rows[:-1]) - 100) < 0.1 * len(rows)
-    for name, mode in rom.modes.items():
+    for name, mode in rom.contact_models.items():
         last = re.search(rf"^  {name} .* (\S+) +(\S+) +(\d+) frequencies$", printed, flags=re.M).groups()
         assert last == (
             f"{mode.static_error:.1e}",
@@ -263,7 +265,7 @@ def test_terminal_shows_bars_with_time_and_memory(inside):
     assert run.returncode == 0
     plain = re.sub(r"\x1b\[[\d;?]*[A-Za-z]", "", shown.decode())
     remaining, elapsed = r"(?:-:--:--|\d:\d\d:\d\d)", r"\d:\d\d:\d\d"
-    for stage in ("assembly", "contact modes", "certificate"):
+    for stage in ("assembly", "contact modes", "validation"):
         assert re.search(rf"{stage} +\S+ +\d+% {remaining} {elapsed} [1-9]\d\d MB", plain)
 
 
@@ -280,15 +282,18 @@ def test_names_are_printed_as_they_are(inside, say):
 
 def test_long_names_are_not_cut(inside, say):
     rom = fr.read_rom(ROM)
-    fr.write_rom("rom.h5", replace(rom, modes={100 * "x": rom.modes["right"], 100 * "y": rom.modes["corner"]}))
+    fr.write_rom(
+        "rom.h5",
+        replace(rom, contact_models={100 * "x": rom.contact_models["right"], 100 * "y": rom.contact_models["corner"]}),
+    )
     out = say("info", "rom.h5")[1]
     assert 100 * "x" in out
     assert 100 * "y" in out
 
 
 def test_run_whose_clock_stood_still_is_printed(inside, say):
-    run = fr.read_record(RUN)
-    fr.write_record("run.h5", replace(run, settings={**run.settings, "seconds": 0.0}))
+    run = fr.read_trajectory(RUN)
+    fr.write_trajectory("run.h5", replace(run, settings={**run.settings, "seconds": 0.0}))
     assert "rate                      not measured" in say("info", "run.h5")[1]
 
 
@@ -588,6 +593,6 @@ def test_two_ranks_write_one_rom_and_one_summary(inside, plate_rom):
     assert run.stdout.count("ROM plate: rom.h5") == 1
     assert run.stdout.count("fenics_rom_eps_nvc") == 1  # PETSc on its own would name it, too
     assert [file.name for file in inside.iterdir()] == ["rom.h5"]
-    for name, mode in fr.read_rom("rom.h5").modes.items():
-        σ = plate_rom.modes[name].hankel_singular_values[:20]
+    for name, mode in fr.read_rom("rom.h5").contact_models.items():
+        σ = plate_rom.contact_models[name].hankel_singular_values[:20]
         np.testing.assert_allclose(mode.hankel_singular_values[:20], σ, rtol=1e-8)

@@ -23,9 +23,9 @@ def record(dt=0.1, steps=20, scale=1.0, every=2, **changes):
     """A run of the motion, that keeps each second shape."""
     times = dt * np.arange(steps + 1)
     zeros = np.zeros(steps + 1)
-    shape_times = times[every::every]
+    snapshot_times = times[every::every]
     return replace(
-        fr.Record(
+        fr.Trajectory(
             name="motion",
             model="full",
             settings={"dt": dt, "seconds": 1.0, "order": 9},
@@ -37,8 +37,8 @@ def record(dt=0.1, steps=20, scale=1.0, every=2, **changes):
             supplied=zeros,
             dissipated=zeros,
             lost_in_switching=zeros,
-            shape_times=shape_times,
-            shapes=motion(shape_times, scale),
+            snapshot_times=snapshot_times,
+            snapshots=motion(snapshot_times, scale),
             nodes=NODES,
             triangles=np.array([[0, 1, 2]]),
             node_mass=MASS,
@@ -68,7 +68,7 @@ def test_scaled_run_is_off_by_the_scale(ε):
 def test_shapes_are_weighed_by_mass_and_outputs_are_not():
     """Node 1 stands still: of Σ m |u|², 1 + 2·4 + 5·9, 2·4 is missing, at all times alike."""
     still = record()
-    still.shapes[:, 1] = 0
+    still.snapshots[:, 1] = 0
     differences = fr.compare(still, record())
     assert differences["shape"].relative == pytest.approx(math.sqrt(8 / 54), rel=1e-12)
     assert differences["shape"].largest == pytest.approx(2 * 2.0)  # of any node, in m
@@ -106,12 +106,12 @@ def test_runs_that_meet_only_at_rest_cannot_be_compared():
 def test_runs_without_a_common_shape_cannot_be_compared():
     shifted = record()
     with pytest.raises(CompareError, match="no common whole shapes"):
-        fr.compare(replace(shifted, shape_times=shifted.shape_times + 0.05), record())
+        fr.compare(replace(shifted, snapshot_times=shifted.snapshot_times + 0.05), record())
 
 
 @pytest.mark.parametrize("nodes", [NODES[:2], NODES + 0.1])
 def test_runs_of_other_meshes_cannot_be_compared(nodes):
-    other = record(nodes=nodes, shapes=np.zeros((10, len(nodes), 3)), node_mass=np.ones(len(nodes)))
+    other = record(nodes=nodes, snapshots=np.zeros((10, len(nodes), 3)), node_mass=np.ones(len(nodes)))
     with pytest.raises(CompareError, match=f"the runs are of different meshes: {len(nodes)} and 3 nodes"):
         fr.compare(other, record())
 

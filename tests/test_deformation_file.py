@@ -6,7 +6,7 @@ import pytest
 from soft_rom import soft_rom, swing
 
 import fenics_rom as fr
-from fenics_rom.errors import RomFileError, StructureError
+from fenics_rom.errors import FileError, StructureError
 from fenics_rom.io.hdf5 import write_file
 
 
@@ -33,8 +33,8 @@ def test_what_is_written_is_read_to_the_last_bit(tmp_path, rom):
 
 def test_a_run_says_how_its_steps_were_taken(tmp_path, rom):
     run = fr.simulate(rom, stepper="linearly-implicit")
-    fr.write_record(tmp_path / "run.h5", run)
-    again = fr.read_record(tmp_path / "run.h5")
+    fr.write_trajectory(tmp_path / "run.h5", run)
+    again = fr.read_trajectory(tmp_path / "run.h5")
     assert again.stepping == run.stepping == "linearly-implicit: it was asked for"
     assert again.settings["mismatch"] == run.settings["mismatch"]
     assert fr.simulate(replace(rom, deformation=None)).stepping == ""
@@ -48,7 +48,10 @@ def test_a_run_says_how_its_steps_were_taken(tmp_path, rom):
         (lambda body: {"shear": 0 * body.shear}, "shear moduli"),
         (lambda body: {"first_lame": -body.shear}, "bulk moduli"),
         (lambda body: {"viscosity": body.viscosity - 1}, "viscosities"),
-        (lambda body: {"drag": body.drag + np.triu(np.ones_like(body.drag), 1)}, "drag is not symmetric"),
+        (
+            lambda body: {"external_damping": body.external_damping + np.triu(np.ones_like(body.external_damping), 1)},
+            "external_damping is not symmetric",
+        ),
         (lambda body: {"springs": -np.eye(body.order)}, "springs is not positive semi-definite"),
         (lambda body: {"gradients": body.gradients[..., :-1]}, "displacements|shape"),
         (lambda body: {"weights": body.weights[:-1]}, "shape"),
@@ -62,12 +65,12 @@ def test_a_run_says_how_its_steps_were_taken(tmp_path, rom):
 def test_what_does_not_fit_is_not_written(tmp_path, rom, change, says):
     body = rom.deformation
     bad = replace(rom, deformation=replace(body, **change(body)))
-    with pytest.raises((RomFileError, StructureError), match=says):
+    with pytest.raises((FileError, StructureError), match=says):
         fr.write_rom(tmp_path / "rom.h5", bad)
     assert not (tmp_path / "rom.h5").exists()
 
 
-@pytest.mark.parametrize("part", ["gradients", "reach", "pressures", "tendons/cable/shapes", None])
+@pytest.mark.parametrize("part", ["gradients", "training_radius", "pressures", "tendons/cable/shapes", None])
 def test_what_lacks_a_part_is_not_read(tmp_path, rom, part):
     file = tmp_path / "rom.h5"
     fr.write_rom(file, rom)
@@ -80,11 +83,11 @@ def test_what_lacks_a_part_is_not_read(tmp_path, rom, part):
         del h5[f"deformation/{part}" if part else "deformation"]
 
     write_file(tmp_path / "less.h5", "rom", without)
-    with pytest.raises(RomFileError, match=r"missing|go together"):
+    with pytest.raises(FileError, match=r"missing|go together"):
         fr.read_rom(tmp_path / "less.h5")
 
 
 def test_contact_modes_of_their_own_bases_are_refused(rom):
-    mode = replace(rom.modes["tip"], coordinates=-np.eye(rom.modes["tip"].order))
+    mode = replace(rom.contact_models["tip"], coordinates=-np.eye(rom.contact_models["tip"].order))
     with pytest.raises(StructureError, match="one basis"):
-        fr.rom.check_rom(replace(rom, modes={**rom.modes, "tip": mode}))
+        fr.rom.check_rom(replace(rom, contact_models={**rom.contact_models, "tip": mode}))

@@ -49,4 +49,4 @@ def test_first_steps_lead_to_the_live_view(tmp_path, monkeypatch, capsys):
     assert speed > 1
     made = {path.name for path in (tmp_path / "first_steps").iterdir()}
     assert made == {"tongue.msh", "tongue.toml", "tongue.h5", "modes.png", "tongue.gif", "run.pdf"}
-    assert fr.read_rom("first_steps/tongue.h5").modes.keys() == {"tip", "middle"}
+    assert fr.read_rom("first_steps/tongue.h5").contact_models.keys() == {"tip", "middle"}

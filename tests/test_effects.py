@@ -12,8 +12,8 @@ from bodies import acted_on, box_arrays, scene_text, write_arrays
 
 import fenics_rom as fr
 from fenics_rom.cli.main import main
-from fenics_rom.errors import FenicsRomError, FenicsRomWarning, MeshError, RomFileError, SceneError
-from fenics_rom.mechanics.environment import Surroundings, load_columns
+from fenics_rom.errors import FenicsRomError, FenicsRomWarning, FileError, MeshError, SceneError
+from fenics_rom.mechanics.environment import Environment, load_columns
 from fenics_rom.mechanics.obstacles import Box, Capsule, HalfSpace, Sphere
 from fenics_rom.scene.effects import ACTUATORS, EFFECTS, LOADS
 from fenics_rom.scene.file import parse_scene
@@ -59,7 +59,7 @@ TABLES = {
     "quake.csv": np.array([[0.0, 0.0], [0.1, 1.0]]),
     "push.csv": np.array([[0.0, 0.0, 0.0, 0.0], [0.1, -0.15, 0.0, 0.0]]),
 }
-RUN = {"run": "dt = 0.01\nduration = 0.1\nshapes = 2"}
+RUN = {"run": "dt = 0.01\nduration = 0.1\nsnapshots = 2"}
 
 
 @pytest.fixture(scope="module")
@@ -134,13 +134,13 @@ def test_loads_have_columns_in_one_order():
 )
 def test_obstacles_are_what_the_scene_says(shape, said, made):
     scene = parse(f'{INERTIA}[effects.contact.obstacles.it]\nshape = "{shape}"\n{said}')
-    around = Surroundings(scene)
+    around = Environment(scene)
     assert around.obstacles == {"it": made}
     np.testing.assert_array_equal(around.offsets, [[0.0, 0.0, 0.0]])
 
 
 def test_tables_are_histories():
-    around = Surroundings(parse(ALL))
+    around = Environment(parse(ALL))
     np.testing.assert_allclose(around.loads(0.05), [1.0, 0.5, -0.075, 0, 0, 0, 1, 0], atol=1e-15)
     np.testing.assert_allclose(around.loads(7.0), [1.0, 1.0, -0.15, 0, 0, 0, 1, 0])  # the last value stays
     np.testing.assert_allclose(around.offsets_at(0.05), [[0, 0, 0], [-0.075, 0, 0]], atol=1e-15)
@@ -320,14 +320,14 @@ def test_rom_with_all_effects_is_read_to_the_last_bit(rom, tmp_path):
     assert back.effects["gravity"] == {"acceleration": (0.0, 0.0, -9.81)}
     assert back.effects["friction"] == {"coefficient": 0.25}
     right = np.flatnonzero(np.isclose(back.nodes[:, 0], 1.0))
-    np.testing.assert_array_equal(back.modes["right"].contact_points, right)
+    np.testing.assert_array_equal(back.contact_models["right"].contact_points, right)
     assert set(back.tables) == {"push.csv", "quake.csv"}
 
 
 def test_run_among_obstacles_is_read_to_the_last_bit(rom, tmp_path):
     run = fr.simulate(rom, profile=True)
-    fr.write_record(tmp_path / "run.h5", run)
-    back = fr.read_record(tmp_path / "run.h5")
+    fr.write_trajectory(tmp_path / "run.h5", run)
+    back = fr.read_trajectory(tmp_path / "run.h5")
     assert same(back, run)
     assert set(back.effects) == set(EFFECTS) - {"large_deformation"}
     assert list(back.forces) == ["floor", "ball"]
@@ -347,18 +347,18 @@ def groups_of(file):
 
 def test_what_is_not_named_takes_no_room(mesh, rom, tmp_path):
     plain = reduced(fr.assemble(parse("inertia = {}\ndamping = { alpha = 0.5, beta = 1e-3 }", mesh, **RUN)), order=12)
-    with_order = {name: mode.order for name, mode in plain.modes.items()}
-    assert with_order == {name: mode.order for name, mode in rom.modes.items()}
+    with_order = {name: mode.order for name, mode in plain.contact_models.items()}
+    assert with_order == {name: mode.order for name, mode in rom.contact_models.items()}
     sizes = {}
     for name, one in (("plain", plain), ("all", rom)):
         fr.write_rom(tmp_path / f"{name}.h5", one)
-        fr.write_record(tmp_path / f"{name}-run.h5", fr.simulate(one))
+        fr.write_trajectory(tmp_path / f"{name}-run.h5", fr.simulate(one))
         sizes[name] = groups_of(tmp_path / f"{name}.h5"), groups_of(tmp_path / f"{name}-run.h5")
     (of_rom, rom_bytes), (of_run, run_bytes) = sizes["plain"]
-    assert not {"loads", "effects/contact", "modes/right/contact_points"} & of_rom
+    assert not {"loads", "effects/contact", "contact_models/right/contact_points"} & of_rom
     assert not {"forces", "contact_account", "profile"} & of_run
     (of_rom, all_bytes), (of_run, all_run_bytes) = sizes["all"]
-    assert {"loads/gravity", "effects/contact", "modes/right/contact_points"} <= of_rom
+    assert {"loads/gravity", "effects/contact", "contact_models/right/contact_points"} <= of_rom
     assert {"forces/floor", "contact_account/friction"} <= of_run
     assert rom_bytes < all_bytes
     assert run_bytes < all_run_bytes
@@ -371,11 +371,15 @@ def test_what_is_not_named_takes_no_room(mesh, rom, tmp_path):
         (lambda rom: replace(rom, loads={"gravity": 99}), "has fewer input columns than the actuators and loads"),
         (lambda rom: replace(rom, loads={"a/b": 1}), "name 'a/b': allowed are letters"),
         (
-            lambda rom: replace(rom, modes={"right": replace(rom.modes["right"], contact_points=np.array([99]))}),
+            lambda rom: replace(
+                rom, contact_models={"right": replace(rom.contact_models["right"], contact_points=np.array([99]))}
+            ),
             "contact mode 'right': contact_points name nodes beyond 12",
         ),
         (
-            lambda rom: replace(rom, modes={"right": replace(rom.modes["right"], contact_points=np.array([-1]))}),
+            lambda rom: replace(
+                rom, contact_models={"right": replace(rom.contact_models["right"], contact_points=np.array([-1]))}
+            ),
             "contact mode 'right': contact_points name nodes beyond 12",
         ),
         (lambda rom: replace(rom, effects={"friction": {}}), "/effects/friction/coefficient is missing"),
@@ -399,15 +403,17 @@ def test_rom_that_would_not_be_read_is_not_written(rom, tmp_path, spoil, message
 )
 def test_run_that_would_not_be_read_is_not_written(rom, tmp_path, changes, message):
     run = fr.simulate(rom)
-    with pytest.raises(RomFileError, match=re.escape(message)):
-        fr.write_record(tmp_path / "run.h5", replace(run, **changes))
+    with pytest.raises(FileError, match=re.escape(message)):
+        fr.write_trajectory(tmp_path / "run.h5", replace(run, **changes))
     assert not any(tmp_path.iterdir())
 
 
 def test_lower_order_keeps_loads_and_contact(rom):
     lower = fr.truncated(rom, 6)
     assert lower.loads == rom.loads
-    np.testing.assert_array_equal(lower.modes["right"].contact_points, rom.modes["right"].contact_points)
+    np.testing.assert_array_equal(
+        lower.contact_models["right"].contact_points, rom.contact_models["right"].contact_points
+    )
     run = fr.simulate(lower)
     assert run.balance_error <= 1e-12
     assert list(run.forces) == ["floor", "ball"]

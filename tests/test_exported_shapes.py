@@ -14,14 +14,14 @@ def free(rom, field):
 
 def test_modes_are_orthonormal_and_have_their_own_frequencies(plate_rom, plate_system):
     M, K = plate_system.mass, plate_system.stiffness
-    for name, mode in plate_rom.modes.items():
+    for name, mode in plate_rom.contact_models.items():
         modes = balanced_modes(plate_rom, mode)
         X = np.column_stack([free(plate_rom, field) for field in modes])
         np.testing.assert_allclose(X.T @ (M @ X), np.eye(len(modes)), atol=1e-10)
         rayleigh = np.sqrt(np.diag(X.T @ (K @ X))) / (2 * np.pi)
         np.testing.assert_allclose([field.frequency for field in modes], rayleigh, rtol=1e-8)
         assert [field.σ for field in modes] == list(mode.hankel_singular_values[: mode.order])
-        lower = balanced_modes(fr.truncated(plate_rom, 5), fr.truncated(plate_rom, 5).modes[name])
+        lower = balanced_modes(fr.truncated(plate_rom, 5), fr.truncated(plate_rom, 5).contact_models[name])
         np.testing.assert_allclose(  # the first five span the model of order five
             X[:, :5].T @ (M @ np.column_stack([free(plate_rom, field) for field in lower])) @ np.ones(5),
             (X.T @ (M @ np.column_stack([free(plate_rom, field) for field in lower])) @ np.ones(5))[:5],
@@ -29,7 +29,7 @@ def test_modes_are_orthonormal_and_have_their_own_frequencies(plate_rom, plate_s
 
 
 def test_eigenvectors_and_shapes_at_rest_are_those_of_the_full_model(plate_rom, plate_system):
-    K, mode = plate_system.stiffness, plate_rom.modes["tip_left"]
+    K, mode = plate_system.stiffness, plate_rom.contact_models["tip_left"]
     first = eigenvectors(plate_rom, mode)[0]
     x = free(plate_rom, first)
     residual = K @ x[:, None] - (2 * np.pi * first.frequency) ** 2 * (plate_system.mass @ x[:, None])
@@ -42,7 +42,7 @@ def test_eigenvectors_and_shapes_at_rest_are_those_of_the_full_model(plate_rom, 
 
 
 def test_full_order_keeps_the_same_velocities(plate_system, plate_rom):
-    scene = replace(plate_system.scene, run=replace(plate_system.scene.run, duration=0.05, shapes=5))
+    scene = replace(plate_system.scene, run=replace(plate_system.scene.run, duration=0.05, snapshots=5))
     system = replace_scene(plate_system, scene)
     full, reduced = fr.solve(system), fr.simulate(plate_rom, scene=scene)
     assert np.abs(full.velocities - reduced.velocities).max() < 5e-3 * np.abs(full.velocities).max()

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import fenics_rom as fr
-from fenics_rom.errors import FenicsRomError, RomFileError, StructureError
+from fenics_rom.errors import FenicsRomError, FileError, StructureError
 from fenics_rom.io.hdf5 import LONGEST_TEXT, content_of, sealed
 from fenics_rom.io.stages import Stage
 from fenics_rom.scene.file import LONGEST
@@ -45,14 +45,14 @@ def roms(plate_system, box_system):
     energy, modal, oblique = (fr.reduce(plate_system, order=4, switching=s) for s in ("energy", "modal", "oblique"))
     shaken = {
         name: replace(mode, damping=np.diag(mode.damping) + np.ones((mode.order, mode.order)))
-        for name, mode in energy.modes.items()
+        for name, mode in energy.contact_models.items()
     }
     tables = {"b.csv": np.array([[0.0, 1.0], [1.0, 2.0]]), "a/b.csv": np.arange(12.0).reshape(3, 4)}
     return {
         "energy": energy,
         "modal": modal,
         "oblique": oblique,
-        "dense damping": replace(energy, modes=shaken),
+        "dense damping": replace(energy, contact_models=shaken),
         "actuators and tables": replace(fr.reduce(box_system, order=4), tables=tables, warnings=("one", "two")),
         "no outputs": replace(energy, outputs={}, weighting="nodal"),
         "own matrices": own_matrices(),
@@ -68,7 +68,7 @@ def rom(roms):
 
 @pytest.fixture
 def run():
-    return fr.read_record(DATA / "run-1.0.h5")
+    return fr.read_trajectory(DATA / "run-1.0.h5")
 
 
 @pytest.fixture
@@ -79,7 +79,7 @@ def rom_file(tmp_path, rom):
 
 @pytest.fixture
 def run_file(tmp_path, run):
-    fr.write_record(tmp_path / "run.h5", run)
+    fr.write_trajectory(tmp_path / "run.h5", run)
     return tmp_path / "run.h5"
 
 
@@ -136,8 +136,8 @@ def announced(path, shape, **options):
 
 def with_mode(rom, **changes):
     """A ROM with a changed first contact mode."""
-    name, mode = next(iter(rom.modes.items()))
-    return replace(rom, modes={**rom.modes, name: replace(mode, **changes)})
+    name, mode = next(iter(rom.contact_models.items()))
+    return replace(rom, contact_models={**rom.contact_models, name: replace(mode, **changes)})
 
 
 # --- round trips -----------------------------------------------------------------------------------------------------
@@ -156,8 +156,8 @@ def test_what_is_written_is_read_to_the_last_bit(roms, tmp_path, kind):
 )
 def test_what_is_written_of_a_run_is_read_to_the_last_bit(tmp_path, run, changes):
     run = replace(run, **changes)
-    fr.write_record(tmp_path / "run.h5", run)
-    assert same(fr.read_record(tmp_path / "run.h5"), run)
+    fr.write_trajectory(tmp_path / "run.h5", run)
+    assert same(fr.read_trajectory(tmp_path / "run.h5"), run)
     assert content_of(tmp_path / "run.h5") == "run"
 
 
@@ -189,7 +189,7 @@ def test_files_of_format_1_0_load_for_ever():
     To be read by every release that reads format 1, and never to be written anew: a change of the format that
     needs that is format 2.
     """
-    rom, run = fr.read_rom(DATA / "rom-1.0.h5"), fr.read_record(DATA / "run-1.0.h5")
+    rom, run = fr.read_rom(DATA / "rom-1.0.h5"), fr.read_trajectory(DATA / "run-1.0.h5")
     assert rom.contacts == {"right": 3, "corner": 1}
     assert rom.actuators == {"pull": 1}
     assert {name: rows.shape for name, rows in rom.outputs.items()} == {"tip": (6, 8), "face": (3, 8)}
@@ -199,12 +199,12 @@ def test_files_of_format_1_0_load_for_ever():
     assert run.steps == 40
     assert run.balance_error < 1e-14
     assert (rom.method, rom.stages) == ("balanced", ())
-    for certificate in rom.certificate.values():
-        assert certificate["transfer_error"] is None
-        assert 0 < certificate["static_error"] < 0.1
-        assert 0 < certificate["neglected"] < 0.1
+    for validation in rom.validation.values():
+        assert validation["transfer_error"] is None
+        assert 0 < validation["static_error"] < 0.1
+        assert 0 < validation["neglected"] < 0.1
     again = fr.simulate(rom)
-    np.testing.assert_allclose(again.shapes, run.shapes, rtol=1e-9, atol=1e-15)
+    np.testing.assert_allclose(again.snapshots, run.snapshots, rtol=1e-9, atol=1e-15)
     np.testing.assert_allclose(again.outputs["tip"], run.outputs["tip"], rtol=1e-9, atol=1e-15)
     np.testing.assert_allclose(again.energy, run.energy, rtol=1e-9, atol=1e-15)
 
@@ -212,26 +212,31 @@ def test_files_of_format_1_0_load_for_ever():
 def test_roms_of_format_1_1_load_for_ever():
     """Written on the way to release 0.2.0: the same box at order 8, in eigenvectors and static shapes.
 
-    With a certificate, and with what it cost. As those of format 1.0, it is never to be written anew.
+    With a validation, and with what it cost. As those of format 1.0, it is never to be written anew.
     """
     rom = fr.read_rom(DATA / "rom-1.1.h5")
     assert (rom.name, rom.method) == ("box", "modal+static")
     assert [stage.name for stage in rom.stages][:2] == ["assembly", "factorisation of K"]
     assert all(stage.seconds > 0 and stage.peak_memory > 1e6 for stage in rom.stages)
-    for name, certificate in rom.certificate.items():
-        mode = rom.modes[name]
+    for name, validation in rom.validation.items():
+        mode = rom.contact_models[name]
         assert len(mode.hankel_singular_values) == 0
         assert len(mode.frequencies) == len(mode.transfer_errors) > 2
-        assert certificate["neglected"] is None
-        assert 0 < certificate["static_error"] < certificate["transfer_error"] < 0.1
+        assert validation["neglected"] is None
+        assert 0 < validation["static_error"] < validation["transfer_error"] < 0.1
     assert fr.simulate(rom).balance_error < 1e-14
 
 
 def test_files_of_format_1_2_load_for_ever():
     """Written on the way to release 0.2.0: a free box of 0.12 m³ on a rough floor; never to be written anew."""
-    rom, run = fr.read_rom(DATA / "rom-1.2.h5"), fr.read_record(DATA / "run-1.2.h5")
-    assert (rom.rigid, rom.modes["bottom"].order, rom.loads, rom.actuators) == (6, 12, {"gravity": 1}, {"back": 1})
-    assert len(rom.modes["bottom"].contact_points) == 6
+    rom, run = fr.read_rom(DATA / "rom-1.2.h5"), fr.read_trajectory(DATA / "run-1.2.h5")
+    assert (rom.rigid, rom.contact_models["bottom"].order, rom.loads, rom.actuators) == (
+        6,
+        12,
+        {"gravity": 1},
+        {"back": 1},
+    )
+    assert len(rom.contact_models["bottom"].contact_points) == 6
     assert run.effects == ("inertia", "damping", "gravity", "pressure", "contact", "friction")
     assert run.profile.keys() == {"switching", "gravity", "inertia, damping, elasticity", "contact, friction"}
     np.testing.assert_allclose(run.forces["floor"][-1], [0, 0, 1000 * 0.12 * 9.81], atol=1e-6)
@@ -271,7 +276,7 @@ class Interrupted(dict):
 @pytest.mark.parametrize("size", [0, 300, 3000, 20_000])
 def test_full_disk_leaves_the_old_file(rom, rom_file, size):
     before = rom_file.read_bytes()
-    with disk_of(size), pytest.raises(RomFileError) as caught:
+    with disk_of(size), pytest.raises(FileError) as caught:
         fr.write_rom(rom_file, replace(rom, name="new"))
     assert str(caught.value) == f"{rom_file}: cannot be written: File too large"
     assert rom_file.read_bytes() == before
@@ -281,7 +286,7 @@ def test_full_disk_leaves_the_old_file(rom, rom_file, size):
 @pytest.mark.parametrize(
     ("changes", "error"),
     [
-        ({"nodes": np.full((3, 3), np.nan)}, RomFileError),
+        ({"nodes": np.full((3, 3), np.nan)}, FileError),
         ({"stiffness": -np.ones(8)}, StructureError),
         ({"outputs": Interrupted()}, KeyboardInterrupt),
     ],
@@ -309,7 +314,7 @@ def test_place_that_cannot_be_written_to_is_told(tmp_path, rom):
         (pipe, "it is a folder or a device"),  # as /dev/null is, which root could replace by a file
         (tmp_path / (300 * "x"), "File name too long"),
     ):
-        with pytest.raises(RomFileError) as caught:
+        with pytest.raises(FileError) as caught:
             fr.write_rom(place, rom)
         assert str(caught.value) == f"{place}: cannot be written: {reason}"
     assert list(tmp_path.iterdir()) == [pipe]
@@ -336,7 +341,7 @@ fr.write_rom(f"{{os.getpid()}}.h5", rom)
 
 def refusal(read, file):
     """What is said of a file that is none; in one line, after its name."""
-    with pytest.raises(RomFileError) as caught:
+    with pytest.raises(FileError) as caught:
         read(file)
     message = str(caught.value)
     assert message.startswith(f"{file}: ")
@@ -348,7 +353,7 @@ def refusal(read, file):
     ("name", "read"),
     [
         *((f"rom-{version}.h5", fr.read_rom) for version in ("1.0", "1.1", "1.2")),
-        *((f"run-{version}.h5", fr.read_record) for version in ("1.0", "1.2")),
+        *((f"run-{version}.h5", fr.read_trajectory) for version in ("1.0", "1.2")),
     ],
 )
 class TestDamage:
@@ -382,14 +387,14 @@ class TestDamage:
 
 
 @pytest.mark.parametrize("content", [b"", b"name = 'plate'\n", b"\x89HDF\r\n\x1a\n" + bytes(2000)])
-@pytest.mark.parametrize("read", [fr.read_rom, fr.read_record, content_of])
+@pytest.mark.parametrize("read", [fr.read_rom, fr.read_trajectory, content_of])
 def test_other_files_are_refused(tmp_path, content, read):
     file = tmp_path / "some.h5"
     file.write_bytes(content)
     assert refusal(read, file) == "is not a fenics-rom file"
 
 
-@pytest.mark.parametrize("read", [fr.read_rom, fr.read_record, content_of])
+@pytest.mark.parametrize("read", [fr.read_rom, fr.read_trajectory, content_of])
 def test_no_file_is_told(tmp_path, read):
     assert refusal(read, tmp_path / "none.h5") == "not found"
     assert refusal(read, tmp_path) == "is a folder or a device"
@@ -397,15 +402,15 @@ def test_no_file_is_told(tmp_path, read):
 
 def test_a_rom_is_no_run_and_a_run_no_rom():
     assert refusal(fr.read_rom, DATA / "run-1.0.h5") == "holds a run, not a rom"
-    assert refusal(fr.read_record, DATA / "rom-1.0.h5") == "holds a rom, not a run"
+    assert refusal(fr.read_trajectory, DATA / "rom-1.0.h5") == "holds a rom, not a run"
 
 
 # --- files that are not what they say --------------------------------------------------------------------------------
 
-MODE = "modes/tip_left"
+MODE = "contact_models/tip_left"
 LIES = {
     "is not a fenics-rom file": says(format="other"),
-    "has format version 2.0; this release reads 1.x": says(format_version="2.0"),
+    "has format version 3.0; this release reads 1 and 2.x": says(format_version="3.0"),
     "holds a film, not a rom": says(content="film"),
     "no weighting 'volume'; there is mass, nodal, outputs": says(weighting="volume"),
     "hankel_singular_values has unit 's^2/kg^1/2', not 's^2/kg'": says(weighting="nodal"),
@@ -418,7 +423,7 @@ LIES = {
     "/basis is missing": without("basis"),
     f"/{MODE}/inputs is missing": without(f"{MODE}/inputs"),
     "/outputs is missing": without("outputs"),
-    "/modes is missing": lambda h5: (h5.pop("modes"), h5.update(modes=[1.0])),
+    "/contact_models is missing": lambda h5: (h5.pop("contact_models"), h5.update(contact_models=[1.0])),
     "/effects/damping/beta is missing": without("effects/damping/beta"),
     "unexpected more in /": put("more", [1.0]),
     f"unexpected more in /{MODE}": put(f"{MODE}/more", [1.0]),
@@ -451,7 +456,9 @@ LIES = {
     "damping is not positive semi-definite, least -2": put(f"{MODE}/damping", -2 * np.eye(4)),
     "contact mode 'tip_left': damping is not symmetric": put(f"{MODE}/damping", np.eye(4) + np.eye(4, k=1) / 9),
     "'tip_left': Hankel singular values must be positive": put(f"{MODE}/hankel_singular_values", [-1.0]),
-    "/modes/middle/hankel_singular_values is empty": put("modes/middle/hankel_singular_values", np.empty(0)),
+    "/contact_models/middle/hankel_singular_values is empty": put(
+        "contact_models/middle/hankel_singular_values", np.empty(0)
+    ),
     "attribute 'method' of / is missing or not text": lambda h5: h5.attrs.update(method=1),
     f"/{MODE}/frequencies is empty": lambda h5: [
         put(f"{MODE}/{name}", lambda there: there[:0])(h5) for name in ("frequencies", "transfer_errors")
@@ -486,11 +493,11 @@ LIES = {
     ],
     "contact mode 'tip_left' has fewer input columns than the actuators": put("actuators/pull", [4]),
     "an actuator or a load has a negative number of columns": put("actuators/pull", [-1]),
-    "holds no contact modes, or an empty one": group("modes"),
+    "holds no contact modes, or an empty one": group("contact_models"),
 }
 RUN_LIES = {
     "/times does not increase, or is empty": put("times", np.zeros(41)),
-    "/shape_times does not increase, or is empty": put("shape_times", [0.4, 0.3, 0.2, 0.1]),
+    "/snapshot_times does not increase, or is empty": put("snapshot_times", [0.4, 0.3, 0.2, 0.1]),
     "/contact names contact modes beyond 2": put("contact", np.full(41, 2)),
     "/contact names contact modes": put("contact", np.full(41, -1)),
     "/triangles name nodes beyond 12": put("triangles", lambda triangles: triangles + 1),
@@ -512,7 +519,7 @@ def test_rom_file_that_is_not_what_it_says_is_refused_with_the_reason(rom_file, 
 
 @pytest.mark.parametrize(("message", "lie"), RUN_LIES.items(), ids=RUN_LIES)
 def test_run_file_that_is_not_what_it_says_is_refused_with_the_reason(run_file, message, lie):
-    assert message in refusal(fr.read_record, tampered(run_file, lie))
+    assert message in refusal(fr.read_trajectory, tampered(run_file, lie))
 
 
 BAD_ROMS = {
@@ -520,18 +527,22 @@ BAD_ROMS = {
     "/node_mass has shape": lambda rom: replace(rom, nodes=rom.nodes[1:]),
     "no switching 'free'": lambda rom: replace(rom, switching="free"),
     "/triangles name nodes beyond 66": lambda rom: replace(rom, triangles=rom.triangles + 99),
-    "name 'a/b': allowed are letters, digits, _ and -": lambda rom: replace(rom, modes={"a/b": rom.modes["middle"]}),
+    "name 'a/b': allowed are letters, digits, _ and -": lambda rom: replace(
+        rom, contact_models={"a/b": rom.contact_models["middle"]}
+    ),
     "name '': allowed are letters, digits, _ and -": lambda rom: replace(rom, outputs={"": rom.outputs["tip"]}),
     "no effect 'wind'": lambda rom: replace(rom, effects={"wind": {}}),
     "/effects/gravity/acceleration is missing": lambda rom: replace(rom, effects={"gravity": {}}),
     "text 'scene' has 60001 bytes": lambda rom: replace(rom, scene_text=(LONGEST_TEXT + 1) * "x"),
-    "/modes/tip_left/inputs has shape (3, 3)": lambda rom: with_mode(rom, inputs=np.ones((3, 3))),
+    "/contact_models/tip_left/inputs has shape (3, 3)": lambda rom: with_mode(rom, inputs=np.ones((3, 3))),
     "damping is not positive semi-definite": lambda rom: with_mode(rom, damping=-np.ones(4)),
     "directions are not orthonormal": lambda rom: with_mode(rom, directions=np.ones((4, 4))),
-    "/modes/tip_left/static_error holds numbers": lambda rom: with_mode(rom, static_error=np.nan),
+    "/contact_models/tip_left/static_error holds numbers": lambda rom: with_mode(rom, static_error=np.nan),
     "frequencies and transfer_errors go together": lambda rom: with_mode(rom, frequencies=np.empty(0)),
     "/transfer_errors has shape (7,)": lambda rom: with_mode(rom, transfer_errors=np.ones(7)),
-    "frequencies must be positive, in": lambda rom: with_mode(rom, frequencies=-rom.modes["tip_left"].frequencies),
+    "frequencies must be positive, in": lambda rom: with_mode(
+        rom, frequencies=-rom.contact_models["tip_left"].frequencies
+    ),
     "Hankel singular values must be positive": lambda rom: with_mode(rom, hankel_singular_values=np.zeros(4)),
     "/offline/0 holds numbers": lambda rom: replace(rom, stages=(Stage("assembly", np.inf, 1.0),)),
     "/offline has a negative": lambda rom: replace(rom, stages=(Stage("assembly", -1.0, 1.0),)),
@@ -555,8 +566,8 @@ def test_what_would_not_be_read_is_not_written(tmp_path, rom, message, spoil):
     ],
 )
 def test_what_would_not_be_read_of_a_run_is_not_written(tmp_path, run, changes, message):
-    with pytest.raises(RomFileError, match=re.escape(message)):
-        fr.write_record(tmp_path / "run.h5", replace(run, **changes))
+    with pytest.raises(FileError, match=re.escape(message)):
+        fr.write_trajectory(tmp_path / "run.h5", replace(run, **changes))
     assert not any(tmp_path.iterdir())
 
 
@@ -565,7 +576,7 @@ def test_what_would_not_be_read_of_a_run_is_not_written(tmp_path, run, changes, 
 
 def transfer(rom, name):
     """Displacement of the outputs per unit of input, at some frequencies."""
-    mode, seen = rom.modes[name], np.vstack(list(rom.outputs.values())) @ rom.modes[name].coordinates
+    mode, seen = rom.contact_models[name], np.vstack(list(rom.outputs.values())) @ rom.contact_models[name].coordinates
     D = np.diag(mode.damping) if mode.damping.ndim == 1 else mode.damping
     matrices = [s * s * np.eye(mode.order) + s * D + np.diag(mode.eigenvalues) for s in FREQUENCIES]
     return np.array([seen @ np.linalg.solve(matrix, mode.inputs) for matrix in matrices])
@@ -575,10 +586,10 @@ def transfer(rom, name):
 def test_order_k_of_a_stored_rom_is_the_reduction_to_order_k(plate_system, plate_rom, tmp_path, order):
     fr.write_rom(tmp_path / "rom.h5", plate_rom)
     stored, direct = fr.truncated(fr.read_rom(tmp_path / "rom.h5"), order), fr.reduce(plate_system, order=order)
-    for name, mode in direct.modes.items():
-        assert stored.modes[name].order == mode.order == order
-        np.testing.assert_array_equal(stored.modes[name].hankel_singular_values, mode.hankel_singular_values)
-        np.testing.assert_allclose(stored.modes[name].eigenvalues, mode.eigenvalues, rtol=1e-8)
+    for name, mode in direct.contact_models.items():
+        assert stored.contact_models[name].order == mode.order == order
+        np.testing.assert_array_equal(stored.contact_models[name].hankel_singular_values, mode.hankel_singular_values)
+        np.testing.assert_allclose(stored.contact_models[name].eigenvalues, mode.eigenvalues, rtol=1e-8)
         gap = np.abs(transfer(stored, name) - transfer(direct, name)).max()
         assert gap <= 1e-8 * np.abs(transfer(direct, name)).max()  # κ spans six decades
     fr.write_rom(tmp_path / "lower.h5", stored)  # it has all the structure of a ROM
@@ -591,9 +602,9 @@ def test_lower_order_of_a_lower_order_is_that_order(plate_rom):
 
 
 def test_dense_damping_is_truncated_as_its_diagonal(plate_rom):
-    dense = {name: replace(mode, damping=np.diag(mode.damping)) for name, mode in plate_rom.modes.items()}
-    lower = [fr.truncated(rom, 6) for rom in (plate_rom, replace(plate_rom, modes=dense))]
-    assert lower[1].modes["middle"].damping.shape == (6, 6)
+    dense = {name: replace(mode, damping=np.diag(mode.damping)) for name, mode in plate_rom.contact_models.items()}
+    lower = [fr.truncated(rom, 6) for rom in (plate_rom, replace(plate_rom, contact_models=dense))]
+    assert lower[1].contact_models["middle"].damping.shape == (6, 6)
     np.testing.assert_allclose(*(transfer(rom, "middle") for rom in lower), rtol=1e-7, atol=1e-12)
 
 

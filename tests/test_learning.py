@@ -190,4 +190,4 @@ def test_demo_keeps_its_claims():
     assert returns["hand-made"] > 0.5 * returns["idle"] > 0.5 * returns["random"]
     assert (out / "cost.md").read_text().count("\n") == 4
     assert (out / "learning.png").stat().st_size > 10_000
-    assert fr.read_rom(out / "plate.h5").modes["middle"].order == 20
+    assert fr.read_rom(out / "plate.h5").contact_models["middle"].order == 20

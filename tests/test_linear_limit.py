@@ -11,9 +11,9 @@ from fenics_rom.mechanics.linearity import (
     MOST,
     ROTATION_LIMIT,
     STRAIN_LIMIT,
-    Excursion,
     ModeGauge,
     SurfaceGauges,
+    SurfaceStrainPeak,
     basis_rows,
     largest,
     summary,
@@ -128,7 +128,7 @@ def test_of_no_triangles_everything_is_zero(plate_rom):
     gauges = SurfaceGauges(np.empty((0, 3)), np.empty((0, 3), dtype=int))
     assert largest(gauges.components(np.empty((0, 3)))) == (0.0, 0.0)
     without = replace(plate_rom, nodes=np.empty((0, 3)), triangles=np.empty((0, 3), dtype=int))
-    for mode in plate_rom.modes.values():
+    for mode in plate_rom.contact_models.values():
         gauge = mode_gauge(without, mode)
         assert gauge.safe_energy == gauge.safe_change(0.5) == math.inf
         assert gauge.read(np.ones(mode.order)) == (0.0, 0.0)
@@ -141,7 +141,7 @@ def test_a_surface_that_cannot_move_is_always_safe():
 
 def test_state_is_read_like_the_displacement_it_stands_for(plate_rom, rng):
     gauges = SurfaceGauges(plate_rom.nodes, plate_rom.triangles)
-    for mode in plate_rom.modes.values():
+    for mode in plate_rom.contact_models.values():
         q = rng.normal(size=mode.order) / np.sqrt(mode.eigenvalues)
         expected = largest(gauges.components(in_space(plate_rom, q, mode)))
         assert mode_gauge(plate_rom, mode).read(q) == pytest.approx(expected, rel=1e-9)
@@ -160,12 +160,12 @@ def worst_states(rom, mode):
 
 
 def severities(gauge, states):
-    return np.array([Excursion(*gauge.read(q)).severity for q in states])
+    return np.array([SurfaceStrainPeak(*gauge.read(q)).severity for q in states])
 
 
 def test_below_the_safe_energy_nothing_is_beyond(plate_rom, rng):
     """Random states, the static ones, and the worst of each triangle, all brought to the safe energy."""
-    for mode in plate_rom.modes.values():
+    for mode in plate_rom.contact_models.values():
         gauge, γ = mode_gauge(plate_rom, mode), mode.eigenvalues
         y = np.concatenate(
             [rng.normal(size=(100, mode.order)), mode.inputs.T / np.sqrt(γ), worst_states(plate_rom, mode)]
@@ -188,10 +188,10 @@ def test_bound_on_strain_is_sharp_to_root_two(rng):
 
 
 def test_after_a_look_changes_up_to_the_safe_one_lead_beyond_nothing(plate_rom):
-    mode = plate_rom.modes["tip_left"]
+    mode = plate_rom.contact_models["tip_left"]
     gauge, γ = mode_gauge(plate_rom, mode), mode.eigenvalues
     q = mode.inputs[:, 2] / γ
-    q *= 0.6 / Excursion(*gauge.read(q)).severity
+    q *= 0.6 / SurfaceStrainPeak(*gauge.read(q)).severity
     y = worst_states(plate_rom, mode)
     δ = math.sqrt(2 * gauge.safe_change(0.6)) * np.concatenate([y, -y]) / np.sqrt(γ)
     assert 0.9 < severities(gauge, q + δ).max() <= 1 + 1e-12
@@ -237,7 +237,7 @@ def test_plate_turns_as_its_nodes_say(plate_system):
 
 
 def test_within_the_limits_there_is_nothing_to_say():
-    seen = Excursion(rotation=ROTATION_LIMIT, strain=STRAIN_LIMIT, time=1.0)
+    seen = SurfaceStrainPeak(rotation=ROTATION_LIMIT, strain=STRAIN_LIMIT, time=1.0)
     assert (seen.severity, seen.beyond, warning(seen), summary(seen)) == (1.0, False, "", "")
 
 
@@ -250,7 +250,7 @@ def test_within_the_limits_there_is_nothing_to_say():
     ],
 )
 def test_warning_says_how_much_when_and_what_is_allowed(rotation, strain, is_at, good_to):
-    seen = Excursion(rotation, strain, time=0.42)
+    seen = SurfaceStrainPeak(rotation, strain, time=0.42)
     assert seen.beyond
     assert warning(seen) == (
         f"the surface is {is_at} at t = 0.42 s, and a linear model is good to about {good_to}: "
@@ -265,7 +265,7 @@ def test_warning_says_how_much_when_and_what_is_allowed(rotation, strain, is_at,
 
 
 def test_joined_keeps_the_largest_and_the_first_time_beyond():
-    run = Excursion()
+    run = SurfaceStrainPeak()
     for step, (rotation, strain) in enumerate([(0.1, 0.05), (0.25, 0.01), (0.5, 0.02), (0.1, 0.3)]):
-        run = run.joined(Excursion(rotation, strain, float(step)))
-    assert run == Excursion(rotation=0.5, strain=0.3, time=1.0)
+        run = run.joined(SurfaceStrainPeak(rotation, strain, float(step)))
+    assert run == SurfaceStrainPeak(rotation=0.5, strain=0.3, time=1.0)

@@ -73,7 +73,7 @@ def of_memory(**parts):
 
 
 def hankel(rom, contact="ends"):
-    return rom.modes[contact].hankel_singular_values[:8]
+    return rom.contact_models[contact].hankel_singular_values[:8]
 
 
 def test_files_are_the_model_of_their_matrices(inside, say, capfd):
@@ -102,7 +102,7 @@ def test_rayleigh_in_place_of_a_file(inside, say):
     M, _, K = chain()
     expected = fr.reduce(of_memory(damping=0.1 * M + 0.05 * K), order=8)
     np.testing.assert_allclose(hankel(fr.read_rom("rom.h5")), hankel(expected), rtol=1e-9)
-    assert fr.read_rom("rom.h5").modes["ends"].damping.ndim == 1
+    assert fr.read_rom("rom.h5").contact_models["ends"].damping.ndim == 1
 
 
 def test_two_ranks_spread_the_rows(inside):

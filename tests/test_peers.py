@@ -90,7 +90,7 @@ def test_errors_are_those_of_textbook_balanced_truncation(pymor, system, model, 
     bases = {}
     for order in ORDERS:
         rom = fr.reduce(watched, order=order, weighting="outputs", lyapunov=lyapunov)
-        bases[name, order] = rom.basis @ rom.modes[name].coordinates
+        bases[name, order] = rom.basis @ rom.contact_models[name].coordinates
     assert system.size == 603
     assert errors(pymor, model, bases, full) == pytest.approx(textbook, rel=1e-4)
 
@@ -112,9 +112,11 @@ def test_directions_that_are_given_make_the_same_model(pymor, system, model):
     (name,) = model.inputs
     watched = replace(system, contacts={name: system.contacts[name]}, outputs={"patches": model.C})
     ours = fr.reduce(watched, order=12, weighting="outputs")
-    given = pymor.given_directions({name: ours.basis @ ours.modes[name].coordinates})
+    given = pymor.given_directions({name: ours.basis @ ours.contact_models[name].coordinates})
     theirs = fr.reduce(watched, method=given, order=12)
-    np.testing.assert_allclose(theirs.modes[name].eigenvalues, ours.modes[name].eigenvalues, rtol=1e-8)
+    np.testing.assert_allclose(
+        theirs.contact_models[name].eigenvalues, ours.contact_models[name].eigenvalues, rtol=1e-8
+    )
 
 
 @pytest.mark.parametrize("stiff", [1.0, 100.0])
@@ -162,7 +164,7 @@ def test_reduced_beam_follows_the_same_matrices_to_second_order(mujoco):
     B = np.eye(n)[-1]
     rom = fr.reduce(mujoco.linear({"M": 1e-2 * np.eye(n), "K": K, "B": B}), order=mujoco.ORDER)
     reference = mujoco.exact(1e-2 * np.eye(n), K, B)
-    coarse, fine = (mujoco.distance(mujoco.march(rom, h), reference) for h in (1e-4, 5e-5))
+    coarse, fine = (mujoco.distance(mujoco.rollout(rom, h), reference) for h in (1e-4, 5e-5))
     assert fine <= 1e-3
     assert coarse / fine == pytest.approx(4, rel=0.1)
 

@@ -100,10 +100,10 @@ def left():
 
 
 def same(rom, expected):
-    assert list(rom.modes) == list(expected.modes)
-    for name, mode in expected.modes.items():
+    assert list(rom.contact_models) == list(expected.contact_models)
+    for name, mode in expected.contact_models.items():
         σ = mode.hankel_singular_values
-        np.testing.assert_allclose(rom.modes[name].hankel_singular_values, σ, rtol=0, atol=1e-10 * σ[0])
+        np.testing.assert_allclose(rom.contact_models[name].hankel_singular_values, σ, rtol=0, atol=1e-10 * σ[0])
         H = transfer(expected, name)
         np.testing.assert_allclose(transfer(rom, name), H, rtol=0, atol=1e-10 * np.abs(H).max())
 
@@ -137,7 +137,7 @@ def test_leftover_is_replaced_where_nobody_asks_for_it(inside, say):
     status, out, err = say("--order", "9")
     assert (status, err) == (0, "")
     assert "resumed" not in out
-    assert {mode.order for mode in fr.read_rom("rom.h5").modes.values()} == {9}
+    assert {mode.order for mode in fr.read_rom("rom.h5").contact_models.values()} == {9}
     assert not Path("rom.h5.partial").exists()
 
 
@@ -175,7 +175,7 @@ def test_damaged_part_is_told(inside, say):
 
 
 def test_what_is_finished_outlives_an_error(scene, tmp_path, monkeypatch, say, expected):
-    """Such as too little memory for the certificate."""
+    """Such as too little memory for the validation."""
     monkeypatch.chdir(copied(scene, tmp_path))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("fenics_rom.reduction.reduce.rom_of", lambda *_, **__: np.empty(10**15))

@@ -49,7 +49,7 @@ def test_plate_reads():
     assert scene.outputs["tip"].points == ((0.5, 0.2, 0.01), (0.5, 0.0, 0.01))
     assert scene.effects == {"inertia": {}, "damping": {"alpha": 0.5, "beta": 1e-3}}
     assert scene.reduction.order == {"tip_left": 52, "middle": 67}
-    assert (scene.run.dt, scene.run.duration, scene.run.shapes) == (1e-3, 3.0, 100)
+    assert (scene.run.dt, scene.run.duration, scene.run.snapshots) == (1e-3, 3.0, 100)
     (load,) = scene.run.loads
     assert (load.contact, load.start, load.stop, load.force) == ("tip_left", 0.0, 0.5, (0.0, 0.0, 0.5))
     assert scene.text == TEXT
@@ -153,7 +153,7 @@ order = { tip_left = 52, middle = 67 } | tolerance = 1 | reduction.tolerance = 1
 [reduction] | [reduction]⏎lyapunov = "ad" | no choice 'ad'; there is adi, auto, bartels-stewart, closed-form, krylov
 dt = 1e-3 | dt = 0 | run.dt = 0: allowed is a finite number and > 0, in s
 dt = 1e-3 | dt = 4 | run.dt = 4: allowed is at most the duration, 3 s
-[run] | [run]⏎shapes = 0 | run.shapes = 0: allowed is a whole number and >= 1
+[run] | [run]⏎snapshots = 0 | run.snapshots = 0: allowed is a whole number and >= 1
 [[run.load]] | [run.load] | run.load = {'contact': 'tip_left', 'start': 0.0, 'stop': 0.5,
 [[run.load]] | [run.load] | allowed is a list, each a table
 start = 0.0 | start = 1.0 | run.load[0].stop = 0.5: allowed is more than start, 1 s
@@ -202,7 +202,7 @@ def test_mistake_is_told_with_what_is_allowed(there, instead, said):
         ("1.0e6", "1" + 400 * "0", "...: allowed is a finite number"),  # more than floating point can hold
         ("1.0e6", "1" + 5000 * "0", "is not TOML"),  # more than Python reads
         ("1.0e6", "0x1" + 9999 * "0", "a number with thousands of digits: allowed is"),  # more than Python prints
-        ("[run]", "[run]\nshapes = 1" + 400 * "0", "...: allowed is a whole number and >= 1"),
+        ("[run]", "[run]\nsnapshots = 1" + 400 * "0", "...: allowed is a whole number and >= 1"),
         ("[mesh]", f"#{LONGEST * 'x'}\n[mesh]", "allowed are 60000; long force histories belong in tables"),
     ],
     ids=[

@@ -9,7 +9,7 @@ import scipy.sparse as sp
 from bodies import scene_text
 
 import fenics_rom as fr
-from fenics_rom.mechanics.time_step_monitor import StepGauge
+from fenics_rom.mechanics.time_step_monitor import TimeStepMonitor
 from fenics_rom.scene.file import parse_scene
 
 pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
@@ -18,7 +18,7 @@ pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarn
 @pytest.mark.parametrize("ωh", [0.01, 0.6, 3.0, 100.0])
 def test_oscillation_of_one_eigenvector_takes_what_it_takes(ωh):
     """The midpoint rule turns (ω q, r) by 2 atan(ωh/2) in a step; the true oscillation takes 2π/ωh steps."""
-    turn, gauge = 2 * math.atan(ωh / 2), StepGauge()
+    turn, gauge = 2 * math.atan(ωh / 2), TimeStepMonitor()
     velocity = np.cos(turn * np.arange(20_001) + 0.3)
     for v, after in pairwise(velocity):
         gauge.add((after - v) ** 2, ((after + v) / 2) ** 2)
@@ -27,8 +27,8 @@ def test_oscillation_of_one_eigenvector_takes_what_it_takes(ωh):
 
 
 def test_nothing_that_moves_is_nothing_to_say():
-    assert StepGauge().oscillation == math.inf
-    assert StepGauge().message == ""
+    assert TimeStepMonitor().oscillation == math.inf
+    assert TimeStepMonitor().message == ""
 
 
 def test_runs_say_so_full_and_reduced_alike(box_file):
@@ -118,5 +118,5 @@ def test_warnings_stay_in_the_file(box_file, tmp_path):
     run = 'duration = 1.6\ndt = 0.16\nload = [{ contact = "right", force = [0.0, 0.0, 1.0] }]'
     scene = parse_scene(scene_text(box_file, run=run))
     record = fr.solve(scene)
-    fr.write_record(tmp_path / "run.h5", record)
-    assert fr.read_record(tmp_path / "run.h5").warnings == record.warnings != ()
+    fr.write_trajectory(tmp_path / "run.h5", record)
+    assert fr.read_trajectory(tmp_path / "run.h5").warnings == record.warnings != ()

@@ -122,23 +122,23 @@ def large_mesh(file: Path) -> Path:
     return file
 
 
-def rate(run: fr.Record) -> float:
+def rate(run: fr.Trajectory) -> float:
     """Steps per second of a full-order run."""
     return run.steps / run.settings["seconds"]
 
 
-def gap(run: fr.Record) -> float:
+def gap(run: fr.Trajectory) -> float:
     """What the energy account misses, as a share of the most that was supplied."""
     missing = run.energy - run.supplied + run.dissipated + run.lost_in_switching
     return float(np.abs(missing).max() / np.abs(run.supplied).max())
 
 
-def wrong(run: fr.Record, full: fr.Record) -> float:
+def wrong(run: fr.Trajectory, full: fr.Trajectory) -> float:
     """Relative error of the whole shape."""
     return fr.compare(run, full)["shape"].relative
 
 
-def tip_angle(run: fr.Record, scene: Scene) -> Array:
+def tip_angle(run: fr.Trajectory, scene: Scene) -> Array:
     """By how much the last quarter of the upper side has turned (steps + 1,), rad."""
     line = np.array(scene.outputs["line"].points) + run.outputs["line"]
     last = line[:, -1] - line[:, -2]
@@ -146,7 +146,12 @@ def tip_angle(run: fr.Record, scene: Scene) -> Array:
 
 
 def table(
-    file: Path, full: fr.Record, straight: fr.Record, runs: dict[str, fr.Record], rates: dict[str, float], rom: fr.Rom
+    file: Path,
+    full: fr.Trajectory,
+    straight: fr.Trajectory,
+    runs: dict[str, fr.Trajectory],
+    rates: dict[str, float],
+    rom: fr.Rom,
 ) -> None:
     """Errors, rates and accounts."""
     assert rom.deformation is not None
@@ -178,20 +183,20 @@ def table(
     print(text)
 
 
-def draw(file: Path, scene: Scene, full: fr.Record, reduced: fr.Record, straight: fr.Record) -> None:
+def draw(file: Path, scene: Scene, full: fr.Trajectory, reduced: fr.Trajectory, straight: fr.Trajectory) -> None:
     """Nonlinear, with the reduced model's outline over the full order, and linear, at a few instants."""
     figure = figure_class()(figsize=(10.5, 6.2), layout="constrained")
-    instants = [t for t in INSTANTS if t <= full.shape_times[-1] + 1e-9]
+    instants = [t for t in INSTANTS if t <= full.snapshot_times[-1] + 1e-9]
     axes = figure.subplots(2, len(instants), sharey="row", squeeze=False)
     rod = scene.effects.get("contact", {}).get("obstacles", {}).get("rod")
     for column, instant in enumerate(instants):
         for row, run in enumerate((full, straight)):
             ax: Any = axes[row, column]
-            at = int(np.abs(run.shape_times - instant).argmin())
+            at = int(np.abs(run.snapshot_times - instant).argmin())
             if rod is not None:
                 ax.add_patch(Circle((rod["start"][0], rod["start"][2]), rod["radius"], facecolor="#1d4ed8", alpha=0.8))
             ax.add_patch(Rectangle((-0.008, -0.016), 0.008, 0.032, color="0.45", linewidth=0))
-            draw_from_side(ax, run.nodes + run.shapes[at], run.triangles)
+            draw_from_side(ax, run.nodes + run.snapshots[at], run.triangles)
             if run is full:
                 outline(ax, reduced, scene, instant)
             true_to_scale(ax, (-0.009, 0.115), (-0.105, 0.024))
@@ -206,7 +211,7 @@ def draw(file: Path, scene: Scene, full: fr.Record, reduced: fr.Record, straight
     figure.savefig(file, dpi=130)
 
 
-def outline(ax: Any, run: fr.Record, scene: Scene, instant: float) -> None:
+def outline(ax: Any, run: fr.Trajectory, scene: Scene, instant: float) -> None:
     """The reduced model's upper side."""
     row = int(np.abs(run.times - instant).argmin())
     line = np.array(scene.outputs["line"].points) + run.outputs["line"][row]

@@ -32,7 +32,7 @@ import numpy as np
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning
 from fenics_rom.io.markdown import markdown
-from fenics_rom.runtime.steppers.midpoint_forms import OneProduct
+from fenics_rom.runtime.steppers.midpoint_forms import FusedMidpoint
 from fenics_rom.scene.file import parse_scene
 
 OUT = Path(__file__).parent / "out"
@@ -149,7 +149,7 @@ def main() -> None:
 
     scenes = {name: scene(case, file, settle * STEP) for name, case in CASES.items()}
     whole, bare = (fr.reduce(fr.assemble(scenes[name]), order=ORDER) for name in ("sticks", "neither"))
-    print(f"Pad: order {next(iter(whole.modes.values())).order}, dt {STEP:g} s, one thread\n")
+    print(f"Pad: order {next(iter(whole.contact_models.values())).order}, dt {STEP:g} s, one thread\n")
     bodies = {name: settled(bare if name == "neither" else whole, scenes[name], settle) for name in CASES}
     rates = in_turns(bodies, steps, rounds)
     seen = {name: look(body) for name, body in bodies.items() if CASES[name].obstacle is not None}
@@ -292,7 +292,8 @@ def check(
         asked.step(u)
     same = all(np.array_equal(*pair) for pair in zip(plain.state, asked.state, strict=True))
     claims = {
-        "what does not name contact has no part of it": asked.surroundings is None and type(asked._form) is OneProduct,
+        "what does not name contact has no part of it": asked.surroundings is None
+        and type(asked._form) is FusedMidpoint,
         "it steps to the same bits": same,
         "of 20 points at least 14 push in the first four cases": quick
         or min(seen[name].pushing for name in ON_THE_GROUND) >= 14,

@@ -53,7 +53,7 @@ from fenics_rom.errors import FenicsRomWarning
 from fenics_rom.io.markdown import markdown
 from fenics_rom.reduction.common_basis import padded
 from fenics_rom.reduction.methods.balanced import balanced
-from fenics_rom.reduction.problem import Directions, Problem
+from fenics_rom.reduction.problem import RankedBasis, ReductionProblem
 from fenics_rom.rom.rom import Rom
 from fenics_rom.scene.scene import Load, Scene
 from fenics_rom.visualization.plots.body import draw_body
@@ -154,16 +154,19 @@ def of_the_papers_size(rom: Rom) -> Rom:
     """The paper's selection, with as many eigenvectors for each contact mode as in its Table II, if there are."""
     return replace(
         rom,
-        modes={name: fr.truncated(rom, min(m, rom.modes[name].order)).modes[name] for name, m in PAPER_ORDERS.items()},
+        contact_models={
+            name: fr.truncated(rom, min(m, rom.contact_models[name].order)).contact_models[name]
+            for name, m in PAPER_ORDERS.items()
+        },
     )
 
 
-def holding_what_was(problem: Problem) -> Iterator[tuple[str, Directions]]:
+def holding_what_was(problem: ReductionProblem) -> Iterator[tuple[str, RankedBasis]]:
     """Balanced directions after the other contact mode's shapes at rest, so that a switch does not lose these."""
     for name, found in balanced(problem):
         forces = np.hstack([problem.system.forces(other) for other in problem.system.contacts if other != name])
         at_rest = problem.space.add(problem.factor.solve(forces))
-        yield name, Directions(np.hstack([at_rest, padded(found.coordinates, len(at_rest))]))
+        yield name, RankedBasis(np.hstack([at_rest, padded(found.coordinates, len(at_rest))]))
 
 
 def push_and_release(
@@ -176,7 +179,7 @@ def push_and_release(
     errors: dict[int, dict[str, tuple[float, ...]]] = {order: {} for order in orders}
     for name, push in PUSHES.items():
         load = Load(contact=name, actuator=None, start=0.0, stop=0.5, force=push, table=None)
-        asked = with_run(scene, dt=1e-3, duration=1.5, shapes=300, loads=(load,))
+        asked = with_run(scene, dt=1e-3, duration=1.5, snapshots=300, loads=(load,))
         full = fr.solve(replace(system, scene=asked))
         for order in orders:
             runs = [fr.simulate(fr.truncated(rom, order), scene=asked) for rom in models.values()]
@@ -213,7 +216,7 @@ def when_the_contact_moves(
         before = relative(gap[: last + 1], size[: last + 1], Instants(kept.steps[: last + 1], kept.share[: last + 1]))
         after = [gap[last + k] / size.max() for k in (1, 10, 100)]
         lost = max(model_lost(model))
-        shown = "/".join(str(n) for n in dict.fromkeys(mode.order for mode in model.modes.values()))
+        shown = "/".join(str(n) for n in dict.fromkeys(mode.order for mode in model.contact_models.values()))
         rows.append((name, shown, *(f"{e:.1e}" for e in (errors[name], before, *after, lost))))
     steps = [f"{k} step{'s' * (k > 1)} after" for k in (1, 10, 100)]
     heading = ("model", "states", "whole run", "until it moves", *steps, "lost of the shape at rest")
@@ -229,9 +232,9 @@ def model_lost(rom: Rom) -> list[float]:
     """Share of a contact mode's shape at rest that the other contact mode's basis cannot hold, in the energy norm."""
     κ, lost = rom.stiffness, []
     for name, axis in (("first", 2), ("second", 1)):
-        mode = rom.modes[name]
+        mode = rom.contact_models[name]
         x = mode.coordinates @ (mode.inputs[:, axis] / mode.eigenvalues)
-        for other, into in rom.modes.items():
+        for other, into in rom.contact_models.items():
             if other != name:
                 left = x - into.coordinates @ ((into.coordinates.T @ (κ * x)) / into.eigenvalues)
                 lost.append(float(np.sqrt((κ @ left**2) / (κ @ x**2))))
@@ -244,11 +247,13 @@ def table_2(system: fr.System, scene: Scene, theirs: Rom, ours: Rom, quick: bool
         "full order": full_steps(system, scene, 5),
         "theirs": reduced_steps(theirs, scene, 1000),
         "step": reduced_steps(ours, scene, 2500),
-        "march": reduced_march(ours, scene, 3),
+        "rollout": reduced_march(ours, scene, 3),
     }
     found = rates(loops, 2 if quick else 101)
     speedups = {name: rate / found["full order"] for name, rate in found.items()}
-    states = {name: [mode.order for mode in rom.modes.values()] for name, rom in (("theirs", theirs), ("ours", ours))}
+    states = {
+        name: [mode.order for mode in rom.contact_models.values()] for name, rom in (("theirs", theirs), ("ours", ours))
+    }
 
     def row(what: str, states: list[int], name: str) -> tuple[object, ...]:
         return (what, *(f"{n:,}" for n in states), f"{found[name]:,.0f}", f"{speedups[name]:,.0f}")
@@ -259,7 +264,7 @@ def table_2(system: fr.System, scene: Scene, theirs: Rom, ours: Rom, quick: bool
         row("full order, here", [system.size] * 2, "full order"),
         row("the paper's method, here", states["theirs"], "theirs"),
         row("balanced, energy-orthogonal, `step`", states["ours"], "step"),
-        row("the same, `march`, all markers after every step", states["ours"], "march"),
+        row("the same, `rollout`, all markers after every step", states["ours"], "rollout"),
     ]
     heading = ("", "states, first contact", "states, second contact", "steps per second", "times full order")
     title = "Table II: states and rates; here of one thread"
@@ -333,7 +338,7 @@ def picture_of_shapes(
     }
     sources = {"full order": full, f"reduced, order {ORDER}": run}
     shapes = {
-        (name, what): on_nodes(system, source.shapes[:, kept.of(round(SHOWN[name] / scene.run.dt))])
+        (name, what): on_nodes(system, source.snapshots[:, kept.of(round(SHOWN[name] / scene.run.dt))])
         for name in views
         for what, source in sources.items()
     }
@@ -405,7 +410,7 @@ def check(
             "at order 80 the whole run is right to 1e-6, although the contact moves": moved["balanced, order 80"]
             < 1e-6,
             "a step is 500 times faster than one of the full order; in the paper 80 times": speedups["step"] >= 500,
-            "a march is 5,000 times faster": speedups["march"] >= 5000,
+            "a rollout is 5,000 times faster": speedups["rollout"] >= 5000,
         }
     for claim, holds in claims.items():
         print(f"  {'holds' if holds else 'FAILS'}: {claim}")

@@ -106,7 +106,7 @@ def reduced(rom: Rom, scene: Scene, kept: Instants) -> Trajectory:
     """A reduced model."""
     assert scene.run is not None
     body = fr.Simulator(rom, scene.run.dt)
-    bases = {name: rom.basis @ mode.coordinates for name, mode in rom.modes.items()}
+    bases = {name: rom.basis @ mode.coordinates for name, mode in rom.contact_models.items()}
     markers, coordinates, wanted = [body.displacement(MARKERS)], [], set(kept.steps.tolist())
     for step, (contact, u) in enumerate(history(scene), start=1):
         body.switch(contact)
@@ -127,7 +127,7 @@ def reduced(rom: Rom, scene: Scene, kept: Instants) -> Trajectory:
 def gaps(system: fr.System, run: Trajectory, full: Trajectory) -> tuple[Array, Array]:
     """Of the whole shape, in the mass norm, and the size of the reference: (S,) each, kg^1/2 m."""
     found = []
-    for X in (run.shapes - full.shapes, full.shapes):
+    for X in (run.snapshots - full.snapshots, full.snapshots):
         found.append(np.sqrt(np.einsum("ns,ns->s", X, system.mass @ X)))
     return found[0], found[1]
 
@@ -207,7 +207,7 @@ def reduced_march(rom: Rom, scene: Scene, times: int) -> Callable[[], int]:
     def loop() -> int:
         for _ in range(times):
             for contact, forces in parts.items():
-                body.march(forces, contact=contact, outputs=[MARKERS])
+                body.rollout(forces, contact=contact, outputs=[MARKERS])
         return times * len(whole)
 
     return loop

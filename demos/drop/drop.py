@@ -66,8 +66,8 @@ class Fall:
     """A variant at full order and reduced."""
 
     scene: fr.Scene
-    full: fr.Record
-    run: fr.Record
+    full: fr.Trajectory
+    run: fr.Trajectory
     fastest: float  # m/s, of any node at full order
 
     @property
@@ -100,8 +100,8 @@ def main() -> None:
     }
     errors = accuracy_and_cost(roms, falls[OWN].full, out, 1 if quick else 2)
     table_of_variants(falls, out)
-    fr.write_record(out / "full.h5", falls[OWN].full)
-    fr.write_record(out / "reduced.h5", falls[OWN].run)
+    fr.write_trajectory(out / "full.h5", falls[OWN].full)
+    fr.write_trajectory(out / "reduced.h5", falls[OWN].run)
     picture(falls, out)
     check(falls, errors)
 
@@ -123,17 +123,17 @@ def fall(scene: fr.Scene, rom: fr.Rom, changes: dict[str, float | None]) -> Fall
     """Runs a variant at full order and reduced."""
     asked = variant(scene, changes)
     full = fr.solve(asked)
-    between = np.diff(full.shapes, axis=0) / np.diff(full.shape_times)[:, None, None]
+    between = np.diff(full.snapshots, axis=0) / np.diff(full.snapshot_times)[:, None, None]
     return Fall(asked, full, fr.simulate(rom, scene=asked), float(np.linalg.norm(between, axis=2).max()))
 
 
-def error(run: fr.Record, full: fr.Record) -> float:
+def error(run: fr.Trajectory, full: fr.Trajectory) -> float:
     """As Fall.error."""
-    gap, size = (np.linalg.norm(shapes, axis=2).max() for shapes in (run.shapes - full.shapes, full.shapes))
+    gap, size = (np.linalg.norm(shapes, axis=2).max() for shapes in (run.snapshots - full.snapshots, full.snapshots))
     return float(gap / size)
 
 
-def accuracy_and_cost(roms: dict[int, fr.Rom], full: fr.Record, out: Path, times: int) -> dict[int, float]:
+def accuracy_and_cost(roms: dict[int, fr.Rom], full: fr.Trajectory, out: Path, times: int) -> dict[int, float]:
     """Error and rate of the scene's own variant at each order; writes a table."""
     rate = full.steps / full.settings["seconds"]
     height = rebound(full)
@@ -173,9 +173,9 @@ def write(what: str, title: str, table: str, file: Path) -> None:
     print(f"{what}: {title}\n\n{table}")
 
 
-def centre(run: fr.Record) -> Array:
+def centre(run: fr.Trajectory) -> Array:
     """Displacement of the centre of mass at the kept instants, (shapes, 3), m."""
-    return run.node_mass @ run.shapes / run.node_mass.sum()
+    return run.node_mass @ run.snapshots / run.node_mass.sum()
 
 
 def drop(scene: fr.Scene) -> tuple[float, float, float]:
@@ -190,17 +190,17 @@ def landing(scene: fr.Scene) -> float:
     return sqrt(2 * gap / down)
 
 
-def rebound(run: fr.Record) -> float:
+def rebound(run: fr.Trajectory) -> float:
     """Highest that the centre gets after it was lowest, above where it is when the ring touches the ground, m."""
     z = centre(run)[:, 2]
     lowest = int(z.argmin())
     return float(z[lowest:].max() - touchdown(run))
 
 
-def touchdown(run: fr.Record) -> float:
+def touchdown(run: fr.Trajectory) -> float:
     """Height at which the centre is when the ring touches down, m."""
     touched = np.flatnonzero(run.forces["ground"].any(axis=1))[0]
-    return float(np.interp(run.times[touched - 1], run.shape_times, centre(run)[:, 2]))
+    return float(np.interp(run.times[touched - 1], run.snapshot_times, centre(run)[:, 2]))
 
 
 def table_of_variants(falls: dict[str, Fall], out: Path) -> None:
@@ -242,14 +242,14 @@ def picture(falls: dict[str, Fall], out: Path) -> None:
     _, down, along = drop(own.scene)
     heights.plot(1e3 * times, -1e3 * down / 2 * times**2, color="0.75", linewidth=6, label="free fall")
     ways.plot(
-        1e3 * own.full.shape_times,
-        1e3 * along / 2 * own.full.shape_times**2,
+        1e3 * own.full.snapshot_times,
+        1e3 * along / 2 * own.full.snapshot_times**2,
         color="0.75",
         linewidth=6,
         label="free fall",
     )
     for k, (name, f) in enumerate(falls.items()):
-        t, moved, exact = 1e3 * f.run.shape_times, 1e3 * centre(f.run), 1e3 * centre(f.full)
+        t, moved, exact = 1e3 * f.run.snapshot_times, 1e3 * centre(f.run), 1e3 * centre(f.full)
         for axes, row, shown in ((heights, 2, HEIGHTS), (ways, 0, WAYS)):
             if name in shown:
                 axes.plot(t, exact[:, row], color="black", linewidth=0.7)
@@ -292,7 +292,7 @@ def picture_of_rings(figure: plt.Figure, f: Fall) -> None:
     run = f.run
     gap, down, along = drop(f.scene)
     z = centre(run)[:, 2]
-    lowest, land = run.shape_times[z.argmin()], landing(f.scene)
+    lowest, land = run.snapshot_times[z.argmin()], landing(f.scene)
     instants = [0.0, land, (land + lowest) / 2, lowest, 2 * lowest - land, run.times[-1]]
     axes = figure.subplots()
     slope = np.array([[down, along], [-along, down]]) / hypot(down, along)  # turns the ground so that weight is down
@@ -313,12 +313,12 @@ def picture_of_rings(figure: plt.Figure, f: Fall) -> None:
     figure.colorbar(drawn, ax=axes, label="deformation (mm)", shrink=0.6, pad=0.01)
 
 
-def at(run: fr.Record, time: float) -> Array:
+def at(run: fr.Trajectory, time: float) -> Array:
     """The kept shape nearest to an instant, (N, 3), m."""
-    return run.shapes[np.abs(run.shape_times - time).argmin()] if time > 0 else np.zeros_like(run.shapes[0])
+    return run.snapshots[np.abs(run.snapshot_times - time).argmin()] if time > 0 else np.zeros_like(run.snapshots[0])
 
 
-def deformation(run: fr.Record, u: Array) -> Array:
+def deformation(run: fr.Trajectory, u: Array) -> Array:
     """The displacement without the rigid motion in it, (N, 3), m."""
     x = run.nodes - run.nodes.mean(axis=0)
     motions = np.stack([np.broadcast_to(e, x.shape) for e in np.eye(3)] + [np.cross(e, x) for e in np.eye(3)])
@@ -332,7 +332,7 @@ def seen(x: Array) -> Array:
 
 
 def ring(
-    axes: plt.Axes, run: fr.Record, u: Array, colour: Array, brightest: float, slope: Array
+    axes: plt.Axes, run: fr.Trajectory, u: Array, colour: Array, brightest: float, slope: Array
 ) -> mpl.cm.ScalarMappable:
     """Draws the deformed ring, far triangles first; returns what a colour bar can be hung on."""
     x = run.nodes + u
@@ -358,11 +358,11 @@ def check(falls: dict[str, Fall], errors: dict[int, float]) -> None:
     runs = [run for f in falls.values() for run in (f.full, f.run)]
     gap, down, along = drop(own.scene)
     gauges = SurfaceGauges(own.full.nodes, own.full.triangles)
-    rotation, strain = np.max([largest(gauges.components(u)) for f in falls.values() for u in f.full.shapes], axis=0)
-    flying = own.full.shape_times < landing(own.scene) - own.full.settings["dt"]
-    parabola = own.full.shape_times[:, None] ** 2 / 2 * [along, 0.0, -down]
+    rotation, strain = np.max([largest(gauges.components(u)) for f in falls.values() for u in f.full.snapshots], axis=0)
+    flying = own.full.snapshot_times < landing(own.scene) - own.full.settings["dt"]
+    parabola = own.full.snapshot_times[:, None] ** 2 / 2 * [along, 0.0, -down]
     first = [run.times[np.flatnonzero(run.forces["ground"].any(axis=1))[0]] for run in runs]
-    heights = [(run.nodes[:, 2] + run.shapes[:, :, 2]).min() + gap for run in runs]
+    heights = [(run.nodes[:, 2] + run.snapshots[:, :, 2]).min() + gap for run in runs]
     step = max(f.fastest for f in falls.values()) * own.full.settings["dt"]
     monotone = min(
         np.diff(run.contact_account[part]).min() / run.supplied.max()

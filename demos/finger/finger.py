@@ -76,7 +76,7 @@ def main() -> None:
             tuple(replace(load, stop=CLOSED) for load in run.loads if load.actuator != "extensor"),
         )
         run = replace(run, duration=CLOSED, loads=loads)
-    scene = replace(scene, run=replace(run, shapes=round(run.duration / run.dt)))  # the shape of every step
+    scene = replace(scene, run=replace(run, snapshots=round(run.duration / run.dt)))  # the shape of every step
     system = fr.assemble(scene)
     points = np.unique(np.concatenate(list(system.contact_points.values())))
     print(f"Finger: {system.size} unknowns, {len(system.contacts)} contact modes, {len(points)} contact points\n")
@@ -108,13 +108,13 @@ def main() -> None:
     check(claims)
 
 
-def picture(run: fr.Record, scene: Scene, file: Path) -> None:
+def picture(run: fr.Trajectory, scene: Scene, file: Path) -> None:
     """The finger at a few instants, what it feels and what drives it."""
     figure = plt.figure(figsize=(10.5, 7.2), layout="constrained")
     grid = figure.add_gridspec(4, 2, height_ratios=(2.3, 2.3, 1.5, 1.0))
     for k, (instant, what) in enumerate(INSTANTS.items()):
         axes = figure.add_subplot(grid[k // 2, k % 2])
-        draw_finger(axes, run, scene, int(np.abs(run.shape_times - instant).argmin()))
+        draw_finger(axes, run, scene, int(np.abs(run.snapshot_times - instant).argmin()))
         axes.set_title(f"{instant:.2f} s  {what}", fontsize=10, loc="left")
     felt, driven = figure.add_subplot(grid[2, :]), figure.add_subplot(grid[3, :])
 
@@ -144,9 +144,9 @@ def picture(run: fr.Record, scene: Scene, file: Path) -> None:
     plt.close(figure)
 
 
-def draw_finger(axes: Any, run: fr.Record, scene: Scene, row: int) -> None:
+def draw_finger(axes: Any, run: fr.Trajectory, scene: Scene, row: int) -> None:
     """The finger from its side, with its objects, its tendons and its chamber, in a row of the kept shapes."""
-    time, nodes = run.shape_times[row], run.nodes + run.shapes[row]
+    time, nodes = run.snapshot_times[row], run.nodes + run.snapshots[row]
     draw_objects(axes, scene, time)
     draw_from_side(axes, nodes, run.triangles)
 

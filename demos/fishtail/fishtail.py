@@ -86,28 +86,30 @@ def write_pressures() -> None:
         (HERE / f"{name}.csv").write_text("\n".join(["time,pressure", *lines, ""]))
 
 
-def account_gap(record: fr.Record) -> float:
+def account_gap(record: fr.Trajectory) -> float:
     """What the energy account misses, as a share of what was supplied."""
     gap = record.energy - record.supplied + record.dissipated + record.lost_in_switching
     return float(np.abs(gap).max() / np.abs(record.supplied).max())
 
 
-def told_too_far(record: fr.Record) -> bool:
+def told_too_far(record: fr.Trajectory) -> bool:
     """Whether the run says that it left what a linear model can follow."""
     return any("linear model" in warning for warning in record.warnings)
 
 
-def draw(file: Path, full: fr.Record, reduced: fr.Record) -> None:
+def draw(file: Path, full: fr.Trajectory, reduced: fr.Trajectory) -> None:
     """The tail bent to both sides, and sideways motion of the markers, full order and reduced."""
     figure = figure_class()(figsize=(13, 4.5), layout="constrained")
     sideways = full.outputs["markers"][:, :, 2]
-    tip = sideways[np.searchsorted(full.times, full.shape_times), -1]
-    largest = np.linalg.norm(full.shapes, axis=2).max()
+    tip = sideways[np.searchsorted(full.times, full.snapshot_times), -1]
+    largest = np.linalg.norm(full.snapshots, axis=2).max()
     for place, instant in enumerate((tip.argmax(), tip.argmin())):
         axes = figure.add_subplot(1, 3, 1 + place, projection="3d")
-        drawn = draw_body(axes, full.nodes @ UPRIGHT, full.triangles, full.shapes[instant] @ UPRIGHT, largest=largest)
+        drawn = draw_body(
+            axes, full.nodes @ UPRIGHT, full.triangles, full.snapshots[instant] @ UPRIGHT, largest=largest
+        )
         axes.view_init(elev=30, azim=-65)
-        axes.set_title(f"{full.shape_times[instant]:.2f} s")
+        axes.set_title(f"{full.snapshot_times[instant]:.2f} s")
     where = {"location": "bottom", "shrink": 0.5, "ticks": [0, largest], "format": "%.4f"}
     figure.colorbar(drawn, ax=figure.axes, label="displacement (m)", **where)
     axes = figure.add_subplot(1, 3, 3)

@@ -93,7 +93,7 @@ def odd_columns(quick: bool) -> Iterator[Row]:
 
 def switching_ride(rom: fr.Rom, steps: int) -> tuple[fr.Simulator, Account]:
     """A random push at every step, in a random contact mode."""
-    random, names = np.random.default_rng(0), list(rom.modes)
+    random, names = np.random.default_rng(0), list(rom.contact_models)
     body = fr.Simulator(rom, dt=1e-2)
     account = Account(body)
     for _ in range(steps):
@@ -109,7 +109,7 @@ def switching_ride(rom: fr.Rom, steps: int) -> tuple[fr.Simulator, Account]:
 
 def most_added(rom: fr.Rom) -> float:
     """Most that a switch adds to the stored energy, as a share of it, from the states that its maps stretch most."""
-    body, projections, names = fr.Simulator(rom, dt=1e-2), Projections(rom), list(rom.modes)
+    body, projections, names = fr.Simulator(rom, dt=1e-2), Projections(rom), list(rom.contact_models)
     pairs = [(one, other) for one in names for other in names if one != other]
     worst = -1.0
     for k in np.random.default_rng(0).permutation(len(pairs))[:PAIRS]:
@@ -118,7 +118,7 @@ def most_added(rom: fr.Rom) -> float:
         e, r = (np.linalg.svd(one_map)[2][0] for one_map in maps)
         for share in (0.0, 1.0):  # of elastic energy
             body.switch(start)
-            body.state = share * e / body.rom.modes[start].divisors, (1 - share) * r
+            body.state = share * e / body.rom.contact_models[start].safe_frequencies, (1 - share) * r
             before = body.energy
             body.switch(end)
             worst = max(worst, body.energy / before - 1)
@@ -130,5 +130,5 @@ def ride_rows(case: str, hard: str, rom: fr.Rom, steps: int) -> Iterator[Row]:
     _, account = switching_ride(rom, steps)
     yield Row(case, hard, f"{steps:,} switches: stored beyond supplied", account.relative_excess, ROUND_OFF)
     yield Row(case, hard, "gap of the energy account", account.relative_gap, ROUND_OFF)
-    if len(rom.modes) > 1:
+    if len(rom.contact_models) > 1:
         yield Row(case, hard, "most that a switch can add, of the stored energy", most_added(rom), NONE_ADDED)

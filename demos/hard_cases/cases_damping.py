@@ -58,12 +58,12 @@ def undamped(quick: bool) -> Iterator[Row]:
     orders = {"in one product": 20, "velocity first": LARGEST_PRODUCT[1] + 15}
     for form, order in orders.items():
         rom = fr.reduce(system, order=order, method="modal")
-        certified = rom.modes["right"].transfer_errors.max()
+        certified = rom.contact_models["right"].transfer_errors.max()
         yield Row(f"no damping, order {order}", "infinite resonances", "certified transfer error", certified, 1.0)
         ride = kept_by_steps(fr.Simulator(rom, dt=1e-3), steps)
         yield Row(f"no damping, order {order}", f"{steps:,} steps {form}", "energy gained or lost", ride, KEPT)
-        march = kept_by_march(fr.Simulator(rom, dt=1e-3), steps)
-        yield Row(f"no damping, order {order}", f"{steps:,} steps marched", "energy gained or lost", march, KEPT)
+        rollout = kept_by_march(fr.Simulator(rom, dt=1e-3), steps)
+        yield Row(f"no damping, order {order}", f"{steps:,} steps marched", "energy gained or lost", rollout, KEPT)
     count = 500 if quick else 10_000
     kept = kept_at_full_order(system, count)
     yield Row("no damping, full order", f"{count:,} steps", "energy gained or lost", kept, KEPT)
@@ -72,7 +72,7 @@ def undamped(quick: bool) -> Iterator[Row]:
 def pluck(body: fr.Simulator) -> float:
     """Puts a body into a shape with all its modes in it, and gives its energy, J."""
     m = len(body.state[0])
-    ω = np.sqrt(body.rom.modes[body.contact].eigenvalues)
+    ω = np.sqrt(body.rom.contact_models[body.contact].eigenvalues)
     body.state = np.random.default_rng(0).standard_normal(m) / ω, np.zeros(m)
     return body.energy
 
@@ -95,7 +95,7 @@ def kept_by_march(body: fr.Simulator, steps: int) -> float:
     start, u, change = pluck(body), np.zeros((10_000, body.inputs)), 0.0
     for _ in range(steps // len(u)):
         try:
-            body.march(u, outputs=[])
+            body.rollout(u, outputs=[])
         except StepError:
             return 1.0
         change = max(change, abs(body.energy - start))

@@ -45,8 +45,8 @@ def equal(steps: int) -> Iterator[Row]:
     rom, errors = {}, {}
     for order in (8, 9, 10):
         rom[order] = fr.reduce(two_strings(), order=order)
-        errors[order] = rom[order].modes["one"].transfer_errors.max()
-    σ = rom[9].modes["one"].hankel_singular_values
+        errors[order] = rom[order].contact_models["one"].transfer_errors.max()
+    σ = rom[9].contact_models["one"].hankel_singular_values
     pair = abs(σ[8] / σ[9] - 1)
     case, hard = "two equal strings, order 9", "cut between equal σ"
     yield Row(case, hard, "difference of the two σ at the cut, relative", pair, 1e-9)

@@ -51,7 +51,7 @@ def beside_double(rom: fr.Rom, part: float, steps: int) -> tuple[float, float]:
         part: of the lowest period, that a step takes.
         steps: how many.
     """
-    dt = part * 2 * np.pi / np.sqrt(rom.modes["right"].eigenvalues[0])
+    dt = part * 2 * np.pi / np.sqrt(rom.contact_models["right"].eigenvalues[0])
     double, single = (fr.Batch(rom, 1, dt, dtype=dtype, ledger=True) for dtype in (np.float64, np.float32))
     largest = error = 0.0
     for step in range(1, steps + 1):
@@ -67,7 +67,7 @@ def beside_double(rom: fr.Rom, part: float, steps: int) -> tuple[float, float]:
 def gained(rom: fr.Rom, dtype: type, steps: int) -> float:
     """Energy that a free run without damping gained, as a share of what it began with."""
     body = fr.Batch(rom, 1, 1e-3, dtype=dtype)
-    γ = rom.modes["right"].eigenvalues
+    γ = rom.contact_models["right"].eigenvalues
     body.set_state(np.random.default_rng(0).standard_normal(len(γ)) / np.sqrt(γ), np.zeros(len(γ)))
     start, rest = body.energy[0], np.zeros(body.inputs)
     for _ in range(steps):

@@ -63,7 +63,7 @@ def sizes() -> Iterator[Row]:
         rom = fr.reduce(system, order=20)
         runs = both_runs(system, rom, np.array(PUSH) * size**2)
         tips[size] = runs.tip / size
-        σ[size] = rom.modes["right"].hankel_singular_values[:20]
+        σ[size] = rom.contact_models["right"].hankel_singular_values[:20]
         case, hard = f"beam of {0.3 * size:g} m", "size"
         yield Row(case, hard, "order 20 against full order: error of the run", runs.error, 1e-4)
         yield from accounts(case, hard, runs)

@@ -52,7 +52,7 @@ def of(case: str, hard: str, account: Account) -> Iterator[Row]:
 
 def any_steps(rom: fr.Rom, steps: int, switch: bool = False) -> Account:
     """Another step size at every step, and random forces."""
-    random, names = np.random.default_rng(1), list(rom.modes)
+    random, names = np.random.default_rng(1), list(rom.contact_models)
     body = fr.Simulator(rom, dt=1e-3)
     account = Account(body)
     for _ in range(steps):
@@ -66,7 +66,7 @@ def any_steps(rom: fr.Rom, steps: int, switch: bool = False) -> Account:
 
 def spikes(rom: fr.Rom, steps: int) -> Account:
     """Nothing, but for a spike once in a while, and switches."""
-    random, names = np.random.default_rng(2), list(rom.modes)
+    random, names = np.random.default_rng(2), list(rom.contact_models)
     body = fr.Simulator(rom, dt=1e-3)
     account = Account(body)
     for _ in range(steps):
@@ -80,7 +80,7 @@ def spikes(rom: fr.Rom, steps: int) -> Account:
 
 def endless(rom: fr.Rom, steps: int) -> Account:
     """A switch and a push at every step."""
-    random, names = np.random.default_rng(3), list(rom.modes)
+    random, names = np.random.default_rng(3), list(rom.contact_models)
     body = fr.Simulator(rom, dt=1e-3)
     account = Account(body)
     pushes, choices = random.standard_normal((steps, body.inputs)), random.integers(len(names), size=steps)
@@ -93,13 +93,13 @@ def endless(rom: fr.Rom, steps: int) -> Account:
 
 def marched(rom: fr.Rom, steps: int) -> Account:
     """The same in one go of ten thousand after another."""
-    random, names = np.random.default_rng(3), np.array(list(rom.modes), dtype=object)
+    random, names = np.random.default_rng(3), np.array(list(rom.contact_models), dtype=object)
     body = fr.Simulator(rom, dt=1e-3)
     account = Account(body)
     for _ in range(steps // 10_000):
         pushes = random.standard_normal((10_000, body.inputs))
         try:
-            body.march(pushes, contact=names[random.integers(len(names), size=10_000)], outputs=[])
+            body.rollout(pushes, contact=names[random.integers(len(names), size=10_000)], outputs=[])
         except StepError:
             account.excess = account.gap = np.inf
             break

@@ -84,7 +84,7 @@ def both_runs(system: fr.System, rom: fr.Rom, push: Sequence[float], *, steps: i
         steps: how many.
         dt: s; 0: a fortieth of the lowest natural period.
     """
-    name, mode = next(iter(rom.modes.items()))
+    name, mode = next(iter(rom.contact_models.items()))
     dt = dt or 2 * np.pi / np.sqrt(mode.eigenvalues[rom.rigid]) / 40
     B, rest = system.input_matrix(name), np.zeros(len(push))
     with closing(FullSimulator(system, dt)) as full:

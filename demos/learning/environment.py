@@ -39,7 +39,7 @@ class PlateReach(VectorEnv):
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.batch = Batch(rom, num_envs, STEP, dtype=np.float32)
-        self.contacts = np.array(list(rom.modes))
+        self.contacts = np.array(list(rom.contact_models))
         self.target, self.place, self.age = np.zeros(num_envs), np.zeros(num_envs, int), np.zeros(num_envs, int)
 
     def reset(self, *, seed=None, options=None):

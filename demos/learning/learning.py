@@ -108,8 +108,8 @@ def main() -> None:
         "idle": play(env, lambda observation: np.zeros((env.num_envs, 1))),
         "hand-made": play(env, hand_made),
     }
-    compare(plays, list(rom.modes), out)
-    picture(plays, list(rom.modes), out)
+    compare(plays, list(rom.contact_models), out)
+    picture(plays, list(rom.contact_models), out)
     check(plays)
 
 

@@ -25,7 +25,7 @@ def transfer_error(system: fr.System, rom: fr.Rom, contact: str, frequencies: li
     """
     identity = np.eye(system.size)[system.algebra.rows()]
     M, D, K = (system.algebra.gather(A @ identity) for A in (system.mass, system.damping, system.stiffness))
-    B, mode = system.algebra.gather(system.input_matrix(contact)), rom.modes[contact]
+    B, mode = system.algebra.gather(system.input_matrix(contact)), rom.contact_models[contact]
     damping = np.diag(mode.damping) if mode.damping.ndim == 1 else mode.damping
     errors = []
     for ω in frequencies:

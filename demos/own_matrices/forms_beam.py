@@ -63,7 +63,7 @@ for step in range(1000):
 error = transfer_error(system, rom, "tip", [0.0, 10.0, 20.0, 50.0])
 if domain.comm.rank == 0:
     print(f"{system.size} displacements at {len(rom.nodes)} nodes on {domain.comm.size} ranks")
-    print(f"lowest frequency {rom.modes['tip'].eigenvalues[0] ** 0.5 / (2 * np.pi):.2f} Hz")
+    print(f"lowest frequency {rom.contact_models['tip'].eigenvalues[0] ** 0.5 / (2 * np.pi):.2f} Hz")
     print(f"energy account closes to {energy_gap(body):.1e}, transfer functions to {error:.1e}")
 assert body.displacement().shape == (9 * 3 * 3, 3), "every node of the mesh can be drawn"
 assert energy_gap(body) <= 1e-12

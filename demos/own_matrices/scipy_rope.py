@@ -40,7 +40,7 @@ for step in range(3000):
     body.step([1.0 if step < 1000 else np.sin(8.0 * body.time)])  # N
 
 error = max(transfer_error(system, rom, name, [0.0, 2.0, 5.0, 10.0, 20.0]) for name in system.contacts)
-print(f"{system.size} masses, {rom.modes['pull'].order} balanced displacements")
+print(f"{system.size} masses, {rom.contact_models['pull'].order} balanced displacements")
 print(f"middle of the rope at {body.time:.1f} s: {body.displacement('middle')[0]:+.4f} m")
 print(f"energy account closes to {energy_gap(body):.1e}, transfer functions to {error:.1e}")
 assert system.rayleigh is None, "a dashpot in one place is not proportional damping"

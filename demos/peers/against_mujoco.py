@@ -206,9 +206,9 @@ def compare(
         rows += its.broken
     for name, rom in roms.items():
         for h in STEPS:
-            path = march(rom, h)
+            path = rollout(rom, h)
             errors = (kept(path, own[name]), distance(path, own[name]), distance(path, reference))
-            order = next(iter(rom.modes.values())).order
+            order = next(iter(rom.contact_models.values())).order
             runs += [Run(name, way, order, h, middle[name, way, 0.0], *errors, path) for way in ways[name]]
     setting = (
         f"{caption(next(iter(roms.values())), found, rounds)} Fine elements: {system.size:,} unknowns of degree 2, "
@@ -314,10 +314,10 @@ def kept(path: Array, reference: Array) -> float:
     return float(np.linalg.norm(path[-LAST:]) / np.linalg.norm(reference[-LAST:]))
 
 
-def march(rom: fr.Rom, h: float) -> Array:
+def rollout(rom: fr.Rom, h: float) -> Array:
     """The tip's displacement at every sample in steps of h."""
     body = fr.Simulator(rom, dt=h, ledger=False)
-    return body.march(forces(h), every=round(SAMPLE / h))["tip"].reshape(samples(), -1)[:, -1]
+    return body.rollout(forces(h), every=round(SAMPLE / h))["tip"].reshape(samples(), -1)[:, -1]
 
 
 def forces(h: float) -> Array:
@@ -326,7 +326,7 @@ def forces(h: float) -> Array:
 
 
 def loops(rom: fr.Rom) -> dict[str, Callable[[], int]]:
-    """Ours: single steps, a march and many bodies at once, at a step of 0.1 ms; the tip is read at every sample."""
+    """Ours: single steps, a rollout and many bodies at once, at a step of 0.1 ms; the tip is read at every sample."""
     h = 1e-4
     every, pushes = round(SAMPLE / h), forces(h)
     u = list(pushes)
@@ -345,7 +345,7 @@ def loops(rom: fr.Rom) -> dict[str, Callable[[], int]]:
 
     def marches() -> int:
         marching.restore(start)
-        marching.march(pushes, every=every)
+        marching.rollout(pushes, every=every)
         return len(pushes)
 
     def batch() -> int:
@@ -355,7 +355,7 @@ def loops(rom: fr.Rom) -> dict[str, Callable[[], int]]:
                 bodies.displacement("tip")
         return 200 * BODIES
 
-    return {STEPPED: step, "march": marches, f"each of a Batch of {BODIES:,}": batch}
+    return {STEPPED: step, "rollout": marches, f"each of a Batch of {BODIES:,}": batch}
 
 
 @dataclass(frozen=True)
@@ -482,7 +482,7 @@ def caption(rom: fr.Rom, found: dict[Flex, Paths], rounds: int) -> str:
 
 def frequency(rom: fr.Rom) -> float:
     """The lowest of a reduced beam, Hz."""
-    return float(np.sqrt(rom.modes["tip"].eigenvalues.min()) / 2 / np.pi)
+    return float(np.sqrt(rom.contact_models["tip"].eigenvalues.min()) / 2 / np.pi)
 
 
 def short_table(
@@ -531,12 +531,12 @@ def claims(runs: list[Run], ours: list[str], found: dict[Flex, Paths], findings:
     def at(model: str, way: str, h: float) -> Run:
         return next(run for run in runs if (run.model, run.way, run.step) == (model, way, h))
 
-    here = at(ours[0], "march", 1e-3)
+    here = at(ours[0], "rollout", 1e-3)
     findings.at_most("|amplitude kept - 1| by fenics_rom at 1 ms", abs(here.kept - 1), 1e-2)
-    findings.at_most("error of fenics_rom at 0.02 ms", at(ours[0], "march", FINEST).error, 1e-3)
+    findings.at_most("error of fenics_rom at 0.02 ms", at(ours[0], "rollout", FINEST).error, 1e-3)
     for flex in found:
         name = f"fenics_rom, of {flex.name}"
-        findings.at_most(f"{name}: error of time at 0.02 ms", at(name, "march", FINEST).error_of_time, 2e-3)
+        findings.at_most(f"{name}: error of time at 0.02 ms", at(name, "rollout", FINEST).error_of_time, 2e-3)
         theirs = [run for run in runs if run.model == f"MuJoCo, {flex.name}"]
         discrete = next(run for run in theirs if (run.way, run.step) == ("discrete", 1e-3))
         findings.at_most(f"amplitude kept by MuJoCo's discrete at 1 ms, {flex.name}", discrete.kept, 0.1)
@@ -556,7 +556,7 @@ MARKERS = {"Euler": "o", "RK4": "^", "discrete": "s"}
 def picture(runs: list[Run], ours: list[str], coarser: float, file: Path) -> None:
     """Errors of time and of everything against real time; `coarser` is how far coarser elements are away."""
     figure, axes = plt.subplots(1, 2, figsize=(12, 5.2), sharey=True, layout="constrained")
-    lines = {STEPPED: "-", "march": "--", f"each of a Batch of {BODIES:,}": ":"}
+    lines = {STEPPED: "-", "rollout": "--", f"each of a Batch of {BODIES:,}": ":"}
     for plain, attribute in zip(axes, ("error_of_time", "error"), strict=True):
         for model, way in dict.fromkeys((run.model, run.way) for run in runs):
             mine = sorted((r for r in runs if (r.model, r.way) == (model, way)), key=lambda run: run.realtime)
@@ -596,7 +596,7 @@ def picture_of_paths(runs: list[Run], ours: list[str], reference: Array, file: P
     t = SAMPLE * np.arange(1, samples() + 1)
     axes.plot(t, 1e3 * reference, color="0.7", linewidth=4, label="fine finite elements, without time steps")
     theirs = f"MuJoCo, {DRAWN.name}"
-    for model, way, style in ((ours[0], "march", "C0-"), (theirs, "discrete", "C2--"), (theirs, "Euler", "C3:")):
+    for model, way, style in ((ours[0], "rollout", "C0-"), (theirs, "discrete", "C2--"), (theirs, "Euler", "C3:")):
         steps = [run for run in runs if (run.model, run.way) == (model, way) and run.step <= 1e-3]
         if steps:
             run = max(steps, key=lambda run: run.step)  # 1 ms, or the longest that is stable

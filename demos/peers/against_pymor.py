@@ -182,7 +182,7 @@ def offline(system: fr.System, model: Model, full: Responses, peer: Peer, findin
     title = (
         f"## The same reduction by pyMOR\n\n{system.size:,} unknowns, 2 contact modes of 3 inputs, 6 outputs; "
         f"{versions}one thread each; {machine()}. Times: both contact modes, medians of {rounds} runs that took "
-        "turns; fenics_rom's with its certificate, pyMOR's with one observability Gramian for both contact modes. "
+        "turns; fenics_rom's with its validation, pyMOR's with one observability Gramian for both contact modes. "
         f"Errors: largest |H - H_r| of the outputs at {len(FREQUENCIES)} frequencies up to 500 Hz, as a share of the "
         "largest |H|; the worse contact mode. Settings of pyMOR's Lyapunov solver: "
         f"{json.dumps(SETTINGS[BEST]['settings'])}. Columns of its Gramian factors: {used or 'none'}."
@@ -203,7 +203,7 @@ def variants(system: fr.System, model: Model, full: Responses, peer: Peer, findi
     one, other = model.inputs
     gain = max(float(np.linalg.norm(map, 2)) ** 2 for map in Projections(rom).between(one, other))
     findings.at_most("most energy that a switch of fenics_rom leaves of 1 J", gain, 1 + 1e-12)
-    mine = {name: galerkin(model, rom.basis @ rom.modes[name].coordinates, name) for name in model.inputs}
+    mine = {name: galerkin(model, rom.basis @ rom.contact_models[name].coordinates, name) for name in model.inputs}
     unstable = unstable_orders(stabilities(system, model))
     rows: list[tuple[object, ...]] = [described("fenics_rom", "", mine, model, full, unstable, gain)]
     findings.at_most("orders at which fenics_rom is unstable", 0 if unstable == "none" else 1, 0)
@@ -318,7 +318,7 @@ def stepping(system: fr.System, model: Model, found: Found, peer: Peer, findings
     else:
         rom = fr.reduce(single, order=FEW, weighting="outputs")
     forces = np.tile(INPUT, (STEPS, 1))
-    marched = fr.Simulator(rom, dt=STEP, ledger=False).march(forces)["patches"].reshape(STEPS, -1)
+    marched = fr.Simulator(rom, dt=STEP, ledger=False).rollout(forces)["patches"].reshape(STEPS, -1)
     rates, outputs, missing = {}, {}, ""
     turns: dict[str, list[float]] = {}
     for _ in range(ROUNDS):
@@ -365,7 +365,7 @@ def given_directions(bases: dict[str, Array]) -> Callable[..., Iterator[tuple[st
 
 
 def loops(rom: fr.Rom, forces: Array) -> dict[str, Callable[[], int]]:
-    """Ours: single steps, a march, and many bodies at once; outputs after every step."""
+    """Ours: single steps, a rollout, and many bodies at once; outputs after every step."""
     u = list(forces)
 
     def step(ledger: bool) -> Callable[[], int]:
@@ -379,8 +379,8 @@ def loops(rom: fr.Rom, forces: Array) -> dict[str, Callable[[], int]]:
 
         return run
 
-    def march() -> int:
-        fr.Simulator(rom, dt=STEP, ledger=False).march(forces)
+    def rollout() -> int:
+        fr.Simulator(rom, dt=STEP, ledger=False).rollout(forces)
         return len(forces)
 
     bodies = fr.Batch(rom, BODIES, STEP)
@@ -395,7 +395,7 @@ def loops(rom: fr.Rom, forces: Array) -> dict[str, Callable[[], int]]:
     return {
         "step": step(False),
         "step, energy account kept": step(True),
-        "march": march,
+        "rollout": rollout,
         f"Batch of {BODIES:,} bodies, of each": batch,
     }
 
@@ -403,7 +403,7 @@ def loops(rom: fr.Rom, forces: Array) -> dict[str, Callable[[], int]]:
 def ours(system: fr.System, order: int, weighting: str) -> Bases:
     """Bases by contact mode and order."""
     rom = fr.reduce(system, order=order, weighting=weighting)
-    return {(name, order): rom.basis @ mode.coordinates for name, mode in rom.modes.items()}
+    return {(name, order): rom.basis @ mode.coordinates for name, mode in rom.contact_models.items()}
 
 
 def errors_of(model: Model, bases: Bases, full: Responses) -> dict[int, tuple[float, float]]:

@@ -103,8 +103,8 @@ def write_models(system: fr.System) -> None:
     """The files that the commands `simulate`, `solve`, `compare` and `info` are about."""
     rom = fr.reduce(system, order=20)
     fr.write_rom(OUT / "plate.h5", rom)
-    fr.write_record(OUT / "reduced.h5", fr.simulate(rom))
-    fr.write_record(OUT / "full.h5", fr.solve(system))
+    fr.write_trajectory(OUT / "reduced.h5", fr.simulate(rom))
+    fr.write_trajectory(OUT / "full.h5", fr.solve(system))
 
 
 def ride(system: fr.System, label: str, **choice: object) -> Ride:
@@ -128,7 +128,7 @@ def ride(system: fr.System, label: str, **choice: object) -> Ride:
         most = max(most, body.ledger.supplied)
         if body.energy > EXPLODED * most:
             break
-    orders = [mode.order for mode in rom.modes.values()]
+    orders = [mode.order for mode in rom.contact_models.values()]
     return Ride(label, orders, np.array(times), np.array(energy), np.array(work), shapes)
 
 

@@ -60,7 +60,7 @@ def main() -> None:
     pokes, orders = (QUICK, ORDERS[-1:]) if quick else (POKES, ORDERS)
     assert scene.run is not None
     run = replace(scene.run, duration=pokes * EACH)
-    scene = replace(scene, run=replace(run, shapes=round(run.duration / run.dt)))  # the shape of every step
+    scene = replace(scene, run=replace(run, snapshots=round(run.duration / run.dt)))  # the shape of every step
     system = fr.assemble(scene)
     points = np.unique(np.concatenate(list(system.contact_points.values())))
     print(f"Cylinder: {system.size} unknowns, {len(system.contacts)} contact modes, {len(points)} contact points\n")
@@ -103,7 +103,7 @@ def write_motion(file: Path) -> None:
     file.write_text("\n".join(["time,x,y,z", *lines]) + "\n")
 
 
-def contact_modes(run: fr.Record) -> tuple[Array, Array]:
+def contact_modes(run: fr.Trajectory) -> tuple[Array, Array]:
     """Which place the ball is at and which contact mode is active, of each step in which the ball pushes."""
     pushes = np.flatnonzero(run.forces["ball"].any(axis=1))
     poked = ((run.times[pushes] - run.settings["dt"] / 2) // EACH).astype(int)
@@ -111,7 +111,7 @@ def contact_modes(run: fr.Record) -> tuple[Array, Array]:
     return poked, names[run.contact[pushes]]
 
 
-def picture(run: fr.Record, patches: Mapping[str, Array], pokes: int, file: Path) -> None:
+def picture(run: fr.Trajectory, patches: Mapping[str, Array], pokes: int, file: Path) -> None:
     """The cylinder under each poke, and the force beside it; time goes down."""
     pitch, left, right = 0.045, -0.012, 0.612  # m, of the shapes
     inch = 13.0  # per m
@@ -128,9 +128,9 @@ def picture(run: fr.Record, patches: Mapping[str, Array], pokes: int, file: Path
     size = np.linalg.norm(run.forces["ball"], axis=1)
     for k in range(pokes):
         colour, instant, lift = mpl.colors.to_hex(colours[k]), k * EACH + MIDDLE, -k * pitch
-        step = int(np.abs(run.shape_times - instant).argmin())
+        step = int(np.abs(run.snapshot_times - instant).argmin())
         shapes.plot([0, 0.6], [lift, lift], color="0.8", linewidth=0.8, linestyle=(0, (6, 4)), zorder=0)
-        moved = run.nodes + run.shapes[step]
+        moved = run.nodes + run.snapshots[step]
         draw_from_side(shapes, moved, run.triangles, coloured={colour: patches[f"at_{k}"]}, lift=lift)
         centre = PLACES[k], TOP - DEPTHS[k] + RADIUS + lift
         shapes.add_patch(Circle(centre, RADIUS, facecolor=colour, edgecolor=OUTLINE, linewidth=0.8, alpha=0.9))

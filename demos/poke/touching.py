@@ -11,7 +11,7 @@ from matplotlib.colors import to_rgb
 
 import fenics_rom as fr
 from fenics_rom.io.markdown import markdown
-from fenics_rom.mechanics.environment import Surroundings
+from fenics_rom.mechanics.environment import Environment
 from fenics_rom.scene.scene import Scene
 
 Array = np.ndarray
@@ -21,20 +21,20 @@ BODY = "#d9d4c7"  # silicone
 OUTLINE = "0.25"
 
 
-def error(run: fr.Record, full: fr.Record) -> float:
+def error(run: fr.Trajectory, full: fr.Trajectory) -> float:
     """Largest distance of any node at any kept instant, as a share of the largest displacement."""
     shape = fr.compare(run, full)["shape"]
     return shape.largest / shape.largest_reference
 
 
-def deepest(run: fr.Record, scene: Scene, points: Array) -> tuple[float, float]:
+def deepest(run: fr.Trajectory, scene: Scene, points: Array) -> tuple[float, float]:
     """How deep points (P,) are in an obstacle at most, m, and the most that one moves with or against it in a step, m.
 
     The run must have kept the shape of every step. The motion is that of the point and that of the obstacle, of points
     so close that they may touch.
     """
-    around = Surroundings(scene)
-    places = run.nodes[points] + np.concatenate([np.zeros((1, len(points), 3)), run.shapes[:, points]])
+    around = Environment(scene)
+    places = run.nodes[points] + np.concatenate([np.zeros((1, len(points), 3)), run.snapshots[:, points]])
     moved = np.linalg.norm(np.diff(places, axis=0), axis=2)
     offsets = np.array([around.offsets_at(t) for t in run.times])
     depth, motion = 0.0, 0.0
@@ -46,12 +46,12 @@ def deepest(run: fr.Record, scene: Scene, points: Array) -> tuple[float, float]:
     return depth, motion
 
 
-def within_linear(run: fr.Record) -> bool:
+def within_linear(run: fr.Trajectory) -> bool:
     """Whether nothing turned or strained beyond what a linear model can follow."""
     return not any("linear model" in message for message in run.warnings)
 
 
-def laws(run: fr.Record, scene: Scene, points: Array) -> dict[str, bool]:
+def laws(run: fr.Trajectory, scene: Scene, points: Array) -> dict[str, bool]:
     """What holds of every run among obstacles, reduced or not."""
     depth, motion = deepest(run, scene, points)
     contact, friction = (run.contact_account[name] for name in ("contact", "friction"))
@@ -70,7 +70,7 @@ def laws(run: fr.Record, scene: Scene, points: Array) -> dict[str, bool]:
 
 
 def table_of_errors(
-    runs: dict[int, fr.Record], errors: dict[int, float], full: fr.Record, size: int, file: Path
+    runs: dict[int, fr.Trajectory], errors: dict[int, float], full: fr.Trajectory, size: int, file: Path
 ) -> None:
     """Errors and rates against the order."""
     rate = {order: run.steps / run.settings["seconds"] for order, run in runs.items()}
@@ -86,7 +86,7 @@ def table_of_errors(
     print(f"{full.steps} steps of {full.settings['dt'] * 1e3:g} ms with contact and friction, one thread\n\n{table}")
 
 
-def table_of_parts(run: fr.Record, file: Path) -> None:
+def table_of_parts(run: fr.Trajectory, file: Path) -> None:
     """What a step spends its time on."""
     total = sum(run.profile.values())
     rows = [(part, f"{1e6 * each:.0f}", f"{each / total:.0%}") for part, each in run.profile.items()]

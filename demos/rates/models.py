@@ -10,7 +10,7 @@ from petsc4py import PETSc
 
 import fenics_rom as fr
 from fenics_rom.fem.petsc_matrix import combination
-from fenics_rom.rom.rom import Mode, Rom, check_rom, diagonalized_span
+from fenics_rom.rom.rom import ContactModel, Rom, check_rom, diagonalized_span
 from fenics_rom.runtime.steppers.midpoint import matrices
 from fenics_rom.scene.file import parse_scene
 
@@ -42,12 +42,12 @@ def synthetic(order: int) -> Rom:
     size = order + 6
     κ = np.sort(10 ** random.uniform(2, 8, size))
     γ, C = diagonalized_span(κ, np.linalg.qr(random.standard_normal((size, order)))[0])
-    mode = Mode(γ, 1 + 2e-3 * γ, random.standard_normal((order, 3)), C, np.eye(order), np.ones(order))
+    mode = ContactModel(γ, 1 + 2e-3 * γ, random.standard_normal((order, 3)), C, np.eye(order), np.ones(order))
     return check_rom(
         Rom(
             name=f"synthetic, order {order}",
             switching="energy",
-            modes={"only": mode},
+            contact_models={"only": mode},
             actuators={},
             basis=np.eye(size),
             stiffness=κ,
@@ -62,7 +62,7 @@ def synthetic(order: int) -> Rom:
     )
 
 
-def midpoint(mode: Mode, inputs: Array) -> Array:
+def midpoint(mode: ContactModel, inputs: Array) -> Array:
     """[ω q, r] (2m,) after steps from rest: the midpoint rule anew, in extended precision. Diagonal damping only."""
     γ, d, G = (part.astype(np.longdouble) for part in (mode.eigenvalues, mode.damping, mode.inputs))
     h = np.longdouble(STEP)
@@ -76,7 +76,7 @@ def midpoint(mode: Mode, inputs: Array) -> Array:
 class OneProductBare:
     """Nothing but one product of the (2m, 2m + p) matrix of a step, into an array that is there."""
 
-    def __init__(self, mode: Mode):
+    def __init__(self, mode: ContactModel):
         self._map = matrices(mode, STEP)[0]
         self._given, self.state = np.zeros(self._map.shape[1]), np.zeros(len(self._map))
 
@@ -96,7 +96,7 @@ class OneProductBare:
 class FourCallsBare:
     """The step where damping is diagonal, written out: a real 2 x 2 map for each eigenvalue, and the push."""
 
-    def __init__(self, mode: Mode):
+    def __init__(self, mode: ContactModel):
         m, after = mode.order, matrices(mode, STEP)[0]
         parts = after[:, : 2 * m].reshape(2, m, 2, m)
         self._maps = np.ascontiguousarray(np.einsum("akbk->bak", parts))  # from e and r, to e and r

@@ -60,7 +60,7 @@ from models import (
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning
 from fenics_rom.fem.simulate import FullSimulator
-from fenics_rom.rom.rom import Mode, Rom
+from fenics_rom.rom.rom import ContactModel, Rom
 from fenics_rom.runtime.batch import Batch
 
 OUT = Path(__file__).parent / "out"
@@ -76,7 +76,7 @@ SIZES = (256, 1024, 4096)
 POOL = 8  # arrays of inputs that a batch gets in turn
 CHECKED = 1000  # steps after which states are compared
 LENGTHS = (100, 1000, 10_000)  # of marches
-MANY = {"step": 10**6, "step, ledger": 10**6, "march": 10**7, "batch": 10**7}  # body-steps that must leak nothing
+MANY = {"step": 10**6, "step, ledger": 10**6, "rollout": 10**7, "batch": 10**7}  # body-steps that must leak nothing
 KEPT = 2048  # bytes: NumPy and Python keep some small blocks for the next array
 LEAK = 200_000  # bytes
 ROUNDS = 21
@@ -136,12 +136,12 @@ def few(steps: int) -> list[Array]:
     return list(pushes(100)) * (steps // 100)
 
 
-def first(rom: Rom) -> Mode:
+def first(rom: Rom) -> ContactModel:
     """The contact mode that a simulator begins in."""
-    return next(iter(rom.modes.values()))
+    return next(iter(rom.contact_models.values()))
 
 
-def state(mode: Mode, q: Array, r: Array) -> Array:
+def state(mode: ContactModel, q: Array, r: Array) -> Array:
     """[ω q, r] (2m,)."""
     return np.concatenate([np.sqrt(mode.eigenvalues) * q, r])
 
@@ -179,7 +179,7 @@ def marching(rom: Rom, steps: int, length: int, every: int, ledger: bool) -> Cal
 
     def loop() -> int:
         for _ in range(steps // length):
-            body.march(inputs, every=every, outputs=[OUTPUT])
+            body.rollout(inputs, every=every, outputs=[OUTPUT])
         return steps // length * length
 
     return loop
@@ -214,7 +214,7 @@ def single_steps(roms: dict[int, Rom], findings: Findings, quick: bool) -> dict[
         marched, batch = fr.Simulator(rom, STEP, ledger=False), Batch(rom, 2, STEP)
         product.steps(list(checked))
         calls.run(list(checked))
-        marched.march(checked)
+        marched.rollout(checked)
         for u in checked:
             plain.step(u)
             booked.step(u)
@@ -224,7 +224,7 @@ def single_steps(roms: dict[int, Rom], findings: Findings, quick: bool) -> dict[
             "four calls, bare": calls.state.copy(),
             "step": state(mode, *plain.state),
             "step, ledger": state(mode, *booked.state),
-            "march": state(mode, *marched.state),
+            "rollout": state(mode, *marched.state),
             f"batch of {BODIES:,}": state(mode, *(part[0] for part in batch.state(0))),
         }
         errors = {name: float(np.linalg.norm(end - exact) / np.linalg.norm(exact)) for name, end in ends.items()}
@@ -237,7 +237,7 @@ def single_steps(roms: dict[int, Rom], findings: Findings, quick: bool) -> dict[
             "four calls, bare": running(calls.run, inputs),
             "step": stepping(plain.step, inputs),
             "step, ledger": stepping(booked.step, inputs),
-            "march": marching(rom, 5 * steps, 5 * steps, 1, False),
+            "rollout": marching(rom, 5 * steps, 5 * steps, 1, False),
             f"batch of {BODIES:,}": many(Batch(rom, BODIES, STEP), max(1, steps // 100), False),
         }
         found = rates(loops, rounds)
@@ -257,7 +257,7 @@ def single_steps(roms: dict[int, Rom], findings: Findings, quick: bool) -> dict[
     findings.at_most(f"error of any form after {CHECKED:,} steps", largest, 1e-11)
     findings.at_most("gap of the energy account, as a share of the work", gap, 1e-12)
     heading = ("order", "form", "body-steps per second", "each", "in bare products", f"error after {CHECKED:,} steps")
-    findings.table("## Forms of a step: 3 inputs; march and batch with 3 outputs and none", heading, rows)
+    findings.table("## Forms of a step: 3 inputs; rollout and batch with 3 outputs and none", heading, rows)
     return by_form
 
 
@@ -281,17 +281,17 @@ def marches(rom: Rom, findings: Findings, quick: bool) -> None:
     for case in ordered:
         length, every, ledger = case
         marcher = fr.Simulator(rom, STEP, ledger=ledger)
-        parts = [marcher.march(inputs[k : k + length], every=every)[OUTPUT] for k in range(0, len(inputs), length)]
+        parts = [marcher.rollout(inputs[k : k + length], every=every)[OUTPUT] for k in range(0, len(inputs), length)]
         error = distance(np.concatenate(parts), stepped[every - 1 :: every])
         largest = max(largest, error)
         rate, kept = found[str(case)], "yes" if ledger else "no"
         rows.append((f"{length:,}", every, kept, f"{rate:,.0f}", f"{rate / found['step']:.1f}", f"{error:.1e}"))
-        findings.numbers.setdefault("march against step", {})[str(case)] = rate / found["step"]
+        findings.numbers.setdefault("rollout against step", {})[str(case)] = rate / found["step"]
         if length == LENGTHS[-1] and not ledger:
-            what = f"a march of {length:,} steps, outputs after every {every}: times the rate of step"
+            what = f"a rollout of {length:,} steps, outputs after every {every}: times the rate of step"
             findings.at_least(what, rate / found["step"], 10, rate=True)
     findings.at_most("error of marches against stepping", largest, 1e-11)
-    heading = ("steps of a march", "outputs after every", "ledger", "steps per second", "times step", "error")
+    heading = ("steps of a rollout", "outputs after every", "ledger", "steps per second", "times step", "error")
     title = (
         f"## March, order {ORDER}, 3 inputs, 3 outputs; step, no ledger and no outputs: {found['step']:,.0f} a second"
     )
@@ -306,7 +306,7 @@ def batches(rom: Rom, findings: Findings, quick: bool) -> None:
     errors = {}
     for dtype in (np.float64, np.float32):
         for size in SIZES:
-            for modes in (1, len(rom.modes)):
+            for modes in (1, len(rom.contact_models)):
                 for reading in (False, True):
                     case = f"{size},{dtype.__name__},{modes},{reading}"
                     batch = spread(rom, size, dtype, modes)
@@ -316,7 +316,7 @@ def batches(rom: Rom, findings: Findings, quick: bool) -> None:
     rows: list[tuple[object, ...]] = []
     for size in SIZES:
         for name in ("float64", "float32"):
-            for modes in (1, len(rom.modes)):
+            for modes in (1, len(rom.contact_models)):
                 key = f"{size},{name},{modes}"
                 plain, read = (found[f"{key},{reading}"] for reading in (False, True))
                 times = [f"{rate / found['step']:.1f}" for rate in (plain, read)]
@@ -325,7 +325,9 @@ def batches(rom: Rom, findings: Findings, quick: bool) -> None:
                 findings.numbers.setdefault("batch against step", {})[key] = plain / found["step"]
                 findings.numbers.setdefault("batch, reading, against step", {})[key] = read / found["step"]
     for name, bound in (("float64", 1e-11), ("float32", 1e-3)):
-        one, four = ([found[f"{size},{name},{modes},False"] for size in SIZES] for modes in (1, len(rom.modes)))
+        one, four = (
+            [found[f"{size},{name},{modes},False"] for size in SIZES] for modes in (1, len(rom.contact_models))
+        )
         shares = [of_four / of_one for of_one, of_four in zip(one, four, strict=True)]
         what = f"batches of {SIZES[0]} to {SIZES[-1]:,}, {name}"
         findings.at_least(f"{what}: times the rate of step, the least", min(one) / found["step"], 20, rate=True)
@@ -343,7 +345,7 @@ def batches(rom: Rom, findings: Findings, quick: bool) -> None:
 def spread(rom: Rom, size: int, dtype: type, modes: int) -> Batch:
     """A batch in some contact modes, drawn for each body."""
     batch = Batch(rom, size, STEP, dtype=dtype)
-    names = list(rom.modes)[:modes]
+    names = list(rom.contact_models)[:modes]
     batch.switch([names[k] for k in np.random.default_rng(size).integers(modes, size=size)])
     return batch
 
@@ -368,7 +370,7 @@ def error_of_batch(rom: Rom, batch: Batch) -> float:
 
 def full_order(system: fr.System, rom: Rom, findings: Findings, quick: bool) -> float:
     """Section 4: the full order, bare, and what is lost without it. Returns its rate as a share of step's."""
-    contact = next(iter(rom.modes))
+    contact = next(iter(rom.contact_models))
     steps, rounds = (5, 1) if quick else (50, ROUNDS)
     short, long = list(pushes(steps)), few(40 * steps if quick else 400 * steps)  # turns of about the same time
     solvers = {"CHOLMOD": ("cholmod",), "PETSc's own Cholesky": ("petsc", "rcm"), "MUMPS": ("mumps",)}
@@ -381,14 +383,16 @@ def full_order(system: fr.System, rom: Rom, findings: Findings, quick: bool) -> 
         "full order, CHOLMOD, M v and K x carried along": running(partial(carried.run, contact), short),
         "full order, solve, refined": stepping(partial(refined.step, B), short),
         "step": stepping(plain.step, long),
-        "march": marching(rom, 5 * len(long), 5 * len(long), 1, False),
+        "rollout": marching(rom, 5 * len(long), 5 * len(long), 1, False),
     }
     found = rates(loops, rounds)
     refined.close()
     best = max(found[name] for name in stepped)
     errors = {
         "one contact mode": trajectory_error(system, rom, [contact] * RUN),
-        "with a switch": trajectory_error(system, rom, [contact] * (RUN // 3) + [list(rom.modes)[1]] * (RUN // 3 * 2)),
+        "with a switch": trajectory_error(
+            system, rom, [contact] * (RUN // 3) + [list(rom.contact_models)[1]] * (RUN // 3 * 2)
+        ),
     }
     rows: list[tuple[object, ...]] = []
     for name, rate in found.items():
@@ -406,7 +410,7 @@ def full_order(system: fr.System, rom: Rom, findings: Findings, quick: bool) -> 
     findings.table(title, ("model", "order", "steps per second", "times full order", "error"), rows)
     findings.numbers["full order"] = found | {f"error, {name}": error for name, error in errors.items()}
     findings.at_least("step: times the rate of the full order", found["step"] / best, 500, rate=True)
-    findings.at_least("march: times the rate of the full order", found["march"] / best, 5000, rate=True)
+    findings.at_least("rollout: times the rate of the full order", found["rollout"] / best, 5000, rate=True)
     findings.at_most("error of push and release against the full order", errors["one contact mode"], 1e-6)
     return best / found["step"]
 
@@ -421,7 +425,7 @@ def trajectory_error(system: fr.System, rom: Rom, contacts: list[str]) -> float:
         body.switch(contact)
         body.step(u)
         full.run(contact, [u])
-        shape = rom.basis @ (rom.modes[contact].coordinates @ body.state[0])
+        shape = rom.basis @ (rom.contact_models[contact].coordinates @ body.state[0])
         both = np.stack([shape - full.x, full.x], axis=1)
         gap, size = np.einsum("nk,nk->k", both, system.mass @ both)
         gaps, sizes = gaps + gap, sizes + size
@@ -436,8 +440,8 @@ def what_stays(rom: Rom, findings: Findings, quick: bool) -> None:
     loops = {
         "step": stepping(plain.step, inputs),
         "step, ledger": stepping(booked.step, inputs),
-        "march": marching(rom, steps, 1000, 1, True),
-        "batch": many(spread(rom, 256, np.float64, len(rom.modes)), steps, True),
+        "rollout": marching(rom, steps, 1000, 1, True),
+        "batch": many(spread(rom, 256, np.float64, len(rom.contact_models)), steps, True),
     }
     rows: list[tuple[object, ...]] = []
     for name, loop in loops.items():
@@ -476,9 +480,9 @@ def imports(roms: list[Rom], out: Path, findings: Findings, quick: bool) -> None
     base, runtime = "NumPy and h5py", "fenics_rom.runtime, which waits with h5py until a file is read"
     statements = {base: "import numpy, h5py", runtime: "import fenics_rom.runtime.simulator"}
     for rom in roms:
-        file = out / f"{len(rom.modes)}.h5"
+        file = out / f"{len(rom.contact_models)}.h5"
         fr.write_rom(file, rom)
-        name = f"the same, and a ROM of {len(rom.modes)} contact modes, {file.stat().st_size / 1e6:.1f} MB"
+        name = f"the same, and a ROM of {len(rom.contact_models)} contact modes, {file.stat().st_size / 1e6:.1f} MB"
         statements[name] = f"{statements[runtime]}\nfenics_rom.read_rom({str(file)!r})"
     timed = "import time\nstart = time.perf_counter()\n{}\nprint(time.perf_counter() - start)"
     compiled = {"PYTHONDONTWRITEBYTECODE": "", "PYTHONPYCACHEPREFIX": str(out / "bytecode")}
@@ -504,7 +508,7 @@ def picture(by_form: dict[str, dict[int, float]], share: float, size: int, file:
     """Body-steps per second of all forms against the order, and of the full order by its share of what step makes."""
     styles: dict[str, dict[str, object]] = {  # from the fastest down
         f"batch of {BODIES:,}": {"color": "C1", "marker": "D"},
-        "march": {"color": "C2", "marker": "^"},
+        "rollout": {"color": "C2", "marker": "^"},
         "bare product": {"color": "0.5", "marker": "s", "linestyle": ":"},
         "step": {"color": "C0", "marker": "o"},
         "step, ledger": {"color": "C0", "marker": "o", "linestyle": "--", "markerfacecolor": "white"},

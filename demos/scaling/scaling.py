@@ -278,12 +278,12 @@ def check(costs: dict[str, list[Cost]]) -> None:
     everything = [c for cases in costs.values() for c in cases]
     errors = {order: max(c.transfer_error for c in everything if c.case.order == order) for order in (FEW, MANY)}
     ranks = change([c.singular_values for c in costs["ranks"]], relative=True)
-    company = change([c.singular_values[:1] for c in costs["contact modes"]], relative=False)
+    apart = change([c.singular_values[:1] for c in costs["contact modes"]], relative=False)
     claims = {
         f"transfer functions at order {FEW}: wrong by {errors[FEW]:.1e}, at most 5e-5": errors[FEW] <= 5e-5,
         f"transfer functions at order {MANY}: wrong by {errors[MANY]:.1e}, at most 1e-6": errors[MANY] <= 1e-6,
         f"σ on any number of ranks: the same to {ranks:.1e}, at most 1e-8": ranks <= 1e-8,
-        f"σ of a contact mode among others: the same to {company:.1e} of σ_1, at most 1e-7": company <= 1e-7,
+        f"σ of a contact mode among others: the same to {apart:.1e} of σ_1, at most 1e-7": apart <= 1e-7,
     }
     for claim, holds in claims.items():
         print(f"  {'holds' if holds else 'FAILS'}: {claim}")

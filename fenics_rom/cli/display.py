@@ -12,10 +12,10 @@ import numpy as np
 
 import fenics_rom as fr
 from fenics_rom.errors import MissingPackageError
-from fenics_rom.io.launcher import speaks
+from fenics_rom.io.launcher import is_root_process
 from fenics_rom.io.stages import Report, Stage, peak_memory
 from fenics_rom.rom.deformation import ReducedDeformation
-from fenics_rom.rom.rom import Mode
+from fenics_rom.rom.rom import ContactModel
 from fenics_rom.scene.effects import EFFECTS
 from fenics_rom.studies.pareto import decades, sentence
 from fenics_rom.studies.report import PICTURES
@@ -41,7 +41,7 @@ def rich_package() -> Any:
 
 def print_rom(rom: fr.Rom, file: Path | str) -> None:
     """What is in a ROM, how good it is, and what it cost."""
-    certificate = rom.certificate
+    validation = rom.validation
     print_table(
         f"ROM {rom.name}: {file}",
         (
@@ -55,7 +55,7 @@ def print_rom(rom: fr.Rom, file: Path | str) -> None:
             "transfer error",
             "sampled at",
         ),
-        [_mode_row(name, mode, certificate[name]) for name, mode in rom.modes.items()],
+        [_mode_row(name, mode, validation[name]) for name, mode in rom.contact_models.items()],
     )
     width = 3 if len(rom.nodes) else 1
     lines = {
@@ -70,7 +70,7 @@ def print_rom(rom: fr.Rom, file: Path | str) -> None:
         "actuators": ", ".join(rom.actuators) or "none",
         **({"loads": ", ".join(rom.loads)} if rom.loads else {}),
     }
-    touched = {name: len(mode.contact_points) for name, mode in rom.modes.items() if len(mode.contact_points)}
+    touched = {name: len(mode.contact_points) for name, mode in rom.contact_models.items() if len(mode.contact_points)}
     if touched:
         lines["contact points"] = ", ".join(f"{name} ({count})" for name, count in touched.items())
     _print_lines(lines, rom.warnings)
@@ -107,7 +107,7 @@ def _unit(unit: str) -> str:
     return "" if unit == "1" else f" {unit}"
 
 
-def _mode_row(name: str, mode: Mode, certificate: dict[str, float | None]) -> tuple[str, ...]:
+def _mode_row(name: str, mode: ContactModel, validation: dict[str, float | None]) -> tuple[str, ...]:
     σ, count = mode.hankel_singular_values, len(mode.frequencies)
     return (
         name,
@@ -115,7 +115,7 @@ def _mode_row(name: str, mode: Mode, certificate: dict[str, float | None]) -> tu
         str(mode.inputs.shape[1]),
         f"{mode.eigenvalues[mode.rigid] ** 0.5 / math.tau:.4g} Hz",
         f"{σ[0]:.2e}" if len(σ) else "-",
-        *(_share(certificate[key]) for key in ("neglected", "static_error", "transfer_error")),
+        *(_share(validation[key]) for key in ("neglected", "static_error", "transfer_error")),
         f"{count} frequenc{'y' if count == 1 else 'ies'}" if count else "-",
     )
 
@@ -146,7 +146,7 @@ def _megabytes(stage: Stage) -> str:
     return f"{stage.peak_memory / 1e6:,.0f} MB"
 
 
-def print_record(record: fr.Record, file: Path | str) -> None:
+def print_record(record: fr.Trajectory, file: Path | str) -> None:
     """What a run came to, and where the energy went."""
     seconds, dt = record.settings["seconds"], record.settings["dt"]
     account = {
@@ -249,7 +249,7 @@ def print_table(title: str, columns: tuple[str, ...], rows: Sequence[tuple[str, 
 @contextmanager
 def progress() -> Iterator[Report]:
     """A report that draws a bar for each stage on a terminal, on rank 0, and nothing elsewhere."""
-    if not (speaks() and sys.stderr.isatty()):
+    if not (is_root_process() and sys.stderr.isatty()):
         yield lambda stage, done, of: None
         return
     rich = rich_package()

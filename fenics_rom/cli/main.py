@@ -24,9 +24,9 @@ from fenics_rom.cli.display import (
     progress,
     rich_package,
 )
-from fenics_rom.errors import FenicsRomError, FenicsRomWarning, MissingPackageError, RomFileError, SceneError
+from fenics_rom.errors import FenicsRomError, FenicsRomWarning, FileError, MissingPackageError, SceneError
 from fenics_rom.io.hdf5 import check_folder, check_place, content_of, is_rank_0, write_whole
-from fenics_rom.io.launcher import launched_rank, speaks
+from fenics_rom.io.launcher import is_root_process, launched_rank
 from fenics_rom.io.stages import Report
 from fenics_rom.rom.rom import SWITCHINGS
 from fenics_rom.scene.scene import LYAPUNOV, METHODS, SOLVERS, STEPPERS, WEIGHTINGS, Scene
@@ -81,7 +81,7 @@ def main(arguments: list[str] | None = None) -> NoReturn:
 
 def _give_up(reason: str) -> NoReturn:
     """Says why, once, and ends every rank: an error of one rank must not leave the others waiting."""
-    if not speaks():
+    if not is_root_process():
         time.sleep(PATIENCE)  # in nearly every case rank 0 says the same and ends this rank too
     print(f"fenics-rom: error: {' '.join(reason.split())}", file=sys.stderr, flush=True)
     _end(1)
@@ -273,7 +273,7 @@ def _set_petsc_options(words: list[str]) -> None:
 
 def _print_unused(words: list[str]) -> None:
     """A typing error in an option must not pass in silence."""
-    if words and speaks():
+    if words and is_root_process():
         from fenics_rom.fem.options import unused_options
 
         print_warnings([f"option {name} was given, but nothing has read it" for name in unused_options()])
@@ -286,7 +286,7 @@ def _reduce(choice: Any) -> None:
     _check_output(choice.output, choice.scene, *files)
     partial = Path(f"{choice.output}.partial")
     if partial.exists() and not partial.is_dir():
-        raise RomFileError(f"{partial}: is needed for what is finished, but it is not a folder")
+        raise FileError(f"{partial}: is needed for what is finished, but it is not a folder")
     if choice.tolerance is not None and not 0 < choice.tolerance < 1:
         raise SceneError(f"--tolerance {choice.tolerance:g}: allowed is more than 0 and less than 1")
     if choice.share is not None and not 0 < choice.share <= 1:
@@ -306,7 +306,7 @@ def _reduce(choice: Any) -> None:
         rom = _reduced(system, choice, partial, report)
     fr.write_rom(choice.output, rom)
     remove_checkpoint(partial)
-    if speaks():
+    if is_root_process():
         print_rom(rom, choice.output)
         if choice.resume:
             print("  resumed: {} of {} contact modes were taken over".format(*begun["contact modes"]))
@@ -374,8 +374,8 @@ def _solve(choice: Any) -> None:
     scene = fr.read_scene(choice.scene)
     with progress() as report:
         record = fr.solve(scene, dt=choice.dt, report=report)
-    fr.write_record(choice.output, record)
-    if speaks():
+    fr.write_trajectory(choice.output, record)
+    if is_root_process():
         print_record(record, choice.output)
 
 
@@ -389,8 +389,8 @@ def _simulate(choice: Any) -> None:
         record = fr.simulate(
             rom, scene=scene, dt=choice.dt, profile=choice.profile, stepper=choice.stepper, report=report
         )
-    fr.write_record(choice.output, record)
-    if speaks():
+    fr.write_trajectory(choice.output, record)
+    if is_root_process():
         print_record(record, choice.output)
 
 
@@ -432,7 +432,7 @@ def _study(choice: Any) -> None:
             findings, row, rom = study_for(scene, choice.output, choice.tolerance, resume=choice.resume, report=report)
             fr.write_rom(choice.output / ROM, rom)
     write_results(choice.output, findings, command)
-    if not speaks():
+    if not is_root_process():
         return
     if choice.tolerance is None:
         print_findings(findings, choice.output)
@@ -452,7 +452,7 @@ def _study_amplitudes(scene: Scene, choice: Any, command: str) -> None:
         return
     write_whole(choice.output / "amplitudes.md", report_of(found, command).encode())
     draw(found, choice.output)
-    if speaks():
+    if is_root_process():
         print_table(f"study {found.name}: what large deformation costs", HEADING, cells(found))
         print(f"  table {choice.output / 'amplitudes.md'}, picture {choice.output / 'amplitudes.png'}")
         print_warnings(found.notes)
@@ -465,7 +465,7 @@ def _identify(choice: Any) -> None:
     with progress() as report:
         result = fr.identify(scene, choice.data, parameters=choice.parameters, report=report)
     fr.write_identification(choice.output, result)
-    if speaks():
+    if is_root_process():
         print_identification(result, choice.output)
 
 
@@ -473,11 +473,11 @@ def _info(choice: Any) -> None:
     if content_of(choice.file) == "rom":
         print_rom(fr.read_rom(choice.file), choice.file)
     else:
-        print_record(fr.read_record(choice.file), choice.file)
+        print_record(fr.read_trajectory(choice.file), choice.file)
 
 
 def _compare(choice: Any) -> None:
-    differences = fr.compare(fr.read_record(choice.run_file), fr.read_record(choice.reference))
+    differences = fr.compare(fr.read_trajectory(choice.run_file), fr.read_trajectory(choice.reference))
     rows = [
         (
             name,
@@ -498,15 +498,15 @@ def _plot(choice: Any) -> None:
     check_output(choice.output)
     contents = [content_of(file) for file in choice.files]
     if "rom" in contents and len(contents) > 1:
-        raise RomFileError("plots are of one ROM, or of any number of runs")
+        raise FileError("plots are of one ROM, or of any number of runs")
     if "rom" not in contents and choice.full is not None:
-        raise RomFileError("--full is for a ROM: a run at full order is drawn like any other")
+        raise FileError("--full is for a ROM: a run at full order is drawn like any other")
     with progress() as report:
         if "rom" in contents:
             model: Any = fr.read_rom(choice.files[0])
             full = fr.assemble(fr.read_scene(choice.full)) if choice.full is not None else None
         else:
-            model, full = {name: fr.read_record(file) for name, file in _labels(choice.files).items()}, None
+            model, full = {name: fr.read_trajectory(file) for name, file in _labels(choice.files).items()}, None
         files = fr.plot(model, choice.output, what=choice.what, dark=choice.dark, full=full, report=report)
     print(*files, sep="\n")
 
@@ -518,7 +518,7 @@ def _labels(files: Sequence[str]) -> dict[str, str]:
 
 
 def _export(choice: Any) -> None:
-    model: Any = fr.read_rom(choice.file) if content_of(choice.file) == "rom" else fr.read_record(choice.file)
+    model: Any = fr.read_rom(choice.file) if content_of(choice.file) == "rom" else fr.read_trajectory(choice.file)
     with progress() as report:
         file = fr.export(
             model,
@@ -547,4 +547,4 @@ def _check_output(output: Path, *inputs: str | None) -> None:
     check_place(output)
     for name in inputs:
         if name is not None and output.exists() and Path(name).exists() and output.samefile(name):
-            raise RomFileError(f"{output}: is read by this command, so it cannot be its output")
+            raise FileError(f"{output}: is read by this command, so it cannot be its output")

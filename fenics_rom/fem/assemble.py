@@ -101,7 +101,7 @@ def _system(scene: Scene, comm: Any) -> System:
     def of_cells(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         return material[cells, 0], material[cells, 1], _damping_of_cells(scene, mesh)[cells, 1]
 
-    return replace(system, deformation=large_deformation_of(system, nodes, of_cells, m.drag, m.spring))
+    return replace(system, deformation=large_deformation_of(system, nodes, of_cells, m.external_damping, m.spring))
 
 
 def _rayleigh(scene: Scene) -> tuple[float, float] | None:
@@ -164,7 +164,7 @@ class _Matrices:
         mass, damping, stiffness: on the free degrees of freedom.
         node_mass: (N,) as in Body.
         translated: (N,) kg, M times a unit translation: ∫ρ of each shape function.
-        drag, spring: for large deformation, what of D and K does not strain the body; None: nothing.
+        external_damping, spring: for large deformation, what of D and K does not strain the body; None: nothing.
     """
 
     mass: PetscMatrix
@@ -172,7 +172,7 @@ class _Matrices:
     stiffness: PetscMatrix
     node_mass: np.ndarray
     translated: np.ndarray
-    drag: PetscMatrix | None
+    external_damping: PetscMatrix | None
     spring: PetscMatrix | None
 
 
@@ -194,7 +194,7 @@ def _matrices(comm: Any, mesh: Mesh, nodes: Nodes, scene: Scene, material: np.nd
         α, β = (_cell_function(domain, column) for column in _damping_of_cells(scene, mesh).T)
         whole["damping"] = _assembled((α * inertia + β * elasticity) * ufl.dx)
         if "large_deformation" in scene.effects:
-            whole["drag"] = _assembled(α * inertia * ufl.dx)
+            whole["external_damping"] = _assembled(α * inertia * ufl.dx)
 
     place = dolfinx_nodes(space, scene.degree, nodes)
     node_mass, translated = node_masses(whole["mass"], place)
@@ -220,19 +220,20 @@ def _matrices(comm: Any, mesh: Mesh, nodes: Nodes, scene: Scene, material: np.nd
         damping = PetscMatrix(combination((0.0, mass)))
     if isinstance(damping, PetscMatrix):
         damping = with_surfaces(damping, dashpots, free)
-    drag, spring = (None, None)
+    external_damping, spring = (None, None)
     if "large_deformation" in scene.effects:
-        drag, spring = _without_strain(scene, nodes, mass, reduced.get("drag"), free)
-    return _Matrices(mass, damping, stiffness, node_mass, translated, drag, spring)
+        external_damping, spring = _without_strain(scene, nodes, mass, reduced.get("external_damping"), free)
+    return _Matrices(mass, damping, stiffness, node_mass, translated, external_damping, spring)
 
 
 def _without_strain(
-    scene: Scene, nodes: Nodes, mass: PetscMatrix, drag: PetscMatrix | None, free: np.ndarray
+    scene: Scene, nodes: Nodes, mass: PetscMatrix, external_damping: PetscMatrix | None, free: np.ndarray
 ) -> tuple[PetscMatrix | None, PetscMatrix | None]:
-    """What of D and K does not strain the body, with `drag` α M where materials have their own; None: nothing."""
+    """What of D and K does not strain the body, where materials damp by themselves with their α M;
+    None: nothing."""
     said = scene.effects.get("damping", {"alpha": 0.0, "beta": 0.0})
-    if drag is None and said["alpha"]:
-        drag = PetscMatrix(combination((said["alpha"], mass)))
+    if external_damping is None and said["alpha"]:
+        external_damping = PetscMatrix(combination((said["alpha"], mass)))
     springs, dashpots = springs_of(scene, nodes), dashpots_of(scene, nodes)
 
     def added(to: PetscMatrix | None, surfaces: Any) -> PetscMatrix | None:
@@ -242,8 +243,8 @@ def _without_strain(
 
     spring = added(None, springs)
     if springs is not None and said["beta"]:
-        drag = added(drag, said["beta"] * springs)
-    return added(drag, dashpots), spring
+        external_damping = added(external_damping, said["beta"] * springs)
+    return added(external_damping, dashpots), spring
 
 
 def _damping_of_cells(scene: Scene, mesh: Mesh) -> np.ndarray:

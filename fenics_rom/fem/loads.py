@@ -44,7 +44,7 @@ def actuators_of(scene: Scene, nodes: Nodes, free: Array) -> tuple[Columns, dict
 
 
 def loads_of(scene: Scene, nodes: Nodes, masses: Array, free: Array) -> tuple[Columns, dict[str, float]]:
-    """Columns (n, columns) and units of loads with histories of their own, in the order of `load_columns`.
+    """Columns (n, columns) and units of loads with signals of their own, in the order of `load_columns`.
 
     Args:
         scene: whose gravity (in multiples of its acceleration), base motions (m/s²) and prescribed forces (N).

@@ -53,7 +53,7 @@ class PetscAlgebra:
         return np.concatenate(self.comm.allgather(np.ascontiguousarray(block)))
 
     def factor(
-        self, *terms: tuple[complex, Any], solver: str = "auto", pins: np.ndarray = NONE
+        self, *terms: tuple[complex, Any], solver: str = "auto", fixed_dofs: np.ndarray = NONE
     ) -> PetscFactor | ComplexFactor | IterativeFactor:
         """Factorisation of a sum of coefficient times matrix, or what stands for it; every rank must call it.
 
@@ -63,7 +63,7 @@ class PetscAlgebra:
             solver: "direct": MUMPS. "iterative": conjugate gradients with algebraic multigrid, which cannot tell for
                 sure whether the matrix is positive definite; real coefficients only. "auto": direct where the factor
                 fits into the memory, else iterative; then `notice` of the result says so.
-            pins: degrees of freedom that are held where they are; only with real coefficients.
+            fixed_dofs: degrees of freedom that are held where they are; only with real coefficients.
 
         Raises:
             SolverError: what was asked for cannot be had, or the factor does not fit into the memory.
@@ -78,15 +78,15 @@ class PetscAlgebra:
             return ComplexFactor(combination(*real), combination(*imaginary))
         if solver == "iterative":
             return IterativeFactor(
-                held(combination(*real), pins), f"{METHOD}, as asked for, to a residual of {RESIDUAL:g}"
+                held(combination(*real), fixed_dofs), f"{METHOD}, as asked for, to a residual of {RESIDUAL:g}"
             )
         try:
-            return PetscFactor(held(combination(*real), pins))
+            return PetscFactor(held(combination(*real), fixed_dofs))
         except MemoryShortage as error:
             if solver == "direct":
                 raise
             notice = f"{error.shortage}: {METHOD} were used, to a residual of {RESIDUAL:g}"
-        return IterativeFactor(held(combination(*real), pins), notice)
+        return IterativeFactor(held(combination(*real), fixed_dofs), notice)
 
     def eigenpairs(
         self, mass: PetscMatrix, stiffness: PetscMatrix, count: int, factor: Any = None

@@ -103,12 +103,12 @@ def combination(*terms: tuple[float, Any]) -> PETSc.Mat:
     return total
 
 
-def held(mat: PETSc.Mat, pins: np.ndarray) -> PETSc.Mat:
+def held(mat: PETSc.Mat, fixed_dofs: np.ndarray) -> PETSc.Mat:
     """The matrix itself, with some degrees of freedom held: their rows and columns zero but for the diagonal."""
-    if len(pins):
+    if len(fixed_dofs):
         diagonal = mat.getDiagonal()
         mean = diagonal.sum() / diagonal.getSize()
         diagonal.destroy()
         start, stop = mat.getOwnershipRange()
-        mat.zeroRowsColumns(pins[(start <= pins) & (pins < stop)].astype(PETSc.IntType), diag=mean)
+        mat.zeroRowsColumns(fixed_dofs[(start <= fixed_dofs) & (fixed_dofs < stop)].astype(PETSc.IntType), diag=mean)
     return mat

@@ -13,15 +13,15 @@ from fenics_rom.fem.direct import PetscFactor
 from fenics_rom.fem.extended_precision import ExtendedMatrix
 from fenics_rom.fem.finite_strain.stepper import LargeDeformationSimulator
 from fenics_rom.fem.petsc_matrix import combination
-from fenics_rom.mechanics.contact import Contact, Resolution
-from fenics_rom.mechanics.energy_ledger import Ledger
-from fenics_rom.mechanics.environment import ContactPoints, History, Surroundings
-from fenics_rom.mechanics.linearity import Excursion, SurfaceGauges, largest, summary, warning
+from fenics_rom.mechanics.contact import Contact, ContactSolution
+from fenics_rom.mechanics.energy_ledger import EnergyLedger
+from fenics_rom.mechanics.environment import ContactPoints, Environment, SignalLike
+from fenics_rom.mechanics.linearity import SurfaceGauges, SurfaceStrainPeak, largest, summary, warning
 from fenics_rom.mechanics.load_history import LoadHistory
-from fenics_rom.mechanics.time_step_monitor import StepGauge
+from fenics_rom.mechanics.time_step_monitor import TimeStepMonitor
 from fenics_rom.scene.scene import Scene
 from fenics_rom.system.system import Array, System
-from fenics_rom.trajectory.trajectory import Record, Recorder
+from fenics_rom.trajectory.trajectory import Trajectory, TrajectoryRecorder
 
 Report = Callable[[str, int, int], None]
 
@@ -43,9 +43,9 @@ class FullSimulator:
         gauge: of the length of the steps, where an account is kept.
     """
 
-    def __init__(self, system: System, dt: float, surroundings: Surroundings | None = None, *, ledger: bool = True):
+    def __init__(self, system: System, dt: float, surroundings: Environment | None = None, *, ledger: bool = True):
         self.system, self.surroundings = system, surroundings
-        self.touched: Resolution | None = None
+        self.touched: ContactSolution | None = None
         self._quasi_static = surroundings is not None and surroundings.quasi_static
         self._contact: Contact | None = None
         if surroundings is not None and surroundings.law is not None:
@@ -57,8 +57,8 @@ class FullSimulator:
             self._Sᵀ = system.at_nodes(self.points.nodes)
         self.dt = dt
         self.time = 0.0
-        self.ledger = Ledger() if ledger else None
-        self.gauge = StepGauge()
+        self.ledger = EnergyLedger() if ledger else None
+        self.gauge = TimeStepMonitor()
         rows = system.algebra.rows()
         self.x = np.zeros((rows.stop - rows.start, 1))
         self.v = np.zeros_like(self.x)
@@ -127,7 +127,7 @@ class FullSimulator:
         loose = "" if self._contact is None else self._contact.loose.message
         return tuple(filter(None, [loose, self.gauge.message]))
 
-    def _touched(self, free: Array) -> Resolution | None:
+    def _touched(self, free: Array) -> ContactSolution | None:
         """Contact forces of a step, from the mid-step velocity without contact (rows here, 1)."""
         if self._contact is None or self.surroundings is None:
             return None
@@ -220,15 +220,15 @@ def solve(
     scene: Scene | System,
     *,
     dt: float | None = None,
-    histories: Mapping[str, History] | None = None,
+    signals: Mapping[str, SignalLike] | None = None,
     report: Report = lambda stage, done, of: None,
-) -> Record:
+) -> Trajectory:
     """Runs the full-order model through the scene's load history from rest; every rank must call it.
 
     Args:
         scene: the scene, or the system assembled from it.
         dt: time step instead of the scene's, s.
-        histories: of loads and obstacles by name, instead of the scene's: numbers, or functions of time; as in
+        signals: of loads and obstacles by name, instead of the scene's: numbers, or functions of time; as in
             Simulator.
         report: called with the stage, how much of it is done, and of how much.
 
@@ -238,13 +238,13 @@ def solve(
         SceneError, MeshError, SolverError: as `assemble`, or no load history.
     """
     system = assemble(scene) if isinstance(scene, Scene) else scene
-    asked, surroundings, history = _asked(system, dt, histories)
+    asked, surroundings, history = _asked(system, dt, signals)
     assert asked.run is not None
     simulator = _simulator(system, history.dt, surroundings)
     points = {name: rows.shape[1] // 3 for name, rows in system.outputs.items()}
     nodes, contact = len(system.body.nodes), history.first_contact()
-    kept = points, tuple(system.contacts), nodes, asked.run.shapes, tuple(asked.effects), surroundings.obstacles
-    recorder = Recorder(history.steps, history.dt, *kept)
+    kept = points, tuple(system.contacts), nodes, asked.run.snapshots, tuple(asked.effects), surroundings.obstacles
+    recorder = TrajectoryRecorder(history.steps, history.dt, *kept)
 
     def sample(step: int, contact: str) -> None:
         assert simulator.ledger is not None
@@ -277,11 +277,11 @@ class LinearLimit:
     """Watches whether the surface turns or strains more than a linear model can follow."""
 
     def __init__(self, system: System):
-        self._gauges, self._seen = SurfaceGauges(system.body.nodes, system.body.triangles), Excursion()
+        self._gauges, self._seen = SurfaceGauges(system.body.nodes, system.body.triangles), SurfaceStrainPeak()
 
     def look(self, displacement: Array, time: float) -> None:
         """Notes displacements of all nodes (N, 3), m, at a time, s, and warns at the first that is too much."""
-        now = Excursion(*largest(self._gauges.components(displacement)), time)
+        now = SurfaceStrainPeak(*largest(self._gauges.components(displacement)), time)
         if now.beyond and not self._seen.beyond:
             warnings.warn(warning(now), FenicsRomWarning, stacklevel=3)
         self._seen = self._seen.joined(now)
@@ -345,14 +345,14 @@ def plain_rate(system: System, dt: float, seconds: float = 0.02, windows: int = 
 
 
 def _asked(
-    system: System, dt: float | None, histories: Mapping[str, History] | None
-) -> tuple[Scene, Surroundings, LoadHistory]:
+    system: System, dt: float | None, signals: Mapping[str, SignalLike] | None
+) -> tuple[Scene, Environment, LoadHistory]:
     """The scene of a system, what acts in it, and the inputs of every step."""
     asked = system.scene
     if asked is None or asked.run is None:
         where = asked.source if asked else "a system of matrices"
         raise SceneError(f"{where}: has no [run], so there is no load history to simulate")
-    surroundings = Surroundings(asked, histories=histories)
+    surroundings = Environment(asked, signals=signals)
     if surroundings.quasi_static and system.rigid.shape[1]:
         raise SceneError(
             f"{asked.source}: effects: inertia is missing, and a body that nothing holds has no equilibrium"
@@ -364,7 +364,7 @@ def _asked(
 
 
 def _simulator(
-    system: System, dt: float, surroundings: Surroundings, ledger: bool = True
+    system: System, dt: float, surroundings: Environment, ledger: bool = True
 ) -> FullSimulator | LargeDeformationSimulator:
     """What steps a system: linear, unless its scene names large deformation."""
     if system.deformation is None:

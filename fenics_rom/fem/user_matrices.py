@@ -17,7 +17,7 @@ from fenics_rom.fem.direct import MemoryShortage, PetscFactor
 from fenics_rom.fem.petsc_algebra import PetscAlgebra, require_real
 from fenics_rom.fem.petsc_matrix import PetscMatrix, ZeroMatrix, combination, held
 from fenics_rom.fem.ranks import on_rank_0
-from fenics_rom.system.rigid_modes import hint, is_singular, pins
+from fenics_rom.system.rigid_modes import fixed_dofs, hint, is_singular
 from fenics_rom.system.system import COLUMNS, MATRICES, System, rayleigh_of, rigid_columns, unmeshed
 
 SYMMETRY = 1e-10  # largest accepted |A - Aᵀ| as a share of |A|, Frobenius norms
@@ -187,7 +187,7 @@ def _definite(name: str, matrix: PETSc.Mat) -> str:
 
 def _definite_stiffness(K: PetscMatrix, R: np.ndarray, algebra: PetscAlgebra) -> str:
     """The same of K beside its rigid motions, where pivots alone would not do: round-off makes zeros positive."""
-    fixed = pins(R, algebra)
+    fixed = fixed_dofs(R, algebra)
     try:
         with closing(PetscFactor(held(K.mat.copy(), fixed))) as factor:
             singular = is_singular(K, factor, algebra, fixed)

@@ -42,7 +42,7 @@ class Matrices:
 
 
 @dataclass(frozen=True)
-class Parts:
+class AffineDecomposition:
     """The parts on a basis Q (k columns).
 
     Attributes:
@@ -127,7 +127,7 @@ class AffineSystem:
             one[of] = replace(one[of], **values)
         return replace(scene, materials=one)
 
-    def parts(self, basis: Array) -> Parts:
+    def parts(self, basis: Array) -> AffineDecomposition:
         """The parts on a basis, of which this rank has its rows, (rows here, k)."""
         inner, plain = self.plain.algebra.inner, self.plain
         weighed = inner(basis, plain.mass @ basis)
@@ -147,7 +147,7 @@ class AffineSystem:
             B = self._inputs(plain, name, basis)
             weights[name] = np.array([self._inputs(s, name, basis) - B for s in self._dilated])
             inputs[name] = B - weights[name].sum(axis=0)
-        return Parts(
+        return AffineDecomposition(
             mass=mass,
             dilation=dilation,
             shear=shear,

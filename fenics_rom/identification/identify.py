@@ -19,7 +19,7 @@ from fenics_rom.identification.marker_data import Data, Equilibria, Motion, read
 from fenics_rom.identification.parameters import Parameter, chosen, scene_with, values_of
 from fenics_rom.identification.reduced_model import ReducedModel
 from fenics_rom.identification.result import Estimate, Identification, doubts
-from fenics_rom.identification.uncertainty import correlations, half_widths, noise, student
+from fenics_rom.identification.uncertainty import correlations, half_widths, noise, t_quantile
 from fenics_rom.io.stages import Report
 from fenics_rom.scene.scene import Scene
 from fenics_rom.system.system import System
@@ -134,7 +134,7 @@ def _told(search: Search, report: Callable[[int, int], None]) -> tuple[Search, F
         fit = fitted(search, q, model, report)
         residual = search.experiment.measured - fit.predicted
         p = len(search.parameters)
-        uncertainty = student(len(residual) - p) * noise(residual, p)
+        uncertainty = t_quantile(len(residual) - p) * noise(residual, p)
         vague = untold(search.parameters, fit.jacobian, uncertainty)
         if vague is None:
             break

@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from fenics_rom.identification.affine import Parts
+from fenics_rom.identification.affine import AffineDecomposition
 from fenics_rom.identification.experiment import Experiment
 from fenics_rom.identification.parameters import DENSITY
 from fenics_rom.identification.sensitivities import Stepper, pushes
@@ -19,7 +19,7 @@ class ReducedModel:
         parts: of its matrices and inputs on Q.
     """
 
-    def __init__(self, parts: Parts):
+    def __init__(self, parts: AffineDecomposition):
         self.parts = parts
 
     @property

@@ -17,7 +17,7 @@ def noise(residual: Array, parameters: int) -> float:
     return float(np.sqrt(np.sum(residual**2) / (len(residual) - parameters)))
 
 
-def student(freedom: int) -> float:
+def t_quantile(freedom: int) -> float:
     """How many standard errors half an interval is."""
     return float(scipy.stats.t.ppf((1 + CONFIDENCE) / 2, freedom))
 
@@ -33,7 +33,7 @@ def half_widths(residual: Array, jacobian: Array) -> Array:
     """Half the intervals of q, (p,)."""
     count, p = jacobian.shape
     errors = noise(residual, p) * np.sqrt(np.diag(unit_covariance(jacobian)))
-    return student(count - p) * errors
+    return t_quantile(count - p) * errors
 
 
 def correlations(jacobian: Array) -> Array:

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fenics_rom.errors import RomFileError
+from fenics_rom.errors import FileError
 from fenics_rom.identification.identified_scene import identified_text
 from fenics_rom.identification.plot import picture_of
 from fenics_rom.identification.result import Identification
@@ -24,7 +24,7 @@ def write_identification(folder: str | Path, result: Identification) -> None:
         result: what was found.
 
     Raises:
-        RomFileError: the folder cannot be made or written to.
+        FileError: the folder cannot be made or written to.
         MissingPackageError: there is no Matplotlib.
         SceneError: the scene's text does not hold a value in a way that can be changed.
     """
@@ -43,7 +43,7 @@ def write_identification(folder: str | Path, result: Identification) -> None:
             write_whole(place / name, text.encode())
         picture_of(result, [place / "fit.png", place / "fit.pdf"])
     except OSError as error:
-        raise RomFileError(f"{place}: cannot be written: {error.strerror or error}") from error
+        raise FileError(f"{place}: cannot be written: {error.strerror or error}") from error
 
 
 def rows_of(result: Identification) -> list[tuple[str, ...]]:

@@ -19,11 +19,12 @@ from typing import TypeVar
 import h5py
 import numpy as np
 
-from fenics_rom.errors import FenicsRomError, RomFileError
+from fenics_rom.errors import FenicsRomError, FileError
 from fenics_rom.scene.schema import NAME, NAME_IN_WORDS
 
 FORMAT = "fenics-rom"
-VERSION = "1.3"  # files of the same first number can be read
+VERSION = "2.0"
+READ_VERSIONS = ("1", "2")  # first numbers of those that can be read
 LONGEST_TEXT = 60_000  # bytes; HDF5 keeps attributes in a header of 64 KiB
 SEAL_SIZE = 512  # bytes; the smallest user block there is
 
@@ -62,7 +63,7 @@ def write_file(file: str | Path, content: str, fill: Callable[[h5py.File], None]
     """Writes a file of some content ("rom" or "run"), or nothing.
 
     Raises:
-        RomFileError: it cannot be written, or its content does not hold together.
+        FileError: it cannot be written, or its content does not hold together.
     """
     if not is_rank_0():
         return
@@ -74,7 +75,7 @@ def write_file(file: str | Path, content: str, fill: Callable[[h5py.File], None]
             put_text(h5, format=FORMAT, format_version=VERSION, content=content, software=_software())
             fill(h5)
     except OSError as error:
-        raise RomFileError(f"{path}: cannot be written: {_reason(error)}") from error
+        raise FileError(f"{path}: cannot be written: {_reason(error)}") from error
     with memory.getbuffer() as whole, whole[SEAL_SIZE:] as rest:  # let go of, also where writing fails
         write_whole(path, sealed(whole), rest)
 
@@ -86,7 +87,7 @@ def write_whole(path: Path, *parts: bytes | memoryview) -> None:
     beside the file, which nothing reads and which may be removed.
 
     Raises:
-        RomFileError: it cannot be written.
+        FileError: it cannot be written.
     """
     if not is_rank_0():
         return
@@ -103,37 +104,49 @@ def write_whole(path: Path, *parts: bytes | memoryview) -> None:
         temporary.chmod(0o644)
         temporary.replace(path)
     except OSError as error:
-        raise RomFileError(f"{path}: cannot be written: {_reason(error)}") from error
+        raise FileError(f"{path}: cannot be written: {_reason(error)}") from error
     finally:
         if temporary is not None:
             temporary.unlink(missing_ok=True)
 
 
-def read_file(file: str | Path, content: str, take: Callable[[h5py.File], T]) -> T:
+def read_file(
+    file: str | Path, content: str, take: Callable[[h5py.File], T], upgrade: Callable[[h5py.File], None]
+) -> T:
     """Reads a file of that content.
 
+    Args:
+        file: path.
+        content: "rom" or "run".
+        take: reads what is in a file of this release's format.
+        upgrade: makes a file of format 1.x one of this release's, in memory.
+
     Raises:
-        RomFileError: it is missing, damaged, of another format, or its content does not hold together.
+        FileError: it is missing, damaged, of another format, or its content does not hold together.
     """
     path = Path(file)
     try:
         if not path.is_file():
-            raise RomFileError("is a folder or a device" if path.exists() else "not found")
+            raise FileError("is a folder or a device" if path.exists() else "not found")
         _check_seal(path)
         with h5py.File(path, "r") as h5:
             if get_text(h5, "format") != FORMAT:
-                raise RomFileError("is not a fenics-rom file")
+                raise FileError("is not a fenics-rom file")
             version = get_text(h5, "format_version")
-            if version.split(".")[0] != VERSION.split(".")[0]:
-                raise RomFileError(f"has format version {version}; this release reads {VERSION.split('.')[0]}.x")
+            if version.split(".")[0] not in READ_VERSIONS:
+                raise FileError(f"has format version {version}; this release reads {' and '.join(READ_VERSIONS)}.x")
             found = get_text(h5, "content")
             if found != content:
-                raise RomFileError(f"holds a {found}, not a {content}")
+                raise FileError(f"holds a {found}, not a {content}")
+            if version.startswith(VERSION.partition(".")[0]):
+                return take(h5)
+        with h5py.File(io.BytesIO(path.read_bytes()), "r+") as h5:
+            upgrade(h5)
             return take(h5)
     except FenicsRomError as error:
-        raise RomFileError(f"{path}: {error}") from error
+        raise FileError(f"{path}: {error}") from error
     except (OSError, RuntimeError, ValueError, LookupError, TypeError, AttributeError, MemoryError) as error:
-        raise RomFileError(f"{path}: cannot be read: {_reason(error)}") from error
+        raise FileError(f"{path}: cannot be read: {_reason(error)}") from error
 
 
 def _reason(error: Exception) -> str:
@@ -146,26 +159,26 @@ def check_place(path: Path) -> None:
     """Checks that a file can be put there; worth asking before long work.
 
     Raises:
-        RomFileError: there is no such folder, or something that is not a file (root could even replace /dev/null).
+        FileError: there is no such folder, or something that is not a file (root could even replace /dev/null).
     """
     if not path.parent.is_dir():
-        raise RomFileError(f"{path}: cannot be written: folder {path.parent} does not exist")
+        raise FileError(f"{path}: cannot be written: folder {path.parent} does not exist")
     if path.exists() and not path.is_file():
-        raise RomFileError(f"{path}: cannot be written: it is a folder or a device")
+        raise FileError(f"{path}: cannot be written: it is a folder or a device")
     if not os.access(path.parent, os.W_OK):
-        raise RomFileError(f"{path}: cannot be written: no permission to write in {path.parent}")
+        raise FileError(f"{path}: cannot be written: no permission to write in {path.parent}")
 
 
 def check_folder(folder: Path) -> None:
     """Checks that a folder of results is there or can be made; worth asking before long work.
 
     Raises:
-        RomFileError: it is a file, or the folder that it would be in does not exist.
+        FileError: it is a file, or the folder that it would be in does not exist.
     """
     if folder.exists() and not folder.is_dir():
-        raise RomFileError(f"{folder}: is a file; allowed is a folder, or a name that is free")
+        raise FileError(f"{folder}: is a file; allowed is a folder, or a name that is free")
     if not folder.resolve().parent.is_dir():
-        raise RomFileError(f"{folder}: cannot be made: folder {folder.resolve().parent} does not exist")
+        raise FileError(f"{folder}: cannot be made: folder {folder.resolve().parent} does not exist")
 
 
 def sealed(content: bytes | memoryview) -> bytes:
@@ -177,9 +190,9 @@ def _check_seal(path: Path) -> None:
     with path.open("rb", buffering=0) as stream:
         found = stream.read(SEAL_SIZE)
         if not found.startswith(f"{FORMAT} ".encode()):
-            raise RomFileError("is not a fenics-rom file")
+            raise FileError("is not a fenics-rom file")
         if found != _seal(hashlib.file_digest(stream, "sha256").hexdigest()):  # of what is still to be read
-            raise RomFileError("is damaged: its content is not what was written (the checksum differs)")
+            raise FileError("is damaged: its content is not what was written (the checksum differs)")
 
 
 def _seal(digest: str) -> bytes:
@@ -190,38 +203,38 @@ def content_of(file: str | Path) -> str:
     """What a file holds, "rom" or "run".
 
     Raises:
-        RomFileError: it is no such file.
+        FileError: it is no such file.
     """
     for content in ("rom", "run"):
         try:
-            return read_file(file, content, lambda h5: get_text(h5, "content"))
-        except RomFileError as error:
+            return read_file(file, content, lambda h5: get_text(h5, "content"), lambda h5: None)
+        except FileError as error:
             if not str(error).endswith(f", not a {content}"):
                 raise
-    raise RomFileError(f"{file}: holds neither a rom nor a run")
+    raise FileError(f"{file}: holds neither a rom nor a run")
 
 
 def check_names(names: Iterable[str]) -> None:
     """Checks names that are to become names in a file.
 
     Raises:
-        RomFileError: one of them cannot.
+        FileError: one of them cannot.
     """
     for name in names:
         if not NAME.fullmatch(name):
-            raise RomFileError(f"name {name!r}: allowed are {NAME_IN_WORDS}")
+            raise FileError(f"name {name!r}: allowed are {NAME_IN_WORDS}")
 
 
 def put_text(group: h5py.Group, **texts: str) -> None:
     """Keeps short texts as attributes.
 
     Raises:
-        RomFileError: a text is too long for an attribute.
+        FileError: a text is too long for an attribute.
     """
     for name, text in texts.items():
         data = text.encode()
         if len(data) > LONGEST_TEXT:
-            raise RomFileError(f"text {name!r} has {len(data)} bytes; allowed are {LONGEST_TEXT}")
+            raise FileError(f"text {name!r} has {len(data)} bytes; allowed are {LONGEST_TEXT}")
         group.attrs[name] = np.bytes_(data) if data else h5py.Empty("S1")
 
 
@@ -229,30 +242,30 @@ def get_text(group: h5py.Group, name: str) -> str:
     """A text that `put_text` kept.
 
     Raises:
-        RomFileError: it is missing or not text.
+        FileError: it is missing or not text.
     """
     value = group.attrs.get(name)
     if isinstance(value, h5py.Empty):
         return ""
     if not isinstance(value, bytes):
-        raise RomFileError(f"attribute {name!r} of {group.name} is missing or not text")
+        raise FileError(f"attribute {name!r} of {group.name} is missing or not text")
     try:
         return value.decode()
     except UnicodeDecodeError as error:
-        raise RomFileError(f"attribute {name!r} of {group.name} is not UTF-8") from error
+        raise FileError(f"attribute {name!r} of {group.name} is not UTF-8") from error
 
 
 def put_arrays(group: h5py.Group, table: Table, sizes: Sizes, arrays: Mapping[str, Array | None]) -> None:
     """Writes the arrays of a table into a group; None leaves an optional one out.
 
     Raises:
-        RomFileError: an array is missing, misshapen or not finite.
+        FileError: an array is missing, misshapen or not finite.
     """
     for name, entry in table.items():
         array = arrays[name]
         if array is None:
             if not entry.optional:
-                raise RomFileError(f"{group.name.rstrip('/')}/{name} is missing")
+                raise FileError(f"{group.name.rstrip('/')}/{name} is missing")
             continue
         array = np.asarray(array, dtype=np.int64 if entry.kind == "i" else np.float64)
         _check(f"{group.name.rstrip('/')}/{name}", array, entry, sizes)
@@ -264,45 +277,52 @@ def get_arrays(group: h5py.Group, table: Table, sizes: Sizes, others: tuple[str,
     """Reads the arrays of a table from a group, which may hold nothing else but `others`.
 
     Raises:
-        RomFileError: an array is missing, misshapen, of the wrong kind, not finite, or unexpected.
+        FileError: an array is missing, misshapen, of the wrong kind, not finite, or unexpected.
     """
     extra = set(group) - set(table) - set(others)
     if extra:
         shown = (name if NAME.fullmatch(name) else repr(name) for name in sorted(extra))
-        raise RomFileError(f"unexpected {', '.join(shown)} in {group.name}")
+        raise FileError(f"unexpected {', '.join(shown)} in {group.name}")
     arrays: dict[str, Array | None] = {}
     for name, entry in table.items():
         where = f"{group.name.rstrip('/')}/{name}"
         if name not in group:
             if not entry.optional:
-                raise RomFileError(f"{where} is missing")
+                raise FileError(f"{where} is missing")
             arrays[name] = None
             continue
         dataset = _own(group, name, h5py.Dataset)
         if dataset is None or dataset.dtype.kind != entry.kind or dataset.dtype.itemsize != 8:
-            raise RomFileError(f"{where} is not an array of {'whole' if entry.kind == 'i' else 'real'} numbers")
+            raise FileError(f"{where} is not an array of {'whole' if entry.kind == 'i' else 'real'} numbers")
         size = 8 * math.prod(dataset.shape)  # Python's whole numbers: NumPy's would overflow
         if size > dataset.id.get_storage_size():  # a size that lies would be answered with memory
-            raise RomFileError(f"{where} says it has {size} bytes, but fewer are stored")
+            raise FileError(f"{where} says it has {size} bytes, but fewer are stored")
         if dataset.is_virtual or dataset.external or dataset.chunks:  # elsewhere, or in less room than it takes
-            raise RomFileError(f"{where} is not stored in one piece")
+            raise FileError(f"{where} is not stored in one piece")
         if get_text(dataset, "unit") != entry.unit:
-            raise RomFileError(f"{where} has unit {get_text(dataset, 'unit')!r}, not {entry.unit!r}")
+            raise FileError(f"{where} has unit {get_text(dataset, 'unit')!r}, not {entry.unit!r}")
         array = dataset[()]
         _check(where, array, entry, sizes)
         arrays[name] = array
     return arrays
 
 
+def rename_all(h5: h5py.Group, names: Mapping[str, str]) -> None:
+    """Gives what is in a group other names, new ones by old ones; what is not there is passed over."""
+    for old, new in names.items():
+        if old in h5:
+            h5.move(old, new)
+
+
 def get_group(parent: h5py.Group, name: str) -> h5py.Group:
     """A group that must be there.
 
     Raises:
-        RomFileError: it is not.
+        FileError: it is not.
     """
     group = _own(parent, name, h5py.Group)
     if group is None:
-        raise RomFileError(f"{parent.name.rstrip('/')}/{name} is missing")
+        raise FileError(f"{parent.name.rstrip('/')}/{name} is missing")
     return group
 
 
@@ -316,13 +336,13 @@ def _own(group: h5py.Group, name: str, kind: type[T]) -> T | None:
 
 def _check(where: str, array: Array, entry: Entry, sizes: Sizes) -> None:
     if array.ndim != len(entry.shape):
-        raise RomFileError(f"{where} has {array.ndim} dimensions, not {len(entry.shape)}")
+        raise FileError(f"{where} has {array.ndim} dimensions, not {len(entry.shape)}")
     for got, size in zip(array.shape, entry.shape, strict=True):
         expected = sizes.setdefault(size, got) if isinstance(size, str) else size
         if got != expected:
-            raise RomFileError(f"{where} has shape {array.shape}; allowed is {entry.shape}, {size} = {expected}")
+            raise FileError(f"{where} has shape {array.shape}; allowed is {entry.shape}, {size} = {expected}")
     if entry.kind == "f" and not np.isfinite(array).all():
-        raise RomFileError(f"{where} holds numbers that are not finite")
+        raise FileError(f"{where} holds numbers that are not finite")
 
 
 def _software() -> str:

@@ -11,6 +11,6 @@ def launched_rank() -> int | None:
     return next((int(rank) for rank in ranks if rank is not None), None)
 
 
-def speaks() -> bool:
+def is_root_process() -> bool:
     """Whether this process is the first that mpirun started, or the only one."""
     return not launched_rank()

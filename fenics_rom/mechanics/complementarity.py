@@ -141,8 +141,8 @@ class _Frictional:
         slip = form.slip
         if len(slip):
             T = E.copy()
-            n, reach, size = self.n[slip], length[slip], self.size[slip, 0]
-            d = zt[slip] / reach[:, None]
+            n, training_radius, size = self.n[slip], length[slip], self.size[slip, 0]
+            d = zt[slip] / training_radius[:, None]
             basis = np.empty((len(slip), 3, 2))
             basis[:, :, 0] = n
             basis[:, :, 1] = n[:, _NEXT] * d[:, _LAST] - n[:, _LAST] * d[:, _NEXT]
@@ -150,7 +150,7 @@ class _Frictional:
             start = T.T.dot(f.ravel())
             basis[:, :, 0] += self.μ * d
             E.ravel()[form.slip_entries] = basis
-            weak = (reach / cone[slip] - 1) * size
+            weak = (training_radius / cone[slip] - 1) * size
         else:
             T, start = E, E.T.dot(f.ravel())
         WE = self.W.dot(E)

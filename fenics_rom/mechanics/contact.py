@@ -74,7 +74,7 @@ class ContactLaw:
             raise SceneError("contact: restitution belongs to the rigid law: allowed beside a stiffness is 0")
 
 
-class Account(NamedTuple):
+class ContactWork(NamedTuple):
     """Where the work of contact in a step went, J: h Σ f·v̂ = supplied - contact - friction.
 
     Attributes:
@@ -88,7 +88,7 @@ class Account(NamedTuple):
     friction: float
 
 
-class Resolution(NamedTuple):
+class ContactSolution(NamedTuple):
     """What contact does in one step.
 
     Attributes:
@@ -117,7 +117,7 @@ class Resolution(NamedTuple):
         pressure = (self.pair_forces * self.normals).dot(_ONES)
         return int(np.count_nonzero(pressure > 1e-9 * pressure.max()))
 
-    def account(self, velocity: Array, dt: float) -> Account:
+    def account(self, velocity: Array, dt: float) -> ContactWork:
         """Where the work went.
 
         Args:
@@ -135,10 +135,10 @@ class Resolution(NamedTuple):
             pressure = (self.pair_forces * self.normals).dot(_ONES)
             normal = float(pressure.dot((relative * self.normals).dot(_ONES)))
         supplied = float(self.by_obstacle.ravel().dot(w.ravel()))
-        return Account(dt * supplied, -dt * normal, dt * (normal - whole))
+        return ContactWork(dt * supplied, -dt * normal, dt * (normal - whole))
 
 
-class Loose(NamedTuple):
+class ContactResidual(NamedTuple):
     """Steps whose forces solve the contact problem but for a residual.
 
     Attributes:
@@ -175,7 +175,7 @@ class Contact:
     """
 
     def __init__(self, points: Array, obstacles: Sequence[Obstacle], law: ContactLaw):
-        self.loose = Loose()
+        self.loose = ContactResidual()
         self.points, self.obstacles, self.law = np.array(points, dtype=float), tuple(obstacles), law
         self.last = np.zeros((len(self.obstacles) * len(self.points), 3))
         self._whole = self._part = np.empty((0, 0))
@@ -222,7 +222,7 @@ class Contact:
         offsets_end: Array,
         quasi_static: bool = False,
         w_before: Array | None = None,
-    ) -> Resolution | None:
+    ) -> ContactSolution | None:
         """Contact forces of one step; None where nothing touches.
 
         Args:
@@ -311,8 +311,8 @@ class Contact:
                 break
         self.last = start
         if solution.residual > GOOD:
-            self.loose = Loose(self.loose.steps + 1, max(self.loose.residual, solution.residual))
-        return Resolution(forces, by_pair.sum(axis=1), iterations, pairs, normals, f, w, law.friction > 0)
+            self.loose = ContactResidual(self.loose.steps + 1, max(self.loose.residual, solution.residual))
+        return ContactSolution(forces, by_pair.sum(axis=1), iterations, pairs, normals, f, w, law.friction > 0)
 
     def _distances(self, displacement: Array, offsets: Array) -> tuple[Array, Array]:
         """Gaps (O P,), m, and normals (O P, 3), obstacle after obstacle."""

@@ -4,30 +4,30 @@ import math
 from collections.abc import Callable
 
 
-class Ledger:
+class EnergyLedger:
     """E - E₀ = supplied - dissipated - lost_in_switching.
 
     Every sum carries along what it was rounded by, so that a million small works add up.
 
     Args:
-        settle: called before a sum is read, to book what is still to be booked.
+        flush: called before a sum is read, to book what is still to be booked.
     """
 
-    def __init__(self, settle: Callable[[], None] = lambda: None):
-        self._settle = settle
+    def __init__(self, flush: Callable[[], None] = lambda: None):
+        self._flush = flush
         self._supplied = self._dissipated = self._lost = (0.0, 0.0)
         self._obstacles = self._contact = self._friction = (0.0, 0.0)
 
     @property
     def supplied(self) -> float:
         """Work of the inputs, Σ h (B u)ᵀ v̂."""
-        self._settle()
+        self._flush()
         return self._supplied[0]
 
     @property
     def dissipated(self) -> float:
         """Σ h v̂ᵀ D v̂, never negative."""
-        self._settle()
+        self._flush()
         return self._dissipated[0]
 
     @property
@@ -38,19 +38,19 @@ class Ledger:
     @property
     def obstacles(self) -> float:
         """Of what was supplied: the work of moving obstacles."""
-        self._settle()
+        self._flush()
         return self._obstacles[0]
 
     @property
     def contact(self) -> float:
         """Of what was dissipated: in impacts, never negative; with the penalty method less what its springs hold."""
-        self._settle()
+        self._flush()
         return self._contact[0]
 
     @property
     def friction(self) -> float:
         """Of what was dissipated: by sliding, never negative."""
-        self._settle()
+        self._flush()
         return self._friction[0]
 
     def book_contact(self, obstacles: float, contact: float, friction: float) -> None:
@@ -69,17 +69,17 @@ class Ledger:
     @property
     def sums(self) -> tuple[tuple[float, float], ...]:
         """Each sum, J, and what it was rounded by: all that there is to save."""
-        self._settle()
+        self._flush()
         return self._supplied, self._dissipated, self._lost, self._obstacles, self._contact, self._friction
 
     @sums.setter
     def sums(self, sums: tuple[tuple[float, float], ...]) -> None:
-        self._settle()  # what is not yet booked belongs to the old ones
+        self._flush()  # what is not yet booked belongs to the old ones
         self._supplied, self._dissipated, self._lost, self._obstacles, self._contact, self._friction = sums
 
     def __repr__(self) -> str:
         return (
-            f"Ledger(supplied={self.supplied:.6g}, dissipated={self.dissipated:.6g}, "
+            f"EnergyLedger(supplied={self.supplied:.6g}, dissipated={self.dissipated:.6g}, "
             f"lost_in_switching={self.lost_in_switching:.6g})"
         )
 

@@ -1,4 +1,4 @@
-"""What acts on a body by itself in a run: loads with histories of their own, and obstacles; the same at any order."""
+"""What acts on a body by itself in a run: loads with signals of their own, and obstacles; the same at any order."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import fields
@@ -14,7 +14,7 @@ from fenics_rom.scene.scene import Scene
 from fenics_rom.scene.schema import unknown
 
 Array = np.ndarray
-History = ArrayLike | Callable[[float], ArrayLike]  # a value, or a function of time in s
+SignalLike = ArrayLike | Callable[[float], ArrayLike]  # a value, or a function of time in s
 
 SHAPES: Mapping[str, Any] = {"half-space": HalfSpace, "sphere": Sphere, "capsule": Capsule, "box": Box}
 
@@ -58,7 +58,7 @@ class _Value:
         history: numbers, or a function of time.
     """
 
-    def __init__(self, where: str, width: int, history: History):
+    def __init__(self, where: str, width: int, history: SignalLike):
         self._where, self._width = where, width
         self._function = history if callable(history) else None
         self._constant = np.empty(0) if callable(history) else self._checked(history)
@@ -83,13 +83,13 @@ class _Value:
         return numbers
 
 
-class Surroundings:
+class Environment:
     """The loads and obstacles of a scene.
 
     Args:
         scene: whose effects act.
         columns: number of columns of each load that the model has; None: those of the scene.
-        histories: for loads and obstacles by name, instead of what the scene says: numbers or functions of time (s).
+        signals: for loads and obstacles by name, instead of what the scene says: numbers or functions of time (s).
             Of gravity: multiples of its acceleration; of a base motion: m/s²; of a prescribed force: N (3,); of an
             obstacle: its displacement, m (3,).
 
@@ -100,7 +100,7 @@ class Surroundings:
         offsets: where the obstacles are, as displacements from where the scene puts them, (O, 3), m.
         ahead: where they will be at the end of the step that is being taken.
         velocities: theirs in the last step, (O, 3), m/s.
-        histories: by name, those that were given.
+        signals: by name, those that were given.
         law: of contact; None where the scene names none.
         automatic: whether the contact mode follows the obstacles.
         lap: told the name of each part of a step that has just ended, to measure what it cost; None: nobody asks.
@@ -114,7 +114,7 @@ class Surroundings:
         self,
         scene: Scene,
         columns: Mapping[str, int] | None = None,
-        histories: Mapping[str, History] | None = None,
+        signals: Mapping[str, SignalLike] | None = None,
     ):
         effects, self._tables = scene.effects, scene.tables
         self.columns = load_columns(scene) if columns is None else dict(columns)
@@ -139,17 +139,17 @@ class Surroundings:
             | {name: self._said(one, "force") for name, one in effects.get("prescribed", {}).items()}
             | {name: self._said(one, "") if "table" in one else np.zeros(3) for name, one in described.items()}
         )
-        for name in histories or {}:
+        for name in signals or {}:
             if name not in said:
                 raise SceneError(f"{scene.source}: {unknown('load or obstacle', name, said)}")
-        said |= histories or {}
+        said |= signals or {}
         for name, history in said.items():
             if history is None:
                 raise SceneError(
                     f"{scene.source}: {name!r} has neither a value nor a table; give a function of time in Python: "
-                    f"histories = {{{name!r}: lambda t: ...}}"
+                    f"signals = {{{name!r}: lambda t: ...}}"
                 )
-        self.histories: dict[str, History] = dict(histories or {})
+        self.signals: dict[str, SignalLike] = dict(signals or {})
         self._values = {name: _Value(name, self.columns.get(name, 3), history) for name, history in said.items()}
         self._steady: Array | None = None
         self._still: Array | None = None
@@ -163,7 +163,7 @@ class Surroundings:
         table = self._tables[one["table"]]
         return lambda t: [np.interp(t, table[:, 0], column) for column in table[:, 1:].T]
 
-    def set(self, name: str, history: History) -> None:
+    def set(self, name: str, history: SignalLike) -> None:
         """Gives a load or an obstacle another value, or another function of time, from the next step on.
 
         Raises:
@@ -173,7 +173,7 @@ class Surroundings:
         if name not in self.columns and name not in self.obstacles:
             raise StepError(unknown("load or obstacle", name, [*self.columns, *self.obstacles]))
         self._values[name] = _Value(name, width, history)
-        self.histories[name] = history
+        self.signals[name] = history
         self._keep_constants()
 
     def loads(self, time: float) -> Array:

@@ -15,22 +15,22 @@ import numpy as np
 Array = np.ndarray
 
 LAWS = ("st_venant_kirchhoff", "neo_hookean")
-AXES = np.array([[0, 0], [1, 1], [2, 2], [1, 2], [0, 2], [0, 1]])  # of the six components
-FULL = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])  # which component each entry of a symmetric matrix is
-TWICE = np.array([1.0, 1, 1, 2, 2, 2])[:, None]  # how often each counts in S:E
+VOIGT_PAIRS = np.array([[0, 0], [1, 1], [2, 2], [1, 2], [0, 2], [0, 1]])  # of the six components
+VOIGT_INDEX = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])  # which component each entry of a symmetric matrix is
+VOIGT_SHEAR = np.array([1.0, 1, 1, 2, 2, 2])[:, None]  # how often each counts in S:E
 SMALLEST = 1e-7  # change of strain below which W(E⁺) - W(E) is round-off
 
 
 def strain(H: Array) -> Array:
     """Green strain (6, P) of displacement gradients H (3, 3, P), H[i, j] = ∂u_i/∂X_j."""
-    i, j = AXES.T
-    return (TWICE / 2) * (H[i, j] + H[j, i] + np.einsum("kcp,kcp->cp", H[:, i], H[:, j]))
+    i, j = VOIGT_PAIRS.T
+    return (VOIGT_SHEAR / 2) * (H[i, j] + H[j, i] + np.einsum("kcp,kcp->cp", H[:, i], H[:, j]))
 
 
 def strain_rate(F: Array, dH: Array) -> Array:
     """Change (6, P) of the Green strain, ½ (Fᵀ dH + dHᵀ F), with that of H (3, 3, P), where F = I + H."""
     both = F[0][:, None] * dH[0] + F[1][:, None] * dH[1] + F[2][:, None] * dH[2]
-    (i, j), shear = AXES.T, slice(3, None)
+    (i, j), shear = VOIGT_PAIRS.T, slice(3, None)
     rates = both[i, j]
     rates[shear] += both[j[shear], i[shear]]
     return rates
@@ -40,7 +40,7 @@ def energy_density(law: str, E: Array, λ: Array, μ: Array) -> Array:
     """W (P,), J/m³."""
     trace = E[:3].sum(axis=0)
     if law == "st_venant_kirchhoff":
-        return λ / 2 * trace**2 + μ * (E * E / TWICE).sum(axis=0)
+        return λ / 2 * trace**2 + μ * (E * E / VOIGT_SHEAR).sum(axis=0)
     lnJ = np.log1p(_volume(E)) / 2
     return μ * (trace - lnJ) + λ / 2 * lnJ**2
 
@@ -57,12 +57,12 @@ def stress(law: str, E: Array, λ: Array, μ: Array) -> Array:
 
 def linear_stress(E: Array, λ: Array, μ: Array) -> Array:
     """λ tr(E) I + 2 μ E (6, P), Pa."""
-    S = 2 * μ * E / TWICE
+    S = 2 * μ * E / VOIGT_SHEAR
     S[:3] += λ * E[:3].sum(axis=0)
     return S
 
 
-def stress_between(law: str, E: Array, after: Array, λ: Array, μ: Array) -> Array:
+def discrete_gradient_stress(law: str, E: Array, after: Array, λ: Array, μ: Array) -> Array:
     """A stress Ŝ (6, P) with Ŝ:(E⁺ - E) = W(E⁺) - W(E), of second order: so a step with it balances energy exactly.
 
     The stress of the averaged strain (Simo & Tarnow, 1992), with Gonzalez' correction (2000) where W is not quadratic.
@@ -73,7 +73,7 @@ def stress_between(law: str, E: Array, after: Array, λ: Array, μ: Array) -> Ar
     change = after - E
     gained = energy_density(law, after, λ, μ) - energy_density(law, E, λ, μ)
     missing = gained - (S * change).sum(axis=0)
-    return S + missing / ((change**2 / TWICE).sum(axis=0) + SMALLEST**2) * (change / TWICE)
+    return S + missing / ((change**2 / VOIGT_SHEAR).sum(axis=0) + SMALLEST**2) * (change / VOIGT_SHEAR)
 
 
 def _volume(E: Array) -> Array:
@@ -105,10 +105,10 @@ def moduli(law: str, E: Array, λ: Array, μ: Array) -> Array:
     if law == "st_venant_kirchhoff":
         D = np.zeros((6, 6, E.shape[1]))
         D[:3, :3] = λ
-        D[np.arange(6), np.arange(6)] += 2 * μ / TWICE
+        D[np.arange(6), np.arange(6)] += 2 * μ / VOIGT_SHEAR
         return D
     c, lnJ = _inverse_metric(E)
     spread = μ - λ * lnJ
-    full = c[FULL]
-    (i, j), (k, m) = AXES.T[:, :, None], AXES.T[:, None, :]
+    full = c[VOIGT_INDEX]
+    (i, j), (k, m) = VOIGT_PAIRS.T[:, :, None], VOIGT_PAIRS.T[:, None, :]
     return λ * c[:, None] * c[None, :] + spread * (full[i, k] * full[j, m] + full[i, m] * full[j, k])

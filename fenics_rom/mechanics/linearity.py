@@ -14,7 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fenics_rom.rom.rom import Rom, divisors
+from fenics_rom.rom.rom import Rom, safe_frequencies
 
 Array = np.ndarray
 
@@ -30,7 +30,7 @@ THINNEST = 1e-9  # height of a triangle as a share of its longest side; below, i
 
 
 @dataclass(frozen=True)
-class Excursion:
+class SurfaceStrainPeak:
     """How far a surface went.
 
     Attributes:
@@ -53,16 +53,16 @@ class Excursion:
         """Whether a linear model can no longer be trusted."""
         return self.severity > 1
 
-    def joined(self, later: "Excursion") -> "Excursion":
+    def joined(self, later: "SurfaceStrainPeak") -> "SurfaceStrainPeak":
         """The larger of each, and the time of the first that is beyond."""
-        return Excursion(
+        return SurfaceStrainPeak(
             rotation=max(self.rotation, later.rotation),
             strain=max(self.strain, later.strain),
             time=self.time if self.beyond else later.time,
         )
 
 
-def warning(seen: Excursion) -> str:
+def warning(seen: SurfaceStrainPeak) -> str:
     """What to say at the moment a limit is passed; empty within the limits."""
     is_at, good_to = _beyond(seen)
     return is_at and (
@@ -71,7 +71,7 @@ def warning(seen: Excursion) -> str:
     )
 
 
-def summary(seen: Excursion) -> str:
+def summary(seen: SurfaceStrainPeak) -> str:
     """What to say of a whole run, whose excursions were joined; empty within the limits."""
     is_at, good_to = _beyond(seen, "up to ")
     return is_at and (
@@ -80,7 +80,7 @@ def summary(seen: Excursion) -> str:
     )
 
 
-def _beyond(seen: Excursion, most: str = "") -> tuple[str, str]:
+def _beyond(seen: SurfaceStrainPeak, most: str = "") -> tuple[str, str]:
     """What is beyond its limit, and these limits."""
     passed = []
     if seen.rotation > ROTATION_LIMIT:
@@ -113,8 +113,8 @@ class SurfaceGauges:
         t1 = _unit(a)
         frame = np.stack([t1, np.cross(n, t1), n], axis=1)
         sides = frame[:, :2] @ np.stack([a, b], axis=2)
-        slopes = np.array([[-1, -1], [1, 0], [0, 1]]) @ np.linalg.inv(sides)  # of the corners' shape functions
-        H = np.einsum("gic,gkj->ijgkc", frame, slopes).reshape(3, 2, len(n), 9)
+        shape_gradients = np.array([[-1, -1], [1, 0], [0, 1]]) @ np.linalg.inv(sides)  # of the corners' shape functions
+        H = np.einsum("gic,gkj->ijgkc", frame, shape_gradients).reshape(3, 2, len(n), 9)
         ω = H[2, 1], -H[2, 0], (H[1, 0] - H[0, 1]) / 2
         ε = H[0, 0], H[1, 1], (H[0, 1] + H[1, 0]) / math.sqrt(2)
         self._operator = np.stack([*ω, *ε], axis=1)
@@ -189,7 +189,7 @@ class ModeGauge:
 
     def __init__(self, rows: Array, eigenvalues: Array):
         self._rows = rows
-        self.safe_energy = _safe_energy((rows / divisors(eigenvalues)).reshape(-1, 2, 3, len(eigenvalues)))
+        self.safe_energy = _safe_energy((rows / safe_frequencies(eigenvalues)).reshape(-1, 2, 3, len(eigenvalues)))
         turning = np.abs(rows[:, eigenvalues == 0]).max(initial=0.0)
         if turning > ROUND_OFF * np.abs(rows).max(initial=0.0):  # translations turn nothing but by round-off
             self.safe_energy = 0.0

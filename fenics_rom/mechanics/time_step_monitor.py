@@ -11,7 +11,7 @@ import math
 FEWEST = 10.0  # steps in an oscillation: it then takes 3 % too long
 
 
-class StepGauge:
+class TimeStepMonitor:
     """Measures how many steps the oscillations of a run take.
 
     Attributes:

@@ -50,7 +50,7 @@ class LowRankGramian:
     """The position block Wc ≈ (X Z) (X Z)ᵀ, as far as it is known.
 
     Attributes:
-        space: X, which holds the columns of the factor and those of its company.
+        space: X, which holds the columns of the factor and those of its krylov_augmentation.
         factor: Z (k, c) in the coordinates of that space, c <= k.
         shifts: number of factorisations that it took; a complex pair counts once.
         rest: length of the largest motion that the residual still adds to the factor, as a share of |Z|; of a σ it
@@ -93,7 +93,7 @@ class Residual:
 
 
 def low_rank_gramians(
-    system: System, factor: Factor, B: Array, company: Array | None = None
+    system: System, factor: Factor, B: Array, krylov_augmentation: Array | None = None
 ) -> Iterator[LowRankGramian]:
     """Controllability Gramians of growing rank, one after each sweep of shifts; it is for the caller to stop.
 
@@ -103,22 +103,22 @@ def low_rank_gramians(
     that has not settled.
 
     A projected observability Gramian is only as good as the space holds the motions after a release, and local
-    dashpots and outputs turn those into others. Their columns may keep B company: the space then serves them as if
+    dashpots and outputs turn those into others. Their columns may augment B: the space then serves them as if
     they were inputs; they cost solves, but no factorisations, and the Gramian is that of B alone.
 
     Args:
         system: the full-order model.
         factor: of K.
         B: (rows here, p) input matrix; dependent columns cost nothing.
-        company: (rows here, any).
+        krylov_augmentation: (rows here, any).
 
     Raises:
         SolverError: there is no damping, so that the Gramian does not exist.
     """
     force, compliance = _independent(system, factor, B)
     inputs = force.shape[1]
-    if company is not None and company.shape[1]:
-        others, other = _independent(system, factor, company)
+    if krylov_augmentation is not None and krylov_augmentation.shape[1]:
+        others, other = _independent(system, factor, krylov_augmentation)
         force = np.hstack([force, np.sqrt(compliance / other) * others])  # alike in size, for one truncation
     residual = Residual(0 * force, force)
     start, done = residual.energy(system, factor), 0
@@ -279,7 +279,7 @@ def _compressed(system: System, basis: Array, parts: list[Array], columns: list[
     Args:
         system: the full-order model.
         basis: (rows here, k) M-orthonormal.
-        parts: (k, any) each, in that basis: the factor, and its company.
+        parts: (k, any) each, in that basis: the factor, and its krylov_augmentation.
         columns: (rows here, any), what is new in each part.
     """
     inner, rest = system.algebra.inner, np.hstack(columns)

@@ -12,7 +12,7 @@ from typing import Any
 
 import numpy as np
 
-from fenics_rom.errors import RomFileError
+from fenics_rom.errors import FileError
 from fenics_rom.io.hdf5 import (
     Entry,
     Sizes,
@@ -24,8 +24,8 @@ from fenics_rom.io.hdf5 import (
     read_file,
     write_file,
 )
-from fenics_rom.reduction.problem import Problem
-from fenics_rom.reduction.projection import Kept
+from fenics_rom.reduction.problem import ReductionProblem
+from fenics_rom.reduction.projection import RetainedBasis
 from fenics_rom.system.system import Array
 
 SAME = 1e-9  # largest relative difference of what is the same system
@@ -54,7 +54,7 @@ class Checkpoint:
         resume: go on from what is there, instead of removing it.
     """
 
-    def __init__(self, folder: str | Path | None, problem: Problem, method: str, resume: bool):
+    def __init__(self, folder: str | Path | None, problem: ReductionProblem, method: str, resume: bool):
         self._folder = None if folder is None else Path(folder)
         self._resume = resume
         self._written = 0  # files,
@@ -72,15 +72,15 @@ class Checkpoint:
             try:
                 self._folder.mkdir(exist_ok=True)
             except OSError as error:
-                raise RomFileError(f"{self._folder}: cannot be written: {error.strerror}") from error
+                raise FileError(f"{self._folder}: cannot be written: {error.strerror}") from error
 
-    def restored(self, problem: Problem) -> dict[str, Kept]:
+    def restored(self, problem: ReductionProblem) -> dict[str, RetainedBasis]:
         """Contact modes that are finished; the shared space is filled with what they are in.
 
         Raises:
-            RomFileError: they belong to another system or other choices, or are damaged.
+            FileError: they belong to another system or other choices, or are damaged.
         """
-        kept: dict[str, Kept] = {}
+        kept: dict[str, RetainedBasis] = {}
         while self._folder is not None and self._resume and self._file(self._written).exists():
             name, basis, eigenvectors, part, messages = read_file(self._file(self._written), "part", self._take)
             problem.messages.extend(messages)
@@ -91,7 +91,7 @@ class Checkpoint:
         self._columns, self._told = problem.space.size, len(problem.messages)
         return kept
 
-    def keep(self, problem: Problem, name: str, kept: Kept) -> None:
+    def keep(self, problem: ReductionProblem, name: str, kept: RetainedBasis) -> None:
         """Writes a contact mode that is finished."""
         if self._folder is None:
             return
@@ -118,7 +118,7 @@ class Checkpoint:
         """The shapes (rows here, s) of a training run under such loads; None where it is not finished.
 
         Raises:
-            RomFileError: it is of another system or of other loads, or damaged.
+            FileError: it is of another system or of other loads, or damaged.
         """
         if self._folder is None or not self._resume or not self._run_file(number).exists():
             return None
@@ -158,13 +158,13 @@ class Checkpoint:
     def _check_same(self, probe: Array, same_choices: bool) -> None:
         same = len(probe) == len(self._probe) and np.allclose(probe, self._probe, rtol=SAME, atol=0)
         if not (same and same_choices):
-            raise RomFileError("was made from another system or with other choices; start without resume")
+            raise FileError("was made from another system or with other choices; start without resume")
 
-    def _take(self, h5: Any) -> tuple[str, Array, int, Kept, list[str]]:
+    def _take(self, h5: Any) -> tuple[str, Array, int, RetainedBasis, list[str]]:
         sizes: Sizes = {}
         a: Any = get_arrays(h5, PART, sizes)
         self._check_same(a["probe"], get_text(h5, "choices") == self._choices)
-        kept = Kept(a["span"], a["directions"], a["hankel_singular_values"], a["left_inverse"])
+        kept = RetainedBasis(a["span"], a["directions"], a["hankel_singular_values"], a["left_inverse"])
         messages = list(filter(None, get_text(h5, "messages").split("\n")))
         return get_text(h5, "name"), a["basis"], int(a["eigenvectors"][0]), kept, messages
 
@@ -180,7 +180,7 @@ def remove_checkpoint(folder: Path) -> None:
         folder.rmdir()
 
 
-def _probe(problem: Problem) -> Array:
+def _probe(problem: ReductionProblem) -> Array:
     """Numbers that two systems share only when they are the same."""
     system = problem.system
     z = np.random.default_rng(0).standard_normal((system.size, 1))[system.algebra.rows()]

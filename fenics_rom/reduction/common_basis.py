@@ -30,7 +30,7 @@ class Subspace:
         return len(self.eigenvalues)
 
 
-class SharedSpace:
+class CommonBasis:
     """A growing basis X (rows here, k), XᵀMX = I, RᵀMX = 0, and what K and D are in it.
 
     Attributes:
@@ -63,30 +63,33 @@ class SharedSpace:
         return self._transposed[0, : self._size].T
 
     @property
-    def momenta(self) -> Array:
+    def mass_times_basis(self) -> Array:
         """M X (rows here, k), kg^1/2: kept, because products with M are what orthonormal columns cost most."""
         return self._transposed[1, : self._size].T
 
     def add(self, block: Array) -> Array:
         """Coordinates of columns, (k, columns); what they add to the basis is appended to it."""
-        rigid, basis, momenta = self._rigid.shape[1], self.basis, self.momenta
+        rigid, basis, mass_times_basis = self._rigid.shape[1], self.basis, self.mass_times_basis
         if rigid:  # what a small new direction magnifies must not be a motion that no method asked for
-            basis, momenta = np.hstack([self._rigid, basis]), np.hstack([self._rigid_momenta, momenta])
-        new, momenta, coordinates = orthonormal_rest(self._system, block, basis, momenta)
-        self._append(new, momenta)
+            basis, mass_times_basis = (
+                np.hstack([self._rigid, basis]),
+                np.hstack([self._rigid_momenta, mass_times_basis]),
+            )
+        new, mass_times_basis, coordinates = orthonormal_rest(self._system, block, basis, mass_times_basis)
+        self._append(new, mass_times_basis)
         return coordinates[rigid:]
 
     def append(self, new: Array) -> None:
         """Further M-orthonormal columns, orthogonal to those there."""
         self._append(new, self._system.mass @ new)
 
-    def _append(self, new: Array, momenta: Array) -> None:
+    def _append(self, new: Array, mass_times_basis: Array) -> None:
         k = self._size + new.shape[1]
         if k > self._transposed.shape[1]:
             grown = np.empty((2, k + k // 4, self._transposed.shape[2]))
             grown[:, : self._size] = self._transposed[:, : self._size]
             self._transposed = grown
-        self._transposed[:, self._size : k] = new.T, momenta.T
+        self._transposed[:, self._size : k] = new.T, mass_times_basis.T
         self._size = k
         self.stiffness = self._extended(self.stiffness, self._system.stiffness @ new)
         if self.damping is not None:
@@ -130,8 +133,8 @@ def padded(coordinates: Array, size: int) -> Array:
     return np.pad(coordinates, ((0, size - len(coordinates)), (0, 0)))
 
 
-def orthonormal_rest(system: System, block: Array, basis: Array, momenta: Array) -> tuple[Array, Array, Array]:
-    """What a block (rows here, c) adds to an M-orthonormal basis (rows here, k), whose product with M is `momenta`.
+def orthonormal_rest(system: System, block: Array, basis: Array, mass_times_basis: Array) -> tuple[Array, Array, Array]:
+    """What a block (rows here, c) adds to an M-orthonormal basis (rows here, k), with M times it.
 
     Gram matrices square the spectrum, so each pass takes only directions within four decades of the largest, of columns
     scaled alike; what is left is tried again until it is below DEFLATION of the column that it came from.
@@ -142,7 +145,7 @@ def orthonormal_rest(system: System, block: Array, basis: Array, momenta: Array)
     inner, M = system.algebra.inner, system.mass
     rest, coordinates = block, np.zeros((basis.shape[1], block.shape[1]))
     for _ in range(2):
-        seen = inner(momenta, rest)
+        seen = inner(mass_times_basis, rest)
         coordinates += seen
         rest = rest - basis @ seen
     Mrest = M @ rest
@@ -158,7 +161,9 @@ def orthonormal_rest(system: System, block: Array, basis: Array, momenta: Array)
         w, E = np.linalg.eigh(gram / sizes[:, None] / sizes)
         take = w > 1e-8 * w[-1]
         fresh = left @ (E[:, take] / sizes[:, None] / np.sqrt(w[take]))
-        fresh = fresh - basis @ inner(momenta, fresh)  # division by a small norm magnified what was left of the old
+        fresh = fresh - basis @ inner(
+            mass_times_basis, fresh
+        )  # division by a small norm magnified what was left of the old
         fresh = fresh - new @ inner(Mnew, fresh)
         Mfresh = M @ fresh
         triangle = np.linalg.cholesky(inner(fresh, Mfresh))
@@ -173,7 +178,7 @@ def orthonormal_rest(system: System, block: Array, basis: Array, momenta: Array)
     return new, Mnew, np.vstack([coordinates, inner(new, Mrest)])
 
 
-def rest_of(block: Array, span: Array) -> Array:
+def orthogonal_complement(block: Array, span: Array) -> Array:
     """The same for coordinates: orthonormal basis of what a block (k, any) adds to orthonormal columns, (k, new)."""
     norms = np.linalg.norm(block, axis=0)
     block = block[:, norms > 0] / norms[norms > 0]

@@ -4,7 +4,7 @@ import numpy as np
 
 from fenics_rom.errors import SolverError
 from fenics_rom.reduction.eigenvectors import share_eigenvectors
-from fenics_rom.reduction.problem import Problem
+from fenics_rom.reduction.problem import ReductionProblem
 from fenics_rom.system.system import Array
 
 FIRST = 4  # eigenvectors for each balanced direction, to begin with
@@ -18,7 +18,7 @@ class EigenvectorSelection:
         problem: what is reduced; its shared space, still empty, gets the first eigenvectors.
     """
 
-    def __init__(self, problem: Problem):
+    def __init__(self, problem: ReductionProblem):
         self._problem = problem
         orders = [problem.order_of(name) or 0 for name in problem.contacts]
         all_needed = problem.lyapunov not in ("krylov", "adi")

@@ -4,10 +4,10 @@ import numpy as np
 
 from fenics_rom.errors import SceneError
 from fenics_rom.reduction.common_basis import orthonormal_rest
-from fenics_rom.reduction.problem import Problem
+from fenics_rom.reduction.problem import ReductionProblem
 
 
-def share_eigenvectors(problem: Problem, count: int) -> None:
+def share_eigenvectors(problem: ReductionProblem, count: int) -> None:
     """Makes the lowest eigenvectors the first columns of the shared space, which is empty or holds some and no more."""
     system, space = problem.system, problem.space
     count = min(count, system.elastic_size)
@@ -19,7 +19,7 @@ def share_eigenvectors(problem: Problem, count: int) -> None:
     with problem.stages("eigenvectors"):
         _, V = system.algebra.eigenpairs(system.mass, system.stiffness, count, problem.factor)
         if space.size:  # those of equal eigenvalues may have come out otherwise than before
-            V, *_ = orthonormal_rest(system, V, space.basis, space.momenta)
+            V, *_ = orthonormal_rest(system, V, space.basis, space.mass_times_basis)
             V = V @ np.linalg.eigh(system.algebra.inner(V, system.stiffness @ V))[1]
         space.append(V)
     space.eigenvectors = space.size

@@ -44,18 +44,18 @@ def full_responses(
         SolverError: a factorisation failed.
     """
     Q, widths = _basis(system, rom), rom.contacts
-    B = np.hstack([system.contacts[name] for name in rom.modes])
+    B = np.hstack([system.contacts[name] for name in rom.contact_models])
     rigid = Q[:, : rom.rigid]
     B = B - system.mass @ (rigid @ system.algebra.inner(rigid, B))
-    sizes: dict[str, list[float]] = {name: [] for name in rom.modes}
-    errors: dict[str, list[float]] = {name: [] for name in rom.modes}
+    sizes: dict[str, list[float]] = {name: [] for name in rom.contact_models}
+    errors: dict[str, list[float]] = {name: [] for name in rom.contact_models}
     for done, ω in enumerate(frequencies):
         report("frequency responses", done, len(frequencies))
         terms = (-(ω**2) + 0j, system.mass), (1j * ω, system.damping), (1.0 + 0j, system.stiffness)
         with closing(system.algebra.factor(*terms)) as factor:
             H = factor.solve(B)
         column = 0
-        for name, mode in rom.modes.items():
+        for name, mode in rom.contact_models.items():
             ρ, own = mode.rigid, slice(column, column + widths[name])
             damping = mode.damping[ρ:] if mode.damping.ndim == 1 else mode.damping[ρ:, ρ:]
             q = response(mode.eigenvalues[ρ:], damping, mode.inputs[ρ:, : widths[name]], ω)
@@ -65,7 +65,7 @@ def full_responses(
             errors[name].append(float(np.linalg.norm(mass_norms(system, H[:, own] - reduced))))
             column = own.stop
     report("frequency responses", len(frequencies), len(frequencies))
-    return {name: FullResponse(np.array(sizes[name]), np.array(errors[name])) for name in rom.modes}
+    return {name: FullResponse(np.array(sizes[name]), np.array(errors[name])) for name in rom.contact_models}
 
 
 def _basis(system: System, rom: Rom) -> Array:

@@ -7,7 +7,7 @@ import numpy as np
 from fenics_rom.system.system import Array, Factor, System
 
 
-def comparable(system: System, factor: Factor) -> System:
+def input_scaling(system: System, factor: Factor) -> System:
     """The system with the columns of effects scaled, so that at rest each stores as much energy as a contact's.
 
     A pressure in a closed chamber, whose forces balance each other, moves a body much less than the same force in one

@@ -13,10 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from fenics_rom.reduction.balancing import Balanced, order_of
-from fenics_rom.reduction.common_basis import Subspace, padded, rest_of
+from fenics_rom.reduction.common_basis import Subspace, orthogonal_complement, padded
 from fenics_rom.reduction.frequency_response import dynamic_product, mass_norms, response
 from fenics_rom.reduction.krylov_augmentation import Company
-from fenics_rom.reduction.problem import Directions, Problem
+from fenics_rom.reduction.problem import RankedBasis, ReductionProblem
 from fenics_rom.reduction.realization import balanced_in, directions_of
 from fenics_rom.system.system import Array, by_parts
 
@@ -52,7 +52,7 @@ class Chain:
     def extend(self, coordinates: Array) -> Array:
         """Takes coordinates (k, any) in, and returns the directions (k, new) that they add."""
         span = padded(self.span, len(coordinates))
-        new = rest_of(coordinates, span)
+        new = orthogonal_complement(coordinates, span)
         self.span = np.hstack([span, new])
         return new
 
@@ -77,13 +77,13 @@ class Projection:
 
 
 @dataclass(frozen=True)
-class Look:
+class KrylovIterate:
     """A projection and its balanced realization."""
 
     projection: Projection
     balanced: Balanced
 
-    def change_since(self, last: "Look", order: int | None, tolerance: float) -> float:
+    def change_since(self, last: "KrylovIterate", order: int | None, tolerance: float) -> float:
         """Largest relative change of the σ that count and of sampled frequency responses; 1 where too few are there."""
         σ = self.balanced.singular_values
         m = min(order_of(σ, order, tolerance), len(σ))
@@ -117,10 +117,10 @@ class KrylovSpaces:
     Args:
         problem: what is reduced.
         names: of the contact modes.
-        company: columns that belong to the space of every contact mode.
+        krylov_augmentation: columns that belong to the space of every contact mode.
     """
 
-    def __init__(self, problem: Problem, names: Sequence[str], company: Company):
+    def __init__(self, problem: ReductionProblem, names: Sequence[str], krylov_augmentation: Company):
         system, shared = problem.system, problem.space
         self._problem = problem
         self.inputs = {name: system.forces(name) for name in names}
@@ -132,15 +132,15 @@ class KrylovSpaces:
         self._projections: dict[str, Projection] = {}
         self._shifts = 0
         self._blocks = 0
-        self._zero_suffices = company.complete
-        self._add([*self.inputs.values(), company.columns])
+        self._zero_suffices = krylov_augmentation.complete
+        self._add([*self.inputs.values(), krylov_augmentation.columns])
 
     def grow(self, names: Sequence[str]) -> None:
         """Adds a block, or blocks at a positive shift, for those contact modes that still need it."""
         if self._zero_suffices or self._blocks < ZERO_BLOCKS:
             chains = [*(self.chains[name] for name in names), self._company]
             latest = [padded(chain.latest, self._problem.space.size) for chain in chains]
-            columns = self._problem.space.momenta @ np.hstack(latest)
+            columns = self._problem.space.mass_times_basis @ np.hstack(latest)
             self._add(_split(columns, latest), names)
         else:
             self._add_shift(names)
@@ -155,19 +155,19 @@ class KrylovSpaces:
         """Whether no more is to be tried for a contact mode."""
         return self.chains[name].own >= MOST_VECTORS or self._shifts >= MOST_SHIFTS
 
-    def worth_a_look(self, name: str, last: Look | None) -> bool:
+    def worth_a_look(self, name: str, last: KrylovIterate | None) -> bool:
         """Whether the space of a contact mode has grown enough since the last look, or at all for a first one."""
         chain = self.chains[name]
         if last is None:
             return self._blocks > 1 and chain.span.shape[1] >= (self._problem.order_of(name) or 0)
         return chain.own >= GROWTH[last.projection.space.damping.ndim] * last.projection.own
 
-    def look(self, name: str) -> Look:
+    def look(self, name: str) -> KrylovIterate:
         """A contact mode balanced in its space."""
         problem, found = self._problem, self._projection(name)
         balanced = balanced_in(problem, found.space, found.inputs)
         self._orders[name] = order_of(balanced.singular_values, problem.order_of(name), problem.tolerance)
-        return Look(found, balanced)
+        return KrylovIterate(found, balanced)
 
     def _projection(self, name: str) -> Projection:
         chain, last = self.chains[name], self._projections.get(name)
@@ -186,7 +186,7 @@ class KrylovSpaces:
         return self._seen[1]
 
     def _add(self, blocks: list[Array], names: Sequence[str] | None = None) -> None:
-        """One more block of K⁻¹M, all contact modes and their company in one solve: M times the latest directions."""
+        """One more block of K⁻¹M, all contact modes in one solve: M times the latest directions."""
         names = list(self.inputs) if names is None else names
         with self._problem.stages("solves with K"):
             solved = self._problem.factor.solve(np.hstack(blocks))
@@ -256,13 +256,13 @@ def _split(columns: Array, like: Sequence[Array]) -> list[Array]:
 
 
 def directions_by_residual(
-    problem: Problem, names: Sequence[str], company: Company
-) -> Iterator[tuple[str, Directions]]:
+    problem: ReductionProblem, names: Sequence[str], krylov_augmentation: Company
+) -> Iterator[tuple[str, RankedBasis]]:
     """Each contact mode balanced in the first space that leaves next to nothing of its frequency response.
 
     For contact modes that share eigenvectors: two or three blocks do, and one balancing each.
     """
-    krylov = KrylovSpaces(problem, names, company)
+    krylov = KrylovSpaces(problem, names, krylov_augmentation)
     count = TOP if problem.system.rayleigh is not None else SAMPLES
     waiting = list(names)
     while waiting:
@@ -281,10 +281,12 @@ def directions_by_residual(
                 yield name, _told(problem, name, look, gap)
 
 
-def directions_by_change(problem: Problem, names: Sequence[str], company: Company) -> Iterator[tuple[str, Directions]]:
+def directions_by_change(
+    problem: ReductionProblem, names: Sequence[str], krylov_augmentation: Company
+) -> Iterator[tuple[str, RankedBasis]]:
     """Each contact mode balanced in the first space whose σ and frequency responses are those of the one before."""
-    krylov = KrylovSpaces(problem, names, company)
-    looks: dict[str, Look | None] = dict.fromkeys(names)
+    krylov = KrylovSpaces(problem, names, krylov_augmentation)
+    looks: dict[str, KrylovIterate | None] = dict.fromkeys(names)
     while looks:
         for name, last in list(looks.items()):
             ended = krylov.complete(name) or krylov.at_limit(name)
@@ -302,7 +304,7 @@ def directions_by_change(problem: Problem, names: Sequence[str], company: Compan
             krylov.grow(list(looks))
 
 
-def _told(problem: Problem, name: str, look: Look, change: float) -> Directions:
+def _told(problem: ReductionProblem, name: str, look: KrylovIterate, change: float) -> RankedBasis:
     """The directions, and a message where they have not settled."""
     space = look.projection.space
     if change > UNREST:

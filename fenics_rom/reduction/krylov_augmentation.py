@@ -1,11 +1,11 @@
-"""Columns that keep every contact mode's inputs company in its space: dashpots, and outputs where those count."""
+"""Columns that augment every contact mode's Krylov space: dashpots, and outputs where those count."""
 
 from dataclasses import dataclass
 
 import numpy as np
 
-from fenics_rom.reduction.low_rank_damping import local_damping
-from fenics_rom.reduction.problem import Problem
+from fenics_rom.reduction.low_rank_damping import low_rank_damping
+from fenics_rom.reduction.problem import ReductionProblem
 from fenics_rom.system.system import Array
 
 
@@ -23,10 +23,10 @@ class Company:
     complete: bool
 
 
-def company_of(problem: Problem) -> Company:
+def company_of(problem: ReductionProblem) -> Company:
     """Finds the dashpots, and adds the columns of the outputs where those are what counts."""
     system = problem.system
-    here, dashpots = system.algebra.rows(), local_damping(system)
+    here, dashpots = system.algebra.rows(), low_rank_damping(system)
     columns = [np.empty((here.stop - here.start, 0)) if dashpots is None else dashpots]
     if problem.weighting == "outputs":
         columns += system.outputs.values()

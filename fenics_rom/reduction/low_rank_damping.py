@@ -12,7 +12,7 @@ GUESSES = 100  # pairs of rows that α and β are read from
 MOST_ROWS = 60  # with a dashpot; more are not local
 
 
-def local_damping(system: System) -> Array | None:
+def low_rank_damping(system: System) -> Array | None:
     """F (rows here, columns): no columns where D is proportional, None where D is not proportional but for few rows."""
     here = system.algebra.rows()
     if system.rayleigh is not None:

@@ -6,12 +6,12 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from fenics_rom.io.stages import Stages
-from fenics_rom.reduction.common_basis import SharedSpace
+from fenics_rom.reduction.common_basis import CommonBasis
 from fenics_rom.system.system import Array, Factor, System
 
 
 @dataclass(frozen=True)
-class Directions:
+class RankedBasis:
     """The directions of one contact mode, the most important first.
 
     Attributes:
@@ -28,7 +28,7 @@ class Directions:
 
 
 @dataclass(frozen=True)
-class Problem:
+class ReductionProblem:
     """A reduction to be done.
 
     A method is a function of a problem that yields the name and the directions of each contact mode in `contacts`:
@@ -56,7 +56,7 @@ class Problem:
 
     system: System
     factor: Factor
-    space: SharedSpace
+    space: CommonBasis
     contacts: tuple[str, ...]
     order: int | Mapping[str, int] | None
     tolerance: float
@@ -71,10 +71,10 @@ class Problem:
         """The order asked for one contact mode."""
         return self.order[name] if isinstance(self.order, Mapping) else self.order
 
-    def directions(self, columns: Array, singular_values: Array | None = None) -> Directions:
-        """Directions from columns (rows here, r), the most important first."""
+    def directions(self, columns: Array, singular_values: Array | None = None) -> RankedBasis:
+        """A ranked basis from columns (rows here, r), the most important first."""
         coordinates = self.space.add(columns)
-        return Directions(coordinates) if singular_values is None else Directions(coordinates, singular_values)
+        return RankedBasis(coordinates) if singular_values is None else RankedBasis(coordinates, singular_values)
 
 
-Method = Callable[[Problem], Iterator[tuple[str, Directions]]]
+Method = Callable[[ReductionProblem], Iterator[tuple[str, RankedBasis]]]

@@ -6,16 +6,16 @@ from typing import Any
 
 import numpy as np
 
-from fenics_rom.reduction.common_basis import padded, rest_of
-from fenics_rom.reduction.problem import Problem
+from fenics_rom.reduction.common_basis import orthogonal_complement, padded
+from fenics_rom.reduction.problem import ReductionProblem
 from fenics_rom.reduction.validation import certified
-from fenics_rom.rom.rom import Mode, Rom, diagonalized_span
+from fenics_rom.rom.rom import ContactModel, Rom, diagonalized_span
 from fenics_rom.scene.effects import EFFECTS
 from fenics_rom.system.system import Array
 
 
 @dataclass(frozen=True)
-class Kept:
+class RetainedBasis:
     """What one contact mode keeps, in the coordinates of the shared space.
 
     Attributes:
@@ -31,8 +31,8 @@ class Kept:
     left_inverse: Array | None = None
 
 
-def rom_of(problem: Problem, kept: Mapping[str, Kept], *, method: str) -> Rom:
-    """Puts all contact modes into one M-orthonormal Q that diagonalizes K, with a certificate for each.
+def rom_of(problem: ReductionProblem, kept: Mapping[str, RetainedBasis], *, method: str) -> Rom:
+    """Puts all contact modes into one M-orthonormal Q that diagonalizes K, with a validation for each.
 
     Args:
         problem: what was reduced.
@@ -45,7 +45,7 @@ def rom_of(problem: Problem, kept: Mapping[str, Kept], *, method: str) -> Rom:
         joint = np.empty((space.size, 0))
         for k in kept.values():
             if joint.shape[1] < space.size:
-                joint = np.hstack([joint, rest_of(padded(k.span, space.size), joint)])
+                joint = np.hstack([joint, orthogonal_complement(padded(k.span, space.size), joint)])
         whole = space.subspace(np.eye(space.size))
         together = whole if joint.shape[1] == space.size else space.subspace(joint)
         U, κ = together.coordinates, together.eigenvalues
@@ -58,7 +58,7 @@ def rom_of(problem: Problem, kept: Mapping[str, Kept], *, method: str) -> Rom:
             W = U @ C
             T = W.T @ padded(k.directions, space.size)
             bases[name] = W
-            modes[name] = Mode(
+            modes[name] = ContactModel(
                 eigenvalues=γ,
                 damping=space.damping_in(W, γ),
                 inputs=C.T @ QᵀB,
@@ -68,13 +68,13 @@ def rom_of(problem: Problem, kept: Mapping[str, Kept], *, method: str) -> Rom:
                 hankel_singular_values=k.hankel_singular_values,
                 left_inverse=None if k.left_inverse is None else T @ k.left_inverse @ U,
             )
-    with problem.stages("certificate"):
+    with problem.stages("validation"):
         modes = certified(problem, whole, modes, bases)
     return Rom(
         name=scene.name if scene else "system",
         method=method,
         switching=problem.switching,
-        modes=modes,
+        contact_models=modes,
         actuators={name: columns.shape[1] for name, columns in system.actuators.items()},
         basis=algebra.gather(Q),
         stiffness=κ,

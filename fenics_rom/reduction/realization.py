@@ -5,17 +5,17 @@ import numpy as np
 from fenics_rom.reduction.balancing import Balanced, balance, balance_as_printed
 from fenics_rom.reduction.common_basis import Subspace
 from fenics_rom.reduction.gramians import gramian_factors, square_root, textbook_gramians
-from fenics_rom.reduction.problem import Directions, Problem
+from fenics_rom.reduction.problem import RankedBasis, ReductionProblem
 from fenics_rom.system.system import Array
 
 
-def balanced_in(problem: Problem, space: Subspace, inputs: Array) -> Balanced:
+def balanced_in(problem: ReductionProblem, space: Subspace, inputs: Array) -> Balanced:
     """Balances an input matrix (r, p) in a subspace, whose Gramians are computed exactly."""
     return balance(*gramian_factors(space.eigenvalues, space.damping, inputs, _weight(problem, space.coordinates)))
 
 
-def balanced_by_textbook(problem: Problem, B: Array, *, as_printed: bool) -> Directions:
-    """Directions by dense Lyapunov equations of the gathered matrices, in the space of all eigenvectors.
+def balanced_by_textbook(problem: ReductionProblem, B: Array, *, as_printed: bool) -> RankedBasis:
+    """A ranked basis by dense Lyapunov equations of the gathered matrices, in the space of all eigenvectors.
 
     Args:
         problem: what is reduced.
@@ -31,15 +31,15 @@ def balanced_by_textbook(problem: Problem, B: Array, *, as_printed: bool) -> Dir
     MV = M @ V  # the inverse of Vᵀ
     Wc, Wo = textbook_gramians(M, D, K, B, MV @ _weight(problem, np.eye(system.size)) @ MV.T)
     plain = balance_as_printed(Wc, Wo) if as_printed else balance(square_root(Wc), square_root(Wo))
-    return Directions(MV.T @ plain.transformation, plain.singular_values, True, plain.left_inverse @ V)
+    return RankedBasis(MV.T @ plain.transformation, plain.singular_values, True, plain.left_inverse @ V)
 
 
-def directions_of(space: Subspace, balanced: Balanced) -> Directions:
+def directions_of(space: Subspace, balanced: Balanced) -> RankedBasis:
     """The balanced directions in the shared space."""
-    return Directions(space.coordinates @ balanced.transformation, balanced.singular_values, hankel=True)
+    return RankedBasis(space.coordinates @ balanced.transformation, balanced.singular_values, hankel=True)
 
 
-def output_weight(problem: Problem, X: Array) -> Array:
+def output_weight(problem: ReductionProblem, X: Array) -> Array:
     """Xᵀ Cᵀ C X (r, r) of the output that counts, for M-orthonormal columns X (rows here, r)."""
     inner = problem.system.algebra.inner
     if problem.weighting == "mass":
@@ -50,7 +50,7 @@ def output_weight(problem: Problem, X: Array) -> Array:
     return seen @ seen.T
 
 
-def _weight(problem: Problem, S: Array) -> Array:
+def _weight(problem: ReductionProblem, S: Array) -> Array:
     """The same for a subspace with coordinates S (k, r)."""
     if problem.weighting == "mass":
         return np.eye(S.shape[1])

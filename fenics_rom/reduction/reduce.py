@@ -12,13 +12,13 @@ from fenics_rom.errors import FenicsRomWarning, SceneError
 from fenics_rom.io.stages import Report, Stages
 from fenics_rom.reduction.balancing import order_of, orthonormal_span
 from fenics_rom.reduction.checkpoint import Checkpoint
-from fenics_rom.reduction.common_basis import SharedSpace
+from fenics_rom.reduction.common_basis import CommonBasis
 from fenics_rom.reduction.eigenvector_selection import EigenvectorSelection
 from fenics_rom.reduction.hyperreduction.reduce import BASES, reduced
-from fenics_rom.reduction.input_scaling import comparable
+from fenics_rom.reduction.input_scaling import input_scaling
 from fenics_rom.reduction.methods.by_name import BY_NAME
-from fenics_rom.reduction.problem import Directions, Method, Problem
-from fenics_rom.reduction.projection import Kept, rom_of
+from fenics_rom.reduction.problem import Method, RankedBasis, ReductionProblem
+from fenics_rom.reduction.projection import RetainedBasis, rom_of
 from fenics_rom.reduction.rigid_mode_deflation import elastic_part, require_loads, with_rigid
 from fenics_rom.rom.rom import SWITCHINGS, Rom, check_rom
 from fenics_rom.scene.scene import (
@@ -67,8 +67,8 @@ def reduce(
         tolerance: instead of an order: share of the sum of singular values that may be left out.
         method: "balanced" (by the Gramians), "modal" (the lowest eigenvectors), "modal+static" (with the static
             shapes of the inputs), "pod" (of full-order runs), "static" (the shapes at rest alone; what a scene without
-            inertia gets), or a function of a `Problem`. With large deformation "trained" (by full-order runs; what such
-            a scene gets) or "modal+derivatives" (without runs).
+            inertia gets), or a function of a `ReductionProblem`. With large deformation "trained" (by full-order runs;
+            what such a scene gets) or "modal+derivatives" (without runs).
         switching: "energy": the bases themselves, switched by energy-orthogonal projection (any order, no loss of
             accuracy); "modal": the paper's selection of eigenvectors; "oblique": standard balanced truncation
             as the paper's (5)-(8) stand, from dense Gramians with their round-off, switched by their oblique
@@ -89,7 +89,7 @@ def reduce(
     Raises:
         SceneError: a choice that does not exist or does not fit the system.
         SolverError: undamped motions, or a solver that did not deliver.
-        RomFileError: a checkpoint of something else, or one that cannot be written.
+        FileError: a checkpoint of something else, or one that cannot be written.
     """
     chosen = system.scene.reduction if system.scene else Reduction()
     if order is None and tolerance is None:
@@ -131,11 +131,11 @@ def reduce(
     with stages("factorisation of K"):
         factor = system.algebra.factor((1.0, system.stiffness), solver=solver)
     with closing(factor), stages("other work"):
-        system = comparable(system, factor)
-        problem = Problem(
+        system = input_scaling(system, factor)
+        problem = ReductionProblem(
             system=system,
             factor=factor,
-            space=SharedSpace(system),
+            space=CommonBasis(system),
             contacts=tuple(system.contacts),
             order=order,
             tolerance=tolerance,
@@ -180,7 +180,7 @@ def _method(method: str | Method, system: System) -> tuple[str, Method | None]:
     return named, method if callable(method) else BY_NAME.get(method)
 
 
-def _kept(problem: Problem, method: Method, checkpoint: Checkpoint) -> dict[str, Kept]:
+def _kept(problem: ReductionProblem, method: Method, checkpoint: Checkpoint) -> dict[str, RetainedBasis]:
     """What each contact mode keeps of its directions, in the order of the system."""
     kept = checkpoint.restored(problem)
     names = problem.contacts
@@ -193,7 +193,7 @@ def _kept(problem: Problem, method: Method, checkpoint: Checkpoint) -> dict[str,
         kept[name] = _truncated(problem, name, found)
         if selection is not None:
             V = selection.select(kept[name].directions, found.singular_values)
-            kept[name] = Kept(V, V, found.singular_values)
+            kept[name] = RetainedBasis(V, V, found.singular_values)
         checkpoint.keep(problem, name, kept[name])
         problem.stages.report("contact modes", len(kept), len(names))
     missing = [name for name in names if name not in kept]
@@ -202,7 +202,7 @@ def _kept(problem: Problem, method: Method, checkpoint: Checkpoint) -> dict[str,
     return {name: kept[name] for name in names}
 
 
-def _truncated(problem: Problem, name: str, found: Directions) -> Kept:
+def _truncated(problem: ReductionProblem, name: str, found: RankedBasis) -> RetainedBasis:
     """The leading directions, and what the user should know about them."""
     σ, T, order = found.singular_values, found.coordinates, problem.order_of(name)
     if order is None and not len(σ):
@@ -215,4 +215,4 @@ def _truncated(problem: Problem, name: str, found: Directions) -> Kept:
             f"contact mode {name!r}: order {m} was asked for, {there} are numerically there and were kept"
         )
     left = None if problem.switching != "oblique" or found.left_inverse is None else found.left_inverse[:there]
-    return Kept(span, T[:, :there], σ if found.hankel else np.empty(0), left)
+    return RetainedBasis(span, T[:, :there], σ if found.hankel else np.empty(0), left)

@@ -13,8 +13,8 @@ import numpy as np
 import scipy.linalg
 
 from fenics_rom.errors import SceneError
-from fenics_rom.rom.rom import Mode, Rom
-from fenics_rom.system.rigid_modes import pins as best_pins
+from fenics_rom.rom.rom import ContactModel, Rom
+from fenics_rom.system.rigid_modes import fixed_dofs as best_pins
 from fenics_rom.system.system import NONE, Algebra, Array, Factor, System
 
 NO_LOAD = 1e-12  # share of a column that may strain the body and is round-off
@@ -74,7 +74,7 @@ def with_rigid(rom: Rom, system: System) -> Rom:
         dragged = np.hstack([algebra.inner(R, DR), algebra.inner(DR, rom.basis[algebra.rows()])])
     moves = algebra.gather(np.ascontiguousarray(R))
     modes = {}
-    for name, mode in rom.modes.items():
+    for name, mode in rom.contact_models.items():
         modes[name] = replace(
             mode,
             eigenvalues=np.concatenate([np.zeros(rigid), mode.eigenvalues]),
@@ -85,14 +85,14 @@ def with_rigid(rom: Rom, system: System) -> Rom:
         )
     return replace(
         rom,
-        modes=modes,
+        contact_models=modes,
         basis=np.hstack([moves, rom.basis]),
         stiffness=np.concatenate([np.zeros(rigid), rom.stiffness]),
         outputs={name: np.hstack([algebra.inner(system.outputs[name], R), C]) for name, C in rom.outputs.items()},
     )
 
 
-def _damping(mode: Mode, rigid: int, rayleigh: tuple[float, float] | None, dragged: Array | None) -> Array:
+def _damping(mode: ContactModel, rigid: int, rayleigh: tuple[float, float] | None, dragged: Array | None) -> Array:
     """[R, W]ᵀ D [R, W], from that of W and [RᵀDR, RᵀDQ]."""
     if dragged is None:
         assert rayleigh is not None
@@ -113,21 +113,21 @@ class ElasticAlgebra:
         self.whole: Algebra = system.algebra
         self._mass, self._size = system.mass, system.size
         self.rigid = system.rigid
-        self.momenta = system.mass @ system.rigid
+        self.mass_times_basis = system.mass @ system.rigid
         self.inner, self.gather, self.rows = self.whole.inner, self.whole.gather, self.whole.rows
 
     def balanced(self, loads: Array) -> Array:
         """Pᵀ f of loads (rows here, any); those that strain nothing but by round-off are zero then."""
         before, rest = self._norms(loads), loads
         for _ in range(2):
-            rest = rest - self.momenta @ self.inner(self.rigid, rest)
+            rest = rest - self.mass_times_basis @ self.inner(self.rigid, rest)
         return rest * (self._norms(rest) > NO_LOAD * before)
 
     def strained(self, shapes: Array) -> Array:
         """P x of displacements (rows here, any)."""
-        return shapes - self.rigid @ self.inner(self.momenta, shapes)
+        return shapes - self.rigid @ self.inner(self.mass_times_basis, shapes)
 
-    def factor(self, *terms: tuple[complex, Any], solver: str = "auto", pins: Array = NONE) -> "ElasticFactor":
+    def factor(self, *terms: tuple[complex, Any], solver: str = "auto", fixed_dofs: Array = NONE) -> "ElasticFactor":
         """Factor of a sum of coefficient times operator, on the elastic rest.
 
         K alone is held at as many degrees of freedom as there are rigid motions: loads in balance do not feel them.
@@ -138,7 +138,7 @@ class ElasticAlgebra:
         """
         regular = any(c != 0 and operator is self._mass for c, operator in terms)
         held = NONE if regular else best_pins(self.rigid, self.whole)
-        return ElasticFactor(self, self.whole.factor(*terms, solver=solver, pins=held), held)
+        return ElasticFactor(self, self.whole.factor(*terms, solver=solver, fixed_dofs=held), held)
 
     def eigenpairs(self, mass: Any, stiffness: Any, count: int, factor: Any = None) -> tuple[Array, Array]:
         """The lowest γ > 0, ascending, and their M-orthonormal eigenvectors.
@@ -192,17 +192,17 @@ class ElasticFactor:
         rows = algebra.rows()
         self._moves = ~np.isin(np.arange(rows.start, rows.stop), held)[:, None] if len(held) else None
         if self._moves is None:
-            self._reactions = factor.solve(algebra.momenta)  # A⁻¹MR
-            self._masses = algebra.inner(algebra.momenta, self._reactions)
+            self._reactions = factor.solve(algebra.mass_times_basis)  # A⁻¹MR
+            self._masses = algebra.inner(algebra.mass_times_basis, self._reactions)
 
     def solve(self, block: Array) -> Array:
         """Solution for a real or complex block of right-hand sides, (rows here, k) to (rows here, k)."""
         algebra = self._algebra
-        f = block - algebra.momenta @ algebra.inner(algebra.rigid, block)
+        f = block - algebra.mass_times_basis @ algebra.inner(algebra.rigid, block)
         if self._moves is not None:
             return algebra.strained(self._factor.solve(self._moves * f))
         x = self._factor.solve(f)
-        x = x - self._reactions @ np.linalg.solve(self._masses, algebra.inner(algebra.momenta, x))
+        x = x - self._reactions @ np.linalg.solve(self._masses, algebra.inner(algebra.mass_times_basis, x))
         return algebra.strained(x)
 
     def apply(self, right: Any, solution: Any) -> None:

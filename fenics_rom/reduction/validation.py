@@ -1,4 +1,4 @@
-"""The certificate: what the reduced models get wrong, measured by full solves at frequencies no basis was made from.
+"""The validation: what the reduced models get wrong, measured by full solves at frequencies no basis was made from.
 
 The full response is the one in the shared space plus the solution for its residual, found by generalized minimal
 residuals (GMRES) preconditioned with the one factor of K, for many frequencies, inputs and contact modes side by side.
@@ -11,8 +11,8 @@ import numpy as np
 
 from fenics_rom.reduction.common_basis import Subspace
 from fenics_rom.reduction.frequency_response import dynamic_product, inner_products, response
-from fenics_rom.reduction.problem import Problem
-from fenics_rom.rom.rom import Mode
+from fenics_rom.reduction.problem import ReductionProblem
+from fenics_rom.rom.rom import ContactModel
 from fenics_rom.system.system import Array, by_parts
 
 MOST_INPUTS = 6  # of a contact mode at a frequency; where it has more columns, random combinations of them
@@ -57,8 +57,8 @@ class StaticError:
 
 
 def certified(
-    problem: Problem, whole: Subspace, modes: Mapping[str, Mode], bases: Mapping[str, Array]
-) -> dict[str, Mode]:
+    problem: ReductionProblem, whole: Subspace, modes: Mapping[str, ContactModel], bases: Mapping[str, Array]
+) -> dict[str, ContactModel]:
     """The same modes with their static and frequency response errors.
 
     Args:
@@ -79,12 +79,12 @@ def certified(
     errors: dict[str, list[float]] = {name: [] for name in modes}
     sizes: dict[str, list[float]] = {name: [] for name in modes}
     for done, group in enumerate(groups := _groups(samples)):
-        problem.stages.report("certificate", done, len(groups))
+        problem.stages.report("validation", done, len(groups))
         error, full = (np.sqrt(norms) for norms in _squared_norms(problem, whole, group))
         for sample, e, x in zip(group, error, full, strict=True):
             errors[sample.name].append(e)
             sizes[sample.name].append(x)
-    problem.stages.report("certificate", len(groups), len(groups))
+    problem.stages.report("validation", len(groups), len(groups))
     return {
         name: replace(
             mode,
@@ -95,7 +95,7 @@ def certified(
     }
 
 
-def sample_frequencies(mode: Mode) -> Array:
+def sample_frequencies(mode: ContactModel) -> Array:
     """The first resonance, where most is at stake, and up to the middle of those that the model has, rad/s.
 
     Undamped resonances are infinite: where there are some, the middle of the widest gaps between them instead.
@@ -110,7 +110,7 @@ def sample_frequencies(mode: Mode) -> Array:
     return np.array([ω[k] - gaps[k] / 2 for k in sorted(widest)])
 
 
-def _samples(problem: Problem, name: str, mode: Mode, W: Array, width: int) -> list[Sample]:
+def _samples(problem: ReductionProblem, name: str, mode: ContactModel, W: Array, width: int) -> list[Sample]:
     B, samples = problem.system.forces(name), []
     G = W.T @ problem.system.algebra.inner(problem.space.basis, B)
     random = np.random.default_rng(0)
@@ -134,7 +134,7 @@ def _groups(samples: list[Sample]) -> list[list[Sample]]:
     return groups
 
 
-def _squared_norms(problem: Problem, whole: Subspace, group: list[Sample]) -> tuple[Array, Array]:
+def _squared_norms(problem: ReductionProblem, whole: Subspace, group: list[Sample]) -> tuple[Array, Array]:
     """Of the error and of the full response, in the mass norm, for each sample."""
     system, X = problem.system, problem.space.basis
     widths = [sample.inputs.shape[1] for sample in group]
@@ -209,7 +209,9 @@ def _ends(blocks: list[Array]) -> Array:
     return np.cumsum([block.shape[1] for block in blocks[:-1]], dtype=int)
 
 
-def _static_errors(problem: Problem, modes: Mapping[str, Mode], bases: Mapping[str, Array]) -> dict[str, StaticError]:
+def _static_errors(
+    problem: ReductionProblem, modes: Mapping[str, ContactModel], bases: Mapping[str, Array]
+) -> dict[str, StaticError]:
     """What the models miss at rest."""
     system, names = problem.system, list(modes)
     errors: dict[str, StaticError] = {}
@@ -235,7 +237,9 @@ def _static_errors(problem: Problem, modes: Mapping[str, Mode], bases: Mapping[s
     return errors
 
 
-def _light_parts(problem: Problem, modes: Mapping[str, Mode], static: Mapping[str, StaticError]) -> Iterator[str]:
+def _light_parts(
+    problem: ReductionProblem, modes: Mapping[str, ContactModel], static: Mapping[str, StaticError]
+) -> Iterator[str]:
     """What to say where directions that were chosen by mass pass over a part that has next to none."""
     if problem.weighting != "mass" or not len(problem.system.body.nodes):
         return

@@ -13,7 +13,7 @@ from functools import cached_property
 import numpy as np
 
 from fenics_rom.errors import StructureError
-from fenics_rom.mechanics.hyperelastic import AXES, FULL, LAWS, energy_density, moduli, strain, stress
+from fenics_rom.mechanics.hyperelastic import LAWS, VOIGT_INDEX, VOIGT_PAIRS, energy_density, moduli, strain, stress
 from fenics_rom.mechanics.tendon import pulls_of
 from fenics_rom.scene.schema import unknown
 
@@ -49,11 +49,11 @@ class ReducedDeformation:
         weights: ω (P,), > 0, m³.
         first_lame, shear: λ and μ (P,), Pa.
         viscosity: β (P,), s: the stress β (λ tr(Ė) I + 2μ Ė) of strain rates.
-        drag: (m, m) damping that does not strain: α M and dashpots, 1/s.
+        external_damping: (m, m) damping that does not strain: α M and dashpots, 1/s.
         springs: (m, m) K_s of springs to ground, 1/s².
         pressures: of each, the force of 1 Pa as a polynomial of q, (m, 1 + m + m (m+1)/2): of `monomials(q)`.
         tendons: of each.
-        reach: largest |q| of the states it was trained on, m kg^1/2.
+        training_radius: largest |q| of the states it was trained on, m kg^1/2.
         points_of: number of points of the whole body.
         cubature_error: of the forces of the kept points on the training states, relative.
         validation_error: of a run that was not trained on, relative, in the mass norm; None where there was none.
@@ -65,9 +65,9 @@ class ReducedDeformation:
     first_lame: Array
     shear: Array
     viscosity: Array
-    drag: Array
+    external_damping: Array
     springs: Array
-    reach: float
+    training_radius: float
     points_of: int
     cubature_error: float
     validation_error: float | None = None
@@ -113,20 +113,20 @@ class ReducedDeformation:
     def resultant(self, H: Array, S: Array) -> Array:
         """Force (m,) of stresses S (6, P), which hold the weights, on the body deformed by H: Σ (F S) : ∇W_k."""
         Fᵀ = H.transpose(2, 1, 0) + np.eye(3)
-        return (S[FULL].transpose(2, 0, 1) @ Fᵀ).ravel() @ self._rows
+        return (S[VOIGT_INDEX].transpose(2, 0, 1) @ Fᵀ).ravel() @ self._rows
 
     def strain_rates(self, H: Array) -> Array:
         """A = ∂E/∂q (6, P, m) on the body deformed by H."""
         P, m = len(self.weights), self.order
         both = ((H.transpose(2, 1, 0) + np.eye(3)) @ self._columns).reshape(P, 3, 3, m)  # F_ij ∂W_i/∂X_l
         A = np.empty((6, P, m))
-        for c, (i, j) in enumerate(AXES):
+        for c, (i, j) in enumerate(VOIGT_PAIRS):
             A[c] = both[:, i, j] if i == j else both[:, i, j] + both[:, j, i]
         return A
 
     def geometric(self, S: Array) -> Array:
         """Σ S_jl ∂W_i/∂X_j ∂W_i/∂X_l (m, m) of stresses S (6, P), which hold the weights."""
-        spread = S[FULL].transpose(2, 0, 1) @ self._rows.reshape(-1, 3, 3 * self.order)
+        spread = S[VOIGT_INDEX].transpose(2, 0, 1) @ self._rows.reshape(-1, 3, 3 * self.order)
         return self._rows.T @ spread.reshape(-1, self.order)
 
     @cached_property
@@ -165,12 +165,12 @@ def check_deformation(body: ReducedDeformation, order: int) -> None:
         least = values.min(initial=np.inf)
         if not (least > 0 if strict else least >= 0):
             raise StructureError(f"deformation: {what} are not {'positive' if strict else 'non-negative'}: {least:g}")
-    for what, matrix in (("drag", body.drag), ("springs", body.springs)):
+    for what, matrix in (("external_damping", body.external_damping), ("springs", body.springs)):
         largest = np.abs(matrix).max(initial=0.0)
         if not np.array_equal(matrix, matrix.T):
             raise StructureError(f"deformation: {what} is not symmetric")
         least = np.linalg.eigvalsh(matrix / (largest or 1.0)).min()
         if not least >= -1e-12:
             raise StructureError(f"deformation: {what} is not positive semi-definite, least {least * largest:g}")
-    if not (body.reach > 0 and body.points_of >= len(body.weights) > 0):
+    if not (body.training_radius > 0 and body.points_of >= len(body.weights) > 0):
         raise StructureError("deformation: has no points, or no states that it was trained on")

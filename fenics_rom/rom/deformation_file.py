@@ -16,11 +16,11 @@ BODY = {
     "first_lame": Entry("Pa", ("Q",)),
     "shear": Entry("Pa", ("Q",)),
     "viscosity": Entry("s", ("Q",)),
-    "drag": Entry("1/s", ("k", "k")),
+    "external_damping": Entry("1/s", ("k", "k")),
     "springs": Entry("1/s^2", ("k", "k")),
 }
 NUMBERS = {
-    "reach": Entry("m kg^1/2", (1,)),
+    "training_radius": Entry("m kg^1/2", (1,)),
     "points_of": Entry("1", (1,), "i"),
     "cubature_error": Entry("1", (1,)),
     "validation_error": Entry("1", (1,), optional=True),
@@ -33,7 +33,7 @@ def put_deformation(h5: h5py.File, body: ReducedDeformation, sizes: Sizes) -> No
     """Writes the group.
 
     Raises:
-        RomFileError: arrays that do not fit.
+        FileError: arrays that do not fit.
     """
     group = h5.create_group("deformation", track_order=True)
     put_text(group, law=body.law)
@@ -52,7 +52,7 @@ def take_deformation(h5: h5py.File, sizes: Sizes) -> ReducedDeformation:
     """Reads the group.
 
     Raises:
-        RomFileError: arrays that are missing or do not fit.
+        FileError: arrays that are missing or do not fit.
     """
     group = get_group(h5, "deformation")
     sizes = {"k": sizes["k"]}
@@ -64,7 +64,7 @@ def take_deformation(h5: h5py.File, sizes: Sizes) -> ReducedDeformation:
     return ReducedDeformation(
         law=get_text(group, "law"),
         **{name: arrays[name] for name in BODY},
-        reach=float(arrays["reach"][0]),
+        training_radius=float(arrays["training_radius"][0]),
         points_of=int(arrays["points_of"][0]),
         cubature_error=float(arrays["cubature_error"][0]),
         validation_error=None if validation is None else float(validation[0]),

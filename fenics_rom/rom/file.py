@@ -12,11 +12,11 @@ p input columns, r Hankel singular values, f sampled frequencies; P points of an
     nodes (N, 3) m, triangles (F, 3), node_mass (N,) kg; empty where there is no mesh
     outputs/NAME (3P, k) kg^-1/2     C Q; any number of rows where there is no mesh
     actuators/NAME (1,)              number of input columns
-    loads/NAME (1,)                  the same of loads with histories of their own; absent where there are none
+    loads/NAME (1,)                  the same of loads with signals of their own; absent where there are none
     effects/NAME/PARAMETER (1,)      or (3,); of those that are numbers, the others are in the scene
     tables/NUMBER (rows, columns)    tables of the scene: forces, motions; attribute `file`
     offline/NUMBER (2,) s, B         wall-clock time and peak memory of a stage of the offline work; attribute `name`
-    modes/NAME/                      in the order of the scene
+    contact_models/NAME/             in the order of the scene
         eigenvalues (m,) 1/s^2       γ; 0 for rigid motions, which come first, the same in all modes
         damping (m,) or (m, m) 1/s
         inputs (m, p) kg^-1/2        G = W_iᵀB_i; contact columns, then actuators', then loads'
@@ -31,8 +31,8 @@ p input columns, r Hankel singular values, f sampled frequencies; P points of an
     deformation/                     where the scene has large_deformation; attribute `law`; Q kept points
         gradients (3, 3, Q, k)       ∂W_i/∂X_j, kg^-1/2/m; W is the basis, as all contact modes have the same
         weights (Q,) m^3, first_lame, shear (Q,) Pa, viscosity (Q,) s
-        drag (k, k) 1/s, springs (k, k) 1/s^2
-        reach (1,) m kg^1/2, points_of (1,), cubature_error, validation_error (1,); the last may be absent
+        external_damping (k, k) 1/s, springs (k, k) 1/s^2
+        training_radius (1,) m kg^1/2, points_of (1,), cubature_error, validation_error (1,); the last may be absent
         pressures/NAME (k, 1 + k + k (k+1)/2) m^2/kg^1/2     force of 1 Pa: of 1, q_i and q_i q_j (i <= j)
         tendons/NAME/points (K, 3) m, shapes (3K, k) kg^-1/2
 
@@ -48,7 +48,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from fenics_rom.errors import RomFileError
+from fenics_rom.errors import FileError
 from fenics_rom.io.hdf5 import (
     Entry,
     Sizes,
@@ -63,7 +63,8 @@ from fenics_rom.io.hdf5 import (
 )
 from fenics_rom.io.stages import Stage
 from fenics_rom.rom.deformation_file import put_deformation, take_deformation
-from fenics_rom.rom.rom import SWITCHINGS, Mode, Rom, check_rom
+from fenics_rom.rom.format_1 import upgrade
+from fenics_rom.rom.rom import SWITCHINGS, ContactModel, Rom, check_rom
 from fenics_rom.scene.effects import EFFECTS
 from fenics_rom.scene.schema import unknown
 
@@ -90,7 +91,7 @@ MODE = {
 EMPTY_WHERE_ABSENT = ("hankel_singular_values", "frequencies", "transfer_errors", "contact_points")
 STAGE = Entry("s, B", (2,))
 COUNT = Entry("1", (1,), "i")
-GROUPS = ("outputs", "actuators", "effects", "tables", "modes")
+GROUPS = ("outputs", "actuators", "effects", "tables", "contact_models")
 MAYBE = ("offline", "loads", "deformation")
 
 
@@ -98,7 +99,7 @@ def write_rom(file: str | Path, rom: Rom) -> None:
     """Writes a ROM; an existing file is replaced only by a complete one.
 
     Raises:
-        RomFileError: it cannot be written, or its parts do not fit each other.
+        FileError: it cannot be written, or its parts do not fit each other.
         StructureError: the ROM lacks the structure that passivity rests on.
     """
     write_file(file, "rom", lambda h5: _fill(h5, rom))
@@ -108,13 +109,13 @@ def read_rom(file: str | Path) -> Rom:
     """Reads a ROM.
 
     Raises:
-        RomFileError: the file is missing, damaged, of another format, or its model lacks structure.
+        FileError: the file is missing, damaged, of another format, or its model lacks structure.
     """
-    return read_file(file, "rom", _take)
+    return read_file(file, "rom", _take, upgrade)
 
 
 def _fill(h5: h5py.File, rom: Rom) -> None:
-    for names in (rom.outputs, rom.actuators, rom.loads, rom.modes):
+    for names in (rom.outputs, rom.actuators, rom.loads, rom.contact_models):
         check_names(names)
     put_text(h5, name=rom.name, method=rom.method, switching=rom.switching, weighting=rom.weighting)
     put_text(h5, scene=rom.scene_text, warnings="\n".join(rom.warnings))
@@ -143,12 +144,12 @@ def _fill(h5: h5py.File, rom: Rom) -> None:
         numbers = np.array([stage.seconds, stage.peak_memory])
         put_arrays(groups["offline"], {str(number): STAGE}, sizes, {str(number): numbers})
         put_text(groups["offline"][str(number)], name=stage.name)
-    for name, mode in rom.modes.items():
+    for name, mode in rom.contact_models.items():
         table = _mode_table(rom.weighting, dense=mode.damping.ndim == 2)
         arrays = {key: getattr(mode, key) for key in table}
         arrays |= {key: None for key in EMPTY_WHERE_ABSENT if not len(arrays[key])}
         arrays["static_error"] = None if mode.static_error is None else np.array([mode.static_error])
-        group = groups["modes"].create_group(name, track_order=True)
+        group = groups["contact_models"].create_group(name, track_order=True)
         put_arrays(group, table, _mode_sizes(sizes), arrays)
     if rom.deformation is not None:
         put_deformation(h5, rom.deformation, sizes)
@@ -163,12 +164,15 @@ def _take(h5: h5py.File) -> Rom:
     outputs: Any = get_arrays(groups["outputs"], {name: _output(name) for name in groups["outputs"]}, sizes)
     tables: Any = get_arrays(groups["tables"], {str(k): _force_table(k) for k in range(len(groups["tables"]))}, sizes)
     weighting = get_text(h5, "weighting")
-    modes = {name: _take_mode(get_group(groups["modes"], name), weighting, sizes) for name in groups["modes"]}
+    modes = {
+        name: _take_mode(get_group(groups["contact_models"], name), weighting, sizes)
+        for name in groups["contact_models"]
+    }
     rom = Rom(
         name=get_text(h5, "name"),
         method=get_text(h5, "method") if "method" in h5.attrs else "balanced",
         switching=get_text(h5, "switching"),
-        modes=modes,
+        contact_models=modes,
         actuators=_take_counts(groups["actuators"]),
         loads=_take_counts(groups["loads"]) if "loads" in groups else {},
         outputs=outputs,
@@ -187,13 +191,13 @@ def _take(h5: h5py.File) -> Rom:
 
 def _mode_table(weighting: str, dense: bool) -> dict[str, Entry]:
     if weighting not in HANKEL_UNIT:
-        raise RomFileError(unknown("weighting", weighting, HANKEL_UNIT))
+        raise FileError(unknown("weighting", weighting, HANKEL_UNIT))
     damping = Entry("1/s", ("m", "m") if dense else ("m",))
     σ = Entry(HANKEL_UNIT[weighting], ("r",), optional=True)
     return {**MODE, "damping": damping, "hankel_singular_values": σ}
 
 
-def _take_mode(group: h5py.Group, weighting: str, sizes: Sizes) -> Mode:
+def _take_mode(group: h5py.Group, weighting: str, sizes: Sizes) -> ContactModel:
     damping = group.get("damping")
     dense = isinstance(damping, h5py.Dataset) and damping.ndim == 2
     arrays: Any = get_arrays(group, _mode_table(weighting, dense), _mode_sizes(sizes))
@@ -202,8 +206,8 @@ def _take_mode(group: h5py.Group, weighting: str, sizes: Sizes) -> Mode:
         if arrays[key] is None:
             arrays[key] = np.empty(0, dtype=int if key == "contact_points" else float)
         elif not len(arrays[key]):
-            raise RomFileError(f"{group.name}/{key} is empty")
-    return Mode(**arrays, static_error=None if static is None else float(static[0]))
+            raise FileError(f"{group.name}/{key} is empty")
+    return ContactModel(**arrays, static_error=None if static is None else float(static[0]))
 
 
 def _take_stages(group: h5py.Group) -> tuple[Stage, ...]:
@@ -224,7 +228,7 @@ def _take_effect(group: h5py.Group) -> dict[str, float | tuple[float, ...]]:
 
 def _effect(name: str) -> dict[str, Entry]:
     if name not in EFFECTS:
-        raise RomFileError(unknown("effect", name, EFFECTS))
+        raise FileError(unknown("effect", name, EFFECTS))
     effect = EFFECTS[name]
     return {
         key: Entry(unit, (length,), optional=effect.parameters[key].default is None)
@@ -235,50 +239,54 @@ def _effect(name: str) -> dict[str, Entry]:
 def _check_fit(rom: Rom) -> None:
     """What a shape cannot say: indices that point somewhere, inputs that fit, a switching that exists."""
     if rom.switching not in SWITCHINGS:
-        raise RomFileError(unknown("switching", rom.switching, list(SWITCHINGS)))
-    if not rom.modes or not len(rom.stiffness) or any(mode.order == mode.rigid for mode in rom.modes.values()):
-        raise RomFileError("holds no contact modes, or an empty one")
+        raise FileError(unknown("switching", rom.switching, list(SWITCHINGS)))
+    if (
+        not rom.contact_models
+        or not len(rom.stiffness)
+        or any(mode.order == mode.rigid for mode in rom.contact_models.values())
+    ):
+        raise FileError("holds no contact modes, or an empty one")
     meshed = len(rom.nodes) > 0
     if any(len(rows) == 0 or (meshed and len(rows) % 3) for rows in rom.outputs.values()):
-        raise RomFileError("an output does not have three rows a point")
+        raise FileError("an output does not have three rows a point")
     components = 3 * len(rom.nodes) if meshed else len(rom.free)
     if len(rom.free) and (rom.free[0] < 0 or rom.free[-1] >= components or (np.diff(rom.free) <= 0).any()):
-        raise RomFileError(f"/free does not name components among {components}, in ascending order")
+        raise FileError(f"/free does not name components among {components}, in ascending order")
     if rom.triangles.size and not 0 <= rom.triangles.min() <= rom.triangles.max() < len(rom.nodes):
-        raise RomFileError(f"/triangles name nodes beyond {len(rom.nodes)}")
+        raise FileError(f"/triangles name nodes beyond {len(rom.nodes)}")
     if (rom.node_mass < 0).any():
-        raise RomFileError("/node_mass has negative masses")
+        raise FileError("/node_mass has negative masses")
     if ("large_deformation" in rom.effects) != (rom.deformation is not None):
-        raise RomFileError("large_deformation among the effects and /deformation go together")
-    if "contact" in rom.effects and not any(len(mode.contact_points) for mode in rom.modes.values()):
-        raise RomFileError("has contact, and no node that obstacles can touch")
+        raise FileError("large_deformation among the effects and /deformation go together")
+    if "contact" in rom.effects and not any(len(mode.contact_points) for mode in rom.contact_models.values()):
+        raise FileError("has contact, and no node that obstacles can touch")
     if any(columns < 0 for columns in (*rom.actuators.values(), *rom.loads.values())):
-        raise RomFileError("an actuator or a load has a negative number of columns")
+        raise FileError("an actuator or a load has a negative number of columns")
     if any(stage.seconds < 0 or stage.peak_memory < 0 for stage in rom.stages):
-        raise RomFileError("/offline has a negative time or memory")
-    for name, mode in rom.modes.items():
+        raise FileError("/offline has a negative time or memory")
+    for name, mode in rom.contact_models.items():
         if rom.contacts[name] < 0:
-            raise RomFileError(f"contact mode {name!r} has fewer input columns than the actuators and loads")
+            raise FileError(f"contact mode {name!r} has fewer input columns than the actuators and loads")
         if (mode.left_inverse is None) == (rom.switching == "oblique"):
-            raise RomFileError(f"contact mode {name!r}: left_inverse goes with oblique switching, and only with it")
+            raise FileError(f"contact mode {name!r}: left_inverse goes with oblique switching, and only with it")
         if len(mode.contact_points) and not 0 <= mode.contact_points.min() <= mode.contact_points.max() < len(
             rom.nodes
         ):
-            raise RomFileError(f"contact mode {name!r}: contact_points name nodes beyond {len(rom.nodes)}")
+            raise FileError(f"contact mode {name!r}: contact_points name nodes beyond {len(rom.nodes)}")
         _check_numbers(f"contact mode {name!r}", mode)
 
 
-def _check_numbers(where: str, mode: Mode) -> None:
+def _check_numbers(where: str, mode: ContactModel) -> None:
     """What is said of the quality of a mode."""
     ω = mode.frequencies
     if (mode.hankel_singular_values <= 0).any():
-        raise RomFileError(f"{where}: Hankel singular values must be positive")
+        raise FileError(f"{where}: Hankel singular values must be positive")
     if len(ω) != len(mode.transfer_errors):
-        raise RomFileError(f"{where}: frequencies and transfer_errors go together")
+        raise FileError(f"{where}: frequencies and transfer_errors go together")
     if (ω <= 0).any() or (np.diff(ω) <= 0).any():
-        raise RomFileError(f"{where}: frequencies must be positive, in ascending order")
+        raise FileError(f"{where}: frequencies must be positive, in ascending order")
     if (mode.transfer_errors < 0).any() or (mode.static_error or 0.0) < 0:
-        raise RomFileError(f"{where}: an error is negative")
+        raise FileError(f"{where}: an error is negative")
 
 
 def _mode_sizes(sizes: Sizes) -> Sizes:

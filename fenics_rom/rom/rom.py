@@ -16,7 +16,7 @@ SWITCHINGS = ("energy", "modal", "oblique")  # any basis; the paper's eigenvecto
 
 
 @dataclass(frozen=True)
-class Mode:
+class ContactModel:
     """The reduced model of one contact mode, in the basis W_i = Q C_i with W_iᵀMW_i = I, W_iᵀKW_i = diag(γ).
 
     Attributes:
@@ -58,9 +58,9 @@ class Mode:
         return int(np.count_nonzero(self.eigenvalues == 0))
 
     @cached_property
-    def divisors(self) -> Array:
+    def safe_frequencies(self) -> Array:
         """√γ (m,) to divide energy coordinates by, rad/s: infinite for rigid motions, of which these hold nothing."""
-        return divisors(self.eigenvalues)
+        return safe_frequencies(self.eigenvalues)
 
     @cached_property
     def damping_root(self) -> Array:
@@ -78,7 +78,7 @@ class Rom:
     Attributes:
         name: of the scene.
         switching: "energy" (any basis, energy-orthogonal), "modal" (the paper's eigenvectors) or "oblique".
-        modes: by contact mode.
+        contact_models: of each contact mode.
         actuators: number of input columns of each actuator.
         basis: Q (n, k), QᵀMQ = I, on the free degrees of freedom, kg^-1/2.
         stiffness: κ (k,) with QᵀKQ = diag(κ), 1/s²; 0 for rigid motions, which come first.
@@ -100,7 +100,7 @@ class Rom:
 
     name: str
     switching: str
-    modes: Mapping[str, Mode]
+    contact_models: Mapping[str, ContactModel]
     actuators: Mapping[str, int]
     basis: Array
     stiffness: Array
@@ -123,7 +123,7 @@ class Rom:
     def contacts(self) -> dict[str, int]:
         """Number of contact columns of each contact mode, actuators and loads not counted."""
         shared = sum(self.actuators.values()) + sum(self.loads.values())
-        return {name: mode.inputs.shape[1] - shared for name, mode in self.modes.items()}
+        return {name: mode.inputs.shape[1] - shared for name, mode in self.contact_models.items()}
 
     @property
     def rigid(self) -> int:
@@ -135,7 +135,7 @@ class Rom:
         """Whether more acts in its scene than inputs on a body with inertia: loads, obstacles."""
         return bool(self.loads or "contact" in self.effects or (self.effects and "inertia" not in self.effects))
 
-    def shape(self, coordinates: Array) -> Array:
+    def reconstruct(self, coordinates: Array) -> Array:
         """The field of coordinates (k,) in the shared basis, on all nodes (N, 3); without a mesh (n,)."""
         free = self.basis @ coordinates
         if not len(self.nodes):
@@ -145,7 +145,7 @@ class Rom:
         return field.reshape(-1, 3)
 
     @property
-    def certificate(self) -> dict[str, dict[str, float | None]]:
+    def validation(self) -> dict[str, dict[str, float | None]]:
         """What is known of each contact mode's error; None where it is not.
 
         `static_error`, `transfer_error` (the largest sampled one) and `neglected`, the share of the σ left out, are of
@@ -159,16 +159,16 @@ class Rom:
                 "neglected": neglected(mode),
                 **large,
             }
-            for name, mode in self.modes.items()
+            for name, mode in self.contact_models.items()
         }
 
 
-def divisors(γ: Array) -> Array:
+def safe_frequencies(γ: Array) -> Array:
     """√γ to divide by, infinite where γ = 0."""
     return np.where(γ == 0, np.inf, np.sqrt(γ))
 
 
-def neglected(mode: Mode) -> float | None:
+def neglected(mode: ContactModel) -> float | None:
     """Share of the sum of Hankel singular values that is not in the reduced model."""
     σ = mode.hankel_singular_values
     return float(σ[mode.order - mode.rigid :].sum() / σ.sum()) if len(σ) else None
@@ -203,7 +203,7 @@ def truncated(rom: Rom, order: int) -> Rom:
     Raises:
         StructureError: order below 1, or beyond what every contact mode has, or a ROM with oblique switching.
     """
-    most = max(mode.order - mode.rigid for mode in rom.modes.values())
+    most = max(mode.order - mode.rigid for mode in rom.contact_models.values())
     if not 1 <= order <= most:
         raise StructureError(f"order {order}: allowed are 1 to {most}, the largest order in the ROM")
     if rom.deformation is not None:
@@ -211,18 +211,21 @@ def truncated(rom: Rom, order: int) -> Rom:
     if rom.switching == "oblique":
         raise StructureError("a ROM with oblique switching cannot be truncated; reduce to that order instead")
     return replace(
-        rom, modes={name: _truncated_mode(rom.stiffness, mode, rom.rigid + order) for name, mode in rom.modes.items()}
+        rom,
+        contact_models={
+            name: _truncated_mode(rom.stiffness, mode, rom.rigid + order) for name, mode in rom.contact_models.items()
+        },
     )
 
 
-def _truncated_mode(κ: Array, mode: Mode, order: int) -> Mode:
+def _truncated_mode(κ: Array, mode: ContactModel, order: int) -> ContactModel:
     if order >= mode.order:
         return mode
     γ, C = diagonalized_span(κ, mode.coordinates @ mode.directions[:, :order])
     within = mode.coordinates.T @ C  # (m, order), orthonormal columns
     D = mode.damping
     reduced = within.T @ (D[:, None] * within if D.ndim == 1 else D @ within)
-    return Mode(
+    return ContactModel(
         eigenvalues=γ,
         damping=np.diag(reduced).copy() if D.ndim == 1 else (reduced + reduced.T) / 2,
         inputs=within.T @ mode.inputs,
@@ -246,7 +249,7 @@ def check_rom(rom: Rom) -> Rom:
     if rigid == len(rom.stiffness) or rom.stiffness[:rigid].any() or not (rom.stiffness[rigid:] > 0).all():
         raise StructureError(f"shared stiffness is not positive definite: least κ = {rom.stiffness.min():g}")
     with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused like any other gap
-        for name, mode in rom.modes.items():
+        for name, mode in rom.contact_models.items():
             _check_mode(f"contact mode {name!r}", rom.stiffness, mode, rigid)
         if rom.deformation is not None:
             _check_deformation(rom, rom.deformation)
@@ -255,7 +258,7 @@ def check_rom(rom: Rom) -> Rom:
 
 def _check_deformation(rom: Rom, body: ReducedDeformation) -> None:
     check_deformation(body, len(rom.stiffness))
-    for name, mode in rom.modes.items():
+    for name, mode in rom.contact_models.items():
         if not (np.array_equal(mode.coordinates, np.eye(len(rom.stiffness)))):
             raise StructureError(f"contact mode {name!r}: has not the one basis that large deformation takes")
     for name, force in body.pressures.items():
@@ -267,7 +270,7 @@ def _check_deformation(rom: Rom, body: ReducedDeformation) -> None:
             raise StructureError(f"deformation: tendon {name!r} is no actuator, or has not {body.order} displacements")
 
 
-def _check_mode(where: str, κ: Array, mode: Mode, rigid: int) -> None:
+def _check_mode(where: str, κ: Array, mode: ContactModel, rigid: int) -> None:
     if not (mode.eigenvalues[rigid:] > 0).all():
         raise StructureError(f"{where}: least eigenvalue {mode.eigenvalues[rigid:].min():g} is not positive")
     C = mode.coordinates
@@ -280,7 +283,7 @@ def _check_mode(where: str, κ: Array, mode: Mode, rigid: int) -> None:
     least = D.min() if D.ndim == 1 else largest * np.linalg.eigvalsh(D / (largest or 1.0))[0]  # else it may overflow
     if not least >= -1e-12 * largest:
         raise StructureError(f"{where}: damping is not positive semi-definite, least {least:g}")
-    strained = (np.sqrt(κ)[:, None] * C / mode.divisors)[:, rigid:]
+    strained = (np.sqrt(κ)[:, None] * C / mode.safe_frequencies)[:, rigid:]
     for what, columns in (
         ("coordinates are not orthonormal in mass", mode.coordinates),
         ("coordinates are not orthonormal in stiffness", strained),

@@ -7,22 +7,22 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fenics_rom.errors import SceneError, StepError
-from fenics_rom.mechanics.contact import Contact, Resolution
-from fenics_rom.mechanics.energy_ledger import Ledger
-from fenics_rom.mechanics.environment import ContactPoints, History, Surroundings
-from fenics_rom.rom.rom import Mode, Rom
-from fenics_rom.runtime.steppers.contact import Equilibrium, MidpointAmongObstacles, Surrounded, Touch
-from fenics_rom.runtime.steppers.midpoint_forms import OneProduct, VelocityFirst, fastest
+from fenics_rom.mechanics.contact import Contact, ContactSolution
+from fenics_rom.mechanics.energy_ledger import EnergyLedger
+from fenics_rom.mechanics.environment import ContactPoints, Environment, SignalLike
+from fenics_rom.rom.rom import ContactModel, Rom
+from fenics_rom.runtime.steppers.contact import ContactMidpoint, ContactStepper, Equilibrium, Touch
+from fenics_rom.runtime.steppers.midpoint_forms import FusedMidpoint, StagedMidpoint, fastest
 from fenics_rom.scene.effects import EFFECTS
 from fenics_rom.scene.file import parse_scene
 from fenics_rom.scene.scene import Scene
 from fenics_rom.scene.schema import unknown
 
 Array = np.ndarray
-Form = OneProduct | VelocityFirst | Surrounded
+Form = FusedMidpoint | StagedMidpoint | ContactStepper
 
 
-class Past(NamedTuple):
+class ContactState(NamedTuple):
     """What is left of the last step.
 
     Attributes:
@@ -35,7 +35,7 @@ class Past(NamedTuple):
     offsets: Array
     velocities: Array
     last: Array
-    touched: Resolution | None
+    touched: ContactSolution | None
 
 
 class Acting:
@@ -53,13 +53,15 @@ class Acting:
         StepError: the body begins in an obstacle.
     """
 
-    def __init__(self, rom: Rom, surroundings: Surroundings):
+    def __init__(self, rom: Rom, surroundings: Environment):
         self.surroundings = surroundings
-        self._chooses = surroundings.automatic and len(rom.modes) > 1
+        self._chooses = surroundings.automatic and len(rom.contact_models) > 1
         self._actuators = sum(rom.actuators.values())
         self._touch: Touch | None = None
         if surroundings.law is not None:
-            self._points = ContactPoints({name: mode.contact_points for name, mode in rom.modes.items()}, rom.nodes)
+            self._points = ContactPoints(
+                {name: mode.contact_points for name, mode in rom.contact_models.items()}, rom.nodes
+            )
             contact = Contact(self._points.places, list(surroundings.obstacles.values()), surroundings.law)
             components = (3 * self._points.nodes[:, None] + np.arange(3)).ravel()
             self._touch = Touch(contact, rom.basis[np.searchsorted(rom.free, components)], surroundings)
@@ -83,21 +85,21 @@ class Acting:
 
     def hand_over(self, left: Form, entered: Form) -> None:
         """Takes the last contact from one contact mode's form to another's."""
-        if isinstance(left, Surrounded) and isinstance(entered, Surrounded):
+        if isinstance(left, ContactStepper) and isinstance(entered, ContactStepper):
             entered.touched = left.touched
 
-    def form(self, mode: Mode, ledger: Ledger | None, drift: Array) -> Form:
+    def form(self, mode: ContactModel, ledger: EnergyLedger | None, rigid_displacement: Array) -> Form:
         """How a contact mode is stepped; arguments as in _Form."""
         if self.surroundings.quasi_static:
-            return Equilibrium(mode, ledger, drift, self._touch)
+            return Equilibrium(mode, ledger, rigid_displacement, self._touch)
         if self._touch is not None:
-            return MidpointAmongObstacles(mode, ledger, drift, self._touch)
-        return fastest(mode, ledger, drift)
+            return ContactMidpoint(mode, ledger, rigid_displacement, self._touch)
+        return fastest(mode, ledger, rigid_displacement)
 
     def nearest(self, contact: str, form: Form) -> str:
         """The contact mode to be in, from the active one and its form."""
         around = self.surroundings
-        if self._touch is None or not self._chooses or not isinstance(form, Surrounded):
+        if self._touch is None or not self._chooses or not isinstance(form, ContactStepper):
             return contact
         found = self._points.nearest(self._touch.contact.gaps(form.displacement(), around.offsets), contact)
         if around.lap is not None:
@@ -147,42 +149,44 @@ class Acting:
         """Nodes (P,) that obstacles can touch."""
         return np.empty(0, dtype=int) if self._touch is None else self._points.nodes
 
-    def save(self, form: Form) -> Past:
+    def save(self, form: Form) -> ContactState:
         """All that has a past beside the state of a form."""
         last = np.empty(0) if self._touch is None else self._touch.contact.last
-        return Past(self.surroundings.offsets, self.surroundings.velocities, last, getattr(form, "touched", None))
+        return ContactState(
+            self.surroundings.offsets, self.surroundings.velocities, last, getattr(form, "touched", None)
+        )
 
-    def restore(self, form: Form, past: Past) -> None:
+    def restore(self, form: Form, past: ContactState) -> None:
         """Goes back to what was saved."""
         self.surroundings.offsets, self.surroundings.velocities = past.offsets, past.velocities
         if self._touch is not None:
             self._touch.contact.last = past.last
-        if isinstance(form, Surrounded):
+        if isinstance(form, ContactStepper):
             form.touched = past.touched
 
     def reset(self, form: Form) -> None:
         """Back to time 0."""
         last = np.empty(0) if self._touch is None else np.zeros_like(self._touch.contact.last)
         self.surroundings.begin()
-        self.restore(form, Past(self.surroundings.offsets, self.surroundings.velocities, last, None))
+        self.restore(form, ContactState(self.surroundings.offsets, self.surroundings.velocities, last, None))
 
 
 def surrounded(
-    rom: Rom, scene: Scene | None, histories: Mapping[str, History] | None
-) -> tuple[Rom, Surroundings | None]:
+    rom: Rom, scene: Scene | None, signals: Mapping[str, SignalLike] | None
+) -> tuple[Rom, Environment | None]:
     """The ROM without what the scene does not name, and what acts on it by itself; None where that is nothing.
 
     Args:
         rom: the reduced model.
         scene: of the run; None: the scene that the ROM was made from.
-        histories: as in Surroundings.
+        signals: as in Environment.
 
     Raises:
         SceneError: an effect that the ROM was not made with.
-        StepError: as Surroundings.
+        StepError: as Environment.
     """
     if not rom.scene_text:
-        if histories or (scene is not None and set(scene.effects) - {"inertia", "damping"}):
+        if signals or (scene is not None and set(scene.effects) - {"inertia", "damping"}):
             raise SceneError(f"ROM {rom.name!r} was made from matrices, so that it knows of no loads and obstacles")
         return rom, None
     own = parse_scene(rom.scene_text, tables=rom.tables, source=f"scene of ROM {rom.name!r}")
@@ -190,11 +194,11 @@ def surrounded(
         scene = own
     _check(rom, own, scene)
     if "damping" in rom.effects and "damping" not in scene.effects:
-        undamped = {name: replace(mode, damping=np.zeros(mode.order)) for name, mode in rom.modes.items()}
-        rom = replace(rom, modes=undamped)
+        undamped = {name: replace(mode, damping=np.zeros(mode.order)) for name, mode in rom.contact_models.items()}
+        rom = replace(rom, contact_models=undamped)
     if "large_deformation" not in scene.effects:
         rom = replace(rom, deformation=None)
-    around = Surroundings(scene, rom.loads, histories)
+    around = Environment(scene, rom.loads, signals)
     if around.quasi_static and rom.rigid:
         raise SceneError(
             f"{scene.source}: effects: inertia is missing, and a body that nothing holds has no equilibrium"

@@ -26,7 +26,7 @@ from fenics_rom.runtime.switching import Projections
 from fenics_rom.scene.schema import unknown
 
 if TYPE_CHECKING:
-    from fenics_rom.mechanics.environment import History, Surroundings
+    from fenics_rom.mechanics.environment import Environment, SignalLike
 
 Array = np.ndarray
 Bodies = int | Sequence[int] | Sequence[bool] | Array | None
@@ -68,7 +68,7 @@ class Batch:
         dt: time step of all bodies, s; may be set anew before any step.
         dtype: of the states and the arithmetic, float64 or float32; energies, work and time are float64 always.
         ledger: whether to keep the energy account of each body.
-        histories: of loads by name, instead of the scene's: numbers, or functions of each body's time; as in Simulator.
+        signals: of loads by name, instead of the scene's: numbers, or functions of each body's time; as in Simulator.
 
     Attributes:
         steps: number of steps the batch has taken.
@@ -86,17 +86,17 @@ class Batch:
         *,
         dtype: DTypeLike = float,
         ledger: bool = False,
-        histories: "Mapping[str, History] | None" = None,
+        signals: "Mapping[str, SignalLike] | None" = None,
     ):
         if not (isinstance(size, int | np.integer) and size > 0):
             raise StepError(f"size = {size!r}: allowed is a whole number > 0")
         if np.dtype(dtype) not in (np.float64, np.float32):
             raise StepError(f"dtype = {dtype!r}: allowed are float64 and float32")
-        self._surroundings: Surroundings | None = None
-        if rom.surrounded or histories:
+        self._surroundings: Environment | None = None
+        if rom.surrounded or signals:
             from fenics_rom.runtime import acting  # here, so that bodies on which nothing acts start without it
 
-            rom, self._surroundings = acting.surrounded(rom, None, histories)
+            rom, self._surroundings = acting.surrounded(rom, None, signals)
         if self._surroundings is not None and (self._surroundings.quasi_static or self._surroundings.law is not None):
             raise StepError(
                 f"ROM {rom.name!r} has contact or no inertia in its scene: allowed are forces that are known before a "
@@ -107,13 +107,15 @@ class Batch:
                 f"ROM {rom.name!r} has large deformation in its scene: Simulator steps such bodies, one by one"
             )
         self.rom, self.size, self.dtype = rom, int(size), np.dtype(dtype)
-        self._names = list(rom.modes)
+        self._names = list(rom.contact_models)
         self._widest = max(rom.contacts.values())
-        self._orders = np.array([mode.order for mode in rom.modes.values()])
+        self._orders = np.array([mode.order for mode in rom.contact_models.values()])
         m, p = self._orders.max(), self.inputs + sum(rom.loads.values())
         self._ω = np.ones((len(self._names), m))  # where a mode has less, x = 0
         self._G = np.zeros((len(self._names), p, m), self.dtype)
-        for ω, G, mode, contact in zip(self._ω, self._G, rom.modes.values(), rom.contacts.values(), strict=True):
+        for ω, G, mode, contact in zip(
+            self._ω, self._G, rom.contact_models.values(), rom.contacts.values(), strict=True
+        ):
             ω[: mode.order] = np.sqrt(mode.eigenvalues)
             G[:contact, : mode.order] = mode.inputs[:, :contact].T
             G[self._widest :, : mode.order] = mode.inputs[:, contact:].T
@@ -121,7 +123,7 @@ class Batch:
         self._ones = np.ones(m, self.dtype)
         self._drags = [  # wᵀDw/2, where D is diagonal, is what these make of the squares of w
             _filled(mode.damping / 2, (m,)).astype(self.dtype) if mode.damping.ndim == 1 else self._ones / 2
-            for mode in rom.modes.values()
+            for mode in rom.contact_models.values()
         ]
         self._projections = Projections(rom)
         self._maps: dict[tuple[int, int], Array] = {}
@@ -176,7 +178,7 @@ class Batch:
         self._table = np.zeros((2, *self._ω.shape), self.dtype)
         self._push = np.empty(self._G.shape, self.dtype)
         self._coupling: list[tuple[Array, Array] | None] = []  # where D is dense: to w, and to R w
-        for k, mode in enumerate(self.rom.modes.values()):
+        for k, mode in enumerate(self.rom.contact_models.values()):
             a, Ra = (4 / h * part for part in compliance(mode, h))
             dense = a.ndim == 2
             diagonal = _filled(np.ones(mode.order) if dense else a, angles[k].shape)
@@ -298,7 +300,7 @@ class Batch:
         numbers = {name: k for k, name in enumerate(self._names)}
         for name in names:
             if name not in numbers:
-                raise StepError(unknown("contact mode", str(name), self.rom.modes))
+                raise StepError(unknown("contact mode", str(name), self.rom.contact_models))
         end = np.broadcast_to([numbers[name] for name in names], chosen.shape)
         moves = end != self._mode[chosen]
         chosen, end = chosen[moves], end[moves]
@@ -385,8 +387,8 @@ class Batch:
             StepError: no such body.
         """
         q, _ = self.state(body)
-        coordinates = list(self.rom.modes.values())[self._mode[body]].coordinates
-        return self.rom.shape(coordinates @ q[0, : coordinates.shape[1]])
+        coordinates = list(self.rom.contact_models.values())[self._mode[body]].coordinates
+        return self.rom.reconstruct(coordinates @ q[0, : coordinates.shape[1]])
 
     def _chosen(self, bodies: Bodies) -> Array:
         """Indices of bodies."""
@@ -426,7 +428,7 @@ class Batch:
             )
         return np.where(fine[:, None], u, 0), held
 
-    def _loads(self, surroundings: "Surroundings") -> Array:
+    def _loads(self, surroundings: "Environment") -> Array:
         """Values of the loads that act by themselves in the middle of each body's step, (size, columns)."""
         times, which = np.unique(self._account[TIME], return_inverse=True)
         return np.array([surroundings.loads(time + self._dt / 2) for time in times])[which]
@@ -506,7 +508,7 @@ class Batch:
             raise StepError(unknown("output", output, self.rom.outputs))
         chunks, m = self._chunks(), self._ω.shape[1]
         if output not in self._readers:
-            maps = [(self.rom.outputs[output] @ mode.coordinates).T for mode in self.rom.modes.values()]
+            maps = [(self.rom.outputs[output] @ mode.coordinates).T for mode in self.rom.contact_models.values()]
             self._readers[output] = [_filled(map, (m, map.shape[1])).astype(self.dtype) for map in maps]
         field = np.empty((self.size, len(self.rom.outputs[output])), self.dtype)
         for segment in (segment for chunk in chunks for segment in chunk.parts):

@@ -7,7 +7,7 @@ from collections.abc import Callable
 import numpy as np
 
 from fenics_rom.errors import FenicsRomWarning
-from fenics_rom.mechanics.linearity import Excursion, ModeGauge, basis_rows, warning
+from fenics_rom.mechanics.linearity import ModeGauge, SurfaceStrainPeak, basis_rows, warning
 from fenics_rom.rom.rom import Rom
 
 Array = np.ndarray
@@ -16,7 +16,7 @@ Array = np.ndarray
 PATIENCE = {False: 10, True: 100}
 
 
-class Watch:
+class LinearityMonitor:
     """Looks at the surface of a body when its stored energy would allow it to turn or strain too far.
 
     Args:
@@ -30,9 +30,9 @@ class Watch:
     def __init__(self, rom: Rom, rigid: Callable[[], Array] = lambda: np.empty(0)):
         self._rom, self._rigid, self._gauges = rom, rigid, dict[str, ModeGauge]()
         self._rows = basis_rows(rom)
-        self.begin(Excursion())
+        self.begin(SurfaceStrainPeak())
 
-    def begin(self, seen: Excursion) -> None:
+    def begin(self, seen: SurfaceStrainPeak) -> None:
         """Goes on from what was seen, with a look as soon as there is need."""
         self.seen = seen
         self._margin, self._last = 0.0, np.empty(0)
@@ -41,9 +41,9 @@ class Watch:
     def enter(self, contact: str) -> float:
         """Watches a contact mode; returns twice the stored energy, J, up to which there is no need to look."""
         if contact not in self._gauges:
-            mode = self._rom.modes[contact]
+            mode = self._rom.contact_models[contact]
             self._gauges[contact] = ModeGauge(self._rows @ mode.coordinates, mode.eigenvalues)
-        self._divisors = self._rom.modes[contact].divisors
+        self._safe_frequencies = self._rom.contact_models[contact].safe_frequencies
         self._margin = 0.0  # what was safe in another mode's coordinates says nothing here
         self._gauge = self._gauges[contact]
         return min(2 * self._gauge.safe_energy, sys.float_info.max)  # infinite is never safe
@@ -58,9 +58,9 @@ class Watch:
             return
         if self._margin and np.square(e - self._last).sum() / 2 < self._margin:
             return
-        q, s = e / self._divisors, self._rigid()
+        q, s = e / self._safe_frequencies, self._rigid()
         q[: len(s)] = s
-        before, now = self.seen, Excursion(*self._gauge.read(q), time)
+        before, now = self.seen, SurfaceStrainPeak(*self._gauge.read(q), time)
         self.seen = before.joined(now)
         self._margin, self._last, self._since = self._gauge.safe_change(now.severity), e.copy(), 0
         if now.beyond and not before.beyond:

@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fenics_rom.errors import StepError
-from fenics_rom.rom.rom import Mode
+from fenics_rom.rom.rom import ContactModel
 from fenics_rom.runtime.steppers.midpoint import matrices
 
 Array = np.ndarray
@@ -27,7 +27,7 @@ TOGETHER = 128  # blocks whose z are held at once: what fits the cache
 
 
 @dataclass(frozen=True)
-class Block:
+class BlockPropagator:
     """The map of L steps.
 
     Attributes:
@@ -44,7 +44,7 @@ class Block:
     dissipated: Array | None = None
 
 
-def one_step(mode: Mode, h: float, rows: Array, ledger: bool) -> Block:
+def one_step(mode: ContactModel, h: float, rows: Array, ledger: bool) -> BlockPropagator:
     """The map of a step.
 
     Args:
@@ -54,16 +54,16 @@ def one_step(mode: Mode, h: float, rows: Array, ledger: bool) -> Block:
         ledger: whether the account is kept.
     """
     after, account = matrices(mode, h)
-    block = Block(1, after, rows @ after[: mode.order])
+    block = BlockPropagator(1, after, rows @ after[: mode.order])
     if not ledger:
         return block
     m = mode.order
     heat, work = account[:m], np.zeros((after.shape[1], after.shape[1]))
     work[2 * m :] = account[m:]
-    return Block(1, block.state, block.outputs, work, heat.T @ heat)
+    return BlockPropagator(1, block.state, block.outputs, work, heat.T @ heat)
 
 
-def composed(first: Block, second: Block, *, silent: bool = False) -> Block:
+def composed(first: BlockPropagator, second: BlockPropagator, *, silent: bool = False) -> BlockPropagator:
     """The map of one block after the other; `silent`: without the outputs of the first."""
     size, more = first.state.shape[1], second.state.shape[1] - first.state.shape[0]
     lift = np.zeros((second.state.shape[1], size + more))  # of z to the second block's
@@ -78,7 +78,7 @@ def composed(first: Block, second: Block, *, silent: bool = False) -> Block:
             return None
         return np.pad(of_first, (0, more)) + lift.T @ of_second @ lift
 
-    return Block(
+    return BlockPropagator(
         first.length + second.length,
         second.state @ lift,
         outputs,
@@ -87,7 +87,7 @@ def composed(first: Block, second: Block, *, silent: bool = False) -> Block:
     )
 
 
-def repeated(block: Block, times: int) -> Block:
+def repeated(block: BlockPropagator, times: int) -> BlockPropagator:
     """The map of a block taken some times, with the outputs of the last one only."""
     if times == 1:
         return block
@@ -96,7 +96,7 @@ def repeated(block: Block, times: int) -> Block:
     return composed(whole, block, silent=True) if times % 2 else whole
 
 
-def ladder(block: Block) -> list[Block]:
+def doubling_blocks(block: BlockPropagator) -> list[BlockPropagator]:
     """A block, twice it, four times it, and so on to the longest one worth having; the longest first."""
     rungs = [block]
     while 2 * rungs[0].length <= LONGEST:
@@ -104,7 +104,7 @@ def ladder(block: Block) -> list[Block]:
     return rungs
 
 
-def run(block: Block, state: Array, inputs: Array) -> tuple[Array, Array, float, float]:
+def run(block: BlockPropagator, state: Array, inputs: Array) -> tuple[Array, Array, float, float]:
     """Takes a block's steps again and again.
 
     Args:
@@ -135,7 +135,7 @@ def run(block: Block, state: Array, inputs: Array) -> tuple[Array, Array, float,
     return outputs, states[:-1], supplied, dissipated
 
 
-class Span(NamedTuple):
+class ConstantInterval(NamedTuple):
     """Steps `start` to `stop` in one contact mode, of one size dt, s."""
 
     start: int
@@ -144,7 +144,9 @@ class Span(NamedTuple):
     dt: float
 
 
-def spans(steps: int, contact: str | Sequence[str], dt: float | Sequence[float] | Array) -> list[Span]:
+def constant_intervals(
+    steps: int, contact: str | Sequence[str], dt: float | Sequence[float] | Array
+) -> list[ConstantInterval]:
     """The steps between changes of contact mode or step size.
 
     Raises:
@@ -161,4 +163,4 @@ def spans(steps: int, contact: str | Sequence[str], dt: float | Sequence[float] 
     names, sizes = columns
     changes = np.flatnonzero((names[1:] != names[:-1]) | (sizes[1:] != sizes[:-1])) + 1
     bounds = [0, *map(int, changes), steps]
-    return [Span(a, b, names[a], sizes[a]) for a, b in pairwise(bounds)]
+    return [ConstantInterval(a, b, names[a], sizes[a]) for a, b in pairwise(bounds)]

@@ -8,15 +8,15 @@ from itertools import islice
 import numpy as np
 
 from fenics_rom.errors import FenicsRomWarning, SceneError
-from fenics_rom.mechanics.environment import History
+from fenics_rom.mechanics.environment import SignalLike
 from fenics_rom.mechanics.load_history import LoadHistory
-from fenics_rom.mechanics.time_step_monitor import StepGauge
+from fenics_rom.mechanics.time_step_monitor import TimeStepMonitor
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.simulator import Simulator
 from fenics_rom.runtime.steppers.contact import MOTION
 from fenics_rom.scene.file import parse_scene
 from fenics_rom.scene.scene import Scene
-from fenics_rom.trajectory.trajectory import Record, Recorder
+from fenics_rom.trajectory.trajectory import Trajectory, TrajectoryRecorder
 
 Report = Callable[[str, int, int], None]
 UNTIMED = "what is no part of a step"
@@ -27,18 +27,18 @@ def simulate(
     *,
     scene: Scene | None = None,
     dt: float | None = None,
-    histories: Mapping[str, History] | None = None,
+    signals: Mapping[str, SignalLike] | None = None,
     profile: bool = False,
     stepper: str | None = None,
     report: Report = lambda stage, done, of: None,
-) -> Record:
+) -> Trajectory:
     """Runs a ROM through a load history from rest.
 
     Args:
         rom: the reduced model.
         scene: whose run, effects and outputs' names to take instead of those of the scene in the ROM.
         dt: time step instead of the scene's, s.
-        histories: of loads and obstacles by name, instead of the scene's: numbers, or functions of time; as in
+        signals: of loads and obstacles by name, instead of the scene's: numbers, or functions of time; as in
             Simulator.
         profile: whether to run it once more to measure what each effect costs in a step.
         stepper: of a body with large deformation, as in Simulator.
@@ -48,14 +48,14 @@ def simulate(
         SceneError: there is no load history, or it does not fit the ROM.
         StepError: a step could not be taken.
     """
-    asked, history, fresh = _prepared(rom, scene, dt, histories, stepper)
+    asked, history, fresh = _prepared(rom, scene, dt, signals, stepper)
     simulator = fresh()
     points = {name: len(rows) // 3 for name, rows in rom.outputs.items()}
-    shapes = asked.run.shapes if asked.run else 1
+    shapes = asked.run.snapshots if asked.run else 1
     surroundings = simulator.surroundings
     obstacles = surroundings.obstacles if surroundings else {}
-    kept = points, tuple(rom.modes), len(rom.nodes), shapes, tuple(asked.effects), obstacles
-    recorder = Recorder(history.steps, history.dt, *kept)
+    kept = points, tuple(rom.contact_models), len(rom.nodes), shapes, tuple(asked.effects), obstacles
+    recorder = TrajectoryRecorder(history.steps, history.dt, *kept)
 
     def sample(step: int) -> None:
         assert simulator.ledger is not None
@@ -64,7 +64,7 @@ def simulate(
         recorder.sample(step, *account, forces, surroundings.offsets if surroundings else None)
 
     sample(0)
-    gauge, moves = StepGauge(), "inertia" in asked.effects
+    gauge, moves = TimeStepMonitor(), "inertia" in asked.effects
     for step, (contact, u) in enumerate(history, start=1):
         if not history.automatic:
             simulator.switch(contact)
@@ -81,7 +81,7 @@ def simulate(
         settings={
             "dt": history.dt,
             "seconds": _seconds(fresh(), history),
-            "order": max(mode.order for mode in rom.modes.values()),
+            "order": max(mode.order for mode in rom.contact_models.values()),
             **({} if simulator.mismatch is None else {"mismatch": simulator.mismatch}),
         },
         nodes=rom.nodes,
@@ -108,7 +108,7 @@ def _prepared(
     rom: Rom,
     scene: Scene | None,
     dt: float | None,
-    histories: Mapping[str, History] | None,
+    signals: Mapping[str, SignalLike] | None,
     stepper: str | None,
 ) -> tuple[Scene, LoadHistory, Callable[[], Simulator]]:
     """The scene that is run, the inputs of its steps, and what makes a simulator at its start."""
@@ -118,7 +118,7 @@ def _prepared(
     history = LoadHistory(asked, rom.contacts, rom.actuators, dt)
 
     def fresh() -> Simulator:
-        simulator = Simulator(rom, history.dt, scene=scene, histories=histories, stepper=stepper)
+        simulator = Simulator(rom, history.dt, scene=scene, signals=signals, stepper=stepper)
         simulator.switch(history.first_contact())
         return simulator
 

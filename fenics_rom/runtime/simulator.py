@@ -9,19 +9,28 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from fenics_rom.errors import StepError
-from fenics_rom.mechanics.energy_ledger import Ledger
-from fenics_rom.mechanics.linearity import Excursion, summary
+from fenics_rom.mechanics.energy_ledger import EnergyLedger
+from fenics_rom.mechanics.linearity import SurfaceStrainPeak, summary
 from fenics_rom.rom.rom import Rom
-from fenics_rom.runtime.linearity_monitor import Watch
-from fenics_rom.runtime.rollout import LONGEST, Block, Span, ladder, one_step, repeated, run, spans
+from fenics_rom.runtime.linearity_monitor import LinearityMonitor
+from fenics_rom.runtime.rollout import (
+    LONGEST,
+    BlockPropagator,
+    ConstantInterval,
+    constant_intervals,
+    doubling_blocks,
+    one_step,
+    repeated,
+    run,
+)
 from fenics_rom.runtime.steppers.midpoint import checked_dt
 from fenics_rom.runtime.steppers.midpoint_forms import fastest
-from fenics_rom.runtime.switching import Loss, Projections
+from fenics_rom.runtime.switching import Projections, SwitchLoss
 from fenics_rom.scene.schema import unknown
 
 if TYPE_CHECKING:
-    from fenics_rom.mechanics.environment import History, Surroundings
-    from fenics_rom.runtime.acting import Acting, Form, Past
+    from fenics_rom.mechanics.environment import Environment, SignalLike
+    from fenics_rom.runtime.acting import Acting, ContactState, Form
     from fenics_rom.runtime.steppers.finite_strain import LargeDeformation
     from fenics_rom.scene.scene import Scene
 
@@ -52,10 +61,10 @@ class Snapshot:
     since: tuple[float, int]
     state: Array
     sums: tuple[tuple[float, float], ...] | None
-    excursion: Excursion
-    loss: Loss
+    excursion: SurfaceStrainPeak
+    loss: SwitchLoss
     rigid: Array = field(default_factory=lambda: np.empty(0))
-    past: "Past | None" = None
+    past: "ContactState | None" = None
     auxiliary: Array = field(default_factory=lambda: np.empty(0))
 
 
@@ -70,7 +79,7 @@ class Simulator:
         dt: time step, s; may be set anew before any step.
         ledger: whether to keep the energy account.
         scene: whose effects act; None: those of the scene that the ROM was made from.
-        histories: of loads and obstacles by name, instead of the scene's: numbers, or functions of time in s. Of
+        signals: of loads and obstacles by name, instead of the scene's: numbers, or functions of time in s. Of
             gravity multiples of its acceleration; of a base motion m/s²; of a prescribed force N (3,); of an obstacle
             its displacement, m (3,).
         stepper: of a body with large deformation: "newton" (for large steps) or "linearly-implicit" (for small ones);
@@ -95,23 +104,23 @@ class Simulator:
         *,
         ledger: bool = True,
         scene: "Scene | None" = None,
-        histories: "Mapping[str, History] | None" = None,
+        signals: "Mapping[str, SignalLike] | None" = None,
         stepper: str | None = None,
     ):
-        self._origin = rom, scene, histories, stepper
+        self._origin = rom, scene, signals, stepper
         self._acting: Acting | None = None
-        if rom.surrounded or scene is not None or histories:
+        if rom.surrounded or scene is not None or signals:
             from fenics_rom.runtime import acting  # here, so that bodies on which nothing acts start without it
 
-            rom, surroundings = acting.surrounded(rom, scene, histories)
+            rom, surroundings = acting.surrounded(rom, scene, signals)
             self._acting = None if surroundings is None else acting.Acting(rom, surroundings)
         self.rom = rom
         self.steps = 0
-        self.ledger = Ledger(self._settle) if ledger else None
-        self.loss = Loss()
+        self.ledger = EnergyLedger(self._flush) if ledger else None
+        self.loss = SwitchLoss()
         self._dt, self._since = checked_dt(dt), (0.0, 0)
-        self._drift = np.zeros(rom.rigid)  # displacement along the rigid motions, as far as it is booked
-        self._watch = Watch(rom, self._rigid)
+        self._rigid_displacement = np.zeros(rom.rigid)  # displacement along the rigid motions, as far as it is booked
+        self._monitor = LinearityMonitor(rom, self._rigid)
         self._projections = Projections(rom)
         self._form: Form
         self._forms: dict[str, Form] = {}
@@ -120,8 +129,8 @@ class Simulator:
         if rom.deformation is not None or stepper is not None:
             self._bent = self._deforming(stepper)
         self._readings: dict[tuple[str, str], Array] = {}
-        self._ladders: dict[tuple[Any, ...], list[Block]] = {}
-        self._enter(next(iter(rom.modes)))
+        self._doubling_blocks: dict[tuple[Any, ...], list[BlockPropagator]] = {}
+        self._enter(next(iter(rom.contact_models)))
 
     @property
     def time(self) -> float:
@@ -140,7 +149,7 @@ class Simulator:
             return
         dt = checked_dt(dt)
         self._since, self._dt = (self.time, self.steps), dt
-        self._form.retime(dt)
+        self._form.set_time_step(dt)
 
     @property
     def contact(self) -> str:
@@ -163,7 +172,7 @@ class Simulator:
         shape = self._ω.shape
         if len(given) != 2 or any(part.shape != shape or not np.isfinite(part).all() for part in given):
             raise StepError(f"state: allowed are two finite arrays of shape {shape}, given: {[p.shape for p in given]}")
-        self._rigid()[:] = given[0][: len(self._drift)]
+        self._rigid()[:] = given[0][: len(self._rigid_displacement)]
         self._form.state[:] = np.concatenate([self._ω * given[0], given[1]])
         if self._bent is not None:
             self._bent.resume()
@@ -179,9 +188,9 @@ class Simulator:
         return None if self._bent is None else self._bent.mismatch
 
     @property
-    def excursion(self) -> Excursion:
+    def excursion(self) -> SurfaceStrainPeak:
         """How far the surface turned and strained, where the stored energy was high enough for a look at it."""
-        return self._watch.seen
+        return self._monitor.seen
 
     def displacement(self, output: str | None = None) -> Array:
         """Displacement, m: of a named output (points, 3), or of every mesh node (nodes, 3).
@@ -209,9 +218,9 @@ class Simulator:
         """
         if contact == self._contact:
             return
-        if contact not in self.rom.modes:
-            raise StepError(unknown("contact mode", contact, self.rom.modes))
-        self._settle()
+        if contact not in self.rom.contact_models:
+            raise StepError(unknown("contact mode", contact, self.rom.contact_models))
+        self._flush()
         if self._bent is not None:  # one basis for all: only the inputs change
             self._enter(contact)
             return
@@ -228,9 +237,9 @@ class Simulator:
             lost = held - float(after.dot(after)) / 2
             self.ledger.book(lost_in_switching=lost)
             if lost > self.loss.energy:
-                self.loss = Loss(lost, lost / held, was, contact, self.time)
+                self.loss = SwitchLoss(lost, lost / held, was, contact, self.time)
 
-    def drive(self, name: str, history: "History") -> None:
+    def set_signal(self, name: str, history: "SignalLike") -> None:
         """Gives a load or an obstacle another value, or another function of time (s), from the next step on.
 
         Args:
@@ -246,7 +255,7 @@ class Simulator:
         self._acting.surroundings.set(name, history)
 
     @property
-    def surroundings(self) -> "Surroundings | None":
+    def surroundings(self) -> "Environment | None":
         """The loads and obstacles that act by themselves; None where there are none."""
         return None if self._acting is None else self._acting.surroundings
 
@@ -291,10 +300,10 @@ class Simulator:
         form = self._form
         try:
             u = np.asarray(u, dtype=float)
-            twice = form.advance(u)
+            twice = form.step(u)
         except (TypeError, ValueError):
             raise StepError(self._wrong_input(u)) from None
-        if twice <= self._alert:
+        if twice <= self._monitor_threshold:
             self.steps += 1
         else:
             self._step_high(u, twice)
@@ -311,8 +320,8 @@ class Simulator:
                 u = acting.input(np.asarray(u, dtype=float), self._width, self.time, self._dt)
             except (TypeError, ValueError):
                 raise StepError(self._wrong_input(u)) from None
-            twice = self._form.advance(u)
-            if twice <= self._alert:
+            twice = self._form.step(u)
+            if twice <= self._monitor_threshold:
                 self.steps += 1
             else:
                 self._step_high(u, twice)
@@ -325,12 +334,12 @@ class Simulator:
     def _step_high(self, u: Array, twice: float) -> None:
         """The end of a step to an energy at which the surface may have gone too far, or that is not a number."""
         if not math.isfinite(twice):
-            self._form.undo()
+            self._form.rollback()
             raise StepError(
                 f"step {self.steps}: input {u.tolist()} leads out of the finite numbers; the state was left as it was"
             )
         self.steps += 1
-        self._watch.look(self._form.state[: len(self._ω)], self.time)
+        self._monitor.look(self._form.state[: len(self._ω)], self.time)
 
     def _wrong_input(self, u: object) -> str:
         given = f"an array of shape {u.shape}" if isinstance(u, np.ndarray) else repr(u)[:80]
@@ -339,7 +348,7 @@ class Simulator:
             f"given: {given}"
         )
 
-    def march(
+    def rollout(
         self,
         inputs: Sequence[Sequence[float]] | Array,
         *,
@@ -365,9 +374,9 @@ class Simulator:
             StepError: wrong shapes, unknown names, or numbers that are not finite; everything is as it was.
         """
         if self._bent is not None:
-            raise StepError("march: is for linear models; with large deformation take each step by itself")
+            raise StepError("rollout: is for linear models; with large deformation take each step by itself")
         if self._acting is not None and self._acting.step_by_step:
-            raise StepError("march: is for known forces; among obstacles or without inertia take each step by itself")
+            raise StepError("rollout: is for known forces; among obstacles or without inertia take each step by itself")
         if not (isinstance(every, int | np.integer) and every >= 1):
             raise StepError(f"every = {every!r}: allowed is a whole number of steps, at least 1")
         u, plan = self._planned(inputs, contact, dt)
@@ -379,7 +388,7 @@ class Simulator:
                 for span in plan:
                     self.dt = span.dt
                     self.switch(span.contact)
-                    self._march(u[span.start : span.stop], span.start, every if names else 1, names, read)
+                    self._rollout(u[span.start : span.stop], span.start, every if names else 1, names, read)
         except BaseException:
             self.restore(start)
             raise
@@ -391,21 +400,21 @@ class Simulator:
         inputs: Sequence[Sequence[float]] | Array,
         contact: str | Sequence[str] | None,
         dt: float | Sequence[float] | Array | None,
-    ) -> tuple[Array, list[Span]]:
-        """What a march was asked for, checked."""
+    ) -> tuple[Array, list[ConstantInterval]]:
+        """What a rollout was asked for, checked."""
         u = np.asarray(inputs, dtype=float)
         if u.ndim != 2:
             raise StepError(f"inputs: allowed are (steps, {self.inputs}) numbers in N, given: shape {u.shape}")
         bad = np.flatnonzero(~np.isfinite(u).all(axis=1))
         if len(bad):
             raise StepError(f"step {self.steps + bad[0]}: input {u[bad[0]].tolist()} is not finite")
-        plan = spans(len(u), self._contact if contact is None else contact, self._dt if dt is None else dt)
+        plan = constant_intervals(len(u), self._contact if contact is None else contact, self._dt if dt is None else dt)
         loads = sum(self.rom.loads.values())
         for span in plan:
             checked_dt(span.dt)
-            if span.contact not in self.rom.modes:
-                raise StepError(unknown("contact mode", span.contact, self.rom.modes))
-            columns = self.rom.modes[span.contact].inputs.shape[1]
+            if span.contact not in self.rom.contact_models:
+                raise StepError(unknown("contact mode", span.contact, self.rom.contact_models))
+            columns = self.rom.contact_models[span.contact].inputs.shape[1]
             if u.shape[1] != columns - loads:
                 raise StepError(
                     f"step {self.steps + span.start}: inputs of contact mode {span.contact!r}: allowed are (steps, "
@@ -418,9 +427,9 @@ class Simulator:
             u = np.hstack([u, np.array([around.loads(t) for t in ends - halves]).reshape(len(u), loads)])
         return u, plan
 
-    def _march(self, u: Array, taken: int, every: int, names: tuple[str, ...], read: list[Array]) -> None:
-        """Takes the steps of one span, `taken` steps after the march began, and adds what is read to `read`."""
-        if len(self._drift):  # outputs follow what energy coordinates do not hold
+    def _rollout(self, u: Array, taken: int, every: int, names: tuple[str, ...], read: list[Array]) -> None:
+        """Takes the steps of one span, `taken` steps after the rollout began, and adds what is read to `read`."""
+        if len(self._rigid_displacement):  # outputs follow what energy coordinates do not hold
             for count, row in enumerate(u, start=taken + 1):
                 self.step(row)
                 if names and count % every == 0:
@@ -441,15 +450,15 @@ class Simulator:
     def _blocks(self, u: Array, every: int, names: tuple[str, ...]) -> list[Array]:
         """Takes steps in the longest blocks that fit; what is read, a row for each instant."""
         key = self._contact, self._dt, every, names
-        if key not in self._ladders:
-            if len(self._ladders) >= 32:  # step sizes that never come back must not pile up
-                self._ladders.clear()
+        if key not in self._doubling_blocks:
+            if len(self._doubling_blocks) >= 32:  # step sizes that never come back must not pile up
+                self._doubling_blocks.clear()
             rows = np.concatenate([np.empty((0, len(self._ω))), *(self._reading(name) / self._ω for name in names)])
-            single = one_step(self.rom.modes[self._contact], self._dt, rows, self.ledger is not None)
-            self._ladders[key] = ladder(repeated(single, every))
+            single = one_step(self.rom.contact_models[self._contact], self._dt, rows, self.ledger is not None)
+            self._doubling_blocks[key] = doubling_blocks(repeated(single, every))
         read, state = [], self._form.state
-        width = len(self._ladders[key][-1].outputs)
-        for block in self._ladders[key]:
+        width = len(self._doubling_blocks[key][-1].outputs)
+        for block in self._doubling_blocks[key]:
             times = len(u) // block.length
             steps = times * block.length
             if times:
@@ -460,9 +469,9 @@ class Simulator:
                     self.ledger.book(supplied=work[0], dissipated=work[1])
                 twice = np.einsum("bs,bs->b", starts, starts)
                 highest = int(twice.argmax())
-                if twice[highest] > self._alert:
+                if twice[highest] > self._monitor_threshold:
                     e, later = starts[highest, : len(self._ω)], highest * block.length * self._dt
-                    self._watch.look(e, self.time + later)
+                    self._monitor.look(e, self.time + later)
                 self.steps += steps
                 read.append(outputs.reshape(steps // every, width))
                 u = u[steps:]
@@ -474,11 +483,11 @@ class Simulator:
             self._acting.check_start()
         self._rigid()[:] = 0
         if self.ledger is not None:
-            self.ledger.sums = Ledger().sums
-        self.loss = Loss()
+            self.ledger.sums = EnergyLedger().sums
+        self.loss = SwitchLoss()
         self.steps, self._since = 0, (0.0, 0)
-        self._watch.begin(Excursion())
-        self._enter(next(iter(self.rom.modes)))
+        self._monitor.begin(SurfaceStrainPeak())
+        self._enter(next(iter(self.rom.contact_models)))
         self._form.state[:] = 0
         if self._bent is not None:
             self._bent.resume()
@@ -487,7 +496,7 @@ class Simulator:
 
     def save(self) -> Snapshot:
         """The state of everything, to come back to."""
-        self._form.rewind()
+        self._form.reset_buffer()
         state = self._form.state.copy()
         rigid = self._rigid().copy()
         auxiliary = np.empty(0) if self._bent is None else self._bent.auxiliary.copy()
@@ -503,7 +512,7 @@ class Simulator:
         Raises:
             StepError: it is of another ROM, or has a ledger where this has none, or none where this has one.
         """
-        mode = self.rom.modes.get(snapshot.contact)
+        mode = self.rom.contact_models.get(snapshot.contact)
         if mode is None or 2 * mode.order != len(snapshot.state) or mode.rigid != len(snapshot.rigid):
             raise StepError(f"the snapshot is of another ROM than {self.rom.name!r}")
         own = 0 if self._bent is None else len(self._bent.auxiliary)
@@ -515,7 +524,7 @@ class Simulator:
             self.ledger.sums = snapshot.sums
         self._rigid()[:] = snapshot.rigid
         self._dt, self.steps, self._since = snapshot.dt, snapshot.steps, snapshot.since
-        self._watch.begin(snapshot.excursion)
+        self._monitor.begin(snapshot.excursion)
         self.loss = snapshot.loss
         self._enter(snapshot.contact)
         self._form.state[:] = snapshot.state
@@ -534,13 +543,13 @@ class Simulator:
         return _revived(*self._origin, self._driven, self.save())
 
     @property
-    def _driven(self) -> "dict[str, History]":
+    def _driven(self) -> "dict[str, SignalLike]":
         """What loads and obstacles do, as it was last said."""
-        return {} if self._acting is None else dict(self._acting.surroundings.histories)
+        return {} if self._acting is None else dict(self._acting.surroundings.signals)
 
-    def _settle(self) -> None:
+    def _flush(self) -> None:
         """Books what the steps so far supplied and dissipated; no other contact mode than the active one owes any."""
-        self._form.settle()
+        self._form.flush()
 
     def _deforming(self, stepper: str | None) -> "LargeDeformation":
         """How a body with large deformation is stepped."""
@@ -553,32 +562,35 @@ class Simulator:
         return finite_strain.BY_NAME[self.stepper](self.rom, self.ledger, touch)
 
     def _enter(self, contact: str) -> None:
-        mode = self.rom.modes[contact]
+        mode = self.rom.contact_models[contact]
         self._contact = contact
         if self._bent is not None:
-            self._form, self._alert = self._bent, sys.float_info.max  # there is no linear limit to look out for
+            self._form, self._monitor_threshold = (
+                self._bent,
+                sys.float_info.max,
+            )  # there is no linear limit to look out for
             self._bent.enter(mode)
         else:
             if contact not in self._forms:
                 form = fastest if self._acting is None else self._acting.form
-                self._forms[contact] = form(mode, self.ledger, self._drift)
-            self._form, self._alert = self._forms[contact], self._watch.enter(contact)
-        self._form.rewind()
+                self._forms[contact] = form(mode, self.ledger, self._rigid_displacement)
+            self._form, self._monitor_threshold = self._forms[contact], self._monitor.enter(contact)
+        self._form.reset_buffer()
         if self._form.h != self._dt:
-            self._form.retime(self._dt)
+            self._form.set_time_step(self._dt)
         self._width = mode.inputs.shape[1] - sum(self.rom.loads.values())
-        self._ω, self._divisors = np.sqrt(mode.eigenvalues), mode.divisors
+        self._ω, self._safe_frequencies = np.sqrt(mode.eigenvalues), mode.safe_frequencies
 
     def _rigid(self) -> Array:
         """Displacement along the rigid motions (ρ,), up to date, to read or to change."""
-        if len(self._drift):
-            self._settle()
-        return self._drift
+        if len(self._rigid_displacement):
+            self._flush()
+        return self._rigid_displacement
 
     @property
     def _q(self) -> Array:
-        q = self._form.state[: len(self._ω)] / self._divisors
-        q[: len(self._drift)] = self._rigid()
+        q = self._form.state[: len(self._ω)] / self._safe_frequencies
+        q[: len(self._rigid_displacement)] = self._rigid()
         return q
 
     def _reading(self, output: str) -> Array:
@@ -587,7 +599,7 @@ class Simulator:
             raise StepError(unknown("output", output, self.rom.outputs))
         key = self._contact, output
         if key not in self._readings:
-            self._readings[key] = self.rom.outputs[output] @ self.rom.modes[self._contact].coordinates
+            self._readings[key] = self.rom.outputs[output] @ self.rom.contact_models[self._contact].coordinates
         return self._readings[key]
 
     def _points(self, rows: Array) -> Array:
@@ -596,20 +608,20 @@ class Simulator:
     def _field(self, coordinates: Array, output: str | None) -> Array:
         if output is not None:
             return self._points(self._reading(output) @ coordinates)
-        return self.rom.shape(self.rom.modes[self._contact].coordinates @ coordinates)
+        return self.rom.reconstruct(self.rom.contact_models[self._contact].coordinates @ coordinates)
 
 
 def _revived(
     rom: Rom,
     scene: "Scene | None",
-    histories: "Mapping[str, History] | None",
+    signals: "Mapping[str, SignalLike] | None",
     stepper: str | None,
-    driven: "Mapping[str, History]",
+    driven: "Mapping[str, SignalLike]",
     snapshot: Snapshot,
 ) -> Simulator:
     ledger = snapshot.sums is not None
-    simulator = Simulator(rom, snapshot.dt, ledger=ledger, scene=scene, histories=histories, stepper=stepper)
+    simulator = Simulator(rom, snapshot.dt, ledger=ledger, scene=scene, signals=signals, stepper=stepper)
     for name, history in driven.items():  # after the start: an obstacle may since have gone where the body was
-        simulator.drive(name, history)
+        simulator.set_signal(name, history)
     simulator.restore(snapshot)
     return simulator

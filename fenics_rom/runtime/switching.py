@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fenics_rom.rom.rom import Mode, Rom
+from fenics_rom.rom.rom import ContactModel, Rom
 
 Array = np.ndarray
 
@@ -23,7 +23,7 @@ MUCH = 0.01  # of the stored energy, lost in one switch: some 10 % of a shape
 
 
 @dataclass(frozen=True)
-class Loss:
+class SwitchLoss:
     """What a switch took out of the state, because the next contact mode's model cannot hold it.
 
     Attributes:
@@ -65,17 +65,17 @@ class Projections:
     def between(self, start: str, end: str) -> tuple[Array, Array]:
         """Maps of ω q and of r, each (m_end, m_start), from one contact mode to another."""
         if (start, end) not in self._maps:
-            one, other = self._rom.modes[start], self._rom.modes[end]
+            one, other = self._rom.contact_models[start], self._rom.contact_models[end]
             self._maps[start, end] = (
                 _oblique(one, other) if self._rom.switching == "oblique" else _orthogonal(self._rom, one, other)
             )
         return self._maps[start, end]
 
 
-def _orthogonal(rom: Rom, start: Mode, end: Mode) -> tuple[Array, Array]:
+def _orthogonal(rom: Rom, start: ContactModel, end: ContactModel) -> tuple[Array, Array]:
     """Orthogonal projections in K and in M, which never add energy."""
     rigid, ω = rom.rigid, np.sqrt(rom.stiffness)[:, None]
-    strained_start, strained_end = ((ω * mode.coordinates / mode.divisors)[:, rigid:] for mode in (start, end))
+    strained_start, strained_end = ((ω * mode.coordinates / mode.safe_frequencies)[:, rigid:] for mode in (start, end))
     potential = _contraction(strained_end.T @ strained_start)
     kinetic = _contraction(end.coordinates[:, rigid:].T @ start.coordinates[:, rigid:])
     if not rigid:
@@ -91,7 +91,7 @@ def _beside(rigid: Array, elastic: Array) -> Array:
     return both
 
 
-def _oblique(start: Mode, end: Mode) -> tuple[Array, Array]:
+def _oblique(start: ContactModel, end: ContactModel) -> tuple[Array, Array]:
     """Maps of standard balanced truncation (paper (7)): they can add energy (paper, Prop. 1); for comparison only."""
     if end.left_inverse is None:
         raise ValueError("the ROM was not reduced for oblique switching")

@@ -100,7 +100,7 @@ SCENE = Table(
             fields={
                 "dt": Number(above=0.0, unit="s"),
                 "duration": Number(above=0.0, unit="s"),
-                "shapes": Number(default=100, at_least=1, integer=True),
+                "snapshots": Number(default=100, at_least=1, integer=True),
                 "load": Many(default=(), item=_LOAD),
             },
         ),
@@ -302,7 +302,7 @@ def _run(t: dict[str, Any], contacts: Mapping[str, Patch], actuators: Sequence[s
                 f"run.load: {first.contact!r} acts until {first.stop:g} s and {second.contact!r} from "
                 f"{second.start:g} s, but one contact mode acts at a time; make a contact mode of both surfaces"
             )
-    return Run(t["dt"], t["duration"], t["shapes"], tuple(sorted(loads, key=lambda load: load.start)))
+    return Run(t["dt"], t["duration"], t["snapshots"], tuple(sorted(loads, key=lambda load: load.start)))
 
 
 def _load(

@@ -82,7 +82,7 @@ class Run:
 
     dt: float  # s
     duration: float  # s
-    shapes: int  # whole shapes kept in the record, evenly spread
+    snapshots: int  # whole shapes kept of it, evenly spread
     loads: tuple[Load, ...]
 
 

@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 
 import fenics_rom as fr
-from fenics_rom.errors import FenicsRomError, FenicsRomWarning, RomFileError, SceneError
+from fenics_rom.errors import FenicsRomError, FenicsRomWarning, FileError, SceneError
 from fenics_rom.fem.ranks import on_rank_0
 from fenics_rom.io.hdf5 import write_whole
 from fenics_rom.io.markdown import markdown
@@ -23,7 +23,7 @@ from fenics_rom.runtime.simulate import rate
 from fenics_rom.scene.scene import STEPPERS, Scene
 from fenics_rom.studies import reference
 from fenics_rom.trajectory.comparison import compare
-from fenics_rom.trajectory.trajectory import Record
+from fenics_rom.trajectory.trajectory import Trajectory
 
 SHARES = (1 / 16, 1 / 8, 1 / 4, 1 / 2, 1.0)  # of the scene's loads
 QUICK = (1 / 8, 1.0)
@@ -104,7 +104,7 @@ def study_of_amplitudes(
 
     Raises:
         SceneError: no large_deformation, or nothing to scale.
-        RomFileError: the folder cannot be written, or holds another study.
+        FileError: the folder cannot be written, or holds another study.
         SolverError: as `solve` and `reduce`.
     """
     reference.check_measurable(scene, ())
@@ -205,7 +205,7 @@ class _Work:
     def __init__(self, scene: Scene, folder: Path, resume: bool, report: Report):
         assert scene.run is not None
         self._scene, self._folder, self._report, self._dt = scene, folder, report, scene.run.dt
-        self._fingerprint = reference.fingerprint(scene, self._dt, scene.run.shapes)
+        self._fingerprint = reference.fingerprint(scene, self._dt, scene.run.snapshots)
         self._systems = {"linear": fr.assemble(linear(scene)), "nonlinear": fr.assemble(scene)}
         self._comm = self._systems["linear"].algebra.comm  # type: ignore[attr-defined]
         self._left = on_rank_0(self._comm, lambda: self._taken_over(resume))
@@ -215,13 +215,13 @@ class _Work:
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise RomFileError(f"{self._folder}: cannot be made: {error.strerror}") from error
+            raise FileError(f"{self._folder}: cannot be made: {error.strerror}") from error
         file = self._folder / FOUND
         if not (resume and file.exists()):
             return None
         found = read_amplitudes(file)
         if found.fingerprint != self._fingerprint:
-            raise RomFileError(f"{file}: is of another scene, mesh or step; start without resume")
+            raise FileError(f"{file}: is of another scene, mesh or step; start without resume")
         return found
 
     def begun(self) -> tuple[Amplitudes, dict[str, Rom]]:
@@ -255,14 +255,14 @@ class _Work:
         scene = scaled(self._scene, share)
         stage = f"full order, {share:g} of the load"
         twice, full = (self._full("nonlinear", scene, dt, stage) for dt in (2 * self._dt, self._dt))
-        moved = float(np.linalg.norm(full.shapes, axis=-1).max())
+        moved = float(np.linalg.norm(full.snapshots, axis=-1).max())
         straight = self._full("linear", linear(scene), self._dt, stage)
         own = compare(twice, full)["shape"].relative / reference.divisor(scene)
 
-        def row(model: str, run: Record, speed: float, error: float) -> Row:
+        def row(model: str, run: Trajectory, speed: float, error: float) -> Row:
             return Row(share, moved, model, int(run.settings["order"]), self._dt, error, speed)
 
-        def off(run: Record) -> float:
+        def off(run: Trajectory) -> float:
             return compare(run, full)["shape"].relative
 
         rows = [row("nonlinear, full order", full, _speed(full), own)]
@@ -287,7 +287,7 @@ class _Work:
             rows += on_rank_0(self._comm, reduced)
         return rows, notes
 
-    def _full(self, model: str, scene: Scene, dt: float, stage: str) -> Record:
+    def _full(self, model: str, scene: Scene, dt: float, stage: str) -> Trajectory:
         system = replace(self._systems[model], scene=scene)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", FenicsRomWarning)
@@ -298,17 +298,17 @@ def read_amplitudes(file: Path) -> Amplitudes:
     """Reads what a study left.
 
     Raises:
-        RomFileError: there is no such file, or it holds something else.
+        FileError: there is no such file, or it holds something else.
     """
     try:
         known = json.loads(file.read_text())
         rows = tuple(Row(**row) for row in known.pop("rows"))
         return Amplitudes(rows=rows, notes=tuple(known.pop("notes")), **known)
     except OSError as error:
-        raise RomFileError(f"{file}: cannot be read: {error.strerror}") from error
+        raise FileError(f"{file}: cannot be read: {error.strerror}") from error
     except (ValueError, TypeError, KeyError, AttributeError) as error:
-        raise RomFileError(f"{file}: does not hold a study of amplitudes") from error
+        raise FileError(f"{file}: does not hold a study of amplitudes") from error
 
 
-def _speed(run: Record) -> float:
+def _speed(run: Trajectory) -> float:
     return run.steps / run.settings["seconds"]

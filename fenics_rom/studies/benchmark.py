@@ -16,7 +16,7 @@ from fenics_rom.studies.pareto import length
 from fenics_rom.studies.study_results import Row
 from fenics_rom.system.system import System
 from fenics_rom.trajectory.comparison import compare
-from fenics_rom.trajectory.trajectory import Record
+from fenics_rom.trajectory.trajectory import Trajectory
 
 CERTIFICATE = ("static_error", "transfer_error", "neglected")
 SHARES = (1 - 1e-5, 1 - 1e-8, 1 - 1e-11)  # of the trace, until the paper's selection has as many eigenvectors as asked
@@ -32,7 +32,7 @@ def reduced(system: System, method: str, order: int) -> tuple[Rom, float]:
         start = time.perf_counter()
         rom = fr.reduce(system, order=order, share=share, **WAYS[method].choices)
         seconds = time.perf_counter() - start
-        most, least = (of(mode.order - mode.rigid for mode in rom.modes.values()) for of in (max, min))
+        most, least = (of(mode.order - mode.rigid for mode in rom.contact_models.values()) for of in (max, min))
         if method != "selection" or least >= order:
             break
     if most > order:  # the paper's selection takes more eigenvectors than directions
@@ -42,11 +42,11 @@ def reduced(system: System, method: str, order: int) -> tuple[Rom, float]:
 
 def order_of(rom: Rom) -> int:
     """Displacements of the contact mode that has most."""
-    return max(mode.order for mode in rom.modes.values())
+    return max(mode.order for mode in rom.contact_models.values())
 
 
 def measured(
-    rom: Rom, seconds: float, method: str, scene: Scene, reference: Record, steps: tuple[float, ...]
+    rom: Rom, seconds: float, method: str, scene: Scene, reference: Trajectory, steps: tuple[float, ...]
 ) -> tuple[tuple[Row, ...], tuple[str, ...]]:
     """Errors, rates and costs of a reduced model at each time step; and why there are none of some.
 
@@ -63,7 +63,7 @@ def measured(
     """
     own_step = fr.simulate(rom, scene=scene, dt=reference.settings["dt"])
     reduction = compare(own_step, reference)["shape"].relative
-    certificates = list(rom.certificate.values())
+    certificates = list(rom.validation.values())
     worst = {key: _largest(c[key] for c in certificates) for key in CERTIFICATE}
     size = _file_size(rom)
     rows, notes = [], []

@@ -70,7 +70,7 @@ def _speed(axes: Any, findings: Findings) -> None:
 
 
 def _orders(axes: Any, findings: Findings) -> None:
-    """Error of the reduction against order, with what was known before any run: σ, and the certificate."""
+    """Error of the reduction against order, with what was known before any run: σ, and the validation."""
     first = findings.rows[0].method
     for method in dict.fromkeys(row.method for row in findings.rows):
         points = sorted({(row.order, row.reduction) for row in findings.rows if row.method == method})
@@ -89,7 +89,7 @@ def _orders(axes: Any, findings: Findings) -> None:
             *zip(*certified, strict=True),
             "x",
             color="black",
-            label=f"certificate of {WAYS[first].label}: transfer error",
+            label=f"validation of {WAYS[first].label}: transfer error",
         )
     largest = max(row.order for row in findings.rows)
     for name, σ in findings.hankel.items():

@@ -10,11 +10,11 @@ import numpy as np
 import fenics_rom as fr
 from fenics_rom.errors import CompareError, SceneError
 from fenics_rom.io.stages import Report
-from fenics_rom.mechanics.environment import Surroundings
+from fenics_rom.mechanics.environment import Environment
 from fenics_rom.scene.scene import Scene
 from fenics_rom.studies.study_results import MeshRow
 from fenics_rom.system.system import System
-from fenics_rom.trajectory.trajectory import Record
+from fenics_rom.trajectory.trajectory import Trajectory
 
 
 def check_measurable(scene: Scene, meshes: Sequence[Path]) -> None:
@@ -25,7 +25,7 @@ def check_measurable(scene: Scene, meshes: Sequence[Path]) -> None:
     """
     if scene.run is None:
         raise SceneError(f"{scene.source}: has no [run], so there is nothing to measure; add one with a load")
-    acting = Surroundings(scene)
+    acting = Environment(scene)
     if not (scene.run.loads or acting.columns or acting.obstacles):
         raise SceneError(
             f"{scene.source}: nothing acts in its run, so there is nothing to measure; add [[run.load]], gravity, "
@@ -46,13 +46,13 @@ def divisor(scene: Scene) -> float:
     return 1.0 if "contact" in scene.effects else 3.0
 
 
-def check_moves(reference: Record, source: str) -> None:
+def check_moves(reference: Trajectory, source: str) -> None:
     """Refuses a run in which nothing happens.
 
     Raises:
         SceneError: all displacements are zero.
     """
-    if not reference.shapes.any():
+    if not reference.snapshots.any():
         raise SceneError(f"{source}: nothing moves in its run, so there is nothing to measure")
 
 

@@ -18,7 +18,7 @@ def write_results(folder: Path, findings: Findings, command: str) -> None:
         command: that made them, as it is typed.
 
     Raises:
-        RomFileError: a file cannot be written.
+        FileError: a file cannot be written.
     """
     if not is_rank_0():
         return

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import fenics_rom as fr
-from fenics_rom.errors import RomFileError, SceneError, SolverError, StepError
+from fenics_rom.errors import FileError, SceneError, SolverError, StepError
 from fenics_rom.fem.ranks import on_rank_0
 from fenics_rom.fem.simulate import plain_rate
 from fenics_rom.io.stages import Report
@@ -18,7 +18,7 @@ from fenics_rom.studies.method_configs import ORDERS, WAYS, Grid, compared_insta
 from fenics_rom.studies.study_results import Findings, Row, read_findings, write_findings
 from fenics_rom.system.system import System
 from fenics_rom.trajectory.comparison import compare
-from fenics_rom.trajectory.trajectory import Record
+from fenics_rom.trajectory.trajectory import Trajectory
 
 FINDINGS = "study.json"
 REFERENCE = "reference.h5"
@@ -57,7 +57,7 @@ def study(
 
     Raises:
         SceneError: nothing to benchmark, or a choice that does not exist.
-        RomFileError: the folder cannot be written, or holds another study.
+        FileError: the folder cannot be written, or holds another study.
         SolverError: not one reduced model could be made.
     """
     reference.check_measurable(scene, [Path(file) for file in meshes])
@@ -90,7 +90,7 @@ def study_for(
         What was measured, the row to choose, and its model.
 
     Raises:
-        SceneError, RomFileError: as `study`.
+        SceneError, FileError: as `study`.
         SolverError: the tolerance was not reached; the message says what was, and what stood in the way.
     """
     TOLERANCE.check(tolerance, "tolerance")
@@ -149,10 +149,10 @@ class _Study:
         self._comm = system.algebra.comm  # type: ignore[attr-defined]
         run, step = system.scene.run, tried.reference_step
         duration, shapes = compared_instants(run.duration, (*tried.steps, 2 * step, step), len(system.body.nodes))
-        self._scene = replace(system.scene, run=replace(run, duration=duration, shapes=shapes))
+        self._scene = replace(system.scene, run=replace(run, duration=duration, snapshots=shapes))
         self._system = replace(system, scene=self._scene)
         self._fingerprint = reference.fingerprint(self._scene, step, shapes)
-        self._reference: Record | None = None
+        self._reference: Trajectory | None = None
         self._last: Rom | None = None
         found = on_rank_0(self._comm, lambda: self._taken_over(resume, or_begin))
         self.findings = found or self._begun(step)
@@ -183,7 +183,7 @@ class _Study:
         try:
             self._folder.mkdir(parents=True, exist_ok=True)
         except OSError as error:
-            raise RomFileError(f"{self._folder}: cannot be made: {error.strerror}") from error
+            raise FileError(f"{self._folder}: cannot be made: {error.strerror}") from error
         file = self._folder / FINDINGS
         if not (resume and file.exists()):
             return None
@@ -191,8 +191,8 @@ class _Study:
         if found.fingerprint != self._fingerprint:
             if or_begin:
                 return None
-            raise RomFileError(f"{file}: is of another scene, mesh or smallest step; start without resume")
-        self._reference = fr.read_record(self._folder / REFERENCE)
+            raise FileError(f"{file}: is of another scene, mesh or smallest step; start without resume")
+        self._reference = fr.read_trajectory(self._folder / REFERENCE)
         return found
 
     def _begun(self, step: float) -> Findings:
@@ -204,7 +204,7 @@ class _Study:
         full = fr.solve(self._system, dt=step, report=lambda _, k, of: self._report(stage, coarse + k, coarse + fine))
         reference.check_moves(full, self._scene.source)
         divisor = reference.divisor(self._scene)
-        fr.write_record(self._folder / REFERENCE, full)
+        fr.write_trajectory(self._folder / REFERENCE, full)
         self._reference = full
         return Findings(
             name=self._scene.name,
@@ -233,7 +233,7 @@ class _Study:
             rows, notes = on_rank_0(self._comm, lambda: self._rows(rom, seconds, method))
         hankel = self.findings.hankel
         if method == "balanced":
-            hankel = {name: tuple(mode.hankel_singular_values) for name, mode in rom.modes.items()}
+            hankel = {name: tuple(mode.hankel_singular_values) for name, mode in rom.contact_models.items()}
         self._add(
             rows=(*self.findings.rows, *rows),
             tried=(*self.findings.tried, (method, order)),
@@ -262,7 +262,7 @@ def _longest_step(system: System, tolerance: float, report: Report) -> float:
     rom, _ = benchmark.reduced(system, _usual(scene), min(ORDERS[-1], system.elastic_size))
     steps = [2.0**power * scene.run.dt for power in POWERS if 2.0**power * scene.run.dt <= scene.run.duration / 2]
     duration, shapes = compared_instants(scene.run.duration, steps, len(system.body.nodes))
-    compared = replace(scene, run=replace(scene.run, duration=duration, shapes=shapes))
+    compared = replace(scene, run=replace(scene.run, duration=duration, snapshots=shapes))
     weight = reference.divisor(scene)  # a run is (weight + 1) / weight times as far from the truth as from the next run
 
     def search() -> float:

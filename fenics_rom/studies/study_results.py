@@ -6,7 +6,7 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 from typing import Any
 
-from fenics_rom.errors import RomFileError
+from fenics_rom.errors import FileError
 from fenics_rom.io.hdf5 import write_whole
 
 
@@ -25,9 +25,9 @@ class Row:
         reduction: error of the whole shape where the reduced model takes the reference's own step.
         time_step: distance of the whole shape from the same model at the reference's step.
         rate: steps per second, one by one, energy account kept, one thread.
-        offline: seconds that its reduction took, without the assembly, with the certificate.
+        offline: seconds that its reduction took, without the assembly, with the validation.
         file_size: of the ROM, bytes.
-        static_error, transfer_error: its certificate, of the worst contact mode; None where there is none.
+        static_error, transfer_error: its validation, of the worst contact mode; None where there is none.
         neglected: share of the sum of σ left out, of the worst contact mode; None where the method has no σ.
     """
 
@@ -125,7 +125,7 @@ def write_findings(file: Path, findings: Findings) -> None:
     """Writes findings as JSON, or nothing.
 
     Raises:
-        RomFileError: the file cannot be written.
+        FileError: the file cannot be written.
     """
     write_whole(file, json.dumps(asdict(findings), indent=1).encode())
 
@@ -134,7 +134,7 @@ def read_findings(file: Path) -> Findings:
     """Reads findings.
 
     Raises:
-        RomFileError: there is no such file, or it holds something else.
+        FileError: there is no such file, or it holds something else.
     """
     try:
         known: dict[str, Any] = json.loads(file.read_text())
@@ -144,9 +144,9 @@ def read_findings(file: Path) -> Findings:
         tried = tuple((method, order) for method, order in known.pop("tried"))
         return Findings(tried=tried, rows=rows, meshes=meshes, hankel=hankel, notes=tuple(known.pop("notes")), **known)
     except OSError as error:
-        raise RomFileError(f"{file}: cannot be read: {error.strerror}") from error
+        raise FileError(f"{file}: cannot be read: {error.strerror}") from error
     except (ValueError, TypeError, KeyError, AttributeError) as error:
-        raise RomFileError(f"{file}: does not hold a study") from error
+        raise FileError(f"{file}: does not hold a study") from error
 
 
 def _tuples(row: dict[str, Any]) -> dict[str, Any]:

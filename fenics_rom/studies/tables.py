@@ -31,13 +31,13 @@ def csv_table(findings: Findings) -> str:
     for row in findings.rows:
         errors = [row.error, row.largest, *(e for name in outputs for e in row.outputs[name])]
         errors += [row.energy, row.reduction, row.time_step]
-        certificate = (row.static_error, row.transfer_error, row.neglected)
+        validation = (row.static_error, row.transfer_error, row.neglected)
         writer.writerow(
             [
                 *(row.method, row.order, f"{row.dt:.9g}"),
                 *(f"{error:.4e}" for error in errors),
                 *(f"{row.rate:.0f}", f"{row.real_time:.4g}", f"{row.offline:.3f}", row.file_size),
-                *("" if value is None else f"{value:.3e}" for value in certificate),
+                *("" if value is None else f"{value:.3e}" for value in validation),
                 "yes" if _key(row) in front else "no",
             ]
         )

@@ -97,7 +97,7 @@ def hint(R: Array) -> str:
     return "; of a body that moves freely give rigid, columns that span the null space"
 
 
-def pins(R: Array, algebra: Any) -> Array:
+def fixed_dofs(R: Array, algebra: Any) -> Array:
     """ρ degrees of freedom, whose being held takes the rigid motions R (rows here, ρ), where R is best conditioned.
 
     Loads that are in balance do not feel them: K⁻¹f is exact up to a rigid motion. The same on every rank.

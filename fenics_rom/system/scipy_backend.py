@@ -86,8 +86,8 @@ class MatrixAlgebra:
         """The block itself."""
         return block
 
-    def factor(self, *terms: tuple[complex, Any], solver: str = "auto", pins: Array = NONE) -> MatrixFactor:
-        """Factorisation of a sum of coefficient times matrix, `pins` held; complex as soon as one coefficient is.
+    def factor(self, *terms: tuple[complex, Any], solver: str = "auto", fixed_dofs: Array = NONE) -> MatrixFactor:
+        """Factorisation of a sum of coefficient times matrix, `fixed_dofs` held; complex as soon as one coefficient is.
 
         Raises:
             SolverError: it could not be done, or an iterative solver was asked for.
@@ -98,7 +98,7 @@ class MatrixAlgebra:
         total = first * start
         for coefficient, matrix in rest:
             total = total + coefficient * matrix
-        return MatrixFactor(held(total, pins))
+        return MatrixFactor(held(total, fixed_dofs))
 
     def eigenpairs(
         self, mass: Any, stiffness: Any, count: int, factor: MatrixFactor | None = None
@@ -124,12 +124,12 @@ class MatrixAlgebra:
         return γ[order], V[:, order]
 
 
-def held(matrix: Any, pins: Array) -> Any:
+def held(matrix: Any, fixed_dofs: Array) -> Any:
     """The matrix with some degrees of freedom held: their rows and columns zero but for the diagonal."""
-    if not len(pins):
+    if not len(fixed_dofs):
         return matrix
     moves = np.ones(matrix.shape[0])
-    moves[pins] = 0.0
+    moves[fixed_dofs] = 0.0
     diagonal = matrix.diagonal() * (1 - moves)
     if scipy.sparse.issparse(matrix):
         mask = scipy.sparse.diags(moves)

@@ -14,7 +14,7 @@ import numpy as np
 from fenics_rom.errors import SolverError, StructureError
 from fenics_rom.io.stages import Stage
 from fenics_rom.scene.scene import Scene
-from fenics_rom.system.rigid_modes import check_rigid, hint, is_singular, mass_orthonormal, pins
+from fenics_rom.system.rigid_modes import check_rigid, fixed_dofs, hint, is_singular, mass_orthonormal
 
 Array = np.ndarray
 PROPORTIONAL = 1e-12  # share of D that may be neither M nor K where it counts as α M + β K
@@ -64,10 +64,10 @@ class Algebra(Protocol):
     def rows(self) -> slice:
         """Which rows are held here."""
 
-    def factor(self, *terms: tuple[complex, Any], solver: str = "auto", pins: Array = NONE) -> Factor:
+    def factor(self, *terms: tuple[complex, Any], solver: str = "auto", fixed_dofs: Array = NONE) -> Factor:
         """Factorisation of a sum of coefficient times operator; complex as soon as one coefficient is.
 
-        The degrees of freedom `pins` are held where they are; only with real coefficients.
+        The degrees of freedom `fixed_dofs` are held where they are; only with real coefficients.
         """
 
     def eigenpairs(self, mass: Any, stiffness: Any, count: int, factor: Any = None) -> tuple[Array, Array]:
@@ -105,7 +105,7 @@ class Deformation(Protocol):
         """K_s of springs to ground, N/m; None: no springs."""
 
     @property
-    def drag(self) -> Operator | None:
+    def external_damping(self) -> Operator | None:
         """D_c, damping that does not strain: α M and dashpots, N s/m; None: nothing."""
 
     @property
@@ -396,7 +396,7 @@ def rigid_columns(M: Operator, K: Operator, columns: Array, algebra: Algebra) ->
 def _check_definite(K: Operator, R: Array, algebra: Algebra) -> None:
     from fenics_rom.system.scipy_backend import MatrixFactor, held
 
-    fixed = pins(R, algebra)
+    fixed = fixed_dofs(R, algebra)
     try:
         singular = is_singular(K, MatrixFactor(held(K, fixed)), algebra, fixed)
     except SolverError as error:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fenics_rom.errors import CompareError
-from fenics_rom.trajectory.trajectory import Record
+from fenics_rom.trajectory.trajectory import Trajectory
 
 Array = np.ndarray
 
@@ -29,7 +29,7 @@ class Difference:
     instants: int
 
 
-def compare(run: Record, reference: Record) -> dict[str, Difference]:
+def compare(run: Trajectory, reference: Trajectory) -> dict[str, Difference]:
     """Differences per named output, of the whole shape ("shape", weighted by mass) and of the stored energy.
 
     Runs with different time steps are compared at the instants they have in common.
@@ -43,14 +43,14 @@ def compare(run: Record, reference: Record) -> dict[str, Difference]:
         for name, values in run.outputs.items()
         if name in reference.outputs and values.shape[1] == reference.outputs[name].shape[1]
     }
-    if run.shapes.shape[1:] != reference.shapes.shape[1:] or not np.allclose(run.nodes, reference.nodes):
+    if run.snapshots.shape[1:] != reference.snapshots.shape[1:] or not np.allclose(run.nodes, reference.nodes):
         raise CompareError(
             f"the runs are of different meshes: {len(run.nodes)} and {len(reference.nodes)} nodes; "
             "outputs can be compared only of the same mesh"
         )
-    at, other = _common(run.shape_times, reference.shape_times, "whole shapes")
+    at, other = _common(run.snapshot_times, reference.snapshot_times, "whole shapes")
     weight = np.sqrt(reference.node_mass)[:, None]
-    differences["shape"] = _difference(run.shapes[at], reference.shapes[other], weight)
+    differences["shape"] = _difference(run.snapshots[at], reference.snapshots[other], weight)
     differences["energy"] = _difference(run.energy[first, None], reference.energy[second, None])
     return differences
 

@@ -8,7 +8,7 @@ shapes, N nodes, F triangles, P points of an output.
 
     times (S,) s, contact (S,)       index of the active contact mode
     energy, supplied, dissipated, lost_in_switching (S,) J
-    shape_times (s,) s, shapes (s, N, 3) m, velocities (s, N, 3) m/s; these may be absent
+    snapshot_times (s,) s, snapshots (s, N, 3) m, velocities (s, N, 3) m/s; these may be absent
     nodes (N, 3) m, triangles (F, 3), node_mass (N,) kg
     outputs/NAME (S, P, 3) m
     settings/NAME (1,)               dt in s, seconds (wall clock of the stepping) in s, order; mismatch may be absent
@@ -30,7 +30,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from fenics_rom.errors import RomFileError
+from fenics_rom.errors import FileError
 from fenics_rom.io.hdf5 import (
     Entry,
     Sizes,
@@ -41,12 +41,13 @@ from fenics_rom.io.hdf5 import (
     put_arrays,
     put_text,
     read_file,
+    rename_all,
     write_file,
 )
 from fenics_rom.mechanics.environment import SHAPES
 from fenics_rom.mechanics.obstacles import Obstacle
 from fenics_rom.scene.schema import unknown
-from fenics_rom.trajectory.trajectory import CONTACT_ACCOUNT, Record
+from fenics_rom.trajectory.trajectory import CONTACT_ACCOUNT, Trajectory
 
 Array = np.ndarray
 
@@ -54,8 +55,8 @@ RUN = {
     "times": Entry("s", ("S",)),
     "contact": Entry("1", ("S",), "i"),
     **{name: Entry("J", ("S",)) for name in ("energy", "supplied", "dissipated", "lost_in_switching")},
-    "shape_times": Entry("s", ("s",)),
-    "shapes": Entry("m", ("s", "N", 3)),
+    "snapshot_times": Entry("s", ("s",)),
+    "snapshots": Entry("m", ("s", "N", 3)),
     "velocities": Entry("m/s", ("s", "N", 3), optional=True),
     "nodes": Entry("m", ("N", 3)),
     "triangles": Entry("1", ("F", 3), "i"),
@@ -75,29 +76,32 @@ OBSTACLE = {
     "normal": Entry("1", (3,)),
     "rotation": Entry("rad", (3,)),
 }
+FORMAT_1 = {"shape_times": "snapshot_times", "shapes": "snapshots"}  # names in files of format 1.x
 MOTION = {"motion": Entry("m", ("s", 3))}
 FORCE, WORK, PER_STEP = Entry("N", ("S", 3)), Entry("J", ("S",)), Entry("s", (1,))
 
 
-def write_record(file: str | Path, record: Record) -> None:
+def write_trajectory(file: str | Path, record: Trajectory) -> None:
     """Writes a run; an existing file is replaced only by a complete one.
 
     Raises:
-        RomFileError: it cannot be written, or holds numbers that are not finite.
+        FileError: it cannot be written, or holds numbers that are not finite.
     """
     write_file(file, "run", lambda h5: _fill(h5, record))
 
 
-def read_record(file: str | Path) -> Record:
+def read_trajectory(file: str | Path) -> Trajectory:
     """Reads a run.
 
     Raises:
-        RomFileError: the file is missing, damaged or of another format.
+        FileError: the file is missing, damaged or of another format.
     """
-    return read_file(file, "run", _take)
+    return read_file(
+        file, "run", _take, lambda h5: rename_all(h5, {"shape_times": "snapshot_times", "shapes": "snapshots"})
+    )
 
 
-def _fill(h5: h5py.File, record: Record) -> None:
+def _fill(h5: h5py.File, record: Trajectory) -> None:
     check_names([*record.contacts, *record.outputs, *record.forces])
     put_text(
         h5,
@@ -135,7 +139,7 @@ def _fill(h5: h5py.File, record: Record) -> None:
     _check_fit(record)
 
 
-def _take(h5: h5py.File) -> Record:
+def _take(h5: h5py.File) -> Trajectory:
     sizes: Sizes = {}
     arrays: Any = get_arrays(h5, RUN, sizes, ("outputs", "settings", *MAYBE))
     outputs = get_group(h5, "outputs")
@@ -146,7 +150,7 @@ def _take(h5: h5py.File) -> Record:
     done = [name for name in CONTACT_ACCOUNT if name in maybe["contact_account"]]
     account: Any = get_arrays(maybe["contact_account"], dict.fromkeys(done, WORK), sizes) if forces else {}
     solids = {name: _take_obstacle(get_group(maybe["obstacles"], name), sizes) for name in maybe["obstacles"]}
-    record = Record(
+    record = Trajectory(
         name=get_text(h5, "name"),
         model=get_text(h5, "model"),
         settings={name: float(value[0]) for name, value in settings.items() if value is not None},
@@ -174,7 +178,7 @@ def _take_obstacle(group: h5py.Group, sizes: Sizes) -> tuple[Obstacle, Array]:
     """An obstacle, and how far it was from where the scene puts it."""
     shape = get_text(group, "shape")
     if shape not in SHAPES:
-        raise RomFileError(f"{group.name}: {unknown('shape', shape, SHAPES)}")
+        raise FileError(f"{group.name}: {unknown('shape', shape, SHAPES)}")
     table = _dimensions(SHAPES[shape])
     arrays: Any = get_arrays(group, table | MOTION, sizes)
     dimensions = {key: arrays[key][0] if table[key].shape == (1,) else tuple(arrays[key]) for key in table}
@@ -194,17 +198,17 @@ def _take_profile(group: Any) -> dict[str, float]:
     return {get_text(group[key], "name"): float(seconds[0]) for key, seconds in arrays.items()}
 
 
-def _check_fit(record: Record) -> None:
+def _check_fit(record: Trajectory) -> None:
     """What a shape cannot say: times that pass, indices that point somewhere."""
-    for name in ("times", "shape_times"):
+    for name in ("times", "snapshot_times"):
         if not len(getattr(record, name)) or (np.diff(getattr(record, name)) <= 0).any():
-            raise RomFileError(f"/{name} does not increase, or is empty")
+            raise FileError(f"/{name} does not increase, or is empty")
     if not 0 <= record.contact.min() <= record.contact.max() < len(record.contacts):
-        raise RomFileError(f"/contact names contact modes beyond {len(record.contacts)}")
+        raise FileError(f"/contact names contact modes beyond {len(record.contacts)}")
     if record.triangles.size and not 0 <= record.triangles.min() <= record.triangles.max() < len(record.nodes):
-        raise RomFileError(f"/triangles name nodes beyond {len(record.nodes)}")
+        raise FileError(f"/triangles name nodes beyond {len(record.nodes)}")
     if (record.node_mass < 0).any():
-        raise RomFileError("/node_mass has negative masses")
+        raise FileError("/node_mass has negative masses")
 
 
 def _output(name: str) -> Entry:

@@ -5,7 +5,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from fenics_rom.mechanics.energy_ledger import Ledger
+from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.obstacles import Obstacle
 
 Array = np.ndarray
@@ -18,7 +18,7 @@ CONTACT_ACCOUNT = {
 
 
 @dataclass(frozen=True)
-class Record:
+class Trajectory:
     """Times, outputs and the energy account of a run.
 
     Attributes:
@@ -32,8 +32,8 @@ class Record:
         outputs: displacement of each named output, (steps + 1, points, 3), m.
         energy: (steps + 1,) stored, J.
         supplied, dissipated, lost_in_switching: (steps + 1,) running sums, J.
-        shape_times: (shapes,), s.
-        shapes: displacement of every node, (shapes, N, 3), m.
+        snapshot_times: (s,), s.
+        snapshots: displacement of every node, (s, N, 3), m.
         nodes: (N, 3), m.
         triangles: (F, 3).
         node_mass: (N,), kg.
@@ -43,10 +43,10 @@ class Record:
         contact_account: where the scene has contact, running sums (steps + 1,), J: what "obstacles" supplied, and what
             "contact" and (where it has that, too) "friction" dissipated; they are parts of `supplied` and `dissipated`.
         profile: seconds per step of each part of a reduced run, where they were measured.
-        velocities: of every node beside its displacement in `shapes`, (shapes, N, 3), m/s; None without inertia, and in
+        velocities: of every node beside its displacement in `snapshots`, (s, N, 3), m/s; None without inertia, and in
             files of earlier releases.
         obstacles: where the scene puts them, by name.
-        obstacle_motion: how far each was from there at `shape_times`, (shapes, 3), m.
+        obstacle_motion: how far each was from there at `snapshot_times`, (s, 3), m.
         stepping: how a step was taken and why, where there was a choice.
     """
 
@@ -61,8 +61,8 @@ class Record:
     supplied: Array
     dissipated: Array
     lost_in_switching: Array
-    shape_times: Array
-    shapes: Array
+    snapshot_times: Array
+    snapshots: Array
     nodes: Array
     triangles: Array
     node_mass: Array
@@ -89,7 +89,7 @@ class Record:
         return len(self.times) - 1
 
 
-class Recorder:
+class TrajectoryRecorder:
     """Fills the arrays of a record, step by step.
 
     Args:
@@ -98,7 +98,7 @@ class Recorder:
         outputs: number of points of each named output.
         contacts: names of the contact modes.
         nodes: number N of nodes.
-        shapes: how many whole shapes to keep, evenly spread, the last step among them.
+        snapshots: how many whole shapes to keep, evenly spread, the last step among them.
         effects: names of those that act; without contact nothing is kept of it.
         obstacles: by name.
     """
@@ -110,7 +110,7 @@ class Recorder:
         outputs: Mapping[str, int],
         contacts: tuple[str, ...],
         nodes: int,
-        shapes: int,
+        snapshots: int,
         effects: tuple[str, ...] = (),
         obstacles: Mapping[str, Obstacle] | None = None,
     ):
@@ -124,17 +124,17 @@ class Recorder:
         self._forces = {name: np.zeros((steps + 1, 3)) for name in self._obstacles}
         kept = [name for name, effect in CONTACT_ACCOUNT.items() if effect in effects]
         self._contact_account = {name: np.zeros(steps + 1) for name in kept}
-        self._shape_steps = np.unique(np.round(np.linspace(0, steps, min(shapes, steps) + 1)).astype(int))[1:]
-        self._shapes = np.zeros((len(self._shape_steps), nodes, 3))
-        self._velocities = np.zeros_like(self._shapes) if not effects or "inertia" in effects else None
-        self._motion = {name: np.zeros((len(self._shape_steps), 3)) for name in self._obstacles}
+        self._snapshot_steps = np.unique(np.round(np.linspace(0, steps, min(snapshots, steps) + 1)).astype(int))[1:]
+        self._snapshots = np.zeros((len(self._snapshot_steps), nodes, 3))
+        self._velocities = np.zeros_like(self._snapshots) if not effects or "inertia" in effects else None
+        self._motion = {name: np.zeros((len(self._snapshot_steps), 3)) for name in self._obstacles}
 
     def sample(
         self,
         step: int,
         contact: str,
         energy: float,
-        ledger: Ledger,
+        ledger: EnergyLedger,
         displacement: Callable[[str | None], Array],
         velocity: Callable[[], Array],
         forces: Array | None,
@@ -161,9 +161,9 @@ class Recorder:
         if forces is not None:
             for values, force in zip(self._forces.values(), forces, strict=True):
                 values[step] = force
-        row = np.searchsorted(self._shape_steps, step)
-        if row < len(self._shape_steps) and self._shape_steps[row] == step:
-            self._shapes[row] = displacement(None)
+        row = np.searchsorted(self._snapshot_steps, step)
+        if row < len(self._snapshot_steps) and self._snapshot_steps[row] == step:
+            self._snapshots[row] = displacement(None)
             if self._velocities is not None:
                 self._velocities[row] = velocity()
             if offsets is not None:
@@ -182,10 +182,10 @@ class Recorder:
         warnings: tuple[str, ...],
         profile: Mapping[str, float] | None = None,
         stepping: str = "",
-    ) -> Record:
+    ) -> Trajectory:
         """The finished run."""
         energy, supplied, dissipated, lost = self._account
-        return Record(
+        return Trajectory(
             name=name,
             model=model,
             settings=settings,
@@ -197,8 +197,8 @@ class Recorder:
             supplied=supplied,
             dissipated=dissipated,
             lost_in_switching=lost,
-            shape_times=self._times[self._shape_steps],
-            shapes=self._shapes,
+            snapshot_times=self._times[self._snapshot_steps],
+            snapshots=self._snapshots,
             nodes=nodes,
             triangles=triangles,
             node_mass=node_mass,

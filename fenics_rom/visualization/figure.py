@@ -25,7 +25,7 @@ def write_figure(figure: Any, file: Path, dpi: int) -> None:
     """Writes a picture in the format of its name's ending, or nothing.
 
     Raises:
-        RomFileError: it cannot be written.
+        FileError: it cannot be written.
     """
     picture = io.BytesIO()
     figure.savefig(picture, format=file.suffix[1:], dpi=dpi)

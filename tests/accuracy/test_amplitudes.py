@@ -8,7 +8,7 @@ from bodies import scene_text, write_box
 
 import fenics_rom as fr
 from fenics_rom.cli.main import main
-from fenics_rom.errors import RomFileError, SceneError
+from fenics_rom.errors import FileError, SceneError
 from fenics_rom.studies.amplitudes import Row, linear, read_amplitudes, scaled, study_of_amplitudes
 
 pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
@@ -75,7 +75,7 @@ def test_what_was_found_is_taken_over(file, found):
     again = study_of_amplitudes(fr.read_scene(file), file.parent / "study", quick=True, resume=True)
     assert again == found == read_amplitudes(file.parent / "study" / "amplitudes.json")
     other = replace(fr.read_scene(file), text=fr.read_scene(file).text + "\n# changed")
-    with pytest.raises(RomFileError, match="of another scene"):
+    with pytest.raises(FileError, match="of another scene"):
         study_of_amplitudes(other, file.parent / "study", resume=True)
 
 
@@ -98,5 +98,5 @@ def test_what_cannot_be_studied_is_said(file, tmp_path):
     with pytest.raises(SceneError, match="large_deformation"):
         study_of_amplitudes(linear(scene), tmp_path)
     (tmp_path / "amplitudes.json").write_text("{}")
-    with pytest.raises(RomFileError, match="does not hold"):
+    with pytest.raises(FileError, match="does not hold"):
         read_amplitudes(tmp_path / "amplitudes.json")

@@ -12,7 +12,7 @@ import pytest
 from bodies import dense, scene_text, write_box
 
 import fenics_rom as fr
-from fenics_rom.errors import RomFileError, SceneError, SolverError
+from fenics_rom.errors import FileError, SceneError, SolverError
 from fenics_rom.scene.file import parse_scene
 from fenics_rom.studies.method_configs import ORDERS, WAYS
 from fenics_rom.studies.report import PICTURES, write_results
@@ -79,11 +79,11 @@ def off(shapes, reference, node_mass):
 
 
 def test_reference_knows_its_own_error(scene, box_system, findings, folder):
-    reference = fr.read_record(folder / "reference.h5")
+    reference = fr.read_trajectory(folder / "reference.h5")
     assert reference.settings["dt"] == findings.reference_step == 0.005 / 4
     system = fr.assemble(scene)
-    truth = exact_shapes(system, reference.shape_times)
-    assert off(reference.shapes, truth, reference.node_mass) == pytest.approx(findings.reference_error, rel=0.05)
+    truth = exact_shapes(system, reference.snapshot_times)
+    assert off(reference.snapshots, truth, reference.node_mass) == pytest.approx(findings.reference_error, rel=0.05)
 
 
 def test_errors_are_those_from_the_closed_form(scene, findings):
@@ -92,8 +92,8 @@ def test_errors_are_those_from_the_closed_form(scene, findings):
     rom = fr.reduce(system, order=60)
     for row in findings.of("balanced", 60):
         run = fr.simulate(rom, scene=scene, dt=row.dt)
-        truth = exact_shapes(system, run.shape_times)
-        assert off(run.shapes, truth, run.node_mass) == pytest.approx(row.error, rel=0.1)
+        truth = exact_shapes(system, run.snapshot_times)
+        assert off(run.snapshots, truth, run.node_mass) == pytest.approx(row.error, rel=0.1)
         assert row.error == pytest.approx(row.time_step, rel=0.1)
 
 
@@ -111,11 +111,11 @@ def test_errors_add_up_to_no_more_than_their_parts(findings):
 
 
 def test_reduction_is_measured_at_the_step_of_the_reference(scene, findings, folder):
-    reference = fr.read_record(folder / "reference.h5")
+    reference = fr.read_trajectory(folder / "reference.h5")
     rom = fr.reduce(fr.assemble(scene), order=20, method="pod")
-    run = fr.simulate(rom, scene=replace(scene, run=replace(scene.run, shapes=50)), dt=findings.reference_step)
-    assert len(run.shape_times) == len(reference.shape_times)
-    expected = off(run.shapes, reference.shapes, run.node_mass)
+    run = fr.simulate(rom, scene=replace(scene, run=replace(scene.run, snapshots=50)), dt=findings.reference_step)
+    assert len(run.snapshot_times) == len(reference.snapshot_times)
+    expected = off(run.snapshots, reference.snapshots, run.node_mass)
     rows = findings.of("pod", 20)
     assert [row.reduction for row in rows] == pytest.approx([expected] * 3, rel=1e-6)
 
@@ -172,10 +172,10 @@ def test_interrupted_study_goes_on(scene, tmp_path):
     ]
     again = fr.study(scene, tmp_path, **choices, resume=True)
     assert again == found  # rates and all: nothing was measured anew
-    with pytest.raises(RomFileError, match="of another scene, mesh or smallest step; start without resume"):
+    with pytest.raises(FileError, match="of another scene, mesh or smallest step; start without resume"):
         fr.study(scene, tmp_path, steps=[0.01], resume=True)
     (tmp_path / "study.json").write_text("{}")
-    with pytest.raises(RomFileError, match="does not hold a study"):
+    with pytest.raises(FileError, match="does not hold a study"):
         fr.study(scene, tmp_path, **choices, resume=True)
 
 
@@ -204,7 +204,7 @@ class TestForATolerance:
         findings, row, rom = study_for(scene, tmp_path, tolerance)
         system = fr.assemble(scene)
         run = fr.simulate(rom, dt=row.dt)
-        assert off(run.shapes, exact_shapes(system, run.shape_times), run.node_mass) < 1.02 * tolerance
+        assert off(run.snapshots, exact_shapes(system, run.snapshot_times), run.node_mass) < 1.02 * tolerance
         tried = sorted({other.order for other in findings.rows})
         assert tried == list(ORDERS[: len(tried)])
         assert row.order == tried[-1]
@@ -324,5 +324,5 @@ def test_body_that_no_method_can_reduce_is_refused(box_file, tmp_path):
 
 def test_folder_that_cannot_be_made_is_refused(scene, tmp_path):
     (tmp_path / "file").write_text("")
-    with pytest.raises(RomFileError, match="cannot be made"):
+    with pytest.raises(FileError, match="cannot be made"):
         fr.study(scene, tmp_path / "file" / "out", quick=True)

@@ -15,7 +15,7 @@ import pyvista
 
 import fenics_rom as fr
 from fenics_rom.cli.main import main
-from fenics_rom.errors import MissingPackageError, RomFileError, SceneError
+from fenics_rom.errors import FileError, MissingPackageError, SceneError
 from fenics_rom.mechanics.obstacles import Box, Capsule, HalfSpace, Sphere
 from fenics_rom.scene.file import parse_scene
 from fenics_rom.visualization import optional_dependencies
@@ -44,13 +44,13 @@ def touching():
 def run(touching):
     """Its run, which keeps three shapes, with one obstacle of each kind; the ball moves."""
     made = fr.simulate(touching)
-    shapes = np.concatenate([made.shapes, 2 * made.shapes[-1:]])
+    shapes = np.concatenate([made.snapshots, 2 * made.snapshots[-1:]])
     still, moving = np.zeros((3, 3)), np.outer([0.0, 1.0, 2.0], [0.1, 0.0, 0.0])
     return replace(
         made,
-        shapes=shapes,
+        snapshots=shapes,
         velocities=np.concatenate([made.velocities, made.velocities[:1]]),
-        shape_times=np.array([0.01, 0.025, 0.05]),
+        snapshot_times=np.array([0.01, 0.025, 0.05]),
         obstacles=OBSTACLES,
         obstacle_motion={name: moving if name == "ball" else still for name in OBSTACLES},
     )
@@ -68,13 +68,13 @@ def test_series_holds_the_run_to_the_last_bit(run, tmp_path):
     assert fr.export(run, tmp_path / "run.pvd") == tmp_path / "run.pvd"
     assert {path.name for path in tmp_path.iterdir()} == {"run.pvd", "run"}
     reader = pyvista.get_reader(str(tmp_path / "run.pvd"))
-    assert reader.time_values == run.shape_times.tolist()
-    for row, instant in enumerate(run.shape_times):
+    assert reader.time_values == run.snapshot_times.tolist()
+    for row, instant in enumerate(run.snapshot_times):
         reader.set_active_time_value(instant)
         grid = reader.read()[0]
         np.testing.assert_array_equal(grid.points, run.nodes)
         np.testing.assert_array_equal(grid.cells.reshape(-1, 4)[:, 1:], run.triangles)
-        np.testing.assert_array_equal(grid.point_data["displacement"], run.shapes[row])
+        np.testing.assert_array_equal(grid.point_data["displacement"], run.snapshots[row])
         np.testing.assert_array_equal(grid.point_data["velocity"], run.velocities[row])
     fr.export(run, tmp_path / "run.pvd")  # replaces what it wrote
 
@@ -89,7 +89,7 @@ def test_paths_in_a_series_are_relative_and_escaped(run, tmp_path):
 def test_a_folder_with_other_things_is_not_replaced(run, tmp_path):
     (tmp_path / "run").mkdir()
     (tmp_path / "run" / "thesis.tex").write_text("dear")
-    with pytest.raises(RomFileError, match=r"holds other things, such as 'thesis\.tex'"):
+    with pytest.raises(FileError, match=r"holds other things, such as 'thesis\.tex'"):
         fr.export(run, tmp_path / "run.pvd")
     assert [path.name for path in tmp_path.rglob("*")] == ["run", "thesis.tex"]
 
@@ -97,20 +97,20 @@ def test_a_folder_with_other_things_is_not_replaced(run, tmp_path):
 def test_one_instant_is_the_nearest(run, tmp_path):
     for asked, row in ((None, 2), (0.0, 0), (0.02, 1), (0.05, 2)):
         grid = pyvista.read(fr.export(run, tmp_path / "one.vtu", time=asked))
-        np.testing.assert_array_equal(grid.point_data["displacement"], run.shapes[row])
-        assert grid.field_data["TimeValue"] == run.shape_times[row]
+        np.testing.assert_array_equal(grid.point_data["displacement"], run.snapshots[row])
+        assert grid.field_data["TimeValue"] == run.snapshot_times[row]
 
 
 def test_a_run_of_an_earlier_release_has_no_velocities(tmp_path):
-    grid = pyvista.read(fr.export(fr.read_record(DATA / "run-1.0.h5"), tmp_path / "old.vtu"))
+    grid = pyvista.read(fr.export(fr.read_trajectory(DATA / "run-1.0.h5"), tmp_path / "old.vtu"))
     assert grid.point_data.keys() == ["displacement"]
 
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_shapes_of_a_rom_are_those_of_the_model(plate_rom, tmp_path, kind):
     grid = pyvista.read(fr.export(plate_rom, tmp_path / "rom.vtu", what=kind, count=3))
-    assert grid.point_data.keys() == [f"{name}.{kind}.{k}" for name in plate_rom.modes for k in (1, 2, 3)]
-    for name, mode in plate_rom.modes.items():
+    assert grid.point_data.keys() == [f"{name}.{kind}.{k}" for name in plate_rom.contact_models for k in (1, 2, 3)]
+    for name, mode in plate_rom.contact_models.items():
         for field in KINDS[kind](plate_rom, mode)[:3]:
             np.testing.assert_array_equal(grid.point_data[f"{name}.{kind}.{field.number}"], field.displacement)
         if kind == "modes":
@@ -121,7 +121,7 @@ def test_shapes_of_a_rom_are_those_of_the_model(plate_rom, tmp_path, kind):
 
 
 def test_rigid_motions_are_no_modes(touching):
-    mode = touching.modes["bottom"]
+    mode = touching.contact_models["bottom"]
     assert mode.rigid == 6
     assert [len(kind(touching, mode)) for kind in (balanced_modes, eigenvectors)] == [mode.order - 6] * 2
     assert balanced_modes(touching, mode)[0].σ == mode.hankel_singular_values[0]
@@ -159,8 +159,8 @@ def test_every_obstacle_is_where_it_is(run):
     for name in OBSTACLES:
         one = {name: OBSTACLES[name]}
         moved = np.array([[[0.0, 0.0, 0.0]], [[0.0, 0.0, -0.2]]])
-        stage = Stage(run.nodes, run.triangles, [run.shapes[0]], obstacles=one, offsets=moved, width=300)
-        there, lower = (stage.picture(run.shapes[0], offset) for offset in moved)
+        stage = Stage(run.nodes, run.triangles, [run.snapshots[0]], obstacles=one, offsets=moved, width=300)
+        there, lower = (stage.picture(run.snapshots[0], offset) for offset in moved)
         stage.close()
         assert there.shape == lower.shape
         assert (there != lower).any(axis=-1).mean() > 0.003
@@ -168,11 +168,11 @@ def test_every_obstacle_is_where_it_is(run):
 
 def test_scale_enlarges_what_is_seen_and_not_what_it_says(run):
     small, large = (
-        Stage(run.nodes, run.triangles, [1e-9 * np.ones_like(run.nodes), run.shapes[2]], scale=scale, width=300)
+        Stage(run.nodes, run.triangles, [1e-9 * np.ones_like(run.nodes), run.snapshots[2]], scale=scale, width=300)
         for scale in (1.0, 50.0)
     )
     assert small._largest == large._largest
-    at_rest, moved = small.picture(run.shapes[2]), large.picture(run.shapes[2])
+    at_rest, moved = small.picture(run.snapshots[2]), large.picture(run.snapshots[2])
     assert at_rest.shape != moved.shape or (at_rest != moved).any()
 
 
@@ -213,8 +213,8 @@ def test_sheet_has_a_row_for_each_contact_mode(plate_rom, tmp_path, monkeypatch)
     assert len(panels) == 6
     assert all(0.05 < ink(np.asarray(axes.images[0].get_array())) < 0.7 for axes in panels)
     titles = [axes.get_title(loc="left") for axes in panels]
-    for name, words in zip(plate_rom.modes, (titles[:3], titles[3:]), strict=True):
-        mode = plate_rom.modes[name]
+    for name, words in zip(plate_rom.contact_models, (titles[:3], titles[3:]), strict=True):
+        mode = plate_rom.contact_models[name]
         σ, f = mode.hankel_singular_values[1], balanced_modes(plate_rom, mode)[1].frequency
         assert words[1] == f"2: σ = {σ:.1e}, {f:.3g} Hz"
     assert [axes.get_ylabel() for axes in panels[::3]] == ["tip left", "middle"]
@@ -229,8 +229,10 @@ def test_other_sheets_and_formats(touching, tmp_path, kind, ending):
 
 
 def test_modes_of_a_method_without_singular_values_have_none(plate_rom, tmp_path):
-    without = {name: replace(mode, hankel_singular_values=np.empty(0)) for name, mode in plate_rom.modes.items()}
-    grid = pyvista.read(fr.export(replace(plate_rom, modes=without, method="modal"), tmp_path / "rom.vtu"))
+    without = {
+        name: replace(mode, hankel_singular_values=np.empty(0)) for name, mode in plate_rom.contact_models.items()
+    }
+    grid = pyvista.read(fr.export(replace(plate_rom, contact_models=without, method="modal"), tmp_path / "rom.vtu"))
     assert sorted(grid.field_data.keys()) == ["middle.frequency", "tip_left.frequency"]
 
 
@@ -240,15 +242,15 @@ def test_modes_of_a_method_without_singular_values_have_none(plate_rom, tmp_path
 def test_velocities_are_the_rates_of_the_shapes(plate_rom):
     """The midpoint rule: the mean of two velocities is the rate of the displacement between them."""
     scene = parse_scene(plate_rom.scene_text, tables=plate_rom.tables)
-    every = fr.simulate(plate_rom, scene=replace(scene, run=replace(scene.run, duration=0.05, shapes=50)))
-    assert every.velocities.shape == every.shapes.shape == (50, len(plate_rom.nodes), 3)
-    rates, means = np.diff(every.shapes, axis=0) / 1e-3, (every.velocities[1:] + every.velocities[:-1]) / 2
+    every = fr.simulate(plate_rom, scene=replace(scene, run=replace(scene.run, duration=0.05, snapshots=50)))
+    assert every.velocities.shape == every.snapshots.shape == (50, len(plate_rom.nodes), 3)
+    rates, means = np.diff(every.snapshots, axis=0) / 1e-3, (every.velocities[1:] + every.velocities[:-1]) / 2
     np.testing.assert_allclose(rates, means, atol=1e-9 * np.abs(means).max())
 
 
 def test_obstacles_are_written_and_read(run, tmp_path):
-    fr.write_record(tmp_path / "run.h5", run)
-    read = fr.read_record(tmp_path / "run.h5")
+    fr.write_trajectory(tmp_path / "run.h5", run)
+    read = fr.read_trajectory(tmp_path / "run.h5")
     assert read.obstacles == OBSTACLES
     assert list(read.obstacles) == list(OBSTACLES)
     for name, motion in run.obstacle_motion.items():
@@ -305,8 +307,8 @@ def test_a_model_without_a_mesh_has_nothing_to_show(tmp_path):
 
 
 def test_a_run_without_shapes_has_nothing_to_show(run, tmp_path):
-    for nothing in (replace(run, triangles=run.triangles[:0]), replace(run, shapes=run.shapes[:0])):
-        with pytest.raises(RomFileError, match="has no surface to draw"):
+    for nothing in (replace(run, triangles=run.triangles[:0]), replace(run, snapshots=run.snapshots[:0])):
+        with pytest.raises(FileError, match="has no surface to draw"):
             fr.export(nothing, tmp_path / "x.png")
 
 
@@ -334,7 +336,7 @@ def test_pictures_are_drawn_beside_fenicsx(tmp_path):
     """Which is loaded first: dolfinx 0.5 makes the symbols of what comes later global, and VTK crashed."""
     code = """
 import sys, dolfinx, fenics_rom as fr
-run, rom = fr.read_record(sys.argv[1]), fr.read_rom(sys.argv[2])
+run, rom = fr.read_trajectory(sys.argv[1]), fr.read_rom(sys.argv[2])
 fr.export(run, sys.argv[3] + "/x.png", dark=True)
 fr.export(rom, sys.argv[3] + "/modes.png", count=2)
 try:

@@ -168,7 +168,7 @@ def petsc_results():
 
 def hankel(matrices, columns):
     rom = fr.reduce(fr.System(**matrices, contacts={"ends": columns}), order=8)
-    return rom.modes["ends"].hankel_singular_values[:8].tolist()
+    return rom.contact_models["ends"].hankel_singular_values[:8].tolist()
 
 
 def petsc_errors():
@@ -283,8 +283,8 @@ def membrane():
     return {
         "size": system.size,
         "nodes": len(rom.nodes),
-        "σ": rom.modes["all"].hankel_singular_values[:4].tolist(),
-        "lowest": float(rom.modes["all"].eigenvalues[0]),
+        "σ": rom.contact_models["all"].hankel_singular_values[:4].tolist(),
+        "lowest": float(rom.contact_models["all"].eigenvalues[0]),
         "outputs": list(rom.outputs["mean"].shape),
     }
 

@@ -9,7 +9,7 @@ from bodies import acted_on, box_arrays, box_surfaces, dense, write_arrays
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning
 from fenics_rom.fem.simulate import FullSimulator
-from fenics_rom.mechanics.environment import Surroundings
+from fenics_rom.mechanics.environment import Environment
 
 EXACT = 1e-10  # degree 2 holds the exact solution: what is left is the round-off of solves
 YOUNG, DENSITY, GRAVITY = 1e6, 1000.0, 9.81
@@ -391,11 +391,11 @@ normal = [0, 0, 1]
 @BOTH
 def test_equilibrium_is_what_the_matrix_says(bar, model):
     """x = K⁻¹ f at every instant of a force that changes."""
-    scene = beam(bar, BESIDE, degree=1, run="dt = 0.1\nduration = 0.5\nshapes = 5")
-    run = run_of(scene, model, histories={"push": lambda t: [t, 1.0, -2.0 * t**2]})
+    scene = beam(bar, BESIDE, degree=1, run="dt = 0.1\nduration = 0.5\nsnapshots = 5")
+    run = run_of(scene, model, signals={"push": lambda t: [t, 1.0, -2.0 * t**2]})
     system = fr.assemble(scene)
     K, B = dense(system.stiffness, system.size), system.input_matrix("right")
-    for time, shape in zip(run.shape_times, run.shapes, strict=True):
+    for time, shape in zip(run.snapshot_times, run.snapshots, strict=True):
         x = np.linalg.solve(K, B @ [0, 0, 0, time, 1.0, -2.0 * time**2])
         assert np.abs(shape.ravel()[system.body.free] - x).max() <= EXACT * np.abs(x).max()
     assert run.balance_error <= 1e-12
@@ -413,11 +413,11 @@ def test_damped_motion_settles_in_the_equilibrium(bar, floor, model):
 
     run = "dt = 2e-3\nduration = 4"
     moving = run_of(beam(bar, damped + BESIDE + obstacle(floor), **bottom, run=run), model)
-    stopped = moving.shapes[-1, :, 2].min()
+    stopped = moving.snapshots[-1, :, 2].min()
     assert floor is None or 0 <= stopped - floor <= 1e-4 * 0.001
     still = run_of(beam(bar, BESIDE + obstacle(stopped), **bottom, **STILL), model)
-    scale = np.abs(still.shapes[-1]).max()
-    assert np.abs(moving.shapes[-1] - still.shapes[-1]).max() <= 1e-8 * scale
+    scale = np.abs(still.snapshots[-1]).max()
+    assert np.abs(moving.snapshots[-1] - still.snapshots[-1]).max() <= 1e-8 * scale
     assert list(still.forces) == ([] if floor is None else ["floor"])
     for name, force in still.forces.items():
         assert force[-1, 2] > 0.1
@@ -467,7 +467,7 @@ def test_work_of_a_floor_that_lifts_is_its_force_times_its_way(slab, model):
     def lift(t):
         return [0.0, 0.0, 0.02 * (1 - np.cos(10 * t))]
 
-    run = run_of(block(slab, effects, run="dt = 1e-3\nduration = 1.0"), model, histories={"floor": lift})
+    run = run_of(block(slab, effects, run="dt = 1e-3\nduration = 1.0"), model, signals={"floor": lift})
     way = np.diff([lift(t) for t in run.times], axis=0)
     work = np.cumsum((run.forces["floor"][1:] * way).sum(axis=1))
     account = run.contact_account
@@ -525,12 +525,12 @@ def outside(shape, x):
 def test_body_gives_way_to_where_the_obstacle_is(bar, shape, model):
     """Without inertia: the nearest node is on its surface, and what pushes is a force outwards."""
     effects = f'[effects.contact.obstacles.it]\nshape = "{shape}"\n{SHAPES[shape]}'
-    scene = beam(bar, effects, run="dt = 0.1\nduration = 1.0\nshapes = 10")
-    run = run_of(scene, model, histories={"it": lambda t: [-0.04 * t, 0.0, 0.0]})
+    scene = beam(bar, effects, run="dt = 0.1\nduration = 1.0\nsnapshots = 10")
+    run = run_of(scene, model, signals={"it": lambda t: [-0.04 * t, 0.0, 0.0]})
     right = run.nodes[:, 0] == 1.0
     gaps = [
         outside(shape, (run.nodes + moved)[right] - [-0.04 * time, 0.0, 0.0]).min()
-        for time, moved in zip(run.shape_times, run.shapes, strict=True)
+        for time, moved in zip(run.snapshot_times, run.snapshots, strict=True)
     ]
     assert min(gaps) >= -1e-4  # the normal is that of the step's beginning
     assert abs(gaps[-1]) <= 1e-4
@@ -547,7 +547,7 @@ def test_penalty_floor_gives_way_by_weight_over_stiffness(slab, model):
     effects = "inertia = {}\ndamping = { alpha = 20.0, beta = 2e-3 }\n" + WEIGHT + PENALTY + FLOOR
     run = run_of(block(slab, effects, run="dt = 2e-3\nduration = 3.0"), model)
     bottom = run.nodes[:, 2] == 0
-    depth = -0.01 - run.shapes[-1, bottom, 2]
+    depth = -0.01 - run.snapshots[-1, bottom, 2]
     assert bottom.sum() == 6
     assert depth.mean() == pytest.approx(BLOCK_MASS * GRAVITY / (6 * 1e3), rel=1e-8)
     assert run.forces["floor"][-1, 2] == pytest.approx(BLOCK_MASS * GRAVITY, rel=1e-8)
@@ -556,9 +556,9 @@ def test_penalty_floor_gives_way_by_weight_over_stiffness(slab, model):
     assert run.contact_account["contact"][-1] >= held
 
 
-def stepper(scene, model, dt, velocity, histories=None):
+def stepper(scene, model, dt, velocity, signals=None):
     """A body that moves with a velocity (3,) at first: how to take a step, and what to read."""
-    system, around = fr.assemble(scene), Surroundings(scene, histories=histories)
+    system, around = fr.assemble(scene), Environment(scene, signals=signals)
     start = np.tile(velocity, len(system.body.nodes))[:, None]
     if model == "full":
         full = FullSimulator(system, dt, around)
@@ -573,8 +573,8 @@ def stepper(scene, model, dt, velocity, histories=None):
 
         return step, full
     rom = reduced(system, order=system.size)
-    body = fr.Simulator(rom, dt, scene=scene, histories=histories)
-    W = rom.basis @ next(iter(rom.modes.values())).coordinates
+    body = fr.Simulator(rom, dt, scene=scene, signals=signals)
+    W = rom.basis @ next(iter(rom.contact_models.values())).coordinates
     body.state = np.zeros(W.shape[1]), (W.T @ (system.mass @ start))[:, 0]
     return body.step, body
 

@@ -45,7 +45,7 @@ def checks(results, ranks):
 
 def transfer(rom, contact, ω):
     """Displacements of all free components by unit inputs at an angular frequency."""
-    mode = rom.modes[contact]
+    mode = rom.contact_models[contact]
     D = np.diag(mode.damping) if mode.damping.ndim == 1 else mode.damping
     dynamic = np.diag(mode.eigenvalues - ω**2) + 1j * ω * D
     return rom.basis @ (mode.coordinates @ np.linalg.solve(dynamic, mode.inputs))
@@ -54,9 +54,9 @@ def transfer(rom, contact, ω):
 def assert_same_model(one, other, contacts):
     """σ, and transfer functions at rest, between the lowest eigenfrequencies and on them."""
     for contact in contacts:
-        σ = one.modes[contact].hankel_singular_values[:12]
-        np.testing.assert_allclose(other.modes[contact].hankel_singular_values[:12], σ, rtol=1e-9)
-        own = np.sqrt(one.modes[contact].eigenvalues[:4])
+        σ = one.contact_models[contact].hankel_singular_values[:12]
+        np.testing.assert_allclose(other.contact_models[contact].hankel_singular_values[:12], σ, rtol=1e-9)
+        own = np.sqrt(one.contact_models[contact].eigenvalues[:4])
         for ω in (0.0, *own, *(own[:-1] + own[1:]) / 2):
             H = transfer(one, contact, ω)
             assert np.abs(transfer(other, contact, ω) - H).max() <= 1e-9 * np.abs(H).max(), (contact, ω)
@@ -74,7 +74,7 @@ def test_forms_of_a_scene_give_its_model(results, degree, ranks):
     np.testing.assert_allclose(
         forms.outputs["tip"] @ forms.outputs["tip"].T, scene.outputs["tip"] @ scene.outputs["tip"].T
     )
-    assert_same_model(scene, forms, scene.modes)
+    assert_same_model(scene, forms, scene.contact_models)
     faces = [{tuple(np.roll(t, -t.argmin())) for t in rom.triangles} for rom in (scene, forms)]
     assert faces[0] == faces[1]
 
@@ -122,8 +122,8 @@ def test_dashpots_on_a_face(results, ranks):
     kept = fr.read_rom(results / str(ranks) / "kept.h5")
     assert len(kept.nodes) == 0
     assert len(kept.free) == 3 * len(nodes)
-    σ = reference.modes["top"].hankel_singular_values[:12]
-    np.testing.assert_allclose(kept.modes["top"].hankel_singular_values[:12], σ, rtol=1e-9)
+    σ = reference.contact_models["top"].hankel_singular_values[:12]
+    np.testing.assert_allclose(kept.contact_models["top"].hankel_singular_values[:12], σ, rtol=1e-9)
 
 
 @pytest.mark.parametrize("ranks", RANKS)
@@ -131,7 +131,7 @@ def test_petsc_matrices_of_every_kind_are_the_scipy_model(results, ranks):
     M, D, K = chain(31)
     ends = np.eye(31)[:, [0, 17]]
     reference = fr.reduce(fr.System(mass=M, damping=D, stiffness=K, contacts={"ends": ends}), order=8)
-    σ = reference.modes["ends"].hankel_singular_values[:8]
+    σ = reference.contact_models["ends"].hankel_singular_values[:8]
     for rank in checks(results, ranks):
         found = rank["petsc"]
         assert len(found["σ"]) == 6

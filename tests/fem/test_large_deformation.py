@@ -22,7 +22,7 @@ from fenics_rom.fem.finite_strain.newton import NotConvergedError
 from fenics_rom.fem.finite_strain.residuals import Equilibrium, Midpoint, Start
 from fenics_rom.fem.mesh import read_mesh
 from fenics_rom.fem.nodes import canonical_nodes
-from fenics_rom.mechanics.environment import Surroundings
+from fenics_rom.mechanics.environment import Environment
 from fenics_rom.mechanics.hyperelastic import LAWS, strain
 
 RIGHT = '[contacts.right]\nsurface = "right"'
@@ -312,14 +312,14 @@ def test_momentum_and_angular_momentum_of_a_free_body(beam):
     v = np.cross([1.0, 2.0, 3.0], y) + [0.1, 0.2, 0.3] + 0.3 * random.standard_normal(y.shape)
     body.set_state(np.zeros(v.size), v.ravel())
 
-    def momenta():
+    def mass_times_basis():
         Mv = (system.mass @ body.v).reshape(-1, 3)
         return np.concatenate([Mv.sum(axis=0), np.cross(body.displacement() + y, Mv).sum(axis=0)])
 
-    begun, energy = momenta(), body.energy
+    begun, energy = mass_times_basis(), body.energy
     for _ in range(15):
         body.step("right", np.zeros(3))
-    np.testing.assert_allclose(momenta(), begun, atol=ROUND_OFF * np.abs(begun).max())
+    np.testing.assert_allclose(mass_times_basis(), begun, atol=ROUND_OFF * np.abs(begun).max())
     assert body.ledger.dissipated > 0.05 * energy
     assert unbalanced(body, energy) <= ROUND_OFF * energy
     body.close()
@@ -417,7 +417,7 @@ def dropped(mesh, law, others=""):
     """A beam that is pulled onto a floor, and the simulator of it."""
     effects = f"inertia = {{}}\n{large(law)}damping = {{ beta = 2e-3 }}\n{others}{FLOOR}"
     system = assembled(mesh, effects, contacts='[contacts.right]\nsurface = "bottom"', degree=2)
-    around = Surroundings(system.scene)
+    around = Environment(system.scene)
     return SimpleNamespace(system=system, around=around, body=system.deformation.simulator(2e-3, around))
 
 

@@ -65,10 +65,10 @@ def results(tmp_path_factory):
 
 @pytest.mark.parametrize("name", ["moving", "still"])
 def test_runs_do_not_depend_on_the_number_of_ranks(results, name):
-    one, other = (fr.read_record(results / str(ranks) / f"{name}.h5") for ranks in (1, 2))
-    scale = np.abs(one.shapes).max()
+    one, other = (fr.read_trajectory(results / str(ranks) / f"{name}.h5") for ranks in (1, 2))
+    scale = np.abs(one.snapshots).max()
     assert scale > 5e-3
-    assert np.abs(other.shapes - one.shapes).max() <= 1e-8 * scale
+    assert np.abs(other.snapshots - one.snapshots).max() <= 1e-8 * scale
     assert np.abs(other.outputs["tip"] - one.outputs["tip"]).max() <= 1e-8 * scale
     assert np.abs(other.energy - one.energy).max() <= 1e-8 * one.energy.max()
     assert np.abs(one.forces["floor"]).max() > 0.1

@@ -131,8 +131,8 @@ def test_xdmf_with_tags_is_the_same_body(arrays, reference, tmp_path, shuffled):
     for one, other in zip(in_order_of_place(system), in_order_of_place(reference), strict=True):
         assert np.abs(one - other).max() <= 1e-13 * np.abs(other).max()
     one, other = fr.reduce(system), fr.reduce(reference)
-    for name, mode in other.modes.items():
-        σ = one.modes[name].hankel_singular_values
+    for name, mode in other.contact_models.items():
+        σ = one.contact_models[name].hankel_singular_values
         np.testing.assert_allclose(σ[:8], mode.hankel_singular_values[:8], rtol=1e-9)
 
 

@@ -234,5 +234,5 @@ def test_run_reads_the_same_output_as_the_shape_at_that_node(mesh):
     )
     run = fr.solve(system)
     corner = np.linalg.norm(run.nodes - LENGTHS, axis=1).argmin()
-    np.testing.assert_allclose(run.outputs["tip"][-1, 0], run.shapes[-1, corner], rtol=1e-12)
-    assert np.abs(run.shapes[-1, corner]).max() > 0
+    np.testing.assert_allclose(run.outputs["tip"][-1, 0], run.snapshots[-1, corner], rtol=1e-12)
+    assert np.abs(run.snapshots[-1, corner]).max() > 0

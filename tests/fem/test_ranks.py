@@ -55,7 +55,7 @@ coefficient = 0.2
 """
 ACTING = """dt = 0.005
 duration = 0.5
-shapes = 10
+snapshots = 10
 load = [{ actuator = "air", force = [50.0] }, { actuator = "rope", start = 0.1, force = [3.0] }]"""
 RUN = 'dt = 0.01\nduration = 0.5\nload = [{ contact = "middle", stop = 0.3, force = [0.0, 0.1, 0.5] }]'
 TIP = {"outputs.tip": "points = [[0.9, 0.2, 0.1]]", "reduction": "order = 12"}
@@ -100,7 +100,7 @@ def checks(results, ranks):
 
 def transfer(rom, name, ω):
     """C W (-ω² + iω d + γ)⁻¹ G over all nodes."""
-    mode = rom.modes[name]
+    mode = rom.contact_models[name]
     response = mode.inputs / (-(ω**2) + 1j * ω * mode.damping + mode.eigenvalues)[:, None]
     return rom.basis @ (mode.coordinates @ response)
 
@@ -115,11 +115,11 @@ def test_roms_do_not_depend_on_the_number_of_ranks(results, name, ranks):
     for field in ("nodes", "triangles", "free"):
         np.testing.assert_array_equal(getattr(one, field), getattr(other, field))
     np.testing.assert_allclose(one.node_mass, other.node_mass, rtol=1e-12)
-    for contact, mode in one.modes.items():
-        σ, σ_other = mode.hankel_singular_values, other.modes[contact].hankel_singular_values
+    for contact, mode in one.contact_models.items():
+        σ, σ_other = mode.hankel_singular_values, other.contact_models[contact].hankel_singular_values
         count = min(len(σ), mode.order, 12)
         np.testing.assert_allclose(σ_other[:count], σ[:count], rtol=1e-8)
-        assert other.modes[contact].order == mode.order
+        assert other.contact_models[contact].order == mode.order
         own = np.sqrt(mode.eigenvalues[:6])
         # at a resonance H multiplies the round-off in γ, which is eps times the condition of K, by the quality factor
         for ω in (0.0, *(own[:-1] + own[1:]) / 2):
@@ -143,10 +143,10 @@ def test_free_bodies_do_not_depend_on_the_number_of_ranks(results, name, ranks):
 
 @pytest.mark.parametrize("ranks", [2, 4])
 def test_full_runs_do_not_depend_on_the_number_of_ranks(results, ranks):
-    one, other = (fr.read_record(results / str(n) / "run.h5") for n in (1, ranks))
-    scale = np.abs(one.shapes).max()
+    one, other = (fr.read_trajectory(results / str(n) / "run.h5") for n in (1, ranks))
+    scale = np.abs(one.snapshots).max()
     assert scale > 1e-3
-    assert np.abs(other.shapes - one.shapes).max() <= 1e-9 * scale
+    assert np.abs(other.snapshots - one.snapshots).max() <= 1e-9 * scale
     assert np.abs(other.outputs["tip"] - one.outputs["tip"]).max() <= 1e-9 * scale
     assert np.abs(other.energy - one.energy).max() <= 1e-9 * one.energy.max()
     assert max(one.balance_error, other.balance_error) <= 1e-12
@@ -156,12 +156,12 @@ def test_full_runs_do_not_depend_on_the_number_of_ranks(results, ranks):
 @pytest.mark.parametrize("name", ["effects", "still"])
 def test_effects_do_not_depend_on_the_number_of_ranks(results, name, ranks):
     """Full runs and runs of ROMs among obstacles, under all loads; with inertia and without."""
-    full = [fr.read_record(results / str(n) / f"{name}-run.h5") for n in (1, ranks)]
+    full = [fr.read_trajectory(results / str(n) / f"{name}-run.h5") for n in (1, ranks)]
     roms = [fr.read_rom(results / str(n) / f"{name}.h5") for n in (1, ranks)]
     for one, other in (full, [fr.simulate(rom) for rom in roms]):
-        scale = np.abs(one.shapes).max()
+        scale = np.abs(one.snapshots).max()
         assert scale > 1e-3
-        assert np.abs(other.shapes - one.shapes).max() <= 1e-9 * scale
+        assert np.abs(other.snapshots - one.snapshots).max() <= 1e-9 * scale
         assert np.abs(other.energy - one.energy).max() <= 1e-9 * one.energy.max()
         np.testing.assert_array_equal(other.contact, one.contact)
         assert list(one.forces) == ["floor", "ball"]

@@ -148,7 +148,7 @@ def whole(file: Path) -> bool:
     try:
         match file.suffix:
             case ".h5":
-                (fr.read_rom if fr.checked_file.content_of(file) == "rom" else fr.read_record)(file)
+                (fr.read_rom if fr.io.hdf5.content_of(file) == "rom" else fr.read_trajectory)(file)
             case ".json":
                 read_findings(file)
             case ".toml":

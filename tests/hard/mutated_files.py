@@ -15,7 +15,7 @@ import h5py
 import numpy as np
 
 import fenics_rom as fr
-from fenics_rom.errors import FenicsRomError, RomFileError
+from fenics_rom.errors import FenicsRomError, FileError
 from fenics_rom.io.hdf5 import SEAL_SIZE, content_of, sealed
 
 DATA = Path(__file__).parent.parent / "data"
@@ -67,13 +67,13 @@ def outcome(content: bytes, folder: Path) -> str:
     try:
         what = content_of(file)
         if what == "run":
-            record = fr.read_record(file)
+            record = fr.read_trajectory(file)
             with warnings.catch_warnings():
                 warnings.simplefilter("ignore")
                 return f"a run, read, and {compared(record)}"
         rom = fr.read_rom(file)
     except FenicsRomError as error:
-        return refused(error, RomFileError)
+        return refused(error, FileError)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         return f"a ROM, read, and {stepped(rom)}"
@@ -86,7 +86,7 @@ def refused(error: Exception, *kinds: type[Exception]) -> str:
     return "refused"
 
 
-def compared(record: fr.Record) -> str:
+def compared(record: fr.Trajectory) -> str:
     """Compares a run with itself."""
     try:
         fr.compare(record, record)
@@ -100,7 +100,7 @@ def stepped(rom: fr.Rom) -> str:
     """Steps a ROM in each contact mode, with switches, in a row and in a batch, and runs its scene."""
     try:
         body = fr.Simulator(rom, dt=1e-3)
-        for name in rom.modes:
+        for name in rom.contact_models:
             body.switch(name)
             for _ in range(STEPS):
                 body.step(np.ones(body.inputs))
@@ -109,8 +109,8 @@ def stepped(rom: fr.Rom) -> str:
             assert body.ledger is not None
             body.energy, body.ledger.supplied, body.contact  # noqa: B018
         if not rom.surrounded:
-            body.march(np.ones((STEPS, body.inputs)))
-            columns = max(mode.inputs.shape[1] for mode in rom.modes.values())
+            body.rollout(np.ones((STEPS, body.inputs)))
+            columns = max(mode.inputs.shape[1] for mode in rom.contact_models.values())
             fr.Batch(rom, size=2, dt=1e-3).step(np.zeros((2, columns)))
         if rom.scene_text:
             fr.simulate(rom, dt=0.01)

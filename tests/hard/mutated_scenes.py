@@ -93,7 +93,7 @@ weighting = "nodal"
 [run]
 dt = 0.005
 duration = 0.5
-shapes = 10
+snapshots = 10
 [[run.load]]
 contact = "right"
 stop = 0.2

@@ -18,7 +18,7 @@ DATA = Path(__file__).parent.parent / "data"
 
 RUN = """dt = 0.01
 duration = 0.4
-shapes = 4
+snapshots = 4
 [[run.load]]
 contact = "right"
 stop = 0.2
@@ -47,7 +47,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         body = system(Path(folder))
         fr.write_rom(DATA / f"rom-{sys.argv[1]}.h5", fr.reduce(body))
-        fr.write_record(DATA / f"run-{sys.argv[1]}.h5", fr.solve(body))
+        fr.write_trajectory(DATA / f"run-{sys.argv[1]}.h5", fr.solve(body))
 
 
 if __name__ == "__main__":

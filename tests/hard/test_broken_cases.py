@@ -116,7 +116,9 @@ def reduced(change):
 
 
 def other_modes(rom, change):
-    return replace(rom, modes={name: replace(mode, **change(mode)) for name, mode in rom.modes.items()})
+    return replace(
+        rom, contact_models={name: replace(mode, **change(mode)) for name, mode in rom.contact_models.items()}
+    )
 
 
 def inputs_off(rom):

@@ -161,11 +161,11 @@ def test_projections_in_one_energy_for_both(demo, rom, monkeypatch):
 
 
 def test_losses_that_are_not_booked(demo, rom, monkeypatch):
-    class Forgetful(simulator.Ledger):
+    class Forgetful(simulator.EnergyLedger):
         def book(self, *, supplied=0.0, dissipated=0.0, lost_in_switching=0.0):
             super().book(supplied=supplied, dissipated=dissipated)
 
-    monkeypatch.setattr(simulator, "Ledger", Forgetful)
+    monkeypatch.setattr(simulator, "EnergyLedger", Forgetful)
     found = rides(demo, rom)
     assert "gap of the energy account" in found["switches"]
     assert not found["any steps"]
@@ -185,16 +185,16 @@ def test_rigid_motions_that_are_left_out(demo):
         fr.reduce(replace(system, rigid=system.rigid[:, :0]), order=20)
     modes = {
         name: replace(mode, inputs=np.where(np.arange(mode.order)[:, None] < mode.rigid, 0.0, mode.inputs))
-        for name, mode in rom.modes.items()
+        for name, mode in rom.contact_models.items()
     }
-    assert demo.support.parabola_gap(replace(rom, modes=modes), 1e-3, 100) > 0.1
+    assert demo.support.parabola_gap(replace(rom, contact_models=modes), 1e-3, 100) > 0.1
 
 
 def test_displacement_along_rigid_motions_that_is_not_booked(demo, monkeypatch):
     system = demo.boxes.box(demo.support.LENGTHS, demo.support.BRICKS, clamped=False)
     rom = fr.reduce(system, order=20)
     assert demo.measures.both_runs(system, rom, demo.support.PUSH, dt=1e-3).error <= 1e-3
-    monkeypatch.setattr(midpoint_forms._Form, "settle", lambda self: None)
+    monkeypatch.setattr(midpoint_forms._Form, "flush", lambda self: None)
     assert demo.measures.both_runs(system, rom, demo.support.PUSH, dt=1e-3).error > 0.1
 
 
@@ -202,9 +202,11 @@ def test_a_dashpot_that_does_not_couple(demo):
     pot = '[effects.damping]\nalpha = 0.0\nbeta = 0.0\n[effects.damping.dashpots.pot]\nsurface = "right"\n'
     system = demo.boxes.box((0.4, 0.1, 0.1), (4, 1, 1), damping="", effects=pot + "coefficient = 1e6")
     rom = fr.reduce(system, order=40)
-    modes = {name: replace(mode, damping=np.diag(mode.damping).copy()) for name, mode in rom.modes.items()}
+    modes = {name: replace(mode, damping=np.diag(mode.damping).copy()) for name, mode in rom.contact_models.items()}
     assert demo.measures.both_runs(system, rom, demo.damping.PUSH, steps=200).error <= 1e-3
-    assert demo.measures.both_runs(system, replace(rom, modes=modes), demo.damping.PUSH, steps=200).error > 0.01
+    assert (
+        demo.measures.both_runs(system, replace(rom, contact_models=modes), demo.damping.PUSH, steps=200).error > 0.01
+    )
 
 
 def test_single_precision_where_double_is_claimed(demo, undamped):
@@ -214,11 +216,11 @@ def test_single_precision_where_double_is_claimed(demo, undamped):
 
 
 def test_a_certificate_at_resonances_that_are_infinite(undamped, monkeypatch):
-    assert fr.reduce(undamped, order=20, method="modal").modes["right"].transfer_errors.max() <= 1.0
+    assert fr.reduce(undamped, order=20, method="modal").contact_models["right"].transfer_errors.max() <= 1.0
     monkeypatch.setattr(validation, "UNDAMPED", -1.0)
     with np.errstate(divide="ignore", invalid="ignore"):
         try:
-            worst = fr.reduce(undamped, order=20, method="modal").modes["right"].transfer_errors.max()
+            worst = fr.reduce(undamped, order=20, method="modal").contact_models["right"].transfer_errors.max()
         except np.linalg.LinAlgError:
             worst = np.inf
     assert not worst <= 1.0

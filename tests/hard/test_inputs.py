@@ -11,12 +11,12 @@ from bodies import assembled, box_arrays, box_surfaces, scene_text, write_arrays
 from test_files import put, refusal, tampered
 
 import fenics_rom as fr
-from fenics_rom.errors import MeshError, RomFileError, SceneError, SolverError, StructureError
+from fenics_rom.errors import FileError, MeshError, SceneError, SolverError, StructureError
 from fenics_rom.fem.gmsh_file import GmshFile, Group
 from fenics_rom.fem.mesh import _from_gmsh, read_mesh
-from fenics_rom.mechanics.energy_ledger import Ledger
+from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.linearity import ModeGauge, SurfaceGauges
-from fenics_rom.mechanics.time_step_monitor import StepGauge
+from fenics_rom.mechanics.time_step_monitor import TimeStepMonitor
 from fenics_rom.reduction.balancing import balance
 from fenics_rom.rom.rom import check_rom
 from fenics_rom.scene.file import parse_scene
@@ -141,11 +141,11 @@ def test_body_in_two_parts_is_told_which_is_not_held(tmp_path):
 
 def test_damping_whose_squares_overflow_is_refused_or_taken(tmp_path):
     rom = fr.read_rom(DATA / "rom-1.0.h5")
-    name, mode = next(iter(rom.modes.items()))
+    name, mode = next(iter(rom.contact_models.items()))
     D = 1e200 * (np.eye(mode.order) + np.ones((mode.order, mode.order)))
-    assert check_rom(replace(rom, modes={name: replace(mode, damping=D)}))
+    assert check_rom(replace(rom, contact_models={name: replace(mode, damping=D)}))
     with pytest.raises(StructureError, match="damping is not positive semi-definite, least -5e"):
-        check_rom(replace(rom, modes={name: replace(mode, damping=-D)}))
+        check_rom(replace(rom, contact_models={name: replace(mode, damping=-D)}))
 
 
 @pytest.mark.parametrize("scale", [1e-200, 1e-120, 1e120, 1e200, 1e308])
@@ -168,7 +168,7 @@ def test_gramians_that_vanish_are_told():
 
 @pytest.mark.parametrize("sums", [[np.inf, -np.inf, 1.0], [1.7e308, 1.7e308, -np.inf, 1.0], [np.nan, 1.0]])
 def test_energies_beyond_all_numbers_are_booked_as_such(sums):
-    ledger = Ledger()
+    ledger = EnergyLedger()
     for J in sums:
         ledger.book(lost_in_switching=J)
     assert not np.isfinite(ledger.lost_in_switching)
@@ -176,13 +176,13 @@ def test_energies_beyond_all_numbers_are_booked_as_such(sums):
 
 def test_contact_without_a_node_to_touch_is_refused(tmp_path):
     rom = fr.read_rom(DATA / "rom-1.2.h5")
-    modes = {name: replace(mode, contact_points=np.empty(0, dtype=int)) for name, mode in rom.modes.items()}
-    with pytest.raises(RomFileError, match="has contact, and no node that obstacles can touch"):
-        fr.write_rom(tmp_path / "rom.h5", replace(rom, modes=modes))
+    modes = {name: replace(mode, contact_points=np.empty(0, dtype=int)) for name, mode in rom.contact_models.items()}
+    with pytest.raises(FileError, match="has contact, and no node that obstacles can touch"):
+        fr.write_rom(tmp_path / "rom.h5", replace(rom, contact_models=modes))
 
 
 def test_step_after_which_nothing_has_moved_is_said_to_be_long():
-    gauge = StepGauge()
+    gauge = TimeStepMonitor()
     gauge.add(changed=1.0, moved=0.0)
     assert "some inf % too long" in gauge.message
 

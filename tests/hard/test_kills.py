@@ -139,7 +139,7 @@ def test_two_runs_of_one_command_at_a_time_leave_one_of_both(inside):
     said = [one.communicate()[1].decode() for one in started]
     assert any(one.returncode == 0 for one in started), said
     rom = fr.read_rom(inside / "new.h5")
-    assert len({mode.order for mode in rom.modes.values()}) == 1
+    assert len({mode.order for mode in rom.contact_models.values()}) == 1
     for one, words in zip(started, said, strict=True):
         assert one.returncode == 0 or words.count("\n") == 1, words
 

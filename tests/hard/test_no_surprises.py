@@ -209,10 +209,10 @@ def test_the_same_command_writes_the_same_bits(inside, name):
 
 def same_models(one, other, tolerance):
     """σ, and frequency responses, of two ROMs."""
-    assert list(one.modes) == list(other.modes)
-    for name, mode in other.modes.items():
+    assert list(one.contact_models) == list(other.contact_models)
+    for name, mode in other.contact_models.items():
         σ = mode.hankel_singular_values[: mode.order]
-        gap = np.abs(one.modes[name].hankel_singular_values[: mode.order] - σ).max()
+        gap = np.abs(one.contact_models[name].hankel_singular_values[: mode.order] - σ).max()
         assert gap <= tolerance * σ[0]
         H = transfer(other, name)
         assert np.abs(transfer(one, name) - H).max() <= tolerance * np.abs(H).max()
@@ -223,8 +223,8 @@ def test_threads_change_round_off_alone(inside):
     one, two = (fr.read_rom(done(rom, inside, OMP_NUM_THREADS=n, OPENBLAS_NUM_THREADS=n)) for n in ("1", "2"))
     same_models(two, one, 1e-8)
     solve = kills.COMMANDS["solve"]
-    one, two = (fr.read_record(done(solve, inside, OMP_NUM_THREADS=n, OPENBLAS_NUM_THREADS=n)) for n in ("1", "2"))
-    assert np.abs(one.shapes - two.shapes).max() <= 1e-8 * np.abs(one.shapes).max()
+    one, two = (fr.read_trajectory(done(solve, inside, OMP_NUM_THREADS=n, OPENBLAS_NUM_THREADS=n)) for n in ("1", "2"))
+    assert np.abs(one.snapshots - two.snapshots).max() <= 1e-8 * np.abs(one.snapshots).max()
 
 
 @pytest.fixture(scope="module")
@@ -235,14 +235,14 @@ def here(tmp_path_factory):
 
 @pytest.mark.parametrize("release", ["debian12", "debian13"])
 def test_files_of_either_release_give_the_same_numbers_on_this_one(here, release):
-    rom, run = fr.read_rom(DATA / f"rom-{release}.h5"), fr.read_record(DATA / f"run-{release}.h5")
+    rom, run = fr.read_rom(DATA / f"rom-{release}.h5"), fr.read_trajectory(DATA / f"run-{release}.h5")
     same_models(fr.reduce(here), rom, 1e-8)
     full, reduced = fr.solve(here), [fr.simulate(one) for one in (rom, fr.reduce(here))]
     for one, other in ((full, run), reduced):
         assert one.contacts == other.contacts
         np.testing.assert_array_equal(one.contact, other.contact)
         for mine, theirs in (
-            (one.shapes, other.shapes),
+            (one.snapshots, other.snapshots),
             (one.outputs["tip"], other.outputs["tip"]),
             (one.energy, other.energy),
             (one.supplied, other.supplied),

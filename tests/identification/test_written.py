@@ -12,7 +12,7 @@ import pytest
 from measuring import START, TRUTH, box_mesh, film, text_of, weigh
 
 import fenics_rom as fr
-from fenics_rom.errors import RomFileError, SceneError
+from fenics_rom.errors import FileError, SceneError
 from fenics_rom.identification.identified_scene import NUMBER, STRING, _with
 from fenics_rom.io.hdf5 import check_folder
 
@@ -112,7 +112,7 @@ def test_wrong_data_end_with_one_line_and_no_folder(folder):
 
 
 def test_a_folder_that_cannot_be_is_refused(tmp_path):
-    with pytest.raises(RomFileError, match=r"cannot be made: folder .* does not exist"):
+    with pytest.raises(FileError, match=r"cannot be made: folder .* does not exist"):
         check_folder(tmp_path / "none" / "found")
     check_folder(tmp_path)
     check_folder(tmp_path / "new")

@@ -11,7 +11,7 @@ from matplotlib.figure import Figure
 
 import fenics_rom as fr
 from fenics_rom.cli.main import main
-from fenics_rom.errors import RomFileError, SceneError, StructureError
+from fenics_rom.errors import FileError, SceneError, StructureError
 from fenics_rom.io.units import prefixed, readable
 from fenics_rom.reduction.full_response import full_responses
 from fenics_rom.visualization.plots.plot import plot
@@ -34,7 +34,7 @@ DATA = Path(__file__).parent.parent / "data"
 @pytest.fixture(scope="session")
 def touching():
     """A run with an obstacle and friction."""
-    return fr.read_record(DATA / "run-1.2.h5")
+    return fr.read_trajectory(DATA / "run-1.2.h5")
 
 
 def drawn(panel):
@@ -132,8 +132,10 @@ def test_hankel_singular_values_are_filled_up_to_the_order(plate_rom):
     figure = drawn(reduced_panels(plate_rom, LIGHT, None)["sigma"])
     axes = figure.axes[0]
     assert axes.get_ylabel() == "σ$_k$ (s²/√kg)"
-    for name, (joined, kept, left) in zip(plate_rom.modes, np.array(axes.get_lines()).reshape(2, 3), strict=True):
-        σ = plate_rom.modes[name].hankel_singular_values
+    for name, (joined, kept, left) in zip(
+        plate_rom.contact_models, np.array(axes.get_lines()).reshape(2, 3), strict=True
+    ):
+        σ = plate_rom.contact_models[name].hankel_singular_values
         np.testing.assert_array_equal(joined.get_ydata(), σ)
         np.testing.assert_array_equal(kept.get_ydata(), σ[:20])
         np.testing.assert_array_equal(left.get_ydata(), σ[20:])
@@ -142,7 +144,7 @@ def test_hankel_singular_values_are_filled_up_to_the_order(plate_rom):
 
 @pytest.mark.parametrize("dense", [False, True])
 def test_reduced_response_is_that_of_the_model(plate_rom, dense):
-    mode = plate_rom.modes["middle"]
+    mode = plate_rom.contact_models["middle"]
     if dense:
         random = np.random.default_rng(3).standard_normal((20, 20))
         mode = replace(mode, damping=np.diag(mode.damping) + random @ random.T)
@@ -157,7 +159,7 @@ def test_peaks_are_not_missed(plate_rom):
     ω = shown_frequencies(plate_rom, FULL_POINTS, FULL_AROUND)
     assert (np.diff(ω) > 0).all()
     assert len(ω) < 120
-    mode = plate_rom.modes["tip_left"]
+    mode = plate_rom.contact_models["tip_left"]
     own = np.sqrt(mode.eigenvalues)
     for peak in own[own < ω[-1]]:
         assert np.abs(ω - peak).min() < 1e-12 * peak or np.abs(own - peak).min() < 0.25 * mode.damping.max()
@@ -167,7 +169,7 @@ def test_full_responses_are_those_of_dense_solves(plate_system, plate_rom):
     ω = np.array([2.0, 6.3, 40.0])
     found = full_responses(plate_system, plate_rom, ω)
     M, K, D = (matrix @ np.eye(180) for matrix in (plate_system.mass, plate_system.stiffness, plate_system.damping))
-    for name, mode in plate_rom.modes.items():
+    for name, mode in plate_rom.contact_models.items():
         B = plate_system.contacts[name]
         for k, row in enumerate(ω):
             H = np.linalg.solve(K + 1j * row * D - row**2 * M, B)
@@ -181,7 +183,7 @@ def test_full_responses_are_those_of_dense_solves(plate_system, plate_rom):
 
 def test_the_certificate_is_what_full_solves_find(plate_system, plate_rom):
     """Its samples are of the same norm, to ten percent."""
-    for name, mode in plate_rom.modes.items():
+    for name, mode in plate_rom.contact_models.items():
         found = full_responses(plate_system, plate_rom, mode.frequencies)[name]
         np.testing.assert_allclose(found.errors / found.sizes.max(), mode.transfer_errors, rtol=0.1)
 
@@ -195,10 +197,10 @@ def test_a_free_body_has_no_rigid_motions_in_its_response(box_file):
     system = fr.assemble(parse_scene(free))
     rom = fr.reduce(system, order=12)
     assert rom.rigid == 6
-    ω = np.sqrt(rom.modes["right"].eigenvalues[6]) * np.array([1e-3, 0.5, 0.9])
+    ω = np.sqrt(rom.contact_models["right"].eigenvalues[6]) * np.array([1e-3, 0.5, 0.9])
     found = full_responses(system, rom, ω)["right"]
     assert found.sizes[0] < 2 * found.sizes[1]  # no 1/ω²
-    np.testing.assert_allclose(reduced_response(rom.modes["right"], 3, ω), found.sizes, rtol=1e-3)
+    np.testing.assert_allclose(reduced_response(rom.contact_models["right"], 3, ω), found.sizes, rtol=1e-3)
     assert (found.errors < 0.05 * found.sizes).all()
 
 
@@ -214,7 +216,7 @@ def test_response_panel_shows_full_reduced_and_certificate(plate_system, plate_r
     np.testing.assert_allclose(f, ω / (2 * np.pi))
     np.testing.assert_allclose(H, scale * full["tip_left"][1])
     samples = [line for line in below.get_lines() if line.get_marker() == "o"]
-    np.testing.assert_allclose(samples[0].get_ydata(), plate_rom.modes["tip_left"].transfer_errors)
+    np.testing.assert_allclose(samples[0].get_ydata(), plate_rom.contact_models["tip_left"].transfer_errors)
 
 
 def test_response_without_full_model_and_without_mesh():
@@ -251,7 +253,7 @@ def test_one_file_has_all_panels(plate_rom, tmp_path, ending, begins):
     content = file.read_bytes()
     assert content.startswith(begins)
     if ending == "svg":
-        for words in (b"Hankel singular values", b"frequency (Hz)", b"certificate", DARK.paper.encode()):
+        for words in (b"Hankel singular values", b"frequency (Hz)", b"validation", DARK.paper.encode()):
             assert words in content
 
 
@@ -318,7 +320,9 @@ def test_a_model_of_which_nothing_is_known_has_nothing_to_draw(plate_rom, tmp_pa
     nothing = replace(
         plate_rom,
         effects={"gravity": {}},
-        modes={name: replace(mode, hankel_singular_values=np.empty(0)) for name, mode in plate_rom.modes.items()},
+        contact_models={
+            name: replace(mode, hankel_singular_values=np.empty(0)) for name, mode in plate_rom.contact_models.items()
+        },
     )
     with pytest.raises(SceneError, match="there is nothing to draw"):
         plot(nothing, tmp_path / "rom.pdf")
@@ -326,7 +330,7 @@ def test_a_model_of_which_nothing_is_known_has_nothing_to_draw(plate_rom, tmp_pa
 
 def test_a_file_in_the_place_of_a_folder(touching, tmp_path):
     (tmp_path / "plots").write_text("")
-    with pytest.raises(RomFileError, match="is a file; allowed is a folder"):
+    with pytest.raises(FileError, match="is a file; allowed is a folder"):
         plot(touching, tmp_path / "plots")
 
 

@@ -63,11 +63,11 @@ def observability(space):
     return (Wo + Wo.T) / 2
 
 
-def settled(system, B, company=None):
+def settled(system, B, krylov_augmentation=None):
     """σ and the Gramian when a sweep changes no σ above 1e-11 of the largest by more than 1e-9 of it."""
     previous = np.empty(0)
     with closing(system.algebra.factor((1.0, system.stiffness))) as factor:
-        for gramian in low_rank_gramians(system, factor, B, company):
+        for gramian in low_rank_gramians(system, factor, B, krylov_augmentation):
             Wo = observed(system, factor, gramian.space.basis) if system.rayleigh else observability(gramian.space)
             Y = np.linalg.cholesky(Wo)
             σ = np.linalg.svd(Y.T @ gramian.factor, compute_uv=False)
@@ -186,8 +186,8 @@ def test_dashpots_keep_the_input_company():
     whole = whole_space(system)
     Y = np.linalg.cholesky(observability(whole))
     errors = []
-    for company in (None, np.eye(system.size)[:, [0, 59, 120]]):
-        σ, gramian = settled(system, B, company)
+    for krylov_augmentation in (None, np.eye(system.size)[:, [0, 59, 120]]):
+        σ, gramian = settled(system, B, krylov_augmentation)
         assert gramian.space.basis.shape[1] < system.size
         exact = np.linalg.svd(Y.T @ whole.basis.T @ (M @ gramian.space.basis) @ gramian.factor, compute_uv=False)
         errors.append(np.abs(σ / exact - 1)[exact > 1e-8 * exact[0]].max())
@@ -198,8 +198,11 @@ def test_dashpots_keep_the_input_company():
 def test_company_is_not_in_the_gramian(bodies):
     system = proportional(bodies["box"], (0.5, 1e-2))
     B = bodies["box"][2]
-    company = 1e6 * B[:, :1] + np.eye(len(B))[:, 3:5]
-    alone, (together, gramian) = settled(system, B[:, 1:], company[:, :0])[0], settled(system, B[:, 1:], company)
+    krylov_augmentation = 1e6 * B[:, :1] + np.eye(len(B))[:, 3:5]
+    alone, (together, gramian) = (
+        settled(system, B[:, 1:], krylov_augmentation[:, :0])[0],
+        settled(system, B[:, 1:], krylov_augmentation),
+    )
     assert_agreement(together, alone)
     assert gramian.factor.shape[1] <= gramian.space.basis.shape[1]
 

@@ -1,4 +1,4 @@
-"""The certificate against dense solves, for every way to damp and to reduce."""
+"""The validation against dense solves, for every way to damp and to reduce."""
 
 import numpy as np
 import pytest
@@ -11,10 +11,10 @@ from fenics_rom.reduction.validation import minimal_residuals
 
 
 def measured(system, rom, name):
-    """Errors and static error of one contact mode by dense solves, relative as the certificate says."""
+    """Errors and static error of one contact mode by dense solves, relative as the validation says."""
     identity = np.eye(system.size)
     M, D, K = (A @ identity for A in (system.mass, system.damping, system.stiffness))
-    L, B, mode = np.linalg.cholesky(M), system.input_matrix(name), rom.modes[name]
+    L, B, mode = np.linalg.cholesky(M), system.input_matrix(name), rom.contact_models[name]
     damping = np.diag(mode.damping) if mode.damping.ndim == 1 else mode.damping
     gaps, sizes = [], []
     for ω in [0.0, *mode.frequencies]:
@@ -38,12 +38,12 @@ def chain():
 def test_certificate_is_the_error(body, method, lyapunov, request):
     system = request.getfixturevalue(body)
     rom = fr.reduce(system, order=8, method=method, lyapunov=lyapunov)
-    for name, mode in rom.modes.items():
+    for name, mode in rom.contact_models.items():
         errors, static = measured(system, rom, name)
         assert len(mode.frequencies) >= 3
         np.testing.assert_allclose(mode.transfer_errors, errors, rtol=0.1, atol=1e-9)
         assert mode.static_error == pytest.approx(static, rel=1e-3, abs=1e-8)
-        assert rom.certificate[name]["transfer_error"] == mode.transfer_errors.max()
+        assert rom.validation[name]["transfer_error"] == mode.transfer_errors.max()
 
 
 def test_more_inputs_than_can_be_tried_are_combined(box_system):
@@ -52,7 +52,7 @@ def test_more_inputs_than_can_be_tried_are_combined(box_system):
     system = fr.System(mass=M, damping=D, stiffness=K, contacts={"c": nodal})
     rom = fr.reduce(system, order=10)
     errors, _ = measured(system, rom, "c")
-    ratio = rom.modes["c"].transfer_errors / errors
+    ratio = rom.contact_models["c"].transfer_errors / errors
     assert (ratio > 0.2).all()
     assert (ratio < 5).all()
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import fenics_rom as fr
-from fenics_rom.errors import FenicsRomWarning, RomFileError
+from fenics_rom.errors import FenicsRomWarning, FileError
 from fenics_rom.fem.petsc_matrix import PetscMatrix
 from fenics_rom.reduction.checkpoint import remove_checkpoint
 from fenics_rom.reduction.methods.balanced import balanced
@@ -56,17 +56,17 @@ def test_stopped_run_goes_on(box_system, stopped, monkeypatch, choices):
     rom = fr.reduce(box_system, order=6, checkpoint=folder, resume=True, **choices)
     assert left == [("top",)]
     assert {file.name for file in folder.iterdir()} == {"0.h5", "1.h5"}
-    for name, mode in fr.reduce(box_system, order=6, **choices).modes.items():
+    for name, mode in fr.reduce(box_system, order=6, **choices).contact_models.items():
         σ = mode.hankel_singular_values[:6]
-        np.testing.assert_allclose(rom.modes[name].eigenvalues, mode.eigenvalues, rtol=1e-8)
-        np.testing.assert_allclose(rom.modes[name].hankel_singular_values[:6], σ, rtol=1e-8)
-        assert rom.modes[name].static_error == pytest.approx(mode.static_error, rel=1e-4, abs=1e-9)
+        np.testing.assert_allclose(rom.contact_models[name].eigenvalues, mode.eigenvalues, rtol=1e-8)
+        np.testing.assert_allclose(rom.contact_models[name].hankel_singular_values[:6], σ, rtol=1e-8)
+        assert rom.contact_models[name].static_error == pytest.approx(mode.static_error, rel=1e-4, abs=1e-9)
 
 
 def test_without_resume_it_starts_anew(box_system, stopped):
     folder = stopped(tolerance=1e-3, order=None)
     fr.reduce(box_system, order=6, checkpoint=folder)
-    assert fr.reduce(box_system, order=6, checkpoint=folder, resume=True).modes["top"].order == 6
+    assert fr.reduce(box_system, order=6, checkpoint=folder, resume=True).contact_models["top"].order == 6
 
 
 def test_what_another_rank_has_not_removed_yet_is_not_read(box_system, stopped, monkeypatch):
@@ -119,7 +119,7 @@ def test_a_checkpoint_of_something_else_is_refused(box_system, stopped, what):
         other = replace(box_system, outputs={"new": box_system.contacts["top"]})
     else:
         other = with_scaled_stiffness(box_system)
-    with pytest.raises(RomFileError, match="was made from another system or with other choices"):
+    with pytest.raises(FileError, match="was made from another system or with other choices"):
         fr.reduce(other, order=order, checkpoint=folder, resume=True)
     assert (folder / "0.h5").exists()
 
@@ -129,10 +129,10 @@ def test_a_damaged_checkpoint_is_refused(box_system, stopped):
     content = bytearray(part.read_bytes())
     content[2000] ^= 1
     part.write_bytes(content)
-    with pytest.raises(RomFileError, match=r"0\.h5: is damaged"):
+    with pytest.raises(FileError, match=r"0\.h5: is damaged"):
         fr.reduce(box_system, order=6, checkpoint=part.parent, resume=True)
 
 
 def test_a_checkpoint_needs_a_place(box_system, tmp_path):
-    with pytest.raises(RomFileError, match="cannot be written"):
+    with pytest.raises(FileError, match="cannot be written"):
         fr.reduce(box_system, order=6, checkpoint=tmp_path / "nowhere" / "partial")

@@ -53,7 +53,7 @@ def reference(system, B):
 @pytest.mark.parametrize("lyapunov", ["closed-form", "krylov", "adi"])
 def test_hankel_singular_values_are_those_of_the_elastic_rest(free, lyapunov):
     rom = fr.reduce(free, order=12, lyapunov=lyapunov)
-    for name, mode in rom.modes.items():
+    for name, mode in rom.contact_models.items():
         σ = reference(free, free.input_matrix(name))
         assert (mode.order, mode.rigid) == (18, 6)
         np.testing.assert_allclose(mode.hankel_singular_values[:12], σ[:12], rtol=1e-6)
@@ -79,7 +79,7 @@ def test_every_basis_begins_with_the_rigid_motions_and_holds_no_more_of_them(fre
     assert np.abs(Q.T @ (free.mass @ Q) - np.eye(Q.shape[1])).max() <= 1e-12
     QᵀKQ = Q.T @ (free.stiffness @ Q)
     assert np.abs(QᵀKQ - np.diag(rom.stiffness)).max() <= 1e-11 * rom.stiffness.max()
-    for name, mode in rom.modes.items():
+    for name, mode in rom.contact_models.items():
         assert not mode.eigenvalues[:6].any()
         W = Q @ mode.coordinates
         np.testing.assert_allclose(mode.inputs, W.T @ free.input_matrix(name), atol=1e-12)
@@ -88,10 +88,10 @@ def test_every_basis_begins_with_the_rigid_motions_and_holds_no_more_of_them(fre
 
 def test_all_of_the_elastic_rest_is_all_there_is(free):
     rom = fr.reduce(free, order=20, switching="modal", share=1.0)
-    assert {mode.order for mode in rom.modes.values()} == {free.size}
+    assert {mode.order for mode in rom.contact_models.values()} == {free.size}
     root = np.random.default_rng(0).standard_normal((12, 12))
     chain = fr.System(**free_chain(12, damping=0.1 * root @ root.T, rayleigh=None))
-    mode = fr.reduce(chain, order=11, lyapunov="krylov").modes["left"]
+    mode = fr.reduce(chain, order=11, lyapunov="krylov").contact_models["left"]
     assert mode.order == 12
     np.testing.assert_allclose(mode.hankel_singular_values, reference(chain, chain.contacts["left"]), rtol=1e-5)
 
@@ -106,7 +106,7 @@ def test_certificate_is_that_of_the_elastic_rest(free, dashpot):
     assert (system.rayleigh is None) == (dashpot > 0)
     γ, V = on_rest(system)
     rom = fr.reduce(system, order=10)
-    for name, mode in rom.modes.items():
+    for name, mode in rom.contact_models.items():
         W, G, B = (rom.basis @ mode.coordinates)[:, 6:], mode.inputs[6:], system.input_matrix(name)
         sizes, errors = [], []
         for ω in (0.0, *mode.frequencies):
@@ -180,14 +180,14 @@ def test_dashpot_on_a_free_chain_couples_what_is_rigid_and_what_is_not():
     damping = 0.01 * free_chain(30)["stiffness"] + scipy.sparse.diags([2.0] + 29 * [0.0])
     system = fr.System(**free_chain(30, damping=damping, rayleigh=None))
     rom = fr.reduce(system, order=29)
-    mode = rom.modes["right"]
+    mode = rom.contact_models["right"]
     assert mode.damping.shape == (30, 30)
     W = rom.basis @ mode.coordinates
     np.testing.assert_allclose(mode.damping, W.T @ (system.damping @ W), atol=1e-12)
     assert np.abs(mode.damping[0, 1:]).max() > 0.01
     for name in system.contacts:
         σ = reference(system, system.input_matrix(name))
-        np.testing.assert_allclose(rom.modes[name].hankel_singular_values[:8], σ[:8], rtol=1e-6)
+        np.testing.assert_allclose(rom.contact_models[name].hankel_singular_values[:8], σ[:8], rtol=1e-6)
     body, h = fr.Simulator(rom, dt=0.1), 0.1
     M, D, K = (dense(A, 30) for A in (system.mass, system.damping, system.stiffness))
     x, v, B = np.zeros(30), np.zeros(30), system.input_matrix("left")[:, 0]
@@ -227,7 +227,7 @@ def test_round_off_does_not_make_a_free_body_a_held_one(free):
             with pytest.raises(StructureError, match="give rigid"):
                 fr.System(mass=matrices[0], stiffness=whole, rayleigh=(0, 1e-3), contacts=free.contacts)
     system = fr.System(mass=M, stiffness=K, rayleigh=(1.0, 1e-3), contacts=free.contacts, rigid=3 * free.rigid)
-    one, other = (fr.reduce(s, order=8).modes["right"] for s in (system, free))
+    one, other = (fr.reduce(s, order=8).contact_models["right"] for s in (system, free))
     np.testing.assert_allclose(one.hankel_singular_values[:8], other.hankel_singular_values[:8], rtol=1e-9)
 
 

@@ -13,7 +13,7 @@ from test_own_matrices import triple_chain
 import fenics_rom as fr
 from fenics_rom.reduction.balancing import balance
 from fenics_rom.reduction.gramians import gramian_factors
-from fenics_rom.reduction.low_rank_damping import local_damping
+from fenics_rom.reduction.low_rank_damping import low_rank_damping
 from fenics_rom.system.scipy_backend import MatrixAlgebra
 
 DATA = Path(__file__).parents[1] / "data"
@@ -83,7 +83,7 @@ def reduced(system, order=20, **choices):
 
 def gap(rom, name, exact, count=20, floor=1e-8):
     """Largest relative error of the first σ that are above a share of the largest."""
-    σ = rom.modes[name].hankel_singular_values
+    σ = rom.contact_models[name].hankel_singular_values
     exact = exact[:count][exact[:count] > floor * exact[0]]
     return np.abs(σ[: len(exact)] / exact - 1).max()
 
@@ -103,7 +103,7 @@ def test_proportional_damping(plate, damping, columns):
 def test_dashpots_at_a_corner(small_plate, c, β):
     D = small_plate.rayleigh(0.5, β) + small_plate.dashpots(c)
     system = small_plate.damped(D, c=small_plate.tip)
-    assert local_damping(system).shape == (small_plate.size, 3)
+    assert low_rank_damping(system).shape == (small_plate.size, 3)
     assert gap(reduced(system), "c", small_plate.sigma(D, small_plate.tip)) <= 1e-6
 
 
@@ -111,7 +111,7 @@ def test_dashpots_need_no_space_of_their_size(plate):
     """50 N s/m on a body of 588 unknowns: a tenth of them would not do for zero shifts from B alone."""
     D = plate.rayleigh(0.5, 1e-3) + plate.dashpots(50.0)
     rom = reduced(plate.damped(D, c=plate.tip))
-    assert len(rom.modes["c"].hankel_singular_values) <= 120
+    assert len(rom.contact_models["c"].hankel_singular_values) <= 120
     assert gap(rom, "c", plate.sigma(D, plate.tip)) <= 1e-6
 
 
@@ -127,7 +127,7 @@ def test_damping_of_each_material_asks_for_positive_shifts(small_plate, left, ri
     monkeypatch.setattr(MatrixAlgebra, "factor", counted)
     D = 0.5 * small_plate.M + left * (small_plate.K - small_plate.right) + right * small_plate.right
     system = small_plate.damped(D, c=small_plate.tip)
-    assert local_damping(system) is None
+    assert low_rank_damping(system) is None
     rom = reduced(system)
     shifts = [s for (_, _), (s, _), _ in factored[1:]]
     assert shifts
@@ -148,7 +148,7 @@ def test_dependent_columns_change_nothing(plate):
     D = plate.rayleigh(0.5, 1e-3)
     mixed = plate.tip @ np.linalg.qr(np.random.default_rng(0).standard_normal((7, 3)))[0].T
     rom = reduced(plate.damped(D, three=plate.tip, seven=mixed))
-    three, seven = (rom.modes[name].hankel_singular_values[:20] for name in ("three", "seven"))
+    three, seven = (rom.contact_models[name].hankel_singular_values[:20] for name in ("three", "seven"))
     np.testing.assert_allclose(seven, three, rtol=1e-6)
 
 
@@ -157,9 +157,9 @@ def test_identical_and_nested_contact_modes_share_their_basis(plate):
     alone = {name: reduced(plate.damped(D, c=B)) for name, B in (("all", plate.tip), ("one", plate.tip[:, :1]))}
     rom = reduced(plate.damped(D, all=plate.tip, same=plate.tip, one=plate.tip[:, :1]))
     for name, of in (("all", "all"), ("same", "all"), ("one", "one")):
-        expected = alone[of].modes["c"].hankel_singular_values[:15]
-        np.testing.assert_allclose(rom.modes[name].hankel_singular_values[:15], expected, rtol=1e-6)
-    assert np.abs(rom.modes["all"].coordinates - rom.modes["same"].coordinates).max() <= 1e-5
+        expected = alone[of].contact_models["c"].hankel_singular_values[:15]
+        np.testing.assert_allclose(rom.contact_models[name].hankel_singular_values[:15], expected, rtol=1e-6)
+    assert np.abs(rom.contact_models["all"].coordinates - rom.contact_models["same"].coordinates).max() <= 1e-5
     assert rom.basis.shape[1] <= alone["all"].basis.shape[1] + alone["one"].basis.shape[1]
 
 
@@ -172,7 +172,7 @@ def test_many_contact_modes_share_eigenvectors(plate, damping):
     assert "eigenvectors" in {stage.name for stage in rom.stages}
     for name, B in patches.items():
         assert gap(rom, name, plate.sigma(D, B)) <= 1e-6
-        assert rom.certificate[name]["transfer_error"] <= 0.01
+        assert rom.validation[name]["transfer_error"] <= 0.01
 
 
 def test_many_contact_modes_and_a_tolerance(plate):
@@ -181,7 +181,7 @@ def test_many_contact_modes_and_a_tolerance(plate):
     rom = fr.reduce(plate.damped(D, **patches), tolerance=1e-3, lyapunov="krylov")
     for name, B in patches.items():
         σ = plate.sigma(D, B)
-        m = rom.modes[name].order
+        m = rom.contact_models[name].order
         assert σ[m:].sum() <= 1.001e-3 * σ.sum() <= 1.01 * σ[m - 1 :].sum()
         assert gap(rom, name, σ, m) <= 1e-6
 
@@ -218,11 +218,11 @@ def test_triple_chain_of_1501_unknowns():
 def test_local_damping_is_told_from_the_rest(small_plate):
     here = small_plate
     local = here.damped(here.rayleigh(0.5, 1e-3) + here.dashpots(1.0), c=here.tip)
-    F = local_damping(local)
+    F = low_rank_damping(local)
     assert np.linalg.matrix_rank(np.hstack([F, np.eye(here.size)[:, here.corner]])) == 3
-    assert local_damping(here.damped(here.rayleigh(0.5, 1e-3), c=here.tip)).shape == (here.size, 0)
-    assert local_damping(here.damped(here.rayleigh(0.5, 1e-3) + 1e-3 * here.right, c=here.tip)) is None
-    assert local_damping(here.damped(here.dashpots(1.0), c=here.tip)).shape == (here.size, 3)
+    assert low_rank_damping(here.damped(here.rayleigh(0.5, 1e-3), c=here.tip)).shape == (here.size, 0)
+    assert low_rank_damping(here.damped(here.rayleigh(0.5, 1e-3) + 1e-3 * here.right, c=here.tip)) is None
+    assert low_rank_damping(here.damped(here.dashpots(1.0), c=here.tip)).shape == (here.size, 3)
 
 
 def test_a_space_that_may_not_grow_says_what_is_missing(plate, monkeypatch):

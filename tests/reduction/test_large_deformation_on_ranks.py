@@ -54,7 +54,7 @@ def test_two_ranks_make_the_same_model(roms):
     np.testing.assert_allclose(two.stiffness, one.stiffness, rtol=1e-5)
     bodies = [rom.deformation for rom in roms]
     assert bodies[0].points_of == bodies[1].points_of == 24
-    q = 0.5 * bodies[0].reach * np.eye(8)[0]
+    q = 0.5 * bodies[0].training_radius * np.eye(8)[0]
     for found in (lambda body: body.energy(q), lambda body: np.abs(body.force(q))):  # vectors may have either sign
         np.testing.assert_allclose(
             found(bodies[1]), found(bodies[0]), rtol=0.02, atol=0.02 * np.abs(found(bodies[0])).max()
@@ -64,7 +64,7 @@ def test_two_ranks_make_the_same_model(roms):
 def test_all_points_and_what_follows_are_those_of_the_full_order(folder, roms):
     system, rom = fr.assemble(fr.read_scene(folder / "box.toml")), roms[0]
     full, body, W = system.deformation, rom.deformation, rom.basis
-    q = 0.5 * body.reach * np.eye(8)[0]
+    q = 0.5 * body.training_radius * np.eye(8)[0]
     follower = full.follower(W @ q)
     for name, found in (("air", body.pressures["air"] @ monomials(q)), ("rope", body.tendons["rope"].force(q))):
         exact = W.T @ follower[name][:, 0]
@@ -72,7 +72,7 @@ def test_all_points_and_what_follows_are_those_of_the_full_order(folder, roms):
     exact = full.force(W @ q) @ W
     gap = (body.force(q) - body.springs @ q - exact) / np.sqrt(rom.stiffness)
     assert np.linalg.norm(gap) <= 0.05 * np.linalg.norm(exact / np.sqrt(rom.stiffness))
-    ε = 1e-6 * body.reach
+    ε = 1e-6 * body.training_radius
     linear = full.force(ε * W[:, 0]) @ W[:, 0] / ε
     assert linear + body.springs[0, 0] == pytest.approx(rom.stiffness[0], rel=1e-4)
 

@@ -10,17 +10,17 @@ from bodies import assembled
 from soft_box import SoftSimulator, soft_box
 
 import fenics_rom as fr
-from fenics_rom.errors import RomFileError, SceneError, SolverError
+from fenics_rom.errors import FileError, SceneError, SolverError
 from fenics_rom.io.stages import Stages
 from fenics_rom.mechanics.hyperelastic import LAWS
-from fenics_rom.reduction.common_basis import SharedSpace
+from fenics_rom.reduction.common_basis import CommonBasis
 from fenics_rom.reduction.hyperreduction.cubature import spread
 from fenics_rom.reduction.hyperreduction.modal_derivatives import derivatives, second_order
 from fenics_rom.reduction.hyperreduction.nonnegative_weights import sparse_weights
 from fenics_rom.reduction.hyperreduction.training_loads import loads_of, slowest_period, targets
 from fenics_rom.reduction.hyperreduction.training_runs import runs_of
 from fenics_rom.reduction.hyperreduction.validation import validation_error
-from fenics_rom.reduction.problem import Problem
+from fenics_rom.reduction.problem import ReductionProblem
 from fenics_rom.rom.deformation import ReducedDeformation, monomials
 
 RUN = """
@@ -40,11 +40,11 @@ def box(**choices):
 
 
 def problem_of(system, **choices):
-    return Problem(
+    return ReductionProblem(
         **{
             "system": system,
             "factor": system.algebra.factor((1.0, system.stiffness)),
-            "space": SharedSpace(system),
+            "space": CommonBasis(system),
             "contacts": tuple(system.contacts),
             "order": 8,
             "tolerance": 1e-4,
@@ -99,7 +99,7 @@ def whole_body(system, rom):
 def size(body: ReducedDeformation, share: float) -> np.ndarray:
     """A random state, as large as a share of those that were trained on."""
     q = np.random.default_rng(1).standard_normal(body.order) / np.arange(1, body.order + 1) ** 2
-    return share * body.reach * q / np.linalg.norm(q)
+    return share * body.training_radius * q / np.linalg.norm(q)
 
 
 def test_nonnegative_least_squares_are_those_of_scipy():
@@ -140,7 +140,7 @@ def test_all_contact_modes_have_one_basis(system, rom):
     W, γ = rom.basis, rom.stiffness
     np.testing.assert_allclose(W.T @ (system.mass @ W), np.eye(16), atol=1e-10)
     np.testing.assert_allclose(W.T @ (system.stiffness @ W), np.diag(γ), atol=1e-9 * γ[-1])
-    for name, mode in rom.modes.items():
+    for name, mode in rom.contact_models.items():
         np.testing.assert_array_equal(mode.coordinates, np.eye(16))
         np.testing.assert_array_equal(mode.eigenvalues, γ)
         np.testing.assert_allclose(mode.damping, 1.0 + 5e-3 * γ)
@@ -149,7 +149,7 @@ def test_all_contact_modes_have_one_basis(system, rom):
 
 def test_reduced_force_is_the_gradient_of_the_reduced_energy(rom):
     body = rom.deformation
-    q, ε = size(body, 1.0), 1e-5 * body.reach
+    q, ε = size(body, 1.0), 1e-5 * body.training_radius
     slopes = [(body.energy(q + ε * e) - body.energy(q - ε * e)) / (2 * ε) for e in np.eye(body.order)]
     np.testing.assert_allclose(slopes, body.force(q), atol=1e-7 * np.abs(body.force(q)).max())
 
@@ -207,7 +207,7 @@ def test_both_methods_follow_a_load_history_that_linear_models_do_not(system, ro
 
 def test_small_loads_move_it_like_the_linear_model(rom):
     body, γ = rom.deformation, rom.stiffness
-    for mode in rom.modes.values():
+    for mode in rom.contact_models.values():
         linear = mode.inputs / γ[:, None]
         kept = np.linalg.solve(body.tangent(np.zeros(16)), mode.inputs)
         assert (np.linalg.norm(kept - linear, axis=0) <= 0.03 * np.linalg.norm(linear, axis=0)).all()
@@ -267,7 +267,7 @@ def test_training_goes_on_where_it_was_stopped(system, folder, roms):
     np.testing.assert_allclose(rom.stiffness, roms["trained"].stiffness, rtol=1e-8)
     assert rom.deformation.validation_error == pytest.approx(roms["trained"].deformation.validation_error, rel=1e-6)
     other = box(run=RUN.replace("75.0", "74.0"))
-    with pytest.raises(RomFileError, match="was made from another system or with other choices"):
+    with pytest.raises(FileError, match="was made from another system or with other choices"):
         fr.reduce(other, order=16, checkpoint=folder, resume=True)
 
 
@@ -281,7 +281,7 @@ def test_without_inertia_equilibria_are_what_is_seen(method):
     full.equilibrium("tip", u)
     q = np.zeros(12)
     for _ in range(30):
-        q = q - np.linalg.solve(body.tangent(q), body.force(q) - rom.modes["tip"].inputs @ u)
+        q = q - np.linalg.solve(body.tangent(q), body.force(q) - rom.contact_models["tip"].inputs @ u)
     moved = system.outputs["tip"].T @ full.x[:, 0]
     assert np.linalg.norm(moved) > 0.03
     np.testing.assert_allclose(rom.outputs["tip"] @ q, moved, atol=0.02 * np.linalg.norm(moved))

@@ -30,7 +30,7 @@ def eigenvectors(box_system):
 
 
 def basis(rom, name):
-    return rom.basis @ rom.modes[name].coordinates
+    return rom.basis @ rom.contact_models[name].coordinates
 
 
 @pytest.mark.parametrize("lyapunov", ["closed-form", "krylov"])
@@ -39,7 +39,7 @@ def test_modal_takes_the_lowest_eigenvectors(box_system, eigenvectors, lyapunov)
     rom = fr.reduce(box_system, method="modal", order=7, lyapunov=lyapunov)
     assert rom.method == "modal"
     assert rom.basis.shape[1] == 7
-    for mode in rom.modes.values():
+    for mode in rom.contact_models.values():
         np.testing.assert_allclose(mode.eigenvalues, γ[:7], rtol=1e-8)
         assert len(mode.hankel_singular_values) == 0
     W = basis(rom, "right")
@@ -49,7 +49,7 @@ def test_modal_takes_the_lowest_eigenvectors(box_system, eigenvectors, lyapunov)
 def test_modal_static_is_exact_at_rest(box_system, eigenvectors):
     M, _, V = eigenvectors
     rom = fr.reduce(box_system, method="modal+static", order=9)
-    for name, mode in rom.modes.items():
+    for name, mode in rom.contact_models.items():
         assert mode.order == 9
         assert mode.static_error <= 1e-9
         lowest = V[:, : 9 - mode.inputs.shape[1]]
@@ -74,12 +74,12 @@ def test_pod_follows_the_run_that_it_was_made_from(box_system):
         full.close()
         errors.append(gap / size)
     assert errors[-1] <= 2e-3
-    assert rom.modes["top"].static_error <= 1.1e-3  # which velocities alone do not reach
+    assert rom.contact_models["top"].static_error <= 1.1e-3  # which velocities alone do not reach
     assert all(later < earlier / 2 for earlier, later in itertools.pairwise(errors)), errors
 
 
 def test_pod_takes_a_tolerance(box_system):
-    few, many = (fr.reduce(box_system, method="pod", tolerance=t).modes["top"].order for t in (1e-2, 1e-4))
+    few, many = (fr.reduce(box_system, method="pod", tolerance=t).contact_models["top"].order for t in (1e-2, 1e-4))
     assert 1 <= few < many < 108
 
 
@@ -90,7 +90,7 @@ def test_every_method_switches_without_making_energy(box_system, method):
     random = np.random.default_rng(0)
     for _ in range(400):
         before = body.energy
-        body.switch(random.choice(list(rom.modes)))
+        body.switch(random.choice(list(rom.contact_models)))
         assert body.energy <= before * (1 + 1e-14)
         body.dt = 10.0 ** random.uniform(-6, -1)
         body.step(random.standard_normal(4) * 10.0 ** random.uniform(-3, 3))
@@ -103,9 +103,9 @@ def test_every_method_switches_without_making_energy(box_system, method):
 def test_a_method_of_ones_own_is_a_function(box_system):
     rom = fr.reduce(box_system, method=static_shapes, order=4)
     assert rom.method == "static_shapes"
-    assert max(mode.static_error for mode in rom.modes.values()) <= 1e-10
+    assert max(mode.static_error for mode in rom.contact_models.values()) <= 1e-10
     assert "static shapes" in {stage.name for stage in rom.stages}
-    assert rom.certificate["right"]["neglected"] is None
+    assert rom.validation["right"]["neglected"] is None
 
 
 def with_names(names):

@@ -38,7 +38,7 @@ def test_triple_chain_agrees_with_a_dense_solution(v):
     assert (system.rayleigh is None) == (v > 0)
     rom = fr.reduce(system, order=6, weighting="outputs")
     reference = hankel_singular_values(M, D, K, B, B)
-    np.testing.assert_allclose(rom.modes["all"].hankel_singular_values[:6], reference, rtol=1e-6)
+    np.testing.assert_allclose(rom.contact_models["all"].hankel_singular_values[:6], reference, rtol=1e-6)
 
 
 def test_reduced_chain_follows_the_full_one():
@@ -46,7 +46,7 @@ def test_reduced_chain_follows_the_full_one():
     system = fr.System(mass=M, damping=D, stiffness=K, contacts={"all": B, "end": B[:, 0] * 0 + np.eye(151)[0]})
     rom = fr.reduce(system, order=120)  # σ of a chain fall slowly
     for name in system.contacts:
-        mode, B = rom.modes[name], system.input_matrix(name)
+        mode, B = rom.contact_models[name], system.input_matrix(name)
         for ω in (0.01, 0.1, 0.5):
             exact = np.linalg.solve((-(ω**2) * M + 1j * ω * D + K).toarray(), B)
             dynamic = np.diag(mode.eigenvalues - ω**2) + 1j * ω * mode.damping
@@ -67,7 +67,9 @@ def test_sparse_and_dense_matrices_give_the_same_model():
     one = fr.reduce(fr.System(mass=M, damping=D, stiffness=K, contacts={"all": B}), order=5)
     dense = {"mass": M.toarray(), "damping": D.toarray(), "stiffness": K.toarray()}
     other = fr.reduce(fr.System(**dense, contacts={"all": B}), order=5)
-    np.testing.assert_allclose(one.modes["all"].eigenvalues, other.modes["all"].eigenvalues, rtol=1e-9)
+    np.testing.assert_allclose(
+        one.contact_models["all"].eigenvalues, other.contact_models["all"].eigenvalues, rtol=1e-9
+    )
 
 
 def test_model_without_a_mesh_is_kept_in_a_file_and_has_no_scene_to_run(tmp_path):
@@ -95,7 +97,7 @@ def test_coefficients_in_place_of_a_damping_matrix():
     assert given.rayleigh == (0.3, 0.02)
     np.testing.assert_allclose(given.damping @ np.eye(31), D.toarray(), rtol=1e-12, atol=1e-12)
     found = fr.System(mass=M, damping=D, stiffness=K, contacts={"all": B})
-    σ = [fr.reduce(system, order=5).modes["all"].hankel_singular_values[:5] for system in (given, found)]
+    σ = [fr.reduce(system, order=5).contact_models["all"].hankel_singular_values[:5] for system in (given, found)]
     np.testing.assert_allclose(*σ, rtol=1e-9)
 
 
@@ -105,7 +107,9 @@ def test_damping_that_takes_from_the_mass_is_found_out_and_reduced():
     system = fr.System(mass=M, damping=0.1 * K - 0.05 * lowest * M, stiffness=K, contacts={"all": B})
     assert system.rayleigh == pytest.approx((-0.05 * lowest, 0.1))
     reference = hankel_singular_values(M, system.damping, K, B, np.linalg.cholesky(M.toarray()))
-    np.testing.assert_allclose(fr.reduce(system, order=6).modes["all"].hankel_singular_values[:6], reference, rtol=1e-6)
+    np.testing.assert_allclose(
+        fr.reduce(system, order=6).contact_models["all"].hankel_singular_values[:6], reference, rtol=1e-6
+    )
 
 
 def test_dashpots_alone_are_semi_definite():
@@ -125,7 +129,7 @@ def test_large_sparse_matrices_take_the_krylov_route():
     system = fr.System(mass=M, damping=D, stiffness=K, contacts={"all": B})
     krylov = fr.reduce(system, order=10)
     exact = fr.reduce(system, order=10, lyapunov="closed-form")
-    σ = [rom.modes["all"].hankel_singular_values[:10] for rom in (krylov, exact)]
+    σ = [rom.contact_models["all"].hankel_singular_values[:10] for rom in (krylov, exact)]
     np.testing.assert_allclose(σ[0], σ[1], rtol=1e-6)
 
 

@@ -22,7 +22,7 @@ LOADED = "dt = 0.01\nduration = 1.0\nload = [{contact = 'right', stop = 0.3, for
 
 def transfer(rom, name, frequencies):
     """y = C x over u of one contact mode, for all outputs in shared coordinates."""
-    mode = rom.modes[name]
+    mode = rom.contact_models[name]
     D = np.diag(mode.damping) if mode.damping.ndim == 1 else mode.damping
     values = []
     for ω in frequencies:
@@ -63,7 +63,9 @@ def test_hankel_singular_values_agree_between_all_routes(box_system, damping, we
     points = replace(box_system, outputs={"all": box_system.contacts["top"]})
     system = with_damping(points, *damping)
     σ = {
-        route: fr.reduce(system, order=8, weighting=weighting, lyapunov=route).modes["right"].hankel_singular_values
+        route: fr.reduce(system, order=8, weighting=weighting, lyapunov=route)
+        .contact_models["right"]
+        .hankel_singular_values
         for route in ("closed-form", "bartels-stewart", "krylov")
     }
     np.testing.assert_allclose(σ["krylov"][:8], σ["closed-form"][:8], rtol=1e-6)
@@ -84,7 +86,7 @@ def test_error_falls_with_the_order_and_is_certified(box_system, frequencies):
         rom = fr.reduce(box_system, order=order)
         gap = np.abs(transfer(rom, "right", frequencies) - exact)
         errors.append(gap.max() / np.abs(exact).max())
-        statics.append(rom.certificate["right"]["static_error"])
+        statics.append(rom.validation["right"]["static_error"])
     assert errors[0] < 0.1
     assert all(later < earlier / 4 for earlier, later in itertools.pairwise(errors)), errors
     assert all(later < earlier / 4 for earlier, later in itertools.pairwise(statics)), statics
@@ -99,7 +101,7 @@ def test_all_modes_kept_is_the_full_model(box_file, switching):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", FenicsRomWarning)
         rom = fr.reduce(system, order=system.size, switching=switching, share=1.0)
-    assert rom.modes["top"].order == system.size
+    assert rom.contact_models["top"].order == system.size
     random = np.random.default_rng(0)
     reduced, full = fr.Simulator(rom, dt=0.01), FullSimulator(system, 0.01)
     reduced.switch("top")
@@ -122,15 +124,15 @@ def test_krylov_and_modal_selection_on_a_body_too_large_to_be_dense(tmp_path):
     assert system.size > DENSE_LIMIT
     krylov = fr.reduce(system, order=12)
     dense = fr.reduce(system, order=12, lyapunov="closed-form")
-    for name, mode in krylov.modes.items():
-        σ = dense.modes[name].hankel_singular_values[:12]
+    for name, mode in krylov.contact_models.items():
+        σ = dense.contact_models[name].hankel_singular_values[:12]
         np.testing.assert_allclose(mode.hankel_singular_values[:12], σ, rtol=1e-6)
     modal, reference = (
         fr.reduce(system, order=12, switching="modal", share=0.9999, lyapunov=route)
         for route in ("krylov", "closed-form")
     )
-    for name, mode in modal.modes.items():
-        np.testing.assert_allclose(mode.eigenvalues, reference.modes[name].eigenvalues, rtol=1e-7)
+    for name, mode in modal.contact_models.items():
+        np.testing.assert_allclose(mode.eigenvalues, reference.contact_models[name].eigenvalues, rtol=1e-7)
 
 
 def test_selection_grows_until_the_share_is_held(box_system):
@@ -139,9 +141,9 @@ def test_selection_grows_until_the_share_is_held(box_system):
         fr.reduce(box_system, order=10, switching="modal", share=1 - 1e-9, lyapunov=route)
         for route in ("krylov", "closed-form")
     )
-    for name, mode in grown.modes.items():
+    for name, mode in grown.contact_models.items():
         assert mode.order > 60
-        np.testing.assert_allclose(mode.eigenvalues, whole.modes[name].eigenvalues, rtol=1e-9)
+        np.testing.assert_allclose(mode.eigenvalues, whole.contact_models[name].eigenvalues, rtol=1e-9)
 
 
 def test_selection_shares_its_eigenvectors_with_many_inputs(box_file):
@@ -152,8 +154,8 @@ def test_selection_shares_its_eigenvectors_with_many_inputs(box_file):
         fr.reduce(system, order=10, switching="modal", share=0.999, lyapunov=route)
         for route in ("krylov", "closed-form")
     )
-    γ = whole.modes["right"].eigenvalues
-    np.testing.assert_allclose(grown.modes["right"].eigenvalues, γ, rtol=1e-8)
+    γ = whole.contact_models["right"].eigenvalues
+    np.testing.assert_allclose(grown.contact_models["right"].eigenvalues, γ, rtol=1e-8)
 
 
 def test_eigenvectors_hold_the_share_of_the_trace_that_was_asked_for(box_system):
@@ -162,13 +164,13 @@ def test_eigenvectors_hold_the_share_of_the_trace_that_was_asked_for(box_system)
     balanced = fr.reduce(box_system, order=order)
     selected = fr.reduce(box_system, order=order, switching="modal", share=share)
     γ, V = box_system.algebra.eigenpairs(box_system.mass, box_system.stiffness, box_system.size)
-    for name, mode in selected.modes.items():
+    for name, mode in selected.contact_models.items():
         d = 1.0 + 1e-3 * γ
         b = balance(*gramian_factors(γ, d, V.T @ box_system.input_matrix(name), np.eye(len(γ))))
         T, σ = b.transformation[:, :order], b.singular_values[:order]
         C = np.sort(np.diag(T @ np.diag(σ) @ T.T))[::-1]
         assert C[: mode.order].sum() >= share * C.sum() > C[: mode.order - 1].sum()
-        np.testing.assert_allclose(balanced.modes[name].hankel_singular_values[:order], σ, rtol=1e-9)
+        np.testing.assert_allclose(balanced.contact_models[name].hankel_singular_values[:order], σ, rtol=1e-9)
 
 
 def test_bases_are_orthonormal_in_mass_and_stiffness(box_system):
@@ -178,7 +180,7 @@ def test_bases_are_orthonormal_in_mass_and_stiffness(box_system):
     np.testing.assert_allclose(Q.T @ (box_system.mass @ Q), np.eye(Q.shape[1]), atol=1e-12)
     strained = Q / np.sqrt(rom.stiffness)
     np.testing.assert_allclose(strained.T @ (box_system.stiffness @ strained), np.eye(Q.shape[1]), atol=1e-9)
-    for name, mode in rom.modes.items():
+    for name, mode in rom.contact_models.items():
         W = Q @ mode.coordinates
         np.testing.assert_allclose(mode.inputs, W.T @ box_system.input_matrix(name), atol=1e-12)
         np.testing.assert_allclose(mode.damping, 1.0 + 1e-3 * mode.eigenvalues)
@@ -188,19 +190,19 @@ def test_actuators_are_in_every_mode(box_system):
     rom = fr.reduce(box_system, order=6)
     assert rom.actuators == {"pull": 1}
     assert rom.contacts == {"right": 3, "top": 3}
-    assert all(mode.inputs.shape[1] == 4 for mode in rom.modes.values())
+    assert all(mode.inputs.shape[1] == 4 for mode in rom.contact_models.values())
 
 
 def test_order_beyond_what_is_there_warns_and_says_what_was_kept(box_system):
     with pytest.warns(FenicsRomWarning, match=r"order 500 was asked for, \d+ are numerically there and were kept"):
         rom = fr.reduce(box_system, order=500)
-    assert all(mode.order <= box_system.size for mode in rom.modes.values())
-    assert len(rom.warnings) == len(rom.modes)
+    assert all(mode.order <= box_system.size for mode in rom.contact_models.values())
+    assert len(rom.warnings) == len(rom.contact_models)
 
 
 def test_tolerance_chooses_the_order(box_system):
     for tolerance in (1e-2, 1e-4, 1e-6):
-        for mode in fr.reduce(box_system, tolerance=tolerance).modes.values():
+        for mode in fr.reduce(box_system, tolerance=tolerance).contact_models.values():
             σ, m = mode.hankel_singular_values, mode.order
             assert σ[m:].sum() <= tolerance * σ.sum() < σ[m - 1 :].sum()
 
@@ -213,7 +215,7 @@ def test_krylov_space_that_does_not_settle_says_so(box_system, monkeypatch):
 
 def test_orders_by_name(box_system):
     rom = fr.reduce(box_system, order={"right": np.int64(5), "top": 9})
-    assert {name: mode.order for name, mode in rom.modes.items()} == {"right": 5, "top": 9}
+    assert {name: mode.order for name, mode in rom.contact_models.items()} == {"right": 5, "top": 9}
 
 
 @pytest.mark.parametrize(

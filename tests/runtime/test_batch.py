@@ -21,24 +21,26 @@ ROUND_OFF = 1e-12  # of the largest state, where two ways of computing the same 
 def varied_rom(random, dense=False):
     """Contact modes of orders 9, 4 and 7 with 2, 1 and 3 contact columns, an actuator with 2, and an output."""
     rom = random_rom(random, 12, [9, 4, 7], 3, dense)
-    widths = dict(zip(rom.modes, (4, 3, 5), strict=True))
+    widths = dict(zip(rom.contact_models, (4, 3, 5), strict=True))
     modes = {
         name: replace(mode, inputs=random.standard_normal((mode.order, widths[name])))
-        for name, mode in rom.modes.items()
+        for name, mode in rom.contact_models.items()
     }
-    return check_rom(replace(rom, modes=modes, actuators={"pull": 2}, outputs={"tip": random.standard_normal((6, 12))}))
+    return check_rom(
+        replace(rom, contact_models=modes, actuators={"pull": 2}, outputs={"tip": random.standard_normal((6, 12))})
+    )
 
 
 class Body:
     """One body by the formulas of the papers, in (q, r), with dense linear algebra."""
 
     def __init__(self, rom):
-        self.rom, self.name = rom, next(iter(rom.modes))
+        self.rom, self.name = rom, next(iter(rom.contact_models))
         self.q, self.r = np.zeros((2, self.mode.order))
 
     @property
     def mode(self):
-        return self.rom.modes[self.name]
+        return self.rom.contact_models[self.name]
 
     def step(self, u, h):
         mode, contact = self.mode, self.rom.contacts[self.name]
@@ -52,7 +54,7 @@ class Body:
     def switch(self, name):
         if name == self.name:
             return
-        start, end = self.mode, self.rom.modes[name]
+        start, end = self.mode, self.rom.contact_models[name]
         stiffness = end.coordinates.T @ (self.rom.stiffness[:, None] * start.coordinates)
         self.q, self.r = stiffness @ self.q / end.eigenvalues, end.coordinates.T @ (start.coordinates @ self.r)
         self.name = name
@@ -64,7 +66,7 @@ class Body:
 
 
 def strained(batch, body):
-    mode = batch.rom.modes[batch.contact[body]]
+    mode = batch.rom.contact_models[batch.contact[body]]
     q, r = (part[0, : mode.order] for part in batch.state(body))
     return np.concatenate([np.sqrt(mode.eigenvalues) * q, r])
 
@@ -83,7 +85,7 @@ def moving(rom, size, seed=0, **choice):
     random = np.random.default_rng(seed)
     batch = Batch(rom, size, 1e-2, **choice)
     for _ in range(5):
-        batch.switch(random.choice(list(rom.modes), size))
+        batch.switch(random.choice(list(rom.contact_models), size))
         batch.step(random.standard_normal((size, batch.inputs)))
     return batch
 
@@ -102,7 +104,7 @@ def rom(request):
 @pytest.mark.parametrize("size", [1, 7, 40])
 def test_batch_is_the_formulas_for_each_body(rom, size):
     random = np.random.default_rng(size)
-    batch, bodies, names = Batch(rom, size, 1e-2), [Body(rom) for _ in range(size)], list(rom.modes)
+    batch, bodies, names = Batch(rom, size, 1e-2), [Body(rom) for _ in range(size)], list(rom.contact_models)
     assert batch.inputs == 5
     worst = scale = 0.0
     for _ in range(60):
@@ -143,7 +145,7 @@ def test_account_of_each_body_closes(seed, decades, dense, actions):
     random = np.random.default_rng(seed)
     free, size = int(random.integers(3, 25)), 6
     rom = random_rom(random, free, random.integers(1, free + 1, 3), decades, dense)
-    batch, names, scale = Batch(rom, size, 1e-3, ledger=True), list(rom.modes), np.zeros(6)
+    batch, names, scale = Batch(rom, size, 1e-3, ledger=True), list(rom.contact_models), np.zeros(6)
     for action in actions:
         some = random.random(size) < 0.5
         if action == "switch":
@@ -168,7 +170,7 @@ def test_account_of_each_body_closes(seed, decades, dense, actions):
 def test_neighbours_change_nothing(rom, ledger):
     """The same seven bodies alone, together, among 293 others, and in another order."""
     random = np.random.default_rng(4)
-    names, chosen = list(rom.modes), random.permutation(300)[:7]
+    names, chosen = list(rom.contact_models), random.permutation(300)[:7]
     contacts, inputs = random.choice(names, (30, 300)), random.standard_normal((30, 300, 5))
 
     def run(bodies):
@@ -243,8 +245,8 @@ def test_held_bodies_stand_still_while_the_others_go_on(rom, dtype, bad):
 @pytest.mark.parametrize(("dtype", "strength"), [(float, 1.0), (float, 1e90), (np.float32, 1.0), (np.float32, 1e15)])
 def test_the_largest_inputs_stay_within_the_numbers(rom, dtype, strength):
     """What the limit promises: inputs below it lead nowhere near the largest number, however they are turned."""
-    modes = {name: replace(mode, inputs=strength * mode.inputs) for name, mode in rom.modes.items()}
-    batch = Batch(replace(rom, modes=modes), 3, 1e-2, dtype=dtype, ledger=True)
+    modes = {name: replace(mode, inputs=strength * mode.inputs) for name, mode in rom.contact_models.items()}
+    batch = Batch(replace(rom, contact_models=modes), 3, 1e-2, dtype=dtype, ledger=True)
     batch.switch(list(modes))
     with pytest.raises(StepError) as error:
         batch.step(np.full(5, np.inf))
@@ -316,7 +318,7 @@ def test_state_comes_back_as_it_was_put(rom):
     batch.switch("mode1", 0)
     batch.displacement("tip")  # moves rows
     np.testing.assert_allclose(batch.state([4, 1]), [q, r], rtol=1e-15)
-    γ = np.pad(rom.modes["mode2"].eigenvalues, (0, 2))
+    γ = np.pad(rom.contact_models["mode2"].eigenvalues, (0, 2))
     assert batch.energy[1] == pytest.approx((r[1] @ r[1] + q[1] @ (γ * q[1])) / 2, rel=1e-14)
     batch.reset()
     assert_same(everything(Batch(rom, 6, 1e-2)), everything(batch))
@@ -342,7 +344,7 @@ def test_single_precision_follows_double(plate_rom):
     """Over 1000 steps: the tip to 1e-4 of its way, and no energy that was not supplied."""
     random = np.random.default_rng(0)
     double, single = (Batch(plate_rom, 4, 1e-3, dtype=dtype, ledger=True) for dtype in (np.float64, np.float32))
-    error, way, names = 0.0, 0.0, list(plate_rom.modes)
+    error, way, names = 0.0, 0.0, list(plate_rom.contact_models)
     for step in range(1000):
         u = random.standard_normal((4, 3))
         for batch in (double, single):

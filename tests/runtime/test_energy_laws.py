@@ -9,8 +9,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import fenics_rom as fr
-from fenics_rom.mechanics.energy_ledger import Ledger
-from fenics_rom.rom.rom import Mode, Rom, check_rom, diagonalized_span
+from fenics_rom.mechanics.energy_ledger import EnergyLedger
+from fenics_rom.rom.rom import ContactModel, Rom, check_rom, diagonalized_span
 from fenics_rom.runtime.steppers.midpoint_forms import LARGEST_PRODUCT
 
 pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")  # the plate locks
@@ -48,7 +48,7 @@ def rough_ride(rom, steps, seed):
     random = np.random.default_rng(seed)
     simulator = fr.Simulator(rom, dt=1e-3)
     account = Account(simulator)
-    names = list(rom.modes)
+    names = list(rom.contact_models)
     for _ in range(steps):
         if random.random() < 0.3:
             account.switch(names[random.integers(len(names))])
@@ -74,13 +74,13 @@ def random_rom(random, free, sizes, decades, dense):
         root = random.standard_normal((size, random.integers(0, size + 1)))
         D = root @ root.T * 10 ** random.uniform(-3, 3) if dense else 0.1 + 1e-3 * γ
         G = random.standard_normal((size, 2))
-        modes[f"mode{number}"] = Mode(γ, D, G, C, np.eye(size), np.ones(size))
+        modes[f"mode{number}"] = ContactModel(γ, D, G, C, np.eye(size), np.ones(size))
     nodes = np.zeros((free, 3))
     return check_rom(
         Rom(
             name="random",
             switching="energy",
-            modes=modes,
+            contact_models=modes,
             actuators={},
             basis=np.eye(free),
             stiffness=κ,
@@ -125,7 +125,7 @@ OPERATIONS = st.one_of(
     st.tuples(st.just("switch"), st.integers(0, 2)),
     st.tuples(st.just("dt"), st.floats(-7, 0)),
     st.tuples(st.just("step"), st.floats(-3, 3)),
-    st.tuples(st.just("march"), st.integers(0, 80)),
+    st.tuples(st.just("rollout"), st.integers(0, 80)),
     st.tuples(st.sampled_from(["reset", "save", "restore", "copy"]), st.none()),
 )
 
@@ -143,15 +143,15 @@ def test_account_closes_whatever_is_called(seed, dense, operations):
             body.dt = 10**value
         elif name == "step":
             body.step(random.standard_normal(2) * 10**value)
-        elif name == "march":
+        elif name == "rollout":
             inputs, walker = random.standard_normal((value, 2)), copy.deepcopy(body)
-            body.march(inputs)
+            body.rollout(inputs)
             for u in inputs:  # what comes and goes within the block is what round-off is a share of
                 walker.step(u)
                 scale = max(scale, walker.energy, abs(walker.ledger.supplied), walker.ledger.dissipated)
         elif name == "reset":
             body.reset()
-            assert (body.energy, body.ledger.sums, body.time) == (0.0, Ledger().sums, 0.0)
+            assert (body.energy, body.ledger.sums, body.time) == (0.0, EnergyLedger().sums, 0.0)
         elif name == "save":
             saved = body.save()
         elif name == "restore":
@@ -184,7 +184,7 @@ def test_switch_is_the_nearest_state_in_energy(plate_rom):
     """The loss is exactly the energy of what the other basis cannot hold (Pythagoras in K and in M)."""
     random = np.random.default_rng(0)
     simulator = fr.Simulator(plate_rom, dt=1e-3)
-    κ, (start, end) = plate_rom.stiffness, plate_rom.modes.values()
+    κ, (start, end) = plate_rom.stiffness, plate_rom.contact_models.values()
     q, r = random.standard_normal(start.order) / np.sqrt(start.eigenvalues), random.standard_normal(start.order)
     simulator.state = q, r
     simulator.switch("middle")
@@ -197,7 +197,7 @@ def test_switch_is_the_nearest_state_in_energy(plate_rom):
 def test_energy_switching_of_eigenvectors_is_the_papers_selection(plate_system):
     """For bases of eigenvectors the projections drop coordinates and change no other (13)."""
     rom = fr.reduce(plate_system, order=12, switching="modal", share=0.999999)
-    start, end = rom.modes.values()
+    start, end = rom.contact_models.values()
     shared = np.isin(np.round(start.eigenvalues, 6), np.round(end.eigenvalues, 6))
     assert 0 < shared.sum() < start.order, (start.order, end.order)
     simulator = fr.Simulator(rom, dt=1e-3)
@@ -237,8 +237,8 @@ def test_standard_switching_fails_the_law_that_the_others_keep(plate_system, swi
 
 def test_a_model_with_negative_damping_is_caught(plate_rom):
     """The law can fail: a body that feeds itself is not passive, and the account shows it."""
-    mode = plate_rom.modes["middle"]
-    broken = replace(plate_rom, modes={"middle": replace(mode, damping=-mode.damping)})
+    mode = plate_rom.contact_models["middle"]
+    broken = replace(plate_rom, contact_models={"middle": replace(mode, damping=-mode.damping)})
     with pytest.raises(fr.errors.StructureError, match="not positive semi-definite"):
         check_rom(broken)
     account = rough_ride(broken, 200, seed=3)

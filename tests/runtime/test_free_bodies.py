@@ -15,8 +15,8 @@ import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning, StepError, StructureError
 from fenics_rom.fem.simulate import FullSimulator
 from fenics_rom.mechanics.linearity import ModeGauge, basis_rows
-from fenics_rom.rom.rom import Mode, check_rom, diagonalized_span
-from fenics_rom.runtime.steppers.midpoint_forms import OneProduct, VelocityFirst
+from fenics_rom.rom.rom import ContactModel, check_rom, diagonalized_span
+from fenics_rom.runtime.steppers.midpoint_forms import FusedMidpoint, StagedMidpoint
 
 GRAVITY = 9.81
 
@@ -47,14 +47,14 @@ def random_free(seed, sizes, dense, rigid=6, k=40):
         γ, C = diagonalized_span(κ, mixed)
         root = random.standard_normal((rigid + size, random.integers(0, rigid + size + 1)))
         D = root @ root.T if dense else 0.1 * (number > 0) + 1e-3 * γ
-        modes[f"mode{number}"] = Mode(
+        modes[f"mode{number}"] = ContactModel(
             γ, D, random.standard_normal((rigid + size, 2)), C, np.eye(rigid + size), np.empty(0)
         )
     return check_rom(
         fr.Rom(
             name="random",
             switching="energy",
-            modes=modes,
+            contact_models=modes,
             actuators={},
             basis=np.eye(rigid + k),
             stiffness=κ,
@@ -74,7 +74,7 @@ def excited(rom, contact, seed=0, dt=1e-3):
     body = fr.Simulator(rom, dt)
     body.switch(contact)
     random = np.random.default_rng(seed)
-    body.state = 1e-3 * random.standard_normal((2, rom.modes[contact].order))
+    body.state = 1e-3 * random.standard_normal((2, rom.contact_models[contact].order))
     return body
 
 
@@ -97,8 +97,8 @@ def test_momenta_stay_without_forces(rom, system):
     """Of translation and of rotation, over steps of any size and switches between them."""
     body = excited(rom, "right")
     random = np.random.default_rng(1)
-    (s, _), names, time = body.state, list(rom.modes), 0.0
-    W = rom.basis @ rom.modes["right"].coordinates
+    (s, _), names, time = body.state, list(rom.contact_models), 0.0
+    W = rom.basis @ rom.contact_models["right"].coordinates
     before = system.rigid.T @ (system.mass @ (W @ body.state[1][:, None]))[:, 0]
     np.testing.assert_allclose(body.state[1][:6], before, atol=1e-14)
     velocity, start, energy = body.state[1][:6], s[:6], body.energy
@@ -133,7 +133,7 @@ def test_switch_carries_rigid_motions_over_exactly(dense):
 def test_account_closes_for_free_bodies(size, dense):
     """In both forms of the step, with dampers that couple rigid and elastic motions."""
     rom = random_free(size, (size, size // 2), dense, k=size)
-    form = VelocityFirst if size > 90 else OneProduct
+    form = StagedMidpoint if size > 90 else FusedMidpoint
     assert type(fr.Simulator(rom, 1e-3)._form) is form
     account = rough_ride(rom, 500, seed=size)
     assert account.gap <= CLOSES_TO * account.scale
@@ -219,7 +219,7 @@ def test_march_is_stepping(rom, every):
     random = np.random.default_rng(0)
     u, contacts = random.standard_normal((100, 4)), ["right"] * 33 + ["top"] * 67
     one, other = excited(rom, "right"), excited(rom, "right")
-    tip = one.march(u, contact=contacts, every=every)["tip"]
+    tip = one.rollout(u, contact=contacts, every=every)["tip"]
     seen = []
     for step in range(100):
         other.switch(contacts[step])
@@ -228,7 +228,7 @@ def test_march_is_stepping(rom, every):
             seen.append(other.displacement("tip"))
     np.testing.assert_allclose(tip, seen, rtol=1e-12)
     assert one.energy == pytest.approx(other.energy, rel=1e-12)
-    assert one.march(u, contact="top", outputs=[]) == {}
+    assert one.rollout(u, contact="top", outputs=[]) == {}
 
 
 @pytest.mark.parametrize(("dtype", "accuracy"), [(np.float64, 1e-12), (np.float32, 1e-4)])
@@ -262,7 +262,7 @@ def test_batch_is_many_simulators(dense, dtype, accuracy):
 
 def test_large_rotations_are_told_though_no_energy_bounds_them(rom, system):
     """Slow ones, too; and a fall, however far, is none."""
-    mode, rows = rom.modes["right"], basis_rows(rom)
+    mode, rows = rom.contact_models["right"], basis_rows(rom)
     assert ModeGauge(rows @ mode.coordinates, mode.eigenvalues).safe_energy == 0.0
     spin = np.cross([0.0, 0.0, 0.01], system.body.nodes).reshape(-1, 1)
     body, r = fr.Simulator(rom, 0.1), np.zeros(mode.order)
@@ -284,7 +284,7 @@ def test_large_rotations_are_told_though_no_energy_bounds_them(rom, system):
 
 
 def test_translations_alone_leave_the_safe_energy_as_it_is(rom, system):
-    mode, rows = rom.modes["right"], basis_rows(rom)
+    mode, rows = rom.contact_models["right"], basis_rows(rom)
     shifts = np.tile(np.eye(3), (len(system.body.nodes), 1))
     moves = basis_rows(replace(rom, basis=shifts))
     elastic = (rows @ mode.coordinates)[:, 6:]
@@ -298,20 +298,20 @@ def test_lower_orders_keep_the_rigid_motions(rom, system):
     small = check_rom(fr.truncated(rom, 7))
     again = fr.truncated(fr.truncated(rom, 15), 7)
     direct = fr.reduce(system, order=7)
-    for name, mode in small.modes.items():
+    for name, mode in small.contact_models.items():
         assert (mode.order, mode.rigid) == (13, 6)
         assert not mode.eigenvalues[:6].any()
         np.testing.assert_array_equal(mode.coordinates[:, :6], np.eye(len(rom.stiffness))[:, :6])
-        np.testing.assert_allclose(mode.inputs[:6], rom.modes[name].inputs[:6], rtol=1e-14)
-        np.testing.assert_allclose(mode.eigenvalues, again.modes[name].eigenvalues, rtol=1e-10)
+        np.testing.assert_allclose(mode.inputs[:6], rom.contact_models[name].inputs[:6], rtol=1e-14)
+        np.testing.assert_allclose(mode.eigenvalues, again.contact_models[name].eigenvalues, rtol=1e-10)
         σ = mode.hankel_singular_values
-        assert small.certificate[name]["neglected"] == pytest.approx(σ[7:].sum() / σ.sum(), rel=1e-12)
-        np.testing.assert_allclose(mode.eigenvalues[6:], direct.modes[name].eigenvalues[6:], rtol=1e-8)
-    assert fr.truncated(rom, 20).modes["top"] is rom.modes["top"]
+        assert small.validation[name]["neglected"] == pytest.approx(σ[7:].sum() / σ.sum(), rel=1e-12)
+        np.testing.assert_allclose(mode.eigenvalues[6:], direct.contact_models[name].eigenvalues[6:], rtol=1e-8)
+    assert fr.truncated(rom, 20).contact_models["top"] is rom.contact_models["top"]
     with pytest.raises(StructureError, match="allowed are 1 to 20"):
         fr.truncated(rom, 21)
     dense = random_free(0, (20, 9), True)
-    for mode, whole in zip(fr.truncated(dense, 4).modes.values(), dense.modes.values(), strict=True):
+    for mode, whole in zip(fr.truncated(dense, 4).contact_models.values(), dense.contact_models.values(), strict=True):
         np.testing.assert_allclose(mode.damping[:6, :6], whole.damping[:6, :6], rtol=1e-12)
 
 
@@ -322,7 +322,7 @@ def test_files_keep_them_and_refuse_others(rom, tmp_path, capsys):
     fr.write_rom(file, rom)
     body, other = fr.Simulator(rom, 1e-3), fr.Simulator(fr.read_rom(file), 1e-3)
     for simulator in (body, other):
-        simulator.march(np.ones((10, 4)))
+        simulator.rollout(np.ones((10, 4)))
     np.testing.assert_array_equal(other.displacement(), body.displacement())
     print_rom(rom, file)
     assert "20 + 6 rigid" in capsys.readouterr().out
@@ -331,8 +331,8 @@ def test_files_keep_them_and_refuse_others(rom, tmp_path, capsys):
 
 
 def with_first(rom, **parts):
-    name, mode = next(iter(rom.modes.items()))
-    return replace(rom, modes=rom.modes | {name: replace(mode, **parts)})
+    name, mode = next(iter(rom.contact_models.items()))
+    return replace(rom, contact_models=rom.contact_models | {name: replace(mode, **parts)})
 
 
 @pytest.mark.parametrize(
@@ -342,15 +342,17 @@ def with_first(rom, **parts):
         (lambda rom: replace(rom, stiffness=rom.stiffness - 1e-9 * (rom.stiffness == 0)), "least κ = -1e-09"),
         (lambda rom: replace(rom, stiffness=0 * rom.stiffness), "least κ = 0"),
         (
-            lambda rom: with_first(rom, eigenvalues=np.where(np.arange(26) == 6, 0, rom.modes["right"].eigenvalues)),
+            lambda rom: with_first(
+                rom, eigenvalues=np.where(np.arange(26) == 6, 0, rom.contact_models["right"].eigenvalues)
+            ),
             "least eigenvalue 0 is not positive",
         ),
         (
-            lambda rom: with_first(rom, eigenvalues=np.maximum(rom.modes["right"].eigenvalues, 1e-3)),
+            lambda rom: with_first(rom, eigenvalues=np.maximum(rom.contact_models["right"].eigenvalues, 1e-3)),
             "does not begin with the 6 rigid motions",
         ),
         (
-            lambda rom: with_first(rom, coordinates=rom.modes["right"].coordinates + 1e-14),
+            lambda rom: with_first(rom, coordinates=rom.contact_models["right"].coordinates + 1e-14),
             "does not begin with the 6 rigid motions",
         ),
     ],

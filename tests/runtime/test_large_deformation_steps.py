@@ -56,7 +56,7 @@ def test_the_linearly_implicit_step_never_creates_energy(roms, undamped, law):
         scale = 1e-6 if law == "st_venant_kirchhoff" else rom.deformation.shear @ rom.deformation.weights / 10  # J
         for _ in range(300):
             simulator.dt = 10 ** rng.uniform(-6, 1)
-            simulator.switch(rng.choice(list(rom.modes)))
+            simulator.switch(rng.choice(list(rom.contact_models)))
             simulator.step(rng.standard_normal(5) * 10 ** rng.uniform(-3, 5) * (rng.random() < 0.3) * [1, 1, 1, 1, 0.1])
             scale = max(scale, simulator.energy, simulator.ledger.supplied)
             ledger = simulator.ledger
@@ -183,7 +183,7 @@ def test_without_inertia_every_step_is_an_equilibrium(law):
     for share in np.linspace(0.1, 1.0, 10):
         simulator.step([0.0, 0.0, 0.3 * share, 0.0, 0.5 * share])
         q, body = simulator.state[0], rom.deformation
-        loads = rom.modes["tip"].inputs[:, 2] * 0.3 * share + body.tendons["cable"].force(q) * 0.5 * share
+        loads = rom.contact_models["tip"].inputs[:, 2] * 0.3 * share + body.tendons["cable"].force(q) * 0.5 * share
         assert np.abs(body.force(q) - loads).max() < 1e-9 * np.abs(loads).max()
     assert imbalance(simulator) < 1e-10
     assert simulator.ledger.dissipated > 0
@@ -203,7 +203,7 @@ def test_contact_never_adds_energy_and_lets_nothing_in(stepper):
     lowest, last = 0.0, 0.0
     for step in range(300):
         simulator.step([0.0, 0.05, -0.15 if step < 200 else 0.1, 0.0, 0.0])
-        tip = simulator.displacement()[rom.modes["tip"].contact_points]
+        tip = simulator.displacement()[rom.contact_models["tip"].contact_points]
         lowest = min(lowest, tip[:, 2].min())
         assert simulator.ledger.contact >= -1e-14
         assert simulator.ledger.friction >= last - 1e-14
@@ -242,7 +242,7 @@ def test_the_stepper_follows_from_the_step_and_says_why(roms):
     [
         (lambda rom: fr.Simulator(rom, 1e-3, stepper="euler"), "stepper"),
         (lambda rom: fr.Simulator(linear(rom), 1e-3, stepper="newton"), "belongs to large deformation"),
-        (lambda rom: fr.Simulator(rom, 1e-3).march(np.zeros((3, 5))), "march"),
+        (lambda rom: fr.Simulator(rom, 1e-3).rollout(np.zeros((3, 5))), "rollout"),
         (lambda rom: fr.Batch(rom, 3, 1e-3), "large deformation"),
         (lambda rom: fr.truncated(rom, 3), "truncated"),
         (lambda rom: fr.Simulator(soft_rom(inertia=False), 0.1, stepper="newton"), "inertia"),
@@ -276,7 +276,7 @@ def test_steps_too_long_and_shapes_too_far_are_told_once(undamped):
             simulator.step([0.0, 0.0, 3.0 * (step < 30), 0.0, 0.0])
     assert len(caught) <= 1
     assert any("too long" in message for message in simulator.warnings)
-    far = fr.Simulator(replace(rom, deformation=replace(rom.deformation, reach=1e-3)), 1e-3)
+    far = fr.Simulator(replace(rom, deformation=replace(rom.deformation, training_radius=1e-3)), 1e-3)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", FenicsRomWarning)
         for _ in range(400):

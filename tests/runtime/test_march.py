@@ -10,7 +10,7 @@ from test_energy_laws import random_rom
 
 import fenics_rom as fr
 from fenics_rom.errors import StepError
-from fenics_rom.runtime.rollout import LONGEST, spans
+from fenics_rom.runtime.rollout import LONGEST, constant_intervals
 
 ROUND_OFF = 1e-12
 
@@ -34,7 +34,7 @@ def assert_same(one, other):
     energy = max(one.energy, one.ledger.supplied)
     for (a, _), (b, _) in zip(one.ledger.sums, other.ledger.sums, strict=True):
         assert a == pytest.approx(b, abs=ROUND_OFF * energy)
-    ω = np.sqrt(one.rom.modes[one.contact].eigenvalues)
+    ω = np.sqrt(one.rom.contact_models[one.contact].eigenvalues)
     (q, r), (q2, r2) = one.state, other.state
     assert np.linalg.norm([ω * (q - q2), r - r2]) <= ROUND_OFF * np.sqrt(2 * energy)
 
@@ -45,12 +45,12 @@ def test_march_is_stepping_through_switches_and_step_sizes(plate_rom, every):
     inputs = np.random.default_rng(every).standard_normal((steps, 3))
     contact = [("tip_left", "middle")[k // 50 % 2] for k in range(steps)]
     dt = [(1e-3, 2e-3, 5e-4)[k // 71 % 3] for k in range(steps)]
-    hand, march = fr.Simulator(plate_rom, dt=1e-3), fr.Simulator(plate_rom, dt=1e-3)
+    hand, rollout = fr.Simulator(plate_rom, dt=1e-3), fr.Simulator(plate_rom, dt=1e-3)
     read = stepped(hand, inputs, contact, dt, every)
-    tip = march.march(inputs, contact=contact, dt=dt, every=every)["tip"]
+    tip = rollout.rollout(inputs, contact=contact, dt=dt, every=every)["tip"]
     assert tip.shape == (steps // every, 2, 3)
     np.testing.assert_allclose(tip, read, atol=1e-11 * np.abs(read).max(), rtol=0)
-    assert_same(hand, march)
+    assert_same(hand, rollout)
 
 
 @settings(max_examples=40, deadline=None)
@@ -64,44 +64,44 @@ def test_march_is_stepping_through_switches_and_step_sizes(plate_rom, every):
 def test_account_closes_and_marching_is_stepping_for_any_rom(seed, dense, pieces):
     random = np.random.default_rng(seed)
     rom = random_rom(random, 12, random.integers(1, 13, 2), 5, dense)
-    march = fr.Simulator(rom, dt=1e-3)
-    march.state = random.standard_normal((2, rom.modes["mode0"].order))
-    hand, start = copy.copy(march), march.energy
+    rollout = fr.Simulator(rom, dt=1e-3)
+    rollout.state = random.standard_normal((2, rom.contact_models["mode0"].order))
+    hand, start = copy.copy(rollout), rollout.energy
     for mode, decade, steps, every in pieces:
         inputs, contact, dt = random.standard_normal((steps, 2)), f"mode{mode}", 10**decade
-        march.march(inputs, contact=contact, dt=dt, every=every)
+        rollout.rollout(inputs, contact=contact, dt=dt, every=every)
         for u in inputs:
             hand.dt = dt
             hand.switch(contact)
             hand.step(u)
-        account = march.ledger
-        gap = march.energy - start - account.supplied + account.dissipated + account.lost_in_switching
-        scale = max(start, march.energy, abs(account.supplied), account.dissipated)
+        account = rollout.ledger
+        gap = rollout.energy - start - account.supplied + account.dissipated + account.lost_in_switching
+        scale = max(start, rollout.energy, abs(account.supplied), account.dissipated)
         assert abs(gap) <= ROUND_OFF * scale
         assert account.dissipated >= -ROUND_OFF * scale
         if steps:
-            ω = np.sqrt(rom.modes[contact].eigenvalues)
-            gaps = [a - b for a, b in zip(march.state, hand.state, strict=True)]
+            ω = np.sqrt(rom.contact_models[contact].eigenvalues)
+            gaps = [a - b for a, b in zip(rollout.state, hand.state, strict=True)]
             assert np.linalg.norm([ω * gaps[0], gaps[1]]) <= ROUND_OFF * np.sqrt(2 * scale)
-            assert march.time == pytest.approx(hand.time, rel=1e-13)
+            assert rollout.time == pytest.approx(hand.time, rel=1e-13)
 
 
 def test_march_without_ledger_or_outputs(plate_rom):
     inputs = np.random.default_rng(0).standard_normal((300, 3))
     one, other = fr.Simulator(plate_rom, dt=1e-3), fr.Simulator(plate_rom, dt=1e-3, ledger=False)
-    one.march(inputs)
-    assert other.march(inputs, outputs=[]) == {}
+    one.rollout(inputs)
+    assert other.rollout(inputs, outputs=[]) == {}
     assert other.ledger is None
-    assert fr.Simulator(plate_rom, dt=1e-3).march(inputs, every=2 * LONGEST, outputs=[]) == {}
+    assert fr.Simulator(plate_rom, dt=1e-3).rollout(inputs, every=2 * LONGEST, outputs=[]) == {}
     np.testing.assert_allclose(one.state, other.state, rtol=1e-9, atol=1e-13)
-    assert one.march(np.empty((0, 3)))["tip"].shape == (0, 2, 3)
+    assert one.rollout(np.empty((0, 3)))["tip"].shape == (0, 2, 3)
     assert one.steps == 300
 
 
 def test_bad_marches_leave_everything_as_it_was(plate_rom):
     simulator = fr.Simulator(plate_rom, dt=1e-3)
     good = np.random.default_rng(0).standard_normal((200, 3))
-    simulator.march(good)
+    simulator.rollout(good)
     before, nan, huge = simulator.save(), good.copy(), good.copy()
     nan[120, 1], huge[150:] = np.nan, 1e308
     for message, inputs, choice in (
@@ -119,7 +119,7 @@ def test_bad_marches_leave_everything_as_it_was(plate_rom):
         ("every = 2.5", good, {"every": 2.5}),
     ):
         with pytest.raises(StepError, match=message):
-            simulator.march(inputs, **choice)
+            simulator.rollout(inputs, **choice)
         after = simulator.save()
         np.testing.assert_array_equal(after.state, before.state)
         assert (after.contact, after.dt, after.steps, after.sums) == (
@@ -131,20 +131,20 @@ def test_contact_modes_of_different_widths_are_refused_together(box_system):
     rom = fr.reduce(box_system, order=5)
     simulator = fr.Simulator(rom, dt=1e-3)
     wide, narrow = np.zeros((10, simulator.inputs)), np.zeros((10, simulator.inputs - 1))
-    simulator.march(wide)
+    simulator.rollout(wide)
     with pytest.raises(StepError, match="step 10: inputs of contact mode"):
-        simulator.march(narrow)
+        simulator.rollout(narrow)
 
 
 def test_spans_are_the_steps_between_changes():
-    assert spans(0, "a", 1.0) == []
-    assert spans(4, "a", 1.0) == [(0, 4, "a", 1.0)]
-    changing = spans(4, ["a", "a", "b", "b"], [1.0, 2.0, 2.0, 2.0])
+    assert constant_intervals(0, "a", 1.0) == []
+    assert constant_intervals(4, "a", 1.0) == [(0, 4, "a", 1.0)]
+    changing = constant_intervals(4, ["a", "a", "b", "b"], [1.0, 2.0, 2.0, 2.0])
     assert changing == [(0, 1, "a", 1.0), (1, 2, "a", 2.0), (2, 4, "b", 2.0)]
 
 
 def test_step_sizes_that_never_come_back_do_not_pile_up(plate_rom):
     simulator = fr.Simulator(plate_rom, dt=1e-3)
     for k in range(100):
-        simulator.march(np.zeros((2, 3)), dt=1e-3 + 1e-6 * k)
-    assert len(simulator._ladders) <= 32
+        simulator.rollout(np.zeros((2, 3)), dt=1e-3 + 1e-6 * k)
+    assert len(simulator._doubling_blocks) <= 32

@@ -7,9 +7,9 @@ import pytest
 from scipy.linalg import expm
 
 import fenics_rom as fr
-from fenics_rom.mechanics.energy_ledger import Ledger
-from fenics_rom.rom.rom import Mode
-from fenics_rom.runtime.steppers.midpoint_forms import LARGEST_PRODUCT, OneProduct, VelocityFirst, fastest
+from fenics_rom.mechanics.energy_ledger import EnergyLedger
+from fenics_rom.rom.rom import ContactModel
+from fenics_rom.runtime.steppers.midpoint_forms import LARGEST_PRODUCT, FusedMidpoint, StagedMidpoint, fastest
 
 
 def three_modes():
@@ -18,12 +18,12 @@ def three_modes():
     γ, G = np.array([4.0, 25.0, 90.0]), random.standard_normal((3, 2))
     root = random.standard_normal((3, 3))
     dampings = (0.3 + 0.01 * γ, root @ root.T, np.zeros(3))
-    return [Mode(γ, damping, G, np.eye(3), np.eye(3), np.ones(3)) for damping in dampings]
+    return [ContactModel(γ, damping, G, np.eye(3), np.eye(3), np.ones(3)) for damping in dampings]
 
 
 MODES = three_modes()
 each_mode = pytest.mark.parametrize("mode", MODES, ids=("proportional", "dense", "undamped"))
-each_form = pytest.mark.parametrize("form", [OneProduct, VelocityFirst])
+each_form = pytest.mark.parametrize("form", [FusedMidpoint, StagedMidpoint])
 
 
 def dense(mode):
@@ -31,14 +31,14 @@ def dense(mode):
 
 
 def started(form, mode, h, q, r):
-    stepper = form(mode, Ledger())
-    stepper.retime(h)
+    stepper = form(mode, EnergyLedger())
+    stepper.set_time_step(h)
     stepper.state[:] = np.concatenate([np.sqrt(mode.eigenvalues) * q, r])
     return stepper
 
 
 def booked(stepper):
-    stepper.settle()
+    stepper.flush()
     return stepper._ledger
 
 
@@ -59,7 +59,7 @@ def test_order_of_accuracy_is_two(mode, form):
     def error(steps):
         stepper = started(form, mode, end / steps, np.zeros(m), np.ones(m))
         for _ in range(steps):
-            stepper.advance(u)
+            stepper.step(u)
         return np.linalg.norm(np.concatenate(displacement_and_velocity(stepper, mode)) - exact)
 
     errors = [error(n) for n in (400, 800, 1600)]
@@ -75,7 +75,7 @@ def test_step_solves_the_equation_of_the_paper(mode, form):
     for h in (1e-6, 1e-3, 1.0):
         (q, r), u = random.standard_normal((2, mode.order)), random.standard_normal(2)
         stepper = started(form, mode, h, q, r)
-        twice_energy = stepper.advance(u)
+        twice_energy = stepper.step(u)
         after_q, after_r = displacement_and_velocity(stepper, mode)
         assert twice_energy == pytest.approx(after_r @ after_r + after_q @ (mode.eigenvalues * after_q), rel=1e-14)
         v, force = (after_r + r) / 2, mode.inputs @ u
@@ -86,7 +86,7 @@ def test_step_solves_the_equation_of_the_paper(mode, form):
         ledger = booked(stepper)
         assert ledger.supplied == pytest.approx(h * force @ v, rel=1e-9)
         assert ledger.dissipated == pytest.approx(h * v @ dense(mode) @ v, rel=1e-9)
-        stepper.undo()
+        stepper.rollback()
         np.testing.assert_allclose(displacement_and_velocity(stepper, mode), [q, r], rtol=1e-15)
 
 
@@ -94,7 +94,7 @@ def test_step_solves_the_equation_of_the_paper(mode, form):
 def test_undamped_energy_is_kept_for_ever(form):
     stepper = started(form, MODES[2], 0.05, np.zeros(3), np.ones(3))
     for _ in range(100_000):
-        twice = stepper.advance(np.zeros(2))
+        twice = stepper.step(np.zeros(2))
     assert twice / 3 == pytest.approx(1, abs=1e-11)
 
 
@@ -106,17 +106,17 @@ def test_every_form_gives_the_same_numbers(m, damping):
     γ = np.sort(10 ** random.uniform(0, 8, m))
     root = random.standard_normal((m, m))
     D = 0.1 + 1e-4 * γ if damping == "diagonal" else root @ root.T
-    mode = Mode(γ, D, random.standard_normal((m, 3)), np.eye(m), np.eye(m), np.ones(m))
-    one, other = (started(form, mode, 1e-3, *np.zeros((2, m))) for form in (OneProduct, VelocityFirst))
+    mode = ContactModel(γ, D, random.standard_normal((m, 3)), np.eye(m), np.eye(m), np.ones(m))
+    one, other = (started(form, mode, 1e-3, *np.zeros((2, m))) for form in (FusedMidpoint, StagedMidpoint))
     largest = 0.0
     for step in range(300):
         u = random.standard_normal(3)
         if step % 30 == 0:
             h = 10 ** random.uniform(-6, -1)
-            one.retime(h)
-            other.retime(h)
-        one.advance(u)
-        other.advance(u)
+            one.set_time_step(h)
+            other.set_time_step(h)
+        one.step(u)
+        other.step(u)
         largest = max(largest, np.linalg.norm(one.state))
         assert np.linalg.norm(one.state - other.state) <= 1e-12 * largest
         if step % 7 == 0:  # in between, works wait to be booked
@@ -128,11 +128,11 @@ def test_the_form_is_chosen_by_order_and_damping():
     def form(m, dimensions):
         shape = (m,) * dimensions
         damping = np.ones(m) if len(shape) == 1 else np.eye(m)
-        return type(fastest(Mode(np.ones(m), damping, np.ones((m, 1)), np.eye(m), np.eye(m), np.ones(m)), None))
+        return type(fastest(ContactModel(np.ones(m), damping, np.ones((m, 1)), np.eye(m), np.eye(m), np.ones(m)), None))
 
     for dimensions, largest in LARGEST_PRODUCT.items():
-        assert form(largest, dimensions) is OneProduct
-        assert form(largest + 1, dimensions) is VelocityFirst
+        assert form(largest, dimensions) is FusedMidpoint
+        assert form(largest + 1, dimensions) is StagedMidpoint
 
 
 def test_dense_and_diagonal_damping_agree(box_system):
@@ -141,9 +141,9 @@ def test_dense_and_diagonal_damping_agree(box_system):
     for dense in (False, True):
         made = {
             name: replace(mode, damping=np.diag(mode.damping) if dense else mode.damping)
-            for name, mode in diagonal.modes.items()
+            for name, mode in diagonal.contact_models.items()
         }
-        simulator = fr.Simulator(replace(diagonal, modes=made), dt=1e-2)
+        simulator = fr.Simulator(replace(diagonal, contact_models=made), dt=1e-2)
         for step in range(200):
             simulator.switch(("right", "top")[step // 50 % 2])
             simulator.step([0.1, 0.2, 0.3, -1.0])

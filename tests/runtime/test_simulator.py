@@ -11,7 +11,7 @@ from test_energy_laws import random_rom
 
 import fenics_rom as fr
 from fenics_rom.errors import StepError
-from fenics_rom.mechanics.energy_ledger import Ledger
+from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.runtime.steppers.midpoint_forms import LARGEST_PRODUCT
 
 
@@ -141,7 +141,7 @@ def test_run_of_the_scene_is_stepping_by_hand(plate_rom):
     np.testing.assert_allclose(run.outputs["tip"][50], simulator.displacement("tip"), rtol=1e-12)
     assert run.energy[50] == simulator.energy
     assert run.balance_error <= 1e-12
-    assert run.shape_times[-1] == run.times[-1] == pytest.approx(3.0)
+    assert run.snapshot_times[-1] == run.times[-1] == pytest.approx(3.0)
 
 
 def restless(rom, steps=100, seed=0, **choice):
@@ -243,7 +243,7 @@ def test_stepping_leaves_nothing_behind(plate_rom, ledger):
 
 def test_a_million_small_works_add_up():
     """Kahan's sums: a plain one is off by some 1e-11 here."""
-    ledger = Ledger()
+    ledger = EnergyLedger()
     for _ in range(1_000_000):
         ledger.book(supplied=0.1, dissipated=0.3)
     assert ledger.supplied == pytest.approx(math.fsum([0.1] * 1_000_000), rel=1e-15)

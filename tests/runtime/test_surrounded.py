@@ -14,9 +14,9 @@ from hypothesis import strategies as st
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning, SceneError, StepError
 from fenics_rom.fem.simulate import FullSimulator
-from fenics_rom.mechanics.environment import Surroundings
-from fenics_rom.runtime.steppers.contact import Equilibrium, MidpointAmongObstacles
-from fenics_rom.runtime.steppers.midpoint_forms import OneProduct
+from fenics_rom.mechanics.environment import Environment
+from fenics_rom.runtime.steppers.contact import ContactMidpoint, Equilibrium
+from fenics_rom.runtime.steppers.midpoint_forms import FusedMidpoint
 from fenics_rom.scene.file import parse_scene
 
 CLOSES_TO = 1e-12  # of the largest energy or work seen
@@ -130,8 +130,8 @@ def shaken(seed):
 class Reduced:
     """A reduced run."""
 
-    def __init__(self, rom, scene=None, histories=None):
-        self.body = fr.Simulator(rom, 1e-3, scene=scene, histories=histories)
+    def __init__(self, rom, scene=None, signals=None):
+        self.body = fr.Simulator(rom, 1e-3, scene=scene, signals=signals)
         self.actuators = sum(rom.actuators.values())
 
     def step(self, dt, u):
@@ -142,8 +142,8 @@ class Reduced:
 class Full:
     """A full-order run, as solve() makes it, with any step sizes."""
 
-    def __init__(self, system, histories=None):
-        self.around = Surroundings(system.scene, histories=histories)
+    def __init__(self, system, signals=None):
+        self.around = Environment(system.scene, signals=signals)
         self.body = FullSimulator(system, 1e-3, self.around)
         self.contact = next(iter(system.contacts))
         self.actuators = sum(columns.shape[1] for columns in system.actuators.values())
@@ -188,8 +188,8 @@ QUIETLY = settings(
 @settings(QUIETLY)
 def test_account_closes_with_all_effects_on(everything, seed):
     """Steps from 1e-5 to 5e-2 s, in random order; impacts and friction only take."""
-    run = Reduced(everything.rom, histories=shaken(seed))
-    assert isinstance(run.body._form, MidpointAmongObstacles)
+    run = Reduced(everything.rom, signals=shaken(seed))
+    assert isinstance(run.body._form, ContactMidpoint)
     assert ride(run, 150, seed) <= CLOSES_TO
     account = run.body.ledger
     assert min(account.contact, account.friction) > 0
@@ -199,7 +199,7 @@ def test_account_closes_with_all_effects_on(everything, seed):
 @given(seed=st.integers(0, 10**6))
 @settings(QUIETLY, max_examples=4)
 def test_account_of_the_full_model_closes_with_all_effects_on(everything, seed):
-    run = Full(everything.system, histories=shaken(seed))
+    run = Full(everything.system, signals=shaken(seed))
     assert ride(run, 60, seed) <= CLOSES_TO
     assert run.body.ledger.contact > 0
     run.body.close()
@@ -209,7 +209,7 @@ def test_account_of_the_full_model_closes_with_all_effects_on(everything, seed):
 def test_account_closes_without_inertia(mesh, obstacles):
     still = Models(scene_of(mesh, f"{GRAVITY}[effects.prescribed.push]\nsurface = 'right'{obstacles}"))
     moved = {"push": shaken(3)["push"]} | ({"floor": shaken(3)["floor"]} if obstacles else {})
-    run = Reduced(still.rom, histories=moved)
+    run = Reduced(still.rom, signals=moved)
     assert isinstance(run.body._form, Equilibrium)
     assert ride(run, 100, 5) <= CLOSES_TO
     full = Full(still.system, moved)
@@ -224,7 +224,7 @@ STRONG = {"soft": (1e4, 100.0), "hard": (1e10, 1e8)}  # a million times as stiff
 @settings(QUIETLY)
 def test_energy_is_bounded_by_the_work_for_any_ratio_of_stiffness_and_mass(extreme, seed):
     """Stored and dissipated together never exceed what was supplied."""
-    run, random = Reduced(extreme.rom, histories=shaken(seed)), np.random.default_rng(seed)
+    run, random = Reduced(extreme.rom, signals=shaken(seed)), np.random.default_rng(seed)
     for _ in range(150):
         run.step(np.exp(random.uniform(np.log(1e-5), np.log(5e-2))), 100 * random.standard_normal(2))
         account = run.body.ledger
@@ -244,9 +244,9 @@ def extreme(mesh):
 
 def stripped(rom, scene, **changes):
     """The ROM as it were if it had been made from another scene, in the same bases."""
-    modes = {name: replace(mode, contact_points=np.empty(0, dtype=int)) for name, mode in rom.modes.items()}
+    modes = {name: replace(mode, contact_points=np.empty(0, dtype=int)) for name, mode in rom.contact_models.items()}
     effects = {name: rom.effects[name] for name in scene.effects}
-    return replace(rom, modes=modes, effects=effects, scene_text=scene.text, **changes)
+    return replace(rom, contact_models=modes, effects=effects, scene_text=scene.text, **changes)
 
 
 def test_contact_that_a_scene_does_not_name_changes_no_bit(mesh):
@@ -254,7 +254,7 @@ def test_contact_that_a_scene_does_not_name_changes_no_bit(mesh):
     plain = scene_of(mesh, PLAIN)
     rom = reduced(scene_of(mesh, PLAIN + FLOOR + ROUGH), order=16)
     runs = [fr.Simulator(rom, 1e-3, scene=plain), fr.Simulator(stripped(rom, plain), 1e-3)]
-    assert all(type(run._form) is OneProduct and run.surroundings is None for run in runs)
+    assert all(type(run._form) is FusedMidpoint and run.surroundings is None for run in runs)
     assert all(len(run.contact_points) == 0 for run in runs)
     random = np.random.default_rng(0)
     for step in range(300):
@@ -276,7 +276,7 @@ def test_weight_that_acts_by_itself_is_the_one_that_is_pushed_by_hand(mesh):
     assert rom.loads == {"gravity": 1}
     by_hand = fr.Simulator(stripped(rom, plain, actuators={"gravity": 1}, loads={}), 1e-3)
     by_itself, without = fr.Simulator(rom, 1e-3), fr.Simulator(rom, 1e-3, scene=plain)
-    assert {type(run._form) for run in (by_hand, by_itself, without)} == {OneProduct}
+    assert {type(run._form) for run in (by_hand, by_itself, without)} == {FusedMidpoint}
     random = np.random.default_rng(1)
     forces = random.standard_normal((200, 3))
     for u in forces:
@@ -307,7 +307,7 @@ def test_scene_that_moves_slowly_makes_an_equilibrium_of_any_rom(mesh):
     rom = reduced(scene_of(mesh, PLAIN + GRAVITY))
     body = fr.Simulator(rom, 0.1, scene=scene_of(mesh, GRAVITY))
     body.step()
-    mode = rom.modes["bottom"]
+    mode = rom.contact_models["bottom"]
     np.testing.assert_allclose(body.state[0], mode.inputs[:, -1] / mode.eigenvalues, rtol=1e-12)
     assert not body.state[1].any()
 
@@ -323,7 +323,7 @@ TABLES = {
 
 @pytest.fixture(scope="module")
 def tabled(mesh):
-    """The ROM with all effects, whose histories are tables."""
+    """The ROM with all effects, whose signals are tables."""
     text = EVERYTHING.replace("direction = [1, 0, 1]", 'direction = [1, 0, 1]\ntable = "quake.csv"')
     text = text.replace("[effects.prescribed.push]", '[effects.prescribed.push]\ntable = "push.csv"')
     text = text.replace("radius = 0.045", 'radius = 0.045\ntable = "ball.csv"')
@@ -374,8 +374,8 @@ def test_saved_bodies_go_on_to_the_bit(tabled, tmp_path):
 
 def test_copies_keep_what_they_are_driven_by(tabled):
     body = fr.Simulator(tabled, 1e-3)
-    body.drive("push", [0.5, 0.0, -1.0])
-    body.drive("ball", [-0.004, 0.0, 0.0])
+    body.set_signal("push", [0.5, 0.0, -1.0])
+    body.set_signal("ball", [-0.004, 0.0, 0.0])
     run_on(body, 30)
     other = pickle.loads(pickle.dumps(body))
     assert run_on(other, 30, 1) == run_on(body, 30, 1)
@@ -385,7 +385,7 @@ def test_copies_of_bodies_that_are_pressed_in_can_be_made(tabled):
     """The obstacle is where the body was before it gave way."""
     body = fr.Simulator(tabled, 1e-3)
     for depth in np.linspace(0, 0.02, 40):
-        body.drive("ball", [-depth, 0.0, 0.0])
+        body.set_signal("ball", [-depth, 0.0, 0.0])
         body.step([0.0, 0.0])
     other = copy.copy(body)
     assert run_on(other, 30, 1) == run_on(body, 30, 1)
@@ -411,10 +411,10 @@ def test_functions_and_tables_give_the_same(tabled):
         table = TABLES[f"{name}.csv"]
         return lambda t: [np.interp(t, table[:, 0], column) for column in table[:, 1:].T]
 
-    said, told = fr.Simulator(tabled, 1e-3), fr.Simulator(tabled, 1e-3, histories={n: of(n) for n in ("push", "ball")})
+    said, told = fr.Simulator(tabled, 1e-3), fr.Simulator(tabled, 1e-3, signals={n: of(n) for n in ("push", "ball")})
     driven = fr.Simulator(tabled, 1e-3)
     for name in ("quake", "push", "ball"):
-        driven.drive(name, of(name))
+        driven.set_signal(name, of(name))
     assert run_on(said, 60) == run_on(told, 60) == run_on(driven, 60)
 
 
@@ -425,7 +425,7 @@ def test_drive_acts_from_the_next_step_on(mesh):
     body, mass = fr.Simulator(rom, 1e-2), rom.node_mass.sum()
     momentum = np.zeros(3)
     for force in np.random.default_rng(0).standard_normal((20, 3)):
-        body.drive("push", force)
+        body.set_signal("push", force)
         body.step()
         momentum += 1e-2 * force
     carried = body.state[1][:3]  # the first rigid motions are the translations
@@ -451,7 +451,7 @@ def test_bad_drive_is_refused(tabled, name, value, message):
     body = fr.Simulator(tabled, 1e-3)
     first = run_on(body, 20)
     with pytest.raises(StepError, match=message):
-        body.drive(name, value)
+        body.set_signal(name, value)
     assert bits(body) == first
 
 
@@ -464,7 +464,7 @@ def test_function_that_gives_nonsense_leaves_the_state_as_it_was(tabled, name, v
     first = run_on(body, 60)
     assert body.contact_forces().any()
     there = body.save()
-    body.drive(name, lambda t: value)
+    body.set_signal(name, lambda t: value)
     with pytest.raises(StepError), np.errstate(all="ignore"):
         body.step()
     assert bits(body) == first
@@ -480,26 +480,26 @@ def test_wrong_inputs_leave_the_state_as_it_was(tabled):
         with pytest.raises(StepError):
             body.step(u)
         assert bits(body) == first
-    with pytest.raises(StepError, match="march: is for known forces"):
-        body.march(np.zeros((3, 2)))
+    with pytest.raises(StepError, match="rollout: is for known forces"):
+        body.rollout(np.zeros((3, 2)))
     assert bits(body) == first
 
 
 def test_body_that_begins_in_an_obstacle_is_refused(everything):
     inside = {"floor": [0.0, 0.0, 0.01]} | {name: shaken(0)[name] for name in ("quake", "push")}
     with pytest.raises(StepError, match=r"a start outside of all obstacles, but 0\.008 m inside 'floor' is"):
-        fr.Simulator(everything.rom, 1e-3, histories=inside)
+        fr.Simulator(everything.rom, 1e-3, signals=inside)
     with pytest.raises(StepError, match=r"a start outside of all obstacles, but 0\.008 m inside 'floor' is"):
         Full(everything.system, inside)
 
 
 def test_load_without_a_history_is_refused(everything):
-    with pytest.raises(SceneError, match=r"'quake' has neither a value nor a table; .*histories = \{'quake': lambda t"):
+    with pytest.raises(SceneError, match=r"'quake' has neither a value nor a table; .*signals = \{'quake': lambda t"):
         fr.Simulator(everything.rom, 1e-3)
     with pytest.raises(SceneError, match="no load or obstacle 'wind'"):
-        fr.Simulator(everything.rom, 1e-3, histories=shaken(0) | {"wind": 1.0})
+        fr.Simulator(everything.rom, 1e-3, signals=shaken(0) | {"wind": 1.0})
     with pytest.raises(StepError, match="no obstacle 'bal'; there is ball, floor"):
-        fr.Simulator(everything.rom, 1e-3, histories=shaken(0)).contact_forces("bal")
+        fr.Simulator(everything.rom, 1e-3, signals=shaken(0)).contact_forces("bal")
 
 
 @pytest.mark.parametrize(
@@ -530,7 +530,7 @@ def test_scene_that_the_rom_was_not_made_for_is_refused(mesh, made, asked, messa
 
 
 def test_what_may_change_at_run_time_changes(mesh):
-    """Obstacles, laws and histories; the ROM stays."""
+    """Obstacles, laws and signals; the ROM stays."""
     load = "[effects.prescribed.push]\nsurface = 'right'\nforce = [0.0, 0.0, -1.0]\n"
     rom = reduced(scene_of(mesh, PLAIN + load + FLOOR + ROUGH))
     changed = PLAIN + load.replace("-1.0", "-3.0") + BALL + ROUGH.replace("0.2", "0.1")
@@ -553,14 +553,14 @@ def test_free_body_has_no_equilibrium(mesh):
 
 def test_batches_are_for_bodies_without_obstacles(everything):
     with pytest.raises(StepError, match=r"has contact or no inertia in its scene: .*Simulator steps such bodies"):
-        fr.Batch(everything.rom, 4, 1e-3, histories=shaken(0))
+        fr.Batch(everything.rom, 4, 1e-3, signals=shaken(0))
 
 
 def test_bodies_of_a_batch_are_under_the_same_loads(mesh):
     load = PLAIN + GRAVITY + '[effects.prescribed.push]\nsurface = "right"\n'
     rom = reduced(scene_of(mesh, load), order=16)
     push = {"push": shaken(1)["push"]}
-    batch, body = fr.Batch(rom, 3, 1e-3, histories=push), fr.Simulator(rom, 1e-3, histories=push)
+    batch, body = fr.Batch(rom, 3, 1e-3, signals=push), fr.Simulator(rom, 1e-3, signals=push)
     for u in np.random.default_rng(0).standard_normal((100, 3)):
         batch.step(np.tile(u, (3, 1)))
         body.step(u)

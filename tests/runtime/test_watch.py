@@ -8,7 +8,7 @@ import pytest
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning
 from fenics_rom.mechanics.linearity import ROTATION_LIMIT, SurfaceGauges, largest
-from fenics_rom.runtime.linearity_monitor import Watch
+from fenics_rom.runtime.linearity_monitor import LinearityMonitor
 from fenics_rom.scene.file import parse_scene
 
 PUSHED = """
@@ -73,7 +73,7 @@ def test_says_nothing_within_the_limits(plate_rom):
 def test_march_watches_too(plate_rom):
     simulator = fr.Simulator(plate_rom, dt=1e-3)
     with pytest.warns(FenicsRomWarning, match="turned by 0.2"):
-        simulator.march(np.tile([0.0, 0.0, 1.5], (1000, 1)))
+        simulator.rollout(np.tile([0.0, 0.0, 1.5], (1000, 1)))
     assert simulator.excursion.rotation > ROTATION_LIMIT
 
 
@@ -82,7 +82,7 @@ def test_a_reset_or_restored_body_is_watched_anew(plate_rom):
     start = simulator.save()
     for back in (simulator.reset, lambda: simulator.restore(start)):
         with pytest.warns(FenicsRomWarning, match="turned by"):
-            simulator.march(np.tile([0.0, 0.0, 3.0], (500, 1)))
+            simulator.rollout(np.tile([0.0, 0.0, 3.0], (500, 1)))
         back()
         assert not simulator.excursion.beyond
 
@@ -104,7 +104,7 @@ def test_the_record_says_it_of_reduced_and_full_runs(plate_rom, newton, said):
 
 def test_what_was_safe_in_one_contact_mode_says_nothing_in_another(plate_rom):
     """The same numbers are another shape there."""
-    watch, e = Watch(plate_rom), np.eye(20)[0]
+    watch, e = LinearityMonitor(plate_rom), np.eye(20)[0]
     watch.enter("middle")
     watch.look(1e-6 * e, time=0.0)
     watch.enter("tip_left")

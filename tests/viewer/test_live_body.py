@@ -87,7 +87,7 @@ def test_point_of_a_surface_is_found_in_its_triangle(box_rom):
 
 
 def test_pull_at_nodal_forces_is_the_pull_itself(box_rom):
-    mode = box_rom.modes["top"]
+    mode = box_rom.contact_models["top"]
     (on_top, *_) = np.flatnonzero((box_rom.nodes[box_rom.triangles][:, :, 2] == 0.3).all(axis=1))
     grip = take_hold(box_rom, "top", box_rom.triangles[on_top], np.ones(3) / 3)
     G = mode.inputs[:, : box_rom.contacts["top"]]
@@ -95,7 +95,7 @@ def test_pull_at_nodal_forces_is_the_pull_itself(box_rom):
 
 
 def test_pull_at_a_resultant_is_nearest_in_energy(box_rom):
-    mode = box_rom.modes["right"]
+    mode = box_rom.contact_models["right"]
     grip = take_hold(box_rom, "right", *corner(box_rom, "right"))
     G = mode.inputs[:, : box_rom.contacts["right"]] / np.sqrt(mode.eigenvalues)[:, None]
     left = G.T @ (G @ grip.spread - grip.rows.T / np.sqrt(mode.eigenvalues)[:, None])
@@ -107,7 +107,7 @@ def test_pulled_body_comes_to_rest_where_spring_and_body_agree(box_rom):
     body = LiveBody(box_rom, dt=5e-3)
     pulled(body, "right", [0.0, 0.0, 1e-3], 15000)
     grip, force = body.grip, body.force
-    mode = box_rom.modes["right"]
+    mode = box_rom.contact_models["right"]
     u = np.concatenate([grip.spread @ force, [0.0]])
     q = (mode.inputs @ u) / mode.eigenvalues
     assert body.held_at == pytest.approx(grip.moved(q), abs=1e-9)
@@ -158,7 +158,7 @@ def test_quasi_static_body_follows_the_hand(box_file):
         body.step()
     assert (body.held_at - body.grip.place)[2] == pytest.approx(moved, rel=1e-6)
     u = np.concatenate([body.grip.spread @ body.force, [1.0]])
-    mode = body.rom.modes["right"]
+    mode = body.rom.contact_models["right"]
     assert moved == pytest.approx(((body.grip.rows / mode.eigenvalues) @ (mode.inputs @ u))[2], rel=1e-6)
     y = body.grip.columns.T @ body.simulator.state[0]
     assert body.force == pytest.approx(body.grip.stiffness * (body.hand - body.grip.place - y), rel=1e-9)
@@ -206,11 +206,11 @@ def test_recording_is_the_run_to_the_bit(name, request, tmp_path):
     assert not body.records
     assert run.steps == 100
     assert run.energy[-1] == body.account.stored
-    assert np.array_equal(run.shapes[-1], body.simulator.displacement())
+    assert np.array_equal(run.snapshots[-1], body.simulator.displacement())
     assert run.balance_error < 1e-12
     assert before.supplied > 0
-    fr.write_record(tmp_path / "run.h5", run)
-    assert fr.compare(fr.read_record(tmp_path / "run.h5"), run)["shape"].relative == 0
+    fr.write_trajectory(tmp_path / "run.h5", run)
+    assert fr.compare(fr.read_trajectory(tmp_path / "run.h5"), run)["shape"].relative == 0
 
 
 def test_what_ends_a_recording(box_rom):
@@ -260,10 +260,10 @@ def test_advance_keeps_time_and_patience(box_rom):
 
 
 def test_scene_without_a_run_has_a_step_from_the_lowest_frequency(box_rom):
-    ω = min(mode.eigenvalues[0] for mode in box_rom.modes.values()) ** 0.5
+    ω = min(mode.eigenvalues[0] for mode in box_rom.contact_models.values()) ** 0.5
     assert LiveBody(box_rom).dt == pytest.approx(2 * np.pi / ω / 100)
     ratio, frequency = LiveBody(box_rom).damping_ratio
-    assert frequency * 2 * np.pi == pytest.approx(box_rom.modes["right"].eigenvalues[0] ** 0.5)
+    assert frequency * 2 * np.pi == pytest.approx(box_rom.contact_models["right"].eigenvalues[0] ** 0.5)
     assert ratio == pytest.approx((1.0 / (frequency * 2 * np.pi) + 1e-3 * frequency * 2 * np.pi) / 2)
 
 

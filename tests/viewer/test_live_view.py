@@ -222,7 +222,7 @@ def test_recording_is_a_run(window, view, folder, plate_rom):
     window.press("record")
     until(lambda: "recorded: " in view.printed, "nothing was recorded")
     assert "Traceback" not in view.printed
-    run = fr.read_record(folder / "plate-view-1.h5")
+    run = fr.read_trajectory(folder / "plate-view-1.h5")
     assert run.steps > 100
     assert run.balance_error < 1e-10
     assert fr.compare(run, run)["shape"].relative == 0
@@ -258,9 +258,9 @@ def test_port_that_is_taken_and_interruption(view, views):
 
 def test_runs_side_by_side(views, folder, browser, plate_rom):
     scene = parse_scene(plate_rom.scene_text, source="plate")
-    run = fr.simulate(plate_rom, scene=replace(scene, run=replace(scene.run, shapes=30)))
-    fr.write_record(folder / "a.h5", run)
-    fr.write_record(folder / "b.h5", replace(run, shapes=0.9 * run.shapes))
+    run = fr.simulate(plate_rom, scene=replace(scene, run=replace(scene.run, snapshots=30)))
+    fr.write_trajectory(folder / "a.h5", run)
+    fr.write_trajectory(folder / "b.h5", replace(run, snapshots=0.9 * run.snapshots))
     view = views("a.h5", "b.h5", "--port", 0)
     window = Window(browser, view.address)
     assert "1.11e-01 of the shape" in window.words
@@ -276,9 +276,9 @@ def test_runs_side_by_side(views, folder, browser, plate_rom):
 @pytest.fixture(scope="module")
 def bad_files(folder, plate_rom):
     run = fr.simulate(plate_rom)
-    fr.write_record(folder / "c.h5", run)
-    fr.write_record(folder / "d.h5", replace(run, nodes=run.nodes + 1.0))
-    fr.write_record(folder / "bare.h5", replace(run, triangles=np.empty((0, 3), dtype=int)))
+    fr.write_trajectory(folder / "c.h5", run)
+    fr.write_trajectory(folder / "d.h5", replace(run, nodes=run.nodes + 1.0))
+    fr.write_trajectory(folder / "bare.h5", replace(run, triangles=np.empty((0, 3), dtype=int)))
     identity = np.eye(9)
     chain = fr.System(mass=identity, damping=0.1 * identity, stiffness=identity, contacts={"end": identity[0]})
     fr.write_rom(folder / "chain.h5", fr.reduce(chain, order=1))

@@ -14,7 +14,7 @@ from fenics_rom.fem.finite_strain.stresses import Material, StressesAtRest
 from fenics_rom.fem.loads import patch_of
 from fenics_rom.fem.nodes import Nodes, patch_triangles, shape_functions
 from fenics_rom.fem.petsc_matrix import PetscMatrix
-from fenics_rom.mechanics.environment import Surroundings
+from fenics_rom.mechanics.environment import Environment
 from fenics_rom.scene.scene import Scene
 from fenics_rom.system.system import Array, System
 
@@ -57,9 +57,9 @@ class LargeDeformation:
         return self.model.spring
 
     @property
-    def drag(self) -> PetscMatrix | None:
+    def external_damping(self) -> PetscMatrix | None:
         """D_c, N s/m; None: no damping but the material's."""
-        return self.model.drag
+        return self.model.external_damping
 
     def gradients(self, columns: Array) -> Array:
         """As in `system.Deformation`."""
@@ -73,7 +73,7 @@ class LargeDeformation:
         return self.model.here(self.model.points.forces(StressesAtRest(self.model.material, H).first))[:, 0]
 
     def simulator(
-        self, dt: float, surroundings: Surroundings | None = None, *, ledger: bool = True
+        self, dt: float, surroundings: Environment | None = None, *, ledger: bool = True
     ) -> LargeDeformationSimulator:
         """As in `system.Deformation`."""
         return LargeDeformationSimulator(self.system, self.model, dt, surroundings, ledger=ledger)
@@ -95,7 +95,7 @@ def large_deformation_of(
     system: System,
     nodes: Nodes,
     of_cells: Callable[[Array], tuple[Array, Array, Array]],
-    drag: PetscMatrix | None,
+    external_damping: PetscMatrix | None,
     spring: PetscMatrix | None,
 ) -> LargeDeformation:
     """The deformation of an assembled system.
@@ -104,17 +104,19 @@ def large_deformation_of(
         system: assembled from a scene that names the effect.
         nodes: of its mesh.
         of_cells: λ, μ (Pa) and β (s) of cells of the mesh file.
-        drag: D_c, N s/m.
+        external_damping: D_c, N s/m.
         spring: K_s, N/m.
     """
     scene = system.scene
     assert scene is not None
     points = Points(nodes, scene.degree, system.algebra.comm)  # type: ignore[attr-defined]
-    each = points.slopes.shape[1]
+    each = points.shape_gradients.shape[1]
     moduli = (np.repeat(values, each) for values in of_cells(points.cells))
     material = Material(scene.effects["large_deformation"]["material"], *moduli)
     mass: PetscMatrix = system.mass  # type: ignore[assignment]
-    model = Model(mass, drag, spring, points, material, _followers(scene, nodes), system.body.free, system.algebra)
+    model = Model(
+        mass, external_damping, spring, points, material, _followers(scene, nodes), system.body.free, system.algebra
+    )
     return LargeDeformation(system, model)
 
 

@@ -8,8 +8,8 @@ exactly, whatever W = S A⁻¹ Sᵀ stands for. So only the balance of momentum 
 import numpy as np
 
 from fenics_rom.fem.direct import PetscFactor
-from fenics_rom.mechanics.contact import Contact, Resolution
-from fenics_rom.mechanics.environment import ContactPoints, Surroundings
+from fenics_rom.mechanics.contact import Contact, ContactSolution
+from fenics_rom.mechanics.environment import ContactPoints, Environment
 from fenics_rom.system.system import System
 
 Array = np.ndarray
@@ -27,7 +27,7 @@ class Touching:
         contact: where the forces come from.
     """
 
-    def __init__(self, system: System, surroundings: Surroundings):
+    def __init__(self, system: System, surroundings: Environment):
         self._algebra, self._rigid_law = system.algebra, surroundings.law is not None and not surroundings.law.stiffness
         self.points = ContactPoints(system.contact_points, system.body.nodes)
         assert surroundings.law is not None
@@ -63,13 +63,13 @@ class Touching:
         if self._of is not factor:
             self._of, self._W = factor, np.empty((0, 0))
 
-    def resolve(self, v: Array, last: Resolution | None) -> Resolution | None:
+    def resolve(self, v: Array, last: ContactSolution | None) -> ContactSolution | None:
         """Contact with a mid-step velocity (rows here, 1) that was found with the last contact of this step.
 
         Raises:
             StepError: no forces were found.
         """
-        self.undo()
+        self.rollback()
         at_points = self.at_points(v)
         if last is None and self._out_of_reach(at_points):
             return None
@@ -78,13 +78,13 @@ class Touching:
         (before, after), h = self._offsets, self._h
         return self.contact.resolve(self._x, self._v, free, W, h, before, after, self._quasi_static, self._w_before)
 
-    def push(self, touched: Resolution | None) -> Array:
+    def push(self, touched: ContactSolution | None) -> Array:
         """The contact force (rows here, 1), N."""
         if touched is None:
             return np.zeros((len(self._Sᵀ), 1))
         return self._Sᵀ @ touched.forces.reshape(-1, 1)
 
-    def undo(self) -> None:
+    def rollback(self) -> None:
         """Forgets the contact that was found since `begin`."""
         self.contact.last, self.contact.loose = self._past
 

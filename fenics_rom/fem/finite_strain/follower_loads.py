@@ -41,7 +41,7 @@ class Pressure:
         self._on = np.hstack([triangles, nodes.triangle_edges(triangles)]) if degree == 2 else triangles
         self._rest = nodes.coordinates
         places, self._weights = TRIANGLE[degree]
-        self._shapes, self._slopes = _shapes(places, degree)
+        self._shapes, self._shape_gradients = _shapes(places, degree)
 
     def force(self, u: Array) -> Array:
         """As in Follower."""
@@ -56,7 +56,7 @@ class Pressure:
 
     def _tangents(self, places: Array) -> Array:
         """Two tangents (2, F, Q, 3) of the surface that runs through places (N, 3)."""
-        return np.einsum("qat,fai->tfqi", self._slopes, places[self._on])
+        return np.einsum("qat,fai->tfqi", self._shape_gradients, places[self._on])
 
     def _spread(self, normals: Array) -> Array:
         """-∫ n N_a of each node (N, 3) from normals times area (F, Q, 3)."""
@@ -89,7 +89,7 @@ class Tendon:
 
 
 def _shapes(places: Array, degree: int) -> tuple[Array, Array]:
-    """Shape functions (Q, A) of a triangle and their slopes (Q, A, 2) at barycentric coordinates (Q, 3)."""
+    """Shape functions (Q, A) of a triangle and their gradients (Q, A, 2) at barycentric coordinates (Q, 3)."""
     ends = np.array([[-1.0, -1.0], [1.0, 0.0], [0.0, 1.0]])
     if degree == 1:
         return places, np.broadcast_to(ends, (len(places), 3, 2))

@@ -20,7 +20,7 @@ class Model:
 
     Attributes:
         mass: M, kg.
-        drag: D_c = α M and dashpots to ground, N s/m; None: nothing.
+        external_damping: D_c = α M and dashpots to ground, N s/m; None: nothing.
         spring: K_s of springs to ground, N/m; None: nothing.
         points: where strains are taken, of the cells of this rank.
         material: theirs.
@@ -30,7 +30,7 @@ class Model:
     """
 
     mass: PetscMatrix
-    drag: PetscMatrix | None
+    external_damping: PetscMatrix | None
     spring: PetscMatrix | None
     points: Points
     material: Material

@@ -15,7 +15,7 @@ import numpy as np
 from fenics_rom.fem.direct import PetscFactor
 from fenics_rom.fem.finite_strain.gmres import Krylov
 from fenics_rom.fem.finite_strain.residuals import Equation, Trial
-from fenics_rom.mechanics.contact import Resolution
+from fenics_rom.mechanics.contact import ContactSolution
 
 Array = np.ndarray
 
@@ -42,17 +42,17 @@ class Solution:
     """
 
     trial: Trial
-    touched: Resolution | None
+    touched: ContactSolution | None
     iterations: int
 
 
 class Touch(Protocol):
     """Obstacles in a step."""
 
-    def resolve(self, v: Array, last: Resolution | None) -> Resolution | None:
+    def resolve(self, v: Array, last: ContactSolution | None) -> ContactSolution | None:
         """Contact with a mid-step velocity (rows here, 1) that was found with the last contact."""
 
-    def push(self, touched: Resolution | None) -> Array:
+    def push(self, touched: ContactSolution | None) -> Array:
         """Its force (rows here, 1), N."""
 
 
@@ -63,7 +63,7 @@ def solved(
     krylov: Krylov,
     touch: Touch | None,
     dot: Callable[[Array, Array], float],
-    last: Resolution | None,
+    last: ContactSolution | None,
 ) -> Solution:
     """Solves the equations of a step; every rank must call it.
 
@@ -77,10 +77,10 @@ def solved(
         last: contact in the step before, whose forces are the first guess.
 
     Raises:
-        NotConvergedError: there is none within reach.
+        NotConvergedError: there is none within training_radius.
     """
 
-    def measured(v: Array, touched: Resolution | None) -> tuple[float, Array, Trial]:
+    def measured(v: Array, touched: ContactSolution | None) -> tuple[float, Array, Trial]:
         """Size of the residual, the residual and what it is made of; without end where there are no numbers for it."""
         with np.errstate(all="ignore"):  # a shape without an energy is refused for its size
             trial = equation.at(v)

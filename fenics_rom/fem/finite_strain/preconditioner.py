@@ -16,7 +16,7 @@ from petsc4py import PETSc
 from fenics_rom.fem.finite_strain.quadrature import Points
 from fenics_rom.fem.finite_strain.stresses import UNIT, Material
 from fenics_rom.fem.petsc_matrix import PetscMatrix
-from fenics_rom.mechanics.hyperelastic import AXES, TWICE
+from fenics_rom.mechanics.hyperelastic import VOIGT_PAIRS, VOIGT_SHEAR
 
 Array = np.ndarray
 AT_ONCE = 4096  # cells
@@ -24,10 +24,10 @@ AT_ONCE = 4096  # cells
 
 @dataclass(frozen=True)
 class Weights:
-    """Coefficients: `mass` a, 1/s; `drag` b; `stiffness` c, s; `viscosity` d."""
+    """Coefficients: `mass` a, 1/s; `external_damping` b; `stiffness` c, s; `viscosity` d."""
 
     mass: float
-    drag: float
+    external_damping: float
     stiffness: float
     viscosity: float
 
@@ -66,12 +66,12 @@ class StepMatrix:
 
     def assembled(self, H: Array, weights: Weights) -> PETSc.Mat:
         """The matrix at displacement gradients (3, 3, P here); every rank must call it."""
-        m, (C, Q, A, _) = self._material, self._points.slopes.shape
+        m, (C, Q, A, _) = self._material, self._points.shape_gradients.shape
         D = self._points.weights * (weights.stiffness + weights.viscosity * m.viscosity) * m.linear_moduli
         F, blocks = UNIT + H, np.empty((C, A, A, 3, 3))
         for first in range(0, C, AT_ONCE):
             cells, at = slice(first, first + AT_ONCE), slice(first * Q, (first + AT_ONCE) * Q)
-            blocks[cells] = _blocks(self._points.slopes[cells], F[:, :, at], D[:, :, at])
+            blocks[cells] = _blocks(self._points.shape_gradients[cells], F[:, :, at], D[:, :, at])
         sums = (self._sums @ blocks[self._both_free].reshape(-1, 9)).reshape(-1, 3, 3)
         total = scipy.sparse.bsr_matrix((sums, self._columns, self._starts), shape=2 * (len(self._free),)).tocsr()
         return self._with_constants(self._exchanged(total), weights)
@@ -89,20 +89,20 @@ class StepMatrix:
         local, size = here.shape
         csr = (here.indptr.astype(PETSc.IntType), here.indices.astype(PETSc.IntType), here.data)
         matrix = PETSc.Mat().createAIJ(((local, size), (local, size)), csr=csr, comm=self._comm)
-        coefficients = weights.mass, weights.drag, weights.stiffness
+        coefficients = weights.mass, weights.external_damping, weights.stiffness
         for coefficient, term in zip(coefficients, self._constant, strict=True):
             if term is not None and coefficient:
                 matrix.axpy(coefficient, term.mat, structure=PETSc.Mat.Structure.UNKNOWN_NONZERO_PATTERN)
         return matrix
 
 
-def _blocks(slopes: Array, F: Array, D: Array) -> Array:
+def _blocks(shape_gradients: Array, F: Array, D: Array) -> Array:
     """Blocks (C, A, A, 3, 3) of each cell from shape functions' gradients (C, Q, A, 3), F and weighted moduli D."""
-    C, Q, A, _ = slopes.shape
+    C, Q, A, _ = shape_gradients.shape
     F, D = (values.reshape(*values.shape[:2], C, Q).transpose(2, 3, 0, 1) for values in (F, D))
-    both = np.einsum("cqki,cqaj->cqijak", F, slopes)  # F_ki ∂N_a/∂X_j
-    i, j = AXES.T
-    rates = (both[:, :, i, j] + both[:, :, j, i]) * (TWICE / 2)[:, :, None]  # ∂E/∂(a, k)
+    both = np.einsum("cqki,cqaj->cqijak", F, shape_gradients)  # F_ki ∂N_a/∂X_j
+    i, j = VOIGT_PAIRS.T
+    rates = (both[:, :, i, j] + both[:, :, j, i]) * (VOIGT_SHEAR / 2)[:, :, None]  # ∂E/∂(a, k)
     rates = rates.reshape(C, Q, 6, 3 * A)
     stressed = (D @ rates).reshape(C, 6 * Q, 3 * A)
     K = rates.reshape(C, 6 * Q, 3 * A).transpose(0, 2, 1) @ stressed

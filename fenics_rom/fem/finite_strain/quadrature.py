@@ -28,7 +28,7 @@ class Points:
     Attributes:
         cells: (C here,) which cells of the mesh file.
         of_cells: (C here, A) nodes of each.
-        slopes: (C here, Q, A, 3), ∂N_a/∂X_j, 1/m.
+        shape_gradients: (C here, Q, A, 3), ∂N_a/∂X_j, 1/m.
         weights: (P here,), m³.
         count: N of the nodes of the mesh.
     """
@@ -41,7 +41,7 @@ class Points:
         inner = np.linalg.inv(edges).transpose(0, 2, 1)
         ends = np.concatenate([-inner.sum(axis=1, keepdims=True), inner], axis=1)  # ∇ of barycentric coordinates
         places = PLACES[degree]
-        self.slopes = np.stack([_slopes(place, ends, degree) for place in places], axis=1)
+        self.shape_gradients = np.stack([_shape_gradients(place, ends, degree) for place in places], axis=1)
         volumes = np.linalg.det(edges) / 6
         self.weights = np.repeat(volumes / len(places), len(places))
         self._comm, self.count = comm, len(nodes.coordinates)
@@ -50,8 +50,8 @@ class Points:
 
     def _matrix(self) -> scipy.sparse.csr_matrix:
         """∂/∂X_j at the points of a scalar field, (3 P here, N), the points of j = 0 first."""
-        C, Q, A, _ = self.slopes.shape
-        values = self.slopes.reshape(C * Q, A, 3).transpose(2, 0, 1)
+        C, Q, A, _ = self.shape_gradients.shape
+        values = self.shape_gradients.reshape(C * Q, A, 3).transpose(2, 0, 1)
         columns = np.broadcast_to(np.repeat(self.of_cells, Q, axis=0), values.shape)
         ends = np.arange(0, values.size + 1, A)
         return scipy.sparse.csr_matrix((values.ravel(), columns.ravel(), ends), shape=(3 * C * Q, self.count))
@@ -87,7 +87,7 @@ class Points:
         return total
 
 
-def _slopes(place: Array, ends: Array, degree: int) -> Array:
+def _shape_gradients(place: Array, ends: Array, degree: int) -> Array:
     """∇ of the shape functions (C, A, 3) at barycentric coordinates (4,), which have the gradients `ends` (C, 4, 3)."""
     if degree == 1:
         return ends

@@ -75,7 +75,7 @@ class Midpoint:
 
     def __init__(self, model: Model, start: Start, load: Load, h: float):
         self._model, self._start, self._load, self.h = model, start, load, h
-        self.weights = Weights(mass=2 / h, drag=1.0, stiffness=h / 2, viscosity=1.0)
+        self.weights = Weights(mass=2 / h, external_damping=1.0, stiffness=h / 2, viscosity=1.0)
         self._fixed = times(model.spring, start.x)
 
     def at(self, v: Array) -> Trial:
@@ -86,7 +86,7 @@ class Midpoint:
         stresses = StressesInStep(model.material, start.H, start.E, model.points.gradients(after), h)
         elastic = model.here(model.points.forces(stresses.first))
         force = self._load.force(model, middle)
-        resisted = elastic + times(model.drag, v) + self._fixed + h / 2 * times(model.spring, v)
+        resisted = elastic + times(model.external_damping, v) + self._fixed + h / 2 * times(model.spring, v)
         residual = force - resisted - 2 / h * (model.mass @ (v - start.v))
         return Trial(v, residual, force, elastic, stresses, middle)
 
@@ -95,7 +95,7 @@ class Midpoint:
         model, h = self._model, self.h
         du = h * model.everywhere(dv)
         elastic = model.here(model.points.forces(trial.stresses.changed(model.points.gradients(du))))
-        constant = 2 / h * (model.mass @ dv) + times(model.drag, dv) + h / 2 * times(model.spring, dv)
+        constant = 2 / h * (model.mass @ dv) + times(model.external_damping, dv) + h / 2 * times(model.spring, dv)
         return elastic + constant - self._load.changed(model, trial.u, du / 2)
 
     def terms(self, trial: Trial) -> Array:
@@ -116,7 +116,7 @@ class Equilibrium:
 
     def __init__(self, model: Model, start: Start, load: Load, h: float, missing: Array):
         self._model, self._start, self._load, self.h, self._missing = model, start, load, h, missing
-        self.weights = Weights(mass=0.0, drag=0.0, stiffness=h, viscosity=0.0)
+        self.weights = Weights(mass=0.0, external_damping=0.0, stiffness=h, viscosity=0.0)
 
     def at(self, v: Array) -> Trial:
         """As in Equation."""

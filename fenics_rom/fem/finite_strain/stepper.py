@@ -13,11 +13,11 @@ from fenics_rom.fem.finite_strain.newton import NotConvergedError, Solution, sol
 from fenics_rom.fem.finite_strain.preconditioner import StepMatrix, Weights
 from fenics_rom.fem.finite_strain.residuals import Equation, Equilibrium, Midpoint, Start
 from fenics_rom.fem.finite_strain.stresses import UNIT, StressesInStep
-from fenics_rom.mechanics.contact import Resolution
-from fenics_rom.mechanics.energy_ledger import Ledger
-from fenics_rom.mechanics.environment import Surroundings
+from fenics_rom.mechanics.contact import ContactSolution
+from fenics_rom.mechanics.energy_ledger import EnergyLedger
+from fenics_rom.mechanics.environment import Environment
 from fenics_rom.mechanics.hyperelastic import strain
-from fenics_rom.mechanics.time_step_monitor import StepGauge
+from fenics_rom.mechanics.time_step_monitor import TimeStepMonitor
 from fenics_rom.system.system import Array, System
 
 FINEST = 1 / 64  # share of a step below which none is tried
@@ -47,13 +47,13 @@ class LargeDeformationSimulator:
     """
 
     def __init__(
-        self, system: System, model: Model, dt: float, surroundings: Surroundings | None = None, *, ledger: bool = True
+        self, system: System, model: Model, dt: float, surroundings: Environment | None = None, *, ledger: bool = True
     ):
         self.system, self.surroundings, self._model = system, surroundings, model
         self.dt, self.time = dt, 0.0
-        self.ledger = Ledger() if ledger else None
-        self.gauge = StepGauge()
-        self.touched: Resolution | None = None
+        self.ledger = EnergyLedger() if ledger else None
+        self.gauge = TimeStepMonitor()
+        self.touched: ContactSolution | None = None
         self.newton = self.products = self.factors = self.parted = 0
         self.finest = 1.0
         self._quasi_static = surroundings is not None and surroundings.quasi_static
@@ -63,7 +63,7 @@ class LargeDeformationSimulator:
         here = system.algebra.rows()
         rows = here.stop - here.start
         self._matrix = StepMatrix(
-            model.points, model.material, model.free, here, (model.mass, model.drag, model.spring)
+            model.points, model.material, model.free, here, (model.mass, model.external_damping, model.spring)
         )
         self._krylov = Krylov(rows, system.size, model.mass.mat.comm)
         self._factored: tuple[Weights, PetscFactor] | None = None
@@ -259,7 +259,7 @@ class LargeDeformationSimulator:
             )
         except NotConvergedError:
             if self._touch is not None:
-                self._touch.undo()
+                self._touch.rollback()
             raise
 
     def _factor(self, weights: Weights) -> None:
@@ -292,7 +292,7 @@ class LargeDeformationSimulator:
             self.ledger.book(supplied=supplied, dissipated=supplied + pushed + self.energy - stored)
             return
         assert isinstance(trial.stresses, StressesInStep)
-        drawn = m.dot(trial.v, times(m.drag, trial.v))
+        drawn = m.dot(trial.v, times(m.external_damping, trial.v))
         self.ledger.book(supplied=supplied, dissipated=h * drawn + m.points.integral(trial.stresses.heat))
         change = 2 * (trial.v - self.v)
         self.gauge.add(m.dot(change, m.mass @ change), m.dot(trial.v, m.mass @ trial.v))

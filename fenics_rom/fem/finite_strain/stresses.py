@@ -14,16 +14,16 @@ from functools import cached_property
 import numpy as np
 
 from fenics_rom.mechanics.hyperelastic import (
-    FULL,
     SMALLEST,
-    TWICE,
+    VOIGT_INDEX,
+    VOIGT_SHEAR,
+    discrete_gradient_stress,
     energy_density,
     linear_stress,
     moduli,
     strain,
     strain_rate,
     stress,
-    stress_between,
 )
 
 Array = np.ndarray
@@ -111,7 +111,7 @@ class StressesInStep(Stresses):
         self._material, self._h = material, h
         self.frame, self.end = UNIT + (H + after) / 2, UNIT + after
         self.E, self.E_after = E, strain(after)
-        self._elastic = stress_between(material.law, E, self.E_after, material.first_lame, material.shear)
+        self._elastic = discrete_gradient_stress(material.law, E, self.E_after, material.first_lame, material.shear)
         self._viscous = material.viscous(self.E_after - E, h)
         self.S = self._elastic + self._viscous
 
@@ -135,12 +135,12 @@ class StressesInStep(Stresses):
         moduli_times = np.einsum("cdp,dp->cp", m.moduli((self.E + self.E_after) / 2), ΔE)
         at_mean = stress(m.law, (self.E + self.E_after) / 2, m.first_lame, m.shear)
         at_end = stress(m.law, self.E_after, m.first_lame, m.shear)
-        size = (ΔE**2 / TWICE).sum(axis=0) + SMALLEST**2
+        size = (ΔE**2 / VOIGT_SHEAR).sum(axis=0) + SMALLEST**2
         gained = m.energy_density(self.E_after) - m.energy_density(self.E)
         c = (gained - (at_mean * ΔE).sum(axis=0)) / size
-        slope = (at_end - at_mean - moduli_times / 2 - 2 * c * ΔE / TWICE) / size  # ∂c/∂E⁺
-        D = (ΔE / TWICE)[:, None] * slope[None, :]
-        D[np.arange(6), np.arange(6)] += c / TWICE
+        slope = (at_end - at_mean - moduli_times / 2 - 2 * c * ΔE / VOIGT_SHEAR) / size  # ∂c/∂E⁺
+        D = (ΔE / VOIGT_SHEAR)[:, None] * slope[None, :]
+        D[np.arange(6), np.arange(6)] += c / VOIGT_SHEAR
         return D
 
 
@@ -168,5 +168,5 @@ class StressesAtRest(Stresses):
 
 def carried(F: Array, S: Array) -> Array:
     """F S (3, 3, P) of deformation gradients (3, 3, P) and stresses (6, P)."""
-    full = S[FULL]
+    full = S[VOIGT_INDEX]
     return F[:, 0, None] * full[None, 0] + F[:, 1, None] * full[None, 1] + F[:, 2, None] * full[None, 2]

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fenics_rom.errors import SolverError
-from fenics_rom.mechanics.hyperelastic import AXES, FULL, TWICE, linear_stress, strain, stress
+from fenics_rom.mechanics.hyperelastic import VOIGT_INDEX, VOIGT_PAIRS, VOIGT_SHEAR, linear_stress, strain, stress
 from fenics_rom.reduction.hyperreduction.nonnegative_weights import sparse_weights
 from fenics_rom.system.system import Algebra, Array, Deformation
 
@@ -56,7 +56,7 @@ def cubature(
         tolerance: of the error.
 
     Raises:
-        SolverError: no weights reach the tolerance.
+        SolverError: no weights training_radius the tolerance.
     """
     sizes = np.linalg.norm(states, axis=0)
     count = max(FEWEST_STATES, min(MOST_STATES, ROWS // len(γ)))
@@ -69,7 +69,9 @@ def cubature(
         points, error = np.flatnonzero(ω), rows.error(ω)
         if error <= tolerance:
             return Cubature(points, ω[points], error)
-    raise SolverError(f"no positive weights of fewer points reach a tolerance of {tolerance:g}, only {error:.1e}")
+    raise SolverError(
+        f"no positive weights of fewer points training_radius a tolerance of {tolerance:g}, only {error:.1e}"
+    )
 
 
 def spread(states: Array, count: int) -> Array:
@@ -113,7 +115,7 @@ class _Rows:
         for q, scale in zip(self._states.T, self._scales, strict=False):
             H = G @ q
             S = stress(body.law, strain(H), λ, μ)
-            first = np.einsum("ikp,kjp->ijp", H + np.eye(3)[:, :, None], S[FULL])
+            first = np.einsum("ikp,kjp->ijp", H + np.eye(3)[:, :, None], S[VOIGT_INDEX])
             blocks.append(scale * root[:, None] * w * np.einsum("ijp,ijpm->mp", first, G, optimize=True))
         left, right = (_strains(G @ (root[:, None] * probes)) for probes in (self._left, self._right))
         stressed = np.stack([linear_stress(column, λ, μ) for column in left.transpose(2, 0, 1)])
@@ -149,8 +151,8 @@ def _own(ω: Array, algebra: Algebra, count: int) -> Array:
 
 def _strains(gradients: Array) -> Array:
     """Strains (6, P, k) of small gradients (3, 3, P, k)."""
-    i, j = AXES.T
-    return np.asarray((TWICE / 2)[..., None] * (gradients[i, j] + gradients[j, i]))
+    i, j = VOIGT_PAIRS.T
+    return np.asarray((VOIGT_SHEAR / 2)[..., None] * (gradients[i, j] + gradients[j, i]))
 
 
 def _probes(m: int) -> tuple[Array, Array]:

@@ -13,9 +13,9 @@ from itertools import combinations_with_replacement, islice
 import numpy as np
 
 from fenics_rom.reduction.checkpoint import Checkpoint
-from fenics_rom.reduction.hyperreduction.training import Seen
+from fenics_rom.reduction.hyperreduction.training import TrainingData
 from fenics_rom.reduction.hyperreduction.training_loads import loads_of, slowest_period, targets
-from fenics_rom.reduction.problem import Problem
+from fenics_rom.reduction.problem import ReductionProblem
 from fenics_rom.system.system import Array
 
 STRAIN = 1e-3  # that second differences are taken at: exact for St. Venant-Kirchhoff, whose force is a cubic
@@ -26,7 +26,7 @@ LEVELS = (0.3, 0.6, 1.0)  # of each shape
 MIXED = 32  # random combinations
 
 
-def modal_derivatives(problem: Problem, checkpoint: Checkpoint) -> Seen:
+def modal_derivatives(problem: ReductionProblem, checkpoint: Checkpoint) -> TrainingData:
     """Eigenvectors, static shapes and their derivatives, each weighted by its amplitude under the scene's loads.
 
     Raises:
@@ -60,10 +60,10 @@ def modal_derivatives(problem: Problem, checkpoint: Checkpoint) -> Seen:
         second = second_order(problem, first)
         for block in turned:
             second += block @ inner(shapes, M @ first)
-    return Seen(np.hstack(columns), np.hstack([s * first + s**2 * second for s in LEVELS]))
+    return TrainingData(np.hstack(columns), np.hstack([s * first + s**2 * second for s in LEVELS]))
 
 
-def derivatives(problem: Problem, shapes: Array, pairs: Iterable[tuple[int, int]]) -> Array:
+def derivatives(problem: ReductionProblem, shapes: Array, pairs: Iterable[tuple[int, int]]) -> Array:
     """θ_ij = -K⁻¹ (∂K_t/∂q_j) φ_i = -2 K⁻¹ f₂(φ_i, φ_j) of pairs of shapes (rows here, k), (rows here, pairs)."""
     pairs = list(pairs)
     alone = second_order(problem, shapes)
@@ -74,7 +74,7 @@ def derivatives(problem: Problem, shapes: Array, pairs: Iterable[tuple[int, int]
     return np.column_stack(columns)
 
 
-def second_order(problem: Problem, shapes: Array) -> Array:
+def second_order(problem: ReductionProblem, shapes: Array) -> Array:
     """-K⁻¹ f₂(x, x) of each shape x, (rows here, k): quadratic in x."""
     body = problem.system.deformation
     assert body is not None
@@ -85,7 +85,7 @@ def second_order(problem: Problem, shapes: Array) -> Array:
     return -problem.factor.solve(forces)
 
 
-def turned_loads(problem: Problem, shapes: Array) -> dict[str, Array]:
+def turned_loads(problem: ReductionProblem, shapes: Array) -> dict[str, Array]:
     """K⁻¹ ∂f/∂x x of each load that follows the body, at 1 Pa or 1 N, and each shape x, (rows here, k)."""
     system = problem.system
     body = system.deformation
@@ -99,7 +99,7 @@ def turned_loads(problem: Problem, shapes: Array) -> dict[str, Array]:
     return {name: problem.factor.solve(np.column_stack(columns)) for name, columns in changes.items()}
 
 
-def _small(problem: Problem, x: Array) -> float:
+def _small(problem: ReductionProblem, x: Array) -> float:
     """What a shape is to be multiplied by for a strain of STRAIN."""
     body = problem.system.deformation
     assert body is not None

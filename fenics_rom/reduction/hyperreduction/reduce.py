@@ -10,21 +10,21 @@ from fenics_rom.reduction.hyperreduction.basis import kept_of
 from fenics_rom.reduction.hyperreduction.cubature import cubature
 from fenics_rom.reduction.hyperreduction.follower_loads import pressures_of, tendons_of
 from fenics_rom.reduction.hyperreduction.modal_derivatives import modal_derivatives
-from fenics_rom.reduction.hyperreduction.training import Seen, trained
+from fenics_rom.reduction.hyperreduction.training import TrainingData, trained
 from fenics_rom.reduction.hyperreduction.validation import validation_error
-from fenics_rom.reduction.problem import Problem
+from fenics_rom.reduction.problem import ReductionProblem
 from fenics_rom.reduction.projection import rom_of
 from fenics_rom.rom.deformation import ReducedDeformation
-from fenics_rom.rom.rom import Mode, Rom
+from fenics_rom.rom.rom import ContactModel, Rom
 from fenics_rom.system.system import Array, Operator
 
-BASES: dict[str, Callable[[Problem, Checkpoint], Seen]] = {
+BASES: dict[str, Callable[[ReductionProblem, Checkpoint], TrainingData]] = {
     "trained": trained,
     "modal+derivatives": modal_derivatives,
 }
 
 
-def reduced(problem: Problem, method: str, tolerance: float, checkpoint: Checkpoint) -> Rom:
+def reduced(problem: ReductionProblem, method: str, tolerance: float, checkpoint: Checkpoint) -> Rom:
     """The ROM of a body that deforms largely; every rank must call it, every rank gets it.
 
     Args:
@@ -34,7 +34,7 @@ def reduced(problem: Problem, method: str, tolerance: float, checkpoint: Checkpo
         checkpoint: keeps training runs.
 
     Raises:
-        SceneError, SolverError, RomFileError: as the methods.
+        SceneError, SolverError, FileError: as the methods.
     """
     system = problem.system
     seen = BASES[method](problem, checkpoint)
@@ -52,14 +52,14 @@ def reduced(problem: Problem, method: str, tolerance: float, checkpoint: Checkpo
     return replace(rom, stages=problem.stages.done)
 
 
-def _in_one_basis(problem: Problem, rom: Rom) -> Rom:
+def _in_one_basis(problem: ReductionProblem, rom: Rom) -> Rom:
     """Contact modes that span the shared basis, in it: they differ by their inputs alone."""
     unit = np.eye(len(rom.stiffness))
-    modes = {name: _in_basis(problem, rom.stiffness, mode, unit) for name, mode in rom.modes.items()}
-    return replace(rom, modes=modes)
+    modes = {name: _in_basis(problem, rom.stiffness, mode, unit) for name, mode in rom.contact_models.items()}
+    return replace(rom, contact_models=modes)
 
 
-def _in_basis(problem: Problem, κ: Array, mode: Mode, unit: Array) -> Mode:
+def _in_basis(problem: ReductionProblem, κ: Array, mode: ContactModel, unit: Array) -> ContactModel:
     """A mode whose coordinates are orthogonal, in the shared basis itself."""
     C, D = mode.coordinates, mode.damping
     if D.ndim == 2:
@@ -74,7 +74,7 @@ def _in_basis(problem: Problem, κ: Array, mode: Mode, unit: Array) -> Mode:
     )
 
 
-def _deformation(problem: Problem, W: Array, γ: Array, states: Array, tolerance: float) -> ReducedDeformation:
+def _deformation(problem: ReductionProblem, W: Array, γ: Array, states: Array, tolerance: float) -> ReducedDeformation:
     """What the ROM gets beside its linear model, on every rank."""
     system = problem.system
     body, algebra = system.deformation, system.algebra
@@ -105,9 +105,9 @@ def _deformation(problem: Problem, W: Array, γ: Array, states: Array, tolerance
         first_lame=everywhere(body.first_lame[here]),
         shear=everywhere(body.shear[here]),
         viscosity=everywhere(body.viscosity[here]),
-        drag=projected(body.drag),
+        external_damping=projected(body.external_damping),
         springs=projected(body.spring),
-        reach=float(np.linalg.norm(states, axis=0).max()),
+        training_radius=float(np.linalg.norm(states, axis=0).max()),
         points_of=int(algebra.gather(np.array([[len(body.weights)]])).sum()),
         cubature_error=chosen.error,
         pressures=pressures,

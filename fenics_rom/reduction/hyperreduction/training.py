@@ -12,12 +12,12 @@ from fenics_rom.reduction.hyperreduction.basis import small_motions, snapshots
 from fenics_rom.reduction.hyperreduction.training_runs import Run, runs_of
 from fenics_rom.reduction.methods.balanced import balanced
 from fenics_rom.reduction.methods.static import static
-from fenics_rom.reduction.problem import Problem
+from fenics_rom.reduction.problem import ReductionProblem
 from fenics_rom.system.system import Array
 
 
 @dataclass(frozen=True)
-class Seen:
+class TrainingData:
     """What a basis and its points are chosen from.
 
     Attributes:
@@ -31,13 +31,13 @@ class Seen:
     held_out: tuple[tuple[Run, Array], ...] = ()
 
 
-def trained(problem: Problem, checkpoint: Checkpoint) -> Seen:
+def trained(problem: ReductionProblem, checkpoint: Checkpoint) -> TrainingData:
     """From full-order runs under the scene's loads, and the linear reductions of the contact modes.
 
     Raises:
         SceneError: the scene has no loads to train with.
         SolverError: a run does not converge.
-        RomFileError: a checkpoint of something else, or one that cannot be written.
+        FileError: a checkpoint of something else, or one that cannot be written.
     """
     training, held_out = runs_of(problem)
     shapes = _played(problem, [*training, *held_out], checkpoint)
@@ -45,10 +45,10 @@ def trained(problem: Problem, checkpoint: Checkpoint) -> Seen:
     moves = training[0].dt is not None
     small = small_motions(problem, dict((balanced if moves else static)(problem)))
     columns = np.hstack([snapshots(problem, seen), small])
-    return Seen(columns, np.hstack(seen), tuple(zip(held_out, unseen, strict=True)))
+    return TrainingData(columns, np.hstack(seen), tuple(zip(held_out, unseen, strict=True)))
 
 
-def _played(problem: Problem, runs: list[Run], checkpoint: Checkpoint) -> list[Array]:
+def _played(problem: ReductionProblem, runs: list[Run], checkpoint: Checkpoint) -> list[Array]:
     """The shapes (rows here, s) of each run."""
     system, shapes = problem.system, []
     body = system.deformation

@@ -7,9 +7,9 @@ from itertools import count
 import numpy as np
 
 from fenics_rom.errors import SceneError
-from fenics_rom.mechanics.environment import Surroundings
+from fenics_rom.mechanics.environment import Environment
 from fenics_rom.mechanics.load_history import LoadHistory
-from fenics_rom.reduction.problem import Problem
+from fenics_rom.reduction.problem import ReductionProblem
 from fenics_rom.scene.scene import Scene
 from fenics_rom.system.system import Array, System
 
@@ -60,7 +60,7 @@ def scene_with_run(system: System) -> Scene:
     return scene
 
 
-def slowest_period(problem: Problem) -> float:
+def slowest_period(problem: ReductionProblem) -> float:
     """Time that the slowest motion takes, s: its period, or as much longer as it is damped more than critically."""
     system = problem.system
     γ, v = system.algebra.eigenpairs(system.mass, system.stiffness, 1, problem.factor)
@@ -69,7 +69,7 @@ def slowest_period(problem: Problem) -> float:
     return 2 * np.pi / ω * max(1.0, ζ)
 
 
-def loads_of(problem: Problem, period: float) -> Loads:
+def loads_of(problem: ReductionProblem, period: float) -> Loads:
     """From the scene's own history, smoothed over a part of the slowest period (s; 0 without inertia).
 
     Raises:
@@ -77,18 +77,18 @@ def loads_of(problem: Problem, period: float) -> Loads:
     """
     system = problem.system
     scene = scene_with_run(system)
-    histories = list(own_history(system, scene))
+    signals = list(own_history(system, scene))
     assert scene.run is not None
     shared = sum(system.widths.values())
-    acting = np.array([u[len(u) - shared :] for _, u in histories])
+    acting = np.array([u[len(u) - shared :] for _, u in signals])
     constant = (acting == acting[0]).all(axis=0)
     of_loads = np.arange(shared) >= sum(B.shape[1] for B in system.actuators.values())
     resting = np.where(constant & of_loads, acting[0], 0.0)
-    width = max(1, min(len(histories), round(SMOOTHING * period / scene.run.dt)))
+    width = max(1, min(len(signals), round(SMOOTHING * period / scene.run.dt)))
     acting = _averages(acting - resting, width)
     pushing = {}
     for name, B in system.contacts.items():
-        forces = np.array([u[: B.shape[1]] if name == contact else np.zeros(B.shape[1]) for contact, u in histories])
+        forces = np.array([u[: B.shape[1]] if name == contact else np.zeros(B.shape[1]) for contact, u in signals])
         pushing[name] = _averages(forces, width)
     extremes = np.array([np.minimum(acting.min(axis=0), 0.0), np.maximum(acting.max(axis=0), 0.0)])
     pushes = {name: forces[np.linalg.norm(forces, axis=1).argmax()] for name, forces in pushing.items()}
@@ -98,7 +98,7 @@ def loads_of(problem: Problem, period: float) -> Loads:
     return Loads(resting, extremes, _completed(problem, extremes, pushes), worst)
 
 
-def _worst(problem: Problem, acting: Array, pushing: dict[str, Array]) -> tuple[str, Array]:
+def _worst(problem: ReductionProblem, acting: Array, pushing: dict[str, Array]) -> tuple[str, Array]:
     """Of some moments of a history the one whose forces would move the body farthest, if they stayed."""
     system = problem.system
     moments = np.unique(np.linspace(0, len(acting) - 1, MOMENTS).astype(int))
@@ -112,7 +112,7 @@ def _worst(problem: Problem, acting: Array, pushing: dict[str, Array]) -> tuple[
 
 def own_history(system: System, scene: Scene) -> Iterator[tuple[str, Array]]:
     """Contact mode and whole input of each step of the scene's load history; obstacles push nothing."""
-    surroundings = Surroundings(scene)
+    surroundings = Environment(scene)
     columns = {name: B.shape[1] for name, B in system.contacts.items()}
     history = LoadHistory(scene, columns, {name: B.shape[1] for name, B in system.actuators.items()})
     for step, (contact, u) in enumerate(history):
@@ -127,7 +127,7 @@ def _averages(values: Array, width: int) -> Array:
     return (sums[width:] - sums[:-width]) / width
 
 
-def _completed(problem: Problem, extremes: Array, pushes: dict[str, Array]) -> dict[str, Array]:
+def _completed(problem: ReductionProblem, extremes: Array, pushes: dict[str, Array]) -> dict[str, Array]:
     """With forces for the contact modes that the history does not push: each undoes what one of the others does."""
     system = problem.system
     blocks = [system.input_matrix(name)[:, : len(push)] @ push for name, push in pushes.items() if push.any()]

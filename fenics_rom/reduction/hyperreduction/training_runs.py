@@ -19,7 +19,7 @@ from fenics_rom.reduction.hyperreduction.training_loads import (
     slowest_period,
     targets,
 )
-from fenics_rom.reduction.problem import Problem
+from fenics_rom.reduction.problem import ReductionProblem
 from fenics_rom.scene.scene import Scene
 from fenics_rom.system.system import Array, System
 
@@ -50,7 +50,7 @@ class Run:
         return range(0, len(self.steps), -(-len(self.steps) // SHAPES))
 
 
-def runs_of(problem: Problem) -> tuple[list[Run], list[Run]]:
+def runs_of(problem: ReductionProblem) -> tuple[list[Run], list[Run]]:
     """Training runs, and held-out ones to validate with.
 
     Raises:

@@ -32,11 +32,11 @@ def validation_error(rom: Rom, system: System, run: Run, shapes: Array) -> float
 def _played(rom: Rom, run: Run) -> Array:
     """q (m, s) of the reduced model in a run."""
     stepper = (Equilibrium if run.dt is None else Newton)(rom, None, None)
-    stepper.retime(1.0 if run.dt is None else run.dt)
+    stepper.set_time_step(1.0 if run.dt is None else run.dt)
     shown, states, m = set(run.shown()), [], len(rom.stiffness)
     for step, (contact, u) in enumerate(run.steps):
-        stepper.enter(rom.modes[contact])
-        stepper.advance(u)
+        stepper.enter(rom.contact_models[contact])
+        stepper.step(u)
         if step in shown:
             states.append(stepper.state[:m] / np.sqrt(rom.stiffness))
     return np.column_stack(states)

@@ -11,7 +11,7 @@ from fenics_rom.reduction.eigenvectors import share_eigenvectors
 from fenics_rom.reduction.gramians import gramian_factors, square_root
 from fenics_rom.reduction.krylov import SETTLED, UNREST, change_of, directions_by_change, directions_by_residual
 from fenics_rom.reduction.krylov_augmentation import Company, company_of
-from fenics_rom.reduction.problem import Directions, Problem
+from fenics_rom.reduction.problem import RankedBasis, ReductionProblem
 from fenics_rom.reduction.realization import balanced_by_textbook, balanced_in, directions_of, output_weight
 from fenics_rom.system.system import Array
 
@@ -22,19 +22,19 @@ SMALL_GROUP = 12  # and else: fewer, so that a stopped run has something finishe
 MUCH = 1e-4  # share of all motions that is still to come, with which σ need not be looked at
 
 
-def balanced(problem: Problem) -> Iterator[tuple[str, Directions]]:
+def balanced(problem: ReductionProblem) -> Iterator[tuple[str, RankedBasis]]:
     """Balanced directions, by the route to the Gramians that the problem names."""
     if problem.lyapunov == "krylov":
         yield from _krylov(problem)
     elif problem.lyapunov == "adi":
-        company = company_of(problem)
+        krylov_augmentation = company_of(problem)
         for name in problem.contacts:
-            yield name, _adi(problem, name, company)
+            yield name, _adi(problem, name, krylov_augmentation)
     else:
         yield from _in_all_eigenvectors(problem)
 
 
-def _in_all_eigenvectors(problem: Problem) -> Iterator[tuple[str, Directions]]:
+def _in_all_eigenvectors(problem: ReductionProblem) -> Iterator[tuple[str, RankedBasis]]:
     system, space = problem.system, problem.space
     share_eigenvectors(problem, system.elastic_size)
     whole = space.subspace(np.eye(system.elastic_size))
@@ -49,7 +49,7 @@ def _in_all_eigenvectors(problem: Problem) -> Iterator[tuple[str, Directions]]:
         yield name, found
 
 
-def _krylov(problem: Problem) -> Iterator[tuple[str, Directions]]:
+def _krylov(problem: ReductionProblem) -> Iterator[tuple[str, RankedBasis]]:
     """Contact modes in groups; where there are many columns, with eigenvectors to share."""
     names = problem.contacts
     widths = [problem.system.forces(name).shape[1] for name in names]
@@ -58,39 +58,39 @@ def _krylov(problem: Problem) -> Iterator[tuple[str, Directions]]:
     else:
         share_eigenvectors(problem, max(EIGENVECTORS, 2 * max(problem.order_of(name) or 0 for name in names)))
         directions, columns = directions_by_residual, GROUP
-    size, company = max(1, columns // max(widths)), company_of(problem)
+    size, krylov_augmentation = max(1, columns // max(widths)), company_of(problem)
     for first in range(0, len(names), size):
-        yield from directions(problem, names[first : first + size], company)
+        yield from directions(problem, names[first : first + size], krylov_augmentation)
 
 
-def _adi(problem: Problem, name: str, company: Company) -> Directions:
+def _adi(problem: ReductionProblem, name: str, krylov_augmentation: Company) -> RankedBasis:
     """From a low-rank Gramian, grown until σ have stayed for two sweeps: with light damping one can pass by chance."""
     system, factor, order = problem.system, problem.factor, problem.order_of(name)
-    σ, change, calm = np.empty(0), 1.0, 0
+    σ, change, stable_sweeps = np.empty(0), 1.0, 0
     with problem.stages("shifts and sweeps"):
-        for found in low_rank_gramians(system, factor, system.forces(name), company.columns):
+        for found in low_rank_gramians(system, factor, system.forces(name), krylov_augmentation.columns):
             if found.rest > MUCH:
                 continue
             balanced = balance(found.factor, _observed(problem, found.space))
             change = change_of(balanced.singular_values, σ, order, problem.tolerance)
-            σ, calm = balanced.singular_values, calm + 1 if change <= SETTLED else 0
-            if calm == 2:
+            σ, stable_sweeps = balanced.singular_values, stable_sweeps + 1 if change <= SETTLED else 0
+            if stable_sweeps == 2:
                 break
     if not len(σ):
         raise SolverError(
             f"contact mode {name!r}: after {found.shifts} shifts a motion of {found.rest:.0e} of all was still missing "
             "in the Gramian; lyapunov = 'krylov' is the other route"
         )
-    if calm < 2 and change > UNREST:
+    if stable_sweeps < 2 and change > UNREST:
         problem.messages.append(
             f"contact mode {name!r}: Hankel singular values still changed by {change:.0e} after {found.shifts} shifts; "
             "ask for a lower order"
         )
     T = balanced.transformation[:, : order_of(σ, order, problem.tolerance)]
-    return Directions(problem.space.add(found.space.basis @ T), σ, True)
+    return RankedBasis(problem.space.add(found.space.basis @ T), σ, True)
 
 
-def _observed(problem: Problem, space: Span) -> Array:
+def _observed(problem: ReductionProblem, space: Span) -> Array:
     """Square root of the observability Gramian: exact where it has a closed form, else of the projected system."""
     system, X = problem.system, space.basis
     if system.rayleigh is not None and problem.weighting == "mass":

@@ -5,19 +5,19 @@ from collections.abc import Iterator
 import numpy as np
 
 from fenics_rom.errors import SceneError
-from fenics_rom.reduction.common_basis import padded, rest_of
+from fenics_rom.reduction.common_basis import orthogonal_complement, padded
 from fenics_rom.reduction.eigenvectors import share_eigenvectors
-from fenics_rom.reduction.problem import Directions, Problem
+from fenics_rom.reduction.problem import RankedBasis, ReductionProblem
 
 
-def modal(problem: Problem) -> Iterator[tuple[str, Directions]]:
+def modal(problem: ReductionProblem) -> Iterator[tuple[str, RankedBasis]]:
     """The lowest eigenvectors of K v = γ M v, whatever the inputs are."""
     share_eigenvectors(problem, _highest_order(problem))
     for name in problem.contacts:
-        yield name, Directions(np.eye(problem.space.eigenvectors))
+        yield name, RankedBasis(np.eye(problem.space.eigenvectors))
 
 
-def modal_static(problem: Problem) -> Iterator[tuple[str, Directions]]:
+def modal_static(problem: ReductionProblem) -> Iterator[tuple[str, RankedBasis]]:
     """K⁻¹B first, so that loads at rest are exact, then the lowest eigenvectors (Craig & Bampton 1968 do likewise)."""
     share_eigenvectors(problem, _highest_order(problem))
     for name in problem.contacts:
@@ -25,10 +25,10 @@ def modal_static(problem: Problem) -> Iterator[tuple[str, Directions]]:
             statics = problem.factor.solve(problem.system.forces(name))
         shapes = problem.space.add(statics)
         V = padded(np.eye(problem.space.eigenvectors), len(shapes))
-        yield name, Directions(np.hstack([rest_of(shapes, shapes[:, :0]), V]))
+        yield name, RankedBasis(np.hstack([orthogonal_complement(shapes, shapes[:, :0]), V]))
 
 
-def _highest_order(problem: Problem) -> int:
+def _highest_order(problem: ReductionProblem) -> int:
     orders = [problem.order_of(name) for name in problem.contacts]
     known = [order for order in orders if order is not None]
     if len(known) < len(orders):

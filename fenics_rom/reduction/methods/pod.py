@@ -5,7 +5,7 @@ from contextlib import closing
 
 import numpy as np
 
-from fenics_rom.reduction.problem import Directions, Problem
+from fenics_rom.reduction.problem import RankedBasis, ReductionProblem
 from fenics_rom.system.system import Array, Factor, System
 
 PERIODS = 3  # of the slowest motion that the inputs excite
@@ -13,7 +13,7 @@ STEPS = 50  # in a period
 ROUND_OFF = 1e-14  # share of the largest eigenvalue of a Gram matrix below which it is noise
 
 
-def pod(problem: Problem) -> Iterator[tuple[str, Directions]]:
+def pod(problem: ReductionProblem) -> Iterator[tuple[str, RankedBasis]]:
     """Each contact mode's columns are switched on at rest, one run each; displacements and velocities are snapshots.
 
     In the mass norm, velocities divided by the frequency of the slowest motion, which makes both alike. The runs are
@@ -55,7 +55,7 @@ def _snapshots(system: System, factor: Factor, B: Array, h: float, ω: float) ->
     return np.hstack(kept)
 
 
-def _decomposed(problem: Problem, snapshots: Array) -> Directions:
+def _decomposed(problem: ReductionProblem, snapshots: Array) -> RankedBasis:
     """Left singular vectors of the snapshots in the mass norm (Sirovich 1987), as many as are not noise."""
     inner, M = problem.system.algebra.inner, problem.system.mass
     w, E = np.linalg.eigh(inner(snapshots, M @ snapshots))

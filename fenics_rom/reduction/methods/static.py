@@ -4,12 +4,12 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from fenics_rom.reduction.problem import Directions, Problem
+from fenics_rom.reduction.problem import RankedBasis, ReductionProblem
 
 ROUND_OFF = 1e-14  # share of the largest eigenvalue of the compliance below which it is noise
 
 
-def static(problem: Problem) -> Iterator[tuple[str, Directions]]:
+def static(problem: ReductionProblem) -> Iterator[tuple[str, RankedBasis]]:
     """Ordered by the compliance BᵀK⁻¹B = U Λ Uᵀ: the shapes K⁻¹B U, the most compliant combination of forces first.
 
     They are stiffness-orthogonal, and what r of them leave out of the displacement energy of any force of length 1 is

@@ -4,7 +4,7 @@ Contact points have the displacement S x, S their rows of the basis. In a step o
 
     v̂ = A⁻¹ (G u + 2/h r - ω e + Sᵀ f),
 
-with forces f that `fenics_rom.mechanics.contact` finds from the velocities S v̂ without them and W = S A⁻¹ Sᵀ. Without inertia a
+with forces f that `mechanics.contact` finds from the velocities S v̂ without them and W = S A⁻¹ Sᵀ. Without inertia a
 step leads to the equilibrium e⁺ = ω⁻¹ (G u + Sᵀ f): that is the same with A = h K and b = G u - K x. On its way there
 the body dissipates ½ |e⁺ - e|², as a damped motion would under this load.
 """
@@ -13,10 +13,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fenics_rom.mechanics.contact import Contact, Resolution
-from fenics_rom.mechanics.energy_ledger import Ledger
-from fenics_rom.mechanics.environment import Surroundings
-from fenics_rom.rom.rom import Mode
+from fenics_rom.mechanics.contact import Contact, ContactSolution
+from fenics_rom.mechanics.energy_ledger import EnergyLedger
+from fenics_rom.mechanics.environment import Environment
+from fenics_rom.rom.rom import ContactModel
 from fenics_rom.runtime.steppers.midpoint import compliance
 
 Array = np.ndarray
@@ -35,7 +35,7 @@ class Touch(NamedTuple):
 
     contact: Contact
     rows: Array
-    surroundings: Surroundings
+    surroundings: Environment
 
 
 class Work(NamedTuple):
@@ -48,31 +48,35 @@ class Work(NamedTuple):
 
     supplied: float
     dissipated: float
-    touches: tuple[tuple[Resolution, Array, float], ...]
+    touches: tuple[tuple[ContactSolution, Array, float], ...]
 
 
-class Surrounded:
+class ContactStepper:
     """What the forms here share: the state, the one before it, and the account of the step between them.
 
     Args:
         mode: the reduced model.
         ledger: the account to book in, if one is kept.
-        drift: displacement along the rigid motions (ρ,), which energy coordinates do not hold; steps add to it.
+        rigid_displacement: displacement along the rigid motions (ρ,), which energy coordinates lack; steps add to it.
         touch: the obstacles, if there are any.
 
     Attributes:
-        h: time step, s; 0 before the first `retime`.
+        h: time step, s; 0 before the first `set_time_step`.
         state: [e, r] (2m,), ½|state|² is the stored energy.
         touched: contact in the last step; None where nothing touched.
     """
 
-    def __init__(self, mode: Mode, ledger: Ledger | None, drift: Array, touch: Touch | None):
-        self._mode, self._ledger, self._drift, self._touch = mode, ledger, drift, touch
+    def __init__(self, mode: ContactModel, ledger: EnergyLedger | None, rigid_displacement: Array, touch: Touch | None):
+        self._mode, self._ledger, self._rigid_displacement, self._touch = mode, ledger, rigid_displacement, touch
         self.h = 0.0
-        self.touched: Resolution | None = None
-        self._touched_before: Resolution | None = None
-        self._ω, self._inverse_ω = np.sqrt(mode.eigenvalues), 1 / mode.divisors
-        self.state, self._before, self._drifted = np.zeros(2 * mode.order), np.zeros(2 * mode.order), drift.copy()
+        self.touched: ContactSolution | None = None
+        self._touched_before: ContactSolution | None = None
+        self._ω, self._inverse_ω = np.sqrt(mode.eigenvalues), 1 / mode.safe_frequencies
+        self.state, self._before, self._drifted = (
+            np.zeros(2 * mode.order),
+            np.zeros(2 * mode.order),
+            rigid_displacement.copy(),
+        )
         self._halves = self.state.reshape(2, -1)
         self._e, self._r = self._halves
         self._owed: Work | None = None
@@ -94,15 +98,15 @@ class Surrounded:
         """q (m,), which a later call overwrites."""
         q = self._seen[0]
         np.multiply(self._e, self._inverse_ω, q)
-        if len(self._drift):
-            q[: len(self._drift)] = self._drift
+        if len(self._rigid_displacement):
+            q[: len(self._rigid_displacement)] = self._rigid_displacement
         return q
 
-    def retime(self, h: float) -> None:
+    def set_time_step(self, h: float) -> None:
         """Makes the coefficients for another time step, s."""
         raise NotImplementedError
 
-    def advance(self, u: Array) -> float:
+    def step(self, u: Array) -> float:
         """Takes a step under u (p,), N, and returns twice the stored energy, J, which may be anything but finite.
 
         Raises:
@@ -111,13 +115,13 @@ class Surrounded:
         """
         raise NotImplementedError
 
-    def undo(self) -> None:
+    def rollback(self) -> None:
         """Takes the last step back."""
         self.state[:] = self._before
-        self._drift[:] = self._drifted
+        self._rigid_displacement[:] = self._drifted
         self._owed, self.touched = None, self._touched_before
 
-    def settle(self) -> None:
+    def flush(self) -> None:
         """Books what the last step supplied and dissipated."""
         owed, self._owed = self._owed, None
         if owed is None or self._ledger is None:
@@ -126,12 +130,12 @@ class Surrounded:
         for touched, velocities, h in owed.touches:
             self._ledger.book_contact(*touched.account(velocities, h))
 
-    def rewind(self) -> int:
+    def reset_buffer(self) -> int:
         """Books."""
-        self.settle()
+        self.flush()
         return 0
 
-    def _touched(self, free: Array, quasi_static: bool) -> Resolution | None:
+    def _touched(self, free: Array, quasi_static: bool) -> ContactSolution | None:
         """Contact forces of a step, from its mid-step velocity without contact (m,)."""
         assert self._touch is not None
         contact, _, around = self._touch
@@ -147,24 +151,26 @@ class Surrounded:
             around.lap("contact, friction")
         return touched
 
-    def _touches(self, v: Array, touched: Resolution | None, h: float) -> tuple[tuple[Resolution, Array, float], ...]:
+    def _touches(
+        self, v: Array, touched: ContactSolution | None, h: float
+    ) -> tuple[tuple[ContactSolution, Array, float], ...]:
         """What Work holds of contact at mid-step velocities v̂ (m,) in h s; nothing where nothing touches."""
         return () if touched is None else ((touched, v.dot(self._Sᵀ).reshape(-1, 3), h),)
 
     def _keep(self, work: Work) -> None:
         """Notes what is there before a step, and what is to be booked after it."""
-        self.settle()
+        self.flush()
         self._before[:] = self.state
-        self._drifted[:] = self._drift
+        self._drifted[:] = self._rigid_displacement
         self._owed, self._touched_before = work, self.touched
 
 
-class MidpointAmongObstacles(Surrounded):
-    """The midpoint step with contact. Arguments and attributes as in Surrounded."""
+class ContactMidpoint(ContactStepper):
+    """The midpoint step with contact. Arguments and attributes as in ContactStepper."""
 
-    def retime(self, h: float) -> None:
-        """As in Surrounded."""
-        self.settle()
+    def set_time_step(self, h: float) -> None:
+        """As in ContactStepper."""
+        self.flush()
         self._a, self._Ra = compliance(self._mode, h)
         W = self._Sᵀ.T @ (self._a[:, None] * self._Sᵀ if self._a.ndim == 1 else self._a @ self._Sᵀ)
         self._W = (W + W.T) / 2
@@ -172,8 +178,8 @@ class MidpointAmongObstacles(Surrounded):
         self._travel = h * self._ω
         self.h = h
 
-    def advance(self, u: Array) -> float:
-        """As in Surrounded."""
+    def step(self, u: Array) -> float:
+        """As in ContactStepper."""
         pushed = self._mode.inputs.dot(u)
         elastic, inertial = self._kept * self._halves
         right = pushed + elastic + inertial
@@ -185,8 +191,8 @@ class MidpointAmongObstacles(Surrounded):
         heat = self._spread(self._Ra, right)
         h, supplied, dissipated = self.h, float(pushed.dot(v)), float(heat.dot(heat))
         self._keep(Work(h * supplied, h * dissipated, self._touches(v, touched, h)))
-        if len(self._drift):
-            self._drift += h * v[: len(self._drift)]
+        if len(self._rigid_displacement):
+            self._rigid_displacement += h * v[: len(self._rigid_displacement)]
         self._e += self._travel * v
         np.subtract(v + v, self._r, self._r)
         self.touched = touched
@@ -197,20 +203,20 @@ class MidpointAmongObstacles(Surrounded):
         return matrix * right if matrix.ndim == 1 else matrix.dot(right)
 
 
-class Equilibrium(Surrounded):
-    """A step of a quasi-static run. Arguments and attributes as in Surrounded; the velocity stays zero."""
+class Equilibrium(ContactStepper):
+    """A step of a quasi-static run. Arguments and attributes as in ContactStepper; the velocity stays zero."""
 
-    def retime(self, h: float) -> None:
-        """As in Surrounded."""
-        self.settle()
+    def set_time_step(self, h: float) -> None:
+        """As in ContactStepper."""
+        self.flush()
         if self._touch is not None:
             strained = self._inverse_ω[:, None] * self._Sᵀ
             W = strained.T @ strained / h
             self._W = (W + W.T) / 2
         self.h = h
 
-    def advance(self, u: Array) -> float:
-        """As in Surrounded."""
+    def step(self, u: Array) -> float:
+        """As in ContactStepper."""
         force = self._mode.inputs.dot(u)
         change = force * self._inverse_ω - self._e
         touched = None

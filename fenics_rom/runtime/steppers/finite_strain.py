@@ -23,21 +23,21 @@ from typing import Any
 import numpy as np
 
 from fenics_rom.errors import FenicsRomWarning, StepError
-from fenics_rom.mechanics.contact import Resolution
-from fenics_rom.mechanics.energy_ledger import Ledger
+from fenics_rom.mechanics.contact import ContactSolution
+from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.hyperelastic import (
-    TWICE,
+    VOIGT_SHEAR,
+    discrete_gradient_stress,
     energy_density,
     linear_stress,
     moduli,
     strain,
     strain_rate,
     stress,
-    stress_between,
 )
 from fenics_rom.rom.deformation import ReducedDeformation, monomials
-from fenics_rom.rom.rom import Mode, Rom
-from fenics_rom.runtime.steppers.contact import Surrounded, Touch, Work
+from fenics_rom.rom.rom import ContactModel, Rom
+from fenics_rom.runtime.steppers.contact import ContactStepper, Touch, Work
 from fenics_rom.scene.scene import STEPPERS
 from fenics_rom.scene.schema import unknown
 
@@ -70,14 +70,14 @@ def chosen(rom: Rom, dt: float, stepper: str | None, quasi_static: bool) -> tupl
         if stepper not in STEPPERS:
             raise StepError(unknown("stepper", stepper, list(STEPPERS)))
         return stepper, "it was asked for"
-    period = 2 * math.pi / math.sqrt(next(iter(rom.modes.values())).eigenvalues[0])
+    period = 2 * math.pi / math.sqrt(next(iter(rom.contact_models.values())).eigenvalues[0])
     steps = period / dt
     if steps >= FEW:
         return "linearly-implicit", f"{steps:.0f} steps in a period of the slowest mode, from {FEW} on it pays"
     return "newton", f"{steps:.1f} steps in a period of the slowest mode, below {FEW} iteration pays"
 
 
-class LargeDeformation(Surrounded):
+class LargeDeformation(ContactStepper):
     """What both share: the loads that follow the body, and how far it has gone.
 
     Args:
@@ -93,20 +93,20 @@ class LargeDeformation(Surrounded):
 
     mismatch: float | None = None
 
-    def __init__(self, rom: Rom, ledger: Ledger | None, touch: Touch | None):
+    def __init__(self, rom: Rom, ledger: EnergyLedger | None, touch: Touch | None):
         assert rom.deformation is not None
-        super().__init__(next(iter(rom.modes.values())), ledger, np.empty(0), touch)
+        super().__init__(next(iter(rom.contact_models.values())), ledger, np.empty(0), touch)
         self._body: ReducedDeformation = rom.deformation
         self._shared = sum(rom.actuators.values()) + sum(rom.loads.values())
         self._followers = _followers(rom)
-        self._far = BEYOND * self._body.reach
+        self._far = BEYOND * self._body.training_radius
         self._furthest = 0.0
         self.auxiliary = np.empty(0)
         self.enter(self._mode)
 
-    def enter(self, mode: Mode) -> None:
+    def enter(self, mode: ContactModel) -> None:
         """Makes another contact mode active: the basis is the same, the inputs are others."""
-        self.settle()
+        self.flush()
         self._mode = mode
         first = mode.inputs.shape[1] - self._shared
         self._following = [(first + column, force) for column, force in self._followers]
@@ -125,8 +125,8 @@ class LargeDeformation(Surrounded):
     @property
     def _too_far(self) -> str:
         return (
-            f"the body went {self._furthest / self._body.reach:.2g} times as far as in any state that the model was "
-            f"trained on; beyond {BEYOND:g} times it is not to be trusted: reduce with larger loads"
+            f"the body went {self._furthest / self._body.training_radius:.2g} times as far as in any state that the "
+            f"model was trained on; beyond {BEYOND:g} times it is not to be trusted: reduce with larger loads"
         )
 
     def _loads(self, u: Array, q: Array) -> Array:
@@ -151,7 +151,7 @@ class LinearlyImplicit(LargeDeformation):
 
     mismatch: float
 
-    def __init__(self, rom: Rom, ledger: Ledger | None, touch: Touch | None):
+    def __init__(self, rom: Rom, ledger: EnergyLedger | None, touch: Touch | None):
         super().__init__(rom, ledger, touch)
         body = self._body
         self._λ, self._μ = body.weights * body.first_lame, body.weights * body.shear
@@ -160,9 +160,9 @@ class LinearlyImplicit(LargeDeformation):
         points, m = len(body.weights), body.order
         self.auxiliary = np.zeros(6 * points + m + 3)
         self._auxiliary_before = self.auxiliary.copy()
-        # ε; v̂ of the step before; the energy ½ s² - c, c, and the tank, J.
+        # ε; v̂ of the step before; the energy ½ s² - c, c, and the energy tank, J.
         self._ε = self.auxiliary[: 6 * points].reshape(6, points)
-        self._pace, self._rest = self.auxiliary[6 * points : -3], self.auxiliary[-3:]
+        self._previous_velocity, self._rest = self.auxiliary[6 * points : -3], self.auxiliary[-3:]
         self._largest, self.mismatch = 0.0, 0.0
         self._tangent_inverse: Array | None = None
         self.resume()
@@ -176,7 +176,7 @@ class LinearlyImplicit(LargeDeformation):
             return
         q = self._coordinates()
         self._ε[:] = self._body.strains(q)
-        self._pace[:] = self._r
+        self._previous_velocity[:] = self._r
         self._rest[:] = 0.0
         if not self._linear:
             left = self._left(self._ε)
@@ -198,27 +198,27 @@ class LinearlyImplicit(LargeDeformation):
             f'{100 * MISMATCH:g} %): the steps are too long for what moves; take shorter ones or stepper = "newton"',
         )
 
-    def undo(self) -> None:
-        """As in Surrounded."""
-        super().undo()
+    def rollback(self) -> None:
+        """As in ContactStepper."""
+        super().rollback()
         self.auxiliary[:] = self._auxiliary_before
 
-    def retime(self, h: float) -> None:
-        """As in Surrounded."""
-        self.settle()
+    def set_time_step(self, h: float) -> None:
+        """As in ContactStepper."""
+        self.flush()
         weight = h / 2 + self._body.viscosity
-        self._stiff = (2 * weight * self._μ / TWICE)[:, :, None]
+        self._stiff = (2 * weight * self._μ / VOIGT_SHEAR)[:, :, None]
         self._bulk = (weight * self._λ)[:, None]
-        self._fixed = 2 / h * np.eye(self._mode.order) + self._body.drag + h / 2 * self._body.springs
+        self._fixed = 2 / h * np.eye(self._mode.order) + self._body.external_damping + h / 2 * self._body.springs
         self._tangent_inverse, self.h = None, h
 
-    def rewind(self) -> int:
+    def reset_buffer(self) -> int:
         """Books, and forgets the tangent: what follows is then the same to the bit, whatever came before."""
         self._tangent_inverse = None
-        return super().rewind()
+        return super().reset_buffer()
 
-    def advance(self, u: Array) -> float:
-        """As in Surrounded."""
+    def step(self, u: Array) -> float:
+        """As in ContactStepper."""
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # the caller looks at what comes out
             try:
                 return self._advance(u)
@@ -252,11 +252,11 @@ class LinearlyImplicit(LargeDeformation):
             self._tangent_inverse = None
 
         rates = A.dot(v).reshape(6, -1)
-        drawn = float(v.dot(body.drag.dot(v)))
+        drawn = float(v.dot(body.external_damping.dot(v)))
         drawn += float((linear_stress(rates, body.viscosity * self._λ, body.viscosity * self._μ) * rates).sum())
         after = q + h * v
         self._auxiliary_before[:] = self.auxiliary
-        self._pace[:] = v
+        self._previous_velocity[:] = v
         self._ε += h * rates
         if b is not None:
             grown = h * float(b.dot(v))
@@ -274,7 +274,7 @@ class LinearlyImplicit(LargeDeformation):
 
         Any A balances energy, but where stresses make a motion stiff, one that is not of this step would let it grow.
         """
-        h, body, v = self.h, self._body, self._pace
+        h, body, v = self.h, self._body, self._previous_velocity
         middle = q + h / 2 * v
         H = body.displacement_gradients(middle)
         rates = strain_rate(H + np.eye(3)[:, :, None], body.displacement_gradients(v))
@@ -283,7 +283,9 @@ class LinearlyImplicit(LargeDeformation):
         if self._tangent_inverse is None:
             matrix, _ = self._strained_matrix(H)
             self._tangent_inverse = _inverse(matrix + h / 2 * body.geometric(S), matrix)
-        residual = 2 / h * (v - self._r) + body.drag.dot(v) + body.springs.dot(middle) + body.resultant(H, S)
+        residual = (
+            2 / h * (v - self._r) + body.external_damping.dot(v) + body.springs.dot(middle) + body.resultant(H, S)
+        )
         residual -= self._loads(u, middle)
         if self.touched is not None:
             residual -= self._Sᵀ.dot(self.touched.forces.ravel())
@@ -291,7 +293,9 @@ class LinearlyImplicit(LargeDeformation):
         far = h / 2 * math.sqrt(expected.dot(expected))
         if not math.isfinite(far):
             return np.zeros_like(q)
-        return expected if far <= body.reach else expected * (body.reach / far)  # it can hardly go further
+        return (
+            expected if far <= body.training_radius else expected * (body.training_radius / far)
+        )  # it can hardly go further
 
     def _strained_matrix(self, H: Array) -> tuple[Array, Array]:
         """2/h + D + h/2 K of the body deformed by H, but for its stresses, (m, m), and A (6 P, m)."""
@@ -333,7 +337,7 @@ class LinearlyImplicit(LargeDeformation):
     def _taken_back(self, q: Array, dissipated: float) -> float:
         """Moves ε and s towards what the shape q has, and returns the energy that this added, J (< 0: it took some).
 
-        At most what is in a tank, which holds what was dissipated in this and the steps before, up to what strains
+        At most what is in the tank, which holds what was dissipated in this and the steps before, up to what strains
         store (as in teleoperation: Franken et al., 2011): a step may give back, and the run never more than it got.
         """
         E, s = self._body.strains(q), self._s
@@ -366,7 +370,7 @@ class Newton(LargeDeformation):
         cut: number of steps that had to be cut into parts.
     """
 
-    def __init__(self, rom: Rom, ledger: Ledger | None, touch: Touch | None):
+    def __init__(self, rom: Rom, ledger: EnergyLedger | None, touch: Touch | None):
         super().__init__(rom, ledger, touch)
         self._inverse: Array | None = None  # of the last tangent
         self._W_of: Array | None = None  # which W belongs to
@@ -390,18 +394,18 @@ class Newton(LargeDeformation):
         self._inverse = None  # so that what follows does not depend on what was before
         self.cut = 0
 
-    def retime(self, h: float) -> None:
-        """As in Surrounded."""
-        self.settle()
+    def set_time_step(self, h: float) -> None:
+        """As in ContactStepper."""
+        self.flush()
         self._inverse, self.h = None, h
 
-    def rewind(self) -> int:
+    def reset_buffer(self) -> int:
         """Books, and forgets the tangent: what follows is then the same to the bit, whatever came before."""
         self._inverse = None
-        return super().rewind()
+        return super().reset_buffer()
 
-    def advance(self, u: Array) -> float:
-        """As in Surrounded.
+    def step(self, u: Array) -> float:
+        """As in ContactStepper.
 
         Raises:
             StepError: also where the iteration does not converge, however small the parts of the step.
@@ -427,11 +431,11 @@ class Newton(LargeDeformation):
             self._look(q)
             return float(r.dot(r)) + 2 * self._body.energy(q)
 
-    def _in_parts(self, u: Array, parts: int) -> tuple[Array, Array, Resolution | None, Work] | None:
+    def _in_parts(self, u: Array, parts: int) -> tuple[Array, Array, ContactSolution | None, Work] | None:
         """The state after a step in so many parts, the last contact, and the work; None where one was not solved."""
         q, r, h = self._coordinates().copy(), self._r.copy(), self.h / parts
         supplied = dissipated = 0.0
-        touched: Resolution | None = None
+        touched: ContactSolution | None = None
         touches: tuple[Any, ...] = ()
         for part in range(parts):
             found = self._solved(u, q, r, h, part / parts)
@@ -448,7 +452,7 @@ class Newton(LargeDeformation):
 
     def _solved(
         self, u: Array, q: Array, r: Array, h: float, begins: float
-    ) -> tuple[Array, Array, float, Resolution | None] | None:
+    ) -> tuple[Array, Array, float, ContactSolution | None] | None:
         """One step by iteration: v̂, the force of the inputs, what was dissipated (J), and contact.
 
         Args:
@@ -465,9 +469,9 @@ class Newton(LargeDeformation):
             H, after = body.displacement_gradients(middle), body.strains(q + h * v)
             rates = (after - E) / h
             viscous = linear_stress(rates, body.viscosity * body.first_lame, body.viscosity * body.shear)
-            S = ω * (stress_between(body.law, E, after, body.first_lame, body.shear) + viscous)
+            S = ω * (discrete_gradient_stress(body.law, E, after, body.first_lame, body.shear) + viscous)
             elastic, force = body.resultant(H, S) + body.springs.dot(middle), self._loads(u, middle)
-            drawn = body.drag.dot(v)
+            drawn = body.external_damping.dot(v)
             residual = 2 / h * (v - r) + drawn + elastic - force
             scale = max(np.abs(part).max() for part in (2 / h * r, 2 / h * v, drawn, elastic, force))
             if not math.isfinite(scale):
@@ -495,10 +499,12 @@ class Newton(LargeDeformation):
         viscous = body.viscosity * moduli("st_venant_kirchhoff", E, body.first_lame, body.shear)
         D = body.weights * (h / 2 * moduli(body.law, E, body.first_lame, body.shear) + viscous)
         DA = np.einsum("cdp,dpk->cpk", D, A).reshape(-1, m)
-        matrix = 2 / h * np.eye(m) + body.drag + h / 2 * body.springs + A.reshape(-1, m).T.dot(DA)
+        matrix = 2 / h * np.eye(m) + body.external_damping + h / 2 * body.springs + A.reshape(-1, m).T.dot(DA)
         return _inverse(matrix + h / 2 * body.geometric(S), matrix)
 
-    def _contact_of(self, q: Array, r: Array, free: Array, h: float, begins: float) -> tuple[Resolution | None, Array]:
+    def _contact_of(
+        self, q: Array, r: Array, free: Array, h: float, begins: float
+    ) -> tuple[ContactSolution | None, Array]:
         """Contact of a step from its mid-step velocity without it, and the generalized forces (m,)."""
         if self._touch is None:
             return None, np.zeros_like(q)
@@ -529,18 +535,18 @@ class Equilibrium(LargeDeformation):
         """Stored, J."""
         return self._body.energy(self._coordinates())
 
-    def retime(self, h: float) -> None:
-        """As in Surrounded."""
-        self.settle()
+    def set_time_step(self, h: float) -> None:
+        """As in ContactStepper."""
+        self.flush()
         self.h = h
 
-    def advance(self, u: Array) -> float:
+    def step(self, u: Array) -> float:
         """As in Newton."""
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             start = self._coordinates().copy()
             unbalanced = self._body.force(start) - self._loads(u, start)
             q, share, growth = start, 0.0, 1.0
-            touched: Resolution | None = None
+            touched: ContactSolution | None = None
             while share < 1:
                 found = self._balanced(u, start, q, (1 - min(share + growth, 1.0)) * unbalanced)
                 if found is None:
@@ -565,7 +571,9 @@ class Equilibrium(LargeDeformation):
             self._look(q)
             return 2 * stored
 
-    def _balanced(self, u: Array, start: Array, q: Array, unbalanced: Array) -> tuple[Array, Resolution | None] | None:
+    def _balanced(
+        self, u: Array, start: Array, q: Array, unbalanced: Array
+    ) -> tuple[Array, ContactSolution | None] | None:
         """A shape near q whose forces are balanced but for a part that is given, and contact; None if there is none."""
         body = self._body
         before = math.inf
@@ -591,7 +599,7 @@ class Equilibrium(LargeDeformation):
             q = q - inverse.dot(residual)
         return None
 
-    def _pushed(self, start: Array, free: Array, inverse: Array) -> tuple[Resolution | None, Array]:
+    def _pushed(self, start: Array, free: Array, inverse: Array) -> tuple[ContactSolution | None, Array]:
         """Contact of a step from the shape without it, and the generalized forces (m,)."""
         if self._touch is None:
             return None, np.zeros_like(start)

@@ -14,7 +14,7 @@ import math
 import numpy as np
 
 from fenics_rom.errors import StepError
-from fenics_rom.rom.rom import Mode
+from fenics_rom.rom.rom import ContactModel
 
 Array = np.ndarray
 
@@ -30,7 +30,7 @@ def checked_dt(dt: float) -> float:
     return float(dt)
 
 
-def compliance(mode: Mode, h: float) -> tuple[Array, Array]:
+def compliance(mode: ContactModel, h: float) -> tuple[Array, Array]:
     """A⁻¹ and, but for a rotation, R A⁻¹: (m,) each where the damping is diagonal, else (m, m). h in s.
 
     With S = 2/h + h/2 γ and the singular values P σ Uᵀ of R S^(-1/2), A⁻¹ = S^(-1/2) U (1 + σ²)⁻¹ Uᵀ S^(-1/2), which
@@ -47,7 +47,7 @@ def compliance(mode: Mode, h: float) -> tuple[Array, Array]:
     return root.T @ root, Uᵀ * (σ / (1 + σ**2))[:, None]
 
 
-def matrices(mode: Mode, h: float) -> tuple[Array, Array]:
+def matrices(mode: ContactModel, h: float) -> tuple[Array, Array]:
     """The step and its account, acting on [e, r, u].
 
     Returns:

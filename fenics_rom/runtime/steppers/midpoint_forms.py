@@ -2,8 +2,8 @@
 
 In NumPy a step costs calls and memory read, not arithmetic:
 
-    OneProduct       [Φ Ψ] [e, r, u]                one call, 4 m² numbers
-    VelocityFirst    v̂, then e⁺ and r⁺ from it      seven calls and O(m) numbers; eight and m² where D is dense
+    FusedMidpoint       [Φ Ψ] [e, r, u]                one call, 4 m² numbers
+    StagedMidpoint    v̂, then e⁺ and r⁺ from it      seven calls and O(m) numbers; eight and m² where D is dense
 
 All hold the state in energy coordinates, write each next state beside the last, so that a step can be taken back, and
 allocate nothing while they step. What the energy account needs of some steps stays where it is and is booked for all of
@@ -14,8 +14,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fenics_rom.mechanics.energy_ledger import Ledger
-from fenics_rom.rom.rom import Mode
+from fenics_rom.mechanics.energy_ledger import EnergyLedger
+from fenics_rom.rom.rom import ContactModel
 from fenics_rom.runtime.steppers.midpoint import compliance, matrices
 
 Array = np.ndarray
@@ -25,10 +25,12 @@ PAGES = 32  # steps that are booked together
 HELD = np.empty(0)  # displacement along the rigid motions of a body that has none
 
 
-def fastest(mode: Mode, ledger: Ledger | None, drift: Array = HELD) -> "OneProduct | VelocityFirst":
+def fastest(
+    mode: ContactModel, ledger: EnergyLedger | None, rigid_displacement: Array = HELD
+) -> "FusedMidpoint | StagedMidpoint":
     """The form for a model's size and damping; arguments as in _Form."""
-    form = OneProduct if mode.order <= LARGEST_PRODUCT[mode.damping.ndim] else VelocityFirst
-    return form(mode, ledger, drift)
+    form = FusedMidpoint if mode.order <= LARGEST_PRODUCT[mode.damping.ndim] else StagedMidpoint
+    return form(mode, ledger, rigid_displacement)
 
 
 class _Form:
@@ -37,15 +39,15 @@ class _Form:
     Args:
         mode: the reduced model.
         ledger: the account to book in, if one is kept.
-        drift: displacement along the rigid motions (ρ,), which energy coordinates do not hold; what the steps add to it
+        rigid_displacement: displacement along the rigid motions (ρ,), which energy coordinates lack; what the steps add
             is booked here.
 
     Attributes:
-        h: time step, s; 0 before the first `retime`.
+        h: time step, s; 0 before the first `set_time_step`.
     """
 
-    def __init__(self, mode: Mode, ledger: Ledger | None, drift: Array = HELD):
-        self._mode, self._ledger, self._drift, self.h = mode, ledger, drift, 0.0
+    def __init__(self, mode: ContactModel, ledger: EnergyLedger | None, rigid_displacement: Array = HELD):
+        self._mode, self._ledger, self._rigid_displacement, self.h = mode, ledger, rigid_displacement, 0.0
         self._states: list[Array]  # (2m,) each, views
         self._page = 0  # where the state is
         self._booked = 0  # pages before this one are in the account
@@ -60,25 +62,29 @@ class _Form:
         """Stored, J."""
         return float(self.state.dot(self.state)) / 2
 
-    def undo(self) -> None:
+    def rollback(self) -> None:
         """Takes the last step back."""
         self._page -= 1
 
-    def settle(self) -> None:
+    def flush(self) -> None:
         """Books what the steps so far supplied and dissipated, and how far they carried the body."""
         if self._ledger is not None and self._booked < self._page:
             supplied, dissipated = self._work(slice(self._booked, self._page))
             self._ledger.book(supplied=supplied, dissipated=dissipated)
-        if len(self._drift) and self._booked < self._page:
+        if len(self._rigid_displacement) and self._booked < self._page:
             m = self._mode.order
-            r = np.stack([state[m : m + len(self._drift)] for state in self._states[self._booked : self._page + 1]])
+            r = np.stack(
+                [state[m : m + len(self._rigid_displacement)] for state in self._states[self._booked : self._page + 1]]
+            )
             steps = self.h / 2 * (r[1:] + r[:-1])
-            self._drift[:] = np.cumsum(np.vstack([self._drift, steps]), axis=0)[-1]  # the same bits whenever it is read
+            self._rigid_displacement[:] = np.cumsum(np.vstack([self._rigid_displacement, steps]), axis=0)[
+                -1
+            ]  # the same bits whenever it is read
         self._booked = self._page
 
-    def rewind(self) -> int:
+    def reset_buffer(self) -> int:
         """Books, and goes on from the first page: what follows is then the same to the bit, whatever came before."""
-        self.settle()
+        self.flush()
         if self._page:
             self._states[0][:] = self.state
             self._page = self._booked = 0
@@ -89,26 +95,26 @@ class _Form:
         raise NotImplementedError
 
 
-class OneProduct(_Form):
+class FusedMidpoint(_Form):
     """The whole step as one matrix, and its account as another. Arguments and attributes as in _Form."""
 
-    def __init__(self, mode: Mode, ledger: Ledger | None, drift: Array = HELD):
-        super().__init__(mode, ledger, drift)
+    def __init__(self, mode: ContactModel, ledger: EnergyLedger | None, rigid_displacement: Array = HELD):
+        super().__init__(mode, ledger, rigid_displacement)
         self._m, p = mode.inputs.shape
         self._pages = np.zeros((PAGES + 1, 2 * self._m + p))  # [e, r, u]: what a product reads
         self._reads = list(self._pages)
         self._states = [page[: 2 * self._m] for page in self._pages]
         self._slots: list[Any] = [page[2 * self._m :].data for page in self._pages]  # to write u: twice as fast
 
-    def retime(self, h: float) -> None:
+    def set_time_step(self, h: float) -> None:
         """Makes the coefficients for another time step, s."""
-        self.settle()
+        self.flush()
         # The method: np.dot first looks for overrides, which takes as long as the product.
         step, account = matrices(self._mode, h)
         self._step, self._account = step.dot, account.T
         self.h = h
 
-    def advance(self, u: Array) -> float:
+    def step(self, u: Array) -> float:
         """Takes a step under u (p,), N, and returns twice the stored energy, J, which may be anything but finite.
 
         Raises:
@@ -116,7 +122,7 @@ class OneProduct(_Form):
         """
         page = self._page
         if page == PAGES:
-            page = self.rewind()
+            page = self.reset_buffer()
         self._slots[page][:] = u
         state = self._states[page + 1]
         self._step(self._reads[page], state)
@@ -136,11 +142,11 @@ class _Halves(NamedTuple):
     r: Array
 
 
-class VelocityFirst(_Form):
+class StagedMidpoint(_Form):
     """The step as the paper writes it: v̂, and the state from it. Arguments and attributes as in _Form."""
 
-    def __init__(self, mode: Mode, ledger: Ledger | None, drift: Array = HELD):
-        super().__init__(mode, ledger, drift)
+    def __init__(self, mode: ContactModel, ledger: EnergyLedger | None, rigid_displacement: Array = HELD):
+        super().__init__(mode, ledger, rigid_displacement)
         m, p = mode.inputs.shape
         pages = np.zeros((PAGES + 1, 2, m))
         self._halves = [_Halves(page, page[0], page[1]) for page in pages]
@@ -151,9 +157,9 @@ class VelocityFirst(_Form):
         self._slots: list[Any] = [row.data for row in self._inputs]
         self._v, self._right = list(self._velocities), list(self._rights)
 
-    def retime(self, h: float) -> None:
+    def set_time_step(self, h: float) -> None:
         """Makes the coefficients for another time step, s."""
-        self.settle()
+        self.flush()
         mode, ω = self._mode, np.sqrt(self._mode.eigenvalues)
         a, Ra = compliance(mode, h)
         kept, forced = np.stack([-ω, np.full(mode.order, 2 / h)]), mode.inputs
@@ -165,11 +171,11 @@ class VelocityFirst(_Form):
         self._travel = h / 2 * ω
         self.h = h
 
-    def advance(self, u: Array) -> float:
-        """As in OneProduct."""
+    def step(self, u: Array) -> float:
+        """As in FusedMidpoint."""
         page = self._page
         if page == PAGES:
-            page = self.rewind()
+            page = self.reset_buffer()
         self._slots[page][:] = u
         v = self._v[page]
         right = v if self._spread is None else self._right[page]

@@ -14,7 +14,7 @@ def touched(rom: Rom, name: str) -> Array:
 
     None of a patch that the scene names by a group of the mesh, which a ROM does not hold.
     """
-    points = rom.modes[name].contact_points
+    points = rom.contact_models[name].contact_points
     if len(points):
         return rom.triangles[np.isin(rom.triangles, points).all(axis=1)]
     try:

@@ -5,11 +5,11 @@ from pathlib import Path
 
 import numpy as np
 
-from fenics_rom.errors import RomFileError
+from fenics_rom.errors import FileError
 from fenics_rom.io.hdf5 import check_place
 from fenics_rom.io.stages import Report
 from fenics_rom.rom.rom import Rom
-from fenics_rom.trajectory.trajectory import Record
+from fenics_rom.trajectory.trajectory import Trajectory
 from fenics_rom.visualization.exports.body_renderer import Stage
 from fenics_rom.visualization.exports.fields import KINDS, fields
 from fenics_rom.visualization.exports.mode_sheet import write_sheet
@@ -31,7 +31,7 @@ WIDTH, FILM_WIDTH = 1000, 720  # pixels
 
 
 def export(
-    model: Rom | Record,
+    model: Rom | Trajectory,
     output: str | Path,
     *,
     what: str | None = None,
@@ -66,7 +66,7 @@ def export(
         The file.
 
     Raises:
-        RomFileError: another ending, a file that cannot be written, or a run without what was asked for.
+        FileError: another ending, a file that cannot be written, or a run without what was asked for.
         SceneError: there is no such kind of shape, or no surface.
         MissingPackageError: a package is not installed.
         FenicsRomError: any of these, where dolfinx is loaded: VTK then works in a process of its own.
@@ -87,12 +87,12 @@ def export(
     pyvista_package()
     if isinstance(model, Rom):
         if time is not None:
-            raise RomFileError(f"ROM {model.name!r} has no instants; --time is for runs")
+            raise FileError(f"ROM {model.name!r} has no instants; --time is for runs")
         _check_ending(place, OF_ROMS, "a ROM")
         _export_rom(place, model, what or next(iter(KINDS)), count, dark)
     else:
         if what is not None or count is not None:
-            raise RomFileError(f"run {model.name!r} has no modes; --what and --count are for ROMs")
+            raise FileError(f"run {model.name!r} has no modes; --what and --count are for ROMs")
         _check_ending(place, OF_RUNS, "a run")
         _export_run(place, model, time, scale, seconds, dark, report)
     return place
@@ -100,13 +100,13 @@ def export(
 
 def _check_ending(place: Path, allowed: tuple[str, ...], what: str) -> None:
     if place.suffix not in allowed:
-        raise RomFileError(f"{place}: {what} becomes a file that ends in {', '.join(allowed)}")
+        raise FileError(f"{place}: {what} becomes a file that ends in {', '.join(allowed)}")
     check_place(place)
 
 
 def _export_rom(place: Path, rom: Rom, kind: str, count: int | None, dark: bool) -> None:
     if count is not None and count < 1:
-        raise RomFileError(f"--count {count}: allowed are whole numbers from 1")
+        raise FileError(f"--count {count}: allowed are whole numbers from 1")
     if place.suffix in SHEETS:
         write_sheet(place, rom, kind, COUNT if count is None else count, dark)
         return
@@ -125,61 +125,65 @@ def _export_rom(place: Path, rom: Rom, kind: str, count: int | None, dark: bool)
 
 
 def _export_run(
-    place: Path, run: Record, time: float | None, scale: float, seconds: float | None, dark: bool, report: Report
+    place: Path, run: Trajectory, time: float | None, scale: float, seconds: float | None, dark: bool, report: Report
 ) -> None:
-    if not len(run.triangles) or not len(run.shapes):
-        raise RomFileError(f"run {run.name!r} has no surface to draw")
+    if not len(run.triangles) or not len(run.snapshots):
+        raise FileError(f"run {run.name!r} has no surface to draw")
     if not (np.isfinite(scale) and scale > 0):
-        raise RomFileError(f"--scale {scale:g}: allowed are finite numbers > 0")
+        raise FileError(f"--scale {scale:g}: allowed are finite numbers > 0")
     if seconds is not None and not 0 < seconds <= MOST_SECONDS:
-        raise RomFileError(f"--seconds {seconds:g}: allowed is more than 0 and at most {MOST_SECONDS:g}")
+        raise FileError(f"--seconds {seconds:g}: allowed is more than 0 and at most {MOST_SECONDS:g}")
     if time is not None:
         if place.suffix not in (".vtu", ".png"):
-            raise RomFileError(f"{place}: shows all instants; --time is for .vtu and .png")
+            raise FileError(f"{place}: shows all instants; --time is for .vtu and .png")
         if not 0 <= time <= run.times[-1]:
-            raise RomFileError(f"--time {time:g}: allowed are 0 to {run.times[-1]:g} s, which the run lasts")
-    row = len(run.shapes) - 1 if time is None else int(np.abs(run.shape_times - time).argmin())
+            raise FileError(f"--time {time:g}: allowed are 0 to {run.times[-1]:g} s, which the run lasts")
+    row = len(run.snapshots) - 1 if time is None else int(np.abs(run.snapshot_times - time).argmin())
     if place.suffix == ".pvd":
         check_series_place(place)
-        every = [_on_nodes(run, k) for k in range(len(run.shapes))]
-        write_series(place, run.shape_times, run.nodes, run.triangles, every)
+        every = [_on_nodes(run, k) for k in range(len(run.snapshots))]
+        write_series(place, run.snapshot_times, run.nodes, run.triangles, every)
     elif place.suffix == ".vtu":
-        instant = {"TimeValue": run.shape_times[[row]]}
+        instant = {"TimeValue": run.snapshot_times[[row]]}
         write_grid(place, run.nodes, run.triangles, _on_nodes(run, row), instant)
     elif place.suffix == ".png":
         write_still(place, *_pictures(run, [row], scale, WIDTH, dark, report))
     else:
-        shapes = len(run.shapes)
+        shapes = len(run.snapshots)
         wanted = max(1, round(RATE * (min(shapes / RATE, LONGEST) if seconds is None else seconds)))
         rows = np.unique(np.linspace(0, shapes - 1, min(wanted, shapes)).round().astype(int))
         write_film(place, _pictures(run, list(rows), scale, FILM_WIDTH, dark, report), RATE * len(rows) / wanted)
 
 
-def _on_nodes(run: Record, row: int) -> dict[str, Array]:
+def _on_nodes(run: Trajectory, row: int) -> dict[str, Array]:
     """Fields of one instant."""
     moving = {} if run.velocities is None else {"velocity": run.velocities[row]}
-    return {"displacement": run.shapes[row], **moving}
+    return {"displacement": run.snapshots[row], **moving}
 
 
-def _pictures(run: Record, rows: list[int], scale: float, width: int, dark: bool, report: Report) -> Iterator[Array]:
+def _pictures(
+    run: Trajectory, rows: list[int], scale: float, width: int, dark: bool, report: Report
+) -> Iterator[Array]:
     """Pictures of some instants, all from one place and in the same colours."""
-    moved = np.stack(list(run.obstacle_motion.values()), axis=1) if run.obstacles else np.zeros((len(run.shapes), 0, 3))
+    moved = (
+        np.stack(list(run.obstacle_motion.values()), axis=1) if run.obstacles else np.zeros((len(run.snapshots), 0, 3))
+    )
     stage = Stage(
         run.nodes,
         run.triangles,
-        list(run.shapes),
+        list(run.snapshots),
         scale=scale,
         obstacles=run.obstacles,
         offsets=moved,
         width=width,
         dark=dark,
     )
-    digits = max(0, int(np.ceil(-np.log10(np.diff(run.shape_times, prepend=0.0).min()) - 1e-9)))
+    digits = max(0, int(np.ceil(-np.log10(np.diff(run.snapshot_times, prepend=0.0).min()) - 1e-9)))
     try:
         for done, row in enumerate(rows):
             report("pictures", done, len(rows))
-            words = f"{run.shape_times[row]:.{digits}f} s" + (f", displacements x {scale:g}" if scale != 1 else "")
-            yield stage.picture(run.shapes[row], moved[row], words)
+            words = f"{run.snapshot_times[row]:.{digits}f} s" + (f", displacements x {scale:g}" if scale != 1 else "")
+            yield stage.picture(run.snapshots[row], moved[row], words)
         report("pictures", len(rows), len(rows))
     finally:
         stage.close()

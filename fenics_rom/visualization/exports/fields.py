@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fenics_rom.errors import SceneError
-from fenics_rom.rom.rom import Mode, Rom
+from fenics_rom.rom.rom import ContactModel, Rom
 from fenics_rom.scene.schema import unknown
 
 Array = np.ndarray
@@ -30,7 +30,7 @@ class Field:
     σ: float | None = None
 
 
-def balanced_modes(rom: Rom, mode: Mode) -> list[Field]:
+def balanced_modes(rom: Rom, mode: ContactModel) -> list[Field]:
     """The directions that reduced models of lower order keep, the most important first, M-orthonormal.
 
     Without rigid motions, which every order keeps. Of a balanced reduction they are the balanced modes, with their σ.
@@ -38,27 +38,29 @@ def balanced_modes(rom: Rom, mode: Mode) -> list[Field]:
     R, σ = mode.directions[:, mode.rigid :], mode.hankel_singular_values
     γ = mode.eigenvalues @ np.square(R)
     return [
-        Field(k + 1, rom.shape(mode.coordinates @ R[:, k]), math.sqrt(γ[k]) / math.tau, σ[k] if k < len(σ) else None)
+        Field(
+            k + 1, rom.reconstruct(mode.coordinates @ R[:, k]), math.sqrt(γ[k]) / math.tau, σ[k] if k < len(σ) else None
+        )
         for k in range(R.shape[1])
     ]
 
 
-def eigenvectors(rom: Rom, mode: Mode) -> list[Field]:
+def eigenvectors(rom: Rom, mode: ContactModel) -> list[Field]:
     """W_i without rigid motions: the reduced model's own natural modes, ascending, M-orthonormal."""
     return [
-        Field(k + 1, rom.shape(mode.coordinates[:, mode.rigid + k]), math.sqrt(γ) / math.tau)
+        Field(k + 1, rom.reconstruct(mode.coordinates[:, mode.rigid + k]), math.sqrt(γ) / math.tau)
         for k, γ in enumerate(mode.eigenvalues[mode.rigid :])
     ]
 
 
-def shapes_at_rest(rom: Rom, mode: Mode) -> list[Field]:
+def shapes_at_rest(rom: Rom, mode: ContactModel) -> list[Field]:
     """W_i diag(1/γ) G: where each input of 1 holds the body; of one that moves freely, what strains in it."""
     ρ = mode.rigid
     q = mode.inputs[ρ:] / mode.eigenvalues[ρ:, None]
-    return [Field(k + 1, rom.shape(mode.coordinates[:, ρ:] @ q[:, k])) for k in range(q.shape[1])]
+    return [Field(k + 1, rom.reconstruct(mode.coordinates[:, ρ:] @ q[:, k])) for k in range(q.shape[1])]
 
 
-KINDS: Mapping[str, Callable[[Rom, Mode], list[Field]]] = {
+KINDS: Mapping[str, Callable[[Rom, ContactModel], list[Field]]] = {
     "modes": balanced_modes,
     "eigenvectors": eigenvectors,
     "rest": shapes_at_rest,
@@ -75,4 +77,4 @@ def fields(rom: Rom, kind: str) -> dict[str, list[Field]]:
         raise SceneError(unknown("kind of shape", kind, KINDS))
     if not len(rom.triangles):
         raise SceneError(f"ROM {rom.name!r} has no surface to draw: it is of matrices, not of a mesh")
-    return {name: KINDS[kind](rom, mode) for name, mode in rom.modes.items()}
+    return {name: KINDS[kind](rom, mode) for name, mode in rom.contact_models.items()}

@@ -41,7 +41,7 @@ def write_sheet(file: Path, rom: Rom, kind: str, count: int, dark: bool) -> None
 
     Raises:
         MissingPackageError: there is no PyVista, or no Matplotlib.
-        RomFileError: it cannot be written.
+        FileError: it cannot be written.
         SceneError: the ROM has no surface.
     """
     figure_of = figure_class()
@@ -101,7 +101,7 @@ def _title(rom: Rom, kind: str) -> str:
     """What the sheet shows, with the unit of σ where there are some."""
     if kind != "modes":
         return TITLES[kind]
-    if not any(len(mode.hankel_singular_values) for mode in rom.modes.values()):
+    if not any(len(mode.hankel_singular_values) for mode in rom.contact_models.values()):
         return f"modes of method {rom.method!r}, the most important first, with frequency"
     return f"balanced modes, with σ in {readable(HANKEL_UNIT[rom.weighting])} and frequency"
 

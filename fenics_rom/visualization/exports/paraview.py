@@ -14,7 +14,7 @@ from xml.sax.saxutils import quoteattr
 
 import numpy as np
 
-from fenics_rom.errors import RomFileError
+from fenics_rom.errors import FileError
 from fenics_rom.io.hdf5 import check_folder, write_whole
 from fenics_rom.visualization.optional_dependencies import pyvista_package
 
@@ -34,7 +34,7 @@ def write_grid(
         whole: numbers of the whole body by name, such as the instant.
 
     Raises:
-        RomFileError: it cannot be written.
+        FileError: it cannot be written.
         MissingPackageError: there is no PyVista.
     """
     with tempfile.TemporaryDirectory() as folder:
@@ -58,7 +58,7 @@ def write_series(
         on_nodes: fields by name of each instant, (N,) or (N, 3).
 
     Raises:
-        RomFileError: they cannot be written, or there is something else in the folder.
+        FileError: they cannot be written, or there is something else in the folder.
         MissingPackageError: there is no PyVista.
     """
     pyvista_package()
@@ -84,7 +84,7 @@ def write_series(
         finally:
             shutil.rmtree(staged, ignore_errors=True)
     except OSError as error:
-        raise RomFileError(f"{folder}: cannot be written: {error.strerror or error}") from error
+        raise FileError(f"{folder}: cannot be written: {error.strerror or error}") from error
     write_whole(file, index.encode())
 
 
@@ -92,14 +92,14 @@ def check_series_place(file: Path) -> None:
     """Checks that the folder of a .pvd file can be made, or replaced without loss; worth asking before long work.
 
     Raises:
-        RomFileError: it cannot, or there is something else in it.
+        FileError: it cannot, or there is something else in it.
     """
     folder = file.with_suffix("")
     check_folder(folder)
     ours = re.compile(re.escape(folder.name) + r"_\d{4,}\.vtu")
     others = [found.name for found in (folder.iterdir() if folder.exists() else ()) if not ours.fullmatch(found.name)]
     if others:
-        raise RomFileError(
+        raise FileError(
             f"{folder}: the folder that goes with {file.name} holds other things, such as {others[0]!r}; "
             "allowed is a name whose folder is free"
         )

@@ -19,7 +19,7 @@ def write_still(file: Path, picture: Array) -> None:
     """Writes a .png file of a picture (height, width, 3) of bytes, or nothing.
 
     Raises:
-        RomFileError: it cannot be written.
+        FileError: it cannot be written.
         MissingPackageError: there is no Pillow.
     """
     content = io.BytesIO()
@@ -36,7 +36,7 @@ def write_film(file: Path, pictures: Iterable[Array], rate: float) -> None:
         rate: pictures a second.
 
     Raises:
-        RomFileError: it cannot be written.
+        FileError: it cannot be written.
         MissingPackageError: there is no encoder.
     """
     write_whole(file, _gif(pictures, rate) if file.suffix == ".gif" else _mp4(pictures, rate))

@@ -12,8 +12,8 @@ from fenics_rom.errors import FenicsRomError
 from fenics_rom.io.hdf5 import check_place
 from fenics_rom.rom.file import write_rom
 from fenics_rom.rom.rom import Rom
-from fenics_rom.trajectory.file import write_record
-from fenics_rom.trajectory.trajectory import Record
+from fenics_rom.trajectory.file import write_trajectory
+from fenics_rom.trajectory.trajectory import Trajectory
 
 
 def beside_dolfinx() -> bool:
@@ -21,7 +21,7 @@ def beside_dolfinx() -> bool:
     return "dolfinx" in sys.modules
 
 
-def draw_elsewhere(model: Rom | Record, place: Path, **choices: str | float | bool | None) -> None:
+def draw_elsewhere(model: Rom | Trajectory, place: Path, **choices: str | float | bool | None) -> None:
     """Does what `export` does by the command of that name.
 
     Args:
@@ -38,7 +38,7 @@ def draw_elsewhere(model: Rom | Record, place: Path, **choices: str | float | bo
         if isinstance(model, Rom):
             write_rom(file, model)
         else:
-            write_record(file, model)
+            write_trajectory(file, model)
         words = [str(file), "-o", str(place)]
         for name, value in choices.items():
             if value is not None and value is not False:

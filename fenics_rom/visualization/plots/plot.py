@@ -6,13 +6,13 @@ from pathlib import Path
 
 import numpy as np
 
-from fenics_rom.errors import RomFileError, SceneError
+from fenics_rom.errors import FileError, SceneError
 from fenics_rom.io.hdf5 import check_folder, check_place
 from fenics_rom.io.stages import Report
 from fenics_rom.rom.rom import Rom
 from fenics_rom.scene.schema import unknown
 from fenics_rom.system.system import System
-from fenics_rom.trajectory.trajectory import Record
+from fenics_rom.trajectory.trajectory import Trajectory
 from fenics_rom.visualization.figure import figure_class, write_figure
 from fenics_rom.visualization.plots.reduced import (
     FULL_AROUND,
@@ -31,7 +31,7 @@ TALLER = {"response": 1.35}  # of a usual panel; it has two parts
 
 
 def plot(
-    model: Rom | Record | Mapping[str, Record],
+    model: Rom | Trajectory | Mapping[str, Trajectory],
     output: str | Path,
     *,
     what: Sequence[str] | None = None,
@@ -57,7 +57,7 @@ def plot(
         The files that were written.
 
     Raises:
-        RomFileError: the output has another ending, or cannot be written.
+        FileError: the output has another ending, or cannot be written.
         SceneError: there is no such panel.
         StructureError, SolverError: of `full`.
         MissingPackageError: there is no Matplotlib.
@@ -95,13 +95,13 @@ def check_output(place: Path) -> bool:
     """Checks where plots are to go, and tells whether that is a folder; worth asking before long work.
 
     Raises:
-        RomFileError: it has an ending that is no format of plots, or cannot be written.
+        FileError: it has an ending that is no format of plots, or cannot be written.
     """
     if place.is_dir() or not place.suffix:
         check_folder(place)
         return True
     if place.suffix not in FORMATS:
-        raise RomFileError(f"{place}: allowed are a folder, or a file that ends in {', '.join(FORMATS)}")
+        raise FileError(f"{place}: allowed are a folder, or a file that ends in {', '.join(FORMATS)}")
     check_place(place)
     return False
 
@@ -110,11 +110,11 @@ def _make(folder: Path) -> None:
     try:
         folder.mkdir(exist_ok=True)
     except OSError as error:
-        raise RomFileError(f"{folder}: cannot be made: {error.strerror}") from error
+        raise FileError(f"{folder}: cannot be made: {error.strerror}") from error
 
 
 def _panels(
-    model: Rom | Record | Mapping[str, Record],
+    model: Rom | Trajectory | Mapping[str, Trajectory],
     style: Style,
     what: Sequence[str] | None,
     full: System | None,
@@ -129,7 +129,7 @@ def _panels(
         asked = full is not None and has_frequencies(model) and (what is None or "response" in what)
         panels = reduced_panels(model, style, _full(model, full, report) if asked and full is not None else None)
     else:
-        panels = run_panels({model.name: model} if isinstance(model, Record) else model)
+        panels = run_panels({model.name: model} if isinstance(model, Trajectory) else model)
     for name in what or ():
         if name not in panels:
             raise SceneError(unknown("plot", name, panels))
@@ -139,9 +139,9 @@ def _panels(
 
 
 def _full(rom: Rom, system: System, report: Report) -> Mapping[str, tuple[Array, Array, Array]]:
-    """Frequencies, |H| and |H - H_i| of each contact mode; those of the certificate are among them."""
+    """Frequencies, |H| and |H - H_i| of each contact mode; those of the validation are among them."""
     from fenics_rom.reduction.full_response import full_responses  # needs SciPy, which a plot of a run does not
 
-    sampled = [mode.frequencies for mode in rom.modes.values()]
+    sampled = [mode.frequencies for mode in rom.contact_models.values()]
     ω = np.unique(np.concatenate([shown_frequencies(rom, FULL_POINTS, FULL_AROUND), *sampled]))
     return {name: (ω, full.sizes, full.errors) for name, full in full_responses(system, rom, ω, report).items()}

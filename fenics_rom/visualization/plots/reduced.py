@@ -9,7 +9,7 @@ import numpy as np
 
 from fenics_rom.io.units import readable
 from fenics_rom.rom.file import HANKEL_UNIT
-from fenics_rom.rom.rom import Mode, Rom
+from fenics_rom.rom.rom import ContactModel, Rom
 from fenics_rom.visualization.plots.style import Style
 
 Array = np.ndarray
@@ -35,7 +35,7 @@ def reduced_panels(rom: Rom, style: Style, full: Mapping[str, tuple[Array, Array
             None where it was not asked.
     """
     panels: dict[str, Panel] = {}
-    if any(len(mode.hankel_singular_values) for mode in rom.modes.values()):
+    if any(len(mode.hankel_singular_values) for mode in rom.contact_models.values()):
         panels["sigma"] = partial(_sigma, rom=rom, style=style)
     if has_frequencies(rom):
         panels["response"] = partial(_response, rom=rom, style=style, full=full)
@@ -50,7 +50,7 @@ def has_frequencies(rom: Rom) -> bool:
 def shown_frequencies(rom: Rom, points: int, around: Sequence[float]) -> Array:
     """Evenly spread on a logarithmic axis, and denser around the eigenfrequencies that are shown, rad/s, ascending.
 
-    From below the lowest eigenfrequency of all contact modes to above the middle one, up to where the certificate goes:
+    From below the lowest eigenfrequency of all contact modes to above the middle one, up to where the validation goes:
     beyond it a reduced model is not meant to be right.
 
     Args:
@@ -58,11 +58,11 @@ def shown_frequencies(rom: Rom, points: int, around: Sequence[float]) -> Array:
         points: how many are evenly spread.
         around: further ones at each eigenfrequency, in half-widths of its peak.
     """
-    ω = [np.sqrt(mode.eigenvalues[mode.rigid :]) for mode in rom.modes.values()]
+    ω = [np.sqrt(mode.eigenvalues[mode.rigid :]) for mode in rom.contact_models.values()]
     first = FIRST * min(each[0] for each in ω)
     last = BEYOND * max(each[len(each) // 2] for each in ω)
     peaks: dict[float, float] = {}  # and their half-widths; those of another contact mode may be the same
-    for each, mode in zip(ω, rom.modes.values(), strict=True):
+    for each, mode in zip(ω, rom.contact_models.values(), strict=True):
         damping = (mode.damping if mode.damping.ndim == 1 else np.diag(mode.damping))[mode.rigid :] / 2
         for peak, half in zip(each, damping, strict=True):
             if first <= peak <= last and all(abs(peak - other) > APART * half for other in peaks):
@@ -82,7 +82,7 @@ def size(rom: Rom) -> tuple[float, str]:
     return (1 / math.sqrt(mass), "m/N") if mass > 0 else (1.0, "")
 
 
-def reduced_response(mode: Mode, columns: int, frequencies: Array) -> Array:
+def reduced_response(mode: ContactModel, columns: int, frequencies: Array) -> Array:
     """|H_i(iω)| in M over the contact's own columns (Frobenius), (f,), without rigid motions."""
     ρ, G = mode.rigid, mode.inputs[mode.rigid :, :columns]
     γ, ω = mode.eigenvalues[ρ:], frequencies[:, None]
@@ -96,7 +96,7 @@ def reduced_response(mode: Mode, columns: int, frequencies: Array) -> Array:
 def _sigma(figure: Any, rom: Rom, style: Style) -> None:
     """σ of each contact mode; what is in the model filled, what was left out empty."""
     axes = figure.subplots()
-    for (name, mode), colour in zip(rom.modes.items(), _colours(rom, style), strict=True):
+    for (name, mode), colour in zip(rom.contact_models.items(), _colours(rom, style), strict=True):
         σ, order = mode.hankel_singular_values, mode.order - mode.rigid
         if not len(σ):
             continue
@@ -115,10 +115,10 @@ def _sigma(figure: Any, rom: Rom, style: Style) -> None:
 
 def _response(figure: Any, rom: Rom, style: Style, full: Mapping[str, tuple[Array, Array, Array]] | None) -> None:
     """|H| of every contact mode, and below it how far the reduced models are from the full one, where that is known."""
-    known = full is not None or any(len(mode.frequencies) for mode in rom.modes.values())
+    known = full is not None or any(len(mode.frequencies) for mode in rom.contact_models.values())
     above, *below = figure.subplots(1 + known, 1, sharex=True, height_ratios=(3, 2)[: 1 + known], squeeze=False)[:, 0]
     ω, (scale, unit) = shown_frequencies(rom, POINTS, AROUND), size(rom)
-    for (name, mode), colour in zip(rom.modes.items(), _colours(rom, style), strict=True):
+    for (name, mode), colour in zip(rom.contact_models.items(), _colours(rom, style), strict=True):
         if full is not None:
             above.plot(full[name][0] / math.tau, scale * full[name][1], color=style.ink, linewidth=2.2, alpha=0.25)
             below[0].plot(full[name][0] / math.tau, full[name][2] / full[name][1].max(), color=colour, linewidth=0.8)
@@ -134,7 +134,7 @@ def _response(figure: Any, rom: Rom, style: Style, full: Mapping[str, tuple[Arra
     above.set(xscale="log", yscale="log", title="frequency response to the contact's forces")
     above.set_ylabel(f"{what} ({unit})" if unit else what)
     if below:
-        below[0].plot([], [], "o", color=style.ink, fillstyle="none", label="certificate")
+        below[0].plot([], [], "o", color=style.ink, fillstyle="none", label="validation")
         if full is not None:
             below[0].plot([], [], color=style.ink, linewidth=0.8, label="full solves")
         below[0].set(yscale="log", ylabel="error / max |H|")
@@ -144,8 +144,8 @@ def _response(figure: Any, rom: Rom, style: Style, full: Mapping[str, tuple[Arra
 
 def _colours(rom: Rom, style: Style) -> list[Any]:
     """One for each contact mode."""
-    if len(rom.modes) <= len(style.colours):
-        return list(style.colours[: len(rom.modes)])
+    if len(rom.contact_models) <= len(style.colours):
+        return list(style.colours[: len(rom.contact_models)])
     from matplotlib import colormaps
 
-    return list(colormaps[SHADES](np.linspace(0.1, 0.9, len(rom.modes))))
+    return list(colormaps[SHADES](np.linspace(0.1, 0.9, len(rom.contact_models))))

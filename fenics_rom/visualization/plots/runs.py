@@ -7,11 +7,11 @@ from typing import Any
 import numpy as np
 
 from fenics_rom.io.units import prefixed
-from fenics_rom.trajectory.trajectory import Record
+from fenics_rom.trajectory.trajectory import Trajectory
 from fenics_rom.visualization.plots.style import DASHES
 
 Array = np.ndarray
-Runs = Mapping[str, Record]
+Runs = Mapping[str, Trajectory]
 Panel = Callable[[Any], None]  # draws into a (sub)figure
 
 SUMS = {

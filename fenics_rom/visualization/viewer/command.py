@@ -63,7 +63,7 @@ def _page(viser: Any, files: Sequence[Path], dt: float | None) -> Callable[[Any]
         raise SceneError(f"{files[contents.index('rom')]}: is a ROM, and is viewed alone; runs are viewed beside runs")
     if dt is not None:
         raise SceneError("--dt is the time step of a ROM; the steps of a run are taken")
-    runs = [fr.read_record(file) for file in files]
+    runs = [fr.read_trajectory(file) for file in files]
     page = RunPage(viser, runs, [file.name for file in files])
     return page.show_on
 

@@ -13,7 +13,7 @@ from fenics_rom.rom.rom import Rom, truncated
 from fenics_rom.runtime.simulator import Simulator
 from fenics_rom.scene.file import parse_scene
 from fenics_rom.scene.scene import Scene
-from fenics_rom.trajectory.trajectory import Record
+from fenics_rom.trajectory.trajectory import Trajectory
 from fenics_rom.visualization.viewer.mouse_spring import Grip, Hand, largest_input, take_hold
 from fenics_rom.visualization.viewer.recording import Recording
 
@@ -93,14 +93,14 @@ class LiveBody:
         self._free = Simulator(self.rom, dt)
         around = self._free.surroundings
         # No obstacle may switch a mode that is held: a second simulator takes over, which does not switch.
-        self._alone = not (around is not None and around.automatic and len(self.rom.modes) > 1)
+        self._alone = not (around is not None and around.automatic and len(self.rom.contact_models) > 1)
         self._held = self._free if self._alone else Simulator(self.rom, dt, scene=_unswitched(self.scene))
         self.simulator = self._free
 
     @property
     def order(self) -> int:
         """Displacements that strain, of the contact mode that has most."""
-        return max(mode.order - mode.rigid for mode in self.rom.modes.values())
+        return max(mode.order - mode.rigid for mode in self.rom.contact_models.values())
 
     @order.setter
     def order(self, order: int) -> None:
@@ -114,7 +114,7 @@ class LiveBody:
     @property
     def largest_order(self) -> int | None:
         """Of the ROM as it was read; None where it cannot be truncated."""
-        most = max(mode.order - mode.rigid for mode in self._whole.modes.values())
+        most = max(mode.order - mode.rigid for mode in self._whole.contact_models.values())
         try:
             truncated(self._whole, most)
         except StructureError:
@@ -145,7 +145,7 @@ class LiveBody:
     @property
     def damping_ratio(self) -> tuple[float, float]:
         """Of the lowest oscillation of the active contact mode: damping as a share of critical, and frequency, Hz."""
-        mode = self.rom.modes[self.simulator.contact]
+        mode = self.rom.contact_models[self.simulator.contact]
         first = mode.rigid
         D = mode.damping if mode.damping.ndim == 1 else np.diag(mode.damping)
         ω = math.sqrt(mode.eigenvalues[first])
@@ -260,7 +260,7 @@ class LiveBody:
         """Begins to record, from the next step on."""
         self._recording = Recording(self.simulator.save())
 
-    def finish(self) -> Callable[[], Record] | None:
+    def finish(self) -> Callable[[], Trajectory] | None:
         """Ends the recording; what is returned makes the run, in any thread, and None means that no step was taken."""
         recording, self._recording = self._recording, None
         if recording is None or not recording.steps:
@@ -281,7 +281,7 @@ def free_name(folder: Path, stem: str) -> Path:
 def _time_step(rom: Rom, scene: Scene) -> float:
     if scene.run is not None:
         return scene.run.dt
-    lowest = min(mode.eigenvalues[mode.rigid] for mode in rom.modes.values())
+    lowest = min(mode.eigenvalues[mode.rigid] for mode in rom.contact_models.values())
     return math.tau / math.sqrt(lowest) / STEPS_IN_A_PERIOD
 
 
@@ -293,7 +293,7 @@ def _unswitched(scene: Scene) -> Scene:
 
 def _actuators(rom: Rom, scene: Scene) -> list[Actuator]:
     """Every column of every actuator, with a range that a linear model can follow."""
-    first = next(iter(rom.modes))
+    first = next(iter(rom.contact_models))
     column = rom.contacts[first]
     found = []
     for name, width in rom.actuators.items():

@@ -16,8 +16,8 @@ from typing import Any
 import numpy as np
 
 from fenics_rom.errors import FenicsRomError
-from fenics_rom.trajectory.file import write_record
-from fenics_rom.trajectory.trajectory import Record
+from fenics_rom.trajectory.file import write_trajectory
+from fenics_rom.trajectory.trajectory import Trajectory
 from fenics_rom.visualization.viewer.colours import with_unit
 from fenics_rom.visualization.viewer.drawing import PICTURES, BandedBody, Patch, Pull, add_obstacles, set_stage
 from fenics_rom.visualization.viewer.fields import UNITS, fields
@@ -207,9 +207,9 @@ class LivePage:
         self._writing.append(writer)
         writer.start()
 
-    def _write(self, make: Callable[[], Record], file: Path) -> None:
+    def _write(self, make: Callable[[], Trajectory], file: Path) -> None:
         try:
-            write_record(file, make())
+            write_trajectory(file, make())
             told = f"recorded: {file}"
         except (FenicsRomError, OSError) as error:
             file.unlink(missing_ok=True)

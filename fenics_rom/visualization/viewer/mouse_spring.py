@@ -4,7 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fenics_rom.mechanics.linearity import Excursion, ModeGauge, basis_rows
+from fenics_rom.mechanics.linearity import ModeGauge, SurfaceStrainPeak, basis_rows
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.steppers.midpoint import compliance
 
@@ -27,17 +27,17 @@ def contact_triangles(rom: Rom) -> dict[str, Array]:
     the mode whose impulse moves it most: of the smallest surface.
     """
     of_mode, moved = {}, {}
-    for name, mode in rom.modes.items():
+    for name, mode in rom.contact_models.items():
         columns = mode.coordinates @ mode.inputs[:, : rom.contacts[name]]
         velocity = np.zeros(len(rom.nodes))
         for column in columns.T:
-            velocity = np.maximum(velocity, np.linalg.norm(rom.shape(column), axis=1))
+            velocity = np.maximum(velocity, np.linalg.norm(rom.reconstruct(column), axis=1))
         moved[name] = velocity[rom.triangles].mean(axis=1)
         touched = np.isin(rom.triangles, mode.contact_points).all(axis=1)
         of_mode[name] = touched if touched.any() else moved[name] > HALF * moved[name].max(initial=0.0)
-    rank = np.array([np.where(of_mode[name], moved[name], -1.0) for name in rom.modes])
+    rank = np.array([np.where(of_mode[name], moved[name], -1.0) for name in rom.contact_models])
     first = rank.argmax(axis=0)
-    return {name: np.flatnonzero(of_mode[name] & (first == k)) for k, name in enumerate(rom.modes)}
+    return {name: np.flatnonzero(of_mode[name] & (first == k)) for k, name in enumerate(rom.contact_models)}
 
 
 @dataclass(frozen=True)
@@ -98,10 +98,10 @@ def take_hold(rom: Rom, contact: str, nodes: Array, weights: Array) -> Grip | No
         nodes: (c,) of the mesh, whose weighted mean the point is.
         weights: (c,) of these nodes, in sum 1.
     """
-    mode = rom.modes[contact]
+    mode = rom.contact_models[contact]
     G = mode.inputs[:, : rom.contacts[contact]]
     rows = np.einsum("c,cik->ik", weights, _node_rows(rom, nodes)) @ mode.coordinates
-    soft = 1 / mode.divisors  # K⁻½; rigid motions have no shape at rest
+    soft = 1 / mode.safe_frequencies  # K⁻½; rigid motions have no shape at rest
     S = np.linalg.lstsq(soft[:, None] * G, soft[:, None] * rows.T, rcond=SAME)[0]
     P = G @ S
     shapes = soft[:, None] ** 2 * P
@@ -109,7 +109,7 @@ def take_hold(rom: Rom, contact: str, nodes: Array, weights: Array) -> Grip | No
     if not λ[-1] > 0:
         return None
     gauge = ModeGauge(basis_rows(rom) @ mode.coordinates, mode.eigenvalues)
-    severity = Excursion(*gauge.read(shapes @ directions[:, -1])).severity
+    severity = SurfaceStrainPeak(*gauge.read(shapes @ directions[:, -1])).severity
     return Grip(
         contact=contact,
         nodes=nodes,
@@ -137,11 +137,11 @@ class Hand:
     """
 
     def __init__(self, rom: Rom, grip: Grip, h: float):
-        mode, P = rom.modes[grip.contact], grip.columns
+        mode, P = rom.contact_models[grip.contact], grip.columns
         self.grip, self._h, self._mode = grip, h, mode
         self._others = mode.inputs[:, rom.contacts[grip.contact] :]
         self._moves = not rom.effects or "inertia" in rom.effects
-        inverse = compliance(mode, h)[0] if self._moves else 1 / mode.divisors**2  # A⁻¹, or K⁻¹
+        inverse = compliance(mode, h)[0] if self._moves else 1 / mode.safe_frequencies**2  # A⁻¹, or K⁻¹
         self._spread = inverse[:, None] * P if inverse.ndim == 1 else inverse @ P
         self._flexibility = (h / 2 if self._moves else 1.0) * P.T @ self._spread
 
@@ -163,9 +163,9 @@ class Hand:
 
 def largest_input(rom: Rom, contact: str, column: int) -> float:
     """The input of one column at which the surface at rest is at the limit of a linear model, in the input's unit."""
-    mode = rom.modes[contact]
+    mode = rom.contact_models[contact]
     gauge = ModeGauge(basis_rows(rom) @ mode.coordinates, mode.eigenvalues)
-    severity = Excursion(*gauge.read(mode.inputs[:, column] / mode.divisors**2)).severity
+    severity = SurfaceStrainPeak(*gauge.read(mode.inputs[:, column] / mode.safe_frequencies**2)).severity
     return _reach(rom) / severity if severity > 0 else 1.0
 
 

@@ -8,11 +8,11 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-from fenics_rom.mechanics.energy_ledger import Ledger
+from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.simulator import Simulator, Snapshot
 from fenics_rom.scene.scene import Scene
-from fenics_rom.trajectory.trajectory import Record, Recorder
+from fenics_rom.trajectory.trajectory import Trajectory, TrajectoryRecorder
 
 Array = np.ndarray
 
@@ -34,7 +34,7 @@ class Recording:
     steps: list[tuple[str, Array]] = field(default_factory=list)
     seconds: float = 0.0
 
-    def run(self, rom: Rom, scene: Scene, simulator: Simulator) -> Record:
+    def run(self, rom: Rom, scene: Scene, simulator: Simulator) -> Trajectory:
         """The run, whose account begins anew.
 
         Args:
@@ -44,15 +44,15 @@ class Recording:
         """
         simulator.restore(self.start)
         assert simulator.ledger is not None
-        simulator.ledger.sums = Ledger().sums
+        simulator.ledger.sums = EnergyLedger().sums
         around = simulator.surroundings
         obstacles = around.obstacles if around else {}
         shapes = min(round(len(self.steps) * self.start.dt * PER_SECOND), int(MOST_NUMBERS / rom.nodes.size))
-        recorder = Recorder(
+        recorder = TrajectoryRecorder(
             len(self.steps),
             self.start.dt,
             {name: len(rows) // 3 for name, rows in rom.outputs.items()},
-            tuple(rom.modes),
+            tuple(rom.contact_models),
             len(rom.nodes),
             max(shapes, 1),
             tuple(scene.effects),
@@ -76,7 +76,7 @@ class Recording:
             settings={
                 "dt": self.start.dt,
                 "seconds": self.seconds,
-                "order": max(mode.order for mode in rom.modes.values()),
+                "order": max(mode.order for mode in rom.contact_models.values()),
             },
             nodes=rom.nodes,
             triangles=rom.triangles,

@@ -9,7 +9,7 @@ import numpy as np
 
 from fenics_rom.errors import CompareError, SceneError
 from fenics_rom.trajectory.comparison import compare
-from fenics_rom.trajectory.trajectory import Record
+from fenics_rom.trajectory.trajectory import Trajectory
 from fenics_rom.visualization.viewer.colours import with_unit
 from fenics_rom.visualization.viewer.drawing import PICTURES, BandedBody, add_obstacles, set_stage
 from fenics_rom.visualization.viewer.fields import UNITS, fields
@@ -37,7 +37,7 @@ class RunPage:
         CompareError: two runs of different bodies, or without common instants.
     """
 
-    def __init__(self, viser: Any, runs: Sequence[Record], names: Sequence[str]):
+    def __init__(self, viser: Any, runs: Sequence[Trajectory], names: Sequence[str]):
         for run, name in zip(runs, names, strict=True):
             if not len(run.triangles):
                 raise SceneError(f"{name}: has no surface triangles, so there is nothing to draw")
@@ -45,7 +45,7 @@ class RunPage:
         first = runs[0]
         self._surface = Surface(first.nodes, first.triangles)
         if len(runs) == 1:
-            self._rows = [np.arange(len(first.shape_times))]
+            self._rows = [np.arange(len(first.snapshot_times))]
             self._comparison = ""
         else:
             difference = compare(*runs)["shape"]
@@ -53,10 +53,10 @@ class RunPage:
                 f"{names[0]} against {names[1]}: {difference.relative:.2e} of the shape (in mass and time), "
                 f"at most {with_unit(difference.largest, 'm')} of {with_unit(difference.largest_reference, 'm')}"
             )
-            self._rows = list(common_instants(first.shape_times, runs[1].shape_times))
+            self._rows = list(common_instants(first.snapshot_times, runs[1].snapshot_times))
             if not len(self._rows[0]):
                 raise CompareError("the runs kept no whole shapes at common instants")
-        self._times = first.shape_times[self._rows[0]]
+        self._times = first.snapshot_times[self._rows[0]]
         self._changed = threading.Event()
         self._changed.set()
 
@@ -150,7 +150,9 @@ class RunPage:
 
     def _draw(self, row: int) -> None:
         name = self._field.value
-        shapes = [run.shapes[rows[row]][self._surface.nodes] for run, rows in zip(self._runs, self._rows, strict=True)]
+        shapes = [
+            run.snapshots[rows[row]][self._surface.nodes] for run, rows in zip(self._runs, self._rows, strict=True)
+        ]
         if name == DIFFERENCE:
             values = [self._surface.of_nodes(np.linalg.norm(shapes[0] - shapes[1], axis=1))] * 2
         else:

@@ -74,8 +74,8 @@ class SurfaceStrain:
         t1 = a / np.linalg.norm(a, axis=1, keepdims=True)
         frame = np.stack([t1, np.cross(normal / area[:, None], t1)], axis=1)  # (F, 2, 3)
         sides = frame @ np.stack([a, b], axis=2)
-        slopes = np.array([[-1.0, -1.0], [1.0, 0.0], [0.0, 1.0]]) @ np.linalg.inv(sides)  # (F, 3 corners, 2)
-        (e1, e2), (s1, s2) = frame.swapaxes(0, 1), slopes.transpose(2, 0, 1)
+        shape_gradients = np.array([[-1.0, -1.0], [1.0, 0.0], [0.0, 1.0]]) @ np.linalg.inv(sides)  # (F, 3 corners, 2)
+        (e1, e2), (s1, s2) = frame.swapaxes(0, 1), shape_gradients.transpose(2, 0, 1)
         rows = [
             s1[:, :, None] * e1[:, None],
             s2[:, :, None] * e2[:, None],
