@@ -1,5 +1,8 @@
 """The errors a caller can meet. Each says what was wrong, where, what was given and what is allowed."""
 
+from collections.abc import Iterable
+from typing import Any
+
 
 class FenicsRomError(Exception):
     """Base of everything that this package raises on purpose."""
@@ -43,3 +46,22 @@ class MissingPackageError(FenicsRomError):
 
 class FenicsRomWarning(UserWarning):
     """The result is usable, but not quite what was asked for; the message says what was done instead."""
+
+
+def unknown(kind: str, given: str, allowed: Iterable[str]) -> str:
+    """Sentence about a name that does not exist: what was given, what there is, the nearest."""
+    import difflib  # here, as of no use to a program that makes no mistake: every import delays the runtime's start
+
+    names = sorted(allowed)
+    near = difflib.get_close_matches(given, names, n=1)
+    hint = f"; did you mean {near[0]!r}?" if near else ""
+    return f"no {kind} {shown(given)}; there is {', '.join(names) if names else 'none'}{hint}"
+
+
+def shown(value: Any) -> str:
+    """A value as a short text."""
+    try:
+        text = repr(value)
+    except ValueError:  # Python does not print whole numbers of thousands of digits
+        text = "a number with thousands of digits"
+    return text if len(text) <= 80 else f"{text[:76]} ..."

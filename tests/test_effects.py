@@ -13,7 +13,7 @@ from bodies import acted_on, box_arrays, scene_text, write_arrays
 import fenics_rom as fr
 from fenics_rom.cli.main import main
 from fenics_rom.errors import FenicsRomError, FenicsRomWarning, FileError, MeshError, SceneError
-from fenics_rom.mechanics.environment import Environment, load_columns
+from fenics_rom.mechanics.active_environment import ActiveEnvironment, load_columns
 from fenics_rom.mechanics.obstacles import Box, Capsule, HalfSpace, Sphere
 from fenics_rom.scene.effects import ACTUATORS, EFFECTS, LOADS
 from fenics_rom.scene.file import parse_scene
@@ -134,13 +134,13 @@ def test_loads_have_columns_in_one_order():
 )
 def test_obstacles_are_what_the_scene_says(shape, said, made):
     scene = parse(f'{INERTIA}[effects.contact.obstacles.it]\nshape = "{shape}"\n{said}')
-    around = Environment(scene)
+    around = ActiveEnvironment(scene)
     assert around.obstacles == {"it": made}
     np.testing.assert_array_equal(around.offsets, [[0.0, 0.0, 0.0]])
 
 
 def test_tables_are_histories():
-    around = Environment(parse(ALL))
+    around = ActiveEnvironment(parse(ALL))
     np.testing.assert_allclose(around.loads(0.05), [1.0, 0.5, -0.075, 0, 0, 0, 1, 0], atol=1e-15)
     np.testing.assert_allclose(around.loads(7.0), [1.0, 1.0, -0.15, 0, 0, 0, 1, 0])  # the last value stays
     np.testing.assert_allclose(around.offsets_at(0.05), [[0, 0, 0], [-0.075, 0, 0]], atol=1e-15)

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import fenics_rom as fr
 from fenics_rom.errors import SceneError
-from fenics_rom.rom.rom import SWITCHINGS
+from fenics_rom.mechanics.environment import SWITCHINGS
 from fenics_rom.scene.file import LONGEST, parse_scene
 from fenics_rom.scene.scene import LYAPUNOV, METHODS, Material, Near
 

@@ -11,7 +11,7 @@ from matplotlib.colors import to_rgb
 
 import fenics_rom as fr
 from fenics_rom.io.markdown import markdown
-from fenics_rom.mechanics.environment import Environment
+from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.scene.scene import Scene
 
 Array = np.ndarray
@@ -33,7 +33,7 @@ def deepest(run: fr.Trajectory, scene: Scene, points: Array) -> tuple[float, flo
     The run must have kept the shape of every step. The motion is that of the point and that of the obstacle, of points
     so close that they may touch.
     """
-    around = Environment(scene)
+    around = ActiveEnvironment(scene)
     places = run.nodes[points] + np.concatenate([np.zeros((1, len(points), 3)), run.snapshots[:, points]])
     moved = np.linalg.norm(np.diff(places, axis=0), axis=2)
     offsets = np.array([around.offsets_at(t) for t in run.times])

@@ -27,10 +27,10 @@ from fenics_rom.cli.display import (
 from fenics_rom.errors import FenicsRomError, FenicsRomWarning, FileError, MissingPackageError, SceneError
 from fenics_rom.io.hdf5 import check_folder, check_place, content_of, is_rank_0, write_whole
 from fenics_rom.io.launcher import is_root_process, launched_rank
+from fenics_rom.io.names import NAME, NAME_IN_WORDS
 from fenics_rom.io.stages import Report
-from fenics_rom.rom.rom import SWITCHINGS
+from fenics_rom.mechanics.environment import SWITCHINGS
 from fenics_rom.scene.scene import LYAPUNOV, METHODS, SOLVERS, STEPPERS, WEIGHTINGS, Scene
-from fenics_rom.scene.schema import NAME, NAME_IN_WORDS
 from fenics_rom.studies.method_configs import WAYS
 from fenics_rom.system.system import is_petsc
 from fenics_rom.visualization.exports.fields import KINDS

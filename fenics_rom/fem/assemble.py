@@ -11,7 +11,7 @@ from dolfinx.fem.petsc import assemble_matrix
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from fenics_rom.errors import MeshError, SceneError
+from fenics_rom.errors import MeshError, SceneError, unknown
 from fenics_rom.fem.dolfinx_compat import cell_constants, cell_dofs, cell_nodes, create_tetrahedra, vector_space
 from fenics_rom.fem.finite_strain.assemble import large_deformation_of
 from fenics_rom.fem.loads import actuators_of, contact_points_of, loads_of
@@ -31,7 +31,6 @@ from fenics_rom.fem.rigid_modes import rigid_motions
 from fenics_rom.fem.springs import dashpots_of, springs_of, with_surfaces
 from fenics_rom.io.stages import Stages
 from fenics_rom.scene.scene import Scene
-from fenics_rom.scene.schema import unknown
 from fenics_rom.system.rigid_modes import mass_orthonormal, without_energy
 from fenics_rom.system.system import Body, System
 

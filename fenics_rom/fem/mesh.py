@@ -11,9 +11,8 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from fenics_rom.errors import MeshError
+from fenics_rom.errors import MeshError, unknown
 from fenics_rom.fem.gmsh_file import GmshFile, read_gmsh_file
-from fenics_rom.scene.schema import unknown
 
 STRAIGHT = "Tetrahedron 4"  # what Gmsh calls the only kind of cells that is allowed
 

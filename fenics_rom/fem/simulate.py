@@ -13,9 +13,9 @@ from fenics_rom.fem.direct import PetscFactor
 from fenics_rom.fem.extended_precision import ExtendedMatrix
 from fenics_rom.fem.finite_strain.stepper import LargeDeformationSimulator
 from fenics_rom.fem.petsc_matrix import combination
+from fenics_rom.mechanics.active_environment import ActiveEnvironment, ContactPoints, SignalLike
 from fenics_rom.mechanics.contact import Contact, ContactSolution
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
-from fenics_rom.mechanics.environment import ContactPoints, Environment, SignalLike
 from fenics_rom.mechanics.linearity import SurfaceGauges, SurfaceStrainPeak, largest, summary, warning
 from fenics_rom.mechanics.load_history import LoadHistory
 from fenics_rom.mechanics.time_step_monitor import TimeStepMonitor
@@ -43,7 +43,9 @@ class FullSimulator:
         gauge: of the length of the steps, where an account is kept.
     """
 
-    def __init__(self, system: System, dt: float, surroundings: Environment | None = None, *, ledger: bool = True):
+    def __init__(
+        self, system: System, dt: float, surroundings: ActiveEnvironment | None = None, *, ledger: bool = True
+    ):
         self.system, self.surroundings = system, surroundings
         self.touched: ContactSolution | None = None
         self._quasi_static = surroundings is not None and surroundings.quasi_static
@@ -346,13 +348,13 @@ def plain_rate(system: System, dt: float, seconds: float = 0.02, windows: int = 
 
 def _asked(
     system: System, dt: float | None, signals: Mapping[str, SignalLike] | None
-) -> tuple[Scene, Environment, LoadHistory]:
+) -> tuple[Scene, ActiveEnvironment, LoadHistory]:
     """The scene of a system, what acts in it, and the inputs of every step."""
     asked = system.scene
     if asked is None or asked.run is None:
         where = asked.source if asked else "a system of matrices"
         raise SceneError(f"{where}: has no [run], so there is no load history to simulate")
-    surroundings = Environment(asked, signals=signals)
+    surroundings = ActiveEnvironment(asked, signals=signals)
     if surroundings.quasi_static and system.rigid.shape[1]:
         raise SceneError(
             f"{asked.source}: effects: inertia is missing, and a body that nothing holds has no equilibrium"
@@ -364,7 +366,7 @@ def _asked(
 
 
 def _simulator(
-    system: System, dt: float, surroundings: Environment, ledger: bool = True
+    system: System, dt: float, surroundings: ActiveEnvironment, ledger: bool = True
 ) -> FullSimulator | LargeDeformationSimulator:
     """What steps a system: linear, unless its scene names large deformation."""
     if system.deformation is None:

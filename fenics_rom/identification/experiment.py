@@ -7,7 +7,7 @@ import numpy as np
 
 from fenics_rom.errors import DataError, SceneError
 from fenics_rom.identification.marker_data import Data, Equilibria, Marker, Motion
-from fenics_rom.mechanics.environment import Environment, load_columns
+from fenics_rom.mechanics.active_environment import ActiveEnvironment, load_columns
 from fenics_rom.mechanics.load_history import LoadHistory
 from fenics_rom.scene.scene import Scene
 from fenics_rom.system.system import System
@@ -154,7 +154,7 @@ def _run_inputs(scene: Scene, system: System) -> tuple[float, int, dict[str, Arr
     contacts, actuators = (
         {name: columns.shape[1] for name, columns in of.items()} for of in (system.contacts, system.actuators)
     )
-    history, surroundings = LoadHistory(scene, contacts, actuators), Environment(scene)
+    history, surroundings = LoadHistory(scene, contacts, actuators), ActiveEnvironment(scene)
     steps = [
         (contact, np.concatenate([u, surroundings.loads((n + 0.5) * history.dt)]))
         for n, (contact, u) in enumerate(history)

@@ -21,9 +21,8 @@ from typing import Any, NoReturn
 
 import numpy as np
 
-from fenics_rom.errors import DataError
+from fenics_rom.errors import DataError, unknown
 from fenics_rom.scene.scene import Output, Scene
-from fenics_rom.scene.schema import unknown
 
 Array = np.ndarray
 

@@ -9,9 +9,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fenics_rom.errors import SceneError
+from fenics_rom.errors import SceneError, unknown
 from fenics_rom.scene.scene import Scene
-from fenics_rom.scene.schema import unknown
 
 Array = np.ndarray
 

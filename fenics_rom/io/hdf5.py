@@ -20,7 +20,7 @@ import h5py
 import numpy as np
 
 from fenics_rom.errors import FenicsRomError, FileError
-from fenics_rom.scene.schema import NAME, NAME_IN_WORDS
+from fenics_rom.io.names import NAME, NAME_IN_WORDS
 
 FORMAT = "fenics-rom"
 VERSION = "2.0"
@@ -111,7 +111,10 @@ def write_whole(path: Path, *parts: bytes | memoryview) -> None:
 
 
 def read_file(
-    file: str | Path, content: str, take: Callable[[h5py.File], T], upgrade: Callable[[h5py.File], None]
+    file: str | Path,
+    content: str,
+    take: Callable[[h5py.File], T],
+    upgrade: Callable[[h5py.File], None] = lambda h5: None,
 ) -> T:
     """Reads a file of that content.
 
@@ -207,7 +210,7 @@ def content_of(file: str | Path) -> str:
     """
     for content in ("rom", "run"):
         try:
-            return read_file(file, content, lambda h5: get_text(h5, "content"), lambda h5: None)
+            return read_file(file, content, lambda h5: get_text(h5, "content"))
         except FileError as error:
             if not str(error).endswith(f", not a {content}"):
                 raise

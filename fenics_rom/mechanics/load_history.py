@@ -4,9 +4,8 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from fenics_rom.errors import SceneError
+from fenics_rom.errors import SceneError, unknown
 from fenics_rom.scene.scene import Load, Scene
-from fenics_rom.scene.schema import unknown
 
 MOST_STEPS = 10**7  # a record holds some 100 bytes of each
 

@@ -6,9 +6,9 @@ An obstacle moves by translation only: evaluate it at points - offset.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -215,3 +215,6 @@ def _positive(obstacle: object, name: str) -> None:
         kind = type(obstacle).__name__.lower()
         raise SceneError(f"{kind}: {name}: allowed is a finite number > 0, in m, given: {given!r}")
     object.__setattr__(obstacle, name, float(given))
+
+
+SHAPES: Mapping[str, Any] = {"half-space": HalfSpace, "sphere": Sphere, "capsule": Capsule, "box": Box}

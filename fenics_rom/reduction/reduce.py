@@ -8,8 +8,9 @@ from pathlib import Path
 
 import numpy as np
 
-from fenics_rom.errors import FenicsRomWarning, SceneError
+from fenics_rom.errors import FenicsRomWarning, SceneError, unknown
 from fenics_rom.io.stages import Report, Stages
+from fenics_rom.mechanics.environment import SWITCHINGS
 from fenics_rom.reduction.balancing import order_of, orthonormal_span
 from fenics_rom.reduction.checkpoint import Checkpoint
 from fenics_rom.reduction.common_basis import CommonBasis
@@ -20,7 +21,7 @@ from fenics_rom.reduction.methods.by_name import BY_NAME
 from fenics_rom.reduction.problem import Method, RankedBasis, ReductionProblem
 from fenics_rom.reduction.projection import RetainedBasis, rom_of
 from fenics_rom.reduction.rigid_mode_deflation import elastic_part, require_loads, with_rigid
-from fenics_rom.rom.rom import SWITCHINGS, Rom, check_rom
+from fenics_rom.rom.rom import Rom, check_rom
 from fenics_rom.scene.scene import (
     CUBATURE,
     LYAPUNOV,
@@ -32,7 +33,6 @@ from fenics_rom.scene.scene import (
     Reduction,
     check_order,
 )
-from fenics_rom.scene.schema import unknown
 from fenics_rom.system.system import System
 
 DENSE_LIMIT = 1000  # unknowns up to which all eigenvectors are cheaper than a Krylov space

@@ -12,10 +12,9 @@ from functools import cached_property
 
 import numpy as np
 
-from fenics_rom.errors import StructureError
+from fenics_rom.errors import StructureError, unknown
 from fenics_rom.mechanics.hyperelastic import LAWS, VOIGT_INDEX, VOIGT_PAIRS, energy_density, moduli, strain, stress
 from fenics_rom.mechanics.tendon import pulls_of
-from fenics_rom.scene.schema import unknown
 
 Array = np.ndarray
 

@@ -48,7 +48,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from fenics_rom.errors import FileError
+from fenics_rom.errors import FileError, unknown
 from fenics_rom.io.hdf5 import (
     Entry,
     Sizes,
@@ -62,11 +62,11 @@ from fenics_rom.io.hdf5 import (
     write_file,
 )
 from fenics_rom.io.stages import Stage
+from fenics_rom.mechanics.environment import SWITCHINGS
 from fenics_rom.rom.deformation_file import put_deformation, take_deformation
 from fenics_rom.rom.format_1 import upgrade
-from fenics_rom.rom.rom import SWITCHINGS, ContactModel, Rom, check_rom
+from fenics_rom.rom.rom import ContactModel, Rom, check_rom
 from fenics_rom.scene.effects import EFFECTS
-from fenics_rom.scene.schema import unknown
 
 BODY = {
     "basis": Entry("kg^-1/2", ("n", "k")),

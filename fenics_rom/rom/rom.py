@@ -12,8 +12,6 @@ from fenics_rom.rom.deformation import ReducedDeformation, check_deformation
 
 Array = np.ndarray
 
-SWITCHINGS = ("energy", "modal", "oblique")  # any basis; the paper's eigenvectors; standard balanced truncation
-
 
 @dataclass(frozen=True)
 class ContactModel:

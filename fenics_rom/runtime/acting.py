@@ -6,17 +6,16 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fenics_rom.errors import SceneError, StepError
+from fenics_rom.errors import SceneError, StepError, unknown
+from fenics_rom.mechanics.active_environment import ActiveEnvironment, ContactPoints, SignalLike
 from fenics_rom.mechanics.contact import Contact, ContactSolution
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
-from fenics_rom.mechanics.environment import ContactPoints, Environment, SignalLike
 from fenics_rom.rom.rom import ContactModel, Rom
 from fenics_rom.runtime.steppers.contact import ContactMidpoint, ContactStepper, Equilibrium, Touch
 from fenics_rom.runtime.steppers.midpoint_forms import FusedMidpoint, StagedMidpoint, fastest
 from fenics_rom.scene.effects import EFFECTS
 from fenics_rom.scene.file import parse_scene
 from fenics_rom.scene.scene import Scene
-from fenics_rom.scene.schema import unknown
 
 Array = np.ndarray
 Form = FusedMidpoint | StagedMidpoint | ContactStepper
@@ -53,7 +52,7 @@ class Acting:
         StepError: the body begins in an obstacle.
     """
 
-    def __init__(self, rom: Rom, surroundings: Environment):
+    def __init__(self, rom: Rom, surroundings: ActiveEnvironment):
         self.surroundings = surroundings
         self._chooses = surroundings.automatic and len(rom.contact_models) > 1
         self._actuators = sum(rom.actuators.values())
@@ -173,17 +172,17 @@ class Acting:
 
 def surrounded(
     rom: Rom, scene: Scene | None, signals: Mapping[str, SignalLike] | None
-) -> tuple[Rom, Environment | None]:
+) -> tuple[Rom, ActiveEnvironment | None]:
     """The ROM without what the scene does not name, and what acts on it by itself; None where that is nothing.
 
     Args:
         rom: the reduced model.
         scene: of the run; None: the scene that the ROM was made from.
-        signals: as in Environment.
+        signals: as in ActiveEnvironment.
 
     Raises:
         SceneError: an effect that the ROM was not made with.
-        StepError: as Environment.
+        StepError: as ActiveEnvironment.
     """
     if not rom.scene_text:
         if signals or (scene is not None and set(scene.effects) - {"inertia", "damping"}):
@@ -198,7 +197,7 @@ def surrounded(
         rom = replace(rom, contact_models=undamped)
     if "large_deformation" not in scene.effects:
         rom = replace(rom, deformation=None)
-    around = Environment(scene, rom.loads, signals)
+    around = ActiveEnvironment(scene, rom.loads, signals)
     if around.quasi_static and rom.rigid:
         raise SceneError(
             f"{scene.source}: effects: inertia is missing, and a body that nothing holds has no equilibrium"

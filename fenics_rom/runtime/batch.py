@@ -19,14 +19,13 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
-from fenics_rom.errors import StepError
+from fenics_rom.errors import StepError, unknown
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.steppers.midpoint import checked_dt, compliance
 from fenics_rom.runtime.switching import Projections
-from fenics_rom.scene.schema import unknown
 
 if TYPE_CHECKING:
-    from fenics_rom.mechanics.environment import Environment, SignalLike
+    from fenics_rom.mechanics.active_environment import ActiveEnvironment, SignalLike
 
 Array = np.ndarray
 Bodies = int | Sequence[int] | Sequence[bool] | Array | None
@@ -92,7 +91,7 @@ class Batch:
             raise StepError(f"size = {size!r}: allowed is a whole number > 0")
         if np.dtype(dtype) not in (np.float64, np.float32):
             raise StepError(f"dtype = {dtype!r}: allowed are float64 and float32")
-        self._surroundings: Environment | None = None
+        self._surroundings: ActiveEnvironment | None = None
         if rom.surrounded or signals:
             from fenics_rom.runtime import acting  # here, so that bodies on which nothing acts start without it
 
@@ -428,7 +427,7 @@ class Batch:
             )
         return np.where(fine[:, None], u, 0), held
 
-    def _loads(self, surroundings: "Environment") -> Array:
+    def _loads(self, surroundings: "ActiveEnvironment") -> Array:
         """Values of the loads that act by themselves in the middle of each body's step, (size, columns)."""
         times, which = np.unique(self._account[TIME], return_inverse=True)
         return np.array([surroundings.loads(time + self._dt / 2) for time in times])[which]

@@ -8,7 +8,7 @@ from itertools import islice
 import numpy as np
 
 from fenics_rom.errors import FenicsRomWarning, SceneError
-from fenics_rom.mechanics.environment import SignalLike
+from fenics_rom.mechanics.active_environment import SignalLike
 from fenics_rom.mechanics.load_history import LoadHistory
 from fenics_rom.mechanics.time_step_monitor import TimeStepMonitor
 from fenics_rom.rom.rom import Rom

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fenics_rom.errors import StepError
+from fenics_rom.errors import StepError, unknown
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.linearity import SurfaceStrainPeak, summary
 from fenics_rom.rom.rom import Rom
@@ -26,10 +26,9 @@ from fenics_rom.runtime.rollout import (
 from fenics_rom.runtime.steppers.midpoint import checked_dt
 from fenics_rom.runtime.steppers.midpoint_forms import fastest
 from fenics_rom.runtime.switching import Projections, SwitchLoss
-from fenics_rom.scene.schema import unknown
 
 if TYPE_CHECKING:
-    from fenics_rom.mechanics.environment import Environment, SignalLike
+    from fenics_rom.mechanics.active_environment import ActiveEnvironment, SignalLike
     from fenics_rom.runtime.acting import Acting, ContactState, Form
     from fenics_rom.runtime.steppers.finite_strain import LargeDeformation
     from fenics_rom.scene.scene import Scene
@@ -255,7 +254,7 @@ class Simulator:
         self._acting.surroundings.set(name, history)
 
     @property
-    def surroundings(self) -> "Environment | None":
+    def surroundings(self) -> "ActiveEnvironment | None":
         """The loads and obstacles that act by themselves; None where there are none."""
         return None if self._acting is None else self._acting.surroundings
 

@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from fenics_rom.errors import SceneError
-from fenics_rom.mechanics.environment import obstacle
-from fenics_rom.rom.rom import SWITCHINGS
+from fenics_rom.errors import SceneError, unknown
+from fenics_rom.mechanics.active_environment import obstacle
+from fenics_rom.mechanics.environment import SWITCHINGS
 from fenics_rom.scene.effects import ACTUATORS, ANY_SURFACE, EFFECTS, LOADS, POINT
 from fenics_rom.scene.scene import (
     CUBATURE,
@@ -36,7 +36,7 @@ from fenics_rom.scene.scene import (
     Scene,
     check_order,
 )
-from fenics_rom.scene.schema import Many, Number, OneOf, Table, Text, unknown
+from fenics_rom.scene.schema import Many, Number, OneOf, Table, Text
 
 _PLACE = ("surface", "near", "point")
 LONGEST = 60_000  # bytes of a scene, which travels as an attribute of every ROM file

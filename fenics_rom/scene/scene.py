@@ -7,8 +7,8 @@ from typing import Any
 
 import numpy as np
 
-from fenics_rom.errors import SceneError
-from fenics_rom.scene.schema import Number, unknown
+from fenics_rom.errors import SceneError, unknown
+from fenics_rom.scene.schema import Number
 
 
 @dataclass(frozen=True)

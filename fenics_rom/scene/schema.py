@@ -2,27 +2,15 @@
 
 import math
 import numbers
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from fenics_rom.errors import SceneError
+from fenics_rom.errors import SceneError, shown, unknown
+from fenics_rom.io.names import NAME, NAME_IN_WORDS
 
 SMALLEST, GREATEST = 1e-50, 1e50  # size of a number that is not 0: what is made of some stays a number, too
 REQUIRED: Any = object()  # a field without a default
-NAME = re.compile(r"[\w-]{1,100}")  # of contact modes, outputs, ...: they become names inside HDF5 files
-NAME_IN_WORDS = "letters, digits, _ and -, at most 100"
-
-
-def unknown(kind: str, given: str, allowed: Mapping[str, Any] | list[str]) -> str:
-    """Sentence about a name that does not exist: what was given, what there is, the nearest."""
-    import difflib  # here, as of no use to a program that makes no mistake: every import delays the runtime's start
-
-    names = sorted(allowed)
-    near = difflib.get_close_matches(given, names, n=1)
-    hint = f"; did you mean {near[0]!r}?" if near else ""
-    return f"no {kind} {_shown(given)}; there is {', '.join(names) if names else 'none'}{hint}"
 
 
 @dataclass(frozen=True)
@@ -45,16 +33,7 @@ class Field:
 
 
 def _refuse(where: str, value: Any, allowed: str) -> SceneError:
-    return SceneError(f"{where} = {_shown(value)}: allowed is {allowed}")
-
-
-def _shown(value: Any) -> str:
-    """A value as a short text."""
-    try:
-        text = repr(value)
-    except ValueError:  # Python does not print whole numbers of thousands of digits
-        text = "a number with thousands of digits"
-    return text if len(text) <= 80 else f"{text[:76]} ..."
+    return SceneError(f"{where} = {shown(value)}: allowed is {allowed}")
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import numpy as np
 import fenics_rom as fr
 from fenics_rom.errors import CompareError, SceneError
 from fenics_rom.io.stages import Report
-from fenics_rom.mechanics.environment import Environment
+from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.scene.scene import Scene
 from fenics_rom.studies.study_results import MeshRow
 from fenics_rom.system.system import System
@@ -25,7 +25,7 @@ def check_measurable(scene: Scene, meshes: Sequence[Path]) -> None:
     """
     if scene.run is None:
         raise SceneError(f"{scene.source}: has no [run], so there is nothing to measure; add one with a load")
-    acting = Environment(scene)
+    acting = ActiveEnvironment(scene)
     if not (scene.run.loads or acting.columns or acting.obstacles):
         raise SceneError(
             f"{scene.source}: nothing acts in its run, so there is nothing to measure; add [[run.load]], gravity, "

@@ -30,7 +30,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from fenics_rom.errors import FileError
+from fenics_rom.errors import FileError, unknown
 from fenics_rom.io.hdf5 import (
     Entry,
     Sizes,
@@ -44,9 +44,7 @@ from fenics_rom.io.hdf5 import (
     rename_all,
     write_file,
 )
-from fenics_rom.mechanics.environment import SHAPES
-from fenics_rom.mechanics.obstacles import Obstacle
-from fenics_rom.scene.schema import unknown
+from fenics_rom.mechanics.obstacles import SHAPES, Obstacle
 from fenics_rom.trajectory.trajectory import CONTACT_ACCOUNT, Trajectory
 
 Array = np.ndarray

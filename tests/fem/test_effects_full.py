@@ -9,7 +9,7 @@ from bodies import acted_on, box_arrays, box_surfaces, dense, write_arrays
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning
 from fenics_rom.fem.simulate import FullSimulator
-from fenics_rom.mechanics.environment import Environment
+from fenics_rom.mechanics.active_environment import ActiveEnvironment
 
 EXACT = 1e-10  # degree 2 holds the exact solution: what is left is the round-off of solves
 YOUNG, DENSITY, GRAVITY = 1e6, 1000.0, 9.81
@@ -558,7 +558,7 @@ def test_penalty_floor_gives_way_by_weight_over_stiffness(slab, model):
 
 def stepper(scene, model, dt, velocity, signals=None):
     """A body that moves with a velocity (3,) at first: how to take a step, and what to read."""
-    system, around = fr.assemble(scene), Environment(scene, signals=signals)
+    system, around = fr.assemble(scene), ActiveEnvironment(scene, signals=signals)
     start = np.tile(velocity, len(system.body.nodes))[:, None]
     if model == "full":
         full = FullSimulator(system, dt, around)

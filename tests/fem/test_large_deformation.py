@@ -22,7 +22,7 @@ from fenics_rom.fem.finite_strain.newton import NotConvergedError
 from fenics_rom.fem.finite_strain.residuals import Equilibrium, Midpoint, Start
 from fenics_rom.fem.mesh import read_mesh
 from fenics_rom.fem.nodes import canonical_nodes
-from fenics_rom.mechanics.environment import Environment
+from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.hyperelastic import LAWS, strain
 
 RIGHT = '[contacts.right]\nsurface = "right"'
@@ -417,7 +417,7 @@ def dropped(mesh, law, others=""):
     """A beam that is pulled onto a floor, and the simulator of it."""
     effects = f"inertia = {{}}\n{large(law)}damping = {{ beta = 2e-3 }}\n{others}{FLOOR}"
     system = assembled(mesh, effects, contacts='[contacts.right]\nsurface = "bottom"', degree=2)
-    around = Environment(system.scene)
+    around = ActiveEnvironment(system.scene)
     return SimpleNamespace(system=system, around=around, body=system.deformation.simulator(2e-3, around))
 
 

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning, SceneError, StepError
 from fenics_rom.fem.simulate import FullSimulator
-from fenics_rom.mechanics.environment import Environment
+from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.runtime.steppers.contact import ContactMidpoint, Equilibrium
 from fenics_rom.runtime.steppers.midpoint_forms import FusedMidpoint
 from fenics_rom.scene.file import parse_scene
@@ -143,7 +143,7 @@ class Full:
     """A full-order run, as solve() makes it, with any step sizes."""
 
     def __init__(self, system, signals=None):
-        self.around = Environment(system.scene, signals=signals)
+        self.around = ActiveEnvironment(system.scene, signals=signals)
         self.body = FullSimulator(system, 1e-3, self.around)
         self.contact = next(iter(system.contacts))
         self.actuators = sum(columns.shape[1] for columns in system.actuators.values())

@@ -14,7 +14,7 @@ from fenics_rom.fem.finite_strain.stresses import Material, StressesAtRest
 from fenics_rom.fem.loads import patch_of
 from fenics_rom.fem.nodes import Nodes, patch_triangles, shape_functions
 from fenics_rom.fem.petsc_matrix import PetscMatrix
-from fenics_rom.mechanics.environment import Environment
+from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.scene.scene import Scene
 from fenics_rom.system.system import Array, System
 
@@ -73,7 +73,7 @@ class LargeDeformation:
         return self.model.here(self.model.points.forces(StressesAtRest(self.model.material, H).first))[:, 0]
 
     def simulator(
-        self, dt: float, surroundings: Environment | None = None, *, ledger: bool = True
+        self, dt: float, surroundings: ActiveEnvironment | None = None, *, ledger: bool = True
     ) -> LargeDeformationSimulator:
         """As in `system.Deformation`."""
         return LargeDeformationSimulator(self.system, self.model, dt, surroundings, ledger=ledger)

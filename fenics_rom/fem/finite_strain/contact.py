@@ -8,8 +8,8 @@ exactly, whatever W = S A⁻¹ Sᵀ stands for. So only the balance of momentum 
 import numpy as np
 
 from fenics_rom.fem.direct import PetscFactor
+from fenics_rom.mechanics.active_environment import ActiveEnvironment, ContactPoints
 from fenics_rom.mechanics.contact import Contact, ContactSolution
-from fenics_rom.mechanics.environment import ContactPoints, Environment
 from fenics_rom.system.system import System
 
 Array = np.ndarray
@@ -27,7 +27,7 @@ class Touching:
         contact: where the forces come from.
     """
 
-    def __init__(self, system: System, surroundings: Environment):
+    def __init__(self, system: System, surroundings: ActiveEnvironment):
         self._algebra, self._rigid_law = system.algebra, surroundings.law is not None and not surroundings.law.stiffness
         self.points = ContactPoints(system.contact_points, system.body.nodes)
         assert surroundings.law is not None

@@ -13,9 +13,9 @@ from fenics_rom.fem.finite_strain.newton import NotConvergedError, Solution, sol
 from fenics_rom.fem.finite_strain.preconditioner import StepMatrix, Weights
 from fenics_rom.fem.finite_strain.residuals import Equation, Equilibrium, Midpoint, Start
 from fenics_rom.fem.finite_strain.stresses import UNIT, StressesInStep
+from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.contact import ContactSolution
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
-from fenics_rom.mechanics.environment import Environment
 from fenics_rom.mechanics.hyperelastic import strain
 from fenics_rom.mechanics.time_step_monitor import TimeStepMonitor
 from fenics_rom.system.system import Array, System
@@ -47,7 +47,13 @@ class LargeDeformationSimulator:
     """
 
     def __init__(
-        self, system: System, model: Model, dt: float, surroundings: Environment | None = None, *, ledger: bool = True
+        self,
+        system: System,
+        model: Model,
+        dt: float,
+        surroundings: ActiveEnvironment | None = None,
+        *,
+        ledger: bool = True,
     ):
         self.system, self.surroundings, self._model = system, surroundings, model
         self.dt, self.time = dt, 0.0

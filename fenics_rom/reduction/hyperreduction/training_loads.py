@@ -7,7 +7,7 @@ from itertools import count
 import numpy as np
 
 from fenics_rom.errors import SceneError
-from fenics_rom.mechanics.environment import Environment
+from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.load_history import LoadHistory
 from fenics_rom.reduction.problem import ReductionProblem
 from fenics_rom.scene.scene import Scene
@@ -112,7 +112,7 @@ def _worst(problem: ReductionProblem, acting: Array, pushing: dict[str, Array]) 
 
 def own_history(system: System, scene: Scene) -> Iterator[tuple[str, Array]]:
     """Contact mode and whole input of each step of the scene's load history; obstacles push nothing."""
-    surroundings = Environment(scene)
+    surroundings = ActiveEnvironment(scene)
     columns = {name: B.shape[1] for name, B in system.contacts.items()}
     history = LoadHistory(scene, columns, {name: B.shape[1] for name, B in system.actuators.items()})
     for step, (contact, u) in enumerate(history):

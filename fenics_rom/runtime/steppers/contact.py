@@ -13,9 +13,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.contact import Contact, ContactSolution
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
-from fenics_rom.mechanics.environment import Environment
 from fenics_rom.rom.rom import ContactModel
 from fenics_rom.runtime.steppers.midpoint import compliance
 
@@ -35,7 +35,7 @@ class Touch(NamedTuple):
 
     contact: Contact
     rows: Array
-    surroundings: Environment
+    surroundings: ActiveEnvironment
 
 
 class Work(NamedTuple):

@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 
-from fenics_rom.errors import FenicsRomWarning, StepError
+from fenics_rom.errors import FenicsRomWarning, StepError, unknown
 from fenics_rom.mechanics.contact import ContactSolution
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.hyperelastic import (
@@ -39,7 +39,6 @@ from fenics_rom.rom.deformation import ReducedDeformation, monomials
 from fenics_rom.rom.rom import ContactModel, Rom
 from fenics_rom.runtime.steppers.contact import ContactStepper, Touch, Work
 from fenics_rom.scene.scene import STEPPERS
-from fenics_rom.scene.schema import unknown
 
 Array = np.ndarray
 

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fenics_rom.errors import SceneError
+from fenics_rom.errors import SceneError, unknown
 from fenics_rom.rom.rom import ContactModel, Rom
-from fenics_rom.scene.schema import unknown
 
 Array = np.ndarray
 

@@ -6,11 +6,10 @@ from pathlib import Path
 
 import numpy as np
 
-from fenics_rom.errors import FileError, SceneError
+from fenics_rom.errors import FileError, SceneError, unknown
 from fenics_rom.io.hdf5 import check_folder, check_place
 from fenics_rom.io.stages import Report
 from fenics_rom.rom.rom import Rom
-from fenics_rom.scene.schema import unknown
 from fenics_rom.system.system import System
 from fenics_rom.trajectory.trajectory import Trajectory
 from fenics_rom.visualization.figure import figure_class, write_figure

@@ -1,0 +1,89 @@
+"""What a load or an obstacle does over time: numbers that stay, or straight lines between given times."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from fenics_rom.errors import StepError
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Signal:
+    """Numbers that are constant, or given at some times with straight lines between them.
+
+    Attributes:
+        values: (w,) where they are constant, else (T, w).
+        times: (T,) strictly increasing, s; None where they are constant. Before the first and after the last of them
+            the first and the last values hold.
+    """
+
+    values: Array
+    times: Array | None = None
+
+    def __call__(self, time: float) -> Array:
+        """The numbers (w,) at a time, s."""
+        if self.times is None:
+            return self.values
+        return np.array([np.interp(time, self.times, column) for column in self.values.T])
+
+    def __eq__(self, other: object) -> bool:
+        if not isinstance(other, Signal):
+            return NotImplemented
+        if (self.times is None) != (other.times is None) or not np.array_equal(self.values, other.values):
+            return False
+        return self.times is None or other.times is None or np.array_equal(self.times, other.times)
+
+    @property
+    def width(self) -> int:
+        """How many numbers."""
+        return self.values.shape[-1]
+
+    def scaled(self, factor: float) -> "Signal":
+        """The signal times a number."""
+        return Signal(factor * self.values, self.times)
+
+
+SignalLike = Signal | ArrayLike | Callable[[float], ArrayLike]  # a function is of time in s
+
+
+class CheckedSignal:
+    """A signal whose numbers are checked wherever they come from.
+
+    Args:
+        name: in messages.
+        width: how many numbers it must give.
+        signal: numbers, a Signal, or a function of time (s).
+
+    Raises:
+        StepError: it gives something else than that many finite numbers.
+    """
+
+    def __init__(self, name: str, width: int, signal: SignalLike):
+        self._name, self._width = name, width
+        if isinstance(signal, Signal) and signal.times is None:
+            signal = signal.values
+        self._function = signal if callable(signal) else None
+        self._constant = np.empty(0) if callable(signal) else self._checked(signal)
+
+    @property
+    def is_constant(self) -> bool:
+        """Whether it is no function of time."""
+        return self._function is None
+
+    def at(self, time: float) -> Array:
+        """The numbers (w,) at a time, s."""
+        return self._constant if self._function is None else self._checked(self._function(time))
+
+    def _checked(self, value: ArrayLike) -> Array:
+        try:
+            numbers = np.array(value, dtype=float).reshape(-1)
+        except (TypeError, ValueError):
+            numbers = np.empty(0)
+        if len(numbers) != self._width or not np.isfinite(numbers).all():
+            allowed = "a finite number" if self._width == 1 else f"{self._width} finite numbers"
+            raise StepError(f"{self._name} = {value!r}: allowed is {allowed}, or a function of time that gives it")
+        return numbers
