@@ -16,7 +16,6 @@ from fenics_rom.io.launcher import is_root_process
 from fenics_rom.io.stages import Report, Stage, peak_memory
 from fenics_rom.rom.deformation import ReducedDeformation
 from fenics_rom.rom.rom import ContactModel
-from fenics_rom.scene.effects import EFFECTS
 from fenics_rom.studies.pareto import decades, sentence
 from fenics_rom.studies.report import PICTURES
 from fenics_rom.studies.study_results import Findings
@@ -91,11 +90,7 @@ def _deformation(body: ReducedDeformation) -> dict[str, str]:
 
 def _effects(rom: fr.Rom) -> str:
     """Each with those of its parameters that are numbers, in their units."""
-    shown = []
-    for name, parameters in rom.effects.items():
-        units = EFFECTS[name].numbers
-        numbers = (f"{key} = {_number(value)}{_unit(units[key][0])}" for key, value in parameters.items())
-        shown.append(f"{name} ({', '.join(numbers)})" if parameters else name)
+    shown = (f"{name} ({words})" if words else name for name, words in rom.environment.effects.items())
     return ", ".join(shown) or "of the matrices"
 
 

@@ -23,6 +23,7 @@ from fenics_rom.fem.nodes import (
     clamped_nodes,
     output_rows,
     patch_columns,
+    patch_nodes,
 )
 from fenics_rom.fem.petsc_algebra import PetscAlgebra, require_real
 from fenics_rom.fem.petsc_matrix import PetscMatrix, ZeroMatrix, combination
@@ -90,7 +91,13 @@ def _system(scene: Scene, comm: Any) -> System:
         algebra=algebra,
         rayleigh=_rayleigh(scene),
         rigid=rigid,
-        body=Body(nodes.coordinates, nodes.drawn_triangles(), free, m.node_mass),
+        body=Body(
+            nodes.coordinates,
+            nodes.drawn_triangles(),
+            free,
+            m.node_mass,
+            {name: patch_nodes(nodes, patch, f"contacts.{name}") for name, patch in scene.contacts.items()},
+        ),
         scene=scene,
         warnings=(*_locking(scene), *_partly_held(scene, rigid)),
     )

@@ -3,9 +3,10 @@
 Loads and obstacles have signals; how these drive a step is `mechanics.active_environment`.
 """
 
+import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
@@ -13,6 +14,7 @@ from fenics_rom.mechanics.contact import ContactLaw
 from fenics_rom.mechanics.obstacles import Obstacle
 from fenics_rom.mechanics.signals import Signal
 
+PERMANENT_EFFECTS = ("springs",)  # part of the matrices: no run can leave them out
 SWITCHINGS = ("energy", "modal", "oblique")  # any basis; the paper's eigenvectors; standard balanced truncation
 
 
@@ -81,7 +83,7 @@ class Environment:
         obstacles: by name.
         contact_law: how the body meets them; None where the scene names no contact.
         contact_switching: "automatic" (the contact mode follows the obstacles) or "scene" (the load history says).
-        built_in: what a model made for this cannot do differently, by its place in the scene, as a text to compare.
+        built_in: what a model made for this cannot do differently, by its place in the scene, as JSON.
         run: the load history; None where there is none.
         source: for messages.
     """
@@ -94,6 +96,11 @@ class Environment:
     built_in: Mapping[str, str] = field(default_factory=dict)
     run: Run | None = None
     source: str = "scene"
+
+    @property
+    def environment(self) -> "Environment":
+        """Itself: an environment may stand wherever a scene may."""
+        return self
 
     @property
     def has_inertia(self) -> bool:
@@ -109,6 +116,17 @@ class Environment:
     def switches_itself(self) -> bool:
         """Whether the contact mode follows the obstacles."""
         return self.contact_law is not None and self.contact_switching == "automatic"
+
+    def details(self, place: str) -> dict[str, Any]:
+        """What is built in at a place of the scene, such as "effects.tendon"; empty where there is nothing."""
+        details: dict[str, Any] = json.loads(self.built_in.get(place, "{}"))
+        return details
+
+    @property
+    def input_units(self) -> dict[str, str]:
+        """Units of those inputs that are not N: pressures, gravity, base motions."""
+        units = dict.fromkeys(self.details("effects.pressure"), "Pa") | {"gravity": "1"}
+        return units | dict.fromkeys(self.details("effects.base_motion"), "m/s2")
 
     def __repr__(self) -> str:
         lines = [f"Environment of {self.source}: {', '.join(self.effects) or 'inputs alone'}"]

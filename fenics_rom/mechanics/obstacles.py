@@ -218,3 +218,9 @@ def _positive(obstacle: object, name: str) -> None:
 
 
 SHAPES: Mapping[str, Any] = {"half-space": HalfSpace, "sphere": Sphere, "capsule": Capsule, "box": Box}
+DIMENSIONS = {  # what describes them: unit, and how many numbers
+    **dict.fromkeys(("point", "center", "start", "end", "size"), ("m", 3)),
+    "radius": ("m", 1),
+    "normal": ("1", 3),
+    "rotation": ("rad", 3),
+}

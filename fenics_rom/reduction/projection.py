@@ -2,15 +2,14 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
+from fenics_rom.mechanics.environment import Environment
 from fenics_rom.reduction.common_basis import orthogonal_complement, padded
 from fenics_rom.reduction.problem import ReductionProblem
 from fenics_rom.reduction.validation import certified
 from fenics_rom.rom.rom import ContactModel, Rom, diagonalized_span
-from fenics_rom.scene.effects import EFFECTS
 from fenics_rom.system.system import Array
 
 
@@ -84,15 +83,10 @@ def rom_of(problem: ReductionProblem, kept: Mapping[str, RetainedBasis], *, meth
         nodes=system.body.nodes,
         triangles=system.body.triangles,
         node_mass=system.body.node_mass,
-        effects=_numbers(scene.effects) if scene else {},
+        environment=scene.environment if scene else Environment(),
+        contact_surfaces=system.body.contact_surfaces,
         scene_text=scene.text if scene else "",
-        tables=scene.tables if scene else {},
         warnings=tuple(problem.messages),
         weighting=problem.weighting,
         stages=problem.stages.done,
     )
-
-
-def _numbers(effects: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
-    """Of each effect the parameters that are numbers."""
-    return {name: {key: said[key] for key in EFFECTS[name].numbers if key in said} for name, said in effects.items()}

@@ -1,6 +1,6 @@
 """The ROM file: one HDF5 file with everything the runtime needs.
 
-Format 1.3. The first 512 bytes are a user block with the SHA-256 of the rest (see checked_file).
+Format 2.0. The first 512 bytes are a user block with the SHA-256 of the rest (see io.hdf5).
 Root attributes (fixed-length UTF-8 text): format = "fenics-rom", format_version, content = "rom", software, name,
 method, switching, weighting, scene (the scene file), warnings (one a line). Every dataset has an attribute `unit`.
 Sizes: n free displacement components, k shared basis vectors, N nodes, F triangles; for each contact mode m order,
@@ -13,8 +13,8 @@ p input columns, r Hankel singular values, f sampled frequencies; P points of an
     outputs/NAME (3P, k) kg^-1/2     C Q; any number of rows where there is no mesh
     actuators/NAME (1,)              number of input columns
     loads/NAME (1,)                  the same of loads with signals of their own; absent where there are none
-    effects/NAME/PARAMETER (1,)      or (3,); of those that are numbers, the others are in the scene
-    tables/NUMBER (rows, columns)    tables of the scene: forces, motions; attribute `file`
+    contact_surfaces/NAME (s,)       nodes of the surface of a contact mode; none where there is no mesh
+    environment/                     what acts in the runs of the scene; see rom.environment_file
     offline/NUMBER (2,) s, B         wall-clock time and peak memory of a stage of the offline work; attribute `name`
     contact_models/NAME/             in the order of the scene
         eigenvalues (m,) 1/s^2       γ; 0 for rigid motions, which come first, the same in all modes
@@ -36,10 +36,7 @@ p input columns, r Hankel singular values, f sampled frequencies; P points of an
         pressures/NAME (k, 1 + k + k (k+1)/2) m^2/kg^1/2     force of 1 Pa: of 1, q_i and q_i q_j (i <= j)
         tendons/NAME/points (K, 3) m, shapes (3K, k) kg^-1/2
 
-Files of format 1.2 have no large deformation.
-Files of format 1.1 have neither loads nor contact points.
-Files of format 1.0, where every method is "balanced", have no attribute `method`, no group `offline`, and neither
-frequencies nor transfer_errors.
+Files of format 1.x are read, too: rom.format_1 makes them such files.
 """
 
 from pathlib import Path
@@ -64,9 +61,9 @@ from fenics_rom.io.hdf5 import (
 from fenics_rom.io.stages import Stage
 from fenics_rom.mechanics.environment import SWITCHINGS
 from fenics_rom.rom.deformation_file import put_deformation, take_deformation
+from fenics_rom.rom.environment_file import put_environment, take_environment
 from fenics_rom.rom.format_1 import upgrade
 from fenics_rom.rom.rom import ContactModel, Rom, check_rom
-from fenics_rom.scene.effects import EFFECTS
 
 BODY = {
     "basis": Entry("kg^-1/2", ("n", "k")),
@@ -91,7 +88,8 @@ MODE = {
 EMPTY_WHERE_ABSENT = ("hankel_singular_values", "frequencies", "transfer_errors", "contact_points")
 STAGE = Entry("s, B", (2,))
 COUNT = Entry("1", (1,), "i")
-GROUPS = ("outputs", "actuators", "effects", "tables", "contact_models")
+SURFACE_NODES = Entry("1", ("s",), "i")
+GROUPS = ("outputs", "actuators", "contact_models", "contact_surfaces", "environment")
 MAYBE = ("offline", "loads", "deformation")
 
 
@@ -121,25 +119,16 @@ def _fill(h5: h5py.File, rom: Rom) -> None:
     put_text(h5, scene=rom.scene_text, warnings="\n".join(rom.warnings))
     sizes: Sizes = {}
     put_arrays(h5, BODY, sizes, {name: getattr(rom, name) for name in BODY})
-    there = (*GROUPS, "offline", *(["loads"] if rom.loads else []))
+    there = (*GROUPS[:-1], "offline", *(["loads"] if rom.loads else []))
     groups = {name: h5.create_group(name, track_order=True) for name in there}
     for name, rows in rom.outputs.items():
         put_arrays(groups["outputs"], {name: _output(name)}, sizes, {name: rows})
     for kind, widths in (("actuators", rom.actuators), ("loads", rom.loads)):
         for name, columns in widths.items():
             put_arrays(groups[kind], {name: COUNT}, sizes, {name: np.array([columns])})
-    for name, parameters in rom.effects.items():
-        table = _effect(name)
-        group = groups["effects"].create_group(name, track_order=True)
-        put_arrays(
-            group,
-            table,
-            sizes,
-            {key: np.atleast_1d(parameters[key]) if key in parameters else None for key in table},
-        )
-    for number, (name, rows) in enumerate(rom.tables.items()):
-        put_arrays(groups["tables"], {str(number): _force_table(number)}, sizes, {str(number): rows})
-        put_text(groups["tables"][str(number)], file=name)
+    for name, nodes in rom.contact_surfaces.items():
+        put_arrays(groups["contact_surfaces"], {name: SURFACE_NODES}, {}, {name: nodes})
+    put_environment(h5, rom.environment)
     for number, stage in enumerate(rom.stages):
         numbers = np.array([stage.seconds, stage.peak_memory])
         put_arrays(groups["offline"], {str(number): STAGE}, sizes, {str(number): numbers})
@@ -162,7 +151,7 @@ def _take(h5: h5py.File) -> Rom:
     body: Any = get_arrays(h5, BODY, sizes, (*GROUPS, *MAYBE))
     groups = {name: get_group(h5, name) for name in (*GROUPS, *MAYBE) if name in GROUPS or name in h5}
     outputs: Any = get_arrays(groups["outputs"], {name: _output(name) for name in groups["outputs"]}, sizes)
-    tables: Any = get_arrays(groups["tables"], {str(k): _force_table(k) for k in range(len(groups["tables"]))}, sizes)
+    surfaces: Any = _each(groups["contact_surfaces"], SURFACE_NODES)
     weighting = get_text(h5, "weighting")
     modes = {
         name: _take_mode(get_group(groups["contact_models"], name), weighting, sizes)
@@ -176,9 +165,9 @@ def _take(h5: h5py.File) -> Rom:
         actuators=_take_counts(groups["actuators"]),
         loads=_take_counts(groups["loads"]) if "loads" in groups else {},
         outputs=outputs,
-        effects={name: _take_effect(get_group(groups["effects"], name)) for name in groups["effects"]},
+        environment=take_environment(h5),
+        contact_surfaces=surfaces,
         scene_text=get_text(h5, "scene"),
-        tables={get_text(groups["tables"][number], "file"): rows for number, rows in tables.items()},
         warnings=tuple(filter(None, get_text(h5, "warnings").split("\n"))),
         weighting=weighting,
         stages=_take_stages(groups["offline"]) if "offline" in groups else (),
@@ -216,24 +205,13 @@ def _take_stages(group: h5py.Group) -> tuple[Stage, ...]:
 
 
 def _take_counts(group: h5py.Group) -> dict[str, int]:
-    counts: Any = get_arrays(group, dict.fromkeys(group, COUNT), {})
-    return {name: int(value[0]) for name, value in counts.items()}
+    return {name: int(value[0]) for name, value in _each(group, COUNT).items()}
 
 
-def _take_effect(group: h5py.Group) -> dict[str, float | tuple[float, ...]]:
-    arrays: Any = get_arrays(group, _effect(group.name.split("/")[-1]), {})
-    numbers = {key: tuple(map(float, value)) for key, value in arrays.items() if value is not None}
-    return {key: value[0] if len(value) == 1 else value for key, value in numbers.items()}
-
-
-def _effect(name: str) -> dict[str, Entry]:
-    if name not in EFFECTS:
-        raise FileError(unknown("effect", name, EFFECTS))
-    effect = EFFECTS[name]
-    return {
-        key: Entry(unit, (length,), optional=effect.parameters[key].default is None)
-        for key, (unit, length) in effect.numbers.items()
-    }
+def _each(group: h5py.Group, entry: Entry) -> dict[str, np.ndarray]:
+    """Arrays of one kind but of any size, by name."""
+    arrays: Any = {name: get_arrays(group, {name: entry}, {}, tuple(group))[name] for name in group}
+    return arrays
 
 
 def _check_fit(rom: Rom) -> None:
@@ -256,10 +234,17 @@ def _check_fit(rom: Rom) -> None:
         raise FileError(f"/triangles name nodes beyond {len(rom.nodes)}")
     if (rom.node_mass < 0).any():
         raise FileError("/node_mass has negative masses")
-    if ("large_deformation" in rom.effects) != (rom.deformation is not None):
+    if ("large_deformation" in rom.environment.effects) != (rom.deformation is not None):
         raise FileError("large_deformation among the effects and /deformation go together")
-    if "contact" in rom.effects and not any(len(mode.contact_points) for mode in rom.contact_models.values()):
+    touchable = any(len(model.contact_points) for model in rom.contact_models.values())
+    if rom.environment.contact_law is not None and not touchable:
         raise FileError("has contact, and no node that obstacles can touch")
+    surface_nodes = np.concatenate([np.empty(0, dtype=int), *rom.contact_surfaces.values()])
+    if len(surface_nodes) and not 0 <= surface_nodes.min() <= surface_nodes.max() < len(rom.nodes):
+        raise FileError(f"a contact surface names nodes beyond {len(rom.nodes)}")
+    loads = {name: load.columns for name, load in rom.environment.loads.items()}
+    if loads != dict(rom.loads):
+        raise FileError(f"the loads of the environment are {loads}, those of the models {dict(rom.loads)}")
     if any(columns < 0 for columns in (*rom.actuators.values(), *rom.loads.values())):
         raise FileError("an actuator or a load has a negative number of columns")
     if any(stage.seconds < 0 or stage.peak_memory < 0 for stage in rom.stages):
@@ -295,7 +280,3 @@ def _mode_sizes(sizes: Sizes) -> Sizes:
 
 def _output(name: str) -> Entry:
     return Entry("kg^-1/2", (f"3P of {name}", "k"))
-
-
-def _force_table(number: int) -> Entry:
-    return Entry("s, N", (f"rows of table {number}", f"columns of table {number}"))

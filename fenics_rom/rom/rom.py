@@ -8,6 +8,7 @@ import numpy as np
 
 from fenics_rom.errors import StructureError
 from fenics_rom.io.stages import Stage
+from fenics_rom.mechanics.environment import Environment
 from fenics_rom.rom.deformation import ReducedDeformation, check_deformation
 
 Array = np.ndarray
@@ -85,9 +86,9 @@ class Rom:
         nodes: (N, 3), m.
         triangles: (F, 3) outward surface triangles.
         node_mass: (N,), kg.
-        effects: the effects of the scene with those of their parameters that are numbers.
-        scene_text: the scene file it was made from.
-        tables: force tables of the scene.
+        environment: what acts in the runs of the scene that it was made for.
+        contact_surfaces: nodes (any,) of the surface of each contact mode; none of a model without a mesh.
+        scene_text: the scene file it was made from, for people.
         warnings: what the user should know about this model.
         weighting: of the shape in the Hankel singular values: "mass", "nodal" or "outputs".
         method: how the bases were found.
@@ -107,9 +108,9 @@ class Rom:
     nodes: Array
     triangles: Array
     node_mass: Array
-    effects: Mapping[str, Mapping[str, float | tuple[float, ...]]]
-    scene_text: str
-    tables: Mapping[str, Array] = field(default_factory=dict)
+    environment: Environment = field(default_factory=Environment)
+    contact_surfaces: Mapping[str, Array] = field(default_factory=dict)
+    scene_text: str = ""
     warnings: tuple[str, ...] = ()
     weighting: str = "mass"
     method: str = "balanced"
@@ -128,10 +129,9 @@ class Rom:
         """Number ρ of rigid motions, the first vectors of the shared basis and of all contact modes."""
         return int(np.count_nonzero(self.stiffness == 0))
 
-    @property
-    def surrounded(self) -> bool:
-        """Whether more acts in its scene than inputs on a body with inertia: loads, obstacles."""
-        return bool(self.loads or "contact" in self.effects or (self.effects and "inertia" not in self.effects))
+    def by_point(self, rows: Array) -> Array:
+        """Displacements of an output, (..., 3 points), by point, (..., points, 3); without a mesh as they are."""
+        return rows.reshape(*rows.shape[:-1], rows.shape[-1] // 3, 3) if len(self.nodes) else rows
 
     def reconstruct(self, coordinates: Array) -> Array:
         """The field of coordinates (k,) in the shared basis, on all nodes (N, 3); without a mesh (n,)."""

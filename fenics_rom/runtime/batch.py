@@ -91,12 +91,13 @@ class Batch:
             raise StepError(f"size = {size!r}: allowed is a whole number > 0")
         if np.dtype(dtype) not in (np.float64, np.float32):
             raise StepError(f"dtype = {dtype!r}: allowed are float64 and float32")
-        self._surroundings: ActiveEnvironment | None = None
-        if rom.surrounded or signals:
-            from fenics_rom.runtime import acting  # here, so that bodies on which nothing acts start without it
+        self._environment: ActiveEnvironment | None = None
+        if not rom.environment.is_plain or signals:
+            from fenics_rom.runtime.environment_fit import fit_environment  # bodies on which nothing acts start sooner
 
-            rom, self._surroundings = acting.surrounded(rom, None, signals)
-        if self._surroundings is not None and (self._surroundings.quasi_static or self._surroundings.law is not None):
+            rom, self._environment = fit_environment(rom, None, signals)
+        acting = rom.environment
+        if not acting.has_inertia or acting.contact_law is not None:
             raise StepError(
                 f"ROM {rom.name!r} has contact or no inertia in its scene: allowed are forces that are known before a "
                 "step; Simulator steps such bodies, one by one"
@@ -335,8 +336,8 @@ class Batch:
         chunks = self._chunks()
         if len(held):
             kept = self._state[:, self._row[held]], self._account[:, held]
-        if self._surroundings is not None:
-            u = np.hstack([u, self._loads(self._surroundings)])
+        if self._environment is not None:
+            u = np.hstack([u, self._loads(self._environment)])
         np.take(u, self._body, axis=0, out=self._u, mode="clip")  # the other modes of take go through a buffer
         for x, r, elastic, inertial, w, spare, parts in chunks:
             for part in parts:
@@ -427,10 +428,10 @@ class Batch:
             )
         return np.where(fine[:, None], u, 0), held
 
-    def _loads(self, surroundings: "ActiveEnvironment") -> Array:
+    def _loads(self, environment: "ActiveEnvironment") -> Array:
         """Values of the loads that act by themselves in the middle of each body's step, (size, columns)."""
         times, which = np.unique(self._account[TIME], return_inverse=True)
-        return np.array([surroundings.loads(time + self._dt / 2) for time in times])[which]
+        return np.array([environment.loads_at(time + self._dt / 2) for time in times])[which]
 
     def _enter(self, chosen: Array, modes: Array) -> None:
         if (self._mode[chosen] != modes).any():

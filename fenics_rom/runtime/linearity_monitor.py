@@ -29,7 +29,8 @@ class LinearityMonitor:
 
     def __init__(self, rom: Rom, rigid: Callable[[], Array] = lambda: np.empty(0)):
         self._rom, self._rigid, self._gauges = rom, rigid, dict[str, ModeGauge]()
-        self._rows = basis_rows(rom)
+        # A body that deforms largely has no linear limit to look out for.
+        self._rows = basis_rows(rom) if rom.deformation is None else np.empty((0, rom.basis.shape[1]))
         self.begin(SurfaceStrainPeak())
 
     def begin(self, seen: SurfaceStrainPeak) -> None:

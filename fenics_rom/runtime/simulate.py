@@ -8,14 +8,13 @@ from itertools import islice
 import numpy as np
 
 from fenics_rom.errors import FenicsRomWarning, SceneError
-from fenics_rom.mechanics.active_environment import SignalLike
+from fenics_rom.mechanics.environment import Environment, HasEnvironment
 from fenics_rom.mechanics.load_history import LoadHistory
+from fenics_rom.mechanics.signals import SignalLike
 from fenics_rom.mechanics.time_step_monitor import TimeStepMonitor
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.simulator import Simulator
-from fenics_rom.runtime.steppers.contact import MOTION
-from fenics_rom.scene.file import parse_scene
-from fenics_rom.scene.scene import Scene
+from fenics_rom.runtime.steppers.contact_interface import MOTION
 from fenics_rom.trajectory.trajectory import Trajectory, TrajectoryRecorder
 
 Report = Callable[[str, int, int], None]
@@ -25,7 +24,7 @@ UNTIMED = "what is no part of a step"
 def simulate(
     rom: Rom,
     *,
-    scene: Scene | None = None,
+    scene: HasEnvironment | None = None,
     dt: float | None = None,
     signals: Mapping[str, SignalLike] | None = None,
     profile: bool = False,
@@ -48,32 +47,29 @@ def simulate(
         SceneError: there is no load history, or it does not fit the ROM.
         StepError: a step could not be taken.
     """
-    asked, history, fresh = _prepared(rom, scene, dt, signals, stepper)
-    simulator = fresh()
-    points = {name: len(rows) // 3 for name, rows in rom.outputs.items()}
-    shapes = asked.run.snapshots if asked.run else 1
-    surroundings = simulator.surroundings
-    obstacles = surroundings.obstacles if surroundings else {}
-    kept = points, tuple(rom.contact_models), len(rom.nodes), shapes, tuple(asked.effects), obstacles
-    recorder = TrajectoryRecorder(history.steps, history.dt, *kept)
-
-    def sample(step: int) -> None:
-        assert simulator.ledger is not None
-        forces = np.array([simulator.contact_forces(name) for name in obstacles]) if obstacles else None
-        account = simulator.contact, simulator.energy, simulator.ledger, simulator.displacement, simulator.velocity
-        recorder.sample(step, *account, forces, surroundings.offsets if surroundings else None)
-
-    sample(0)
-    gauge, moves = TimeStepMonitor(), "inertia" in asked.effects
+    environment, history, fresh = _prepared(rom, scene, dt, signals, stepper)
+    body = fresh()
+    recorder = TrajectoryRecorder(
+        history.steps,
+        history.dt,
+        {name: len(rows) // 3 for name, rows in rom.outputs.items()},
+        tuple(rom.contact_models),
+        len(rom.nodes),
+        environment.run.snapshots if environment.run else 1,
+        tuple(environment.effects),
+        {} if body.environment is None else body.environment.obstacles,
+    )
+    recorder.sample(0, body)
+    monitor = TimeStepMonitor()
     for step, (contact, u) in enumerate(history, start=1):
         if not history.automatic:
-            simulator.switch(contact)
-        was, before = simulator.contact, simulator.state[1]
-        simulator.step(u)
-        if moves and simulator.contact == was:  # velocities of two contact modes' models are not of one basis
-            after = simulator.state[1]
-            gauge.add(np.square(after - before).sum(), np.square(after + before).sum() / 4)
-        sample(step)
+            body.switch(contact)
+        mode_before, before = body.contact, body.state[1]
+        body.step(u)
+        if environment.has_inertia and body.contact == mode_before:  # velocities of two models are not of one basis
+            after = body.state[1]
+            monitor.add(np.square(after - before).sum(), np.square(after + before).sum() / 4)
+        recorder.sample(step, body)
         report("steps", step, history.steps)
     return recorder.record(
         name=rom.name,
@@ -81,20 +77,20 @@ def simulate(
         settings={
             "dt": history.dt,
             "seconds": _seconds(fresh(), history),
-            "order": max(mode.order for mode in rom.contact_models.values()),
-            **({} if simulator.mismatch is None else {"mismatch": simulator.mismatch}),
+            "order": max(model.order for model in rom.contact_models.values()),
+            **({} if body.mismatch is None else {"mismatch": body.mismatch}),
         },
         nodes=rom.nodes,
         triangles=rom.triangles,
         node_mass=rom.node_mass,
-        warnings=(*rom.warnings, *simulator.warnings, *filter(None, [gauge.message])),
+        warnings=(*rom.warnings, *body.warnings, *filter(None, [monitor.message])),
         profile=_profile(fresh(), history) if profile else None,
-        stepping=f"{simulator.stepper}: {simulator.stepping}" if rom.deformation is not None else "",
+        stepping=f"{body.stepper}: {body.stepping}" if rom.deformation is not None else "",
     )
 
 
 def rate(
-    rom: Rom, *, scene: Scene | None = None, dt: float | None = None, stepper: str | None = None, runs: int = 5
+    rom: Rom, *, scene: HasEnvironment | None = None, dt: float | None = None, stepper: str | None = None, runs: int = 5
 ) -> float:
     """Steps per second of single steps with the account kept, of the fastest of some runs; arguments as `simulate`.
 
@@ -106,23 +102,23 @@ def rate(
 
 def _prepared(
     rom: Rom,
-    scene: Scene | None,
+    scene: HasEnvironment | None,
     dt: float | None,
     signals: Mapping[str, SignalLike] | None,
     stepper: str | None,
-) -> tuple[Scene, LoadHistory, Callable[[], Simulator]]:
-    """The scene that is run, the inputs of its steps, and what makes a simulator at its start."""
+) -> tuple[Environment, LoadHistory, Callable[[], Simulator]]:
+    """What acts in the run, the inputs of its steps, and what makes a simulator at its start."""
     if len(rom.nodes) == 0:
         raise SceneError(f"ROM {rom.name!r} has no mesh, so no scene goes with it; step it with Simulator")
-    asked = scene or parse_scene(rom.scene_text, tables=rom.tables, source=f"scene of ROM {rom.name!r}")
-    history = LoadHistory(asked, rom.contacts, rom.actuators, dt)
+    environment = rom.environment if scene is None else scene.environment
+    history = LoadHistory(environment, rom.contacts, rom.actuators, dt)
 
     def fresh() -> Simulator:
         simulator = Simulator(rom, history.dt, scene=scene, signals=signals, stepper=stepper)
         simulator.switch(history.first_contact())
         return simulator
 
-    return asked, history, fresh
+    return environment, history, fresh
 
 
 def _seconds(simulator: Simulator, history: LoadHistory) -> float:
@@ -147,22 +143,22 @@ def _profile(simulator: Simulator, history: LoadHistory) -> dict[str, float]:
     spent: dict[str, float] = {}
     last = time.perf_counter()
 
-    def lap(part: str) -> None:
+    def mark(part: str) -> None:
         nonlocal last
         now = time.perf_counter()
         spent[part] = spent.get(part, 0.0) + now - last
         last = time.perf_counter()
 
-    if simulator.surroundings is not None:
-        simulator.surroundings.lap = lap
+    if simulator.environment is not None:
+        simulator.environment.mark = mark
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", FenicsRomWarning)
         for contact, u in history:
-            lap(UNTIMED)
+            mark(UNTIMED)
             if not history.automatic:
                 simulator.switch(contact)
-                lap("switching")
+                mark("switching")
             simulator.step(u)
-            lap(MOTION)
+            mark(MOTION)
     del spent[UNTIMED]
     return {part: seconds / history.steps for part, seconds in spent.items()}

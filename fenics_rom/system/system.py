@@ -5,7 +5,7 @@ Blocks of vectors are NumPy arrays that hold the rows of this rank; the rows of 
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from math import isfinite
 from typing import Any, Protocol
 
@@ -118,8 +118,8 @@ class Deformation(Protocol):
     def force(self, x: Array) -> Array:
         """∂/∂x of ∫ W(E), (rows here,), N, at a displacement (rows here,), m."""
 
-    def simulator(self, dt: float, surroundings: Any = None, *, ledger: bool = True) -> Any:
-        """What steps the body at full order from rest, a `fem.deformation.simulator.LargeDeformationSimulator`."""
+    def stepper(self, dt: float, environment: Any = None, *, ledger: bool = True) -> Any:
+        """What steps the body at full order from rest, see mechanics.step.Stepper."""
 
     def follower(self, x: Array) -> dict[str, Array]:
         """Force (rows here, 1) of 1 Pa or 1 N of each pressure and tendon at a displacement (rows here,), m."""
@@ -134,12 +134,14 @@ class Body:
         triangles: (F, 3), outward surface triangles between nodes.
         free: (n,), which of the 3 N displacement components are free, ascending.
         node_mass: (N,), kg; the diagonal of M scaled to the mass of the body (Hinton, Rock & Zienkiewicz 1976).
+        contact_surfaces: nodes (any,) of the surface of each contact mode.
     """
 
     nodes: Array
     triangles: Array
     free: Array
     node_mass: Array
+    contact_surfaces: Mapping[str, Array] = field(default_factory=dict)
 
 
 @dataclass(frozen=True, init=False)

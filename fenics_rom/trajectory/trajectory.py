@@ -1,10 +1,12 @@
 """A run: what is kept of it, the same for full and reduced models."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import Protocol
 
 import numpy as np
 
+from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.obstacles import Obstacle
 
@@ -89,6 +91,35 @@ class Trajectory:
         return len(self.times) - 1
 
 
+class RunningBody(Protocol):
+    """What is recorded of a run: a simulator, reduced or full order."""
+
+    @property
+    def contact(self) -> str:
+        """The active contact mode."""
+
+    @property
+    def energy(self) -> float:
+        """Stored, J."""
+
+    @property
+    def ledger(self) -> EnergyLedger | None:
+        """The energy account, which must be kept."""
+
+    @property
+    def environment(self) -> ActiveEnvironment | None:
+        """The loads and obstacles, if there are any."""
+
+    def displacement(self, output: str | None = None) -> Array:
+        """Of a named output (points, 3), or of all nodes (N, 3), m."""
+
+    def velocity(self, output: str | None = None) -> Array:
+        """The same of velocities, m/s."""
+
+    def obstacle_forces(self) -> Array:
+        """Of the obstacles on the body, (O, 3), N."""
+
+
 class TrajectoryRecorder:
     """Fills the arrays of a record, step by step.
 
@@ -129,45 +160,26 @@ class TrajectoryRecorder:
         self._velocities = np.zeros_like(self._snapshots) if not effects or "inertia" in effects else None
         self._motion = {name: np.zeros((len(self._snapshot_steps), 3)) for name in self._obstacles}
 
-    def sample(
-        self,
-        step: int,
-        contact: str,
-        energy: float,
-        ledger: EnergyLedger,
-        displacement: Callable[[str | None], Array],
-        velocity: Callable[[], Array],
-        forces: Array | None,
-        offsets: Array | None,
-    ) -> None:
-        """Keeps what is to be kept of one instant.
-
-        Args:
-            step: 0 is the start.
-            contact: the active contact mode.
-            energy: stored, J.
-            ledger: the account so far.
-            displacement: of a named output (points, 3), or with None of all nodes (N, 3), m.
-            velocity: of all nodes, (N, 3), m/s.
-            forces: of the obstacles on the body (O, 3), N; None where nothing touches.
-            offsets: how far the obstacles are from where the scene puts them, (O, 3), m; None where there are none.
-        """
-        self._contact[step] = self._contacts.index(contact)
-        self._account[:, step] = energy, ledger.supplied, ledger.dissipated, ledger.lost_in_switching
+    def sample(self, step: int, body: RunningBody) -> None:
+        """Keeps what is to be kept of one instant; step 0 is the start."""
+        ledger = body.ledger
+        assert ledger is not None
+        self._contact[step] = self._contacts.index(body.contact)
+        self._account[:, step] = body.energy, ledger.supplied, ledger.dissipated, ledger.lost_in_switching
         for name, values in self._outputs.items():
-            values[step] = displacement(name)
+            values[step] = body.displacement(name)
         for name, sums in self._contact_account.items():
             sums[step] = getattr(ledger, name)
-        if forces is not None:
-            for values, force in zip(self._forces.values(), forces, strict=True):
+        if self._obstacles:
+            for values, force in zip(self._forces.values(), body.obstacle_forces(), strict=True):
                 values[step] = force
         row = np.searchsorted(self._snapshot_steps, step)
         if row < len(self._snapshot_steps) and self._snapshot_steps[row] == step:
-            self._snapshots[row] = displacement(None)
+            self._snapshots[row] = body.displacement()
             if self._velocities is not None:
-                self._velocities[row] = velocity()
-            if offsets is not None:
-                for values, offset in zip(self._motion.values(), offsets, strict=True):
+                self._velocities[row] = body.velocity()
+            if self._obstacles and body.environment is not None:
+                for values, offset in zip(self._motion.values(), body.environment.state.offsets, strict=True):
                     values[row] = offset
 
     def record(

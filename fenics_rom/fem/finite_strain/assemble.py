@@ -9,7 +9,7 @@ import numpy as np
 from fenics_rom.fem.finite_strain.follower_loads import Follower, Pressure, Tendon
 from fenics_rom.fem.finite_strain.model import Model
 from fenics_rom.fem.finite_strain.quadrature import Points
-from fenics_rom.fem.finite_strain.stepper import LargeDeformationSimulator
+from fenics_rom.fem.finite_strain.stepper import FiniteStrainStepper
 from fenics_rom.fem.finite_strain.stresses import Material, StressesAtRest
 from fenics_rom.fem.loads import patch_of
 from fenics_rom.fem.nodes import Nodes, patch_triangles, shape_functions
@@ -72,11 +72,11 @@ class LargeDeformation:
         H = self.model.points.gradients(self.model.everywhere(x.reshape(-1, 1)))
         return self.model.here(self.model.points.forces(StressesAtRest(self.model.material, H).first))[:, 0]
 
-    def simulator(
-        self, dt: float, surroundings: ActiveEnvironment | None = None, *, ledger: bool = True
-    ) -> LargeDeformationSimulator:
+    def stepper(
+        self, dt: float, environment: ActiveEnvironment | None = None, *, ledger: bool = True
+    ) -> FiniteStrainStepper:
         """As in `system.Deformation`."""
-        return LargeDeformationSimulator(self.system, self.model, dt, surroundings, ledger=ledger)
+        return FiniteStrainStepper(self.system, self.model, dt, environment, ledger=ledger)
 
     def follower(self, x: Array) -> dict[str, Array]:
         """As in `system.Deformation`."""

@@ -7,61 +7,45 @@ exactly, whatever W = S A⁻¹ Sᵀ stands for. So only the balance of momentum 
 
 import numpy as np
 
+from fenics_rom.fem.contact_interface import FullOrderInterface
 from fenics_rom.fem.direct import PetscFactor
-from fenics_rom.mechanics.active_environment import ActiveEnvironment, ContactPoints
-from fenics_rom.mechanics.contact import Contact, ContactSolution
-from fenics_rom.system.system import System
+from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointMotion
 
 Array = np.ndarray
 
 
-class Touching:
-    """The contact points of a body and the obstacles; for each part of a step `begin`, then `resolve` and `push`.
+class ContactInNewton:
+    """Contact in the iteration of a step; for each part of one `begin`, then `resolve` and `push`.
 
     Args:
-        system: the body.
-        surroundings: with a contact law.
-
-    Attributes:
-        points: all nodes that can be touched.
-        contact: where the forces come from.
+        interface: the contact points.
     """
 
-    def __init__(self, system: System, surroundings: ActiveEnvironment):
-        self._algebra, self._rigid_law = system.algebra, surroundings.law is not None and not surroundings.law.stiffness
-        self.points = ContactPoints(system.contact_points, system.body.nodes)
-        assert surroundings.law is not None
-        self.contact = Contact(self.points.places, list(surroundings.obstacles.values()), surroundings.law)
-        self.contact.check_start(np.zeros(self.points.places.shape), surroundings.offsets, list(surroundings.obstacles))
-        self._Sᵀ = system.at_nodes(self.points.nodes)
-        self._of: PetscFactor | None = None
-        self._W = np.empty((0, 0))
+    def __init__(self, interface: FullOrderInterface):
+        self._interface = interface
+        self._is_rigid = not interface.solver.law.stiffness
+        self._factor: PetscFactor | None = None
+        self._delassus = np.empty((0, 0))
 
-    def at_points(self, x: Array) -> Array:
-        """What a field (rows here, 1) is at the contact points, (P, 3)."""
-        return self._algebra.inner(self._Sᵀ, x).reshape(-1, 3)
-
-    def begin(
-        self, x: Array, v: Array, h: float, offsets: tuple[Array, Array], w_before: Array, quasi_static: bool
-    ) -> None:
+    def begin(self, x: Array, v: Array, h: float, obstacles: ObstacleMotion, quasi_static: bool) -> None:
         """Notes where a part of a step begins.
 
         Args:
             x, v: displacement and velocity (rows here, 1), m and m/s.
             h: of the part, s.
-            offsets: of the obstacles (O, 3) at its start and its end, m.
-            w_before: velocities of the obstacles (O, 3) before, m/s.
+            obstacles: how they move in it.
             quasi_static: whether it leads to an equilibrium.
         """
-        self._x, self._v, self._h = self.at_points(x), self.at_points(v), h
-        self._offsets, self._w_before, self._quasi_static = offsets, w_before, quasi_static
-        self._past = self.contact.last, self.contact.loose
-        self._gap = float(self.contact.gaps(self._x, offsets[0]).min())
+        self._x, self._v, self._h = self._interface.at_points(x), self._interface.at_points(v), h
+        self._obstacles, self._quasi_static = obstacles, quasi_static
+        solver = self._interface.solver
+        self._before = solver.last_forces, solver.residual
+        self._gap = float(solver.gaps(self._x, obstacles.start).min())
 
     def use(self, factor: PetscFactor) -> None:
         """The factor of A; W is made of it as soon as an obstacle is within reach."""
-        if self._of is not factor:
-            self._of, self._W = factor, np.empty((0, 0))
+        if self._factor is not factor:
+            self._factor, self._delassus = factor, np.empty((0, 0))
 
     def resolve(self, v: Array, last: ContactSolution | None) -> ContactSolution | None:
         """Contact with a mid-step velocity (rows here, 1) that was found with the last contact of this step.
@@ -70,37 +54,36 @@ class Touching:
             StepError: no forces were found.
         """
         self.rollback()
-        at_points = self.at_points(v)
-        if last is None and self._out_of_reach(at_points):
+        free = self._interface.at_points(v)
+        if last is None and self._is_out_of_reach(free):
             return None
-        W = self._compliance()
-        free = at_points if last is None else at_points - (W @ last.forces.ravel()).reshape(-1, 3)
-        (before, after), h = self._offsets, self._h
-        return self.contact.resolve(self._x, self._v, free, W, h, before, after, self._quasi_static, self._w_before)
+        W = self._operator()
+        if last is not None:
+            free = free - (W @ last.forces.ravel()).reshape(-1, 3)
+        points = PointMotion(self._x, self._v, free)
+        return self._interface.solver.solve(points, W, self._h, self._obstacles, self._quasi_static)
 
-    def push(self, touched: ContactSolution | None) -> Array:
+    def push(self, contact: ContactSolution | None) -> Array:
         """The contact force (rows here, 1), N."""
-        if touched is None:
-            return np.zeros((len(self._Sᵀ), 1))
-        return self._Sᵀ @ touched.forces.reshape(-1, 1)
+        return self._interface.force(contact)
 
     def rollback(self) -> None:
         """Forgets the contact that was found since `begin`."""
-        self.contact.last, self.contact.loose = self._past
+        solver = self._interface.solver
+        solver.last_forces, solver.residual = self._before
 
-    def _compliance(self) -> Array:
+    def _operator(self) -> Array:
         """W (3P, 3P), m/s/N."""
-        if not self._W.size:
-            assert self._of is not None
-            W = self._algebra.inner(self._Sᵀ, self._of.solve(self._Sᵀ))
-            self._W = (W + W.T) / 2
-        return self._W
+        if not self._delassus.size:
+            assert self._factor is not None
+            self._delassus = self._interface.delassus(self._factor.solve(self._interface.Sᵀ))
+        return self._delassus
 
-    def _out_of_reach(self, v: Array) -> bool:
+    def _is_out_of_reach(self, v: Array) -> bool:
         """Whether no pair of the rigid law can come too close at velocities v (P, 3) of the points."""
-        if not self._rigid_law:
+        if not self._is_rigid:
             return False
-        before, after = self._offsets
-        fastest = [np.sqrt(np.square(w).sum(axis=1).max()) for w in (v, self._v, (after - before) / self._h)]
-        w = max(fastest[2], np.sqrt(np.square(self._w_before).sum(axis=1).max()))
+        velocities = v, self._v, self._obstacles.velocities(self._h), self._obstacles.velocities_before
+        fastest = [np.sqrt(np.square(w).sum(axis=1).max()) for w in velocities]
+        w = max(fastest[2], fastest[3])
         return self._gap > self._h * (2 * fastest[0] + fastest[1] + 4 * float(w))

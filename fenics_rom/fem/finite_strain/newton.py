@@ -37,12 +37,12 @@ class Solution:
 
     Attributes:
         trial: its velocity and forces.
-        touched: contact in it; None where nothing touches.
+        contact: in it; None where nothing touches.
         iterations: of Newton's method.
     """
 
     trial: Trial
-    touched: ContactSolution | None
+    contact: ContactSolution | None
     iterations: int
 
 

@@ -1,12 +1,14 @@
 """Steps of a full-order body that deforms largely: energy-consistent midpoint steps, or equilibria without inertia."""
 
 from contextlib import suppress
+from typing import Any
 
 import numpy as np
 
 from fenics_rom.errors import SolverError, StepError
+from fenics_rom.fem.contact_interface import interface_of
 from fenics_rom.fem.direct import PetscFactor
-from fenics_rom.fem.finite_strain.contact import Touching
+from fenics_rom.fem.finite_strain.contact import ContactInNewton
 from fenics_rom.fem.finite_strain.gmres import Krylov
 from fenics_rom.fem.finite_strain.model import Load, Model, times
 from fenics_rom.fem.finite_strain.newton import NotConvergedError, Solution, solved
@@ -14,36 +16,39 @@ from fenics_rom.fem.finite_strain.preconditioner import StepMatrix, Weights
 from fenics_rom.fem.finite_strain.residuals import Equation, Equilibrium, Midpoint, Start
 from fenics_rom.fem.finite_strain.stresses import UNIT, StressesInStep
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
-from fenics_rom.mechanics.contact import ContactSolution
+from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.hyperelastic import strain
+from fenics_rom.mechanics.step import StepInput, StepResult
 from fenics_rom.mechanics.time_step_monitor import TimeStepMonitor
 from fenics_rom.system.system import Array, System
 
-FINEST = 1 / 64  # share of a step below which none is tried
-DEAR = 25  # products with the tangent in a step, more than a new factor is worth
+SMALLEST_PART = 1 / 64  # share of a step below which none is tried
+MAX_PRODUCTS = 25  # products with the tangent in a step, more than a new factor is worth
 
 
-class LargeDeformationSimulator:
-    """Steps a body from rest; every rank must call every method.
+class FiniteStrainStepper:
+    """Steps a body from rest, see mechanics.step.Stepper; every rank must call every method.
 
     Args:
         system: the full-order model.
         model: what deforms in it.
         dt: time step, s; may be set anew before any step.
-        surroundings: obstacles, and whether there is inertia; None: no obstacles, and inertia.
+        environment: obstacles, and whether there is inertia; None: no obstacles, and inertia.
         ledger: whether the energy account is kept.
 
     Attributes:
         x, v: displacement and velocity (rows here, 1), m and m/s.
-        touched: contact in the last step; None where nothing touched.
+        contact: in the last step; None where nothing touched.
+        contact_mode: the active one, in whose order the inputs are.
+        interface: the contact points; None where nothing can touch.
         newton: iterations of Newton's method in the last step.
         products: products with tangents in the last step.
         factors: how often a matrix was factored so far.
         parted: steps that were taken in parts, as Newton's method did not solve them whole.
         finest: smallest share of a step that was taken.
         ledger: the energy account, or None.
-        gauge: of the length of the steps, where an account is kept.
+        time_step_monitor: of the length of the steps, where an account is kept.
     """
 
     def __init__(
@@ -51,21 +56,23 @@ class LargeDeformationSimulator:
         system: System,
         model: Model,
         dt: float,
-        surroundings: ActiveEnvironment | None = None,
+        environment: ActiveEnvironment | None = None,
         *,
         ledger: bool = True,
     ):
-        self.system, self.surroundings, self._model = system, surroundings, model
+        self.kind, self.reason = "newton", "the body deforms largely"
+        self.system, self._model = system, model
+        self.contact_mode = next(iter(system.contacts))
         self.dt, self.time = dt, 0.0
         self.ledger = EnergyLedger() if ledger else None
-        self.gauge = TimeStepMonitor()
-        self.touched: ContactSolution | None = None
+        self.time_step_monitor = TimeStepMonitor()
+        self.contact: ContactSolution | None = None
         self.newton = self.products = self.factors = self.parted = 0
         self.finest = 1.0
-        self._quasi_static = surroundings is not None and surroundings.quasi_static
-        self._touch: Touching | None = None
-        if surroundings is not None and surroundings.law is not None:
-            self._touch = Touching(system, surroundings)
+        self._quasi_static = environment is not None and not environment.environment.has_inertia
+        self.interface = interface_of(system, environment)
+        self._touch = None if self.interface is None else ContactInNewton(self.interface)
+        self._before: tuple[Any, ...] = ()
         here = system.algebra.rows()
         rows = here.stop - here.start
         self._matrix = StepMatrix(
@@ -89,44 +96,65 @@ class LargeDeformationSimulator:
         J = np.linalg.det((UNIT + self._H).transpose(2, 0, 1))
         return int(self._model.points.summed(np.array([np.count_nonzero(J <= 0.0)]))[0])
 
-    @property
-    def messages(self) -> tuple[str, ...]:
-        """What the user should know of the run so far."""
-        loose = "" if self._touch is None else self._touch.contact.loose.message
+    def diagnostics(self) -> tuple[str, ...]:
+        """See Stepper."""
+        residual = "" if self.interface is None else self.interface.solver.residual.message
         parted = ""
         if self.parted:
             parted = (
                 f"Newton's method did not solve {self.parted} of the steps whole: they were taken in parts, the "
                 f"smallest 1/{round(1 / self.finest)} of a step; a smaller dt may be faster"
             )
-        return tuple(filter(None, [parted, loose, self.gauge.message]))
+        return tuple(filter(None, [parted, residual, self.time_step_monitor.message]))
 
     def set_state(self, x: Array, v: Array) -> None:
         """Puts the body somewhere, moving: local rows of displacement (m) and velocity (m/s), (rows here,) each."""
         self._arrive(x.reshape(-1, 1).copy(), v.reshape(-1, 1).copy())
         self._past: list[Array] = []
 
-    def step(self, contact: str, u: Array) -> None:
-        """Advances by dt, in a contact mode, under inputs u in the order of its `System.input_matrix`.
+    def switch(self, contact: str) -> float:
+        """See Stepper; the state stays as it is, and nothing is lost."""
+        self.contact_mode = contact
+        return 0.0
+
+    def set_time_step(self, dt: float) -> None:
+        """See Stepper."""
+        self.dt = dt
+
+    def step(self, inputs: StepInput) -> StepResult:
+        """See Stepper; inputs are in the order of `System.input_matrix`.
 
         Raises:
             StepError: an input is not finite.
             SolverError: Newton's method did not converge, not even for the smallest part of a step.
         """
-        self._advance(contact, u, self._quasi_static)
+        sums = None if self.ledger is None else self.ledger.sums
+        self._before = (self.x, self.v, self._H, self.contact), sums
+        self._advance(inputs, self._quasi_static)
         self.time += self.dt
+        return StepResult(self.energy if self.ledger is not None else np.nan, self.contact)
 
-    def equilibrium(self, contact: str, u: Array) -> None:
-        """Brings the body to rest under inputs u, put on in as many parts as it takes; arguments as in `step`."""
+    def equilibrium(self, inputs: StepInput) -> None:
+        """Brings the body to rest, under inputs put on in as many parts as it takes."""
         self._past = []
-        self._advance(contact, u, quasi_static=True)
+        self._advance(inputs, quasi_static=True)
 
-    def nearest(self, active: str) -> str:
-        """The contact mode that an obstacle is nearest to, if one is near; else the active one."""
-        assert self._touch is not None
-        assert self.surroundings is not None
-        gaps = self._touch.contact.gaps(self._touch.at_points(self.x), self.surroundings.offsets)
-        return self._touch.points.nearest(gaps, active)
+    def rollback(self) -> None:
+        """See Stepper."""
+        (*kinematics, self.contact), sums = self._before
+        self._arrive(*kinematics)
+        self._past = []
+        self.time -= self.dt
+        if self.ledger is not None:
+            self.ledger.sums = sums
+
+    def flush(self) -> None:
+        """See Stepper; every step books by itself."""
+
+    def point_displacement(self) -> Array:
+        """See Stepper."""
+        assert self.interface is not None
+        return self.interface.at_points(self.x)
 
     def displacement(self, output: str | None = None) -> Array:
         """Displacement, m: of a named output (points, 3), or of every mesh node (nodes, 3)."""
@@ -134,9 +162,11 @@ class LargeDeformationSimulator:
             return self._model.everywhere(self.x)
         return self.system.algebra.inner(self.system.outputs[output], self.x).reshape(-1, 3)
 
-    def velocity(self) -> Array:
-        """Velocity of every mesh node (nodes, 3), m/s."""
-        return self._model.everywhere(self.v)
+    def velocity(self, output: str | None = None) -> Array:
+        """Velocity, m/s, as displacement."""
+        if output is None:
+            return self._model.everywhere(self.v)
+        return self.system.algebra.inner(self.system.outputs[output], self.v).reshape(-1, 3)
 
     def close(self) -> None:
         """Gives the memory back."""
@@ -156,9 +186,9 @@ class LargeDeformationSimulator:
         self._H = self._model.points.gradients(self._u) if H is None else H
         self._E = strain(self._H)
 
-    def _load(self, contact: str, u: Array) -> Load:
-        """The force of inputs u in a contact mode."""
-        s, followers = self.system, self._model.followers
+    def _load(self, u: Array) -> Load:
+        """The force of inputs u in the active contact mode."""
+        s, followers, contact = self.system, self._model.followers, self.contact_mode
         if contact not in self._columns:
             self._columns[contact] = s.input_matrix(contact)
         width = self._columns[contact].shape[1]
@@ -173,37 +203,38 @@ class LargeDeformationSimulator:
             at += columns.shape[1]
         return Load(self._columns[contact] @ u[:, None], tuple(following))
 
-    def _advance(self, contact: str, u: Array, quasi_static: bool) -> None:
+    def _advance(self, inputs: StepInput, quasi_static: bool) -> None:
         """Takes a step, in parts where Newton's method does not solve it whole; if none does, nothing has changed."""
-        load, state = self._load(contact, u), (self.x, self.v, self._H, self.touched)
+        load, state = self._load(inputs.u), (self.x, self.v, self._H, self.contact)
         sums = self.ledger.sums if self.ledger is not None else ()
         self.newton, products = 0, self._krylov.products
         missing = self._unbalanced(load) if quasi_static else None
         done, share, finest = 0.0, 1.0, 1.0
         while done < 1.0:
             try:
-                self._part(load, done, share, missing)
+                self._part(load, inputs.obstacles, done, share, missing)
             except (NotConvergedError, StepError):
                 share /= 2
-                if share >= FINEST:
+                if share >= SMALLEST_PART:
                     continue
                 if self.ledger is not None:
                     self.ledger.sums = sums
-                *kinematics, self.touched = state
+                *kinematics, self.contact = state
                 self._arrive(*kinematics)
-                raise SolverError(self._failure(contact, u, quasi_static)) from None
+                raise SolverError(self._failure(inputs.u, quasi_static)) from None
             done, finest = done + share, min(finest, share)
         self.products = self._krylov.products - products
         if finest < 1.0:
             self.parted, self.finest = self.parted + 1, min(self.finest, finest)
 
-    def _failure(self, contact: str, u: Array, quasi_static: bool) -> str:
+    def _failure(self, u: Array, quasi_static: bool) -> str:
         """Why a step could not be taken, and what to do."""
-        part = f"1/{round(1 / FINEST)} of {'its load' if quasi_static else f'a step of {self.dt:g} s'}"
+        part = f"1/{round(1 / SMALLEST_PART)} of {'its load' if quasi_static else f'a step of {self.dt:g} s'}"
         lower = "the load" if quasi_static else "the load or dt"
         return (
-            f"Newton's method did not converge at t = {self.time:.6g} s in contact mode {contact!r} under the inputs "
-            f"[{', '.join(f'{value:.6g}' for value in u)}], not even for {part}: lower {lower}, or the body is pushed "
+            f"Newton's method did not converge at t = {self.time:.6g} s in contact mode {self.contact_mode!r} "
+            f"under the inputs [{', '.join(f'{value:.6g}' for value in u)}], not even for {part}: lower {lower}, or "
+            "the body is pushed "
             "beyond what this mesh and material can follow"
         )
 
@@ -211,11 +242,13 @@ class LargeDeformationSimulator:
         """Force (rows here, 1), N, that a load, contact and elasticity leave at the start of a step."""
         start = Start(self.x, self.v, self._u, self._H, self._E)
         rest = Equilibrium(self._model, start, load, self.dt, np.zeros_like(self.x)).at(np.zeros_like(self.x))
-        if self._touch is None:
+        if self.interface is None:
             return rest.residual
-        return rest.residual + self._touch.push(self.touched)
+        return rest.residual + self.interface.force(self.contact)
 
-    def _part(self, load: Load, done: float, share: float, missing: Array | None) -> None:
+    def _part(
+        self, load: Load, obstacles: ObstacleMotion | None, done: float, share: float, missing: Array | None
+    ) -> None:
         """Takes the part of a step that begins when `done` of it is taken."""
         h = share * self.dt
         start = Start(self.x, self.v, self._u, self._H, self._E)
@@ -224,13 +257,8 @@ class LargeDeformationSimulator:
             equation = Midpoint(self._model, start, load, h)
         else:
             equation = Equilibrium(self._model, start, load, h, (1 - done - share) * missing)
-        if self._touch is not None:
-            assert self.surroundings is not None
-            around = self.surroundings
-            moved = around.ahead - around.offsets
-            offsets = around.offsets + done * moved, around.offsets + (done + share) * moved
-            before = around.velocities if done == 0 else moved / self.dt
-            self._touch.begin(self.x, self.v, h, offsets, before, missing is not None)
+        if self._touch is not None and obstacles is not None:
+            self._touch.begin(self.x, self.v, h, obstacles.part(done, share, self.dt), missing is not None)
         solution = self._solution(equation, share)
         self.newton += solution.iterations
         self._book(equation, solution, missing is not None)
@@ -238,7 +266,7 @@ class LargeDeformationSimulator:
         x = self.x + h * trial.v
         v = np.zeros_like(x) if missing is not None else 2 * trial.v - self.v
         self._past = [trial.v, *self._past[:1]] if share == 1 else []
-        self.touched = solution.touched
+        self.contact = solution.contact
         self._arrive(x, v, trial.stresses.end - UNIT)
 
     def _solution(self, equation: Equation, share: float) -> Solution:
@@ -249,7 +277,7 @@ class LargeDeformationSimulator:
         if kept:
             with suppress(NotConvergedError):
                 solution = self._tried(equation, guesses)
-                if self._krylov.products - products > DEAR:
+                if self._krylov.products - products > MAX_PRODUCTS:
                     self._forget()
                 return solution
         self._factor(equation.weights)
@@ -261,7 +289,7 @@ class LargeDeformationSimulator:
             self._touch.use(self._factored[1])
         try:
             return solved(
-                equation, guesses, self._factored[1], self._krylov, self._touch, self._model.dot, self.touched
+                equation, guesses, self._factored[1], self._krylov, self._touch, self._model.dot, self.contact
             )
         except NotConvergedError:
             if self._touch is not None:
@@ -286,13 +314,12 @@ class LargeDeformationSimulator:
         """Books what a part of a step supplied and dissipated."""
         if self.ledger is None:
             return
-        m, trial, h, touched = self._model, solution.trial, equation.h, solution.touched
+        m, trial, h, contact = self._model, solution.trial, equation.h, solution.contact
         supplied = h * m.dot(trial.force, trial.v)
-        if touched is not None:
-            assert self._touch is not None
-            self.ledger.book_contact(*touched.account(self._touch.at_points(trial.v), h))
+        if contact is not None and self.interface is not None:
+            self.ledger.book_contact(*contact.work(self.interface.at_points(trial.v), h))
         if quasi_static:
-            pushed = h * m.dot(self._touch.push(touched), trial.v) if self._touch is not None else 0.0
+            pushed = h * m.dot(self.interface.force(contact), trial.v) if self.interface is not None else 0.0
             x = self.x + h * trial.v
             stored = m.elastic_energy(strain(trial.stresses.end - UNIT)) + m.dot(x, times(m.spring, x)) / 2
             self.ledger.book(supplied=supplied, dissipated=supplied + pushed + self.energy - stored)
@@ -301,4 +328,4 @@ class LargeDeformationSimulator:
         drawn = m.dot(trial.v, times(m.external_damping, trial.v))
         self.ledger.book(supplied=supplied, dissipated=h * drawn + m.points.integral(trial.stresses.heat))
         change = 2 * (trial.v - self.v)
-        self.gauge.add(m.dot(change, m.mass @ change), m.dot(trial.v, m.mass @ trial.v))
+        self.time_step_monitor.add(m.dot(change, m.mass @ change), m.dot(trial.v, m.mass @ trial.v))

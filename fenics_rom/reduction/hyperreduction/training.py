@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from fenics_rom.errors import SolverError
+from fenics_rom.mechanics.step import StepInput
 from fenics_rom.reduction.checkpoint import Checkpoint
 from fenics_rom.reduction.hyperreduction.basis import small_motions, snapshots
 from fenics_rom.reduction.hyperreduction.training_runs import Run, runs_of
@@ -53,34 +54,35 @@ def _played(problem: ReductionProblem, runs: list[Run], checkpoint: Checkpoint) 
     system, shapes = problem.system, []
     body = system.deformation
     assert body is not None
-    with problem.stages("training runs"), closing(body.simulator(1.0, ledger=False)) as simulator:
+    with problem.stages("training runs"), closing(body.stepper(1.0, ledger=False)) as stepper:
         for number, run in enumerate(runs):
             problem.stages.report("training runs", number, len(runs))
             key = f"{body.law}; {run.title}; {len(run.steps)} steps of {run.dt} s"
             found = checkpoint.restored_run(number, key, system.algebra.rows())
             if found is None:
-                found = _shapes(simulator, run, f"training run {number + 1} of {len(runs)}")
+                found = _shapes(stepper, run, f"training run {number + 1} of {len(runs)}")
                 checkpoint.keep_run(number, key, system.algebra.gather(found))
             shapes.append(found)
     problem.stages.report("training runs", len(runs), len(runs))
     return shapes
 
 
-def _shapes(simulator: Any, run: Run, name: str) -> Array:
+def _shapes(stepper: Any, run: Run, name: str) -> Array:
     """The shapes (rows here, s) of a run, from rest."""
-    rest = np.zeros(simulator.x.size)
-    simulator.set_state(rest, rest)
+    rest = np.zeros(stepper.x.size)
+    stepper.set_state(rest, rest)
     if run.dt is not None:
-        simulator.dt = run.dt
+        stepper.set_time_step(run.dt)
     shown, shapes = set(run.shown()), []
     try:
         for step, (contact, u) in enumerate(run.steps):
+            stepper.switch(contact)
             if run.dt is None:
-                simulator.equilibrium(contact, u)
+                stepper.equilibrium(StepInput(u))
             else:
-                simulator.step(contact, u)
+                stepper.step(StepInput(u))
             if step in shown:
-                shapes.append(simulator.x[:, 0].copy())
+                shapes.append(stepper.x[:, 0].copy())
     except SolverError as error:
         raise SolverError(
             f"{name} ({run.title}) does not converge in step {step + 1} of {len(run.steps)}: {error}; its loads are as "

@@ -112,13 +112,14 @@ def _worst(problem: ReductionProblem, acting: Array, pushing: dict[str, Array]) 
 
 def own_history(system: System, scene: Scene) -> Iterator[tuple[str, Array]]:
     """Contact mode and whole input of each step of the scene's load history; obstacles push nothing."""
-    surroundings = ActiveEnvironment(scene)
+    environment = scene.environment
+    active = ActiveEnvironment(environment)
     columns = {name: B.shape[1] for name, B in system.contacts.items()}
-    history = LoadHistory(scene, columns, {name: B.shape[1] for name, B in system.actuators.items()})
+    history = LoadHistory(environment, columns, {name: B.shape[1] for name, B in system.actuators.items()})
     for step, (contact, u) in enumerate(history):
         pushed = np.zeros(columns[contact]) if history.automatic else np.empty(0)
-        late = 1.0 if surroundings.quasi_static else 0.5
-        yield contact, np.concatenate([pushed, u, surroundings.loads((step + late) * history.dt)])
+        late = 0.5 if environment.has_inertia else 1.0
+        yield contact, np.concatenate([pushed, u, active.loads_at((step + late) * history.dt)])
 
 
 def _averages(values: Array, width: int) -> Array:

@@ -5,7 +5,8 @@ import numpy as np
 from fenics_rom.errors import StepError
 from fenics_rom.reduction.hyperreduction.training import Run
 from fenics_rom.rom.rom import Rom
-from fenics_rom.runtime.steppers.finite_strain import Equilibrium, Newton
+from fenics_rom.runtime.steppers.equilibrium import Equilibrium
+from fenics_rom.runtime.steppers.newton import Newton
 from fenics_rom.system.system import Array, System
 
 
@@ -31,12 +32,12 @@ def validation_error(rom: Rom, system: System, run: Run, shapes: Array) -> float
 
 def _played(rom: Rom, run: Run) -> Array:
     """q (m, s) of the reduced model in a run."""
-    stepper = (Equilibrium if run.dt is None else Newton)(rom, None, None)
-    stepper.set_time_step(1.0 if run.dt is None else run.dt)
+    kernel = (Equilibrium if run.dt is None else Newton)(rom, None, None)
+    kernel.set_time_step(1.0 if run.dt is None else run.dt)
     shown, states, m = set(run.shown()), [], len(rom.stiffness)
     for step, (contact, u) in enumerate(run.steps):
-        stepper.enter(rom.contact_models[contact])
-        stepper.step(u)
+        kernel.enter(rom.contact_models[contact])
+        kernel.step(u)
         if step in shown:
-            states.append(stepper.state[:m] / np.sqrt(rom.stiffness))
+            states.append(kernel.state[:m] / np.sqrt(rom.stiffness))
     return np.column_stack(states)

@@ -10,7 +10,7 @@ from fenics_rom.io.units import readable
 from fenics_rom.rom.file import HANKEL_UNIT
 from fenics_rom.rom.rom import Rom
 from fenics_rom.visualization.exports.body_renderer import Stage
-from fenics_rom.visualization.exports.contact_surface import touched
+from fenics_rom.visualization.exports.contact_surface import contact_triangles
 from fenics_rom.visualization.exports.fields import Field, fields
 from fenics_rom.visualization.figure import figure_class, write_figure
 from fenics_rom.visualization.plots.style import DARK, LIGHT
@@ -48,7 +48,7 @@ def write_sheet(file: Path, rom: Rom, kind: str, count: int, dark: bool) -> None
     import matplotlib
 
     rows = {name: some[:count] for name, some in fields(rom, kind).items()}
-    patches = {name: touched(rom, name) for name in rows}
+    patches = {name: contact_triangles(rom, name) for name in rows}
     drawn = {name: [_sized(rom, field) for field in row] for name, row in rows.items()}
     stage = Stage(
         rom.nodes,

@@ -44,7 +44,7 @@ def reduced_panels(rom: Rom, style: Style, full: Mapping[str, tuple[Array, Array
 
 def has_frequencies(rom: Rom) -> bool:
     """Whether it oscillates: a scene without inertia knows equilibria only."""
-    return not rom.effects or "inertia" in rom.effects
+    return rom.environment.has_inertia
 
 
 def shown_frequencies(rom: Rom, points: int, around: Sequence[float]) -> Array:

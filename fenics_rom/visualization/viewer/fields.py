@@ -4,7 +4,7 @@ from collections.abc import Callable, Mapping
 
 import numpy as np
 
-from fenics_rom.scene.scene import Scene
+from fenics_rom.mechanics.environment import Environment
 from fenics_rom.visualization.viewer.surface import Surface, SurfaceStrain
 
 Array = np.ndarray
@@ -13,7 +13,7 @@ Field = Callable[[Array, Array], Array]  # of displacement (n, 3), m, and veloci
 UNITS = {"displacement": "m", "speed": "m/s", "strain": "%", "energy density": "J/m³"}
 
 
-def fields(surface: Surface, scene: Scene | None, *, moves: bool = True) -> Mapping[str, Field]:
+def fields(surface: Surface, environment: Environment | None, *, moves: bool = True) -> Mapping[str, Field]:
     """What can be shown, by name; the units are in UNITS.
 
     Energy density is that of a surface without traction (see SurfaceStrain), and there is none where the body has
@@ -21,7 +21,7 @@ def fields(surface: Surface, scene: Scene | None, *, moves: bool = True) -> Mapp
 
     Args:
         surface: of the body.
-        scene: of the body, for its material; None where it is not known.
+        environment: of the body, which knows its material; None where it is not known.
         moves: whether there are velocities.
     """
     strain = SurfaceStrain(surface.places, surface.triangles)
@@ -33,8 +33,9 @@ def fields(surface: Surface, scene: Scene | None, *, moves: bool = True) -> Mapp
     if moves:
         shown["speed"] = lambda x, v: of_length(v)
     shown["strain"] = lambda x, v: surface.of_triangles(100 * strain.largest(x))
-    if scene is not None and len(scene.materials) == 1:
-        (material,) = scene.materials.values()
-        E, ν = material.young, material.poisson
+    places = [] if environment is None else [place for place in environment.built_in if place.startswith("materials.")]
+    if environment is not None and len(places) == 1:
+        material = environment.details(places[0])
+        E, ν = material["young"], material["poisson"]
         shown["energy density"] = lambda x, v: surface.of_triangles(strain.energy_density(x, E, ν))
     return shown

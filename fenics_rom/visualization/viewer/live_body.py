@@ -9,10 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from fenics_rom.errors import SceneError, StructureError
+from fenics_rom.mechanics.environment import Environment
 from fenics_rom.rom.rom import Rom, truncated
 from fenics_rom.runtime.simulator import Simulator
-from fenics_rom.scene.file import parse_scene
-from fenics_rom.scene.scene import Scene
 from fenics_rom.trajectory.trajectory import Trajectory
 from fenics_rom.visualization.viewer.mouse_spring import Grip, Hand, largest_input, take_hold
 from fenics_rom.visualization.viewer.recording import Recording
@@ -20,7 +19,6 @@ from fenics_rom.visualization.viewer.recording import Recording
 Array = np.ndarray
 
 STEPS_IN_A_PERIOD = 100  # of the lowest oscillation, where the scene has no time step
-UNITS = {"pressure": "Pa", "tendon": "N"}
 
 
 @dataclass(frozen=True)
@@ -80,21 +78,19 @@ class LiveBody:
                 "there is nothing to draw; step it with fr.Simulator"
             )
         self._whole = self.rom = rom
-        self.scene = parse_scene(rom.scene_text, tables=rom.tables, source=f"scene of ROM {rom.name!r}")
-        self.actuators = _actuators(rom, self.scene)
+        self.actuators = _actuators(rom)
         self.values = np.zeros(len(self.actuators))
         self._hand: Hand | None = None
         self.force, self._target = np.zeros(3), np.zeros(3)
         self.steps, self.seconds = 0, 0.0
         self._recording: Recording | None = None
-        self._begin(_time_step(rom, self.scene) if dt is None else dt)
+        self._begin(_time_step(rom) if dt is None else dt)
 
     def _begin(self, dt: float) -> None:
         self._free = Simulator(self.rom, dt)
-        around = self._free.surroundings
         # No obstacle may switch a mode that is held: a second simulator takes over, which does not switch.
-        self._alone = not (around is not None and around.automatic and len(self.rom.contact_models) > 1)
-        self._held = self._free if self._alone else Simulator(self.rom, dt, scene=_unswitched(self.scene))
+        self._alone = not (self.rom.environment.switches_itself and len(self.rom.contact_models) > 1)
+        self._held = self._free if self._alone else Simulator(self.rom, dt, scene=_unswitched(self.rom))
         self.simulator = self._free
 
     @property
@@ -214,9 +210,9 @@ class LiveBody:
             self._recording.seconds += took
 
     def _input(self) -> Array:
-        around = self.simulator.surroundings
+        around = self.simulator.environment
         if self._hand is not None:
-            loads = np.empty(0) if around is None else around.loads(self.simulator.time + self.dt / 2)
+            loads = np.empty(0) if around is None else around.loads_at(self.simulator.time + self.dt / 2)
             q, r = self.simulator.state
             self.force = self._hand.force(q, r, np.concatenate([self.values, loads]), self._target)
             return np.concatenate([self._hand.grip.spread @ self.force, self.values])
@@ -265,9 +261,9 @@ class LiveBody:
         recording, self._recording = self._recording, None
         if recording is None or not recording.steps:
             return None
-        rom, scene = self.rom, self.scene
-        again = scene if self._alone else _unswitched(scene)
-        return lambda: recording.run(rom, scene, Simulator(rom, recording.start.dt, scene=again))
+        rom = self.rom
+        environment = rom.environment if self._alone else _unswitched(rom)
+        return lambda: recording.run(rom, Simulator(rom, recording.start.dt, scene=environment))
 
 
 def free_name(folder: Path, stem: str) -> Path:
@@ -278,30 +274,29 @@ def free_name(folder: Path, stem: str) -> Path:
     return file
 
 
-def _time_step(rom: Rom, scene: Scene) -> float:
-    if scene.run is not None:
-        return scene.run.dt
+def _time_step(rom: Rom) -> float:
+    if rom.environment.run is not None:
+        return rom.environment.run.dt
     lowest = min(mode.eigenvalues[mode.rigid] for mode in rom.contact_models.values())
     return math.tau / math.sqrt(lowest) / STEPS_IN_A_PERIOD
 
 
-def _unswitched(scene: Scene) -> Scene:
-    """The scene, but its contact mode does not follow the obstacles."""
-    contact = {**scene.effects["contact"], "switching": "scene"}
-    return replace(scene, effects={**scene.effects, "contact": contact})
+def _unswitched(rom: Rom) -> Environment:
+    """What acts, but the contact mode does not follow the obstacles."""
+    return replace(rom.environment, contact_switching="scene")
 
 
-def _actuators(rom: Rom, scene: Scene) -> list[Actuator]:
+def _actuators(rom: Rom) -> list[Actuator]:
     """Every column of every actuator, with a range that a linear model can follow."""
     first = next(iter(rom.contact_models))
     column = rom.contacts[first]
     found = []
     for name, width in rom.actuators.items():
-        kind = next((effect for effect in UNITS if name in scene.effects.get(effect, {})), "")
+        is_tendon, unit = name in rom.environment.details("effects.tendon"), rom.environment.input_units.get(name, "N")
         for k in range(width):
             largest = float(f"{largest_input(rom, first, column):.2g}")
-            least = 0.0 if kind == "tendon" else -largest  # a cable only pulls
+            least = 0.0 if is_tendon else -largest  # a cable only pulls
             axis = f" {'xyz'[k]}" if width == 3 else f" {k + 1}" if width > 1 else ""
-            found.append(Actuator(name + axis, UNITS.get(kind, "N"), least, largest))
+            found.append(Actuator(name + axis, unit, least, largest))
             column += 1
     return found

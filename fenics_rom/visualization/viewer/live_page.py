@@ -58,7 +58,7 @@ class LivePage:
 
         rom = body.rom
         self._surface = Surface(rom.nodes, rom.triangles)
-        self._fields = fields(self._surface, body.scene)
+        self._fields = fields(self._surface, body.rom.environment)
         self._size = float(np.ptp(self._surface.places, axis=0).max())
         self._scale = 1 / self._size
         self._triangles = contact_triangles(rom)
@@ -66,7 +66,7 @@ class LivePage:
         set_stage(server, self._scale * self._surface.places)
         self._picture = BandedBody(server.scene, "/body", self._surface, self._scale)
         self._patches = {name: self._add_patch(name, chosen) for name, chosen in self._triangles.items() if len(chosen)}
-        around = body.simulator.surroundings
+        around = body.simulator.environment
         self._obstacles = add_obstacles(server.scene, around.obstacles if around else {}, self._scale, self._size)
         self._pull = Pull(server.scene, self._scale)
         self._add_widgets(viser, server.gui)
@@ -276,8 +276,8 @@ class LivePage:
         self._picture.draw(moved, values, largest, self._triangles[self._lit] if self._lit else None)
         for patch in self._patches.values():
             patch.draw(moved)
-        if self._obstacles and simulator.surroundings is not None:
-            for handle, offset in zip(self._obstacles.values(), simulator.surroundings.offsets, strict=True):
+        if self._obstacles and simulator.environment is not None:
+            for handle, offset in zip(self._obstacles.values(), simulator.environment.state.offsets, strict=True):
                 handle.position = tuple(self._scale * offset)
         if self.body.grip is None:
             self._pull.hide()

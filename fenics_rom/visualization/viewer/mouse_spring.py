@@ -140,7 +140,7 @@ class Hand:
         mode, P = rom.contact_models[grip.contact], grip.columns
         self.grip, self._h, self._mode = grip, h, mode
         self._others = mode.inputs[:, rom.contacts[grip.contact] :]
-        self._moves = not rom.effects or "inertia" in rom.effects
+        self._moves = rom.environment.has_inertia
         inverse = compliance(mode, h)[0] if self._moves else 1 / mode.safe_frequencies**2  # A⁻¹, or K⁻¹
         self._spread = inverse[:, None] * P if inverse.ndim == 1 else inverse @ P
         self._flexibility = (h / 2 if self._moves else 1.0) * P.T @ self._spread

@@ -10,8 +10,8 @@ import numpy as np
 
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.rom.rom import Rom
-from fenics_rom.runtime.simulator import Simulator, Snapshot
-from fenics_rom.scene.scene import Scene
+from fenics_rom.runtime.simulator import Simulator
+from fenics_rom.runtime.simulator_state import SimulatorState
 from fenics_rom.trajectory.trajectory import Trajectory, TrajectoryRecorder
 
 Array = np.ndarray
@@ -30,23 +30,20 @@ class Recording:
         seconds: wall clock of the steps, s.
     """
 
-    start: Snapshot
+    start: SimulatorState
     steps: list[tuple[str, Array]] = field(default_factory=list)
     seconds: float = 0.0
 
-    def run(self, rom: Rom, scene: Scene, simulator: Simulator) -> Trajectory:
+    def run(self, rom: Rom, simulator: Simulator) -> Trajectory:
         """The run, whose account begins anew.
 
         Args:
             rom: the model that was stepped.
-            scene: of its run.
             simulator: of the same ROM, whose contact mode does not switch by itself.
         """
         simulator.restore(self.start)
         assert simulator.ledger is not None
         simulator.ledger.sums = EnergyLedger().sums
-        around = simulator.surroundings
-        obstacles = around.obstacles if around else {}
         shapes = min(round(len(self.steps) * self.start.dt * PER_SECOND), int(MOST_NUMBERS / rom.nodes.size))
         recorder = TrajectoryRecorder(
             len(self.steps),
@@ -55,21 +52,15 @@ class Recording:
             tuple(rom.contact_models),
             len(rom.nodes),
             max(shapes, 1),
-            tuple(scene.effects),
-            obstacles,
+            tuple(rom.environment.effects),
+            {} if simulator.environment is None else simulator.environment.obstacles,
         )
 
-        def sample(step: int) -> None:
-            assert simulator.ledger is not None
-            forces = np.array([simulator.contact_forces(name) for name in obstacles]) if obstacles else None
-            account = simulator.contact, simulator.energy, simulator.ledger, simulator.displacement, simulator.velocity
-            recorder.sample(step, *account, forces, around.offsets if around else None)
-
-        sample(0)
+        recorder.sample(0, simulator)
         for step, (contact, u) in enumerate(self.steps, start=1):
             simulator.switch(contact)
             simulator.step(u)
-            sample(step)
+            recorder.sample(step, simulator)
         return recorder.record(
             name=rom.name,
             model="reduced",

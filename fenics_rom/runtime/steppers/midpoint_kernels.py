@@ -1,11 +1,11 @@
-"""Equivalent forms of one midpoint step of one contact mode, and which of them is the fastest.
+"""Two equivalent kernels of the midpoint step of one contact mode, and which of them is the faster.
 
 In NumPy a step costs calls and memory read, not arithmetic:
 
     FusedMidpoint       [Φ Ψ] [e, r, u]                one call, 4 m² numbers
-    StagedMidpoint    v̂, then e⁺ and r⁺ from it      seven calls and O(m) numbers; eight and m² where D is dense
+    StagedMidpoint      v̂, then e⁺ and r⁺ from it      seven calls and O(m) numbers; eight and m² where D is dense
 
-All hold the state in energy coordinates, write each next state beside the last, so that a step can be taken back, and
+Both hold the state in energy coordinates, write each next state beside the last, so that a step can be taken back, and
 allocate nothing while they step. What the energy account needs of some steps stays where it is and is booked for all of
 them at once: so it adds a quarter to a step, where booking each by itself would double it.
 """
@@ -14,30 +14,32 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from fenics_rom.mechanics.contact import ObstacleMotion
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.rom.rom import ContactModel
+from fenics_rom.runtime.steppers.kernel import Kernel
 from fenics_rom.runtime.steppers.midpoint import compliance, matrices
 
 Array = np.ndarray
 
-LARGEST_PRODUCT = {1: 75, 2: 90}  # order up to which one product is the faster, by the dimensions of the damping
+LARGEST_FUSED_ORDER = {1: 75, 2: 90}  # order up to which one product is the faster, by the dimensions of the damping
 PAGES = 32  # steps that are booked together
 HELD = np.empty(0)  # displacement along the rigid motions of a body that has none
 
 
-def fastest(
-    mode: ContactModel, ledger: EnergyLedger | None, rigid_displacement: Array = HELD
+def fastest_kernel(
+    model: ContactModel, ledger: EnergyLedger | None, rigid_displacement: Array = HELD
 ) -> "FusedMidpoint | StagedMidpoint":
-    """The form for a model's size and damping; arguments as in _Form."""
-    form = FusedMidpoint if mode.order <= LARGEST_PRODUCT[mode.damping.ndim] else StagedMidpoint
-    return form(mode, ledger, rigid_displacement)
+    """The kernel for a model's size and damping; arguments as in _MidpointKernel."""
+    kernel = FusedMidpoint if model.order <= LARGEST_FUSED_ORDER[model.damping.ndim] else StagedMidpoint
+    return kernel(model, ledger, rigid_displacement)
 
 
-class _Form:
-    """What the forms share: pages of states, one after the other, and the account of those that were left.
+class _MidpointKernel(Kernel):
+    """What the kernels share: pages of states, one after the other, and the account of those that were left.
 
     Args:
-        mode: the reduced model.
+        model: the reduced model of a contact mode.
         ledger: the account to book in, if one is kept.
         rigid_displacement: displacement along the rigid motions (ρ,), which energy coordinates lack; what the steps add
             is booked here.
@@ -46,8 +48,8 @@ class _Form:
         h: time step, s; 0 before the first `set_time_step`.
     """
 
-    def __init__(self, mode: ContactModel, ledger: EnergyLedger | None, rigid_displacement: Array = HELD):
-        self._mode, self._ledger, self._rigid_displacement, self.h = mode, ledger, rigid_displacement, 0.0
+    def __init__(self, model: ContactModel, ledger: EnergyLedger | None, rigid_displacement: Array = HELD):
+        self._model, self._ledger, self._rigid_displacement, self.h = model, ledger, rigid_displacement, 0.0
         self._states: list[Array]  # (2m,) each, views
         self._page = 0  # where the state is
         self._booked = 0  # pages before this one are in the account
@@ -57,13 +59,8 @@ class _Form:
         """[e, r] (2m,), ½|state|² is the stored energy; a view, which a later step overwrites."""
         return self._states[self._page]
 
-    @property
-    def energy(self) -> float:
-        """Stored, J."""
-        return float(self.state.dot(self.state)) / 2
-
     def rollback(self) -> None:
-        """Takes the last step back."""
+        """As in Kernel."""
         self._page -= 1
 
     def flush(self) -> None:
@@ -72,35 +69,32 @@ class _Form:
             supplied, dissipated = self._work(slice(self._booked, self._page))
             self._ledger.book(supplied=supplied, dissipated=dissipated)
         if len(self._rigid_displacement) and self._booked < self._page:
-            m = self._mode.order
-            r = np.stack(
-                [state[m : m + len(self._rigid_displacement)] for state in self._states[self._booked : self._page + 1]]
-            )
+            m = self._model.order
+            end = m + len(self._rigid_displacement)
+            r = np.stack([state[m:end] for state in self._states[self._booked : self._page + 1]])
             steps = self.h / 2 * (r[1:] + r[:-1])
-            self._rigid_displacement[:] = np.cumsum(np.vstack([self._rigid_displacement, steps]), axis=0)[
-                -1
-            ]  # the same bits whenever it is read
+            # A running sum: the same bits whenever it is read.
+            self._rigid_displacement[:] = np.cumsum(np.vstack([self._rigid_displacement, steps]), axis=0)[-1]
         self._booked = self._page
 
-    def reset_buffer(self) -> int:
-        """Books, and goes on from the first page: what follows is then the same to the bit, whatever came before."""
+    def reset_buffer(self) -> None:
+        """As in Kernel: goes on from the first page."""
         self.flush()
         if self._page:
             self._states[0][:] = self.state
             self._page = self._booked = 0
-        return 0
 
     def _work(self, pages: slice) -> tuple[float, float]:
         """What was supplied and dissipated in the steps from these pages on, J."""
         raise NotImplementedError
 
 
-class FusedMidpoint(_Form):
-    """The whole step as one matrix, and its account as another. Arguments and attributes as in _Form."""
+class FusedMidpoint(_MidpointKernel):
+    """The whole step as one matrix, and its account as another. Arguments and attributes as in _MidpointKernel."""
 
-    def __init__(self, mode: ContactModel, ledger: EnergyLedger | None, rigid_displacement: Array = HELD):
-        super().__init__(mode, ledger, rigid_displacement)
-        self._m, p = mode.inputs.shape
+    def __init__(self, model: ContactModel, ledger: EnergyLedger | None, rigid_displacement: Array = HELD):
+        super().__init__(model, ledger, rigid_displacement)
+        self._m, p = model.inputs.shape
         self._pages = np.zeros((PAGES + 1, 2 * self._m + p))  # [e, r, u]: what a product reads
         self._reads = list(self._pages)
         self._states = [page[: 2 * self._m] for page in self._pages]
@@ -110,19 +104,20 @@ class FusedMidpoint(_Form):
         """Makes the coefficients for another time step, s."""
         self.flush()
         # The method: np.dot first looks for overrides, which takes as long as the product.
-        step, account = matrices(self._mode, h)
+        step, account = matrices(self._model, h)
         self._step, self._account = step.dot, account.T
         self.h = h
 
-    def step(self, u: Array) -> float:
-        """Takes a step under u (p,), N, and returns twice the stored energy, J, which may be anything but finite.
+    def step(self, u: Array, obstacles: ObstacleMotion | None = None) -> float:
+        """Takes a step under u (p,), N, and returns |state|², twice the stored energy, J, which need not be finite.
 
         Raises:
             ValueError: u has another shape; no step was taken.
         """
         page = self._page
         if page == PAGES:
-            page = self.reset_buffer()
+            self.reset_buffer()
+            page = 0
         self._slots[page][:] = u
         state = self._states[page + 1]
         self._step(self._reads[page], state)
@@ -142,12 +137,12 @@ class _Halves(NamedTuple):
     r: Array
 
 
-class StagedMidpoint(_Form):
-    """The step as the paper writes it: v̂, and the state from it. Arguments and attributes as in _Form."""
+class StagedMidpoint(_MidpointKernel):
+    """The step as the paper writes it: v̂, and the state from it. Arguments and attributes as in _MidpointKernel."""
 
-    def __init__(self, mode: ContactModel, ledger: EnergyLedger | None, rigid_displacement: Array = HELD):
-        super().__init__(mode, ledger, rigid_displacement)
-        m, p = mode.inputs.shape
+    def __init__(self, model: ContactModel, ledger: EnergyLedger | None, rigid_displacement: Array = HELD):
+        super().__init__(model, ledger, rigid_displacement)
+        m, p = model.inputs.shape
         pages = np.zeros((PAGES + 1, 2, m))
         self._halves = [_Halves(page, page[0], page[1]) for page in pages]
         self._states = [page.reshape(-1) for page in pages]
@@ -160,9 +155,9 @@ class StagedMidpoint(_Form):
     def set_time_step(self, h: float) -> None:
         """Makes the coefficients for another time step, s."""
         self.flush()
-        mode, ω = self._mode, np.sqrt(self._mode.eigenvalues)
-        a, Ra = compliance(mode, h)
-        kept, forced = np.stack([-ω, np.full(mode.order, 2 / h)]), mode.inputs
+        model, ω = self._model, np.sqrt(self._model.eigenvalues)
+        a, Ra = compliance(model, h)
+        kept, forced = np.stack([-ω, np.full(model.order, 2 / h)]), model.inputs
         dense = a.ndim == 2
         self._spread: Any = (2 * a).dot if dense else None
         self._drain = 2 * Ra.T if dense else None
@@ -171,11 +166,12 @@ class StagedMidpoint(_Form):
         self._travel = h / 2 * ω
         self.h = h
 
-    def step(self, u: Array) -> float:
+    def step(self, u: Array, obstacles: ObstacleMotion | None = None) -> float:
         """As in FusedMidpoint."""
         page = self._page
         if page == PAGES:
-            page = self.reset_buffer()
+            self.reset_buffer()
+            page = 0
         self._slots[page][:] = u
         v = self._v[page]
         right = v if self._spread is None else self._right[page]
@@ -196,8 +192,8 @@ class StagedMidpoint(_Form):
 
     def _work(self, pages: slice) -> tuple[float, float]:
         v = self._velocities[pages]
-        drawn = self._mode.damping_root * v if self._drain is None else self._rights[pages] @ self._drain
-        supplied = _inner(v @ self._mode.inputs, self._inputs[pages])
+        drawn = self._model.damping_root * v if self._drain is None else self._rights[pages] @ self._drain
+        supplied = _inner(v @ self._model.inputs, self._inputs[pages])
         return self.h / 2 * supplied, self.h / 4 * _inner(drawn)
 
 

@@ -1,0 +1,228 @@
+"""Full-order steps of a linear body: passive midpoint integration, one factorisation per step size, paper (2)-(4)."""
+
+from typing import Any
+
+import numpy as np
+
+from fenics_rom.errors import StepError
+from fenics_rom.fem.contact_interface import interface_of
+from fenics_rom.fem.direct import PetscFactor
+from fenics_rom.fem.extended_precision import ExtendedMatrix
+from fenics_rom.fem.petsc_matrix import combination
+from fenics_rom.mechanics.active_environment import ActiveEnvironment
+from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointMotion
+from fenics_rom.mechanics.energy_ledger import EnergyLedger
+from fenics_rom.mechanics.step import StepInput, StepResult
+from fenics_rom.mechanics.time_step_monitor import TimeStepMonitor
+from fenics_rom.system.system import Array, System
+
+
+class FullOrderStepper:
+    """Steps a full-order system from rest, see mechanics.step.Stepper; every rank must call every method.
+
+    Args:
+        system: the full-order model, on PETSc matrices.
+        dt: time step, s; may be set anew before any step.
+        environment: obstacles, and whether there is inertia; None: no obstacles, and inertia.
+        ledger: whether the energy account is kept; without it a step is one solve and two products.
+
+    Attributes:
+        x, v: displacement and velocity (rows here, 1), m and m/s.
+        contact: in the last step; None where nothing touched.
+        contact_mode: the active one, in whose order the inputs are.
+        ledger: the energy account, or None.
+        interface: the contact points; None where nothing can touch.
+        time_step_monitor: of the length of the steps, where an account is kept.
+    """
+
+    def __init__(self, system: System, dt: float, environment: ActiveEnvironment | None = None, *, ledger: bool = True):
+        self.kind, self.reason = "midpoint", "the model is linear"
+        self.system, self.dt, self.time = system, dt, 0.0
+        self.contact: ContactSolution | None = None
+        self.contact_mode = next(iter(system.contacts))
+        self._inputs: dict[str, Array] = {}
+        self._has_inertia = environment is None or environment.environment.has_inertia
+        self.interface = interface_of(system, environment)
+        self.ledger = EnergyLedger() if ledger else None
+        self.time_step_monitor = TimeStepMonitor()
+        rows = system.algebra.rows()
+        self.x = np.zeros((rows.stop - rows.start, 1))
+        self.v = np.zeros_like(self.x)
+        self._momentum = np.zeros_like(self.x)  # M v
+        self._elastic = np.zeros_like(self.x)  # K x
+        self._stiffness = ExtendedMatrix(system.stiffness.mat)  # type: ignore[attr-defined]
+        self._factored: tuple[float, PetscFactor] | None = None
+        self._energy: float | None = 0.0
+        self._before: tuple[Any, ...] = ()
+
+    @property
+    def energy(self) -> float:
+        """Stored energy ½ vᵀMv + ½ xᵀKx, J."""
+        if self._energy is None:
+            self._renew_products()
+            self._energy = self._dot(self.v, self._momentum) / 2 + self._dot(self.x, self._elastic) / 2
+        return self._energy
+
+    def set_state(self, x: Array, v: Array) -> None:
+        """Puts the body somewhere, moving: local rows of displacement (m) and velocity (m/s), (rows here,) each."""
+        self.x, self.v = x.reshape(-1, 1).copy(), v.reshape(-1, 1).copy()
+        self._momentum = self.system.mass @ self.v
+        self._elastic = self._stiffness @ self.x
+        self._energy = None
+
+    def switch(self, contact: str) -> float:
+        """See Stepper; the state stays as it is, and nothing is lost."""
+        self.contact_mode = contact
+        return 0.0
+
+    def set_time_step(self, dt: float) -> None:
+        """See Stepper."""
+        self.dt = dt
+
+    def step(self, inputs: StepInput) -> StepResult:
+        """See Stepper."""
+        if self.contact_mode not in self._inputs:
+            self._inputs[self.contact_mode] = self.system.input_matrix(self.contact_mode)
+        B = self._inputs[self.contact_mode]
+        if inputs.u.shape != (B.shape[1],):
+            raise ValueError
+        return self.step_under(B @ inputs.u, inputs.obstacles)
+
+    def step_under(self, force: Array, obstacles: ObstacleMotion | None = None) -> StepResult:
+        """Advances by dt under a force (rows here,), N; the energy is told where an account is kept, else NaN.
+
+        In K x large terms cancel (bending against stretching), so that in double precision the energy account of a
+        thin body would close to 1e-10 only. Products with K in extended precision, one refinement of the solve, and
+        M v and K x carried along by their increments close it to round-off. Without an account none of that is done.
+
+        Raises:
+            StepError: the force leads out of the finite numbers, or there are no contact forces; no step was taken.
+        """
+        h = self.dt
+        factor = self._factor(h)
+        self._renew_products()
+        force = force[:, None]
+        right = force + 2 / h * self._momentum - self._elastic if self._has_inertia else force - self._elastic
+        v = factor.solve(right)
+        contact = self._solve_contact(v, obstacles)
+        if contact is not None and self.interface is not None:
+            right = right + self.interface.force(contact)
+            v = factor.solve(right)
+        if not np.isfinite(self._dot(v, v)):
+            raise StepError("the input leads out of the finite numbers; the state was left as it was")
+        sums = None if self.ledger is None else self.ledger.sums
+        self._before = (self.x, self.v, self._momentum, self._elastic, self.contact), sums
+        if self.ledger is not None:
+            Mv, Kv = self._refined(factor, right, v)
+            if self._has_inertia:
+                self.time_step_monitor.add(4 * self._dot(v - self.v, Mv - self._momentum), self._dot(v, Mv))
+            drawn = self._damped(v, Mv, Kv) if self._has_inertia else h / 2 * Kv
+            self.ledger.book(supplied=h * self._dot(force, v), dissipated=h * self._dot(v, drawn))
+            if contact is not None and self.interface is not None:
+                self.ledger.book_contact(*contact.work(self.interface.at_points(v), h))
+            self._momentum = 2 * Mv - self._momentum
+            self._elastic = self._elastic + h * Kv
+        self.contact = contact
+        self.x = self.x + h * v
+        if self._has_inertia:
+            self.v = 2 * v - self.v
+        self.time, self._energy = self.time + h, None
+        return StepResult(self.energy if self.ledger is not None else np.nan, contact)
+
+    def rollback(self) -> None:
+        """See Stepper."""
+        state, sums = self._before
+        self.x, self.v, self._momentum, self._elastic, self.contact = state
+        self.time, self._energy = self.time - self.dt, None
+        if self.ledger is not None:
+            self.ledger.sums = sums
+
+    def flush(self) -> None:
+        """See Stepper; every step books by itself."""
+
+    def point_displacement(self) -> Array:
+        """See Stepper."""
+        assert self.interface is not None
+        return self.interface.at_points(self.x)
+
+    def diagnostics(self) -> tuple[str, ...]:
+        """See Stepper."""
+        residual = "" if self.interface is None else self.interface.solver.residual.message
+        return tuple(filter(None, [residual, self.time_step_monitor.message]))
+
+    def displacement(self, output: str | None = None) -> Array:
+        """Displacement, m: of a named output (points, 3), or of every mesh node (nodes, 3)."""
+        s = self.system
+        if output is not None:
+            return s.algebra.inner(s.outputs[output], self.x).reshape(-1, 3)
+        return self._on_nodes(self.x)
+
+    def velocity(self, output: str | None = None) -> Array:
+        """Velocity, m/s, as displacement."""
+        s = self.system
+        if output is not None:
+            return s.algebra.inner(s.outputs[output], self.v).reshape(-1, 3)
+        return self._on_nodes(self.v)
+
+    def close(self) -> None:
+        """Gives the factor's memory back."""
+        if self._factored is not None:
+            self._factored[1].close()
+            self._factored = None
+
+    def _solve_contact(self, free: Array, obstacles: ObstacleMotion | None) -> ContactSolution | None:
+        """Contact of a step, from its mid-step velocity without (rows here, 1) and the Delassus operator."""
+        if self.interface is None or obstacles is None:
+            return None
+        points = PointMotion(*(self.interface.at_points(field) for field in (self.x, self.v, free)))
+        return self.interface.solver.solve(points, self._delassus, self.dt, obstacles, not self._has_inertia)
+
+    def _renew_products(self) -> None:
+        """M v and K x anew, where no account carries them along."""
+        if self.ledger is None:
+            self._momentum, self._elastic = self.system.mass @ self.v, self.system.stiffness @ self.x
+
+    def _refined(self, factor: PetscFactor, right: Array, v: Array) -> tuple[Array, Array]:
+        """Refines A v = right once, in place; M v and K v."""
+        s = self.system
+        Mv, Kv = s.mass @ v, self._stiffness @ v
+        correction = factor.solve(right - self._resisted(v, Mv, Kv))
+        v += correction
+        return Mv + s.mass @ correction, Kv + s.stiffness @ correction
+
+    def _resisted(self, v: Array, Mv: Array, Kv: Array) -> Array:
+        """A v, A = 2/h M + D + h/2 K; without inertia A = h K."""
+        h = self.dt
+        return 2 / h * Mv + self._damped(v, Mv, Kv) + h / 2 * Kv if self._has_inertia else h * Kv
+
+    def _damped(self, v: Array, Mv: Array, Kv: Array) -> Array:
+        """D v."""
+        if self.system.rayleigh is None:
+            return self.system.damping @ v
+        α, β = self.system.rayleigh
+        return α * Mv + β * Kv
+
+    def _on_nodes(self, x: Array) -> Array:
+        """A field (rows here, 1) on all nodes (nodes, 3), the same on every rank."""
+        field = np.zeros(3 * len(self.system.body.nodes))
+        field[self.system.body.free] = self.system.algebra.gather(x)[:, 0]
+        return field.reshape(-1, 3)
+
+    def _dot(self, a: Array, b: Array) -> float:
+        return float(self.system.algebra.inner(a, b)[0, 0])
+
+    def _factor(self, h: float) -> PetscFactor:
+        if self._factored is None or self._factored[0] != h:
+            self.close()
+            s = self.system
+            if not self._has_inertia:
+                matrix: Any = combination((h, s.stiffness))
+            elif s.rayleigh is None:
+                matrix = combination((2 / h, s.mass), (1.0, s.damping), (h / 2, s.stiffness))
+            else:
+                α, β = s.rayleigh
+                matrix = combination((2 / h + α, s.mass), (h / 2 + β, s.stiffness))
+            self._factored = h, PetscFactor(matrix, one_by_one=True)
+            if self.interface is not None:
+                self._delassus = self.interface.delassus(self._factored[1].solve(self.interface.Sᵀ))
+        return self._factored[1]

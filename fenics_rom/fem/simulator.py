@@ -1,0 +1,117 @@
+"""A full-order body in its environment: loads and obstacles act by themselves, the contact mode follows them."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from fenics_rom.errors import SceneError
+from fenics_rom.fem.finite_strain.stepper import FiniteStrainStepper
+from fenics_rom.fem.linear_stepper import FullOrderStepper
+from fenics_rom.mechanics.active_environment import ActiveEnvironment
+from fenics_rom.mechanics.energy_ledger import EnergyLedger
+from fenics_rom.mechanics.environment import Environment
+from fenics_rom.mechanics.signals import SignalLike
+from fenics_rom.system.system import Array, System
+
+
+class FullOrderSimulator:
+    """Steps a system from rest; every rank must call every method.
+
+    Args:
+        system: the full-order model.
+        dt: time step, s; may be set anew before any step.
+        environment: what acts.
+        signals: of loads and obstacles by name, instead of the environment's; as in ActiveEnvironment.
+        ledger: whether the energy account is kept.
+
+    Attributes:
+        system: the full-order model.
+        stepper: of the body: linear, unless the system deforms largely.
+        environment: the loads and obstacles.
+
+    Raises:
+        SceneError: without inertia, a body that nothing holds; or as ActiveEnvironment.
+        StepError: the body begins in an obstacle.
+    """
+
+    stepper: FullOrderStepper | FiniteStrainStepper
+
+    def __init__(
+        self,
+        system: System,
+        dt: float,
+        environment: Environment,
+        signals: Mapping[str, SignalLike] | None = None,
+        *,
+        ledger: bool = True,
+    ):
+        self.system, self.environment = system, ActiveEnvironment(environment, signals=signals)
+        if not environment.has_inertia and system.rigid.shape[1]:
+            raise SceneError(
+                f"{environment.source}: effects: inertia is missing, and a body that nothing holds has no equilibrium"
+            )
+        if system.deformation is None:
+            self.stepper = FullOrderStepper(system, dt, self.environment, ledger=ledger)
+        else:
+            self.stepper = system.deformation.stepper(dt, self.environment, ledger=ledger)
+        self._follows = environment.switches_itself
+
+    @property
+    def contact(self) -> str:
+        """The active contact mode."""
+        return self.stepper.contact_mode
+
+    @property
+    def time(self) -> float:
+        """Simulated time, s."""
+        return self.stepper.time
+
+    @property
+    def energy(self) -> float:
+        """Stored, J."""
+        return self.stepper.energy
+
+    @property
+    def ledger(self) -> EnergyLedger | None:
+        """The energy account, if one is kept."""
+        return self.stepper.ledger
+
+    def switch(self, contact: str) -> None:
+        """Makes another contact mode active."""
+        self.stepper.switch(contact)
+
+    def step(self, u: Array) -> None:
+        """Advances by the stepper's dt.
+
+        Args:
+            u: the contact mode's columns, then the actuators'; the actuators' alone where the contact mode follows the
+                obstacles.
+
+        Raises:
+            StepError, SolverError: as the stepper.
+        """
+        stepper, interface = self.stepper, self.stepper.interface
+        if self._follows and interface is not None:
+            gaps = interface.solver.gaps(stepper.point_displacement(), self.environment.state.offsets)
+            stepper.switch(interface.points.nearest(gaps, stepper.contact_mode))
+            u = np.concatenate([np.zeros(self.system.contacts[stepper.contact_mode].shape[1]), u])
+        inputs = self.environment.step_input(u, stepper.time, stepper.dt)
+        stepper.step(inputs)
+        self.environment.commit(inputs, stepper.dt)
+
+    def displacement(self, output: str | None = None) -> Array:
+        """Displacement, m: of a named output (points, 3), or of every mesh node (nodes, 3)."""
+        return self.stepper.displacement(output)
+
+    def velocity(self, output: str | None = None) -> Array:
+        """Velocity, m/s, as displacement."""
+        return self.stepper.velocity(output)
+
+    def obstacle_forces(self) -> Array:
+        """Forces of the obstacles on the body in the last step, (O, 3), N."""
+        contact = self.stepper.contact
+        return np.zeros((len(self.environment.obstacles), 3)) if contact is None else contact.by_obstacle
+
+    def close(self) -> None:
+        """Gives the memory back."""
+        self.stepper.close()

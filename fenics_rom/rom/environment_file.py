@@ -1,0 +1,168 @@
+"""The environment in a ROM file: the group `environment`.
+
+attributes contact_switching, source
+effects, built_in            groups whose attributes are names and texts, see mechanics.environment
+loads/NAME/                  loads with signals of their own; columns (1,) and a signal, which may be absent:
+    values (w,) or (T, w)    in the unit of the input
+    times (T,) s             where values change
+obstacles/NAME/              attribute `shape`; what describes it (point, normal, ...), and a signal, m
+contact_law/                 restitution, friction (1,); stiffness N/m, damping N s/m (1,); absent without contact
+run/                         dt, duration (1,) s, snapshots (1,); absent where the scene has none
+    loads/NUMBER/            attributes contact, actuator (one is empty); start, stop (1,) s; a signal
+"""
+
+from dataclasses import fields
+from typing import Any
+
+import h5py
+import numpy as np
+
+from fenics_rom.errors import FileError, unknown
+from fenics_rom.io.hdf5 import Entry, check_names, get_arrays, get_group, get_text, put_arrays, put_text
+from fenics_rom.mechanics.contact import ContactLaw
+from fenics_rom.mechanics.environment import AppliedLoad, Environment, Load, MovingObstacle, Run
+from fenics_rom.mechanics.obstacles import DIMENSIONS, SHAPES, Obstacle
+from fenics_rom.mechanics.signals import Signal
+
+INPUT_UNIT = "unit of the input"
+LAW = {
+    "restitution": Entry("1", (1,)),
+    "friction": Entry("1", (1,)),
+    "stiffness": Entry("N/m", (1,), optional=True),
+    "damping": Entry("N s/m", (1,)),
+}
+RUN = {"dt": Entry("s", (1,)), "duration": Entry("s", (1,)), "snapshots": Entry("1", (1,), "i")}
+SPAN = {"start": Entry("s", (1,)), "stop": Entry("s", (1,))}
+COLUMNS = {"columns": Entry("1", (1,), "i")}
+
+
+def put_environment(h5: h5py.File, environment: Environment) -> None:
+    """Writes the group.
+
+    Raises:
+        FileError: names or texts that a file cannot hold.
+    """
+    check_names([*environment.loads, *environment.obstacles])
+    group = h5.create_group("environment", track_order=True)
+    put_text(group, contact_switching=environment.contact_switching, source=environment.source)
+    for name, texts in (("effects", environment.effects), ("built_in", environment.built_in)):
+        put_text(group.create_group(name, track_order=True), **texts)
+    loads = group.create_group("loads", track_order=True)
+    for name, load in environment.loads.items():
+        _put(loads.create_group(name), COLUMNS, {"columns": load.columns}, load.signal, INPUT_UNIT)
+    obstacles = group.create_group("obstacles", track_order=True)
+    for name, obstacle in environment.obstacles.items():
+        part = obstacles.create_group(name)
+        put_text(part, shape=next(shape for shape, kind in SHAPES.items() if isinstance(obstacle.shape, kind)))
+        table = _dimensions(type(obstacle.shape))
+        _put(part, table, {key: getattr(obstacle.shape, key) for key in table}, obstacle.displacement, "m")
+    law, run = environment.contact_law, environment.run
+    if law is not None:
+        _put(group.create_group("contact_law"), LAW, {key: getattr(law, key) for key in LAW})
+    if run is not None:
+        part = group.create_group("run")
+        _put(part, RUN, {key: getattr(run, key) for key in RUN})
+        loads = part.create_group("loads", track_order=True)
+        for number, applied in enumerate(run.loads):
+            span = loads.create_group(str(number))
+            put_text(span, contact=applied.contact or "", actuator=applied.actuator or "")
+            _put(span, SPAN, {key: getattr(applied, key) for key in SPAN}, applied.signal, INPUT_UNIT)
+
+
+def take_environment(h5: h5py.File) -> Environment:
+    """Reads the group.
+
+    Raises:
+        FileError: something is missing or does not fit.
+    """
+    group = get_group(h5, "environment")
+    texts = {name: get_group(group, name) for name in ("effects", "built_in")}
+    loads, obstacles = get_group(group, "loads"), get_group(group, "obstacles")
+    law = None
+    if "contact_law" in group:
+        numbers, _ = _take(get_group(group, "contact_law"), LAW)
+        law = ContactLaw(**{key: value for key, value in numbers.items() if value is not None})
+    return Environment(
+        effects={name: get_text(texts["effects"], name) for name in texts["effects"].attrs},
+        loads={name: _load(get_group(loads, name)) for name in loads},
+        obstacles={name: _obstacle(get_group(obstacles, name)) for name in obstacles},
+        contact_law=law,
+        contact_switching=get_text(group, "contact_switching"),
+        built_in={name: get_text(texts["built_in"], name) for name in texts["built_in"].attrs},
+        run=_run(get_group(group, "run")) if "run" in group else None,
+        source=get_text(group, "source"),
+    )
+
+
+def _load(group: h5py.Group) -> Load:
+    numbers, signal = _take(group, COLUMNS, INPUT_UNIT)
+    if signal is not None and signal.width != numbers["columns"]:
+        raise FileError(f"{group.name}: its signal has {signal.width} numbers, not {numbers['columns']}")
+    return Load(numbers["columns"], signal)
+
+
+def _obstacle(group: h5py.Group) -> MovingObstacle:
+    shape = get_text(group, "shape")
+    if shape not in SHAPES:
+        raise FileError(f"{group.name}: {unknown('shape', shape, SHAPES)}")
+    numbers, signal = _take(group, _dimensions(SHAPES[shape]), "m")
+    if signal is None or signal.width != 3:
+        raise FileError(f"{group.name}: its displacement has not three numbers")
+    obstacle: Obstacle = SHAPES[shape](**numbers)
+    return MovingObstacle(obstacle, signal)
+
+
+def _run(group: h5py.Group) -> Run:
+    numbers, _ = _take(group, RUN, others=("loads",))
+    loads, applied = get_group(group, "loads"), []
+    for name in loads:
+        part = get_group(loads, name)
+        span, signal = _take(part, SPAN, INPUT_UNIT)
+        if signal is None:
+            raise FileError(f"{part.name}: has no signal")
+        contact, actuator = get_text(part, "contact") or None, get_text(part, "actuator") or None
+        applied.append(AppliedLoad(contact, actuator, **span, signal=signal))
+    return Run(**numbers, loads=tuple(applied))
+
+
+def _put(
+    group: h5py.Group, table: dict[str, Entry], numbers: dict[str, Any], signal: Signal | None = None, unit: str = ""
+) -> None:
+    """Writes numbers, and a signal in a unit."""
+    arrays = {key: None if value is None else np.atleast_1d(value) for key, value in numbers.items()}
+    if signal is not None:
+        table = table | _signal_table(unit, signal.times is not None)
+        arrays |= {"values": signal.values} | ({} if signal.times is None else {"times": signal.times})
+    put_arrays(group, table, {}, arrays)
+
+
+def _take(
+    group: h5py.Group, table: dict[str, Entry], unit: str = "", others: tuple[str, ...] = ()
+) -> tuple[dict[str, Any], Signal | None]:
+    """Reads numbers, and the signal in a unit if there is one."""
+    whole = table | _signal_table(unit, "times" in group) if unit and "values" in group else table
+    arrays: Any = get_arrays(group, whole, {}, others)
+    numbers = {key: None if arrays[key] is None else _number(arrays[key], entry) for key, entry in table.items()}
+    if "values" not in whole:
+        return numbers, None
+    times = arrays.get("times")
+    if times is not None and (len(times) < 2 or (np.diff(times) <= 0).any()):
+        raise FileError(f"{group.name}/times does not increase")
+    return numbers, Signal(arrays["values"], times)
+
+
+def _number(array: np.ndarray, entry: Entry) -> Any:
+    """As the records have it: a number, or a tuple of some."""
+    return array[0].item() if entry.shape == (1,) else tuple(map(float, array))
+
+
+def _signal_table(unit: str, changes: bool) -> dict[str, Entry]:
+    if not changes:
+        return {"values": Entry(unit, ("w",))}
+    return {"values": Entry(unit, ("T", "w")), "times": Entry("s", ("T",))}
+
+
+def _dimensions(kind: Any) -> dict[str, Entry]:
+    """What describes an obstacle of a kind."""
+    units = {field.name: DIMENSIONS[field.name] for field in fields(kind) if field.init}
+    return {name: Entry(unit, (length,)) for name, (unit, length) in units.items()}

@@ -1,0 +1,69 @@
+"""Where a reduced body can be touched, and what finds the forces there."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from fenics_rom.mechanics.active_environment import ActiveEnvironment
+from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointMotion
+from fenics_rom.mechanics.contact_points import ContactPoints
+from fenics_rom.mechanics.contact_solver import ContactSolver
+from fenics_rom.rom.rom import Rom
+
+Array = np.ndarray
+
+MOTION = "inertia, damping, elasticity"  # what of a step is not loads and contact
+CONTACT = "contact, friction"
+
+
+class ContactInterface(NamedTuple):
+    """All contact points of a body, whatever contact mode is active, and the obstacles.
+
+    Attributes:
+        points: nodes that can be touched.
+        solver: of the contact law.
+        rows: (3P, k) of the points in the shared basis.
+        environment: of the run, which may measure what the parts of a step cost.
+    """
+
+    points: ContactPoints
+    solver: ContactSolver
+    rows: Array
+    environment: ActiveEnvironment
+
+    def solve(
+        self, points: PointMotion, delassus: Array, dt: float, obstacles: ObstacleMotion, quasi_static: bool = False
+    ) -> ContactSolution | None:
+        """Forces on the points of a body that would do this without them; see ContactSolver.solve."""
+        mark = self.environment.mark
+        if mark is not None:
+            mark(MOTION)
+        contact = self.solver.solve(points, delassus, dt, obstacles, quasi_static)
+        if mark is not None:
+            mark(CONTACT)
+        return contact
+
+    def check_start(self) -> None:
+        """Checks that at time 0 the body at rest is outside of all obstacles.
+
+        Raises:
+            StepError: it is not.
+        """
+        at_rest = np.zeros(self.points.coordinates.shape)
+        self.solver.check_start(at_rest, self.environment.offsets_at(0.0), list(self.environment.obstacles))
+
+    def forget(self) -> None:
+        """Begins the next search for forces with none."""
+        self.solver.last_forces = np.zeros_like(self.solver.last_forces)
+
+
+def contact_interface(rom: Rom, environment: ActiveEnvironment) -> ContactInterface | None:
+    """The interface of a reduced body in an environment; None where nothing can touch it."""
+    law = environment.environment.contact_law
+    if law is None:
+        return None
+    nodes = {name: model.contact_points for name, model in rom.contact_models.items()}
+    points = ContactPoints(nodes, rom.nodes)
+    solver = ContactSolver(points.coordinates, list(environment.obstacles.values()), law)
+    components = (3 * points.nodes[:, None] + np.arange(3)).ravel()
+    return ContactInterface(points, solver, rom.basis[np.searchsorted(rom.free, components)], environment)

@@ -1,0 +1,108 @@
+"""Large deformation without inertia: every step is an equilibrium."""
+
+import math
+
+import numpy as np
+
+from fenics_rom.errors import StepError
+from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointMotion
+from fenics_rom.runtime.steppers.booked_kernel import StepWork, symmetric
+from fenics_rom.runtime.steppers.finite_strain import FiniteStrainKernel
+from fenics_rom.runtime.steppers.newton import (
+    CONVERGENCE_TOLERANCE,
+    MAX_ITERATIONS,
+    MAX_PARTS,
+    STAGNATION_TOLERANCE,
+)
+
+Array = np.ndarray
+
+
+class Equilibrium(FiniteStrainKernel):
+    """A step of a quasi-static run: Φ'(q⁺) = G u, from the step before by Newton's iteration under a growing load.
+
+    Arguments and attributes as in FiniteStrainKernel; the velocity stays zero.
+    """
+
+    @property
+    def energy(self) -> float:
+        """Stored, J."""
+        return self._body.energy(self._coordinates())
+
+    def set_time_step(self, h: float) -> None:
+        """As in BookedKernel."""
+        self.flush()
+        self.h = h
+
+    def step(self, u: Array, obstacles: ObstacleMotion | None = None) -> float:
+        """As in Newton."""
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            start = self._coordinates().copy()
+            unbalanced = self._body.force(start) - self._loads(u, start)
+            q, share, growth = start, 0.0, 1.0
+            contact: ContactSolution | None = None
+            while share < 1:
+                balance = self._balanced(u, obstacles, start, q, (1 - min(share + growth, 1.0)) * unbalanced)
+                if balance is None:
+                    growth /= 2
+                    if growth < 1 / MAX_PARTS:
+                        raise StepError(
+                            f"input {u.tolist()}: no equilibrium was found beyond {100 * share:.0f} % of the change of "
+                            "the load in this step; take shorter steps or lower the load"
+                        )
+                else:
+                    (q, contact), share = balance, min(share + growth, 1.0)
+            moved, force = q - start, self._loads(u, q)
+            if contact is not None:
+                force = force + self._Sᵀ.dot(contact.forces.ravel())
+            stored = self._body.energy(q)
+            # What contact takes is booked by itself; the rest of what is lost goes into heat on the way.
+            heat = float(force.dot(moved)) - (stored - self._body.energy(start))
+            supplied = float(self._loads(u, q).dot(moved))
+            self._leave(StepWork(supplied, heat, self._contacts(moved / self.h, contact, self.h)))
+            np.multiply(q, self._ω, self._e)
+            self.contact = contact
+            self._note_distance(q)
+            return 2 * stored
+
+    def _balanced(
+        self, u: Array, obstacles: ObstacleMotion | None, start: Array, q: Array, unbalanced: Array
+    ) -> tuple[Array, ContactSolution | None] | None:
+        """A shape near q whose forces are balanced but for a part that is given, and contact; None if there is none."""
+        body = self._body
+        before = math.inf
+        for _ in range(MAX_ITERATIONS):
+            elastic, force = body.force(q), self._loads(u, q)
+            residual = elastic - force - unbalanced
+            scale = max(np.abs(elastic).max(), np.abs(force).max(), np.abs(unbalanced).max(), 1e-300)
+            if not math.isfinite(scale):
+                return None
+            try:
+                np.linalg.cholesky(tangent := body.tangent(q))
+            except np.linalg.LinAlgError:
+                return None
+            inverse = np.linalg.inv(tangent)
+            contact, pushed = self._contact_of(obstacles, start, q - inverse.dot(residual), inverse)
+            residual -= pushed
+            error = np.abs(residual).max()
+            if error <= CONVERGENCE_TOLERANCE * scale or (error <= STAGNATION_TOLERANCE * scale and error > before / 2):
+                return q, contact
+            if error > 10 * before:
+                return None
+            before = error
+            q = q - inverse.dot(residual)
+        return None
+
+    def _contact_of(
+        self, obstacles: ObstacleMotion | None, start: Array, free: Array, inverse: Array
+    ) -> tuple[ContactSolution | None, Array]:
+        """Contact of a step from the shape without it, and the generalized forces (m,)."""
+        if self._interface is None or obstacles is None:
+            return None, np.zeros_like(start)
+        delassus = symmetric(self._Sᵀ.T @ inverse @ self._Sᵀ / self.h)
+        displacement, velocity = (np.stack([start, (free - start) / self.h]) @ self._Sᵀ).reshape(2, -1, 3)
+        points = PointMotion(displacement, np.zeros_like(displacement), velocity)
+        contact = self._interface.solve(points, delassus, self.h, obstacles, quasi_static=True)
+        if contact is None:
+            return None, np.zeros_like(start)
+        return contact, self._Sᵀ.dot(contact.forces.ravel())

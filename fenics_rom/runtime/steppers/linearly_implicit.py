@@ -1,0 +1,245 @@
+"""Large deformation by one linear system a step.
+
+The step carries strains ε as unknowns of their own, ε⁺ = ε + h A v̂, with ½ ε:C₀ε stored (C₀ of small strains), and
+what a material stores besides as ½ s², s⁺ = s + h bᵀv̂ (a scalar auxiliary variable: Shen, Xu & Yang, 2018). That is
+quadratic, so that the balance is exact at any step. As E sees no rotation, what is left for s is of third order in the
+strain. ε drifts from E(q) by what the step is wrong. It is taken back as far as the energy for that was dissipated
+before, and what remains is the mismatch that a run reports.
+"""
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fenics_rom.mechanics.contact import ObstacleMotion
+from fenics_rom.mechanics.energy_ledger import EnergyLedger
+from fenics_rom.mechanics.hyperelastic import VOIGT_SHEAR, energy_density, linear_stress, strain, strain_rate, stress
+from fenics_rom.rom.rom import Rom
+from fenics_rom.runtime.steppers.booked_kernel import StepWork, symmetric
+from fenics_rom.runtime.steppers.finite_strain import FiniteStrainKernel, definite_inverse
+
+if TYPE_CHECKING:
+    from fenics_rom.runtime.steppers.contact_interface import ContactInterface
+
+Array = np.ndarray
+
+TANGENT_RENEWAL = 0.05  # of v̂, by which a step may differ from what was expected before the tangent is made anew
+STEEPEST_FREQUENCY = 10.0  # times that of the stiffest mode
+MISMATCH_LIMIT = 0.03  # of the largest strain, in the energy norm
+
+
+class LinearlyImplicit(FiniteStrainKernel):
+    """One linear system a step. Arguments and attributes as in FiniteStrainKernel."""
+
+    mismatch: float
+
+    def __init__(self, rom: Rom, ledger: EnergyLedger | None, interface: "ContactInterface | None"):
+        super().__init__(rom, ledger, interface)
+        body = self._body
+        self._λ, self._μ = body.weights * body.first_lame, body.weights * body.shear
+        self._most = float(self._μ.sum())  # c where strains are of order 1
+        self._st_venant = body.law == "st_venant_kirchhoff"
+        points, m = len(body.weights), body.order
+        self.auxiliary = np.zeros(6 * points + m + 3)
+        self._auxiliary_before = self.auxiliary.copy()
+        # ε; v̂ of the step before; the energy ½ s² - c, c, and the energy tank, J.
+        self._ε = self.auxiliary[: 6 * points].reshape(6, points)
+        self._previous_velocity, self._rest = self.auxiliary[6 * points : -3], self.auxiliary[-3:]
+        self._largest, self.mismatch = 0.0, 0.0
+        self._tangent_inverse: Array | None = None
+        self.resume(np.empty(0))
+
+    def resume(self, auxiliary: Array) -> None:
+        """As in FiniteStrainKernel."""
+        super().resume(auxiliary)
+        self._largest = self.mismatch = 0.0
+        if len(auxiliary):
+            self.auxiliary[:] = auxiliary
+            return
+        q = self._coordinates()
+        self._ε[:] = self._body.strains(q)
+        self._previous_velocity[:] = self._r
+        self._rest[:] = 0.0
+        if not self._st_venant:
+            left = self._left(self._ε)
+            self._rest[:2] = left, min(1e-4 * self._most + 4 * abs(left), self._most)
+
+    @property
+    def energy(self) -> float:
+        """Stored, J."""
+        return self._energy(self._coordinates())
+
+    @property
+    def messages(self) -> tuple[str, ...]:
+        """As in FiniteStrainKernel."""
+        if self.mismatch <= MISMATCH_LIMIT:
+            return super().messages
+        return (
+            *super().messages,
+            f"strains that are carried along and those of the shape differ by {100 * self.mismatch:.2g} % (limit "
+            f"{100 * MISMATCH_LIMIT:g} %): the steps are too long for what moves; take shorter ones or "
+            'stepper = "newton"',
+        )
+
+    def rollback(self) -> None:
+        """As in BookedKernel."""
+        super().rollback()
+        self.auxiliary[:] = self._auxiliary_before
+
+    def set_time_step(self, h: float) -> None:
+        """As in BookedKernel."""
+        self.flush()
+        weight = h / 2 + self._body.viscosity
+        self._stiff = (2 * weight * self._μ / VOIGT_SHEAR)[:, :, None]
+        self._bulk = (weight * self._λ)[:, None]
+        self._fixed = 2 / h * np.eye(self._model.order) + self._body.external_damping + h / 2 * self._body.springs
+        self._tangent_inverse, self.h = None, h
+
+    def reset_buffer(self) -> None:
+        """As in Kernel: forgets the tangent."""
+        self._tangent_inverse = None
+        super().reset_buffer()
+
+    def step(self, u: Array, obstacles: ObstacleMotion | None = None) -> float:
+        """As in BookedKernel."""
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # the caller looks at what comes out
+            try:
+                return self._stepped(u, obstacles)
+            except np.linalg.LinAlgError:
+                return math.nan
+
+    def _stepped(self, u: Array, obstacles: ObstacleMotion | None) -> float:
+        h, body = self.h, self._body
+        q, r = self._coordinates().copy(), self._r
+        expected = self._expected(u, q)
+        middle = q + h / 2 * expected
+        pushed = self._loads(u, middle)
+        H = body.displacement_gradients(middle)
+        matrix, A = self._strained_matrix(H)
+        right = pushed + 2 / h * r - body.springs.dot(q) - linear_stress(self._ε, self._λ, self._μ).ravel().dot(A)
+        b, s = None if self._st_venant else self._slope(strain(H), A), 0.0
+        if b is not None:
+            s = self._s
+            matrix += np.outer(h / 2 * b, b)
+            right -= s * b
+        contact, v = None, np.linalg.solve(matrix, right)
+        if self._interface is not None:
+            spread = np.linalg.solve(matrix, self._Sᵀ)
+            self._delassus = symmetric(self._Sᵀ.T @ spread)
+            contact = self._solve_contact(v, obstacles)
+            if contact is not None:
+                v += spread.dot(contact.forces.ravel())
+        missed = v - expected
+        if missed.dot(missed) > TANGENT_RENEWAL**2 * v.dot(v):
+            self._tangent_inverse = None
+
+        rates = A.dot(v).reshape(6, -1)
+        drawn = float(v.dot(body.external_damping.dot(v)))
+        drawn += float((linear_stress(rates, body.viscosity * self._λ, body.viscosity * self._μ) * rates).sum())
+        after = q + h * v
+        self._auxiliary_before[:] = self.auxiliary
+        self._previous_velocity[:] = v
+        self._ε += h * rates
+        if b is not None:
+            grown = h * float(b.dot(v))
+            self._rest[0] += grown * (s + grown / 2)
+        taken_back = self._taken_back(after, h * drawn)
+        self._leave(StepWork(h * float(pushed.dot(v)), h * drawn - taken_back, self._contacts(v, contact, h)))
+        np.multiply(after, self._ω, self._e)
+        np.subtract(v + v, r, r)
+        self.contact = contact
+        self._note_distance(after)
+        return 2 * self._energy(after)
+
+    def _expected(self, u: Array, q: Array) -> Array:
+        """v̂ of this step, from that of the step before by one iteration of Newton's, with a tangent that may be older.
+
+        Any A balances energy, but where stresses make a motion stiff, one that is not of this step would let it grow.
+        """
+        h, body, v = self.h, self._body, self._previous_velocity
+        middle = q + h / 2 * v
+        H = body.displacement_gradients(middle)
+        rates = strain_rate(H + np.eye(3)[:, :, None], body.displacement_gradients(v))
+        S = body.weights * stress(body.law, strain(H), body.first_lame, body.shear)
+        S += linear_stress(rates, body.viscosity * self._λ, body.viscosity * self._μ)
+        if self._tangent_inverse is None:
+            matrix, _ = self._strained_matrix(H)
+            self._tangent_inverse = definite_inverse(matrix + h / 2 * body.geometric(S), matrix)
+        residual = (
+            2 / h * (v - self._r) + body.external_damping.dot(v) + body.springs.dot(middle) + body.resultant(H, S)
+        )
+        residual -= self._loads(u, middle)
+        if self.contact is not None:
+            residual -= self._Sᵀ.dot(self.contact.forces.ravel())
+        expected = v - self._tangent_inverse.dot(residual)
+        far = h / 2 * math.sqrt(expected.dot(expected))
+        if not math.isfinite(far):
+            return np.zeros_like(q)
+        # It can hardly go further than it was trained.
+        return expected if far <= body.training_radius else expected * (body.training_radius / far)
+
+    def _strained_matrix(self, H: Array) -> tuple[Array, Array]:
+        """2/h + D + h/2 K of the body deformed by H, but for its stresses, (m, m), and A (6 P, m)."""
+        A = self._body.strain_rates(H)
+        CA = self._stiff * A
+        CA[:3] += self._bulk * A[:3].sum(axis=0)
+        A = A.reshape(-1, self._model.order)
+        return self._fixed + A.T.dot(CA.reshape(A.shape)), A
+
+    def _energy(self, q: Array) -> float:
+        stored = float((linear_stress(self._ε, self._λ, self._μ) * self._ε).sum())
+        kinetic, springs = float(self._r.dot(self._r)), float(q.dot(self._body.springs.dot(q)))
+        return (stored + kinetic + springs) / 2 + float(self._rest[0])
+
+    @property
+    def _s(self) -> float:
+        return math.sqrt(2 * max(self._rest[0] + self._rest[1], 0.0))
+
+    def _left(self, E: Array) -> float:
+        """Energy of strains E that is not ½ E:C₀E, J."""
+        body = self._body
+        W = energy_density(body.law, E, body.first_lame, body.shear)
+        return float(body.weights.dot(W) - (linear_stress(E, self._λ, self._μ) * E).sum() / 2)
+
+    def _slope(self, E: Array, A: Array) -> Array:
+        """b = ∂√(2 (Ψ + c))/∂q (m,) of the energy Ψ that is left; c grows where Ψ comes near -c.
+
+        Up to a bound, as what is in s and what is in ε must not grow against each other. Any b balances energy; one
+        much steeper than the stiffest mode, as where a point is all but flat, would drown it in round-off.
+        """
+        body, left = self._body, self._left(E)
+        if left + self._rest[1] < self._rest[1] / 2:
+            self._rest[1] = min(self._rest[1] + 4 * abs(left), self._most)  # ½ s² - c stays what it was
+        S = body.weights * stress(body.law, E, body.first_lame, body.shear) - linear_stress(E, self._λ, self._μ)
+        b = S.ravel().dot(A) / math.sqrt(2 * max(left + self._rest[1], self._rest[1] / 4))
+        steep = math.sqrt(b.dot(b))
+        return b if steep <= STEEPEST_FREQUENCY * self._ω[-1] else b * (STEEPEST_FREQUENCY * self._ω[-1] / steep)
+
+    def _taken_back(self, q: Array, dissipated: float) -> float:
+        """Moves ε and s towards what the shape q has, and returns the energy that this added, J (< 0: it took some).
+
+        At most what is in the tank, which holds what was dissipated in this and the steps before, up to what strains
+        store (as in teleoperation: Franken et al., 2011): a step may give back, and the run never more than it got.
+        """
+        E, s = self._body.strains(q), self._s
+        gap, gap_s = E - self._ε, 0.0
+        if not self._st_venant:
+            gap_s = math.sqrt(2 * max(self._left(E) + self._rest[1], 0.0)) - s
+        stressed = linear_stress(gap, self._λ, self._μ)
+        square = float((stressed * gap).sum()) + gap_s**2
+        slope = float((stressed * self._ε).sum()) + gap_s * s
+        strained = float((linear_stress(E, self._λ, self._μ) * E).sum())
+        budget = float(self._rest[2]) + dissipated
+        share = 1.0
+        if slope + square / 2 > budget and square > 0:
+            root = math.sqrt(max(slope**2 + 2 * square * budget, 0.0))
+            share = min(2 * budget / (slope + root) if slope > 0 else (root - slope) / square, 1.0)
+        added = share * slope + share**2 * square / 2
+        self._ε += share * gap
+        self._rest[0] += share * gap_s * (s + share * gap_s / 2)
+        self._rest[2] = min(max(budget - added, 0.0), strained)
+        self._largest = max(self._largest, strained)
+        if self._largest > 0:
+            self.mismatch = max(self.mismatch, (1 - share) * math.sqrt(square / self._largest))
+        return added

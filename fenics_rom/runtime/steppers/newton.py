@@ -1,0 +1,183 @@
+"""Large deformation by Newton's iteration in every step."""
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fenics_rom.errors import StepError
+from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointMotion
+from fenics_rom.mechanics.energy_ledger import EnergyLedger
+from fenics_rom.mechanics.hyperelastic import discrete_gradient_stress, linear_stress, moduli
+from fenics_rom.rom.rom import Rom
+from fenics_rom.runtime.steppers.booked_kernel import StepWork, symmetric
+from fenics_rom.runtime.steppers.finite_strain import FiniteStrainKernel, definite_inverse
+
+if TYPE_CHECKING:
+    from fenics_rom.runtime.steppers.contact_interface import ContactInterface
+
+Array = np.ndarray
+
+CONVERGENCE_TOLERANCE = 1e-12  # of the largest force in a step
+STAGNATION_TOLERANCE = 1e-8  # of it: from here on round-off may be what is left
+MAX_ITERATIONS = 30
+MAX_PARTS = 64  # that a step which Newton's iteration does not solve is cut into
+FAST_CONTRACTION = 0.1  # up to which the tangent of an earlier iteration will do
+
+
+class Newton(FiniteStrainKernel):
+    """Newton's iteration in every step. Arguments and attributes as in FiniteStrainKernel.
+
+    Attributes:
+        cut: number of steps that had to be cut into parts.
+    """
+
+    def __init__(self, rom: Rom, ledger: EnergyLedger | None, interface: "ContactInterface | None"):
+        super().__init__(rom, ledger, interface)
+        self._inverse: Array | None = None  # of the last tangent
+        self._delassus_of: Array | None = None  # which the Delassus operator belongs to
+        self.cut = 0
+
+    @property
+    def energy(self) -> float:
+        """Stored, J."""
+        return float(self._r.dot(self._r)) / 2 + self._body.energy(self._coordinates())
+
+    @property
+    def messages(self) -> tuple[str, ...]:
+        """As in FiniteStrainKernel."""
+        if not self.cut:
+            return super().messages
+        return *super().messages, f"{self.cut} steps were cut into parts, as Newton's iteration did not solve the whole"
+
+    def resume(self, auxiliary: Array) -> None:
+        """As in FiniteStrainKernel."""
+        super().resume(auxiliary)
+        self._inverse = None  # so that what follows does not depend on what was before
+        self.cut = 0
+
+    def set_time_step(self, h: float) -> None:
+        """As in BookedKernel."""
+        self.flush()
+        self._inverse, self.h = None, h
+
+    def reset_buffer(self) -> None:
+        """As in Kernel: forgets the tangent."""
+        self._inverse = None
+        super().reset_buffer()
+
+    def step(self, u: Array, obstacles: ObstacleMotion | None = None) -> float:
+        """As in BookedKernel.
+
+        Raises:
+            StepError: also where the iteration does not converge, however small the parts of the step.
+        """
+        parts = 1
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            while parts <= MAX_PARTS:
+                solution = self._in_parts(u, obstacles, parts)
+                if solution is not None:
+                    break
+                parts *= 2
+            else:
+                raise StepError(
+                    f"input {u.tolist()}: Newton's iteration does not converge, even in {MAX_PARTS} parts of a step of "
+                    f"{self.h:g} s; lower dt or the load"
+                )
+            q, r, contact, work = solution
+            self._leave(work)
+            np.multiply(q, self._ω, self._e)
+            self._r[:] = r
+            self.contact = contact
+            self.cut += parts > 1
+            self._note_distance(q)
+            return float(r.dot(r)) + 2 * self._body.energy(q)
+
+    def _in_parts(
+        self, u: Array, obstacles: ObstacleMotion | None, parts: int
+    ) -> tuple[Array, Array, ContactSolution | None, StepWork] | None:
+        """The state after a step in so many parts, the last contact, and the work; None where one was not solved."""
+        q, r, h = self._coordinates().copy(), self._r.copy(), self.h / parts
+        supplied = dissipated = 0.0
+        contact: ContactSolution | None = None
+        contacts: tuple[tuple[ContactSolution, Array, float], ...] = ()
+        for part in range(parts):
+            motion = None if obstacles is None else obstacles.part(part / parts, 1 / parts, self.h)
+            solution = self._solved(u, q, r, h, motion)
+            if solution is None:
+                self._inverse = None  # it is of another length
+                return None
+            v, force, heat, contact = solution
+            supplied, dissipated = supplied + h * float(force.dot(v)), dissipated + heat
+            contacts += self._contacts(v, contact, h)
+            q, r = q + h * v, 2 * v - r
+        if parts > 1:
+            self._inverse = None
+        return q, r, contact, StepWork(supplied, dissipated, contacts)
+
+    def _solved(
+        self, u: Array, q: Array, r: Array, h: float, obstacles: ObstacleMotion | None
+    ) -> tuple[Array, Array, float, ContactSolution | None] | None:
+        """One step by iteration: v̂, the force of the inputs, what was dissipated (J), and contact.
+
+        Args:
+            u: inputs.
+            q, r: the state at its beginning, (m,) each.
+            h: its length, s.
+            obstacles: how they move in it.
+        """
+        body, ω = self._body, self._body.weights
+        E = body.strains(q)
+        v, before, fresh = r.copy(), math.inf, False
+        for _ in range(MAX_ITERATIONS):
+            middle = q + h / 2 * v
+            H, after = body.displacement_gradients(middle), body.strains(q + h * v)
+            rates = (after - E) / h
+            viscous = linear_stress(rates, body.viscosity * body.first_lame, body.viscosity * body.shear)
+            S = ω * (discrete_gradient_stress(body.law, E, after, body.first_lame, body.shear) + viscous)
+            elastic, force = body.resultant(H, S) + body.springs.dot(middle), self._loads(u, middle)
+            drawn = body.external_damping.dot(v)
+            residual = 2 / h * (v - r) + drawn + elastic - force
+            scale = max(np.abs(part).max() for part in (2 / h * r, 2 / h * v, drawn, elastic, force))
+            if not math.isfinite(scale):
+                return None
+            if self._inverse is None:
+                self._inverse, fresh = self._tangent_inverse(H, (E + after) / 2, S, h), True
+            contact, pushed = self._contact_of(q, r, v - self._inverse.dot(residual), h, obstacles)
+            residual -= pushed
+            error = np.abs(residual).max()
+            if error <= CONVERGENCE_TOLERANCE * scale or (error <= STAGNATION_TOLERANCE * scale and error > before / 2):
+                heat = h * (float(v.dot(drawn)) + float(ω.dot((viscous * rates).sum(axis=0))))
+                return v, force, heat, contact
+            if error > FAST_CONTRACTION * before and not fresh:
+                self._inverse, fresh = self._tangent_inverse(H, (E + after) / 2, S, h), True
+            else:
+                fresh = False
+            before = error
+            v = v - self._inverse.dot(residual)
+        return None
+
+    def _tangent_inverse(self, H: Array, E: Array, S: Array, h: float) -> Array:
+        """Of 2/h + D + h/2 ∂f̂/∂q (m, m), symmetric; without the stresses' part where that makes it indefinite."""
+        body, m = self._body, self._model.order
+        A = body.strain_rates(H)
+        viscous = body.viscosity * moduli("st_venant_kirchhoff", E, body.first_lame, body.shear)
+        D = body.weights * (h / 2 * moduli(body.law, E, body.first_lame, body.shear) + viscous)
+        DA = np.einsum("cdp,dpk->cpk", D, A).reshape(-1, m)
+        matrix = 2 / h * np.eye(m) + body.external_damping + h / 2 * body.springs + A.reshape(-1, m).T.dot(DA)
+        return definite_inverse(matrix + h / 2 * body.geometric(S), matrix)
+
+    def _contact_of(
+        self, q: Array, r: Array, free: Array, h: float, obstacles: ObstacleMotion | None
+    ) -> tuple[ContactSolution | None, Array]:
+        """Contact of a step from its mid-step velocity without it, and the generalized forces (m,)."""
+        if self._interface is None or obstacles is None:
+            return None, np.zeros_like(q)
+        assert self._inverse is not None
+        if self._delassus_of is not self._inverse:
+            self._delassus, self._delassus_of = symmetric(self._Sᵀ.T @ self._inverse @ self._Sᵀ), self._inverse
+        points = PointMotion(*(np.stack([q, r, free]) @ self._Sᵀ).reshape(3, -1, 3))
+        contact = self._interface.solve(points, self._delassus, h, obstacles)
+        if contact is None:
+            return None, np.zeros_like(q)
+        return contact, self._Sᵀ.dot(contact.forces.ravel())

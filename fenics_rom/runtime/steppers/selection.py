@@ -1,0 +1,76 @@
+"""Which stepper a body gets: what its environment calls for, in the form that is the fastest."""
+
+import math
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+
+from fenics_rom.errors import StepError, unknown
+from fenics_rom.mechanics.active_environment import ActiveEnvironment
+from fenics_rom.mechanics.energy_ledger import EnergyLedger
+from fenics_rom.rom.rom import ContactModel, Rom
+from fenics_rom.runtime.steppers.kernel import Kernel
+from fenics_rom.runtime.steppers.midpoint_kernels import fastest_kernel
+from fenics_rom.runtime.steppers.stepper import LinearStepper, ReducedStepper
+
+FINITE_STRAIN_STEPPERS = ("newton", "linearly-implicit")
+LINEARLY_IMPLICIT_STEPS = 40  # in a period of the slowest mode, from which on the linearly implicit step pays
+
+
+def make_stepper(
+    rom: Rom, dt: float, environment: ActiveEnvironment | None, ledger: EnergyLedger | None, kind: str | None = None
+) -> ReducedStepper:
+    """The stepper of a reduced body.
+
+    Args:
+        rom: the reduced models.
+        dt: time step, s.
+        environment: what acts; None: inputs alone.
+        ledger: the account to book in, if one is kept.
+        kind: of large deformation, one of FINITE_STRAIN_STEPPERS; None: the one that suits dt.
+
+    Raises:
+        StepError: there is no such stepper, or the body begins in an obstacle.
+    """
+    interface, has_inertia = None, True
+    if environment is not None and not environment.environment.is_plain:  # bodies on which nothing acts start sooner
+        from fenics_rom.runtime.steppers.contact_interface import contact_interface
+
+        interface, has_inertia = contact_interface(rom, environment), environment.environment.has_inertia
+        if interface is not None:
+            interface.check_start()
+    if rom.deformation is not None:
+        from fenics_rom.runtime.steppers.finite_strain_stepper import FiniteStrainStepper
+
+        return FiniteStrainStepper(rom, dt, interface, ledger, *_finite_strain_kind(rom, dt, kind, has_inertia))
+    if kind is not None:
+        raise StepError(f"stepper = {kind!r}: belongs to large deformation, which ROM {rom.name!r} has not")
+    rigid_displacement = np.zeros(rom.rigid)
+    make_kernel: Callable[[ContactModel], Kernel]
+    if interface is None and has_inertia:
+        make_kernel = partial(fastest_kernel, ledger=ledger, rigid_displacement=rigid_displacement)
+    else:
+        from fenics_rom.runtime.steppers.booked_kernel import BookedKernel
+        from fenics_rom.runtime.steppers.linear_kernels import ContactMidpoint, QuasiStatic
+
+        kernel: type[BookedKernel] = ContactMidpoint if has_inertia else QuasiStatic
+        make_kernel = partial(kernel, ledger=ledger, rigid_displacement=rigid_displacement, interface=interface)
+    return LinearStepper(rom, dt, interface, rigid_displacement, "midpoint", "the model is linear", make_kernel)
+
+
+def _finite_strain_kind(rom: Rom, dt: float, kind: str | None, has_inertia: bool) -> tuple[str, str]:
+    """The stepper that was asked for or, where none was, that suits a time step (s), and why."""
+    if not has_inertia:
+        if kind is not None:
+            raise StepError(f"stepper = {kind!r}: a scene without inertia has but equilibria")
+        return "equilibrium", "the scene has no inertia"
+    if kind is not None:
+        if kind not in FINITE_STRAIN_STEPPERS:
+            raise StepError(unknown("stepper", kind, list(FINITE_STRAIN_STEPPERS)))
+        return kind, "it was asked for"
+    period = 2 * math.pi / math.sqrt(next(iter(rom.contact_models.values())).eigenvalues[0])
+    steps, limit = period / dt, LINEARLY_IMPLICIT_STEPS
+    if steps >= limit:
+        return "linearly-implicit", f"{steps:.0f} steps in a period of the slowest mode, from {limit} on it pays"
+    return "newton", f"{steps:.1f} steps in a period of the slowest mode, below {limit} iteration pays"

@@ -1,0 +1,209 @@
+"""The steppers of reduced bodies: the step contract, around a kernel for each contact mode or one for all."""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fenics_rom.errors import StepError
+from fenics_rom.mechanics.contact import ContactSolution
+from fenics_rom.mechanics.step import StepInput, StepperState, StepResult
+from fenics_rom.rom.rom import ContactModel, Rom
+from fenics_rom.runtime.steppers.kernel import Kernel
+from fenics_rom.runtime.switching import Projections
+
+if TYPE_CHECKING:
+    from fenics_rom.runtime.steppers.contact_interface import ContactInterface
+
+Array = np.ndarray
+
+
+class ReducedStepper:
+    """A stepper of a ROM that begins in its first contact mode; see mechanics.step.Stepper.
+
+    Args:
+        rom: the reduced models.
+        dt: time step, s.
+        interface: the contact points; None where nothing can touch.
+        rigid_displacement: along the rigid motions (ρ,), which the kernels add to.
+        kind: its name.
+        reason: why it is the one that steps.
+
+    Attributes:
+        kernel: what takes the step in the active contact mode; where nothing can touch, `kernel.step(u)` is all of it.
+        contact_mode: the active one.
+        rigid_displacement: along the rigid motions (ρ,), as far as it is booked.
+    """
+
+    kernel: Kernel
+    contact_mode: str
+
+    def __init__(
+        self,
+        rom: Rom,
+        dt: float,
+        interface: "ContactInterface | None",
+        rigid_displacement: Array,
+        kind: str,
+        reason: str,
+    ):
+        self._rom, self._dt = rom, dt
+        self.interface, self.rigid_displacement, self.kind, self.reason = interface, rigid_displacement, kind, reason
+        self._enter(next(iter(rom.contact_models)))
+
+    @property
+    def state(self) -> Array:
+        """[√γ q, r] (2m,) of the active contact mode; a view, which a later step overwrites."""
+        state: Array = self.kernel.state
+        return state
+
+    @property
+    def energy(self) -> float:
+        """See Stepper."""
+        return self.kernel.energy
+
+    @property
+    def contact(self) -> ContactSolution | None:
+        """See Stepper."""
+        return self.kernel.contact
+
+    def switch(self, contact: str) -> float:
+        """See Stepper."""
+        raise NotImplementedError
+
+    def set_time_step(self, dt: float) -> None:
+        """See Stepper."""
+        self._dt = dt
+        self.kernel.set_time_step(dt)
+
+    def step(self, inputs: StepInput) -> StepResult:
+        """See Stepper."""
+        return StepResult(self.kernel.step(*inputs) / 2, self.kernel.contact)
+
+    def rollback(self) -> None:
+        """See Stepper."""
+        self.kernel.rollback()
+
+    def flush(self) -> None:
+        """See Stepper; no other contact mode than the active one owes anything."""
+        self.kernel.flush()
+
+    def point_displacement(self) -> Array:
+        """See Stepper."""
+        return self.kernel.point_displacement()
+
+    def set_state(self, q: Array, r: Array) -> None:
+        """Puts the body at the reduced displacement q and velocity r of the active contact mode, (m,) each."""
+        self.flush()
+        self.rigid_displacement[:] = q[: len(self.rigid_displacement)]
+        ω = np.sqrt(self._rom.contact_models[self.contact_mode].eigenvalues)
+        self.kernel.state[:] = np.concatenate([ω * q, r])
+        self.kernel.resume(np.empty(0))
+
+    def reset(self) -> None:
+        """Back to rest in the first contact mode."""
+        self.flush()
+        self.rigid_displacement[:] = 0
+        self._enter(next(iter(self._rom.contact_models)))
+        self.kernel.state[:] = 0
+        self.kernel.resume(np.empty(0))
+        self.kernel.contact = None
+        if self.interface is not None:
+            self.interface.forget()
+
+    def snapshot(self) -> StepperState:
+        """All that is not in the ROM."""
+        self.kernel.reset_buffer()
+        state, rigid = _read_only(self.kernel.state), _read_only(self.rigid_displacement)
+        forces = np.empty(0) if self.interface is None else self.interface.solver.last_forces
+        return StepperState(state, rigid, _read_only(self.kernel.auxiliary), self.kernel.contact, forces)
+
+    def check(self, contact: str, state: StepperState) -> None:
+        """Checks that a snapshot taken in a contact mode can be restored.
+
+        Raises:
+            StepError: it is of another ROM.
+        """
+        model = self._rom.contact_models.get(contact)
+        own = len(self.kernel.auxiliary)
+        if (
+            model is None
+            or 2 * model.order != len(state.state)
+            or model.rigid != len(state.rigid_displacement)
+            or (own and len(state.auxiliary) not in (0, own))
+        ):
+            raise StepError(f"the snapshot is of another ROM than {self._rom.name!r}")
+
+    def restore(self, contact: str, state: StepperState, dt: float) -> None:
+        """Goes back to a snapshot that was taken in a contact mode, and on with steps of dt, s."""
+        self.flush()
+        self.rigid_displacement[:] = state.rigid_displacement
+        self._dt = dt
+        self._enter(contact)
+        self.kernel.state[:] = state.state
+        self.kernel.resume(state.auxiliary)
+        self.kernel.contact = state.contact
+        if self.interface is not None:
+            self.interface.forget()
+            if len(state.contact_forces):
+                self.interface.solver.last_forces = state.contact_forces
+
+    def diagnostics(self) -> tuple[str, ...]:
+        """See Stepper."""
+        residual = "" if self.interface is None else self.interface.solver.residual.message
+        return tuple(filter(None, [residual, *self.kernel.messages]))
+
+    def _enter(self, contact: str) -> None:
+        """Makes a contact mode active, with whatever state its kernel has."""
+        raise NotImplementedError
+
+
+class LinearStepper(ReducedStepper):
+    """A kernel for each contact mode, and projections that carry the state between them.
+
+    Args:
+        rom, dt, interface, rigid_displacement, kind, reason: as in ReducedStepper.
+        make_kernel: of a contact model.
+    """
+
+    def __init__(
+        self,
+        rom: Rom,
+        dt: float,
+        interface: "ContactInterface | None",
+        rigid_displacement: Array,
+        kind: str,
+        reason: str,
+        make_kernel: Callable[[ContactModel], Kernel],
+    ):
+        self._make_kernel, self._projections = make_kernel, Projections(rom)
+        self._kernels: dict[str, Kernel] = {}
+        super().__init__(rom, dt, interface, rigid_displacement, kind, reason)
+
+    def switch(self, contact: str) -> float:
+        """As in ReducedStepper: projections that never add energy."""
+        self.flush()
+        left = self.kernel
+        potential, kinetic = self._projections.between(self.contact_mode, contact)
+        self._enter(contact)
+        before, after, m, n = left.state, self.state, len(left.state) // 2, len(self.state) // 2
+        self.kernel.contact = left.contact
+        np.dot(potential, before[:m], out=after[:n])
+        np.dot(kinetic, before[m:], out=after[n:])
+        return float(before.dot(before)) / 2 - float(after.dot(after)) / 2
+
+    def _enter(self, contact: str) -> None:
+        """As in ReducedStepper."""
+        if contact not in self._kernels:
+            self._kernels[contact] = self._make_kernel(self._rom.contact_models[contact])
+        self.contact_mode, self.kernel = contact, self._kernels[contact]
+        self.kernel.reset_buffer()
+        if self.kernel.h != self._dt:
+            self.kernel.set_time_step(self._dt)
+
+
+def _read_only(array: Array) -> Array:
+    """A copy that cannot be written to."""
+    copy = array.copy()
+    copy.flags.writeable = False
+    return copy
