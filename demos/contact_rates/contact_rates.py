@@ -32,7 +32,7 @@ import numpy as np
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning
 from fenics_rom.io.markdown import markdown
-from fenics_rom.runtime.steppers.midpoint_forms import FusedMidpoint
+from fenics_rom.runtime.steppers.midpoint_kernels import FusedMidpoint
 from fenics_rom.scene.file import parse_scene
 
 OUT = Path(__file__).parent / "out"
@@ -189,7 +189,7 @@ def settled(rom: fr.Rom, scene: fr.Scene, steps: int) -> fr.Simulator:
     """A pad that has been pressed and pushed for some steps."""
     body = fr.Simulator(rom, STEP, scene=scene)
     for _ in range(steps):
-        body.step(np.zeros(body.inputs) if body.surroundings is None else ())
+        body.step(np.zeros(body.inputs) if body.environment is None else ())
     return body
 
 
@@ -199,7 +199,7 @@ def in_turns(bodies: dict[str, fr.Simulator], steps: int, rounds: int) -> dict[s
     found: dict[str, list[float]] = {name: [] for name in bodies}
     for _ in range(rounds):
         for name, body in bodies.items():
-            u = np.zeros(body.inputs) if body.surroundings is None else np.empty(0)
+            u = np.zeros(body.inputs) if body.environment is None else np.empty(0)
             body.restore(starts[name])
             start = time.perf_counter()
             for _ in range(steps):
@@ -226,7 +226,7 @@ def look(body: fr.Simulator, steps: int = 20) -> Seen:
     More points touch than the model has freedoms to tell apart, so that some of them need not push. A point slides
     where its friction is as large as it can be.
     """
-    (name, obstacle), *_ = body.surroundings.obstacles.items()  # type: ignore[union-attr]
+    (name, obstacle), *_ = body.environment.obstacles.items()  # type: ignore[union-attr]
     points = body.contact_points
     touching, pushing, sliding, force = [], [], [], []
     for _ in range(steps):
@@ -292,8 +292,8 @@ def check(
         asked.step(u)
     same = all(np.array_equal(*pair) for pair in zip(plain.state, asked.state, strict=True))
     claims = {
-        "what does not name contact has no part of it": asked.surroundings is None
-        and type(asked._form) is FusedMidpoint,
+        "what does not name contact has no part of it": asked.environment is None
+        and type(asked._stepper.kernel) is FusedMidpoint,
         "it steps to the same bits": same,
         "of 20 points at least 14 push in the first four cases": quick
         or min(seen[name].pushing for name in ON_THE_GROUND) >= 14,

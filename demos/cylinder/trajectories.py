@@ -11,7 +11,7 @@ import gmsh
 import numpy as np
 
 import fenics_rom as fr
-from fenics_rom.fem.simulate import FullSimulator
+from fenics_rom.fem.linear_stepper import FullOrderStepper
 from fenics_rom.mechanics.load_history import LoadHistory
 from fenics_rom.rom.rom import Rom
 from fenics_rom.scene.scene import Scene
@@ -90,11 +90,11 @@ def instants(scene: Scene) -> Instants:
 def at_full_order(system: fr.System, scene: Scene, kept: Instants) -> Trajectory:
     """The full order, without an energy account: one solve and two products a step."""
     assert scene.run is not None
-    body = FullSimulator(system, scene.run.dt, ledger=False)
+    body = FullOrderStepper(system, scene.run.dt, ledger=False)
     columns = {name: system.input_matrix(name) for name in system.contacts}
     markers, shapes, wanted = [body.displacement(MARKERS)], [], set(kept.steps.tolist())
     for step, (contact, u) in enumerate(history(scene), start=1):
-        body.step(columns[contact], u)
+        body.step_under(columns[contact] @ u)
         markers.append(body.displacement(MARKERS))
         if step in wanted:
             shapes.append(body.x[:, 0].copy())
@@ -169,14 +169,14 @@ def rates(loops: Mapping[str, Callable[[], int]], rounds: int) -> dict[str, floa
 def full_steps(system: fr.System, scene: Scene, steps: int) -> Callable[[], int]:
     """A loop over steps of the full order around the middle of the scene, without an energy account."""
     assert scene.run is not None
-    body = FullSimulator(system, scene.run.dt, ledger=False)
+    body = FullOrderStepper(system, scene.run.dt, ledger=False)
     parts = by_contact(middle(history(scene), steps))
     columns = {name: system.input_matrix(name) for name in parts}
 
     def loop() -> int:
         for contact, forces in parts.items():
             for u in forces:
-                body.step(columns[contact], u)
+                body.step_under(columns[contact] @ u)
         return steps
 
     return loop

@@ -10,8 +10,8 @@ from rows import Row, said
 
 import fenics_rom as fr
 from fenics_rom.errors import SolverError, StepError
-from fenics_rom.fem.simulate import FullSimulator
-from fenics_rom.runtime.steppers.midpoint_forms import LARGEST_PRODUCT
+from fenics_rom.fem.linear_stepper import FullOrderStepper
+from fenics_rom.runtime.steppers.midpoint_kernels import LARGEST_FUSED_ORDER
 
 BEAM = (0.4, 0.1, 0.1)  # m
 PUSH = (0.0, 0.0, 0.1)  # N
@@ -55,7 +55,7 @@ def undamped(quick: bool) -> Iterator[Row]:
         error = str(refused)
     yield said("no damping", "no Gramians", error, "damping", "modal")
     steps = 10_000 if quick else 1_000_000
-    orders = {"in one product": 20, "velocity first": LARGEST_PRODUCT[1] + 15}
+    orders = {"in one product": 20, "velocity first": LARGEST_FUSED_ORDER[1] + 15}
     for form, order in orders.items():
         rom = fr.reduce(system, order=order, method="modal")
         certified = rom.contact_models["right"].transfer_errors.max()
@@ -105,11 +105,11 @@ def kept_by_march(body: fr.Simulator, steps: int) -> float:
 def kept_at_full_order(system: fr.System, steps: int) -> float:
     """As kept_by_steps, of a beam that was pushed for ten steps."""
     B = system.input_matrix("right")
-    with closing(FullSimulator(system, 1e-3)) as body:
+    with closing(FullOrderStepper(system, 1e-3)) as body:
         for _ in range(10):
-            body.step(B, np.array(PUSH))
+            body.step_under(B @ np.array(PUSH))
         start, change = body.energy, 0.0
         for _ in range(steps):
-            body.step(B, np.zeros(3))
+            body.step_under(B @ np.zeros(3))
             change = max(change, abs(body.energy - start))
     return change / start

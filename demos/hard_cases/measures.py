@@ -8,7 +8,7 @@ import numpy as np
 from rows import Row
 
 import fenics_rom as fr
-from fenics_rom.fem.simulate import FullSimulator
+from fenics_rom.fem.linear_stepper import FullOrderStepper
 
 Array = np.ndarray
 
@@ -28,7 +28,7 @@ class Account:
         excess: most that was stored beyond what was supplied so far, J.
     """
 
-    def __init__(self, body: fr.Simulator | FullSimulator):
+    def __init__(self, body: fr.Simulator | FullOrderStepper):
         self._body, self._start = body, body.energy
         self.scale, self.gap, self.excess = self._start, 0.0, 0.0
 
@@ -87,13 +87,13 @@ def both_runs(system: fr.System, rom: fr.Rom, push: Sequence[float], *, steps: i
     name, mode = next(iter(rom.contact_models.items()))
     dt = dt or 2 * np.pi / np.sqrt(mode.eigenvalues[rom.rigid]) / 40
     B, rest = system.input_matrix(name), np.zeros(len(push))
-    with closing(FullSimulator(system, dt)) as full:
+    with closing(FullOrderStepper(system, dt)) as full:
         reduced = fr.Simulator(rom, dt)
         accounts = Account(full), Account(reduced)
         tips = []
         for step in range(steps):
             u = np.array(push) if step < steps // 2 else rest
-            full.step(B, u)
+            full.step_under(B @ u)
             reduced.step(u)
             for account in accounts:
                 account.look()

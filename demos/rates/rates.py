@@ -59,7 +59,7 @@ from models import (
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning
-from fenics_rom.fem.simulate import FullSimulator
+from fenics_rom.fem.linear_stepper import FullOrderStepper
 from fenics_rom.rom.rom import ContactModel, Rom
 from fenics_rom.runtime.batch import Batch
 
@@ -376,12 +376,12 @@ def full_order(system: fr.System, rom: Rom, findings: Findings, quick: bool) -> 
     solvers = {"CHOLMOD": ("cholmod",), "PETSc's own Cholesky": ("petsc", "rcm"), "MUMPS": ("mumps",)}
     stepped = {f"full order, {name}": FullBare(system, *choice) for name, choice in solvers.items()}
     carried = FullCarried(system, "cholmod")
-    refined, B = FullSimulator(system, STEP), system.input_matrix(contact)
+    refined, B = FullOrderStepper(system, STEP), system.input_matrix(contact)
     plain = fr.Simulator(rom, STEP, ledger=False)
     loops = {name: running(partial(body.run, contact), short) for name, body in stepped.items()}
     loops |= {
         "full order, CHOLMOD, M v and K x carried along": running(partial(carried.run, contact), short),
-        "full order, solve, refined": stepping(partial(refined.step, B), short),
+        "full order, solve, refined": stepping(lambda u: refined.step_under(B @ u), short),
         "step": stepping(plain.step, long),
         "rollout": marching(rom, 5 * len(long), 5 * len(long), 1, False),
     }

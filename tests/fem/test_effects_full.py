@@ -8,8 +8,7 @@ from bodies import acted_on, box_arrays, box_surfaces, dense, write_arrays
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning
-from fenics_rom.fem.simulate import FullSimulator
-from fenics_rom.mechanics.active_environment import ActiveEnvironment
+from fenics_rom.fem.simulator import FullOrderSimulator
 
 EXACT = 1e-10  # degree 2 holds the exact solution: what is left is the round-off of solves
 YOUNG, DENSITY, GRAVITY = 1e6, 1000.0, 9.81
@@ -558,18 +557,16 @@ def test_penalty_floor_gives_way_by_weight_over_stiffness(slab, model):
 
 def stepper(scene, model, dt, velocity, signals=None):
     """A body that moves with a velocity (3,) at first: how to take a step, and what to read."""
-    system, around = fr.assemble(scene), ActiveEnvironment(scene, signals=signals)
+    system = fr.assemble(scene)
     start = np.tile(velocity, len(system.body.nodes))[:, None]
     if model == "full":
-        full = FullSimulator(system, dt, around)
-        full.set_state(np.zeros(system.size), start)
-        contact = next(iter(system.contacts))
-        B, none = system.input_matrix(contact), np.zeros(system.contacts[contact].shape[1])
+        full = FullOrderSimulator(system, dt, scene.environment, signals)
+        full.stepper.set_state(np.zeros(system.size), start)
+        automatic = scene.environment.switches_itself
+        columns = 0 if automatic else next(iter(system.contacts.values())).shape[1]
 
         def step():
-            around.ahead = around.offsets_at(full.time + dt)
-            full.step(B, np.concatenate([none, around.loads(full.time + dt / 2)]))
-            around.arrive(dt)
+            full.step(np.zeros(columns))
 
         return step, full
     rom = reduced(system, order=system.size)

@@ -24,6 +24,7 @@ from fenics_rom.fem.mesh import read_mesh
 from fenics_rom.fem.nodes import canonical_nodes
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.hyperelastic import LAWS, strain
+from fenics_rom.mechanics.step import StepInput
 
 RIGHT = '[contacts.right]\nsurface = "right"'
 TIP = {"outputs.tip": 'surface = "right"'}
@@ -191,9 +192,9 @@ SPRUNG = '[effects.springs.s]\nsurface = "right"\nstiffness = 10.0\n'
 @pytest.mark.parametrize("h", [5e-3, 0.03])
 def test_energy_balance(beam, law, others, h):
     system = assembled(beam, f"inertia = {{}}\n{large(law)}{others}", degree=2)
-    body, most, furthest = system.deformation.simulator(h), 0.0, 0.0
+    body, most, furthest = system.deformation.stepper(h), 0.0, 0.0
     for step in range(25):
-        body.step("right", np.array([3.0, 0.0, 12.0]) * (step < 15))
+        body.step(StepInput(np.array([3.0, 0.0, 12.0]) * (step < 15)))
         most, furthest = max(most, body.energy), max(furthest, np.abs(body.displacement("tip")).max())
         assert unbalanced(body) <= ROUND_OFF * most
     assert furthest > 0.15
@@ -211,9 +212,9 @@ def test_energy_balance_with_pressure_tendon_and_gravity(hollow, law):
         "[effects.tendon.cable]\npoints = [[0.01, 0.05, 0.05], [0.15, 0.04, 0.05], [0.29, 0.05, 0.06]]"
     )
     system = assembled(hollow, effects)
-    body, most = system.deformation.simulator(5e-3), 0.0
+    body, most = system.deformation.stepper(5e-3), 0.0
     for step in range(15):
-        body.step("right", np.array([0, 0, 0, 3e5 if step % 2 else 2e5, 1e3, 1.0, 3.0]))
+        body.step(StepInput(np.array([0, 0, 0, 3e5 if step % 2 else 2e5, 1e3, 1.0, 3.0])))
         most = max(most, body.energy)
         assert unbalanced(body) <= ROUND_OFF * most
     assert most > 0.1
@@ -225,9 +226,9 @@ def test_pressure_does_the_work_of_its_volume_to_second_order(hollow):
     system = assembled(hollow, f'inertia = {{}}\n{large("neo_hookean")}[effects.pressure.air]\nsurface = "chamber"')
     volume, lack = volume_of(system, system.deformation.model.followers["air"]), []
     for steps in (10, 20):
-        body = system.deformation.simulator(0.015 / steps)
+        body = system.deformation.stepper(0.015 / steps)
         for _ in range(steps):
-            body.step("right", np.array([0, 0, 0, 3e5]))
+            body.step(StepInput(np.array([0, 0, 0, 3e5])))
         gained = volume(body.x[:, 0]) - volume(0 * body.x[:, 0])
         lack.append(body.ledger.supplied / (3e5 * gained) - 1)
         body.close()
@@ -254,10 +255,10 @@ def test_order_two_in_time(beam):
     system = assembled(beam, f"inertia = {{}}\n{large('neo_hookean')}damping = {{ alpha = 1.0, beta = 5e-3 }}")
 
     def end(steps):
-        body = system.deformation.simulator(0.16 / steps)
+        body = system.deformation.stepper(0.16 / steps)
         for step in range(steps):
             t = (step + 0.5) / steps
-            body.step("right", np.array([0.0, 3.0, 10.0]) * np.sin(np.pi * t) ** 2)
+            body.step(StepInput(np.array([0.0, 3.0, 10.0]) * np.sin(np.pi * t) ** 2))
         x = body.x.copy()
         body.close()
         return x
@@ -276,7 +277,7 @@ def test_rotation_by_a_right_angle_stores_nothing(beam, law):
     system = assembled(beam, f"inertia = {{}}\n{large(law)}", supports=None)
     R = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
     x = (system.body.nodes @ R.T - system.body.nodes).ravel()
-    body = system.deformation.simulator(1e-2)
+    body = system.deformation.stepper(1e-2)
     body.set_state(x, 0 * x)
     volume, μ = 0.5 * 0.05**2, system.deformation.shear[0]
     assert abs(body.energy) <= 1e-12 * μ * volume
@@ -307,7 +308,7 @@ def test_viscosity_does_not_feel_a_rotation(beam):
 def test_momentum_and_angular_momentum_of_a_free_body(beam):
     """They stay, whatever vibrates and is damped."""
     system = assembled(beam, f"inertia = {{}}\n{large('neo_hookean')}damping = {{ beta = 2e-3 }}", supports=None)
-    body, random = system.deformation.simulator(0.02), np.random.default_rng(0)
+    body, random = system.deformation.stepper(0.02), np.random.default_rng(0)
     y = system.body.nodes - system.body.nodes.mean(axis=0)
     v = np.cross([1.0, 2.0, 3.0], y) + [0.1, 0.2, 0.3] + 0.3 * random.standard_normal(y.shape)
     body.set_state(np.zeros(v.size), v.ravel())
@@ -318,7 +319,7 @@ def test_momentum_and_angular_momentum_of_a_free_body(beam):
 
     begun, energy = mass_times_basis(), body.energy
     for _ in range(15):
-        body.step("right", np.zeros(3))
+        body.step(StepInput(np.zeros(3)))
     np.testing.assert_allclose(mass_times_basis(), begun, atol=ROUND_OFF * np.abs(begun).max())
     assert body.ledger.dissipated > 0.05 * energy
     assert unbalanced(body, energy) <= ROUND_OFF * energy
@@ -332,13 +333,13 @@ def test_inverted_elements_give_numbers(beam, law):
     x = np.zeros((len(system.body.nodes), 3))
     x[:, 1] = -2.2 * system.body.nodes[:, 1] * np.minimum(1, system.body.nodes[:, 0] / 0.05)
     x = x.ravel()[system.body.free]
-    body = system.deformation.simulator(1e-3)
+    body = system.deformation.stepper(1e-3)
     body.set_state(x, 0 * x)
     begun = body.energy
     assert np.isfinite(begun)
     assert body.inverted > 0
     for _ in range(5):
-        body.step("right", np.array([0.0, 0.0, 5.0]))
+        body.step(StepInput(np.array([0.0, 0.0, 5.0])))
     assert np.isfinite(body.x).all()
     assert unbalanced(body, begun) <= ROUND_OFF * begun
     body.close()
@@ -364,8 +365,8 @@ def test_slender_cantilever_is_an_elastica(tmp_path, law):
     thick, young, load = 0.05, 1e6, 3.0
     mesh = write_arrays(tmp_path / "slender.msh", *box_arrays((1.0, thick, thick), (12, 1, 1)))
     material = f"young = {young}\npoisson = 0.0\ndensity = 1000.0"
-    body = assembled(mesh, large(law), degree=2, material=material).deformation.simulator(1.0)
-    body.equilibrium("right", np.array([0.0, 0.0, load * young * thick**4 / 12]))
+    body = assembled(mesh, large(law), degree=2, material=material).deformation.stepper(1.0)
+    body.equilibrium(StepInput(np.array([0.0, 0.0, load * young * thick**4 / 12])))
     x, z = elastica(load)
     assert z > 0.6
     tip = body.displacement("tip")[0]
@@ -380,10 +381,10 @@ def test_equilibrium_is_where_damped_motion_ends(hollow):
         '[effects.pressure.air]\nsurface = "chamber"'
     )
     system, u = assembled(hollow, effects), np.array([200.0, 0.0, 900.0, 2e5])
-    moving, resting = (system.deformation.simulator(0.05) for _ in range(2))
+    moving, resting = (system.deformation.stepper(0.05) for _ in range(2))
     for step in range(80):
-        moving.step("right", np.sin(np.pi / 2 * min(1, (step + 1) / 60)) ** 2 * u)
-    resting.equilibrium("right", u)
+        moving.step(StepInput(np.sin(np.pi / 2 * min(1, (step + 1) / 60)) ** 2 * u))
+    resting.equilibrium(StepInput(u))
     assert np.abs(resting.x).max() > 0.015
     np.testing.assert_allclose(moving.x, resting.x, atol=1e-6 * np.abs(resting.x).max())
     assert not resting.v.any()
@@ -399,8 +400,8 @@ def test_quasi_static_run(beam):
     assert record.balance_error <= ROUND_OFF
     assert record.outputs["tip"][-1, 0, 2] > 0.03
     assert not any("linear model" in text for text in record.warnings)
-    body = system.deformation.simulator(1.0)
-    body.equilibrium("right", np.array([0.0, 0.0, 2.0]))
+    body = system.deformation.stepper(1.0)
+    body.equilibrium(StepInput(np.array([0.0, 0.0, 2.0])))
     np.testing.assert_allclose(record.outputs["tip"][-1], body.displacement("tip"), rtol=1e-8)
     body.close()
 
@@ -417,8 +418,8 @@ def dropped(mesh, law, others=""):
     """A beam that is pulled onto a floor, and the simulator of it."""
     effects = f"inertia = {{}}\n{large(law)}damping = {{ beta = 2e-3 }}\n{others}{FLOOR}"
     system = assembled(mesh, effects, contacts='[contacts.right]\nsurface = "bottom"', degree=2)
-    around = ActiveEnvironment(system.scene)
-    return SimpleNamespace(system=system, around=around, body=system.deformation.simulator(2e-3, around))
+    around = ActiveEnvironment(system.scene.environment)
+    return SimpleNamespace(system=system, around=around, body=system.deformation.stepper(2e-3, around))
 
 
 @BOTH_LAWS
@@ -428,14 +429,14 @@ def test_contact_obeys_its_law_where_newton_has_converged(beam, law):
     body, most, touched, nodes = it.body, 0.0, 0, it.system.contact_points["right"]
     for _ in range(60):
         before, approach = body.displacement(), body.velocity()[nodes, 2]
-        body.step("right", np.array([0.0, 0.0, -20.0]))
+        body.step(it.around.step_input(np.array([0.0, 0.0, -20.0]), body.time, body.dt))
         most = max(most, body.energy)
         assert unbalanced(body) <= ROUND_OFF * most
         assert (body.displacement() + it.system.body.nodes)[:, 2].min() >= -0.03 - 1e-9
-        if body.touched is None:
+        if body.contact is None:
             continue
         touched += 1
-        λ, across = body.touched.forces[:, 2], np.linalg.norm(body.touched.forces[:, :2], axis=1)
+        λ, across = body.contact.forces[:, 2], np.linalg.norm(body.contact.forces[:, :2], axis=1)
         speed = (body.displacement() - before)[nodes, 2] / body.dt
         pushing = λ > 1e-6 * λ.max()
         np.testing.assert_allclose(speed[pushing], np.minimum(approach, 0)[pushing] / 2, atol=1e-7)
@@ -449,11 +450,11 @@ def test_contact_obeys_its_law_where_newton_has_converged(beam, law):
 
 def test_obstacles_out_of_reach_change_no_bit(beam):
     it = dropped(beam, "st_venant_kirchhoff")
-    alone = it.system.deformation.simulator(2e-3)
+    alone = it.system.deformation.stepper(2e-3)
     for _ in range(5):
-        for body in (it.body, alone):
-            body.step("right", np.array([0.0, 0.0, 0.5]))
-    assert it.body.touched is None
+        it.body.step(it.around.step_input(np.array([0.0, 0.0, 0.5]), it.body.time, it.body.dt))
+        alone.step(StepInput(np.array([0.0, 0.0, 0.5])))
+    assert it.body.contact is None
     np.testing.assert_array_equal(it.body.x, alone.x)
     it.body.close()
     alone.close()
@@ -464,21 +465,21 @@ def test_obstacles_out_of_reach_change_no_bit(beam):
 
 def test_steps_that_newton_does_not_solve_are_halved_and_told(beam):
     system = assembled(beam, f"inertia = {{}}\n{large('neo_hookean')}")
-    body, most = system.deformation.simulator(0.1), 0.0
+    body, most = system.deformation.stepper(0.1), 0.0
     for _ in range(4):
-        body.step("right", np.array([0.0, 0.0, 150.0]))
+        body.step(StepInput(np.array([0.0, 0.0, 150.0])))
         most = max(most, body.energy)
         assert unbalanced(body) <= ROUND_OFF * most
     assert body.parted > 0
     assert body.finest < 1
-    assert any("in parts" in text and f"1/{round(1 / body.finest)} of a step" in text for text in body.messages)
+    assert any("in parts" in text and f"1/{round(1 / body.finest)} of a step" in text for text in body.diagnostics())
     body.close()
 
 
 def test_parts_of_a_step_are_steps(beam):
     """A step of 8 ms of which Newton's method solves no more than a quarter at once is four of 2 ms, or none at all."""
     system, u = assembled(beam, f"inertia = {{}}\n{large('neo_hookean')}"), np.array([0.0, 0.0, 50.0])
-    fine, body = (system.deformation.simulator(h) for h in (2e-3, 8e-3))
+    fine, body = (system.deformation.stepper(h) for h in (2e-3, 8e-3))
     part, reached = body._part, 1.0
 
     def at_most_a_quarter(load, done, share, missing):
@@ -488,15 +489,15 @@ def test_parts_of_a_step_are_steps(beam):
 
     body._part = at_most_a_quarter
     for _ in range(2):
-        body.step("right", u)
+        body.step(StepInput(u))
         for _ in range(4):
-            fine.step("right", u)
+            fine.step(StepInput(u))
     np.testing.assert_allclose(body.x, fine.x, atol=1e-9 * np.abs(fine.x).max())
     assert body.ledger.supplied == pytest.approx(fine.ledger.supplied, rel=1e-9)
     assert (body.parted, body.finest) == (2, 0.25)
     kept, supplied, reached = body.x.copy(), body.ledger.supplied, 0.5
     with pytest.raises(SolverError):
-        body.step("right", u)
+        body.step(StepInput(u))
     np.testing.assert_array_equal(body.x, kept)
     assert (body.ledger.supplied, body.time) == (supplied, 16e-3)
     fine.close()
@@ -511,16 +512,16 @@ def test_load_beyond_reach_is_told_with_its_time(beam, tmp_path, capsys):
         SolverError, match=r"did not converge at t = 0.1 s in contact mode 'right' under.*-1e\+15.*lower"
     ):
         fr.solve(system)
-    body = system.deformation.simulator(0.1)
-    body.step("right", np.array([0.0, 0.0, 0.1]))
+    body = system.deformation.stepper(0.1)
+    body.step(StepInput(np.array([0.0, 0.0, 0.1])))
     kept, supplied = body.x.copy(), body.ledger.supplied
     with pytest.raises(SolverError):
-        body.step("right", np.array([-1e15, 0.0, 0.0]))
+        body.step(StepInput(np.array([-1e15, 0.0, 0.0])))
     np.testing.assert_array_equal(body.x, kept)
     assert (body.ledger.supplied, body.time) == (supplied, 0.1)
     with pytest.raises(StepError, match="3 finite numbers"):
-        body.step("right", np.array([np.nan, 0.0, 0.0]))
-    body.step("right", np.array([0.0, 0.0, 0.1]))  # and it goes on
+        body.step(StepInput(np.array([np.nan, 0.0, 0.0])))
+    body.step(StepInput(np.array([0.0, 0.0, 0.1])))  # and it goes on
     body.close()
     scene = tmp_path / "scene.toml"
     scene.write_text(system.scene.text)

@@ -22,7 +22,7 @@ from fenics_rom.reduction import gramians, validation
 from fenics_rom.reduction import reduce as reduction
 from fenics_rom.reduction.methods.by_name import balanced
 from fenics_rom.runtime import rollout, switching
-from fenics_rom.runtime.steppers import midpoint, midpoint_forms
+from fenics_rom.runtime.steppers import midpoint, midpoint_kernels
 
 FOLDER = Path(__file__).parent.parent.parent / "demos" / "hard_cases"
 KINDS = ("contact", "damping", "material", "order", "precision", "shape", "steps", "support")
@@ -78,13 +78,13 @@ def stiffness_halved_in_steps(patch, demo):
 
 def products_off_at_full_order(patch, demo):
     """M v that the account of the full order goes by is another than that of the step."""
-    right = simulate.FullSimulator._refined
+    right = simulate.FullOrderStepper._refined
 
     def off(self, factor, force, v):
         Mv, Kv = right(self, factor, force, v)
         return (1 + 1e-3) * Mv, Kv
 
-    patch.setattr(simulate.FullSimulator, "_refined", off)
+    patch.setattr(simulate.FullOrderStepper, "_refined", off)
 
 
 def steps_off(patch, demo):
@@ -101,7 +101,7 @@ def work_that_is_not_booked(patch, demo):
         after, account = right(mode, h)
         return after, 0.9 * account
 
-    for module in (midpoint_forms, rollout):
+    for module in (midpoint_kernels, rollout):
         patch.setattr(module, "matrices", off)
 
 

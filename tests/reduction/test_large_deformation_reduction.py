@@ -13,6 +13,7 @@ import fenics_rom as fr
 from fenics_rom.errors import FileError, SceneError, SolverError
 from fenics_rom.io.stages import Stages
 from fenics_rom.mechanics.hyperelastic import LAWS
+from fenics_rom.mechanics.step import StepInput
 from fenics_rom.reduction.common_basis import CommonBasis
 from fenics_rom.reduction.hyperreduction.cubature import spread
 from fenics_rom.reduction.hyperreduction.modal_derivatives import derivatives, second_order
@@ -170,9 +171,10 @@ def test_kept_points_are_few_and_give_its_forces_to_the_tolerance(system, rom):
     stiffness = body.tangent(np.zeros(16)) / np.outer(root, root)
     np.testing.assert_allclose(np.linalg.norm(stiffness - np.eye(16)) / 4, 0.0, atol=0.015)
     body_of_rom = system.deformation
-    sim = body_of_rom.simulator(0.02)
+    sim = body_of_rom.stepper(0.02)
     for _ in range(12):  # a load that no run had
-        sim.step("tip", np.array([0.05, -0.1, 0.2, 25.0, 0.5]))
+        sim.switch("tip")
+        sim.step(StepInput(np.array([0.05, -0.1, 0.2, 25.0, 0.5])))
     q = rom.basis.T @ (system.mass @ sim.x[:, 0])
     exact = every.force(q) / root
     assert np.linalg.norm(body.force(q) / root - exact) <= 0.05 * np.linalg.norm(exact)
@@ -194,9 +196,10 @@ def test_both_methods_follow_a_load_history_that_linear_models_do_not(system, ro
     """The held-out run of the scene itself, against an independent full order."""
     run = runs_of(problem_of(system))[1][-1]
     assert run.title == "the scene's own load history"
-    sim, shapes = system.deformation.simulator(run.dt), []
+    sim, shapes = system.deformation.stepper(run.dt), []
     for contact, u in run.steps:
-        sim.step(contact, u)
+        sim.switch(contact)
+        sim.step(StepInput(u))
         shapes.append(sim.x[:, 0].copy())
     shapes = np.column_stack(shapes)[:, run.shown()]
     assert np.abs(system.outputs["tip"].T @ shapes).max() > 0.07  # m, of 0.3 m
@@ -277,8 +280,9 @@ def test_without_inertia_equilibria_are_what_is_seen(method):
     system = box(run=run, effects="")
     rom = fr.reduce(system, order=12, method=method)
     u = np.array([0.0, 0.05, -0.15, 0.0, 0.0])
-    full, body = system.deformation.simulator(1.0), rom.deformation
-    full.equilibrium("tip", u)
+    full, body = system.deformation.stepper(1.0), rom.deformation
+    full.switch("tip")
+    full.equilibrium(StepInput(u))
     q = np.zeros(12)
     for _ in range(30):
         q = q - np.linalg.solve(body.tangent(q), body.force(q) - rom.contact_models["tip"].inputs @ u)

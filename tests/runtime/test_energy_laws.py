@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 import fenics_rom as fr
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.rom.rom import ContactModel, Rom, check_rom, diagonalized_span
-from fenics_rom.runtime.steppers.midpoint_forms import LARGEST_PRODUCT
+from fenics_rom.runtime.steppers.midpoint_kernels import LARGEST_FUSED_ORDER
 
 pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")  # the plate locks
 CLOSES_TO = 1e-12  # of the largest energy or work seen
@@ -115,7 +115,7 @@ def test_account_closes_for_any_bases_and_damping(seed, free, share, decades, de
 @pytest.mark.parametrize("dense", [False, True])
 def test_account_closes_for_models_too_large_for_one_product(dense):
     random = np.random.default_rng(0)
-    size = LARGEST_PRODUCT[1 + dense] + 10
+    size = LARGEST_FUSED_ORDER[1 + dense] + 10
     account = rough_ride(random_rom(random, size + 5, [size, size - 5, size // 3], 6, dense), 1000, seed=1)
     assert account.gap <= CLOSES_TO * account.scale
     assert account.largest_gain <= 1e-14

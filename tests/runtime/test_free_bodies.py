@@ -13,10 +13,10 @@ from test_energy_laws import CLOSES_TO, rough_ride
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning, StepError, StructureError
-from fenics_rom.fem.simulate import FullSimulator
+from fenics_rom.fem.linear_stepper import FullOrderStepper
 from fenics_rom.mechanics.linearity import ModeGauge, basis_rows
 from fenics_rom.rom.rom import ContactModel, check_rom, diagonalized_span
-from fenics_rom.runtime.steppers.midpoint_forms import FusedMidpoint, StagedMidpoint
+from fenics_rom.runtime.steppers.midpoint_kernels import FusedMidpoint, StagedMidpoint
 
 GRAVITY = 9.81
 
@@ -134,7 +134,7 @@ def test_account_closes_for_free_bodies(size, dense):
     """In both forms of the step, with dampers that couple rigid and elastic motions."""
     rom = random_free(size, (size, size // 2), dense, k=size)
     form = StagedMidpoint if size > 90 else FusedMidpoint
-    assert type(fr.Simulator(rom, 1e-3)._form) is form
+    assert type(fr.Simulator(rom, 1e-3)._stepper.kernel) is form
     account = rough_ride(rom, 500, seed=size)
     assert account.gap <= CLOSES_TO * account.scale
     assert account.largest_gain <= 1e-14
@@ -143,11 +143,11 @@ def test_account_closes_for_free_bodies(size, dense):
 def test_reduced_run_follows_the_full_order(system):
     """At an order that holds all but the smallest σ, under a force that strains and carries the body away."""
     rom = fr.reduce(system, order=100)
-    body, full = fr.Simulator(rom, 1e-3), FullSimulator(system, 1e-3)
+    body, full = fr.Simulator(rom, 1e-3), FullOrderStepper(system, 1e-3)
     for step in range(400):
         u = np.array([np.sin(0.02 * step), 0.3, np.cos(0.05 * step), 0.1])
         body.step(u)
-        full.step(system.input_matrix("right"), u)
+        full.step_under(system.input_matrix("right") @ u)
     gap = np.abs(body.displacement() - full.displacement())
     moved = np.abs(full.displacement()).max()
     assert gap.max() <= 1e-6 * np.ptp(full.displacement(), axis=0).max()
@@ -274,13 +274,13 @@ def test_large_rotations_are_told_though_no_energy_bounds_them(rom, system):
             body.step(np.zeros(4))
     assert [w.category for w in told] == [FenicsRomWarning]
     assert str(told[0].message).startswith("the surface is turned by 0.20")
-    assert 0.3 < body.excursion.rotation <= 0.4
+    assert 0.3 < body.surface_peak.rotation <= 0.4
     with warnings.catch_warnings():
         warnings.simplefilter("error")
         body = fr.Simulator(rom, 0.1)
         for _ in range(100):
             body.step([0.0, 0.0, 0.0, 1.0])
-    assert body.excursion.rotation <= 1e-9
+    assert body.surface_peak.rotation <= 1e-9
 
 
 def test_translations_alone_leave_the_safe_energy_as_it_is(rom, system):

@@ -9,7 +9,11 @@ from scipy.linalg import expm
 import fenics_rom as fr
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.rom.rom import ContactModel
-from fenics_rom.runtime.steppers.midpoint_forms import LARGEST_PRODUCT, FusedMidpoint, StagedMidpoint, fastest
+from fenics_rom.runtime.steppers.midpoint_kernels import (
+    LARGEST_FUSED_ORDER,
+    FusedMidpoint,
+    StagedMidpoint,
+)
 
 
 def three_modes():
@@ -128,9 +132,11 @@ def test_the_form_is_chosen_by_order_and_damping():
     def form(m, dimensions):
         shape = (m,) * dimensions
         damping = np.ones(m) if len(shape) == 1 else np.eye(m)
-        return type(fastest(ContactModel(np.ones(m), damping, np.ones((m, 1)), np.eye(m), np.eye(m), np.ones(m)), None))
+        return type(
+            fastest_kernel(ContactModel(np.ones(m), damping, np.ones((m, 1)), np.eye(m), np.eye(m), np.ones(m)), None)
+        )
 
-    for dimensions, largest in LARGEST_PRODUCT.items():
+    for dimensions, largest in LARGEST_FUSED_ORDER.items():
         assert form(largest, dimensions) is FusedMidpoint
         assert form(largest + 1, dimensions) is StagedMidpoint
 

@@ -12,7 +12,7 @@ from test_energy_laws import random_rom
 import fenics_rom as fr
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
-from fenics_rom.runtime.steppers.midpoint_forms import LARGEST_PRODUCT
+from fenics_rom.runtime.steppers.midpoint_kernels import LARGEST_FUSED_ORDER
 
 
 def pushed(rom, **choice):
@@ -86,7 +86,7 @@ def test_bad_input_leaves_the_state_as_it_was(plate_rom, u):
 @pytest.mark.parametrize("dimensions", [1, 2])
 @pytest.mark.parametrize("newton", [np.nan, np.inf, 1e308])
 def test_bad_input_of_a_large_model_leaves_the_state_as_it_was(dimensions, newton):
-    m = LARGEST_PRODUCT[dimensions] + 1
+    m = LARGEST_FUSED_ORDER[dimensions] + 1
     rom = random_rom(np.random.default_rng(0), m, [m], 4, dense=dimensions == 2)
     simulator = fr.Simulator(rom, dt=1e-3)
     simulator.step([1.0, 1.0])

@@ -13,10 +13,9 @@ from hypothesis import strategies as st
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning, SceneError, StepError
-from fenics_rom.fem.simulate import FullSimulator
-from fenics_rom.mechanics.active_environment import ActiveEnvironment
-from fenics_rom.runtime.steppers.contact import ContactMidpoint, Equilibrium
-from fenics_rom.runtime.steppers.midpoint_forms import FusedMidpoint
+from fenics_rom.fem.simulator import FullOrderSimulator
+from fenics_rom.runtime.steppers.linear_kernels import ContactMidpoint, QuasiStatic
+from fenics_rom.runtime.steppers.midpoint_kernels import FusedMidpoint
 from fenics_rom.scene.file import parse_scene
 
 CLOSES_TO = 1e-12  # of the largest energy or work seen
@@ -140,25 +139,17 @@ class Reduced:
 
 
 class Full:
-    """A full-order run, as solve() makes it, with any step sizes."""
+    """A full-order run, as simulate() makes it, with any step sizes."""
 
     def __init__(self, system, signals=None):
-        self.around = ActiveEnvironment(system.scene, signals=signals)
-        self.body = FullSimulator(system, 1e-3, self.around)
-        self.contact = next(iter(system.contacts))
+        self.body = FullOrderSimulator(system, 1e-3, system.scene.environment, signals)
         self.actuators = sum(columns.shape[1] for columns in system.actuators.values())
 
     def step(self, dt, u):
-        body, around = self.body, self.around
-        body.dt = dt
-        if body.surroundings.law is not None:
-            self.contact = body.nearest(self.contact)
-        B = body.system.input_matrix(self.contact)
-        around.ahead = around.offsets_at(body.time + dt)
-        loads = around.loads(body.time + (dt if around.quasi_static else dt / 2))
-        none = np.zeros(B.shape[1] - len(u) - len(loads))
-        body.step(B, np.concatenate([none, u, loads]))
-        around.arrive(dt)
+        self.body.stepper.set_time_step(dt)
+        if not self.body.environment.environment.switches_itself:
+            u = np.concatenate([np.zeros(self.body.system.contacts[self.body.contact].shape[1]), u])
+        self.body.step(u)
 
 
 def ride(run, steps, seed, least=1e-5, most=5e-2, strength=1.0):
@@ -189,7 +180,7 @@ QUIETLY = settings(
 def test_account_closes_with_all_effects_on(everything, seed):
     """Steps from 1e-5 to 5e-2 s, in random order; impacts and friction only take."""
     run = Reduced(everything.rom, signals=shaken(seed))
-    assert isinstance(run.body._form, ContactMidpoint)
+    assert isinstance(run.body._stepper.kernel, ContactMidpoint)
     assert ride(run, 150, seed) <= CLOSES_TO
     account = run.body.ledger
     assert min(account.contact, account.friction) > 0
@@ -210,7 +201,7 @@ def test_account_closes_without_inertia(mesh, obstacles):
     still = Models(scene_of(mesh, f"{GRAVITY}[effects.prescribed.push]\nsurface = 'right'{obstacles}"))
     moved = {"push": shaken(3)["push"]} | ({"floor": shaken(3)["floor"]} if obstacles else {})
     run = Reduced(still.rom, signals=moved)
-    assert isinstance(run.body._form, Equilibrium)
+    assert isinstance(run.body._stepper.kernel, QuasiStatic)
     assert ride(run, 100, 5) <= CLOSES_TO
     full = Full(still.system, moved)
     assert ride(full, 30, 5) <= CLOSES_TO
@@ -245,8 +236,7 @@ def extreme(mesh):
 def stripped(rom, scene, **changes):
     """The ROM as it were if it had been made from another scene, in the same bases."""
     modes = {name: replace(mode, contact_points=np.empty(0, dtype=int)) for name, mode in rom.contact_models.items()}
-    effects = {name: rom.effects[name] for name in scene.effects}
-    return replace(rom, contact_models=modes, effects=effects, scene_text=scene.text, **changes)
+    return replace(rom, contact_models=modes, environment=scene.environment, scene_text=scene.text, **changes)
 
 
 def test_contact_that_a_scene_does_not_name_changes_no_bit(mesh):
@@ -254,7 +244,7 @@ def test_contact_that_a_scene_does_not_name_changes_no_bit(mesh):
     plain = scene_of(mesh, PLAIN)
     rom = reduced(scene_of(mesh, PLAIN + FLOOR + ROUGH), order=16)
     runs = [fr.Simulator(rom, 1e-3, scene=plain), fr.Simulator(stripped(rom, plain), 1e-3)]
-    assert all(type(run._form) is FusedMidpoint and run.surroundings is None for run in runs)
+    assert all(type(run._stepper.kernel) is FusedMidpoint and run.environment is None for run in runs)
     assert all(len(run.contact_points) == 0 for run in runs)
     random = np.random.default_rng(0)
     for step in range(300):
@@ -276,7 +266,7 @@ def test_weight_that_acts_by_itself_is_the_one_that_is_pushed_by_hand(mesh):
     assert rom.loads == {"gravity": 1}
     by_hand = fr.Simulator(stripped(rom, plain, actuators={"gravity": 1}, loads={}), 1e-3)
     by_itself, without = fr.Simulator(rom, 1e-3), fr.Simulator(rom, 1e-3, scene=plain)
-    assert {type(run._form) for run in (by_hand, by_itself, without)} == {FusedMidpoint}
+    assert {type(run._stepper.kernel) for run in (by_hand, by_itself, without)} == {FusedMidpoint}
     random = np.random.default_rng(1)
     forces = random.standard_normal((200, 3))
     for u in forces:
@@ -536,9 +526,10 @@ def test_what_may_change_at_run_time_changes(mesh):
     changed = PLAIN + load.replace("-1.0", "-3.0") + BALL + ROUGH.replace("0.2", "0.1")
     changed += "[effects.contact]\nrestitution = 0.5\n"
     body = fr.Simulator(rom, 1e-3, scene=scene_of(mesh, changed))
-    assert list(body.surroundings.obstacles) == ["ball"]
-    assert (body.surroundings.law.friction, body.surroundings.law.restitution) == (0.1, 0.5)
-    np.testing.assert_array_equal(body.surroundings.loads(0.0), [0.0, 0.0, -3.0])
+    assert list(body.environment.obstacles) == ["ball"]
+    law = body.environment.environment.contact_law
+    assert (law.friction, law.restitution) == (0.1, 0.5)
+    np.testing.assert_array_equal(body.environment.loads_at(0.0), [0.0, 0.0, -3.0])
 
 
 def test_free_body_has_no_equilibrium(mesh):

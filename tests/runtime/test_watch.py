@@ -57,8 +57,8 @@ def test_warns_once_when_the_surface_turns_too_far(plate_rom):
         push()
     assert len(caught) == 1
     first = next(k for k, angle in enumerate(truth, start=1) if angle > ROTATION_LIMIT)
-    assert simulator.excursion.time == pytest.approx(first * 1e-3, abs=0.0101)  # a look at every tenth high state
-    assert simulator.excursion.rotation == pytest.approx(max(truth), rel=0.05)
+    assert simulator.surface_peak.time == pytest.approx(first * 1e-3, abs=0.0101)  # a look at every tenth high state
+    assert simulator.surface_peak.rotation == pytest.approx(max(truth), rel=0.05)
 
 
 def test_says_nothing_within_the_limits(plate_rom):
@@ -67,14 +67,14 @@ def test_says_nothing_within_the_limits(plate_rom):
         warnings.simplefilter("error")
         for _ in range(1000):
             simulator.step([0.0, 0.0, 0.5])
-    assert not simulator.excursion.beyond
+    assert not simulator.surface_peak.beyond
 
 
 def test_march_watches_too(plate_rom):
     simulator = fr.Simulator(plate_rom, dt=1e-3)
     with pytest.warns(FenicsRomWarning, match="turned by 0.2"):
         simulator.rollout(np.tile([0.0, 0.0, 1.5], (1000, 1)))
-    assert simulator.excursion.rotation > ROTATION_LIMIT
+    assert simulator.surface_peak.rotation > ROTATION_LIMIT
 
 
 def test_a_reset_or_restored_body_is_watched_anew(plate_rom):
@@ -84,7 +84,7 @@ def test_a_reset_or_restored_body_is_watched_anew(plate_rom):
         with pytest.warns(FenicsRomWarning, match="turned by"):
             simulator.rollout(np.tile([0.0, 0.0, 3.0], (500, 1)))
         back()
-        assert not simulator.excursion.beyond
+        assert not simulator.surface_peak.beyond
 
 
 @pytest.mark.parametrize(("newton", "said"), [(0.4, 0), (3.0, 1)])
