@@ -7,7 +7,7 @@ import numpy as np
 
 from fenics_rom.errors import DataError, SceneError
 from fenics_rom.identification.marker_data import Data, Equilibria, Marker, Motion
-from fenics_rom.mechanics.active_environment import ActiveEnvironment, load_columns
+from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.load_history import LoadHistory
 from fenics_rom.scene.scene import Scene
 from fenics_rom.system.system import System
@@ -154,9 +154,9 @@ def _run_inputs(scene: Scene, system: System) -> tuple[float, int, dict[str, Arr
     contacts, actuators = (
         {name: columns.shape[1] for name, columns in of.items()} for of in (system.contacts, system.actuators)
     )
-    history, surroundings = LoadHistory(scene, contacts, actuators), ActiveEnvironment(scene)
+    history, active = LoadHistory(scene.environment, contacts, actuators), ActiveEnvironment(scene.environment)
     steps = [
-        (contact, np.concatenate([u, surroundings.loads((n + 0.5) * history.dt)]))
+        (contact, np.concatenate([u, active.loads_at((n + 0.5) * history.dt)]))
         for n, (contact, u) in enumerate(history)
     ]
     inputs: dict[str, Array] = {}
@@ -170,18 +170,18 @@ def _rest_inputs(scene: Scene, data: Sequence[Equilibria], system: System) -> di
     if not data:
         return {}
     loads = [np.empty(0)]
-    for name, width in load_columns(scene).items():
-        value = np.zeros(width)  # of a base motion: it is at rest
+    for name, load in scene.environment.loads.items():
+        value = np.zeros(load.columns)  # of a base motion: it is at rest
         if name == "gravity":
             value = np.ones(1)
-        elif name in scene.effects.get("prescribed", {}):
-            said = scene.effects["prescribed"][name]
-            if "force" not in said:
+        elif name in scene.effects.prescribed:
+            constant = scene.effects.prescribed[name].force
+            if constant is None:
                 raise SceneError(
                     f"{scene.source}: effects.prescribed.{name}: changes with time, so it has no value in an "
                     "equilibrium; allowed beside data at rest is a constant force"
                 )
-            value = np.array(said["force"])
+            value = np.array(constant)
         loads.append(value)
     actuators = sum(columns.shape[1] for columns in system.actuators.values())
     rows = [(name, force) for one in data for name, force in zip(one.contacts, one.forces, strict=True)]

@@ -15,7 +15,7 @@ from fenics_rom.mechanics.obstacles import Obstacle
 from fenics_rom.mechanics.signals import Signal
 
 PERMANENT_EFFECTS = ("springs",)  # part of the matrices: no run can leave them out
-SWITCHINGS = ("energy", "modal", "oblique")  # any basis; the paper's eigenvectors; standard balanced truncation
+SWITCHINGS = ("energy", "oblique")  # energy-orthogonal, of any basis; of standard balanced truncation
 
 
 @dataclass(frozen=True)

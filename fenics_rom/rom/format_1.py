@@ -118,7 +118,8 @@ def _environment(scene: Said, tables: Mapping[str, np.ndarray], source: str) -> 
 
 
 def _materials(scene: Said) -> Said:
-    return {"body": scene["material"]} if "material" in scene else scene.get("materials", {})
+    materials: Said = scene.get("materials", {})
+    return {"body": scene["material"]} if "material" in scene else materials
 
 
 def _run(run: Said, signal: Any) -> Run:

@@ -10,7 +10,6 @@ import numpy as np
 import fenics_rom as fr
 from fenics_rom.errors import CompareError, SceneError
 from fenics_rom.io.stages import Report
-from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.scene.scene import Scene
 from fenics_rom.studies.study_results import MeshRow
 from fenics_rom.system.system import System
@@ -25,8 +24,8 @@ def check_measurable(scene: Scene, meshes: Sequence[Path]) -> None:
     """
     if scene.run is None:
         raise SceneError(f"{scene.source}: has no [run], so there is nothing to measure; add one with a load")
-    acting = ActiveEnvironment(scene)
-    if not (scene.run.loads or acting.columns or acting.obstacles):
+    acting = scene.environment
+    if not (scene.run.loads or acting.loads or acting.obstacles):
         raise SceneError(
             f"{scene.source}: nothing acts in its run, so there is nothing to measure; add [[run.load]], gravity, "
             "base_motion, prescribed forces or an obstacle"
@@ -43,7 +42,7 @@ def divisor(scene: Scene) -> float:
     Richardson's 2ᵖ - 1, where the error goes with the p-th power of the step: p = 2 of the midpoint rule, and 1 where
     contact makes forces jump.
     """
-    return 1.0 if "contact" in scene.effects else 3.0
+    return 3.0 if scene.effects.contact is None else 1.0
 
 
 def check_moves(reference: Trajectory, source: str) -> None:

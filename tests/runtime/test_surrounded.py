@@ -96,7 +96,7 @@ def reduced(scene, order=None, **choices):
     system = fr.assemble(scene)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", FenicsRomWarning)
-        return fr.reduce(system, order=order or (system.size if "inertia" in scene.effects else None), **choices)
+        return fr.reduce(system, order=order or (system.size if scene.effects.inertia is not None else None), **choices)
 
 
 class Models:
