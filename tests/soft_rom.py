@@ -9,6 +9,7 @@ from soft_box import soft_box
 import fenics_rom as fr
 from fenics_rom.rom.deformation import ReducedDeformation, Tendon, monomials
 from fenics_rom.rom.rom import ContactModel, Rom
+from fenics_rom.scene.file import parse_scene
 
 CONTACT = """
 [effects.contact.obstacles.floor]
@@ -56,14 +57,6 @@ def soft_rom(
     text = text[:start] + "\n".join(effects) + (CONTACT if contact else "\n") + text[end:]
     if contact and inertia:
         text = text.replace("[effects.contact.obs", "[effects.contact]\nrestitution = 0.5\n[effects.contact.obs")
-    named = {
-        "large_deformation": {},
-        "pressure": {},
-        "tendon": {},
-        **({"inertia": {}, "damping": {"alpha": alpha, "beta": beta}} if inertia else {}),
-    }
-    if contact:
-        named |= {"contact": {"restitution": 0.5 * inertia}, "friction": {"coefficient": 0.4}}
     points, shapes = body.tendons["cable"]
     external_damping = W.T @ (body.external_damping @ W)
     return Rom(
@@ -78,7 +71,7 @@ def soft_rom(
         nodes=nodes,
         triangles=system.body.triangles,
         node_mass=system.body.node_mass,
-        effects=named,
+        environment=parse_scene(text).environment,
         scene_text=text,
         deformation=ReducedDeformation(
             law=law,

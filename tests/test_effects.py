@@ -14,6 +14,7 @@ import fenics_rom as fr
 from fenics_rom.cli.main import main
 from fenics_rom.errors import FenicsRomError, FenicsRomWarning, FileError, MeshError, SceneError
 from fenics_rom.mechanics.active_environment import ActiveEnvironment, load_columns
+from fenics_rom.mechanics.environment import Run
 from fenics_rom.mechanics.obstacles import Box, Capsule, HalfSpace, Sphere
 from fenics_rom.scene.effect_table import ACTUATORS, EFFECTS, LOADS
 from fenics_rom.scene.effects import (
@@ -342,11 +343,11 @@ def test_rom_with_all_effects_is_read_to_the_last_bit(rom, tmp_path):
     assert same(back, rom)
     assert back.loads == {"gravity": 1, "quake": 1, "push": 3, "poke": 3}
     assert back.actuators == {"wind": 1, "rope": 1}
-    assert back.effects["gravity"] == {"acceleration": (0.0, 0.0, -9.81)}
-    assert back.effects["friction"] == {"coefficient": 0.25}
+    assert back.environment.effects["gravity"] == "acceleration (0, 0, -9.81) m/s2"
+    assert back.environment.contact_law.friction == 0.25
     right = np.flatnonzero(np.isclose(back.nodes[:, 0], 1.0))
     np.testing.assert_array_equal(back.contact_models["right"].contact_points, right)
-    assert set(back.tables) == {"push.csv", "quake.csv"}
+    assert back.environment.loads["push"].signal.times is not None
 
 
 def test_run_among_obstacles_is_read_to_the_last_bit(rom, tmp_path):
@@ -380,10 +381,10 @@ def test_what_is_not_named_takes_no_room(mesh, rom, tmp_path):
         fr.write_trajectory(tmp_path / f"{name}-run.h5", fr.simulate(one))
         sizes[name] = groups_of(tmp_path / f"{name}.h5"), groups_of(tmp_path / f"{name}-run.h5")
     (of_rom, rom_bytes), (of_run, run_bytes) = sizes["plain"]
-    assert not {"loads", "effects/contact", "contact_models/right/contact_points"} & of_rom
+    assert not {"loads", "environment/contact_law", "contact_models/right/contact_points"} & of_rom
     assert not {"forces", "contact_account", "profile"} & of_run
     (of_rom, all_bytes), (of_run, all_run_bytes) = sizes["all"]
-    assert {"loads/gravity", "effects/contact", "contact_models/right/contact_points"} <= of_rom
+    assert {"loads/gravity", "environment/contact_law", "contact_models/right/contact_points"} <= of_rom
     assert {"forces/floor", "contact_account/friction"} <= of_run
     assert rom_bytes < all_bytes
     assert run_bytes < all_run_bytes
@@ -407,8 +408,10 @@ def test_what_is_not_named_takes_no_room(mesh, rom, tmp_path):
             ),
             "contact mode 'right': contact_points name nodes beyond 12",
         ),
-        (lambda rom: replace(rom, effects={"friction": {}}), "/effects/friction/coefficient is missing"),
-        (lambda rom: replace(rom, effects={"friction": {"coefficient": np.nan}}), "holds numbers that are not finite"),
+        (
+            lambda rom: replace(rom, environment=replace(rom.environment, run=Run(np.nan, 1.0))),
+            "/environment/run/dt holds numbers that are not finite",
+        ),
     ],
 )
 def test_rom_that_would_not_be_read_is_not_written(rom, tmp_path, spoil, message):

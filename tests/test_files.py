@@ -18,7 +18,9 @@ import fenics_rom as fr
 from fenics_rom.errors import FenicsRomError, FileError, StructureError
 from fenics_rom.io.hdf5 import LONGEST_TEXT, content_of, sealed
 from fenics_rom.io.stages import Stage
-from fenics_rom.scene.file import LONGEST, parse_scene
+from fenics_rom.mechanics.environment import AppliedLoad, Load, Run
+from fenics_rom.mechanics.signals import Signal
+from fenics_rom.scene.file import LONGEST
 
 pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")  # the plate locks
 DATA = Path(__file__).parent / "data"
@@ -48,13 +50,15 @@ def roms(plate_system, box_system):
         name: replace(mode, damping=np.diag(mode.damping) + np.ones((mode.order, mode.order)))
         for name, mode in energy.contact_models.items()
     }
-    tables = {"b.csv": np.array([[0.0, 1.0], [1.0, 2.0]]), "a/b.csv": np.arange(12.0).reshape(3, 4)}
+    ramp = Signal(np.arange(6.0).reshape(2, 3), np.array([0.0, 1.0]))
+    pushes = AppliedLoad("right", None, 0.0, 0.5, ramp), AppliedLoad(None, "pull", 0.25, 1.0, Signal(np.ones(1)))
+    tabled = replace(energy.environment, run=Run(0.01, 1.0, 7, pushes), source="tabled.toml")
     return {
         "energy": energy,
         "selection": selection,
         "oblique": oblique,
         "dense damping": replace(energy, contact_models=shaken),
-        "actuators and tables": replace(fr.reduce(box_system, order=4), tables=tables, warnings=("one", "two")),
+        "actuators and tables": replace(fr.reduce(box_system, order=4), environment=tabled, warnings=("one", "two")),
         "no outputs": replace(energy, outputs={}, weighting="nodal"),
         "own matrices": own_matrices(),
         "eigenvectors": fr.reduce(plate_system, order=4, method="modal"),
@@ -194,8 +198,8 @@ def test_files_of_format_1_0_load_for_ever():
     assert rom.contacts == {"right": 3, "corner": 1}
     assert rom.actuators == {"pull": 1}
     assert {name: rows.shape for name, rows in rom.outputs.items()} == {"tip": (6, 8), "face": (3, 8)}
-    assert list(rom.tables) == ["force.csv"]
-    assert rom.effects == {"inertia": {}, "damping": {"alpha": 1.0, "beta": 1e-3}}
+    assert rom.environment.effects == {"inertia": "", "damping": "alpha 1 1/s, beta 0.001 s"}
+    assert any(load.signal.times is not None for load in rom.environment.run.loads)
     assert rom.name == run.name == "box"
     assert run.steps == 40
     assert run.balance_error < 1e-14
@@ -239,7 +243,7 @@ def test_selection_of_eigenvectors_was_a_switching_in_format_1(tmp_path):
     file.write_bytes(sealed(content) + content[512:])
     rom = fr.read_rom(file)
     assert (rom.method, rom.switching) == ("eigenvector-selection", "energy")
-    assert parse_scene(rom.scene_text, tables=rom.tables).reduction.method == "eigenvector-selection"
+    assert 'method = "eigenvector-selection"' in rom.scene_text
 
 
 def test_files_of_format_1_2_load_for_ever():
@@ -546,8 +550,12 @@ BAD_ROMS = {
         rom, contact_models={"a/b": rom.contact_models["middle"]}
     ),
     "name '': allowed are letters, digits, _ and -": lambda rom: replace(rom, outputs={"": rom.outputs["tip"]}),
-    "no effect 'wind'": lambda rom: replace(rom, effects={"wind": {}}),
-    "/effects/gravity/acceleration is missing": lambda rom: replace(rom, effects={"gravity": {}}),
+    "the loads of the environment are {'gravity': 1}": lambda rom: replace(
+        rom, environment=replace(rom.environment, loads={"gravity": Load(1, None)})
+    ),
+    "/environment/loads/gravity/values holds numbers": lambda rom: replace(
+        rom, environment=replace(rom.environment, loads={"gravity": Load(1, Signal(np.array([np.nan])))})
+    ),
     "text 'scene' has 60001 bytes": lambda rom: replace(rom, scene_text=(LONGEST_TEXT + 1) * "x"),
     "/contact_models/tip_left/inputs has shape (3, 3)": lambda rom: with_mode(rom, inputs=np.ones((3, 3))),
     "damping is not positive semi-definite": lambda rom: with_mode(rom, damping=-np.ones(4)),

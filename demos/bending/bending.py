@@ -31,6 +31,7 @@ from touching import draw_from_side, true_to_scale
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning
 from fenics_rom.io.markdown import markdown
+from fenics_rom.runtime.simulate import rate as fastest
 from fenics_rom.scene.scene import STEPPERS, Scene
 from fenics_rom.visualization.figure import figure_class
 

@@ -56,8 +56,6 @@ def synthetic(order: int) -> Rom:
             nodes=np.empty((0, 3)),
             triangles=np.empty((0, 3), dtype=int),
             node_mass=np.empty(0),
-            effects={},
-            scene_text="",
         )
     )
 

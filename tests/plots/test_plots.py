@@ -13,6 +13,7 @@ import fenics_rom as fr
 from fenics_rom.cli.main import main
 from fenics_rom.errors import FileError, SceneError, StructureError
 from fenics_rom.io.units import prefixed, readable
+from fenics_rom.mechanics.environment import Environment
 from fenics_rom.reduction.full_response import full_responses
 from fenics_rom.visualization.plots.plot import plot
 from fenics_rom.visualization.plots.reduced import (
@@ -239,7 +240,7 @@ def test_response_without_full_model_and_without_mesh():
 
 
 def test_without_inertia_there_are_no_frequencies(plate_rom):
-    at_rest = replace(plate_rom, effects={"gravity": {}})
+    at_rest = replace(plate_rom, environment=Environment(effects={"gravity": ""}))
     assert not has_frequencies(at_rest)
     assert list(reduced_panels(at_rest, LIGHT, None)) == ["sigma"]
 
@@ -319,7 +320,7 @@ def test_another_scene_s_full_model_is_refused(plate_rom, box_system, tmp_path):
 def test_a_model_of_which_nothing_is_known_has_nothing_to_draw(plate_rom, tmp_path):
     nothing = replace(
         plate_rom,
-        effects={"gravity": {}},
+        environment=Environment(effects={"gravity": ""}),
         contact_models={
             name: replace(mode, hankel_singular_values=np.empty(0)) for name, mode in plate_rom.contact_models.items()
         },

@@ -89,8 +89,6 @@ def random_rom(random, free, sizes, decades, dense):
             nodes=nodes,
             triangles=np.empty((0, 3), dtype=int),
             node_mass=np.ones(free),
-            effects={},
-            scene_text="",
         )
     )
 

@@ -63,8 +63,6 @@ def random_free(seed, sizes, dense, rigid=6, k=40):
             nodes=np.empty((0, 3)),
             triangles=np.empty((0, 3), dtype=int),
             node_mass=np.empty(0),
-            effects={},
-            scene_text="",
         )
     )
 
