@@ -238,7 +238,8 @@ def test_selection_of_eigenvectors_was_a_switching_in_format_1(tmp_path):
     with h5py.File(file, "r+") as h5:
         h5.attrs["switching"], h5.attrs["method"] = "modal", "balanced"
         chosen = b'method = "balanced"\nswitching = "modal"'
-        h5.attrs["scene"] = h5.attrs["scene"].replace(b'method = "modal+static"', chosen)
+        text = h5.attrs["scene"].replace(b'method = "modal+static"', chosen)
+        h5.attrs["scene"] = np.bytes_(text)
     content = file.read_bytes()
     file.write_bytes(sealed(content) + content[512:])
     rom = fr.read_rom(file)

@@ -88,13 +88,13 @@ def test_what_was_found_is_taken_over(file, found):
 def test_the_command_writes_table_and_picture(file, found, capsys):
     folder = file.parent / "study"
     with pytest.raises(SystemExit) as ended:
-        main.main(["study", str(file), "-o", str(folder), "--quick", "--resume"])
+        main(["study", str(file), "-o", str(folder), "--quick", "--resume"])
     assert not ended.value.code
     assert "nonlinear, reduced, newton, order 8" in (folder / "amplitudes.md").read_text()
     assert (folder / "amplitudes.png").stat().st_size > 20_000
     assert (folder / "amplitudes.pdf").exists()
     with pytest.raises(SystemExit) as ended:
-        main.main(["study", str(file), "-o", str(folder), "--orders", "5"])
+        main(["study", str(file), "-o", str(folder), "--orders", "5"])
     assert ended.value.code == 2
     assert "--orders" in capsys.readouterr().err
 
