@@ -185,7 +185,7 @@ def test_simulate_takes_another_load_history_and_a_lower_order(story, inside, sa
 @pytest.mark.parametrize(
     "choices",
     [
-        {"tolerance": 0.01, "switching": "modal", "share": 0.9},
+        {"tolerance": 0.01, "method": "eigenvector-selection", "share": 0.9},
         {"order": 3, "weighting": "nodal", "lyapunov": "bartels-stewart"},
     ],
 )
@@ -477,7 +477,10 @@ def test_what_is_no_rom_or_run_is_refused(inside, refused):
         (["reduce", "plate.toml", "--tolerance", "2"], "--tolerance 2: allowed is more than 0 and less than 1"),
         (["reduce", "plate.toml", "--tolerance", "nan"], "--tolerance nan: allowed is more than 0 and less than 1"),
         (["reduce", "plate.toml", "--share", "0"], "--share 0: allowed is more than 0 and at most 1"),
-        (["reduce", "plate.toml", "--method", "pod", "--switching", "modal"], "switching = 'modal' goes with method"),
+        (
+            ["reduce", "plate.toml", "--method", "pod", "--switching", "oblique"],
+            "switching = 'oblique' goes with method",
+        ),
         (["reduce", "eigenvectors.toml"], "have no singular values for a tolerance to leave out; give an order"),
         (["reduce", "none.toml"], "none.toml: cannot be read: No such file or directory"),
         (["reduce", "two\nlines.toml"], "two lines.toml: cannot be read: No such file or directory"),

@@ -15,7 +15,16 @@ from fenics_rom.cli.main import main
 from fenics_rom.errors import FenicsRomError, FenicsRomWarning, FileError, MeshError, SceneError
 from fenics_rom.mechanics.active_environment import ActiveEnvironment, load_columns
 from fenics_rom.mechanics.obstacles import Box, Capsule, HalfSpace, Sphere
-from fenics_rom.scene.effects import ACTUATORS, EFFECTS, LOADS
+from fenics_rom.scene.effect_table import ACTUATORS, EFFECTS, LOADS
+from fenics_rom.scene.effects import (
+    Contact,
+    Dashpot,
+    Effects,
+    Gravity,
+    Inertia,
+    LargeDeformation,
+    PrescribedForce,
+)
 from fenics_rom.scene.file import parse_scene
 
 RIGHT = '[contacts.right]\nsurface = "right"'
@@ -94,10 +103,11 @@ def rom(system):
 def test_table_of_effects_is_sound():
     assert set(LOADS) | set(ACTUATORS) <= set(EFFECTS)
     for name, effect in EFFECTS.items():
-        assert effect.force, name
-        assert set(effect.needs) <= set(EFFECTS), name
-        assert set(effect.changing) <= set(effect.parameters), name
-        balance = (effect.stores, effect.dissipates, effect.supplies)
+        law = effect.law
+        assert law.force, name
+        assert set(law.needs) <= set(EFFECTS), name
+        assert set(law.changing) <= set(effect.parameters), name
+        balance = (law.stores, law.dissipates, law.supplies)
         assert any(part != "nothing" for part in balance), name
     assert EFFECTS["gravity"].numbers == {"acceleration": ("m/s2", 3)}
     assert EFFECTS["friction"].numbers == {"coefficient": ("1", 1)}
@@ -106,15 +116,29 @@ def test_table_of_effects_is_sound():
 
 def test_all_effects_are_read_with_their_defaults():
     effects = parse(f"{ALL}\n[effects.large_deformation]").effects
-    assert set(effects) == set(EFFECTS)
-    assert effects["large_deformation"] == {"material": "st_venant_kirchhoff"}
-    assert effects["inertia"] == {}
-    assert effects["gravity"] == {"acceleration": (0.0, 0.0, -9.81)}
-    contact = {key: value for key, value in effects["contact"].items() if key != "obstacles"}
-    assert contact == {"restitution": 0.0, "method": "complementarity", "switching": "automatic"}
-    assert effects["damping"]["dashpots"] == {"oil": {"surface": "right", "coefficient": 0.3}}
-    assert effects["prescribed"]["poke"] == {"point": (1.0, 0.1, 0.1), "force": (0.0, 1.0, 0.0)}
-    assert parse("gravity = { acceleration = [1, 0, 0] }").effects == {"gravity": {"acceleration": (1.0, 0.0, 0.0)}}
+    assert effects.names == tuple(EFFECTS)
+    assert effects.large_deformation == LargeDeformation(material="st_venant_kirchhoff")
+    assert effects.inertia == Inertia()
+    assert effects.gravity == Gravity(acceleration=(0.0, 0.0, -9.81))
+    contact = replace(effects.contact, obstacles={})
+    assert contact == Contact(restitution=0.0, method="complementarity", switching="automatic", obstacles={})
+    assert effects.dashpots == {"oil": Dashpot(surface="right", coefficient=0.3)}
+    assert effects.prescribed["poke"] == PrescribedForce(point=(1.0, 0.1, 0.1), force=(0.0, 1.0, 0.0))
+    assert effects.prescribed["push"].signal(0.05).tolist() == [-0.075, 0.0, 0.0]
+    only = Effects(gravity=Gravity(acceleration=(1.0, 0.0, 0.0)))
+    assert parse("gravity = { acceleration = [1, 0, 0] }").effects == only
+
+
+def test_what_a_model_has_built_in_is_told_whatever_the_order_of_the_keys():
+    damping = "[effects.damping]\n{}\n[effects.damping.dashpots.oil]\n{}\n"
+    one = damping.format("alpha = 1\nbeta = 2e-3", 'surface = "right"\ncoefficient = 3')
+    other = damping.format("beta = 0.002\nalpha = 1.0", 'coefficient = 3.0\nsurface = "right"')
+    texts = {parse(f"{INERTIA}{text}").environment.built_in["effects.damping"] for text in (one, other)}
+    assert len(texts) == 1
+    more = parse(f"{INERTIA}{one.replace('= 3', '= 4')}").environment.built_in["effects.damping"]
+    assert more not in texts
+    rough = parse(ALL).environment.built_in
+    assert rough["effects.contact"] == rough["effects.friction"] == "{}"  # what a reduced run may have otherwise
 
 
 def test_loads_have_columns_in_one_order():
@@ -149,6 +173,7 @@ def test_tables_are_histories():
 
 # --- mistakes --------------------------------------------------------------------------------------------------------
 
+QUAKE = 'table = "quake.csv"'
 PUSH = "[effects.prescribed.push]\n"
 SPHERE = '[effects.contact.obstacles.ball]\nshape = "sphere"\n'
 MISTAKES = {
@@ -186,8 +211,8 @@ MISTAKES = {
     f'{INERTIA}[effects.base_motion.q]\ndirection = [1, 0, 0]\ntable = "push.csv"': (
         "table push.csv: columns beside the time: given 3, allowed 1"
     ),
-    f'{INERTIA}{PUSH}surface = "right"\ntable = "t"\n[effects.base_motion.q]\ndirection = [1, 0, 0]\ntable = "t"': (
-        "effects: table t of base_motion.q is used with other columns elsewhere"
+    f"{INERTIA}[effects.base_motion.q]\ndirection = [1, 0, 0]\n{QUAKE}\n{PUSH}point = [0, 0, 0]\n{QUAKE}": (
+        "table quake.csv: columns beside the time: given 1, allowed 3"
     ),
     f'{INERTIA}[effects.base_motion.q]\ndirection = [1, 0, 0]\nacceleration = 1\ntable = "quake.csv"': (
         "effects.base_motion.q: give acceleration or table, not both"

@@ -18,12 +18,12 @@ import fenics_rom as fr
 from fenics_rom.errors import FenicsRomError, FileError, StructureError
 from fenics_rom.io.hdf5 import LONGEST_TEXT, content_of, sealed
 from fenics_rom.io.stages import Stage
-from fenics_rom.scene.file import LONGEST
+from fenics_rom.scene.file import LONGEST, parse_scene
 
 pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")  # the plate locks
 DATA = Path(__file__).parent / "data"
 KINDS = (
-    *("energy", "modal", "oblique", "dense damping", "actuators and tables", "no outputs", "own matrices"),
+    *("energy", "selection", "oblique", "dense damping", "actuators and tables", "no outputs", "own matrices"),
     *("eigenvectors", "nothing measured"),
 )
 FREQUENCIES = 2j * np.pi * np.array([0.0, 1.0, 10.0, 100.0])
@@ -42,7 +42,8 @@ def own_matrices():
 @pytest.fixture(scope="session")
 def roms(plate_system, box_system):
     """One ROM of each kind that a file can hold."""
-    energy, modal, oblique = (fr.reduce(plate_system, order=4, switching=s) for s in ("energy", "modal", "oblique"))
+    energy, oblique = (fr.reduce(plate_system, order=4, switching=s) for s in ("energy", "oblique"))
+    selection = fr.reduce(plate_system, order=4, method="eigenvector-selection")
     shaken = {
         name: replace(mode, damping=np.diag(mode.damping) + np.ones((mode.order, mode.order)))
         for name, mode in energy.contact_models.items()
@@ -50,7 +51,7 @@ def roms(plate_system, box_system):
     tables = {"b.csv": np.array([[0.0, 1.0], [1.0, 2.0]]), "a/b.csv": np.arange(12.0).reshape(3, 4)}
     return {
         "energy": energy,
-        "modal": modal,
+        "selection": selection,
         "oblique": oblique,
         "dense damping": replace(energy, contact_models=shaken),
         "actuators and tables": replace(fr.reduce(box_system, order=4), tables=tables, warnings=("one", "two")),
@@ -225,6 +226,21 @@ def test_roms_of_format_1_1_load_for_ever():
         assert validation["neglected"] is None
         assert 0 < validation["static_error"] < validation["transfer_error"] < 0.1
     assert fr.simulate(rom).balance_error < 1e-14
+
+
+def test_selection_of_eigenvectors_was_a_switching_in_format_1(tmp_path):
+    file = tmp_path / "rom.h5"
+    file.write_bytes((DATA / "rom-1.1.h5").read_bytes())
+    with h5py.File(file, "r+") as h5:
+        h5.attrs["switching"], h5.attrs["method"] = "modal", "balanced"
+        chosen = b'method = "balanced"\nswitching = "modal"'
+        text = h5.attrs["scene"].replace(b'method = "modal+static"', chosen)
+        h5.attrs["scene"] = np.bytes_(text)
+    content = file.read_bytes()
+    file.write_bytes(sealed(content) + content[512:])
+    rom = fr.read_rom(file)
+    assert (rom.method, rom.switching) == ("eigenvector-selection", "energy")
+    assert parse_scene(rom.scene_text, tables=rom.tables).reduction.method == "eigenvector-selection"
 
 
 def test_files_of_format_1_2_load_for_ever():
@@ -414,7 +430,7 @@ LIES = {
     "holds a film, not a rom": says(content="film"),
     "no weighting 'volume'; there is mass, nodal, outputs": says(weighting="volume"),
     "hankel_singular_values has unit 's^2/kg^1/2', not 's^2/kg'": says(weighting="nodal"),
-    "no switching 'enrgy'; there is energy, modal, oblique; did you mean 'energy'?": says(switching="enrgy"),
+    "no switching 'enrgy'; there is energy, oblique; did you mean 'energy'?": says(switching="enrgy"),
     "left_inverse goes with oblique switching, and only with it": says(switching="oblique"),
     "contact mode 'tip_left': left_inverse goes with oblique": put(f"{MODE}/left_inverse", np.ones((4, 8))),
     "attribute 'name' of / is missing or not text": lambda h5: h5.attrs.pop("name"),

@@ -36,7 +36,7 @@ def scene(*loads, run="dt = 0.1\nduration = 1.0"):
 
 
 def history(*loads, dt=None, contacts=CONTACTS, actuators=ACTUATORS, **options):
-    return LoadHistory(scene(*loads, **options), contacts, actuators, dt)
+    return LoadHistory(scene(*loads, **options).environment, contacts, actuators, dt)
 
 
 def inputs(*loads, **options):

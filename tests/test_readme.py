@@ -11,7 +11,7 @@ import pytest
 
 import fenics_rom as fr
 from fenics_rom.io.markdown import markdown
-from fenics_rom.scene.effects import table_of_effects
+from fenics_rom.scene.effect_table import table_of_effects
 from fenics_rom.studies.method_configs import METHODS, WAYS
 
 ROOT = Path(__file__).parent.parent

@@ -11,9 +11,12 @@ from hypothesis import strategies as st
 
 import fenics_rom as fr
 from fenics_rom.errors import SceneError
-from fenics_rom.mechanics.environment import SWITCHINGS
+from fenics_rom.mechanics.environment import SWITCHINGS, AppliedLoad
+from fenics_rom.mechanics.signals import Signal
+from fenics_rom.scene.effects import Damping, Effects, Inertia
 from fenics_rom.scene.file import LONGEST, parse_scene
-from fenics_rom.scene.scene import LYAPUNOV, METHODS, Material, Near
+from fenics_rom.scene.places import Near
+from fenics_rom.scene.scene import LYAPUNOV, METHODS, Material
 
 TEXT = PLATE.read_text()
 MATERIAL = TEXT[TEXT.index("[material]") : TEXT.index("[supports]")]
@@ -47,11 +50,11 @@ def test_plate_reads():
     assert scene.clamped == ("root",)
     assert list(scene.contacts) == ["tip_left", "middle"]  # the order of the file
     assert scene.outputs["tip"].points == ((0.5, 0.2, 0.01), (0.5, 0.0, 0.01))
-    assert scene.effects == {"inertia": {}, "damping": {"alpha": 0.5, "beta": 1e-3}}
+    assert scene.effects == Effects(inertia=Inertia(), damping=Damping(alpha=0.5, beta=1e-3))
     assert scene.reduction.order == {"tip_left": 52, "middle": 67}
     assert (scene.run.dt, scene.run.duration, scene.run.snapshots) == (1e-3, 3.0, 100)
     (load,) = scene.run.loads
-    assert (load.contact, load.start, load.stop, load.force) == ("tip_left", 0.0, 0.5, (0.0, 0.0, 0.5))
+    assert load == AppliedLoad("tip_left", None, 0.0, 0.5, Signal(np.array([0.0, 0.0, 0.5])))
     assert scene.text == TEXT
 
 
@@ -62,7 +65,7 @@ def test_scene_cannot_be_changed():
 
 def test_what_is_not_named_is_absent():
     scene = parse(changed(("damping = { alpha = 0.5, beta = 1e-3 }", ""), (TEXT[TEXT.index("[run]") :], "")))
-    assert list(scene.effects) == ["inertia"]
+    assert scene.effects.names == ("inertia",)
     assert scene.run is None
     assert scene.tables == {}
 
@@ -148,8 +151,8 @@ middle = 67 | midle = 67 | reduction.order: no contact mode 'midle'; there is mi
 middle = 67 | middle = 0 | reduction.order.middle = 0: allowed is a whole number and >= 1
 { tip_left = 52, middle = 67 } | 2.5 | reduction.order = 2.5: allowed is a whole number and >= 1, or a table
 order = { tip_left = 52, middle = 67 } | tolerance = 1 | reduction.tolerance = 1: allowed is a finite number and > 0
-[reduction] | [reduction]⏎switching = "enrgy" | there is energy, modal, oblique; did you mean 'energy'?
-[reduction] | [reduction]⏎method = "podd" | no choice 'podd'; there is balanced, modal, modal+derivatives,
+[reduction] | [reduction]⏎switching = "enrgy" | there is energy, oblique; did you mean 'energy'?
+[reduction] | [reduction]⏎method = "podd" | no choice 'podd'; there is balanced, eigenvector-selection, modal,
 [reduction] | [reduction]⏎lyapunov = "ad" | no choice 'ad'; there is adi, auto, bartels-stewart, closed-form, krylov
 dt = 1e-3 | dt = 0 | run.dt = 0: allowed is a finite number and > 0, in s
 dt = 1e-3 | dt = 4 | run.dt = 4: allowed is at most the duration, 3 s

@@ -118,7 +118,7 @@ def main() -> None:
     orders = ORDERS
     models = {
         MODELS[0]: fr.reduce(system, order=orders[-1]),
-        MODELS[1]: fr.reduce(system, order=orders[-1], switching="modal", share=SHARE),
+        MODELS[1]: fr.reduce(system, order=orders[-1], method="eigenvector-selection", share=SHARE),
         MODELS[2]: fr.reduce(system, order=orders[-1], method="modal"),
     }
     errors = push_and_release(system, scene, models, orders, out)

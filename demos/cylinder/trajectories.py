@@ -75,7 +75,7 @@ def write_mesh(file: Path, factor: float) -> None:
 
 def history(scene: Scene) -> list[tuple[str, Array]]:
     """Contact mode and force (3,) N of each step."""
-    return list(LoadHistory(scene, dict.fromkeys(scene.contacts, 3), {}))
+    return list(LoadHistory(scene.environment, dict.fromkeys(scene.contacts, 3), {}))
 
 
 def instants(scene: Scene) -> Instants:

@@ -80,7 +80,13 @@ def main() -> None:
     write_models(system)
     rides = [
         ride(system, "standard balanced truncation (oblique)", switching="oblique", weighting="nodal"),
-        ride(system, "the paper's selection of eigenvectors", switching="modal", weighting="nodal", share=SHARE),
+        ride(
+            system,
+            "the paper's selection of eigenvectors",
+            method="eigenvector-selection",
+            weighting="nodal",
+            share=SHARE,
+        ),
         ride(system, "energy-orthogonal", switching="energy"),
     ]
     table_1(system, rides)

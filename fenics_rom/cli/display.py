@@ -16,7 +16,7 @@ from fenics_rom.io.launcher import is_root_process
 from fenics_rom.io.stages import Report, Stage, peak_memory
 from fenics_rom.rom.deformation import ReducedDeformation
 from fenics_rom.rom.rom import ContactModel
-from fenics_rom.scene.effects import EFFECTS
+from fenics_rom.scene.effect_table import EFFECTS
 from fenics_rom.studies.pareto import decades, sentence
 from fenics_rom.studies.report import PICTURES
 from fenics_rom.studies.study_results import Findings

@@ -121,7 +121,7 @@ def _parser() -> argparse.ArgumentParser:
     command.add_argument("--switching", choices=SWITCHINGS, help="how states are carried between contact modes")
     command.add_argument("--weighting", choices=WEIGHTINGS, help="what of the shape counts")
     command.add_argument("--lyapunov", choices=LYAPUNOV, help="route to the Gramians")
-    command.add_argument("--share", type=float, help="of the covariance's trace, for --switching modal")
+    command.add_argument("--share", type=float, help="of the covariance's trace, for --method eigenvector-selection")
     command.add_argument("--solver", choices=SOLVERS, default="auto", help="for the stiffness matrix")
     command.add_argument("--resume", action="store_true", help="go on from what a killed run left in ROM.h5.partial")
 
@@ -407,7 +407,7 @@ def _study(choice: Any) -> None:
     check_folder(choice.output)
     scene = fr.read_scene(choice.scene)
     command = shlex.join(["fenics-rom", *choice.words])
-    if "large_deformation" in scene.effects:
+    if scene.effects.large_deformation is not None:
         given = [name for name in ("tolerance", "methods", "orders", "steps", "meshes") if getattr(choice, name)]
         if given:
             choice.wrong_usage(f"with large_deformation a study goes over the size of the load, without --{given[0]}")

@@ -94,7 +94,7 @@ def _system(scene: Scene, comm: Any) -> System:
         scene=scene,
         warnings=(*_locking(scene), *_partly_held(scene, rigid)),
     )
-    if "large_deformation" not in scene.effects:
+    if scene.effects.large_deformation is None:
         return system
 
     def of_cells(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -105,10 +105,9 @@ def _system(scene: Scene, comm: Any) -> System:
 
 def _rayleigh(scene: Scene) -> tuple[float, float] | None:
     """(α, β) where the damping is α M + β K of the whole body."""
-    damping = scene.effects.get("damping", {"alpha": 0.0, "beta": 0.0})
-    if "materials" in damping or "dashpots" in damping:
+    if scene.effects.damping_of_materials or scene.effects.dashpots:
         return None
-    return damping["alpha"], damping["beta"]
+    return scene.effects.rayleigh.alpha, scene.effects.rayleigh.beta
 
 
 def _locking(scene: Scene) -> tuple[str, ...]:
@@ -188,11 +187,10 @@ def _matrices(comm: Any, mesh: Mesh, nodes: Nodes, scene: Scene, material: np.nd
     stress = λ * ufl.tr(ε_u) * ufl.Identity(3) + 2 * μ * ε_u
     inertia, elasticity = ρ * ufl.inner(u, v), ufl.inner(stress, ε_v)
     whole = {"mass": _assembled(inertia * ufl.dx), "stiffness": _assembled(elasticity * ufl.dx)}
-    of_materials = scene.effects.get("damping", {}).get("materials")
-    if of_materials is not None:
+    if scene.effects.damping_of_materials:
         α, β = (_cell_function(domain, column) for column in _damping_of_cells(scene, mesh).T)
         whole["damping"] = _assembled((α * inertia + β * elasticity) * ufl.dx)
-        if "large_deformation" in scene.effects:
+        if scene.effects.large_deformation is not None:
             whole["external_damping"] = _assembled(α * inertia * ufl.dx)
 
     place = dolfinx_nodes(space, scene.degree, nodes)
@@ -208,11 +206,11 @@ def _matrices(comm: Any, mesh: Mesh, nodes: Nodes, scene: Scene, material: np.nd
     set_rigid_modes(stiffness.mat, nodes.coordinates[share[::3] // 3])
 
     damping: PetscMatrix | ZeroMatrix
-    said, springs = scene.effects.get("damping", {"alpha": 0.0, "beta": 0.0}), springs_of(scene, nodes)
+    rayleigh, springs = scene.effects.rayleigh, springs_of(scene, nodes)
     if "damping" in reduced:  # K has the springs in it already, what is damped by material has not
-        damping = with_surfaces(reduced["damping"], None if springs is None else said["beta"] * springs, free)
+        damping = with_surfaces(reduced["damping"], None if springs is None else rayleigh.beta * springs, free)
     else:
-        terms = [(c, matrix) for c, matrix in ((said["alpha"], mass), (said["beta"], stiffness)) if c]
+        terms = [(c, matrix) for c, matrix in ((rayleigh.alpha, mass), (rayleigh.beta, stiffness)) if c]
         damping = PetscMatrix(combination(*terms)) if terms else ZeroMatrix()
     dashpots = dashpots_of(scene, nodes)
     if dashpots is not None and isinstance(damping, ZeroMatrix):
@@ -220,7 +218,7 @@ def _matrices(comm: Any, mesh: Mesh, nodes: Nodes, scene: Scene, material: np.nd
     if isinstance(damping, PetscMatrix):
         damping = with_surfaces(damping, dashpots, free)
     external_damping, spring = (None, None)
-    if "large_deformation" in scene.effects:
+    if scene.effects.large_deformation is not None:
         external_damping, spring = _without_strain(scene, nodes, mass, reduced.get("external_damping"), free)
     return _Matrices(mass, damping, stiffness, node_mass, translated, external_damping, spring)
 
@@ -230,9 +228,9 @@ def _without_strain(
 ) -> tuple[PetscMatrix | None, PetscMatrix | None]:
     """What of D and K does not strain the body, where materials damp by themselves with their α M;
     None: nothing."""
-    said = scene.effects.get("damping", {"alpha": 0.0, "beta": 0.0})
-    if external_damping is None and said["alpha"]:
-        external_damping = PetscMatrix(combination((said["alpha"], mass)))
+    rayleigh = scene.effects.rayleigh
+    if external_damping is None and rayleigh.alpha:
+        external_damping = PetscMatrix(combination((rayleigh.alpha, mass)))
     springs, dashpots = springs_of(scene, nodes), dashpots_of(scene, nodes)
 
     def added(to: PetscMatrix | None, surfaces: Any) -> PetscMatrix | None:
@@ -241,20 +239,20 @@ def _without_strain(
         return with_surfaces(PetscMatrix(combination((0.0, mass))) if to is None else to, surfaces, free)
 
     spring = added(None, springs)
-    if springs is not None and said["beta"]:
-        external_damping = added(external_damping, said["beta"] * springs)
+    if springs is not None and rayleigh.beta:
+        external_damping = added(external_damping, rayleigh.beta * springs)
     return added(external_damping, dashpots), spring
 
 
 def _damping_of_cells(scene: Scene, mesh: Mesh) -> np.ndarray:
     """α (1/s) and β (s) of every cell of the mesh file, (C, 2)."""
-    damping = scene.effects.get("damping", {"alpha": 0.0, "beta": 0.0})
-    values = np.tile([damping["alpha"], damping["beta"]], (len(mesh.cells), 1))
-    for name, own in damping.get("materials", {}).items():
+    rayleigh = scene.effects.rayleigh
+    values = np.tile([rayleigh.alpha, rayleigh.beta], (len(mesh.cells), 1))
+    for name, of_material in scene.effects.damping_of_materials.items():
         if name not in scene.materials:
             raise SceneError(f"{scene.source}: effects.damping.materials: {unknown('material', name, scene.materials)}")
         cells = scene.materials[name].cells
-        values[slice(None) if cells is None else mesh.region(cells)] = own["alpha"], own["beta"]
+        values[slice(None) if cells is None else mesh.region(cells)] = of_material.alpha, of_material.beta
     return values
 
 

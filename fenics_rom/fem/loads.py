@@ -3,25 +3,16 @@
 A column's unit must not decide how much of it a reduced basis knows: pascals and newtons are reduced as equals.
 """
 
-from collections.abc import Mapping
-from typing import Any
-
 import numpy as np
 
 from fenics_rom.errors import SceneError
 from fenics_rom.fem.nodes import Nodes, patch_area, patch_columns, patch_nodes, shape_functions
 from fenics_rom.mechanics.tendon import pieces_of, pulls_of
-from fenics_rom.scene.scene import Near, Patch, Scene
+from fenics_rom.scene.scene import Scene
 
 Array = np.ndarray
 Columns = dict[str, Array]
 SHORTEST = 1e-9  # piece of a cable, as a share of its length
-
-
-def patch_of(one: Mapping[str, Any], force: str) -> Patch:
-    """The place that an effect names."""
-    near = one.get("near")
-    return Patch(one.get("surface"), Near(**near) if near else None, force)
 
 
 def actuators_of(scene: Scene, nodes: Nodes, free: Array) -> tuple[Columns, dict[str, float]]:
@@ -32,12 +23,12 @@ def actuators_of(scene: Scene, nodes: Nodes, free: Array) -> tuple[Columns, dict
     """
     columns = {name: patch_columns(nodes, patch, free, f"actuators.{name}") for name, patch in scene.actuators.items()}
     units: dict[str, float] = {}
-    for name, one in scene.effects.get("pressure", {}).items():
-        patch, where = patch_of(one, "normal"), f"effects.pressure.{name}"
-        columns[name] = patch_columns(nodes, patch, free, where)
-        units[name] = patch_area(nodes, patch, where)
-    for name, one in scene.effects.get("tendon", {}).items():
-        columns[name] = _cable(nodes, np.array(one["points"]), f"effects.tendon.{name}")[free]
+    for name, pressure in scene.effects.pressure.items():
+        where = f"effects.pressure.{name}"
+        columns[name] = patch_columns(nodes, pressure.patch("normal"), free, where)
+        units[name] = patch_area(nodes, pressure, where)
+    for name, tendon in scene.effects.tendon.items():
+        columns[name] = _cable(nodes, np.array(tendon.points), f"effects.tendon.{name}")[free]
         units[name] = 1.0
         _refuse_nothing(columns[name], f"effects.tendon.{name}")
     return columns, units
@@ -63,28 +54,28 @@ def loads_of(scene: Scene, nodes: Nodes, masses: Array, free: Array) -> tuple[Co
         columns[name] = np.kron(masses / mass, direction)[free, None]
         units[name] = unit
 
-    if "gravity" in scene.effects:
-        g = np.array(scene.effects["gravity"]["acceleration"])
+    if scene.effects.gravity is not None:
+        g = np.array(scene.effects.gravity.acceleration)
         size = float(np.linalg.norm(g))
         if size == 0:
             raise SceneError("effects.gravity.acceleration is zero; leave gravity out instead")
         inertial("gravity", g / size, mass * size)
-    for name, one in scene.effects.get("base_motion", {}).items():
-        direction = np.array(one["direction"])
+    for name, motion in scene.effects.base_motion.items():
+        direction = np.array(motion.direction)
         inertial(name, -direction / np.linalg.norm(direction), mass)
-    for name, one in scene.effects.get("prescribed", {}).items():
+    for name, force in scene.effects.prescribed.items():
         where, units[name] = f"effects.prescribed.{name}", 1.0
-        if "point" in one:
-            columns[name] = np.kron(shape_functions(nodes, np.array(one["point"]), where)[:, None], np.eye(3))[free]
+        if force.point is not None:
+            columns[name] = np.kron(shape_functions(nodes, np.array(force.point), where)[:, None], np.eye(3))[free]
             _refuse_nothing(columns[name], where)
         else:
-            columns[name] = patch_columns(nodes, patch_of(one, "resultant"), free, where)
+            columns[name] = patch_columns(nodes, force.patch("resultant"), free, where)
     return columns, units
 
 
 def contact_points_of(scene: Scene, nodes: Nodes, free: Array) -> dict[str, Array]:
     """Nodes (P,) of each contact mode that can move, where the scene has contact."""
-    if "contact" not in scene.effects:
+    if scene.effects.contact is None:
         return {}
     movable = np.zeros(3 * len(nodes.coordinates), dtype=bool)
     movable[free] = True

@@ -11,7 +11,8 @@ import scipy.sparse
 
 from fenics_rom.errors import MeshError, SceneError
 from fenics_rom.fem.mesh import Mesh
-from fenics_rom.scene.scene import Near, Output, Patch
+from fenics_rom.scene.places import Near, Patch, Place
+from fenics_rom.scene.scene import Output
 
 CELL_EDGES = np.array([(2, 3), (1, 3), (1, 2), (0, 3), (0, 2), (0, 1)])  # node 4 + e of a cell is on edge e
 CELL_FACES = np.array([(1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1)])  # face f is opposite to vertex f, outward
@@ -162,21 +163,21 @@ def _mean_over(nodes: Nodes, triangles: np.ndarray) -> np.ndarray:
     return mean / mean.sum()
 
 
-def patch_triangles(nodes: Nodes, patch: Patch, where: str) -> np.ndarray:
+def patch_triangles(nodes: Nodes, patch: Place, where: str) -> np.ndarray:
     """Outward triangles of a patch, between canonical vertices."""
     if patch.near is not None:
         return _near_triangles(nodes, patch.near, where)
     return surface_triangles(nodes, str(patch.surface))
 
 
-def patch_nodes(nodes: Nodes, patch: Patch, where: str) -> np.ndarray:
+def patch_nodes(nodes: Nodes, patch: Place, where: str) -> np.ndarray:
     """All nodes of a patch, ascending."""
     triangles = patch_triangles(nodes, patch, where)
     touched = np.unique(triangles)
     return np.union1d(touched, nodes.triangle_edges(triangles)) if len(nodes.edges) else touched
 
 
-def patch_area(nodes: Nodes, patch: Patch, where: str) -> float:
+def patch_area(nodes: Nodes, patch: Place, where: str) -> float:
     """Area of a patch, m²."""
     return 3 * float(_load_weights(nodes, patch_triangles(nodes, patch, where))[1].sum())
 

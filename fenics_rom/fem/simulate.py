@@ -245,7 +245,7 @@ def solve(
     simulator = _simulator(system, history.dt, surroundings)
     points = {name: rows.shape[1] // 3 for name, rows in system.outputs.items()}
     nodes, contact = len(system.body.nodes), history.first_contact()
-    kept = points, tuple(system.contacts), nodes, asked.run.snapshots, tuple(asked.effects), surroundings.obstacles
+    kept = points, tuple(system.contacts), nodes, asked.run.snapshots, asked.effects.names, surroundings.obstacles
     recorder = TrajectoryRecorder(history.steps, history.dt, *kept)
 
     def sample(step: int, contact: str) -> None:
@@ -362,7 +362,7 @@ def _asked(
     contacts, actuators = (
         {name: B.shape[1] for name, B in blocks.items()} for blocks in (system.contacts, system.actuators)
     )
-    return asked, surroundings, LoadHistory(asked, contacts, actuators, dt)
+    return asked, surroundings, LoadHistory(asked.environment, contacts, actuators, dt)
 
 
 def _simulator(

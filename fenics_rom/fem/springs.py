@@ -1,40 +1,34 @@
 """Springs and dashpots to ground, spread evenly over surfaces: matrices of NumPy, added to those of dolfinx."""
 
-from collections.abc import Mapping
-from typing import Any
+from collections.abc import Iterable
 
 import numpy as np
 import scipy.sparse
 from petsc4py import PETSc
 
-from fenics_rom.fem.loads import patch_of
 from fenics_rom.fem.nodes import Nodes, patch_triangles, surface_mass
 from fenics_rom.fem.petsc_matrix import PetscMatrix
+from fenics_rom.scene.places import Place
 from fenics_rom.scene.scene import Scene
 
 
 def springs_of(scene: Scene, nodes: Nodes) -> scipy.sparse.csr_matrix | None:
     """Stiffness of springs to ground, of each component of the nodes (N, N), N/m."""
-    where = "effects.springs"
-    springs = [(name, one, one["stiffness"]) for name, one in scene.effects.get("springs", {}).items()]
-    return _on_surfaces(nodes, springs, where)
+    springs = scene.effects.springs
+    return _on_surfaces(nodes, ((f"effects.springs.{name}", s, s.stiffness) for name, s in springs.items()))
 
 
 def dashpots_of(scene: Scene, nodes: Nodes) -> scipy.sparse.csr_matrix | None:
     """Damping of dashpots to ground, of each component of the nodes (N, N), N s/m."""
-    dashpots = scene.effects.get("damping", {}).get("dashpots", {})
-    where = "effects.damping.dashpots"
-    return _on_surfaces(nodes, [(name, one, one["coefficient"]) for name, one in dashpots.items()], where)
+    dashpots = scene.effects.dashpots
+    return _on_surfaces(nodes, ((f"effects.damping.dashpots.{name}", d, d.coefficient) for name, d in dashpots.items()))
 
 
-def _on_surfaces(
-    nodes: Nodes, parts: list[tuple[str, Mapping[str, Any], float]], where: str
-) -> scipy.sparse.csr_matrix | None:
+def _on_surfaces(nodes: Nodes, parts: Iterable[tuple[str, Place, float]]) -> scipy.sparse.csr_matrix | None:
     """Sum of coefficients spread evenly over surfaces; None of none."""
     total = None
-    for name, one, coefficient in parts:
-        triangles = patch_triangles(nodes, patch_of(one, "resultant"), f"{where}.{name}")
-        added = coefficient * surface_mass(nodes, triangles)
+    for where, place, coefficient in parts:
+        added = coefficient * surface_mass(nodes, patch_triangles(nodes, place, where))
         total = added if total is None else total + added
     return total
 

@@ -12,6 +12,7 @@ import numpy as np
 
 from fenics_rom.fem.assemble import assemble
 from fenics_rom.identification.parameters import ALPHA, BETA, DENSITY, POISSON, YOUNG
+from fenics_rom.scene.effects import Damping
 from fenics_rom.scene.scene import Scene
 from fenics_rom.system.system import System
 
@@ -108,18 +109,18 @@ class AffineSystem:
 
     def __init__(self, scene: Scene):
         self._names = tuple(scene.materials)
-        bare = replace(
-            scene, effects={name: one for name, one in scene.effects.items() if name not in ("damping", "springs")}
-        )
+        bare = replace(scene, effects=replace(scene.effects, damping=None, springs={}))
         self.plain = assemble(self._sample(bare))
         self._dilated = [
             assemble(self._sample(bare, name, young=2.5, poisson=0.25, density=2.0)) for name in self._names
         ]
         self._sheared = [assemble(self._sample(bare, name, young=4.0)) for name in self._names[1:]]
-        dashpots = scene.effects.get("damping", {}).get("dashpots", {})
-        ground: dict[str, Any] = {"damping": {"alpha": 0.0, "beta": 0.0, "dashpots": dashpots}} if dashpots else {}
-        ground |= {"springs": scene.effects["springs"]} if "springs" in scene.effects else {}
-        self._grounded = assemble(self._sample(replace(bare, effects={**bare.effects, **ground}))) if ground else None
+        springs, dashpots = scene.effects.springs, scene.effects.dashpots
+        self._grounded = None
+        if springs or dashpots:
+            damping = Damping(dashpots=dashpots) if dashpots else None
+            grounded = replace(bare, effects=replace(bare.effects, springs=springs, damping=damping))
+            self._grounded = assemble(self._sample(grounded))
 
     def _sample(self, scene: Scene, of: str = "", **values: Any) -> Scene:
         one = {name: replace(m, young=2.0, poisson=0.0, density=1.0) for name, m in scene.materials.items()}

@@ -154,7 +154,7 @@ def _run_inputs(scene: Scene, system: System) -> tuple[float, int, dict[str, Arr
     contacts, actuators = (
         {name: columns.shape[1] for name, columns in of.items()} for of in (system.contacts, system.actuators)
     )
-    history, surroundings = LoadHistory(scene, contacts, actuators), ActiveEnvironment(scene)
+    history, surroundings = LoadHistory(scene.environment, contacts, actuators), ActiveEnvironment(scene)
     steps = [
         (contact, np.concatenate([u, surroundings.loads((n + 0.5) * history.dt)]))
         for n, (contact, u) in enumerate(history)
@@ -174,14 +174,14 @@ def _rest_inputs(scene: Scene, data: Sequence[Equilibria], system: System) -> di
         value = np.zeros(width)  # of a base motion: it is at rest
         if name == "gravity":
             value = np.ones(1)
-        elif name in scene.effects.get("prescribed", {}):
-            said = scene.effects["prescribed"][name]
-            if "force" not in said:
+        elif name in scene.effects.prescribed:
+            constant = scene.effects.prescribed[name].force
+            if constant is None:
                 raise SceneError(
                     f"{scene.source}: effects.prescribed.{name}: changes with time, so it has no value in an "
                     "equilibrium; allowed beside data at rest is a constant force"
                 )
-            value = np.array(said["force"])
+            value = np.array(constant)
         loads.append(value)
     actuators = sum(columns.shape[1] for columns in system.actuators.values())
     rows = [(name, force) for one in data for name, force in zip(one.contacts, one.forces, strict=True)]

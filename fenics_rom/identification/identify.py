@@ -57,7 +57,7 @@ def identify(
     if not read:
         raise DataError("no data were given; allowed is at least one file")
     moving = any(isinstance(one, Motion) for one in read)
-    if moving and "inertia" not in scene.effects:
+    if moving and scene.effects.inertia is None:
         raise SceneError(f"{scene.source}: data with times need effects.inertia; without it give equilibria")
     sought = chosen(scene, parameters, moving=moving)
 
@@ -65,7 +65,7 @@ def identify(
     affine = AffineSystem(scene)
     report("assembly", 1, 1)
     plain = affine.plain
-    if plain.rigid.shape[1] and "springs" not in scene.effects and any(isinstance(one, Equilibria) for one in read):
+    if plain.rigid.shape[1] and not scene.effects.springs and any(isinstance(one, Equilibria) for one in read):
         raise SceneError(f"{scene.source}: is not wholly held, so it has no equilibria; allowed are data with times")
     experiment = experiment_of(scene, read, plain)
     if len(experiment.measured) <= len(sought):
@@ -101,7 +101,7 @@ def identify(
 
 
 def _check_linear(scene: Scene) -> None:
-    if "contact" in scene.effects:
+    if scene.effects.contact is not None:
         raise SceneError(
             f"{scene.source}: effects.contact: with obstacles displacements are not linear in the forces; allowed is a "
             "scene without them, with the measured contact forces in its [[run.load]]"

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from fenics_rom.errors import SceneError, unknown
+from fenics_rom.scene.effects import RayleighDamping
 from fenics_rom.scene.scene import Scene
 
 Array = np.ndarray
@@ -83,13 +84,12 @@ def _share(poisson: float) -> float:
 
 def values_of(scene: Scene) -> Array:
     """θ (m + 1, 5) of a scene; 0 where it has no damping."""
-    damping = scene.effects.get("damping", {"alpha": 0.0, "beta": 0.0})
-    own = damping.get("materials", {})
-    rows = [
-        (m.young, m.poisson, m.density, *(own.get(name, damping)[key] for key in NAMES[ALPHA:]))
-        for name, m in scene.materials.items()
-    ]
-    return np.array([*rows, (0.0, 0.0, 0.0, 0.0, damping["beta"])])
+    shared, damping = scene.effects.rayleigh, scene.effects.damping_of_materials
+    rows = []
+    for name, m in scene.materials.items():
+        rayleigh = damping.get(name, shared)
+        rows.append((m.young, m.poisson, m.density, rayleigh.alpha, rayleigh.beta))
+    return np.array([*rows, (0.0, 0.0, 0.0, 0.0, shared.beta)])
 
 
 def parameters_of(scene: Scene) -> dict[str, Parameter]:
@@ -103,18 +103,18 @@ def parameters_of(scene: Scene) -> dict[str, Parameter]:
             key = NAMES[column]
             name = key if single else f"{material}.{key}"
             found.append(Parameter(name, column, (row,), float(θ[row, column]), (*path, key)))
-    if "damping" in scene.effects:
-        own = scene.effects["damping"].get("materials", {})
-        shared = tuple(row for row, name in enumerate(scene.materials) if name not in own)
+    if scene.effects.damping is not None:
+        damping = scene.effects.damping.materials
+        shared = tuple(row for row, name in enumerate(scene.materials) if name not in damping)
         for column in (ALPHA, BETA):
-            key, start = NAMES[column], scene.effects["damping"][NAMES[column]]
+            key, start = NAMES[column], getattr(scene.effects.damping, NAMES[column])
             rows = (*shared, len(scene.materials)) if column == BETA else shared
             if start > 0:
                 found.append(Parameter(key, column, rows, start, ("effects", "damping", key)))
             for row, name in enumerate(scene.materials):
-                if name in own and own[name][key] > 0:
+                if name in damping and θ[row, column] > 0:
                     path = ("effects", "damping", "materials", name, key)
-                    found.append(Parameter(f"{name}.{key}", column, (row,), own[name][key], path))
+                    found.append(Parameter(f"{name}.{key}", column, (row,), float(θ[row, column]), path))
     return {parameter.name: parameter for parameter in found}
 
 
@@ -131,7 +131,7 @@ def chosen(scene: Scene, names: Sequence[str] | None, *, moving: bool) -> tuple[
     """
     there = parameters_of(scene)
     if names is None:
-        seen = range(5) if moving else [YOUNG, POISSON, *([DENSITY] if "gravity" in scene.effects else [])]
+        seen = range(5) if moving else [YOUNG, POISSON, *([DENSITY] if scene.effects.gravity is not None else [])]
         return tuple(parameter for parameter in there.values() if parameter.column in seen)
     if not names or len(set(names)) < len(names):
         raise SceneError(f"parameters = {', '.join(names) or 'none'}: allowed is each name once, and at least one")
@@ -168,18 +168,18 @@ def scene_with(scene: Scene, θ: Array) -> Scene:
         name: replace(m, young=row[YOUNG], poisson=row[POISSON], density=row[DENSITY])
         for (name, m), row in zip(scene.materials.items(), θ.tolist(), strict=False)
     }
-    effects = dict(scene.effects)
-    if "damping" in effects:
-        damping = dict(effects["damping"])
-        own = damping.get("materials", {})
+    damping = scene.effects.damping
+    if damping is not None:
         row_of = dict(zip(scene.materials, θ.tolist(), strict=False))
-        shared = [row for name, row in row_of.items() if name not in own]
-        damping["alpha"] = shared[0][ALPHA] if shared else damping["alpha"]
-        damping["beta"] = float(θ[-1, BETA])
-        if own:
-            damping["materials"] = {
-                name: {"alpha": row_of[name][ALPHA], "beta": row_of[name][BETA]} if name in row_of else one
-                for name, one in own.items()
-            }
-        effects["damping"] = damping
+        shared = [row for name, row in row_of.items() if name not in damping.materials]
+        damping = replace(
+            damping,
+            alpha=shared[0][ALPHA] if shared else damping.alpha,
+            beta=float(θ[-1, BETA]),
+            materials={
+                name: RayleighDamping(row_of[name][ALPHA], row_of[name][BETA]) if name in row_of else rayleigh
+                for name, rayleigh in damping.materials.items()
+            },
+        )
+    effects = replace(scene.effects, damping=damping)
     return replace(scene, materials=materials, effects=effects)

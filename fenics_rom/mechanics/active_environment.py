@@ -1,49 +1,21 @@
 """What acts on a body by itself in a run: loads with signals of their own, and obstacles; the same at any order."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import fields
-from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
 
 from fenics_rom.errors import SceneError, StepError, unknown
-from fenics_rom.mechanics.contact import ContactLaw
-from fenics_rom.mechanics.obstacles import SHAPES, Obstacle
+from fenics_rom.mechanics.signals import Signal
 from fenics_rom.scene.scene import Scene
 
 Array = np.ndarray
-SignalLike = ArrayLike | Callable[[float], ArrayLike]  # a value, or a function of time in s
-
-
-def obstacle(given: Mapping[str, Any], where: str) -> Obstacle:
-    """The obstacle that a scene describes.
-
-    Raises:
-        SceneError: what the shape needs is missing, or something is given that it does not have.
-    """
-    shape = SHAPES[given["shape"]]
-    known = [field.name for field in fields(shape) if field.init]
-    dimensions = {key: value for key, value in given.items() if key not in ("shape", "table")}
-    for key in dimensions:
-        if key not in known:
-            raise SceneError(f"{where}: a {given['shape']} has {', '.join(known)}, but no {key}")
-    try:
-        made: Obstacle = shape(**dimensions)
-    except (SceneError, TypeError) as error:
-        missing = [key for key in known if key not in dimensions and key != "rotation"]
-        raise SceneError(f"{where}: {f'{missing[0]} is missing' if missing else error}") from error
-    return made
+SignalLike = Signal | ArrayLike | Callable[[float], ArrayLike]  # a value, or a function of time in s
 
 
 def load_columns(scene: Scene) -> dict[str, int]:
     """Number of columns of each load that acts by a history of its own, in the order of the input."""
-    effects = scene.effects
-    return (
-        ({"gravity": 1} if "gravity" in effects else {})
-        | dict.fromkeys(effects.get("base_motion", {}), 1)
-        | dict.fromkeys(effects.get("prescribed", {}), 3)
-    )
+    return {name: load.columns for name, load in scene.environment.loads.items()}
 
 
 class _Value:
@@ -57,6 +29,8 @@ class _Value:
 
     def __init__(self, where: str, width: int, history: SignalLike):
         self._where, self._width = where, width
+        if isinstance(history, Signal) and history.times is None:
+            history = history.values
         self._function = history if callable(history) else None
         self._constant = np.empty(0) if callable(history) else self._checked(history)
 
@@ -113,52 +87,31 @@ class ActiveEnvironment:
         columns: Mapping[str, int] | None = None,
         signals: Mapping[str, SignalLike] | None = None,
     ):
-        effects, self._tables = scene.effects, scene.tables
+        environment = scene.environment
         self.columns = load_columns(scene) if columns is None else dict(columns)
         self.lap: Callable[[str], None] | None = None
-        self.quasi_static = "inertia" not in effects
-        contact = effects.get("contact")
-        self.law, self.automatic = None, False
-        described = {} if contact is None else contact["obstacles"]
-        self.obstacles = {name: obstacle(one, f"effects.contact.obstacles.{name}") for name, one in described.items()}
-        if contact is not None:
-            friction = effects.get("friction", {"coefficient": 0.0})
-            self.law = ContactLaw(
-                restitution=contact["restitution"],
-                friction=friction["coefficient"],
-                stiffness=contact.get("stiffness"),
-                damping=contact.get("damping", 0.0),
-            )
-            self.automatic = contact["switching"] == "automatic"
-        said = (
-            {name: (1.0,) for name in ("gravity",) if name in effects}
-            | {name: self._said(one, "acceleration") for name, one in effects.get("base_motion", {}).items()}
-            | {name: self._said(one, "force") for name, one in effects.get("prescribed", {}).items()}
-            | {name: self._said(one, "") if "table" in one else np.zeros(3) for name, one in described.items()}
-        )
+        self.quasi_static = scene.effects.inertia is None
+        self.law, self.automatic = environment.contact_law, environment.switches_itself
+        self.obstacles = {name: moving.shape for name, moving in environment.obstacles.items()}
+        said: dict[str, SignalLike | None] = {name: load.signal for name, load in environment.loads.items()}
+        said |= {name: moving.displacement for name, moving in environment.obstacles.items()}
         for name in signals or {}:
             if name not in said:
                 raise SceneError(f"{scene.source}: {unknown('load or obstacle', name, said)}")
-        said |= signals or {}
-        for name, history in said.items():
+        histories: dict[str, SignalLike] = {}
+        for name, history in (said | dict(signals or {})).items():
             if history is None:
                 raise SceneError(
                     f"{scene.source}: {name!r} has neither a value nor a table; give a function of time in Python: "
                     f"signals = {{{name!r}: lambda t: ...}}"
                 )
+            histories[name] = history
         self.signals: dict[str, SignalLike] = dict(signals or {})
-        self._values = {name: _Value(name, self.columns.get(name, 3), history) for name, history in said.items()}
+        self._values = {name: _Value(name, self.columns.get(name, 3), history) for name, history in histories.items()}
         self._steady: Array | None = None
         self._still: Array | None = None
         self._keep_constants()
         self.begin()
-
-    def _said(self, one: Mapping[str, Any], key: str) -> Any:
-        """The history that the scene gives: a constant, a table, or none."""
-        if "table" not in one:
-            return one.get(key)
-        table = self._tables[one["table"]]
-        return lambda t: [np.interp(t, table[:, 0], column) for column in table[:, 1:].T]
 
     def set(self, name: str, history: SignalLike) -> None:
         """Gives a load or an obstacle another value, or another function of time, from the next step on.

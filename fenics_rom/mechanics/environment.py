@@ -13,7 +13,7 @@ from fenics_rom.mechanics.contact import ContactLaw
 from fenics_rom.mechanics.obstacles import Obstacle
 from fenics_rom.mechanics.signals import Signal
 
-SWITCHINGS = ("energy", "modal", "oblique")  # any basis; the paper's eigenvectors; standard balanced truncation
+SWITCHINGS = ("energy", "oblique")  # energy-orthogonal, of any basis; of standard balanced truncation
 
 
 @dataclass(frozen=True)

@@ -5,19 +5,19 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from fenics_rom.errors import SceneError, unknown
-from fenics_rom.scene.scene import Load, Scene
+from fenics_rom.mechanics.environment import AppliedLoad, Environment
 
 MOST_STEPS = 10**7  # a record holds some 100 bytes of each
 
 
 class LoadHistory:
-    """The inputs of a scene's run, sampled at the middle of each step (as the midpoint rule wants them).
+    """The inputs of a run, sampled at the middle of each step (as the midpoint rule wants them).
 
     Args:
-        scene: a scene with a run.
+        environment: with a run.
         contact_columns: number of contact columns of each contact mode.
         actuator_columns: number of columns of each actuator, in the order of the input.
-        dt: time step instead of the scene's, s.
+        dt: time step instead of the run's, s.
 
     Attributes:
         dt: time step, s.
@@ -25,19 +25,19 @@ class LoadHistory:
         automatic: whether the contact mode follows the obstacles; inputs are then the actuators' alone.
 
     Raises:
-        SceneError: no run in the scene, a force that does not fit the columns, or one that no step would see.
+        SceneError: no run, a force that does not fit the columns, or one that no step would see.
     """
 
     def __init__(
         self,
-        scene: Scene,
+        environment: Environment,
         contact_columns: Mapping[str, int],
         actuator_columns: Mapping[str, int],
         dt: float | None = None,
     ):
-        if scene.run is None:
-            raise SceneError(f"{scene.source}: has no [run], so there is no load history to simulate")
-        run = scene.run
+        run, source = environment.run, environment.source
+        if run is None:
+            raise SceneError(f"{source}: has no [run], so there is no load history to simulate")
         self.dt = run.dt if dt is None else dt
         if not (np.isfinite(self.dt) and 0 < self.dt <= run.duration):
             raise SceneError(f"dt = {self.dt!r}: allowed is more than 0 and at most the duration, {run.duration:g} s")
@@ -45,9 +45,8 @@ class LoadHistory:
         if steps > MOST_STEPS:
             raise SceneError(f"dt = {self.dt:g}: a run of {steps:.3g} steps; allowed are at most {MOST_STEPS:,}")
         self.steps = round(steps)
-        self.automatic = scene.effects.get("contact", {}).get("switching") == "automatic"
+        self.automatic = environment.switches_itself
         self._loads = run.loads
-        self._tables = scene.tables
         self._contact_columns = dict(contact_columns)
         ends = np.cumsum([0, *actuator_columns.values()])
         self._actuator_slice = {
@@ -55,20 +54,20 @@ class LoadHistory:
         }
         self._actuator_total = int(ends[-1])
         for load in self._loads:
-            self._check_columns(load, contact_columns if load.contact else actuator_columns, scene.source)
-            self._check_seen(load, scene.source)
+            self._check_columns(load, contact_columns if load.contact else actuator_columns, source)
+            self._check_seen(load, source)
 
-    def _check_columns(self, load: Load, columns: Mapping[str, int], source: str) -> None:
+    def _check_columns(self, load: AppliedLoad, columns: Mapping[str, int], source: str) -> None:
         kind, name = ("contact mode", load.contact) if load.contact else ("actuator", str(load.actuator))
         if name not in columns:  # the run of one scene on the model of another
             raise SceneError(f"{source}: run.load: the model has {unknown(kind, name, columns)}")
-        given = len(load.force) if load.force is not None else self._tables[str(load.table)].shape[1] - 1
-        if given != columns[name]:
+        if load.signal.width != columns[name]:
             raise SceneError(
-                f"{source}: run.load: {kind} {name!r}: numbers in its force: given {given}, allowed {columns[name]}"
+                f"{source}: run.load: {kind} {name!r}: numbers in its force: given {load.signal.width}, "
+                f"allowed {columns[name]}"
             )
 
-    def _check_seen(self, load: Load, source: str) -> None:
+    def _check_seen(self, load: AppliedLoad, source: str) -> None:
         first = max(0, int(load.start / self.dt) - 1)
         if not any(load.start <= self._middle(k) < load.stop for k in range(first, min(first + 4, self.steps))):
             raise SceneError(
@@ -78,12 +77,6 @@ class LoadHistory:
 
     def _middle(self, step: int) -> float:
         return (step + 0.5) * self.dt
-
-    def _force(self, load: Load, time: float) -> np.ndarray:
-        if load.force is not None:
-            return np.array(load.force)
-        table = self._tables[str(load.table)]
-        return np.array([np.interp(time, table[:, 0], column) for column in table[:, 1:].T])
 
     def first_contact(self) -> str:
         """Contact mode that the run begins in."""
@@ -104,7 +97,7 @@ class LoadHistory:
             u = np.zeros(columns + self._actuator_total)
             for load in active:
                 if load.contact is not None:
-                    u[:columns] += self._force(load, time)
+                    u[:columns] += load.signal(time)
                 else:
-                    u[columns:][self._actuator_slice[str(load.actuator)]] += self._force(load, time)
+                    u[columns:][self._actuator_slice[str(load.actuator)]] += load.signal(time)
             yield contact, u

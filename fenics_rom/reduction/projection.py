@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any
 
 import numpy as np
 
@@ -10,7 +9,7 @@ from fenics_rom.reduction.common_basis import orthogonal_complement, padded
 from fenics_rom.reduction.problem import ReductionProblem
 from fenics_rom.reduction.validation import certified
 from fenics_rom.rom.rom import ContactModel, Rom, diagonalized_span
-from fenics_rom.scene.effects import EFFECTS
+from fenics_rom.scene.effect_table import numbers_of
 from fenics_rom.system.system import Array
 
 
@@ -84,15 +83,10 @@ def rom_of(problem: ReductionProblem, kept: Mapping[str, RetainedBasis], *, meth
         nodes=system.body.nodes,
         triangles=system.body.triangles,
         node_mass=system.body.node_mass,
-        effects=_numbers(scene.effects) if scene else {},
+        effects=numbers_of(scene.effects) if scene else {},
         scene_text=scene.text if scene else "",
         tables=scene.tables if scene else {},
         warnings=tuple(problem.messages),
         weighting=problem.weighting,
         stages=problem.stages.done,
     )
-
-
-def _numbers(effects: Mapping[str, Mapping[str, Any]]) -> dict[str, dict[str, Any]]:
-    """Of each effect the parameters that are numbers."""
-    return {name: {key: said[key] for key in EFFECTS[name].numbers if key in said} for name, said in effects.items()}

@@ -17,7 +17,7 @@ from fenics_rom.reduction.common_basis import CommonBasis
 from fenics_rom.reduction.eigenvector_selection import EigenvectorSelection
 from fenics_rom.reduction.hyperreduction.reduce import BASES, reduced
 from fenics_rom.reduction.input_scaling import input_scaling
-from fenics_rom.reduction.methods.by_name import BY_NAME
+from fenics_rom.reduction.methods.by_name import BY_NAME, SELECTION
 from fenics_rom.reduction.problem import Method, RankedBasis, ReductionProblem
 from fenics_rom.reduction.projection import RetainedBasis, rom_of
 from fenics_rom.reduction.rigid_mode_deflation import elastic_part, require_loads, with_rigid
@@ -65,19 +65,19 @@ def reduce(
         order: number of reduced displacements, one for all contact modes or by name; the rigid motions of a body that
             is not wholly held come with them, exactly.
         tolerance: instead of an order: share of the sum of singular values that may be left out.
-        method: "balanced" (by the Gramians), "modal" (the lowest eigenvectors), "modal+static" (with the static
+        method: "balanced" (by the Gramians), "eigenvector-selection" (the paper's: eigenvectors that hold a share of
+            the balanced basis' covariance), "modal" (the lowest eigenvectors), "modal+static" (with the static
             shapes of the inputs), "pod" (of full-order runs), "static" (the shapes at rest alone; what a scene without
             inertia gets), or a function of a `ReductionProblem`. With large deformation "trained" (by full-order runs;
             what such a scene gets) or "modal+derivatives" (without runs).
         switching: "energy": the bases themselves, switched by energy-orthogonal projection (any order, no loss of
-            accuracy); "modal": the paper's selection of eigenvectors; "oblique": standard balanced truncation
-            as the paper's (5)-(8) stand, from dense Gramians with their round-off, switched by their oblique
-            projections, which can create energy: for comparison only.
+            accuracy); "oblique": standard balanced truncation as the paper's (5)-(8) stand, from dense Gramians with
+            their round-off, switched by their oblique projections, which can create energy: for comparison only.
         weighting: what of the shape counts: "mass" (the L² norm), "nodal" (all nodes alike, the paper's) or
             "outputs" (the named outputs only).
         lyapunov: route to the Gramians: "closed-form" in all eigenvectors, "bartels-stewart" (dense), "krylov", "adi"
             or "auto" (closed form up to 1,000 unknowns, else krylov).
-        share: of the covariance's trace that the eigenvectors of "modal" hold.
+        share: of the covariance's trace that the eigenvectors of "eigenvector-selection" hold.
         cubature: for large deformation, error of the forces of the points that are kept, relative.
         solver: for K: "direct" (a Cholesky factor), "iterative" (conjugate gradients with algebraic multigrid), or
             "auto": direct where the factor fits into the memory.
@@ -124,7 +124,7 @@ def reduce(
         if lyapunov in ("as-printed", "bartels-stewart"):
             raise SceneError(
                 "bodies that are not wholly held have no dense Gramians of the first-order form; allowed are "
-                "lyapunov = 'closed-form', 'krylov' and 'adi', and switching = 'energy' and 'modal'"
+                "lyapunov = 'closed-form', 'krylov' and 'adi', and switching = 'energy'"
             )
         require_loads(system)
     stages = Stages(lambda value: float(system.algebra.gather(np.array([[value]])).max()), system.stages, report)
@@ -150,7 +150,7 @@ def reduce(
         if method is None:
             rom = reduced(problem, named, cubature, finished)
         else:
-            rom = with_rigid(rom_of(problem, _kept(problem, method, finished), method=named), whole)
+            rom = with_rigid(rom_of(problem, _kept(problem, method, finished, named == SELECTION), method=named), whole)
     for message in problem.messages:
         warnings.warn(message, FenicsRomWarning, stacklevel=2)
     return check_rom(rom)
@@ -160,7 +160,7 @@ def _usual_method(system: System) -> str:
     """Balanced; for runs without inertia, which no transient has a part in, the shapes at rest; or by training."""
     if system.deformation is not None:
         return "trained"
-    return "static" if system.scene is not None and "inertia" not in system.scene.effects else "balanced"
+    return "static" if system.scene is not None and system.scene.effects.inertia is None else "balanced"
 
 
 def _choice(key: str, value: str, choices: tuple[str, ...]) -> str:
@@ -180,11 +180,11 @@ def _method(method: str | Method, system: System) -> tuple[str, Method | None]:
     return named, method if callable(method) else BY_NAME.get(method)
 
 
-def _kept(problem: ReductionProblem, method: Method, checkpoint: Checkpoint) -> dict[str, RetainedBasis]:
-    """What each contact mode keeps of its directions, in the order of the system."""
+def _kept(problem: ReductionProblem, method: Method, checkpoint: Checkpoint, selects: bool) -> dict[str, RetainedBasis]:
+    """What each contact mode keeps of its directions, or `selects` by them, in the order of the system."""
     kept = checkpoint.restored(problem)
     names = problem.contacts
-    selection = EigenvectorSelection(problem) if problem.switching == "modal" else None
+    selection = EigenvectorSelection(problem) if selects else None
     problem.stages.report("contact modes", len(kept), len(names))
     left = tuple(name for name in names if name not in kept)
     for name, found in method(replace(problem, contacts=left)) if left else ():

@@ -71,7 +71,7 @@ def certified(
     modes = {name: replace(mode, static_error=static[name].by_mass) for name, mode in modes.items()}
     problem.messages.extend(_light_parts(problem, modes, static))
     scene = problem.system.scene
-    if scene is not None and "inertia" not in scene.effects:  # runs are equilibria, and know no frequencies
+    if scene is not None and scene.effects.inertia is None:  # runs are equilibria, and know no frequencies
         return modes
     count = sum(len(sample_frequencies(mode)) for mode in modes.values())
     width = max(1, min(MOST_INPUTS, MOST_COLUMNS // count))

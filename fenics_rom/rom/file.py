@@ -66,7 +66,7 @@ from fenics_rom.mechanics.environment import SWITCHINGS
 from fenics_rom.rom.deformation_file import put_deformation, take_deformation
 from fenics_rom.rom.format_1 import upgrade
 from fenics_rom.rom.rom import ContactModel, Rom, check_rom
-from fenics_rom.scene.effects import EFFECTS
+from fenics_rom.scene.effect_table import EFFECTS
 
 BODY = {
     "basis": Entry("kg^-1/2", ("n", "k")),
@@ -231,7 +231,7 @@ def _effect(name: str) -> dict[str, Entry]:
         raise FileError(unknown("effect", name, EFFECTS))
     effect = EFFECTS[name]
     return {
-        key: Entry(unit, (length,), optional=effect.parameters[key].default is None)
+        key: Entry(unit, (length,), optional=key in effect.optional)
         for key, (unit, length) in effect.numbers.items()
     }
 

@@ -75,7 +75,7 @@ class Rom:
 
     Attributes:
         name: of the scene.
-        switching: "energy" (any basis, energy-orthogonal), "modal" (the paper's eigenvectors) or "oblique".
+        switching: "energy" (any basis, energy-orthogonal) or "oblique".
         contact_models: of each contact mode.
         actuators: number of input columns of each actuator.
         basis: Q (n, k), QᵀMQ = I, on the free degrees of freedom, kg^-1/2.

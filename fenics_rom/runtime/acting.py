@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
@@ -13,8 +13,7 @@ from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.rom.rom import ContactModel, Rom
 from fenics_rom.runtime.steppers.contact import ContactMidpoint, ContactStepper, Equilibrium, Touch
 from fenics_rom.runtime.steppers.midpoint_forms import FusedMidpoint, StagedMidpoint, fastest
-from fenics_rom.scene.effects import EFFECTS
-from fenics_rom.scene.file import parse_scene
+from fenics_rom.scene.effect_table import EFFECTS
 from fenics_rom.scene.scene import Scene
 
 Array = np.ndarray
@@ -185,17 +184,19 @@ def surrounded(
         StepError: as ActiveEnvironment.
     """
     if not rom.scene_text:
-        if signals or (scene is not None and set(scene.effects) - {"inertia", "damping"}):
+        if signals or (scene is not None and set(scene.effects.names) - {"inertia", "damping"}):
             raise SceneError(f"ROM {rom.name!r} was made from matrices, so that it knows of no loads and obstacles")
         return rom, None
+    from fenics_rom.scene.file import parse_scene
+
     own = parse_scene(rom.scene_text, tables=rom.tables, source=f"scene of ROM {rom.name!r}")
     if scene is None:
         scene = own
     _check(rom, own, scene)
-    if "damping" in rom.effects and "damping" not in scene.effects:
+    if "damping" in rom.effects and scene.effects.damping is None:
         undamped = {name: replace(mode, damping=np.zeros(mode.order)) for name, mode in rom.contact_models.items()}
         rom = replace(rom, contact_models=undamped)
-    if "large_deformation" not in scene.effects:
+    if scene.effects.large_deformation is None:
         rom = replace(rom, deformation=None)
     around = ActiveEnvironment(scene, rom.loads, signals)
     if around.quasi_static and rom.rigid:
@@ -209,24 +210,14 @@ def surrounded(
 def _check(rom: Rom, own: Scene, scene: Scene) -> None:
     """What the ROM was not made for is refused, with how to make one that is."""
     cure = f"to have it, make a ROM from this scene: fenics-rom reduce {scene.source} -o ROM.h5"
-    for name in scene.effects:
+    asked, made = scene.environment.built_in, own.environment.built_in
+    for name in scene.effects.names:
         if name not in rom.effects:
             raise SceneError(f"{scene.source}: effects.{name}: ROM {rom.name!r} was made without it; {cure}")
     for name, effect in EFFECTS.items():
-        if name in rom.effects and name not in scene.effects and not effect.online:
+        if name in rom.effects and name not in scene.effects.names and not effect.law.online:
             raise SceneError(
                 f"{scene.source}: effects.{name} is part of ROM {rom.name!r}, but not of the scene; {cure}"
             )
-        if name in scene.effects and _fixed(name, scene) != _fixed(name, own):
+        if asked.get(f"effects.{name}") not in (None, made.get(f"effects.{name}")):
             raise SceneError(f"{scene.source}: effects.{name} is not what ROM {rom.name!r} was made with; {cure}")
-
-
-def _fixed(name: str, scene: Scene) -> dict[str, Any]:
-    """What a scene says of an effect that a ROM has built in."""
-    effect, said = EFFECTS[name], scene.effects[name]
-    changing = effect.changing
-
-    def kept(one: Mapping[str, Any]) -> dict[str, Any]:
-        return {key: value for key, value in one.items() if key not in changing}
-
-    return {key: kept(one) for key, one in said.items()} if effect.several else kept(said)

@@ -14,7 +14,6 @@ from fenics_rom.mechanics.time_step_monitor import TimeStepMonitor
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.simulator import Simulator
 from fenics_rom.runtime.steppers.contact import MOTION
-from fenics_rom.scene.file import parse_scene
 from fenics_rom.scene.scene import Scene
 from fenics_rom.trajectory.trajectory import Trajectory, TrajectoryRecorder
 
@@ -54,7 +53,7 @@ def simulate(
     shapes = asked.run.snapshots if asked.run else 1
     surroundings = simulator.surroundings
     obstacles = surroundings.obstacles if surroundings else {}
-    kept = points, tuple(rom.contact_models), len(rom.nodes), shapes, tuple(asked.effects), obstacles
+    kept = points, tuple(rom.contact_models), len(rom.nodes), shapes, asked.effects.names, obstacles
     recorder = TrajectoryRecorder(history.steps, history.dt, *kept)
 
     def sample(step: int) -> None:
@@ -64,7 +63,7 @@ def simulate(
         recorder.sample(step, *account, forces, surroundings.offsets if surroundings else None)
 
     sample(0)
-    gauge, moves = TimeStepMonitor(), "inertia" in asked.effects
+    gauge, moves = TimeStepMonitor(), asked.effects.inertia is not None
     for step, (contact, u) in enumerate(history, start=1):
         if not history.automatic:
             simulator.switch(contact)
@@ -114,8 +113,10 @@ def _prepared(
     """The scene that is run, the inputs of its steps, and what makes a simulator at its start."""
     if len(rom.nodes) == 0:
         raise SceneError(f"ROM {rom.name!r} has no mesh, so no scene goes with it; step it with Simulator")
+    from fenics_rom.scene.file import parse_scene
+
     asked = scene or parse_scene(rom.scene_text, tables=rom.tables, source=f"scene of ROM {rom.name!r}")
-    history = LoadHistory(asked, rom.contacts, rom.actuators, dt)
+    history = LoadHistory(asked.environment, rom.contacts, rom.actuators, dt)
 
     def fresh() -> Simulator:
         simulator = Simulator(rom, history.dt, scene=scene, signals=signals, stepper=stepper)

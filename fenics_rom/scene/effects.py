@@ -1,31 +1,41 @@
-"""The table of effects: everything that can act on a body, with what it does to the energy.
+"""The effects: everything that can act on a body, typed, with what each does to the energy.
 
 A scene names the effects it calls for. One that is not named costs nothing and changes no bit.
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
-from math import isfinite
+from dataclasses import dataclass, field, fields, replace
+from typing import Annotated, ClassVar
 
-from fenics_rom.scene.schema import Field, Many, Number, Table, Text
+import numpy as np
 
-POINT = Many(item=Number(unit="m"), length=3)
-NEAR = Table(default=None, fields={"point": POINT, "radius": Number(above=0.0, unit="m")})
-ANY_SURFACE = {"surface": Text(default=None), "near": NEAR}  # one of them
-ALPHA = Number(default=0.0, at_least=0.0, unit="1/s")
-BETA = Number(default=0.0, at_least=0.0, unit="s")
-HISTORY = Text(default=None)  # a table in a CSV file: time, values
+from fenics_rom.mechanics.signals import Signal
+from fenics_rom.scene.places import Place
+from fenics_rom.scene.values import (
+    Direction,
+    Items,
+    Name,
+    Number,
+    Point,
+    Table,
+    Text,
+)
+
+Alpha = Annotated[float, Number(at_least=0.0, unit="1/s"), "share of the mass matrix in the damping matrix"]
+Beta = Annotated[float, Number(at_least=0.0, unit="s"), "share of the stiffness matrix in the damping matrix"]
+Acceleration = Annotated[float, Number(unit="m/s2")]
+Newtons = Annotated[float, Number(unit="N")]
+Length = Annotated[float, Number(above=0.0, unit="m")]
+Angle = Annotated[float, Number(unit="rad")]
 
 
 @dataclass(frozen=True)
-class Effect:
-    """One effect: its force in the equation of motion and its part in the energy account.
+class Law:
+    """An effect in the equation of motion and in the energy account.
 
     Attributes:
         force: in the equation of motion.
         stores, dissipates, supplies: its part in the energy account.
-        parameters: what the scene says of it; of each one where there can be several.
-        several: whether a scene names each, as in [effects.tendon.NAME].
         needs: effects without which it means nothing.
         online: whether a reduced run can do without what the ROM was made with.
         changing: parameters that a reduced run may have different from those that the ROM was made with.
@@ -35,165 +45,233 @@ class Effect:
     stores: str = "nothing"
     dissipates: str = "nothing"
     supplies: str = "nothing"
-    parameters: Mapping[str, Field] = field(default_factory=dict)
-    several: bool = False
     needs: tuple[str, ...] = ()
     online: bool = True
     changing: tuple[str, ...] = ()
 
-    @property
-    def field(self) -> Table:
-        """What a scene may hold under the effect's name."""
-        one = Table(default=None, fields=self.parameters)
-        return Table(default=None, each=one) if self.several else one
 
-    @property
-    def numbers(self) -> dict[str, tuple[str, int]]:
-        """Unit and length of each parameter that is a number or a list of numbers, where there is one of it."""
-        found = {}
-        for key, parameter in () if self.several else self.parameters.items():
-            one = parameter.item if isinstance(parameter, Many) else parameter
-            if isinstance(one, Number):
-                found[key] = one.unit or "1", getattr(parameter, "length", None) or 1
-        return found
+@dataclass(frozen=True)
+class Inertia:
+    """The mass of the body; without it every step is an equilibrium."""
+
+    LAW: ClassVar = Law(force="M dv/dt", stores="½ vᵀ M v")
 
 
-OBSTACLE = Table(
-    fields={
-        "shape": Text(choices=("half-space", "sphere", "capsule", "box")),
-        "point": Many(default=None, item=Number(unit="m"), length=3),
-        "normal": Many(default=None, item=Number(), length=3),
-        "center": Many(default=None, item=Number(unit="m"), length=3),
-        "start": Many(default=None, item=Number(unit="m"), length=3),
-        "end": Many(default=None, item=Number(unit="m"), length=3),
-        "radius": Number(default=None, above=0.0, unit="m"),
-        "size": Many(default=None, item=Number(above=0.0, unit="m"), length=3),
-        "rotation": Many(default=None, item=Number(unit="rad"), length=3),
-        "table": HISTORY,  # its displacement: time, x, y, z
-    }
-)
+@dataclass(frozen=True)
+class RayleighDamping:
+    """Damping of one material, in place of the body's."""
 
-EFFECTS: Mapping[str, Effect] = {
-    "inertia": Effect(force="M dv/dt", stores="½ vᵀ M v"),
-    "damping": Effect(
+    alpha: Alpha = 0.0
+    beta: Beta = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class Dashpot(Place):
+    """A dashpot to ground, spread evenly over a surface."""
+
+    coefficient: Annotated[float, Number(above=0.0, unit="N s/m"), "force per speed of the whole surface"]
+
+
+@dataclass(frozen=True)
+class Damping(RayleighDamping):
+    """Rayleigh damping of the body, or of each material, and dashpots to ground."""
+
+    LAW: ClassVar = Law(
         force="D v, D = α M + β K (Rayleigh), for each material, and dashpots to ground",
         dissipates="vᵀ D v per second",
         needs=("inertia",),
-        parameters={
-            "alpha": ALPHA,
-            "beta": BETA,
-            "materials": Table(default=None, each=Table(fields={"alpha": ALPHA, "beta": BETA})),
-            "dashpots": Table(
-                default=None,
-                each=Table(fields={**ANY_SURFACE, "coefficient": Number(above=0.0, unit="N s/m")}),
-            ),
-        },
-    ),
-    "springs": Effect(
-        force="K_s x, a spring to ground spread evenly over a surface",
-        stores="½ xᵀ K_s x",
-        several=True,
-        online=False,
-        parameters={**ANY_SURFACE, "stiffness": Number(above=0.0, unit="N/m")},
-    ),
-    "gravity": Effect(
-        force="M g",
-        supplies="its work",
-        parameters={"acceleration": Many(item=Number(unit="m/s2"), length=3)},
-    ),
-    "base_motion": Effect(
+    )
+    materials: Annotated[Mapping[Name, RayleighDamping], "materials that damp otherwise"] = field(default_factory=dict)
+    dashpots: Annotated[Mapping[Name, Dashpot], "dashpots to ground"] = field(default_factory=dict)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Spring(Place):
+    """A spring to ground, spread evenly over a surface."""
+
+    LAW: ClassVar = Law(
+        force="K_s x, a spring to ground spread evenly over a surface", stores="½ xᵀ K_s x", online=False
+    )
+    stiffness: Annotated[float, Number(above=0.0, unit="N/m"), "force per displacement of the whole surface"]
+
+
+@dataclass(frozen=True)
+class Gravity:
+    """Weight, which is there from the first step on."""
+
+    LAW: ClassVar = Law(force="M g", supplies="its work")
+    acceleration: Annotated[tuple[Acceleration, Acceleration, Acceleration], Items(3), "g"]
+
+
+@dataclass(frozen=True)
+class BaseMotion:
+    """A support that is shaken; constant, by a table, or by a function of time given in Python."""
+
+    LAW: ClassVar = Law(
         force="-M a of a support that is shaken; displacements are relative to it",
         supplies="its work",
-        several=True,
         needs=("inertia",),
         changing=("acceleration", "table"),
-        parameters={
-            "direction": Many(item=Number(), length=3),
-            "acceleration": Number(default=None, unit="m/s2"),
-            "table": HISTORY,
-        },
-    ),
-    "prescribed": Effect(
-        force="a force on a surface, evenly, or at a point",
-        supplies="its work",
-        several=True,
-        changing=("force", "table"),
-        parameters={
-            **ANY_SURFACE,
-            "point": Many(default=None, item=Number(unit="m"), length=3),
-            "force": Many(default=None, item=Number(unit="N"), length=3),
-            "table": HISTORY,
-        },
-    ),
-    "pressure": Effect(
-        force="p along the inward normals of a surface; the input is p in Pa",
-        supplies="its work",
-        several=True,
-        parameters=ANY_SURFACE,
-    ),
-    "tendon": Effect(
+    )
+    direction: Annotated[Direction, "along which it is shaken; any length but zero"]
+    acceleration: Annotated[Acceleration | None, "of the support, where it is constant"] = None
+    table: Annotated[Signal | None, Table(columns=1), "CSV file: time (s), acceleration (m/s2)"] = None
+
+    @property
+    def signal(self) -> Signal | None:
+        """The acceleration (1,) over time, m/s²; None where it is to be given in Python."""
+        return self.table or constant_signal(self.acceleration)
+
+
+@dataclass(frozen=True)
+class PrescribedForce(Place):
+    """A force by itself on one of a surface, a ball of it, or a point; constant, by a table, or given in Python."""
+
+    LAW: ClassVar = Law(
+        force="a force on a surface, evenly, or at a point", supplies="its work", changing=("force", "table")
+    )
+    point: Annotated[Point | None, "a material point of the body"] = None
+    force: Annotated[tuple[Newtons, Newtons, Newtons] | None, Items(3), "where it is constant"] = None
+    table: Annotated[Signal | None, Table(columns=3), "CSV file: time (s), three components (N)"] = None
+
+    @property
+    def signal(self) -> Signal | None:
+        """The force (3,) over time, N; None where it is to be given in Python."""
+        return self.table or constant_signal(self.force)
+
+    def scaled(self, share: float) -> "PrescribedForce":
+        """A share of the force."""
+        force = None if self.force is None else (share * self.force[0], share * self.force[1], share * self.force[2])
+        return replace(self, force=force, table=None if self.table is None else self.table.scaled(share))
+
+
+@dataclass(frozen=True)
+class Pressure(Place):
+    """An actuator: a chamber, or a hand."""
+
+    LAW: ClassVar = Law(force="p along the inward normals of a surface; the input is p in Pa", supplies="its work")
+
+
+@dataclass(frozen=True)
+class Tendon:
+    """An actuator: a cable that is pulled."""
+
+    LAW: ClassVar = Law(
         force="a cable through points from its anchor on, without friction; the input is its tension in N",
         supplies="its work",
-        several=True,
-        parameters={"points": Many(item=POINT, at_least=2)},
-    ),
-    "large_deformation": Effect(
+    )
+    points: Annotated[tuple[Point, ...], Items(at_least=2), "material points from the anchor to where it is pulled"]
+
+
+@dataclass(frozen=True)
+class LargeDeformation:
+    """Large displacements, rotations and strains."""
+
+    LAW: ClassVar = Law(
         force="that of a hyperelastic material in place of K x; β acts on the rate of its Green strain",
         stores="∫ W in place of ½ xᵀ K x",
-        parameters={"material": Text(default="st_venant_kirchhoff", choices=("st_venant_kirchhoff", "neo_hookean"))},
-    ),
-    "contact": Effect(
+    )
+    material: Annotated[
+        str,
+        Text(choices=("st_venant_kirchhoff", "neo_hookean")),
+        '"st_venant_kirchhoff" (moderate strains) or "neo_hookean" (large ones)',
+    ] = "st_venant_kirchhoff"
+
+
+@dataclass(frozen=True)
+class RigidObstacle:
+    """A rigid obstacle, by the dimensions of its shape; it stands still, or moves by a table or a function."""
+
+    shape: Annotated[str, Text(choices=("half-space", "sphere", "capsule", "box")), "says which keys it has"]
+    point: Annotated[Point | None, "of a half-space: on its surface"] = None
+    normal: Annotated[Direction | None, "of a half-space: outwards, of any length but zero"] = None
+    center: Annotated[Point | None, "of a sphere or a box"] = None
+    start: Annotated[Point | None, "of a capsule: one end of its axis"] = None
+    end: Annotated[Point | None, "of a capsule: the other end of its axis"] = None
+    radius: Annotated[Length | None, "of a sphere or a capsule"] = None
+    size: Annotated[tuple[Length, Length, Length] | None, Items(3), "of a box: lengths of its edges"] = None
+    rotation: Annotated[tuple[Angle, Angle, Angle] | None, Items(3), "of a box: rotation vector"] = None
+    table: Annotated[Signal | None, Table(columns=3), "CSV file: time (s), displacement (m)"] = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class Contact:
+    """Contact with rigid obstacles, without friction where none is named."""
+
+    LAW: ClassVar = Law(
         force="λ ≥ 0 along the normals of rigid obstacles, with λ = 0 or a gap that does not close",
         dissipates="what restitution below 1 takes in an impact",
         supplies="the work of moving obstacles",
         changing=("restitution", "method", "stiffness", "damping", "switching", "obstacles"),
-        parameters={
-            "restitution": Number(default=0.0, at_least=0.0, at_most=1.0),
-            "method": Text(default="complementarity", choices=("complementarity", "penalty")),
-            "stiffness": Number(default=None, above=0.0, unit="N/m"),
-            "damping": Number(default=None, at_least=0.0, unit="N s/m"),
-            "switching": Text(default="automatic", choices=("automatic", "scene")),
-            "obstacles": Table(each=OBSTACLE),
-        },
-    ),
-    "friction": Effect(
+    )
+    restitution: Annotated[
+        float, Number(at_least=0.0, at_most=1.0), "part of the approaching speed that an impact gives back"
+    ] = 0.0
+    method: Annotated[
+        str,
+        Text(choices=("complementarity", "penalty")),
+        '"complementarity" (rigid obstacles) or "penalty" (springs at all points, which need a stiffness)',
+    ] = "complementarity"
+    stiffness: Annotated[float | None, Number(above=0.0, unit="N/m"), "of the penalty's spring at every point"] = None
+    damping: Annotated[float | None, Number(at_least=0.0, unit="N s/m"), "of a dashpot beside each spring"] = None
+    switching: Annotated[
+        str,
+        Text(choices=("automatic", "scene")),
+        '"automatic" (the contact mode follows the obstacles) or "scene" (the load history says which it is)',
+    ] = "automatic"
+    obstacles: Annotated[Mapping[Name, RigidObstacle], "at least one"]
+
+
+@dataclass(frozen=True)
+class Friction:
+    """Dry friction with all obstacles."""
+
+    LAW: ClassVar = Law(
         force="Coulomb's, at most μ λ, against sliding",
         dissipates="μ λ times what is slid",
         needs=("contact",),
         changing=("coefficient",),
-        parameters={"coefficient": Number(at_least=0.0)},
-    ),
-}
-LOADS = ("gravity", "base_motion", "prescribed")  # forces with a history of their own
-ACTUATORS = ("pressure", "tendon")  # forces that are inputs
+    )
+    coefficient: Annotated[float, Number(at_least=0.0), "μ"]
 
 
-def table_of_effects() -> list[tuple[str, str, str, str]]:
-    """For each effect its name, its force, what a scene says of it, and its part in the energy account."""
-    return [
-        (
-            f"`{name}.NAME`" if effect.several else f"`{name}`",
-            effect.force,
-            ", ".join(_described(key, parameter) for key, parameter in effect.parameters.items()) or "-",
-            "; ".join(
-                f"{verb} {what}"
-                for verb, what in (
-                    ("stores", effect.stores),
-                    ("dissipates", effect.dissipates),
-                    ("supplies", effect.supplies),
-                )
-                if what != "nothing"
-            ),
-        )
-        for name, effect in EFFECTS.items()
-    ]
+@dataclass(frozen=True)
+class Effects:
+    """The effects that act, by their names in a scene file; what is not named is None, or has no entries."""
+
+    inertia: Inertia | None = None
+    damping: Damping | None = None
+    springs: Mapping[Name, Spring] = field(default_factory=dict)
+    gravity: Gravity | None = None
+    base_motion: Mapping[Name, BaseMotion] = field(default_factory=dict)
+    prescribed: Mapping[Name, PrescribedForce] = field(default_factory=dict)
+    pressure: Mapping[Name, Pressure] = field(default_factory=dict)
+    tendon: Mapping[Name, Tendon] = field(default_factory=dict)
+    large_deformation: LargeDeformation | None = None
+    contact: Contact | None = None
+    friction: Friction | None = None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Those that act, in the order of the table of effects."""
+        return tuple(field.name for field in fields(self) if getattr(self, field.name) not in (None, {}))
+
+    @property
+    def rayleigh(self) -> RayleighDamping:
+        """Damping of what does not damp otherwise: α = β = 0 where none is named."""
+        return self.damping or RayleighDamping()
+
+    @property
+    def damping_of_materials(self) -> Mapping[str, RayleighDamping]:
+        """Of materials that damp otherwise."""
+        return {} if self.damping is None else self.damping.materials
+
+    @property
+    def dashpots(self) -> Mapping[str, Dashpot]:
+        """Dashpots to ground."""
+        return {} if self.damping is None else self.damping.dashpots
 
 
-def _described(key: str, parameter: Field) -> str:
-    """A parameter with its unit and its bounds."""
-    one = parameter.item if isinstance(parameter, Many) else parameter
-    if not isinstance(one, Number):
-        return f"`{key}`"
-    signs = ((one.at_least, "≥"), (one.above, ">"), (one.at_most, "≤"), (one.below, "<"))
-    bounds = "".join(f" {sign} {bound:g}" for bound, sign in signs if isfinite(bound))
-    return f"`{key}`{bounds}{f' {one.unit}' if one.unit else ''}"
+def constant_signal(value: float | tuple[float, ...] | None) -> Signal | None:
+    """A signal that stays; None where there is none."""
+    return None if value is None else Signal(np.atleast_1d(np.array(value, dtype=float)))

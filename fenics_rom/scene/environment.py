@@ -1,104 +1,104 @@
-"""Scene to environment: what acts in a run, compiled once, so that no model has to read a scene."""
+"""Effects to environment: what acts in a run, compiled once, so that no model has to read a scene."""
 
 import json
 from collections.abc import Mapping
-from dataclasses import fields
+from dataclasses import fields, is_dataclass
 from typing import Any
-
-import numpy as np
 
 from fenics_rom.errors import SceneError
 from fenics_rom.mechanics.contact import ContactLaw
-from fenics_rom.mechanics.environment import GRAVITY_SIGNAL, STANDS_STILL, Environment, Load, MovingObstacle
+from fenics_rom.mechanics.environment import GRAVITY_SIGNAL, STANDS_STILL, Environment, Load, MovingObstacle, Run
 from fenics_rom.mechanics.obstacles import SHAPES, Obstacle
-from fenics_rom.mechanics.signals import Signal
-from fenics_rom.scene.effects import EFFECTS
-from fenics_rom.scene.scene import Scene
+from fenics_rom.scene.effect_table import EFFECTS, numbers_of
+from fenics_rom.scene.effects import Effects, RigidObstacle
+from fenics_rom.scene.values import default_of
 
 
-def environment_of(scene: Scene) -> Environment:
+def environment_of(effects: Effects, run: Run | None, source: str) -> Environment:
     """What acts in the runs of a scene.
+
+    Args:
+        effects: the scene's.
+        run: its load history.
+        source: of the scene, for messages.
 
     Raises:
         SceneError: an obstacle is not of its shape.
     """
-    effects = scene.effects
-    contact, law = effects.get("contact"), None
-    if contact is not None:
-        law = ContactLaw(
-            restitution=contact["restitution"],
-            friction=effects.get("friction", {"coefficient": 0.0})["coefficient"],
-            stiffness=contact.get("stiffness"),
-            damping=contact.get("damping", 0.0),
-        )
-    described = {} if contact is None else contact["obstacles"]
+    contact, numbers = effects.contact, numbers_of(effects)
+    obstacles = {} if contact is None else contact.obstacles
     return Environment(
-        effects={name: words(name, said) for name, said in effects.items()},
+        effects={name: words(name, numbers[name]) for name in effects.names},
         loads=(
-            ({"gravity": Load(1, GRAVITY_SIGNAL)} if "gravity" in effects else {})
-            | {n: Load(1, _signal(scene, one, "acceleration")) for n, one in effects.get("base_motion", {}).items()}
-            | {n: Load(3, _signal(scene, one, "force")) for n, one in effects.get("prescribed", {}).items()}
+            ({} if effects.gravity is None else {"gravity": Load(1, GRAVITY_SIGNAL)})
+            | {name: Load(1, motion.signal) for name, motion in effects.base_motion.items()}
+            | {name: Load(3, force.signal) for name, force in effects.prescribed.items()}
         ),
         obstacles={
             name: MovingObstacle(
-                obstacle_of(one, f"effects.contact.obstacles.{name}"), _signal(scene, one, "") or STANDS_STILL
+                obstacle_of(described, f"effects.contact.obstacles.{name}"), described.table or STANDS_STILL
             )
-            for name, one in described.items()
+            for name, described in obstacles.items()
         },
-        contact_law=law,
-        contact_switching="automatic" if contact is None else contact["switching"],
-        built_in={f"effects.{name}": built_in(name, said) for name, said in effects.items()},
-        run=scene.run,
-        source=scene.source,
+        contact_law=None if contact is None else _contact_law(effects),
+        contact_switching="automatic" if contact is None else contact.switching,
+        built_in={f"effects.{name}": built_in(name, getattr(effects, name)) for name in effects.names},
+        run=run,
+        source=source,
     )
 
 
-def built_in(name: str, said: Mapping[str, Any]) -> str:
+def _contact_law(effects: Effects) -> ContactLaw:
+    contact, friction = effects.contact, effects.friction
+    assert contact is not None
+    return ContactLaw(
+        restitution=contact.restitution,
+        friction=0.0 if friction is None else friction.coefficient,
+        stiffness=contact.stiffness,
+        damping=contact.damping or 0.0,
+    )
+
+
+def built_in(name: str, effect: Any) -> str:
     """What a model has built in of an effect, as a text that is the same for the same model."""
-    effect = EFFECTS[name]
+    changing = EFFECTS[name].law.changing
 
-    def kept(one: Mapping[str, Any]) -> dict[str, Any]:
-        return {key: value for key, value in one.items() if key not in effect.changing and value not in (None, {})}
+    def given(value: Any) -> Any:
+        if is_dataclass(value):
+            parts = {field.name: getattr(value, field.name) for field in fields(value)}
+            usual = {field.name: default_of(field) for field in fields(value)}
+            return {key: given(part) for key, part in parts.items() if key not in changing and part != usual[key]}
+        return {key: given(part) for key, part in value.items()} if isinstance(value, Mapping) else value
 
-    return json.dumps({n: kept(one) for n, one in said.items()} if effect.several else kept(said), sort_keys=True)
+    return json.dumps(given(effect), sort_keys=True)
 
 
-def words(name: str, said: Mapping[str, Any]) -> str:
+def words(name: str, numbers: Mapping[str, Any]) -> str:
     """Parameters of an effect that are numbers, with their units."""
-    numbers = EFFECTS[name].numbers
     shown = []
-    for key, (unit, _) in numbers.items():
-        if said.get(key) is not None:
-            value = said[key]
-            text = f"{value:g}" if isinstance(value, float) else f"({', '.join(f'{part:g}' for part in value)})"
-            shown.append(f"{key} {text}" + (f" {unit}" if unit != "1" else ""))
+    for key, value in numbers.items():
+        unit, _ = EFFECTS[name].numbers[key]
+        text = f"{value:g}" if isinstance(value, float) else f"({', '.join(f'{part:g}' for part in value)})"
+        shown.append(f"{key} {text}" + (f" {unit}" if unit != "1" else ""))
     return ", ".join(shown)
 
 
-def _signal(scene: Scene, one: Mapping[str, Any], key: str) -> Signal | None:
-    """The signal that the scene gives: a constant, a table, or none."""
-    if "table" in one:
-        table = scene.tables[one["table"]]
-        return Signal(table[:, 1:].copy(), table[:, 0].copy())
-    value = one.get(key)
-    return None if value is None else Signal(np.atleast_1d(np.array(value, dtype=float)))
-
-
-def obstacle_of(given: Mapping[str, Any], where: str) -> Obstacle:
+def obstacle_of(described: RigidObstacle, where: str) -> Obstacle:
     """The obstacle that a scene describes.
 
     Raises:
         SceneError: what the shape needs is missing, or something is given that it does not have.
     """
-    shape = SHAPES[given["shape"]]
+    shape = SHAPES[described.shape]
     known = [field.name for field in fields(shape) if field.init]
-    dimensions = {key: value for key, value in given.items() if key not in ("shape", "table")}
+    given = {field.name: getattr(described, field.name) for field in fields(described)}
+    dimensions = {key: value for key, value in given.items() if key not in ("shape", "table") and value is not None}
     for key in dimensions:
         if key not in known:
-            raise SceneError(f"{where}: a {given['shape']} has {', '.join(known)}, but no {key}")
+            raise SceneError(f"{where}: a {described.shape} has {', '.join(known)}, but no {key}")
     try:
-        made: Obstacle = shape(**dimensions)
+        obstacle: Obstacle = shape(**dimensions)
     except (SceneError, TypeError) as error:
         missing = [key for key in known if key not in dimensions and key != "rotation"]
         raise SceneError(f"{where}: {f'{missing[0]} is missing' if missing else error}") from error
-    return made
+    return obstacle

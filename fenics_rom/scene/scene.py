@@ -2,93 +2,105 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 
 from fenics_rom.errors import SceneError, unknown
-from fenics_rom.scene.schema import Number
+from fenics_rom.mechanics.environment import SWITCHINGS, Environment, Run
+from fenics_rom.scene.effects import Effects
+from fenics_rom.scene.environment import environment_of
+from fenics_rom.scene.places import Patch
+from fenics_rom.scene.values import Items, Number, OneOrByName, Point, Text
+
+WEIGHTINGS = ("mass", "nodal", "outputs")
+LYAPUNOV = ("auto", "closed-form", "bartels-stewart", "krylov", "adi")
+METHODS = (
+    "balanced",
+    "eigenvector-selection",
+    "modal",
+    "modal+static",
+    "pod",
+    "static",
+    "trained",
+    "modal+derivatives",
+)
+SOLVERS = ("auto", "direct", "iterative")
+STEPPERS = ("newton", "linearly-implicit")  # of large deformation
+ORDER = Number(at_least=1, integer=True)
+TOLERANCE = Number(above=0.0, below=1.0)
+SHARE = Number(above=0.0, at_most=1.0)
+CUBATURE = Number(at_least=1e-6, below=1.0)
 
 
 @dataclass(frozen=True)
-class Material:
+class Elasticity:
+    """Isotropic linear elastic material."""
+
+    young: Annotated[float, Number(above=0.0, unit="Pa"), "Young's modulus"]
+    poisson: Annotated[float, Number(above=-1.0, below=0.5), "Poisson's ratio"]
+    density: Annotated[float, Number(above=0.0, unit="kg/m3"), "mass per volume at rest"]
+
+
+@dataclass(frozen=True)
+class Material(Elasticity):
     """Isotropic linear elastic material of one cell group (of the whole body where `cells` is None)."""
 
-    young: float  # Pa
-    poisson: float
-    density: float  # kg/m3
     cells: str | None = None
 
 
 @dataclass(frozen=True)
-class Near:
-    """The surface triangles whose centroids lie in a ball."""
-
-    point: tuple[float, float, float]  # m
-    radius: float  # m
-
-
-@dataclass(frozen=True)
-class Patch:
-    """A piece of the surface and the forces that can act on it: a contact mode or an actuator.
-
-    `force` is "resultant" (3 columns: a force spread uniformly over the patch), "normal" (1 column: a uniform
-    pressure along the inward normals, scaled so that 1 N is pressure times area) or "nodal" (3 columns a node).
-    """
-
-    surface: str | None
-    near: Near | None
-    force: str
-
-
-@dataclass(frozen=True)
 class Output:
-    """Displacements that are read often: of points, or the mean over a named surface."""
+    """Displacements that are read often: of points, or the mean over a surface; exactly one of the two."""
 
-    points: tuple[tuple[float, float, float], ...] | None  # m
-    surface: str | None
+    points: Annotated[tuple[Point, ...] | None, Items(at_least=1), "material points of the body"] = None
+    surface: Annotated[str | None, Text(), "a named surface of the mesh, whose mean is read"] = None
 
 
 @dataclass(frozen=True)
 class Reduction:
     """How the scene wants to be reduced."""
 
-    method: str | None = None  # "balanced", and "static" without inertia
-    switching: str = "energy"
-    order: int | Mapping[str, int] | None = None  # one for all contact modes, or by name
-    tolerance: float | None = None  # share of the sum of σ that may be left out
-    weighting: str = "mass"
-    lyapunov: str = "auto"
-    share: float = 0.9999999  # of the trace of the covariance, for switching = "modal"
-    cubature: float = 0.01  # relative error of the forces of the points that are kept, for large deformation
-
-
-@dataclass(frozen=True)
-class Load:
-    """A force on a contact mode or an actuator between two times."""
-
-    contact: str | None
-    actuator: str | None
-    start: float  # s
-    stop: float  # s
-    force: tuple[float, ...] | None  # N, constant
-    table: str | None  # name of a force table
-
-
-@dataclass(frozen=True)
-class Run:
-    """A load history."""
-
-    dt: float  # s
-    duration: float  # s
-    snapshots: int  # whole shapes kept of it, evenly spread
-    loads: tuple[Load, ...]
+    method: Annotated[
+        str | None,
+        Text(choices=METHODS),
+        'as `fr.reduce` takes it; where none is named, "balanced", without inertia "static", with large deformation '
+        '"trained"',
+    ] = None
+    switching: Annotated[
+        str,
+        Text(choices=SWITCHINGS),
+        'how a state is carried to another contact mode: "energy" (energy-orthogonal projection) or "oblique" (standard'
+        " balanced truncation, which can create energy: for comparison only)",
+    ] = "energy"
+    order: Annotated[
+        int | Mapping[str, int] | None,
+        OneOrByName(ORDER),
+        "number of reduced displacements, one for all contact modes or a table with one for each; instead of tolerance",
+    ] = None
+    tolerance: Annotated[float | None, TOLERANCE, "share of the sum of σ that may be left out"] = None
+    weighting: Annotated[
+        str, Text(choices=WEIGHTINGS), "what of the shape counts: the L² norm, all nodes alike, or the named outputs"
+    ] = "mass"
+    lyapunov: Annotated[str, Text(choices=LYAPUNOV), "route to the Gramians"] = "auto"
+    share: Annotated[float, SHARE, 'of the trace of the covariance, for method = "eigenvector-selection"'] = 0.9999999
+    cubature: Annotated[
+        float, CUBATURE, "relative error of the forces of the points that are kept, for large deformation"
+    ] = 0.01
 
 
 @dataclass(frozen=True)
 class Scene:
-    """Everything that was asked for. Numbers are in SI units."""
+    """Everything that was asked for. Numbers are in SI units.
+
+    Attributes:
+        clamped: names of surfaces.
+        text: of the file.
+        tables: by the names of their files: time in s and what it is a signal of, (times, 1 + columns).
+        source: for messages.
+    """
 
     name: str
     mesh_file: Path
@@ -99,23 +111,28 @@ class Scene:
     contacts: Mapping[str, Patch]
     actuators: Mapping[str, Patch]
     outputs: Mapping[str, Output]
-    effects: Mapping[str, Mapping[str, Any]]  # with their parameters, as in EFFECTS
+    effects: Effects
     reduction: Reduction
     run: Run | None
     text: str
-    tables: Mapping[str, np.ndarray]  # force tables: (times, 1 + columns), s and N
-    source: str  # for messages
+    tables: Mapping[str, np.ndarray]
+    source: str
 
+    @cached_property
+    def environment(self) -> Environment:
+        """What acts on the body in a run."""
+        return environment_of(self.effects, self.run, self.source)
 
-WEIGHTINGS = ("mass", "nodal", "outputs")
-LYAPUNOV = ("auto", "closed-form", "bartels-stewart", "krylov", "adi")
-METHODS = ("balanced", "modal", "modal+static", "pod", "static", "trained", "modal+derivatives")
-SOLVERS = ("auto", "direct", "iterative")
-STEPPERS = ("newton", "linearly-implicit")  # of large deformation
-ORDER = Number(at_least=1, integer=True)
-TOLERANCE = Number(above=0.0, below=1.0)
-SHARE = Number(above=0.0, at_most=1.0)
-CUBATURE = Number(at_least=1e-6, below=1.0)
+    def __repr__(self) -> str:
+        named = {"contact modes": self.contacts, "actuators": self.actuators, "outputs": self.outputs}
+        run = "no run" if self.run is None else f"run of {self.run.duration:g} s at dt {self.run.dt:g} s"
+        return "\n  ".join(
+            [
+                f"Scene {self.name!r} of {self.source}: {self.mesh_file.name} in degree {self.degree}",
+                "; ".join(f"{kind} {', '.join(names)}" for kind, names in named.items() if names),
+                f"effects {', '.join(self.effects.names) or 'none'}; {run}",
+            ]
+        )
 
 
 def check_order(order: int | Mapping[str, int] | None, contacts: Mapping[str, Any], where: str) -> None:

@@ -108,9 +108,9 @@ def study_of_amplitudes(
         SolverError: as `solve` and `reduce`.
     """
     reference.check_measurable(scene, ())
-    if EFFECT not in scene.effects:
+    if scene.effects.large_deformation is None:
         raise SceneError(f"{scene.source}: a study of amplitudes is of scenes that name effects.{EFFECT}")
-    if scene.run is not None and not (scene.run.loads or "prescribed" in scene.effects):
+    if scene.run is not None and not (scene.run.loads or scene.effects.prescribed):
         raise SceneError(f"{scene.source}: has no [[run.load]] and no prescribed force whose size could be varied")
     work = _Work(scene, Path(folder), resume, report)
     found, roms = work.begun()
@@ -134,36 +134,16 @@ def study_of_amplitudes(
 def scaled(scene: Scene, share: float) -> Scene:
     """The scene under a share of its loads: [[run.load]] and prescribed forces."""
     assert scene.run is not None
-    tables = dict(scene.tables)
-
-    def table(name: str | None) -> str | None:
-        if name is None:
-            return None
-        tables[f"{share:g} {name}"] = scene.tables[name] * np.r_[1.0, np.full(scene.tables[name].shape[1] - 1, share)]
-        return f"{share:g} {name}"
-
-    loads = tuple(
-        replace(
-            load, force=None if load.force is None else tuple(share * f for f in load.force), table=table(load.table)
-        )
-        for load in scene.run.loads
-    )
-    prescribed = {
-        name: {
-            **one,
-            "table": table(one.get("table")),
-            "force": None if one.get("force") is None else tuple(share * f for f in one["force"]),
-        }
-        for name, one in scene.effects.get("prescribed", {}).items()
-    }
-    effects = {**scene.effects, **({"prescribed": prescribed} if prescribed else {})}
-    return replace(scene, run=replace(scene.run, loads=loads), effects=effects, tables=tables)
+    loads = tuple(replace(load, signal=load.signal.scaled(share)) for load in scene.run.loads)
+    prescribed = {name: force.scaled(share) for name, force in scene.effects.prescribed.items()}
+    effects = replace(scene.effects, prescribed=prescribed)
+    return replace(scene, run=replace(scene.run, loads=loads), effects=effects)
 
 
 def linear(scene: Scene) -> Scene:
     """The scene without large deformation, and what its reduction says of it."""
-    kept = {name: said for name, said in scene.effects.items() if name != EFFECT}
-    return replace(scene, effects=kept, reduction=replace(scene.reduction, method=None))
+    effects = replace(scene.effects, large_deformation=None)
+    return replace(scene, effects=effects, reduction=replace(scene.reduction, method=None))
 
 
 def report_of(found: Amplitudes, command: str) -> str:

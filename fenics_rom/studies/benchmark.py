@@ -96,7 +96,7 @@ def measured(
                 **worst,
             )
         )
-    if "contact" not in scene.effects:  # then a step costs the same whatever its length, and noise is all that differs
+    if scene.effects.contact is None:  # then a step costs the same whatever its length, and noise is all that differs
         rows = [replace(row, rate=max(other.rate for other in rows)) for row in rows]
     return tuple(rows), tuple(notes)
 

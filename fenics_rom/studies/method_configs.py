@@ -8,7 +8,7 @@ import numpy as np
 
 from fenics_rom.errors import SceneError, unknown
 from fenics_rom.scene.scene import ORDER
-from fenics_rom.scene.schema import Number
+from fenics_rom.scene.values import Number
 
 
 @dataclass(frozen=True)
@@ -26,7 +26,7 @@ class Way:
 
 WAYS = {
     "balanced": Way("balanced", {"method": "balanced", "switching": "energy"}),
-    "selection": Way("V-selection (the paper's)", {"method": "balanced", "switching": "modal"}),
+    "selection": Way("V-selection (the paper's)", {"method": "eigenvector-selection", "switching": "energy"}),
     "modal": Way("lowest modes", {"method": "modal", "switching": "energy"}),
     "modal+static": Way("static shapes and modes", {"method": "modal+static", "switching": "energy"}),
     "pod": Way("POD", {"method": "pod", "switching": "energy"}),

@@ -43,7 +43,7 @@ def divisor(scene: Scene) -> float:
     Richardson's 2ᵖ - 1, where the error goes with the p-th power of the step: p = 2 of the midpoint rule, and 1 where
     contact makes forces jump.
     """
-    return 1.0 if "contact" in scene.effects else 3.0
+    return 3.0 if scene.effects.contact is None else 1.0
 
 
 def check_moves(reference: Trajectory, source: str) -> None:

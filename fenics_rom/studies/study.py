@@ -112,7 +112,7 @@ def study_for(
 
 def _usual(scene: Scene) -> str:
     """The method to begin with: without inertia there are only shapes at rest to reduce to."""
-    return "balanced" if "inertia" in scene.effects else "static"
+    return "static" if scene.effects.inertia is None else "balanced"
 
 
 def _grid(system: System, quick: bool = False, **chosen: Any) -> Grid:

@@ -9,6 +9,8 @@ from bodies import scene_text, write_box
 import fenics_rom as fr
 from fenics_rom.cli.main import main
 from fenics_rom.errors import FileError, SceneError
+from fenics_rom.mechanics.signals import Signal
+from fenics_rom.scene.effects import PrescribedForce
 from fenics_rom.studies.amplitudes import Row, linear, read_amplitudes, scaled, study_of_amplitudes
 
 pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
@@ -63,12 +65,16 @@ def test_errors_are_those_of_runs(file, found):
 
 def test_a_share_of_the_loads_is_that(file, tmp_path):
     scene = fr.read_scene(file)
-    assert scaled(scene, 0.5).run.loads[0].force == (0.0, 0.0, 0.125)
-    table = np.array([[0.0, 0, 0, 0], [1.0, 1, 2, 3]])
-    load = replace(scene.run.loads[0], force=None, table="f.csv")
-    with_table = replace(scene, run=replace(scene.run, loads=(load,)), tables={"f.csv": table})
-    half = scaled(with_table, 0.5)
-    np.testing.assert_array_equal(half.tables[half.run.loads[0].table], table * [1, 0.5, 0.5, 0.5])
+    assert scaled(scene, 0.5).run.loads[0].signal == Signal(np.array([0.0, 0.0, 0.125]))
+    times, values = np.array([0.0, 1.0]), np.array([[0.0, 0, 0], [1.0, 2, 3]])
+    load = replace(scene.run.loads[0], signal=Signal(values, times))
+    push = PrescribedForce(surface="right", table=Signal(values, times))
+    pull = PrescribedForce(surface="right", force=(0.0, 0.0, 2.0))
+    effects = replace(scene.effects, prescribed={"push": push, "pull": pull})
+    half = scaled(replace(scene, run=replace(scene.run, loads=(load,)), effects=effects), 0.5)
+    assert half.run.loads[0].signal == Signal(0.5 * values, times)
+    assert half.environment.loads["push"].signal == Signal(0.5 * values, times)
+    assert half.environment.loads["pull"].signal == Signal(np.array([0.0, 0.0, 1.0]))
 
 
 def test_what_was_found_is_taken_over(file, found):
@@ -82,13 +88,13 @@ def test_what_was_found_is_taken_over(file, found):
 def test_the_command_writes_table_and_picture(file, found, capsys):
     folder = file.parent / "study"
     with pytest.raises(SystemExit) as ended:
-        main.main(["study", str(file), "-o", str(folder), "--quick", "--resume"])
+        main(["study", str(file), "-o", str(folder), "--quick", "--resume"])
     assert not ended.value.code
     assert "nonlinear, reduced, newton, order 8" in (folder / "amplitudes.md").read_text()
     assert (folder / "amplitudes.png").stat().st_size > 20_000
     assert (folder / "amplitudes.pdf").exists()
     with pytest.raises(SystemExit) as ended:
-        main.main(["study", str(file), "-o", str(folder), "--orders", "5"])
+        main(["study", str(file), "-o", str(folder), "--orders", "5"])
     assert ended.value.code == 2
     assert "--orders" in capsys.readouterr().err
 

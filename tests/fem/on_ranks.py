@@ -30,7 +30,7 @@ COMMANDS = {
     "beam-static.h5": ("reduce", "beam.toml", "--method", "modal+static"),
     "box.h5": ("reduce", "box.toml", "--lyapunov", "closed-form"),
     "beam.h5": ("reduce", "beam.toml"),
-    "beam-modal.h5": ("reduce", "beam.toml", "--switching", "modal", "--share", "0.9999"),
+    "beam-modal.h5": ("reduce", "beam.toml", "--method", "eigenvector-selection", "--share", "0.9999"),
     "free.h5": ("reduce", "free.toml"),
     "free-krylov.h5": ("reduce", "free.toml", "--lyapunov", "krylov"),
     "free-iterative.h5": ("reduce", "free.toml", "--lyapunov", "krylov", "--solver", "iterative"),

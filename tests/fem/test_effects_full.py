@@ -65,7 +65,7 @@ def run_of(scene, model, **choices):
     system = fr.assemble(scene)
     if model == "full":
         return fr.solve(system, **choices)
-    order = {} if "inertia" not in scene.effects else {"order": system.size}
+    order = {} if scene.effects.inertia is None else {"order": system.size}
     return fr.simulate(reduced(system, **order), **choices)
 
 

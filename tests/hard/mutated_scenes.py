@@ -203,7 +203,9 @@ def outcome(content: bytes, folder: Path) -> str:
             return "assembled"
         columns = {name: B.shape[1] for name, B in system.contacts.items()}
         try:
-            history = LoadHistory(scene, columns, {name: B.shape[1] for name, B in system.actuators.items()})
+            history = LoadHistory(
+                scene.environment, columns, {name: B.shape[1] for name, B in system.actuators.items()}
+            )
         except SceneError:
             return "assembled, and its run refused"
         for _, (_, u) in zip(range(5), history, strict=False):

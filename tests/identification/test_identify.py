@@ -51,7 +51,7 @@ def test_without_noise_the_truth_is_found_from_far_away(mesh, files):
     assert result.residual < 1e-8
     assert result.full_residual < 1e-7
     assert result.scene.materials["material"].young == result.values["young"]
-    assert result.scene.effects["damping"]["beta"] == result.values["beta"]
+    assert result.scene.effects.damping.beta == result.values["beta"]
 
 
 def test_a_start_ten_times_off_is_no_matter_for_a_motion(mesh, files):

@@ -5,6 +5,7 @@ import os
 import subprocess
 import sys
 import tomllib
+from dataclasses import astuple
 from pathlib import Path
 
 import numpy as np
@@ -60,7 +61,7 @@ def test_the_scene_found_runs_and_has_what_was_found(folder, one):
     found = scene.materials["material"]
     for name in ("young", "poisson", "density"):
         assert getattr(found, name) == pytest.approx(TRUTH[name], rel=0.05)
-    assert scene.effects["damping"]["beta"] == pytest.approx(TRUTH["beta"], rel=0.05)
+    assert scene.effects.damping.beta == pytest.approx(TRUTH["beta"], rel=0.05)
     before, after = (tomllib.loads((folder / file).read_text()) for file in ("start.toml", "found/identified.toml"))
     assert after["mesh"]["file"] == "../box.msh"
     assert after["run"]["load"][0]["table"] == "../tables/push.csv"
@@ -97,7 +98,7 @@ def test_two_ranks_find_the_same(folder, one):
     for name in ("young", "poisson", "density"):
         value = getattr(first.materials["material"], name)
         assert getattr(second.materials["material"], name) == pytest.approx(value, rel=1e-6)
-    assert second.effects["damping"] == pytest.approx(first.effects["damping"], rel=1e-6)
+    assert astuple(second.effects.damping)[:2] == pytest.approx(astuple(first.effects.damping)[:2], rel=1e-6)
 
 
 def test_wrong_data_end_with_one_line_and_no_folder(folder):

@@ -15,7 +15,7 @@ from fenics_rom.reduction.methods.by_name import by_name
 CHOICES = {
     "closed form": {},
     "krylov": {"lyapunov": "krylov"},
-    "selection": {"lyapunov": "krylov", "switching": "modal"},
+    "selection": {"lyapunov": "krylov", "method": "eigenvector-selection"},
     "adi": {"lyapunov": "adi"},
 }
 

@@ -314,7 +314,7 @@ def test_loads_beyond_what_can_be_followed_say_which_and_what_to_lower(monkeypat
     ("choices", "message"),
     [
         ({"method": "balanced"}, "'trained' and 'modal\\+derivatives' go with effects.large_deformation"),
-        ({"switching": "modal"}, "switching = 'modal' goes with method = 'balanced'"),
+        ({"switching": "oblique"}, "switching = 'oblique' goes with method = 'balanced'"),
         ({"cubature": 0.0}, "cubature"),
     ],
 )

@@ -122,7 +122,10 @@ def with_names(names):
         ({"method": "modal"}, "eigenvectors have no singular values for a tolerance to leave out; give an order"),
         ({"method": static_shapes}, "this method has no singular values for a tolerance to leave out; give an order"),
         ({"method": "modul", "order": 3}, r"method: no choice 'modul'; .* did you mean 'modal'\?"),
-        ({"method": "pod", "switching": "modal"}, "switching = 'modal' goes with method = 'balanced', not with 'pod'"),
+        (
+            {"method": "pod", "switching": "oblique"},
+            "switching = 'oblique' goes with method = 'balanced', not with 'pod'",
+        ),
         ({"method": with_names(["right"]), "order": 2}, "the method gave no directions for contact mode 'top'"),
         ({"method": with_names(["left"]), "order": 2}, "the method gave contact mode 'left', which was not asked for"),
         ({"solver": "magic", "order": 2}, "solver: no choice 'magic'"),

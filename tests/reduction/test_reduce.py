@@ -92,15 +92,15 @@ def test_error_falls_with_the_order_and_is_certified(box_system, frequencies):
     assert all(later < earlier / 4 for earlier, later in itertools.pairwise(statics)), statics
 
 
-@pytest.mark.parametrize("switching", ["modal", "energy"])
-def test_all_modes_kept_is_the_full_model(box_file, switching):
+@pytest.mark.parametrize("method", ["eigenvector-selection", "balanced"])
+def test_all_modes_kept_is_the_full_model(box_file, method):
     """Nodal forces on half of the nodes reach every motion, so that nothing is left out."""
     contacts = '[contacts.right]\nsurface = "right"\n[contacts.top]\nsurface = "top"\nforce = "nodal"'
     scene = parse_scene(scene_text(box_file, contacts=contacts, run=LOADED))
     system = fr.assemble(scene)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", FenicsRomWarning)
-        rom = fr.reduce(system, order=system.size, switching=switching, share=1.0)
+        rom = fr.reduce(system, order=system.size, method=method, share=1.0)
     assert rom.contact_models["top"].order == system.size
     random = np.random.default_rng(0)
     reduced, full = fr.Simulator(rom, dt=0.01), FullSimulator(system, 0.01)
@@ -128,7 +128,7 @@ def test_krylov_and_modal_selection_on_a_body_too_large_to_be_dense(tmp_path):
         σ = dense.contact_models[name].hankel_singular_values[:12]
         np.testing.assert_allclose(mode.hankel_singular_values[:12], σ, rtol=1e-6)
     modal, reference = (
-        fr.reduce(system, order=12, switching="modal", share=0.9999, lyapunov=route)
+        fr.reduce(system, order=12, method="eigenvector-selection", share=0.9999, lyapunov=route)
         for route in ("krylov", "closed-form")
     )
     for name, mode in modal.contact_models.items():
@@ -138,7 +138,7 @@ def test_krylov_and_modal_selection_on_a_body_too_large_to_be_dense(tmp_path):
 def test_selection_grows_until_the_share_is_held(box_system):
     """From a Krylov space and 60 eigenvectors to begin with, the same selection as from all of them."""
     grown, whole = (
-        fr.reduce(box_system, order=10, switching="modal", share=1 - 1e-9, lyapunov=route)
+        fr.reduce(box_system, order=10, method="eigenvector-selection", share=1 - 1e-9, lyapunov=route)
         for route in ("krylov", "closed-form")
     )
     for name, mode in grown.contact_models.items():
@@ -151,7 +151,7 @@ def test_selection_shares_its_eigenvectors_with_many_inputs(box_file):
     system = assembled(box_file, contacts='[contacts.right]\nsurface = "right"\nforce = "nodal"')
     assert system.input_matrix("right").shape[1] > 24
     grown, whole = (
-        fr.reduce(system, order=10, switching="modal", share=0.999, lyapunov=route)
+        fr.reduce(system, order=10, method="eigenvector-selection", share=0.999, lyapunov=route)
         for route in ("krylov", "closed-form")
     )
     γ = whole.contact_models["right"].eigenvalues
@@ -162,7 +162,7 @@ def test_eigenvectors_hold_the_share_of_the_trace_that_was_asked_for(box_system)
     """C = VᵀMT Σ (VᵀMT)ᵀ (12)-(13): the trace without V is that with all of V, and no smaller selection is enough."""
     order, share = 10, 0.9999
     balanced = fr.reduce(box_system, order=order)
-    selected = fr.reduce(box_system, order=order, switching="modal", share=share)
+    selected = fr.reduce(box_system, order=order, method="eigenvector-selection", share=share)
     γ, V = box_system.algebra.eigenpairs(box_system.mass, box_system.stiffness, box_system.size)
     for name, mode in selected.contact_models.items():
         d = 1.0 + 1e-3 * γ
@@ -230,7 +230,7 @@ def test_orders_by_name(box_system):
         ({"order": 2.5}, "order = 2.5: allowed is a whole number and >= 1"),
         ({"order": {"right": 5, "top": -1}}, "order.top = -1"),
         ({"tolerance": -1.0}, "tolerance = -1.0: allowed"),
-        ({"switching": "modal", "share": 2.0}, "share = 2.0: allowed"),
+        ({"method": "eigenvector-selection", "share": 2.0}, "share = 2.0: allowed"),
     ],
 )
 def test_choices_that_do_not_fit_are_refused(box_system, choice, message):

@@ -57,7 +57,7 @@ def rough_ride(rom, steps, seed):
     return account
 
 
-@pytest.mark.parametrize("choice", [{"order": 20}, {"order": 52}, {"order": 12, "switching": "modal"}])
+@pytest.mark.parametrize("choice", [{"order": 20}, {"order": 52}, {"order": 12, "method": "eigenvector-selection"}])
 def test_account_closes_over_ten_thousand_rough_steps(plate_system, choice):
     account = rough_ride(fr.reduce(plate_system, **choice), 10_000, seed=1)
     assert account.gap <= CLOSES_TO * account.scale
@@ -196,7 +196,7 @@ def test_switch_is_the_nearest_state_in_energy(plate_rom):
 
 def test_energy_switching_of_eigenvectors_is_the_papers_selection(plate_system):
     """For bases of eigenvectors the projections drop coordinates and change no other (13)."""
-    rom = fr.reduce(plate_system, order=12, switching="modal", share=0.999999)
+    rom = fr.reduce(plate_system, order=12, method="eigenvector-selection", share=0.999999)
     start, end = rom.contact_models.values()
     shared = np.isin(np.round(start.eigenvalues, 6), np.round(end.eigenvalues, 6))
     assert 0 < shared.sum() < start.order, (start.order, end.order)
@@ -210,15 +210,19 @@ def test_energy_switching_of_eigenvectors_is_the_papers_selection(plate_system):
     np.testing.assert_allclose(simulator.state[1][~kept], 0, atol=1e-7)
 
 
-@pytest.mark.parametrize(("switching", "passive"), [("oblique", False), ("energy", True), ("modal", True)])
-def test_standard_switching_fails_the_law_that_the_others_keep(plate_system, switching, passive):
+@pytest.mark.parametrize(
+    ("choices", "passive"),
+    [({"switching": "oblique"}, False), ({"switching": "energy"}, True), ({"method": "eigenvector-selection"}, True)],
+    ids=["oblique", "energy", "selection"],
+)
+def test_standard_switching_fails_the_law_that_the_others_keep(plate_system, choices, passive):
     """The paper's Fig. 2: orders 52 and 67, a switch at every step of 0.1 ms, white-noise forces."""
     rom = fr.reduce(
         plate_system,
         order={"tip_left": 52, "middle": 67},
-        switching=switching,
         weighting="nodal",
         share=0.9999999,
+        **choices,
     )
     random = np.random.default_rng(0)
     simulator = fr.Simulator(rom, dt=1e-4)

@@ -256,9 +256,7 @@ def test_what_cannot_be_is_said(roms, ask, says):
 def test_a_scene_chooses_whether_it_deforms_largely(roms):
     rom = roms["st_venant_kirchhoff"]
     large = parse_scene(rom.scene_text)
-    straight = replace(
-        large, effects={name: said for name, said in large.effects.items() if name != "large_deformation"}
-    )
+    straight = replace(large, effects=replace(large.effects, large_deformation=None))
     assert fr.Simulator(rom, 1e-3, scene=straight).stepper == "midpoint"
     text = "\n".join(line for line in rom.scene_text.splitlines() if "large_deformation" not in line)
     effects = {name: said for name, said in rom.effects.items() if name != "large_deformation"}

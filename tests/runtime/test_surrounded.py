@@ -97,7 +97,7 @@ def reduced(scene, order=None, **choices):
     system = fr.assemble(scene)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", FenicsRomWarning)
-        return fr.reduce(system, order=order or (system.size if "inertia" in scene.effects else None), **choices)
+        return fr.reduce(system, order=order or (system.size if scene.effects.inertia is not None else None), **choices)
 
 
 class Models:
@@ -245,7 +245,7 @@ def extreme(mesh):
 def stripped(rom, scene, **changes):
     """The ROM as it were if it had been made from another scene, in the same bases."""
     modes = {name: replace(mode, contact_points=np.empty(0, dtype=int)) for name, mode in rom.contact_models.items()}
-    effects = {name: rom.effects[name] for name in scene.effects}
+    effects = {name: rom.effects[name] for name in scene.effects.names}
     return replace(rom, contact_models=modes, effects=effects, scene_text=scene.text, **changes)
 
 

@@ -11,7 +11,6 @@ from fenics_rom.fem.finite_strain.model import Model
 from fenics_rom.fem.finite_strain.quadrature import Points
 from fenics_rom.fem.finite_strain.stepper import LargeDeformationSimulator
 from fenics_rom.fem.finite_strain.stresses import Material, StressesAtRest
-from fenics_rom.fem.loads import patch_of
 from fenics_rom.fem.nodes import Nodes, patch_triangles, shape_functions
 from fenics_rom.fem.petsc_matrix import PetscMatrix
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
@@ -112,7 +111,8 @@ def large_deformation_of(
     points = Points(nodes, scene.degree, system.algebra.comm)  # type: ignore[attr-defined]
     each = points.shape_gradients.shape[1]
     moduli = (np.repeat(values, each) for values in of_cells(points.cells))
-    material = Material(scene.effects["large_deformation"]["material"], *moduli)
+    assert scene.effects.large_deformation is not None
+    material = Material(scene.effects.large_deformation.material, *moduli)
     mass: PetscMatrix = system.mass  # type: ignore[assignment]
     model = Model(
         mass, external_damping, spring, points, material, _followers(scene, nodes), system.body.free, system.algebra
@@ -123,10 +123,10 @@ def large_deformation_of(
 def _followers(scene: Scene, nodes: Nodes) -> dict[str, Follower]:
     """Pressures and tendons of a scene."""
     found: dict[str, Follower] = {}
-    for name, one in scene.effects.get("pressure", {}).items():
-        found[name] = Pressure(nodes, patch_triangles(nodes, patch_of(one, "normal"), f"effects.pressure.{name}"))
-    for name, one in scene.effects.get("tendon", {}).items():
-        points = np.array(one["points"])
+    for name, pressure in scene.effects.pressure.items():
+        found[name] = Pressure(nodes, patch_triangles(nodes, pressure, f"effects.pressure.{name}"))
+    for name, tendon in scene.effects.tendon.items():
+        points = np.array(tendon.points)
         shapes = [shape_functions(nodes, point, f"effects.tendon.{name}.points") for point in points]
         found[name] = Tendon(points, np.array(shapes))
     return found

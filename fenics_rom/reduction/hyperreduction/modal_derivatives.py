@@ -34,7 +34,7 @@ def modal_derivatives(problem: ReductionProblem, checkpoint: Checkpoint) -> Trai
     """
     system = problem.system
     inner, M = system.algebra.inner, system.mass
-    moves = system.scene is None or "inertia" in system.scene.effects
+    moves = system.scene is None or system.scene.effects.inertia is not None
     loads = loads_of(problem, slowest_period(problem) if moves else 0.0)
     forces = [system.input_matrix(name) @ loads.whole(u) for name, u in islice(targets(loads), TARGETS)]
     at_rest = problem.factor.solve(np.column_stack(forces))

@@ -84,7 +84,7 @@ def _deformation(problem: ReductionProblem, W: Array, γ: Array, states: Array, 
         gradients = body.gradients(W)
         chosen = cubature(body, algebra, gradients, γ, states, tolerance)
     with problem.stages("forces that follow"):
-        pressures = pressures_of(body, algebra, W, system.scene.effects.get("pressure", {}))
+        pressures = pressures_of(body, algebra, W, system.scene.effects.pressure)
         tendons = tendons_of(body, algebra, W)
 
     def everywhere(values: Array) -> Array:

@@ -114,7 +114,7 @@ def own_history(system: System, scene: Scene) -> Iterator[tuple[str, Array]]:
     """Contact mode and whole input of each step of the scene's load history; obstacles push nothing."""
     surroundings = ActiveEnvironment(scene)
     columns = {name: B.shape[1] for name, B in system.contacts.items()}
-    history = LoadHistory(scene, columns, {name: B.shape[1] for name, B in system.actuators.items()})
+    history = LoadHistory(scene.environment, columns, {name: B.shape[1] for name, B in system.actuators.items()})
     for step, (contact, u) in enumerate(history):
         pushed = np.zeros(columns[contact]) if history.automatic else np.empty(0)
         late = 1.0 if surroundings.quasi_static else 0.5

@@ -59,14 +59,14 @@ def runs_of(problem: ReductionProblem) -> tuple[list[Run], list[Run]]:
     system = problem.system
     scene = scene_with_run(system)
     assert scene.run is not None
-    moves = "inertia" in scene.effects
+    moves = scene.effects.inertia is not None
     period = slowest_period(problem) if moves else 0.0
     dt = max(scene.run.dt, period / STEPS_OF_PERIOD) if moves else None
     loads = loads_of(problem, period)
     number = min(MOST, max(FEWEST, 2 * loads.count))
     made = [_grown(system, loads, contact, u, dt, period) for contact, u in islice(targets(loads), number + 1)]
     held_out = made[-1:]
-    if "contact" not in scene.effects:  # where obstacles do not stop the body, it would go too far without them
+    if scene.effects.contact is None:  # where obstacles do not stop the body, it would go too far without them
         held_out.append(_own(system, scene, dt))
     return made[:-1], held_out
 

@@ -6,8 +6,11 @@ from fenics_rom.reduction.methods.pod import pod
 from fenics_rom.reduction.methods.static import static
 from fenics_rom.reduction.problem import Method
 
+SELECTION = "eigenvector-selection"  # of what the balanced directions name, see EigenvectorSelection
+
 BY_NAME: dict[str, Method] = {
     "balanced": balanced,
+    SELECTION: balanced,
     "modal": modal,
     "modal+static": modal_static,
     "pod": pod,

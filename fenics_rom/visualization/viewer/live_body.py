@@ -287,8 +287,8 @@ def _time_step(rom: Rom, scene: Scene) -> float:
 
 def _unswitched(scene: Scene) -> Scene:
     """The scene, but its contact mode does not follow the obstacles."""
-    contact = {**scene.effects["contact"], "switching": "scene"}
-    return replace(scene, effects={**scene.effects, "contact": contact})
+    assert scene.effects.contact is not None
+    return replace(scene, effects=replace(scene.effects, contact=replace(scene.effects.contact, switching="scene")))
 
 
 def _actuators(rom: Rom, scene: Scene) -> list[Actuator]:
@@ -297,7 +297,7 @@ def _actuators(rom: Rom, scene: Scene) -> list[Actuator]:
     column = rom.contacts[first]
     found = []
     for name, width in rom.actuators.items():
-        kind = next((effect for effect in UNITS if name in scene.effects.get(effect, {})), "")
+        kind = next((effect for effect in UNITS if name in getattr(scene.effects, effect)), "")
         for k in range(width):
             largest = float(f"{largest_input(rom, first, column):.2g}")
             least = 0.0 if kind == "tendon" else -largest  # a cable only pulls

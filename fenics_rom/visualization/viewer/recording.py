@@ -55,7 +55,7 @@ class Recording:
             tuple(rom.contact_models),
             len(rom.nodes),
             max(shapes, 1),
-            tuple(scene.effects),
+            scene.effects.names,
             obstacles,
         )
 

@@ -1,0 +1,148 @@
+"""What holds for several keys of a scene, or for several effects, together."""
+
+import itertools
+from collections.abc import Collection, Mapping
+from typing import Any
+
+from fenics_rom.errors import SceneError, unknown
+from fenics_rom.mechanics.environment import AppliedLoad
+from fenics_rom.scene.effect_table import ACTUATORS, EFFECTS, LOADS
+from fenics_rom.scene.effects import Contact, Effects
+from fenics_rom.scene.environment import obstacle_of
+from fenics_rom.scene.file_format import LoadEntry, RunTable, SceneFile
+from fenics_rom.scene.scene import check_order
+
+ON_SURFACE = ("surface", "near")
+ANYWHERE = (*ON_SURFACE, "point")
+
+
+def check_consistency(file: SceneFile) -> None:
+    """Checks all but the run, whose loads are made one by one.
+
+    Raises:
+        SceneError: something does not fit the rest.
+    """
+    for name, patch in file.contacts.items():
+        check_exactly_one(patch, ON_SURFACE, f"contacts.{name}")
+    if not file.contacts:
+        raise SceneError("contacts: at least one contact mode is needed, as [contacts.NAME]")
+    for name, patch in file.actuators.items():
+        check_exactly_one(patch, ON_SURFACE, f"actuators.{name}")
+    _check_effects(file.effects, file.actuators)
+    if (file.material is None) == (file.materials is None):
+        raise SceneError("give either [material] or [materials.NAME]")
+    if file.materials == {}:
+        raise SceneError("materials: at least one [materials.NAME] is needed")
+    for name, output in file.outputs.items():
+        check_exactly_one(output, ("points", "surface"), f"outputs.{name}")
+    if file.reduction.order is not None and file.reduction.tolerance is not None:
+        raise SceneError("reduction: give order or tolerance, not both")
+    check_order(file.reduction.order, file.contacts, "reduction.order")
+
+
+def check_exactly_one(record: Any, keys: tuple[str, ...], where: str) -> None:
+    """Checks that one of some fields is given.
+
+    Raises:
+        SceneError: none is, or several are.
+    """
+    given = [key for key in keys if getattr(record, key) is not None]
+    if len(given) != 1:
+        raise SceneError(f"{where}: give exactly one of {', '.join(keys)}; given: {', '.join(given) or 'none'}")
+
+
+def _check_effects(effects: Effects, actuators: Mapping[str, Any]) -> None:
+    for name in effects.names:
+        for needed in EFFECTS[name].law.needs:
+            if needed not in effects.names:
+                raise SceneError(f"effects.{name}: means nothing without {needed}; name effects.{needed} as well")
+    taken = dict.fromkeys(actuators, "actuators") | {"gravity": "effects"}
+    for kind in (*LOADS, *ACTUATORS):
+        for name in getattr(effects, kind) if EFFECTS[kind].several else ():
+            if name in taken:
+                raise SceneError(f"effects.{kind}.{name}: the name is taken by {taken[name]}.{name}")
+            taken[name] = f"effects.{kind}"
+    for kind, keys in (("springs", ON_SURFACE), ("pressure", ON_SURFACE), ("prescribed", ANYWHERE)):
+        for name, place in getattr(effects, kind).items():
+            check_exactly_one(place, keys, f"effects.{kind}.{name}")
+    for name, dashpot in effects.dashpots.items():
+        check_exactly_one(dashpot, ON_SURFACE, f"effects.damping.dashpots.{name}")
+    for kind, key in (("prescribed", "force"), ("base_motion", "acceleration")):
+        for name, load in getattr(effects, kind).items():
+            if getattr(load, key) is not None and load.table is not None:
+                raise SceneError(f"effects.{kind}.{name}: give {key} or table, not both")
+    for name, motion in effects.base_motion.items():
+        if not any(motion.direction):
+            raise SceneError(f"effects.base_motion.{name}.direction: allowed is any but zero")
+    if effects.contact is not None:
+        _check_contact(effects.contact, has_inertia=effects.inertia is not None)
+
+
+def _check_contact(contact: Contact, *, has_inertia: bool) -> None:
+    if not contact.obstacles:
+        raise SceneError("effects.contact.obstacles: at least one is needed, as [effects.contact.obstacles.NAME]")
+    for name, described in contact.obstacles.items():
+        obstacle_of(described, f"effects.contact.obstacles.{name}")
+    penalty = contact.method == "penalty"
+    if penalty and contact.stiffness is None:
+        raise SceneError("effects.contact.stiffness is missing: the spring of method = 'penalty' at every point, N/m")
+    for key in ("stiffness", "damping"):
+        if getattr(contact, key) is not None and not penalty:
+            raise SceneError(f"effects.contact.{key}: goes with method = 'penalty'; a rigid obstacle has none")
+    if contact.restitution and (penalty or not has_inertia):
+        raise SceneError("effects.contact.restitution: goes with inertia and method = 'complementarity'")
+
+
+def check_run(run: RunTable) -> None:
+    """Checks the time step of a run.
+
+    Raises:
+        SceneError: it is longer than the run.
+    """
+    if run.dt > run.duration:
+        raise SceneError(f"run.dt = {run.dt:g}: allowed is at most the duration, {run.duration:g} s")
+
+
+def check_load(
+    load: LoadEntry, where: str, duration: float, contacts: Collection[str], actuators: Collection[str]
+) -> None:
+    """Checks a load of a run.
+
+    Raises:
+        SceneError: it acts on nothing, or never.
+    """
+    check_exactly_one(load, ("contact", "actuator"), where)
+    check_exactly_one(load, ("force", "table"), where)
+    if load.contact is not None and load.contact not in contacts:
+        raise SceneError(f"{where}.contact: {unknown('contact mode', load.contact, contacts)}")
+    if load.actuator is not None and load.actuator not in actuators:
+        raise SceneError(f"{where}.actuator: {unknown('actuator', load.actuator, actuators)}")
+    if load.start >= duration:
+        raise SceneError(f"{where}.start = {load.start:g}: allowed is less than the run's duration, {duration:g} s")
+    stop = duration if load.stop is None else load.stop
+    if stop <= load.start:
+        raise SceneError(f"{where}.stop = {stop:g}: allowed is more than start, {load.start:g} s")
+
+
+def check_pushes(loads: Collection[AppliedLoad], effects: Effects) -> None:
+    """Checks that what acts on contact modes leaves one of them active at a time.
+
+    Args:
+        loads: of a run.
+        effects: of the scene.
+
+    Raises:
+        SceneError: two are, or obstacles say which it is.
+    """
+    pushes = sorted((load for load in loads if load.contact), key=lambda load: load.start)
+    for first, second in itertools.combinations(pushes, 2):
+        if second.start < first.stop and second.contact != first.contact:
+            raise SceneError(
+                f"run.load: {first.contact!r} acts until {first.stop:g} s and {second.contact!r} from "
+                f"{second.start:g} s, but one contact mode acts at a time; make a contact mode of both surfaces"
+            )
+    if pushes and effects.contact is not None and effects.contact.switching == "automatic":
+        raise SceneError(
+            "effects.contact.switching = 'automatic': the contact mode follows the obstacles, so run.load can push "
+            "with actuators only; allowed beside contacts in run.load is 'scene'"
+        )

@@ -1,0 +1,100 @@
+"""The table of effects, made from their records: what a scene says of each, and its part in the energy account."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from typing import Any, get_origin
+
+from fenics_rom.scene.effects import Effects, Law
+from fenics_rom.scene.values import Items, Number, keys_of, part_of, type_in, value_in
+
+
+@dataclass(frozen=True)
+class EffectEntry:
+    """A row of the table of effects.
+
+    Attributes:
+        kind: the record of the effect, or of each one where there can be several.
+        several: whether a scene names each, as in [effects.tendon.NAME].
+    """
+
+    kind: type
+    several: bool
+
+    @property
+    def law(self) -> Law:
+        """What it does."""
+        law: Law = self.kind.LAW  # type: ignore[attr-defined]
+        return law
+
+    @property
+    def parameters(self) -> dict[str, Any]:
+        """What the scene says of it, each with its annotation."""
+        return keys_of(self.kind)
+
+    @property
+    def optional(self) -> frozenset[str]:
+        """Parameters that may be None."""
+        return frozenset(field.name for field in fields(self.kind) if field.default is None)
+
+    @property
+    def numbers(self) -> dict[str, tuple[str, int]]:
+        """Unit and length of each parameter that is a number or a list of numbers, where there is one of it."""
+        found = {}
+        for key, annotation in () if self.several else self.parameters.items():
+            value, length = value_in(annotation), 1
+            if isinstance(value, Items) and value.length is not None:
+                length, value = value.length, value_in(part_of(annotation, 0))
+            if isinstance(value, Number):
+                found[key] = value.unit or "1", length
+        return found
+
+
+def _entry(annotation: Any) -> EffectEntry:
+    several = get_origin(type_in(annotation)) is Mapping
+    return EffectEntry(type_in(part_of(annotation, "NAME")) if several else type_in(annotation), several)
+
+
+EFFECTS: Mapping[str, EffectEntry] = {name: _entry(annotation) for name, annotation in keys_of(Effects).items()}
+LOADS = ("gravity", "base_motion", "prescribed")  # forces with a signal of their own
+ACTUATORS = ("pressure", "tendon")  # forces that are inputs
+
+
+def numbers_of(effects: Effects) -> dict[str, dict[str, Any]]:
+    """Of each effect that acts its parameters that are numbers, where it is one of its kind."""
+    numbers = {}
+    for name in effects.names:
+        given = {key: getattr(getattr(effects, name), key) for key in EFFECTS[name].numbers}
+        numbers[name] = {key: value for key, value in given.items() if value is not None}
+    return numbers
+
+
+def table_of_effects() -> list[tuple[str, str, str, str]]:
+    """For each effect its name, its force, what a scene says of it, and its part in the energy account."""
+    return [
+        (
+            f"`{name}.NAME`" if effect.several else f"`{name}`",
+            effect.law.force,
+            ", ".join(_described(key, annotation) for key, annotation in effect.parameters.items()) or "-",
+            "; ".join(
+                f"{verb} {what}"
+                for verb, what in (
+                    ("stores", effect.law.stores),
+                    ("dissipates", effect.law.dissipates),
+                    ("supplies", effect.law.supplies),
+                )
+                if what != "nothing"
+            ),
+        )
+        for name, effect in EFFECTS.items()
+    ]
+
+
+def _described(key: str, annotation: Any) -> str:
+    """A parameter with its unit and its bounds."""
+    value = value_in(annotation)
+    if isinstance(value, Items):
+        value = value_in(part_of(annotation, 0))
+    if not isinstance(value, Number):
+        return f"`{key}`"
+    bounds = "".join(f" {sign.replace('>=', '≥').replace('<=', '≤')} {bound:g}" for sign, bound in value.bounds)
+    return f"`{key}`{bounds}{f' {value.unit}' if value.unit else ''}"

@@ -1,0 +1,97 @@
+"""The tables of a scene file, where these are other than the records of a scene."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Annotated, ClassVar
+
+from fenics_rom.mechanics.signals import Signal
+from fenics_rom.scene.effects import Effects, constant_signal
+from fenics_rom.scene.places import Patch
+from fenics_rom.scene.scene import Elasticity, Output, Reduction
+from fenics_rom.scene.values import Items, Name, Number, Table, Text
+
+Group = Annotated[int, Number(integer=True, at_least=0)]
+SurfaceName = Annotated[str, Text()]
+InputValue = Annotated[float, Number(unit="N")]
+
+
+@dataclass(frozen=True)
+class Mesh:
+    """Tetrahedra of a Gmsh file."""
+
+    file: Annotated[str, Text(), "a .msh file; its path is relative to the scene's folder"]
+    degree: Annotated[
+        int, Number(at_least=1, at_most=2, integer=True), "of the displacements in a tetrahedron; 1 is stiff in bending"
+    ] = 1
+    groups: Annotated[Mapping[Name, Group], "names for physical groups that have numbers alone in the file"] = field(
+        default_factory=dict
+    )
+
+
+@dataclass(frozen=True)
+class CellMaterial(Elasticity):
+    """Isotropic linear elastic material of some cells."""
+
+    cells: Annotated[str, Text(), "a named cell group of the mesh"]
+
+
+@dataclass(frozen=True)
+class Supports:
+    """What holds the body."""
+
+    clamped: Annotated[tuple[SurfaceName, ...], Items(), "named surfaces that do not move"] = ()
+
+
+@dataclass(frozen=True)
+class LoadEntry:
+    """A force on a contact mode, or the input of an actuator, between two times."""
+
+    contact: Annotated[str | None, Text(), "a contact mode; this or actuator"] = None
+    actuator: Annotated[str | None, Text(), "an actuator, pressure or tendon; this or contact"] = None
+    start: Annotated[float, Number(at_least=0.0, unit="s"), "when it begins"] = 0.0
+    stop: Annotated[float | None, Number(above=0.0, unit="s"), "when it ends; usually with the run"] = None
+    force: Annotated[
+        tuple[InputValue, ...] | None,
+        Items(at_least=1),
+        "where it is constant, one number for each column (of a pressure in Pa); this or table",
+    ] = None
+    table: Annotated[Signal | None, Table(), "CSV file: time (s) of the run, one column for each number"] = None
+
+    @property
+    def signal(self) -> Signal:
+        """The numbers over time."""
+        signal = self.table or constant_signal(self.force)
+        assert signal is not None
+        return signal
+
+
+@dataclass(frozen=True)
+class RunTable:
+    """A load history."""
+
+    dt: Annotated[float, Number(above=0.0, unit="s"), "time step"]
+    duration: Annotated[float, Number(above=0.0, unit="s"), "of the run"]
+    snapshots: Annotated[
+        int, Number(at_least=1, integer=True), "how many whole shapes are kept of it, evenly spread"
+    ] = 100
+    load: Annotated[tuple[LoadEntry, ...], Items(), "what acts on contact modes and actuators"] = ()
+
+
+@dataclass(frozen=True)
+class SceneFile:
+    """A scene file. Numbers are in SI units."""
+
+    __pydantic_config__: ClassVar = {"extra": "forbid"}
+    mesh: Annotated[Mesh, "tetrahedra of a Gmsh file"]
+    contacts: Annotated[Mapping[Name, Patch], "contact modes, at least one: where the body can be touched"]
+    effects: Annotated[Effects, "what acts; an effect that is not named costs nothing"]
+    name: Annotated[str, Text(), "of the scene"] = "scene"
+    material: Annotated[Elasticity | None, "of the whole body; this or materials"] = None
+    materials: Annotated[Mapping[Name, CellMaterial] | None, "of cell groups; this or material"] = None
+    supports: Annotated[Supports, "what holds the body"] = field(default_factory=Supports)
+    actuators: Annotated[Mapping[Name, Patch], "forces that are inputs beside those of the contact mode"] = field(
+        default_factory=dict
+    )
+    outputs: Annotated[Mapping[Name, Output], "displacements that are read often"] = field(default_factory=dict)
+    reduction: Annotated[Reduction, "how it is to be reduced"] = field(default_factory=Reduction)
+    run: Annotated[RunTable | None, "a load history"] = None

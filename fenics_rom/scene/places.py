@@ -1,0 +1,38 @@
+"""Where on a body something acts."""
+
+from dataclasses import dataclass
+from typing import Annotated
+
+from fenics_rom.scene.values import Number, Point, Text
+
+
+@dataclass(frozen=True)
+class Near:
+    """The surface triangles whose centroids lie in a ball."""
+
+    point: Annotated[Point, "centre of the ball"]
+    radius: Annotated[float, Number(above=0.0, unit="m"), "of the ball"]
+
+
+@dataclass(frozen=True)
+class Place:
+    """A piece of the surface: exactly one of the two."""
+
+    surface: Annotated[str | None, Text(), "a named surface of the mesh"] = None
+    near: Annotated[Near | None, "the surface triangles whose centroids lie in a ball"] = None
+
+    def patch(self, force: str) -> "Patch":
+        """The place, with the forces that can act on it."""
+        return Patch(self.surface, self.near, force)
+
+
+@dataclass(frozen=True)
+class Patch(Place):
+    """A piece of the surface and the forces that can act on it: a contact mode or an actuator."""
+
+    force: Annotated[
+        str,
+        Text(choices=("resultant", "normal", "nodal")),
+        '"resultant" (3 columns: a force spread uniformly over the patch), "normal" (1 column: a uniform pressure along'
+        ' the inward normals, scaled so that 1 N is pressure times area) or "nodal" (3 columns a node)',
+    ] = "resultant"
