@@ -13,7 +13,7 @@ from bodies import acted_on, box_arrays, scene_text, write_arrays
 import fenics_rom as fr
 from fenics_rom.cli.main import main
 from fenics_rom.errors import FenicsRomError, FenicsRomWarning, FileError, MeshError, SceneError
-from fenics_rom.mechanics.active_environment import ActiveEnvironment, load_columns
+from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.environment import Run
 from fenics_rom.mechanics.obstacles import Box, Capsule, HalfSpace, Sphere
 from fenics_rom.scene.effect_table import ACTUATORS, EFFECTS, LOADS
@@ -143,8 +143,9 @@ def test_what_a_model_has_built_in_is_told_whatever_the_order_of_the_keys():
 
 
 def test_loads_have_columns_in_one_order():
-    assert load_columns(parse(ALL)) == {"gravity": 1, "quake": 1, "push": 3, "poke": 3}
-    assert load_columns(parse(INERTIA)) == {}
+    columns = {name: load.columns for name, load in parse(ALL).environment.loads.items()}
+    assert columns == {"gravity": 1, "quake": 1, "push": 3, "poke": 3}
+    assert parse(INERTIA).environment.loads == {}
 
 
 @pytest.mark.parametrize(

@@ -268,7 +268,7 @@ def test_files_of_format_1_2_load_for_ever():
 
 
 def test_later_minor_version_loads(rom_file, rom):
-    tampered(rom_file, lambda h5: h5.attrs.update(format_version=np.bytes_("1.7"), remark=np.bytes_("new")))
+    tampered(rom_file, lambda h5: h5.attrs.update(format_version=np.bytes_("2.7"), remark=np.bytes_("new")))
     assert same(fr.read_rom(rom_file), rom)
 
 
@@ -444,12 +444,14 @@ LIES = {
     f"/{MODE}/inputs is missing": without(f"{MODE}/inputs"),
     "/outputs is missing": without("outputs"),
     "/contact_models is missing": lambda h5: (h5.pop("contact_models"), h5.update(contact_models=[1.0])),
-    "/effects/damping/beta is missing": without("effects/damping/beta"),
+    "/environment/run/dt is missing": without("environment/run/dt"),
     "unexpected more in /": put("more", [1.0]),
     f"unexpected more in /{MODE}": put(f"{MODE}/more", [1.0]),
-    "unexpected 7 in /tables": put("tables/7", np.eye(2)),
-    "no effect 'wind'; there is base_motion, contact, damping": group("effects/wind"),
-    "/effects/gravity/acceleration is missing": group("effects/gravity"),
+    "unexpected 7 in /environment/run": put("environment/run/7", np.eye(2)),
+    "/environment/loads/wind/columns is missing": group("environment/loads/wind"),
+    "/environment/obstacles/wind: no shape 'cone'": lambda h5: h5.create_group(
+        "environment/obstacles/wind"
+    ).attrs.update(shape=np.bytes_("cone")),
     "/free has shape (180,); allowed is ('n',), n = 5": put("basis", np.ones((5, 8))),
     "/stiffness has shape (7,); allowed is ('k',), k = 8": put("stiffness", np.ones(7)),
     "/free has 2 dimensions, not 1": put("free", lambda free: free[None]),

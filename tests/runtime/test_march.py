@@ -121,7 +121,7 @@ def test_bad_marches_leave_everything_as_it_was(plate_rom):
         with pytest.raises(StepError, match=message):
             simulator.rollout(inputs, **choice)
         after = simulator.save()
-        np.testing.assert_array_equal(after.state, before.state)
+        np.testing.assert_array_equal(after.stepper.state, before.stepper.state)
         assert (after.contact, after.dt, after.steps, after.sums) == (
             before.contact, before.dt, before.steps, before.sums,
         )  # fmt: skip
