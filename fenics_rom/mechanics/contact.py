@@ -29,7 +29,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fenics_rom.errors import SceneError, StepError
-from fenics_rom.mechanics.complementarity import GOOD, solve
+from fenics_rom.mechanics.complementarity import NEGLIGIBLE_RESIDUAL, solve
 from fenics_rom.mechanics.obstacles import Obstacle
 
 Array = np.ndarray
@@ -285,7 +285,7 @@ class Contact:
             solution = solve(part, q, normals, law.friction, start if every else start[pairs])
             f = solution.forces
             iterations += solution.iterations
-            if solution.residual > GOOD:
+            if solution.residual > NEGLIGIBLE_RESIDUAL:
                 f = _passive(f, part, relative_free if every else relative_free[pairs])
             if every:
                 start = f
@@ -310,7 +310,7 @@ class Contact:
             if not again:
                 break
         self.last = start
-        if solution.residual > GOOD:
+        if solution.residual > NEGLIGIBLE_RESIDUAL:
             self.loose = ContactResidual(self.loose.steps + 1, max(self.loose.residual, solution.residual))
         return ContactSolution(forces, by_pair.sum(axis=1), iterations, pairs, normals, f, w, law.friction > 0)
 
