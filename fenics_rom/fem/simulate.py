@@ -16,7 +16,7 @@ from fenics_rom.fem.petsc_matrix import combination
 from fenics_rom.mechanics.active_environment import ActiveEnvironment, ContactPoints, SignalLike
 from fenics_rom.mechanics.contact import Contact, ContactSolution
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
-from fenics_rom.mechanics.linearity import SurfaceGauges, SurfaceStrainPeak, largest, summary, warning
+from fenics_rom.mechanics.linearity import SurfaceGauges, SurfaceStrainPeak, measure_peaks
 from fenics_rom.mechanics.load_history import LoadHistory
 from fenics_rom.mechanics.time_step_monitor import TimeStepMonitor
 from fenics_rom.scene.scene import Scene
@@ -283,15 +283,15 @@ class LinearLimit:
 
     def look(self, displacement: Array, time: float) -> None:
         """Notes displacements of all nodes (N, 3), m, at a time, s, and warns at the first that is too much."""
-        now = SurfaceStrainPeak(*largest(self._gauges.components(displacement)), time)
+        now = SurfaceStrainPeak(*measure_peaks(self._gauges.components(displacement)), time)
         if now.beyond and not self._seen.beyond:
-            warnings.warn(warning(now), FenicsRomWarning, stacklevel=3)
+            warnings.warn(now.warning, FenicsRomWarning, stacklevel=3)
         self._seen = self._seen.joined(now)
 
     @property
     def summary(self) -> str:
         """What to say of the run; empty where there is nothing to say."""
-        return summary(self._seen)
+        return self._seen.summary
 
 
 class TurnedInsideOut:

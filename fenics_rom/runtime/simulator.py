@@ -10,18 +10,18 @@ import numpy as np
 
 from fenics_rom.errors import StepError, unknown
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
-from fenics_rom.mechanics.linearity import SurfaceStrainPeak, summary
+from fenics_rom.mechanics.linearity import SurfaceStrainPeak
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.linearity_monitor import LinearityMonitor
 from fenics_rom.runtime.rollout import (
-    LONGEST,
+    MAX_BLOCK_STEPS,
     BlockPropagator,
     ConstantInterval,
-    constant_intervals,
-    doubling_blocks,
-    one_step,
-    repeated,
-    run,
+    build_doubling_blocks,
+    build_step,
+    find_constant_intervals,
+    repeat,
+    run_blocks,
 )
 from fenics_rom.runtime.steppers.midpoint import checked_dt
 from fenics_rom.runtime.steppers.midpoint_forms import fastest
@@ -189,7 +189,7 @@ class Simulator:
     @property
     def excursion(self) -> SurfaceStrainPeak:
         """How far the surface turned and strained, where the stored energy was high enough for a look at it."""
-        return self._monitor.seen
+        return self._monitor.peak
 
     def displacement(self, output: str | None = None) -> Array:
         """Displacement, m: of a named output (points, 3), or of every mesh node (nodes, 3).
@@ -276,7 +276,7 @@ class Simulator:
         """
         contact = "" if self._acting is None else self._acting.warning
         bent = () if self._bent is None else self._bent.messages
-        return tuple(filter(None, [summary(self.excursion), self.loss.message, contact, *bent]))
+        return tuple(filter(None, [self.excursion.summary, self.loss.message, contact, *bent]))
 
     @property
     def contact_points(self) -> Array:
@@ -407,7 +407,9 @@ class Simulator:
         bad = np.flatnonzero(~np.isfinite(u).all(axis=1))
         if len(bad):
             raise StepError(f"step {self.steps + bad[0]}: input {u[bad[0]].tolist()} is not finite")
-        plan = constant_intervals(len(u), self._contact if contact is None else contact, self._dt if dt is None else dt)
+        plan = find_constant_intervals(
+            len(u), self._contact if contact is None else contact, self._dt if dt is None else dt
+        )
         loads = sum(self.rom.loads.values())
         for span in plan:
             checked_dt(span.dt)
@@ -436,7 +438,7 @@ class Simulator:
             return
         while len(u):
             due = every - taken % every  # steps until the outputs are due
-            if due == every <= min(LONGEST, len(u)):
+            if due == every <= min(MAX_BLOCK_STEPS, len(u)):
                 steps = len(u) - len(u) % every
                 read += self._blocks(u[:steps], every, names)
             else:
@@ -453,15 +455,15 @@ class Simulator:
             if len(self._doubling_blocks) >= 32:  # step sizes that never come back must not pile up
                 self._doubling_blocks.clear()
             rows = np.concatenate([np.empty((0, len(self._ω))), *(self._reading(name) / self._ω for name in names)])
-            single = one_step(self.rom.contact_models[self._contact], self._dt, rows, self.ledger is not None)
-            self._doubling_blocks[key] = doubling_blocks(repeated(single, every))
+            single = build_step(self.rom.contact_models[self._contact], self._dt, rows, self.ledger is not None)
+            self._doubling_blocks[key] = build_doubling_blocks(repeat(single, every))
         read, state = [], self._form.state
         width = len(self._doubling_blocks[key][-1].outputs)
         for block in self._doubling_blocks[key]:
             times = len(u) // block.length
             steps = times * block.length
             if times:
-                outputs, starts, *work = run(block, state, u[:steps].reshape(times, -1))
+                outputs, starts, *work = run_blocks(block, state, u[:steps].reshape(times, -1))
                 if not math.isfinite(state.dot(state)):
                     raise StepError(f"steps from {self.steps} on: the inputs lead out of the finite numbers")
                 if self.ledger is not None:
