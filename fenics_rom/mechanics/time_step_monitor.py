@@ -39,6 +39,7 @@ class TimeStepMonitor:
             return ""
         period_error = 100 * (math.tau / steps) ** 2 / 12 if steps else math.inf
         return (
-            f"the time step is long for what moves: {steps:.2g} steps in an oscillation (root mean square), which "
-            f"makes oscillations take some {period_error:.2g} % too long; {MIN_STEPS_PER_OSCILLATION:g} steps are good to 3 %"
+            f"the time step is long for what moves: {steps:.2g} steps in an oscillation (root mean square), "
+            f"which makes oscillations take some {period_error:.2g} % too long; "
+            f"{MIN_STEPS_PER_OSCILLATION:g} steps are good to 3 %"
         )
