@@ -203,9 +203,8 @@ class Batch:
             StepError: no such bodies.
         """
         selected = self._layout.select(bodies)
-        self._layout.state[:, self._layout.row[selected]] = 0
+        self._layout.reset(selected)
         self._account[:, selected] = 0
-        self._layout.enter(selected, np.zeros(len(selected), dtype=int))
 
     def switch(self, contact: str | Sequence[str] | Array, bodies: Bodies = None) -> None:
         """Makes other contact modes active; states are projected, and never gain energy by it.

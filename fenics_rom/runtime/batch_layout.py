@@ -98,6 +98,14 @@ class BatchLayout:
             self.mode[bodies] = modes
             self._chunks = None
 
+    def reset(self, bodies: Array) -> None:
+        """Puts bodies at rest in the first contact mode; all of them go on as those of a new batch, to the bit."""
+        self.state[:, self.row[bodies]] = 0
+        self.enter(bodies, np.zeros(len(bodies), dtype=int))
+        if len(bodies) == len(self.body):  # products round by the place of a row
+            self.row[:] = self.body[:] = np.arange(len(bodies))
+            self._chunks = None
+
     def discard_coefficients(self) -> None:
         """Has the coefficients written anew before the next step."""
         self._written[:] = -1
