@@ -7,7 +7,7 @@ import scipy.linalg
 from soft_box import soft_box
 
 import fenics_rom as fr
-from fenics_rom.rom.deformation import ReducedDeformation, Tendon, monomials
+from fenics_rom.rom.deformation import ReducedDeformation, ReducedTendon, monomials
 from fenics_rom.rom.rom import ContactModel, Rom
 from fenics_rom.scene.file import parse_scene
 
@@ -86,7 +86,7 @@ def soft_rom(
             points_of=len(body.weights),
             cubature_error=0.0,
             pressures={"air": pressed(body, W)},
-            tendons={"cable": Tendon(points, shapes.T @ W)},
+            tendons={"cable": ReducedTendon(points, shapes.T @ W)},
         ),
     )
 

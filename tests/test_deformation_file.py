@@ -8,6 +8,7 @@ from soft_rom import soft_rom, swing
 import fenics_rom as fr
 from fenics_rom.errors import FileError, StructureError
 from fenics_rom.io.hdf5 import write_file
+from fenics_rom.rom.rom import check_rom
 
 
 @pytest.fixture(scope="module")
@@ -90,4 +91,4 @@ def test_what_lacks_a_part_is_not_read(tmp_path, rom, part):
 def test_contact_modes_of_their_own_bases_are_refused(rom):
     mode = replace(rom.contact_models["tip"], coordinates=-np.eye(rom.contact_models["tip"].order))
     with pytest.raises(StructureError, match="one basis"):
-        fr.rom.check_rom(replace(rom, contact_models={**rom.contact_models, "tip": mode}))
+        check_rom(replace(rom, contact_models={**rom.contact_models, "tip": mode}))

@@ -17,17 +17,17 @@ pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarn
 
 @pytest.mark.parametrize("ωh", [0.01, 0.6, 3.0, 100.0])
 def test_oscillation_of_one_eigenvector_takes_what_it_takes(ωh):
-    """The midpoint rule turns (ω q, r) by 2 atan(ωh/2) in a step; the true oscillation takes 2π/ωh steps."""
+    """The midpoint rule turns (ω q, r) by 2 atan(ωh/2) in a step; the true steps_per_oscillation takes 2π/ωh steps."""
     turn, gauge = 2 * math.atan(ωh / 2), TimeStepMonitor()
     velocity = np.cos(turn * np.arange(20_001) + 0.3)
     for v, after in pairwise(velocity):
         gauge.add((after - v) ** 2, ((after + v) / 2) ** 2)
-    assert gauge.oscillation == pytest.approx(math.tau / ωh, rel=1e-2)
+    assert gauge.steps_per_oscillation == pytest.approx(math.tau / ωh, rel=1e-2)
     assert bool(gauge.message) == (ωh > math.tau / 10)
 
 
 def test_nothing_that_moves_is_nothing_to_say():
-    assert TimeStepMonitor().oscillation == math.inf
+    assert TimeStepMonitor().steps_per_oscillation == math.inf
     assert TimeStepMonitor().message == ""
 
 

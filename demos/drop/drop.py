@@ -37,7 +37,7 @@ from matplotlib.collections import PolyCollection
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning
 from fenics_rom.io.markdown import markdown
-from fenics_rom.mechanics.linearity import SurfaceGauges, largest
+from fenics_rom.mechanics.linearity import SurfaceGauges, measure_peaks
 
 HERE = Path(__file__).parent
 OUT = HERE / "out"
@@ -358,7 +358,8 @@ def check(falls: dict[str, Fall], errors: dict[int, float]) -> None:
     runs = [run for f in falls.values() for run in (f.full, f.run)]
     gap, down, along = drop(own.scene)
     gauges = SurfaceGauges(own.full.nodes, own.full.triangles)
-    rotation, strain = np.max([largest(gauges.components(u)) for f in falls.values() for u in f.full.snapshots], axis=0)
+    snapshots = (u for fall in falls.values() for u in fall.full.snapshots)
+    rotation, strain = np.max([measure_peaks(gauges.components(u)) for u in snapshots], axis=0)
     flying = own.full.snapshot_times < landing(own.scene) - own.full.settings["dt"]
     parabola = own.full.snapshot_times[:, None] ** 2 / 2 * [along, 0.0, -down]
     first = [run.times[np.flatnonzero(run.forces["ground"].any(axis=1))[0]] for run in runs]

@@ -7,7 +7,7 @@ import numpy as np
 
 from fenics_rom.errors import SceneError
 from fenics_rom.fem.nodes import Nodes, patch_area, patch_columns, patch_nodes, shape_functions
-from fenics_rom.mechanics.tendon import pieces_of, pulls_of
+from fenics_rom.mechanics.tendon import measure_segments, unit_tension_forces
 from fenics_rom.scene.scene import Scene
 
 Array = np.ndarray
@@ -86,11 +86,11 @@ def contact_points_of(scene: Scene, nodes: Nodes, free: Array) -> dict[str, Arra
 
 def _cable(nodes: Nodes, points: Array, where: str) -> Array:
     """Forces (3 N, 1) of a cable under 1 N: at each end towards its neighbour, at a guide towards both."""
-    _, lengths = pieces_of(points)
+    _, lengths = measure_segments(points)
     if (lengths <= SHORTEST * lengths.sum()).any():
         raise SceneError(f"{where}.points: two that follow one another are the same point")
     shapes = [shape_functions(nodes, point, f"{where}.points") for point in points]
-    return (np.array(shapes).T @ pulls_of(points)).reshape(-1, 1)
+    return (np.array(shapes).T @ unit_tension_forces(points)).reshape(-1, 1)
 
 
 def _refuse_nothing(columns: Array, where: str) -> None:

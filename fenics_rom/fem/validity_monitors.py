@@ -4,7 +4,7 @@ import warnings
 
 from fenics_rom.errors import FenicsRomWarning
 from fenics_rom.fem.finite_strain.stepper import FiniteStrainStepper
-from fenics_rom.mechanics.linearity import SurfaceGauges, SurfaceStrainPeak, largest, summary, warning
+from fenics_rom.mechanics.linearity import SurfaceGauges, SurfaceStrainPeak, measure_peaks
 from fenics_rom.system.system import Array, System
 
 
@@ -16,15 +16,15 @@ class SurfaceMonitor:
 
     def look(self, displacement: Array, time: float) -> None:
         """Notes displacements of all nodes (N, 3), m, at a time, s, and warns at the first that is too much."""
-        now = SurfaceStrainPeak(*largest(self._gauges.components(displacement)), time)
+        now = SurfaceStrainPeak(*measure_peaks(self._gauges.components(displacement)), time)
         if now.beyond and not self._peak.beyond:
-            warnings.warn(warning(now), FenicsRomWarning, stacklevel=3)
+            warnings.warn(now.warning, FenicsRomWarning, stacklevel=3)
         self._peak = self._peak.joined(now)
 
     @property
     def summary(self) -> str:
         """What to say of the run; empty where there is nothing to say."""
-        return summary(self._peak)
+        return self._peak.summary
 
 
 class InversionMonitor:

@@ -27,7 +27,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fenics_rom.errors import StepError
-from fenics_rom.mechanics.complementarity import GOOD, Solution, solve
+from fenics_rom.mechanics.complementarity import NEGLIGIBLE_RESIDUAL, Solution, solve
 from fenics_rom.mechanics.contact import ContactLaw, ContactResidual, ContactSolution, ObstacleMotion, PointMotion
 from fenics_rom.mechanics.obstacles import Obstacle
 
@@ -133,7 +133,7 @@ class ContactSolver:
             if not repeat:
                 break
         self.last_forces = start
-        if solution.residual > GOOD:
+        if solution.residual > NEGLIGIBLE_RESIDUAL:
             self.residual = ContactResidual(self.residual.steps + 1, max(self.residual.residual, solution.residual))
         return ContactSolution(
             point_forces,
@@ -184,7 +184,7 @@ class ContactSolver:
             operator = _compliant(operator, normals, pairs.compliance)
         q = free - target
         solution = solve(operator, q, normals, self.law.friction, pairs.of_active(start, active))
-        if solution.residual > GOOD:
+        if solution.residual > NEGLIGIBLE_RESIDUAL:
             return solution, _passive(solution.forces, operator, free), q
         return solution, solution.forces, q
 

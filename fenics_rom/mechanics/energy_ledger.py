@@ -56,15 +56,15 @@ class EnergyLedger:
     def book_contact(self, obstacles: float, contact: float, friction: float) -> None:
         """Adds what obstacles supplied and what contact and friction dissipated, J, to their sums and to the whole."""
         self.book(supplied=obstacles, dissipated=contact + friction)
-        self._obstacles = _added(self._obstacles, obstacles)
-        self._contact = _added(self._contact, contact)
-        self._friction = _added(self._friction, friction)
+        self._obstacles = _add(self._obstacles, obstacles)
+        self._contact = _add(self._contact, contact)
+        self._friction = _add(self._friction, friction)
 
     def book(self, *, supplied: float = 0.0, dissipated: float = 0.0, lost_in_switching: float = 0.0) -> None:
         """Adds to the sums, J."""
-        self._supplied = _added(self._supplied, supplied)
-        self._dissipated = _added(self._dissipated, dissipated)
-        self._lost = _added(self._lost, lost_in_switching)
+        self._supplied = _add(self._supplied, supplied)
+        self._dissipated = _add(self._dissipated, dissipated)
+        self._lost = _add(self._lost, lost_in_switching)
 
     @property
     def sums(self) -> tuple[tuple[float, float], ...]:
@@ -84,9 +84,9 @@ class EnergyLedger:
         )
 
 
-def _added(total: tuple[float, float], more: float) -> tuple[float, float]:
+def _add(total: tuple[float, float], amount: float) -> tuple[float, float]:
     """A sum, and what it lacks of the exact one."""
-    if not math.isfinite(total[0] + more):  # standard switching can gain energy until there are no numbers for it
-        return total[0] + more, 0.0
-    rounded = math.fsum((*total, more))
-    return rounded, math.fsum((*total, more, -rounded))
+    if not math.isfinite(total[0] + amount):  # standard switching can gain energy until there are no numbers for it
+        return total[0] + amount, 0.0
+    rounded = math.fsum((*total, amount))
+    return rounded, math.fsum((*total, amount, -rounded))

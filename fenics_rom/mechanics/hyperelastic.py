@@ -18,7 +18,7 @@ LAWS = ("st_venant_kirchhoff", "neo_hookean")
 VOIGT_PAIRS = np.array([[0, 0], [1, 1], [2, 2], [1, 2], [0, 2], [0, 1]])  # of the six components
 VOIGT_INDEX = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])  # which component each entry of a symmetric matrix is
 VOIGT_SHEAR = np.array([1.0, 1, 1, 2, 2, 2])[:, None]  # how often each counts in S:E
-SMALLEST = 1e-7  # change of strain below which W(E⁺) - W(E) is round-off
+ROUND_OFF_STRAIN = 1e-7  # change of strain below which W(E⁺) - W(E) is round-off
 
 
 def strain(H: Array) -> Array:
@@ -29,10 +29,10 @@ def strain(H: Array) -> Array:
 
 def strain_rate(F: Array, dH: Array) -> Array:
     """Change (6, P) of the Green strain, ½ (Fᵀ dH + dHᵀ F), with that of H (3, 3, P), where F = I + H."""
-    both = F[0][:, None] * dH[0] + F[1][:, None] * dH[1] + F[2][:, None] * dH[2]
+    FᵀdH = F[0][:, None] * dH[0] + F[1][:, None] * dH[1] + F[2][:, None] * dH[2]
     (i, j), shear = VOIGT_PAIRS.T, slice(3, None)
-    rates = both[i, j]
-    rates[shear] += both[j[shear], i[shear]]
+    rates = FᵀdH[i, j]
+    rates[shear] += FᵀdH[j[shear], i[shear]]
     return rates
 
 
@@ -41,7 +41,7 @@ def energy_density(law: str, E: Array, λ: Array, μ: Array) -> Array:
     trace = E[:3].sum(axis=0)
     if law == "st_venant_kirchhoff":
         return λ / 2 * trace**2 + μ * (E * E / VOIGT_SHEAR).sum(axis=0)
-    lnJ = np.log1p(_volume(E)) / 2
+    lnJ = np.log1p(_metric_change(E)) / 2
     return μ * (trace - lnJ) + λ / 2 * lnJ**2
 
 
@@ -70,13 +70,13 @@ def discrete_gradient_stress(law: str, E: Array, after: Array, λ: Array, μ: Ar
     S = stress(law, (E + after) / 2, λ, μ)
     if law == "st_venant_kirchhoff":
         return S
-    change = after - E
-    gained = energy_density(law, after, λ, μ) - energy_density(law, E, λ, μ)
-    missing = gained - (S * change).sum(axis=0)
-    return S + missing / ((change**2 / VOIGT_SHEAR).sum(axis=0) + SMALLEST**2) * (change / VOIGT_SHEAR)
+    ΔE = after - E
+    ΔW = energy_density(law, after, λ, μ) - energy_density(law, E, λ, μ)
+    defect = ΔW - (S * ΔE).sum(axis=0)
+    return S + defect / ((ΔE**2 / VOIGT_SHEAR).sum(axis=0) + ROUND_OFF_STRAIN**2) * (ΔE / VOIGT_SHEAR)
 
 
-def _volume(E: Array) -> Array:
+def _metric_change(E: Array) -> Array:
     """det C - 1 (P,) of C = I + 2E, without the cancellation of large terms; J is √det C."""
     a, b, c = 2 * E[:3]  # the diagonal of C - I
     f, e, d = E[3:]  # off it: yz, xz, xy
@@ -88,7 +88,7 @@ def _inverse_metric(E: Array) -> tuple[Array, Array]:
     """C⁻¹ (6, P) and ln J (P,)."""
     a, b, c = 2 * E[:3]
     f, e, d = E[3:]
-    volume = _volume(E)
+    change = _metric_change(E)
     adjugate = np.empty_like(E)
     adjugate[0] = 1 + b + c + b * c - f * f
     adjugate[1] = 1 + a + c + a * c - e * e
@@ -96,8 +96,8 @@ def _inverse_metric(E: Array) -> tuple[Array, Array]:
     adjugate[3] = d * e - f * (1 + a)
     adjugate[4] = d * f - e * (1 + b)
     adjugate[5] = e * f - d * (1 + c)
-    adjugate /= 1 + volume
-    return adjugate, np.log1p(volume) / 2
+    adjugate /= 1 + change
+    return adjugate, np.log1p(change) / 2
 
 
 def moduli(law: str, E: Array, λ: Array, μ: Array) -> Array:
@@ -108,7 +108,7 @@ def moduli(law: str, E: Array, λ: Array, μ: Array) -> Array:
         D[np.arange(6), np.arange(6)] += 2 * μ / VOIGT_SHEAR
         return D
     c, lnJ = _inverse_metric(E)
-    spread = μ - λ * lnJ
-    full = c[VOIGT_INDEX]
+    effective_shear = μ - λ * lnJ
+    C = c[VOIGT_INDEX]  # the inverse metric as matrices (3, 3, P)
     (i, j), (k, m) = VOIGT_PAIRS.T[:, :, None], VOIGT_PAIRS.T[:, None, :]
-    return λ * c[:, None] * c[None, :] + spread * (full[i, k] * full[j, m] + full[i, m] * full[j, k])
+    return λ * c[:, None] * c[None, :] + effective_shear * (C[i, k] * C[j, m] + C[i, m] * C[j, k])

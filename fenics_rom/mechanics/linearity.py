@@ -14,19 +14,16 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fenics_rom.rom.rom import Rom, safe_frequencies
-
 Array = np.ndarray
 
 # A rigid rotation by θ, u = (R - I) X, strains nothing; a linear model sees cos θ - 1 in it: 2.0 % at 0.2 rad.
 ROTATION_LIMIT = 0.2  # rad
 # An incompressible neo-Hookean bar at it pulls with 9 % less than Young's modulus says, and pushes with 12 % more.
 STRAIN_LIMIT = 0.1
-MOST = 512  # triangles that are looked at
-CURE = "effects.large_deformation follows bodies further"
-ROUND_OFF = 1e-9  # share of the largest slope of the basis that is none
-SMALLEST, GREATEST = 1e-60, 1e60  # m, longest side of a triangle: beyond, squares of areas vanish or overflow
-THINNEST = 1e-9  # height of a triangle as a share of its longest side; below, its normal is round-off
+MAX_TRIANGLES = 512  # that are looked at
+REMEDY = "effects.large_deformation follows bodies further"
+MIN_SIDE, MAX_SIDE = 1e-60, 1e60  # m, longest side of a triangle: beyond, squares of areas vanish or overflow
+MIN_HEIGHT_RATIO = 1e-9  # height of a triangle as a share of its longest side; below, its normal is round-off
 
 
 @dataclass(frozen=True)
@@ -61,38 +58,38 @@ class SurfaceStrainPeak:
             time=self.time if self.beyond else later.time,
         )
 
+    @property
+    def warning(self) -> str:
+        """What to say at the moment a limit is passed; empty within the limits."""
+        excess, limits = self._excess()
+        return excess and (
+            f"the surface is {excess} at t = {self.time:.4g} s, and a linear model is good to about {limits}: "
+            f"shapes and forces from here on are not to be trusted; {REMEDY}"
+        )
 
-def warning(seen: SurfaceStrainPeak) -> str:
-    """What to say at the moment a limit is passed; empty within the limits."""
-    is_at, good_to = _beyond(seen)
-    return is_at and (
-        f"the surface is {is_at} at t = {seen.time:.4g} s, and a linear model is good to about {good_to}: "
-        f"shapes and forces from here on are not to be trusted; {CURE}"
-    )
+    @property
+    def summary(self) -> str:
+        """What to say of a whole run, whose peaks were joined; empty within the limits."""
+        excess, limits = self._excess("up to ")
+        return excess and (
+            f"the surface was {excess}, and a linear model is good to about {limits}: "
+            f"shapes and forces from t = {self.time:.4g} s on are not to be trusted; {REMEDY}"
+        )
 
-
-def summary(seen: SurfaceStrainPeak) -> str:
-    """What to say of a whole run, whose excursions were joined; empty within the limits."""
-    is_at, good_to = _beyond(seen, "up to ")
-    return is_at and (
-        f"the surface was {is_at}, and a linear model is good to about {good_to}: "
-        f"shapes and forces from t = {seen.time:.4g} s on are not to be trusted; {CURE}"
-    )
-
-
-def _beyond(seen: SurfaceStrainPeak, most: str = "") -> tuple[str, str]:
-    """What is beyond its limit, and these limits."""
-    passed = []
-    if seen.rotation > ROTATION_LIMIT:
-        turned = f"turned by {most}{seen.rotation:.3g} rad ({math.degrees(seen.rotation):.3g}°)"
-        passed.append((turned, f"{ROTATION_LIMIT:g} rad ({math.degrees(ROTATION_LIMIT):.2g}°)"))
-    if seen.strain > STRAIN_LIMIT:
-        passed.append((f"strained by {most}{100 * seen.strain:.3g} %", f"{100 * STRAIN_LIMIT:g} %"))
-    return " and ".join(what for what, _ in passed), " and ".join(limit for _, limit in passed)
+    def _excess(self, up_to: str = "") -> tuple[str, str]:
+        """What is beyond its limit, and these limits."""
+        excess, limits = [], []
+        if self.rotation > ROTATION_LIMIT:
+            excess.append(f"turned by {up_to}{self.rotation:.3g} rad ({math.degrees(self.rotation):.3g}°)")
+            limits.append(f"{ROTATION_LIMIT:g} rad ({math.degrees(ROTATION_LIMIT):.2g}°)")
+        if self.strain > STRAIN_LIMIT:
+            excess.append(f"strained by {up_to}{100 * self.strain:.3g} %")
+            limits.append(f"{100 * STRAIN_LIMIT:g} %")
+        return " and ".join(excess), " and ".join(limits)
 
 
 class SurfaceGauges:
-    """Measures rotation and strain on at most `MOST` triangles of a surface, spread evenly over the list.
+    """Measures rotation and strain on at most `MAX_TRIANGLES` triangles of a surface, spread evenly over the list.
 
     Args:
         nodes: (N, 3), m.
@@ -103,14 +100,16 @@ class SurfaceGauges:
     """
 
     def __init__(self, nodes: Array, triangles: Array):
-        chosen = triangles[:: max(1, math.ceil(len(triangles) / MOST))]
+        chosen = triangles[:: max(1, math.ceil(len(triangles) / MAX_TRIANGLES))]
         a, b = nodes[chosen[:, 1]] - nodes[chosen[:, 0]], nodes[chosen[:, 2]] - nodes[chosen[:, 0]]
         n = np.cross(a, b)
         longest = np.linalg.norm([a, b, b - a], axis=2).max(axis=0)
-        solid = (longest > SMALLEST) & (longest < GREATEST) & (np.linalg.norm(n, axis=1) > THINNEST * longest**2)
+        solid = (
+            (longest > MIN_SIDE) & (longest < MAX_SIDE) & (np.linalg.norm(n, axis=1) > MIN_HEIGHT_RATIO * longest**2)
+        )
         self.triangles = chosen[solid]
-        a, b, n = a[solid], b[solid], _unit(n[solid])
-        t1 = _unit(a)
+        a, b, n = a[solid], b[solid], _normalise(n[solid])
+        t1 = _normalise(a)
         frame = np.stack([t1, np.cross(n, t1), n], axis=1)
         sides = frame[:, :2] @ np.stack([a, b], axis=2)
         shape_gradients = np.array([[-1, -1], [1, 0], [0, 1]]) @ np.linalg.inv(sides)  # of the corners' shape functions
@@ -131,73 +130,12 @@ class SurfaceGauges:
         return np.einsum("gij,gj...->gi...", self._operator, u.reshape(len(u), 9, *u.shape[3:]))
 
 
-def _unit(vectors: Array) -> Array:
+def _normalise(vectors: Array) -> Array:
     return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
 
 
-def largest(components: Array) -> tuple[float, float]:
+def measure_peaks(components: Array) -> tuple[float, float]:
     """Largest |ω|, rad, and largest |principal strain|, of components (g, 6)."""
     ω, (ε1, ε2, shear) = components[:, :3], components[:, 3:].T
     principal = np.abs(ε1 + ε2) / 2 + np.hypot((ε1 - ε2) / 2, shear / math.sqrt(2))
     return float(np.linalg.norm(ω, axis=1).max(initial=0.0)), float(principal.max(initial=0.0))
-
-
-def _safe_energy(strained: Array) -> float:
-    """Energy with which nothing is beyond its limit, of the rows (g, 2, 3, m) of energy coordinates, J."""
-    scale = np.abs(strained).max(initial=0.0)  # squares may overflow, or vanish
-    if scale == 0:
-        return math.inf
-    if not np.isfinite(scale):
-        return 0.0
-    strained = strained / scale
-    ρ2 = np.linalg.eigvalsh(strained @ strained.swapaxes(2, 3))[:, :, -1].max(axis=0, initial=0.0)
-    severity = float(scale) * float((np.sqrt(ρ2) / [ROTATION_LIMIT, STRAIN_LIMIT]).max())
-    return 0.5 / severity / severity
-
-
-def basis_rows(rom: Rom) -> Array:
-    """Components (6g, k) of the shared basis Q: those of the state q of a contact mode are `basis_rows(rom) @ C @ q`.
-
-    A ROM without a mesh has none, (0, k).
-    """
-    k = rom.basis.shape[1]
-    if len(rom.triangles) == 0:
-        return np.empty((0, k))
-    gauges = SurfaceGauges(rom.nodes, rom.triangles)
-    row = np.full(3 * len(rom.nodes), -1)
-    row[rom.free] = np.arange(len(rom.free))
-    row = row[3 * gauges.triangles[:, :, None] + np.arange(3)]
-    corners = rom.basis[row]  # of 3 N rows only these: a Simulator is made in milliseconds
-    corners[row < 0] = 0.0
-    return gauges.of_corners(corners).reshape(-1, k)
-
-
-class ModeGauge:
-    """Reads rotation and strain off the state q of one contact mode, and says when there is no need to.
-
-    With q = diag(1/√γ) y, |y|² = qᵀ diag(γ) q is at most 2 E. So no triangle turns by more than ρ √(2E), ρ the largest
-    spectral norm of (its rows of ω) diag(1/√γ), and some state does; for strain, whose |ε| bounds the principal
-    strains to a factor of at most √2, likewise. No energy bounds a rigid rotation: where there is one, none is safe.
-
-    Args:
-        rows: (6g, m) components of the basis W of the contact mode.
-        eigenvalues: γ (m,), 1/s².
-
-    Attributes:
-        safe_energy: with no more than this stored energy nothing is beyond its limit, J; inf without rows.
-    """
-
-    def __init__(self, rows: Array, eigenvalues: Array):
-        self._rows = rows
-        self.safe_energy = _safe_energy((rows / safe_frequencies(eigenvalues)).reshape(-1, 2, 3, len(eigenvalues)))
-        turning = np.abs(rows[:, eigenvalues == 0]).max(initial=0.0)
-        if turning > ROUND_OFF * np.abs(rows).max(initial=0.0):  # translations turn nothing but by round-off
-            self.safe_energy = 0.0
-
-    def read(self, q: Array) -> tuple[float, float]:
-        """Largest |ω|, rad, and largest |principal strain|, of the state q (m,)."""
-        return largest((self._rows @ q).reshape(-1, 6))
-
-    def safe_change(self, severity: float) -> float:
-        """From a state of this severity, the energy ½ δᵀ diag(γ) δ of a change δ of q that leads beyond no limit, J."""
-        return (1 - severity) ** 2 * self.safe_energy if severity < 1 else 0.0

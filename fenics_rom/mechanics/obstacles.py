@@ -17,7 +17,7 @@ from fenics_rom.errors import SceneError
 Array = np.ndarray
 
 _ONES, _UP = np.ones(3), np.array([0.0, 0.0, 1.0])
-_NOWHERE = 1e-150  # m; lengths below it have squares that underflow and no direction
+_SHORTEST_DIRECTION = 1e-150  # m; shorter vectors have squares that underflow and no direction
 
 
 class Obstacle(Protocol):
@@ -45,7 +45,7 @@ class HalfSpace:
     _level: float = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        point, normal = _vector(self, "point"), _vector(self, "normal")
+        point, normal = _check_vector(self, "point"), _check_vector(self, "normal")
         length = math.hypot(*normal)
         if not length > 0:
             raise SceneError("halfspace: normal: allowed is a vector of any length but 0, given: length 0")
@@ -77,12 +77,12 @@ class Sphere:
     _center: Array = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "_center", _vector(self, "center"))
-        _positive(self, "radius")
+        object.__setattr__(self, "_center", _check_vector(self, "center"))
+        _check_positive(self, "radius")
 
     def distance(self, points: Array) -> tuple[Array, Array]:
         """Signed distance (P,), m, negative inside, of points (P, 3), m, and its gradient: unit normals (P, 3)."""
-        length, normals = _directions(points - self._center, _UP)
+        length, normals = _normalise(points - self._center, _UP)
         return length - self.radius, normals
 
 
@@ -105,20 +105,20 @@ class Capsule:
     _start: Array = field(init=False, repr=False, compare=False)
     _axis: Array = field(init=False, repr=False, compare=False)
     _per_length: Array = field(init=False, repr=False, compare=False)
-    _aside: Array = field(init=False, repr=False, compare=False)
+    _perpendicular: Array = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        start, end = _vector(self, "start"), _vector(self, "end")
-        _positive(self, "radius")
+        start, end = _check_vector(self, "start"), _check_vector(self, "end")
+        _check_positive(self, "radius")
         axis = end - start
         square = float(axis.dot(axis))
         if not square > 0:
             raise SceneError("capsule: allowed are a start and an end that differ, given: the same; use a sphere")
-        aside = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
+        perpendicular = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
         object.__setattr__(self, "_start", start)
         object.__setattr__(self, "_axis", axis)
         object.__setattr__(self, "_per_length", axis / square)
-        object.__setattr__(self, "_aside", aside / np.linalg.norm(aside))
+        object.__setattr__(self, "_perpendicular", perpendicular / np.linalg.norm(perpendicular))
 
     def distance(self, points: Array) -> tuple[Array, Array]:
         """Signed distance (P,), m, negative inside, of points (P, 3), m, and its gradient: unit normals (P, 3)."""
@@ -126,7 +126,7 @@ class Capsule:
         along = from_start.dot(self._per_length)
         np.minimum(along, 1.0, out=along)
         np.maximum(along, 0.0, out=along)
-        length, normals = _directions(from_start - along[:, None] * self._axis, self._aside)
+        length, normals = _normalise(from_start - along[:, None] * self._axis, self._perpendicular)
         return length - self.radius, normals
 
 
@@ -148,44 +148,44 @@ class Box:
     rotation: Sequence[float] = (0.0, 0.0, 0.0)
     _center: Array = field(init=False, repr=False, compare=False)
     _half: Array = field(init=False, repr=False, compare=False)
-    _turn: Array = field(init=False, repr=False, compare=False)
+    _axes: Array = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "_center", _vector(self, "center"))
-        object.__setattr__(self, "_half", _vector(self, "size") / 2)
-        object.__setattr__(self, "_turn", _rotation(_vector(self, "rotation")))
+        object.__setattr__(self, "_center", _check_vector(self, "center"))
+        object.__setattr__(self, "_half", _check_vector(self, "size") / 2)
+        object.__setattr__(self, "_axes", _rotation_matrix(_check_vector(self, "rotation")))
         if not self._half.min() > 0:
             raise SceneError(f"box: size: allowed are edges > 0, in m, given: {list(self.size)}")
 
     def distance(self, points: Array) -> tuple[Array, Array]:
         """Signed distance (P,), m, negative inside, of points (P, 3), m, and its gradient: unit normals (P, 3)."""
-        local = (points - self._center).dot(self._turn)
-        beyond = np.abs(local)
-        beyond -= self._half
-        deepest = beyond.max(axis=1)
-        gap, normals = _directions(np.copysign(np.maximum(beyond, 0.0), local), _UP)
-        inside = deepest < _NOWHERE
+        local = (points - self._center).dot(self._axes)
+        excess = np.abs(local)  # beyond the faces
+        excess -= self._half
+        deepest = excess.max(axis=1)
+        gap, normals = _normalise(np.copysign(np.maximum(excess, 0.0), local), _UP)
+        inside = deepest < _SHORTEST_DIRECTION
         if inside.any():
             rows = np.flatnonzero(inside)
-            faces = beyond[rows].argmax(axis=1)
+            faces = excess[rows].argmax(axis=1)
             gap[rows] = deepest[rows]
             normals[rows] = 0.0
             normals[rows, faces] = np.copysign(1.0, local[rows, faces])
-        return gap, normals.dot(self._turn.T)
+        return gap, normals.dot(self._axes.T)
 
 
-def _directions(vectors: Array, otherwise: Array) -> tuple[Array, Array]:
-    """Lengths (P,) and directions (P, 3); where there is no direction, `otherwise`."""
+def _normalise(vectors: Array, fallback: Array) -> tuple[Array, Array]:
+    """Lengths (P,) and directions (P, 3); where there is no direction, `fallback`."""
     length = np.sqrt((vectors * vectors).dot(_ONES))
-    if not length.min(initial=np.inf) > _NOWHERE:
-        nowhere = ~(length > _NOWHERE)
-        directions = vectors / np.where(nowhere, 1.0, length)[:, None]
-        directions[nowhere] = otherwise
+    if not length.min(initial=np.inf) > _SHORTEST_DIRECTION:
+        short = ~(length > _SHORTEST_DIRECTION)
+        directions = vectors / np.where(short, 1.0, length)[:, None]
+        directions[short] = fallback
         return length, directions
     return length, vectors / length[:, None]
 
 
-def _rotation(vector: Array) -> Array:
+def _rotation_matrix(vector: Array) -> Array:
     """The matrix (3, 3) that turns by |vector| about it: I + sin θ X + (1 - cos θ) X²."""
     angle = math.hypot(*vector)
     if not angle > 0:
@@ -195,26 +195,26 @@ def _rotation(vector: Array) -> Array:
     return np.eye(3) + math.sin(angle) * X + 2 * math.sin(angle / 2) ** 2 * X @ X
 
 
-def _vector(obstacle: object, name: str) -> Array:
+def _check_vector(obstacle: object, name: str) -> Array:
     """An attribute as an array (3,); the attribute itself becomes a tuple, so that obstacles compare by value."""
-    given = getattr(obstacle, name)
+    value = getattr(obstacle, name)
     try:
-        vector = np.array(given, dtype=float)
+        vector = np.array(value, dtype=float)
     except (TypeError, ValueError):
         vector = np.empty(0)
     if vector.shape != (3,) or not np.isfinite(vector).all():
         kind = type(obstacle).__name__.lower()
-        raise SceneError(f"{kind}: {name}: allowed are three finite numbers, given: {given!r}")
+        raise SceneError(f"{kind}: {name}: allowed are three finite numbers, given: {value!r}")
     object.__setattr__(obstacle, name, tuple(vector.tolist()))
     return vector
 
 
-def _positive(obstacle: object, name: str) -> None:
-    given = getattr(obstacle, name)
-    if not (isinstance(given, int | float | np.number) and math.isfinite(given) and given > 0):
+def _check_positive(obstacle: object, name: str) -> None:
+    value = getattr(obstacle, name)
+    if not (isinstance(value, int | float | np.number) and math.isfinite(value) and value > 0):
         kind = type(obstacle).__name__.lower()
-        raise SceneError(f"{kind}: {name}: allowed is a finite number > 0, in m, given: {given!r}")
-    object.__setattr__(obstacle, name, float(given))
+        raise SceneError(f"{kind}: {name}: allowed is a finite number > 0, in m, given: {value!r}")
+    object.__setattr__(obstacle, name, float(value))
 
 
 SHAPES: Mapping[str, Any] = {"half-space": HalfSpace, "sphere": Sphere, "capsule": Capsule, "box": Box}

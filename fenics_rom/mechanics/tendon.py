@@ -1,25 +1,28 @@
-"""A cable through points, without friction: its tension pulls at each end, and at each guide both ways."""
+"""A cable through points, without friction: its tension pulls at each end, and at each guide both ways.
+
+Of a cable of length ℓ(x) under the tension T the force on the points is -T ∂ℓ/∂x, and what it supplies -T dℓ/dt.
+"""
 
 import numpy as np
 
 Array = np.ndarray
 
 
-def pieces_of(points: Array) -> tuple[Array, Array]:
-    """Pieces (K - 1, 3) between points (K, 3) that follow one another, and their lengths (K - 1, 1), m."""
-    pieces = np.diff(points, axis=0)
-    return pieces, np.sqrt(np.einsum("ki,ki->k", pieces, pieces))[:, None]
+def measure_segments(points: Array) -> tuple[Array, Array]:
+    """Segments (K - 1, 3) between points (K, 3) that follow one another, and their lengths (K - 1, 1), m."""
+    segments = np.diff(points, axis=0)
+    return segments, np.sqrt(np.einsum("ki,ki->k", segments, segments))[:, None]
 
 
-def ends_of(pulls: Array) -> Array:
-    """Forces (K, 3) on the points, of which each piece pulls its two ends towards one another by `pulls` (K - 1, 3)."""
-    forces = np.zeros((len(pulls) + 1, 3))
-    forces[:-1] += pulls
-    forces[1:] -= pulls
+def sum_end_forces(tensions: Array) -> Array:
+    """Forces (K, 3) on the points, of which each segment pulls its ends together by the vectors (K - 1, 3)."""
+    forces = np.zeros((len(tensions) + 1, 3))
+    forces[:-1] += tensions
+    forces[1:] -= tensions
     return forces
 
 
-def pulls_of(points: Array) -> Array:
+def unit_tension_forces(points: Array) -> Array:
     """Forces (K, 3) of a tension of 1 N on the points (K, 3): -∂ℓ/∂points of the length ℓ."""
-    pieces, lengths = pieces_of(points)
-    return ends_of(pieces / lengths)
+    segments, lengths = measure_segments(points)
+    return sum_end_forces(segments / lengths)

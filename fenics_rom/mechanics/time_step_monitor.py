@@ -8,14 +8,14 @@ mid-step velocity, root mean square, so that |v⁺ - v|² / |v̂|² in the mass 
 
 import math
 
-FEWEST = 10.0  # steps in an oscillation: it then takes 3 % too long
+MIN_STEPS_PER_OSCILLATION = 10.0  # it then takes 3 % too long
 
 
 class TimeStepMonitor:
     """Measures how many steps the oscillations of a run take.
 
     Attributes:
-        oscillation: steps in an oscillation of what moves, as the root mean square says; inf where nothing moved.
+        steps_per_oscillation: of what moves, as the root mean square says; inf where nothing moved.
     """
 
     def __init__(self) -> None:
@@ -27,17 +27,19 @@ class TimeStepMonitor:
         self._moved += moved
 
     @property
-    def oscillation(self) -> float:
+    def steps_per_oscillation(self) -> float:
         """See the class."""
         return math.tau * math.sqrt(self._moved / self._changed) if self._changed > 0 else math.inf
 
     @property
     def message(self) -> str:
         """What the user should know; empty where steps are short enough."""
-        if self.oscillation >= FEWEST:
+        steps = self.steps_per_oscillation
+        if steps >= MIN_STEPS_PER_OSCILLATION:
             return ""
-        late = 100 * (math.tau / self.oscillation) ** 2 / 12 if self.oscillation else math.inf
+        period_error = 100 * (math.tau / steps) ** 2 / 12 if steps else math.inf
         return (
-            f"the time step is long for what moves: {self.oscillation:.2g} steps in an oscillation (root mean square), "
-            f"which makes oscillations take some {late:.2g} % too long; {FEWEST:g} steps are good to 3 %"
+            f"the time step is long for what moves: {steps:.2g} steps in an oscillation (root mean square), "
+            f"which makes oscillations take some {period_error:.2g} % too long; "
+            f"{MIN_STEPS_PER_OSCILLATION:g} steps are good to 3 %"
         )

@@ -14,13 +14,13 @@ import numpy as np
 
 from fenics_rom.errors import StructureError, unknown
 from fenics_rom.mechanics.hyperelastic import LAWS, VOIGT_INDEX, VOIGT_PAIRS, energy_density, moduli, strain, stress
-from fenics_rom.mechanics.tendon import pulls_of
+from fenics_rom.mechanics.tendon import unit_tension_forces
 
 Array = np.ndarray
 
 
 @dataclass(frozen=True)
-class Tendon:
+class ReducedTendon:
     """A cable through points of the body.
 
     Attributes:
@@ -33,7 +33,7 @@ class Tendon:
 
     def force(self, q: Array) -> Array:
         """Of a tension of 1 N, (m,): -∂ℓ/∂q of its length ℓ."""
-        return pulls_of(self.points + (self.shapes @ q).reshape(-1, 3)).ravel() @ self.shapes
+        return unit_tension_forces(self.points + (self.shapes @ q).reshape(-1, 3)).ravel() @ self.shapes
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class ReducedDeformation:
     cubature_error: float
     validation_error: float | None = None
     pressures: Mapping[str, Array] = field(default_factory=dict)
-    tendons: Mapping[str, Tendon] = field(default_factory=dict)
+    tendons: Mapping[str, ReducedTendon] = field(default_factory=dict)
 
     @property
     def order(self) -> int:
@@ -117,16 +117,16 @@ class ReducedDeformation:
     def strain_rates(self, H: Array) -> Array:
         """A = ∂E/∂q (6, P, m) on the body deformed by H."""
         P, m = len(self.weights), self.order
-        both = ((H.transpose(2, 1, 0) + np.eye(3)) @ self._columns).reshape(P, 3, 3, m)  # F_ij ∂W_i/∂X_l
+        FᵀG = ((H.transpose(2, 1, 0) + np.eye(3)) @ self._columns).reshape(P, 3, 3, m)  # F_ij ∂W_i/∂X_l
         A = np.empty((6, P, m))
         for c, (i, j) in enumerate(VOIGT_PAIRS):
-            A[c] = both[:, i, j] if i == j else both[:, i, j] + both[:, j, i]
+            A[c] = FᵀG[:, i, j] if i == j else FᵀG[:, i, j] + FᵀG[:, j, i]
         return A
 
     def geometric(self, S: Array) -> Array:
         """Σ S_jl ∂W_i/∂X_j ∂W_i/∂X_l (m, m) of stresses S (6, P), which hold the weights."""
-        spread = S[VOIGT_INDEX].transpose(2, 0, 1) @ self._rows.reshape(-1, 3, 3 * self.order)
-        return self._rows.T @ spread.reshape(-1, self.order)
+        SG = S[VOIGT_INDEX].transpose(2, 0, 1) @ self._rows.reshape(-1, 3, 3 * self.order)
+        return self._rows.T @ SG.reshape(-1, self.order)
 
     @cached_property
     def _rows(self) -> Array:
@@ -154,11 +154,11 @@ def check_deformation(body: ReducedDeformation, order: int) -> None:
         raise StructureError(f"deformation: {unknown('material', body.law, list(LAWS))}")
     if body.order != order:
         raise StructureError(f"deformation: has {body.order} displacements, its contact modes {order}")
-    stiff = 3 * body.first_lame + 2 * body.shear  # three times the bulk modulus
+    bulk = 3 * body.first_lame + 2 * body.shear  # three times the bulk modulus
     for what, values, strict in (
         ("weights", body.weights, True),
         ("shear moduli", body.shear, True),
-        ("bulk moduli", stiff, True),
+        ("bulk moduli", bulk, True),
         ("viscosities", body.viscosity, False),
     ):
         least = values.min(initial=np.inf)

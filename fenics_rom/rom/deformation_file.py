@@ -6,7 +6,7 @@ import h5py
 import numpy as np
 
 from fenics_rom.io.hdf5 import Entry, Sizes, get_arrays, get_group, get_text, put_arrays, put_text
-from fenics_rom.rom.deformation import ReducedDeformation, Tendon
+from fenics_rom.rom.deformation import ReducedDeformation, ReducedTendon
 
 Array = np.ndarray
 
@@ -40,15 +40,15 @@ def put_deformation(h5: h5py.File, body: ReducedDeformation, sizes: Sizes) -> No
     sizes = {"k": sizes["k"]}
     put_arrays(group, BODY, sizes, {name: getattr(body, name) for name in BODY})
     numbers = {name: getattr(body, name) for name in NUMBERS}
-    put_arrays(group, NUMBERS, sizes, {key: None if one is None else np.array([one]) for key, one in numbers.items()})
+    numbers = {name: None if number is None else np.array([number]) for name, number in numbers.items()}
+    put_arrays(group, NUMBERS, sizes, numbers)
     pressures, tendons = (group.create_group(name, track_order=True) for name in ("pressures", "tendons"))
     put_arrays(pressures, dict.fromkeys(body.pressures, PRESSURE), sizes, body.pressures)
     for name, tendon in body.tendons.items():
-        own = {"k": sizes["k"]}
-        put_arrays(tendons.create_group(name, track_order=True), TENDON, own, vars(tendon))
+        put_arrays(tendons.create_group(name, track_order=True), TENDON, {"k": sizes["k"]}, vars(tendon))
 
 
-def take_deformation(h5: h5py.File, sizes: Sizes) -> ReducedDeformation:
+def get_deformation(h5: h5py.File, sizes: Sizes) -> ReducedDeformation:
     """Reads the group.
 
     Raises:
@@ -60,7 +60,6 @@ def take_deformation(h5: h5py.File, sizes: Sizes) -> ReducedDeformation:
     pressures, tendons = get_group(group, "pressures"), get_group(group, "tendons")
     forces: Any = get_arrays(pressures, dict.fromkeys(pressures, PRESSURE), sizes)
     validation = arrays["validation_error"]
-    cables = {name: _tendon(get_group(tendons, name), sizes["k"]) for name in tendons}
     return ReducedDeformation(
         law=get_text(group, "law"),
         **{name: arrays[name] for name in BODY},
@@ -69,10 +68,10 @@ def take_deformation(h5: h5py.File, sizes: Sizes) -> ReducedDeformation:
         cubature_error=float(arrays["cubature_error"][0]),
         validation_error=None if validation is None else float(validation[0]),
         pressures=forces,
-        tendons=cables,
+        tendons={name: _get_tendon(get_group(tendons, name), sizes["k"]) for name in tendons},
     )
 
 
-def _tendon(group: h5py.Group, order: int) -> Tendon:
+def _get_tendon(group: h5py.Group, order: int) -> ReducedTendon:
     arrays: Any = get_arrays(group, TENDON, {"k": order})
-    return Tendon(**arrays)
+    return ReducedTendon(**arrays)

@@ -60,7 +60,7 @@ from fenics_rom.io.hdf5 import (
 )
 from fenics_rom.io.stages import Stage
 from fenics_rom.mechanics.environment import SWITCHINGS
-from fenics_rom.rom.deformation_file import put_deformation, take_deformation
+from fenics_rom.rom.deformation_file import get_deformation, put_deformation
 from fenics_rom.rom.environment_file import put_environment, take_environment
 from fenics_rom.rom.format_1 import upgrade
 from fenics_rom.rom.rom import ContactModel, Rom, check_rom
@@ -171,7 +171,7 @@ def _take(h5: h5py.File) -> Rom:
         warnings=tuple(filter(None, get_text(h5, "warnings").split("\n"))),
         weighting=weighting,
         stages=_take_stages(groups["offline"]) if "offline" in groups else (),
-        deformation=take_deformation(h5, sizes) if "deformation" in groups else None,
+        deformation=get_deformation(h5, sizes) if "deformation" in groups else None,
         **body,
     )
     _check_fit(rom)

@@ -146,7 +146,7 @@ def _built_in(name: str, said: Said) -> str:
     """As scene.environment writes it."""
 
     def kept(one: Said) -> dict[str, Any]:
-        defaults = DEFAULTS.get(name, {})
+        defaults: Said = DEFAULTS.get(name, {})
         given = {key: _plain(value) for key, value in one.items() if key not in CHANGING.get(name, ())}
         return {key: value for key, value in given.items() if value != {} and defaults.get(key) != value}
 

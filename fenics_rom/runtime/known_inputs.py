@@ -8,14 +8,14 @@ import numpy as np
 
 from fenics_rom.errors import StepError, unknown
 from fenics_rom.runtime.rollout import (
-    LONGEST,
+    MAX_BLOCK_STEPS,
     BlockPropagator,
     ConstantInterval,
-    constant_intervals,
-    doubling_blocks,
-    one_step,
-    repeated,
-    run,
+    build_doubling_blocks,
+    build_step,
+    find_constant_intervals,
+    repeat,
+    run_blocks,
 )
 from fenics_rom.runtime.steppers.midpoint import checked_dt
 
@@ -80,7 +80,9 @@ class KnownInputs:
         bad = np.flatnonzero(~np.isfinite(u).all(axis=1))
         if len(bad):
             raise StepError(f"step {body.steps + bad[0]}: input {u[bad[0]].tolist()} is not finite")
-        plan = constant_intervals(len(u), body.contact if contact is None else contact, body.dt if dt is None else dt)
+        plan = find_constant_intervals(
+            len(u), body.contact if contact is None else contact, body.dt if dt is None else dt
+        )
         load_columns = sum(rom.loads.values())
         for interval in plan:
             checked_dt(interval.dt)
@@ -116,7 +118,7 @@ class KnownInputs:
             return
         while len(u):
             due = every - taken % every  # steps until the outputs are due
-            if due == every <= min(LONGEST, len(u)):
+            if due == every <= min(MAX_BLOCK_STEPS, len(u)):
                 steps = len(u) - len(u) % every
                 rows += self._blocks(body, u[:steps], every, names)
             else:
@@ -135,7 +137,7 @@ class KnownInputs:
             times = len(u) // block.length
             steps = times * block.length
             if times:
-                outputs, starts, *work = run(block, state, u[:steps].reshape(times, -1))
+                outputs, starts, *work = run_blocks(block, state, u[:steps].reshape(times, -1))
                 if not math.isfinite(state.dot(state)):
                     raise StepError(f"steps from {body.steps} on: the inputs lead out of the finite numbers")
                 if body.ledger is not None:
@@ -156,6 +158,6 @@ class KnownInputs:
             model = body.rom.contact_models[body.contact]
             ω = np.sqrt(model.eigenvalues)
             rows = np.concatenate([np.empty((0, model.order)), *(body.reading(name) / ω for name in names)])
-            single = one_step(model, body.dt, rows, body.ledger is not None)
-            self._propagators[key] = doubling_blocks(repeated(single, every))
+            single = build_step(model, body.dt, rows, body.ledger is not None)
+            self._propagators[key] = build_doubling_blocks(repeat(single, every))
         return self._propagators[key]

@@ -1,5 +1,6 @@
 """Saying when a reduced run leaves what a linear model can follow."""
 
+import math
 import sys
 import warnings
 from collections.abc import Callable
@@ -7,13 +8,14 @@ from collections.abc import Callable
 import numpy as np
 
 from fenics_rom.errors import FenicsRomWarning
-from fenics_rom.mechanics.linearity import ModeGauge, SurfaceStrainPeak, basis_rows, warning
-from fenics_rom.rom.rom import Rom
+from fenics_rom.mechanics.linearity import ROTATION_LIMIT, STRAIN_LIMIT, SurfaceGauges, SurfaceStrainPeak, measure_peaks
+from fenics_rom.rom.rom import Rom, safe_frequencies
 
 Array = np.ndarray
 
 # High states between two looks, so that looking costs less than stepping: before a limit was passed, and after.
-PATIENCE = {False: 10, True: 100}
+LOOK_INTERVAL = {False: 10, True: 100}
+ROTATION_ROUND_OFF = 1e-9  # share of the largest slope of the basis that is none
 
 
 class LinearityMonitor:
@@ -24,26 +26,26 @@ class LinearityMonitor:
         rigid: gives the displacement along the rigid motions (ρ,), which energy coordinates do not hold.
 
     Attributes:
-        seen: how far the surface went, of all looks.
+        peak: how far the surface went, of all looks.
     """
 
     def __init__(self, rom: Rom, rigid: Callable[[], Array] = lambda: np.empty(0)):
-        self._rom, self._rigid, self._gauges = rom, rigid, dict[str, ModeGauge]()
+        self._rom, self._rigid, self._gauges = rom, rigid, dict[str, ReducedGauges]()
         # A body that deforms largely has no linear limit to look out for.
-        self._rows = basis_rows(rom) if rom.deformation is None else np.empty((0, rom.basis.shape[1]))
+        self._rows = gauge_basis(rom) if rom.deformation is None else np.empty((0, rom.basis.shape[1]))
         self.begin(SurfaceStrainPeak())
 
-    def begin(self, seen: SurfaceStrainPeak) -> None:
-        """Goes on from what was seen, with a look as soon as there is need."""
-        self.seen = seen
+    def begin(self, peak: SurfaceStrainPeak) -> None:
+        """Goes on from a peak, with a look as soon as there is need."""
+        self.peak = peak
         self._margin, self._last = 0.0, np.empty(0)
-        self._since = max(PATIENCE.values())
+        self._since = max(LOOK_INTERVAL.values())
 
     def enter(self, contact: str) -> float:
         """Watches a contact mode; returns twice the stored energy, J, up to which there is no need to look."""
         if contact not in self._gauges:
-            mode = self._rom.contact_models[contact]
-            self._gauges[contact] = ModeGauge(self._rows @ mode.coordinates, mode.eigenvalues)
+            model = self._rom.contact_models[contact]
+            self._gauges[contact] = ReducedGauges(self._rows @ model.coordinates, model.eigenvalues)
         self._safe_frequencies = self._rom.contact_models[contact].safe_frequencies
         self._margin = 0.0  # what was safe in another mode's coordinates says nothing here
         self._gauge = self._gauges[contact]
@@ -55,14 +57,75 @@ class LinearityMonitor:
         Warns of the first one beyond the limits.
         """
         self._since += 1
-        if self._since < PATIENCE[self.seen.beyond]:
+        if self._since < LOOK_INTERVAL[self.peak.beyond]:
             return
         if self._margin and np.square(e - self._last).sum() / 2 < self._margin:
             return
         q, s = e / self._safe_frequencies, self._rigid()
         q[: len(s)] = s
-        before, now = self.seen, SurfaceStrainPeak(*self._gauge.read(q), time)
-        self.seen = before.joined(now)
+        before, now = self.peak, SurfaceStrainPeak(*self._gauge.read(q), time)
+        self.peak = before.joined(now)
         self._margin, self._last, self._since = self._gauge.safe_change(now.severity), e.copy(), 0
         if now.beyond and not before.beyond:
-            warnings.warn(warning(now), FenicsRomWarning, stacklevel=4)
+            warnings.warn(now.warning, FenicsRomWarning, stacklevel=4)
+
+
+def gauge_basis(rom: Rom) -> Array:
+    """Components (6g, k) of the shared basis Q: those of the state q of a contact mode are `gauge_basis(rom) @ C @ q`.
+
+    A ROM without a mesh has none, (0, k).
+    """
+    k = rom.basis.shape[1]
+    if len(rom.triangles) == 0:
+        return np.empty((0, k))
+    gauges = SurfaceGauges(rom.nodes, rom.triangles)
+    row = np.full(3 * len(rom.nodes), -1)
+    row[rom.free] = np.arange(len(rom.free))
+    row = row[3 * gauges.triangles[:, :, None] + np.arange(3)]
+    corners = rom.basis[row]  # of 3 N rows only these: a Simulator is made in milliseconds
+    corners[row < 0] = 0.0
+    return gauges.of_corners(corners).reshape(-1, k)
+
+
+class ReducedGauges:
+    """Reads rotation and strain off the state q of one contact mode, and says when there is no need to.
+
+    With q = diag(1/√γ) y, |y|² = qᵀ diag(γ) q is at most 2 E. So no triangle turns by more than ρ √(2E), ρ the largest
+    spectral norm of (its rows of ω) diag(1/√γ), and some state does; for strain, whose |ε| bounds the principal
+    strains to a factor of at most √2, likewise. No energy bounds a rigid rotation: where there is one, none is safe.
+
+    Args:
+        rows: (6g, m) components of the basis W of the contact mode.
+        eigenvalues: γ (m,), 1/s².
+
+    Attributes:
+        safe_energy: with no more than this stored energy nothing is beyond its limit, J; inf without rows.
+    """
+
+    def __init__(self, rows: Array, eigenvalues: Array):
+        self._rows = rows
+        self.safe_energy = _safe_energy((rows / safe_frequencies(eigenvalues)).reshape(-1, 2, 3, len(eigenvalues)))
+        slopes = np.abs(rows)
+        if slopes[:, eigenvalues == 0].max(initial=0.0) > ROTATION_ROUND_OFF * slopes.max(initial=0.0):
+            self.safe_energy = 0.0  # translations turn nothing but by round-off
+
+    def read(self, q: Array) -> tuple[float, float]:
+        """Largest |ω|, rad, and largest |principal strain|, of the state q (m,)."""
+        return measure_peaks((self._rows @ q).reshape(-1, 6))
+
+    def safe_change(self, severity: float) -> float:
+        """From a state of this severity, the energy ½ δᵀ diag(γ) δ of a change δ of q that leads beyond no limit, J."""
+        return (1 - severity) ** 2 * self.safe_energy if severity < 1 else 0.0
+
+
+def _safe_energy(components: Array) -> float:
+    """Energy with which nothing is beyond its limit, of the components (g, 2, 3, m) of energy coordinates, J."""
+    scale = np.abs(components).max(initial=0.0)  # squares may overflow, or vanish
+    if scale == 0:
+        return math.inf
+    if not np.isfinite(scale):
+        return 0.0
+    components = components / scale
+    ρ_squared = np.linalg.eigvalsh(components @ components.swapaxes(2, 3))[:, :, -1].max(axis=0, initial=0.0)
+    severity = float(scale) * float((np.sqrt(ρ_squared) / [ROTATION_LIMIT, STRAIN_LIMIT]).max())
+    return 0.5 / severity / severity

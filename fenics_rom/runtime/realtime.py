@@ -12,7 +12,7 @@ from fenics_rom.runtime.simulator import Simulator
 
 Array = np.ndarray
 
-SPIN = 2e-4  # s before a due time from which on a sleep could end too late
+SPIN_TIME = 2e-4  # s before a due time, from which on a sleep could end too late
 
 
 @dataclass(frozen=True)
@@ -43,8 +43,9 @@ class RealTime:
         if not self.steps:
             return "0 steps"
         return (
-            f"{self.steps} steps of {_readable(self.simulated / self.steps)}: {self.missed} missed; a step takes "
-            f"{_readable(self.median)} (median), {_readable(self.p999)} (99.9 %), {_readable(self.worst)} (worst)"
+            f"{self.steps} steps of {_format_time(self.simulated / self.steps)}: {self.missed} missed; a step takes "
+            f"{_format_time(self.median)} (median), {_format_time(self.p999)} (99.9 %), "
+            f"{_format_time(self.worst)} (worst)"
         )
 
 
@@ -92,14 +93,14 @@ def run_realtime(
 
 
 def _wait_until(due: float) -> None:
-    coarse = due - time.perf_counter() - SPIN
-    if coarse > 0:
-        time.sleep(coarse)
+    sleep = due - time.perf_counter() - SPIN_TIME
+    if sleep > 0:
+        time.sleep(sleep)
     while time.perf_counter() < due:
         pass
 
 
-def _readable(seconds: float) -> str:
+def _format_time(seconds: float) -> str:
     rounded = float(f"{seconds:.3g}")  # first: 999.9 µs are 1 ms
-    unit, size = next((pair for pair in (("s", 1.0), ("ms", 1e-3)) if rounded >= pair[1]), ("µs", 1e-6))
+    unit, size = ("s", 1.0) if rounded >= 1.0 else ("ms", 1e-3) if rounded >= 1e-3 else ("µs", 1e-6)
     return f"{rounded / size:.3g} {unit}"

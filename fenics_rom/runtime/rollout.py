@@ -22,8 +22,8 @@ from fenics_rom.runtime.steppers.midpoint import matrices
 
 Array = np.ndarray
 
-LONGEST = 32  # steps of a block: longer ones have fewer states to carry, but larger maps
-TOGETHER = 128  # blocks whose z are held at once: what fits the cache
+MAX_BLOCK_STEPS = 32  # longer blocks have fewer states to carry, but larger maps
+BLOCKS_PER_PRODUCT = 128  # whose z are held at once: what fits the cache
 
 
 @dataclass(frozen=True)
@@ -44,67 +44,66 @@ class BlockPropagator:
     dissipated: Array | None = None
 
 
-def one_step(mode: ContactModel, h: float, rows: Array, ledger: bool) -> BlockPropagator:
+def build_step(model: ContactModel, h: float, rows: Array, ledger: bool) -> BlockPropagator:
     """The map of a step.
 
     Args:
-        mode: the reduced model.
+        model: the reduced model.
         h: time step, s.
         rows: (R, m) of the outputs that are read after it, acting on e.
         ledger: whether the account is kept.
     """
-    after, account = matrices(mode, h)
-    block = BlockPropagator(1, after, rows @ after[: mode.order])
+    m, (state, account) = model.order, matrices(model, h)
+    outputs = rows @ state[:m]
     if not ledger:
-        return block
-    m = mode.order
-    heat, work = account[:m], np.zeros((after.shape[1], after.shape[1]))
+        return BlockPropagator(1, state, outputs)
+    heat, work = account[:m], np.zeros((state.shape[1], state.shape[1]))
     work[2 * m :] = account[m:]
-    return BlockPropagator(1, block.state, block.outputs, work, heat.T @ heat)
+    return BlockPropagator(1, state, outputs, work, heat.T @ heat)
 
 
-def composed(first: BlockPropagator, second: BlockPropagator, *, silent: bool = False) -> BlockPropagator:
+def compose(first: BlockPropagator, second: BlockPropagator, *, silent: bool = False) -> BlockPropagator:
     """The map of one block after the other; `silent`: without the outputs of the first."""
-    size, more = first.state.shape[1], second.state.shape[1] - first.state.shape[0]
-    lift = np.zeros((second.state.shape[1], size + more))  # of z to the second block's
+    size, added = first.state.shape[1], second.state.shape[1] - first.state.shape[0]
+    lift = np.zeros((second.state.shape[1], size + added))  # of z to the second block's
     lift[: len(first.state), :size] = first.state
-    lift[len(first.state) :, size:] = np.eye(more)
+    lift[len(first.state) :, size:] = np.eye(added)
     outputs = second.outputs @ lift
     if not silent:
-        outputs = np.vstack([np.pad(first.outputs, ((0, 0), (0, more))), outputs])
+        outputs = np.vstack([np.pad(first.outputs, ((0, 0), (0, added))), outputs])
 
-    def both(of_first: Array | None, of_second: Array | None) -> Array | None:
+    def sum_works(of_first: Array | None, of_second: Array | None) -> Array | None:
         if of_first is None or of_second is None:
             return None
-        return np.pad(of_first, (0, more)) + lift.T @ of_second @ lift
+        return np.pad(of_first, (0, added)) + lift.T @ of_second @ lift
 
     return BlockPropagator(
         first.length + second.length,
         second.state @ lift,
         outputs,
-        both(first.supplied, second.supplied),
-        both(first.dissipated, second.dissipated),
+        sum_works(first.supplied, second.supplied),
+        sum_works(first.dissipated, second.dissipated),
     )
 
 
-def repeated(block: BlockPropagator, times: int) -> BlockPropagator:
+def repeat(block: BlockPropagator, times: int) -> BlockPropagator:
     """The map of a block taken some times, with the outputs of the last one only."""
     if times == 1:
         return block
-    half = repeated(block, times // 2)
-    whole = composed(half, half, silent=True)
-    return composed(whole, block, silent=True) if times % 2 else whole
+    half = repeat(block, times // 2)
+    whole = compose(half, half, silent=True)
+    return compose(whole, block, silent=True) if times % 2 else whole
 
 
-def doubling_blocks(block: BlockPropagator) -> list[BlockPropagator]:
+def build_doubling_blocks(block: BlockPropagator) -> list[BlockPropagator]:
     """A block, twice it, four times it, and so on to the longest one worth having; the longest first."""
-    rungs = [block]
-    while 2 * rungs[0].length <= LONGEST:
-        rungs.insert(0, composed(rungs[0], rungs[0]))
-    return rungs
+    blocks = [block]
+    while 2 * blocks[0].length <= MAX_BLOCK_STEPS:
+        blocks.insert(0, compose(blocks[0], blocks[0]))
+    return blocks
 
 
-def run(block: BlockPropagator, state: Array, inputs: Array) -> tuple[Array, Array, float, float]:
+def run_blocks(block: BlockPropagator, state: Array, inputs: Array) -> tuple[Array, Array, float, float]:
     """Takes a block's steps again and again.
 
     Args:
@@ -115,19 +114,19 @@ def run(block: BlockPropagator, state: Array, inputs: Array) -> tuple[Array, Arr
     Returns:
         The outputs (times, rows), the states at each start (times, 2m), and what was supplied and dissipated, J.
     """
-    times, kept = len(inputs), len(state)
-    carry, forcing = np.ascontiguousarray(block.state[:, :kept]).dot, block.state[:, kept:].T
-    outputs, states = np.empty((times, len(block.outputs))), np.empty((times + 1, kept))
+    times, size = len(inputs), len(state)
+    propagate, forcing = np.ascontiguousarray(block.state[:, :size]).dot, block.state[:, size:].T
+    outputs, states = np.empty((times, len(block.outputs))), np.empty((times + 1, size))
     states[0] = state
     supplied = dissipated = 0.0
-    for begin in range(0, times, TOGETHER):
-        given = inputs[begin : begin + TOGETHER]
-        ahead = states[begin : begin + len(given) + 1]
-        for before, after, push in zip(ahead[:-1], ahead[1:], given @ forcing, strict=True):
-            carry(before, after)
+    for first in range(0, times, BLOCKS_PER_PRODUCT):
+        u = inputs[first : first + BLOCKS_PER_PRODUCT]
+        bounds = states[first : first + len(u) + 1]
+        for before, after, push in zip(bounds[:-1], bounds[1:], u @ forcing, strict=True):
+            propagate(before, after)
             np.add(after, push, after)
-        z = np.hstack([ahead[:-1], given])
-        np.dot(z, block.outputs.T, out=outputs[begin : begin + TOGETHER])
+        z = np.hstack([bounds[:-1], u])
+        np.dot(z, block.outputs.T, out=outputs[first : first + BLOCKS_PER_PRODUCT])
         if block.supplied is not None and block.dissipated is not None:
             supplied += float(np.vdot(z @ block.supplied, z))
             dissipated += float(np.vdot(z @ block.dissipated, z))
@@ -144,7 +143,7 @@ class ConstantInterval(NamedTuple):
     dt: float
 
 
-def constant_intervals(
+def find_constant_intervals(
     steps: int, contact: str | Sequence[str], dt: float | Sequence[float] | Array
 ) -> list[ConstantInterval]:
     """The steps between changes of contact mode or step size.
@@ -153,14 +152,14 @@ def constant_intervals(
         StepError: one of them is neither one for all steps nor one for each.
     """
     columns = []
-    for what, given in (("contact", contact), ("dt", dt)):
-        column = np.asarray(given, dtype=object)
+    for name, values in (("contact", contact), ("dt", dt)):
+        column = np.asarray(values, dtype=object)
         if column.shape not in ((), (steps,)):
-            raise StepError(f"{what}: allowed is one for all {steps} steps, or one of each, given: {column.shape}")
+            raise StepError(f"{name}: allowed is one for all {steps} steps, or one of each, given: {column.shape}")
         columns.append(np.broadcast_to(column, (steps,)))
     if not steps:
         return []
     names, sizes = columns
     changes = np.flatnonzero((names[1:] != names[:-1]) | (sizes[1:] != sizes[:-1])) + 1
     bounds = [0, *map(int, changes), steps]
-    return [ConstantInterval(a, b, names[a], sizes[a]) for a, b in pairwise(bounds)]
+    return [ConstantInterval(start, stop, names[start], sizes[start]) for start, stop in pairwise(bounds)]

@@ -8,7 +8,7 @@ import numpy as np
 
 from fenics_rom.errors import StepError, unknown
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
-from fenics_rom.mechanics.linearity import SurfaceStrainPeak, summary
+from fenics_rom.mechanics.linearity import SurfaceStrainPeak
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.known_inputs import KnownInputs
 from fenics_rom.runtime.linearity_monitor import LinearityMonitor
@@ -157,7 +157,7 @@ class Simulator:
     @property
     def surface_peak(self) -> SurfaceStrainPeak:
         """How far the surface turned and strained, where the stored energy was high enough for a look at it."""
-        return self._monitor.seen
+        return self._monitor.peak
 
     def displacement(self, output: str | None = None) -> Array:
         """Displacement, m: of a named output (points, 3), or of every mesh node (nodes, 3).
@@ -238,7 +238,7 @@ class Simulator:
 
         A surface that went too far, a switch that lost much, contact that was not solved.
         """
-        return tuple(filter(None, [summary(self.surface_peak), self.loss.message, *self._stepper.diagnostics()]))
+        return tuple(filter(None, [self.surface_peak.summary, self.loss.message, *self._stepper.diagnostics()]))
 
     def step(self, u: Sequence[float] | Array = ()) -> None:
         """Advances by dt under a constant input.

@@ -19,7 +19,7 @@ from fenics_rom.rom.rom import ContactModel, Rom
 
 Array = np.ndarray
 
-MUCH = 0.01  # of the stored energy, lost in one switch: some 10 % of a shape
+REPORTED_LOSS = 0.01  # share of the stored energy, lost in one switch: some 10 % of a shape
 
 
 @dataclass(frozen=True)
@@ -42,7 +42,7 @@ class SwitchLoss:
     @property
     def message(self) -> str:
         """What the user should know; empty where little was lost."""
-        if self.share <= MUCH:
+        if self.share <= REPORTED_LOSS:
             return ""
         return (
             f"switching from {self.start!r} to {self.end!r} at t = {self.time:.4g} s lost {100 * self.share:.2g} % of "
@@ -65,41 +65,42 @@ class Projections:
     def between(self, start: str, end: str) -> tuple[Array, Array]:
         """Maps of ω q and of r, each (m_end, m_start), from one contact mode to another."""
         if (start, end) not in self._maps:
-            one, other = self._rom.contact_models[start], self._rom.contact_models[end]
-            self._maps[start, end] = (
-                _oblique(one, other) if self._rom.switching == "oblique" else _orthogonal(self._rom, one, other)
-            )
+            models = self._rom.contact_models[start], self._rom.contact_models[end]
+            oblique = self._rom.switching == "oblique"
+            self._maps[start, end] = _project_obliquely(*models) if oblique else _project(self._rom, *models)
         return self._maps[start, end]
 
 
-def _orthogonal(rom: Rom, start: ContactModel, end: ContactModel) -> tuple[Array, Array]:
+def _project(rom: Rom, start: ContactModel, end: ContactModel) -> tuple[Array, Array]:
     """Orthogonal projections in K and in M, which never add energy."""
     rigid, ω = rom.rigid, np.sqrt(rom.stiffness)[:, None]
-    strained_start, strained_end = ((ω * mode.coordinates / mode.safe_frequencies)[:, rigid:] for mode in (start, end))
-    potential = _contraction(strained_end.T @ strained_start)
-    kinetic = _contraction(end.coordinates[:, rigid:].T @ start.coordinates[:, rigid:])
+    strained_start, strained_end = (
+        (ω * model.coordinates / model.safe_frequencies)[:, rigid:] for model in (start, end)
+    )
+    potential = _clip_cosines(strained_end.T @ strained_start)
+    kinetic = _clip_cosines(end.coordinates[:, rigid:].T @ start.coordinates[:, rigid:])
     if not rigid:
         return potential, kinetic
-    return _beside(np.zeros((rigid, rigid)), potential), _beside(np.eye(rigid), kinetic)
+    return _stack_diagonally(np.zeros((rigid, rigid)), potential), _stack_diagonally(np.eye(rigid), kinetic)
 
 
-def _beside(rigid: Array, elastic: Array) -> Array:
+def _stack_diagonally(rigid: Array, elastic: Array) -> Array:
     """One map of both parts of a state, which shares nothing between them."""
     ρ = len(rigid)
-    both = np.zeros((ρ + len(elastic), ρ + elastic.shape[1]))
-    both[:ρ, :ρ], both[ρ:, ρ:] = rigid, elastic
-    return both
+    whole = np.zeros((ρ + len(elastic), ρ + elastic.shape[1]))
+    whole[:ρ, :ρ], whole[ρ:, ρ:] = rigid, elastic
+    return whole
 
 
-def _oblique(start: ContactModel, end: ContactModel) -> tuple[Array, Array]:
+def _project_obliquely(start: ContactModel, end: ContactModel) -> tuple[Array, Array]:
     """Maps of standard balanced truncation (paper (7)): they can add energy (paper, Prop. 1); for comparison only."""
     if end.left_inverse is None:
         raise ValueError("the ROM was not reduced for oblique switching")
-    both = end.left_inverse @ start.coordinates
-    return np.sqrt(end.eigenvalues)[:, None] * both / np.sqrt(start.eigenvalues), both
+    projection = end.left_inverse @ start.coordinates
+    return np.sqrt(end.eigenvalues)[:, None] * projection / np.sqrt(start.eigenvalues), projection
 
 
-def _contraction(cosines: Array) -> Array:
+def _clip_cosines(cosines: Array) -> Array:
     """A product of two orthonormal bases, with the round-off that would make it lengthen a vector taken out."""
     U, s, Vᵀ = np.linalg.svd(cosines, full_matrices=False)
     return (U * np.minimum(s, 1.0)) @ Vᵀ

@@ -197,8 +197,8 @@ def oblique(patch, demo):
 
 def maps_that_add(patch, demo):
     """A switch adds a little, between equal models too."""
-    right = switching._contraction
-    patch.setattr(switching, "_contraction", lambda cosines: 1.001 * right(cosines))
+    right = switching._clip_cosines
+    patch.setattr(switching, "_clip_cosines", lambda cosines: 1.001 * right(cosines))
 
 
 def held_patches_pass(patch, demo):
@@ -286,7 +286,7 @@ def half_precision(patch, demo):
         def step(self, u, **more):
             found = super().step(u, **more)
             if self.dtype == np.float32:
-                self._state *= 1 + 2.0**-11
+                self._layout.state *= 1 + 2.0**-11
             return found
 
     patch.setattr(fr, "Batch", Half)

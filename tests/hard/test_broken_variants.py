@@ -154,7 +154,7 @@ def test_projections_in_one_energy_for_both(demo, rom, monkeypatch):
         both = end.coordinates.T @ start.coordinates
         return np.sqrt(end.eigenvalues)[:, None] * both / np.sqrt(start.eigenvalues), both
 
-    monkeypatch.setattr(switching, "_orthogonal", of_mass)
+    monkeypatch.setattr(switching, "_project", of_mass)
     found = rides(demo, rom)
     assert "most that a switch can add, of the stored energy" in found["contacts"]
     assert not found["any steps"]

@@ -15,10 +15,11 @@ from fenics_rom.errors import FileError, MeshError, SceneError, SolverError, Str
 from fenics_rom.fem.gmsh_file import GmshFile, Group
 from fenics_rom.fem.mesh import _from_gmsh, read_mesh
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
-from fenics_rom.mechanics.linearity import ModeGauge, SurfaceGauges
+from fenics_rom.mechanics.linearity import SurfaceGauges
 from fenics_rom.mechanics.time_step_monitor import TimeStepMonitor
 from fenics_rom.reduction.balancing import balance
 from fenics_rom.rom.rom import check_rom
+from fenics_rom.runtime.linearity_monitor import ReducedGauges
 from fenics_rom.scene.file import parse_scene
 
 DATA = Path(__file__).parent.parent / "data"
@@ -156,9 +157,9 @@ def test_surfaces_and_motions_beyond_measure_have_gauges(scale):
     with np.errstate(all="ignore"):
         assert len(SurfaceGauges(scale * points, triangles).triangles) == 0
     rows = np.ones((6, 2))
-    gauge, plain = ModeGauge(scale * rows, np.ones(2)), ModeGauge(rows, np.ones(2))
+    gauge, plain = ReducedGauges(scale * rows, np.ones(2)), ReducedGauges(rows, np.ones(2))
     assert gauge.safe_energy == pytest.approx(plain.safe_energy / scale / scale if scale < 1e150 else 0.0)
-    assert ModeGauge(np.full((6, 2), np.inf), np.ones(2)).safe_energy == 0.0
+    assert ReducedGauges(np.full((6, 2), np.inf), np.ones(2)).safe_energy == 0.0
 
 
 def test_gramians_that_vanish_are_told():

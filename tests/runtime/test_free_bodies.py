@@ -14,8 +14,8 @@ from test_energy_laws import CLOSES_TO, rough_ride
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning, StepError, StructureError
 from fenics_rom.fem.linear_stepper import FullOrderStepper
-from fenics_rom.mechanics.linearity import ModeGauge, basis_rows
 from fenics_rom.rom.rom import ContactModel, check_rom, diagonalized_span
+from fenics_rom.runtime.linearity_monitor import ReducedGauges, gauge_basis
 from fenics_rom.runtime.steppers.midpoint_kernels import FusedMidpoint, StagedMidpoint
 
 GRAVITY = 9.81
@@ -261,8 +261,8 @@ def test_batch_is_many_simulators(dense, dtype, accuracy):
 
 def test_large_rotations_are_told_though_no_energy_bounds_them(rom, system):
     """Slow ones, too; and a fall, however far, is none."""
-    mode, rows = rom.contact_models["right"], basis_rows(rom)
-    assert ModeGauge(rows @ mode.coordinates, mode.eigenvalues).safe_energy == 0.0
+    mode, rows = rom.contact_models["right"], gauge_basis(rom)
+    assert ReducedGauges(rows @ mode.coordinates, mode.eigenvalues).safe_energy == 0.0
     spin = np.cross([0.0, 0.0, 0.01], system.body.nodes).reshape(-1, 1)
     body, r = fr.Simulator(rom, 0.1), np.zeros(mode.order)
     r[:6] = (system.rigid.T @ (system.mass @ spin))[:, 0]
@@ -283,12 +283,12 @@ def test_large_rotations_are_told_though_no_energy_bounds_them(rom, system):
 
 
 def test_translations_alone_leave_the_safe_energy_as_it_is(rom, system):
-    mode, rows = rom.contact_models["right"], basis_rows(rom)
+    mode, rows = rom.contact_models["right"], gauge_basis(rom)
     shifts = np.tile(np.eye(3), (len(system.body.nodes), 1))
-    moves = basis_rows(replace(rom, basis=shifts))
+    moves = gauge_basis(replace(rom, basis=shifts))
     elastic = (rows @ mode.coordinates)[:, 6:]
-    alone = ModeGauge(elastic, mode.eigenvalues[6:])
-    with_shifts = ModeGauge(np.hstack([moves, elastic]), np.concatenate([np.zeros(3), mode.eigenvalues[6:]]))
+    alone = ReducedGauges(elastic, mode.eigenvalues[6:])
+    with_shifts = ReducedGauges(np.hstack([moves, elastic]), np.concatenate([np.zeros(3), mode.eigenvalues[6:]]))
     assert 0 < with_shifts.safe_energy == alone.safe_energy
     assert with_shifts.read(np.array([5.0, 5.0, 5.0] + [0.0] * (mode.order - 6))) == pytest.approx((0, 0), abs=1e-9)
 

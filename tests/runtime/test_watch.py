@@ -7,7 +7,7 @@ import pytest
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning
-from fenics_rom.mechanics.linearity import ROTATION_LIMIT, SurfaceGauges, largest
+from fenics_rom.mechanics.linearity import ROTATION_LIMIT, SurfaceGauges, measure_peaks
 from fenics_rom.runtime.linearity_monitor import LinearityMonitor
 from fenics_rom.scene.file import parse_scene
 
@@ -42,7 +42,7 @@ force = [0.0, 0.0, {newton}]
 
 
 def turned(rom, simulator):
-    return largest(SurfaceGauges(rom.nodes, rom.triangles).components(simulator.displacement()))[0]
+    return measure_peaks(SurfaceGauges(rom.nodes, rom.triangles).components(simulator.displacement()))[0]
 
 
 def test_warns_once_when_the_surface_turns_too_far(plate_rom):
@@ -110,4 +110,4 @@ def test_what_was_safe_in_one_contact_mode_says_nothing_in_another(plate_rom):
     watch.enter("tip_left")
     for _ in range(20):
         watch.look(1e-6 * e, time=1.0)
-    assert watch.seen.time == 1.0
+    assert watch.peak.time == 1.0

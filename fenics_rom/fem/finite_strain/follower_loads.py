@@ -5,7 +5,7 @@ from typing import Protocol
 import numpy as np
 
 from fenics_rom.fem.nodes import Nodes
-from fenics_rom.mechanics.tendon import ends_of, pieces_of, pulls_of
+from fenics_rom.mechanics.tendon import measure_segments, sum_end_forces, unit_tension_forces
 
 Array = np.ndarray
 
@@ -78,14 +78,14 @@ class Tendon:
 
     def force(self, u: Array) -> Array:
         """As in Follower."""
-        return self.shapes.T @ pulls_of(self.points + self.shapes @ u)
+        return self.shapes.T @ unit_tension_forces(self.points + self.shapes @ u)
 
     def changed(self, u: Array, du: Array) -> Array:
         """As in Follower."""
-        pieces, lengths = pieces_of(self.points + self.shapes @ u)
+        pieces, lengths = measure_segments(self.points + self.shapes @ u)
         directions, change = pieces / lengths, np.diff(self.shapes @ du, axis=0)
         along = np.einsum("ki,ki->k", directions, change)[:, None]
-        return self.shapes.T @ ends_of((change - along * directions) / lengths)
+        return self.shapes.T @ sum_end_forces((change - along * directions) / lengths)
 
 
 def _shapes(places: Array, degree: int) -> tuple[Array, Array]:

@@ -14,7 +14,7 @@ from functools import cached_property
 import numpy as np
 
 from fenics_rom.mechanics.hyperelastic import (
-    SMALLEST,
+    ROUND_OFF_STRAIN,
     VOIGT_INDEX,
     VOIGT_SHEAR,
     discrete_gradient_stress,
@@ -135,7 +135,7 @@ class StressesInStep(Stresses):
         moduli_times = np.einsum("cdp,dp->cp", m.moduli((self.E + self.E_after) / 2), ΔE)
         at_mean = stress(m.law, (self.E + self.E_after) / 2, m.first_lame, m.shear)
         at_end = stress(m.law, self.E_after, m.first_lame, m.shear)
-        size = (ΔE**2 / VOIGT_SHEAR).sum(axis=0) + SMALLEST**2
+        size = (ΔE**2 / VOIGT_SHEAR).sum(axis=0) + ROUND_OFF_STRAIN**2
         gained = m.energy_density(self.E_after) - m.energy_density(self.E)
         c = (gained - (at_mean * ΔE).sum(axis=0)) / size
         slope = (at_end - at_mean - moduli_times / 2 - 2 * c * ΔE / VOIGT_SHEAR) / size  # ∂c/∂E⁺

@@ -4,7 +4,7 @@ from collections.abc import Iterable
 
 import numpy as np
 
-from fenics_rom.rom.deformation import Tendon, monomials
+from fenics_rom.rom.deformation import ReducedTendon, monomials
 from fenics_rom.system.system import Algebra, Array, Deformation
 
 
@@ -43,6 +43,6 @@ def pressures_of(body: Deformation, algebra: Algebra, W: Array, names: Iterable[
     return dict(zip(names, coefficients, strict=True))
 
 
-def tendons_of(body: Deformation, algebra: Algebra, W: Array) -> dict[str, Tendon]:
+def tendons_of(body: Deformation, algebra: Algebra, W: Array) -> dict[str, ReducedTendon]:
     """Cables through points of the body."""
-    return {name: Tendon(points, algebra.inner(shapes, W)) for name, (points, shapes) in body.tendons.items()}
+    return {name: ReducedTendon(points, algebra.inner(shapes, W)) for name, (points, shapes) in body.tendons.items()}

@@ -4,8 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fenics_rom.mechanics.linearity import ModeGauge, SurfaceStrainPeak, basis_rows
+from fenics_rom.mechanics.linearity import SurfaceStrainPeak
 from fenics_rom.rom.rom import Rom
+from fenics_rom.runtime.linearity_monitor import ReducedGauges, gauge_basis
 from fenics_rom.runtime.steppers.midpoint import compliance
 
 Array = np.ndarray
@@ -108,7 +109,7 @@ def take_hold(rom: Rom, contact: str, nodes: Array, weights: Array) -> Grip | No
     λ, directions = np.linalg.eigh(P.T @ shapes)
     if not λ[-1] > 0:
         return None
-    gauge = ModeGauge(basis_rows(rom) @ mode.coordinates, mode.eigenvalues)
+    gauge = ReducedGauges(gauge_basis(rom) @ mode.coordinates, mode.eigenvalues)
     severity = SurfaceStrainPeak(*gauge.read(shapes @ directions[:, -1])).severity
     return Grip(
         contact=contact,
@@ -164,7 +165,7 @@ class Hand:
 def largest_input(rom: Rom, contact: str, column: int) -> float:
     """The input of one column at which the surface at rest is at the limit of a linear model, in the input's unit."""
     mode = rom.contact_models[contact]
-    gauge = ModeGauge(basis_rows(rom) @ mode.coordinates, mode.eigenvalues)
+    gauge = ReducedGauges(gauge_basis(rom) @ mode.coordinates, mode.eigenvalues)
     severity = SurfaceStrainPeak(*gauge.read(mode.inputs[:, column] / mode.safe_frequencies**2)).severity
     return _reach(rom) / severity if severity > 0 else 1.0
 

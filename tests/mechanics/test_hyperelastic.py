@@ -114,7 +114,7 @@ def test_a_reduced_body_that_turns_by_a_right_angle_stores_nothing(law):
         viscosity=np.zeros(P),
         external_damping=np.zeros((9, 9)),
         springs=np.zeros((9, 9)),
-        reach=1.0,
+        training_radius=1.0,
         points_of=P,
         cubature_error=0.0,
     )

@@ -8,17 +8,14 @@ import pytest
 from bodies import assembled, box_arrays, box_surfaces, write_box
 
 from fenics_rom.mechanics.linearity import (
-    MOST,
+    MAX_TRIANGLES,
     ROTATION_LIMIT,
     STRAIN_LIMIT,
-    ModeGauge,
     SurfaceGauges,
     SurfaceStrainPeak,
-    basis_rows,
-    largest,
-    summary,
-    warning,
+    measure_peaks,
 )
+from fenics_rom.runtime.linearity_monitor import ReducedGauges, gauge_basis
 
 X, CELLS = box_arrays((1.0, 0.4, 0.3), (4, 3, 3))
 FACES = box_surfaces(X, CELLS)
@@ -47,7 +44,7 @@ def in_space(rom, q, mode):
 
 
 def mode_gauge(rom, mode):
-    return ModeGauge(basis_rows(rom) @ mode.coordinates, mode.eigenvalues)
+    return ReducedGauges(gauge_basis(rom) @ mode.coordinates, mode.eigenvalues)
 
 
 @pytest.mark.parametrize("nodes", [X, X @ OBLIQUE, 1e-3 * X])
@@ -66,7 +63,7 @@ def test_components_are_along_the_first_side_across_it_and_normal():
 
 
 def test_translation_is_nothing():
-    assert largest(measured(np.full_like(X, 7.0))) == pytest.approx((0.0, 0.0), abs=1e-12)
+    assert measure_peaks(measured(np.full_like(X, 7.0))) == pytest.approx((0.0, 0.0), abs=1e-12)
 
 
 @pytest.mark.parametrize("turned", [np.eye(3), OBLIQUE])
@@ -79,7 +76,7 @@ def test_strain_is_that_in_the_planes_of_the_faces(turned):
             components = measured(X @ A @ turned, X @ turned, triangles)
             np.testing.assert_allclose(np.linalg.norm(components[:, 3:], axis=1), np.linalg.norm(within), rtol=1e-10)
             np.testing.assert_allclose(components[:, 2], 0, atol=1e-12)
-            assert largest(components)[1] == pytest.approx(np.abs(np.linalg.eigvalsh(within)).max(), rel=1e-10)
+            assert measure_peaks(components)[1] == pytest.approx(np.abs(np.linalg.eigvalsh(within)).max(), rel=1e-10)
 
 
 @pytest.mark.parametrize("θ", [1e-3, ROTATION_LIMIT, 2.0])
@@ -87,7 +84,7 @@ def test_strain_is_that_in_the_planes_of_the_faces(turned):
 def test_what_a_linear_model_makes_of_a_rigid_rotation(θ, axis):
     a = np.eye(3)[axis]
     R = np.eye(3) + math.sin(θ) * skew(a) + (1 - math.cos(θ)) * skew(a) @ skew(a)
-    rotation, strain = largest(measured(X @ (R - np.eye(3)).T))
+    rotation, strain = measure_peaks(measured(X @ (R - np.eye(3)).T))
     assert rotation == pytest.approx(math.sin(θ), rel=1e-12)
     assert strain == pytest.approx(1 - math.cos(θ), abs=1e-14)
 
@@ -110,8 +107,8 @@ def test_many_triangles_are_thinned_evenly():
     triangles = np.concatenate(list(box_surfaces(points, cells).values()))
     seen = SurfaceGauges(points, triangles).triangles
     np.testing.assert_array_equal(seen, triangles[::3])  # of 1200
-    assert MOST / 2 < len(seen) <= MOST
-    few = triangles[:MOST]
+    assert MAX_TRIANGLES / 2 < len(seen) <= MAX_TRIANGLES
+    few = triangles[:MAX_TRIANGLES]
     np.testing.assert_array_equal(SurfaceGauges(points, few).triangles, few)
 
 
@@ -120,13 +117,13 @@ def test_triangles_without_area_are_left_out():
     nodes = np.array([[0.0, 0, 0], [1, 0, 0], [2, 0, 0], [0, 1, 0], [0, 1e-11, 0]])
     gauges = SurfaceGauges(nodes, np.array([[0, 1, 2], [0, 1, 1], [3, 3, 3], [0, 1, 4], [0, 1, 3]]))
     np.testing.assert_array_equal(gauges.triangles, [[0, 1, 3]])
-    assert largest(gauges.components(nodes)) == (0.0, 1.0)
+    assert measure_peaks(gauges.components(nodes)) == (0.0, 1.0)
 
 
 @pytest.mark.filterwarnings("error")
 def test_of_no_triangles_everything_is_zero(plate_rom):
     gauges = SurfaceGauges(np.empty((0, 3)), np.empty((0, 3), dtype=int))
-    assert largest(gauges.components(np.empty((0, 3)))) == (0.0, 0.0)
+    assert measure_peaks(gauges.components(np.empty((0, 3)))) == (0.0, 0.0)
     without = replace(plate_rom, nodes=np.empty((0, 3)), triangles=np.empty((0, 3), dtype=int))
     for mode in plate_rom.contact_models.values():
         gauge = mode_gauge(without, mode)
@@ -136,26 +133,26 @@ def test_of_no_triangles_everything_is_zero(plate_rom):
 
 @pytest.mark.filterwarnings("error")
 def test_a_surface_that_cannot_move_is_always_safe():
-    assert ModeGauge(np.zeros((12, 3)), np.ones(3)).safe_energy == math.inf
+    assert ReducedGauges(np.zeros((12, 3)), np.ones(3)).safe_energy == math.inf
 
 
 def test_state_is_read_like_the_displacement_it_stands_for(plate_rom, rng):
     gauges = SurfaceGauges(plate_rom.nodes, plate_rom.triangles)
     for mode in plate_rom.contact_models.values():
         q = rng.normal(size=mode.order) / np.sqrt(mode.eigenvalues)
-        expected = largest(gauges.components(in_space(plate_rom, q, mode)))
+        expected = measure_peaks(gauges.components(in_space(plate_rom, q, mode)))
         assert mode_gauge(plate_rom, mode).read(q) == pytest.approx(expected, rel=1e-9)
 
 
 def test_free_components_may_come_in_any_order(plate_rom, rng):
     order = rng.permutation(len(plate_rom.free))
     mixed = replace(plate_rom, free=plate_rom.free[order], basis=plate_rom.basis[order])
-    np.testing.assert_array_equal(basis_rows(mixed), basis_rows(plate_rom))
+    np.testing.assert_array_equal(gauge_basis(mixed), gauge_basis(plate_rom))
 
 
 def worst_states(rom, mode):
     """√γ q (2g, m) of length one, by which each triangle turns most and is strained most."""
-    rows = basis_rows(rom) @ mode.coordinates / np.sqrt(mode.eigenvalues)
+    rows = gauge_basis(rom) @ mode.coordinates / np.sqrt(mode.eigenvalues)
     return np.linalg.svd(rows.reshape(-1, 3, mode.order), full_matrices=False)[2][:, 0]
 
 
@@ -181,7 +178,7 @@ def test_bound_on_strain_is_sharp_to_root_two(rng):
     γ = np.array([2.0, 5.0, 7.0, 11.0])
     rows = rng.normal(size=(30, 6, 4))
     rows[:, :3] *= 1e-3
-    gauge = ModeGauge(rows.reshape(-1, 4), γ)
+    gauge = ReducedGauges(rows.reshape(-1, 4), γ)
     worst = np.linalg.svd(rows[:, 3:] / np.sqrt(γ))[2][:, 0]
     severity = severities(gauge, math.sqrt(2 * gauge.safe_energy) * worst / np.sqrt(γ)).max()
     assert 1 / math.sqrt(2) - 1e-12 <= severity <= 1 + 1e-12
@@ -218,8 +215,8 @@ def test_cantilever_turns_and_strains_as_beam_theory_says(tmp_path):
     gauges = SurfaceGauges(system.body.nodes, system.body.triangles)
     components = gauges.components(u)
     EI = E * b * h**3 / 12
-    assert largest(components)[0] == pytest.approx(F * L**2 / (2 * EI), rel=0.02)
-    assert largest(components)[1] == pytest.approx(F * L * h / (2 * EI), rel=0.1)
+    assert measure_peaks(components)[0] == pytest.approx(F * L**2 / (2 * EI), rel=0.02)
+    assert measure_peaks(components)[1] == pytest.approx(F * L * h / (2 * EI), rel=0.1)
     x = system.body.nodes[gauges.triangles, 0].mean(axis=1)
     inner = (x > 0.2) & (x < 0.8)  # slope along the whole beam
     turned = np.linalg.norm(components[inner, :3], axis=1)
@@ -232,13 +229,13 @@ def test_plate_turns_as_its_nodes_say(plate_system):
     x = np.unique(nodes[:, 0].round(9))[-2:]
     rows = [np.flatnonzero(np.isclose(nodes[:, 0], at) & np.isclose(nodes[:, 2], nodes[:, 2].max())) for at in x]
     slope = (u[rows[1], 2].mean() - u[rows[0], 2].mean()) / (x[1] - x[0])
-    rotation, _ = largest(measured(u, nodes, plate_system.body.triangles))
+    rotation, _ = measure_peaks(measured(u, nodes, plate_system.body.triangles))
     assert rotation == pytest.approx(slope, rel=0.2)
 
 
 def test_within_the_limits_there_is_nothing_to_say():
     seen = SurfaceStrainPeak(rotation=ROTATION_LIMIT, strain=STRAIN_LIMIT, time=1.0)
-    assert (seen.severity, seen.beyond, warning(seen), summary(seen)) == (1.0, False, "", "")
+    assert (seen.severity, seen.beyond, seen.warning, seen.summary) == (1.0, False, "", "")
 
 
 @pytest.mark.parametrize(
@@ -252,12 +249,12 @@ def test_within_the_limits_there_is_nothing_to_say():
 def test_warning_says_how_much_when_and_what_is_allowed(rotation, strain, is_at, good_to):
     seen = SurfaceStrainPeak(rotation, strain, time=0.42)
     assert seen.beyond
-    assert warning(seen) == (
+    assert seen.warning == (
         f"the surface is {is_at} at t = 0.42 s, and a linear model is good to about {good_to}: "
         "shapes and forces from here on are not to be trusted; "
         "effects.large_deformation follows bodies further"
     )
-    assert summary(seen) == (
+    assert seen.summary == (
         f"the surface was {is_at.replace('by ', 'by up to ')}, and a linear model is good to about {good_to}: "
         "shapes and forces from t = 0.42 s on are not to be trusted; "
         "effects.large_deformation follows bodies further"

@@ -10,7 +10,7 @@ from test_energy_laws import random_rom
 
 import fenics_rom as fr
 from fenics_rom.errors import StepError
-from fenics_rom.runtime.rollout import LONGEST, constant_intervals
+from fenics_rom.runtime.rollout import MAX_BLOCK_STEPS, find_constant_intervals
 
 ROUND_OFF = 1e-12
 
@@ -58,7 +58,8 @@ def test_march_is_stepping_through_switches_and_step_sizes(plate_rom, every):
     seed=st.integers(0, 2**32 - 1),
     dense=st.booleans(),
     pieces=st.lists(
-        st.tuples(st.integers(0, 1), st.floats(-6, -1), st.integers(0, 2 * LONGEST + 3), st.integers(1, 9)), max_size=5
+        st.tuples(st.integers(0, 1), st.floats(-6, -1), st.integers(0, 2 * MAX_BLOCK_STEPS + 3), st.integers(1, 9)),
+        max_size=5,
     ),
 )
 def test_account_closes_and_marching_is_stepping_for_any_rom(seed, dense, pieces):
@@ -92,7 +93,7 @@ def test_march_without_ledger_or_outputs(plate_rom):
     one.rollout(inputs)
     assert other.rollout(inputs, outputs=[]) == {}
     assert other.ledger is None
-    assert fr.Simulator(plate_rom, dt=1e-3).rollout(inputs, every=2 * LONGEST, outputs=[]) == {}
+    assert fr.Simulator(plate_rom, dt=1e-3).rollout(inputs, every=2 * MAX_BLOCK_STEPS, outputs=[]) == {}
     np.testing.assert_allclose(one.state, other.state, rtol=1e-9, atol=1e-13)
     assert one.rollout(np.empty((0, 3)))["tip"].shape == (0, 2, 3)
     assert one.steps == 300
@@ -137,9 +138,9 @@ def test_contact_modes_of_different_widths_are_refused_together(box_system):
 
 
 def test_spans_are_the_steps_between_changes():
-    assert constant_intervals(0, "a", 1.0) == []
-    assert constant_intervals(4, "a", 1.0) == [(0, 4, "a", 1.0)]
-    changing = constant_intervals(4, ["a", "a", "b", "b"], [1.0, 2.0, 2.0, 2.0])
+    assert find_constant_intervals(0, "a", 1.0) == []
+    assert find_constant_intervals(4, "a", 1.0) == [(0, 4, "a", 1.0)]
+    changing = find_constant_intervals(4, ["a", "a", "b", "b"], [1.0, 2.0, 2.0, 2.0])
     assert changing == [(0, 1, "a", 1.0), (1, 2, "a", 2.0), (2, 4, "b", 2.0)]
 
 

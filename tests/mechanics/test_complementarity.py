@@ -8,8 +8,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fenics_rom.errors import StepError
-from fenics_rom.mechanics import complementarity
 from fenics_rom.mechanics.complementarity import solve
+from fenics_rom.mechanics.complementarity.frictional import FrictionalProblem
+from fenics_rom.mechanics.complementarity.frictionless import FrictionlessProblem
 
 seeds = st.integers(0, 2**32 - 1)
 frictions = st.sampled_from([0.0, 0.05, 0.3, 0.8, 1.5])
@@ -136,16 +137,16 @@ def test_units_do_not_matter():
         np.testing.assert_allclose(scaled, f * force, atol=1e-8 * np.abs(f).max() * force)
 
 
-@pytest.mark.parametrize("method", ["through_interior", "follow"])
+@pytest.mark.parametrize("method", ["search_interior", "follow_path"])
 def test_each_method_behind_newtons_comes_to_a_solution(method):
     """Newton's method may only finish what the others began: from zero it is not tried."""
     rng = np.random.default_rng(10)
     solved = 0
     for _ in range(20):
         W, q, n = random_problem(rng, 8, 14)
-        size = W.diagonal().reshape(-1, 3).mean(axis=1)
-        problem = complementarity._Frictional(W, q, n, 0.3, size)
-        arguments = () if method == "through_interior" else (0.3, 10)
+        compliance = W.diagonal().reshape(-1, 3).mean(axis=1)
+        problem = FrictionalProblem(W, q, n, 0.3, compliance)
+        arguments = () if method == "search_interior" else (0.3, 10)
         if getattr(problem, method)(*arguments):
             solved += 1
             assert violation(W, q, n, 0.3, problem.best) < 1e-9
@@ -154,9 +155,9 @@ def test_each_method_behind_newtons_comes_to_a_solution(method):
 
 def test_interior_points_alone_come_to_solutions(monkeypatch):
     """Without Newton's method or an active set to finish what they began."""
-    for problem in (complementarity._Frictionless, complementarity._Frictional):
-        monkeypatch.setattr(problem, "newton", lambda self, *few: False)
-    monkeypatch.setattr(complementarity._Frictional, "follow", lambda self, *path: False)
+    monkeypatch.setattr(FrictionlessProblem, "search_active_set", lambda self, λ: False)
+    monkeypatch.setattr(FrictionalProblem, "search_newton", lambda self, *arguments: False)
+    monkeypatch.setattr(FrictionalProblem, "follow_path", lambda self, *path: False)
     rng = np.random.default_rng(11)
     for μ in (0.0, 0.3):
         for _ in range(10):

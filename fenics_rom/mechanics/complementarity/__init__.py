@@ -1,0 +1,42 @@
+"""Frictional contact forces of many pairs at once: a complementarity problem with Coulomb's cones, solved to round-off.
+
+Each pair has a force f = λ n + f_t and a velocity u = (W f + q) of its own. W, the Delassus operator, tells the
+velocities that forces cause; it is symmetric and positive semidefinite, and q is the free velocity, less its target:
+
+    0 <= λ ⟂ n·u >= 0,    |f_t| <= μ λ,    f_t = -μ λ u_t/|u_t| where u_t is not 0.
+
+W is singular wherever more points touch than the body has freedoms; each system is solved for the change of the forces
+with a small compliance added (the proximal point method), which leaves what is solved for unchanged and what W does not
+determine near where it was.
+"""
+
+import numpy as np
+
+from fenics_rom.mechanics.complementarity.frictional import FrictionalProblem
+from fenics_rom.mechanics.complementarity.frictionless import FrictionlessProblem
+from fenics_rom.mechanics.complementarity.solution import NEGLIGIBLE_RESIDUAL, Array, Solution
+
+__all__ = ["NEGLIGIBLE_RESIDUAL", "Solution", "solve"]
+
+_ONES = np.ones(3)
+
+
+def solve(W: Array, q: Array, normals: Array, friction: float, start: Array) -> Solution:
+    """The contact forces of C pairs.
+
+    Args:
+        W: (3C, 3C) velocities per force, m/s/N; symmetric positive semidefinite.
+        q: (C, 3) velocities without contact, less the targets, m/s.
+        normals: (C, 3) unit vectors from the obstacle to the body.
+        friction: μ >= 0.
+        start: (C, 3) forces to begin with, N: the better, the sooner it is solved.
+
+    Raises:
+        StepError: no method came to a solution.
+    """
+    compliance = W.diagonal().reshape(-1, 3).dot(_ONES) / 3  # of each pair by itself
+    if not compliance.min() > 0:
+        compliance = np.maximum(compliance, 1e-12 * compliance.max() or 1.0)
+    if friction == 0:
+        return FrictionlessProblem(W, q, normals, compliance).solve(start)
+    return FrictionalProblem(W, q, normals, friction, compliance).solve(start)

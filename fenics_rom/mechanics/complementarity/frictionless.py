@@ -1,0 +1,110 @@
+"""Contact without friction: a linear complementarity problem, by a primal-dual active set or by interior points."""
+
+import numpy as np
+
+from fenics_rom.mechanics.complementarity.solution import (
+    CONVERGENCE_TOLERANCE,
+    FINISH_REDUCTION,
+    FIRST_FINISH_RESIDUAL,
+    INTERIOR_POINT_ACCURACY,
+    INTERIOR_POINT_ITERATIONS,
+    NEGLIGIBLE_RESIDUAL,
+    NEWTON_ITERATIONS,
+    PROXIMAL_COMPLIANCE,
+    STAGNATION_RESIDUAL,
+    STEP_FRACTION,
+    Array,
+    Solution,
+    centering,
+    check_residual,
+)
+
+_ONES = np.ones(3)
+
+
+class FrictionlessProblem:
+    """0 <= λ ⟂ M λ + r >= 0 of the normal forces λ, M = N W Nᵀ and r = N q with the normals as the rows of N."""
+
+    def __init__(self, W: Array, q: Array, normals: Array, compliance: Array):
+        C = len(q)
+        N = np.zeros((C, C, 3))
+        N[np.arange(C), np.arange(C)] = normals
+        N = N.reshape(C, 3 * C)
+        self.W, self.q, self.normals = W, q, normals
+        self.M, self.r = N.dot(W).dot(N.T), (q * normals).dot(_ONES)
+        self.compliance = np.maximum(self.M.diagonal(), 1e-12 * compliance)
+        self.speed = float(np.abs(self.r).max())
+        self.best, self.error, self.iterations = self.r, np.inf, 0
+
+    def solve(self, start: Array) -> Solution:
+        """See `complementarity.solve`."""
+        if not self.search_active_set((start * self.normals).dot(_ONES)):
+            with np.errstate(all="ignore"):  # what diverges ends
+                converged = self.search_interior()
+            if not converged:
+                check_residual(self.error / self.speed, len(self.q), self.iterations)
+        f = self.best[:, None] * self.normals
+        u = self.W.dot(f.ravel()).reshape(f.shape) + self.q
+        return Solution(f, u, self.iterations, self.error / self.speed)
+
+    def search_active_set(self, λ: Array) -> bool:
+        """Whether the active set settles, beginning with that of λ (Hintermüller, Ito & Kunisch, 2002)."""
+        for _ in range(NEWTON_ITERATIONS):
+            z = λ - (self.M.dot(λ) + self.r) / self.compliance
+            projected = np.maximum(z, 0.0)
+            error, before = float(np.abs((λ - projected) * self.compliance).max()), self.error
+            if error < before:
+                self.best, self.error = projected, error
+            if (
+                error <= CONVERGENCE_TOLERANCE * self.speed
+                or before / 2 < self.error <= STAGNATION_RESIDUAL * self.speed
+            ):
+                return True
+            self.iterations += 1
+            closed = np.flatnonzero(z > 0)
+            M = self.M[closed[:, None], closed]
+            residual = M.dot(λ[closed]) + self.r[closed]
+            M.ravel()[:: len(closed) + 1] += PROXIMAL_COMPLIANCE * self.compliance[closed]
+            λ, previous = np.zeros_like(λ), λ
+            λ[closed] = previous[closed] - np.linalg.solve(M, residual)
+        return False
+
+    def search_interior(self) -> bool:
+        """Whether the active set settles from an approximation by Mehrotra's predictor-corrector method (1992)."""
+        root = np.sqrt(self.compliance)
+        M, p = self.M / (root * root[:, None]), self.r / root
+        scale = float(np.abs(p).max())
+        p /= scale
+        y, z = np.ones_like(p), np.ones_like(p)
+        finish_residual, error = FIRST_FINISH_RESIDUAL, np.inf
+        for _ in range(INTERIOR_POINT_ITERATIONS):
+            self.iterations += 1
+            τ = float(y.dot(z)) / len(y)
+            residual = M.dot(y) + p - z
+            error = max(float(np.abs(residual).max()), τ)
+            if not INTERIOR_POINT_ACCURACY < error < 1 / INTERIOR_POINT_ACCURACY:
+                break
+            if error < finish_residual:
+                finish_residual = error / FINISH_REDUCTION
+                if self.search_active_set(scale * y / root):
+                    return True
+            G = M.copy()
+            G.ravel()[:: len(y) + 1] += z / y
+            target = -y * z
+            for is_corrector in (False, True):
+                Δy = np.linalg.solve(G, target / y - residual)
+                Δz = M.dot(Δy) + residual
+                α = min(_step_to_border(y, Δy), _step_to_border(z, Δz))
+                if not is_corrector:
+                    target += centering(α, τ) - Δy * Δz
+            y, z = y + STEP_FRACTION * α * Δy, z + STEP_FRACTION * α * Δz
+        if not (error <= NEGLIGIBLE_RESIDUAL / 10 and np.isfinite(y).all()):
+            return False
+        self.best, self.error = scale * y / root, error * self.speed
+        return True
+
+
+def _step_to_border(y: Array, Δy: Array) -> float:
+    """The largest α <= 1 with y + α Δy >= 0."""
+    falls = Δy < 0
+    return min(1.0, float((y[falls] / -Δy[falls]).min(initial=1.0)))

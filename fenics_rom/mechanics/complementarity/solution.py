@@ -1,0 +1,57 @@
+"""Contact forces as they were found, and what counts as found."""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from fenics_rom.errors import StepError
+
+Array = np.ndarray
+
+# Residuals are shares of the velocities that the forces have to stop.
+CONVERGENCE_TOLERANCE = 1e-12  # near what round-off leaves
+NEGLIGIBLE_RESIDUAL = 1e-9  # as good as solved
+STAGNATION_RESIDUAL = NEGLIGIBLE_RESIDUAL / 100  # where an iteration that no longer halves it has met round-off
+LARGEST_RESIDUAL = 1e-3  # accepted, and told, where no method gets further: there may be no solution at all
+PROXIMAL_COMPLIANCE = 1e-9  # added to a system, in parts of each pair's own
+NEWTON_ITERATIONS = 12  # where they suffice they are rarely more than five
+INTERIOR_POINT_ITERATIONS = 40  # where they suffice they are rarely more than fifteen
+INTERIOR_POINT_ACCURACY = 1e-14  # no interior-point method gets further
+FIRST_FINISH_RESIDUAL = 1e-3  # of an interior-point method: from here on Newton's method may finish, and
+FINISH_REDUCTION = 100  # tries again each time the residual has fallen by this factor
+STEP_FRACTION = 0.9  # of the way to the border of the cones that an interior-point method goes
+
+
+class Solution(NamedTuple):
+    """Contact forces.
+
+    Attributes:
+        forces: (C, 3), N, exactly in their cones.
+        velocities: u (C, 3), m/s, to round-off.
+        iterations: of all methods together.
+        residual: what is left to solve, as a share of the velocities that the forces have to stop.
+    """
+
+    forces: Array
+    velocities: Array
+    iterations: int
+    residual: float = 0.0
+
+
+def check_residual(residual: float, pairs: int, iterations: int) -> None:
+    """Refuses forces that leave too much.
+
+    Raises:
+        StepError: with the residual.
+    """
+    if not residual <= LARGEST_RESIDUAL:
+        raise StepError(
+            f"contact of {pairs} pairs: no forces found that stop them: after {iterations} iterations the residual is "
+            f"{residual:.1e} of the velocities, allowed is {LARGEST_RESIDUAL:.0e}; a smaller dt, less friction or the "
+            "penalty variant (stiffness) may help"
+        )
+
+
+def centering(α: float, τ: float) -> float:
+    """The complementarity to aim at, where the predictor gets by α to the border from the complementarity τ."""
+    return max((1 - α) ** 3, 0.1) * τ
