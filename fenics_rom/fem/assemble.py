@@ -13,7 +13,7 @@ from petsc4py import PETSc
 
 from fenics_rom.errors import MeshError, SceneError, unknown
 from fenics_rom.fem.dolfinx_compat import cell_constants, cell_dofs, cell_nodes, create_tetrahedra, vector_space
-from fenics_rom.fem.finite_strain.assemble import large_deformation_of
+from fenics_rom.fem.finite_strain.assemble import assemble_deformation
 from fenics_rom.fem.loads import actuators_of, contact_points_of, loads_of
 from fenics_rom.fem.mesh import Mesh, read_mesh
 from fenics_rom.fem.nodes import (
@@ -100,7 +100,7 @@ def _system(scene: Scene, comm: Any) -> System:
     def of_cells(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         return material[cells, 0], material[cells, 1], _damping_of_cells(scene, mesh)[cells, 1]
 
-    return replace(system, deformation=large_deformation_of(system, nodes, of_cells, m.external_damping, m.spring))
+    return replace(system, deformation=assemble_deformation(system, nodes, of_cells, m.external_damping, m.spring))
 
 
 def _rayleigh(scene: Scene) -> tuple[float, float] | None:

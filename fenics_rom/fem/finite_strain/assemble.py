@@ -1,4 +1,4 @@
-"""Large deformation of an assembled system, as the reduction and `solve` see it."""
+"""Large deformation of an assembled system, as the reduction and the full-order run see it."""
 
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -6,11 +6,11 @@ from functools import cached_property
 
 import numpy as np
 
-from fenics_rom.fem.finite_strain.follower_loads import Follower, Pressure, Tendon
-from fenics_rom.fem.finite_strain.model import Model
-from fenics_rom.fem.finite_strain.quadrature import Points
+from fenics_rom.fem.finite_strain.follower_loads import FollowerLoad, PressureLoad, TendonPull
+from fenics_rom.fem.finite_strain.model import FiniteStrainModel
+from fenics_rom.fem.finite_strain.quadrature import QuadraturePoints
 from fenics_rom.fem.finite_strain.stepper import LargeDeformationSimulator
-from fenics_rom.fem.finite_strain.stresses import Material, StressesAtRest
+from fenics_rom.fem.finite_strain.stresses import EquilibriumStresses, HyperelasticMaterial
 from fenics_rom.fem.loads import patch_of
 from fenics_rom.fem.nodes import Nodes, patch_triangles, shape_functions
 from fenics_rom.fem.petsc_matrix import PetscMatrix
@@ -20,11 +20,11 @@ from fenics_rom.system.system import Array, System
 
 
 @dataclass(frozen=True)
-class LargeDeformation:
+class FullOrderDeformation:
     """A `system.Deformation` of PETSc matrices and the points of a mesh."""
 
     system: System
-    model: Model
+    model: FiniteStrainModel
 
     @property
     def law(self) -> str:
@@ -63,14 +63,14 @@ class LargeDeformation:
 
     def gradients(self, columns: Array) -> Array:
         """As in `system.Deformation`."""
-        fields = np.zeros((3 * self.model.points.count, columns.shape[1]))
+        fields = np.zeros((3 * self.model.points.node_count, columns.shape[1]))
         fields[self.model.free] = self.model.algebra.gather(columns)
-        return self.model.points.gradients_of(fields.reshape(-1, 3, columns.shape[1]))
+        return self.model.points.column_gradients(fields.reshape(-1, 3, columns.shape[1]))
 
     def force(self, x: Array) -> Array:
         """As in `system.Deformation`."""
-        H = self.model.points.gradients(self.model.everywhere(x.reshape(-1, 1)))
-        return self.model.here(self.model.points.forces(StressesAtRest(self.model.material, H).first))[:, 0]
+        H = self.model.points.gradients(self.model.nodal_field(x.reshape(-1, 1)))
+        return self.model.internal_force(EquilibriumStresses(self.model.material, H).P)[:, 0]
 
     def simulator(
         self, dt: float, surroundings: ActiveEnvironment | None = None, *, ledger: bool = True
@@ -80,53 +80,65 @@ class LargeDeformation:
 
     def follower(self, x: Array) -> dict[str, Array]:
         """As in `system.Deformation`."""
-        u = self.model.everywhere(x.reshape(-1, 1))
-        return {name: self.model.here(one.force(u)) for name, one in self.model.followers.items()}
+        u = self.model.nodal_field(x.reshape(-1, 1))
+        return {name: self.model.local_rows(follower.force(u)) for name, follower in self.model.followers.items()}
 
     @cached_property
     def tendons(self) -> dict[str, tuple[Array, Array]]:
         """As in `system.Deformation`."""
-        here = self.model.free[self.model.algebra.rows()]
-        cables = {name: one for name, one in self.model.followers.items() if isinstance(one, Tendon)}
-        return {name: (one.points, np.kron(one.shapes.T, np.eye(3))[here]) for name, one in cables.items()}
+        components = self.model.free[self.model.algebra.rows()]
+        return {
+            name: (follower.points, np.kron(follower.shapes.T, np.eye(3))[components])
+            for name, follower in self.model.followers.items()
+            if isinstance(follower, TendonPull)
+        }
 
 
-def large_deformation_of(
+def assemble_deformation(
     system: System,
     nodes: Nodes,
-    of_cells: Callable[[Array], tuple[Array, Array, Array]],
+    cell_properties: Callable[[Array], tuple[Array, Array, Array]],
     external_damping: PetscMatrix | None,
     spring: PetscMatrix | None,
-) -> LargeDeformation:
+) -> FullOrderDeformation:
     """The deformation of an assembled system.
 
     Args:
         system: assembled from a scene that names the effect.
         nodes: of its mesh.
-        of_cells: λ, μ (Pa) and β (s) of cells of the mesh file.
+        cell_properties: λ, μ (Pa) and β (s) of cells of the mesh file.
         external_damping: D_c, N s/m.
         spring: K_s, N/m.
     """
     scene = system.scene
     assert scene is not None
-    points = Points(nodes, scene.degree, system.algebra.comm)  # type: ignore[attr-defined]
-    each = points.shape_gradients.shape[1]
-    moduli = (np.repeat(values, each) for values in of_cells(points.cells))
-    material = Material(scene.effects["large_deformation"]["material"], *moduli)
+    points = QuadraturePoints(nodes, scene.degree, system.algebra.comm)  # type: ignore[attr-defined]
+    points_per_cell = points.shape_gradients.shape[1]
+    moduli = (np.repeat(values, points_per_cell) for values in cell_properties(points.cells))
+    material = HyperelasticMaterial(scene.effects["large_deformation"]["material"], *moduli)
     mass: PetscMatrix = system.mass  # type: ignore[assignment]
-    model = Model(
-        mass, external_damping, spring, points, material, _followers(scene, nodes), system.body.free, system.algebra
+    model = FiniteStrainModel(
+        mass,
+        external_damping,
+        spring,
+        points,
+        material,
+        _follower_loads(scene, nodes),
+        system.body.free,
+        system.algebra,
     )
-    return LargeDeformation(system, model)
+    return FullOrderDeformation(system, model)
 
 
-def _followers(scene: Scene, nodes: Nodes) -> dict[str, Follower]:
+def _follower_loads(scene: Scene, nodes: Nodes) -> dict[str, FollowerLoad]:
     """Pressures and tendons of a scene."""
-    found: dict[str, Follower] = {}
+    followers: dict[str, FollowerLoad] = {}
     for name, one in scene.effects.get("pressure", {}).items():
-        found[name] = Pressure(nodes, patch_triangles(nodes, patch_of(one, "normal"), f"effects.pressure.{name}"))
+        followers[name] = PressureLoad(
+            nodes, patch_triangles(nodes, patch_of(one, "normal"), f"effects.pressure.{name}")
+        )
     for name, one in scene.effects.get("tendon", {}).items():
         points = np.array(one["points"])
         shapes = [shape_functions(nodes, point, f"effects.tendon.{name}.points") for point in points]
-        found[name] = Tendon(points, np.array(shapes))
-    return found
+        followers[name] = TendonPull(points, np.array(shapes))
+    return followers
