@@ -3,6 +3,7 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
+from operator import attrgetter
 
 import numpy as np
 
@@ -26,40 +27,14 @@ class FullOrderDeformation:
     system: System
     model: FiniteStrainModel
 
-    @property
-    def law(self) -> str:
-        """Of the material."""
-        return self.model.material.law
-
-    @property
-    def weights(self) -> Array:
-        """Volumes (P here,) that the points stand for, m³."""
-        return self.model.points.weights
-
-    @property
-    def first_lame(self) -> Array:
-        """λ (P here,), Pa."""
-        return self.model.material.first_lame
-
-    @property
-    def shear(self) -> Array:
-        """μ (P here,), Pa."""
-        return self.model.material.shear
-
-    @property
-    def viscosity(self) -> Array:
-        """β (P here,), s."""
-        return self.model.material.viscosity
-
-    @property
-    def spring(self) -> PetscMatrix | None:
-        """K_s, N/m; None: no springs."""
-        return self.model.spring
-
-    @property
-    def external_damping(self) -> PetscMatrix | None:
-        """D_c, N s/m; None: no damping but the material's."""
-        return self.model.external_damping
+    # As in `system.Deformation`.
+    law = property(attrgetter("model.material.law"))
+    weights = property(attrgetter("model.points.weights"))
+    first_lame = property(attrgetter("model.material.first_lame"))
+    shear = property(attrgetter("model.material.shear"))
+    viscosity = property(attrgetter("model.material.viscosity"))
+    spring = property(attrgetter("model.spring"))
+    external_damping = property(attrgetter("model.external_damping"))
 
     def gradients(self, columns: Array) -> Array:
         """As in `system.Deformation`."""
@@ -117,16 +92,8 @@ def assemble_deformation(
     moduli = (np.repeat(values, points_per_cell) for values in cell_properties(points.cells))
     material = HyperelasticMaterial(scene.effects["large_deformation"]["material"], *moduli)
     mass: PetscMatrix = system.mass  # type: ignore[assignment]
-    model = FiniteStrainModel(
-        mass,
-        external_damping,
-        spring,
-        points,
-        material,
-        _follower_loads(scene, nodes),
-        system.body.free,
-        system.algebra,
-    )
+    matrices, followers = (mass, external_damping, spring), _follower_loads(scene, nodes)
+    model = FiniteStrainModel(*matrices, points, material, followers, system.body.free, system.algebra)
     return FullOrderDeformation(system, model)
 
 
@@ -134,9 +101,8 @@ def _follower_loads(scene: Scene, nodes: Nodes) -> dict[str, FollowerLoad]:
     """Pressures and tendons of a scene."""
     followers: dict[str, FollowerLoad] = {}
     for name, one in scene.effects.get("pressure", {}).items():
-        followers[name] = PressureLoad(
-            nodes, patch_triangles(nodes, patch_of(one, "normal"), f"effects.pressure.{name}")
-        )
+        triangles = patch_triangles(nodes, patch_of(one, "normal"), f"effects.pressure.{name}")
+        followers[name] = PressureLoad(nodes, triangles)
     for name, one in scene.effects.get("tendon", {}).items():
         points = np.array(one["points"])
         shapes = [shape_functions(nodes, point, f"effects.tendon.{name}.points") for point in points]

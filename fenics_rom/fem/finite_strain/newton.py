@@ -32,7 +32,7 @@ class NotConvergedError(Exception):
 
 
 @dataclass(frozen=True)
-class Iterate:
+class NewtonIterate:
     """A mid-step velocity that Newton's method has come to.
 
     Attributes:
@@ -40,26 +40,13 @@ class Iterate:
         contact: forces that were found with it; None where nothing touches.
         residual: what they leave (rows here, 1), N.
         size: of the residual, without end where there are no numbers for it.
+        iterations: that led to it.
     """
 
     trial: TrialStep
     contact: ContactSolution | None
     residual: Array
     size: float
-
-
-@dataclass(frozen=True)
-class NewtonSolution:
-    """A step that was found.
-
-    Attributes:
-        trial: its velocity and forces.
-        contact: in it; None where nothing touches.
-        iterations: of Newton's method.
-    """
-
-    trial: TrialStep
-    contact: ContactSolution | None
     iterations: int
 
 
@@ -81,7 +68,7 @@ def solve_step(
     coupling: ContactCoupling | None,
     dot: Callable[[Array, Array], float],
     last: ContactSolution | None,
-) -> NewtonSolution:
+) -> NewtonIterate:
     """Solves the equations of a step; every rank must call it.
 
     Args:
@@ -97,16 +84,16 @@ def solve_step(
         NotConvergedError: there is none within reach.
     """
 
-    def iterate_at(v: Array, contact: ContactSolution | None) -> Iterate:
+    def iterate_at(v: Array, contact: ContactSolution | None, iterations: int) -> NewtonIterate:
         with np.errstate(all="ignore"):  # a shape without an energy is refused for its size
             trial = equation.evaluate(v)
             residual = trial.residual if coupling is None else trial.residual + coupling.push(contact)
             size = dot(residual, residual)
             if math.isfinite(size):
                 size = math.sqrt(max(dot(residual, factor.solve(residual)), 0.0))
-        return Iterate(trial, contact, residual, size if math.isfinite(size) else math.inf)
+        return NewtonIterate(trial, contact, residual, size if math.isfinite(size) else math.inf, iterations)
 
-    current = min((iterate_at(guess, last) for guess in guesses), key=lambda iterate: iterate.size)
+    current = min((iterate_at(guess, last, 0) for guess in guesses), key=lambda iterate: iterate.size)
     if current.size == math.inf:
         raise NotConvergedError
     terms = equation.terms(current.trial)
@@ -114,7 +101,7 @@ def solve_step(
     forcing, contact_resolved = MAX_FORCING, coupling is None
     for iteration in range(MAX_ITERATIONS):
         if contact_resolved and current.size <= CONVERGENCE_TOLERANCE * scale:
-            return NewtonSolution(current.trial, current.contact, iteration)
+            return current
         direction = np.zeros_like(current.trial.v)
         if current.size > 0:
             tangent = partial(equation.apply_tangent, current.trial)
@@ -125,18 +112,18 @@ def solve_step(
             if coupling is not None:
                 contact = coupling.resolve(v, previous.contact)
                 v = v + factor.solve(coupling.push(contact) - coupling.push(previous.contact))
-            current = iterate_at(v, contact)
+            current = iterate_at(v, contact, iteration + 1)
             decreased = current.size <= (1 - SUFFICIENT_DECREASE * share) * previous.size
             if decreased or (coupling is not None and current.size < math.inf):
                 break
             if contact_resolved and previous.size <= STAGNATION_TOLERANCE * scale:
-                return NewtonSolution(previous.trial, previous.contact, iteration)
+                return previous
             share /= 2
             if share < MIN_STEP_SHARE:
                 raise NotConvergedError
         contact_resolved = True
         if STAGNATION_TOLERANCE * scale >= current.size > previous.size / 2:
-            return NewtonSolution(current.trial, current.contact, iteration + 1)
+            return current
         if current.size > 0 and previous.size > 0:  # Eisenstat & Walker, 1996
             reached = (current.size / previous.size) ** 2
             forcing = min(MAX_FORCING, max(MIN_FORCING, reached, CONVERGENCE_TOLERANCE * scale / (3 * current.size)))

@@ -9,7 +9,7 @@ from fenics_rom.fem.direct import PetscFactor
 from fenics_rom.fem.finite_strain.contact import Touching
 from fenics_rom.fem.finite_strain.gmres import Gmres
 from fenics_rom.fem.finite_strain.model import ExternalForce, FiniteStrainModel, multiply
-from fenics_rom.fem.finite_strain.newton import NewtonSolution, NotConvergedError, solve_step
+from fenics_rom.fem.finite_strain.newton import NewtonIterate, NotConvergedError, solve_step
 from fenics_rom.fem.finite_strain.preconditioner import TangentCoefficients, TangentPreconditioner
 from fenics_rom.fem.finite_strain.residuals import MidpointResidual, QuasiStaticResidual, StepResidual, StepStart
 from fenics_rom.fem.finite_strain.stresses import IDENTITY, MidpointStresses
@@ -210,9 +210,8 @@ class LargeDeformationSimulator:
     def _unbalanced(self, load: ExternalForce) -> Array:
         """Force (rows here, 1), N, that a load, contact and elasticity leave at the start of a step."""
         start = StepStart(self.x, self.v, self._u, self._H, self._E)
-        rest = QuasiStaticResidual(self._model, start, load, self.dt, np.zeros_like(self.x)).evaluate(
-            np.zeros_like(self.x)
-        )
+        zero = np.zeros_like(self.x)
+        rest = QuasiStaticResidual(self._model, start, load, self.dt, zero).evaluate(zero)
         if self._touch is None:
             return rest.residual
         return rest.residual + self._touch.push(self.touched)
@@ -243,7 +242,7 @@ class LargeDeformationSimulator:
         self.touched = solution.contact
         self._arrive(x, v, trial.stresses.F_end - IDENTITY)
 
-    def _solution(self, equation: StepResidual, share: float) -> NewtonSolution:
+    def _solution(self, equation: StepResidual, share: float) -> NewtonIterate:
         """Solves the equations of a step, with a kept factor if that is good enough."""
         guesses = self._guesses(equation)
         products = self._krylov.products
@@ -257,7 +256,7 @@ class LargeDeformationSimulator:
         self._factor(equation.coefficients)
         return self._tried(equation, guesses)
 
-    def _tried(self, equation: StepResidual, guesses: list[Array]) -> NewtonSolution:
+    def _tried(self, equation: StepResidual, guesses: list[Array]) -> NewtonIterate:
         assert self._factored is not None
         if self._touch is not None:
             self._touch.use(self._factored[1])
@@ -284,7 +283,7 @@ class LargeDeformationSimulator:
             return [self.v, 2 * self._past[0] - self._past[1]]
         return [self.v]
 
-    def _book(self, equation: StepResidual, solution: NewtonSolution, quasi_static: bool) -> None:
+    def _book(self, equation: StepResidual, solution: NewtonIterate, quasi_static: bool) -> None:
         """Books what a part of a step supplied and dissipated."""
         if self.ledger is None:
             return
