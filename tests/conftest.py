@@ -17,7 +17,7 @@ def _gmsh_in_this_process():
     from fenics_rom.fem import gmsh_file
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(gmsh_file, "arrays_of", arrays_found_here)
+        patch.setattr(gmsh_file, "read_arrays", arrays_found_here)
         yield
 
 

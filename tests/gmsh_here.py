@@ -10,9 +10,9 @@ from fenics_rom.fem import gmsh_process
 
 
 def arrays_found_here(file: Path) -> dict[str, Any]:
-    """What `gmsh_file.arrays_of` gives."""
+    """What `gmsh_file.read_arrays` gives."""
     try:
-        return gmsh_process.found(str(file))
+        return gmsh_process.read_arrays(str(file))
     except Exception as error:
         raise MeshError(f"mesh file {file}: Gmsh cannot read it: {error}") from error
     finally:

@@ -1,6 +1,5 @@
 """Scene to System: linear elasticity by dolfinx, clamped nodes eliminated, in canonical order."""
 
-import logging
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -12,8 +11,16 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_rom.errors import MeshError, SceneError, unknown
-from fenics_rom.fem.dolfinx_compat import cell_constants, cell_dofs, cell_nodes, create_tetrahedra, vector_space
-from fenics_rom.fem.finite_strain.assemble import large_deformation_of
+from fenics_rom.fem.dolfinx_compat import (
+    cell_constants,
+    cell_dofs,
+    cell_nodes,
+    create_tetrahedra,
+    input_nodes,
+    quiet_compiler,
+    vector_space,
+)
+from fenics_rom.fem.finite_strain.assemble import assemble_deformation
 from fenics_rom.fem.loads import actuators_of, contact_points_of, loads_of
 from fenics_rom.fem.mesh import Mesh, read_mesh
 from fenics_rom.fem.nodes import (
@@ -27,7 +34,7 @@ from fenics_rom.fem.nodes import (
 )
 from fenics_rom.fem.petsc_algebra import PetscAlgebra, require_real
 from fenics_rom.fem.petsc_matrix import PetscMatrix, ZeroMatrix, combination
-from fenics_rom.fem.ranks import on_rank_0
+from fenics_rom.fem.ranks import run_on_rank_0
 from fenics_rom.fem.rigid_modes import rigid_motions
 from fenics_rom.fem.springs import dashpots_of, springs_of, with_surfaces
 from fenics_rom.io.stages import Stages
@@ -57,36 +64,32 @@ def assemble(scene: Scene, comm: Any = None) -> System:
 
 
 def _system(scene: Scene, comm: Any) -> System:
-    mesh = on_rank_0(comm, lambda: read_mesh(scene.mesh_file, scene.mesh_groups))
-    nodes = on_rank_0(comm, lambda: canonical_nodes(mesh, scene.degree))
-    moves = _moves(scene, nodes)
-    free = np.flatnonzero(moves)
+    mesh = run_on_rank_0(comm, lambda: read_mesh(scene.mesh_file, scene.mesh_groups))
+    nodes = run_on_rank_0(comm, lambda: canonical_nodes(mesh, scene.degree))
+    is_free = _free_components(scene, nodes)
+    free = np.flatnonzero(is_free)
     material = _material_of_cells(scene, mesh)
 
-    logging.disable(logging.INFO)  # dolfinx 0.5 lets the C compiler talk
-    try:
-        m = _matrices(comm, mesh, nodes, scene, material, free)
-    finally:
-        logging.disable(logging.NOTSET)
-    algebra = PetscAlgebra(comm, m.mass.mat.getOwnershipRange())
-    here = algebra.rows()
-    actuators, units = actuators_of(scene, nodes, free)
-    loads, more_units = loads_of(scene, nodes, m.translated, free)
-    motions = mass_orthonormal(m.mass, rigid_motions(nodes, m.node_mass, moves)[here], algebra)
-    rigid = without_energy(m.mass, m.stiffness, motions, algebra)
+    matrices = _matrices(comm, mesh, nodes, scene, material, free)
+    algebra = PetscAlgebra(comm, matrices.mass.mat.getOwnershipRange())
+    rows = algebra.rows()
+    actuators, actuator_units = actuators_of(scene, nodes, free)
+    loads, load_units = loads_of(scene, nodes, matrices.translated, free)
+    motions = mass_orthonormal(matrices.mass, rigid_motions(nodes, matrices.node_mass, is_free)[rows], algebra)
+    rigid = without_energy(matrices.mass, matrices.stiffness, motions, algebra)
     system = System(
-        mass=m.mass,
-        damping=m.damping,
-        stiffness=m.stiffness,
+        mass=matrices.mass,
+        damping=matrices.damping,
+        stiffness=matrices.stiffness,
         contacts={
-            name: patch_columns(nodes, patch, free, f"contacts.{name}")[here] for name, patch in scene.contacts.items()
+            name: patch_columns(nodes, patch, free, f"contacts.{name}")[rows] for name, patch in scene.contacts.items()
         },
-        actuators={name: columns[here] for name, columns in actuators.items()},
-        loads={name: columns[here] for name, columns in loads.items()},
-        units=units | more_units,
+        actuators={name: columns[rows] for name, columns in actuators.items()},
+        loads={name: columns[rows] for name, columns in loads.items()},
+        units=actuator_units | load_units,
         contact_points=contact_points_of(scene, nodes, free),
         outputs={
-            name: output_rows(nodes, output, free, f"outputs.{name}")[here] for name, output in scene.outputs.items()
+            name: output_rows(nodes, output, free, f"outputs.{name}")[rows] for name, output in scene.outputs.items()
         },
         algebra=algebra,
         rayleigh=_rayleigh(scene),
@@ -95,7 +98,7 @@ def _system(scene: Scene, comm: Any) -> System:
             nodes.coordinates,
             nodes.drawn_triangles(),
             free,
-            m.node_mass,
+            matrices.node_mass,
             {name: patch_nodes(nodes, patch, f"contacts.{name}") for name, patch in scene.contacts.items()},
         ),
         scene=scene,
@@ -104,10 +107,11 @@ def _system(scene: Scene, comm: Any) -> System:
     if scene.effects.large_deformation is None:
         return system
 
-    def of_cells(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    def cell_properties(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         return material[cells, 0], material[cells, 1], _damping_of_cells(scene, mesh)[cells, 1]
 
-    return replace(system, deformation=large_deformation_of(system, nodes, of_cells, m.external_damping, m.spring))
+    D, K = matrices.external_damping, matrices.spring
+    return replace(system, deformation=assemble_deformation(system, nodes, cell_properties, D, K))
 
 
 def _rayleigh(scene: Scene) -> tuple[float, float] | None:
@@ -136,14 +140,14 @@ def _partly_held(scene: Scene, rigid: np.ndarray) -> tuple[str, ...]:
     return ()
 
 
-def _moves(scene: Scene, nodes: Nodes) -> np.ndarray:
+def _free_components(scene: Scene, nodes: Nodes) -> np.ndarray:
     """Which displacement components are free, (N, 3)."""
-    moves = np.ones((len(nodes.coordinates), 3), dtype=bool)
+    is_free = np.ones((len(nodes.coordinates), 3), dtype=bool)
     for name in scene.clamped:
-        moves[clamped_nodes(nodes, name)] = False
-    if not moves.any():
+        is_free[clamped_nodes(nodes, name)] = False
+    if not is_free.any():
         raise SceneError(f"{scene.source}: supports.clamped: every node of the mesh is clamped")
-    return moves
+    return is_free
 
 
 def _material_of_cells(scene: Scene, mesh: Mesh) -> np.ndarray:
@@ -155,9 +159,9 @@ def _material_of_cells(scene: Scene, mesh: Mesh) -> np.ndarray:
             raise SceneError(f"{scene.source}: materials.{name}: some cells of {m.cells!r} already have a material")
         shear = m.young / (2 * (1 + m.poisson))
         values[cells] = 2 * shear * m.poisson / (1 - 2 * m.poisson), shear, m.density
-    bare = np.isnan(values[:, 0])
-    if bare.any():
-        raise SceneError(f"{scene.source}: materials: {bare.sum()} of {len(bare)} cells have no material")
+    unassigned = np.isnan(values[:, 0])
+    if unassigned.any():
+        raise SceneError(f"{scene.source}: materials: {unassigned.sum()} of {len(unassigned)} cells have no material")
     return values
 
 
@@ -181,6 +185,7 @@ class _Matrices:
     spring: PetscMatrix | None
 
 
+@quiet_compiler()
 def _matrices(comm: Any, mesh: Mesh, nodes: Nodes, scene: Scene, material: np.ndarray, free: np.ndarray) -> _Matrices:
     root = comm.rank == 0
     domain = create_tetrahedra(
@@ -193,24 +198,24 @@ def _matrices(comm: Any, mesh: Mesh, nodes: Nodes, scene: Scene, material: np.nd
     ε_u, ε_v = ufl.sym(ufl.grad(u)), ufl.sym(ufl.grad(v))
     stress = λ * ufl.tr(ε_u) * ufl.Identity(3) + 2 * μ * ε_u
     inertia, elasticity = ρ * ufl.inner(u, v), ufl.inner(stress, ε_v)
-    whole = {"mass": _assembled(inertia * ufl.dx), "stiffness": _assembled(elasticity * ufl.dx)}
+    full = {"mass": assemble_form(inertia * ufl.dx), "stiffness": assemble_form(elasticity * ufl.dx)}
     if scene.effects.damping_of_materials:
         α, β = (_cell_function(domain, column) for column in _damping_of_cells(scene, mesh).T)
-        whole["damping"] = _assembled((α * inertia + β * elasticity) * ufl.dx)
+        full["damping"] = assemble_form((α * inertia + β * elasticity) * ufl.dx)
         if scene.effects.large_deformation is not None:
-            whole["external_damping"] = _assembled(α * inertia * ufl.dx)
+            full["external_damping"] = assemble_form(α * inertia * ufl.dx)
 
-    place = dolfinx_nodes(space, scene.degree, nodes)
-    node_mass, translated = node_masses(whole["mass"], place)
-    share = np.array_split(free.reshape(-1, 3), comm.size)[comm.rank].ravel()  # whole nodes, for multigrid
-    rows = (3 * place[share // 3] + share % 3).astype(PETSc.IntType)
-    chosen = PETSc.IS().createGeneral(rows, comm=comm)
-    chosen.setBlockSize(3)
-    reduced = {name: PetscMatrix(_symmetric(matrix.createSubMatrix(chosen, chosen))) for name, matrix in whole.items()}
-    for matrix in whole.values():
+    dolfinx_number = dolfinx_nodes(space, scene.degree, nodes)
+    node_mass, translated = node_masses(full["mass"], dolfinx_number)
+    local_dofs = np.array_split(free.reshape(-1, 3), comm.size)[comm.rank].ravel()  # whole nodes, for multigrid
+    rows = (3 * dolfinx_number[local_dofs // 3] + local_dofs % 3).astype(PETSc.IntType)
+    index_set = PETSc.IS().createGeneral(rows, comm=comm)
+    index_set.setBlockSize(3)
+    reduced = {name: PetscMatrix(_symmetrize(A.createSubMatrix(index_set, index_set))) for name, A in full.items()}
+    for matrix in full.values():
         matrix.destroy()
     mass, stiffness = reduced["mass"], with_surfaces(reduced["stiffness"], springs_of(scene, nodes), free)
-    set_rigid_modes(stiffness.mat, nodes.coordinates[share[::3] // 3])
+    set_rigid_modes(stiffness.mat, nodes.coordinates[local_dofs[::3] // 3])
 
     damping: PetscMatrix | ZeroMatrix
     rayleigh, springs = scene.effects.rayleigh, springs_of(scene, nodes)
@@ -273,13 +278,14 @@ def set_rigid_modes(stiffness: PETSc.Mat, coordinates: np.ndarray) -> None:
     points.destroy()
 
 
-def _assembled(form: Any) -> PETSc.Mat:
+def assemble_form(form: Any) -> PETSc.Mat:
+    """The matrix of a bilinear form, with all degrees of freedom."""
     matrix = assemble_matrix(fem.form(form))
     matrix.assemble()
     return matrix
 
 
-def _symmetric(matrix: PETSc.Mat) -> PETSc.Mat:
+def _symmetrize(matrix: PETSc.Mat) -> PETSc.Mat:
     """(A + Aᵀ)/2, in place, symmetric to the last bit.
 
     The sums of assembly are so to round-off only, and xᵀ(A - Aᵀ)v would open the energy account of a thin body.
@@ -304,7 +310,7 @@ def dolfinx_nodes(space: Any, degree: int, nodes: Nodes) -> np.ndarray:
     """Global dolfinx number of every canonical node."""
     domain, dofs = space.mesh, cell_dofs(space)
     index_map = space.dofmap.index_map
-    points = np.asarray(domain.geometry.input_global_indices, dtype=np.int64)[cell_nodes(domain)]
+    points = input_nodes(domain)[cell_nodes(domain)]
     keys = np.full((index_map.size_local + index_map.num_ghosts, 2), -1, dtype=np.int64)
     keys[dofs[:, :4].ravel(), 0] = points.ravel()
     if degree == 2:
@@ -316,7 +322,7 @@ def dolfinx_nodes(space: Any, degree: int, nodes: Nodes) -> np.ndarray:
     return order
 
 
-def node_masses(mass: PETSc.Mat, place: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def node_masses(mass: PETSc.Mat, dolfinx_number: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Two masses of each node (N,), kg, whose sums are the body's.
 
     The diagonal of M, scaled to it; and ∫ρ of each shape function, which is M times a unit translation.
@@ -328,5 +334,5 @@ def node_masses(mass: PETSc.Mat, place: np.ndarray) -> tuple[np.ndarray, np.ndar
     local = np.stack([vector.array.reshape(-1, 3)[:, 0] for vector in (diagonal, product)], axis=1)
     for vector in (ones, diagonal, product):
         vector.destroy()
-    values, translated = np.concatenate(mass.comm.tompi4py().allgather(local))[place].T
+    values, translated = np.concatenate(mass.comm.tompi4py().allgather(local))[dolfinx_number].T
     return values * (translated.sum() / values.sum()), translated.copy()

@@ -4,28 +4,28 @@ import numpy as np
 from petsc4py import PETSc
 
 from fenics_rom.errors import SolverError
-from fenics_rom.fem.memory import need_and_free
-from fenics_rom.fem.options import FACTOR_PREFIX, defaults
+from fenics_rom.fem.memory import needed_and_free_bytes
+from fenics_rom.fem.options import FACTOR_PREFIX, default_options
 from fenics_rom.fem.petsc_ctypes import cholesky_numeric, cholesky_symbolic, set_factor_prefix
-from fenics_rom.fem.petsc_matrix import CHUNK, Dense, PetscMatrix, chunks
+from fenics_rom.fem.petsc_matrix import CHUNK, DenseBlock, PetscMatrix, column_chunks
 from fenics_rom.system.system import by_parts
 
 # L Lᵀ, which fails for an indefinite matrix; the simplicial L D Lᵀ that CHOLMOD prefers for small ones does not.
 CHOLMOD_OPTIONS = {"mat_cholmod_factor": "SUPERNODAL", "mat_cholmod_print": "0"}
 MUMPS_OPTIONS = {"mat_mumps_icntl_27": str(CHUNK)}  # right-hand sides that it takes at once
-NEGATIVE_PIVOTS = 12  # of MUMPS' INFOG: it factors indefinite matrices without a word
-NEED = 15  # of MUMPS' INFO: MB on this rank, as the analysis estimates
-TOO_LITTLE_MEMORY = (-8, -9, -13, -17, -19, -20)  # what INFOG(1) says then
-FACTOR_SHARE = 0.9  # of the free memory that a factor may take; vectors need some, too
+INFOG_NEGATIVE_PIVOTS = 12  # MUMPS factors indefinite matrices without a word
+INFO_ESTIMATED_MEMORY = 15  # MB on this rank, as the analysis of the pattern says
+OUT_OF_MEMORY_CODES = (-8, -9, -13, -17, -19, -20)  # of INFOG(1)
+MAX_MEMORY_SHARE = 0.9  # of the free memory that a factor may take; vectors need some, too
 
 
 class MemoryShortage(SolverError):
     """A factor does not fit; `shortage` says so with numbers, without what to do about it."""
 
     def __init__(self, shortage: str, replaceable: bool = True):
-        instead = 'solver = "iterative" (conjugate gradients with algebraic multigrid), ' if replaceable else ""
+        alternative = 'solver = "iterative" (conjugate gradients with algebraic multigrid), ' if replaceable else ""
         super().__init__(
-            f"{shortage}: tried was the direct solver, MUMPS; choose {instead}a coarser mesh or more machines"
+            f"{shortage}: tried was the direct solver, MUMPS; choose {alternative}a coarser mesh or more machines"
         )
         self.shortage = shortage
 
@@ -51,7 +51,7 @@ class PetscFactor:
     def __init__(self, mat: PETSc.Mat, one_by_one: bool = False, definite: bool = True):
         self._solver = "cholmod" if one_by_one and mat.comm.size == 1 else "mumps"
         self._definite = definite
-        self._like = PetscMatrix(mat)
+        self._matrix = PetscMatrix(mat)
         mat.setOption(PETSc.Mat.Option.SYMMETRIC, True)
         mat.setOption(PETSc.Mat.Option.SPD, definite)
         set_factor_prefix(mat, FACTOR_PREFIX)
@@ -60,7 +60,7 @@ class PetscFactor:
         self._preconditioner.setType("cholesky")
         self._preconditioner.setFactorSolverType(self._solver)
         try:
-            with defaults(FACTOR_PREFIX, CHOLMOD_OPTIONS if self._solver == "cholmod" else MUMPS_OPTIONS):
+            with default_options(FACTOR_PREFIX, CHOLMOD_OPTIONS if self._solver == "cholmod" else MUMPS_OPTIONS):
                 self._factorize(mat)
         except SolverError:
             self.close()
@@ -73,39 +73,41 @@ class PetscFactor:
         self._factor = self._preconditioner.getFactorMatrix()
         self._check(cholesky_symbolic(self._factor, mat))
         if self._solver == "mumps":
-            need, free = need_and_free(mat.comm.tompi4py(), self._factor.getMumpsInfo(NEED) * 1e6)
-            if need > FACTOR_SHARE * free:
+            estimate = self._factor.getMumpsInfo(INFO_ESTIMATED_MEMORY) * 1e6
+            needed, free = needed_and_free_bytes(mat.comm.tompi4py(), estimate)
+            if needed > MAX_MEMORY_SHARE * free:
                 raise MemoryShortage(
-                    f"the factor of a matrix of {self._like.size:,} unknowns would need {need / 1e9:.3g} GB on this "
-                    f"machine and {free / 1e9:.3g} GB are free",
+                    f"the factor of a matrix of {self._matrix.size:,} unknowns would need {needed / 1e9:.3g} GB on "
+                    f"this machine and {free / 1e9:.3g} GB are free",
                     self._definite,
                 )
         self._check(cholesky_numeric(self._factor, mat))
-        if self._solver == "mumps" and self._definite and self._factor.getMumpsInfog(NEGATIVE_PIVOTS) > 0:
+        if self._solver == "mumps" and self._definite and self._factor.getMumpsInfog(INFOG_NEGATIVE_PIVOTS) > 0:
             raise self._failure("negative pivots")
 
     def _check(self, error: int) -> None:
         """Raises on every rank what went wrong on one."""
-        error = self._like.mat.comm.tompi4py().allreduce(abs(error))
+        error = self._matrix.mat.comm.tompi4py().allreduce(abs(error))
         if error:
             raise self._failure(f"PETSc error {error}")
         if self._solver == "mumps":
-            first, second = (self._factor.getMumpsInfog(k) for k in (1, 2))
-            told = f"INFOG(1) = {first}, INFOG(2) = {second}"
-            if first in TOO_LITTLE_MEMORY:
+            code, detail = (self._factor.getMumpsInfog(k) for k in (1, 2))
+            status = f"INFOG(1) = {code}, INFOG(2) = {detail}"
+            if code in OUT_OF_MEMORY_CODES:
                 estimate = self._factor.getMumpsInfog(17) / 1e3
                 raise MemoryShortage(
-                    f"MUMPS ran out of memory with a matrix of {self._like.size:,} unknowns ({told}), whose factor it "
-                    f"expected to need {estimate:.3g} GB on all ranks (-{FACTOR_PREFIX}mat_mumps_icntl_14 allows more)",
+                    f"MUMPS ran out of memory with a matrix of {self._matrix.size:,} unknowns ({status}), whose factor "
+                    f"it expected to need {estimate:.3g} GB on all ranks "
+                    f"(-{FACTOR_PREFIX}mat_mumps_icntl_14 allows more)",
                     self._definite,
                 )
-            if first < 0:
-                raise self._failure(told)
+            if code < 0:
+                raise self._failure(status)
 
     def _failure(self, reason: str) -> SolverError:
         kind = "symmetric positive definite" if self._definite else "symmetric and regular"
         return SolverError(
-            f"{self._solver} could not factor a matrix of {self._like.size} unknowns ({reason}): is it {kind}, "
+            f"{self._solver} could not factor a matrix of {self._matrix.size} unknowns ({reason}): is it {kind}, "
             "and does its factor fit in memory?"
         )
 
@@ -114,10 +116,10 @@ class PetscFactor:
         if np.iscomplexobj(block):
             return by_parts(self.solve, block)
         if block.shape[1] == 1:
-            return self._like.single(self.apply, block)
+            return self._matrix.apply_to_column(self.apply, block)
         result = np.empty(block.shape)
-        for part in chunks(block):
-            with Dense(self._like, block[:, part]) as b, Dense(self._like, result[:, part]) as x:
+        for part in column_chunks(block):
+            with DenseBlock(self._matrix, block[:, part]) as b, DenseBlock(self._matrix, result[:, part]) as x:
                 self._factor.matSolve(b, x)
                 result[:, part] = x.getDenseArray()
         return result
@@ -131,7 +133,7 @@ class PetscFactor:
         if hasattr(self, "_factor"):
             self._factor.destroy()
         self._preconditioner.destroy()
-        self._like.destroy()
+        self._matrix.destroy()
 
 
 class ComplexFactor:
@@ -163,8 +165,8 @@ class ComplexFactor:
 
     def solve(self, block: np.ndarray) -> np.ndarray:
         """Complex solution for local rows (rows here, k), real or complex."""
-        both = self._doubled.solve(np.vstack([block.real, -block.imag]))
-        return both[: self._local] + 1j * both[self._local :]
+        parts = self._doubled.solve(np.vstack([block.real, -block.imag]))
+        return parts[: self._local] + 1j * parts[self._local :]
 
     def close(self) -> None:
         """Frees the factor."""

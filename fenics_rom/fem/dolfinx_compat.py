@@ -1,6 +1,9 @@
 """Every difference between the dolfinx releases that are supported (0.5 to 0.9), and nothing else."""
 
 import inspect
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
@@ -55,6 +58,21 @@ def cell_nodes(domain: Any) -> np.ndarray:
     return _rows(domain.geometry.dofmap)
 
 
+def input_nodes(domain: Any) -> np.ndarray:
+    """Rows of the points that the mesh was made of, for each local geometry node; 0.5 has them as a list."""
+    return np.asarray(domain.geometry.input_global_indices, dtype=np.int64)
+
+
 def cell_dofs(space: Any) -> np.ndarray:
     """Nodes of the space in each local cell."""
     return _rows(space.dofmap.list)
+
+
+@contextmanager
+def quiet_compiler() -> Iterator[None]:
+    """Meanwhile nothing is logged of the C compiler, which 0.5 lets talk."""
+    logging.disable(logging.INFO)
+    try:
+        yield
+    finally:
+        logging.disable(logging.NOTSET)

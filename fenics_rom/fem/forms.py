@@ -1,6 +1,5 @@
 """Variational forms to System: assembled by dolfinx, constrained degrees of freedom eliminated."""
 
-import logging
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -8,14 +7,14 @@ from typing import Any
 import numpy as np
 import ufl
 from dolfinx import fem
-from dolfinx.fem.petsc import assemble_matrix, assemble_vector, set_bc
+from dolfinx.fem.petsc import assemble_vector, set_bc
 from dolfinx.mesh import CellType
 from petsc4py import PETSc
 
 from fenics_rom.errors import StructureError
-from fenics_rom.fem.assemble import dolfinx_nodes, node_masses, set_rigid_modes
-from fenics_rom.fem.dolfinx_compat import cell_nodes, vector_space
-from fenics_rom.fem.mesh import Mesh
+from fenics_rom.fem.assemble import assemble_form, dolfinx_nodes, node_masses, set_rigid_modes
+from fenics_rom.fem.dolfinx_compat import cell_nodes, input_nodes, quiet_compiler, vector_space
+from fenics_rom.fem.mesh import Mesh, signed_volumes
 from fenics_rom.fem.nodes import canonical_nodes
 from fenics_rom.fem.petsc_algebra import PetscAlgebra, require_real
 from fenics_rom.fem.petsc_matrix import PetscMatrix
@@ -25,36 +24,36 @@ from fenics_rom.system.rigid_modes import mass_orthonormal, without_energy
 from fenics_rom.system.system import Body, System, check_damping_choice
 
 ARITY = {1: "a linear form: one test function", 2: "a bilinear form: a trial and a test function"}
-NOT_SET = np.finfo(float).max  # stands where no Dirichlet condition has put its value
+UNCONSTRAINED = np.finfo(float).max  # stands where no Dirichlet condition has put its value
 
 
 @dataclass(frozen=True)
-class Rows:
+class FreeRows:
     """The unconstrained degrees of freedom in the order of the system.
 
     Attributes:
-        chosen: those of this rank, as global dolfinx numbers.
+        index_set: those of this rank, as global dolfinx numbers.
         body: nodes and surface, where there are any.
-        nodes_here: (N here, 3) places of the nodes of this rank, m, where all of them are free in all components.
+        local_nodes: (N here, 3) coordinates of the nodes of this rank, m, where all of them are free in all components.
         motions: (rows here, ρ) rigid motions that the constraints leave, where there are nodes.
     """
 
-    chosen: PETSc.IS
+    index_set: PETSc.IS
     body: Body | None = None
-    nodes_here: np.ndarray | None = None
+    local_nodes: np.ndarray | None = None
     motions: np.ndarray | None = None
 
-    def of_matrix(self, matrix: PETSc.Mat) -> PETSc.Mat:
+    def take_matrix(self, matrix: PETSc.Mat) -> PETSc.Mat:
         """These rows and columns; the whole matrix is given back."""
-        reduced = matrix.createSubMatrix(self.chosen, self.chosen)
+        reduced = matrix.createSubMatrix(self.index_set, self.index_set)
         matrix.destroy()
         return reduced
 
-    def of_vector(self, vector: PETSc.Vec) -> np.ndarray:
+    def take_vector(self, vector: PETSc.Vec) -> np.ndarray:
         """These rows, (rows here,); the whole vector is given back."""
-        part = vector.getSubVector(self.chosen)
+        part = vector.getSubVector(self.index_set)
         rows = part.array_r.copy()
-        vector.restoreSubVector(self.chosen, part)
+        vector.restoreSubVector(self.index_set, part)
         vector.destroy()
         return rows
 
@@ -76,7 +75,7 @@ def system_of_forms(
     space = _space(mass)
     bilinear = {"mass": mass, "stiffness": stiffness} | ({} if damping is None else {"damping": damping})
     linear = {
-        kind: {name: _one_each(forms, f"{kind}[{name!r}]") for name, forms in given.items()}
+        kind: {name: _as_list(forms, f"{kind}[{name!r}]") for name, forms in given.items()}
         for kind, given in {"contacts": contacts, "actuators": actuators, "outputs": outputs}.items()
     }
     for name, form in bilinear.items():
@@ -86,21 +85,20 @@ def system_of_forms(
             for k, form in enumerate(forms):
                 _check_form(f"{kind}[{name!r}][{k}]", form, 1, space)
 
-    logging.disable(logging.INFO)  # dolfinx 0.5 lets the C compiler talk
-    try:
-        matrices = {name: _matrix(form) for name, form in bilinear.items()}
-        rows = _rows(space, _constrained(space, bcs), matrices["mass"])
+    with quiet_compiler():
+        matrices = {name: assemble_form(form) for name, form in bilinear.items()}
+        rows = _free_rows(space, _constrained(space, bcs), matrices["mass"])
         columns = {
-            kind: {name: np.stack([rows.of_vector(_vector(f)) for f in forms], axis=1) for name, forms in given.items()}
+            kind: {
+                name: np.stack([rows.take_vector(_vector(f)) for f in forms], axis=1) for name, forms in given.items()
+            }
             for kind, given in linear.items()
         }
-    finally:
-        logging.disable(logging.NOTSET)
     if rows.body is not None:
         _check_points(columns["outputs"])
-    reduced = {name: rows.of_matrix(matrix) for name, matrix in matrices.items()}
-    if rows.nodes_here is not None:
-        set_rigid_modes(reduced["stiffness"], rows.nodes_here)
+    reduced = {name: rows.take_matrix(matrix) for name, matrix in matrices.items()}
+    if rows.local_nodes is not None:
+        set_rigid_modes(reduced["stiffness"], rows.local_nodes)
     system = System(
         mass=reduced["mass"],
         damping=reduced.get("damping"),
@@ -117,7 +115,7 @@ def system_of_forms(
     return system
 
 
-def _rigid(rows: Rows, matrices: Mapping[str, PETSc.Mat]) -> np.ndarray | None:
+def _rigid(rows: FreeRows, matrices: Mapping[str, PETSc.Mat]) -> np.ndarray | None:
     """Those motions that the stiffness does not see, either; None where there are none."""
     if rows.motions is None or not rows.motions.shape[1]:
         return None
@@ -134,7 +132,7 @@ def _space(mass: Any) -> Any:
     return mass.arguments()[0].ufl_function_space()
 
 
-def _one_each(forms: Any, where: str) -> list[Any]:
+def _as_list(forms: Any, where: str) -> list[Any]:
     """Forms, one per column; one alone is one column."""
     listed = [forms] if isinstance(forms, ufl.Form) else list(forms)
     if not listed:
@@ -152,12 +150,6 @@ def _check_form(where: str, form: Any, arity: int, space: Any) -> None:
         raise StructureError(f"{where} is of another function space than mass")
 
 
-def _matrix(form: Any) -> PETSc.Mat:
-    matrix = assemble_matrix(fem.form(form))
-    matrix.assemble()
-    return matrix
-
-
 def _vector(form: Any) -> PETSc.Vec:
     vector = assemble_vector(fem.form(form))
     vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
@@ -173,21 +165,21 @@ def _constrained(space: Any, bcs: Sequence[Any]) -> np.ndarray:
             raise StructureError(f"bcs[{k}] is of another function space than mass")
     dofs = space.dofmap
     values = PETSc.Vec().createMPI((dofs.index_map.size_local * dofs.index_map_bs, None), comm=space.mesh.comm)
-    values.set(NOT_SET)
+    values.set(UNCONSTRAINED)
     set_bc(values, list(bcs))
-    fixed = values.array_r != NOT_SET
-    moved = np.flatnonzero(fixed & (values.array_r != 0))
+    fixed = values.array_r != UNCONSTRAINED
+    nonzero = np.flatnonzero(fixed & (values.array_r != 0))
     refuse_together(
         space.mesh.comm,
-        f"bcs: a Dirichlet condition has the value {values.array_r[moved[0]]:g}; allowed is 0: the body hangs on it"
-        if len(moved)
+        f"bcs: a Dirichlet condition has the value {values.array_r[nonzero[0]]:g}; allowed is 0: the body hangs on it"
+        if len(nonzero)
         else "",
     )
     values.destroy()
     return fixed
 
 
-def _rows(space: Any, constrained: np.ndarray, mass: PETSc.Mat) -> Rows:
+def _free_rows(space: Any, constrained: np.ndarray, mass: PETSc.Mat) -> FreeRows:
     """What is left of the degrees of freedom, and in which order."""
     comm = space.mesh.comm
     if comm.allreduce(int((~constrained).sum())) == 0:
@@ -195,21 +187,23 @@ def _rows(space: Any, constrained: np.ndarray, mass: PETSc.Mat) -> Rows:
     degree = _displacement_degree(space)
     if degree is None:
         start, _ = mass.getOwnershipRange()
-        return Rows(_index_set(start + np.flatnonzero(~constrained), comm))
+        return FreeRows(_index_set(start + np.flatnonzero(~constrained), comm))
     nodes = canonical_nodes(_mesh(space.mesh), degree)
-    place = dolfinx_nodes(space, degree, nodes)
-    moves = ~np.concatenate(comm.allgather(constrained)).reshape(-1, 3)[place]
-    free = np.flatnonzero(moves)
-    masses = node_masses(mass, place)[0]
-    body = Body(nodes.coordinates, nodes.drawn_triangles(), free, masses)
-    by_node = bool((moves.all(axis=1) == moves.any(axis=1)).all())
-    mine = np.array_split(free.reshape(-1, 3) if by_node else free, comm.size)[comm.rank]  # whole nodes, for multigrid
-    chosen = _index_set(3 * place[mine // 3] + mine % 3, comm)
-    motions = rigid_motions(nodes, masses, moves)[np.isin(free, mine)]
-    if not by_node:
-        return Rows(chosen, body, None, motions)
-    chosen.setBlockSize(3)
-    return Rows(chosen, body, nodes.coordinates[mine[:, 0] // 3], motions)
+    dolfinx_number = dolfinx_nodes(space, degree, nodes)
+    is_free = ~np.concatenate(comm.allgather(constrained)).reshape(-1, 3)[dolfinx_number]
+    free = np.flatnonzero(is_free)
+    node_mass = node_masses(mass, dolfinx_number)[0]
+    body = Body(nodes.coordinates, nodes.drawn_triangles(), free, node_mass)
+    whole_nodes = bool((is_free.all(axis=1) == is_free.any(axis=1)).all())
+    local_dofs = np.array_split(free.reshape(-1, 3) if whole_nodes else free, comm.size)[
+        comm.rank
+    ]  # whole nodes, for multigrid
+    index_set = _index_set(3 * dolfinx_number[local_dofs // 3] + local_dofs % 3, comm)
+    motions = rigid_motions(nodes, node_mass, is_free)[np.isin(free, local_dofs)]
+    if not whole_nodes:
+        return FreeRows(index_set, body, None, motions)
+    index_set.setBlockSize(3)
+    return FreeRows(index_set, body, nodes.coordinates[local_dofs[:, 0] // 3], motions)
 
 
 def _index_set(rows: np.ndarray, comm: Any) -> PETSc.IS:
@@ -229,16 +223,15 @@ def _displacement_degree(space: Any) -> int | None:
 
 def _mesh(domain: Any) -> Mesh:
     """All tetrahedra of a distributed mesh, on every rank, in an order that does not depend on the ranks."""
-    original = np.asarray(domain.geometry.input_global_indices, dtype=np.int64)
+    original = input_nodes(domain)
     owned = domain.topology.index_map(3).size_local
-    known = domain.comm.allgather((original, domain.geometry.x, original[cell_nodes(domain)[:owned]]))
-    points = np.zeros((max(numbers.max(initial=-1) for numbers, _, _ in known) + 1, 3))
-    for numbers, coordinates, _ in known:
+    parts = domain.comm.allgather((original, domain.geometry.x, original[cell_nodes(domain)[:owned]]))
+    points = np.zeros((max(numbers.max(initial=-1) for numbers, _, _ in parts) + 1, 3))
+    for numbers, coordinates, _ in parts:
         points[numbers] = coordinates
-    cells = np.sort(np.concatenate([cells for *_, cells in known]), axis=1)
+    cells = np.sort(np.concatenate([cells for *_, cells in parts]), axis=1)
     cells = cells[np.lexsort(cells.T[::-1])]
-    a, b, c, d = (points[cells[:, k]] for k in range(4))
-    inverted = np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) < 0
+    inverted = signed_volumes(points, cells) < 0
     cells[inverted, :2] = cells[inverted, 1::-1]
     return Mesh(points, cells, {}, {}, "the mesh of the forms")
 

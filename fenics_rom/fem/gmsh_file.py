@@ -14,9 +14,9 @@ import numpy as np
 from fenics_rom.errors import MeshError
 from fenics_rom.fem import gmsh_process
 
-LAUNCHERS = ("OMPI_", "PMIX_", "PRTE_", "PMI_", "HYDRA_", "HYDI_")  # what mpirun says is not for this process
-PATIENCE = 60.0  # s that Gmsh may take for any file
-SLOWEST = 1e6  # bytes that it reads in another second
+LAUNCHER_VARIABLES = ("OMPI_", "PMIX_", "PRTE_", "PMI_", "HYDRA_", "HYDI_")  # what mpirun says is not for this process
+BASE_TIMEOUT = 60.0  # s that Gmsh may take for any file
+MIN_READING_RATE = 1e6  # bytes/s that it reads beyond that
 
 
 @dataclass(frozen=True)
@@ -63,49 +63,49 @@ def read_gmsh_file(file: Path) -> GmshFile:
     Raises:
         MeshError: Gmsh cannot read the file, crashed, or was not done in time.
     """
-    found = arrays_of(file)
-    groups = zip(found["dimensions"], found["tags"], found["names"], strict=True)
+    arrays = read_arrays(file)
+    groups = zip(arrays["dimensions"], arrays["tags"], arrays["names"], strict=True)
     return GmshFile(
-        nodes=found["nodes"],
-        points=found["points"].reshape(-1, 3),
-        kinds=tuple(map(str, found["kinds"])),
-        numbers=found["numbers"],
-        cells=found["cells"].reshape(-1, 4),
+        nodes=arrays["nodes"],
+        points=arrays["points"].reshape(-1, 3),
+        kinds=tuple(map(str, arrays["kinds"])),
+        numbers=arrays["numbers"],
+        cells=arrays["cells"].reshape(-1, 4),
         groups=tuple(
-            Group(int(dimension), int(tag), str(name), found[f"group{k}"])
+            Group(int(dimension), int(tag), str(name), arrays[f"group{k}"])
             for k, (dimension, tag, name) in enumerate(groups)
         ),
     )
 
 
-def arrays_of(file: Path) -> Mapping[str, np.ndarray]:
-    """What `gmsh_process.found` finds, in another process.
+def read_arrays(file: Path) -> Mapping[str, np.ndarray]:
+    """What `gmsh_process.read_arrays` finds, in another process.
 
     Raises:
         MeshError: as `read_gmsh_file`.
     """
-    patience = PATIENCE + file.stat().st_size / SLOWEST
+    timeout = BASE_TIMEOUT + file.stat().st_size / MIN_READING_RATE
     try:
         process = subprocess.run(
             [sys.executable, "-P", gmsh_process.__file__, file],
-            env=_surroundings(),
+            env=_clean_environment(),
             stdin=subprocess.DEVNULL,
             capture_output=True,
-            timeout=patience,
+            timeout=timeout,
         )
     except subprocess.TimeoutExpired:
-        raise MeshError(f"mesh file {file}: Gmsh could not read it (it went on for {patience:.0f} s)") from None
+        raise MeshError(f"mesh file {file}: Gmsh could not read it (it went on for {timeout:.0f} s)") from None
     if process.returncode < 0:
         name = signal.strsignal(-process.returncode)
         raise MeshError(f"mesh file {file}: Gmsh could not read it (signal {-process.returncode}: {name})")
     if process.returncode:
-        said = process.stderr.decode(errors="replace").strip().splitlines()
-        raise MeshError(f"mesh file {file}: Gmsh cannot read it: {said[-1] if said else 'it does not say why'}")
+        messages = process.stderr.decode(errors="replace").strip().splitlines()
+        raise MeshError(f"mesh file {file}: Gmsh cannot read it: {messages[-1] if messages else 'it does not say why'}")
     with np.load(io.BytesIO(process.stdout), allow_pickle=False) as arrays:
         return dict(arrays)
 
 
-def _surroundings() -> dict[str, str]:
+def _clean_environment() -> dict[str, str]:
     """This process's, less what would make the other a rank; with the same packages, and no home to write to."""
-    mine = {name: value for name, value in os.environ.items() if not name.startswith(LAUNCHERS)}
-    return mine | {"HOME": os.devnull, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    variables = {name: value for name, value in os.environ.items() if not name.startswith(LAUNCHER_VARIABLES)}
+    return variables | {"HOME": os.devnull, "PYTHONPATH": os.pathsep.join(filter(None, sys.path))}

@@ -13,33 +13,34 @@ from typing import Any
 
 import numpy as np
 
-MEMORY = 2**30  # bytes of address space that Gmsh may take for any file, of which it takes a fifth by itself
+BASE_MEMORY = 2**30  # bytes of address space that Gmsh may take for any file, of which it takes a fifth by itself
 MEMORY_PER_BYTE = 50  # and for each byte of the file, of which it takes five to ten
 TRIANGLE, TETRAHEDRON = 2, 4  # Gmsh's numbers of the straight ones
 
 
 def main() -> None:
     """Reads the file that the command line names; ends with a message where Gmsh does."""
-    limit(resource.RLIMIT_CORE, 0)  # a crash leaves nothing behind
-    limit(resource.RLIMIT_AS, MEMORY + MEMORY_PER_BYTE * Path(sys.argv[1]).stat().st_size)  # sizes in a file may lie
-    with os.fdopen(os.dup(1), "wb") as told:
+    lower_limit(resource.RLIMIT_CORE, 0)  # a crash leaves nothing behind
+    size = Path(sys.argv[1]).stat().st_size
+    lower_limit(resource.RLIMIT_AS, BASE_MEMORY + MEMORY_PER_BYTE * size)  # sizes in a file may lie
+    with os.fdopen(os.dup(1), "wb") as output:
         os.dup2(2, 1)  # what libraries print is no part of the arrays
         try:
-            arrays = found(sys.argv[1])
+            arrays = read_arrays(sys.argv[1])
         except Exception as error:  # Gmsh's own, and what Python says of names that are no text
             sys.exit(" ".join(str(error).split()))
         content = io.BytesIO()
         np.savez(content, **arrays)
-        told.write(content.getbuffer())
+        output.write(content.getbuffer())
 
 
-def limit(what: int, most: int) -> None:
+def lower_limit(what: int, limit: int) -> None:
     """Lowers a limit of this process."""
-    soft, hard = (most if one == resource.RLIM_INFINITY else min(most, one) for one in resource.getrlimit(what))
+    soft, hard = (limit if old == resource.RLIM_INFINITY else min(limit, old) for old in resource.getrlimit(what))
     resource.setrlimit(what, (soft, hard))
 
 
-def found(file: str) -> dict[str, Any]:
+def read_arrays(file: str) -> dict[str, Any]:
     """The arrays of a `GmshFile`, groups one by one."""
     import gmsh
 
@@ -53,8 +54,8 @@ def found(file: str) -> dict[str, Any]:
     members = {}
     for k, (dimension, tag) in enumerate(groups):
         entities = gmsh.model.getEntitiesForPhysicalGroup(dimension, tag)
-        of_entities = [mesh.getElementsByType(TRIANGLE if dimension == 2 else TETRAHEDRON, e) for e in entities]
-        members[f"group{k}"] = np.concatenate([np.empty(0, np.uint64), *(one[3 - dimension] for one in of_entities)])
+        elements = [mesh.getElementsByType(TRIANGLE if dimension == 2 else TETRAHEDRON, e) for e in entities]
+        members[f"group{k}"] = np.concatenate([np.empty(0, np.uint64), *(e[3 - dimension] for e in elements)])
     return members | {
         "nodes": tags,
         "points": coordinates,

@@ -12,7 +12,7 @@ from fenics_rom.scene.scene import Scene
 
 Array = np.ndarray
 Columns = dict[str, Array]
-SHORTEST = 1e-9  # piece of a cable, as a share of its length
+MIN_PIECE_SHARE = 1e-9  # of a piece of a tendon in its length
 
 
 def actuators_of(scene: Scene, nodes: Nodes, free: Array) -> tuple[Columns, dict[str, float]]:
@@ -80,14 +80,14 @@ def contact_points_of(scene: Scene, nodes: Nodes, free: Array) -> dict[str, Arra
     movable = np.zeros(3 * len(nodes.coordinates), dtype=bool)
     movable[free] = True
     movable = movable.reshape(-1, 3).all(axis=1)
-    found = {name: patch_nodes(nodes, patch, f"contacts.{name}") for name, patch in scene.contacts.items()}
-    return {name: touched[movable[touched]] for name, touched in found.items()}
+    patches = {name: patch_nodes(nodes, patch, f"contacts.{name}") for name, patch in scene.contacts.items()}
+    return {name: numbers[movable[numbers]] for name, numbers in patches.items()}
 
 
 def _cable(nodes: Nodes, points: Array, where: str) -> Array:
     """Forces (3 N, 1) of a cable under 1 N: at each end towards its neighbour, at a guide towards both."""
     _, lengths = measure_segments(points)
-    if (lengths <= SHORTEST * lengths.sum()).any():
+    if (lengths <= MIN_PIECE_SHARE * lengths.sum()).any():
         raise SceneError(f"{where}.points: two that follow one another are the same point")
     shapes = [shape_functions(nodes, point, f"{where}.points") for point in points]
     return (np.array(shapes).T @ unit_tension_forces(points)).reshape(-1, 1)

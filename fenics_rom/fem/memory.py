@@ -33,10 +33,10 @@ def group_free_bytes(root: Path, group: str) -> float:
     elif controllers:
         return math.inf
     innermost = root / path.lstrip("/")
-    return min(_left(folder) for folder in (innermost, *innermost.parents) if folder.is_relative_to(root))
+    return min(_folder_free_bytes(folder) for folder in (innermost, *innermost.parents) if folder.is_relative_to(root))
 
 
-def _left(folder: Path) -> float:
+def _folder_free_bytes(folder: Path) -> float:
     for limit, usage, cache in CGROUP_FILES:
         try:
             allowed = (folder / limit).read_text().strip()
@@ -48,15 +48,15 @@ def _left(folder: Path) -> float:
     return math.inf
 
 
-def need_and_free(comm: Any, need: float) -> tuple[float, float]:
+def needed_and_free_bytes(comm: Any, needed: float) -> tuple[float, float]:
     """Bytes needed and free on the machine of `comm` where they are tightest; every rank must call it.
 
     Args:
         comm: mpi4py communicator.
-        need: what this rank needs.
+        needed: by this rank.
     """
     machine = comm.Split_type(MPI.COMM_TYPE_SHARED)
-    total, free = machine.allreduce(need), free_bytes()
+    total, free = machine.allreduce(needed), free_bytes()
     machine.Free()
     _, total, free = comm.allreduce((total - free, total, free), MPI.MAX)
     return total, free

@@ -14,7 +14,7 @@ import numpy as np
 from fenics_rom.errors import MeshError, unknown
 from fenics_rom.fem.gmsh_file import GmshFile, read_gmsh_file
 
-STRAIGHT = "Tetrahedron 4"  # what Gmsh calls the only kind of cells that is allowed
+LINEAR_TETRAHEDRON = "Tetrahedron 4"  # what Gmsh calls the only kind of cells that is allowed
 
 
 @dataclass(frozen=True)
@@ -71,26 +71,32 @@ def read_mesh(file: Path, groups: Mapping[str, int]) -> Mesh:
         MeshError: the file is missing, unreadable, or holds no usable tetrahedra.
     """
     try:
-        found = file.is_file()
+        exists = file.is_file()
     except OSError as error:  # a name that is too long
         raise MeshError(f"mesh file {file}: {error.strerror}") from error
-    if not found:
+    if not exists:
         raise MeshError(f"mesh file {file}: not found")
     readers = {".msh": _read_gmsh, ".xdmf": _read_xdmf}
     if file.suffix not in readers:
         raise MeshError(f"mesh file {file}: allowed endings are {', '.join(readers)}")
     points, cells, surfaces, regions = readers[file.suffix](file, groups)
-    cells, regions = _each_once(_oriented(points, cells, file), regions)
+    cells, regions = _deduplicate(_orient(points, cells, file), regions)
     return Mesh(points, cells, surfaces, regions, str(file))
 
 
-def _oriented(points: np.ndarray, cells: np.ndarray, file: Path) -> np.ndarray:
+def signed_volumes(points: np.ndarray, cells: np.ndarray) -> np.ndarray:
+    """Volumes (C,) of tetrahedra, negative where the fourth vertex is behind the first three."""
+    a, b, c, d = (points[cells[:, k]] for k in range(4))
+    return np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) / 6
+
+
+def _orient(points: np.ndarray, cells: np.ndarray, file: Path) -> np.ndarray:
     if len(cells) == 0:
         raise MeshError(f"mesh file {file}: holds no tetrahedra")
     if not np.isfinite(points).all():
         raise MeshError(f"mesh file {file}: coordinates that are not finite")
     a, b, c, d = (points[cells[:, k]] for k in range(4))
-    volume = np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) / 6
+    volume = signed_volumes(points, cells)
     longest = np.max([np.linalg.norm(p - q, axis=1) for p, q in ((a, b), (a, c), (a, d), (b, c), (b, d), (c, d))], 0)
     flat = np.abs(volume) <= 1e-12 * longest**3
     if flat.any():
@@ -103,12 +109,12 @@ def _oriented(points: np.ndarray, cells: np.ndarray, file: Path) -> np.ndarray:
     return cells
 
 
-def _each_once(cells: np.ndarray, regions: Mapping[str, np.ndarray]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+def _deduplicate(cells: np.ndarray, regions: Mapping[str, np.ndarray]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """MSH 2 files repeat a cell for each physical group that it is in; mass and stiffness must count it once."""
-    _, first, which = np.unique(np.sort(cells, axis=1), axis=0, return_index=True, return_inverse=True)
-    kept = np.sort(first)
-    row = np.searchsorted(kept, first[which.ravel()])
-    return cells[kept], {name: np.unique(row[rows]) for name, rows in regions.items()}
+    _, first, representative = np.unique(np.sort(cells, axis=1), axis=0, return_index=True, return_inverse=True)
+    unique_rows = np.sort(first)
+    row = np.searchsorted(unique_rows, first[representative.ravel()])
+    return cells[unique_rows], {name: np.unique(row[rows]) for name, rows in regions.items()}
 
 
 def _read_gmsh(file: Path, groups: Mapping[str, int]):  # type: ignore[no-untyped-def]
@@ -118,37 +124,37 @@ def _read_gmsh(file: Path, groups: Mapping[str, int]):  # type: ignore[no-untype
     return _from_gmsh(read_gmsh_file(file), file, groups)
 
 
-def _from_gmsh(found: GmshFile, file: Path, groups: Mapping[str, int]):  # type: ignore[no-untyped-def]
-    if len(found.nodes) == 0:
+def _from_gmsh(content: GmshFile, file: Path, groups: Mapping[str, int]):  # type: ignore[no-untyped-def]
+    if len(content.nodes) == 0:
         raise MeshError(f"mesh file {file}: holds no nodes")
-    order = np.argsort(found.nodes)
-    points, tags = found.points[order], found.nodes[order]
-    others = sorted(set(found.kinds) - {STRAIGHT})
-    if others:
+    order = np.argsort(content.nodes)
+    points, tags = content.points[order], content.nodes[order]
+    other_kinds = sorted(set(content.kinds) - {LINEAR_TETRAHEDRON})
+    if other_kinds:
         raise MeshError(
-            f"mesh file {file}: holds {', '.join(others)}; allowed are straight tetrahedra (Mesh.ElementOrder = 1)"
+            f"mesh file {file}: holds {', '.join(other_kinds)}; allowed are straight tetrahedra (Mesh.ElementOrder = 1)"
         )
 
-    def places(wanted: np.ndarray, among: np.ndarray, what: str) -> np.ndarray:
+    def positions(wanted: np.ndarray, among: np.ndarray, what: str) -> np.ndarray:
         rows = np.searchsorted(among, wanted)  # tags may be anything, in any order
         if (rows == len(among)).any() or (among[rows] != wanted).any():
             raise MeshError(f"mesh file {file}: names {what} that it does not hold")
         return rows
 
-    cells = places(found.cells, tags, "nodes")
-    by_number = np.argsort(found.numbers)
+    cells = positions(content.cells, tags, "nodes")
+    by_number = np.argsort(content.numbers)
     named = {tag: name for name, tag in groups.items()}
     surfaces: dict[str, np.ndarray] = {}
     regions: dict[str, np.ndarray] = {}
-    for group in found.groups:
+    for group in content.groups:
         name = group.name or named.get(group.tag)
         if not name:
             continue
         if group.dimension == 2:
-            triangles = places(group.members, tags, "nodes").reshape(-1, 3)
+            triangles = positions(group.members, tags, "nodes").reshape(-1, 3)
             surfaces[name] = np.concatenate([surfaces.get(name, triangles[:0]), triangles])
         else:
-            rows = by_number[places(group.members, found.numbers[by_number], "cells")]
+            rows = by_number[positions(group.members, content.numbers[by_number], "cells")]
             regions[name] = np.concatenate([regions.get(name, rows[:0]), rows])
     return points, cells, surfaces, regions
 
@@ -157,7 +163,7 @@ def _read_xdmf(file: Path, groups: Mapping[str, int]):  # type: ignore[no-untype
     from dolfinx.io import XDMFFile
     from mpi4py import MPI
 
-    from fenics_rom.fem.dolfinx_compat import cell_nodes
+    from fenics_rom.fem.dolfinx_compat import cell_nodes, input_nodes
 
     try:
         grids = [grid.get("Name", "") for grid in ElementTree.parse(file).getroot().iter("Grid")]
@@ -174,10 +180,10 @@ def _read_xdmf(file: Path, groups: Mapping[str, int]):  # type: ignore[no-untype
     if nodes.shape[1] != 4:
         raise MeshError(f"mesh file {file}: holds cells of {nodes.shape[1]} nodes; allowed are straight tetrahedra")
 
-    order = np.asarray(domain.geometry.input_global_indices, dtype=np.int64)
-    points = np.zeros((order.max() + 1, 3))
-    points[order] = domain.geometry.x
-    cells = order[nodes]
+    file_rows = input_nodes(domain)
+    points = np.zeros((file_rows.max() + 1, 3))
+    points[file_rows] = domain.geometry.x
+    cells = file_rows[nodes]
     surfaces: dict[str, np.ndarray] = {}
     regions: dict[str, np.ndarray] = {}
     for name, tag in tags.items():
@@ -198,11 +204,7 @@ def _facet_nodes(domain, facets: np.ndarray, cells: np.ndarray) -> np.ndarray:  
     """Points of facets: those of one of their cells, less the vertex that the facet does not have."""
     topology = domain.topology
     topology.create_connectivity(3, 0)
-    cell_of, corners_of, vertices = (
-        topology.connectivity(2, 3),
-        topology.connectivity(2, 0),
-        topology.connectivity(3, 0),
-    )
+    cell_of, corners_of, vertices = (topology.connectivity(*pair) for pair in ((2, 3), (2, 0), (3, 0)))
     triangles = np.empty((len(facets), 3), dtype=np.int64)
     for k, facet in enumerate(facets):
         cell = cell_of.links(facet)[0]

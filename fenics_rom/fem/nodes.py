@@ -42,12 +42,16 @@ class Nodes:
         """Nodes at the mid-points of edges given by their canonical vertices, (..., 2) to (...)."""
         ends = np.sort(ends, axis=-1)
         count = len(self.coordinates)
-        found = np.searchsorted(self.edges[:, 0] * count + self.edges[:, 1], ends[..., 0] * count + ends[..., 1])
-        return len(self.coordinates) - len(self.edges) + found
+        rows = np.searchsorted(self.edges[:, 0] * count + self.edges[:, 1], ends[..., 0] * count + ends[..., 1])
+        return len(self.coordinates) - len(self.edges) + rows
 
     def triangle_edges(self, triangles: np.ndarray) -> np.ndarray:
         """Mid-side nodes of triangles, (F, 3): of the sides 01, 12, 20."""
         return self.on_edges(np.stack([triangles, np.roll(triangles, -1, axis=1)], axis=2))
+
+    def triangle_nodes(self, triangles: np.ndarray) -> np.ndarray:
+        """All nodes of triangles, (F, 3) or (F, 6): their vertices, then those of `triangle_edges`."""
+        return np.hstack([triangles, self.triangle_edges(triangles)]) if len(self.edges) else triangles
 
     def vertices(self, points: np.ndarray) -> np.ndarray:
         """Canonical vertices of mesh points, -1 for points of no cell."""
@@ -99,22 +103,19 @@ def surface_triangles(nodes: Nodes, name: str) -> np.ndarray:
     """
     given, boundary = _face_keys(nodes, nodes.vertices(nodes.mesh.surface(name))), _face_keys(nodes, nodes.surface)
     order = np.argsort(boundary)
-    place = np.minimum(np.searchsorted(boundary[order], given), len(order) - 1)
-    inside = boundary[order][place] != given
-    if inside.any():
+    position = np.minimum(np.searchsorted(boundary[order], given), len(order) - 1)
+    off_boundary = boundary[order][position] != given
+    if off_boundary.any():
         raise MeshError(
-            f"{nodes.mesh.source}: surface {name!r}: {inside.sum()} of its {len(given)} triangles "
+            f"{nodes.mesh.source}: surface {name!r}: {off_boundary.sum()} of its {len(given)} triangles "
             "are not on the boundary of the body"
         )
-    return nodes.surface[np.unique(order[place])]
-
-
-def _centroids(nodes: Nodes, triangles: np.ndarray) -> np.ndarray:
-    return nodes.coordinates[triangles].mean(axis=1)
+    return nodes.surface[np.unique(order[position])]
 
 
 def _near_triangles(nodes: Nodes, near: Near, where: str) -> np.ndarray:
-    distance = np.linalg.norm(_centroids(nodes, nodes.surface) - near.point, axis=1)
+    centroids = nodes.coordinates[nodes.surface].mean(axis=1)
+    distance = np.linalg.norm(centroids - near.point, axis=1)
     chosen = distance <= near.radius
     if not chosen.any():
         raise SceneError(
@@ -138,10 +139,17 @@ def clamped_nodes(nodes: Nodes, name: str) -> np.ndarray:
             f"{nodes.mesh.source}: surface {name!r}: {stray.sum()} of its {len(stray)} triangles "
             "are not faces of the tetrahedra"
         )
-    parts = [triangles.ravel()]
-    if len(nodes.edges):
-        parts.append(nodes.triangle_edges(triangles).ravel())
-    return np.unique(np.concatenate(parts))
+    return np.unique(nodes.triangle_nodes(triangles))
+
+
+def _twice_area_vectors(nodes: Nodes, triangles: np.ndarray) -> np.ndarray:
+    """Outward normals (F, 3) of twice the area, m²."""
+    a, b, c = (nodes.coordinates[triangles[:, k]] for k in range(3))
+    return np.cross(b - a, c - a)
+
+
+def _areas(nodes: Nodes, triangles: np.ndarray) -> np.ndarray:
+    return np.linalg.norm(_twice_area_vectors(nodes, triangles), axis=1) / 2
 
 
 def _load_weights(nodes: Nodes, triangles: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
@@ -149,10 +157,8 @@ def _load_weights(nodes: Nodes, triangles: np.ndarray) -> tuple[np.ndarray, np.n
 
     Degree 1: a third of the area at each vertex. Degree 2: nothing at the vertices, a third at each mid-side node.
     """
-    a, b, c = (nodes.coordinates[triangles[:, k]] for k in range(3))
-    area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
     carriers = nodes.triangle_edges(triangles) if len(nodes.edges) else triangles
-    return carriers, area[:, None] / 3
+    return carriers, _areas(nodes, triangles)[:, None] / 3
 
 
 def _mean_over(nodes: Nodes, triangles: np.ndarray) -> np.ndarray:
@@ -172,9 +178,7 @@ def patch_triangles(nodes: Nodes, patch: Place, where: str) -> np.ndarray:
 
 def patch_nodes(nodes: Nodes, patch: Place, where: str) -> np.ndarray:
     """All nodes of a patch, ascending."""
-    triangles = patch_triangles(nodes, patch, where)
-    touched = np.unique(triangles)
-    return np.union1d(touched, nodes.triangle_edges(triangles)) if len(nodes.edges) else touched
+    return np.unique(nodes.triangle_nodes(patch_triangles(nodes, patch, where)))
 
 
 def patch_area(nodes: Nodes, patch: Place, where: str) -> float:
@@ -184,16 +188,15 @@ def patch_area(nodes: Nodes, patch: Place, where: str) -> float:
 
 def surface_mass(nodes: Nodes, triangles: np.ndarray) -> scipy.sparse.csr_matrix:
     """∫ φ_i φ_j over flat triangles, as a share of their area, (N, N)."""
-    a, b, c = (nodes.coordinates[triangles[:, k]] for k in range(3))
-    area = np.linalg.norm(np.cross(b - a, c - a), axis=1) / 2
-    if len(nodes.edges):  # vertices, then mid-sides of 01, 12, 20
-        triangles = np.hstack([triangles, nodes.triangle_edges(triangles)])
+    area = _areas(nodes, triangles)
+    if len(nodes.edges):
         opposite = -4 * np.array([[0, 1, 0], [0, 0, 1], [1, 0, 0]])
-        one = np.block([[7 * np.eye(3) - 1, opposite], [opposite.T, 16 * (np.eye(3) + 1)]]) / 180
+        element = np.block([[7 * np.eye(3) - 1, opposite], [opposite.T, 16 * (np.eye(3) + 1)]]) / 180
     else:
-        one = (np.eye(3) + 1) / 12
-    rows, columns = (np.repeat(triangles, len(one), axis=1), np.tile(triangles, len(one)))
-    values = (area / area.sum())[:, None] * one.ravel()
+        element = (np.eye(3) + 1) / 12
+    ends = nodes.triangle_nodes(triangles)
+    rows, columns = (np.repeat(ends, len(element), axis=1), np.tile(ends, len(element)))
+    values = (area / area.sum())[:, None] * element.ravel()
     shape = (len(nodes.coordinates), len(nodes.coordinates))
     return scipy.sparse.coo_matrix((values.ravel(), (rows.ravel(), columns.ravel())), shape=shape).tocsr()
 
@@ -216,8 +219,8 @@ def patch_columns(nodes: Nodes, patch: Patch, free: np.ndarray, where: str) -> n
     elif patch.force == "resultant":
         columns = np.kron(_mean_over(nodes, triangles)[:, None], np.eye(3))
     else:
-        touched = patch_nodes(nodes, patch, where)
-        components = np.intersect1d(3 * touched[:, None] + np.arange(3), free)
+        touched_nodes = patch_nodes(nodes, patch, where)
+        components = np.intersect1d(3 * touched_nodes[:, None] + np.arange(3), free)
         columns = np.zeros((3 * len(nodes.coordinates), len(components)))
         columns[components, np.arange(len(components))] = 1.0
     columns = columns[free]
@@ -228,8 +231,7 @@ def patch_columns(nodes: Nodes, patch: Patch, free: np.ndarray, where: str) -> n
 
 def _inward_pressure(nodes: Nodes, triangles: np.ndarray) -> np.ndarray:
     carriers, weight = _load_weights(nodes, triangles)
-    a, b, c = (nodes.coordinates[triangles[:, k]] for k in range(3))
-    inward = np.cross(c - a, b - a)
+    inward = -_twice_area_vectors(nodes, triangles)
     inward /= np.linalg.norm(inward, axis=1)[:, None]
     force = np.zeros((len(nodes.coordinates), 3))
     np.add.at(force, carriers, (weight * inward)[:, None, :])
@@ -269,11 +271,11 @@ def shape_functions(nodes: Nodes, point: np.ndarray, where: str) -> np.ndarray:
             f"allowed is 1 % of its size, {0.01 * size:.3g} m"
         )
     values = np.zeros(len(nodes.coordinates))
-    ends, at = nodes.cells[cell], clipped[cell]
+    vertices, λ = nodes.cells[cell], clipped[cell]
     if len(nodes.edges) == 0:
-        values[ends] = at
+        values[vertices] = λ
     else:
-        values[ends] = at * (2 * at - 1)
+        values[vertices] = λ * (2 * λ - 1)
         i, j = CELL_EDGES.T
-        values[nodes.on_edges(ends[CELL_EDGES])] = 4 * at[i] * at[j]
+        values[nodes.on_edges(vertices[CELL_EDGES])] = 4 * λ[i] * λ[j]
     return values

@@ -11,6 +11,7 @@ from fenics_rom.fem.petsc_ctypes import option_was_read
 FACTOR_PREFIX = "fenics_rom_factor_"  # of factorisations, direct or iterative
 EIGEN_PREFIX = "fenics_rom_"  # SLEPc goes on with eps_, and st_ for what it solves with
 PREFIXES = (FACTOR_PREFIX, "fenics_rom_eps_", "fenics_rom_st_")
+ALLOWED = " or ".join(f"-{prefix}" for prefix in PREFIXES)
 
 
 def set_options(words: Sequence[str]) -> None:
@@ -25,10 +26,10 @@ def set_options(words: Sequence[str]) -> None:
         if word.startswith("-") and word[1:2].isalpha():
             name = word[1:]
             if not name.startswith(PREFIXES):
-                raise SolverError(f"option {word!r}: allowed are those that begin with {_allowed()}")
+                raise SolverError(f"option {word!r}: allowed are those that begin with {ALLOWED}")
             given[name] = None
         elif name is None or given[name] is not None:
-            raise SolverError(f"{word!r} is not an option and not the value of one; options begin with {_allowed()}")
+            raise SolverError(f"{word!r} is not an option and not the value of one; options begin with {ALLOWED}")
         else:
             given[name] = word
     options = PETSc.Options()
@@ -43,18 +44,14 @@ def unused_options() -> list[str]:
 
 
 @contextmanager
-def defaults(prefix: str, values: Mapping[str, str]) -> Iterator[None]:
+def default_options(prefix: str, values: Mapping[str, str]) -> Iterator[None]:
     """Options that hold meanwhile, unless the user has set them."""
     options = PETSc.Options(prefix)
-    ours = [name for name in values if not options.hasName(name)]
-    for name in ours:
+    unset = [name for name in values if not options.hasName(name)]
+    for name in unset:
         options[name] = values[name]
     try:
         yield
     finally:
-        for name in ours:
+        for name in unset:
             options.delValue(name)
-
-
-def _allowed() -> str:
-    return " or ".join(f"-{prefix}" for prefix in PREFIXES)

@@ -9,8 +9,8 @@ from petsc4py import PETSc
 from fenics_rom.errors import SolverError
 from fenics_rom.fem.direct import ComplexFactor, MemoryShortage, PetscFactor
 from fenics_rom.fem.eigenpairs import lowest_eigenpairs
-from fenics_rom.fem.iterative import METHOD, RESIDUAL, IterativeFactor
-from fenics_rom.fem.petsc_matrix import PetscMatrix, combination, held
+from fenics_rom.fem.iterative import METHOD_NAME, RESIDUAL_TOLERANCE, IterativeFactor
+from fenics_rom.fem.petsc_matrix import PetscMatrix, combination, fix_dofs
 from fenics_rom.system.system import NONE
 
 DENSE_SHARE = 3  # beyond a third of all eigenpairs, LAPACK on gathered matrices is the better eigensolver
@@ -78,15 +78,16 @@ class PetscAlgebra:
             return ComplexFactor(combination(*real), combination(*imaginary))
         if solver == "iterative":
             return IterativeFactor(
-                held(combination(*real), fixed_dofs), f"{METHOD}, as asked for, to a residual of {RESIDUAL:g}"
+                fix_dofs(combination(*real), fixed_dofs),
+                f"{METHOD_NAME}, as asked for, to a residual of {RESIDUAL_TOLERANCE:g}",
             )
         try:
-            return PetscFactor(held(combination(*real), fixed_dofs))
+            return PetscFactor(fix_dofs(combination(*real), fixed_dofs))
         except MemoryShortage as error:
             if solver == "direct":
                 raise
-            notice = f"{error.shortage}: {METHOD} were used, to a residual of {RESIDUAL:g}"
-        return IterativeFactor(held(combination(*real), fixed_dofs), notice)
+            notice = f"{error.shortage}: {METHOD_NAME} were used, to a residual of {RESIDUAL_TOLERANCE:g}"
+        return IterativeFactor(fix_dofs(combination(*real), fixed_dofs), notice)
 
     def eigenpairs(
         self, mass: PetscMatrix, stiffness: PetscMatrix, count: int, factor: Any = None

@@ -26,16 +26,16 @@ class PetscMatrix:
         if np.iscomplexobj(block):
             return by_parts(self.__matmul__, block)
         if block.shape[1] == 1:
-            return self.single(self.mat.mult, block)
+            return self.apply_to_column(self.mat.mult, block)
         result = np.empty(block.shape)
-        for part in chunks(block):
-            with Dense(self, block[:, part]) as x:
+        for part in column_chunks(block):
+            with DenseBlock(self, block[:, part]) as x:
                 y = self.mat.matMult(x)
                 result[:, part] = y.getDenseArray()
                 y.destroy()
         return result
 
-    def single(self, operation: Callable[[PETSc.Vec, PETSc.Vec], None], column: np.ndarray) -> np.ndarray:
+    def apply_to_column(self, operation: Callable[[PETSc.Vec, PETSc.Vec], None], column: np.ndarray) -> np.ndarray:
         """Result of `operation(x, y)` for one column, in vectors that are kept: this is what a time step does."""
         x, y = self._vectors
         x.array[:] = column[:, 0]
@@ -56,7 +56,7 @@ class ZeroMatrix:
         return np.zeros_like(block)
 
 
-class Dense:
+class DenseBlock:
     """A block of local rows as a PETSc matrix, for as long as a call needs it."""
 
     def __init__(self, like: PetscMatrix, block: np.ndarray):
@@ -73,7 +73,7 @@ class Dense:
         self.mat.destroy()
 
 
-def chunks(block: np.ndarray) -> list[slice]:
+def column_chunks(block: np.ndarray) -> list[slice]:
     """The columns of a block, some at a time."""
     return [slice(first, first + CHUNK) for first in range(0, block.shape[1], CHUNK)]
 
@@ -90,10 +90,10 @@ def combination(*terms: tuple[float, Any]) -> PETSc.Mat:
     matrices = [(c, a.mat) for c, a in terms if isinstance(a, PetscMatrix)]
     if not matrices:
         raise SolverError("a sum of PETSc matrices was asked for without one")
-    (first, start), *rest = [(c, mat) for c, mat in matrices if c != 0.0] or matrices[:1]
-    total = start.copy()
-    total.scale(first)
-    for coefficient, mat in rest:
+    (first_coefficient, first), *others = [(c, mat) for c, mat in matrices if c != 0.0] or matrices[:1]
+    total = first.copy()
+    total.scale(first_coefficient)
+    for coefficient, mat in others:
         total.axpy(coefficient, mat, structure=PETSc.Mat.Structure.UNKNOWN_NONZERO_PATTERN)
     for _, mat in matrices:
         near = mat.getNearNullSpace()
@@ -103,8 +103,8 @@ def combination(*terms: tuple[float, Any]) -> PETSc.Mat:
     return total
 
 
-def held(mat: PETSc.Mat, fixed_dofs: np.ndarray) -> PETSc.Mat:
-    """The matrix itself, with some degrees of freedom held: their rows and columns zero but for the diagonal."""
+def fix_dofs(mat: PETSc.Mat, fixed_dofs: np.ndarray) -> PETSc.Mat:
+    """The matrix itself, with some degrees of freedom fixed: their rows and columns zero but for the diagonal."""
     if len(fixed_dofs):
         diagonal = mat.getDiagonal()
         mean = diagonal.sum() / diagonal.getSize()

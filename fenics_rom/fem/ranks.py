@@ -6,7 +6,7 @@ from typing import Any, TypeVar
 T = TypeVar("T")
 
 
-def on_rank_0(comm: Any, work: Callable[[], T]) -> T:
+def run_on_rank_0(comm: Any, work: Callable[[], T]) -> T:
     """Result of `work`, done on rank 0, on every rank; what it raises is raised on every rank, so none waits."""
     result: T | None = None
     error: Exception | None = None

@@ -1,15 +1,16 @@
 """The motions of a mesh that strain nothing and leave clamped nodes where they are."""
 
 import numpy as np
+import scipy.linalg
 import scipy.sparse
 from scipy.sparse.csgraph import connected_components
 
 from fenics_rom.fem.nodes import CELL_EDGES, Nodes
 
-HELD = 1e-9  # share of the largest motion of clamped components above which a motion is held
+FIXED_TOLERANCE = 1e-9  # share of the largest motion of clamped components, above which a motion is held
 
 
-def rigid_motions(nodes: Nodes, node_mass: np.ndarray, moves: np.ndarray) -> np.ndarray:
+def rigid_motions(nodes: Nodes, node_mass: np.ndarray, is_free: np.ndarray) -> np.ndarray:
     """Rigid motions of each connected part of the mesh, on the free displacement components, (n, ρ).
 
     Of the three translations and the three rotations about the part's centre of mass those combinations that vanish on
@@ -18,19 +19,19 @@ def rigid_motions(nodes: Nodes, node_mass: np.ndarray, moves: np.ndarray) -> np.
     Args:
         nodes: all nodes.
         node_mass: (N,) kg.
-        moves: (N, 3), which displacement components are free.
+        is_free: (N, 3), which displacement components are free.
     """
     count, part = _parts(nodes)
     columns = [np.empty((3 * len(part), 0))]
     for number in range(count):
-        inside = np.flatnonzero(part == number)
-        fields = _six(nodes.coordinates[inside], node_mass[inside])
-        held = ~moves[inside].ravel()
-        fields = fields @ _null_space(fields[held])
-        whole = np.zeros((len(part), 3, fields.shape[1]))
-        whole[inside] = fields.reshape(len(inside), 3, -1)
-        columns.append(whole.reshape(3 * len(part), -1))
-    return np.hstack(columns)[moves.ravel()]
+        part_nodes = np.flatnonzero(part == number)
+        fields = _rigid_fields(nodes.coordinates[part_nodes], node_mass[part_nodes])
+        clamped = ~is_free[part_nodes].ravel()
+        fields = fields @ _null_space(fields[clamped])
+        motions = np.zeros((len(part), 3, fields.shape[1]))
+        motions[part_nodes] = fields.reshape(len(part_nodes), 3, -1)
+        columns.append(motions.reshape(3 * len(part), -1))
+    return np.hstack(columns)[is_free.ravel()]
 
 
 def _parts(nodes: Nodes) -> tuple[int, np.ndarray]:
@@ -39,14 +40,14 @@ def _parts(nodes: Nodes) -> tuple[int, np.ndarray]:
     start, end = cells[:, [0, 0, 0]].ravel(), cells[:, 1:].ravel()
     graph = scipy.sparse.coo_array((np.ones(len(start)), (start, end)), shape=(vertices, vertices))
     count, part = connected_components(graph, directed=False)
-    whole = np.empty(len(nodes.coordinates), dtype=int)
-    whole[:vertices] = part
+    node_part = np.empty(len(nodes.coordinates), dtype=int)
+    node_part[:vertices] = part
     if len(nodes.edges):
-        whole[nodes.on_edges(cells[:, CELL_EDGES])] = part[cells[:, :1]]
-    return count, whole
+        node_part[nodes.on_edges(cells[:, CELL_EDGES])] = part[cells[:, :1]]
+    return count, node_part
 
 
-def _six(points: np.ndarray, mass: np.ndarray) -> np.ndarray:
+def _rigid_fields(points: np.ndarray, mass: np.ndarray) -> np.ndarray:
     """Translations by 1 and rotations of which the farthest point feels 1, (3 N, 6)."""
     arms = points - mass @ points / mass.sum()
     arms /= np.linalg.norm(arms, axis=1).max()
@@ -59,5 +60,4 @@ def _null_space(rows: np.ndarray) -> np.ndarray:
     """Orthonormal combinations (6, any) that vanish in all rows (any, 6)."""
     if not len(rows):
         return np.eye(6)
-    _, s, Vᵀ = np.linalg.svd(np.linalg.qr(rows, mode="r"))
-    return Vᵀ[np.sum(s > HELD * s[0]) :].T
+    return scipy.linalg.null_space(np.linalg.qr(rows, mode="r"), rcond=FIXED_TOLERANCE)

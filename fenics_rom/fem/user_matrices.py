@@ -15,13 +15,13 @@ from petsc4py import PETSc
 from fenics_rom.errors import SolverError, StructureError
 from fenics_rom.fem.direct import MemoryShortage, PetscFactor
 from fenics_rom.fem.petsc_algebra import PetscAlgebra, require_real
-from fenics_rom.fem.petsc_matrix import PetscMatrix, ZeroMatrix, combination, held
-from fenics_rom.fem.ranks import on_rank_0
+from fenics_rom.fem.petsc_matrix import PetscMatrix, ZeroMatrix, combination, fix_dofs
+from fenics_rom.fem.ranks import run_on_rank_0
 from fenics_rom.system.rigid_modes import fixed_dofs, hint, is_singular
 from fenics_rom.system.system import COLUMNS, MATRICES, System, rayleigh_of, rigid_columns, unmeshed
 
-SYMMETRY = 1e-10  # largest accepted |A - Aᵀ| as a share of |A|, Frobenius norms
-DIFFERENT = PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN
+SYMMETRY_TOLERANCE = 1e-10  # largest accepted |A - Aᵀ| as a share of |A|, Frobenius norms
+DIFFERENT_PATTERN = PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN
 
 
 def checked_parts(given: Mapping[str, Any]) -> dict[str, Any]:
@@ -45,19 +45,19 @@ def checked_parts(given: Mapping[str, Any]) -> dict[str, Any]:
     for name, matrix in present.items():
         _check_layout(name, matrix, mass)
     mats = {name: _symmetric_copy(name, matrix) for name, matrix in present.items()}
-    warnings = [_definite("mass", mats["mass"].copy())]
+    warnings = [_check_definite("mass", mats["mass"].copy())]
 
     M, K = PetscMatrix(mats["mass"]), PetscMatrix(mats["stiffness"])
     algebra, rayleigh = PetscAlgebra(comm, mass.getOwnershipRange()), given["rayleigh"]
     R = np.empty((M.local, 0)) if given["rigid"] is None else _checked_block(comm, given["rigid"], "rigid", M.local)
     R = rigid_columns(M, K, R, algebra)
-    warnings.append(_definite_stiffness(K, R, algebra))
+    warnings.append(_check_definite_stiffness(K, R, algebra))
     D: PetscMatrix | ZeroMatrix
     if rayleigh is None:
         D = PetscMatrix(mats["damping"])
         rayleigh = rayleigh_of(M, D, K, algebra, M.size)
         if rayleigh is None or min(rayleigh) < 0:  # else it is semi-definite because M and K are
-            warnings.append(_definite("damping", _lifted(D.mat, M.mat)))
+            warnings.append(_check_definite("damping", _shift_by_round_off(D.mat, M.mat)))
     else:
         α, β = rayleigh
         D = PetscMatrix(combination((α, M), (β, K))) if α or β else ZeroMatrix()
@@ -74,9 +74,9 @@ def refuse_together(comm: Any, complaint: str) -> None:
     Raises:
         StructureError: some rank's complaint is not empty.
     """
-    for rank, said in enumerate(comm.allgather(complaint)):
-        if said:
-            raise StructureError(f"{said} (rank {rank})" if comm.size > 1 else said)
+    for rank, message in enumerate(comm.allgather(complaint)):
+        if message:
+            raise StructureError(f"{message} (rank {rank})" if comm.size > 1 else message)
 
 
 def spread(read: Callable[[], tuple[dict[str, Any], dict[str, dict[str, Any]]]]) -> tuple[dict[str, Any], ...]:
@@ -88,9 +88,9 @@ def spread(read: Callable[[], tuple[dict[str, Any], dict[str, dict[str, Any]]]])
     Raises:
         StructureError: what `read` raises, on every rank.
     """
-    comm, held = MPI.COMM_WORLD, []
-    on_rank_0(comm, lambda: held.append(read()))  # what was read stays on rank 0
-    square, tall = held[0] if held else ({}, {})
+    comm, parts = MPI.COMM_WORLD, []
+    run_on_rank_0(comm, lambda: parts.append(read()))  # what was read stays on rank 0
+    square, tall = parts[0] if parts else ({}, {})
     names = comm.bcast(list(square), root=0)
     matrices = {name: _spread_matrix(comm, square.get(name)) for name in names}
     shares = [
@@ -119,10 +119,10 @@ def _spread_matrix(comm: Any, matrix: Any) -> PETSc.Mat:
     shape = comm.bcast(whole.shape, root=0)
     csr = (whole.indptr.astype(PETSc.IntType), whole.indices.astype(PETSc.IntType), whole.data)
     gathered = PETSc.Mat().createAIJ(tuple(zip(whole.shape, shape, strict=True)), csr=csr, comm=comm)
-    mine = [np.array_split(np.arange(size, dtype=PETSc.IntType), comm.size)[comm.rank] for size in shape]
-    chosen = [PETSc.IS().createGeneral(indices, comm=comm) for indices in mine]
-    result = gathered.createSubMatrix(*chosen)
-    for part in (gathered, *chosen):
+    local_rows = [np.array_split(np.arange(size, dtype=PETSc.IntType), comm.size)[comm.rank] for size in shape]
+    index_sets = [PETSc.IS().createGeneral(indices, comm=comm) for indices in local_rows]
+    result = gathered.createSubMatrix(*index_sets)
+    for part in (gathered, *index_sets):
         part.destroy()
     return result
 
@@ -134,14 +134,14 @@ def _check_layout(name: str, matrix: PETSc.Mat, mass: PETSc.Mat) -> None:
     shape, size = matrix.getSize(), mass.getSize()[0]
     if shape != (size, size) or size == 0:
         raise StructureError(f"{name} has shape {shape}; allowed is {(size, size) if matrix is not mass else 'square'}")
-    own, other = matrix.getOwnershipRange(), mass.getOwnershipRange()
+    rows, mass_rows = matrix.getOwnershipRange(), mass.getOwnershipRange()
     columns = matrix.getOwnershipRangeColumn()
-    apart = own != other or columns != other
+    differs = rows != mass_rows or columns != mass_rows
     refuse_together(
         mass.comm.tompi4py(),
-        f"{name} has rows {own[0]} to {own[1]} and columns {columns[0]} to {columns[1]} here, but mass has rows "
-        f"{other[0]} to {other[1]}; allowed are the same"
-        if apart
+        f"{name} has rows {rows[0]} to {rows[1]} and columns {columns[0]} to {columns[1]} here, but mass has rows "
+        f"{mass_rows[0]} to {mass_rows[1]}; allowed are the same"
+        if differs
         else "",
     )
     if not matrix.assembled:
@@ -159,11 +159,11 @@ def _symmetric_copy(name: str, matrix: PETSc.Mat) -> PETSc.Mat:
         raise StructureError(f"{name} holds numbers that are not finite")
     transposed = A.transpose(PETSc.Mat())
     skew = A.copy()
-    skew.axpy(-1.0, transposed, structure=DIFFERENT)
-    lack = skew.norm()
-    if lack > SYMMETRY * scale:
-        raise StructureError(f"{name} is not symmetric: |A - Aᵀ| = {lack:.1e}, |A| = {scale:.1e}")
-    A.axpy(1.0, transposed, structure=DIFFERENT)
+    skew.axpy(-1.0, transposed, structure=DIFFERENT_PATTERN)
+    asymmetry = skew.norm()
+    if asymmetry > SYMMETRY_TOLERANCE * scale:
+        raise StructureError(f"{name} is not symmetric: |A - Aᵀ| = {asymmetry:.1e}, |A| = {scale:.1e}")
+    A.axpy(1.0, transposed, structure=DIFFERENT_PATTERN)
     A.scale(0.5)
     near = matrix.getNearNullSpace()  # for multigrid
     if near:
@@ -173,7 +173,7 @@ def _symmetric_copy(name: str, matrix: PETSc.Mat) -> PETSc.Mat:
     return A
 
 
-def _definite(name: str, matrix: PETSc.Mat) -> str:
+def _check_definite(name: str, matrix: PETSc.Mat) -> str:
     """Refuses by the pivots of a factor, which uses the matrix up; returns what to warn of where it has no room."""
     kind = "semi-definite" if name == "damping" else "definite"
     try:
@@ -185,11 +185,11 @@ def _definite(name: str, matrix: PETSc.Mat) -> str:
     return ""
 
 
-def _definite_stiffness(K: PetscMatrix, R: np.ndarray, algebra: PetscAlgebra) -> str:
+def _check_definite_stiffness(K: PetscMatrix, R: np.ndarray, algebra: PetscAlgebra) -> str:
     """The same of K beside its rigid motions, where pivots alone would not do: round-off makes zeros positive."""
     fixed = fixed_dofs(R, algebra)
     try:
-        with closing(PetscFactor(held(K.mat.copy(), fixed))) as factor:
+        with closing(PetscFactor(fix_dofs(K.mat.copy(), fixed))) as factor:
             singular = is_singular(K, factor, algebra, fixed)
     except MemoryShortage as error:
         return f"stiffness: nobody has seen whether it is positive definite: {error.shortage}"
@@ -200,19 +200,19 @@ def _definite_stiffness(K: PetscMatrix, R: np.ndarray, algebra: PetscAlgebra) ->
     return ""
 
 
-def _lifted(damping: PETSc.Mat, mass: PETSc.Mat) -> PETSc.Mat:
+def _shift_by_round_off(damping: PETSc.Mat, mass: PETSc.Mat) -> PETSc.Mat:
     """D + ε I, where ε is what counts as round-off: D may be singular."""
     result = mass.copy()  # has a whole diagonal
     result.zeroEntries()
-    result.shift(SYMMETRY * damping.norm())
-    result.axpy(1.0, damping, structure=DIFFERENT)
+    result.shift(SYMMETRY_TOLERANCE * damping.norm())
+    result.axpy(1.0, damping, structure=DIFFERENT_PATTERN)
     return result
 
 
 def _checked_columns(comm: Any, columns: Mapping[str, Any], kind: str, local: int) -> dict[str, np.ndarray]:
     """Local rows of columns by name, (rows here, columns)."""
-    asked = comm.allgather([(name, isinstance(value, PETSc.Mat)) for name, value in columns.items()])
-    if any(others != asked[0] for others in asked):
+    columns_by_rank = comm.allgather([(name, isinstance(value, PETSc.Mat)) for name, value in columns.items()])
+    if any(others != columns_by_rank[0] for others in columns_by_rank):
         raise StructureError(f"{kind}: the ranks give different names, or only some of them a PETSc matrix")
     return {name: _checked_block(comm, value, f"{kind}[{name!r}]", local) for name, value in columns.items()}
 
@@ -220,7 +220,7 @@ def _checked_columns(comm: Any, columns: Mapping[str, Any], kind: str, local: in
 def _checked_block(comm: Any, value: Any, where: str, local: int) -> np.ndarray:
     complaint, block = "", np.empty((0, 0))
     try:
-        block = _rows_here(value)
+        block = _local_rows(value)
     except (TypeError, ValueError, PETSc.Error) as error:
         complaint = f"{where} cannot be read as columns: {error}"
     if not complaint and (block.ndim != 2 or block.shape[0] != local or block.shape[1] == 0):
@@ -234,7 +234,7 @@ def _checked_block(comm: Any, value: Any, where: str, local: int) -> np.ndarray:
     return block
 
 
-def _rows_here(value: Any) -> np.ndarray:
+def _local_rows(value: Any) -> np.ndarray:
     """The rows of this rank of a PETSc matrix, of PETSc vectors or of an array."""
     if isinstance(value, PETSc.Mat):
         dense = value.convert("dense", PETSc.Mat())

@@ -44,7 +44,10 @@ CHANGING = {  # what a run may have different from what a ROM was made with
     "contact": ("restitution", "method", "stiffness", "damping", "switching", "obstacles"),
     "friction": ("coefficient",),
 }
-DEFAULTS = {"damping": {"alpha": 0.0, "beta": 0.0}, "large_deformation": {"material": "st_venant_kirchhoff"}}
+DEFAULTS: dict[str, dict[str, Any]] = {
+    "damping": {"alpha": 0.0, "beta": 0.0},
+    "large_deformation": {"material": "st_venant_kirchhoff"},
+}
 UNITS = {"alpha": "1/s", "beta": "s", "acceleration": "m/s2", "stiffness": "N/m", "damping": "N s/m"}
 
 Said = Mapping[str, Any]

@@ -14,7 +14,7 @@ import numpy as np
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomError, FenicsRomWarning, FileError, SceneError
-from fenics_rom.fem.ranks import on_rank_0
+from fenics_rom.fem.ranks import run_on_rank_0
 from fenics_rom.io.hdf5 import write_whole
 from fenics_rom.io.markdown import markdown
 from fenics_rom.io.stages import Report
@@ -188,7 +188,7 @@ class _Work:
         self._fingerprint = reference.fingerprint(scene, self._dt, scene.run.snapshots)
         self._systems = {"linear": fr.assemble(linear(scene)), "nonlinear": fr.assemble(scene)}
         self._comm = self._systems["linear"].algebra.comm  # type: ignore[attr-defined]
-        self._left = on_rank_0(self._comm, lambda: self._taken_over(resume))
+        self._left = run_on_rank_0(self._comm, lambda: self._taken_over(resume))
 
     def _taken_over(self, resume: bool) -> Amplitudes | None:
         """What an earlier study left; on rank 0."""
@@ -223,7 +223,7 @@ class _Work:
         return self.kept(found), roms
 
     def _read(self, file: Path) -> Rom:
-        return on_rank_0(self._comm, lambda: fr.read_rom(file))
+        return run_on_rank_0(self._comm, lambda: fr.read_rom(file))
 
     def kept(self, found: Amplitudes) -> Amplitudes:
         """Writes what was found so far, and returns it."""
@@ -264,7 +264,7 @@ class _Work:
 
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", FenicsRomWarning)  # that the linear model is wrong is what is shown
-            rows += on_rank_0(self._comm, reduced)
+            rows += run_on_rank_0(self._comm, reduced)
         return rows, notes
 
     def _full(self, model: str, scene: Scene, dt: float, stage: str) -> Trajectory:

@@ -8,7 +8,7 @@ from typing import Any
 
 import fenics_rom as fr
 from fenics_rom.errors import FileError, SceneError, SolverError, StepError
-from fenics_rom.fem.ranks import on_rank_0
+from fenics_rom.fem.ranks import run_on_rank_0
 from fenics_rom.fem.simulate import plain_rate
 from fenics_rom.io.stages import Report
 from fenics_rom.rom.rom import Rom
@@ -154,7 +154,7 @@ class _Study:
         self._fingerprint = reference.fingerprint(self._scene, step, shapes)
         self._reference: Trajectory | None = None
         self._last: Rom | None = None
-        found = on_rank_0(self._comm, lambda: self._taken_over(resume, or_begin))
+        found = run_on_rank_0(self._comm, lambda: self._taken_over(resume, or_begin))
         self.findings = found or self._begun(step)
         self._add()
 
@@ -230,7 +230,7 @@ class _Study:
         rows: tuple[Row, ...] = ()
         notes: tuple[str, ...] = ()
         if not self.findings.of(method, benchmark.order_of(rom)):  # else more was asked for than is numerically there
-            rows, notes = on_rank_0(self._comm, lambda: self._rows(rom, seconds, method))
+            rows, notes = run_on_rank_0(self._comm, lambda: self._rows(rom, seconds, method))
         hankel = self.findings.hankel
         if method == "balanced":
             hankel = {name: tuple(mode.hankel_singular_values) for name, mode in rom.contact_models.items()}
@@ -281,7 +281,7 @@ def _longest_step(system: System, tolerance: float, report: Report) -> float:
             f"{pareto.length(steps[-2])}, the smallest that was tried"
         )
 
-    return on_rank_0(system.algebra.comm, search)  # type: ignore[attr-defined]
+    return run_on_rank_0(system.algebra.comm, search)  # type: ignore[attr-defined]
 
 
 def _why_not(findings: Findings, tolerance: float) -> str:

@@ -17,9 +17,9 @@ from fenics_rom.cli.main import main
 from fenics_rom.errors import FenicsRomWarning, SolverError, StepError
 from fenics_rom.fem.assemble import dolfinx_nodes
 from fenics_rom.fem.dolfinx_compat import create_tetrahedra, vector_space
-from fenics_rom.fem.finite_strain.model import Load
+from fenics_rom.fem.finite_strain.model import ExternalForce
 from fenics_rom.fem.finite_strain.newton import NotConvergedError
-from fenics_rom.fem.finite_strain.residuals import Equilibrium, Midpoint, Start
+from fenics_rom.fem.finite_strain.residuals import MidpointResidual, QuasiStaticResidual, StepStart
 from fenics_rom.fem.mesh import read_mesh
 from fenics_rom.fem.nodes import canonical_nodes
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
@@ -69,9 +69,9 @@ def unbalanced(body, begun=0.0):
 def start_at(system, x, v=None):
     """The start of a step at local rows x."""
     model = system.deformation.model
-    u = model.everywhere(x)
+    u = model.nodal_field(x)
     H = model.points.gradients(u)
-    return Start(x, np.zeros_like(x) if v is None else v, u, H, strain(H))
+    return StepStart(x, np.zeros_like(x) if v is None else v, u, H, strain(H))
 
 
 def state(system, size, seed=0):
@@ -90,7 +90,7 @@ def test_elastic_force_is_what_dolfinx_makes_of_the_energy(beam, law, degree):
     nodes = canonical_nodes(mesh, degree)
     space = vector_space(create_tetrahedra(MPI.COMM_WORLD, mesh.cells, mesh.points), degree)
     u, place = fem.Function(space), dolfinx_nodes(space, degree, nodes)
-    u.x.array.reshape(-1, 3)[place] = model.everywhere(x)
+    u.x.array.reshape(-1, 3)[place] = model.nodal_field(x)
     λ, μ = model.material.first_lame[0], model.material.shear[0]
     F = ufl.Identity(3) + ufl.grad(u)
     C = F.T * F
@@ -101,10 +101,16 @@ def test_elastic_force_is_what_dolfinx_makes_of_the_energy(beam, law, degree):
     dx = ufl.dx(metadata={"quadrature_degree": 2 * (degree - 1)})
     force = assemble_vector(fem.form(ufl.derivative(W * dx, u, ufl.TestFunction(space))))
     expected = force.array.reshape(-1, 3)[place].ravel()[model.free]
-    found = Equilibrium(model, start_at(system, x), Load(0 * x, ()), 1.0, 0 * x).at(0 * x).elastic[:, 0]
+    found = (
+        QuasiStaticResidual(model, start_at(system, x), ExternalForce(0 * x, ()), 1.0, 0 * x)
+        .evaluate(0 * x)
+        .internal_force[:, 0]
+    )
     np.testing.assert_allclose(found, expected, atol=1e-11 * np.abs(expected).max())
     energy = fem.assemble_scalar(fem.form(W * dx))
-    assert model.elastic_energy(strain(model.points.gradients(model.everywhere(x)))) == pytest.approx(energy, rel=1e-10)
+    assert model.elastic_energy(strain(model.points.gradients(model.nodal_field(x)))) == pytest.approx(
+        energy, rel=1e-10
+    )
 
 
 @BOTH_LAWS
@@ -113,9 +119,11 @@ def test_at_rest_the_tangent_is_the_linear_stiffness(beam, law, degree):
     springs = '[effects.springs.ground]\nsurface = "right"\nstiffness = 50.0'
     system = assembled(beam, f"inertia = {{}}\n{large(law)}{springs}", degree=degree)
     model, zero, dx = system.deformation.model, np.zeros((system.size, 1)), state(system, 1.0)
-    equation = Equilibrium(model, start_at(system, zero), Load(zero, ()), 1.0, zero)
+    equation = QuasiStaticResidual(model, start_at(system, zero), ExternalForce(zero, ()), 1.0, zero)
     expected = system.stiffness @ dx
-    np.testing.assert_allclose(equation.changed(equation.at(zero), dx), expected, atol=1e-12 * np.abs(expected).max())
+    np.testing.assert_allclose(
+        equation.apply_tangent(equation.evaluate(zero), dx), expected, atol=1e-12 * np.abs(expected).max()
+    )
 
 
 @BOTH_LAWS
@@ -132,12 +140,16 @@ def test_tangent_is_the_change_of_the_residual(hollow, law, kind, degree):
     system = assembled(hollow, effects, degree=degree)
     model = system.deformation.model
     x, v, dv = state(system, 4e-3, 1), state(system, 0.1, 2), state(system, 1.0, 3)
-    load = Load(state(system, 1.0, 4), ((2e4, model.followers["air"]), (50.0, model.followers["cable"])))
+    load = ExternalForce(state(system, 1.0, 4), ((2e4, model.followers["air"]), (50.0, model.followers["cable"])))
     start, h = start_at(system, x, v), 0.02
-    equation = Midpoint(model, start, load, h) if kind == "midpoint" else Equilibrium(model, start, load, h, 0 * x)
+    equation = (
+        MidpointResidual(model, start, load, h)
+        if kind == "midpoint"
+        else QuasiStaticResidual(model, start, load, h, 0 * x)
+    )
     at = state(system, 0.3, 5)
-    ahead, behind = equation.at(at + 1e-6 * dv).residual, equation.at(at - 1e-6 * dv).residual
-    found = equation.changed(equation.at(at), dv)
+    ahead, behind = equation.evaluate(at + 1e-6 * dv).residual, equation.evaluate(at - 1e-6 * dv).residual
+    found = equation.apply_tangent(equation.evaluate(at), dv)
     np.testing.assert_allclose(found, (behind - ahead) / 2e-6, atol=1e-6 * np.abs(found).max())
 
 
@@ -164,7 +176,7 @@ def test_pressure_is_the_slope_of_the_volume_and_a_tendon_that_of_its_length(hol
     volume = volume_of(system, air)
     change = (volume(x + 1e-6 * dx) - volume(x - 1e-6 * dx)) / 2e-6
     assert body.follower(x)["air"][:, 0] @ dx == pytest.approx(change, rel=1e-6)
-    closed = air.force(body.model.everywhere(x[:, None]))
+    closed = air.force(body.model.nodal_field(x[:, None]))
     np.testing.assert_allclose(closed.sum(axis=0), 0, atol=1e-14)  # a closed surface pushes nothing as a whole
     assert volume(0 * x) == pytest.approx(0.1**3, rel=0.5)
 
@@ -174,7 +186,7 @@ def volume_of(system, air):
     model = system.deformation.model
 
     def volume(x):
-        y = system.body.nodes + model.everywhere(x[:, None])
+        y = system.body.nodes + model.nodal_field(x[:, None])
         return -(air.force(y - system.body.nodes) * -y).sum() / 3
 
     return volume
@@ -301,8 +313,8 @@ def test_viscosity_does_not_feel_a_rotation(beam):
     )
     h, x = 1e-2, turned(system, np.pi / 2)
     v = (turned(system, np.pi / 2 + 0.1) - x) / h
-    trial = Midpoint(system.deformation.model, start_at(system, x, v), Load(0 * x, ()), h).at(v)
-    assert np.abs(trial.elastic).max() <= 1e-10 * np.abs(system.damping @ v).max()
+    trial = MidpointResidual(system.deformation.model, start_at(system, x, v), ExternalForce(0 * x, ()), h).evaluate(v)
+    assert np.abs(trial.internal_force).max() <= 1e-10 * np.abs(system.damping @ v).max()
 
 
 def test_momentum_and_angular_momentum_of_a_free_body(beam):
@@ -313,14 +325,14 @@ def test_momentum_and_angular_momentum_of_a_free_body(beam):
     v = np.cross([1.0, 2.0, 3.0], y) + [0.1, 0.2, 0.3] + 0.3 * random.standard_normal(y.shape)
     body.set_state(np.zeros(v.size), v.ravel())
 
-    def mass_times_basis():
+    def momenta():
         Mv = (system.mass @ body.v).reshape(-1, 3)
         return np.concatenate([Mv.sum(axis=0), np.cross(body.displacement() + y, Mv).sum(axis=0)])
 
-    begun, energy = mass_times_basis(), body.energy
+    begun, energy = momenta(), body.energy
     for _ in range(15):
         body.step(StepInput(np.zeros(3)))
-    np.testing.assert_allclose(mass_times_basis(), begun, atol=ROUND_OFF * np.abs(begun).max())
+    np.testing.assert_allclose(momenta(), begun, atol=ROUND_OFF * np.abs(begun).max())
     assert body.ledger.dissipated > 0.05 * energy
     assert unbalanced(body, energy) <= ROUND_OFF * energy
     body.close()

@@ -152,7 +152,7 @@ def prepare(folder: Path) -> None:
     """The mesh, a table, and things that are neither."""
     import os
 
-    gmsh_file.arrays_of = arrays_found_here
+    gmsh_file.read_arrays = arrays_found_here
     write_arrays(folder / "box.msh", *box_arrays((1.0, 0.4, 0.3), (2, 1, 1)))
     (folder / "push.csv").write_text(TABLE)
     os.mkfifo(folder / "pipe")

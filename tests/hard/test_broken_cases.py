@@ -168,7 +168,7 @@ def one_material_for_all(patch, demo):
 
 def mass_for_safety(patch, demo):
     """A constant of 1e-9 kg on the diagonal of M, which nobody sees in bodies of a metre."""
-    right = assemble._symmetric
+    right = assemble._symmetrize
 
     def shifted(matrix):
         matrix = right(matrix)
@@ -176,7 +176,7 @@ def mass_for_safety(patch, demo):
         matrix.shift(1e-9 if largest < 1e-5 else 0.0)
         return matrix
 
-    patch.setattr(assemble, "_symmetric", shifted)
+    patch.setattr(assemble, "_symmetrize", shifted)
 
 
 def singular_values_above_a_constant(patch, demo):

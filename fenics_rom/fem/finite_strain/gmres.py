@@ -10,10 +10,10 @@ from fenics_rom.fem.direct import PetscFactor
 
 Array = np.ndarray
 
-MOST = 60  # products for one solution
+MAX_PRODUCTS = 60  # for one solution
 
 
-class Krylov:
+class Gmres:
     """GMRES (Saad & Schultz, 1986) on vectors of which each rank holds its rows.
 
     Args:
@@ -35,7 +35,7 @@ class Krylov:
         self._ksp = PETSc.KSP().create(comm)
         self._ksp.setOperators(self._matrix)
         self._ksp.setType("gmres")
-        self._ksp.setGMRESRestart(MOST)
+        self._ksp.setGMRESRestart(MAX_PRODUCTS)
         self._ksp.setPCSide(PETSc.PC.Side.RIGHT)  # so that it is the residual itself that gets small
         self._preconditioner = self._ksp.getPC()
         self._preconditioner.setType("python")
@@ -46,7 +46,7 @@ class Krylov:
         self._apply, self._factor = apply, factor
         self._right.array[:] = right[:, 0]
         self._solution.set(0.0)
-        self._ksp.setTolerances(rtol=residual, atol=0.0, max_it=MOST)
+        self._ksp.setTolerances(rtol=residual, atol=0.0, max_it=MAX_PRODUCTS)
         self._ksp.solve(self._right, self._solution)
         return self._solution.array[:, None].copy()
 
@@ -60,20 +60,20 @@ class Krylov:
 class _Product:
     """The matrix as PETSc calls it."""
 
-    def __init__(self, krylov: Krylov):
-        self._krylov = krylov
+    def __init__(self, gmres: Gmres):
+        self._gmres = gmres
 
     def mult(self, _: Any, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        self._krylov.products += 1
-        y.array[:] = self._krylov._apply(x.array_r[:, None])[:, 0]
+        self._gmres.products += 1
+        y.array[:] = self._gmres._apply(x.array_r[:, None])[:, 0]
 
 
 class _Preconditioner:
     """The factor as PETSc calls it."""
 
-    def __init__(self, krylov: Krylov):
-        self._krylov = krylov
+    def __init__(self, gmres: Gmres):
+        self._gmres = gmres
 
     def apply(self, _: Any, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        assert self._krylov._factor is not None
-        self._krylov._factor.apply(x, y)
+        assert self._gmres._factor is not None
+        self._gmres._factor.apply(x, y)

@@ -5,9 +5,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fenics_rom.fem.finite_strain.follower_loads import Follower
-from fenics_rom.fem.finite_strain.quadrature import Points
-from fenics_rom.fem.finite_strain.stresses import Material
+from fenics_rom.fem.finite_strain.follower_loads import FollowerLoad
+from fenics_rom.fem.finite_strain.quadrature import QuadraturePoints
+from fenics_rom.fem.finite_strain.stresses import HyperelasticMaterial
 from fenics_rom.fem.petsc_matrix import PetscMatrix
 from fenics_rom.system.system import Algebra
 
@@ -15,7 +15,7 @@ Array = np.ndarray
 
 
 @dataclass(frozen=True)
-class Model:
+class FiniteStrainModel:
     """M, D_c and K_s, the points that strain, and what follows the body.
 
     Attributes:
@@ -32,21 +32,25 @@ class Model:
     mass: PetscMatrix
     external_damping: PetscMatrix | None
     spring: PetscMatrix | None
-    points: Points
-    material: Material
-    followers: Mapping[str, Follower]
+    points: QuadraturePoints
+    material: HyperelasticMaterial
+    followers: Mapping[str, FollowerLoad]
     free: Array
     algebra: Algebra
 
-    def everywhere(self, x: Array) -> Array:
+    def nodal_field(self, x: Array) -> Array:
         """Displacements (N, 3) of all nodes from local rows (rows here, 1)."""
-        field = np.zeros(3 * self.points.count)
+        field = np.zeros(3 * self.points.node_count)
         field[self.free] = self.algebra.gather(x)[:, 0]
         return field.reshape(-1, 3)
 
-    def here(self, field: Array) -> Array:
+    def local_rows(self, field: Array) -> Array:
         """Local rows (rows here, 1) of a field of all nodes (N, 3)."""
         return field.ravel()[self.free[self.algebra.rows()], None]
+
+    def internal_force(self, P: Array) -> Array:
+        """∫ P : ∇δ (rows here, 1), N, of first Piola-Kirchhoff stresses (3, 3, P here), Pa."""
+        return self.local_rows(self.points.internal_force(P))
 
     def dot(self, left: Array, right: Array) -> float:
         """leftᵀ right of columns (rows here, 1)."""
@@ -54,11 +58,11 @@ class Model:
 
     def elastic_energy(self, E: Array) -> float:
         """∫ W, J, of Green strains (6, P here)."""
-        return self.points.integral(self.material.energy_density(E))
+        return self.points.integrate(self.material.energy_density(E))
 
 
 @dataclass(frozen=True)
-class Load:
+class ExternalForce:
     """What pushes in a step.
 
     Attributes:
@@ -67,17 +71,19 @@ class Load:
     """
 
     dead: Array
-    following: tuple[tuple[float, Follower], ...]
+    following: tuple[tuple[float, FollowerLoad], ...]
 
-    def force(self, model: Model, u: Array) -> Array:
+    def at(self, model: FiniteStrainModel, u: Array) -> Array:
         """(rows here, 1), N, at displacements of all nodes (N, 3)."""
-        return self.dead + model.here(sum((value * one.force(u) for value, one in self.following), np.zeros_like(u)))
+        forces = (value * follower.force(u) for value, follower in self.following)
+        return self.dead + model.local_rows(sum(forces, np.zeros_like(u)))
 
-    def changed(self, model: Model, u: Array, du: Array) -> Array:
+    def jvp(self, model: FiniteStrainModel, u: Array, du: Array) -> Array:
         """Change (rows here, 1) of the force with that of displacements of all nodes (N, 3)."""
-        return model.here(sum((value * one.changed(u, du) for value, one in self.following), np.zeros_like(u)))
+        changes = (value * follower.jvp(u, du) for value, follower in self.following)
+        return model.local_rows(sum(changes, np.zeros_like(u)))
 
 
-def times(matrix: PetscMatrix | None, column: Array) -> Array:
+def multiply(matrix: PetscMatrix | None, column: Array) -> Array:
     """Product (rows here, 1) with a matrix that may be absent, which stands for zero."""
     return np.zeros_like(column) if matrix is None else matrix @ column

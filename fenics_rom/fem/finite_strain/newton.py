@@ -13,18 +13,18 @@ from typing import Protocol
 import numpy as np
 
 from fenics_rom.fem.direct import PetscFactor
-from fenics_rom.fem.finite_strain.gmres import Krylov
-from fenics_rom.fem.finite_strain.residuals import Equation, Trial
+from fenics_rom.fem.finite_strain.gmres import Gmres
+from fenics_rom.fem.finite_strain.residuals import StepResidual, TrialStep
 from fenics_rom.mechanics.contact import ContactSolution
 
 Array = np.ndarray
 
-CONVERGED = 1e-12  # of the forces in a step
-STALLED = 1e-8  # of them: what may be left where round-off lets it get no smaller
-ITERATIONS = 25
-SHORTEST = 1 / 32  # share of a Newton step
-LEAST = 0.1  # share of what a Newton step promises that it must keep
-COARSE, FINE = 0.01, 1e-6  # residuals that linear systems are solved to, at first and at most
+CONVERGENCE_TOLERANCE = 1e-12  # share of the forces in a step
+STAGNATION_TOLERANCE = 1e-8  # share of them that may be left where round-off lets it get no smaller
+MAX_ITERATIONS = 25
+MIN_STEP_SHARE = 1 / 32  # of a Newton step
+SUFFICIENT_DECREASE = 0.1  # share of what a Newton step promises that it must keep
+MAX_FORCING, MIN_FORCING = 0.01, 1e-6  # residuals that linear systems are solved to, at first and at best
 
 
 class NotConvergedError(Exception):
@@ -32,21 +32,25 @@ class NotConvergedError(Exception):
 
 
 @dataclass(frozen=True)
-class Solution:
-    """A step that was found.
+class NewtonIterate:
+    """A mid-step velocity that Newton's method has come to.
 
     Attributes:
         trial: its velocity and forces.
-        contact: in it; None where nothing touches.
-        iterations: of Newton's method.
+        contact: forces that were found with it; None where nothing touches.
+        residual: what they leave (rows here, 1), N.
+        size: of the residual, without end where there are no numbers for it.
+        iterations: that led to it.
     """
 
-    trial: Trial
+    trial: TrialStep
     contact: ContactSolution | None
+    residual: Array
+    size: float
     iterations: int
 
 
-class Touch(Protocol):
+class ContactCoupling(Protocol):
     """Obstacles in a step."""
 
     def resolve(self, v: Array, last: ContactSolution | None) -> ContactSolution | None:
@@ -56,69 +60,71 @@ class Touch(Protocol):
         """Its force (rows here, 1), N."""
 
 
-def solved(
-    equation: Equation,
+def solve_step(
+    equation: StepResidual,
     guesses: list[Array],
     factor: PetscFactor,
-    krylov: Krylov,
-    touch: Touch | None,
+    gmres: Gmres,
+    coupling: ContactCoupling | None,
     dot: Callable[[Array, Array], float],
     last: ContactSolution | None,
-) -> Solution:
+) -> NewtonIterate:
     """Solves the equations of a step; every rank must call it.
 
     Args:
         equation: of the step.
         guesses: of its mid-step velocity (rows here, 1); the best is where the search begins.
         factor: of a symmetric positive definite matrix that stands for the tangent.
-        krylov: what solves with the tangent itself.
-        touch: the obstacles; None: there are none.
+        gmres: what solves with the tangent itself.
+        coupling: the obstacles; None: there are none.
         dot: product of columns (rows here, 1).
         last: contact in the step before, whose forces are the first guess.
 
     Raises:
-        NotConvergedError: there is none within training_radius.
+        NotConvergedError: there is none within reach.
     """
 
-    def measured(v: Array, touched: ContactSolution | None) -> tuple[float, Array, Trial]:
-        """Size of the residual, the residual and what it is made of; without end where there are no numbers for it."""
+    def iterate_at(v: Array, contact: ContactSolution | None, iterations: int) -> NewtonIterate:
         with np.errstate(all="ignore"):  # a shape without an energy is refused for its size
-            trial = equation.at(v)
-            residual = trial.residual if touch is None else trial.residual + touch.push(touched)
+            trial = equation.evaluate(v)
+            residual = trial.residual if coupling is None else trial.residual + coupling.push(contact)
             size = dot(residual, residual)
             if math.isfinite(size):
                 size = math.sqrt(max(dot(residual, factor.solve(residual)), 0.0))
-        return (size if math.isfinite(size) else math.inf), residual, trial
+        return NewtonIterate(trial, contact, residual, size if math.isfinite(size) else math.inf, iterations)
 
-    size, residual, trial = min((measured(guess, last) for guess in guesses), key=lambda found: found[0])
-    if size == math.inf:
+    current = min((iterate_at(guess, last, 0) for guess in guesses), key=lambda iterate: iterate.size)
+    if current.size == math.inf:
         raise NotConvergedError
-    terms = equation.terms(trial)
-    scale = math.sqrt(max(dot(terms[:, [k]], part[:, None]) for k, part in enumerate(factor.solve(terms).T)))
-    touched, forcing, settled = last, COARSE, touch is None
-    for iteration in range(ITERATIONS):
-        if settled and size <= CONVERGED * scale:
-            return Solution(trial, touched, iteration)
-        direction = np.zeros_like(trial.v)
-        if size > 0:
-            direction = krylov.solve(partial(equation.changed, trial), factor, residual, forcing)
-        share, before, was = 1.0, size, trial
+    terms = equation.terms(current.trial)
+    scale = math.sqrt(max(dot(terms[:, [k]], column[:, None]) for k, column in enumerate(factor.solve(terms).T)))
+    forcing, contact_resolved = MAX_FORCING, coupling is None
+    for iteration in range(MAX_ITERATIONS):
+        if contact_resolved and current.size <= CONVERGENCE_TOLERANCE * scale:
+            return current
+        direction = np.zeros_like(current.trial.v)
+        if current.size > 0:
+            tangent = partial(equation.apply_tangent, current.trial)
+            direction = gmres.solve(tangent, factor, current.residual, forcing)
+        share, previous = 1.0, current
         while True:
-            v, now = was.v + share * direction, touched
-            if touch is not None:
-                now = touch.resolve(v, touched)
-                v = v + factor.solve(touch.push(now) - touch.push(touched))
-            size, residual, trial = measured(v, now)
-            if size <= (1 - LEAST * share) * before or (touch is not None and size < math.inf):
+            v, contact = previous.trial.v + share * direction, previous.contact
+            if coupling is not None:
+                contact = coupling.resolve(v, previous.contact)
+                v = v + factor.solve(coupling.push(contact) - coupling.push(previous.contact))
+            current = iterate_at(v, contact, iteration + 1)
+            decreased = current.size <= (1 - SUFFICIENT_DECREASE * share) * previous.size
+            if decreased or (coupling is not None and current.size < math.inf):
                 break
-            if settled and before <= STALLED * scale:
-                return Solution(was, touched, iteration)
+            if contact_resolved and previous.size <= STAGNATION_TOLERANCE * scale:
+                return previous
             share /= 2
-            if share < SHORTEST:
+            if share < MIN_STEP_SHARE:
                 raise NotConvergedError
-        touched, settled = now, True
-        if STALLED * scale >= size > before / 2:
-            return Solution(trial, touched, iteration + 1)
-        if size > 0 and before > 0:
-            forcing = min(COARSE, max(FINE, (size / before) ** 2, CONVERGED * scale / (3 * size)))
+        contact_resolved = True
+        if STAGNATION_TOLERANCE * scale >= current.size > previous.size / 2:
+            return current
+        if current.size > 0 and previous.size > 0:  # Eisenstat & Walker, 1996
+            reached = (current.size / previous.size) ** 2
+            forcing = min(MAX_FORCING, max(MIN_FORCING, reached, CONVERGENCE_TOLERANCE * scale / (3 * current.size)))
     raise NotConvergedError

@@ -13,18 +13,18 @@ import numpy as np
 import scipy.sparse
 from petsc4py import PETSc
 
-from fenics_rom.fem.finite_strain.quadrature import Points
-from fenics_rom.fem.finite_strain.stresses import UNIT, Material
+from fenics_rom.fem.finite_strain.quadrature import QuadraturePoints
+from fenics_rom.fem.finite_strain.stresses import IDENTITY, HyperelasticMaterial
 from fenics_rom.fem.petsc_matrix import PetscMatrix
 from fenics_rom.mechanics.hyperelastic import VOIGT_PAIRS, VOIGT_SHEAR
 
 Array = np.ndarray
-AT_ONCE = 4096  # cells
+CELLS_PER_BATCH = 4096
 
 
 @dataclass(frozen=True)
-class Weights:
-    """Coefficients: `mass` a, 1/s; `external_damping` b; `stiffness` c, s; `viscosity` d."""
+class TangentCoefficients:
+    """The numbers in A: `mass` a, 1/s; `external_damping` b; `stiffness` c, s; `viscosity` d."""
 
     mass: float
     external_damping: float
@@ -32,78 +32,79 @@ class Weights:
     viscosity: float
 
 
-class StepMatrix:
-    """Assembles it, again and again in the same pattern.
+class TangentPreconditioner:
+    """Assembles A, again and again in the same pattern.
 
     Args:
         points: of the cells of this rank.
         material: theirs.
         free: (n,) free displacement components; either all or none of a node.
         rows: of this rank among them.
-        constant: M, D_c and K_s; None: zero.
+        constant_terms: M, D_c and K_s; None: zero.
     """
 
     def __init__(
         self,
-        points: Points,
-        material: Material,
+        points: QuadraturePoints,
+        material: HyperelasticMaterial,
         free: Array,
         rows: slice,
-        constant: tuple[PetscMatrix, PetscMatrix | None, PetscMatrix | None],
+        constant_terms: tuple[PetscMatrix, PetscMatrix | None, PetscMatrix | None],
     ):
-        self._points, self._material, self._constant = points, material, constant
-        self._free, self._rows, self._comm = free, rows, constant[0].mat.comm
-        number = np.full(points.count, -1)  # of a free node
-        number[free[::3] // 3] = np.arange(len(free) // 3)
-        of_cells = number[points.of_cells]
-        row, column = np.broadcast_arrays(of_cells[:, :, None], of_cells[:, None, :])
+        self._points, self._material, self._constant_terms = points, material, constant_terms
+        self._free, self._rows, self._comm = free, rows, constant_terms[0].mat.comm
+        free_number = np.full(points.node_count, -1)
+        free_number[free[::3] // 3] = np.arange(len(free) // 3)
+        cell_nodes = free_number[points.cell_nodes]
+        row, column = np.broadcast_arrays(cell_nodes[:, :, None], cell_nodes[:, None, :])
         self._both_free = (row >= 0) & (column >= 0)
         count, row, column = len(free) // 3, row[self._both_free], column[self._both_free]
         pairs, slots = np.unique(row * count + column, return_inverse=True)
-        blocks = np.ones(len(slots)), (slots.ravel(), np.arange(len(slots)))
-        self._sums = scipy.sparse.csr_matrix(blocks, shape=(len(pairs), len(slots)))
-        self._columns, self._starts = pairs % count, np.searchsorted(pairs, count * np.arange(count + 1))
+        ones = np.ones(len(slots)), (slots.ravel(), np.arange(len(slots)))
+        self._sum_cells = scipy.sparse.csr_matrix(ones, shape=(len(pairs), len(slots)))
+        self._columns, self._row_starts = pairs % count, np.searchsorted(pairs, count * np.arange(count + 1))
 
-    def assembled(self, H: Array, weights: Weights) -> PETSc.Mat:
+    def assemble(self, H: Array, coefficients: TangentCoefficients) -> PETSc.Mat:
         """The matrix at displacement gradients (3, 3, P here); every rank must call it."""
         m, (C, Q, A, _) = self._material, self._points.shape_gradients.shape
-        D = self._points.weights * (weights.stiffness + weights.viscosity * m.viscosity) * m.linear_moduli
-        F, blocks = UNIT + H, np.empty((C, A, A, 3, 3))
-        for first in range(0, C, AT_ONCE):
-            cells, at = slice(first, first + AT_ONCE), slice(first * Q, (first + AT_ONCE) * Q)
-            blocks[cells] = _blocks(self._points.shape_gradients[cells], F[:, :, at], D[:, :, at])
-        sums = (self._sums @ blocks[self._both_free].reshape(-1, 9)).reshape(-1, 3, 3)
-        total = scipy.sparse.bsr_matrix((sums, self._columns, self._starts), shape=2 * (len(self._free),)).tocsr()
-        return self._with_constants(self._exchanged(total), weights)
+        scale = coefficients.stiffness + coefficients.viscosity * m.viscosity
+        D = self._points.weights * scale * m.linear_moduli
+        F, blocks = IDENTITY + H, np.empty((C, A, A, 3, 3))
+        for first in range(0, C, CELLS_PER_BATCH):
+            cells, points = slice(first, first + CELLS_PER_BATCH), slice(first * Q, (first + CELLS_PER_BATCH) * Q)
+            blocks[cells] = _cell_blocks(self._points.shape_gradients[cells], F[:, :, points], D[:, :, points])
+        sums = (self._sum_cells @ blocks[self._both_free].reshape(-1, 9)).reshape(-1, 3, 3)
+        bsr = sums, self._columns, self._row_starts
+        total = scipy.sparse.bsr_matrix(bsr, shape=2 * (len(self._free),)).tocsr()
+        return self._add_constant_terms(self._exchange_rows(total), coefficients)
 
-    def _exchanged(self, total: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:
+    def _exchange_rows(self, total: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:
         """The rows of this rank (rows here, n), of all ranks' parts."""
         comm = self._comm.tompi4py()
         if comm.size == 1:
             return total
-        rows = comm.allgather(self._rows)
-        return sum(comm.alltoall([total[there] for there in rows]))
+        return sum(comm.alltoall([total[rows] for rows in comm.allgather(self._rows)]))
 
-    def _with_constants(self, here: scipy.sparse.csr_matrix, weights: Weights) -> PETSc.Mat:
-        here.sort_indices()
-        local, size = here.shape
-        csr = (here.indptr.astype(PETSc.IntType), here.indices.astype(PETSc.IntType), here.data)
-        matrix = PETSc.Mat().createAIJ(((local, size), (local, size)), csr=csr, comm=self._comm)
-        coefficients = weights.mass, weights.external_damping, weights.stiffness
-        for coefficient, term in zip(coefficients, self._constant, strict=True):
-            if term is not None and coefficient:
-                matrix.axpy(coefficient, term.mat, structure=PETSc.Mat.Structure.UNKNOWN_NONZERO_PATTERN)
+    def _add_constant_terms(self, local: scipy.sparse.csr_matrix, coefficients: TangentCoefficients) -> PETSc.Mat:
+        local.sort_indices()
+        rows, size = local.shape
+        csr = (local.indptr.astype(PETSc.IntType), local.indices.astype(PETSc.IntType), local.data)
+        matrix = PETSc.Mat().createAIJ(((rows, size), (rows, size)), csr=csr, comm=self._comm)
+        factors = coefficients.mass, coefficients.external_damping, coefficients.stiffness
+        for factor, term in zip(factors, self._constant_terms, strict=True):
+            if term is not None and factor:
+                matrix.axpy(factor, term.mat, structure=PETSc.Mat.Structure.UNKNOWN_NONZERO_PATTERN)
         return matrix
 
 
-def _blocks(shape_gradients: Array, F: Array, D: Array) -> Array:
+def _cell_blocks(shape_gradients: Array, F: Array, D: Array) -> Array:
     """Blocks (C, A, A, 3, 3) of each cell from shape functions' gradients (C, Q, A, 3), F and weighted moduli D."""
     C, Q, A, _ = shape_gradients.shape
     F, D = (values.reshape(*values.shape[:2], C, Q).transpose(2, 3, 0, 1) for values in (F, D))
-    both = np.einsum("cqki,cqaj->cqijak", F, shape_gradients)  # F_ki ∂N_a/∂X_j
+    F_dN = np.einsum("cqki,cqaj->cqijak", F, shape_gradients)  # F_ki ∂N_a/∂X_j
     i, j = VOIGT_PAIRS.T
-    rates = (both[:, :, i, j] + both[:, :, j, i]) * (VOIGT_SHEAR / 2)[:, :, None]  # ∂E/∂(a, k)
-    rates = rates.reshape(C, Q, 6, 3 * A)
-    stressed = (D @ rates).reshape(C, 6 * Q, 3 * A)
-    K = rates.reshape(C, 6 * Q, 3 * A).transpose(0, 2, 1) @ stressed
+    B = (F_dN[:, :, i, j] + F_dN[:, :, j, i]) * (VOIGT_SHEAR / 2)[:, :, None]  # ∂E/∂(a, k)
+    B = B.reshape(C, Q, 6, 3 * A)
+    D_B = (D @ B).reshape(C, 6 * Q, 3 * A)
+    K = B.reshape(C, 6 * Q, 3 * A).transpose(0, 2, 1) @ D_B
     return K.reshape(C, A, 3, A, 3).transpose(0, 1, 3, 2, 4)

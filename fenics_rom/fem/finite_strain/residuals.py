@@ -1,7 +1,7 @@
 """The equations of a step, in its mid-step velocity v̂; the state at its end is x⁺ = x + h v̂.
 
-Midpoint      M (2/h)(v̂ - v) + D_c v̂ + K_s (x + x⁺)/2 + f̂ = force((x + x⁺)/2),   f̂ = ∫ P : ∇δ
-Equilibrium   K_s x⁺ + f(x⁺) = force(x⁺)
+Motion        r = force((x + x⁺)/2) - M (2/h)(v̂ - v) - D_c v̂ - K_s (x + x⁺)/2 - f̂ = 0,   f̂ = ∫ P : ∇δ
+Equilibrium   r = force(x⁺) - K_s x⁺ - f(x⁺) = 0
 """
 
 from dataclasses import dataclass
@@ -9,15 +9,15 @@ from typing import Protocol
 
 import numpy as np
 
-from fenics_rom.fem.finite_strain.model import Load, Model, times
-from fenics_rom.fem.finite_strain.preconditioner import Weights
-from fenics_rom.fem.finite_strain.stresses import Stresses, StressesAtRest, StressesInStep
+from fenics_rom.fem.finite_strain.model import ExternalForce, FiniteStrainModel, multiply
+from fenics_rom.fem.finite_strain.preconditioner import TangentCoefficients
+from fenics_rom.fem.finite_strain.stresses import EquilibriumStresses, MidpointStresses, Stresses
 
 Array = np.ndarray
 
 
 @dataclass(frozen=True)
-class Start:
+class StepStart:
     """Where a step begins.
 
     Attributes:
@@ -34,107 +34,111 @@ class Start:
 
 
 @dataclass(frozen=True)
-class Trial:
+class TrialStep:
     """A mid-step velocity, and what is left of the equations with it.
 
     Attributes:
         v: v̂ (rows here, 1), m/s.
         residual: force that nothing balances yet (rows here, 1), N.
-        force: of the load (rows here, 1), N.
-        elastic: ∫ P : ∇δ (rows here, 1), N.
+        external_force: of what pushes (rows here, 1), N.
+        internal_force: ∫ P : ∇δ (rows here, 1), N.
         stresses: of the points.
-        u: displacements of all nodes (N, 3) that the load is taken at, m.
+        u: displacements of all nodes (N, 3) that the external force is taken at, m.
     """
 
     v: Array
     residual: Array
-    force: Array
-    elastic: Array
+    external_force: Array
+    internal_force: Array
     stresses: Stresses
     u: Array
 
 
-class Equation(Protocol):
-    """What a step has to solve."""
+class StepResidual(Protocol):
+    """What a step has to solve.
+
+    Attributes:
+        h: of the step, s.
+        coefficients: of the matrix that stands for its tangent.
+    """
 
     h: float
-    weights: Weights
+    coefficients: TangentCoefficients
 
-    def at(self, v: Array) -> Trial:
+    def evaluate(self, v: Array) -> TrialStep:
         """The equations at a mid-step velocity (rows here, 1)."""
 
-    def changed(self, trial: Trial, dv: Array) -> Array:
-        """Minus the change (rows here, 1) of a trial's residual with that of its velocity: the consistent tangent."""
+    def apply_tangent(self, trial: TrialStep, dv: Array) -> Array:
+        """-∂r/∂v̂ dv (rows here, 1) at a trial: the product with the consistent tangent."""
 
-    def terms(self, trial: Trial) -> Array:
+    def terms(self, trial: TrialStep) -> Array:
         """Forces (rows here, any) that the residual is small against."""
 
 
-class Midpoint:
-    """A step of motion. Arguments: what the body consists of, where it begins, what pushes, and the step h, s."""
+class MidpointResidual:
+    """Of a step of motion. Arguments: what the body consists of, where it begins, what pushes, and the step h, s."""
 
-    def __init__(self, model: Model, start: Start, load: Load, h: float):
-        self._model, self._start, self._load, self.h = model, start, load, h
-        self.weights = Weights(mass=2 / h, external_damping=1.0, stiffness=h / 2, viscosity=1.0)
-        self._fixed = times(model.spring, start.x)
+    def __init__(self, model: FiniteStrainModel, start: StepStart, external: ExternalForce, h: float):
+        self._model, self._start, self._external, self.h = model, start, external, h
+        self.coefficients = TangentCoefficients(mass=2 / h, external_damping=1.0, stiffness=h / 2, viscosity=1.0)
+        self._spring_force = multiply(model.spring, start.x)  # at the start
 
-    def at(self, v: Array) -> Trial:
-        """As in Equation."""
-        model, start, h = self._model, self._start, self.h
-        after = model.everywhere(start.x + h * v)
-        middle = (start.u + after) / 2
-        stresses = StressesInStep(model.material, start.H, start.E, model.points.gradients(after), h)
-        elastic = model.here(model.points.forces(stresses.first))
-        force = self._load.force(model, middle)
-        resisted = elastic + times(model.external_damping, v) + self._fixed + h / 2 * times(model.spring, v)
-        residual = force - resisted - 2 / h * (model.mass @ (v - start.v))
-        return Trial(v, residual, force, elastic, stresses, middle)
+    def evaluate(self, v: Array) -> TrialStep:
+        """As in StepResidual."""
+        m, start, h = self._model, self._start, self.h
+        u_end = m.nodal_field(start.x + h * v)
+        u_middle = (start.u + u_end) / 2
+        stresses = MidpointStresses(m.material, start.H, start.E, m.points.gradients(u_end), h)
+        internal, external = m.internal_force(stresses.P), self._external.at(m, u_middle)
+        resisting = internal + multiply(m.external_damping, v) + self._spring_force + h / 2 * multiply(m.spring, v)
+        residual = external - resisting - 2 / h * (m.mass @ (v - start.v))
+        return TrialStep(v, residual, external, internal, stresses, u_middle)
 
-    def changed(self, trial: Trial, dv: Array) -> Array:
-        """As in Equation."""
-        model, h = self._model, self.h
-        du = h * model.everywhere(dv)
-        elastic = model.here(model.points.forces(trial.stresses.changed(model.points.gradients(du))))
-        constant = 2 / h * (model.mass @ dv) + times(model.external_damping, dv) + h / 2 * times(model.spring, dv)
-        return elastic + constant - self._load.changed(model, trial.u, du / 2)
+    def apply_tangent(self, trial: TrialStep, dv: Array) -> Array:
+        """As in StepResidual."""
+        m, h = self._model, self.h
+        du = h * m.nodal_field(dv)
+        internal = m.internal_force(trial.stresses.jvp(m.points.gradients(du)))
+        linear = 2 / h * (m.mass @ dv) + multiply(m.external_damping, dv) + h / 2 * multiply(m.spring, dv)
+        return internal + linear - self._external.jvp(m, trial.u, du / 2)
 
-    def terms(self, trial: Trial) -> Array:
-        """As in Equation."""
-        return np.hstack([trial.force, trial.elastic, 2 / self.h * (self._model.mass @ self._start.v)])
+    def terms(self, trial: TrialStep) -> Array:
+        """As in StepResidual."""
+        momentum = 2 / self.h * (self._model.mass @ self._start.v)
+        return np.hstack([trial.external_force, trial.internal_force, momentum])
 
 
-class Equilibrium:
-    """A body at rest under a load, of which a part may be left out: a load that is put on step by step.
+class QuasiStaticResidual:
+    """Of a body at rest, where a part of the force may be left out: a load that is put on step by step.
 
     Args:
         model: what the body consists of.
         start: where it is before.
-        load: what pushes.
+        external: what pushes.
         h: s, in which it moves.
         missing: of the force (rows here, 1), N.
     """
 
-    def __init__(self, model: Model, start: Start, load: Load, h: float, missing: Array):
-        self._model, self._start, self._load, self.h, self._missing = model, start, load, h, missing
-        self.weights = Weights(mass=0.0, external_damping=0.0, stiffness=h, viscosity=0.0)
+    def __init__(self, model: FiniteStrainModel, start: StepStart, external: ExternalForce, h: float, missing: Array):
+        self._model, self._start, self._external, self.h, self._missing = model, start, external, h, missing
+        self.coefficients = TangentCoefficients(mass=0.0, external_damping=0.0, stiffness=h, viscosity=0.0)
 
-    def at(self, v: Array) -> Trial:
-        """As in Equation."""
-        model, x = self._model, self._start.x + self.h * v
-        after = model.everywhere(x)
-        stresses = StressesAtRest(model.material, model.points.gradients(after))
-        elastic = model.here(model.points.forces(stresses.first))
-        force = self._load.force(model, after)
-        residual = force - self._missing - elastic - times(model.spring, x)
-        return Trial(v, residual, force, elastic, stresses, after)
+    def evaluate(self, v: Array) -> TrialStep:
+        """As in StepResidual."""
+        m, x_end = self._model, self._start.x + self.h * v
+        u_end = m.nodal_field(x_end)
+        stresses = EquilibriumStresses(m.material, m.points.gradients(u_end))
+        internal, external = m.internal_force(stresses.P), self._external.at(m, u_end)
+        residual = external - self._missing - internal - multiply(m.spring, x_end)
+        return TrialStep(v, residual, external, internal, stresses, u_end)
 
-    def changed(self, trial: Trial, dv: Array) -> Array:
-        """As in Equation."""
-        model = self._model
-        du = self.h * model.everywhere(dv)
-        elastic = model.here(model.points.forces(trial.stresses.changed(model.points.gradients(du))))
-        return elastic + self.h * times(model.spring, dv) - self._load.changed(model, trial.u, du)
+    def apply_tangent(self, trial: TrialStep, dv: Array) -> Array:
+        """As in StepResidual."""
+        m = self._model
+        du = self.h * m.nodal_field(dv)
+        internal = m.internal_force(trial.stresses.jvp(m.points.gradients(du)))
+        return internal + self.h * multiply(m.spring, dv) - self._external.jvp(m, trial.u, du)
 
-    def terms(self, trial: Trial) -> Array:
-        """As in Equation."""
-        return np.hstack([trial.force, trial.elastic])
+    def terms(self, trial: TrialStep) -> Array:
+        """As in StepResidual."""
+        return np.hstack([trial.external_force, trial.internal_force])

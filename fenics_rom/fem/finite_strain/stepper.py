@@ -9,12 +9,12 @@ from fenics_rom.errors import SolverError, StepError
 from fenics_rom.fem.contact_interface import interface_of
 from fenics_rom.fem.direct import PetscFactor
 from fenics_rom.fem.finite_strain.contact import ContactInNewton
-from fenics_rom.fem.finite_strain.gmres import Krylov
-from fenics_rom.fem.finite_strain.model import Load, Model, times
-from fenics_rom.fem.finite_strain.newton import NotConvergedError, Solution, solved
-from fenics_rom.fem.finite_strain.preconditioner import StepMatrix, Weights
-from fenics_rom.fem.finite_strain.residuals import Equation, Equilibrium, Midpoint, Start
-from fenics_rom.fem.finite_strain.stresses import UNIT, StressesInStep
+from fenics_rom.fem.finite_strain.gmres import Gmres
+from fenics_rom.fem.finite_strain.model import ExternalForce, FiniteStrainModel, multiply
+from fenics_rom.fem.finite_strain.newton import NewtonIterate, NotConvergedError, solve_step
+from fenics_rom.fem.finite_strain.preconditioner import TangentCoefficients, TangentPreconditioner
+from fenics_rom.fem.finite_strain.residuals import MidpointResidual, QuasiStaticResidual, StepResidual, StepStart
+from fenics_rom.fem.finite_strain.stresses import IDENTITY, MidpointStresses
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
@@ -54,7 +54,7 @@ class FiniteStrainStepper:
     def __init__(
         self,
         system: System,
-        model: Model,
+        model: FiniteStrainModel,
         dt: float,
         environment: ActiveEnvironment | None = None,
         *,
@@ -75,11 +75,11 @@ class FiniteStrainStepper:
         self._before: tuple[Any, ...] = ()
         here = system.algebra.rows()
         rows = here.stop - here.start
-        self._matrix = StepMatrix(
+        self._matrix = TangentPreconditioner(
             model.points, model.material, model.free, here, (model.mass, model.external_damping, model.spring)
         )
-        self._krylov = Krylov(rows, system.size, model.mass.mat.comm)
-        self._factored: tuple[Weights, PetscFactor] | None = None
+        self._krylov = Gmres(rows, system.size, model.mass.mat.comm)
+        self._factored: tuple[TangentCoefficients, PetscFactor] | None = None
         self._columns: dict[str, Array] = {}
         self.set_state(np.zeros(rows), np.zeros(rows))
 
@@ -87,14 +87,14 @@ class FiniteStrainStepper:
     def energy(self) -> float:
         """Stored energy ½ vᵀMv + ½ xᵀK_s x + ∫W, J."""
         m, x, v = self._model, self.x, self.v
-        quadratic = m.dot(v, m.mass @ v) + m.dot(x, times(m.spring, x))
+        quadratic = m.dot(v, m.mass @ v) + m.dot(x, multiply(m.spring, x))
         return quadratic / 2 + m.elastic_energy(self._E)
 
     @property
     def inverted(self) -> int:
         """Number of points that are turned inside out, det F <= 0."""
-        J = np.linalg.det((UNIT + self._H).transpose(2, 0, 1))
-        return int(self._model.points.summed(np.array([np.count_nonzero(J <= 0.0)]))[0])
+        J = np.linalg.det((IDENTITY + self._H).transpose(2, 0, 1))
+        return int(self._model.points.sum_over_ranks(np.array([np.count_nonzero(J <= 0.0)]))[0])
 
     def diagnostics(self) -> tuple[str, ...]:
         """See Stepper."""
@@ -159,13 +159,13 @@ class FiniteStrainStepper:
     def displacement(self, output: str | None = None) -> Array:
         """Displacement, m: of a named output (points, 3), or of every mesh node (nodes, 3)."""
         if output is None:
-            return self._model.everywhere(self.x)
+            return self._model.nodal_field(self.x)
         return self.system.algebra.inner(self.system.outputs[output], self.x).reshape(-1, 3)
 
     def velocity(self, output: str | None = None) -> Array:
         """Velocity, m/s, as displacement."""
         if output is None:
-            return self._model.everywhere(self.v)
+            return self._model.nodal_field(self.v)
         return self.system.algebra.inner(self.system.outputs[output], self.v).reshape(-1, 3)
 
     def close(self) -> None:
@@ -182,11 +182,11 @@ class FiniteStrainStepper:
     def _arrive(self, x: Array, v: Array, H: Array | None = None) -> None:
         """Makes x and v (rows here, 1) the state, whose displacement gradients (3, 3, P here) may be known."""
         self.x, self.v = x, v
-        self._u = self._model.everywhere(x)
+        self._u = self._model.nodal_field(x)
         self._H = self._model.points.gradients(self._u) if H is None else H
         self._E = strain(self._H)
 
-    def _load(self, u: Array) -> Load:
+    def _load(self, u: Array) -> ExternalForce:
         """The force of inputs u in the active contact mode."""
         s, followers, contact = self.system, self._model.followers, self.contact_mode
         if contact not in self._columns:
@@ -201,7 +201,7 @@ class FiniteStrainStepper:
                     following.append((float(u[at]), followers[name]))
                 u[at] = 0.0
             at += columns.shape[1]
-        return Load(self._columns[contact] @ u[:, None], tuple(following))
+        return ExternalForce(self._columns[contact] @ u[:, None], tuple(following))
 
     def _advance(self, inputs: StepInput, quasi_static: bool) -> None:
         """Takes a step, in parts where Newton's method does not solve it whole; if none does, nothing has changed."""
@@ -238,25 +238,26 @@ class FiniteStrainStepper:
             "beyond what this mesh and material can follow"
         )
 
-    def _unbalanced(self, load: Load) -> Array:
+    def _unbalanced(self, load: ExternalForce) -> Array:
         """Force (rows here, 1), N, that a load, contact and elasticity leave at the start of a step."""
-        start = Start(self.x, self.v, self._u, self._H, self._E)
-        rest = Equilibrium(self._model, start, load, self.dt, np.zeros_like(self.x)).at(np.zeros_like(self.x))
+        start = StepStart(self.x, self.v, self._u, self._H, self._E)
+        zero = np.zeros_like(self.x)
+        rest = QuasiStaticResidual(self._model, start, load, self.dt, zero).evaluate(zero)
         if self.interface is None:
             return rest.residual
         return rest.residual + self.interface.force(self.contact)
 
     def _part(
-        self, load: Load, obstacles: ObstacleMotion | None, done: float, share: float, missing: Array | None
+        self, load: ExternalForce, obstacles: ObstacleMotion | None, done: float, share: float, missing: Array | None
     ) -> None:
         """Takes the part of a step that begins when `done` of it is taken."""
         h = share * self.dt
-        start = Start(self.x, self.v, self._u, self._H, self._E)
-        equation: Equation
+        start = StepStart(self.x, self.v, self._u, self._H, self._E)
+        equation: StepResidual
         if missing is None:
-            equation = Midpoint(self._model, start, load, h)
+            equation = MidpointResidual(self._model, start, load, h)
         else:
-            equation = Equilibrium(self._model, start, load, h, (1 - done - share) * missing)
+            equation = QuasiStaticResidual(self._model, start, load, h, (1 - done - share) * missing)
         if self._touch is not None and obstacles is not None:
             self._touch.begin(self.x, self.v, h, obstacles.part(done, share, self.dt), missing is not None)
         solution = self._solution(equation, share)
@@ -267,28 +268,28 @@ class FiniteStrainStepper:
         v = np.zeros_like(x) if missing is not None else 2 * trial.v - self.v
         self._past = [trial.v, *self._past[:1]] if share == 1 else []
         self.contact = solution.contact
-        self._arrive(x, v, trial.stresses.end - UNIT)
+        self._arrive(x, v, trial.stresses.F_end - IDENTITY)
 
-    def _solution(self, equation: Equation, share: float) -> Solution:
+    def _solution(self, equation: StepResidual, share: float) -> NewtonIterate:
         """Solves the equations of a step, with a kept factor if that is good enough."""
         guesses = self._guesses(equation)
         products = self._krylov.products
-        kept = self._factored is not None and self._factored[0] == equation.weights
+        kept = self._factored is not None and self._factored[0] == equation.coefficients
         if kept:
             with suppress(NotConvergedError):
                 solution = self._tried(equation, guesses)
                 if self._krylov.products - products > MAX_PRODUCTS:
                     self._forget()
                 return solution
-        self._factor(equation.weights)
+        self._factor(equation.coefficients)
         return self._tried(equation, guesses)
 
-    def _tried(self, equation: Equation, guesses: list[Array]) -> Solution:
+    def _tried(self, equation: StepResidual, guesses: list[Array]) -> NewtonIterate:
         assert self._factored is not None
         if self._touch is not None:
             self._touch.use(self._factored[1])
         try:
-            return solved(
+            return solve_step(
                 equation, guesses, self._factored[1], self._krylov, self._touch, self._model.dot, self.contact
             )
         except NotConvergedError:
@@ -296,36 +297,36 @@ class FiniteStrainStepper:
                 self._touch.rollback()
             raise
 
-    def _factor(self, weights: Weights) -> None:
+    def _factor(self, coefficients: TangentCoefficients) -> None:
         """Factors the matrix of the state that the body is in."""
         self._forget()
-        self._factored = weights, PetscFactor(self._matrix.assembled(self._H, weights), one_by_one=True)
+        self._factored = coefficients, PetscFactor(self._matrix.assemble(self._H, coefficients), one_by_one=True)
         self.factors += 1
 
-    def _guesses(self, equation: Equation) -> list[Array]:
+    def _guesses(self, equation: StepResidual) -> list[Array]:
         """Mid-step velocities to begin the search with."""
-        if isinstance(equation, Equilibrium):
+        if isinstance(equation, QuasiStaticResidual):
             return [np.zeros_like(self.x), *self._past[:1]]
         if len(self._past) == 2:
             return [self.v, 2 * self._past[0] - self._past[1]]
         return [self.v]
 
-    def _book(self, equation: Equation, solution: Solution, quasi_static: bool) -> None:
+    def _book(self, equation: StepResidual, solution: NewtonIterate, quasi_static: bool) -> None:
         """Books what a part of a step supplied and dissipated."""
         if self.ledger is None:
             return
         m, trial, h, contact = self._model, solution.trial, equation.h, solution.contact
-        supplied = h * m.dot(trial.force, trial.v)
+        supplied = h * m.dot(trial.external_force, trial.v)
         if contact is not None and self.interface is not None:
             self.ledger.book_contact(*contact.work(self.interface.at_points(trial.v), h))
         if quasi_static:
             pushed = h * m.dot(self.interface.force(contact), trial.v) if self.interface is not None else 0.0
             x = self.x + h * trial.v
-            stored = m.elastic_energy(strain(trial.stresses.end - UNIT)) + m.dot(x, times(m.spring, x)) / 2
+            stored = m.elastic_energy(strain(trial.stresses.F_end - IDENTITY)) + m.dot(x, multiply(m.spring, x)) / 2
             self.ledger.book(supplied=supplied, dissipated=supplied + pushed + self.energy - stored)
             return
-        assert isinstance(trial.stresses, StressesInStep)
-        drawn = m.dot(trial.v, times(m.external_damping, trial.v))
-        self.ledger.book(supplied=supplied, dissipated=h * drawn + m.points.integral(trial.stresses.heat))
+        assert isinstance(trial.stresses, MidpointStresses)
+        drawn = m.dot(trial.v, multiply(m.external_damping, trial.v))
+        self.ledger.book(supplied=supplied, dissipated=h * drawn + m.points.integrate(trial.stresses.heat))
         change = 2 * (trial.v - self.v)
         self.time_step_monitor.add(m.dot(change, m.mass @ change), m.dot(trial.v, m.mass @ trial.v))

@@ -27,11 +27,11 @@ from fenics_rom.mechanics.hyperelastic import (
 )
 
 Array = np.ndarray
-UNIT = np.eye(3)[:, :, None]
+IDENTITY = np.eye(3)[:, :, None]
 
 
 @dataclass(frozen=True)
-class Material:
+class HyperelasticMaterial:
     """The hyperelastic material of points.
 
     Attributes:
@@ -49,8 +49,8 @@ class Material:
         """W (P,), J/m³."""
         return energy_density(self.law, E, self.first_lame, self.shear)
 
-    def viscous(self, ΔE: Array, h: float) -> Array:
-        """Viscous stress (6, P), Pa, where the strain changes by ΔE in h, s."""
+    def viscous_stress(self, ΔE: Array, h: float) -> Array:
+        """(6, P), Pa, where the strain changes by ΔE in h, s."""
         return self.viscosity / h * linear_stress(ΔE, self.first_lame, self.shear)
 
     @cached_property
@@ -69,25 +69,26 @@ class Stresses:
     """What a force and its derivative are made of.
 
     Attributes:
-        frame: F that takes S to P (3, 3, P).
-        end: F⁺ (3, 3, P).
+        F: that takes S to P (3, 3, P).
+        F_end: F⁺ (3, 3, P).
+        F_share: ∂F/∂F⁺, a number.
         S: second Piola-Kirchhoff stress (6, P), Pa.
     """
 
-    share: float  # ∂frame/∂F⁺
-    frame: Array
-    end: Array
+    F_share: float
+    F: Array
+    F_end: Array
     S: Array
 
     @property
-    def first(self) -> Array:
+    def P(self) -> Array:
         """First Piola-Kirchhoff stress P = F S (3, 3, P), Pa."""
-        return carried(self.frame, self.S)
+        return multiply_voigt(self.F, self.S)
 
-    def changed(self, dH: Array) -> Array:
-        """Change (3, 3, P) of P with that of H⁺, (3, 3, P)."""
-        dS = np.einsum("cdp,dp->cp", self.moduli, strain_rate(self.end, dH))
-        return self.share * carried(dH, self.S) + carried(self.frame, dS)
+    def jvp(self, dH: Array) -> Array:
+        """∂P/∂H⁺ dH⁺ (3, 3, P) of a change (3, 3, P) of H⁺."""
+        dS = np.einsum("cdp,dp->cp", self.moduli, strain_rate(self.F_end, dH))
+        return self.F_share * multiply_voigt(dH, self.S) + multiply_voigt(self.F, dS)
 
     @property
     def moduli(self) -> Array:
@@ -95,56 +96,56 @@ class Stresses:
         raise NotImplementedError
 
 
-class StressesInStep(Stresses):
-    """Of a step.
+class MidpointStresses(Stresses):
+    """Of a midpoint step.
 
     Args:
         material: of the points.
         H, E: at the start of the step, (3, 3, P) and (6, P).
-        after: H⁺ (3, 3, P).
+        H_end: H⁺ (3, 3, P).
         h: of the step, s.
     """
 
-    share = 0.5
+    F_share = 0.5
 
-    def __init__(self, material: Material, H: Array, E: Array, after: Array, h: float):
+    def __init__(self, material: HyperelasticMaterial, H: Array, E: Array, H_end: Array, h: float):
         self._material, self._h = material, h
-        self.frame, self.end = UNIT + (H + after) / 2, UNIT + after
-        self.E, self.E_after = E, strain(after)
-        self._elastic = discrete_gradient_stress(material.law, E, self.E_after, material.first_lame, material.shear)
-        self._viscous = material.viscous(self.E_after - E, h)
+        self.F, self.F_end = IDENTITY + (H + H_end) / 2, IDENTITY + H_end
+        self.E, self.E_end = E, strain(H_end)
+        self._elastic = discrete_gradient_stress(material.law, E, self.E_end, material.first_lame, material.shear)
+        self._viscous = material.viscous_stress(self.E_end - E, h)
         self.S = self._elastic + self._viscous
 
     @property
     def heat(self) -> Array:
         """What viscosity dissipates in the step, (P,), J/m³; never negative."""
-        return (self._viscous * (self.E_after - self.E)).sum(axis=0)
+        return (self._viscous * (self.E_end - self.E)).sum(axis=0)
 
     @cached_property
     def moduli(self) -> Array:
         """As in Stresses."""
         m = self._material
-        D = m.moduli((self.E + self.E_after) / 2) / 2 + m.viscosity / self._h * m.linear_moduli
+        D = m.moduli((self.E + self.E_end) / 2) / 2 + m.viscosity / self._h * m.linear_moduli
         if m.law == "st_venant_kirchhoff":
             return D
-        return D + self._of_correction()
+        return D + self._correction_moduli()
 
-    def _of_correction(self) -> Array:
+    def _correction_moduli(self) -> Array:
         """∂/∂E⁺ of Gonzalez' correction c ΔE, c = (W(E⁺) - W(E) - S(Ē):ΔE)/(ΔE:ΔE + ε²)."""
-        m, ΔE = self._material, self.E_after - self.E
-        moduli_times = np.einsum("cdp,dp->cp", m.moduli((self.E + self.E_after) / 2), ΔE)
-        at_mean = stress(m.law, (self.E + self.E_after) / 2, m.first_lame, m.shear)
-        at_end = stress(m.law, self.E_after, m.first_lame, m.shear)
-        size = (ΔE**2 / VOIGT_SHEAR).sum(axis=0) + ROUND_OFF_STRAIN**2
-        gained = m.energy_density(self.E_after) - m.energy_density(self.E)
-        c = (gained - (at_mean * ΔE).sum(axis=0)) / size
-        slope = (at_end - at_mean - moduli_times / 2 - 2 * c * ΔE / VOIGT_SHEAR) / size  # ∂c/∂E⁺
-        D = (ΔE / VOIGT_SHEAR)[:, None] * slope[None, :]
+        m, ΔE = self._material, self.E_end - self.E
+        D_ΔE = np.einsum("cdp,dp->cp", m.moduli((self.E + self.E_end) / 2), ΔE)
+        S_mean = stress(m.law, (self.E + self.E_end) / 2, m.first_lame, m.shear)
+        S_end = stress(m.law, self.E_end, m.first_lame, m.shear)
+        squared_length = (ΔE**2 / VOIGT_SHEAR).sum(axis=0) + ROUND_OFF_STRAIN**2
+        stored = m.energy_density(self.E_end) - m.energy_density(self.E)
+        c = (stored - (S_mean * ΔE).sum(axis=0)) / squared_length
+        dc = (S_end - S_mean - D_ΔE / 2 - 2 * c * ΔE / VOIGT_SHEAR) / squared_length  # ∂c/∂E⁺
+        D = (ΔE / VOIGT_SHEAR)[:, None] * dc[None, :]
         D[np.arange(6), np.arange(6)] += c / VOIGT_SHEAR
         return D
 
 
-class StressesAtRest(Stresses):
+class EquilibriumStresses(Stresses):
     """Of an equilibrium.
 
     Args:
@@ -152,11 +153,11 @@ class StressesAtRest(Stresses):
         H: (3, 3, P).
     """
 
-    share = 1.0
+    F_share = 1.0
 
-    def __init__(self, material: Material, H: Array):
+    def __init__(self, material: HyperelasticMaterial, H: Array):
         self._material = material
-        self.frame = self.end = UNIT + H
+        self.F = self.F_end = IDENTITY + H
         self.E = strain(H)
         self.S = stress(material.law, self.E, material.first_lame, material.shear)
 
@@ -166,7 +167,7 @@ class StressesAtRest(Stresses):
         return self._material.moduli(self.E)
 
 
-def carried(F: Array, S: Array) -> Array:
+def multiply_voigt(F: Array, S: Array) -> Array:
     """F S (3, 3, P) of deformation gradients (3, 3, P) and stresses (6, P)."""
-    full = S[VOIGT_INDEX]
-    return F[:, 0, None] * full[None, 0] + F[:, 1, None] * full[None, 1] + F[:, 2, None] * full[None, 2]
+    matrix = S[VOIGT_INDEX]
+    return F[:, 0, None] * matrix[None, 0] + F[:, 1, None] * matrix[None, 1] + F[:, 2, None] * matrix[None, 2]
