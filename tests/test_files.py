@@ -236,7 +236,7 @@ def test_selection_of_eigenvectors_was_a_switching_in_format_1(tmp_path):
     file = tmp_path / "rom.h5"
     file.write_bytes((DATA / "rom-1.1.h5").read_bytes())
     with h5py.File(file, "r+") as h5:
-        h5.attrs["switching"], h5.attrs["method"] = "modal", "balanced"
+        h5.attrs["switching"], h5.attrs["method"] = np.bytes_("modal"), np.bytes_("balanced")
         chosen = b'method = "balanced"\nswitching = "modal"'
         text = h5.attrs["scene"].replace(b'method = "modal+static"', chosen)
         h5.attrs["scene"] = np.bytes_(text)

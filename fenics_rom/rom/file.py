@@ -242,9 +242,6 @@ def _check_fit(rom: Rom) -> None:
     surface_nodes = np.concatenate([np.empty(0, dtype=int), *rom.contact_surfaces.values()])
     if len(surface_nodes) and not 0 <= surface_nodes.min() <= surface_nodes.max() < len(rom.nodes):
         raise FileError(f"a contact surface names nodes beyond {len(rom.nodes)}")
-    loads = {name: load.columns for name, load in rom.environment.loads.items()}
-    if loads != dict(rom.loads):
-        raise FileError(f"the loads of the environment are {loads}, those of the models {dict(rom.loads)}")
     if any(columns < 0 for columns in (*rom.actuators.values(), *rom.loads.values())):
         raise FileError("an actuator or a load has a negative number of columns")
     if any(stage.seconds < 0 or stage.peak_memory < 0 for stage in rom.stages):
@@ -259,6 +256,9 @@ def _check_fit(rom: Rom) -> None:
         ):
             raise FileError(f"contact mode {name!r}: contact_points name nodes beyond {len(rom.nodes)}")
         _check_numbers(f"contact mode {name!r}", mode)
+    loads = {name: load.columns for name, load in rom.environment.loads.items()}
+    if loads != dict(rom.loads):
+        raise FileError(f"the loads of the environment are {loads}, those of the models {dict(rom.loads)}")
 
 
 def _check_numbers(where: str, mode: ContactModel) -> None:

@@ -360,9 +360,9 @@ class Simulator:
         Raises:
             StepError: it is of another ROM, or has a ledger where this has none, or none where this has one.
         """
+        self._stepper.check(state.contact, state.stepper)
         if (state.sums is None) != (self.ledger is None):
             raise StepError("the snapshot and the simulator must both keep an energy account, or neither")
-        self._stepper.check(state.contact, state.stepper)
         if self.ledger is not None and state.sums is not None:
             self.ledger.sums = state.sums
         self._dt, self.steps, self._since = state.dt, state.steps, state.since

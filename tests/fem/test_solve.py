@@ -9,7 +9,7 @@ from scipy.linalg import expm
 
 import fenics_rom as fr
 from fenics_rom.errors import StepError
-from fenics_rom.fem import simulate
+from fenics_rom.fem import linear_stepper
 from fenics_rom.fem.linear_stepper import FullOrderStepper
 from fenics_rom.scene.file import parse_scene
 
@@ -143,12 +143,12 @@ def test_force_that_stays_ends_in_static_balance(small):
 def test_there_is_one_factorisation_for_each_step_size(small, monkeypatch):
     made = []
 
-    class Counted(simulate.PetscFactor):
+    class Counted(linear_stepper.PetscFactor):
         def __init__(self, *arguments, **choices):
             super().__init__(*arguments, **choices)
             made.append(self)
 
-    monkeypatch.setattr(simulate, "PetscFactor", Counted)
+    monkeypatch.setattr(linear_stepper, "PetscFactor", Counted)
     simulator, B = FullOrderStepper(small, 1e-3), small.input_matrix("top")
     for dt, factors in ((1e-3, 1), (2e-3, 2), (1e-3, 3)):
         simulator.dt = dt
