@@ -102,7 +102,7 @@ for contact in ("right", "corner", "right"):
     body.switch(contact)
     body.step([1.0] * body.inputs)
 assert body.displacement().shape == rom.nodes.shape and body.displacement("tip").any() and body.energy > 0
-run = fr.simulate(fr.truncated(rom, 2))
+run = fr.simulate(fr.truncate(rom, 2))
 fr.write_trajectory(sys.argv[2], run)
 fr.write_rom(sys.argv[3], rom)
 print(fr.compare(fr.read_trajectory(sys.argv[2]), run)["shape"].relative)

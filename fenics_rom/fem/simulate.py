@@ -2,7 +2,7 @@
 
 import time
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from typing import Any
 
 import numpy as np
@@ -13,6 +13,7 @@ from fenics_rom.fem.direct import PetscFactor
 from fenics_rom.fem.extended_precision import ExtendedMatrix
 from fenics_rom.fem.finite_strain.stepper import LargeDeformationSimulator
 from fenics_rom.fem.petsc_matrix import combination
+from fenics_rom.io.progress import Report, silent
 from fenics_rom.mechanics.active_environment import ActiveEnvironment, ContactPoints, SignalLike
 from fenics_rom.mechanics.contact import Contact, ContactSolution
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
@@ -22,8 +23,6 @@ from fenics_rom.mechanics.time_step_monitor import TimeStepMonitor
 from fenics_rom.scene.scene import Scene
 from fenics_rom.system.system import Array, System
 from fenics_rom.trajectory.trajectory import Trajectory, TrajectoryRecorder
-
-Report = Callable[[str, int, int], None]
 
 LOOK_EVERY = 10  # steps; a look at the surface costs less than one
 
@@ -218,12 +217,12 @@ class FullSimulator:
         return self._factored[1]
 
 
-def solve(
+def simulate(
     scene: Scene | System,
     *,
     dt: float | None = None,
     signals: Mapping[str, SignalLike] | None = None,
-    report: Report = lambda stage, done, of: None,
+    report: Report = silent,
 ) -> Trajectory:
     """Runs the full-order model through the scene's load history from rest; every rank must call it.
 

@@ -10,8 +10,9 @@ from fenics_rom.errors import FileError
 from fenics_rom.identification.identified_scene import identified_text
 from fenics_rom.identification.plot import picture_of
 from fenics_rom.identification.result import Identification
-from fenics_rom.io.hdf5 import check_folder, is_rank_0, write_whole
+from fenics_rom.io.atomic_write import check_folder, write_whole
 from fenics_rom.io.markdown import markdown
+from fenics_rom.io.mpi_ranks import is_rank_0
 
 HEADING = ("parameter", "unit", "start", "found", "95 % interval", "")
 

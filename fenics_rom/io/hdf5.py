@@ -9,8 +9,6 @@ text with its SHA-256. No bit of a file can change unnoticed, and HDF5, which cr
 import hashlib
 import io
 import math
-import os
-import sys
 from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,6 +18,8 @@ import h5py
 import numpy as np
 
 from fenics_rom.errors import FenicsRomError, FileError
+from fenics_rom.io.atomic_write import check_place, system_reason, write_whole
+from fenics_rom.io.mpi_ranks import is_rank_0
 from fenics_rom.io.names import NAME, NAME_IN_WORDS
 
 FORMAT = "fenics-rom"
@@ -53,12 +53,6 @@ class Entry:
 Table = Mapping[str, Entry]
 
 
-def is_rank_0() -> bool:
-    """Whether this process is the one that writes. Only a program that uses MPI has ranks; the runtime needs none."""
-    mpi = sys.modules.get("mpi4py.MPI")
-    return mpi is None or mpi.COMM_WORLD.rank == 0
-
-
 def write_file(file: str | Path, content: str, fill: Callable[[h5py.File], None]) -> None:
     """Writes a file of some content ("rom" or "run"), or nothing.
 
@@ -75,39 +69,9 @@ def write_file(file: str | Path, content: str, fill: Callable[[h5py.File], None]
             put_text(h5, format=FORMAT, format_version=VERSION, content=content, software=_software())
             fill(h5)
     except OSError as error:
-        raise FileError(f"{path}: cannot be written: {_reason(error)}") from error
+        raise FileError(f"{path}: cannot be written: {system_reason(error)}") from error
     with memory.getbuffer() as whole, whole[SEAL_SIZE:] as rest:  # let go of, also where writing fails
         write_whole(path, sealed(whole), rest)
-
-
-def write_whole(path: Path, *parts: bytes | memoryview) -> None:
-    """Writes a file beside its place and renames it, so that there is never half of it; under MPI, rank 0 does.
-
-    Of two that write one file at a time, the last one's stays. Where SIGKILL ends it meanwhile, `.NAME.*.part` is left
-    beside the file, which nothing reads and which may be removed.
-
-    Raises:
-        FileError: it cannot be written.
-    """
-    if not is_rank_0():
-        return
-    import tempfile  # here, as who only reads a ROM need not wait for it
-
-    temporary = None
-    try:
-        check_place(path)
-        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent)
-        temporary = Path(name)
-        with os.fdopen(handle, "wb") as stream:
-            for part in parts:
-                stream.write(part)
-        temporary.chmod(0o644)
-        temporary.replace(path)
-    except OSError as error:
-        raise FileError(f"{path}: cannot be written: {_reason(error)}") from error
-    finally:
-        if temporary is not None:
-            temporary.unlink(missing_ok=True)
 
 
 def read_file(
@@ -149,39 +113,7 @@ def read_file(
     except FenicsRomError as error:
         raise FileError(f"{path}: {error}") from error
     except (OSError, RuntimeError, ValueError, LookupError, TypeError, AttributeError, MemoryError) as error:
-        raise FileError(f"{path}: cannot be read: {_reason(error)}") from error
-
-
-def _reason(error: Exception) -> str:
-    """The system's words, where there are some, and not HDF5's."""
-    number = getattr(error, "errno", None)
-    return os.strerror(number) if number else str(error)
-
-
-def check_place(path: Path) -> None:
-    """Checks that a file can be put there; worth asking before long work.
-
-    Raises:
-        FileError: there is no such folder, or something that is not a file (root could even replace /dev/null).
-    """
-    if not path.parent.is_dir():
-        raise FileError(f"{path}: cannot be written: folder {path.parent} does not exist")
-    if path.exists() and not path.is_file():
-        raise FileError(f"{path}: cannot be written: it is a folder or a device")
-    if not os.access(path.parent, os.W_OK):
-        raise FileError(f"{path}: cannot be written: no permission to write in {path.parent}")
-
-
-def check_folder(folder: Path) -> None:
-    """Checks that a folder of results is there or can be made; worth asking before long work.
-
-    Raises:
-        FileError: it is a file, or the folder that it would be in does not exist.
-    """
-    if folder.exists() and not folder.is_dir():
-        raise FileError(f"{folder}: is a file; allowed is a folder, or a name that is free")
-    if not folder.resolve().parent.is_dir():
-        raise FileError(f"{folder}: cannot be made: folder {folder.resolve().parent} does not exist")
+        raise FileError(f"{path}: cannot be read: {system_reason(error)}") from error
 
 
 def sealed(content: bytes | memoryview) -> bytes:
@@ -200,6 +132,15 @@ def _check_seal(path: Path) -> None:
 
 def _seal(digest: str) -> bytes:
     return f"{FORMAT} HDF5 file; SHA-256 from byte {SEAL_SIZE}: {digest}\n".encode().ljust(SEAL_SIZE, b"\0")
+
+
+def is_sealed(file: str | Path) -> bool:
+    """Whether a file begins as those of this package do, a ROM or a run, damaged or not."""
+    path = Path(file)
+    if not path.is_file():  # a pipe would be waited for
+        return False
+    with path.open("rb") as stream:
+        return stream.read(len(FORMAT) + 1) == f"{FORMAT} ".encode()
 
 
 def content_of(file: str | Path) -> str:

@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from fenics_rom.errors import FenicsRomWarning, SceneError, unknown
-from fenics_rom.io.stages import Report, Stages
+from fenics_rom.io.progress import Report, silent
+from fenics_rom.io.stages import Stages
 from fenics_rom.mechanics.environment import SWITCHINGS
 from fenics_rom.reduction.balancing import order_of, orthonormal_span
 from fenics_rom.reduction.checkpoint import Checkpoint
@@ -54,7 +55,7 @@ def reduce(
     solver: str = "auto",
     checkpoint: str | Path | None = None,
     resume: bool = False,
-    report: Report = lambda stage, done, of: None,
+    report: Report = silent,
 ) -> Rom:
     """Reduces a full-order model for each of its contact modes; every rank must call it, every rank gets the ROM.
 

@@ -191,7 +191,7 @@ def diagonalized_span(κ: Array, span: Array) -> tuple[Array, Array]:
     return γ, C * np.where(C[np.abs(C).argmax(axis=0), np.arange(C.shape[1])] < 0, -1.0, 1.0)
 
 
-def truncated(rom: Rom, order: int) -> Rom:
+def truncate(rom: Rom, order: int) -> Rom:
     """The ROM at a lower order: the leading directions of every contact mode that has more.
 
     Args:
@@ -211,12 +211,12 @@ def truncated(rom: Rom, order: int) -> Rom:
     return replace(
         rom,
         contact_models={
-            name: _truncated_mode(rom.stiffness, mode, rom.rigid + order) for name, mode in rom.contact_models.items()
+            name: _truncate_mode(rom.stiffness, mode, rom.rigid + order) for name, mode in rom.contact_models.items()
         },
     )
 
 
-def _truncated_mode(κ: Array, mode: ContactModel, order: int) -> ContactModel:
+def _truncate_mode(κ: Array, mode: ContactModel, order: int) -> ContactModel:
     if order >= mode.order:
         return mode
     γ, C = diagonalized_span(κ, mode.coordinates @ mode.directions[:, :order])

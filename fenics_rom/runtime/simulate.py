@@ -8,6 +8,7 @@ from itertools import islice
 import numpy as np
 
 from fenics_rom.errors import FenicsRomWarning, SceneError
+from fenics_rom.io.progress import Report, silent
 from fenics_rom.mechanics.active_environment import SignalLike
 from fenics_rom.mechanics.load_history import LoadHistory
 from fenics_rom.mechanics.time_step_monitor import TimeStepMonitor
@@ -18,7 +19,6 @@ from fenics_rom.scene.file import parse_scene
 from fenics_rom.scene.scene import Scene
 from fenics_rom.trajectory.trajectory import Trajectory, TrajectoryRecorder
 
-Report = Callable[[str, int, int], None]
 UNTIMED = "what is no part of a step"
 
 
@@ -29,8 +29,9 @@ def simulate(
     dt: float | None = None,
     signals: Mapping[str, SignalLike] | None = None,
     profile: bool = False,
+    rate: bool = False,
     stepper: str | None = None,
-    report: Report = lambda stage, done, of: None,
+    report: Report = silent,
 ) -> Trajectory:
     """Runs a ROM through a load history from rest.
 
@@ -41,6 +42,7 @@ def simulate(
         signals: of loads and obstacles by name, instead of the scene's: numbers, or functions of time; as in
             Simulator.
         profile: whether to run it once more to measure what each effect costs in a step.
+        rate: whether to run it once more to measure the wall clock of its steps, `settings["seconds"]`.
         stepper: of a body with large deformation, as in Simulator.
         report: called with the stage, how much of it is done, and of how much.
 
@@ -80,7 +82,7 @@ def simulate(
         model="reduced",
         settings={
             "dt": history.dt,
-            "seconds": _seconds(fresh(), history),
+            **({"seconds": _seconds(fresh(), history)} if rate else {}),
             "order": max(mode.order for mode in rom.contact_models.values()),
             **({} if simulator.mismatch is None else {"mismatch": simulator.mismatch}),
         },

@@ -15,9 +15,9 @@ import numpy as np
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomError, FenicsRomWarning, FileError, SceneError
 from fenics_rom.fem.ranks import on_rank_0
-from fenics_rom.io.hdf5 import write_whole
+from fenics_rom.io.atomic_write import write_whole
 from fenics_rom.io.markdown import markdown
-from fenics_rom.io.stages import Report
+from fenics_rom.io.progress import Report, silent
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.simulate import rate
 from fenics_rom.scene.scene import STEPPERS, Scene
@@ -91,7 +91,7 @@ def study_of_amplitudes(
     *,
     quick: bool = False,
     resume: bool = False,
-    report: Report = lambda stage, done, of: None,
+    report: Report = silent,
 ) -> Amplitudes:
     """Compares linear and large-deformation models, reduced and at full order; every rank must call it.
 
@@ -105,7 +105,7 @@ def study_of_amplitudes(
     Raises:
         SceneError: no large_deformation, or nothing to scale.
         FileError: the folder cannot be written, or holds another study.
-        SolverError: as `solve` and `reduce`.
+        SolverError: as `simulate` and `reduce`.
     """
     reference.check_measurable(scene, ())
     if EFFECT not in scene.effects:
@@ -291,7 +291,7 @@ class _Work:
         system = replace(self._systems[model], scene=scene)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", FenicsRomWarning)
-            return fr.solve(system, dt=dt, report=lambda _, done, of: self._report(f"{model} {stage}", done, of))
+            return fr.simulate(system, dt=dt, report=lambda _, done, of: self._report(f"{model} {stage}", done, of))
 
 
 def read_amplitudes(file: Path) -> Amplitudes:

@@ -2,7 +2,8 @@
 
 from pathlib import Path
 
-from fenics_rom.io.hdf5 import is_rank_0, write_whole
+from fenics_rom.io.atomic_write import write_whole
+from fenics_rom.io.mpi_ranks import is_rank_0
 from fenics_rom.studies.study_results import Findings
 from fenics_rom.studies.tables import csv_table, report
 

@@ -10,7 +10,7 @@ import fenics_rom as fr
 from fenics_rom.errors import FileError, SceneError, SolverError, StepError
 from fenics_rom.fem.ranks import on_rank_0
 from fenics_rom.fem.simulate import plain_rate
-from fenics_rom.io.stages import Report
+from fenics_rom.io.progress import Report, silent
 from fenics_rom.rom.rom import Rom
 from fenics_rom.scene.scene import TOLERANCE, Scene
 from fenics_rom.studies import benchmark, pareto, reference
@@ -37,7 +37,7 @@ def study(
     meshes: Sequence[str | Path] = (),
     quick: bool = False,
     resume: bool = False,
-    report: Report = lambda stage, done, of: None,
+    report: Report = silent,
 ) -> Findings:
     """Measures what accuracy costs in a scene; every rank must call it, rank 0 runs the reduced models and writes.
 
@@ -75,7 +75,7 @@ def study_for(
     tolerance: float,
     *,
     resume: bool = False,
-    report: Report = lambda stage, done, of: None,
+    report: Report = silent,
 ) -> tuple[Findings, Row, Rom]:
     """Finds the longest step and the lowest order of a balanced model within a tolerance; every rank must call it.
 
@@ -200,8 +200,10 @@ class _Study:
         assert self._scene.run is not None
         stage = "full order"
         coarse, fine = (round(self._scene.run.duration / dt) for dt in (2 * step, step))
-        twice = fr.solve(self._system, dt=2 * step, report=lambda _, k, of: self._report(stage, k, coarse + fine))
-        full = fr.solve(self._system, dt=step, report=lambda _, k, of: self._report(stage, coarse + k, coarse + fine))
+        twice = fr.simulate(self._system, dt=2 * step, report=lambda _, k, of: self._report(stage, k, coarse + fine))
+        full = fr.simulate(
+            self._system, dt=step, report=lambda _, k, of: self._report(stage, coarse + k, coarse + fine)
+        )
         reference.check_moves(full, self._scene.source)
         divisor = reference.divisor(self._scene)
         fr.write_trajectory(self._folder / REFERENCE, full)

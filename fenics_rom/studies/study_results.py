@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 from fenics_rom.errors import FileError
-from fenics_rom.io.hdf5 import write_whole
+from fenics_rom.io.atomic_write import write_whole
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ import scipy.io
 import scipy.sparse
 
 from fenics_rom.errors import StructureError
-from fenics_rom.io.launcher import launched_rank
+from fenics_rom.io.mpi_ranks import launched_rank
 from fenics_rom.system.system import System, check_damping_choice
 
 File = str | PathLike[str]

@@ -1,6 +1,6 @@
 """The run file: one HDF5 file, the same for full and reduced runs.
 
-Format 1.3. The first 512 bytes are a user block with the SHA-256 of the rest (see checked_file).
+Format 2.0. The first 512 bytes are a user block with the SHA-256 of the rest (see io/hdf5.py).
 Root attributes (fixed-length UTF-8 text): format = "fenics-rom", format_version, content = "run",
 software, name, model ("full" or "reduced"), contacts, warnings, effects (one a line each), stepping (how a step was
 taken and why, where there was a choice). Every dataset has an attribute `unit`. Sizes: S instants (steps + 1), s whole
@@ -11,15 +11,15 @@ shapes, N nodes, F triangles, P points of an output.
     snapshot_times (s,) s, snapshots (s, N, 3) m, velocities (s, N, 3) m/s; these may be absent
     nodes (N, 3) m, triangles (F, 3), node_mass (N,) kg
     outputs/NAME (S, P, 3) m
-    settings/NAME (1,)               dt in s, seconds (wall clock of the stepping) in s, order; mismatch may be absent
+    settings/NAME (1,)               dt in s, order; seconds (wall clock of the steps) and mismatch may be absent
     forces/NAME (S, 3) N             of each obstacle on the body; absent where there are none, with
     contact_account/NAME (S,) J      running sums: obstacles (supplied), contact and perhaps friction (dissipated)
     obstacles/NAME/motion (s, 3) m   from where the scene puts it; attribute `shape`, and what describes that:
         point, normal; center, radius; start, end, radius; or center, size, rotation (3,) or (1,); m, 1, rad
     profile/NUMBER (1,) s            per step, of a part of the run that attribute `name` names; absent if not measured
 
-Files of format 1.0 and 1.1 name no effects, and have none of the last four; files of format 1.2 have neither velocities
-nor obstacles.
+Format 2.0 named the snapshots anew; files of format 1.x are read, too. Those of 1.0 and 1.1 name no effects, and have
+none of the last four; those of 1.2 have neither velocities nor obstacles.
 """
 
 from collections.abc import Mapping
@@ -62,7 +62,7 @@ RUN = {
 }
 SETTINGS = {
     "dt": Entry("s", (1,)),
-    "seconds": Entry("s", (1,)),
+    "seconds": Entry("s", (1,), optional=True),
     "order": Entry("1", (1,)),
     "mismatch": Entry("1", (1,), optional=True),
 }
@@ -94,9 +94,7 @@ def read_trajectory(file: str | Path) -> Trajectory:
     Raises:
         FileError: the file is missing, damaged or of another format.
     """
-    return read_file(
-        file, "run", _take, lambda h5: rename_all(h5, {"shape_times": "snapshot_times", "shapes": "snapshots"})
-    )
+    return read_file(file, "run", _take, lambda h5: rename_all(h5, FORMAT_1))
 
 
 def _fill(h5: h5py.File, record: Trajectory) -> None:

@@ -24,8 +24,9 @@ class Trajectory:
     Attributes:
         name: of the scene.
         model: "full" or "reduced".
-        settings: numbers that belong beside any rate or error: dt, seconds (wall clock of the stepping), order or n;
-            of linearly implicit steps with large deformation mismatch (of strains, as a share of the largest).
+        settings: numbers that belong beside any rate or error: dt, s; order, or n; seconds, the wall clock of the
+            stepping, of a reduced run only where it was asked for; of linearly implicit steps with large deformation
+            mismatch (of strains, as a share of the largest).
         times: (steps + 1,), s.
         contacts: names of the contact modes.
         contact: (steps + 1,) which of them was active.

@@ -140,7 +140,7 @@ class Reduced:
 
 
 class Full:
-    """A full-order run, as solve() makes it, with any step sizes."""
+    """A full-order run, as fr.simulate makes it, with any step sizes."""
 
     def __init__(self, system, signals=None):
         self.around = ActiveEnvironment(system.scene, signals=signals)
@@ -548,7 +548,7 @@ def test_free_body_has_no_equilibrium(mesh):
     with pytest.raises(SceneError, match=message):
         fr.Simulator(rom, 1e-3, scene=free)
     with pytest.raises(SceneError, match=message):
-        fr.solve(scene_of(mesh, GRAVITY, supports=None, run="dt = 0.1\nduration = 1"))
+        fr.simulate(scene_of(mesh, GRAVITY, supports=None, run="dt = 0.1\nduration = 1"))
 
 
 def test_batches_are_for_bodies_without_obstacles(everything):
@@ -592,7 +592,7 @@ def test_contact_mode_follows_the_obstacle_that_is_near(mesh):
         tables=tables,
     )
     models = Models(scene)
-    full, run = fr.solve(models.system), fr.simulate(models.rom)
+    full, run = fr.simulate(models.system), fr.simulate(models.rom)
     assert run.contacts == ("bottom", "right")
     np.testing.assert_array_equal(run.contact, full.contact)
     assert run.contact[50] == 0

@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from fenics_rom.errors import FileError, SceneError, unknown
-from fenics_rom.io.hdf5 import check_folder, check_place
-from fenics_rom.io.stages import Report
+from fenics_rom.io.atomic_write import check_folder, check_place
+from fenics_rom.io.progress import Report, silent
 from fenics_rom.rom.rom import Rom
 from fenics_rom.system.system import System
 from fenics_rom.trajectory.trajectory import Trajectory
@@ -36,7 +36,7 @@ def plot(
     what: Sequence[str] | None = None,
     dark: bool = False,
     full: System | None = None,
-    report: Report = lambda stage, done, of: None,
+    report: Report = silent,
 ) -> tuple[Path, ...]:
     """Draws what there is to see of a ROM or of runs.
 

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from fenics_rom.errors import SceneError, StructureError
-from fenics_rom.rom.rom import Rom, truncated
+from fenics_rom.rom.rom import Rom, truncate
 from fenics_rom.runtime.simulator import Simulator
 from fenics_rom.scene.file import parse_scene
 from fenics_rom.scene.scene import Scene
@@ -106,7 +106,7 @@ class LiveBody:
     def order(self, order: int) -> None:
         """Truncates, which begins anew: states of two orders are not of one basis."""
         dt = self.dt
-        self.rom = truncated(self._whole, order)
+        self.rom = truncate(self._whole, order)
         self.release()
         self._recording = None
         self._begin(dt)
@@ -116,7 +116,7 @@ class LiveBody:
         """Of the ROM as it was read; None where it cannot be truncated."""
         most = max(mode.order - mode.rigid for mode in self._whole.contact_models.values())
         try:
-            truncated(self._whole, most)
+            truncate(self._whole, most)
         except StructureError:
             return None
         return most
