@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import fenics_rom as fr
-from fenics_rom.errors import FenicsRomError, FileError, StructureError
+from fenics_rom.errors import FenicsRomError, FileError, RomFileError, StructureError, TrajectoryFileError
 from fenics_rom.io.hdf5 import LONGEST_TEXT, content_of, sealed
 from fenics_rom.io.stages import Stage
 from fenics_rom.scene.file import LONGEST
@@ -334,6 +334,19 @@ fr.write_rom(f"{{os.getpid()}}.h5", rom)
     done = subprocess.run(command, cwd=tmp_path, env=dict(os.environ), capture_output=True, text=True)
     assert done.returncode == 0, done.stderr
     assert len(list(tmp_path.glob("*.h5"))) == written
+
+
+def test_callers_can_tell_files_of_roms_and_runs_apart(tmp_path, rom):
+    for read, error in (
+        (fr.read_rom, RomFileError),
+        (fr.read_trajectory, TrajectoryFileError),
+        (content_of, FileError),
+    ):
+        with pytest.raises(FileError) as caught:
+            read(tmp_path / "none.h5")
+        assert type(caught.value) is error
+    with pytest.raises(RomFileError):
+        fr.write_rom(tmp_path, rom)
 
 
 # --- damage ----------------------------------------------------------------------------------------------------------

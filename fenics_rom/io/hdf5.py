@@ -9,7 +9,8 @@ text with its SHA-256. No bit of a file can change unnoticed, and HDF5, which cr
 import hashlib
 import io
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
@@ -17,7 +18,7 @@ from typing import TypeVar
 import h5py
 import numpy as np
 
-from fenics_rom.errors import FenicsRomError, FileError
+from fenics_rom.errors import FenicsRomError, FileError, RomFileError, TrajectoryFileError
 from fenics_rom.io.atomic_write import check_place, system_reason, write_whole
 from fenics_rom.io.mpi_ranks import is_rank_0
 from fenics_rom.io.names import NAME, NAME_IN_WORDS
@@ -27,6 +28,7 @@ VERSION = "2.0"
 READ_VERSIONS = ("1", "2")  # first numbers of those that can be read
 LONGEST_TEXT = 60_000  # bytes; HDF5 keeps attributes in a header of 64 KiB
 SEAL_SIZE = 512  # bytes; the smallest user block there is
+ERROR_OF: dict[str, type[FileError]] = {"rom": RomFileError, "run": TrajectoryFileError}  # of files with that content
 
 Array = np.ndarray
 T = TypeVar("T")
@@ -54,10 +56,11 @@ Table = Mapping[str, Entry]
 
 
 def write_file(file: str | Path, content: str, fill: Callable[[h5py.File], None]) -> None:
-    """Writes a file of some content ("rom" or "run"), or nothing.
+    """Writes a file of some content, such as "rom" or "run", or nothing.
 
     Raises:
-        FileError: it cannot be written, or its content does not hold together.
+        FileError: it cannot be written, or its content does not hold together; of a ROM RomFileError, of a run
+            TrajectoryFileError.
     """
     if not is_rank_0():
         return
@@ -68,10 +71,12 @@ def write_file(file: str | Path, content: str, fill: Callable[[h5py.File], None]
         with h5py.File(memory, "w", track_order=True, userblock_size=SEAL_SIZE) as h5:
             put_text(h5, format=FORMAT, format_version=VERSION, content=content, software=_software())
             fill(h5)
+        with memory.getbuffer() as whole, whole[SEAL_SIZE:] as rest:  # let go of, also where writing fails
+            write_whole(path, sealed(whole), rest)
+    except FileError as error:
+        raise ERROR_OF.get(content, FileError)(str(error)) from error
     except OSError as error:
-        raise FileError(f"{path}: cannot be written: {system_reason(error)}") from error
-    with memory.getbuffer() as whole, whole[SEAL_SIZE:] as rest:  # let go of, also where writing fails
-        write_whole(path, sealed(whole), rest)
+        raise ERROR_OF.get(content, FileError)(f"{path}: cannot be written: {system_reason(error)}") from error
 
 
 def read_file(
@@ -84,36 +89,65 @@ def read_file(
 
     Args:
         file: path.
-        content: "rom" or "run".
+        content: such as "rom" or "run".
         take: reads what is in a file of this release's format.
         upgrade: makes a file of format 1.x one of this release's, in memory.
 
     Raises:
-        FileError: it is missing, damaged, of another format, or its content does not hold together.
+        FileError: it is missing, damaged, of another format, or its content does not hold together; of a ROM
+            RomFileError, of a run TrajectoryFileError.
     """
     path = Path(file)
-    try:
-        if not path.is_file():
-            raise FileError("is a folder or a device" if path.exists() else "not found")
-        _check_seal(path)
-        with h5py.File(path, "r") as h5:
-            if get_text(h5, "format") != FORMAT:
-                raise FileError("is not a fenics-rom file")
-            version = get_text(h5, "format_version")
-            if version.split(".")[0] not in READ_VERSIONS:
-                raise FileError(f"has format version {version}; this release reads {' and '.join(READ_VERSIONS)}.x")
-            found = get_text(h5, "content")
-            if found != content:
-                raise FileError(f"holds a {found}, not a {content}")
-            if version.startswith(VERSION.partition(".")[0]):
+    with _errors_of_reading(path, ERROR_OF.get(content, FileError)):
+        with _opened(path) as h5:
+            given = get_text(h5, "content")
+            if given != content:
+                raise FileError(f"holds a {given}, not a {content}")
+            if get_text(h5, "format_version").startswith(VERSION.partition(".")[0]):
                 return take(h5)
         with h5py.File(io.BytesIO(path.read_bytes()), "r+") as h5:
             upgrade(h5)
             return take(h5)
+
+
+def content_of(file: str | Path) -> str:
+    """What a file holds, "rom" or "run".
+
+    Raises:
+        FileError: it is no such file.
+    """
+    path = Path(file)
+    with _errors_of_reading(path, FileError), _opened(path) as h5:
+        content = get_text(h5, "content")
+    if content not in ERROR_OF:
+        raise FileError(f"{file}: holds neither a rom nor a run")
+    return content
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[h5py.File]:
+    """A file that is whole, and of a format that this release reads."""
+    if not path.is_file():
+        raise FileError("is a folder or a device" if path.exists() else "not found")
+    _check_seal(path)
+    with h5py.File(path, "r") as h5:
+        if get_text(h5, "format") != FORMAT:
+            raise FileError("is not a fenics-rom file")
+        version = get_text(h5, "format_version")
+        if version.split(".")[0] not in READ_VERSIONS:
+            raise FileError(f"has format version {version}; this release reads {' and '.join(READ_VERSIONS)}.x")
+        yield h5
+
+
+@contextmanager
+def _errors_of_reading(path: Path, kind: type[FileError]) -> Iterator[None]:
+    """Whatever goes wrong while a file is read, as one kind of error that names it."""
+    try:
+        yield
     except FenicsRomError as error:
-        raise FileError(f"{path}: {error}") from error
+        raise kind(f"{path}: {error}") from error
     except (OSError, RuntimeError, ValueError, LookupError, TypeError, AttributeError, MemoryError) as error:
-        raise FileError(f"{path}: cannot be read: {system_reason(error)}") from error
+        raise kind(f"{path}: cannot be read: {system_reason(error)}") from error
 
 
 def sealed(content: bytes | memoryview) -> bytes:
@@ -141,21 +175,6 @@ def is_sealed(file: str | Path) -> bool:
         return False
     with path.open("rb") as stream:
         return stream.read(len(FORMAT) + 1) == f"{FORMAT} ".encode()
-
-
-def content_of(file: str | Path) -> str:
-    """What a file holds, "rom" or "run".
-
-    Raises:
-        FileError: it is no such file.
-    """
-    for content in ("rom", "run"):
-        try:
-            return read_file(file, content, lambda h5: get_text(h5, "content"))
-        except FileError as error:
-            if not str(error).endswith(f", not a {content}"):
-                raise
-    raise FileError(f"{file}: holds neither a rom nor a run")
 
 
 def check_names(names: Iterable[str]) -> None:

@@ -4,18 +4,19 @@ The reference at each load is the nonlinear full order at the scene's step; its 
 twice the step.
 """
 
-import json
 import warnings
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomError, FenicsRomWarning, FileError, SceneError
 from fenics_rom.fem.ranks import on_rank_0
-from fenics_rom.io.atomic_write import write_whole
+from fenics_rom.io.atomic_write import make_folder
+from fenics_rom.io.json_record import read_record, write_record
 from fenics_rom.io.markdown import markdown
 from fenics_rom.io.progress import Report, silent
 from fenics_rom.rom.rom import Rom
@@ -212,10 +213,7 @@ class _Work:
 
     def _taken_over(self, resume: bool) -> Amplitudes | None:
         """What an earlier study left; on rank 0."""
-        try:
-            self._folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise FileError(f"{self._folder}: cannot be made: {error.strerror}") from error
+        make_folder(self._folder)
         file = self._folder / FOUND
         if not (resume and file.exists()):
             return None
@@ -247,7 +245,7 @@ class _Work:
 
     def kept(self, found: Amplitudes) -> Amplitudes:
         """Writes what was found so far, and returns it."""
-        write_whole(self._folder / FOUND, json.dumps(asdict(found), indent=1).encode())
+        write_record(self._folder / FOUND, found)
         return found
 
     def at(self, share: float, roms: Mapping[str, Rom]) -> tuple[list[Row], list[str]]:
@@ -300,14 +298,12 @@ def read_amplitudes(file: Path) -> Amplitudes:
     Raises:
         FileError: there is no such file, or it holds something else.
     """
-    try:
-        known = json.loads(file.read_text())
-        rows = tuple(Row(**row) for row in known.pop("rows"))
-        return Amplitudes(rows=rows, notes=tuple(known.pop("notes")), **known)
-    except OSError as error:
-        raise FileError(f"{file}: cannot be read: {error.strerror}") from error
-    except (ValueError, TypeError, KeyError, AttributeError) as error:
-        raise FileError(f"{file}: does not hold a study of amplitudes") from error
+    return read_record(file, "a study of amplitudes", _amplitudes)
+
+
+def _amplitudes(known: dict[str, Any]) -> Amplitudes:
+    rows = tuple(Row(**row) for row in known.pop("rows"))
+    return Amplitudes(rows=rows, notes=tuple(known.pop("notes")), **known)
 
 
 def _speed(run: Trajectory) -> float:

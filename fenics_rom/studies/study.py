@@ -10,6 +10,7 @@ import fenics_rom as fr
 from fenics_rom.errors import FileError, SceneError, SolverError, StepError
 from fenics_rom.fem.ranks import on_rank_0
 from fenics_rom.fem.simulate import plain_rate
+from fenics_rom.io.atomic_write import make_folder
 from fenics_rom.io.progress import Report, silent
 from fenics_rom.rom.rom import Rom
 from fenics_rom.scene.scene import TOLERANCE, Scene
@@ -180,10 +181,7 @@ class _Study:
 
     def _taken_over(self, resume: bool, or_begin: bool) -> Findings | None:
         """What an earlier study left, and its reference; on rank 0."""
-        try:
-            self._folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise FileError(f"{self._folder}: cannot be made: {error.strerror}") from error
+        make_folder(self._folder)
         file = self._folder / FINDINGS
         if not (resume and file.exists()):
             return None

@@ -83,7 +83,7 @@ def write_trajectory(file: str | Path, record: Trajectory) -> None:
     """Writes a run; an existing file is replaced only by a complete one.
 
     Raises:
-        FileError: it cannot be written, or holds numbers that are not finite.
+        TrajectoryFileError: it cannot be written, or holds numbers that are not finite.
     """
     write_file(file, "run", lambda h5: _fill(h5, record))
 
@@ -92,7 +92,7 @@ def read_trajectory(file: str | Path) -> Trajectory:
     """Reads a run.
 
     Raises:
-        FileError: the file is missing, damaged or of another format.
+        TrajectoryFileError: the file is missing, damaged or of another format.
     """
     return read_file(file, "run", _take, lambda h5: rename_all(h5, FORMAT_1))
 

@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from fenics_rom.errors import FileError, SceneError, unknown
-from fenics_rom.io.atomic_write import check_folder, check_place
+from fenics_rom.io.atomic_write import check_folder, check_place, make_folder
 from fenics_rom.io.progress import Report, silent
 from fenics_rom.rom.rom import Rom
 from fenics_rom.system.system import System
@@ -70,7 +70,7 @@ def plot(
     files = []
     with matplotlib.rc_context(style.settings):
         if in_folder:
-            _make(place)
+            make_folder(place)
             for name, draw in panels.items():
                 figure = figure_of(figsize=(COLUMN, HEIGHT * TALLER.get(name, 1.0)), layout="constrained")
                 draw(figure)
@@ -103,13 +103,6 @@ def check_output(place: Path) -> bool:
         raise FileError(f"{place}: allowed are a folder, or a file that ends in {', '.join(FORMATS)}")
     check_place(place)
     return False
-
-
-def _make(folder: Path) -> None:
-    try:
-        folder.mkdir(exist_ok=True)
-    except OSError as error:
-        raise FileError(f"{folder}: cannot be made: {error.strerror}") from error
 
 
 def _panels(
