@@ -72,6 +72,11 @@ def simulate(
         MeshError, SolverError: as `assemble`.
         StepError: a step could not be taken.
         MissingPackageError: a run at full order without FEniCSx.
+
+    Example:
+        >>> full, reduced = fr.simulate(system, dt=0.01), fr.simulate(rom, dt=0.01)
+        >>> fr.compare(reduced, full)["shape"].relative < 1e-3
+        True
     """
     if isinstance(model, Rom):
         from fenics_rom.runtime.simulate import simulate as simulate_rom

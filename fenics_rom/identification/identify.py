@@ -51,6 +51,11 @@ def identify(
         DataError: data that cannot be used, or that tell nothing.
         SceneError: a scene or a parameter that cannot be identified.
         SolverError: the fit does not settle; with what it reached.
+
+    Example:
+        >>> result = fr.identify(scene, ["markers.csv"], parameters=["young"])
+        >>> f"{result.estimates[0].value:.2e}"  # Pa
+        '1.00e+06'
     """
     _check_linear(scene)
     read = [read_markers(one, scene) if isinstance(one, str | Path) else one for one in data]

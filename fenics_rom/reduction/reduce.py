@@ -91,6 +91,11 @@ def reduce(
         SceneError: a choice that does not exist or does not fit the system.
         SolverError: undamped motions, or a solver that did not deliver.
         FileError: a checkpoint of something else, or one that cannot be written.
+
+    Example:
+        >>> rom = fr.reduce(system, order=20)
+        >>> rom.validation["middle"]["transfer_error"] < 1e-3
+        True
     """
     chosen = system.scene.reduction if system.scene else Reduction()
     if order is None and tolerance is None:

@@ -101,6 +101,9 @@ def write_rom(file: str | Path, rom: Rom) -> None:
     Raises:
         RomFileError: it cannot be written, or its parts do not fit each other.
         StructureError: the ROM lacks the structure that passivity rests on.
+
+    Example:
+        >>> fr.write_rom("small.h5", fr.truncate(rom, 5))
     """
     write_file(file, "rom", lambda h5: _fill(h5, rom))
 
@@ -110,6 +113,10 @@ def read_rom(file: str | Path) -> Rom:
 
     Raises:
         RomFileError: the file is missing, damaged, of another format, or its model lacks structure.
+
+    Example:
+        >>> list(fr.read_rom("plate.h5").contact_models)
+        ['tip_left', 'middle']
     """
     return read_file(file, "rom", _take, upgrade)
 

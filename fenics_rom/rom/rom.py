@@ -1,5 +1,6 @@
 """The frozen reduced model: what the offline stage hands to the runtime."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -44,6 +45,12 @@ class ContactModel:
     frequencies: Array = field(default_factory=lambda: np.empty(0))
     transfer_errors: Array = field(default_factory=lambda: np.empty(0))
     contact_points: Array = field(default_factory=lambda: np.empty(0, dtype=int))
+
+    def __repr__(self) -> str:
+        lowest = self.safe_frequencies[self.rigid :] / math.tau
+        rigid = f" ({self.rigid} rigid)" if self.rigid else ""
+        from_hertz = f", from {lowest[0]:.3g} Hz" if len(lowest) else ""
+        return f"ContactModel: order {self.order}{rigid}, {self.inputs.shape[1]} input columns{from_hertz}"
 
     @property
     def order(self) -> int:
@@ -94,6 +101,11 @@ class Rom:
         stages: what the offline work spent its time on.
         loads: number of input columns of each load that acts by a history of its own.
         deformation: what large deformation adds; then all contact modes have the same basis. None: the model is linear.
+
+    Example:
+        >>> rom = fr.read_rom("plate.h5")
+        >>> rom.contact_models["middle"].order, rom.contacts
+        (20, {'tip_left': 3, 'middle': 3})
     """
 
     name: str
@@ -116,6 +128,17 @@ class Rom:
     stages: tuple[Stage, ...] = ()
     loads: Mapping[str, int] = field(default_factory=dict)
     deformation: ReducedDeformation | None = None
+
+    def __repr__(self) -> str:
+        models, columns = self.contact_models, self.contacts
+        orders = (f"{name} (order {models[name].order}, {columns[name]} inputs)" for name in models)
+        nodes = f" of {len(self.nodes)} nodes" if len(self.nodes) else ""
+        others = {"actuators": self.actuators, "effects": self.effects, "outputs": self.outputs}
+        return (
+            f"Rom {self.name!r}: {self.method}, {self.switching} switching, {len(self.free)} displacements{nodes}\n"
+            f"  contact modes: {', '.join(orders)}; inputs in N\n"
+            f"  {'; '.join(f'{kind}: ' + ', '.join(names) for kind, names in others.items() if names)}"
+        ).rstrip()
 
     @property
     def contacts(self) -> dict[str, int]:
@@ -200,6 +223,10 @@ def truncate(rom: Rom, order: int) -> Rom:
 
     Raises:
         StructureError: order below 1, or beyond what every contact mode has, or a ROM with oblique switching.
+
+    Example:
+        >>> fr.truncate(rom, 5).contact_models["middle"].order
+        5
     """
     most = max(mode.order - mode.rigid for mode in rom.contact_models.values())
     if not 1 <= order <= most:

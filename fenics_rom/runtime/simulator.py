@@ -94,6 +94,14 @@ class Simulator:
     Raises:
         SceneError: an effect that the ROM was not made with, or a load without a history.
         StepError: dt is not a positive finite number, a history has another width, or the body begins in an obstacle.
+
+    Example:
+        >>> body = fr.Simulator(rom, dt=1e-3)
+        >>> for step in range(1000):
+        ...     body.switch("tip_left" if step < 500 else "middle")
+        ...     body.step([0.0, 0.0, 0.5])  # N
+        >>> body.displacement("tip").shape, body.energy > 0
+        ((2, 3), True)
     """
 
     def __init__(
@@ -130,6 +138,15 @@ class Simulator:
         self._readings: dict[tuple[str, str], Array] = {}
         self._doubling_blocks: dict[tuple[Any, ...], list[BlockPropagator]] = {}
         self._enter(next(iter(rom.contact_models)))
+
+    def __repr__(self) -> str:
+        model, steps = self.rom.contact_models[self._contact], f"{self.steps} step{'' if self.steps == 1 else 's'}"
+        columns = {"the contact in N": self.rom.contacts[self._contact], **self.rom.actuators}
+        return (
+            f"Simulator of {self.rom.name!r}: contact mode {self._contact} (order {model.order}), dt = {self._dt:g} s, "
+            f"{steps} taken, {self.stepper}\n"
+            f"  input: {', '.join(f'{count} of {name}' for name, count in columns.items())}"
+        )
 
     @property
     def time(self) -> float:

@@ -88,7 +88,13 @@ class Run:
 
 @dataclass(frozen=True)
 class Scene:
-    """Everything that was asked for. Numbers are in SI units."""
+    """Everything that was asked for. Numbers are in SI units.
+
+    Example:
+        >>> scene = fr.read_scene("plate.toml")
+        >>> list(scene.contacts), list(scene.outputs)
+        (['tip_left', 'middle'], ['tip'])
+    """
 
     name: str
     mesh_file: Path

@@ -60,6 +60,11 @@ def study(
         SceneError: nothing to benchmark, or a choice that does not exist.
         FileError: the folder cannot be written, or holds another study.
         SolverError: not one reduced model could be made.
+
+    Example:
+        >>> findings = fr.study(scene, "studied", methods=["balanced"], orders=[5], steps=[0.01])
+        >>> findings.rows[0].error < 0.1
+        True
     """
     reference.check_measurable(scene, [Path(file) for file in meshes])
     system = fr.assemble(scene)

@@ -38,6 +38,11 @@ def read_system(
 
     Raises:
         StructureError: a file that cannot be read, or whose content cannot be used, with its name.
+
+    Example:
+        >>> system = fr.read_system(mass="M.mtx", rayleigh=(0.5, 1e-3), stiffness="K.mtx", contacts={"tip": "B.mtx"})
+        >>> system.size
+        180
     """
     check_damping_choice(damping, rayleigh)
     matrices = {"mass": mass, "stiffness": stiffness} | ({} if damping is None else {"damping": damping})

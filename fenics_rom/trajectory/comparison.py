@@ -36,6 +36,10 @@ def compare(run: Trajectory, reference: Trajectory) -> dict[str, Difference]:
 
     Raises:
         CompareError: no common instants, or different bodies.
+
+    Example:
+        >>> fr.compare(run, run)["output tip"].relative
+        0.0
     """
     first, second = _common(run.times, reference.times, "times")
     differences = {

@@ -84,6 +84,9 @@ def write_trajectory(file: str | Path, record: Trajectory) -> None:
 
     Raises:
         TrajectoryFileError: it cannot be written, or holds numbers that are not finite.
+
+    Example:
+        >>> fr.write_trajectory("again.h5", run)
     """
     write_file(file, "run", lambda h5: _fill(h5, record))
 
@@ -93,6 +96,10 @@ def read_trajectory(file: str | Path) -> Trajectory:
 
     Raises:
         TrajectoryFileError: the file is missing, damaged or of another format.
+
+    Example:
+        >>> fr.read_trajectory("run.h5").steps
+        300
     """
     return read_file(file, "run", _take, lambda h5: rename_all(h5, FORMAT_1))
 

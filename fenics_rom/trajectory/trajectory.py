@@ -1,5 +1,6 @@
 """A run: what is kept of it, the same for full and reduced models."""
 
+import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 
@@ -49,6 +50,11 @@ class Trajectory:
         obstacles: where the scene puts them, by name.
         obstacle_motion: how far each was from there at `snapshot_times`, (s, 3), m.
         stepping: how a step was taken and why, where there was a choice.
+
+    Example:
+        >>> run = fr.read_trajectory("run.h5")
+        >>> run.outputs["tip"].shape, run.balance_error < 1e-12
+        ((301, 2, 3), True)
     """
 
     name: str
@@ -76,6 +82,17 @@ class Trajectory:
     obstacles: Mapping[str, Obstacle] = field(default_factory=dict)
     obstacle_motion: Mapping[str, Array] = field(default_factory=dict)
     stepping: str = ""
+
+    def __repr__(self) -> str:
+        order, dt = (self.settings.get(name, math.nan) for name in ("order", "dt"))
+        outputs = (f"{name} ({values.shape[1]} points)" for name, values in self.outputs.items())
+        parts = {"outputs": ", ".join(outputs), "effects": ", ".join(self.effects)}
+        kept = f"{len(self.snapshots)} snapshots of {len(self.nodes)} nodes"
+        return (
+            f"Trajectory {self.name!r}: {self.model} (order {order:g}), {self.steps} steps of {dt:g} s, "
+            f"contact modes {', '.join(self.contacts)}\n"
+            f"  {'; '.join([*(f'{kind}: {names}' for kind, names in parts.items() if names), kept])}"
+        )
 
     @property
     def balance_error(self) -> float:

@@ -70,6 +70,10 @@ def export(
         SceneError: there is no such kind of shape, or no surface.
         MissingPackageError: a package is not installed.
         FenicsRomError: any of these, where dolfinx is loaded: VTK then works in a process of its own.
+
+    Example:
+        >>> fr.export(rom, "modes.vtu").name
+        'modes.vtu'
     """
     place = Path(output)
     if beside_dolfinx():

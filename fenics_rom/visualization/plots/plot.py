@@ -60,6 +60,10 @@ def plot(
         SceneError: there is no such panel.
         StructureError, SolverError: of `full`.
         MissingPackageError: there is no Matplotlib.
+
+    Example:
+        >>> [file.name for file in fr.plot({"reduced": run}, "run.pdf")]
+        ['run.pdf']
     """
     figure_of = figure_class()
     import matplotlib
