@@ -7,6 +7,7 @@ midpoint integration. Importing this package loads nothing of NumPy or FEniCSx; 
 from typing import TYPE_CHECKING, Any
 
 from fenics_rom import errors as errors
+from fenics_rom.version import VERSION
 
 if TYPE_CHECKING:  # for type checkers and editors; what runs is MODULE_OF
     from fenics_rom.fem.assemble import assemble as assemble
@@ -34,7 +35,7 @@ if TYPE_CHECKING:  # for type checkers and editors; what runs is MODULE_OF
     from fenics_rom.visualization.exports.export import export as export
     from fenics_rom.visualization.plots.plot import plot as plot
 
-__version__ = "0.1.0"
+__version__ = VERSION
 
 MODULE_OF = {
     "Batch": "runtime.batch",

@@ -36,7 +36,7 @@ def rich_package() -> Any:
     return rich
 
 
-def print_rom(rom: fr.Rom, file: Path | str) -> None:
+def print_rom(rom: "fr.Rom", file: Path | str) -> None:
     """What is in a ROM, how good it is, and what it cost."""
     validation = rom.validation
     print_table(
@@ -86,7 +86,7 @@ def _deformation(body: ReducedDeformation) -> dict[str, str]:
     }
 
 
-def _effects(rom: fr.Rom) -> str:
+def _effects(rom: "fr.Rom") -> str:
     """Each with those of its parameters that are numbers, in their units."""
     shown = []
     for name, parameters in rom.effects.items():
@@ -143,7 +143,7 @@ def _megabytes(stage: Stage) -> str:
     return f"{stage.peak_memory / 1e6:,.0f} MB"
 
 
-def print_trajectory(run: fr.Trajectory, file: Path | str) -> None:
+def print_trajectory(run: "fr.Trajectory", file: Path | str) -> None:
     """What a run came to, and where the energy went."""
     dt = run.settings["dt"]
     account = {
@@ -180,7 +180,7 @@ def print_trajectory(run: fr.Trajectory, file: Path | str) -> None:
         _print_profile(run.profile)
 
 
-def _rate(run: fr.Trajectory, seconds: float) -> str:
+def _rate(run: "fr.Trajectory", seconds: float) -> str:
     if not seconds > 0:  # of a clock too coarse
         return "not measured"
     return f"{run.steps / seconds:,.0f} steps/s, {run.times[-1] / seconds:.3g} times real time"

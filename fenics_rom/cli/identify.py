@@ -40,7 +40,7 @@ def run(choice: argparse.Namespace) -> None:
         _print_identification(result, choice.output)
 
 
-def _print_identification(result: fr.Identification, folder: Path) -> None:
+def _print_identification(result: "fr.Identification", folder: Path) -> None:
     """The parameters found, and how good the fit is."""
     from fenics_rom.identification.write import HEADING, lines_of, rows_of  # needs SciPy, which a run of a ROM does not
 

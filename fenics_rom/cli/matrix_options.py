@@ -51,7 +51,7 @@ def matrix_files(choice: argparse.Namespace) -> list[str]:
     return [*filter(None, single.values()), *(file for pairs in named.values() for _, file in pairs)]
 
 
-def read_matrices(choice: argparse.Namespace) -> fr.System:
+def read_matrices(choice: argparse.Namespace) -> "fr.System":
     """The system of the files that were given."""
     return fr.read_system(
         mass=choice.mass,

@@ -68,7 +68,7 @@ def run(choice: argparse.Namespace) -> None:
             print("  resumed: {} of {} contact modes were taken over".format(*begun["contact modes"]))
 
 
-def _reduced(system: fr.System, choice: argparse.Namespace, partial: Path, report: Report) -> fr.Rom:
+def _reduced(system: "fr.System", choice: argparse.Namespace, partial: Path, report: Report) -> "fr.Rom":
     """The ROM; what is finished is kept in a folder meanwhile, and stays there when something ends the run."""
     try:
         return fr.reduce(

@@ -11,8 +11,8 @@ from fenics_rom.io.atomic_write import check_folder, write_whole
 from fenics_rom.io.mpi_ranks import is_rank_0, is_root_process
 from fenics_rom.studies.method_configs import WAYS
 from fenics_rom.studies.pareto import decades, sentence
-from fenics_rom.studies.report import PICTURES, write_results
-from fenics_rom.studies.study_results import Findings
+from fenics_rom.studies.report import write_results
+from fenics_rom.studies.study_results import PICTURES, Findings
 from fenics_rom.studies.tables import COSTS, cost_rows, remarks
 from fenics_rom.visualization.figure import figure_class
 
@@ -82,7 +82,7 @@ def run(choice: argparse.Namespace) -> None:
         print_warnings(remarks(findings))
 
 
-def _study_amplitudes(scene: fr.Scene, choice: argparse.Namespace, command: str) -> None:
+def _study_amplitudes(scene: "fr.Scene", choice: argparse.Namespace, command: str) -> None:
     from fenics_rom.studies.amplitude_plot import draw
     from fenics_rom.studies.amplitudes import HEADING, cells, report_of, study_of_amplitudes
 

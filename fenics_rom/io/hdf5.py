@@ -18,6 +18,7 @@ from typing import TypeVar
 import h5py
 import numpy as np
 
+from fenics_rom import version
 from fenics_rom.errors import FenicsRomError, FileError, RomFileError, TrajectoryFileError
 from fenics_rom.io.atomic_write import check_place, system_reason, write_whole
 from fenics_rom.io.mpi_ranks import is_rank_0
@@ -69,7 +70,7 @@ def write_file(file: str | Path, content: str, fill: Callable[[h5py.File], None]
         check_place(path)
         memory = io.BytesIO()  # not the disk: HDF5 does not take it well when that is full
         with h5py.File(memory, "w", track_order=True, userblock_size=SEAL_SIZE) as h5:
-            put_text(h5, format=FORMAT, format_version=VERSION, content=content, software=_software())
+            put_text(h5, format=FORMAT, format_version=VERSION, content=content, software=f"{FORMAT} {version.VERSION}")
             fill(h5)
         with memory.getbuffer() as whole, whole[SEAL_SIZE:] as rest:  # let go of, also where writing fails
             write_whole(path, sealed(whole), rest)
@@ -306,9 +307,3 @@ def _check(where: str, array: Array, entry: Entry, sizes: Sizes) -> None:
             raise FileError(f"{where} has shape {array.shape}; allowed is {entry.shape}, {size} = {expected}")
     if entry.kind == "f" and not np.isfinite(array).all():
         raise FileError(f"{where} holds numbers that are not finite")
-
-
-def _software() -> str:
-    from fenics_rom import __version__
-
-    return f"fenics-rom {__version__}"

@@ -7,8 +7,6 @@ from fenics_rom.io.mpi_ranks import is_rank_0
 from fenics_rom.studies.study_results import Findings
 from fenics_rom.studies.tables import csv_table, report
 
-PICTURES = ("speed", "orders", "parts")
-
 
 def write_results(folder: Path, findings: Findings, command: str) -> None:
     """Writes study.csv, study.md, and the pictures speed, orders and parts; under MPI, rank 0 does.

@@ -7,6 +7,8 @@ from typing import Any
 
 from fenics_rom.io.json_record import read_record, write_record
 
+PICTURES = ("speed", "orders", "parts")  # names of those that are drawn of a study
+
 
 @dataclass(frozen=True)
 class Row:

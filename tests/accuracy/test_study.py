@@ -15,7 +15,7 @@ import fenics_rom as fr
 from fenics_rom.errors import FileError, SceneError, SolverError
 from fenics_rom.scene.file import parse_scene
 from fenics_rom.studies.method_configs import ORDERS, WAYS
-from fenics_rom.studies.report import PICTURES, write_results
+from fenics_rom.studies.report import write_results
 from fenics_rom.studies.study import study_for
 from fenics_rom.studies.tables import remarks
 
