@@ -158,10 +158,10 @@ def sealed(content: bytes | memoryview) -> bytes:
 
 def _check_seal(path: Path) -> None:
     with path.open("rb", buffering=0) as stream:
-        found = stream.read(SEAL_SIZE)
-        if not found.startswith(f"{FORMAT} ".encode()):
+        seal = stream.read(SEAL_SIZE)
+        if not seal.startswith(f"{FORMAT} ".encode()):
             raise FileError("is not a fenics-rom file")
-        if found != _seal(hashlib.file_digest(stream, "sha256").hexdigest()):  # of what is still to be read
+        if seal != _seal(hashlib.file_digest(stream, "sha256").hexdigest()):  # of what is still to be read
             raise FileError("is damaged: its content is not what was written (the checksum differs)")
 
 
@@ -255,7 +255,7 @@ def get_arrays(group: h5py.Group, table: Table, sizes: Sizes, others: tuple[str,
                 raise FileError(f"{where} is missing")
             arrays[name] = None
             continue
-        dataset = _own(group, name, h5py.Dataset)
+        dataset = _stored_here(group, name, h5py.Dataset)
         if dataset is None or dataset.dtype.kind != entry.kind or dataset.dtype.itemsize != 8:
             raise FileError(f"{where} is not an array of {'whole' if entry.kind == 'i' else 'real'} numbers")
         size = 8 * math.prod(dataset.shape)  # Python's whole numbers: NumPy's would overflow
@@ -284,18 +284,18 @@ def get_group(parent: h5py.Group, name: str) -> h5py.Group:
     Raises:
         FileError: it is not.
     """
-    group = _own(parent, name, h5py.Group)
+    group = _stored_here(parent, name, h5py.Group)
     if group is None:
         raise FileError(f"{parent.name.rstrip('/')}/{name} is missing")
     return group
 
 
-def _own(group: h5py.Group, name: str, kind: type[T]) -> T | None:
+def _stored_here(group: h5py.Group, name: str, kind: type[T]) -> T | None:
     """What has that name and is of that kind; None where it is not, or where a link leads elsewhere."""
     if not isinstance(group.get(name, getlink=True), h5py.HardLink):
         return None
-    found = group[name]
-    return found if isinstance(found, kind) else None
+    item = group[name]
+    return item if isinstance(item, kind) else None
 
 
 def _check(where: str, array: Array, entry: Entry, sizes: Sizes) -> None:

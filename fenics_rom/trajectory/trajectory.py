@@ -1,4 +1,4 @@
-"""A run: what is kept of it, the same for full and reduced models."""
+"""What is kept of a run, the same for full and reduced models."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -87,11 +87,11 @@ class Trajectory:
         order, dt = (self.settings.get(name, math.nan) for name in ("order", "dt"))
         outputs = (f"{name} ({values.shape[1]} points)" for name, values in self.outputs.items())
         parts = {"outputs": ", ".join(outputs), "effects": ", ".join(self.effects)}
-        kept = f"{len(self.snapshots)} snapshots of {len(self.nodes)} nodes"
+        snapshots = f"{len(self.snapshots)} snapshots of {len(self.nodes)} nodes"
         return (
             f"Trajectory {self.name!r}: {self.model} (order {order:g}), {self.steps} steps of {dt:g} s, "
             f"contact modes {', '.join(self.contacts)}\n"
-            f"  {'; '.join([*(f'{kind}: {names}' for kind, names in parts.items() if names), kept])}"
+            f"  {'; '.join([*(f'{kind}: {names}' for kind, names in parts.items() if names), snapshots])}"
         )
 
     @property
@@ -108,7 +108,7 @@ class Trajectory:
 
 
 class TrajectoryRecorder:
-    """Fills the arrays of a record, step by step.
+    """Fills the arrays of a trajectory, step by step.
 
     Args:
         steps: number of steps of the run.
@@ -140,8 +140,8 @@ class TrajectoryRecorder:
         self._outputs = {name: np.zeros((steps + 1, points, 3)) for name, points in outputs.items()}
         self._obstacles = obstacles or {}
         self._forces = {name: np.zeros((steps + 1, 3)) for name in self._obstacles}
-        kept = [name for name, effect in CONTACT_ACCOUNT.items() if effect in effects]
-        self._contact_account = {name: np.zeros(steps + 1) for name in kept}
+        sums = [name for name, effect in CONTACT_ACCOUNT.items() if effect in effects]
+        self._contact_account = {name: np.zeros(steps + 1) for name in sums}
         self._snapshot_steps = np.unique(np.round(np.linspace(0, steps, min(snapshots, steps) + 1)).astype(int))[1:]
         self._snapshots = np.zeros((len(self._snapshot_steps), nodes, 3))
         self._velocities = np.zeros_like(self._snapshots) if not effects or "inertia" in effects else None

@@ -17,6 +17,7 @@ from fenics_rom.scene.file import parse_scene
 from fenics_rom.studies.method_configs import ORDERS, WAYS
 from fenics_rom.studies.report import write_results
 from fenics_rom.studies.study import study_for
+from fenics_rom.studies.study_results import PICTURES
 from fenics_rom.studies.tables import remarks
 
 pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
