@@ -27,9 +27,13 @@ MODULES = {
 }
 STARTED = {  # scripts and commands of this package, in processes of their own
     PACKAGE / "fem" / "gmsh_file.py": "[sys.executable, '-P', gmsh_process.__file__, file]",
-    PACKAGE / "exports" / "elsewhere.py": "[sys.executable, '-m', 'fenics_rom', 'export', *words]",
+    PACKAGE
+    / "visualization"
+    / "exports"
+    / "subprocess_export.py": "[sys.executable, '-m', 'fenics_rom', 'export', *words]",
 }
-SERVES = {PACKAGE / "viewer" / "command.py", PACKAGE / "viewer" / "server.py"}  # the live view, on this machine alone
+VIEWER = PACKAGE / "visualization" / "viewer"
+SERVES = {VIEWER / "command.py", VIEWER / "server.py"}  # the live view, on this machine alone
 SERVING = {"http", "socket", "webbrowser"}
 UNPICKLES = {"load", "fromfile", "loadtxt", "genfromtxt"}  # of NumPy
 MEASURED = ("settings/seconds", "offline/", "profile/")  # wall clocks and memory: all that differs between two runs
