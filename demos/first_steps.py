@@ -45,7 +45,7 @@ fr.write_rom(out / "tongue.h5", rom)
 print(rom.validation)
 
 # %% The load history at both orders: how far they are apart, and how much faster the small one is.
-full, reduced = fr.solve(system), fr.simulate(rom)
+full, reduced = fr.simulate(system), fr.simulate(rom, rate=True)
 print(fr.compare(reduced, full)["shape"].relative, full.settings["seconds"] / reduced.settings["seconds"])
 
 # %% Pictures: what the contact modes are, and how energy and the tongue's end move.

@@ -1,120 +1,79 @@
 """Soft bodies with changing contacts, in real time.
 
 Reads a scene, assembles it with FEniCSx, reduces it for each contact mode, and steps the reduced models with passive
-midpoint integration. Importing this package loads NumPy and nothing of FEniCSx; a name is loaded when it is used.
+midpoint integration. Importing this package loads nothing of NumPy or FEniCSx; a name is loaded when it is used.
 """
 
-from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
-__version__ = "0.1.0"
+from fenics_rom import errors as errors
+from fenics_rom.version import VERSION
 
-_HOME = {
+if TYPE_CHECKING:  # for type checkers and editors; what runs is MODULE_OF
+    from fenics_rom.fem.assemble import assemble as assemble
+    from fenics_rom.identification.identify import identify as identify
+    from fenics_rom.identification.result import Identification as Identification
+    from fenics_rom.identification.write import write_identification as write_identification
+    from fenics_rom.reduction.reduce import reduce as reduce
+    from fenics_rom.rom.file import read_rom as read_rom
+    from fenics_rom.rom.file import write_rom as write_rom
+    from fenics_rom.rom.rom import Rom as Rom
+    from fenics_rom.rom.rom import truncate as truncate
+    from fenics_rom.run import simulate as simulate
+    from fenics_rom.runtime.batch import Batch as Batch
+    from fenics_rom.runtime.realtime import run_realtime as run_realtime
+    from fenics_rom.runtime.simulator import Simulator as Simulator
+    from fenics_rom.scene.file import read_scene as read_scene
+    from fenics_rom.scene.scene import Scene as Scene
+    from fenics_rom.studies.study import study as study
+    from fenics_rom.system.matrix_market import read_system as read_system
+    from fenics_rom.system.system import System as System
+    from fenics_rom.trajectory.comparison import compare as compare
+    from fenics_rom.trajectory.file import read_trajectory as read_trajectory
+    from fenics_rom.trajectory.file import write_trajectory as write_trajectory
+    from fenics_rom.trajectory.trajectory import Trajectory as Trajectory
+    from fenics_rom.visualization.exports.export import export as export
+    from fenics_rom.visualization.plots.plot import plot as plot
+
+__version__ = VERSION
+
+MODULE_OF = {
     "Batch": "runtime.batch",
     "Identification": "identification.result",
-    "Trajectory": "trajectory.trajectory",
     "Rom": "rom.rom",
     "Scene": "scene.scene",
     "Simulator": "runtime.simulator",
     "System": "system.system",
+    "Trajectory": "trajectory.trajectory",
     "assemble": "fem.assemble",
     "compare": "trajectory.comparison",
     "export": "visualization.exports.export",
     "identify": "identification.identify",
     "plot": "visualization.plots.plot",
-    "read_trajectory": "trajectory.file",
     "read_rom": "rom.file",
     "read_scene": "scene.file",
     "read_system": "system.matrix_market",
+    "read_trajectory": "trajectory.file",
     "reduce": "reduction.reduce",
     "run_realtime": "runtime.realtime",
-    "simulate": "runtime.simulate",
-    "solve": "fem.simulate",
+    "simulate": "run",
     "study": "studies.study",
-    "truncated": "rom.rom",
+    "truncate": "rom.rom",
     "write_identification": "identification.write",
-    "write_trajectory": "trajectory.file",
     "write_rom": "rom.file",
-}
-_FENICSX = ("dolfinx", "sudo apt-get install --no-install-recommends python3-dolfinx python3-gmsh libopenblas0")
-_PACKAGES = {
-    "studies": _FENICSX,
-    "fem": _FENICSX,
-    "reduction": ("scipy", "pip install fenics-rom[reduction]"),
-    "identification": _FENICSX,
-    "system": ("scipy", "pip install fenics-rom[reduction]"),
+    "write_trajectory": "trajectory.file",
 }
 
-if TYPE_CHECKING:
-    from fenics_rom.fem.assemble import assemble
-    from fenics_rom.fem.simulate import solve
-    from fenics_rom.identification.identify import identify
-    from fenics_rom.identification.result import Identification
-    from fenics_rom.identification.write import write_identification
-    from fenics_rom.reduction.reduce import reduce
-    from fenics_rom.rom.file import read_rom, write_rom
-    from fenics_rom.rom.rom import Rom, truncated
-    from fenics_rom.runtime.batch import Batch
-    from fenics_rom.runtime.realtime import run_realtime
-    from fenics_rom.runtime.simulate import simulate
-    from fenics_rom.runtime.simulator import Simulator
-    from fenics_rom.scene.file import read_scene
-    from fenics_rom.scene.scene import Scene
-    from fenics_rom.studies.study import study
-    from fenics_rom.system.matrix_market import read_system
-    from fenics_rom.system.system import System
-    from fenics_rom.trajectory.comparison import compare
-    from fenics_rom.trajectory.file import read_trajectory, write_trajectory
-    from fenics_rom.trajectory.trajectory import Trajectory
-    from fenics_rom.visualization.exports.export import export
-    from fenics_rom.visualization.plots.plot import plot
-
-__all__ = [
-    "Batch",
-    "Identification",
-    "Rom",
-    "Scene",
-    "Simulator",
-    "System",
-    "Trajectory",
-    "assemble",
-    "compare",
-    "export",
-    "identify",
-    "plot",
-    "read_rom",
-    "read_scene",
-    "read_system",
-    "read_trajectory",
-    "reduce",
-    "run_realtime",
-    "simulate",
-    "solve",
-    "study",
-    "truncated",
-    "write_identification",
-    "write_rom",
-    "write_trajectory",
-]
+__all__ = ["errors", *MODULE_OF]
 
 
 def __getattr__(name: str) -> Any:
-    if name not in _HOME:
+    if name not in MODULE_OF:
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
-    home = _HOME[name]
-    try:
-        if home.startswith(("studies.", "fem.", "identification.")):
-            import_module("h5py")  # first: PyPI's h5py, after dolfinx, would take dolfinx's HDF5 for its own
-        module = import_module(f"{__name__}.{home}")
-    except ModuleNotFoundError as error:
-        needed, cure = _PACKAGES.get(home.split(".")[0], ("", ""))
-        if not needed or (error.name or "").startswith(__name__):
-            raise
-        from fenics_rom.errors import MissingPackageError
+    from fenics_rom.lazy_import import load
 
-        raise MissingPackageError(f"fenics_rom.{name} needs {error.name}, which this Python lacks: {cure}") from error
-    return getattr(module, name)
+    return load(MODULE_OF[name], name)
 
 
 def __dir__() -> list[str]:
-    return sorted([*globals(), *_HOME])
+    return sorted([*__all__, *(name for name in globals() if name.startswith("__"))])

@@ -25,7 +25,15 @@ class StructureError(FenicsRomError):
 
 
 class FileError(FenicsRomError):
-    """A ROM or run file is missing, damaged, of another format or not what it says."""
+    """A file or folder cannot be read or written, or is not what it says."""
+
+
+class RomFileError(FileError):
+    """A ROM file is missing, damaged, of another format, or its parts do not fit each other."""
+
+
+class TrajectoryFileError(FileError):
+    """A run file is missing, damaged, of another format, or its parts do not fit each other."""
 
 
 class DataError(FenicsRomError):

@@ -16,6 +16,7 @@ from petsc4py import PETSc
 
 import fenics_rom as fr
 from fenics_rom.cli.main import main
+from fenics_rom.errors import SceneError
 from fenics_rom.io.stages import Stage
 from fenics_rom.reduction.methods.by_name import BY_NAME
 from fenics_rom.scene.scene import LYAPUNOV
@@ -29,8 +30,7 @@ COMMANDS = {
         *("--method", "--solver", "--resume"),
         *("--mass", "--stiffness", "--damping", "--rayleigh", "--contact", "--actuator", "--observe"),
     ],
-    "solve": ["--dt", "--output"],
-    "simulate": ["--scene", "--dt", "--order", "--profile", "--stepper", "--output"],
+    "simulate": ["--scene", "--dt", "--order", "--profile", "--rate", "--stepper", "--output"],
     "study": ["--tolerance", "--quick", "--methods", "--orders", "--steps", "--mesh", "--resume", "--output"],
     "identify": ["--data", "--parameters", "--output"],
     "info": [],
@@ -56,13 +56,13 @@ def story(tmp_path_factory):
     """The plate from its scene to numbers, each command in its own process; what they printed."""
     folder = tmp_path_factory.mktemp("story")
     printed = {}
-    for name, *arguments in (
-        ("reduce", PLATE, "-o", "rom.h5", "--order", "500"),
-        ("solve", PLATE, "-o", "full.h5", "--dt", "0.01"),
-        ("simulate", "rom.h5", "-o", "run.h5", "--dt", "0.01"),
-        ("compare", "run.h5", "full.h5"),
+    for name, command, *arguments in (
+        ("reduce", "reduce", PLATE, "-o", "rom.h5", "--order", "500"),
+        ("full", "simulate", PLATE, "-o", "full.h5", "--dt", "0.01"),
+        ("reduced", "simulate", "rom.h5", "-o", "run.h5", "--dt", "0.01", "--rate"),
+        ("compare", "compare", "run.h5", "full.h5"),
     ):
-        run = fenics_rom(name, *arguments, cwd=folder)
+        run = fenics_rom(command, *arguments, cwd=folder)
         assert run.returncode == 0, run.stderr
         assert "fenics" not in run.stderr  # what a machine's MPI says of the machine may be there
         printed[name] = run.stdout
@@ -164,11 +164,13 @@ def test_study_for_a_tolerance_writes_the_model(inside, say):
 
 def test_info_is_what_the_commands_printed(story, say, monkeypatch):
     monkeypatch.chdir(story[0])
-    for command, file in (("reduce", "rom.h5"), ("solve", "full.h5"), ("simulate", "run.h5")):
-        assert say("info", file) == (0, story[1][command], "")
-    assert "full run plate: full.h5" in story[1]["solve"]
-    assert "reduced run plate: run.h5" in story[1]["simulate"]
-    assert "steps                     300 of 0.01 s" in story[1]["solve"]
+    for name, file in (("reduce", "rom.h5"), ("full", "full.h5"), ("reduced", "run.h5")):
+        assert say("info", file) == (0, story[1][name], "")
+    assert "full run plate: full.h5" in story[1]["full"]
+    assert "reduced run plate: run.h5" in story[1]["reduced"]
+    for name in ("full", "reduced"):
+        assert "steps                     300 of 0.01 s" in story[1][name]
+        assert re.search(r"^  rate +[\d,]+ steps/s, \S+ times real time$", story[1][name], flags=re.M)
 
 
 def test_simulate_takes_another_load_history_and_a_lower_order(story, inside, say):
@@ -178,6 +180,7 @@ def test_simulate_takes_another_load_history_and_a_lower_order(story, inside, sa
     )
     assert (status, err) == (0, "")
     assert re.search(r"order +5\n", out)
+    assert "rate" not in out
     assert fr.read_trajectory("run.h5").contact.tolist() == 301 * [1]
 
 
@@ -297,6 +300,31 @@ def test_run_whose_clock_stood_still_is_printed(inside, say):
     assert "rate                      not measured" in say("info", "run.h5")[1]
 
 
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ([PLATE, "--order", "0", "--rate"], f"--order, --rate: for a ROM; {PLATE} is a scene, run at full order"),
+        ([PLATE, "--scene", PLATE], f"--scene: for a ROM; {PLATE} is a scene, run at full order"),
+        ([PLATE, "--stepper", "newton"], f"--stepper: for a ROM; {PLATE} is a scene, run at full order"),
+        (["copy", "-fenics_rom_eps_ncv", "40"], "-fenics_rom_eps_ncv is for a scene; copy is a ROM"),
+    ],
+)
+def test_options_of_the_other_kind_of_model_are_refused(inside, say, database, arguments, message):
+    shutil.copy(ROM, "copy")  # a ROM, whatever it is called
+    status, out, err = say("simulate", *arguments, "-o", "run.h5")
+    assert (status, out) == (2, "")
+    assert err.endswith(f"fenics-rom simulate: error: {message}\n")
+    assert not Path("run.h5").exists()
+
+
+def test_python_refuses_options_of_a_rom_by_name(plate_system):
+    with pytest.raises(SceneError, match="profile, stepper cannot be used with a System, which is run at full order"):
+        fr.simulate(plate_system, profile=True, stepper="newton")
+    for model, hint in ((PLATE, "; read_scene and read_rom read files"), (3, "")):
+        with pytest.raises(SceneError, match=rf"allowed are a Scene, a System or a Rom{hint}$"):
+            fr.simulate(model)
+
+
 @pytest.mark.parametrize("command", COMMANDS)
 def test_help_of_every_command_names_its_options(say, command):
     status, out, err = say(command, "--help")
@@ -331,7 +359,7 @@ def test_help_lists_every_command(say):
         ["reduce", "-o", "rom.h5", "-fenics_rom_eps_monitor", "scene.toml"],
         ["reduce", "scene.toml", "-o", "rom.h5", "--method", "podd"],
         ["reduce", "scene.toml", "-o", "rom.h5", "--solver", "none"],
-        ["solve", "scene.toml", "-o", "run.h5", "--resume"],
+        ["simulate", "scene.toml", "-o", "run.h5", "--resume"],
         ["study", "scene.toml"],
         ["study", "scene.toml", "-o", "out", "--methods", "best"],
         ["study", "scene.toml", "-o", "out", "--tolerance", "1e-3", "--quick"],
@@ -367,7 +395,7 @@ class TestOptions:
 
     def test_reach_the_factor_of_a_time_step(self, inside, say, database):
         words = ["-fenics_rom_factor_mat_cholmod_factor", "SUPERNODAL", "-fenics_rom_factor_mat_cholmod_fctor", "x"]
-        status, out, _ = say("solve", PLATE, "-o", "run.h5", "--dt", "0.1", *words)
+        status, out, _ = say("simulate", PLATE, "-o", "run.h5", "--dt", "0.1", *words)
         assert status == 0
         assert re.findall("option (.*) was given", out) == ["-fenics_rom_factor_mat_cholmod_fctor"]
 
@@ -377,7 +405,7 @@ class TestOptions:
         assert out.count("nothing has read it") == 1
 
     def test_of_nothing_here_are_refused_before_the_work(self, refused, database):
-        for command in ("reduce", "solve"):
+        for command in ("reduce", "simulate"):
             said = refused(command, "none.toml", "-o", "out.h5", "-fenics_rom_ncv", "40")
             assert said.startswith("option '-fenics_rom_ncv': allowed are those that begin with -fenics_rom_factor_")
         assert database() == {}
@@ -427,7 +455,7 @@ class TestOptions:
 )
 def test_bad_scene_is_refused(inside, refused, there, instead, said):
     (inside / "plate.toml").write_text(TEXT.replace(there, instead, 1))
-    for command in ("reduce", "solve"):
+    for command in ("reduce", "simulate"):
         assert said in refused(command, "plate.toml", "-o", "out.h5")
 
 
@@ -450,7 +478,7 @@ def test_empty_mesh_group_is_refused(inside, refused):
 def test_force_that_does_not_fit_is_refused(inside, refused, force, said):
     (inside / "plate.toml").write_text(TEXT.replace("[0.0, 0.0, 0.5]   #", f"{force} #"))
     shutil.copy(ROM, inside / "rom.h5")
-    assert said in refused("solve", "plate.toml", "-o", "run.h5")
+    assert said in refused("simulate", "plate.toml", "-o", "run.h5")
 
 
 def test_what_is_no_rom_or_run_is_refused(inside, refused):
@@ -484,7 +512,7 @@ def test_what_is_no_rom_or_run_is_refused(inside, refused):
         (["reduce", "eigenvectors.toml"], "have no singular values for a tolerance to leave out; give an order"),
         (["reduce", "none.toml"], "none.toml: cannot be read: No such file or directory"),
         (["reduce", "two\nlines.toml"], "two lines.toml: cannot be read: No such file or directory"),
-        (["solve", "plate.toml", "--dt", "-1"], "dt = -1.0: allowed is more than 0 and at most the duration, 3 s"),
+        (["simulate", "plate.toml", "--dt", "-1"], "dt = -1.0: allowed is more than 0 and at most the duration, 3 s"),
         (["simulate", ROM, "--dt", "nan"], "dt = nan: allowed is more than 0 and at most the duration, 0.4 s"),
         (["simulate", ROM, "--dt", "1e-12"], "dt = 1e-12: a run of 4e+11 steps; allowed are at most 10,000,000"),
         (["simulate", ROM, "--order", "5"], "order 5: allowed are 1 to 4, the largest order in the ROM"),
@@ -502,11 +530,11 @@ def test_choice_that_does_not_exist_is_refused(inside, refused, arguments, said)
 
 def test_scene_without_a_run_is_refused_where_one_is_needed(inside, refused):
     (inside / "plate.toml").write_text(TEXT[: TEXT.index("[run]")])
-    for command in (("simulate", ROM, "--scene", "plate.toml"), ("solve", "plate.toml")):
+    for command in (("simulate", ROM, "--scene", "plate.toml"), ("simulate", "plate.toml")):
         assert "[run], so there is no load history" in refused(*command, "-o", "run.h5")
 
 
-@pytest.mark.parametrize("command", [["reduce", "plate.toml"], ["solve", "plate.toml"], ["simulate", "rom.h5"]])
+@pytest.mark.parametrize("command", [["reduce", "plate.toml"], ["simulate", "plate.toml"], ["simulate", "rom.h5"]])
 def test_place_that_cannot_be_written_to_is_refused_before_the_work(inside, refused, command):
     """Before: none of these inputs exists yet, and the place is what is told."""
     os.mkfifo("pipe")

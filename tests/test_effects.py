@@ -274,7 +274,7 @@ def test_contact_mode_follows_obstacles_or_is_pushed(mesh):
     with pytest.raises(SceneError, match=r"switching = 'automatic'.*run.load can push with actuators only; .*'scene'"):
         parse(INERTIA + FLOOR, **push)
     scene = parse(f'{INERTIA}[effects.contact]\nswitching = "scene"\n{FLOOR}', mesh, **push)
-    assert fr.solve(scene).supplied[-1] > 0
+    assert fr.simulate(scene).supplied[-1] > 0
 
 
 BODILY = {
@@ -314,7 +314,7 @@ def test_load_without_a_history_is_told_on_the_command_line(mesh, tmp_path, capf
         return end.value.code, *capfd.readouterr()
 
     assert say("reduce", "scene.toml", "-o", "rom.h5", "--order", "4")[0] == 0
-    for command in (("solve", "scene.toml"), ("simulate", "rom.h5")):
+    for command in (("simulate", "scene.toml"), ("simulate", "rom.h5")):
         status, _, err = say(*command, "-o", "run.h5")
         assert status == 1
         assert re.fullmatch(
@@ -438,7 +438,7 @@ def test_run_that_would_not_be_read_is_not_written(rom, tmp_path, changes, messa
 
 
 def test_lower_order_keeps_loads_and_contact(rom):
-    lower = fr.truncated(rom, 6)
+    lower = fr.truncate(rom, 6)
     assert lower.loads == rom.loads
     np.testing.assert_array_equal(
         lower.contact_models["right"].contact_points, rom.contact_models["right"].contact_points

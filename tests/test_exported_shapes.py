@@ -21,7 +21,7 @@ def test_modes_are_orthonormal_and_have_their_own_frequencies(plate_rom, plate_s
         rayleigh = np.sqrt(np.diag(X.T @ (K @ X))) / (2 * np.pi)
         np.testing.assert_allclose([field.frequency for field in modes], rayleigh, rtol=1e-8)
         assert [field.σ for field in modes] == list(mode.hankel_singular_values[: mode.order])
-        lower = balanced_modes(fr.truncated(plate_rom, 5), fr.truncated(plate_rom, 5).contact_models[name])
+        lower = balanced_modes(fr.truncate(plate_rom, 5), fr.truncate(plate_rom, 5).contact_models[name])
         np.testing.assert_allclose(  # the first five span the model of order five
             X[:, :5].T @ (M @ np.column_stack([free(plate_rom, field) for field in lower])) @ np.ones(5),
             (X.T @ (M @ np.column_stack([free(plate_rom, field) for field in lower])) @ np.ones(5))[:5],
@@ -44,7 +44,7 @@ def test_eigenvectors_and_shapes_at_rest_are_those_of_the_full_model(plate_rom, 
 def test_full_order_keeps_the_same_velocities(plate_system, plate_rom):
     scene = replace(plate_system.scene, run=replace(plate_system.scene.run, duration=0.05, snapshots=5))
     system = replace_scene(plate_system, scene)
-    full, reduced = fr.solve(system), fr.simulate(plate_rom, scene=scene)
+    full, reduced = fr.simulate(system), fr.simulate(plate_rom, scene=scene)
     assert np.abs(full.velocities - reduced.velocities).max() < 5e-3 * np.abs(full.velocities).max()
 
 

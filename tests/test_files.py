@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import fenics_rom as fr
-from fenics_rom.errors import FenicsRomError, FileError, StructureError
+from fenics_rom.errors import FenicsRomError, FileError, RomFileError, StructureError, TrajectoryFileError
 from fenics_rom.io.hdf5 import LONGEST_TEXT, content_of, sealed
 from fenics_rom.io.stages import Stage
 from fenics_rom.mechanics.environment import AppliedLoad, Load, Run
@@ -62,7 +62,7 @@ def roms(plate_system, box_system):
         "no outputs": replace(energy, outputs={}, weighting="nodal"),
         "own matrices": own_matrices(),
         "eigenvectors": fr.reduce(plate_system, order=4, method="modal"),
-        "nothing measured": fr.truncated(replace(energy, method="<lambda>", stages=()), 3),
+        "nothing measured": fr.truncate(replace(energy, method="<lambda>", stages=()), 3),
     }
 
 
@@ -356,6 +356,19 @@ fr.write_rom(f"{{os.getpid()}}.h5", rom)
     assert len(list(tmp_path.glob("*.h5"))) == written
 
 
+def test_callers_can_tell_files_of_roms_and_runs_apart(tmp_path, rom):
+    for read, error in (
+        (fr.read_rom, RomFileError),
+        (fr.read_trajectory, TrajectoryFileError),
+        (content_of, FileError),
+    ):
+        with pytest.raises(FileError) as caught:
+            read(tmp_path / "none.h5")
+        assert type(caught.value) is error
+    with pytest.raises(RomFileError):
+        fr.write_rom(tmp_path, rom)
+
+
 # --- damage ----------------------------------------------------------------------------------------------------------
 
 
@@ -611,7 +624,7 @@ def transfer(rom, name):
 @pytest.mark.parametrize("order", [1, 3, 7, 12, 20])
 def test_order_k_of_a_stored_rom_is_the_reduction_to_order_k(plate_system, plate_rom, tmp_path, order):
     fr.write_rom(tmp_path / "rom.h5", plate_rom)
-    stored, direct = fr.truncated(fr.read_rom(tmp_path / "rom.h5"), order), fr.reduce(plate_system, order=order)
+    stored, direct = fr.truncate(fr.read_rom(tmp_path / "rom.h5"), order), fr.reduce(plate_system, order=order)
     for name, mode in direct.contact_models.items():
         assert stored.contact_models[name].order == mode.order == order
         np.testing.assert_array_equal(stored.contact_models[name].hankel_singular_values, mode.hankel_singular_values)
@@ -623,13 +636,13 @@ def test_order_k_of_a_stored_rom_is_the_reduction_to_order_k(plate_system, plate
 
 
 def test_lower_order_of_a_lower_order_is_that_order(plate_rom):
-    once, twice = fr.truncated(plate_rom, 5), fr.truncated(fr.truncated(plate_rom, 11), 5)
+    once, twice = fr.truncate(plate_rom, 5), fr.truncate(fr.truncate(plate_rom, 11), 5)
     np.testing.assert_allclose(transfer(twice, "middle"), transfer(once, "middle"), rtol=1e-7, atol=1e-12)
 
 
 def test_dense_damping_is_truncated_as_its_diagonal(plate_rom):
     dense = {name: replace(mode, damping=np.diag(mode.damping)) for name, mode in plate_rom.contact_models.items()}
-    lower = [fr.truncated(rom, 6) for rom in (plate_rom, replace(plate_rom, contact_models=dense))]
+    lower = [fr.truncate(rom, 6) for rom in (plate_rom, replace(plate_rom, contact_models=dense))]
     assert lower[1].contact_models["middle"].damping.shape == (6, 6)
     np.testing.assert_allclose(*(transfer(rom, "middle") for rom in lower), rtol=1e-7, atol=1e-12)
 
@@ -644,4 +657,4 @@ def test_dense_damping_is_truncated_as_its_diagonal(plate_rom):
 )
 def test_order_that_is_not_there_is_told(roms, kind, order, message):
     with pytest.raises(StructureError, match=message):
-        fr.truncated(roms[kind], order)
+        fr.truncate(roms[kind], order)

@@ -3,6 +3,7 @@
 import ast
 import subprocess
 import sys
+from graphlib import CycleError, TopologicalSorter
 from importlib.util import resolve_name
 from pathlib import Path
 
@@ -12,10 +13,49 @@ import fenics_rom
 
 PACKAGE = Path(fenics_rom.__file__).parent
 DATA = Path(__file__).parent / "data"
-RUNTIME = sorted(file for file in (PACKAGE / "runtime").glob("*.py") if file.stem != "__init__")
-FENICSX = {"dolfinx", "petsc4py", "slepc4py", "mpi4py", "ufl", "basix", "gmsh"}
+RUNTIME = [file.relative_to(PACKAGE).with_suffix("").parts for file in sorted((PACKAGE / "runtime").rglob("*.py"))]
+FENICSX = {"dolfinx", "petsc4py", "slepc4py", "mpi4py", "ufl", "basix", "gmsh", "ffcx", "cffi"}
 NOT_IN_THE_RUNTIME = FENICSX | {"scipy", "matplotlib", "rich", "viser", "pyvista", "imageio"}
-FOLDERS = {"accuracy", "fem", "reduction", "runtime", "identification"}
+
+# Folders, and files outside any, from the bottom to the top: what each may import of the package, anywhere in a file,
+# and which packages of others. FACE is `import fenics_rom` itself, which loads what is asked for.
+FACE = "__init__"
+GROUND = {"errors", "version", "io", "mechanics"}
+DATA_OF_A_RUN = GROUND | {"rom", "trajectory"}
+OFFLINE = GROUND | {"scene", "system"}
+BELOW_APPLICATIONS = DATA_OF_A_RUN | OFFLINE | {FACE, "fem", "reduction", "runtime", "run", "lazy_import"}
+DRAWING = {
+    "numpy",
+    "matplotlib",
+    "mpl_toolkits",
+    "cycler",
+    "pyvista",
+    "imageio",
+    "PIL",
+    "viser",
+    "trimesh",
+    "websockets",
+}
+MAY_IMPORT = {
+    "errors": (set(), set()),
+    "version": (set(), set()),
+    "lazy_import": ({"errors"}, set()),
+    "io": ({"errors", "version"}, {"numpy", "h5py"}),
+    "mechanics": ({"errors"}, {"numpy"}),
+    "scene": (GROUND, {"numpy"}),
+    "system": (GROUND | {"scene"}, {"numpy", "scipy"}),
+    "rom": (GROUND, {"numpy", "h5py"}),
+    "trajectory": (GROUND, {"numpy", "h5py"}),
+    "fem": (OFFLINE | {"trajectory"}, FENICSX | {"numpy", "scipy"}),
+    "reduction": (OFFLINE | {"rom"}, {"numpy", "scipy"}),
+    "runtime": (DATA_OF_A_RUN, {"numpy", "h5py"}),
+    "run": (DATA_OF_A_RUN | OFFLINE | {"runtime", "lazy_import"}, set()),
+    "visualization": (BELOW_APPLICATIONS, DRAWING),
+    "studies": (BELOW_APPLICATIONS | {"visualization"}, {"numpy", "matplotlib"}),
+    "identification": (BELOW_APPLICATIONS | {"visualization"}, {"numpy", "scipy"}),
+    "cli": (BELOW_APPLICATIONS | {"visualization", "studies", "identification"}, {"numpy", "rich"}),
+    "__main__": ({"cli"}, set()),
+}
 
 REFUSE = f"""
 import sys
@@ -42,22 +82,19 @@ def imports(file):
             yield from (f"{module}.{alias.name}" for alias in node.names)
 
 
-def imported(files):
-    """Other packages, and folders of this package, that files import."""
-    others, folders = set(), set()
-    for file in files:
-        for name in imports(file):
-            first, second, *_ = [*name.split("."), ""]
-            if first != "fenics_rom":
-                others.add(first)
-            elif second in FOLDERS:
-                folders.add(second)
-    return others - sys.stdlib_module_names, folders
+def part_of(name):
+    """Folder, or file outside any, that a name of this package is in."""
+    part = [*name.split("."), FACE][1]
+    return part if part == FACE or (PACKAGE / part).is_dir() or (PACKAGE / f"{part}.py").is_file() else FACE
+
+
+def files_of(part):
+    return sorted((PACKAGE / part).rglob("*.py")) if (PACKAGE / part).is_dir() else [PACKAGE / f"{part}.py"]
 
 
 @pytest.mark.parametrize(
     "modules",
-    ["fenics_rom", ", ".join(["fenics_rom.rom.file", *(f"fenics_rom.runtime.{file.stem}" for file in RUNTIME)])],
+    ["fenics_rom", ", ".join(["fenics_rom.rom.file", *(".".join(["fenics_rom", *parts]) for parts in RUNTIME)])],
 )
 def test_import_loads_nothing_but_numpy_and_h5py(modules):
     run = python(f"import sys, {modules}; print(*{{name.partition('.')[0] for name in sys.modules}})")
@@ -71,26 +108,43 @@ def test_importing_the_package_alone_reads_no_file_format():
     assert run.stdout.split() == ["False", "False"]
 
 
-@pytest.mark.parametrize(
-    ("folder", "packages", "folders"),
-    [
-        ("fem", FENICSX | {"numpy", "scipy"}, {"fem"}),
-        ("reduction", {"numpy", "scipy"}, {"reduction", "runtime"}),
-        ("runtime", {"numpy"}, {"runtime"}),
-        ("identification", {"numpy", "scipy", "matplotlib"}, {"identification", "fem", "reduction"}),
-    ],
-)
-def test_folder_imports_only(folder, packages, folders):
-    found, within = imported((PACKAGE / folder).rglob("*.py"))
-    assert "numpy" in found  # the search finds something
-    assert found <= packages
-    assert within <= folders
+def test_every_file_has_its_layer():
+    files = [*PACKAGE.glob("*.py"), *PACKAGE.glob("*/__init__.py")]
+    parts = {file.relative_to(PACKAGE).with_suffix("").parts[0] for file in files}
+    assert parts == {*MAY_IMPORT, FACE}
 
 
-def test_only_fem_imports_fenicsx():
-    outside = [file for file in PACKAGE.rglob("*.py") if PACKAGE / "fem" not in file.parents]
-    assert len(outside) > 20
-    assert not imported(outside)[0] & FENICSX
+@pytest.mark.parametrize("part", MAY_IMPORT)
+def test_imports_go_one_way(part):
+    parts, packages = MAY_IMPORT[part]
+    refused = []
+    for file in files_of(part):
+        for name in imports(file):
+            if name.split(".")[0] == "fenics_rom":
+                allowed = part_of(name) in parts | {part}
+            else:
+                allowed = name.split(".")[0] in packages | sys.stdlib_module_names
+            if not allowed:
+                refused.append(f"{file.relative_to(PACKAGE)} imports {name}")
+    assert not refused, "\n".join(refused)
+
+
+def test_files_do_not_import_one_another_in_circles():
+    """Imports in functions and for types count; the face alone, which names everything, is left out."""
+    modules = {}
+    for file in PACKAGE.rglob("*.py"):
+        name = ".".join(["fenics_rom", *file.relative_to(PACKAGE).with_suffix("").parts]).removesuffix(".__init__")
+        modules[name] = file
+    below = {}
+    for module, file in modules.items():
+        names = {name if name in modules else name.rpartition(".")[0] for name in imports(file)}
+        below[module] = names & set(modules) - {"fenics_rom", module}
+    del below["fenics_rom"]
+    assert sum(map(len, below.values())) > 400  # the search finds something
+    try:
+        TopologicalSorter(below).prepare()
+    except CycleError as error:
+        pytest.fail(" imports ".join(reversed(error.args[1])))
 
 
 def test_runtime_works_without_any_of_the_rest(tmp_path):
@@ -102,7 +156,7 @@ for contact in ("right", "corner", "right"):
     body.switch(contact)
     body.step([1.0] * body.inputs)
 assert body.displacement().shape == rom.nodes.shape and body.displacement("tip").any() and body.energy > 0
-run = fr.simulate(fr.truncated(rom, 2))
+run = fr.simulate(fr.truncate(rom, 2))
 fr.write_trajectory(sys.argv[2], run)
 fr.write_rom(sys.argv[3], rom)
 print(fr.compare(fr.read_trajectory(sys.argv[2]), run)["shape"].relative)

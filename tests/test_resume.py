@@ -24,7 +24,7 @@ COMMAND = ("reduce", "box.toml", "-o", "rom.h5")
 RESUMED = re.compile(r"^  resumed: (\d+) of 8 contact modes were taken over$", flags=re.M)
 KILLS_ITSELF = """
 import os, signal
-from fenics_rom.io.hdf5 import is_rank_0
+from fenics_rom.io.mpi_ranks import is_rank_0
 from fenics_rom.cli.main import main
 from fenics_rom.reduction.checkpoint import Checkpoint
 keep = Checkpoint.keep

@@ -37,7 +37,7 @@ def test_runs_say_so_full_and_reduced_alike(box_file):
     for dt in (0.01, 0.08):
         scene = parse_scene(scene_text(box_file, run=run.format(dt)))
         system = fr.assemble(scene)
-        full, reduced = fr.solve(system), fr.simulate(fr.reduce(system, order=60))
+        full, reduced = fr.simulate(system), fr.simulate(fr.reduce(system, order=60))
         assert full.warnings == reduced.warnings
         said[dt] = full.warnings
     assert said[0.01] == ()
@@ -48,7 +48,7 @@ def test_runs_say_so_full_and_reduced_alike(box_file):
 def test_equilibria_have_no_steps_that_are_too_long(box_file):
     run = 'duration = 1.0\ndt = 0.5\nload = [{ contact = "right", force = [0.0, 0.0, 1.0] }]'
     system = fr.assemble(parse_scene(scene_text(box_file, run=run, effects="")))
-    assert fr.solve(system).warnings == fr.simulate(fr.reduce(system)).warnings == ()
+    assert fr.simulate(system).warnings == fr.simulate(fr.reduce(system)).warnings == ()
 
 
 class TestSwitchesThatLose:
@@ -117,6 +117,6 @@ load = [{{ contact = "right", stop = 0.2, force = {pinch} }},
 def test_warnings_stay_in_the_file(box_file, tmp_path):
     run = 'duration = 1.6\ndt = 0.16\nload = [{ contact = "right", force = [0.0, 0.0, 1.0] }]'
     scene = parse_scene(scene_text(box_file, run=run))
-    record = fr.solve(scene)
+    record = fr.simulate(scene)
     fr.write_trajectory(tmp_path / "run.h5", record)
     assert fr.read_trajectory(tmp_path / "run.h5").warnings == record.warnings != ()

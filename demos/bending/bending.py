@@ -66,8 +66,8 @@ def main() -> None:
     assert system.deformation is not None
     print(f"Finger: {system.size:,} unknowns, {len(system.deformation.weights):,} points\n")
 
-    full = fr.solve(system)
-    straight = fr.solve(without(scene, "large_deformation"))
+    full = fr.simulate(system)
+    straight = fr.simulate(without(scene, "large_deformation"))
     rom = fr.reduce(system)
     fr.write_rom(out / "bending.h5", rom)
     runs = {stepper: fr.simulate(rom, scene=scene, stepper=stepper) for stepper in STEPPERS}

@@ -123,13 +123,13 @@ def main() -> None:
     }
     errors = push_and_release(system, scene, models, orders, out)
 
-    ours, theirs = fr.truncated(models[MODELS[0]], ORDER), of_the_papers_size(models[MODELS[1]])
+    ours, theirs = fr.truncate(models[MODELS[0]], ORDER), of_the_papers_size(models[MODELS[1]])
     held = fr.reduce(system, order=ORDER + 3, method=holding_what_was)
     kept = instants(scene)
     full = at_full_order(system, scene, kept)
     compared = {OURS: ours, HOLDING: held, THEIRS: theirs}
     runs = {name: reduced(rom, scene, kept) for name, rom in compared.items()}
-    by_order = {f"balanced, order {order}": fr.truncated(models[MODELS[0]], order) for order in (10, 20, ORDER, 60, 80)}
+    by_order = {f"balanced, order {order}": fr.truncate(models[MODELS[0]], order) for order in (10, 20, ORDER, 60, 80)}
     moved = when_the_contact_moves(system, scene, by_order | compared, full, kept, out)
 
     speedups = table_2(system, scene, theirs, ours, quick, out)
@@ -155,7 +155,7 @@ def of_the_papers_size(rom: Rom) -> Rom:
     return replace(
         rom,
         contact_models={
-            name: fr.truncated(rom, min(m, rom.contact_models[name].order)).contact_models[name]
+            name: fr.truncate(rom, min(m, rom.contact_models[name].order)).contact_models[name]
             for name, m in PAPER_ORDERS.items()
         },
     )
@@ -180,9 +180,9 @@ def push_and_release(
     for name, push in PUSHES.items():
         load = Load(contact=name, actuator=None, start=0.0, stop=0.5, force=push, table=None)
         asked = with_run(scene, dt=1e-3, duration=1.5, snapshots=300, loads=(load,))
-        full = fr.solve(replace(system, scene=asked))
+        full = fr.simulate(replace(system, scene=asked))
         for order in orders:
-            runs = [fr.simulate(fr.truncated(rom, order), scene=asked) for rom in models.values()]
+            runs = [fr.simulate(fr.truncate(rom, order), scene=asked) for rom in models.values()]
             errors[order][name] = tuple(fr.compare(run, full)["shape"].relative for run in runs)
     rows = [
         (

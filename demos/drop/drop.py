@@ -122,7 +122,7 @@ def variant(scene: fr.Scene, changes: dict[str, float | None]) -> fr.Scene:
 def fall(scene: fr.Scene, rom: fr.Rom, changes: dict[str, float | None]) -> Fall:
     """Runs a variant at full order and reduced."""
     asked = variant(scene, changes)
-    full = fr.solve(asked)
+    full = fr.simulate(asked)
     between = np.diff(full.snapshots, axis=0) / np.diff(full.snapshot_times)[:, None, None]
     return Fall(asked, full, fr.simulate(rom, scene=asked), float(np.linalg.norm(between, axis=2).max()))
 
@@ -140,7 +140,7 @@ def accuracy_and_cost(roms: dict[int, fr.Rom], full: fr.Trajectory, out: Path, t
     rows: list[tuple[object, ...]] = [("full order", full.settings["order"], "", "", f"{rate:,.0f}", "1")]
     errors = {}
     for order, rom in roms.items():
-        runs = [fr.simulate(rom) for _ in range(times)]
+        runs = [fr.simulate(rom, rate=True) for _ in range(times)]
         reduced_rate = statistics.median(run.steps / run.settings["seconds"] for run in runs)
         errors[order] = error(runs[0], full)
         off = rebound(runs[0]) / height - 1

@@ -81,9 +81,9 @@ def main() -> None:
     points = np.unique(np.concatenate(list(system.contact_points.values())))
     print(f"Finger: {system.size} unknowns, {len(system.contacts)} contact modes, {len(points)} contact points\n")
 
-    full = fr.solve(system)
+    full = fr.simulate(system)
     rom = fr.reduce(system, order=orders[-1])
-    runs = {order: fr.simulate(fr.truncated(rom, order), scene=scene, profile=True) for order in orders}
+    runs = {order: fr.simulate(fr.truncate(rom, order), scene=scene, profile=True, rate=True) for order in orders}
     errors = {order: error(reduced, full) for order, reduced in runs.items()}
     best = runs[orders[-1]]
 

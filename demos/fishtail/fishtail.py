@@ -52,7 +52,7 @@ def main() -> None:
         scene = replace(scene, run=replace(scene.run, duration=QUICK * scene.run.duration))
     system = fr.assemble(scene)
     print(f"{system.size} unknowns at full order")
-    full = fr.solve(system)
+    full = fr.simulate(system)
     rows, claims, reduced = [], [], full
     for order, bound in list(zip(ORDERS, BOUNDS, strict=True))[-1 if quick else 0 :]:
         reduced = fr.simulate(fr.reduce(system, order=order))

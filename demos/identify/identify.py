@@ -91,7 +91,7 @@ def camera() -> None:
         run=replace(guess.run, dt=guess.run.dt / 2),
     )
     system = fr.assemble(truth)
-    run = fr.solve(system)
+    run = fr.simulate(system)
     every = round(1 / (RATE * truth.run.dt))  # type: ignore[union-attr]
     frames = np.arange(every, run.steps + 1, every)
     moved = np.stack([run.outputs[name][frames, point, 2] for name, point in MARKERS], axis=1)

@@ -106,11 +106,11 @@ def accuracy_and_cost(scene: fr.Scene) -> Findings:
 
 
 def write_models(system: fr.System) -> None:
-    """The files that the commands `simulate`, `solve`, `compare` and `info` are about."""
+    """The files that the commands `simulate`, `compare` and `info` are about."""
     rom = fr.reduce(system, order=20)
     fr.write_rom(OUT / "plate.h5", rom)
     fr.write_trajectory(OUT / "reduced.h5", fr.simulate(rom))
-    fr.write_trajectory(OUT / "full.h5", fr.solve(system))
+    fr.write_trajectory(OUT / "full.h5", fr.simulate(system))
 
 
 def ride(system: fr.System, label: str, **choice: object) -> Ride:

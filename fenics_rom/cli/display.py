@@ -12,14 +12,11 @@ import numpy as np
 
 import fenics_rom as fr
 from fenics_rom.errors import MissingPackageError
-from fenics_rom.io.launcher import is_root_process
-from fenics_rom.io.stages import Report, Stage, peak_memory
+from fenics_rom.io.mpi_ranks import is_root_process
+from fenics_rom.io.progress import Report, silent
+from fenics_rom.io.stages import Stage, peak_memory
 from fenics_rom.rom.deformation import ReducedDeformation
 from fenics_rom.rom.rom import ContactModel
-from fenics_rom.studies.pareto import decades, sentence
-from fenics_rom.studies.report import PICTURES
-from fenics_rom.studies.study_results import Findings
-from fenics_rom.studies.tables import COSTS, cost_rows, remarks
 
 
 def rich_package() -> Any:
@@ -38,7 +35,7 @@ def rich_package() -> Any:
     return rich
 
 
-def print_rom(rom: fr.Rom, file: Path | str) -> None:
+def print_rom(rom: "fr.Rom", file: Path | str) -> None:
     """What is in a ROM, how good it is, and what it cost."""
     validation = rom.validation
     print_table(
@@ -72,7 +69,7 @@ def print_rom(rom: fr.Rom, file: Path | str) -> None:
     touched = {name: len(mode.contact_points) for name, mode in rom.contact_models.items() if len(mode.contact_points)}
     if touched:
         lines["contact points"] = ", ".join(f"{name} ({count})" for name, count in touched.items())
-    _print_lines(lines, rom.warnings)
+    print_lines(lines, rom.warnings)
     if rom.stages:
         print()
         _print_stages(rom.stages)
@@ -88,7 +85,7 @@ def _deformation(body: ReducedDeformation) -> dict[str, str]:
     }
 
 
-def _effects(rom: fr.Rom) -> str:
+def _effects(rom: "fr.Rom") -> str:
     """Each with those of its parameters that are numbers, in their units."""
     shown = (f"{name} ({words})" if words else name for name, words in rom.environment.effects.items())
     return ", ".join(shown) or "of the matrices"
@@ -141,66 +138,47 @@ def _megabytes(stage: Stage) -> str:
     return f"{stage.peak_memory / 1e6:,.0f} MB"
 
 
-def print_record(record: fr.Trajectory, file: Path | str) -> None:
+def print_trajectory(run: "fr.Trajectory", file: Path | str) -> None:
     """What a run came to, and where the energy went."""
-    seconds, dt = record.settings["seconds"], record.settings["dt"]
+    dt = run.settings["dt"]
     account = {
-        "supplied": record.supplied[-1],
-        "dissipated": record.dissipated[-1],
-        "lost in switching": record.lost_in_switching[-1],
-        "stored": record.energy[-1],
+        "supplied": run.supplied[-1],
+        "dissipated": run.dissipated[-1],
+        "lost in switching": run.lost_in_switching[-1],
+        "stored": run.energy[-1],
     }
-    title = f"{record.model} run {record.name}: {file}"
+    title = f"{run.model} run {run.name}: {file}"
     print_table(title, tuple(account), [tuple(f"{value:.6e} J" for value in account.values())])
     lines = {
-        "steps": f"{record.steps} of {dt:g} s",
-        "order": f"{record.settings['order']:.0f}",
-        "rate": f"{record.steps / seconds:,.0f} steps/s, {record.times[-1] / seconds:.3g} times real time"
-        if seconds > 0
-        else "not measured",
-        "energy account closes to": f"{record.balance_error:.1e} of the largest energy or work",
+        "steps": f"{run.steps} of {dt:g} s",
+        "order": f"{run.settings['order']:.0f}",
+        **({"rate": _rate(run, run.settings["seconds"])} if "seconds" in run.settings else {}),
+        "energy account closes to": f"{run.balance_error:.1e} of the largest energy or work",
     }
-    if record.stepping:
-        lines["steps are taken by"] = record.stepping
-    if "mismatch" in record.settings:
-        lines["mismatch of strains"] = f"{record.settings['mismatch']:.1e} of the largest"
-    if record.effects:
-        lines["effects"] = ", ".join(record.effects)
-    if record.contact_account:
-        done = {name: f"{sums[-1]:.6e} J" for name, sums in record.contact_account.items()}
+    if run.stepping:
+        lines["steps are taken by"] = run.stepping
+    if "mismatch" in run.settings:
+        lines["mismatch of strains"] = f"{run.settings['mismatch']:.1e} of the largest"
+    if run.effects:
+        lines["effects"] = ", ".join(run.effects)
+    if run.contact_account:
+        done = {name: f"{sums[-1]:.6e} J" for name, sums in run.contact_account.items()}
         lines["supplied by obstacles"] = done["obstacles"]
         lines["dissipated in contact"] = done["contact"]
         if "friction" in done:
             lines["dissipated by friction"] = done["friction"]
-    for name, forces in record.forces.items():
+    for name, forces in run.forces.items():
         lines[f"largest force of {name}"] = f"{np.linalg.norm(forces, axis=1).max():.4g} N"
-    _print_lines(lines, record.warnings)
-    if record.profile:
+    print_lines(lines, run.warnings)
+    if run.profile:
         print()
-        _print_profile(record.profile)
+        _print_profile(run.profile)
 
 
-def print_findings(findings: Findings, folder: Path) -> None:
-    """What each decimal costs, and which model to choose for it."""
-    title = f"study {findings.name}: what each decimal costs"
-    print_table(title, COSTS, cost_rows(findings))
-    lines = {
-        "full order": f"{findings.size:,} unknowns, {findings.full_rate:,.0f} steps/s without account",
-        "reference": f"steps of {findings.reference_step:.3g} s, own error {findings.reference_error:.1e}",
-        "tables": f"{folder / 'study.md'}, {folder / 'study.csv'}",
-        "pictures": ", ".join(str(folder / f"{name}.png") for name in PICTURES),
-    }
-    _print_lines(lines, tuple(remarks(findings)))
-    for tolerance, row in decades(findings.rows):
-        print(f"  {sentence(findings, tolerance, row)}")
-
-
-def print_identification(result: Any, folder: Path) -> None:
-    """The parameters found, and how good the fit is."""
-    from fenics_rom.identification.write import HEADING, lines_of, rows_of  # needs SciPy, which a run of a ROM does not
-
-    print_table(f"identification of {result.scene.name}: {folder}", HEADING, rows_of(result))
-    _print_lines(lines_of(result), result.warnings)
+def _rate(run: "fr.Trajectory", seconds: float) -> str:
+    if not seconds > 0:  # of a clock too coarse
+        return "not measured"
+    return f"{run.steps / seconds:,.0f} steps/s, {run.times[-1] / seconds:.3g} times real time"
 
 
 def _print_profile(profile: Mapping[str, float]) -> None:
@@ -215,7 +193,8 @@ def _print_profile(profile: Mapping[str, float]) -> None:
     )
 
 
-def _print_lines(lines: dict[str, str], messages: tuple[str, ...]) -> None:
+def print_lines(lines: dict[str, str], messages: tuple[str, ...]) -> None:
+    """Keys and values in two columns, and what the user should know under them."""
     width = max(len(key) for key in lines)
     for key, value in lines.items():
         print(f"  {key:<{width}}  {value}")
@@ -245,7 +224,7 @@ def print_table(title: str, columns: tuple[str, ...], rows: Sequence[tuple[str, 
 def progress() -> Iterator[Report]:
     """A report that draws a bar for each stage on a terminal, on rank 0, and nothing elsewhere."""
     if not (is_root_process() and sys.stderr.isatty()):
-        yield lambda stage, done, of: None
+        yield silent
         return
     rich = rich_package()
 

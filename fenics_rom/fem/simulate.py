@@ -127,6 +127,3 @@ def _steps(body: FullOrderSimulator, history: LoadHistory) -> Iterator[float]:
             body.switch(contact)
         body.step(u)
         yield time.perf_counter() - start
-
-
-solve = simulate  # MERGE

@@ -4,9 +4,9 @@ from contextlib import closing
 
 import numpy as np
 
-from fenics_rom.fem.simulate import solve
+from fenics_rom.fem.simulate import simulate
 from fenics_rom.identification.experiment import Experiment
-from fenics_rom.io.stages import Report
+from fenics_rom.io.progress import Report
 from fenics_rom.system.system import System
 
 Array = np.ndarray
@@ -18,11 +18,11 @@ def full_answer(system: System, experiment: Experiment, report: Report) -> tuple
     Args:
         system: assembled from a scene.
         experiment: what it has to answer.
-        report: as of `solve`.
+        report: as of `simulate`.
     """
     run, messages = np.zeros((1, len(experiment.markers))), system.warnings
     if experiment.steps:
-        record = solve(system, report=report)
+        record = simulate(system, report=report)
         run = np.stack([record.outputs[m.output][:, m.point, m.axis] for m in experiment.markers], axis=1)
         messages = record.warnings
     return experiment.predictions(run, _at_rest(system, experiment)), messages

@@ -20,7 +20,7 @@ from fenics_rom.identification.parameters import Parameter, chosen, scene_with, 
 from fenics_rom.identification.reduced_model import ReducedModel
 from fenics_rom.identification.result import Estimate, Identification, doubts
 from fenics_rom.identification.uncertainty import correlations, half_widths, noise, t_quantile
-from fenics_rom.io.stages import Report
+from fenics_rom.io.progress import Report, silent
 from fenics_rom.scene.scene import Scene
 from fenics_rom.system.system import System
 
@@ -32,7 +32,7 @@ def identify(
     data: Sequence[str | Path | Data],
     *,
     parameters: Sequence[str] | None = None,
-    report: Report = lambda stage, done, of: None,
+    report: Report = silent,
 ) -> Identification:
     """Finds the material and damping with which a scene fits measured marker displacements best.
 
@@ -51,6 +51,11 @@ def identify(
         DataError: data that cannot be used, or that tell nothing.
         SceneError: a scene or a parameter that cannot be identified.
         SolverError: the fit does not settle; with what it reached.
+
+    Example:
+        >>> result = fr.identify(scene, ["markers.csv"], parameters=["young"])
+        >>> f"{result.estimates[0].value:.2e}"  # Pa
+        '1.00e+06'
     """
     _check_linear(scene)
     read = [read_markers(one, scene) if isinstance(one, str | Path) else one for one in data]

@@ -11,17 +11,16 @@ The other columns are displacements: `NAME.x (m)` of an output of one point, `NA
 output. An empty cell is a marker that was not seen, or a component of the force that is zero.
 """
 
-import csv
-import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
 
 import numpy as np
 
 from fenics_rom.errors import DataError, unknown
+from fenics_rom.io.tables import Table, read_table
 from fenics_rom.scene.scene import Output, Scene
 
 Array = np.ndarray
@@ -102,7 +101,7 @@ def read_markers(file: str | Path, scene: Scene) -> Data:
     Raises:
         DataError: it cannot be read, or a line or column of it is not as it should be.
     """
-    table = _Table(Path(file))
+    table = read_table(Path(file), DataError)
     first = table.heading[0]
     if first == "contact":
         return _equilibria(table, scene)
@@ -111,64 +110,27 @@ def read_markers(file: str | Path, scene: Scene) -> Data:
     table.refuse(1, first, "allowed in the first column are 'time (s)', 'time (ms)' and 'contact'")
 
 
-class _Table:
-    """The cells of a CSV file, and where they are."""
-
-    def __init__(self, file: Path):
-        self.file = file
-        try:
-            with file.open(newline="", encoding="utf-8-sig") as stream:
-                reader = csv.reader(stream)
-                rows = [(reader.line_num, [cell.strip() for cell in row]) for row in reader if any(map(str.strip, row))]
-        except (OSError, ValueError, csv.Error) as error:
-            raise DataError(f"{file}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
-        if len(rows) < 2:
-            raise DataError(f"{file}: allowed are a line that names the columns and at least one line of data")
-        self.heading, self.lines = rows[0][1], [line for line, _ in rows[1:]]
-        self.cells = [cells for _, cells in rows[1:]]
-        for k, name in enumerate(self.heading):
-            if name in self.heading[:k]:
-                raise DataError(f"{file}, line 1: column {name!r} is there twice")
-        for line, cells in zip(self.lines, self.cells, strict=True):
-            if len(cells) != len(self.heading):
-                raise DataError(
-                    f"{file}, line {line}: has {len(cells)} cells; allowed are {len(self.heading)}, as in line 1"
-                )
-
-    def refuse(self, line: int, column: str, what: str) -> NoReturn:
-        raise DataError(f"{self.file}, line {line}, column {column!r}: {what}")
-
-    def unit(self, column: str, units: dict[str, float]) -> tuple[str, float]:
-        """What a column is named, and what its unit is in SI units."""
-        found = HEADING.fullmatch(column)
-        if found is None or found["unit"].strip() not in units:
-            given = "no unit" if found is None else f"unit {found['unit']!r}"
-            self.refuse(1, column, f"{given}; allowed is a name and one of {', '.join(f'({unit})' for unit in units)}")
-        return found["what"], units[found["unit"].strip()]
-
-    def numbers(self, column: str, units: dict[str, float], *, empty: bool = False) -> Array:
-        """A column in SI units; NaN where it is empty and may be."""
-        _, factor = self.unit(column, units)
-        k, values = self.heading.index(column), []
-        for line, cells in zip(self.lines, self.cells, strict=True):
-            try:
-                value = float(cells[k]) if cells[k] or not empty else None
-            except ValueError:
-                value = math.nan
-            if value is not None and not math.isfinite(value):
-                allowed = "a finite number, or nothing" if empty else "a finite number"
-                self.refuse(line, column, f"{cells[k]!r} was given; allowed is {allowed}")
-            values.append(math.nan if value is None else factor * value)
-        return np.array(values)
+def _unit(table: Table, column: str, units: dict[str, float]) -> tuple[str, float]:
+    """What a column is named, and what its unit is in SI units."""
+    heading = HEADING.fullmatch(column)
+    if heading is None or heading["unit"].strip() not in units:
+        given = "no unit" if heading is None else f"unit {heading['unit']!r}"
+        table.refuse(1, column, f"{given}; allowed is a name and one of {', '.join(f'({unit})' for unit in units)}")
+    return heading["what"], units[heading["unit"].strip()]
 
 
-def _motion(table: _Table, scene: Scene) -> Motion:
+def _numbers(table: Table, column: str, units: dict[str, float], *, empty: bool = False) -> Array:
+    """A column in SI units; NaN where it is empty and may be."""
+    return table.numbers(column, _unit(table, column, units)[1], empty=empty)
+
+
+def _motion(table: Table, scene: Scene) -> Motion:
     if scene.run is None:
         raise DataError(f"{table.file}: has times, but {scene.source} has no [run] that they could be of")
     column = table.heading[0]
-    if table.unit(column, TIMES)[0] != "time":
+    if _unit(table, column, TIMES)[0] != "time":
         table.refuse(1, column, "allowed in the first column are 'time (s)', 'time (ms)' and 'contact'")
-    times = table.numbers(column, TIMES)
+    times = _numbers(table, column, TIMES)
     end = round(scene.run.duration / scene.run.dt) * scene.run.dt
     for k, time in enumerate(times):
         if not 0 <= time <= end * (1 + LATE):
@@ -180,17 +142,17 @@ def _motion(table: _Table, scene: Scene) -> Motion:
     return Motion(times=times, **_seen(table, table.heading[1:], scene))
 
 
-def _equilibria(table: _Table, scene: Scene) -> Equilibria:
+def _equilibria(table: Table, scene: Scene) -> Equilibria:
     of_force = [column for column in table.heading if column.startswith("force")]
     if not of_force:
         raise DataError(
             f"{table.file}, line 1: no force was given; allowed are 'force.x (N)', ... and 'force.normal (N)'"
         )
-    given = {table.unit(column, FORCES)[0]: column for column in of_force}
+    given = {_unit(table, column, FORCES)[0]: column for column in of_force}
     for name, column in given.items():
         if name not in ("force.x", "force.y", "force.z", "force.normal"):
             table.refuse(1, column, "allowed are force.x, force.y, force.z and force.normal, in N")
-    values = {name: table.numbers(column, FORCES, empty=True) for name, column in given.items()}
+    values = {name: _numbers(table, column, FORCES, empty=True) for name, column in given.items()}
     contacts, forces = [], []
     for k, (line, cells) in enumerate(zip(table.lines, table.cells, strict=True)):
         name = cells[0]
@@ -212,7 +174,7 @@ def _equilibria(table: _Table, scene: Scene) -> Equilibria:
     return Equilibria(contacts=tuple(contacts), forces=tuple(forces), **_seen(table, others, scene))
 
 
-def _seen(table: _Table, columns: Sequence[str], scene: Scene) -> dict[str, Any]:
+def _seen(table: Table, columns: Sequence[str], scene: Scene) -> dict[str, Any]:
     """What both kinds of data have."""
     if not columns:
         raise DataError(f"{table.file}, line 1: no marker was given; allowed are columns such as 'NAME.x (m)'")
@@ -220,18 +182,18 @@ def _seen(table: _Table, columns: Sequence[str], scene: Scene) -> dict[str, Any]
     for k, marker in enumerate(markers):
         if marker in markers[:k]:
             table.refuse(1, columns[k], f"is the same marker as {columns[markers.index(marker)]!r}")
-    measured = np.stack([table.numbers(column, LENGTHS, empty=True) for column in columns], axis=1)
+    measured = np.stack([_numbers(table, column, LENGTHS, empty=True) for column in columns], axis=1)
     return {
         "file": str(table.file),
         "lines": np.array(table.lines),
-        "columns": tuple(table.unit(column, LENGTHS)[0] for column in columns),
+        "columns": tuple(_unit(table, column, LENGTHS)[0] for column in columns),
         "markers": markers,
         "measured": measured,
     }
 
 
-def _marker(table: _Table, column: str, outputs: Mapping[str, Output]) -> Marker:
-    name, _ = table.unit(column, LENGTHS)
+def _marker(table: Table, column: str, outputs: Mapping[str, Output]) -> Marker:
+    name, _ = _unit(table, column, LENGTHS)
     found = MARKER.fullmatch(name)
     if found is None:
         table.refuse(

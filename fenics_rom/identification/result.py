@@ -54,6 +54,12 @@ class Identification:
         order: displacements of the reduced model.
         bases: how many were made on the way.
         warnings: what the user should know.
+
+    Example:
+        >>> result = fr.identify(scene, ["markers.csv"], parameters=["young"])
+        >>> young = result.estimates[0]
+        >>> young.low <= young.value <= young.high  # Pa
+        True
     """
 
     scene: Scene

@@ -10,8 +10,9 @@ from fenics_rom.errors import FileError
 from fenics_rom.identification.identified_scene import identified_text
 from fenics_rom.identification.plot import picture_of
 from fenics_rom.identification.result import Identification
-from fenics_rom.io.hdf5 import check_folder, is_rank_0, write_whole
+from fenics_rom.io.atomic_write import check_folder, write_whole
 from fenics_rom.io.markdown import markdown
+from fenics_rom.io.mpi_ranks import is_rank_0
 
 HEADING = ("parameter", "unit", "start", "found", "95 % interval", "")
 
@@ -27,6 +28,11 @@ def write_identification(folder: str | Path, result: Identification) -> None:
         FileError: the folder cannot be made or written to.
         MissingPackageError: there is no Matplotlib.
         SceneError: the scene's text does not hold a value in a way that can be changed.
+
+    Example:
+        >>> fr.write_identification("found", fr.identify(scene, ["markers.csv"], parameters=["young"]))
+        >>> fr.read_scene("found/identified.toml").name
+        'plate'
     """
     if not is_rank_0():
         return

@@ -1,1 +1,1 @@
-"""Files, tables, units and progress: what every folder writes with."""
+"""What every folder reads and writes with: sealed HDF5, files that are whole, tables, units, progress."""

@@ -9,9 +9,8 @@ text with its SHA-256. No bit of a file can change unnoticed, and HDF5, which cr
 import hashlib
 import io
 import math
-import os
-import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TypeVar
@@ -19,7 +18,10 @@ from typing import TypeVar
 import h5py
 import numpy as np
 
-from fenics_rom.errors import FenicsRomError, FileError
+from fenics_rom import version
+from fenics_rom.errors import FenicsRomError, FileError, RomFileError, TrajectoryFileError
+from fenics_rom.io.atomic_write import check_place, system_reason, write_whole
+from fenics_rom.io.mpi_ranks import is_rank_0
 from fenics_rom.io.names import NAME, NAME_IN_WORDS
 
 FORMAT = "fenics-rom"
@@ -27,6 +29,7 @@ VERSION = "2.0"
 READ_VERSIONS = ("1", "2")  # first numbers of those that can be read
 LONGEST_TEXT = 60_000  # bytes; HDF5 keeps attributes in a header of 64 KiB
 SEAL_SIZE = 512  # bytes; the smallest user block there is
+ERROR_OF: dict[str, type[FileError]] = {"rom": RomFileError, "run": TrajectoryFileError}  # of files with that content
 
 Array = np.ndarray
 T = TypeVar("T")
@@ -53,17 +56,12 @@ class Entry:
 Table = Mapping[str, Entry]
 
 
-def is_rank_0() -> bool:
-    """Whether this process is the one that writes. Only a program that uses MPI has ranks; the runtime needs none."""
-    mpi = sys.modules.get("mpi4py.MPI")
-    return mpi is None or mpi.COMM_WORLD.rank == 0
-
-
 def write_file(file: str | Path, content: str, fill: Callable[[h5py.File], None]) -> None:
-    """Writes a file of some content ("rom" or "run"), or nothing.
+    """Writes a file of some content, such as "rom" or "run", or nothing.
 
     Raises:
-        FileError: it cannot be written, or its content does not hold together.
+        FileError: it cannot be written, or its content does not hold together; of a ROM RomFileError, of a run
+            TrajectoryFileError.
     """
     if not is_rank_0():
         return
@@ -72,42 +70,14 @@ def write_file(file: str | Path, content: str, fill: Callable[[h5py.File], None]
         check_place(path)
         memory = io.BytesIO()  # not the disk: HDF5 does not take it well when that is full
         with h5py.File(memory, "w", track_order=True, userblock_size=SEAL_SIZE) as h5:
-            put_text(h5, format=FORMAT, format_version=VERSION, content=content, software=_software())
+            put_text(h5, format=FORMAT, format_version=VERSION, content=content, software=f"{FORMAT} {version.VERSION}")
             fill(h5)
+        with memory.getbuffer() as whole, whole[SEAL_SIZE:] as rest:  # let go of, also where writing fails
+            write_whole(path, sealed(whole), rest)
+    except FileError as error:
+        raise ERROR_OF.get(content, FileError)(str(error)) from error
     except OSError as error:
-        raise FileError(f"{path}: cannot be written: {_reason(error)}") from error
-    with memory.getbuffer() as whole, whole[SEAL_SIZE:] as rest:  # let go of, also where writing fails
-        write_whole(path, sealed(whole), rest)
-
-
-def write_whole(path: Path, *parts: bytes | memoryview) -> None:
-    """Writes a file beside its place and renames it, so that there is never half of it; under MPI, rank 0 does.
-
-    Of two that write one file at a time, the last one's stays. Where SIGKILL ends it meanwhile, `.NAME.*.part` is left
-    beside the file, which nothing reads and which may be removed.
-
-    Raises:
-        FileError: it cannot be written.
-    """
-    if not is_rank_0():
-        return
-    import tempfile  # here, as who only reads a ROM need not wait for it
-
-    temporary = None
-    try:
-        check_place(path)
-        handle, name = tempfile.mkstemp(prefix=f".{path.name}.", suffix=".part", dir=path.parent)
-        temporary = Path(name)
-        with os.fdopen(handle, "wb") as stream:
-            for part in parts:
-                stream.write(part)
-        temporary.chmod(0o644)
-        temporary.replace(path)
-    except OSError as error:
-        raise FileError(f"{path}: cannot be written: {_reason(error)}") from error
-    finally:
-        if temporary is not None:
-            temporary.unlink(missing_ok=True)
+        raise ERROR_OF.get(content, FileError)(f"{path}: cannot be written: {system_reason(error)}") from error
 
 
 def read_file(
@@ -120,68 +90,65 @@ def read_file(
 
     Args:
         file: path.
-        content: "rom" or "run".
+        content: such as "rom" or "run".
         take: reads what is in a file of this release's format.
         upgrade: makes a file of format 1.x one of this release's, in memory.
 
     Raises:
-        FileError: it is missing, damaged, of another format, or its content does not hold together.
+        FileError: it is missing, damaged, of another format, or its content does not hold together; of a ROM
+            RomFileError, of a run TrajectoryFileError.
     """
     path = Path(file)
-    try:
-        if not path.is_file():
-            raise FileError("is a folder or a device" if path.exists() else "not found")
-        _check_seal(path)
-        with h5py.File(path, "r") as h5:
-            if get_text(h5, "format") != FORMAT:
-                raise FileError("is not a fenics-rom file")
-            version = get_text(h5, "format_version")
-            if version.split(".")[0] not in READ_VERSIONS:
-                raise FileError(f"has format version {version}; this release reads {' and '.join(READ_VERSIONS)}.x")
-            found = get_text(h5, "content")
-            if found != content:
-                raise FileError(f"holds a {found}, not a {content}")
-            if version.startswith(VERSION.partition(".")[0]):
+    with _errors_of_reading(path, ERROR_OF.get(content, FileError)):
+        with _opened(path) as h5:
+            given = get_text(h5, "content")
+            if given != content:
+                raise FileError(f"holds a {given}, not a {content}")
+            if get_text(h5, "format_version").startswith(VERSION.partition(".")[0]):
                 return take(h5)
         with h5py.File(io.BytesIO(path.read_bytes()), "r+") as h5:
             upgrade(h5)
             return take(h5)
+
+
+def content_of(file: str | Path) -> str:
+    """What a file holds, "rom" or "run".
+
+    Raises:
+        FileError: it is no such file.
+    """
+    path = Path(file)
+    with _errors_of_reading(path, FileError), _opened(path) as h5:
+        content = get_text(h5, "content")
+    if content not in ERROR_OF:
+        raise FileError(f"{file}: holds neither a rom nor a run")
+    return content
+
+
+@contextmanager
+def _opened(path: Path) -> Iterator[h5py.File]:
+    """A file that is whole, and of a format that this release reads."""
+    if not path.is_file():
+        raise FileError("is a folder or a device" if path.exists() else "not found")
+    _check_seal(path)
+    with h5py.File(path, "r") as h5:
+        if get_text(h5, "format") != FORMAT:
+            raise FileError("is not a fenics-rom file")
+        version = get_text(h5, "format_version")
+        if version.split(".")[0] not in READ_VERSIONS:
+            raise FileError(f"has format version {version}; this release reads {' and '.join(READ_VERSIONS)}.x")
+        yield h5
+
+
+@contextmanager
+def _errors_of_reading(path: Path, kind: type[FileError]) -> Iterator[None]:
+    """Whatever goes wrong while a file is read, as one kind of error that names it."""
+    try:
+        yield
     except FenicsRomError as error:
-        raise FileError(f"{path}: {error}") from error
+        raise kind(f"{path}: {error}") from error
     except (OSError, RuntimeError, ValueError, LookupError, TypeError, AttributeError, MemoryError) as error:
-        raise FileError(f"{path}: cannot be read: {_reason(error)}") from error
-
-
-def _reason(error: Exception) -> str:
-    """The system's words, where there are some, and not HDF5's."""
-    number = getattr(error, "errno", None)
-    return os.strerror(number) if number else str(error)
-
-
-def check_place(path: Path) -> None:
-    """Checks that a file can be put there; worth asking before long work.
-
-    Raises:
-        FileError: there is no such folder, or something that is not a file (root could even replace /dev/null).
-    """
-    if not path.parent.is_dir():
-        raise FileError(f"{path}: cannot be written: folder {path.parent} does not exist")
-    if path.exists() and not path.is_file():
-        raise FileError(f"{path}: cannot be written: it is a folder or a device")
-    if not os.access(path.parent, os.W_OK):
-        raise FileError(f"{path}: cannot be written: no permission to write in {path.parent}")
-
-
-def check_folder(folder: Path) -> None:
-    """Checks that a folder of results is there or can be made; worth asking before long work.
-
-    Raises:
-        FileError: it is a file, or the folder that it would be in does not exist.
-    """
-    if folder.exists() and not folder.is_dir():
-        raise FileError(f"{folder}: is a file; allowed is a folder, or a name that is free")
-    if not folder.resolve().parent.is_dir():
-        raise FileError(f"{folder}: cannot be made: folder {folder.resolve().parent} does not exist")
+        raise kind(f"{path}: cannot be read: {system_reason(error)}") from error
 
 
 def sealed(content: bytes | memoryview) -> bytes:
@@ -191,10 +158,10 @@ def sealed(content: bytes | memoryview) -> bytes:
 
 def _check_seal(path: Path) -> None:
     with path.open("rb", buffering=0) as stream:
-        found = stream.read(SEAL_SIZE)
-        if not found.startswith(f"{FORMAT} ".encode()):
+        seal = stream.read(SEAL_SIZE)
+        if not seal.startswith(f"{FORMAT} ".encode()):
             raise FileError("is not a fenics-rom file")
-        if found != _seal(hashlib.file_digest(stream, "sha256").hexdigest()):  # of what is still to be read
+        if seal != _seal(hashlib.file_digest(stream, "sha256").hexdigest()):  # of what is still to be read
             raise FileError("is damaged: its content is not what was written (the checksum differs)")
 
 
@@ -202,19 +169,13 @@ def _seal(digest: str) -> bytes:
     return f"{FORMAT} HDF5 file; SHA-256 from byte {SEAL_SIZE}: {digest}\n".encode().ljust(SEAL_SIZE, b"\0")
 
 
-def content_of(file: str | Path) -> str:
-    """What a file holds, "rom" or "run".
-
-    Raises:
-        FileError: it is no such file.
-    """
-    for content in ("rom", "run"):
-        try:
-            return read_file(file, content, lambda h5: get_text(h5, "content"))
-        except FileError as error:
-            if not str(error).endswith(f", not a {content}"):
-                raise
-    raise FileError(f"{file}: holds neither a rom nor a run")
+def is_sealed(file: str | Path) -> bool:
+    """Whether a file begins as those of this package do, a ROM or a run, damaged or not."""
+    path = Path(file)
+    if not path.is_file():  # a pipe would be waited for
+        return False
+    with path.open("rb") as stream:
+        return stream.read(len(FORMAT) + 1) == f"{FORMAT} ".encode()
 
 
 def check_names(names: Iterable[str]) -> None:
@@ -294,7 +255,7 @@ def get_arrays(group: h5py.Group, table: Table, sizes: Sizes, others: tuple[str,
                 raise FileError(f"{where} is missing")
             arrays[name] = None
             continue
-        dataset = _own(group, name, h5py.Dataset)
+        dataset = _stored_here(group, name, h5py.Dataset)
         if dataset is None or dataset.dtype.kind != entry.kind or dataset.dtype.itemsize != 8:
             raise FileError(f"{where} is not an array of {'whole' if entry.kind == 'i' else 'real'} numbers")
         size = 8 * math.prod(dataset.shape)  # Python's whole numbers: NumPy's would overflow
@@ -323,18 +284,18 @@ def get_group(parent: h5py.Group, name: str) -> h5py.Group:
     Raises:
         FileError: it is not.
     """
-    group = _own(parent, name, h5py.Group)
+    group = _stored_here(parent, name, h5py.Group)
     if group is None:
         raise FileError(f"{parent.name.rstrip('/')}/{name} is missing")
     return group
 
 
-def _own(group: h5py.Group, name: str, kind: type[T]) -> T | None:
+def _stored_here(group: h5py.Group, name: str, kind: type[T]) -> T | None:
     """What has that name and is of that kind; None where it is not, or where a link leads elsewhere."""
     if not isinstance(group.get(name, getlink=True), h5py.HardLink):
         return None
-    found = group[name]
-    return found if isinstance(found, kind) else None
+    item = group[name]
+    return item if isinstance(item, kind) else None
 
 
 def _check(where: str, array: Array, entry: Entry, sizes: Sizes) -> None:
@@ -346,9 +307,3 @@ def _check(where: str, array: Array, entry: Entry, sizes: Sizes) -> None:
             raise FileError(f"{where} has shape {array.shape}; allowed is {entry.shape}, {size} = {expected}")
     if entry.kind == "f" and not np.isfinite(array).all():
         raise FileError(f"{where} holds numbers that are not finite")
-
-
-def _software() -> str:
-    from fenics_rom import __version__
-
-    return f"fenics-rom {__version__}"

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
 
-Report = Callable[[str, int, int], None]  # stage, done, of
+from fenics_rom.io.progress import Report, silent
 
 
 @dataclass(frozen=True)
@@ -37,7 +37,7 @@ class Stages:
         self,
         largest: Callable[[float], float] = lambda value: value,
         earlier: tuple[Stage, ...] = (),
-        report: Report = lambda stage, done, of: None,
+        report: Report = silent,
     ):
         self.report = report
         self._largest = largest

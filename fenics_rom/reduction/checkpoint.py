@@ -13,17 +13,8 @@ from typing import Any
 import numpy as np
 
 from fenics_rom.errors import FileError
-from fenics_rom.io.hdf5 import (
-    Entry,
-    Sizes,
-    get_arrays,
-    get_text,
-    is_rank_0,
-    put_arrays,
-    put_text,
-    read_file,
-    write_file,
-)
+from fenics_rom.io.hdf5 import Entry, Sizes, get_arrays, get_text, put_arrays, put_text, read_file, write_file
+from fenics_rom.io.mpi_ranks import is_rank_0
 from fenics_rom.reduction.problem import ReductionProblem
 from fenics_rom.reduction.projection import RetainedBasis
 from fenics_rom.system.system import Array

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fenics_rom.errors import StructureError
-from fenics_rom.io.stages import Report
+from fenics_rom.io.progress import Report, silent
 from fenics_rom.reduction.frequency_response import mass_norms, response
 from fenics_rom.rom.rom import Rom
 from fenics_rom.system.system import Array, System
@@ -28,9 +28,7 @@ class FullResponse:
     errors: Array
 
 
-def full_responses(
-    system: System, rom: Rom, frequencies: Array, report: Report = lambda stage, done, of: None
-) -> Mapping[str, FullResponse]:
+def full_responses(system: System, rom: Rom, frequencies: Array, report: Report = silent) -> Mapping[str, FullResponse]:
     """Solves at each frequency for the contact columns of every contact mode; every rank must call it.
 
     Args:

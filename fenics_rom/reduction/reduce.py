@@ -9,7 +9,8 @@ from pathlib import Path
 import numpy as np
 
 from fenics_rom.errors import FenicsRomWarning, SceneError, unknown
-from fenics_rom.io.stages import Report, Stages
+from fenics_rom.io.progress import Report, silent
+from fenics_rom.io.stages import Stages
 from fenics_rom.mechanics.environment import SWITCHINGS
 from fenics_rom.reduction.balancing import order_of, orthonormal_span
 from fenics_rom.reduction.checkpoint import Checkpoint
@@ -54,7 +55,7 @@ def reduce(
     solver: str = "auto",
     checkpoint: str | Path | None = None,
     resume: bool = False,
-    report: Report = lambda stage, done, of: None,
+    report: Report = silent,
 ) -> Rom:
     """Reduces a full-order model for each of its contact modes; every rank must call it, every rank gets the ROM.
 
@@ -90,6 +91,11 @@ def reduce(
         SceneError: a choice that does not exist or does not fit the system.
         SolverError: undamped motions, or a solver that did not deliver.
         FileError: a checkpoint of something else, or one that cannot be written.
+
+    Example:
+        >>> rom = fr.reduce(system, order=20)
+        >>> rom.validation["middle"]["transfer_error"] < 1e-3
+        True
     """
     chosen = system.scene.reduction if system.scene else Reduction()
     if order is None and tolerance is None:

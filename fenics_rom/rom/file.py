@@ -97,8 +97,11 @@ def write_rom(file: str | Path, rom: Rom) -> None:
     """Writes a ROM; an existing file is replaced only by a complete one.
 
     Raises:
-        FileError: it cannot be written, or its parts do not fit each other.
+        RomFileError: it cannot be written, or its parts do not fit each other.
         StructureError: the ROM lacks the structure that passivity rests on.
+
+    Example:
+        >>> fr.write_rom("small.h5", fr.truncate(rom, 5))
     """
     write_file(file, "rom", lambda h5: _fill(h5, rom))
 
@@ -107,7 +110,11 @@ def read_rom(file: str | Path) -> Rom:
     """Reads a ROM.
 
     Raises:
-        FileError: the file is missing, damaged, of another format, or its model lacks structure.
+        RomFileError: the file is missing, damaged, of another format, or its model lacks structure.
+
+    Example:
+        >>> list(fr.read_rom("plate.h5").contact_models)
+        ['tip_left', 'middle']
     """
     return read_file(file, "rom", _take, upgrade)
 

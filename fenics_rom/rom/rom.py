@@ -1,5 +1,6 @@
 """The frozen reduced model: what the offline stage hands to the runtime."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -45,6 +46,12 @@ class ContactModel:
     frequencies: Array = field(default_factory=lambda: np.empty(0))
     transfer_errors: Array = field(default_factory=lambda: np.empty(0))
     contact_points: Array = field(default_factory=lambda: np.empty(0, dtype=int))
+
+    def __repr__(self) -> str:
+        lowest = self.safe_frequencies[self.rigid :] / math.tau
+        rigid = f" ({self.rigid} rigid)" if self.rigid else ""
+        from_hertz = f", from {lowest[0]:.3g} Hz" if len(lowest) else ""
+        return f"ContactModel: order {self.order}{rigid}, {self.inputs.shape[1]} input columns{from_hertz}"
 
     @property
     def order(self) -> int:
@@ -95,6 +102,11 @@ class Rom:
         stages: what the offline work spent its time on.
         loads: number of input columns of each load that acts by a history of its own.
         deformation: what large deformation adds; then all contact modes have the same basis. None: the model is linear.
+
+    Example:
+        >>> rom = fr.read_rom("plate.h5")
+        >>> rom.contact_models["middle"].order, rom.contacts
+        (20, {'tip_left': 3, 'middle': 3})
     """
 
     name: str
@@ -117,6 +129,18 @@ class Rom:
     stages: tuple[Stage, ...] = ()
     loads: Mapping[str, int] = field(default_factory=dict)
     deformation: ReducedDeformation | None = None
+
+    def __repr__(self) -> str:
+        models, columns = self.contact_models, self.contacts
+        orders = (f"{name} (order {models[name].order}, {columns[name]} inputs)" for name in models)
+        nodes = f" of {len(self.nodes)} nodes" if len(self.nodes) else ""
+        actuators = [f"{name} in {self.environment.input_units.get(name, 'N')}" for name in self.actuators]
+        others = {"actuators": actuators, "effects": self.environment.effects, "outputs": self.outputs}
+        return (
+            f"Rom {self.name!r}: {self.method}, {self.switching} switching, {len(self.free)} displacements{nodes}\n"
+            f"  contact modes: {', '.join(orders)}; inputs in N\n"
+            f"  {'; '.join(f'{kind}: ' + ', '.join(names) for kind, names in others.items() if names)}"
+        ).rstrip()
 
     @property
     def contacts(self) -> dict[str, int]:
@@ -191,7 +215,7 @@ def diagonalized_span(κ: Array, span: Array) -> tuple[Array, Array]:
     return γ, C * np.where(C[np.abs(C).argmax(axis=0), np.arange(C.shape[1])] < 0, -1.0, 1.0)
 
 
-def truncated(rom: Rom, order: int) -> Rom:
+def truncate(rom: Rom, order: int) -> Rom:
     """The ROM at a lower order: the leading directions of every contact mode that has more.
 
     Args:
@@ -200,6 +224,10 @@ def truncated(rom: Rom, order: int) -> Rom:
 
     Raises:
         StructureError: order below 1, or beyond what every contact mode has, or a ROM with oblique switching.
+
+    Example:
+        >>> fr.truncate(rom, 5).contact_models["middle"].order
+        5
     """
     most = max(mode.order - mode.rigid for mode in rom.contact_models.values())
     if not 1 <= order <= most:
@@ -211,12 +239,12 @@ def truncated(rom: Rom, order: int) -> Rom:
     return replace(
         rom,
         contact_models={
-            name: _truncated_mode(rom.stiffness, mode, rom.rigid + order) for name, mode in rom.contact_models.items()
+            name: _truncate_mode(rom.stiffness, mode, rom.rigid + order) for name, mode in rom.contact_models.items()
         },
     )
 
 
-def _truncated_mode(κ: Array, mode: ContactModel, order: int) -> ContactModel:
+def _truncate_mode(κ: Array, mode: ContactModel, order: int) -> ContactModel:
     if order >= mode.order:
         return mode
     γ, C = diagonalized_span(κ, mode.coordinates @ mode.directions[:, :order])

@@ -50,6 +50,14 @@ class Batch:
     Raises:
         StepError: size is not a whole number > 0, dt not a positive finite number, or dtype another one; or the scene
             has contact or no inertia, which `Simulator` steps.
+
+    Example:
+        >>> bodies = fr.Batch(rom, size=4, dt=1e-3)
+        >>> bodies.switch("middle", [0, 2])
+        >>> bodies.step(np.full((4, 3), 0.5))  # N; the bodies that could not take it
+        array([], dtype=int64)
+        >>> bodies.displacement("tip").shape
+        (4, 2, 3)
     """
 
     def __init__(
@@ -92,6 +100,13 @@ class Batch:
         copied = object.__new__(type(self))
         vars(copied).update(deepcopy(vars(self), memo))
         return copied
+
+    def __repr__(self) -> str:
+        orders = (f"{name} (order {model.order})" for name, model in self.rom.contact_models.items())
+        return (
+            f"Batch of {self.size} bodies of {self.rom.name!r}: dt = {self.dt:g} s, {self.steps} steps taken, "
+            f"{self.dtype}\n  contact modes: {', '.join(orders)}"
+        )
 
     @property
     def dt(self) -> float:

@@ -66,6 +66,11 @@ def run_realtime(
     Raises:
         ValueError: duration is not a positive finite number.
         StepError: see Simulator.step.
+
+    Example:
+        >>> body = fr.Simulator(rom, dt=1e-3)
+        >>> print(fr.run_realtime(body, lambda body: [0.0, 0.0, 0.5], duration=0.01))
+        10 steps of 1 ms: ...
     """
     if not (math.isfinite(duration) and duration > 0):
         raise ValueError(f"duration = {duration!r}: allowed is a finite number > 0, in s")

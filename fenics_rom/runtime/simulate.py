@@ -8,6 +8,7 @@ from itertools import islice
 import numpy as np
 
 from fenics_rom.errors import FenicsRomWarning, SceneError
+from fenics_rom.io.progress import Report, silent
 from fenics_rom.mechanics.environment import Environment, HasEnvironment
 from fenics_rom.mechanics.load_history import LoadHistory
 from fenics_rom.mechanics.signals import SignalLike
@@ -17,7 +18,6 @@ from fenics_rom.runtime.simulator import Simulator
 from fenics_rom.runtime.steppers.contact_interface import MOTION
 from fenics_rom.trajectory.trajectory import Trajectory, TrajectoryRecorder
 
-Report = Callable[[str, int, int], None]
 UNTIMED = "what is no part of a step"
 
 
@@ -28,8 +28,9 @@ def simulate(
     dt: float | None = None,
     signals: Mapping[str, SignalLike] | None = None,
     profile: bool = False,
+    rate: bool = False,
     stepper: str | None = None,
-    report: Report = lambda stage, done, of: None,
+    report: Report = silent,
 ) -> Trajectory:
     """Runs a ROM through a load history from rest.
 
@@ -40,6 +41,7 @@ def simulate(
         signals: of loads and obstacles by name, instead of the scene's: numbers, or functions of time; as in
             Simulator.
         profile: whether to run it once more to measure what each effect costs in a step.
+        rate: whether to run it once more to measure the wall clock of its steps, `settings["seconds"]`.
         stepper: of a body with large deformation, as in Simulator.
         report: called with the stage, how much of it is done, and of how much.
 
@@ -76,7 +78,7 @@ def simulate(
         model="reduced",
         settings={
             "dt": history.dt,
-            "seconds": _seconds(fresh(), history),
+            **({"seconds": _seconds(fresh(), history)} if rate else {}),
             "order": max(model.order for model in rom.contact_models.values()),
             **({} if body.mismatch is None else {"mismatch": body.mismatch}),
         },

@@ -52,6 +52,14 @@ class Simulator:
     Raises:
         SceneError: an effect that the ROM was not made with, or a load without a signal.
         StepError: dt is not a positive finite number, a signal has another width, or the body begins in an obstacle.
+
+    Example:
+        >>> body = fr.Simulator(rom, dt=1e-3)
+        >>> for step in range(1000):
+        ...     body.switch("tip_left" if step < 500 else "middle")
+        ...     body.step([0.0, 0.0, 0.5])  # N
+        >>> body.displacement("tip").shape, body.energy > 0
+        ((2, 3), True)
     """
 
     def __init__(
@@ -81,6 +89,17 @@ class Simulator:
         self._readings: dict[tuple[str, str], Array] = {}
         self._known_inputs = KnownInputs()
         self._enter()
+
+    def __repr__(self) -> str:
+        model, steps = self.rom.contact_models[self.contact], f"{self.steps} step{'' if self.steps == 1 else 's'}"
+        columns = {"the contact in N": self.rom.contacts[self.contact]}
+        units = self.rom.environment.input_units
+        columns |= {f"{name} in {units.get(name, 'N')}": count for name, count in self.rom.actuators.items()}
+        return (
+            f"Simulator of {self.rom.name!r}: contact mode {self.contact} (order {model.order}), dt = {self._dt:g} s, "
+            f"{steps} taken, {self.stepper}\n"
+            f"  input: {', '.join(f'{count} of {name}' for name, count in columns.items())}"
+        )
 
     @property
     def time(self) -> float:

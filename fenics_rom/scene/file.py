@@ -32,6 +32,10 @@ def read_scene(file: str | Path) -> Scene:
 
     Raises:
         SceneError: the file cannot be read, or says something that is not allowed.
+
+    Example:
+        >>> fr.read_scene("plate.toml").run.duration  # s
+        3.0
     """
     path = Path(file)
     try:

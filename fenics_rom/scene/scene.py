@@ -100,6 +100,11 @@ class Scene:
         text: of the file.
         tables: by the names of their files: time in s and what it is a signal of, (times, 1 + columns).
         source: for messages.
+
+    Example:
+        >>> scene = fr.read_scene("plate.toml")
+        >>> list(scene.contacts), list(scene.outputs)
+        (['tip_left', 'middle'], ['tip'])
     """
 
     name: str

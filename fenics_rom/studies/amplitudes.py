@@ -4,20 +4,21 @@ The reference at each load is the nonlinear full order at the scene's step; its 
 twice the step.
 """
 
-import json
 import warnings
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomError, FenicsRomWarning, FileError, SceneError
 from fenics_rom.fem.ranks import run_on_rank_0
-from fenics_rom.io.hdf5 import write_whole
+from fenics_rom.io.atomic_write import make_folder
+from fenics_rom.io.json_record import read_record, write_record
 from fenics_rom.io.markdown import markdown
-from fenics_rom.io.stages import Report
+from fenics_rom.io.progress import Report, silent
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.simulate import rate
 from fenics_rom.scene.scene import STEPPERS, Scene
@@ -91,7 +92,7 @@ def study_of_amplitudes(
     *,
     quick: bool = False,
     resume: bool = False,
-    report: Report = lambda stage, done, of: None,
+    report: Report = silent,
 ) -> Amplitudes:
     """Compares linear and large-deformation models, reduced and at full order; every rank must call it.
 
@@ -105,7 +106,7 @@ def study_of_amplitudes(
     Raises:
         SceneError: no large_deformation, or nothing to scale.
         FileError: the folder cannot be written, or holds another study.
-        SolverError: as `solve` and `reduce`.
+        SolverError: as `simulate` and `reduce`.
     """
     reference.check_measurable(scene, ())
     if scene.effects.large_deformation is None:
@@ -192,10 +193,7 @@ class _Work:
 
     def _taken_over(self, resume: bool) -> Amplitudes | None:
         """What an earlier study left; on rank 0."""
-        try:
-            self._folder.mkdir(parents=True, exist_ok=True)
-        except OSError as error:
-            raise FileError(f"{self._folder}: cannot be made: {error.strerror}") from error
+        make_folder(self._folder)
         file = self._folder / FOUND
         if not (resume and file.exists()):
             return None
@@ -227,7 +225,7 @@ class _Work:
 
     def kept(self, found: Amplitudes) -> Amplitudes:
         """Writes what was found so far, and returns it."""
-        write_whole(self._folder / FOUND, json.dumps(asdict(found), indent=1).encode())
+        write_record(self._folder / FOUND, found)
         return found
 
     def at(self, share: float, roms: Mapping[str, Rom]) -> tuple[list[Row], list[str]]:
@@ -271,7 +269,7 @@ class _Work:
         system = replace(self._systems[model], scene=scene)
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", FenicsRomWarning)
-            return fr.solve(system, dt=dt, report=lambda _, done, of: self._report(f"{model} {stage}", done, of))
+            return fr.simulate(system, dt=dt, report=lambda _, done, of: self._report(f"{model} {stage}", done, of))
 
 
 def read_amplitudes(file: Path) -> Amplitudes:
@@ -280,14 +278,12 @@ def read_amplitudes(file: Path) -> Amplitudes:
     Raises:
         FileError: there is no such file, or it holds something else.
     """
-    try:
-        known = json.loads(file.read_text())
-        rows = tuple(Row(**row) for row in known.pop("rows"))
-        return Amplitudes(rows=rows, notes=tuple(known.pop("notes")), **known)
-    except OSError as error:
-        raise FileError(f"{file}: cannot be read: {error.strerror}") from error
-    except (ValueError, TypeError, KeyError, AttributeError) as error:
-        raise FileError(f"{file}: does not hold a study of amplitudes") from error
+    return read_record(file, "a study of amplitudes", _amplitudes)
+
+
+def _amplitudes(known: dict[str, Any]) -> Amplitudes:
+    rows = tuple(Row(**row) for row in known.pop("rows"))
+    return Amplitudes(rows=rows, notes=tuple(known.pop("notes")), **known)
 
 
 def _speed(run: Trajectory) -> float:

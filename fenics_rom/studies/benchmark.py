@@ -36,7 +36,7 @@ def reduced(system: System, method: str, order: int) -> tuple[Rom, float]:
         if method != "selection" or least >= order:
             break
     if most > order:  # the paper's selection takes more eigenvectors than directions
-        rom = fr.truncated(rom, order)
+        rom = fr.truncate(rom, order)
     return rom, seconds
 
 

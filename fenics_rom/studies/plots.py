@@ -8,8 +8,7 @@ from matplotlib import colormaps
 
 from fenics_rom.studies.method_configs import WAYS
 from fenics_rom.studies.pareto import decades, length, pareto_front
-from fenics_rom.studies.report import PICTURES
-from fenics_rom.studies.study_results import Findings
+from fenics_rom.studies.study_results import PICTURES, Findings
 from fenics_rom.studies.tables import largest_model
 from fenics_rom.visualization.figure import figure_class, write_figure
 

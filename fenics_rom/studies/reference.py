@@ -9,7 +9,7 @@ import numpy as np
 
 import fenics_rom as fr
 from fenics_rom.errors import CompareError, SceneError
-from fenics_rom.io.stages import Report
+from fenics_rom.io.progress import Report
 from fenics_rom.scene.scene import Scene
 from fenics_rom.studies.study_results import MeshRow
 from fenics_rom.system.system import System
@@ -69,11 +69,11 @@ def of_meshes(system: System, files: Sequence[Path], dt: float, report: Report) 
     """
     scene = system.scene
     assert scene is not None
-    runs = {scene.mesh_file: (system.size, fr.solve(system, dt=dt))}
+    runs = {scene.mesh_file: (system.size, fr.simulate(system, dt=dt))}
     for k, file in enumerate(files):
         report("meshes", k, len(files))
         other = fr.assemble(replace(scene, mesh_file=file))
-        runs[file] = other.size, fr.solve(other, dt=dt)
+        runs[file] = other.size, fr.simulate(other, dt=dt)
     report("meshes", len(files), len(files))
     finest, finest_run = max(runs.values(), key=lambda one: one[0])
     if finest == system.size:

@@ -2,11 +2,10 @@
 
 from pathlib import Path
 
-from fenics_rom.io.hdf5 import is_rank_0, write_whole
+from fenics_rom.io.atomic_write import write_whole
+from fenics_rom.io.mpi_ranks import is_rank_0
 from fenics_rom.studies.study_results import Findings
 from fenics_rom.studies.tables import csv_table, report
-
-PICTURES = ("speed", "orders", "parts")
 
 
 def write_results(folder: Path, findings: Findings, command: str) -> None:

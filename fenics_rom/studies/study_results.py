@@ -1,13 +1,13 @@
 """What a study has found, as frozen records; and the JSON file that a killed study goes on from."""
 
-import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from fenics_rom.errors import FileError
-from fenics_rom.io.hdf5 import write_whole
+from fenics_rom.io.json_record import read_record, write_record
+
+PICTURES = ("speed", "orders", "parts")  # names of those that are drawn of a study
 
 
 @dataclass(frozen=True)
@@ -127,7 +127,7 @@ def write_findings(file: Path, findings: Findings) -> None:
     Raises:
         FileError: the file cannot be written.
     """
-    write_whole(file, json.dumps(asdict(findings), indent=1).encode())
+    write_record(file, findings)
 
 
 def read_findings(file: Path) -> Findings:
@@ -136,17 +136,15 @@ def read_findings(file: Path) -> Findings:
     Raises:
         FileError: there is no such file, or it holds something else.
     """
-    try:
-        known: dict[str, Any] = json.loads(file.read_text())
-        rows = tuple(Row(**_tuples(row)) for row in known.pop("rows"))
-        meshes = tuple(MeshRow(**mesh) for mesh in known.pop("meshes"))
-        hankel = {name: tuple(σ) for name, σ in known.pop("hankel").items()}
-        tried = tuple((method, order) for method, order in known.pop("tried"))
-        return Findings(tried=tried, rows=rows, meshes=meshes, hankel=hankel, notes=tuple(known.pop("notes")), **known)
-    except OSError as error:
-        raise FileError(f"{file}: cannot be read: {error.strerror}") from error
-    except (ValueError, TypeError, KeyError, AttributeError) as error:
-        raise FileError(f"{file}: does not hold a study") from error
+    return read_record(file, "a study", _findings)
+
+
+def _findings(known: dict[str, Any]) -> Findings:
+    rows = tuple(Row(**_tuples(row)) for row in known.pop("rows"))
+    meshes = tuple(MeshRow(**mesh) for mesh in known.pop("meshes"))
+    hankel = {name: tuple(σ) for name, σ in known.pop("hankel").items()}
+    tried = tuple((method, order) for method, order in known.pop("tried"))
+    return Findings(tried=tried, rows=rows, meshes=meshes, hankel=hankel, notes=tuple(known.pop("notes")), **known)
 
 
 def _tuples(row: dict[str, Any]) -> dict[str, Any]:

@@ -10,7 +10,7 @@ import scipy.io
 import scipy.sparse
 
 from fenics_rom.errors import StructureError
-from fenics_rom.io.launcher import launched_rank
+from fenics_rom.io.mpi_ranks import launched_rank
 from fenics_rom.system.system import System, check_damping_choice
 
 File = str | PathLike[str]
@@ -38,6 +38,11 @@ def read_system(
 
     Raises:
         StructureError: a file that cannot be read, or whose content cannot be used, with its name.
+
+    Example:
+        >>> system = fr.read_system(mass="M.mtx", rayleigh=(0.5, 1e-3), stiffness="K.mtx", contacts={"tip": "B.mtx"})
+        >>> system.size
+        180
     """
     check_damping_choice(damping, rayleigh)
     matrices = {"mass": mass, "stiffness": stiffness} | ({} if damping is None else {"damping": damping})

@@ -180,6 +180,11 @@ class System:
         deformation: of a body that deforms largely, beyond what these matrices say; None: linear.
         warnings: what the user should know about this model.
         stages: what making it spent its time on.
+
+    Example:
+        >>> M, K = np.eye(3), np.array([[2.0, -1.0, 0.0], [-1.0, 2.0, -1.0], [0.0, -1.0, 2.0]])
+        >>> fr.System(mass=M, damping=0.01 * K, stiffness=K, contacts={"left": [1.0, 0.0, 0.0]}).size
+        3
     """
 
     mass: Operator

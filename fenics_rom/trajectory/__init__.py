@@ -1,1 +1,1 @@
-"""What is kept of a run: its record, its file, and the comparison of two."""
+"""What is kept of a run: the trajectory, its file, and the comparison of two."""

@@ -1,6 +1,6 @@
 """The run file: one HDF5 file, the same for full and reduced runs.
 
-Format 1.3. The first 512 bytes are a user block with the SHA-256 of the rest (see checked_file).
+Format 2.0. The first 512 bytes are a user block with the SHA-256 of the rest (see io/hdf5.py).
 Root attributes (fixed-length UTF-8 text): format = "fenics-rom", format_version, content = "run",
 software, name, model ("full" or "reduced"), contacts, warnings, effects (one a line each), stepping (how a step was
 taken and why, where there was a choice). Every dataset has an attribute `unit`. Sizes: S instants (steps + 1), s whole
@@ -11,15 +11,15 @@ shapes, N nodes, F triangles, P points of an output.
     snapshot_times (s,) s, snapshots (s, N, 3) m, velocities (s, N, 3) m/s; these may be absent
     nodes (N, 3) m, triangles (F, 3), node_mass (N,) kg
     outputs/NAME (S, P, 3) m
-    settings/NAME (1,)               dt in s, seconds (wall clock of the stepping) in s, order; mismatch may be absent
+    settings/NAME (1,)               dt in s, order; seconds (wall clock of the steps) and mismatch may be absent
     forces/NAME (S, 3) N             of each obstacle on the body; absent where there are none, with
     contact_account/NAME (S,) J      running sums: obstacles (supplied), contact and perhaps friction (dissipated)
     obstacles/NAME/motion (s, 3) m   from where the scene puts it; attribute `shape`, and what describes that:
         point, normal; center, radius; start, end, radius; or center, size, rotation (3,) or (1,); m, 1, rad
     profile/NUMBER (1,) s            per step, of a part of the run that attribute `name` names; absent if not measured
 
-Files of format 1.0 and 1.1 name no effects, and have none of the last four; files of format 1.2 have neither velocities
-nor obstacles.
+Format 2.0 named the snapshots anew; files of format 1.x are read, too. Those of 1.0 and 1.1 name no effects, and have
+none of the last four; those of 1.2 have neither velocities nor obstacles.
 """
 
 from collections.abc import Mapping
@@ -62,93 +62,102 @@ RUN = {
 }
 SETTINGS = {
     "dt": Entry("s", (1,)),
-    "seconds": Entry("s", (1,)),
+    "seconds": Entry("s", (1,), optional=True),
     "order": Entry("1", (1,)),
     "mismatch": Entry("1", (1,), optional=True),
 }
 
-MAYBE = ("forces", "contact_account", "obstacles", "profile")
+OPTIONAL_GROUPS = ("forces", "contact_account", "obstacles", "profile")
 OBSTACLE = {
     **{name: Entry("m", (3,)) for name in ("point", "center", "start", "end", "size")},
     "radius": Entry("m", (1,)),
     "normal": Entry("1", (3,)),
     "rotation": Entry("rad", (3,)),
 }
-FORMAT_1 = {"shape_times": "snapshot_times", "shapes": "snapshots"}  # names in files of format 1.x
+NAMES_IN_FORMAT_1 = {"shape_times": "snapshot_times", "shapes": "snapshots"}  # new ones by old
 MOTION = {"motion": Entry("m", ("s", 3))}
-FORCE, WORK, PER_STEP = Entry("N", ("S", 3)), Entry("J", ("S",)), Entry("s", (1,))
+FORCE, WORK, SECONDS_PER_STEP = Entry("N", ("S", 3)), Entry("J", ("S",)), Entry("s", (1,))
 
 
-def write_trajectory(file: str | Path, record: Trajectory) -> None:
+def write_trajectory(file: str | Path, trajectory: Trajectory) -> None:
     """Writes a run; an existing file is replaced only by a complete one.
 
     Raises:
-        FileError: it cannot be written, or holds numbers that are not finite.
+        TrajectoryFileError: it cannot be written, or holds numbers that are not finite.
+
+    Example:
+        >>> fr.write_trajectory("again.h5", run)
     """
-    write_file(file, "run", lambda h5: _fill(h5, record))
+    write_file(file, "run", lambda h5: _fill(h5, trajectory))
 
 
 def read_trajectory(file: str | Path) -> Trajectory:
     """Reads a run.
 
     Raises:
-        FileError: the file is missing, damaged or of another format.
+        TrajectoryFileError: the file is missing, damaged or of another format.
+
+    Example:
+        >>> fr.read_trajectory("run.h5").steps
+        300
     """
-    return read_file(
-        file, "run", _take, lambda h5: rename_all(h5, {"shape_times": "snapshot_times", "shapes": "snapshots"})
-    )
+    return read_file(file, "run", _take, lambda h5: rename_all(h5, NAMES_IN_FORMAT_1))
 
 
-def _fill(h5: h5py.File, record: Trajectory) -> None:
-    check_names([*record.contacts, *record.outputs, *record.forces])
+def _fill(h5: h5py.File, run: Trajectory) -> None:
+    check_names([*run.contacts, *run.outputs, *run.forces])
     put_text(
         h5,
-        name=record.name,
-        model=record.model,
-        contacts="\n".join(record.contacts),
-        warnings="\n".join(record.warnings),
-        effects="\n".join(record.effects),
-        stepping=record.stepping,
+        name=run.name,
+        model=run.model,
+        contacts="\n".join(run.contacts),
+        warnings="\n".join(run.warnings),
+        effects="\n".join(run.effects),
+        stepping=run.stepping,
     )
     sizes: Sizes = {}
-    put_arrays(h5, RUN, sizes, {name: getattr(record, name) for name in RUN})
+    put_arrays(h5, RUN, sizes, {name: getattr(run, name) for name in RUN})
     outputs = h5.create_group("outputs", track_order=True)
-    for name, values in record.outputs.items():
-        put_arrays(outputs, {name: _output(name)}, sizes, {name: values})
+    for name, values in run.outputs.items():
+        put_arrays(outputs, {name: _output_entry(name)}, sizes, {name: values})
     settings = h5.create_group("settings", track_order=True)
-    put_arrays(settings, SETTINGS, sizes, _rows_of(record.settings))
-    if record.forces:
+    put_arrays(settings, SETTINGS, sizes, _setting_arrays(run.settings))
+    if run.forces:
         forces = h5.create_group("forces", track_order=True)
-        put_arrays(forces, dict.fromkeys(record.forces, FORCE), sizes, record.forces)
+        put_arrays(forces, dict.fromkeys(run.forces, FORCE), sizes, run.forces)
         account = h5.create_group("contact_account", track_order=True)
-        put_arrays(account, dict.fromkeys(record.contact_account, WORK), sizes, record.contact_account)
-    if record.obstacles:
+        put_arrays(account, dict.fromkeys(run.contact_account, WORK), sizes, run.contact_account)
+    if run.obstacles:
         obstacles = h5.create_group("obstacles", track_order=True)
-        for name, obstacle in record.obstacles.items():
+        for name, obstacle in run.obstacles.items():
             group, table = obstacles.create_group(name, track_order=True), _dimensions(type(obstacle))
             dimensions = {key: np.atleast_1d(getattr(obstacle, key)) for key in table}
-            put_arrays(group, table | MOTION, sizes, dimensions | {"motion": record.obstacle_motion[name]})
+            put_arrays(group, table | MOTION, sizes, dimensions | {"motion": run.obstacle_motion[name]})
             put_text(group, shape=next(shape for shape, kind in SHAPES.items() if isinstance(obstacle, kind)))
-    if record.profile:
+    if run.profile:
         profile = h5.create_group("profile", track_order=True)
-        for number, (name, seconds) in enumerate(record.profile.items()):
-            put_arrays(profile, {str(number): PER_STEP}, sizes, {str(number): np.array([seconds])})
+        for number, (name, seconds) in enumerate(run.profile.items()):
+            put_arrays(profile, {str(number): SECONDS_PER_STEP}, sizes, {str(number): np.array([seconds])})
             put_text(profile[str(number)], name=name)
-    _check_fit(record)
+    _check_fit(run)
 
 
 def _take(h5: h5py.File) -> Trajectory:
     sizes: Sizes = {}
-    arrays: Any = get_arrays(h5, RUN, sizes, ("outputs", "settings", *MAYBE))
+    arrays: Any = get_arrays(h5, RUN, sizes, ("outputs", "settings", *OPTIONAL_GROUPS))
     outputs = get_group(h5, "outputs")
-    named: Any = get_arrays(outputs, {name: _output(name) for name in outputs}, sizes)
+    named: Any = get_arrays(outputs, {name: _output_entry(name) for name in outputs}, sizes)
     settings: Any = get_arrays(get_group(h5, "settings"), SETTINGS, sizes)
-    maybe = {name: get_group(h5, name) if name in h5 else {} for name in MAYBE}
-    forces: Any = get_arrays(maybe["forces"], dict.fromkeys(maybe["forces"], FORCE), sizes) if maybe["forces"] else {}
-    done = [name for name in CONTACT_ACCOUNT if name in maybe["contact_account"]]
-    account: Any = get_arrays(maybe["contact_account"], dict.fromkeys(done, WORK), sizes) if forces else {}
-    solids = {name: _take_obstacle(get_group(maybe["obstacles"], name), sizes) for name in maybe["obstacles"]}
-    record = Trajectory(
+    groups = {name: get_group(h5, name) if name in h5 else {} for name in OPTIONAL_GROUPS}
+    forces: Any = (
+        get_arrays(groups["forces"], dict.fromkeys(groups["forces"], FORCE), sizes) if groups["forces"] else {}
+    )
+    sums = [name for name in CONTACT_ACCOUNT if name in groups["contact_account"]]
+    account: Any = get_arrays(groups["contact_account"], dict.fromkeys(sums, WORK), sizes) if forces else {}
+    moved_obstacles = {
+        name: _take_obstacle(get_group(groups["obstacles"], name), sizes) for name in groups["obstacles"]
+    }
+    run = Trajectory(
         name=get_text(h5, "name"),
         model=get_text(h5, "model"),
         settings={name: float(value[0]) for name, value in settings.items() if value is not None},
@@ -159,16 +168,16 @@ def _take(h5: h5py.File) -> Trajectory:
         stepping=get_text(h5, "stepping") if "stepping" in h5.attrs else "",
         forces=forces,
         contact_account=account,
-        profile=_take_profile(maybe["profile"]),
-        obstacles={name: obstacle for name, (obstacle, _) in solids.items()},
-        obstacle_motion={name: motion for name, (_, motion) in solids.items()},
+        profile=_take_profile(groups["profile"]),
+        obstacles={name: obstacle for name, (obstacle, _) in moved_obstacles.items()},
+        obstacle_motion={name: motion for name, (_, motion) in moved_obstacles.items()},
         **arrays,
     )
-    _check_fit(record)
-    return record
+    _check_fit(run)
+    return run
 
 
-def _rows_of(settings: Mapping[str, float]) -> dict[str, Array | None]:
+def _setting_arrays(settings: Mapping[str, float]) -> dict[str, Array | None]:
     return {name: np.array([settings[name]]) if name in settings else None for name in SETTINGS}
 
 
@@ -192,22 +201,22 @@ def _dimensions(kind: Any) -> dict[str, Entry]:
 def _take_profile(group: Any) -> dict[str, float]:
     if not group:
         return {}
-    arrays: Any = get_arrays(group, {str(k): PER_STEP for k in range(len(group))}, {})
+    arrays: Any = get_arrays(group, {str(k): SECONDS_PER_STEP for k in range(len(group))}, {})
     return {get_text(group[key], "name"): float(seconds[0]) for key, seconds in arrays.items()}
 
 
-def _check_fit(record: Trajectory) -> None:
+def _check_fit(run: Trajectory) -> None:
     """What a shape cannot say: times that pass, indices that point somewhere."""
     for name in ("times", "snapshot_times"):
-        if not len(getattr(record, name)) or (np.diff(getattr(record, name)) <= 0).any():
+        if not len(getattr(run, name)) or (np.diff(getattr(run, name)) <= 0).any():
             raise FileError(f"/{name} does not increase, or is empty")
-    if not 0 <= record.contact.min() <= record.contact.max() < len(record.contacts):
-        raise FileError(f"/contact names contact modes beyond {len(record.contacts)}")
-    if record.triangles.size and not 0 <= record.triangles.min() <= record.triangles.max() < len(record.nodes):
-        raise FileError(f"/triangles name nodes beyond {len(record.nodes)}")
-    if (record.node_mass < 0).any():
+    if not 0 <= run.contact.min() <= run.contact.max() < len(run.contacts):
+        raise FileError(f"/contact names contact modes beyond {len(run.contacts)}")
+    if run.triangles.size and not 0 <= run.triangles.min() <= run.triangles.max() < len(run.nodes):
+        raise FileError(f"/triangles name nodes beyond {len(run.nodes)}")
+    if (run.node_mass < 0).any():
         raise FileError("/node_mass has negative masses")
 
 
-def _output(name: str) -> Entry:
+def _output_entry(name: str) -> Entry:
     return Entry("m", ("S", f"P of {name}", 3))

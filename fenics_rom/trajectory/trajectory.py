@@ -1,5 +1,6 @@
-"""A run: what is kept of it, the same for full and reduced models."""
+"""What is kept of a run, the same for full and reduced models."""
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Protocol
@@ -26,8 +27,9 @@ class Trajectory:
     Attributes:
         name: of the scene.
         model: "full" or "reduced".
-        settings: numbers that belong beside any rate or error: dt, seconds (wall clock of the stepping), order or n;
-            of linearly implicit steps with large deformation mismatch (of strains, as a share of the largest).
+        settings: numbers that belong beside any rate or error: dt, s; order, or n; seconds, the wall clock of the
+            stepping, of a reduced run only where it was asked for; of linearly implicit steps with large deformation
+            mismatch (of strains, as a share of the largest).
         times: (steps + 1,), s.
         contacts: names of the contact modes.
         contact: (steps + 1,) which of them was active.
@@ -50,6 +52,11 @@ class Trajectory:
         obstacles: where the scene puts them, by name.
         obstacle_motion: how far each was from there at `snapshot_times`, (s, 3), m.
         stepping: how a step was taken and why, where there was a choice.
+
+    Example:
+        >>> run = fr.read_trajectory("run.h5")
+        >>> run.outputs["tip"].shape, run.balance_error < 1e-12
+        ((301, 2, 3), True)
     """
 
     name: str
@@ -77,6 +84,17 @@ class Trajectory:
     obstacles: Mapping[str, Obstacle] = field(default_factory=dict)
     obstacle_motion: Mapping[str, Array] = field(default_factory=dict)
     stepping: str = ""
+
+    def __repr__(self) -> str:
+        order, dt = (self.settings.get(name, math.nan) for name in ("order", "dt"))
+        outputs = (f"{name} ({values.shape[1]} points)" for name, values in self.outputs.items())
+        parts = {"outputs": ", ".join(outputs), "effects": ", ".join(self.effects)}
+        snapshots = f"{len(self.snapshots)} snapshots of {len(self.nodes)} nodes"
+        return (
+            f"Trajectory {self.name!r}: {self.model} (order {order:g}), {self.steps} steps of {dt:g} s, "
+            f"contact modes {', '.join(self.contacts)}\n"
+            f"  {'; '.join([*(f'{kind}: {names}' for kind, names in parts.items() if names), snapshots])}"
+        )
 
     @property
     def balance_error(self) -> float:
@@ -121,7 +139,7 @@ class RunningBody(Protocol):
 
 
 class TrajectoryRecorder:
-    """Fills the arrays of a record, step by step.
+    """Fills the arrays of a trajectory, step by step.
 
     Args:
         steps: number of steps of the run.
@@ -153,8 +171,8 @@ class TrajectoryRecorder:
         self._outputs = {name: np.zeros((steps + 1, points, 3)) for name, points in outputs.items()}
         self._obstacles = obstacles or {}
         self._forces = {name: np.zeros((steps + 1, 3)) for name in self._obstacles}
-        kept = [name for name, effect in CONTACT_ACCOUNT.items() if effect in effects]
-        self._contact_account = {name: np.zeros(steps + 1) for name in kept}
+        sums = [name for name, effect in CONTACT_ACCOUNT.items() if effect in effects]
+        self._contact_account = {name: np.zeros(steps + 1) for name in sums}
         self._snapshot_steps = np.unique(np.round(np.linspace(0, steps, min(snapshots, steps) + 1)).astype(int))[1:]
         self._snapshots = np.zeros((len(self._snapshot_steps), nodes, 3))
         self._velocities = np.zeros_like(self._snapshots) if not effects or "inertia" in effects else None

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from fenics_rom.errors import MissingPackageError
-from fenics_rom.io.hdf5 import write_whole
+from fenics_rom.io.atomic_write import write_whole
 
 
 def figure_class() -> Any:

@@ -53,7 +53,7 @@ def test_small_loads_are_linear_and_large_ones_are_not(found):
 
 def test_errors_are_those_of_runs(file, found):
     scene = fr.read_scene(file)
-    full, straight = fr.solve(scene), fr.solve(linear(scene))
+    full, straight = fr.simulate(scene), fr.simulate(linear(scene))
     assert of(found, "linear, full order").error == pytest.approx(
         fr.compare(straight, full)["shape"].relative, rel=1e-6
     )

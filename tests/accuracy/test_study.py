@@ -15,8 +15,9 @@ import fenics_rom as fr
 from fenics_rom.errors import FileError, SceneError, SolverError
 from fenics_rom.scene.file import parse_scene
 from fenics_rom.studies.method_configs import ORDERS, WAYS
-from fenics_rom.studies.report import PICTURES, write_results
+from fenics_rom.studies.report import write_results
 from fenics_rom.studies.study import study_for
+from fenics_rom.studies.study_results import PICTURES
 from fenics_rom.studies.tables import remarks
 
 pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
@@ -240,7 +241,7 @@ class TestMeshes:
         scene = box_scene(box_file)
         found = fr.study(scene, tmp_path / "out", meshes=finer, orders=[5], methods=["balanced"], steps=[0.02])
         assert [mesh.file for mesh in found.meshes] == ["box.msh", "2.msh", "3.msh"]
-        runs = [fr.solve(replace(scene, mesh_file=file)).outputs["tip"] for file in (box_file, finer[1], finer[0])]
+        runs = [fr.simulate(replace(scene, mesh_file=file)).outputs["tip"] for file in (box_file, finer[1], finer[0])]
         errors = [np.linalg.norm(run - runs[-1]) / np.linalg.norm(runs[-1]) for run in runs]
         assert [mesh.outputs["tip"] for mesh in found.meshes] == pytest.approx(errors, rel=1e-9)
         assert errors[0] > errors[1] > errors[2] == 0

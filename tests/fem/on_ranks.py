@@ -34,11 +34,11 @@ COMMANDS = {
     "free.h5": ("reduce", "free.toml"),
     "free-krylov.h5": ("reduce", "free.toml", "--lyapunov", "krylov"),
     "free-iterative.h5": ("reduce", "free.toml", "--lyapunov", "krylov", "--solver", "iterative"),
-    "run.h5": ("solve", "plate.toml"),
+    "run.h5": ("simulate", "plate.toml"),
     "effects.h5": ("reduce", "effects.toml", "--lyapunov", "closed-form", "--order", "60"),
-    "effects-run.h5": ("solve", "effects.toml"),
+    "effects-run.h5": ("simulate", "effects.toml"),
     "still.h5": ("reduce", "still.toml"),
-    "still-run.h5": ("solve", "still.toml"),
+    "still-run.h5": ("simulate", "still.toml"),
 }
 
 

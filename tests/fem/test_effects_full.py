@@ -63,7 +63,7 @@ def run_of(scene, model, **choices):
     """The run of a scene: of the full model, or of a ROM that has all that is there."""
     system = fr.assemble(scene)
     if model == "full":
-        return fr.solve(system, **choices)
+        return fr.simulate(system, **choices)
     order = {} if scene.effects.inertia is None else {"order": system.size}
     return fr.simulate(reduced(system, **order), **choices)
 
@@ -484,7 +484,7 @@ def test_elastic_impacts_lose_nothing(slab, model):
     damped = block(slab, "inertia = {}\ndamping = { beta = 1e-4 }\n" + WEIGHT + law + FLOOR)
     scene = block(slab, "inertia = {}\n" + WEIGHT + law + FLOOR, run="dt = 1e-3\nduration = 0.5")
     if model == "full":
-        run = fr.solve(scene)
+        run = fr.simulate(scene)
     else:
         system = fr.assemble(damped)
         run = fr.simulate(reduced(system, order=system.size), scene=scene)

@@ -256,7 +256,8 @@ def test_small_loads_differ_from_linear_ones_in_second_order(beam, law):
     for force in (0.2, 0.1):
         pushed = f'[effects.prescribed.push]\nsurface = "right"\nforce = [{force}, 0.0, {force}]'
         tips = [
-            fr.solve(assembled(beam, f"{others}{effect}{pushed}", **run)).outputs["tip"] for effect in ("", large(law))
+            fr.simulate(assembled(beam, f"{others}{effect}{pushed}", **run)).outputs["tip"]
+            for effect in ("", large(law))
         ]
         off.append(np.abs(tips[1] - tips[0]).max() / force**2)
     assert off[0] * 0.1**2 < 0.02 * np.abs(tips[0]).max()
@@ -408,7 +409,7 @@ def test_quasi_static_run(beam):
     """What is put on at once is half heat where the body is nearly linear; the account closes in any case."""
     run = {"run": 'dt = 0.1\nduration = 0.4\n[[run.load]]\ncontact = "right"\nforce = [0.0, 0.0, 2.0]'}
     system = assembled(beam, large("st_venant_kirchhoff"), degree=2, **run)
-    record = fr.solve(system)
+    record = fr.simulate(system)
     assert record.balance_error <= ROUND_OFF
     assert record.outputs["tip"][-1, 0, 2] > 0.03
     assert not any("linear model" in text for text in record.warnings)
@@ -523,7 +524,7 @@ def test_load_beyond_reach_is_told_with_its_time(beam, tmp_path, capsys):
     with pytest.raises(
         SolverError, match=r"did not converge at t = 0.1 s in contact mode 'right' under.*-1e\+15.*lower"
     ):
-        fr.solve(system)
+        fr.simulate(system)
     body = system.deformation.stepper(0.1)
     body.step(StepInput(np.array([0.0, 0.0, 0.1])))
     kept, supplied = body.x.copy(), body.ledger.supplied
@@ -538,7 +539,7 @@ def test_load_beyond_reach_is_told_with_its_time(beam, tmp_path, capsys):
     scene = tmp_path / "scene.toml"
     scene.write_text(system.scene.text)
     with pytest.raises(SystemExit, match="1"):
-        main(["solve", str(scene), "-o", str(tmp_path / "run.h5")])
+        main(["simulate", str(scene), "-o", str(tmp_path / "run.h5")])
     assert capsys.readouterr().err.count("did not converge") == 1
 
 
@@ -546,7 +547,7 @@ def test_what_is_turned_inside_out_is_told(beam):
     run = {"run": 'dt = 2e-3\nduration = 0.06\n[[run.load]]\ncontact = "right"\nforce = [-300.0, 0.0, 20.0]'}
     system = assembled(beam, f"inertia = {{}}\n{large('st_venant_kirchhoff')}", **run)
     with pytest.warns(FenicsRomWarning, match="turned inside out"):
-        record = fr.solve(system)
+        record = fr.simulate(system)
     assert any("inside out" in text for text in record.warnings)
     assert record.balance_error <= ROUND_OFF
 
@@ -568,7 +569,7 @@ def test_materials_may_be_damped_differently(tmp_path):
         '[effects.springs.s]\nsurface = "top"\nstiffness = 20.0\n'
     )
     linear, nonlinear = (
-        fr.solve(assembled(mesh, damping.replace("damping", f"{effect}damping", 1), **parts))
+        fr.simulate(assembled(mesh, damping.replace("damping", f"{effect}damping", 1), **parts))
         for effect in ("", large("neo_hookean"))
     )
     tip = linear.outputs["tip"]

@@ -35,7 +35,7 @@ from contextlib import suppress
 from fenics_rom.cli.main import main
 for name in sys.argv[1:]:
     with suppress(SystemExit):
-        main(["solve", name + ".toml", "-o", name + ".h5"])
+        main(["simulate", name + ".toml", "-o", name + ".h5"])
 """
 
 

@@ -232,7 +232,7 @@ def test_run_reads_the_same_output_as_the_shape_at_that_node(mesh):
             "run": 'dt = 0.01\nduration = 0.1\nload = [{ contact = "right", force = [0.0, 1.0, 0.0] }]',
         },
     )
-    run = fr.solve(system)
+    run = fr.simulate(system)
     corner = np.linalg.norm(run.nodes - LENGTHS, axis=1).argmin()
     np.testing.assert_allclose(run.outputs["tip"][-1, 0], run.snapshots[-1, corner], rtol=1e-12)
     assert np.abs(run.snapshots[-1, corner]).max() > 0

@@ -172,7 +172,7 @@ def test_force_that_is_not_finite_leaves_the_state_as_it_was(small, force):
 
 
 def test_run_of_the_scene_keeps_its_account(plate_system):
-    run = fr.solve(plate_system)
+    run = fr.simulate(plate_system)
     assert run.balance_error <= CLOSES_TO
     assert run.model == "full"
     assert run.steps == 3000

@@ -52,7 +52,7 @@ class Command:
 
 COMMANDS = {
     "reduce": Command(("reduce", "box.toml", "-o", "new.h5"), "new.h5", resumes=True),
-    "solve": Command(("solve", "box.toml", "-o", "new.h5"), "new.h5"),
+    "simulate-full": Command(("simulate", "box.toml", "-o", "new.h5"), "new.h5"),
     "simulate": Command(("simulate", "rom.h5", "-o", "new.h5"), "new.h5"),
     "study": Command(
         ("study", "box.toml", "-o", "studied", "--methods", "balanced", "--orders", "2", "4", "--steps", "1e-2"),
@@ -61,7 +61,7 @@ COMMANDS = {
     ),
     "identify": Command(("identify", "box.toml", "--data", "rest.csv", "-o", "found"), "found"),
     "reduce-2": Command(("reduce", "box.toml", "-o", "new.h5"), "new.h5", resumes=True, ranks=2),
-    "solve-2": Command(("solve", "box.toml", "-o", "new.h5"), "new.h5", ranks=2),
+    "simulate-full-2": Command(("simulate", "box.toml", "-o", "new.h5"), "new.h5", ranks=2),
 }
 
 

@@ -47,7 +47,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         body = system(Path(folder))
         fr.write_rom(DATA / f"rom-{sys.argv[1]}.h5", fr.reduce(body))
-        fr.write_trajectory(DATA / f"run-{sys.argv[1]}.h5", fr.solve(body))
+        fr.write_trajectory(DATA / f"run-{sys.argv[1]}.h5", fr.simulate(body))
 
 
 if __name__ == "__main__":

@@ -152,7 +152,7 @@ def may_mount():
 
 
 @pytest.mark.skipif(not may_mount(), reason="takes root")
-@pytest.mark.parametrize("name", ["reduce", "solve", "simulate", "study", "identify"])
+@pytest.mark.parametrize("name", ["reduce", "simulate-full", "simulate", "study", "identify"])
 @pytest.mark.parametrize(
     ("options", "reasons"),
     [("size=32k", ("No space left on device",)), ("ro", ("Read-only file system", "no permission to write in"))],
@@ -172,7 +172,7 @@ def test_disk_that_is_full_or_read_only_is_told_in_one_line(inside, name, option
     assert ended.stderr.startswith("fenics-rom: error: ")
     assert any(reason in ended.stderr for reason in reasons)
     left = [line.split()[-1] for line in listed.read_text().splitlines()[1:]]
-    if name in ("reduce", "solve", "simulate"):
+    if name in ("reduce", "simulate-full", "simulate"):
         assert [file for file in left if file != "new.h5.partial"] == []
 
 

@@ -27,9 +27,13 @@ MODULES = {
 }
 STARTED = {  # scripts and commands of this package, in processes of their own
     PACKAGE / "fem" / "gmsh_file.py": "[sys.executable, '-P', gmsh_process.__file__, file]",
-    PACKAGE / "exports" / "elsewhere.py": "[sys.executable, '-m', 'fenics_rom', 'export', *words]",
+    PACKAGE
+    / "visualization"
+    / "exports"
+    / "subprocess_export.py": "[sys.executable, '-m', 'fenics_rom', 'export', *words]",
 }
-SERVES = {PACKAGE / "viewer" / "command.py", PACKAGE / "viewer" / "server.py"}  # the live view, on this machine alone
+VIEWER = PACKAGE / "visualization" / "viewer"
+SERVES = {VIEWER / "command.py", VIEWER / "server.py"}  # the live view, on this machine alone
 SERVING = {"http", "socket", "webbrowser"}
 UNPICKLES = {"load", "fromfile", "loadtxt", "genfromtxt"}  # of NumPy
 MEASURED = ("settings/seconds", "offline/", "profile/")  # wall clocks and memory: all that differs between two runs
@@ -120,14 +124,14 @@ def test_no_file_can_run_code(file):
         assert name.split(".")[0] not in MODULES, (node.lineno, name)
         if name.endswith("()"):
             own = (
-                file == PACKAGE / "__init__.py" and last == "import_module"
+                file == PACKAGE / "lazy_import.py" and last == "import_module"
             )  # of the package's own names, when asked for
             assert own or last not in RUN_CODE or called.startswith("re."), (node.lineno, name)
             if not any(ast.unparse(keyword) == "allow_pickle=False" for keyword in node.keywords):
                 assert not (last in UNPICKLES and called.startswith(("np.", "numpy."))) or called == "np.fromfile", name
 
 
-@pytest.mark.parametrize("name", ["reduce", "solve", "simulate", "study", "identify"])
+@pytest.mark.parametrize("name", ["reduce", "simulate-full", "simulate", "study", "identify"])
 def test_commands_write_their_output_and_nothing_else(inside, name):
     """Beside it: names of temporary files in its own folder, compiled forms, and Matplotlib's list of fonts."""
     command = kills.COMMANDS[name]
@@ -184,7 +188,7 @@ def may_be_alone():
 
 
 @pytest.mark.skipif(not may_be_alone(), reason="takes root, and iproute2")
-@pytest.mark.parametrize("name", ["reduce", "solve", "simulate"])
+@pytest.mark.parametrize("name", ["reduce", "simulate-full", "simulate"])
 def test_commands_need_no_network(inside, name):
     done(kills.COMMANDS[name], inside, *ALONE)
 
@@ -198,7 +202,7 @@ def content(file):
     return found
 
 
-@pytest.mark.parametrize("name", ["reduce", "solve", "simulate"])
+@pytest.mark.parametrize("name", ["reduce", "simulate-full", "simulate"])
 def test_the_same_command_writes_the_same_bits(inside, name):
     first = content(done(kills.COMMANDS[name], inside))
     second = content(done(kills.COMMANDS[name], inside))
@@ -222,8 +226,8 @@ def test_threads_change_round_off_alone(inside):
     rom = kills.COMMANDS["reduce"]
     one, two = (fr.read_rom(done(rom, inside, OMP_NUM_THREADS=n, OPENBLAS_NUM_THREADS=n)) for n in ("1", "2"))
     same_models(two, one, 1e-8)
-    solve = kills.COMMANDS["solve"]
-    one, two = (fr.read_trajectory(done(solve, inside, OMP_NUM_THREADS=n, OPENBLAS_NUM_THREADS=n)) for n in ("1", "2"))
+    full = kills.COMMANDS["simulate-full"]
+    one, two = (fr.read_trajectory(done(full, inside, OMP_NUM_THREADS=n, OPENBLAS_NUM_THREADS=n)) for n in ("1", "2"))
     assert np.abs(one.snapshots - two.snapshots).max() <= 1e-8 * np.abs(one.snapshots).max()
 
 
@@ -237,7 +241,7 @@ def here(tmp_path_factory):
 def test_files_of_either_release_give_the_same_numbers_on_this_one(here, release):
     rom, run = fr.read_rom(DATA / f"rom-{release}.h5"), fr.read_trajectory(DATA / f"run-{release}.h5")
     same_models(fr.reduce(here), rom, 1e-8)
-    full, reduced = fr.solve(here), [fr.simulate(one) for one in (rom, fr.reduce(here))]
+    full, reduced = fr.simulate(here), [fr.simulate(one) for one in (rom, fr.reduce(here))]
     for one, other in ((full, run), reduced):
         assert one.contacts == other.contacts
         np.testing.assert_array_equal(one.contact, other.contact)

@@ -43,7 +43,7 @@ def scene_of(mesh: Path, values: dict[str, float], more: str = "", tables=None, 
 
 def film(file: Path, scene: fr.Scene, *, every: int = 2, noise: float = 0.0, seed: int = 0) -> Path:
     """What markers show in the scene's run, at its steps, in mm."""
-    run, rng = fr.solve(scene), np.random.default_rng(seed)
+    run, rng = fr.simulate(scene), np.random.default_rng(seed)
     markers = [("tip[0]", "tip", 0), ("tip[1]", "tip", 1), ("side", "side", 0)]
     rows = []
     for n in range(every, run.steps + 1, every):

@@ -15,7 +15,7 @@ from measuring import START, TRUTH, box_mesh, film, text_of, weigh
 import fenics_rom as fr
 from fenics_rom.errors import FileError, SceneError
 from fenics_rom.identification.identified_scene import NUMBER, STRING, _with
-from fenics_rom.io.hdf5 import check_folder
+from fenics_rom.io.atomic_write import check_folder
 
 PUSHES = [("right", (0.0, 0.0, 2.0)), ("top", (1.0, 0.5, 0.0))]
 TABLE = 'dt = 0.01\nduration = 0.6\n[[run.load]]\ncontact = "right"\ntable = "tables/push.csv"'
@@ -68,7 +68,7 @@ def test_the_scene_found_runs_and_has_what_was_found(folder, one):
     assert {key: value for key, value in after.items() if key in ("contacts", "outputs", "supports")} == {
         key: value for key, value in before.items() if key in ("contacts", "outputs", "supports")
     }
-    assert fr.solve(scene).steps == 60
+    assert fr.simulate(scene).steps == 60
 
 
 def test_report_residuals_and_pictures_are_written(folder, one):

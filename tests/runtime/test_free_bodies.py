@@ -294,8 +294,8 @@ def test_translations_alone_leave_the_safe_energy_as_it_is(rom, system):
 
 
 def test_lower_orders_keep_the_rigid_motions(rom, system):
-    small = check_rom(fr.truncated(rom, 7))
-    again = fr.truncated(fr.truncated(rom, 15), 7)
+    small = check_rom(fr.truncate(rom, 7))
+    again = fr.truncate(fr.truncate(rom, 15), 7)
     direct = fr.reduce(system, order=7)
     for name, mode in small.contact_models.items():
         assert (mode.order, mode.rigid) == (13, 6)
@@ -306,11 +306,11 @@ def test_lower_orders_keep_the_rigid_motions(rom, system):
         σ = mode.hankel_singular_values
         assert small.validation[name]["neglected"] == pytest.approx(σ[7:].sum() / σ.sum(), rel=1e-12)
         np.testing.assert_allclose(mode.eigenvalues[6:], direct.contact_models[name].eigenvalues[6:], rtol=1e-8)
-    assert fr.truncated(rom, 20).contact_models["top"] is rom.contact_models["top"]
+    assert fr.truncate(rom, 20).contact_models["top"] is rom.contact_models["top"]
     with pytest.raises(StructureError, match="allowed are 1 to 20"):
-        fr.truncated(rom, 21)
+        fr.truncate(rom, 21)
     dense = random_free(0, (20, 9), True)
-    for mode, whole in zip(fr.truncated(dense, 4).contact_models.values(), dense.contact_models.values(), strict=True):
+    for mode, whole in zip(fr.truncate(dense, 4).contact_models.values(), dense.contact_models.values(), strict=True):
         np.testing.assert_allclose(mode.damping[:6, :6], whole.damping[:6, :6], rtol=1e-12)
 
 

@@ -205,7 +205,7 @@ def test_snapshots_of_others_are_refused(plate_system, plate_rom):
     snapshot = restless(plate_rom).save()
     with pytest.raises(ValueError, match="read-only"):
         snapshot.stepper.state[0] = 1.0
-    other = fr.Simulator(fr.truncated(plate_rom, 5), dt=1e-3)
+    other = fr.Simulator(fr.truncate(plate_rom, 5), dt=1e-3)
     with pytest.raises(StepError, match="of another ROM"):
         other.restore(snapshot)
     with pytest.raises(StepError, match="energy account"):

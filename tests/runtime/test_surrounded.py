@@ -139,7 +139,7 @@ class Reduced:
 
 
 class Full:
-    """A full-order run, as simulate() makes it, with any step sizes."""
+    """A full-order run, as fr.simulate makes it, with any step sizes."""
 
     def __init__(self, system, signals=None):
         self.body = FullOrderSimulator(system, 1e-3, system.scene.environment, signals)
@@ -539,7 +539,7 @@ def test_free_body_has_no_equilibrium(mesh):
     with pytest.raises(SceneError, match=message):
         fr.Simulator(rom, 1e-3, scene=free)
     with pytest.raises(SceneError, match=message):
-        fr.solve(scene_of(mesh, GRAVITY, supports=None, run="dt = 0.1\nduration = 1"))
+        fr.simulate(scene_of(mesh, GRAVITY, supports=None, run="dt = 0.1\nduration = 1"))
 
 
 def test_batches_are_for_bodies_without_obstacles(everything):
@@ -583,7 +583,7 @@ def test_contact_mode_follows_the_obstacle_that_is_near(mesh):
         tables=tables,
     )
     models = Models(scene)
-    full, run = fr.solve(models.system), fr.simulate(models.rom)
+    full, run = fr.simulate(models.system), fr.simulate(models.rom)
     assert run.contacts == ("bottom", "right")
     np.testing.assert_array_equal(run.contact, full.contact)
     assert run.contact[50] == 0

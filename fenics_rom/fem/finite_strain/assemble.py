@@ -1,4 +1,4 @@
-"""Large deformation of an assembled system, as the reduction and the full-order run see it."""
+"""Large deformation of an assembled system, as the reduction and `simulate` see it."""
 
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -6,8 +6,8 @@ from pathlib import Path
 import numpy as np
 
 from fenics_rom.errors import FileError
-from fenics_rom.io.hdf5 import check_place
-from fenics_rom.io.stages import Report
+from fenics_rom.io.atomic_write import check_place
+from fenics_rom.io.progress import Report, silent
 from fenics_rom.rom.rom import Rom
 from fenics_rom.trajectory.trajectory import Trajectory
 from fenics_rom.visualization.exports.body_renderer import Stage
@@ -40,7 +40,7 @@ def export(
     scale: float = 1.0,
     seconds: float | None = None,
     dark: bool = False,
-    report: Report = lambda stage, done, of: None,
+    report: Report = silent,
 ) -> Path:
     """Writes a ROM's shapes, or a run, as a file that others read or people look at; nothing of it where it fails.
 
@@ -70,6 +70,10 @@ def export(
         SceneError: there is no such kind of shape, or no surface.
         MissingPackageError: a package is not installed.
         FenicsRomError: any of these, where dolfinx is loaded: VTK then works in a process of its own.
+
+    Example:
+        >>> fr.export(rom, "modes.vtu").name
+        'modes.vtu'
     """
     place = Path(output)
     if beside_dolfinx():

@@ -15,7 +15,7 @@ from xml.sax.saxutils import quoteattr
 import numpy as np
 
 from fenics_rom.errors import FileError
-from fenics_rom.io.hdf5 import check_folder, write_whole
+from fenics_rom.io.atomic_write import check_folder, write_whole
 from fenics_rom.visualization.optional_dependencies import pyvista_package
 
 Array = np.ndarray

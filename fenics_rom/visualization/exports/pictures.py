@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fenics_rom.io.hdf5 import write_whole
+from fenics_rom.io.atomic_write import write_whole
 from fenics_rom.visualization.optional_dependencies import imageio_package, pillow_package
 
 Array = np.ndarray

@@ -9,7 +9,7 @@ from pathlib import Path
 from tempfile import TemporaryDirectory
 
 from fenics_rom.errors import FenicsRomError
-from fenics_rom.io.hdf5 import check_place
+from fenics_rom.io.atomic_write import check_place
 from fenics_rom.rom.file import write_rom
 from fenics_rom.rom.rom import Rom
 from fenics_rom.trajectory.file import write_trajectory

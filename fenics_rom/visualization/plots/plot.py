@@ -7,8 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from fenics_rom.errors import FileError, SceneError, unknown
-from fenics_rom.io.hdf5 import check_folder, check_place
-from fenics_rom.io.stages import Report
+from fenics_rom.io.atomic_write import check_folder, check_place, make_folder
+from fenics_rom.io.progress import Report, silent
 from fenics_rom.rom.rom import Rom
 from fenics_rom.system.system import System
 from fenics_rom.trajectory.trajectory import Trajectory
@@ -36,7 +36,7 @@ def plot(
     what: Sequence[str] | None = None,
     dark: bool = False,
     full: System | None = None,
-    report: Report = lambda stage, done, of: None,
+    report: Report = silent,
 ) -> tuple[Path, ...]:
     """Draws what there is to see of a ROM or of runs.
 
@@ -60,6 +60,10 @@ def plot(
         SceneError: there is no such panel.
         StructureError, SolverError: of `full`.
         MissingPackageError: there is no Matplotlib.
+
+    Example:
+        >>> [file.name for file in fr.plot({"reduced": run}, "run.pdf")]
+        ['run.pdf']
     """
     figure_of = figure_class()
     import matplotlib
@@ -70,7 +74,7 @@ def plot(
     files = []
     with matplotlib.rc_context(style.settings):
         if in_folder:
-            _make(place)
+            make_folder(place)
             for name, draw in panels.items():
                 figure = figure_of(figsize=(COLUMN, HEIGHT * TALLER.get(name, 1.0)), layout="constrained")
                 draw(figure)
@@ -103,13 +107,6 @@ def check_output(place: Path) -> bool:
         raise FileError(f"{place}: allowed are a folder, or a file that ends in {', '.join(FORMATS)}")
     check_place(place)
     return False
-
-
-def _make(folder: Path) -> None:
-    try:
-        folder.mkdir(exist_ok=True)
-    except OSError as error:
-        raise FileError(f"{folder}: cannot be made: {error.strerror}") from error
 
 
 def _panels(

@@ -10,7 +10,7 @@ import numpy as np
 
 from fenics_rom.errors import SceneError, StructureError
 from fenics_rom.mechanics.environment import Environment
-from fenics_rom.rom.rom import Rom, truncated
+from fenics_rom.rom.rom import Rom, truncate
 from fenics_rom.runtime.simulator import Simulator
 from fenics_rom.trajectory.trajectory import Trajectory
 from fenics_rom.visualization.viewer.mouse_spring import Grip, Hand, largest_input, take_hold
@@ -102,7 +102,7 @@ class LiveBody:
     def order(self, order: int) -> None:
         """Truncates, which begins anew: states of two orders are not of one basis."""
         dt = self.dt
-        self.rom = truncated(self._whole, order)
+        self.rom = truncate(self._whole, order)
         self.release()
         self._recording = None
         self._begin(dt)
@@ -112,7 +112,7 @@ class LiveBody:
         """Of the ROM as it was read; None where it cannot be truncated."""
         most = max(mode.order - mode.rigid for mode in self._whole.contact_models.values())
         try:
-            truncated(self._whole, most)
+            truncate(self._whole, most)
         except StructureError:
             return None
         return most

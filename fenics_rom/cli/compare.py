@@ -1,0 +1,31 @@
+"""`fenics-rom compare`: how far one run is from another."""
+
+import argparse
+
+import fenics_rom as fr
+from fenics_rom.cli.display import print_table
+
+SUMMARY = "relative errors of one run against another"
+
+
+def add_options(command: argparse.ArgumentParser) -> None:
+    """What it is told."""
+    command.add_argument("run_file", metavar="A.h5", help="a run")
+    command.add_argument("reference", metavar="B.h5", help="the run it is measured against")
+
+
+def run(choice: argparse.Namespace) -> None:
+    """Prints a row for each output, the whole shape and the energy."""
+    differences = fr.compare(fr.read_trajectory(choice.run_file), fr.read_trajectory(choice.reference))
+    rows = [
+        (
+            name,
+            f"{d.relative:.2e}",
+            f"{d.largest:.2e} {'J' if name == 'energy' else 'm'}",
+            f"{d.largest_reference:.2e} {'J' if name == 'energy' else 'm'}",
+            str(d.instants),
+        )
+        for name, d in differences.items()
+    ]
+    title = f"{choice.run_file} against {choice.reference}"
+    print_table(title, ("quantity", "relative error", "largest error", "of", "instants"), rows)

@@ -1,0 +1,48 @@
+"""`fenics-rom identify`: material and damping from measured displacements of markers."""
+
+import argparse
+from pathlib import Path
+
+import fenics_rom as fr
+from fenics_rom.cli.display import print_lines, print_table, progress
+from fenics_rom.cli.output import add_output
+from fenics_rom.io.atomic_write import check_folder
+from fenics_rom.io.mpi_ranks import is_root_process
+from fenics_rom.visualization.figure import figure_class
+
+SUMMARY = "find material and damping from marker data; runs under mpirun"
+
+
+def add_options(command: argparse.ArgumentParser) -> None:
+    """What it is told."""
+    command.add_argument("scene", metavar="SCENE", help="scene file (TOML); its values are the start")
+    command.add_argument(
+        "--data", action="append", required=True, metavar="FILE.csv", help="measured displacements; once for each file"
+    )
+    add_output(command, "DIR", "folder for the scene found, the report, the residuals and the picture of the fit")
+    command.add_argument(
+        "--parameters",
+        type=lambda text: text.split(","),
+        metavar="NAME,...",
+        help="which to find: young, poisson, density, alpha, beta; MATERIAL.young of several materials",
+    )
+
+
+def run(choice: argparse.Namespace) -> None:
+    """Identifies, and writes what was found."""
+    figure_class()
+    check_folder(choice.output)
+    scene = fr.read_scene(choice.scene)
+    with progress() as report:
+        result = fr.identify(scene, choice.data, parameters=choice.parameters, report=report)
+    fr.write_identification(choice.output, result)
+    if is_root_process():
+        _print_identification(result, choice.output)
+
+
+def _print_identification(result: "fr.Identification", folder: Path) -> None:
+    """The parameters found, and how good the fit is."""
+    from fenics_rom.identification.write import HEADING, lines_of, rows_of  # needs SciPy, which a run of a ROM does not
+
+    print_table(f"identification of {result.scene.name}: {folder}", HEADING, rows_of(result))
+    print_lines(lines_of(result), result.warnings)

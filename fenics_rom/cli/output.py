@@ -1,0 +1,24 @@
+"""The option -o of the commands that write, and the check of its place."""
+
+import argparse
+from pathlib import Path
+
+from fenics_rom.errors import FileError
+from fenics_rom.io.atomic_write import check_place
+
+
+def add_output(command: argparse.ArgumentParser, metavar: str, help: str = "file to write") -> None:
+    """Gives a command its -o."""
+    command.add_argument("-o", "--output", type=Path, required=True, metavar=metavar, help=help)
+
+
+def check_output(output: Path, *inputs: str | None) -> None:
+    """Checks that a file can be put there; before long work, not after it.
+
+    Raises:
+        FileError: it cannot, or it is one of the files that the command reads.
+    """
+    check_place(output)
+    for name in inputs:
+        if name is not None and output.exists() and Path(name).exists() and output.samefile(name):
+            raise FileError(f"{output}: is read by this command, so it cannot be its output")

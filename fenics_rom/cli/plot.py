@@ -1,0 +1,54 @@
+"""`fenics-rom plot`: plots of runs, or of a ROM."""
+
+import argparse
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import fenics_rom as fr
+from fenics_rom.cli.display import progress
+from fenics_rom.cli.output import add_output
+from fenics_rom.errors import FileError
+from fenics_rom.io.hdf5 import content_of
+
+SUMMARY = "draw energy and outputs of runs, or σ and responses of a ROM"
+
+
+def add_options(command: argparse.ArgumentParser) -> None:
+    """What it is told."""
+    command.add_argument("files", metavar="FILE.h5", nargs="+", help="a ROM, or runs to be drawn over one another")
+    add_output(command, "OUT", "file (.pdf, .svg, .png) for all plots, or folder for a .pdf and a .png of each")
+    command.add_argument(
+        "--what",
+        nargs="+",
+        metavar="NAME",
+        help="some of: energy, output_NAME, forces of runs; sigma, response of a ROM",
+    )
+    command.add_argument("--full", metavar="SCENE", help="solve for the full model's frequency responses, too")
+    command.add_argument("--dark", action="store_true", help="light on dark")
+
+
+def run(choice: argparse.Namespace) -> None:
+    """Draws, and prints the names of the files."""
+    from fenics_rom.visualization.plots.plot import check_output
+
+    check_output(choice.output)
+    contents = [content_of(file) for file in choice.files]
+    if "rom" in contents and len(contents) > 1:
+        raise FileError("plots are of one ROM, or of any number of runs")
+    if "rom" not in contents and choice.full is not None:
+        raise FileError("--full is for a ROM: a run at full order is drawn like any other")
+    with progress() as report:
+        if "rom" in contents:
+            model: Any = fr.read_rom(choice.files[0])
+            full = fr.assemble(fr.read_scene(choice.full)) if choice.full is not None else None
+        else:
+            model, full = {name: fr.read_trajectory(file) for name, file in _labels(choice.files).items()}, None
+        files = fr.plot(model, choice.output, what=choice.what, dark=choice.dark, full=full, report=report)
+    print(*files, sep="\n")
+
+
+def _labels(files: Sequence[str]) -> dict[str, str]:
+    """Files by what they are called in a legend: their names without ending, where these differ."""
+    names = [Path(file).stem for file in files]
+    return dict(zip(names if len(set(names)) == len(names) else files, files, strict=True))

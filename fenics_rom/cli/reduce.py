@@ -1,0 +1,91 @@
+"""`fenics-rom reduce`: a scene, or matrices, to a ROM."""
+
+import argparse
+from contextlib import suppress
+from pathlib import Path
+
+import fenics_rom as fr
+from fenics_rom.cli.display import print_rom, progress
+from fenics_rom.cli.matrix_options import add_matrix_options, matrix_files, read_matrices
+from fenics_rom.cli.output import add_output, check_output
+from fenics_rom.errors import FileError, SceneError
+from fenics_rom.io.mpi_ranks import is_root_process
+from fenics_rom.io.progress import Report
+from fenics_rom.mechanics.environment import SWITCHINGS
+from fenics_rom.scene.scene import LYAPUNOV, METHODS, SOLVERS, WEIGHTINGS
+
+SUMMARY = "reduce a scene, or matrices, to a ROM; runs under mpirun"
+
+
+def add_options(command: argparse.ArgumentParser) -> None:
+    """What it is told."""
+    command.add_argument("scene", metavar="SCENE", nargs="?", help="scene file (TOML)")
+    add_matrix_options(command)
+    add_output(command, "ROM.h5")
+    group = command.add_mutually_exclusive_group()
+    group.add_argument("--order", type=int, metavar="M", help="displacements per contact mode")
+    group.add_argument("--tolerance", type=float, metavar="T", help="share of the sum of σ that may be left out")
+    command.add_argument("--method", choices=METHODS, help="where the bases come from")
+    command.add_argument("--switching", choices=SWITCHINGS, help="how states are carried between contact modes")
+    command.add_argument("--weighting", choices=WEIGHTINGS, help="what of the shape counts")
+    command.add_argument("--lyapunov", choices=LYAPUNOV, help="route to the Gramians")
+    command.add_argument("--share", type=float, help="of the covariance's trace, for --method eigenvector-selection")
+    command.add_argument("--solver", choices=SOLVERS, default="auto", help="for the stiffness matrix")
+    command.add_argument("--resume", action="store_true", help="go on from what a killed run left in ROM.h5.partial")
+
+
+def run(choice: argparse.Namespace) -> None:
+    """Reduces; what is finished is in ROM.h5.partial meanwhile."""
+    from fenics_rom.reduction.checkpoint import remove_checkpoint
+
+    files = matrix_files(choice)
+    check_output(choice.output, choice.scene, *files)
+    partial = Path(f"{choice.output}.partial")
+    if partial.exists() and not partial.is_dir():
+        raise FileError(f"{partial}: is needed for what is finished, but it is not a folder")
+    if choice.tolerance is not None and not 0 < choice.tolerance < 1:
+        raise SceneError(f"--tolerance {choice.tolerance:g}: allowed is more than 0 and less than 1")
+    if choice.share is not None and not 0 < choice.share <= 1:
+        raise SceneError(f"--share {choice.share:g}: allowed is more than 0 and at most 1")
+    if choice.order is not None and choice.order < 1:
+        raise SceneError(f"--order {choice.order}: allowed are whole numbers from 1")
+    begun: dict[str, tuple[int, int]] = {}  # what was done already when a stage began, and of how much
+    with progress() as show:
+
+        def report(stage: str, done: int, of: int) -> None:
+            begun.setdefault(stage, (done, of))
+            show(stage, done, of)
+
+        report("assembly", 0, 1)
+        system = read_matrices(choice) if files else fr.assemble(fr.read_scene(choice.scene))
+        report("assembly", 1, 1)
+        rom = _reduced(system, choice, partial, report)
+    fr.write_rom(choice.output, rom)
+    remove_checkpoint(partial)
+    if is_root_process():
+        print_rom(rom, choice.output)
+        if choice.resume:
+            print("  resumed: {} of {} contact modes were taken over".format(*begun["contact modes"]))
+
+
+def _reduced(system: "fr.System", choice: argparse.Namespace, partial: Path, report: Report) -> "fr.Rom":
+    """The ROM; what is finished is kept in a folder meanwhile, and stays there when something ends the run."""
+    try:
+        return fr.reduce(
+            system,
+            order=choice.order,
+            tolerance=choice.tolerance,
+            method=choice.method,
+            switching=choice.switching,
+            weighting=choice.weighting,
+            lyapunov=choice.lyapunov,
+            share=choice.share,
+            solver=choice.solver,
+            checkpoint=partial,
+            resume=choice.resume,
+            report=report,
+        )
+    except BaseException:
+        with suppress(OSError):  # it is not there, or holds something
+            partial.rmdir()
+        raise

@@ -1,0 +1,66 @@
+"""`fenics-rom simulate`: a scene at full order, or a ROM, through a load history."""
+
+import argparse
+from pathlib import Path
+
+import fenics_rom as fr
+from fenics_rom.cli.display import print_trajectory, progress
+from fenics_rom.cli.output import add_output, check_output
+from fenics_rom.io.hdf5 import is_sealed
+from fenics_rom.io.mpi_ranks import is_root_process
+from fenics_rom.scene.scene import STEPPERS
+
+SUMMARY = "run a scene at full order (also under mpirun), or a ROM, through its load history"
+ENDINGS_OF_ROMS = (".h5", ".hdf5")  # what so ends, and is no ROM, is told so
+FOR_ROMS = ("scene", "order", "profile", "rate", "stepper")  # options
+
+
+def add_options(command: argparse.ArgumentParser) -> None:
+    """What it is told."""
+    command.add_argument("model", metavar="SCENE|ROM.h5", help="a scene file (TOML), or a file that `reduce` wrote")
+    add_output(command, "RUN.h5")
+    command.add_argument("--dt", type=float, metavar="S", help="time step instead of the scene's, s")
+    group = command.add_argument_group("of a ROM")
+    group.add_argument("--scene", metavar="SCENE", help="take load history and effects of this scene")
+    group.add_argument("--order", type=int, metavar="M", help="run at a lower order than the ROM's")
+    group.add_argument("--profile", action="store_true", help="run again to measure what each effect costs in a step")
+    group.add_argument("--rate", action="store_true", help="run again to measure steps per second")
+    group.add_argument(
+        "--stepper", choices=STEPPERS, help="of large deformation: newton for large steps, linearly-implicit for small"
+    )
+
+
+def run(choice: argparse.Namespace) -> None:
+    """Simulates, and writes the run."""
+    check_output(choice.output, choice.model, choice.scene)
+    with progress() as report:
+        if is_rom(choice.model):
+            if choice.petsc_words:
+                choice.wrong_usage(f"{choice.petsc_words[0]} is for a scene; {choice.model} is a ROM")
+            rom = fr.read_rom(choice.model)
+            if choice.order is not None:
+                rom = fr.truncate(rom, choice.order)
+            trajectory = fr.simulate(
+                rom,
+                scene=fr.read_scene(choice.scene) if choice.scene else None,
+                dt=choice.dt,
+                profile=choice.profile,
+                rate=choice.rate,
+                stepper=choice.stepper,
+                report=report,
+            )
+        else:
+            given = [
+                f"--{name}" for name in FOR_ROMS if vars(choice)[name] is not None and vars(choice)[name] is not False
+            ]
+            if given:
+                choice.wrong_usage(f"{', '.join(given)}: for a ROM; {choice.model} is a scene, run at full order")
+            trajectory = fr.simulate(fr.read_scene(choice.model), dt=choice.dt, report=report)
+    fr.write_trajectory(choice.output, trajectory)
+    if is_root_process():
+        print_trajectory(trajectory, choice.output)
+
+
+def is_rom(file: str) -> bool:
+    """Whether a file is to be read as a ROM rather than as a scene: by how it begins, and by its name."""
+    return is_sealed(file) or Path(file).suffix in ENDINGS_OF_ROMS

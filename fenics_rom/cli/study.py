@@ -1,0 +1,113 @@
+"""`fenics-rom study`: what accuracy costs in time, for a scene."""
+
+import argparse
+import shlex
+from pathlib import Path
+
+import fenics_rom as fr
+from fenics_rom.cli.display import print_lines, print_table, print_warnings, progress
+from fenics_rom.cli.output import add_output
+from fenics_rom.io.atomic_write import check_folder, write_whole
+from fenics_rom.io.mpi_ranks import is_rank_0, is_root_process
+from fenics_rom.studies.method_configs import WAYS
+from fenics_rom.studies.pareto import decades, sentence
+from fenics_rom.studies.report import write_results
+from fenics_rom.studies.study_results import PICTURES, Findings
+from fenics_rom.studies.tables import COSTS, cost_rows, remarks
+from fenics_rom.visualization.figure import figure_class
+
+SUMMARY = "what accuracy costs in time, for a scene; runs under mpirun"
+ROM = "rom.h5"  # in the folder of a study for a tolerance
+
+
+def add_options(command: argparse.ArgumentParser) -> None:
+    """What it is told."""
+    command.add_argument("scene", metavar="SCENE", help="scene file (TOML)")
+    add_output(command, "DIR", "folder for tables, pictures and the reference run")
+    command.add_argument(
+        "--tolerance", type=float, metavar="T", help="find the cheapest model for it, and write its ROM"
+    )
+    command.add_argument("--quick", action="store_true", help="fewer methods, orders and steps: a first look")
+    command.add_argument("--methods", nargs="+", choices=WAYS, help="where the bases come from")
+    command.add_argument("--orders", nargs="+", type=int, metavar="M", help="displacements per contact mode")
+    command.add_argument("--steps", nargs="+", type=float, metavar="S", help="time steps, s")
+    command.add_argument(
+        "--mesh", dest="meshes", nargs="+", default=[], metavar="FILE", help="finer meshes, to see the mesh's own error"
+    )
+    command.add_argument("--resume", action="store_true", help="go on from what a killed study left in DIR")
+
+
+def run(choice: argparse.Namespace) -> None:
+    """Studies; with large deformation over the size of the load."""
+    if choice.tolerance is not None:
+        given = [name for name in ("quick", "methods", "orders", "steps", "meshes") if getattr(choice, name)]
+        if given:
+            choice.wrong_usage(f"--tolerance finds method, order and step itself; it goes without --{given[0]}")
+    figure_class()
+    check_folder(choice.output)
+    scene = fr.read_scene(choice.scene)
+    command = shlex.join(["fenics-rom", *choice.words])
+    if scene.effects.large_deformation is not None:
+        given = [name for name in ("tolerance", "methods", "orders", "steps", "meshes") if getattr(choice, name)]
+        if given:
+            choice.wrong_usage(f"with large_deformation a study goes over the size of the load, without --{given[0]}")
+        _study_amplitudes(scene, choice, command)
+        return
+    with progress() as report:
+        if choice.tolerance is None:
+            findings = fr.study(
+                scene,
+                choice.output,
+                methods=choice.methods,
+                orders=choice.orders,
+                steps=choice.steps,
+                meshes=choice.meshes,
+                quick=choice.quick,
+                resume=choice.resume,
+                report=report,
+            )
+        else:
+            from fenics_rom.studies.study import study_for
+
+            findings, row, rom = study_for(scene, choice.output, choice.tolerance, resume=choice.resume, report=report)
+            fr.write_rom(choice.output / ROM, rom)
+    write_results(choice.output, findings, command)
+    if not is_root_process():
+        return
+    if choice.tolerance is None:
+        _print_findings(findings, choice.output)
+    else:
+        print(sentence(findings, choice.tolerance, row))
+        print(f"Its model, for --dt {row.dt:g}: {choice.output / ROM}; what was tried: {choice.output / 'study.md'}")
+        print_warnings(remarks(findings))
+
+
+def _study_amplitudes(scene: "fr.Scene", choice: argparse.Namespace, command: str) -> None:
+    from fenics_rom.studies.amplitude_plot import draw
+    from fenics_rom.studies.amplitudes import HEADING, cells, report_of, study_of_amplitudes
+
+    with progress() as report:
+        amplitudes = study_of_amplitudes(scene, choice.output, quick=choice.quick, resume=choice.resume, report=report)
+    if not is_rank_0():
+        return
+    write_whole(choice.output / "amplitudes.md", report_of(amplitudes, command).encode())
+    draw(amplitudes, choice.output)
+    if is_root_process():
+        print_table(f"study {amplitudes.name}: what large deformation costs", HEADING, cells(amplitudes))
+        print(f"  table {choice.output / 'amplitudes.md'}, picture {choice.output / 'amplitudes.png'}")
+        print_warnings(amplitudes.notes)
+
+
+def _print_findings(findings: Findings, folder: Path) -> None:
+    """What each decimal costs, and which model to choose for it."""
+    title = f"study {findings.name}: what each decimal costs"
+    print_table(title, COSTS, cost_rows(findings))
+    lines = {
+        "full order": f"{findings.size:,} unknowns, {findings.full_rate:,.0f} steps/s without account",
+        "reference": f"steps of {findings.reference_step:.3g} s, own error {findings.reference_error:.1e}",
+        "tables": f"{folder / 'study.md'}, {folder / 'study.csv'}",
+        "pictures": ", ".join(str(folder / f"{name}.png") for name in PICTURES),
+    }
+    print_lines(lines, tuple(remarks(findings)))
+    for tolerance, row in decades(findings.rows):
+        print(f"  {sentence(findings, tolerance, row)}")

@@ -1,0 +1,40 @@
+"""Frozen records in JSON files, from which interrupted work goes on."""
+
+import json
+from collections.abc import Callable
+from dataclasses import asdict
+from pathlib import Path
+from typing import Any, TypeVar
+
+from fenics_rom.errors import FileError
+from fenics_rom.io.atomic_write import write_whole
+
+T = TypeVar("T")
+
+
+def write_record(file: Path, record: Any) -> None:
+    """Writes a dataclass of numbers, texts and their like, or nothing.
+
+    Raises:
+        FileError: the file cannot be written.
+    """
+    write_whole(file, json.dumps(asdict(record), indent=1).encode())
+
+
+def read_record(file: Path, what: str, make: Callable[[dict[str, Any]], T]) -> T:
+    """Reads a record.
+
+    Args:
+        file: path.
+        what: it is a record of, for the error.
+        make: the record of what is in the file.
+
+    Raises:
+        FileError: there is no such file, or it holds something else.
+    """
+    try:
+        return make(json.loads(file.read_text()))
+    except OSError as error:
+        raise FileError(f"{file}: cannot be read: {error.strerror}") from error
+    except (ValueError, TypeError, KeyError, AttributeError) as error:
+        raise FileError(f"{file}: does not hold {what}") from error

@@ -1,0 +1,80 @@
+"""Tables in CSV files whose first row names the columns; whatever is wrong is told with its line and column."""
+
+import csv
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NoReturn
+
+import numpy as np
+
+from fenics_rom.errors import FenicsRomError
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Table:
+    """The cells of a CSV file, and where they are.
+
+    Attributes:
+        file: it was read from.
+        error: raised where a cell cannot be used.
+        heading: names of the columns, each once.
+        lines: (T,) of the file.
+        cells: (T, columns) texts without spaces around them.
+    """
+
+    file: Path
+    error: type[FenicsRomError]
+    heading: tuple[str, ...]
+    lines: tuple[int, ...]
+    cells: tuple[tuple[str, ...], ...]
+
+    def refuse(self, line: int, column: str, what: str) -> NoReturn:
+        """Raises the table's error about a cell."""
+        raise self.error(f"{self.file}, line {line}, column {column!r}: {what}")
+
+    def numbers(self, column: str, factor: float = 1.0, *, empty: bool = False) -> Array:
+        """A column of finite numbers times a factor, (T,); NaN where it is empty and may be."""
+        k, values = self.heading.index(column), []
+        for line, cells in zip(self.lines, self.cells, strict=True):
+            try:
+                value = float(cells[k]) if cells[k] or not empty else None
+            except ValueError:
+                value = math.nan
+            if value is not None and not math.isfinite(value):
+                allowed = "a finite number, or nothing" if empty else "a finite number"
+                self.refuse(line, column, f"{cells[k]!r} was given; allowed is {allowed}")
+            values.append(math.nan if value is None else factor * value)
+        return np.array(values)
+
+
+def read_table(file: Path, error: type[FenicsRomError]) -> Table:
+    """Reads a table of at least one row; empty lines are passed over.
+
+    Args:
+        file: CSV, UTF-8 with or without a byte order mark.
+        error: to raise.
+
+    Raises:
+        FenicsRomError: as `error`: the file cannot be read, names a column twice, or has rows of other lengths.
+    """
+    try:
+        if file.exists() and not file.is_file():  # a device may have no end, a pipe no beginning
+            raise error(f"{file}: cannot be read: is a folder or a device")
+        with file.open(newline="", encoding="utf-8-sig") as stream:
+            reader = csv.reader(stream)
+            rows = [(reader.line_num, tuple(map(str.strip, row))) for row in reader if any(map(str.strip, row))]
+    except (OSError, ValueError, csv.Error) as reason:
+        raise error(f"{file}: cannot be read: {getattr(reason, 'strerror', None) or reason}") from reason
+    if len(rows) < 2:
+        raise error(f"{file}: allowed are a line that names the columns and at least one line of data")
+    heading = rows[0][1]
+    for k, name in enumerate(heading):
+        if name in heading[:k]:
+            raise error(f"{file}, line 1: column {name!r} is there twice")
+    for line, cells in rows[1:]:
+        if len(cells) != len(heading):
+            raise error(f"{file}, line {line}: has {len(cells)} cells; allowed are {len(heading)}, as in line 1")
+    return Table(file, error, heading, tuple(line for line, _ in rows[1:]), tuple(cells for _, cells in rows[1:]))

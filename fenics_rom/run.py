@@ -1,0 +1,98 @@
+"""A run of whatever can be run: a scene or a system at full order, or a ROM; the same call, the same trajectory."""
+
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, overload
+
+from fenics_rom.errors import SceneError, shown
+from fenics_rom.io.progress import Report, silent
+from fenics_rom.lazy_import import load
+from fenics_rom.rom.rom import Rom
+from fenics_rom.scene.scene import Scene
+from fenics_rom.trajectory.trajectory import Trajectory
+
+if TYPE_CHECKING:
+    from fenics_rom.mechanics.active_environment import SignalLike
+    from fenics_rom.system.system import System
+
+
+@overload
+def simulate(
+    model: "Scene | System",
+    *,
+    dt: float | None = None,
+    signals: "Mapping[str, SignalLike] | None" = None,
+    report: Report = silent,
+) -> Trajectory: ...
+
+
+@overload
+def simulate(
+    model: Rom,
+    *,
+    scene: Scene | None = None,
+    dt: float | None = None,
+    signals: "Mapping[str, SignalLike] | None" = None,
+    profile: bool = False,
+    rate: bool = False,
+    stepper: str | None = None,
+    report: Report = silent,
+) -> Trajectory: ...
+
+
+def simulate(
+    model: "Scene | System | Rom",
+    *,
+    scene: Scene | None = None,
+    dt: float | None = None,
+    signals: "Mapping[str, SignalLike] | None" = None,
+    profile: bool = False,
+    rate: bool = False,
+    stepper: str | None = None,
+    report: Report = silent,
+) -> Trajectory:
+    """Runs a model through a load history from rest.
+
+    A scene, or the system assembled from it, is run at full order, which every MPI rank must call; a ROM is run
+    reduced. `scene`, `profile`, `rate` and `stepper` are for ROMs.
+
+    Args:
+        model: what to run.
+        scene: whose run, effects and outputs' names to take instead of those of the scene in the ROM.
+        dt: time step instead of the scene's, s.
+        signals: of loads and obstacles by name, instead of the scene's: numbers, or functions of time; as in
+            Simulator.
+        profile: whether to run it once more to measure what each effect costs in a step.
+        rate: whether to run it once more to measure the wall clock of its steps, `settings["seconds"]`; a run at
+            full order always measures it.
+        stepper: of a body with large deformation, as in Simulator.
+        report: called with the stage, how much of it is done, and of how much.
+
+    Raises:
+        SceneError: there is no load history, or it does not fit the model; or an option that the model has not.
+        MeshError, SolverError: as `assemble`.
+        StepError: a step could not be taken.
+        MissingPackageError: a run at full order without FEniCSx.
+
+    Example:
+        >>> full, reduced = fr.simulate(system, dt=0.01), fr.simulate(rom, dt=0.01)
+        >>> fr.compare(reduced, full)["shape"].relative < 1e-3
+        True
+    """
+    if isinstance(model, Rom):
+        from fenics_rom.runtime.simulate import simulate as simulate_rom
+
+        return simulate_rom(
+            model, scene=scene, dt=dt, signals=signals, profile=profile, rate=rate, stepper=stepper, report=report
+        )
+    if not (isinstance(model, Scene) or hasattr(model, "stiffness")):
+        hint = "; read_scene and read_rom read files" if isinstance(model, str) or hasattr(model, "__fspath__") else ""
+        raise SceneError(f"simulate: {shown(model)} was given; allowed are a Scene, a System or a Rom{hint}")
+    for_roms = {"scene": scene, "profile": profile, "rate": rate, "stepper": stepper}
+    given = [name for name, value in for_roms.items() if value is not None and value is not False]
+    if given:
+        raise SceneError(
+            f"simulate: {', '.join(given)} cannot be used with a {type(model).__name__}, which is run at full order; "
+            "allowed with a Rom"
+        )
+    trajectory: Trajectory = load("fem.simulate", "simulate")(model, dt=dt, signals=signals, report=report)
+    return trajectory
