@@ -36,13 +36,15 @@ _HOME = {
     "write_trajectory": "trajectory.file",
     "write_rom": "rom.file",
 }
-_FENICSX = ("dolfinx", "sudo apt-get install --no-install-recommends python3-dolfinx python3-gmsh libopenblas0")
-_PACKAGES = {
+_FENICSX = "sudo apt-get install --no-install-recommends python3-dolfinx python3-gmsh libopenblas0"
+_OFFLINE = "pip install fenics-rom[reduction]"
+_CURES = {  # of what a folder imports and this Python lacks
     "studies": _FENICSX,
     "fem": _FENICSX,
-    "reduction": ("scipy", "pip install fenics-rom[reduction]"),
+    "reduction": _OFFLINE,
+    "scene": _OFFLINE,
     "identification": _FENICSX,
-    "system": ("scipy", "pip install fenics-rom[reduction]"),
+    "system": _OFFLINE,
 }
 
 if TYPE_CHECKING:
@@ -107,8 +109,8 @@ def __getattr__(name: str) -> Any:
             import_module("h5py")  # first: PyPI's h5py, after dolfinx, would take dolfinx's HDF5 for its own
         module = import_module(f"{__name__}.{home}")
     except ModuleNotFoundError as error:
-        needed, cure = _PACKAGES.get(home.split(".")[0], ("", ""))
-        if not needed or (error.name or "").startswith(__name__):
+        cure = _OFFLINE if error.name in ("pydantic", "tomlkit") else _CURES.get(home.split(".")[0])
+        if not cure or (error.name or "").startswith(__name__):
             raise
         from fenics_rom.errors import MissingPackageError
 

@@ -63,7 +63,7 @@ def test_import_loads_nothing_but_numpy_and_h5py(modules):
     run = python(f"import sys, {modules}; print(*{{name.partition('.')[0] for name in sys.modules}})")
     assert run.returncode == 0, run.stderr
     assert "fenics_rom" in run.stdout.split()
-    assert not NOT_IN_THE_RUNTIME & set(run.stdout.split())
+    assert not (NOT_IN_THE_RUNTIME | {"pydantic", "pydantic_core", "tomlkit"}) & set(run.stdout.split())
 
 
 def test_importing_the_package_alone_reads_no_file_format():
@@ -77,7 +77,7 @@ def test_importing_the_package_alone_reads_no_file_format():
         ("fem", FENICSX | {"numpy", "scipy"}, {"fem"}),
         ("reduction", {"numpy", "scipy"}, {"reduction", "runtime"}),
         ("runtime", {"numpy"}, {"runtime"}),
-        ("identification", {"numpy", "scipy", "matplotlib"}, {"identification", "fem", "reduction"}),
+        ("identification", {"numpy", "scipy", "matplotlib", "tomlkit"}, {"identification", "fem", "reduction"}),
     ],
 )
 def test_folder_imports_only(folder, packages, folders):
@@ -119,6 +119,13 @@ for name in "assemble", "reduce":
     assert assemble.startswith("fenics_rom.assemble needs ")
     assert "apt-get install" in assemble
     assert reduce == "fenics_rom.reduce needs scipy, which this Python lacks: pip install fenics-rom[reduction]"
+
+
+def test_scenes_without_pydantic_say_how_to_get_it():
+    refuse = REFUSE.replace("'scipy'", "'pydantic'").replace('"scipy"', '"pydantic"')
+    code = "import fenics_rom as fr\ntry: fr.read_scene\nexcept fr.errors.MissingPackageError as error: print(error)"
+    cure = "which this Python lacks: pip install fenics-rom[reduction]"
+    assert python(refuse + code).stdout == f"fenics_rom.read_scene needs pydantic, {cure}\n"
 
 
 def test_command_line_without_rich_says_how_to_get_it_before_any_work(tmp_path):

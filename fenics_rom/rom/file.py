@@ -231,8 +231,7 @@ def _effect(name: str) -> dict[str, Entry]:
         raise FileError(unknown("effect", name, EFFECTS))
     effect = EFFECTS[name]
     return {
-        key: Entry(unit, (length,), optional=key in effect.optional)
-        for key, (unit, length) in effect.numbers.items()
+        key: Entry(unit, (length,), optional=key in effect.optional) for key, (unit, length) in effect.numbers.items()
     }
 
 
