@@ -7,6 +7,8 @@ midpoint integration. Importing this package loads NumPy and nothing of FEniCSx;
 from importlib import import_module
 from typing import TYPE_CHECKING, Any
 
+from fenics_rom.system.backends import register_backend
+
 __version__ = "0.1.0"
 
 _HOME = {
@@ -18,6 +20,7 @@ _HOME = {
     "Simulator": "runtime.simulator",
     "System": "system.system",
     "assemble": "fem.assemble",
+    "assemble_forms": "fem.forms",
     "compare": "trajectory.comparison",
     "export": "visualization.exports.export",
     "identify": "identification.identify",
@@ -25,7 +28,7 @@ _HOME = {
     "read_trajectory": "trajectory.file",
     "read_rom": "rom.file",
     "read_scene": "scene.file",
-    "read_system": "system.matrix_market",
+    "read_system": "fem.matrix_market",
     "reduce": "reduction.reduce",
     "run_realtime": "runtime.realtime",
     "simulate": "runtime.simulate",
@@ -37,16 +40,22 @@ _HOME = {
     "write_rom": "rom.file",
 }
 _FENICSX = ("dolfinx", "sudo apt-get install --no-install-recommends python3-dolfinx python3-gmsh libopenblas0")
+_SCIPY = ("scipy", "pip install fenics-rom[reduction]")
 _PACKAGES = {
     "studies": _FENICSX,
     "fem": _FENICSX,
-    "reduction": ("scipy", "pip install fenics-rom[reduction]"),
+    "fem.matrix_market": _SCIPY,
+    "reduction": _SCIPY,
     "identification": _FENICSX,
-    "system": ("scipy", "pip install fenics-rom[reduction]"),
+    "system": _SCIPY,
 }
+
+register_backend("petsc4py", "fenics_rom.fem.user_matrices")  # which stands above `system`
 
 if TYPE_CHECKING:
     from fenics_rom.fem.assemble import assemble
+    from fenics_rom.fem.forms import assemble_forms
+    from fenics_rom.fem.matrix_market import read_system
     from fenics_rom.fem.simulate import solve
     from fenics_rom.identification.identify import identify
     from fenics_rom.identification.result import Identification
@@ -61,7 +70,6 @@ if TYPE_CHECKING:
     from fenics_rom.scene.file import read_scene
     from fenics_rom.scene.scene import Scene
     from fenics_rom.studies.study import study
-    from fenics_rom.system.matrix_market import read_system
     from fenics_rom.system.system import System
     from fenics_rom.trajectory.comparison import compare
     from fenics_rom.trajectory.file import read_trajectory, write_trajectory
@@ -78,6 +86,7 @@ __all__ = [
     "System",
     "Trajectory",
     "assemble",
+    "assemble_forms",
     "compare",
     "export",
     "identify",
@@ -107,7 +116,7 @@ def __getattr__(name: str) -> Any:
             import_module("h5py")  # first: PyPI's h5py, after dolfinx, would take dolfinx's HDF5 for its own
         module = import_module(f"{__name__}.{home}")
     except ModuleNotFoundError as error:
-        needed, cure = _PACKAGES.get(home.split(".")[0], ("", ""))
+        needed, cure = _PACKAGES.get(home, _PACKAGES.get(home.split(".")[0], ("", "")))
         if not needed or (error.name or "").startswith(__name__):
             raise
         from fenics_rom.errors import MissingPackageError

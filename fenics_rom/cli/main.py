@@ -32,7 +32,7 @@ from fenics_rom.io.stages import Report
 from fenics_rom.mechanics.environment import SWITCHINGS
 from fenics_rom.scene.scene import LYAPUNOV, METHODS, SOLVERS, STEPPERS, WEIGHTINGS, Scene
 from fenics_rom.studies.method_configs import WAYS
-from fenics_rom.system.system import is_petsc
+from fenics_rom.system.backends import belongs_to
 from fenics_rom.visualization.exports.fields import KINDS
 from fenics_rom.visualization.figure import figure_class
 
@@ -72,7 +72,7 @@ def main(arguments: list[str] | None = None) -> NoReturn:
         _drop_output()
         _give_up(str(error))
     except Exception as error:
-        if is_petsc(error):  # most likely of an option with a value that there is not
+        if belongs_to(error, "petsc4py"):  # most likely of an option with a value that there is not
             _give_up(f"PETSc: {error}")
         traceback.print_exc()
         _end(1)

@@ -1,6 +1,7 @@
 """The motions of a mesh that strain nothing and leave clamped nodes where they are."""
 
 import numpy as np
+import scipy.linalg
 import scipy.sparse
 from scipy.sparse.csgraph import connected_components
 
@@ -59,5 +60,4 @@ def _null_space(rows: np.ndarray) -> np.ndarray:
     """Orthonormal combinations (6, any) that vanish in all rows (any, 6)."""
     if not len(rows):
         return np.eye(6)
-    _, s, Vᵀ = np.linalg.svd(np.linalg.qr(rows, mode="r"))
-    return Vᵀ[np.sum(s > HELD * s[0]) :].T
+    return np.asarray(scipy.linalg.null_space(np.linalg.qr(rows, mode="r"), rcond=HELD))

@@ -336,7 +336,7 @@ def plain_rate(system: System, dt: float, seconds: float = 0.02, windows: int = 
     for step, (_, last) in enumerate(_steps(simulator, history)):
         if step == 0:  # it has the factorisation in it
             continue
-        spent, taken = spent + float(system.algebra.gather(np.array([[last]])).max()), taken + 1
+        spent, taken = spent + float(system.algebra.maximum(last)), taken + 1
         if spent >= seconds or step == history.steps - 1:
             rates.append(taken / spent)
             spent, taken = 0.0, 0

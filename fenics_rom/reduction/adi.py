@@ -19,7 +19,8 @@ import scipy.linalg
 from fenics_rom.errors import SolverError
 from fenics_rom.reduction.common_basis import orthonormal_rest
 from fenics_rom.reduction.gramians import UNDAMPED
-from fenics_rom.system.system import Array, Factor, System
+from fenics_rom.system.protocols import Array, Factor
+from fenics_rom.system.system import System
 
 START = 8  # vectors that the first shifts are found in
 SWEEP = 8  # shifts between two looks at the Gramian

@@ -26,7 +26,8 @@ from fenics_rom.io.hdf5 import (
 )
 from fenics_rom.reduction.problem import ReductionProblem
 from fenics_rom.reduction.projection import RetainedBasis
-from fenics_rom.system.system import Array
+from fenics_rom.system.probes import probe_columns
+from fenics_rom.system.protocols import Array
 
 SAME = 1e-9  # largest relative difference of what is the same system
 PART_FILE = re.compile(r"(run-)?\d+\.h5|\.(run-)?\d+\.h5\..*\.part")
@@ -183,7 +184,7 @@ def remove_checkpoint(folder: Path) -> None:
 def _probe(problem: ReductionProblem) -> Array:
     """Numbers that two systems share only when they are the same."""
     system = problem.system
-    z = np.random.default_rng(0).standard_normal((system.size, 1))[system.algebra.rows()]
+    z = probe_columns(system.algebra, 1)
     blocks = [system.forces(name) for name in problem.contacts] + list(system.outputs.values())
     forms = [system.algebra.inner(z, A @ z)[0, 0] for A in (system.mass, system.damping, system.stiffness)]
     return np.array(forms + [np.abs(system.algebra.inner(z, block)).sum() for block in blocks])

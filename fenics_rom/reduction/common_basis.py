@@ -5,7 +5,8 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 
-from fenics_rom.system.system import Array, System
+from fenics_rom.system.protocols import Array
+from fenics_rom.system.system import System
 
 DEFLATION = 1e-10  # share of a unit column that must be new for it to count as a direction
 
@@ -41,12 +42,11 @@ class CommonBasis:
 
     def __init__(self, system: System):
         self._system = system
-        rows = system.algebra.rows()
         self._rigid, self._rigid_momenta = (
             system.rigid,
             system.mass @ system.rigid if system.rigid.size else system.rigid,
         )
-        self._transposed = np.empty((2, 0, rows.stop - rows.start))  # a column of X, M X is a row: cheap to append
+        self._transposed = np.empty((2, 0, system.local_size))  # a column of X, M X is a row: cheap to append
         self._size = 0
         self.stiffness = np.empty((0, 0))
         self.damping = None if system.rayleigh is not None else np.empty((0, 0))

@@ -5,7 +5,7 @@ import numpy as np
 from fenics_rom.errors import SolverError
 from fenics_rom.reduction.eigenvectors import share_eigenvectors
 from fenics_rom.reduction.problem import ReductionProblem
-from fenics_rom.system.system import Array
+from fenics_rom.system.protocols import Array
 
 FIRST = 4  # eigenvectors for each balanced direction, to begin with
 FEWEST = 60

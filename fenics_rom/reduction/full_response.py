@@ -10,7 +10,8 @@ from fenics_rom.errors import StructureError
 from fenics_rom.io.stages import Report
 from fenics_rom.reduction.frequency_response import mass_norms, response
 from fenics_rom.rom.rom import Rom
-from fenics_rom.system.system import Array, System
+from fenics_rom.system.protocols import Array
+from fenics_rom.system.system import System
 
 
 @dataclass(frozen=True)

@@ -4,7 +4,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from fenics_rom.system.system import Array, Factor, System
+from fenics_rom.system.protocols import Array, Factor
+from fenics_rom.system.system import System
 
 
 def input_scaling(system: System, factor: Factor) -> System:

@@ -18,7 +18,8 @@ from fenics_rom.reduction.frequency_response import dynamic_product, mass_norms,
 from fenics_rom.reduction.krylov_augmentation import Company
 from fenics_rom.reduction.problem import RankedBasis, ReductionProblem
 from fenics_rom.reduction.realization import balanced_in, directions_of
-from fenics_rom.system.system import Array, by_parts
+from fenics_rom.system.complex_columns import apply_to_complex
+from fenics_rom.system.protocols import Array
 
 SETTLED = 1e-7  # relative change of σ, and of frequency responses, between two looks that ends the growth of a space
 NEGLIGIBLE = 1e-9  # share of σ_1 below which σ need not settle in all their digits
@@ -236,7 +237,7 @@ class KrylovSpaces:
         system, X = self._problem.system, self._problem.space.basis
         y = np.hstack(responses)
         left = np.hstack(residuals) - dynamic_product(
-            system, by_parts(X.__matmul__, y), np.array([ω for _, ω in where])
+            system, apply_to_complex(X.__matmul__, y), np.array([ω for _, ω in where])
         )
         left = self._problem.factor.solve(left)
         gaps: dict[str, dict[float, float]] = {name: {} for name in names}
@@ -246,7 +247,7 @@ class KrylovSpaces:
 
     def _residual(self, name: str, ω: float) -> Array:
         """B - (K + iωD - ω²M) x of the response x of a contact mode in its space, (rows here, p)."""
-        x = by_parts(self._problem.space.basis.__matmul__, self._projection(name).response(ω))
+        x = apply_to_complex(self._problem.space.basis.__matmul__, self._projection(name).response(ω))
         return self.inputs[name] - dynamic_product(self._problem.system, x, np.full(x.shape[1], ω))
 
 

@@ -11,7 +11,7 @@ from fenics_rom.reduction.problem import ReductionProblem
 from fenics_rom.reduction.validation import certified
 from fenics_rom.rom.rom import ContactModel, Rom, diagonalized_span
 from fenics_rom.scene.effects import EFFECTS
-from fenics_rom.system.system import Array
+from fenics_rom.system.protocols import Array
 
 
 @dataclass(frozen=True)

@@ -6,7 +6,7 @@ from fenics_rom.reduction.balancing import Balanced, balance, balance_as_printed
 from fenics_rom.reduction.common_basis import Subspace
 from fenics_rom.reduction.gramians import gramian_factors, square_root, textbook_gramians
 from fenics_rom.reduction.problem import RankedBasis, ReductionProblem
-from fenics_rom.system.system import Array
+from fenics_rom.system.protocols import Array
 
 
 def balanced_in(problem: ReductionProblem, space: Subspace, inputs: Array) -> Balanced:

@@ -127,7 +127,7 @@ def reduce(
                 "lyapunov = 'closed-form', 'krylov' and 'adi', and switching = 'energy' and 'modal'"
             )
         require_loads(system)
-    stages = Stages(lambda value: float(system.algebra.gather(np.array([[value]])).max()), system.stages, report)
+    stages = Stages(lambda value: float(system.algebra.maximum(value)), system.stages, report)
     with stages("factorisation of K"):
         factor = system.algebra.factor((1.0, system.stiffness), solver=solver)
     with closing(factor), stages("other work"):

@@ -14,8 +14,9 @@ import scipy.linalg
 
 from fenics_rom.errors import SceneError
 from fenics_rom.rom.rom import ContactModel, Rom
-from fenics_rom.system.rigid_modes import fixed_dofs as best_pins
-from fenics_rom.system.system import NONE, Algebra, Array, Factor, System
+from fenics_rom.system.protocols import NO_DOFS, Array, Factor
+from fenics_rom.system.rigid_modes import choose_fixed_dofs, free_rows
+from fenics_rom.system.system import System
 
 NO_LOAD = 1e-12  # share of a column that may strain the body and is round-off
 DENSE_SHARE = 3  # beyond a third of all eigenpairs, LAPACK is the better eigensolver
@@ -110,11 +111,12 @@ class ElasticAlgebra:
     """
 
     def __init__(self, system: System):
-        self.whole: Algebra = system.algebra
+        whole = self.whole = system.algebra
         self._mass, self._size = system.mass, system.size
         self.rigid = system.rigid
         self.mass_times_basis = system.mass @ system.rigid
-        self.inner, self.gather, self.rows = self.whole.inner, self.whole.gather, self.whole.rows
+        self.rows, self.row_offset, self.inner, self.gather = whole.rows, whole.row_offset, whole.inner, whole.gather
+        self.broadcast, self.maximum, self.total = whole.broadcast, whole.maximum, whole.total
 
     def balanced(self, loads: Array) -> Array:
         """Pᵀ f of loads (rows here, any); those that strain nothing but by round-off are zero then."""
@@ -127,7 +129,7 @@ class ElasticAlgebra:
         """P x of displacements (rows here, any)."""
         return shapes - self.rigid @ self.inner(self.mass_times_basis, shapes)
 
-    def factor(self, *terms: tuple[complex, Any], solver: str = "auto", fixed_dofs: Array = NONE) -> "ElasticFactor":
+    def factor(self, *terms: tuple[complex, Any], solver: str = "auto", fixed_dofs: Array = NO_DOFS) -> "ElasticFactor":
         """Factor of a sum of coefficient times operator, on the elastic rest.
 
         K alone is held at as many degrees of freedom as there are rigid motions: loads in balance do not feel them.
@@ -137,7 +139,7 @@ class ElasticAlgebra:
             SolverError: as that of the whole body.
         """
         regular = any(c != 0 and operator is self._mass for c, operator in terms)
-        held = NONE if regular else best_pins(self.rigid, self.whole)
+        held = NO_DOFS if regular else choose_fixed_dofs(self.rigid, self.whole)
         return ElasticFactor(self, self.whole.factor(*terms, solver=solver, fixed_dofs=held), held)
 
     def eigenpairs(self, mass: Any, stiffness: Any, count: int, factor: Any = None) -> tuple[Array, Array]:
@@ -160,15 +162,15 @@ class ElasticAlgebra:
         identity = np.eye(self._size)[self.rows()]
         M, K, R = (self.gather(np.ascontiguousarray(A)) for A in (mass @ identity, stiffness @ identity, self.rigid))
 
-        def solved() -> Array:
+        def solve() -> tuple[Array, Array]:
             L = np.linalg.cholesky(M)
-            rest = np.linalg.qr(L.T @ R, mode="complete")[0][:, R.shape[1] :]
-            shapes = scipy.linalg.solve_triangular(L, rest, lower=True, trans="T")
+            elastic = scipy.linalg.null_space(R.T @ L)
+            shapes = scipy.linalg.solve_triangular(L, elastic, lower=True, trans="T")
             γ, U = np.linalg.eigh(shapes.T @ K @ shapes)
-            return np.vstack([γ, shapes @ U])
+            return γ, shapes @ U
 
-        found = _from_first(solved, (self._size + 1, self._size - R.shape[1]), self.whole)
-        return found[0], self.strained(found[1:][self.rows()])
+        γ, V = self.broadcast(solve)
+        return γ, self.strained(V[self.rows()])
 
     def _norms(self, block: Array) -> Array:
         return np.sqrt(np.diag(self.inner(block, block)))
@@ -189,8 +191,7 @@ class ElasticFactor:
     def __init__(self, algebra: ElasticAlgebra, factor: Factor, held: Array):
         self.notice = factor.notice
         self._algebra, self._factor = algebra, factor
-        rows = algebra.rows()
-        self._moves = ~np.isin(np.arange(rows.start, rows.stop), held)[:, None] if len(held) else None
+        self._moves = free_rows(algebra, held) if len(held) else None
         if self._moves is None:
             self._reactions = factor.solve(algebra.mass_times_basis)  # A⁻¹MR
             self._masses = algebra.inner(algebra.mass_times_basis, self._reactions)
@@ -212,10 +213,3 @@ class ElasticFactor:
     def close(self) -> None:
         """Gives the memory back."""
         self._factor.close()
-
-
-def _from_first(work: Any, shape: tuple[int, int], algebra: Algebra) -> Array:
-    """What the rank of the first rows finds, on every rank: the same bits."""
-    rows = algebra.rows()
-    found = work() if rows.start == 0 < rows.stop else np.zeros(shape)
-    return algebra.inner(np.eye(shape[0]), found)

@@ -13,7 +13,8 @@ from fenics_rom.reduction.common_basis import Subspace
 from fenics_rom.reduction.frequency_response import dynamic_product, inner_products, response
 from fenics_rom.reduction.problem import ReductionProblem
 from fenics_rom.rom.rom import ContactModel
-from fenics_rom.system.system import Array, by_parts
+from fenics_rom.system.complex_columns import apply_to_complex
+from fenics_rom.system.protocols import Array
 
 MOST_INPUTS = 6  # of a contact mode at a frequency; where it has more columns, random combinations of them
 MOST_COLUMNS = 300  # of all contact modes at all frequencies, unless that is less than one
@@ -148,12 +149,12 @@ def _squared_norms(problem: ReductionProblem, whole: Subspace, group: list[Sampl
     preconditioned = problem.factor.solve
     rest = minimal_residuals(
         lambda columns: preconditioned(dynamic_product(system, columns, ω)),
-        preconditioned(inputs - dynamic_product(system, by_parts(X.__matmul__, within), ω)),
+        preconditioned(inputs - dynamic_product(system, apply_to_complex(X.__matmul__, within), ω)),
         lambda left, right: np.diag(inner_products(system, left, system.mass @ right)),
         ACCURACY * _largest_of_mode(np.linalg.norm(error, axis=0), [s.name for s in group], widths),
     )
     Mrest = system.mass @ rest
-    shared = by_parts(lambda block: system.algebra.inner(X, block), Mrest)
+    shared = apply_to_complex(lambda block: system.algebra.inner(X, block), Mrest)
     outside = np.diag(inner_products(system, rest, Mrest)).real - np.sum(np.abs(shared) ** 2, axis=0)
     starts = np.cumsum([0, *widths[:-1]])
     size, full = (

@@ -9,8 +9,8 @@ import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning, FileError
 from fenics_rom.fem.petsc_matrix import PetscMatrix
 from fenics_rom.reduction.checkpoint import remove_checkpoint
+from fenics_rom.reduction.methods import by_name
 from fenics_rom.reduction.methods.balanced import balanced
-from fenics_rom.reduction.methods.by_name import by_name
 
 CHOICES = {
     "closed form": {},

@@ -9,7 +9,7 @@ from fenics_rom.fem.finite_strain.follower_loads import Follower
 from fenics_rom.fem.finite_strain.quadrature import Points
 from fenics_rom.fem.finite_strain.stresses import Material
 from fenics_rom.fem.petsc_matrix import PetscMatrix
-from fenics_rom.system.system import Algebra
+from fenics_rom.system.protocols import Algebra
 
 Array = np.ndarray
 

@@ -7,7 +7,7 @@ import numpy as np
 from fenics_rom.reduction.balancing import order_of
 from fenics_rom.reduction.problem import RankedBasis, ReductionProblem
 from fenics_rom.reduction.projection import RetainedBasis
-from fenics_rom.system.system import Array
+from fenics_rom.system.protocols import Array
 
 ROUND_OFF = 1e-14  # share of the largest eigenvalue of a Gram matrix below which it is noise
 LINEAR = 0.03  # of a run's weight that the directions of small motions have together, for each contact mode

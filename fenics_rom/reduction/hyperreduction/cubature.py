@@ -13,7 +13,7 @@ import numpy as np
 from fenics_rom.errors import SolverError
 from fenics_rom.mechanics.hyperelastic import VOIGT_INDEX, VOIGT_PAIRS, VOIGT_SHEAR, linear_stress, strain, stress
 from fenics_rom.reduction.hyperreduction.nonnegative_weights import sparse_weights
-from fenics_rom.system.system import Algebra, Array, Deformation
+from fenics_rom.system.protocols import Algebra, Array, Deformation
 
 AT_ONCE = 4096  # points whose contributions are worked on together
 FEWEST_STATES, MOST_STATES = 8, 32  # that the weights are fitted to
@@ -62,10 +62,11 @@ def cubature(
     count = max(FEWEST_STATES, min(MOST_STATES, ROWS // len(γ)))
     rows = _Rows(body, algebra, gradients, γ, spread(states[:, sizes > LEAST * sizes.max()], count))
     U = rows.leading(UNSEEN * tolerance)
+    first = algebra.row_offset(gradients.shape[2])
     compressed = algebra.gather(np.hstack([U.T @ block for _, block in rows]).T).T
     for stricter in STRICTER:
         ω = sparse_weights(compressed, U.T @ rows.whole, stricter * tolerance)
-        ω = _own(ω, algebra, gradients.shape[2])
+        ω = ω[first : first + gradients.shape[2]]
         points, error = np.flatnonzero(ω), rows.error(ω)
         if error <= tolerance:
             return Cubature(points, ω[points], error)
@@ -138,15 +139,6 @@ class _Rows:
         λ, U = np.linalg.eigh(gram)
         left = np.sqrt(np.cumsum(np.maximum(λ, 0.0)))
         return U[:, left > share * np.linalg.norm(self.whole)]
-
-
-def _own(ω: Array, algebra: Algebra, count: int) -> Array:
-    """This rank's part (count,) of weights of the points of all ranks, which follow one another."""
-    mark = np.random.default_rng().integers(2**62)  # that no other rank draws
-    ranks = algebra.gather(np.array([[mark, count]]))
-    me = int(np.flatnonzero(ranks[:, 0] == mark)[0])
-    first = int(ranks[:me, 1].sum())
-    return ω[first : first + count]
 
 
 def _strains(gradients: Array) -> Array:

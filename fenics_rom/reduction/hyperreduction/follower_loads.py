@@ -5,7 +5,7 @@ from collections.abc import Iterable
 import numpy as np
 
 from fenics_rom.rom.deformation import Tendon, monomials
-from fenics_rom.system.system import Algebra, Array, Deformation
+from fenics_rom.system.protocols import Algebra, Array, Deformation
 
 
 def pressures_of(body: Deformation, algebra: Algebra, W: Array, names: Iterable[str]) -> dict[str, Array]:
@@ -24,7 +24,7 @@ def pressures_of(body: Deformation, algebra: Algebra, W: Array, names: Iterable[
     if not names:
         return {}
     length = float(algebra.inner(np.ones((len(body.weights), 1)), body.weights[:, None])[0, 0]) ** (1 / 3)
-    unit = length / algebra.gather(np.abs(W).max(axis=0, initial=0.0)[None]).max(axis=0)  # for alike degrees
+    unit = length / algebra.maximum(np.abs(W).max(axis=0, initial=0.0))  # for alike degrees
 
     def forces(q: Array) -> Array:
         """Of all pressures, (pressures, m)."""

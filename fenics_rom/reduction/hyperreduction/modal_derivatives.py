@@ -16,7 +16,7 @@ from fenics_rom.reduction.checkpoint import Checkpoint
 from fenics_rom.reduction.hyperreduction.training import TrainingData
 from fenics_rom.reduction.hyperreduction.training_loads import loads_of, slowest_period, targets
 from fenics_rom.reduction.problem import ReductionProblem
-from fenics_rom.system.system import Array
+from fenics_rom.system.protocols import Array
 
 STRAIN = 1e-3  # that second differences are taken at: exact for St. Venant-Kirchhoff, whose force is a cubic
 TARGETS = 16  # loads whose shapes at rest are looked at
@@ -104,4 +104,4 @@ def _small(problem: ReductionProblem, x: Array) -> float:
     body = problem.system.deformation
     assert body is not None
     steepest = np.abs(body.gradients(x[:, None])).max(initial=0.0)
-    return STRAIN / float(problem.system.algebra.gather(np.array([[steepest]])).max())
+    return STRAIN / float(problem.system.algebra.maximum(steepest))

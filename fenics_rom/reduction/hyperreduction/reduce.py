@@ -16,7 +16,7 @@ from fenics_rom.reduction.problem import ReductionProblem
 from fenics_rom.reduction.projection import rom_of
 from fenics_rom.rom.deformation import ReducedDeformation
 from fenics_rom.rom.rom import ContactModel, Rom
-from fenics_rom.system.system import Array, Operator
+from fenics_rom.system.protocols import Array, Operator
 
 BASES: dict[str, Callable[[ReductionProblem, Checkpoint], TrainingData]] = {
     "trained": trained,
@@ -108,7 +108,7 @@ def _deformation(problem: ReductionProblem, W: Array, γ: Array, states: Array, 
         external_damping=projected(body.external_damping),
         springs=projected(body.spring),
         training_radius=float(np.linalg.norm(states, axis=0).max()),
-        points_of=int(algebra.gather(np.array([[len(body.weights)]])).sum()),
+        points_of=int(algebra.total(len(body.weights))),
         cubature_error=chosen.error,
         pressures=pressures,
         tendons=tendons,

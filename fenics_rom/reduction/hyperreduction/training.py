@@ -13,7 +13,7 @@ from fenics_rom.reduction.hyperreduction.training_runs import Run, runs_of
 from fenics_rom.reduction.methods.balanced import balanced
 from fenics_rom.reduction.methods.static import static
 from fenics_rom.reduction.problem import ReductionProblem
-from fenics_rom.system.system import Array
+from fenics_rom.system.protocols import Array
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,8 @@ from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.load_history import LoadHistory
 from fenics_rom.reduction.problem import ReductionProblem
 from fenics_rom.scene.scene import Scene
-from fenics_rom.system.system import Array, System
+from fenics_rom.system.protocols import Array
+from fenics_rom.system.system import System
 
 SMOOTHING = 0.25  # of the slowest period: what acts for less moves the body by less
 MOMENTS = 24  # of the load history, of which the worst is looked for

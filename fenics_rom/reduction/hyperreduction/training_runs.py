@@ -21,7 +21,8 @@ from fenics_rom.reduction.hyperreduction.training_loads import (
 )
 from fenics_rom.reduction.problem import ReductionProblem
 from fenics_rom.scene.scene import Scene
-from fenics_rom.system.system import Array, System
+from fenics_rom.system.protocols import Array
+from fenics_rom.system.system import System
 
 FEWEST, MOST = 10, 14  # training runs
 STEPS_OF_PERIOD = 60  # of the slowest motion; no more, if the scene's are shorter

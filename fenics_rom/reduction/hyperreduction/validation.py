@@ -6,7 +6,8 @@ from fenics_rom.errors import StepError
 from fenics_rom.reduction.hyperreduction.training import Run
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.steppers.finite_strain import Equilibrium, Newton
-from fenics_rom.system.system import Array, System
+from fenics_rom.system.protocols import Array
+from fenics_rom.system.system import System
 
 
 def validation_error(rom: Rom, system: System, run: Run, shapes: Array) -> float:

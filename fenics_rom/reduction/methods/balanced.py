@@ -13,7 +13,7 @@ from fenics_rom.reduction.krylov import SETTLED, UNREST, change_of, directions_b
 from fenics_rom.reduction.krylov_augmentation import Company, company_of
 from fenics_rom.reduction.problem import RankedBasis, ReductionProblem
 from fenics_rom.reduction.realization import balanced_by_textbook, balanced_in, directions_of, output_weight
-from fenics_rom.system.system import Array
+from fenics_rom.system.protocols import Array
 
 MOST_COLUMNS = 24  # of all input matrices, that are better served by Krylov spaces alone than with eigenvectors
 EIGENVECTORS = 100  # shared by more columns than that; twice the order where that is more

@@ -6,7 +6,8 @@ from contextlib import closing
 import numpy as np
 
 from fenics_rom.reduction.problem import RankedBasis, ReductionProblem
-from fenics_rom.system.system import Array, Factor, System
+from fenics_rom.system.protocols import Array, Factor
+from fenics_rom.system.system import System
 
 PERIODS = 3  # of the slowest motion that the inputs excite
 STEPS = 50  # in a period
