@@ -170,7 +170,7 @@ def test_matrices_without_structure_are_refused(what, message, sparse):
 
 
 def test_printed_system_says_what_it_is():
-    M, D, K, B = triple_chain(50)
+    M, D, K, B = triple_chain(50, 0.3, 0.02, 5.0)
     contacts = {f"place {k}": B[:, :1] for k in range(6)}
     lines = repr(fr.System(mass=M, rayleigh=(0.3, 0.02), stiffness=K, contacts=contacts, outputs={"all": B})).split(
         "\n"
