@@ -44,7 +44,7 @@ def full_responses(
         StructureError: the ROM is not of this model.
         SolverError: a factorisation failed.
     """
-    Q, widths = _basis(system, rom), rom.contacts
+    Q, widths = _checked_basis(system, rom), rom.contacts
     B = np.hstack([system.contacts[name] for name in rom.contact_models])
     rigid = Q[:, : rom.rigid]
     B = B - system.mass @ (rigid @ system.algebra.inner(rigid, B))
@@ -57,19 +57,19 @@ def full_responses(
             H = factor.solve(B)
         column = 0
         for name, mode in rom.contact_models.items():
-            ρ, own = mode.rigid, slice(column, column + widths[name])
+            ρ, block = mode.rigid, slice(column, column + widths[name])
             damping = mode.damping[ρ:] if mode.damping.ndim == 1 else mode.damping[ρ:, ρ:]
             q = response(mode.eigenvalues[ρ:], damping, mode.inputs[ρ:, : widths[name]], ω)
             C = mode.coordinates[:, ρ:]
             reduced = Q @ (C @ q.real) + 1j * (Q @ (C @ q.imag))
-            sizes[name].append(float(np.linalg.norm(mass_norms(system, H[:, own]))))
-            errors[name].append(float(np.linalg.norm(mass_norms(system, H[:, own] - reduced))))
-            column = own.stop
+            sizes[name].append(float(np.linalg.norm(mass_norms(system, H[:, block]))))
+            errors[name].append(float(np.linalg.norm(mass_norms(system, H[:, block] - reduced))))
+            column = block.stop
     report("frequency responses", len(frequencies), len(frequencies))
     return {name: FullResponse(np.array(sizes[name]), np.array(errors[name])) for name in rom.contact_models}
 
 
-def _basis(system: System, rom: Rom) -> Array:
+def _checked_basis(system: System, rom: Rom) -> Array:
     """Q, the rows of this rank.
 
     Raises:

@@ -10,8 +10,8 @@ from fenics_rom.system.protocols import Array
 
 
 @dataclass(frozen=True)
-class Company:
-    """What belongs to the space of every contact mode.
+class KrylovAugmentation:
+    """Columns that belong to the space of every contact mode.
 
     Attributes:
         columns: (rows here, c).
@@ -23,11 +23,11 @@ class Company:
     complete: bool
 
 
-def company_of(problem: ReductionProblem) -> Company:
+def find_augmentation(problem: ReductionProblem) -> KrylovAugmentation:
     """Finds the dashpots, and adds the columns of the outputs where those are what counts."""
     system = problem.system
     dashpots = low_rank_damping(system)
     columns = [np.empty((system.local_size, 0)) if dashpots is None else dashpots]
     if problem.weighting == "outputs":
         columns += system.outputs.values()
-    return Company(np.hstack(columns), dashpots is not None)
+    return KrylovAugmentation(np.hstack(columns), dashpots is not None)

@@ -208,7 +208,7 @@ def test_tolerance_chooses_the_order(box_system):
 
 
 def test_krylov_space_that_does_not_settle_says_so(box_system, monkeypatch):
-    monkeypatch.setattr("fenics_rom.reduction.krylov.MOST_VECTORS", 12)
+    monkeypatch.setattr("fenics_rom.reduction.krylov.MAX_VECTORS", 12)
     with pytest.warns(FenicsRomWarning, match=r"or frequency responses still changed by \de[-+]\d+ in the last Krylov"):
         fr.reduce(box_system, order=6, lyapunov="krylov")
 
