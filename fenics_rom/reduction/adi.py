@@ -137,8 +137,8 @@ def low_rank_gramians(
         basis, shift_count = space.basis, shift_count + len(blocks)
         λ, contributions = _contributions(system, space, residual)
         remaining = float(contributions.max() / np.linalg.norm(parts[0], 2))
-        left = float(np.sqrt(residual.energy(system, factor) / initial_energy))
-        yield LowRankGramian(space, parts[0], shift_count, remaining, left)
+        relative_residual = float(np.sqrt(residual.energy(system, factor) / initial_energy))
+        yield LowRankGramian(space, parts[0], shift_count, remaining, relative_residual)
 
 
 def apply_shift(system: System, residual: Residual, μ: complex) -> tuple[Array, Residual]:

@@ -37,11 +37,11 @@ def fitted_rayleigh(M: Operator, D: Operator, K: Operator, algebra: Algebra) -> 
     Mz, Dz, Kz = (A @ probes for A in (M, D, K))
     μ, κ = np.sqrt(dot(Mz, Mz)), np.sqrt(dot(Kz, Kz))
     cosine = dot(Mz, Kz) / (μ * κ)
-    weights, rest = np.zeros(2), Dz
+    weights, remainder = np.zeros(2), Dz
     for _ in range(2):  # once more for what the normal equations lose to round-off
-        projections = [dot(Mz, rest) / μ, dot(Kz, rest) / κ]
+        projections = [dot(Mz, remainder) / μ, dot(Kz, remainder) / κ]
         weights += np.linalg.lstsq([[1.0, cosine], [cosine, 1.0]], projections, rcond=None)[0]
-        rest = Dz - weights[0] / μ * Mz - weights[1] / κ * Kz
-    if dot(rest, rest) > PROPORTIONALITY_TOLERANCE**2 * dot(Dz, Dz):
+        remainder = Dz - weights[0] / μ * Mz - weights[1] / κ * Kz
+    if dot(remainder, remainder) > PROPORTIONALITY_TOLERANCE**2 * dot(Dz, Dz):
         return None
     return float(weights[0] / μ), float(weights[1] / κ)

@@ -108,9 +108,9 @@ class MatrixAlgebra:
         """
         if solver == "iterative":
             raise SolverError("solver = 'iterative' goes with PETSc matrices; SciPy and NumPy ones are factored")
-        (first, start), *rest = [(c, matrix) for c, matrix in terms if c != 0.0]
+        (first, start), *others = [(c, matrix) for c, matrix in terms if c != 0.0]
         total = first * start
-        for coefficient, matrix in rest:
+        for coefficient, matrix in others:
             total = total + coefficient * matrix
         return MatrixFactor(with_fixed_dofs(total, fixed_dofs))
 

@@ -68,8 +68,8 @@ def _simulated(problem: ReductionProblem, runs: list[Run], checkpoint: Checkpoin
 
 def _shapes(simulator: Any, run: Run, name: str) -> Array:
     """The shapes (rows here, s) of a run, from rest."""
-    rest = np.zeros(simulator.x.size)
-    simulator.set_state(rest, rest)
+    zero = np.zeros(simulator.x.size)
+    simulator.set_state(zero, zero)
     if run.dt is not None:
         simulator.dt = run.dt
     snapshot_steps, shapes = set(run.snapshot_steps()), []
