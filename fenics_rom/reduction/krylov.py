@@ -60,7 +60,7 @@ class Chain:
 
 
 @dataclass(frozen=True)
-class Projection:
+class ProjectedModel:
     """A contact mode projected onto its space of the moment.
 
     Attributes:
@@ -80,9 +80,9 @@ class Projection:
 
 @dataclass(frozen=True)
 class KrylovIterate:
-    """A projection and its balanced realization."""
+    """A contact mode in its space of the moment, and its balanced realization."""
 
-    projection: Projection
+    model: ProjectedModel
     balanced: Balanced
 
     def change_since(self, last: "KrylovIterate", order: int | None, tolerance: float) -> float:
@@ -90,13 +90,12 @@ class KrylovIterate:
         σ = self.balanced.singular_values
         m = min(choose_order(σ, order, tolerance), len(σ))
         changes, sizes = [], []
-        for ω in sample_frequencies(self.projection.space.eigenvalues, m):
-            y = self.projection.response(ω)
-            changes.append(np.linalg.norm(y - pad_rows(last.projection.response(ω), len(y))))
+        for ω in sample_frequencies(self.model.space.eigenvalues, m):
+            y = self.model.response(ω)
+            changes.append(np.linalg.norm(y - pad_rows(last.model.response(ω), len(y))))
             sizes.append(np.linalg.norm(y))
-        return max(
-            relative_change(σ, last.balanced.singular_values, order, tolerance), float(max(changes) / max(sizes))
-        )
+        change = relative_change(σ, last.balanced.singular_values, order, tolerance)
+        return max(change, float(max(changes) / max(sizes)))
 
 
 def relative_change(σ: Array, before: Array, order: int | None, tolerance: float) -> float:
@@ -133,7 +132,7 @@ class KrylovSpaces:
         self._augmentation = Chain(V)
         self._orders = {name: problem.order_of(name) for name in names}  # or the last iterate's
         self._projected_inputs: tuple[int, dict[str, Array]] = (-1, {})
-        self._projections: dict[str, Projection] = {}
+        self._models: dict[str, ProjectedModel] = {}
         self._shifts = 0
         self._blocks = 0
         self._zero_suffices = augmentation.complete
@@ -164,25 +163,25 @@ class KrylovSpaces:
         chain = self.chains[name]
         if last is None:
             return self._blocks > 1 and chain.span.shape[1] >= (self._problem.order_of(name) or 0)
-        return chain.grown_size >= GROWTH_FACTORS[last.projection.space.damping.ndim] * last.projection.grown_size
+        return chain.grown_size >= GROWTH_FACTORS[last.model.space.damping.ndim] * last.model.grown_size
 
     def iterate(self, name: str) -> KrylovIterate:
         """A contact mode balanced in its space."""
-        problem, projection = self._problem, self._projection(name)
-        balanced = balanced_in(problem, projection.space, projection.inputs)
+        problem, model = self._problem, self._projected(name)
+        balanced = balanced_in(problem, model.space, model.inputs)
         self._orders[name] = choose_order(balanced.singular_values, problem.order_of(name), problem.tolerance)
-        return KrylovIterate(projection, balanced)
+        return KrylovIterate(model, balanced)
 
-    def _projection(self, name: str) -> Projection:
-        chain, last = self.chains[name], self._projections.get(name)
+    def _projected(self, name: str) -> ProjectedModel:
+        chain, last = self.chains[name], self._models.get(name)
         if (
             last is None
             or last.grown_size != chain.grown_size
             or len(last.space.coordinates) != self._problem.space.size
         ):
             space = self._problem.space.subspace(chain.span, chain.shared_size)
-            last = Projection(chain.grown_size, space, space.coordinates.T @ self._project_inputs()[name])
-            self._projections[name] = last
+            last = ProjectedModel(chain.grown_size, space, space.coordinates.T @ self._project_inputs()[name])
+            self._models[name] = last
         return last
 
     def _project_inputs(self) -> dict[str, Array]:
@@ -235,11 +234,11 @@ class KrylovSpaces:
         """
         samples, responses, forces = [], [], []
         for name in names:
-            projection, B = self._projection(name), self.inputs[name]
+            model, B = self._projected(name), self.inputs[name]
             all_inputs = np.full((B.shape[1], 1), B.shape[1] ** -0.5)
-            for ω in sample_frequencies(projection.space.eigenvalues, self._orders[name], count):
+            for ω in sample_frequencies(model.space.eigenvalues, self._orders[name], count):
                 samples.append((name, float(ω)))
-                responses.append(projection.response(ω) @ all_inputs)
+                responses.append(model.response(ω) @ all_inputs)
                 forces.append(B @ all_inputs)
         system, X = self._problem.system, self._problem.space.basis
         y = np.hstack(responses)
@@ -253,7 +252,7 @@ class KrylovSpaces:
 
     def _residual(self, name: str, ω: float) -> Array:
         """B - (K + iωD - ω²M) x of the response x of a contact mode in its space, (rows here, p)."""
-        x = apply_to_complex(self._problem.space.basis.__matmul__, self._projection(name).response(ω))
+        x = apply_to_complex(self._problem.space.basis.__matmul__, self._projected(name).response(ω))
         return self.inputs[name] - dynamic_product(self._problem.system, x, np.full(x.shape[1], ω))
 
 
@@ -308,7 +307,7 @@ def directions_by_change(
 
 def _ranked_with_warning(problem: ReductionProblem, name: str, iterate: KrylovIterate, change: float) -> RankedBasis:
     """The directions, and a message where they have not converged."""
-    space = iterate.projection.space
+    space = iterate.model.space
     if change > WARNING_CHANGE:
         problem.messages.append(
             f"contact mode {name!r}: Hankel singular values or frequency responses still changed by {change:.0e} in "

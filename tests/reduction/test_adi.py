@@ -13,7 +13,7 @@ import pytest
 import scipy.linalg
 import scipy.sparse
 from bodies import assembled, box_arrays, sparse, write_arrays
-from test_own_matrices import triple_chain
+from test_user_matrices import triple_chain
 
 import fenics_rom as fr
 from fenics_rom.errors import SolverError
@@ -70,11 +70,11 @@ def observability(space):
     return (Wo + Wo.T) / 2
 
 
-def settled(system, B, krylov_augmentation=None):
+def converged(system, B, augmentation=None):
     """σ and the Gramian when a sweep changes no σ above 1e-11 of the largest by more than 1e-9 of it."""
     previous = np.empty(0)
     with closing(system.algebra.factor((1.0, system.stiffness))) as factor:
-        for gramian in low_rank_gramians(system, factor, B, krylov_augmentation):
+        for gramian in low_rank_gramians(system, factor, B, augmentation):
             Wo = (
                 projected_observability(system, factor, gramian.space.basis)
                 if system.rayleigh
@@ -86,7 +86,7 @@ def settled(system, B, krylov_augmentation=None):
             if len(previous) >= count and (np.abs(previous[:count] - σ[:count]) <= 1e-9 * σ[:count]).all():
                 return σ, gramian
             previous = σ
-    raise AssertionError("not settled")
+    raise AssertionError("not converged")
 
 
 def digits(array):
@@ -161,7 +161,7 @@ def test_proportional_damping(bodies, damping, columns):
     B = bodies["box"][2][:, -columns:]
     if columns > B.shape[1]:
         B = np.random.default_rng(0).standard_normal((system.size, columns))
-    σ, gramian = settled(system, B)
+    σ, gramian = converged(system, B)
     assert_agreement(σ, exact_singular_values(system, B))
     assert gramian.factor.dtype == gramian.space.basis.dtype == float
     assert gramian.factor.shape[1] <= gramian.space.basis.shape[1] <= system.size  # memory is bounded
@@ -177,7 +177,7 @@ def test_local_dashpots(bodies, strength):
     dashpots[[1, 20, 34]] = strength
     system = own_system(M, 0.5 * M + 1e-4 * K + scipy.sparse.diags(dashpots), K, B)
     assert system.rayleigh is None
-    σ, _ = settled(system, B)
+    σ, _ = converged(system, B)
     assert_agreement(σ, exact_singular_values(system, B))
 
 
@@ -186,7 +186,7 @@ def test_local_dashpots(bodies, strength):
 def test_triple_chain(v, damping):
     M, D, K, B = triple_chain(8, damping, damping, v)
     system = own_system(M, D, K, B)
-    σ, _ = settled(system, B)
+    σ, _ = converged(system, B)
     assert_agreement(σ, exact_singular_values(system, B))
 
 
@@ -197,8 +197,8 @@ def test_dashpots_keep_the_input_company():
     whole = whole_space(system)
     Y = np.linalg.cholesky(observability(whole))
     errors = []
-    for krylov_augmentation in (None, np.eye(system.size)[:, [0, 59, 120]]):
-        σ, gramian = settled(system, B, krylov_augmentation)
+    for augmentation in (None, np.eye(system.size)[:, [0, 59, 120]]):
+        σ, gramian = converged(system, B, augmentation)
         assert gramian.space.basis.shape[1] < system.size
         exact = np.linalg.svd(Y.T @ whole.basis.T @ (M @ gramian.space.basis) @ gramian.factor, compute_uv=False)
         errors.append(np.abs(σ / exact - 1)[exact > 1e-8 * exact[0]].max())
@@ -209,10 +209,10 @@ def test_dashpots_keep_the_input_company():
 def test_company_is_not_in_the_gramian(bodies):
     system = proportional(bodies["box"], (0.5, 1e-2))
     B = bodies["box"][2]
-    krylov_augmentation = 1e6 * B[:, :1] + np.eye(len(B))[:, 3:5]
+    augmentation = 1e6 * B[:, :1] + np.eye(len(B))[:, 3:5]
     alone, (together, gramian) = (
-        settled(system, B[:, 1:], krylov_augmentation[:, :0])[0],
-        settled(system, B[:, 1:], krylov_augmentation),
+        converged(system, B[:, 1:], augmentation[:, :0])[0],
+        converged(system, B[:, 1:], augmentation),
     )
     assert_agreement(together, alone)
     assert gramian.factor.shape[1] <= gramian.space.basis.shape[1]
@@ -288,7 +288,7 @@ def test_dependent_columns_cost_nothing(bodies):
     narrow = independent_columns(system, wide)
     assert narrow.shape == (len(B), 4)
     np.testing.assert_allclose(narrow @ narrow.T, wide @ wide.T, atol=1e-13 * np.abs(B).max() ** 2)
-    assert_agreement(settled(system, wide)[0], exact_singular_values(system, narrow))
+    assert_agreement(converged(system, wide)[0], exact_singular_values(system, narrow))
 
 
 def test_compression_keeps_what_is_above_the_truncation(bodies):
@@ -343,7 +343,7 @@ def test_a_shift_takes_its_eigenvalue_and_much_of_those_near():
 
 def test_critically_damped_motions_have_one_eigenvector_for_two_eigenvalues():
     system = own_system(np.eye(2), np.diag([2.0, 4.0]), np.diag([1.0, 4.0]), np.eye(2))
-    σ, gramian = settled(system, np.eye(2))
+    σ, gramian = converged(system, np.eye(2))
     Wc = np.diag([1 / 4, 1 / 32])
     columns = gramian.space.basis @ gramian.factor
     np.testing.assert_allclose(columns @ columns.T, Wc, atol=1e-12)

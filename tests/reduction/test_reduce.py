@@ -79,7 +79,7 @@ def test_routes_give_the_same_transfer_function(box_system, frequencies, route):
     assert np.abs(other - reference).max() <= 1e-7 * np.abs(reference).max()
 
 
-def test_error_falls_with_the_order_and_is_certified(box_system, frequencies):
+def test_error_falls_with_the_order_and_is_measured(box_system, frequencies):
     exact = full_transfer(box_system, "right", frequencies)
     errors, statics = [], []
     for order in (4, 8, 16, 32):

@@ -26,7 +26,7 @@ TOLERANCE_FACTORS = (1.0, 0.7, 0.4, 0.1)  # tried one after the other, while wha
 
 @dataclass(frozen=True)
 class Cubature:
-    """Kept points of this rank.
+    """The points of this rank that have a weight.
 
     Attributes:
         points: (K here,) which of this rank's.
@@ -39,7 +39,7 @@ class Cubature:
     error: float
 
 
-def cubature(
+def fit_cubature(
     body: Deformation, algebra: Algebra, gradients: Array, γ: Array, states: Array, tolerance: float
 ) -> Cubature:
     """Points and weights for the forces of states and for the stiffness at rest.
@@ -60,15 +60,14 @@ def cubature(
     """
     sizes = np.linalg.norm(states, axis=0)
     count = max(MIN_STATES, min(MAX_STATES, STATE_ROWS // len(γ)))
-    rows = _ForceRows(
-        body, algebra, gradients, γ, spread_states(states[:, sizes > SMALLEST_STATE * sizes.max()], count)
-    )
+    fitted = spread_states(states[:, sizes > SMALLEST_STATE * sizes.max()], count)
+    rows = _ForceRows(body, algebra, gradients, γ, fitted)
     U = rows.left_singular_vectors(COMPRESSION_TOLERANCE * tolerance)
     first = algebra.row_offset(gradients.shape[2])
+    here = slice(first, first + gradients.shape[2])
     compressed = algebra.gather(np.hstack([U.T @ block for _, block in rows]).T).T
     for factor in TOLERANCE_FACTORS:
-        ω = sparse_weights(compressed, U.T @ rows.whole, factor * tolerance)
-        ω = ω[first : first + gradients.shape[2]]
+        ω = sparse_weights(compressed, U.T @ rows.whole, factor * tolerance)[here]
         points, error = np.flatnonzero(ω), rows.error(ω)
         if error <= tolerance:
             return Cubature(points, ω[points], error)

@@ -50,9 +50,8 @@ def modal_derivatives(problem: ReductionProblem, checkpoint: Checkpoint) -> Trai
         w, E = (x[..., ::-1] for x in significant_eigenpairs(inner(others, M @ others), floor))  # ascending
         shapes = np.hstack([V, others @ (E / np.sqrt(w))])
         a = np.sqrt(np.concatenate([(modal**2).sum(axis=1), w]) / at_rest.shape[1])  # root mean squares
-        pairs = sorted(combinations_with_replacement(range(len(a)), 2), key=lambda ij: -a[ij[0]] * a[ij[1]])[
-            :MAX_DERIVATIVES
-        ]
+        pairs = sorted(combinations_with_replacement(range(len(a)), 2), key=lambda ij: -a[ij[0]] * a[ij[1]])
+        pairs = pairs[:MAX_DERIVATIVES]
         weights = [a[i] * a[j] * (0.5 if i == j else 1.0) for i, j in pairs]
         columns = [shapes * a, static_derivatives(problem, shapes, pairs) * weights]
         at = np.cumsum([0, *system.widths.values()])

@@ -7,7 +7,7 @@ import numpy as np
 
 from fenics_rom.reduction.checkpoint import Checkpoint
 from fenics_rom.reduction.hyperreduction.basis import retained_basis
-from fenics_rom.reduction.hyperreduction.cubature import cubature
+from fenics_rom.reduction.hyperreduction.cubature import fit_cubature
 from fenics_rom.reduction.hyperreduction.follower_loads import project_pressures, project_tendons
 from fenics_rom.reduction.hyperreduction.modal_derivatives import modal_derivatives
 from fenics_rom.reduction.hyperreduction.training import TrainingData, trained
@@ -82,7 +82,7 @@ def _deformation(problem: ReductionProblem, W: Array, γ: Array, states: Array, 
     assert system.scene is not None
     with problem.stages("cubature"):
         gradients = body.gradients(W)
-        sampled = cubature(body, algebra, gradients, γ, states, tolerance)
+        sampled = fit_cubature(body, algebra, gradients, γ, states, tolerance)
     with problem.stages("forces that follow"):
         pressures = project_pressures(body, algebra, W, system.scene.effects.get("pressure", {}))
         tendons = project_tendons(body, algebra, W)
