@@ -8,7 +8,7 @@ import pytest
 import scipy.linalg
 import scipy.sparse
 from bodies import assembled, box_arrays, sparse, write_arrays
-from test_user_matrices import triple_chain
+from test_own_matrices import triple_chain
 
 import fenics_rom as fr
 from fenics_rom.reduction.balancing import balance

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.linalg
 from bodies import sparse
-from test_user_matrices import triple_chain
+from test_own_matrices import triple_chain
 
 import fenics_rom as fr
 from fenics_rom.reduction.validation import minimal_residuals
