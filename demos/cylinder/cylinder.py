@@ -53,7 +53,7 @@ from fenics_rom.errors import FenicsRomWarning
 from fenics_rom.io.markdown import markdown
 from fenics_rom.mechanics.environment import AppliedLoad
 from fenics_rom.mechanics.signals import Signal
-from fenics_rom.reduction.common_basis import padded
+from fenics_rom.reduction.common_basis import pad_rows
 from fenics_rom.reduction.methods.balanced import balanced
 from fenics_rom.reduction.problem import RankedBasis, ReductionProblem
 from fenics_rom.rom.rom import Rom
@@ -168,7 +168,7 @@ def holding_what_was(problem: ReductionProblem) -> Iterator[tuple[str, RankedBas
     for name, found in balanced(problem):
         forces = np.hstack([problem.system.forces(other) for other in problem.system.contacts if other != name])
         at_rest = problem.space.add(problem.factor.solve(forces))
-        yield name, RankedBasis(np.hstack([at_rest, padded(found.coordinates, len(at_rest))]))
+        yield name, RankedBasis(np.hstack([at_rest, pad_rows(found.coordinates, len(at_rest))]))
 
 
 def push_and_release(
