@@ -162,7 +162,7 @@ def test_obstacles_are_what_the_scene_says(shape, said, made):
     scene = parse(f'{INERTIA}[effects.contact.obstacles.it]\nshape = "{shape}"\n{said}')
     around = ActiveEnvironment(scene.environment)
     assert around.obstacles == {"it": made}
-    np.testing.assert_array_equal(around.offsets, [[0.0, 0.0, 0.0]])
+    np.testing.assert_array_equal(around.state.offsets, [[0.0, 0.0, 0.0]])
 
 
 def test_tables_are_histories():
