@@ -2,14 +2,11 @@
 
 import math
 from collections.abc import Sequence
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 
 from fenics_rom.errors import StepError, unknown
-from fenics_rom.mechanics.active_environment import ActiveEnvironment
-from fenics_rom.mechanics.energy_ledger import EnergyLedger
-from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.rollout import (
     MAX_BLOCK_STEPS,
     BlockPropagator,
@@ -23,47 +20,9 @@ from fenics_rom.runtime.rollout import (
 from fenics_rom.runtime.steppers.midpoint import checked_dt
 
 Array = np.ndarray
+Simulator = Any  # fenics_rom.runtime.simulator's, which imports this file
 
 MAX_KEPT_PROPAGATORS = 32  # step sizes that never come back must not pile up
-
-
-class RolledBody(Protocol):
-    """What takes the steps: a simulator."""
-
-    rom: Rom
-    steps: int
-    dt: float
-    ledger: EnergyLedger | None
-    environment: ActiveEnvironment | None
-    state: Any
-
-    @property
-    def time(self) -> float:
-        """See Simulator; likewise what follows."""
-
-    @property
-    def contact(self) -> str: ...
-
-    @property
-    def inputs(self) -> int: ...
-
-    @property
-    def energy_coordinates(self) -> Array: ...
-
-    @property
-    def needs_each_step(self) -> bool: ...
-
-    def save(self) -> Any: ...
-
-    def restore(self, state: Any) -> None: ...
-
-    def switch(self, contact: str) -> None: ...
-
-    def step(self, u: Array) -> None: ...
-
-    def reading(self, output: str) -> Array: ...
-
-    def watch(self, e: Array, square: float, time: float) -> None: ...
 
 
 class KnownInputs:
@@ -74,7 +33,7 @@ class KnownInputs:
 
     def rollout(
         self,
-        body: RolledBody,
+        body: Simulator,
         inputs: Sequence[Sequence[float]] | Array,
         contact: str | Sequence[str] | None,
         dt: float | Sequence[float] | Array | None,
@@ -107,7 +66,7 @@ class KnownInputs:
 
     def _plan(
         self,
-        body: RolledBody,
+        body: Simulator,
         inputs: Sequence[Sequence[float]] | Array,
         contact: str | Sequence[str] | None,
         dt: float | Sequence[float] | Array | None,
@@ -141,7 +100,7 @@ class KnownInputs:
         return u, plan
 
     def _take(
-        self, body: RolledBody, u: Array, taken: int, every: int, names: tuple[str, ...], rows: list[Array]
+        self, body: Simulator, u: Array, taken: int, every: int, names: tuple[str, ...], rows: list[Array]
     ) -> None:
         """Takes the steps of one interval, `taken` steps after the rollout began, and adds what is read to `rows`."""
 
@@ -167,7 +126,7 @@ class KnownInputs:
                     rows.append(read())
             u, taken = u[steps:], taken + steps
 
-    def _blocks(self, body: RolledBody, u: Array, every: int, names: tuple[str, ...]) -> list[Array]:
+    def _blocks(self, body: Simulator, u: Array, every: int, names: tuple[str, ...]) -> list[Array]:
         """Takes steps in the longest blocks that fit; what is read, a row for each instant."""
         propagators = self._propagators_of(body, every, names)
         rows, state = [], body.energy_coordinates
@@ -189,7 +148,7 @@ class KnownInputs:
                 u = u[steps:]
         return rows
 
-    def _propagators_of(self, body: RolledBody, every: int, names: tuple[str, ...]) -> list[BlockPropagator]:
+    def _propagators_of(self, body: Simulator, every: int, names: tuple[str, ...]) -> list[BlockPropagator]:
         key = body.contact, body.dt, every, names
         if key not in self._propagators:
             if len(self._propagators) >= MAX_KEPT_PROPAGATORS:
