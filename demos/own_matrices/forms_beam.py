@@ -66,5 +66,5 @@ if domain.comm.rank == 0:
     print(f"lowest frequency {rom.modes['tip'].eigenvalues[0] ** 0.5 / (2 * np.pi):.2f} Hz")
     print(f"energy account closes to {energy_gap(body):.1e}, transfer functions to {error:.1e}")
 assert body.displacement().shape == (9 * 3 * 3, 3), "every node of the mesh can be drawn"
-assert energy_gap(body) <= 1e-12
+assert energy_gap(body) <= 10 * body.steps * np.finfo(float).eps  # what rounds a step's matrix is the same every step
 assert error <= 1e-4
