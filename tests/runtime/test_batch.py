@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from test_energy_laws import CLOSES_TO, random_rom
+from test_energy_laws import CLOSES_TO, NONE_ADDED, random_rom
 
 from fenics_rom.errors import StepError
 from fenics_rom.rom import check_rom
@@ -149,7 +149,7 @@ def test_account_of_each_body_closes(seed, decades, dense, actions):
         if action == "switch":
             before, lost = batch.energy, batch.lost_in_switching
             batch.switch(random.choice(names, some.sum()), some)
-            assert (before - batch.energy >= -1e-14 * before).all()
+            assert (before - batch.energy >= -NONE_ADDED * before).all()
             assert (batch.lost_in_switching - lost >= -CLOSES_TO * scale).all()
         elif action == "dt":
             batch.dt = 10 ** random.uniform(-6, -1)
@@ -316,10 +316,10 @@ def test_state_comes_back_as_it_was_put(rom):
     q[1, 7:] = r[1, 7:] = 0
     batch.switch(["mode0", "mode2"], [4, 1])
     batch.set_state(q, r, [4, 1])
-    np.testing.assert_allclose(batch.state([4, 1]), [q, r], rtol=1e-15)
+    np.testing.assert_allclose(batch.state([4, 1]), [q, r], rtol=2e-15)
     batch.switch("mode1", 0)
     batch.displacement("tip")  # moves rows
-    np.testing.assert_allclose(batch.state([4, 1]), [q, r], rtol=1e-15)
+    np.testing.assert_allclose(batch.state([4, 1]), [q, r], rtol=2e-15)
     γ = np.pad(rom.modes["mode2"].eigenvalues, (0, 2))
     assert batch.energy[1] == pytest.approx((r[1] @ r[1] + q[1] @ (γ * q[1])) / 2, rel=1e-14)
     batch.reset()

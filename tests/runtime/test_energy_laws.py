@@ -15,6 +15,7 @@ from fenics_rom.runtime.forms import LARGEST_PRODUCT
 
 pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")  # the plate locks
 CLOSES_TO = 1e-12  # of the largest energy or work seen
+NONE_ADDED = 2e-14  # of the energy before a switch: a sum of up to 2 n = 50 squares, some eps
 
 
 def work_one_by_one(body, u):
@@ -68,7 +69,7 @@ def rough_ride(rom, steps, seed):
 def test_account_closes_over_ten_thousand_rough_steps(plate_system, choice):
     account = rough_ride(fr.reduce(plate_system, **choice), 10_000, seed=1)
     assert account.gap <= CLOSES_TO * account.scale
-    assert account.largest_gain <= 1e-14
+    assert account.largest_gain <= NONE_ADDED
     assert account.excess <= CLOSES_TO * account.scale
 
 
@@ -115,7 +116,7 @@ def test_account_closes_for_any_bases_and_damping(seed, free, share, decades, de
     rom = random_rom(random, free, [max(1, round(part * free)) for part in share], decades, dense)
     account = rough_ride(rom, 60, seed)
     assert account.gap <= CLOSES_TO * account.scale
-    assert account.largest_gain <= 1e-14
+    assert account.largest_gain <= NONE_ADDED
     assert all(np.linalg.norm(part) < np.inf for part in account.simulator.state)
 
 
@@ -125,7 +126,7 @@ def test_account_closes_for_models_too_large_for_one_product(dense):
     size = LARGEST_PRODUCT[1 + dense] + 10
     account = rough_ride(random_rom(random, size + 5, [size, size - 5, size // 3], 6, dense), 1000, seed=1)
     assert account.gap <= CLOSES_TO * account.scale
-    assert account.largest_gain <= 1e-14
+    assert account.largest_gain <= NONE_ADDED
 
 
 OPERATIONS = st.one_of(
@@ -185,7 +186,7 @@ def test_no_switch_adds_energy_from_any_state(seed, free, decades):
         order = simulator.state[0].shape
         simulator.state = random.standard_normal(order), random.standard_normal(order)
         account.switch(f"mode{random.integers(3)}")
-    assert account.largest_gain <= 1e-14
+    assert account.largest_gain <= NONE_ADDED
 
 
 def test_switch_is_the_nearest_state_in_energy(plate_rom):
