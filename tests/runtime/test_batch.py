@@ -162,7 +162,7 @@ def test_account_of_each_body_closes(seed, decades, dense, actions):
             before, u = batch.state()[1], random.standard_normal((size, batch.inputs)) * 10 ** random.uniform(-3, 3)
             batch.step(u)
             for k, v in enumerate(np.abs(before + batch.state()[1]) / 2):  # as work_one_by_one
-                G = rom.modes[batch.contact[k]].inputs
+                G = rom.contact_models[batch.contact[k]].inputs
                 scale[k] = max(scale[k], batch.dt * v[: len(G)] @ np.abs(G) @ np.abs(u[k]))
         spent = batch.dissipated + batch.lost_in_switching
         scale = np.max([scale, batch.energy, np.abs(batch.supplied), batch.dissipated], axis=0)

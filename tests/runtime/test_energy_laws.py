@@ -20,7 +20,7 @@ NONE_ADDED = 2e-14  # of the energy before a switch: a sum of up to 2 n = 50 squ
 
 def work_one_by_one(body, u):
     """Takes a step; the work of each input on each displacement, J: they may cancel, but not what rounds them."""
-    before, G = body.state[1], body.rom.modes[body.contact].inputs
+    before, G = body.state[1], body.rom.contact_models[body.contact].inputs
     body.step(u)
     return body.dt / 2 * np.abs(before + body.state[1]) @ np.abs(G) @ np.abs(u)
 
