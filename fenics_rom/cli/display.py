@@ -17,10 +17,10 @@ from fenics_rom.io.stages import Report, Stage, peak_memory
 from fenics_rom.rom.deformation import ReducedDeformation
 from fenics_rom.rom.rom import ContactModel
 from fenics_rom.scene.effects import EFFECTS
-from fenics_rom.studies.pareto import decades, sentence
+from fenics_rom.studies.pareto import describe_choice, select_per_decade
 from fenics_rom.studies.report import PICTURES
-from fenics_rom.studies.study_results import Findings
-from fenics_rom.studies.tables import COSTS, cost_rows, remarks
+from fenics_rom.studies.study_results import StudyResults
+from fenics_rom.studies.tables import COST_HEADING, cost_rows, remarks
 
 
 def rich_package() -> Any:
@@ -185,10 +185,10 @@ def print_record(record: fr.Trajectory, file: Path | str) -> None:
         _print_profile(record.profile)
 
 
-def print_findings(findings: Findings, folder: Path) -> None:
+def print_findings(findings: StudyResults, folder: Path) -> None:
     """What each decimal costs, and which model to choose for it."""
     title = f"study {findings.name}: what each decimal costs"
-    print_table(title, COSTS, cost_rows(findings))
+    print_table(title, COST_HEADING, cost_rows(findings))
     lines = {
         "full order": f"{findings.size:,} unknowns, {findings.full_rate:,.0f} steps/s without account",
         "reference": f"steps of {findings.reference_step:.3g} s, own error {findings.reference_error:.1e}",
@@ -196,8 +196,8 @@ def print_findings(findings: Findings, folder: Path) -> None:
         "pictures": ", ".join(str(folder / f"{name}.png") for name in PICTURES),
     }
     _print_lines(lines, tuple(remarks(findings)))
-    for tolerance, row in decades(findings.rows):
-        print(f"  {sentence(findings, tolerance, row)}")
+    for tolerance, row in select_per_decade(findings.rows):
+        print(f"  {describe_choice(findings, tolerance, row)}")
 
 
 def print_identification(result: Any, folder: Path) -> None:

@@ -31,7 +31,7 @@ from fenics_rom.io.names import NAME, NAME_IN_WORDS
 from fenics_rom.io.stages import Report
 from fenics_rom.mechanics.environment import SWITCHINGS
 from fenics_rom.scene.scene import LYAPUNOV, METHODS, SOLVERS, STEPPERS, WEIGHTINGS, Scene
-from fenics_rom.studies.method_configs import WAYS
+from fenics_rom.studies.method_configs import METHOD_CONFIGS
 from fenics_rom.system.system import is_petsc
 from fenics_rom.visualization.exports.fields import KINDS
 from fenics_rom.visualization.figure import figure_class
@@ -148,7 +148,7 @@ def _parser() -> argparse.ArgumentParser:
         "--tolerance", type=float, metavar="T", help="find the cheapest model for it, and write its ROM"
     )
     command.add_argument("--quick", action="store_true", help="fewer methods, orders and steps: a first look")
-    command.add_argument("--methods", nargs="+", choices=WAYS, help="where the bases come from")
+    command.add_argument("--methods", nargs="+", choices=METHOD_CONFIGS, help="where the bases come from")
     command.add_argument("--orders", nargs="+", type=int, metavar="M", help="displacements per contact mode")
     command.add_argument("--steps", nargs="+", type=float, metavar="S", help="time steps, s")
     command.add_argument(
@@ -395,8 +395,8 @@ def _simulate(choice: Any) -> None:
 
 
 def _study(choice: Any) -> None:
-    from fenics_rom.studies.pareto import sentence
-    from fenics_rom.studies.report import write_results
+    from fenics_rom.studies.pareto import describe_choice
+    from fenics_rom.studies.report import write_report
     from fenics_rom.studies.tables import remarks
 
     if choice.tolerance is not None:
@@ -427,33 +427,36 @@ def _study(choice: Any) -> None:
                 report=report,
             )
         else:
-            from fenics_rom.studies.study import study_for
+            from fenics_rom.studies.study import study_for_tolerance
 
-            findings, row, rom = study_for(scene, choice.output, choice.tolerance, resume=choice.resume, report=report)
+            findings, row, rom = study_for_tolerance(
+                scene, choice.output, choice.tolerance, resume=choice.resume, report=report
+            )
             fr.write_rom(choice.output / ROM, rom)
-    write_results(choice.output, findings, command)
+    write_report(choice.output, findings, command)
     if not is_root_process():
         return
     if choice.tolerance is None:
         print_findings(findings, choice.output)
     else:
-        print(sentence(findings, choice.tolerance, row))
+        print(describe_choice(findings, choice.tolerance, row))
         print(f"Its model, for --dt {row.dt:g}: {choice.output / ROM}; what was tried: {choice.output / 'study.md'}")
         print_warnings(remarks(findings))
 
 
 def _study_amplitudes(scene: Scene, choice: Any, command: str) -> None:
     from fenics_rom.studies.amplitude_plot import draw
-    from fenics_rom.studies.amplitudes import HEADING, cells, report_of, study_of_amplitudes
+    from fenics_rom.studies.amplitude_table import TABLE_HEADING, markdown_report, table_rows
+    from fenics_rom.studies.amplitudes import study_amplitudes
 
     with progress() as report:
-        found = study_of_amplitudes(scene, choice.output, quick=choice.quick, resume=choice.resume, report=report)
+        found = study_amplitudes(scene, choice.output, quick=choice.quick, resume=choice.resume, report=report)
     if not is_rank_0():
         return
-    write_whole(choice.output / "amplitudes.md", report_of(found, command).encode())
+    write_whole(choice.output / "amplitudes.md", markdown_report(found, command).encode())
     draw(found, choice.output)
     if is_root_process():
-        print_table(f"study {found.name}: what large deformation costs", HEADING, cells(found))
+        print_table(f"study {found.name}: what large deformation costs", TABLE_HEADING, table_rows(found))
         print(f"  table {choice.output / 'amplitudes.md'}, picture {choice.output / 'amplitudes.png'}")
         print_warnings(found.notes)
 

@@ -1,21 +1,19 @@
-"""What a study has found, as frozen records; and the JSON file that a killed study goes on from."""
+"""What a study has measured, as frozen records."""
 
-import json
 from collections.abc import Mapping
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from fenics_rom.errors import FileError
-from fenics_rom.io.hdf5 import write_whole
+from fenics_rom.studies.results_file import read_json
 
 
 @dataclass(frozen=True)
-class Row:
+class BenchmarkRow:
     """One reduced model at one time step. Errors are shares of the reference's size, L² in time, if not said otherwise.
 
     Attributes:
-        method: name of the method, as in METHODS.
+        method: name of the method, as in STUDIED_METHODS.
         order: displacements of the contact mode that has most.
         dt: time step, s.
         error: of the whole shape in the mass norm, against the reference: all that reduction and time step do.
@@ -69,7 +67,7 @@ class MeshRow:
 
 
 @dataclass(frozen=True)
-class Findings:
+class StudyResults:
     """A study, finished or on its way.
 
     Attributes:
@@ -101,7 +99,7 @@ class Findings:
     divisor: float
     full_rate: float
     tried: tuple[tuple[str, int], ...] = ()
-    rows: tuple[Row, ...] = ()
+    rows: tuple[BenchmarkRow, ...] = ()
     meshes: tuple[MeshRow, ...] = ()
     hankel: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
@@ -116,38 +114,27 @@ class Findings:
         """The least error of a row; None where there is none."""
         return min((row.error for row in self.rows), default=None)
 
-    def of(self, method: str, order: int) -> tuple[Row, ...]:
+    def of(self, method: str, order: int) -> tuple[BenchmarkRow, ...]:
         """The rows of one reduced model."""
         return tuple(row for row in self.rows if (row.method, row.order) == (method, order))
 
 
-def write_findings(file: Path, findings: Findings) -> None:
-    """Writes findings as JSON, or nothing.
-
-    Raises:
-        FileError: the file cannot be written.
-    """
-    write_whole(file, json.dumps(asdict(findings), indent=1).encode())
-
-
-def read_findings(file: Path) -> Findings:
-    """Reads findings.
+def read_study_results(file: Path) -> StudyResults:
+    """Reads the results of a study.
 
     Raises:
         FileError: there is no such file, or it holds something else.
     """
-    try:
-        known: dict[str, Any] = json.loads(file.read_text())
-        rows = tuple(Row(**_tuples(row)) for row in known.pop("rows"))
-        meshes = tuple(MeshRow(**mesh) for mesh in known.pop("meshes"))
-        hankel = {name: tuple(σ) for name, σ in known.pop("hankel").items()}
-        tried = tuple((method, order) for method, order in known.pop("tried"))
-        return Findings(tried=tried, rows=rows, meshes=meshes, hankel=hankel, notes=tuple(known.pop("notes")), **known)
-    except OSError as error:
-        raise FileError(f"{file}: cannot be read: {error.strerror}") from error
-    except (ValueError, TypeError, KeyError, AttributeError) as error:
-        raise FileError(f"{file}: does not hold a study") from error
+    return read_json(file, _build, "a study")
 
 
-def _tuples(row: dict[str, Any]) -> dict[str, Any]:
-    return row | {"outputs": {name: tuple(errors) for name, errors in row["outputs"].items()}}
+def _build(fields: dict[str, Any]) -> StudyResults:
+    rows = tuple(
+        BenchmarkRow(**row | {"outputs": {name: tuple(errors) for name, errors in row["outputs"].items()}})
+        for row in fields.pop("rows")
+    )
+    meshes = tuple(MeshRow(**mesh) for mesh in fields.pop("meshes"))
+    hankel = {name: tuple(σ) for name, σ in fields.pop("hankel").items()}
+    tried = tuple((method, order) for method, order in fields.pop("tried"))
+    notes = tuple(fields.pop("notes"))
+    return StudyResults(tried=tried, rows=rows, meshes=meshes, hankel=hankel, notes=notes, **fields)
