@@ -202,10 +202,11 @@ def print_findings(findings: StudyResults, folder: Path) -> None:
 
 def print_identification(result: Any, folder: Path) -> None:
     """The parameters found, and how good the fit is."""
-    from fenics_rom.identification.write import HEADING, lines_of, rows_of  # needs SciPy, which a run of a ROM does not
+    # Needs SciPy, which a run of a ROM does not.
+    from fenics_rom.identification.write import PARAMETER_HEADING, parameter_rows, summary_lines
 
-    print_table(f"identification of {result.scene.name}: {folder}", HEADING, rows_of(result))
-    _print_lines(lines_of(result), result.warnings)
+    print_table(f"identification of {result.scene.name}: {folder}", PARAMETER_HEADING, parameter_rows(result))
+    _print_lines(summary_lines(result), result.warnings)
 
 
 def _print_profile(profile: Mapping[str, float]) -> None:

@@ -30,9 +30,9 @@ TIMES = {"s": 1.0, "ms": 1e-3}
 LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 FORCES = {"N": 1.0}
 AXES = ("x", "y", "z")
-HEADING = re.compile(r"(?P<what>[^()]*?)\s*\((?P<unit>[^()]*)\)")
-MARKER = re.compile(r"(?P<output>[\w-]+)(?:\[(?P<point>\d+)\])?\.(?P<axis>[xyz])")
-LATE = 1e-9  # share of the run by which a time may be beyond its end, for round-off
+COLUMN_PATTERN = re.compile(r"(?P<what>[^()]*?)\s*\((?P<unit>[^()]*)\)")
+MARKER_PATTERN = re.compile(r"(?P<output>[\w-]+)(?:\[(?P<point>\d+)\])?\.(?P<axis>[xyz])")
+END_TOLERANCE = 1e-9  # share of the run by which a time may be beyond its end, for round-off
 
 
 @dataclass(frozen=True)
@@ -140,11 +140,11 @@ class _Table:
 
     def unit(self, column: str, units: dict[str, float]) -> tuple[str, float]:
         """What a column is named, and what its unit is in SI units."""
-        found = HEADING.fullmatch(column)
-        if found is None or found["unit"].strip() not in units:
-            given = "no unit" if found is None else f"unit {found['unit']!r}"
+        match = COLUMN_PATTERN.fullmatch(column)
+        if match is None or match["unit"].strip() not in units:
+            given = "no unit" if match is None else f"unit {match['unit']!r}"
             self.refuse(1, column, f"{given}; allowed is a name and one of {', '.join(f'({unit})' for unit in units)}")
-        return found["what"], units[found["unit"].strip()]
+        return match["what"], units[match["unit"].strip()]
 
     def numbers(self, column: str, units: dict[str, float], *, empty: bool = False) -> Array:
         """A column in SI units; NaN where it is empty and may be."""
@@ -171,7 +171,7 @@ def _motion(table: _Table, scene: Scene) -> Motion:
     times = table.numbers(column, TIMES)
     end = round(scene.run.duration / scene.run.dt) * scene.run.dt
     for k, time in enumerate(times):
-        if not 0 <= time <= end * (1 + LATE):
+        if not 0 <= time <= end * (1 + END_TOLERANCE):
             table.refuse(table.lines[k], column, f"{time:g} s was given; allowed is from 0 to the run's end, {end:g} s")
         if k and time <= times[k - 1]:
             table.refuse(
@@ -199,15 +199,16 @@ def _equilibria(table: _Table, scene: Scene) -> Equilibria:
         kind = scene.contacts[name].force
         if kind == "nodal":
             table.refuse(line, "contact", f"{name!r} has a force at every node; allowed are 'resultant' and 'normal'")
-        own = ("force.normal",) if kind == "normal" else ("force.x", "force.y", "force.z")
+        allowed = ("force.normal",) if kind == "normal" else ("force.x", "force.y", "force.z")
+        allowed_names = ", ".join(allowed)
         pushed = {axis: column[k] for axis, column in values.items() if not np.isnan(column[k])}
         for axis in pushed:
-            if axis not in own:
-                table.refuse(line, given[axis], f"contact mode {name!r} has {', '.join(own)}; leave this cell empty")
+            if axis not in allowed:
+                table.refuse(line, given[axis], f"contact mode {name!r} has {allowed_names}; leave this cell empty")
         if not pushed:
-            table.refuse(line, of_force[0], f"no force was given; contact mode {name!r} has {', '.join(own)}")
+            table.refuse(line, of_force[0], f"no force was given; contact mode {name!r} has {allowed_names}")
         contacts.append(name)
-        forces.append(np.array([pushed.get(axis, 0.0) for axis in own]))
+        forces.append(np.array([pushed.get(axis, 0.0) for axis in allowed]))
     others = [column for column in table.heading[1:] if column not in of_force]
     return Equilibria(contacts=tuple(contacts), forces=tuple(forces), **_seen(table, others, scene))
 
@@ -232,20 +233,20 @@ def _seen(table: _Table, columns: Sequence[str], scene: Scene) -> dict[str, Any]
 
 def _marker(table: _Table, column: str, outputs: Mapping[str, Output]) -> Marker:
     name, _ = table.unit(column, LENGTHS)
-    found = MARKER.fullmatch(name)
-    if found is None:
+    match = MARKER_PATTERN.fullmatch(name)
+    if match is None:
         table.refuse(
             1, column, "allowed are 'NAME.x (m)' and 'NAME[2].x (m)', with x, y or z, of an output of the scene"
         )
-    output = found["output"]
+    output = match["output"]
     if output not in outputs:
         table.refuse(1, column, unknown("output", output, outputs))
     points = len(outputs[output].points or [()])
-    if found["point"] is None and points > 1:
+    if match["point"] is None and points > 1:
         table.refuse(
             1, column, f"output {output!r} has {points} points; allowed are {output}[0] to {output}[{points - 1}]"
         )
-    point = int(found["point"] or 0)
+    point = int(match["point"] or 0)
     if point >= points:
         table.refuse(1, column, f"output {output!r} has no point [{point}]; allowed are [0] to [{points - 1}]")
-    return Marker(output, point, AXES.index(found["axis"]))
+    return Marker(output, point, AXES.index(match["axis"]))
