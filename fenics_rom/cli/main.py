@@ -33,7 +33,7 @@ from fenics_rom.mechanics.environment import SWITCHINGS
 from fenics_rom.scene.scene import LYAPUNOV, METHODS, SOLVERS, STEPPERS, WEIGHTINGS, Scene
 from fenics_rom.studies.method_configs import METHOD_CONFIGS
 from fenics_rom.system.system import is_petsc
-from fenics_rom.visualization.exports.fields import KINDS
+from fenics_rom.visualization.exports.mode_shapes import SHAPE_KINDS
 from fenics_rom.visualization.figure import figure_class
 
 ROM = "rom.h5"  # in the folder of a study for a tolerance
@@ -197,7 +197,7 @@ def _parser() -> argparse.ArgumentParser:
     command = _command(commands, "export", _export, "write files for ParaView, pictures and films")
     command.add_argument("file", metavar="FILE.h5", help="a ROM or a run")
     _output(command, "OUT", "of a run .pvd, .vtu, .png, .gif or .mp4; of a ROM .vtu, or .png, .pdf, .svg")
-    command.add_argument("--what", choices=KINDS, help="shapes of a ROM; modes, unless others are asked for")
+    command.add_argument("--what", choices=SHAPE_KINDS, help="shapes of a ROM; modes, unless others are asked for")
     command.add_argument("--count", type=int, metavar="N", help="shapes of each contact mode")
     command.add_argument("--time", type=float, metavar="S", help="instant of a run for .vtu and .png, s; else the last")
     command.add_argument("--scale", type=float, metavar="X", default=1.0, help="of displacements in pictures of a run")
@@ -540,7 +540,7 @@ def _export(choice: Any) -> None:
 def _view(choice: Any) -> None:
     if len(choice.files) > 2:
         choice.wrong_usage("allowed are a ROM, a run, or two runs")
-    from fenics_rom.visualization.viewer.command import view
+    from fenics_rom.visualization.viewer.view import view
 
     view([Path(file) for file in choice.files], port=choice.port, browser=not choice.no_browser, dt=choice.dt)
 

@@ -37,7 +37,7 @@ def compare(run: Trajectory, reference: Trajectory) -> dict[str, Difference]:
     Raises:
         CompareError: no common instants, or different bodies.
     """
-    first, second = _common(run.times, reference.times, "times")
+    first, second = common_instants(run.times, reference.times, "times")
     differences = {
         f"output {name}": _difference(values[first], reference.outputs[name][second])
         for name, values in run.outputs.items()
@@ -48,15 +48,23 @@ def compare(run: Trajectory, reference: Trajectory) -> dict[str, Difference]:
             f"the runs are of different meshes: {len(run.nodes)} and {len(reference.nodes)} nodes; "
             "outputs can be compared only of the same mesh"
         )
-    at, other = _common(run.snapshot_times, reference.snapshot_times, "whole shapes")
+    at, other = common_instants(run.snapshot_times, reference.snapshot_times, "whole shapes")
     weight = np.sqrt(reference.node_mass)[:, None]
     differences["shape"] = _difference(run.snapshots[at], reference.snapshots[other], weight)
     differences["energy"] = _difference(run.energy[first, None], reference.energy[second, None])
     return differences
 
 
-def _common(times: Array, reference: Array, what: str) -> tuple[Array, Array]:
-    """Indices of the instants that both have."""
+def common_instants(times: Array, reference: Array, what: str) -> tuple[Array, Array]:
+    """Indices of the instants that two runs have in common, in each of them.
+
+    Args:
+        times, reference: ascending, s.
+        what: they are instants of, for the message.
+
+    Raises:
+        CompareError: there is none after the start.
+    """
     place = np.clip(np.searchsorted(reference, times), 1, max(len(reference) - 1, 1)) if len(reference) > 1 else 0
     near = np.zeros(len(times), dtype=int) + place
     if len(reference) > 1:

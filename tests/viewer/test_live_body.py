@@ -10,7 +10,7 @@ import fenics_rom as fr
 from fenics_rom.errors import SceneError
 from fenics_rom.scene.file import parse_scene
 from fenics_rom.visualization.viewer.live_body import LiveBody, free_name
-from fenics_rom.visualization.viewer.mouse_spring import contact_triangles, point_of, take_hold
+from fenics_rom.visualization.viewer.mouse_spring import attach_spring, closest_point, contact_triangles
 
 BALL = 'shape = "sphere"\ncenter = [0.75, 0.2, 0.41]\nradius = 0.1'
 
@@ -80,23 +80,23 @@ def test_of_overlapping_contact_surfaces_the_smallest_has_a_triangle(box_file):
 def test_point_of_a_surface_is_found_in_its_triangle(box_rom):
     corners, weights = box_rom.nodes[box_rom.triangles], np.array([0.2, 0.5, 0.3])
     for triangle in (0, 17, len(corners) - 1):
-        found, at = point_of(corners, weights @ corners[triangle])
+        found, at = closest_point(corners, weights @ corners[triangle])
         assert at @ corners[found] == pytest.approx(weights @ corners[triangle], abs=1e-12)
-    beyond, at = point_of(corners, np.array([2.0, 0.2, 0.15]))
+    beyond, at = closest_point(corners, np.array([2.0, 0.2, 0.15]))
     assert (at @ corners[beyond])[0] == pytest.approx(1.0)
 
 
 def test_pull_at_nodal_forces_is_the_pull_itself(box_rom):
     mode = box_rom.contact_models["top"]
     (on_top, *_) = np.flatnonzero((box_rom.nodes[box_rom.triangles][:, :, 2] == 0.3).all(axis=1))
-    grip = take_hold(box_rom, "top", box_rom.triangles[on_top], np.ones(3) / 3)
+    grip = attach_spring(box_rom, "top", box_rom.triangles[on_top], np.ones(3) / 3)
     G = mode.inputs[:, : box_rom.contacts["top"]]
     assert G @ grip.spread == pytest.approx(grip.rows.T, abs=1e-9 * np.abs(grip.rows).max())
 
 
 def test_pull_at_a_resultant_is_nearest_in_energy(box_rom):
     mode = box_rom.contact_models["right"]
-    grip = take_hold(box_rom, "right", *corner(box_rom, "right"))
+    grip = attach_spring(box_rom, "right", *corner(box_rom, "right"))
     G = mode.inputs[:, : box_rom.contacts["right"]] / np.sqrt(mode.eigenvalues)[:, None]
     left = G.T @ (G @ grip.spread - grip.rows.T / np.sqrt(mode.eigenvalues)[:, None])
     assert np.abs(left).max() < 1e-12 * np.abs(G.T @ G).max()

@@ -14,7 +14,7 @@ from fenics_rom.runtime.simulator import Simulator
 from fenics_rom.scene.file import parse_scene
 from fenics_rom.scene.scene import Scene
 from fenics_rom.trajectory.trajectory import Trajectory
-from fenics_rom.visualization.viewer.mouse_spring import Grip, Hand, largest_input, take_hold
+from fenics_rom.visualization.viewer.mouse_spring import MouseSpring, MouseSpringStep, attach_spring, largest_input
 from fenics_rom.visualization.viewer.recording import Recording
 
 Array = np.ndarray
@@ -83,7 +83,7 @@ class LiveBody:
         self.scene = parse_scene(rom.scene_text, tables=rom.tables, source=f"scene of ROM {rom.name!r}")
         self.actuators = _actuators(rom, self.scene)
         self.values = np.zeros(len(self.actuators))
-        self._hand: Hand | None = None
+        self._hand: MouseSpringStep | None = None
         self.force, self._target = np.zeros(3), np.zeros(3)
         self.steps, self.seconds = 0, 0.0
         self._recording: Recording | None = None
@@ -133,7 +133,7 @@ class LiveBody:
             self._recording = None
             self.simulator.dt = dt
             if self._hand is not None:
-                self._hand = Hand(self.rom, self._hand.grip, dt)
+                self._hand = MouseSpringStep(self.rom, self._hand.spring, dt)
 
     @property
     def account(self) -> Account:
@@ -159,14 +159,14 @@ class LiveBody:
             nodes: (c,) of the mesh, whose weighted mean the point is.
             weights: (c,) of these nodes, in sum 1.
         """
-        grip = take_hold(self.rom, contact, nodes, weights)
+        grip = attach_spring(self.rom, contact, nodes, weights)
         if grip is None:
             return False
         if self.simulator is not self._held:
             self._held.restore(self.simulator.save())
             self.simulator = self._held
         self.simulator.switch(contact)
-        self._hand = Hand(self.rom, grip, self.dt)
+        self._hand = MouseSpringStep(self.rom, grip, self.dt)
         self._target = self.held_at
         return True
 
@@ -182,9 +182,9 @@ class LiveBody:
             self.simulator = self._free
 
     @property
-    def grip(self) -> Grip | None:
+    def grip(self) -> MouseSpring | None:
         """What the hand holds; None: nothing."""
-        return None if self._hand is None else self._hand.grip
+        return None if self._hand is None else self._hand.spring
 
     @property
     def held_at(self) -> Array:
@@ -219,7 +219,7 @@ class LiveBody:
             loads = np.empty(0) if around is None else around.loads(self.simulator.time + self.dt / 2)
             q, r = self.simulator.state
             self.force = self._hand.force(q, r, np.concatenate([self.values, loads]), self._target)
-            return np.concatenate([self._hand.grip.spread @ self.force, self.values])
+            return np.concatenate([self._hand.spring.spread @ self.force, self.values])
         if around is not None:
             return self.values.copy()
         return np.concatenate([np.zeros(self.simulator.inputs - len(self.values)), self.values])
