@@ -59,11 +59,11 @@ class Experiment:
         """
         moving = len(self.times)
         columns = self.marker[:moving]
-        seen = np.zeros((moving, *run.shape[2:]))
+        in_motion = np.zeros((moving, *run.shape[2:]))
         for k in range(self.instants.shape[1]):
             weight = self.weights[:, k].reshape(-1, *[1] * (run.ndim - 2))
-            seen += weight * run[self.instants[:, k], columns]
-        return np.concatenate([seen, rest[self.rows, self.marker[moving:]]])
+            in_motion += weight * run[self.instants[:, k], columns]
+        return np.concatenate([in_motion, rest[self.rows, self.marker[moving:]]])
 
     def until(self, time: float) -> "Experiment":
         """The same without what was measured later than a time, s."""
@@ -102,12 +102,12 @@ def make_experiment(scene: Scene, data: Sequence[Data], system: System) -> Exper
     dt, steps, inputs = _run_inputs(scene, system) if motions else (1.0, 0, {})
     rest_inputs = _rest_inputs(scene, at_rest, system)
     first = np.cumsum([0, *(len(part.contacts) for part in at_rest)])
-    seen = [np.nonzero(np.isfinite(part.measured)) for part in whole]
-    times = [part.times[row] for part, (row, _) in zip(motions, seen, strict=False)]
-    rows = [begin + row for begin, (row, _) in zip(first, seen[len(motions) :], strict=False)]
+    cells = [np.nonzero(np.isfinite(part.measured)) for part in whole]
+    times = [part.times[row] for part, (row, _) in zip(motions, cells, strict=False)]
+    rows = [begin + row for begin, (row, _) in zip(first, cells[len(motions) :], strict=False)]
     all_times = np.concatenate([np.empty(0), *times])
     instants, weights = interpolate_instants(all_times, dt, steps)
-    measured = np.concatenate([np.empty(0), *(part.measured[at] for part, at in zip(whole, seen, strict=True))])
+    measured = np.concatenate([np.empty(0), *(part.measured[at] for part, at in zip(whole, cells, strict=True))])
     if not len(measured):
         raise DataError("no marker was seen: every cell is empty")
     return Experiment(
@@ -123,13 +123,13 @@ def make_experiment(scene: Scene, data: Sequence[Data], system: System) -> Exper
         marker=np.concatenate(
             [
                 np.array([markers.index(m) for m in part.markers])[column]
-                for part, (_, column) in zip(whole, seen, strict=True)
+                for part, (_, column) in zip(whole, cells, strict=True)
             ]
         ),
         measured=measured,
         places=tuple(
             (part.file, int(part.lines[r]), part.columns[c])
-            for part, at in zip(whole, seen, strict=True)
+            for part, at in zip(whole, cells, strict=True)
             for r, c in zip(*at, strict=True)
         ),
     )

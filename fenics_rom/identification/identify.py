@@ -94,9 +94,8 @@ def identify(
         order=fit.model.order,
         bases=fit.bases,
     )
-    result = replace(
-        result, warnings=(*messages, *list_doubts(result), *(combination.reason for combination in unidentifiable))
-    )
+    reasons = [combination.reason for combination in unidentifiable]
+    result = replace(result, warnings=(*messages, *list_doubts(result), *reasons))
     for message in result.warnings:
         warnings.warn(message, FenicsRomWarning, stacklevel=2)
     return result
@@ -187,10 +186,7 @@ def _estimates(
 ) -> tuple[Estimate, ...]:
     """Values and intervals, in the order in which they were sought."""
     widths = interval_half_widths(problem.experiment.measured - fit.predicted, fit.jacobian)
-    estimates = {
-        combination.fixed.name: Estimate(combination.fixed, combination.fixed.start, None, None, combination.reason)
-        for combination in unidentifiable
-    }
+    estimates = {c.fixed.name: Estimate(c.fixed, c.fixed.start, None, None, c.reason) for c in unidentifiable}
     for parameter, q, width in zip(problem.parameters, fit.q, widths, strict=True):
         low, high = max(q - width, parameter.lowest), q + width
         estimates[parameter.name] = Estimate(parameter, parameter.value(q), parameter.value(low), parameter.value(high))

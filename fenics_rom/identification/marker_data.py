@@ -26,9 +26,9 @@ from fenics_rom.scene.scene import Output, Scene
 
 Array = np.ndarray
 
-TIMES = {"s": 1.0, "ms": 1e-3}
-LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
-FORCES = {"N": 1.0}
+TIME_UNITS = {"s": 1.0, "ms": 1e-3}
+LENGTH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
+FORCE_UNITS = {"N": 1.0}
 AXES = ("x", "y", "z")
 COLUMN_PATTERN = re.compile(r"(?P<what>[^()]*?)\s*\((?P<unit>[^()]*)\)")
 MARKER_PATTERN = re.compile(r"(?P<output>[\w-]+)(?:\[(?P<point>\d+)\])?\.(?P<axis>[xyz])")
@@ -166,9 +166,9 @@ def _motion(table: _Table, scene: Scene) -> Motion:
     if scene.run is None:
         raise DataError(f"{table.file}: has times, but {scene.source} has no [run] that they could be of")
     column = table.heading[0]
-    if table.unit(column, TIMES)[0] != "time":
+    if table.unit(column, TIME_UNITS)[0] != "time":
         table.refuse(1, column, "allowed in the first column are 'time (s)', 'time (ms)' and 'contact'")
-    times = table.numbers(column, TIMES)
+    times = table.numbers(column, TIME_UNITS)
     end = round(scene.run.duration / scene.run.dt) * scene.run.dt
     for k, time in enumerate(times):
         if not 0 <= time <= end * (1 + END_TOLERANCE):
@@ -177,7 +177,7 @@ def _motion(table: _Table, scene: Scene) -> Motion:
             table.refuse(
                 table.lines[k], column, f"{time:g} s follows {times[k - 1]:g} s; allowed are times that increase"
             )
-    return Motion(times=times, **_seen(table, table.heading[1:], scene))
+    return Motion(times=times, **_read_displacements(table, table.heading[1:], scene))
 
 
 def _equilibria(table: _Table, scene: Scene) -> Equilibria:
@@ -186,11 +186,11 @@ def _equilibria(table: _Table, scene: Scene) -> Equilibria:
         raise DataError(
             f"{table.file}, line 1: no force was given; allowed are 'force.x (N)', ... and 'force.normal (N)'"
         )
-    given = {table.unit(column, FORCES)[0]: column for column in of_force}
+    given = {table.unit(column, FORCE_UNITS)[0]: column for column in of_force}
     for name, column in given.items():
         if name not in ("force.x", "force.y", "force.z", "force.normal"):
             table.refuse(1, column, "allowed are force.x, force.y, force.z and force.normal, in N")
-    values = {name: table.numbers(column, FORCES, empty=True) for name, column in given.items()}
+    values = {name: table.numbers(column, FORCE_UNITS, empty=True) for name, column in given.items()}
     contacts, forces = [], []
     for k, (line, cells) in enumerate(zip(table.lines, table.cells, strict=True)):
         name = cells[0]
@@ -210,10 +210,10 @@ def _equilibria(table: _Table, scene: Scene) -> Equilibria:
         contacts.append(name)
         forces.append(np.array([pushed.get(axis, 0.0) for axis in allowed]))
     others = [column for column in table.heading[1:] if column not in of_force]
-    return Equilibria(contacts=tuple(contacts), forces=tuple(forces), **_seen(table, others, scene))
+    return Equilibria(contacts=tuple(contacts), forces=tuple(forces), **_read_displacements(table, others, scene))
 
 
-def _seen(table: _Table, columns: Sequence[str], scene: Scene) -> dict[str, Any]:
+def _read_displacements(table: _Table, columns: Sequence[str], scene: Scene) -> dict[str, Any]:
     """What both kinds of data have."""
     if not columns:
         raise DataError(f"{table.file}, line 1: no marker was given; allowed are columns such as 'NAME.x (m)'")
@@ -221,18 +221,18 @@ def _seen(table: _Table, columns: Sequence[str], scene: Scene) -> dict[str, Any]
     for k, marker in enumerate(markers):
         if marker in markers[:k]:
             table.refuse(1, columns[k], f"is the same marker as {columns[markers.index(marker)]!r}")
-    measured = np.stack([table.numbers(column, LENGTHS, empty=True) for column in columns], axis=1)
+    measured = np.stack([table.numbers(column, LENGTH_UNITS, empty=True) for column in columns], axis=1)
     return {
         "file": str(table.file),
         "lines": np.array(table.lines),
-        "columns": tuple(table.unit(column, LENGTHS)[0] for column in columns),
+        "columns": tuple(table.unit(column, LENGTH_UNITS)[0] for column in columns),
         "markers": markers,
         "measured": measured,
     }
 
 
 def _marker(table: _Table, column: str, outputs: Mapping[str, Output]) -> Marker:
-    name, _ = table.unit(column, LENGTHS)
+    name, _ = table.unit(column, LENGTH_UNITS)
     match = MARKER_PATTERN.fullmatch(name)
     if match is None:
         table.refuse(

@@ -20,7 +20,7 @@ from fenics_rom.runtime.simulate import rate
 from fenics_rom.scene.scene import STEPPERS, Scene
 from fenics_rom.studies import reference
 from fenics_rom.studies.amplitude_results import AmplitudeResults, AmplitudeRow, read_amplitude_results
-from fenics_rom.studies.results_file import make_folder, write_json
+from fenics_rom.studies.results_file import read_earlier, write_json
 from fenics_rom.trajectory.comparison import compare
 from fenics_rom.trajectory.trajectory import Trajectory
 
@@ -125,14 +125,11 @@ class _AmplitudeStudy:
 
     def _resume_results(self, resume: bool) -> AmplitudeResults | None:
         """What an earlier study left; on rank 0."""
-        make_folder(self._folder)
         file = self._folder / RESULTS_FILE
-        if not (resume and file.exists()):
-            return None
-        results = read_amplitude_results(file)
-        if results.fingerprint != self._fingerprint:
+        earlier = read_earlier(file, read_amplitude_results, resume)
+        if earlier is not None and earlier.fingerprint != self._fingerprint:
             raise FileError(f"{file}: is of another scene, mesh or step; start without resume")
-        return results
+        return earlier
 
     def prepare(self) -> tuple[AmplitudeResults, dict[str, Rom]]:
         """What is known before the first load, or was left, and the linear and the nonlinear ROM."""

@@ -4,7 +4,7 @@ import json
 from collections.abc import Callable
 from dataclasses import asdict
 from pathlib import Path
-from typing import Any, ClassVar, Protocol, TypeVar
+from typing import Any, TypeVar
 
 from fenics_rom.errors import FileError
 from fenics_rom.io.hdf5 import write_whole
@@ -12,14 +12,8 @@ from fenics_rom.io.hdf5 import write_whole
 T = TypeVar("T")
 
 
-class Dataclass(Protocol):
-    """An instance of any dataclass."""
-
-    __dataclass_fields__: ClassVar[dict[str, Any]]
-
-
-def write_json(file: Path, results: Dataclass) -> None:
-    """Writes results, or nothing.
+def write_json(file: Path, results: Any) -> None:
+    """Writes results, a dataclass, or nothing.
 
     Raises:
         FileError: the file cannot be written.
@@ -46,13 +40,14 @@ def read_json(file: Path, build: Callable[[dict[str, Any]], T], what: str) -> T:
         raise FileError(f"{file}: does not hold {what}") from error
 
 
-def make_folder(folder: Path) -> None:
-    """Makes a folder where it is missing.
+def read_earlier(file: Path, read: Callable[[Path], T], resume: bool) -> T | None:
+    """What an interrupted study left, where it is to go on; makes the folder where it is missing.
 
     Raises:
-        FileError: it cannot be made.
+        FileError: the folder cannot be made, or the file holds something else.
     """
     try:
-        folder.mkdir(parents=True, exist_ok=True)
+        file.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise FileError(f"{folder}: cannot be made: {error.strerror}") from error
+        raise FileError(f"{file.parent}: cannot be made: {error.strerror}") from error
+    return read(file) if resume and file.exists() else None

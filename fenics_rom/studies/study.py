@@ -21,7 +21,7 @@ from fenics_rom.studies.method_configs import (
     make_grid,
     select_compared_instants,
 )
-from fenics_rom.studies.results_file import make_folder, write_json
+from fenics_rom.studies.results_file import read_earlier, write_json
 from fenics_rom.studies.study_results import BenchmarkRow, StudyResults, read_study_results
 from fenics_rom.system.system import System
 from fenics_rom.trajectory.comparison import compare
@@ -189,11 +189,10 @@ class _StudyRun:
 
     def _resume_results(self, resume: bool, begin_if_other: bool) -> StudyResults | None:
         """What an earlier study left, and its reference; on rank 0."""
-        make_folder(self._folder)
         file = self._folder / RESULTS_FILE
-        if not (resume and file.exists()):
+        earlier = read_earlier(file, read_study_results, resume)
+        if earlier is None:
             return None
-        earlier = read_study_results(file)
         if earlier.fingerprint != self._fingerprint:
             if begin_if_other:
                 return None

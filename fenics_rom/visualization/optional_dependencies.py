@@ -11,8 +11,8 @@ from typing import Any
 
 from fenics_rom.errors import MissingPackageError
 
-WINDOW = "VTK_DEFAULT_OPENGL_WINDOW"  # where VTK reads which kind of window to open
-EGL, BY_EGL = "libEGL.so.1", "vtkEGLRenderWindow"
+WINDOW_VARIABLE = "VTK_DEFAULT_OPENGL_WINDOW"  # where VTK reads which kind of window to open
+EGL, EGL_WINDOW = "libEGL.so.1", "vtkEGLRenderWindow"
 FOR_PICTURES = (
     "pictures of bodies and files for ParaView need {name}, which this Python lacks: pip install fenics-rom[view]"
 )
@@ -45,7 +45,7 @@ def pyvista_package() -> Any:
         MissingPackageError: it is not installed.
     """
     if sys.platform == "linux":
-        os.environ.setdefault(WINDOW, BY_EGL)
+        os.environ.setdefault(WINDOW_VARIABLE, EGL_WINDOW)
         os.environ.setdefault("MESA_SHADER_CACHE_DISABLE", "true")  # else Mesa writes into the home, or says it cannot
     with _preferring_own_symbols():
         return load_package("pyvista", FOR_PICTURES)
@@ -71,7 +71,7 @@ def check_window() -> None:
     Raises:
         MissingPackageError: there is no EGL.
     """
-    if os.environ.get(WINDOW) != BY_EGL:
+    if os.environ.get(WINDOW_VARIABLE) != EGL_WINDOW:
         return
     try:
         CDLL(EGL)

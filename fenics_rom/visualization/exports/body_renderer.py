@@ -16,7 +16,7 @@ Array = np.ndarray
 
 # Where the camera stands: in front of the body, a little to the right and above.
 CAMERA_DIRECTION = np.array([0.42, -0.78, 0.46])
-UP = np.array([0.0, 0.0, 1.0])
+CAMERA_UP = np.array([0.0, 0.0, 1.0])
 VIEW_MARGIN = 1.06
 SHARP_EDGE_DEGREES = 35.0  # where the surface turns by more, its edge is drawn
 LIGHTS = (((0.0, 0.0, 1.0), 0.7), ((-0.6, 0.9, 0.8), 0.45))  # from the camera, and from above its left; strengths
@@ -24,7 +24,7 @@ CAPTION_POSITION = (0.015, 0.94)  # where words begin, of width and height
 CAPTION_ROOM = 0.25  # for words above and below, of the height
 CAPTION_ROOM_BELOW = 0.02  # how much more of it below
 CAMERA_DISTANCE = 5.0  # how far the camera stands, of what it sees
-MIN_HEIGHT, MAX_HEIGHT = 0.2, 1.0  # height of a picture, of its width
+MIN_ASPECT, MAX_ASPECT = 0.2, 1.0  # height of a picture, of its width
 COLOUR_BAR_PIXELS = 64  # height of the colour bar with its words
 SHADING: dict[str, Any] = {
     "smooth_shading": True,
@@ -96,8 +96,8 @@ class BodyRenderer:
         self._factor, self._unit = prefixed("m", self._largest)
         self._faces = np.column_stack([np.full(len(triangles), 3), triangles]).ravel()
         used = np.unique(triangles)
-        seen = [nodes[used], *(nodes[used] + scale * shape[used] for shape in shapes)]
-        ends = np.concatenate([_box_corners(points) for points in seen])
+        visible = [nodes[used], *(nodes[used] + scale * shape[used] for shape in shapes)]
+        ends = np.concatenate([_box_corners(points) for points in visible])
         middle, diagonal = ends.mean(axis=0), float(np.linalg.norm(np.ptp(ends, axis=0)))
         obstacles, half_edge = obstacles or {}, FLOOR_EXTENT * diagonal
         meshes = {name: obstacle_mesh(obstacle, middle, half_edge) for name, obstacle in obstacles.items()}
@@ -105,9 +105,9 @@ class BodyRenderer:
         moved = np.zeros((1, len(meshes), 3)) if offsets is None else offsets
         for k, (name, obstacle) in enumerate(obstacles.items()):
             if not isinstance(obstacle, HalfSpace):  # a floor goes on beyond the picture
-                seen += [meshes[name][0] + offset for offset in np.unique(moved[:, k], axis=0)]
+                visible += [meshes[name][0] + offset for offset in np.unique(moved[:, k], axis=0)]
         camera = CAMERA_DIRECTION * [1.0, 1.0, -1.0] if below else CAMERA_DIRECTION
-        self._plotter = self._open_window(seen, width, camera)
+        self._plotter = self._open_window(visible, width, camera)
         self.height = int(self._plotter.window_size[1])
 
     def render(self, displacement: Array, offsets: Array | None = None, words: str = "") -> Array:
@@ -148,18 +148,18 @@ class BodyRenderer:
         """Gives the window back."""
         self._plotter.close()
 
-    def _open_window(self, seen: list[Array], width: int, place: Array) -> Any:
+    def _open_window(self, visible: list[Array], width: int, place: Array) -> Any:
         """The window, as high as what is to be seen, with its camera and the body at rest as a ghost."""
         toward = place / np.linalg.norm(place)
-        right = np.cross(UP, toward) / np.linalg.norm(np.cross(UP, toward))
+        right = np.cross(CAMERA_UP, toward) / np.linalg.norm(np.cross(CAMERA_UP, toward))
         axes = np.array([right, np.cross(toward, right), toward])
-        low = np.min([(points @ axes.T).min(axis=0) for points in seen], axis=0)
-        high = np.max([(points @ axes.T).max(axis=0) for points in seen], axis=0)
+        low = np.min([(points @ axes.T).min(axis=0) for points in visible], axis=0)
+        high = np.max([(points @ axes.T).max(axis=0) for points in visible], axis=0)
         middle, (wide, tall, deep) = (low + high) / 2, VIEW_MARGIN * (high - low)
         if self._captions:
             tall *= 1 + CAPTION_ROOM
             middle[1] -= CAPTION_ROOM_BELOW * tall
-        ratio = min(max(tall / wide, MIN_HEIGHT), MAX_HEIGHT)
+        ratio = min(max(tall / wide, MIN_ASPECT), MAX_ASPECT)
         height = 2 * round(width * ratio / 2)  # encoders want even numbers
         plotter = self._pv.Plotter(off_screen=True, window_size=(width, height), lighting="none")
         plotter.set_background(self._colours.paper)
@@ -167,7 +167,7 @@ class BodyRenderer:
             plotter.add_light(self._pv.Light(position=light, intensity=strength, light_type="camera light"))
         camera, focus = plotter.camera, middle @ axes
         distance = CAMERA_DISTANCE * max(wide, tall, deep)
-        camera.focal_point, camera.position, camera.up = focus, focus + distance * toward, UP
+        camera.focal_point, camera.position, camera.up = focus, focus + distance * toward, CAMERA_UP
         camera.parallel_projection, camera.parallel_scale = True, max(tall, wide * ratio) / 2
         plotter.enable_anti_aliasing("msaa", multi_samples=8)
         return plotter

@@ -21,16 +21,7 @@ from fenics_rom.visualization.plots.reduced import (
     reduced_panels,
 )
 from fenics_rom.visualization.plots.runs import run_panels
-from fenics_rom.visualization.plots.style import (
-    COLUMN_INCHES,
-    DARK,
-    DOTS_PER_INCH,
-    FORMATS,
-    LIGHT,
-    PANEL_HEIGHT_INCHES,
-    Panel,
-    Style,
-)
+from fenics_rom.visualization.plots.style import COLUMN_INCHES, DARK, DPI, FORMATS, HEIGHT_INCHES, LIGHT, Panel, Style
 
 Array = np.ndarray
 
@@ -81,21 +72,21 @@ def plot(
         if in_folder:
             _make_folder(place)
             for name, draw in panels.items():
-                height = PANEL_HEIGHT_INCHES * RELATIVE_HEIGHTS.get(name, 1.0)
-                figure = figure_of(figsize=(COLUMN_INCHES, height), layout="constrained")
+                size = COLUMN_INCHES, HEIGHT_INCHES * RELATIVE_HEIGHTS.get(name, 1.0)
+                figure = figure_of(figsize=size, layout="constrained")
                 draw(figure)
                 for ending in FOLDER_FORMATS:
                     files.append(place / f"{name}{ending}")
-                    write_figure(figure, files[-1], dpi=DOTS_PER_INCH)
+                    write_figure(figure, files[-1], dpi=DPI)
         else:
             wide = min(len(panels), 2)
             high = math.ceil(len(panels) / wide)
             tall = max(RELATIVE_HEIGHTS.get(name, 1.0) for name in panels)
-            figure = figure_of(figsize=(wide * COLUMN_INCHES, high * PANEL_HEIGHT_INCHES * tall), layout="constrained")
+            figure = figure_of(figsize=(wide * COLUMN_INCHES, high * HEIGHT_INCHES * tall), layout="constrained")
             parts = figure.subfigures(high, wide, squeeze=False)
             for draw, part in zip(panels.values(), parts.flat, strict=False):
                 draw(part)
-            write_figure(figure, place, dpi=DOTS_PER_INCH)
+            write_figure(figure, place, dpi=DPI)
             files.append(place)
     return tuple(files)
 
@@ -135,10 +126,9 @@ def _select_panels(
         SceneError: there is none of that name, or nothing at all.
     """
     if isinstance(model, Rom):
-        asked = full is not None and has_frequencies(model) and (what is None or "response" in what)
-        panels = reduced_panels(
-            model, style, _full_response(model, full, report) if asked and full is not None else None
-        )
+        asked = has_frequencies(model) and (what is None or "response" in what)
+        response = _full_response(model, full, report) if asked and full is not None else None
+        panels = reduced_panels(model, style, response)
     else:
         panels = run_panels({model.name: model} if isinstance(model, Trajectory) else model)
     for name in what or ():

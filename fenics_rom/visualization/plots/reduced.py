@@ -58,12 +58,12 @@ def plotted_frequencies(rom: Rom, points: int, around: Sequence[float]) -> Array
         around: further ones at each eigenfrequency, in half-widths of its peak.
     """
     ω = [np.sqrt(mode.eigenvalues[mode.rigid :]) for mode in rom.contact_models.values()]
-    first = LOWEST_SHARE * min(each[0] for each in ω)
-    last = HIGHEST_SHARE * max(each[len(each) // 2] for each in ω)
+    first = LOWEST_SHARE * min(of_mode[0] for of_mode in ω)
+    last = HIGHEST_SHARE * max(of_mode[len(of_mode) // 2] for of_mode in ω)
     peaks: dict[float, float] = {}  # and their half-widths; those of another contact mode may be the same
-    for each, mode in zip(ω, rom.contact_models.values(), strict=True):
+    for of_mode, mode in zip(ω, rom.contact_models.values(), strict=True):
         damping = (mode.damping if mode.damping.ndim == 1 else np.diag(mode.damping))[mode.rigid :] / 2
-        for peak, half in zip(each, damping, strict=True):
+        for peak, half in zip(of_mode, damping, strict=True):
             if first <= peak <= last and all(abs(peak - other) > MIN_PEAK_DISTANCE * half for other in peaks):
                 peaks[float(peak)] = float(half)
     near = [peak + half * step for peak, half in peaks.items() for step in around]

@@ -7,8 +7,8 @@ from typing import Any
 Panel = Callable[[Any], None]  # draws into a figure, or a part of one
 
 COLUMN_INCHES = 3.5  # width of a panel: a column of a paper
-PANEL_HEIGHT_INCHES = 2.6
-DOTS_PER_INCH = 220  # of .png
+HEIGHT_INCHES = 2.6
+DPI = 220  # of .png
 FORMATS = (".pdf", ".svg", ".png")
 DASHES = ("-", "--", ":", "-.")
 

@@ -36,8 +36,8 @@ from fenics_rom.visualization.viewer.surface import Surface
 Array = np.ndarray
 
 STEPPING_SHARE = 0.6  # of the time of a picture that steps may take; the rest is for drawing and for the browser
-MAX_CATCH_UP_SECONDS = 0.1  # s between two pictures that steps make up for
-PANEL_INTERVAL_SECONDS = 0.25  # s between two states of the panel
+MAX_CATCH_UP_SECONDS = 0.1  # between two pictures that steps make up for
+PANEL_INTERVAL_SECONDS = 0.25  # between two states of the panel
 MIN_SPEED = 0.01
 LARGEST_FORCE_SHARE = 1.0 - 1e-9
 
@@ -138,9 +138,8 @@ class LivePage:
             self._account = gui.add_markdown("")
             self._plot = EnergyPlot(viser, gui)
         with gui.add_folder("Settings"):
-            self._slider(
-                gui, "speed", MIN_SPEED, 1.0, 0.01, 1.0, self._set_speed, "1 is real time, 0.1 ten times slower"
-            )
+            hint = "1 is real time, 0.1 ten times slower"
+            self._slider(gui, "speed", MIN_SPEED, 1.0, 0.01, 1.0, self._set_speed, hint)
             dt = 1e3 * body.dt
             self._slider(gui, "step (ms)", dt / 10, 10 * dt, dt / 10, dt, self._set_dt, "the time step")
             if body.largest_order is not None and body.largest_order > 1:
@@ -236,7 +235,7 @@ class LivePage:
         due = self._clock = time.perf_counter()
         try:
             while True:
-                self._draw_frame()
+                self._run_frame()
                 now = time.perf_counter()
                 due = max(due + 1 / FRAMES_PER_SECOND, now)
                 time.sleep(due - now)
@@ -245,7 +244,7 @@ class LivePage:
             for writer in self._writing:
                 writer.join()
 
-    def _draw_frame(self) -> None:
+    def _run_frame(self) -> None:
         with suppress(queue.Empty):
             while True:
                 self._attempt(self._todo.get_nowait())

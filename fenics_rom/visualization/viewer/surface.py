@@ -10,7 +10,7 @@ Array = np.ndarray
 
 MIN_PIECES = 4000  # so that the colours of a coarse mesh follow the field and not the triangles
 MAX_CUTS = 4  # of an edge of a triangle
-THINNEST = 1e-9  # twice the area of a triangle, of its longest side squared; below, it has no strain
+MIN_RELATIVE_AREA = 1e-9  # twice the area of a triangle, of its longest side squared; below, it has no strain
 
 
 class Surface:
@@ -71,7 +71,7 @@ class SurfaceStrain:
     def __init__(self, places: Array, triangles: Array):
         a, b = places[triangles[:, 1]] - places[triangles[:, 0]], places[triangles[:, 2]] - places[triangles[:, 0]]
         longest = np.maximum(np.linalg.norm(a, axis=1), np.linalg.norm(b, axis=1))
-        solid = np.linalg.norm(np.cross(a, b), axis=1) > THINNEST * longest**2
+        solid = np.linalg.norm(np.cross(a, b), axis=1) > MIN_RELATIVE_AREA * longest**2
         a[~solid], b[~solid] = np.eye(3)[:2]
         frame, shape_gradients = triangle_frames(a, b)
         (e1, e2, _), (s1, s2) = frame.swapaxes(0, 1), shape_gradients.transpose(2, 0, 1)
