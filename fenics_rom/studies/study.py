@@ -234,9 +234,8 @@ class _StudyRun:
         self._last = rom
         rows: tuple[BenchmarkRow, ...] = ()
         notes: tuple[str, ...] = ()
-        if not self.results.of(
-            method, benchmark.largest_order(rom)
-        ):  # else more was asked for than is numerically there
+        # Where there are rows already, more was asked for than is numerically there.
+        if not self.results.of(method, benchmark.largest_order(rom)):
             rows, notes = on_rank_0(self._comm, lambda: self._rows(rom, seconds, method))
         hankel = self.results.hankel
         if method == "balanced":
