@@ -160,7 +160,7 @@ def add_obstacles(scene: Any, obstacles: Mapping[str, Obstacle], scale: float, s
 
 
 class ForceArrow:
-    """The arrow of a force, from the node to where the hand is, and its size.
+    """The arrow of a force, from the node to where the mouse is, and its size.
 
     Args:
         scene: viser's.

@@ -102,7 +102,7 @@ class LivePage:
         return pick_surface
 
     def _grab(self, client: int, contact: str, place: Array) -> None:
-        """Takes hold of the point of a contact surface that is nearest to a place; the last who grabs has the hand."""
+        """Takes hold of the point of a contact surface that is nearest to a place; the last who grabs pulls."""
         triangles = self._pick_surfaces[contact].triangles
         nearest, weights = closest_point(self._moved()[triangles], place)
         if self.body.grab(contact, self._surface.nodes[triangles[nearest]], weights):
@@ -291,12 +291,12 @@ class LivePage:
         if self._obstacles and simulator.surroundings is not None:
             for handle, offset in zip(self._obstacles.values(), simulator.surroundings.offsets, strict=True):
                 handle.position = tuple(self._scale * offset)
-        if self.body.grip is None:
+        if self.body.spring is None:
             self._arrow.hide()
         else:
             force = float(np.linalg.norm(self.body.force))
-            most = " (most)" if force > LARGEST_FORCE_SHARE * self.body.grip.largest else ""
-            self._arrow.draw(self.body.held_at, self.body.hand, with_unit(force, "N") + most)
+            most = " (most)" if force > LARGEST_FORCE_SHARE * self.body.spring.largest else ""
+            self._arrow.draw(self.body.held_at, self.body.mouse, with_unit(force, "N") + most)
 
     def _update_panel(self) -> None:
         """The words and the plot, a few times a second."""
