@@ -48,7 +48,9 @@ for name in "numpy", "scipy", "h5py", "dolfinx", "gmsh":  # compiled for each ot
     spec = find_spec(name)
     if not spec or not spec.origin.startswith("/usr/lib/"):
         sys.exit(f"error: .venv does not see Debian's {name}: {spec}")
-for name in "fenics_rom", "gymnasium", "matplotlib", "playwright", "pytest", "pyvista", "rich", "viser", "xdist":
+for name in (
+    "fenics_rom", "gymnasium", "matplotlib", "playwright", "pydantic", "pytest", "pyvista", "rich", "tomlkit", "viser", "xdist"
+):
     if not find_spec(name):
         sys.exit(f"error: .venv has no {name}")
 PYTHON

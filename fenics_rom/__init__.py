@@ -7,13 +7,17 @@ midpoint integration. Importing this package loads nothing of NumPy or FEniCSx; 
 from typing import TYPE_CHECKING, Any
 
 from fenics_rom import errors as errors
+from fenics_rom.system.backends import register_backend
 from fenics_rom.version import VERSION
 
 if TYPE_CHECKING:  # for type checkers and editors; what runs is MODULE_OF
     from fenics_rom.fem.assemble import assemble as assemble
+    from fenics_rom.fem.forms import assemble_forms as assemble_forms
+    from fenics_rom.fem.matrix_market import read_system as read_system
     from fenics_rom.identification.identify import identify as identify
     from fenics_rom.identification.result import Identification as Identification
     from fenics_rom.identification.write import write_identification as write_identification
+    from fenics_rom.mechanics.environment import Environment as Environment
     from fenics_rom.reduction.reduce import reduce as reduce
     from fenics_rom.rom.file import read_rom as read_rom
     from fenics_rom.rom.file import write_rom as write_rom
@@ -26,7 +30,6 @@ if TYPE_CHECKING:  # for type checkers and editors; what runs is MODULE_OF
     from fenics_rom.scene.file import read_scene as read_scene
     from fenics_rom.scene.scene import Scene as Scene
     from fenics_rom.studies.study import study as study
-    from fenics_rom.system.matrix_market import read_system as read_system
     from fenics_rom.system.system import System as System
     from fenics_rom.trajectory.comparison import compare as compare
     from fenics_rom.trajectory.file import read_trajectory as read_trajectory
@@ -39,6 +42,7 @@ __version__ = VERSION
 
 MODULE_OF = {
     "Batch": "runtime.batch",
+    "Environment": "mechanics.environment",
     "Identification": "identification.result",
     "Rom": "rom.rom",
     "Scene": "scene.scene",
@@ -46,13 +50,14 @@ MODULE_OF = {
     "System": "system.system",
     "Trajectory": "trajectory.trajectory",
     "assemble": "fem.assemble",
+    "assemble_forms": "fem.forms",
     "compare": "trajectory.comparison",
     "export": "visualization.exports.export",
     "identify": "identification.identify",
     "plot": "visualization.plots.plot",
     "read_rom": "rom.file",
     "read_scene": "scene.file",
-    "read_system": "system.matrix_market",
+    "read_system": "fem.matrix_market",
     "read_trajectory": "trajectory.file",
     "reduce": "reduction.reduce",
     "run_realtime": "runtime.realtime",
@@ -63,6 +68,7 @@ MODULE_OF = {
     "write_rom": "rom.file",
     "write_trajectory": "trajectory.file",
 }
+register_backend("petsc4py", "fenics_rom.fem.user_matrices")  # which stands above `system`
 
 __all__ = ["errors", *MODULE_OF]
 

@@ -7,12 +7,15 @@ from fenics_rom.errors import MissingPackageError
 
 FENICSX = ("dolfinx", "sudo apt-get install --no-install-recommends python3-dolfinx python3-gmsh libopenblas0")
 SCIPY = ("scipy", "pip install fenics-rom[reduction]")
+PYDANTIC = ("pydantic", "pip install fenics-rom[reduction]")
+FROM_PYPI = ("scipy", "pydantic", "tomlkit")  # whatever folder misses them
 PACKAGE_OF_FOLDER = {
     "fem": FENICSX,
     "studies": FENICSX,
     "identification": FENICSX,
     "reduction": SCIPY,
     "system": SCIPY,
+    "scene": PYDANTIC,
 }
 
 
@@ -30,4 +33,6 @@ def load(module: str, name: str) -> Any:
     except ModuleNotFoundError as error:
         if not needed or (error.name or "").startswith("fenics_rom"):
             raise
+        if error.name in FROM_PYPI:
+            cure = SCIPY[1]
         raise MissingPackageError(f"fenics_rom.{name} needs {error.name}, which this Python lacks: {cure}") from error

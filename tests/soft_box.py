@@ -19,7 +19,7 @@ from fenics_rom.mechanics.hyperelastic import (
     stress,
 )
 from fenics_rom.scene.file import parse_scene
-from fenics_rom.system.system import Body
+from fenics_rom.system.body import Body
 
 Array = np.ndarray
 

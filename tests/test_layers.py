@@ -42,7 +42,7 @@ MAY_IMPORT = {
     "lazy_import": ({"errors"}, set()),
     "io": ({"errors", "version"}, {"numpy", "h5py"}),
     "mechanics": ({"errors"}, {"numpy"}),
-    "scene": (GROUND, {"numpy"}),
+    "scene": (GROUND, {"numpy", "pydantic", "pydantic_core"}),
     "system": (GROUND | {"scene"}, {"numpy", "scipy"}),
     "rom": (GROUND, {"numpy", "h5py"}),
     "trajectory": (GROUND, {"numpy", "h5py"}),
@@ -52,7 +52,7 @@ MAY_IMPORT = {
     "run": (DATA_OF_A_RUN | OFFLINE | {"runtime", "lazy_import"}, set()),
     "visualization": (BELOW_APPLICATIONS, DRAWING),
     "studies": (BELOW_APPLICATIONS | {"visualization"}, {"numpy", "matplotlib"}),
-    "identification": (BELOW_APPLICATIONS | {"visualization"}, {"numpy", "scipy"}),
+    "identification": (BELOW_APPLICATIONS | {"visualization"}, {"numpy", "scipy", "tomlkit"}),
     "cli": (BELOW_APPLICATIONS | {"visualization", "studies", "identification"}, {"numpy", "rich"}),
     "__main__": ({"cli"}, set()),
 }
@@ -100,7 +100,7 @@ def test_import_loads_nothing_but_numpy_and_h5py(modules):
     run = python(f"import sys, {modules}; print(*{{name.partition('.')[0] for name in sys.modules}})")
     assert run.returncode == 0, run.stderr
     assert "fenics_rom" in run.stdout.split()
-    assert not NOT_IN_THE_RUNTIME & set(run.stdout.split())
+    assert not (NOT_IN_THE_RUNTIME | {"pydantic", "pydantic_core", "tomlkit"}) & set(run.stdout.split())
 
 
 def test_importing_the_package_alone_reads_no_file_format():
@@ -173,6 +173,13 @@ for name in "assemble", "reduce":
     assert assemble.startswith("fenics_rom.assemble needs ")
     assert "apt-get install" in assemble
     assert reduce == "fenics_rom.reduce needs scipy, which this Python lacks: pip install fenics-rom[reduction]"
+
+
+def test_scenes_without_pydantic_say_how_to_get_it():
+    refuse = REFUSE.replace("'scipy'", "'pydantic'").replace('"scipy"', '"pydantic"')
+    code = "import fenics_rom as fr\ntry: fr.read_scene\nexcept fr.errors.MissingPackageError as error: print(error)"
+    cure = "which this Python lacks: pip install fenics-rom[reduction]"
+    assert python(refuse + code).stdout == f"fenics_rom.read_scene needs pydantic, {cure}\n"
 
 
 def test_command_line_without_rich_says_how_to_get_it_before_any_work(tmp_path):

@@ -178,7 +178,7 @@ def test_what_is_finished_outlives_an_error(scene, tmp_path, monkeypatch, say, e
     """Such as too little memory for the validation."""
     monkeypatch.chdir(copied(scene, tmp_path))
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("fenics_rom.reduction.reduce.rom_of", lambda *_, **__: np.empty(10**15))
+        patch.setattr("fenics_rom.reduction.reduce.assemble_rom", lambda *_, **__: np.empty(10**15))
         status, _, err = say()
     assert status == 1
     assert err.startswith("fenics-rom: error: not enough memory: ")

@@ -104,7 +104,7 @@ def main() -> None:
 
 def without(scene: Scene, effect: str) -> Scene:
     """The scene without an effect."""
-    return replace(scene, effects={name: said for name, said in scene.effects.items() if name != effect})
+    return replace(scene, effects=replace(scene.effects, **{effect: None}))
 
 
 def large_mesh(file: Path) -> Path:
@@ -188,13 +188,13 @@ def draw(file: Path, scene: Scene, full: fr.Trajectory, reduced: fr.Trajectory, 
     figure = figure_class()(figsize=(10.5, 6.2), layout="constrained")
     instants = [t for t in INSTANTS if t <= full.snapshot_times[-1] + 1e-9]
     axes = figure.subplots(2, len(instants), sharey="row", squeeze=False)
-    rod = scene.effects.get("contact", {}).get("obstacles", {}).get("rod")
+    rod = None if scene.effects.contact is None else scene.effects.contact.obstacles.get("rod")
     for column, instant in enumerate(instants):
         for row, run in enumerate((full, straight)):
             ax: Any = axes[row, column]
             at = int(np.abs(run.snapshot_times - instant).argmin())
             if rod is not None:
-                ax.add_patch(Circle((rod["start"][0], rod["start"][2]), rod["radius"], facecolor="#1d4ed8", alpha=0.8))
+                ax.add_patch(Circle((rod.start[0], rod.start[2]), rod.radius, facecolor="#1d4ed8", alpha=0.8))
             ax.add_patch(Rectangle((-0.008, -0.016), 0.008, 0.032, color="0.45", linewidth=0))
             draw_from_side(ax, run.nodes + run.snapshots[at], run.triangles)
             if run is full:

@@ -51,11 +51,13 @@ from trajectories import (
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning
 from fenics_rom.io.markdown import markdown
-from fenics_rom.reduction.common_basis import padded
+from fenics_rom.mechanics.environment import AppliedLoad
+from fenics_rom.mechanics.signals import Signal
+from fenics_rom.reduction.common_basis import pad_rows
 from fenics_rom.reduction.methods.balanced import balanced
 from fenics_rom.reduction.problem import RankedBasis, ReductionProblem
 from fenics_rom.rom.rom import Rom
-from fenics_rom.scene.scene import Load, Scene
+from fenics_rom.scene.scene import Scene
 from fenics_rom.visualization.plots.body import draw_body
 
 HERE = Path(__file__).parent
@@ -166,7 +168,7 @@ def holding_what_was(problem: ReductionProblem) -> Iterator[tuple[str, RankedBas
     for name, found in balanced(problem):
         forces = np.hstack([problem.system.forces(other) for other in problem.system.contacts if other != name])
         at_rest = problem.space.add(problem.factor.solve(forces))
-        yield name, RankedBasis(np.hstack([at_rest, padded(found.coordinates, len(at_rest))]))
+        yield name, RankedBasis(np.hstack([at_rest, pad_rows(found.coordinates, len(at_rest))]))
 
 
 def push_and_release(
@@ -178,7 +180,7 @@ def push_and_release(
     """
     errors: dict[int, dict[str, tuple[float, ...]]] = {order: {} for order in orders}
     for name, push in PUSHES.items():
-        load = Load(contact=name, actuator=None, start=0.0, stop=0.5, force=push, table=None)
+        load = AppliedLoad(contact=name, actuator=None, start=0.0, stop=0.5, signal=Signal(np.array(push, dtype=float)))
         asked = with_run(scene, dt=1e-3, duration=1.5, snapshots=300, loads=(load,))
         full = fr.simulate(replace(system, scene=asked))
         for order in orders:

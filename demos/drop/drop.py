@@ -38,6 +38,7 @@ import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning
 from fenics_rom.io.markdown import markdown
 from fenics_rom.mechanics.linearity import SurfaceGauges, measure_peaks
+from fenics_rom.scene.effects import Friction
 
 HERE = Path(__file__).parent
 OUT = HERE / "out"
@@ -108,14 +109,15 @@ def main() -> None:
 
 def variant(scene: fr.Scene, changes: dict[str, float | None]) -> fr.Scene:
     """The scene but for a line or two."""
-    effects = dict(scene.effects)
+    effects = scene.effects
     for name, value in changes.items():
         if value is None:
-            del effects[name]
+            effects = replace(effects, **{name: None})
         elif name == "restitution":
-            effects["contact"] = {**effects["contact"], "restitution": value}
+            assert effects.contact is not None
+            effects = replace(effects, contact=replace(effects.contact, restitution=value))
         else:
-            effects["friction"] = {"coefficient": value}
+            effects = replace(effects, friction=Friction(value))
     return replace(scene, effects=effects)
 
 
@@ -180,8 +182,8 @@ def centre(run: fr.Trajectory) -> Array:
 
 def drop(scene: fr.Scene) -> tuple[float, float, float]:
     """The gap, m; gravity against the ground and along it, m/s²."""
-    x, _, z = scene.effects["gravity"]["acceleration"]
-    return -scene.effects["contact"]["obstacles"]["ground"]["point"][2], -z, x
+    x, _, z = scene.effects.gravity.acceleration
+    return -scene.effects.contact.obstacles["ground"].point[2], -z, x
 
 
 def landing(scene: fr.Scene) -> float:
@@ -375,7 +377,7 @@ def check(falls: dict[str, Fall], errors: dict[int, float]) -> None:
     slid = max(
         np.abs(centre(run) - parabola)[:, 0].max()
         for f in falls.values()
-        if "friction" not in f.scene.effects
+        if f.scene.effects.friction is None
         for run in (f.full, f.run)
     )
     sideways = max(np.abs(centre(run)[:, 1]).max() for run in runs)

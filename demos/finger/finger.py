@@ -46,6 +46,7 @@ from touching import (
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning
+from fenics_rom.mechanics.obstacles import Box, Capsule
 from fenics_rom.scene.scene import Scene
 
 HERE = Path(__file__).parent
@@ -168,16 +169,15 @@ def draw_finger(axes: Any, run: fr.Trajectory, scene: Scene, row: int) -> None:
 def draw_objects(axes: Any, scene: Scene, time: float) -> None:
     """The objects from the side, where they are at a time, s."""
     style: dict[str, Any] = {"edgecolor": OUTLINE, "linewidth": 0.8}
-    for name, one in scene.effects["contact"]["obstacles"].items():
-        moved = (
-            [np.interp(time, *scene.tables[one["table"]][:, [0, k]].T) for k in (1, 3)] if "table" in one else (0, 0)
-        )
-        centre = np.array(one.get("center") or one["start"])[[0, 2]] + moved
-        if "radius" in one:
-            axes.add_patch(Circle((centre[0], centre[1]), one["radius"], facecolor=COLOURS[name], **style))
+    for name, moving in scene.environment.obstacles.items():
+        obstacle: Any = moving.shape
+        middle = obstacle.start if isinstance(obstacle, Capsule) else obstacle.center
+        centre = (np.array(middle) + moving.displacement(time))[[0, 2]]
+        if not isinstance(obstacle, Box):
+            axes.add_patch(Circle((centre[0], centre[1]), obstacle.radius, facecolor=COLOURS[name], **style))
         else:
-            x, z = np.array(one["size"])[[0, 2]] / 2
-            c, s = np.cos(one["rotation"][1]), np.sin(one["rotation"][1])
+            x, z = np.array(obstacle.size)[[0, 2]] / 2
+            c, s = np.cos(obstacle.rotation[1]), np.sin(obstacle.rotation[1])
             corners = np.array([(-x, -z), (x, -z), (x, z), (-x, z)]) @ [[c, -s], [s, c]] + centre
             axes.add_patch(Polygon(corners, facecolor=COLOURS[name], **style))
 

@@ -27,6 +27,7 @@ import numpy as np
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning
 from fenics_rom.io.markdown import markdown
+from fenics_rom.scene.effects import Damping
 
 HERE = Path(__file__).parent
 OUT = HERE / "out"
@@ -87,7 +88,7 @@ def camera() -> None:
         materials={
             "material": replace(guess.materials["material"], **{k: TRUTH[k] for k in ("young", "poisson", "density")})
         },
-        effects={**guess.effects, "damping": {k: TRUTH[k] for k in ("alpha", "beta")}},
+        effects=replace(guess.effects, damping=Damping(TRUTH["alpha"], TRUTH["beta"])),
         run=replace(guess.run, dt=guess.run.dt / 2),
     )
     system = fr.assemble(truth)

@@ -46,7 +46,7 @@ inertia = by_half(1100.0, 1000.0) * inner(u, v)
 elasticity = inner(stress, sym(grad(v)))
 
 push = [v[k] / WIDTH**2 * at_tip for k in range(3)]  # a force of 1 N spread over the tip; also the tip's displacement
-system = fr.System.from_forms(
+system = fr.assemble_forms(
     mass=inertia * dx,
     damping=by_half(2.0, 1.0) * inertia * dx + by_half(1e-4, 2e-3) * elasticity * dx + 50.0 * inner(u, v) * at_tip,
     stiffness=elasticity * dx,

@@ -14,7 +14,7 @@ from fenics_rom.cli import compare, export, identify, info, petsc_options, plot,
 from fenics_rom.cli.display import rich_package
 from fenics_rom.errors import FenicsRomError, FenicsRomWarning
 from fenics_rom.io.mpi_ranks import is_root_process, launched_rank
-from fenics_rom.system.system import is_petsc
+from fenics_rom.system.backends import belongs_to
 
 COMMANDS = {
     "reduce": reduce,
@@ -57,7 +57,7 @@ def main(arguments: list[str] | None = None) -> NoReturn:
         _drop_output()
         _give_up(str(error))
     except Exception as error:
-        if is_petsc(error):  # most likely of an option with a value that there is not
+        if belongs_to(error, "petsc4py"):  # most likely of an option with a value that there is not
             _give_up(f"PETSc: {error}")
         traceback.print_exc()
         _end(1)

@@ -39,8 +39,9 @@ from fenics_rom.fem.rigid_modes import rigid_motions
 from fenics_rom.fem.springs import dashpots_of, springs_of, with_surfaces
 from fenics_rom.io.stages import Stages
 from fenics_rom.scene.scene import Scene
+from fenics_rom.system.body import Body
 from fenics_rom.system.rigid_modes import mass_orthonormal, without_energy
-from fenics_rom.system.system import Body, System
+from fenics_rom.system.system import System
 
 
 def assemble(scene: Scene, comm: Any = None) -> System:

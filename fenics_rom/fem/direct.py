@@ -8,7 +8,7 @@ from fenics_rom.fem.memory import needed_and_free_bytes
 from fenics_rom.fem.options import FACTOR_PREFIX, default_options
 from fenics_rom.fem.petsc_ctypes import cholesky_numeric, cholesky_symbolic, set_factor_prefix
 from fenics_rom.fem.petsc_matrix import CHUNK, DenseBlock, PetscMatrix, column_chunks
-from fenics_rom.system.system import by_parts
+from fenics_rom.system.complex_columns import apply_to_complex
 
 # L Lᵀ, which fails for an indefinite matrix; the simplicial L D Lᵀ that CHOLMOD prefers for small ones does not.
 CHOLMOD_OPTIONS = {"mat_cholmod_factor": "SUPERNODAL", "mat_cholmod_print": "0"}
@@ -114,7 +114,7 @@ class PetscFactor:
     def solve(self, block: np.ndarray) -> np.ndarray:
         """Solution for local rows (rows here, k), real or complex."""
         if np.iscomplexobj(block):
-            return by_parts(self.solve, block)
+            return apply_to_complex(self.solve, block)
         if block.shape[1] == 1:
             return self._matrix.apply_to_column(self.apply, block)
         result = np.empty(block.shape)

@@ -20,8 +20,10 @@ from fenics_rom.fem.petsc_algebra import PetscAlgebra, require_real
 from fenics_rom.fem.petsc_matrix import PetscMatrix
 from fenics_rom.fem.rigid_modes import rigid_motions
 from fenics_rom.fem.user_matrices import refuse_together
+from fenics_rom.system.body import Body
+from fenics_rom.system.rayleigh_damping import check_damping_choice
 from fenics_rom.system.rigid_modes import mass_orthonormal, without_energy
-from fenics_rom.system.system import Body, System, check_damping_choice
+from fenics_rom.system.system import System
 
 ARITY = {1: "a linear form: one test function", 2: "a bilinear form: a trial and a test function"}
 UNCONSTRAINED = np.finfo(float).max  # stands where no Dirichlet condition has put its value
@@ -58,25 +60,44 @@ class FreeRows:
         return rows
 
 
-def system_of_forms(
+def assemble_forms(
     *,
     mass: Any,
     stiffness: Any,
     contacts: Mapping[str, Any],
-    damping: Any,
-    rayleigh: tuple[float, float] | None,
-    actuators: Mapping[str, Any],
-    outputs: Mapping[str, Any],
-    bcs: Sequence[Any],
+    damping: Any = None,
+    rayleigh: tuple[float, float] | None = None,
+    actuators: Mapping[str, Any] | None = None,
+    outputs: Mapping[str, Any] | None = None,
+    bcs: Sequence[Any] = (),
 ) -> System:
-    """As `System.from_forms`, which says what the arguments are and what is raised."""
+    """The system of variational forms in dolfinx, on any function space; every rank of the mesh must call it.
+
+    Displacements in 3D (Lagrange of degree 1 or 2 on straight tetrahedra) get nodes and a surface, so that they
+    can be drawn, and rows that do not depend on the number of ranks. Any other space (2D, scalar, mixed) is a
+    model without a mesh, with its rows in dolfinx's order.
+
+    Args:
+        mass, stiffness: bilinear UFL forms of one space, symmetric and positive definite under the `bcs`; stiffness
+            but for the rigid motions of displacements in 3D, which are found.
+        contacts: linear UFL forms of each contact mode, one per input: the work of a unit input on a test function.
+        damping: bilinear UFL form, symmetric and positive semi-definite.
+        rayleigh: instead of `damping`: (α, β) of D = α M + β K, 1/s and s.
+        actuators: linear UFL forms of each actuator, which every contact mode has after its own.
+        outputs: linear UFL forms of each output, functionals of the displacement; where there are nodes, three
+            for each point.
+        bcs: Dirichlet conditions of value zero; their degrees of freedom are eliminated.
+
+    Raises:
+        StructureError: forms that do not fit together or lack structure, or a boundary value other than zero.
+    """
     require_real(PETSc.ScalarType)
     check_damping_choice(damping, rayleigh)
     space = _space(mass)
     bilinear = {"mass": mass, "stiffness": stiffness} | ({} if damping is None else {"damping": damping})
     linear = {
         kind: {name: _as_list(forms, f"{kind}[{name!r}]") for name, forms in given.items()}
-        for kind, given in {"contacts": contacts, "actuators": actuators, "outputs": outputs}.items()
+        for kind, given in {"contacts": contacts, "actuators": actuators or {}, "outputs": outputs or {}}.items()
     }
     for name, form in bilinear.items():
         _check_form(name, form, 2, space)
@@ -99,17 +120,8 @@ def system_of_forms(
     reduced = {name: rows.take_matrix(matrix) for name, matrix in matrices.items()}
     if rows.local_nodes is not None:
         set_rigid_modes(reduced["stiffness"], rows.local_nodes)
-    system = System(
-        mass=reduced["mass"],
-        damping=reduced.get("damping"),
-        stiffness=reduced["stiffness"],
-        contacts=columns["contacts"],
-        actuators=columns["actuators"],
-        outputs=columns["outputs"],
-        rayleigh=rayleigh,
-        rigid=_rigid(rows, reduced),
-        body=rows.body,
-    )
+    parts: dict[str, Any] = {**reduced, **columns, "rigid": _rigid(rows, reduced), "body": rows.body}
+    system = System(**parts, rayleigh=rayleigh)
     for matrix in reduced.values():  # the system has copies, and PETSc forgets nothing by itself
         matrix.destroy()
     return system

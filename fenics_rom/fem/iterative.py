@@ -6,7 +6,7 @@ from petsc4py import PETSc
 from fenics_rom.errors import SolverError
 from fenics_rom.fem.options import FACTOR_PREFIX, default_options
 from fenics_rom.fem.petsc_matrix import PetscMatrix
-from fenics_rom.system.system import by_parts
+from fenics_rom.system.complex_columns import apply_to_complex
 
 RESIDUAL_TOLERANCE = 1e-14  # preconditioned, relative: solutions are then as good as a factor's
 MAX_ITERATIONS = 5000
@@ -58,7 +58,7 @@ class IterativeFactor:
             SolverError: the iterations did not converge.
         """
         if np.iscomplexobj(block):
-            return by_parts(self.solve, block)
+            return apply_to_complex(self.solve, block)
         result = np.empty(block.shape)
         for k in range(block.shape[1]):
             result[:, k : k + 1] = self._matrix.apply_to_column(self.apply, block[:, k : k + 1])

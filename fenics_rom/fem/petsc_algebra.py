@@ -1,9 +1,12 @@
 """What the ranks do together with PETSc matrices: sums, solves and eigenpairs."""
 
+from collections.abc import Callable
 from contextlib import closing
 from typing import Any
 
 import numpy as np
+import scipy.linalg
+from numpy.typing import ArrayLike
 from petsc4py import PETSc
 
 from fenics_rom.errors import SolverError
@@ -11,9 +14,8 @@ from fenics_rom.fem.direct import ComplexFactor, MemoryShortage, PetscFactor
 from fenics_rom.fem.eigenpairs import lowest_eigenpairs
 from fenics_rom.fem.iterative import METHOD_NAME, RESIDUAL_TOLERANCE, IterativeFactor
 from fenics_rom.fem.petsc_matrix import PetscMatrix, combination, fix_dofs
-from fenics_rom.system.system import NONE
+from fenics_rom.system.protocols import DENSE_SHARE, NO_DOFS, Value
 
-DENSE_SHARE = 3  # beyond a third of all eigenpairs, LAPACK on gathered matrices is the better eigensolver
 EIGEN_RESIDUAL = 1e-6  # largest accepted |K v - γ M v| / |K v|
 EIGEN_ROUND_OFF = 100 * float(np.finfo(float).eps)  # share of |K| |v|: of a thin body K v is round-off
 EIGEN_ORTHONORMALITY = 1e-9  # largest accepted |Vᵀ M V - I|
@@ -44,6 +46,10 @@ class PetscAlgebra:
         """Rows of this rank."""
         return self._rows
 
+    def row_offset(self, count: int) -> int:
+        """Number of rows on the ranks before this one, of a block with `count` rows here."""
+        return sum(self.comm.allgather(count)[: self.comm.rank])
+
     def inner(self, left: np.ndarray, right: np.ndarray) -> np.ndarray:
         """leftᵀ right over all ranks. Summed on rank 0 and sent, so that every rank decides on the same bits."""
         return self.comm.bcast(self.comm.reduce(left.T @ right, root=0), root=0)
@@ -52,8 +58,20 @@ class PetscAlgebra:
         """All rows of a block."""
         return np.concatenate(self.comm.allgather(np.ascontiguousarray(block)))
 
+    def broadcast(self, compute: Callable[[], Value]) -> Value:
+        """What rank 0 computes, or raises, on every rank."""
+        return run_on_rank_0(self.comm, compute)
+
+    def maximum(self, values: ArrayLike) -> np.ndarray:
+        """The largest of each entry over the ranks."""
+        return np.max(self.comm.allgather(values), axis=0)
+
+    def total(self, values: ArrayLike) -> np.ndarray:
+        """Sum of each entry over the ranks."""
+        return np.sum(self.comm.allgather(values), axis=0)
+
     def factor(
-        self, *terms: tuple[complex, Any], solver: str = "auto", fixed_dofs: np.ndarray = NONE
+        self, *terms: tuple[complex, Any], solver: str = "auto", fixed_dofs: np.ndarray = NO_DOFS
     ) -> PetscFactor | ComplexFactor | IterativeFactor:
         """Factorisation of a sum of coefficient times matrix, or what stands for it; every rank must call it.
 
@@ -108,18 +126,16 @@ class PetscAlgebra:
         elif factor is not None:
             γ, vectors = lowest_eigenpairs(mass, stiffness, factor, count)
         else:
-            with closing(self.factor((1.0, stiffness), solver="direct")) as own:
-                γ, vectors = lowest_eigenpairs(mass, stiffness, own, count)
+            with closing(self.factor((1.0, stiffness), solver="direct")) as made:
+                γ, vectors = lowest_eigenpairs(mass, stiffness, made, count)
         γ, vectors = γ[:count], vectors[:, :count]
         self._check_eigenpairs(mass, stiffness, γ, vectors)
         return γ, vectors
 
     def _all_eigenpairs(self, mass: PetscMatrix, stiffness: PetscMatrix) -> tuple[np.ndarray, np.ndarray]:
-        import scipy.linalg
-
         identity = np.eye(mass.size)[self._rows]
         dense_m, dense_k = self.gather(mass @ identity), self.gather(stiffness @ identity)
-        γ, vectors = self.comm.bcast(scipy.linalg.eigh(dense_k, dense_m) if self.comm.rank == 0 else None, root=0)
+        γ, vectors = self.broadcast(lambda: scipy.linalg.eigh(dense_k, dense_m))
         return γ, vectors[self._rows]
 
     def _check_eigenpairs(self, mass: PetscMatrix, stiffness: PetscMatrix, γ: np.ndarray, vectors: np.ndarray) -> None:
@@ -127,9 +143,9 @@ class PetscAlgebra:
         residual, products, lengths = (np.sqrt(np.diag(self.inner(x, x))) for x in (kv - γ * mv, kv, vectors))
         round_off = EIGEN_ROUND_OFF * stiffness.mat.norm(PETSc.NormType.INFINITY) * lengths
         norms = np.where(residual <= round_off, 0.0, residual / products)
-        lack = np.abs(self.inner(vectors, mv) - np.eye(len(γ))).max()
-        if not (norms.max() <= EIGEN_RESIDUAL and lack <= EIGEN_ORTHONORMALITY):  # so that NaN is refused too
+        deviation = np.abs(self.inner(vectors, mv) - np.eye(len(γ))).max()
+        if not (norms.max() <= EIGEN_RESIDUAL and deviation <= EIGEN_ORTHONORMALITY):  # so that NaN is refused too
             raise SolverError(
                 f"eigenvectors are not good enough: |K v - γ M v| / |K v| = {norms.max():.1e} "
-                f"(allowed {EIGEN_RESIDUAL:g}), |Vᵀ M V - I| = {lack:.1e} (allowed {EIGEN_ORTHONORMALITY:g})"
+                f"(allowed {EIGEN_RESIDUAL:g}), |Vᵀ M V - I| = {deviation:.1e} (allowed {EIGEN_ORTHONORMALITY:g})"
             )

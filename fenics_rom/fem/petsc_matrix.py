@@ -7,7 +7,7 @@ import numpy as np
 from petsc4py import PETSc
 
 from fenics_rom.errors import SolverError
-from fenics_rom.system.system import by_parts
+from fenics_rom.system.complex_columns import apply_to_complex
 
 CHUNK = 128  # columns that PETSc gets at a time: as fast as all of them, and their copies stay small
 
@@ -24,7 +24,7 @@ class PetscMatrix:
     def __matmul__(self, block: np.ndarray) -> np.ndarray:
         """Product with local rows (rows here, k)."""
         if np.iscomplexobj(block):
-            return by_parts(self.__matmul__, block)
+            return apply_to_complex(self.__matmul__, block)
         if block.shape[1] == 1:
             return self.apply_to_column(self.mat.mult, block)
         result = np.empty(block.shape)

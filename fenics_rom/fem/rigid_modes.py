@@ -60,4 +60,4 @@ def _null_space(rows: np.ndarray) -> np.ndarray:
     """Orthonormal combinations (6, any) that vanish in all rows (any, 6)."""
     if not len(rows):
         return np.eye(6)
-    return scipy.linalg.null_space(np.linalg.qr(rows, mode="r"), rcond=FIXED_TOLERANCE)
+    return np.asarray(scipy.linalg.null_space(np.linalg.qr(rows, mode="r"), rcond=FIXED_TOLERANCE))

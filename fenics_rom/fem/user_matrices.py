@@ -17,14 +17,16 @@ from fenics_rom.fem.direct import MemoryShortage, PetscFactor
 from fenics_rom.fem.petsc_algebra import PetscAlgebra, require_real
 from fenics_rom.fem.petsc_matrix import PetscMatrix, ZeroMatrix, combination, fix_dofs
 from fenics_rom.fem.ranks import run_on_rank_0
-from fenics_rom.system.rigid_modes import fixed_dofs, hint, is_singular
-from fenics_rom.system.system import COLUMNS, MATRICES, System, rayleigh_of, rigid_columns, unmeshed
+from fenics_rom.system.body import body_without_mesh
+from fenics_rom.system.rayleigh_damping import fitted_rayleigh
+from fenics_rom.system.rigid_modes import checked_rigid_columns, choose_fixed_dofs, is_singular, null_space_hint
+from fenics_rom.system.system import System
+from fenics_rom.system.user_matrices import COLUMNS, MATRICES, SYMMETRY_TOLERANCE
 
-SYMMETRY_TOLERANCE = 1e-10  # largest accepted |A - Aᵀ| as a share of |A|, Frobenius norms
 DIFFERENT_PATTERN = PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN
 
 
-def checked_parts(given: Mapping[str, Any]) -> dict[str, Any]:
+def checked_fields(given: Mapping[str, Any]) -> dict[str, Any]:
     """Fields of a system; the matrices that were given stay as they are.
 
     Args:
@@ -50,19 +52,19 @@ def checked_parts(given: Mapping[str, Any]) -> dict[str, Any]:
     M, K = PetscMatrix(mats["mass"]), PetscMatrix(mats["stiffness"])
     algebra, rayleigh = PetscAlgebra(comm, mass.getOwnershipRange()), given["rayleigh"]
     R = np.empty((M.local, 0)) if given["rigid"] is None else _checked_block(comm, given["rigid"], "rigid", M.local)
-    R = rigid_columns(M, K, R, algebra)
+    R = checked_rigid_columns(M, K, R, algebra)
     warnings.append(_check_definite_stiffness(K, R, algebra))
     D: PetscMatrix | ZeroMatrix
     if rayleigh is None:
         D = PetscMatrix(mats["damping"])
-        rayleigh = rayleigh_of(M, D, K, algebra, M.size)
+        rayleigh = fitted_rayleigh(M, D, K, algebra)
         if rayleigh is None or min(rayleigh) < 0:  # else it is semi-definite because M and K are
             warnings.append(_check_definite("damping", _shift_by_round_off(D.mat, M.mat)))
     else:
         α, β = rayleigh
         D = PetscMatrix(combination((α, M), (β, K))) if α or β else ZeroMatrix()
     return {
-        **{"mass": M, "damping": D, "stiffness": K, "algebra": algebra, "body": unmeshed(M.size)},
+        **{"mass": M, "damping": D, "stiffness": K, "algebra": algebra, "body": body_without_mesh(M.size)},
         **{kind: _checked_columns(comm, given[kind], kind, M.local) for kind in COLUMNS},
         **{"rayleigh": rayleigh, "rigid": R, "warnings": (*given["warnings"], *filter(None, warnings))},
     }
@@ -187,16 +189,16 @@ def _check_definite(name: str, matrix: PETSc.Mat) -> str:
 
 def _check_definite_stiffness(K: PetscMatrix, R: np.ndarray, algebra: PetscAlgebra) -> str:
     """The same of K beside its rigid motions, where pivots alone would not do: round-off makes zeros positive."""
-    fixed = fixed_dofs(R, algebra)
+    fixed = choose_fixed_dofs(R, algebra)
     try:
         with closing(PetscFactor(fix_dofs(K.mat.copy(), fixed))) as factor:
             singular = is_singular(K, factor, algebra, fixed)
     except MemoryShortage as error:
         return f"stiffness: nobody has seen whether it is positive definite: {error.shortage}"
     except SolverError as error:
-        raise StructureError(f"stiffness is not positive definite: {error}{hint(R)}") from error
+        raise StructureError(f"stiffness is not positive definite: {error}{null_space_hint(R)}") from error
     if singular:
-        raise StructureError(f"stiffness is not positive definite, but singular to round-off{hint(R)}")
+        raise StructureError(f"stiffness is not positive definite, but singular to round-off{null_space_hint(R)}")
     return ""
 
 

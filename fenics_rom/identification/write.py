@@ -27,7 +27,6 @@ def write_identification(folder: str | Path, result: Identification) -> None:
     Raises:
         FileError: the folder cannot be made or written to.
         MissingPackageError: there is no Matplotlib.
-        SceneError: the scene's text does not hold a value in a way that can be changed.
 
     Example:
         >>> fr.write_identification("found", fr.identify(scene, ["markers.csv"], parameters=["young"]))

@@ -78,24 +78,26 @@ class Environment:
     """What acts on a body.
 
     Attributes:
-        effects: names of all effects that act, with their parameters in words; none of a model of matrices.
+        effects: names of all effects that act, with their parameters in words.
+        has_inertia: whether the body has inertia; without it every step is an equilibrium.
         loads: that act by signals of their own: gravity, base motions, prescribed forces; in the order of the columns.
         obstacles: by name.
         contact_law: how the body meets them; None where the scene names no contact.
         contact_switching: "automatic" (the contact mode follows the obstacles) or "scene" (the load history says).
         built_in: what a model made for this cannot do differently, by its place in the scene, as JSON.
         run: the load history; None where there is none.
-        source: for messages.
+        source: of the scene, for messages; empty of a model of matrices, which no scene stands behind.
     """
 
     effects: Mapping[str, str] = field(default_factory=dict)
+    has_inertia: bool = True
     loads: Mapping[str, Load] = field(default_factory=dict)
     obstacles: Mapping[str, MovingObstacle] = field(default_factory=dict)
     contact_law: ContactLaw | None = None
     contact_switching: str = "automatic"
     built_in: Mapping[str, str] = field(default_factory=dict)
     run: Run | None = None
-    source: str = "scene"
+    source: str = ""
 
     @property
     def environment(self) -> "Environment":
@@ -103,9 +105,9 @@ class Environment:
         return self
 
     @property
-    def has_inertia(self) -> bool:
-        """Whether the body has inertia; without it every step is an equilibrium."""
-        return not self.effects or "inertia" in self.effects
+    def is_of_scene(self) -> bool:
+        """Whether a scene says what acts; of matrices nothing is known."""
+        return bool(self.source)
 
     @property
     def is_plain(self) -> bool:
@@ -129,7 +131,7 @@ class Environment:
         return units | dict.fromkeys(self.details("effects.base_motion"), "m/s2")
 
     def __repr__(self) -> str:
-        lines = [f"Environment of {self.source}: {', '.join(self.effects) or 'inputs alone'}"]
+        lines = [f"Environment of {self.source or 'matrices'}: {', '.join(self.effects) or 'inputs alone'}"]
         acting = [
             f"{kind} {', '.join(names)}"
             for kind, names in (("loads", self.loads), ("obstacles", self.obstacles))

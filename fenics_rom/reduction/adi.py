@@ -17,21 +17,22 @@ import numpy as np
 import scipy.linalg
 
 from fenics_rom.errors import SolverError
-from fenics_rom.reduction.common_basis import orthonormal_rest
-from fenics_rom.reduction.gramians import UNDAMPED
-from fenics_rom.system.system import Array, Factor, System
+from fenics_rom.reduction.common_basis import orthonormalize_against
+from fenics_rom.reduction.gramians import NO_DAMPING
+from fenics_rom.system.protocols import Array, Factor
+from fenics_rom.system.system import System
 
-START = 8  # vectors that the first shifts are found in
-SWEEP = 8  # shifts between two looks at the Gramian
-MOST_SHIFTS = 600  # each costs a factorisation
-DEPENDENT = 1e-13  # share of the largest column of B that counts as none
+INITIAL_VECTORS = 8  # of the space whose Ritz values are the first shifts
+SHIFTS_PER_SWEEP = 8  # between two evaluations of the Gramian
+MAX_SHIFTS = 600  # each costs a factorisation
+DEPENDENCE_TOLERANCE = 1e-13  # share of the largest column of B that counts as none
 # Share of the largest singular value of Z that is dropped. What is dropped is orthogonal to what stays, so it changes
 # σ² by its square only: σ of 1e-8 of the largest is known to 1e-9.
-TRUNCATION = 1e-13
+TRUNCATION_TOLERANCE = 1e-13
 
 
 @dataclass(frozen=True)
-class Span:
+class ModalSubspace:
     """A subspace in the M-orthonormal basis that diagonalizes K.
 
     Attributes:
@@ -50,18 +51,18 @@ class LowRankGramian:
     """The position block Wc ≈ (X Z) (X Z)ᵀ, as far as it is known.
 
     Attributes:
-        space: X, which holds the columns of the factor and those of its krylov_augmentation.
+        space: X, which holds the columns of the factor and those of its augmentation.
         factor: Z (k, c) in the coordinates of that space, c <= k.
         shifts: number of factorisations that it took; a complex pair counts once.
-        rest: length of the largest motion that the residual still adds to the factor, as a share of |Z|; of a σ it
+        remaining: length of the largest motion that the residual still adds to the factor, as a share of |Z|; of a σ it
             changes about half the square of what it is as a share of that σ.
         residual: root of the static energy of what is left (`Residual.energy`), as a share of that of the start.
     """
 
-    space: Span
+    space: ModalSubspace
     factor: Array
     shifts: int
-    rest: float
+    remaining: float
     residual: float
 
 
@@ -93,14 +94,14 @@ class Residual:
 
 
 def low_rank_gramians(
-    system: System, factor: Factor, B: Array, krylov_augmentation: Array | None = None
+    system: System, factor: Factor, B: Array, augmentation: Array | None = None
 ) -> Iterator[LowRankGramian]:
     """Controllability Gramians of growing rank, one after each sweep of shifts; it is for the caller to stop.
 
-    The residual says little about which σ are settled: watch σ, from the factor and `observed` or an observability
-    Gramian projected on the space. With light damping one sweep may leave σ as they are and the next not, so look at
-    two, or at `rest`. The iteration ends by itself after `MOST_SHIFTS` only, so whoever reaches its end has a Gramian
-    that has not settled.
+    The residual says little about which σ have converged: watch σ, from the factor and `projected_observability` or an
+    observability Gramian projected on the space. With light damping one sweep may leave σ as they are and the next
+    not, so look at two, or at `remaining`. The iteration ends by itself after `MAX_SHIFTS` only, so whoever reaches its
+    end has a Gramian that has not converged.
 
     A projected observability Gramian is only as good as the space holds the motions after a release, and local
     dashpots and outputs turn those into others. Their columns may augment B: the space then serves them as if
@@ -110,36 +111,37 @@ def low_rank_gramians(
         system: the full-order model.
         factor: of K.
         B: (rows here, p) input matrix; dependent columns cost nothing.
-        krylov_augmentation: (rows here, any).
+        augmentation: (rows here, any) those columns.
 
     Raises:
         SolverError: there is no damping, so that the Gramian does not exist.
     """
-    force, compliance = _independent(system, factor, B)
+    force, compliance = _with_compliance(system, factor, B)
     inputs = force.shape[1]
-    if krylov_augmentation is not None and krylov_augmentation.shape[1]:
-        others, other = _independent(system, factor, krylov_augmentation)
-        force = np.hstack([force, np.sqrt(compliance / other) * others])  # alike in size, for one truncation
+    if augmentation is not None and augmentation.shape[1]:
+        augmenting, their_compliance = _with_compliance(system, factor, augmentation)
+        force = np.hstack([force, np.sqrt(compliance / their_compliance) * augmenting])  # alike in size: one truncation
     residual = Residual(0 * force, force)
-    start, done = residual.energy(system, factor), 0
+    initial_energy, shift_count = residual.energy(system, factor), 0
     space = _first_space(system, factor, force)
     λ, contributions = _contributions(system, space, residual)
     basis, parts = force[:, :0], [np.empty((0, 0)), np.empty((0, 0))]
-    while done < MOST_SHIFTS:
+    while shift_count < MAX_SHIFTS:
         blocks = []
-        for μ in shifts(λ, contributions):
-            block, residual = step(system, residual, μ)
+        for μ in select_shifts(λ, contributions):
+            block, residual = apply_shift(system, residual, μ)
             blocks.append(block)
         columns = np.hstack(blocks)
-        own = np.arange(columns.shape[1]) % force.shape[1] < inputs
-        space, parts = _compressed(system, basis, parts, [columns[:, own], columns[:, ~own]])
-        basis, done = space.basis, done + len(blocks)
+        of_inputs = np.arange(columns.shape[1]) % force.shape[1] < inputs
+        space, parts = _compressed(system, basis, parts, [columns[:, of_inputs], columns[:, ~of_inputs]])
+        basis, shift_count = space.basis, shift_count + len(blocks)
         λ, contributions = _contributions(system, space, residual)
-        rest = float(contributions.max() / np.linalg.norm(parts[0], 2))
-        yield LowRankGramian(space, parts[0], done, rest, float(np.sqrt(residual.energy(system, factor) / start)))
+        remaining = float(contributions.max() / np.linalg.norm(parts[0], 2))
+        relative_residual = float(np.sqrt(residual.energy(system, factor) / initial_energy))
+        yield LowRankGramian(space, parts[0], shift_count, remaining, relative_residual)
 
 
-def step(system: System, residual: Residual, μ: complex) -> tuple[Array, Residual]:
+def apply_shift(system: System, residual: Residual, μ: complex) -> tuple[Array, Residual]:
     """One shift, or a complex one and its conjugate together: new columns of Z, and what is left.
 
     V = (A + μE)⁻¹ W has the positions x = (μ²M - μD + K)⁻¹ (μ M w - D w - f) and the velocities w - μ x. With
@@ -167,11 +169,11 @@ def step(system: System, residual: Residual, μ: complex) -> tuple[Array, Residu
         v = v.real + δ * v.imag
     else:
         weight, columns = -2 * μ.real, [x]
-    left = Residual(w + weight * columns[0], f + weight * (system.mass @ v))
-    return np.sqrt(weight) * np.hstack(columns), left
+    remaining = Residual(w + weight * columns[0], f + weight * (system.mass @ v))
+    return np.sqrt(weight) * np.hstack(columns), remaining
 
 
-def shifts(λ: Array, contributions: Array) -> list[complex]:
+def select_shifts(λ: Array, contributions: Array) -> list[complex]:
     """Shifts for a sweep: the eigenvalue that contributes most, and so on with what that shift leaves of the others.
 
     Of each λ it leaves |λ - μ̄| / |λ + μ|, and if μ is complex, of that |λ - μ| / |λ + μ̄| for its conjugate.
@@ -180,17 +182,17 @@ def shifts(λ: Array, contributions: Array) -> list[complex]:
         λ: (l,) eigenvalues of a projected system, 1/s.
         contributions: (l,) to the factor, as long as there is no shift.
     """
-    taken: list[complex] = []
-    while len(taken) < min(SWEEP, len(λ)):
+    selected: list[complex] = []
+    while len(selected) < min(SHIFTS_PER_SWEEP, len(λ)):
         μ = complex(λ[np.argmax(contributions)])
-        taken.append(μ)
+        selected.append(μ)
         contributions = contributions * np.abs((λ - np.conj(μ)) / (λ + μ))
         if μ.imag:
             contributions = contributions * np.abs((λ - μ) / (λ + np.conj(μ)))
-    return taken
+    return selected
 
 
-def _contributions(system: System, space: Span, residual: Residual) -> tuple[Array, Array]:
+def _contributions(system: System, space: ModalSubspace, residual: Residual) -> tuple[Array, Array]:
     """Eigenvalues λ of the projected system in the upper left quarter, and what each still adds to Z, (l,) both.
 
     That is a motion of length |x| |c| / √(-2 Re λ), with x the position of its eigenvector and c the coordinates of W
@@ -211,23 +213,23 @@ def _contributions(system: System, space: Span, residual: Residual) -> tuple[Arr
     state = np.vstack([ω[:, None] * inner(X, system.mass @ residual.motion), inner(X, residual.force)])
     # critically damped motions have one eigenvector for two eigenvalues; rank-revealing QR stands that
     c = scipy.linalg.lstsq(E, state.astype(complex), lapack_driver="gelsy")[0]
-    there = (λ.imag >= 0) & (λ.real < -np.finfo(float).eps * np.abs(λ).max())
-    if not there.any():
-        raise SolverError(UNDAMPED)
+    damped = (λ.imag >= 0) & (λ.real < -np.finfo(float).eps * np.abs(λ).max())
+    if not damped.any():
+        raise SolverError(NO_DAMPING)
     lengths = np.linalg.norm(E[: len(ω)] / ω[:, None], axis=0) * np.linalg.norm(c, axis=1)
-    λ = λ[there]
-    return λ, lengths[there] / np.sqrt(-np.where(λ.imag > 0, 1, 2) * λ.real)
+    λ = λ[damped]
+    return λ, lengths[damped] / np.sqrt(-np.where(λ.imag > 0, 1, 2) * λ.real)
 
 
-def independent(system: System, B: Array) -> Array:
+def independent_columns(system: System, B: Array) -> Array:
     """B' with B'B'ᵀ = B Bᵀ and as few columns as can be, (rows here, rank)."""
     inner = system.algebra.inner
     rotated = B @ np.linalg.eigh(inner(B, B))[1]
     norms = np.sqrt(np.diag(inner(rotated, rotated)))  # of the columns: the roots of the eigenvalues would be too rough
-    return rotated[:, norms > DEPENDENT * norms.max()]
+    return rotated[:, norms > DEPENDENCE_TOLERANCE * norms.max()]
 
 
-def observed(system: System, factor: Factor, X: Array) -> Array:
+def projected_observability(system: System, factor: Factor, X: Array) -> Array:
     """Xᵀ Wo X for proportional damping and the mass-weighted shape, exactly: no Lyapunov equation, (k, k).
 
     Wo = β/2 M + α/2 M K⁻¹ M + ½ M D⁻¹ M for D = α M + β K.
@@ -241,63 +243,66 @@ def observed(system: System, factor: Factor, X: Array) -> Array:
     α, β = system.rayleigh
     MX = system.mass @ X
     with closing(system.algebra.factor((α, system.mass), (β, system.stiffness))) as damping:
-        seen = β * X + α * factor.solve(MX) + damping.solve(MX)
-    Wo = system.algebra.inner(MX, seen) / 2
+        doubled = β * X + α * factor.solve(MX) + damping.solve(MX)
+    Wo = system.algebra.inner(MX, doubled) / 2
     return (Wo + Wo.T) / 2
 
 
-def _independent(system: System, factor: Factor, B: Array) -> tuple[Array, float]:
-    """`independent` columns and their compliance tr BᵀK⁻¹B, m/N."""
-    columns = independent(system, B)
+def _with_compliance(system: System, factor: Factor, B: Array) -> tuple[Array, float]:
+    """Independent columns and their compliance tr BᵀK⁻¹B, m/N."""
+    columns = independent_columns(system, B)
     return columns, Residual(0 * columns, columns).energy(system, factor)
 
 
-def _first_space(system: System, factor: Factor, force: Array) -> Span:
-    """A block Krylov space of K⁻¹M from K⁻¹B, of `START` vectors or what there is."""
-    basis = new = orthonormal_rest(system, factor.solve(force), force[:, :0], force[:, :0])[0]
-    while basis.shape[1] < START and new.shape[1]:
-        new = orthonormal_rest(system, factor.solve(system.mass @ new), basis, system.mass @ basis)[0]
+def _first_space(system: System, factor: Factor, force: Array) -> ModalSubspace:
+    """A block Krylov space of K⁻¹M from K⁻¹B, of `INITIAL_VECTORS` or what there is."""
+    basis = new = orthonormalize_against(system, factor.solve(force), force[:, :0], force[:, :0])[0]
+    while basis.shape[1] < INITIAL_VECTORS and new.shape[1]:
+        new = orthonormalize_against(system, factor.solve(system.mass @ new), basis, system.mass @ basis)[0]
         basis = np.hstack([basis, new])
-    return _span(system, basis)
+    return _diagonalized(system, basis)
 
 
-def _span(system: System, basis: Array) -> Span:
-    """The span of an M-orthonormal basis."""
+def _diagonalized(system: System, basis: Array) -> ModalSubspace:
+    """The space of an M-orthonormal basis."""
     K = system.algebra.inner(basis, system.stiffness @ basis)
     γ, rotation = np.linalg.eigh((K + K.T) / 2)
     X = basis @ rotation
     if system.rayleigh is not None:
         α, β = system.rayleigh
-        return Span(X, γ, α + β * γ)
+        return ModalSubspace(X, γ, α + β * γ)
     D = system.algebra.inner(X, system.damping @ X)
-    return Span(X, γ, (D + D.T) / 2)
+    return ModalSubspace(X, γ, (D + D.T) / 2)
 
 
-def _compressed(system: System, basis: Array, parts: list[Array], columns: list[Array]) -> tuple[Span, list[Array]]:
-    """The span of all parts and their new columns without what is round-off, and the parts in its coordinates.
+def _compressed(
+    system: System, basis: Array, parts: list[Array], columns: list[Array]
+) -> tuple[ModalSubspace, list[Array]]:
+    """The space of all parts and their new columns without what is round-off, and the parts in its coordinates.
 
     Args:
         system: the full-order model.
         basis: (rows here, k) M-orthonormal.
-        parts: (k, any) each, in that basis: the factor, and its krylov_augmentation.
+        parts: (k, any) each, in that basis: the factor, and what augments it.
         columns: (rows here, any), what is new in each part.
     """
-    inner, rest = system.algebra.inner, np.hstack(columns)
+    inner, remainder = system.algebra.inner, np.hstack(columns)
     for _ in range(2):  # what is too small a share of a column to be a direction is too large to be lost
-        basis = np.hstack([basis, orthonormal_rest(system, rest, basis, system.mass @ basis)[0]])
-        rest = rest - basis @ inner(basis, system.mass @ rest)
-    added = [inner(basis, system.mass @ new) for new in columns]
+        basis = np.hstack([basis, orthonormalize_against(system, remainder, basis, system.mass @ basis)[0]])
+        remainder = remainder - basis @ inner(basis, system.mass @ remainder)
+    projected = [inner(basis, system.mass @ new) for new in columns]
     grown = [
-        np.hstack([np.pad(old, ((0, len(new) - len(old)), (0, 0))), new]) for old, new in zip(parts, added, strict=True)
+        np.hstack([np.pad(old, ((0, len(new) - len(old)), (0, 0))), new])
+        for old, new in zip(parts, projected, strict=True)
     ]
     U, s, _ = np.linalg.svd(np.hstack(grown), full_matrices=False)
-    kept = U[:, s > TRUNCATION * s[0]]
-    space = _span(system, basis @ kept)
-    turned = inner(space.basis, system.mass @ basis)
-    return space, [_shortened(turned @ part) for part in grown]
+    significant = U[:, s > TRUNCATION_TOLERANCE * s[0]]
+    space = _diagonalized(system, basis @ significant)
+    change_of_basis = inner(space.basis, system.mass @ basis)
+    return space, [_recompressed(change_of_basis @ part) for part in grown]
 
 
-def _shortened(Z: Array) -> Array:
+def _recompressed(Z: Array) -> Array:
     """Z' with Z'Z'ᵀ = Z Zᵀ and no more columns than rows."""
     U, s, _ = np.linalg.svd(Z, full_matrices=False)
     return U * s

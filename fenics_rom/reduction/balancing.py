@@ -7,12 +7,13 @@ import numpy as np
 from fenics_rom.errors import SolverError
 
 Array = np.ndarray
-FLOOR = 1e-12  # share of σ_1 below which σ is round-off
+ROUND_OFF = 1e-12  # share of σ_1 below which σ is noise
+DEPENDENCE_TOLERANCE = 1e-10  # share of a unit column that must be new for it to count as a direction
 
 
 @dataclass(frozen=True)
 class Balanced:
-    """A balanced realization, as far as it is numerically there.
+    """A balanced realization, as far as it stands above round-off.
 
     Attributes:
         singular_values: σ (r,), Hankel singular values of the position Gramians, descending.
@@ -39,15 +40,15 @@ def balance(Z: Array, Y: Array) -> Balanced:
     V, σ, Uᵀ = np.linalg.svd(Y.T @ Z, full_matrices=False)
     if not σ.any():
         raise SolverError("the Gramians vanish: inputs move the body by less than numbers can hold")
-    there = σ > FLOOR * σ[0]
-    V, σ, U = V[:, there], σ[there], Uᵀ[there].T
+    significant = σ > ROUND_OFF * σ[0]
+    V, σ, U = V[:, significant], σ[significant], Uᵀ[significant].T
     return Balanced(σ, Z @ U / np.sqrt(σ), V.T @ Y.T / np.sqrt(σ)[:, None])
 
 
 def balance_as_printed(Wc: Array, Wo: Array) -> Balanced:
     """Standard balanced truncation as paper (5) is printed: Wc = RᵀR, U Λ² Uᵀ = R Wo Rᵀ, every direction taken.
 
-    Squaring and the missing floor fill the trailing directions with round-off. What the oblique projections of such
+    Squaring, without a threshold, fills the trailing directions with round-off. What the oblique projections of such
     models do to the energy is the paper's Fig. 2; this is here to show it, and for nothing else.
 
     Args:
@@ -61,7 +62,7 @@ def balance_as_printed(Wc: Array, Wo: Array) -> Balanced:
     return Balanced(σ, Z @ U / np.sqrt(σ), (U.T @ Z.T @ Wo) / σ[:, None] ** 1.5)
 
 
-def order_of(σ: Array, order: int | None, tolerance: float) -> int:
+def choose_order(σ: Array, order: int | None, tolerance: float) -> int:
     """The order asked for, or the smallest whose neglected σ sum to at most `tolerance` of all."""
     if order is not None:
         return order
@@ -72,6 +73,6 @@ def order_of(σ: Array, order: int | None, tolerance: float) -> int:
 def orthonormal_span(T: Array, order: int) -> Array:
     """Orthonormal basis of the leading columns of T, as many as are numerically independent, (k, at most order)."""
     Q, R = np.linalg.qr(T[:, :order] / np.linalg.norm(T[:, :order], axis=0))
-    dependent = np.abs(np.diag(R)) < 1e-10
-    kept = int(dependent.argmax()) if dependent.any() else Q.shape[1]
-    return Q[:, :kept]
+    dependent = np.abs(np.diag(R)) < DEPENDENCE_TOLERANCE
+    rank = int(dependent.argmax()) if dependent.any() else Q.shape[1]
+    return Q[:, :rank]

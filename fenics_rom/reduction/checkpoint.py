@@ -17,9 +17,10 @@ from fenics_rom.io.hdf5 import Entry, Sizes, get_arrays, get_text, put_arrays, p
 from fenics_rom.io.mpi_ranks import is_rank_0
 from fenics_rom.reduction.problem import ReductionProblem
 from fenics_rom.reduction.projection import RetainedBasis
-from fenics_rom.system.system import Array
+from fenics_rom.system.probes import probe_columns
+from fenics_rom.system.protocols import Array
 
-SAME = 1e-9  # largest relative difference of what is the same system
+PROBE_TOLERANCE = 1e-9  # largest relative difference between probes of the same system
 PART_FILE = re.compile(r"(run-)?\d+\.h5|\.(run-)?\d+\.h5\..*\.part")
 PART = {
     "probe": Entry("1", ("probes",)),
@@ -48,9 +49,9 @@ class Checkpoint:
     def __init__(self, folder: str | Path | None, problem: ReductionProblem, method: str, resume: bool):
         self._folder = None if folder is None else Path(folder)
         self._resume = resume
-        self._written = 0  # files,
-        self._columns = 0  # of the shared space,
-        self._told = len(problem.messages)  # and messages in them or in every run
+        self._written_files = 0
+        self._written_columns = 0  # of the shared space
+        self._written_messages = len(problem.messages)  # with those that every run has
         if self._folder is None:
             return
         self._probe = _probe(problem)
@@ -71,39 +72,43 @@ class Checkpoint:
         Raises:
             FileError: they belong to another system or other choices, or are damaged.
         """
-        kept: dict[str, RetainedBasis] = {}
-        while self._folder is not None and self._resume and self._file(self._written).exists():
-            name, basis, eigenvectors, part, messages = read_file(self._file(self._written), "part", self._take)
+        retained: dict[str, RetainedBasis] = {}
+        while self._folder is not None and self._resume and self._file(self._written_files).exists():
+            name, basis, eigenvectors, part, messages = read_file(
+                self._file(self._written_files), "part", self._read_part
+            )
             problem.messages.extend(messages)
             problem.space.append(basis[problem.system.algebra.rows()])
             problem.space.eigenvectors = eigenvectors
-            kept[name] = part
-            self._written += 1
-        self._columns, self._told = problem.space.size, len(problem.messages)
-        return kept
+            retained[name] = part
+            self._written_files += 1
+        self._written_columns, self._written_messages = problem.space.size, len(problem.messages)
+        return retained
 
-    def keep(self, problem: ReductionProblem, name: str, kept: RetainedBasis) -> None:
+    def keep(self, problem: ReductionProblem, name: str, retained: RetainedBasis) -> None:
         """Writes a contact mode that is finished."""
         if self._folder is None:
             return
-        new = problem.system.algebra.gather(np.ascontiguousarray(problem.space.basis[:, self._columns :]))
+        new = problem.system.algebra.gather(np.ascontiguousarray(problem.space.basis[:, self._written_columns :]))
         arrays = {
             "probe": self._probe,
             "eigenvectors": np.array([problem.space.eigenvectors]),
             "basis": new,
-            "span": kept.span,
-            "directions": kept.directions,
-            "hankel_singular_values": kept.hankel_singular_values,
-            "left_inverse": kept.left_inverse,
+            "span": retained.span,
+            "directions": retained.directions,
+            "hankel_singular_values": retained.hankel_singular_values,
+            "left_inverse": retained.left_inverse,
         }
 
         def fill(h5: Any) -> None:
-            put_text(h5, name=name, choices=self._choices, messages="\n".join(problem.messages[self._told :]))
+            put_text(
+                h5, name=name, choices=self._choices, messages="\n".join(problem.messages[self._written_messages :])
+            )
             put_arrays(h5, PART, {}, arrays)
 
-        self._write(self._file(self._written), fill)
-        self._written += 1
-        self._columns, self._told = problem.space.size, len(problem.messages)
+        self._write(self._file(self._written_files), fill)
+        self._written_files += 1
+        self._written_columns, self._written_messages = problem.space.size, len(problem.messages)
 
     def restored_run(self, number: int, loads: str, rows: slice) -> Array | None:
         """The shapes (rows here, s) of a training run under such loads; None where it is not finished.
@@ -114,12 +119,12 @@ class Checkpoint:
         if self._folder is None or not self._resume or not self._run_file(number).exists():
             return None
 
-        def take(h5: Any) -> Array:
+        def read_shapes(h5: Any) -> Array:
             a: Any = get_arrays(h5, RUN, {})
             self._check_same(a["probe"], get_text(h5, "loads") == loads)
             return np.asarray(a["shapes"])
 
-        return read_file(self._run_file(number), "training run", take)[rows]
+        return read_file(self._run_file(number), "training run", read_shapes)[rows]
 
     def keep_run(self, number: int, loads: str, shapes: Array) -> None:
         """Writes a training run that is finished, with its shapes on all rows (n, s)."""
@@ -147,17 +152,17 @@ class Checkpoint:
         return self._folder / f"run-{number}.h5"
 
     def _check_same(self, probe: Array, same_choices: bool) -> None:
-        same = len(probe) == len(self._probe) and np.allclose(probe, self._probe, rtol=SAME, atol=0)
-        if not (same and same_choices):
+        same_length = len(probe) == len(self._probe)
+        if not (same_length and same_choices and np.allclose(probe, self._probe, rtol=PROBE_TOLERANCE, atol=0)):
             raise FileError("was made from another system or with other choices; start without resume")
 
-    def _take(self, h5: Any) -> tuple[str, Array, int, RetainedBasis, list[str]]:
+    def _read_part(self, h5: Any) -> tuple[str, Array, int, RetainedBasis, list[str]]:
         sizes: Sizes = {}
         a: Any = get_arrays(h5, PART, sizes)
         self._check_same(a["probe"], get_text(h5, "choices") == self._choices)
-        kept = RetainedBasis(a["span"], a["directions"], a["hankel_singular_values"], a["left_inverse"])
+        retained = RetainedBasis(a["span"], a["directions"], a["hankel_singular_values"], a["left_inverse"])
         messages = list(filter(None, get_text(h5, "messages").split("\n")))
-        return get_text(h5, "name"), a["basis"], int(a["eigenvectors"][0]), kept, messages
+        return get_text(h5, "name"), a["basis"], int(a["eigenvectors"][0]), retained, messages
 
 
 def remove_checkpoint(folder: Path) -> None:
@@ -174,7 +179,7 @@ def remove_checkpoint(folder: Path) -> None:
 def _probe(problem: ReductionProblem) -> Array:
     """Numbers that two systems share only when they are the same."""
     system = problem.system
-    z = np.random.default_rng(0).standard_normal((system.size, 1))[system.algebra.rows()]
+    z = probe_columns(system.algebra, 1)
     blocks = [system.forces(name) for name in problem.contacts] + list(system.outputs.values())
     forms = [system.algebra.inner(z, A @ z)[0, 0] for A in (system.mass, system.damping, system.stiffness)]
     return np.array(forms + [np.abs(system.algebra.inner(z, block)).sum() for block in blocks])

@@ -5,9 +5,11 @@ from dataclasses import dataclass
 import numpy as np
 import scipy.linalg
 
-from fenics_rom.system.system import Array, System
+from fenics_rom.system.protocols import Array
+from fenics_rom.system.system import System
 
-DEFLATION = 1e-10  # share of a unit column that must be new for it to count as a direction
+DEFLATION_TOLERANCE = 1e-10  # share of a unit column that must be new for it to count as a direction
+GRAM_SPREAD = 1e-8  # smallest eigenvalue of a Gram matrix, as a share of the largest, whose direction is accurate
 
 
 @dataclass(frozen=True)
@@ -41,12 +43,9 @@ class CommonBasis:
 
     def __init__(self, system: System):
         self._system = system
-        rows = system.algebra.rows()
-        self._rigid, self._rigid_momenta = (
-            system.rigid,
-            system.mass @ system.rigid if system.rigid.size else system.rigid,
-        )
-        self._transposed = np.empty((2, 0, rows.stop - rows.start))  # a column of X, M X is a row: cheap to append
+        self._rigid = system.rigid
+        self._mass_times_rigid = system.mass @ system.rigid if system.rigid.size else system.rigid
+        self._transposed = np.empty((2, 0, system.local_size))  # a column of X, M X is a row: cheap to append
         self._size = 0
         self.stiffness = np.empty((0, 0))
         self.damping = None if system.rayleigh is not None else np.empty((0, 0))
@@ -71,25 +70,23 @@ class CommonBasis:
         """Coordinates of columns, (k, columns); what they add to the basis is appended to it."""
         rigid, basis, mass_times_basis = self._rigid.shape[1], self.basis, self.mass_times_basis
         if rigid:  # what a small new direction magnifies must not be a motion that no method asked for
-            basis, mass_times_basis = (
-                np.hstack([self._rigid, basis]),
-                np.hstack([self._rigid_momenta, mass_times_basis]),
-            )
-        new, mass_times_basis, coordinates = orthonormal_rest(self._system, block, basis, mass_times_basis)
-        self._append(new, mass_times_basis)
+            basis = np.hstack([self._rigid, basis])
+            mass_times_basis = np.hstack([self._mass_times_rigid, mass_times_basis])
+        new, mass_times_new, coordinates = orthonormalize_against(self._system, block, basis, mass_times_basis)
+        self._append(new, mass_times_new)
         return coordinates[rigid:]
 
     def append(self, new: Array) -> None:
-        """Further M-orthonormal columns, orthogonal to those there."""
+        """Further M-orthonormal columns, orthogonal to the basis."""
         self._append(new, self._system.mass @ new)
 
-    def _append(self, new: Array, mass_times_basis: Array) -> None:
+    def _append(self, new: Array, mass_times_new: Array) -> None:
         k = self._size + new.shape[1]
         if k > self._transposed.shape[1]:
             grown = np.empty((2, k + k // 4, self._transposed.shape[2]))
             grown[:, : self._size] = self._transposed[:, : self._size]
             self._transposed = grown
-        self._transposed[:, self._size : k] = new.T, mass_times_basis.T
+        self._transposed[:, self._size : k] = new.T, mass_times_new.T
         self._size = k
         self.stiffness = self._extended(self.stiffness, self._system.stiffness @ new)
         if self.damping is not None:
@@ -113,7 +110,7 @@ class CommonBasis:
             span: coordinates.
             units: how many of its first columns are the first unit vectors, whose products cost nothing.
         """
-        S = padded(span, self._size)
+        S = pad_rows(span, self._size)
         K = S.T @ np.hstack([self.stiffness[:, :units], self.stiffness @ S[:, units:]])
         γ, rotation = np.linalg.eigh((K + K.T) / 2)
         S = S @ rotation
@@ -128,63 +125,62 @@ class CommonBasis:
         return (D + D.T) / 2
 
 
-def padded(coordinates: Array, size: int) -> Array:
-    """Coordinates in the basis that has grown to a size since."""
+def pad_rows(coordinates: Array, size: int) -> Array:
+    """Coordinates (any, r) in a basis that has grown to a size since, (size, r)."""
     return np.pad(coordinates, ((0, size - len(coordinates)), (0, 0)))
 
 
-def orthonormal_rest(system: System, block: Array, basis: Array, mass_times_basis: Array) -> tuple[Array, Array, Array]:
+def orthonormalize_against(
+    system: System, block: Array, basis: Array, mass_times_basis: Array
+) -> tuple[Array, Array, Array]:
     """What a block (rows here, c) adds to an M-orthonormal basis (rows here, k), with M times it.
 
     Gram matrices square the spectrum, so each pass takes only directions within four decades of the largest, of columns
-    scaled alike; what is left is tried again until it is below DEFLATION of the column that it came from.
+    scaled alike; what is left is tried again until it is below DEFLATION_TOLERANCE of the column that it came from.
 
     Returns:
         M-orthonormal columns (rows here, new), M times them, and the coordinates of the block, (k + new, c).
     """
     inner, M = system.algebra.inner, system.mass
-    rest, coordinates = block, np.zeros((basis.shape[1], block.shape[1]))
+    remainder, coordinates = block, np.zeros((basis.shape[1], block.shape[1]))
     for _ in range(2):
-        seen = inner(mass_times_basis, rest)
-        coordinates += seen
-        rest = rest - basis @ seen
-    Mrest = M @ rest
-    gram = inner(rest, Mrest)
-    least = DEFLATION**2 * (np.sum(coordinates**2, axis=0) + np.diag(gram))
-    new, Mnew, left, Mleft = rest[:, :0], rest[:, :0], rest, Mrest
+        projections = inner(mass_times_basis, remainder)
+        coordinates += projections
+        remainder = remainder - basis @ projections
+    M_remainder = M @ remainder
+    gram = inner(remainder, M_remainder)
+    smallest = DEFLATION_TOLERANCE**2 * (np.sum(coordinates**2, axis=0) + np.diag(gram))
+    new, M_new, candidates = remainder[:, :0], remainder[:, :0], remainder
     while True:
-        there = np.diag(gram) > least
-        if not there.any():
+        large = np.diag(gram) > smallest
+        if not large.any():
             break
-        left, Mleft, gram, least = left[:, there], Mleft[:, there], gram[there][:, there], least[there]
+        candidates, gram, smallest = candidates[:, large], gram[large][:, large], smallest[large]
         sizes = np.sqrt(np.diag(gram))
         w, E = np.linalg.eigh(gram / sizes[:, None] / sizes)
-        take = w > 1e-8 * w[-1]
-        fresh = left @ (E[:, take] / sizes[:, None] / np.sqrt(w[take]))
-        fresh = fresh - basis @ inner(
-            mass_times_basis, fresh
-        )  # division by a small norm magnified what was left of the old
-        fresh = fresh - new @ inner(Mnew, fresh)
-        Mfresh = M @ fresh
-        triangle = np.linalg.cholesky(inner(fresh, Mfresh))
-        fresh, Mfresh = (scipy.linalg.solve_triangular(triangle, f.T, lower=True).T for f in (fresh, Mfresh))
-        new, Mnew = np.hstack([new, fresh]), np.hstack([Mnew, Mfresh])
-        if take.all():
+        accurate = w > GRAM_SPREAD * w[-1]
+        Y = candidates @ (E[:, accurate] / sizes[:, None] / np.sqrt(w[accurate]))
+        Y = Y - basis @ inner(mass_times_basis, Y)  # division by a small norm magnified what was left of the old
+        Y = Y - new @ inner(M_new, Y)
+        MY = M @ Y
+        triangle = np.linalg.cholesky(inner(Y, MY))
+        Y, MY = (scipy.linalg.solve_triangular(triangle, columns.T, lower=True).T for columns in (Y, MY))
+        new, M_new = np.hstack([new, Y]), np.hstack([M_new, MY])
+        if accurate.all():
             break
         for _ in range(2):
-            left = left - new @ inner(Mnew, left)
-        Mleft = M @ left
-        gram = inner(left, Mleft)
-    return new, Mnew, np.vstack([coordinates, inner(new, Mrest)])
+            candidates = candidates - new @ inner(M_new, candidates)
+        gram = inner(candidates, M @ candidates)
+    return new, M_new, np.vstack([coordinates, inner(new, M_remainder)])
 
 
 def orthogonal_complement(block: Array, span: Array) -> Array:
-    """The same for coordinates: orthonormal basis of what a block (k, any) adds to orthonormal columns, (k, new)."""
+    """Orthonormal basis of what a block of coordinates (k, any) adds to orthonormal columns, (k, new)."""
     norms = np.linalg.norm(block, axis=0)
     block = block[:, norms > 0] / norms[norms > 0]
     for _ in range(2):
         block = block - span @ (span.T @ block)
-    U, share, _ = np.linalg.svd(block, full_matrices=False)
-    new = U[:, share > DEFLATION]
+    U, s, _ = np.linalg.svd(block, full_matrices=False)
+    new = U[:, s > DEFLATION_TOLERANCE]
     new = new - span @ (span.T @ new)
     return np.linalg.qr(new)[0]

@@ -5,10 +5,11 @@ import numpy as np
 from fenics_rom.errors import SolverError
 from fenics_rom.reduction.eigenvectors import share_eigenvectors
 from fenics_rom.reduction.problem import ReductionProblem
-from fenics_rom.system.system import Array
+from fenics_rom.system.protocols import Array
 
-FIRST = 4  # eigenvectors for each balanced direction, to begin with
-FEWEST = 60
+EIGENVECTORS_PER_DIRECTION = 4  # to begin with
+MIN_EIGENVECTORS = 60
+SHARE_ROUND_OFF = 1e-9  # by which all eigenvectors together may miss the share
 
 
 class EigenvectorSelection:
@@ -22,7 +23,8 @@ class EigenvectorSelection:
         self._problem = problem
         orders = [problem.order_of(name) or 0 for name in problem.contacts]
         all_needed = problem.lyapunov not in ("krylov", "adi")
-        share_eigenvectors(problem, problem.system.elastic_size if all_needed else max(FEWEST, FIRST * max(orders)))
+        first = max(MIN_EIGENVECTORS, EIGENVECTORS_PER_DIRECTION * max(orders))
+        share_eigenvectors(problem, problem.system.elastic_size if all_needed else first)
         self._V = np.eye(problem.space.eigenvectors)  # coordinates
 
     def select(self, directions: Array, σ: Array) -> Array:
@@ -39,16 +41,16 @@ class EigenvectorSelection:
         trace = np.sum(directions**2 @ σ[:m])  # of C, without its other entries
         while True:
             V, count = self._V, self._V.shape[1]
-            both = min(len(V), len(directions))  # what came into the space later is orthogonal to the other
-            covariance = (V[:both].T @ directions[:both]) ** 2 @ σ[:m]  # diagonal of VᵀMT Σ (VᵀMT)ᵀ
+            k = min(len(V), len(directions))  # what came into the space later is orthogonal to the other
+            covariance = (V[:k].T @ directions[:k]) ** 2 @ σ[:m]  # diagonal of VᵀMT Σ (VᵀMT)ᵀ
             order = np.argsort(covariance)[::-1]
-            held = np.cumsum(covariance[order]) / trace
-            everything = count == problem.system.elastic_size
-            if held[-1] >= problem.share or (everything and held[-1] > problem.share - 1e-9):
-                chosen = int(np.argmax(held >= min(problem.share, held[-1]))) + 1
-                return V[:, order[:chosen]]
-            if everything:
-                raise SolverError(f"all {count} eigenvectors hold {held[-1]:.9f} of the trace, not {problem.share:g}")
+            shares = np.cumsum(covariance[order]) / trace
+            complete = count == problem.system.elastic_size
+            if shares[-1] >= problem.share or (complete and shares[-1] > problem.share - SHARE_ROUND_OFF):
+                m_ξ = int(np.argmax(shares >= min(problem.share, shares[-1]))) + 1
+                return V[:, order[:m_ξ]]
+            if complete:
+                raise SolverError(f"all {count} eigenvectors hold {shares[-1]:.9f} of the trace, not {problem.share:g}")
             self._grow(min(problem.system.elastic_size, 2 * count))
 
     def _grow(self, count: int) -> None:

@@ -2,7 +2,8 @@
 
 import numpy as np
 
-from fenics_rom.system.system import Array, System
+from fenics_rom.system.protocols import Array
+from fenics_rom.system.system import System
 
 
 def response(γ: Array, damping: Array, G: Array, ω: float) -> Array:

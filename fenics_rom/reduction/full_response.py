@@ -10,7 +10,8 @@ from fenics_rom.errors import StructureError
 from fenics_rom.io.progress import Report, silent
 from fenics_rom.reduction.frequency_response import mass_norms, response
 from fenics_rom.rom.rom import Rom
-from fenics_rom.system.system import Array, System
+from fenics_rom.system.protocols import Array
+from fenics_rom.system.system import System
 
 
 @dataclass(frozen=True)
@@ -41,7 +42,7 @@ def full_responses(system: System, rom: Rom, frequencies: Array, report: Report 
         StructureError: the ROM is not of this model.
         SolverError: a factorisation failed.
     """
-    Q, widths = _basis(system, rom), rom.contacts
+    Q, widths = _checked_basis(system, rom), rom.contacts
     B = np.hstack([system.contacts[name] for name in rom.contact_models])
     rigid = Q[:, : rom.rigid]
     B = B - system.mass @ (rigid @ system.algebra.inner(rigid, B))
@@ -54,19 +55,19 @@ def full_responses(system: System, rom: Rom, frequencies: Array, report: Report 
             H = factor.solve(B)
         column = 0
         for name, mode in rom.contact_models.items():
-            ρ, own = mode.rigid, slice(column, column + widths[name])
+            ρ, block = mode.rigid, slice(column, column + widths[name])
             damping = mode.damping[ρ:] if mode.damping.ndim == 1 else mode.damping[ρ:, ρ:]
             q = response(mode.eigenvalues[ρ:], damping, mode.inputs[ρ:, : widths[name]], ω)
             C = mode.coordinates[:, ρ:]
             reduced = Q @ (C @ q.real) + 1j * (Q @ (C @ q.imag))
-            sizes[name].append(float(np.linalg.norm(mass_norms(system, H[:, own]))))
-            errors[name].append(float(np.linalg.norm(mass_norms(system, H[:, own] - reduced))))
-            column = own.stop
+            sizes[name].append(float(np.linalg.norm(mass_norms(system, H[:, block]))))
+            errors[name].append(float(np.linalg.norm(mass_norms(system, H[:, block] - reduced))))
+            column = block.stop
     report("frequency responses", len(frequencies), len(frequencies))
     return {name: FullResponse(np.array(sizes[name]), np.array(errors[name])) for name in rom.contact_models}
 
 
-def _basis(system: System, rom: Rom) -> Array:
+def _checked_basis(system: System, rom: Rom) -> Array:
     """Q, the rows of this rank.
 
     Raises:

@@ -11,8 +11,8 @@ from fenics_rom.errors import SolverError
 
 Array = np.ndarray
 ROUND_OFF = float(np.finfo(float).eps)
-UNSTABLE = 1e-14  # share of the largest frequency that a rate of decay must exceed to be one
-UNDAMPED = (
+LEAST_DECAY = 1e-14  # share of the largest frequency that a rate of decay must exceed to be one
+NO_DAMPING = (
     "balanced reduction needs damping of every motion: without it the Gramians are infinite; "
     "name effects.damping with alpha or beta above 0 (small will do), or take method = 'modal'"
 )
@@ -36,7 +36,7 @@ def gramian_factors(γ: Array, damping: Array, G: Array, weight: Array) -> tuple
     if damping.ndim == 2:
         return _dense_factors(np.sqrt(γ), damping, G, weight)
     if damping.min() <= 0:
-        raise SolverError(UNDAMPED)
+        raise SolverError(NO_DAMPING)
     d, γd = damping, γ * damping
     pairs, sums = _closed_form(γ, d), d[:, None] + d
     Wc, Wo = (G @ G.T) * pairs, weight * pairs * (d[:, None] * d + (γd[:, None] + γd) / sums)
@@ -69,12 +69,12 @@ def _dense_factors(ω: Array, D: Array, G: Array, weight: Array) -> tuple[Array,
     if not np.isfinite(A).all():
         raise SolverError("the projected stiffness or damping is beyond floating-point numbers")
     T, U = scipy.linalg.schur(A)
-    if np.diag(T).max() >= -UNSTABLE * ω.max():  # the real parts of its eigenvalues
-        raise SolverError(UNDAMPED)
-    forced, seen = np.zeros((2 * k, 2 * k)), np.zeros((2 * k, 2 * k))
+    if np.diag(T).max() >= -LEAST_DECAY * ω.max():  # the real parts of its eigenvalues
+        raise SolverError(NO_DAMPING)
+    forced, observed = np.zeros((2 * k, 2 * k)), np.zeros((2 * k, 2 * k))
     forced[k:, k:] = G @ G.T
-    seen[:k, :k] = weight / ω[:, None] / ω
-    Z, Y = (square_root(_schur_lyapunov(T, U, right)[:k, :k]) for right in (forced, seen))
+    observed[:k, :k] = weight / ω[:, None] / ω
+    Z, Y = (square_root(_schur_lyapunov(T, U, right)[:k, :k]) for right in (forced, observed))
     return Z / ω[:, None], Y * ω[:, None]
 
 
@@ -96,8 +96,8 @@ def textbook_gramians(M: Array, D: Array, K: Array, B: Array, CCᵀ: Array) -> t
     A = np.block([[zero, np.eye(n)], [-scipy.linalg.cho_solve(inverse, K), -scipy.linalg.cho_solve(inverse, D)]])
     accelerated = scipy.linalg.cho_solve(inverse, B)
     forced = np.block([[zero, zero], [zero, accelerated @ accelerated.T]])
-    seen = np.block([[CCᵀ, zero], [zero, zero]])
-    return _lyapunov(A, forced)[:n, :n], _lyapunov(A.T, seen)[:n, :n]
+    observed = np.block([[CCᵀ, zero], [zero, zero]])
+    return _lyapunov(A, forced)[:n, :n], _lyapunov(A.T, observed)[:n, :n]
 
 
 def _closed_form(γ: Array, d: Array) -> Array:

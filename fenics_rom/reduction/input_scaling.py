@@ -1,13 +1,14 @@
-"""Inputs of all kinds as equals: what a basis knows of a pressure must not depend on its being told in pascals."""
+"""Scales of inputs: what a basis knows of a pressure must not depend on the unit that it is given in."""
 
 from dataclasses import replace
 
 import numpy as np
 
-from fenics_rom.system.system import Array, Factor, System
+from fenics_rom.system.protocols import Array, Factor
+from fenics_rom.system.system import System
 
 
-def input_scaling(system: System, factor: Factor) -> System:
+def scale_inputs(system: System, factor: Factor) -> System:
     """The system with the columns of effects scaled, so that at rest each stores as much energy as a contact's.
 
     A pressure in a closed chamber, whose forces balance each other, moves a body much less than the same force in one
@@ -24,9 +25,9 @@ def input_scaling(system: System, factor: Factor) -> System:
         """Square root of the largest bᵀK⁻¹b."""
         return float(np.sqrt(np.diag(system.algebra.inner(columns, factor.solve(columns))).max()))
 
-    usual = float(np.median([stored(B) for B in system.contacts.values()]))
+    reference = float(np.median([stored(B) for B in system.contacts.values()]))
     of_effects = {name: B for name, B in {**system.actuators, **system.loads}.items() if name in system.units}
-    scales = {name: usual / size for name, B in of_effects.items() if (size := stored(B)) > 0}
+    scales = {name: reference / size for name, B in of_effects.items() if (size := stored(B)) > 0}
 
     def scaled(columns: dict[str, Array]) -> dict[str, Array]:
         return {name: scales.get(name, 1.0) * B for name, B in columns.items()}

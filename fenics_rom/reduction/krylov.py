@@ -12,24 +12,26 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fenics_rom.reduction.balancing import Balanced, order_of
-from fenics_rom.reduction.common_basis import Subspace, orthogonal_complement, padded
+from fenics_rom.reduction.balancing import Balanced, choose_order
+from fenics_rom.reduction.column_blocks import split_like
+from fenics_rom.reduction.common_basis import Subspace, orthogonal_complement, pad_rows
 from fenics_rom.reduction.frequency_response import dynamic_product, mass_norms, response
-from fenics_rom.reduction.krylov_augmentation import Company
+from fenics_rom.reduction.krylov_augmentation import KrylovAugmentation
 from fenics_rom.reduction.problem import RankedBasis, ReductionProblem
-from fenics_rom.reduction.realization import balanced_in, directions_of
-from fenics_rom.system.system import Array, by_parts
+from fenics_rom.reduction.realization import balanced_in, ranked_basis
+from fenics_rom.system.complex_columns import apply_to_complex
+from fenics_rom.system.protocols import Array
 
-SETTLED = 1e-7  # relative change of σ, and of frequency responses, between two looks that ends the growth of a space
-NEGLIGIBLE = 1e-9  # share of σ_1 below which σ need not settle in all their digits
-GROWTH = {1: 1.1, 2: 1.5}  # of a space between two looks at it, for diagonal and dense damping: those take longer
-MOST_VECTORS = 400  # of a contact mode's space, shared eigenvectors not counted
-ZERO_BLOCKS = 15  # before the first positive shift
-SHIFT_BLOCKS = 3  # at each positive shift
-MOST_SHIFTS = 20
-UNREST = 1e-6  # a change that is told
-SAMPLES = 12  # frequencies at which spaces are compared
-TOP = 1  # sample, of the highest frequency: with eigenvectors in the space, where it is worst
+CONVERGENCE_TOLERANCE = 1e-7  # relative change of σ and of frequency responses that ends the growth of a space
+NEGLIGIBLE_SHARE = 1e-9  # of σ_1, below which σ need not converge in all their digits
+GROWTH_FACTORS = {1: 1.1, 2: 1.5}  # of a space between two iterates, for diagonal and dense damping: those take longer
+MAX_VECTORS = 400  # of a contact mode's space, shared eigenvectors not counted
+ZERO_SHIFT_BLOCKS = 15  # before the first positive shift
+POSITIVE_SHIFT_BLOCKS = 3  # at each of them
+MAX_SHIFTS = 20
+WARNING_CHANGE = 1e-6  # beyond which the user is told
+SAMPLE_COUNT = 12  # frequencies at which spaces are compared
+HIGHEST_SAMPLE = 1  # the highest frequency alone: with eigenvectors in the space, where it is worst
 
 
 class Chain:
@@ -42,32 +44,32 @@ class Chain:
     def __init__(self, shared: Array):
         self.span = shared
         self.latest = shared[:, :0]
-        self.shared = shared.shape[1]
+        self.shared_size = shared.shape[1]
 
     @property
-    def own(self) -> int:
+    def grown_size(self) -> int:
         """Number of directions beyond those it started with."""
-        return self.span.shape[1] - self.shared
+        return self.span.shape[1] - self.shared_size
 
     def extend(self, coordinates: Array) -> Array:
         """Takes coordinates (k, any) in, and returns the directions (k, new) that they add."""
-        span = padded(self.span, len(coordinates))
+        span = pad_rows(self.span, len(coordinates))
         new = orthogonal_complement(coordinates, span)
         self.span = np.hstack([span, new])
         return new
 
 
 @dataclass(frozen=True)
-class Projection:
+class ProjectedModel:
     """A contact mode projected onto its space of the moment.
 
     Attributes:
-        own: number of directions of that space that are not shared eigenvectors.
+        grown_size: number of directions of that space that are not shared eigenvectors.
         space: that space.
         inputs: B in it, (r, p).
     """
 
-    own: int
+    grown_size: int
     space: Subspace
     inputs: Array
 
@@ -78,33 +80,34 @@ class Projection:
 
 @dataclass(frozen=True)
 class KrylovIterate:
-    """A projection and its balanced realization."""
+    """A contact mode in its space of the moment, and its balanced realization."""
 
-    projection: Projection
+    model: ProjectedModel
     balanced: Balanced
 
     def change_since(self, last: "KrylovIterate", order: int | None, tolerance: float) -> float:
         """Largest relative change of the σ that count and of sampled frequency responses; 1 where too few are there."""
         σ = self.balanced.singular_values
-        m = min(order_of(σ, order, tolerance), len(σ))
-        gaps, sizes = [], []
-        for ω in sample_frequencies(self.projection.space.eigenvalues, m):
-            y = self.projection.response(ω)
-            gaps.append(np.linalg.norm(y - padded(last.projection.response(ω), len(y))))
+        m = min(choose_order(σ, order, tolerance), len(σ))
+        changes, sizes = [], []
+        for ω in sample_frequencies(self.model.space.eigenvalues, m):
+            y = self.model.response(ω)
+            changes.append(np.linalg.norm(y - pad_rows(last.model.response(ω), len(y))))
             sizes.append(np.linalg.norm(y))
-        return max(change_of(σ, last.balanced.singular_values, order, tolerance), float(max(gaps) / max(sizes)))
+        change = relative_change(σ, last.balanced.singular_values, order, tolerance)
+        return max(change, float(max(changes) / max(sizes)))
 
 
-def change_of(σ: Array, before: Array, order: int | None, tolerance: float) -> float:
+def relative_change(σ: Array, before: Array, order: int | None, tolerance: float) -> float:
     """Largest relative change of the σ that an order or a tolerance makes count; 1 where there were too few before."""
-    m = order_of(σ, order, tolerance)
-    if len(before) < min(m, int(np.sum(σ > NEGLIGIBLE * σ[0]))):
+    m = choose_order(σ, order, tolerance)
+    if len(before) < min(m, int(np.sum(σ > NEGLIGIBLE_SHARE * σ[0]))):
         return 1.0
     m = min(m, len(before), len(σ))
-    return float((np.abs(σ[:m] - before[:m]) / (σ[:m] + NEGLIGIBLE * σ[0])).max())
+    return float((np.abs(σ[:m] - before[:m]) / (σ[:m] + NEGLIGIBLE_SHARE * σ[0])).max())
 
 
-def sample_frequencies(γ: Array, order: int | None, count: int = SAMPLES) -> Array:
+def sample_frequencies(γ: Array, order: int | None, count: int = SAMPLE_COUNT) -> Array:
     """Frequencies in rad/s between resonances, from below the first to the last that the reduced model is for."""
     ω = np.sqrt(γ[: order or len(γ)])
     between = np.sqrt(ω * np.concatenate([ω[:1] / 4, ω[:-1]]))
@@ -117,73 +120,78 @@ class KrylovSpaces:
     Args:
         problem: what is reduced.
         names: of the contact modes.
-        krylov_augmentation: columns that belong to the space of every contact mode.
+        augmentation: columns that belong to the space of every contact mode.
     """
 
-    def __init__(self, problem: ReductionProblem, names: Sequence[str], krylov_augmentation: Company):
+    def __init__(self, problem: ReductionProblem, names: Sequence[str], augmentation: KrylovAugmentation):
         system, shared = problem.system, problem.space
         self._problem = problem
         self.inputs = {name: system.forces(name) for name in names}
         V = np.eye(shared.size)[:, : shared.eigenvectors]
         self.chains = {name: Chain(V) for name in names}
-        self._company = Chain(V)
-        self._orders = {name: problem.order_of(name) for name in names}  # where a tolerance decides, of the last look
-        self._seen: tuple[int, dict[str, Array]] = (-1, {})
-        self._projections: dict[str, Projection] = {}
+        self._augmentation = Chain(V)
+        self._orders = {name: problem.order_of(name) for name in names}  # or the last iterate's
+        self._projected_inputs: tuple[int, dict[str, Array]] = (-1, {})
+        self._models: dict[str, ProjectedModel] = {}
         self._shifts = 0
         self._blocks = 0
-        self._zero_suffices = krylov_augmentation.complete
-        self._add([*self.inputs.values(), krylov_augmentation.columns])
+        self._zero_suffices = augmentation.complete
+        self._add([*self.inputs.values(), augmentation.columns])
 
     def grow(self, names: Sequence[str]) -> None:
         """Adds a block, or blocks at a positive shift, for those contact modes that still need it."""
-        if self._zero_suffices or self._blocks < ZERO_BLOCKS:
-            chains = [*(self.chains[name] for name in names), self._company]
-            latest = [padded(chain.latest, self._problem.space.size) for chain in chains]
+        if self._zero_suffices or self._blocks < ZERO_SHIFT_BLOCKS:
+            chains = [*(self.chains[name] for name in names), self._augmentation]
+            latest = [pad_rows(chain.latest, self._problem.space.size) for chain in chains]
             columns = self._problem.space.mass_times_basis @ np.hstack(latest)
-            self._add(_split(columns, latest), names)
+            self._add(split_like(columns, latest), names)
         else:
             self._add_shift(names)
 
-    def complete(self, name: str) -> bool:
+    def is_complete(self, name: str) -> bool:
         """Whether the space of a contact mode holds all there is."""
         chain = self.chains[name]
-        ended = self._zero_suffices and chain.latest.shape[1] + self._company.latest.shape[1] == 0
-        return ended or chain.span.shape[1] == self._problem.system.elastic_size
+        exhausted = self._zero_suffices and chain.latest.shape[1] + self._augmentation.latest.shape[1] == 0
+        return exhausted or chain.span.shape[1] == self._problem.system.elastic_size
 
-    def at_limit(self, name: str) -> bool:
+    def is_at_limit(self, name: str) -> bool:
         """Whether no more is to be tried for a contact mode."""
-        return self.chains[name].own >= MOST_VECTORS or self._shifts >= MOST_SHIFTS
+        return self.chains[name].grown_size >= MAX_VECTORS or self._shifts >= MAX_SHIFTS
 
-    def worth_a_look(self, name: str, last: KrylovIterate | None) -> bool:
-        """Whether the space of a contact mode has grown enough since the last look, or at all for a first one."""
+    def has_grown(self, name: str, last: KrylovIterate | None) -> bool:
+        """Whether the space of a contact mode has grown enough since the last iterate, or at all for a first one."""
         chain = self.chains[name]
         if last is None:
             return self._blocks > 1 and chain.span.shape[1] >= (self._problem.order_of(name) or 0)
-        return chain.own >= GROWTH[last.projection.space.damping.ndim] * last.projection.own
+        return chain.grown_size >= GROWTH_FACTORS[last.model.space.damping.ndim] * last.model.grown_size
 
-    def look(self, name: str) -> KrylovIterate:
+    def iterate(self, name: str) -> KrylovIterate:
         """A contact mode balanced in its space."""
-        problem, found = self._problem, self._projection(name)
-        balanced = balanced_in(problem, found.space, found.inputs)
-        self._orders[name] = order_of(balanced.singular_values, problem.order_of(name), problem.tolerance)
-        return KrylovIterate(found, balanced)
+        problem, model = self._problem, self._projected(name)
+        balanced = balanced_in(problem, model.space, model.inputs)
+        self._orders[name] = choose_order(balanced.singular_values, problem.order_of(name), problem.tolerance)
+        return KrylovIterate(model, balanced)
 
-    def _projection(self, name: str) -> Projection:
-        chain, last = self.chains[name], self._projections.get(name)
-        if last is None or last.own != chain.own or len(last.space.coordinates) != self._problem.space.size:
-            space = self._problem.space.subspace(chain.span, chain.shared)
-            last = Projection(chain.own, space, space.coordinates.T @ self._seen_inputs()[name])
-            self._projections[name] = last
+    def _projected(self, name: str) -> ProjectedModel:
+        chain, last = self.chains[name], self._models.get(name)
+        if (
+            last is None
+            or last.grown_size != chain.grown_size
+            or len(last.space.coordinates) != self._problem.space.size
+        ):
+            space = self._problem.space.subspace(chain.span, chain.shared_size)
+            last = ProjectedModel(chain.grown_size, space, space.coordinates.T @ self._project_inputs()[name])
+            self._models[name] = last
         return last
 
-    def _seen_inputs(self) -> dict[str, Array]:
+    def _project_inputs(self) -> dict[str, Array]:
         """XᵀB of all contact modes, (k, p) each, computed together whenever the shared space has grown."""
         X = self._problem.space.basis
-        if self._seen[0] != X.shape[1]:
-            seen = self._problem.system.algebra.inner(X, np.hstack(list(self.inputs.values())))
-            self._seen = X.shape[1], dict(zip(self.inputs, _split(seen, list(self.inputs.values())), strict=True))
-        return self._seen[1]
+        if self._projected_inputs[0] != X.shape[1]:
+            blocks = list(self.inputs.values())
+            projected = split_like(self._problem.system.algebra.inner(X, np.hstack(blocks)), blocks)
+            self._projected_inputs = X.shape[1], dict(zip(self.inputs, projected, strict=True))
+        return self._projected_inputs[1]
 
     def _add(self, blocks: list[Array], names: Sequence[str] | None = None) -> None:
         """One more block of K⁻¹M, all contact modes in one solve: M times the latest directions."""
@@ -191,7 +199,7 @@ class KrylovSpaces:
         with self._problem.stages("solves with K"):
             solved = self._problem.factor.solve(np.hstack(blocks))
         parts = self._coordinates(solved, blocks)
-        self._company.latest = self._company.extend(parts[-1])
+        self._augmentation.latest = self._augmentation.extend(parts[-1])
         for name, part in zip(names, parts, strict=False):
             chain = self.chains[name]
             chain.latest = chain.extend(part)
@@ -202,114 +210,107 @@ class KrylovSpaces:
         """Blocks of (s²M + sD + K)⁻¹ r at the worst frequency s, r what the space leaves of the response there."""
         system = self._problem.system
         with self._problem.stages("residuals"):
-            gaps = self.gaps(names, SAMPLES)
-        _, s = max((gap, ω) for of_mode in gaps.values() for ω, gap in of_mode.items())
+            residuals = self.relative_residuals(names, SAMPLE_COUNT)
+        _, s = max((residual, ω) for of_mode in residuals.values() for ω, residual in of_mode.items())
         with self._problem.stages("factorisations at positive shifts"):
             factor = system.algebra.factor((s**2, system.mass), (s, system.damping), (1.0, system.stiffness))
         with closing(factor):
-            for _ in range(SHIFT_BLOCKS):
-                residuals = [self._residual(name, s) for name in names]
-                parts = [np.hstack([r.real, r.imag]) for r in residuals]
+            for _ in range(POSITIVE_SHIFT_BLOCKS):
+                parts = [np.hstack([r.real, r.imag]) for r in (self._residual(name, s) for name in names)]
                 for name, part in zip(names, self._coordinates(factor.solve(np.hstack(parts)), parts), strict=True):
                     self.chains[name].extend(part)
         self._shifts += 1
 
-    def _coordinates(self, columns: Array, like: list[Array]) -> list[Array]:
-        """Coordinates of columns that the shared space takes in, in parts as wide as those."""
+    def _coordinates(self, columns: Array, blocks: list[Array]) -> list[Array]:
+        """Coordinates of columns that the shared space takes in, in parts as wide as the blocks."""
         with self._problem.stages("orthonormal basis"):
             coordinates = self._problem.space.add(columns)
-        return _split(coordinates, like)
+        return split_like(coordinates, blocks)
 
-    def gaps(self, names: Sequence[str], count: int) -> dict[str, dict[float, float]]:
+    def relative_residuals(self, names: Sequence[str], count: int) -> dict[str, dict[float, float]]:
         """K⁻¹ times the residual of each contact mode's frequency response beside it, by frequency in rad/s.
 
         For all inputs acting together, at so many frequencies; one block of solves.
         """
-        where, responses, residuals = [], [], []
+        samples, responses, forces = [], [], []
         for name in names:
-            found, B = self._projection(name), self.inputs[name]
+            model, B = self._projected(name), self.inputs[name]
             all_inputs = np.full((B.shape[1], 1), B.shape[1] ** -0.5)
-            for ω in sample_frequencies(found.space.eigenvalues, self._orders[name], count):
-                where.append((name, float(ω)))
-                responses.append(found.response(ω) @ all_inputs)
-                residuals.append(B @ all_inputs)
+            for ω in sample_frequencies(model.space.eigenvalues, self._orders[name], count):
+                samples.append((name, float(ω)))
+                responses.append(model.response(ω) @ all_inputs)
+                forces.append(B @ all_inputs)
         system, X = self._problem.system, self._problem.space.basis
         y = np.hstack(responses)
-        left = np.hstack(residuals) - dynamic_product(
-            system, by_parts(X.__matmul__, y), np.array([ω for _, ω in where])
-        )
-        left = self._problem.factor.solve(left)
-        gaps: dict[str, dict[float, float]] = {name: {} for name in names}
-        for (name, ω), gap in zip(where, mass_norms(system, left) / np.linalg.norm(y, axis=0), strict=True):
-            gaps[name][ω] = float(gap)
-        return gaps
+        frequencies = np.array([ω for _, ω in samples])
+        remaining = np.hstack(forces) - dynamic_product(system, apply_to_complex(X.__matmul__, y), frequencies)
+        ratios = mass_norms(system, self._problem.factor.solve(remaining)) / np.linalg.norm(y, axis=0)
+        residuals: dict[str, dict[float, float]] = {name: {} for name in names}
+        for (name, ω), ratio in zip(samples, ratios, strict=True):
+            residuals[name][ω] = float(ratio)
+        return residuals
 
     def _residual(self, name: str, ω: float) -> Array:
         """B - (K + iωD - ω²M) x of the response x of a contact mode in its space, (rows here, p)."""
-        x = by_parts(self._problem.space.basis.__matmul__, self._projection(name).response(ω))
+        x = apply_to_complex(self._problem.space.basis.__matmul__, self._projected(name).response(ω))
         return self.inputs[name] - dynamic_product(self._problem.system, x, np.full(x.shape[1], ω))
 
 
-def _split(columns: Array, like: Sequence[Array]) -> list[Array]:
-    """Columns in parts as wide as those."""
-    return np.split(columns, np.cumsum([block.shape[1] for block in like])[:-1], axis=1)
-
-
 def directions_by_residual(
-    problem: ReductionProblem, names: Sequence[str], krylov_augmentation: Company
+    problem: ReductionProblem, names: Sequence[str], augmentation: KrylovAugmentation
 ) -> Iterator[tuple[str, RankedBasis]]:
     """Each contact mode balanced in the first space that leaves next to nothing of its frequency response.
 
     For contact modes that share eigenvectors: two or three blocks do, and one balancing each.
     """
-    krylov = KrylovSpaces(problem, names, krylov_augmentation)
-    count = TOP if problem.system.rayleigh is not None else SAMPLES
+    krylov = KrylovSpaces(problem, names, augmentation)
+    count = HIGHEST_SAMPLE if problem.system.rayleigh is not None else SAMPLE_COUNT
     waiting = list(names)
     while waiting:
         krylov.grow(waiting)
         for name in waiting:
             if problem.order_of(name) is None:
-                krylov.look(name)
+                krylov.iterate(name)
         with problem.stages("residuals"):
-            gaps = krylov.gaps(waiting, count)
+            residuals = krylov.relative_residuals(waiting, count)
         for name in list(waiting):
-            gap = 0.0 if krylov.complete(name) else max(gaps[name].values())
-            if gap <= SETTLED or krylov.at_limit(name):
+            largest = 0.0 if krylov.is_complete(name) else max(residuals[name].values())
+            if largest <= CONVERGENCE_TOLERANCE or krylov.is_at_limit(name):
                 waiting.remove(name)
                 with problem.stages("balancing"):
-                    look = krylov.look(name)
-                yield name, _told(problem, name, look, gap)
+                    iterate = krylov.iterate(name)
+                yield name, _ranked_with_warning(problem, name, iterate, largest)
 
 
 def directions_by_change(
-    problem: ReductionProblem, names: Sequence[str], krylov_augmentation: Company
+    problem: ReductionProblem, names: Sequence[str], augmentation: KrylovAugmentation
 ) -> Iterator[tuple[str, RankedBasis]]:
     """Each contact mode balanced in the first space whose σ and frequency responses are those of the one before."""
-    krylov = KrylovSpaces(problem, names, krylov_augmentation)
-    looks: dict[str, KrylovIterate | None] = dict.fromkeys(names)
-    while looks:
-        for name, last in list(looks.items()):
-            ended = krylov.complete(name) or krylov.at_limit(name)
-            if not ended and not krylov.worth_a_look(name, last):
+    krylov = KrylovSpaces(problem, names, augmentation)
+    iterates: dict[str, KrylovIterate | None] = dict.fromkeys(names)
+    while iterates:
+        for name, last in list(iterates.items()):
+            ended = krylov.is_complete(name) or krylov.is_at_limit(name)
+            if not ended and not krylov.has_grown(name, last):
                 continue
             with problem.stages("balancing"):
-                look = krylov.look(name)
-                change = 1.0 if last is None else look.change_since(last, problem.order_of(name), problem.tolerance)
-            if change > SETTLED and not ended:
-                looks[name] = look
+                iterate = krylov.iterate(name)
+                change = 1.0 if last is None else iterate.change_since(last, problem.order_of(name), problem.tolerance)
+            if change > CONVERGENCE_TOLERANCE and not ended:
+                iterates[name] = iterate
                 continue
-            del looks[name]
-            yield name, _told(problem, name, look, change if not krylov.complete(name) else 0.0)
-        if looks:
-            krylov.grow(list(looks))
+            del iterates[name]
+            yield name, _ranked_with_warning(problem, name, iterate, change if not krylov.is_complete(name) else 0.0)
+        if iterates:
+            krylov.grow(list(iterates))
 
 
-def _told(problem: ReductionProblem, name: str, look: KrylovIterate, change: float) -> RankedBasis:
-    """The directions, and a message where they have not settled."""
-    space = look.projection.space
-    if change > UNREST:
+def _ranked_with_warning(problem: ReductionProblem, name: str, iterate: KrylovIterate, change: float) -> RankedBasis:
+    """The directions, and a message where they have not converged."""
+    space = iterate.model.space
+    if change > WARNING_CHANGE:
         problem.messages.append(
             f"contact mode {name!r}: Hankel singular values or frequency responses still changed by {change:.0e} in "
             f"the last Krylov space, of {space.size} vectors; ask for a lower order"
         )
-    return directions_of(space, look.balanced)
+    return ranked_basis(space, iterate.balanced)

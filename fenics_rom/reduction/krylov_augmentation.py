@@ -6,12 +6,12 @@ import numpy as np
 
 from fenics_rom.reduction.low_rank_damping import low_rank_damping
 from fenics_rom.reduction.problem import ReductionProblem
-from fenics_rom.system.system import Array
+from fenics_rom.system.protocols import Array
 
 
 @dataclass(frozen=True)
-class Company:
-    """What belongs to the space of every contact mode.
+class KrylovAugmentation:
+    """Columns that belong to the space of every contact mode.
 
     Attributes:
         columns: (rows here, c).
@@ -23,11 +23,11 @@ class Company:
     complete: bool
 
 
-def company_of(problem: ReductionProblem) -> Company:
+def find_augmentation(problem: ReductionProblem) -> KrylovAugmentation:
     """Finds the dashpots, and adds the columns of the outputs where those are what counts."""
     system = problem.system
-    here, dashpots = system.algebra.rows(), low_rank_damping(system)
-    columns = [np.empty((here.stop - here.start, 0)) if dashpots is None else dashpots]
+    dashpots = low_rank_damping(system)
+    columns = [np.empty((system.local_size, 0)) if dashpots is None else dashpots]
     if problem.weighting == "outputs":
         columns += system.outputs.values()
-    return Company(np.hstack(columns), dashpots is not None)
+    return KrylovAugmentation(np.hstack(columns), dashpots is not None)

@@ -7,7 +7,8 @@ import numpy as np
 
 from fenics_rom.io.stages import Stages
 from fenics_rom.reduction.common_basis import CommonBasis
-from fenics_rom.system.system import Array, Factor, System
+from fenics_rom.system.protocols import Array, Factor
+from fenics_rom.system.system import System
 
 
 @dataclass(frozen=True)

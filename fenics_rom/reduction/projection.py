@@ -6,11 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 
 from fenics_rom.mechanics.environment import Environment
-from fenics_rom.reduction.common_basis import orthogonal_complement, padded
+from fenics_rom.reduction.column_blocks import split_like
+from fenics_rom.reduction.common_basis import orthogonal_complement, pad_rows
 from fenics_rom.reduction.problem import ReductionProblem
-from fenics_rom.reduction.validation import certified
+from fenics_rom.reduction.validation import validated
 from fenics_rom.rom.rom import ContactModel, Rom, diagonalized_span
-from fenics_rom.system.system import Array
+from fenics_rom.system.protocols import Array
 
 
 @dataclass(frozen=True)
@@ -30,50 +31,50 @@ class RetainedBasis:
     left_inverse: Array | None = None
 
 
-def rom_of(problem: ReductionProblem, kept: Mapping[str, RetainedBasis], *, method: str) -> Rom:
+def assemble_rom(problem: ReductionProblem, retained: Mapping[str, RetainedBasis], *, method: str) -> Rom:
     """Puts all contact modes into one M-orthonormal Q that diagonalizes K, with a validation for each.
 
     Args:
         problem: what was reduced.
-        kept: by contact mode, in the order of the ROM.
+        retained: by contact mode, in the order of the ROM.
         method: name of the method.
     """
     system, space = problem.system, problem.space
     algebra, scene = system.algebra, system.scene
     with problem.stages("shared basis"):
         joint = np.empty((space.size, 0))
-        for k in kept.values():
+        for basis in retained.values():
             if joint.shape[1] < space.size:
-                joint = np.hstack([joint, orthogonal_complement(padded(k.span, space.size), joint)])
+                joint = np.hstack([joint, orthogonal_complement(pad_rows(basis.span, space.size), joint)])
         whole = space.subspace(np.eye(space.size))
-        together = whole if joint.shape[1] == space.size else space.subspace(joint)
-        U, κ = together.coordinates, together.eigenvalues
+        common = whole if joint.shape[1] == space.size else space.subspace(joint)
+        U, κ = common.coordinates, common.eigenvalues
         Q = space.basis @ U
-        inputs = [system.input_matrix(name) for name in kept]
-        seen = np.split(algebra.inner(Q, np.hstack(inputs)), np.cumsum([B.shape[1] for B in inputs])[:-1], axis=1)
-        modes, bases = {}, {}
-        for (name, k), QᵀB in zip(kept.items(), seen, strict=True):
-            γ, C = diagonalized_span(κ, np.linalg.qr(U.T @ padded(k.span, space.size))[0])
+        inputs = [system.input_matrix(name) for name in retained]
+        projected = split_like(algebra.inner(Q, np.hstack(inputs)), inputs)
+        models, bases = {}, {}
+        for (name, basis), QᵀB in zip(retained.items(), projected, strict=True):
+            γ, C = diagonalized_span(κ, np.linalg.qr(U.T @ pad_rows(basis.span, space.size))[0])
             W = U @ C
-            T = W.T @ padded(k.directions, space.size)
+            T = W.T @ pad_rows(basis.directions, space.size)
             bases[name] = W
-            modes[name] = ContactModel(
+            models[name] = ContactModel(
                 eigenvalues=γ,
                 damping=space.damping_in(W, γ),
                 inputs=C.T @ QᵀB,
                 contact_points=system.contact_points.get(name, np.empty(0, dtype=int)),
                 coordinates=C,
                 directions=np.linalg.qr(T / np.linalg.norm(T, axis=0))[0],
-                hankel_singular_values=k.hankel_singular_values,
-                left_inverse=None if k.left_inverse is None else T @ k.left_inverse @ U,
+                hankel_singular_values=basis.hankel_singular_values,
+                left_inverse=None if basis.left_inverse is None else T @ basis.left_inverse @ U,
             )
     with problem.stages("validation"):
-        modes = certified(problem, whole, modes, bases)
+        models = validated(problem, whole, models, bases)
     return Rom(
         name=scene.name if scene else "system",
         method=method,
         switching=problem.switching,
-        contact_models=modes,
+        contact_models=models,
         actuators={name: columns.shape[1] for name, columns in system.actuators.items()},
         basis=algebra.gather(Q),
         stiffness=κ,

@@ -6,7 +6,7 @@ from fenics_rom.reduction.balancing import Balanced, balance, balance_as_printed
 from fenics_rom.reduction.common_basis import Subspace
 from fenics_rom.reduction.gramians import gramian_factors, square_root, textbook_gramians
 from fenics_rom.reduction.problem import RankedBasis, ReductionProblem
-from fenics_rom.system.system import Array
+from fenics_rom.system.protocols import Array
 
 
 def balanced_in(problem: ReductionProblem, space: Subspace, inputs: Array) -> Balanced:
@@ -34,20 +34,20 @@ def balanced_by_textbook(problem: ReductionProblem, B: Array, *, as_printed: boo
     return RankedBasis(MV.T @ plain.transformation, plain.singular_values, True, plain.left_inverse @ V)
 
 
-def directions_of(space: Subspace, balanced: Balanced) -> RankedBasis:
+def ranked_basis(space: Subspace, balanced: Balanced) -> RankedBasis:
     """The balanced directions in the shared space."""
     return RankedBasis(space.coordinates @ balanced.transformation, balanced.singular_values, hankel=True)
 
 
 def output_weight(problem: ReductionProblem, X: Array) -> Array:
-    """Xᵀ Cᵀ C X (r, r) of the output that counts, for M-orthonormal columns X (rows here, r)."""
+    """XᵀC CᵀX (r, r) of the output that counts, for M-orthonormal columns X (rows here, r)."""
     inner = problem.system.algebra.inner
     if problem.weighting == "mass":
         return np.eye(X.shape[1])
     if problem.weighting == "nodal":
         return inner(X, X)
-    seen = inner(X, np.hstack(list(problem.system.outputs.values())))
-    return seen @ seen.T
+    C = inner(X, np.hstack(list(problem.system.outputs.values())))
+    return C @ C.T
 
 
 def _weight(problem: ReductionProblem, S: Array) -> Array:

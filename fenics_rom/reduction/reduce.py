@@ -12,16 +12,16 @@ from fenics_rom.errors import FenicsRomWarning, SceneError, unknown
 from fenics_rom.io.progress import Report, silent
 from fenics_rom.io.stages import Stages
 from fenics_rom.mechanics.environment import SWITCHINGS
-from fenics_rom.reduction.balancing import order_of, orthonormal_span
+from fenics_rom.reduction.balancing import choose_order, orthonormal_span
 from fenics_rom.reduction.checkpoint import Checkpoint
 from fenics_rom.reduction.common_basis import CommonBasis
 from fenics_rom.reduction.eigenvector_selection import EigenvectorSelection
-from fenics_rom.reduction.hyperreduction.reduce import BASES, reduced
-from fenics_rom.reduction.input_scaling import input_scaling
+from fenics_rom.reduction.hyperreduction.reduce import BASES, hyperreduce
+from fenics_rom.reduction.input_scaling import scale_inputs
 from fenics_rom.reduction.methods.by_name import BY_NAME, SELECTION
 from fenics_rom.reduction.problem import Method, RankedBasis, ReductionProblem
-from fenics_rom.reduction.projection import RetainedBasis, rom_of
-from fenics_rom.reduction.rigid_mode_deflation import elastic_part, require_loads, with_rigid
+from fenics_rom.reduction.projection import RetainedBasis, assemble_rom
+from fenics_rom.reduction.rigid_mode_deflation import elastic_part, require_loads, with_rigid_modes
 from fenics_rom.rom.rom import Rom, check_rom
 from fenics_rom.scene.scene import (
     CUBATURE,
@@ -38,7 +38,7 @@ from fenics_rom.system.system import System
 
 DENSE_LIMIT = 1000  # unknowns up to which all eigenvectors are cheaper than a Krylov space
 DEFAULT_TOLERANCE = 1e-6  # share of the sum of σ that is left out where neither order nor tolerance is given
-LARGE_TOLERANCE = 3e-5  # the same for large deformation
+LARGE_DEFORMATION_TOLERANCE = 3e-5  # the same for large deformation
 
 
 def reduce(
@@ -102,11 +102,11 @@ def reduce(
         order, tolerance = chosen.order, chosen.tolerance
     check_order(order, system.contacts, "order")
     if tolerance is None:
-        tolerance = DEFAULT_TOLERANCE if system.deformation is None else LARGE_TOLERANCE
+        tolerance = DEFAULT_TOLERANCE if system.deformation is None else LARGE_DEFORMATION_TOLERANCE
     tolerance = TOLERANCE.check(tolerance, "tolerance")
     share = SHARE.check(chosen.share if share is None else share, "share")
     cubature = CUBATURE.check(chosen.cubature if cubature is None else cubature, "cubature")
-    named, method = _method(method or chosen.method or _usual_method(system), system)
+    named, method = _method(method or chosen.method or _default_method(system), system)
     switching = _choice("switching", switching or chosen.switching, SWITCHINGS)
     weighting = _choice("weighting", weighting or chosen.weighting, WEIGHTINGS)
     lyapunov = _choice("lyapunov", lyapunov or chosen.lyapunov, LYAPUNOV)
@@ -133,11 +133,11 @@ def reduce(
                 "lyapunov = 'closed-form', 'krylov' and 'adi', and switching = 'energy'"
             )
         require_loads(system)
-    stages = Stages(lambda value: float(system.algebra.gather(np.array([[value]])).max()), system.stages, report)
+    stages = Stages(lambda value: float(system.algebra.maximum(value)), system.stages, report)
     with stages("factorisation of K"):
         factor = system.algebra.factor((1.0, system.stiffness), solver=solver)
     with closing(factor), stages("other work"):
-        system = input_scaling(system, factor)
+        system = scale_inputs(system, factor)
         problem = ReductionProblem(
             system=system,
             factor=factor,
@@ -154,15 +154,16 @@ def reduce(
         )
         finished = Checkpoint(checkpoint, problem, named, resume)
         if method is None:
-            rom = reduced(problem, named, cubature, finished)
+            rom = hyperreduce(problem, named, cubature, finished)
         else:
-            rom = with_rigid(rom_of(problem, _kept(problem, method, finished, named == SELECTION), method=named), whole)
+            retained = _retained_bases(problem, method, finished, named == SELECTION)
+            rom = with_rigid_modes(assemble_rom(problem, retained, method=named), whole)
     for message in problem.messages:
         warnings.warn(message, FenicsRomWarning, stacklevel=2)
     return check_rom(rom)
 
 
-def _usual_method(system: System) -> str:
+def _default_method(system: System) -> str:
     """Balanced; for runs without inertia, which no transient has a part in, the shapes at rest; or by training."""
     if system.deformation is not None:
         return "trained"
@@ -186,39 +187,41 @@ def _method(method: str | Method, system: System) -> tuple[str, Method | None]:
     return named, method if callable(method) else BY_NAME.get(method)
 
 
-def _kept(problem: ReductionProblem, method: Method, checkpoint: Checkpoint, selects: bool) -> dict[str, RetainedBasis]:
+def _retained_bases(
+    problem: ReductionProblem, method: Method, checkpoint: Checkpoint, selects: bool
+) -> dict[str, RetainedBasis]:
     """What each contact mode keeps of its directions, or `selects` by them, in the order of the system."""
-    kept = checkpoint.restored(problem)
+    retained = checkpoint.restored(problem)
     names = problem.contacts
     selection = EigenvectorSelection(problem) if selects else None
-    problem.stages.report("contact modes", len(kept), len(names))
-    left = tuple(name for name in names if name not in kept)
-    for name, found in method(replace(problem, contacts=left)) if left else ():
-        if name not in names or name in kept:
+    problem.stages.report("contact modes", len(retained), len(names))
+    remaining = tuple(name for name in names if name not in retained)
+    for name, ranked in method(replace(problem, contacts=remaining)) if remaining else ():
+        if name not in names or name in retained:
             raise SceneError(f"the method gave contact mode {name!r}, which was not asked for")
-        kept[name] = _truncated(problem, name, found)
+        retained[name] = _truncated(problem, name, ranked)
         if selection is not None:
-            V = selection.select(kept[name].directions, found.singular_values)
-            kept[name] = RetainedBasis(V, V, found.singular_values)
-        checkpoint.keep(problem, name, kept[name])
-        problem.stages.report("contact modes", len(kept), len(names))
-    missing = [name for name in names if name not in kept]
+            V = selection.select(retained[name].directions, ranked.singular_values)
+            retained[name] = RetainedBasis(V, V, ranked.singular_values)
+        checkpoint.keep(problem, name, retained[name])
+        problem.stages.report("contact modes", len(retained), len(names))
+    missing = [name for name in names if name not in retained]
     if missing:
         raise SceneError(f"the method gave no directions for contact mode {missing[0]!r}")
-    return {name: kept[name] for name in names}
+    return {name: retained[name] for name in names}
 
 
-def _truncated(problem: ReductionProblem, name: str, found: RankedBasis) -> RetainedBasis:
+def _truncated(problem: ReductionProblem, name: str, ranked: RankedBasis) -> RetainedBasis:
     """The leading directions, and what the user should know about them."""
-    σ, T, order = found.singular_values, found.coordinates, problem.order_of(name)
+    σ, T, order = ranked.singular_values, ranked.coordinates, problem.order_of(name)
     if order is None and not len(σ):
         raise SceneError("this method has no singular values for a tolerance to leave out; give an order")
-    m = order_of(σ, order, problem.tolerance)
+    m = choose_order(σ, order, problem.tolerance)
     span = orthonormal_span(T, m)
-    there = span.shape[1]
-    if there < m:
+    rank = span.shape[1]
+    if rank < m:
         problem.messages.append(
-            f"contact mode {name!r}: order {m} was asked for, {there} are numerically there and were kept"
+            f"contact mode {name!r}: order {m} was asked for, {rank} are numerically there and were kept"
         )
-    left = None if problem.switching != "oblique" or found.left_inverse is None else found.left_inverse[:there]
-    return RetainedBasis(span, T[:, :there], σ if found.hankel else np.empty(0), left)
+    left = None if problem.switching != "oblique" or ranked.left_inverse is None else ranked.left_inverse[:rank]
+    return RetainedBasis(span, T[:, :rank], σ if ranked.hankel else np.empty(0), left)

@@ -14,11 +14,11 @@ import scipy.linalg
 
 from fenics_rom.errors import SceneError
 from fenics_rom.rom.rom import ContactModel, Rom
-from fenics_rom.system.rigid_modes import fixed_dofs as best_pins
-from fenics_rom.system.system import NONE, Algebra, Array, Factor, System
+from fenics_rom.system.protocols import DENSE_SHARE, NO_DOFS, Array, Factor
+from fenics_rom.system.rigid_modes import choose_fixed_dofs, free_rows
+from fenics_rom.system.system import System
 
-NO_LOAD = 1e-12  # share of a column that may strain the body and is round-off
-DENSE_SHARE = 3  # beyond a third of all eigenpairs, LAPACK is the better eigensolver
+LOAD_ROUND_OFF = 1e-12  # share of a column that may strain the body and is round-off
 
 
 def elastic_part(system: System) -> System:
@@ -26,15 +26,15 @@ def elastic_part(system: System) -> System:
     if not system.rigid.shape[1]:
         return system
     algebra = ElasticAlgebra(system)
-    kept = {field.name: getattr(system, field.name) for field in fields(system)}
+    given = {field.name: getattr(system, field.name) for field in fields(system)}
     balanced = {
-        kind: {name: algebra.balanced(B) for name, B in kept[kind].items()}
+        kind: {name: algebra.balanced(B) for name, B in given[kind].items()}
         for kind in ("contacts", "actuators", "loads", "outputs")
     }
-    return _Elastic(**{**kept, **balanced, "algebra": algebra})
+    return _ElasticSystem(**{**given, **balanced, "algebra": algebra})
 
 
-class _Elastic(System):
+class _ElasticSystem(System):
     """An elastic part, whose loads are in balance wherever they come from."""
 
     def at_nodes(self, nodes: Array) -> Array:
@@ -57,7 +57,7 @@ def require_loads(system: System) -> None:
             )
 
 
-def with_rigid(rom: Rom, system: System) -> Rom:
+def with_rigid_modes(rom: Rom, system: System) -> Rom:
     """The ROM of the whole body: R before the basis of its elastic rest, in every contact mode.
 
     Args:
@@ -68,37 +68,37 @@ def with_rigid(rom: Rom, system: System) -> Rom:
     rigid = R.shape[1]
     if not rigid:
         return rom
-    dragged = None
+    coupled = None
     if system.rayleigh is None:  # dampers may couple rigid and elastic motions
         DR = system.damping @ R
-        dragged = np.hstack([algebra.inner(R, DR), algebra.inner(DR, rom.basis[algebra.rows()])])
-    moves = algebra.gather(np.ascontiguousarray(R))
-    modes = {}
-    for name, mode in rom.contact_models.items():
-        modes[name] = replace(
-            mode,
-            eigenvalues=np.concatenate([np.zeros(rigid), mode.eigenvalues]),
-            damping=_damping(mode, rigid, system.rayleigh, dragged),
-            inputs=np.vstack([algebra.inner(R, system.input_matrix(name)), mode.inputs]),
-            coordinates=scipy.linalg.block_diag(np.eye(rigid), mode.coordinates),
-            directions=scipy.linalg.block_diag(np.eye(rigid), mode.directions),
+        coupled = np.hstack([algebra.inner(R, DR), algebra.inner(DR, rom.basis[algebra.rows()])])
+    whole_R = algebra.gather(np.ascontiguousarray(R))
+    models = {}
+    for name, model in rom.contact_models.items():
+        models[name] = replace(
+            model,
+            eigenvalues=np.concatenate([np.zeros(rigid), model.eigenvalues]),
+            damping=_damping(model, rigid, system.rayleigh, coupled),
+            inputs=np.vstack([algebra.inner(R, system.input_matrix(name)), model.inputs]),
+            coordinates=scipy.linalg.block_diag(np.eye(rigid), model.coordinates),
+            directions=scipy.linalg.block_diag(np.eye(rigid), model.directions),
         )
     return replace(
         rom,
-        contact_models=modes,
-        basis=np.hstack([moves, rom.basis]),
+        contact_models=models,
+        basis=np.hstack([whole_R, rom.basis]),
         stiffness=np.concatenate([np.zeros(rigid), rom.stiffness]),
         outputs={name: np.hstack([algebra.inner(system.outputs[name], R), C]) for name, C in rom.outputs.items()},
     )
 
 
-def _damping(mode: ContactModel, rigid: int, rayleigh: tuple[float, float] | None, dragged: Array | None) -> Array:
+def _damping(model: ContactModel, rigid: int, rayleigh: tuple[float, float] | None, coupled: Array | None) -> Array:
     """[R, W]ᵀ D [R, W], from that of W and [RᵀDR, RᵀDQ]."""
-    if dragged is None:
+    if coupled is None:
         assert rayleigh is not None
-        return np.concatenate([np.full(rigid, rayleigh[0]), mode.damping])
-    rows = np.hstack([dragged[:, :rigid], dragged[:, rigid:] @ mode.coordinates])
-    D = np.block([[rows], [rows[:, rigid:].T, mode.damping]])
+        return np.concatenate([np.full(rigid, rayleigh[0]), model.damping])
+    rows = np.hstack([coupled[:, :rigid], coupled[:, rigid:] @ model.coordinates])
+    D = np.block([[rows], [rows[:, rigid:].T, model.damping]])
     return (D + D.T) / 2
 
 
@@ -110,35 +110,36 @@ class ElasticAlgebra:
     """
 
     def __init__(self, system: System):
-        self.whole: Algebra = system.algebra
+        whole = self.whole = system.algebra
         self._mass, self._size = system.mass, system.size
         self.rigid = system.rigid
-        self.mass_times_basis = system.mass @ system.rigid
-        self.inner, self.gather, self.rows = self.whole.inner, self.whole.gather, self.whole.rows
+        self.mass_times_rigid = system.mass @ system.rigid
+        self.rows, self.row_offset, self.inner, self.gather = whole.rows, whole.row_offset, whole.inner, whole.gather
+        self.broadcast, self.maximum, self.total = whole.broadcast, whole.maximum, whole.total
 
     def balanced(self, loads: Array) -> Array:
         """Pᵀ f of loads (rows here, any); those that strain nothing but by round-off are zero then."""
-        before, rest = self._norms(loads), loads
+        balanced = loads
         for _ in range(2):
-            rest = rest - self.mass_times_basis @ self.inner(self.rigid, rest)
-        return rest * (self._norms(rest) > NO_LOAD * before)
+            balanced = balanced - self.mass_times_rigid @ self.inner(self.rigid, balanced)
+        return balanced * (self._norms(balanced) > LOAD_ROUND_OFF * self._norms(loads))
 
     def strained(self, shapes: Array) -> Array:
         """P x of displacements (rows here, any)."""
-        return shapes - self.rigid @ self.inner(self.mass_times_basis, shapes)
+        return shapes - self.rigid @ self.inner(self.mass_times_rigid, shapes)
 
-    def factor(self, *terms: tuple[complex, Any], solver: str = "auto", fixed_dofs: Array = NONE) -> "ElasticFactor":
+    def factor(self, *terms: tuple[complex, Any], solver: str = "auto", fixed_dofs: Array = NO_DOFS) -> "ElasticFactor":
         """Factor of a sum of coefficient times operator, on the elastic rest.
 
-        K alone is held at as many degrees of freedom as there are rigid motions: loads in balance do not feel them.
+        K alone is fixed at as many degrees of freedom as there are rigid motions: loads in balance do not feel them.
         A sum with M is regular as it is.
 
         Raises:
             SolverError: as that of the whole body.
         """
         regular = any(c != 0 and operator is self._mass for c, operator in terms)
-        held = NONE if regular else best_pins(self.rigid, self.whole)
-        return ElasticFactor(self, self.whole.factor(*terms, solver=solver, fixed_dofs=held), held)
+        fixed = NO_DOFS if regular else choose_fixed_dofs(self.rigid, self.whole)
+        return ElasticFactor(self, self.whole.factor(*terms, solver=solver, fixed_dofs=fixed), fixed)
 
     def eigenpairs(self, mass: Any, stiffness: Any, count: int, factor: Any = None) -> tuple[Array, Array]:
         """The lowest γ > 0, ascending, and their M-orthonormal eigenvectors.
@@ -150,8 +151,8 @@ class ElasticAlgebra:
             γ, V = self._all_eigenpairs(mass, stiffness)
             return γ[:count], V[:, :count]
         if factor is None:
-            with closing(self.factor((1.0, stiffness))) as own:
-                return self.eigenpairs(mass, stiffness, count, own)
+            with closing(self.factor((1.0, stiffness))) as made:
+                return self.eigenpairs(mass, stiffness, count, made)
         γ, V = self.whole.eigenpairs(mass, stiffness, count, factor)  # in which the rigid ones are at infinity
         return γ, self.strained(V)
 
@@ -160,15 +161,15 @@ class ElasticAlgebra:
         identity = np.eye(self._size)[self.rows()]
         M, K, R = (self.gather(np.ascontiguousarray(A)) for A in (mass @ identity, stiffness @ identity, self.rigid))
 
-        def solved() -> Array:
+        def solve() -> tuple[Array, Array]:
             L = np.linalg.cholesky(M)
-            rest = np.linalg.qr(L.T @ R, mode="complete")[0][:, R.shape[1] :]
-            shapes = scipy.linalg.solve_triangular(L, rest, lower=True, trans="T")
+            elastic = scipy.linalg.null_space(R.T @ L)
+            shapes = scipy.linalg.solve_triangular(L, elastic, lower=True, trans="T")
             γ, U = np.linalg.eigh(shapes.T @ K @ shapes)
-            return np.vstack([γ, shapes @ U])
+            return γ, shapes @ U
 
-        found = _from_first(solved, (self._size + 1, self._size - R.shape[1]), self.whole)
-        return found[0], self.strained(found[1:][self.rows()])
+        γ, V = self.broadcast(solve)
+        return γ, self.strained(V[self.rows()])
 
     def _norms(self, block: Array) -> Array:
         return np.sqrt(np.diag(self.inner(block, block)))
@@ -182,27 +183,26 @@ class ElasticFactor:
 
     Args:
         algebra: of the elastic rest.
-        factor: of A; or of K, held.
-        held: degrees of freedom at which it is held.
+        factor: of A; or of K with degrees of freedom fixed.
+        fixed: which.
     """
 
-    def __init__(self, algebra: ElasticAlgebra, factor: Factor, held: Array):
+    def __init__(self, algebra: ElasticAlgebra, factor: Factor, fixed: Array):
         self.notice = factor.notice
         self._algebra, self._factor = algebra, factor
-        rows = algebra.rows()
-        self._moves = ~np.isin(np.arange(rows.start, rows.stop), held)[:, None] if len(held) else None
-        if self._moves is None:
-            self._reactions = factor.solve(algebra.mass_times_basis)  # A⁻¹MR
-            self._masses = algebra.inner(algebra.mass_times_basis, self._reactions)
+        self._free = free_rows(algebra, fixed) if len(fixed) else None
+        if self._free is None:
+            self._reactions = factor.solve(algebra.mass_times_rigid)  # A⁻¹MR
+            self._masses = algebra.inner(algebra.mass_times_rigid, self._reactions)
 
     def solve(self, block: Array) -> Array:
         """Solution for a real or complex block of right-hand sides, (rows here, k) to (rows here, k)."""
         algebra = self._algebra
-        f = block - algebra.mass_times_basis @ algebra.inner(algebra.rigid, block)
-        if self._moves is not None:
-            return algebra.strained(self._factor.solve(self._moves * f))
+        f = block - algebra.mass_times_rigid @ algebra.inner(algebra.rigid, block)
+        if self._free is not None:
+            return algebra.strained(self._factor.solve(self._free * f))
         x = self._factor.solve(f)
-        x = x - self._reactions @ np.linalg.solve(self._masses, algebra.inner(algebra.mass_times_basis, x))
+        x = x - self._reactions @ np.linalg.solve(self._masses, algebra.inner(algebra.mass_times_rigid, x))
         return algebra.strained(x)
 
     def apply(self, right: Any, solution: Any) -> None:
@@ -212,10 +212,3 @@ class ElasticFactor:
     def close(self) -> None:
         """Gives the memory back."""
         self._factor.close()
-
-
-def _from_first(work: Any, shape: tuple[int, int], algebra: Algebra) -> Array:
-    """What the rank of the first rows finds, on every rank: the same bits."""
-    rows = algebra.rows()
-    found = work() if rows.start == 0 < rows.stop else np.zeros(shape)
-    return algebra.inner(np.eye(shape[0]), found)

@@ -25,6 +25,7 @@ from fenics_rom.mechanics.obstacles import DIMENSIONS, SHAPES, Obstacle
 from fenics_rom.mechanics.signals import Signal
 
 INPUT_UNIT = "unit of the input"
+YES, NO = "yes", "no"
 LAW = {
     "restitution": Entry("1", (1,)),
     "friction": Entry("1", (1,)),
@@ -45,6 +46,7 @@ def put_environment(h5: h5py.File, environment: Environment) -> None:
     check_names([*environment.loads, *environment.obstacles])
     group = h5.create_group("environment", track_order=True)
     put_text(group, contact_switching=environment.contact_switching, source=environment.source)
+    put_text(group, has_inertia=YES if environment.has_inertia else NO)
     for name, texts in (("effects", environment.effects), ("built_in", environment.built_in)):
         put_text(group.create_group(name, track_order=True), **texts)
     loads = group.create_group("loads", track_order=True)
@@ -84,6 +86,7 @@ def take_environment(h5: h5py.File) -> Environment:
         law = ContactLaw(**{key: value for key, value in numbers.items() if value is not None})
     return Environment(
         effects={name: get_text(texts["effects"], name) for name in texts["effects"].attrs},
+        has_inertia=_answer(group, "has_inertia"),
         loads={name: _load(get_group(loads, name)) for name in loads},
         obstacles={name: _obstacle(get_group(obstacles, name)) for name in obstacles},
         contact_law=law,
@@ -92,6 +95,13 @@ def take_environment(h5: h5py.File) -> Environment:
         run=_run(get_group(group, "run")) if "run" in group else None,
         source=get_text(group, "source"),
     )
+
+
+def _answer(group: h5py.Group, name: str) -> bool:
+    text = get_text(group, name)
+    if text not in (YES, NO):
+        raise FileError(f"attribute {name!r} of {group.name} is {text!r}, neither {YES} nor {NO}")
+    return text == YES
 
 
 def _load(group: h5py.Group) -> Load:

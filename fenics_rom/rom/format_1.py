@@ -71,7 +71,8 @@ def upgrade(h5: h5py.File) -> None:
     except ValueError as error:
         raise FileError(f"its scene is not TOML: {error}") from error
     tables = {get_text(rows, "file"): rows[()] for rows in h5["tables"].values()}
-    put_environment(h5, _environment(scene, tables, f"scene of ROM {get_text(h5, 'name')!r}"))
+    source = f"scene of ROM {get_text(h5, 'name')!r}" if scene else ""
+    put_environment(h5, _environment(scene, tables, source))
     surfaces = h5.create_group("contact_surfaces", track_order=True)
     for name, model in h5["contact_models"].items():
         contact: Said = scene.get("contacts", {}).get(name, {})
@@ -102,6 +103,7 @@ def _environment(scene: Said, tables: Mapping[str, np.ndarray], source: str) -> 
         )
     return Environment(
         effects={name: _words(one) for name, one in effects.items()},
+        has_inertia="inertia" in effects or not scene,
         loads=(
             ({"gravity": Load(1, GRAVITY_SIGNAL)} if "gravity" in effects else {})
             | {name: Load(1, signal(one, "acceleration")) for name, one in effects.get("base_motion", {}).items()}

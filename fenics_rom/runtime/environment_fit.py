@@ -27,7 +27,7 @@ def fit_environment(
         StepError: as ActiveEnvironment.
     """
     made_for = rom.environment
-    if not made_for.effects:
+    if not made_for.is_of_scene:
         if signals or (environment is not None and set(environment.effects) - {"inertia", "damping"}):
             raise SceneError(f"ROM {rom.name!r} was made from matrices, so that it knows of no loads and obstacles")
         return rom, None

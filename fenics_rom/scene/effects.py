@@ -115,7 +115,7 @@ class BaseMotion:
     )
     direction: Annotated[Direction, "along which it is shaken; any length but zero"]
     acceleration: Annotated[Acceleration | None, "of the support, where it is constant"] = None
-    table: Annotated[Signal | None, Table(columns=1), "CSV file: time (s), acceleration (m/s2)"] = None
+    table: Annotated[Signal | None, Table(columns=1), "time (s), acceleration (m/s2)"] = None
 
     @property
     def signal(self) -> Signal | None:
@@ -125,14 +125,14 @@ class BaseMotion:
 
 @dataclass(frozen=True)
 class PrescribedForce(Place):
-    """A force by itself on one of a surface, a ball of it, or a point; constant, by a table, or given in Python."""
+    """A force on a surface, a ball of it, or at a point; constant, by a table, or given in Python."""
 
     LAW: ClassVar = Law(
         force="a force on a surface, evenly, or at a point", supplies="its work", changing=("force", "table")
     )
     point: Annotated[Point | None, "a material point of the body"] = None
     force: Annotated[tuple[Newtons, Newtons, Newtons] | None, Items(3), "where it is constant"] = None
-    table: Annotated[Signal | None, Table(columns=3), "CSV file: time (s), three components (N)"] = None
+    table: Annotated[Signal | None, Table(columns=3), "time (s), three components (N)"] = None
 
     @property
     def signal(self) -> Signal | None:
@@ -191,7 +191,7 @@ class RigidObstacle:
     radius: Annotated[Length | None, "of a sphere or a capsule"] = None
     size: Annotated[tuple[Length, Length, Length] | None, Items(3), "of a box: lengths of its edges"] = None
     rotation: Annotated[tuple[Angle, Angle, Angle] | None, Items(3), "of a box: rotation vector"] = None
-    table: Annotated[Signal | None, Table(columns=3), "CSV file: time (s), displacement (m)"] = None
+    table: Annotated[Signal | None, Table(columns=3), "time (s), displacement (m)"] = None
 
 
 @dataclass(frozen=True, kw_only=True)

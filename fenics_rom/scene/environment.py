@@ -29,6 +29,7 @@ def environment_of(effects: Effects, run: Run | None, source: str) -> Environmen
     obstacles = {} if contact is None else contact.obstacles
     return Environment(
         effects={name: words(name, numbers[name]) for name in effects.names},
+        has_inertia=effects.inertia is not None,
         loads=(
             ({} if effects.gravity is None else {"gravity": Load(1, GRAVITY_SIGNAL)})
             | {name: Load(1, motion.signal) for name, motion in effects.base_motion.items()}

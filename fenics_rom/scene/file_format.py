@@ -55,7 +55,7 @@ class LoadEntry:
         Items(at_least=1),
         "where it is constant, one number for each column (of a pressure in Pa); this or table",
     ] = None
-    table: Annotated[Signal | None, Table(), "CSV file: time (s) of the run, one column for each number"] = None
+    table: Annotated[Signal | None, Table(), "time (s) of the run, one column for each number"] = None
 
     @property
     def signal(self) -> Signal:
@@ -77,21 +77,21 @@ class RunTable:
     load: Annotated[tuple[LoadEntry, ...], Items(), "what acts on contact modes and actuators"] = ()
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, kw_only=True)
 class SceneFile:
-    """A scene file. Numbers are in SI units."""
+    """A scene file."""
 
     __pydantic_config__: ClassVar = {"extra": "forbid"}
-    mesh: Annotated[Mesh, "tetrahedra of a Gmsh file"]
-    contacts: Annotated[Mapping[Name, Patch], "contact modes, at least one: where the body can be touched"]
-    effects: Annotated[Effects, "what acts; an effect that is not named costs nothing"]
     name: Annotated[str, Text(), "of the scene"] = "scene"
+    mesh: Annotated[Mesh, "tetrahedra of a Gmsh file"]
     material: Annotated[Elasticity | None, "of the whole body; this or materials"] = None
     materials: Annotated[Mapping[Name, CellMaterial] | None, "of cell groups; this or material"] = None
     supports: Annotated[Supports, "what holds the body"] = field(default_factory=Supports)
+    contacts: Annotated[Mapping[Name, Patch], "contact modes, at least one: where the body can be touched"]
     actuators: Annotated[Mapping[Name, Patch], "forces that are inputs beside those of the contact mode"] = field(
         default_factory=dict
     )
     outputs: Annotated[Mapping[Name, Output], "displacements that are read often"] = field(default_factory=dict)
+    effects: Annotated[Effects, "what acts; an effect that is not named costs nothing"]
     reduction: Annotated[Reduction, "how it is to be reduced"] = field(default_factory=Reduction)
     run: Annotated[RunTable | None, "a load history"] = None

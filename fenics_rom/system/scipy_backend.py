@@ -1,18 +1,16 @@
 """SciPy and NumPy matrices as the reduction sees them, on one process."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 import scipy.linalg
 import scipy.sparse
 import scipy.sparse.linalg
+from numpy.typing import ArrayLike
 
-from fenics_rom.errors import SolverError, StructureError
-from fenics_rom.system.system import NONE, Array
-
-SYMMETRY = 1e-10  # largest accepted |A - Aᵀ| as a share of |A|
-DENSE_SHARE = 3  # beyond a third of all eigenpairs, LAPACK is the better eigensolver
+from fenics_rom.errors import SolverError
+from fenics_rom.system.protocols import DENSE_SHARE, NO_DOFS, Array, Value
 
 
 class MatrixFactor:
@@ -78,6 +76,10 @@ class MatrixAlgebra:
         """All of them."""
         return slice(0, self._size)
 
+    def row_offset(self, count: int) -> int:
+        """Nothing is before them."""
+        return 0
+
     def inner(self, left: Array, right: Array) -> Array:
         """Left transposed times right."""
         return left.T @ right
@@ -86,7 +88,19 @@ class MatrixAlgebra:
         """The block itself."""
         return block
 
-    def factor(self, *terms: tuple[complex, Any], solver: str = "auto", fixed_dofs: Array = NONE) -> MatrixFactor:
+    def broadcast(self, compute: Callable[[], Value]) -> Value:
+        """What is computed."""
+        return compute()
+
+    def maximum(self, values: ArrayLike) -> Array:
+        """The values themselves."""
+        return np.asarray(values)
+
+    def total(self, values: ArrayLike) -> Array:
+        """The values themselves."""
+        return np.asarray(values)
+
+    def factor(self, *terms: tuple[complex, Any], solver: str = "auto", fixed_dofs: Array = NO_DOFS) -> MatrixFactor:
         """Factorisation of a sum of coefficient times matrix, `fixed_dofs` held; complex as soon as one coefficient is.
 
         Raises:
@@ -94,11 +108,11 @@ class MatrixAlgebra:
         """
         if solver == "iterative":
             raise SolverError("solver = 'iterative' goes with PETSc matrices; SciPy and NumPy ones are factored")
-        (first, start), *rest = [(c, matrix) for c, matrix in terms if c != 0.0]
+        (first, start), *others = [(c, matrix) for c, matrix in terms if c != 0.0]
         total = first * start
-        for coefficient, matrix in rest:
+        for coefficient, matrix in others:
             total = total + coefficient * matrix
-        return MatrixFactor(held(total, fixed_dofs))
+        return MatrixFactor(with_fixed_dofs(total, fixed_dofs))
 
     def eigenpairs(
         self, mass: Any, stiffness: Any, count: int, factor: MatrixFactor | None = None
@@ -124,7 +138,7 @@ class MatrixAlgebra:
         return γ[order], V[:, order]
 
 
-def held(matrix: Any, fixed_dofs: Array) -> Any:
+def with_fixed_dofs(matrix: Any, fixed_dofs: Array) -> Any:
     """The matrix with some degrees of freedom held: their rows and columns zero but for the diagonal."""
     if not len(fixed_dofs):
         return matrix
@@ -135,54 +149,3 @@ def held(matrix: Any, fixed_dofs: Array) -> Any:
         mask = scipy.sparse.diags(moves)
         return mask @ matrix @ mask + scipy.sparse.diags(diagonal)
     return moves[:, None] * matrix * moves + np.diag(diagonal)
-
-
-def checked_matrix(matrix: Any, name: str, size: int | None, definite: bool | None) -> Any:
-    """A float matrix with its structure measured, definiteness but where None; sparse ones become CSR.
-
-    Raises:
-        StructureError: not square, of another size, not finite, not symmetric or not (semi-)definite; with numbers.
-    """
-    sparse = scipy.sparse.issparse(matrix)
-    A = scipy.sparse.csr_matrix(matrix, dtype=float) if sparse else np.array(matrix, dtype=float)
-    if A.ndim != 2 or A.shape[0] != A.shape[1] or A.shape[0] != (size or A.shape[0]) or A.shape[0] == 0:
-        raise StructureError(f"{name} has shape {A.shape}; allowed is {(size, size) if size else 'square'}")
-    entries: Any = A.data if sparse else A
-    if not np.isfinite(entries).all():
-        raise StructureError(f"{name} holds numbers that are not finite")
-    scale = np.abs(entries).max(initial=0.0)
-    lack = abs(A - A.T).max()
-    if lack > SYMMETRY * scale:
-        raise StructureError(f"{name} is not symmetric: |A - Aᵀ| = {lack:.1e}, |A| = {scale:.1e}")
-    if definite is not None and (definite or scale > 0):
-        shift = 0.0 if definite else SYMMETRY * scale
-        unit = scipy.sparse.identity(A.shape[0], format="csr") if sparse else np.eye(A.shape[0])
-        try:
-            MatrixFactor(A + shift * unit)
-        except SolverError as error:
-            raise StructureError(f"{name} is not positive {'definite' if definite else 'semi-definite'}") from error
-    return A
-
-
-def checked_columns(columns: Mapping[str, Any], name: str, size: int) -> dict[str, Array]:
-    """Float columns (size, any number) by name; one column may be a vector.
-
-    Raises:
-        StructureError: another number of rows, no column, or not finite.
-    """
-    return {key: checked_block(block, f"{name}[{key!r}]", size) for key, block in columns.items()}
-
-
-def checked_block(block: Any, where: str, size: int) -> Array:
-    """Float columns (size, any number); one may be a vector.
-
-    Raises:
-        StructureError: as `checked_columns`.
-    """
-    dense = block.toarray() if scipy.sparse.issparse(block) else np.array(block, dtype=float)
-    dense = dense[:, None] if dense.ndim == 1 else dense
-    if dense.ndim != 2 or dense.shape[0] != size or dense.shape[1] == 0:
-        raise StructureError(f"{where} has shape {dense.shape}; allowed is ({size}, columns)")
-    if not np.isfinite(dense).all():
-        raise StructureError(f"{where} holds numbers that are not finite")
-    return dense

@@ -92,7 +92,7 @@ class Box:
     def system(self, **parts):
         resultants = {"right": self.resultants(RIGHT), "top": self.resultants(TOP)}
         given = {"mass": self.mass(), "stiffness": self.stiffness(), "contacts": resultants, "bcs": [self.clamp]}
-        return fr.System.from_forms(**given | {"outputs": {"tip": self.resultants(RIGHT)}} | parts)
+        return fr.assemble_forms(**given | {"outputs": {"tip": self.resultants(RIGHT)}} | parts)
 
 
 def chain(size):
@@ -271,7 +271,7 @@ def membrane():
     u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
     domain.topology.create_connectivity(1, 2)
     rim = fem.locate_dofs_topological(space, 1, exterior_facet_indices(domain.topology))
-    system = fr.System.from_forms(
+    system = fr.assemble_forms(
         mass=u * v * dx,
         damping=0.1 * u * v * dx,
         stiffness=inner(grad(u), grad(v)) * dx,

@@ -250,15 +250,17 @@ def warnings_that_nobody_gives(patch, demo):
 
 
 def light_parts_that_nobody_misses(patch, demo):
-    patch.setattr(validation, "MUCH", 1.0)
+    patch.setattr(validation, "WARNING_ERROR", 1.0)
 
 
 def warnings_of_even_bodies(patch, demo):
     """That a part weighs little is said whatever the weighting is."""
-    right = validation._light_parts
-    patch.setattr(validation, "MUCH", 0.0)
-    patch.setattr(validation, "LIGHT", 0.0)
-    patch.setattr(validation, "_light_parts", lambda problem, *more: right(replace(problem, weighting="mass"), *more))
+    right = validation._light_part_warnings
+    patch.setattr(validation, "WARNING_ERROR", 0.0)
+    patch.setattr(validation, "LIGHT_PART_RATIO", 0.0)
+    patch.setattr(
+        validation, "_light_part_warnings", lambda problem, *more: right(replace(problem, weighting="mass"), *more)
+    )
 
 
 def noisy_singular_values(patch, demo):

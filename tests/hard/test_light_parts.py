@@ -38,5 +38,5 @@ def test_the_contact_modes_of_a_light_tip_are_named_and_others_are_not(box, monk
         fr.reduce(system, order=30, method="modal")  # which knows no weighting
         fr.reduce(system, order=60)
         fr.reduce(box((0.3, 0.1, 0.1), (4, 2, 2), contacts=CONTACTS), order=2)
-        monkeypatch.setattr(validation, "MUCH", 0.01)
+        monkeypatch.setattr(validation, "WARNING_ERROR", 0.01)
         fr.reduce(system, order=30, weighting="outputs")  # whoever asks for that knows

@@ -240,7 +240,7 @@ def test_response_without_full_model_and_without_mesh():
 
 
 def test_without_inertia_there_are_no_frequencies(plate_rom):
-    at_rest = replace(plate_rom, environment=Environment(effects={"gravity": ""}))
+    at_rest = replace(plate_rom, environment=Environment(effects={"gravity": ""}, has_inertia=False))
     assert not has_frequencies(at_rest)
     assert list(reduced_panels(at_rest, LIGHT, None)) == ["sigma"]
 
@@ -320,7 +320,7 @@ def test_another_scene_s_full_model_is_refused(plate_rom, box_system, tmp_path):
 def test_a_model_of_which_nothing_is_known_has_nothing_to_draw(plate_rom, tmp_path):
     nothing = replace(
         plate_rom,
-        environment=Environment(effects={"gravity": ""}),
+        environment=Environment(effects={"gravity": ""}, has_inertia=False),
         contact_models={
             name: replace(mode, hankel_singular_values=np.empty(0)) for name, mode in plate_rom.contact_models.items()
         },

@@ -18,7 +18,14 @@ from test_own_matrices import triple_chain
 import fenics_rom as fr
 from fenics_rom.errors import SolverError
 from fenics_rom.reduction import adi
-from fenics_rom.reduction.adi import Residual, independent, low_rank_gramians, observed, shifts, step
+from fenics_rom.reduction.adi import (
+    Residual,
+    apply_shift,
+    independent_columns,
+    low_rank_gramians,
+    projected_observability,
+    select_shifts,
+)
 from fenics_rom.system.scipy_backend import MatrixFactor
 
 PROPORTIONAL = {"heavy": (0.5, 1e-2), "light": (0.1, 1e-6), "alpha only": (1.0, 0.0), "beta only": (0.0, 1e-3)}
@@ -45,7 +52,7 @@ def proportional(body, damping):
 
 
 def whole_space(system):
-    return adi._span(system, system.algebra.eigenpairs(system.mass, system.stiffness, system.size)[1])
+    return adi._diagonalized(system, system.algebra.eigenpairs(system.mass, system.stiffness, system.size)[1])
 
 
 def state_matrix(ω, D):
@@ -63,19 +70,23 @@ def observability(space):
     return (Wo + Wo.T) / 2
 
 
-def settled(system, B, krylov_augmentation=None):
+def converged(system, B, augmentation=None):
     """σ and the Gramian when a sweep changes no σ above 1e-11 of the largest by more than 1e-9 of it."""
     previous = np.empty(0)
     with closing(system.algebra.factor((1.0, system.stiffness))) as factor:
-        for gramian in low_rank_gramians(system, factor, B, krylov_augmentation):
-            Wo = observed(system, factor, gramian.space.basis) if system.rayleigh else observability(gramian.space)
+        for gramian in low_rank_gramians(system, factor, B, augmentation):
+            Wo = (
+                projected_observability(system, factor, gramian.space.basis)
+                if system.rayleigh
+                else observability(gramian.space)
+            )
             Y = np.linalg.cholesky(Wo)
             σ = np.linalg.svd(Y.T @ gramian.factor, compute_uv=False)
             count = int(np.sum(σ > 1e-11 * σ[0]))
             if len(previous) >= count and (np.abs(previous[:count] - σ[:count]) <= 1e-9 * σ[:count]).all():
                 return σ, gramian
             previous = σ
-    raise AssertionError("not settled")
+    raise AssertionError("not converged")
 
 
 def digits(array):
@@ -150,13 +161,13 @@ def test_proportional_damping(bodies, damping, columns):
     B = bodies["box"][2][:, -columns:]
     if columns > B.shape[1]:
         B = np.random.default_rng(0).standard_normal((system.size, columns))
-    σ, gramian = settled(system, B)
+    σ, gramian = converged(system, B)
     assert_agreement(σ, exact_singular_values(system, B))
     assert gramian.factor.dtype == gramian.space.basis.dtype == float
     assert gramian.factor.shape[1] <= gramian.space.basis.shape[1] <= system.size  # memory is bounded
     assert gramian.shifts <= (72 if damping[1] > 1e-4 else 152)
     assert gramian.residual <= 1e-7
-    assert gramian.rest <= 1e-7
+    assert gramian.remaining <= 1e-7
 
 
 @pytest.mark.parametrize("strength", [0.5, 50.0])
@@ -166,7 +177,7 @@ def test_local_dashpots(bodies, strength):
     dashpots[[1, 20, 34]] = strength
     system = own_system(M, 0.5 * M + 1e-4 * K + scipy.sparse.diags(dashpots), K, B)
     assert system.rayleigh is None
-    σ, _ = settled(system, B)
+    σ, _ = converged(system, B)
     assert_agreement(σ, exact_singular_values(system, B))
 
 
@@ -175,7 +186,7 @@ def test_local_dashpots(bodies, strength):
 def test_triple_chain(v, damping):
     M, D, K, B = triple_chain(8, damping, damping, v)
     system = own_system(M, D, K, B)
-    σ, _ = settled(system, B)
+    σ, _ = converged(system, B)
     assert_agreement(σ, exact_singular_values(system, B))
 
 
@@ -186,8 +197,8 @@ def test_dashpots_keep_the_input_company():
     whole = whole_space(system)
     Y = np.linalg.cholesky(observability(whole))
     errors = []
-    for krylov_augmentation in (None, np.eye(system.size)[:, [0, 59, 120]]):
-        σ, gramian = settled(system, B, krylov_augmentation)
+    for augmentation in (None, np.eye(system.size)[:, [0, 59, 120]]):
+        σ, gramian = converged(system, B, augmentation)
         assert gramian.space.basis.shape[1] < system.size
         exact = np.linalg.svd(Y.T @ whole.basis.T @ (M @ gramian.space.basis) @ gramian.factor, compute_uv=False)
         errors.append(np.abs(σ / exact - 1)[exact > 1e-8 * exact[0]].max())
@@ -198,10 +209,10 @@ def test_dashpots_keep_the_input_company():
 def test_company_is_not_in_the_gramian(bodies):
     system = proportional(bodies["box"], (0.5, 1e-2))
     B = bodies["box"][2]
-    krylov_augmentation = 1e6 * B[:, :1] + np.eye(len(B))[:, 3:5]
+    augmentation = 1e6 * B[:, :1] + np.eye(len(B))[:, 3:5]
     alone, (together, gramian) = (
-        settled(system, B[:, 1:], krylov_augmentation[:, :0])[0],
-        settled(system, B[:, 1:], krylov_augmentation),
+        converged(system, B[:, 1:], augmentation[:, :0])[0],
+        converged(system, B[:, 1:], augmentation),
     )
     assert_agreement(together, alone)
     assert gramian.factor.shape[1] <= gramian.space.basis.shape[1]
@@ -222,7 +233,7 @@ def test_steps_are_those_of_plain_complex_adi(bodies):
     F = np.vstack([np.zeros_like(B), B])
     W, Z, P = F.astype(complex), np.empty((n, 0)), np.zeros((2 * n, 2 * n))
     for μ in (-3.0 + 20.0j, -40.0 + 0.0j, -0.5 + 300.0j):
-        block, residual = step(system, residual, μ)
+        block, residual = apply_shift(system, residual, μ)
         Z = np.hstack([Z, block])
         for shift in (μ, np.conj(μ)) if μ.imag else (μ,):
             V = np.linalg.solve(A + shift * E, W)
@@ -249,7 +260,7 @@ def test_energy_of_the_residual_falls_with_any_shift(bodies):
         assert energies[0] == pytest.approx(np.trace(B.T @ np.linalg.solve(K, B)))
         for _ in range(20):
             μ = complex(-(10 ** random.uniform(-1, 3)), random.choice([0.0, 10 ** random.uniform(0, 3)]))
-            residual = step(system, residual, μ)[1]
+            residual = apply_shift(system, residual, μ)[1]
             energies.append(residual.energy(system, factor))
         rest = np.linalg.solve(A, np.vstack([residual.motion, residual.force]))
     assert (np.diff(energies) < 0).all()
@@ -274,10 +285,10 @@ def test_dependent_columns_cost_nothing(bodies):
     B = bodies["box"][2]
     wide = np.hstack([B, 3 * B[:, :1] - B[:, 1:2], 0 * B[:, :1], 1e-7 * np.eye(len(B))[:, 5:6]])
     system = proportional(bodies["box"], (0.5, 1e-2))
-    narrow = independent(system, wide)
+    narrow = independent_columns(system, wide)
     assert narrow.shape == (len(B), 4)
     np.testing.assert_allclose(narrow @ narrow.T, wide @ wide.T, atol=1e-13 * np.abs(B).max() ** 2)
-    assert_agreement(settled(system, wide)[0], exact_singular_values(system, narrow))
+    assert_agreement(converged(system, wide)[0], exact_singular_values(system, narrow))
 
 
 def test_compression_keeps_what_is_above_the_truncation(bodies):
@@ -303,7 +314,7 @@ def test_observed_is_the_closed_form(bodies, damping):
     with closing(system.algebra.factor((1.0, system.stiffness))) as factor:
         some = whole.basis[:, ::7] + whole.basis[:, 1::7][:, :12].sum(axis=1, keepdims=True)
         coordinates = whole.basis.T @ (system.mass @ some)
-        Wo = observed(system, factor, some)
+        Wo = projected_observability(system, factor, some)
     np.testing.assert_allclose(Wo, coordinates.T @ exact @ coordinates, atol=1e-9 * np.abs(Wo).max())
     np.testing.assert_array_equal(Wo, Wo.T)
 
@@ -315,8 +326,8 @@ def test_shifts_are_the_eigenvalues_that_the_residual_moves_most(bodies):
     whole = whole_space(system)
     γ, d, g = whole.eigenvalues, whole.damping, whole.basis.T @ B[:, 0]
     λ, contributions = adi._contributions(system, whole, Residual(np.zeros_like(B), B))
-    chosen = shifts(λ, contributions)
-    column = step(system, Residual(np.zeros_like(B), B), chosen[0])[0]
+    chosen = select_shifts(λ, contributions)
+    column = apply_shift(system, Residual(np.zeros_like(B), B), chosen[0])[0]
     length = np.sqrt(np.linalg.eigvalsh(column.T @ (system.mass @ column))[-1])
     assert contributions.max() == pytest.approx(length, rel=1e-2)
     motions = [int(np.argmin(np.abs(np.sqrt(γ) - abs(μ)))) for μ in chosen]
@@ -326,13 +337,13 @@ def test_shifts_are_the_eigenvalues_that_the_residual_moves_most(bodies):
 
 def test_a_shift_takes_its_eigenvalue_and_much_of_those_near():
     λ = np.array([-1.0, -1.5, -1 + 9j, -100.0])
-    assert shifts(λ, np.array([4.0, 3.0, 2.0, 1.0])) == [-1.0, -1 + 9j, -100.0, -1.5]
-    assert shifts(λ, np.array([1.0, 3.0, 4.0, 0.1])) == [-1 + 9j, -1.5, -1.0, -100.0]
+    assert select_shifts(λ, np.array([4.0, 3.0, 2.0, 1.0])) == [-1.0, -1 + 9j, -100.0, -1.5]
+    assert select_shifts(λ, np.array([1.0, 3.0, 4.0, 0.1])) == [-1 + 9j, -1.5, -1.0, -100.0]
 
 
 def test_critically_damped_motions_have_one_eigenvector_for_two_eigenvalues():
     system = own_system(np.eye(2), np.diag([2.0, 4.0]), np.diag([1.0, 4.0]), np.eye(2))
-    σ, gramian = settled(system, np.eye(2))
+    σ, gramian = converged(system, np.eye(2))
     Wc = np.diag([1 / 4, 1 / 32])
     columns = gramian.space.basis @ gramian.factor
     np.testing.assert_allclose(columns @ columns.T, Wc, atol=1e-12)
@@ -349,13 +360,13 @@ def test_no_damping_is_refused(bodies):
 
 
 def test_iteration_ends_at_the_limit(bodies, monkeypatch):
-    monkeypatch.setattr(adi, "MOST_SHIFTS", 20)
+    monkeypatch.setattr(adi, "MAX_SHIFTS", 20)
     system = proportional(bodies["box"], PROPORTIONAL["light"])
     with closing(system.algebra.factor((1.0, system.stiffness))) as factor:
         *_, last = low_rank_gramians(system, factor, bodies["box"][2])
     assert last.shifts == 24  # the sweep that has begun is finished
     assert last.residual > 1e-6  # and the caller can tell
-    assert 1e-6 < last.rest < 1
+    assert 1e-6 < last.remaining < 1
 
 
 def test_first_shifts_come_from_a_small_krylov_space(bodies):

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fenics_rom.reduction.balancing import balance, balance_as_printed, order_of, orthonormal_span
+from fenics_rom.reduction.balancing import balance, balance_as_printed, choose_order, orthonormal_span
 from fenics_rom.reduction.gramians import square_root
 
 
@@ -35,8 +35,8 @@ def test_only_what_is_numerically_there_is_returned():
 
 def test_order_of_a_tolerance_is_the_smallest_that_keeps_it():
     σ = np.array([8.0, 1.0, 0.9, 0.1])
-    assert [order_of(σ, None, t) for t in (0.5, 0.2, 0.11, 0.01, 0.009, 1e-9)] == [1, 1, 2, 3, 4, 4]
-    assert order_of(σ, 2, 1e-9) == 2
+    assert [choose_order(σ, None, t) for t in (0.5, 0.2, 0.11, 0.01, 0.009, 1e-9)] == [1, 1, 2, 3, 4, 4]
+    assert choose_order(σ, 2, 1e-9) == 2
 
 
 def test_dependent_directions_end_the_span():

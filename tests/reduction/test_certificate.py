@@ -35,7 +35,7 @@ def chain():
 @pytest.mark.parametrize("method", ["balanced", "modal", "modal+static", "pod"])
 @pytest.mark.parametrize("lyapunov", ["closed-form", "krylov"])
 @pytest.mark.parametrize("body", ["box_system", "chain"])
-def test_certificate_is_the_error(body, method, lyapunov, request):
+def test_validation_measures_the_error(body, method, lyapunov, request):
     system = request.getfixturevalue(body)
     rom = fr.reduce(system, order=8, method=method, lyapunov=lyapunov)
     for name, mode in rom.contact_models.items():

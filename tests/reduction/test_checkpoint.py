@@ -10,7 +10,7 @@ from fenics_rom.errors import FenicsRomWarning, FileError
 from fenics_rom.fem.petsc_matrix import PetscMatrix
 from fenics_rom.reduction.checkpoint import remove_checkpoint
 from fenics_rom.reduction.methods.balanced import balanced
-from fenics_rom.reduction.methods.by_name import by_name
+from fenics_rom.reduction.methods.by_name import BY_NAME
 
 CHOICES = {
     "closed form": {},
@@ -34,7 +34,7 @@ def stopped(box_system, tmp_path, monkeypatch):
             raise Stopped
 
         with monkeypatch.context() as patch:
-            patch.setitem(by_name.BY_NAME, "balanced", one)
+            patch.setitem(BY_NAME, choices.get("method", "balanced"), one)
             with pytest.raises(Stopped):
                 fr.reduce(box_system, checkpoint=tmp_path / "partial", **{"order": 6} | choices)
         return tmp_path / "partial"
@@ -52,7 +52,7 @@ def test_stopped_run_goes_on(box_system, stopped, monkeypatch, choices):
         left.append(problem.contacts)
         yield from balanced(problem)
 
-    monkeypatch.setitem(by_name.BY_NAME, "balanced", noting)
+    monkeypatch.setitem(BY_NAME, choices.get("method", "balanced"), noting)
     rom = fr.reduce(box_system, order=6, checkpoint=folder, resume=True, **choices)
     assert left == [("top",)]
     assert {file.name for file in folder.iterdir()} == {"0.h5", "1.h5"}

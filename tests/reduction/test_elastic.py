@@ -97,7 +97,7 @@ def test_all_of_the_elastic_rest_is_all_there_is(free):
 
 
 @pytest.mark.parametrize("dashpot", [0.0, 50.0])
-def test_certificate_is_that_of_the_elastic_rest(free, dashpot):
+def test_validation_is_that_of_the_elastic_rest(free, dashpot):
     """With a dashpot to the ground, too, which the elastic rest feels as if the rigid motions were held."""
     M, K = (dense(A, free.size) for A in (free.mass, free.stiffness))
     D = 1.0 * M + 1e-3 * K + np.diag(dashpot * (np.arange(free.size) == 40))

@@ -15,11 +15,11 @@ from fenics_rom.io.stages import Stages
 from fenics_rom.mechanics.hyperelastic import LAWS
 from fenics_rom.mechanics.step import StepInput
 from fenics_rom.reduction.common_basis import CommonBasis
-from fenics_rom.reduction.hyperreduction.cubature import spread
-from fenics_rom.reduction.hyperreduction.modal_derivatives import derivatives, second_order
+from fenics_rom.reduction.hyperreduction.cubature import spread_states
+from fenics_rom.reduction.hyperreduction.modal_derivatives import second_order, static_derivatives
 from fenics_rom.reduction.hyperreduction.nonnegative_weights import sparse_weights
-from fenics_rom.reduction.hyperreduction.training_loads import loads_of, slowest_period, targets
-from fenics_rom.reduction.hyperreduction.training_runs import runs_of
+from fenics_rom.reduction.hyperreduction.training_loads import load_extremes, slowest_period, training_targets
+from fenics_rom.reduction.hyperreduction.training_runs import plan_runs
 from fenics_rom.reduction.hyperreduction.validation import validation_error
 from fenics_rom.reduction.problem import ReductionProblem
 from fenics_rom.rom.deformation import ReducedDeformation, monomials
@@ -133,8 +133,8 @@ def test_what_is_out_of_reach_is_approached():
 
 def test_states_are_spread_from_the_largest_on():
     states = np.array([[1.0, 1.1, 5.0, 5.1, 0.0], [0.0, 0.0, 0.0, 0.0, 1.0]])
-    np.testing.assert_array_equal(spread(states, 2), states[:, [3, 4]])
-    np.testing.assert_array_equal(spread(states, 9), states)
+    np.testing.assert_array_equal(spread_states(states, 2), states[:, [3, 4]])
+    np.testing.assert_array_equal(spread_states(states, 9), states)
 
 
 def test_all_contact_modes_have_one_basis(system, rom):
@@ -194,14 +194,14 @@ def test_trained_model_follows_runs_that_it_has_not_seen(roms):
 @pytest.mark.parametrize("method", METHODS)
 def test_both_methods_follow_a_load_history_that_linear_models_do_not(system, roms, method):
     """The held-out run of the scene itself, against an independent full order."""
-    run = runs_of(problem_of(system))[1][-1]
+    run = plan_runs(problem_of(system))[1][-1]
     assert run.title == "the scene's own load history"
     sim, shapes = system.deformation.stepper(run.dt), []
     for contact, u in run.steps:
         sim.switch(contact)
         sim.step(StepInput(u))
         shapes.append(sim.x[:, 0].copy())
-    shapes = np.column_stack(shapes)[:, run.shown()]
+    shapes = np.column_stack(shapes)[:, run.snapshot_steps()]
     assert np.abs(system.outputs["tip"].T @ shapes).max() > 0.07  # m, of 0.3 m
     assert validation_error(roms[method], system, run, shapes) <= 0.03
     soft = replace(roms[method].deformation, weights=0.9 * roms[method].deformation.weights)
@@ -234,7 +234,7 @@ def test_derivatives_are_those_of_the_tangent(law):
     system = box(law=law)
     problem, body = problem_of(system), system.deformation
     V = system.algebra.eigenpairs(system.mass, system.stiffness, 3)[1] * 1e-3
-    (θ,) = derivatives(problem, V, [(0, 2)]).T
+    (θ,) = static_derivatives(problem, V, [(0, 2)]).T
     ε = 1e-3
 
     def tangent_times(direction, along):
@@ -244,13 +244,13 @@ def test_derivatives_are_those_of_the_tangent(law):
     change = (tangent_times(V[:, 0], ε * V[:, 2]) - tangent_times(V[:, 0], -ε * V[:, 2])) / (2 * ε)
     exact = -problem.factor.solve(change[:, None])[:, 0]
     np.testing.assert_allclose(θ, exact, atol=1e-5 * np.abs(exact).max())
-    np.testing.assert_allclose(derivatives(problem, V, [(1, 1)]), 2 * second_order(problem, V[:, [1]]))
+    np.testing.assert_allclose(static_derivatives(problem, V, [(1, 1)]), 2 * second_order(problem, V[:, [1]]))
 
 
 def test_targets_come_from_the_scene(system):
     problem = problem_of(system)
-    loads = loads_of(problem, slowest_period(problem))
-    first, *alone = [next(wanted) for wanted in [targets(loads)] for _ in range(4)]
+    loads = load_extremes(problem, slowest_period(problem))
+    first, *alone = [next(wanted) for wanted in [training_targets(loads)] for _ in range(4)]
     assert first[0] == "tip"
     assert loads.extremes[1] == pytest.approx([75.0, 1.75], rel=1e-6)
     np.testing.assert_allclose(loads.pushes["tip"], [0.0, 0.2, -0.25])
@@ -260,7 +260,7 @@ def test_targets_come_from_the_scene(system):
 
 def test_training_goes_on_where_it_was_stopped(system, folder, roms):
     files = sorted(file.name for file in folder.glob("run-*.h5"))
-    assert len(files) == sum(map(len, runs_of(problem_of(system))))
+    assert len(files) == sum(map(len, plan_runs(problem_of(system))))
     (folder / files[-1]).unlink()
     reported = []
     rom = fr.reduce(

@@ -167,3 +167,17 @@ def test_matrices_without_structure_are_refused(what, message, sparse):
         parts |= {name: scipy.sparse.csr_matrix(matrix) for name, matrix in given.items()}
     with pytest.raises(StructureError, match=message):
         fr.System(**parts)
+
+
+def test_printed_system_says_what_it_is():
+    M, D, K, B = triple_chain(50, 0.3, 0.02, 5.0)
+    contacts = {f"place {k}": B[:, :1] for k in range(6)}
+    lines = repr(fr.System(mass=M, rayleigh=(0.3, 0.02), stiffness=K, contacts=contacts, outputs={"all": B})).split(
+        "\n"
+    )
+    assert lines == [
+        "System of matrices: 151 unknowns, D = 0.3 M + 0.02 K, no rigid motions, no mesh",
+        "  contacts place 0 (1), place 1 (1), place 2 (1), place 3 (1) and 2 more; "
+        f"outputs all ({B.shape[1]}) (columns)",
+    ]
+    assert "D not proportional" in repr(fr.System(mass=M, damping=D, stiffness=K, contacts={"all": B}))

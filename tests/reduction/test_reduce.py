@@ -79,7 +79,7 @@ def test_routes_give_the_same_transfer_function(box_system, frequencies, route):
     assert np.abs(other - reference).max() <= 1e-7 * np.abs(reference).max()
 
 
-def test_error_falls_with_the_order_and_is_certified(box_system, frequencies):
+def test_error_falls_with_the_order_and_is_measured(box_system, frequencies):
     exact = full_transfer(box_system, "right", frequencies)
     errors, statics = [], []
     for order in (4, 8, 16, 32):
@@ -208,7 +208,7 @@ def test_tolerance_chooses_the_order(box_system):
 
 
 def test_krylov_space_that_does_not_settle_says_so(box_system, monkeypatch):
-    monkeypatch.setattr("fenics_rom.reduction.krylov.MOST_VECTORS", 12)
+    monkeypatch.setattr("fenics_rom.reduction.krylov.MAX_VECTORS", 12)
     with pytest.warns(FenicsRomWarning, match=r"or frequency responses still changed by \de[-+]\d+ in the last Krylov"):
         fr.reduce(box_system, order=6, lyapunov="krylov")
 

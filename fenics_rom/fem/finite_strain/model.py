@@ -9,7 +9,7 @@ from fenics_rom.fem.finite_strain.follower_loads import FollowerLoad
 from fenics_rom.fem.finite_strain.quadrature import QuadraturePoints
 from fenics_rom.fem.finite_strain.stresses import HyperelasticMaterial
 from fenics_rom.fem.petsc_matrix import PetscMatrix
-from fenics_rom.system.system import Algebra
+from fenics_rom.system.protocols import Algebra
 
 Array = np.ndarray
 

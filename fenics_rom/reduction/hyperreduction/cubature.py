@@ -13,20 +13,20 @@ import numpy as np
 from fenics_rom.errors import SolverError
 from fenics_rom.mechanics.hyperelastic import VOIGT_INDEX, VOIGT_PAIRS, VOIGT_SHEAR, linear_stress, strain, stress
 from fenics_rom.reduction.hyperreduction.nonnegative_weights import sparse_weights
-from fenics_rom.system.system import Algebra, Array, Deformation
+from fenics_rom.system.protocols import Algebra, Array, Deformation
 
-AT_ONCE = 4096  # points whose contributions are worked on together
-FEWEST_STATES, MOST_STATES = 8, 32  # that the weights are fitted to
-ROWS = 1280  # of all states together, or more for the fewest
-PROBES = 800  # of the stiffness at rest, where it has more entries
-LEAST = 1e-3  # of the largest state: smaller ones are the stiffness at rest
-UNSEEN = 0.01  # of the tolerance: what compressed rows may leave out
-STRICTER = (1.0, 0.7, 0.4, 0.1)  # of the tolerance, when what they left out was too much after all
+POINTS_AT_ONCE = 4096  # whose contributions are worked on together
+MIN_STATES, MAX_STATES = 8, 32  # that the weights are fitted to
+STATE_ROWS = 1280  # of all states together, or more for MIN_STATES
+STIFFNESS_PROBES = 800  # of the stiffness at rest, where it has more entries
+SMALLEST_STATE = 1e-3  # share of the largest: smaller ones are served by the stiffness at rest
+COMPRESSION_TOLERANCE = 0.01  # share of the tolerance that compressed rows may leave out
+TOLERANCE_FACTORS = (1.0, 0.7, 0.4, 0.1)  # tried one after the other, while what they left out is too much
 
 
 @dataclass(frozen=True)
 class Cubature:
-    """Kept points of this rank.
+    """The points of this rank that have a weight.
 
     Attributes:
         points: (K here,) which of this rank's.
@@ -39,7 +39,7 @@ class Cubature:
     error: float
 
 
-def cubature(
+def fit_cubature(
     body: Deformation, algebra: Algebra, gradients: Array, γ: Array, states: Array, tolerance: float
 ) -> Cubature:
     """Points and weights for the forces of states and for the stiffness at rest.
@@ -56,54 +56,54 @@ def cubature(
         tolerance: of the error.
 
     Raises:
-        SolverError: no weights training_radius the tolerance.
+        SolverError: no weights reach the tolerance.
     """
     sizes = np.linalg.norm(states, axis=0)
-    count = max(FEWEST_STATES, min(MOST_STATES, ROWS // len(γ)))
-    rows = _Rows(body, algebra, gradients, γ, spread(states[:, sizes > LEAST * sizes.max()], count))
-    U = rows.leading(UNSEEN * tolerance)
+    count = max(MIN_STATES, min(MAX_STATES, STATE_ROWS // len(γ)))
+    fitted = spread_states(states[:, sizes > SMALLEST_STATE * sizes.max()], count)
+    rows = _ForceRows(body, algebra, gradients, γ, fitted)
+    U = rows.left_singular_vectors(COMPRESSION_TOLERANCE * tolerance)
+    first = algebra.row_offset(gradients.shape[2])
+    here = slice(first, first + gradients.shape[2])
     compressed = algebra.gather(np.hstack([U.T @ block for _, block in rows]).T).T
-    for stricter in STRICTER:
-        ω = sparse_weights(compressed, U.T @ rows.whole, stricter * tolerance)
-        ω = _own(ω, algebra, gradients.shape[2])
+    for factor in TOLERANCE_FACTORS:
+        ω = sparse_weights(compressed, U.T @ rows.whole, factor * tolerance)[here]
         points, error = np.flatnonzero(ω), rows.error(ω)
         if error <= tolerance:
             return Cubature(points, ω[points], error)
-    raise SolverError(
-        f"no positive weights of fewer points training_radius a tolerance of {tolerance:g}, only {error:.1e}"
-    )
+    raise SolverError(f"no positive weights of fewer points reach a tolerance of {tolerance:g}, only {error:.1e}")
 
 
-def spread(states: Array, count: int) -> Array:
-    """That many of some states (m, s), the largest and then always the farthest from those taken."""
+def spread_states(states: Array, count: int) -> Array:
+    """That many of some states (m, s), the largest and then always the farthest from those selected."""
     if states.shape[1] <= count:
         return states
     squares = (states**2).sum(axis=0)
-    taken = [int(squares.argmax())]
+    selected = [int(squares.argmax())]
     distance = np.full(states.shape[1], np.inf)
-    while len(taken) < count:
-        new = states[:, taken[-1]]
+    while len(selected) < count:
+        new = states[:, selected[-1]]
         distance = np.minimum(distance, squares - 2 * new @ states + new @ new)
-        taken.append(int(distance.argmax()))
-    return states[:, taken]
+        selected.append(int(distance.argmax()))
+    return states[:, selected]
 
 
-class _Rows:
+class _ForceRows:
     """G, block of points by block: too large to be kept."""
 
     def __init__(self, body: Deformation, algebra: Algebra, gradients: Array, γ: Array, states: Array):
         self._body, self._algebra, self._gradients, self._γ, self._states = body, algebra, gradients, γ, states
-        self._left, self._right = _probes(len(γ))
+        self._left, self._right = _stiffness_probes(len(γ))
         self._scales = np.ones(states.shape[1] + 1)
-        forces = self._summed(np.ones(1))
+        forces = self._weighted_sum(np.ones(1))
         m, count = states.shape
         sizes = np.linalg.norm(forces[: count * m].reshape(count, m), axis=1)
         self._scales = np.append(1 / sizes, np.sqrt(count) / np.linalg.norm(forces[count * m :]))
-        self.whole = self._summed(np.ones(1))
+        self.whole = self._weighted_sum(np.ones(1))
 
     def __iter__(self) -> Iterator[tuple[slice, Array]]:
-        for first in range(0, self._gradients.shape[2], AT_ONCE):
-            here = slice(first, first + AT_ONCE)
+        for first in range(0, self._gradients.shape[2], POINTS_AT_ONCE):
+            here = slice(first, first + POINTS_AT_ONCE)
             yield here, self._block(here)
 
     def _block(self, here: slice) -> Array:
@@ -115,14 +115,14 @@ class _Rows:
         for q, scale in zip(self._states.T, self._scales, strict=False):
             H = G @ q
             S = stress(body.law, strain(H), λ, μ)
-            first = np.einsum("ikp,kjp->ijp", H + np.eye(3)[:, :, None], S[VOIGT_INDEX])
-            blocks.append(scale * root[:, None] * w * np.einsum("ijp,ijpm->mp", first, G, optimize=True))
+            P = np.einsum("ikp,kjp->ijp", H + np.eye(3)[:, :, None], S[VOIGT_INDEX])
+            blocks.append(scale * root[:, None] * w * np.einsum("ijp,ijpm->mp", P, G, optimize=True))
         left, right = (_strains(G @ (root[:, None] * probes)) for probes in (self._left, self._right))
         stressed = np.stack([linear_stress(column, λ, μ) for column in left.transpose(2, 0, 1)])
         stiffness = np.einsum("kcp,cpk->kp", stressed, right) * w
         return np.vstack([*blocks, self._scales[-1] * stiffness])
 
-    def _summed(self, ω: Array) -> Array:
+    def _weighted_sum(self, ω: Array) -> Array:
         """G ω (rows,), of all ranks; ω (1,) or (P here,)."""
         ω = np.broadcast_to(ω, self._gradients.shape[2])
         total = sum(self._algebra.inner(block.T, ω[here, None])[:, 0] for here, block in self)
@@ -130,23 +130,14 @@ class _Rows:
 
     def error(self, ω: Array) -> float:
         """|G ω - G 1| / |G 1|."""
-        return float(np.linalg.norm(self._summed(ω) - self.whole) / np.linalg.norm(self.whole))
+        return float(np.linalg.norm(self._weighted_sum(ω) - self.whole) / np.linalg.norm(self.whole))
 
-    def leading(self, share: float) -> Array:
+    def left_singular_vectors(self, share: float) -> Array:
         """Left singular vectors of G, all but what is less than a share of |G 1| together."""
         gram = np.asarray(sum(self._algebra.inner(block.T, block.T) for _, block in self))
         λ, U = np.linalg.eigh(gram)
-        left = np.sqrt(np.cumsum(np.maximum(λ, 0.0)))
-        return U[:, left > share * np.linalg.norm(self.whole)]
-
-
-def _own(ω: Array, algebra: Algebra, count: int) -> Array:
-    """This rank's part (count,) of weights of the points of all ranks, which follow one another."""
-    mark = np.random.default_rng().integers(2**62)  # that no other rank draws
-    ranks = algebra.gather(np.array([[mark, count]]))
-    me = int(np.flatnonzero(ranks[:, 0] == mark)[0])
-    first = int(ranks[:me, 1].sum())
-    return ω[first : first + count]
+        neglected = np.sqrt(np.cumsum(np.maximum(λ, 0.0)))
+        return U[:, neglected > share * np.linalg.norm(self.whole)]
 
 
 def _strains(gradients: Array) -> Array:
@@ -155,10 +146,10 @@ def _strains(gradients: Array) -> Array:
     return np.asarray((VOIGT_SHEAR / 2)[..., None] * (gradients[i, j] + gradients[j, i]))
 
 
-def _probes(m: int) -> tuple[Array, Array]:
+def _stiffness_probes(m: int) -> tuple[Array, Array]:
     """Vectors (m, k), whose products zᵀ A y with a symmetric A have its Frobenius norm: all its entries, or random."""
     i, j = np.triu_indices(m)
-    if len(i) <= PROBES:
+    if len(i) <= STIFFNESS_PROBES:
         return np.eye(m)[:, i], np.eye(m)[:, j] * np.where(i == j, 1.0, np.sqrt(2.0))
-    z, y = np.random.default_rng(0).standard_normal((2, m, PROBES))
-    return z, y / np.sqrt(PROBES)
+    z, y = np.random.default_rng(0).standard_normal((2, m, STIFFNESS_PROBES))
+    return z, y / np.sqrt(STIFFNESS_PROBES)

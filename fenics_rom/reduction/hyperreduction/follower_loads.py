@@ -5,10 +5,10 @@ from collections.abc import Iterable
 import numpy as np
 
 from fenics_rom.rom.deformation import ReducedTendon, monomials
-from fenics_rom.system.system import Algebra, Array, Deformation
+from fenics_rom.system.protocols import Algebra, Array, Deformation
 
 
-def pressures_of(body: Deformation, algebra: Algebra, W: Array, names: Iterable[str]) -> dict[str, Array]:
+def project_pressures(body: Deformation, algebra: Algebra, W: Array, names: Iterable[str]) -> dict[str, Array]:
     """Forces of 1 Pa as polynomials of q, (m, 1 + m + m (m+1)/2) for `monomials(q)`.
 
     ∫ cof(F) N · δ dS is of second degree in the displacement. So values at rest, at plus and minus each basis vector
@@ -24,7 +24,7 @@ def pressures_of(body: Deformation, algebra: Algebra, W: Array, names: Iterable[
     if not names:
         return {}
     length = float(algebra.inner(np.ones((len(body.weights), 1)), body.weights[:, None])[0, 0]) ** (1 / 3)
-    unit = length / algebra.gather(np.abs(W).max(axis=0, initial=0.0)[None]).max(axis=0)  # for alike degrees
+    unit = length / algebra.maximum(np.abs(W).max(axis=0, initial=0.0))  # of q, for entries of all degrees alike
 
     def forces(q: Array) -> Array:
         """Of all pressures, (pressures, m)."""
@@ -32,17 +32,17 @@ def pressures_of(body: Deformation, algebra: Algebra, W: Array, names: Iterable[
         return algebra.inner(np.hstack([columns[name] for name in names]), W)
 
     e = np.eye(m)
-    rest = forces(np.zeros(m))
-    ahead, back = (np.array([forces(sign * e[i]) for i in range(m)]) for sign in (1.0, -1.0))
-    first, second = (ahead - back) / 2, (ahead + back) / 2 - rest
+    at_rest = forces(np.zeros(m))
+    plus, minus = (np.array([forces(sign * e[i]) for i in range(m)]) for sign in (1.0, -1.0))
+    linear, quadratic = (plus - minus) / 2, (plus + minus) / 2 - at_rest
     mixed = [
-        second[i] if i == j else forces(e[i] + e[j]) - rest - first[i] - first[j] - second[i] - second[j]
+        quadratic[i] if i == j else forces(e[i] + e[j]) - at_rest - linear[i] - linear[j] - quadratic[i] - quadratic[j]
         for i, j in zip(*np.triu_indices(m), strict=True)
     ]
-    coefficients = np.stack([rest, *first, *mixed], axis=-1) / monomials(unit)
+    coefficients = np.stack([at_rest, *linear, *mixed], axis=-1) / monomials(unit)
     return dict(zip(names, coefficients, strict=True))
 
 
-def tendons_of(body: Deformation, algebra: Algebra, W: Array) -> dict[str, ReducedTendon]:
-    """Cables through points of the body."""
+def project_tendons(body: Deformation, algebra: Algebra, W: Array) -> dict[str, ReducedTendon]:
+    """Tendons through points of the body, whose displacements are shapesᵀW q."""
     return {name: ReducedTendon(points, algebra.inner(shapes, W)) for name, (points, shapes) in body.tendons.items()}

@@ -13,17 +13,19 @@ from itertools import combinations_with_replacement, islice
 import numpy as np
 
 from fenics_rom.reduction.checkpoint import Checkpoint
+from fenics_rom.reduction.gram import significant_eigenpairs
 from fenics_rom.reduction.hyperreduction.training import TrainingData
-from fenics_rom.reduction.hyperreduction.training_loads import loads_of, slowest_period, targets
+from fenics_rom.reduction.hyperreduction.training_loads import load_extremes, slowest_period, training_targets
 from fenics_rom.reduction.problem import ReductionProblem
-from fenics_rom.system.system import Array
+from fenics_rom.system.protocols import Array
 
-STRAIN = 1e-3  # that second differences are taken at: exact for St. Venant-Kirchhoff, whose force is a cubic
-TARGETS = 16  # loads whose shapes at rest are looked at
+DIFFERENCE_STRAIN = 1e-3  # of second differences: exact for St. Venant-Kirchhoff, whose force is a cubic
+STATIC_SHAPES = 16  # of loads, at rest
 EIGENVECTORS = 12
-PAIRS = 120  # derivatives, those of the largest amplitudes
-LEVELS = (0.3, 0.6, 1.0)  # of each shape
-MIXED = 32  # random combinations
+MAX_DERIVATIVES = 120  # those of the largest amplitudes
+TRAINING_LEVELS = (0.3, 0.6, 1.0)  # of each shape
+RANDOM_COMBINATIONS = 32
+NEW_SHAPE_SHARE = 1e-12  # of the squares of the static shapes, beyond the eigenvectors, that counts as a direction
 
 
 def modal_derivatives(problem: ReductionProblem, checkpoint: Checkpoint) -> TrainingData:
@@ -35,42 +37,43 @@ def modal_derivatives(problem: ReductionProblem, checkpoint: Checkpoint) -> Trai
     system = problem.system
     inner, M = system.algebra.inner, system.mass
     moves = system.scene is None or system.scene.effects.inertia is not None
-    loads = loads_of(problem, slowest_period(problem) if moves else 0.0)
-    forces = [system.input_matrix(name) @ loads.whole(u) for name, u in islice(targets(loads), TARGETS)]
+    loads = load_extremes(problem, slowest_period(problem) if moves else 0.0)
+    forces = [system.input_matrix(name) @ loads.whole(u) for name, u in islice(training_targets(loads), STATIC_SHAPES)]
     at_rest = problem.factor.solve(np.column_stack(forces))
     with problem.stages("eigenvectors"):
         count = min(EIGENVECTORS, system.size)
         _, V = system.algebra.eigenpairs(M, system.stiffness, count, problem.factor)
     with problem.stages("modal derivatives"):
-        seen = inner(V, M @ at_rest)
-        rest = at_rest - V @ seen
-        w, E = np.linalg.eigh(inner(rest, M @ rest))
-        there = w > 1e-12 * np.trace(inner(at_rest, M @ at_rest))
-        shapes = np.hstack([V, rest @ (E[:, there] / np.sqrt(w[there]))])
-        a = np.sqrt(np.concatenate([(seen**2).sum(axis=1), w[there]]) / at_rest.shape[1])  # root mean squares
-        pairs = sorted(combinations_with_replacement(range(len(a)), 2), key=lambda ij: -a[ij[0]] * a[ij[1]])[:PAIRS]
+        modal = inner(V, M @ at_rest)
+        others = at_rest - V @ modal
+        floor = NEW_SHAPE_SHARE * np.trace(inner(at_rest, M @ at_rest))
+        w, E = (x[..., ::-1] for x in significant_eigenpairs(inner(others, M @ others), floor))  # ascending
+        shapes = np.hstack([V, others @ (E / np.sqrt(w))])
+        a = np.sqrt(np.concatenate([(modal**2).sum(axis=1), w]) / at_rest.shape[1])  # root mean squares
+        pairs = sorted(combinations_with_replacement(range(len(a)), 2), key=lambda ij: -a[ij[0]] * a[ij[1]])
+        pairs = pairs[:MAX_DERIVATIVES]
         weights = [a[i] * a[j] * (0.5 if i == j else 1.0) for i, j in pairs]
-        columns = [shapes * a, derivatives(problem, shapes, pairs) * weights]
+        columns = [shapes * a, static_derivatives(problem, shapes, pairs) * weights]
         at = np.cumsum([0, *system.widths.values()])
         largest = dict(zip(system.widths, np.abs(loads.extremes).max(axis=0)[at[:-1]], strict=True))
-        turned = [largest[name] * columns for name, columns in turned_loads(problem, shapes).items()]
-        columns += [block * a for block in turned]
-        random = np.random.default_rng(0).standard_normal((len(a), MIXED))
+        follower = [largest[name] * columns for name, columns in follower_changes(problem, shapes).items()]
+        columns += [block * a for block in follower]
+        random = np.random.default_rng(0).standard_normal((len(a), RANDOM_COMBINATIONS))
         first = np.hstack([at_rest, (shapes * a) @ random])
         second = second_order(problem, first)
-        for block in turned:
+        for block in follower:
             second += block @ inner(shapes, M @ first)
-    return TrainingData(np.hstack(columns), np.hstack([s * first + s**2 * second for s in LEVELS]))
+    return TrainingData(np.hstack(columns), np.hstack([s * first + s**2 * second for s in TRAINING_LEVELS]))
 
 
-def derivatives(problem: ReductionProblem, shapes: Array, pairs: Iterable[tuple[int, int]]) -> Array:
+def static_derivatives(problem: ReductionProblem, shapes: Array, pairs: Iterable[tuple[int, int]]) -> Array:
     """θ_ij = -K⁻¹ (∂K_t/∂q_j) φ_i = -2 K⁻¹ f₂(φ_i, φ_j) of pairs of shapes (rows here, k), (rows here, pairs)."""
     pairs = list(pairs)
-    alone = second_order(problem, shapes)
+    squares = second_order(problem, shapes)
     mixed = [(i, j) for i, j in pairs if i != j]
     sums = second_order(problem, shapes[:, [i for i, _ in mixed]] + shapes[:, [j for _, j in mixed]])
     of_sum = dict(zip(mixed, sums.T, strict=True))
-    columns = [2 * alone[:, i] if i == j else of_sum[i, j] - alone[:, i] - alone[:, j] for i, j in pairs]
+    columns = [2 * squares[:, i] if i == j else of_sum[i, j] - squares[:, i] - squares[:, j] for i, j in pairs]
     return np.column_stack(columns)
 
 
@@ -80,28 +83,28 @@ def second_order(problem: ReductionProblem, shapes: Array) -> Array:
     assert body is not None
     forces = np.empty_like(shapes)
     for k, x in enumerate(shapes.T):
-        ε = _small(problem, x)
+        ε = _difference_scale(problem, x)
         forces[:, k] = (body.force(ε * x) + body.force(-ε * x)) / (2 * ε**2)
     return -problem.factor.solve(forces)
 
 
-def turned_loads(problem: ReductionProblem, shapes: Array) -> dict[str, Array]:
+def follower_changes(problem: ReductionProblem, shapes: Array) -> dict[str, Array]:
     """K⁻¹ ∂f/∂x x of each load that follows the body, at 1 Pa or 1 N, and each shape x, (rows here, k)."""
     system = problem.system
     body = system.deformation
     assert body is not None
     changes: dict[str, list[Array]] = {name: [] for name in system.actuators if name in body.follower(shapes[:, 0] * 0)}
     for x in shapes.T:
-        ε = _small(problem, x)
-        ahead, back = body.follower(ε * x), body.follower(-ε * x)
+        ε = _difference_scale(problem, x)
+        plus, minus = body.follower(ε * x), body.follower(-ε * x)
         for name, columns in changes.items():
-            columns.append((ahead[name] - back[name])[:, 0] / (2 * ε))
+            columns.append((plus[name] - minus[name])[:, 0] / (2 * ε))
     return {name: problem.factor.solve(np.column_stack(columns)) for name, columns in changes.items()}
 
 
-def _small(problem: ReductionProblem, x: Array) -> float:
-    """What a shape is to be multiplied by for a strain of STRAIN."""
+def _difference_scale(problem: ReductionProblem, x: Array) -> float:
+    """What a shape is to be multiplied by for a strain of DIFFERENCE_STRAIN."""
     body = problem.system.deformation
     assert body is not None
     steepest = np.abs(body.gradients(x[:, None])).max(initial=0.0)
-    return STRAIN / float(problem.system.algebra.gather(np.array([[steepest]])).max())
+    return DIFFERENCE_STRAIN / float(problem.system.algebra.maximum(steepest))

@@ -26,13 +26,13 @@ def sparse_weights(A: Array, b: Array, tolerance: float) -> Array:
     x = np.empty(0)
     Q, R = np.eye(len(b)), np.empty((len(b), 0))
     residual, helpless = b, np.zeros(A.shape[1], dtype=bool)
-    least = ROUND_OFF * np.abs(A.T @ b).max(initial=0.0)
+    smallest_gain = ROUND_OFF * np.abs(A.T @ b).max(initial=0.0)
     while np.linalg.norm(residual) > tolerance * np.linalg.norm(b) and len(active) < len(b):
         gain = A.T @ residual
         gain[active] = 0.0
         gain[helpless] = 0.0
         entering = int(gain.argmax())
-        if gain[entering] <= least:
+        if gain[entering] <= smallest_gain:
             break
         Q, R = scipy.linalg.qr_insert(Q, R, A[:, entering], len(active), which="col")
         active, x = [*active, entering], np.append(x, 0.0)

@@ -9,12 +9,12 @@ import numpy as np
 from fenics_rom.errors import SolverError
 from fenics_rom.mechanics.step import StepInput
 from fenics_rom.reduction.checkpoint import Checkpoint
-from fenics_rom.reduction.hyperreduction.basis import small_motions, snapshots
-from fenics_rom.reduction.hyperreduction.training_runs import Run, runs_of
+from fenics_rom.reduction.hyperreduction.basis import weighted_small_motions, weighted_snapshots
+from fenics_rom.reduction.hyperreduction.training_runs import Run, plan_runs
 from fenics_rom.reduction.methods.balanced import balanced
 from fenics_rom.reduction.methods.static import static
 from fenics_rom.reduction.problem import ReductionProblem
-from fenics_rom.system.system import Array
+from fenics_rom.system.protocols import Array
 
 
 @dataclass(frozen=True)
@@ -40,16 +40,16 @@ def trained(problem: ReductionProblem, checkpoint: Checkpoint) -> TrainingData:
         SolverError: a run does not converge.
         FileError: a checkpoint of something else, or one that cannot be written.
     """
-    training, held_out = runs_of(problem)
-    shapes = _played(problem, [*training, *held_out], checkpoint)
-    seen, unseen = shapes[: len(training)], shapes[len(training) :]
-    moves = training[0].dt is not None
-    small = small_motions(problem, dict((balanced if moves else static)(problem)))
-    columns = np.hstack([snapshots(problem, seen), small])
-    return TrainingData(columns, np.hstack(seen), tuple(zip(held_out, unseen, strict=True)))
+    training, held_out = plan_runs(problem)
+    shapes = _simulated(problem, [*training, *held_out], checkpoint)
+    trained_shapes, held_out_shapes = shapes[: len(training)], shapes[len(training) :]
+    dynamic = training[0].dt is not None
+    small = weighted_small_motions(problem, dict((balanced if dynamic else static)(problem)))
+    columns = np.hstack([weighted_snapshots(problem, trained_shapes), small])
+    return TrainingData(columns, np.hstack(trained_shapes), tuple(zip(held_out, held_out_shapes, strict=True)))
 
 
-def _played(problem: ReductionProblem, runs: list[Run], checkpoint: Checkpoint) -> list[Array]:
+def _simulated(problem: ReductionProblem, runs: list[Run], checkpoint: Checkpoint) -> list[Array]:
     """The shapes (rows here, s) of each run."""
     system, shapes = problem.system, []
     body = system.deformation
@@ -58,22 +58,22 @@ def _played(problem: ReductionProblem, runs: list[Run], checkpoint: Checkpoint) 
         for number, run in enumerate(runs):
             problem.stages.report("training runs", number, len(runs))
             key = f"{body.law}; {run.title}; {len(run.steps)} steps of {run.dt} s"
-            found = checkpoint.restored_run(number, key, system.algebra.rows())
-            if found is None:
-                found = _shapes(stepper, run, f"training run {number + 1} of {len(runs)}")
-                checkpoint.keep_run(number, key, system.algebra.gather(found))
-            shapes.append(found)
+            snapshots = checkpoint.restored_run(number, key, system.algebra.rows())
+            if snapshots is None:
+                snapshots = _shapes(stepper, run, f"training run {number + 1} of {len(runs)}")
+                checkpoint.keep_run(number, key, system.algebra.gather(snapshots))
+            shapes.append(snapshots)
     problem.stages.report("training runs", len(runs), len(runs))
     return shapes
 
 
 def _shapes(stepper: Any, run: Run, name: str) -> Array:
     """The shapes (rows here, s) of a run, from rest."""
-    rest = np.zeros(stepper.x.size)
-    stepper.set_state(rest, rest)
+    zero = np.zeros(stepper.x.size)
+    stepper.set_state(zero, zero)
     if run.dt is not None:
         stepper.set_time_step(run.dt)
-    shown, shapes = set(run.shown()), []
+    snapshot_steps, shapes = set(run.snapshot_steps()), []
     try:
         for step, (contact, u) in enumerate(run.steps):
             stepper.switch(contact)
@@ -81,7 +81,7 @@ def _shapes(stepper: Any, run: Run, name: str) -> Array:
                 stepper.equilibrium(StepInput(u))
             else:
                 stepper.step(StepInput(u))
-            if step in shown:
+            if step in snapshot_steps:
                 shapes.append(stepper.x[:, 0].copy())
     except SolverError as error:
         raise SolverError(

@@ -11,16 +11,17 @@ from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.load_history import LoadHistory
 from fenics_rom.reduction.problem import ReductionProblem
 from fenics_rom.scene.scene import Scene
-from fenics_rom.system.system import Array, System
+from fenics_rom.system.protocols import Array
+from fenics_rom.system.system import System
 
-SMOOTHING = 0.25  # of the slowest period: what acts for less moves the body by less
-MOMENTS = 24  # of the load history, of which the worst is looked for
-ALONE = 6  # loads that are tried alone, at most
-SIDEWAYS = 0.5  # of a contact force that is given to a random direction
+SMOOTHING_PERIODS = 0.25  # slowest periods that loads are averaged over: what acts for less moves the body by less
+HISTORY_SAMPLES = 24  # of the load history, among which the worst is looked for
+MAX_SINGLE_LOADS = 6  # that are tried alone
+RANDOM_PUSH_SHARE = 0.5  # of a contact force that is given to a random direction
 
 
 @dataclass(frozen=True)
-class Loads:
+class LoadExtremes:
     """How large they get in the scene's load history, in the order of the input.
 
     Attributes:
@@ -69,7 +70,7 @@ def slowest_period(problem: ReductionProblem) -> float:
     return 2 * np.pi / ω * max(1.0, ζ)
 
 
-def loads_of(problem: ReductionProblem, period: float) -> Loads:
+def load_extremes(problem: ReductionProblem, period: float) -> LoadExtremes:
     """From the scene's own history, smoothed over a part of the slowest period (s; 0 without inertia).
 
     Raises:
@@ -77,14 +78,14 @@ def loads_of(problem: ReductionProblem, period: float) -> Loads:
     """
     system = problem.system
     scene = scene_with_run(system)
-    signals = list(own_history(system, scene))
+    signals = list(scene_history(system, scene))
     assert scene.run is not None
     shared = sum(system.widths.values())
     acting = np.array([u[len(u) - shared :] for _, u in signals])
     constant = (acting == acting[0]).all(axis=0)
     of_loads = np.arange(shared) >= sum(B.shape[1] for B in system.actuators.values())
     resting = np.where(constant & of_loads, acting[0], 0.0)
-    width = max(1, min(len(signals), round(SMOOTHING * period / scene.run.dt)))
+    width = max(1, min(len(signals), round(SMOOTHING_PERIODS * period / scene.run.dt)))
     acting = _averages(acting - resting, width)
     pushing = {}
     for name, B in system.contacts.items():
@@ -95,22 +96,22 @@ def loads_of(problem: ReductionProblem, period: float) -> Loads:
     if not extremes.any() and not any(push.any() for push in pushes.values()):
         raise SceneError(f"{scene.source}: run: nothing acts but what is always there: there is nothing to train with")
     worst = _worst(problem, acting, pushing)
-    return Loads(resting, extremes, _completed(problem, extremes, pushes), worst)
+    return LoadExtremes(resting, extremes, _completed(problem, extremes, pushes), worst)
 
 
 def _worst(problem: ReductionProblem, acting: Array, pushing: dict[str, Array]) -> tuple[str, Array]:
     """Of some moments of a history the one whose forces would move the body farthest, if they stayed."""
     system = problem.system
-    moments = np.unique(np.linspace(0, len(acting) - 1, MOMENTS).astype(int))
-    found = []
+    moments = np.unique(np.linspace(0, len(acting) - 1, HISTORY_SAMPLES).astype(int))
+    candidates = []
     for k in moments:
         name = max(pushing, key=lambda name: float(np.linalg.norm(pushing[name][k])))
-        found.append((name, np.concatenate([pushing[name][k], acting[k]])))
-    shapes = problem.factor.solve(np.column_stack([system.input_matrix(name) @ u for name, u in found]))
-    return found[int(np.diag(system.algebra.inner(shapes, system.mass @ shapes)).argmax())]
+        candidates.append((name, np.concatenate([pushing[name][k], acting[k]])))
+    shapes = problem.factor.solve(np.column_stack([system.input_matrix(name) @ u for name, u in candidates]))
+    return candidates[int(np.diag(system.algebra.inner(shapes, system.mass @ shapes)).argmax())]
 
 
-def own_history(system: System, scene: Scene) -> Iterator[tuple[str, Array]]:
+def scene_history(system: System, scene: Scene) -> Iterator[tuple[str, Array]]:
     """Contact mode and whole input of each step of the scene's load history; obstacles push nothing."""
     environment = scene.environment
     active = ActiveEnvironment(environment)
@@ -138,17 +139,17 @@ def _completed(problem: ReductionProblem, extremes: Array, pushes: dict[str, Arr
     if not blocks:
         return pushes
     shapes = problem.factor.solve(np.column_stack(blocks))
-    found = {}
+    completed = {}
     for name, push in pushes.items():
         if push.any():
-            found[name] = push
+            completed[name] = push
             continue
         mixed = resultants(len(push))
         B = system.contacts[name] @ mixed
         compliance = system.algebra.inner(B, problem.factor.solve(B))
         undoing = -np.linalg.lstsq(compliance, system.algebra.inner(B, shapes), rcond=1e-12)[0]
-        found[name] = mixed @ undoing[:, np.linalg.norm(undoing, axis=0).argmax()]
-    return found
+        completed[name] = mixed @ undoing[:, np.linalg.norm(undoing, axis=0).argmax()]
+    return completed
 
 
 def resultants(columns: int) -> Array:
@@ -158,21 +159,21 @@ def resultants(columns: int) -> Array:
     return np.kron(np.full((columns // 3, 1), 3 / columns), np.eye(3))
 
 
-def targets(loads: Loads) -> Iterator[tuple[str, Array]]:
+def training_targets(loads: LoadExtremes) -> Iterator[tuple[str, Array]]:
     """Contact mode and input to grow to, without end: the worst, then loads alone, then random ones together."""
     yield loads.worst
     names = list(loads.pushes)
-    alone: list[tuple[str, Array]] = []
-    still = {name: np.zeros(len(push)) for name, push in loads.pushes.items()}
+    single: list[tuple[str, Array]] = []
+    no_push = {name: np.zeros(len(push)) for name, push in loads.pushes.items()}
     for k, (least, most) in enumerate(loads.extremes.T):
         if least or most:
             u = np.zeros(loads.extremes.shape[1])
             u[k] = most if most >= -least else least
-            alone.append((names[0], np.concatenate([still[names[0]], u])))
+            single.append((names[0], np.concatenate([no_push[names[0]], u])))
     for name, push in loads.pushes.items():
         if push.any():
-            alone.append((name, np.concatenate([push, 0 * loads.resting])))
-    yield from alone[:: -(-len(alone) // ALONE)]
+            single.append((name, np.concatenate([push, 0 * loads.resting])))
+    yield from single[:: -(-len(single) // MAX_SINGLE_LOADS)]
     random = np.random.default_rng(0)
     for k in count():
         name = names[k % len(names)]
@@ -180,7 +181,7 @@ def targets(loads: Loads) -> Iterator[tuple[str, Array]]:
         least, most = loads.extremes
         push = loads.pushes[name]
         mixed = resultants(len(push))
-        aside = mixed @ random.standard_normal(mixed.shape[1])
-        aside *= np.linalg.norm(push) / np.linalg.norm(aside)
-        pushed = level[-1] * (push + SIDEWAYS * aside) / np.sqrt(1 + SIDEWAYS**2)
+        direction = mixed @ random.standard_normal(mixed.shape[1])
+        direction *= np.linalg.norm(push) / np.linalg.norm(direction)
+        pushed = level[-1] * (push + RANDOM_PUSH_SHARE * direction) / np.sqrt(1 + RANDOM_PUSH_SHARE**2)
         yield name, np.concatenate([pushed, least + (most - least) * level[:-1]])

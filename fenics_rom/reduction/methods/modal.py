@@ -5,7 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 
 from fenics_rom.errors import SceneError
-from fenics_rom.reduction.common_basis import orthogonal_complement, padded
+from fenics_rom.reduction.common_basis import orthogonal_complement, pad_rows
 from fenics_rom.reduction.eigenvectors import share_eigenvectors
 from fenics_rom.reduction.problem import RankedBasis, ReductionProblem
 
@@ -24,7 +24,7 @@ def modal_static(problem: ReductionProblem) -> Iterator[tuple[str, RankedBasis]]
         with problem.stages("solves with K"):
             statics = problem.factor.solve(problem.system.forces(name))
         shapes = problem.space.add(statics)
-        V = padded(np.eye(problem.space.eigenvectors), len(shapes))
+        V = pad_rows(np.eye(problem.space.eigenvectors), len(shapes))
         yield name, RankedBasis(np.hstack([orthogonal_complement(shapes, shapes[:, :0]), V]))
 
 

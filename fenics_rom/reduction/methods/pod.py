@@ -5,12 +5,13 @@ from contextlib import closing
 
 import numpy as np
 
+from fenics_rom.reduction.gram import significant_eigenpairs
 from fenics_rom.reduction.problem import RankedBasis, ReductionProblem
-from fenics_rom.system.system import Array, Factor, System
+from fenics_rom.system.protocols import Array, Factor
+from fenics_rom.system.system import System
 
 PERIODS = 3  # of the slowest motion that the inputs excite
-STEPS = 50  # in a period
-ROUND_OFF = 1e-14  # share of the largest eigenvalue of a Gram matrix below which it is noise
+STEPS_PER_PERIOD = 50
 
 
 def pod(problem: ReductionProblem) -> Iterator[tuple[str, RankedBasis]]:
@@ -25,7 +26,7 @@ def pod(problem: ReductionProblem) -> Iterator[tuple[str, RankedBasis]]:
         with problem.stages("solves with K"):
             statics[name] = problem.factor.solve(system.forces(name))
     slowest = min(_frequency(system, shapes) for shapes in statics.values())
-    h = 2 * np.pi / slowest / STEPS
+    h = 2 * np.pi / slowest / STEPS_PER_PERIOD
     with problem.stages("factorisation of the step"):
         factor = system.algebra.factor((2 / h, system.mass), (1.0, system.damping), (h / 2, system.stiffness))
     with closing(factor):
@@ -33,8 +34,8 @@ def pod(problem: ReductionProblem) -> Iterator[tuple[str, RankedBasis]]:
             with problem.stages("full-order runs"):
                 snapshots = _snapshots(system, factor, system.forces(name), h, slowest)
             with problem.stages("orthonormal basis"):
-                found = _decomposed(problem, snapshots)
-            yield name, found
+                basis = _decomposed(problem, snapshots)
+            yield name, basis
 
 
 def _frequency(system: System, shapes: Array) -> float:
@@ -45,20 +46,17 @@ def _frequency(system: System, shapes: Array) -> float:
 
 
 def _snapshots(system: System, factor: Factor, B: Array, h: float, ω: float) -> Array:
-    """x and v/ω of the response to unit steps, (rows here, 2 p PERIODS STEPS)."""
+    """x and v/ω of the response to unit steps, (rows here, 2 p PERIODS STEPS_PER_PERIOD)."""
     x, v = np.zeros_like(B), np.zeros_like(B)
-    kept = []
-    for _ in range(PERIODS * STEPS):
+    snapshots = []
+    for _ in range(PERIODS * STEPS_PER_PERIOD):
         mid = factor.solve(B + 2 / h * (system.mass @ v) - system.stiffness @ x)
         x, v = x + h * mid, 2 * mid - v
-        kept += [x, v / ω]
-    return np.hstack(kept)
+        snapshots += [x, v / ω]
+    return np.hstack(snapshots)
 
 
 def _decomposed(problem: ReductionProblem, snapshots: Array) -> RankedBasis:
     """Left singular vectors of the snapshots in the mass norm (Sirovich 1987), as many as are not noise."""
-    inner, M = problem.system.algebra.inner, problem.system.mass
-    w, E = np.linalg.eigh(inner(snapshots, M @ snapshots))
-    there = w > ROUND_OFF * w[-1]
-    w, E = w[there][::-1], E[:, there][:, ::-1]
+    w, E = significant_eigenpairs(problem.system.algebra.inner(snapshots, problem.system.mass @ snapshots))
     return problem.directions(snapshots @ (E / np.sqrt(w)), np.sqrt(w))

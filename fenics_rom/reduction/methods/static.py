@@ -4,9 +4,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from fenics_rom.reduction.gram import significant_eigenpairs
 from fenics_rom.reduction.problem import RankedBasis, ReductionProblem
-
-ROUND_OFF = 1e-14  # share of the largest eigenvalue of the compliance below which it is noise
 
 
 def static(problem: ReductionProblem) -> Iterator[tuple[str, RankedBasis]]:
@@ -20,7 +19,5 @@ def static(problem: ReductionProblem) -> Iterator[tuple[str, RankedBasis]]:
         with problem.stages("solves with K"):
             shapes = problem.factor.solve(B)
         compliance = problem.system.algebra.inner(B, shapes)
-        Λ, U = np.linalg.eigh((compliance + compliance.T) / 2)
-        there = ROUND_OFF * Λ[-1] < Λ
-        Λ, U = Λ[there][::-1], U[:, there][:, ::-1]
+        Λ, U = significant_eigenpairs((compliance + compliance.T) / 2)
         yield name, problem.directions(shapes @ (U / np.sqrt(Λ)), Λ)

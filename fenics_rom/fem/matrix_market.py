@@ -11,7 +11,8 @@ import scipy.sparse
 
 from fenics_rom.errors import StructureError
 from fenics_rom.io.mpi_ranks import launched_rank
-from fenics_rom.system.system import System, check_damping_choice
+from fenics_rom.system.rayleigh_damping import check_damping_choice
+from fenics_rom.system.system import System
 
 File = str | PathLike[str]
 

@@ -1,0 +1,150 @@
+"""The reference of the scene file, made from its records: `python -m fenics_rom.scene.reference > README.md` here."""
+
+import json
+from collections.abc import Mapping
+from dataclasses import MISSING, Field, fields, is_dataclass
+from pathlib import Path
+from typing import Annotated, Any, get_args, get_origin
+
+from fenics_rom.io.markdown import markdown
+from fenics_rom.scene.effect_table import table_of_effects
+from fenics_rom.scene.file_format import SceneFile
+from fenics_rom.scene.values import (
+    Items,
+    Number,
+    Table,
+    Text,
+    Value,
+    allowed_in,
+    default_of,
+    keys_of,
+    part_of,
+    required,
+    type_in,
+    value_in,
+)
+
+EXAMPLE = Path(__file__).with_name("example.toml")
+INTRODUCTION = """\
+# Scenes: what is simulated
+
+What comes in: a scene file (TOML), and the CSV files it names. What goes out: a frozen `Scene` of typed records, and
+its `environment`, which is all that a run needs to know of it: loads and obstacles with their signals, the contact law,
+the load history. The file is checked when it is read; every mistake is told in one sentence with what is allowed.
+
+| file | what it holds |
+|---|---|
+| `scene.py`, `places.py`, `effects.py` | the records; their annotations say what a key may be, and what it means |
+| `file_format.py` | the tables of the file, where these are other than the records |
+| `values.py` | what a value may be: numbers with unit and range, texts, lists |
+| `file.py`, `mistakes.py` | reading: TOML, then pydantic with these annotations, whose errors become our sentences |
+| `consistency.py` | what holds for several keys together |
+| `signal_tables.py` | signals from CSV files |
+| `environment.py` | effects to `Environment` |
+| `effect_table.py` | the table of effects |
+| `reference.py` | makes this page: `python -m fenics_rom.scene.reference > fenics_rom/scene/README.md` |
+
+To add an effect: write its record with its `LAW` in `effects.py` and name it in `Effects`; that is all for the file,
+the table and this page. What it does is then assembled in `fem` (matrices and columns) or, where it acts in a run
+alone, compiled in `environment.py`. What holds for several of its keys goes to `consistency.py`.
+
+A CSV file begins with a row that names its columns; the first is the time (s). Between rows are straight lines; the
+first row holds before it, the last one after it. Numbers are in SI units, and 0 or of a size from 1e-50 to 1e50. Names
+are of letters, digits, _ and -.
+"""
+
+
+def reference() -> str:
+    """The page, in Markdown."""
+    effects = markdown(("effect", "force", "parameters", "energy"), table_of_effects())
+    sections = [_section(record, places) for record, places in _records().items()]
+    example = f"## A complete example\n\n```toml\n{EXAMPLE.read_text().strip()}\n```\n"
+    return "\n".join([INTRODUCTION, f"## Effects\n\n{effects}", *sections, example])
+
+
+def _records() -> dict[Any, list[str]]:
+    """All records of the file, with the places in it where they are."""
+    records: dict[Any, list[str]] = {SceneFile: ["The file"]}
+
+    def collect(record: Any, path: str) -> None:
+        for key, annotation in keys_of(record).items():
+            name = f"{path}.{key}" if path else key
+            form, brackets = _table_in(annotation), "[{}]"
+            if get_origin(type_in(annotation)) is tuple:
+                brackets = "[[{}]]"
+            elif get_origin(type_in(annotation)) is Mapping:
+                name += ".NAME"
+            if form is not None and keys_of(form):
+                records.setdefault(form, []).append(f"`{brackets.format(name)}`")
+                collect(form, name)
+
+    collect(SceneFile, "")
+    return records
+
+
+def _table_in(annotation: Any) -> Any:
+    """The record of a table, or of each table in a list or under a name; None of other values."""
+    kind = type_in(annotation)
+    if get_origin(kind) in (tuple, Mapping):
+        return _table_in(get_args(kind)[-1 if get_origin(kind) is Mapping else 0])
+    return kind if is_dataclass(kind) and value_in(annotation) is None else None
+
+
+def _section(record: Any, places: list[str]) -> str:
+    """What a record is, where it is, and its keys."""
+    first, *others = places
+    text = f"{record.__doc__} The same: {', '.join(others)}." if others else record.__doc__
+    annotations = keys_of(record)
+    rows = [_row(field, annotations[field.name]) for field in fields(record)]
+    return f"## {first}\n\n{text}\n\n{markdown(('key', 'value', 'unit', 'default', 'meaning'), rows)}"
+
+
+def _row(field: Field, annotation: Any) -> tuple[str, str, str, str, str]:
+    default = default_of(field)
+    shown = "required" if default is MISSING else "-"
+    if isinstance(default, str | int | float):
+        shown = f"`{json.dumps(default)}`"
+    meanings = [extra for extra in _extras(annotation) if isinstance(extra, str)]
+    meaning = meanings[0] if meanings else _table_in(annotation).__doc__.rstrip(".")
+    return f"`{field.name}`", _words(annotation), _unit(annotation), shown, meaning
+
+
+def _extras(annotation: Any) -> tuple[Any, ...]:
+    """All that is annotated."""
+    annotation = required(annotation)
+    if get_origin(annotation) is not Annotated:
+        return ()
+    inner, *extras = get_args(annotation)
+    return (*extras, *_extras(inner))
+
+
+def _words(annotation: Any) -> str:
+    """What a key may hold, without its unit."""
+    value = value_in(annotation)
+    if value is None:
+        if get_origin(type_in(annotation)) is not Mapping:
+            return "a table"
+        return f"for each name {_words(part_of(annotation, 'NAME'))}"
+    if isinstance(value, Items):
+        return f"{value.allowed}, each {_words(part_of(annotation, 0))}"
+    return _scalar_words(value) or allowed_in(annotation)
+
+
+def _scalar_words(value: Value) -> str:
+    if isinstance(value, Number):
+        return value.allowed.removesuffix(f", in {value.unit}")
+    if isinstance(value, Text) and value.choices:
+        return ", ".join(f'`"{choice}"`' for choice in value.choices)
+    return {Text: "text", Table: "path of a CSV file"}.get(type(value), "")
+
+
+def _unit(annotation: Any) -> str:
+    """The unit of a number, or of those in a list."""
+    value = value_in(annotation)
+    if isinstance(value, Items):
+        return _unit(part_of(annotation, 0))
+    return value.unit or "-" if isinstance(value, Number) else "-"
+
+
+if __name__ == "__main__":
+    print(reference(), end="")

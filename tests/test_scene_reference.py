@@ -1,0 +1,26 @@
+"""The reference of the scene file is that of the records, and its example reads."""
+
+from pathlib import Path
+
+import numpy as np
+
+import fenics_rom.scene
+from fenics_rom.scene.effect_table import EFFECTS
+from fenics_rom.scene.file import parse_scene
+from fenics_rom.scene.reference import EXAMPLE, reference
+
+README = Path(fenics_rom.scene.__file__).with_name("README.md")
+
+
+def test_reference_is_that_of_the_records():
+    assert README.read_text() == reference(), "python -m fenics_rom.scene.reference > fenics_rom/scene/README.md"
+
+
+def test_example_reads_and_names_every_effect():
+    tables = {"quake.csv": 1, "ball.csv": 3, "pump.csv": 1}
+    given = {name: np.column_stack([np.arange(2.0), np.ones((2, columns))]) for name, columns in tables.items()}
+    scene = parse_scene(EXAMPLE.read_text(), tables=given)
+    assert scene.effects.names == tuple(EFFECTS)
+    assert set(scene.tables) == set(tables)
+    assert len(repr(scene).splitlines()) == 3
+    assert set(scene.environment.loads) == {"gravity", "quake", "wire"}
