@@ -14,6 +14,7 @@ from fenics_rom.fem.direct import ComplexFactor, MemoryShortage, PetscFactor
 from fenics_rom.fem.eigenpairs import lowest_eigenpairs
 from fenics_rom.fem.iterative import METHOD_NAME, RESIDUAL_TOLERANCE, IterativeFactor
 from fenics_rom.fem.petsc_matrix import PetscMatrix, combination, fix_dofs
+from fenics_rom.fem.ranks import run_on_rank_0
 from fenics_rom.system.protocols import DENSE_SHARE, NO_DOFS, Value
 
 EIGEN_RESIDUAL = 1e-6  # largest accepted |K v - γ M v| / |K v|
