@@ -12,6 +12,7 @@ import imageio_ffmpeg
 import numpy as np
 import pytest
 import pyvista
+from bodies import PLATE
 
 import fenics_rom as fr
 from fenics_rom.cli.main import main
@@ -132,9 +133,10 @@ def test_patches_are_where_contact_modes_are_touched(touching, plate_rom):
     z = touching.nodes[contact_triangles(touching, "bottom")][..., 2]
     assert len(z)
     assert not z.any()
-    assert not len(contact_triangles(plate_rom, "middle"))  # a group of the mesh, which the ROM does not know
+    assert len(contact_triangles(plate_rom, "middle"))  # a group of the mesh, whose nodes the ROM keeps
     near = plate_rom.scene_text.replace('surface = "middle"', "near = { point = [0.25, 0.1, 0.01], radius = 0.08 }")
-    patch = contact_triangles(replace(plate_rom, scene_text=near), "middle")
+    surfaces = fr.assemble(parse_scene(near, folder=PLATE.parent)).body.contact_surfaces
+    patch = contact_triangles(replace(plate_rom, contact_surfaces=surfaces), "middle")
     centroids = plate_rom.nodes[patch].mean(axis=1)
     assert len(patch)
     assert (np.linalg.norm(centroids - [0.25, 0.1, 0.01], axis=1) <= 0.08).all()
@@ -243,8 +245,8 @@ def test_modes_of_a_method_without_singular_values_have_none(plate_rom, tmp_path
 
 def test_velocities_are_the_rates_of_the_shapes(plate_rom):
     """The midpoint rule: the mean of two velocities is the rate of the displacement between them."""
-    scene = parse_scene(plate_rom.scene_text, tables=plate_rom.tables)
-    every = fr.simulate(plate_rom, scene=replace(scene, run=replace(scene.run, duration=0.05, snapshots=50)))
+    run = replace(plate_rom.environment.run, duration=0.05, snapshots=50)
+    every = fr.simulate(plate_rom, scene=replace(plate_rom.environment, run=run))
     assert every.velocities.shape == every.snapshots.shape == (50, len(plate_rom.nodes), 3)
     rates, means = np.diff(every.snapshots, axis=0) / 1e-3, (every.velocities[1:] + every.velocities[:-1]) / 2
     np.testing.assert_allclose(rates, means, atol=1e-9 * np.abs(means).max())

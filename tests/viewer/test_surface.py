@@ -7,7 +7,6 @@ import pytest
 from bodies import box_arrays, box_surfaces
 
 from fenics_rom.mechanics.obstacles import Box, Capsule, HalfSpace, Sphere
-from fenics_rom.scene.file import parse_scene
 from fenics_rom.visualization.obstacle_meshes import obstacle_mesh
 from fenics_rom.visualization.viewer.colours import BANDS, band_colours, bands_of, round_up, with_unit
 from fenics_rom.visualization.viewer.fields import surface_fields
@@ -83,13 +82,12 @@ def test_triangle_without_area_has_no_strain():
 
 
 def test_energy_density_is_offered_for_one_material_only(box, plate_rom):
-    surface, scene = Surface(*box), parse_scene(plate_rom.scene_text, source="plate")
-    assert set(surface_fields(surface, scene)) == {"displacement", "speed", "strain", "energy density"}
+    surface, environment = Surface(*box), plate_rom.environment
+    assert set(surface_fields(surface, environment)) == {"displacement", "speed", "strain", "energy density"}
     assert set(surface_fields(surface, None, moves=False)) == {"displacement", "strain"}
-    (material,) = scene.materials.values()
-    assert "energy density" not in surface_fields(
-        surface, replace(scene, materials={"rubber": material, "steel": material})
-    )
+    (material,) = (text for place, text in environment.built_in.items() if place.startswith("materials."))
+    both = replace(environment, built_in={"materials.rubber": material, "materials.steel": material})
+    assert "energy density" not in surface_fields(surface, both)
 
 
 def test_bands_are_even_and_closed():
