@@ -9,7 +9,7 @@ from pathlib import Path
 import gmsh
 
 import fenics_rom as fr
-from fenics_rom.visualization.viewer.command import view
+from fenics_rom.visualization.viewer.view import view
 
 # %% A mesh: a tongue of 12 x 3 x 1 cm, and the face that will be held. Any .msh file of Gmsh does as well.
 out = Path("first_steps")

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 import fenics_rom as fr
-from fenics_rom.visualization.viewer import command
+from fenics_rom.visualization.viewer import view as view_module
 
 DEMOS = Path(__file__).parent.parent / "demos"
 TABLE = (DEMOS / "README.md").read_text()
@@ -37,7 +37,7 @@ def test_pictures_are_made_by_commands_that_there_are():
 @pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
 def test_first_steps_lead_to_the_live_view(tmp_path, monkeypatch, capsys):
     shown = []
-    monkeypatch.setattr(command, "view", lambda files: shown.extend(files))
+    monkeypatch.setattr(view_module, "view", lambda files: shown.extend(files))
     monkeypatch.chdir(tmp_path)
     script = DEMOS / "first_steps.py"
     fast = tmp_path / "first_steps.py"

@@ -5,7 +5,7 @@ from dataclasses import replace
 import numpy as np
 
 import fenics_rom as fr
-from fenics_rom.visualization.exports.fields import balanced_modes, eigenvectors, shapes_at_rest
+from fenics_rom.visualization.exports.mode_shapes import balanced_modes, eigenvectors, shapes_at_rest
 
 
 def free(rom, field):

@@ -12,7 +12,7 @@ import pytest
 import fenics_rom as fr
 from fenics_rom.io.markdown import markdown
 from fenics_rom.scene.effect_table import table_of_effects
-from fenics_rom.studies.method_configs import METHODS, WAYS
+from fenics_rom.studies.method_configs import METHOD_CONFIGS, STUDIED_METHODS
 
 ROOT = Path(__file__).parent.parent
 README = (ROOT / "README.md").read_text()
@@ -87,13 +87,13 @@ def test_plate_demo_keeps_its_claims():
 def test_what_accuracy_costs_is_what_a_short_study_finds(tmp_path):
     (costs,) = (table for table in tables(README) if {"for", "method", "order", "step", "error"} <= table[0].keys())
     (reduction,) = (table for table in tables(README) if {"order", "balanced", "POD"} <= table[0].keys())
-    method_of = {way.label: name for name, way in WAYS.items()}
+    method_of = {config.label: name for name, config in METHOD_CONFIGS.items()}
     costs = [row for row in costs if seconds(row["step"]) >= 1e-3]  # the rest takes longer
     assert len(costs) >= 3
     orders = {int(row["order"]) for row in costs} | {28}
     steps = {seconds(row["step"]) for row in costs}
     scene = fr.read_scene(DEMO / "plate.toml")
-    found = fr.study(scene, tmp_path, methods=METHODS, orders=sorted(orders), steps=sorted(steps)).rows
+    found = fr.study(scene, tmp_path, methods=STUDIED_METHODS, orders=sorted(orders), steps=sorted(steps)).rows
     for row in costs:
         key, dt = (method_of[row["method"]], int(row["order"])), seconds(row["step"])
         (measured,) = (r for r in found if (r.method, r.order) == key and math.isclose(r.dt, dt))

@@ -29,9 +29,9 @@ import numpy as np
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning, StepError
 from fenics_rom.io.markdown import markdown
-from fenics_rom.studies.report import write_results
-from fenics_rom.studies.study_results import Findings
-from fenics_rom.studies.tables import COSTS, cost_rows, reduction_table
+from fenics_rom.studies.report import write_report
+from fenics_rom.studies.study_results import StudyResults
+from fenics_rom.studies.tables import COST_HEADING, cost_rows, reduction_table
 from fenics_rom.visualization.plots.body import draw_body, draw_energy_over_work, draw_force
 
 HERE = Path(__file__).parent
@@ -95,12 +95,12 @@ def main() -> None:
     check(system, findings, rides)
 
 
-def accuracy_and_cost(scene: fr.Scene) -> Findings:
+def accuracy_and_cost(scene: fr.Scene) -> StudyResults:
     """Studies the scene at full order and at some reduced ones; `fenics-rom study plate.toml -o DIR` tries more."""
     choices = {"methods": ("balanced", "selection", "modal"), "orders": (5, 10, 20, 40), "steps": (4e-3, 2e-3, 1e-3)}
     findings = fr.study(scene, OUT, **choices)  # type: ignore[arg-type]
-    write_results(OUT, findings, "bash demos/run.sh plate")
-    print(f"What each decimal costs\n\n{markdown(COSTS, cost_rows(findings))}")
+    write_report(OUT, findings, "bash demos/run.sh plate")
+    print(f"What each decimal costs\n\n{markdown(COST_HEADING, cost_rows(findings))}")
     print(f"Error of the reduction alone, whole shape\n\n{reduction_table(findings)}")
     return findings
 
@@ -198,7 +198,7 @@ def picture_of_shapes(system: fr.System, rides: list[Ride]) -> None:
     plt.close(figure)
 
 
-def check(system: fr.System, findings: Findings, rides: list[Ride]) -> None:
+def check(system: fr.System, findings: StudyResults, rides: list[Ride]) -> None:
     """The claims of this page, measured."""
     balanced, eigenvectors = (findings.of(method, 40)[0].reduction for method in ("balanced", "selection"))
     standard, selected, orthogonal = rides

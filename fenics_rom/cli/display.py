@@ -11,12 +11,12 @@ from typing import Any
 import numpy as np
 
 import fenics_rom as fr
-from fenics_rom.errors import MissingPackageError
 from fenics_rom.io.mpi_ranks import is_root_process
 from fenics_rom.io.progress import Report, silent
 from fenics_rom.io.stages import Stage, peak_memory
 from fenics_rom.rom.deformation import ReducedDeformation
 from fenics_rom.rom.rom import ContactModel
+from fenics_rom.visualization.optional_dependencies import load_package
 
 
 def rich_package() -> Any:
@@ -25,14 +25,10 @@ def rich_package() -> Any:
     Raises:
         MissingPackageError: it is not installed.
     """
-    try:
-        import rich.console
-        import rich.progress
-        import rich.table
-        import rich.text
-    except ModuleNotFoundError as error:
-        raise MissingPackageError("the command line needs rich: pip install fenics-rom[cli]") from error
-    return rich
+    message = "the command line needs rich: pip install fenics-rom[cli]"
+    for part in ("console", "progress", "table", "text"):
+        load_package(f"rich.{part}", message)
+    return load_package("rich", message)
 
 
 def print_rom(rom: "fr.Rom", file: Path | str) -> None:

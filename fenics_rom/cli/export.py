@@ -6,7 +6,7 @@ import fenics_rom as fr
 from fenics_rom.cli.display import progress
 from fenics_rom.cli.output import add_output
 from fenics_rom.io.hdf5 import content_of
-from fenics_rom.visualization.exports.fields import KINDS
+from fenics_rom.visualization.exports.mode_shapes import SHAPE_KINDS
 
 SUMMARY = "write files for ParaView, pictures and films"
 
@@ -15,7 +15,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
     """What it is told."""
     command.add_argument("file", metavar="FILE.h5", help="a ROM or a run")
     add_output(command, "OUT", "of a run .pvd, .vtu, .png, .gif or .mp4; of a ROM .vtu, or .png, .pdf, .svg")
-    command.add_argument("--what", choices=KINDS, help="shapes of a ROM; modes, unless others are asked for")
+    command.add_argument("--what", choices=SHAPE_KINDS, help="shapes of a ROM; modes, unless others are asked for")
     command.add_argument("--count", type=int, metavar="N", help="shapes of each contact mode")
     command.add_argument("--time", type=float, metavar="S", help="instant of a run for .vtu and .png, s; else the last")
     command.add_argument("--scale", type=float, metavar="X", default=1.0, help="of displacements in pictures of a run")

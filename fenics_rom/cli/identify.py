@@ -42,7 +42,8 @@ def run(choice: argparse.Namespace) -> None:
 
 def _print_identification(result: "fr.Identification", folder: Path) -> None:
     """The parameters found, and how good the fit is."""
-    from fenics_rom.identification.write import HEADING, lines_of, rows_of  # needs SciPy, which a run of a ROM does not
+    # Needs SciPy, which a run of a ROM does not.
+    from fenics_rom.identification.write import PARAMETER_HEADING, parameter_rows, summary_lines
 
-    print_table(f"identification of {result.scene.name}: {folder}", HEADING, rows_of(result))
-    print_lines(lines_of(result), result.warnings)
+    print_table(f"identification of {result.scene.name}: {folder}", PARAMETER_HEADING, parameter_rows(result))
+    print_lines(summary_lines(result), result.warnings)

@@ -9,11 +9,11 @@ from fenics_rom.cli.display import print_lines, print_table, print_warnings, pro
 from fenics_rom.cli.output import add_output
 from fenics_rom.io.atomic_write import check_folder, write_whole
 from fenics_rom.io.mpi_ranks import is_rank_0, is_root_process
-from fenics_rom.studies.method_configs import WAYS
-from fenics_rom.studies.pareto import decades, sentence
-from fenics_rom.studies.report import write_results
-from fenics_rom.studies.study_results import PICTURES, Findings
-from fenics_rom.studies.tables import COSTS, cost_rows, remarks
+from fenics_rom.studies.method_configs import METHOD_CONFIGS
+from fenics_rom.studies.pareto import describe_choice, select_per_decade
+from fenics_rom.studies.report import write_report
+from fenics_rom.studies.study_results import PICTURES, StudyResults
+from fenics_rom.studies.tables import COST_HEADING, cost_rows, remarks
 from fenics_rom.visualization.figure import figure_class
 
 SUMMARY = "what accuracy costs in time, for a scene; runs under mpirun"
@@ -28,7 +28,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
         "--tolerance", type=float, metavar="T", help="find the cheapest model for it, and write its ROM"
     )
     command.add_argument("--quick", action="store_true", help="fewer methods, orders and steps: a first look")
-    command.add_argument("--methods", nargs="+", choices=WAYS, help="where the bases come from")
+    command.add_argument("--methods", nargs="+", choices=METHOD_CONFIGS, help="where the bases come from")
     command.add_argument("--orders", nargs="+", type=int, metavar="M", help="displacements per contact mode")
     command.add_argument("--steps", nargs="+", type=float, metavar="S", help="time steps, s")
     command.add_argument(
@@ -55,7 +55,7 @@ def run(choice: argparse.Namespace) -> None:
         return
     with progress() as report:
         if choice.tolerance is None:
-            findings = fr.study(
+            results = fr.study(
                 scene,
                 choice.output,
                 methods=choice.methods,
@@ -67,47 +67,50 @@ def run(choice: argparse.Namespace) -> None:
                 report=report,
             )
         else:
-            from fenics_rom.studies.study import study_for
+            from fenics_rom.studies.study import study_for_tolerance
 
-            findings, row, rom = study_for(scene, choice.output, choice.tolerance, resume=choice.resume, report=report)
+            results, row, rom = study_for_tolerance(
+                scene, choice.output, choice.tolerance, resume=choice.resume, report=report
+            )
             fr.write_rom(choice.output / ROM, rom)
-    write_results(choice.output, findings, command)
+    write_report(choice.output, results, command)
     if not is_root_process():
         return
     if choice.tolerance is None:
-        _print_findings(findings, choice.output)
+        _print_results(results, choice.output)
     else:
-        print(sentence(findings, choice.tolerance, row))
+        print(describe_choice(results, choice.tolerance, row))
         print(f"Its model, for --dt {row.dt:g}: {choice.output / ROM}; what was tried: {choice.output / 'study.md'}")
-        print_warnings(remarks(findings))
+        print_warnings(remarks(results))
 
 
 def _study_amplitudes(scene: "fr.Scene", choice: argparse.Namespace, command: str) -> None:
     from fenics_rom.studies.amplitude_plot import draw
-    from fenics_rom.studies.amplitudes import HEADING, cells, report_of, study_of_amplitudes
+    from fenics_rom.studies.amplitude_table import TABLE_HEADING, markdown_report, table_rows
+    from fenics_rom.studies.amplitudes import study_amplitudes
 
     with progress() as report:
-        amplitudes = study_of_amplitudes(scene, choice.output, quick=choice.quick, resume=choice.resume, report=report)
+        amplitudes = study_amplitudes(scene, choice.output, quick=choice.quick, resume=choice.resume, report=report)
     if not is_rank_0():
         return
-    write_whole(choice.output / "amplitudes.md", report_of(amplitudes, command).encode())
+    write_whole(choice.output / "amplitudes.md", markdown_report(amplitudes, command).encode())
     draw(amplitudes, choice.output)
     if is_root_process():
-        print_table(f"study {amplitudes.name}: what large deformation costs", HEADING, cells(amplitudes))
+        print_table(f"study {amplitudes.name}: what large deformation costs", TABLE_HEADING, table_rows(amplitudes))
         print(f"  table {choice.output / 'amplitudes.md'}, picture {choice.output / 'amplitudes.png'}")
         print_warnings(amplitudes.notes)
 
 
-def _print_findings(findings: Findings, folder: Path) -> None:
+def _print_results(results: StudyResults, folder: Path) -> None:
     """What each decimal costs, and which model to choose for it."""
-    title = f"study {findings.name}: what each decimal costs"
-    print_table(title, COSTS, cost_rows(findings))
+    title = f"study {results.name}: what each decimal costs"
+    print_table(title, COST_HEADING, cost_rows(results))
     lines = {
-        "full order": f"{findings.size:,} unknowns, {findings.full_rate:,.0f} steps/s without account",
-        "reference": f"steps of {findings.reference_step:.3g} s, own error {findings.reference_error:.1e}",
+        "full order": f"{results.size:,} unknowns, {results.full_rate:,.0f} steps/s without account",
+        "reference": f"steps of {results.reference_step:.3g} s, own error {results.reference_error:.1e}",
         "tables": f"{folder / 'study.md'}, {folder / 'study.csv'}",
         "pictures": ", ".join(str(folder / f"{name}.png") for name in PICTURES),
     }
-    print_lines(lines, tuple(remarks(findings)))
-    for tolerance, row in decades(findings.rows):
-        print(f"  {sentence(findings, tolerance, row)}")
+    print_lines(lines, tuple(remarks(results)))
+    for tolerance, row in select_per_decade(results.rows):
+        print(f"  {describe_choice(results, tolerance, row)}")

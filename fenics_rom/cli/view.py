@@ -18,7 +18,7 @@ def run(choice: argparse.Namespace) -> None:
     """Serves the page until Ctrl-C."""
     if len(choice.files) > 2:
         choice.wrong_usage("allowed are a ROM, a run, or two runs")
-    from fenics_rom.visualization.viewer.command import view
+    from fenics_rom.visualization.viewer.view import view
 
     view([Path(file) for file in choice.files], port=choice.port, browser=not choice.no_browser, dt=choice.dt)
 

@@ -19,15 +19,15 @@ from fenics_rom.system.system import System
 Array = np.ndarray
 
 
-def lame(θ: Array) -> tuple[Array, Array]:
+def lame_parameters(θ: Array) -> tuple[Array, Array]:
     """λ and μ (m,) of all materials, Pa."""
     E, ν = θ[:-1, YOUNG], θ[:-1, POISSON]
     return E * ν / ((1 + ν) * (1 - 2 * ν)), E / (2 * (1 + ν))
 
 
-def lame_along(θ: Array, dθ: Array) -> tuple[Array, Array]:
+def lame_derivatives(θ: Array, dθ: Array) -> tuple[Array, Array]:
     """Derivatives of λ and μ (m,) in a direction of θ."""
-    λ, μ = lame(θ)
+    λ, μ = lame_parameters(θ)
     E, ν, dE, dν = θ[:-1, YOUNG], θ[:-1, POISSON], dθ[:-1, YOUNG], dθ[:-1, POISSON]
     dλ = λ / E * dE + E * (1 + 2 * ν**2) / ((1 + ν) * (1 - 2 * ν)) ** 2 * dν
     return dλ, μ / E * dE - μ / (1 + ν) * dν
@@ -65,31 +65,34 @@ class AffineDecomposition:
 
     def at(self, θ: Array) -> Matrices:
         """The matrices at θ."""
-        λ, μ = lame(θ)
+        λ, μ = lame_parameters(θ)
         ρ, α, β = (θ[:-1, column] for column in (DENSITY, ALPHA, BETA))
         return Matrices(
-            mass=_sum(ρ, self.mass),
-            damping=_sum(α * ρ, self.mass) + self._strain(β * λ, β * μ) + θ[-1, BETA] * self.springs + self.dashpots,
+            mass=_combine(ρ, self.mass),
+            damping=_combine(α * ρ, self.mass)
+            + self._strain(β * λ, β * μ)
+            + θ[-1, BETA] * self.springs
+            + self.dashpots,
             stiffness=self._strain(λ, μ) + self.springs,
         )
 
     def along(self, θ: Array, dθ: Array) -> Matrices:
         """Their derivatives in a direction of θ."""
-        (λ, μ), (dλ, dμ) = lame(θ), lame_along(θ, dθ)
+        (λ, μ), (dλ, dμ) = lame_parameters(θ), lame_derivatives(θ, dθ)
         ρ, α, β = (θ[:-1, column] for column in (DENSITY, ALPHA, BETA))
         dρ, dα, dβ = (dθ[:-1, column] for column in (DENSITY, ALPHA, BETA))
-        damping = _sum(dα * ρ + α * dρ, self.mass) + dθ[-1, BETA] * self.springs
+        damping = _combine(dα * ρ + α * dρ, self.mass) + dθ[-1, BETA] * self.springs
         return Matrices(
-            mass=_sum(dρ, self.mass),
+            mass=_combine(dρ, self.mass),
             damping=damping + self._strain(dβ * λ + β * dλ, dβ * μ + β * dμ),
             stiffness=self._strain(dλ, dμ),
         )
 
     def _strain(self, λ: Array, μ: Array) -> Array:
-        return _sum(λ, self.dilation) + _sum(μ, self.shear)
+        return _combine(λ, self.dilation) + _combine(μ, self.shear)
 
 
-def _sum(weights: Array, matrices: Array) -> Array:
+def _combine(weights: Array, matrices: Array) -> Array:
     """Weighted sum over the first axis."""
     return np.tensordot(weights, matrices, 1)
 
@@ -123,10 +126,10 @@ class AffineSystem:
             self._grounded = assemble(self._sample(grounded))
 
     def _sample(self, scene: Scene, of: str = "", **values: Any) -> Scene:
-        one = {name: replace(m, young=2.0, poisson=0.0, density=1.0) for name, m in scene.materials.items()}
+        materials = {name: replace(m, young=2.0, poisson=0.0, density=1.0) for name, m in scene.materials.items()}
         if of:
-            one[of] = replace(one[of], **values)
-        return replace(scene, materials=one)
+            materials[of] = replace(materials[of], **values)
+        return replace(scene, materials=materials)
 
     def parts(self, basis: Array) -> AffineDecomposition:
         """The parts on a basis, of which this rank has its rows, (rows here, k)."""

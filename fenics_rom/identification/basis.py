@@ -18,13 +18,13 @@ from fenics_rom.system.system import System
 
 Array = np.ndarray
 
-TOLERANCE = 1e-4  # share of the sum of σ that is left out
-ALL = 1e-14  # and of compliance: nothing
-MARKERS = "the markers"  # as a contact mode
-NEW = 1e-10  # share of a unit column that must be new for it to count as a direction
+BALANCED_TOLERANCE = 1e-4  # share of the sum of σ that is left out
+STATIC_TOLERANCE = 1e-14  # and of compliance: nothing
+MARKER_CONTACT = "the markers"  # as a contact mode
+RANK_TOLERANCE = 1e-10  # share of a unit column that must be new for it to count as a direction
 
 
-def basis_for(system: System, experiment: Experiment) -> Array:
+def make_basis(system: System, experiment: Experiment) -> Array:
     """Q (rows here, k), QᵀQ = I; every rank must call it.
 
     Args:
@@ -34,21 +34,21 @@ def basis_for(system: System, experiment: Experiment) -> Array:
     Raises:
         SolverError: as `reduce`.
     """
-    seen = _columns(system, experiment.markers)
-    found = []
+    marker_columns = _columns(system, experiment.markers)
+    bases = []
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", FenicsRomWarning)  # the final check says what holds of the full model
         for method, inputs, tolerance in (
-            ("balanced", experiment.inputs, TOLERANCE),
-            ("static", experiment.rest_inputs, ALL),
+            ("balanced", experiment.inputs, BALANCED_TOLERANCE),
+            ("static", experiment.rest_inputs, STATIC_TOLERANCE),
         ):
             if inputs:
-                contacts = {name: system.contacts[name] for name in inputs} | {MARKERS: seen}
+                contacts = {name: system.contacts[name] for name in inputs} | {MARKER_CONTACT: marker_columns}
                 acting = replace(system, contacts=contacts, contact_points={})
-                found.append(reduce(acting, method=method, tolerance=tolerance, switching="energy").basis)
-    columns = np.hstack(found)
+                bases.append(reduce(acting, method=method, tolerance=tolerance, switching="energy").basis)
+    columns = np.hstack(bases)
     U, s, _ = np.linalg.svd(columns / np.linalg.norm(columns, axis=0), full_matrices=False)
-    return U[:, s > NEW * s[0]][system.algebra.rows()]
+    return U[:, s > RANK_TOLERANCE * s[0]][system.algebra.rows()]
 
 
 def _columns(system: System, markers: Sequence[Marker]) -> Array:

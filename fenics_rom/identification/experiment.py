@@ -14,7 +14,7 @@ from fenics_rom.system.system import System
 
 Array = np.ndarray
 
-SUPPORT = 4  # steps between which a value is interpolated, by a cubic
+INTERPOLATION_POINTS = 4  # steps between which a value is interpolated, by a cubic
 
 
 @dataclass(frozen=True)
@@ -59,31 +59,31 @@ class Experiment:
         """
         moving = len(self.times)
         columns = self.marker[:moving]
-        seen = np.zeros((moving, *run.shape[2:]))
+        in_motion = np.zeros((moving, *run.shape[2:]))
         for k in range(self.instants.shape[1]):
             weight = self.weights[:, k].reshape(-1, *[1] * (run.ndim - 2))
-            seen += weight * run[self.instants[:, k], columns]
-        return np.concatenate([seen, rest[self.rows, self.marker[moving:]]])
+            in_motion += weight * run[self.instants[:, k], columns]
+        return np.concatenate([in_motion, rest[self.rows, self.marker[moving:]]])
 
     def until(self, time: float) -> "Experiment":
         """The same without what was measured later than a time, s."""
-        kept = self.times <= time
-        steps = int(self.instants[kept].max(initial=0))
-        all_kept = np.concatenate([kept, np.ones(len(self.rows), dtype=bool)])
+        earlier = self.times <= time
+        steps = int(self.instants[earlier].max(initial=0))
+        retained = np.concatenate([earlier, np.ones(len(self.rows), dtype=bool)])
         return replace(
             self,
             steps=steps,
             inputs={name: inputs[:steps] for name, inputs in self.inputs.items()},
-            times=self.times[kept],
-            instants=self.instants[kept],
-            weights=self.weights[kept],
-            marker=self.marker[all_kept],
-            measured=self.measured[all_kept],
-            places=tuple(place for place, here in zip(self.places, all_kept, strict=True) if here),
+            times=self.times[earlier],
+            instants=self.instants[earlier],
+            weights=self.weights[earlier],
+            marker=self.marker[retained],
+            measured=self.measured[retained],
+            places=tuple(place for place, inside in zip(self.places, retained, strict=True) if inside),
         )
 
 
-def experiment_of(scene: Scene, data: Sequence[Data], system: System) -> Experiment:
+def make_experiment(scene: Scene, data: Sequence[Data], system: System) -> Experiment:
     """Everything that was measured.
 
     Args:
@@ -95,19 +95,19 @@ def experiment_of(scene: Scene, data: Sequence[Data], system: System) -> Experim
         DataError: nothing was measured.
         SceneError: the scene has a load whose value at rest cannot be told, or none in its run.
     """
-    markers = tuple(dict.fromkeys(marker for one in data for marker in one.markers))
-    motions = [one for one in data if isinstance(one, Motion)]
-    at_rest = [one for one in data if isinstance(one, Equilibria)]
+    markers = tuple(dict.fromkeys(marker for part in data for marker in part.markers))
+    motions = [part for part in data if isinstance(part, Motion)]
+    at_rest = [part for part in data if isinstance(part, Equilibria)]
     whole: list[Data] = [*motions, *at_rest]
     dt, steps, inputs = _run_inputs(scene, system) if motions else (1.0, 0, {})
     rest_inputs = _rest_inputs(scene, at_rest, system)
-    first = np.cumsum([0, *(len(one.contacts) for one in at_rest)])
-    seen = [np.nonzero(np.isfinite(one.measured)) for one in whole]
-    times = [one.times[row] for one, (row, _) in zip(motions, seen, strict=False)]
-    rows = [begin + row for begin, (row, _) in zip(first, seen[len(motions) :], strict=False)]
+    first = np.cumsum([0, *(len(part.contacts) for part in at_rest)])
+    cells = [np.nonzero(np.isfinite(part.measured)) for part in whole]
+    times = [part.times[row] for part, (row, _) in zip(motions, cells, strict=False)]
+    rows = [begin + row for begin, (row, _) in zip(first, cells[len(motions) :], strict=False)]
     all_times = np.concatenate([np.empty(0), *times])
-    instants, weights = interpolation(all_times, dt, steps)
-    measured = np.concatenate([np.empty(0), *(one.measured[at] for one, at in zip(whole, seen, strict=True))])
+    instants, weights = interpolate_instants(all_times, dt, steps)
+    measured = np.concatenate([np.empty(0), *(part.measured[at] for part, at in zip(whole, cells, strict=True))])
     if not len(measured):
         raise DataError("no marker was seen: every cell is empty")
     return Experiment(
@@ -122,22 +122,22 @@ def experiment_of(scene: Scene, data: Sequence[Data], system: System) -> Experim
         rows=np.concatenate([np.empty(0, dtype=int), *rows]),
         marker=np.concatenate(
             [
-                np.array([markers.index(m) for m in one.markers])[column]
-                for one, (_, column) in zip(whole, seen, strict=True)
+                np.array([markers.index(m) for m in part.markers])[column]
+                for part, (_, column) in zip(whole, cells, strict=True)
             ]
         ),
         measured=measured,
         places=tuple(
-            (one.file, int(one.lines[r]), one.columns[c])
-            for one, at in zip(whole, seen, strict=True)
+            (part.file, int(part.lines[r]), part.columns[c])
+            for part, at in zip(whole, cells, strict=True)
             for r, c in zip(*at, strict=True)
         ),
     )
 
 
-def interpolation(times: Array, dt: float, steps: int) -> tuple[Array, Array]:
+def interpolate_instants(times: Array, dt: float, steps: int) -> tuple[Array, Array]:
     """Step ends (T, 4) nearest to times (T,), and the weights of Lagrange's cubic through them."""
-    count = min(SUPPORT, steps + 1)
+    count = min(INTERPOLATION_POINTS, steps + 1)
     place = times / dt
     first = np.clip(np.floor(place).astype(int) - (count // 2 - 1), 0, steps + 1 - count)
     nodes = first[:, None] + np.arange(count)
@@ -184,7 +184,7 @@ def _rest_inputs(scene: Scene, data: Sequence[Equilibria], system: System) -> di
             value = np.array(constant)
         loads.append(value)
     actuators = sum(columns.shape[1] for columns in system.actuators.values())
-    rows = [(name, force) for one in data for name, force in zip(one.contacts, one.forces, strict=True)]
+    rows = [(name, force) for part in data for name, force in zip(part.contacts, part.forces, strict=True)]
     inputs: dict[str, Array] = {}
     for n, (name, force) in enumerate(rows):
         u = np.concatenate([force, np.zeros(actuators), *loads])

@@ -14,16 +14,16 @@ import scipy.optimize
 from fenics_rom.identification.experiment import Experiment
 from fenics_rom.identification.parameters import ALPHA, BETA, Parameter, directions_at, values_at
 from fenics_rom.identification.reduced_model import ReducedModel
-from fenics_rom.identification.uncertainty import half_widths
+from fenics_rom.identification.uncertainty import interval_half_widths
 
 Array = np.ndarray
 
-REACH = 0.7  # of q, that a basis is trusted for: a factor of 2 of E and ρ
-MOST_BASES = 15
-FIRST = 2  # instants that a fit begins with, or up to twice as many
-PRIOR = 0.01  # share of what is measured that a factor of e of a parameter is worth, before all of it is looked at
-SETTLED = 0.02  # share of the 95 % interval by which a new basis may move a parameter
-EXACT = 1e-8  # of q, where the interval is shorter than that
+TRUST_RADIUS = 0.7  # of q, that a basis is trusted for: a factor of 2 of E and ρ
+MAX_BASES = 15
+FIRST_INSTANTS = 2  # instants that a fit begins with, or up to twice as many
+PRIOR_WEIGHT = 0.01  # share of what is measured that a factor of e is worth, before all of it is looked at
+CONVERGENCE_TOLERANCE = 0.02  # share of the 95 % interval by which a new basis may move a parameter
+MIN_MOVE = 1e-8  # of q, where the interval is shorter than that
 
 
 @dataclass(frozen=True)
@@ -36,7 +36,7 @@ class Fit:
         predicted: what it says, (N,), m.
         jacobian: of that with respect to q, (N, p).
         bases: how many were made.
-        settled: whether another one would change nothing; else they were too many.
+        converged: whether another one would change nothing; else they were too many.
     """
 
     q: Array
@@ -44,11 +44,11 @@ class Fit:
     predicted: Array
     jacobian: Array
     bases: int
-    settled: bool
+    converged: bool
 
 
 @dataclass(frozen=True)
-class Search:
+class FitProblem:
     """What is sought, and from where.
 
     Attributes:
@@ -56,52 +56,54 @@ class Search:
         parameters: p of them.
         experiment: all that was measured.
         model_at: makes the model whose basis is best at θ.
-        agreed: brings an array of rank 0 to every rank, so that all decide alike.
+        broadcast: brings an array of rank 0 to every rank, so that all decide alike.
     """
 
     start: Array
     parameters: Sequence[Parameter]
     experiment: Experiment
     model_at: Callable[[Array], ReducedModel]
-    agreed: Callable[[Array], Array]
+    broadcast: Callable[[Array], Array]
 
     def values(self, q: Array) -> Array:
         """θ at q."""
         return values_at(self.start, self.parameters, q)
 
-    def derivatives(self, model: ReducedModel, experiment: Experiment, q: Array) -> tuple[Array, Array]:
+    def linearize(self, model: ReducedModel, experiment: Experiment, q: Array) -> tuple[Array, Array]:
         """What a model says of an experiment, and its Jacobian."""
-        return model.derivatives(experiment, self.values(q), directions_at(self.start, self.parameters, q))
+        return model.linearize(experiment, self.values(q), directions_at(self.start, self.parameters, q))
 
 
-def fitted(search: Search, q: Array, model: ReducedModel, report: Callable[[int, int], None]) -> Fit:
+def fit_parameters(problem: FitProblem, q: Array, model: ReducedModel, report: Callable[[int, int], None]) -> Fit:
     """The fit from q on.
 
     Args:
-        search: what is sought.
+        problem: what is sought.
         q: where it starts, (p,).
         model: on a basis made there.
         report: called with the number of the time span that is fitted, and of how many.
     """
-    spans = time_spans(search.experiment)
+    spans = time_spans(problem.experiment)
     centre, bases = q, 1
     for number, span in enumerate(spans):
         report(number, len(spans))
         last = number == len(spans) - 1
-        part = search.experiment if last else search.experiment.until(span)
+        part = problem.experiment if last else problem.experiment.until(span)
         while True:
-            q = search.agreed(_least_squares(search, model, part, q, centre, tolerance=1e-13 if last else 1e-4))
-            predicted, jacobian = search.derivatives(model, part, q)
+            q = problem.broadcast(_least_squares(problem, model, part, q, centre, tolerance=1e-13 if last else 1e-4))
+            predicted, jacobian = problem.linearize(model, part, q)
             moved = np.abs(q - centre)
             if last:
-                little = np.maximum(SETTLED * half_widths(part.measured - predicted, jacobian), EXACT)
-                settled = bool((moved <= little).all())
-                if settled or bases >= MOST_BASES:
+                negligible = np.maximum(
+                    CONVERGENCE_TOLERANCE * interval_half_widths(part.measured - predicted, jacobian), MIN_MOVE
+                )
+                converged = bool((moved <= negligible).all())
+                if converged or bases >= MAX_BASES:
                     report(len(spans), len(spans))
-                    return Fit(q, model, predicted, jacobian, bases, settled)
-            elif (moved < REACH / 2).all():
+                    return Fit(q, model, predicted, jacobian, bases, converged)
+            elif (moved < TRUST_RADIUS / 2).all():
                 break
-            model, centre, bases = search.model_at(search.values(q)), q, bases + 1
+            model, centre, bases = problem.model_at(problem.values(q)), q, bases + 1
     raise AssertionError("unreachable")
 
 
@@ -109,28 +111,28 @@ def time_spans(experiment: Experiment) -> list[float]:
     """Ends of the spans that are looked at one after the other, s; the last one is everything."""
     instants = np.unique(experiment.times)
     counts = [len(instants)]
-    while counts[0] > 2 * FIRST:
+    while counts[0] > 2 * FIRST_INSTANTS:
         counts.insert(0, counts[0] // 2)
     return [*(float(instants[count - 1]) for count in counts[:-1]), np.inf]
 
 
 def _least_squares(
-    search: Search, model: ReducedModel, part: Experiment, q: Array, centre: Array, *, tolerance: float
+    problem: FitProblem, model: ReducedModel, part: Experiment, q: Array, centre: Array, *, tolerance: float
 ) -> Array:
     """The best q within reach of a basis; with a prior where only a part is looked at."""
-    scale = np.sqrt(np.mean(search.experiment.measured**2)) or 1.0
-    weight = 0.0 if part is search.experiment else PRIOR * np.sqrt(len(part.measured))
-    damping = np.array([parameter.column in (ALPHA, BETA) for parameter in search.parameters])
-    low = np.where(damping, [parameter.lowest for parameter in search.parameters], centre - REACH)
-    high = np.where(damping, np.inf, centre + REACH)
+    scale = np.sqrt(np.mean(problem.experiment.measured**2)) or 1.0
+    weight = 0.0 if part is problem.experiment else PRIOR_WEIGHT * np.sqrt(len(part.measured))
+    damping = np.array([parameter.column in (ALPHA, BETA) for parameter in problem.parameters])
+    low = np.where(damping, [parameter.lowest for parameter in problem.parameters], centre - TRUST_RADIUS)
+    high = np.where(damping, np.inf, centre + TRUST_RADIUS)
 
     def residual(q: Array) -> Array:
-        return np.concatenate([(model.answer(part, search.values(q)) - part.measured) / scale, weight * q])
+        return np.concatenate([(model.predict(part, problem.values(q)) - part.measured) / scale, weight * q])
 
     def jacobian(q: Array) -> Array:
-        return np.vstack([search.derivatives(model, part, q)[1] / scale, weight * np.eye(len(q))])
+        return np.vstack([problem.linearize(model, part, q)[1] / scale, weight * np.eye(len(q))])
 
-    found: Array = scipy.optimize.least_squares(
+    best: Array = scipy.optimize.least_squares(
         residual,
         np.clip(q, low, high),
         jacobian,
@@ -140,4 +142,4 @@ def _least_squares(
         gtol=tolerance,
         max_nfev=100,
     ).x
-    return found
+    return best

@@ -12,7 +12,7 @@ from fenics_rom.system.system import System
 Array = np.ndarray
 
 
-def full_answer(system: System, experiment: Experiment, report: Report) -> tuple[Array, tuple[str, ...]]:
+def predict_full_order(system: System, experiment: Experiment, report: Report) -> tuple[Array, tuple[str, ...]]:
     """All values, (N,), m, and what the user should know of the run; every rank must call it.
 
     Args:

@@ -9,27 +9,27 @@ from fenics_rom.identification.parameters import ALPHA, DENSITY, POISSON, YOUNG,
 
 Array = np.ndarray
 
-ROUND_OFF = 1e-7  # share of the largest singular value below which data do not depend on a combination at all
-NOTHING = {POISSON: 2.0}  # half-width of a 95 % interval of q that says nothing; 1 of others: a factor of e
-PART = 0.1  # of the largest, that a parameter must have in a combination to be named
-ALIKE = 0.02  # relative difference of weights that count as equal
-HELD_FIRST = (DENSITY, POISSON, ALPHA, ALPHA + 1, YOUNG)  # among parameters that weigh alike in a combination
+ROUND_OFF_SHARE = 1e-7  # share of the largest singular value below which data do not depend on a combination at all
+VAGUE_HALF_WIDTHS = {POISSON: 2.0}  # half-width of a 95 % interval of q that says nothing; 1 of others: a factor of e
+NAMED_SHARE = 0.1  # of the largest, that a parameter must have in a combination to be named
+EQUALITY_TOLERANCE = 0.02  # relative difference of weights that count as equal
+FIXING_ORDER = (DENSITY, POISSON, ALPHA, ALPHA + 1, YOUNG)  # among parameters that weigh alike in a combination
 
 
 @dataclass(frozen=True)
-class Untold:
+class Unidentifiable:
     """A combination that data cannot tell.
 
     Attributes:
-        held: the parameter that is left at its start value for it.
-        because: why, as a sentence.
+        fixed: the parameter that is left at its start value for it.
+        reason: why, as a sentence.
     """
 
-    held: Parameter
-    because: str
+    fixed: Parameter
+    reason: str
 
 
-def untold(parameters: Sequence[Parameter], jacobian: Array, uncertainty: float) -> Untold | None:
+def find_unidentifiable(parameters: Sequence[Parameter], jacobian: Array, uncertainty: float) -> Unidentifiable | None:
     """The combination that data tell least, if they cannot tell it.
 
     Args:
@@ -38,28 +38,28 @@ def untold(parameters: Sequence[Parameter], jacobian: Array, uncertainty: float)
         uncertainty: half-width of the 95 % interval of a combination to which what is measured has slope 1; 0: only
             what round-off forbids to tell.
     """
-    spans = np.array([NOTHING.get(parameter.column, 1.0) for parameter in parameters])
+    spans = np.array([VAGUE_HALF_WIDTHS.get(parameter.column, 1.0) for parameter in parameters])
     _, σ, Vᵀ = np.linalg.svd(jacobian * spans, full_matrices=False)
-    if σ[-1] > ROUND_OFF * σ[0] and σ[-1] >= uncertainty:
+    if σ[-1] > ROUND_OFF_SHARE * σ[0] and σ[-1] >= uncertainty:
         return None
-    named = np.flatnonzero(np.abs(Vᵀ[-1]) >= PART * np.abs(Vᵀ[-1]).max())
+    named = np.flatnonzero(np.abs(Vᵀ[-1]) >= NAMED_SHARE * np.abs(Vᵀ[-1]).max())
     direction = Vᵀ[-1] * spans * np.sign(Vᵀ[-1][named[0]])
-    most = np.abs(Vᵀ[-1]).max()
-    alike = [k for k in named if abs(Vᵀ[-1][k]) >= (1 - ALIKE) * most]
-    held = min(alike, key=lambda k: HELD_FIRST.index(parameters[k].column))
-    blind = σ[-1] <= ROUND_OFF * σ[0]
-    kept, because = parameters[held], _sentence([parameters[k] for k in named], direction[named], blind)
+    largest = np.abs(Vᵀ[-1]).max()
+    alike = [k for k in named if abs(Vᵀ[-1][k]) >= (1 - EQUALITY_TOLERANCE) * largest]
+    fixed = parameters[min(alike, key=lambda k: FIXING_ORDER.index(parameters[k].column))]
+    blind = σ[-1] <= ROUND_OFF_SHARE * σ[0]
+    reason = _describe([parameters[k] for k in named], direction[named], blind)
     if blind and len(named) == 1:
-        return Untold(kept, because)
-    left = f"{kept.name} was left at {kept.start:g} {kept.unit}, and the intervals of the others rest on that"
-    return Untold(kept, f"{because}; {left}")
+        return Unidentifiable(fixed, reason)
+    consequence = f"{fixed.name} was left at {fixed.start:g} {fixed.unit}, and the intervals of the others rest on that"
+    return Unidentifiable(fixed, f"{reason}; {consequence}")
 
 
-def _sentence(parameters: Sequence[Parameter], direction: Array, blind: bool) -> str:
+def _describe(parameters: Sequence[Parameter], direction: Array, blind: bool) -> str:
     names = _listed([parameter.name for parameter in parameters])
     if len(parameters) == 1:
         return f"the data {'do not depend' if blind else 'hardly depend'} on {names}"
-    equal = np.abs(direction).min() >= (1 - ALIKE) * np.abs(direction).max()
+    equal = np.abs(direction).min() >= (1 - EQUALITY_TOLERANCE) * np.abs(direction).max()
     if equal and all(parameter.proportional for parameter in parameters):
         if (direction > 0).all() or (direction < 0).all():
             return f"{names} appear only as their ratio: nothing in the data, such as a force in N, sets the scale"

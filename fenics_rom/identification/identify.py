@@ -10,16 +10,16 @@ import numpy as np
 from fenics_rom.errors import DataError, FenicsRomWarning, SceneError, SolverError
 from fenics_rom.fem.assemble import assemble
 from fenics_rom.identification.affine import AffineSystem
-from fenics_rom.identification.basis import basis_for
-from fenics_rom.identification.experiment import Experiment, experiment_of
-from fenics_rom.identification.fit import MOST_BASES, Fit, Search, fitted
-from fenics_rom.identification.full_order import full_answer
-from fenics_rom.identification.identifiability import Untold, untold
+from fenics_rom.identification.basis import make_basis
+from fenics_rom.identification.experiment import Experiment, make_experiment
+from fenics_rom.identification.fit import MAX_BASES, Fit, FitProblem, fit_parameters
+from fenics_rom.identification.full_order import predict_full_order
+from fenics_rom.identification.identifiability import Unidentifiable, find_unidentifiable
 from fenics_rom.identification.marker_data import Data, Equilibria, Motion, read_markers
-from fenics_rom.identification.parameters import Parameter, chosen, scene_with, values_of
+from fenics_rom.identification.parameters import Parameter, scene_with, select_parameters, values_of
 from fenics_rom.identification.reduced_model import ReducedModel
-from fenics_rom.identification.result import Estimate, Identification, doubts
-from fenics_rom.identification.uncertainty import correlations, half_widths, noise, t_quantile
+from fenics_rom.identification.result import Estimate, Identification, list_doubts
+from fenics_rom.identification.uncertainty import correlations, interval_half_widths, noise_deviation, t_quantile
 from fenics_rom.io.progress import Report, silent
 from fenics_rom.scene.scene import Scene
 from fenics_rom.system.system import System
@@ -58,48 +58,49 @@ def identify(
         '1.00e+06'
     """
     _check_linear(scene)
-    read = [read_markers(one, scene) if isinstance(one, str | Path) else one for one in data]
+    read = [read_markers(part, scene) if isinstance(part, str | Path) else part for part in data]
     if not read:
         raise DataError("no data were given; allowed is at least one file")
-    moving = any(isinstance(one, Motion) for one in read)
+    moving = any(isinstance(part, Motion) for part in read)
     if moving and scene.effects.inertia is None:
         raise SceneError(f"{scene.source}: data with times need effects.inertia; without it give equilibria")
-    sought = chosen(scene, parameters, moving=moving)
+    sought = select_parameters(scene, parameters, moving=moving)
 
     report("assembly", 0, 1)
     affine = AffineSystem(scene)
     report("assembly", 1, 1)
     plain = affine.plain
-    if plain.rigid.shape[1] and not scene.effects.springs and any(isinstance(one, Equilibria) for one in read):
+    if plain.rigid.shape[1] and not scene.effects.springs and any(isinstance(part, Equilibria) for part in read):
         raise SceneError(f"{scene.source}: is not wholly held, so it has no equilibria; allowed are data with times")
-    experiment = experiment_of(scene, read, plain)
+    experiment = make_experiment(scene, read, plain)
     if len(experiment.measured) <= len(sought):
         raise DataError(
             f"{len(experiment.measured)} values were measured; to find {len(sought)} parameters, allowed are more"
         )
 
     def model_at(θ: Array) -> ReducedModel:
-        return ReducedModel(affine.parts(basis_for(assemble(scene_with(scene, θ)), experiment)))
+        return ReducedModel(affine.parts(make_basis(assemble(scene_with(scene, θ)), experiment)))
 
-    search = Search(values_of(scene), sought, experiment, model_at, lambda values: _of_rank_0(plain, values))
-    search, fit, held = _told(search, lambda done, of: report("time spans", done, of))
-    found = scene_with(scene, search.values(fit.q))
-    full, messages = _full(found, experiment, report)
-    finer = experiment_of(_with_half_steps(scene), read, plain) if moving else experiment
+    problem = FitProblem(values_of(scene), sought, experiment, model_at, lambda values: _broadcast(plain, values))
+    problem, fit, unidentifiable = _fit_determined(problem, lambda done, of: report("time spans", done, of))
+    identified = scene_with(scene, problem.values(fit.q))
+    full, messages = _full(identified, experiment, report)
+    finer = make_experiment(_with_half_steps(scene), read, plain) if moving else experiment
     result = Identification(
-        scene=found,
-        estimates=_estimates(search, fit, held, sought),
+        scene=identified,
+        estimates=_estimates(problem, fit, unidentifiable, sought),
         correlations=correlations(fit.jacobian),
-        noise=noise(experiment.measured - fit.predicted, len(search.parameters)),
+        noise=noise_deviation(experiment.measured - fit.predicted, len(problem.parameters)),
         experiment=experiment,
         predicted=fit.predicted,
         full=full,
-        finer=fit.model.answer(finer, search.values(fit.q)),
+        finer=fit.model.predict(finer, problem.values(fit.q)),
         jacobian=fit.jacobian,
         order=fit.model.order,
         bases=fit.bases,
     )
-    result = replace(result, warnings=(*messages, *doubts(result), *(one.because for one in held)))
+    reasons = [combination.reason for combination in unidentifiable]
+    result = replace(result, warnings=(*messages, *list_doubts(result), *reasons))
     for message in result.warnings:
         warnings.warn(message, FenicsRomWarning, stacklevel=2)
     return result
@@ -113,7 +114,7 @@ def _check_linear(scene: Scene) -> None:
         )
 
 
-def _of_rank_0(system: System, values: Array) -> Array:
+def _broadcast(system: System, values: Array) -> Array:
     """Numbers (p,) of the rank that has the first row, on every rank."""
     rows = system.algebra.rows()
     first = np.zeros((rows.stop - rows.start, 1))
@@ -123,47 +124,53 @@ def _of_rank_0(system: System, values: Array) -> Array:
     return system.algebra.inner(first, mine)[0]
 
 
-def _told(search: Search, report: Callable[[int, int], None]) -> tuple[Search, Fit, list[Untold]]:
+def _fit_determined(
+    problem: FitProblem, report: Callable[[int, int], None]
+) -> tuple[FitProblem, Fit, list[Unidentifiable]]:
     """The fit of those parameters that the data tell; the others are held at their start values, one after the other.
 
     Raises:
         DataError: they tell none.
         SolverError: the fit does not settle.
     """
-    held: list[Untold] = []
-    model = search.model_at(search.start)
-    q = np.zeros(len(search.parameters))
-    while blind := untold(search.parameters, search.derivatives(model, search.experiment, q)[1], 0.0):
-        search, q = _without(search, q, blind, held)
+    unidentifiable: list[Unidentifiable] = []
+    model = problem.model_at(problem.start)
+    q = np.zeros(len(problem.parameters))
+    while blind := find_unidentifiable(problem.parameters, problem.linearize(model, problem.experiment, q)[1], 0.0):
+        problem, q = _fix(problem, q, blind, unidentifiable)
     while True:
-        fit = fitted(search, q, model, report)
-        residual = search.experiment.measured - fit.predicted
-        p = len(search.parameters)
-        uncertainty = t_quantile(len(residual) - p) * noise(residual, p)
-        vague = untold(search.parameters, fit.jacobian, uncertainty)
+        fit = fit_parameters(problem, q, model, report)
+        residual = problem.experiment.measured - fit.predicted
+        p = len(problem.parameters)
+        uncertainty = t_quantile(len(residual) - p) * noise_deviation(residual, p)
+        vague = find_unidentifiable(problem.parameters, fit.jacobian, uncertainty)
         if vague is None:
             break
-        search, q = _without(search, fit.q, vague, held)
-        model = search.model_at(search.values(q))
-    if not fit.settled:
-        raise SolverError(_reached(search, fit))
-    return search, fit, held
+        problem, q = _fix(problem, fit.q, vague, unidentifiable)
+        model = problem.model_at(problem.values(q))
+    if not fit.converged:
+        raise SolverError(_describe_attempt(problem, fit))
+    return problem, fit, unidentifiable
 
 
-def _without(search: Search, q: Array, one: Untold, held: list[Untold]) -> tuple[Search, Array]:
-    """The search without a parameter, which goes back to where it started."""
-    held.append(one)
-    left = [k for k, parameter in enumerate(search.parameters) if parameter != one.held]
-    if not left:
-        raise DataError(f"the data tell none of the parameters: {'; '.join(untold.because for untold in held)}")
-    return replace(search, parameters=tuple(search.parameters[k] for k in left)), q[left]
+def _fix(
+    problem: FitProblem, q: Array, combination: Unidentifiable, unidentifiable: list[Unidentifiable]
+) -> tuple[FitProblem, Array]:
+    """The problem without a parameter, which goes back to where it started."""
+    unidentifiable.append(combination)
+    others = [k for k, parameter in enumerate(problem.parameters) if parameter != combination.fixed]
+    if not others:
+        raise DataError(f"the data tell none of the parameters: {'; '.join(each.reason for each in unidentifiable)}")
+    return replace(problem, parameters=tuple(problem.parameters[k] for k in others)), q[others]
 
 
-def _reached(search: Search, fit: Fit) -> str:
-    values = ", ".join(f"{p.name} = {p.value(at):.4g} {p.unit}" for p, at in zip(search.parameters, fit.q, strict=True))
-    residual = np.sqrt(np.mean((search.experiment.measured - fit.predicted) ** 2))
+def _describe_attempt(problem: FitProblem, fit: Fit) -> str:
+    values = ", ".join(
+        f"{p.name} = {p.value(at):.4g} {p.unit}" for p, at in zip(problem.parameters, fit.q, strict=True)
+    )
+    residual = np.sqrt(np.mean((problem.experiment.measured - fit.predicted) ** 2))
     return (
-        f"the fit did not settle on {MOST_BASES} bases; it reached {values}, with a residual of {residual:.3g} m (root "
+        f"the fit did not settle on {MAX_BASES} bases; it reached {values}, with a residual of {residual:.3g} m (root "
         "mean square). Allowed are start values that are closer, or fewer parameters"
     )
 
@@ -171,7 +178,7 @@ def _reached(search: Search, fit: Fit) -> str:
 def _full(scene: Scene, experiment: Experiment, report: Report) -> tuple[Array, tuple[str, ...]]:
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", FenicsRomWarning)  # they are among the messages
-        return full_answer(assemble(scene), experiment, report)
+        return predict_full_order(assemble(scene), experiment, report)
 
 
 def _with_half_steps(scene: Scene) -> Scene:
@@ -179,11 +186,13 @@ def _with_half_steps(scene: Scene) -> Scene:
     return replace(scene, run=replace(scene.run, dt=scene.run.dt / 2))
 
 
-def _estimates(search: Search, fit: Fit, held: Sequence[Untold], sought: Sequence[Parameter]) -> tuple[Estimate, ...]:
+def _estimates(
+    problem: FitProblem, fit: Fit, unidentifiable: Sequence[Unidentifiable], sought: Sequence[Parameter]
+) -> tuple[Estimate, ...]:
     """Values and intervals, in the order in which they were sought."""
-    widths = half_widths(search.experiment.measured - fit.predicted, fit.jacobian)
-    of = {one.held.name: Estimate(one.held, one.held.start, None, None, one.because) for one in held}
-    for parameter, q, width in zip(search.parameters, fit.q, widths, strict=True):
+    widths = interval_half_widths(problem.experiment.measured - fit.predicted, fit.jacobian)
+    estimates = {c.fixed.name: Estimate(c.fixed, c.fixed.start, None, None, c.reason) for c in unidentifiable}
+    for parameter, q, width in zip(problem.parameters, fit.q, widths, strict=True):
         low, high = max(q - width, parameter.lowest), q + width
-        of[parameter.name] = Estimate(parameter, parameter.value(q), parameter.value(low), parameter.value(high))
-    return tuple(of[parameter.name] for parameter in sought)
+        estimates[parameter.name] = Estimate(parameter, parameter.value(q), parameter.value(low), parameter.value(high))
+    return tuple(estimates[parameter.name] for parameter in sought)

@@ -25,13 +25,13 @@ from fenics_rom.scene.scene import Output, Scene
 
 Array = np.ndarray
 
-TIMES = {"s": 1.0, "ms": 1e-3}
-LENGTHS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
-FORCES = {"N": 1.0}
+TIME_UNITS = {"s": 1.0, "ms": 1e-3}
+LENGTH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
+FORCE_UNITS = {"N": 1.0}
 AXES = ("x", "y", "z")
-HEADING = re.compile(r"(?P<what>[^()]*?)\s*\((?P<unit>[^()]*)\)")
-MARKER = re.compile(r"(?P<output>[\w-]+)(?:\[(?P<point>\d+)\])?\.(?P<axis>[xyz])")
-LATE = 1e-9  # share of the run by which a time may be beyond its end, for round-off
+COLUMN_PATTERN = re.compile(r"(?P<what>[^()]*?)\s*\((?P<unit>[^()]*)\)")
+MARKER_PATTERN = re.compile(r"(?P<output>[\w-]+)(?:\[(?P<point>\d+)\])?\.(?P<axis>[xyz])")
+END_TOLERANCE = 1e-9  # share of the run by which a time may be beyond its end, for round-off
 
 
 @dataclass(frozen=True)
@@ -112,11 +112,11 @@ def read_markers(file: str | Path, scene: Scene) -> Data:
 
 def _unit(table: Table, column: str, units: dict[str, float]) -> tuple[str, float]:
     """What a column is named, and what its unit is in SI units."""
-    heading = HEADING.fullmatch(column)
-    if heading is None or heading["unit"].strip() not in units:
-        given = "no unit" if heading is None else f"unit {heading['unit']!r}"
+    match = COLUMN_PATTERN.fullmatch(column)
+    if match is None or match["unit"].strip() not in units:
+        given = "no unit" if match is None else f"unit {match['unit']!r}"
         table.refuse(1, column, f"{given}; allowed is a name and one of {', '.join(f'({unit})' for unit in units)}")
-    return heading["what"], units[heading["unit"].strip()]
+    return match["what"], units[match["unit"].strip()]
 
 
 def _numbers(table: Table, column: str, units: dict[str, float], *, empty: bool = False) -> Array:
@@ -128,18 +128,18 @@ def _motion(table: Table, scene: Scene) -> Motion:
     if scene.run is None:
         raise DataError(f"{table.file}: has times, but {scene.source} has no [run] that they could be of")
     column = table.heading[0]
-    if _unit(table, column, TIMES)[0] != "time":
+    if _unit(table, column, TIME_UNITS)[0] != "time":
         table.refuse(1, column, "allowed in the first column are 'time (s)', 'time (ms)' and 'contact'")
-    times = _numbers(table, column, TIMES)
+    times = _numbers(table, column, TIME_UNITS)
     end = round(scene.run.duration / scene.run.dt) * scene.run.dt
     for k, time in enumerate(times):
-        if not 0 <= time <= end * (1 + LATE):
+        if not 0 <= time <= end * (1 + END_TOLERANCE):
             table.refuse(table.lines[k], column, f"{time:g} s was given; allowed is from 0 to the run's end, {end:g} s")
         if k and time <= times[k - 1]:
             table.refuse(
                 table.lines[k], column, f"{time:g} s follows {times[k - 1]:g} s; allowed are times that increase"
             )
-    return Motion(times=times, **_seen(table, table.heading[1:], scene))
+    return Motion(times=times, **_read_displacements(table, table.heading[1:], scene))
 
 
 def _equilibria(table: Table, scene: Scene) -> Equilibria:
@@ -148,11 +148,11 @@ def _equilibria(table: Table, scene: Scene) -> Equilibria:
         raise DataError(
             f"{table.file}, line 1: no force was given; allowed are 'force.x (N)', ... and 'force.normal (N)'"
         )
-    given = {_unit(table, column, FORCES)[0]: column for column in of_force}
+    given = {_unit(table, column, FORCE_UNITS)[0]: column for column in of_force}
     for name, column in given.items():
         if name not in ("force.x", "force.y", "force.z", "force.normal"):
             table.refuse(1, column, "allowed are force.x, force.y, force.z and force.normal, in N")
-    values = {name: _numbers(table, column, FORCES, empty=True) for name, column in given.items()}
+    values = {name: _numbers(table, column, FORCE_UNITS, empty=True) for name, column in given.items()}
     contacts, forces = [], []
     for k, (line, cells) in enumerate(zip(table.lines, table.cells, strict=True)):
         name = cells[0]
@@ -161,20 +161,21 @@ def _equilibria(table: Table, scene: Scene) -> Equilibria:
         kind = scene.contacts[name].force
         if kind == "nodal":
             table.refuse(line, "contact", f"{name!r} has a force at every node; allowed are 'resultant' and 'normal'")
-        own = ("force.normal",) if kind == "normal" else ("force.x", "force.y", "force.z")
+        allowed = ("force.normal",) if kind == "normal" else ("force.x", "force.y", "force.z")
+        allowed_names = ", ".join(allowed)
         pushed = {axis: column[k] for axis, column in values.items() if not np.isnan(column[k])}
         for axis in pushed:
-            if axis not in own:
-                table.refuse(line, given[axis], f"contact mode {name!r} has {', '.join(own)}; leave this cell empty")
+            if axis not in allowed:
+                table.refuse(line, given[axis], f"contact mode {name!r} has {allowed_names}; leave this cell empty")
         if not pushed:
-            table.refuse(line, of_force[0], f"no force was given; contact mode {name!r} has {', '.join(own)}")
+            table.refuse(line, of_force[0], f"no force was given; contact mode {name!r} has {allowed_names}")
         contacts.append(name)
-        forces.append(np.array([pushed.get(axis, 0.0) for axis in own]))
+        forces.append(np.array([pushed.get(axis, 0.0) for axis in allowed]))
     others = [column for column in table.heading[1:] if column not in of_force]
-    return Equilibria(contacts=tuple(contacts), forces=tuple(forces), **_seen(table, others, scene))
+    return Equilibria(contacts=tuple(contacts), forces=tuple(forces), **_read_displacements(table, others, scene))
 
 
-def _seen(table: Table, columns: Sequence[str], scene: Scene) -> dict[str, Any]:
+def _read_displacements(table: Table, columns: Sequence[str], scene: Scene) -> dict[str, Any]:
     """What both kinds of data have."""
     if not columns:
         raise DataError(f"{table.file}, line 1: no marker was given; allowed are columns such as 'NAME.x (m)'")
@@ -182,32 +183,32 @@ def _seen(table: Table, columns: Sequence[str], scene: Scene) -> dict[str, Any]:
     for k, marker in enumerate(markers):
         if marker in markers[:k]:
             table.refuse(1, columns[k], f"is the same marker as {columns[markers.index(marker)]!r}")
-    measured = np.stack([_numbers(table, column, LENGTHS, empty=True) for column in columns], axis=1)
+    measured = np.stack([_numbers(table, column, LENGTH_UNITS, empty=True) for column in columns], axis=1)
     return {
         "file": str(table.file),
         "lines": np.array(table.lines),
-        "columns": tuple(_unit(table, column, LENGTHS)[0] for column in columns),
+        "columns": tuple(_unit(table, column, LENGTH_UNITS)[0] for column in columns),
         "markers": markers,
         "measured": measured,
     }
 
 
 def _marker(table: Table, column: str, outputs: Mapping[str, Output]) -> Marker:
-    name, _ = _unit(table, column, LENGTHS)
-    found = MARKER.fullmatch(name)
-    if found is None:
+    name, _ = _unit(table, column, LENGTH_UNITS)
+    match = MARKER_PATTERN.fullmatch(name)
+    if match is None:
         table.refuse(
             1, column, "allowed are 'NAME.x (m)' and 'NAME[2].x (m)', with x, y or z, of an output of the scene"
         )
-    output = found["output"]
+    output = match["output"]
     if output not in outputs:
         table.refuse(1, column, unknown("output", output, outputs))
     points = len(outputs[output].points or [()])
-    if found["point"] is None and points > 1:
+    if match["point"] is None and points > 1:
         table.refuse(
             1, column, f"output {output!r} has {points} points; allowed are {output}[0] to {output}[{points - 1}]"
         )
-    point = int(found["point"] or 0)
+    point = int(match["point"] or 0)
     if point >= points:
         table.refuse(1, column, f"output {output!r} has no point [{point}]; allowed are [0] to [{points - 1}]")
-    return Marker(output, point, AXES.index(found["axis"]))
+    return Marker(output, point, AXES.index(match["axis"]))

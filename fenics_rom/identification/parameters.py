@@ -19,7 +19,7 @@ YOUNG, POISSON, DENSITY, ALPHA, BETA = range(5)  # columns of θ
 NAMES = ("young", "poisson", "density", "alpha", "beta")
 UNITS = ("Pa", "1", "kg/m3", "1/s", "s")
 LOWEST_POISSON, HIGHEST_POISSON = -1.0, 0.5
-LEAST = 1e-6  # share of its start value that damping keeps
+MIN_DAMPING_SHARE = 1e-6  # share of its start value that damping keeps
 
 
 @dataclass(frozen=True)
@@ -56,7 +56,7 @@ class Parameter:
     @property
     def lowest(self) -> float:
         """Least allowed q: some damping is left, without which there are no Gramians."""
-        return LEAST - 1.0 if self.column in (ALPHA, BETA) else -np.inf
+        return MIN_DAMPING_SHARE - 1.0 if self.column in (ALPHA, BETA) else -np.inf
 
     def value(self, q: float) -> float:
         """The parameter at q."""
@@ -118,7 +118,7 @@ def parameters_of(scene: Scene) -> dict[str, Parameter]:
     return {parameter.name: parameter for parameter in found}
 
 
-def chosen(scene: Scene, names: Sequence[str] | None, *, moving: bool) -> tuple[Parameter, ...]:
+def select_parameters(scene: Scene, names: Sequence[str] | None, *, moving: bool) -> tuple[Parameter, ...]:
     """The parameters that are to be identified.
 
     Args:
@@ -129,19 +129,19 @@ def chosen(scene: Scene, names: Sequence[str] | None, *, moving: bool) -> tuple[
     Raises:
         SceneError: a name that does not exist, or is given twice, or none.
     """
-    there = parameters_of(scene)
+    available = parameters_of(scene)
     if names is None:
         seen = range(5) if moving else [YOUNG, POISSON, *([DENSITY] if scene.effects.gravity is not None else [])]
-        return tuple(parameter for parameter in there.values() if parameter.column in seen)
+        return tuple(parameter for parameter in available.values() if parameter.column in seen)
     if not names or len(set(names)) < len(names):
         raise SceneError(f"parameters = {', '.join(names) or 'none'}: allowed is each name once, and at least one")
     for name in names:
-        if name not in there:
+        if name not in available:
             raise SceneError(
-                f"{scene.source}: {unknown('parameter', name, there)} (damping that is to be identified needs a start "
-                "value above 0 in effects.damping)"
+                f"{scene.source}: {unknown('parameter', name, available)} (damping that is to be identified needs a "
+                "start value above 0 in effects.damping)"
             )
-    return tuple(there[name] for name in names)
+    return tuple(available[name] for name in names)
 
 
 def values_at(start: Array, parameters: Sequence[Parameter], q: Array) -> Array:
@@ -154,12 +154,12 @@ def values_at(start: Array, parameters: Sequence[Parameter], q: Array) -> Array:
 
 def directions_at(start: Array, parameters: Sequence[Parameter], q: Array) -> list[Array]:
     """dθ/dq of each parameter, (m + 1, 5) each."""
-    found = []
+    directions = []
     for parameter, coordinate in zip(parameters, q, strict=True):
         dθ = np.zeros_like(start)
         dθ[list(parameter.rows), parameter.column] = parameter.slope(coordinate)
-        found.append(dθ)
-    return found
+        directions.append(dθ)
+    return directions
 
 
 def scene_with(scene: Scene, θ: Array) -> Scene:

@@ -12,11 +12,11 @@ from fenics_rom.visualization.figure import figure_class, write_figure
 
 Array = np.ndarray
 
-MOST = 5  # markers of a motion that are drawn, those that move most
-WIDE = 3  # panels side by side
+MAX_MARKERS = 5  # markers of a motion that are drawn, those that move most
+PANELS_PER_ROW = 3  # panels side by side
 
 
-def picture_of(result: Identification, files: Sequence[Path]) -> None:
+def draw_fit(result: Identification, files: Sequence[Path]) -> None:
     """Draws the markers that move most over time, and all values at rest against the model's, each above its residuals.
 
     Args:
@@ -29,7 +29,7 @@ def picture_of(result: Identification, files: Sequence[Path]) -> None:
     figure_of = figure_class()
     panels = _motions(result)
     count = len(panels) + bool(len(result.experiment.rows))
-    high = math.ceil(count / WIDE)
+    high = math.ceil(count / PANELS_PER_ROW)
     wide = math.ceil(count / high)
     figure = figure_of(figsize=(4.2 * wide, 3.6 * high), layout="constrained")
     cells = figure.add_gridspec(high, wide)
@@ -52,10 +52,10 @@ def picture_of(result: Identification, files: Sequence[Path]) -> None:
 def _motions(result: Identification) -> list[tuple[tuple[str, str], Array]]:
     """Which values are of which file and marker; those that move most first."""
     experiment = result.experiment
-    of = [(file, column) for file, _, column in experiment.places[: len(experiment.times)]]
-    groups = {one: np.flatnonzero([here == one for here in of]) for one in dict.fromkeys(of)}
+    series = [(file, column) for file, _, column in experiment.places[: len(experiment.times)]]
+    groups = {name: np.flatnonzero([other == name for other in series]) for name in dict.fromkeys(series)}
     moved = sorted(groups.items(), key=lambda group: -np.ptp(experiment.measured[group[1]]))
-    return moved[:MOST]
+    return moved[:MAX_MARKERS]
 
 
 def _draw_motion(above: Any, below: Any, result: Identification, values: Array, title: str) -> None:

@@ -7,7 +7,7 @@ import numpy as np
 from fenics_rom.identification.affine import AffineDecomposition
 from fenics_rom.identification.experiment import Experiment
 from fenics_rom.identification.parameters import DENSITY
-from fenics_rom.identification.sensitivities import Stepper, pushes
+from fenics_rom.identification.sensitivities import MidpointPropagator, sensitivity_forces
 
 Array = np.ndarray
 
@@ -27,11 +27,11 @@ class ReducedModel:
         """Number k of its displacements."""
         return len(self.parts.springs)
 
-    def answer(self, experiment: Experiment, θ: Array) -> Array:
+    def predict(self, experiment: Experiment, θ: Array) -> Array:
         """What it says of all values of an experiment, (N,), m."""
-        return self.derivatives(experiment, θ, [])[0]
+        return self.linearize(experiment, θ, [])[0]
 
-    def derivatives(self, experiment: Experiment, θ: Array, directions: Sequence[Array]) -> tuple[Array, Array]:
+    def linearize(self, experiment: Experiment, θ: Array, directions: Sequence[Array]) -> tuple[Array, Array]:
         """What it says, (N,), m, and how that changes in directions of θ, (N, directions)."""
         C = np.array([self.parts.outputs[m.output][m.row] for m in experiment.markers])
         run, run_along = self._moving(experiment, θ, directions)
@@ -45,12 +45,15 @@ class ReducedModel:
         if not steps:
             return np.zeros((1, k, 1)), np.zeros((1, k, len(directions)))
         steady, weighed = self._forces(experiment.inputs, steps)
-        stepper = Stepper(self.parts.at(θ), h)
-        states = stepper.run((steady + _weighted(θ, weighed))[:, :, None])
+        propagator = MidpointPropagator(self.parts.at(θ), h)
+        states = propagator.run((steady + _weighted(θ, weighed))[:, :, None])
         if not directions:
             return states[:, :k], np.zeros((steps + 1, k, 0))
-        pushed = [pushes(self.parts.along(θ, dθ), h, states[:, :, 0]) + _weighted(dθ, weighed) for dθ in directions]
-        return states[:, :k], stepper.run(np.stack(pushed, axis=2))[:, :k]
+        pushed = [
+            sensitivity_forces(self.parts.along(θ, dθ), h, states[:, :, 0]) + _weighted(dθ, weighed)
+            for dθ in directions
+        ]
+        return states[:, :k], propagator.run(np.stack(pushed, axis=2))[:, :k]
 
     def _at_rest(self, experiment: Experiment, θ: Array, directions: Sequence[Array]) -> tuple[Array, Array]:
         """ξ in all equilibria, (R, k, 1), and its derivatives, (R, k, directions)."""

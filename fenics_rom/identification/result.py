@@ -6,17 +6,17 @@ import numpy as np
 
 from fenics_rom.identification.experiment import Experiment
 from fenics_rom.identification.parameters import Parameter
-from fenics_rom.identification.uncertainty import CONFIDENCE, half_widths
+from fenics_rom.identification.uncertainty import CONFIDENCE, interval_half_widths
 from fenics_rom.scene.scene import Scene
 
 Array = np.ndarray
 
-ENTANGLED = 0.95  # correlation from which intervals of single parameters say less than they seem to
-LIKE_NOISE = 0.3  # correlation of neighbours in time that residuals without a system do not have
-CERTAIN = 4.0  # standard errors that it has to be away from 0
-POOR = 0.2  # of what was measured, that residuals may be
-MUCH = 0.25  # of half an interval, that an approximation may move a parameter by
-UNSEEN = 1e-6  # of a parameter, that nobody would care for
+HIGH_CORRELATION = 0.95  # correlation from which intervals of single parameters say less than they seem to
+MAX_NOISE_CORRELATION = 0.3  # correlation of neighbours in time that residuals without a system do not have
+SIGNIFICANCE = 4.0  # standard errors that it has to be away from 0
+POOR_FIT_SHARE = 0.2  # of what was measured, that residuals may be
+MAX_SHIFT = 0.25  # of half an interval, that an approximation may move a parameter by
+NEGLIGIBLE_SHARE = 1e-6  # of a parameter, that nobody would care for
 
 
 @dataclass(frozen=True)
@@ -78,12 +78,12 @@ class Identification:
     @property
     def values(self) -> dict[str, float]:
         """By name, in SI units."""
-        return {one.parameter.name: one.value for one in self.estimates}
+        return {estimate.parameter.name: estimate.value for estimate in self.estimates}
 
     @property
     def found(self) -> tuple[Estimate, ...]:
         """Those that the data tell."""
-        return tuple(one for one in self.estimates if not one.held)
+        return tuple(estimate for estimate in self.estimates if not estimate.held)
 
     @property
     def residual(self) -> float:
@@ -108,8 +108,8 @@ class Identification:
 
     def _shift(self, change: Array) -> Array:
         moved = np.abs(np.linalg.lstsq(self.jacobian, change, rcond=None)[0])
-        half = half_widths(self.experiment.measured - self.predicted, self.jacobian)
-        return np.where(moved < UNSEEN, 0.0, moved / half)
+        half = interval_half_widths(self.experiment.measured - self.predicted, self.jacobian)
+        return np.where(moved < NEGLIGIBLE_SHARE, 0.0, moved / half)
 
 
 def rms(values: Array) -> float:
@@ -117,45 +117,46 @@ def rms(values: Array) -> float:
     return float(np.sqrt(np.mean(values**2)))
 
 
-def doubts(result: Identification) -> list[str]:
+def list_doubts(result: Identification) -> list[str]:
     """What of the fit the user should know."""
-    said = []
-    names = [one.parameter.name for one in result.found]
+    messages = []
+    names = [estimate.parameter.name for estimate in result.found]
     for i, j in zip(*np.triu_indices(len(names), 1), strict=True):
-        if abs(result.correlations[i, j]) > ENTANGLED:
-            said.append(
+        if abs(result.correlations[i, j]) > HIGH_CORRELATION:
+            messages.append(
                 f"{names[i]} and {names[j]} are known together rather than each alone: their errors correlate by "
                 f"{result.correlations[i, j]:.3f}"
             )
     measured = rms(result.experiment.measured)
-    if result.residual > POOR * measured:
-        said.append(
+    if result.residual > POOR_FIT_SHARE * measured:
+        messages.append(
             f"the fit is poor: it leaves {result.residual / measured:.0%} of what was measured (root mean squares)"
         )
-    correlation, pairs = neighbours(result)
-    if correlation > max(LIKE_NOISE, CERTAIN / np.sqrt(max(pairs, 1))) and result.residual > UNSEEN * measured:
-        said.append(
+    correlation, pairs = successive_correlation(result)
+    largest_of_noise = max(MAX_NOISE_CORRELATION, SIGNIFICANCE / np.sqrt(max(pairs, 1)))
+    if correlation > largest_of_noise and result.residual > NEGLIGIBLE_SHARE * measured:
+        messages.append(
             f"the residuals are not like noise: from one instant to the next they correlate by {correlation:.2f}. The "
             "model lacks something, and the intervals, which count noise alone, are too narrow"
         )
     cures = {"reduction": "this should not be: please report it", "time step": "a smaller run.dt is the cure"}
     for name, shift in result.shifts.items():
         k = int(np.argmax(shift))
-        if shift[k] > MUCH:
-            said.append(
+        if shift[k] > MAX_SHIFT:
+            messages.append(
                 f"the {name} moves {names[k]} by {shift[k]:.2g} times half its {CONFIDENCE:.0%} interval; {cures[name]}"
             )
-    return said
+    return messages
 
 
-def neighbours(result: Identification) -> tuple[float, int]:
+def successive_correlation(result: Identification) -> tuple[float, int]:
     """Correlation of residuals of the same marker at instants that follow one another, and of how many pairs."""
     moving = len(result.experiment.times)
     residual = (result.experiment.measured - result.predicted)[:moving]
     where = [(file, column) for file, _, column in result.experiment.places[:moving]]
     products, pairs = 0.0, 0
-    for one in dict.fromkeys(where):
-        r = residual[[here == one for here in where]]  # in the order of the file, which is that of time
+    for series in dict.fromkeys(where):
+        r = residual[[other == series for other in where]]  # in the order of the file, which is that of time
         products += float(r[1:] @ r[:-1])
         pairs += len(r) - 1
     total = float(residual @ residual)

@@ -13,7 +13,7 @@ from fenics_rom.identification.affine import Matrices
 Array = np.ndarray
 
 
-class Stepper:
+class MidpointPropagator:
     """The step of one model at one step size.
 
     Args:
@@ -23,15 +23,15 @@ class Stepper:
 
     def __init__(self, matrices: Matrices, h: float):
         M, K = matrices.mass, matrices.stiffness
-        self._h, self._resisted = h, resisted(matrices, h)
-        v = np.linalg.solve(self._resisted, np.hstack([-K, 2 / h * M]))
+        self._h, self._step_operator = h, step_operator(matrices, h)
+        v = np.linalg.solve(self._step_operator, np.hstack([-K, 2 / h * M]))
         k = len(M)
         self._after = np.vstack([h * v, 2 * v]) + np.diag(np.repeat([1.0, -1.0], k))
 
     def run(self, forces: Array) -> Array:
         """Displacements and velocities [x, v] from rest, (steps + 1, 2 k, c), under forces (steps, k, c)."""
         steps, k, c = forces.shape
-        pushed = np.linalg.solve(self._resisted, forces.transpose(1, 0, 2).reshape(k, -1))
+        pushed = np.linalg.solve(self._step_operator, forces.transpose(1, 0, 2).reshape(k, -1))
         pushed = pushed.reshape(k, steps, c).transpose(1, 0, 2)
         states = np.zeros((steps + 1, 2 * k, c))
         states[1:, :k], states[1:, k:] = self._h * pushed, 2 * pushed
@@ -40,14 +40,14 @@ class Stepper:
         return states
 
 
-def resisted(matrices: Matrices, h: float) -> Array:
+def step_operator(matrices: Matrices, h: float) -> Array:
     """A = 2/h M + D + h/2 K, or its derivative."""
     return 2 / h * matrices.mass + matrices.damping + h / 2 * matrices.stiffness
 
 
-def pushes(along: Matrices, h: float, states: Array) -> Array:
+def sensitivity_forces(along: Matrices, h: float, states: Array) -> Array:
     """-dA v̂ + 2/h dM v - dK x of a run (steps + 1, 2 k), (steps, k): what a change of the matrices pushes with."""
     k = states.shape[1] // 2
     x, v = states[:-1, :k], states[:-1, k:]
     middle = (v + states[1:, k:]) / 2
-    return 2 / h * v @ along.mass - x @ along.stiffness - middle @ resisted(along, h)
+    return 2 / h * v @ along.mass - x @ along.stiffness - middle @ step_operator(along, h)

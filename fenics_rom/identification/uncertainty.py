@@ -12,7 +12,7 @@ Array = np.ndarray
 CONFIDENCE = 0.95
 
 
-def noise(residual: Array, parameters: int) -> float:
+def noise_deviation(residual: Array, parameters: int) -> float:
     """s, m: standard deviation of a single value, from residuals (N,) of a fit."""
     return float(np.sqrt(np.sum(residual**2) / (len(residual) - parameters)))
 
@@ -29,10 +29,10 @@ def unit_covariance(jacobian: Array) -> Array:
     return inverse @ inverse.T
 
 
-def half_widths(residual: Array, jacobian: Array) -> Array:
+def interval_half_widths(residual: Array, jacobian: Array) -> Array:
     """Half the intervals of q, (p,)."""
     count, p = jacobian.shape
-    errors = noise(residual, p) * np.sqrt(np.diag(unit_covariance(jacobian)))
+    errors = noise_deviation(residual, p) * np.sqrt(np.diag(unit_covariance(jacobian)))
     return t_quantile(count - p) * errors
 
 

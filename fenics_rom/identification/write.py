@@ -8,13 +8,13 @@ import numpy as np
 
 from fenics_rom.errors import FileError
 from fenics_rom.identification.identified_scene import identified_text
-from fenics_rom.identification.plot import picture_of
-from fenics_rom.identification.result import Identification
+from fenics_rom.identification.plot import draw_fit
+from fenics_rom.identification.result import Estimate, Identification
 from fenics_rom.io.atomic_write import check_folder, write_whole
 from fenics_rom.io.markdown import markdown
 from fenics_rom.io.mpi_ranks import is_rank_0
 
-HEADING = ("parameter", "unit", "start", "found", "95 % interval", "")
+PARAMETER_HEADING = ("parameter", "unit", "start", "found", "95 % interval", "")
 
 
 def write_identification(folder: str | Path, result: Identification) -> None:
@@ -38,39 +38,45 @@ def write_identification(folder: str | Path, result: Identification) -> None:
     place = Path(folder)
     texts = {
         "identified.toml": identified_text(result, place),
-        "identification.md": report_of(result),
-        "residuals.csv": residuals_of(result),
+        "identification.md": markdown_report(result),
+        "residuals.csv": residuals_csv(result),
     }
     check_folder(place)
     try:
         place.mkdir(exist_ok=True)
         for name, text in texts.items():
             write_whole(place / name, text.encode())
-        picture_of(result, [place / "fit.png", place / "fit.pdf"])
+        draw_fit(result, [place / "fit.png", place / "fit.pdf"])
     except OSError as error:
         raise FileError(f"{place}: cannot be written: {error.strerror or error}") from error
 
 
-def rows_of(result: Identification) -> list[tuple[str, ...]]:
-    """The table of parameters, under HEADING."""
+def parameter_rows(result: Identification) -> list[tuple[str, ...]]:
+    """The table of parameters, under PARAMETER_HEADING."""
     return [
         (
-            one.parameter.name,
-            one.parameter.unit,
-            _number(one.parameter.start),
-            "not determined" if one.held else _number(one.value),
-            "-" if one.low is None or one.high is None else f"{_number(one.low)} to {_number(one.high)}",
-            "held at its start value" if one.held else "",
+            estimate.parameter.name,
+            estimate.parameter.unit,
+            _number(estimate.parameter.start),
+            "not determined" if estimate.held else _number(estimate.value),
+            _interval(estimate),
+            "held at its start value" if estimate.held else "",
         )
-        for one in result.estimates
+        for estimate in result.estimates
     ]
+
+
+def _interval(estimate: Estimate) -> str:
+    if estimate.low is None or estimate.high is None:
+        return "-"
+    return f"{_number(estimate.low)} to {_number(estimate.high)}"
 
 
 def _number(value: float) -> str:
     return f"{value:.5g}"
 
 
-def lines_of(result: Identification) -> dict[str, str]:
+def summary_lines(result: Identification) -> dict[str, str]:
     """How good the fit is, line by line."""
     experiment = result.experiment
     moving = len(experiment.times)
@@ -86,14 +92,14 @@ def lines_of(result: Identification) -> dict[str, str]:
     }
 
 
-def report_of(result: Identification) -> str:
+def markdown_report(result: Identification) -> str:
     """Everything in Markdown."""
     parts = [
         f"# Identification of {result.scene.name}\n",
-        markdown(HEADING, rows_of(result)),
-        "\n".join(f"- {name}: {text}" for name, text in lines_of(result).items()) + "\n",
+        markdown(PARAMETER_HEADING, parameter_rows(result)),
+        "\n".join(f"- {name}: {text}" for name, text in summary_lines(result).items()) + "\n",
     ]
-    names = [one.parameter.name for one in result.found]
+    names = [estimate.parameter.name for estimate in result.found]
     if len(names) > 1:
         correlations = [
             (name, *(f"{value:.3f}" for value in row)) for name, row in zip(names, result.correlations, strict=True)
@@ -104,7 +110,7 @@ def report_of(result: Identification) -> str:
     return "\n".join(parts)
 
 
-def residuals_of(result: Identification) -> str:
+def residuals_csv(result: Identification) -> str:
     """Every value, measured and as the reduced and the full model have it, as CSV."""
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")

@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any, TypeVar
 
 from fenics_rom.errors import FileError
-from fenics_rom.io.atomic_write import write_whole
+from fenics_rom.io.atomic_write import make_folder, write_whole
 
 T = TypeVar("T")
 
@@ -38,3 +38,13 @@ def read_record(file: Path, what: str, make: Callable[[dict[str, Any]], T]) -> T
         raise FileError(f"{file}: cannot be read: {error.strerror}") from error
     except (ValueError, TypeError, KeyError, AttributeError) as error:
         raise FileError(f"{file}: does not hold {what}") from error
+
+
+def read_earlier(file: Path, read: Callable[[Path], T], resume: bool) -> T | None:
+    """What interrupted work left, where it is to go on; makes the folder where it is missing.
+
+    Raises:
+        FileError: the folder cannot be made, or the file holds something else.
+    """
+    make_folder(file.parent)
+    return read(file) if resume and file.exists() else None

@@ -14,6 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fenics_rom.mechanics.surface_gradient import triangle_frames
+
 Array = np.ndarray
 
 # A rigid rotation by θ, u = (R - I) X, strains nothing; a linear model sees cos θ - 1 in it: 2.0 % at 0.2 rad.
@@ -108,12 +110,8 @@ class SurfaceGauges:
             (longest > MIN_SIDE) & (longest < MAX_SIDE) & (np.linalg.norm(n, axis=1) > MIN_HEIGHT_RATIO * longest**2)
         )
         self.triangles = chosen[solid]
-        a, b, n = a[solid], b[solid], _normalise(n[solid])
-        t1 = _normalise(a)
-        frame = np.stack([t1, np.cross(n, t1), n], axis=1)
-        sides = frame[:, :2] @ np.stack([a, b], axis=2)
-        shape_gradients = np.array([[-1, -1], [1, 0], [0, 1]]) @ np.linalg.inv(sides)  # of the corners' shape functions
-        H = np.einsum("gic,gkj->ijgkc", frame, shape_gradients).reshape(3, 2, len(n), 9)
+        frame, shape_gradients = triangle_frames(a[solid], b[solid])
+        H = np.einsum("gic,gkj->ijgkc", frame, shape_gradients).reshape(3, 2, len(frame), 9)
         ω = H[2, 1], -H[2, 0], (H[1, 0] - H[0, 1]) / 2
         ε = H[0, 0], H[1, 1], (H[0, 1] + H[1, 0]) / math.sqrt(2)
         self._operator = np.stack([*ω, *ε], axis=1)
@@ -128,10 +126,6 @@ class SurfaceGauges:
     def of_corners(self, u: Array) -> Array:
         """The same from the displacement of the corners of `triangles`, (g, 3, 3) or (g, 3, 3, k), m."""
         return np.einsum("gij,gj...->gi...", self._operator, u.reshape(len(u), 9, *u.shape[3:]))
-
-
-def _normalise(vectors: Array) -> Array:
-    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)
 
 
 def measure_peaks(components: Array) -> tuple[float, float]:

@@ -61,5 +61,5 @@ def _check_built_in(rom: Rom, environment: Environment) -> None:
                 f"{environment.source}: effects.{name} is part of ROM {rom.name!r}, but not of the scene; {cure}"
             )
     for place, text in environment.built_in.items():
-        if place in made_for.built_in and made_for.built_in[place] != text:
+        if place.startswith("effects.") and made_for.built_in.get(place, text) != text:
             raise SceneError(f"{environment.source}: {place} is not what ROM {rom.name!r} was made with; {cure}")

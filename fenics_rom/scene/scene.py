@@ -1,7 +1,8 @@
 """A scene: what is simulated, as a frozen record. No numerics."""
 
+import json
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any
@@ -125,8 +126,10 @@ class Scene:
 
     @cached_property
     def environment(self) -> Environment:
-        """What acts on the body in a run."""
-        return environment_of(self.effects, self.run, self.source)
+        """What acts on the body in a run, and its materials, which the live view shows energy density by."""
+        environment = environment_of(self.effects, self.run, self.source)
+        materials = {f"materials.{name}": json.dumps(asdict(m), sort_keys=True) for name, m in self.materials.items()}
+        return replace(environment, built_in={**environment.built_in, **materials})
 
     def __repr__(self) -> str:
         named = {"contact modes": self.contacts, "actuators": self.actuators, "outputs": self.outputs}

@@ -1,9 +1,9 @@
-"""The picture of a study of amplitudes: error over the size of the motion, and over speed."""
+"""The picture of a study of amplitudes: error over the size of the motion, and over rate_of_run."""
 
 from pathlib import Path
 from typing import Any
 
-from fenics_rom.studies.amplitudes import Amplitudes, Row
+from fenics_rom.studies.amplitudes import AmplitudeResults, AmplitudeRow
 from fenics_rom.visualization.figure import figure_class, write_figure
 
 STYLES = {  # colour, marker, line
@@ -15,12 +15,12 @@ STYLES = {  # colour, marker, line
 }
 
 
-def draw(found: Amplitudes, folder: Path) -> None:
+def draw(results: AmplitudeResults, folder: Path) -> None:
     """Writes amplitudes.png and .pdf."""
     figure = figure_class()(figsize=(10.5, 4.6), layout="constrained")
     over_size, over_speed = figure.subplots(1, 2, sharey=True)
     for model, style in STYLES.items():
-        rows = [row for row in found.rows if row.model == model]
+        rows = [row for row in results.rows if row.model == model]
         _line(over_size, [1e3 * row.displacement for row in rows], rows, style, model)
         _line(over_speed, [row.real_time for row in rows], rows, style, model)
         for row in rows:
@@ -46,6 +46,6 @@ def draw(found: Amplitudes, folder: Path) -> None:
         write_figure(figure, folder / f"amplitudes.{ending}", dpi=150)
 
 
-def _line(axes: Any, x: list[float], rows: list[Row], style: tuple[str, str, str], label: str) -> None:
+def _line(axes: Any, x: list[float], rows: list[AmplitudeRow], style: tuple[str, str, str], label: str) -> None:
     colour, marker, line = style
     axes.plot(x, [row.error for row in rows], line, marker=marker, color=colour, markersize=5, label=label)

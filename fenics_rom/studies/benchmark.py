@@ -11,26 +11,27 @@ from fenics_rom.errors import SceneError, StepError
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.simulate import rate
 from fenics_rom.scene.scene import Scene
-from fenics_rom.studies.method_configs import WAYS
-from fenics_rom.studies.pareto import length
-from fenics_rom.studies.study_results import Row
+from fenics_rom.studies.method_configs import METHOD_CONFIGS
+from fenics_rom.studies.pareto import format_step
+from fenics_rom.studies.study_results import BenchmarkRow
 from fenics_rom.system.system import System
 from fenics_rom.trajectory.comparison import compare
 from fenics_rom.trajectory.trajectory import Trajectory
 
-CERTIFICATE = ("static_error", "transfer_error", "neglected")
-SHARES = (1 - 1e-5, 1 - 1e-8, 1 - 1e-11)  # of the trace, until the paper's selection has as many eigenvectors as asked
+VALIDATION_ERRORS = ("static_error", "transfer_error", "neglected")
+# Shares of the trace, tried until the paper's selection has as many eigenvectors as asked.
+TRACE_SHARES = (1 - 1e-5, 1 - 1e-8, 1 - 1e-11)
 
 
-def reduced(system: System, method: str, order: int) -> tuple[Rom, float]:
+def reduce_timed(system: System, method: str, order: int) -> tuple[Rom, float]:
     """The model and the seconds that its reduction took; every rank must call it.
 
     Raises:
         SceneError, SolverError: as `reduce`.
     """
-    for share in SHARES:
+    for share in TRACE_SHARES:
         start = time.perf_counter()
-        rom = fr.reduce(system, order=order, share=share, **WAYS[method].choices)
+        rom = fr.reduce(system, order=order, share=share, **METHOD_CONFIGS[method].options)
         seconds = time.perf_counter() - start
         most, least = (of(mode.order - mode.rigid for mode in rom.contact_models.values()) for of in (max, min))
         if method != "selection" or least >= order:
@@ -40,14 +41,14 @@ def reduced(system: System, method: str, order: int) -> tuple[Rom, float]:
     return rom, seconds
 
 
-def order_of(rom: Rom) -> int:
+def largest_order(rom: Rom) -> int:
     """Displacements of the contact mode that has most."""
     return max(mode.order for mode in rom.contact_models.values())
 
 
-def measured(
+def measure_model(
     rom: Rom, seconds: float, method: str, scene: Scene, reference: Trajectory, steps: tuple[float, ...]
-) -> tuple[tuple[Row, ...], tuple[str, ...]]:
+) -> tuple[tuple[BenchmarkRow, ...], tuple[str, ...]]:
     """Errors, rates and costs of a reduced model at each time step; and why there are none of some.
 
     Args:
@@ -61,24 +62,24 @@ def measured(
     Raises:
         StepError: the run at the reference's own step could not be made.
     """
-    own_step = fr.simulate(rom, scene=scene, dt=reference.settings["dt"])
-    reduction = compare(own_step, reference)["shape"].relative
-    certificates = list(rom.validation.values())
-    worst = {key: _largest(c[key] for c in certificates) for key in CERTIFICATE}
+    at_reference_step = fr.simulate(rom, scene=scene, dt=reference.settings["dt"])
+    reduction = compare(at_reference_step, reference)["shape"].relative
+    validations = list(rom.validation.values())
+    worst = {key: _largest(c[key] for c in validations) for key in VALIDATION_ERRORS}
     size = _file_size(rom)
     rows, notes = [], []
     for dt in steps:
         try:
             run = fr.simulate(rom, scene=scene, dt=dt)
         except (SceneError, StepError) as error:  # a load too short for the step, or contact that it cannot resolve
-            notes.append(f"{WAYS[method].label}, order {order_of(rom)}, step {length(dt)}: {error}")
+            notes.append(f"{METHOD_CONFIGS[method].label}, order {largest_order(rom)}, step {format_step(dt)}: {error}")
             continue
         differences = compare(run, reference)
         shape = differences.pop("shape")
         rows.append(
-            Row(
+            BenchmarkRow(
                 method=method,
-                order=order_of(rom),
+                order=largest_order(rom),
                 dt=dt,
                 error=shape.relative,
                 largest=shape.largest / shape.largest_reference,
@@ -89,7 +90,7 @@ def measured(
                 },
                 energy=differences["energy"].relative,
                 reduction=reduction,
-                time_step=compare(run, own_step)["shape"].relative,
+                time_step=compare(run, at_reference_step)["shape"].relative,
                 rate=rate(rom, scene=scene, dt=dt),
                 offline=seconds,
                 file_size=size,

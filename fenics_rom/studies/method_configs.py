@@ -12,43 +12,43 @@ from fenics_rom.scene.values import Number
 
 
 @dataclass(frozen=True)
-class Way:
-    """A way to a basis.
+class MethodConfig:
+    """A method that makes a basis, with its switching.
 
     Attributes:
         label: for tables and pictures.
-        choices: as `reduce` takes them.
+        options: as `reduce` takes them.
     """
 
     label: str
-    choices: Mapping[str, Any]
+    options: Mapping[str, Any]
 
 
-WAYS = {
-    "balanced": Way("balanced", {"method": "balanced", "switching": "energy"}),
-    "selection": Way("V-selection (the paper's)", {"method": "eigenvector-selection", "switching": "energy"}),
-    "modal": Way("lowest modes", {"method": "modal", "switching": "energy"}),
-    "modal+static": Way("static shapes and modes", {"method": "modal+static", "switching": "energy"}),
-    "pod": Way("POD", {"method": "pod", "switching": "energy"}),
-    "static": Way("static shapes", {"method": "static", "switching": "energy"}),
+METHOD_CONFIGS = {
+    "balanced": MethodConfig("balanced", {"method": "balanced", "switching": "energy"}),
+    "selection": MethodConfig("V-selection (the paper's)", {"method": "eigenvector-selection", "switching": "energy"}),
+    "modal": MethodConfig("lowest modes", {"method": "modal", "switching": "energy"}),
+    "modal+static": MethodConfig("static shapes and modes", {"method": "modal+static", "switching": "energy"}),
+    "pod": MethodConfig("POD", {"method": "pod", "switching": "energy"}),
+    "static": MethodConfig("static shapes", {"method": "static", "switching": "energy"}),
 }
-ORDERS = (4, 6, 8, 10, 14, 20, 28, 40, 56, 80)
-STEPS = (8.0, 4.0, 2.0, 1.0, 0.5, 0.25)  # times the scene's
-METHODS = ("balanced", "selection", "modal", "modal+static", "pod")
+STUDIED_ORDERS = (4, 6, 8, 10, 14, 20, 28, 40, 56, 80)
+STUDIED_STEP_FACTORS = (8.0, 4.0, 2.0, 1.0, 0.5, 0.25)  # times the scene's
+STUDIED_METHODS = ("balanced", "selection", "modal", "modal+static", "pod")
 QUICK_METHODS = ("balanced", "selection", "modal")
 QUICK_ORDERS = (5, 10, 20, 40)
-QUICK_STEPS = (4.0, 2.0, 1.0)
-FINER = 4  # steps of the reference in the smallest that is studied: a sixteenth of its error
-MOST_SHAPES = 100  # whole shapes that are compared
-SHAPE_MEMORY = 2e8  # bytes that those of one run may take
+QUICK_STEP_FACTORS = (4.0, 2.0, 1.0)
+REFERENCE_REFINEMENT = 4  # steps of the reference in the smallest that is studied: a sixteenth of its error
+MAX_SNAPSHOTS = 100  # whole shapes that are compared
+SNAPSHOT_MEMORY_BYTES = 2e8  # bytes that those of one run may take
 
 
 @dataclass(frozen=True)
-class Grid:
+class StudyGrid:
     """What is tried.
 
     Attributes:
-        methods: names of WAYS.
+        methods: names of METHOD_CONFIGS.
         orders: ascending.
         steps: falling, s.
     """
@@ -60,27 +60,27 @@ class Grid:
     @property
     def reference_step(self) -> float:
         """Step of the reference, s."""
-        return self.steps[-1] / FINER
+        return self.steps[-1] / REFERENCE_REFINEMENT
 
 
-def grid(
+def make_grid(
     dt: float,
     *,
-    usual: str,
+    first_method: str,
     size: int,
     quick: bool = False,
     methods: Sequence[str] | None = None,
     orders: Sequence[int] | None = None,
     steps: Sequence[float] | None = None,
-) -> Grid:
+) -> StudyGrid:
     """A checked grid; what is None is a choice of ours.
 
     Args:
         dt: the scene's time step, s.
-        usual: the method to begin with; where it is not "balanced", the only one.
+        first_method: the method to begin with; where it is not "balanced", the only one.
         size: unknowns at full order; orders beyond are left out.
         quick: fewer of all.
-        methods: names of WAYS.
+        methods: names of METHOD_CONFIGS.
         orders: displacements of each contact mode.
         steps: s; each a whole multiple of the smallest.
 
@@ -88,28 +88,29 @@ def grid(
         SceneError: an unknown method, an order below 1, steps that do not divide each other.
     """
     if methods is None:
-        methods = (QUICK_METHODS if quick else METHODS) if usual == "balanced" else (usual,)
+        methods = (QUICK_METHODS if quick else STUDIED_METHODS) if first_method == "balanced" else (first_method,)
     for name in methods:
-        if name not in WAYS:
-            raise SceneError(unknown("method", name, WAYS))
-    orders = (QUICK_ORDERS if quick else ORDERS) if orders is None else orders
-    steps = [factor * dt for factor in (QUICK_STEPS if quick else STEPS)] if steps is None else steps
+        if name not in METHOD_CONFIGS:
+            raise SceneError(unknown("method", name, METHOD_CONFIGS))
+    orders = (QUICK_ORDERS if quick else STUDIED_ORDERS) if orders is None else orders
+    factors = QUICK_STEP_FACTORS if quick else STUDIED_STEP_FACTORS
+    steps = [factor * dt for factor in factors] if steps is None else steps
     for order in orders:
         ORDER.check(order, "order")
     for step in steps:
         Number(above=0.0, unit="s").check(step, "step")
     if not (methods and orders and steps):
         raise SceneError("nothing to study: at least one method, one order and one step are needed")
-    kept = sorted({order for order in orders if order <= size}) or [size]
+    reachable = sorted({order for order in orders if order <= size}) or [size]
     falling = sorted(set(steps), reverse=True)
     for step in falling:
         ratio = step / falling[-1]
         if abs(ratio - round(ratio)) > 1e-9 * ratio:
             raise SceneError(f"steps: {step:g} s is no whole multiple of the smallest, {falling[-1]:g} s")
-    return Grid(tuple(methods), tuple(kept), tuple(falling))
+    return StudyGrid(tuple(methods), tuple(reachable), tuple(falling))
 
 
-def compared_instants(duration: float, steps: Sequence[float], nodes: int) -> tuple[float, int]:
+def select_compared_instants(duration: float, steps: Sequence[float], nodes: int) -> tuple[float, int]:
     """A duration, and a number of whole shapes evenly spread over it, so that runs with all steps meet at each of them.
 
     A little of the end may be left out.
@@ -122,6 +123,6 @@ def compared_instants(duration: float, steps: Sequence[float], nodes: int) -> tu
     ratios = [round(step / steps[-1]) for step in steps]
     common = int(np.lcm.reduce(ratios))
     count = max(round(duration / steps[-1]) // common, 1)
-    most = max(1, min(MOST_SHAPES, int(SHAPE_MEMORY / (24 * nodes)), count))
-    shapes = min(range(most, most // 2, -1), key=lambda s: count % s)
+    largest = max(1, min(MAX_SNAPSHOTS, int(SNAPSHOT_MEMORY_BYTES / (24 * nodes)), count))
+    shapes = min(range(largest, largest // 2, -1), key=lambda s: count % s)
     return (count - count % shapes) * common * steps[-1], shapes

@@ -1,21 +1,21 @@
-"""Which model to choose: the Pareto front of error and speed, and the cheapest model within a tolerance."""
+"""Which model to choose: the Pareto front of error and speed, and the select_cheapest model within a tolerance."""
 
 from collections.abc import Iterable, Sequence
 
-from fenics_rom.studies.method_configs import WAYS
-from fenics_rom.studies.study_results import Findings, Row
+from fenics_rom.studies.method_configs import METHOD_CONFIGS
+from fenics_rom.studies.study_results import BenchmarkRow, StudyResults
 
 
-def pareto_front(rows: Iterable[Row]) -> list[Row]:
+def pareto_front(rows: Iterable[BenchmarkRow]) -> list[BenchmarkRow]:
     """The rows that no other is both faster and closer than, the fastest first."""
-    front: list[Row] = []
+    front: list[BenchmarkRow] = []
     for row in sorted(rows, key=lambda row: (-row.real_time, row.error)):
         if not front or row.error < front[-1].error:
             front.append(row)
     return front
 
 
-def cheapest(rows: Iterable[Row], tolerance: float) -> Row | None:
+def select_cheapest(rows: Iterable[BenchmarkRow], tolerance: float) -> BenchmarkRow | None:
     """The row to choose for an error of the whole shape; None where none is within it.
 
     At each step the lowest order, and of these the least error; of the steps the one that simulates fastest. Between
@@ -29,35 +29,36 @@ def cheapest(rows: Iterable[Row], tolerance: float) -> Row | None:
     return max(at_each, key=lambda row: row.real_time, default=None)
 
 
-def decades(rows: Sequence[Row]) -> list[tuple[float, Row]]:
+def select_per_decade(rows: Sequence[BenchmarkRow]) -> list[tuple[float, BenchmarkRow]]:
     """Tolerances 1e-1, 1e-2, ... as far as a row reaches, and the row to choose for each.
 
     Of several tolerances that lead to the same row, the smallest.
     """
-    found: dict[tuple[str, int, float], tuple[float, Row]] = {}
+    by_model: dict[tuple[str, int, float], tuple[float, BenchmarkRow]] = {}
     k = 1
-    while (row := cheapest(rows, 10.0**-k)) is not None:
+    while (row := select_cheapest(rows, 10.0**-k)) is not None:
         key = row.method, row.order, row.dt
-        found.pop(key, None)
-        found[key] = 10.0**-k, row
+        by_model.pop(key, None)
+        by_model[key] = 10.0**-k, row
         k += 1
-    return list(found.values())
+    return list(by_model.values())
 
 
-def sentence(findings: Findings, tolerance: float, row: Row) -> str:
+def describe_choice(results: StudyResults, tolerance: float, row: BenchmarkRow) -> str:
     """The choice in words."""
     return (
-        f"For {tolerance:.0e} of the whole shape: {WAYS[row.method].label}, order {row.order}, step {length(row.dt)}; "
-        f"{times(row.real_time)} {'faster than' if row.real_time >= 1 else 'of'} real time and "
-        f"{times(row.rate / findings.full_rate)} as fast as full order at the same step."
+        f"For {tolerance:.0e} of the whole shape: {METHOD_CONFIGS[row.method].label}, order {row.order}, "
+        f"step {format_step(row.dt)}; "
+        f"{format_factor(row.real_time)} {'faster than' if row.real_time >= 1 else 'of'} real time and "
+        f"{format_factor(row.rate / results.full_rate)} as fast as full order at the same step."
     ).replace("e-0", "e-")
 
 
-def times(factor: float) -> str:
+def format_factor(factor: float) -> str:
     """A factor in words."""
     return f"{factor:,.0f} times" if factor >= 10 else f"{factor:.2g} times"
 
 
-def length(seconds: float) -> str:
+def format_step(seconds: float) -> str:
     """A time step in a readable unit."""
     return f"{1e3 * seconds:.4g} ms" if seconds >= 1e-4 else f"{1e6 * seconds:.4g} µs"

@@ -6,30 +6,32 @@ from typing import Any
 import numpy as np
 from matplotlib import colormaps
 
-from fenics_rom.studies.method_configs import WAYS
-from fenics_rom.studies.pareto import decades, length, pareto_front
-from fenics_rom.studies.study_results import PICTURES, Findings
+from fenics_rom.studies.method_configs import METHOD_CONFIGS
+from fenics_rom.studies.pareto import format_step, pareto_front, select_per_decade
+from fenics_rom.studies.study_results import PICTURES, StudyResults
 from fenics_rom.studies.tables import largest_model
 from fenics_rom.visualization.figure import figure_class, write_figure
 
-COLOURS = dict(zip(WAYS, ("tab:blue", "tab:red", "tab:green", "tab:orange", "tab:purple", "tab:blue"), strict=True))
-MARKERS = dict(zip(WAYS, "osv^DX", strict=True))
-SIZE = (7.5, 4.8)  # inches
+COLOURS = dict(
+    zip(METHOD_CONFIGS, ("tab:blue", "tab:red", "tab:green", "tab:orange", "tab:purple", "tab:blue"), strict=True)
+)
+MARKERS = dict(zip(METHOD_CONFIGS, "osv^DX", strict=True))
+FIGURE_INCHES = (7.5, 4.8)
 
 
-def draw(findings: Findings, folder: Path) -> None:
+def draw(results: StudyResults, folder: Path) -> None:
     """Writes the PICTURES, each as .png and .pdf."""
-    for name, drawn in zip(PICTURES, (_speed, _orders, _parts), strict=True):
-        figure = figure_class()(figsize=SIZE, layout="constrained")
-        drawn(figure.add_subplot(), findings)
+    for name, draw_axes in zip(PICTURES, (_draw_speed, _draw_orders, _draw_parts), strict=True):
+        figure = figure_class()(figsize=FIGURE_INCHES, layout="constrained")
+        draw_axes(figure.add_subplot(), results)
         for ending in ("png", "pdf"):
             write_figure(figure, folder / f"{name}.{ending}", dpi=150)
 
 
-def _speed(axes: Any, findings: Findings) -> None:
+def _draw_speed(axes: Any, results: StudyResults) -> None:
     """Error against speed; what is beaten in both is grey."""
-    front = pareto_front(findings.rows)
-    for row in findings.rows:
+    front = pareto_front(results.rows)
+    for row in results.rows:
         on = row in front
         axes.plot(
             row.real_time,
@@ -40,21 +42,21 @@ def _speed(axes: Any, findings: Findings) -> None:
             zorder=3 if on else 1,
         )
     axes.plot([row.real_time for row in front], [row.error for row in front], color="0.4", linewidth=1, zorder=2)
-    for _, row in decades(findings.rows):
+    for _, row in select_per_decade(results.rows):
         axes.annotate(
-            f"order {row.order}, {length(row.dt)}",
+            f"order {row.order}, {format_step(row.dt)}",
             (row.real_time, row.error),
             xytext=(8, -3),
             textcoords="offset points",
             verticalalignment="top",
             fontsize=8,
         )
-    for method in dict.fromkeys(row.method for row in findings.rows):
-        axes.plot([], [], MARKERS[method], color=COLOURS[method], label=WAYS[method].label)
-    axes.axhline(findings.reference_error, color="black", linewidth=0.8, linestyle=":")
+    for method in dict.fromkeys(row.method for row in results.rows):
+        axes.plot([], [], MARKERS[method], color=COLOURS[method], label=METHOD_CONFIGS[method].label)
+    axes.axhline(results.reference_error, color="black", linewidth=0.8, linestyle=":")
     axes.annotate(
         "error of the reference",
-        (0.01, findings.reference_error),
+        (0.01, results.reference_error),
         xycoords=("axes fraction", "data"),
         xytext=(0, 3),
         textcoords="offset points",
@@ -62,38 +64,38 @@ def _speed(axes: Any, findings: Findings) -> None:
     )
     axes.margins(x=0.2)
     axes.set(xscale="log", yscale="log", xlabel="seconds simulated in a second", ylabel="error of the whole shape")
-    top = axes.secondary_xaxis("top", functions=(lambda x: x / findings.dt, lambda x: x * findings.dt))
-    top.set_xlabel(f"steps per second, if all were of {length(findings.dt)}")
+    top = axes.secondary_xaxis("top", functions=(lambda x: x / results.dt, lambda x: x * results.dt))
+    top.set_xlabel(f"steps per second, if all were of {format_step(results.dt)}")
     axes.grid(True, which="major", color="0.9")
     axes.legend(fontsize=8, loc="lower right")
 
 
-def _orders(axes: Any, findings: Findings) -> None:
+def _draw_orders(axes: Any, results: StudyResults) -> None:
     """Error of the reduction against order, with what was known before any run: σ, and the validation."""
-    first = findings.rows[0].method
-    for method in dict.fromkeys(row.method for row in findings.rows):
-        points = sorted({(row.order, row.reduction) for row in findings.rows if row.method == method})
+    first = results.rows[0].method
+    for method in dict.fromkeys(row.method for row in results.rows):
+        points = sorted({(row.order, row.reduction) for row in results.rows if row.method == method})
         axes.plot(
             *zip(*points, strict=True),
             MARKERS[method] + "-",
             color=COLOURS[method],
-            label=WAYS[method].label,
+            label=METHOD_CONFIGS[method].label,
             markersize=5,
         )
-    certified = sorted(
-        {(row.order, row.transfer_error) for row in findings.rows if row.method == first and row.transfer_error}
+    validated = sorted(
+        {(row.order, row.transfer_error) for row in results.rows if row.method == first and row.transfer_error}
     )
-    if certified:
+    if validated:
         axes.plot(
-            *zip(*certified, strict=True),
+            *zip(*validated, strict=True),
             "x",
             color="black",
-            label=f"validation of {WAYS[first].label}: transfer error",
+            label=f"validation of {METHOD_CONFIGS[first].label}: transfer error",
         )
-    largest = max(row.order for row in findings.rows)
-    for name, σ in findings.hankel.items():
+    largest = max(row.order for row in results.rows)
+    for name, σ in results.hankel.items():
         shown = np.array(σ[: largest + 1])
-        label = "σ of each contact mode / σ_1" if name == next(iter(findings.hankel)) else None
+        label = "σ of each contact mode / σ_1" if name == next(iter(results.hankel)) else None
         axes.plot(np.arange(1, len(shown) + 1), shown / shown[0], color="0.6", linewidth=1, label=label, zorder=0)
     axes.set(
         yscale="log",
@@ -104,22 +106,24 @@ def _orders(axes: Any, findings: Findings) -> None:
     axes.legend(fontsize=8)
 
 
-def _parts(axes: Any, findings: Findings) -> None:
+def _draw_parts(axes: Any, results: StudyResults) -> None:
     """What the error is made of: the reduction falls with the order, the step and the mesh do not."""
-    first = findings.rows[0].method
-    rows = [row for row in findings.rows if row.method == first]
+    first = results.rows[0].method
+    rows = [row for row in results.rows if row.method == first]
     reduction = sorted({(row.order, row.reduction) for row in rows})
-    axes.plot(*zip(*reduction, strict=True), "o-", color="tab:blue", label=f"reduction alone ({WAYS[first].label})")
+    axes.plot(
+        *zip(*reduction, strict=True), "o-", color="tab:blue", label=f"reduction alone ({METHOD_CONFIGS[first].label})"
+    )
     steps = largest_model(rows)
     shades = colormaps["plasma"](np.linspace(0.2, 0.85, len(steps)))
     for row, colour in zip(steps, shades, strict=True):
         total = sorted((other.order, other.error) for other in rows if other.dt == row.dt)
-        axes.plot(*zip(*total, strict=True), color=colour, linewidth=1, label=f"all, step {length(row.dt)}")
+        axes.plot(*zip(*total, strict=True), color=colour, linewidth=1, label=f"all, step {format_step(row.dt)}")
         axes.axhline(row.time_step, color=colour, linewidth=0.8, linestyle="--")
     axes.plot([], [], color="0.5", linewidth=0.8, linestyle="--", label="step alone")
-    if findings.mesh_error is not None:
-        axes.axhline(findings.mesh_error, color="tab:green", linestyle="-.", label="mesh, at the outputs")
-    axes.axhline(findings.reference_error, color="black", linewidth=0.8, linestyle=":", label="error of the reference")
+    if results.mesh_error is not None:
+        axes.axhline(results.mesh_error, color="tab:green", linestyle="-.", label="mesh, at the outputs")
+    axes.axhline(results.reference_error, color="black", linewidth=0.8, linestyle=":", label="error of the reference")
     axes.set(yscale="log", xlabel="order (displacements of a contact mode)", ylabel="error of the whole shape")
     axes.grid(True, which="major", color="0.9")
     axes.legend(fontsize=8, ncols=2)

@@ -36,7 +36,7 @@ def check_measurable(scene: Scene, meshes: Sequence[Path]) -> None:
         )
 
 
-def divisor(scene: Scene) -> float:
+def richardson_divisor(scene: Scene) -> float:
     """By what the distance of two runs, of which one has half the step, is to be divided for the error of that one.
 
     Richardson's 2ᵖ - 1, where the error goes with the p-th power of the step: p = 2 of the midpoint rule, and 1 where
@@ -45,7 +45,7 @@ def divisor(scene: Scene) -> float:
     return 3.0 if scene.effects.contact is None else 1.0
 
 
-def check_moves(reference: Trajectory, source: str) -> None:
+def check_motion(reference: Trajectory, source: str) -> None:
     """Refuses a run in which nothing happens.
 
     Raises:
@@ -55,7 +55,7 @@ def check_moves(reference: Trajectory, source: str) -> None:
         raise SceneError(f"{source}: nothing moves in its run, so there is nothing to measure")
 
 
-def of_meshes(system: System, files: Sequence[Path], dt: float, report: Report) -> tuple[MeshRow, ...]:
+def compare_meshes(system: System, files: Sequence[Path], dt: float, report: Report) -> tuple[MeshRow, ...]:
     """The scene's outputs on its own mesh and on others at full order, against those of the finest.
 
     Args:
@@ -75,7 +75,7 @@ def of_meshes(system: System, files: Sequence[Path], dt: float, report: Report) 
         other = fr.assemble(replace(scene, mesh_file=file))
         runs[file] = other.size, fr.simulate(other, dt=dt)
     report("meshes", len(files), len(files))
-    finest, finest_run = max(runs.values(), key=lambda one: one[0])
+    finest, finest_run = max(runs.values(), key=lambda run: run[0])
     if finest == system.size:
         raise SceneError(f"{scene.mesh_file.name} has {system.size} unknowns; allowed are meshes that are finer")
     rows = [

@@ -4,16 +4,16 @@ from pathlib import Path
 
 from fenics_rom.io.atomic_write import write_whole
 from fenics_rom.io.mpi_ranks import is_rank_0
-from fenics_rom.studies.study_results import Findings
-from fenics_rom.studies.tables import csv_table, report
+from fenics_rom.studies.study_results import StudyResults
+from fenics_rom.studies.tables import csv_table, markdown_report
 
 
-def write_results(folder: Path, findings: Findings, command: str) -> None:
+def write_report(folder: Path, results: StudyResults, command: str) -> None:
     """Writes study.csv, study.md, and the pictures speed, orders and parts; under MPI, rank 0 does.
 
     Args:
         folder: where.
-        findings: of the study.
+        results: of the study.
         command: that made them, as it is typed.
 
     Raises:
@@ -23,6 +23,6 @@ def write_results(folder: Path, findings: Findings, command: str) -> None:
         return
     from fenics_rom.studies.plots import draw
 
-    write_whole(folder / "study.csv", csv_table(findings).encode())
-    write_whole(folder / "study.md", report(findings, command).encode())
-    draw(findings, folder)
+    write_whole(folder / "study.csv", csv_table(results).encode())
+    write_whole(folder / "study.md", markdown_report(results, command).encode())
+    draw(results, folder)

@@ -10,22 +10,28 @@ import fenics_rom as fr
 from fenics_rom.errors import FileError, SceneError, SolverError, StepError
 from fenics_rom.fem.ranks import run_on_rank_0
 from fenics_rom.fem.simulate import plain_rate
-from fenics_rom.io.atomic_write import make_folder
+from fenics_rom.io.json_record import read_earlier, write_record
 from fenics_rom.io.progress import Report, silent
 from fenics_rom.rom.rom import Rom
 from fenics_rom.scene.scene import TOLERANCE, Scene
 from fenics_rom.studies import benchmark, pareto, reference
-from fenics_rom.studies.method_configs import ORDERS, WAYS, Grid, compared_instants, grid
-from fenics_rom.studies.study_results import Findings, Row, read_findings, write_findings
+from fenics_rom.studies.method_configs import (
+    METHOD_CONFIGS,
+    STUDIED_ORDERS,
+    StudyGrid,
+    make_grid,
+    select_compared_instants,
+)
+from fenics_rom.studies.study_results import BenchmarkRow, StudyResults, read_study_results
 from fenics_rom.system.system import System
 from fenics_rom.trajectory.comparison import compare
 from fenics_rom.trajectory.trajectory import Trajectory
 
-FINDINGS = "study.json"
-REFERENCE = "reference.h5"
-POWERS = range(3, -9, -1)  # of two, times the scene's step: what is tried for a tolerance
-LEFT_FOR_REDUCTION = 0.7  # share of a tolerance that the step may use up
-TRIES = 3  # halvings of a step that turned out too long
+RESULTS_FILE = "study.json"
+REFERENCE_FILE = "reference.h5"
+STEP_EXPONENTS = range(3, -9, -1)  # of two, times the scene's step: what is tried for a tolerance
+TIME_STEP_ERROR_SHARE = 0.7  # share of a tolerance that the step may use up
+MAX_STEP_HALVINGS = 3  # halvings of a step that turned out too long
 
 
 def study(
@@ -39,7 +45,7 @@ def study(
     quick: bool = False,
     resume: bool = False,
     report: Report = silent,
-) -> Findings:
+) -> StudyResults:
     """Measures what accuracy costs in a scene; every rank must call it, rank 0 runs the reduced models and writes.
 
     The reference is the full order at a quarter of the smallest step. Each reduced model is run at its step too, which
@@ -68,21 +74,21 @@ def study(
     """
     reference.check_measurable(scene, [Path(file) for file in meshes])
     system = fr.assemble(scene)
-    tried = _grid(system, quick=quick, methods=methods, orders=orders, steps=steps)
-    findings = _Study(system, Path(folder), tried, resume, report).run([Path(file) for file in meshes])
-    if not findings.rows:
-        raise SolverError(f"{scene.source}: no reduced model could be measured: {'; '.join(findings.notes)}")
-    return findings
+    grid = _make_grid(system, quick=quick, methods=methods, orders=orders, steps=steps)
+    results = _StudyRun(system, Path(folder), grid, resume, report).run([Path(file) for file in meshes])
+    if not results.rows:
+        raise SolverError(f"{scene.source}: no reduced model could be measured: {'; '.join(results.notes)}")
+    return results
 
 
-def study_for(
+def study_for_tolerance(
     scene: Scene,
     folder: str | Path,
     tolerance: float,
     *,
     resume: bool = False,
     report: Report = silent,
-) -> tuple[Findings, Row, Rom]:
+) -> tuple[StudyResults, BenchmarkRow, Rom]:
     """Finds the longest step and the lowest order of a balanced model within a tolerance; every rank must call it.
 
     Args:
@@ -103,122 +109,125 @@ def study_for(
     reference.check_measurable(scene, ())
     system = fr.assemble(scene)
     step = _longest_step(system, tolerance, report)
-    for _ in range(TRIES):
-        tried = _grid(system, methods=[_usual(scene)], steps=[step])
-        work = _Study(system, Path(folder), tried, resume, report, or_begin=True)
-        findings = work.run([], enough=lambda row: row.error <= tolerance)
-        row = pareto.cheapest(findings.rows, tolerance)
+    for _ in range(MAX_STEP_HALVINGS):
+        grid = _make_grid(system, methods=[_first_method(scene)], steps=[step])
+        attempt = _StudyRun(system, Path(folder), grid, resume, report, begin_if_other=True)
+        results = attempt.run([], enough=lambda row: row.error <= tolerance)
+        row = pareto.select_cheapest(results.rows, tolerance)
         if row is not None:
-            return findings, row, work.model(row)
-        if not findings.rows or min(row.reduction for row in findings.rows) > tolerance:
+            return results, row, attempt.model(row)
+        if not results.rows or min(row.reduction for row in results.rows) > tolerance:
             break
         step /= 2
-    raise SolverError(_why_not(findings, tolerance))
+    raise SolverError(_explain_failure(results, tolerance))
 
 
-def _usual(scene: Scene) -> str:
+def _first_method(scene: Scene) -> str:
     """The method to begin with: without inertia there are only shapes at rest to reduce to."""
     return "static" if scene.effects.inertia is None else "balanced"
 
 
-def _grid(system: System, quick: bool = False, **chosen: Any) -> Grid:
+def _make_grid(system: System, quick: bool = False, **choices: Any) -> StudyGrid:
     """What is tried, without steps that are too long for the run."""
     scene = system.scene
     assert scene is not None
     assert scene.run is not None
-    found = grid(scene.run.dt, usual=_usual(scene), size=system.elastic_size, quick=quick, **chosen)
-    short = tuple(step for step in found.steps if step <= scene.run.duration / 2)
+    grid = make_grid(scene.run.dt, first_method=_first_method(scene), size=system.elastic_size, quick=quick, **choices)
+    short = tuple(step for step in grid.steps if step <= scene.run.duration / 2)
     if not short:
-        raise SceneError(f"steps: {found.steps[-1]:g} s is too long for a run of {scene.run.duration:g} s")
-    return replace(found, steps=short)
+        raise SceneError(f"steps: {grid.steps[-1]:g} s is too long for a run of {scene.run.duration:g} s")
+    return replace(grid, steps=short)
 
 
-class _Study:
-    """A study on its way; rank 0 measures and writes, every rank knows what was found.
+class _StudyRun:
+    """A study on its way; rank 0 measures and writes, every rank knows the results.
 
     Args:
         system: with the scene.
         folder: for what is found.
-        tried: methods, orders and steps.
+        grid: methods, orders and steps.
         resume: go on from what is there.
         report: told of progress.
-        or_begin: where what is there is of another study, begin instead of refusing.
+        begin_if_other: where what is there is of another study, begin instead of refusing.
 
     Attributes:
-        findings: so far.
+        results: so far.
     """
 
-    def __init__(self, system: System, folder: Path, tried: Grid, resume: bool, report: Report, or_begin: bool = False):
+    def __init__(
+        self, system: System, folder: Path, grid: StudyGrid, resume: bool, report: Report, begin_if_other: bool = False
+    ):
         assert system.scene is not None
         assert system.scene.run is not None
-        self._folder, self._grid, self._report = folder, tried, report
+        self._folder, self._grid, self._report = folder, grid, report
         self._comm = system.algebra.comm  # type: ignore[attr-defined]
-        run, step = system.scene.run, tried.reference_step
-        duration, shapes = compared_instants(run.duration, (*tried.steps, 2 * step, step), len(system.body.nodes))
+        run, step = system.scene.run, grid.reference_step
+        duration, shapes = select_compared_instants(run.duration, (*grid.steps, 2 * step, step), len(system.body.nodes))
         self._scene = replace(system.scene, run=replace(run, duration=duration, snapshots=shapes))
         self._system = replace(system, scene=self._scene)
         self._fingerprint = reference.fingerprint(self._scene, step, shapes)
         self._reference: Trajectory | None = None
         self._last: Rom | None = None
-        found = run_on_rank_0(self._comm, lambda: self._taken_over(resume, or_begin))
-        self.findings = found or self._begun(step)
+        earlier = run_on_rank_0(self._comm, lambda: self._resume_results(resume, begin_if_other))
+        self.results = earlier or self._run_reference(step)
         self._add()
 
-    def run(self, meshes: Sequence[Path], enough: Callable[[Row], bool] = lambda row: False) -> Findings:
+    def run(self, meshes: Sequence[Path], enough: Callable[[BenchmarkRow], bool] = lambda row: False) -> StudyResults:
         """Measures what is missing; with `enough`, until a row is."""
-        if meshes and not self.findings.meshes:
-            self._add(meshes=reference.of_meshes(self._system, meshes, self.findings.dt, self._report))
-        work = [(method, order) for order in self._grid.orders for method in self._grid.methods]
-        for done, (method, order) in enumerate(work):
-            self._report("reduced models", done, len(work))
-            if (method, order) not in self.findings.tried:
+        if meshes and not self.results.meshes:
+            self._add(meshes=reference.compare_meshes(self._system, meshes, self.results.dt, self._report))
+        models = [(method, order) for order in self._grid.orders for method in self._grid.methods]
+        for done, (method, order) in enumerate(models):
+            self._report("reduced models", done, len(models))
+            if (method, order) not in self.results.tried:
                 self._measure(method, order)
-            if any(enough(row) for row in self.findings.rows):
+            if any(enough(row) for row in self.results.rows):
                 break
-        self._report("reduced models", len(work), len(work))
-        return self.findings
+        self._report("reduced models", len(models), len(models))
+        return self.results
 
-    def model(self, row: Row) -> Rom:
+    def model(self, row: BenchmarkRow) -> Rom:
         """The model of a row; made anew where an earlier study measured it."""
-        if self._last is not None and benchmark.order_of(self._last) == row.order:
+        if self._last is not None and benchmark.largest_order(self._last) == row.order:
             return self._last
-        return benchmark.reduced(self._system, row.method, row.order)[0]
+        return benchmark.reduce_timed(self._system, row.method, row.order)[0]
 
-    def _taken_over(self, resume: bool, or_begin: bool) -> Findings | None:
+    def _resume_results(self, resume: bool, begin_if_other: bool) -> StudyResults | None:
         """What an earlier study left, and its reference; on rank 0."""
-        make_folder(self._folder)
-        file = self._folder / FINDINGS
-        if not (resume and file.exists()):
+        file = self._folder / RESULTS_FILE
+        earlier = read_earlier(file, read_study_results, resume)
+        if earlier is None:
             return None
-        found = read_findings(file)
-        if found.fingerprint != self._fingerprint:
-            if or_begin:
+        if earlier.fingerprint != self._fingerprint:
+            if begin_if_other:
                 return None
             raise FileError(f"{file}: is of another scene, mesh or smallest step; start without resume")
-        self._reference = fr.read_trajectory(self._folder / REFERENCE)
-        return found
+        self._reference = fr.read_trajectory(self._folder / REFERENCE_FILE)
+        return earlier
 
-    def _begun(self, step: float) -> Findings:
+    def _run_reference(self, step: float) -> StudyResults:
         """Runs the reference; what is known of it."""
         assert self._scene.run is not None
         stage = "full order"
         coarse, fine = (round(self._scene.run.duration / dt) for dt in (2 * step, step))
-        twice = fr.simulate(self._system, dt=2 * step, report=lambda _, k, of: self._report(stage, k, coarse + fine))
+        coarse_run = fr.simulate(
+            self._system, dt=2 * step, report=lambda _, k, of: self._report(stage, k, coarse + fine)
+        )
         full = fr.simulate(
             self._system, dt=step, report=lambda _, k, of: self._report(stage, coarse + k, coarse + fine)
         )
-        reference.check_moves(full, self._scene.source)
-        divisor = reference.divisor(self._scene)
-        fr.write_trajectory(self._folder / REFERENCE, full)
+        reference.check_motion(full, self._scene.source)
+        divisor = reference.richardson_divisor(self._scene)
+        fr.write_trajectory(self._folder / REFERENCE_FILE, full)
         self._reference = full
-        return Findings(
+        return StudyResults(
             name=self._scene.name,
             fingerprint=self._fingerprint,
             size=self._system.size,
             dt=self._scene.run.dt,
             duration=self._scene.run.duration,
             reference_step=step,
-            reference_error=compare(twice, full)["shape"].relative / divisor,
+            reference_error=compare(coarse_run, full)["shape"].relative / divisor,
             divisor=divisor,
             full_rate=plain_rate(self._system, self._scene.run.dt),
             notes=full.warnings,
@@ -227,36 +236,37 @@ class _Study:
     def _measure(self, method: str, order: int) -> None:
         """Reduces to an order, and measures the model that came of it."""
         try:
-            rom, seconds = benchmark.reduced(self._system, method, order)
+            rom, seconds = benchmark.reduce_timed(self._system, method, order)
         except (SceneError, SolverError) as error:
-            self._add(notes=(*self.findings.notes, f"{WAYS[method].label}, order {order}: {error}"))
+            self._add(notes=(*self.results.notes, f"{METHOD_CONFIGS[method].label}, order {order}: {error}"))
             return
         self._last = rom
-        rows: tuple[Row, ...] = ()
+        rows: tuple[BenchmarkRow, ...] = ()
         notes: tuple[str, ...] = ()
-        if not self.findings.of(method, benchmark.order_of(rom)):  # else more was asked for than is numerically there
+        # Where there are rows already, more was asked for than is numerically there.
+        if not self.results.of(method, benchmark.largest_order(rom)):
             rows, notes = run_on_rank_0(self._comm, lambda: self._rows(rom, seconds, method))
-        hankel = self.findings.hankel
+        hankel = self.results.hankel
         if method == "balanced":
             hankel = {name: tuple(mode.hankel_singular_values) for name, mode in rom.contact_models.items()}
         self._add(
-            rows=(*self.findings.rows, *rows),
-            tried=(*self.findings.tried, (method, order)),
+            rows=(*self.results.rows, *rows),
+            tried=(*self.results.tried, (method, order)),
             hankel=hankel,
-            notes=(*self.findings.notes, *notes),
+            notes=(*self.results.notes, *notes),
         )
 
-    def _rows(self, rom: Rom, seconds: float, method: str) -> tuple[tuple[Row, ...], tuple[str, ...]]:
+    def _rows(self, rom: Rom, seconds: float, method: str) -> tuple[tuple[BenchmarkRow, ...], tuple[str, ...]]:
         assert self._reference is not None  # on rank 0 it is there
         try:
-            return benchmark.measured(rom, seconds, method, self._scene, self._reference, self._grid.steps)
+            return benchmark.measure_model(rom, seconds, method, self._scene, self._reference, self._grid.steps)
         except StepError as error:
-            return (), (f"{WAYS[method].label}, order {benchmark.order_of(rom)}: {error}",)
+            return (), (f"{METHOD_CONFIGS[method].label}, order {benchmark.largest_order(rom)}: {error}",)
 
-    def _add(self, **more: Any) -> None:
+    def _add(self, **changes: Any) -> None:
         """Keeps what was found, in memory and on disk."""
-        self.findings = replace(self.findings, **more)
-        write_findings(self._folder / FINDINGS, self.findings)
+        self.results = replace(self.results, **changes)
+        write_record(self._folder / RESULTS_FILE, self.results)
 
 
 def _longest_step(system: System, tolerance: float, report: Report) -> float:
@@ -264,11 +274,13 @@ def _longest_step(system: System, tolerance: float, report: Report) -> float:
     scene = system.scene
     assert scene is not None
     assert scene.run is not None
-    rom, _ = benchmark.reduced(system, _usual(scene), min(ORDERS[-1], system.elastic_size))
-    steps = [2.0**power * scene.run.dt for power in POWERS if 2.0**power * scene.run.dt <= scene.run.duration / 2]
-    duration, shapes = compared_instants(scene.run.duration, steps, len(system.body.nodes))
+    rom, _ = benchmark.reduce_timed(system, _first_method(scene), min(STUDIED_ORDERS[-1], system.elastic_size))
+    steps = [
+        2.0**power * scene.run.dt for power in STEP_EXPONENTS if 2.0**power * scene.run.dt <= scene.run.duration / 2
+    ]
+    duration, shapes = select_compared_instants(scene.run.duration, steps, len(system.body.nodes))
     compared = replace(scene, run=replace(scene.run, duration=duration, snapshots=shapes))
-    weight = reference.divisor(scene)  # a run is (weight + 1) / weight times as far from the truth as from the next run
+    weight = reference.richardson_divisor(scene)  # a run is (weight + 1) / weight times as far off as from the next
 
     def search() -> float:
         last, error = None, math.inf
@@ -277,27 +289,27 @@ def _longest_step(system: System, tolerance: float, report: Report) -> float:
             run = fr.simulate(rom, scene=compared, dt=step)
             if last is not None:
                 error = compare(last, run)["shape"].relative * (weight + 1) / weight
-                if error <= LEFT_FOR_REDUCTION * tolerance:
+                if error <= TIME_STEP_ERROR_SHARE * tolerance:
                     report("time step", len(steps), len(steps))
                     return steps[done - 1]
             last = run
         raise SolverError(
             f"tolerance {tolerance:g}: not reached, as the time step alone leaves an error of {error:.1e} at "
-            f"{pareto.length(steps[-2])}, the smallest that was tried"
+            f"{pareto.format_step(steps[-2])}, the smallest that was tried"
         )
 
     return run_on_rank_0(system.algebra.comm, search)  # type: ignore[attr-defined]
 
 
-def _why_not(findings: Findings, tolerance: float) -> str:
-    best = min(findings.rows, key=lambda row: row.error, default=None)
+def _explain_failure(results: StudyResults, tolerance: float) -> str:
+    best = min(results.rows, key=lambda row: row.error, default=None)
     if best is None:
-        return f"tolerance {tolerance:g}: not reached, as no model could be made: {'; '.join(findings.notes)}"
-    asked = max(order for _, order in findings.tried)
+        return f"tolerance {tolerance:g}: not reached, as no model could be made: {'; '.join(results.notes)}"
+    asked = max(order for _, order in results.tried)
     parts = {
         f"the reduction (order {best.order}"
         + (f"; {asked} was asked for, no more is numerically there)" if best.order < asked else ")"): best.reduction,
-        f"the time step ({pareto.length(best.dt)})": best.time_step,
+        f"the time step ({pareto.format_step(best.dt)})": best.time_step,
     }
     limit = max(parts, key=lambda part: parts[part])
     return (

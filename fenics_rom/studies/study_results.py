@@ -1,21 +1,21 @@
-"""What a study has found, as frozen records; and the JSON file that a killed study goes on from."""
+"""What a study has measured, as frozen records."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from fenics_rom.io.json_record import read_record, write_record
+from fenics_rom.io.json_record import read_record
 
 PICTURES = ("speed", "orders", "parts")  # names of those that are drawn of a study
 
 
 @dataclass(frozen=True)
-class Row:
+class BenchmarkRow:
     """One reduced model at one time step. Errors are shares of the reference's size, L² in time, if not said otherwise.
 
     Attributes:
-        method: name of the method, as in METHODS.
+        method: name of the method, as in STUDIED_METHODS.
         order: displacements of the contact mode that has most.
         dt: time step, s.
         error: of the whole shape in the mass norm, against the reference: all that reduction and time step do.
@@ -69,7 +69,7 @@ class MeshRow:
 
 
 @dataclass(frozen=True)
-class Findings:
+class StudyResults:
     """A study, finished or on its way.
 
     Attributes:
@@ -101,7 +101,7 @@ class Findings:
     divisor: float
     full_rate: float
     tried: tuple[tuple[str, int], ...] = ()
-    rows: tuple[Row, ...] = ()
+    rows: tuple[BenchmarkRow, ...] = ()
     meshes: tuple[MeshRow, ...] = ()
     hankel: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
@@ -116,36 +116,27 @@ class Findings:
         """The least error of a row; None where there is none."""
         return min((row.error for row in self.rows), default=None)
 
-    def of(self, method: str, order: int) -> tuple[Row, ...]:
+    def of(self, method: str, order: int) -> tuple[BenchmarkRow, ...]:
         """The rows of one reduced model."""
         return tuple(row for row in self.rows if (row.method, row.order) == (method, order))
 
 
-def write_findings(file: Path, findings: Findings) -> None:
-    """Writes findings as JSON, or nothing.
-
-    Raises:
-        FileError: the file cannot be written.
-    """
-    write_record(file, findings)
-
-
-def read_findings(file: Path) -> Findings:
-    """Reads findings.
+def read_study_results(file: Path) -> StudyResults:
+    """Reads the results of a study.
 
     Raises:
         FileError: there is no such file, or it holds something else.
     """
-    return read_record(file, "a study", _findings)
+    return read_record(file, "a study", _build)
 
 
-def _findings(known: dict[str, Any]) -> Findings:
-    rows = tuple(Row(**_tuples(row)) for row in known.pop("rows"))
-    meshes = tuple(MeshRow(**mesh) for mesh in known.pop("meshes"))
-    hankel = {name: tuple(σ) for name, σ in known.pop("hankel").items()}
-    tried = tuple((method, order) for method, order in known.pop("tried"))
-    return Findings(tried=tried, rows=rows, meshes=meshes, hankel=hankel, notes=tuple(known.pop("notes")), **known)
-
-
-def _tuples(row: dict[str, Any]) -> dict[str, Any]:
-    return row | {"outputs": {name: tuple(errors) for name, errors in row["outputs"].items()}}
+def _build(fields: dict[str, Any]) -> StudyResults:
+    rows = tuple(
+        BenchmarkRow(**row | {"outputs": {name: tuple(errors) for name, errors in row["outputs"].items()}})
+        for row in fields.pop("rows")
+    )
+    meshes = tuple(MeshRow(**mesh) for mesh in fields.pop("meshes"))
+    hankel = {name: tuple(σ) for name, σ in fields.pop("hankel").items()}
+    tried = tuple((method, order) for method, order in fields.pop("tried"))
+    notes = tuple(fields.pop("notes"))
+    return StudyResults(tried=tried, rows=rows, meshes=meshes, hankel=hankel, notes=notes, **fields)

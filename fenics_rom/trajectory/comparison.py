@@ -44,7 +44,7 @@ def compare(run: Trajectory, reference: Trajectory) -> dict[str, Difference]:
         >>> fr.compare(run, run)["output tip"].relative
         0.0
     """
-    first, second = _common(run.times, reference.times, "times")
+    first, second = common_instants(run.times, reference.times, "times")
     differences = {
         f"output {name}": _difference(values[first], reference.outputs[name][second])
         for name, values in run.outputs.items()
@@ -55,15 +55,23 @@ def compare(run: Trajectory, reference: Trajectory) -> dict[str, Difference]:
             f"the runs are of different meshes: {len(run.nodes)} and {len(reference.nodes)} nodes; "
             "outputs can be compared only of the same mesh"
         )
-    of_run, of_reference = _common(run.snapshot_times, reference.snapshot_times, "whole shapes")
+    of_run, of_reference = common_instants(run.snapshot_times, reference.snapshot_times, "whole shapes")
     weight = np.sqrt(reference.node_mass)[:, None]
     differences["shape"] = _difference(run.snapshots[of_run], reference.snapshots[of_reference], weight)
     differences["energy"] = _difference(run.energy[first, None], reference.energy[second, None])
     return differences
 
 
-def _common(times: Array, reference: Array, what: str) -> tuple[Array, Array]:
-    """Indices of the instants that both have."""
+def common_instants(times: Array, reference: Array, what: str) -> tuple[Array, Array]:
+    """Indices of the instants that two runs have in common, in each of them.
+
+    Args:
+        times, reference: ascending, s.
+        what: they are instants of, for the message.
+
+    Raises:
+        CompareError: there is none after the start.
+    """
     after = np.clip(np.searchsorted(reference, times), 1, max(len(reference) - 1, 1)) if len(reference) > 1 else 0
     nearest = np.zeros(len(times), dtype=int) + after
     if len(reference) > 1:

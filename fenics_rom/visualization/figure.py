@@ -4,8 +4,8 @@ import io
 from pathlib import Path
 from typing import Any
 
-from fenics_rom.errors import MissingPackageError
 from fenics_rom.io.atomic_write import write_whole
+from fenics_rom.visualization.optional_dependencies import load_package
 
 
 def figure_class() -> Any:
@@ -14,11 +14,7 @@ def figure_class() -> Any:
     Raises:
         MissingPackageError: there is no Matplotlib.
     """
-    try:
-        from matplotlib.figure import Figure
-    except ModuleNotFoundError as error:
-        raise MissingPackageError("pictures need Matplotlib: pip install fenics-rom[plot]") from error
-    return Figure
+    return load_package("matplotlib.figure", "pictures need Matplotlib: pip install fenics-rom[plot]").Figure
 
 
 def write_figure(figure: Any, file: Path, dpi: int) -> None:

@@ -1,17 +1,38 @@
-"""The packages that draw bodies, where they are installed, set up to work without a screen."""
+"""The packages that draw, where they are installed, set up to work without a screen."""
 
 import os
 import sys
 from collections.abc import Iterator
 from contextlib import contextmanager
 from ctypes import CDLL
+from importlib import import_module
 from importlib.util import find_spec
 from typing import Any
 
 from fenics_rom.errors import MissingPackageError
 
-WINDOW = "VTK_DEFAULT_OPENGL_WINDOW"  # where VTK reads which kind of window to open
-EGL, BY_EGL = "libEGL.so.1", "vtkEGLRenderWindow"
+WINDOW_VARIABLE = "VTK_DEFAULT_OPENGL_WINDOW"  # where VTK reads which kind of window to open
+EGL, EGL_WINDOW = "libEGL.so.1", "vtkEGLRenderWindow"
+FOR_PICTURES = (
+    "pictures of bodies and files for ParaView need {name}, which this Python lacks: pip install fenics-rom[view]"
+)
+FOR_THE_LIVE_VIEW = "the live view needs {name}, which this Python lacks: pip install fenics-rom[view]"
+
+
+def load_package(module: str, message: str) -> Any:
+    """A module of a package that need not be installed.
+
+    Args:
+        module: its full name.
+        message: what to say where it is missing, with {name} for what is.
+
+    Raises:
+        MissingPackageError: it is not installed, or something that it needs.
+    """
+    try:
+        return import_module(module)
+    except ModuleNotFoundError as error:
+        raise MissingPackageError(message.format(name=error.name)) from error
 
 
 def pyvista_package() -> Any:
@@ -24,18 +45,14 @@ def pyvista_package() -> Any:
         MissingPackageError: it is not installed.
     """
     if sys.platform == "linux":
-        os.environ.setdefault(WINDOW, BY_EGL)
+        os.environ.setdefault(WINDOW_VARIABLE, EGL_WINDOW)
         os.environ.setdefault("MESA_SHADER_CACHE_DISABLE", "true")  # else Mesa writes into the home, or says it cannot
-    with _looking_at_home():
-        try:
-            import pyvista
-        except ModuleNotFoundError as error:
-            raise _missing(error.name) from error
-    return pyvista
+    with _preferring_own_symbols():
+        return load_package("pyvista", FOR_PICTURES)
 
 
 @contextmanager
-def _looking_at_home() -> Iterator[None]:
+def _preferring_own_symbols() -> Iterator[None]:
     """Libraries that are loaded meanwhile prefer their own symbols to those of the same name that are global."""
     if sys.platform != "linux":
         yield
@@ -54,7 +71,7 @@ def check_window() -> None:
     Raises:
         MissingPackageError: there is no EGL.
     """
-    if os.environ.get(WINDOW) != BY_EGL:
+    if os.environ.get(WINDOW_VARIABLE) != EGL_WINDOW:
         return
     try:
         CDLL(EGL)
@@ -70,13 +87,10 @@ def imageio_package() -> Any:
     Raises:
         MissingPackageError: it, or its encoder, is not installed.
     """
-    try:
-        import imageio.v2
-    except ModuleNotFoundError as error:
-        raise _missing("imageio") from error
+    imageio = load_package("imageio.v2", FOR_PICTURES)
     if find_spec("imageio_ffmpeg") is None:
-        raise _missing("imageio_ffmpeg")
-    return imageio.v2
+        raise MissingPackageError(FOR_PICTURES.format(name="imageio_ffmpeg"))
+    return imageio
 
 
 def pillow_package() -> Any:
@@ -85,14 +99,23 @@ def pillow_package() -> Any:
     Raises:
         MissingPackageError: it is not installed.
     """
-    try:
-        import PIL.Image
-    except ModuleNotFoundError as error:
-        raise _missing(error.name) from error
-    return PIL.Image
+    return load_package("PIL.Image", FOR_PICTURES)
 
 
-def _missing(name: str | None) -> MissingPackageError:
-    return MissingPackageError(
-        f"pictures of bodies and files for ParaView need {name}, which this Python lacks: pip install fenics-rom[view]"
-    )
+def trimesh_package() -> Any:
+    """trimesh, which makes the surfaces of obstacles and finds points on that of a body; viser brings it.
+
+    Raises:
+        MissingPackageError: it is not installed.
+    """
+    load_package("trimesh.creation", FOR_PICTURES)
+    return load_package("trimesh", FOR_PICTURES)
+
+
+def viser_package() -> Any:
+    """viser, the server of the live view; worth asking for before long work.
+
+    Raises:
+        MissingPackageError: it is not installed.
+    """
+    return load_package("viser", FOR_THE_LIVE_VIEW)

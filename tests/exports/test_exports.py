@@ -12,6 +12,7 @@ import imageio_ffmpeg
 import numpy as np
 import pytest
 import pyvista
+from bodies import PLATE
 
 import fenics_rom as fr
 from fenics_rom.cli.main import main
@@ -20,9 +21,9 @@ from fenics_rom.mechanics.obstacles import Box, Capsule, HalfSpace, Sphere
 from fenics_rom.scene.file import parse_scene
 from fenics_rom.visualization import optional_dependencies
 from fenics_rom.visualization.exports import mode_sheet
-from fenics_rom.visualization.exports.body_renderer import DARK, Stage
-from fenics_rom.visualization.exports.contact_surface import touched
-from fenics_rom.visualization.exports.fields import KINDS, balanced_modes, eigenvectors, shapes_at_rest
+from fenics_rom.visualization.exports.body_renderer import DARK, BodyRenderer
+from fenics_rom.visualization.exports.contact_surface import contact_triangles
+from fenics_rom.visualization.exports.mode_shapes import SHAPE_KINDS, balanced_modes, eigenvectors, shapes_at_rest
 
 pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
 DATA = Path(__file__).parent.parent / "data"
@@ -106,12 +107,12 @@ def test_a_run_of_an_earlier_release_has_no_velocities(tmp_path):
     assert grid.point_data.keys() == ["displacement"]
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize("kind", SHAPE_KINDS)
 def test_shapes_of_a_rom_are_those_of_the_model(plate_rom, tmp_path, kind):
     grid = pyvista.read(fr.export(plate_rom, tmp_path / "rom.vtu", what=kind, count=3))
     assert grid.point_data.keys() == [f"{name}.{kind}.{k}" for name in plate_rom.contact_models for k in (1, 2, 3)]
     for name, mode in plate_rom.contact_models.items():
-        for field in KINDS[kind](plate_rom, mode)[:3]:
+        for field in SHAPE_KINDS[kind](plate_rom, mode)[:3]:
             np.testing.assert_array_equal(grid.point_data[f"{name}.{kind}.{field.number}"], field.displacement)
         if kind == "modes":
             np.testing.assert_array_equal(grid.field_data[f"{name}.sigma"], mode.hankel_singular_values[:3])
@@ -129,12 +130,13 @@ def test_rigid_motions_are_no_modes(touching):
 
 
 def test_patches_are_where_contact_modes_are_touched(touching, plate_rom):
-    z = touching.nodes[touched(touching, "bottom")][..., 2]
+    z = touching.nodes[contact_triangles(touching, "bottom")][..., 2]
     assert len(z)
     assert not z.any()
-    assert not len(touched(plate_rom, "middle"))  # a group of the mesh, which the ROM does not know
+    assert len(contact_triangles(plate_rom, "middle"))  # a group of the mesh, whose nodes the ROM keeps
     near = plate_rom.scene_text.replace('surface = "middle"', "near = { point = [0.25, 0.1, 0.01], radius = 0.08 }")
-    patch = touched(replace(plate_rom, scene_text=near), "middle")
+    surfaces = fr.assemble(parse_scene(near, folder=PLATE.parent)).body.contact_surfaces
+    patch = contact_triangles(replace(plate_rom, contact_surfaces=surfaces), "middle")
     centroids = plate_rom.nodes[patch].mean(axis=1)
     assert len(patch)
     assert (np.linalg.norm(centroids - [0.25, 0.1, 0.01], axis=1) <= 0.08).all()
@@ -159,20 +161,22 @@ def test_every_obstacle_is_where_it_is(run):
     for name in OBSTACLES:
         one = {name: OBSTACLES[name]}
         moved = np.array([[[0.0, 0.0, 0.0]], [[0.0, 0.0, -0.2]]])
-        stage = Stage(run.nodes, run.triangles, [run.snapshots[0]], obstacles=one, offsets=moved, width=300)
-        there, lower = (stage.picture(run.snapshots[0], offset) for offset in moved)
-        stage.close()
+        renderer = BodyRenderer(run.nodes, run.triangles, [run.snapshots[0]], obstacles=one, offsets=moved, width=300)
+        there, lower = (renderer.render(run.snapshots[0], offset) for offset in moved)
+        renderer.close()
         assert there.shape == lower.shape
         assert (there != lower).any(axis=-1).mean() > 0.003
 
 
 def test_scale_enlarges_what_is_seen_and_not_what_it_says(run):
     small, large = (
-        Stage(run.nodes, run.triangles, [1e-9 * np.ones_like(run.nodes), run.snapshots[2]], scale=scale, width=300)
+        BodyRenderer(
+            run.nodes, run.triangles, [1e-9 * np.ones_like(run.nodes), run.snapshots[2]], scale=scale, width=300
+        )
         for scale in (1.0, 50.0)
     )
     assert small._largest == large._largest
-    at_rest, moved = small.picture(run.snapshots[2]), large.picture(run.snapshots[2])
+    at_rest, moved = small.render(run.snapshots[2]), large.render(run.snapshots[2])
     assert at_rest.shape != moved.shape or (at_rest != moved).any()
 
 
@@ -241,8 +245,8 @@ def test_modes_of_a_method_without_singular_values_have_none(plate_rom, tmp_path
 
 def test_velocities_are_the_rates_of_the_shapes(plate_rom):
     """The midpoint rule: the mean of two velocities is the rate of the displacement between them."""
-    scene = parse_scene(plate_rom.scene_text, tables=plate_rom.tables)
-    every = fr.simulate(plate_rom, scene=replace(scene, run=replace(scene.run, duration=0.05, snapshots=50)))
+    run = replace(plate_rom.environment.run, duration=0.05, snapshots=50)
+    every = fr.simulate(plate_rom, scene=replace(plate_rom.environment, run=run))
     assert every.velocities.shape == every.snapshots.shape == (50, len(plate_rom.nodes), 3)
     rates, means = np.diff(every.snapshots, axis=0) / 1e-3, (every.velocities[1:] + every.velocities[:-1]) / 2
     np.testing.assert_allclose(rates, means, atol=1e-9 * np.abs(means).max())

@@ -24,7 +24,7 @@ import numpy as np
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomError
-from fenics_rom.studies.study_results import read_findings
+from fenics_rom.studies.study_results import read_study_results
 
 sys.path.append(str(Path(__file__).parent.parent))
 from bodies import box_arrays, scene_text, write_arrays
@@ -150,7 +150,7 @@ def whole(file: Path) -> bool:
             case ".h5":
                 (fr.read_rom if fr.io.hdf5.content_of(file) == "rom" else fr.read_trajectory)(file)
             case ".json":
-                read_findings(file)
+                read_study_results(file)
             case ".toml":
                 return "[run]" in file.read_text() and bool(fr.read_scene(file).contacts)
             case ".png":

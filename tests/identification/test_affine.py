@@ -9,7 +9,14 @@ from measuring import TRUTH, box_mesh, scene_of
 
 import fenics_rom as fr
 from fenics_rom.identification.affine import AffineSystem
-from fenics_rom.identification.parameters import chosen, directions_at, parameters_of, scene_with, values_at, values_of
+from fenics_rom.identification.parameters import (
+    directions_at,
+    parameters_of,
+    scene_with,
+    select_parameters,
+    values_at,
+    values_of,
+)
 from fenics_rom.scene.file import parse_scene
 
 EFFECTS = """
@@ -74,7 +81,7 @@ def test_matrices_and_inputs_are_those_assembled_at_any_values(tmp_path, make):
     affine = AffineSystem(scene)
     size = affine.plain.size
     parts = affine.parts(np.eye(size))
-    parameters, rng = chosen(scene, None, moving=True), np.random.default_rng(0)
+    parameters, rng = select_parameters(scene, None, moving=True), np.random.default_rng(0)
     assert len(parameters) == (5 if make is one_material else 10)
     for _ in range(3):
         θ = values_at(values_of(scene), parameters, rng.uniform(-0.8, 0.8, len(parameters)))
@@ -93,7 +100,7 @@ def test_derivatives_are_those_of_differences(tmp_path, make):
     scene = make(tmp_path)
     affine = AffineSystem(scene)
     parts = affine.parts(np.eye(affine.plain.size))
-    parameters, start = chosen(scene, None, moving=True), values_of(scene)
+    parameters, start = select_parameters(scene, None, moving=True), values_of(scene)
     q = np.random.default_rng(1).uniform(-0.3, 0.3, len(parameters))
     directions, h = directions_at(start, parameters, q), 1e-4
     for k, dθ in enumerate(directions):
@@ -123,4 +130,6 @@ def test_parameters_of_several_materials_are_named_and_found_in_the_scene_file(t
         for key in parameter.path:
             holder = holder[key]
         assert holder == parameter.start
-    assert [p.name for p in chosen(scene, None, moving=False)] == [name for name in own if "density" not in name]
+    assert [p.name for p in select_parameters(scene, None, moving=False)] == [
+        name for name in own if "density" not in name
+    ]

@@ -10,12 +10,12 @@ from measuring import START, TRUTH, box_mesh, film, scene_of, weigh, write
 import fenics_rom as fr
 from fenics_rom.errors import DataError, FenicsRomWarning, SceneError, SolverError
 from fenics_rom.identification.affine import AffineSystem
-from fenics_rom.identification.experiment import experiment_of
-from fenics_rom.identification.fit import Search, fitted
+from fenics_rom.identification.experiment import make_experiment
+from fenics_rom.identification.fit import FitProblem, fit_parameters
 from fenics_rom.identification.marker_data import read_markers
-from fenics_rom.identification.parameters import chosen, values_of
+from fenics_rom.identification.parameters import select_parameters, values_of
 from fenics_rom.identification.reduced_model import ReducedModel
-from fenics_rom.identification.uncertainty import half_widths
+from fenics_rom.identification.uncertainty import interval_half_widths
 
 GRAVITY = "gravity = { acceleration = [0.0, 0.0, -0.5] }"
 PUSHES = [("right", (0.0, 0.0, 2.0)), ("top", (1.0, 0.5, 0.0)), ("right", (0.0, 1.0, 0.0))]
@@ -81,18 +81,18 @@ def test_noise_is_told_and_the_truth_is_within_reach(mesh, tmp_path):
 def test_intervals_hold_the_truth_as_often_as_they_say(mesh, files):
     """95 % intervals of 60 seeds, on the full basis."""
     scene = scene_of(mesh, TRUTH)
-    parameters, affine = chosen(scene, None, moving=True), AffineSystem(scene)
+    parameters, affine = select_parameters(scene, None, moving=True), AffineSystem(scene)
     read = [read_markers(file, scene) for file in files]
-    exact = experiment_of(
+    exact = make_experiment(
         scene, [replace(read[0], measured=read[0].measured[:, [2, 5, 7]], **thinned(read[0])), read[1]], affine.plain
     )
     model = ReducedModel(affine.parts(np.eye(affine.plain.size)))
     rng, q, held = np.random.default_rng(0), np.zeros(len(parameters)), []
     for _ in range(60):
         noisy = replace(exact, measured=exact.measured + 1e-4 * rng.standard_normal(len(exact.measured)))
-        search = Search(values_of(scene), parameters, noisy, lambda θ: model, lambda values: values)
-        fit = fitted(search, q, model, lambda done, of: None)
-        held.append(np.abs(fit.q) <= half_widths(noisy.measured - fit.predicted, fit.jacobian))
+        problem = FitProblem(values_of(scene), parameters, noisy, lambda θ: model, lambda values: values)
+        fit = fit_parameters(problem, q, model, lambda done, of: None)
+        held.append(np.abs(fit.q) <= interval_half_widths(noisy.measured - fit.predicted, fit.jacobian))
     assert 0.91 <= np.mean(held) <= 0.985
 
 
@@ -152,7 +152,7 @@ def test_steps_that_are_too_long_for_the_intervals_are_named(mesh, files):
 
 
 def test_a_fit_that_does_not_settle_says_what_it_reached(mesh, files, monkeypatch):
-    monkeypatch.setattr("fenics_rom.identification.fit.MOST_BASES", 1)
+    monkeypatch.setattr("fenics_rom.identification.fit.MAX_BASES", 1)
     with pytest.raises(SolverError, match=r"did not settle .* it reached young = .* residual of"):
         fr.identify(scene_of(mesh, START), files[:1])
 

@@ -6,11 +6,11 @@ from measuring import START, TRUTH, box_mesh, film, scene_of, weigh
 
 import fenics_rom as fr
 from fenics_rom.identification.affine import AffineSystem
-from fenics_rom.identification.basis import basis_for
-from fenics_rom.identification.experiment import experiment_of, interpolation
-from fenics_rom.identification.full_order import full_answer
+from fenics_rom.identification.basis import make_basis
+from fenics_rom.identification.experiment import interpolate_instants, make_experiment
+from fenics_rom.identification.full_order import predict_full_order
 from fenics_rom.identification.marker_data import read_markers
-from fenics_rom.identification.parameters import chosen, directions_at, scene_with, values_at, values_of
+from fenics_rom.identification.parameters import directions_at, scene_with, select_parameters, values_at, values_of
 from fenics_rom.identification.reduced_model import ReducedModel
 
 LOADS = """gravity = { acceleration = [0.0, 0.0, -0.1] }
@@ -39,12 +39,12 @@ def case(tmp_path_factory):
     files = film(folder / "motion.csv", truth), weigh(folder / "rest.csv", truth, PUSHES, AT_REST)
     scene = scene_of(mesh, START, LOADS, TABLES)
     affine = AffineSystem(scene)
-    return scene, truth, experiment_of(scene, [read_markers(file, scene) for file in files], affine.plain), affine
+    return scene, truth, make_experiment(scene, [read_markers(file, scene) for file in files], affine.plain), affine
 
 
 def test_full_order_answers_with_what_was_measured_on_it(case):
     _, truth, experiment, _ = case
-    said, messages = full_answer(fr.assemble(truth), experiment, quiet)
+    said, messages = predict_full_order(fr.assemble(truth), experiment, quiet)
     assert len(said) == 30 * 9 + 2 * 6
     assert np.abs(said - experiment.measured).max() <= 1e-12 * np.abs(said).max()
     assert messages == ()
@@ -53,28 +53,30 @@ def test_full_order_answers_with_what_was_measured_on_it(case):
 def test_on_all_displacements_the_model_is_the_full_order(case):
     _, truth, experiment, affine = case
     model = ReducedModel(affine.parts(np.eye(affine.plain.size)))
-    said = model.answer(experiment, values_of(truth))
+    said = model.predict(experiment, values_of(truth))
     assert np.abs(said - experiment.measured).max() <= 1e-10 * np.abs(said).max()
 
 
 def test_jacobian_is_that_of_differences_of_the_full_order(case, monkeypatch):
-    monkeypatch.setattr("fenics_rom.identification.basis.TOLERANCE", 1e-3)  # so small a body has nothing to leave out
+    monkeypatch.setattr(
+        "fenics_rom.identification.basis.BALANCED_TOLERANCE", 1e-3
+    )  # so small a body has nothing to leave out
     scene, _, experiment, affine = case
-    parameters, start = chosen(scene, None, moving=True), values_of(scene)
+    parameters, start = select_parameters(scene, None, moving=True), values_of(scene)
     q, h = np.array([0.1, -0.2, 0.05, 0.3, -0.1]), 3e-4
     θ = values_at(start, parameters, q)
     whole = ReducedModel(affine.parts(np.eye(affine.plain.size)))
-    reduced = ReducedModel(affine.parts(basis_for(fr.assemble(scene_with(scene, θ)), experiment)))
+    reduced = ReducedModel(affine.parts(make_basis(fr.assemble(scene_with(scene, θ)), experiment)))
     assert reduced.order < 0.8 * affine.plain.size
     differences = []
     for step in h * np.eye(len(q)):
         after, before = (
-            full_answer(fr.assemble(scene_with(scene, values_at(start, parameters, at))), experiment, quiet)[0]
+            predict_full_order(fr.assemble(scene_with(scene, values_at(start, parameters, at))), experiment, quiet)[0]
             for at in (q + step, q - step)
         )
         differences.append((after - before) / (2 * h))
     for model, tolerance in ((whole, 1e-6), (reduced, 2e-4)):
-        _, J = model.derivatives(experiment, θ, directions_at(start, parameters, q))
+        _, J = model.linearize(experiment, θ, directions_at(start, parameters, q))
         for column, difference in zip(J.T, differences, strict=True):
             assert np.linalg.norm(column - difference) <= tolerance * np.linalg.norm(difference)
 
@@ -85,7 +87,7 @@ def test_what_is_seen_later_does_not_count_until_then(case):
     part = experiment.until(0.2)
     assert len(part.times) == 10 * 9
     assert part.steps < experiment.steps
-    said = model.answer(part, values_of(truth))
+    said = model.predict(part, values_of(truth))
     assert np.abs(said - part.measured).max() <= 1e-10 * np.abs(said).max()
 
 
@@ -94,7 +96,7 @@ def test_interpolation_is_exact_for_cubics_and_at_step_ends(steps):
     degree, dt = min(3, steps), 0.2
     cubic = np.polynomial.Polynomial(np.arange(1.0, degree + 2))
     times = np.append(np.linspace(0, steps * dt, 23), dt * np.arange(steps + 1))
-    nodes, weights = interpolation(times, dt, steps)
+    nodes, weights = interpolate_instants(times, dt, steps)
     assert nodes.min() >= 0
     assert nodes.max() <= steps
     np.testing.assert_allclose((weights * cubic(nodes * dt)).sum(axis=1), cubic(times), rtol=1e-12)

@@ -17,13 +17,13 @@ from fenics_rom.mechanics.environment import Environment
 from fenics_rom.reduction.full_response import full_responses
 from fenics_rom.visualization.plots.plot import plot
 from fenics_rom.visualization.plots.reduced import (
-    FULL_AROUND,
+    FULL_PEAK_OFFSETS,
     FULL_POINTS,
     has_frequencies,
+    plotted_frequencies,
     reduced_panels,
     reduced_response,
-    shown_frequencies,
-    size,
+    response_scale,
 )
 from fenics_rom.visualization.plots.runs import run_panels
 from fenics_rom.visualization.plots.style import DARK, LIGHT
@@ -157,7 +157,7 @@ def test_reduced_response_is_that_of_the_model(plate_rom, dense):
 
 
 def test_peaks_are_not_missed(plate_rom):
-    ω = shown_frequencies(plate_rom, FULL_POINTS, FULL_AROUND)
+    ω = plotted_frequencies(plate_rom, FULL_POINTS, FULL_PEAK_OFFSETS)
     assert (np.diff(ω) > 0).all()
     assert len(ω) < 120
     mode = plate_rom.contact_models["tip_left"]
@@ -209,7 +209,7 @@ def test_response_panel_shows_full_reduced_and_certificate(plate_system, plate_r
     ω = np.array([1.0, 6.0, 9.0])
     full = {name: (ω, one.sizes, one.errors) for name, one in full_responses(plate_system, plate_rom, ω).items()}
     above, below = drawn(reduced_panels(plate_rom, LIGHT, full)["response"]).axes
-    scale, _ = size(plate_rom)
+    scale, _ = response_scale(plate_rom)
     assert scale == pytest.approx(plate_rom.node_mass.sum() ** -0.5)
     assert above.get_ylabel() == "RMS displacement (m/N)"
     assert below.get_xlabel() == "frequency (Hz)"

@@ -1,4 +1,4 @@
-"""A body that somebody pulls at: hand, switching, account and recordings, without a page."""
+"""A body that somebody pulls at: mouse, switching, account and recordings, without a page."""
 
 from dataclasses import replace
 
@@ -10,7 +10,7 @@ import fenics_rom as fr
 from fenics_rom.errors import SceneError
 from fenics_rom.scene.file import parse_scene
 from fenics_rom.visualization.viewer.live_body import LiveBody, free_name
-from fenics_rom.visualization.viewer.mouse_spring import contact_triangles, point_of, take_hold
+from fenics_rom.visualization.viewer.mouse_spring import attach_spring, closest_point, contact_triangles
 
 BALL = 'shape = "sphere"\ncenter = [0.75, 0.2, 0.41]\nradius = 0.1'
 
@@ -80,88 +80,88 @@ def test_of_overlapping_contact_surfaces_the_smallest_has_a_triangle(box_file):
 def test_point_of_a_surface_is_found_in_its_triangle(box_rom):
     corners, weights = box_rom.nodes[box_rom.triangles], np.array([0.2, 0.5, 0.3])
     for triangle in (0, 17, len(corners) - 1):
-        found, at = point_of(corners, weights @ corners[triangle])
+        found, at = closest_point(corners, weights @ corners[triangle])
         assert at @ corners[found] == pytest.approx(weights @ corners[triangle], abs=1e-12)
-    beyond, at = point_of(corners, np.array([2.0, 0.2, 0.15]))
+    beyond, at = closest_point(corners, np.array([2.0, 0.2, 0.15]))
     assert (at @ corners[beyond])[0] == pytest.approx(1.0)
 
 
 def test_pull_at_nodal_forces_is_the_pull_itself(box_rom):
     mode = box_rom.contact_models["top"]
     (on_top, *_) = np.flatnonzero((box_rom.nodes[box_rom.triangles][:, :, 2] == 0.3).all(axis=1))
-    grip = take_hold(box_rom, "top", box_rom.triangles[on_top], np.ones(3) / 3)
+    spring = attach_spring(box_rom, "top", box_rom.triangles[on_top], np.ones(3) / 3)
     G = mode.inputs[:, : box_rom.contacts["top"]]
-    assert G @ grip.spread == pytest.approx(grip.rows.T, abs=1e-9 * np.abs(grip.rows).max())
+    assert G @ spring.spread == pytest.approx(spring.rows.T, abs=1e-9 * np.abs(spring.rows).max())
 
 
 def test_pull_at_a_resultant_is_nearest_in_energy(box_rom):
     mode = box_rom.contact_models["right"]
-    grip = take_hold(box_rom, "right", *corner(box_rom, "right"))
+    spring = attach_spring(box_rom, "right", *corner(box_rom, "right"))
     G = mode.inputs[:, : box_rom.contacts["right"]] / np.sqrt(mode.eigenvalues)[:, None]
-    left = G.T @ (G @ grip.spread - grip.rows.T / np.sqrt(mode.eigenvalues)[:, None])
+    left = G.T @ (G @ spring.spread - spring.rows.T / np.sqrt(mode.eigenvalues)[:, None])
     assert np.abs(left).max() < 1e-12 * np.abs(G.T @ G).max()
-    assert grip.spread == pytest.approx(np.eye(3), abs=0.4)
+    assert spring.spread == pytest.approx(np.eye(3), abs=0.4)
 
 
 def test_pulled_body_comes_to_rest_where_spring_and_body_agree(box_rom):
     body = LiveBody(box_rom, dt=5e-3)
     pulled(body, "right", [0.0, 0.0, 1e-3], 15000)
-    grip, force = body.grip, body.force
+    spring, force = body.spring, body.force
     mode = box_rom.contact_models["right"]
-    u = np.concatenate([grip.spread @ force, [0.0]])
+    u = np.concatenate([spring.spread @ force, [0.0]])
     q = (mode.inputs @ u) / mode.eigenvalues
-    assert body.held_at == pytest.approx(grip.moved(q), abs=1e-9)
-    assert force == pytest.approx(grip.stiffness * (body.hand - body.held_at), rel=1e-6)
-    assert 0.4e-3 < (body.held_at - grip.place)[2] < 0.8e-3  # two thirds of the way, but for the other directions
+    assert body.held_at == pytest.approx(spring.moved(q), abs=1e-9)
+    assert force == pytest.approx(spring.stiffness * (body.mouse - body.held_at), rel=1e-6)
+    assert 0.4e-3 < (body.held_at - spring.place)[2] < 0.8e-3  # two thirds of the way, but for the other directions
     assert abs(gap(body.account)) < 2e-12 * body.account.supplied
 
 
-def test_hand_is_never_stronger_than_a_linear_model_can_follow(box_rom):
+def test_mouse_is_never_stronger_than_a_linear_model_can_follow(box_rom):
     body = LiveBody(box_rom, dt=1e-2)
     pulled(body, "right", [0.0, 0.0, 10.0], 2000)
-    assert np.linalg.norm(body.force) == pytest.approx(body.grip.largest)
+    assert np.linalg.norm(body.force) == pytest.approx(body.spring.largest)
     assert 0.1 < body.simulator.surface_peak.severity < 1
 
 
 @pytest.mark.parametrize("dt", [1e-4, 1e-2, 1.0])
-def test_hand_and_body_together_gain_no_energy(box_rom, dt):
+def test_mouse_and_body_together_gain_no_energy(box_rom, dt):
     body = LiveBody(box_rom, dt=dt)
     assert body.grab("right", *corner(box_rom, "right"))
     body.pull_to(body.held_at + np.array([2e-4, 1e-3, 1e-3]))
     together = []
     for _ in range(200):
-        stretched = body.hand - body.grip.place - body.grip.columns.T @ body.simulator.state[0]
-        together.append(body.account.stored + body.grip.stiffness * stretched @ stretched / 2)
+        stretched = body.mouse - body.spring.place - body.spring.columns.T @ body.simulator.state[0]
+        together.append(body.account.stored + body.spring.stiffness * stretched @ stretched / 2)
         body.step()
-    assert np.linalg.norm(body.force) < body.grip.largest
+    assert np.linalg.norm(body.force) < body.spring.largest
     assert np.diff(together).max() < 1e-13 * together[0]
     lost = together[0] - together[-1]
     assert lost == pytest.approx(body.account.dissipated, rel=1e-2)  # but for the last step
 
 
 @pytest.mark.parametrize("dt", [1e-5, 1e-3, 0.1, 100.0])
-def test_hand_is_stable_at_any_step(box_rom, dt):
+def test_mouse_is_stable_at_any_step(box_rom, dt):
     body = LiveBody(box_rom, dt=dt)
     pulled(body, "right", [0.0, 0.0, 1e-3], 300)
     highest = body.account.supplied
     pulled(body, "right", [0.0, 0.0, 0.0], 300)
-    assert np.abs(body.held_at - body.grip.place).max() < 2e-3
+    assert np.abs(body.held_at - body.spring.place).max() < 2e-3
     assert body.account.stored <= 2 * highest
 
 
-def test_quasi_static_body_follows_the_hand(box_file):
+def test_quasi_static_body_follows_the_mouse(box_file):
     system = fr.assemble(acted_on(box_file, "gravity = { acceleration = [0.0, 0.0, -1.0] }"))
     body = LiveBody(fr.reduce(system, order=4), dt=0.1)
     pulled(body, "right", [0.0, 0.0, 1e-3], 100)
-    moved = (body.held_at - body.grip.place)[2]
+    moved = (body.held_at - body.spring.place)[2]
     for _ in range(10):
         body.step()
-    assert (body.held_at - body.grip.place)[2] == pytest.approx(moved, rel=1e-6)
-    u = np.concatenate([body.grip.spread @ body.force, [1.0]])
+    assert (body.held_at - body.spring.place)[2] == pytest.approx(moved, rel=1e-6)
+    u = np.concatenate([body.spring.spread @ body.force, [1.0]])
     mode = body.rom.contact_models["right"]
-    assert moved == pytest.approx(((body.grip.rows / mode.eigenvalues) @ (mode.inputs @ u))[2], rel=1e-6)
-    y = body.grip.columns.T @ body.simulator.state[0]
-    assert body.force == pytest.approx(body.grip.stiffness * (body.hand - body.grip.place - y), rel=1e-9)
+    assert moved == pytest.approx(((body.spring.rows / mode.eigenvalues) @ (mode.inputs @ u))[2], rel=1e-6)
+    y = body.spring.columns.T @ body.simulator.state[0]
+    assert body.force == pytest.approx(body.spring.stiffness * (body.mouse - body.spring.place - y), rel=1e-9)
 
 
 def test_held_contact_mode_is_not_switched_by_an_obstacle(touched_rom):
@@ -178,7 +178,7 @@ def test_held_contact_mode_is_not_switched_by_an_obstacle(touched_rom):
     body.step()
     assert body.simulator.contact == "top"
     assert not body.force.any()
-    assert abs(gap(body.account)) < 1e-12 * body.account.supplied
+    assert abs(gap(body.account)) < 2e-12 * body.account.supplied
 
 
 def test_actuators_have_units_and_ranges_and_act(box_rom):
@@ -229,7 +229,7 @@ def test_reset_is_rest(box_rom):
     body.values[0] = 1.0
     pulled(body, "right", [0.0, 0.0, 1e-3], 50)
     body.reset()
-    assert (body.simulator.time, body.grip) == (0.0, None)
+    assert (body.simulator.time, body.spring) == (0.0, None)
     assert not body.simulator.displacement().any()
     assert not body.values.any()
     assert not any(vars(body.account).values())
@@ -239,7 +239,7 @@ def test_order_begins_anew_and_can_go_back(box_rom):
     body = LiveBody(box_rom)
     pulled(body, "right", [0.0, 0.0, 1e-3], 50)
     body.order = 4
-    assert (body.order, body.largest_order, body.grip) == (4, 40, None)
+    assert (body.order, body.largest_order, body.spring) == (4, 40, None)
     body.step()
     body.order = 40
     pulled(body, "right", [0.0, 0.0, 1e-3], 50)

@@ -9,6 +9,7 @@ import socket
 import subprocess
 import sys
 import time
+import types
 from dataclasses import replace
 from pathlib import Path
 from urllib.parse import urlsplit
@@ -23,6 +24,7 @@ from websockets.sync.client import connect
 import fenics_rom as fr
 from fenics_rom.errors import MissingPackageError, SceneError
 from fenics_rom.scene.file import parse_scene
+from fenics_rom.visualization import optional_dependencies
 from fenics_rom.visualization.viewer import server
 
 COMMAND = Path(sys.executable).parent / "fenics-rom"
@@ -322,11 +324,39 @@ def test_wrong_usage(arguments, capsys):
 def test_missing_package_says_how_to_get_it(monkeypatch):
     monkeypatch.setitem(sys.modules, "viser", None)
     with pytest.raises(MissingPackageError, match=r"needs viser, .*: pip install fenics-rom\[view\]"):
-        server.viser_package()
+        optional_dependencies.viser_package()
+
+
+def test_a_viser_that_cannot_be_guarded_is_stopped(monkeypatch):
+    """It starts its server without asking its module for websockets."""
+    stopped, infra = [], types.ModuleType("other_infra")
+    infra.websockets = sentinel = object()
+    monkeypatch.setitem(sys.modules, infra.__name__, infra)
+    started = types.SimpleNamespace(stop=lambda: stopped.append(True))
+    other = types.SimpleNamespace(
+        __version__="9.0",
+        infra=types.SimpleNamespace(WebsockServer=type("WebsockServer", (), {"__module__": infra.__name__})),
+        ViserServer=lambda **options: started,
+    )
+    monkeypatch.setattr(server, "viser_package", lambda: other)
+    with pytest.raises(MissingPackageError, match=r"cannot refuse strangers with viser 9\.0: pip install viser=="):
+        server.Server(0)
+    assert stopped == [True]
+    assert infra.websockets is sentinel
+
+
+def test_guard_is_seen_by_viser_alone(monkeypatch):
+    import viser
+    import websockets.asyncio.server as library
+
+    serve = library.serve
+    with server._guarded_start(viser, "token"):
+        assert library.serve is serve
+    assert viser.infra._infra.websockets is sys.modules["websockets"]
 
 
 def test_no_free_port(monkeypatch):
-    monkeypatch.setattr(server, "PORTS", 1)
+    monkeypatch.setattr(server, "MAX_PORTS", 1)
     with socket.socket() as taken:
         taken.bind((server.HOST, 0))
         taken.listen()
@@ -336,12 +366,12 @@ def test_no_free_port(monkeypatch):
 
 
 def test_browser_is_not_told_the_token_where_others_can_read_it(monkeypatch, capsys):
-    from fenics_rom.visualization.viewer import command
+    from fenics_rom.visualization.viewer import view as view_module
 
     opened = []
-    monkeypatch.setattr(command.webbrowser, "open", lambda address: opened.append(address) or True)
+    monkeypatch.setattr(view_module.webbrowser, "open", lambda address: opened.append(address) or True)
     monkeypatch.setenv("DISPLAY", ":0")
-    page = command._open("http://127.0.0.1:8080/secret/")
+    page = view_module._open("http://127.0.0.1:8080/secret/")
     assert opened == [page.as_uri()]
     assert "secret" not in opened[0]
     assert "http://127.0.0.1:8080/secret/" in page.read_text()
@@ -349,5 +379,5 @@ def test_browser_is_not_told_the_token_where_others_can_read_it(monkeypatch, cap
     page.unlink()
     monkeypatch.delenv("DISPLAY")
     monkeypatch.delenv("WAYLAND_DISPLAY", raising=False)
-    assert command._open("http://127.0.0.1:8080/secret/") is None
+    assert view_module._open("http://127.0.0.1:8080/secret/") is None
     assert "there is no display" in capsys.readouterr().out

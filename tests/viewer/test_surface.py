@@ -7,11 +7,10 @@ import pytest
 from bodies import box_arrays, box_surfaces
 
 from fenics_rom.mechanics.obstacles import Box, Capsule, HalfSpace, Sphere
-from fenics_rom.scene.file import parse_scene
+from fenics_rom.visualization.obstacle_meshes import obstacle_mesh
 from fenics_rom.visualization.viewer.colours import BANDS, band_colours, bands_of, round_up, with_unit
-from fenics_rom.visualization.viewer.drawing import obstacle_mesh
-from fenics_rom.visualization.viewer.fields import fields
-from fenics_rom.visualization.viewer.surface import ENOUGH, MOST_CUTS, Surface, SurfaceStrain
+from fenics_rom.visualization.viewer.fields import surface_fields
+from fenics_rom.visualization.viewer.surface import MAX_CUTS, MIN_PIECES, Surface, SurfaceStrain
 
 
 @pytest.fixture(scope="module")
@@ -29,14 +28,14 @@ def areas(corners):
 def test_pieces_are_equal_parts_of_the_triangles(box):
     surface = Surface(*box)
     pieces = surface.pieces(surface.places)
-    assert surface.cuts == MOST_CUTS
-    assert pieces.shape == (len(box[1]) * MOST_CUTS**2, 3, 3)
+    assert surface.cuts == MAX_CUTS
+    assert pieces.shape == (len(box[1]) * MAX_CUTS**2, 3, 3)
     whole = areas(box[0][box[1]])
-    assert areas(pieces) == pytest.approx(np.repeat(whole / MOST_CUTS**2, MOST_CUTS**2), rel=1e-12)
+    assert areas(pieces) == pytest.approx(np.repeat(whole / MAX_CUTS**2, MAX_CUTS**2), rel=1e-12)
 
 
 def test_a_fine_surface_is_not_cut():
-    triangles = np.tile([[0, 1, 2]], (ENOUGH, 1))
+    triangles = np.tile([[0, 1, 2]], (MIN_PIECES, 1))
     surface = Surface(np.eye(3), triangles)
     assert surface.cuts == 1
     assert np.array_equal(surface.pieces(surface.places), surface.places[triangles])
@@ -47,7 +46,7 @@ def test_values_of_a_linear_field_are_exact_in_the_middle_of_pieces(box):
     slope = np.array([1.0, -2.0, 3.0])
     middles = surface.pieces(surface.places).mean(axis=1)
     assert surface.of_nodes(surface.places @ slope) == pytest.approx(middles @ slope, abs=1e-14)
-    assert np.array_equal(surface.of_triangles(np.arange(len(box[1])))[:: MOST_CUTS**2], np.arange(len(box[1])))
+    assert np.array_equal(surface.of_triangles(np.arange(len(box[1])))[:: MAX_CUTS**2], np.arange(len(box[1])))
 
 
 def test_bar_under_tension_has_its_energy_density_on_every_side(box):
@@ -83,16 +82,17 @@ def test_triangle_without_area_has_no_strain():
 
 
 def test_energy_density_is_offered_for_one_material_only(box, plate_rom):
-    surface, scene = Surface(*box), parse_scene(plate_rom.scene_text, source="plate")
-    assert set(fields(surface, scene)) == {"displacement", "speed", "strain", "energy density"}
-    assert set(fields(surface, None, moves=False)) == {"displacement", "strain"}
-    (material,) = scene.materials.values()
-    assert "energy density" not in fields(surface, replace(scene, materials={"rubber": material, "steel": material}))
+    surface, environment = Surface(*box), plate_rom.environment
+    assert set(surface_fields(surface, environment)) == {"displacement", "speed", "strain", "energy density"}
+    assert set(surface_fields(surface, None, moves=False)) == {"displacement", "strain"}
+    (material,) = (text for place, text in environment.built_in.items() if place.startswith("materials."))
+    both = replace(environment, built_in={"materials.rubber": material, "materials.steel": material})
+    assert "energy density" not in surface_fields(surface, both)
 
 
 def test_bands_are_even_and_closed():
-    found = bands_of(np.array([0.0, 0.999 / BANDS, 1 / BANDS + 1e-9, 1.0, 2.0]), 1.0)
-    assert np.array_equal(found, [0, 0, 1, BANDS - 1, BANDS - 1])
+    bands = bands_of(np.array([0.0, 0.999 / BANDS, 1 / BANDS + 1e-9, 1.0, 2.0]), 1.0)
+    assert np.array_equal(bands, [0, 0, 1, BANDS - 1, BANDS - 1])
     assert not bands_of(np.array([0.0, 1.0]), 0.0).any()
     assert len(set(band_colours())) == BANDS
     assert band_colours()[0] == (68, 1, 84)
@@ -125,7 +125,7 @@ def test_numbers_have_prefixes_where_the_unit_takes_them():
     ],
 )
 def test_meshes_of_obstacles_lie_on_them(obstacle):
-    vertices, faces = obstacle_mesh(obstacle, 1.0)
+    vertices, faces = obstacle_mesh(obstacle, np.array([0.5, 1.0, 0.0]), 1.5)
     gap, _ = obstacle.distance(vertices)
     assert np.abs(gap).max() < 1e-7  # what trimesh rounds to
     assert faces.max() == len(vertices) - 1

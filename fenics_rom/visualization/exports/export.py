@@ -10,24 +10,25 @@ from fenics_rom.io.atomic_write import check_place
 from fenics_rom.io.progress import Report, silent
 from fenics_rom.rom.rom import Rom
 from fenics_rom.trajectory.trajectory import Trajectory
-from fenics_rom.visualization.exports.body_renderer import Stage
-from fenics_rom.visualization.exports.fields import KINDS, fields
+from fenics_rom.visualization.exports.body_renderer import BodyRenderer
+from fenics_rom.visualization.exports.mode_shapes import SHAPE_KINDS, mode_shapes
 from fenics_rom.visualization.exports.mode_sheet import write_sheet
 from fenics_rom.visualization.exports.paraview import check_series_place, write_grid, write_series
 from fenics_rom.visualization.exports.pictures import write_film, write_still
-from fenics_rom.visualization.exports.subprocess_export import beside_dolfinx, draw_elsewhere
+from fenics_rom.visualization.exports.subprocess_export import dolfinx_is_loaded, export_in_subprocess
 from fenics_rom.visualization.optional_dependencies import pyvista_package
 
 Array = np.ndarray
 
-SHEETS = (".png", ".pdf", ".svg")
-OF_ROMS = (".vtu", *SHEETS)
-FILMS = (".gif", ".mp4")
-OF_RUNS = (".pvd", ".vtu", ".png", *FILMS)
-COUNT = 6  # shapes of each contact mode on a sheet
-RATE, LONGEST = 20, 10.0  # pictures a second of a film, and how long it is at most unless it is told, s
-MOST_SECONDS = 3600.0
-WIDTH, FILM_WIDTH = 1000, 720  # pixels
+SHEET_FORMATS = (".png", ".pdf", ".svg")
+ROM_FORMATS = (".vtu", *SHEET_FORMATS)
+FILM_FORMATS = (".gif", ".mp4")
+RUN_FORMATS = (".pvd", ".vtu", ".png", *FILM_FORMATS)
+SHEET_SHAPES = 6  # shapes of each contact mode on a sheet
+FRAMES_PER_SECOND = 20  # of a film
+DEFAULT_MAX_SECONDS = 10.0  # how long a film is at most, unless it is told
+MAX_SECONDS = 3600.0
+WIDTH_PIXELS, FILM_WIDTH_PIXELS = 1000, 720
 
 
 def export(
@@ -76,8 +77,8 @@ def export(
         'modes.vtu'
     """
     place = Path(output)
-    if beside_dolfinx():
-        draw_elsewhere(
+    if dolfinx_is_loaded():
+        export_in_subprocess(
             model,
             place,
             what=what,
@@ -92,12 +93,12 @@ def export(
     if isinstance(model, Rom):
         if time is not None:
             raise FileError(f"ROM {model.name!r} has no instants; --time is for runs")
-        _check_ending(place, OF_ROMS, "a ROM")
-        _export_rom(place, model, what or next(iter(KINDS)), count, dark)
+        _check_ending(place, ROM_FORMATS, "a ROM")
+        _export_rom(place, model, what or next(iter(SHAPE_KINDS)), count, dark)
     else:
         if what is not None or count is not None:
             raise FileError(f"run {model.name!r} has no modes; --what and --count are for ROMs")
-        _check_ending(place, OF_RUNS, "a run")
+        _check_ending(place, RUN_FORMATS, "a run")
         _export_run(place, model, time, scale, seconds, dark, report)
     return place
 
@@ -111,21 +112,21 @@ def _check_ending(place: Path, allowed: tuple[str, ...], what: str) -> None:
 def _export_rom(place: Path, rom: Rom, kind: str, count: int | None, dark: bool) -> None:
     if count is not None and count < 1:
         raise FileError(f"--count {count}: allowed are whole numbers from 1")
-    if place.suffix in SHEETS:
-        write_sheet(place, rom, kind, COUNT if count is None else count, dark)
+    if place.suffix in SHEET_FORMATS:
+        write_sheet(place, rom, kind, SHEET_SHAPES if count is None else count, dark)
         return
-    shapes: dict[str, Array] = {}
+    fields: dict[str, Array] = {}
     whole: dict[str, Array] = {}
-    for name, row in fields(rom, kind).items():
+    for name, row in mode_shapes(rom, kind).items():
         shown = row[:count]
-        shapes |= {f"{name}.{kind}.{field.number}": field.displacement for field in shown}
+        fields |= {f"{name}.{kind}.{shape.number}": shape.displacement for shape in shown}
         for key, numbers in (
-            ("frequency", [field.frequency for field in shown]),
-            ("sigma", [field.σ for field in shown]),
+            ("frequency", [shape.frequency for shape in shown]),
+            ("sigma", [shape.σ for shape in shown]),
         ):
             if None not in numbers:
                 whole[f"{name}.{key}"] = np.array(numbers, dtype=float)
-    write_grid(place, rom.nodes, rom.triangles, shapes, whole)
+    write_grid(place, rom.nodes, rom.triangles, fields, whole)
 
 
 def _export_run(
@@ -135,8 +136,8 @@ def _export_run(
         raise FileError(f"run {run.name!r} has no surface to draw")
     if not (np.isfinite(scale) and scale > 0):
         raise FileError(f"--scale {scale:g}: allowed are finite numbers > 0")
-    if seconds is not None and not 0 < seconds <= MOST_SECONDS:
-        raise FileError(f"--seconds {seconds:g}: allowed is more than 0 and at most {MOST_SECONDS:g}")
+    if seconds is not None and not 0 < seconds <= MAX_SECONDS:
+        raise FileError(f"--seconds {seconds:g}: allowed is more than 0 and at most {MAX_SECONDS:g}")
     if time is not None:
         if place.suffix not in (".vtu", ".png"):
             raise FileError(f"{place}: shows all instants; --time is for .vtu and .png")
@@ -151,12 +152,14 @@ def _export_run(
         instant = {"TimeValue": run.snapshot_times[[row]]}
         write_grid(place, run.nodes, run.triangles, _on_nodes(run, row), instant)
     elif place.suffix == ".png":
-        write_still(place, *_pictures(run, [row], scale, WIDTH, dark, report))
+        write_still(place, *_pictures(run, [row], scale, WIDTH_PIXELS, dark, report))
     else:
         shapes = len(run.snapshots)
-        wanted = max(1, round(RATE * (min(shapes / RATE, LONGEST) if seconds is None else seconds)))
+        length = min(shapes / FRAMES_PER_SECOND, DEFAULT_MAX_SECONDS) if seconds is None else seconds
+        wanted = max(1, round(FRAMES_PER_SECOND * length))
         rows = np.unique(np.linspace(0, shapes - 1, min(wanted, shapes)).round().astype(int))
-        write_film(place, _pictures(run, list(rows), scale, FILM_WIDTH, dark, report), RATE * len(rows) / wanted)
+        pictures = _pictures(run, list(rows), scale, FILM_WIDTH_PIXELS, dark, report)
+        write_film(place, pictures, FRAMES_PER_SECOND * len(rows) / wanted)
 
 
 def _on_nodes(run: Trajectory, row: int) -> dict[str, Array]:
@@ -172,7 +175,7 @@ def _pictures(
     moved = (
         np.stack(list(run.obstacle_motion.values()), axis=1) if run.obstacles else np.zeros((len(run.snapshots), 0, 3))
     )
-    stage = Stage(
+    renderer = BodyRenderer(
         run.nodes,
         run.triangles,
         list(run.snapshots),
@@ -187,7 +190,7 @@ def _pictures(
         for done, row in enumerate(rows):
             report("pictures", done, len(rows))
             words = f"{run.snapshot_times[row]:.{digits}f} s" + (f", displacements x {scale:g}" if scale != 1 else "")
-            yield stage.picture(run.snapshots[row], moved[row], words)
+            yield renderer.render(run.snapshots[row], moved[row], words)
         report("pictures", len(rows), len(rows))
     finally:
-        stage.close()
+        renderer.close()

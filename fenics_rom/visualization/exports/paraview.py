@@ -97,7 +97,7 @@ def check_series_place(file: Path) -> None:
     folder = file.with_suffix("")
     check_folder(folder)
     ours = re.compile(re.escape(folder.name) + r"_\d{4,}\.vtu")
-    others = [found.name for found in (folder.iterdir() if folder.exists() else ()) if not ours.fullmatch(found.name)]
+    others = [file.name for file in (folder.iterdir() if folder.exists() else ()) if not ours.fullmatch(file.name)]
     if others:
         raise FileError(
             f"{folder}: the folder that goes with {file.name} holds other things, such as {others[0]!r}; "

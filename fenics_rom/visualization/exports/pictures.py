@@ -12,7 +12,7 @@ from fenics_rom.visualization.optional_dependencies import imageio_package, pill
 
 Array = np.ndarray
 
-MP4 = {"codec": "libx264", "pixelformat": "yuv420p", "macro_block_size": 2, "quality": 8}  # what browsers play
+MP4_SETTINGS = {"codec": "libx264", "pixelformat": "yuv420p", "macro_block_size": 2, "quality": 8}  # what browsers play
 
 
 def write_still(file: Path, picture: Array) -> None:
@@ -39,26 +39,26 @@ def write_film(file: Path, pictures: Iterable[Array], rate: float) -> None:
         FileError: it cannot be written.
         MissingPackageError: there is no encoder.
     """
-    write_whole(file, _gif(pictures, rate) if file.suffix == ".gif" else _mp4(pictures, rate))
+    write_whole(file, _encode_gif(pictures, rate) if file.suffix == ".gif" else _encode_mp4(pictures, rate))
 
 
-def _gif(pictures: Iterable[Array], rate: float) -> bytes:
+def _encode_gif(pictures: Iterable[Array], rate: float) -> bytes:
     """Each picture in 256 colours of its own, without dithering, which would flicker and take room."""
     Image, content = pillow_package(), io.BytesIO()
-    few = (
+    quantized = (
         Image.fromarray(picture).quantize(256, Image.Quantize.MAXCOVERAGE, dither=Image.Dither.NONE)
         for picture in pictures
     )
-    next(few).save(content, "GIF", save_all=True, append_images=few, duration=1000 / rate, loop=0)
+    next(quantized).save(content, "GIF", save_all=True, append_images=quantized, duration=1000 / rate, loop=0)
     return content.getvalue()
 
 
-def _mp4(pictures: Iterable[Array], rate: float) -> bytes:
+def _encode_mp4(pictures: Iterable[Array], rate: float) -> bytes:
     """The encoder is a program that writes a file."""
     imageio = imageio_package()
     with tempfile.TemporaryDirectory() as folder:
         film = Path(folder) / "film.mp4"
-        with imageio.get_writer(film, fps=rate, **MP4) as writer:
+        with imageio.get_writer(film, fps=rate, **MP4_SETTINGS) as writer:
             for picture in pictures:
                 writer.append_data(picture)
         return film.read_bytes()

@@ -16,12 +16,12 @@ from fenics_rom.trajectory.file import write_trajectory
 from fenics_rom.trajectory.trajectory import Trajectory
 
 
-def beside_dolfinx() -> bool:
+def dolfinx_is_loaded() -> bool:
     """Whether this process has loaded dolfinx."""
     return "dolfinx" in sys.modules
 
 
-def draw_elsewhere(model: Rom | Trajectory, place: Path, **choices: str | float | bool | None) -> None:
+def export_in_subprocess(model: Rom | Trajectory, place: Path, **choices: str | float | bool | None) -> None:
     """Does what `export` does by the command of that name.
 
     Args:
@@ -45,5 +45,5 @@ def draw_elsewhere(model: Rom | Trajectory, place: Path, **choices: str | float 
                 words += [f"--{name}"] if value is True else [f"--{name}", str(value)]
         run = subprocess.run([sys.executable, "-m", "fenics_rom", "export", *words], capture_output=True, text=True)
     if run.returncode:
-        said = run.stderr.strip().splitlines()
-        raise FenicsRomError(said[-1].removeprefix("fenics-rom: ") if said else f"{place}: could not be drawn")
+        lines = run.stderr.strip().splitlines()
+        raise FenicsRomError(lines[-1].removeprefix("fenics-rom: ") if lines else f"{place}: could not be drawn")

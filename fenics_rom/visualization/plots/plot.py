@@ -14,19 +14,19 @@ from fenics_rom.system.system import System
 from fenics_rom.trajectory.trajectory import Trajectory
 from fenics_rom.visualization.figure import figure_class, write_figure
 from fenics_rom.visualization.plots.reduced import (
-    FULL_AROUND,
+    FULL_PEAK_OFFSETS,
     FULL_POINTS,
     has_frequencies,
+    plotted_frequencies,
     reduced_panels,
-    shown_frequencies,
 )
-from fenics_rom.visualization.plots.runs import Panel, run_panels
-from fenics_rom.visualization.plots.style import COLUMN, DARK, DPI, FORMATS, HEIGHT, LIGHT, Style
+from fenics_rom.visualization.plots.runs import run_panels
+from fenics_rom.visualization.plots.style import COLUMN_INCHES, DARK, DPI, FORMATS, HEIGHT_INCHES, LIGHT, Panel, Style
 
 Array = np.ndarray
 
-IN_FOLDERS = (".pdf", ".png")  # what a folder gets of each panel: one to print, one to look at
-TALLER = {"response": 1.35}  # of a usual panel; it has two parts
+FOLDER_FORMATS = (".pdf", ".png")  # what a folder gets of each panel: one to print, one to look at
+RELATIVE_HEIGHTS = {"response": 1.35}  # of a usual panel; it has two parts
 
 
 def plot(
@@ -70,22 +70,23 @@ def plot(
 
     place, style = Path(output), DARK if dark else LIGHT
     in_folder = check_output(place)
-    panels = _panels(model, style, what, full, report)
+    panels = _select_panels(model, style, what, full, report)
     files = []
     with matplotlib.rc_context(style.settings):
         if in_folder:
             make_folder(place)
             for name, draw in panels.items():
-                figure = figure_of(figsize=(COLUMN, HEIGHT * TALLER.get(name, 1.0)), layout="constrained")
+                size = COLUMN_INCHES, HEIGHT_INCHES * RELATIVE_HEIGHTS.get(name, 1.0)
+                figure = figure_of(figsize=size, layout="constrained")
                 draw(figure)
-                for ending in IN_FOLDERS:
+                for ending in FOLDER_FORMATS:
                     files.append(place / f"{name}{ending}")
                     write_figure(figure, files[-1], dpi=DPI)
         else:
             wide = min(len(panels), 2)
             high = math.ceil(len(panels) / wide)
-            tall = max(TALLER.get(name, 1.0) for name in panels)
-            figure = figure_of(figsize=(wide * COLUMN, high * HEIGHT * tall), layout="constrained")
+            tall = max(RELATIVE_HEIGHTS.get(name, 1.0) for name in panels)
+            figure = figure_of(figsize=(wide * COLUMN_INCHES, high * HEIGHT_INCHES * tall), layout="constrained")
             parts = figure.subfigures(high, wide, squeeze=False)
             for draw, part in zip(panels.values(), parts.flat, strict=False):
                 draw(part)
@@ -109,7 +110,7 @@ def check_output(place: Path) -> bool:
     return False
 
 
-def _panels(
+def _select_panels(
     model: Rom | Trajectory | Mapping[str, Trajectory],
     style: Style,
     what: Sequence[str] | None,
@@ -122,8 +123,9 @@ def _panels(
         SceneError: there is none of that name, or nothing at all.
     """
     if isinstance(model, Rom):
-        asked = full is not None and has_frequencies(model) and (what is None or "response" in what)
-        panels = reduced_panels(model, style, _full(model, full, report) if asked and full is not None else None)
+        asked = has_frequencies(model) and (what is None or "response" in what)
+        response = _full_response(model, full, report) if asked and full is not None else None
+        panels = reduced_panels(model, style, response)
     else:
         panels = run_panels({model.name: model} if isinstance(model, Trajectory) else model)
     for name in what or ():
@@ -134,10 +136,10 @@ def _panels(
     return {name: panels[name] for name in (panels if what is None else dict.fromkeys(what))}
 
 
-def _full(rom: Rom, system: System, report: Report) -> Mapping[str, tuple[Array, Array, Array]]:
+def _full_response(rom: Rom, system: System, report: Report) -> Mapping[str, tuple[Array, Array, Array]]:
     """Frequencies, |H| and |H - H_i| of each contact mode; those of the validation are among them."""
     from fenics_rom.reduction.full_response import full_responses  # needs SciPy, which a plot of a run does not
 
     sampled = [mode.frequencies for mode in rom.contact_models.values()]
-    ω = np.unique(np.concatenate([shown_frequencies(rom, FULL_POINTS, FULL_AROUND), *sampled]))
+    ω = np.unique(np.concatenate([plotted_frequencies(rom, FULL_POINTS, FULL_PEAK_OFFSETS), *sampled]))
     return {name: (ω, full.sizes, full.errors) for name, full in full_responses(system, rom, ω, report).items()}

@@ -1,7 +1,7 @@
 """Plots of a ROM: how its Hankel singular values fall, and its frequency responses beside the full model's."""
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any
 
@@ -10,18 +10,17 @@ import numpy as np
 from fenics_rom.io.units import readable
 from fenics_rom.rom.file import HANKEL_UNIT
 from fenics_rom.rom.rom import ContactModel, Rom
-from fenics_rom.visualization.plots.style import Style
+from fenics_rom.visualization.plots.style import Panel, Style
 
 Array = np.ndarray
-Panel = Callable[[Any], None]  # draws into a (sub)figure
 
-POINTS = 400  # at which a reduced model is asked, beside those around its eigenfrequencies
+REDUCED_POINTS = 400  # at which a reduced model is asked, beside those around its eigenfrequencies
 FULL_POINTS = 40  # at which the full one is
-AROUND = (-4.0, -2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0, 4.0)  # an eigenfrequency, in half-widths of its peak
-FULL_AROUND = (-1.0, 0.0, 1.0)
-APART = 0.25  # half-widths that frequencies around peaks are apart at least
-FIRST, BEYOND = 0.2, 1.2  # of the lowest eigenfrequency, and of the highest that is shown
-SHADES = "viridis"  # where there are more contact modes than colours
+PEAK_OFFSETS = (-4.0, -2.0, -1.0, -0.5, 0.0, 0.5, 1.0, 2.0, 4.0)  # an eigenfrequency, in half-widths of its peak
+FULL_PEAK_OFFSETS = (-1.0, 0.0, 1.0)
+MIN_PEAK_DISTANCE = 0.25  # half-widths that frequencies around peaks are apart at least
+LOWEST_SHARE, HIGHEST_SHARE = 0.2, 1.2  # of the lowest eigenfrequency and of the highest one that is shown
+COLOUR_MAP = "viridis"  # where there are more contact modes than colours
 
 
 def reduced_panels(rom: Rom, style: Style, full: Mapping[str, tuple[Array, Array, Array]] | None) -> dict[str, Panel]:
@@ -31,14 +30,14 @@ def reduced_panels(rom: Rom, style: Style, full: Mapping[str, tuple[Array, Array
         rom: of any method; without Hankel singular values there is nothing to draw of them, and without inertia
             nothing of frequencies.
         style: whose colours are used.
-        full: of each contact mode frequencies (rad/s), |H| of the full model, and |H - H_i| in the norm of `size`;
-            None where it was not asked.
+        full: of each contact mode frequencies (rad/s), |H| of the full model, and |H - H_i| in the same norm; None
+            where it was not asked.
     """
     panels: dict[str, Panel] = {}
     if any(len(mode.hankel_singular_values) for mode in rom.contact_models.values()):
-        panels["sigma"] = partial(_sigma, rom=rom, style=style)
+        panels["sigma"] = partial(_draw_hankel_values, rom=rom, style=style)
     if has_frequencies(rom):
-        panels["response"] = partial(_response, rom=rom, style=style, full=full)
+        panels["response"] = partial(_draw_response, rom=rom, style=style, full=full)
     return panels
 
 
@@ -47,7 +46,7 @@ def has_frequencies(rom: Rom) -> bool:
     return rom.environment.has_inertia
 
 
-def shown_frequencies(rom: Rom, points: int, around: Sequence[float]) -> Array:
+def plotted_frequencies(rom: Rom, points: int, around: Sequence[float]) -> Array:
     """Evenly spread on a logarithmic axis, and denser around the eigenfrequencies that are shown, rad/s, ascending.
 
     From below the lowest eigenfrequency of all contact modes to above the middle one, up to where the validation goes:
@@ -59,20 +58,20 @@ def shown_frequencies(rom: Rom, points: int, around: Sequence[float]) -> Array:
         around: further ones at each eigenfrequency, in half-widths of its peak.
     """
     ω = [np.sqrt(mode.eigenvalues[mode.rigid :]) for mode in rom.contact_models.values()]
-    first = FIRST * min(each[0] for each in ω)
-    last = BEYOND * max(each[len(each) // 2] for each in ω)
+    first = LOWEST_SHARE * min(of_mode[0] for of_mode in ω)
+    last = HIGHEST_SHARE * max(of_mode[len(of_mode) // 2] for of_mode in ω)
     peaks: dict[float, float] = {}  # and their half-widths; those of another contact mode may be the same
-    for each, mode in zip(ω, rom.contact_models.values(), strict=True):
+    for of_mode, mode in zip(ω, rom.contact_models.values(), strict=True):
         damping = (mode.damping if mode.damping.ndim == 1 else np.diag(mode.damping))[mode.rigid :] / 2
-        for peak, half in zip(each, damping, strict=True):
-            if first <= peak <= last and all(abs(peak - other) > APART * half for other in peaks):
+        for peak, half in zip(of_mode, damping, strict=True):
+            if first <= peak <= last and all(abs(peak - other) > MIN_PEAK_DISTANCE * half for other in peaks):
                 peaks[float(peak)] = float(half)
     near = [peak + half * step for peak, half in peaks.items() for step in around]
     every = np.unique(np.concatenate([np.geomspace(first, last, points), near]))
     return every[(every >= first) & (every <= last)]
 
 
-def size(rom: Rom) -> tuple[float, str]:
+def response_scale(rom: Rom) -> tuple[float, str]:
     """What turns |H| in M, over the contact's columns, into what is drawn, and its unit.
 
     Of a body with a mesh the root mean square of its displacement by mass, |H| / √m, in m for a force of 1 N in each
@@ -93,10 +92,10 @@ def reduced_response(mode: ContactModel, columns: int, frequencies: Array) -> Ar
     return np.linalg.norm(np.linalg.solve(Z, G[None]), axis=(1, 2))
 
 
-def _sigma(figure: Any, rom: Rom, style: Style) -> None:
+def _draw_hankel_values(figure: Any, rom: Rom, style: Style) -> None:
     """σ of each contact mode; what is in the model filled, what was left out empty."""
     axes = figure.subplots()
-    for (name, mode), colour in zip(rom.contact_models.items(), _colours(rom, style), strict=True):
+    for (name, mode), colour in zip(rom.contact_models.items(), _choose_colours(rom, style), strict=True):
         σ, order = mode.hankel_singular_values, mode.order - mode.rigid
         if not len(σ):
             continue
@@ -113,12 +112,12 @@ def _sigma(figure: Any, rom: Rom, style: Style) -> None:
     figure.legend(loc="outside lower center", ncols=2)
 
 
-def _response(figure: Any, rom: Rom, style: Style, full: Mapping[str, tuple[Array, Array, Array]] | None) -> None:
+def _draw_response(figure: Any, rom: Rom, style: Style, full: Mapping[str, tuple[Array, Array, Array]] | None) -> None:
     """|H| of every contact mode, and below it how far the reduced models are from the full one, where that is known."""
     known = full is not None or any(len(mode.frequencies) for mode in rom.contact_models.values())
     above, *below = figure.subplots(1 + known, 1, sharex=True, height_ratios=(3, 2)[: 1 + known], squeeze=False)[:, 0]
-    ω, (scale, unit) = shown_frequencies(rom, POINTS, AROUND), size(rom)
-    for (name, mode), colour in zip(rom.contact_models.items(), _colours(rom, style), strict=True):
+    ω, (scale, unit) = plotted_frequencies(rom, REDUCED_POINTS, PEAK_OFFSETS), response_scale(rom)
+    for (name, mode), colour in zip(rom.contact_models.items(), _choose_colours(rom, style), strict=True):
         if full is not None:
             above.plot(full[name][0] / math.tau, scale * full[name][1], color=style.ink, linewidth=2.2, alpha=0.25)
             below[0].plot(full[name][0] / math.tau, full[name][2] / full[name][1].max(), color=colour, linewidth=0.8)
@@ -142,10 +141,10 @@ def _response(figure: Any, rom: Rom, style: Style, full: Mapping[str, tuple[Arra
     figure.legend(loc="outside lower center", ncols=2)
 
 
-def _colours(rom: Rom, style: Style) -> list[Any]:
+def _choose_colours(rom: Rom, style: Style) -> list[Any]:
     """One for each contact mode."""
     if len(rom.contact_models) <= len(style.colours):
         return list(style.colours[: len(rom.contact_models)])
     from matplotlib import colormaps
 
-    return list(colormaps[SHADES](np.linspace(0.1, 0.9, len(rom.contact_models))))
+    return list(colormaps[COLOUR_MAP](np.linspace(0.1, 0.9, len(rom.contact_models))))

@@ -1,10 +1,13 @@
 """How plots look: sizes for a column of a paper, and colours that the colour-blind can tell apart, light and dark."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-COLUMN = 3.5  # width of a panel: a column of a paper, inches
-HEIGHT = 2.6
+Panel = Callable[[Any], None]  # draws into a figure, or a part of one
+
+COLUMN_INCHES = 3.5  # width of a panel: a column of a paper
+HEIGHT_INCHES = 2.6
 DPI = 220  # of .png
 FORMATS = (".pdf", ".svg", ".png")
 DASHES = ("-", "--", ":", "-.")

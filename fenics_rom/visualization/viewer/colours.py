@@ -3,22 +3,20 @@
 import math
 
 import numpy as np
+from matplotlib import colormaps
 
 from fenics_rom.io.units import prefixed
 
 Array = np.ndarray
 
 BANDS = 20
-# Viridis at ten even places (S. van der Walt and N. Smith, 2015; CC0).
-_VIRIDIS = (0x440154, 0x482878, 0x3E4989, 0x31688E, 0x26828E, 0x1F9E89, 0x35B779, 0x6ECE58, 0xB5DE2B, 0xFDE725)
+COLOUR_MAP = "viridis"
 
 
 def band_colours(bands: int = BANDS) -> list[tuple[int, int, int]]:
     """Red, green and blue of each band, 0 to 255."""
-    anchors = np.array([[value >> 16, value >> 8 & 255, value & 255] for value in _VIRIDIS])
-    at = np.linspace(0, len(anchors) - 1, bands)
-    channels = (np.interp(at, range(len(anchors)), channel) for channel in anchors.T)
-    return [(round(r), round(g), round(b)) for r, g, b in zip(*channels, strict=True)]
+    colours = colormaps[COLOUR_MAP](np.linspace(0, 1, bands))
+    return [(round(255 * r), round(255 * g), round(255 * b)) for r, g, b, _ in colours.tolist()]
 
 
 def bands_of(values: Array, largest: float) -> Array:

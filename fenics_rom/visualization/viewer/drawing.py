@@ -10,21 +10,22 @@ from typing import Any
 
 import numpy as np
 
-from fenics_rom.mechanics.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
+from fenics_rom.mechanics.obstacles import Box, HalfSpace, Obstacle
+from fenics_rom.visualization.obstacle_meshes import obstacle_mesh
 from fenics_rom.visualization.viewer.colours import BANDS, band_colours, bands_of
 from fenics_rom.visualization.viewer.surface import Surface
 
 Array = np.ndarray
 
-PICTURES = 30.0  # a second
-LIT = (255, 120, 30)
-GREY = (150, 150, 160)
-SPARE = 1.3  # room in a band's mesh, so that it rarely has to be made anew
-ABOVE = 1e-3  # of the body, by which a contact surface is met before the body itself
-GROUND = 3.0  # sides of the square that stands for a half-space, in sizes of the body
+FRAMES_PER_SECOND = 30.0
+HIGHLIGHT_COLOUR = (255, 120, 30)
+OBSTACLE_COLOUR = (150, 150, 160)
+SPARE_ROOM = 1.3  # room in a band's mesh, so that it rarely has to be made anew
+PICK_OFFSET = 1e-3  # of the body, by which a contact surface is met before the body itself
+FLOOR_SIZES = 3.0  # side of the square that stands for a half-space, in sizes of the body
 
 
-def set_stage(server: Any, places: Array) -> None:
+def set_camera_and_light(server: Any, places: Array) -> None:
     """Camera and light for a body at these places, in units of what is drawn.
 
     Neither shadows nor reflections: without a GPU they cost more than all of the rest.
@@ -55,24 +56,24 @@ class BandedBody:
         nothing = np.zeros((3, 3)), np.zeros((1, 3), dtype=np.uint32)
         self._meshes = [
             scene.add_mesh_simple(f"{name}/{k}", *nothing, color=colour, position=position, **options)
-            for k, colour in enumerate([*band_colours(), LIT])
+            for k, colour in enumerate([*band_colours(), HIGHLIGHT_COLOUR])
         ]
         for mesh in self._meshes:  # a gesture that nobody makes: what is behind the body is not met through it
             mesh.on_drag("middle", modifier="cmd/ctrl+alt+shift")(_nothing)
         self._room = np.zeros(BANDS + 1, dtype=int)
 
-    def draw(self, moved: Array, values: Array, largest: float, lit: Array | None = None) -> None:
+    def draw(self, moved: Array, values: Array, largest: float, highlighted: Array | None = None) -> None:
         """Draws the moved nodes.
 
         Args:
             moved: (n, 3), m.
             values: of all pieces, not negative.
             largest: value of the brightest colour.
-            lit: triangles that are shown in another colour.
+            highlighted: triangles that are shown in another colour.
         """
         bands = bands_of(values, largest)
-        if lit is not None:
-            bands.reshape(-1, self.surface.cuts**2)[lit] = BANDS
+        if highlighted is not None:
+            bands.reshape(-1, self.surface.cuts**2)[highlighted] = BANDS
         order = np.argsort(bands, kind="stable")
         corners = (self._scale * self.surface.pieces(moved)).astype(np.float32)[order].reshape(-1, 3)
         ends = 3 * np.cumsum(np.bincount(bands, minlength=BANDS + 1))
@@ -83,7 +84,7 @@ class BandedBody:
         """An empty band has triangles without area: hiding it would be seen a picture earlier than what replaces it."""
         mesh, count = self._meshes[k], len(corners)
         if not self._room[k] / 4 - 3 < count <= self._room[k]:
-            self._room[k] = 3 * round(SPARE * count / 3 + 1)
+            self._room[k] = 3 * round(SPARE_ROOM * count / 3 + 1)
             mesh.faces = np.arange(self._room[k], dtype=np.uint32).reshape(-1, 3)
         padded = np.empty((max(self._room[k], 3), 3), dtype=np.float32)
         padded[:count], padded[count:] = corners, somewhere
@@ -94,14 +95,14 @@ async def _nothing(_: Any) -> None:
     pass
 
 
-class Patch:
+class PickSurface:
     """A contact surface that the mouse can meet: an invisible mesh just above it, which viser outlines under the mouse.
 
     Args:
         scene: viser's.
         name: of the node that is added.
         surface: of the body.
-        chosen: (F_i,) its triangles.
+        selected: (F_i,) its triangles.
         scale: 1/m, of what is drawn.
 
     Attributes:
@@ -109,8 +110,8 @@ class Patch:
         triangles: (F_i, 3) into the nodes of the surface.
     """
 
-    def __init__(self, scene: Any, name: str, surface: Surface, chosen: Array, scale: float):
-        self._scale, self.triangles = scale, surface.triangles[chosen]
+    def __init__(self, scene: Any, name: str, surface: Surface, selected: Array, scale: float):
+        self._scale, self.triangles = scale, surface.triangles[selected]
         self._nodes, corners = np.unique(self.triangles, return_inverse=True)
         self._corners = corners.reshape(-1, 3)
         self.mesh = scene.add_mesh_simple(
@@ -125,8 +126,10 @@ class Patch:
         places = self._scale * moved[self._nodes]
         a, b, c = places[self._corners].swapaxes(0, 1)
         of_triangles = np.repeat(np.cross(b - a, c - a), 3, axis=0).T
-        normals = np.column_stack([np.bincount(self._corners.ravel(), one, len(places)) for one in of_triangles])
-        return places + ABOVE * normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
+        normals = np.column_stack(
+            [np.bincount(self._corners.ravel(), component, len(places)) for component in of_triangles]
+        )
+        return places + PICK_OFFSET * normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
 
 
 def add_obstacles(scene: Any, obstacles: Mapping[str, Obstacle], scale: float, size: float) -> dict[str, Any]:
@@ -139,59 +142,25 @@ def add_obstacles(scene: Any, obstacles: Mapping[str, Obstacle], scale: float, s
         size: of the body, m.
     """
     handles = {}
-    for name, one in obstacles.items():
-        vertices, faces = obstacle_mesh(one, size)
+    for name, obstacle in obstacles.items():
+        floor_centre = np.array(obstacle.point if isinstance(obstacle, HalfSpace) else np.zeros(3))
+        vertices, faces = obstacle_mesh(obstacle, floor_centre, FLOOR_SIZES * size / 2)
         handles[name] = scene.add_mesh_simple(
             f"/obstacles/{name}",
             scale * vertices,
             faces,
-            color=GREY,
-            opacity=0.6 if isinstance(one, HalfSpace) else None,
+            color=OBSTACLE_COLOUR,
+            opacity=0.6 if isinstance(obstacle, HalfSpace) else None,
             side="double",
-            flat_shading=isinstance(one, Box),
+            flat_shading=isinstance(obstacle, Box),
             cast_shadow=False,
             receive_shadow=False,
         )
     return handles
 
 
-def obstacle_mesh(obstacle: Obstacle, size: float) -> tuple[Array, Array]:
-    """Vertices (V, 3), m, and triangles (F, 3); of a half-space a square of three times `size`, m, around its point."""
-    from trimesh import creation, transformations
-
-    if isinstance(obstacle, HalfSpace):
-        normal = np.array(obstacle.normal) / np.linalg.norm(obstacle.normal)
-        aside = np.cross(normal, np.eye(3)[np.abs(normal).argmin()])
-        aside *= GROUND * size / 2 / np.linalg.norm(aside)
-        along = np.cross(normal, aside)
-        square = np.array([aside + along, along - aside, -aside - along, aside - along])
-        return obstacle.point + square, np.array([[0, 1, 2], [0, 2, 3]])
-    if isinstance(obstacle, Sphere):
-        ball = creation.icosphere(subdivisions=3, radius=obstacle.radius)
-        return np.asarray(ball.vertices) + obstacle.center, np.asarray(ball.faces)
-    if isinstance(obstacle, Capsule):
-        axis, middle = np.subtract(obstacle.end, obstacle.start), np.add(obstacle.start, obstacle.end) / 2
-        rod = creation.capsule(height=float(np.linalg.norm(axis)), radius=obstacle.radius, count=[24, 24])
-        centred = np.asarray(rod.vertices) - np.mean(rod.bounds, axis=0)  # wherever trimesh puts it
-        return centred @ _turn_z_to(axis).T + middle, np.asarray(rod.faces)
-    assert isinstance(obstacle, Box)
-    block = creation.box(extents=obstacle.size)
-    vertices, vector = np.asarray(block.vertices), np.array(obstacle.rotation)
-    if vector.any():
-        vertices = vertices @ transformations.rotation_matrix(np.linalg.norm(vector), vector)[:3, :3].T
-    return vertices + obstacle.center, np.asarray(block.faces)
-
-
-def _turn_z_to(axis: Array) -> Array:
-    """A rotation (3, 3) that turns the z axis to a direction."""
-    z = axis / np.linalg.norm(axis)
-    x = np.cross(np.eye(3)[np.abs(z).argmin()], z)
-    x /= np.linalg.norm(x)
-    return np.column_stack([x, np.cross(z, x), z])
-
-
-class Pull:
-    """The arrow of a force, from the node to where the hand is, and its size.
+class ForceArrow:
+    """The arrow of a force, from the node to where the mouse is, and its size.
 
     Args:
         scene: viser's.
@@ -201,7 +170,13 @@ class Pull:
     def __init__(self, scene: Any, scale: float):
         self._scale = scale
         self._arrow = scene.add_arrows(
-            "/pull", np.zeros((1, 2, 3)), LIT, shaft_radius=0.006, head_radius=0.016, head_length=0.04, visible=False
+            "/pull",
+            np.zeros((1, 2, 3)),
+            HIGHLIGHT_COLOUR,
+            shaft_radius=0.006,
+            head_radius=0.016,
+            head_length=0.04,
+            visible=False,
         )
         self._label = scene.add_label("/pull_label", "", visible=False)
 

@@ -1,4 +1,4 @@
-"""A body that is stepped while somebody pulls at it: simulator, hand, actuators and account. No picture."""
+"""A body that is stepped while somebody pulls at it: simulator, mouse, actuators and account. No picture."""
 
 import math
 import time
@@ -13,7 +13,7 @@ from fenics_rom.mechanics.environment import Environment
 from fenics_rom.rom.rom import Rom, truncate
 from fenics_rom.runtime.simulator import Simulator
 from fenics_rom.trajectory.trajectory import Trajectory
-from fenics_rom.visualization.viewer.mouse_spring import Grip, Hand, largest_input, take_hold
+from fenics_rom.visualization.viewer.mouse_spring import MouseSpring, MouseSpringStep, attach_spring, largest_input
 from fenics_rom.visualization.viewer.recording import Recording
 
 Array = np.ndarray
@@ -48,9 +48,9 @@ class Account:
 
 
 class LiveBody:
-    """Steps a ROM under a hand and actuators that may change before any step.
+    """Steps a ROM under a mouse and actuators that may change before any step.
 
-    The hand pulls with a spring at a point of the surface, never stronger than what a linear model can follow. While
+    The mouse pulls with a spring at a point of the surface, never stronger than what a linear model can follow. While
     it holds, the contact mode is the one that is held; else it is the last one, or what the obstacles make it.
 
     Args:
@@ -62,7 +62,7 @@ class LiveBody:
         dt: time step, s.
         actuators: columns that can be set.
         values: (columns,) what they are set to.
-        force: what the hand pulls with, (3,), N.
+        force: what the mouse pulls with, (3,), N.
         steps: number of steps taken since the start, whatever was reset meanwhile.
         seconds: wall clock of these steps, s.
 
@@ -80,7 +80,7 @@ class LiveBody:
         self._whole = self.rom = rom
         self.actuators = _actuators(rom)
         self.values = np.zeros(len(self.actuators))
-        self._hand: Hand | None = None
+        self._spring_step: MouseSpringStep | None = None
         self.force, self._target = np.zeros(3), np.zeros(3)
         self.steps, self.seconds = 0, 0.0
         self._recording: Recording | None = None
@@ -128,8 +128,8 @@ class LiveBody:
         if dt != self.dt:
             self._recording = None
             self.simulator.dt = dt
-            if self._hand is not None:
-                self._hand = Hand(self.rom, self._hand.grip, dt)
+            if self._spring_step is not None:
+                self._spring_step = MouseSpringStep(self.rom, self._spring_step.spring, dt)
 
     @property
     def account(self) -> Account:
@@ -155,42 +155,42 @@ class LiveBody:
             nodes: (c,) of the mesh, whose weighted mean the point is.
             weights: (c,) of these nodes, in sum 1.
         """
-        grip = take_hold(self.rom, contact, nodes, weights)
-        if grip is None:
+        spring = attach_spring(self.rom, contact, nodes, weights)
+        if spring is None:
             return False
         if self.simulator is not self._held:
             self._held.restore(self.simulator.save())
             self.simulator = self._held
         self.simulator.switch(contact)
-        self._hand = Hand(self.rom, grip, self.dt)
+        self._spring_step = MouseSpringStep(self.rom, spring, self.dt)
         self._target = self.held_at
         return True
 
     def pull_to(self, target: Array) -> None:
-        """Moves the hand to a point (3,), m."""
+        """Moves the mouse to a point (3,), m."""
         self._target = np.asarray(target, dtype=float)
 
     def release(self) -> None:
         """Lets go."""
-        self._hand, self.force = None, np.zeros(3)
+        self._spring_step, self.force = None, np.zeros(3)
         if self.simulator is not self._free:
             self._free.restore(self.simulator.save())
             self.simulator = self._free
 
     @property
-    def grip(self) -> Grip | None:
-        """What the hand holds; None: nothing."""
-        return None if self._hand is None else self._hand.grip
+    def spring(self) -> MouseSpring | None:
+        """What the mouse pulls at; None: nothing."""
+        return None if self._spring_step is None else self._spring_step.spring
 
     @property
     def held_at(self) -> Array:
         """Where the point is that is held, (3,), m."""
-        assert self.grip is not None
-        return self.grip.moved(self.simulator.state[0])
+        assert self.spring is not None
+        return self.spring.moved(self.simulator.state[0])
 
     @property
-    def hand(self) -> Array:
-        """Where the hand is, (3,), m."""
+    def mouse(self) -> Array:
+        """Where the mouse is, (3,), m."""
         return self._target
 
     def step(self) -> None:
@@ -211,11 +211,11 @@ class LiveBody:
 
     def _input(self) -> Array:
         around = self.simulator.environment
-        if self._hand is not None:
+        if self._spring_step is not None:
             loads = np.empty(0) if around is None else around.loads_at(self.simulator.time + self.dt / 2)
             q, r = self.simulator.state
-            self.force = self._hand.force(q, r, np.concatenate([self.values, loads]), self._target)
-            return np.concatenate([self._hand.grip.spread @ self.force, self.values])
+            self.force = self._spring_step.force(q, r, np.concatenate([self.values, loads]), self._target)
+            return np.concatenate([self._spring_step.spring.spread @ self.force, self.values])
         if around is not None:
             return self.values.copy()
         return np.concatenate([np.zeros(self.simulator.inputs - len(self.values)), self.values])

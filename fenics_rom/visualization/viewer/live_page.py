@@ -19,20 +19,27 @@ from fenics_rom.errors import FenicsRomError
 from fenics_rom.trajectory.file import write_trajectory
 from fenics_rom.trajectory.trajectory import Trajectory
 from fenics_rom.visualization.viewer.colours import with_unit
-from fenics_rom.visualization.viewer.drawing import PICTURES, BandedBody, Patch, Pull, add_obstacles, set_stage
-from fenics_rom.visualization.viewer.fields import UNITS, fields
+from fenics_rom.visualization.viewer.drawing import (
+    FRAMES_PER_SECOND,
+    BandedBody,
+    ForceArrow,
+    PickSurface,
+    add_obstacles,
+    set_camera_and_light,
+)
+from fenics_rom.visualization.viewer.fields import UNITS, surface_fields
 from fenics_rom.visualization.viewer.live_body import LiveBody, free_name
-from fenics_rom.visualization.viewer.mouse_spring import contact_triangles, point_of
-from fenics_rom.visualization.viewer.panel import SERIES, EnergyPlot, Scale, begin_panel
+from fenics_rom.visualization.viewer.mouse_spring import closest_point, contact_triangles
+from fenics_rom.visualization.viewer.panel import ENERGY_SERIES, ColourScale, EnergyPlot, begin_panel
 from fenics_rom.visualization.viewer.surface import Surface
 
 Array = np.ndarray
 
-STEPPING = 0.6  # of the time of a picture that steps may take; the rest is for drawing and for the browser
-LONGEST = 0.1  # s between two pictures that steps make up for
-WORDS = 0.25  # s between two states of the panel
-SLOWEST = 0.01
-LIMIT = 1.0 - 1e-9
+STEPPING_SHARE = 0.6  # of the time of a picture that steps may take; the rest is for drawing and for the browser
+MAX_CATCH_UP_SECONDS = 0.1  # between two pictures that steps make up for
+PANEL_INTERVAL_SECONDS = 0.25  # between two states of the panel
+MIN_SPEED = 0.01
+LARGEST_FORCE_SHARE = 1.0 - 1e-9
 
 
 class LivePage:
@@ -44,41 +51,45 @@ class LivePage:
         body: what is shown.
         folder: where recordings are written.
         stem: what their names begin with.
-        say: told what goes on, for the terminal.
+        notify: told what goes on, for the terminal.
     """
 
-    def __init__(self, viser: Any, server: Any, body: LiveBody, folder: Path, stem: str, say: Callable[[str], None]):
-        self._server, self.body, self._folder, self._stem, self._say = server, body, folder, stem, say
+    def __init__(self, viser: Any, server: Any, body: LiveBody, folder: Path, stem: str, notify: Callable[[str], None]):
+        self._server, self.body, self._folder, self._stem, self._notify = server, body, folder, stem, notify
         self._todo: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._paused, self._speed, self._behind = False, 1.0, 0.0
         self._holder: int | None = None
-        self._trouble = ""
+        self._error = ""
         self._writing: list[threading.Thread] = []
-        self._words_due, self._words_since, self._steps_since, self._time_since = 0.0, time.perf_counter(), 0, 0.0
+        self._panel_due, self._panel_since, self._steps_since, self._time_since = 0.0, time.perf_counter(), 0, 0.0
 
         rom = body.rom
         self._surface = Surface(rom.nodes, rom.triangles)
-        self._fields = fields(self._surface, body.rom.environment)
+        self._fields = surface_fields(self._surface, body.rom.environment)
         self._size = float(np.ptp(self._surface.places, axis=0).max())
         self._scale = 1 / self._size
         self._triangles = contact_triangles(rom)
-        self._lit: str | None = None
-        set_stage(server, self._scale * self._surface.places)
+        self._held_contact: str | None = None
+        set_camera_and_light(server, self._scale * self._surface.places)
         self._picture = BandedBody(server.scene, "/body", self._surface, self._scale)
-        self._patches = {name: self._add_patch(name, chosen) for name, chosen in self._triangles.items() if len(chosen)}
+        self._pick_surfaces = {
+            name: self._add_pick_surface(name, triangles)
+            for name, triangles in self._triangles.items()
+            if len(triangles)
+        }
         around = body.simulator.environment
         self._obstacles = add_obstacles(server.scene, around.obstacles if around else {}, self._scale, self._size)
-        self._pull = Pull(server.scene, self._scale)
+        self._arrow = ForceArrow(server.scene, self._scale)
         self._add_widgets(viser, server.gui)
 
-    def _add_patch(self, contact: str, chosen: Array) -> Patch:
-        patch = Patch(self._server.scene, f"/contact/{contact}", self._surface, chosen, self._scale)
+    def _add_pick_surface(self, contact: str, triangles: Array) -> PickSurface:
+        pick_surface = PickSurface(self._server.scene, f"/contact/{contact}", self._surface, triangles, self._scale)
 
-        @patch.mesh.on_click
+        @pick_surface.mesh.on_click
         async def _(_: Any) -> None:
             self._todo.put(lambda: self.body.simulator.switch(contact))
 
-        @patch.mesh.on_drag
+        @pick_surface.mesh.on_drag
         async def _(event: Any) -> None:  # async: viser calls these in order, in one thread
             start, end = (np.array(place) / self._scale for place in (event.start_position, event.end_position))
             if event.phase == "start":
@@ -88,33 +99,33 @@ class LivePage:
             else:
                 self._todo.put(lambda: self._let_go(event.client_id))
 
-        return patch
+        return pick_surface
 
     def _grab(self, client: int, contact: str, place: Array) -> None:
-        """Takes hold of the point of a contact surface that is nearest to a place; the last who grabs has the hand."""
-        triangles = self._patches[contact].triangles
-        chosen, weights = point_of(self._moved()[triangles], place)
-        if self.body.grab(contact, self._surface.nodes[triangles[chosen]], weights):
-            self._holder, self._lit, self._grabbed_at = client, contact, self.body.held_at
+        """Takes hold of the point of a contact surface that is nearest to a place; the last who grabs pulls."""
+        triangles = self._pick_surfaces[contact].triangles
+        nearest, weights = closest_point(self._moved()[triangles], place)
+        if self.body.grab(contact, self._surface.nodes[triangles[nearest]], weights):
+            self._holder, self._held_contact, self._grabbed_at = client, contact, self.body.held_at
 
-    def _drag(self, client: int, way: Array) -> None:
+    def _drag(self, client: int, displacement: Array) -> None:
         if client == self._holder:
-            self.body.pull_to(self._grabbed_at + way)
+            self.body.pull_to(self._grabbed_at + displacement)
 
     def _let_go(self, client: int) -> None:
         if client == self._holder:
             self.body.release()
-            self._holder = self._lit = None
+            self._holder = self._held_contact = None
 
     def _add_widgets(self, viser: Any, gui: Any) -> None:
         body = self.body
         begin_panel(gui, body.rom.name)
-        self._words = gui.add_markdown("")
+        self._status = gui.add_markdown("")
         actions = {"pause": self._toggle_pause, "reset": self._reset, "record": self._toggle_record}
         buttons = gui.add_button_group("", tuple(actions))
         buttons.on_click(lambda event: self._todo.put(actions[event.target.value]))
         self._field = gui.add_dropdown("colour", tuple(self._fields), initial_value=next(iter(self._fields)))
-        self._colours = Scale(gui)
+        self._colours = ColourScale(gui)
         self._field.on_update(lambda _: self._todo.put(self._colours.clear))
         self._sliders = []
         if body.actuators:
@@ -127,7 +138,8 @@ class LivePage:
             self._account = gui.add_markdown("")
             self._plot = EnergyPlot(viser, gui)
         with gui.add_folder("Settings"):
-            self._slider(gui, "speed", SLOWEST, 1.0, 0.01, 1.0, self._set_speed, "1 is real time, 0.1 ten times slower")
+            hint = "1 is real time, 0.1 ten times slower"
+            self._slider(gui, "speed", MIN_SPEED, 1.0, 0.01, 1.0, self._set_speed, hint)
             dt = 1e3 * body.dt
             self._slider(gui, "step (ms)", dt / 10, 10 * dt, dt / 10, dt, self._set_dt, "the time step")
             if body.largest_order is not None and body.largest_order > 1:
@@ -155,7 +167,7 @@ class LivePage:
         return slider
 
     def _toggle_pause(self) -> None:
-        self._paused, self._trouble = not self._paused, ""
+        self._paused, self._error = not self._paused, ""
 
     def _reset(self) -> None:
         self._end_recording()
@@ -166,11 +178,11 @@ class LivePage:
 
     def _begin(self) -> None:
         """What a body at rest and at time 0 needs."""
-        self._holder = self._lit = None
-        self._behind, self._trouble, self._time_since = 0.0, "", 0.0
+        self._holder = self._held_contact = None
+        self._behind, self._error, self._time_since = 0.0, "", 0.0
         self._colours.clear()
         self._plot.clear()
-        self._words_due = 0.0
+        self._panel_due = 0.0
 
     def _set_speed(self, speed: float) -> None:
         self._speed = speed
@@ -210,32 +222,32 @@ class LivePage:
     def _write(self, make: Callable[[], Trajectory], file: Path) -> None:
         try:
             write_trajectory(file, make())
-            told = f"recorded: {file}"
+            message = f"recorded: {file}"
         except (FenicsRomError, OSError) as error:
             file.unlink(missing_ok=True)
-            told = f"not recorded: {error}"
-        self._say(told)
+            message = f"not recorded: {error}"
+        self._notify(message)
         for client in self._server.get_clients().values():
-            client.add_notification("Recording", told, with_close_button=True)
+            client.add_notification("Recording", message, with_close_button=True)
 
     def run(self) -> None:
         """Steps and draws until somebody interrupts it; then what was being recorded is written."""
         due = self._clock = time.perf_counter()
         try:
             while True:
-                self._picture_time()
+                self._run_frame()
                 now = time.perf_counter()
-                due = max(due + 1 / PICTURES, now)
+                due = max(due + 1 / FRAMES_PER_SECOND, now)
                 time.sleep(due - now)
         finally:
             self._end_recording()
             for writer in self._writing:
                 writer.join()
 
-    def _picture_time(self) -> None:
+    def _run_frame(self) -> None:
         with suppress(queue.Empty):
             while True:
-                self._try(self._todo.get_nowait())
+                self._attempt(self._todo.get_nowait())
         now = time.perf_counter()
         passed, self._clock = now - self._clock, now
         if not self._paused:
@@ -243,26 +255,26 @@ class LivePage:
         if self._server.get_clients():
             with self._server.atomic():
                 self._draw()
-                self._tell()
+                self._update_panel()
 
-    def _try(self, action: Callable[[], object]) -> bool:
+    def _attempt(self, action: Callable[[], object]) -> bool:
         """Does something, and tells what was wrong with it; gives whether it was done."""
         try:
             action()
         except FenicsRomError as error:
-            self._trouble = str(error)
+            self._error = str(error)
             return False
         return True
 
     def _step(self, passed: float) -> None:
         """The steps of the time that has passed. What the machine cannot keep up with is dropped."""
-        due = self._speed * min(passed, LONGEST) + self._behind
+        due = self._speed * min(passed, MAX_CATCH_UP_SECONDS) + self._behind
         self._behind = 0.0
-        if not self._try(lambda: self._advance(due)):
+        if not self._attempt(lambda: self._advance(due)):
             self._paused = True
 
     def _advance(self, due: float) -> None:
-        self._behind = min(self.body.advance(due, STEPPING / PICTURES), self._speed / PICTURES)
+        self._behind = min(self.body.advance(due, STEPPING_SHARE / FRAMES_PER_SECOND), self._speed / FRAMES_PER_SECOND)
 
     def _moved(self) -> Array:
         return self._surface.places + self.body.simulator.displacement()[self._surface.nodes]
@@ -273,28 +285,28 @@ class LivePage:
         velocity = simulator.velocity()[self._surface.nodes] if name == "speed" else displacement
         moved, values = self._surface.places + displacement, self._fields[name](displacement, velocity)
         largest = self._colours.cover(float(values.max()), UNITS[name])
-        self._picture.draw(moved, values, largest, self._triangles[self._lit] if self._lit else None)
-        for patch in self._patches.values():
-            patch.draw(moved)
+        self._picture.draw(moved, values, largest, self._triangles[self._held_contact] if self._held_contact else None)
+        for pick_surface in self._pick_surfaces.values():
+            pick_surface.draw(moved)
         if self._obstacles and simulator.environment is not None:
             for handle, offset in zip(self._obstacles.values(), simulator.environment.state.offsets, strict=True):
                 handle.position = tuple(self._scale * offset)
-        if self.body.grip is None:
-            self._pull.hide()
+        if self.body.spring is None:
+            self._arrow.hide()
         else:
             force = float(np.linalg.norm(self.body.force))
-            most = " (most)" if force > LIMIT * self.body.grip.largest else ""
-            self._pull.draw(self.body.held_at, self.body.hand, with_unit(force, "N") + most)
+            most = " (most)" if force > LARGEST_FORCE_SHARE * self.body.spring.largest else ""
+            self._arrow.draw(self.body.held_at, self.body.mouse, with_unit(force, "N") + most)
 
-    def _tell(self) -> None:
+    def _update_panel(self) -> None:
         """The words and the plot, a few times a second."""
         now = time.perf_counter()
-        if now < self._words_due:
+        if now < self._panel_due:
             return
         body = self.body
-        wall, steps, simulated = now - self._words_since, body.steps - self._steps_since, body.simulator.time
+        wall, steps, simulated = now - self._panel_since, body.steps - self._steps_since, body.simulator.time
         factor = max(simulated - self._time_since, 0.0) / wall
-        self._words_due, self._words_since = now + WORDS, now
+        self._panel_due, self._panel_since = now + PANEL_INTERVAL_SECONDS, now
         self._steps_since, self._time_since = body.steps, simulated
         could = body.steps / body.seconds if body.seconds else 0.0
         ratio, frequency = body.damping_ratio
@@ -306,12 +318,12 @@ class LivePage:
         ]
         state = ["paused"] * self._paused + ["recording"] * body.records
         lines += [f"**{', '.join(state)}**"] if state else []
-        lines += [f"**{self._trouble}**"] if self._trouble else []
+        lines += [f"**{self._error}**"] if self._error else []
         lines += [f"*{warning}*" for warning in body.simulator.warnings]
-        self._words.content = "  \n".join(lines)
+        self._status.content = "  \n".join(lines)
         account = body.account
         energies = account.stored, account.supplied, account.dissipated, account.lost
         self._account.content = " · ".join(
-            f"{name} {with_unit(e, 'J')}" for name, e in zip(SERIES, energies, strict=True)
+            f"{name} {with_unit(e, 'J')}" for name, e in zip(ENERGY_SERIES, energies, strict=True)
         )
         self._plot.add(simulated, energies)

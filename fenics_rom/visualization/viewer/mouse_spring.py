@@ -1,4 +1,4 @@
-"""Where a contact mode can be taken hold of, and what a pull at one point does in its columns."""
+"""The spring between the mouse and a point of a contact surface, and what its force does in the columns of a mode."""
 
 from dataclasses import dataclass
 
@@ -11,13 +11,11 @@ from fenics_rom.runtime.steppers.midpoint import compliance
 
 Array = np.ndarray
 
-SOFT = (
-    2.0  # stiffness of the hand's spring, as a multiple of the body's at rest: the body follows two thirds of the way
-)
-SAME = 1e-8  # relative singular value below which two columns do the same to the shape at rest
-SWING = 2.0  # a force that begins at once leads this much further than at rest
-BEYOND = 10.0  # times as far as a linear model can follow, a body of large deformation may be pulled
-HALF = 0.5  # of the largest velocity after a push: nodes that move more belong to the contact surface
+RELATIVE_STIFFNESS = 2.0  # of the spring, as a multiple of the body's at rest: the body follows two thirds of the way
+RANK_TOLERANCE = 1e-8  # relative singular value below which two columns do the same to the shape at rest
+OVERSHOOT = 2.0  # a force that begins at once leads this much further than at rest
+FINITE_STRAIN_REACH = 10.0  # times as far as a linear model can follow, a body of large deformation may be pulled
+SURFACE_VELOCITY_SHARE = 0.5  # of the largest velocity after a push: nodes that move more belong to the contact surface
 
 
 def contact_triangles(rom: Rom) -> dict[str, Array]:
@@ -27,7 +25,7 @@ def contact_triangles(rom: Rom) -> dict[str, Array]:
     W_i Wᵢᵀ B_i, moves the nodes of the surface at once and the others hardly. Where surfaces overlap, a triangle is of
     the mode whose impulse moves it most: of the smallest surface.
     """
-    of_mode, moved = {}, {}
+    in_contact, moved = {}, {}
     for name, mode in rom.contact_models.items():
         columns = mode.coordinates @ mode.inputs[:, : rom.contacts[name]]
         velocity = np.zeros(len(rom.nodes))
@@ -35,15 +33,17 @@ def contact_triangles(rom: Rom) -> dict[str, Array]:
             velocity = np.maximum(velocity, np.linalg.norm(rom.reconstruct(column), axis=1))
         moved[name] = velocity[rom.triangles].mean(axis=1)
         touched = np.isin(rom.triangles, mode.contact_points).all(axis=1)
-        of_mode[name] = touched if touched.any() else moved[name] > HALF * moved[name].max(initial=0.0)
-    rank = np.array([np.where(of_mode[name], moved[name], -1.0) for name in rom.contact_models])
+        in_contact[name] = (
+            touched if touched.any() else moved[name] > SURFACE_VELOCITY_SHARE * moved[name].max(initial=0.0)
+        )
+    rank = np.array([np.where(in_contact[name], moved[name], -1.0) for name in rom.contact_models])
     first = rank.argmax(axis=0)
-    return {name: np.flatnonzero(of_mode[name] & (first == k)) for k, name in enumerate(rom.contact_models)}
+    return {name: np.flatnonzero(in_contact[name] & (first == k)) for k, name in enumerate(rom.contact_models)}
 
 
 @dataclass(frozen=True)
-class Grip:
-    """A hold of one point in one contact mode. A force f there enters as the input u = S f.
+class MouseSpring:
+    """A spring that is attached to one point in one contact mode. A force f there enters as the input u = S f.
 
     The spring acts on y = Pᵀ q, P = G S, the point's displacement as the contact mode's columns know it. What it does
     to the body is then what the body does to it, and a step that takes both together adds no energy to the two.
@@ -56,7 +56,7 @@ class Grip:
         rows: W_p (3, m) of the point in the contact mode's basis.
         spread: S (p, 3), the columns' forces that come closest to f in what they do to the shape at rest.
         columns: P (m, 3).
-        stiffness: k of the hand's spring, N/m.
+        stiffness: k of the spring, N/m.
         largest: force that leads the surface to the limit of a linear model when it begins at once, N.
     """
 
@@ -75,20 +75,20 @@ class Grip:
         return self.place + self.rows @ q
 
     def force(self, y: Array, flexibility: Array, target: Array) -> Array:
-        """What the hand pulls with, (3,), N: f = k (target - place - y - flexibility f), but not more than `largest`.
+        """What it pulls with, (3,), N: f = k (target - place - y - flexibility f), but not more than `largest`.
 
         Args:
             y: (3,) displacement without f at the moment that counts, m.
             flexibility: (3, 3) what f adds to it, m/N.
-            target: where the hand is, (3,), m.
+            target: where the mouse is, (3,), m.
         """
         f = np.linalg.solve(np.eye(3) / self.stiffness + flexibility, target - self.place - y)
         length = float(np.linalg.norm(f))
         return f if length <= self.largest else f * (self.largest / length)
 
 
-def take_hold(rom: Rom, contact: str, nodes: Array, weights: Array) -> Grip | None:
-    """A hold of a point; None where the contact mode has no column that moves it.
+def attach_spring(rom: Rom, contact: str, nodes: Array, weights: Array) -> MouseSpring | None:
+    """A spring at a point; None where the contact mode has no column that moves it.
 
     S minimizes |K⁻½ (B S - e_p)|, the distance of the shapes at rest in energy; of a resultant it is near to the
     identity, of a pressure the share along the normal, of nodal forces those of the nearest nodes.
@@ -103,7 +103,7 @@ def take_hold(rom: Rom, contact: str, nodes: Array, weights: Array) -> Grip | No
     G = mode.inputs[:, : rom.contacts[contact]]
     rows = np.einsum("c,cik->ik", weights, _node_rows(rom, nodes)) @ mode.coordinates
     soft = 1 / mode.safe_frequencies  # K⁻½; rigid motions have no shape at rest
-    S = np.linalg.lstsq(soft[:, None] * G, soft[:, None] * rows.T, rcond=SAME)[0]
+    S = np.linalg.lstsq(soft[:, None] * G, soft[:, None] * rows.T, rcond=RANK_TOLERANCE)[0]
     P = G @ S
     shapes = soft[:, None] ** 2 * P
     λ, directions = np.linalg.eigh(P.T @ shapes)
@@ -111,7 +111,7 @@ def take_hold(rom: Rom, contact: str, nodes: Array, weights: Array) -> Grip | No
         return None
     gauge = ReducedGauges(gauge_basis(rom) @ mode.coordinates, mode.eigenvalues)
     severity = SurfaceStrainPeak(*gauge.read(shapes @ directions[:, -1])).severity
-    return Grip(
+    return MouseSpring(
         contact=contact,
         nodes=nodes,
         weights=weights,
@@ -119,13 +119,13 @@ def take_hold(rom: Rom, contact: str, nodes: Array, weights: Array) -> Grip | No
         rows=rows,
         spread=S,
         columns=P,
-        stiffness=SOFT / λ[-1],
-        largest=_reach(rom) / (SWING * severity) if severity > 0 else np.inf,
+        stiffness=RELATIVE_STIFFNESS / λ[-1],
+        largest=_severity_limit(rom) / (OVERSHOOT * severity) if severity > 0 else np.inf,
     )
 
 
-class Hand:
-    """A grip in steps of one length.
+class MouseSpringStep:
+    """A spring in steps of one length.
 
     In a step of passive midpoint integration the spring is that of the middle, ŷ = y + h/2 Pᵀ v̂, without inertia
     that of the end. Its own part in v̂ is solved for, which keeps it stable at any step; those of actuators and loads
@@ -133,33 +133,33 @@ class Hand:
 
     Args:
         rom: the reduced model.
-        grip: what is held.
+        spring: what pulls.
         h: time step, s.
     """
 
-    def __init__(self, rom: Rom, grip: Grip, h: float):
-        mode, P = rom.contact_models[grip.contact], grip.columns
-        self.grip, self._h, self._mode = grip, h, mode
-        self._others = mode.inputs[:, rom.contacts[grip.contact] :]
+    def __init__(self, rom: Rom, spring: MouseSpring, h: float):
+        mode, P = rom.contact_models[spring.contact], spring.columns
+        self.spring, self._h, self._mode = spring, h, mode
+        self._others = mode.inputs[:, rom.contacts[spring.contact] :]
         self._moves = rom.environment.has_inertia
         inverse = compliance(mode, h)[0] if self._moves else 1 / mode.safe_frequencies**2  # A⁻¹, or K⁻¹
         self._spread = inverse[:, None] * P if inverse.ndim == 1 else inverse @ P
         self._flexibility = (h / 2 if self._moves else 1.0) * P.T @ self._spread
 
     def force(self, q: Array, r: Array, others: Array, target: Array) -> Array:
-        """What the hand pulls with in a step, (3,), N.
+        """What the spring pulls with in a step, (3,), N.
 
         Args:
             q: (m,) reduced displacement at its start.
             r: (m,) reduced velocity.
             others: actuators and loads.
-            target: where the hand is, (3,), m.
+            target: where the mouse is, (3,), m.
         """
         pushed = self._others @ others
         if not self._moves:
-            return self.grip.force(self._spread.T @ pushed, self._flexibility, target)
+            return self.spring.force(self._spread.T @ pushed, self._flexibility, target)
         travel = self._spread.T @ (pushed + 2 / self._h * r - self._mode.eigenvalues * q) * (self._h / 2)
-        return self.grip.force(self.grip.columns.T @ q + travel, self._flexibility, target)
+        return self.spring.force(self.spring.columns.T @ q + travel, self._flexibility, target)
 
 
 def largest_input(rom: Rom, contact: str, column: int) -> float:
@@ -167,12 +167,12 @@ def largest_input(rom: Rom, contact: str, column: int) -> float:
     mode = rom.contact_models[contact]
     gauge = ReducedGauges(gauge_basis(rom) @ mode.coordinates, mode.eigenvalues)
     severity = SurfaceStrainPeak(*gauge.read(mode.inputs[:, column] / mode.safe_frequencies**2)).severity
-    return _reach(rom) / severity if severity > 0 else 1.0
+    return _severity_limit(rom) / severity if severity > 0 else 1.0
 
 
-def _reach(rom: Rom) -> float:
+def _severity_limit(rom: Rom) -> float:
     """How far the shape may go, in limits of a linear model."""
-    return 1.0 if rom.deformation is None else BEYOND
+    return 1.0 if rom.deformation is None else FINITE_STRAIN_REACH
 
 
 def _node_rows(rom: Rom, nodes: Array) -> Array:
@@ -182,8 +182,11 @@ def _node_rows(rom: Rom, nodes: Array) -> Array:
     return np.where((rom.free[at] == components)[:, :, None], rom.basis[at], 0.0)
 
 
-def point_of(corners: Array, place: Array) -> tuple[int, Array]:
+def closest_point(corners: Array, place: Array) -> tuple[int, Array]:
     """The triangle that a point of a surface lies in, and its barycentric coordinates (3,) there.
+
+    Not by trimesh's `closest_point`: that compares products of four lengths with an absolute tolerance, so that on
+    triangles of 0.3 mm it misses the point by as much as they are long.
 
     Args:
         corners: (F, 3, 3) of the triangles, m.

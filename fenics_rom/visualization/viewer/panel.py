@@ -10,8 +10,8 @@ from fenics_rom.visualization.viewer.colours import band_colours, round_up, with
 
 Array = np.ndarray
 
-SERIES = {"stored": "#1f77b4", "supplied": "#2ca02c", "dissipated": "#d62728", "lost in switching": "#9467bd"}
-SAMPLES = 200  # in the plot
+ENERGY_SERIES = {"stored": "#1f77b4", "supplied": "#2ca02c", "dissipated": "#d62728", "lost in switching": "#9467bd"}
+MAX_SAMPLES = 200  # in the plot
 
 
 def begin_panel(gui: Any, name: str) -> None:
@@ -21,7 +21,7 @@ def begin_panel(gui: Any, name: str) -> None:
     gui.main_panel.dock_right()
 
 
-class Scale:
+class ColourScale:
     """The colour bar, whose end grows with what is shown, in round steps.
 
     Args:
@@ -63,11 +63,11 @@ class EnergyPlot:
     """
 
     def __init__(self, viser: Any, gui: Any):
-        self._rows: deque[tuple[float, ...]] = deque(maxlen=SAMPLES)
+        self._rows: deque[tuple[float, ...]] = deque(maxlen=MAX_SAMPLES)
         self._unit = ""
-        lines = (viser.uplot.Series(label=name, stroke=colour, width=2) for name, colour in SERIES.items())
+        lines = (viser.uplot.Series(label=name, stroke=colour, width=2) for name, colour in ENERGY_SERIES.items())
         self._plot = gui.add_uplot(
-            data=tuple(np.zeros(1) for _ in range(len(SERIES) + 1)),
+            data=tuple(np.zeros(1) for _ in range(len(ENERGY_SERIES) + 1)),
             series=(viser.uplot.Series(label="t (s)"), *lines),
             scales={"x": viser.uplot.Scale(time=False, auto=True), "y": viser.uplot.Scale(auto=True)},
             axes=(viser.uplot.Axis(label="t (s)"), viser.uplot.Axis(size=50)),
@@ -82,7 +82,7 @@ class EnergyPlot:
         self._rows.clear()
 
     def add(self, time: float, energies: tuple[float, ...]) -> None:
-        """Adds a sample: s, and J in the order of SERIES; one at an earlier time begins anew."""
+        """Adds a sample: s, and J in the order of ENERGY_SERIES; one at an earlier time begins anew."""
         if self._rows and time < self._rows[-1][0]:
             self._rows.clear()
         self._rows.append((time, *energies))
@@ -90,13 +90,13 @@ class EnergyPlot:
 
     def show(self, times: Array, energies: Array) -> None:
         """Shows a whole run: (S,), s, and (4, S), J."""
-        every = max(1, len(times) // SAMPLES)
+        every = max(1, len(times) // MAX_SAMPLES)
         self._draw(np.column_stack([times, energies.T])[::every])
 
     def _draw(self, rows: Array) -> None:
         factor, unit = prefixed("J", float(np.abs(rows[:, 1:]).max(initial=0.0)))
         if unit != self._unit:
             self._unit = unit
-            names = " · ".join(f'<span style="color: {colour}">{name}</span>' for name, colour in SERIES.items())
+            names = " · ".join(f'<span style="color: {colour}">{name}</span>' for name, colour in ENERGY_SERIES.items())
             self._legend.content = f'<div style="margin: 0 1em; font-size: 0.75em">{unit}: {names}</div>'
         self._plot.data = (rows[:, 0].copy(), *(factor * rows[:, 1:].T))

@@ -7,21 +7,20 @@ from typing import Any
 
 import numpy as np
 
-from fenics_rom.errors import CompareError, SceneError
-from fenics_rom.trajectory.comparison import compare
+from fenics_rom.errors import SceneError
+from fenics_rom.trajectory.comparison import common_instants, compare
 from fenics_rom.trajectory.trajectory import Trajectory
 from fenics_rom.visualization.viewer.colours import with_unit
-from fenics_rom.visualization.viewer.drawing import PICTURES, BandedBody, add_obstacles, set_stage
-from fenics_rom.visualization.viewer.fields import UNITS, fields
-from fenics_rom.visualization.viewer.panel import EnergyPlot, Scale, begin_panel
+from fenics_rom.visualization.viewer.drawing import FRAMES_PER_SECOND, BandedBody, add_obstacles, set_camera_and_light
+from fenics_rom.visualization.viewer.fields import UNITS, surface_fields
+from fenics_rom.visualization.viewer.panel import ColourScale, EnergyPlot, begin_panel
 from fenics_rom.visualization.viewer.surface import Surface
 
 Array = np.ndarray
 
-APART = 1.3  # of the body's width, between two runs side by side
-PLAYED = 4.0, 30.0  # s that a run is played in, if it is shorter or longer
+SPACING = 1.3  # of the body's width, between two runs side by side
+PLAYING_SECONDS = 4.0, 30.0  # s that a run is played in, if it is shorter or longer
 DIFFERENCE = "difference"
-SAME_TIME = 1e-9  # of the longest time: instants closer than this are one
 
 
 class RunPage:
@@ -53,9 +52,7 @@ class RunPage:
                 f"{names[0]} against {names[1]}: {difference.relative:.2e} of the shape (in mass and time), "
                 f"at most {with_unit(difference.largest, 'm')} of {with_unit(difference.largest_reference, 'm')}"
             )
-            self._rows = list(common_instants(first.snapshot_times, runs[1].snapshot_times))
-            if not len(self._rows[0]):
-                raise CompareError("the runs kept no whole shapes at common instants")
+            self._rows = list(common_instants(first.snapshot_times, runs[1].snapshot_times, "whole shapes"))
         self._times = first.snapshot_times[self._rows[0]]
         self._changed = threading.Event()
         self._changed.set()
@@ -67,9 +64,9 @@ class RunPage:
         scale = 1 / self._size
         aside = np.zeros(3)
         axis = int(np.ptp(places, axis=0).argsort()[1])
-        aside[axis] = APART * max(float(np.ptp(places[:, axis])), 0.2 * self._size)
+        aside[axis] = SPACING * max(float(np.ptp(places[:, axis])), 0.2 * self._size)
         offsets = [k * aside for k in range(len(self._runs))]
-        set_stage(server, scale * np.concatenate([places + offset for offset in offsets]))
+        set_camera_and_light(server, scale * np.concatenate([places + offset for offset in offsets]))
         self._server, self._scale = server, scale
         self._pictures = [
             BandedBody(server.scene, f"/run_{k}", self._surface, scale, offset) for k, offset in enumerate(offsets)
@@ -87,7 +84,7 @@ class RunPage:
     def _add_widgets(self, gui: Any) -> None:
         run = self._runs[0]
         begin_panel(gui, run.name)
-        self._words = gui.add_markdown("")
+        self._status = gui.add_markdown("")
         last = len(self._times) - 1
         self._play = gui.add_button("Play", disabled=last == 0)
         start, end = float(self._times[0]), float(self._times[-1])
@@ -95,12 +92,12 @@ class RunPage:
         self._at = gui.add_slider(
             "time (s)", min=start if last else 0.0, max=end, step=step, initial_value=end, disabled=last == 0
         )
-        took = float(np.clip(end, *PLAYED))
+        took = float(np.clip(end, *PLAYING_SECONDS))
         self._played = gui.add_slider("plays in (s)", min=1.0, max=60.0, step=0.5, initial_value=round(took))
-        self._fields = fields(self._surface, None, moves=False)  # a run does not keep its materials
+        self._fields = surface_fields(self._surface, None, moves=False)  # a run does not keep its materials
         names = ([DIFFERENCE] if len(self._runs) == 2 else []) + list(self._fields)
         self._field = gui.add_dropdown("colour", tuple(names), initial_value=names[0])
-        self._colours = Scale(gui)
+        self._colours = ColourScale(gui)
         with gui.add_folder("Energy"):
             plot = EnergyPlot(self._viser, gui)
             plot.show(run.times, np.array([run.energy, run.supplied, run.dissipated, run.lost_in_switching]))
@@ -146,7 +143,7 @@ class RunPage:
                 self._changed.clear()
                 with self._server.atomic():
                     self._draw(self._row())
-            time.sleep(max(0.0, begin + 1 / PICTURES - time.perf_counter()))
+            time.sleep(max(0.0, begin + 1 / FRAMES_PER_SECOND - time.perf_counter()))
 
     def _draw(self, row: int) -> None:
         name = self._field.value
@@ -158,29 +155,20 @@ class RunPage:
         else:
             values = [self._fields[name](shape, shape) for shape in shapes]
         unit = UNITS.get(name, "m")
-        largest = self._colours.cover(max(float(one.max()) for one in values), unit)
-        for picture, shape, one in zip(self._pictures, shapes, values, strict=True):
-            picture.draw(self._surface.places + shape, one, largest)
+        most = max(float(of_run.max()) for of_run in values)
+        largest = self._colours.cover(most, unit)
+        for picture, shape, of_run in zip(self._pictures, shapes, values, strict=True):
+            picture.draw(self._surface.places + shape, of_run, largest)
         run = self._runs[0]
         for obstacle, handle in self._obstacles.items():
             handle.position = tuple(self._scale * run.obstacle_motion[obstacle][self._rows[0][row]])
-        self._words.content = "  \n".join(
+        self._status.content = "  \n".join(
             filter(
                 None,
                 [
-                    f"t = {self._times[row]:.3f} s, {name} up to {with_unit(max(one.max() for one in values), unit)}",
+                    f"t = {self._times[row]:.3f} s, {name} up to {with_unit(most, unit)}",
                     f"shape {row + 1} of {len(self._times)}",
                     self._comparison,
                 ],
             )
         )
-
-
-def common_instants(times: Array, reference: Array) -> tuple[Array, Array]:
-    """Rows of the instants, ascending, that two runs have in common."""
-    after = np.clip(np.searchsorted(reference, times), 1, max(len(reference) - 1, 1))
-    after = np.minimum(after, len(reference) - 1)
-    before = np.maximum(after - 1, 0)
-    near = np.where(np.abs(reference[before] - times) < np.abs(reference[after] - times), before, after)
-    same = np.abs(reference[near] - times) <= SAME_TIME * np.abs(reference).max()
-    return np.flatnonzero(same), near[same]

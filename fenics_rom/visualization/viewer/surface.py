@@ -4,10 +4,13 @@ import math
 
 import numpy as np
 
+from fenics_rom.mechanics.surface_gradient import triangle_frames
+
 Array = np.ndarray
 
-ENOUGH = 4000  # pieces, so that the colours of a coarse mesh follow the field and not the triangles
-MOST_CUTS = 4  # of an edge of a triangle
+MIN_PIECES = 4000  # so that the colours of a coarse mesh follow the field and not the triangles
+MAX_CUTS = 4  # of an edge of a triangle
+MIN_RELATIVE_AREA = 1e-9  # twice the area of a triangle, of its longest side squared; below, it has no strain
 
 
 class Surface:
@@ -27,7 +30,7 @@ class Surface:
     def __init__(self, nodes: Array, triangles: Array):
         self.nodes, corners = np.unique(triangles, return_inverse=True)
         self.places, self.triangles = nodes[self.nodes], corners.reshape(-1, 3)
-        self.cuts = min(MOST_CUTS, max(1, math.ceil(math.sqrt(ENOUGH / len(triangles)))))
+        self.cuts = min(MAX_CUTS, max(1, math.ceil(math.sqrt(MIN_PIECES / len(triangles)))))
         self._weights = _pieces(self.cuts)
 
     def pieces(self, moved: Array) -> Array:
@@ -67,15 +70,11 @@ class SurfaceStrain:
 
     def __init__(self, places: Array, triangles: Array):
         a, b = places[triangles[:, 1]] - places[triangles[:, 0]], places[triangles[:, 2]] - places[triangles[:, 0]]
-        normal, long = np.cross(a, b), np.maximum(np.linalg.norm(a, axis=1), np.linalg.norm(b, axis=1))
-        area = np.linalg.norm(normal, axis=1)
-        solid = area > 1e-9 * long**2
-        a[~solid], b[~solid], normal[~solid], area[~solid] = np.eye(3)[0], np.eye(3)[1], np.eye(3)[2], 1.0
-        t1 = a / np.linalg.norm(a, axis=1, keepdims=True)
-        frame = np.stack([t1, np.cross(normal / area[:, None], t1)], axis=1)  # (F, 2, 3)
-        sides = frame @ np.stack([a, b], axis=2)
-        shape_gradients = np.array([[-1.0, -1.0], [1.0, 0.0], [0.0, 1.0]]) @ np.linalg.inv(sides)  # (F, 3 corners, 2)
-        (e1, e2), (s1, s2) = frame.swapaxes(0, 1), shape_gradients.transpose(2, 0, 1)
+        longest = np.maximum(np.linalg.norm(a, axis=1), np.linalg.norm(b, axis=1))
+        solid = np.linalg.norm(np.cross(a, b), axis=1) > MIN_RELATIVE_AREA * longest**2
+        a[~solid], b[~solid] = np.eye(3)[:2]
+        frame, shape_gradients = triangle_frames(a, b)
+        (e1, e2, _), (s1, s2) = frame.swapaxes(0, 1), shape_gradients.transpose(2, 0, 1)
         rows = [
             s1[:, :, None] * e1[:, None],
             s2[:, :, None] * e2[:, None],

@@ -11,7 +11,8 @@ from fenics_rom.cli.main import main
 from fenics_rom.errors import FileError, SceneError
 from fenics_rom.mechanics.signals import Signal
 from fenics_rom.scene.effects import PrescribedForce
-from fenics_rom.studies.amplitudes import Row, linear, read_amplitudes, scaled, study_of_amplitudes
+from fenics_rom.studies.amplitude_results import AmplitudeRow, read_amplitude_results
+from fenics_rom.studies.amplitudes import linear, scaled, study_amplitudes
 
 pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
 
@@ -33,34 +34,34 @@ def file(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def found(file):
-    return study_of_amplitudes(fr.read_scene(file), file.parent / "study", quick=True)
+def results(file):
+    return study_amplitudes(fr.read_scene(file), file.parent / "study", quick=True)
 
 
-def of(found, model, share=1.0) -> Row:
-    return next(row for row in found.rows if (row.model, row.share) == (model, share))
+def of(results, model, share=1.0) -> AmplitudeRow:
+    return next(row for row in results.rows if (row.model, row.share) == (model, share))
 
 
-def test_small_loads_are_linear_and_large_ones_are_not(found):
+def test_small_loads_are_linear_and_large_ones_are_not(results):
     for model in ("linear, full order", "linear, reduced"):
-        assert of(found, model, 0.125).error < 0.2 * of(found, model).error
-        assert of(found, model).error > 0.1
+        assert of(results, model, 0.125).error < 0.2 * of(results, model).error
+        assert of(results, model).error > 0.1
     for stepper in ("newton", "linearly-implicit"):
-        assert of(found, f"nonlinear, reduced, {stepper}").error < 0.2 * of(found, "linear, reduced").error
-    assert of(found, "nonlinear, full order").error < of(found, "nonlinear, reduced, newton").error
-    assert of(found, "nonlinear, full order").displacement > 0.03
+        assert of(results, f"nonlinear, reduced, {stepper}").error < 0.2 * of(results, "linear, reduced").error
+    assert of(results, "nonlinear, full order").error < of(results, "nonlinear, reduced, newton").error
+    assert of(results, "nonlinear, full order").displacement > 0.03
 
 
-def test_errors_are_those_of_runs(file, found):
+def test_errors_are_those_of_runs(file, results):
     scene = fr.read_scene(file)
-    full, straight = fr.simulate(scene), fr.simulate(linear(scene))
-    assert of(found, "linear, full order").error == pytest.approx(
-        fr.compare(straight, full)["shape"].relative, rel=1e-6
+    full, linear_run = fr.simulate(scene), fr.simulate(linear(scene))
+    assert of(results, "linear, full order").error == pytest.approx(
+        fr.compare(linear_run, full)["shape"].relative, rel=1e-6
     )
     rom = fr.read_rom(file.parent / "study" / "rom.h5")
     reduced = fr.simulate(rom, stepper="newton")
     error = fr.compare(reduced, full)["shape"].relative
-    assert of(found, "nonlinear, reduced, newton").error == pytest.approx(error, rel=1e-6)
+    assert of(results, "nonlinear, reduced, newton").error == pytest.approx(error, rel=1e-6)
 
 
 def test_a_share_of_the_loads_is_that(file, tmp_path):
@@ -77,15 +78,15 @@ def test_a_share_of_the_loads_is_that(file, tmp_path):
     assert half.environment.loads["pull"].signal == Signal(np.array([0.0, 0.0, 1.0]))
 
 
-def test_what_was_found_is_taken_over(file, found):
-    again = study_of_amplitudes(fr.read_scene(file), file.parent / "study", quick=True, resume=True)
-    assert again == found == read_amplitudes(file.parent / "study" / "amplitudes.json")
+def test_what_was_found_is_taken_over(file, results):
+    again = study_amplitudes(fr.read_scene(file), file.parent / "study", quick=True, resume=True)
+    assert again == results == read_amplitude_results(file.parent / "study" / "amplitudes.json")
     other = replace(fr.read_scene(file), text=fr.read_scene(file).text + "\n# changed")
     with pytest.raises(FileError, match="of another scene"):
-        study_of_amplitudes(other, file.parent / "study", resume=True)
+        study_amplitudes(other, file.parent / "study", resume=True)
 
 
-def test_the_command_writes_table_and_picture(file, found, capsys):
+def test_the_command_writes_table_and_picture(file, results, capsys):
     folder = file.parent / "study"
     with pytest.raises(SystemExit) as ended:
         main(["study", str(file), "-o", str(folder), "--quick", "--resume"])
@@ -102,7 +103,7 @@ def test_the_command_writes_table_and_picture(file, found, capsys):
 def test_what_cannot_be_studied_is_said(file, tmp_path):
     scene = fr.read_scene(file)
     with pytest.raises(SceneError, match="large_deformation"):
-        study_of_amplitudes(linear(scene), tmp_path)
+        study_amplitudes(linear(scene), tmp_path)
     (tmp_path / "amplitudes.json").write_text("{}")
     with pytest.raises(FileError, match="does not hold"):
-        read_amplitudes(tmp_path / "amplitudes.json")
+        read_amplitude_results(tmp_path / "amplitudes.json")

@@ -14,9 +14,9 @@ from bodies import dense, scene_text, write_box
 import fenics_rom as fr
 from fenics_rom.errors import FileError, SceneError, SolverError
 from fenics_rom.scene.file import parse_scene
-from fenics_rom.studies.method_configs import ORDERS, WAYS
-from fenics_rom.studies.report import write_results
-from fenics_rom.studies.study import study_for
+from fenics_rom.studies.method_configs import METHOD_CONFIGS, STUDIED_ORDERS
+from fenics_rom.studies.report import write_report
+from fenics_rom.studies.study import study_for_tolerance
 from fenics_rom.studies.study_results import PICTURES
 from fenics_rom.studies.tables import remarks
 
@@ -45,7 +45,7 @@ def folder(tmp_path_factory):
 
 
 @pytest.fixture(scope="module")
-def findings(scene, folder):
+def results(scene, folder):
     return fr.study(scene, folder, orders=[5, 20, 60], steps=[0.02, 0.01, 0.005])
 
 
@@ -79,65 +79,65 @@ def off(shapes, reference, node_mass):
     return np.linalg.norm(weight * (shapes - reference)) / np.linalg.norm(weight * reference)
 
 
-def test_reference_knows_its_own_error(scene, box_system, findings, folder):
+def test_reference_knows_its_own_error(scene, box_system, results, folder):
     reference = fr.read_trajectory(folder / "reference.h5")
-    assert reference.settings["dt"] == findings.reference_step == 0.005 / 4
+    assert reference.settings["dt"] == results.reference_step == 0.005 / 4
     system = fr.assemble(scene)
     truth = exact_shapes(system, reference.snapshot_times)
-    assert off(reference.snapshots, truth, reference.node_mass) == pytest.approx(findings.reference_error, rel=0.05)
+    assert off(reference.snapshots, truth, reference.node_mass) == pytest.approx(results.reference_error, rel=0.05)
 
 
-def test_errors_are_those_from_the_closed_form(scene, findings):
+def test_errors_are_those_from_the_closed_form(scene, results):
     """Of the largest model at each step, whose error is the step's."""
     system = fr.assemble(scene)
     rom = fr.reduce(system, order=60)
-    for row in findings.of("balanced", 60):
+    for row in results.of("balanced", 60):
         run = fr.simulate(rom, scene=scene, dt=row.dt)
         truth = exact_shapes(system, run.snapshot_times)
         assert off(run.snapshots, truth, run.node_mass) == pytest.approx(row.error, rel=0.1)
         assert row.error == pytest.approx(row.time_step, rel=0.1)
 
 
-def test_errors_add_up_to_no_more_than_their_parts(findings):
-    assert len(findings.rows) == 5 * 3 * 3
-    for row in findings.rows:
+def test_errors_add_up_to_no_more_than_their_parts(results):
+    assert len(results.rows) == 5 * 3 * 3
+    for row in results.rows:
         assert row.error <= (row.reduction + row.time_step) * (1 + 1e-9)
         assert row.error >= abs(row.reduction - row.time_step) * (1 - 1e-9)
         assert row.outputs.keys() == {"tip"}
         assert row.rate > 0
         assert row.offline > 0
-    by_step = [row.time_step for row in findings.of("balanced", 60)]
+    by_step = [row.time_step for row in results.of("balanced", 60)]
     assert by_step[0] / by_step[1] == pytest.approx(4, rel=0.3)
     assert by_step[1] / by_step[2] == pytest.approx(4, rel=0.3)
 
 
-def test_reduction_is_measured_at_the_step_of_the_reference(scene, findings, folder):
+def test_reduction_is_measured_at_the_step_of_the_reference(scene, results, folder):
     reference = fr.read_trajectory(folder / "reference.h5")
     rom = fr.reduce(fr.assemble(scene), order=20, method="pod")
-    run = fr.simulate(rom, scene=replace(scene, run=replace(scene.run, snapshots=50)), dt=findings.reference_step)
+    run = fr.simulate(rom, scene=replace(scene, run=replace(scene.run, snapshots=50)), dt=results.reference_step)
     assert len(run.snapshot_times) == len(reference.snapshot_times)
     expected = off(run.snapshots, reference.snapshots, run.node_mass)
-    rows = findings.of("pod", 20)
+    rows = results.of("pod", 20)
     assert [row.reduction for row in rows] == pytest.approx([expected] * 3, rel=1e-6)
 
 
-def test_reference_is_ten_times_closer_than_what_it_measures_or_it_says_so(findings):
-    assert findings.reference_error < 0.1 * findings.smallest_error
-    assert not [said for said in remarks(findings) if "reference" in said]
-    poor = replace(findings, reference_error=0.2 * findings.smallest_error)
+def test_reference_is_ten_times_closer_than_what_it_measures_or_it_says_so(results):
+    assert results.reference_error < 0.1 * results.smallest_error
+    assert not [said for said in remarks(results) if "reference" in said]
+    poor = replace(results, reference_error=0.2 * results.smallest_error)
     assert "more than a tenth of the smallest error" in remarks(poor)[0]
 
 
-def test_paper_selection_has_as_many_eigenvectors_as_asked_for(findings):
-    assert {row.order for row in findings.rows if row.method == "selection"} == {5, 20, 60}
+def test_paper_selection_has_as_many_eigenvectors_as_asked_for(results):
+    assert {row.order for row in results.rows if row.method == "selection"} == {5, 20, 60}
 
 
-def test_results_hold_what_was_found(findings, tmp_path):
-    write_results(tmp_path, findings, "fenics-rom study box.toml -o out")
+def test_results_hold_what_was_found(results, tmp_path):
+    write_report(tmp_path, results, "fenics-rom study box.toml -o out")
     with (tmp_path / "study.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
-    assert len(rows) == len(findings.rows)
-    for row, found in zip(rows, findings.rows, strict=True):
+    assert len(rows) == len(results.rows)
+    for row, found in zip(rows, results.rows, strict=True):
         assert (row["method"], int(row["order"]), float(row["step (s)"])) == (found.method, found.order, found.dt)
         assert float(row["error of shape"]) == pytest.approx(found.error, rel=1e-3)
         assert float(row["largest error of tip"]) == pytest.approx(found.outputs["tip"][1], rel=1e-3)
@@ -145,7 +145,9 @@ def test_results_hold_what_was_found(findings, tmp_path):
     assert 1 <= sum(row["on the Pareto front"] == "yes" for row in rows) < len(rows)
     text = (tmp_path / "study.md").read_text()
     assert "`fenics-rom study box.toml -o out`" in text
-    assert all(WAYS[method].label in text for method in ("balanced", "selection", "modal", "modal+static", "pod"))
+    assert all(
+        METHOD_CONFIGS[method].label in text for method in ("balanced", "selection", "modal", "modal+static", "pod")
+    )
     for name in PICTURES:
         assert (tmp_path / f"{name}.png").stat().st_size > 20_000
         assert (tmp_path / f"{name}.pdf").stat().st_size > 5_000
@@ -202,16 +204,16 @@ def test_two_ranks_find_the_same(box_file, tmp_path):
 class TestForATolerance:
     def test_model_keeps_it_and_a_smaller_one_would_not(self, scene, tmp_path):
         tolerance = 1e-3
-        findings, row, rom = study_for(scene, tmp_path, tolerance)
+        results, row, rom = study_for_tolerance(scene, tmp_path, tolerance)
         system = fr.assemble(scene)
         run = fr.simulate(rom, dt=row.dt)
         assert off(run.snapshots, exact_shapes(system, run.snapshot_times), run.node_mass) < 1.02 * tolerance
-        tried = sorted({other.order for other in findings.rows})
-        assert tried == list(ORDERS[: len(tried)])
+        tried = sorted({other.order for other in results.rows})
+        assert tried == list(STUDIED_ORDERS[: len(tried)])
         assert row.order == tried[-1]
-        assert all(other.error > tolerance for other in findings.rows if other.order < row.order)
-        assert study_for(scene, tmp_path, tolerance, resume=True)[0] == findings  # nothing was measured anew
-        looser = study_for(scene, tmp_path, 10 * tolerance, resume=True)[1]  # at another step: begun anew
+        assert all(other.error > tolerance for other in results.rows if other.order < row.order)
+        assert study_for_tolerance(scene, tmp_path, tolerance, resume=True)[0] == results  # nothing was measured anew
+        looser = study_for_tolerance(scene, tmp_path, 10 * tolerance, resume=True)[1]  # at another step: begun anew
         assert looser.dt > row.dt
 
     def test_that_no_step_reaches(self, box_file, tmp_path):
@@ -220,19 +222,19 @@ class TestForATolerance:
         )
         said = r"tolerance 1e-12: not reached, as the time step alone leaves an error of .*e-0\d at .* µs"
         with pytest.raises(SolverError, match=said):
-            study_for(short, tmp_path, 1e-12)
+            study_for_tolerance(short, tmp_path, 1e-12)
 
     def test_that_no_order_reaches(self, scene, tmp_path, monkeypatch):
-        monkeypatch.setattr("fenics_rom.studies.method_configs.ORDERS", (4, 6))
+        monkeypatch.setattr("fenics_rom.studies.method_configs.STUDIED_ORDERS", (4, 6))
         said = r"not reached; the least error of the whole shape was .*, of which the reduction \(order 6\) alone makes"
         with pytest.raises(SolverError, match=said):
-            study_for(scene, tmp_path, 1e-4)
+            study_for_tolerance(scene, tmp_path, 1e-4)
         assert (tmp_path / "study.json").exists()  # what was found is not lost
 
     @pytest.mark.parametrize("tolerance", [0.0, 1.0, -1e-3, np.nan])
     def test_that_means_nothing(self, scene, tmp_path, tolerance):
         with pytest.raises(SceneError, match="tolerance"):
-            study_for(scene, tmp_path, tolerance)
+            study_for_tolerance(scene, tmp_path, tolerance)
 
 
 class TestMeshes:
@@ -246,7 +248,7 @@ class TestMeshes:
         assert [mesh.outputs["tip"] for mesh in found.meshes] == pytest.approx(errors, rel=1e-9)
         assert errors[0] > errors[1] > errors[2] == 0
         assert any(said.startswith("the mesh is ") for said in remarks(found))
-        write_results(tmp_path / "out", found, "study")
+        write_report(tmp_path / "out", found, "study")
         assert "## Error of the mesh" in (tmp_path / "out" / "study.md").read_text()
 
     def test_that_are_no_finer_are_refused(self, box_file, tmp_path):

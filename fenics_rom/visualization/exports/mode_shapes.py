@@ -1,4 +1,4 @@
-"""The shapes that a reduced model is made of, as fields on the nodes."""
+"""The shapes that a reduced model is made of: balanced modes, eigenvectors, shapes at rest."""
 
 import math
 from collections.abc import Callable, Mapping
@@ -13,7 +13,7 @@ Array = np.ndarray
 
 
 @dataclass(frozen=True)
-class Field:
+class ModeShape:
     """A shape of the reduced model of one contact mode.
 
     Attributes:
@@ -29,7 +29,7 @@ class Field:
     σ: float | None = None
 
 
-def balanced_modes(rom: Rom, mode: ContactModel) -> list[Field]:
+def balanced_modes(rom: Rom, mode: ContactModel) -> list[ModeShape]:
     """The directions that reduced models of lower order keep, the most important first, M-orthonormal.
 
     Without rigid motions, which every order keeps. Of a balanced reduction they are the balanced modes, with their σ.
@@ -37,43 +37,43 @@ def balanced_modes(rom: Rom, mode: ContactModel) -> list[Field]:
     R, σ = mode.directions[:, mode.rigid :], mode.hankel_singular_values
     γ = mode.eigenvalues @ np.square(R)
     return [
-        Field(
+        ModeShape(
             k + 1, rom.reconstruct(mode.coordinates @ R[:, k]), math.sqrt(γ[k]) / math.tau, σ[k] if k < len(σ) else None
         )
         for k in range(R.shape[1])
     ]
 
 
-def eigenvectors(rom: Rom, mode: ContactModel) -> list[Field]:
+def eigenvectors(rom: Rom, mode: ContactModel) -> list[ModeShape]:
     """W_i without rigid motions: the reduced model's own natural modes, ascending, M-orthonormal."""
     return [
-        Field(k + 1, rom.reconstruct(mode.coordinates[:, mode.rigid + k]), math.sqrt(γ) / math.tau)
+        ModeShape(k + 1, rom.reconstruct(mode.coordinates[:, mode.rigid + k]), math.sqrt(γ) / math.tau)
         for k, γ in enumerate(mode.eigenvalues[mode.rigid :])
     ]
 
 
-def shapes_at_rest(rom: Rom, mode: ContactModel) -> list[Field]:
+def shapes_at_rest(rom: Rom, mode: ContactModel) -> list[ModeShape]:
     """W_i diag(1/γ) G: where each input of 1 holds the body; of one that moves freely, what strains in it."""
     ρ = mode.rigid
     q = mode.inputs[ρ:] / mode.eigenvalues[ρ:, None]
-    return [Field(k + 1, rom.reconstruct(mode.coordinates[:, ρ:] @ q[:, k])) for k in range(q.shape[1])]
+    return [ModeShape(k + 1, rom.reconstruct(mode.coordinates[:, ρ:] @ q[:, k])) for k in range(q.shape[1])]
 
 
-KINDS: Mapping[str, Callable[[Rom, ContactModel], list[Field]]] = {
+SHAPE_KINDS: Mapping[str, Callable[[Rom, ContactModel], list[ModeShape]]] = {
     "modes": balanced_modes,
     "eigenvectors": eigenvectors,
     "rest": shapes_at_rest,
 }
 
 
-def fields(rom: Rom, kind: str) -> dict[str, list[Field]]:
-    """The shapes of one of the KINDS, by contact mode.
+def mode_shapes(rom: Rom, kind: str) -> dict[str, list[ModeShape]]:
+    """The shapes of one of the SHAPE_KINDS, by contact mode.
 
     Raises:
         SceneError: there is no such kind, or the ROM has no mesh to see them on.
     """
-    if kind not in KINDS:
-        raise SceneError(unknown("kind of shape", kind, KINDS))
+    if kind not in SHAPE_KINDS:
+        raise SceneError(unknown("kind of shape", kind, SHAPE_KINDS))
     if not len(rom.triangles):
         raise SceneError(f"ROM {rom.name!r} has no surface to draw: it is of matrices, not of a mesh")
-    return {name: KINDS[kind](rom, mode) for name, mode in rom.contact_models.items()}
+    return {name: SHAPE_KINDS[kind](rom, mode) for name, mode in rom.contact_models.items()}

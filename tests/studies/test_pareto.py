@@ -4,13 +4,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fenics_rom.studies.method_configs import compared_instants
-from fenics_rom.studies.pareto import cheapest, decades, pareto_front
-from fenics_rom.studies.study_results import Row
+from fenics_rom.studies.method_configs import select_compared_instants
+from fenics_rom.studies.pareto import pareto_front, select_cheapest, select_per_decade
+from fenics_rom.studies.study_results import BenchmarkRow
 
 
 def row(error, dt=1e-3, rate=1e5, order=10, method="balanced"):
-    return Row(method, order, dt, error, error, {}, error, error, error, rate, 1.0, 1000, None, None, None)
+    return BenchmarkRow(method, order, dt, error, error, {}, error, error, error, rate, 1.0, 1000, None, None, None)
 
 
 ROWS = st.lists(
@@ -41,7 +41,7 @@ def test_front_is_what_nothing_beats(rows):
 
 @given(ROWS, st.floats(1e-9, 0.5))
 def test_chosen_row_is_within_and_no_step_has_a_lower_order_within(rows, tolerance):
-    chosen = cheapest(rows, tolerance)
+    chosen = select_cheapest(rows, tolerance)
     within = [r for r in rows if r.error <= tolerance]
     if not within:
         assert chosen is None
@@ -52,19 +52,19 @@ def test_chosen_row_is_within_and_no_step_has_a_lower_order_within(rows, toleran
 
 @given(ROWS)
 def test_decades_hold_and_end_where_nothing_reaches(rows):
-    found = decades(rows)
+    found = select_per_decade(rows)
     for tolerance, r in found:
         assert r.error <= tolerance
     if found:
-        assert cheapest(rows, found[-1][0] / 10) is None
+        assert select_cheapest(rows, found[-1][0] / 10) is None
     else:
         assert min(r.error for r in rows) > 0.1
 
 
 def test_longer_step_is_chosen_for_its_speed_not_the_lower_order():
     fast, small = row(5e-4, dt=4e-3, rate=2e5, order=20), row(5e-4, dt=1e-3, rate=4e5, order=5)
-    assert cheapest([small, fast], 1e-3) is fast
-    assert decades([small, fast]) == [(1e-3, fast)]
+    assert select_cheapest([small, fast], 1e-3) is fast
+    assert select_per_decade([small, fast]) == [(1e-3, fast)]
 
 
 @given(
@@ -75,7 +75,7 @@ def test_longer_step_is_chosen_for_its_speed_not_the_lower_order():
 def test_runs_of_all_steps_meet_at_every_shape(count, ratios, nodes):
     dt = 1e-3
     steps = tuple(ratio * dt for ratio in ratios)
-    duration, shapes = compared_instants(count * 24 * dt, steps, nodes)
+    duration, shapes = select_compared_instants(count * 24 * dt, steps, nodes)
     for step in steps:
         assert (duration / step) / shapes == pytest.approx(round(duration / step / shapes), abs=1e-6)
     assert 0.5 < duration / (count * 24 * dt) <= 1 + 1e-9

@@ -58,7 +58,7 @@ def _page(viser: Any, files: Sequence[Path], dt: float | None) -> Callable[[Any]
     contents = [content_of(file) for file in files]
     if contents == ["rom"]:
         body = LiveBody(fr.read_rom(files[0]), dt)
-        return lambda server: LivePage(viser, server, body, Path.cwd(), files[0].stem, _say)
+        return lambda server: LivePage(viser, server, body, Path.cwd(), files[0].stem, _notify)
     if "rom" in contents:
         raise SceneError(f"{files[contents.index('rom')]}: is a ROM, and is viewed alone; runs are viewed beside runs")
     if dt is not None:
@@ -68,7 +68,7 @@ def _page(viser: Any, files: Sequence[Path], dt: float | None) -> Callable[[Any]
     return page.show_on
 
 
-def _say(words: str) -> None:
+def _notify(words: str) -> None:
     print(words, flush=True)
 
 

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from fenics_rom.identification.identifiability import untold
+from fenics_rom.identification.identifiability import find_unidentifiable
 from fenics_rom.identification.parameters import NAMES, Parameter
 
 E, NU, RHO, ALPHA, BETA = (Parameter(name, k, (0,), 0.3, ("material", name)) for k, name in enumerate(NAMES))
@@ -27,21 +27,21 @@ def blind_to(direction):
     ],
 )
 def test_what_cannot_be_told_at_all_is_named(parameters, direction, held, said):
-    found = untold(parameters, blind_to(direction), 0.0)
-    assert found.held == held
-    assert found.because.startswith(said)
+    found = find_unidentifiable(parameters, blind_to(direction), 0.0)
+    assert found.fixed == held
+    assert found.reason.startswith(said)
 
 
 def test_poisson_counts_in_the_width_that_says_nothing():
-    found = untold((E, NU), blind_to((1, 1)), 0.0)
-    assert "young" in found.because
-    assert "poisson" in found.because
+    found = find_unidentifiable((E, NU), blind_to((1, 1)), 0.0)
+    assert "young" in found.reason
+    assert "poisson" in found.reason
 
 
 def test_what_is_told_is_left_alone_and_what_noise_hides_is_not():
     J = np.diag([100.0, 1.0])
-    assert untold((E, RHO), J, 0.0) is None
-    assert untold((E, RHO), J, 0.5) is None
-    found = untold((E, RHO), J, 1.5)
-    assert found.held == RHO
-    assert found.because.startswith("the data hardly depend on density; density was left at 0.3 kg/m3")
+    assert find_unidentifiable((E, RHO), J, 0.0) is None
+    assert find_unidentifiable((E, RHO), J, 0.5) is None
+    found = find_unidentifiable((E, RHO), J, 1.5)
+    assert found.fixed == RHO
+    assert found.reason.startswith("the data hardly depend on density; density was left at 0.3 kg/m3")
