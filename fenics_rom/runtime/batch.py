@@ -21,6 +21,7 @@ from fenics_rom.errors import StepError, unknown
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.batch_layout import BatchLayout, Bodies, Segment
 from fenics_rom.runtime.batch_models import PaddedModels
+from fenics_rom.runtime.environment_fit import fit_loads
 from fenics_rom.runtime.steppers.midpoint import checked_dt
 
 if TYPE_CHECKING:
@@ -74,7 +75,7 @@ class Batch:
             raise StepError(f"size = {size!r}: allowed is a whole number > 0")
         if np.dtype(dtype) not in (np.float64, np.float32):
             raise StepError(f"dtype = {dtype!r}: allowed are float64 and float32")
-        rom, self._environment = _activate(rom, signals)
+        rom, self._environment = fit_loads(rom, signals)
         if rom.deformation is not None:
             raise StepError(
                 f"ROM {rom.name!r} has large deformation in its scene: Simulator steps such bodies, one by one"
@@ -391,22 +392,3 @@ class Batch:
                 np.matmul(layout.state[part, segment.rows], maps[segment.mode], out=field[segment.rows])
         field = np.take(field, layout.row, axis=0)
         return field.reshape(self.size, -1, 3) if len(self.rom.nodes) else field
-
-
-def _activate(rom: Rom, signals: "Mapping[str, SignalLike] | None") -> "tuple[Rom, ActiveEnvironment | None]":
-    """A ROM with what acts on it by itself.
-
-    Raises:
-        StepError: it is more than loads.
-    """
-    if rom.environment.is_plain and not signals:
-        return rom, None
-    from fenics_rom.runtime.environment_fit import fit_environment  # bodies on which nothing acts start sooner
-
-    rom, active = fit_environment(rom, None, signals)
-    if not rom.environment.has_inertia or rom.environment.contact_law is not None:
-        raise StepError(
-            f"ROM {rom.name!r} has contact or no inertia in its scene: allowed are forces that are known before a "
-            "step; Simulator steps such bodies, one by one"
-        )
-    return rom, active

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fenics_rom.errors import SceneError
+from fenics_rom.errors import SceneError, StepError
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.environment import PERMANENT_EFFECTS, Environment
 from fenics_rom.mechanics.signals import SignalLike
@@ -46,6 +46,23 @@ def fit_environment(
             f"{environment.source}: effects: inertia is missing, and a body that nothing holds has no equilibrium"
         )
     return rom, active if rom.loads or not environment.is_plain else None
+
+
+def fit_loads(rom: Rom, signals: Mapping[str, SignalLike] | None) -> tuple[Rom, ActiveEnvironment | None]:
+    """The same for many bodies at once, on which nothing but inputs and loads may act.
+
+    Raises:
+        StepError: more than that acts; or as fit_environment.
+    """
+    if rom.environment.is_plain and not signals:
+        return rom, None
+    rom, active = fit_environment(rom, None, signals)
+    if not rom.environment.has_inertia or rom.environment.contact_law is not None:
+        raise StepError(
+            f"ROM {rom.name!r} has contact or no inertia in its scene: allowed are forces that are known before a "
+            "step; Simulator steps such bodies, one by one"
+        )
+    return rom, active
 
 
 def _check_built_in(rom: Rom, environment: Environment) -> None:

@@ -12,6 +12,7 @@ from fenics_rom.mechanics.linearity import SurfaceStrainPeak
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.known_inputs import KnownInputs
 from fenics_rom.runtime.linearity_monitor import LinearityMonitor
+from fenics_rom.runtime.simulated_body import SimulatedBody
 from fenics_rom.runtime.simulator_state import SimulatorState
 from fenics_rom.runtime.steppers.midpoint import checked_dt
 from fenics_rom.runtime.steppers.selection import make_stepper
@@ -26,7 +27,7 @@ if TYPE_CHECKING:
 Array = np.ndarray
 
 
-class Simulator:
+class Simulator(SimulatedBody):
     """Steps a ROM from rest, beginning in its first contact mode.
 
     Loads and obstacles of the scene act by themselves. Where its contact switches automatically, the contact mode is
@@ -90,17 +91,6 @@ class Simulator:
         self._known_inputs = KnownInputs()
         self._enter()
 
-    def __repr__(self) -> str:
-        model, steps = self.rom.contact_models[self.contact], f"{self.steps} step{'' if self.steps == 1 else 's'}"
-        columns = {"the contact in N": self.rom.contacts[self.contact]}
-        units = self.rom.environment.input_units
-        columns |= {f"{name} in {units.get(name, 'N')}": count for name, count in self.rom.actuators.items()}
-        return (
-            f"Simulator of {self.rom.name!r}: contact mode {self.contact} (order {model.order}), dt = {self._dt:g} s, "
-            f"{steps} taken, {self.stepper}\n"
-            f"  input: {', '.join(f'{count} of {name}' for name, count in columns.items())}"
-        )
-
     @property
     def time(self) -> float:
         """Simulated time, s."""
@@ -121,26 +111,6 @@ class Simulator:
         self._stepper.set_time_step(dt)
 
     @property
-    def contact(self) -> str:
-        """The active contact mode."""
-        return self._stepper.contact_mode
-
-    @property
-    def inputs(self) -> int:
-        """Length of the input: the contact mode's columns, then the actuators'."""
-        return self._width
-
-    @property
-    def stepper(self) -> str:
-        """How a step is taken: "midpoint", or one of those of large deformation."""
-        return self._stepper.kind
-
-    @property
-    def stepping(self) -> str:
-        """Why it is taken in that way."""
-        return self._stepper.reason
-
-    @property
     def state(self) -> tuple[Array, Array]:
         """Copies of the reduced displacement q and velocity r of the active contact mode, (m,) each."""
         return self._q, self._stepper.state[self._order :].copy()
@@ -154,47 +124,9 @@ class Simulator:
         self._stepper.set_state(*given)
 
     @property
-    def energy(self) -> float:
-        """Stored energy ½ vᵀMv + ½ xᵀKx, with large deformation ½ vᵀMv + Φ(x), J."""
-        return self._stepper.energy
-
-    @property
-    def energy_coordinates(self) -> Array:
-        """[√γ q, r] (2m,) of the active contact mode, which a later step overwrites; rigid motions have r only."""
-        return self._stepper.state
-
-    @property
     def needs_each_step(self) -> bool:
         """Whether what happens in a step is not known before it is taken."""
         return self._source is not None and self._source.needs_each_step
-
-    @property
-    def mismatch(self) -> float | None:
-        """Of the strains that linearly implicit steps carry along and those of the shape; None where there are none."""
-        return self._stepper.kernel.mismatch
-
-    @property
-    def surface_peak(self) -> SurfaceStrainPeak:
-        """How far the surface turned and strained, where the stored energy was high enough for a look at it."""
-        return self._monitor.peak
-
-    def displacement(self, output: str | None = None) -> Array:
-        """Displacement, m: of a named output (points, 3), or of every mesh node (nodes, 3).
-
-        Without a mesh: the rows of the output, or all n displacements.
-
-        Raises:
-            StepError: no such output.
-        """
-        return self._field(self._q, output)
-
-    def velocity(self, output: str | None = None) -> Array:
-        """Velocity, m/s: of a named output (points, 3), or of every mesh node (nodes, 3).
-
-        Raises:
-            StepError: no such output.
-        """
-        return self._field(self._stepper.state[self._order :], output)
 
     def switch(self, contact: str) -> None:
         """Makes another contact mode active; the state is projected, and never gains energy by it.
@@ -229,35 +161,6 @@ class Simulator:
         if self.environment is None:
             raise StepError(unknown("load or obstacle", name, []))
         self.environment.set_signal(name, signal)
-
-    def contact_forces(self, obstacle: str | None = None) -> Array:
-        """Forces on the body in the last step, N: of an obstacle (3,), or on every contact point (P, 3).
-
-        Raises:
-            StepError: no such obstacle, or no contact in the scene.
-        """
-        if self._source is None:
-            raise StepError("there are no contact forces: nothing acts but inputs")
-        return self._source.contact_forces(self._stepper, obstacle)
-
-    def obstacle_forces(self) -> Array:
-        """Forces of all obstacles on the body in the last step, (O, 3), N; none where there are none."""
-        contact, obstacles = self._stepper.contact, {} if self.environment is None else self.environment.obstacles
-        return np.zeros((len(obstacles), 3)) if contact is None else contact.by_obstacle
-
-    @property
-    def contact_points(self) -> Array:
-        """Nodes (P,) that obstacles can touch; none where the scene has no contact."""
-        interface = self._stepper.interface
-        return np.empty(0, dtype=int) if interface is None else interface.points.nodes
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """What the user should know of the run so far.
-
-        A surface that went too far, a switch that lost much, contact that was not solved.
-        """
-        return tuple(filter(None, [self.surface_peak.summary, self.loss.message, *self._stepper.diagnostics()]))
 
     def step(self, u: Sequence[float] | Array = ()) -> None:
         """Advances by dt under a constant input.
@@ -419,37 +322,6 @@ class Simulator:
         self._monitor_threshold = self._monitor.enter(contact)
         # Where nothing acts but inputs, a step is one call that allocates nothing.
         self._advance = self._stepper.kernel.step if self.environment is None else self._advance_in_environment
-
-    def _rigid_displacement(self) -> Array:
-        """Along the rigid motions (ρ,), up to date."""
-        if len(self._stepper.rigid_displacement):
-            self._flush()
-        return self._stepper.rigid_displacement
-
-    @property
-    def _q(self) -> Array:
-        q = self._stepper.state[: self._order] / self._safe_frequencies
-        rigid = self._rigid_displacement()
-        q[: len(rigid)] = rigid
-        return q
-
-    def reading(self, output: str) -> Array:
-        """Rows of a named output, (rows, m), in the active contact mode's basis.
-
-        Raises:
-            StepError: no such output.
-        """
-        if output not in self.rom.outputs:
-            raise StepError(unknown("output", output, self.rom.outputs))
-        key = self.contact, output
-        if key not in self._readings:
-            self._readings[key] = self.rom.outputs[output] @ self.rom.contact_models[self.contact].coordinates
-        return self._readings[key]
-
-    def _field(self, coordinates: Array, output: str | None) -> Array:
-        if output is not None:
-            return self.rom.by_point(self.reading(output) @ coordinates)
-        return self.rom.reconstruct(self.rom.contact_models[self.contact].coordinates @ coordinates)
 
 
 def _source_of(rom: Rom, environment: "ActiveEnvironment") -> "EnvironmentInputs":

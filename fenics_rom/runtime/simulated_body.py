@@ -1,0 +1,164 @@
+"""What can be read of a body that is simulated."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fenics_rom.errors import StepError, unknown
+from fenics_rom.mechanics.linearity import SurfaceStrainPeak
+from fenics_rom.rom.rom import Rom
+from fenics_rom.runtime.linearity_monitor import LinearityMonitor
+from fenics_rom.runtime.steppers.stepper import ReducedStepper
+from fenics_rom.runtime.switching import SwitchLoss
+
+if TYPE_CHECKING:
+    from fenics_rom.mechanics.active_environment import ActiveEnvironment
+    from fenics_rom.runtime.environment_inputs import EnvironmentInputs
+
+Array = np.ndarray
+
+
+class SimulatedBody:
+    """A body as its stepper has it, in the words of its ROM; `Simulator` moves it."""
+
+    rom: Rom
+    steps: int
+    loss: SwitchLoss
+    environment: "ActiveEnvironment | None"
+    _dt: float
+    _stepper: ReducedStepper
+    _source: "EnvironmentInputs | None"
+    _monitor: LinearityMonitor
+    _readings: dict[tuple[str, str], Array]
+    _order: int
+    _width: int
+    _safe_frequencies: Array
+
+    def __repr__(self) -> str:
+        model, steps = self.rom.contact_models[self.contact], f"{self.steps} step{'' if self.steps == 1 else 's'}"
+        columns = {"the contact in N": self.rom.contacts[self.contact]}
+        units = self.rom.environment.input_units
+        columns |= {f"{name} in {units.get(name, 'N')}": count for name, count in self.rom.actuators.items()}
+        return (
+            f"Simulator of {self.rom.name!r}: contact mode {self.contact} (order {model.order}), dt = {self._dt:g} s, "
+            f"{steps} taken, {self.stepper}\n"
+            f"  input: {', '.join(f'{count} of {name}' for name, count in columns.items())}"
+        )
+
+    @property
+    def contact(self) -> str:
+        """The active contact mode."""
+        return self._stepper.contact_mode
+
+    @property
+    def inputs(self) -> int:
+        """Length of the input: the contact mode's columns, then the actuators'."""
+        return self._width
+
+    @property
+    def stepper(self) -> str:
+        """How a step is taken: "midpoint", or one of those of large deformation."""
+        return self._stepper.kind
+
+    @property
+    def stepping(self) -> str:
+        """Why it is taken in that way."""
+        return self._stepper.reason
+
+    @property
+    def energy(self) -> float:
+        """Stored energy ½ vᵀMv + ½ xᵀKx, with large deformation ½ vᵀMv + Φ(x), J."""
+        return self._stepper.energy
+
+    @property
+    def energy_coordinates(self) -> Array:
+        """[√γ q, r] (2m,) of the active contact mode, which a later step overwrites; rigid motions have r only."""
+        return self._stepper.state
+
+    @property
+    def mismatch(self) -> float | None:
+        """Of the strains that linearly implicit steps carry along and those of the shape; None where there are none."""
+        return self._stepper.kernel.mismatch
+
+    @property
+    def surface_peak(self) -> SurfaceStrainPeak:
+        """How far the surface turned and strained, where the stored energy was high enough for a look at it."""
+        return self._monitor.peak
+
+    def displacement(self, output: str | None = None) -> Array:
+        """Displacement, m: of a named output (points, 3), or of every mesh node (nodes, 3).
+
+        Without a mesh: the rows of the output, or all n displacements.
+
+        Raises:
+            StepError: no such output.
+        """
+        return self._field(self._q, output)
+
+    def velocity(self, output: str | None = None) -> Array:
+        """Velocity, m/s: of a named output (points, 3), or of every mesh node (nodes, 3).
+
+        Raises:
+            StepError: no such output.
+        """
+        return self._field(self._stepper.state[self._order :], output)
+
+    def reading(self, output: str) -> Array:
+        """Rows of a named output, (rows, m), in the active contact mode's basis.
+
+        Raises:
+            StepError: no such output.
+        """
+        if output not in self.rom.outputs:
+            raise StepError(unknown("output", output, self.rom.outputs))
+        key = self.contact, output
+        if key not in self._readings:
+            self._readings[key] = self.rom.outputs[output] @ self.rom.contact_models[self.contact].coordinates
+        return self._readings[key]
+
+    def contact_forces(self, obstacle: str | None = None) -> Array:
+        """Forces on the body in the last step, N: of an obstacle (3,), or on every contact point (P, 3).
+
+        Raises:
+            StepError: no such obstacle, or no contact in the scene.
+        """
+        if self._source is None:
+            raise StepError("there are no contact forces: nothing acts but inputs")
+        return self._source.contact_forces(self._stepper, obstacle)
+
+    def obstacle_forces(self) -> Array:
+        """Forces of all obstacles on the body in the last step, (O, 3), N; none where there are none."""
+        contact, obstacles = self._stepper.contact, {} if self.environment is None else self.environment.obstacles
+        return np.zeros((len(obstacles), 3)) if contact is None else contact.by_obstacle
+
+    @property
+    def contact_points(self) -> Array:
+        """Nodes (P,) that obstacles can touch; none where the scene has no contact."""
+        interface = self._stepper.interface
+        return np.empty(0, dtype=int) if interface is None else interface.points.nodes
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the user should know of the run so far.
+
+        A surface that went too far, a switch that lost much, contact that was not solved.
+        """
+        return tuple(filter(None, [self.surface_peak.summary, self.loss.message, *self._stepper.diagnostics()]))
+
+    @property
+    def _q(self) -> Array:
+        q = self._stepper.state[: self._order] / self._safe_frequencies
+        rigid = self._rigid_displacement()
+        q[: len(rigid)] = rigid
+        return q
+
+    def _field(self, coordinates: Array, output: str | None) -> Array:
+        if output is not None:
+            return self.rom.by_point(self.reading(output) @ coordinates)
+        return self.rom.reconstruct(self.rom.contact_models[self.contact].coordinates @ coordinates)
+
+    def _rigid_displacement(self) -> Array:
+        """Along the rigid motions (ρ,), up to date."""
+        if len(self._stepper.rigid_displacement):
+            self._stepper.flush()
+        return self._stepper.rigid_displacement
