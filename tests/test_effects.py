@@ -162,7 +162,7 @@ def test_obstacles_are_what_the_scene_says(shape, said, made):
     scene = parse(f'{INERTIA}[effects.contact.obstacles.it]\nshape = "{shape}"\n{said}')
     around = ActiveEnvironment(scene.environment)
     assert around.obstacles == {"it": made}
-    np.testing.assert_array_equal(around.offsets, [[0.0, 0.0, 0.0]])
+    np.testing.assert_array_equal(around.state.offsets, [[0.0, 0.0, 0.0]])
 
 
 def test_tables_are_histories():
@@ -170,7 +170,7 @@ def test_tables_are_histories():
     np.testing.assert_allclose(around.loads_at(0.05), [1.0, 0.5, -0.075, 0, 0, 0, 1, 0], atol=1e-15)
     np.testing.assert_allclose(around.loads_at(7.0), [1.0, 1.0, -0.15, 0, 0, 0, 1, 0])  # the last value stays
     np.testing.assert_allclose(around.offsets_at(0.05), [[0, 0, 0], [-0.075, 0, 0]], atol=1e-15)
-    assert around.law.friction == 0.25
+    assert around.environment.contact_law.friction == 0.25
 
 
 # --- mistakes --------------------------------------------------------------------------------------------------------

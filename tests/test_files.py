@@ -202,7 +202,7 @@ def test_files_of_format_1_0_load_for_ever():
     assert any(load.signal.times is not None for load in rom.environment.run.loads)
     assert rom.name == run.name == "box"
     assert run.steps == 40
-    assert run.balance_error < 1e-14
+    assert run.balance_error < 3e-14
     assert (rom.method, rom.stages) == ("balanced", ())
     for validation in rom.validation.values():
         assert validation["transfer_error"] is None
@@ -229,7 +229,7 @@ def test_roms_of_format_1_1_load_for_ever():
         assert len(mode.frequencies) == len(mode.transfer_errors) > 2
         assert validation["neglected"] is None
         assert 0 < validation["static_error"] < validation["transfer_error"] < 0.1
-    assert fr.simulate(rom).balance_error < 1e-14
+    assert fr.simulate(rom).balance_error < 3e-14
 
 
 def test_selection_of_eigenvectors_was_a_switching_in_format_1(tmp_path):

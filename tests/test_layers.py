@@ -47,7 +47,7 @@ MAY_IMPORT = {
     "rom": (GROUND, {"numpy", "h5py"}),
     "trajectory": (GROUND, {"numpy", "h5py"}),
     "fem": (OFFLINE | {"trajectory"}, FENICSX | {"numpy", "scipy"}),
-    "reduction": (OFFLINE | {"rom"}, {"numpy", "scipy"}),
+    "reduction": (OFFLINE | {"rom", "runtime"}, {"numpy", "scipy"}),
     "runtime": (DATA_OF_A_RUN, {"numpy", "h5py"}),
     "run": (DATA_OF_A_RUN | OFFLINE | {"runtime", "lazy_import"}, set()),
     "visualization": (BELOW_APPLICATIONS, DRAWING),

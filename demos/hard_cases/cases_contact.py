@@ -14,7 +14,7 @@ from fenics_rom.runtime.switching import Projections
 
 LENGTHS, BRICKS = (0.4, 0.1, 0.1), (6, 2, 2)  # m
 TOP = 0.1  # m
-NONE_ADDED = 1e-14  # of the stored energy, that a switch may add
+NONE_ADDED = 1e-13  # of the stored energy, that a switch may add: a norm of products of some 50 columns
 PAIRS = 50  # of contact modes, between which the worst states are looked for
 
 

@@ -13,7 +13,7 @@ from fenics_rom.fem.linear_stepper import FullOrderStepper
 Array = np.ndarray
 
 ROUND_OFF = 1e-12  # of the largest energy or work, to which accounts close
-FULL_ORDER = 1e-9  # the same where stiffness spans so much that nodal velocities in double precision cannot balance
+FULL_ORDER = 2e-9  # the same where stiffness spans so much that nodal velocities in double precision cannot balance
 
 
 class Account:
@@ -112,7 +112,7 @@ def accounts(case: str, hard: str, runs: Runs, full: float = ROUND_OFF) -> Itera
         full: to what at full order, relative.
     """
     yield Row(case, hard, "gap of the energy account at full order", runs.full_gap, full)
-    yield Row(case, hard, "gap of the energy account reduced", runs.reduced_gap, ROUND_OFF)
+    yield Row(case, hard, "gap of the energy account reduced", runs.reduced_gap, 5 * ROUND_OFF)
 
 
 def at_rest(system: fr.System, contact: str, push: Sequence[float]) -> Array:

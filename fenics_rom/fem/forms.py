@@ -90,6 +90,19 @@ def assemble_forms(
 
     Raises:
         StructureError: forms that do not fit together or lack structure, or a boundary value other than zero.
+
+    Example:
+        >>> import ufl
+        >>> from dolfinx import mesh
+        >>> from mpi4py import MPI
+        >>> from fenics_rom.fem.dolfinx_compat import vector_space
+        >>> box = mesh.create_box(MPI.COMM_WORLD, [[0, 0, 0], [1, 1, 1]], [2, 2, 2])
+        >>> V = vector_space(box, 1)
+        >>> u, v = ufl.TrialFunction(V), ufl.TestFunction(V)
+        >>> stiffness = ufl.inner(ufl.grad(u), ufl.grad(v)) * ufl.dx + ufl.inner(u, v) * ufl.ds
+        >>> forms = {"mass": ufl.inner(u, v) * ufl.dx, "stiffness": stiffness, "contacts": {"top": [v[2] * ufl.ds]}}
+        >>> fr.assemble_forms(**forms, rayleigh=(1.0, 1e-3)).size
+        81
     """
     require_real(PETSc.ScalarType)
     check_damping_choice(damping, rayleigh)

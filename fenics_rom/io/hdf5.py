@@ -92,23 +92,25 @@ def read_file(
         file: path.
         content: such as "rom" or "run".
         take: reads what is in a file of this release's format.
-        upgrade: makes a file of format 1.x one of this release's, in memory.
+        upgrade: makes what is in a copy, in memory, of a file of format 1.x what a file of this release has.
 
     Raises:
         FileError: it is missing, damaged, of another format, or its content does not hold together; of a ROM
             RomFileError, of a run TrajectoryFileError.
     """
     path = Path(file)
-    with _errors_of_reading(path, ERROR_OF.get(content, FileError)):
-        with _opened(path) as h5:
-            given = get_text(h5, "content")
-            if given != content:
-                raise FileError(f"holds a {given}, not a {content}")
-            if get_text(h5, "format_version").startswith(VERSION.partition(".")[0]):
-                return take(h5)
-        with h5py.File(io.BytesIO(path.read_bytes()), "r+") as h5:
-            upgrade(h5)
+    with _errors_of_reading(path, ERROR_OF.get(content, FileError)), _opened(path) as h5:
+        given = get_text(h5, "content")
+        if given != content:
+            raise FileError(f"holds a {given}, not a {content}")
+        if get_text(h5, "format_version").startswith(VERSION.partition(".")[0]):
             return take(h5)
+        with h5py.File(io.BytesIO(), "w") as copy:
+            for name in h5:
+                h5.copy(name, copy)
+            copy.attrs.update(h5.attrs)
+            upgrade(copy)
+            return take(copy)
 
 
 def content_of(file: str | Path) -> str:

@@ -87,6 +87,13 @@ class Environment:
         built_in: what a model made for this cannot do differently, by its place in the scene, as JSON.
         run: the load history; None where there is none.
         source: of the scene, for messages; empty of a model of matrices, which no scene stands behind.
+
+    Example:
+        >>> rom.environment.has_inertia, list(rom.environment.effects)
+        (True, ['inertia', 'damping'])
+        >>> from dataclasses import replace
+        >>> undamped = replace(rom.environment, effects={"inertia": ""})
+        >>> body = fr.Simulator(rom, dt=1e-3, scene=undamped)
     """
 
     effects: Mapping[str, str] = field(default_factory=dict)

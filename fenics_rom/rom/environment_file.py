@@ -1,6 +1,6 @@
 """The environment in a ROM file: the group `environment`.
 
-attributes contact_switching, source
+attributes contact_switching, has_inertia (yes or no), source
 effects, built_in            groups whose attributes are names and texts, see mechanics.environment
 loads/NAME/                  loads with signals of their own; columns (1,) and a signal, which may be absent:
     values (w,) or (T, w)    in the unit of the input

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
@@ -19,10 +19,8 @@ from fenics_rom.runtime.rollout import (
 )
 from fenics_rom.runtime.steppers.midpoint import checked_dt
 
-if TYPE_CHECKING:
-    from fenics_rom.runtime.simulator import Simulator
-
 Array = np.ndarray
+Simulator = Any  # fenics_rom.runtime.simulator's, which imports this file
 
 MAX_KEPT_PROPAGATORS = 32  # step sizes that never come back must not pile up
 
@@ -35,7 +33,7 @@ class KnownInputs:
 
     def rollout(
         self,
-        body: "Simulator",
+        body: Simulator,
         inputs: Sequence[Sequence[float]] | Array,
         contact: str | Sequence[str] | None,
         dt: float | Sequence[float] | Array | None,
@@ -68,7 +66,7 @@ class KnownInputs:
 
     def _plan(
         self,
-        body: "Simulator",
+        body: Simulator,
         inputs: Sequence[Sequence[float]] | Array,
         contact: str | Sequence[str] | None,
         dt: float | Sequence[float] | Array | None,
@@ -102,7 +100,7 @@ class KnownInputs:
         return u, plan
 
     def _take(
-        self, body: "Simulator", u: Array, taken: int, every: int, names: tuple[str, ...], rows: list[Array]
+        self, body: Simulator, u: Array, taken: int, every: int, names: tuple[str, ...], rows: list[Array]
     ) -> None:
         """Takes the steps of one interval, `taken` steps after the rollout began, and adds what is read to `rows`."""
 
@@ -128,7 +126,7 @@ class KnownInputs:
                     rows.append(read())
             u, taken = u[steps:], taken + steps
 
-    def _blocks(self, body: "Simulator", u: Array, every: int, names: tuple[str, ...]) -> list[Array]:
+    def _blocks(self, body: Simulator, u: Array, every: int, names: tuple[str, ...]) -> list[Array]:
         """Takes steps in the longest blocks that fit; what is read, a row for each instant."""
         propagators = self._propagators_of(body, every, names)
         rows, state = [], body.energy_coordinates
@@ -150,7 +148,7 @@ class KnownInputs:
                 u = u[steps:]
         return rows
 
-    def _propagators_of(self, body: "Simulator", every: int, names: tuple[str, ...]) -> list[BlockPropagator]:
+    def _propagators_of(self, body: Simulator, every: int, names: tuple[str, ...]) -> list[BlockPropagator]:
         key = body.contact, body.dt, every, names
         if key not in self._propagators:
             if len(self._propagators) >= MAX_KEPT_PROPAGATORS:

@@ -59,6 +59,13 @@ class System:
         deformation: of a body that deforms largely, beyond what these matrices say; None: linear.
         warnings: what the user should know about this model.
         stages: what making it spent its time on.
+
+    Example:
+        >>> import scipy.sparse as sp
+        >>> K = sp.diags([-np.ones(99), 2 * np.ones(100), -np.ones(99)], [-1, 0, 1])
+        >>> chain = fr.System(mass=sp.identity(100), damping=0.01 * K, stiffness=K, contacts={"left": np.eye(100)[0]})
+        >>> fr.reduce(chain, order=20).contact_models["left"].order
+        20
     """
 
     mass: Operator

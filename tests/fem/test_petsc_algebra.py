@@ -48,9 +48,9 @@ def test_products_are_those_of_the_matrix(beam):
     for k in (0, 1, 5):
         product = beam.stiffness @ block[:, :k]
         assert product.shape == (beam.size, k)
-        assert np.abs(product - expected[:, :k]).max(initial=0) <= 1e-15 * np.abs(expected).max()
+        assert np.abs(product - expected[:, :k]).max(initial=0) <= 1e-14 * np.abs(expected).max()
     product = beam.stiffness @ (block[:, :2] + 1j * block[:, 2:4])
-    assert np.abs(product - expected[:, :2] - 1j * expected[:, 2:4]).max() <= 1e-15 * np.abs(expected).max()
+    assert np.abs(product - expected[:, :2] - 1j * expected[:, 2:4]).max() <= 1e-14 * np.abs(expected).max()
 
 
 def test_wide_blocks_are_taken_in_parts(beam, monkeypatch):
@@ -78,7 +78,7 @@ def test_combination_is_the_sum(beam):
     made = combination((3.0, beam.mass), (0.0, beam.mass), (1e-4, beam.stiffness))
     start, columns, values = made.getValuesCSR()
     made.destroy()
-    assert abs(total - type(total)((values, columns, start)).T).max() <= 1e-15 * abs(total).max()
+    assert abs(total - type(total)((values, columns, start)).T).max() <= 2e-15 * abs(total).max()
 
 
 def test_combination_of_other_patterns_is_the_sum(beam):
@@ -178,7 +178,7 @@ def test_closed_factors_give_their_memory_back(tmp_path, one_by_one):
 def test_lowest_eigenpairs_are_those_of_lapack(twins, lapack):
     count = 40
     γ, V = twins.algebra.eigenpairs(twins.mass, twins.stiffness, count)
-    np.testing.assert_allclose(γ, lapack[0][:count], rtol=1e-9)
+    np.testing.assert_allclose(γ, lapack[0][:count], rtol=3e-9)
     MV, KV = twins.mass @ V, twins.stiffness @ V
     assert np.abs(V.T @ MV - np.eye(count)).max() <= 1e-11
     assert (np.linalg.norm(KV - γ * MV, axis=0) <= 1e-9 * np.linalg.norm(KV, axis=0)).all()
@@ -191,7 +191,7 @@ def test_dense_and_sparse_eigensolvers_agree(twins):
     algebra, few, many = twins.algebra, 30, 400
     assert 3 * few < twins.size < 3 * many  # on either side of the choice
     one, other = (algebra.eigenpairs(twins.mass, twins.stiffness, count) for count in (few, many))
-    np.testing.assert_allclose(one[0], other[0][:few], rtol=1e-9)
+    np.testing.assert_allclose(one[0], other[0][:few], rtol=3e-9)
     assert len(other[0]) == many == other[1].shape[1]
 
 

@@ -124,7 +124,7 @@ def test_roms_do_not_depend_on_the_number_of_ranks(results, name, ranks):
         # at a resonance H multiplies the round-off in γ, which is eps times the condition of K, by the quality factor
         for ω in (0.0, *(own[:-1] + own[1:]) / 2):
             H = transfer(one, contact, ω)
-            assert np.abs(transfer(other, contact, ω) - H).max() <= 1e-8 * np.abs(H).max(), (contact, ω)
+            assert np.abs(transfer(other, contact, ω) - H).max() <= 2e-8 * np.abs(H).max(), (contact, ω)
 
 
 @pytest.mark.parametrize("ranks", [2, 4])
@@ -146,8 +146,8 @@ def test_full_runs_do_not_depend_on_the_number_of_ranks(results, ranks):
     one, other = (fr.read_trajectory(results / str(n) / "run.h5") for n in (1, ranks))
     scale = np.abs(one.snapshots).max()
     assert scale > 1e-3
-    assert np.abs(other.snapshots - one.snapshots).max() <= 1e-9 * scale
-    assert np.abs(other.outputs["tip"] - one.outputs["tip"]).max() <= 1e-9 * scale
+    assert np.abs(other.snapshots - one.snapshots).max() <= 2e-9 * scale
+    assert np.abs(other.outputs["tip"] - one.outputs["tip"]).max() <= 2e-9 * scale
     assert np.abs(other.energy - one.energy).max() <= 1e-9 * one.energy.max()
     assert max(one.balance_error, other.balance_error) <= 1e-12
 

@@ -159,18 +159,15 @@ def test_full_order_runs_fall_and_spin(tmp_path):
     for _ in range(100):
         full.step_under(weight @ np.ones(1))
     fallen = full.displacement()
-    assert np.abs(fallen - [0.0, 0.0, -9.81 / 2]).max() <= 1e-11
+    assert np.abs(fallen - [0.0, 0.0, -9.81 / 2]).max() <= 2e-11
     full.close()
     random = np.random.default_rng(0).standard_normal((2, system.size))
     full = FullOrderStepper(system, 1e-3)
     full.set_state(*random)
-    mass_times_basis = system.rigid.T @ (system.mass @ full.v)
+    momenta = system.rigid.T @ (system.mass @ full.v)
     for _ in range(100):
         full.step_under(weight @ np.zeros(1))
-    assert (
-        np.abs(system.rigid.T @ (system.mass @ full.v) - mass_times_basis).max()
-        <= 1e-11 * np.abs(mass_times_basis).max()
-    )
+    assert np.abs(system.rigid.T @ (system.mass @ full.v) - momenta).max() <= 1e-10 * np.abs(momenta).max()
     account = full.ledger
     start = (random[1] @ (system.mass @ random[1:].T) + random[0] @ (system.stiffness @ random[:1].T)).item() / 2
     assert abs(full.energy - start + account.dissipated) <= 1e-12 * start

@@ -55,7 +55,8 @@ def test_the_stress_between_two_strains_does_the_work_of_going_there(law, before
     work = (discrete_gradient_stress(law, E, after, λ, μ) * (after - E)).sum(axis=0)
     gained = energy_density(law, after, λ, μ) - energy_density(law, E, λ, μ)
     size = energy_density(law, E, λ, μ) + energy_density(law, after, λ, μ)
-    assert (np.abs(work - gained) <= 1e-11 * size + 1e-18).all()
+    rounded = 300 * np.finfo(float).eps * np.sqrt(size)  # as an energy of E² is of 1 + E, in the logarithm of J
+    assert (np.abs(work - gained) <= 1e-11 * size + rounded + 1e-18).all()
 
 
 @pytest.mark.parametrize("law", LAWS)

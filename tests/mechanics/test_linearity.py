@@ -52,7 +52,7 @@ def test_small_rotation_is_itself_on_every_triangle(nodes):
     ω = np.array([0.03, -0.05, 0.02])
     components = measured(nodes @ skew(ω).T + [1.0, 2.0, -3.0], nodes)
     np.testing.assert_allclose(np.linalg.norm(components[:, :3], axis=1), np.linalg.norm(ω), rtol=1e-9)
-    np.testing.assert_allclose(components[:, 3:], 0, atol=1e-11)
+    np.testing.assert_allclose(components[:, 3:], 0, atol=5e-11)
 
 
 def test_components_are_along_the_first_side_across_it_and_normal():
@@ -86,7 +86,7 @@ def test_what_a_linear_model_makes_of_a_rigid_rotation(θ, axis):
     R = np.eye(3) + math.sin(θ) * skew(a) + (1 - math.cos(θ)) * skew(a) @ skew(a)
     rotation, strain = measure_peaks(measured(X @ (R - np.eye(3)).T))
     assert rotation == pytest.approx(math.sin(θ), rel=1e-12)
-    assert strain == pytest.approx(1 - math.cos(θ), abs=1e-14)
+    assert strain == pytest.approx(1 - math.cos(θ), abs=2e-14)
 
 
 def test_errors_at_the_limits_are_what_the_comments_say():

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from test_energy_laws import CLOSES_TO, random_rom
+from test_energy_laws import CLOSES_TO, NONE_ADDED, random_rom
 
 from fenics_rom.errors import StepError
 from fenics_rom.rom.rom import check_rom
@@ -151,7 +151,7 @@ def test_account_of_each_body_closes(seed, decades, dense, actions):
         if action == "switch":
             before, lost = batch.energy, batch.lost_in_switching
             batch.switch(random.choice(names, some.sum()), some)
-            assert (before - batch.energy >= -1e-14 * before).all()
+            assert (before - batch.energy >= -NONE_ADDED * before).all()
             assert (batch.lost_in_switching - lost >= -CLOSES_TO * scale).all()
         elif action == "dt":
             batch.dt = 10 ** random.uniform(-6, -1)
@@ -159,7 +159,11 @@ def test_account_of_each_body_closes(seed, decades, dense, actions):
             batch.reset(some)
             assert not any(entry[some].any() for entry in (batch.energy, batch.supplied, batch.time))
         else:
-            batch.step(random.standard_normal((size, batch.inputs)) * 10 ** random.uniform(-3, 3))
+            before, u = batch.state()[1], random.standard_normal((size, batch.inputs)) * 10 ** random.uniform(-3, 3)
+            batch.step(u)
+            for k, v in enumerate(np.abs(before + batch.state()[1]) / 2):  # as work_one_by_one
+                G = rom.contact_models[batch.contact[k]].inputs
+                scale[k] = max(scale[k], batch.dt * v[: len(G)] @ np.abs(G) @ np.abs(u[k]))
         spent = batch.dissipated + batch.lost_in_switching
         scale = np.max([scale, batch.energy, np.abs(batch.supplied), batch.dissipated], axis=0)
         assert (np.abs(batch.energy - batch.supplied + spent) <= CLOSES_TO * scale).all()
@@ -314,10 +318,10 @@ def test_state_comes_back_as_it_was_put(rom):
     q[1, 7:] = r[1, 7:] = 0
     batch.switch(["mode0", "mode2"], [4, 1])
     batch.set_state(q, r, [4, 1])
-    np.testing.assert_allclose(batch.state([4, 1]), [q, r], rtol=1e-15)
+    np.testing.assert_allclose(batch.state([4, 1]), [q, r], rtol=2e-15)
     batch.switch("mode1", 0)
     batch.displacement("tip")  # moves rows
-    np.testing.assert_allclose(batch.state([4, 1]), [q, r], rtol=1e-15)
+    np.testing.assert_allclose(batch.state([4, 1]), [q, r], rtol=2e-15)
     γ = np.pad(rom.contact_models["mode2"].eigenvalues, (0, 2))
     assert batch.energy[1] == pytest.approx((r[1] @ r[1] + q[1] @ (γ * q[1])) / 2, rel=1e-14)
     batch.reset()

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 import fenics_rom as fr
@@ -15,6 +15,14 @@ from fenics_rom.runtime.steppers.midpoint_kernels import LARGEST_FUSED_ORDER
 
 pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")  # the plate locks
 CLOSES_TO = 1e-12  # of the largest energy or work seen
+NONE_ADDED = 2e-14  # of the energy before a switch: a sum of up to 2 n = 50 squares, some eps
+
+
+def work_one_by_one(body, u):
+    """Takes a step; the work of each input on each displacement, J: they may cancel, but not what rounds them."""
+    before, G = body.state[1], body.rom.contact_models[body.contact].inputs
+    body.step(u)
+    return body.dt / 2 * np.abs(before + body.state[1]) @ np.abs(G) @ np.abs(u)
 
 
 class Account:
@@ -32,7 +40,7 @@ class Account:
         self.look()
 
     def step(self, u):
-        self.simulator.step(u)
+        self.scale = max(self.scale, work_one_by_one(self.simulator, u))
         self.look()
 
     def look(self):
@@ -61,7 +69,7 @@ def rough_ride(rom, steps, seed):
 def test_account_closes_over_ten_thousand_rough_steps(plate_system, choice):
     account = rough_ride(fr.reduce(plate_system, **choice), 10_000, seed=1)
     assert account.gap <= CLOSES_TO * account.scale
-    assert account.largest_gain <= 1e-14
+    assert account.largest_gain <= NONE_ADDED
     assert account.excess <= CLOSES_TO * account.scale
 
 
@@ -106,7 +114,7 @@ def test_account_closes_for_any_bases_and_damping(seed, free, share, decades, de
     rom = random_rom(random, free, [max(1, round(part * free)) for part in share], decades, dense)
     account = rough_ride(rom, 60, seed)
     assert account.gap <= CLOSES_TO * account.scale
-    assert account.largest_gain <= 1e-14
+    assert account.largest_gain <= NONE_ADDED
     assert all(np.linalg.norm(part) < np.inf for part in account.simulator.state)
 
 
@@ -116,7 +124,7 @@ def test_account_closes_for_models_too_large_for_one_product(dense):
     size = LARGEST_FUSED_ORDER[1 + dense] + 10
     account = rough_ride(random_rom(random, size + 5, [size, size - 5, size // 3], 6, dense), 1000, seed=1)
     assert account.gap <= CLOSES_TO * account.scale
-    assert account.largest_gain <= 1e-14
+    assert account.largest_gain <= NONE_ADDED
 
 
 OPERATIONS = st.one_of(
@@ -129,6 +137,7 @@ OPERATIONS = st.one_of(
 
 
 @settings(max_examples=100, deadline=None)
+@example(seed=583, dense=False, operations=[("switch", 1), ("step", 0.0)])  # two inputs that almost cancel
 @given(seed=st.integers(0, 2**32 - 1), dense=st.booleans(), operations=st.lists(OPERATIONS, max_size=40))
 def test_account_closes_whatever_is_called(seed, dense, operations):
     random = np.random.default_rng(seed)
@@ -140,13 +149,13 @@ def test_account_closes_whatever_is_called(seed, dense, operations):
         elif name == "dt":
             body.dt = 10**value
         elif name == "step":
-            body.step(random.standard_normal(2) * 10**value)
+            scale = max(scale, work_one_by_one(body, random.standard_normal(2) * 10**value))
         elif name == "rollout":
             inputs, walker = random.standard_normal((value, 2)), copy.deepcopy(body)
             body.rollout(inputs)
             for u in inputs:  # what comes and goes within the block is what round-off is a share of
-                walker.step(u)
-                scale = max(scale, walker.energy, abs(walker.ledger.supplied), walker.ledger.dissipated)
+                work, account = work_one_by_one(walker, u), walker.ledger
+                scale = max(scale, work, walker.energy, abs(account.supplied), account.dissipated)
         elif name == "reset":
             body.reset()
             assert (body.energy, body.ledger.sums, body.time) == (0.0, EnergyLedger().sums, 0.0)
@@ -175,7 +184,7 @@ def test_no_switch_adds_energy_from_any_state(seed, free, decades):
         order = simulator.state[0].shape
         simulator.state = random.standard_normal(order), random.standard_normal(order)
         account.switch(f"mode{random.integers(3)}")
-    assert account.largest_gain <= 1e-14
+    assert account.largest_gain <= NONE_ADDED
 
 
 def test_switch_is_the_nearest_state_in_energy(plate_rom):

@@ -72,7 +72,7 @@ def test_sheared_plate_has_its_energy_density(box):
 def test_rigid_motion_does_not_strain(box):
     places, triangles = box
     motion = np.cross([0.1, -0.2, 0.3], places) + np.array([1.0, 2.0, 3.0])
-    assert np.abs(SurfaceStrain(places, triangles).components(motion)).max() < 1e-14
+    assert np.abs(SurfaceStrain(places, triangles).components(motion)).max() < 5e-14  # eps of 3 m, over an edge
 
 
 def test_triangle_without_area_has_no_strain():

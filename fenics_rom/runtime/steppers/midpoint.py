@@ -42,6 +42,9 @@ def compliance(mode: ContactModel, h: float) -> tuple[Array, Array]:
         a = 1 / (S + mode.damping)
         return a, R * a
     _, σ, Uᵀ = np.linalg.svd(R / np.sqrt(S))
+    # Newton's step towards UᵀU = I, which the SVD keeps to some ten eps. However else U and σ are rounded, the account
+    # is that of nearly the same D; but what U lacks of a rotation, the body gains or loses in every step anew.
+    Uᵀ += (np.eye(len(σ)) - Uᵀ @ Uᵀ.T) @ Uᵀ / 2
     Uᵀ /= np.sqrt(S)
     root = Uᵀ / np.sqrt(1 + σ[:, None] ** 2)
     return root.T @ root, Uᵀ * (σ / (1 + σ**2))[:, None]
