@@ -39,11 +39,11 @@ class AmplitudeRow:
 
 @dataclass(frozen=True)
 class AmplitudeResults:
-    """What was results.
+    """What a study of amplitudes has measured.
 
     Attributes:
         name: of the scene.
-        fingerprint: of what it was results for.
+        fingerprint: of what it was measured for.
         unknowns: at full order.
         offline: seconds that the reductions took, by ROM.
         validation: error of the nonlinear ROM on a run that it was not trained on; None where it was not measured.

@@ -68,8 +68,8 @@ def study(
         SolverError: not one reduced model could be made.
 
     Example:
-        >>> findings = fr.study(scene, "studied", methods=["balanced"], orders=[5], steps=[0.01])
-        >>> findings.rows[0].error < 0.1
+        >>> results = fr.study(scene, "studied", methods=["balanced"], orders=[5], steps=[0.01])
+        >>> results.rows[0].error < 0.1
         True
     """
     reference.check_measurable(scene, [Path(file) for file in meshes])
@@ -210,12 +210,9 @@ class _StudyRun:
         assert self._scene.run is not None
         stage = "full order"
         coarse, fine = (round(self._scene.run.duration / dt) for dt in (2 * step, step))
-        coarse_run = fr.simulate(
-            self._system, dt=2 * step, report=lambda _, k, of: self._report(stage, k, coarse + fine)
-        )
-        full = fr.simulate(
-            self._system, dt=step, report=lambda _, k, of: self._report(stage, coarse + k, coarse + fine)
-        )
+        total = coarse + fine
+        coarse_run = fr.simulate(self._system, dt=2 * step, report=lambda _, k, of: self._report(stage, k, total))
+        full = fr.simulate(self._system, dt=step, report=lambda _, k, of: self._report(stage, coarse + k, total))
         reference.check_motion(full, self._scene.source)
         divisor = reference.richardson_divisor(self._scene)
         fr.write_trajectory(self._folder / REFERENCE_FILE, full)

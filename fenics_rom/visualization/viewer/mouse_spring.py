@@ -21,7 +21,7 @@ SURFACE_VELOCITY_SHARE = 0.5  # of the largest velocity after a push: nodes that
 def contact_triangles(rom: Rom) -> dict[str, Array]:
     """Triangles (F_i,) of each contact mode's surface, by which none is two modes'.
 
-    A ROM does not keep its contact surfaces. Where obstacles can touch, their nodes tell; elsewhere a unit impulse,
+    Not every ROM keeps its contact surfaces. Where obstacles can touch, their nodes tell; elsewhere a unit impulse,
     W_i Wᵢᵀ B_i, moves the nodes of the surface at once and the others hardly. Where surfaces overlap, a triangle is of
     the mode whose impulse moves it most: of the smallest surface.
     """
