@@ -3,16 +3,17 @@
 Loads and obstacles have signals; how these drive a step is `mechanics.active_environment`.
 """
 
-import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 from fenics_rom.mechanics.contact import ContactLaw
-from fenics_rom.mechanics.obstacles import Obstacle
 from fenics_rom.mechanics.signals import Signal
+
+if TYPE_CHECKING:
+    from fenics_rom.mechanics.obstacles import Obstacle
 
 PERMANENT_EFFECTS = ("springs",)  # part of the matrices: no run can leave them out
 SWITCHINGS = ("energy", "oblique")  # energy-orthogonal, of any basis; of standard balanced truncation
@@ -35,7 +36,7 @@ class Load:
 class MovingObstacle:
     """An obstacle, and its displacement (3,) from where the scene puts it, m."""
 
-    shape: Obstacle
+    shape: "Obstacle"
     displacement: Signal
 
 
@@ -128,6 +129,8 @@ class Environment:
 
     def details(self, place: str) -> dict[str, Any]:
         """What is built in at a place of the scene, such as "effects.tendon"; empty where there is nothing."""
+        import json  # here: every import delays the runtime's start
+
         details: dict[str, Any] = json.loads(self.built_in.get(place, "{}"))
         return details
 

@@ -2,11 +2,14 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import TYPE_CHECKING, Union
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from fenics_rom.errors import StepError
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike  # which takes longer to import than all of the rest here
 
 Array = np.ndarray
 
@@ -47,7 +50,7 @@ class Signal:
         return Signal(factor * self.values, self.times)
 
 
-SignalLike = Signal | ArrayLike | Callable[[float], ArrayLike]  # a function is of time in s
+SignalLike = Union[Signal, "ArrayLike", Callable[[float], "ArrayLike"]]  # a function is of time in s
 
 
 class CheckedSignal:
@@ -78,7 +81,7 @@ class CheckedSignal:
         """The numbers (w,) at a time, s."""
         return self._constant if self._function is None else self._checked(self._function(time))
 
-    def _checked(self, value: ArrayLike) -> Array:
+    def _checked(self, value: "ArrayLike") -> Array:
         try:
             numbers = np.array(value, dtype=float).reshape(-1)
         except (TypeError, ValueError):

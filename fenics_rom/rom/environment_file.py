@@ -21,7 +21,6 @@ from fenics_rom.errors import FileError, unknown
 from fenics_rom.io.hdf5 import Entry, check_names, get_arrays, get_group, get_text, put_arrays, put_text
 from fenics_rom.mechanics.contact import ContactLaw
 from fenics_rom.mechanics.environment import AppliedLoad, Environment, Load, MovingObstacle, Run
-from fenics_rom.mechanics.obstacles import DIMENSIONS, SHAPES, Obstacle
 from fenics_rom.mechanics.signals import Signal
 
 INPUT_UNIT = "unit of the input"
@@ -55,7 +54,7 @@ def put_environment(h5: h5py.File, environment: Environment) -> None:
     obstacles = group.create_group("obstacles", track_order=True)
     for name, obstacle in environment.obstacles.items():
         part = obstacles.create_group(name)
-        put_text(part, shape=next(shape for shape, kind in SHAPES.items() if isinstance(obstacle.shape, kind)))
+        put_text(part, shape=_shape_of(obstacle.shape))
         table = _dimensions(type(obstacle.shape))
         _put(part, table, {key: getattr(obstacle.shape, key) for key in table}, obstacle.displacement, "m")
     law, run = environment.contact_law, environment.run
@@ -112,14 +111,21 @@ def _load(group: h5py.Group) -> Load:
 
 
 def _obstacle(group: h5py.Group) -> MovingObstacle:
+    from fenics_rom.mechanics.obstacles import SHAPES  # here, as few bodies meet obstacles
+
     shape = get_text(group, "shape")
     if shape not in SHAPES:
         raise FileError(f"{group.name}: {unknown('shape', shape, SHAPES)}")
     numbers, signal = _take(group, _dimensions(SHAPES[shape]), "m")
     if signal is None or signal.width != 3:
         raise FileError(f"{group.name}: its displacement has not three numbers")
-    obstacle: Obstacle = SHAPES[shape](**numbers)
-    return MovingObstacle(obstacle, signal)
+    return MovingObstacle(SHAPES[shape](**numbers), signal)
+
+
+def _shape_of(obstacle: Any) -> str:
+    from fenics_rom.mechanics.obstacles import SHAPES
+
+    return next(shape for shape, kind in SHAPES.items() if isinstance(obstacle, kind))
 
 
 def _run(group: h5py.Group) -> Run:
@@ -174,5 +180,7 @@ def _signal_table(unit: str, changes: bool) -> dict[str, Entry]:
 
 def _dimensions(kind: Any) -> dict[str, Entry]:
     """What describes an obstacle of a kind."""
+    from fenics_rom.mechanics.obstacles import DIMENSIONS
+
     units = {field.name: DIMENSIONS[field.name] for field in fields(kind) if field.init}
     return {name: Entry(unit, (length,)) for name, (unit, length) in units.items()}

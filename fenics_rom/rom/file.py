@@ -40,7 +40,7 @@ Files of format 1.x are read, too: rom.format_1 makes them such files.
 """
 
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import h5py
 import numpy as np
@@ -60,10 +60,11 @@ from fenics_rom.io.hdf5 import (
 )
 from fenics_rom.io.stages import Stage
 from fenics_rom.mechanics.environment import SWITCHINGS
-from fenics_rom.rom.deformation_file import get_deformation, put_deformation
 from fenics_rom.rom.environment_file import put_environment, take_environment
-from fenics_rom.rom.format_1 import upgrade
 from fenics_rom.rom.rom import ContactModel, Rom, check_rom
+
+if TYPE_CHECKING:
+    from fenics_rom.rom.deformation import ReducedDeformation
 
 BODY = {
     "basis": Entry("kg^-1/2", ("n", "k")),
@@ -116,7 +117,13 @@ def read_rom(file: str | Path) -> Rom:
         >>> list(fr.read_rom("plate.h5").contact_models)
         ['tip_left', 'middle']
     """
-    return read_file(file, "rom", _take, upgrade)
+    return read_file(file, "rom", _take, _upgrade)
+
+
+def _upgrade(h5: h5py.File) -> None:
+    from fenics_rom.rom.format_1 import upgrade  # here, as few files need it
+
+    upgrade(h5)
 
 
 def _fill(h5: h5py.File, rom: Rom) -> None:
@@ -148,6 +155,8 @@ def _fill(h5: h5py.File, rom: Rom) -> None:
         group = groups["contact_models"].create_group(name, track_order=True)
         put_arrays(group, table, _mode_sizes(sizes), arrays)
     if rom.deformation is not None:
+        from fenics_rom.rom.deformation_file import put_deformation  # here, as few bodies deform largely
+
         put_deformation(h5, rom.deformation, sizes)
     _check_fit(rom)
     check_rom(rom)
@@ -178,11 +187,17 @@ def _take(h5: h5py.File) -> Rom:
         warnings=tuple(filter(None, get_text(h5, "warnings").split("\n"))),
         weighting=weighting,
         stages=_take_stages(groups["offline"]) if "offline" in groups else (),
-        deformation=get_deformation(h5, sizes) if "deformation" in groups else None,
+        deformation=_deformation(h5, sizes) if "deformation" in groups else None,
         **body,
     )
     _check_fit(rom)
     return check_rom(rom)
+
+
+def _deformation(h5: h5py.File, sizes: Sizes) -> "ReducedDeformation":
+    from fenics_rom.rom.deformation_file import get_deformation
+
+    return get_deformation(h5, sizes)
 
 
 def _mode_table(weighting: str, dense: bool) -> dict[str, Entry]:

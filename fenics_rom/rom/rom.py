@@ -4,13 +4,16 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fenics_rom.errors import StructureError
 from fenics_rom.io.stages import Stage
 from fenics_rom.mechanics.environment import Environment
-from fenics_rom.rom.deformation import ReducedDeformation, check_deformation
+
+if TYPE_CHECKING:
+    from fenics_rom.rom.deformation import ReducedDeformation
 
 Array = np.ndarray
 
@@ -128,7 +131,7 @@ class Rom:
     method: str = "balanced"
     stages: tuple[Stage, ...] = ()
     loads: Mapping[str, int] = field(default_factory=dict)
-    deformation: ReducedDeformation | None = None
+    deformation: "ReducedDeformation | None" = None
 
     def __repr__(self) -> str:
         models, columns = self.contact_models, self.contacts
@@ -282,7 +285,9 @@ def check_rom(rom: Rom) -> Rom:
     return rom
 
 
-def _check_deformation(rom: Rom, body: ReducedDeformation) -> None:
+def _check_deformation(rom: Rom, body: "ReducedDeformation") -> None:
+    from fenics_rom.rom.deformation import check_deformation  # here, as few bodies deform largely
+
     check_deformation(body, len(rom.stiffness))
     for name, mode in rom.contact_models.items():
         if not (np.array_equal(mode.coordinates, np.eye(len(rom.stiffness)))):

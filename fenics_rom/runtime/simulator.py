@@ -10,7 +10,6 @@ from fenics_rom.errors import StepError, unknown
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.linearity import SurfaceStrainPeak
 from fenics_rom.rom.rom import Rom
-from fenics_rom.runtime.known_inputs import KnownInputs
 from fenics_rom.runtime.linearity_monitor import LinearityMonitor
 from fenics_rom.runtime.simulated_body import SimulatedBody
 from fenics_rom.runtime.simulator_state import SimulatorState
@@ -23,6 +22,7 @@ if TYPE_CHECKING:
     from fenics_rom.mechanics.environment import HasEnvironment
     from fenics_rom.mechanics.signals import SignalLike
     from fenics_rom.runtime.environment_inputs import EnvironmentInputs
+    from fenics_rom.runtime.known_inputs import KnownInputs
 
 Array = np.ndarray
 
@@ -88,7 +88,7 @@ class Simulator(SimulatedBody):
         self._source = None if self.environment is None else _source_of(rom, self.environment)
         self._monitor = LinearityMonitor(rom, self._rigid_displacement)
         self._readings: dict[tuple[str, str], Array] = {}
-        self._known_inputs = KnownInputs()
+        self._known_inputs: KnownInputs | None = None
         self._enter()
 
     @property
@@ -252,6 +252,10 @@ class Simulator(SimulatedBody):
         Raises:
             StepError: wrong shapes, unknown names, or numbers that are not finite; everything is as it was.
         """
+        if self._known_inputs is None:
+            from fenics_rom.runtime.known_inputs import KnownInputs  # here, as not everyone knows them
+
+            self._known_inputs = KnownInputs()
         return self._known_inputs.rollout(self, inputs, contact, dt, every, outputs)
 
     def reset(self) -> None:

@@ -1,11 +1,14 @@
 """What a simulator can be saved as, and come back to."""
 
 from dataclasses import dataclass
+from typing import TYPE_CHECKING
 
-from fenics_rom.mechanics.active_environment import ObstacleState
 from fenics_rom.mechanics.linearity import SurfaceStrainPeak
 from fenics_rom.mechanics.step import StepperState
 from fenics_rom.runtime.switching import SwitchLoss
+
+if TYPE_CHECKING:
+    from fenics_rom.mechanics.active_environment import ObstacleState
 
 
 @dataclass(frozen=True)
@@ -32,4 +35,4 @@ class SimulatorState:
     sums: tuple[tuple[float, float], ...] | None
     surface_peak: SurfaceStrainPeak
     loss: SwitchLoss
-    obstacles: ObstacleState | None = None
+    obstacles: "ObstacleState | None" = None

@@ -3,23 +3,26 @@
 import math
 from collections.abc import Callable
 from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fenics_rom.errors import StepError, unknown
-from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.rom.rom import ContactModel, Rom
 from fenics_rom.runtime.steppers.kernel import Kernel
 from fenics_rom.runtime.steppers.midpoint_kernels import fastest_kernel
 from fenics_rom.runtime.steppers.stepper import LinearStepper, ReducedStepper
 
+if TYPE_CHECKING:
+    from fenics_rom.mechanics.active_environment import ActiveEnvironment
+
 FINITE_STRAIN_STEPPERS = ("newton", "linearly-implicit")
 LINEARLY_IMPLICIT_STEPS = 40  # in a period of the slowest mode, from which on the linearly implicit step pays
 
 
 def make_stepper(
-    rom: Rom, dt: float, environment: ActiveEnvironment | None, ledger: EnergyLedger | None, kind: str | None = None
+    rom: Rom, dt: float, environment: "ActiveEnvironment | None", ledger: EnergyLedger | None, kind: str | None = None
 ) -> ReducedStepper:
     """The stepper of a reduced body.
 
