@@ -32,12 +32,17 @@ PRINTED = {  # by a page's Python
 }
 
 
-def tracked(pattern):
-    listed = subprocess.run(["git", "ls-files", pattern], cwd=ROOT, capture_output=True, text=True, check=True)
-    return [name for name in listed.stdout.splitlines() if (ROOT / name).is_file()]
+def sources(pattern):
+    """Files by their names in the project; what demos wrote is left out."""
+    files = [
+        *ROOT.glob(pattern),
+        *(file for folder in (PACKAGE, DEMOS, ROOT / "tests") for file in folder.rglob(pattern)),
+    ]
+    names = (file.relative_to(ROOT) for file in files)
+    return sorted(str(name) for name in names if "out" not in name.parts)
 
 
-PAGES = tracked("*.md")
+PAGES = sources("*.md")
 TEXTS = {page: (ROOT / page).read_text() for page in PAGES}
 
 
@@ -192,8 +197,8 @@ def test_first_page_is_short():
 
 
 def test_every_folder_has_its_page_and_every_page_is_reached():
-    assert {f"{Path(file).parent}/README.md" for file in tracked("fenics_rom/*__init__.py")} <= set(PAGES)
-    assert {f"{Path(file).parent}/README.md" for file in tracked("demos/*/*.py")} <= set(PAGES)
+    assert {f"{Path(file).parent}/README.md" for file in sources("__init__.py")} <= set(PAGES)
+    assert {f"demos/{script.parent.name}/README.md" for script in DEMOS.glob("*/*.py")} <= set(PAGES)
     reached, ahead = set(), [README]
     while ahead:
         page = ahead.pop()
@@ -215,7 +220,7 @@ def test_files_that_a_page_of_the_package_names_are_there(page):
 def test_walks_name_what_stands_in_their_files():
     steps = re.findall(r"^\d\. \[(.*?)\]\(\1\): (.*)$", TEXTS["fenics_rom/README.md"], flags=re.M)
     assert len(steps) >= 30
-    code = "".join((ROOT / file).read_text() for file in [*tracked("fenics_rom/*.py"), *tracked("tests/*.py")])
+    code = "".join((ROOT / file).read_text() for file in sources("*.py"))
     for file, text in steps:
         names = [name for name in re.findall(r"`([^`]+)`", text) if re.fullmatch(r"[\w.]+(\(.*\))?", name)]
         words = [re.sub(r"\(.*\)", "", name).split(".")[-1] for name in names]
