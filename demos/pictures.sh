@@ -1,5 +1,5 @@
 #!/bin/bash
-# bash demos/pictures.sh: makes the pictures of README.md that are made on the command line.
+# bash demos/pictures.sh: makes the pictures of the pages that are made on the command line.
 set -euo pipefail
 cd "$(dirname "$(realpath "$0")")/.."
 . demos/install.sh
