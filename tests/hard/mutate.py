@@ -14,7 +14,7 @@ import sys
 import tempfile
 from pathlib import Path
 
-ROOT = Path(__file__).parent.parent.parent
+ROOT = Path(__file__).parents[2]
 COPIED = ("fenics_rom", "tests", "meshes", "demos/plate", "demos/hard_cases")
 HARD = ["tests/hard/test_hard_cases.py", "-k", "every_claim and not material and not shape"]
 RUNTIME = [f"tests/runtime/test_{name}.py" for name in ("midpoint", "march", "energy_laws", "simulator", "free_bodies")]

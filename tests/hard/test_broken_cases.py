@@ -24,7 +24,7 @@ from fenics_rom.reduction.methods.by_name import balanced
 from fenics_rom.runtime import rollout, switching
 from fenics_rom.runtime.steppers import midpoint, midpoint_kernels
 
-FOLDER = Path(__file__).parent.parent.parent / "demos" / "hard_cases"
+FOLDER = Path(__file__).parents[2] / "demos" / "hard_cases"
 KINDS = ("contact", "damping", "material", "order", "precision", "shape", "steps", "support")
 ROWS = ("Iterator[Row]", "Row")
 SHORT = {"quick": True, "steps": 200, "ratios": (0.49, 0.4999)}  # arguments of cases

@@ -13,7 +13,7 @@ from fenics_rom.reduction import validation
 from fenics_rom.runtime import rollout, simulator, switching
 from fenics_rom.runtime.steppers import midpoint, midpoint_kernels
 
-FOLDER = Path(__file__).parent.parent.parent / "demos" / "hard_cases"
+FOLDER = Path(__file__).parents[2] / "demos" / "hard_cases"
 pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
 
 

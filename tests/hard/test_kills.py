@@ -12,7 +12,7 @@ import pytest
 
 import fenics_rom as fr
 
-DATA = Path(__file__).parent.parent / "data"
+DATA = Path(__file__).parents[1] / "data"
 HALFWAY = """
 import io, os, pathlib, signal, sys
 from fenics_rom.io import hdf5

@@ -12,13 +12,13 @@ import kills
 import numpy as np
 import pytest
 import releases
-from test_files import transfer
+from rom_files import transfer
 
 import fenics_rom as fr
 
 pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
 PACKAGE = Path(fr.__file__).parent
-DATA = Path(__file__).parent.parent / "data"
+DATA = Path(__file__).parents[1] / "data"
 RUN_CODE = {"eval", "exec", "compile", "__import__", "system", "popen", "import_module", "run_path", "run_module"}
 MODULES = {
     *("pickle", "marshal", "shelve", "dill", "joblib", "cloudpickle", "yaml", "runpy", "code", "subprocess", "pty"),

@@ -29,7 +29,7 @@ from fenics_rom.visualization.plots.runs import run_panels
 from fenics_rom.visualization.plots.style import DARK, LIGHT
 
 pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
-DATA = Path(__file__).parent.parent / "data"
+DATA = Path(__file__).parents[2] / "data"
 
 
 @pytest.fixture(scope="session")
@@ -271,7 +271,7 @@ def test_a_folder_has_a_file_for_each_panel(touching, tmp_path):
 
 
 def test_command_draws_runs_and_the_full_response(tmp_path, capsys):
-    plate = Path(__file__).parents[2] / "demos" / "plate" / "plate.toml"
+    plate = Path(__file__).parents[3] / "demos" / "plate" / "plate.toml"
     run = DATA / "run-1.2.h5"
     for words in (
         ("reduce", plate, "-o", tmp_path / "rom.h5", "--order", 6),

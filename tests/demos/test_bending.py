@@ -7,7 +7,7 @@ from pathlib import Path
 
 import fenics_rom as fr
 
-DEMO = Path(__file__).parent.parent / "demos" / "bending"
+DEMO = Path(__file__).parents[2] / "demos" / "bending"
 
 
 def test_all_claims_hold():

@@ -4,7 +4,7 @@ import subprocess
 import sys
 from pathlib import Path
 
-FOLDER = Path(__file__).parent.parent / "demos" / "fishtail"
+FOLDER = Path(__file__).parents[2] / "demos" / "fishtail"
 OUT = FOLDER / "out" / "quick"
 
 

@@ -9,7 +9,7 @@ import gmsh
 import numpy as np
 import pytest
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "demos" / "drop"
 OUT = FOLDER / "out" / "quick"
 

@@ -10,7 +10,7 @@ import pytest
 import fenics_rom as fr
 from fenics_rom.fem.mesh import read_mesh
 
-FOLDER = Path(__file__).parent.parent / "demos" / "cylinder"
+FOLDER = Path(__file__).parents[2] / "demos" / "cylinder"
 OUT = FOLDER / "out" / "quick"
 TABLES = ("first.csv", "second.csv")
 

@@ -13,7 +13,7 @@ from scipy.sparse import csc_matrix
 
 import fenics_rom as fr
 
-DEMOS = Path(__file__).parent.parent / "demos"
+DEMOS = Path(__file__).parents[2] / "demos"
 SMALL = 3.2  # size factor of a mesh of 603 unknowns
 ORDERS = (6, 12, 24)
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-FOLDER = Path(__file__).parent.parent / "demos" / "poke"
+FOLDER = Path(__file__).parents[2] / "demos" / "poke"
 OUT = FOLDER / "out" / "quick"
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-FOLDER = Path(__file__).parent.parent / "demos" / "own_matrices"
+FOLDER = Path(__file__).parents[2] / "demos" / "own_matrices"
 SCRIPTS = sorted(path.name for path in FOLDER.glob("*.py") if path.name != "checks.py")
 PARALLEL = ["forms_beam.py", "petsc_rope.py"]
 

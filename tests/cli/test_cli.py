@@ -21,7 +21,7 @@ from fenics_rom.io.stages import Stage
 from fenics_rom.reduction.methods.by_name import BY_NAME
 from fenics_rom.scene.scene import LYAPUNOV
 
-DATA = Path(__file__).parent / "data"
+DATA = Path(__file__).parents[1] / "data"
 ROM, RUN = DATA / "rom-1.0.h5", DATA / "run-1.0.h5"
 TEXT = PLATE.read_text().replace("../../meshes/plate.msh", str(PLATE.parents[2] / "meshes" / "plate.msh"))
 COMMANDS = {

@@ -9,7 +9,7 @@ import pytest
 
 import fenics_rom as fr
 
-FOLDER = Path(__file__).parent.parent / "demos" / "finger"
+FOLDER = Path(__file__).parents[2] / "demos" / "finger"
 OUT = FOLDER / "out" / "quick"
 
 

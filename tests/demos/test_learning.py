@@ -15,7 +15,7 @@ from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
 import fenics_rom as fr
 
-FOLDER = Path(__file__).parent.parent / "demos" / "learning"
+FOLDER = Path(__file__).parents[2] / "demos" / "learning"
 
 
 @pytest.fixture(scope="module")

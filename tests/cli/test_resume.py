@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from bodies import box_arrays, scene_text, write_arrays
-from test_files import transfer
+from rom_files import transfer
 
 import fenics_rom as fr
 from fenics_rom.cli.main import main
