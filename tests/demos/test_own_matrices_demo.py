@@ -28,6 +28,7 @@ def test_example_keeps_its_claims(script):
 
 
 @pytest.mark.parametrize("script", PARALLEL)
+@pytest.mark.alone
 def test_example_keeps_its_claims_on_two_ranks(script):
     assert_checks_held(run("mpirun", "-n", "2", sys.executable, FOLDER / script), 2)
 
