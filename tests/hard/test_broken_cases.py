@@ -224,7 +224,7 @@ def damping_from_nowhere(patch, demo):
         )
 
 
-def certified_next_to_infinite_resonances(patch, demo):
+def validated_next_to_infinite_resonances(patch, demo):
     """Of modes that are stiffer than they should be, by a millionth."""
     samples = validation._samples
 
@@ -305,7 +305,7 @@ VARIANTS = {
     ),
     "damping.undamped": (
         damping_from_nowhere,
-        certified_next_to_infinite_resonances,
+        validated_next_to_infinite_resonances,
         stiffness_halved_in_steps,
     ),
     "material.incompressible": (quadratic_elements, linear_in_the_hardest_case, steps_off),

@@ -83,7 +83,7 @@ def inside(inputs, tmp_path):
     return Path(shutil.copytree(inputs, tmp_path / "work"))
 
 
-def surroundings(folder, **more):
+def environment_of(folder, **more):
     return kills.ENVIRONMENT | {
         "HOME": str(folder.parent / "home"),
         "TMPDIR": str(folder.parent / "tmp"),
@@ -96,7 +96,7 @@ def surroundings(folder, **more):
 def done(command, folder, *before, **more):
     """Runs a command to its good end."""
     line = [*before, sys.executable, "-m", "fenics_rom", *command.words]
-    ended = subprocess.run(line, cwd=folder, env=surroundings(folder, **more), capture_output=True, text=True)
+    ended = subprocess.run(line, cwd=folder, env=environment_of(folder, **more), capture_output=True, text=True)
     assert ended.returncode == 0, ended.stderr
     assert ended.stderr == ""
     return folder / command.output
@@ -150,7 +150,7 @@ def test_commands_write_their_output_and_nothing_else(inside, name):
     with subprocess.Popen(
         [sys.executable, "-c", code, *command.words],
         cwd=inside,
-        env=surroundings(inside),
+        env=environment_of(inside),
         pass_fds=[write],
         stdout=subprocess.DEVNULL,
         stderr=subprocess.PIPE,

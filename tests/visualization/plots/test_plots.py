@@ -182,7 +182,7 @@ def test_full_responses_are_those_of_dense_solves(plate_system, plate_rom):
                 assert expected == pytest.approx(norm, rel=1e-4)
 
 
-def test_the_certificate_is_what_full_solves_find(plate_system, plate_rom):
+def test_the_validation_is_what_full_solves_find(plate_system, plate_rom):
     """Its samples are of the same norm, to ten percent."""
     for name, mode in plate_rom.contact_models.items():
         found = full_responses(plate_system, plate_rom, mode.frequencies)[name]
@@ -205,7 +205,7 @@ def test_a_free_body_has_no_rigid_motions_in_its_response(box_file):
     assert (found.errors < 0.05 * found.sizes).all()
 
 
-def test_response_panel_shows_full_reduced_and_certificate(plate_system, plate_rom):
+def test_response_panel_shows_full_reduced_and_validation(plate_system, plate_rom):
     ω = np.array([1.0, 6.0, 9.0])
     full = {name: (ω, one.sizes, one.errors) for name, one in full_responses(plate_system, plate_rom, ω).items()}
     above, below = drawn(reduced_panels(plate_rom, LIGHT, full)["response"]).axes
