@@ -1,4 +1,4 @@
-"""Models that many tests read and none changes; assembled once."""
+"""The option --slow; models that many tests read and none changes, assembled once."""
 
 import warnings
 
@@ -7,6 +7,18 @@ from bodies import PLATE, scene_text, write_box
 
 import fenics_rom as fr
 from fenics_rom.scene.file import parse_scene
+
+
+def pytest_addoption(parser):
+    parser.addoption("--slow", action="store_true", help="run the slow tests, too")
+
+
+def pytest_collection_modifyitems(config, items):
+    if config.getoption("--slow"):
+        return
+    for item in items:
+        if item.get_closest_marker("slow"):
+            item.add_marker(pytest.mark.skip(reason="slow: run with --slow"))
 
 
 @pytest.fixture(scope="session", autouse=True)

@@ -1,12 +1,31 @@
 #!/bin/bash
-# bash tests/run.sh [PYTEST ARGUMENT ...]: installs what is missing, then runs the tests.
+# bash tests/run.sh [--slow] [PYTEST ARGUMENT ...]: installs what is missing, then runs the tests; without --slow but the
+# slow ones. Given other arguments, it runs pytest with them.
 set -euo pipefail
 cd "$(dirname "$(realpath "$0")")/.."
 
 . demos/install.sh
 packages=(chromium) # for the live view's tests
 install_packages
-[ $# -eq 0 ] || exec .venv/bin/python -m pytest "$@"
-# All of them, on all cores. Then those that draw: beside dolfinx, pictures are drawn in processes of their own.
-.venv/bin/python -m pytest --numprocesses auto --maxprocesses 4 --dist loadfile --ignore tests/exports
-exec .venv/bin/python -m pytest tests/exports
+pytest=(.venv/bin/python -m pytest)
+if [ $# -gt 0 ] && [ "$*" != --slow ]; then
+  exec "${pytest[@]}" "$@"
+fi
+
+log=$(mktemp)
+trap 'rm -f "$log"' EXIT
+summaries=() failed=0
+part() { # NAME PYTEST ARGUMENT ...
+  local name=$1
+  shift
+  echo "=== $name"
+  "${pytest[@]}" "$@" 2>&1 | tee "$log" || failed=1
+  summaries+=("$name: $(tail -n 1 "$log")")
+}
+
+drawing=tests/visualization/exports
+part "on all cores" "$@" -m "not alone" --numprocesses auto --maxprocesses 4 --dist loadfile --ignore "$drawing"
+part "alone" "$@" -m alone --ignore "$drawing" # what starts ranks of its own, or goes by the clock
+part "drawing" "$@" "$drawing" # beside dolfinx, pictures are drawn in processes of their own
+printf '=== %s\n' "${summaries[@]}"
+exit "$failed"

@@ -37,6 +37,7 @@ for name in sys.argv[1:]:
     with suppress(SystemExit):
         main(["simulate", name + ".toml", "-o", name + ".h5"])
 """
+pytestmark = pytest.mark.alone
 
 
 @pytest.fixture(scope="module")

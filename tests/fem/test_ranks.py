@@ -59,6 +59,8 @@ snapshots = 10
 load = [{ actuator = "air", force = [50.0] }, { actuator = "rope", start = 0.1, force = [3.0] }]"""
 RUN = 'dt = 0.01\nduration = 0.5\nload = [{ contact = "middle", stop = 0.3, force = [0.0, 0.1, 0.5] }]'
 TIP = {"outputs.tip": "points = [[0.9, 0.2, 0.1]]", "reduction": "order = 12"}
+pytestmark = pytest.mark.alone
+FOUR = pytest.param(4, marks=pytest.mark.slow)
 
 
 def write_scenes(folder):
@@ -80,11 +82,11 @@ def write_scenes(folder):
 
 
 @pytest.fixture(scope="module")
-def results(tmp_path_factory):
-    """Folder of what 1, 2 and 4 ranks made of the same scenes."""
+def results(request, tmp_path_factory):
+    """Folder of what 1, 2 and, with --slow, 4 ranks made of the same scenes."""
     folder = tmp_path_factory.mktemp("ranks")
     write_scenes(folder)
-    for ranks in (1, 2, 4):
+    for ranks in (1, 2, 4) if request.config.getoption("--slow") else (1, 2):
         made = folder / str(ranks)
         made.mkdir()
         command = ["mpirun", "-n", str(ranks), sys.executable, Path(__file__).with_name("on_ranks.py"), folder, made]
@@ -105,7 +107,7 @@ def transfer(rom, name, ω):
     return rom.basis @ (mode.coordinates @ response)
 
 
-@pytest.mark.parametrize("ranks", [2, 4])
+@pytest.mark.parametrize("ranks", [2, FOUR])
 @pytest.mark.parametrize(
     "name", ["plate", "plate-krylov", "plate-adi", "box", "beam", "beam-modal", "beam-static", "many"]
 )
@@ -127,7 +129,7 @@ def test_roms_do_not_depend_on_the_number_of_ranks(results, name, ranks):
             assert np.abs(transfer(other, contact, ω) - H).max() <= 2e-8 * np.abs(H).max(), (contact, ω)
 
 
-@pytest.mark.parametrize("ranks", [2, 4])
+@pytest.mark.parametrize("ranks", [2, FOUR])
 @pytest.mark.parametrize("name", ["free", "free-krylov", "free-iterative"])
 def test_free_bodies_do_not_depend_on_the_number_of_ranks(results, name, ranks):
     one, other = (fr.read_rom(results / str(n) / f"{name}.h5") for n in (1, ranks))
@@ -141,7 +143,7 @@ def test_free_bodies_do_not_depend_on_the_number_of_ranks(results, name, ranks):
     assert np.abs(shapes[1] - shapes[0]).max() <= 1e-10 * np.abs(shapes[0]).max()
 
 
-@pytest.mark.parametrize("ranks", [2, 4])
+@pytest.mark.parametrize("ranks", [2, FOUR])
 def test_full_runs_do_not_depend_on_the_number_of_ranks(results, ranks):
     one, other = (fr.read_trajectory(results / str(n) / "run.h5") for n in (1, ranks))
     scale = np.abs(one.snapshots).max()
@@ -152,7 +154,7 @@ def test_full_runs_do_not_depend_on_the_number_of_ranks(results, ranks):
     assert max(one.balance_error, other.balance_error) <= 1e-12
 
 
-@pytest.mark.parametrize("ranks", [2, 4])
+@pytest.mark.parametrize("ranks", [2, FOUR])
 @pytest.mark.parametrize("name", ["effects", "still"])
 def test_effects_do_not_depend_on_the_number_of_ranks(results, name, ranks):
     """Full runs and runs of ROMs among obstacles, under all loads; with inertia and without."""
@@ -171,13 +173,13 @@ def test_effects_do_not_depend_on_the_number_of_ranks(results, name, ranks):
         assert max(one.balance_error, other.balance_error) <= 1e-12
 
 
-@pytest.mark.parametrize("ranks", [1, 2, 4])
+@pytest.mark.parametrize("ranks", [1, 2, FOUR])
 def test_canonical_nodes_are_where_dolfinx_has_them(results, ranks):
     for rank in checks(results, ranks):
         assert max(rank["nodes"]) <= 1e-14
 
 
-@pytest.mark.parametrize("ranks", [1, 2, 4])
+@pytest.mark.parametrize("ranks", [1, 2, FOUR])
 def test_matrices_and_eigenvectors_hold_on_all_ranks(results, ranks):
     reference = checks(results, 1)[0]["eigenvalues"]
     for rank in checks(results, ranks):
@@ -187,7 +189,7 @@ def test_matrices_and_eigenvectors_hold_on_all_ranks(results, ranks):
         np.testing.assert_allclose(rank["eigenvalues"], reference, rtol=1e-9)
 
 
-@pytest.mark.parametrize("ranks", [1, 2, 4])
+@pytest.mark.parametrize("ranks", [1, 2, FOUR])
 @pytest.mark.parametrize("failure", ["indefinite", "singular", "shifted"])
 def test_factor_that_fails_fails_on_every_rank(results, ranks, failure):
     for rank in checks(results, ranks):
@@ -196,7 +198,7 @@ def test_factor_that_fails_fails_on_every_rank(results, ranks, failure):
         assert "is it symmetric positive definite" in message
 
 
-@pytest.mark.parametrize("ranks", [1, 2, 4])
+@pytest.mark.parametrize("ranks", [1, 2, FOUR])
 def test_error_of_rank_0_is_raised_on_every_rank(results, ranks):
     seen = [rank["missing"] for rank in checks(results, ranks)]
     assert len(seen) == ranks

@@ -12,6 +12,7 @@ import pytest
 from bodies import box_arrays, write_arrays
 
 RANKS = pytest.mark.parametrize("ranks", [1, 2])
+pytestmark = pytest.mark.alone
 
 
 @pytest.fixture(scope="module")

@@ -26,7 +26,7 @@ import fenics_rom as fr
 from fenics_rom.errors import FenicsRomError
 from fenics_rom.studies.study_results import read_study_results
 
-sys.path.append(str(Path(__file__).parent.parent))
+sys.path.append(str(Path(__file__).parents[1]))
 from bodies import box_arrays, scene_text, write_arrays
 
 PROGRAM = [sys.executable, "-m", "fenics_rom"]

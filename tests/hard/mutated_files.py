@@ -18,7 +18,7 @@ import fenics_rom as fr
 from fenics_rom.errors import FenicsRomError, FileError
 from fenics_rom.io.hdf5 import SEAL_SIZE, content_of, sealed
 
-DATA = Path(__file__).parent.parent / "data"
+DATA = Path(__file__).parents[1] / "data"
 ORIGINALS = ("rom-1.0.h5", "rom-1.1.h5", "rom-1.2.h5", "run-1.0.h5", "run-1.2.h5", "oblique.h5")
 VALUES = (
     *(np.nan, np.inf, -np.inf, 0.0, -0.0, 1.0, -1.0, 5e-324, 1e-308, 1e-200, 1e-20, 1e20, 1e150, 1e154, 1e200, 1.7e308),

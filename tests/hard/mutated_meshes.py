@@ -10,7 +10,7 @@ from fenics_rom.errors import MeshError
 from fenics_rom.fem.mesh import read_mesh
 from fenics_rom.fem.nodes import canonical_nodes
 
-sys.path.append(str(Path(__file__).parent.parent))
+sys.path.append(str(Path(__file__).parents[1]))
 from bodies import box_arrays, write_arrays
 
 FORMATS = ((2.2, 0), (2.2, 1), (4.1, 0), (4.1, 1))  # version, and whether it is binary

@@ -17,7 +17,7 @@ from fenics_rom.errors import FenicsRomError, MeshError, SceneError
 from fenics_rom.fem import gmsh_file
 from fenics_rom.mechanics.load_history import LoadHistory
 
-sys.path.append(str(Path(__file__).parent.parent))
+sys.path.append(str(Path(__file__).parents[1]))
 from bodies import box_arrays, write_arrays
 from gmsh_here import arrays_found_here
 

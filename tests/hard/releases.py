@@ -11,10 +11,10 @@ from pathlib import Path
 import fenics_rom as fr
 from fenics_rom.scene.file import parse_scene
 
-sys.path.append(str(Path(__file__).parent.parent))
+sys.path.append(str(Path(__file__).parents[1]))
 from bodies import box_arrays, scene_text, write_arrays
 
-DATA = Path(__file__).parent.parent / "data"
+DATA = Path(__file__).parents[1] / "data"
 
 RUN = """dt = 0.01
 duration = 0.4

@@ -13,7 +13,7 @@ from fenics_rom.reduction import validation
 from fenics_rom.runtime import rollout, simulator, switching
 from fenics_rom.runtime.steppers import midpoint, midpoint_kernels
 
-FOLDER = Path(__file__).parent.parent.parent / "demos" / "hard_cases"
+FOLDER = Path(__file__).parents[2] / "demos" / "hard_cases"
 pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
 
 
@@ -215,7 +215,7 @@ def test_single_precision_where_double_is_claimed(demo, undamped):
     assert demo.precision.gained(free, np.float32, 2000) > demo.measures.FULL_ORDER
 
 
-def test_a_certificate_at_resonances_that_are_infinite(undamped, monkeypatch):
+def test_a_validation_at_resonances_that_are_infinite(undamped, monkeypatch):
     assert fr.reduce(undamped, order=20, method="modal").contact_models["right"].transfer_errors.max() <= 1.0
     monkeypatch.setattr(validation, "UNDAMPED_RATIO", -1.0)
     with np.errstate(divide="ignore", invalid="ignore"):

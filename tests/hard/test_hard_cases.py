@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-FOLDER = Path(__file__).parent.parent.parent / "demos" / "hard_cases"
+FOLDER = Path(__file__).parents[2] / "demos" / "hard_cases"
 KINDS = ("material", "shape", "damping", "support", "contact", "order", "steps", "precision")
 
 pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")  # what matters is in a row

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from bodies import assembled, box_arrays, box_surfaces, scene_text, write_arrays
-from test_files import put, refusal, tampered
+from rom_files import put, refusal, tampered
 
 import fenics_rom as fr
 from fenics_rom.errors import FileError, MeshError, SceneError, SolverError, StructureError
@@ -22,7 +22,7 @@ from fenics_rom.rom.rom import check_rom
 from fenics_rom.runtime.linearity_monitor import ReducedGauges
 from fenics_rom.scene.file import parse_scene
 
-DATA = Path(__file__).parent.parent / "data"
+DATA = Path(__file__).parents[1] / "data"
 RUN = 'dt = 0.01\nduration = 0.1\nload = [{{ contact = "right", table = "{}" }}]'
 
 

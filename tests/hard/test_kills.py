@@ -12,7 +12,8 @@ import pytest
 
 import fenics_rom as fr
 
-DATA = Path(__file__).parent.parent / "data"
+pytestmark = pytest.mark.alone
+DATA = Path(__file__).parents[1] / "data"
 HALFWAY = """
 import io, os, pathlib, signal, sys
 from fenics_rom.io import hdf5
@@ -87,7 +88,10 @@ def test_end_while_the_output_is_written(inside, name, sent, place, old):
     assert not (inside / "new.h5.partial").exists()
 
 
-@pytest.mark.parametrize(("name", "count"), [("reduce", 2), ("study", 1)])
+@pytest.mark.parametrize(
+    ("name", "count"),
+    [("reduce", 1), *(pytest.param(*many, marks=pytest.mark.slow) for many in (("reduce", 2), ("study", 1)))],
+)
 def test_end_at_some_instants(inputs, name, count):
     outcomes, wrong = kills.campaign(name, inputs, count, seed=0)
     assert wrong == []
@@ -152,7 +156,14 @@ def may_mount():
 
 
 @pytest.mark.skipif(not may_mount(), reason="takes root")
-@pytest.mark.parametrize("name", ["reduce", "simulate-full", "simulate", "study", "identify"])
+@pytest.mark.parametrize(
+    "name",
+    [
+        "reduce",
+        "simulate",
+        *(pytest.param(name, marks=pytest.mark.slow) for name in ("simulate-full", "study", "identify")),
+    ],
+)
 @pytest.mark.parametrize(
     ("options", "reasons"),
     [("size=32k", ("No space left on device",)), ("ro", ("Read-only file system", "no permission to write in"))],

@@ -20,7 +20,7 @@ CONTACTS = {
 @pytest.fixture(scope="module")
 def box():
     with pytest.MonkeyPatch.context() as patch:
-        patch.syspath_prepend(Path(__file__).parent.parent.parent / "demos" / "hard_cases")
+        patch.syspath_prepend(Path(__file__).parents[2] / "demos" / "hard_cases")
         import boxes
 
         yield boxes.box

@@ -14,7 +14,7 @@ import numpy as np
 import scipy.sparse as sp
 import scipy.sparse.linalg
 
-sys.path.append(str(Path(__file__).parent.parent.parent / "demos" / "hard_cases"))
+sys.path.append(str(Path(__file__).parents[2] / "demos" / "hard_cases"))
 from boxes import box, brick_cells
 from cases_material import PUSH, THICK
 from measures import at_rest

@@ -92,6 +92,8 @@ def test_report_residuals_and_pictures_are_written(folder, one):
     assert (folder / "found" / "fit.pdf").stat().st_size > 10_000
 
 
+@pytest.mark.alone
+@pytest.mark.slow
 def test_two_ranks_find_the_same(folder, one):
     done = command(folder, *DATA, "-o", "two", ranks=2)
     assert done.returncode == 0, done.stderr
@@ -103,6 +105,7 @@ def test_two_ranks_find_the_same(folder, one):
     assert astuple(second.effects.damping)[:2] == pytest.approx(astuple(first.effects.damping)[:2], rel=1e-6)
 
 
+@pytest.mark.alone
 def test_wrong_data_end_with_one_line_and_no_folder(folder):
     (folder / "wrong.csv").write_text("time (s),tip[0].z (mm)\n0.1,much\n")
     for ranks in (None, 2):

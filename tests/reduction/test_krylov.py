@@ -107,6 +107,7 @@ def test_dashpots_at_a_corner(small_plate, c, β):
     assert gap(reduced(system), "c", small_plate.sigma(D, small_plate.tip)) <= 1e-6
 
 
+@pytest.mark.slow
 def test_dashpots_need_no_space_of_their_size(plate):
     """50 N s/m on a body of 588 unknowns: a tenth of them would not do for zero shifts from B alone."""
     D = plate.rayleigh(0.5, 1e-3) + plate.dashpots(50.0)

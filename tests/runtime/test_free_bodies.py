@@ -214,7 +214,7 @@ def test_input_that_is_refused_moves_nothing(rom):
 
 
 @pytest.mark.parametrize("every", [1, 7])
-def test_march_is_stepping(rom, every):
+def test_rollout_is_stepping(rom, every):
     random = np.random.default_rng(0)
     u, contacts = random.standard_normal((100, 4)), ["right"] * 33 + ["top"] * 67
     one, other = excited(rom, "right"), excited(rom, "right")

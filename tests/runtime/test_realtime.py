@@ -13,6 +13,7 @@ from fenics_rom.runtime import realtime
 from fenics_rom.runtime.realtime import RealTime, run_realtime
 
 PUSH = [0.0, 0.0, 0.5]
+pytestmark = pytest.mark.alone
 
 
 @pytest.fixture

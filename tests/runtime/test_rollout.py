@@ -40,7 +40,7 @@ def assert_same(one, other):
 
 
 @pytest.mark.parametrize("every", [1, 2, 7, 64, 65, 150])
-def test_march_is_stepping_through_switches_and_step_sizes(plate_rom, every):
+def test_rollout_is_stepping_through_switches_and_step_sizes(plate_rom, every):
     steps = 203
     inputs = np.random.default_rng(every).standard_normal((steps, 3))
     contact = [("tip_left", "middle")[k // 50 % 2] for k in range(steps)]
@@ -62,7 +62,7 @@ def test_march_is_stepping_through_switches_and_step_sizes(plate_rom, every):
         max_size=5,
     ),
 )
-def test_account_closes_and_marching_is_stepping_for_any_rom(seed, dense, pieces):
+def test_account_closes_and_a_rollout_is_stepping_for_any_rom(seed, dense, pieces):
     random = np.random.default_rng(seed)
     rom = random_rom(random, 12, random.integers(1, 13, 2), 5, dense)
     rollout = fr.Simulator(rom, dt=1e-3)
@@ -87,7 +87,7 @@ def test_account_closes_and_marching_is_stepping_for_any_rom(seed, dense, pieces
             assert rollout.time == pytest.approx(hand.time, rel=1e-13)
 
 
-def test_march_without_ledger_or_outputs(plate_rom):
+def test_rollout_without_ledger_or_outputs(plate_rom):
     inputs = np.random.default_rng(0).standard_normal((300, 3))
     one, other = fr.Simulator(plate_rom, dt=1e-3), fr.Simulator(plate_rom, dt=1e-3, ledger=False)
     one.rollout(inputs)
@@ -99,7 +99,7 @@ def test_march_without_ledger_or_outputs(plate_rom):
     assert one.steps == 300
 
 
-def test_bad_marches_leave_everything_as_it_was(plate_rom):
+def test_bad_rollouts_leave_everything_as_it_was(plate_rom):
     simulator = fr.Simulator(plate_rom, dt=1e-3)
     good = np.random.default_rng(0).standard_normal((200, 3))
     simulator.rollout(good)

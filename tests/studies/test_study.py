@@ -182,6 +182,8 @@ def test_interrupted_study_goes_on(scene, tmp_path):
         fr.study(scene, tmp_path, **choices, resume=True)
 
 
+@pytest.mark.alone
+@pytest.mark.slow
 def test_two_ranks_find_the_same(box_file, tmp_path):
     file = tmp_path / "box.toml"
     file.write_text(scene_text(box_file, run=PUSH, **TIP))

@@ -13,6 +13,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from rom_files import put, refusal, tampered, transfer
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomError, FileError, RomFileError, StructureError, TrajectoryFileError
@@ -23,12 +24,11 @@ from fenics_rom.mechanics.signals import Signal
 from fenics_rom.scene.file import LONGEST
 
 pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")  # the plate locks
-DATA = Path(__file__).parent / "data"
+DATA = Path(__file__).parents[1] / "data"
 KINDS = (
     *("energy", "selection", "oblique", "dense damping", "actuators and tables", "no outputs", "own matrices"),
     *("eigenvectors", "nothing measured"),
 )
-FREQUENCIES = 2j * np.pi * np.array([0.0, 1.0, 10.0, 100.0])
 
 
 def own_matrices():
@@ -97,28 +97,6 @@ def same(one, other):
     if isinstance(one, np.ndarray):
         return one.dtype == other.dtype and np.array_equal(one, other)
     return one == other
-
-
-def tampered(file, change):
-    """Changes the content of a file behind its seal, and seals it anew."""
-    with h5py.File(file, "r+") as h5:
-        change(h5)
-    content = file.read_bytes()
-    file.write_bytes(sealed(content) + content[512:])
-    return file
-
-
-def put(path, array, unit=None):
-    """A change that puts an array, or a function of the array that is there, into a file."""
-
-    def change(h5):
-        kept = h5[path].attrs["unit"] if path in h5 else b"1"
-        new = array(h5[path][()]) if callable(array) else array
-        h5.pop(path, None)
-        h5[path] = new
-        h5[path].attrs["unit"] = np.bytes_(unit or kept)
-
-    return change
 
 
 def says(**texts):
@@ -342,6 +320,7 @@ def test_place_that_cannot_be_written_to_is_told(tmp_path, rom):
 
 
 @pytest.mark.parametrize(("uses_mpi", "written"), [("from mpi4py import MPI", 1), ("", 2)])
+@pytest.mark.alone
 def test_of_the_ranks_of_a_program_the_first_alone_writes(tmp_path, uses_mpi, written):
     """Two programs that know nothing of each other are no ranks, whoever launched them."""
     script = f"""
@@ -370,16 +349,6 @@ def test_callers_can_tell_files_of_roms_and_runs_apart(tmp_path, rom):
 
 
 # --- damage ----------------------------------------------------------------------------------------------------------
-
-
-def refusal(read, file):
-    """What is said of a file that is none; in one line, after its name."""
-    with pytest.raises(FileError) as caught:
-        read(file)
-    message = str(caught.value)
-    assert message.startswith(f"{file}: ")
-    assert "\n" not in message
-    return message.removeprefix(f"{file}: ")
 
 
 @pytest.mark.parametrize(
@@ -611,14 +580,6 @@ def test_what_would_not_be_read_of_a_run_is_not_written(tmp_path, run, changes, 
 
 
 # --- lower orders ----------------------------------------------------------------------------------------------------
-
-
-def transfer(rom, name):
-    """Displacement of the outputs per unit of input, at some frequencies."""
-    mode, seen = rom.contact_models[name], np.vstack(list(rom.outputs.values())) @ rom.contact_models[name].coordinates
-    D = np.diag(mode.damping) if mode.damping.ndim == 1 else mode.damping
-    matrices = [s * s * np.eye(mode.order) + s * D + np.diag(mode.eigenvalues) for s in FREQUENCIES]
-    return np.array([seen @ np.linalg.solve(matrix, mode.inputs) for matrix in matrices])
 
 
 @pytest.mark.parametrize("order", [1, 3, 7, 12, 20])

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import pytest
 
-FOLDER = Path(__file__).parent.parent / "demos" / "scaling"
+FOLDER = Path(__file__).parents[2] / "demos" / "scaling"
+pytestmark = [pytest.mark.alone, pytest.mark.slow]
 
 
 def test_demo_of_costs_keeps_its_claims():

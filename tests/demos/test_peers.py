@@ -13,7 +13,7 @@ from scipy.sparse import csc_matrix
 
 import fenics_rom as fr
 
-DEMOS = Path(__file__).parent.parent / "demos"
+DEMOS = Path(__file__).parents[2] / "demos"
 SMALL = 3.2  # size factor of a mesh of 603 unknowns
 ORDERS = (6, 12, 24)
 
@@ -202,6 +202,7 @@ def test_peer_that_cannot_be_installed_is_told_in_a_line(path, tmp_path):
     assert not list(tmp_path.glob("env-*/made-from"))
 
 
+@pytest.mark.slow
 def test_demo_runs_without_the_peers():
     run = subprocess.run([sys.executable, DEMOS / "peers" / "peers.py", "--quick"], capture_output=True, text=True)
     assert run.returncode == 0, run.stdout + run.stderr
@@ -216,6 +217,7 @@ def test_demo_runs_without_the_peers():
 
 @pytest.mark.skipif(not os.environ.get("FENICS_ROM_PEERS"), reason="FENICS_ROM_PEERS is not set: no peers installed")
 @quiet
+@pytest.mark.slow
 def test_peers_keep_the_claims_on_a_small_mesh(pymor, mujoco, tmp_path):
     from environments import environment
     from findings import Findings

@@ -15,7 +15,7 @@ from gymnasium.wrappers.vector import RecordEpisodeStatistics
 
 import fenics_rom as fr
 
-FOLDER = Path(__file__).parent.parent / "demos" / "learning"
+FOLDER = Path(__file__).parents[2] / "demos" / "learning"
 
 
 @pytest.fixture(scope="module")
@@ -178,6 +178,7 @@ def test_no_policy_drives_the_plate_beyond_what_a_linear_model_can_follow(enviro
     assert furthest > 5 * environment.REACH
 
 
+@pytest.mark.slow
 def test_demo_keeps_its_claims():
     run = subprocess.run(
         [sys.executable, FOLDER / "learning.py", "--quick"], capture_output=True, text=True, env=dict(os.environ)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-FOLDER = Path(__file__).parent.parent / "demos" / "contact_rates"
+FOLDER = Path(__file__).parents[2] / "demos" / "contact_rates"
 OUT = FOLDER / "out" / "quick"
 
 

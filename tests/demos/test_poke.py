@@ -6,8 +6,9 @@ from pathlib import Path
 
 import pytest
 
-FOLDER = Path(__file__).parent.parent / "demos" / "poke"
+FOLDER = Path(__file__).parents[2] / "demos" / "poke"
 OUT = FOLDER / "out" / "quick"
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")

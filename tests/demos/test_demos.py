@@ -9,7 +9,7 @@ import pytest
 import fenics_rom as fr
 from fenics_rom.visualization.viewer import view as view_module
 
-DEMOS = Path(__file__).parent.parent / "demos"
+DEMOS = Path(__file__).parents[2] / "demos"
 TABLE = (DEMOS / "README.md").read_text()
 
 

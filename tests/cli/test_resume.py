@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from bodies import box_arrays, scene_text, write_arrays
-from test_files import transfer
+from rom_files import transfer
 
 import fenics_rom as fr
 from fenics_rom.cli.main import main
@@ -123,6 +123,7 @@ def test_killed_run_goes_on_to_the_same_rom(inside, say, expected):
     assert not Path("rom.h5.partial").exists()
 
 
+@pytest.mark.alone
 def test_one_rank_goes_on_with_what_two_left(scene, tmp_path, monkeypatch, say, expected):
     monkeypatch.chdir(copied(scene, tmp_path))
     command = ["mpirun", "-n", "2", sys.executable, "-c", KILLS_ITSELF, *COMMAND]

@@ -105,6 +105,7 @@ def test_rayleigh_in_place_of_a_file(inside, say):
     assert fr.read_rom("rom.h5").contact_models["ends"].damping.ndim == 1
 
 
+@pytest.mark.alone
 def test_two_ranks_spread_the_rows(inside):
     run = mpirun(*MATRICES, "--contact", "ends=ends.mtx", "--order", "8")
     assert run.returncode == 0, run.stderr
@@ -126,6 +127,7 @@ def mpirun(*arguments):
         (FREE, "of a body that moves freely give rigid, columns that span the null space"),
     ],
 )
+@pytest.mark.alone
 def test_two_ranks_say_once_what_is_wrong_and_end(inside, content, said):
     """Also that it is PETSc's matrix that is reduced then."""
     (inside / "K.mtx").write_text(content)

@@ -70,7 +70,7 @@ def test_says_nothing_within_the_limits(plate_rom):
     assert not simulator.surface_peak.beyond
 
 
-def test_march_watches_too(plate_rom):
+def test_rollout_watches_too(plate_rom):
     simulator = fr.Simulator(plate_rom, dt=1e-3)
     with pytest.warns(FenicsRomWarning, match="turned by 0.2"):
         simulator.rollout(np.tile([0.0, 0.0, 1.5], (1000, 1)))

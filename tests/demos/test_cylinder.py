@@ -10,7 +10,7 @@ import pytest
 import fenics_rom as fr
 from fenics_rom.fem.mesh import read_mesh
 
-FOLDER = Path(__file__).parent.parent / "demos" / "cylinder"
+FOLDER = Path(__file__).parents[2] / "demos" / "cylinder"
 OUT = FOLDER / "out" / "quick"
 TABLES = ("first.csv", "second.csv")
 
@@ -34,11 +34,13 @@ def rows(file):
     return {tuple(row[: 2 if file == "accuracy.md" else 1]): row for row in table[2:]}
 
 
+@pytest.mark.slow
 def test_all_claims_hold(run):
     assert run.count("  holds: ") == 8
     assert "FAILS" not in run
 
 
+@pytest.mark.slow
 def test_push_and_release_is_as_close_as_on_finer_meshes(run):
     table = rows("accuracy.md")
     assert len(table) == 12
@@ -49,6 +51,7 @@ def test_push_and_release_is_as_close_as_on_finer_meshes(run):
             assert min(float(first), float(second)) > usual / 4, (model, order)
 
 
+@pytest.mark.slow
 def test_a_move_of_the_contact_costs_accuracy_only_for_a_moment(run):
     table = rows("moved.md")
     assert len(table) == 7
@@ -61,6 +64,7 @@ def test_a_move_of_the_contact_costs_accuracy_only_for_a_moment(run):
     assert float(holding[-1]) < 1e-5
 
 
+@pytest.mark.slow
 def test_tables_of_the_paper_stand_beside_ours(run):
     states = {what: row[1:3] for (what,), row in rows("table_2.md").items()}
     assert states["full order, paper"] == ["11,526", "11,526"]
@@ -72,11 +76,13 @@ def test_tables_of_the_paper_stand_beside_ours(run):
         assert 0 < max(errors[f"balanced, order 40, {how}"]) < 1e-4  # cm
 
 
+@pytest.mark.slow
 def test_pictures_are_written(run):
     for name in ("markers.png", "shapes.png"):
         assert (OUT / name).stat().st_size > 30_000
 
 
+@pytest.mark.slow
 def test_the_forces_beside_the_scene_are_those_that_the_demo_writes(run, pulls):
     assert {name: (FOLDER / name).read_text() for name in TABLES} == pulls
 

@@ -4,8 +4,11 @@ import subprocess
 import sys
 from pathlib import Path
 
-FOLDER = Path(__file__).parent.parent / "demos" / "fishtail"
+import pytest
+
+FOLDER = Path(__file__).parents[2] / "demos" / "fishtail"
 OUT = FOLDER / "out" / "quick"
+pytestmark = pytest.mark.slow
 
 
 def test_what_the_demo_claims_holds_and_is_written():

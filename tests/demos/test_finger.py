@@ -9,7 +9,7 @@ import pytest
 
 import fenics_rom as fr
 
-FOLDER = Path(__file__).parent.parent / "demos" / "finger"
+FOLDER = Path(__file__).parents[2] / "demos" / "finger"
 OUT = FOLDER / "out" / "quick"
 
 
@@ -23,12 +23,14 @@ def system():
     return fr.assemble(fr.read_scene(FOLDER / "finger.toml"))
 
 
+@pytest.mark.slow
 def test_all_claims_hold(run):
     assert run.returncode == 0, run.stdout + run.stderr
     assert run.stdout.count("  holds: ") == 12
     assert "FAILS" not in run.stdout
 
 
+@pytest.mark.slow
 def test_tables_are_written(run):
     assert "| reduced    | 60 " in (OUT / "accuracy.md").read_text()
     assert "contact, friction" in (OUT / "profile.md").read_text()

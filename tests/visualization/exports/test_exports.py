@@ -24,7 +24,7 @@ from fenics_rom.visualization.exports.contact_surface import contact_triangles
 from fenics_rom.visualization.exports.mode_shapes import SHAPE_KINDS, balanced_modes, eigenvectors, shapes_at_rest
 
 pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
-DATA = Path(__file__).parent.parent / "data"
+DATA = Path(__file__).parents[2] / "data"
 OBSTACLES = {
     "ball": Sphere((1.3, 0.2, 0.1), 0.1),
     "rod": Capsule((1.4, 0.0, 0.0), (1.4, 0.4, 0.0), 0.05),

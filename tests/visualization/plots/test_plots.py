@@ -29,7 +29,7 @@ from fenics_rom.visualization.plots.runs import run_panels
 from fenics_rom.visualization.plots.style import DARK, LIGHT
 
 pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
-DATA = Path(__file__).parent.parent / "data"
+DATA = Path(__file__).parents[2] / "data"
 
 
 @pytest.fixture(scope="session")
@@ -182,7 +182,7 @@ def test_full_responses_are_those_of_dense_solves(plate_system, plate_rom):
                 assert expected == pytest.approx(norm, rel=1e-4)
 
 
-def test_the_certificate_is_what_full_solves_find(plate_system, plate_rom):
+def test_the_validation_is_what_full_solves_find(plate_system, plate_rom):
     """Its samples are of the same norm, to ten percent."""
     for name, mode in plate_rom.contact_models.items():
         found = full_responses(plate_system, plate_rom, mode.frequencies)[name]
@@ -205,7 +205,7 @@ def test_a_free_body_has_no_rigid_motions_in_its_response(box_file):
     assert (found.errors < 0.05 * found.sizes).all()
 
 
-def test_response_panel_shows_full_reduced_and_certificate(plate_system, plate_rom):
+def test_response_panel_shows_full_reduced_and_validation(plate_system, plate_rom):
     ω = np.array([1.0, 6.0, 9.0])
     full = {name: (ω, one.sizes, one.errors) for name, one in full_responses(plate_system, plate_rom, ω).items()}
     above, below = drawn(reduced_panels(plate_rom, LIGHT, full)["response"]).axes
@@ -271,7 +271,7 @@ def test_a_folder_has_a_file_for_each_panel(touching, tmp_path):
 
 
 def test_command_draws_runs_and_the_full_response(tmp_path, capsys):
-    plate = Path(__file__).parents[2] / "demos" / "plate" / "plate.toml"
+    plate = Path(__file__).parents[3] / "demos" / "plate" / "plate.toml"
     run = DATA / "run-1.2.h5"
     for words in (
         ("reduce", plate, "-o", tmp_path / "rom.h5", "--order", 6),

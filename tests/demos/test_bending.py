@@ -5,9 +5,12 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 import fenics_rom as fr
 
-DEMO = Path(__file__).parent.parent / "demos" / "bending"
+DEMO = Path(__file__).parents[2] / "demos" / "bending"
+pytestmark = pytest.mark.slow
 
 
 def test_all_claims_hold():

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-FOLDER = Path(__file__).parent.parent / "demos" / "own_matrices"
+FOLDER = Path(__file__).parents[2] / "demos" / "own_matrices"
 SCRIPTS = sorted(path.name for path in FOLDER.glob("*.py") if path.name != "checks.py")
 PARALLEL = ["forms_beam.py", "petsc_rope.py"]
 
@@ -28,6 +28,7 @@ def test_example_keeps_its_claims(script):
 
 
 @pytest.mark.parametrize("script", PARALLEL)
+@pytest.mark.alone
 def test_example_keeps_its_claims_on_two_ranks(script):
     assert_checks_held(run("mpirun", "-n", "2", sys.executable, FOLDER / script), 2)
 

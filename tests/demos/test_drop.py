@@ -9,7 +9,7 @@ import gmsh
 import numpy as np
 import pytest
 
-ROOT = Path(__file__).parent.parent
+ROOT = Path(__file__).parents[2]
 FOLDER = ROOT / "demos" / "drop"
 OUT = FOLDER / "out" / "quick"
 
@@ -19,12 +19,14 @@ def run():
     return subprocess.run([sys.executable, FOLDER / "drop.py", "--quick"], capture_output=True, text=True)
 
 
+@pytest.mark.slow
 def test_what_the_demo_claims_holds(run):
     assert run.returncode == 0, run.stdout + run.stderr
     assert run.stdout.count("  holds: ") == 14
     assert "FAILS" not in run.stdout
 
 
+@pytest.mark.slow
 def test_tables_and_picture_are_written(run):
     rows = (OUT / "accuracy.md").read_text().splitlines()[4:]
     assert [row.split("|")[2].strip() for row in rows] == ["1200", "40", "100"]

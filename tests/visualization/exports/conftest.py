@@ -6,13 +6,13 @@ import pytest
 
 import fenics_rom as fr
 
-PLATE = Path(__file__).parents[2] / "demos" / "plate" / "plate.toml"
+PLATE = Path(__file__).parents[3] / "demos" / "plate" / "plate.toml"
 
 
 @pytest.fixture(autouse=True)
 def _without_dolfinx():
     if "dolfinx" in sys.modules:  # other tests of this process have loaded it: then nothing is drawn here
-        pytest.skip("run by itself: pytest tests/exports, as tests/run.sh does")
+        pytest.skip("run by itself: pytest tests/visualization/exports, as tests/run.sh does")
 
 
 @pytest.fixture(scope="session")

@@ -8,9 +8,10 @@ from pathlib import Path
 
 import pytest
 
-FOLDER = Path(__file__).parent.parent / "demos" / "rates"
+FOLDER = Path(__file__).parents[2] / "demos" / "rates"
 OUT = FOLDER / "out" / "quick"
 SECTIONS = ["Forms of a step", "March", "Batches", "Against the full order", "Memory", "Import", "What must hold"]
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")

@@ -21,7 +21,7 @@ from fenics_rom.io.stages import Stage
 from fenics_rom.reduction.methods.by_name import BY_NAME
 from fenics_rom.scene.scene import LYAPUNOV
 
-DATA = Path(__file__).parent / "data"
+DATA = Path(__file__).parents[1] / "data"
 ROM, RUN = DATA / "rom-1.0.h5", DATA / "run-1.0.h5"
 TEXT = PLATE.read_text().replace("../../meshes/plate.msh", str(PLATE.parents[2] / "meshes" / "plate.msh"))
 COMMANDS = {
@@ -607,6 +607,7 @@ def mpirun(*arguments):
 @pytest.mark.parametrize(
     ("there", "instead", "said"), [("name", "nam", "no key 'nam'"), (".msh", ".none", "not found")]
 )
+@pytest.mark.alone
 def test_two_ranks_say_once_what_is_wrong_and_end(inside, there, instead, said):
     """Both before and after MPI is at work."""
     (inside / "plate.toml").write_text(TEXT.replace(there, instead, 1))
@@ -618,6 +619,7 @@ def test_two_ranks_say_once_what_is_wrong_and_end(inside, there, instead, said):
     assert [file.name for file in inside.iterdir()] == ["plate.toml"]
 
 
+@pytest.mark.alone
 def test_two_ranks_write_one_rom_and_one_summary(inside, plate_rom):
     run = mpirun("reduce", PLATE, "-o", "rom.h5", "--order", "20", "-fenics_rom_eps_nvc", "40")
     assert run.returncode == 0, run.stderr

@@ -35,6 +35,7 @@ QUIET = ["--disable-background-networking", "--disable-component-update", "--dis
 REMARKS = ("Unable to preventDefault inside passive event listener invocation.",)
 PATIENCE = 60.0  # s; a picture takes a second where other tests have the cores
 SIZE = {"width": 760, "height": 460}
+pytestmark = pytest.mark.alone
 
 
 def until(condition, what):
