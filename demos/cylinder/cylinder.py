@@ -41,7 +41,7 @@ from trajectories import (
     on_nodes,
     rates,
     reduced,
-    reduced_march,
+    reduced_rollout,
     reduced_steps,
     relative,
     with_run,
@@ -249,7 +249,7 @@ def table_2(system: fr.System, scene: Scene, theirs: Rom, ours: Rom, quick: bool
         "full order": full_steps(system, scene, 5),
         "theirs": reduced_steps(theirs, scene, 1000),
         "step": reduced_steps(ours, scene, 2500),
-        "rollout": reduced_march(ours, scene, 3),
+        "rollout": reduced_rollout(ours, scene, 3),
     }
     found = rates(loops, 2 if quick else 101)
     speedups = {name: rate / found["full order"] for name, rate in found.items()}

@@ -198,8 +198,8 @@ def reduced_steps(rom: Rom, scene: Scene, steps: int) -> Callable[[], int]:
     return loop
 
 
-def reduced_march(rom: Rom, scene: Scene, times: int) -> Callable[[], int]:
-    """A loop over marches through the scene, one for each contact mode; the markers are read after every step."""
+def reduced_rollout(rom: Rom, scene: Scene, times: int) -> Callable[[], int]:
+    """A loop over rollouts of the scene, one for each contact mode; the markers are read after every step."""
     assert scene.run is not None
     body, whole = fr.Simulator(rom, scene.run.dt, ledger=False), history(scene)
     parts = {contact: np.array(forces) for contact, forces in by_contact(whole).items()}

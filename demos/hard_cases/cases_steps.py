@@ -41,7 +41,7 @@ def switches(steps: int) -> Iterator[Row]:
     """A switch at every step, one by one and in blocks."""
     rom = fr.reduce(box((0.4, 0.1, 0.1), (6, 2, 2), contacts=CONTACTS), order=8)
     yield from of("order 8", f"{steps:,} random switches, stepped", endless(rom, steps))
-    yield from of("order 8", f"{steps:,} random switches, marched", marched(rom, steps))
+    yield from of("order 8", f"{steps:,} random switches, in rollouts", rolled_out(rom, steps))
 
 
 def of(case: str, hard: str, account: Account) -> Iterator[Row]:
@@ -91,7 +91,7 @@ def endless(rom: fr.Rom, steps: int) -> Account:
     return account
 
 
-def marched(rom: fr.Rom, steps: int) -> Account:
+def rolled_out(rom: fr.Rom, steps: int) -> Account:
     """The same in one go of ten thousand after another."""
     random, names = np.random.default_rng(3), np.array(list(rom.contact_models), dtype=object)
     body = fr.Simulator(rom, dt=1e-3)

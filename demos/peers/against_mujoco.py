@@ -331,8 +331,8 @@ def loops(rom: fr.Rom) -> dict[str, Callable[[], int]]:
     every, pushes = round(SAMPLE / h), forces(h)
     u = list(pushes)
     body = fr.Simulator(rom, dt=h)
-    marching = fr.Simulator(rom, dt=h, ledger=False)
-    start = marching.save()
+    simulator = fr.Simulator(rom, dt=h, ledger=False)
+    start = simulator.save()
     bodies = fr.Batch(rom, BODIES, h)
     same = np.full((BODIES, 1), FORCE)
 
@@ -343,9 +343,9 @@ def loops(rom: fr.Rom) -> dict[str, Callable[[], int]]:
                 body.displacement("tip")
         return len(u)
 
-    def marches() -> int:
-        marching.restore(start)
-        marching.rollout(pushes, every=every)
+    def rollout() -> int:
+        simulator.restore(start)
+        simulator.rollout(pushes, every=every)
         return len(pushes)
 
     def batch() -> int:
@@ -355,7 +355,7 @@ def loops(rom: fr.Rom) -> dict[str, Callable[[], int]]:
                 bodies.displacement("tip")
         return 200 * BODIES
 
-    return {STEPPED: step, "rollout": marches, f"each of a Batch of {BODIES:,}": batch}
+    return {STEPPED: step, "rollout": rollout, f"each of a Batch of {BODIES:,}": batch}
 
 
 @dataclass(frozen=True)

@@ -318,7 +318,7 @@ def stepping(system: fr.System, model: Model, found: Found, peer: Peer, findings
     else:
         rom = fr.reduce(single, order=FEW, weighting="outputs")
     forces = np.tile(INPUT, (STEPS, 1))
-    marched = fr.Simulator(rom, dt=STEP, ledger=False).rollout(forces)["patches"].reshape(STEPS, -1)
+    rolled_out = fr.Simulator(rom, dt=STEP, ledger=False).rollout(forces)["patches"].reshape(STEPS, -1)
     rates, outputs, missing = {}, {}, ""
     turns: dict[str, list[float]] = {}
     for _ in range(ROUNDS):
@@ -346,7 +346,7 @@ def stepping(system: fr.System, model: Model, found: Found, peer: Peer, findings
     findings.table(title, ("", "steps per second"), rows)
     findings.numbers["pyMOR, steps per second"] = rates
     for label, y in outputs.items():
-        gap = np.abs(y[:, 1:].T - marched).max() / np.abs(marched).max()
+        gap = np.abs(y[:, 1:].T - rolled_out).max() / np.abs(rolled_out).max()
         what = label.replace("_", " ")
         findings.at_most(f"difference of outputs to pyMOR's stepper ({what}) on its own directions", gap, 1e-8)
         findings.at_least(

@@ -71,7 +71,7 @@ def midpoint(mode: ContactModel, inputs: Array) -> Array:
     return np.concatenate([np.sqrt(γ) * q, r])
 
 
-class OneProductBare:
+class BareProduct:
     """Nothing but one product of the (2m, 2m + p) matrix of a step, into an array that is there."""
 
     def __init__(self, mode: ContactModel):
@@ -91,7 +91,7 @@ class OneProductBare:
             np.dot(self._map, self._given, out=self.state)
 
 
-class FourCallsBare:
+class BareFourCalls:
     """The step where damping is diagonal, written out: a real 2 x 2 map for each eigenvalue, and the push."""
 
     def __init__(self, mode: ContactModel):

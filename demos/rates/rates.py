@@ -48,10 +48,10 @@ from models import (
     FORCE,
     OUTPUT,
     STEP,
-    FourCallsBare,
+    BareFourCalls,
+    BareProduct,
     FullBare,
     FullCarried,
-    OneProductBare,
     cylinder,
     midpoint,
     synthetic,
@@ -75,7 +75,7 @@ BODIES = 1024
 SIZES = (256, 1024, 4096)
 POOL = 8  # arrays of inputs that a batch gets in turn
 CHECKED = 1000  # steps after which states are compared
-LENGTHS = (100, 1000, 10_000)  # of marches
+LENGTHS = (100, 1000, 10_000)  # of rollouts
 MANY = {"step": 10**6, "step, ledger": 10**6, "rollout": 10**7, "batch": 10**7}  # body-steps that must leak nothing
 KEPT = 2048  # bytes: NumPy and Python keep some small blocks for the next array
 LEAK = 200_000  # bytes
@@ -106,7 +106,7 @@ def main() -> None:
 
     findings = Findings(judge_rates=not quick)
     by_order = single_steps(roms, findings, quick)
-    marches(rom, findings, quick)
+    rollouts(rom, findings, quick)
     batches(rom, findings, quick)
     share = full_order(system, rom, findings, quick)
     what_stays(rom, findings, quick)
@@ -173,8 +173,8 @@ def running(run: Callable[[list[Array]], None], inputs: list[Array]) -> Callable
     return loop
 
 
-def marching(rom: Rom, steps: int, length: int, every: int, ledger: bool) -> Callable[[], int]:
-    """Marches of that length, one after the other, with one point read."""
+def rolling_out(rom: Rom, steps: int, length: int, every: int, ledger: bool) -> Callable[[], int]:
+    """Rollouts of that length, one after the other, with one point read."""
     body, inputs = fr.Simulator(rom, STEP, ledger=ledger), pushes(length)
 
     def loop() -> int:
@@ -209,12 +209,12 @@ def single_steps(roms: dict[int, Rom], findings: Findings, quick: bool) -> dict[
     for order, rom in roms.items():
         mode = first(rom)
         exact = midpoint(mode, checked)
-        product, calls = OneProductBare(mode), FourCallsBare(mode)
+        product, calls = BareProduct(mode), BareFourCalls(mode)
         plain, booked = (fr.Simulator(rom, STEP, ledger=ledger) for ledger in (False, True))
-        marched, batch = fr.Simulator(rom, STEP, ledger=False), Batch(rom, 2, STEP)
+        rolled_out, batch = fr.Simulator(rom, STEP, ledger=False), Batch(rom, 2, STEP)
         product.steps(list(checked))
         calls.run(list(checked))
-        marched.rollout(checked)
+        rolled_out.rollout(checked)
         for u in checked:
             plain.step(u)
             booked.step(u)
@@ -224,7 +224,7 @@ def single_steps(roms: dict[int, Rom], findings: Findings, quick: bool) -> dict[
             "four calls, bare": calls.state.copy(),
             "step": state(mode, *plain.state),
             "step, ledger": state(mode, *booked.state),
-            "rollout": state(mode, *marched.state),
+            "rollout": state(mode, *rolled_out.state),
             f"batch of {BODIES:,}": state(mode, *(part[0] for part in batch.state(0))),
         }
         errors = {name: float(np.linalg.norm(end - exact) / np.linalg.norm(exact)) for name, end in ends.items()}
@@ -237,7 +237,7 @@ def single_steps(roms: dict[int, Rom], findings: Findings, quick: bool) -> dict[
             "four calls, bare": running(calls.run, inputs),
             "step": stepping(plain.step, inputs),
             "step, ledger": stepping(booked.step, inputs),
-            "rollout": marching(rom, 5 * steps, 5 * steps, 1, False),
+            "rollout": rolling_out(rom, 5 * steps, 5 * steps, 1, False),
             f"batch of {BODIES:,}": many(Batch(rom, BODIES, STEP), max(1, steps // 100), False),
         }
         found = rates(loops, rounds)
@@ -261,13 +261,13 @@ def single_steps(roms: dict[int, Rom], findings: Findings, quick: bool) -> dict[
     return by_form
 
 
-def marches(rom: Rom, findings: Findings, quick: bool) -> None:
+def rollouts(rom: Rom, findings: Findings, quick: bool) -> None:
     """Section 2: many steps under known inputs at once, and as many one by one."""
     cases = {(length, every, False) for length in LENGTHS for every in (1, 10)}
     cases |= {(LENGTHS[-1], every, True) for every in (1, 10)}
     steps, rounds = (LENGTHS[-1], 1) if quick else (2 * LENGTHS[-1], ROUNDS)
     ordered = sorted(cases, key=lambda case: (case[2], case[1], case[0]))
-    loops = {case: marching(rom, steps, *case) for case in ordered}
+    loops = {case: rolling_out(rom, steps, *case) for case in ordered}
     stepper = fr.Simulator(rom, STEP, ledger=False)
     found = rates({"step": stepping(stepper.step, few(steps // 5))} | {str(c): loops[c] for c in ordered}, rounds)
 
@@ -280,8 +280,8 @@ def marches(rom: Rom, findings: Findings, quick: bool) -> None:
     rows: list[tuple[object, ...]] = []
     for case in ordered:
         length, every, ledger = case
-        marcher = fr.Simulator(rom, STEP, ledger=ledger)
-        parts = [marcher.rollout(inputs[k : k + length], every=every)[OUTPUT] for k in range(0, len(inputs), length)]
+        body = fr.Simulator(rom, STEP, ledger=ledger)
+        parts = [body.rollout(inputs[k : k + length], every=every)[OUTPUT] for k in range(0, len(inputs), length)]
         error = distance(np.concatenate(parts), stepped[every - 1 :: every])
         largest = max(largest, error)
         rate, kept = found[str(case)], "yes" if ledger else "no"
@@ -290,10 +290,10 @@ def marches(rom: Rom, findings: Findings, quick: bool) -> None:
         if length == LENGTHS[-1] and not ledger:
             what = f"a rollout of {length:,} steps, outputs after every {every}: times the rate of step"
             findings.at_least(what, rate / found["step"], 10, rate=True)
-    findings.at_most("error of marches against stepping", largest, 1e-11)
+    findings.at_most("error of rollouts against stepping", largest, 1e-11)
     heading = ("steps of a rollout", "outputs after every", "ledger", "steps per second", "times step", "error")
     title = (
-        f"## March, order {ORDER}, 3 inputs, 3 outputs; step, no ledger and no outputs: {found['step']:,.0f} a second"
+        f"## Rollout, order {ORDER}, 3 inputs, 3 outputs; step, no ledger and no outputs: {found['step']:,.0f} a second"
     )
     findings.table(title, heading, rows)
 
@@ -383,7 +383,7 @@ def full_order(system: fr.System, rom: Rom, findings: Findings, quick: bool) -> 
         "full order, CHOLMOD, M v and K x carried along": running(partial(carried.run, contact), short),
         "full order, solve, refined": stepping(lambda u: refined.step_under(B @ u), short),
         "step": stepping(plain.step, long),
-        "rollout": marching(rom, 5 * len(long), 5 * len(long), 1, False),
+        "rollout": rolling_out(rom, 5 * len(long), 5 * len(long), 1, False),
     }
     found = rates(loops, rounds)
     refined.close()
@@ -440,7 +440,7 @@ def what_stays(rom: Rom, findings: Findings, quick: bool) -> None:
     loops = {
         "step": stepping(plain.step, inputs),
         "step, ledger": stepping(booked.step, inputs),
-        "rollout": marching(rom, steps, 1000, 1, True),
+        "rollout": rolling_out(rom, steps, 1000, 1, True),
         "batch": many(spread(rom, 256, np.float64, len(rom.contact_models)), steps, True),
     }
     rows: list[tuple[object, ...]] = []

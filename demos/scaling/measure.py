@@ -31,14 +31,14 @@ for _ in range(int(runs)):
     stages.append({stage.name: stage.seconds for stage in rom.stages if stage not in system.stages})
 
 if MPI.COMM_WORLD.rank == 0:
-    certificates = rom.validation.values()
+    validations = rom.validation.values()
     measured = {
         "unknowns": system.size,
         "assembly": assembly,
         "stages": stages,
         "memory": max(stage.peak_memory for stage in rom.stages),  # of the largest rank, bytes
-        "transfer_error": max(validation["transfer_error"] for validation in certificates),
-        "static_error": max(validation["static_error"] for validation in certificates),
+        "transfer_error": max(validation["transfer_error"] for validation in validations),
+        "static_error": max(validation["static_error"] for validation in validations),
         "singular_values": [mode.hankel_singular_values[: int(order)].tolist() for mode in rom.contact_models.values()],
     }
     Path(result).write_text(json.dumps(measured))

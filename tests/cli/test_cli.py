@@ -137,6 +137,7 @@ def test_reduced_run_of_all_that_is_there_is_the_full_run(story):
     assert f"{differences['shape'].relative:.2e}" == rows["shape"]
 
 
+@pytest.mark.slow
 def test_study_says_what_each_decimal_costs_and_leaves_tables_and_pictures(inside, say):
     grid = ("--methods", "balanced", "modal", "--orders", "5", "20", "--steps", "0.002", "0.004")
     status, out, err = say("study", PLATE, "-o", "out", *grid)
@@ -152,6 +153,7 @@ def test_study_says_what_each_decimal_costs_and_leaves_tables_and_pictures(insid
     assert command in Path("out/study.md").read_text()
 
 
+@pytest.mark.slow
 def test_study_for_a_tolerance_writes_the_model(inside, say):
     status, out, err = say("study", PLATE, "-o", "out", "--tolerance", "1e-2")
     assert (status, err) == (0, "")

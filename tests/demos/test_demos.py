@@ -35,6 +35,7 @@ def test_pictures_are_made_by_commands_that_there_are():
 
 
 @pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
+@pytest.mark.slow
 def test_first_steps_lead_to_the_live_view(tmp_path, monkeypatch, capsys):
     shown = []
     monkeypatch.setattr(view_module, "view", lambda files: shown.extend(files))

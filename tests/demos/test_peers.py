@@ -84,6 +84,7 @@ def textbook(pymor, model, full):
 
 @quiet
 @pytest.mark.parametrize("lyapunov", ["krylov", "closed-form"])
+@pytest.mark.slow
 def test_errors_are_those_of_textbook_balanced_truncation(pymor, system, model, full, textbook, lyapunov):
     (name,) = model.inputs
     watched = replace(system, outputs={"patches": model.C})

@@ -10,7 +10,7 @@ import pytest
 
 FOLDER = Path(__file__).parents[2] / "demos" / "rates"
 OUT = FOLDER / "out" / "quick"
-SECTIONS = ["Forms of a step", "March", "Batches", "Against the full order", "Memory", "Import", "What must hold"]
+SECTIONS = ["Forms of a step", "Rollout", "Batches", "Against the full order", "Memory", "Import", "What must hold"]
 pytestmark = pytest.mark.slow
 
 

@@ -108,11 +108,11 @@ def stepped(rom: fr.Rom) -> str:
                 body.displacement(output)
             assert body.ledger is not None
             body.energy, body.ledger.supplied, body.contact  # noqa: B018
-        if not rom.surrounded:
+        if rom.environment.is_plain:
             body.rollout(np.ones((STEPS, body.inputs)))
             columns = max(mode.inputs.shape[1] for mode in rom.contact_models.values())
             fr.Batch(rom, size=2, dt=1e-3).step(np.zeros((2, columns)))
-        if rom.scene_text:
+        if rom.environment.run is not None:
             fr.simulate(rom, dt=0.01)
     except FenicsRomError:
         return "refused to step"

@@ -52,7 +52,7 @@ def rides(demo, rom):
         "any steps and switches": failing(demo.steps.of("", "", demo.steps.any_steps(rom, 500, switch=True))),
         "spikes": failing(demo.steps.of("", "", demo.steps.spikes(rom, 500))),
         "switches": failing(demo.steps.of("", "", demo.steps.endless(rom, 2000))),
-        "marched": failing(demo.steps.of("", "", demo.steps.marched(rom, 10_000))),
+        "rollouts": failing(demo.steps.of("", "", demo.steps.rolled_out(rom, 10_000))),
         "contacts": failing(demo.contact.ride_rows("", "", rom, 500)),
     }
 
@@ -123,7 +123,7 @@ def test_other_steps(demo, rom, undamped, step, monkeypatch):
     free = fr.reduce(undamped, order=20, method="modal")
     assert demo.damping.kept_by_steps(fr.Simulator(free, dt=1e-3), 2000) > demo.damping.KEPT
     if step is not explicit_euler:  # which leaves the finite numbers
-        assert demo.damping.kept_by_march(fr.Simulator(free, dt=1e-3), 10_000) > demo.damping.KEPT
+        assert demo.damping.kept_by_rollout(fr.Simulator(free, dt=1e-3), 10_000) > demo.damping.KEPT
 
 
 def test_a_step_with_half_the_stiffness_in_it(demo, rom, monkeypatch):

@@ -8,7 +8,13 @@ import numpy as np
 import pytest
 
 
-@pytest.mark.parametrize(("kind", "count"), [("files", 300), ("scenes", 200)])
+@pytest.mark.parametrize(
+    ("kind", "count"),
+    [
+        *(("files", 100), ("scenes", 60)),
+        *(pytest.param(kind, count, marks=pytest.mark.slow) for kind, count in (("files", 300), ("scenes", 200))),
+    ],
+)
 def test_mutated_input_is_refused_or_read_and_used(kind, count):
     """No crash, no hang, no error but those of this package, and nothing that fills the memory."""
     outcomes, bad = fuzz.run(kind, count, seed=0)

@@ -231,6 +231,7 @@ def same_models(one, other, tolerance):
         assert np.abs(transfer(one, name) - H).max() <= tolerance * np.abs(H).max()
 
 
+@pytest.mark.slow
 def test_threads_change_round_off_alone(inside):
     rom = kills.COMMANDS["reduce"]
     one, two = (fr.read_rom(done(rom, inside, OMP_NUM_THREADS=n, OPENBLAS_NUM_THREADS=n)) for n in ("1", "2"))

@@ -78,6 +78,7 @@ def test_noise_is_told_and_the_truth_is_within_reach(mesh, tmp_path):
     assert not any("not like noise" in message for message in result.warnings)
 
 
+@pytest.mark.slow
 def test_intervals_hold_the_truth_as_often_as_they_say(mesh, files):
     """95 % intervals of 60 seeds, on the full basis."""
     scene = scene_of(mesh, TRUTH)

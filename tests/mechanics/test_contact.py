@@ -256,6 +256,7 @@ def test_energy_law_in_random_scenes(seed, e, μ):
         assert friction >= -1e-9 * scale
 
 
+@pytest.mark.slow
 def test_hardly_a_random_scene_is_without_forces():
     """Of 12,000 three are, all with friction."""
     stopped = 0

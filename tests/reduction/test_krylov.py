@@ -187,6 +187,7 @@ def test_many_contact_modes_and_a_tolerance(plate):
         assert gap(rom, name, σ, m) <= 1e-6
 
 
+@pytest.mark.slow
 def test_many_contact_modes_of_two_materials(small_plate):
     """Shared eigenvectors, and shifts as well."""
     D = 0.5 * small_plate.M + 1e-3 * (small_plate.K - small_plate.right) + 1e-4 * small_plate.right
@@ -201,6 +202,7 @@ def chain(length, α):
     return fr.System(mass=M, damping=D, stiffness=K, contacts={"all": B})
 
 
+@pytest.mark.slow
 def test_triple_chain_of_451_unknowns():
     system = chain(150, 0.01)
     γ, V = scipy.linalg.eigh(system.stiffness.toarray(), system.mass.toarray())
@@ -210,6 +212,7 @@ def test_triple_chain_of_451_unknowns():
     assert gap(reduced(system), "all", exact) <= 1e-6
 
 
+@pytest.mark.slow
 def test_triple_chain_of_1501_unknowns():
     """Its dense solution takes minutes (gramian_factors in all eigenvectors, as above), so it is kept."""
     exact = np.loadtxt(DATA / "triple-chain-1501.csv")

@@ -299,6 +299,7 @@ def test_a_rom_on_file_is_the_same(roms, tmp_path):
     np.testing.assert_array_equal(body.force(q), roms["trained"].deformation.force(q))
 
 
+@pytest.mark.slow
 def test_order_beyond_what_was_seen_is_told():
     with warnings.catch_warnings(record=True) as told:
         warnings.simplefilter("always")

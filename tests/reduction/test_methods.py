@@ -78,6 +78,7 @@ def test_pod_follows_the_run_that_it_was_made_from(box_system):
     assert all(later < earlier / 2 for earlier, later in itertools.pairwise(errors)), errors
 
 
+@pytest.mark.slow
 def test_pod_takes_a_tolerance(box_system):
     few, many = (fr.reduce(box_system, method="pod", tolerance=t).contact_models["top"].order for t in (1e-2, 1e-4))
     assert 1 <= few < many < 108

@@ -124,6 +124,7 @@ def test_undamped_matrices_are_modal_only():
         fr.reduce(fr.System(mass=M, damping=0 * D, stiffness=K, contacts={"all": B}), order=4)
 
 
+@pytest.mark.slow
 def test_large_sparse_matrices_take_the_krylov_route():
     M, D, K, B = triple_chain(500, 0.002, 0.002, 0.0)
     system = fr.System(mass=M, damping=D, stiffness=K, contacts={"all": B})

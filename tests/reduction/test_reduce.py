@@ -118,6 +118,7 @@ def test_all_modes_kept_is_the_full_model(box_file, method):
     assert reduced.energy == pytest.approx(full.energy, rel=1e-9)
 
 
+@pytest.mark.slow
 def test_krylov_and_modal_selection_on_a_body_too_large_to_be_dense(tmp_path):
     mesh = write_box(tmp_path / "beam.msh", (1.0, 0.1, 0.1), (24, 3, 3))
     system = fr.assemble(parse_scene(scene_text(mesh)))

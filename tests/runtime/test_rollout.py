@@ -1,4 +1,4 @@
-"""Marching is stepping: the same trajectory, account and switches, to round-off."""
+"""A rollout is stepping: the same trajectory, account and switches, to round-off."""
 
 import copy
 

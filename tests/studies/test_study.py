@@ -226,6 +226,7 @@ class TestForATolerance:
         with pytest.raises(SolverError, match=said):
             study_for_tolerance(short, tmp_path, 1e-12)
 
+    @pytest.mark.slow
     def test_that_no_order_reaches(self, scene, tmp_path, monkeypatch):
         monkeypatch.setattr("fenics_rom.studies.method_configs.STUDIED_ORDERS", (4, 6))
         said = r"not reached; the least error of the whole shape was .*, of which the reduction \(order 6\) alone makes"
@@ -240,6 +241,7 @@ class TestForATolerance:
 
 
 class TestMeshes:
+    @pytest.mark.slow
     def test_are_compared_at_outputs_with_the_finest(self, box_file, tmp_path):
         finer = [write_box(tmp_path / f"{n}.msh", (1.0, 0.4, 0.3), (4 * n, 2 * n, 2 * n)) for n in (3, 2)]
         scene = box_scene(box_file)
