@@ -10,7 +10,7 @@ from fenics_rom.io.units import readable
 from fenics_rom.rom.file import HANKEL_UNIT
 from fenics_rom.rom.rom import Rom
 from fenics_rom.visualization.exports.body_renderer import BodyRenderer
-from fenics_rom.visualization.exports.contact_surface import contact_triangles
+from fenics_rom.visualization.exports.contact_surface import find_contact_triangles
 from fenics_rom.visualization.exports.mode_shapes import ModeShape, mode_shapes
 from fenics_rom.visualization.figure import figure_class, write_figure
 from fenics_rom.visualization.plots.style import DARK, LIGHT
@@ -48,7 +48,7 @@ def write_sheet(file: Path, rom: Rom, kind: str, count: int, dark: bool) -> None
     import matplotlib
 
     rows = {name: shapes[:count] for name, shapes in mode_shapes(rom, kind).items()}
-    patches = {name: contact_triangles(rom, name) for name in rows}
+    patches = {name: find_contact_triangles(rom, name) for name in rows}
     drawn = {name: [_scale_to_drawn(rom, shape) for shape in row] for name, row in rows.items()}
     renderer = BodyRenderer(
         rom.nodes,

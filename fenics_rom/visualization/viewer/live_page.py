@@ -29,7 +29,7 @@ from fenics_rom.visualization.viewer.drawing import (
 )
 from fenics_rom.visualization.viewer.fields import UNITS, surface_fields
 from fenics_rom.visualization.viewer.live_body import LiveBody, free_name
-from fenics_rom.visualization.viewer.mouse_spring import closest_point, contact_triangles
+from fenics_rom.visualization.viewer.mouse_spring import closest_point, divide_contact_triangles
 from fenics_rom.visualization.viewer.panel import ENERGY_SERIES, ColourScale, EnergyPlot, begin_panel
 from fenics_rom.visualization.viewer.surface import Surface
 
@@ -68,7 +68,7 @@ class LivePage:
         self._fields = surface_fields(self._surface, body.rom.environment)
         self._size = float(np.ptp(self._surface.places, axis=0).max())
         self._scale = 1 / self._size
-        self._triangles = contact_triangles(rom)
+        self._triangles = divide_contact_triangles(rom)
         self._held_contact: str | None = None
         set_camera_and_light(server, self._scale * self._surface.places)
         self._picture = BandedBody(server.scene, "/body", self._surface, self._scale)

@@ -18,7 +18,7 @@ FINITE_STRAIN_REACH = 10.0  # times as far as a linear model can follow, a body 
 SURFACE_VELOCITY_SHARE = 0.5  # of the largest velocity after a push: nodes that move more belong to the contact surface
 
 
-def contact_triangles(rom: Rom) -> dict[str, Array]:
+def divide_contact_triangles(rom: Rom) -> dict[str, Array]:
     """Triangles (F_i,) of each contact mode's surface, by which none is two modes'.
 
     Not every ROM keeps its contact surfaces. Where obstacles can touch, their nodes tell; elsewhere a unit impulse,

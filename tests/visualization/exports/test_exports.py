@@ -20,7 +20,7 @@ from fenics_rom.mechanics.obstacles import Box, Capsule, HalfSpace, Sphere
 from fenics_rom.visualization import optional_dependencies
 from fenics_rom.visualization.exports import mode_sheet
 from fenics_rom.visualization.exports.body_renderer import DARK, BodyRenderer
-from fenics_rom.visualization.exports.contact_surface import contact_triangles
+from fenics_rom.visualization.exports.contact_surface import find_contact_triangles
 from fenics_rom.visualization.exports.mode_shapes import SHAPE_KINDS, balanced_modes, eigenvectors, shapes_at_rest
 
 pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
@@ -128,13 +128,13 @@ def test_rigid_motions_are_no_modes(touching):
 
 
 def test_patches_are_where_contact_modes_are_touched(touching, plate_rom):
-    z = touching.nodes[contact_triangles(touching, "bottom")][..., 2]
+    z = touching.nodes[find_contact_triangles(touching, "bottom")][..., 2]
     assert len(z)
     assert not z.any()
-    assert len(contact_triangles(plate_rom, "middle"))  # a group of the mesh, whose nodes the ROM keeps
+    assert len(find_contact_triangles(plate_rom, "middle"))  # a group of the mesh, whose nodes the ROM keeps
     centroids = plate_rom.nodes[plate_rom.triangles].mean(axis=1)
     nodes = np.unique(plate_rom.triangles[np.linalg.norm(centroids - [0.25, 0.1, 0.01], axis=1) <= 0.08])
-    patch = contact_triangles(replace(plate_rom, contact_surfaces={"middle": nodes}), "middle")
+    patch = find_contact_triangles(replace(plate_rom, contact_surfaces={"middle": nodes}), "middle")
     assert len(patch)
     np.testing.assert_array_equal(np.unique(patch), nodes)
 

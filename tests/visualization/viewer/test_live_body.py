@@ -10,7 +10,7 @@ import fenics_rom as fr
 from fenics_rom.errors import SceneError
 from fenics_rom.scene.file import parse_scene
 from fenics_rom.visualization.viewer.live_body import LiveBody, free_name
-from fenics_rom.visualization.viewer.mouse_spring import attach_spring, closest_point, contact_triangles
+from fenics_rom.visualization.viewer.mouse_spring import attach_spring, closest_point, divide_contact_triangles
 
 BALL = 'shape = "sphere"\ncenter = [0.75, 0.2, 0.41]\nradius = 0.1'
 
@@ -32,7 +32,7 @@ def touched_rom(box_file):
 
 def corner(rom, contact):
     """The first triangle of a contact surface, to take hold of in its middle."""
-    return rom.triangles[contact_triangles(rom)[contact][0]], np.ones(3) / 3
+    return rom.triangles[divide_contact_triangles(rom)[contact][0]], np.ones(3) / 3
 
 
 def pulled(body, contact, way, steps):
@@ -51,14 +51,14 @@ def test_contact_surface_is_found_again(plate_rom, plate_system, contact):
     loaded = np.zeros(3 * len(plate_rom.nodes), dtype=bool)
     loaded[plate_rom.free] = np.abs(plate_system.input_matrix(contact)).max(axis=1) > 0
     truth = np.flatnonzero(loaded.reshape(-1, 3).any(axis=1))
-    found = np.unique(plate_rom.triangles[contact_triangles(plate_rom)[contact]])
+    found = np.unique(plate_rom.triangles[divide_contact_triangles(plate_rom)[contact]])
     middle, size = plate_rom.nodes[truth].mean(axis=0), np.ptp(plate_rom.nodes[:, 0])
     assert np.linalg.norm(plate_rom.nodes[found].mean(axis=0) - middle) < 0.1 * size
     assert np.isin(truth, found).mean() > 0.6
 
 
 def test_contact_surfaces_that_obstacles_touch_are_exact_and_disjoint(touched_rom):
-    found = contact_triangles(touched_rom)
+    found = divide_contact_triangles(touched_rom)
     assert not np.intersect1d(found["right"], found["top"]).size
     for contact, axis, end in (("right", 0, 1.0), ("top", 2, 0.3)):
         corners = touched_rom.nodes[touched_rom.triangles]
@@ -70,7 +70,7 @@ def test_of_overlapping_contact_surfaces_the_smallest_has_a_triangle(box_file):
     spot = "[contacts.spot]\nnear = { point = [0.75, 0.2, 0.3], radius = 0.13 }"
     contacts = f'[contacts.top]\nsurface = "top"\n{spot}'
     rom = fr.reduce(fr.assemble(parse_scene(scene_text(box_file, contacts=contacts))), order=12)
-    found = contact_triangles(rom)
+    found = divide_contact_triangles(rom)
     assert len(found["spot"]) >= 4
     assert not np.intersect1d(found["top"], found["spot"]).size
     middle = rom.nodes[rom.triangles[found["spot"]]].mean(axis=(0, 1))
