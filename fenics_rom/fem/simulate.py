@@ -1,21 +1,20 @@
 """The full-order run of a scene."""
 
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 
 from fenics_rom.errors import SceneError
 from fenics_rom.fem.assemble import assemble
 from fenics_rom.fem.finite_strain.stepper import FiniteStrainStepper
 from fenics_rom.fem.simulator import FullOrderSimulator
 from fenics_rom.fem.validity_monitors import InversionMonitor, SurfaceMonitor
+from fenics_rom.io.progress import Report, silent
 from fenics_rom.mechanics.environment import Environment
 from fenics_rom.mechanics.load_history import LoadHistory
 from fenics_rom.mechanics.signals import SignalLike
 from fenics_rom.scene.scene import Scene
 from fenics_rom.system.system import System
 from fenics_rom.trajectory.trajectory import Trajectory, TrajectoryRecorder
-
-Report = Callable[[str, int, int], None]
 
 MONITOR_INTERVAL = 10  # steps; a look at the surface costs less than one
 
@@ -25,24 +24,14 @@ def simulate(
     *,
     dt: float | None = None,
     signals: Mapping[str, SignalLike] | None = None,
-    report: Report = lambda stage, done, of: None,
+    report: Report = silent,
 ) -> Trajectory:
-    """Runs the full-order model through the scene's load history from rest; every rank must call it.
+    """Runs the full-order model through the load history from rest; every rank must call it.
 
-    Args:
-        scene: the scene, or the system assembled from it.
-        dt: time step instead of the scene's, s.
-        signals: of loads and obstacles by name, instead of the scene's: numbers, or functions of time; as in
-            Simulator.
-        report: called with the stage, how much of it is done, and of how much.
-
-    Warns where the surface turns or strains more than a linear model can follow.
-
-    Raises:
-        SceneError, MeshError, SolverError: as `assemble`, or no load history.
+    This is `fenics_rom.simulate` of a scene or a system, where arguments and errors are.
     """
     system = assemble(scene) if isinstance(scene, Scene) else scene
-    environment, history = _asked(system, dt)
+    environment, history = _run_of(system, dt)
     assert environment.run is not None
     body = FullOrderSimulator(system, history.dt, environment, signals)
     recorder = TrajectoryRecorder(
@@ -88,7 +77,7 @@ def plain_rate(system: System, dt: float, seconds: float = 0.02, windows: int = 
         seconds: wall clock of a window.
         windows: how many there are, of which the fastest counts: whatever else a machine does can only slow it down.
     """
-    environment, history = _asked(system, dt)
+    environment, history = _run_of(system, dt)
     body = FullOrderSimulator(system, history.dt, environment, ledger=False)
     rates = []
     spent, taken = 0.0, 0
@@ -105,7 +94,7 @@ def plain_rate(system: System, dt: float, seconds: float = 0.02, windows: int = 
     return max(rates, default=0.0)
 
 
-def _asked(system: System, dt: float | None) -> tuple[Environment, LoadHistory]:
+def _run_of(system: System, dt: float | None) -> tuple[Environment, LoadHistory]:
     """What acts in the scene of a system, and the inputs of every step."""
     if system.scene is None or system.scene.run is None:
         where = system.scene.source if system.scene else "a system of matrices"

@@ -32,23 +32,7 @@ def simulate(
     stepper: str | None = None,
     report: Report = silent,
 ) -> Trajectory:
-    """Runs a ROM through a load history from rest.
-
-    Args:
-        rom: the reduced model.
-        scene: whose run, effects and outputs' names to take instead of those of the scene in the ROM.
-        dt: time step instead of the scene's, s.
-        signals: of loads and obstacles by name, instead of the scene's: numbers, or functions of time; as in
-            Simulator.
-        profile: whether to run it once more to measure what each effect costs in a step.
-        rate: whether to run it once more to measure the wall clock of its steps, `settings["seconds"]`.
-        stepper: of a body with large deformation, as in Simulator.
-        report: called with the stage, how much of it is done, and of how much.
-
-    Raises:
-        SceneError: there is no load history, or it does not fit the ROM.
-        StepError: a step could not be taken.
-    """
+    """Runs a ROM through a load history from rest: `fenics_rom.simulate` of a ROM, where arguments and errors are."""
     environment, history, fresh = _prepared(rom, scene, dt, signals, stepper)
     body = fresh()
     recorder = TrajectoryRecorder(
