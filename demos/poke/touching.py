@@ -33,7 +33,7 @@ def deepest(run: fr.Trajectory, scene: Scene, points: Array) -> tuple[float, flo
     The run must have kept the shape of every step. The motion is that of the point and that of the obstacle, of points
     so close that they may touch.
     """
-    around = ActiveEnvironment(scene)
+    around = ActiveEnvironment(scene.environment)
     places = run.nodes[points] + np.concatenate([np.zeros((1, len(points), 3)), run.snapshots[:, points]])
     moved = np.linalg.norm(np.diff(places, axis=0), axis=2)
     offsets = np.array([around.offsets_at(t) for t in run.times])
