@@ -49,13 +49,13 @@ class Trajectory:
 
     Attributes:
         markers: displacement of the markers at the start and after every step, (steps + 1, markers, 3), m.
-        shapes: displacement at the kept instants, (n, S), m.
+        snapshots: displacement at the kept instants, (n, S), m.
         warnings: what the simulator had to say.
         balance_error: gap of the energy account at the end, as a share of the work put in; 0 where none was kept.
     """
 
     markers: Array
-    shapes: Array
+    snapshots: Array
     warnings: tuple[str, ...] = ()
     balance_error: float = 0.0
 
