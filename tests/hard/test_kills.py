@@ -100,7 +100,7 @@ def test_end_at_some_instants(inputs, name, count):
 
 @pytest.mark.parametrize("rank", [0, 1])
 def test_rank_that_is_killed_alone_ends_the_other(inside, rank):
-    command = kills.COMMANDS["solve-2"]
+    command = kills.COMMANDS["simulate-full-2"]
     status, _ = kills.end(command, inside, 0.7, signal.SIGKILL, rank)
     assert status != 0
     assert kills.flaws(command, inside) == []

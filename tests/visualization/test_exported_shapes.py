@@ -3,8 +3,11 @@
 from dataclasses import replace
 
 import numpy as np
+from bodies import PLATE
 
 import fenics_rom as fr
+from fenics_rom.scene.file import parse_scene
+from fenics_rom.visualization.exports.contact_surface import find_contact_triangles
 from fenics_rom.visualization.exports.mode_shapes import balanced_modes, eigenvectors, shapes_at_rest
 
 
@@ -51,3 +54,15 @@ def test_full_order_keeps_the_same_velocities(plate_system, plate_rom):
 def replace_scene(system, scene):
     given = {name: getattr(system, name) for name in system.__dataclass_fields__}
     return fr.System(**given | {"scene": scene})
+
+
+def test_patch_near_a_point_has_the_triangles_that_are_near(plate_rom):
+    point = [0.25, 0.1, 0.01]
+    near = plate_rom.scene_text.replace('surface = "middle"', f"near = {{ point = {point}, radius = 0.08 }}")
+    surfaces = fr.assemble(parse_scene(near, folder=PLATE.parent)).body.contact_surfaces
+    patch = find_contact_triangles(replace(plate_rom, contact_surfaces=surfaces), "middle")
+    centroids = plate_rom.nodes[plate_rom.triangles].mean(axis=1)
+    expected = plate_rom.triangles[np.linalg.norm(centroids - point, axis=1) <= 0.08]
+    assert len(expected)
+    assert {tuple(corners) for corners in expected} <= {tuple(corners) for corners in patch}
+    assert set(patch.ravel()) == set(expected.ravel())
