@@ -229,6 +229,7 @@ def test_walks_name_what_stands_in_their_files():
             assert re.search(rf"\b{words[0]}\b", (PACKAGE / file).read_text()), (file, words[0])
 
 
+@pytest.mark.slow
 def test_plate_demo_keeps_its_claims():
     printed = run_in(ROOT, str(DEMOS / "plate" / "plate.py"))
     assert "FAILS" not in printed

@@ -94,7 +94,10 @@ def run(command: Command, folder: Path, *more: str) -> subprocess.CompletedProce
 
 
 def end(command: Command, folder: Path, after: float, sent: signal.Signals, rank: int = 0) -> tuple[int, str]:
-    """Starts a command, sends a signal to it, or to one of its ranks, after so many seconds; its status and last words.
+    """Starts a command, sends a signal to it, or to one of its ranks as soon as it is there, after so many seconds.
+
+    Returns:
+        Its status and last words.
 
     Raises:
         subprocess.TimeoutExpired: it, or what is left of its ranks, went on.
@@ -110,10 +113,12 @@ def end(command: Command, folder: Path, after: float, sent: signal.Signals, rank
         )
         try:
             time.sleep(after)
-            if started.poll() is None:
+            while started.poll() is None:
                 with_pid = started.pid if command.ranks == 1 else _rank(started.pid, rank)
                 if with_pid is not None:
                     os.kill(with_pid, sent)
+                    break
+                time.sleep(0.01)
             status = started.wait(PATIENCE)
         finally:
             if started.poll() is None:
