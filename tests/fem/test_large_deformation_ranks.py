@@ -37,7 +37,7 @@ for name in sys.argv[1:]:
     with suppress(SystemExit):
         main(["simulate", name + ".toml", "-o", name + ".h5"])
 """
-pytestmark = pytest.mark.alone
+pytestmark = [pytest.mark.alone, pytest.mark.slow]
 
 
 @pytest.fixture(scope="module")

@@ -24,6 +24,7 @@ import numpy as np
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomError
+from fenics_rom.io.hdf5 import content_of
 from fenics_rom.studies.study_results import read_study_results
 
 sys.path.append(str(Path(__file__).parents[1]))
@@ -153,7 +154,7 @@ def whole(file: Path) -> bool:
     try:
         match file.suffix:
             case ".h5":
-                (fr.read_rom if fr.io.hdf5.content_of(file) == "rom" else fr.read_trajectory)(file)
+                (fr.read_rom if content_of(file) == "rom" else fr.read_trajectory)(file)
             case ".json":
                 read_study_results(file)
             case ".toml":

@@ -17,7 +17,9 @@ def _demo(monkeypatch):
     monkeypatch.syspath_prepend(FOLDER)
 
 
-@pytest.mark.parametrize("kind", KINDS)
+@pytest.mark.parametrize(
+    "kind", [pytest.param(kind, marks=pytest.mark.slow if kind in ("material", "shape") else ()) for kind in KINDS]
+)
 def test_every_claim_holds(kind):
     rows = list(importlib.import_module(f"cases_{kind}").rows(quick=True))
     assert [" | ".join(row.cells) for row in rows if not row.holds] == []

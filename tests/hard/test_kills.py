@@ -88,10 +88,8 @@ def test_end_while_the_output_is_written(inside, name, sent, place, old):
     assert not (inside / "new.h5.partial").exists()
 
 
-@pytest.mark.parametrize(
-    ("name", "count"),
-    [("reduce", 1), *(pytest.param(*many, marks=pytest.mark.slow) for many in (("reduce", 2), ("study", 1)))],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "count"), [("reduce", 2), ("study", 1)])
 def test_end_at_some_instants(inputs, name, count):
     outcomes, wrong = kills.campaign(name, inputs, count, seed=0)
     assert wrong == []

@@ -197,6 +197,7 @@ def may_be_alone():
 
 
 @pytest.mark.skipif(not may_be_alone(), reason="takes root, and iproute2")
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["reduce", "simulate-full", "simulate"])
 def test_commands_need_no_network(inside, name):
     done(kills.COMMANDS[name], inside, *ALONE)
@@ -211,6 +212,7 @@ def content(file):
     return found
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", ["reduce", "simulate-full", "simulate"])
 def test_the_same_command_writes_the_same_bits(inside, name):
     first = content(done(kills.COMMANDS[name], inside))

@@ -78,7 +78,7 @@ def test_frictionless_forces_are_those_of_the_best_enumerated_set(seed):
     np.testing.assert_allclose(λ, solutions[0], atol=1e-8 * max(1.0, np.abs(solutions[0]).max()))
 
 
-@pytest.mark.parametrize("μ", [0.0, 0.4])
+@pytest.mark.parametrize("μ", [0.0, pytest.param(0.4, marks=pytest.mark.slow)])
 def test_rigid_body_on_300_points(μ):
     """Six freedoms, 900 forces: whatever forces the search begins with, it ends at a solution.
 

@@ -116,6 +116,7 @@ def test_dashpots_need_no_space_of_their_size(plate):
     assert gap(rom, "c", plate.sigma(D, plate.tip)) <= 1e-6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("left", "right"), [(1e-3, 1e-4), (1e-2, 1e-4), (1e-4, 1e-6)])
 def test_damping_of_each_material_asks_for_positive_shifts(small_plate, left, right, monkeypatch):
     factored = []
@@ -164,6 +165,7 @@ def test_identical_and_nested_contact_modes_share_their_basis(plate):
     assert rom.basis.shape[1] <= alone["all"].basis.shape[1] + alone["one"].basis.shape[1]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("damping", [(0.5, 1e-3), (0.1, 1e-6)], ids=["heavy", "light"])
 def test_many_contact_modes_share_eigenvectors(plate, damping):
     D = plate.rayleigh(*damping)

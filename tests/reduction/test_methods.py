@@ -57,6 +57,7 @@ def test_modal_static_is_exact_at_rest(box_system, eigenvectors):
         assert np.linalg.norm(lowest - W @ (W.T @ M @ lowest)) <= 1e-6 * np.linalg.norm(lowest)
 
 
+@pytest.mark.slow
 def test_pod_follows_the_run_that_it_was_made_from(box_system):
     """The error of a step load, in time, falls as the order rises; against the full order."""
     h, B = 0.002, box_system.input_matrix("right")

@@ -14,7 +14,7 @@ from fenics_rom.scene.effects import PrescribedForce
 from fenics_rom.studies.amplitude_results import AmplitudeRow, read_amplitude_results
 from fenics_rom.studies.amplitudes import linear, scaled, study_amplitudes
 
-pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
+pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")]
 
 BEND = """dt = 5e-3
 duration = 0.15

@@ -203,6 +203,7 @@ def test_two_ranks_find_the_same(box_file, tmp_path):
             assert float(one[column]) == pytest.approx(float(two[column]), rel=1e-3)
 
 
+@pytest.mark.slow
 class TestForATolerance:
     def test_model_keeps_it_and_a_smaller_one_would_not(self, scene, tmp_path):
         tolerance = 1e-3
