@@ -5,49 +5,26 @@ from typing import Any
 import numpy as np
 
 from fenics_rom.errors import StepError
-from fenics_rom.fem.contact_interface import interface_of
 from fenics_rom.fem.direct import PetscFactor
 from fenics_rom.fem.extended_precision import ExtendedMatrix
+from fenics_rom.fem.full_order_body import FullOrderBody
 from fenics_rom.fem.petsc_matrix import combination
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointMotion
-from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.step import StepInput, StepResult
-from fenics_rom.mechanics.time_step_monitor import TimeStepMonitor
 from fenics_rom.system.system import Array, System
 
 
-class FullOrderStepper:
-    """Steps a full-order system from rest, see mechanics.step.Stepper; every rank must call every method.
+class FullOrderStepper(FullOrderBody):
+    """Steps a linear body from rest, see mechanics.step.Stepper; every rank must call every method.
 
-    Args:
-        system: the full-order model, on PETSc matrices.
-        dt: time step, s; may be set anew before any step.
-        environment: obstacles, and whether there is inertia; None: no obstacles, and inertia.
-        ledger: whether the energy account is kept; without it a step is one solve and two products.
-
-    Attributes:
-        x, v: displacement and velocity (rows here, 1), m and m/s.
-        contact: in the last step; None where nothing touched.
-        contact_mode: the active one, in whose order the inputs are.
-        ledger: the energy account, or None.
-        interface: the contact points; None where nothing can touch.
-        time_step_monitor: of the length of the steps, where an account is kept.
+    Arguments and attributes as in FullOrderBody; matrices are PETSc's. Without an account a step is one solve and two
+    products.
     """
 
     def __init__(self, system: System, dt: float, environment: ActiveEnvironment | None = None, *, ledger: bool = True):
+        super().__init__(system, dt, environment, ledger)
         self.kind, self.reason = "midpoint", "the model is linear"
-        self.system, self.dt, self.time = system, dt, 0.0
-        self.contact: ContactSolution | None = None
-        self.contact_mode = next(iter(system.contacts))
-        self._inputs: dict[str, Array] = {}
-        self._has_inertia = environment is None or environment.environment.has_inertia
-        self.interface = interface_of(system, environment)
-        self.ledger = EnergyLedger() if ledger else None
-        self.time_step_monitor = TimeStepMonitor()
-        rows = system.algebra.rows()
-        self.x = np.zeros((rows.stop - rows.start, 1))
-        self.v = np.zeros_like(self.x)
         self._momentum = np.zeros_like(self.x)  # M v
         self._elastic = np.zeros_like(self.x)  # K x
         self._stiffness = ExtendedMatrix(system.stiffness.mat)  # type: ignore[attr-defined]
@@ -70,20 +47,9 @@ class FullOrderStepper:
         self._elastic = self._stiffness @ self.x
         self._energy = None
 
-    def switch(self, contact: str) -> float:
-        """See Stepper; the state stays as it is, and nothing is lost."""
-        self.contact_mode = contact
-        return 0.0
-
-    def set_time_step(self, dt: float) -> None:
-        """See Stepper."""
-        self.dt = dt
-
     def step(self, inputs: StepInput) -> StepResult:
         """See Stepper."""
-        if self.contact_mode not in self._inputs:
-            self._inputs[self.contact_mode] = self.system.input_matrix(self.contact_mode)
-        B = self._inputs[self.contact_mode]
+        B = self.input_matrix
         if inputs.u.shape != (B.shape[1],):
             raise ValueError
         return self.step_under(B @ inputs.u, inputs.obstacles)
@@ -137,33 +103,6 @@ class FullOrderStepper:
         if self.ledger is not None:
             self.ledger.sums = sums
 
-    def flush(self) -> None:
-        """See Stepper; every step books by itself."""
-
-    def point_displacement(self) -> Array:
-        """See Stepper."""
-        assert self.interface is not None
-        return self.interface.at_points(self.x)
-
-    def diagnostics(self) -> tuple[str, ...]:
-        """See Stepper."""
-        residual = "" if self.interface is None else self.interface.solver.residual.message
-        return tuple(filter(None, [residual, self.time_step_monitor.message]))
-
-    def displacement(self, output: str | None = None) -> Array:
-        """Displacement, m: of a named output (points, 3), or of every mesh node (nodes, 3)."""
-        s = self.system
-        if output is not None:
-            return s.algebra.inner(s.outputs[output], self.x).reshape(-1, 3)
-        return self._on_nodes(self.x)
-
-    def velocity(self, output: str | None = None) -> Array:
-        """Velocity, m/s, as displacement."""
-        s = self.system
-        if output is not None:
-            return s.algebra.inner(s.outputs[output], self.v).reshape(-1, 3)
-        return self._on_nodes(self.v)
-
     def close(self) -> None:
         """Gives the factor's memory back."""
         if self._factored is not None:
@@ -201,12 +140,6 @@ class FullOrderStepper:
             return self.system.damping @ v
         α, β = self.system.rayleigh
         return α * Mv + β * Kv
-
-    def _on_nodes(self, x: Array) -> Array:
-        """A field (rows here, 1) on all nodes (nodes, 3), the same on every rank."""
-        field = np.zeros(3 * len(self.system.body.nodes))
-        field[self.system.body.free] = self.system.algebra.gather(x)[:, 0]
-        return field.reshape(-1, 3)
 
     def _dot(self, a: Array, b: Array) -> float:
         return float(self.system.algebra.inner(a, b)[0, 0])

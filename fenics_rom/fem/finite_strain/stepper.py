@@ -6,7 +6,6 @@ from typing import Any
 import numpy as np
 
 from fenics_rom.errors import SolverError, StepError
-from fenics_rom.fem.contact_interface import interface_of
 from fenics_rom.fem.direct import PetscFactor
 from fenics_rom.fem.finite_strain.contact import ContactInNewton
 from fenics_rom.fem.finite_strain.gmres import Gmres
@@ -15,40 +14,30 @@ from fenics_rom.fem.finite_strain.newton import NewtonIterate, NotConvergedError
 from fenics_rom.fem.finite_strain.preconditioner import TangentCoefficients, TangentPreconditioner
 from fenics_rom.fem.finite_strain.residuals import MidpointResidual, QuasiStaticResidual, StepResidual, StepStart
 from fenics_rom.fem.finite_strain.stresses import IDENTITY, MidpointStresses
+from fenics_rom.fem.full_order_body import FullOrderBody
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
-from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion
-from fenics_rom.mechanics.energy_ledger import EnergyLedger
+from fenics_rom.mechanics.contact import ObstacleMotion
 from fenics_rom.mechanics.hyperelastic import strain
 from fenics_rom.mechanics.step import StepInput, StepResult
-from fenics_rom.mechanics.time_step_monitor import TimeStepMonitor
 from fenics_rom.system.system import Array, System
 
 SMALLEST_PART = 1 / 64  # share of a step below which none is tried
 MAX_PRODUCTS = 25  # products with the tangent in a step, more than a new factor is worth
 
 
-class FiniteStrainStepper:
-    """Steps a body from rest, see mechanics.step.Stepper; every rank must call every method.
+class FiniteStrainStepper(FullOrderBody):
+    """Steps a body that deforms largely from rest, see mechanics.step.Stepper; every rank must call every method.
 
     Args:
-        system: the full-order model.
-        model: what deforms in it.
-        dt: time step, s; may be set anew before any step.
-        environment: obstacles, and whether there is inertia; None: no obstacles, and inertia.
-        ledger: whether the energy account is kept.
+        system, dt, environment, ledger: as in FullOrderBody.
+        model: what deforms in the system.
 
-    Attributes:
-        x, v: displacement and velocity (rows here, 1), m and m/s.
-        contact: in the last step; None where nothing touched.
-        contact_mode: the active one, in whose order the inputs are.
-        interface: the contact points; None where nothing can touch.
+    Attributes, beside those of FullOrderBody:
         newton: iterations of Newton's method in the last step.
         products: products with tangents in the last step.
         factors: how often a matrix was factored so far.
         parted: steps that were taken in parts, as Newton's method did not solve them whole.
         finest: smallest share of a step that was taken.
-        ledger: the energy account, or None.
-        time_step_monitor: of the length of the steps, where an account is kept.
     """
 
     def __init__(
@@ -60,28 +49,20 @@ class FiniteStrainStepper:
         *,
         ledger: bool = True,
     ):
+        super().__init__(system, dt, environment, ledger)
         self.kind, self.reason = "newton", "the body deforms largely"
-        self.system, self._model = system, model
-        self.contact_mode = next(iter(system.contacts))
-        self.dt, self.time = dt, 0.0
-        self.ledger = EnergyLedger() if ledger else None
-        self.time_step_monitor = TimeStepMonitor()
-        self.contact: ContactSolution | None = None
+        self._model = model
         self.newton = self.products = self.factors = self.parted = 0
         self.finest = 1.0
-        self._quasi_static = environment is not None and not environment.environment.has_inertia
-        self.interface = interface_of(system, environment)
-        self._touch = None if self.interface is None else ContactInNewton(self.interface)
+        self._contact_in_newton = None if self.interface is None else ContactInNewton(self.interface)
         self._before: tuple[Any, ...] = ()
         here = system.algebra.rows()
-        rows = here.stop - here.start
         self._matrix = TangentPreconditioner(
             model.points, model.material, model.free, here, (model.mass, model.external_damping, model.spring)
         )
-        self._krylov = Gmres(rows, system.size, model.mass.mat.comm)
+        self._krylov = Gmres(len(self.x), system.size, model.mass.mat.comm)
         self._factored: tuple[TangentCoefficients, PetscFactor] | None = None
-        self._columns: dict[str, Array] = {}
-        self.set_state(np.zeros(rows), np.zeros(rows))
+        self.set_state(self.x, self.v)
 
     @property
     def energy(self) -> float:
@@ -98,28 +79,19 @@ class FiniteStrainStepper:
 
     def diagnostics(self) -> tuple[str, ...]:
         """See Stepper."""
-        residual = "" if self.interface is None else self.interface.solver.residual.message
-        parted = ""
-        if self.parted:
-            parted = (
-                f"Newton's method did not solve {self.parted} of the steps whole: they were taken in parts, the "
-                f"smallest 1/{round(1 / self.finest)} of a step; a smaller dt may be faster"
-            )
-        return tuple(filter(None, [parted, residual, self.time_step_monitor.message]))
+        others = super().diagnostics()
+        if not self.parted:
+            return others
+        parted = (
+            f"Newton's method did not solve {self.parted} of the steps whole: they were taken in parts, the "
+            f"smallest 1/{round(1 / self.finest)} of a step; a smaller dt may be faster"
+        )
+        return (parted, *others)
 
     def set_state(self, x: Array, v: Array) -> None:
         """Puts the body somewhere, moving: local rows of displacement (m) and velocity (m/s), (rows here,) each."""
         self._arrive(x.reshape(-1, 1).copy(), v.reshape(-1, 1).copy())
         self._past: list[Array] = []
-
-    def switch(self, contact: str) -> float:
-        """See Stepper; the state stays as it is, and nothing is lost."""
-        self.contact_mode = contact
-        return 0.0
-
-    def set_time_step(self, dt: float) -> None:
-        """See Stepper."""
-        self.dt = dt
 
     def step(self, inputs: StepInput) -> StepResult:
         """See Stepper; inputs are in the order of `System.input_matrix`.
@@ -130,7 +102,7 @@ class FiniteStrainStepper:
         """
         sums = None if self.ledger is None else self.ledger.sums
         self._before = (self.x, self.v, self._H, self.contact), sums
-        self._advance(inputs, self._quasi_static)
+        self._advance(inputs, not self._has_inertia)
         self.time += self.dt
         return StepResult(self.energy if self.ledger is not None else np.nan, self.contact)
 
@@ -147,26 +119,6 @@ class FiniteStrainStepper:
         self.time -= self.dt
         if self.ledger is not None:
             self.ledger.sums = sums
-
-    def flush(self) -> None:
-        """See Stepper; every step books by itself."""
-
-    def point_displacement(self) -> Array:
-        """See Stepper."""
-        assert self.interface is not None
-        return self.interface.at_points(self.x)
-
-    def displacement(self, output: str | None = None) -> Array:
-        """Displacement, m: of a named output (points, 3), or of every mesh node (nodes, 3)."""
-        if output is None:
-            return self._model.nodal_field(self.x)
-        return self.system.algebra.inner(self.system.outputs[output], self.x).reshape(-1, 3)
-
-    def velocity(self, output: str | None = None) -> Array:
-        """Velocity, m/s, as displacement."""
-        if output is None:
-            return self._model.nodal_field(self.v)
-        return self.system.algebra.inner(self.system.outputs[output], self.v).reshape(-1, 3)
 
     def close(self) -> None:
         """Gives the memory back."""
@@ -189,9 +141,7 @@ class FiniteStrainStepper:
     def _load(self, u: Array) -> ExternalForce:
         """The force of inputs u in the active contact mode."""
         s, followers, contact = self.system, self._model.followers, self.contact_mode
-        if contact not in self._columns:
-            self._columns[contact] = s.input_matrix(contact)
-        width = self._columns[contact].shape[1]
+        width = self.input_matrix.shape[1]
         if u.shape != (width,) or not np.isfinite(u).all():
             raise StepError(f"input {u.tolist()}: allowed are {width} finite numbers in contact mode {contact!r}")
         u, following, at = u.copy(), [], s.contacts[contact].shape[1]
@@ -201,7 +151,7 @@ class FiniteStrainStepper:
                     following.append((float(u[at]), followers[name]))
                 u[at] = 0.0
             at += columns.shape[1]
-        return ExternalForce(self._columns[contact] @ u[:, None], tuple(following))
+        return ExternalForce(self.input_matrix @ u[:, None], tuple(following))
 
     def _advance(self, inputs: StepInput, quasi_static: bool) -> None:
         """Takes a step, in parts where Newton's method does not solve it whole; if none does, nothing has changed."""
@@ -258,8 +208,8 @@ class FiniteStrainStepper:
             equation = MidpointResidual(self._model, start, load, h)
         else:
             equation = QuasiStaticResidual(self._model, start, load, h, (1 - done - share) * missing)
-        if self._touch is not None and obstacles is not None:
-            self._touch.begin(self.x, self.v, h, obstacles.part(done, share, self.dt), missing is not None)
+        if self._contact_in_newton is not None and obstacles is not None:
+            self._contact_in_newton.begin(self.x, self.v, h, obstacles.part(done, share, self.dt), missing is not None)
         solution = self._solution(equation, share)
         self.newton += solution.iterations
         self._book(equation, solution, missing is not None)
@@ -286,15 +236,21 @@ class FiniteStrainStepper:
 
     def _tried(self, equation: StepResidual, guesses: list[Array]) -> NewtonIterate:
         assert self._factored is not None
-        if self._touch is not None:
-            self._touch.use(self._factored[1])
+        if self._contact_in_newton is not None:
+            self._contact_in_newton.use(self._factored[1])
         try:
             return solve_step(
-                equation, guesses, self._factored[1], self._krylov, self._touch, self._model.dot, self.contact
+                equation,
+                guesses,
+                self._factored[1],
+                self._krylov,
+                self._contact_in_newton,
+                self._model.dot,
+                self.contact,
             )
         except NotConvergedError:
-            if self._touch is not None:
-                self._touch.rollback()
+            if self._contact_in_newton is not None:
+                self._contact_in_newton.rollback()
             raise
 
     def _factor(self, coefficients: TangentCoefficients) -> None:
