@@ -31,8 +31,9 @@ from touching import draw_from_side, true_to_scale
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning
 from fenics_rom.io.markdown import markdown
+from fenics_rom.mechanics.step import FINITE_STRAIN_STEPPERS
 from fenics_rom.runtime.simulate import rate as fastest
-from fenics_rom.scene.scene import STEPPERS, Scene
+from fenics_rom.scene.scene import Scene
 from fenics_rom.visualization.figure import figure_class
 
 HERE = Path(__file__).parent
@@ -70,8 +71,8 @@ def main() -> None:
     straight = fr.simulate(without(scene, "large_deformation"))
     rom = fr.reduce(system)
     fr.write_rom(out / "bending.h5", rom)
-    runs = {stepper: fr.simulate(rom, scene=scene, stepper=stepper) for stepper in STEPPERS}
-    rates = {stepper: fastest(rom, scene=scene, stepper=stepper, runs=RUNS) for stepper in STEPPERS}
+    runs = {stepper: fr.simulate(rom, scene=scene, stepper=stepper) for stepper in FINITE_STRAIN_STEPPERS}
+    rates = {stepper: fastest(rom, scene=scene, stepper=stepper, runs=RUNS) for stepper in FINITE_STRAIN_STEPPERS}
     table(out / "bending.md", full, straight, runs, rates, rom)
     best = runs["linearly-implicit"]
     draw(out / "bending.png", scene, full, best, straight)

@@ -8,7 +8,7 @@ from fenics_rom.cli.display import print_trajectory, progress
 from fenics_rom.cli.output import add_output, check_output
 from fenics_rom.io.hdf5 import is_sealed
 from fenics_rom.io.mpi_ranks import is_root_process
-from fenics_rom.scene.scene import STEPPERS
+from fenics_rom.mechanics.step import FINITE_STRAIN_STEPPERS
 
 SUMMARY = "run a scene at full order (also under mpirun), or a ROM, through its load history"
 ENDINGS_OF_ROMS = (".h5", ".hdf5")  # what so ends, and is no ROM, is told so
@@ -26,7 +26,9 @@ def add_options(command: argparse.ArgumentParser) -> None:
     group.add_argument("--profile", action="store_true", help="run again to measure what each effect costs in a step")
     group.add_argument("--rate", action="store_true", help="run again to measure steps per second")
     group.add_argument(
-        "--stepper", choices=STEPPERS, help="of large deformation: newton for large steps, linearly-implicit for small"
+        "--stepper",
+        choices=FINITE_STRAIN_STEPPERS,
+        help="of large deformation: newton for large steps, linearly-implicit for small",
     )
 
 

@@ -4,7 +4,6 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from fenics_rom.errors import SceneError
 from fenics_rom.fem.finite_strain.stepper import FiniteStrainStepper
 from fenics_rom.fem.linear_stepper import FullOrderStepper
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
@@ -46,10 +45,7 @@ class FullOrderSimulator:
         ledger: bool = True,
     ):
         self.system, self.environment = system, ActiveEnvironment(environment, signals=signals)
-        if not environment.has_inertia and system.rigid.shape[1]:
-            raise SceneError(
-                f"{environment.source}: effects: inertia is missing, and a body that nothing holds has no equilibrium"
-            )
+        environment.check_supports(system.rigid.shape[1])
         if system.deformation is None:
             self.stepper = FullOrderStepper(system, dt, self.environment, ledger=ledger)
         else:

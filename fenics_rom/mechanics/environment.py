@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
+from fenics_rom.errors import SceneError
 from fenics_rom.mechanics.contact import ContactLaw
 from fenics_rom.mechanics.signals import Signal
 
@@ -126,6 +127,17 @@ class Environment:
     def switches_itself(self) -> bool:
         """Whether the contact mode follows the obstacles."""
         return self.contact_law is not None and self.contact_switching == "automatic"
+
+    def check_supports(self, rigid: int) -> None:
+        """Checks that a body with so many rigid motions has an equilibrium, where it has no inertia.
+
+        Raises:
+            SceneError: it has none.
+        """
+        if not self.has_inertia and rigid:
+            raise SceneError(
+                f"{self.source}: effects: inertia is missing, and a body that nothing holds has no equilibrium"
+            )
 
     def details(self, place: str) -> dict[str, Any]:
         """What is built in at a place of the scene, such as "effects.tendon"; empty where there is nothing."""

@@ -14,6 +14,8 @@ from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion
 
 Array = np.ndarray
 
+FINITE_STRAIN_STEPPERS = ("newton", "linearly-implicit")  # of a reduced body with inertia
+
 
 class StepInput(NamedTuple):
     """What acts in one step.

@@ -41,10 +41,7 @@ def fit_environment(
     if "large_deformation" not in environment.effects:
         rom = replace(rom, deformation=None)
     active = ActiveEnvironment(environment, rom.loads, signals)
-    if not environment.has_inertia and rom.rigid:
-        raise SceneError(
-            f"{environment.source}: effects: inertia is missing, and a body that nothing holds has no equilibrium"
-        )
+    environment.check_supports(rom.rigid)
     return rom, active if rom.loads or not environment.is_plain else None
 
 

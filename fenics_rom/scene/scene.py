@@ -29,7 +29,6 @@ METHODS = (
     "modal+derivatives",
 )
 SOLVERS = ("auto", "direct", "iterative")
-STEPPERS = ("newton", "linearly-implicit")  # of large deformation
 ORDER = Number(at_least=1, integer=True)
 TOLERANCE = Number(above=0.0, below=1.0)
 SHARE = Number(above=0.0, at_most=1.0)

@@ -16,9 +16,10 @@ from fenics_rom.errors import FenicsRomError, FenicsRomWarning, FileError, Scene
 from fenics_rom.fem.ranks import run_on_rank_0
 from fenics_rom.io.json_record import read_earlier, write_record
 from fenics_rom.io.progress import Report, silent
+from fenics_rom.mechanics.step import FINITE_STRAIN_STEPPERS
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.simulate import rate
-from fenics_rom.scene.scene import STEPPERS, Scene
+from fenics_rom.scene.scene import Scene
 from fenics_rom.studies import reference
 from fenics_rom.studies.amplitude_results import AmplitudeResults, AmplitudeRow, read_amplitude_results
 from fenics_rom.trajectory.comparison import compare
@@ -161,7 +162,10 @@ class _AmplitudeStudy:
             measured = []
             for model, rom, run_scene, stepper in (
                 ("linear, reduced", roms["linear"], linear(scene), None),
-                *((f"nonlinear, reduced, {stepper}", roms["nonlinear"], scene, stepper) for stepper in STEPPERS),
+                *(
+                    (f"nonlinear, reduced, {stepper}", roms["nonlinear"], scene, stepper)
+                    for stepper in FINITE_STRAIN_STEPPERS
+                ),
             ):
                 try:
                     run = fr.simulate(rom, scene=run_scene, stepper=stepper)

@@ -9,8 +9,8 @@ from soft_rom import linear, soft_rom, swing
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning, SceneError, StepError
+from fenics_rom.mechanics.step import FINITE_STRAIN_STEPPERS
 from fenics_rom.scene.file import parse_scene
-from fenics_rom.scene.scene import STEPPERS
 
 LAWS = ("st_venant_kirchhoff", "neo_hookean")
 
@@ -38,7 +38,7 @@ def apart(one, other):
 
 
 @pytest.mark.parametrize("law", LAWS)
-@pytest.mark.parametrize("stepper", STEPPERS)
+@pytest.mark.parametrize("stepper", FINITE_STRAIN_STEPPERS)
 @pytest.mark.parametrize("damped", [True, False])
 def test_energy_balances_at_any_step(roms, undamped, law, stepper, damped):
     rom = (roms if damped else undamped)[law]
@@ -68,14 +68,14 @@ def test_the_linearly_implicit_step_never_creates_energy(roms, undamped, law):
 def test_both_steps_are_of_second_order(roms, law):
     rom = roms[law]
     exact = swing(rom, 2.5e-4, "newton", force=0.1)
-    for stepper in STEPPERS:
+    for stepper in FINITE_STRAIN_STEPPERS:
         errors = [apart(swing(rom, h, stepper, force=0.1), exact) for h in (8e-3, 4e-3, 2e-3)]
         assert 3.4 < errors[0] / errors[1] < 4.6
         assert 3.4 < errors[1] / errors[2] < 4.6
 
 
 @pytest.mark.parametrize("law", LAWS)
-@pytest.mark.parametrize("stepper", STEPPERS)
+@pytest.mark.parametrize("stepper", FINITE_STRAIN_STEPPERS)
 def test_small_loads_give_the_linear_model_to_second_order(roms, law, stepper):
     rom = roms[law]
     bent, straight = (swing(each, 4e-3, how, force=2e-3) for each, how in ((rom, stepper), (linear(rom), None)))
@@ -105,7 +105,7 @@ def test_a_switch_changes_inputs_alone(roms):
 
 
 @pytest.mark.parametrize("law", LAWS)
-@pytest.mark.parametrize("stepper", STEPPERS)
+@pytest.mark.parametrize("stepper", FINITE_STRAIN_STEPPERS)
 def test_what_was_saved_comes_back_to_the_bit(roms, law, stepper):
     simulator = swing(roms[law], 4e-3, stepper, duration=0.08)
     copies = [pickle.loads(pickle.dumps(simulator)), copy.copy(simulator)]
@@ -141,7 +141,7 @@ def test_set_states_and_resets_begin_anew(roms, law):
     assert not np.concatenate(simulator.state).any()
 
 
-@pytest.mark.parametrize("stepper", STEPPERS)
+@pytest.mark.parametrize("stepper", FINITE_STRAIN_STEPPERS)
 def test_a_force_beyond_the_numbers_leaves_the_state_as_it_was(roms, stepper):
     simulator = swing(roms["st_venant_kirchhoff"], 4e-3, stepper, duration=0.08)
     before, energy = simulator.state, simulator.energy
@@ -164,7 +164,7 @@ def test_followers_pull_where_the_body_is(roms, law):
     slope = [(length(q + t * e) - length(q - t * e)) / (2 * t) for e in np.eye(len(q))]
     np.testing.assert_allclose(tendon.force(q), np.negative(slope), rtol=1e-6, atol=1e-8)
     for u in ([0, 0, 0, 30.0, 0], [0, 0, 0, 0, 1.0]):
-        finals = [fr.Simulator(rom, 2e-3, stepper=stepper) for stepper in STEPPERS]
+        finals = [fr.Simulator(rom, 2e-3, stepper=stepper) for stepper in FINITE_STRAIN_STEPPERS]
         for each in finals:
             for _ in range(60):
                 each.step(u)
@@ -197,7 +197,7 @@ def test_without_inertia_every_step_is_an_equilibrium(law):
     assert np.linalg.norm(at_once.state[0] - q) < 1e-8 * np.linalg.norm(q)
 
 
-@pytest.mark.parametrize("stepper", [*STEPPERS, None])
+@pytest.mark.parametrize("stepper", [*FINITE_STRAIN_STEPPERS, None])
 def test_contact_never_adds_energy_and_lets_nothing_in(stepper):
     rom = soft_rom(contact=True, inertia=stepper is not None)
     simulator = fr.Simulator(rom, 2e-3, stepper=stepper)
@@ -218,7 +218,7 @@ def test_contact_never_adds_energy_and_lets_nothing_in(stepper):
 
 def test_both_steppers_agree_in_contact():
     rom = soft_rom(contact=True)
-    runs = [fr.Simulator(rom, 5e-4, stepper=stepper) for stepper in STEPPERS]
+    runs = [fr.Simulator(rom, 5e-4, stepper=stepper) for stepper in FINITE_STRAIN_STEPPERS]
     for each in runs:
         pushed = []
         for _ in range(400):

@@ -9,6 +9,7 @@ import numpy as np
 
 from fenics_rom.errors import StepError, unknown
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
+from fenics_rom.mechanics.step import FINITE_STRAIN_STEPPERS
 from fenics_rom.rom.rom import ContactModel, Rom
 from fenics_rom.runtime.steppers.kernel import Kernel
 from fenics_rom.runtime.steppers.midpoint_kernels import fastest_kernel
@@ -17,7 +18,6 @@ from fenics_rom.runtime.steppers.stepper import LinearStepper, ReducedStepper
 if TYPE_CHECKING:
     from fenics_rom.mechanics.active_environment import ActiveEnvironment
 
-FINITE_STRAIN_STEPPERS = ("newton", "linearly-implicit")
 LINEARLY_IMPLICIT_STEPS = 40  # in a period of the slowest mode, from which on the linearly implicit step pays
 
 
