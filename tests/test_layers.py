@@ -188,3 +188,8 @@ def test_command_line_without_rich_says_how_to_get_it_before_any_work(tmp_path):
     assert run.returncode == 1
     assert run.stderr == "fenics-rom: error: the command line needs rich: pip install fenics-rom[cli]\n"
     assert not any(tmp_path.iterdir())
+
+
+def test_no_file_is_too_long_to_be_read_at_once():
+    lengths = {str(file.relative_to(PACKAGE)): len(file.read_text().splitlines()) for file in PACKAGE.rglob("*.py")}
+    assert {file: length for file, length in lengths.items() if length > 400} == {}

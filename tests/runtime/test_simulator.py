@@ -264,3 +264,13 @@ def test_time_does_not_drift(plate_rom):
     simulator.dt = 0.5
     simulator.step([0.0, 0.0, 0.0])
     assert simulator.time == 100.5
+
+
+@pytest.mark.parametrize(("asked", "runs"), [({}, 1), ({"rate": True}, 2), ({"profile": True}, 2)])
+def test_a_run_is_taken_once_and_once_more_for_what_is_measured(plate_rom, monkeypatch, asked, runs):
+    steps = []
+    step = fr.Simulator.step
+    monkeypatch.setattr(fr.Simulator, "step", lambda body, u=(): (steps.append(body), step(body, u)))
+    run = fr.simulate(plate_rom, dt=0.01, **asked)
+    assert len(steps) == runs * (len(run.times) - 1)
+    assert ("seconds" in run.settings) == ("rate" in asked)
