@@ -20,7 +20,9 @@ def test_mutated_input_is_refused_or_read_and_used(kind, count):
     outcomes, bad = fuzz.run(kind, count, seed=0)
     assert bad == []
     assert sum(outcomes.values()) == count
-    assert outcomes["refused"] < 0.9 * count  # else nothing behind the first check would be tested
+    # Else nothing behind the first check would be tested. A fifth of the scenes pass it, on any release: that all but
+    # one of 60 fail it has a chance of 2e-5.
+    assert outcomes["refused"] < 0.98 * count
 
 
 @pytest.mark.parametrize("name", mutated_files.ORIGINALS)
