@@ -1,7 +1,7 @@
 """A run of whatever can be run: a scene or a system at full order, or a ROM; the same call, the same trajectory."""
 
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, overload
+from typing import TYPE_CHECKING
 
 from fenics_rom.errors import SceneError, shown
 from fenics_rom.io.progress import Report, silent
@@ -13,30 +13,6 @@ from fenics_rom.trajectory.trajectory import Trajectory
 if TYPE_CHECKING:
     from fenics_rom.mechanics.active_environment import SignalLike
     from fenics_rom.system.system import System
-
-
-@overload
-def simulate(
-    model: "Scene | System",
-    *,
-    dt: float | None = None,
-    signals: "Mapping[str, SignalLike] | None" = None,
-    report: Report = silent,
-) -> Trajectory: ...
-
-
-@overload
-def simulate(
-    model: Rom,
-    *,
-    scene: Scene | None = None,
-    dt: float | None = None,
-    signals: "Mapping[str, SignalLike] | None" = None,
-    profile: bool = False,
-    rate: bool = False,
-    stepper: str | None = None,
-    report: Report = silent,
-) -> Trajectory: ...
 
 
 def simulate(

@@ -87,14 +87,6 @@ def _effects(rom: "fr.Rom") -> str:
     return ", ".join(shown) or "of the matrices"
 
 
-def _number(value: float | tuple[float, ...]) -> str:
-    return f"[{', '.join(f'{v:g}' for v in value)}]" if isinstance(value, tuple) else f"{value:g}"
-
-
-def _unit(unit: str) -> str:
-    return "" if unit == "1" else f" {unit}"
-
-
 def _mode_row(name: str, mode: ContactModel, validation: dict[str, float | None]) -> tuple[str, ...]:
     σ, count = mode.hankel_singular_values, len(mode.frequencies)
     return (

@@ -2,6 +2,7 @@
 
 import itertools
 from collections.abc import Collection, Mapping
+from dataclasses import is_dataclass
 from typing import Any
 
 from fenics_rom.errors import SceneError, unknown
@@ -9,11 +10,8 @@ from fenics_rom.mechanics.environment import AppliedLoad
 from fenics_rom.scene.effect_table import ACTUATORS, EFFECTS, LOADS
 from fenics_rom.scene.effects import Contact, Effects
 from fenics_rom.scene.environment import obstacle_of
-from fenics_rom.scene.file_format import LoadEntry, RunTable, SceneFile
+from fenics_rom.scene.file_format import LoadEntry, SceneFile
 from fenics_rom.scene.scene import check_order
-
-ON_SURFACE = ("surface", "near")
-ANYWHERE = (*ON_SURFACE, "point")
 
 
 def check_consistency(file: SceneFile) -> None:
@@ -22,33 +20,32 @@ def check_consistency(file: SceneFile) -> None:
     Raises:
         SceneError: something does not fit the rest.
     """
-    for name, patch in file.contacts.items():
-        check_exactly_one(patch, ON_SURFACE, f"contacts.{name}")
+    _check_choices(file, "")
     if not file.contacts:
         raise SceneError("contacts: at least one contact mode is needed, as [contacts.NAME]")
-    for name, patch in file.actuators.items():
-        check_exactly_one(patch, ON_SURFACE, f"actuators.{name}")
     _check_effects(file.effects, file.actuators)
     if (file.material is None) == (file.materials is None):
         raise SceneError("give either [material] or [materials.NAME]")
     if file.materials == {}:
         raise SceneError("materials: at least one [materials.NAME] is needed")
-    for name, output in file.outputs.items():
-        check_exactly_one(output, ("points", "surface"), f"outputs.{name}")
-    if file.reduction.order is not None and file.reduction.tolerance is not None:
-        raise SceneError("reduction: give order or tolerance, not both")
     check_order(file.reduction.order, file.contacts, "reduction.order")
 
 
-def check_exactly_one(record: Any, keys: tuple[str, ...], where: str) -> None:
-    """Checks that one of some fields is given.
-
-    Raises:
-        SceneError: none is, or several are.
-    """
-    given = [key for key in keys if getattr(record, key) is not None]
-    if len(given) != 1:
-        raise SceneError(f"{where}: give exactly one of {', '.join(keys)}; given: {', '.join(given) or 'none'}")
+def _check_choices(part: Any, where: str) -> None:
+    """Checks, in a record and all records in it, that one of some keys is given where it must or can be one."""
+    for keys in getattr(part, "ONE_OF", ()):
+        given = [key for key in keys if getattr(part, key) is not None]
+        if len(given) != 1:
+            raise SceneError(f"{where}: give exactly one of {', '.join(keys)}; given: {', '.join(given) or 'none'}")
+    alternatives = getattr(part, "AT_MOST_ONE", ())
+    if alternatives and all(getattr(part, key) is not None for key in alternatives):
+        raise SceneError(f"{where}: give {' or '.join(alternatives)}, not both")
+    if isinstance(part, tuple):
+        for k, inner in enumerate(part):
+            _check_choices(inner, f"{where}[{k}]")
+    elif is_dataclass(part) or isinstance(part, Mapping):
+        for key, inner in (part if isinstance(part, Mapping) else vars(part)).items():
+            _check_choices(inner, f"{where}.{key}" if where else key)
 
 
 def _check_effects(effects: Effects, actuators: Mapping[str, Any]) -> None:
@@ -62,15 +59,6 @@ def _check_effects(effects: Effects, actuators: Mapping[str, Any]) -> None:
             if name in taken:
                 raise SceneError(f"effects.{kind}.{name}: the name is taken by {taken[name]}.{name}")
             taken[name] = f"effects.{kind}"
-    for kind, keys in (("springs", ON_SURFACE), ("pressure", ON_SURFACE), ("prescribed", ANYWHERE)):
-        for name, place in getattr(effects, kind).items():
-            check_exactly_one(place, keys, f"effects.{kind}.{name}")
-    for name, dashpot in effects.dashpots.items():
-        check_exactly_one(dashpot, ON_SURFACE, f"effects.damping.dashpots.{name}")
-    for kind, key in (("prescribed", "force"), ("base_motion", "acceleration")):
-        for name, load in getattr(effects, kind).items():
-            if getattr(load, key) is not None and load.table is not None:
-                raise SceneError(f"effects.{kind}.{name}: give {key} or table, not both")
     for name, motion in effects.base_motion.items():
         if not any(motion.direction):
             raise SceneError(f"effects.base_motion.{name}.direction: allowed is any but zero")
@@ -93,16 +81,6 @@ def _check_contact(contact: Contact, *, has_inertia: bool) -> None:
         raise SceneError("effects.contact.restitution: goes with inertia and method = 'complementarity'")
 
 
-def check_run(run: RunTable) -> None:
-    """Checks the time step of a run.
-
-    Raises:
-        SceneError: it is longer than the run.
-    """
-    if run.dt > run.duration:
-        raise SceneError(f"run.dt = {run.dt:g}: allowed is at most the duration, {run.duration:g} s")
-
-
 def check_load(
     load: LoadEntry, where: str, duration: float, contacts: Collection[str], actuators: Collection[str]
 ) -> None:
@@ -111,8 +89,6 @@ def check_load(
     Raises:
         SceneError: it acts on nothing, or never.
     """
-    check_exactly_one(load, ("contact", "actuator"), where)
-    check_exactly_one(load, ("force", "table"), where)
     if load.contact is not None and load.contact not in contacts:
         raise SceneError(f"{where}.contact: {unknown('contact mode', load.contact, contacts)}")
     if load.actuator is not None and load.actuator not in actuators:

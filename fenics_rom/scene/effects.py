@@ -113,6 +113,7 @@ class BaseMotion:
         needs=("inertia",),
         changing=("acceleration", "table"),
     )
+    AT_MOST_ONE: ClassVar = ("acceleration", "table")
     direction: Annotated[Direction, "along which it is shaken; any length but zero"]
     acceleration: Annotated[Acceleration | None, "of the support, where it is constant"] = None
     table: Annotated[Signal | None, Table(columns=1), "time (s), acceleration (m/s2)"] = None
@@ -130,6 +131,8 @@ class PrescribedForce(Place):
     LAW: ClassVar = Law(
         force="a force on a surface, evenly, or at a point", supplies="its work", changing=("force", "table")
     )
+    ONE_OF: ClassVar = (("surface", "near", "point"),)
+    AT_MOST_ONE: ClassVar = ("force", "table")
     point: Annotated[Point | None, "a material point of the body"] = None
     force: Annotated[tuple[Newtons, Newtons, Newtons] | None, Items(3), "where it is constant"] = None
     table: Annotated[Signal | None, Table(columns=3), "time (s), three components (N)"] = None

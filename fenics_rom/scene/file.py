@@ -11,16 +11,17 @@ from typing import Any
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
-from fenics_rom.errors import SceneError
+from fenics_rom.errors import SceneError, unknown
 from fenics_rom.mechanics.environment import AppliedLoad, Run
-from fenics_rom.scene.consistency import check_consistency, check_load, check_pushes, check_run
+from fenics_rom.scene.consistency import check_consistency, check_load, check_pushes
 from fenics_rom.scene.effect_table import ACTUATORS
 from fenics_rom.scene.file_format import SceneFile
-from fenics_rom.scene.mistakes import mistake_of
 from fenics_rom.scene.scene import Material, Scene
 from fenics_rom.scene.signal_tables import SignalTables, unread_signal
+from fenics_rom.scene.values import Refused, keys_of, part_of, refused, type_in
 
 LONGEST = 60_000  # bytes of a scene, which travels as an attribute of every ROM file
+UNKNOWN_KEY = "unexpected_keyword_argument"  # pydantic's
 _ADAPTER = TypeAdapter(SceneFile)
 
 
@@ -75,7 +76,7 @@ def parse_scene(
     try:
         return _scene(raw, text, folder, tables, source)
     except ValidationError as error:
-        raise SceneError(f"{source}: {mistake_of(error)}") from error
+        raise SceneError(f"{source}: {_mistake(error)}") from error
     except SceneError as error:
         raise SceneError(f"{source}: {error}") from error
 
@@ -112,7 +113,8 @@ def _run(file: SceneFile) -> Run | None:
     run = file.run
     if run is None:
         return None
-    check_run(run)
+    if run.dt > run.duration:
+        raise SceneError(f"run.dt = {run.dt:g}: allowed is at most the duration, {run.duration:g} s")
     actuators = [*file.actuators, *(name for kind in ACTUATORS for name in getattr(file.effects, kind))]
     loads = []
     for k, load in enumerate(run.load):
@@ -121,3 +123,31 @@ def _run(file: SceneFile) -> Run | None:
         loads.append(AppliedLoad(load.contact, load.actuator, load.start, stop, load.signal))
     check_pushes(loads, file.effects)
     return Run(run.dt, run.duration, run.snapshots, tuple(sorted(loads, key=lambda load: load.start)))
+
+
+def _mistake(error: ValidationError) -> str:
+    """The first mistake; a key that does not exist comes first, as it may be why another one is missing."""
+    details = error.errors(include_url=False)
+    detail = next((detail for detail in details if detail["type"] == UNKNOWN_KEY), details[0])
+    *table, key = detail["loc"]
+    if detail["type"] == UNKNOWN_KEY:
+        record = SceneFile
+        for part in table:
+            record = part_of(record, part)
+        return f"{_begun(table)}{unknown('key', str(key), keys_of(type_in(record)))}"
+    if detail["type"] == "missing":
+        return f"{_begun(table)}{key} is missing"
+    refusal = detail.get("ctx", {}).get("error")
+    if not isinstance(refusal, Refused):  # all that pydantic checks by itself is whether something is a table
+        refusal = refused(detail["input"], "a table")
+    return f"{_path(table[:-1] if key == '[key]' else detail['loc'])}{refusal}"
+
+
+def _begun(table: list[int | str]) -> str:
+    """The beginning of a sentence about a table; none of the whole file."""
+    return f"{_path(table)}: " if table else ""
+
+
+def _path(keys: list[int | str] | tuple[int | str, ...]) -> str:
+    """Keys as TOML writes them, with numbers of list items in brackets."""
+    return "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in keys)[1:]

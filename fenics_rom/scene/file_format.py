@@ -46,6 +46,7 @@ class Supports:
 class LoadEntry:
     """A force on a contact mode, or the input of an actuator, between two times."""
 
+    ONE_OF: ClassVar = (("contact", "actuator"), ("force", "table"))
     contact: Annotated[str | None, Text(), "a contact mode; this or actuator"] = None
     actuator: Annotated[str | None, Text(), "an actuator, pressure or tendon; this or contact"] = None
     start: Annotated[float, Number(at_least=0.0, unit="s"), "when it begins"] = 0.0

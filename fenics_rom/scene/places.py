@@ -1,7 +1,7 @@
 """Where on a body something acts."""
 
 from dataclasses import dataclass
-from typing import Annotated
+from typing import Annotated, ClassVar
 
 from fenics_rom.scene.values import Number, Point, Text
 
@@ -18,6 +18,7 @@ class Near:
 class Place:
     """A piece of the surface: exactly one of the two."""
 
+    ONE_OF: ClassVar = (("surface", "near"),)
     surface: Annotated[str | None, Text(), "a named surface of the mesh"] = None
     near: Annotated[Near | None, "the surface triangles whose centroids lie in a ball"] = None
 

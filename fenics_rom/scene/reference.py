@@ -37,7 +37,7 @@ the load history. The file is checked when it is read; every mistake is told in 
 | `scene.py`, `places.py`, `effects.py` | the records; their annotations say what a key may be, and what it means |
 | `file_format.py` | the tables of the file, where these are other than the records |
 | `values.py` | what a value may be: numbers with unit and range, texts, lists |
-| `file.py`, `mistakes.py` | reading: TOML, then pydantic with these annotations, whose errors become our sentences |
+| `file.py` | reading: TOML, then pydantic with these annotations, whose errors become our sentences |
 | `consistency.py` | what holds for several keys together |
 | `signal_tables.py` | signals from CSV files |
 | `environment.py` | effects to `Environment` |

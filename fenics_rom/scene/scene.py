@@ -5,7 +5,7 @@ from collections.abc import Mapping
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
@@ -55,6 +55,7 @@ class Material(Elasticity):
 class Output:
     """Displacements that are read often: of points, or the mean over a surface; exactly one of the two."""
 
+    ONE_OF: ClassVar = (("points", "surface"),)
     points: Annotated[tuple[Point, ...] | None, Items(at_least=1), "material points of the body"] = None
     surface: Annotated[str | None, Text(), "a named surface of the mesh, whose mean is read"] = None
 
@@ -63,6 +64,7 @@ class Output:
 class Reduction:
     """How the scene wants to be reduced."""
 
+    AT_MOST_ONE: ClassVar = ("order", "tolerance")
     method: Annotated[
         str | None,
         Text(choices=METHODS),

@@ -1,0 +1,33 @@
+"""The public names and their modules: for type checkers and editors, and for `__init__.py`, which loads them."""
+
+from fenics_rom import errors as errors
+from fenics_rom.fem.assemble import assemble as assemble
+from fenics_rom.fem.forms import assemble_forms as assemble_forms
+from fenics_rom.fem.matrix_market import read_system as read_system
+from fenics_rom.identification.identify import identify as identify
+from fenics_rom.identification.result import Identification as Identification
+from fenics_rom.identification.write import write_identification as write_identification
+from fenics_rom.mechanics.environment import Environment as Environment
+from fenics_rom.reduction.reduce import reduce as reduce
+from fenics_rom.rom.file import read_rom as read_rom
+from fenics_rom.rom.file import write_rom as write_rom
+from fenics_rom.rom.rom import Rom as Rom
+from fenics_rom.rom.rom import truncate as truncate
+from fenics_rom.run import simulate as simulate
+from fenics_rom.runtime.batch import Batch as Batch
+from fenics_rom.runtime.realtime import run_realtime as run_realtime
+from fenics_rom.runtime.simulator import Simulator as Simulator
+from fenics_rom.scene.file import read_scene as read_scene
+from fenics_rom.scene.scene import Scene as Scene
+from fenics_rom.studies.study import study as study
+from fenics_rom.system.system import System as System
+from fenics_rom.trajectory.comparison import compare as compare
+from fenics_rom.trajectory.file import read_trajectory as read_trajectory
+from fenics_rom.trajectory.file import write_trajectory as write_trajectory
+from fenics_rom.trajectory.trajectory import Trajectory as Trajectory
+from fenics_rom.visualization.exports.export import export as export
+from fenics_rom.visualization.plots.plot import plot as plot
+
+MODULE_OF: dict[str, str]
+__all__: list[str]
+__version__: str
