@@ -29,9 +29,8 @@ import numpy as np
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning, StepError
 from fenics_rom.io.markdown import markdown
-from fenics_rom.studies.report import write_report
+from fenics_rom.studies.report import COST_HEADING, cost_rows, reduction_table, write_report
 from fenics_rom.studies.study_results import StudyResults
-from fenics_rom.studies.tables import COST_HEADING, cost_rows, reduction_table
 from fenics_rom.visualization.plots.body import draw_body, draw_energy_over_work, draw_force
 
 HERE = Path(__file__).parent

@@ -7,13 +7,12 @@ from pathlib import Path
 import fenics_rom as fr
 from fenics_rom.cli.display import print_lines, print_table, print_warnings, progress
 from fenics_rom.cli.output import add_output
-from fenics_rom.io.atomic_write import check_folder, write_whole
+from fenics_rom.io.atomic_write import check_folder
 from fenics_rom.io.mpi_ranks import is_rank_0, is_root_process
 from fenics_rom.studies.method_configs import METHOD_CONFIGS
 from fenics_rom.studies.pareto import describe_choice, select_per_decade
-from fenics_rom.studies.report import write_report
+from fenics_rom.studies.report import COST_HEADING, cost_rows, remarks, write_report
 from fenics_rom.studies.study_results import PICTURES, StudyResults
-from fenics_rom.studies.tables import COST_HEADING, cost_rows, remarks
 from fenics_rom.visualization.figure import figure_class
 
 SUMMARY = "what accuracy costs in time, for a scene; runs under mpirun"
@@ -85,16 +84,14 @@ def run(choice: argparse.Namespace) -> None:
 
 
 def _study_amplitudes(scene: "fr.Scene", choice: argparse.Namespace, command: str) -> None:
-    from fenics_rom.studies.amplitude_plot import draw
-    from fenics_rom.studies.amplitude_table import TABLE_HEADING, markdown_report, table_rows
+    from fenics_rom.studies.amplitude_report import TABLE_HEADING, table_rows, write_amplitude_report
     from fenics_rom.studies.amplitudes import study_amplitudes
 
     with progress() as report:
         amplitudes = study_amplitudes(scene, choice.output, quick=choice.quick, resume=choice.resume, report=report)
     if not is_rank_0():
         return
-    write_whole(choice.output / "amplitudes.md", markdown_report(amplitudes, command).encode())
-    draw(amplitudes, choice.output)
+    write_amplitude_report(choice.output, amplitudes, command)
     if is_root_process():
         print_table(f"study {amplitudes.name}: what large deformation costs", TABLE_HEADING, table_rows(amplitudes))
         print(f"  table {choice.output / 'amplitudes.md'}, picture {choice.output / 'amplitudes.png'}")

@@ -6,22 +6,22 @@ twice the step.
 
 import warnings
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomError, FenicsRomWarning, FileError, SceneError
 from fenics_rom.fem.ranks import run_on_rank_0
-from fenics_rom.io.json_record import read_earlier, write_record
+from fenics_rom.io.json_record import read_earlier, read_record, write_record
 from fenics_rom.io.progress import Report, silent
 from fenics_rom.mechanics.step import FINITE_STRAIN_STEPPERS
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.simulate import rate
 from fenics_rom.scene.scene import Scene
 from fenics_rom.studies import reference
-from fenics_rom.studies.amplitude_results import AmplitudeResults, AmplitudeRow, read_amplitude_results
 from fenics_rom.trajectory.comparison import compare
 from fenics_rom.trajectory.trajectory import Trajectory
 
@@ -30,6 +30,72 @@ QUICK_LOAD_SHARES = (1 / 8, 1.0)
 EFFECT = "large_deformation"
 RESULTS_FILE = "amplitudes.json"
 ROM_FILES = {"linear": "linear.h5", "nonlinear": "rom.h5"}
+
+
+@dataclass(frozen=True)
+class AmplitudeRow:
+    """A model at one load.
+
+    Attributes:
+        share: of the scene's loads.
+        displacement: largest of any node at any instant, in the reference, m.
+        model: "linear" or "nonlinear", "full order" or "reduced", and of the nonlinear reduced one the stepper.
+        order: displacements.
+        dt: s.
+        error: of the whole shape, L² in time and mass, as a share of the reference's size; of the reference itself an
+            estimate.
+        rate: steps per second.
+    """
+
+    share: float
+    displacement: float
+    model: str
+    order: int
+    dt: float
+    error: float
+    rate: float
+
+    @property
+    def real_time(self) -> float:
+        """Seconds simulated in a second."""
+        return self.rate * self.dt
+
+
+@dataclass(frozen=True)
+class AmplitudeResults:
+    """What a study of amplitudes has measured.
+
+    Attributes:
+        name: of the scene.
+        fingerprint: of what it was measured for.
+        unknowns: at full order.
+        offline: seconds that the reductions took, by ROM.
+        validation: error of the nonlinear ROM on a run that it was not trained on; None where it was not measured.
+        rows: by load, the smallest first.
+        notes: what the user should know.
+    """
+
+    name: str
+    fingerprint: str
+    unknowns: int
+    offline: Mapping[str, float]
+    validation: float | None
+    rows: tuple[AmplitudeRow, ...] = ()
+    notes: tuple[str, ...] = ()
+
+
+def read_amplitude_results(file: Path) -> AmplitudeResults:
+    """Reads the results of a study of amplitudes.
+
+    Raises:
+        FileError: there is no such file, or it holds something else.
+    """
+
+    def build(fields: dict[str, Any]) -> AmplitudeResults:
+        rows = tuple(AmplitudeRow(**row) for row in fields.pop("rows"))
+        return AmplitudeResults(rows=rows, notes=tuple(fields.pop("notes")), **fields)
+
+    return read_record(file, "a study of amplitudes", build)
 
 
 def study_amplitudes(
@@ -54,10 +120,10 @@ def study_amplitudes(
         FileError: the folder cannot be written, or holds another study.
         SolverError: as `simulate` and `reduce`.
     """
-    reference.check_measurable(scene, ())
+    run = reference.measurable_run(scene)
     if scene.effects.large_deformation is None:
         raise SceneError(f"{scene.source}: a study of amplitudes is of scenes that name effects.{EFFECT}")
-    if scene.run is not None and not (scene.run.loads or scene.effects.prescribed):
+    if not (run.loads or scene.effects.prescribed):
         raise SceneError(f"{scene.source}: has no [[run.load]] and no prescribed force whose size could be varied")
     amplitude_study = _AmplitudeStudy(scene, Path(folder), resume, report)
     results, roms = amplitude_study.prepare()
@@ -97,9 +163,9 @@ class _AmplitudeStudy:
     """What a study does; every rank calls every method."""
 
     def __init__(self, scene: Scene, folder: Path, resume: bool, report: Report):
-        assert scene.run is not None
-        self._scene, self._folder, self._report, self._dt = scene, folder, report, scene.run.dt
-        self._fingerprint = reference.fingerprint(scene, self._dt, scene.run.snapshots)
+        run = reference.measurable_run(scene)
+        self._scene, self._folder, self._report, self._dt = scene, folder, report, run.dt
+        self._fingerprint = reference.fingerprint(scene, run.dt, run.snapshots)
         self._systems = {"linear": fr.assemble(linear(scene)), "nonlinear": fr.assemble(scene)}
         self._comm = self._systems["linear"].algebra.comm  # type: ignore[attr-defined]
         self._earlier = run_on_rank_0(self._comm, lambda: self._resume_results(resume))
@@ -116,7 +182,8 @@ class _AmplitudeStudy:
         """What is known before the first load, or was left, and the linear and the nonlinear ROM."""
         files = {name: self._folder / file for name, file in ROM_FILES.items()}
         if self._earlier is not None:  # it is written after them
-            return self._earlier, {name: self._read(file) for name, file in files.items()}
+            roms = run_on_rank_0(self._comm, lambda: {name: fr.read_rom(file) for name, file in files.items()})
+            return self._earlier, roms
         roms = {name: fr.reduce(self._systems[name], report=self._report) for name in files}
         for name, file in files.items():
             fr.write_rom(file, roms[name])
@@ -130,9 +197,6 @@ class _AmplitudeStudy:
         )
         return self.write(results), roms
 
-    def _read(self, file: Path) -> Rom:
-        return run_on_rank_0(self._comm, lambda: fr.read_rom(file))
-
     def write(self, results: AmplitudeResults) -> AmplitudeResults:
         """Writes the results so far, and returns them."""
         write_record(self._folder / RESULTS_FILE, results)
@@ -143,37 +207,38 @@ class _AmplitudeStudy:
         scene = scaled(self._scene, share)
         stage = f"full order, {share:g} of the load"
         coarse, full = (self._full("nonlinear", scene, dt, stage) for dt in (2 * self._dt, self._dt))
-        largest_displacement = float(np.linalg.norm(full.snapshots, axis=-1).max())
         linear_run = self._full("linear", linear(scene), self._dt, stage)
-        own_error = compare(coarse, full)["shape"].relative / reference.richardson_divisor(scene)
+        largest_displacement = float(np.linalg.norm(full.snapshots, axis=-1).max())
+        notes: list[str] = []
 
-        def row(model: str, run: Trajectory, steps_per_second: float, error: float) -> AmplitudeRow:
-            order = int(run.settings["order"])
-            return AmplitudeRow(share, largest_displacement, model, order, self._dt, error, steps_per_second)
+        def row(model: str, run: Trajectory, error: float, rate: float) -> AmplitudeRow:
+            return AmplitudeRow(share, largest_displacement, model, int(run.settings["order"]), self._dt, error, rate)
 
         def error_of(run: Trajectory) -> float:
             return compare(run, full)["shape"].relative
 
-        rows = [row("nonlinear, full order", full, _steps_per_second(full), own_error)]
-        rows.append(row("linear, full order", linear_run, _steps_per_second(linear_run), error_of(linear_run)))
-        notes: list[str] = []
-
         def run_reduced() -> list[AmplitudeRow]:
             measured = []
-            for model, rom, run_scene, stepper in (
-                ("linear, reduced", roms["linear"], linear(scene), None),
-                *(
-                    (f"nonlinear, reduced, {stepper}", roms["nonlinear"], scene, stepper)
-                    for stepper in FINITE_STRAIN_STEPPERS
-                ),
+            for model, name, run_scene, stepper in (
+                ("linear, reduced", "linear", linear(scene), None),
+                *((f"nonlinear, reduced, {s}", "nonlinear", scene, s) for s in FINITE_STRAIN_STEPPERS),
             ):
                 try:
-                    run = fr.simulate(rom, scene=run_scene, stepper=stepper)
-                    measured.append(row(model, run, rate(rom, scene=run_scene, stepper=stepper, runs=2), error_of(run)))
+                    run = fr.simulate(roms[name], scene=run_scene, stepper=stepper)
+                    steps_per_second = rate(roms[name], scene=run_scene, stepper=stepper, runs=2)
+                    measured.append(row(model, run, error_of(run), steps_per_second))
                 except FenicsRomError as error:
                     notes.append(f"{model}, {share:g} of the load: {error}")
             return measured
 
+        own_error = compare(coarse, full)["shape"].relative / reference.richardson_divisor(scene)
+        rows = [
+            row(model, run, error, run.steps / run.settings["seconds"])
+            for model, run, error in (
+                ("nonlinear, full order", full, own_error),
+                ("linear, full order", linear_run, error_of(linear_run)),
+            )
+        ]
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", FenicsRomWarning)  # that the linear model is wrong is what is shown
             rows += run_on_rank_0(self._comm, run_reduced)
@@ -184,7 +249,3 @@ class _AmplitudeStudy:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore", FenicsRomWarning)
             return fr.simulate(system, dt=dt, report=lambda _, done, of: self._report(f"{model} {stage}", done, of))
-
-
-def _steps_per_second(run: Trajectory) -> float:
-    return run.steps / run.settings["seconds"]

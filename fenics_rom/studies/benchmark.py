@@ -2,7 +2,6 @@
 
 import tempfile
 import time
-from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 
@@ -64,8 +63,8 @@ def measure_model(
     """
     at_reference_step = fr.simulate(rom, scene=scene, dt=reference.settings["dt"])
     reduction = compare(at_reference_step, reference)["shape"].relative
-    validations = list(rom.validation.values())
-    worst = {key: _largest(c[key] for c in validations) for key in VALIDATION_ERRORS}
+    known = {key: [e for c in rom.validation.values() if (e := c[key]) is not None] for key in VALIDATION_ERRORS}
+    worst = {key: max(errors, default=None) for key, errors in known.items()}
     size = _file_size(rom)
     rows, notes = [], []
     for dt in steps:
@@ -100,10 +99,6 @@ def measure_model(
     if scene.effects.contact is None:  # then a step costs the same whatever its length, and noise is all that differs
         rows = [replace(row, rate=max(other.rate for other in rows)) for row in rows]
     return tuple(rows), tuple(notes)
-
-
-def _largest(values: Iterable[float | None]) -> float | None:
-    return max((value for value in values if value is not None), default=None)
 
 
 def _file_size(rom: Rom) -> int:

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 
 from fenics_rom.errors import SceneError, unknown
-from fenics_rom.scene.scene import ORDER
+from fenics_rom.mechanics.environment import Run
+from fenics_rom.scene.scene import ORDER, Scene
 from fenics_rom.scene.values import Number
 
 
@@ -63,38 +64,43 @@ class StudyGrid:
         return self.steps[-1] / REFERENCE_REFINEMENT
 
 
+def first_method(scene: Scene) -> str:
+    """The method to begin with: without inertia there are only shapes at rest to reduce to."""
+    return "static" if scene.effects.inertia is None else "balanced"
+
+
 def make_grid(
-    dt: float,
-    *,
-    first_method: str,
+    scene: Scene,
+    run: Run,
     size: int,
+    *,
     quick: bool = False,
     methods: Sequence[str] | None = None,
     orders: Sequence[int] | None = None,
     steps: Sequence[float] | None = None,
 ) -> StudyGrid:
-    """A checked grid; what is None is a choice of ours.
+    """A checked grid, without orders that are too large and steps that are too long; what is None is a choice of ours.
 
     Args:
-        dt: the scene's time step, s.
-        first_method: the method to begin with; where it is not "balanced", the only one.
-        size: unknowns at full order; orders beyond are left out.
+        scene, run: that is studied.
+        size: unknowns at full order.
         quick: fewer of all.
         methods: names of METHOD_CONFIGS.
         orders: displacements of each contact mode.
         steps: s; each a whole multiple of the smallest.
 
     Raises:
-        SceneError: an unknown method, an order below 1, steps that do not divide each other.
+        SceneError: an unknown method, an order below 1, steps that do not divide each other, or all too long.
     """
     if methods is None:
-        methods = (QUICK_METHODS if quick else STUDIED_METHODS) if first_method == "balanced" else (first_method,)
+        first = first_method(scene)
+        methods = (QUICK_METHODS if quick else STUDIED_METHODS) if first == "balanced" else (first,)
     for name in methods:
         if name not in METHOD_CONFIGS:
             raise SceneError(unknown("method", name, METHOD_CONFIGS))
     orders = (QUICK_ORDERS if quick else STUDIED_ORDERS) if orders is None else orders
     factors = QUICK_STEP_FACTORS if quick else STUDIED_STEP_FACTORS
-    steps = [factor * dt for factor in factors] if steps is None else steps
+    steps = [factor * run.dt for factor in factors] if steps is None else steps
     for order in orders:
         ORDER.check(order, "order")
     for step in steps:
@@ -107,7 +113,10 @@ def make_grid(
         ratio = step / falling[-1]
         if abs(ratio - round(ratio)) > 1e-9 * ratio:
             raise SceneError(f"steps: {step:g} s is no whole multiple of the smallest, {falling[-1]:g} s")
-    return StudyGrid(tuple(methods), tuple(reachable), tuple(falling))
+    short = tuple(step for step in falling if step <= run.duration / 2)
+    if not short:
+        raise SceneError(f"steps: {falling[-1]:g} s is too long for a run of {run.duration:g} s")
+    return StudyGrid(tuple(methods), tuple(reachable), short)
 
 
 def select_compared_instants(duration: float, steps: Sequence[float], nodes: int) -> tuple[float, int]:

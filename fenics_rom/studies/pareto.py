@@ -44,6 +44,13 @@ def select_per_decade(rows: Sequence[BenchmarkRow]) -> list[tuple[float, Benchma
     return list(by_model.values())
 
 
+def largest_model(rows: Sequence[BenchmarkRow]) -> list[BenchmarkRow]:
+    """All steps of the method that was tried first, at its largest order."""
+    first = [row for row in rows if row.method == rows[0].method]
+    order = max((row.order for row in first), default=0)
+    return [row for row in first if row.order == order]
+
+
 def describe_choice(results: StudyResults, tolerance: float, row: BenchmarkRow) -> str:
     """The choice in words."""
     return (

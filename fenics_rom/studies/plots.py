@@ -1,5 +1,6 @@
 """The pictures of a study: error against speed, error against order, and what the error is made of."""
 
+from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
@@ -7,9 +8,8 @@ import numpy as np
 from matplotlib import colormaps
 
 from fenics_rom.studies.method_configs import METHOD_CONFIGS
-from fenics_rom.studies.pareto import format_step, pareto_front, select_per_decade
+from fenics_rom.studies.pareto import format_step, largest_model, pareto_front, select_per_decade
 from fenics_rom.studies.study_results import PICTURES, StudyResults
-from fenics_rom.studies.tables import largest_model
 from fenics_rom.visualization.figure import figure_class, write_figure
 
 COLOURS = dict(
@@ -17,13 +17,16 @@ COLOURS = dict(
 )
 MARKERS = dict(zip(METHOD_CONFIGS, "osv^DX", strict=True))
 FIGURE_INCHES = (7.5, 4.8)
+ORDER_LABEL = "order (displacements of a contact mode)"
 
 
 def draw(results: StudyResults, folder: Path) -> None:
     """Writes the PICTURES, each as .png and .pdf."""
     for name, draw_axes in zip(PICTURES, (_draw_speed, _draw_orders, _draw_parts), strict=True):
         figure = figure_class()(figsize=FIGURE_INCHES, layout="constrained")
-        draw_axes(figure.add_subplot(), results)
+        axes = figure.add_subplot()
+        draw_axes(axes, results)
+        axes.grid(True, which="major", color="0.9")
         for ending in ("png", "pdf"):
             write_figure(figure, folder / f"{name}.{ending}", dpi=150)
 
@@ -32,77 +35,42 @@ def _draw_speed(axes: Any, results: StudyResults) -> None:
     """Error against speed; what is beaten in both is grey."""
     front = pareto_front(results.rows)
     for row in results.rows:
-        on = row in front
-        axes.plot(
-            row.real_time,
-            row.error,
-            MARKERS[row.method],
-            color=COLOURS[row.method] if on else "0.8",
-            markersize=7 if on else 4,
-            zorder=3 if on else 1,
-        )
+        colour, size, above = (COLOURS[row.method], 7, 3) if row in front else ("0.8", 4, 1)
+        axes.plot(row.real_time, row.error, MARKERS[row.method], color=colour, markersize=size, zorder=above)
     axes.plot([row.real_time for row in front], [row.error for row in front], color="0.4", linewidth=1, zorder=2)
+    note = {"textcoords": "offset points", "fontsize": 8}
     for _, row in select_per_decade(results.rows):
-        axes.annotate(
-            f"order {row.order}, {format_step(row.dt)}",
-            (row.real_time, row.error),
-            xytext=(8, -3),
-            textcoords="offset points",
-            verticalalignment="top",
-            fontsize=8,
-        )
-    for method in dict.fromkeys(row.method for row in results.rows):
+        label = f"order {row.order}, {format_step(row.dt)}"
+        axes.annotate(label, (row.real_time, row.error), xytext=(8, -3), verticalalignment="top", **note)
+    for method in _methods(results):
         axes.plot([], [], MARKERS[method], color=COLOURS[method], label=METHOD_CONFIGS[method].label)
     axes.axhline(results.reference_error, color="black", linewidth=0.8, linestyle=":")
-    axes.annotate(
-        "error of the reference",
-        (0.01, results.reference_error),
-        xycoords=("axes fraction", "data"),
-        xytext=(0, 3),
-        textcoords="offset points",
-        fontsize=8,
-    )
+    place = {"xy": (0.01, results.reference_error), "xycoords": ("axes fraction", "data"), "xytext": (0, 3)}
+    axes.annotate("error of the reference", **place, **note)
     axes.margins(x=0.2)
     axes.set(xscale="log", yscale="log", xlabel="seconds simulated in a second", ylabel="error of the whole shape")
     top = axes.secondary_xaxis("top", functions=(lambda x: x / results.dt, lambda x: x * results.dt))
     top.set_xlabel(f"steps per second, if all were of {format_step(results.dt)}")
-    axes.grid(True, which="major", color="0.9")
     axes.legend(fontsize=8, loc="lower right")
 
 
 def _draw_orders(axes: Any, results: StudyResults) -> None:
     """Error of the reduction against order, with what was known before any run: σ, and the validation."""
     first = results.rows[0].method
-    for method in dict.fromkeys(row.method for row in results.rows):
-        points = sorted({(row.order, row.reduction) for row in results.rows if row.method == method})
-        axes.plot(
-            *zip(*points, strict=True),
-            MARKERS[method] + "-",
-            color=COLOURS[method],
-            label=METHOD_CONFIGS[method].label,
-            markersize=5,
-        )
-    validated = sorted(
-        {(row.order, row.transfer_error) for row in results.rows if row.method == first and row.transfer_error}
-    )
+    for method in _methods(results):
+        points = ((row.order, row.reduction) for row in results.rows if row.method == method)
+        style = {"color": COLOURS[method], "label": METHOD_CONFIGS[method].label, "markersize": 5}
+        _plot(axes, points, MARKERS[method] + "-", **style)
+    validated = [(row.order, row.transfer_error) for row in results.rows if row.method == first and row.transfer_error]
     if validated:
-        axes.plot(
-            *zip(*validated, strict=True),
-            "x",
-            color="black",
-            label=f"validation of {METHOD_CONFIGS[first].label}: transfer error",
-        )
+        label = f"validation of {METHOD_CONFIGS[first].label}: transfer error"
+        _plot(axes, validated, "x", color="black", label=label)
     largest = max(row.order for row in results.rows)
     for name, σ in results.hankel.items():
         shown = np.array(σ[: largest + 1])
-        label = "σ of each contact mode / σ_1" if name == next(iter(results.hankel)) else None
-        axes.plot(np.arange(1, len(shown) + 1), shown / shown[0], color="0.6", linewidth=1, label=label, zorder=0)
-    axes.set(
-        yscale="log",
-        xlabel="order (displacements of a contact mode)",
-        ylabel="error of the whole shape, reduction alone",
-    )
-    axes.grid(True, which="major", color="0.9")
+        once = "σ of each contact mode / σ_1" if name == next(iter(results.hankel)) else None
+        axes.plot(np.arange(1, len(shown) + 1), shown / shown[0], color="0.6", linewidth=1, label=once, zorder=0)
+    axes.set(yscale="log", xlabel=ORDER_LABEL, ylabel="error of the whole shape, reduction alone")
     axes.legend(fontsize=8)
 
 
@@ -110,20 +78,27 @@ def _draw_parts(axes: Any, results: StudyResults) -> None:
     """What the error is made of: the reduction falls with the order, the step and the mesh do not."""
     first = results.rows[0].method
     rows = [row for row in results.rows if row.method == first]
-    reduction = sorted({(row.order, row.reduction) for row in rows})
-    axes.plot(
-        *zip(*reduction, strict=True), "o-", color="tab:blue", label=f"reduction alone ({METHOD_CONFIGS[first].label})"
-    )
+    label = f"reduction alone ({METHOD_CONFIGS[first].label})"
+    _plot(axes, ((row.order, row.reduction) for row in rows), "o-", color="tab:blue", label=label)
     steps = largest_model(rows)
     shades = colormaps["plasma"](np.linspace(0.2, 0.85, len(steps)))
     for row, colour in zip(steps, shades, strict=True):
-        total = sorted((other.order, other.error) for other in rows if other.dt == row.dt)
-        axes.plot(*zip(*total, strict=True), color=colour, linewidth=1, label=f"all, step {format_step(row.dt)}")
+        total = ((other.order, other.error) for other in rows if other.dt == row.dt)
+        _plot(axes, total, "-", color=colour, linewidth=1, label=f"all, step {format_step(row.dt)}")
         axes.axhline(row.time_step, color=colour, linewidth=0.8, linestyle="--")
     axes.plot([], [], color="0.5", linewidth=0.8, linestyle="--", label="step alone")
     if results.mesh_error is not None:
         axes.axhline(results.mesh_error, color="tab:green", linestyle="-.", label="mesh, at the outputs")
     axes.axhline(results.reference_error, color="black", linewidth=0.8, linestyle=":", label="error of the reference")
-    axes.set(yscale="log", xlabel="order (displacements of a contact mode)", ylabel="error of the whole shape")
-    axes.grid(True, which="major", color="0.9")
+    axes.set(yscale="log", xlabel=ORDER_LABEL, ylabel="error of the whole shape")
     axes.legend(fontsize=8, ncols=2)
+
+
+def _methods(results: StudyResults) -> list[str]:
+    """Those of the rows, in their order."""
+    return list(dict.fromkeys(row.method for row in results.rows))
+
+
+def _plot(axes: Any, points: Iterable[tuple[int, float]], line: str, **style: Any) -> None:
+    """Points by order, each once."""
+    axes.plot(*zip(*sorted(set(points)), strict=True), line, **style)

@@ -10,14 +10,14 @@ import numpy as np
 import fenics_rom as fr
 from fenics_rom.errors import CompareError, SceneError
 from fenics_rom.io.progress import Report
+from fenics_rom.mechanics.environment import Run
 from fenics_rom.scene.scene import Scene
 from fenics_rom.studies.study_results import MeshRow
 from fenics_rom.system.system import System
-from fenics_rom.trajectory.trajectory import Trajectory
 
 
-def check_measurable(scene: Scene, meshes: Sequence[Path]) -> None:
-    """Raises what can be known before any work.
+def measurable_run(scene: Scene, meshes: Sequence[Path] = ()) -> Run:
+    """The run of a scene; raises what can be known before any work.
 
     Raises:
         SceneError: no run, nothing that acts, or finer meshes without outputs to compare.
@@ -34,6 +34,7 @@ def check_measurable(scene: Scene, meshes: Sequence[Path]) -> None:
         raise SceneError(
             f"{scene.source}: meshes are compared at outputs, and the scene names none; add [outputs.NAME]"
         )
+    return scene.run
 
 
 def richardson_divisor(scene: Scene) -> float:
@@ -43,16 +44,6 @@ def richardson_divisor(scene: Scene) -> float:
     contact makes forces jump.
     """
     return 3.0 if scene.effects.contact is None else 1.0
-
-
-def check_motion(reference: Trajectory, source: str) -> None:
-    """Refuses a run in which nothing happens.
-
-    Raises:
-        SceneError: all displacements are zero.
-    """
-    if not reference.snapshots.any():
-        raise SceneError(f"{source}: nothing moves in its run, so there is nothing to measure")
 
 
 def compare_meshes(system: System, files: Sequence[Path], dt: float, report: Report) -> tuple[MeshRow, ...]:

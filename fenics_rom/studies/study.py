@@ -12,6 +12,7 @@ from fenics_rom.fem.ranks import run_on_rank_0
 from fenics_rom.fem.simulate import plain_rate
 from fenics_rom.io.json_record import read_earlier, write_record
 from fenics_rom.io.progress import Report, silent
+from fenics_rom.mechanics.environment import Run
 from fenics_rom.rom.rom import Rom
 from fenics_rom.scene.scene import TOLERANCE, Scene
 from fenics_rom.studies import benchmark, pareto, reference
@@ -19,6 +20,7 @@ from fenics_rom.studies.method_configs import (
     METHOD_CONFIGS,
     STUDIED_ORDERS,
     StudyGrid,
+    first_method,
     make_grid,
     select_compared_instants,
 )
@@ -72,10 +74,11 @@ def study(
         >>> results.rows[0].error < 0.1
         True
     """
-    reference.check_measurable(scene, [Path(file) for file in meshes])
+    finer = [Path(file) for file in meshes]
+    run = reference.measurable_run(scene, finer)
     system = fr.assemble(scene)
-    grid = _make_grid(system, quick=quick, methods=methods, orders=orders, steps=steps)
-    results = _StudyRun(system, Path(folder), grid, resume, report).run([Path(file) for file in meshes])
+    grid = make_grid(scene, run, system.elastic_size, quick=quick, methods=methods, orders=orders, steps=steps)
+    results = _StudyRun(scene, system, Path(folder), grid, resume, report).run(finer)
     if not results.rows:
         raise SolverError(f"{scene.source}: no reduced model could be measured: {'; '.join(results.notes)}")
     return results
@@ -106,12 +109,12 @@ def study_for_tolerance(
         SolverError: the tolerance was not reached; the message says what was, and what stood in the way.
     """
     TOLERANCE.check(tolerance, "tolerance")
-    reference.check_measurable(scene, ())
+    run = reference.measurable_run(scene)
     system = fr.assemble(scene)
-    step = _longest_step(system, tolerance, report)
+    step = _longest_step(scene, run, system, tolerance, report)
     for _ in range(MAX_STEP_HALVINGS):
-        grid = _make_grid(system, methods=[_first_method(scene)], steps=[step])
-        attempt = _StudyRun(system, Path(folder), grid, resume, report, begin_if_other=True)
+        grid = make_grid(scene, run, system.elastic_size, methods=[first_method(scene)], steps=[step])
+        attempt = _StudyRun(scene, system, Path(folder), grid, resume, report, begin_if_other=True)
         results = attempt.run([], enough=lambda row: row.error <= tolerance)
         row = pareto.select_cheapest(results.rows, tolerance)
         if row is not None:
@@ -122,28 +125,12 @@ def study_for_tolerance(
     raise SolverError(_explain_failure(results, tolerance))
 
 
-def _first_method(scene: Scene) -> str:
-    """The method to begin with: without inertia there are only shapes at rest to reduce to."""
-    return "static" if scene.effects.inertia is None else "balanced"
-
-
-def _make_grid(system: System, quick: bool = False, **choices: Any) -> StudyGrid:
-    """What is tried, without steps that are too long for the run."""
-    scene = system.scene
-    assert scene is not None
-    assert scene.run is not None
-    grid = make_grid(scene.run.dt, first_method=_first_method(scene), size=system.elastic_size, quick=quick, **choices)
-    short = tuple(step for step in grid.steps if step <= scene.run.duration / 2)
-    if not short:
-        raise SceneError(f"steps: {grid.steps[-1]:g} s is too long for a run of {scene.run.duration:g} s")
-    return replace(grid, steps=short)
-
-
 class _StudyRun:
     """A study on its way; rank 0 measures and writes, every rank knows the results.
 
     Args:
-        system: with the scene.
+        scene: that is studied.
+        system: assembled from it.
         folder: for what is found.
         grid: methods, orders and steps.
         resume: go on from what is there.
@@ -155,15 +142,21 @@ class _StudyRun:
     """
 
     def __init__(
-        self, system: System, folder: Path, grid: StudyGrid, resume: bool, report: Report, begin_if_other: bool = False
+        self,
+        scene: Scene,
+        system: System,
+        folder: Path,
+        grid: StudyGrid,
+        resume: bool,
+        report: Report,
+        begin_if_other: bool = False,
     ):
-        assert system.scene is not None
-        assert system.scene.run is not None
         self._folder, self._grid, self._report = folder, grid, report
         self._comm = system.algebra.comm  # type: ignore[attr-defined]
-        run, step = system.scene.run, grid.reference_step
+        run, step = reference.measurable_run(scene), grid.reference_step
         duration, shapes = select_compared_instants(run.duration, (*grid.steps, 2 * step, step), len(system.body.nodes))
-        self._scene = replace(system.scene, run=replace(run, duration=duration, snapshots=shapes))
+        self._run = replace(run, duration=duration, snapshots=shapes)
+        self._scene = replace(scene, run=self._run)
         self._system = replace(system, scene=self._scene)
         self._fingerprint = reference.fingerprint(self._scene, step, shapes)
         self._reference: Trajectory | None = None
@@ -207,13 +200,13 @@ class _StudyRun:
 
     def _run_reference(self, step: float) -> StudyResults:
         """Runs the reference; what is known of it."""
-        assert self._scene.run is not None
         stage = "full order"
-        coarse, fine = (round(self._scene.run.duration / dt) for dt in (2 * step, step))
+        coarse, fine = (round(self._run.duration / dt) for dt in (2 * step, step))
         total = coarse + fine
         coarse_run = fr.simulate(self._system, dt=2 * step, report=lambda _, k, of: self._report(stage, k, total))
         full = fr.simulate(self._system, dt=step, report=lambda _, k, of: self._report(stage, coarse + k, total))
-        reference.check_motion(full, self._scene.source)
+        if not full.snapshots.any():
+            raise SceneError(f"{self._scene.source}: nothing moves in its run, so there is nothing to measure")
         divisor = reference.richardson_divisor(self._scene)
         fr.write_trajectory(self._folder / REFERENCE_FILE, full)
         self._reference = full
@@ -221,12 +214,12 @@ class _StudyRun:
             name=self._scene.name,
             fingerprint=self._fingerprint,
             size=self._system.size,
-            dt=self._scene.run.dt,
-            duration=self._scene.run.duration,
+            dt=self._run.dt,
+            duration=self._run.duration,
             reference_step=step,
             reference_error=compare(coarse_run, full)["shape"].relative / divisor,
             divisor=divisor,
-            full_rate=plain_rate(self._system, self._scene.run.dt),
+            full_rate=plain_rate(self._system, self._run.dt),
             notes=full.warnings,
         )
 
@@ -266,30 +259,25 @@ class _StudyRun:
         write_record(self._folder / RESULTS_FILE, self.results)
 
 
-def _longest_step(system: System, tolerance: float, report: Report) -> float:
+def _longest_step(scene: Scene, run: Run, system: System, tolerance: float, report: Report) -> float:
     """The longest step that leaves room for the reduction within a tolerance, found with a large reduced model."""
-    scene = system.scene
-    assert scene is not None
-    assert scene.run is not None
-    rom, _ = benchmark.reduce_timed(system, _first_method(scene), min(STUDIED_ORDERS[-1], system.elastic_size))
-    steps = [
-        2.0**power * scene.run.dt for power in STEP_EXPONENTS if 2.0**power * scene.run.dt <= scene.run.duration / 2
-    ]
-    duration, shapes = select_compared_instants(scene.run.duration, steps, len(system.body.nodes))
-    compared = replace(scene, run=replace(scene.run, duration=duration, snapshots=shapes))
+    rom, _ = benchmark.reduce_timed(system, first_method(scene), min(STUDIED_ORDERS[-1], system.elastic_size))
+    steps = [step for step in (2.0**power * run.dt for power in STEP_EXPONENTS) if step <= run.duration / 2]
+    duration, shapes = select_compared_instants(run.duration, steps, len(system.body.nodes))
+    compared = replace(scene, run=replace(run, duration=duration, snapshots=shapes))
     weight = reference.richardson_divisor(scene)  # a run is (weight + 1) / weight times as far off as from the next
 
     def search() -> float:
         last, error = None, math.inf
         for done, step in enumerate(steps):
             report("time step", done, len(steps))
-            run = fr.simulate(rom, scene=compared, dt=step)
+            trajectory = fr.simulate(rom, scene=compared, dt=step)
             if last is not None:
-                error = compare(last, run)["shape"].relative * (weight + 1) / weight
+                error = compare(last, trajectory)["shape"].relative * (weight + 1) / weight
                 if error <= TIME_STEP_ERROR_SHARE * tolerance:
                     report("time step", len(steps), len(steps))
                     return steps[done - 1]
-            last = run
+            last = trajectory
         raise SolverError(
             f"tolerance {tolerance:g}: not reached, as the time step alone leaves an error of {error:.1e} at "
             f"{pareto.format_step(steps[-2])}, the smallest that was tried"

@@ -11,8 +11,7 @@ from fenics_rom.cli.main import main
 from fenics_rom.errors import FileError, SceneError
 from fenics_rom.mechanics.signals import Signal
 from fenics_rom.scene.effects import PrescribedForce
-from fenics_rom.studies.amplitude_results import AmplitudeRow, read_amplitude_results
-from fenics_rom.studies.amplitudes import linear, scaled, study_amplitudes
+from fenics_rom.studies.amplitudes import AmplitudeRow, linear, read_amplitude_results, scaled, study_amplitudes
 
 pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")]
 

@@ -15,10 +15,9 @@ import fenics_rom as fr
 from fenics_rom.errors import FileError, SceneError, SolverError
 from fenics_rom.scene.file import parse_scene
 from fenics_rom.studies.method_configs import METHOD_CONFIGS, STUDIED_ORDERS
-from fenics_rom.studies.report import write_report
+from fenics_rom.studies.report import remarks, write_report
 from fenics_rom.studies.study import study_for_tolerance
 from fenics_rom.studies.study_results import PICTURES
-from fenics_rom.studies.tables import remarks
 
 pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
 
