@@ -3,8 +3,7 @@
 import numpy as np
 
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
-from fenics_rom.mechanics.contact import ContactSolution
-from fenics_rom.mechanics.contact_points import ContactPoints
+from fenics_rom.mechanics.contact import ContactPoints, ContactSolution
 from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.system.system import Array, System
 

@@ -15,15 +15,10 @@ Array = np.ndarray
 
 
 class ObstacleState(NamedTuple):
-    """Where the obstacles are.
+    """Where the obstacles are."""
 
-    Attributes:
-        offsets: displacements from where the scene puts them, (O, 3), m.
-        velocities: in the last step, (O, 3), m/s.
-    """
-
-    offsets: Array
-    velocities: Array
+    offsets: Array  # displacements from where the scene puts them, (O, 3), m
+    velocities: Array  # in the last step, (O, 3), m/s
 
 
 class ActiveEnvironment:
@@ -37,8 +32,7 @@ class ActiveEnvironment:
             obstacle: its displacement, m (3,).
 
     Attributes:
-        environment: what acts.
-        columns: number of columns of each load.
+        environment, columns: as given.
         obstacles: by name.
         state: where the obstacles are.
         signals: by name, those that were given.
@@ -73,8 +67,6 @@ class ActiveEnvironment:
                     f"Python: signals = {{{name!r}: lambda t: ...}}"
                 )
             self._signals[name] = CheckedSignal(name, self.columns.get(name, 3), signal)
-        self._constant_loads: Array | None = None
-        self._constant_offsets: Array | None = None
         self._keep_constants()
         self.reset()
 
@@ -113,11 +105,7 @@ class ActiveEnvironment:
         return np.array([self._signals[name].at(time) for name in self.obstacles]).reshape(-1, 3)
 
     def step_input(self, u: Array, time: float, dt: float) -> StepInput:
-        """All that acts in the step of dt, s, that begins at a time, s.
-
-        Args:
-            u: contact columns and actuators.
-            time, dt: s.
+        """All that acts in the step of dt, s, that begins at a time, s, with u for contact columns and actuators.
 
         Raises:
             StepError: a signal gave something else than finite numbers.
@@ -133,7 +121,8 @@ class ActiveEnvironment:
 
     def _keep_constants(self) -> None:
         """What does not depend on time is put together once."""
-        self._constant_loads = self._constant_offsets = None
+        self._constant_loads: Array | None = None
+        self._constant_offsets: Array | None = None
         if all(self._signals[name].is_constant for name in self.columns if name in self._signals):
             self._constant_loads = self.loads_at(0.0)
         if all(self._signals[name].is_constant for name in self.obstacles):

@@ -70,12 +70,9 @@ class ContactSolver:
         return self._distances(displacement, offsets)[0].reshape(len(self.obstacles), -1).min(axis=0)
 
     def check_start(self, displacement: Array, offsets: Array, names: Sequence[str]) -> None:
-        """Checks that no point is inside an obstacle by more than round-off, 1e-9 of the size of the body.
+        """Checks that no point is inside an obstacle, of these names, by more than 1e-9 of the size of the body.
 
-        Args:
-            displacement: (P, 3), m.
-            offsets: (O, 3) how far the obstacles have moved, m.
-            names: of the O obstacles.
+        Arguments as in `gaps`.
 
         Raises:
             StepError: one is; it says where, and how deep.
@@ -109,11 +106,11 @@ class ContactSolver:
         """
         w = obstacles.velocities(dt)
         pairs = self._all_pairs(points, dt, obstacles, w, quasi_static)
-        chosen = pairs.due(pairs.normal_velocity(pairs.free))
+        chosen = pairs.due(pairs.free)
         if not chosen.any():
             return None
-        if self.law.friction > 0 and not quasi_static:
-            pairs.let_slide()
+        if self.law.friction > 0 and not quasi_static:  # what sticks is to stop within the step
+            pairs.tangential_target = (pairs.relative - pairs.approach[:, None] * pairs.normals) / 2
         iterations, start = 0, self.last_forces
         while True:
             active = chosen.nonzero()[0]
@@ -126,7 +123,7 @@ class ContactSolver:
             if len(active) < len(chosen):
                 moved = delassus.dot(point_forces.ravel()).reshape(points.free_velocity.shape)
                 velocity = self._relative(points.free_velocity + moved, w)
-                missed = pairs.due(pairs.normal_velocity(velocity)) & ~chosen
+                missed = pairs.due(velocity) & ~chosen
                 if missed.any():
                     chosen |= missed
                     repeat = True
@@ -135,16 +132,8 @@ class ContactSolver:
         self.last_forces = start
         if solution.residual > NEGLIGIBLE_RESIDUAL:
             self.residual = ContactResidual(self.residual.steps + 1, max(self.residual.residual, solution.residual))
-        return ContactSolution(
-            point_forces,
-            by_pair.sum(axis=1),
-            iterations,
-            active,
-            pairs.of_active(pairs.normals, active),
-            forces,
-            w,
-            self.law.friction > 0,
-        )
+        normals, rough = pairs.of_active(pairs.normals, active), self.law.friction > 0
+        return ContactSolution(point_forces, by_pair.sum(axis=1), iterations, active, normals, forces, w, rough)
 
     def _all_pairs(
         self, points: PointMotion, dt: float, obstacles: ObstacleMotion, w: Array, quasi_static: bool
@@ -153,7 +142,12 @@ class ContactSolver:
         law = self.law
         gaps, normals = self._distances(points.displacement, obstacles.start)
         free, relative = self._relative(points.free_velocity, w), self._relative(points.velocity, w)
-        self._follow(relative, (w - obstacles.velocities_before) / 2)
+        half_change = (w - obstacles.velocities_before) / 2
+        if half_change.any():
+            # What keeps touching an obstacle that accelerates has its velocity between the steps, and not yet the mean
+            # one of this step. Taken for an approach, the difference would let it sink in further in every step.
+            pushed = self.last_forces.any(axis=1)
+            relative[pushed] += np.repeat(half_change, len(self.points), axis=0)[pushed]
         approach = (normals * relative).dot(_ONES)
         e, compliance = 1.0, 0.0
         if law.stiffness is not None:
@@ -200,20 +194,6 @@ class ContactSolver:
         """Velocities of the points (P, 3) relative to each obstacle (O P, 3), m/s."""
         return (velocity - w[:, None]).reshape(-1, 3)
 
-    def _follow(self, relative: Array, half_change: Array) -> None:
-        """Measures velocities of pairs that pushed in the step before against that of the obstacle between the steps.
-
-        What keeps touching an obstacle that accelerates has that velocity, and not yet the mean one of this step. Taken
-        for an approach, the difference would let it sink in a little further in every step.
-
-        Args:
-            relative: (O P, 3) to the mean velocities of the obstacles in this step, m/s; changed in place.
-            half_change: (O, 3) these less those between the steps, m/s.
-        """
-        if half_change.any():
-            pushed = self.last_forces.any(axis=1)
-            relative[pushed] += np.repeat(half_change, len(self.points), axis=0)[pushed]
-
     def _operator(self, delassus: Array, active: Array) -> Array:
         """Relative velocities of the pairs per force of the pairs; kept while both stay the same."""
         P = len(self.points)
@@ -229,41 +209,21 @@ class ContactSolver:
 
 @dataclass
 class _Pairs:
-    """What the law says of every pair in one step, obstacle after obstacle.
+    """What the law says of every pair in one step, obstacle after obstacle; velocities in m/s."""
 
-    Attributes:
-        normals: (O P, 3).
-        relative: velocity at the start of the step, (O P, 3), m/s.
-        free: relative mid-step velocity without contact, (O P, 3), m/s.
-        approach: a (O P,), m/s.
-        restitution: e; 1 where there are no impacts.
-        level: (O P,) normal velocities below which a pair takes part, m/s.
-        target: c (O P,), m/s.
-        compliance: of each pair along its normal, m/s/N; 0 for the rigid law.
-        tangential_target: c_t (O P, 3), m/s; None where nothing slides.
-    """
+    normals: Array  # (O P, 3)
+    relative: Array  # velocity at the start of the step, (O P, 3)
+    free: Array  # relative mid-step velocity without contact, (O P, 3)
+    approach: Array  # a (O P,)
+    restitution: float  # e; 1 where there are no impacts
+    level: Array  # (O P,) normal velocities below which a pair takes part
+    target: Array  # c (O P,)
+    compliance: float  # of each pair along its normal, m/s/N; 0 for the rigid law
+    tangential_target: Array | None = None  # c_t (O P, 3); None where nothing slides
 
-    normals: Array
-    relative: Array
-    free: Array
-    approach: Array
-    restitution: float
-    level: Array
-    target: Array
-    compliance: float
-    tangential_target: Array | None = None
-
-    def let_slide(self) -> None:
-        """What sticks is to stop within the step."""
-        self.tangential_target = (self.relative - self.approach[:, None] * self.normals) / 2
-
-    def normal_velocity(self, relative: Array) -> Array:
-        """s (O P,) of relative velocities (O P, 3), m/s."""
-        return (self.normals * relative).dot(_ONES)
-
-    def due(self, s: Array) -> Array:
-        """Pairs that come too close at the relative normal mid-step velocity s."""
-        e = self.restitution
+    def due(self, relative: Array) -> Array:
+        """Pairs that come too close at relative mid-step velocities (O P, 3)."""
+        s, e = (self.normals * relative).dot(_ONES), self.restitution
         return s + (1 - e) * np.minimum(s - self.approach / 2, 0.0) < self.level if e < 1 else s < self.level
 
     def of_active(self, values: Array, active: Array) -> Array:
@@ -273,11 +233,7 @@ class _Pairs:
     def stop_helping_friction(self, active: Array, forces: Array, velocities: Array, q: Array) -> bool:
         """Sets c_t = 0 for active pairs whose friction would do work on the body; whether there are any.
 
-        Args:
-            active: pairs (C,).
-            forces: theirs (C, 3), N.
-            velocities: u = v̂ - w - c n - c_t (C, 3), m/s.
-            q: the same without contact forces.
+        Of these are forces, velocities u = v̂ - w - c n - c_t, and q, the same without contact forces, (C, 3) each.
         """
         if self.tangential_target is None:
             return False

@@ -14,8 +14,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fenics_rom.mechanics.surface_gradient import triangle_frames
-
 Array = np.ndarray
 
 # A rigid rotation by θ, u = (R - I) X, strains nothing; a linear model sees cos θ - 1 in it: 2.0 % at 0.2 rad.
@@ -30,17 +28,11 @@ MIN_HEIGHT_RATIO = 1e-9  # height of a triangle as a share of its longest side; 
 
 @dataclass(frozen=True)
 class SurfaceStrainPeak:
-    """How far a surface went.
+    """How far a surface went."""
 
-    Attributes:
-        rotation: largest |ω|, rad; linear, so that it may pass π.
-        strain: largest |principal strain|.
-        time: when, s.
-    """
-
-    rotation: float = 0.0
-    strain: float = 0.0
-    time: float = 0.0
+    rotation: float = 0.0  # largest |ω|, rad; linear, so that it may pass π
+    strain: float = 0.0  # largest |principal strain|
+    time: float = 0.0  # when, s
 
     @property
     def severity(self) -> float:
@@ -63,23 +55,15 @@ class SurfaceStrainPeak:
     @property
     def warning(self) -> str:
         """What to say at the moment a limit is passed; empty within the limits."""
-        excess, limits = self._excess()
-        return excess and (
-            f"the surface is {excess} at t = {self.time:.4g} s, and a linear model is good to about {limits}: "
-            f"shapes and forces from here on are not to be trusted; {REMEDY}"
-        )
+        return self._message("is", "", f" at t = {self.time:.4g} s", "here")
 
     @property
     def summary(self) -> str:
         """What to say of a whole run, whose peaks were joined; empty within the limits."""
-        excess, limits = self._excess("up to ")
-        return excess and (
-            f"the surface was {excess}, and a linear model is good to about {limits}: "
-            f"shapes and forces from t = {self.time:.4g} s on are not to be trusted; {REMEDY}"
-        )
+        return self._message("was", "up to ", "", f"t = {self.time:.4g} s")
 
-    def _excess(self, up_to: str = "") -> tuple[str, str]:
-        """What is beyond its limit, and these limits."""
+    def _message(self, is_or_was: str, up_to: str, when: str, since: str) -> str:
+        """What is beyond its limit, and these limits; empty where nothing is."""
         excess, limits = [], []
         if self.rotation > ROTATION_LIMIT:
             excess.append(f"turned by {up_to}{self.rotation:.3g} rad ({math.degrees(self.rotation):.3g}°)")
@@ -87,7 +71,10 @@ class SurfaceStrainPeak:
         if self.strain > STRAIN_LIMIT:
             excess.append(f"strained by {up_to}{100 * self.strain:.3g} %")
             limits.append(f"{100 * STRAIN_LIMIT:g} %")
-        return " and ".join(excess), " and ".join(limits)
+        return " and ".join(excess) and (
+            f"the surface {is_or_was} {' and '.join(excess)}{when}, and a linear model is good to about "
+            f"{' and '.join(limits)}: shapes and forces from {since} on are not to be trusted; {REMEDY}"
+        )
 
 
 class SurfaceGauges:
@@ -104,11 +91,9 @@ class SurfaceGauges:
     def __init__(self, nodes: Array, triangles: Array):
         chosen = triangles[:: max(1, math.ceil(len(triangles) / MAX_TRIANGLES))]
         a, b = nodes[chosen[:, 1]] - nodes[chosen[:, 0]], nodes[chosen[:, 2]] - nodes[chosen[:, 0]]
-        n = np.cross(a, b)
+        doubled_area = np.linalg.norm(np.cross(a, b), axis=1)
         longest = np.linalg.norm([a, b, b - a], axis=2).max(axis=0)
-        solid = (
-            (longest > MIN_SIDE) & (longest < MAX_SIDE) & (np.linalg.norm(n, axis=1) > MIN_HEIGHT_RATIO * longest**2)
-        )
+        solid = (longest > MIN_SIDE) & (longest < MAX_SIDE) & (doubled_area > MIN_HEIGHT_RATIO * longest**2)
         self.triangles = chosen[solid]
         frame, shape_gradients = triangle_frames(a[solid], b[solid])
         H = np.einsum("gic,gkj->ijgkc", frame, shape_gradients).reshape(3, 2, len(frame), 9)
@@ -133,3 +118,27 @@ def measure_peaks(components: Array) -> tuple[float, float]:
     ω, (ε1, ε2, shear) = components[:, :3], components[:, 3:].T
     principal = np.abs(ε1 + ε2) / 2 + np.hypot((ε1 - ε2) / 2, shear / math.sqrt(2))
     return float(np.linalg.norm(ω, axis=1).max(initial=0.0)), float(principal.max(initial=0.0))
+
+
+def triangle_frames(a: Array, b: Array) -> tuple[Array, Array]:
+    """Frames and gradients of the corners' shape functions.
+
+    On a triangle with corners x_0, x_1, x_2 a field u that is linear has the constant surface gradient
+    ∇ₛu = Σ u_k ⊗ ∇N_k, N_k the barycentric coordinates. With the sides' coordinates in the frame t₁ (along the first
+    side), t₂ = n × t₁ as columns of S (2, 2), the gradients of N_1 and N_2 are the rows of S⁻¹, and that of N_0 is
+    minus their sum. Source: Zienkiewicz, Taylor & Zhu, The Finite Element Method, 2013, § 6.2 (linear triangles).
+
+    Args:
+        a, b: sides from the first corner to the second and to the third, (g, 3) each, m; of triangles with area.
+
+    Returns:
+        t₁, t₂ and n, (g, 3, 3), as rows; and the gradients along t₁ and t₂ of the three corners, (g, 3, 2), 1/m.
+    """
+    n, t1 = _unit(np.cross(a, b)), _unit(a)
+    frame = np.stack([t1, np.cross(n, t1), n], axis=1)
+    sides = frame[:, :2] @ np.stack([a, b], axis=2)
+    return frame, np.array([[-1, -1], [1, 0], [0, 1]]) @ np.linalg.inv(sides)
+
+
+def _unit(vectors: Array) -> Array:
+    return vectors / np.linalg.norm(vectors, axis=1, keepdims=True)

@@ -15,8 +15,7 @@ class LoadHistory:
 
     Args:
         environment: with a run.
-        contact_columns: number of contact columns of each contact mode.
-        actuator_columns: number of columns of each actuator, in the order of the input.
+        contact_columns, actuator_columns: how many each contact mode and actuator has, in the order of the input.
         dt: time step instead of the run's, s.
 
     Attributes:
@@ -46,32 +45,25 @@ class LoadHistory:
             raise SceneError(f"dt = {self.dt:g}: a run of {steps:.3g} steps; allowed are at most {MOST_STEPS:,}")
         self.steps = round(steps)
         self.automatic = environment.switches_itself
-        self._loads = run.loads
-        self._contact_columns = dict(contact_columns)
-        ends = np.cumsum([0, *actuator_columns.values()])
-        self._actuator_slice = {
-            name: slice(a, b) for name, a, b in zip(actuator_columns, ends[:-1], ends[1:], strict=True)
-        }
-        self._actuator_total = int(ends[-1])
+        self._loads, self._contact_columns = run.loads, dict(contact_columns)
+        starts = dict(zip(actuator_columns, np.cumsum([0, *actuator_columns.values()]), strict=False))
+        self._actuator_slice = {name: slice(a, a + actuator_columns[name]) for name, a in starts.items()}
+        self._actuator_total = sum(actuator_columns.values())
         for load in self._loads:
-            self._check_columns(load, contact_columns if load.contact else actuator_columns, source)
-            self._check_seen(load, source)
+            self._check(load, contact_columns if load.contact else actuator_columns, f"{source}: run.load")
 
-    def _check_columns(self, load: AppliedLoad, columns: Mapping[str, int], source: str) -> None:
+    def _check(self, load: AppliedLoad, columns: Mapping[str, int], place: str) -> None:
+        """Checks that a load fits the columns of what it acts on, and that some step sees it."""
         kind, name = ("contact mode", load.contact) if load.contact else ("actuator", str(load.actuator))
         if name not in columns:  # the run of one scene on the model of another
-            raise SceneError(f"{source}: run.load: the model has {unknown(kind, name, columns)}")
+            raise SceneError(f"{place}: the model has {unknown(kind, name, columns)}")
         if load.signal.width != columns[name]:
-            raise SceneError(
-                f"{source}: run.load: {kind} {name!r}: numbers in its force: given {load.signal.width}, "
-                f"allowed {columns[name]}"
-            )
-
-    def _check_seen(self, load: AppliedLoad, source: str) -> None:
+            given = f"given {load.signal.width}, allowed {columns[name]}"
+            raise SceneError(f"{place}: {kind} {name!r}: numbers in its force: {given}")
         first = max(0, int(load.start / self.dt) - 1)
         if not any(load.start <= self._middle(k) < load.stop for k in range(first, min(first + 4, self.steps))):
             raise SceneError(
-                f"{source}: run.load: the force from {load.start:g} to {load.stop:g} s acts in the middle of no step "
+                f"{place}: the force from {load.start:g} to {load.stop:g} s acts in the middle of no step "
                 f"of {self.dt:g} s, so the run would not see it; allowed is a smaller dt, or a longer force"
             )
 

@@ -54,15 +54,10 @@ SignalLike = Union[Signal, "ArrayLike", Callable[[float], "ArrayLike"]]  # a fun
 
 
 class CheckedSignal:
-    """A signal whose numbers are checked wherever they come from.
-
-    Args:
-        name: in messages.
-        width: how many numbers it must give.
-        signal: numbers, a Signal, or a function of time (s).
+    """A signal that must give so many finite numbers, wherever they come from, or be refused by its name.
 
     Raises:
-        StepError: it gives something else than that many finite numbers.
+        StepError: it gives something else.
     """
 
     def __init__(self, name: str, width: int, signal: SignalLike):

@@ -60,17 +60,11 @@ class StepperState(NamedTuple):
 
 
 class Stepper(Protocol):
-    """One integrator: it owns the state of a body, and the work that it still owes the energy account.
+    """One integrator: it owns the state of a body, and the work that it still owes the energy account."""
 
-    Attributes:
-        kind: its name.
-        reason: why it is the one that steps.
-        contact: of the last step; None where nothing touched.
-    """
-
-    kind: str
-    reason: str
-    contact: ContactSolution | None
+    kind: str  # its name
+    reason: str  # why it is the one that steps
+    contact: ContactSolution | None  # of the last step; None where nothing touched
 
     @property
     def energy(self) -> float:

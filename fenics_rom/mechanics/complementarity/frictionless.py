@@ -55,10 +55,8 @@ class FrictionlessProblem:
             error, before = float(np.abs((λ - projected) * self.compliance).max()), self.error
             if error < before:
                 self.best, self.error = projected, error
-            if (
-                error <= CONVERGENCE_TOLERANCE * self.speed
-                or before / 2 < self.error <= STAGNATION_RESIDUAL * self.speed
-            ):
+            stagnates = before / 2 < self.error <= STAGNATION_RESIDUAL * self.speed
+            if error <= CONVERGENCE_TOLERANCE * self.speed or stagnates:
                 return True
             self.iterations += 1
             closed = np.flatnonzero(z > 0)

@@ -3,21 +3,14 @@
 With y = (λ, f_t/μ) and z = (u_n + μ|u_t|, μ u_t), both in Lorentz's cone, and y·z = 0, the problem is a second-order
 cone program but for the term |z_t|, which the linearisation includes (Acary, Armand, Nguyen & Shpakovych, Optim.
 Methods Softw. 37, 2022). The directions are those of Nesterov & Todd with Mehrotra's corrector. What W does not
-determine ends far from the borders of the cones, where the next step finds it good.
+determine ends far from the borders of the cones, where the next step finds it good. The algebra of the cones
+y₀ >= |y_t| is Jordan's (Alizadeh & Goldfarb, Math. Program. 95, 2003), for many vectors (C, 3) at once.
 """
 
 from collections.abc import Callable
 
 import numpy as np
 
-from fenics_rom.mechanics.complementarity.second_order_cone import (
-    determinant,
-    jordan_matrix,
-    jordan_product,
-    multiply,
-    nesterov_todd_scaling,
-    step_to_border,
-)
 from fenics_rom.mechanics.complementarity.solution import (
     FINISH_REDUCTION,
     FIRST_FINISH_RESIDUAL,
@@ -28,6 +21,8 @@ from fenics_rom.mechanics.complementarity.solution import (
     centering,
 )
 
+_ONES = np.ones(3)
+
 
 def find_interior_point(
     W: Array, q: Array, normals: Array, friction: float, compliance: Array, finish: Callable[[Array], bool]
@@ -35,8 +30,7 @@ def find_interior_point(
     """Follows the central path.
 
     Args:
-        W, q, normals, friction: as in `complementarity.solve`.
-        compliance: (C, 1) of each pair by itself, m/s/N.
+        W, q, normals, friction, compliance: as in `FrictionalProblem`.
         finish: tries to get from forces (C, 3) to a solution; asked again as they come nearer.
 
     Returns:
@@ -49,7 +43,7 @@ def find_interior_point(
     Qᵀ = Q.transpose(0, 2, 1)
     QᵀW = np.matmul(Qᵀ, W.reshape(C, 3, 3 * C)).reshape(3 * C, C, 3).transpose(1, 0, 2)
     M = np.matmul(QᵀW, Q).transpose(1, 0, 2).reshape(C, 3, 3 * C)
-    p = multiply(Qᵀ, q)
+    p = _multiply(Qᵀ, q)
     scale = float(np.abs(p).max())
     p /= scale
     y, z, diagonal = np.zeros((C, 3)), np.zeros((C, 3)), np.arange(C)
@@ -63,38 +57,87 @@ def find_interior_point(
         residual[:, 0] += speed
         error = max(float(np.abs(residual).max()), τ)
         within_bounds = INTERIOR_POINT_ACCURACY < error < 1 / INTERIOR_POINT_ACCURACY
-        if not (within_bounds and min(determinant(y).min(), determinant(z).min()) > 0):
+        if not (within_bounds and min(_determinant(y).min(), _determinant(z).min()) > 0):
             break
         if error < finish_residual:
             finish_residual = error / FINISH_REDUCTION
-            forces = scale * multiply(Q, y)
+            forces = scale * _multiply(Q, y)
             if finish(forces):
                 return forces, error, iterations, True
         B = M.copy()  # Δz = B Δy + residual
         B[:, 0] += (v[:, 1] / speed)[:, None] * M[:, 1] + (v[:, 2] / speed)[:, None] * M[:, 2]
-        H, inverse, square = nesterov_todd_scaling(y, z)
+        H, inverse, square = _nesterov_todd_scaling(y, z)
         G = B.reshape(C, 3, C, 3).copy()
         G[diagonal, :, diagonal] += square
-        scaled = multiply(H, y)
-        arrow = jordan_matrix(scaled)
-        target = -jordan_product(scaled, scaled)
+        scaled = _multiply(H, y)
+        arrow = _jordan_matrix(scaled)
+        target = -_jordan_product(scaled, scaled)
         try:
             for is_corrector in (False, True):
-                step = multiply(H, np.linalg.solve(arrow, target[:, :, None])[:, :, 0])
+                step = _multiply(H, np.linalg.solve(arrow, target[:, :, None])[:, :, 0])
                 Δy = np.linalg.solve(G.reshape(3 * C, 3 * C), (step - residual).ravel()).reshape(C, 3)
                 Δz = np.matmul(B, Δy.ravel()) + residual
-                α = min(step_to_border(y, Δy), step_to_border(z, Δz))
+                α = min(_step_to_border(y, Δy), _step_to_border(z, Δz))
                 if not is_corrector:
-                    target -= jordan_product(multiply(H, Δy), multiply(inverse, Δz))
+                    target -= _jordan_product(_multiply(H, Δy), _multiply(inverse, Δz))
                     target[:, 0] += centering(α, τ)
         except np.linalg.LinAlgError:
             break
         y, z = y + STEP_FRACTION * α * Δy, z + STEP_FRACTION * α * Δz
-    return scale * multiply(Q, y), error, iterations, False
+    return scale * _multiply(Q, y), error, iterations, False
 
 
 def _frames(n: Array) -> Array:
     """Orthonormal (C, 3, 3), whose first columns are the unit vectors n."""
     t = np.cross(n, np.eye(3)[np.abs(n).argmin(axis=1)])
-    t /= np.sqrt((t * t).dot(np.ones(3)))[:, None]
+    t /= np.sqrt((t * t).dot(_ONES))[:, None]
     return np.stack([n, t, np.cross(n, t)], axis=2)
+
+
+def _multiply(A: Array, x: Array) -> Array:
+    """The products of matrices (C, 3, 3) and vectors (C, 3)."""
+    return np.matmul(A, x[:, :, None])[:, :, 0]
+
+
+def _jordan_matrix(y: Array) -> Array:
+    """The arrow matrices (C, 3, 3) with y o z = _jordan_matrix(y) z."""
+    arrow = y[:, :1, None] * np.eye(3)
+    arrow[:, 0] = arrow[:, :, 0] = y
+    return arrow
+
+
+def _jordan_product(y: Array, z: Array) -> Array:
+    """Jordan's product y o z = (y·z, y₀ z_t + z₀ y_t)."""
+    product = y[:, :1] * z + z[:, :1] * y
+    product[:, 0] = (y * z).dot(_ONES)
+    return product
+
+
+def _determinant(y: Array) -> Array:
+    """y₀² - |y_t|² (C,), without cancellation near the border of the cone."""
+    length = np.hypot(y[:, 1], y[:, 2])
+    return (y[:, 0] - length) * (y[:, 0] + length)
+
+
+def _nesterov_todd_scaling(y: Array, z: Array) -> tuple[Array, Array, Array]:
+    """Nesterov and Todd's H (C, 3, 3), symmetric with H y = H⁻¹ z, its inverse and its square."""
+    reflection = np.array([1.0, -1.0, -1.0])
+    det_y, det_z = _determinant(y), _determinant(z)
+    y, z = y / np.sqrt(det_y)[:, None], z / np.sqrt(det_z)[:, None]
+    w = (z + reflection * y) / np.sqrt(2 + 2 * (y * z).dot(_ONES))[:, None]
+    η = np.sqrt(np.sqrt(det_z / det_y))[:, None, None]
+    H = np.empty((len(y), 3, 3))
+    H[:, 0] = H[:, :, 0] = w
+    H[:, 1:, 1:] = np.eye(2) + w[:, 1:, None] * w[:, None, 1:] / (1 + w[:, :1, None])
+    square = η**2 * (2 * w[:, :, None] * w[:, None, :] - np.diag(reflection))
+    return η * H, H * (reflection[:, None] * reflection) / η, square
+
+
+def _step_to_border(y: Array, Δy: Array) -> float:
+    """The largest α <= 1 with y + α Δy in the cones."""
+    a, c = Δy[:, 0] ** 2 - Δy[:, 1] ** 2 - Δy[:, 2] ** 2, _determinant(y)
+    b = y[:, 0] * Δy[:, 0] - y[:, 1] * Δy[:, 1] - y[:, 2] * Δy[:, 2]
+    discriminant = b**2 - a * c  # of a α² + 2 b α + c = 0
+    denominator = np.sqrt(np.maximum(discriminant, 0.0)) - b
+    leaves = (discriminant >= 0) & (denominator > 0)
+    return min(1.0, float((c[leaves] / denominator[leaves]).min(initial=1.0)))

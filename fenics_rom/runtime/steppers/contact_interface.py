@@ -5,8 +5,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
-from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointMotion
-from fenics_rom.mechanics.contact_points import ContactPoints
+from fenics_rom.mechanics.contact import ContactPoints, ContactSolution, ObstacleMotion, PointMotion
 from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.rom.rom import Rom
 

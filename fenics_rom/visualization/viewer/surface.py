@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 
-from fenics_rom.mechanics.surface_gradient import triangle_frames
+from fenics_rom.mechanics.linearity import triangle_frames
 
 Array = np.ndarray
 
