@@ -131,7 +131,7 @@ class PrescribedForce(Place):
     LAW: ClassVar = Law(
         force="a force on a surface, evenly, or at a point", supplies="its work", changing=("force", "table")
     )
-    ONE_OF: ClassVar = (("surface", "near", "point"),)
+    ONE_OF = (("surface", "near", "point"),)
     AT_MOST_ONE: ClassVar = ("force", "table")
     point: Annotated[Point | None, "a material point of the body"] = None
     force: Annotated[tuple[Newtons, Newtons, Newtons] | None, Items(3), "where it is constant"] = None

@@ -18,7 +18,7 @@ class Near:
 class Place:
     """A piece of the surface: exactly one of the two."""
 
-    ONE_OF: ClassVar = (("surface", "near"),)
+    ONE_OF: ClassVar[tuple[tuple[str, ...], ...]] = (("surface", "near"),)
     surface: Annotated[str | None, Text(), "a named surface of the mesh"] = None
     near: Annotated[Near | None, "the surface triangles whose centroids lie in a ball"] = None
 
