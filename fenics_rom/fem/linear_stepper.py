@@ -16,7 +16,7 @@ from fenics_rom.system.system import Array, System
 
 
 class FullOrderStepper(FullOrderBody):
-    """Steps a linear body from rest, see mechanics.step.Stepper; every rank must call every method.
+    """Steps a linear body from rest, see mechanics.step; every rank must call every method.
 
     Arguments and attributes as in FullOrderBody; matrices are PETSc's. Without an account a step is one solve and two
     products.

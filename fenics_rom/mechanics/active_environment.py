@@ -33,7 +33,7 @@ class ActiveEnvironment:
 
     Attributes:
         environment, columns: as given.
-        obstacles: by name.
+        obstacles: their shapes, by name.
         state: where the obstacles are.
         signals: by name, those that were given.
         mark: told the name of each part of a step that has just ended, to measure what it cost; None: nobody asks.

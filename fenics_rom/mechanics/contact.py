@@ -20,17 +20,11 @@ HYSTERESIS = 1e-3  # of it: by so much another contact mode must be closer, so t
 
 
 class ObstacleMotion(NamedTuple):
-    """How O obstacles move in one step.
+    """How O obstacles move in one step."""
 
-    Attributes:
-        start: displacements from where the scene puts them at its start, (O, 3), m.
-        end: at its end, (O, 3), m.
-        velocities_before: in the step before, (O, 3), m/s.
-    """
-
-    start: Array
-    end: Array
-    velocities_before: Array
+    start: Array  # displacements from where the scene puts them at its start, (O, 3), m
+    end: Array  # at its end, (O, 3), m
+    velocities_before: Array  # in the step before, (O, 3), m/s
 
     def velocities(self, dt: float) -> Array:
         """In a step of dt, s, (O, 3), m/s."""
@@ -44,17 +38,11 @@ class ObstacleMotion(NamedTuple):
 
 
 class PointMotion(NamedTuple):
-    """What the contact points do in one step.
+    """What the contact points do in one step."""
 
-    Attributes:
-        displacement: at its start, (P, 3), m.
-        velocity: at its start, (P, 3), m/s.
-        free_velocity: in its middle, if no contact forces act, (P, 3), m/s.
-    """
-
-    displacement: Array
-    velocity: Array
-    free_velocity: Array
+    displacement: Array  # at its start, (P, 3), m
+    velocity: Array  # at its start, (P, 3), m/s
+    free_velocity: Array  # in its middle, if no contact forces act, (P, 3), m/s
 
 
 @dataclass(frozen=True)
@@ -93,41 +81,24 @@ class ContactLaw:
 
 
 class ContactWork(NamedTuple):
-    """Where the work of contact in a step went, J: h Σ f·v̂ = supplied - contact - friction.
+    """Where the work of contact in a step went, J: h Σ f·v̂ = supplied - contact - friction."""
 
-    Attributes:
-        supplied: by obstacles that move.
-        contact: dissipated by impacts, >= 0; with the penalty law also what its springs take up, or give back (< 0).
-        friction: dissipated by friction, >= 0.
-    """
-
-    supplied: float
-    contact: float
-    friction: float
+    supplied: float  # by obstacles that move
+    contact: float  # dissipated by impacts, >= 0; with the penalty law also what its springs take up (< 0: give back)
+    friction: float  # dissipated by friction, >= 0
 
 
 class ContactSolution(NamedTuple):
-    """What contact does in one step.
+    """What contact does in one step."""
 
-    Attributes:
-        forces: (P, 3) on the points, N.
-        by_obstacle: (O, 3) resultants on the body, N.
-        iterations: systems of equations solved.
-        pairs: (C,) of those that took part: obstacle times P plus point.
-        normals: (C, 3) theirs.
-        pair_forces: (C, 3) theirs, N.
-        obstacle_velocities: (O, 3), m/s.
-        rough: whether there is friction.
-    """
-
-    forces: Array
-    by_obstacle: Array
-    iterations: int
-    pairs: Array
-    normals: Array
-    pair_forces: Array
-    obstacle_velocities: Array
-    rough: bool
+    forces: Array  # (P, 3) on the points, N
+    by_obstacle: Array  # (O, 3) resultants on the body, N
+    iterations: int  # systems of equations solved
+    pairs: Array  # (C,) of those that took part: obstacle times P plus point
+    normals: Array  # (C, 3) theirs
+    pair_forces: Array  # (C, 3) theirs, N
+    obstacle_velocities: Array  # (O, 3), m/s
+    rough: bool  # whether there is friction
 
     @property
     def touching(self) -> int:
@@ -157,15 +128,10 @@ class ContactSolution(NamedTuple):
 
 
 class ContactResidual(NamedTuple):
-    """Steps whose forces solve the contact problem but for a residual.
+    """Steps whose forces solve the contact problem but for a residual."""
 
-    Attributes:
-        steps: how many.
-        residual: the largest, as a share of the velocities that the forces had to stop.
-    """
-
-    steps: int = 0
-    residual: float = 0.0
+    steps: int = 0  # how many
+    residual: float = 0.0  # the largest, as a share of the velocities that the forces had to stop
 
     @property
     def message(self) -> str:
@@ -186,8 +152,7 @@ class ContactPoints:
         coordinates: of all nodes at rest, (N, 3), m.
 
     Attributes:
-        nodes: (P,) ascending, each once.
-        coordinates: theirs at rest, (P, 3), m.
+        nodes, coordinates: (P,) ascending, each once; theirs at rest, (P, 3), m.
     """
 
     def __init__(self, nodes_of: Mapping[str, Array], coordinates: Array):

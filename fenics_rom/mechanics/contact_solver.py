@@ -61,21 +61,14 @@ class ContactSolver:
         self._pairs_key = b""
 
     def gaps(self, displacement: Array, offsets: Array) -> Array:
-        """Smallest gap of each point (P,), m.
-
-        Args:
-            displacement: (P, 3), m.
-            offsets: (O, 3) how far the obstacles have moved, m.
-        """
+        """Smallest gap of each point (P,), m, that has moved by (P, 3), m, from obstacles that have by (O, 3), m."""
         return self._distances(displacement, offsets)[0].reshape(len(self.obstacles), -1).min(axis=0)
 
     def check_start(self, displacement: Array, offsets: Array, names: Sequence[str]) -> None:
         """Checks that no point is inside an obstacle, of these names, by more than 1e-9 of the size of the body.
 
-        Arguments as in `gaps`.
-
         Raises:
-            StepError: one is; it says where, and how deep.
+            StepError: one is; it says where, and how deep. Arguments as in `gaps`.
         """
         gaps = self._distances(displacement, offsets)[0]
         size = float(max(np.ptp(self.points, axis=0).max(), np.abs(self.points).max()))
@@ -116,7 +109,8 @@ class ContactSolver:
             active = chosen.nonzero()[0]
             solution, forces, q = self._solve_pairs(pairs, active, delassus, start)
             iterations += solution.iterations
-            start = forces if len(active) == len(chosen) else _spread(forces, active, len(chosen))
+            start = np.zeros_like(pairs.normals)
+            start[active] = forces
             by_pair = start.reshape(-1, len(self.points), 3)
             point_forces = by_pair[0] if len(by_pair) == 1 else by_pair.sum(axis=0)
             repeat = pairs.stop_helping_friction(active, forces, solution.velocities, q)
@@ -243,13 +237,6 @@ class _Pairs:
             return False
         self.tangential_target[active[helps]] = 0.0
         return True
-
-
-def _spread(forces: Array, active: Array, count: int) -> Array:
-    """Forces (C, 3) of the active pairs among all of them, (count, 3)."""
-    spread = np.zeros((count, 3))
-    spread[active] = forces
-    return spread
 
 
 def _passive(f: Array, W: Array, free: Array) -> Array:

@@ -21,14 +21,12 @@ class EnergyLedger:
     @property
     def supplied(self) -> float:
         """Work of the inputs, Σ h (B u)ᵀ v̂."""
-        self._flush()
-        return self._supplied[0]
+        return self.sums[0][0]
 
     @property
     def dissipated(self) -> float:
         """Σ h v̂ᵀ D v̂, never negative."""
-        self._flush()
-        return self._dissipated[0]
+        return self.sums[1][0]
 
     @property
     def lost_in_switching(self) -> float:
@@ -38,20 +36,17 @@ class EnergyLedger:
     @property
     def obstacles(self) -> float:
         """Of what was supplied: the work of moving obstacles."""
-        self._flush()
-        return self._obstacles[0]
+        return self.sums[3][0]
 
     @property
     def contact(self) -> float:
         """Of what was dissipated: in impacts, never negative; with the penalty method less what its springs hold."""
-        self._flush()
-        return self._contact[0]
+        return self.sums[4][0]
 
     @property
     def friction(self) -> float:
         """Of what was dissipated: by sliding, never negative."""
-        self._flush()
-        return self._friction[0]
+        return self.sums[5][0]
 
     def book_contact(self, obstacles: float, contact: float, friction: float) -> None:
         """Adds what obstacles supplied and what contact and friction dissipated, J, to their sums and to the whole."""

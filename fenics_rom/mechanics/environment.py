@@ -22,15 +22,10 @@ SWITCHINGS = ("energy", "oblique")  # energy-orthogonal, of any basis; of standa
 
 @dataclass(frozen=True)
 class Load:
-    """A load that acts by itself.
+    """A load that acts by itself."""
 
-    Attributes:
-        columns: number of input columns.
-        signal: what it does; None where that is to be given as a function of time.
-    """
-
-    columns: int
-    signal: Signal | None
+    columns: int  # number of input columns
+    signal: Signal | None  # what it does; None where that is to be given as a function of time
 
 
 @dataclass(frozen=True)
@@ -43,36 +38,23 @@ class MovingObstacle:
 
 @dataclass(frozen=True)
 class AppliedLoad:
-    """A force on a contact mode, or the input of an actuator, between two times.
+    """A force on a contact mode, or the input of an actuator, between two times."""
 
-    Attributes:
-        contact, actuator: one of the two, by name; the other is None.
-        start, stop: s.
-        signal: N (Pa of a pressure), one number for each column.
-    """
-
-    contact: str | None
-    actuator: str | None
-    start: float
-    stop: float
-    signal: Signal
+    contact: str | None  # by name; None where it is an actuator's
+    actuator: str | None  # by name; None where it is a contact mode's
+    start: float  # s
+    stop: float  # s
+    signal: Signal  # N (Pa of a pressure), one number for each column
 
 
 @dataclass(frozen=True)
 class Run:
-    """A load history.
+    """A load history."""
 
-    Attributes:
-        dt: time step, s.
-        duration: s.
-        snapshots: how many whole shapes are kept, evenly spread.
-        loads: in the order in which they begin.
-    """
-
-    dt: float
-    duration: float
-    snapshots: int = 100
-    loads: tuple[AppliedLoad, ...] = ()
+    dt: float  # time step, s
+    duration: float  # s
+    snapshots: int = 100  # how many whole shapes are kept, evenly spread
+    loads: tuple[AppliedLoad, ...] = ()  # in the order in which they begin
 
 
 @dataclass(frozen=True)

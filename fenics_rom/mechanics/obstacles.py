@@ -3,6 +3,9 @@
 The signed distance to a convex body is a convex function, so that with the unit normal n at x,
 distance(x + d) >= distance(x) + n·d for every d: a step that keeps the right side positive does not penetrate.
 An obstacle moves by translation only: evaluate it at points - offset.
+
+Each refuses by a SceneError what it cannot be: vectors that are not three finite numbers, a radius or an edge that is
+not finite and > 0, a normal or an axis of length 0.
 """
 
 import math
@@ -34,9 +37,6 @@ class HalfSpace:
     Args:
         point: a point of the plane, m.
         normal: which way is out; of any length but 0.
-
-    Raises:
-        SceneError: not three finite numbers each, or a normal of length 0.
     """
 
     point: Sequence[float]
@@ -50,8 +50,8 @@ class HalfSpace:
         if not length > 0:
             raise SceneError("halfspace: normal: allowed is a vector of any length but 0, given: length 0")
         n = normal / length
-        object.__setattr__(self, "_n", n / math.hypot(*n))
-        object.__setattr__(self, "_level", float(point.dot(self._n)))
+        n /= math.hypot(*n)
+        _keep(self, _n=n, _level=float(point.dot(n)))
 
     def distance(self, points: Array) -> tuple[Array, Array]:
         """Signed distance (P,), m, negative inside, of points (P, 3), m, and its gradient: unit normals (P, 3)."""
@@ -67,9 +67,6 @@ class Sphere:
     Args:
         center: m.
         radius: m.
-
-    Raises:
-        SceneError: not three finite numbers, or a radius that is not finite and > 0.
     """
 
     center: Sequence[float]
@@ -77,7 +74,7 @@ class Sphere:
     _center: Array = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "_center", _check_vector(self, "center"))
+        _keep(self, _center=_check_vector(self, "center"))
         _check_positive(self, "radius")
 
     def distance(self, points: Array) -> tuple[Array, Array]:
@@ -94,9 +91,6 @@ class Capsule:
         start: one end of the segment, m.
         end: the other end, m.
         radius: m.
-
-    Raises:
-        SceneError: not three finite numbers each, ends that coincide, or a radius that is not finite and > 0.
     """
 
     start: Sequence[float]
@@ -115,10 +109,8 @@ class Capsule:
         if not square > 0:
             raise SceneError("capsule: allowed are a start and an end that differ, given: the same; use a sphere")
         perpendicular = np.cross(axis, np.eye(3)[np.abs(axis).argmin()])
-        object.__setattr__(self, "_start", start)
-        object.__setattr__(self, "_axis", axis)
-        object.__setattr__(self, "_per_length", axis / square)
-        object.__setattr__(self, "_perpendicular", perpendicular / np.linalg.norm(perpendicular))
+        perpendicular /= np.linalg.norm(perpendicular)
+        _keep(self, _start=start, _axis=axis, _per_length=axis / square, _perpendicular=perpendicular)
 
     def distance(self, points: Array) -> tuple[Array, Array]:
         """Signed distance (P,), m, negative inside, of points (P, 3), m, and its gradient: unit normals (P, 3)."""
@@ -138,9 +130,6 @@ class Box:
         center: m.
         size: full lengths of the edges, m.
         rotation: axis times angle, rad (Rodrigues' formula), by which it is turned about its center.
-
-    Raises:
-        SceneError: not three finite numbers each, or an edge that is not > 0.
     """
 
     center: Sequence[float]
@@ -151,10 +140,9 @@ class Box:
     _axes: Array = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "_center", _check_vector(self, "center"))
-        object.__setattr__(self, "_half", _check_vector(self, "size") / 2)
-        object.__setattr__(self, "_axes", _rotation_matrix(_check_vector(self, "rotation")))
-        if not self._half.min() > 0:
+        center, half = _check_vector(self, "center"), _check_vector(self, "size") / 2
+        _keep(self, _center=center, _half=half, _axes=_rotation_matrix(_check_vector(self, "rotation")))
+        if not half.min() > 0:
             raise SceneError(f"box: size: allowed are edges > 0, in m, given: {list(self.size)}")
 
     def distance(self, points: Array) -> tuple[Array, Array]:
@@ -205,7 +193,7 @@ def _check_vector(obstacle: object, name: str) -> Array:
     if vector.shape != (3,) or not np.isfinite(vector).all():
         kind = type(obstacle).__name__.lower()
         raise SceneError(f"{kind}: {name}: allowed are three finite numbers, given: {value!r}")
-    object.__setattr__(obstacle, name, tuple(vector.tolist()))
+    _keep(obstacle, **{name: tuple(vector.tolist())})
     return vector
 
 
@@ -214,7 +202,13 @@ def _check_positive(obstacle: object, name: str) -> None:
     if not (isinstance(value, int | float | np.number) and math.isfinite(value) and value > 0):
         kind = type(obstacle).__name__.lower()
         raise SceneError(f"{kind}: {name}: allowed is a finite number > 0, in m, given: {value!r}")
-    object.__setattr__(obstacle, name, float(value))
+    _keep(obstacle, **{name: float(value)})
+
+
+def _keep(obstacle: object, **values: object) -> None:
+    """Sets attributes of an obstacle, which is frozen."""
+    for name, value in values.items():
+        object.__setattr__(obstacle, name, value)
 
 
 SHAPES: Mapping[str, Any] = {"half-space": HalfSpace, "sphere": Sphere, "capsule": Capsule, "box": Box}

@@ -117,7 +117,7 @@ class Deformation(Protocol):
         """∂/∂x of ∫ W(E), (rows here,), N, at a displacement (rows here,), m."""
 
     def stepper(self, dt: float, environment: Any = None, *, ledger: bool = True) -> Any:
-        """What steps the body at full order from rest, see mechanics.step.Stepper."""
+        """What steps the body at full order from rest, see mechanics.step."""
 
     def follower(self, x: Array) -> dict[str, Array]:
         """Force (rows here, 1) of 1 Pa or 1 N of each pressure and tendon at a displacement (rows here,), m."""

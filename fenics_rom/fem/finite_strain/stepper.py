@@ -26,7 +26,7 @@ MAX_PRODUCTS = 25  # products with the tangent in a step, more than a new factor
 
 
 class FiniteStrainStepper(FullOrderBody):
-    """Steps a body that deforms largely from rest, see mechanics.step.Stepper; every rank must call every method.
+    """Steps a body that deforms largely from rest, see mechanics.step; every rank must call every method.
 
     Args:
         system, dt, environment, ledger: as in FullOrderBody.

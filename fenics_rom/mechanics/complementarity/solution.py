@@ -23,19 +23,12 @@ STEP_FRACTION = 0.9  # of the way to the border of the cones that an interior-po
 
 
 class Solution(NamedTuple):
-    """Contact forces.
+    """Contact forces."""
 
-    Attributes:
-        forces: (C, 3), N, exactly in their cones.
-        velocities: u (C, 3), m/s, to round-off.
-        iterations: of all methods together.
-        residual: what is left to solve, as a share of the velocities that the forces have to stop.
-    """
-
-    forces: Array
-    velocities: Array
-    iterations: int
-    residual: float = 0.0
+    forces: Array  # (C, 3), N, exactly in their cones
+    velocities: Array  # u (C, 3), m/s, to round-off
+    iterations: int  # of all methods together
+    residual: float = 0.0  # what is left to solve, as a share of the velocities that the forces have to stop
 
 
 def check_residual(residual: float, pairs: int, iterations: int) -> None:

@@ -19,7 +19,7 @@ Array = np.ndarray
 
 
 class ReducedStepper:
-    """A stepper of a ROM that begins in its first contact mode; see mechanics.step.Stepper.
+    """A stepper of a ROM that begins in its first contact mode; see mechanics.step.
 
     Args:
         rom: the reduced models.
