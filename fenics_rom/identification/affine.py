@@ -133,35 +133,29 @@ class AffineSystem:
 
     def parts(self, basis: Array) -> AffineDecomposition:
         """The parts on a basis, of which this rank has its rows, (rows here, k)."""
-        inner, plain = self.plain.algebra.inner, self.plain
-        weighed = inner(basis, plain.mass @ basis)
-        strained = inner(basis, plain.stiffness @ basis)
+        inner, plain, grounded = self.plain.algebra.inner, self.plain, self._grounded
 
-        def projected(matrix: Any, less: Array) -> Array:
-            return inner(basis, matrix @ basis) - less
+        def projected(matrix: Any) -> Array:
+            return inner(basis, matrix @ basis)
 
-        mass = np.array([projected(s.mass, weighed) for s in self._dilated])
-        dilation = np.array([projected(s.stiffness, strained) for s in self._dilated])
-        others = [projected(s.stiffness, strained) for s in self._sheared]
-        shear = np.array([strained - sum(others, np.zeros_like(strained)), *others])
+        def inputs_of(system: System, contact: str) -> Array:
+            return inner(basis, system.input_matrix(contact))
+
+        weighed, strained = projected(plain.mass), projected(plain.stiffness)
+        others = [projected(s.stiffness) - strained for s in self._sheared]
         nothing = np.zeros_like(strained)
-        grounded = self._grounded
         inputs, weights = {}, {}
         for name in plain.contacts:
-            B = self._inputs(plain, name, basis)
-            weights[name] = np.array([self._inputs(s, name, basis) - B for s in self._dilated])
+            B = inputs_of(plain, name)
+            weights[name] = np.array([inputs_of(s, name) - B for s in self._dilated])
             inputs[name] = B - weights[name].sum(axis=0)
         return AffineDecomposition(
-            mass=mass,
-            dilation=dilation,
-            shear=shear,
-            springs=nothing if grounded is None else projected(grounded.stiffness, strained),
-            dashpots=nothing if grounded is None else projected(grounded.damping, nothing),
+            mass=np.array([projected(s.mass) - weighed for s in self._dilated]),
+            dilation=np.array([projected(s.stiffness) - strained for s in self._dilated]),
+            shear=np.array([strained - sum(others, nothing), *others]),
+            springs=nothing if grounded is None else projected(grounded.stiffness) - strained,
+            dashpots=nothing if grounded is None else projected(grounded.damping),
             inputs=inputs,
             weights=weights,
             outputs={name: inner(C, basis) for name, C in plain.outputs.items()},
         )
-
-    @staticmethod
-    def _inputs(system: System, contact: str, basis: Array) -> Array:
-        return system.algebra.inner(basis, system.input_matrix(contact))

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import compress, permutations
 
 import numpy as np
 
@@ -70,17 +71,15 @@ class Experiment:
         earlier = self.times <= time
         steps = int(self.instants[earlier].max(initial=0))
         retained = np.concatenate([earlier, np.ones(len(self.rows), dtype=bool)])
-        return replace(
-            self,
-            steps=steps,
-            inputs={name: inputs[:steps] for name, inputs in self.inputs.items()},
-            times=self.times[earlier],
-            instants=self.instants[earlier],
-            weights=self.weights[earlier],
-            marker=self.marker[retained],
-            measured=self.measured[retained],
-            places=tuple(place for place, inside in zip(self.places, retained, strict=True) if inside),
-        )
+        moving = {name: getattr(self, name)[earlier] for name in ("times", "instants", "weights")}
+        both = {name: getattr(self, name)[retained] for name in ("marker", "measured")}
+        inputs = {name: u[:steps] for name, u in self.inputs.items()}
+        places = tuple(compress(self.places, retained))
+        return replace(self, steps=steps, inputs=inputs, places=places, **moving, **both)
+
+    def marker_columns(self, system: System) -> Array:
+        """Those of a system's output columns that are measured, (rows here, n)."""
+        return np.stack([system.outputs[m.output][:, m.row] for m in self.markers], axis=1)
 
 
 def make_experiment(scene: Scene, data: Sequence[Data], system: System) -> Experiment:
@@ -99,39 +98,26 @@ def make_experiment(scene: Scene, data: Sequence[Data], system: System) -> Exper
     motions = [part for part in data if isinstance(part, Motion)]
     at_rest = [part for part in data if isinstance(part, Equilibria)]
     whole: list[Data] = [*motions, *at_rest]
-    dt, steps, inputs = _run_inputs(scene, system) if motions else (1.0, 0, {})
-    rest_inputs = _rest_inputs(scene, at_rest, system)
-    first = np.cumsum([0, *(len(part.contacts) for part in at_rest)])
-    cells = [np.nonzero(np.isfinite(part.measured)) for part in whole]
-    times = [part.times[row] for part, (row, _) in zip(motions, cells, strict=False)]
-    rows = [begin + row for begin, (row, _) in zip(first, cells[len(motions) :], strict=False)]
-    all_times = np.concatenate([np.empty(0), *times])
-    instants, weights = interpolate_instants(all_times, dt, steps)
-    measured = np.concatenate([np.empty(0), *(part.measured[at] for part, at in zip(whole, cells, strict=True))])
-    if not len(measured):
+    seen = [(part, int(row), int(column)) for part in whole for row, column in np.argwhere(np.isfinite(part.measured))]
+    if not seen:
         raise DataError("no marker was seen: every cell is empty")
+    first = dict(zip(map(id, at_rest), np.cumsum([0, *(len(part.contacts) for part in at_rest)]), strict=False))
+    times = np.array([part.times[row] for part, row, _ in seen if isinstance(part, Motion)])
+    dt, steps, inputs = _run_inputs(scene, system) if motions else (1.0, 0, {})
+    instants, weights = interpolate_instants(times, dt, steps)
     return Experiment(
         markers=markers,
         dt=dt,
         steps=steps,
         inputs=inputs,
-        rest_inputs=rest_inputs,
-        times=all_times,
+        rest_inputs=_rest_inputs(scene, at_rest, system),
+        times=times,
         instants=instants,
         weights=weights,
-        rows=np.concatenate([np.empty(0, dtype=int), *rows]),
-        marker=np.concatenate(
-            [
-                np.array([markers.index(m) for m in part.markers])[column]
-                for part, (_, column) in zip(whole, cells, strict=True)
-            ]
-        ),
-        measured=measured,
-        places=tuple(
-            (part.file, int(part.lines[r]), part.columns[c])
-            for part, at in zip(whole, cells, strict=True)
-            for r, c in zip(*at, strict=True)
-        ),
+        rows=np.array([first[id(part)] + row for part, row, _ in seen[len(times) :]], dtype=int),
+        marker=np.array([markers.index(part.markers[column]) for part, _, column in seen]),
+        measured=np.array([part.measured[row, column] for part, row, column in seen]),
+        places=tuple((part.file, int(part.lines[row]), part.columns[column]) for part, row, column in seen),
     )
 
 
@@ -142,27 +128,20 @@ def interpolate_instants(times: Array, dt: float, steps: int) -> tuple[Array, Ar
     first = np.clip(np.floor(place).astype(int) - (count // 2 - 1), 0, steps + 1 - count)
     nodes = first[:, None] + np.arange(count)
     weights = np.ones(nodes.shape)
-    for k in range(count):
-        for other in range(count):
-            if other != k:
-                weights[:, k] *= (place - nodes[:, other]) / (k - other)
+    for k, other in permutations(range(count), 2):
+        weights[:, k] *= (place - nodes[:, other]) / (k - other)
     return nodes, weights
 
 
 def _run_inputs(scene: Scene, system: System) -> tuple[float, int, dict[str, Array]]:
     """dt, steps, and the inputs of each contact mode in the scene's run, with loads at the middle of each step."""
-    contacts, actuators = (
-        {name: columns.shape[1] for name, columns in of.items()} for of in (system.contacts, system.actuators)
-    )
+    contacts, actuators = ({name: B.shape[1] for name, B in of.items()} for of in (system.contacts, system.actuators))
     history, active = LoadHistory(scene.environment, contacts, actuators), ActiveEnvironment(scene.environment)
-    steps = [
-        (contact, np.concatenate([u, active.loads_at((n + 0.5) * history.dt)]))
-        for n, (contact, u) in enumerate(history)
-    ]
     inputs: dict[str, Array] = {}
-    for n, (contact, u) in enumerate(steps):
-        inputs.setdefault(contact, np.zeros((len(steps), len(u))))[n] = u
-    return history.dt, len(steps), inputs
+    for n, (contact, u) in enumerate(history):
+        acting = np.concatenate([u, active.loads_at((n + 0.5) * history.dt)])
+        inputs.setdefault(contact, np.zeros((history.steps, len(acting))))[n] = acting
+    return history.dt, history.steps, inputs
 
 
 def _rest_inputs(scene: Scene, data: Sequence[Equilibria], system: System) -> dict[str, Array]:

@@ -7,10 +7,13 @@ all of them at once would end anywhere.
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
+from typing import Any
 
 import numpy as np
 import scipy.optimize
 
+from fenics_rom.fem.ranks import run_on_rank_0
 from fenics_rom.identification.experiment import Experiment
 from fenics_rom.identification.parameters import ALPHA, BETA, Parameter, directions_at, values_at
 from fenics_rom.identification.reduced_model import ReducedModel
@@ -56,14 +59,14 @@ class FitProblem:
         parameters: p of them.
         experiment: all that was measured.
         model_at: makes the model whose basis is best at θ.
-        broadcast: brings an array of rank 0 to every rank, so that all decide alike.
+        comm: of the ranks, of which the first searches, so that all decide alike.
     """
 
     start: Array
     parameters: Sequence[Parameter]
     experiment: Experiment
     model_at: Callable[[Array], ReducedModel]
-    broadcast: Callable[[Array], Array]
+    comm: Any
 
     def values(self, q: Array) -> Array:
         """θ at q."""
@@ -90,7 +93,8 @@ def fit_parameters(problem: FitProblem, q: Array, model: ReducedModel, report: C
         last = number == len(spans) - 1
         part = problem.experiment if last else problem.experiment.until(span)
         while True:
-            q = problem.broadcast(_least_squares(problem, model, part, q, centre, tolerance=1e-13 if last else 1e-4))
+            search = partial(_least_squares, problem, model, part, q, centre, tolerance=1e-13 if last else 1e-4)
+            q = run_on_rank_0(problem.comm, search)
             predicted, jacobian = problem.linearize(model, part, q)
             moved = np.abs(q - centre)
             if last:
@@ -132,14 +136,7 @@ def _least_squares(
     def jacobian(q: Array) -> Array:
         return np.vstack([problem.linearize(model, part, q)[1] / scale, weight * np.eye(len(q))])
 
-    best: Array = scipy.optimize.least_squares(
-        residual,
-        np.clip(q, low, high),
-        jacobian,
-        bounds=(low, high),
-        xtol=tolerance,
-        ftol=tolerance,
-        gtol=tolerance,
-        max_nfev=100,
-    ).x
+    bounds, x0 = (low, high), np.clip(q, low, high)
+    tolerances = {"xtol": tolerance, "ftol": tolerance, "gtol": tolerance}
+    best: Array = scipy.optimize.least_squares(residual, x0, jacobian, bounds=bounds, max_nfev=100, **tolerances).x
     return best

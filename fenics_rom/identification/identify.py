@@ -2,6 +2,7 @@
 
 import warnings
 from collections.abc import Callable, Sequence
+from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
@@ -9,17 +10,22 @@ import numpy as np
 
 from fenics_rom.errors import DataError, FenicsRomWarning, SceneError, SolverError
 from fenics_rom.fem.assemble import assemble
+from fenics_rom.fem.simulate import simulate
 from fenics_rom.identification.affine import AffineSystem
-from fenics_rom.identification.basis import make_basis
 from fenics_rom.identification.experiment import Experiment, make_experiment
 from fenics_rom.identification.fit import MAX_BASES, Fit, FitProblem, fit_parameters
-from fenics_rom.identification.full_order import predict_full_order
-from fenics_rom.identification.identifiability import Unidentifiable, find_unidentifiable
 from fenics_rom.identification.marker_data import Data, Equilibria, Motion, read_markers
 from fenics_rom.identification.parameters import Parameter, scene_with, select_parameters, values_of
-from fenics_rom.identification.reduced_model import ReducedModel
+from fenics_rom.identification.reduced_model import ReducedModel, make_basis
 from fenics_rom.identification.result import Estimate, Identification, list_doubts
-from fenics_rom.identification.uncertainty import correlations, interval_half_widths, noise_deviation, t_quantile
+from fenics_rom.identification.uncertainty import (
+    Unidentifiable,
+    correlations,
+    find_unidentifiable,
+    interval_half_widths,
+    noise_deviation,
+    t_quantile,
+)
 from fenics_rom.io.progress import Report, silent
 from fenics_rom.scene.scene import Scene
 from fenics_rom.system.system import System
@@ -81,11 +87,17 @@ def identify(
     def model_at(θ: Array) -> ReducedModel:
         return ReducedModel(affine.parts(make_basis(assemble(scene_with(scene, θ)), experiment)))
 
-    problem = FitProblem(values_of(scene), sought, experiment, model_at, lambda values: _broadcast(plain, values))
+    comm = plain.algebra.comm  # type: ignore[attr-defined]
+    problem = FitProblem(values_of(scene), sought, experiment, model_at, comm)
     problem, fit, unidentifiable = _fit_determined(problem, lambda done, of: report("time spans", done, of))
     identified = scene_with(scene, problem.values(fit.q))
-    full, messages = _full(identified, experiment, report)
-    finer = make_experiment(_with_half_steps(scene), read, plain) if moving else experiment
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FenicsRomWarning)  # they are among the messages
+        full, messages = predict_full_order(assemble(identified), experiment, report)
+    finer = experiment
+    if moving and scene.run is not None:
+        half = replace(scene.run, dt=scene.run.dt / 2)
+        finer = make_experiment(replace(scene, run=half), read, plain)
     result = Identification(
         scene=identified,
         estimates=_estimates(problem, fit, unidentifiable, sought),
@@ -112,16 +124,6 @@ def _check_linear(scene: Scene) -> None:
             f"{scene.source}: effects.contact: with obstacles displacements are not linear in the forces; allowed is a "
             "scene without them, with the measured contact forces in its [[run.load]]"
         )
-
-
-def _broadcast(system: System, values: Array) -> Array:
-    """Numbers (p,) of the rank that has the first row, on every rank."""
-    rows = system.algebra.rows()
-    first = np.zeros((rows.stop - rows.start, 1))
-    mine = np.zeros((rows.stop - rows.start, len(values)))
-    if rows.start == 0 and rows.stop > 0:
-        first[0], mine[0] = 1.0, values
-    return system.algebra.inner(first, mine)[0]
 
 
 def _fit_determined(
@@ -175,15 +177,19 @@ def _describe_attempt(problem: FitProblem, fit: Fit) -> str:
     )
 
 
-def _full(scene: Scene, experiment: Experiment, report: Report) -> tuple[Array, tuple[str, ...]]:
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", FenicsRomWarning)  # they are among the messages
-        return predict_full_order(assemble(scene), experiment, report)
-
-
-def _with_half_steps(scene: Scene) -> Scene:
-    assert scene.run is not None
-    return replace(scene, run=replace(scene.run, dt=scene.run.dt / 2))
+def predict_full_order(system: System, experiment: Experiment, report: Report) -> tuple[Array, tuple[str, ...]]:
+    """What the full order says of all values, (N,), m, and what the user should know; every rank must call it."""
+    count = len(experiment.markers)
+    run, rest, messages = np.zeros((1, count)), np.zeros((0, count)), system.warnings
+    if experiment.steps:
+        record = simulate(system, report=report)
+        run = np.stack([record.outputs[m.output][:, m.point, m.axis] for m in experiment.markers], axis=1)
+        messages = record.warnings
+    if experiment.equilibria:
+        forces = sum(system.input_matrix(name) @ u.T for name, u in experiment.rest_inputs.items())
+        with closing(system.algebra.factor((1.0, system.stiffness))) as factor:
+            rest = system.algebra.inner(factor.solve(forces), experiment.marker_columns(system))
+    return experiment.predictions(run, rest), messages
 
 
 def _estimates(

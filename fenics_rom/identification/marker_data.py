@@ -15,7 +15,6 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -49,8 +48,8 @@ class Marker:
 
 
 @dataclass(frozen=True)
-class Motion:
-    """What was measured in the scene's run.
+class Displacements:
+    """What markers did.
 
     Attributes:
         file: where it is from.
@@ -58,7 +57,6 @@ class Motion:
         columns: name of each marker's column.
         markers: (C,).
         measured: (T, C), m; NaN where a marker was not seen.
-        times: (T,), s.
     """
 
     file: str
@@ -66,24 +64,24 @@ class Motion:
     columns: tuple[str, ...]
     markers: tuple[Marker, ...]
     measured: Array
+
+
+@dataclass(frozen=True)
+class Motion(Displacements):
+    """What was measured in the scene's run, at times (T,), s."""
+
     times: Array
 
 
 @dataclass(frozen=True)
-class Equilibria:
+class Equilibria(Displacements):
     """What was measured at rest under known forces.
 
     Attributes:
-        file, lines, columns, markers, measured: as of a motion.
         contacts: contact mode of each row, (T,).
         forces: its force, (columns of the contact mode,) each, N.
     """
 
-    file: str
-    lines: Array
-    columns: tuple[str, ...]
-    markers: tuple[Marker, ...]
-    measured: Array
     contacts: tuple[str, ...]
     forces: tuple[Array, ...]
 
@@ -139,7 +137,7 @@ def _motion(table: Table, scene: Scene) -> Motion:
             table.refuse(
                 table.lines[k], column, f"{time:g} s follows {times[k - 1]:g} s; allowed are times that increase"
             )
-    return Motion(times=times, **_read_displacements(table, table.heading[1:], scene))
+    return Motion(times=times, **vars(_read_displacements(table, table.heading[1:], scene)))
 
 
 def _equilibria(table: Table, scene: Scene) -> Equilibria:
@@ -172,10 +170,10 @@ def _equilibria(table: Table, scene: Scene) -> Equilibria:
         contacts.append(name)
         forces.append(np.array([pushed.get(axis, 0.0) for axis in allowed]))
     others = [column for column in table.heading[1:] if column not in of_force]
-    return Equilibria(contacts=tuple(contacts), forces=tuple(forces), **_read_displacements(table, others, scene))
+    return Equilibria(contacts=tuple(contacts), forces=tuple(forces), **vars(_read_displacements(table, others, scene)))
 
 
-def _read_displacements(table: Table, columns: Sequence[str], scene: Scene) -> dict[str, Any]:
+def _read_displacements(table: Table, columns: Sequence[str], scene: Scene) -> Displacements:
     """What both kinds of data have."""
     if not columns:
         raise DataError(f"{table.file}, line 1: no marker was given; allowed are columns such as 'NAME.x (m)'")
@@ -184,13 +182,13 @@ def _read_displacements(table: Table, columns: Sequence[str], scene: Scene) -> d
         if marker in markers[:k]:
             table.refuse(1, columns[k], f"is the same marker as {columns[markers.index(marker)]!r}")
     measured = np.stack([_numbers(table, column, LENGTH_UNITS, empty=True) for column in columns], axis=1)
-    return {
-        "file": str(table.file),
-        "lines": np.array(table.lines),
-        "columns": tuple(_unit(table, column, LENGTH_UNITS)[0] for column in columns),
-        "markers": markers,
-        "measured": measured,
-    }
+    return Displacements(
+        file=str(table.file),
+        lines=np.array(table.lines),
+        columns=tuple(_unit(table, column, LENGTH_UNITS)[0] for column in columns),
+        markers=markers,
+        measured=measured,
+    )
 
 
 def _marker(table: Table, column: str, outputs: Mapping[str, Output]) -> Marker:

@@ -94,27 +94,21 @@ def values_of(scene: Scene) -> Array:
 
 def parameters_of(scene: Scene) -> dict[str, Parameter]:
     """All that a scene gives a value to, by name; damping that it says is 0 is not looked for."""
-    θ = values_of(scene)
-    found: list[Parameter] = []
+    θ, found = values_of(scene), []
     for row, (material, m) in enumerate(scene.materials.items()):
-        single = m.cells is None
-        path: tuple[str, ...] = ("material",) if single else ("materials", material)
-        for column in (YOUNG, POISSON, DENSITY):
-            key = NAMES[column]
-            name = key if single else f"{material}.{key}"
-            found.append(Parameter(name, column, (row,), float(θ[row, column]), (*path, key)))
-    if scene.effects.damping is not None:
-        damping = scene.effects.damping.materials
-        shared = tuple(row for row, name in enumerate(scene.materials) if name not in damping)
-        for column in (ALPHA, BETA):
-            key, start = NAMES[column], getattr(scene.effects.damping, NAMES[column])
+        prefix, path = ("", ("material",)) if m.cells is None else (f"{material}.", ("materials", material))
+        for column, key in enumerate(NAMES[:ALPHA]):
+            found.append(Parameter(prefix + key, column, (row,), float(θ[row, column]), (*path, key)))
+    if (damping := scene.effects.damping) is not None:
+        shared = tuple(row for row, name in enumerate(scene.materials) if name not in damping.materials)
+        for column, key in ((ALPHA, "alpha"), (BETA, "beta")):
             rows = (*shared, len(scene.materials)) if column == BETA else shared
-            if start > 0:
+            if (start := getattr(damping, key)) > 0:
                 found.append(Parameter(key, column, rows, start, ("effects", "damping", key)))
             for row, name in enumerate(scene.materials):
-                if name in damping and θ[row, column] > 0:
-                    path = ("effects", "damping", "materials", name, key)
-                    found.append(Parameter(f"{name}.{key}", column, (row,), float(θ[row, column]), path))
+                if name in damping.materials and θ[row, column] > 0:
+                    own = ("effects", "damping", "materials", name, key)
+                    found.append(Parameter(f"{name}.{key}", column, (row,), float(θ[row, column]), own))
     return {parameter.name: parameter for parameter in found}
 
 

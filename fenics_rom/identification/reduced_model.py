@@ -1,15 +1,61 @@
-"""A model of a few displacements that answers an experiment at any values θ, with exact derivatives."""
+"""A model of a few displacements that answers an experiment at any values θ, with exact derivatives.
 
+It is on a basis of the scene at some values, for what pushes it and what is seen of it. What the markers see counts
+like a force on them: with K⁻¹C of the outputs in the basis, what a reduced model says is right to second order, and so
+is how that changes with the parameters.
+
+Derivatives of a run are exact step by step. With A = 2/h M + D + h/2 K a step is A v̂ = f + 2/h M v - K x, x⁺ = x + h v̂,
+v⁺ = 2 v̂ - v (the paper's (2)-(4)). In a direction of the parameters the same step holds of (dx, dv), pushed by
+df - dA v̂ + 2/h dM v - dK x.
+"""
+
+import warnings
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
+from itertools import pairwise
 
 import numpy as np
 
-from fenics_rom.identification.affine import AffineDecomposition
+from fenics_rom.errors import FenicsRomWarning
+from fenics_rom.identification.affine import AffineDecomposition, Matrices
 from fenics_rom.identification.experiment import Experiment
 from fenics_rom.identification.parameters import DENSITY
-from fenics_rom.identification.sensitivities import MidpointPropagator, sensitivity_forces
+from fenics_rom.reduction.reduce import reduce
+from fenics_rom.system.system import System
 
 Array = np.ndarray
+
+BALANCED_TOLERANCE = 1e-4  # share of the sum of σ that is left out
+STATIC_TOLERANCE = 1e-14  # and of compliance: nothing
+MARKER_CONTACT = "the markers"  # as a contact mode
+RANK_TOLERANCE = 1e-10  # share of a unit column that must be new for it to count as a direction
+
+
+def make_basis(system: System, experiment: Experiment) -> Array:
+    """Q (rows here, k), QᵀQ = I; every rank must call it.
+
+    Args:
+        system: the full-order model at the values that the basis is to be best at.
+        experiment: what it has to answer.
+
+    Raises:
+        SolverError: as `reduce`.
+    """
+    marker_columns = experiment.marker_columns(system)
+    bases = []
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FenicsRomWarning)  # the final check says what holds of the full model
+        for method, inputs, tolerance in (
+            ("balanced", experiment.inputs, BALANCED_TOLERANCE),
+            ("static", experiment.rest_inputs, STATIC_TOLERANCE),
+        ):
+            if inputs:
+                contacts = {name: system.contacts[name] for name in inputs} | {MARKER_CONTACT: marker_columns}
+                acting = replace(system, contacts=contacts, contact_points={})
+                bases.append(reduce(acting, method=method, tolerance=tolerance, switching="energy").basis)
+    columns = np.hstack(bases)
+    U, s, _ = np.linalg.svd(columns / np.linalg.norm(columns, axis=0), full_matrices=False)
+    return U[:, s > RANK_TOLERANCE * s[0]][system.algebra.rows()]
 
 
 class ReducedModel:
@@ -81,3 +127,43 @@ class ReducedModel:
 def _weighted(θ: Array, weighed: Array) -> Array:
     """Σ ρ_i times what there is per density of each material."""
     return np.tensordot(θ[:-1, DENSITY], weighed, 1)
+
+
+class MidpointPropagator:
+    """The step of one model at one step size.
+
+    Args:
+        matrices: M, D and K.
+        h: time step, s.
+    """
+
+    def __init__(self, matrices: Matrices, h: float):
+        M, K = matrices.mass, matrices.stiffness
+        self._h, self._step_operator = h, step_operator(matrices, h)
+        v = np.linalg.solve(self._step_operator, np.hstack([-K, 2 / h * M]))
+        k = len(M)
+        self._after = np.vstack([h * v, 2 * v]) + np.diag(np.repeat([1.0, -1.0], k))
+
+    def run(self, forces: Array) -> Array:
+        """Displacements and velocities [x, v] from rest, (steps + 1, 2 k, c), under forces (steps, k, c)."""
+        steps, k, c = forces.shape
+        pushed = np.linalg.solve(self._step_operator, forces.transpose(1, 0, 2).reshape(k, -1))
+        pushed = pushed.reshape(k, steps, c).transpose(1, 0, 2)
+        states = np.zeros((steps + 1, 2 * k, c))
+        states[1:, :k], states[1:, k:] = self._h * pushed, 2 * pushed
+        for before, after in pairwise(states):
+            after += self._after @ before
+        return states
+
+
+def step_operator(matrices: Matrices, h: float) -> Array:
+    """A = 2/h M + D + h/2 K, or its derivative."""
+    return 2 / h * matrices.mass + matrices.damping + h / 2 * matrices.stiffness
+
+
+def sensitivity_forces(along: Matrices, h: float, states: Array) -> Array:
+    """-dA v̂ + 2/h dM v - dK x of a run (steps + 1, 2 k), (steps, k): what a change of the matrices pushes with."""
+    k = states.shape[1] // 2
+    x, v = states[:-1, :k], states[:-1, k:]
+    middle = (v + states[1:, k:]) / 2
+    return 2 / h * v @ along.mass - x @ along.stiffness - middle @ step_operator(along, h)

@@ -2,17 +2,22 @@
 
 import csv
 import io
+import os
+from collections.abc import Iterator, Mapping
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+import tomlkit
 
 from fenics_rom.errors import FileError
-from fenics_rom.identification.identified_scene import identified_text
 from fenics_rom.identification.plot import draw_fit
-from fenics_rom.identification.result import Estimate, Identification
+from fenics_rom.identification.result import Identification
 from fenics_rom.io.atomic_write import check_folder, write_whole
 from fenics_rom.io.markdown import markdown
 from fenics_rom.io.mpi_ranks import is_rank_0
+
+Keys = tuple[str | int, ...]
 
 PARAMETER_HEADING = ("parameter", "unit", "start", "found", "95 % interval", "")
 
@@ -51,29 +56,47 @@ def write_identification(folder: str | Path, result: Identification) -> None:
         raise FileError(f"{place}: cannot be written: {error.strerror or error}") from error
 
 
+def identified_text(result: Identification, folder: Path) -> str:
+    """The scene file with the values that were found, for a file in `folder`: paths in it are relative to that."""
+    document = tomlkit.parse(result.scene.text)
+    for estimate in result.found:
+        replace_value(document, estimate.parameter.path, tomlkit.value(f"{estimate.value:.8g}"))
+    for path, file in ((("mesh", "file"), document["mesh"]["file"]), *_tables(document)):
+        if not Path(file).is_absolute():
+            moved = os.path.relpath(Path(result.scene.source).parent / file, folder)
+            replace_value(document, path, Path(moved).as_posix())
+    return tomlkit.dumps(document)
+
+
+def replace_value(document: Any, path: Keys, value: Any) -> None:
+    """Gives a document another value, wherever it is written."""
+    *tables, key = path
+    for table in tables:
+        document = document[table]
+    document[key] = value
+
+
+def _tables(scene: Mapping[str, Any]) -> Iterator[tuple[Keys, str]]:
+    """Keys that name tables, and their names."""
+    for k, load in enumerate(scene.get("run", {}).get("load", [])):
+        if "table" in load:
+            yield ("run", "load", k, "table"), load["table"]
+    for kind in ("prescribed", "base_motion"):
+        for name, effect in scene["effects"].get(kind, {}).items():
+            if "table" in effect:
+                yield ("effects", kind, name, "table"), effect["table"]
+
+
 def parameter_rows(result: Identification) -> list[tuple[str, ...]]:
     """The table of parameters, under PARAMETER_HEADING."""
-    return [
-        (
-            estimate.parameter.name,
-            estimate.parameter.unit,
-            _number(estimate.parameter.start),
-            "not determined" if estimate.held else _number(estimate.value),
-            _interval(estimate),
-            "held at its start value" if estimate.held else "",
-        )
-        for estimate in result.estimates
-    ]
-
-
-def _interval(estimate: Estimate) -> str:
-    if estimate.low is None or estimate.high is None:
-        return "-"
-    return f"{_number(estimate.low)} to {_number(estimate.high)}"
-
-
-def _number(value: float) -> str:
-    return f"{value:.5g}"
+    rows: list[tuple[str, ...]] = []
+    for estimate in result.estimates:
+        parameter, low, high = estimate.parameter, estimate.low, estimate.high
+        found = "not determined" if estimate.held else f"{estimate.value:.5g}"
+        interval = "-" if low is None or high is None else f"{low:.5g} to {high:.5g}"
+        held = "held at its start value" if estimate.held else ""
+        rows.append((parameter.name, parameter.unit, f"{parameter.start:.5g}", found, interval, held))
+    return rows
 
 
 def summary_lines(result: Identification) -> dict[str, str]:

@@ -91,7 +91,7 @@ def test_intervals_hold_the_truth_as_often_as_they_say(mesh, files):
     rng, q, held = np.random.default_rng(0), np.zeros(len(parameters)), []
     for _ in range(60):
         noisy = replace(exact, measured=exact.measured + 1e-4 * rng.standard_normal(len(exact.measured)))
-        problem = FitProblem(values_of(scene), parameters, noisy, lambda θ: model, lambda values: values)
+        problem = FitProblem(values_of(scene), parameters, noisy, lambda θ: model, affine.plain.algebra.comm)
         fit = fit_parameters(problem, q, model, lambda done, of: None)
         held.append(np.abs(fit.q) <= interval_half_widths(noisy.measured - fit.predicted, fit.jacobian))
     assert 0.91 <= np.mean(held) <= 0.985

@@ -6,12 +6,11 @@ from measuring import START, TRUTH, box_mesh, film, scene_of, weigh
 
 import fenics_rom as fr
 from fenics_rom.identification.affine import AffineSystem
-from fenics_rom.identification.basis import make_basis
 from fenics_rom.identification.experiment import interpolate_instants, make_experiment
-from fenics_rom.identification.full_order import predict_full_order
+from fenics_rom.identification.identify import predict_full_order
 from fenics_rom.identification.marker_data import read_markers
 from fenics_rom.identification.parameters import directions_at, scene_with, select_parameters, values_at, values_of
-from fenics_rom.identification.reduced_model import ReducedModel
+from fenics_rom.identification.reduced_model import ReducedModel, make_basis
 
 LOADS = """gravity = { acceleration = [0.0, 0.0, -0.1] }
 [effects.base_motion.quake]
@@ -59,7 +58,7 @@ def test_on_all_displacements_the_model_is_the_full_order(case):
 
 def test_jacobian_is_that_of_differences_of_the_full_order(case, monkeypatch):
     monkeypatch.setattr(
-        "fenics_rom.identification.basis.BALANCED_TOLERANCE", 1e-3
+        "fenics_rom.identification.reduced_model.BALANCED_TOLERANCE", 1e-3
     )  # so small a body has nothing to leave out
     scene, _, experiment, affine = case
     parameters, start = select_parameters(scene, None, moving=True), values_of(scene)

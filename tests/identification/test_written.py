@@ -16,7 +16,7 @@ from measuring import START, TRUTH, box_mesh, film, text_of, weigh
 
 import fenics_rom as fr
 from fenics_rom.errors import FileError
-from fenics_rom.identification.identified_scene import replace_value
+from fenics_rom.identification.write import replace_value
 from fenics_rom.io.atomic_write import check_folder
 
 PUSHES = [("right", (0.0, 0.0, 2.0)), ("top", (1.0, 0.5, 0.0))]

@@ -3,8 +3,8 @@
 import numpy as np
 import pytest
 
-from fenics_rom.identification.identifiability import find_unidentifiable
 from fenics_rom.identification.parameters import NAMES, Parameter
+from fenics_rom.identification.uncertainty import find_unidentifiable
 
 E, NU, RHO, ALPHA, BETA = (Parameter(name, k, (0,), 0.3, ("material", name)) for k, name in enumerate(NAMES))
 RNG = np.random.default_rng(0)
