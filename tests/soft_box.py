@@ -20,7 +20,7 @@ from fenics_rom.mechanics.hyperelastic import (
 )
 from fenics_rom.mechanics.step import StepInput
 from fenics_rom.scene.file import parse_scene
-from fenics_rom.system.body import Body
+from fenics_rom.system.body import Body, Unknowns
 
 Array = np.ndarray
 
@@ -294,7 +294,7 @@ def soft_box(
         rayleigh=(alpha, beta),
         contacts=contacts,
         actuators=actuators,
-        body=Body(points, np.concatenate(list(surfaces.values())), free, node_mass),
+        body=Body(points, np.concatenate(list(surfaces.values())), Unknowns(3 * len(points), free), node_mass),
         scene=scene,
         outputs={"tip": contacts["tip"]},
         units={"air": 1.0, "cable": 1.0},

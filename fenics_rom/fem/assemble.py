@@ -27,7 +27,6 @@ from fenics_rom.fem.nodes import (
     CELL_EDGES,
     Nodes,
     canonical_nodes,
-    clamped_nodes,
     output_rows,
     patch_columns,
     patch_nodes,
@@ -35,11 +34,13 @@ from fenics_rom.fem.nodes import (
 from fenics_rom.fem.petsc_algebra import PetscAlgebra, require_real
 from fenics_rom.fem.petsc_matrix import PetscMatrix, ZeroMatrix, combination
 from fenics_rom.fem.ranks import run_on_rank_0
+from fenics_rom.fem.restriction import restrict_matrices
 from fenics_rom.fem.rigid_modes import rigid_motions
 from fenics_rom.fem.springs import dashpots_of, springs_of, with_surfaces
+from fenics_rom.fem.supports import unknowns_of
 from fenics_rom.io.stages import Stages
 from fenics_rom.scene.scene import Scene
-from fenics_rom.system.body import Body
+from fenics_rom.system.body import Body, Unknowns
 from fenics_rom.system.rigid_modes import mass_orthonormal, without_energy
 from fenics_rom.system.system import System
 
@@ -71,30 +72,36 @@ def assemble(scene: Scene, comm: Any = None) -> System:
 def _system(scene: Scene, comm: Any) -> System:
     mesh = run_on_rank_0(comm, lambda: read_mesh(scene.mesh_file, scene.mesh_groups))
     nodes = run_on_rank_0(comm, lambda: canonical_nodes(mesh, scene.degree))
-    is_free = _free_components(scene, nodes)
-    free = np.flatnonzero(is_free)
+    unknowns = unknowns_of(scene, nodes)
+    if unknowns.weights is not None and scene.effects.large_deformation is not None:
+        raise SceneError(
+            f"{scene.source}: supports.held: with large deformation the normal of a roller or plane of symmetry is "
+            "allowed along an axis only; turn the mesh"
+        )
     material = _material_of_cells(scene, mesh)
 
-    matrices = _matrices(comm, mesh, nodes, scene, material, free)
+    matrices = _matrices(comm, mesh, nodes, scene, material, unknowns)
     algebra = PetscAlgebra(comm, matrices.mass.mat.getOwnershipRange())
     rows = algebra.rows()
-    actuators, actuator_units = actuators_of(scene, nodes, free)
-    loads, load_units = loads_of(scene, nodes, matrices.translated, free)
-    motions = mass_orthonormal(matrices.mass, rigid_motions(nodes, matrices.node_mass, is_free)[rows], algebra)
+    actuators, actuator_units = actuators_of(scene, nodes, unknowns)
+    loads, load_units = loads_of(scene, nodes, matrices.translated, unknowns)
+    motions = mass_orthonormal(matrices.mass, rigid_motions(nodes, matrices.node_mass, unknowns)[rows], algebra)
     rigid = without_energy(matrices.mass, matrices.stiffness, motions, algebra)
     system = System(
         mass=matrices.mass,
         damping=matrices.damping,
         stiffness=matrices.stiffness,
         contacts={
-            name: patch_columns(nodes, patch, free, f"contacts.{name}")[rows] for name, patch in scene.contacts.items()
+            name: patch_columns(nodes, patch, unknowns, f"contacts.{name}")[rows]
+            for name, patch in scene.contacts.items()
         },
         actuators={name: columns[rows] for name, columns in actuators.items()},
         loads={name: columns[rows] for name, columns in loads.items()},
         units=actuator_units | load_units,
-        contact_points=contact_points_of(scene, nodes, free),
+        contact_points=contact_points_of(scene, nodes, unknowns),
         outputs={
-            name: output_rows(nodes, output, free, f"outputs.{name}")[rows] for name, output in scene.outputs.items()
+            name: output_rows(nodes, output, unknowns, f"outputs.{name}")[rows]
+            for name, output in scene.outputs.items()
         },
         algebra=algebra,
         rayleigh=_rayleigh(scene),
@@ -102,7 +109,7 @@ def _system(scene: Scene, comm: Any) -> System:
         body=Body(
             nodes.coordinates,
             nodes.drawn_triangles(),
-            free,
+            unknowns,
             matrices.node_mass,
             {name: patch_nodes(nodes, patch, f"contacts.{name}") for name, patch in scene.contacts.items()},
         ),
@@ -138,21 +145,9 @@ def _locking(scene: Scene) -> tuple[str, ...]:
 
 def _partly_held(scene: Scene, rigid: np.ndarray) -> tuple[str, ...]:
     """Whoever clamps a body may not know that some of it still moves freely."""
-    if scene.clamped and rigid.shape[1]:
-        return (
-            f"supports.clamped leaves {rigid.shape[1]} rigid motions: the body, or a part of it, is not wholly held",
-        )
+    if (scene.clamped or scene.held) and rigid.shape[1]:
+        return (f"supports leave {rigid.shape[1]} rigid motions: the body, or a part of it, is not wholly held",)
     return ()
-
-
-def _free_components(scene: Scene, nodes: Nodes) -> np.ndarray:
-    """Which displacement components are free, (N, 3)."""
-    is_free = np.ones((len(nodes.coordinates), 3), dtype=bool)
-    for name in scene.clamped:
-        is_free[clamped_nodes(nodes, name)] = False
-    if not is_free.any():
-        raise SceneError(f"{scene.source}: supports.clamped: every node of the mesh is clamped")
-    return is_free
 
 
 def _material_of_cells(scene: Scene, mesh: Mesh) -> np.ndarray:
@@ -175,7 +170,7 @@ class _Matrices:
     """What dolfinx and surfaces make of a scene.
 
     Attributes:
-        mass, damping, stiffness: on the free degrees of freedom.
+        mass, damping, stiffness: on the unknowns.
         node_mass: (N,) as in Body.
         translated: (N,) kg, M times a unit translation: ∫ρ of each shape function.
         external_damping, spring: for large deformation, what of D and K does not strain the body; None: nothing.
@@ -191,7 +186,7 @@ class _Matrices:
 
 
 @quiet_compiler()
-def _matrices(comm: Any, mesh: Mesh, nodes: Nodes, scene: Scene, material: np.ndarray, free: np.ndarray) -> _Matrices:
+def _matrices(comm: Any, mesh: Mesh, nodes: Nodes, scene: Scene, material: np.ndarray, unknowns: Unknowns) -> _Matrices:
     root = comm.rank == 0
     domain = create_tetrahedra(
         comm, mesh.cells if root else np.empty((0, 4)), mesh.points if root else np.empty((0, 3))
@@ -212,20 +207,13 @@ def _matrices(comm: Any, mesh: Mesh, nodes: Nodes, scene: Scene, material: np.nd
 
     dolfinx_number = dolfinx_nodes(space, scene.degree, nodes)
     node_mass, translated = node_masses(full["mass"], dolfinx_number)
-    local_dofs = np.array_split(free.reshape(-1, 3), comm.size)[comm.rank].ravel()  # whole nodes, for multigrid
-    rows = (3 * dolfinx_number[local_dofs // 3] + local_dofs % 3).astype(PETSc.IntType)
-    index_set = PETSc.IS().createGeneral(rows, comm=comm)
-    index_set.setBlockSize(3)
-    reduced = {name: PetscMatrix(_symmetrize(A.createSubMatrix(index_set, index_set))) for name, A in full.items()}
-    for matrix in full.values():
-        matrix.destroy()
-    mass, stiffness = reduced["mass"], with_surfaces(reduced["stiffness"], springs_of(scene, nodes), free)
-    set_rigid_modes(stiffness.mat, nodes.coordinates[local_dofs[::3] // 3])
+    reduced = restrict_matrices(full, unknowns, dolfinx_number, nodes.coordinates)
+    mass, stiffness = reduced["mass"], with_surfaces(reduced["stiffness"], springs_of(scene, nodes), unknowns)
 
     damping: PetscMatrix | ZeroMatrix
     rayleigh, springs = scene.effects.rayleigh, springs_of(scene, nodes)
     if "damping" in reduced:  # K has the springs in it already, what is damped by material has not
-        damping = with_surfaces(reduced["damping"], None if springs is None else rayleigh.beta * springs, free)
+        damping = with_surfaces(reduced["damping"], None if springs is None else rayleigh.beta * springs, unknowns)
     else:
         terms = [(c, matrix) for c, matrix in ((rayleigh.alpha, mass), (rayleigh.beta, stiffness)) if c]
         damping = PetscMatrix(combination(*terms)) if terms else ZeroMatrix()
@@ -233,15 +221,15 @@ def _matrices(comm: Any, mesh: Mesh, nodes: Nodes, scene: Scene, material: np.nd
     if dashpots is not None and isinstance(damping, ZeroMatrix):
         damping = PetscMatrix(combination((0.0, mass)))
     if isinstance(damping, PetscMatrix):
-        damping = with_surfaces(damping, dashpots, free)
+        damping = with_surfaces(damping, dashpots, unknowns)
     external_damping, spring = (None, None)
     if scene.effects.large_deformation is not None:
-        external_damping, spring = _without_strain(scene, nodes, mass, reduced.get("external_damping"), free)
+        external_damping, spring = _without_strain(scene, nodes, mass, reduced.get("external_damping"), unknowns)
     return _Matrices(mass, damping, stiffness, node_mass, translated, external_damping, spring)
 
 
 def _without_strain(
-    scene: Scene, nodes: Nodes, mass: PetscMatrix, external_damping: PetscMatrix | None, free: np.ndarray
+    scene: Scene, nodes: Nodes, mass: PetscMatrix, external_damping: PetscMatrix | None, unknowns: Unknowns
 ) -> tuple[PetscMatrix | None, PetscMatrix | None]:
     """What of D and K does not strain the body, where materials damp by themselves with their α M;
     None: nothing."""
@@ -253,7 +241,7 @@ def _without_strain(
     def added(to: PetscMatrix | None, surfaces: Any) -> PetscMatrix | None:
         if surfaces is None:
             return to
-        return with_surfaces(PetscMatrix(combination((0.0, mass))) if to is None else to, surfaces, free)
+        return with_surfaces(PetscMatrix(combination((0.0, mass))) if to is None else to, surfaces, unknowns)
 
     spring = added(None, springs)
     if springs is not None and rayleigh.beta:
@@ -273,32 +261,10 @@ def _damping_of_cells(scene: Scene, mesh: Mesh) -> np.ndarray:
     return values
 
 
-def set_rigid_modes(stiffness: PETSc.Mat, coordinates: np.ndarray) -> None:
-    """Tells multigrid the motions that cost next to no energy; `coordinates` of the nodes here, (N here, 3)."""
-    points = stiffness.createVecRight()
-    points.array[:] = coordinates.ravel()
-    modes = PETSc.NullSpace().createRigidBody(points)
-    stiffness.setNearNullSpace(modes)
-    modes.destroy()
-    points.destroy()
-
-
 def assemble_form(form: Any) -> PETSc.Mat:
     """The matrix of a bilinear form, with all degrees of freedom."""
     matrix = assemble_matrix(fem.form(form))
     matrix.assemble()
-    return matrix
-
-
-def _symmetrize(matrix: PETSc.Mat) -> PETSc.Mat:
-    """(A + Aᵀ)/2, in place, symmetric to the last bit.
-
-    The sums of assembly are so to round-off only, and xᵀ(A - Aᵀ)v would open the energy account of a thin body.
-    """
-    transposed = matrix.transpose(PETSc.Mat())
-    matrix.axpy(1.0, transposed, structure=PETSc.Mat.Structure.SAME_NONZERO_PATTERN)
-    matrix.scale(0.5)
-    transposed.destroy()
     return matrix
 
 

@@ -12,15 +12,16 @@ from dolfinx.mesh import CellType
 from petsc4py import PETSc
 
 from fenics_rom.errors import StructureError
-from fenics_rom.fem.assemble import assemble_form, dolfinx_nodes, node_masses, set_rigid_modes
+from fenics_rom.fem.assemble import assemble_form, dolfinx_nodes, node_masses
 from fenics_rom.fem.dolfinx_compat import cell_nodes, input_nodes, quiet_compiler, vector_space
 from fenics_rom.fem.mesh import Mesh, signed_volumes
 from fenics_rom.fem.nodes import canonical_nodes
 from fenics_rom.fem.petsc_algebra import PetscAlgebra, require_real
 from fenics_rom.fem.petsc_matrix import PetscMatrix
+from fenics_rom.fem.restriction import set_rigid_modes
 from fenics_rom.fem.rigid_modes import rigid_motions
 from fenics_rom.fem.user_matrices import refuse_together
-from fenics_rom.system.body import Body
+from fenics_rom.system.body import Body, Unknowns
 from fenics_rom.system.rayleigh_damping import check_damping_choice
 from fenics_rom.system.rigid_modes import mass_orthonormal, without_energy
 from fenics_rom.system.system import System
@@ -218,13 +219,14 @@ def _free_rows(space: Any, constrained: np.ndarray, mass: PETSc.Mat) -> FreeRows
     is_free = ~np.concatenate(comm.allgather(constrained)).reshape(-1, 3)[dolfinx_number]
     free = np.flatnonzero(is_free)
     node_mass = node_masses(mass, dolfinx_number)[0]
-    body = Body(nodes.coordinates, nodes.drawn_triangles(), free, node_mass)
+    unknowns = Unknowns(is_free.size, free)
+    body = Body(nodes.coordinates, nodes.drawn_triangles(), unknowns, node_mass)
     whole_nodes = bool((is_free.all(axis=1) == is_free.any(axis=1)).all())
     local_dofs = np.array_split(free.reshape(-1, 3) if whole_nodes else free, comm.size)[
         comm.rank
     ]  # whole nodes, for multigrid
     index_set = _index_set(3 * dolfinx_number[local_dofs // 3] + local_dofs % 3, comm)
-    motions = rigid_motions(nodes, node_mass, is_free)[np.isin(free, local_dofs)]
+    motions = rigid_motions(nodes, node_mass, unknowns)[np.isin(free, local_dofs)]
     if not whole_nodes:
         return FreeRows(index_set, body, None, motions)
     index_set.setBlockSize(3)

@@ -87,6 +87,4 @@ class FullOrderBody:
         s = self.system
         if output is not None:
             return s.algebra.inner(s.outputs[output], x).reshape(-1, 3)
-        field = np.zeros(3 * len(s.body.nodes))
-        field[s.body.free] = s.algebra.gather(x)[:, 0]
-        return field.reshape(-1, 3)
+        return s.body.unknowns.expand(s.algebra.gather(x)).reshape(-1, 3)

@@ -9,39 +9,42 @@ from fenics_rom.errors import SceneError
 from fenics_rom.fem.nodes import Nodes, patch_area, patch_columns, patch_nodes, shape_functions
 from fenics_rom.mechanics.tendon import measure_segments, unit_tension_forces
 from fenics_rom.scene.scene import Scene
+from fenics_rom.system.body import Unknowns
 
 Array = np.ndarray
 Columns = dict[str, Array]
 MIN_PIECE_SHARE = 1e-9  # of a piece of a tendon in its length
 
 
-def actuators_of(scene: Scene, nodes: Nodes, free: Array) -> tuple[Columns, dict[str, float]]:
+def actuators_of(scene: Scene, nodes: Nodes, unknowns: Unknowns) -> tuple[Columns, dict[str, float]]:
     """Columns (n, columns) and units of actuators: the scene's own, pressures (Pa) and tendons (N).
 
     Raises:
         MeshError, SceneError: a place that does not exist, is empty, or cannot move.
     """
-    columns = {name: patch_columns(nodes, patch, free, f"actuators.{name}") for name, patch in scene.actuators.items()}
+    columns = {
+        name: patch_columns(nodes, patch, unknowns, f"actuators.{name}") for name, patch in scene.actuators.items()
+    }
     units: dict[str, float] = {}
     for name, pressure in scene.effects.pressure.items():
         where = f"effects.pressure.{name}"
-        columns[name] = patch_columns(nodes, pressure.patch("normal"), free, where)
+        columns[name] = patch_columns(nodes, pressure.patch("normal"), unknowns, where)
         units[name] = patch_area(nodes, pressure, where)
     for name, tendon in scene.effects.tendon.items():
-        columns[name] = _cable(nodes, np.array(tendon.points), f"effects.tendon.{name}")[free]
+        columns[name] = unknowns.restrict(_cable(nodes, np.array(tendon.points), f"effects.tendon.{name}"))
         units[name] = 1.0
         _refuse_nothing(columns[name], f"effects.tendon.{name}")
     return columns, units
 
 
-def loads_of(scene: Scene, nodes: Nodes, masses: Array, free: Array) -> tuple[Columns, dict[str, float]]:
+def loads_of(scene: Scene, nodes: Nodes, masses: Array, unknowns: Unknowns) -> tuple[Columns, dict[str, float]]:
     """Columns (n, columns) and units of loads with signals of their own, in the order of `load_columns`.
 
     Args:
         scene: whose gravity (in multiples of its acceleration), base motions (m/s²) and prescribed forces (N).
         nodes: all nodes.
         masses: (N,) kg, ∫ρ of each shape function: M times a rigid translation.
-        free: (n,) free displacement components among 3 N.
+        unknowns: what supports leave.
 
     Raises:
         MeshError, SceneError: a place that does not exist, is empty, or cannot move.
@@ -51,7 +54,7 @@ def loads_of(scene: Scene, nodes: Nodes, masses: Array, free: Array) -> tuple[Co
     mass = float(masses.sum())
 
     def inertial(name: str, direction: Array, unit: float) -> None:
-        columns[name] = np.kron(masses / mass, direction)[free, None]
+        columns[name] = unknowns.restrict(np.kron(masses / mass, direction)[:, None])
         units[name] = unit
 
     if scene.effects.gravity is not None:
@@ -66,20 +69,21 @@ def loads_of(scene: Scene, nodes: Nodes, masses: Array, free: Array) -> tuple[Co
     for name, force in scene.effects.prescribed.items():
         where, units[name] = f"effects.prescribed.{name}", 1.0
         if force.point is not None:
-            columns[name] = np.kron(shape_functions(nodes, np.array(force.point), where)[:, None], np.eye(3))[free]
+            at_point = np.kron(shape_functions(nodes, np.array(force.point), where)[:, None], np.eye(3))
+            columns[name] = unknowns.restrict(at_point)
             _refuse_nothing(columns[name], where)
         else:
-            columns[name] = patch_columns(nodes, force.patch("resultant"), free, where)
+            columns[name] = patch_columns(nodes, force.patch("resultant"), unknowns, where)
     return columns, units
 
 
-def contact_points_of(scene: Scene, nodes: Nodes, free: Array) -> dict[str, Array]:
+def contact_points_of(scene: Scene, nodes: Nodes, unknowns: Unknowns) -> dict[str, Array]:
     """Nodes (P,) of each contact mode that can move, where the scene has contact."""
     if scene.effects.contact is None:
         return {}
     movable = np.zeros(3 * len(nodes.coordinates), dtype=bool)
-    movable[free] = True
-    movable = movable.reshape(-1, 3).all(axis=1)
+    movable[unknowns.moving] = True
+    movable = movable.reshape(-1, 3).any(axis=1)
     patches = {name: patch_nodes(nodes, patch, f"contacts.{name}") for name, patch in scene.contacts.items()}
     return {name: numbers[movable[numbers]] for name, numbers in patches.items()}
 

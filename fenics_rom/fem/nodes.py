@@ -13,6 +13,7 @@ from fenics_rom.errors import MeshError, SceneError
 from fenics_rom.fem.mesh import Mesh
 from fenics_rom.scene.places import Near, Patch, Place
 from fenics_rom.scene.scene import Output
+from fenics_rom.system.body import Unknowns
 
 CELL_EDGES = np.array([(2, 3), (1, 3), (1, 2), (0, 3), (0, 2), (0, 1)])  # node 4 + e of a cell is on edge e
 CELL_FACES = np.array([(1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1)])  # face f is opposite to vertex f, outward
@@ -201,13 +202,13 @@ def surface_mass(nodes: Nodes, triangles: np.ndarray) -> scipy.sparse.csr_matrix
     return scipy.sparse.coo_matrix((values.ravel(), (rows.ravel(), columns.ravel())), shape=shape).tocsr()
 
 
-def patch_columns(nodes: Nodes, patch: Patch, free: np.ndarray, where: str) -> np.ndarray:
-    """Columns of the input matrix of a patch on the free degrees of freedom, (n, columns).
+def patch_columns(nodes: Nodes, patch: Patch, unknowns: Unknowns, where: str) -> np.ndarray:
+    """Columns of the input matrix of a patch on the unknowns, (n, columns).
 
     Args:
         nodes: all nodes.
         patch: which surface, which forces.
-        free: (n,) free displacement components among 3 N.
+        unknowns: what supports leave.
         where: name of the patch in messages.
 
     Raises:
@@ -220,10 +221,10 @@ def patch_columns(nodes: Nodes, patch: Patch, free: np.ndarray, where: str) -> n
         columns = np.kron(_mean_over(nodes, triangles)[:, None], np.eye(3))
     else:
         touched_nodes = patch_nodes(nodes, patch, where)
-        components = np.intersect1d(3 * touched_nodes[:, None] + np.arange(3), free)
+        components = np.intersect1d(3 * touched_nodes[:, None] + np.arange(3), unknowns.free)
         columns = np.zeros((3 * len(nodes.coordinates), len(components)))
         columns[components, np.arange(len(components))] = 1.0
-    columns = columns[free]
+    columns = unknowns.restrict(columns)
     if not np.any(columns):
         raise SceneError(f"{where}: the whole patch is clamped, so no force on it can move the body")
     return columns
@@ -238,8 +239,8 @@ def _inward_pressure(nodes: Nodes, triangles: np.ndarray) -> np.ndarray:
     return force / (3 * weight.sum())
 
 
-def output_rows(nodes: Nodes, output: Output, free: np.ndarray, where: str) -> np.ndarray:
-    """Cᵀ of an output on the free degrees of freedom, (n, 3 points); a surface is one point, its mean.
+def output_rows(nodes: Nodes, output: Output, unknowns: Unknowns, where: str) -> np.ndarray:
+    """Cᵀ of an output on the unknowns, (n, 3 points); a surface is one point, its mean.
 
     Raises:
         MeshError, SceneError: the surface does not exist, or a point is not in the body.
@@ -248,7 +249,7 @@ def output_rows(nodes: Nodes, output: Output, free: np.ndarray, where: str) -> n
         weights = _mean_over(nodes, surface_triangles(nodes, output.surface))[:, None]
     else:
         weights = np.stack([shape_functions(nodes, np.array(point), where) for point in output.points or ()], axis=1)
-    return np.kron(weights, np.eye(3))[free]
+    return unknowns.restrict(np.kron(weights, np.eye(3)))
 
 
 def shape_functions(nodes: Nodes, point: np.ndarray, where: str) -> np.ndarray:

@@ -6,32 +6,34 @@ import scipy.sparse
 from scipy.sparse.csgraph import connected_components
 
 from fenics_rom.fem.nodes import CELL_EDGES, Nodes
+from fenics_rom.system.body import Unknowns
 
 FIXED_TOLERANCE = 1e-9  # share of the largest motion of clamped components, above which a motion is held
 
 
-def rigid_motions(nodes: Nodes, node_mass: np.ndarray, is_free: np.ndarray) -> np.ndarray:
-    """Rigid motions of each connected part of the mesh, on the free displacement components, (n, ρ).
+def rigid_motions(nodes: Nodes, node_mass: np.ndarray, unknowns: Unknowns) -> np.ndarray:
+    """Rigid motions of each connected part of the mesh, on the unknowns, (n, ρ).
 
-    Of the three translations and the three rotations about the part's centre of mass those combinations that vanish on
-    clamped components: all six where nothing is clamped, one rotation where a line is, none where the part is held.
+    Of the three translations and the three rotations about the part's centre of mass those combinations that the
+    supports allow: all six where nothing is clamped, one rotation where a line is, none where the part is held.
 
     Args:
         nodes: all nodes.
         node_mass: (N,) kg.
-        is_free: (N, 3), which displacement components are free.
+        unknowns: what supports leave.
     """
     count, part = _parts(nodes)
     columns = [np.empty((3 * len(part), 0))]
     for number in range(count):
         part_nodes = np.flatnonzero(part == number)
         fields = _rigid_fields(nodes.coordinates[part_nodes], node_mass[part_nodes])
-        clamped = ~is_free[part_nodes].ravel()
-        fields = fields @ _null_space(fields[clamped])
-        motions = np.zeros((len(part), 3, fields.shape[1]))
-        motions[part_nodes] = fields.reshape(len(part_nodes), 3, -1)
-        columns.append(motions.reshape(3 * len(part), -1))
-    return np.hstack(columns)[is_free.ravel()]
+        motions = np.zeros((len(part), 3, 6))
+        motions[part_nodes] = fields.reshape(-1, 3, 6)
+        motions = motions.reshape(-1, 6)
+        held = np.setdiff1d((3 * part_nodes[:, None] + np.arange(3)).ravel(), unknowns.free)
+        refused = motions[held] - unknowns.expand(motions[unknowns.free])[held]
+        columns.append(motions @ _null_space(refused))
+    return np.hstack(columns)[unknowns.free]
 
 
 def _parts(nodes: Nodes) -> tuple[int, np.ndarray]:

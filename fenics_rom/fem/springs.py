@@ -10,6 +10,7 @@ from fenics_rom.fem.nodes import Nodes, patch_triangles, surface_mass
 from fenics_rom.fem.petsc_matrix import PetscMatrix
 from fenics_rom.scene.places import Place
 from fenics_rom.scene.scene import Scene
+from fenics_rom.system.body import Unknowns
 
 
 def springs_of(scene: Scene, nodes: Nodes) -> scipy.sparse.csr_matrix | None:
@@ -33,15 +34,17 @@ def _on_surfaces(nodes: Nodes, parts: Iterable[tuple[str, Place, float]]) -> sci
     return total
 
 
-def with_surfaces(matrix: PetscMatrix, scalar: scipy.sparse.csr_matrix | None, free: np.ndarray) -> PetscMatrix:
+def with_surfaces(matrix: PetscMatrix, scalar: scipy.sparse.csr_matrix | None, unknowns: Unknowns) -> PetscMatrix:
     """The matrix plus one that acts on each component of the nodes alike (N, N), if there is one."""
     if scalar is None:
         return matrix
     start, stop = matrix.mat.getOwnershipRange()
-    here = scipy.sparse.kron(scalar, np.eye(3), format="csr")[free[start:stop]][:, free].tocsr()
+    Z = unknowns.matrix
+    here = (Z[:, start:stop].T @ scipy.sparse.kron(scalar, np.eye(3), format="csr") @ Z).tocsr()
+    here.sort_indices()
     sizes = ((matrix.local, matrix.size), (matrix.local, matrix.size))
     csr = (here.indptr.astype(PETSc.IntType), here.indices.astype(PETSc.IntType), here.data)
-    added = PETSc.Mat().createAIJ(sizes, bsize=3, csr=csr, comm=matrix.mat.comm)
+    added = PETSc.Mat().createAIJ(sizes, bsize=matrix.mat.getBlockSize(), csr=csr, comm=matrix.mat.comm)
     total = matrix.mat.copy()
     total.axpy(1.0, added, structure=PETSc.Mat.Structure.UNKNOWN_NONZERO_PATTERN)
     added.destroy()

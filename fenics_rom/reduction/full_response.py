@@ -73,14 +73,15 @@ def _checked_basis(system: System, rom: Rom) -> Array:
     Raises:
         StructureError: other unknowns, contact modes or numbers of columns than the system's.
     """
-    if not np.array_equal(system.body.free, rom.free) or not np.allclose(system.body.nodes, rom.nodes):
+    moving = system.body.unknowns.moving
+    if not np.array_equal(moving, rom.free) or not np.allclose(system.body.nodes, rom.nodes):
         raise StructureError(
-            f"ROM {rom.name!r} is of a body of {len(rom.free)} unknowns, and the scene has another one, of "
-            f"{system.size}; allowed is the scene that the ROM was made from"
+            f"ROM {rom.name!r} is of a body of {len(rom.free)} displacements, and the scene has another one, of "
+            f"{len(moving)}; allowed is the scene that the ROM was made from"
         )
     for name, width in rom.contacts.items():
         if name not in system.contacts or system.contacts[name].shape[1] != width:
             raise StructureError(
                 f"ROM {rom.name!r} has a contact mode {name!r} of {width} columns, and the scene has none"
             )
-    return rom.basis[system.algebra.rows()]
+    return rom.basis[np.searchsorted(moving, system.body.free)][system.algebra.rows()]

@@ -34,6 +34,7 @@ from fenics_rom.scene.scene import (
     Reduction,
     check_order,
 )
+from fenics_rom.system.body import Unknowns
 from fenics_rom.system.system import System
 
 DENSE_LIMIT = 1000  # unknowns up to which all eigenvectors are cheaper than a Krylov space
@@ -158,9 +159,18 @@ def reduce(
         else:
             retained = _retained_bases(problem, method, finished, named == SELECTION)
             rom = with_rigid_modes(assemble_rom(problem, retained, method=named), whole)
+    rom = _with_tied_components(rom, whole.body.unknowns)
     for message in problem.messages:
         warnings.warn(message, FenicsRomWarning, stacklevel=2)
     return check_rom(rom)
+
+
+def _with_tied_components(rom: Rom, unknowns: Unknowns) -> Rom:
+    """The ROM whose basis has rows of the components that follow unknowns, too."""
+    if unknowns.weights is None:
+        return rom
+    moving = unknowns.moving
+    return replace(rom, free=moving, basis=unknowns.expand(rom.basis)[moving])
 
 
 def _default_method(system: System) -> str:

@@ -89,7 +89,7 @@ class Rom:
         switching: "energy" (any basis, energy-orthogonal) or "oblique".
         contact_models: of each contact mode.
         actuators: number of input columns of each actuator.
-        basis: Q (n, k), QᵀMQ = I, on the free degrees of freedom, kg^-1/2.
+        basis: Q (n, k), QᵀMQ = I, on the components that can move, kg^-1/2.
         stiffness: κ (k,) with QᵀKQ = diag(κ), 1/s²; 0 for rigid motions, which come first.
         outputs: C Q of each named output, (3 points, k).
         free: (n,) which of the 3 N displacement components are free.
@@ -159,6 +159,15 @@ class Rom:
     def by_point(self, rows: Array) -> Array:
         """Displacements of an output, (..., 3 points), by point, (..., points, 3); without a mesh as they are."""
         return rows.reshape(*rows.shape[:-1], rows.shape[-1] // 3, 3) if len(self.nodes) else rows
+
+    def rows_of(self, nodes: Array) -> Array:
+        """Displacements of nodes (any shape) in the shared basis, (..., 3, k); of components that are held 0."""
+        row = np.full(3 * len(self.nodes), -1)
+        row[self.free] = np.arange(len(self.free))
+        row = row[3 * np.asarray(nodes)[..., None] + np.arange(3)]
+        rows = self.basis[row]
+        rows[row < 0] = 0.0
+        return rows
 
     def reconstruct(self, coordinates: Array) -> Array:
         """The field of coordinates (k,) in the shared basis, on all nodes (N, 3); without a mesh (n,)."""

@@ -96,6 +96,7 @@ def _scene(raw: dict[str, Any], text: str, folder: Path, given: Mapping[str, np.
         mesh_groups=file.mesh.groups,
         materials={name: Material(**vars(material)) for name, material in materials.items()},
         clamped=file.supports.clamped,
+        held=file.supports.held,
         contacts=file.contacts,
         actuators=file.actuators,
         outputs=file.outputs,

@@ -6,7 +6,7 @@ from typing import Annotated, ClassVar
 
 from fenics_rom.mechanics.signals import Signal
 from fenics_rom.scene.effects import Effects, constant_signal
-from fenics_rom.scene.places import Patch
+from fenics_rom.scene.places import Held, Patch
 from fenics_rom.scene.scene import Elasticity, Output, Reduction
 from fenics_rom.scene.values import Items, Name, Number, Table, Text
 
@@ -40,6 +40,7 @@ class Supports:
     """What holds the body."""
 
     clamped: Annotated[tuple[SurfaceName, ...], Items(), "named surfaces that do not move"] = ()
+    held: Annotated[tuple[Held, ...], Items(), "rollers and planes of symmetry, and pieces without a name"] = ()
 
 
 @dataclass(frozen=True)

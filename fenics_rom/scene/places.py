@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import Annotated, ClassVar
 
-from fenics_rom.scene.values import Number, Point, Text
+from fenics_rom.scene.values import Direction, Number, Point, Text
 
 
 @dataclass(frozen=True)
@@ -37,3 +37,13 @@ class Patch(Place):
         '"resultant" (3 columns: a force spread uniformly over the patch), "normal" (1 column: a uniform pressure along'
         ' the inward normals, scaled so that 1 N is pressure times area) or "nodal" (3 columns a node)',
     ] = "resultant"
+
+
+@dataclass(frozen=True)
+class Held(Place):
+    """Nodes that do not move, or do not move along a normal: a roller, or a plane of symmetry."""
+
+    point: Annotated[Point | None, "a node of the mesh; instead of surface or near"] = None
+    normal: Annotated[
+        Direction | None, "along which they are held, of any length but zero; without one they are clamped"
+    ] = None

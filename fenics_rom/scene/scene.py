@@ -13,7 +13,7 @@ from fenics_rom.errors import SceneError, unknown
 from fenics_rom.mechanics.environment import SWITCHINGS, Environment, Run
 from fenics_rom.scene.effects import Effects
 from fenics_rom.scene.environment import environment_of
-from fenics_rom.scene.places import Patch
+from fenics_rom.scene.places import Held, Patch
 from fenics_rom.scene.values import Items, Number, OneOrByName, Point, Text
 
 WEIGHTINGS = ("mass", "nodal", "outputs")
@@ -99,6 +99,7 @@ class Scene:
 
     Attributes:
         clamped: names of surfaces.
+        held: pieces of the body that do not move, or do not move along a normal.
         text: of the file.
         tables: by the names of their files: time in s and what it is a signal of, (times, 1 + columns).
         source: for messages.
@@ -115,6 +116,7 @@ class Scene:
     mesh_groups: Mapping[str, int]
     materials: Mapping[str, Material]
     clamped: tuple[str, ...]
+    held: tuple[Held, ...]
     contacts: Mapping[str, Patch]
     actuators: Mapping[str, Patch]
     outputs: Mapping[str, Output]

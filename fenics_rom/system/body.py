@@ -4,8 +4,59 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
+import scipy.sparse
 
 from fenics_rom.system.protocols import Array
+
+
+@dataclass(frozen=True)
+class Unknowns:
+    """Which of the displacement components of all nodes are unknowns; supports hold the others, or tie them to these.
+
+    A node on a plane that is oblique to the axes keeps two unknowns, and its third component follows them.
+
+    Attributes:
+        components: number of displacement components, 3 N.
+        free: (n,) which of them are unknowns, ascending.
+        tied: (s,) which of them follow unknowns, ascending.
+        weights: (s, n) of the unknowns in the tied components; None where nothing is tied.
+    """
+
+    components: int
+    free: Array
+    tied: Array = field(default_factory=lambda: np.empty(0, dtype=int))
+    weights: scipy.sparse.csr_array | None = None
+
+    @property
+    def moving(self) -> Array:
+        """The components that can move, ascending: unknowns and tied ones."""
+        return np.union1d(self.free, self.tied)
+
+    def expand(self, x: Array) -> Array:
+        """The displacement of all components (3 N, columns) from unknowns (n, columns)."""
+        field = np.zeros((self.components, *x.shape[1:]))
+        field[self.free] = x
+        if self.weights is not None:
+            field[self.tied] = self.weights @ x
+        return field
+
+    def restrict(self, forces: Array) -> Array:
+        """The forces on unknowns (n, columns) that do the work of forces on all components (3 N, columns)."""
+        on_unknowns: Array = forces[self.free]
+        if self.weights is not None:
+            on_unknowns = on_unknowns + self.weights.T @ forces[self.tied]
+        return on_unknowns
+
+    @property
+    def matrix(self) -> scipy.sparse.csr_array:
+        """Z (3 N, n) of `expand`."""
+        n = len(self.free)
+        Z = scipy.sparse.coo_array((np.ones(n), (self.free, np.arange(n))), shape=(self.components, n)).tocsr()
+        if self.weights is not None:
+            s = len(self.tied)
+            at = scipy.sparse.coo_array((np.ones(s), (self.tied, np.arange(s))), shape=(self.components, s))
+            Z = (Z + at.tocsr() @ self.weights).tocsr()
+        return Z
 
 
 @dataclass(frozen=True)
@@ -15,18 +66,23 @@ class Body:
     Attributes:
         nodes: (N, 3), m.
         triangles: (F, 3), outward surface triangles between nodes.
-        free: (n,), which of the 3 N displacement components are free, ascending.
+        unknowns: which of the 3 N displacement components are unknowns.
         node_mass: (N,), kg; the diagonal of M scaled to the mass of the body (Hinton, Rock & Zienkiewicz 1976).
         contact_surfaces: nodes (any,) of the surface of each contact mode.
     """
 
     nodes: Array
     triangles: Array
-    free: Array
+    unknowns: Unknowns
     node_mass: Array
     contact_surfaces: Mapping[str, Array] = field(default_factory=dict)
 
+    @property
+    def free(self) -> Array:
+        """(n,) which displacement components are unknowns, ascending."""
+        return self.unknowns.free
+
 
 def body_without_mesh(size: int) -> Body:
-    """The body of a model of matrices alone, all of whose unknowns are free."""
-    return Body(np.empty((0, 3)), np.empty((0, 3), dtype=int), np.arange(size), np.empty(0))
+    """The body of a model of matrices alone, all of whose components are unknowns."""
+    return Body(np.empty((0, 3)), np.empty((0, 3), dtype=int), Unknowns(size, np.arange(size)), np.empty(0))

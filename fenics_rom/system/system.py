@@ -148,22 +148,27 @@ class System:
         """
         parts = [self.contacts[contact], *self.actuators.values(), *self.loads.values()]
         if contact in self.contact_points:
-            parts.append(self.at_nodes(self.contact_points[contact]))
+            touched = components_of(self.contact_points[contact])
+            parts.append(self._at_components(touched[np.isin(touched, self.body.unknowns.moving)]))
         return np.hstack(parts)
 
     def at_nodes(self, nodes: Array) -> Array:
-        """Unit forces on the free components of nodes (P,), a column each, (rows here, at most 3 P)."""
-        row = np.searchsorted(self.body.free, (3 * nodes[:, None] + np.arange(3)).ravel())
-        here = self.algebra.rows()
-        columns = np.zeros((self.local_size, len(row)))
-        local = (here.start <= row) & (row < here.stop)
-        columns[row[local] - here.start, np.flatnonzero(local)] = 1.0
-        return columns
+        """Unit forces on the components of nodes (P,), a column each, (rows here, 3 P); zero on what is held."""
+        return self._at_components(components_of(nodes))
+
+    def _at_components(self, components: Array) -> Array:
+        Z = self.body.unknowns.matrix[components][:, self.algebra.rows()]
+        return np.ascontiguousarray(Z.toarray().T)
 
     @property
     def elastic_size(self) -> int:
         """Number of displacements that strain: n less the rigid motions."""
         return self.size - self.rigid.shape[1]
+
+
+def components_of(nodes: Array) -> Array:
+    """The displacement components (3 P,) of nodes (P,)."""
+    return (3 * nodes[:, None] + np.arange(3)).ravel()
 
 
 def _names_and_widths(columns: Mapping[str, Array]) -> str:

@@ -38,7 +38,7 @@ class TangentPreconditioner:
     Args:
         points: of the cells of this rank.
         material: theirs.
-        free: (n,) free displacement components; either all or none of a node.
+        free: (n,) free displacement components.
         rows: of this rank among them.
         constant_terms: M, D_c and K_s; None: zero.
     """
@@ -52,13 +52,16 @@ class TangentPreconditioner:
         constant_terms: tuple[PetscMatrix, PetscMatrix | None, PetscMatrix | None],
     ):
         self._points, self._material, self._constant_terms = points, material, constant_terms
-        self._free, self._rows, self._comm = free, rows, constant_terms[0].mat.comm
+        self._rows, self._comm = rows, constant_terms[0].mat.comm
+        free_nodes = np.unique(free // 3)
+        count = len(free_nodes)
         free_number = np.full(points.node_count, -1)
-        free_number[free[::3] // 3] = np.arange(len(free) // 3)
+        free_number[free_nodes] = np.arange(count)
+        self._size, self._kept = 3 * count, 3 * free_number[free // 3] + free % 3
         cell_nodes = free_number[points.cell_nodes]
         row, column = np.broadcast_arrays(cell_nodes[:, :, None], cell_nodes[:, None, :])
         self._both_free = (row >= 0) & (column >= 0)
-        count, row, column = len(free) // 3, row[self._both_free], column[self._both_free]
+        row, column = row[self._both_free], column[self._both_free]
         pairs, slots = np.unique(row * count + column, return_inverse=True)
         ones = np.ones(len(slots)), (slots.ravel(), np.arange(len(slots)))
         self._sum_cells = scipy.sparse.csr_matrix(ones, shape=(len(pairs), len(slots)))
@@ -75,7 +78,9 @@ class TangentPreconditioner:
             blocks[cells] = _cell_blocks(self._points.shape_gradients[cells], F[:, :, points], D[:, :, points])
         sums = (self._sum_cells @ blocks[self._both_free].reshape(-1, 9)).reshape(-1, 3, 3)
         bsr = sums, self._columns, self._row_starts
-        total = scipy.sparse.bsr_matrix(bsr, shape=2 * (len(self._free),)).tocsr()
+        total = scipy.sparse.bsr_matrix(bsr, shape=(self._size, self._size)).tocsr()
+        if len(self._kept) < self._size:  # some nodes are partly held
+            total = total[self._kept][:, self._kept]
         return self._add_constant_terms(self._exchange_rows(total), coefficients)
 
     def _exchange_rows(self, total: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:

@@ -64,5 +64,5 @@ def contact_interface(rom: Rom, environment: ActiveEnvironment) -> ContactInterf
     nodes = {name: model.contact_points for name, model in rom.contact_models.items()}
     points = ContactPoints(nodes, rom.nodes)
     solver = ContactSolver(points.coordinates, list(environment.obstacles.values()), law)
-    components = (3 * points.nodes[:, None] + np.arange(3)).ravel()
-    return ContactInterface(points, solver, rom.basis[np.searchsorted(rom.free, components)], environment)
+    rows = rom.rows_of(points.nodes).reshape(-1, rom.basis.shape[1])
+    return ContactInterface(points, solver, rows, environment)

@@ -101,7 +101,7 @@ def attach_spring(rom: Rom, contact: str, nodes: Array, weights: Array) -> Mouse
     """
     mode = rom.contact_models[contact]
     G = mode.inputs[:, : rom.contacts[contact]]
-    rows = np.einsum("c,cik->ik", weights, _node_rows(rom, nodes)) @ mode.coordinates
+    rows = np.einsum("c,cik->ik", weights, rom.rows_of(nodes)) @ mode.coordinates
     soft = 1 / mode.safe_frequencies  # K⁻½; rigid motions have no shape at rest
     S = np.linalg.lstsq(soft[:, None] * G, soft[:, None] * rows.T, rcond=RANK_TOLERANCE)[0]
     P = G @ S
@@ -173,13 +173,6 @@ def largest_input(rom: Rom, contact: str, column: int) -> float:
 def _severity_limit(rom: Rom) -> float:
     """How far the shape may go, in limits of a linear model."""
     return 1.0 if rom.deformation is None else FINITE_STRAIN_REACH
-
-
-def _node_rows(rom: Rom, nodes: Array) -> Array:
-    """Displacements of nodes in the shared basis, (c, 3, k); of what is held 0."""
-    components = 3 * np.asarray(nodes)[:, None] + np.arange(3)
-    at = np.minimum(np.searchsorted(rom.free, components), len(rom.free) - 1)
-    return np.where((rom.free[at] == components)[:, :, None], rom.basis[at], 0.0)
 
 
 def closest_point(corners: Array, place: Array) -> tuple[int, Array]:

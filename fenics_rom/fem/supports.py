@@ -1,0 +1,107 @@
+"""What supports leave of the displacement components: clamped pieces, rollers and planes of symmetry."""
+
+import numpy as np
+import scipy.sparse
+
+from fenics_rom.errors import SceneError
+from fenics_rom.fem.nodes import Nodes, clamped_nodes, patch_nodes
+from fenics_rom.scene.places import Held
+from fenics_rom.scene.scene import Scene
+from fenics_rom.system.body import Unknowns
+
+SAME_POINT = 1e-6  # share of the size of the body within which a node is at a point
+DEPENDENT = 1e-9  # length that is left of a normal of 1 beside others, below which it says what they say
+
+
+def unknowns_of(scene: Scene, nodes: Nodes) -> Unknowns:
+    """The displacement components that supports leave free.
+
+    Raises:
+        MeshError, SceneError: a place that does not exist, or nothing can move.
+    """
+    count = len(nodes.coordinates)
+    clamped, normals = np.zeros(count, dtype=bool), _Normals(count)
+    for name in scene.clamped:
+        clamped[clamped_nodes(nodes, name)] = True
+    for k, held in enumerate(scene.held):
+        numbers = held_nodes(nodes, held, f"{scene.source}: supports.held[{k}]")
+        if held.normal is None:
+            clamped[numbers] = True
+        else:
+            normals.add(numbers, np.array(held.normal))
+    if clamped.all():
+        raise SceneError(f"{scene.source}: supports: every node of the mesh is clamped")
+    is_free = np.repeat(~clamped[:, None], 3, axis=1)
+    ties = []
+    for node in normals.nodes[~clamped[normals.nodes]]:
+        fixed, weights = eliminate(normals.of(node))
+        is_free[node, fixed] = False
+        ties += [(3 * node + i, 3 * node + j, w) for i, row in zip(fixed, weights, strict=True) for j, w in row.items()]
+    free = np.flatnonzero(is_free)
+    if not ties:
+        return Unknowns(3 * count, free)
+    follower, leader, weight = (np.array(part) for part in zip(*ties, strict=True))
+    tied, row = np.unique(follower, return_inverse=True)
+    places = row, np.searchsorted(free, leader)
+    return Unknowns(3 * count, free, tied, scipy.sparse.csr_array((weight, places), shape=(len(tied), len(free))))
+
+
+def held_nodes(nodes: Nodes, held: Held, where: str) -> np.ndarray:
+    """The nodes (any,) that a support holds.
+
+    Raises:
+        MeshError, SceneError: the surface does not exist, or there is no node at the point.
+    """
+    if held.surface is not None:
+        return clamped_nodes(nodes, held.surface)
+    if held.near is not None:
+        return patch_nodes(nodes, held, where)
+    distance = np.linalg.norm(nodes.coordinates - np.array(held.point), axis=1)
+    nearest = int(distance.argmin())
+    if distance[nearest] > SAME_POINT * np.linalg.norm(np.ptp(nodes.coordinates, axis=0)):
+        raise SceneError(
+            f"{where}.point = {list(held.point or ())}: no node of the mesh is there; the nearest is at "
+            f"{nodes.coordinates[nearest].round(9).tolist()}, {distance[nearest]:.3g} m away"
+        )
+    return np.array([nearest])
+
+
+class _Normals:
+    """The normals along which nodes are held."""
+
+    def __init__(self, count: int):
+        self._of: list[list[np.ndarray]] = [[] for _ in range(count)]
+
+    def add(self, nodes: np.ndarray, normal: np.ndarray) -> None:
+        for node in nodes:
+            self._of[node].append(normal / np.linalg.norm(normal))
+
+    @property
+    def nodes(self) -> np.ndarray:
+        return np.array([node for node, normals in enumerate(self._of) if normals], dtype=int)
+
+    def of(self, node: int) -> np.ndarray:
+        return np.array(self._of[node])
+
+
+def eliminate(normals: np.ndarray) -> tuple[list[int], list[dict[int, float]]]:
+    """Solves N x = 0 for as many components of x (3,) as N (any, 3) has independent rows of length 1.
+
+    Gauss-Jordan elimination with complete pivoting, so that no weight is above 1 where one normal is given.
+
+    Returns:
+        The components that are solved for, and for each the weights of those that remain, without zeros.
+    """
+    N, pivots = np.array(normals, dtype=float), []
+    for row in range(min(len(N), 3)):
+        k, j = np.unravel_index(np.abs(N[row:]).argmax(), N[row:].shape)
+        if abs(N[row + k, j]) <= DEPENDENT:
+            break
+        N[[row, row + k]] = N[[row + k, row]]
+        N[row] /= N[row, j]
+        others = np.arange(len(N)) != row
+        N[others] -= np.outer(N[others, j], N[row])
+        N[others, j] = 0.0
+        pivots.append(int(j))
+    rest = [j for j in range(3) if j not in pivots]
+    return pivots, [{j: -N[row, j] for j in rest if N[row, j] != 0.0} for row in range(len(pivots))]
