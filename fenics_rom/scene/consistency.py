@@ -25,7 +25,6 @@ def check_consistency(file: SceneFile) -> None:
         raise SceneError("contacts: at least one contact mode is needed, as [contacts.NAME]")
     _check_effects(file.effects, file.actuators)
     for k, held in enumerate(file.supports.held):
-        check_exactly_one(held, ANYWHERE, f"supports.held[{k}]")
         if held.normal is not None and not any(held.normal):
             raise SceneError(f"supports.held[{k}].normal: allowed is any but zero")
     if (file.material is None) == (file.materials is None):

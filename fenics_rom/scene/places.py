@@ -43,6 +43,7 @@ class Patch(Place):
 class Held(Place):
     """Nodes that do not move, or do not move along a normal: a roller, or a plane of symmetry."""
 
+    ONE_OF = (("surface", "near", "point"),)
     point: Annotated[Point | None, "a node of the mesh; instead of surface or near"] = None
     normal: Annotated[
         Direction | None, "along which they are held, of any length but zero; without one they are clamped"

@@ -37,6 +37,8 @@ COMMANDS = {
     "run.h5": ("simulate", "plate.toml"),
     "effects.h5": ("reduce", "effects.toml", "--lyapunov", "closed-form", "--order", "60"),
     "effects-run.h5": ("simulate", "effects.toml"),
+    "rolling.h5": ("reduce", "rolling.toml", "--lyapunov", "closed-form", "--order", "60"),
+    "rolling-run.h5": ("simulate", "rolling.toml"),
     "still.h5": ("reduce", "still.toml"),
     "still-run.h5": ("simulate", "still.toml"),
 }

@@ -53,6 +53,16 @@ acceleration = 0.5
 [effects.friction]
 coefficient = 0.2
 """
+ROLLERS = """
+[[supports.held]]
+surface = "left"
+normal = [3.0, 0.5, 1.0]
+[[supports.held]]
+surface = "back"
+normal = [0, 1, 0]
+[[supports.held]]
+point = [0, 0, 0]
+"""
 ACTING = """dt = 0.005
 duration = 0.5
 snapshots = 10
@@ -77,6 +87,8 @@ def write_scenes(folder):
         bottom = {"contacts": '[contacts.bottom]\nsurface = "bottom"\n[contacts.right]\nsurface = "right"'}
         parts = {"effects": effects, "run": ACTING, "outputs.tip": TIP["outputs.tip"]}
         (folder / f"{name}.toml").write_text(scene_text(folder / "box.msh", **bottom, **parts))
+    parts |= {"effects": MOVING + EFFECTS, "supports": None}
+    (folder / "rolling.toml").write_text(ROLLERS + scene_text(folder / "box.msh", **bottom, **parts))
     (folder / "ball.csv").write_text("time,x,y,z\n0,0,0,0\n0.3,-0.02,0.0,0.0\n0.5,0.01,0.0,0.0\n")
     (folder / "missing.toml").write_text(scene_text(folder / "none.msh"))
 
@@ -155,7 +167,7 @@ def test_full_runs_do_not_depend_on_the_number_of_ranks(results, ranks):
 
 
 @pytest.mark.parametrize("ranks", [2, FOUR])
-@pytest.mark.parametrize("name", ["effects", "still"])
+@pytest.mark.parametrize("name", ["effects", "still", "rolling"])
 def test_effects_do_not_depend_on_the_number_of_ranks(results, name, ranks):
     """Full runs and runs of ROMs among obstacles, under all loads; with inertia and without."""
     full = [fr.read_trajectory(results / str(n) / f"{name}-run.h5") for n in (1, ranks)]

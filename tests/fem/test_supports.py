@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from bodies import assembled, box_arrays, box_surfaces, dense, scene_text, write_arrays
+from bodies import box_arrays, box_surfaces, dense, scene_text, write_arrays
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomError
@@ -11,6 +11,7 @@ from fenics_rom.scene.file import parse_scene
 
 LENGTHS, BRICKS = (1.0, 0.4, 0.3), (4, 2, 2)
 E_MODULUS, NU = 1.0e6, 0.3
+AXES = np.eye(3)
 TURN = np.array([[2.0, -2.0, 1.0], [1.0, 2.0, 2.0], [-2.0, -1.0, 2.0]]) / 3  # rows are axes, to round-off orthonormal
 
 
@@ -27,13 +28,13 @@ def planes(turn):
     )
 
 
-def symmetric(folder, turn=np.eye(3), **parts):
+def symmetric(folder, turn=AXES, **parts):
     """An eighth of a box, or a box turned."""
     text = scene_text(turned_box(folder, turn), supports=None, **parts)
     return fr.assemble(parse_scene(f"{planes(turn)}\n{text}"))
 
 
-@pytest.mark.parametrize("turn", [np.eye(3), TURN], ids=["along axes", "oblique"])
+@pytest.mark.parametrize("turn", [AXES, TURN], ids=["along axes", "oblique"])
 @pytest.mark.parametrize("degree", [1, 2])
 def test_bar_between_planes_of_symmetry_is_in_uniaxial_tension(tmp_path, turn, degree):
     """Exactly: u = σ/E (x, -ν y, -ν z) is in the space of the elements."""
@@ -72,10 +73,10 @@ def test_rom_of_oblique_planes_keeps_them_and_is_the_full_order(tmp_path):
     text = '[run]\ndt = 1e-3\nduration = 0.05\n[[run.load]]\ncontact = "right"\nforce = [0.3, 0.2, -0.1]\n'
     system = symmetric(tmp_path, TURN)
     run = parse_scene(f"{planes(TURN)}\n{scene_text(tmp_path / 'box.msh', supports=None)}\n{text}")
-    rom = fr.reduce(system, order=30)
-    fr.write_rom(rom, tmp_path / "box.h5")
+    rom = fr.reduce(system, order=60)
+    fr.write_rom(tmp_path / "box.h5", rom)
     full, reduced = fr.simulate(fr.assemble(run)), fr.simulate(fr.read_rom(tmp_path / "box.h5"), scene=run)
-    assert fr.compare(reduced, full)["shape"].relative <= 1e-4
+    assert fr.compare(reduced, full)["shape"].relative <= 1e-6
     on = np.isclose(rom.nodes @ TURN[0], 0.0, atol=1e-12)
     for run_ in (full, reduced):
         moved = run_.snapshots
@@ -103,7 +104,7 @@ def test_support_leaves_the_motions_that_it_should(tmp_path, held, left):
 
 
 def symmetric_with(folder, held, **parts):
-    return fr.assemble(parse_scene(f"{held}\n{scene_text(turned_box(folder, np.eye(3)), supports=None, **parts)}"))
+    return fr.assemble(parse_scene(f"{held}\n{scene_text(turned_box(folder, AXES), supports=None, **parts)}"))
 
 
 @pytest.mark.parametrize(
@@ -129,7 +130,7 @@ def test_oblique_planes_are_refused_with_large_deformation(tmp_path):
 def test_large_deformation_between_planes_follows_the_closed_form(tmp_path):
     """Uniaxial stretch of St. Venant-Kirchhoff material: first Piola-Kirchhoff stress P = E λ (λ² - 1)/2."""
     force, area = 5e3, LENGTHS[1] * LENGTHS[2]
-    effects = 'damping = { alpha = 1.0 }\nlarge_deformation = { material = "st_venant_kirchhoff" }'
+    effects = 'large_deformation = { material = "st_venant_kirchhoff" }'
     run = '[run]\ndt = 1.0\nduration = 2.0\n[[run.load]]\ncontact = "right"\nforce = [5e3, 0, 0]'
     system = symmetric(tmp_path, effects=effects, **{"outputs.end": 'surface = "right"'}, run=run.partition("\n")[2])
     end = fr.simulate(system).outputs["end"][-1, 0, 0]
