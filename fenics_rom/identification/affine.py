@@ -100,14 +100,8 @@ def _combine(weights: Array, matrices: Array) -> Array:
 class AffineSystem:
     """A scene assembled at a few simple values; every rank must make it, and ask it for parts.
 
-    At ν = 0, λ = 0; at ν = 1/4, λ = μ. So with E = 2 and ρ = 1 everywhere μ = ρ = 1, and where one material has
-    E = 5/2, ν = 1/4 and ρ = 2, its λ and its ρ are 1 more.
-
-    Args:
-        scene: whose materials are all that varies.
-
-    Attributes:
-        plain: where all materials have λ = 0, μ = ρ = 1; no springs, no dashpots.
+    At ν = 0, λ = 0; at ν = 1/4, λ = μ. So with E = 2 and ρ = 1 everywhere μ = ρ = 1 (`plain`, which has no springs and
+    no dashpots), and where one material has E = 5/2, ν = 1/4 and ρ = 2, its λ and its ρ are 1 more.
     """
 
     def __init__(self, scene: Scene):

@@ -83,12 +83,7 @@ class Experiment:
 
 
 def make_experiment(scene: Scene, data: Sequence[Data], system: System) -> Experiment:
-    """Everything that was measured.
-
-    Args:
-        scene: what it was measured on.
-        data: from any number of files.
-        system: of that scene, for its inputs.
+    """Everything that was measured on a scene, with the inputs of its system.
 
     Raises:
         DataError: nothing was measured.

@@ -78,14 +78,7 @@ class FitProblem:
 
 
 def fit_parameters(problem: FitProblem, q: Array, model: ReducedModel, report: Callable[[int, int], None]) -> Fit:
-    """The fit from q on.
-
-    Args:
-        problem: what is sought.
-        q: where it starts, (p,).
-        model: on a basis made there.
-        report: called with the number of the time span that is fitted, and of how many.
-    """
+    """The fit from q (p,) on, with a model on a basis made there; told is which time span is fitted, of how many."""
     spans = time_spans(problem.experiment)
     centre, bases = q, 1
     for number, span in enumerate(spans):

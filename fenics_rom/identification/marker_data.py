@@ -14,6 +14,7 @@ output. An empty cell is a marker that was not seen, or a component of the force
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from itertools import chain
 from pathlib import Path
 
 import numpy as np
@@ -27,6 +28,7 @@ Array = np.ndarray
 TIME_UNITS = {"s": 1.0, "ms": 1e-3}
 LENGTH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
 FORCE_UNITS = {"N": 1.0}
+FORCES = {"resultant": ("force.x", "force.y", "force.z"), "normal": ("force.normal",)}  # of contact modes
 AXES = ("x", "y", "z")
 COLUMN_PATTERN = re.compile(r"(?P<what>[^()]*?)\s*\((?P<unit>[^()]*)\)")
 MARKER_PATTERN = re.compile(r"(?P<output>[\w-]+)(?:\[(?P<point>\d+)\])?\.(?P<axis>[xyz])")
@@ -90,11 +92,7 @@ Data = Motion | Equilibria
 
 
 def read_markers(file: str | Path, scene: Scene) -> Data:
-    """Reads one file.
-
-    Args:
-        file: CSV.
-        scene: whose outputs, contact modes and run it is of.
+    """Reads one file of a scene's outputs, contact modes and run.
 
     Raises:
         DataError: it cannot be read, or a line or column of it is not as it should be.
@@ -148,27 +146,26 @@ def _equilibria(table: Table, scene: Scene) -> Equilibria:
         )
     given = {_unit(table, column, FORCE_UNITS)[0]: column for column in of_force}
     for name, column in given.items():
-        if name not in ("force.x", "force.y", "force.z", "force.normal"):
+        if name not in chain(*FORCES.values()):
             table.refuse(1, column, "allowed are force.x, force.y, force.z and force.normal, in N")
     values = {name: _numbers(table, column, FORCE_UNITS, empty=True) for name, column in given.items()}
     contacts, forces = [], []
-    for k, (line, cells) in enumerate(zip(table.lines, table.cells, strict=True)):
-        name = cells[0]
-        if name not in scene.contacts:
-            table.refuse(line, "contact", unknown("contact mode", name, scene.contacts))
-        kind = scene.contacts[name].force
-        if kind == "nodal":
-            table.refuse(line, "contact", f"{name!r} has a force at every node; allowed are 'resultant' and 'normal'")
-        allowed = ("force.normal",) if kind == "normal" else ("force.x", "force.y", "force.z")
-        allowed_names = ", ".join(allowed)
-        pushed = {axis: column[k] for axis, column in values.items() if not np.isnan(column[k])}
-        for axis in pushed:
-            if axis not in allowed:
-                table.refuse(line, given[axis], f"contact mode {name!r} has {allowed_names}; leave this cell empty")
+    for k, (line, (contact, *_)) in enumerate(zip(table.lines, table.cells, strict=True)):
+        if contact not in scene.contacts:
+            table.refuse(line, "contact", unknown("contact mode", contact, scene.contacts))
+        kind = scene.contacts[contact].force
+        if kind not in FORCES:
+            allowed = " and ".join(map(repr, FORCES))
+            table.refuse(line, "contact", f"{contact!r} has a force at every node; allowed are {allowed}")
+        pushed = {name: column[k] for name, column in values.items() if not np.isnan(column[k])}
+        has = f"contact mode {contact!r} has {', '.join(FORCES[kind])}"
+        for name in pushed:
+            if name not in FORCES[kind]:
+                table.refuse(line, given[name], f"{has}; leave this cell empty")
         if not pushed:
-            table.refuse(line, of_force[0], f"no force was given; contact mode {name!r} has {allowed_names}")
-        contacts.append(name)
-        forces.append(np.array([pushed.get(axis, 0.0) for axis in allowed]))
+            table.refuse(line, of_force[0], f"no force was given; {has}")
+        contacts.append(contact)
+        forces.append(np.array([pushed.get(name, 0.0) for name in FORCES[kind]]))
     others = [column for column in table.heading[1:] if column not in of_force]
     return Equilibria(contacts=tuple(contacts), forces=tuple(forces), **vars(_read_displacements(table, others, scene)))
 

@@ -113,12 +113,9 @@ def parameters_of(scene: Scene) -> dict[str, Parameter]:
 
 
 def select_parameters(scene: Scene, names: Sequence[str] | None, *, moving: bool) -> tuple[Parameter, ...]:
-    """The parameters that are to be identified.
+    """The parameters that are to be identified; without names all that data of this kind can depend on.
 
-    Args:
-        scene: whose values are the start.
-        names: which; None: all that data of this kind can depend on.
-        moving: whether there are data of a motion; an equilibrium knows no damping, and density by gravity alone.
+    Without a motion that is neither damping nor, but for gravity, density.
 
     Raises:
         SceneError: a name that does not exist, or is given twice, or none.

@@ -19,12 +19,7 @@ PANELS_PER_ROW = 3  # panels side by side
 def draw_fit(result: Identification, files: Sequence[Path]) -> None:
     """Draws the markers that move most over time, and all values at rest against the model's, each above its residuals.
 
-    Args:
-        result: of an identification.
-        files: where the picture goes, each in the format of its ending.
-
-    Raises:
-        MissingPackageError: there is no Matplotlib.
+    Each file gets it in the format of its ending; MissingPackageError where there is no Matplotlib.
     """
     figure_of = figure_class()
     panels = _motions(result)

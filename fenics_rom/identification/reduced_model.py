@@ -32,14 +32,9 @@ RANK_TOLERANCE = 1e-10  # share of a unit column that must be new for it to coun
 
 
 def make_basis(system: System, experiment: Experiment) -> Array:
-    """Q (rows here, k), QᵀQ = I; every rank must call it.
+    """Q (rows here, k), QᵀQ = I, of a system at the values that it is to be best at; errors are those of `reduce`.
 
-    Args:
-        system: the full-order model at the values that the basis is to be best at.
-        experiment: what it has to answer.
-
-    Raises:
-        SolverError: as `reduce`.
+    Every rank must call it.
     """
     marker_columns = experiment.marker_columns(system)
     bases = []
@@ -59,11 +54,7 @@ def make_basis(system: System, experiment: Experiment) -> Array:
 
 
 class ReducedModel:
-    """The scene on a basis Q: x = Q ξ.
-
-    Args:
-        parts: of its matrices and inputs on Q.
-    """
+    """The scene on a basis Q, x = Q ξ, by the parts of its matrices and inputs there."""
 
     def __init__(self, parts: AffineDecomposition):
         self.parts = parts
@@ -130,12 +121,7 @@ def _weighted(θ: Array, weighed: Array) -> Array:
 
 
 class MidpointPropagator:
-    """The step of one model at one step size.
-
-    Args:
-        matrices: M, D and K.
-        h: time step, s.
-    """
+    """The step of one model at one step size h, s."""
 
     def __init__(self, matrices: Matrices, h: float):
         M, K = matrices.mass, matrices.stiffness

@@ -108,17 +108,10 @@ def study_amplitudes(
 ) -> AmplitudeResults:
     """Compares linear and large-deformation models, reduced and at full order; every rank must call it.
 
-    Args:
-        scene: with large_deformation and a run in which loads act.
-        folder: for amplitudes.json and the ROMs, from which an interrupted study can go on; made where it is missing.
-        quick: fewer loads.
-        resume: go on from what an interrupted study left in the folder.
-        report: called with the stage, how much of it is done, and of how much.
+    Arguments and errors are those of `study`; the folder gets amplitudes.json and the ROMs.
 
     Raises:
         SceneError: no large_deformation, or nothing to scale.
-        FileError: the folder cannot be written, or holds another study.
-        SolverError: as `simulate` and `reduce`.
     """
     run = reference.measurable_run(scene)
     if scene.effects.large_deformation is None:

@@ -23,11 +23,7 @@ TRACE_SHARES = (1 - 1e-5, 1 - 1e-8, 1 - 1e-11)
 
 
 def reduce_timed(system: System, method: str, order: int) -> tuple[Rom, float]:
-    """The model and the seconds that its reduction took; every rank must call it.
-
-    Raises:
-        SceneError, SolverError: as `reduce`.
-    """
+    """The model and the seconds that its reduction took; errors are those of `reduce`; every rank must call it."""
     for share in TRACE_SHARES:
         start = time.perf_counter()
         rom = fr.reduce(system, order=order, share=share, **METHOD_CONFIGS[method].options)
@@ -48,15 +44,7 @@ def largest_order(rom: Rom) -> int:
 def measure_model(
     rom: Rom, seconds: float, method: str, scene: Scene, reference: Trajectory, steps: tuple[float, ...]
 ) -> tuple[tuple[BenchmarkRow, ...], tuple[str, ...]]:
-    """Errors, rates and costs of a reduced model at each time step; and why there are none of some.
-
-    Args:
-        rom: the model.
-        seconds: that its reduction took.
-        method: name of it.
-        scene: whose run is taken.
-        reference: the full-order run.
-        steps: s.
+    """Errors, rates and costs of a reduced model at each time step, s; and why there are none of some.
 
     Raises:
         StepError: the run at the reference's own step could not be made.

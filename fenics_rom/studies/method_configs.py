@@ -81,14 +81,6 @@ def make_grid(
 ) -> StudyGrid:
     """A checked grid, without orders that are too large and steps that are too long; what is None is a choice of ours.
 
-    Args:
-        scene, run: that is studied.
-        size: unknowns at full order.
-        quick: fewer of all.
-        methods: names of METHOD_CONFIGS.
-        orders: displacements of each contact mode.
-        steps: s; each a whole multiple of the smallest.
-
     Raises:
         SceneError: an unknown method, an order below 1, steps that do not divide each other, or all too long.
     """
@@ -122,12 +114,7 @@ def make_grid(
 def select_compared_instants(duration: float, steps: Sequence[float], nodes: int) -> tuple[float, int]:
     """A duration, and a number of whole shapes evenly spread over it, so that runs with all steps meet at each of them.
 
-    A little of the end may be left out.
-
-    Args:
-        duration: of the scene's run, s.
-        steps: falling, s; each a whole multiple of the smallest.
-        nodes: of the mesh.
+    A little of the end may be left out. Steps fall, and each is a whole multiple of the smallest.
     """
     ratios = [round(step / steps[-1]) for step in steps]
     common = int(np.lcm.reduce(ratios))

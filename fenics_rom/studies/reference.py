@@ -49,11 +49,7 @@ def richardson_divisor(scene: Scene) -> float:
 def compare_meshes(system: System, files: Sequence[Path], dt: float, report: Report) -> tuple[MeshRow, ...]:
     """The scene's outputs on its own mesh and on others at full order, against those of the finest.
 
-    Args:
-        system: with the scene.
-        files: other meshes of the same body, with the same named groups.
-        dt: step of all runs, s; what it does to them is the same, and drops out.
-        report: called with the stage, how much of it is done, and of how much.
+    All runs have the same step; what it does to them is the same, and drops out.
 
     Raises:
         SceneError, MeshError: as `assemble`, or no mesh is finer than the scene's.

@@ -16,12 +16,7 @@ REFERENCE_ERROR_SHARE = 0.1  # share of the smallest error reported that the ref
 
 
 def write_report(folder: Path, results: StudyResults, command: str) -> None:
-    """Writes study.csv, study.md, and the pictures speed, orders and parts; under MPI, rank 0 does.
-
-    Args:
-        folder: where.
-        results: of the study.
-        command: that made them, as it is typed.
+    """Writes study.csv, study.md with the command that made them, and the pictures; under MPI, rank 0 does.
 
     Raises:
         FileError: a file cannot be written.

@@ -92,21 +92,12 @@ def study_for_tolerance(
     resume: bool = False,
     report: Report = silent,
 ) -> tuple[StudyResults, BenchmarkRow, Rom]:
-    """Finds the longest step and the lowest order of a balanced model within a tolerance; every rank must call it.
+    """Finds the longest step and the lowest order of a balanced model within a tolerance of the whole shape.
 
-    Args:
-        scene: with a run in which something acts.
-        folder: as of `study`.
-        tolerance: of the whole shape, L² in time and mass.
-        resume: as of `study`.
-        report: as of `study`.
+    Arguments and errors are those of `study`, and SolverError where the tolerance was not reached.
 
     Returns:
         What was measured, the row to choose, and its model.
-
-    Raises:
-        SceneError, FileError: as `study`.
-        SolverError: the tolerance was not reached; the message says what was, and what stood in the way.
     """
     TOLERANCE.check(tolerance, "tolerance")
     run = reference.measurable_run(scene)
@@ -126,19 +117,9 @@ def study_for_tolerance(
 
 
 class _StudyRun:
-    """A study on its way; rank 0 measures and writes, every rank knows the results.
+    """A study on its way; rank 0 measures and writes, every rank knows the results so far.
 
-    Args:
-        scene: that is studied.
-        system: assembled from it.
-        folder: for what is found.
-        grid: methods, orders and steps.
-        resume: go on from what is there.
-        report: told of progress.
-        begin_if_other: where what is there is of another study, begin instead of refusing.
-
-    Attributes:
-        results: so far.
+    With `begin_if_other`, where what is there is of another study, it begins instead of refusing.
     """
 
     def __init__(
@@ -225,17 +206,25 @@ class _StudyRun:
 
     def _measure(self, method: str, order: int) -> None:
         """Reduces to an order, and measures the model that came of it."""
+        label = METHOD_CONFIGS[method].label
         try:
             rom, seconds = benchmark.reduce_timed(self._system, method, order)
         except (SceneError, SolverError) as error:
-            self._add(notes=(*self.results.notes, f"{METHOD_CONFIGS[method].label}, order {order}: {error}"))
+            self._add(notes=(*self.results.notes, f"{label}, order {order}: {error}"))
             return
-        self._last = rom
+        self._last, largest = rom, benchmark.largest_order(rom)
         rows: tuple[BenchmarkRow, ...] = ()
         notes: tuple[str, ...] = ()
-        # Where there are rows already, more was asked for than is numerically there.
-        if not self.results.of(method, benchmark.largest_order(rom)):
-            rows, notes = run_on_rank_0(self._comm, lambda: self._rows(rom, seconds, method))
+
+        def measure() -> tuple[tuple[BenchmarkRow, ...], tuple[str, ...]]:
+            assert self._reference is not None  # on rank 0 it is there
+            return benchmark.measure_model(rom, seconds, method, self._scene, self._reference, self._grid.steps)
+
+        if not self.results.of(method, largest):  # else more was asked for than is numerically there
+            try:
+                rows, notes = run_on_rank_0(self._comm, measure)
+            except StepError as error:
+                notes = (f"{label}, order {largest}: {error}",)
         hankel = self.results.hankel
         if method == "balanced":
             hankel = {name: tuple(mode.hankel_singular_values) for name, mode in rom.contact_models.items()}
@@ -245,13 +234,6 @@ class _StudyRun:
             hankel=hankel,
             notes=(*self.results.notes, *notes),
         )
-
-    def _rows(self, rom: Rom, seconds: float, method: str) -> tuple[tuple[BenchmarkRow, ...], tuple[str, ...]]:
-        assert self._reference is not None  # on rank 0 it is there
-        try:
-            return benchmark.measure_model(rom, seconds, method, self._scene, self._reference, self._grid.steps)
-        except StepError as error:
-            return (), (f"{METHOD_CONFIGS[method].label}, order {benchmark.largest_order(rom)}: {error}",)
 
     def _add(self, **changes: Any) -> None:
         """Keeps what was found, in memory and on disk."""
