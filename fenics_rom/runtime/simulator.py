@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from copy import copy
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -11,8 +12,7 @@ from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.linearity import SurfaceStrainPeak
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.linearity_monitor import LinearityMonitor
-from fenics_rom.runtime.simulated_body import SimulatedBody
-from fenics_rom.runtime.simulator_state import SimulatorState
+from fenics_rom.runtime.simulated_body import SimulatedBody, SimulatorState
 from fenics_rom.runtime.steppers.midpoint import checked_dt
 from fenics_rom.runtime.steppers.selection import make_stepper
 from fenics_rom.runtime.switching import SwitchLoss
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from fenics_rom.mechanics.environment import HasEnvironment
     from fenics_rom.mechanics.signals import SignalLike
     from fenics_rom.runtime.environment_inputs import EnvironmentInputs
-    from fenics_rom.runtime.known_inputs import KnownInputs
+    from fenics_rom.runtime.rollout import Rollout
 
 Array = np.ndarray
 
@@ -76,7 +76,9 @@ class Simulator(SimulatedBody):
         self._origin = rom, scene, signals, stepper
         self.environment: ActiveEnvironment | None = None
         if not rom.environment.is_plain or scene is not None or signals:
-            from fenics_rom.runtime.environment_fit import fit_environment  # bodies on which nothing acts start sooner
+            from fenics_rom.runtime.environment_inputs import (
+                fit_environment,  # bodies on which nothing acts start sooner
+            )
 
             rom, self.environment = fit_environment(rom, None if scene is None else scene.environment, signals)
         self.rom = rom
@@ -88,7 +90,7 @@ class Simulator(SimulatedBody):
         self._source = None if self.environment is None else _source_of(rom, self.environment)
         self._monitor = LinearityMonitor(rom, self._rigid_displacement)
         self._readings: dict[tuple[str, str], Array] = {}
-        self._known_inputs: KnownInputs | None = None
+        self._rollout: Rollout | None = None
         self._enter()
 
     @property
@@ -252,11 +254,11 @@ class Simulator(SimulatedBody):
         Raises:
             StepError: wrong shapes, unknown names, or numbers that are not finite; everything is as it was.
         """
-        if self._known_inputs is None:
-            from fenics_rom.runtime.known_inputs import KnownInputs  # here, as not everyone knows them
+        if self._rollout is None:
+            from fenics_rom.runtime.rollout import Rollout  # here, as not everyone knows all inputs
 
-            self._known_inputs = KnownInputs()
-        return self._known_inputs.rollout(self, inputs, contact, dt, every, outputs)
+            self._rollout = Rollout(self)
+        return self._rollout.take(inputs, contact, dt, every, outputs)
 
     def reset(self) -> None:
         """Back to rest in the first contact mode, at time 0, with an empty account; dt stays."""
@@ -300,18 +302,11 @@ class Simulator(SimulatedBody):
         self._enter()
 
     def __reduce__(self) -> tuple[Any, ...]:
-        return _revived, (*self._origin, self._given_signals, self.save())
-
-    def __copy__(self) -> "Simulator":
-        return _revived(*self._origin, self._given_signals, self.save())
+        as_last_said = {} if self.environment is None else dict(self.environment.signals)
+        return _revived, (*self._origin, as_last_said, self.save())
 
     def __deepcopy__(self, memo: object) -> "Simulator":
-        return _revived(*self._origin, self._given_signals, self.save())
-
-    @property
-    def _given_signals(self) -> "dict[str, SignalLike]":
-        """What loads and obstacles do, as it was last said."""
-        return {} if self.environment is None else dict(self.environment.signals)
+        return copy(self)  # the ROM is shared
 
     def _flush(self) -> None:
         """Books what the steps so far supplied and dissipated."""

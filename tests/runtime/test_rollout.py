@@ -148,4 +148,4 @@ def test_step_sizes_that_never_come_back_do_not_pile_up(plate_rom):
     simulator = fr.Simulator(plate_rom, dt=1e-3)
     for k in range(100):
         simulator.rollout(np.zeros((2, 3)), dt=1e-3 + 1e-6 * k)
-    assert len(simulator._known_inputs._propagators) <= 32
+    assert len(simulator._rollout._propagators) <= 32

@@ -5,15 +5,10 @@ import math
 import numpy as np
 
 from fenics_rom.errors import StepError
-from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointMotion
-from fenics_rom.runtime.steppers.booked_kernel import StepWork, symmetric
+from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion
 from fenics_rom.runtime.steppers.finite_strain import FiniteStrainKernel
-from fenics_rom.runtime.steppers.newton import (
-    CONVERGENCE_TOLERANCE,
-    MAX_ITERATIONS,
-    MAX_PARTS,
-    STAGNATION_TOLERANCE,
-)
+from fenics_rom.runtime.steppers.kernel import StepWork, symmetric
+from fenics_rom.runtime.steppers.newton import MAX_ITERATIONS, MAX_PARTS, is_solved
 
 Array = np.ndarray
 
@@ -29,13 +24,8 @@ class Equilibrium(FiniteStrainKernel):
         """Stored, J."""
         return self._body.energy(self._coordinates())
 
-    def set_time_step(self, h: float) -> None:
-        """As in BookedKernel."""
-        self.flush()
-        self.h = h
-
     def step(self, u: Array, obstacles: ObstacleMotion | None = None) -> float:
-        """As in Newton."""
+        """As in Kernel."""
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             start = self._coordinates().copy()
             unbalanced = self._body.force(start) - self._loads(u, start)
@@ -54,7 +44,7 @@ class Equilibrium(FiniteStrainKernel):
                     (q, contact), share = balance, min(share + growth, 1.0)
             moved, force = q - start, self._loads(u, q)
             if contact is not None:
-                force = force + self._Sᵀ.dot(contact.forces.ravel())
+                force = force + self._pushed(contact)
             stored = self._body.energy(q)
             # What contact takes is booked by itself; the rest of what is lost goes into heat on the way.
             heat = float(force.dot(moved)) - (stored - self._body.energy(start))
@@ -82,27 +72,17 @@ class Equilibrium(FiniteStrainKernel):
             except np.linalg.LinAlgError:
                 return None
             inverse = np.linalg.inv(tangent)
-            contact, pushed = self._contact_of(obstacles, start, q - inverse.dot(residual), inverse)
-            residual -= pushed
+            if self._interface is not None:
+                self._delassus = symmetric(self._Sᵀ.T @ inverse @ self._Sᵀ / self.h)
+            free = (q - inverse.dot(residual) - start) / self.h
+            contact = self._solve_contact(start, self._r, free, self.h, obstacles, quasi_static=True)
+            if contact is not None:
+                residual -= self._pushed(contact)
             error = np.abs(residual).max()
-            if error <= CONVERGENCE_TOLERANCE * scale or (error <= STAGNATION_TOLERANCE * scale and error > before / 2):
+            if is_solved(error, before, scale):
                 return q, contact
             if error > 10 * before:
                 return None
             before = error
             q = q - inverse.dot(residual)
         return None
-
-    def _contact_of(
-        self, obstacles: ObstacleMotion | None, start: Array, free: Array, inverse: Array
-    ) -> tuple[ContactSolution | None, Array]:
-        """Contact of a step from the shape without it, and the generalized forces (m,)."""
-        if self._interface is None or obstacles is None:
-            return None, np.zeros_like(start)
-        delassus = symmetric(self._Sᵀ.T @ inverse @ self._Sᵀ / self.h)
-        displacement, velocity = (np.stack([start, (free - start) / self.h]) @ self._Sᵀ).reshape(2, -1, 3)
-        points = PointMotion(displacement, np.zeros_like(displacement), velocity)
-        contact = self._interface.solve(points, delassus, self.h, obstacles, quasi_static=True)
-        if contact is None:
-            return None, np.zeros_like(start)
-        return contact, self._Sᵀ.dot(contact.forces.ravel())

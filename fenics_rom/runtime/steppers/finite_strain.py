@@ -21,7 +21,7 @@ from fenics_rom.errors import FenicsRomWarning
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.rom.deformation import ReducedDeformation, monomials
 from fenics_rom.rom.rom import ContactModel, Rom
-from fenics_rom.runtime.steppers.booked_kernel import BookedKernel
+from fenics_rom.runtime.steppers.kernel import BookedKernel
 
 if TYPE_CHECKING:
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
@@ -34,12 +34,7 @@ TRUSTED_EXTENT = 1.5  # times as far as the states that the model was trained on
 class FiniteStrainKernel(BookedKernel):
     """What the kernels of large deformation share: the loads that follow the body, and how far it has gone.
 
-    Args:
-        rom: the reduced model.
-        ledger: the account to book in, if one is kept.
-        interface: the contact points, if there are any.
-
-    Attributes as in Kernel.
+    Arguments and attributes as in BookedKernel, but for the whole ROM, whose contact models share a basis.
     """
 
     def __init__(self, rom: Rom, ledger: EnergyLedger | None, interface: "ContactInterface | None"):

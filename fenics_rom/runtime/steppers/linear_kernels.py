@@ -12,7 +12,7 @@ way there the body dissipates ½ |e⁺ - e|², as a damped motion would under th
 import numpy as np
 
 from fenics_rom.mechanics.contact import ObstacleMotion
-from fenics_rom.runtime.steppers.booked_kernel import BookedKernel, StepWork, symmetric
+from fenics_rom.runtime.steppers.kernel import BookedKernel, StepWork, symmetric
 from fenics_rom.runtime.steppers.midpoint import compliance
 
 Array = np.ndarray
@@ -22,30 +22,24 @@ class ContactMidpoint(BookedKernel):
     """The midpoint step with contact. Arguments and attributes as in BookedKernel."""
 
     def set_time_step(self, h: float) -> None:
-        """As in BookedKernel."""
-        self.flush()
+        """As in Kernel."""
+        super().set_time_step(h)
         self._a, self._Ra = compliance(self._model, h)
         self._delassus = symmetric(
             self._Sᵀ.T @ (self._a[:, None] * self._Sᵀ if self._a.ndim == 1 else self._a @ self._Sᵀ)
         )
         self._elastic_and_inertial = np.stack([-self._ω, np.full(self._model.order, 2 / h)])
         self._travel = h * self._ω
-        self.h = h
 
     def step(self, u: Array, obstacles: ObstacleMotion | None = None) -> float:
-        """Takes a step under u (p,), N, and returns |state|², twice the stored energy, J, which need not be finite.
-
-        Raises:
-            ValueError: u has another shape; no step was taken.
-            StepError: no contact forces were found; no step was taken.
-        """
+        """As in Kernel."""
         pushed = self._model.inputs.dot(u)
         elastic, inertial = self._elastic_and_inertial * self._halves
         right = pushed + elastic + inertial
         v = _applied(self._a, right)
-        contact = self._solve_contact(v, obstacles)
+        contact = self._solve_contact(self._coordinates(), self._r, v, self.h, obstacles)
         if contact is not None:
-            right += self._Sᵀ.dot(contact.forces.ravel())
+            right += self._pushed(contact)
             v = _applied(self._a, right)
         heat = _applied(self._Ra, right)
         h, supplied, dissipated = self.h, float(pushed.dot(v)), float(heat.dot(heat))
@@ -62,20 +56,20 @@ class QuasiStatic(BookedKernel):
     """A step to the next equilibrium. Arguments and attributes as in BookedKernel; the velocity stays zero."""
 
     def set_time_step(self, h: float) -> None:
-        """As in BookedKernel."""
-        self.flush()
+        """As in Kernel."""
+        super().set_time_step(h)
         if self._interface is not None:
             strained = self._inverse_ω[:, None] * self._Sᵀ
             self._delassus = symmetric(strained.T @ strained / h)
-        self.h = h
 
     def step(self, u: Array, obstacles: ObstacleMotion | None = None) -> float:
-        """As in ContactMidpoint."""
+        """As in Kernel."""
         force = self._model.inputs.dot(u)
         change = force * self._inverse_ω - self._e
-        contact = self._solve_contact(change * self._inverse_ω / self.h, obstacles, quasi_static=True)
+        free = change * self._inverse_ω / self.h
+        contact = self._solve_contact(self._coordinates(), self._r, free, self.h, obstacles, quasi_static=True)
         if contact is not None:
-            change += self._inverse_ω * self._Sᵀ.dot(contact.forces.ravel())
+            change += self._inverse_ω * self._pushed(contact)
         moved = change * self._inverse_ω
         contacts = self._contacts(moved / self.h, contact, self.h)
         self._leave(StepWork(float(force.dot(moved)), float(change.dot(change)) / 2, contacts))

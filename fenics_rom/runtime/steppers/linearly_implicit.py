@@ -16,8 +16,8 @@ from fenics_rom.mechanics.contact import ObstacleMotion
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.hyperelastic import VOIGT_SHEAR, energy_density, linear_stress, strain, strain_rate, stress
 from fenics_rom.rom.rom import Rom
-from fenics_rom.runtime.steppers.booked_kernel import StepWork, symmetric
 from fenics_rom.runtime.steppers.finite_strain import FiniteStrainKernel, definite_inverse
+from fenics_rom.runtime.steppers.kernel import StepWork, symmetric
 
 if TYPE_CHECKING:
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
@@ -51,7 +51,7 @@ class LinearlyImplicit(FiniteStrainKernel):
         self.resume(np.empty(0))
 
     def resume(self, auxiliary: Array) -> None:
-        """As in FiniteStrainKernel."""
+        """As in Kernel."""
         super().resume(auxiliary)
         self._largest = self.mismatch = 0.0
         if len(auxiliary):
@@ -72,7 +72,7 @@ class LinearlyImplicit(FiniteStrainKernel):
 
     @property
     def messages(self) -> tuple[str, ...]:
-        """As in FiniteStrainKernel."""
+        """As in Kernel."""
         if self.mismatch <= MISMATCH_LIMIT:
             return super().messages
         return (
@@ -83,18 +83,18 @@ class LinearlyImplicit(FiniteStrainKernel):
         )
 
     def rollback(self) -> None:
-        """As in BookedKernel."""
+        """As in Kernel."""
         super().rollback()
         self.auxiliary[:] = self._auxiliary_before
 
     def set_time_step(self, h: float) -> None:
-        """As in BookedKernel."""
-        self.flush()
+        """As in Kernel."""
+        super().set_time_step(h)
         weight = h / 2 + self._body.viscosity
         self._stiff = (2 * weight * self._μ / VOIGT_SHEAR)[:, :, None]
         self._bulk = (weight * self._λ)[:, None]
         self._fixed = 2 / h * np.eye(self._model.order) + self._body.external_damping + h / 2 * self._body.springs
-        self._tangent_inverse, self.h = None, h
+        self._tangent_inverse = None
 
     def reset_buffer(self) -> None:
         """As in Kernel: forgets the tangent."""
@@ -102,7 +102,7 @@ class LinearlyImplicit(FiniteStrainKernel):
         super().reset_buffer()
 
     def step(self, u: Array, obstacles: ObstacleMotion | None = None) -> float:
-        """As in BookedKernel."""
+        """As in Kernel."""
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):  # the caller looks at what comes out
             try:
                 return self._stepped(u, obstacles)
@@ -127,7 +127,7 @@ class LinearlyImplicit(FiniteStrainKernel):
         if self._interface is not None:
             spread = np.linalg.solve(matrix, self._Sᵀ)
             self._delassus = symmetric(self._Sᵀ.T @ spread)
-            contact = self._solve_contact(v, obstacles)
+            contact = self._solve_contact(q, r, v, h, obstacles)
             if contact is not None:
                 v += spread.dot(contact.forces.ravel())
         missed = v - expected
@@ -171,7 +171,7 @@ class LinearlyImplicit(FiniteStrainKernel):
         )
         residual -= self._loads(u, middle)
         if self.contact is not None:
-            residual -= self._Sᵀ.dot(self.contact.forces.ravel())
+            residual -= self._pushed(self.contact)
         expected = v - self._tangent_inverse.dot(residual)
         far = h / 2 * math.sqrt(expected.dot(expected))
         if not math.isfinite(far):

@@ -101,7 +101,7 @@ class FusedMidpoint(_MidpointKernel):
         self._slots: list[Any] = [page[2 * self._m :].data for page in self._pages]  # to write u: twice as fast
 
     def set_time_step(self, h: float) -> None:
-        """Makes the coefficients for another time step, s."""
+        """As in Kernel."""
         self.flush()
         # The method: np.dot first looks for overrides, which takes as long as the product.
         step, account = matrices(self._model, h)
@@ -109,11 +109,7 @@ class FusedMidpoint(_MidpointKernel):
         self.h = h
 
     def step(self, u: Array, obstacles: ObstacleMotion | None = None) -> float:
-        """Takes a step under u (p,), N, and returns |state|², twice the stored energy, J, which need not be finite.
-
-        Raises:
-            ValueError: u has another shape; no step was taken.
-        """
+        """As in Kernel."""
         page = self._page
         if page == PAGES:
             self.reset_buffer()
@@ -153,7 +149,7 @@ class StagedMidpoint(_MidpointKernel):
         self._v, self._right = list(self._velocities), list(self._rights)
 
     def set_time_step(self, h: float) -> None:
-        """Makes the coefficients for another time step, s."""
+        """As in Kernel."""
         self.flush()
         model, ω = self._model, np.sqrt(self._model.eigenvalues)
         a, Ra = compliance(model, h)
@@ -167,7 +163,7 @@ class StagedMidpoint(_MidpointKernel):
         self.h = h
 
     def step(self, u: Array, obstacles: ObstacleMotion | None = None) -> float:
-        """As in FusedMidpoint."""
+        """As in Kernel."""
         page = self._page
         if page == PAGES:
             self.reset_buffer()

@@ -1,20 +1,14 @@
 """Large deformation by Newton's iteration in every step."""
 
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from fenics_rom.errors import StepError
-from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointMotion
-from fenics_rom.mechanics.energy_ledger import EnergyLedger
+from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion
 from fenics_rom.mechanics.hyperelastic import discrete_gradient_stress, linear_stress, moduli
-from fenics_rom.rom.rom import Rom
-from fenics_rom.runtime.steppers.booked_kernel import StepWork, symmetric
 from fenics_rom.runtime.steppers.finite_strain import FiniteStrainKernel, definite_inverse
-
-if TYPE_CHECKING:
-    from fenics_rom.runtime.steppers.contact_interface import ContactInterface
+from fenics_rom.runtime.steppers.kernel import StepWork, symmetric
 
 Array = np.ndarray
 
@@ -32,11 +26,8 @@ class Newton(FiniteStrainKernel):
         cut: number of steps that had to be cut into parts.
     """
 
-    def __init__(self, rom: Rom, ledger: EnergyLedger | None, interface: "ContactInterface | None"):
-        super().__init__(rom, ledger, interface)
-        self._inverse: Array | None = None  # of the last tangent
-        self._delassus_of: Array | None = None  # which the Delassus operator belongs to
-        self.cut = 0
+    _inverse: Array | None = None  # of the last tangent
+    cut: int = 0
 
     @property
     def energy(self) -> float:
@@ -45,21 +36,21 @@ class Newton(FiniteStrainKernel):
 
     @property
     def messages(self) -> tuple[str, ...]:
-        """As in FiniteStrainKernel."""
+        """As in Kernel."""
         if not self.cut:
             return super().messages
         return *super().messages, f"{self.cut} steps were cut into parts, as Newton's iteration did not solve the whole"
 
     def resume(self, auxiliary: Array) -> None:
-        """As in FiniteStrainKernel."""
+        """As in Kernel."""
         super().resume(auxiliary)
         self._inverse = None  # so that what follows does not depend on what was before
         self.cut = 0
 
     def set_time_step(self, h: float) -> None:
-        """As in BookedKernel."""
-        self.flush()
-        self._inverse, self.h = None, h
+        """As in Kernel."""
+        super().set_time_step(h)
+        self._inverse = None
 
     def reset_buffer(self) -> None:
         """As in Kernel: forgets the tangent."""
@@ -67,11 +58,7 @@ class Newton(FiniteStrainKernel):
         super().reset_buffer()
 
     def step(self, u: Array, obstacles: ObstacleMotion | None = None) -> float:
-        """As in BookedKernel.
-
-        Raises:
-            StepError: also where the iteration does not converge, however small the parts of the step.
-        """
+        """As in Kernel; a StepError also where the iteration does not converge, however small the parts of the step."""
         parts = 1
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             while parts <= MAX_PARTS:
@@ -143,10 +130,11 @@ class Newton(FiniteStrainKernel):
                 return None
             if self._inverse is None:
                 self._inverse, fresh = self._tangent_inverse(H, (E + after) / 2, S, h), True
-            contact, pushed = self._contact_of(q, r, v - self._inverse.dot(residual), h, obstacles)
-            residual -= pushed
+            contact = self._solve_contact(q, r, v - self._inverse.dot(residual), h, obstacles)
+            if contact is not None:
+                residual -= self._pushed(contact)
             error = np.abs(residual).max()
-            if error <= CONVERGENCE_TOLERANCE * scale or (error <= STAGNATION_TOLERANCE * scale and error > before / 2):
+            if is_solved(error, before, scale):
                 heat = h * (float(v.dot(drawn)) + float(ω.dot((viscous * rates).sum(axis=0))))
                 return v, force, heat, contact
             if error > FAST_CONTRACTION * before and not fresh:
@@ -158,26 +146,22 @@ class Newton(FiniteStrainKernel):
         return None
 
     def _tangent_inverse(self, H: Array, E: Array, S: Array, h: float) -> Array:
-        """Of 2/h + D + h/2 ∂f̂/∂q (m, m), symmetric; without the stresses' part where that makes it indefinite."""
+        """Of 2/h + D + h/2 ∂f̂/∂q (m, m), symmetric; without the stresses' part where that makes it indefinite.
+
+        The Delassus operator follows it.
+        """
         body, m = self._body, self._model.order
         A = body.strain_rates(H)
         viscous = body.viscosity * moduli("st_venant_kirchhoff", E, body.first_lame, body.shear)
         D = body.weights * (h / 2 * moduli(body.law, E, body.first_lame, body.shear) + viscous)
         DA = np.einsum("cdp,dpk->cpk", D, A).reshape(-1, m)
         matrix = 2 / h * np.eye(m) + body.external_damping + h / 2 * body.springs + A.reshape(-1, m).T.dot(DA)
-        return definite_inverse(matrix + h / 2 * body.geometric(S), matrix)
+        inverse = definite_inverse(matrix + h / 2 * body.geometric(S), matrix)
+        if self._interface is not None:
+            self._delassus = symmetric(self._Sᵀ.T @ inverse @ self._Sᵀ)
+        return inverse
 
-    def _contact_of(
-        self, q: Array, r: Array, free: Array, h: float, obstacles: ObstacleMotion | None
-    ) -> tuple[ContactSolution | None, Array]:
-        """Contact of a step from its mid-step velocity without it, and the generalized forces (m,)."""
-        if self._interface is None or obstacles is None:
-            return None, np.zeros_like(q)
-        assert self._inverse is not None
-        if self._delassus_of is not self._inverse:
-            self._delassus, self._delassus_of = symmetric(self._Sᵀ.T @ self._inverse @ self._Sᵀ), self._inverse
-        points = PointMotion(*(np.stack([q, r, free]) @ self._Sᵀ).reshape(3, -1, 3))
-        contact = self._interface.solve(points, self._delassus, h, obstacles)
-        if contact is None:
-            return None, np.zeros_like(q)
-        return contact, self._Sᵀ.dot(contact.forces.ravel())
+
+def is_solved(error: float, before: float, scale: float) -> bool:
+    """Whether forces out of balance, here and an iteration before, are nothing or round-off beside the largest one."""
+    return error <= CONVERGENCE_TOLERANCE * scale or (error <= STAGNATION_TOLERANCE * scale and error > before / 2)

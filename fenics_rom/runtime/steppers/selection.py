@@ -13,10 +13,11 @@ from fenics_rom.mechanics.step import FINITE_STRAIN_STEPPERS
 from fenics_rom.rom.rom import ContactModel, Rom
 from fenics_rom.runtime.steppers.kernel import Kernel
 from fenics_rom.runtime.steppers.midpoint_kernels import fastest_kernel
-from fenics_rom.runtime.steppers.stepper import LinearStepper, ReducedStepper
+from fenics_rom.runtime.steppers.stepper import FiniteStrainStepper, LinearStepper, ReducedStepper
 
 if TYPE_CHECKING:
     from fenics_rom.mechanics.active_environment import ActiveEnvironment
+    from fenics_rom.runtime.steppers.finite_strain import FiniteStrainKernel
 
 LINEARLY_IMPLICIT_STEPS = 40  # in a period of the slowest mode, from which on the linearly implicit step pays
 
@@ -44,9 +45,9 @@ def make_stepper(
         if interface is not None:
             interface.check_start()
     if rom.deformation is not None:
-        from fenics_rom.runtime.steppers.finite_strain_stepper import FiniteStrainStepper
-
-        return FiniteStrainStepper(rom, dt, interface, ledger, *_finite_strain_kind(rom, dt, kind, has_inertia))
+        suited, reason = _finite_strain_kind(rom, dt, kind, has_inertia)
+        kernel = _finite_strain_kernel(suited)(rom, ledger, interface)
+        return FiniteStrainStepper(rom, dt, interface, kernel, suited, reason)
     if kind is not None:
         raise StepError(f"stepper = {kind!r}: belongs to large deformation, which ROM {rom.name!r} has not")
     rigid_displacement = np.zeros(rom.rigid)
@@ -54,12 +55,11 @@ def make_stepper(
     if interface is None and has_inertia:
         make_kernel = partial(fastest_kernel, ledger=ledger, rigid_displacement=rigid_displacement)
     else:
-        from fenics_rom.runtime.steppers.booked_kernel import BookedKernel
         from fenics_rom.runtime.steppers.linear_kernels import ContactMidpoint, QuasiStatic
 
-        kernel: type[BookedKernel] = ContactMidpoint if has_inertia else QuasiStatic
-        make_kernel = partial(kernel, ledger=ledger, rigid_displacement=rigid_displacement, interface=interface)
-    return LinearStepper(rom, dt, interface, rigid_displacement, "midpoint", "the model is linear", make_kernel)
+        booked = ContactMidpoint if has_inertia else QuasiStatic
+        make_kernel = partial(booked, ledger=ledger, rigid_displacement=rigid_displacement, interface=interface)
+    return LinearStepper(rom, dt, interface, rigid_displacement, make_kernel)
 
 
 def _finite_strain_kind(rom: Rom, dt: float, kind: str | None, has_inertia: bool) -> tuple[str, str]:
@@ -77,3 +77,18 @@ def _finite_strain_kind(rom: Rom, dt: float, kind: str | None, has_inertia: bool
     if steps >= limit:
         return "linearly-implicit", f"{steps:.0f} steps in a period of the slowest mode, from {limit} on it pays"
     return "newton", f"{steps:.1f} steps in a period of the slowest mode, below {limit} iteration pays"
+
+
+def _finite_strain_kernel(kind: str) -> "type[FiniteStrainKernel]":
+    """The kernel of a kind; only that one is imported."""
+    if kind == "newton":
+        from fenics_rom.runtime.steppers.newton import Newton
+
+        return Newton
+    if kind == "linearly-implicit":
+        from fenics_rom.runtime.steppers.linearly_implicit import LinearlyImplicit
+
+        return LinearlyImplicit
+    from fenics_rom.runtime.steppers.equilibrium import Equilibrium
+
+    return Equilibrium

@@ -14,6 +14,7 @@ from fenics_rom.runtime.switching import Projections
 
 if TYPE_CHECKING:
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
+    from fenics_rom.runtime.steppers.finite_strain import FiniteStrainKernel
 
 Array = np.ndarray
 
@@ -34,9 +35,6 @@ class ReducedStepper:
         contact_mode: the active one.
         rigid_displacement: along the rigid motions (ρ,), as far as it is booked.
     """
-
-    kernel: Kernel
-    contact_mode: str
 
     def __init__(
         self,
@@ -95,17 +93,16 @@ class ReducedStepper:
     def set_state(self, q: Array, r: Array) -> None:
         """Puts the body at the reduced displacement q and velocity r of the active contact mode, (m,) each."""
         self.flush()
-        self.rigid_displacement[:] = q[: len(self.rigid_displacement)]
         ω = np.sqrt(self._rom.contact_models[self.contact_mode].eigenvalues)
+        self.rigid_displacement[:] = q[: len(self.rigid_displacement)]
         self.kernel.state[:] = np.concatenate([ω * q, r])
         self.kernel.resume(np.empty(0))
 
     def reset(self) -> None:
         """Back to rest in the first contact mode."""
         self.flush()
-        self.rigid_displacement[:] = 0
         self._enter(next(iter(self._rom.contact_models)))
-        self.kernel.state[:] = 0
+        self.rigid_displacement[:] = self.kernel.state[:] = 0
         self.kernel.resume(np.empty(0))
         self.kernel.contact = None
         if self.interface is not None:
@@ -137,9 +134,9 @@ class ReducedStepper:
     def restore(self, contact: str, state: StepperState, dt: float) -> None:
         """Goes back to a snapshot that was taken in a contact mode, and on with steps of dt, s."""
         self.flush()
-        self.rigid_displacement[:] = state.rigid_displacement
         self._dt = dt
         self._enter(contact)
+        self.rigid_displacement[:] = state.rigid_displacement
         self.kernel.state[:] = state.state
         self.kernel.resume(state.auxiliary)
         self.kernel.contact = state.contact
@@ -155,6 +152,13 @@ class ReducedStepper:
 
     def _enter(self, contact: str) -> None:
         """Makes a contact mode active, with whatever state its kernel has."""
+        self.contact_mode, self.kernel = contact, self._kernel_of(contact)
+        self.kernel.reset_buffer()
+        if self.kernel.h != self._dt:
+            self.kernel.set_time_step(self._dt)
+
+    def _kernel_of(self, contact: str) -> Kernel:
+        """What takes the step in a contact mode."""
         raise NotImplementedError
 
 
@@ -162,7 +166,7 @@ class LinearStepper(ReducedStepper):
     """A kernel for each contact mode, and projections that carry the state between them.
 
     Args:
-        rom, dt, interface, rigid_displacement, kind, reason: as in ReducedStepper.
+        rom, dt, interface, rigid_displacement: as in ReducedStepper.
         make_kernel: of a contact model.
     """
 
@@ -172,16 +176,14 @@ class LinearStepper(ReducedStepper):
         dt: float,
         interface: "ContactInterface | None",
         rigid_displacement: Array,
-        kind: str,
-        reason: str,
         make_kernel: Callable[[ContactModel], Kernel],
     ):
         self._make_kernel, self._projections = make_kernel, Projections(rom)
         self._kernels: dict[str, Kernel] = {}
-        super().__init__(rom, dt, interface, rigid_displacement, kind, reason)
+        super().__init__(rom, dt, interface, rigid_displacement, "midpoint", "the model is linear")
 
     def switch(self, contact: str) -> float:
-        """As in ReducedStepper: projections that never add energy."""
+        """See Stepper; projections never add energy."""
         self.flush()
         left = self.kernel
         potential, kinetic = self._projections.between(self.contact_mode, contact)
@@ -192,14 +194,40 @@ class LinearStepper(ReducedStepper):
         np.dot(kinetic, before[m:], out=after[n:])
         return float(before.dot(before)) / 2 - float(after.dot(after)) / 2
 
-    def _enter(self, contact: str) -> None:
-        """As in ReducedStepper."""
+    def _kernel_of(self, contact: str) -> Kernel:
         if contact not in self._kernels:
             self._kernels[contact] = self._make_kernel(self._rom.contact_models[contact])
-        self.contact_mode, self.kernel = contact, self._kernels[contact]
-        self.kernel.reset_buffer()
-        if self.kernel.h != self._dt:
-            self.kernel.set_time_step(self._dt)
+        return self._kernels[contact]
+
+
+class FiniteStrainStepper(ReducedStepper):
+    """One kernel for all contact modes, which share a basis: a switch changes the inputs only, and loses nothing.
+
+    Args:
+        rom, dt, interface, kind, reason: as in ReducedStepper.
+        kernel: of large deformation.
+    """
+
+    def __init__(
+        self,
+        rom: Rom,
+        dt: float,
+        interface: "ContactInterface | None",
+        kernel: "FiniteStrainKernel",
+        kind: str,
+        reason: str,
+    ):
+        self._only_kernel = kernel
+        super().__init__(rom, dt, interface, np.empty(0), kind, reason)
+
+    def switch(self, contact: str) -> float:
+        """See Stepper."""
+        self._enter(contact)
+        return 0.0
+
+    def _kernel_of(self, contact: str) -> Kernel:
+        self._only_kernel.enter(self._rom.contact_models[contact])
+        return self._only_kernel
 
 
 def _read_only(array: Array) -> Array:

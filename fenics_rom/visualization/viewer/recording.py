@@ -10,8 +10,8 @@ import numpy as np
 
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.rom.rom import Rom
+from fenics_rom.runtime.simulated_body import SimulatorState
 from fenics_rom.runtime.simulator import Simulator
-from fenics_rom.runtime.simulator_state import SimulatorState
 from fenics_rom.trajectory.trajectory import Trajectory, TrajectoryRecorder
 
 Array = np.ndarray
