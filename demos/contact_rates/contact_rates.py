@@ -32,7 +32,7 @@ import numpy as np
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning
 from fenics_rom.io.markdown import markdown
-from fenics_rom.runtime.steppers.midpoint_kernels import FusedMidpoint
+from fenics_rom.runtime.steppers.midpoint import FusedMidpoint
 from fenics_rom.scene.file import parse_scene
 
 OUT = Path(__file__).parent / "out"

@@ -11,7 +11,7 @@ from rows import Row, said
 import fenics_rom as fr
 from fenics_rom.errors import SolverError, StepError
 from fenics_rom.fem.linear_stepper import FullOrderStepper
-from fenics_rom.runtime.steppers.midpoint_kernels import LARGEST_FUSED_ORDER
+from fenics_rom.runtime.steppers.midpoint import LARGEST_FUSED_ORDER
 
 BEAM = (0.4, 0.1, 0.1)  # m
 PUSH = (0.0, 0.0, 0.1)  # N

@@ -19,8 +19,7 @@ from numpy.typing import ArrayLike, DTypeLike
 
 from fenics_rom.errors import StepError, unknown
 from fenics_rom.rom.rom import Rom
-from fenics_rom.runtime.batch_layout import BatchLayout, Bodies, Segment
-from fenics_rom.runtime.batch_models import PaddedModels
+from fenics_rom.runtime.batch_arrays import BatchLayout, Bodies, PaddedModels, Segment
 from fenics_rom.runtime.environment_inputs import fit_loads
 from fenics_rom.runtime.steppers.midpoint import checked_dt
 

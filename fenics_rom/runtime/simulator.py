@@ -21,7 +21,6 @@ if TYPE_CHECKING:
     from fenics_rom.mechanics.active_environment import ActiveEnvironment
     from fenics_rom.mechanics.environment import HasEnvironment
     from fenics_rom.mechanics.signals import SignalLike
-    from fenics_rom.runtime.environment_inputs import EnvironmentInputs
     from fenics_rom.runtime.rollout import Rollout
 
 Array = np.ndarray
@@ -75,19 +74,18 @@ class Simulator(SimulatedBody):
     ):
         self._origin = rom, scene, signals, stepper
         self.environment: ActiveEnvironment | None = None
-        if not rom.environment.is_plain or scene is not None or signals:
-            from fenics_rom.runtime.environment_inputs import (
-                fit_environment,  # bodies on which nothing acts start sooner
-            )
+        self._source: EnvironmentInputs | None = None
+        if not rom.environment.is_plain or scene is not None or signals:  # others start sooner without this import
+            from fenics_rom.runtime.environment_inputs import EnvironmentInputs, fit_environment
 
             rom, self.environment = fit_environment(rom, None if scene is None else scene.environment, signals)
+            self._source = None if self.environment is None else EnvironmentInputs(rom, self.environment)
         self.rom = rom
         self.steps = 0
         self._dt, self._since = checked_dt(dt), (0.0, 0)
-        self.ledger = EnergyLedger(self._flush) if ledger else None
+        self.ledger = EnergyLedger(lambda: self._stepper.flush()) if ledger else None
         self.loss = SwitchLoss()
         self._stepper = make_stepper(rom, self._dt, self.environment, self.ledger, stepper)
-        self._source = None if self.environment is None else _source_of(rom, self.environment)
         self._monitor = LinearityMonitor(rom, self._rigid_displacement)
         self._readings: dict[tuple[str, str], Array] = {}
         self._rollout: Rollout | None = None
@@ -224,10 +222,8 @@ class Simulator(SimulatedBody):
 
     def _wrong_input(self, u: object) -> str:
         given = f"an array of shape {u.shape}" if isinstance(u, np.ndarray) else repr(u)[:80]
-        return (
-            f"step {self.steps}: input of contact mode {self.contact!r}: allowed are {self.inputs} numbers in N, "
-            f"given: {given}"
-        )
+        allowed = f"input of contact mode {self.contact!r}: allowed are {self.inputs} numbers in N"
+        return f"step {self.steps}: {allowed}, given: {given}"
 
     def rollout(
         self,
@@ -308,25 +304,14 @@ class Simulator(SimulatedBody):
     def __deepcopy__(self, memo: object) -> "Simulator":
         return copy(self)  # the ROM is shared
 
-    def _flush(self) -> None:
-        """Books what the steps so far supplied and dissipated."""
-        self._stepper.flush()
-
     def _enter(self) -> None:
         """Follows the stepper to the contact mode that it is in."""
-        contact = self.contact
-        self._order = self.rom.contact_models[contact].order
-        self._width = self.rom.contact_models[contact].inputs.shape[1] - sum(self.rom.loads.values())
-        self._safe_frequencies = self.rom.contact_models[contact].safe_frequencies
-        self._monitor_threshold = self._monitor.enter(contact)
+        model = self.rom.contact_models[self.contact]
+        self._order, self._safe_frequencies = model.order, model.safe_frequencies
+        self._width = model.inputs.shape[1] - sum(self.rom.loads.values())
+        self._monitor_threshold = self._monitor.enter(self.contact)
         # Where nothing acts but inputs, a step is one call that allocates nothing.
         self._advance = self._stepper.kernel.step if self.environment is None else self._advance_in_environment
-
-
-def _source_of(rom: Rom, environment: "ActiveEnvironment") -> "EnvironmentInputs":
-    from fenics_rom.runtime.environment_inputs import EnvironmentInputs
-
-    return EnvironmentInputs(rom, environment)
 
 
 def _revived(

@@ -22,7 +22,7 @@ from fenics_rom.reduction import gramians, validation
 from fenics_rom.reduction import reduce as reduction
 from fenics_rom.reduction.methods import balanced
 from fenics_rom.runtime import rollout, switching
-from fenics_rom.runtime.steppers import midpoint, midpoint_kernels
+from fenics_rom.runtime.steppers import midpoint
 
 FOLDER = Path(__file__).parents[2] / "demos" / "hard_cases"
 KINDS = ("contact", "damping", "material", "order", "precision", "shape", "steps", "support")
@@ -101,7 +101,7 @@ def work_that_is_not_booked(patch, demo):
         after, account = right(mode, h)
         return after, 0.9 * account
 
-    for module in (midpoint_kernels, rollout):
+    for module in (midpoint, rollout):
         patch.setattr(module, "matrices", off)
 
 

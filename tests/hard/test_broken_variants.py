@@ -11,7 +11,7 @@ import pytest
 import fenics_rom as fr
 from fenics_rom.reduction import validation
 from fenics_rom.runtime import rollout, simulator, switching
-from fenics_rom.runtime.steppers import midpoint, midpoint_kernels
+from fenics_rom.runtime.steppers import midpoint
 
 FOLDER = Path(__file__).parents[2] / "demos" / "hard_cases"
 pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
@@ -114,7 +114,7 @@ def account_of(mode, h, after):
 
 @pytest.mark.parametrize("step", [explicit_euler, central_differences, unsymmetric_stiffness])
 def test_other_steps(demo, rom, undamped, step, monkeypatch):
-    for module in (midpoint_kernels, rollout):
+    for module in (midpoint, rollout):
         monkeypatch.setattr(module, "matrices", step)
     found = rides(demo, rom)
     assert found["any steps"]
@@ -144,7 +144,7 @@ def test_an_account_that_is_off(demo, rom, factor, monkeypatch):
         after, account = right(mode, h)
         return after, factor * account
 
-    for module in (midpoint_kernels, rollout):
+    for module in (midpoint, rollout):
         monkeypatch.setattr(module, "matrices", off)
     assert all("gap of the energy account" in claims for claims in rides(demo, rom).values())
 
@@ -194,7 +194,7 @@ def test_displacement_along_rigid_motions_that_is_not_booked(demo, monkeypatch):
     system = demo.boxes.box(demo.support.LENGTHS, demo.support.BRICKS, clamped=False)
     rom = fr.reduce(system, order=20)
     assert demo.measures.both_runs(system, rom, demo.support.PUSH, dt=1e-3).error <= 1e-3
-    monkeypatch.setattr(midpoint_kernels._MidpointKernel, "flush", lambda self: None)
+    monkeypatch.setattr(midpoint._MidpointKernel, "flush", lambda self: None)
     assert demo.measures.both_runs(system, rom, demo.support.PUSH, dt=1e-3).error > 0.1
 
 

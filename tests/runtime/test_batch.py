@@ -93,7 +93,7 @@ def moving(rom, size, seed=0, **choice):
 @pytest.fixture(autouse=True)
 def _small_chunks(monkeypatch):
     """Of some twenty bodies, so that small batches have several."""
-    monkeypatch.setattr("fenics_rom.runtime.batch_layout.CHUNK_BYTES", 1 << 13)
+    monkeypatch.setattr("fenics_rom.runtime.batch_arrays.CHUNK_BYTES", 1 << 13)
 
 
 @pytest.fixture(scope="module", params=[False, True], ids=["diagonal", "dense"])

@@ -15,7 +15,7 @@ import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning, SceneError, StepError
 from fenics_rom.fem.simulator import FullOrderSimulator
 from fenics_rom.runtime.steppers.linear_kernels import ContactMidpoint, QuasiStatic
-from fenics_rom.runtime.steppers.midpoint_kernels import FusedMidpoint
+from fenics_rom.runtime.steppers.midpoint import FusedMidpoint
 from fenics_rom.scene.file import parse_scene
 
 CLOSES_TO = 1e-12  # of the largest energy or work seen

@@ -16,7 +16,7 @@ from fenics_rom.errors import FenicsRomWarning, StepError, StructureError
 from fenics_rom.fem.linear_stepper import FullOrderStepper
 from fenics_rom.rom.rom import ContactModel, check_rom, diagonalized_span
 from fenics_rom.runtime.linearity_monitor import ReducedGauges, gauge_basis
-from fenics_rom.runtime.steppers.midpoint_kernels import FusedMidpoint, StagedMidpoint
+from fenics_rom.runtime.steppers.midpoint import FusedMidpoint, StagedMidpoint
 
 GRAVITY = 9.81
 

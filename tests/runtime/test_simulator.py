@@ -12,7 +12,7 @@ from test_energy_laws import random_rom
 import fenics_rom as fr
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
-from fenics_rom.runtime.steppers.midpoint_kernels import LARGEST_FUSED_ORDER
+from fenics_rom.runtime.steppers.midpoint import LARGEST_FUSED_ORDER
 
 
 def pushed(rom, **choice):

@@ -12,7 +12,7 @@ from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.step import FINITE_STRAIN_STEPPERS
 from fenics_rom.rom.rom import ContactModel, Rom
 from fenics_rom.runtime.steppers.kernel import Kernel
-from fenics_rom.runtime.steppers.midpoint_kernels import fastest_kernel
+from fenics_rom.runtime.steppers.midpoint import fastest_kernel
 from fenics_rom.runtime.steppers.stepper import FiniteStrainStepper, LinearStepper, ReducedStepper
 
 if TYPE_CHECKING:

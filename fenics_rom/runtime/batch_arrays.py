@@ -1,0 +1,237 @@
+"""The arrays of a batch: models of one shape, and bodies in rows sorted by contact mode, in chunks that fit the cache.
+
+Models of lower order are filled with zeros. The coefficients of a step are written out for every row, so that
+elementwise products need no gathering. A switch only says which contact mode a body is in; before the next step, the
+few rows that are then in another mode's place change places.
+"""
+
+from collections.abc import Sequence
+from itertools import pairwise
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from fenics_rom.errors import StepError, unknown
+from fenics_rom.rom.rom import Rom
+from fenics_rom.runtime.steppers.midpoint import compliance
+from fenics_rom.runtime.switching import Projections
+
+Array = np.ndarray
+Bodies = int | Sequence[int] | Sequence[bool] | Array | None
+
+CHUNK_BYTES = 1 << 19  # that the six arrays of a chunk may fill: half of a usual second-level cache
+
+
+class StepCoefficients(NamedTuple):
+    """What a step of one length multiplies with, for each of c contact models.
+
+    Attributes:
+        factors: (2, c, m) of x and of r: -a h²/4 γ and a, or without a where that is dense.
+        push: (c, p, m) a h/2 G.
+        coupling: where the damping is dense, aᵀ (m, m) and (R a)ᵀ (m, m), else None.
+    """
+
+    factors: Array
+    push: Array
+    coupling: list[tuple[Array, Array] | None]
+
+
+class PaddedModels:
+    """The c contact models of a ROM, with the largest of their orders m and of their contact columns.
+
+    Attributes:
+        names: of the contact modes.
+        orders: (c,).
+        contact_columns: of the contact mode that has most.
+        frequencies: ω = √γ (c, m), rad/s; 1 where a model has less, as there x = 0.
+        inputs: G (c, p, m).
+        dissipation: of each, (m,), what makes wᵀDw/2 of the squares of w, or of those of R w where D is dense.
+    """
+
+    def __init__(self, rom: Rom, dtype: np.dtype):
+        self._rom, self._dtype = rom, dtype
+        models = rom.contact_models.values()
+        self.names = list(rom.contact_models)
+        self.contact_columns = max(rom.contacts.values())
+        self.orders = np.array([model.order for model in models])
+        m = self.orders.max()
+        p = self.contact_columns + sum(rom.actuators.values()) + sum(rom.loads.values())
+        self.frequencies = np.ones((len(self.names), m))
+        self.inputs = np.zeros((len(self.names), p, m), dtype)
+        for ω, G, model, contact in zip(self.frequencies, self.inputs, models, rom.contacts.values(), strict=True):
+            ω[: model.order] = np.sqrt(model.eigenvalues)
+            G[:contact, : model.order] = model.inputs[:, :contact].T
+            G[self.contact_columns :, : model.order] = model.inputs[:, contact:].T
+        self.dissipation = [
+            (_pad(model.damping / 2, (m,)) if model.damping.ndim == 1 else np.ones(m) / 2).astype(dtype)
+            for model in models
+        ]
+        self._projections = Projections(rom)
+        self._switch_maps: dict[tuple[int, int], Array] = {}
+        self._output_maps: dict[str, list[Array]] = {}
+
+    def step_coefficients(self, h: float) -> StepCoefficients:
+        """Those of steps of length h, s."""
+        factors, push = np.zeros((2, *self.frequencies.shape), self._dtype), np.empty(self.inputs.shape, self._dtype)
+        coupling: list[tuple[Array, Array] | None] = []
+        for k, model in enumerate(self._rom.contact_models.values()):
+            a, Ra = (4 / h * part for part in compliance(model, h))
+            dense = a.ndim == 2
+            angles = h / 2 * self.frequencies[k]
+            diagonal = _pad(np.ones(model.order) if dense else a, angles.shape)
+            factors[:, k] = -diagonal * angles**2, diagonal
+            push[k] = diagonal * (h / 2 * self.inputs[k])
+            square = (len(diagonal),) * 2
+            maps = [_pad(part.T, square).astype(self._dtype) for part in (a, Ra)] if dense else None
+            coupling.append(None if maps is None else (maps[0], maps[1]))
+        return StepCoefficients(factors, push, coupling)
+
+    def switch_map(self, start: int, end: int) -> Array:
+        """What takes the rows x and r of one contact mode to another's, (2, m, m)."""
+        if (start, end) not in self._switch_maps:
+            potential, kinetic = self._projections.between(self.names[start], self.names[end])
+            m, rigid = self.frequencies.shape[1], self._rom.rigid
+            maps = _pad(np.stack([potential.T, kinetic.T]), (2, m, m))
+            ω = self.frequencies[end]
+            maps[0] *= self.frequencies[start][:, None] / np.where(ω > 0, ω, np.inf)
+            maps[0, :rigid, :rigid] = np.eye(rigid)
+            self._switch_maps[start, end] = maps.astype(self._dtype)
+        return self._switch_maps[start, end]
+
+    def output_maps(self, output: str) -> list[Array]:
+        """What takes rows of each contact mode to a named output, (m, rows).
+
+        Raises:
+            StepError: no such output.
+        """
+        if output not in self._rom.outputs:
+            raise StepError(unknown("output", output, self._rom.outputs))
+        if output not in self._output_maps:
+            rows, m = self._rom.outputs[output], self.frequencies.shape[1]
+            maps = [(rows @ model.coordinates).T for model in self._rom.contact_models.values()]
+            self._output_maps[output] = [_pad(map, (m, map.shape[1])).astype(self._dtype) for map in maps]
+        return self._output_maps[output]
+
+
+def _pad(part: Array, shape: tuple[int, ...]) -> Array:
+    """An array of that shape, zero beyond the part."""
+    whole = np.zeros(shape)
+    whole[tuple(slice(n) for n in part.shape)] = part
+    return whole
+
+
+class Segment(NamedTuple):
+    """The bodies of a chunk that are in the same contact mode; arrays are views."""
+
+    mode: int
+    rows: slice
+    u: Array
+    w: Array
+    spare: Array
+
+
+class Chunk(NamedTuple):
+    """Rows that go through the step together; arrays are views, (rows, m)."""
+
+    x: Array
+    r: Array
+    elastic: Array
+    inertial: Array
+    w: Array
+    spare: Array
+    segments: list[Segment]
+
+
+class BatchLayout:
+    """The rows of all bodies, which begin in the first contact mode.
+
+    Attributes:
+        mode: (size,) of each body.
+        row: (size,) of each body.
+        body: (size,) of each row.
+        state: (2, size, m) x and r, by rows.
+        inputs: (size, p) by rows, N.
+    """
+
+    def __init__(self, size: int, modes: int, order: int, inputs: int, dtype: np.dtype):
+        self.mode, self.row, self.body = np.zeros(size, dtype=int), np.arange(size), np.arange(size)
+        self.state = np.zeros((2, size, order), dtype)
+        self.inputs = np.empty((size, inputs), dtype)
+        self._modes = modes
+        self._coefficients = np.empty((2, size, order), dtype)
+        self._written = np.full(size, -1)  # the mode whose coefficients are in each row
+        self._chunks: list[Chunk] | None = None  # None: rows are not sorted, or coefficients not written
+        chunks = -(-6 * size * order * dtype.itemsize // CHUNK_BYTES)
+        self._buffers = np.empty((2, -(-size // chunks), order), dtype)
+
+    def __getstate__(self) -> dict[str, Any]:
+        return vars(self) | {"_chunks": None}  # its views would be copies of their own
+
+    def select(self, bodies: Bodies) -> Array:
+        """Indices of bodies; a StepError where they are not None (all), a mask or distinct indices."""
+        size = len(self.mode)
+        if bodies is None:
+            return np.arange(size)
+        selected = np.atleast_1d(bodies)
+        if selected.dtype == bool and selected.shape == (size,):
+            return np.flatnonzero(selected)
+        if selected.size == 0:
+            return np.empty(0, dtype=int)
+        distinct = selected.ndim == 1 and selected.dtype.kind in "iu" and len(np.unique(selected)) == len(selected)
+        if not (distinct and selected.min() >= 0 and selected.max() < size):
+            raise StepError(f"bodies: allowed are None, a mask ({size},) or distinct indices below {size}")
+        return selected
+
+    def enter(self, bodies: Array, modes: Array) -> None:
+        """Says which contact modes bodies are in from now on."""
+        if (self.mode[bodies] != modes).any():
+            self.mode[bodies] = modes
+            self._chunks = None
+
+    def reset(self, bodies: Array) -> None:
+        """Puts bodies at rest in the first contact mode; all of them go on as those of a new batch, to the bit."""
+        self.state[:, self.row[bodies]] = 0
+        self.enter(bodies, np.zeros(len(bodies), dtype=int))
+        if len(bodies) == len(self.body):  # products round by the place of a row
+            self.row[:] = self.body[:] = np.arange(len(bodies))
+            self._chunks = None
+
+    def discard_coefficients(self) -> None:
+        """Has the coefficients written anew before the next step."""
+        self._written[:] = -1
+        self._chunks = None
+
+    def sort(self, factors: Array) -> list[Chunk]:
+        """The chunks of the next step, by its factors (2, modes, m); as few rows as may be change places."""
+        if self._chunks is not None:
+            return self._chunks
+        counts = np.bincount(self.mode, minlength=self._modes)
+        modes = np.repeat(np.arange(self._modes), counts)
+        now = self.mode[self.body]
+        places = np.flatnonzero(now != modes)
+        sources = places[np.argsort(now[places], kind="stable")]
+        self.state[:, places] = self.state[:, sources]
+        self.body[places] = self.body[sources]
+        self.row[self.body[places]] = places
+        places = np.flatnonzero(self._written != modes)
+        self._coefficients[:, places] = factors[:, modes[places]]
+        self._written = modes
+        self._chunks = self._cut(modes, counts)
+        return self._chunks
+
+    def _cut(self, modes: Array, counts: Array) -> list[Chunk]:
+        """Chunks of sorted rows, whose contact modes are given, (size,), and how many rows each has."""
+        size, length = len(modes), self._buffers.shape[1]
+        bounds = np.union1d(np.arange(0, size, length), np.cumsum(counts)).tolist()
+        chunks = []
+        for first in range(0, size, length):
+            rows = slice(first, min(first + length, size))
+            (x, r), (elastic, inertial) = self.state[:, rows], self._coefficients[:, rows]
+            w, spare = self._buffers[:, : rows.stop - first]
+            segments = []
+            for start, stop in pairwise(bound for bound in bounds if rows.start <= bound <= rows.stop):
+                within = slice(start - first, stop - first)
+                mode = int(modes[start])
+                segments.append(Segment(mode, slice(start, stop), self.inputs[start:stop], w[within], spare[within]))
+            chunks.append(Chunk(x, r, elastic, inertial, w, spare, segments))
+        return chunks
