@@ -23,30 +23,15 @@ CHUNK_BYTES = 1 << 19  # that the six arrays of a chunk may fill: half of a usua
 
 
 class StepCoefficients(NamedTuple):
-    """What a step of one length multiplies with, for each of c contact models.
+    """What a step of one length multiplies with, for each of c contact models."""
 
-    Attributes:
-        factors: (2, c, m) of x and of r: -a h²/4 γ and a, or without a where that is dense.
-        push: (c, p, m) a h/2 G.
-        coupling: where the damping is dense, aᵀ (m, m) and (R a)ᵀ (m, m), else None.
-    """
-
-    factors: Array
-    push: Array
-    coupling: list[tuple[Array, Array] | None]
+    factors: Array  # (2, c, m) of x and of r: -a h²/4 γ and a, or without a where that is dense
+    push: Array  # (c, p, m) a h/2 G
+    coupling: list[tuple[Array, Array] | None]  # where the damping is dense, aᵀ (m, m) and (R a)ᵀ (m, m)
 
 
 class PaddedModels:
-    """The c contact models of a ROM, with the largest of their orders m and of their contact columns.
-
-    Attributes:
-        names: of the contact modes.
-        orders: (c,).
-        contact_columns: of the contact mode that has most.
-        frequencies: ω = √γ (c, m), rad/s; 1 where a model has less, as there x = 0.
-        inputs: G (c, p, m).
-        dissipation: of each, (m,), what makes wᵀDw/2 of the squares of w, or of those of R w where D is dense.
-    """
+    """The c contact models of a ROM, with the largest of their orders m and of their contact columns."""
 
     def __init__(self, rom: Rom, dtype: np.dtype):
         self._rom, self._dtype = rom, dtype
@@ -56,12 +41,13 @@ class PaddedModels:
         self.orders = np.array([model.order for model in models])
         m = self.orders.max()
         p = self.contact_columns + sum(rom.actuators.values()) + sum(rom.loads.values())
-        self.frequencies = np.ones((len(self.names), m))
-        self.inputs = np.zeros((len(self.names), p, m), dtype)
+        self.frequencies = np.ones((len(self.names), m))  # ω = √γ, rad/s; 1 where a model has less, as there x = 0
+        self.inputs = np.zeros((len(self.names), p, m), dtype)  # G
         for ω, G, model, contact in zip(self.frequencies, self.inputs, models, rom.contacts.values(), strict=True):
             ω[: model.order] = np.sqrt(model.eigenvalues)
             G[:contact, : model.order] = model.inputs[:, :contact].T
             G[self.contact_columns :, : model.order] = model.inputs[:, contact:].T
+        # What makes wᵀDw/2 of the squares of w, or of those of R w where D is dense.
         self.dissipation = [
             (_pad(model.damping / 2, (m,)) if model.damping.ndim == 1 else np.ones(m) / 2).astype(dtype)
             for model in models
@@ -99,11 +85,7 @@ class PaddedModels:
         return self._switch_maps[start, end]
 
     def output_maps(self, output: str) -> list[Array]:
-        """What takes rows of each contact mode to a named output, (m, rows).
-
-        Raises:
-            StepError: no such output.
-        """
+        """What takes rows of each contact mode to a named output, (m, rows); a StepError where there is none."""
         if output not in self._rom.outputs:
             raise StepError(unknown("output", output, self._rom.outputs))
         if output not in self._output_maps:
@@ -145,12 +127,8 @@ class Chunk(NamedTuple):
 class BatchLayout:
     """The rows of all bodies, which begin in the first contact mode.
 
-    Attributes:
-        mode: (size,) of each body.
-        row: (size,) of each body.
-        body: (size,) of each row.
-        state: (2, size, m) x and r, by rows.
-        inputs: (size, p) by rows, N.
+    `mode` and `row` (size,) are of each body, `body` (size,) of each row; `state` (2, size, m), which is x and r, and
+    `inputs` (size, p), N, are in the order of the rows.
     """
 
     def __init__(self, size: int, modes: int, order: int, inputs: int, dtype: np.dtype):

@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from fenics_rom.errors import SceneError, StepError, unknown
+from fenics_rom.errors import SceneError, StepError
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.environment import PERMANENT_EFFECTS, Environment
 from fenics_rom.mechanics.signals import SignalLike
@@ -117,15 +117,3 @@ class EnvironmentInputs:
                 raise ValueError
             u = np.concatenate([np.zeros(width - len(u)), u])
         return self.environment.step_input(u, time, dt)
-
-    def contact_forces(self, stepper: ReducedStepper, obstacle: str | None) -> Array:
-        """As Simulator.contact_forces."""
-        interface, contact = stepper.interface, stepper.contact
-        if interface is None:
-            raise StepError("there are no contact forces: the scene has no contact")
-        names = list(self.environment.obstacles)
-        if obstacle is not None and obstacle not in names:
-            raise StepError(unknown("obstacle", obstacle, names))
-        if obstacle is None:
-            return np.zeros(interface.points.coordinates.shape) if contact is None else contact.forces
-        return np.zeros(3) if contact is None else contact.by_obstacle[names.index(obstacle)]

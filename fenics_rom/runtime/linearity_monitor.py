@@ -21,12 +21,8 @@ ROTATION_ROUND_OFF = 1e-9  # share of the largest slope of the basis that is non
 class LinearityMonitor:
     """Looks at the surface of a body when its stored energy would allow it to turn or strain too far.
 
-    Args:
-        rom: the reduced model; without a mesh there is nothing to look at.
-        rigid: gives the displacement along the rigid motions (ρ,), which energy coordinates do not hold.
-
-    Attributes:
-        peak: how far the surface went, of all looks.
+    `rigid` gives the displacement along the rigid motions (ρ,), which energy coordinates do not hold; `peak` is how far
+    the surface went, of all looks. Without a mesh there is nothing to look at.
     """
 
     def __init__(self, rom: Rom, rigid: Callable[[], Array] = lambda: np.empty(0)):

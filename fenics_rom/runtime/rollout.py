@@ -29,20 +29,13 @@ MAX_KEPT_PROPAGATORS = 32  # step sizes that never come back must not pile up
 
 
 class BlockPropagator(NamedTuple):
-    """The map of L steps.
+    """The map of L steps; S and H are None where no account is kept."""
 
-    Attributes:
-        length: L.
-        state: [Φᴸ Γ] (2m, 2m + p L).
-        outputs: O (rows, 2m + p L), of every instant at which the outputs are read.
-        supplied, dissipated: S and H (2m + p L, 2m + p L), J; None where no account is kept.
-    """
-
-    length: int
-    state: Array
-    outputs: Array
-    supplied: Array | None = None
-    dissipated: Array | None = None
+    length: int  # L
+    state: Array  # [Φᴸ Γ] (2m, 2m + p L)
+    outputs: Array  # O (rows, 2m + p L), of every instant at which the outputs are read
+    supplied: Array | None = None  # S (2m + p L, 2m + p L), J
+    dissipated: Array | None = None  # H (2m + p L, 2m + p L), J
 
 
 def build_step(model: ContactModel, h: float, rows: Array, ledger: bool) -> BlockPropagator:

@@ -22,29 +22,17 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class SimulatorState:
-    """All that a simulator does not take from its ROM, exact to the bit.
-
-    Attributes:
-        contact: the active contact mode.
-        dt: time step, s.
-        steps: number of steps taken.
-        since: time, s, and number of steps at which dt was last changed.
-        stepper: of the body.
-        sums: of the energy account, J, and what they were rounded by; or None.
-        surface_peak: how far the surface went.
-        loss: the switch that lost most.
-        obstacles: where they are; None where nothing acts by itself.
-    """
+    """All that a simulator does not take from its ROM, exact to the bit."""
 
     contact: str
-    dt: float
-    steps: int
-    since: tuple[float, int]
+    dt: float  # s
+    steps: int  # taken
+    since: tuple[float, int]  # time, s, and number of steps at which dt was last changed
     stepper: StepperState
-    sums: tuple[tuple[float, float], ...] | None
+    sums: tuple[tuple[float, float], ...] | None  # of the energy account, J, and what they were rounded by
     surface_peak: SurfaceStrainPeak
-    loss: SwitchLoss
-    obstacles: "ObstacleState | None" = None
+    loss: SwitchLoss  # the largest
+    obstacles: "ObstacleState | None" = None  # None where nothing acts by itself
 
 
 class SimulatedBody:
@@ -151,9 +139,16 @@ class SimulatedBody:
         Raises:
             StepError: no such obstacle, or no contact in the scene.
         """
-        if self._source is None:
-            raise StepError("there are no contact forces: nothing acts but inputs")
-        return self._source.contact_forces(self._stepper, obstacle)
+        interface, contact = self._stepper.interface, self._stepper.contact
+        if interface is None or self.environment is None:
+            why = "nothing acts but inputs" if self.environment is None else "the scene has no contact"
+            raise StepError(f"there are no contact forces: {why}")
+        if obstacle is None:
+            return np.zeros(interface.points.coordinates.shape) if contact is None else contact.forces
+        names = list(self.environment.obstacles)
+        if obstacle not in names:
+            raise StepError(unknown("obstacle", obstacle, names))
+        return self.obstacle_forces()[names.index(obstacle)]
 
     def obstacle_forces(self) -> Array:
         """Forces of all obstacles on the body in the last step, (O, 3), N; none where there are none."""

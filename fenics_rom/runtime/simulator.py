@@ -74,7 +74,7 @@ class Simulator(SimulatedBody):
     ):
         self._origin = rom, scene, signals, stepper
         self.environment: ActiveEnvironment | None = None
-        self._source: EnvironmentInputs | None = None
+        self._source = None
         if not rom.environment.is_plain or scene is not None or signals:  # others start sooner without this import
             from fenics_rom.runtime.environment_inputs import EnvironmentInputs, fit_environment
 

@@ -24,20 +24,13 @@ REPORTED_LOSS = 0.01  # share of the stored energy, lost in one switch: some 10 
 
 @dataclass(frozen=True)
 class SwitchLoss:
-    """What a switch took out of the state, because the next contact mode's model cannot hold it.
+    """What a switch took out of the state, because the next contact mode's model cannot hold it."""
 
-    Attributes:
-        energy: J.
-        share: of what was stored.
-        start, end: contact modes.
-        time: s.
-    """
-
-    energy: float = 0.0
-    share: float = 0.0
-    start: str = ""
+    energy: float = 0.0  # J
+    share: float = 0.0  # of what was stored
+    start: str = ""  # contact modes
     end: str = ""
-    time: float = 0.0
+    time: float = 0.0  # s
 
     @property
     def message(self) -> str:
@@ -52,11 +45,7 @@ class SwitchLoss:
 
 
 class Projections:
-    """The maps between the contact modes of a ROM, each found when it is first asked for.
-
-    Args:
-        rom: the reduced models.
-    """
+    """The maps between the contact modes of a ROM, each found when it is first asked for."""
 
     def __init__(self, rom: Rom):
         self._rom = rom

@@ -16,19 +16,12 @@ CONTACT = "contact, friction"
 
 
 class ContactInterface(NamedTuple):
-    """All contact points of a body, whatever contact mode is active, and the obstacles.
-
-    Attributes:
-        points: nodes that can be touched.
-        solver: of the contact law.
-        rows: (3P, k) of the points in the shared basis.
-        environment: of the run, which may measure what the parts of a step cost.
-    """
+    """All contact points of a body, whatever contact mode is active, and the obstacles."""
 
     points: ContactPoints
-    solver: ContactSolver
-    rows: Array
-    environment: ActiveEnvironment
+    solver: ContactSolver  # of the contact law
+    rows: Array  # (3P, k) of the points in the shared basis
+    environment: ActiveEnvironment  # of the run, which may measure what the parts of a step cost
 
     def solve(
         self, points: PointMotion, delassus: Array, dt: float, obstacles: ObstacleMotion, quasi_static: bool = False
@@ -43,11 +36,7 @@ class ContactInterface(NamedTuple):
         return contact
 
     def check_start(self) -> None:
-        """Checks that at time 0 the body at rest is outside of all obstacles.
-
-        Raises:
-            StepError: it is not.
-        """
+        """A StepError where at time 0 the body at rest is not outside of all obstacles."""
         at_rest = np.zeros(self.points.coordinates.shape)
         self.solver.check_start(at_rest, self.environment.offsets_at(0.0), list(self.environment.obstacles))
 

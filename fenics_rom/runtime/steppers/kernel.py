@@ -75,15 +75,11 @@ class Kernel:
 
 
 class StepWork(NamedTuple):
-    """What a step is to be booked for.
+    """What a step is to be booked for."""
 
-    Attributes:
-        supplied, dissipated: but for contact, J.
-        contacts: contact in each part of the step, mid-step velocities of the points (P, 3), m/s, and its length, s.
-    """
-
-    supplied: float
-    dissipated: float
+    supplied: float  # but for contact, J
+    dissipated: float  # but for contact, J
+    # Contact in each part of the step, mid-step velocities of the points (P, 3), m/s, and the part's length, s.
     contacts: tuple[tuple[ContactSolution, Array, float], ...]
 
 

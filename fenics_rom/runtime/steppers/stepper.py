@@ -116,11 +116,7 @@ class ReducedStepper:
         return StepperState(state, rigid, _read_only(self.kernel.auxiliary), self.kernel.contact, forces)
 
     def check(self, contact: str, state: StepperState) -> None:
-        """Checks that a snapshot taken in a contact mode can be restored.
-
-        Raises:
-            StepError: it is of another ROM.
-        """
+        """A StepError where a snapshot, taken in a contact mode, is of another ROM."""
         model = self._rom.contact_models.get(contact)
         own = len(self.kernel.auxiliary)
         if (
@@ -163,12 +159,7 @@ class ReducedStepper:
 
 
 class LinearStepper(ReducedStepper):
-    """A kernel for each contact mode, and projections that carry the state between them.
-
-    Args:
-        rom, dt, interface, rigid_displacement: as in ReducedStepper.
-        make_kernel: of a contact model.
-    """
+    """A kernel for each contact mode, which `make_kernel` makes, and projections that carry the state between them."""
 
     def __init__(
         self,
@@ -201,12 +192,7 @@ class LinearStepper(ReducedStepper):
 
 
 class FiniteStrainStepper(ReducedStepper):
-    """One kernel for all contact modes, which share a basis: a switch changes the inputs only, and loses nothing.
-
-    Args:
-        rom, dt, interface, kind, reason: as in ReducedStepper.
-        kernel: of large deformation.
-    """
+    """One kernel for all contact modes, which share a basis: a switch changes the inputs only, and loses nothing."""
 
     def __init__(
         self,
