@@ -18,13 +18,14 @@ from fenics_rom.rom.deformation import ReducedDeformation
 from fenics_rom.rom.rom import ContactModel
 from fenics_rom.visualization.optional_dependencies import load_package
 
+MODE_HEADING = (
+    *("contact mode", "order", "inputs", "lowest", "σ_1", "σ left out"),
+    *("static error", "transfer error", "sampled at"),
+)
+
 
 def rich_package() -> Any:
-    """The package rich, which draws.
-
-    Raises:
-        MissingPackageError: it is not installed.
-    """
+    """The package rich, which draws; MissingPackageError where it is not installed."""
     message = "the command line needs rich: pip install fenics-rom[cli]"
     for part in ("console", "progress", "table", "text"):
         load_package(f"rich.{part}", message)
@@ -36,27 +37,18 @@ def print_rom(rom: "fr.Rom", file: Path | str) -> None:
     validation = rom.validation
     print_table(
         f"ROM {rom.name}: {file}",
-        (
-            "contact mode",
-            "order",
-            "inputs",
-            "lowest",
-            "σ_1",
-            "σ left out",
-            "static error",
-            "transfer error",
-            "sampled at",
-        ),
+        MODE_HEADING,
         [_mode_row(name, mode, validation[name]) for name, mode in rom.contact_models.items()],
     )
     width = 3 if len(rom.nodes) else 1
+    effects = (f"{name} ({words})" if words else name for name, words in rom.environment.effects.items())
     lines = {
         "full order": f"{len(rom.free)} displacements, {len(rom.nodes)} nodes",
         "shared basis": f"{len(rom.stiffness)} vectors",
         "method": rom.method,
         "switching": rom.switching,
         "weighting": rom.weighting,
-        "effects": _effects(rom),
+        "effects": ", ".join(effects) or "of the matrices",
         **({} if rom.deformation is None else _deformation(rom.deformation)),
         "outputs": ", ".join(f"{name} ({len(rows) // width})" for name, rows in rom.outputs.items()) or "none",
         "actuators": ", ".join(rom.actuators) or "none",
@@ -79,12 +71,6 @@ def _deformation(body: ReducedDeformation) -> dict[str, str]:
         "error of forces": f"{body.cubature_error:.1e} on the states it was trained on",
         "error of a run": f"{validation}, that it was not trained on",
     }
-
-
-def _effects(rom: "fr.Rom") -> str:
-    """Each with those of its parameters that are numbers, in their units."""
-    shown = (f"{name} ({words})" if words else name for name, words in rom.environment.effects.items())
-    return ", ".join(shown) or "of the matrices"
 
 
 def _mode_row(name: str, mode: ContactModel, validation: dict[str, float | None]) -> tuple[str, ...]:
@@ -111,19 +97,14 @@ def _print_stages(stages: tuple[Stage, ...]) -> None:
         "offline work",
         ("stage", "seconds", "share", "peak memory per rank"),
         [
-            (
-                stage.name,
-                f"{stage.seconds:,.2f}",
-                f"{100 * stage.seconds / total if total else 0:.1f} %",
-                _megabytes(stage),
-            )
+            (stage.name, f"{stage.seconds:,.2f}", _percent(stage.seconds, total), f"{stage.peak_memory / 1e6:,.0f} MB")
             for stage in (*stages, whole)
         ],
     )
 
 
-def _megabytes(stage: Stage) -> str:
-    return f"{stage.peak_memory / 1e6:,.0f} MB"
+def _percent(part: float, total: float) -> str:
+    return f"{100 * part / total if total else 0:.1f} %"
 
 
 def print_trajectory(run: "fr.Trajectory", file: Path | str) -> None:
@@ -175,7 +156,7 @@ def _print_profile(profile: Mapping[str, float]) -> None:
         "what a step costs (with the clock read between its parts)",
         ("part", "microseconds", "share"),
         [
-            (name, f"{1e6 * seconds:,.2f}", f"{100 * seconds / total if total else 0:.1f} %")
+            (name, f"{1e6 * seconds:,.2f}", _percent(seconds, total))
             for name, seconds in ({**profile, "total": total}).items()
         ],
     )

@@ -27,15 +27,6 @@ def run(choice: argparse.Namespace) -> None:
     """Exports, and prints the name of the file."""
     model = fr.read_rom(choice.file) if content_of(choice.file) == "rom" else fr.read_trajectory(choice.file)
     with progress() as report:
-        file = fr.export(
-            model,
-            choice.output,
-            what=choice.what,
-            count=choice.count,
-            time=choice.time,
-            scale=choice.scale,
-            seconds=choice.seconds,
-            dark=choice.dark,
-            report=report,
-        )
+        chosen = {name: getattr(choice, name) for name in ("what", "count", "time", "scale", "seconds", "dark")}
+        file = fr.export(model, choice.output, **chosen, report=report)
     print(file)

@@ -13,11 +13,7 @@ def add_output(command: argparse.ArgumentParser, metavar: str, help: str = "file
 
 
 def check_output(output: Path, *inputs: str | None) -> None:
-    """Checks that a file can be put there; before long work, not after it.
-
-    Raises:
-        FileError: it cannot, or it is one of the files that the command reads.
-    """
+    """Checks, before long work, that a file can be put there and is none that the command reads; else FileError."""
     check_place(output)
     for name in inputs:
         if name is not None and output.exists() and Path(name).exists() and output.samefile(name):

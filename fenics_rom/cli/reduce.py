@@ -6,21 +6,22 @@ from pathlib import Path
 
 import fenics_rom as fr
 from fenics_rom.cli.display import print_rom, progress
-from fenics_rom.cli.matrix_options import add_matrix_options, matrix_files, read_matrices
 from fenics_rom.cli.output import add_output, check_output
 from fenics_rom.errors import FileError, SceneError
 from fenics_rom.io.mpi_ranks import is_root_process
+from fenics_rom.io.names import NAME, NAME_IN_WORDS
 from fenics_rom.io.progress import Report
 from fenics_rom.mechanics.environment import SWITCHINGS
 from fenics_rom.scene.scene import LYAPUNOV, METHODS, SOLVERS, WEIGHTINGS
 
 SUMMARY = "reduce a scene, or matrices, to a ROM; runs under mpirun"
+CHOICES = ("order", "tolerance", "method", "switching", "weighting", "lyapunov", "share", "solver", "resume")
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
     """What it is told."""
     command.add_argument("scene", metavar="SCENE", nargs="?", help="scene file (TOML)")
-    add_matrix_options(command)
+    _add_matrix_options(command)
     add_output(command, "ROM.h5")
     group = command.add_mutually_exclusive_group()
     group.add_argument("--order", type=int, metavar="M", help="displacements per contact mode")
@@ -38,7 +39,7 @@ def run(choice: argparse.Namespace) -> None:
     """Reduces; what is finished is in ROM.h5.partial meanwhile."""
     from fenics_rom.reduction.checkpoint import remove_checkpoint
 
-    files = matrix_files(choice)
+    files = _matrix_files(choice)
     check_output(choice.output, choice.scene, *files)
     partial = Path(f"{choice.output}.partial")
     if partial.exists() and not partial.is_dir():
@@ -57,7 +58,7 @@ def run(choice: argparse.Namespace) -> None:
             show(stage, done, of)
 
         report("assembly", 0, 1)
-        system = read_matrices(choice) if files else fr.assemble(fr.read_scene(choice.scene))
+        system = _read_matrices(choice) if files else fr.assemble(fr.read_scene(choice.scene))
         report("assembly", 1, 1)
         rom = _reduced(system, choice, partial, report)
     fr.write_rom(choice.output, rom)
@@ -71,21 +72,67 @@ def run(choice: argparse.Namespace) -> None:
 def _reduced(system: "fr.System", choice: argparse.Namespace, partial: Path, report: Report) -> "fr.Rom":
     """The ROM; what is finished is kept in a folder meanwhile, and stays there when something ends the run."""
     try:
-        return fr.reduce(
-            system,
-            order=choice.order,
-            tolerance=choice.tolerance,
-            method=choice.method,
-            switching=choice.switching,
-            weighting=choice.weighting,
-            lyapunov=choice.lyapunov,
-            share=choice.share,
-            solver=choice.solver,
-            checkpoint=partial,
-            resume=choice.resume,
-            report=report,
-        )
+        chosen = {name: getattr(choice, name) for name in CHOICES}
+        return fr.reduce(system, **chosen, checkpoint=partial, report=report)
     except BaseException:
         with suppress(OSError):  # it is not there, or holds something
             partial.rmdir()
         raise
+
+
+def _add_matrix_options(command: argparse.ArgumentParser) -> None:
+    """Files of M v̇ + D v + K x = B u, y = Cᵀ x in place of a scene."""
+    files = command.add_argument_group("instead of SCENE", "matrices of your own, each in a Matrix Market file")
+    files.add_argument("--mass", metavar="M.mtx", help="symmetric positive definite")
+    files.add_argument("--stiffness", metavar="K.mtx", help="symmetric positive definite")
+    damping = files.add_mutually_exclusive_group()
+    damping.add_argument("--damping", metavar="D.mtx", help="symmetric positive semi-definite")
+    damping.add_argument("--rayleigh", nargs=2, type=float, metavar=("ALPHA", "BETA"), help="D = ALPHA M + BETA K")
+    for option, metavar, what in (
+        ("--contact", "NAME=B.mtx", "input columns of a contact mode; once for each"),
+        ("--actuator", "NAME=F.mtx", "input columns that all contact modes have; once for each"),
+        ("--observe", "NAME=C.mtx", "columns of an output; once for each"),
+    ):
+        files.add_argument(option, metavar=metavar, type=_named_file, action="append", default=[], help=what)
+
+
+def _named_file(text: str) -> tuple[str, str]:
+    name, _, file = text.partition("=")
+    if not (NAME.fullmatch(name) and file):
+        raise argparse.ArgumentTypeError(f"{text!r}: allowed is NAME=FILE, the name of {NAME_IN_WORDS}")
+    return name, file
+
+
+def _matrix_files(choice: argparse.Namespace) -> list[str]:
+    """The Matrix Market files to read, none where a scene is given; ends with status 2 where it is neither or both."""
+    single = {"--mass": choice.mass, "--stiffness": choice.stiffness, "--damping": choice.damping}
+    named = {"--contact": choice.contact, "--actuator": choice.actuator, "--observe": choice.observe}
+    given = [option for option, value in (single | named).items() if value]
+    given += ["--rayleigh"] if choice.rayleigh else []
+    if choice.scene is not None:
+        if given:
+            choice.wrong_usage(f"SCENE and {', '.join(given)} cannot be used together")
+        return []
+    if not given:
+        choice.wrong_usage("SCENE is needed, or --mass, --stiffness, --damping (or --rayleigh) and --contact")
+    missing = [option for option in ("--mass", "--stiffness", "--contact") if option not in given]
+    missing += ["--damping or --rayleigh"] if not {"--damping", "--rayleigh"} & set(given) else []
+    if missing:
+        choice.wrong_usage(f"matrices instead of SCENE: {', '.join(missing)} missing")
+    for option, pairs in named.items():
+        if len(dict(pairs)) < len(pairs):
+            choice.wrong_usage(f"{option}: each name may be used once")
+    return [*filter(None, single.values()), *(file for pairs in named.values() for _, file in pairs)]
+
+
+def _read_matrices(choice: argparse.Namespace) -> "fr.System":
+    """The system of the files that were given."""
+    return fr.read_system(
+        mass=choice.mass,
+        damping=choice.damping,
+        rayleigh=tuple(choice.rayleigh) if choice.rayleigh else None,
+        stiffness=choice.stiffness,
+        contacts=dict(choice.contact),
+        actuators=dict(choice.actuator),
+        outputs=dict(choice.observe),
+    )

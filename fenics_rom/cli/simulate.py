@@ -42,19 +42,11 @@ def run(choice: argparse.Namespace) -> None:
             rom = fr.read_rom(choice.model)
             if choice.order is not None:
                 rom = fr.truncate(rom, choice.order)
-            trajectory = fr.simulate(
-                rom,
-                scene=fr.read_scene(choice.scene) if choice.scene else None,
-                dt=choice.dt,
-                profile=choice.profile,
-                rate=choice.rate,
-                stepper=choice.stepper,
-                report=report,
-            )
+            scene = fr.read_scene(choice.scene) if choice.scene else None
+            chosen = {name: getattr(choice, name) for name in ("dt", "profile", "rate", "stepper")}
+            trajectory = fr.simulate(rom, scene=scene, **chosen, report=report)
         else:
-            given = [
-                f"--{name}" for name in FOR_ROMS if vars(choice)[name] is not None and vars(choice)[name] is not False
-            ]
+            given = [f"--{name}" for name in FOR_ROMS if getattr(choice, name) not in (None, False)]
             if given:
                 choice.wrong_usage(f"{', '.join(given)}: for a ROM; {choice.model} is a scene, run at full order")
             trajectory = fr.simulate(fr.read_scene(choice.model), dt=choice.dt, report=report)

@@ -16,6 +16,7 @@ from fenics_rom.studies.study_results import PICTURES, StudyResults
 from fenics_rom.visualization.figure import figure_class
 
 SUMMARY = "what accuracy costs in time, for a scene; runs under mpirun"
+CHOICES = ("methods", "orders", "steps", "meshes", "quick", "resume")
 ROM = "rom.h5"  # in the folder of a study for a tolerance
 
 
@@ -54,17 +55,8 @@ def run(choice: argparse.Namespace) -> None:
         return
     with progress() as report:
         if choice.tolerance is None:
-            results = fr.study(
-                scene,
-                choice.output,
-                methods=choice.methods,
-                orders=choice.orders,
-                steps=choice.steps,
-                meshes=choice.meshes,
-                quick=choice.quick,
-                resume=choice.resume,
-                report=report,
-            )
+            chosen = {name: getattr(choice, name) for name in CHOICES}
+            results = fr.study(scene, choice.output, **chosen, report=report)
         else:
             from fenics_rom.studies.study import study_for_tolerance
 

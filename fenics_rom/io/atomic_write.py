@@ -38,11 +38,7 @@ def write_whole(path: Path, *parts: bytes | memoryview) -> None:
 
 
 def check_place(path: Path) -> None:
-    """Checks that a file can be put there; worth asking before long work.
-
-    Raises:
-        FileError: there is no such folder, or something that is not a file (root could even replace /dev/null).
-    """
+    """Checks, before long work, that a file can be put there, and over nothing else: root could replace /dev/null."""
     if not path.parent.is_dir():
         raise FileError(f"{path}: cannot be written: folder {path.parent} does not exist")
     if path.exists() and not path.is_file():
@@ -52,11 +48,7 @@ def check_place(path: Path) -> None:
 
 
 def check_folder(folder: Path) -> None:
-    """Checks that a folder of results is there or can be made; worth asking before long work.
-
-    Raises:
-        FileError: it is a file, or the folder that it would be in does not exist.
-    """
+    """Checks, before long work, that a folder of results is there or can be made; FileError where it cannot."""
     if folder.exists() and not folder.is_dir():
         raise FileError(f"{folder}: is a file; allowed is a folder, or a name that is free")
     if not folder.resolve().parent.is_dir():
@@ -64,11 +56,7 @@ def check_folder(folder: Path) -> None:
 
 
 def make_folder(folder: Path) -> None:
-    """Makes a folder of results where there is none.
-
-    Raises:
-        FileError: it cannot be made.
-    """
+    """Makes a folder of results where there is none; FileError where it cannot be made."""
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -181,22 +181,14 @@ def is_sealed(file: str | Path) -> bool:
 
 
 def check_names(names: Iterable[str]) -> None:
-    """Checks names that are to become names in a file.
-
-    Raises:
-        FileError: one of them cannot.
-    """
+    """Checks names that are to become names in a file; FileError where one of them cannot."""
     for name in names:
         if not NAME.fullmatch(name):
             raise FileError(f"name {name!r}: allowed are {NAME_IN_WORDS}")
 
 
 def put_text(group: h5py.Group, **texts: str) -> None:
-    """Keeps short texts as attributes.
-
-    Raises:
-        FileError: a text is too long for an attribute.
-    """
+    """Keeps short texts as attributes; FileError where a text is too long for an attribute."""
     for name, text in texts.items():
         data = text.encode()
         if len(data) > LONGEST_TEXT:
@@ -205,11 +197,7 @@ def put_text(group: h5py.Group, **texts: str) -> None:
 
 
 def get_text(group: h5py.Group, name: str) -> str:
-    """A text that `put_text` kept.
-
-    Raises:
-        FileError: it is missing or not text.
-    """
+    """A text that `put_text` kept; FileError where it is missing or not text."""
     value = group.attrs.get(name)
     if isinstance(value, h5py.Empty):
         return ""
@@ -222,11 +210,7 @@ def get_text(group: h5py.Group, name: str) -> str:
 
 
 def put_arrays(group: h5py.Group, table: Table, sizes: Sizes, arrays: Mapping[str, Array | None]) -> None:
-    """Writes the arrays of a table into a group; None leaves an optional one out.
-
-    Raises:
-        FileError: an array is missing, misshapen or not finite.
-    """
+    """Writes the arrays of a table; None leaves an optional one out; FileError of misshapen or not finite ones."""
     for name, entry in table.items():
         array = arrays[name]
         if array is None:
@@ -240,11 +224,7 @@ def put_arrays(group: h5py.Group, table: Table, sizes: Sizes, arrays: Mapping[st
 
 
 def get_arrays(group: h5py.Group, table: Table, sizes: Sizes, others: tuple[str, ...] = ()) -> dict[str, Array | None]:
-    """Reads the arrays of a table from a group, which may hold nothing else but `others`.
-
-    Raises:
-        FileError: an array is missing, misshapen, of the wrong kind, not finite, or unexpected.
-    """
+    """Reads the arrays of a table from a group, which may hold nothing else but `others`; FileError of all else."""
     extra = set(group) - set(table) - set(others)
     if extra:
         shown = (name if NAME.fullmatch(name) else repr(name) for name in sorted(extra))
@@ -281,11 +261,7 @@ def rename_all(h5: h5py.Group, names: Mapping[str, str]) -> None:
 
 
 def get_group(parent: h5py.Group, name: str) -> h5py.Group:
-    """A group that must be there.
-
-    Raises:
-        FileError: it is not.
-    """
+    """A group that must be there; FileError where it is not."""
     group = _stored_here(parent, name, h5py.Group)
     if group is None:
         raise FileError(f"{parent.name.rstrip('/')}/{name} is missing")

@@ -13,25 +13,12 @@ T = TypeVar("T")
 
 
 def write_record(file: Path, record: Any) -> None:
-    """Writes a dataclass of numbers, texts and their like, or nothing.
-
-    Raises:
-        FileError: the file cannot be written.
-    """
+    """Writes a dataclass of numbers, texts and their like, or nothing; FileError where the file cannot be written."""
     write_whole(file, json.dumps(asdict(record), indent=1).encode())
 
 
 def read_record(file: Path, what: str, make: Callable[[dict[str, Any]], T]) -> T:
-    """Reads a record.
-
-    Args:
-        file: path.
-        what: it is a record of, for the error.
-        make: the record of what is in the file.
-
-    Raises:
-        FileError: there is no such file, or it holds something else.
-    """
+    """The record that `make` makes of a file; FileError where there is none, or it does not hold `what`."""
     try:
         return make(json.loads(file.read_text()))
     except OSError as error:
@@ -41,10 +28,6 @@ def read_record(file: Path, what: str, make: Callable[[dict[str, Any]], T]) -> T
 
 
 def read_earlier(file: Path, read: Callable[[Path], T], resume: bool) -> T | None:
-    """What interrupted work left, where it is to go on; makes the folder where it is missing.
-
-    Raises:
-        FileError: the folder cannot be made, or the file holds something else.
-    """
+    """What interrupted work left, where it is to go on; makes the folder where it is missing."""
     make_folder(file.parent)
     return read(file) if resume and file.exists() else None

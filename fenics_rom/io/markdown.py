@@ -4,12 +4,7 @@ from collections.abc import Sequence
 
 
 def markdown(heading: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
-    """A Markdown table with aligned columns.
-
-    Args:
-        heading: of each column.
-        rows: as many cells each.
-    """
+    """A Markdown table with aligned columns, of as many cells in each row as in the heading."""
     cells = [[str(cell) for cell in row] for row in [heading, *rows]]
     widths = [max(len(row[k]) for row in cells) for k in range(len(heading))]
     lines = [

@@ -51,14 +51,9 @@ class Table:
 
 
 def read_table(file: Path, error: type[FenicsRomError]) -> Table:
-    """Reads a table of at least one row; empty lines are passed over.
+    """Reads a CSV file, UTF-8 with or without a byte order mark, of at least one row; empty lines are passed over.
 
-    Args:
-        file: CSV, UTF-8 with or without a byte order mark.
-        error: to raise.
-
-    Raises:
-        FenicsRomError: as `error`: the file cannot be read, names a column twice, or has rows of other lengths.
+    Raises `error` where it cannot be read, names a column twice, or has rows of other lengths.
     """
     try:
         if file.exists() and not file.is_file():  # a device may have no end, a pipe no beginning

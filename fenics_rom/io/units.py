@@ -6,12 +6,7 @@ PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 
 
 def prefixed(unit: str, largest: float) -> tuple[float, str]:
-    """What to multiply values by, and their unit with a prefix, so that the largest is from 1 to 1000.
-
-    Args:
-        unit: of SI, such as "m".
-        largest: absolute value, in that unit.
-    """
+    """What to multiply values in an SI unit by, and that unit with a prefix, so that the largest is from 1 to 1000."""
     exponent = 3 * math.floor(math.log10(largest) / 3 + 1e-9) if largest > 0 and math.isfinite(largest) else 0
     exponent = min(max(exponent, min(PREFIXES)), max(PREFIXES))
     return 10.0**-exponent, PREFIXES[exponent] + unit

@@ -15,11 +15,7 @@ from fenics_rom.scene.scene import check_order
 
 
 def check_consistency(file: SceneFile) -> None:
-    """Checks all but the run, whose loads are made one by one.
-
-    Raises:
-        SceneError: something does not fit the rest.
-    """
+    """Checks all but the run, whose loads are made one by one; SceneError where something does not fit the rest."""
     _check_choices(file, "")
     if not file.contacts:
         raise SceneError("contacts: at least one contact mode is needed, as [contacts.NAME]")
@@ -87,11 +83,7 @@ def _check_contact(contact: Contact, *, has_inertia: bool) -> None:
 def check_load(
     load: LoadEntry, where: str, duration: float, contacts: Collection[str], actuators: Collection[str]
 ) -> None:
-    """Checks a load of a run.
-
-    Raises:
-        SceneError: it acts on nothing, or never.
-    """
+    """Checks a load of a run; SceneError where it acts on nothing, or never."""
     if load.contact is not None and load.contact not in contacts:
         raise SceneError(f"{where}.contact: {unknown('contact mode', load.contact, contacts)}")
     if load.actuator is not None and load.actuator not in actuators:
@@ -104,15 +96,7 @@ def check_load(
 
 
 def check_pushes(loads: Collection[AppliedLoad], effects: Effects) -> None:
-    """Checks that what acts on contact modes leaves one of them active at a time.
-
-    Args:
-        loads: of a run.
-        effects: of the scene.
-
-    Raises:
-        SceneError: two are, or obstacles say which it is.
-    """
+    """Checks that a run's loads leave one contact mode active at a time, where obstacles do not say which it is."""
     pushes = sorted((load for load in loads if load.contact), key=lambda load: load.start)
     for first, second in itertools.combinations(pushes, 2):
         if second.start < first.stop and second.contact != first.contact:

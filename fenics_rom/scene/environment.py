@@ -15,16 +15,7 @@ from fenics_rom.scene.values import default_of
 
 
 def environment_of(effects: Effects, run: Run | None, source: str) -> Environment:
-    """What acts in the runs of a scene.
-
-    Args:
-        effects: the scene's.
-        run: its load history.
-        source: of the scene, for messages.
-
-    Raises:
-        SceneError: an obstacle is not of its shape.
-    """
+    """What acts in the runs of a scene of that source; SceneError where an obstacle is not of its shape."""
     contact, numbers = effects.contact, numbers_of(effects)
     obstacles = {} if contact is None else contact.obstacles
     return Environment(
@@ -85,11 +76,7 @@ def words(name: str, numbers: Mapping[str, Any]) -> str:
 
 
 def obstacle_of(described: RigidObstacle, where: str) -> Obstacle:
-    """The obstacle that a scene describes.
-
-    Raises:
-        SceneError: what the shape needs is missing, or something is given that it does not have.
-    """
+    """The obstacle described; SceneError where something is missing, or is given that the shape does not have."""
     shape = SHAPES[described.shape]
     known = [field.name for field in fields(shape) if field.init]
     given = {field.name: getattr(described, field.name) for field in fields(described)}

@@ -25,33 +25,7 @@ from fenics_rom.scene.values import (
 )
 
 EXAMPLE = Path(__file__).with_name("example.toml")
-INTRODUCTION = """\
-# Scenes: what is simulated
-
-What comes in: a scene file (TOML), and the CSV files it names. What goes out: a frozen `Scene` of typed records, and
-its `environment`, which is all that a run needs to know of it: loads and obstacles with their signals, the contact law,
-the load history. The file is checked when it is read; every mistake is told in one sentence with what is allowed.
-
-| file | what it holds |
-|---|---|
-| `scene.py`, `places.py`, `effects.py` | the records; their annotations say what a key may be, and what it means |
-| `file_format.py` | the tables of the file, where these are other than the records |
-| `values.py` | what a value may be: numbers with unit and range, texts, lists |
-| `file.py` | reading: TOML, then pydantic with these annotations, whose errors become our sentences |
-| `consistency.py` | what holds for several keys together |
-| `signal_tables.py` | signals from CSV files |
-| `environment.py` | effects to `Environment` |
-| `effect_table.py` | the table of effects |
-| `reference.py` | makes this page: `python -m fenics_rom.scene.reference > fenics_rom/scene/README.md` |
-
-To add an effect: write its record with its `LAW` in `effects.py` and name it in `Effects`; that is all for the file,
-the table and this page. What it does is then assembled in `fem` (matrices and columns) or, where it acts in a run
-alone, compiled in `environment.py`. What holds for several of its keys goes to `consistency.py`.
-
-A CSV file begins with a row that names its columns; the first is the time (s). Between rows are straight lines; the
-first row holds before it, the last one after it. Numbers are in SI units, and 0 or of a size from 1e-50 to 1e50. Names
-are of letters, digits, _ and -.
-"""
+INTRODUCTION = Path(__file__).with_name("introduction.md")
 
 
 def reference() -> str:
@@ -59,7 +33,7 @@ def reference() -> str:
     effects = markdown(("effect", "force", "parameters", "energy"), table_of_effects())
     sections = [_section(record, places) for record, places in _records().items()]
     example = f"## A complete example\n\n```toml\n{EXAMPLE.read_text().strip()}\n```\n"
-    return "\n".join([INTRODUCTION, f"## Effects\n\n{effects}", *sections, example])
+    return "\n".join([INTRODUCTION.read_text(), f"## Effects\n\n{effects}", *sections, example])
 
 
 def _records() -> dict[Any, list[str]]:

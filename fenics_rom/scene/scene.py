@@ -147,11 +147,7 @@ class Scene:
 
 
 def check_order(order: int | Mapping[str, int] | None, contacts: Mapping[str, Any], where: str) -> None:
-    """Checks an order, or that orders by name are given for every contact mode and for nothing else.
-
-    Raises:
-        SceneError: they are not.
-    """
+    """Checks an order, or orders by name, which are for every contact mode and for nothing else; else SceneError."""
     if order is None:
         return
     if not isinstance(order, Mapping):

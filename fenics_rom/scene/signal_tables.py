@@ -26,11 +26,7 @@ class SignalTables:
         self.found: dict[str, np.ndarray] = {}
 
     def signal(self, name: str, columns: int | None) -> Signal:
-        """The signal of a table, of so many columns beside the time; None: of any number.
-
-        Raises:
-            SceneError: it cannot be read, or is no such table.
-        """
+        """The signal of a table, of so many columns beside the time; None: of any number. SceneError of others."""
         if name not in self.found:
             if self._given is not None and name not in self._given:
                 raise SceneError(f"force table {name}: did not come with the scene")
@@ -46,11 +42,7 @@ def unread_signal(name: str, columns: int | None) -> Signal:
 
 
 def read_table(file: Path) -> np.ndarray:
-    """Times and values (times, 1 + columns) of a file.
-
-    Raises:
-        SceneError: it cannot be read, or holds something else.
-    """
+    """Times and values (times, 1 + columns) of a file; SceneError where it cannot be read, or holds something else."""
     try:
         if file.exists() and not file.is_file():  # a device may have no end, a pipe no beginning
             raise SceneError(f"force table {file}: cannot be read: is a folder or a device")

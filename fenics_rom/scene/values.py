@@ -36,19 +36,11 @@ class Value:
         raise NotImplementedError
 
     def checked(self, value: Any) -> Any:
-        """Returns the value, as the program uses it.
-
-        Raises:
-            Refused: it is not allowed.
-        """
+        """Returns the value, as the program uses it; Refused where it is not allowed."""
         raise NotImplementedError
 
     def check(self, value: Any, where: str) -> Any:
-        """Returns the value, as the program uses it.
-
-        Raises:
-            SceneError: it is not allowed.
-        """
+        """Returns the value, as the program uses it; SceneError where it is not allowed."""
         try:
             return self.checked(value)
         except Refused as refusal:
