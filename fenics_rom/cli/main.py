@@ -17,16 +17,9 @@ from fenics_rom.io.mpi_ranks import is_root_process, launched_rank
 from fenics_rom.system.backends import belongs_to
 
 COMMANDS = {
-    "reduce": reduce,
-    "simulate": simulate,
-    "study": study,
-    "identify": identify,
-    "info": info,
-    "view": view,
-    "compare": compare,
-    "plot": plot,
-    "export": export,
-}  # in the order of the help
+    module.__name__.rpartition(".")[2]: module
+    for module in (reduce, simulate, study, identify, info, view, compare, plot, export)  # in the order of the help
+}
 PATIENCE_OF_RANKS = 5.0  # s that other ranks give rank 0 to say why the run ends
 
 

@@ -1,7 +1,7 @@
 """The table of effects, made from their records: what a scene says of each, and its part in the energy account."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 from typing import Any, get_origin
 
 from fenics_rom.scene.effects import Effects, Law
@@ -30,11 +30,6 @@ class EffectEntry:
     def parameters(self) -> dict[str, Any]:
         """What the scene says of it, each with its annotation."""
         return keys_of(self.kind)
-
-    @property
-    def optional(self) -> frozenset[str]:
-        """Parameters that may be None."""
-        return frozenset(field.name for field in fields(self.kind) if field.default is None)
 
     @property
     def numbers(self) -> dict[str, tuple[str, int]]:
@@ -76,13 +71,9 @@ def table_of_effects() -> list[tuple[str, str, str, str]]:
             effect.law.force,
             ", ".join(_described(key, annotation) for key, annotation in effect.parameters.items()) or "-",
             "; ".join(
-                f"{verb} {what}"
-                for verb, what in (
-                    ("stores", effect.law.stores),
-                    ("dissipates", effect.law.dissipates),
-                    ("supplies", effect.law.supplies),
-                )
-                if what != "nothing"
+                f"{verb} {getattr(effect.law, verb)}"
+                for verb in ("stores", "dissipates", "supplies")
+                if getattr(effect.law, verb) != "nothing"
             ),
         )
         for name, effect in EFFECTS.items()

@@ -11,15 +11,7 @@ import numpy as np
 
 from fenics_rom.mechanics.signals import Signal
 from fenics_rom.scene.places import Place
-from fenics_rom.scene.values import (
-    Direction,
-    Items,
-    Name,
-    Number,
-    Point,
-    Table,
-    Text,
-)
+from fenics_rom.scene.values import Direction, Items, Name, Number, Point, Table, Text
 
 Alpha = Annotated[float, Number(at_least=0.0, unit="1/s"), "share of the mass matrix in the damping matrix"]
 Beta = Annotated[float, Number(at_least=0.0, unit="s"), "share of the stiffness matrix in the damping matrix"]

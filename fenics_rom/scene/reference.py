@@ -25,7 +25,7 @@ from fenics_rom.scene.values import (
 )
 
 EXAMPLE = Path(__file__).with_name("example.toml")
-INTRODUCTION = Path(__file__).with_name("introduction.md")
+INTRODUCTION = Path(__file__).with_name("introduction.txt")
 
 
 def reference() -> str:

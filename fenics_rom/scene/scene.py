@@ -19,14 +19,8 @@ from fenics_rom.scene.values import Items, Number, OneOrByName, Point, Text
 WEIGHTINGS = ("mass", "nodal", "outputs")
 LYAPUNOV = ("auto", "closed-form", "bartels-stewart", "krylov", "adi")
 METHODS = (
-    "balanced",
-    "eigenvector-selection",
-    "modal",
-    "modal+static",
-    "pod",
-    "static",
-    "trained",
-    "modal+derivatives",
+    *("balanced", "eigenvector-selection", "modal", "modal+static", "pod", "static"),
+    *("trained", "modal+derivatives"),  # of large deformation
 )
 SOLVERS = ("auto", "direct", "iterative")
 ORDER = Number(at_least=1, integer=True)

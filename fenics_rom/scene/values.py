@@ -179,21 +179,16 @@ class OneOrByName(Value):
 
 
 @dataclass(frozen=True)
-class Table(Value):
+class Table(Text):
     """The name of a CSV file with a signal; read as pydantic's context does it, a function of name and `columns`."""
 
     columns: int | None = None
-
-    @property
-    def allowed(self) -> str:
-        """See Value."""
-        return Text().allowed
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
         from pydantic_core import core_schema
 
         def read(value: Any, info: Any) -> Signal:
-            signal: Signal = info.context(Text().checked(value), self.columns)
+            signal: Signal = info.context(self.checked(value), self.columns)
             return signal
 
         return core_schema.with_info_plain_validator_function(read)
