@@ -107,9 +107,11 @@ def _words(annotation: Any) -> str:
 def _scalar_words(value: Value) -> str:
     if isinstance(value, Number):
         return value.allowed.removesuffix(f", in {value.unit}")
-    if isinstance(value, Text) and value.choices:
-        return ", ".join(f'`"{choice}"`' for choice in value.choices)
-    return {Text: "text", Table: "path of a CSV file"}.get(type(value), "")
+    if isinstance(value, Table):
+        return "path of a CSV file"
+    if isinstance(value, Text):
+        return ", ".join(f'`"{choice}"`' for choice in value.choices) or "text"
+    return ""
 
 
 def _unit(annotation: Any) -> str:
