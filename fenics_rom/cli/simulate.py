@@ -46,7 +46,8 @@ def run(choice: argparse.Namespace) -> None:
             chosen = {name: getattr(choice, name) for name in ("dt", "profile", "rate", "stepper")}
             trajectory = fr.simulate(rom, scene=scene, **chosen, report=report)
         else:
-            given = [f"--{name}" for name in FOR_ROMS if getattr(choice, name) not in (None, False)]
+            options = {f"--{name}": getattr(choice, name) for name in FOR_ROMS}
+            given = [name for name, value in options.items() if value is not None and value is not False]
             if given:
                 choice.wrong_usage(f"{', '.join(given)}: for a ROM; {choice.model} is a scene, run at full order")
             trajectory = fr.simulate(fr.read_scene(choice.model), dt=choice.dt, report=report)
