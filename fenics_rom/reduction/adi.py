@@ -33,59 +33,40 @@ TRUNCATION_TOLERANCE = 1e-13
 
 @dataclass(frozen=True)
 class ModalSubspace:
-    """A subspace in the M-orthonormal basis that diagonalizes K.
+    """A subspace in the M-orthonormal basis that diagonalizes K."""
 
-    Attributes:
-        basis: X (rows here, k), XᵀMX = I, XᵀKX = diag(γ), kg^-1/2.
-        eigenvalues: γ (k,), 1/s².
-        damping: XᵀDX, its diagonal (k,) where D is proportional, else (k, k), 1/s.
-    """
-
-    basis: Array
-    eigenvalues: Array
-    damping: Array
+    basis: Array  # X (rows here, k), XᵀMX = I, XᵀKX = diag(γ), kg^-1/2
+    eigenvalues: Array  # γ (k,), 1/s²
+    damping: Array  # XᵀDX, its diagonal (k,) where D is proportional, else (k, k), 1/s
 
 
 @dataclass(frozen=True)
 class LowRankGramian:
     """The position block Wc ≈ (X Z) (X Z)ᵀ, as far as it is known.
 
-    Attributes:
-        space: X, which holds the columns of the factor and those of its augmentation.
-        factor: Z (k, c) in the coordinates of that space, c <= k.
-        shifts: number of factorisations that it took; a complex pair counts once.
-        remaining: length of the largest motion that the residual still adds to the factor, as a share of |Z|; of a σ it
-            changes about half the square of what it is as a share of that σ.
-        residual: root of the static energy of what is left (`Residual.energy`), as a share of that of the start.
+    What remains is the length of the largest motion that the residual still adds to the factor, as a share of |Z|; of a
+    σ it changes about half the square of what it is as a share of that σ.
     """
 
-    space: ModalSubspace
-    factor: Array
-    shifts: int
+    space: ModalSubspace  # X, which holds the columns of the factor and those of its augmentation
+    factor: Array  # Z (k, c) in the coordinates of that space, c <= k
+    shifts: int  # number of factorisations that it took; a complex pair counts once
     remaining: float
-    residual: float
+    residual: float  # root of the static energy of what is left (`Residual.energy`), as a share of that of the start
 
 
 @dataclass(frozen=True)
 class Residual:
-    """W, whose W Wᵀ is what is left of the Lyapunov equation.
+    """W, whose W Wᵀ is what is left of the Lyapunov equation."""
 
-    Attributes:
-        motion: (rows here, p) its part in dx/dt = v, m/s.
-        force: (rows here, p) its part in the momentum balance, N.
-    """
-
-    motion: Array
-    force: Array
+    motion: Array  # (rows here, p) its part in dx/dt = v, m/s
+    force: Array  # (rows here, p) its part in the momentum balance, N
 
     def energy(self, system: System, factor: Factor) -> float:
-        """Energy of A⁻¹W, the state in which the system would rest under it; it falls with every step.
+        """Energy of A⁻¹W, the state in which the system would rest under it; `factor` is of K.
 
-        A step multiplies W by a Cayley transform of A, which commutes with A⁻¹ and is a contraction of the energy.
-
-        Args:
-            system: the full-order model.
-            factor: of K.
+        It falls with every step, which multiplies W by a Cayley transform of A: that commutes with A⁻¹ and is a
+        contraction of the energy.
         """
         inner = system.algebra.inner
         force = self.force + system.damping @ self.motion
@@ -105,13 +86,8 @@ def low_rank_gramians(
 
     A projected observability Gramian is only as good as the space holds the motions after a release, and local
     dashpots and outputs turn those into others. Their columns may augment B: the space then serves them as if
-    they were inputs; they cost solves, but no factorisations, and the Gramian is that of B alone.
-
-    Args:
-        system: the full-order model.
-        factor: of K.
-        B: (rows here, p) input matrix; dependent columns cost nothing.
-        augmentation: (rows here, any) those columns.
+    they were inputs; they cost solves, but no factorisations, and the Gramian is that of B alone, whose dependent
+    columns cost nothing. `factor` is of K.
 
     Raises:
         SolverError: there is no damping, so that the Gramian does not exist.
@@ -148,11 +124,6 @@ def apply_shift(system: System, residual: Residual, μ: complex) -> tuple[Array,
     δ = Re μ / Im μ, both steps of a pair together add to Z the columns √(-4 Re μ) (Re V + δ Im V) and
     √(-4 Re μ) √(1 + δ²) Im V (Benner, Kürschner & Saak 2013).
 
-    Args:
-        system: the full-order model.
-        residual: W = (w, f), p columns.
-        μ: shift with Re μ < 0, 1/s.
-
     Returns:
         positions of the new columns, (rows here, p) for a real shift and (rows here, 2 p) for a pair; the new W.
     """
@@ -174,13 +145,9 @@ def apply_shift(system: System, residual: Residual, μ: complex) -> tuple[Array,
 
 
 def select_shifts(λ: Array, contributions: Array) -> list[complex]:
-    """Shifts for a sweep: the eigenvalue that contributes most, and so on with what that shift leaves of the others.
+    """Shifts for a sweep: the eigenvalue λ that contributes most, and so on with what it leaves of the others.
 
-    Of each λ it leaves |λ - μ̄| / |λ + μ|, and if μ is complex, of that |λ - μ| / |λ + μ̄| for its conjugate.
-
-    Args:
-        λ: (l,) eigenvalues of a projected system, 1/s.
-        contributions: (l,) to the factor, as long as there is no shift.
+    Of each λ a shift leaves |λ - μ̄| / |λ + μ|, and if μ is complex, of that |λ - μ| / |λ + μ̄| for its conjugate.
     """
     selected: list[complex] = []
     while len(selected) < min(SHIFTS_PER_SWEEP, len(λ)):
@@ -197,11 +164,6 @@ def _contributions(system: System, space: ModalSubspace, residual: Residual) -> 
 
     That is a motion of length |x| |c| / √(-2 Re λ), with x the position of its eigenvector and c the coordinates of W
     in the eigenvectors; √2 of it together with that of the conjugate.
-
-    Args:
-        system: the full-order model.
-        space: what to project on.
-        residual: W.
 
     Raises:
         SolverError: no motion in that space is damped.
@@ -230,14 +192,9 @@ def independent_columns(system: System, B: Array) -> Array:
 
 
 def projected_observability(system: System, factor: Factor, X: Array) -> Array:
-    """Xᵀ Wo X for proportional damping and the mass-weighted shape, exactly: no Lyapunov equation, (k, k).
+    """Xᵀ Wo X for D = α M + β K and the mass-weighted shape, exactly: no Lyapunov equation, (k, k); `factor` is of K.
 
-    Wo = β/2 M + α/2 M K⁻¹ M + ½ M D⁻¹ M for D = α M + β K.
-
-    Args:
-        system: the full-order model, with `rayleigh`.
-        factor: of K.
-        X: (rows here, k).
+    Wo = β/2 M + α/2 M K⁻¹ M + ½ M D⁻¹ M.
     """
     assert system.rayleigh is not None, "the closed form is that of proportional damping"
     α, β = system.rayleigh
@@ -280,11 +237,8 @@ def _compressed(
 ) -> tuple[ModalSubspace, list[Array]]:
     """The space of all parts and their new columns without what is round-off, and the parts in its coordinates.
 
-    Args:
-        system: the full-order model.
-        basis: (rows here, k) M-orthonormal.
-        parts: (k, any) each, in that basis: the factor, and what augments it.
-        columns: (rows here, any), what is new in each part.
+    Parts (k, any), the factor and what augments it, are in an M-orthonormal basis (rows here, k); columns (rows here,
+    any) are what is new in each.
     """
     inner, remainder = system.algebra.inner, np.hstack(columns)
     for _ in range(2):  # what is too small a share of a column to be a direction is too large to be lost

@@ -5,7 +5,7 @@ training run of a body that deforms largely. The files do not depend on the numb
 """
 
 import re
-from collections.abc import Callable
+from collections.abc import Mapping
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from fenics_rom.errors import FileError
-from fenics_rom.io.hdf5 import Entry, Sizes, get_arrays, get_text, put_arrays, put_text, read_file, write_file
+from fenics_rom.io.hdf5 import Entry, Table, get_arrays, get_text, put_arrays, put_text, read_file, write_file
 from fenics_rom.io.mpi_ranks import is_rank_0
 from fenics_rom.reduction.problem import ReductionProblem
 from fenics_rom.reduction.projection import RetainedBasis
@@ -37,24 +37,18 @@ RUN = {"probe": Entry("1", ("probes",)), "shapes": Entry("m", ("n", "s"))}
 class Checkpoint:
     """Keeps finished contact modes in a folder; None keeps nothing.
 
-    Whoever asked for it removes it (`remove_checkpoint`), when the ROM is safe.
-
-    Args:
-        folder: where.
-        problem: what is reduced.
-        method: name of the method.
-        resume: go on from what is there, instead of removing it.
+    Whoever asked for it removes it (`remove_checkpoint`), when the ROM is safe. To `resume` is to go on from what is
+    there, instead of removing it.
     """
 
     def __init__(self, folder: str | Path | None, problem: ReductionProblem, method: str, resume: bool):
-        self._folder = None if folder is None else Path(folder)
-        self._resume = resume
+        self._keeps, self._resume = folder is not None, resume
         self._written_files = 0
         self._written_columns = 0  # of the shared space
         self._written_messages = len(problem.messages)  # with those that every run has
-        if self._folder is None:
+        if folder is None:
             return
-        self._probe = _probe(problem)
+        self._folder, self._probe = Path(folder), _probe(problem)
         p = problem
         choices = (method, p.order, p.tolerance, p.switching, p.weighting, p.lyapunov, p.share)
         self._choices = repr((*choices, p.system.size, p.contacts))
@@ -73,10 +67,8 @@ class Checkpoint:
             FileError: they belong to another system or other choices, or are damaged.
         """
         retained: dict[str, RetainedBasis] = {}
-        while self._folder is not None and self._resume and self._file(self._written_files).exists():
-            name, basis, eigenvectors, part, messages = read_file(
-                self._file(self._written_files), "part", self._read_part
-            )
+        while self._is_there(file := f"{self._written_files}.h5"):
+            name, basis, eigenvectors, part, messages = read_file(self._folder / file, "part", self._read_part)
             problem.messages.extend(messages)
             problem.space.append(basis[problem.system.algebra.rows()])
             problem.space.eigenvectors = eigenvectors
@@ -87,26 +79,13 @@ class Checkpoint:
 
     def keep(self, problem: ReductionProblem, name: str, retained: RetainedBasis) -> None:
         """Writes a contact mode that is finished."""
-        if self._folder is None:
+        if not self._keeps:
             return
         new = problem.system.algebra.gather(np.ascontiguousarray(problem.space.basis[:, self._written_columns :]))
-        arrays = {
-            "probe": self._probe,
-            "eigenvectors": np.array([problem.space.eigenvectors]),
-            "basis": new,
-            "span": retained.span,
-            "directions": retained.directions,
-            "hankel_singular_values": retained.hankel_singular_values,
-            "left_inverse": retained.left_inverse,
-        }
-
-        def fill(h5: Any) -> None:
-            put_text(
-                h5, name=name, choices=self._choices, messages="\n".join(problem.messages[self._written_messages :])
-            )
-            put_arrays(h5, PART, {}, arrays)
-
-        self._write(self._file(self._written_files), fill)
+        eigenvectors = np.array([problem.space.eigenvectors])
+        arrays = {"probe": self._probe, "eigenvectors": eigenvectors, "basis": new} | vars(retained)
+        texts = {"name": name, "messages": "\n".join(problem.messages[self._written_messages :])}
+        self._write(f"{self._written_files}.h5", "part", PART, arrays, choices=self._choices, **texts)
         self._written_files += 1
         self._written_columns, self._written_messages = problem.space.size, len(problem.messages)
 
@@ -116,7 +95,7 @@ class Checkpoint:
         Raises:
             FileError: it is of another system or of other loads, or damaged.
         """
-        if self._folder is None or not self._resume or not self._run_file(number).exists():
+        if not self._is_there(file := f"run-{number}.h5"):
             return None
 
         def read_shapes(h5: Any) -> Array:
@@ -124,32 +103,26 @@ class Checkpoint:
             self._check_same(a["probe"], get_text(h5, "loads") == loads)
             return np.asarray(a["shapes"])
 
-        return read_file(self._run_file(number), "training run", read_shapes)[rows]
+        return read_file(self._folder / file, "training run", read_shapes)[rows]
 
     def keep_run(self, number: int, loads: str, shapes: Array) -> None:
         """Writes a training run that is finished, with its shapes on all rows (n, s)."""
-        if self._folder is None:
-            return
+        if self._keeps:
+            arrays = {"probe": self._probe, "shapes": shapes}
+            self._write(f"run-{number}.h5", "training run", RUN, arrays, loads=loads)
 
+    def _is_there(self, file: str) -> bool:
+        return self._keeps and self._resume and (self._folder / file).exists()
+
+    def _write(self, file: str, content: str, table: Table, arrays: Mapping[str, Array | None], **texts: str) -> None:
         def fill(h5: Any) -> None:
-            put_text(h5, loads=loads)
-            put_arrays(h5, RUN, {}, {"probe": self._probe, "shapes": shapes})
+            put_text(h5, **texts)
+            put_arrays(h5, table, {}, arrays)
 
-        self._write(self._run_file(number), fill, "training run")
-
-    def _write(self, file: Path, fill: Callable[[Any], None], content: str = "part") -> None:
         if is_rank_0():
             with suppress(OSError):  # another run of the same output removes the folder when it is done
-                file.parent.mkdir(exist_ok=True)
-        write_file(file, content, fill)
-
-    def _file(self, number: int) -> Path:
-        assert self._folder is not None
-        return self._folder / f"{number}.h5"
-
-    def _run_file(self, number: int) -> Path:
-        assert self._folder is not None
-        return self._folder / f"run-{number}.h5"
+                self._folder.mkdir(exist_ok=True)
+        write_file(self._folder / file, content, fill)
 
     def _check_same(self, probe: Array, same_choices: bool) -> None:
         same_length = len(probe) == len(self._probe)
@@ -157,10 +130,9 @@ class Checkpoint:
             raise FileError("was made from another system or with other choices; start without resume")
 
     def _read_part(self, h5: Any) -> tuple[str, Array, int, RetainedBasis, list[str]]:
-        sizes: Sizes = {}
-        a: Any = get_arrays(h5, PART, sizes)
+        a: Any = get_arrays(h5, PART, {})
         self._check_same(a["probe"], get_text(h5, "choices") == self._choices)
-        retained = RetainedBasis(a["span"], a["directions"], a["hankel_singular_values"], a["left_inverse"])
+        retained = RetainedBasis(**{name: a[name] for name in RetainedBasis.__dataclass_fields__})
         messages = list(filter(None, get_text(h5, "messages").split("\n")))
         return get_text(h5, "name"), a["basis"], int(a["eigenvectors"][0]), retained, messages
 

@@ -1,5 +1,6 @@
 """One M-orthonormal basis for all contact modes: W_i = X C_i, so that what is tall is kept and worked on once."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -9,27 +10,17 @@ from fenics_rom.system.protocols import Array
 from fenics_rom.system.system import System
 
 DEFLATION_TOLERANCE = 1e-10  # share of a unit column that must be new for it to count as a direction
+GRAM_ROUND_OFF = 1e-14  # share of the largest eigenvalue of a Gram matrix below which it is noise
 GRAM_SPREAD = 1e-8  # smallest eigenvalue of a Gram matrix, as a share of the largest, whose direction is accurate
 
 
 @dataclass(frozen=True)
 class Subspace:
-    """A part of the shared space, in the basis of it that diagonalizes M and K.
+    """A part of the shared space, in the basis of it that diagonalizes M and K."""
 
-    Attributes:
-        coordinates: S (k, r) in the shared basis, SᵀS = I.
-        eigenvalues: γ (r,), diagonal of SᵀXᵀKXS, 1/s².
-        damping: SᵀXᵀDXS, its diagonal (r,) where D is proportional, else (r, r), 1/s.
-    """
-
-    coordinates: Array
-    eigenvalues: Array
-    damping: Array
-
-    @property
-    def size(self) -> int:
-        """Number r of its dimensions."""
-        return len(self.eigenvalues)
+    coordinates: Array  # S (k, r) in the shared basis, SᵀS = I
+    eigenvalues: Array  # γ (r,), diagonal of SᵀXᵀKXS, 1/s²
+    damping: Array  # SᵀXᵀDXS, its diagonal (r,) where D is proportional, else (r, r), 1/s
 
 
 class CommonBasis:
@@ -73,14 +64,13 @@ class CommonBasis:
             basis = np.hstack([self._rigid, basis])
             mass_times_basis = np.hstack([self._mass_times_rigid, mass_times_basis])
         new, mass_times_new, coordinates = orthonormalize_against(self._system, block, basis, mass_times_basis)
-        self._append(new, mass_times_new)
+        self.append(new, mass_times_new)
         return coordinates[rigid:]
 
-    def append(self, new: Array) -> None:
+    def append(self, new: Array, mass_times_new: Array | None = None) -> None:
         """Further M-orthonormal columns, orthogonal to the basis."""
-        self._append(new, self._system.mass @ new)
-
-    def _append(self, new: Array, mass_times_new: Array) -> None:
+        if mass_times_new is None:
+            mass_times_new = self._system.mass @ new
         k = self._size + new.shape[1]
         if k > self._transposed.shape[1]:
             grown = np.empty((2, k + k // 4, self._transposed.shape[2]))
@@ -106,9 +96,7 @@ class CommonBasis:
     def subspace(self, span: Array, units: int = 0) -> Subspace:
         """The subspace that orthonormal coordinates (at most k, r) span, K-diagonal (paper (10)-(11)).
 
-        Args:
-            span: coordinates.
-            units: how many of its first columns are the first unit vectors, whose products cost nothing.
+        Products with its first columns cost nothing where they are the first unit vectors, so many `units`.
         """
         S = pad_rows(span, self._size)
         K = S.T @ np.hstack([self.stiffness[:, :units], self.stiffness @ S[:, units:]])
@@ -184,3 +172,24 @@ def orthogonal_complement(block: Array, span: Array) -> Array:
     new = U[:, s > DEFLATION_TOLERANCE]
     new = new - span @ (span.T @ new)
     return np.linalg.qr(new)[0]
+
+
+def significant_eigenpairs(gram: Array, floor: float | None = None) -> tuple[Array, Array]:
+    """Eigenvalues w (r,) above a floor, by default the round-off, descending, and their eigenvectors E (c, r).
+
+    Of G = XᵀMX the left singular vectors of X in the norm of M are X E / √w, and √w the singular values: proper
+    orthogonal decomposition in any inner product (Sirovich 1987).
+    """
+    w, E = np.linalg.eigh(gram)
+    significant = w > (GRAM_ROUND_OFF * w[-1] if floor is None else floor)
+    return w[significant][::-1], E[:, significant][:, ::-1]
+
+
+def block_starts(blocks: Iterable[Array]) -> Array:
+    """Index of the first column of each of some blocks side by side, and the number of all columns at the end."""
+    return np.cumsum([0, *(block.shape[1] for block in blocks)])
+
+
+def split_like(columns: Array, blocks: Iterable[Array]) -> list[Array]:
+    """Columns in parts as wide as the blocks."""
+    return np.split(columns, block_starts(blocks)[1:-1], axis=1)

@@ -1,7 +1,14 @@
-"""Frequency responses (K + iωD - ω²M)⁻¹ B of reduced models, and what they leave undone in the full model."""
+"""Frequency responses (K + iωD - ω²M)⁻¹ B of reduced models, and of the full one by factorisations."""
+
+from collections.abc import Mapping
+from contextlib import closing
+from dataclasses import dataclass
 
 import numpy as np
 
+from fenics_rom.errors import StructureError
+from fenics_rom.io.progress import Report, silent
+from fenics_rom.rom.rom import Rom
 from fenics_rom.system.protocols import Array
 from fenics_rom.system.system import System
 
@@ -32,3 +39,60 @@ def inner_products(system: System, left: Array, right: Array) -> Array:
 def mass_norms(system: System, x: Array) -> Array:
     """√(xᴴ M x) of complex columns, (c,)."""
     return np.sqrt(np.abs(np.diag(inner_products(system, x, system.mass @ x))))
+
+
+@dataclass(frozen=True)
+class FullResponse:
+    """|H(iω)| of one contact mode's columns and |H(iω) - H_i(iω)|, (f,) each; in M, over all columns, without R."""
+
+    sizes: Array
+    errors: Array
+
+
+def full_responses(system: System, rom: Rom, frequencies: Array, report: Report = silent) -> Mapping[str, FullResponse]:
+    """Solves at each frequency for the contact columns of every contact mode, rad/s; every rank must call it.
+
+    Raises:
+        StructureError: the ROM is not of this model.
+        SolverError: a factorisation failed.
+    """
+    Q, widths = _checked_basis(system, rom), rom.contacts
+    B = np.hstack([system.contacts[name] for name in rom.contact_models])
+    rigid = Q[:, : rom.rigid]
+    B = B - system.mass @ (rigid @ system.algebra.inner(rigid, B))
+    sizes, errors = (np.zeros((len(rom.contact_models), len(frequencies))) for _ in range(2))
+    for done, ω in enumerate(frequencies):
+        report("frequency responses", done, len(frequencies))
+        terms = (-(ω**2) + 0j, system.mass), (1j * ω, system.damping), (1.0 + 0j, system.stiffness)
+        with closing(system.algebra.factor(*terms)) as factor:
+            H = factor.solve(B)
+        column = 0
+        for k, (name, mode) in enumerate(rom.contact_models.items()):
+            ρ, block = mode.rigid, slice(column, column + widths[name])
+            damping = mode.damping[ρ:] if mode.damping.ndim == 1 else mode.damping[ρ:, ρ:]
+            q = response(mode.eigenvalues[ρ:], damping, mode.inputs[ρ:, : widths[name]], ω)
+            C = mode.coordinates[:, ρ:]
+            reduced = Q @ (C @ q.real) + 1j * (Q @ (C @ q.imag))
+            sizes[k, done] = np.linalg.norm(mass_norms(system, H[:, block]))
+            errors[k, done] = np.linalg.norm(mass_norms(system, H[:, block] - reduced))
+            column = block.stop
+    report("frequency responses", len(frequencies), len(frequencies))
+    return dict(zip(rom.contact_models, map(FullResponse, sizes, errors), strict=True))
+
+
+def _checked_basis(system: System, rom: Rom) -> Array:
+    """Q, the rows of this rank.
+
+    Raises:
+        StructureError: other unknowns, contact modes or numbers of columns than the system's.
+    """
+    moving = system.body.unknowns.moving
+    if not np.array_equal(moving, rom.free) or not np.allclose(system.body.nodes, rom.nodes):
+        raise StructureError(
+            f"ROM {rom.name!r} is of a body of {len(rom.free)} displacements, and the scene has another one, of "
+            f"{len(moving)}; allowed is the scene that the ROM was made from"
+        )
+    for name, width in rom.contacts.items():
+        if name not in system.contacts or system.contacts[name].shape[1] != width:
+            raise StructureError(f"ROM {rom.name!r} has a contact mode {name!r} of {width} columns, the scene has none")
+    return rom.basis[np.searchsorted(moving, system.body.free)][system.algebra.rows()]

@@ -28,7 +28,7 @@ def gramian_factors(γ: Array, damping: Array, G: Array, weight: Array) -> tuple
         γ: (k,) generalized eigenvalues, 1/s².
         damping: (k,) diagonal of D, or D itself (k, k), 1/s.
         G: (k, p) input matrix.
-        weight: (k, k) C Cᵀ.
+        weight: (k, k) C Cᵀ of the outputs y = Cᵀ x.
 
     Raises:
         SolverError: D leaves a motion undamped, so that the Gramians do not exist.
@@ -48,10 +48,7 @@ def square_root(W: Array, noise: float = ROUND_OFF) -> Array:
 
     Its small columns are as accurate as the entries of W that they come from, where an eigenvalue decomposition
     leaves in all of them the round-off of the largest: of closed forms, σ of 1e-8 of the largest keep nine digits.
-
-    Args:
-        W: (k, k).
-        noise: round-off in W as a share of its largest entry; none where every entry is accurate by itself.
+    `noise` is the round-off in W as a share of its largest entry; none where every entry is accurate by itself.
     """
     L, pivots, rank, _ = scipy.linalg.lapack.dpstrf(W, lower=True, tol=noise * len(W) * W.diagonal().max())
     Z = np.empty((len(W), rank))
@@ -84,11 +81,6 @@ def textbook_gramians(M: Array, D: Array, K: Array, B: Array, CCᵀ: Array) -> t
     The Bartels-Stewart algorithm on the state (x, v): it uses neither V nor any closed form, so it is the independent
     check of the other routes. Its round-off is that of matrices whose norm is the largest γ; trailing directions of
     small σ are lost in it long before they are in the other routes.
-
-    Args:
-        M, D, K: (n, n).
-        B: (n, p) input matrix.
-        CCᵀ: (n, n) output weight.
     """
     n = len(M)
     inverse = scipy.linalg.cho_factor(M)

@@ -12,13 +12,11 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from fenics_rom.reduction.balancing import Balanced, choose_order
-from fenics_rom.reduction.column_blocks import split_like
-from fenics_rom.reduction.common_basis import Subspace, orthogonal_complement, pad_rows
+from fenics_rom.reduction.balancing import Balanced, balanced_in, choose_order, ranked_basis
+from fenics_rom.reduction.common_basis import Subspace, orthogonal_complement, pad_rows, split_like
 from fenics_rom.reduction.frequency_response import dynamic_product, mass_norms, response
 from fenics_rom.reduction.krylov_augmentation import KrylovAugmentation
 from fenics_rom.reduction.problem import RankedBasis, ReductionProblem
-from fenics_rom.reduction.realization import balanced_in, ranked_basis
 from fenics_rom.system.complex_columns import apply_to_complex
 from fenics_rom.system.protocols import Array
 
@@ -35,13 +33,9 @@ HIGHEST_SAMPLE = 1  # the highest frequency alone: with eigenvectors in the spac
 
 
 class Chain:
-    """The part of the shared space that belongs to one contact mode, and its latest directions.
+    """The part of the shared space that belongs to one contact mode, and its latest directions."""
 
-    Args:
-        shared: (k, r) coordinates that it starts with, the first unit vectors.
-    """
-
-    def __init__(self, shared: Array):
+    def __init__(self, shared: Array):  # (k, r) coordinates that it starts with, the first unit vectors
         self.span = shared
         self.latest = shared[:, :0]
         self.shared_size = shared.shape[1]
@@ -61,17 +55,11 @@ class Chain:
 
 @dataclass(frozen=True)
 class ProjectedModel:
-    """A contact mode projected onto its space of the moment.
+    """A contact mode projected onto its space of the moment."""
 
-    Attributes:
-        grown_size: number of directions of that space that are not shared eigenvectors.
-        space: that space.
-        inputs: B in it, (r, p).
-    """
-
-    grown_size: int
+    grown_size: int  # number of directions of that space that are not shared eigenvectors
     space: Subspace
-    inputs: Array
+    inputs: Array  # B in it, (r, p)
 
     def response(self, ω: float) -> Array:
         """Amplitudes at ω in rad/s, (k, p) in the shared space."""
@@ -115,13 +103,7 @@ def sample_frequencies(γ: Array, order: int | None, count: int = SAMPLE_COUNT) 
 
 
 class KrylovSpaces:
-    """Krylov spaces of some contact modes, all in the problem's shared space.
-
-    Args:
-        problem: what is reduced.
-        names: of the contact modes.
-        augmentation: columns that belong to the space of every contact mode.
-    """
+    """Krylov spaces of some contact modes, all in the problem's shared space."""
 
     def __init__(self, problem: ReductionProblem, names: Sequence[str], augmentation: KrylovAugmentation):
         system, shared = problem.system, problem.space
@@ -311,6 +293,6 @@ def _ranked_with_warning(problem: ReductionProblem, name: str, iterate: KrylovIt
     if change > WARNING_CHANGE:
         problem.messages.append(
             f"contact mode {name!r}: Hankel singular values or frequency responses still changed by {change:.0e} in "
-            f"the last Krylov space, of {space.size} vectors; ask for a lower order"
+            f"the last Krylov space, of {len(space.eigenvalues)} vectors; ask for a lower order"
         )
     return ranked_basis(space, iterate.balanced)

@@ -1,13 +1,13 @@
 """What a reduction method is given, and what it gives back: the interface for methods, ours and anyone's."""
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
 from fenics_rom.io.stages import Stages
 from fenics_rom.reduction.common_basis import CommonBasis
-from fenics_rom.system.protocols import Array, Factor
+from fenics_rom.system.protocols import Array, Deformation, Factor
 from fenics_rom.system.system import System
 
 
@@ -68,6 +68,12 @@ class ReductionProblem:
     stages: Stages
     messages: list[str]
 
+    @property
+    def deformation(self) -> Deformation:
+        """Of a body that deforms largely."""
+        assert self.system.deformation is not None
+        return self.system.deformation
+
     def order_of(self, name: str) -> int | None:
         """The order asked for one contact mode."""
         return self.order[name] if isinstance(self.order, Mapping) else self.order
@@ -79,3 +85,32 @@ class ReductionProblem:
 
 
 Method = Callable[[ReductionProblem], Iterator[tuple[str, RankedBasis]]]
+
+
+def scale_inputs(system: System, factor: Factor) -> System:
+    """The system with the columns of effects scaled, so that at rest each stores as much energy as a contact's.
+
+    A pressure in a closed chamber, whose forces balance each other, moves a body much less than the same force in one
+    place. What its column is made larger by, its unit is made smaller by: B stays as it is, and only `forces` changes.
+    Those actuators and loads that have units are effects; `factor` is of K.
+    """
+    if not system.units:
+        return system
+
+    def stored(columns: Array) -> float:
+        """Square root of the largest bᵀK⁻¹b."""
+        return float(np.sqrt(np.diag(system.algebra.inner(columns, factor.solve(columns))).max()))
+
+    reference = float(np.median([stored(B) for B in system.contacts.values()]))
+    of_effects = {name: B for name, B in {**system.actuators, **system.loads}.items() if name in system.units}
+    scales = {name: reference / size for name, B in of_effects.items() if (size := stored(B)) > 0}
+
+    def scaled(columns: dict[str, Array]) -> dict[str, Array]:
+        return {name: scales.get(name, 1.0) * B for name, B in columns.items()}
+
+    return replace(
+        system,
+        actuators=scaled(dict(system.actuators)),
+        loads=scaled(dict(system.loads)),
+        units={name: unit / scales.get(name, 1.0) for name, unit in system.units.items()},
+    )

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fenics_rom.mechanics.environment import Environment
-from fenics_rom.reduction.column_blocks import split_like
-from fenics_rom.reduction.common_basis import orthogonal_complement, pad_rows
+from fenics_rom.reduction.common_basis import orthogonal_complement, pad_rows, split_like
 from fenics_rom.reduction.problem import ReductionProblem
 from fenics_rom.reduction.validation import validated
 from fenics_rom.rom.rom import ContactModel, Rom, diagonalized_span
@@ -16,29 +15,16 @@ from fenics_rom.system.protocols import Array
 
 @dataclass(frozen=True)
 class RetainedBasis:
-    """What one contact mode keeps, in the coordinates of the shared space.
+    """What one contact mode keeps, in the coordinates of the shared space."""
 
-    Attributes:
-        span: (k, m) orthonormal.
-        directions: (k, m) what spans the same, by falling importance.
-        hankel_singular_values: σ (r,), r >= m; none where the method has none.
-        left_inverse: (m, k) oblique projection; only for switching = "oblique".
-    """
-
-    span: Array
-    directions: Array
-    hankel_singular_values: Array
-    left_inverse: Array | None = None
+    span: Array  # (k, m) orthonormal
+    directions: Array  # (k, m) what spans the same, by falling importance
+    hankel_singular_values: Array  # σ (r,), r >= m; none where the method has none
+    left_inverse: Array | None = None  # (m, k) oblique projection; only for switching = "oblique"
 
 
 def assemble_rom(problem: ReductionProblem, retained: Mapping[str, RetainedBasis], *, method: str) -> Rom:
-    """Puts all contact modes into one M-orthonormal Q that diagonalizes K, with a validation for each.
-
-    Args:
-        problem: what was reduced.
-        retained: by contact mode, in the order of the ROM.
-        method: name of the method.
-    """
+    """Puts all contact modes into one M-orthonormal Q that diagonalizes K, with a validation for each."""
     system, space = problem.system, problem.space
     algebra, scene = system.algebra, system.scene
     with problem.stages("shared basis"):

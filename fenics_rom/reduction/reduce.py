@@ -15,11 +15,13 @@ from fenics_rom.mechanics.environment import SWITCHINGS
 from fenics_rom.reduction.balancing import choose_order, orthonormal_span
 from fenics_rom.reduction.checkpoint import Checkpoint
 from fenics_rom.reduction.common_basis import CommonBasis
-from fenics_rom.reduction.eigenvector_selection import EigenvectorSelection
+from fenics_rom.reduction.eigenvectors import EigenvectorSelection
 from fenics_rom.reduction.hyperreduction.reduce import BASES, hyperreduce
-from fenics_rom.reduction.input_scaling import scale_inputs
-from fenics_rom.reduction.methods.by_name import BY_NAME, SELECTION
-from fenics_rom.reduction.problem import Method, RankedBasis, ReductionProblem
+from fenics_rom.reduction.methods.balanced import balanced
+from fenics_rom.reduction.methods.modal import modal, modal_static
+from fenics_rom.reduction.methods.pod import pod
+from fenics_rom.reduction.methods.static import static
+from fenics_rom.reduction.problem import Method, RankedBasis, ReductionProblem, scale_inputs
 from fenics_rom.reduction.projection import RetainedBasis, assemble_rom
 from fenics_rom.reduction.rigid_mode_deflation import elastic_part, require_loads, with_rigid_modes
 from fenics_rom.rom.rom import Rom, check_rom
@@ -37,6 +39,15 @@ from fenics_rom.scene.scene import (
 from fenics_rom.system.body import Unknowns
 from fenics_rom.system.system import System
 
+SELECTION = "eigenvector-selection"  # of what the balanced directions name, see EigenvectorSelection
+BY_NAME: dict[str, Method] = {  # any function of a problem is a method, too
+    "balanced": balanced,
+    SELECTION: balanced,
+    "modal": modal,
+    "modal+static": modal_static,
+    "pod": pod,
+    "static": static,
+}
 DENSE_LIMIT = 1000  # unknowns up to which all eigenvectors are cheaper than a Krylov space
 DEFAULT_TOLERANCE = 1e-6  # share of the sum of σ that is left out where neither order nor tolerance is given
 LARGE_DEFORMATION_TOLERANCE = 3e-5  # the same for large deformation
@@ -111,7 +122,7 @@ def reduce(
     switching = _choice("switching", switching or chosen.switching, SWITCHINGS)
     weighting = _choice("weighting", weighting or chosen.weighting, WEIGHTINGS)
     lyapunov = _choice("lyapunov", lyapunov or chosen.lyapunov, LYAPUNOV)
-    _choice("solver", solver, SOLVERS)
+    solver = _choice("solver", solver, SOLVERS)
     if switching == "oblique":
         lyapunov = "as-printed"
     elif lyapunov == "auto":
@@ -215,8 +226,7 @@ def _retained_bases(
             retained[name] = RetainedBasis(V, V, ranked.singular_values)
         checkpoint.keep(problem, name, retained[name])
         problem.stages.report("contact modes", len(retained), len(names))
-    missing = [name for name in names if name not in retained]
-    if missing:
+    if missing := [name for name in names if name not in retained]:
         raise SceneError(f"the method gave no directions for contact mode {missing[0]!r}")
     return {name: retained[name] for name in names}
 

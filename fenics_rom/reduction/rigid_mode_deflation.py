@@ -58,12 +58,7 @@ def require_loads(system: System) -> None:
 
 
 def with_rigid_modes(rom: Rom, system: System) -> Rom:
-    """The ROM of the whole body: R before the basis of its elastic rest, in every contact mode.
-
-    Args:
-        rom: of the elastic part.
-        system: the whole, which every rank has its rows of.
-    """
+    """The ROM of the whole body, `system`, from that of its elastic part: R comes first in every contact mode."""
     R, algebra = system.rigid, system.algebra
     rigid = R.shape[1]
     if not rigid:
@@ -73,19 +68,19 @@ def with_rigid_modes(rom: Rom, system: System) -> Rom:
         DR = system.damping @ R
         coupled = np.hstack([algebra.inner(R, DR), algebra.inner(DR, rom.basis[algebra.rows()])])
     whole_R = algebra.gather(np.ascontiguousarray(R))
-    models = {}
-    for name, model in rom.contact_models.items():
-        models[name] = replace(
-            model,
-            eigenvalues=np.concatenate([np.zeros(rigid), model.eigenvalues]),
-            damping=_damping(model, rigid, system.rayleigh, coupled),
-            inputs=np.vstack([algebra.inner(R, system.input_matrix(name)), model.inputs]),
-            coordinates=scipy.linalg.block_diag(np.eye(rigid), model.coordinates),
-            directions=scipy.linalg.block_diag(np.eye(rigid), model.directions),
-        )
     return replace(
         rom,
-        contact_models=models,
+        contact_models={
+            name: replace(
+                model,
+                eigenvalues=np.concatenate([np.zeros(rigid), model.eigenvalues]),
+                damping=_damping(model, rigid, system.rayleigh, coupled),
+                inputs=np.vstack([algebra.inner(R, system.input_matrix(name)), model.inputs]),
+                coordinates=scipy.linalg.block_diag(np.eye(rigid), model.coordinates),
+                directions=scipy.linalg.block_diag(np.eye(rigid), model.directions),
+            )
+            for name, model in rom.contact_models.items()
+        },
         basis=np.hstack([whole_R, rom.basis]),
         stiffness=np.concatenate([np.zeros(rigid), rom.stiffness]),
         outputs={name: np.hstack([algebra.inner(system.outputs[name], R), C]) for name, C in rom.outputs.items()},
@@ -103,11 +98,7 @@ def _damping(model: ContactModel, rigid: int, rayleigh: tuple[float, float] | No
 
 
 class ElasticAlgebra:
-    """Sums as in the whole body; solves and eigenpairs in what is M-orthogonal to its rigid motions.
-
-    Args:
-        system: the whole body.
-    """
+    """Sums as in the whole body; solves and eigenpairs in what is M-orthogonal to its rigid motions."""
 
     def __init__(self, system: System):
         whole = self.whole = system.algebra
@@ -122,7 +113,8 @@ class ElasticAlgebra:
         balanced = loads
         for _ in range(2):
             balanced = balanced - self.mass_times_rigid @ self.inner(self.rigid, balanced)
-        return balanced * (self._norms(balanced) > LOAD_ROUND_OFF * self._norms(loads))
+        size, given = (np.sqrt(np.diag(self.inner(columns, columns))) for columns in (balanced, loads))
+        return balanced * (size > LOAD_ROUND_OFF * given)
 
     def strained(self, shapes: Array) -> Array:
         """P x of displacements (rows here, any)."""
@@ -171,20 +163,13 @@ class ElasticAlgebra:
         γ, V = self.broadcast(solve)
         return γ, self.strained(V[self.rows()])
 
-    def _norms(self, block: Array) -> Array:
-        return np.sqrt(np.diag(self.inner(block, block)))
-
 
 class ElasticFactor:
     """Solutions without rigid motions, whatever part of the load would move the body as a whole.
 
     With one row and column for each rigid motion, A x + M R λ = f and RᵀM x = 0: x = P A⁻¹ Pᵀ f where A leaves the
-    elastic rest to itself, as K, M and proportional damping do, and the projected D for any other.
-
-    Args:
-        algebra: of the elastic rest.
-        factor: of A; or of K with degrees of freedom fixed.
-        fixed: which.
+    elastic rest to itself, as K, M and proportional damping do, and the projected D for any other. Of K, some degrees
+    of freedom are fixed.
     """
 
     def __init__(self, algebra: ElasticAlgebra, factor: Factor, fixed: Array):

@@ -6,11 +6,11 @@ residuals (GMRES) preconditioned with the one factor of K, for many frequencies,
 
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
-from fenics_rom.reduction.column_blocks import block_starts, split_like
-from fenics_rom.reduction.common_basis import Subspace
+from fenics_rom.reduction.common_basis import Subspace, block_starts, split_like
 from fenics_rom.reduction.frequency_response import dynamic_product, inner_products, response
 from fenics_rom.reduction.problem import ReductionProblem
 from fenics_rom.rom.rom import ContactModel
@@ -30,45 +30,25 @@ UNDAMPED_RATIO = 1e-9  # of critical damping: at a resonance with less round-off
 
 @dataclass(frozen=True)
 class Sample:
-    """One contact mode at one frequency.
-
-    Attributes:
-        name: of the contact mode.
-        frequency: ω, rad/s.
-        inputs: (rows here, c) columns of B, or combinations of them.
-        reduced: (k, c) the reduced model's amplitudes in the shared space.
-    """
+    """One contact mode at one frequency."""
 
     name: str
-    frequency: float
-    inputs: Array
-    reduced: Array
+    frequency: float  # ω, rad/s
+    inputs: Array  # (rows here, c) columns of B, or combinations of them
+    reduced: Array  # (k, c) the reduced model's amplitudes in the shared space
 
 
-@dataclass(frozen=True)
-class StaticError:
-    """|K⁻¹B - W diag(1/γ) G| / |K⁻¹B| of one contact mode, in two norms.
-
-    Attributes:
-        by_mass: in the mass norm.
-        by_node: in the norm that counts all nodes alike.
-    """
+class StaticError(NamedTuple):
+    """|K⁻¹B - W diag(1/γ) G| / |K⁻¹B| of one contact mode, in two norms."""
 
     by_mass: float
-    by_node: float
+    by_node: float  # all nodes alike
 
 
 def validated(
     problem: ReductionProblem, whole: Subspace, models: Mapping[str, ContactModel], bases: Mapping[str, Array]
 ) -> dict[str, ContactModel]:
-    """The same models with their static and frequency response errors.
-
-    Args:
-        problem: what was reduced.
-        whole: all of the shared space.
-        models: by contact mode.
-        bases: W_i in the shared space, (k, m) each.
-    """
+    """The same models with their static and frequency response errors; `bases` are W_i in the shared space, (k, m)."""
     static = _static_errors(problem, models, bases)
     models = {name: replace(model, static_error=static[name].by_mass) for name, model in models.items()}
     problem.messages.extend(_light_part_warnings(problem, models, static))
@@ -78,23 +58,16 @@ def validated(
     count = sum(len(sample_frequencies(model)) for model in models.values())
     width = max(1, min(MAX_INPUTS, MAX_COLUMNS // count))
     samples = [s for name, model in models.items() for s in _samples(problem, name, model, bases[name], width)]
-    errors: dict[str, list[float]] = {name: [] for name in models}
-    sizes: dict[str, list[float]] = {name: [] for name in models}
+    norms: dict[str, list[Array]] = {name: [] for name in models}  # of the error and of the full response
     for done, group in enumerate(groups := _groups(samples)):
         problem.stages.report("validation", done, len(groups))
-        error, full = (np.sqrt(norms) for norms in _squared_norms(problem, whole, group))
-        for sample, e, x in zip(group, error, full, strict=True):
-            errors[sample.name].append(e)
-            sizes[sample.name].append(x)
+        for sample, of_sample in zip(group, np.sqrt(_squared_norms(problem, whole, group)).T, strict=True):
+            norms[sample.name].append(of_sample)
     problem.stages.report("validation", len(groups), len(groups))
-    return {
-        name: replace(
-            model,
-            frequencies=sample_frequencies(model),
-            transfer_errors=np.array(errors[name]) / max(sizes[name]),
-        )
-        for name, model in models.items()
-    }
+    for name, model in models.items():
+        errors, sizes = np.transpose(norms[name])
+        models[name] = replace(model, frequencies=sample_frequencies(model), transfer_errors=errors / sizes.max())
+    return models
 
 
 def sample_frequencies(model: ContactModel) -> Array:
@@ -125,13 +98,11 @@ def _samples(problem: ReductionProblem, name: str, model: ContactModel, W: Array
 
 
 def _groups(samples: list[Sample]) -> list[list[Sample]]:
-    groups: list[list[Sample]] = []
-    width = COLUMNS_AT_ONCE
+    """Samples that follow one another, of no more than COLUMNS_AT_ONCE together."""
+    groups: list[list[Sample]] = [[]]
     for sample in samples:
-        width += sample.inputs.shape[1]
-        if width > COLUMNS_AT_ONCE:
+        if sum(s.inputs.shape[1] for s in [*groups[-1], sample]) > COLUMNS_AT_ONCE:
             groups.append([])
-            width = sample.inputs.shape[1]
         groups[-1].append(sample)
     return groups
 
@@ -174,13 +145,10 @@ def _largest_of_mode(sizes: Array, names: list[str], widths: Array) -> Array:
 def minimal_residuals(
     operator: Callable[[Array], Array], right: Array, dot: Callable[[Array, Array], Array], targets: Array
 ) -> Array:
-    """Solves for all columns side by side by GMRES (Saad & Schultz 1986), each with a Krylov space of its own.
+    """Solves for all columns (n, c) side by side by GMRES (Saad & Schultz 1986), each with a Krylov space of its own.
 
-    Args:
-        operator: acts on columns (n, c).
-        right: (n, c) right-hand sides.
-        dot: leftᴴ right of each pair of columns in the inner product, (c,).
-        targets: (c,) norms that residuals may keep, beside RELATIVE_ACCURACY of the right-hand sides'.
+    `dot` is leftᴴ right of each pair of columns, (c,); residuals may keep the norms `targets` (c,), or
+    RELATIVE_ACCURACY of the right-hand sides'.
     """
     size = np.sqrt(dot(right, right).real)
     if (size <= targets).all():

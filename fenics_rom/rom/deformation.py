@@ -21,15 +21,10 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class ReducedTendon:
-    """A cable through points of the body.
+    """A cable through points of the body."""
 
-    Attributes:
-        points: at rest, (K, 3), m.
-        shapes: (3K, m) rows of the basis there.
-    """
-
-    points: Array
-    shapes: Array
+    points: Array  # at rest, (K, 3), m
+    shapes: Array  # (3K, m) rows of the basis there
 
     def force(self, q: Array) -> Array:
         """Of a tension of 1 N, (m,): -∂ℓ/∂q of its length ℓ."""
@@ -40,36 +35,22 @@ class ReducedTendon:
 class ReducedDeformation:
     """What a ROM needs beside its linear model where the scene names large_deformation.
 
-    Its basis W is the same for all contact modes, WᵀMW = I.
-
-    Attributes:
-        law: of the material, one of `hyperelastic.LAWS`.
-        gradients: (3, 3, P, m), [i, j] = ∂W_i/∂X_j at the kept points, kg^-1/2/m.
-        weights: ω (P,), > 0, m³.
-        first_lame, shear: λ and μ (P,), Pa.
-        viscosity: β (P,), s: the stress β (λ tr(Ė) I + 2μ Ė) of strain rates.
-        external_damping: (m, m) damping that does not strain: α M and dashpots, 1/s.
-        springs: (m, m) K_s of springs to ground, 1/s².
-        pressures: of each, the force of 1 Pa as a polynomial of q, (m, 1 + m + m (m+1)/2): of `monomials(q)`.
-        tendons: of each.
-        training_radius: largest |q| of the states it was trained on, m kg^1/2.
-        points_of: number of points of the whole body.
-        cubature_error: of the forces of the kept points on the training states, relative.
-        validation_error: of a run that was not trained on, relative, in the mass norm; None where there was none.
+    Its basis W is the same for all contact modes, WᵀMW = I. Of pressures it has the force of 1 Pa as a polynomial of q,
+    (m, 1 + m + m (m+1)/2): of `monomials(q)`.
     """
 
-    law: str
-    gradients: Array
-    weights: Array
-    first_lame: Array
-    shear: Array
-    viscosity: Array
-    external_damping: Array
-    springs: Array
-    training_radius: float
-    points_of: int
-    cubature_error: float
-    validation_error: float | None = None
+    law: str  # of the material, one of `hyperelastic.LAWS`
+    gradients: Array  # (3, 3, P, m), [i, j] = ∂W_i/∂X_j at the kept points, kg^-1/2/m
+    weights: Array  # ω (P,), > 0, m³
+    first_lame: Array  # λ (P,), Pa
+    shear: Array  # μ (P,), Pa
+    viscosity: Array  # β (P,), s: the stress β (λ tr(Ė) I + 2μ Ė) of strain rates
+    external_damping: Array  # (m, m) damping that does not strain: α M and dashpots, 1/s
+    springs: Array  # (m, m) K_s of springs to ground, 1/s²
+    training_radius: float  # largest |q| of the states it was trained on, m kg^1/2
+    points_of: int  # number of points of the whole body
+    cubature_error: float  # of the forces of the kept points on the training states, relative
+    validation_error: float | None = None  # of a run that was not trained on, relative, in the mass norm
     pressures: Mapping[str, Array] = field(default_factory=dict)
     tendons: Mapping[str, ReducedTendon] = field(default_factory=dict)
 

@@ -53,8 +53,10 @@ def put_environment(h5: h5py.File, environment: Environment) -> None:
         _put(loads.create_group(name), COLUMNS, {"columns": load.columns}, load.signal, INPUT_UNIT)
     obstacles = group.create_group("obstacles", track_order=True)
     for name, obstacle in environment.obstacles.items():
+        from fenics_rom.mechanics.obstacles import SHAPES  # here, as few bodies meet obstacles
+
         part = obstacles.create_group(name)
-        put_text(part, shape=_shape_of(obstacle.shape))
+        put_text(part, shape=next(shape for shape, kind in SHAPES.items() if isinstance(obstacle.shape, kind)))
         table = _dimensions(type(obstacle.shape))
         _put(part, table, {key: getattr(obstacle.shape, key) for key in table}, obstacle.displacement, "m")
     law, run = environment.contact_law, environment.run
@@ -77,6 +79,9 @@ def take_environment(h5: h5py.File) -> Environment:
         FileError: something is missing or does not fit.
     """
     group = get_group(h5, "environment")
+    has_inertia = get_text(group, "has_inertia")
+    if has_inertia not in (YES, NO):
+        raise FileError(f"attribute 'has_inertia' of {group.name} is {has_inertia!r}, neither {YES} nor {NO}")
     texts = {name: get_group(group, name) for name in ("effects", "built_in")}
     loads, obstacles = get_group(group, "loads"), get_group(group, "obstacles")
     law = None
@@ -85,7 +90,7 @@ def take_environment(h5: h5py.File) -> Environment:
         law = ContactLaw(**{key: value for key, value in numbers.items() if value is not None})
     return Environment(
         effects={name: get_text(texts["effects"], name) for name in texts["effects"].attrs},
-        has_inertia=_answer(group, "has_inertia"),
+        has_inertia=has_inertia == YES,
         loads={name: _load(get_group(loads, name)) for name in loads},
         obstacles={name: _obstacle(get_group(obstacles, name)) for name in obstacles},
         contact_law=law,
@@ -96,13 +101,6 @@ def take_environment(h5: h5py.File) -> Environment:
     )
 
 
-def _answer(group: h5py.Group, name: str) -> bool:
-    text = get_text(group, name)
-    if text not in (YES, NO):
-        raise FileError(f"attribute {name!r} of {group.name} is {text!r}, neither {YES} nor {NO}")
-    return text == YES
-
-
 def _load(group: h5py.Group) -> Load:
     numbers, signal = _take(group, COLUMNS, INPUT_UNIT)
     if signal is not None and signal.width != numbers["columns"]:
@@ -111,7 +109,7 @@ def _load(group: h5py.Group) -> Load:
 
 
 def _obstacle(group: h5py.Group) -> MovingObstacle:
-    from fenics_rom.mechanics.obstacles import SHAPES  # here, as few bodies meet obstacles
+    from fenics_rom.mechanics.obstacles import SHAPES
 
     shape = get_text(group, "shape")
     if shape not in SHAPES:
@@ -120,12 +118,6 @@ def _obstacle(group: h5py.Group) -> MovingObstacle:
     if signal is None or signal.width != 3:
         raise FileError(f"{group.name}: its displacement has not three numbers")
     return MovingObstacle(SHAPES[shape](**numbers), signal)
-
-
-def _shape_of(obstacle: Any) -> str:
-    from fenics_rom.mechanics.obstacles import SHAPES
-
-    return next(shape for shape, kind in SHAPES.items() if isinstance(obstacle, kind))
 
 
 def _run(group: h5py.Group) -> Run:

@@ -39,8 +39,10 @@ p input columns, r Hankel singular values, f sampled frequencies; P points of an
 Files of format 1.x are read, too: rom.format_1 makes them such files.
 """
 
+from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import h5py
 import numpy as np
@@ -62,9 +64,6 @@ from fenics_rom.io.stages import Stage
 from fenics_rom.mechanics.environment import SWITCHINGS
 from fenics_rom.rom.environment_file import put_environment, take_environment
 from fenics_rom.rom.rom import ContactModel, Rom, check_rom
-
-if TYPE_CHECKING:
-    from fenics_rom.rom.deformation import ReducedDeformation
 
 BODY = {
     "basis": Entry("kg^-1/2", ("n", "k")),
@@ -117,13 +116,9 @@ def read_rom(file: str | Path) -> Rom:
         >>> list(fr.read_rom("plate.h5").contact_models)
         ['tip_left', 'middle']
     """
-    return read_file(file, "rom", _take, _upgrade)
+    from fenics_rom.rom.format_1 import upgrade  # here, as few programs read files
 
-
-def _upgrade(h5: h5py.File) -> None:
-    from fenics_rom.rom.format_1 import upgrade  # here, as few files need it
-
-    upgrade(h5)
+    return read_file(file, "rom", _take, upgrade)
 
 
 def _fill(h5: h5py.File, rom: Rom) -> None:
@@ -135,8 +130,7 @@ def _fill(h5: h5py.File, rom: Rom) -> None:
     put_arrays(h5, BODY, sizes, {name: getattr(rom, name) for name in BODY})
     there = (*GROUPS[:-1], "offline", *(["loads"] if rom.loads else []))
     groups = {name: h5.create_group(name, track_order=True) for name in there}
-    for name, rows in rom.outputs.items():
-        put_arrays(groups["outputs"], {name: _output(name)}, sizes, {name: rows})
+    put_arrays(groups["outputs"], _output_table(rom.outputs), sizes, rom.outputs)
     for kind, widths in (("actuators", rom.actuators), ("loads", rom.loads)):
         for name, columns in widths.items():
             put_arrays(groups[kind], {name: COUNT}, sizes, {name: np.array([columns])})
@@ -153,7 +147,7 @@ def _fill(h5: h5py.File, rom: Rom) -> None:
         arrays |= {key: None for key in EMPTY_WHERE_ABSENT if not len(arrays[key])}
         arrays["static_error"] = None if mode.static_error is None else np.array([mode.static_error])
         group = groups["contact_models"].create_group(name, track_order=True)
-        put_arrays(group, table, _mode_sizes(sizes), arrays)
+        put_arrays(group, table, {"k": sizes["k"]}, arrays)
     if rom.deformation is not None:
         from fenics_rom.rom.deformation_file import put_deformation  # here, as few bodies deform largely
 
@@ -166,38 +160,31 @@ def _take(h5: h5py.File) -> Rom:
     sizes: Sizes = {}
     body: Any = get_arrays(h5, BODY, sizes, (*GROUPS, *MAYBE))
     groups = {name: get_group(h5, name) for name in (*GROUPS, *MAYBE) if name in GROUPS or name in h5}
-    outputs: Any = get_arrays(groups["outputs"], {name: _output(name) for name in groups["outputs"]}, sizes)
-    surfaces: Any = _each(groups["contact_surfaces"], SURFACE_NODES)
+    outputs: Any = get_arrays(groups["outputs"], _output_table(groups["outputs"]), sizes)
     weighting = get_text(h5, "weighting")
-    modes = {
-        name: _take_mode(get_group(groups["contact_models"], name), weighting, sizes)
-        for name in groups["contact_models"]
-    }
+    models = groups["contact_models"]
     rom = Rom(
         name=get_text(h5, "name"),
         method=get_text(h5, "method") if "method" in h5.attrs else "balanced",
         switching=get_text(h5, "switching"),
-        contact_models=modes,
+        contact_models={name: _take_mode(get_group(models, name), weighting, sizes) for name in models},
         actuators=_take_counts(groups["actuators"]),
         loads=_take_counts(groups["loads"]) if "loads" in groups else {},
         outputs=outputs,
         environment=take_environment(h5),
-        contact_surfaces=surfaces,
+        contact_surfaces=_each(groups["contact_surfaces"], SURFACE_NODES),
         scene_text=get_text(h5, "scene"),
         warnings=tuple(filter(None, get_text(h5, "warnings").split("\n"))),
         weighting=weighting,
         stages=_take_stages(groups["offline"]) if "offline" in groups else (),
-        deformation=_deformation(h5, sizes) if "deformation" in groups else None,
         **body,
     )
+    if "deformation" in groups:
+        from fenics_rom.rom.deformation_file import get_deformation
+
+        rom = replace(rom, deformation=get_deformation(h5, sizes))
     _check_fit(rom)
     return check_rom(rom)
-
-
-def _deformation(h5: h5py.File, sizes: Sizes) -> "ReducedDeformation":
-    from fenics_rom.rom.deformation_file import get_deformation
-
-    return get_deformation(h5, sizes)
 
 
 def _mode_table(weighting: str, dense: bool) -> dict[str, Entry]:
@@ -211,7 +198,7 @@ def _mode_table(weighting: str, dense: bool) -> dict[str, Entry]:
 def _take_mode(group: h5py.Group, weighting: str, sizes: Sizes) -> ContactModel:
     damping = group.get("damping")
     dense = isinstance(damping, h5py.Dataset) and damping.ndim == 2
-    arrays: Any = get_arrays(group, _mode_table(weighting, dense), _mode_sizes(sizes))
+    arrays: Any = get_arrays(group, _mode_table(weighting, dense), {"k": sizes["k"]})
     static = arrays.pop("static_error")
     for key in EMPTY_WHERE_ABSENT:
         if arrays[key] is None:
@@ -240,47 +227,43 @@ def _check_fit(rom: Rom) -> None:
     """What a shape cannot say: indices that point somewhere, inputs that fit, a switching that exists."""
     if rom.switching not in SWITCHINGS:
         raise FileError(unknown("switching", rom.switching, list(SWITCHINGS)))
-    if (
-        not rom.contact_models
-        or not len(rom.stiffness)
-        or any(mode.order == mode.rigid for mode in rom.contact_models.values())
-    ):
+    modes, N = rom.contact_models, len(rom.nodes)
+    if not modes or not len(rom.stiffness) or any(mode.order == mode.rigid for mode in modes.values()):
         raise FileError("holds no contact modes, or an empty one")
-    meshed = len(rom.nodes) > 0
-    if any(len(rows) == 0 or (meshed and len(rows) % 3) for rows in rom.outputs.values()):
+    if any(len(rows) == 0 or (N and len(rows) % 3) for rows in rom.outputs.values()):
         raise FileError("an output does not have three rows a point")
-    components = 3 * len(rom.nodes) if meshed else len(rom.free)
-    if len(rom.free) and (rom.free[0] < 0 or rom.free[-1] >= components or (np.diff(rom.free) <= 0).any()):
+    components = 3 * N or len(rom.free)
+    if not _are_indices(rom.free, components) or (np.diff(rom.free) <= 0).any():
         raise FileError(f"/free does not name components among {components}, in ascending order")
-    if rom.triangles.size and not 0 <= rom.triangles.min() <= rom.triangles.max() < len(rom.nodes):
-        raise FileError(f"/triangles name nodes beyond {len(rom.nodes)}")
+    if not _are_indices(rom.triangles, N):
+        raise FileError(f"/triangles name nodes beyond {N}")
     if (rom.node_mass < 0).any():
         raise FileError("/node_mass has negative masses")
     if ("large_deformation" in rom.environment.effects) != (rom.deformation is not None):
         raise FileError("large_deformation among the effects and /deformation go together")
-    touchable = any(len(model.contact_points) for model in rom.contact_models.values())
-    if rom.environment.contact_law is not None and not touchable:
+    if rom.environment.contact_law is not None and not any(len(mode.contact_points) for mode in modes.values()):
         raise FileError("has contact, and no node that obstacles can touch")
-    surface_nodes = np.concatenate([np.empty(0, dtype=int), *rom.contact_surfaces.values()])
-    if len(surface_nodes) and not 0 <= surface_nodes.min() <= surface_nodes.max() < len(rom.nodes):
-        raise FileError(f"a contact surface names nodes beyond {len(rom.nodes)}")
+    if not all(_are_indices(nodes, N) for nodes in rom.contact_surfaces.values()):
+        raise FileError(f"a contact surface names nodes beyond {N}")
     if any(columns < 0 for columns in (*rom.actuators.values(), *rom.loads.values())):
         raise FileError("an actuator or a load has a negative number of columns")
     if any(stage.seconds < 0 or stage.peak_memory < 0 for stage in rom.stages):
         raise FileError("/offline has a negative time or memory")
-    for name, mode in rom.contact_models.items():
+    for name, mode in modes.items():
         if rom.contacts[name] < 0:
             raise FileError(f"contact mode {name!r} has fewer input columns than the actuators and loads")
         if (mode.left_inverse is None) == (rom.switching == "oblique"):
             raise FileError(f"contact mode {name!r}: left_inverse goes with oblique switching, and only with it")
-        if len(mode.contact_points) and not 0 <= mode.contact_points.min() <= mode.contact_points.max() < len(
-            rom.nodes
-        ):
-            raise FileError(f"contact mode {name!r}: contact_points name nodes beyond {len(rom.nodes)}")
+        if not _are_indices(mode.contact_points, N):
+            raise FileError(f"contact mode {name!r}: contact_points name nodes beyond {N}")
         _check_numbers(f"contact mode {name!r}", mode)
     loads = {name: load.columns for name, load in rom.environment.loads.items()}
     if loads != dict(rom.loads):
         raise FileError(f"the loads of the environment are {loads}, those of the models {dict(rom.loads)}")
+
+
+def _are_indices(array: np.ndarray, count: int) -> bool:
+    return not array.size or bool(0 <= array.min() <= array.max() < count)
 
 
 def _check_numbers(where: str, mode: ContactModel) -> None:
@@ -296,9 +279,5 @@ def _check_numbers(where: str, mode: ContactModel) -> None:
         raise FileError(f"{where}: an error is negative")
 
 
-def _mode_sizes(sizes: Sizes) -> Sizes:
-    return {"k": sizes["k"]}
-
-
-def _output(name: str) -> Entry:
-    return Entry("kg^-1/2", (f"3P of {name}", "k"))
+def _output_table(names: Iterable[str]) -> dict[str, Entry]:
+    return {name: Entry("kg^-1/2", (f"3P of {name}", "k")) for name in names}

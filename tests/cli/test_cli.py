@@ -18,7 +18,7 @@ import fenics_rom as fr
 from fenics_rom.cli.main import main
 from fenics_rom.errors import SceneError
 from fenics_rom.io.stages import Stage
-from fenics_rom.reduction.methods.by_name import BY_NAME
+from fenics_rom.reduction.reduce import BY_NAME
 from fenics_rom.scene.scene import LYAPUNOV
 
 DATA = Path(__file__).parents[1] / "data"

@@ -218,7 +218,7 @@ def damping_from_nowhere(patch, demo):
     """Motions without damping get a little, so that Gramians exist."""
     right = gramians.gramian_factors
     patch.setattr(balanced, "gramian_factors", right)
-    for module in (balanced, importlib.import_module("fenics_rom.reduction.realization")):
+    for module in (balanced, importlib.import_module("fenics_rom.reduction.balancing")):
         patch.setattr(
             module, "gramian_factors", lambda γ, d, *more: right(γ, np.maximum(d, 1e-9), *more), raising=False
         )

@@ -10,7 +10,7 @@ from fenics_rom.errors import FenicsRomWarning, FileError
 from fenics_rom.fem.petsc_matrix import PetscMatrix
 from fenics_rom.reduction.checkpoint import remove_checkpoint
 from fenics_rom.reduction.methods.balanced import balanced
-from fenics_rom.reduction.methods.by_name import BY_NAME
+from fenics_rom.reduction.reduce import BY_NAME
 
 CHOICES = {
     "closed form": {},

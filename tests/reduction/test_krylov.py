@@ -13,7 +13,7 @@ from test_own_matrices import triple_chain
 import fenics_rom as fr
 from fenics_rom.reduction.balancing import balance
 from fenics_rom.reduction.gramians import gramian_factors
-from fenics_rom.reduction.low_rank_damping import low_rank_damping
+from fenics_rom.reduction.krylov_augmentation import low_rank_damping
 from fenics_rom.system.scipy_backend import MatrixAlgebra
 
 DATA = Path(__file__).parents[1] / "data"

@@ -15,12 +15,11 @@ from fenics_rom.io.stages import Stages
 from fenics_rom.mechanics.hyperelastic import LAWS
 from fenics_rom.mechanics.step import StepInput
 from fenics_rom.reduction.common_basis import CommonBasis
-from fenics_rom.reduction.hyperreduction.cubature import spread_states
+from fenics_rom.reduction.hyperreduction.cubature import sparse_weights, spread_states
 from fenics_rom.reduction.hyperreduction.modal_derivatives import second_order, static_derivatives
-from fenics_rom.reduction.hyperreduction.nonnegative_weights import sparse_weights
+from fenics_rom.reduction.hyperreduction.reduce import validation_error
+from fenics_rom.reduction.hyperreduction.training import plan_runs
 from fenics_rom.reduction.hyperreduction.training_loads import load_extremes, slowest_period, training_targets
-from fenics_rom.reduction.hyperreduction.training_runs import plan_runs
-from fenics_rom.reduction.hyperreduction.validation import validation_error
 from fenics_rom.reduction.problem import ReductionProblem
 from fenics_rom.rom.deformation import ReducedDeformation, monomials
 

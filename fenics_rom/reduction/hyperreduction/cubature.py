@@ -9,10 +9,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 
 import numpy as np
+import scipy.linalg
 
 from fenics_rom.errors import SolverError
 from fenics_rom.mechanics.hyperelastic import VOIGT_INDEX, VOIGT_PAIRS, VOIGT_SHEAR, linear_stress, strain, stress
-from fenics_rom.reduction.hyperreduction.nonnegative_weights import sparse_weights
 from fenics_rom.system.protocols import Algebra, Array, Deformation
 
 POINTS_AT_ONCE = 4096  # whose contributions are worked on together
@@ -22,21 +22,16 @@ STIFFNESS_PROBES = 800  # of the stiffness at rest, where it has more entries
 SMALLEST_STATE = 1e-3  # share of the largest: smaller ones are served by the stiffness at rest
 COMPRESSION_TOLERANCE = 0.01  # share of the tolerance that compressed rows may leave out
 TOLERANCE_FACTORS = (1.0, 0.7, 0.4, 0.1)  # tried one after the other, while what they left out is too much
+WEIGHT_ROUND_OFF = 1e-13  # share of the largest product with the right-hand side below which no weight helps any more
 
 
 @dataclass(frozen=True)
 class Cubature:
-    """The points of this rank that have a weight.
+    """The points of this rank that have a weight."""
 
-    Attributes:
-        points: (K here,) which of this rank's.
-        weights: ω (K here,), > 0.
-        error: |G ω - G 1| / |G 1|.
-    """
-
-    points: Array
-    weights: Array
-    error: float
+    points: Array  # (K here,) which of this rank's
+    weights: Array  # ω (K here,), > 0
+    error: float  # |G ω - G 1| / |G 1|
 
 
 def fit_cubature(
@@ -45,15 +40,8 @@ def fit_cubature(
     """Points and weights for the forces of states and for the stiffness at rest.
 
     A row of G is a component of a force, divided by √γ, so that errors count by the energy of the motion they cause.
-    Each state counts by its own size, and the stiffness at rest as much as all states together.
-
-    Args:
-        body: all points.
-        algebra: what sums over the ranks.
-        gradients: of the basis, (3, 3, P here, m).
-        γ: (m,) of the basis.
-        states: q (m, s).
-        tolerance: of the error.
+    Each state q (m, s) counts by its own size, and the stiffness at rest as much as all states together. `gradients`
+    (3, 3, P here, m) and γ (m,) are of the basis.
 
     Raises:
         SolverError: no weights reach the tolerance.
@@ -153,3 +141,44 @@ def _stiffness_probes(m: int) -> tuple[Array, Array]:
         return np.eye(m)[:, i], np.eye(m)[:, j] * np.where(i == j, 1.0, np.sqrt(2.0))
     z, y = np.random.default_rng(0).standard_normal((2, m, STIFFNESS_PROBES))
     return z, y / np.sqrt(STIFFNESS_PROBES)
+
+
+def sparse_weights(A: Array, b: Array, tolerance: float) -> Array:
+    """Weights x >= 0, few of them positive, with |A x - b| <= tolerance |b| where there are any.
+
+    Lawson & Hanson (1974, algorithm 23.10) with the QR factors of the active columns updated, as ECSW uses it (Farhat,
+    Avery, Chapman & Cortial, 2014): columns enter one by one, the one that points most along the residual first.
+    The best there is where the tolerance cannot be met; a tolerance of 0 solves min |A x - b|, x >= 0.
+    """
+    active: list[int] = []
+    x = np.empty(0)
+    Q, R = np.eye(len(b)), np.empty((len(b), 0))
+    residual, helpless = b, np.zeros(A.shape[1], dtype=bool)
+    smallest_gain = WEIGHT_ROUND_OFF * np.abs(A.T @ b).max(initial=0.0)
+    while np.linalg.norm(residual) > tolerance * np.linalg.norm(b) and len(active) < len(b):
+        gain = A.T @ residual
+        gain[active] = 0.0
+        gain[helpless] = 0.0
+        entering = int(gain.argmax())
+        if gain[entering] <= smallest_gain:
+            break
+        Q, R = scipy.linalg.qr_insert(Q, R, A[:, entering], len(active), which="col")
+        active, x = [*active, entering], np.append(x, 0.0)
+        while active:
+            best = scipy.linalg.solve_triangular(R[: len(active)], (b @ Q)[: len(active)])
+            if (best > 0).all():
+                x = best
+                break
+            falling = np.flatnonzero(best <= 0)
+            x = x + (x[falling] / (x[falling] - best[falling])).min(initial=1.0) * (best - x)
+            for k in reversed(falling[x[falling] <= WEIGHT_ROUND_OFF * x.max()]):
+                Q, R = scipy.linalg.qr_delete(Q, R, k, which="col")
+                x = np.delete(x, k)
+                del active[k]
+        if entering in active:
+            residual, helpless[:] = b - A[:, active] @ x, False
+        else:  # by round-off alone, and it would be again
+            helpless[entering] = True
+    weights = np.zeros(A.shape[1])
+    weights[active] = x
+    return weights

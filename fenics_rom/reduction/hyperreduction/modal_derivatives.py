@@ -13,7 +13,7 @@ from itertools import combinations_with_replacement, islice
 import numpy as np
 
 from fenics_rom.reduction.checkpoint import Checkpoint
-from fenics_rom.reduction.gram import significant_eigenpairs
+from fenics_rom.reduction.common_basis import significant_eigenpairs
 from fenics_rom.reduction.hyperreduction.training import TrainingData
 from fenics_rom.reduction.hyperreduction.training_loads import load_extremes, slowest_period, training_targets
 from fenics_rom.reduction.problem import ReductionProblem
@@ -79,8 +79,7 @@ def static_derivatives(problem: ReductionProblem, shapes: Array, pairs: Iterable
 
 def second_order(problem: ReductionProblem, shapes: Array) -> Array:
     """-K⁻¹ f₂(x, x) of each shape x, (rows here, k): quadratic in x."""
-    body = problem.system.deformation
-    assert body is not None
+    body = problem.deformation
     forces = np.empty_like(shapes)
     for k, x in enumerate(shapes.T):
         ε = _difference_scale(problem, x)
@@ -90,10 +89,10 @@ def second_order(problem: ReductionProblem, shapes: Array) -> Array:
 
 def follower_changes(problem: ReductionProblem, shapes: Array) -> dict[str, Array]:
     """K⁻¹ ∂f/∂x x of each load that follows the body, at 1 Pa or 1 N, and each shape x, (rows here, k)."""
-    system = problem.system
-    body = system.deformation
-    assert body is not None
-    changes: dict[str, list[Array]] = {name: [] for name in system.actuators if name in body.follower(shapes[:, 0] * 0)}
+    body = problem.deformation
+    changes: dict[str, list[Array]] = {
+        name: [] for name in problem.system.actuators if name in body.follower(shapes[:, 0] * 0)
+    }
     for x in shapes.T:
         ε = _difference_scale(problem, x)
         plus, minus = body.follower(ε * x), body.follower(-ε * x)
@@ -104,7 +103,5 @@ def follower_changes(problem: ReductionProblem, shapes: Array) -> dict[str, Arra
 
 def _difference_scale(problem: ReductionProblem, x: Array) -> float:
     """What a shape is to be multiplied by for a strain of DIFFERENCE_STRAIN."""
-    body = problem.system.deformation
-    assert body is not None
-    steepest = np.abs(body.gradients(x[:, None])).max(initial=0.0)
+    steepest = np.abs(problem.deformation.gradients(x[:, None])).max(initial=0.0)
     return DIFFERENCE_STRAIN / float(problem.system.algebra.maximum(steepest))

@@ -1,22 +1,25 @@
 """Reduction where the scene names large_deformation: a basis, few points, forces that follow, and what is wrong."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
 
+from fenics_rom.errors import StepError
+from fenics_rom.reduction.balancing import choose_order
 from fenics_rom.reduction.checkpoint import Checkpoint
-from fenics_rom.reduction.hyperreduction.basis import retained_basis
+from fenics_rom.reduction.common_basis import significant_eigenpairs
 from fenics_rom.reduction.hyperreduction.cubature import fit_cubature
-from fenics_rom.reduction.hyperreduction.follower_loads import project_pressures, project_tendons
 from fenics_rom.reduction.hyperreduction.modal_derivatives import modal_derivatives
-from fenics_rom.reduction.hyperreduction.training import TrainingData, trained
-from fenics_rom.reduction.hyperreduction.validation import validation_error
+from fenics_rom.reduction.hyperreduction.training import Run, TrainingData, trained
 from fenics_rom.reduction.problem import ReductionProblem
-from fenics_rom.reduction.projection import assemble_rom
-from fenics_rom.rom.deformation import ReducedDeformation
+from fenics_rom.reduction.projection import RetainedBasis, assemble_rom
+from fenics_rom.rom.deformation import ReducedDeformation, ReducedTendon, monomials
 from fenics_rom.rom.rom import ContactModel, Rom
-from fenics_rom.system.protocols import Array, Operator
+from fenics_rom.runtime.steppers.equilibrium import Equilibrium
+from fenics_rom.runtime.steppers.newton import Newton
+from fenics_rom.system.protocols import Algebra, Array, Deformation, Operator
+from fenics_rom.system.system import System
 
 BASES: dict[str, Callable[[ReductionProblem, Checkpoint], TrainingData]] = {
     "trained": trained,
@@ -27,11 +30,7 @@ BASES: dict[str, Callable[[ReductionProblem, Checkpoint], TrainingData]] = {
 def hyperreduce(problem: ReductionProblem, method: str, tolerance: float, checkpoint: Checkpoint) -> Rom:
     """The ROM of a body that deforms largely; every rank must call it, every rank gets it.
 
-    Args:
-        problem: whose system has a deformation.
-        method: one of BASES.
-        tolerance: of the forces of the points that are kept, relative.
-        checkpoint: keeps training runs.
+    The tolerance is of the forces of the points that are kept, relative; the checkpoint keeps training runs.
 
     Raises:
         SceneError, SolverError, FileError: as the methods.
@@ -40,7 +39,9 @@ def hyperreduce(problem: ReductionProblem, method: str, tolerance: float, checkp
     training = BASES[method](problem, checkpoint)
     with problem.stages("shared basis"):
         retained = retained_basis(problem, training.columns)
-    rom = _in_one_basis(problem, assemble_rom(problem, dict.fromkeys(problem.contacts, retained), method=method))
+    rom = assemble_rom(problem, dict.fromkeys(problem.contacts, retained), method=method)
+    models = {name: _in_shared_basis(problem, rom.stiffness, model) for name, model in rom.contact_models.items()}
+    rom = replace(rom, contact_models=models)
     W = rom.basis[system.algebra.rows()]
     states = system.algebra.inner(W, system.mass @ training.shapes)
     body = _deformation(problem, W, rom.stiffness, states, tolerance)
@@ -52,15 +53,24 @@ def hyperreduce(problem: ReductionProblem, method: str, tolerance: float, checkp
     return replace(rom, stages=problem.stages.done)
 
 
-def _in_one_basis(problem: ReductionProblem, rom: Rom) -> Rom:
-    """Contact modes that span the shared basis, in it: they differ by their inputs alone."""
-    unit = np.eye(len(rom.stiffness))
-    models = {name: _in_basis(problem, rom.stiffness, model, unit) for name, model in rom.contact_models.items()}
-    return replace(rom, contact_models=models)
+def retained_basis(problem: ReductionProblem, columns: Array) -> RetainedBasis:
+    """The leading left singular vectors of weighted columns (rows here, c) in the mass norm, as many as are asked for.
+
+    The order of several contact modes is the largest, as they have one basis; a tolerance is the share of the sum of
+    singular values that may be left out.
+    """
+    w, E = significant_eigenpairs(problem.system.algebra.inner(columns, problem.system.mass @ columns))
+    order = max(problem.order.values()) if isinstance(problem.order, Mapping) else problem.order
+    m = choose_order(np.sqrt(w), order, problem.tolerance)
+    if len(w) < m:
+        problem.messages.append(f"order {m} was asked for, {len(w)} directions were seen and kept")
+    coordinates = problem.space.add(columns @ (E[:, :m] / np.sqrt(w[:m])))
+    span = np.linalg.qr(coordinates)[0]
+    return RetainedBasis(span, coordinates, np.empty(0))
 
 
-def _in_basis(problem: ReductionProblem, κ: Array, model: ContactModel, unit: Array) -> ContactModel:
-    """A model whose coordinates are orthogonal, in the shared basis itself."""
+def _in_shared_basis(problem: ReductionProblem, κ: Array, model: ContactModel) -> ContactModel:
+    """A model that spans the shared basis, in it: contact modes differ by their inputs alone then."""
     C, D = model.coordinates, model.damping
     if D.ndim == 2:
         D = C @ D @ C.T
@@ -69,16 +79,13 @@ def _in_basis(problem: ReductionProblem, κ: Array, model: ContactModel, unit: A
         assert problem.system.rayleigh is not None
         α, β = problem.system.rayleigh
         D = α + β * κ
-    return replace(
-        model, eigenvalues=κ, damping=D, inputs=C @ model.inputs, coordinates=unit, directions=C @ model.directions
-    )
+    inputs, directions = C @ model.inputs, C @ model.directions
+    return replace(model, eigenvalues=κ, damping=D, inputs=inputs, coordinates=np.eye(len(κ)), directions=directions)
 
 
 def _deformation(problem: ReductionProblem, W: Array, γ: Array, states: Array, tolerance: float) -> ReducedDeformation:
     """What the ROM gets beside its linear model, on every rank."""
-    system = problem.system
-    body, algebra = system.deformation, system.algebra
-    assert body is not None
+    system, body, algebra = problem.system, problem.deformation, problem.system.algebra
     assert system.scene is not None
     with problem.stages("cubature"):
         gradients = body.gradients(W)
@@ -113,3 +120,67 @@ def _deformation(problem: ReductionProblem, W: Array, γ: Array, states: Array, 
         pressures=pressures,
         tendons=tendons,
     )
+
+
+def project_pressures(body: Deformation, algebra: Algebra, W: Array, names: Iterable[str]) -> dict[str, Array]:
+    """Forces of 1 Pa as polynomials of q, (m, 1 + m + m (m+1)/2) for `monomials(q)`.
+
+    ∫ cof(F) N · δ dS is of second degree in the displacement. So values at rest, at plus and minus each basis vector
+    and at each sum of two are all there is to know (polarisation). W is the basis (rows here, m).
+    """
+    names, m = list(names), W.shape[1]
+    if not names:
+        return {}
+    length = float(algebra.inner(np.ones((len(body.weights), 1)), body.weights[:, None])[0, 0]) ** (1 / 3)
+    unit = length / algebra.maximum(np.abs(W).max(axis=0, initial=0.0))  # of q, for entries of all degrees alike
+
+    def forces(q: Array) -> Array:
+        """Of all pressures, (pressures, m)."""
+        columns = body.follower(W @ (unit * q))
+        return algebra.inner(np.hstack([columns[name] for name in names]), W)
+
+    e = np.eye(m)
+    at_rest = forces(np.zeros(m))
+    plus, minus = (np.array([forces(sign * e[i]) for i in range(m)]) for sign in (1.0, -1.0))
+    linear, quadratic = (plus - minus) / 2, (plus + minus) / 2 - at_rest
+    mixed = [
+        quadratic[i] if i == j else forces(e[i] + e[j]) - at_rest - linear[i] - linear[j] - quadratic[i] - quadratic[j]
+        for i, j in zip(*np.triu_indices(m), strict=True)
+    ]
+    coefficients = np.stack([at_rest, *linear, *mixed], axis=-1) / monomials(unit)
+    return dict(zip(names, coefficients, strict=True))
+
+
+def project_tendons(body: Deformation, algebra: Algebra, W: Array) -> dict[str, ReducedTendon]:
+    """Tendons through points of the body, whose displacements are shapesᵀW q."""
+    return {name: ReducedTendon(points, algebra.inner(shapes, W)) for name, (points, shapes) in body.tendons.items()}
+
+
+def validation_error(rom: Rom, system: System, run: Run, shapes: Array) -> float:
+    """Largest difference to the full model's shapes (rows here, s) in a run, as a share of the largest, in mass norm.
+
+    It is infinite where the reduced model does not converge.
+    """
+    W, inner = rom.basis[system.algebra.rows()], system.algebra.inner
+    Mx = system.mass @ shapes
+    squares, projections = np.diag(inner(shapes, Mx)), inner(W, Mx)  # of |x - W q|² = |x|² - |WᵀMx|² + |WᵀMx - q|²
+    try:
+        reduced = _reduced_states(rom, run)
+    except StepError:
+        return float("inf")
+    outside = np.maximum(squares - (projections**2).sum(axis=0), 0.0)
+    errors = outside + ((projections - reduced) ** 2).sum(axis=0)
+    return float(np.sqrt(errors.max() / squares.max()))
+
+
+def _reduced_states(rom: Rom, run: Run) -> Array:
+    """q (m, s) of the reduced model in a run."""
+    kernel = (Equilibrium if run.dt is None else Newton)(rom, None, None)
+    kernel.set_time_step(1.0 if run.dt is None else run.dt)
+    snapshot_steps, states, m = set(run.snapshot_steps()), [], len(rom.stiffness)
+    for step, (contact, u) in enumerate(run.steps):
+        kernel.enter(rom.contact_models[contact])
+        kernel.step(u)
+        if step in snapshot_steps:
+            states.append(kernel.state[:m] / np.sqrt(rom.stiffness))
+    return np.column_stack(states)

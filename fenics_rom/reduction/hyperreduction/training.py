@@ -1,7 +1,15 @@
-"""Method "trained": what a body does in full-order runs, and the directions of its small motions."""
+"""Method "trained": what a body does in full-order runs, and the directions of its small motions.
 
+Each begins at rest, lets loads grow to a target within half of the slowest period, so that the body overshoots, holds
+them, lets go and swings: what the scene does at its worst moment, then actuators, loads and contact modes one by one,
+and together. A contact mode that the scene never pushes is pushed by as much as undoes there what the other loads do:
+obstacles do no more.
+"""
+
+from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import dataclass
+from itertools import islice
 from typing import Any
 
 import numpy as np
@@ -9,27 +17,49 @@ import numpy as np
 from fenics_rom.errors import SolverError
 from fenics_rom.mechanics.step import StepInput
 from fenics_rom.reduction.checkpoint import Checkpoint
-from fenics_rom.reduction.hyperreduction.basis import weighted_small_motions, weighted_snapshots
-from fenics_rom.reduction.hyperreduction.training_runs import Run, plan_runs
+from fenics_rom.reduction.hyperreduction.training_loads import (
+    LoadExtremes,
+    load_extremes,
+    scene_history,
+    scene_with_run,
+    slowest_period,
+    training_targets,
+)
 from fenics_rom.reduction.methods.balanced import balanced
 from fenics_rom.reduction.methods.static import static
-from fenics_rom.reduction.problem import ReductionProblem
+from fenics_rom.reduction.problem import RankedBasis, ReductionProblem
 from fenics_rom.system.protocols import Array
+from fenics_rom.system.system import System
+
+MIN_RUNS, MAX_RUNS = 10, 14
+STEPS_PER_PERIOD = 60  # of the slowest motion; no more, if the scene's are shorter
+STATIC_STEPS = 10  # of a load that grows without inertia
+SNAPSHOTS = 50  # of each run
+MAX_HISTORY_STEPS = 400  # of the scene's own load history
+GROWING_PERIODS, HOLDING_PERIODS, RUN_PERIODS = 0.5, 0.75, 2.5  # slowest periods that loads grow, are held, runs take
+SMALL_MOTION_WEIGHT = 0.03  # of a run's that the directions of small motions of a contact mode have together
+
+
+@dataclass(frozen=True)
+class Run:
+    """A full-order run that starts at rest."""
+
+    title: str  # its loads, for messages
+    steps: tuple[tuple[str, Array], ...]  # contact mode and input of each
+    dt: float | None  # s; None where every step is an equilibrium
+
+    def snapshot_steps(self) -> range:
+        """The steps after which the shape is kept."""
+        return range(0, len(self.steps), -(-len(self.steps) // SNAPSHOTS))
 
 
 @dataclass(frozen=True)
 class TrainingData:
-    """What a basis and its points are chosen from.
+    """What a basis and its points are chosen from."""
 
-    Attributes:
-        columns: (rows here, any) whose leading singular vectors are the basis, each weighted by what it matters.
-        shapes: (rows here, any) for whose forces points are chosen, m.
-        held_out: runs that nothing was chosen from, and the shapes (rows here, s) in each.
-    """
-
-    columns: Array
-    shapes: Array
-    held_out: tuple[tuple[Run, Array], ...] = ()
+    columns: Array  # (rows here, any) whose leading singular vectors are the basis, each weighted by what it matters
+    shapes: Array  # (rows here, any) for whose forces points are chosen, m
+    held_out: tuple[tuple[Run, Array], ...] = ()  # runs that nothing was chosen from, and the shapes (rows here, s)
 
 
 def trained(problem: ReductionProblem, checkpoint: Checkpoint) -> TrainingData:
@@ -51,9 +81,7 @@ def trained(problem: ReductionProblem, checkpoint: Checkpoint) -> TrainingData:
 
 def _simulated(problem: ReductionProblem, runs: list[Run], checkpoint: Checkpoint) -> list[Array]:
     """The shapes (rows here, s) of each run."""
-    system, shapes = problem.system, []
-    body = system.deformation
-    assert body is not None
+    system, body, shapes = problem.system, problem.deformation, []
     with problem.stages("training runs"), closing(body.stepper(1.0, ledger=False)) as stepper:
         for number, run in enumerate(runs):
             problem.stages.report("training runs", number, len(runs))
@@ -89,3 +117,59 @@ def _shapes(stepper: Any, run: Run, name: str) -> Array:
             "large as in the scene's [run]: lower those"
         ) from error
     return np.column_stack(shapes)
+
+
+def plan_runs(problem: ReductionProblem) -> tuple[list[Run], list[Run]]:
+    """Training runs, and held-out ones to validate with.
+
+    Raises:
+        SceneError: the scene has no load history, or one in which nothing acts.
+    """
+    system = problem.system
+    scene, scene_run = scene_with_run(system)
+    moves = scene.effects.inertia is not None
+    period = slowest_period(problem) if moves else 0.0
+    dt = max(scene_run.dt, period / STEPS_PER_PERIOD) if moves else None
+    loads = load_extremes(problem, period)
+    number = min(MAX_RUNS, max(MIN_RUNS, 2 * loads.count))
+    runs = [
+        _grown_and_released(system, loads, contact, u, dt, period)
+        for contact, u in islice(training_targets(loads), number + 1)
+    ]
+    held_out = runs[-1:]
+    if scene.effects.contact is None:  # where obstacles do not stop the body, it would go too far without them
+        steps = tuple(islice(scene_history(system, scene), MAX_HISTORY_STEPS))
+        held_out.append(Run("the scene's own load history", steps, scene_run.dt if moves else None))
+    return runs[:-1], held_out
+
+
+def _grown_and_released(
+    system: System, loads: LoadExtremes, contact: str, target: Array, dt: float | None, period: float
+) -> Run:
+    """The run of a target: grow, hold, let go, swing; without inertia, grow alone."""
+    shares: Array = np.arange(1, STATIC_STEPS + 1) / STATIC_STEPS
+    if dt is not None:
+        time = (np.arange(round(RUN_PERIODS * period / dt)) + 0.5) * dt / period
+        shares = np.where(time < GROWING_PERIODS + HOLDING_PERIODS, np.minimum(time / GROWING_PERIODS, 1.0), 0.0)
+    names = [f"{contact}[{k}]" for k in range(len(target) - len(loads.resting))]
+    names += [name if width == 1 else f"{name}[{k}]" for name, width in system.widths.items() for k in range(width)]
+    title = ", ".join(f"{name} {value:.3g}" for name, value in zip(names, loads.whole(target), strict=True) if value)
+    return Run(title, tuple((contact, loads.whole(target, share)) for share in shares), dt)
+
+
+def weighted_snapshots(problem: ReductionProblem, runs: list[Array]) -> Array:
+    """The shapes of all runs, each run as important as any other: it may be of a load that moves the body little."""
+    inner, M = problem.system.algebra.inner, problem.system.mass
+    return np.hstack([shapes / np.sqrt(np.trace(inner(shapes, M @ shapes))) for shapes in runs])
+
+
+def weighted_small_motions(problem: ReductionProblem, bases: Mapping[str, RankedBasis]) -> Array:
+    """The directions of linear contact modes, weighted by their singular values: so that small loads stay right."""
+    columns = []
+    for name, ranked in bases.items():
+        m = problem.order_of(name) or len(ranked.singular_values)
+        T = problem.space.basis[:, : len(ranked.coordinates)] @ ranked.coordinates[:, :m]
+        T = T / np.sqrt(np.diag(problem.system.algebra.inner(T, problem.system.mass @ T)))
+        σ = ranked.singular_values[: T.shape[1]]
+        columns.append(SMALL_MOTION_WEIGHT * T * σ / np.linalg.norm(σ))
+    return np.hstack(columns)

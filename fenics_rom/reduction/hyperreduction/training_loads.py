@@ -8,6 +8,7 @@ import numpy as np
 
 from fenics_rom.errors import SceneError
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
+from fenics_rom.mechanics.environment import Run
 from fenics_rom.mechanics.load_history import LoadHistory
 from fenics_rom.reduction.problem import ReductionProblem
 from fenics_rom.scene.scene import Scene
@@ -22,19 +23,12 @@ RANDOM_PUSH_SHARE = 0.5  # of a contact force that is given to a random directio
 
 @dataclass(frozen=True)
 class LoadExtremes:
-    """How large they get in the scene's load history, in the order of the input.
+    """How large they get in the scene's load history, in the order of the input."""
 
-    Attributes:
-        resting: (c,) actuators and loads: what is always there.
-        extremes: (2, c) the rest, least and most.
-        pushes: (columns,) by contact mode, of its largest force.
-        worst: contact mode and input, less what is always there, that move the body farthest at rest.
-    """
-
-    resting: Array
-    extremes: Array
-    pushes: dict[str, Array]
-    worst: tuple[str, Array]
+    resting: Array  # (c,) actuators and loads: what is always there
+    extremes: Array  # (2, c) the rest, least and most
+    pushes: dict[str, Array]  # (columns,) by contact mode, of its largest force
+    worst: tuple[str, Array]  # contact mode and input, less what is always there, that move the body farthest at rest
 
     @property
     def count(self) -> int:
@@ -48,8 +42,8 @@ class LoadExtremes:
         return always + share * target
 
 
-def scene_with_run(system: System) -> Scene:
-    """The scene that says how far the body is to be trained to deform.
+def scene_with_run(system: System) -> tuple[Scene, Run]:
+    """The scene and its load history, which say how far the body is to be trained to deform.
 
     Raises:
         SceneError: there is none, or it has no load history.
@@ -58,7 +52,7 @@ def scene_with_run(system: System) -> Scene:
     if scene is None or scene.run is None:
         where = scene.source if scene else "a system of matrices"
         raise SceneError(f"{where}: has no [run], whose loads say how far the body is to be trained to deform")
-    return scene
+    return scene, scene.run
 
 
 def slowest_period(problem: ReductionProblem) -> float:
@@ -77,15 +71,14 @@ def load_extremes(problem: ReductionProblem, period: float) -> LoadExtremes:
         SceneError: the scene has no load history, or one in which nothing acts that could be trained with.
     """
     system = problem.system
-    scene = scene_with_run(system)
+    scene, run = scene_with_run(system)
     signals = list(scene_history(system, scene))
-    assert scene.run is not None
     shared = sum(system.widths.values())
     acting = np.array([u[len(u) - shared :] for _, u in signals])
     constant = (acting == acting[0]).all(axis=0)
     of_loads = np.arange(shared) >= sum(B.shape[1] for B in system.actuators.values())
     resting = np.where(constant & of_loads, acting[0], 0.0)
-    width = max(1, min(len(signals), round(SMOOTHING_PERIODS * period / scene.run.dt)))
+    width = max(1, min(len(signals), round(SMOOTHING_PERIODS * period / run.dt)))
     acting = _averages(acting - resting, width)
     pushing = {}
     for name, B in system.contacts.items():

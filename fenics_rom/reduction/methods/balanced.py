@@ -6,7 +6,14 @@ import numpy as np
 
 from fenics_rom.errors import SolverError
 from fenics_rom.reduction.adi import ModalSubspace, low_rank_gramians, projected_observability
-from fenics_rom.reduction.balancing import balance, choose_order
+from fenics_rom.reduction.balancing import (
+    balance,
+    balanced_by_textbook,
+    balanced_in,
+    choose_order,
+    output_weight,
+    ranked_basis,
+)
 from fenics_rom.reduction.eigenvectors import share_eigenvectors
 from fenics_rom.reduction.gramians import gramian_factors, square_root
 from fenics_rom.reduction.krylov import (
@@ -18,7 +25,6 @@ from fenics_rom.reduction.krylov import (
 )
 from fenics_rom.reduction.krylov_augmentation import KrylovAugmentation, find_augmentation
 from fenics_rom.reduction.problem import RankedBasis, ReductionProblem
-from fenics_rom.reduction.realization import balanced_by_textbook, balanced_in, output_weight, ranked_basis
 from fenics_rom.system.protocols import Array
 
 MAX_COLUMNS_WITHOUT_EIGENVECTORS = 24  # of all input matrices: so few are better served by Krylov spaces alone

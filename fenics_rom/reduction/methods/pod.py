@@ -5,7 +5,7 @@ from contextlib import closing
 
 import numpy as np
 
-from fenics_rom.reduction.gram import significant_eigenpairs
+from fenics_rom.reduction.common_basis import significant_eigenpairs
 from fenics_rom.reduction.problem import RankedBasis, ReductionProblem
 from fenics_rom.system.protocols import Array, Factor
 from fenics_rom.system.system import System

@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from fenics_rom.reduction.gram import significant_eigenpairs
+from fenics_rom.reduction.common_basis import significant_eigenpairs
 from fenics_rom.reduction.problem import RankedBasis, ReductionProblem
 
 

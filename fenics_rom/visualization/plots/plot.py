@@ -138,7 +138,7 @@ def _select_panels(
 
 def _full_response(rom: Rom, system: System, report: Report) -> Mapping[str, tuple[Array, Array, Array]]:
     """Frequencies, |H| and |H - H_i| of each contact mode; those of the validation are among them."""
-    from fenics_rom.reduction.full_response import full_responses  # needs SciPy, which a plot of a run does not
+    from fenics_rom.reduction.frequency_response import full_responses  # needs SciPy, which a plot of a run does not
 
     sampled = [mode.frequencies for mode in rom.contact_models.values()]
     ω = np.unique(np.concatenate([plotted_frequencies(rom, FULL_POINTS, FULL_PEAK_OFFSETS), *sampled]))

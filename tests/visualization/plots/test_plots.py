@@ -14,7 +14,7 @@ from fenics_rom.cli.main import main
 from fenics_rom.errors import FileError, SceneError, StructureError
 from fenics_rom.io.units import prefixed, readable
 from fenics_rom.mechanics.environment import Environment
-from fenics_rom.reduction.full_response import full_responses
+from fenics_rom.reduction.frequency_response import full_responses
 from fenics_rom.visualization.plots.plot import plot
 from fenics_rom.visualization.plots.reduced import (
     FULL_PEAK_OFFSETS,
