@@ -164,9 +164,6 @@ def _contributions(system: System, space: ModalSubspace, residual: Residual) -> 
 
     That is a motion of length |x| |c| / √(-2 Re λ), with x the position of its eigenvector and c the coordinates of W
     in the eigenvectors; √2 of it together with that of the conjugate.
-
-    Raises:
-        SolverError: no motion in that space is damped.
     """
     X, ω, inner = space.basis, np.sqrt(space.eigenvalues), system.algebra.inner
     D = np.diag(space.damping) if space.damping.ndim == 1 else space.damping

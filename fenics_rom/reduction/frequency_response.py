@@ -81,11 +81,7 @@ def full_responses(system: System, rom: Rom, frequencies: Array, report: Report 
 
 
 def _checked_basis(system: System, rom: Rom) -> Array:
-    """Q, the rows of this rank.
-
-    Raises:
-        StructureError: other unknowns, contact modes or numbers of columns than the system's.
-    """
+    """Q, the rows of this rank; refused where unknowns, contact modes or numbers of columns are not the system's."""
     moving = system.body.unknowns.moving
     if not np.array_equal(moving, rom.free) or not np.allclose(system.body.nodes, rom.nodes):
         raise StructureError(

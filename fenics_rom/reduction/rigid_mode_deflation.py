@@ -6,7 +6,7 @@ reduced of it gets R back, exactly, in every contact mode.
 """
 
 from contextlib import closing
-from dataclasses import fields, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -26,12 +26,10 @@ def elastic_part(system: System) -> System:
     if not system.rigid.shape[1]:
         return system
     algebra = ElasticAlgebra(system)
-    given = {field.name: getattr(system, field.name) for field in fields(system)}
-    balanced = {
-        kind: {name: algebra.balanced(B) for name, B in given[kind].items()}
-        for kind in ("contacts", "actuators", "loads", "outputs")
-    }
-    return _ElasticSystem(**{**given, **balanced, "algebra": algebra})
+    given = vars(system) | {"algebra": algebra}
+    for kind in ("contacts", "actuators", "loads", "outputs"):
+        given[kind] = {name: algebra.balanced(B) for name, B in given[kind].items()}
+    return _ElasticSystem(**given)
 
 
 class _ElasticSystem(System):
@@ -44,11 +42,7 @@ class _ElasticSystem(System):
 
 
 def require_loads(system: System) -> None:
-    """Refuses contact modes of an elastic part whose inputs strain nothing.
-
-    Raises:
-        SceneError: the first of them.
-    """
+    """Refuses (SceneError) contact modes of an elastic part whose inputs strain nothing."""
     for name in system.contacts:
         if not np.any(system.algebra.inner(B := system.forces(name), B)):
             raise SceneError(
@@ -125,20 +119,13 @@ class ElasticAlgebra:
 
         K alone is fixed at as many degrees of freedom as there are rigid motions: loads in balance do not feel them.
         A sum with M is regular as it is.
-
-        Raises:
-            SolverError: as that of the whole body.
         """
         regular = any(c != 0 and operator is self._mass for c, operator in terms)
         fixed = NO_DOFS if regular else choose_fixed_dofs(self.rigid, self.whole)
         return ElasticFactor(self, self.whole.factor(*terms, solver=solver, fixed_dofs=fixed), fixed)
 
     def eigenpairs(self, mass: Any, stiffness: Any, count: int, factor: Any = None) -> tuple[Array, Array]:
-        """The lowest γ > 0, ascending, and their M-orthonormal eigenvectors.
-
-        Raises:
-            SolverError: not enough of them converged.
-        """
+        """The lowest γ > 0, ascending, and their M-orthonormal eigenvectors."""
         if DENSE_SHARE * count > self._size:
             γ, V = self._all_eigenpairs(mass, stiffness)
             return γ[:count], V[:, :count]

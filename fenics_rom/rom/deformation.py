@@ -125,7 +125,7 @@ def monomials(q: Array) -> Array:
     return np.concatenate([[1.0], q, np.outer(q, q)[np.triu_indices(len(q))]])
 
 
-def check_deformation(body: ReducedDeformation, order: int) -> None:
+def check_deformation(body: ReducedDeformation, order: int, actuators: Mapping[str, int]) -> None:
     """Measures what its energy balance rests on.
 
     Raises:
@@ -154,3 +154,10 @@ def check_deformation(body: ReducedDeformation, order: int) -> None:
             raise StructureError(f"deformation: {what} is not positive semi-definite, least {least * largest:g}")
     if not (body.training_radius > 0 and body.points_of >= len(body.weights) > 0):
         raise StructureError("deformation: has no points, or no states that it was trained on")
+    m = body.order
+    for name, force in body.pressures.items():
+        if actuators.get(name) != 1 or force.shape != (m, 1 + m + m * (m + 1) // 2):
+            raise StructureError(f"deformation: pressure {name!r} is no actuator, or has not {m} displacements")
+    for name, tendon in body.tendons.items():
+        if actuators.get(name) != 1 or tendon.shapes.shape != (tendon.points.size, m):
+            raise StructureError(f"deformation: tendon {name!r} is no actuator, or has not {m} displacements")

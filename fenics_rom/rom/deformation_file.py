@@ -30,18 +30,13 @@ TENDON = {"points": Entry("m", ("K", 3)), "shapes": Entry("kg^-1/2", ("3K", "k")
 
 
 def put_deformation(h5: h5py.File, body: ReducedDeformation, sizes: Sizes) -> None:
-    """Writes the group.
-
-    Raises:
-        FileError: arrays that do not fit.
-    """
+    """Writes the group."""
     group = h5.create_group("deformation", track_order=True)
     put_text(group, law=body.law)
     sizes = {"k": sizes["k"]}
     put_arrays(group, BODY, sizes, {name: getattr(body, name) for name in BODY})
     numbers = {name: getattr(body, name) for name in NUMBERS}
-    numbers = {name: None if number is None else np.array([number]) for name, number in numbers.items()}
-    put_arrays(group, NUMBERS, sizes, numbers)
+    put_arrays(group, NUMBERS, sizes, {name: n if n is None else np.array([n]) for name, n in numbers.items()})
     pressures, tendons = (group.create_group(name, track_order=True) for name in ("pressures", "tendons"))
     put_arrays(pressures, dict.fromkeys(body.pressures, PRESSURE), sizes, body.pressures)
     for name, tendon in body.tendons.items():
@@ -49,16 +44,13 @@ def put_deformation(h5: h5py.File, body: ReducedDeformation, sizes: Sizes) -> No
 
 
 def get_deformation(h5: h5py.File, sizes: Sizes) -> ReducedDeformation:
-    """Reads the group.
-
-    Raises:
-        FileError: arrays that are missing or do not fit.
-    """
+    """Reads the group."""
     group = get_group(h5, "deformation")
     sizes = {"k": sizes["k"]}
     arrays: Any = get_arrays(group, BODY | NUMBERS, sizes, ("pressures", "tendons"))
     pressures, tendons = get_group(group, "pressures"), get_group(group, "tendons")
     forces: Any = get_arrays(pressures, dict.fromkeys(pressures, PRESSURE), sizes)
+    cables: Any = {name: get_arrays(get_group(tendons, name), TENDON, {"k": sizes["k"]}) for name in tendons}
     validation = arrays["validation_error"]
     return ReducedDeformation(
         law=get_text(group, "law"),
@@ -68,10 +60,5 @@ def get_deformation(h5: h5py.File, sizes: Sizes) -> ReducedDeformation:
         cubature_error=float(arrays["cubature_error"][0]),
         validation_error=None if validation is None else float(validation[0]),
         pressures=forces,
-        tendons={name: _get_tendon(get_group(tendons, name), sizes["k"]) for name in tendons},
+        tendons={name: ReducedTendon(**cable) for name, cable in cables.items()},
     )
-
-
-def _get_tendon(group: h5py.Group, order: int) -> ReducedTendon:
-    arrays: Any = get_arrays(group, TENDON, {"k": order})
-    return ReducedTendon(**arrays)

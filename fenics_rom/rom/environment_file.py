@@ -37,11 +37,7 @@ COLUMNS = {"columns": Entry("1", (1,), "i")}
 
 
 def put_environment(h5: h5py.File, environment: Environment) -> None:
-    """Writes the group.
-
-    Raises:
-        FileError: names or texts that a file cannot hold.
-    """
+    """Writes the group."""
     check_names([*environment.loads, *environment.obstacles])
     group = h5.create_group("environment", track_order=True)
     put_text(group, contact_switching=environment.contact_switching, source=environment.source)
@@ -73,11 +69,7 @@ def put_environment(h5: h5py.File, environment: Environment) -> None:
 
 
 def take_environment(h5: h5py.File) -> Environment:
-    """Reads the group.
-
-    Raises:
-        FileError: something is missing or does not fit.
-    """
+    """Reads the group."""
     group = get_group(h5, "environment")
     has_inertia = get_text(group, "has_inertia")
     if has_inertia not in (YES, NO):

@@ -54,11 +54,7 @@ Said = Mapping[str, Any]
 
 
 def upgrade(h5: h5py.File) -> None:
-    """Gives everything its name of today, and the scene's environment its own place.
-
-    Raises:
-        FileError: the scene cannot be read.
-    """
+    """Gives everything its name of today, and the scene's environment its own place."""
     rename_all(h5, NAMES)
     text = re.sub(r"^(\s*)shapes(\s*=)", r"\1snapshots\2", get_text(h5, "scene"), flags=re.MULTILINE)
     if get_text(h5, "switching") == "modal":
@@ -86,6 +82,7 @@ def _environment(scene: Said, tables: Mapping[str, np.ndarray], source: str) -> 
     said = scene.get("effects", {})
     effects = {name: said[name] for name in EFFECTS if name in said}
     contact = effects.get("contact", {})
+    materials: Said = {"body": scene["material"]} if "material" in scene else scene.get("materials", {})
 
     def signal(one: Said, key: str) -> Signal | None:
         if "table" in one:
@@ -116,15 +113,10 @@ def _environment(scene: Said, tables: Mapping[str, np.ndarray], source: str) -> 
         contact_law=law,
         contact_switching=contact.get("switching", "automatic"),
         built_in={f"effects.{name}": _built_in(name, one) for name, one in effects.items()}
-        | {f"materials.{name}": json.dumps(_plain(one), sort_keys=True) for name, one in _materials(scene).items()},
+        | {f"materials.{name}": json.dumps(_plain(one), sort_keys=True) for name, one in materials.items()},
         run=_run(scene["run"], signal) if "run" in scene else None,
         source=source,
     )
-
-
-def _materials(scene: Said) -> Said:
-    materials: Said = scene.get("materials", {})
-    return {"body": scene["material"]} if "material" in scene else materials
 
 
 def _run(run: Said, signal: Any) -> Run:

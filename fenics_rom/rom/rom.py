@@ -209,16 +209,10 @@ def neglected(mode: ContactModel) -> float | None:
 
 
 def diagonalized_span(κ: Array, span: Array) -> tuple[Array, Array]:
-    """Generalized eigenvalues and coordinates of a subspace of the shared basis.
+    """γ (m,), ascending, and C (k, m) with the span of given orthonormal columns, CᵀC = I and CᵀκC = diag(γ).
 
-    The singular values of √κ C are √γ: accurate where an eigenproblem of CᵀκC would lose half the digits.
-
-    Args:
-        κ: (k,) shared stiffness; where it begins with zeros, the span holds the rigid motions that they are of.
-        span: (k, m) orthonormal columns.
-
-    Returns:
-        γ (m,), ascending, and C (k, m) with the same span, CᵀC = I and CᵀκC = diag(γ); rigid motions are unit vectors.
+    The singular values of √κ C are √γ: accurate where an eigenproblem of CᵀκC would lose half the digits. Where κ (k,)
+    begins with zeros, the span holds the rigid motions that they are of, which become unit vectors.
     """
     rigid = np.count_nonzero(κ == 0)
     _, ω, rotation = np.linalg.svd(np.sqrt(κ)[:, None] * span, full_matrices=False)
@@ -248,12 +242,8 @@ def truncate(rom: Rom, order: int) -> Rom:
         raise StructureError("a ROM with large deformation cannot be truncated; reduce to that order instead")
     if rom.switching == "oblique":
         raise StructureError("a ROM with oblique switching cannot be truncated; reduce to that order instead")
-    return replace(
-        rom,
-        contact_models={
-            name: _truncate_mode(rom.stiffness, mode, rom.rigid + order) for name, mode in rom.contact_models.items()
-        },
-    )
+    κ, modes = rom.stiffness, rom.contact_models
+    return replace(rom, contact_models={name: _truncate_mode(κ, modes[name], rom.rigid + order) for name in modes})
 
 
 def _truncate_mode(κ: Array, mode: ContactModel, order: int) -> ContactModel:
@@ -289,25 +279,13 @@ def check_rom(rom: Rom) -> Rom:
     with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is refused like any other gap
         for name, mode in rom.contact_models.items():
             _check_mode(f"contact mode {name!r}", rom.stiffness, mode, rigid)
+            if rom.deformation is not None and not np.array_equal(mode.coordinates, np.eye(len(rom.stiffness))):
+                raise StructureError(f"contact mode {name!r}: has not the one basis that large deformation takes")
         if rom.deformation is not None:
-            _check_deformation(rom, rom.deformation)
+            from fenics_rom.rom.deformation import check_deformation  # here, as few bodies deform largely
+
+            check_deformation(rom.deformation, len(rom.stiffness), rom.actuators)
     return rom
-
-
-def _check_deformation(rom: Rom, body: "ReducedDeformation") -> None:
-    from fenics_rom.rom.deformation import check_deformation  # here, as few bodies deform largely
-
-    check_deformation(body, len(rom.stiffness))
-    for name, mode in rom.contact_models.items():
-        if not (np.array_equal(mode.coordinates, np.eye(len(rom.stiffness)))):
-            raise StructureError(f"contact mode {name!r}: has not the one basis that large deformation takes")
-    for name, force in body.pressures.items():
-        m = body.order
-        if rom.actuators.get(name) != 1 or force.shape != (m, 1 + m + m * (m + 1) // 2):
-            raise StructureError(f"deformation: pressure {name!r} is no actuator, or has not {m} displacements")
-    for name, tendon in body.tendons.items():
-        if rom.actuators.get(name) != 1 or tendon.shapes.shape != (tendon.points.size, body.order):
-            raise StructureError(f"deformation: tendon {name!r} is no actuator, or has not {body.order} displacements")
 
 
 def _check_mode(where: str, κ: Array, mode: ContactModel, rigid: int) -> None:

@@ -29,11 +29,7 @@ NEW_SHAPE_SHARE = 1e-12  # of the squares of the static shapes, beyond the eigen
 
 
 def modal_derivatives(problem: ReductionProblem, checkpoint: Checkpoint) -> TrainingData:
-    """Eigenvectors, static shapes and their derivatives, each weighted by its amplitude under the scene's loads.
-
-    Raises:
-        SceneError: the scene has no loads that say how large the amplitudes are.
-    """
+    """Eigenvectors, static shapes and their derivatives, each weighted by its amplitude under the scene's loads."""
     system = problem.system
     inner, M = system.algebra.inner, system.mass
     moves = system.scene is None or system.scene.effects.inertia is not None

@@ -31,9 +31,6 @@ def hyperreduce(problem: ReductionProblem, method: str, tolerance: float, checkp
     """The ROM of a body that deforms largely; every rank must call it, every rank gets it.
 
     The tolerance is of the forces of the points that are kept, relative; the checkpoint keeps training runs.
-
-    Raises:
-        SceneError, SolverError, FileError: as the methods.
     """
     system = problem.system
     training = BASES[method](problem, checkpoint)

@@ -63,13 +63,7 @@ class TrainingData:
 
 
 def trained(problem: ReductionProblem, checkpoint: Checkpoint) -> TrainingData:
-    """From full-order runs under the scene's loads, and the linear reductions of the contact modes.
-
-    Raises:
-        SceneError: the scene has no loads to train with.
-        SolverError: a run does not converge.
-        FileError: a checkpoint of something else, or one that cannot be written.
-    """
+    """From full-order runs under the scene's loads, and the linear reductions of the contact modes."""
     training, held_out = plan_runs(problem)
     shapes = _simulated(problem, [*training, *held_out], checkpoint)
     trained_shapes, held_out_shapes = shapes[: len(training)], shapes[len(training) :]
@@ -120,11 +114,7 @@ def _shapes(stepper: Any, run: Run, name: str) -> Array:
 
 
 def plan_runs(problem: ReductionProblem) -> tuple[list[Run], list[Run]]:
-    """Training runs, and held-out ones to validate with.
-
-    Raises:
-        SceneError: the scene has no load history, or one in which nothing acts.
-    """
+    """Training runs, and held-out ones to validate with."""
     system = problem.system
     scene, scene_run = scene_with_run(system)
     moves = scene.effects.inertia is not None

@@ -43,11 +43,7 @@ class LoadExtremes:
 
 
 def scene_with_run(system: System) -> tuple[Scene, Run]:
-    """The scene and its load history, which say how far the body is to be trained to deform.
-
-    Raises:
-        SceneError: there is none, or it has no load history.
-    """
+    """The scene and its load history, which say how far the body is to be trained to deform; SceneError without."""
     scene = system.scene
     if scene is None or scene.run is None:
         where = scene.source if scene else "a system of matrices"
