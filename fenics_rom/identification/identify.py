@@ -1,7 +1,7 @@
 """`identify`: from a scene and marker data to the scene that fits them best, and how well its numbers are known."""
 
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
@@ -15,9 +15,23 @@ from fenics_rom.identification.affine import AffineSystem
 from fenics_rom.identification.experiment import Experiment, make_experiment
 from fenics_rom.identification.fit import MAX_BASES, Fit, FitProblem, fit_parameters
 from fenics_rom.identification.marker_data import Data, Equilibria, Motion, read_markers
-from fenics_rom.identification.parameters import Parameter, scene_with, select_parameters, values_of
+from fenics_rom.identification.parameters import (
+    Parameter,
+    directions_at,
+    parameters_of,
+    scene_with,
+    select_parameters,
+    values_of,
+)
 from fenics_rom.identification.reduced_model import ReducedModel, make_basis
-from fenics_rom.identification.result import Estimate, Identification, list_doubts
+from fenics_rom.identification.result import (
+    MAX_SHIFT,
+    NEGLIGIBLE_SHARE,
+    Estimate,
+    Given,
+    Identification,
+    list_doubts,
+)
 from fenics_rom.identification.uncertainty import (
     Unidentifiable,
     correlations,
@@ -100,7 +114,7 @@ def identify(
         finer = make_experiment(replace(scene, run=half), read, plain)
     result = Identification(
         scene=identified,
-        estimates=_estimates(problem, fit, unidentifiable, sought),
+        estimates=_estimates(problem, fit, unidentifiable, sought, parameters_of(scene).values()),
         correlations=correlations(fit.jacobian),
         noise=noise_deviation(experiment.measured - fit.predicted, len(problem.parameters)),
         experiment=experiment,
@@ -193,12 +207,35 @@ def predict_full_order(system: System, experiment: Experiment, report: Report) -
 
 
 def _estimates(
-    problem: FitProblem, fit: Fit, unidentifiable: Sequence[Unidentifiable], sought: Sequence[Parameter]
+    problem: FitProblem,
+    fit: Fit,
+    unidentifiable: Sequence[Unidentifiable],
+    sought: Sequence[Parameter],
+    available: Iterable[Parameter],
 ) -> tuple[Estimate, ...]:
-    """Values and intervals, in the order in which they were sought."""
+    """Values and intervals, in the order in which they were sought, and on which values that were held they rest."""
     widths = interval_half_widths(problem.experiment.measured - fit.predicted, fit.jacobian)
+    held = [parameter for parameter in available if parameter not in problem.parameters]
+    moves = _moves(problem, fit, held)
     estimates = {c.fixed.name: Estimate(c.fixed, c.fixed.start, None, None, c.reason) for c in unidentifiable}
-    for parameter, q, width in zip(problem.parameters, fit.q, widths, strict=True):
+    for parameter, q, width, moved in zip(problem.parameters, fit.q, widths, moves, strict=True):
         low, high = max(q - width, parameter.lowest), q + width
-        estimates[parameter.name] = Estimate(parameter, parameter.value(q), parameter.value(low), parameter.value(high))
+        estimates[parameter.name] = Estimate(
+            parameter,
+            parameter.value(q),
+            parameter.value(low),
+            parameter.value(high),
+            given=tuple(
+                Given(other, other.step, parameter.slope(q) * move * other.step / other.slope(0.0))
+                for other, move in zip(held, moved, strict=True)
+                if abs(move) > max(MAX_SHIFT * width, NEGLIGIBLE_SHARE)
+            ),
+        )
     return tuple(estimates[parameter.name] for parameter in sought)
+
+
+def _moves(problem: FitProblem, fit: Fit, held: Sequence[Parameter]) -> Array:
+    """How q of what was found changes with that of what was held, (p, held), were it fitted again."""
+    directions = directions_at(problem.start, held, np.zeros(len(held)))
+    changes = fit.model.linearize(problem.experiment, problem.values(fit.q), directions)[1]
+    return -np.linalg.lstsq(fit.jacobian, changes, rcond=None)[0]

@@ -19,6 +19,7 @@ YOUNG, POISSON, DENSITY, ALPHA, BETA = range(5)  # columns of θ
 NAMES = ("young", "poisson", "density", "alpha", "beta")
 UNITS = ("Pa", "1", "kg/m3", "1/s", "s")
 LOWEST_POISSON, HIGHEST_POISSON = -1.0, 0.5
+HELD_STEP = 0.01  # of a value (of Poisson's ratio as such), to see what rests on it where it is held
 MIN_DAMPING_SHARE = 1e-6  # share of its start value that damping keeps
 
 
@@ -57,6 +58,11 @@ class Parameter:
     def lowest(self) -> float:
         """Least allowed q: some damping is left, without which there are no Gramians."""
         return MIN_DAMPING_SHARE - 1.0 if self.column in (ALPHA, BETA) else -np.inf
+
+    @property
+    def step(self) -> float:
+        """What its start value is changed by to see what rests on it."""
+        return HELD_STEP * (1.0 if self.column == POISSON else self.start)
 
     def value(self, q: float) -> float:
         """The parameter at q."""

@@ -20,14 +20,30 @@ NEGLIGIBLE_SHARE = 1e-6  # of a parameter, that nobody would care for
 
 
 @dataclass(frozen=True)
+class Given:
+    """A value that was held, and on which an estimate rests.
+
+    Attributes:
+        parameter: whose start value was held.
+        step: by which it is changed to see that, in its unit.
+        shift: what the estimate moves by then, in the estimate's unit.
+    """
+
+    parameter: Parameter
+    step: float
+    shift: float
+
+
+@dataclass(frozen=True)
 class Estimate:
     """One parameter.
 
     Attributes:
         parameter: with its start value.
         value: found, or the start value where it is held.
-        low, high: 95 % interval, all others free; None where it is held.
+        low, high: 95 % interval, all others that were found free; None where it is held.
         held: why it could not be found; empty where it was.
+        given: the held values on which value and interval rest: they are right where those are.
     """
 
     parameter: Parameter
@@ -35,6 +51,7 @@ class Estimate:
     low: float | None
     high: float | None
     held: str = ""
+    given: tuple[Given, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -77,8 +94,8 @@ class Identification:
 
     @property
     def values(self) -> dict[str, float]:
-        """By name, in SI units."""
-        return {estimate.parameter.name: estimate.value for estimate in self.estimates}
+        """Those that the data tell, by name, in SI units."""
+        return {estimate.parameter.name: estimate.value for estimate in self.found}
 
     @property
     def found(self) -> tuple[Estimate, ...]:

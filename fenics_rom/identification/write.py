@@ -12,14 +12,14 @@ import tomlkit
 
 from fenics_rom.errors import FileError
 from fenics_rom.identification.plot import draw_fit
-from fenics_rom.identification.result import Identification
+from fenics_rom.identification.result import Given, Identification
 from fenics_rom.io.atomic_write import check_folder, write_whole
 from fenics_rom.io.markdown import markdown
 from fenics_rom.io.mpi_ranks import is_rank_0
 
 Keys = tuple[str | int, ...]
 
-PARAMETER_HEADING = ("parameter", "unit", "start", "found", "95 % interval", "")
+PARAMETER_HEADING = ("parameter", "unit", "start", "found", "95 % interval", "given")
 
 
 def write_identification(folder: str | Path, result: Identification) -> None:
@@ -65,7 +65,9 @@ def identified_text(result: Identification, folder: Path) -> str:
         if not Path(file).is_absolute():
             moved = os.path.relpath(Path(result.scene.source).parent / file, folder)
             replace_value(document, path, Path(moved).as_posix())
-    return tomlkit.dumps(document)
+    held = ", ".join(estimate.parameter.name for estimate in result.estimates if estimate.held)
+    said = f"# The data do not determine {held}: left at the start value.\n" if held else ""
+    return said + tomlkit.dumps(document)
 
 
 def replace_value(document: Any, path: Keys, value: Any) -> None:
@@ -94,9 +96,16 @@ def parameter_rows(result: Identification) -> list[tuple[str, ...]]:
         parameter, low, high = estimate.parameter, estimate.low, estimate.high
         found = "not determined" if estimate.held else f"{estimate.value:.5g}"
         interval = "-" if low is None or high is None else f"{low:.5g} to {high:.5g}"
-        held = "held at its start value" if estimate.held else ""
-        rows.append((parameter.name, parameter.unit, f"{parameter.start:.5g}", found, interval, held))
+        given = "held at its start value" if estimate.held else "; ".join(map(_condition, estimate.given)) or "-"
+        rows.append((parameter.name, parameter.unit, f"{parameter.start:.5g}", found, interval, given))
     return rows
+
+
+def _condition(given: Given) -> str:
+    """A held value, and what the estimate moves by where it is a little more."""
+    parameter = given.parameter
+    unit = "" if parameter.unit == "1" else f" {parameter.unit}"
+    return f"{parameter.name} = {parameter.start:.5g}{unit} ({given.step:+.2g}: {given.shift:+.2g})"
 
 
 def summary_lines(result: Identification) -> dict[str, str]:

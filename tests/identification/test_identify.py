@@ -16,6 +16,7 @@ from fenics_rom.identification.marker_data import read_markers
 from fenics_rom.identification.parameters import select_parameters, values_of
 from fenics_rom.identification.reduced_model import ReducedModel
 from fenics_rom.identification.uncertainty import interval_half_widths
+from fenics_rom.identification.write import parameter_rows
 
 GRAVITY = "gravity = { acceleration = [0.0, 0.0, -0.5] }"
 PUSHES = [("right", (0.0, 0.0, 2.0)), ("top", (1.0, 0.5, 0.0)), ("right", (0.0, 1.0, 0.0))]
@@ -156,6 +157,40 @@ def test_a_fit_that_does_not_settle_says_what_it_reached(mesh, files, monkeypatc
     monkeypatch.setattr("fenics_rom.identification.fit.MAX_BASES", 1)
     with pytest.raises(SolverError, match=r"did not settle .* it reached young = .* residual of"):
         fr.identify(scene_of(mesh, START), files[:1])
+
+
+def test_an_interval_that_rests_on_a_held_value_says_so_and_by_how_much(mesh, tmp_path):
+    noisy = film(tmp_path / "motion.csv", scene_of(mesh, TRUTH), noise=1e-5)
+    wrong = {**TRUTH, "density": 1.05 * TRUTH["density"]}
+    young, alpha = found_by(scene_of(mesh, wrong), [noisy], parameters=["young", "alpha"]).estimates
+    assert not young.low <= TRUTH["young"] <= young.high  # as density is held at a wrong value
+    rests_on = {given.parameter.name: given for given in young.given}
+    density = rests_on["density"]
+    assert density.step == 0.01 * wrong["density"]
+    more = found_by(
+        scene_of(mesh, {**wrong, "density": 1.06 * TRUTH["density"]}), [noisy], parameters=["young", "alpha"]
+    )
+    moved = (more.values["young"] - young.value) / (0.01 * TRUTH["density"])
+    assert density.shift / density.step == pytest.approx(moved, rel=0.1)  # a difference of two fits, of first order
+    corrected = young.value + density.shift * (TRUTH["density"] - wrong["density"]) / density.step
+    assert abs(corrected - TRUTH["young"]) < 0.1 * abs(young.value - TRUTH["young"])
+    assert {given.parameter.name for given in alpha.given} <= {"poisson", "density", "beta"}
+
+
+def test_what_rests_on_nothing_held_says_nothing(mesh, files):
+    result = found_by(scene_of(mesh, START), files[1:], parameters=["young", "poisson", "density"])
+    assert list(result.values) == ["young", "poisson"]  # a start value is not among what was found
+    assert [one.given for one in result.estimates] == [(), (), ()]  # at rest without gravity density is no matter
+    table = {row[0]: row[3:] for row in parameter_rows(result)}
+    assert table["density"] == ("not determined", "-", "held at its start value")
+    assert table["young"][2] == "-"
+
+
+def test_the_table_names_what_is_held_beside_the_interval(mesh, files):
+    result = found_by(scene_of(mesh, TRUTH), files[1:], parameters=["young"])
+    ((*_, interval, given),) = parameter_rows(result)
+    assert " to " in interval
+    assert given.startswith("poisson = 0.35 (+0.01: ")
 
 
 OBSTACLE = '[effects.contact.obstacles.floor]\nshape = "half-space"\npoint = [0, 0, -1]\nnormal = [0, 0, 1]'

@@ -15,7 +15,7 @@ import tomlkit
 from measuring import START, TRUTH, box_mesh, film, text_of, weigh
 
 import fenics_rom as fr
-from fenics_rom.errors import FileError
+from fenics_rom.errors import FenicsRomWarning, FileError
 from fenics_rom.identification.write import replace_value
 from fenics_rom.io.atomic_write import check_folder
 
@@ -90,6 +90,17 @@ def test_report_residuals_and_pictures_are_written(folder, one):
     np.testing.assert_allclose(left, measured - model, rtol=0, atol=1e-10)
     assert (folder / "found" / "fit.png").stat().st_size > 10_000
     assert (folder / "found" / "fit.pdf").stat().st_size > 10_000
+
+
+def test_a_start_value_is_not_written_as_if_it_were_known(folder, tmp_path):
+    scene = fr.read_scene(folder / "start.toml")
+    with pytest.warns(FenicsRomWarning, match="do not depend on density"):
+        result = fr.identify(scene, [folder / "rest.csv"], parameters=["young", "density"])
+    fr.write_identification(tmp_path / "found", result)
+    first = (tmp_path / "found" / "identified.toml").read_text().splitlines()[0]
+    assert first == "# The data do not determine density: left at the start value."
+    report = (tmp_path / "found" / "identification.md").read_text()
+    assert "poisson = 0.2 (+0.01: " in report.split("\n| young ")[1].split("\n")[0]
 
 
 @pytest.mark.alone
