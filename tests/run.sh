@@ -23,9 +23,7 @@ part() { # NAME PYTEST ARGUMENT ...
   summaries+=("$name: $(tail -n 1 "$log")")
 }
 
-drawing=tests/visualization/exports
-part "on all cores" "$@" -m "not alone" --numprocesses auto --maxprocesses 4 --dist loadfile --ignore "$drawing"
-part "alone" "$@" -m alone --ignore "$drawing" # what starts ranks of its own, or goes by the clock
-part "drawing" "$@" "$drawing" # beside dolfinx, pictures are drawn in processes of their own
+part "on all cores" "$@" -m "not alone" --numprocesses auto --maxprocesses 4 --dist loadfile
+part "alone" "$@" -m alone # what starts ranks of its own, or goes by the clock
 printf '=== %s\n' "${summaries[@]}"
 exit "$failed"

@@ -12,19 +12,10 @@ CAPSULE_SEGMENTS = 48  # around its axis, and along
 
 
 def obstacle_mesh(obstacle: Obstacle, floor_centre: Array, floor_half_edge: float) -> tuple[Array, Array]:
-    """The surface of an obstacle.
+    """The surface of an obstacle that has not moved: vertices (V, 3), m, and triangles (F, 3), outward.
 
-    Args:
-        obstacle: where it is when it has not moved.
-        floor_centre: (3,), m; of a half-space, which goes on for ever, a square of its face is shown around the point
-            that is nearest to this one.
-        floor_half_edge: of that square, m.
-
-    Returns:
-        Vertices (V, 3), m, and triangles (F, 3), counterclockwise from outside.
-
-    Raises:
-        MissingPackageError: there is no trimesh.
+    Of a half-space, which goes on for ever, it is a square of its face, around the point that is nearest to
+    `floor_centre` (3,), m, with half an edge as long as `floor_half_edge`, m.
     """
     trimesh = trimesh_package()
     if isinstance(obstacle, HalfSpace):

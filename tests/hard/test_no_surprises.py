@@ -27,10 +27,6 @@ MODULES = {
 }
 STARTED = {  # scripts and commands of this package, in processes of their own
     PACKAGE / "fem" / "gmsh_file.py": "[sys.executable, '-P', gmsh_process.__file__, file]",
-    PACKAGE
-    / "visualization"
-    / "exports"
-    / "subprocess_export.py": "[sys.executable, '-m', 'fenics_rom', 'export', *words]",
 }
 IMPORTS = {  # modules that the package names itself, when they are asked for
     PACKAGE / "lazy_import.py",

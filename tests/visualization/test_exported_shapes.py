@@ -7,7 +7,7 @@ from bodies import PLATE
 
 import fenics_rom as fr
 from fenics_rom.scene.file import parse_scene
-from fenics_rom.visualization.exports.contact_surface import find_contact_triangles
+from fenics_rom.visualization.contact_surface import on_kept_surface
 from fenics_rom.visualization.exports.mode_shapes import balanced_modes, eigenvectors, shapes_at_rest
 
 
@@ -55,7 +55,7 @@ def test_patch_near_a_point_has_the_triangles_that_are_near(plate_rom):
     point = [0.25, 0.1, 0.01]
     near = plate_rom.scene_text.replace('surface = "middle"', f"near = {{ point = {point}, radius = 0.08 }}")
     surfaces = fr.assemble(parse_scene(near, folder=PLATE.parent)).body.contact_surfaces
-    patch = find_contact_triangles(replace(plate_rom, contact_surfaces=surfaces), "middle")
+    patch = plate_rom.triangles[on_kept_surface(replace(plate_rom, contact_surfaces=surfaces), "middle")]
     centroids = plate_rom.nodes[plate_rom.triangles].mean(axis=1)
     expected = plate_rom.triangles[np.linalg.norm(centroids - point, axis=1) <= 0.08]
     assert len(expected)

@@ -1,9 +1,8 @@
 """Bodies and obstacles before a camera, drawn off-screen by VTK."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from itertools import product
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -38,8 +37,7 @@ SHADING: dict[str, Any] = {
 FLOOR_EXTENT = 0.6  # half the edge of what is shown of a half-space, of the diagonal of all that is to be seen
 
 
-@dataclass(frozen=True)
-class RenderColours:
+class RenderColours(NamedTuple):
     """Colours of a picture: background, words and edges, the body at rest, obstacles."""
 
     paper: str
@@ -57,8 +55,7 @@ class BodyRenderer:
     """Draws a body and obstacles in a window without a screen, whose camera sees all that will be shown.
 
     Args:
-        nodes: (N, 3), m.
-        triangles: (F, 3).
+        nodes, triangles: (N, 3), m, and (F, 3).
         shapes: displacements that will be shown, (N, 3) each, m.
         scale: by which displacements are multiplied before they are drawn; colours show them as they are.
         obstacles: by name, in the same frame.
@@ -67,9 +64,6 @@ class BodyRenderer:
         dark: light on dark instead of dark on light.
         captions: whether there is to be room for words and a colour bar.
         below: whether the camera looks from below.
-
-    Attributes:
-        height: of a picture, pixels.
 
     Raises:
         MissingPackageError: there is no PyVista, or nothing that it can draw with.
@@ -94,7 +88,7 @@ class BodyRenderer:
         self._nodes, self._scale, self._colours, self._captions = nodes, scale, DARK if dark else LIGHT, captions
         self._largest = max((float(np.linalg.norm(shape, axis=1).max()) for shape in shapes), default=0.0)
         self._factor, self._unit = prefixed("m", self._largest)
-        self._faces = np.column_stack([np.full(len(triangles), 3), triangles]).ravel()
+        self._triangles = triangles
         used = np.unique(triangles)
         visible = [nodes[used], *(nodes[used] + scale * shape[used] for shape in shapes)]
         ends = np.concatenate([_box_corners(points) for points in visible])
@@ -108,18 +102,15 @@ class BodyRenderer:
                 visible += [meshes[name][0] + offset for offset in np.unique(moved[:, k], axis=0)]
         camera = CAMERA_DIRECTION * [1.0, 1.0, -1.0] if below else CAMERA_DIRECTION
         self._plotter = self._open_window(visible, width, camera)
-        self.height = int(self._plotter.window_size[1])
+        self.height = int(self._plotter.window_size[1])  # of a picture, pixels
 
     def render(self, displacement: Array, offsets: Array | None = None, words: str = "") -> Array:
-        """One picture (height, width, 3), bytes.
+        """One picture (height, width, 3), bytes, of a displacement (N, 3), m, and obstacles moved by offsets (O, 3), m.
 
-        Args:
-            displacement: (N, 3), m; colours show its length, the brightest that of the largest shape.
-            offsets: of the obstacles, (O, 3), m.
-            words: to be written into its corner.
+        Colours show the length of the displacement, the brightest that of the largest shape.
         """
-        pv, plotter = self._pv, self._plotter
-        body = pv.PolyData(self._nodes + self._scale * displacement, self._faces)
+        plotter = self._plotter
+        body = self._body(self._scale * displacement)
         body["length"] = self._factor * np.linalg.norm(displacement, axis=1)
         self._draw(body)
         for k, (name, solid) in enumerate(self._obstacles.items()):
@@ -137,10 +128,9 @@ class BodyRenderer:
 
     def outline(self, triangles: Array, displacement: Array) -> None:
         """Paints some of the surface of the next picture, (any, 3) triangles: where a contact mode is touched."""
-        faces = np.column_stack([np.full(len(triangles), 3), triangles]).ravel()
-        patch = self._pv.PolyData(self._nodes + self._scale * displacement, faces) if len(triangles) else None
         self._plotter.remove_actor("mark", render=False)
-        if patch is not None:
+        if len(triangles):
+            patch = self._pv.PolyData.from_regular_faces(self._nodes + self._scale * displacement, triangles)
             edges = patch.extract_feature_edges(feature_edges=False, manifold_edges=False, boundary_edges=True)
             self._plotter.add_mesh(edges, name="mark", color=OUTLINE_COLOUR, line_width=4, lighting=False, render=False)
 
@@ -172,8 +162,11 @@ class BodyRenderer:
         plotter.enable_anti_aliasing("msaa", multi_samples=8)
         return plotter
 
+    def _body(self, moved: Array | float) -> Any:
+        return self._pv.PolyData.from_regular_faces(self._nodes + moved, self._triangles)
+
     def _draw(self, body: Any) -> None:
-        pv, plotter, colours = self._pv, self._plotter, self._colours
+        plotter, colours = self._plotter, self._colours
         plotter.add_mesh(
             body,
             name="body",
@@ -185,7 +178,7 @@ class BodyRenderer:
             **SHADING,
         )
         for name, surface, colour, wide in (
-            ("ghost", pv.PolyData(self._nodes, self._faces), colours.ghost, 1.0),
+            ("ghost", self._body(0.0), colours.ghost, 1.0),
             ("edges", body, colours.ink, 1.6),
         ):
             edges = surface.extract_feature_edges(SHARP_EDGE_DEGREES, manifold_edges=False)

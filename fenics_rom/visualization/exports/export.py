@@ -11,11 +11,9 @@ from fenics_rom.io.progress import Report, silent
 from fenics_rom.rom.rom import Rom
 from fenics_rom.trajectory.trajectory import Trajectory
 from fenics_rom.visualization.exports.body_renderer import BodyRenderer
-from fenics_rom.visualization.exports.mode_shapes import SHAPE_KINDS, mode_shapes
-from fenics_rom.visualization.exports.mode_sheet import write_sheet
-from fenics_rom.visualization.exports.paraview import check_series_place, write_grid, write_series
+from fenics_rom.visualization.exports.mode_shapes import SHAPE_KINDS, mode_shapes, write_sheet
+from fenics_rom.visualization.exports.paraview import write_grid, write_series
 from fenics_rom.visualization.exports.pictures import write_film, write_still
-from fenics_rom.visualization.exports.subprocess_export import dolfinx_is_loaded, export_in_subprocess
 from fenics_rom.visualization.optional_dependencies import pyvista_package
 
 Array = np.ndarray
@@ -70,25 +68,13 @@ def export(
         FileError: another ending, a file that cannot be written, or a run without what was asked for.
         SceneError: there is no such kind of shape, or no surface.
         MissingPackageError: a package is not installed.
-        FenicsRomError: any of these, where dolfinx is loaded: VTK then works in a process of its own.
+        FenicsRomError: PyVista was imported after dolfinx by somebody else; VTK would abort.
 
     Example:
         >>> fr.export(rom, "modes.vtu").name
         'modes.vtu'
     """
     place = Path(output)
-    if dolfinx_is_loaded():
-        export_in_subprocess(
-            model,
-            place,
-            what=what,
-            count=count,
-            time=time,
-            scale=None if scale == 1.0 else scale,
-            seconds=seconds,
-            dark=dark,
-        )
-        return place
     pyvista_package()
     if isinstance(model, Rom):
         if time is not None:
@@ -120,12 +106,8 @@ def _export_rom(place: Path, rom: Rom, kind: str, count: int | None, dark: bool)
     for name, row in mode_shapes(rom, kind).items():
         shown = row[:count]
         fields |= {f"{name}.{kind}.{shape.number}": shape.displacement for shape in shown}
-        for key, numbers in (
-            ("frequency", [shape.frequency for shape in shown]),
-            ("sigma", [shape.σ for shape in shown]),
-        ):
-            if None not in numbers:
-                whole[f"{name}.{key}"] = np.array(numbers, dtype=float)
+        numbers = {"frequency": [shape.frequency for shape in shown], "sigma": [shape.σ for shape in shown]}
+        whole |= {f"{name}.{key}": np.array(of, dtype=float) for key, of in numbers.items() if None not in of}
     write_grid(place, rom.nodes, rom.triangles, fields, whole)
 
 
@@ -145,7 +127,6 @@ def _export_run(
             raise FileError(f"--time {time:g}: allowed are 0 to {run.times[-1]:g} s, which the run lasts")
     row = len(run.snapshots) - 1 if time is None else int(np.abs(run.snapshot_times - time).argmin())
     if place.suffix == ".pvd":
-        check_series_place(place)
         every = [_on_nodes(run, k) for k in range(len(run.snapshots))]
         write_series(place, run.snapshot_times, run.nodes, run.triangles, every)
     elif place.suffix == ".vtu":

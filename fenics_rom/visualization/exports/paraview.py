@@ -24,19 +24,7 @@ Array = np.ndarray
 def write_grid(
     file: Path, nodes: Array, triangles: Array, on_nodes: Mapping[str, Array], whole: Mapping[str, Array]
 ) -> None:
-    """Writes one .vtu file, or nothing.
-
-    Args:
-        file: its name.
-        nodes: (N, 3), m.
-        triangles: (F, 3).
-        on_nodes: fields by name, (N,) or (N, 3).
-        whole: numbers of the whole body by name, such as the instant.
-
-    Raises:
-        FileError: it cannot be written.
-        MissingPackageError: there is no PyVista.
-    """
+    """Writes one .vtu file, or nothing: fields (N,) or (N, 3) on nodes (N, 3), and numbers of the whole body."""
     with tempfile.TemporaryDirectory() as folder:
         written = Path(folder) / "grid.vtu"
         _save(written, nodes, triangles, on_nodes, whole)
@@ -48,22 +36,14 @@ def write_series(
 ) -> None:
     """Writes a .pvd file, and beside it a folder of its name with one .vtu file for each instant; or nothing.
 
-    A folder of that name is replaced if it holds nothing but what this has written there before.
-
-    Args:
-        file: the .pvd file; run.pvd has the folder run.
-        times: (s,), s.
-        nodes: (N, 3), m.
-        triangles: (F, 3).
-        on_nodes: fields by name of each instant, (N,) or (N, 3).
+    A folder of that name is replaced if it holds nothing but what this has written there before. `on_nodes` has for
+    each of the times, s, the fields on the nodes, as in `write_grid`.
 
     Raises:
         FileError: they cannot be written, or there is something else in the folder.
-        MissingPackageError: there is no PyVista.
     """
-    pyvista_package()
     folder = file.with_suffix("")
-    check_series_place(file)
+    _check_place(file)
     digits = max(4, len(str(len(times) - 1)))
     names = [f"{folder.name}_{k:0{digits}}.vtu" for k in range(len(times))]
     entries = [
@@ -73,27 +53,21 @@ def write_series(
     head = '<?xml version="1.0"?>\n<VTKFile type="Collection" version="0.1" byte_order="LittleEndian">\n  <Collection>'
     index = "\n".join([head, *entries, "  </Collection>", "</VTKFile>", ""])
     try:
-        staged = Path(tempfile.mkdtemp(prefix=f".{folder.name}.", suffix=".part", dir=folder.parent))
-        try:
+        with tempfile.TemporaryDirectory(prefix=f".{folder.name}.", suffix=".part", dir=folder.parent) as parent:
+            staged = Path(parent) / folder.name
+            staged.mkdir()
             for name, t, fields in zip(names, times, on_nodes, strict=True):
                 _save(staged / name, nodes, triangles, fields, {"TimeValue": np.array([t])})
-            staged.chmod(0o755)
             if folder.exists():
                 shutil.rmtree(folder)
             staged.replace(folder)
-        finally:
-            shutil.rmtree(staged, ignore_errors=True)
     except OSError as error:
         raise FileError(f"{folder}: cannot be written: {error.strerror or error}") from error
     write_whole(file, index.encode())
 
 
-def check_series_place(file: Path) -> None:
-    """Checks that the folder of a .pvd file can be made, or replaced without loss; worth asking before long work.
-
-    Raises:
-        FileError: it cannot, or there is something else in it.
-    """
+def _check_place(file: Path) -> None:
+    """Checks that the folder of a .pvd file can be made, or replaced without loss; raises FileError where it cannot."""
     folder = file.with_suffix("")
     check_folder(folder)
     ours = re.compile(re.escape(folder.name) + r"_\d{4,}\.vtu")

@@ -9,17 +9,9 @@ Array = np.ndarray
 
 
 def draw_body(axes: Any, nodes: Array, triangles: Array, displacement: Array, *, largest: float) -> Any:
-    """Draws the deformed surface, coloured by the length of the displacement, to scale.
+    """Draws the surface as displaced, (N, 3), m, to scale, and returns the collection, to hang a colour bar on.
 
-    Args:
-        axes: three-dimensional axes.
-        nodes: (N, 3), m.
-        triangles: (F, 3).
-        displacement: (N, 3), m.
-        largest: displacement of the brightest colour, m.
-
-    Returns:
-        The drawn collection, to hang a colour bar on.
+    Colours show the length of the displacement, the brightest `largest`, m.
     """
     moved = nodes + displacement
     length = np.linalg.norm(displacement, axis=1)[triangles].mean(axis=1)
@@ -45,15 +37,9 @@ def draw_force(axes: Any, point: Array, force: Array, length: float) -> None:
 
 
 def draw_energy_over_work(axes: Any, times: Array, energy: Array, work: Array, label: str, style: str = "-") -> None:
-    """Draws stored energy as a share of the most work put in so far; a passive model stays below 1.
+    """Draws stored energy, (S,), J, as a share of the most work put in so far; a passive model stays below 1.
 
-    Args:
-        axes: two-dimensional axes; the ordinate becomes logarithmic.
-        times: (S,), s.
-        energy: (S,) stored, J.
-        work: (S,) running sum of the work of the inputs, J.
-        label: for the legend.
-        style: of the line, as Matplotlib names it.
+    `work` (S,), J, is the running sum of that of the inputs.
     """
     most = np.maximum.accumulate(work)
     begun = most > 0

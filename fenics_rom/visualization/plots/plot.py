@@ -4,28 +4,20 @@ import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
-import numpy as np
-
 from fenics_rom.errors import FileError, SceneError, unknown
 from fenics_rom.io.atomic_write import check_folder, check_place, make_folder
 from fenics_rom.io.progress import Report, silent
 from fenics_rom.rom.rom import Rom
 from fenics_rom.system.system import System
 from fenics_rom.trajectory.trajectory import Trajectory
-from fenics_rom.visualization.figure import figure_class, write_figure
-from fenics_rom.visualization.plots.reduced import (
-    FULL_PEAK_OFFSETS,
-    FULL_POINTS,
-    has_frequencies,
-    plotted_frequencies,
-    reduced_panels,
-)
+from fenics_rom.visualization.figure import DARK, LIGHT, Panel, Style, figure_class, write_figure
+from fenics_rom.visualization.plots.reduced import full_response, has_frequencies, reduced_panels
 from fenics_rom.visualization.plots.runs import run_panels
-from fenics_rom.visualization.plots.style import COLUMN_INCHES, DARK, DPI, FORMATS, HEIGHT_INCHES, LIGHT, Panel, Style
 
-Array = np.ndarray
-
+FORMATS = (".pdf", ".svg", ".png")
 FOLDER_FORMATS = (".pdf", ".png")  # what a folder gets of each panel: one to print, one to look at
+COLUMN_INCHES, HEIGHT_INCHES = 3.5, 2.6  # of a panel, which is as wide as a column of a paper
+DPI = 220  # of .png
 RELATIVE_HEIGHTS = {"response": 1.35}  # of a usual panel; it has two parts
 
 
@@ -96,11 +88,7 @@ def plot(
 
 
 def check_output(place: Path) -> bool:
-    """Checks where plots are to go, and tells whether that is a folder; worth asking before long work.
-
-    Raises:
-        FileError: it has an ending that is no format of plots, or cannot be written.
-    """
+    """Checks where plots are to go, and tells whether that is a folder; raises FileError where they cannot."""
     if place.is_dir() or not place.suffix:
         check_folder(place)
         return True
@@ -117,14 +105,10 @@ def _select_panels(
     full: System | None,
     report: Report,
 ) -> Mapping[str, Panel]:
-    """The panels that were asked for.
-
-    Raises:
-        SceneError: there is none of that name, or nothing at all.
-    """
+    """The panels that were asked for; raises SceneError where there is none of that name, or nothing at all."""
     if isinstance(model, Rom):
         asked = has_frequencies(model) and (what is None or "response" in what)
-        response = _full_response(model, full, report) if asked and full is not None else None
+        response = full_response(model, full, report) if asked and full is not None else None
         panels = reduced_panels(model, style, response)
     else:
         panels = run_panels({model.name: model} if isinstance(model, Trajectory) else model)
@@ -134,12 +118,3 @@ def _select_panels(
     if not panels:
         raise SceneError("there is nothing to draw: neither Hankel singular values nor frequencies")
     return {name: panels[name] for name in (panels if what is None else dict.fromkeys(what))}
-
-
-def _full_response(rom: Rom, system: System, report: Report) -> Mapping[str, tuple[Array, Array, Array]]:
-    """Frequencies, |H| and |H - H_i| of each contact mode; those of the validation are among them."""
-    from fenics_rom.reduction.frequency_response import full_responses  # needs SciPy, which a plot of a run does not
-
-    sampled = [mode.frequencies for mode in rom.contact_models.values()]
-    ω = np.unique(np.concatenate([plotted_frequencies(rom, FULL_POINTS, FULL_PEAK_OFFSETS), *sampled]))
-    return {name: (ω, full.sizes, full.errors) for name, full in full_responses(system, rom, ω, report).items()}

@@ -7,10 +7,12 @@ from typing import Any
 
 import numpy as np
 
+from fenics_rom.io.progress import Report
 from fenics_rom.io.units import readable
 from fenics_rom.rom.file import HANKEL_UNIT
 from fenics_rom.rom.rom import ContactModel, Rom
-from fenics_rom.visualization.plots.style import Panel, Style
+from fenics_rom.system.system import System
+from fenics_rom.visualization.figure import Panel, Style
 
 Array = np.ndarray
 
@@ -24,15 +26,7 @@ COLOUR_MAP = "viridis"  # where there are more contact modes than colours
 
 
 def reduced_panels(rom: Rom, style: Style, full: Mapping[str, tuple[Array, Array, Array]] | None) -> dict[str, Panel]:
-    """What there is to draw of a ROM, by name.
-
-    Args:
-        rom: of any method; without Hankel singular values there is nothing to draw of them, and without inertia
-            nothing of frequencies.
-        style: whose colours are used.
-        full: of each contact mode frequencies (rad/s), |H| of the full model, and |H - H_i| in the same norm; None
-            where it was not asked.
-    """
+    """What there is to draw of a ROM, by name; `full` is its `full_response`, where that was asked for."""
     panels: dict[str, Panel] = {}
     if any(len(mode.hankel_singular_values) for mode in rom.contact_models.values()):
         panels["sigma"] = partial(_draw_hankel_values, rom=rom, style=style)
@@ -50,12 +44,8 @@ def plotted_frequencies(rom: Rom, points: int, around: Sequence[float]) -> Array
     """Evenly spread on a logarithmic axis, and denser around the eigenfrequencies that are shown, rad/s, ascending.
 
     From below the lowest eigenfrequency of all contact modes to above the middle one, up to where the validation goes:
-    beyond it a reduced model is not meant to be right.
-
-    Args:
-        rom: the reduced models.
-        points: how many are evenly spread.
-        around: further ones at each eigenfrequency, in half-widths of its peak.
+    beyond it a reduced model is not meant to be right. `points` are evenly spread, and those `around` each
+    eigenfrequency are in half-widths of its peak.
     """
     ω = [np.sqrt(mode.eigenvalues[mode.rigid :]) for mode in rom.contact_models.values()]
     first = LOWEST_SHARE * min(of_mode[0] for of_mode in ω)
@@ -69,6 +59,15 @@ def plotted_frequencies(rom: Rom, points: int, around: Sequence[float]) -> Array
     near = [peak + half * step for peak, half in peaks.items() for step in around]
     every = np.unique(np.concatenate([np.geomspace(first, last, points), near]))
     return every[(every >= first) & (every <= last)]
+
+
+def full_response(rom: Rom, system: System, report: Report) -> Mapping[str, tuple[Array, Array, Array]]:
+    """Frequencies, |H| and |H - H_i| of each contact mode; those of the validation are among them."""
+    from fenics_rom.reduction.frequency_response import full_responses  # needs SciPy, which a plot of a run does not
+
+    sampled = [mode.frequencies for mode in rom.contact_models.values()]
+    ω = np.unique(np.concatenate([plotted_frequencies(rom, FULL_POINTS, FULL_PEAK_OFFSETS), *sampled]))
+    return {name: (ω, full.sizes, full.errors) for name, full in full_responses(system, rom, ω, report).items()}
 
 
 def response_scale(rom: Rom) -> tuple[float, str]:

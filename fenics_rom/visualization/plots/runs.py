@@ -8,7 +8,7 @@ import numpy as np
 
 from fenics_rom.io.units import prefixed
 from fenics_rom.trajectory.trajectory import Trajectory
-from fenics_rom.visualization.plots.style import DASHES, Panel
+from fenics_rom.visualization.figure import DASHES, Panel
 
 Array = np.ndarray
 Runs = Mapping[str, Trajectory]
@@ -43,26 +43,23 @@ def run_panels(runs: Runs) -> dict[str, Panel]:
 def _draw_energy(figure: Any, runs: Runs) -> None:
     """All sums of the account against time."""
     axes = figure.subplots()
-    accounts = {
-        label: {
-            **{words: getattr(run, name) for name, words in LEDGER_LABELS.items()},
-            **{
-                words: run.contact_account[name]
-                for name, words in CONTACT_LEDGER_LABELS.items()
-                if name in run.contact_account
-            },
-        }
-        for label, run in runs.items()
-    }
-    scale, unit = prefixed("J", max(np.abs(sums).max() for account in accounts.values() for sums in account.values()))
-    colours = {words: f"C{k}" for k, words in enumerate([*LEDGER_LABELS.values(), *CONTACT_LEDGER_LABELS.values()])}
+    accounts = [_account(run) for run in runs.values()]
+    scale, unit = prefixed("J", max(np.abs(sums).max() for account in accounts for sums in account.values()))
+    labels = LEDGER_LABELS | CONTACT_LEDGER_LABELS
+    colours = {name: f"C{k}" for k, name in enumerate(labels)}
     time = _draw_time_axis(axes, runs)
-    for line, (label, run) in zip(_line_styles(runs), runs.items(), strict=True):
-        for words, sums in accounts[label].items():
-            axes.plot(time * run.times, scale * sums, color=colours[words], **line)
-    drawn = dict.fromkeys(words for account in accounts.values() for words in account)
-    _draw_legend(figure, axes, {words: colours[words] for words in drawn}, runs)
+    for line, run, account in zip(_line_styles(runs), runs.values(), accounts, strict=True):
+        for name, sums in account.items():
+            axes.plot(time * run.times, scale * sums, color=colours[name], **line)
+    drawn = dict.fromkeys(name for account in accounts for name in account)
+    _draw_legend(figure, axes, {labels[name]: colours[name] for name in drawn}, runs)
     axes.set(ylabel=f"energy ({unit})", title="energy account")
+
+
+def _account(run: Trajectory) -> dict[str, Array]:
+    """Its sums, in the order of their labels."""
+    contact = {name: run.contact_account[name] for name in CONTACT_LEDGER_LABELS if name in run.contact_account}
+    return {name: getattr(run, name) for name in LEDGER_LABELS} | contact
 
 
 def _draw_output(figure: Any, runs: Runs, name: str) -> None:

@@ -17,6 +17,7 @@ from fenics_rom.visualization.viewer.surface import Surface
 
 Array = np.ndarray
 
+ORIGIN = np.zeros(3)
 FRAMES_PER_SECOND = 30.0
 HIGHLIGHT_COLOUR = (255, 120, 30)
 OBSTACLE_COLOUR = (150, 150, 160)
@@ -39,19 +40,11 @@ def set_camera_and_light(server: Any, places: Array) -> None:
 
 
 class BandedBody:
-    """A body that changes its shape and its colours.
+    """A body that changes its shape and its colours, on viser's scene; `scale` in 1/m, `offset` (3,) in m."""
 
-    Args:
-        scene: viser's.
-        name: of the nodes that are added.
-        surface: what is drawn.
-        scale: 1/m, of what is drawn.
-        offset: (3,) where to draw it, m.
-    """
-
-    def __init__(self, scene: Any, name: str, surface: Surface, scale: float, offset: Array | None = None):
-        self.surface, self._scale = surface, scale
-        position = tuple(scale * (np.zeros(3) if offset is None else offset))
+    def __init__(self, scene: Any, name: str, surface: Surface, scale: float, offset: Array = ORIGIN):
+        self._surface, self._scale = surface, scale
+        position = tuple(scale * offset)
         options: dict[str, Any] = {"cast_shadow": False, "receive_shadow": False, "side": "double"}
         nothing = np.zeros((3, 3)), np.zeros((1, 3), dtype=np.uint32)
         self._meshes = [
@@ -63,19 +56,16 @@ class BandedBody:
         self._room = np.zeros(BANDS + 1, dtype=int)
 
     def draw(self, moved: Array, values: Array, largest: float, highlighted: Array | None = None) -> None:
-        """Draws the moved nodes.
+        """Draws the moved nodes (n, 3), m.
 
-        Args:
-            moved: (n, 3), m.
-            values: of all pieces, not negative.
-            largest: value of the brightest colour.
-            highlighted: triangles that are shown in another colour.
+        The values of all pieces are not negative, the `largest` has the brightest colour, and the triangles that are
+        `highlighted` another one.
         """
         bands = bands_of(values, largest)
         if highlighted is not None:
-            bands.reshape(-1, self.surface.cuts**2)[highlighted] = BANDS
+            bands.reshape(-1, self._surface.cuts**2)[highlighted] = BANDS
         order = np.argsort(bands, kind="stable")
-        corners = (self._scale * self.surface.pieces(moved)).astype(np.float32)[order].reshape(-1, 3)
+        corners = (self._scale * self._surface.pieces(moved)).astype(np.float32)[order].reshape(-1, 3)
         ends = 3 * np.cumsum(np.bincount(bands, minlength=BANDS + 1))
         for k, part in enumerate(np.split(corners, ends[:-1])):
             self._draw_band(k, part, corners[0])
@@ -98,16 +88,7 @@ async def _nothing(_: Any) -> None:
 class PickSurface:
     """A contact surface that the mouse can meet: an invisible mesh just above it, which viser outlines under the mouse.
 
-    Args:
-        scene: viser's.
-        name: of the node that is added.
-        surface: of the body.
-        selected: (F_i,) its triangles.
-        scale: 1/m, of what is drawn.
-
-    Attributes:
-        mesh: viser's handle.
-        triangles: (F_i, 3) into the nodes of the surface.
+    Of the surface it has the triangles that are `selected` (F_i,); `triangles` (F_i, 3) are their nodes.
     """
 
     def __init__(self, scene: Any, name: str, surface: Surface, selected: Array, scale: float):
@@ -133,14 +114,7 @@ class PickSurface:
 
 
 def add_obstacles(scene: Any, obstacles: Mapping[str, Obstacle], scale: float, size: float) -> dict[str, Any]:
-    """Adds the meshes of obstacles; their position is how far they have moved.
-
-    Args:
-        scene: viser's.
-        obstacles: by name.
-        scale: 1/m, of what is drawn.
-        size: of the body, m.
-    """
+    """Adds the meshes of obstacles beside a body of a `size`, m; their position is how far they have moved."""
     handles = {}
     for name, obstacle in obstacles.items():
         floor_centre = np.array(obstacle.point if isinstance(obstacle, HalfSpace) else np.zeros(3))
@@ -160,12 +134,7 @@ def add_obstacles(scene: Any, obstacles: Mapping[str, Obstacle], scale: float, s
 
 
 class ForceArrow:
-    """The arrow of a force, from the node to where the mouse is, and its size.
-
-    Args:
-        scene: viser's.
-        scale: 1/m, of what is drawn.
-    """
+    """The arrow of a force, from the node to where the mouse is, and its size."""
 
     def __init__(self, scene: Any, scale: float):
         self._scale = scale

@@ -3,8 +3,9 @@
 import math
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,15 +22,8 @@ Array = np.ndarray
 STEPS_IN_A_PERIOD = 100  # of the lowest oscillation, where the scene has no time step
 
 
-@dataclass(frozen=True)
-class Actuator:
-    """One column of an input that all contact modes share.
-
-    Attributes:
-        name: of the actuator, and which of its columns.
-        unit: of the input.
-        least, largest: a sensible range: beyond it the shape at rest leaves the linear model.
-    """
+class Actuator(NamedTuple):
+    """One column of an input that all contact modes share, its unit, and a range that a linear model can follow."""
 
     name: str
     unit: str
@@ -37,8 +31,7 @@ class Actuator:
     largest: float
 
 
-@dataclass(frozen=True)
-class Account:
+class Account(NamedTuple):
     """Where the energy is, J: stored = supplied - dissipated - lost in switching, but for round-off."""
 
     stored: float
@@ -62,7 +55,8 @@ class LiveBody:
         dt: time step, s.
         actuators: columns that can be set.
         values: (columns,) what they are set to.
-        force: what the mouse pulls with, (3,), N.
+        mouse: where the mouse is, (3,), m.
+        force: what it pulls with, (3,), N.
         steps: number of steps taken since the start, whatever was reset meanwhile.
         seconds: wall clock of these steps, s.
 
@@ -81,7 +75,7 @@ class LiveBody:
         self.actuators = _actuators(rom)
         self.values = np.zeros(len(self.actuators))
         self._spring_step: MouseSpringStep | None = None
-        self.force, self._target = np.zeros(3), np.zeros(3)
+        self.force, self.mouse = np.zeros(3), np.zeros(3)
         self.steps, self.seconds = 0, 0.0
         self._recording: Recording | None = None
         self._begin(_time_step(rom) if dt is None else dt)
@@ -133,7 +127,7 @@ class LiveBody:
 
     @property
     def account(self) -> Account:
-        """Where the energy is."""
+        """Of the steps since the last reset."""
         ledger = self.simulator.ledger
         assert ledger is not None
         return Account(self.simulator.energy, ledger.supplied, ledger.dissipated, ledger.lost_in_switching)
@@ -150,10 +144,7 @@ class LiveBody:
     def grab(self, contact: str, nodes: Array, weights: Array) -> bool:
         """Takes hold of a point of a contact surface, whatever was held before; False where nothing would come of it.
 
-        Args:
-            contact: the contact mode.
-            nodes: (c,) of the mesh, whose weighted mean the point is.
-            weights: (c,) of these nodes, in sum 1.
+        The point is the mean of nodes (c,) of the mesh with weights (c,), in sum 1.
         """
         spring = attach_spring(self.rom, contact, nodes, weights)
         if spring is None:
@@ -163,12 +154,8 @@ class LiveBody:
             self.simulator = self._held
         self.simulator.switch(contact)
         self._spring_step = MouseSpringStep(self.rom, spring, self.dt)
-        self._target = self.held_at
+        self.mouse = self.held_at
         return True
-
-    def pull_to(self, target: Array) -> None:
-        """Moves the mouse to a point (3,), m."""
-        self._target = np.asarray(target, dtype=float)
 
     def release(self) -> None:
         """Lets go."""
@@ -188,17 +175,8 @@ class LiveBody:
         assert self.spring is not None
         return self.spring.moved(self.simulator.state[0])
 
-    @property
-    def mouse(self) -> Array:
-        """Where the mouse is, (3,), m."""
-        return self._target
-
     def step(self) -> None:
-        """Takes one step.
-
-        Raises:
-            StepError: it could not be taken; the state is as it was.
-        """
+        """Takes one step. Raises StepError where it could not be taken; the state is as it was."""
         simulator, u = self.simulator, self._input()
         begin = time.perf_counter()
         simulator.step(u)
@@ -214,25 +192,16 @@ class LiveBody:
         if self._spring_step is not None:
             loads = np.empty(0) if around is None else around.loads_at(self.simulator.time + self.dt / 2)
             q, r = self.simulator.state
-            self.force = self._spring_step.force(q, r, np.concatenate([self.values, loads]), self._target)
+            self.force = self._spring_step.force(q, r, np.concatenate([self.values, loads]), self.mouse)
             return np.concatenate([self._spring_step.spring.spread @ self.force, self.values])
         if around is not None:
             return self.values.copy()
         return np.concatenate([np.zeros(self.simulator.inputs - len(self.values)), self.values])
 
     def advance(self, duration: float, patience: float, clock: Callable[[], float] = time.perf_counter) -> float:
-        """Takes the steps that begin within a duration, but none after so long by the wall clock.
+        """Takes the steps that begin within a duration, s, but none after a patience, s, by the wall clock.
 
-        Args:
-            duration: to be simulated, s.
-            patience: s.
-            clock: gives the wall clock, s.
-
-        Returns:
-            Of the duration what is left, s: negative where the last step went beyond it.
-
-        Raises:
-            StepError: a step could not be taken.
+        Returns of the duration what is left: negative where the last step went beyond it. Raises what `step` does.
         """
         end = clock() + patience
         while duration > 0 and clock() < end:

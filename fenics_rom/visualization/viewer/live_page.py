@@ -18,6 +18,7 @@ import numpy as np
 from fenics_rom.errors import FenicsRomError
 from fenics_rom.trajectory.file import write_trajectory
 from fenics_rom.trajectory.trajectory import Trajectory
+from fenics_rom.visualization.contact_surface import divide_contact_triangles
 from fenics_rom.visualization.viewer.colours import with_unit
 from fenics_rom.visualization.viewer.drawing import (
     FRAMES_PER_SECOND,
@@ -27,11 +28,10 @@ from fenics_rom.visualization.viewer.drawing import (
     add_obstacles,
     set_camera_and_light,
 )
-from fenics_rom.visualization.viewer.fields import UNITS, surface_fields
 from fenics_rom.visualization.viewer.live_body import LiveBody, free_name
-from fenics_rom.visualization.viewer.mouse_spring import closest_point, divide_contact_triangles
+from fenics_rom.visualization.viewer.mouse_spring import closest_point
 from fenics_rom.visualization.viewer.panel import ENERGY_SERIES, ColourScale, EnergyPlot, begin_panel
-from fenics_rom.visualization.viewer.surface import Surface
+from fenics_rom.visualization.viewer.surface import UNITS, Surface, surface_fields
 
 Array = np.ndarray
 
@@ -45,13 +45,7 @@ LARGEST_FORCE_SHARE = 1.0 - 1e-9
 class LivePage:
     """Shows a live body on a viser server, steps it with the clock, and hands it what the mouse does.
 
-    Args:
-        viser: the package.
-        server: viser's handle.
-        body: what is shown.
-        folder: where recordings are written.
-        stem: what their names begin with.
-        notify: told what goes on, for the terminal.
+    Recordings are written into a folder, by names that begin with a stem; `notify` is told of them, for the terminal.
     """
 
     def __init__(self, viser: Any, server: Any, body: LiveBody, folder: Path, stem: str, notify: Callable[[str], None]):
@@ -59,6 +53,7 @@ class LivePage:
         self._todo: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._paused, self._speed, self._behind = False, 1.0, 0.0
         self._holder: int | None = None
+        self._held_contact: str | None = None
         self._error = ""
         self._writing: list[threading.Thread] = []
         self._panel_due, self._panel_since, self._steps_since, self._time_since = 0.0, time.perf_counter(), 0, 0.0
@@ -69,7 +64,6 @@ class LivePage:
         self._size = float(np.ptp(self._surface.places, axis=0).max())
         self._scale = 1 / self._size
         self._triangles = divide_contact_triangles(rom)
-        self._held_contact: str | None = None
         set_camera_and_light(server, self._scale * self._surface.places)
         self._picture = BandedBody(server.scene, "/body", self._surface, self._scale)
         self._pick_surfaces = {
@@ -110,7 +104,7 @@ class LivePage:
 
     def _drag(self, client: int, displacement: Array) -> None:
         if client == self._holder:
-            self.body.pull_to(self._grabbed_at + displacement)
+            self.body.mouse = self._grabbed_at + displacement
 
     def _let_go(self, client: int) -> None:
         if client == self._holder:
@@ -321,9 +315,6 @@ class LivePage:
         lines += [f"**{self._error}**"] if self._error else []
         lines += [f"*{warning}*" for warning in body.simulator.warnings]
         self._status.content = "  \n".join(lines)
-        account = body.account
-        energies = account.stored, account.supplied, account.dissipated, account.lost
-        self._account.content = " · ".join(
-            f"{name} {with_unit(e, 'J')}" for name, e in zip(ENERGY_SERIES, energies, strict=True)
-        )
-        self._plot.add(simulated, energies)
+        sums = zip(ENERGY_SERIES, body.account, strict=True)
+        self._account.content = " · ".join(f"{name} {with_unit(energy, 'J')}" for name, energy in sums)
+        self._plot.add(simulated, body.account)

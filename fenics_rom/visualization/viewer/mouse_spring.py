@@ -1,5 +1,6 @@
 """The spring between the mouse and a point of a contact surface, and what its force does in the columns of a mode."""
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,30 +16,6 @@ RELATIVE_STIFFNESS = 2.0  # of the spring, as a multiple of the body's at rest: 
 RANK_TOLERANCE = 1e-8  # relative singular value below which two columns do the same to the shape at rest
 OVERSHOOT = 2.0  # a force that begins at once leads this much further than at rest
 FINITE_STRAIN_REACH = 10.0  # times as far as a linear model can follow, a body of large deformation may be pulled
-SURFACE_VELOCITY_SHARE = 0.5  # of the largest velocity after a push: nodes that move more belong to the contact surface
-
-
-def divide_contact_triangles(rom: Rom) -> dict[str, Array]:
-    """Triangles (F_i,) of each contact mode's surface, by which none is two modes'.
-
-    Not every ROM keeps its contact surfaces. Where obstacles can touch, their nodes tell; elsewhere a unit impulse,
-    W_i Wᵢᵀ B_i, moves the nodes of the surface at once and the others hardly. Where surfaces overlap, a triangle is of
-    the mode whose impulse moves it most: of the smallest surface.
-    """
-    in_contact, moved = {}, {}
-    for name, mode in rom.contact_models.items():
-        columns = mode.coordinates @ mode.inputs[:, : rom.contacts[name]]
-        velocity = np.zeros(len(rom.nodes))
-        for column in columns.T:
-            velocity = np.maximum(velocity, np.linalg.norm(rom.reconstruct(column), axis=1))
-        moved[name] = velocity[rom.triangles].mean(axis=1)
-        touched = np.isin(rom.triangles, mode.contact_points).all(axis=1)
-        in_contact[name] = (
-            touched if touched.any() else moved[name] > SURFACE_VELOCITY_SHARE * moved[name].max(initial=0.0)
-        )
-    rank = np.array([np.where(in_contact[name], moved[name], -1.0) for name in rom.contact_models])
-    first = rank.argmax(axis=0)
-    return {name: np.flatnonzero(in_contact[name] & (first == k)) for k, name in enumerate(rom.contact_models)}
 
 
 @dataclass(frozen=True)
@@ -50,8 +27,6 @@ class MouseSpring:
 
     Attributes:
         contact: the contact mode.
-        nodes: (c,) of the mesh, whose weighted mean the point is.
-        weights: (c,) of these nodes, in sum 1.
         place: of the point at rest, (3,), m.
         rows: W_p (3, m) of the point in the contact mode's basis.
         spread: S (p, 3), the columns' forces that come closest to f in what they do to the shape at rest.
@@ -61,8 +36,6 @@ class MouseSpring:
     """
 
     contact: str
-    nodes: Array
-    weights: Array
     place: Array
     rows: Array
     spread: Array
@@ -77,10 +50,7 @@ class MouseSpring:
     def force(self, y: Array, flexibility: Array, target: Array) -> Array:
         """What it pulls with, (3,), N: f = k (target - place - y - flexibility f), but not more than `largest`.
 
-        Args:
-            y: (3,) displacement without f at the moment that counts, m.
-            flexibility: (3, 3) what f adds to it, m/N.
-            target: where the mouse is, (3,), m.
+        At the moment that counts y (3,), m, is the displacement without f, and flexibility (3, 3) f what f adds to it.
         """
         f = np.linalg.solve(np.eye(3) / self.stiffness + flexibility, target - self.place - y)
         length = float(np.linalg.norm(f))
@@ -88,16 +58,10 @@ class MouseSpring:
 
 
 def attach_spring(rom: Rom, contact: str, nodes: Array, weights: Array) -> MouseSpring | None:
-    """A spring at a point; None where the contact mode has no column that moves it.
+    """A spring at the mean of nodes (c,) with weights (c,), in sum 1; None where the mode has no column that moves it.
 
     S minimizes |K⁻½ (B S - e_p)|, the distance of the shapes at rest in energy; of a resultant it is near to the
     identity, of a pressure the share along the normal, of nodal forces those of the nearest nodes.
-
-    Args:
-        rom: the reduced model.
-        contact: a contact mode of it.
-        nodes: (c,) of the mesh, whose weighted mean the point is.
-        weights: (c,) of these nodes, in sum 1.
     """
     mode = rom.contact_models[contact]
     G = mode.inputs[:, : rom.contacts[contact]]
@@ -109,18 +73,14 @@ def attach_spring(rom: Rom, contact: str, nodes: Array, weights: Array) -> Mouse
     λ, directions = np.linalg.eigh(P.T @ shapes)
     if not λ[-1] > 0:
         return None
-    gauge = ReducedGauges(gauge_basis(rom) @ mode.coordinates, mode.eigenvalues)
-    severity = SurfaceStrainPeak(*gauge.read(shapes @ directions[:, -1])).severity
     return MouseSpring(
         contact=contact,
-        nodes=nodes,
-        weights=weights,
         place=weights @ rom.nodes[nodes],
         rows=rows,
         spread=S,
         columns=P,
         stiffness=RELATIVE_STIFFNESS / λ[-1],
-        largest=_severity_limit(rom) / (OVERSHOOT * severity) if severity > 0 else np.inf,
+        largest=_multiple_to_limit(rom, contact, shapes @ directions[:, -1]) / OVERSHOOT,
     )
 
 
@@ -130,11 +90,6 @@ class MouseSpringStep:
     In a step of passive midpoint integration the spring is that of the middle, ŷ = y + h/2 Pᵀ v̂, without inertia
     that of the end. Its own part in v̂ is solved for, which keeps it stable at any step; those of actuators and loads
     are known, and that of obstacles is left out.
-
-    Args:
-        rom: the reduced model.
-        spring: what pulls.
-        h: time step, s.
     """
 
     def __init__(self, rom: Rom, spring: MouseSpring, h: float):
@@ -147,14 +102,7 @@ class MouseSpringStep:
         self._flexibility = (h / 2 if self._moves else 1.0) * P.T @ self._spread
 
     def force(self, q: Array, r: Array, others: Array, target: Array) -> Array:
-        """What the spring pulls with in a step, (3,), N.
-
-        Args:
-            q: (m,) reduced displacement at its start.
-            r: (m,) reduced velocity.
-            others: actuators and loads.
-            target: where the mouse is, (3,), m.
-        """
+        """What the spring pulls with in a step from q and r, (3,), N; `others` are actuators and loads."""
         pushed = self._others @ others
         if not self._moves:
             return self.spring.force(self._spread.T @ pushed, self._flexibility, target)
@@ -165,14 +113,17 @@ class MouseSpringStep:
 def largest_input(rom: Rom, contact: str, column: int) -> float:
     """The input of one column at which the surface at rest is at the limit of a linear model, in the input's unit."""
     mode = rom.contact_models[contact]
+    multiple = _multiple_to_limit(rom, contact, mode.inputs[:, column] / mode.safe_frequencies**2)
+    return multiple if math.isfinite(multiple) else 1.0
+
+
+def _multiple_to_limit(rom: Rom, contact: str, q: Array) -> float:
+    """What to multiply a shape q (m,) by, so that it goes as far as it may."""
+    mode = rom.contact_models[contact]
     gauge = ReducedGauges(gauge_basis(rom) @ mode.coordinates, mode.eigenvalues)
-    severity = SurfaceStrainPeak(*gauge.read(mode.inputs[:, column] / mode.safe_frequencies**2)).severity
-    return _severity_limit(rom) / severity if severity > 0 else 1.0
-
-
-def _severity_limit(rom: Rom) -> float:
-    """How far the shape may go, in limits of a linear model."""
-    return 1.0 if rom.deformation is None else FINITE_STRAIN_REACH
+    severity = SurfaceStrainPeak(*gauge.read(q)).severity
+    reach = 1.0 if rom.deformation is None else FINITE_STRAIN_REACH
+    return reach / severity if severity > 0 else math.inf
 
 
 def closest_point(corners: Array, place: Array) -> tuple[int, Array]:
@@ -180,10 +131,6 @@ def closest_point(corners: Array, place: Array) -> tuple[int, Array]:
 
     Not by trimesh's `closest_point`: that compares products of four lengths with an absolute tolerance, so that on
     triangles of 0.3 mm it misses the point by as much as they are long.
-
-    Args:
-        corners: (F, 3, 3) of the triangles, m.
-        place: (3,), on the surface but for round-off, m.
     """
     origin, a, b = corners[:, 0], corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0]
     sides = np.stack([a, b], axis=2)

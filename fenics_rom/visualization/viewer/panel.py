@@ -22,11 +22,7 @@ def begin_panel(gui: Any, name: str) -> None:
 
 
 class ColourScale:
-    """The colour bar, whose end grows with what is shown, in round steps.
-
-    Args:
-        gui: viser's.
-    """
+    """The colour bar, whose end grows with what is shown, in round steps."""
 
     def __init__(self, gui: Any):
         self._bar = gui.add_html("")
@@ -55,12 +51,7 @@ class ColourScale:
 
 
 class EnergyPlot:
-    """Stored, supplied, dissipated and lost energy over the time of the run.
-
-    Args:
-        viser: the package.
-        gui: viser's handle.
-    """
+    """Stored, supplied, dissipated and lost energy over the time of the run."""
 
     def __init__(self, viser: Any, gui: Any):
         self._rows: deque[tuple[float, ...]] = deque(maxlen=MAX_SAMPLES)

@@ -22,25 +22,14 @@ MOST_NUMBERS = 3e7  # in all shapes together, 240 MB
 
 @dataclass
 class Recording:
-    """The steps of a live body from a moment on.
-
-    Attributes:
-        start: the state it began from.
-        steps: contact mode and input of each step.
-        seconds: wall clock of the steps, s.
-    """
+    """The steps of a live body from a state on: contact mode and input of each, and their wall clock, s."""
 
     start: SimulatorState
     steps: list[tuple[str, Array]] = field(default_factory=list)
     seconds: float = 0.0
 
     def run(self, rom: Rom, simulator: Simulator) -> Trajectory:
-        """The run, whose account begins anew.
-
-        Args:
-            rom: the model that was stepped.
-            simulator: of the same ROM, whose contact mode does not switch by itself.
-        """
+        """The run, whose account begins anew, by a simulator whose contact mode does not switch by itself."""
         simulator.restore(self.start)
         assert simulator.ledger is not None
         simulator.ledger.sums = EnergyLedger().sums

@@ -12,9 +12,8 @@ from fenics_rom.trajectory.comparison import common_instants, compare
 from fenics_rom.trajectory.trajectory import Trajectory
 from fenics_rom.visualization.viewer.colours import with_unit
 from fenics_rom.visualization.viewer.drawing import FRAMES_PER_SECOND, BandedBody, add_obstacles, set_camera_and_light
-from fenics_rom.visualization.viewer.fields import UNITS, surface_fields
 from fenics_rom.visualization.viewer.panel import ColourScale, EnergyPlot, begin_panel
-from fenics_rom.visualization.viewer.surface import Surface
+from fenics_rom.visualization.viewer.surface import UNITS, Surface, surface_fields
 
 Array = np.ndarray
 
@@ -24,12 +23,7 @@ DIFFERENCE = "difference"
 
 
 class RunPage:
-    """Plays runs.
-
-    Args:
-        viser: the package.
-        runs: one, or a run and the reference that it is measured against.
-        names: what they are called on the page.
+    """Plays a run, or a run and the reference that it is measured against.
 
     Raises:
         SceneError: a run without a surface.
@@ -162,13 +156,9 @@ class RunPage:
         run = self._runs[0]
         for obstacle, handle in self._obstacles.items():
             handle.position = tuple(self._scale * run.obstacle_motion[obstacle][self._rows[0][row]])
-        self._status.content = "  \n".join(
-            filter(
-                None,
-                [
-                    f"t = {self._times[row]:.3f} s, {name} up to {with_unit(most, unit)}",
-                    f"shape {row + 1} of {len(self._times)}",
-                    self._comparison,
-                ],
-            )
-        )
+        lines = [
+            f"t = {self._times[row]:.3f} s, {name} up to {with_unit(most, unit)}",
+            f"shape {row + 1} of {len(self._times)}",
+            self._comparison,
+        ]
+        self._status.content = "  \n".join(lines)

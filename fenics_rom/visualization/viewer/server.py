@@ -27,15 +27,9 @@ _starting = threading.Lock()
 
 
 class Server:
-    """A running viser server.
+    """A running viser server, its `port`, and its `address` for the browser, with the token.
 
-    Args:
-        port: that is tried first; 0: any.
-
-    Attributes:
-        viser: its handle.
-        port: where it listens.
-        address: for the browser, with the token.
+    The port that is asked for is tried first; 0: any.
 
     Raises:
         MissingPackageError: there is no viser, or one that starts its server in another way, so that it cannot be
@@ -79,12 +73,7 @@ def _free_port(first: int) -> int:
 class _Guard:
     """What viser sees in place of the library websockets while it starts its server: `serve` with a check of requests.
 
-    Args:
-        library: websockets, of which everything else is as it is.
-        token: that the path of a request has to begin with.
-
-    Attributes:
-        used: whether viser has started a server by it.
+    The path of a request has to begin with the token. `used` tells whether viser has started a server by it.
     """
 
     def __init__(self, library: ModuleType, token: str):

@@ -1,13 +1,18 @@
 """What of a surface is drawn: pieces of triangles, and what colours them."""
 
 import math
+from collections.abc import Callable, Mapping
 
 import numpy as np
 
+from fenics_rom.mechanics.environment import Environment
 from fenics_rom.mechanics.linearity import triangle_frames
 
 Array = np.ndarray
+# Of displacement (n, 3), m, and velocity (n, 3), m/s: values of all pieces.
+SurfaceField = Callable[[Array, Array], Array]
 
+UNITS = {"displacement": "m", "speed": "m/s", "strain": "%", "energy density": "J/m³"}
 MIN_PIECES = 4000  # so that the colours of a coarse mesh follow the field and not the triangles
 MAX_CUTS = 4  # of an edge of a triangle
 MIN_RELATIVE_AREA = 1e-9  # twice the area of a triangle, of its longest side squared; below, it has no strain
@@ -15,10 +20,6 @@ MIN_RELATIVE_AREA = 1e-9  # twice the area of a triangle, of its longest side sq
 
 class Surface:
     """The surface of a body, each triangle cut into equal pieces as a coarse mesh needs them.
-
-    Args:
-        nodes: (N, 3) of the whole body at rest, m.
-        triangles: (F, 3) nodes, outward.
 
     Attributes:
         nodes: (n,) those of the body that are on the surface.
@@ -61,11 +62,8 @@ class SurfaceStrain:
 
     A surface that nothing pushes is free of traction, so that its stress is plane and its strain in the plane tells
     all of its energy density: w = E / (2 (1 - ν²)) (ε₁₁² + ε₂₂² + 2 ν ε₁₁ ε₂₂ + 2 (1 - ν) ε₁₂²).
-    Source: Timoshenko & Goodier, Theory of Elasticity, 1970, § 16 and § 90 (plane stress).
-
-    Args:
-        places: (n, 3) at rest, m.
-        triangles: (F, 3); one without area has no strain.
+    Source: Timoshenko & Goodier, Theory of Elasticity, 1970, § 16 and § 90 (plane stress). Triangles without area have
+    no strain.
     """
 
     def __init__(self, places: Array, triangles: Array):
@@ -98,3 +96,28 @@ class SurfaceStrain:
         ε1, ε2, shear = self.components(displacement).T
         plane = ε1**2 + ε2**2 + 2 * poisson * ε1 * ε2 + 2 * (1 - poisson) * shear**2
         return young / (2 * (1 - poisson**2)) * plane
+
+
+def surface_fields(
+    surface: Surface, environment: Environment | None, *, moves: bool = True
+) -> Mapping[str, SurfaceField]:
+    """What can be shown, by name; the units are in UNITS.
+
+    Energy density is that of a surface without traction (see SurfaceStrain), and there is none where the body has
+    several materials: a ROM does not say which of them a triangle is of. A body that `moves` has velocities.
+    """
+    strain = SurfaceStrain(surface.places, surface.triangles)
+
+    def of_length(vectors: Array) -> Array:
+        return surface.of_nodes(np.linalg.norm(vectors, axis=1))
+
+    available: dict[str, SurfaceField] = {"displacement": lambda x, v: of_length(x)}
+    if moves:
+        available["speed"] = lambda x, v: of_length(v)
+    available["strain"] = lambda x, v: surface.of_triangles(100 * strain.largest(x))
+    places = [] if environment is None else [place for place in environment.built_in if place.startswith("materials.")]
+    if environment is not None and len(places) == 1:
+        material = environment.details(places[0])
+        E, ν = material["young"], material["poisson"]
+        available["energy density"] = lambda x, v: surface.of_triangles(strain.energy_density(x, E, ν))
+    return available

@@ -15,6 +15,7 @@ from fenics_rom.errors import FileError, SceneError, StructureError
 from fenics_rom.io.units import prefixed, readable
 from fenics_rom.mechanics.environment import Environment
 from fenics_rom.reduction.frequency_response import full_responses
+from fenics_rom.visualization.figure import DARK, LIGHT
 from fenics_rom.visualization.plots.plot import plot
 from fenics_rom.visualization.plots.reduced import (
     FULL_PEAK_OFFSETS,
@@ -26,7 +27,6 @@ from fenics_rom.visualization.plots.reduced import (
     response_scale,
 )
 from fenics_rom.visualization.plots.runs import run_panels
-from fenics_rom.visualization.plots.style import DARK, LIGHT
 
 pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
 DATA = Path(__file__).parents[2] / "data"

@@ -9,8 +9,7 @@ from bodies import box_arrays, box_surfaces
 from fenics_rom.mechanics.obstacles import Box, Capsule, HalfSpace, Sphere
 from fenics_rom.visualization.obstacle_meshes import obstacle_mesh
 from fenics_rom.visualization.viewer.colours import BANDS, band_colours, bands_of, round_up, with_unit
-from fenics_rom.visualization.viewer.fields import surface_fields
-from fenics_rom.visualization.viewer.surface import MAX_CUTS, MIN_PIECES, Surface, SurfaceStrain
+from fenics_rom.visualization.viewer.surface import MAX_CUTS, MIN_PIECES, Surface, SurfaceStrain, surface_fields
 
 
 @pytest.fixture(scope="module")
