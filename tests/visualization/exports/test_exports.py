@@ -355,6 +355,12 @@ except fr.errors.FenicsRomError as error:
     assert sorted(file.name for file in tmp_path.iterdir()) == ["modes.png", "x.png"]
 
 
+def test_where_drawing_would_end_the_program_it_is_refused():
+    code = "import dolfinx, pyvista; from fenics_rom.visualization.optional_dependencies import *; pyvista_package()"
+    run = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
+    assert "PyVista was imported after dolfinx" in run.stderr.splitlines()[-1]
+
+
 def test_without_egl_pictures_are_refused_and_files_for_paraview_are_not(run, tmp_path, monkeypatch):
     monkeypatch.setattr(optional_dependencies, "EGL", "libEGL.so.none")
     with pytest.raises(MissingPackageError, match="which this system lacks: sudo apt-get install libegl1"):
