@@ -312,7 +312,7 @@ def test_what_cannot_be_drawn_is_one_line(capsys, tmp_path, words, message):
 
 
 def test_another_scene_s_full_model_is_refused(plate_rom, box_system, tmp_path):
-    with pytest.raises(StructureError, match="of 180 unknowns, and the scene has another one, of 108"):
+    with pytest.raises(StructureError, match="of 180 displacements, and the scene has another one, of 108"):
         plot(plate_rom, tmp_path / "rom.pdf", full=box_system)
     assert not any(tmp_path.iterdir())
 
