@@ -34,6 +34,7 @@ from fenics_rom.fem.nodes import (
 from fenics_rom.fem.petsc_algebra import PetscAlgebra, require_real
 from fenics_rom.fem.petsc_matrix import PetscMatrix, ZeroMatrix, combination
 from fenics_rom.fem.ranks import run_on_rank_0
+from fenics_rom.fem.readings import readings_of
 from fenics_rom.fem.restriction import restrict_matrices
 from fenics_rom.fem.rigid_modes import rigid_motions
 from fenics_rom.fem.springs import dashpots_of, springs_of, with_surfaces
@@ -103,6 +104,7 @@ def _system(scene: Scene, comm: Any) -> System:
             name: output_rows(nodes, output, unknowns, f"outputs.{name}")[rows]
             for name, output in scene.outputs.items()
         },
+        readings=readings_of(scene, nodes, material, unknowns),
         algebra=algebra,
         rayleigh=_rayleigh(scene),
         rigid=rigid,

@@ -149,7 +149,8 @@ def _twice_area_vectors(nodes: Nodes, triangles: np.ndarray) -> np.ndarray:
     return np.cross(b - a, c - a)
 
 
-def _areas(nodes: Nodes, triangles: np.ndarray) -> np.ndarray:
+def triangle_areas(nodes: Nodes, triangles: np.ndarray) -> np.ndarray:
+    """(F,), m²."""
     return np.linalg.norm(_twice_area_vectors(nodes, triangles), axis=1) / 2
 
 
@@ -159,7 +160,7 @@ def _load_weights(nodes: Nodes, triangles: np.ndarray) -> tuple[np.ndarray, np.n
     Degree 1: a third of the area at each vertex. Degree 2: nothing at the vertices, a third at each mid-side node.
     """
     carriers = nodes.triangle_edges(triangles) if len(nodes.edges) else triangles
-    return carriers, _areas(nodes, triangles)[:, None] / 3
+    return carriers, triangle_areas(nodes, triangles)[:, None] / 3
 
 
 def _mean_over(nodes: Nodes, triangles: np.ndarray) -> np.ndarray:
@@ -189,7 +190,7 @@ def patch_area(nodes: Nodes, patch: Place, where: str) -> float:
 
 def surface_mass(nodes: Nodes, triangles: np.ndarray) -> scipy.sparse.csr_matrix:
     """∫ φ_i φ_j over flat triangles, as a share of their area, (N, N)."""
-    area = _areas(nodes, triangles)
+    area = triangle_areas(nodes, triangles)
     if len(nodes.edges):
         opposite = -4 * np.array([[0, 1, 0], [0, 0, 1], [1, 0, 0]])
         element = np.block([[7 * np.eye(3) - 1, opposite], [opposite.T, 16 * (np.eye(3) + 1)]]) / 180

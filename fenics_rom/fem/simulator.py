@@ -4,8 +4,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from fenics_rom.errors import StepError, unknown
 from fenics_rom.fem.finite_strain.stepper import FiniteStrainStepper
 from fenics_rom.fem.linear_stepper import FullOrderStepper
+from fenics_rom.fem.readings import ReadableFullOrder
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.environment import Environment
@@ -102,6 +104,16 @@ class FullOrderSimulator:
     def velocity(self, output: str | None = None) -> Array:
         """Velocity, m/s, as displacement."""
         return self.stepper.velocity(output)
+
+    def reading(self, name: str) -> Array:
+        """A reading of the scene as it is now; of contact pressure in the last step. Its shape and unit: see Readings.
+
+        Raises:
+            StepError: no such reading.
+        """
+        if name not in self.system.readings:
+            raise StepError(unknown("reading", name, self.system.readings))
+        return self.system.readings[name].read(ReadableFullOrder(self.system, self.stepper))
 
     def obstacle_forces(self) -> Array:
         """Forces of the obstacles on the body in the last step, (O, 3), N."""

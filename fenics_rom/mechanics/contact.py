@@ -106,6 +106,12 @@ class ContactSolution(NamedTuple):
         pressure = (self.pair_forces * self.normals).dot(_ONES)
         return int(np.count_nonzero(pressure > 1e-9 * pressure.max()))
 
+    @property
+    def normal_forces(self) -> Array:
+        """Of all obstacles together on each point, (P,), N."""
+        pressure = (self.pair_forces * self.normals).dot(_ONES)
+        return np.bincount(self.pairs % len(self.forces), weights=pressure, minlength=len(self.forces))
+
     def work(self, velocity: Array, dt: float) -> ContactWork:
         """Where the work went.
 
@@ -161,6 +167,14 @@ class ContactPoints:
         self._size = float(np.linalg.norm(np.ptp(self.coordinates, axis=0)))
         self._names = list(nodes_of)
         self._members = [np.searchsorted(self.nodes, nodes) for nodes in nodes_of.values()]
+
+    def normal_forces(self, contact: ContactSolution | None, nodes: Array) -> Array:
+        """Of a step on nodes of the body (s,), N, (s,); 0 on those that cannot be touched."""
+        forces = np.zeros(len(nodes))
+        if contact is not None:
+            _, among, points = np.intersect1d(nodes, self.nodes, return_indices=True)
+            forces[among] = contact.normal_forces[points]
+        return forces
 
     def nearest(self, gaps: Array, active: str) -> str:
         """The contact mode to be in, from the smallest gap of each point (P,), m, and the one that is active."""

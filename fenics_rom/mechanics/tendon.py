@@ -14,6 +14,11 @@ def measure_segments(points: Array) -> tuple[Array, Array]:
     return segments, np.sqrt(np.einsum("ki,ki->k", segments, segments))[:, None]
 
 
+def cable_length(points: Array) -> float:
+    """Length of a cable through points (K, 3), m."""
+    return float(measure_segments(points)[1].sum())
+
+
 def sum_end_forces(tensions: Array) -> Array:
     """Forces (K, 3) on the points, of which each segment pulls its ends together by the vectors (K - 1, 3)."""
     forces = np.zeros((len(tensions) + 1, 3))

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fenics_rom.mechanics.environment import Environment
+from fenics_rom.mechanics.readings import projected
 from fenics_rom.reduction.common_basis import orthogonal_complement, pad_rows, split_like
 from fenics_rom.reduction.problem import ReductionProblem
 from fenics_rom.reduction.validation import validated
@@ -37,9 +38,9 @@ def assemble_rom(problem: ReductionProblem, retained: Mapping[str, RetainedBasis
         U, κ = common.coordinates, common.eigenvalues
         Q = space.basis @ U
         inputs = [system.input_matrix(name) for name in retained]
-        projected = split_like(algebra.inner(Q, np.hstack(inputs)), inputs)
+        projected_inputs = split_like(algebra.inner(Q, np.hstack(inputs)), inputs)
         models, bases = {}, {}
-        for (name, basis), QᵀB in zip(retained.items(), projected, strict=True):
+        for (name, basis), QᵀB in zip(retained.items(), projected_inputs, strict=True):
             γ, C = diagonalized_span(κ, np.linalg.qr(U.T @ pad_rows(basis.span, space.size))[0])
             W = U @ C
             T = W.T @ pad_rows(basis.directions, space.size)
@@ -56,13 +57,15 @@ def assemble_rom(problem: ReductionProblem, retained: Mapping[str, RetainedBasis
             )
     with problem.stages("validation"):
         models = validated(problem, whole, models, bases)
+    gathered = algebra.gather(Q)
     return Rom(
         name=scene.name if scene else "system",
         method=method,
         switching=problem.switching,
         contact_models=models,
         actuators={name: columns.shape[1] for name, columns in system.actuators.items()},
-        basis=algebra.gather(Q),
+        basis=gathered,
+        readings={name: projected(reading, gathered) for name, reading in system.readings.items()},
         stiffness=κ,
         loads={name: columns.shape[1] for name, columns in system.loads.items()},
         outputs={name: algebra.inner(C, Q) for name, C in system.outputs.items()},

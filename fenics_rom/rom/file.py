@@ -1,6 +1,6 @@
 """The ROM file: one HDF5 file with everything the runtime needs.
 
-Format 2.0. The first 512 bytes are a user block with the SHA-256 of the rest (see io.hdf5).
+Format 2.1. The first 512 bytes are a user block with the SHA-256 of the rest (see io.hdf5).
 Root attributes (fixed-length UTF-8 text): format = "fenics-rom", format_version, content = "rom", software, name,
 method, switching, weighting, scene (the scene file), warnings (one a line). Every dataset has an attribute `unit`.
 Sizes: n free displacement components, k shared basis vectors, N nodes, F triangles; for each contact mode m order,
@@ -35,8 +35,12 @@ p input columns, r Hankel singular values, f sampled frequencies; P points of an
         training_radius (1,) m kg^1/2, points_of (1,), cubature_error, validation_error (1,); the last may be absent
         pressures/NAME (k, 1 + k + k (k+1)/2) m^2/kg^1/2     force of 1 Pa: of 1, q_i and q_i q_j (i <= j)
         tendons/NAME/points (K, 3) m, shapes (3K, k) kg^-1/2
+    readings/NAME/                   what else is read, absent where nothing is; attributes `quantity`, `of`
+        rest (1,) m or m^3           of a length or a volume
+        nodes (s,), facets (F, 3 or 6), areas (F,) m^2          of contact_pressure: facets are rows of nodes
+        triangles (P,), operator (3, 3, P, k) kg^-1/2/m, first_lame, shear (P,) Pa          of strain, von_mises_stress
 
-Files of format 1.x are read, too: rom.format_1 makes them such files.
+Files of format 2.0 have no readings; those of format 1.x are read, too: rom.format_1 makes them such files.
 """
 
 from collections.abc import Iterable
@@ -90,7 +94,7 @@ STAGE = Entry("s, B", (2,))
 COUNT = Entry("1", (1,), "i")
 SURFACE_NODES = Entry("1", ("s",), "i")
 GROUPS = ("outputs", "actuators", "contact_models", "contact_surfaces", "environment")
-MAYBE = ("offline", "loads", "deformation")
+MAYBE = ("offline", "loads", "deformation", "readings")
 
 
 def write_rom(file: str | Path, rom: Rom) -> None:
@@ -152,6 +156,10 @@ def _fill(h5: h5py.File, rom: Rom) -> None:
         from fenics_rom.rom.deformation_file import put_deformation  # here, as few bodies deform largely
 
         put_deformation(h5, rom.deformation, sizes)
+    if rom.readings:
+        from fenics_rom.rom.readings_file import put_readings  # here, as few bodies have some
+
+        put_readings(h5, rom)
     _check_fit(rom)
     check_rom(rom)
 
@@ -183,6 +191,10 @@ def _take(h5: h5py.File) -> Rom:
         from fenics_rom.rom.deformation_file import get_deformation
 
         rom = replace(rom, deformation=get_deformation(h5, sizes))
+    if "readings" in groups:
+        from fenics_rom.rom.readings_file import take_readings
+
+        rom = replace(rom, readings=take_readings(h5, sizes["k"]))
     _check_fit(rom)
     return check_rom(rom)
 
@@ -257,6 +269,10 @@ def _check_fit(rom: Rom) -> None:
         if not _are_indices(mode.contact_points, N):
             raise FileError(f"contact mode {name!r}: contact_points name nodes beyond {N}")
         _check_numbers(f"contact mode {name!r}", mode)
+    if rom.readings:
+        from fenics_rom.rom.readings_file import check_readings
+
+        check_readings(rom)
     loads = {name: load.columns for name, load in rom.environment.loads.items()}
     if loads != dict(rom.loads):
         raise FileError(f"the loads of the environment are {loads}, those of the models {dict(rom.loads)}")

@@ -13,6 +13,7 @@ from fenics_rom.io.stages import Stage
 from fenics_rom.mechanics.environment import Environment
 
 if TYPE_CHECKING:
+    from fenics_rom.mechanics.readings import Reading
     from fenics_rom.rom.deformation import ReducedDeformation
 
 Array = np.ndarray
@@ -92,6 +93,7 @@ class Rom:
         basis: Q (n, k), QᵀMQ = I, on the components that can move, kg^-1/2.
         stiffness: κ (k,) with QᵀKQ = diag(κ), 1/s²; 0 for rigid motions, which come first.
         outputs: C Q of each named output, (3 points, k).
+        readings: what else is read by name, with operators on the shared basis.
         free: (n,) which of the 3 N displacement components are free.
         nodes: (N, 3), m.
         triangles: (F, 3) outward surface triangles.
@@ -132,6 +134,7 @@ class Rom:
     stages: tuple[Stage, ...] = ()
     loads: Mapping[str, int] = field(default_factory=dict)
     deformation: "ReducedDeformation | None" = None
+    readings: Mapping[str, "Reading"] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         models, columns = self.contact_models, self.contacts
@@ -139,6 +142,7 @@ class Rom:
         nodes = f" of {len(self.nodes)} nodes" if len(self.nodes) else ""
         actuators = [f"{name} in {self.environment.input_units.get(name, 'N')}" for name in self.actuators]
         others = {"actuators": actuators, "effects": self.environment.effects, "outputs": self.outputs}
+        others |= {"readings": self.readings}
         return (
             f"Rom {self.name!r}: {self.method}, {self.switching} switching, {len(self.free)} displacements{nodes}\n"
             f"  contact modes: {', '.join(orders)}; inputs in N\n"

@@ -172,7 +172,7 @@ class Rollout:
             raise StepError(f"every = {every!r}: allowed is a whole number of steps, at least 1")
         u, plan = self._plan(inputs, contact, dt)
         names = tuple(body.rom.outputs if outputs is None else outputs)
-        widths = [len(body.reading(name)) for name in names]
+        widths = [len(body.output_rows(name)) for name in names]
         start, rows = body.save(), [np.empty((0, sum(widths)))]
         try:
             with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is told as a StepError
@@ -227,7 +227,7 @@ class Rollout:
 
         def read() -> None:
             q = body.state[0]
-            rows.append(np.concatenate([body.reading(name) @ q for name in names])[None])
+            rows.append(np.concatenate([body.output_rows(name) @ q for name in names])[None])
 
         if body.rom.rigid:  # outputs follow what energy coordinates do not hold
             for count, row in enumerate(u, start=taken + 1):
@@ -278,7 +278,7 @@ class Rollout:
                 self._propagators.clear()
             model = body.rom.contact_models[body.contact]
             ω = np.sqrt(model.eigenvalues)
-            rows = np.concatenate([np.empty((0, model.order)), *(body.reading(name) / ω for name in names)])
+            rows = np.concatenate([np.empty((0, model.order)), *(body.output_rows(name) / ω for name in names)])
             single = build_step(model, body.dt, rows, body.ledger is not None)
             self._propagators[key] = build_doubling_blocks(repeat(single, every))
         return self._propagators[key]

@@ -46,7 +46,7 @@ class SimulatedBody:
     _stepper: ReducedStepper
     _source: "EnvironmentInputs | None"
     _monitor: LinearityMonitor
-    _readings: dict[tuple[str, str], Array]
+    _output_rows: dict[tuple[str, str], Array]
     _order: int
     _width: int
     _safe_frequencies: Array
@@ -120,7 +120,24 @@ class SimulatedBody:
         """
         return self._field(self._stepper.state[self._order :], output)
 
-    def reading(self, output: str) -> Array:
+    def reading(self, name: str) -> Array:
+        """A reading of the scene as it is now; contact pressure is that of the last step.
+
+        Length, m, and volume, m³, are (); contact pressure, Pa, is (s,) at the nodes of the contact surface; strain
+        (P, 6), with the components xx, yy, zz, yz, xz, xy, and von Mises stress, Pa, (P,) are on surface triangles.
+        Which nodes and triangles: `rom.readings[name]`.
+
+        Raises:
+            StepError: no such reading.
+        """
+        from fenics_rom.runtime.readings import ReadableReduced  # here, as few bodies have readings
+
+        if name not in self.rom.readings:
+            raise StepError(unknown("reading", name, self.rom.readings))
+        interface, contact = self._stepper.interface, self._stepper.contact
+        return self.rom.readings[name].read(ReadableReduced(self.rom, self.contact, self._q, interface, contact))
+
+    def output_rows(self, output: str) -> Array:
         """Rows of a named output, (rows, m), in the active contact mode's basis.
 
         Raises:
@@ -129,9 +146,9 @@ class SimulatedBody:
         if output not in self.rom.outputs:
             raise StepError(unknown("output", output, self.rom.outputs))
         key = self.contact, output
-        if key not in self._readings:
-            self._readings[key] = self.rom.outputs[output] @ self.rom.contact_models[self.contact].coordinates
-        return self._readings[key]
+        if key not in self._output_rows:
+            self._output_rows[key] = self.rom.outputs[output] @ self.rom.contact_models[self.contact].coordinates
+        return self._output_rows[key]
 
     def contact_forces(self, obstacle: str | None = None) -> Array:
         """Forces on the body in the last step, N: of an obstacle (3,), or on every contact point (P, 3).
@@ -178,7 +195,7 @@ class SimulatedBody:
 
     def _field(self, coordinates: Array, output: str | None) -> Array:
         if output is not None:
-            return self.rom.by_point(self.reading(output) @ coordinates)
+            return self.rom.by_point(self.output_rows(output) @ coordinates)
         return self.rom.reconstruct(self.rom.contact_models[self.contact].coordinates @ coordinates)
 
     def _rigid_displacement(self) -> Array:

@@ -87,7 +87,7 @@ class Simulator(SimulatedBody):
         self.loss = SwitchLoss()
         self._stepper = make_stepper(rom, self._dt, self.environment, self.ledger, stepper)
         self._monitor = LinearityMonitor(rom, self._rigid_displacement)
-        self._readings: dict[tuple[str, str], Array] = {}
+        self._output_rows: dict[tuple[str, str], Array] = {}
         self._rollout: Rollout | None = None
         self._enter()
 

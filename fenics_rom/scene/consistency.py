@@ -11,7 +11,7 @@ from fenics_rom.scene.effect_table import ACTUATORS, EFFECTS, LOADS
 from fenics_rom.scene.effects import Contact, Effects
 from fenics_rom.scene.environment import obstacle_of
 from fenics_rom.scene.file_format import LoadEntry, SceneFile
-from fenics_rom.scene.scene import check_order
+from fenics_rom.scene.scene import ReadingEntry, check_order
 
 
 def check_consistency(file: SceneFile) -> None:
@@ -28,6 +28,8 @@ def check_consistency(file: SceneFile) -> None:
     if file.materials == {}:
         raise SceneError("materials: at least one [materials.NAME] is needed")
     check_order(file.reduction.order, file.contacts, "reduction.order")
+    for name, reading in file.readings.items():
+        _check_reading(reading, file, f"readings.{name}")
 
 
 def _check_choices(part: Any, where: str) -> None:
@@ -45,6 +47,24 @@ def _check_choices(part: Any, where: str) -> None:
     elif is_dataclass(part) or isinstance(part, Mapping):
         for key, inner in (part if isinstance(part, Mapping) else vars(part)).items():
             _check_choices(inner, f"{where}.{key}" if where else key)
+
+
+def _check_reading(reading: ReadingEntry, file: SceneFile, where: str) -> None:
+    kind, known = {
+        "length": ("tendon", file.effects.tendon),
+        "volume": ("pressure", file.effects.pressure),
+        "contact_pressure": ("contact mode", file.contacts),
+    }.get(reading.quantity, ("", {}))
+    if not kind:
+        return
+    if reading.near is not None:
+        raise SceneError(f"{where}.near: goes with strain and stress; a {reading.quantity} is that of a {kind}")
+    if reading.of is None:
+        raise SceneError(f"{where}.of is missing: the {kind} whose {reading.quantity} is read")
+    if reading.of not in known:
+        raise SceneError(f"{where}.of: {unknown(kind, reading.of, known)}")
+    if reading.quantity == "contact_pressure" and file.effects.contact is None:
+        raise SceneError(f"{where}: means nothing without contact; name effects.contact as well")
 
 
 def _check_effects(effects: Effects, actuators: Mapping[str, Any]) -> None:

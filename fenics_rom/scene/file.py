@@ -100,6 +100,7 @@ def _scene(raw: dict[str, Any], text: str, folder: Path, given: Mapping[str, np.
         contacts=file.contacts,
         actuators=file.actuators,
         outputs=file.outputs,
+        readings=file.readings,
         effects=file.effects,
         reduction=file.reduction,
         run=_run(file),

@@ -7,7 +7,7 @@ from typing import Annotated, ClassVar
 from fenics_rom.mechanics.signals import Signal
 from fenics_rom.scene.effects import Effects, constant_signal
 from fenics_rom.scene.places import Held, Patch
-from fenics_rom.scene.scene import Elasticity, Output, Reduction
+from fenics_rom.scene.scene import Elasticity, Output, ReadingEntry, Reduction
 from fenics_rom.scene.values import Items, Name, Number, Table, Text
 
 Group = Annotated[int, Number(integer=True, at_least=0)]
@@ -94,6 +94,10 @@ class SceneFile:
         default_factory=dict
     )
     outputs: Annotated[Mapping[Name, Output], "displacements that are read often"] = field(default_factory=dict)
+    readings: Annotated[
+        Mapping[Name, ReadingEntry],
+        "lengths, volumes, contact pressures, strains and stresses that are read by name",
+    ] = field(default_factory=dict)
     effects: Annotated[Effects, "what acts; an effect that is not named costs nothing"]
     reduction: Annotated[Reduction, "how it is to be reduced"] = field(default_factory=Reduction)
     run: Annotated[RunTable | None, "a load history"] = None

@@ -11,9 +11,10 @@ import numpy as np
 
 from fenics_rom.errors import SceneError, unknown
 from fenics_rom.mechanics.environment import SWITCHINGS, Environment, Run
+from fenics_rom.mechanics.readings import READING_UNITS
 from fenics_rom.scene.effects import Effects
 from fenics_rom.scene.environment import environment_of
-from fenics_rom.scene.places import Held, Patch
+from fenics_rom.scene.places import Held, Near, Patch, Place
 from fenics_rom.scene.values import Items, Number, OneOrByName, Point, Text
 
 WEIGHTINGS = ("mass", "nodal", "outputs")
@@ -52,6 +53,32 @@ class Output:
     ONE_OF: ClassVar = (("points", "surface"),)
     points: Annotated[tuple[Point, ...] | None, Items(at_least=1), "material points of the body"] = None
     surface: Annotated[str | None, Text(), "a named surface of the mesh, whose mean is read"] = None
+
+
+@dataclass(frozen=True)
+class ReadingEntry:
+    """What is read beside displacements, at every instant that a run keeps."""
+
+    AT_MOST_ONE: ClassVar = ("of", "near")
+    quantity: Annotated[
+        str,
+        Text(choices=tuple(READING_UNITS)),
+        '"length" of a tendon, "volume" of a chamber, "contact_pressure" at the nodes of a contact mode, "strain" (xx, '
+        'yy, zz, yz, xz, xy) or "von_mises_stress" in the middle of each surface triangle (at degree 2 of each of its '
+        "four parts), in the cell that adjoins it; with large deformation Green's strain, and of Cauchy's stress",
+    ]
+    of: Annotated[
+        str | None,
+        Text(),
+        "the tendon, the pressure, the contact mode, or a named surface of the mesh; of strain and stress the whole "
+        "surface where neither this nor near is given",
+    ] = None
+    near: Annotated[Near | None, "of strain and stress: the surface triangles whose centroids lie in a ball"] = None
+
+    @property
+    def place(self) -> Place | None:
+        """Of strain and stress: the piece of the surface; None: all of it."""
+        return None if self.of is None and self.near is None else Place(self.of, self.near)
 
 
 @dataclass(frozen=True)
@@ -114,6 +141,7 @@ class Scene:
     contacts: Mapping[str, Patch]
     actuators: Mapping[str, Patch]
     outputs: Mapping[str, Output]
+    readings: Mapping[str, ReadingEntry]
     effects: Effects
     reduction: Reduction
     run: Run | None
@@ -123,13 +151,16 @@ class Scene:
 
     @cached_property
     def environment(self) -> Environment:
-        """What acts on the body in a run, and its materials, which the live view shows energy density by."""
+        """What acts on the body in a run; its materials, which the live view shows energy density by; its readings."""
         environment = environment_of(self.effects, self.run, self.source)
-        materials = {f"materials.{name}": json.dumps(asdict(m), sort_keys=True) for name, m in self.materials.items()}
-        return replace(environment, built_in={**environment.built_in, **materials})
+        records: dict[str, Any] = {f"materials.{name}": material for name, material in self.materials.items()}
+        records |= {f"readings.{name}": entry for name, entry in self.readings.items()}
+        built_in = {place: json.dumps(asdict(record), sort_keys=True) for place, record in records.items()}
+        return replace(environment, built_in={**environment.built_in, **built_in})
 
     def __repr__(self) -> str:
         named = {"contact modes": self.contacts, "actuators": self.actuators, "outputs": self.outputs}
+        named |= {"readings": self.readings}
         run = "no run" if self.run is None else f"run of {self.run.duration:g} s at dt {self.run.dt:g} s"
         return "\n  ".join(
             [

@@ -4,7 +4,7 @@ The reduction sees a system only through M @ X, D @ X, K @ X, solves, Xᵀ Y sum
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from itertools import islice
 from typing import Any
 
@@ -12,6 +12,7 @@ import numpy as np
 
 from fenics_rom.errors import StructureError
 from fenics_rom.io.stages import Stage
+from fenics_rom.mechanics.readings import Reading
 from fenics_rom.scene.scene import Scene
 from fenics_rom.system.backends import backend_of
 from fenics_rom.system.body import Body
@@ -51,6 +52,7 @@ class System:
         contact_points: nodes of each contact mode at which obstacles can touch it, (P,) each; the contact modes that
             have some are reduced for forces at each of them, too.
         outputs: C of each named output, (rows here, 3 points); any number of columns where there is no mesh.
+        readings: what else is read by name, with operators on all n free displacements, the same on every rank.
         algebra: solves, sums and eigenpairs for these matrices.
         rayleigh: (α, β) where D = α M + β K, else None. 1/s, s.
         rigid: R (rows here, ρ), RᵀMR = I, what spans the null space of K; no columns where the body is held. kg^-1/2.
@@ -77,6 +79,7 @@ class System:
     units: Mapping[str, float] = UNSET
     contact_points: Mapping[str, Array] = UNSET
     outputs: Mapping[str, Array] = UNSET
+    readings: Mapping[str, Reading] = field(default_factory=dict)
     algebra: Algebra = UNSET
     rayleigh: tuple[float, float] | None = None
     rigid: Array = UNSET
@@ -134,6 +137,10 @@ class System:
     def widths(self) -> dict[str, int]:
         """Number of columns of each actuator and load, which every contact mode has after its own."""
         return {name: columns.shape[1] for name, columns in {**self.actuators, **self.loads}.items()}
+
+    def unit_forces(self, actuator: str) -> Array:
+        """Forces of 1 of an actuator's unit (rows here, columns), N, on the body at rest."""
+        return self.units.get(actuator, 1.0) * self.actuators[actuator]
 
     def input_matrix(self, contact: str) -> Array:
         """B_i: the contact columns, then those of actuators and loads, (rows here, p_i), in the units of the inputs."""

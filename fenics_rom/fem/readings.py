@@ -1,0 +1,216 @@
+"""What a scene reads by name beside displacements, at full order: where, and by which operators.
+
+All of it follows from the mesh, so every rank has the whole.
+"""
+
+import numpy as np
+import scipy.sparse
+from scipy.sparse.csgraph import connected_components
+
+from fenics_rom.errors import SceneError
+from fenics_rom.fem.full_order_body import FullOrderBody
+from fenics_rom.fem.nodes import CELL_EDGES, CELL_FACES, Nodes, patch_triangles, triangle_areas
+from fenics_rom.mechanics.readings import (
+    ChamberVolume,
+    ContactPressure,
+    Reading,
+    SurfaceReading,
+    TendonLength,
+    swept_volume,
+)
+from fenics_rom.mechanics.tendon import cable_length
+from fenics_rom.scene.scene import ReadingEntry, Scene
+from fenics_rom.system.body import Unknowns
+from fenics_rom.system.system import System
+
+Array = np.ndarray
+
+ROUND_OFF = 1e-9  # of sizes and directions
+WHOLE = np.full((1, 3), 1 / 3)
+# Middles of the four parts that a triangle with six nodes is drawn in, in the order of `Nodes.drawn_triangles`.
+PARTS = np.vstack([np.full((3, 3), 1 / 6) + np.eye(3) / 2, WHOLE])
+
+
+def readings_of(scene: Scene, nodes: Nodes, material: Array, unknowns: Unknowns) -> dict[str, Reading]:
+    """The readings of a scene, with operators on the unknowns.
+
+    Args:
+        scene: what is read.
+        nodes: of its mesh.
+        material: λ, μ (Pa) and ρ of every cell, (C, 3).
+        unknowns: what supports leave.
+
+    Raises:
+        MeshError, SceneError: a place that does not exist, or a surface that encloses no volume.
+    """
+    return {
+        name: _reading(entry, scene, nodes, material, unknowns, f"readings.{name}")
+        for name, entry in scene.readings.items()
+    }
+
+
+def _reading(
+    entry: ReadingEntry, scene: Scene, nodes: Nodes, material: Array, unknowns: Unknowns, where: str
+) -> Reading:
+    of = entry.of or ""
+    if entry.quantity == "length":
+        return TendonLength(of, cable_length(np.array(scene.effects.tendon[of].points)))
+    if entry.quantity == "volume":
+        triangles = patch_triangles(nodes, scene.effects.pressure[of], f"effects.pressure.{of}")
+        return ChamberVolume(of, enclosed_volume(nodes, triangles, unknowns, where))
+    if entry.quantity == "contact_pressure":
+        triangles = patch_triangles(nodes, scene.contacts[of], f"contacts.{of}")
+        touched, facets = np.unique(nodes.triangle_nodes(triangles), return_inverse=True)
+        return ContactPressure(of, touched, facets.reshape(len(triangles), -1), triangle_areas(nodes, triangles))
+    place = entry.place
+    facets = nodes.surface if place is None else patch_triangles(nodes, place, where)
+    samples, operator, cells = surface_gradients(nodes, facets)
+    λ, μ, _ = material[cells].T
+    return SurfaceReading(entry.quantity, of, samples, (operator @ unknowns.matrix).tocsr(), λ, μ)
+
+
+def surface_gradients(nodes: Nodes, facets: Array) -> tuple[Array, scipy.sparse.csr_matrix, Array]:
+    """∇u in the middle of surface triangles as they are drawn, in the cell that adjoins each.
+
+    Args:
+        nodes: all nodes.
+        facets: (F, 3) of `nodes.surface`.
+
+    Returns:
+        Which of the drawn triangles, (P,); the operator from displacements of all nodes (3 N,) to H (3, 3, P), as
+        (9 P, 3 N), 1/m; and the cells (P,).
+    """
+    row, cell = _facets_and_cells(nodes, facets)
+    parts = PARTS if len(nodes.edges) else WHOLE
+    vertices, facet_vertices = nodes.cells[cell], nodes.surface[row]
+    corner = facet_vertices[:, :, None] == vertices[:, None, :]
+    λ = np.einsum("pk,fkv->pfv", parts, corner).reshape(-1, 4)
+    triangles = (np.arange(len(parts))[:, None] * len(nodes.surface) + row).ravel()
+    cell = np.tile(cell, len(parts))
+    gradients = _shape_gradients(nodes, cell, λ)
+    P, A = gradients.shape[:2]
+    corners = nodes.cells[cell]
+    cell_nodes = np.hstack([corners, nodes.on_edges(corners[:, CELL_EDGES])]) if len(nodes.edges) else corners
+    i, j, p, a = np.meshgrid(range(3), range(3), range(P), range(A), indexing="ij")
+    rows, columns = (3 * i + j) * P + p, 3 * cell_nodes[p, a] + i
+    entries = gradients[p, a, j].ravel(), (rows.ravel(), columns.ravel())
+    operator = scipy.sparse.coo_matrix(entries, shape=(9 * P, 3 * len(nodes.coordinates))).tocsr()
+    return triangles, operator, cell
+
+
+def _facets_and_cells(nodes: Nodes, facets: Array) -> tuple[Array, Array]:
+    """Which facets of the boundary some are, in its order, and the cell that each is a face of."""
+    count = len(nodes.coordinates)
+
+    def keys(triangles: Array) -> Array:
+        return np.sort(triangles, axis=1) @ np.array([count * count, count, 1])
+
+    row = np.flatnonzero(np.isin(keys(nodes.surface), keys(facets)))
+    of_cells = keys(nodes.cells[:, CELL_FACES].reshape(-1, 3))
+    order = np.argsort(of_cells)
+    face = order[np.searchsorted(of_cells[order], keys(nodes.surface[row]))]
+    return row, face // len(CELL_FACES)
+
+
+def _shape_gradients(nodes: Nodes, cells: Array, λ: Array) -> Array:
+    """∂N_a/∂X_j (P, A, 3), 1/m, at barycentric coordinates λ (P, 4) of cells (P,)."""
+    corners = nodes.coordinates[nodes.cells[cells]]
+    inner = np.linalg.inv(corners[:, 1:] - corners[:, :1]).transpose(0, 2, 1)
+    of_λ = np.concatenate([-inner.sum(axis=1, keepdims=True), inner], axis=1)  # ∂λ_v/∂X_j (P, 4, 3)
+    if not len(nodes.edges):
+        return of_λ
+    i, j = CELL_EDGES.T
+    at_vertices = (4 * λ - 1)[:, :, None] * of_λ
+    on_edges = 4 * (λ[:, i, None] * of_λ[:, j] + λ[:, j, None] * of_λ[:, i])
+    return np.concatenate([at_vertices, on_edges], axis=1)
+
+
+def enclosed_volume(nodes: Nodes, triangles: Array, unknowns: Unknowns, where: str) -> float:
+    """Volume that a surface encloses, m³; openings are closed from their middles.
+
+    The rim of an opening must be held, or move in its plane: then what closes it sweeps no volume, and a pressure does
+    the work of the enclosed volume.
+
+    Args:
+        nodes: all nodes.
+        triangles: (F, 3) outward of the body, so inward of the chamber.
+        unknowns: what supports leave.
+        where: name of the reading in messages.
+
+    Raises:
+        SceneError: the surface has an opening that moves otherwise, or encloses the body instead of a chamber.
+    """
+    count = len(nodes.coordinates)
+    middle = nodes.coordinates[triangles].mean(axis=(0, 1))
+    closed = [nodes.coordinates[triangles] - middle]
+    sides = np.concatenate([triangles[:, [k, (k + 1) % 3]] for k in range(3)])
+    rim = sides[~np.isin(sides[:, 0] * count + sides[:, 1], sides[:, 1] * count + sides[:, 0])]
+    graph = scipy.sparse.coo_array((np.ones(len(rim)), rim.T), shape=(count, count))
+    _, opening = connected_components(graph, directed=False)
+    for one in np.unique(opening[rim[:, 0]]):
+        around = rim[opening[rim[:, 0]] == one]
+        ends = nodes.coordinates[around] - middle
+        tip = ends.mean(axis=(0, 1))
+        cap = np.stack([ends[:, 1], ends[:, 0], np.broadcast_to(tip, ends[:, 0].shape)], axis=1)
+        if _can_sweep(nodes, around, cap, unknowns):
+            raise SceneError(f"{where}: the surface has an opening whose rim moves, so that it encloses no volume")
+        closed.append(cap)
+    volume = -float(np.linalg.det(np.concatenate(closed)).sum()) / 6
+    if volume <= 0:
+        raise SceneError(f"{where}: the surface is around the body, not around a chamber in it")
+    return volume
+
+
+def _can_sweep(nodes: Nodes, rim: Array, cap: Array, unknowns: Unknowns) -> bool:
+    """Whether triangles (r, 3, 3) that close an opening with the rim (r, 2) can sweep a volume."""
+    on_rim = np.unique(np.concatenate([rim.ravel(), nodes.on_edges(rim)])) if len(nodes.edges) else np.unique(rim)
+    motions = [unknowns.matrix[3 * on_rim + axis] for axis in range(3)]
+    if not any(along.count_nonzero() for along in motions):
+        return False
+    normal = np.cross(cap[:, 1] - cap[:, 0], cap[:, 2] - cap[:, 0]).sum(axis=0)
+    normal /= np.linalg.norm(normal)
+    heights = (cap - cap[0, 2]) @ normal
+    is_flat = np.abs(heights).max() <= ROUND_OFF * np.abs(cap).max()
+    across = sum(component * along for component, along in zip(normal, motions, strict=True))
+    return not is_flat or bool(np.abs(across.data).max(initial=0.0) > ROUND_OFF)
+
+
+class ReadableFullOrder:
+    """A body at full order, as readings ask for it; see ReadableBody. Every rank must make every call.
+
+    Args:
+        system: the full-order model.
+        body: as it is now.
+    """
+
+    def __init__(self, system: System, body: FullOrderBody):
+        self._system, self._body = system, body
+
+    @property
+    def coordinates(self) -> Array:
+        """See ReadableBody: the unknowns (n,)."""
+        return self._system.algebra.gather(self._body.x)[:, 0]
+
+    @property
+    def law(self) -> str | None:
+        """See ReadableBody."""
+        return None if self._system.deformation is None else self._system.deformation.law
+
+    def stroke(self, actuator: str) -> float:
+        """See ReadableBody."""
+        s, x, deformation = self._system, self._body.x, self._system.deformation
+        if deformation is None:
+            return float(s.algebra.inner(s.unit_forces(actuator), x)[0, 0])
+        if actuator in deformation.tendons:
+            points, shapes = deformation.tendons[actuator]
+            return cable_length(points) - cable_length(points + s.algebra.inner(shapes, x).reshape(-1, 3))
+
+        def force(x: Array) -> Array:
+            return s.algebra.gather(deformation.follower(x[s.algebra.rows()])[actuator])[:, 0]
+
+        return swept_volume(force, self.coordinates)
+
+    def normal_forces(self, nodes: Array) -> Array:
+        """See ReadableBody."""
+        interface = self._body.interface
+        return np.zeros(len(nodes)) if interface is None else interface.points.normal_forces(self._body.contact, nodes)

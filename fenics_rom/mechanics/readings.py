@@ -1,0 +1,191 @@
+"""What is read of a body by name beside displacements: lengths, volumes, pressures in contact, strains and stresses.
+
+The same at full order and reduced: a reading asks a body for what it needs (`ReadableBody`), and gives numbers.
+
+    ℓ = ℓ_0 - s,  V = V_0 + s     s the stroke: what the actuator's input of 1 does work on
+    p = λ / A                      normal forces of contact over the areas of their nodes
+    ε, σ of H = ∂u/∂X              at places of the surface, from the gradients in the cell that adjoins each
+
+Of a linear model s = bᵀx of the actuator's column b, ε = (H + Hᵀ)/2, and σ = λ tr ε I + 2μ ε, exactly. With large
+deformation s is that of the moved cable or chamber, E the Green strain, σ = F S Fᵀ / det F Cauchy's stress.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import Any, ClassVar, Protocol
+
+import numpy as np
+
+from fenics_rom.mechanics.hyperelastic import VOIGT_INDEX, VOIGT_PAIRS, VOIGT_SHEAR, linear_stress, strain, stress
+
+Array = np.ndarray
+
+READING_UNITS = {"length": "m", "volume": "m^3", "contact_pressure": "Pa", "strain": "1", "von_mises_stress": "Pa"}
+
+
+class ReadableBody(Protocol):
+    """What readings ask a body for, as it is now."""
+
+    @property
+    def coordinates(self) -> Array:
+        """Its displacement, in what the operators of readings are of: free components, or the shared basis, (c,)."""
+
+    @property
+    def law(self) -> str | None:
+        """One of `hyperelastic.LAWS` of a body that deforms largely; None: linear."""
+
+    def stroke(self, actuator: str) -> float:
+        """What 1 of its input does work on: how much shorter a tendon is (m), how much larger a chamber (m³)."""
+
+    def normal_forces(self, nodes: Array) -> Array:
+        """Of obstacles in the last step, on nodes of the body (s,), N, (s,); 0 where none can touch."""
+
+
+@dataclass(frozen=True)
+class TendonLength:
+    """Length of a cable, (), m.
+
+    Attributes:
+        of: the tendon.
+        rest: its length at rest, m.
+    """
+
+    quantity: ClassVar = "length"
+    of: str
+    rest: float
+
+    def read(self, body: ReadableBody) -> Array:
+        """Its value."""
+        return np.array(self.rest - body.stroke(self.of))
+
+
+@dataclass(frozen=True)
+class ChamberVolume:
+    """Volume that the surface of a pressure encloses, (), m³.
+
+    Attributes:
+        of: the pressure.
+        rest: the volume at rest, m³.
+    """
+
+    quantity: ClassVar = "volume"
+    of: str
+    rest: float
+
+    def read(self, body: ReadableBody) -> Array:
+        """Its value."""
+        return np.array(self.rest + body.stroke(self.of))
+
+
+@dataclass(frozen=True)
+class ContactPressure:
+    """Normal forces of obstacles by area, at the nodes of a contact surface, (s,), Pa.
+
+    On facets of three nodes a node has a third of its facets. On those of six, where a uniform pressure leaves nothing
+    to the corners, each facet has its share by area of the forces on its nodes, and a node the mean of its facets, by
+    area. Either way a uniform pressure is found exactly.
+
+    Attributes:
+        of: the contact mode.
+        nodes: (s,) of its surface.
+        facets: (F, 3) or (F, 6) rows of `nodes`.
+        areas: (F,) theirs at rest, m².
+    """
+
+    quantity: ClassVar = "contact_pressure"
+    of: str
+    nodes: Array
+    facets: Array
+    areas: Array
+
+    def read(self, body: ReadableBody) -> Array:
+        """Its values."""
+        forces = body.normal_forces(self.nodes)
+        around = self._sum_at_nodes(self.areas)
+        if self.facets.shape[1] == 3:
+            return 3 * forces / around
+        pressures = (forces / around)[self.facets].sum(axis=1)
+        return self._sum_at_nodes(self.areas * pressures) / around
+
+    def _sum_at_nodes(self, values: Array) -> Array:
+        """The sum, at each node, of values (F,) of the facets around it, (s,)."""
+        each = np.repeat(values, self.facets.shape[1])
+        return np.bincount(self.facets.ravel(), weights=each, minlength=len(self.nodes))
+
+
+@dataclass(frozen=True)
+class SurfaceReading:
+    """Strain, (P, 6), or von Mises stress, (P,), Pa, in the middle of surface triangles.
+
+    The strain has the components xx, yy, zz, yz, xz, xy of its tensor. The stress is the elastic one: what viscosity
+    adds to it while the body moves is not in it.
+
+    Attributes:
+        quantity: "strain" or "von_mises_stress".
+        of: the surface; empty for all of it.
+        triangles: (P,) which of the body's.
+        operator: to H (3, 3, P) of the body's coordinates, (9 P, c), a matrix; 1/m.
+        first_lame, shear: λ and μ of the cells, (P,), Pa.
+    """
+
+    quantity: str
+    of: str
+    triangles: Array
+    operator: Any
+    first_lame: Array
+    shear: Array
+
+    def read(self, body: ReadableBody) -> Array:
+        """Its values."""
+        H = (self.operator @ body.coordinates).reshape(3, 3, -1)
+        E = small_strain(H) if body.law is None else strain(H)
+        if self.quantity == "strain":
+            return (E / VOIGT_SHEAR).T
+        if body.law is None:
+            return von_mises(linear_stress(E, self.first_lame, self.shear))
+        return von_mises(cauchy_stress(H, stress(body.law, E, self.first_lame, self.shear)))
+
+
+Reading = TendonLength | ChamberVolume | ContactPressure | SurfaceReading
+
+
+def projected(reading: Reading, basis: Array) -> Reading:
+    """The reading of a body whose displacement is basis (n, k) times its coordinates."""
+    if not isinstance(reading, SurfaceReading):
+        return reading
+    return replace(reading, operator=np.asarray(reading.operator @ basis))
+
+
+def small_strain(H: Array) -> Array:
+    """(H + Hᵀ)/2, with the shears twice, (6, P), of H (3, 3, P)."""
+    i, j = VOIGT_PAIRS.T
+    return (VOIGT_SHEAR / 2) * (H[i, j] + H[j, i])
+
+
+def cauchy_stress(H: Array, S: Array) -> Array:
+    """F S Fᵀ / det F (6, P), Pa, of displacement gradients (3, 3, P) and second Piola-Kirchhoff stresses (6, P), Pa."""
+    F = H.transpose(2, 0, 1) + np.eye(3)
+    σ = F @ S[VOIGT_INDEX].transpose(2, 0, 1) @ F.transpose(0, 2, 1) / np.linalg.det(F)[:, None, None]
+    i, j = VOIGT_PAIRS.T
+    components: Array = σ[:, i, j].T
+    return components
+
+
+def von_mises(σ: Array) -> Array:
+    """√(3/2 s:s) (P,), Pa, of the deviator s of stresses (6, P), Pa."""
+    xx, yy, zz, yz, xz, xy = σ
+    normal = ((xx - yy) ** 2 + (yy - zz) ** 2 + (zz - xx) ** 2) / 2
+    return np.sqrt(normal + 3 * (yz**2 + xz**2 + xy**2))
+
+
+def principal_size(strains: Array) -> Array:
+    """Largest |principal strain| (...,) of strain tensors (..., 6)."""
+    return np.abs(np.linalg.eigvalsh(strains[..., VOIGT_INDEX])).max(axis=-1)
+
+
+def swept_volume(force: Callable[[Array], Array], x: Array) -> float:
+    """∫ f·dx along the straight way to x (c,), m³, of the force f (c,) of 1 Pa, of second degree in x.
+
+    f is the derivative of the volume, so any way would do; Simpson's rule is exact for it.
+    """
+    return float(x @ (force(np.zeros_like(x)) + 4 * force(x / 2) + force(x))) / 6

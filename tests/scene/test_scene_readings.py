@@ -1,0 +1,44 @@
+"""Readings in a scene: what is asked for is there, and what cannot be is told."""
+
+import pytest
+from bodies import acted_on
+
+from fenics_rom.errors import SceneError
+from fenics_rom.scene.places import Near, Place
+
+EFFECTS = """
+[effects.tendon.cable]
+points = [[0.0, 0.2, 0.1], [1.0, 0.2, 0.1]]
+[effects.pressure.air]
+surface = "top"
+"""
+NEAR = "near = { point = [0.5, 0.2, 0.3], radius = 0.2 }"
+
+
+def scene_of(reading, effects=EFFECTS):
+    return acted_on("box.msh", effects, **{"readings.one": reading})
+
+
+def test_a_reading_is_of_a_name_or_of_a_place():
+    assert scene_of('quantity = "length"\nof = "cable"').readings["one"].of == "cable"
+    assert scene_of(f'quantity = "strain"\n{NEAR}').readings["one"].place == Place(near=Near((0.5, 0.2, 0.3), 0.2))
+    assert scene_of('quantity = "strain"').readings["one"].place is None
+
+
+MISTAKES = {
+    'quantity = "lenght"\nof = "cable"': r"readings.one.quantity: no choice 'lenght'.* did you mean 'length'",
+    'of = "cable"': r"readings.one: quantity is missing",
+    'quantity = "length"': r"readings.one.of is missing: the tendon whose length is read",
+    'quantity = "length"\nof = "cabel"': r"readings.one.of: no tendon 'cabel'; there is cable; did you mean 'cable'",
+    'quantity = "volume"\nof = "cable"': r"readings.one.of: no pressure 'cable'; there is air",
+    f'quantity = "volume"\n{NEAR}': r"readings.one.near: goes with strain and stress; a volume is that of a pressure",
+    'quantity = "contact_pressure"\nof = "top"': r"readings.one: means nothing without contact; name effects.contact",
+    'quantity = "contact_pressure"\nof = "sole"': r"readings.one.of: no contact mode 'sole'; there is right, top",
+    f'quantity = "strain"\nof = "top"\n{NEAR}': r"readings.one: give of or near, not both",
+}
+
+
+@pytest.mark.parametrize(("reading", "message"), MISTAKES.items(), ids=MISTAKES.values())
+def test_what_cannot_be_read_is_told(reading, message):
+    with pytest.raises(SceneError, match=message):
+        scene_of(reading)
