@@ -42,7 +42,7 @@ MAY_IMPORT = {
     "lazy_import": ({"errors"}, set()),
     "io": ({"errors", "version"}, {"numpy", "h5py"}),
     "mechanics": ({"errors"}, {"numpy"}),
-    "scene": (GROUND, {"numpy", "pydantic", "pydantic_core"}),
+    "scene": (GROUND | {"trajectory"}, {"numpy", "pydantic", "pydantic_core"}),
     "system": (GROUND | {"scene"}, {"numpy", "scipy"}),
     "rom": (GROUND, {"numpy", "h5py"}),
     "trajectory": (GROUND, {"numpy", "h5py"}),

@@ -1,6 +1,7 @@
 """An environment in a run: what its loads are at a time, and where its obstacles are; the same at any order."""
 
 from collections.abc import Callable, Mapping
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
@@ -103,6 +104,16 @@ class ActiveEnvironment:
         if self._constant_offsets is not None:
             return self._constant_offsets
         return np.array([self._signals[name].at(time) for name in self.obstacles]).reshape(-1, 3)
+
+    def frozen_at(self, time: float) -> tuple[Environment, dict[str, Array]]:
+        """What acts at a time, s, for ever, on a body without inertia: an environment, and signals for it."""
+        law = self.environment.contact_law
+        still = None if law is None else replace(law, restitution=0.0)
+        ends = np.cumsum([0, *self.columns.values()])
+        loads = zip(self.columns, np.split(self.loads_at(time), ends[1:-1]), strict=False)
+        signals = {name: values for name, values in loads if name in self._signals}
+        signals |= dict(zip(self.obstacles, self.offsets_at(time), strict=True))
+        return replace(self.environment, has_inertia=False, contact_law=still), signals
 
     def step_input(self, u: Array, time: float, dt: float) -> StepInput:
         """All that acts in the step of dt, s, that begins at a time, s, with u for contact columns and actuators.

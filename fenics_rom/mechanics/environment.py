@@ -11,6 +11,7 @@ import numpy as np
 
 from fenics_rom.errors import SceneError
 from fenics_rom.mechanics.contact import ContactLaw
+from fenics_rom.mechanics.initial_state import InitialState
 from fenics_rom.mechanics.signals import Signal
 
 if TYPE_CHECKING:
@@ -55,6 +56,7 @@ class Run:
     duration: float  # s
     snapshots: int = 100  # how many whole shapes are kept, evenly spread
     loads: tuple[AppliedLoad, ...] = ()  # in the order in which they begin
+    initial: InitialState | None = None  # where it begins; None: at rest
 
 
 @dataclass(frozen=True)

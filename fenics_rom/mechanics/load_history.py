@@ -82,14 +82,18 @@ class LoadHistory:
         """
         contact = self.first_contact()
         for step in range(self.steps):
-            time = self._middle(step)
-            active = [load for load in self._loads if load.start <= time < load.stop]
-            contact = next((load.contact for load in active if load.contact is not None), contact)
-            columns = 0 if self.automatic else self._contact_columns[contact]
-            u = np.zeros(columns + self._actuator_total)
-            for load in active:
-                if load.contact is not None:
-                    u[:columns] += load.signal(time)
-                else:
-                    u[columns:][self._actuator_slice[str(load.actuator)]] += load.signal(time)
+            contact, u = self.at(self._middle(step), contact)
             yield contact, u
+
+    def at(self, time: float, contact: str) -> tuple[str, np.ndarray]:
+        """Contact mode and input at a time, s, if before it the contact mode was another."""
+        active = [load for load in self._loads if load.start <= time < load.stop]
+        contact = next((load.contact for load in active if load.contact is not None), contact)
+        columns = 0 if self.automatic else self._contact_columns[contact]
+        u = np.zeros(columns + self._actuator_total)
+        for load in active:
+            if load.contact is not None:
+                u[:columns] += load.signal(time)
+            else:
+                u[columns:][self._actuator_slice[str(load.actuator)]] += load.signal(time)
+        return contact, u

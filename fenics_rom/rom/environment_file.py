@@ -8,6 +8,8 @@ loads/NAME/                  loads with signals of their own; columns (1,) and a
 obstacles/NAME/              attribute `shape`; what describes it (point, normal, ...), and a signal, m
 contact_law/                 restitution, friction (1,); stiffness N/m, damping N s/m (1,); absent without contact
 run/                         dt, duration (1,) s, snapshots (1,); absent where the scene has none
+    initial/                 equilibrium (1,), 0 or 1; translation, velocity, rotation, spin (3,); absent where it is rest
+        instant/             nodes, displacement, velocity (N, 3), of another run; may be absent
     loads/NUMBER/            attributes contact, actuator (one is empty); start, stop (1,) s; a signal
 """
 
@@ -21,6 +23,7 @@ from fenics_rom.errors import FileError, unknown
 from fenics_rom.io.hdf5 import Entry, check_names, get_arrays, get_group, get_text, put_arrays, put_text
 from fenics_rom.mechanics.contact import ContactLaw
 from fenics_rom.mechanics.environment import AppliedLoad, Environment, Load, MovingObstacle, Run
+from fenics_rom.mechanics.initial_state import InitialState, Instant
 from fenics_rom.mechanics.signals import Signal
 
 INPUT_UNIT = "unit of the input"
@@ -32,6 +35,18 @@ LAW = {
     "damping": Entry("N s/m", (1,)),
 }
 RUN = {"dt": Entry("s", (1,)), "duration": Entry("s", (1,)), "snapshots": Entry("1", (1,), "i")}
+INITIAL = {
+    "equilibrium": Entry("1", (1,), "i"),
+    "translation": Entry("m", (3,)),
+    "rotation": Entry("rad", (3,)),
+    "velocity": Entry("m/s", (3,)),
+    "spin": Entry("rad/s", (3,)),
+}
+INSTANT = {
+    "nodes": Entry("m", ("N", 3)),
+    "displacement": Entry("m", ("N", 3)),
+    "velocity": Entry("m/s", ("N", 3)),
+}
 SPAN = {"start": Entry("s", (1,)), "stop": Entry("s", (1,))}
 COLUMNS = {"columns": Entry("1", (1,), "i")}
 
@@ -61,6 +76,11 @@ def put_environment(h5: h5py.File, environment: Environment) -> None:
     if run is not None:
         part = group.create_group("run")
         _put(part, RUN, {key: getattr(run, key) for key in RUN})
+        if run.initial is not None:
+            start = part.create_group("initial")
+            _put(start, INITIAL, {key: getattr(run.initial, key) for key in INITIAL})
+            if run.initial.instant is not None:
+                put_arrays(start.create_group("instant"), INSTANT, {}, vars(run.initial.instant))
         loads = part.create_group("loads", track_order=True)
         for number, applied in enumerate(run.loads):
             span = loads.create_group(str(number))
@@ -113,7 +133,7 @@ def _obstacle(group: h5py.Group) -> MovingObstacle:
 
 
 def _run(group: h5py.Group) -> Run:
-    numbers, _ = _take(group, RUN, others=("loads",))
+    numbers, _ = _take(group, RUN, others=("loads", "initial"))
     loads, applied = get_group(group, "loads"), []
     for name in loads:
         part = get_group(loads, name)
@@ -122,7 +142,17 @@ def _run(group: h5py.Group) -> Run:
             raise FileError(f"{part.name}: has no signal")
         contact, actuator = get_text(part, "contact") or None, get_text(part, "actuator") or None
         applied.append(AppliedLoad(contact, actuator, **span, signal=signal))
-    return Run(**numbers, loads=tuple(applied))
+    initial = _initial(get_group(group, "initial")) if "initial" in group else None
+    return Run(**numbers, loads=tuple(applied), initial=initial)
+
+
+def _initial(group: h5py.Group) -> InitialState:
+    numbers, _ = _take(group, INITIAL, others=("instant",))
+    instant = None
+    if "instant" in group:
+        arrays: Any = get_arrays(get_group(group, "instant"), INSTANT, {})
+        instant = Instant(**arrays)
+    return InitialState(**numbers | {"equilibrium": numbers["equilibrium"] == 1}, instant=instant)
 
 
 def _put(

@@ -11,13 +11,17 @@ from typing import Any
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
-from fenics_rom.errors import SceneError, unknown
+from fenics_rom.errors import FileError, SceneError, unknown
 from fenics_rom.mechanics.environment import AppliedLoad, Run
+from fenics_rom.mechanics.initial_state import ZERO, InitialState, Instant
 from fenics_rom.scene.consistency import check_consistency, check_load, check_pushes
 from fenics_rom.scene.effect_table import ACTUATORS
-from fenics_rom.scene.file_format import SceneFile
+from fenics_rom.scene.effects import Effects
+from fenics_rom.scene.file_format import Initial, SceneFile
 from fenics_rom.scene.scene import Material, Scene
 from fenics_rom.scene.signal_tables import SignalTables, unread_signal
+from fenics_rom.trajectory.comparison import SAME_TIME
+from fenics_rom.trajectory.file import read_trajectory
 from fenics_rom.scene.values import Refused, keys_of, part_of, refused, type_in
 
 LONGEST = 60_000  # bytes of a scene, which travels as an attribute of every ROM file
@@ -85,7 +89,7 @@ def _scene(raw: dict[str, Any], text: str, folder: Path, given: Mapping[str, np.
     """Checks what the text says before any table is read, and makes the scene with the tables' signals."""
     file = _ADAPTER.validate_python(raw, context=unread_signal)
     check_consistency(file)
-    _run(file)
+    _run(file, None)
     tables = SignalTables(folder, given)
     file = _ADAPTER.validate_python(raw, context=tables.signal)
     materials = {"material": file.material} if file.materials is None else file.materials
@@ -103,15 +107,15 @@ def _scene(raw: dict[str, Any], text: str, folder: Path, given: Mapping[str, np.
         readings=file.readings,
         effects=file.effects,
         reduction=file.reduction,
-        run=_run(file),
+        run=_run(file, folder),
         text=text,
         tables=dict(sorted(tables.found.items())),
         source=source,
     )
 
 
-def _run(file: SceneFile) -> Run | None:
-    """The load history, checked."""
+def _run(file: SceneFile, folder: Path | None) -> Run | None:
+    """The load history, checked; files of trajectories are read where a folder is given."""
     run = file.run
     if run is None:
         return None
@@ -124,7 +128,39 @@ def _run(file: SceneFile) -> Run | None:
         stop = run.duration if load.stop is None else load.stop
         loads.append(AppliedLoad(load.contact, load.actuator, load.start, stop, load.signal))
     check_pushes(loads, file.effects)
-    return Run(run.dt, run.duration, run.snapshots, tuple(sorted(loads, key=lambda load: load.start)))
+    loads.sort(key=lambda load: load.start)
+    initial = None if run.initial is None else _initial(run.initial, file.effects, folder)
+    return Run(run.dt, run.duration, run.snapshots, tuple(loads), initial)
+
+
+def _initial(table: Initial, effects: Effects, folder: Path | None) -> InitialState:
+    """Where a run begins, checked."""
+    if table.time is not None and table.trajectory is None:
+        raise SceneError("run.initial.time: goes with run.initial.trajectory")
+    if effects.inertia is None:
+        raise SceneError("run.initial: means nothing without inertia; name effects.inertia as well")
+    motions = {name: getattr(table, name) or ZERO for name in ("translation", "rotation", "velocity", "spin")}
+    instant = None
+    if table.trajectory is not None and folder is not None:
+        instant = _instant(folder / table.trajectory, table.time)
+    return InitialState(table.shape == "equilibrium", instant, **motions)
+
+
+def _instant(file: Path, time: float | None) -> Instant:
+    """What a trajectory has at a snapshot."""
+    where = "run.initial.trajectory"
+    try:
+        run = read_trajectory(file)
+    except FileError as error:
+        raise SceneError(f"{where}: {error}") from error
+    if run.velocities is None:
+        raise SceneError(f"{where}: {file} has no velocities; allowed is a run of this release")
+    k = len(run.snapshot_times) - 1 if time is None else int(np.abs(run.snapshot_times - time).argmin())
+    if time is not None and abs(run.snapshot_times[k] - time) > SAME_TIME * run.times[-1]:
+        raise SceneError(
+            f"run.initial.time = {time:g}: {file} has no snapshot then; the nearest is at {run.snapshot_times[k]:.9g} s"
+        )
+    return Instant(run.nodes, run.snapshots[k], run.velocities[k])
 
 
 def _mistake(error: ValidationError) -> str:

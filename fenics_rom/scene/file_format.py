@@ -4,11 +4,12 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, ClassVar
 
+from fenics_rom.mechanics.initial_state import SMALL_ROTATION
 from fenics_rom.mechanics.signals import Signal
 from fenics_rom.scene.effects import Effects, constant_signal
 from fenics_rom.scene.places import Held, Patch
 from fenics_rom.scene.scene import Elasticity, Output, ReadingEntry, Reduction
-from fenics_rom.scene.values import Items, Name, Number, Table, Text
+from fenics_rom.scene.values import Items, Metres, Name, Number, Table, Text
 
 Group = Annotated[int, Number(integer=True, at_least=0)]
 SurfaceName = Annotated[str, Text()]
@@ -67,6 +68,33 @@ class LoadEntry:
         return signal
 
 
+Speed = Annotated[float, Number(unit="m/s")]
+Angle = Annotated[float, Number(unit="rad", at_least=-SMALL_ROTATION, at_most=SMALL_ROTATION)]
+AngularVelocity = Annotated[float, Number(unit="rad/s")]
+
+
+@dataclass(frozen=True)
+class Initial:
+    """Where a run begins, if not at rest; what is given adds up."""
+
+    AT_MOST_ONE: ClassVar = ("shape", "trajectory")
+    shape: Annotated[
+        str | None, Text(choices=("rest", "equilibrium")), '"equilibrium" under the loads at time 0; usually "rest"'
+    ] = None
+    trajectory: Annotated[
+        str | None, Text(), "a run of the same mesh, whose shape and velocities it begins with; path as of the mesh"
+    ] = None
+    time: Annotated[float | None, Number(at_least=0.0, unit="s"), "of that run, of a snapshot; usually its last"] = None
+    translation: Annotated[tuple[Metres, Metres, Metres] | None, Items(3), "of a body that nothing holds"] = None
+    rotation: Annotated[
+        tuple[Angle, Angle, Angle] | None, Items(3), "about its centre of mass, a small rotation vector"
+    ] = None
+    velocity: Annotated[tuple[Speed, Speed, Speed] | None, Items(3), "of all of the body"] = None
+    spin: Annotated[
+        tuple[AngularVelocity, AngularVelocity, AngularVelocity] | None, Items(3), "about its centre of mass"
+    ] = None
+
+
 @dataclass(frozen=True)
 class RunTable:
     """A load history."""
@@ -76,6 +104,7 @@ class RunTable:
     snapshots: Annotated[
         int, Number(at_least=1, integer=True), "how many whole shapes are kept of it, evenly spread"
     ] = 100
+    initial: Annotated[Initial | None, "where it begins, if not at rest"] = None
     load: Annotated[tuple[LoadEntry, ...], Items(), "what acts on contact modes and actuators"] = ()
 
 
