@@ -45,6 +45,7 @@ def simulate(
         body.environment.obstacles,
     )
     body.switch(history.first_contact())
+    lost = body.begin(environment.run.initial, history) if environment.run.initial else []
     recorder.sample(0, body)
     is_linear = not isinstance(body.stepper, FiniteStrainStepper)
     monitor = SurfaceMonitor(system) if is_linear else InversionMonitor(body.stepper)  # type: ignore[arg-type]
@@ -64,7 +65,7 @@ def simulate(
         nodes=system.body.nodes,
         triangles=system.body.triangles,
         node_mass=system.body.node_mass,
-        warnings=(*system.warnings, *filter(None, [monitor.summary]), *body.stepper.diagnostics()),
+        warnings=(*system.warnings, *lost, *filter(None, [monitor.summary]), *body.stepper.diagnostics()),
     )
 
 

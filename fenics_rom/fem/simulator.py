@@ -11,6 +11,8 @@ from fenics_rom.fem.readings import ReadableFullOrder
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.environment import Environment
+from fenics_rom.mechanics.initial_state import InitialState, lost_messages, missing_share
+from fenics_rom.mechanics.load_history import LoadHistory
 from fenics_rom.mechanics.signals import SignalLike
 from fenics_rom.system.system import Array, System
 
@@ -77,6 +79,37 @@ class FullOrderSimulator:
     def switch(self, contact: str) -> None:
         """Makes another contact mode active."""
         self.stepper.switch(contact)
+
+    def begin(self, initial: InitialState, history: LoadHistory) -> list[str]:
+        """Puts a body that is at rest at the start of a run; what supports do not let it have of that, in words.
+
+        Raises:
+            SceneError: an equilibrium of a body that nothing holds, or a field that supports hold.
+            SolverError, StepError: no equilibrium was found, or the body begins in an obstacle.
+        """
+        initial.check_supports(self.system.rigid.shape[1])
+        body, rows = self.system.body, self.system.algebra.rows()
+        x = self._equilibrium(history) if initial.equilibrium else np.zeros_like(self.stepper.x)
+        fields = dict(zip(("displacement", "velocity"), initial.fields(body.nodes, body.node_mass), strict=True))
+        unknowns = {name: field.ravel()[body.free] for name, field in fields.items()}
+        taken = {name: body.unknowns.expand(part).reshape(-1, 3) for name, part in unknowns.items()}
+        lost = {name: missing_share(field, taken[name], body.node_mass) for name, field in fields.items()}
+        self.stepper.set_state(x[:, 0] + unknowns["displacement"][rows], unknowns["velocity"][rows])
+        if (interface := self.stepper.interface) is not None:
+            offsets, names = self.environment.state.offsets, list(self.environment.obstacles)
+            interface.solver.check_start(self.stepper.point_displacement(), offsets, names)
+        return lost_messages(lost, "the body")
+
+    def _equilibrium(self, history: LoadHistory) -> Array:
+        """The displacement (rows here, 1) under what acts at time 0, m."""
+        contact, u = history.at(0.0, self.contact)
+        still, signals = self.environment.frozen_at(0.0)
+        settled = FullOrderSimulator(self.system, self.stepper.dt, still, signals, ledger=False)
+        settled.switch(contact)
+        settled.step(u)
+        self.switch(settled.contact)
+        settled.close()
+        return settled.stepper.x
 
     def step(self, u: Array) -> None:
         """Advances by the stepper's dt.

@@ -34,6 +34,18 @@ class InitialState:
     velocity: Vector = ZERO  # m/s
     spin: Vector = ZERO  # about the centre of mass, rad/s
 
+    def check_supports(self, rigid: int) -> None:
+        """Checks that a body with so many rigid motions can begin so.
+
+        Raises:
+            SceneError: it cannot.
+        """
+        if self.equilibrium and rigid:
+            raise SceneError("run.initial.shape = 'equilibrium': allowed is a body that supports or springs hold")
+        for name in ("translation", "rotation"):
+            if any(getattr(self, name)) and not rigid:
+                raise SceneError(f"run.initial.{name}: allowed is a body that nothing holds")
+
     def fields(self, nodes: Array, node_mass: Array) -> tuple[Array, Array]:
         """Displacement (m) and velocity (m/s) of nodes, (N, 3) each; the equilibrium is not in them.
 
@@ -46,8 +58,8 @@ class InitialState:
         if self.instant is not None:
             if self.instant.nodes.shape != nodes.shape or not np.allclose(self.instant.nodes, nodes):
                 raise SceneError(
-                    f"run.initial.trajectory: is of a mesh of {len(self.instant.nodes)} nodes, and the body has another "
-                    f"one, of {len(nodes)}; allowed is a run of the same mesh"
+                    f"run.initial.trajectory: is of a mesh of {len(self.instant.nodes)} nodes, and the body has "
+                    f"another one, of {len(nodes)}; allowed is a run of the same mesh"
                 )
             displacement, velocity = displacement + self.instant.displacement, velocity + self.instant.velocity
         return displacement, velocity

@@ -8,7 +8,7 @@ loads/NAME/                  loads with signals of their own; columns (1,) and a
 obstacles/NAME/              attribute `shape`; what describes it (point, normal, ...), and a signal, m
 contact_law/                 restitution, friction (1,); stiffness N/m, damping N s/m (1,); absent without contact
 run/                         dt, duration (1,) s, snapshots (1,); absent where the scene has none
-    initial/                 equilibrium (1,), 0 or 1; translation, velocity, rotation, spin (3,); absent where it is rest
+    initial/                 equilibrium (1,), 0 or 1; the four motions (3,); absent where it is rest
         instant/             nodes, displacement, velocity (N, 3), of another run; may be absent
     loads/NUMBER/            attributes contact, actuator (one is empty); start, stop (1,) s; a signal
 """

@@ -14,6 +14,7 @@ from fenics_rom.mechanics.load_history import LoadHistory
 from fenics_rom.mechanics.signals import SignalLike
 from fenics_rom.mechanics.time_step_monitor import TimeStepMonitor
 from fenics_rom.rom.rom import Rom
+from fenics_rom.runtime.initial_state import begin
 from fenics_rom.runtime.simulator import Simulator
 from fenics_rom.runtime.steppers.contact_interface import MOTION
 from fenics_rom.trajectory.trajectory import Trajectory, TrajectoryRecorder
@@ -34,7 +35,7 @@ def simulate(
 ) -> Trajectory:
     """Runs a ROM through a load history from rest: `fenics_rom.simulate` of a ROM, where arguments and errors are."""
     environment, history, fresh = _prepared(rom, scene, dt, signals, stepper)
-    body = fresh()
+    body, lost = fresh()
     recorder = TrajectoryRecorder(
         history.steps,
         history.dt,
@@ -62,15 +63,15 @@ def simulate(
         model="reduced",
         settings={
             "dt": history.dt,
-            **({"seconds": _seconds(fresh(), history)} if rate else {}),
+            **({"seconds": _seconds(fresh()[0], history)} if rate else {}),
             "order": max(model.order for model in rom.contact_models.values()),
             **({} if body.mismatch is None else {"mismatch": body.mismatch}),
         },
         nodes=rom.nodes,
         triangles=rom.triangles,
         node_mass=rom.node_mass,
-        warnings=(*rom.warnings, *body.warnings, *filter(None, [monitor.message])),
-        profile=_profile(fresh(), history) if profile else None,
+        warnings=(*rom.warnings, *lost, *body.warnings, *filter(None, [monitor.message])),
+        profile=_profile(fresh()[0], history) if profile else None,
         stepping=f"{body.stepper}: {body.stepping}" if rom.deformation is not None else "",
     )
 
@@ -83,7 +84,7 @@ def rate(
     The fastest, as whatever else a machine does can only slow a run down.
     """
     _, history, fresh = _prepared(rom, scene, dt, None, stepper)
-    return history.steps / min(_seconds(fresh(), history) for _ in range(runs))
+    return history.steps / min(_seconds(fresh()[0], history) for _ in range(runs))
 
 
 def _prepared(
@@ -92,17 +93,17 @@ def _prepared(
     dt: float | None,
     signals: Mapping[str, SignalLike] | None,
     stepper: str | None,
-) -> tuple[Environment, LoadHistory, Callable[[], Simulator]]:
-    """What acts in the run, the inputs of its steps, and what makes a simulator at its start."""
+) -> tuple[Environment, LoadHistory, Callable[[], tuple[Simulator, list[str]]]]:
+    """What acts in the run, the inputs of its steps, and what makes a simulator at its start, and says what it lost."""
     if len(rom.nodes) == 0:
         raise SceneError(f"ROM {rom.name!r} has no mesh, so no scene goes with it; step it with Simulator")
     environment = rom.environment if scene is None else scene.environment
     history = LoadHistory(environment, rom.contacts, rom.actuators, dt)
 
-    def fresh() -> Simulator:
+    def fresh() -> tuple[Simulator, list[str]]:
         simulator = Simulator(rom, history.dt, scene=scene, signals=signals, stepper=stepper)
         simulator.switch(history.first_contact())
-        return simulator
+        return simulator, begin(simulator, rom, environment, history)
 
     return environment, history, fresh
 

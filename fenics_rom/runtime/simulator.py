@@ -123,6 +123,36 @@ class Simulator(SimulatedBody):
             raise StepError(f"state: allowed are two finite arrays of shape {shape}, given: {[p.shape for p in given]}")
         self._stepper.set_state(*given)
 
+    def set_shape(self, displacement: Array, velocity: Array | None = None) -> dict[str, float]:
+        """Puts the body where it has a shape, by projection on the basis of the active contact mode.
+
+        Args:
+            displacement: of all nodes, (N, 3), m.
+            velocity: of all nodes, (N, 3), m/s; None: at rest.
+
+        Returns:
+            The share of each that the basis has not, by name, in the mass norm; more than 1 % is warned of.
+
+        Raises:
+            StepError: wrong shapes, numbers that are not finite, or a body in an obstacle; the state is as it was.
+            SceneError: the basis has less than a half of one.
+        """
+        from fenics_rom.runtime.initial_state import set_shape  # here, as not everyone sets one
+
+        return set_shape(self, displacement, velocity)
+
+    def check_outside_obstacles(self) -> None:
+        """Checks that the body is outside of all obstacles.
+
+        Raises:
+            StepError: it is not.
+        """
+        interface = self._stepper.interface
+        if interface is not None:
+            assert self.environment is not None
+            offsets = self.environment.state.offsets
+            interface.solver.check_start(self._stepper.point_displacement(), offsets, list(self.environment.obstacles))
+
     @property
     def needs_each_step(self) -> bool:
         """Whether what happens in a step is not known before it is taken."""

@@ -20,9 +20,9 @@ from fenics_rom.scene.effects import Effects
 from fenics_rom.scene.file_format import Initial, SceneFile
 from fenics_rom.scene.scene import Material, Scene
 from fenics_rom.scene.signal_tables import SignalTables, unread_signal
+from fenics_rom.scene.values import Refused, keys_of, part_of, refused, type_in
 from fenics_rom.trajectory.comparison import SAME_TIME
 from fenics_rom.trajectory.file import read_trajectory
-from fenics_rom.scene.values import Refused, keys_of, part_of, refused, type_in
 
 LONGEST = 60_000  # bytes of a scene, which travels as an attribute of every ROM file
 UNKNOWN_KEY = "unexpected_keyword_argument"  # pydantic's
