@@ -1,14 +1,16 @@
 """A soft body in real time: the reduced model of the active contact mode, stepped, switched and accounted for."""
 
 import math
+import warnings
 from collections.abc import Mapping, Sequence
 from copy import copy
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fenics_rom.errors import StepError, unknown
+from fenics_rom.errors import FenicsRomWarning, StepError, unknown
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
+from fenics_rom.mechanics.initial_state import lost_messages
 from fenics_rom.mechanics.linearity import SurfaceStrainPeak
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.linearity_monitor import LinearityMonitor
@@ -137,19 +139,26 @@ class Simulator(SimulatedBody):
             StepError: wrong shapes, numbers that are not finite, or a body in an obstacle; the state is as it was.
             SceneError: the basis has less than a half of one.
         """
-        from fenics_rom.runtime.initial_state import set_shape  # here, as not everyone sets one
+        from fenics_rom.runtime.shape_projection import project_fields  # here, as not everyone sets one
 
-        return set_shape(self, displacement, velocity)
+        given = {"displacement": displacement, "velocity": velocity}
+        fields = {name: np.asarray(field, dtype=float) for name, field in given.items() if field is not None}
+        coordinates, lost = project_fields(self.rom, self.contact, fields)
+        messages = lost_messages(lost, f"ROM {self.rom.name!r}")
+        before = self.save()
+        self.state = coordinates["displacement"], coordinates.get("velocity", np.zeros(self._order))
+        try:
+            self._check_outside_obstacles()
+        except StepError:
+            self.restore(before)
+            raise
+        for message in messages:
+            warnings.warn(message, FenicsRomWarning, stacklevel=2)
+        return lost
 
-    def check_outside_obstacles(self) -> None:
-        """Checks that the body is outside of all obstacles.
-
-        Raises:
-            StepError: it is not.
-        """
+    def _check_outside_obstacles(self) -> None:
         interface = self._stepper.interface
-        if interface is not None:
-            assert self.environment is not None
+        if interface is not None and self.environment is not None:
             offsets = self.environment.state.offsets
             interface.solver.check_start(self._stepper.point_displacement(), offsets, list(self.environment.obstacles))
 

@@ -1,0 +1,36 @@
+"""Fields of nodes in the coordinates of a contact mode, and what its basis has not of them."""
+
+from collections.abc import Mapping
+
+import numpy as np
+
+from fenics_rom.errors import StepError, shown
+from fenics_rom.mechanics.initial_state import missing_share
+from fenics_rom.rom.rom import Rom
+
+Array = np.ndarray
+
+
+def project_fields(rom: Rom, contact: str, fields: Mapping[str, Array]) -> tuple[dict[str, Array], dict[str, float]]:
+    """Coordinates (m,) of fields (N, 3) in the basis of a contact mode, nearest in the mass norm.
+
+    The masses are those of the nodes, so that what is in the basis comes back to round-off, and all else nearly.
+
+    Returns:
+        The coordinates, and the share of each field that the basis has not.
+
+    Raises:
+        StepError: fields of other nodes, or not finite.
+    """
+    if not len(rom.nodes):
+        raise StepError(f"ROM {rom.name!r} has no mesh, so that it has no shapes of nodes; set its `state`")
+    for name, field in fields.items():
+        if field.shape != rom.nodes.shape or not np.isfinite(field).all():
+            raise StepError(f"{name}: allowed is a finite array of shape {rom.nodes.shape}, given: {shown(field)}")
+    C = rom.contact_models[contact].coordinates
+    W = rom.basis @ C
+    weighted = W * rom.node_mass[rom.free // 3, None]
+    given = np.stack([field.ravel()[rom.free] for field in fields.values()], axis=1)
+    coordinates = dict(zip(fields, np.linalg.solve(weighted.T @ W, weighted.T @ given).T, strict=True))
+    taken = {name: rom.reconstruct(C @ column) for name, column in coordinates.items()}
+    return coordinates, {name: missing_share(fields[name], taken[name], rom.node_mass) for name in fields}
