@@ -1,5 +1,6 @@
 """Scene to System: linear elasticity by dolfinx, clamped nodes eliminated, in canonical order."""
 
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -79,7 +80,8 @@ def _system(scene: Scene, comm: Any) -> System:
             f"{scene.source}: supports.held: with large deformation the normal of a roller or plane of symmetry is "
             "allowed along an axis only; turn the mesh"
         )
-    material = _material_of_cells(scene, mesh)
+    material, effects = _material_of_cells(scene, mesh), scene.effects
+    is_proportional = not (effects.damping_of_materials or effects.dashpots)
 
     matrices = _matrices(comm, mesh, nodes, scene, material, unknowns)
     algebra = PetscAlgebra(comm, matrices.mass.mat.getOwnershipRange())
@@ -106,7 +108,7 @@ def _system(scene: Scene, comm: Any) -> System:
         },
         readings=readings_of(scene, nodes, material, unknowns),
         algebra=algebra,
-        rayleigh=_rayleigh(scene),
+        rayleigh=(effects.rayleigh.alpha, effects.rayleigh.beta) if is_proportional else None,
         rigid=rigid,
         body=Body(
             nodes.coordinates,
@@ -116,9 +118,9 @@ def _system(scene: Scene, comm: Any) -> System:
             {name: patch_nodes(nodes, patch, f"contacts.{name}") for name, patch in scene.contacts.items()},
         ),
         scene=scene,
-        warnings=(*_locking(scene), *_partly_held(scene, rigid)),
+        warnings=tuple(_warnings(scene, rigid)),
     )
-    if scene.effects.large_deformation is None:
+    if effects.large_deformation is None:
         return system
 
     def cell_properties(cells: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
@@ -128,28 +130,16 @@ def _system(scene: Scene, comm: Any) -> System:
     return replace(system, deformation=assemble_deformation(system, nodes, cell_properties, D, K))
 
 
-def _rayleigh(scene: Scene) -> tuple[float, float] | None:
-    """(α, β) where the damping is α M + β K of the whole body."""
-    if scene.effects.damping_of_materials or scene.effects.dashpots:
-        return None
-    return scene.effects.rayleigh.alpha, scene.effects.rayleigh.beta
-
-
-def _locking(scene: Scene) -> tuple[str, ...]:
+def _warnings(scene: Scene, rigid: np.ndarray) -> Iterator[str]:
+    """Of elements that lock, and of supports: whoever clamps a body may not know that some of it still moves freely."""
     stiffest = max(material.poisson for material in scene.materials.values())
     if scene.degree == 1 and stiffest > 0.45:
-        return (
+        yield (
             f"Poisson's ratio {stiffest:g} on degree 1 tetrahedra: they lock (too stiff, in bending most of all); "
-            "mesh.degree = 2 is the cure",
+            "mesh.degree = 2 is the cure"
         )
-    return ()
-
-
-def _partly_held(scene: Scene, rigid: np.ndarray) -> tuple[str, ...]:
-    """Whoever clamps a body may not know that some of it still moves freely."""
     if (scene.clamped or scene.held) and rigid.shape[1]:
-        return (f"supports leave {rigid.shape[1]} rigid motions: the body, or a part of it, is not wholly held",)
-    return ()
+        yield f"supports leave {rigid.shape[1]} rigid motions: the body, or a part of it, is not wholly held"
 
 
 def _material_of_cells(scene: Scene, mesh: Mesh) -> np.ndarray:
@@ -210,45 +200,29 @@ def _matrices(comm: Any, mesh: Mesh, nodes: Nodes, scene: Scene, material: np.nd
     dolfinx_number = dolfinx_nodes(space, scene.degree, nodes)
     node_mass, translated = node_masses(full["mass"], dolfinx_number)
     reduced = restrict_matrices(full, unknowns, dolfinx_number, nodes.coordinates)
-    mass, stiffness = reduced["mass"], with_surfaces(reduced["stiffness"], springs_of(scene, nodes), unknowns)
-
-    damping: PetscMatrix | ZeroMatrix
-    rayleigh, springs = scene.effects.rayleigh, springs_of(scene, nodes)
-    if "damping" in reduced:  # K has the springs in it already, what is damped by material has not
-        damping = with_surfaces(reduced["damping"], None if springs is None else rayleigh.beta * springs, unknowns)
-    else:
-        terms = [(c, matrix) for c, matrix in ((rayleigh.alpha, mass), (rayleigh.beta, stiffness)) if c]
-        damping = PetscMatrix(combination(*terms)) if terms else ZeroMatrix()
-    dashpots = dashpots_of(scene, nodes)
-    if dashpots is not None and isinstance(damping, ZeroMatrix):
-        damping = PetscMatrix(combination((0.0, mass)))
-    if isinstance(damping, PetscMatrix):
-        damping = with_surfaces(damping, dashpots, unknowns)
-    external_damping, spring = (None, None)
-    if scene.effects.large_deformation is not None:
-        external_damping, spring = _without_strain(scene, nodes, mass, reduced.get("external_damping"), unknowns)
-    return _Matrices(mass, damping, stiffness, node_mass, translated, external_damping, spring)
-
-
-def _without_strain(
-    scene: Scene, nodes: Nodes, mass: PetscMatrix, external_damping: PetscMatrix | None, unknowns: Unknowns
-) -> tuple[PetscMatrix | None, PetscMatrix | None]:
-    """What of D and K does not strain the body, where materials damp by themselves with their α M;
-    None: nothing."""
-    rayleigh = scene.effects.rayleigh
-    if external_damping is None and rayleigh.alpha:
-        external_damping = PetscMatrix(combination((rayleigh.alpha, mass)))
+    α, β = scene.effects.rayleigh.alpha, scene.effects.rayleigh.beta
     springs, dashpots = springs_of(scene, nodes), dashpots_of(scene, nodes)
+    damped_springs = β * springs if β and springs is not None else None
+    mass, stiffness = reduced["mass"], with_surfaces(reduced["stiffness"], springs, unknowns)
+
+    def total(*terms: tuple[float, PetscMatrix]) -> PetscMatrix | None:
+        present = [(coefficient, matrix) for coefficient, matrix in terms if coefficient]
+        return PetscMatrix(combination(*present)) if present else None
 
     def added(to: PetscMatrix | None, surfaces: Any) -> PetscMatrix | None:
         if surfaces is None:
             return to
         return with_surfaces(PetscMatrix(combination((0.0, mass))) if to is None else to, surfaces, unknowns)
 
-    spring = added(None, springs)
-    if springs is not None and rayleigh.beta:
-        external_damping = added(external_damping, rayleigh.beta * springs)
-    return added(external_damping, dashpots), spring
+    if "damping" in reduced:  # K has the springs in it already, what is damped by material has not
+        damping = added(added(reduced["damping"], damped_springs), dashpots)
+    else:
+        damping = added(total((α, mass), (β, stiffness)), dashpots)
+    external_damping = spring = None
+    if scene.effects.large_deformation is not None:
+        external_damping = added(reduced.get("external_damping") or total((α, mass)), damped_springs)
+        external_damping, spring = added(external_damping, dashpots), added(None, springs)
+    return _Matrices(mass, damping or ZeroMatrix(), stiffness, node_mass, translated, external_damping, spring)
 
 
 def _damping_of_cells(scene: Scene, mesh: Mesh) -> np.ndarray:

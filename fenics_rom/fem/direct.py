@@ -7,8 +7,8 @@ from fenics_rom.errors import SolverError
 from fenics_rom.fem.memory import needed_and_free_bytes
 from fenics_rom.fem.options import FACTOR_PREFIX, default_options
 from fenics_rom.fem.petsc_ctypes import cholesky_numeric, cholesky_symbolic, set_factor_prefix
-from fenics_rom.fem.petsc_matrix import CHUNK, DenseBlock, PetscMatrix, column_chunks
-from fenics_rom.system.complex_columns import apply_to_complex
+from fenics_rom.fem.petsc_matrix import CHUNK, PetscMatrix, column_chunks, dense_block
+from fenics_rom.system.columns import apply_to_complex
 
 # L Lᵀ, which fails for an indefinite matrix; the simplicial L D Lᵀ that CHOLMOD prefers for small ones does not.
 CHOLMOD_OPTIONS = {"mat_cholmod_factor": "SUPERNODAL", "mat_cholmod_print": "0"}
@@ -31,15 +31,10 @@ class MemoryShortage(SolverError):
 
 
 class PetscFactor:
-    """L Lᵀ of a symmetric positive definite matrix, kept; or L D Lᵀ of one that is only symmetric.
+    """L Lᵀ of a symmetric matrix, kept, which is refused unless `definite`; or L D Lᵀ. The matrix belongs to it then.
 
     MUMPS solves many right-hand sides at once and on any number of ranks; CHOLMOD, on one rank, is about three times
-    as fast for one right-hand side at a time, which is what a time step has.
-
-    Args:
-        mat: the matrix, which then belongs to the factor.
-        one_by_one: solves will be for one right-hand side at a time.
-        definite: the matrix is positive definite, and refused where it is not.
+    as fast `one_by_one`, which is what time steps have.
 
     Raises:
         MemoryShortage: there is less memory than the factor needs, by the analysis of its pattern or as it turned out.
@@ -119,7 +114,7 @@ class PetscFactor:
             return self._matrix.apply_to_column(self.apply, block)
         result = np.empty(block.shape)
         for part in column_chunks(block):
-            with DenseBlock(self._matrix, block[:, part]) as b, DenseBlock(self._matrix, result[:, part]) as x:
+            with dense_block(self._matrix, block[:, part]) as b, dense_block(self._matrix, result[:, part]) as x:
                 self._factor.matSolve(b, x)
                 result[:, part] = x.getDenseArray()
         return result
@@ -139,14 +134,8 @@ class PetscFactor:
 class ComplexFactor:
     """Factor of A + i B, both symmetric, on a PETSc of real numbers.
 
-    (A + i B)(x + i y) = f + i g is [A, -B; -B, -A] [x; y] = [f; -g]: real and symmetric, of twice the size.
-
-    Args:
-        real: A, which is used up.
-        imaginary: B, which is used up.
-
-    Raises:
-        MemoryShortage, SolverError: as `PetscFactor`.
+    (A + i B)(x + i y) = f + i g is [A, -B; -B, -A] [x; y] = [f; -g]: real and symmetric, of twice the size. A and B are
+    used up; errors as of `PetscFactor`.
     """
 
     notice = ""

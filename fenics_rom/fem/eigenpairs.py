@@ -34,14 +34,8 @@ def lowest_eigenpairs(
 ) -> tuple[np.ndarray, np.ndarray]:
     """The lowest γ, ascending, (count,) and M-orthonormal v (rows here, count).
 
-    One solve at a time. Block Lanczos with 64 at a time was no faster: what it gains in solves, its larger spaces
-    lose in orthogonalisation.
-
-    Args:
-        mass: M.
-        stiffness: K.
-        factor: of K.
-        count: how many.
+    One solve with a factor of K at a time. Block Lanczos with 64 at a time was no faster: what it gains in solves, its
+    larger spaces lose in orthogonalisation.
 
     Raises:
         SolverError: not all of them converged.

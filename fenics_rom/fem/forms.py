@@ -14,11 +14,11 @@ from petsc4py import PETSc
 from fenics_rom.errors import StructureError
 from fenics_rom.fem.assemble import assemble_form, dolfinx_nodes, node_masses
 from fenics_rom.fem.dolfinx_compat import cell_nodes, input_nodes, quiet_compiler, vector_space
-from fenics_rom.fem.mesh import Mesh, signed_volumes
+from fenics_rom.fem.mesh import Mesh, oriented
 from fenics_rom.fem.nodes import canonical_nodes
 from fenics_rom.fem.petsc_algebra import PetscAlgebra, require_real
 from fenics_rom.fem.petsc_matrix import PetscMatrix
-from fenics_rom.fem.restriction import set_rigid_modes
+from fenics_rom.fem.restriction import rows_here, set_rigid_modes
 from fenics_rom.fem.rigid_modes import rigid_motions
 from fenics_rom.fem.user_matrices import refuse_together
 from fenics_rom.system.body import Body, Unknowns
@@ -31,7 +31,7 @@ UNCONSTRAINED = np.finfo(float).max  # stands where no Dirichlet condition has p
 
 
 @dataclass(frozen=True)
-class FreeRows:
+class _FreeRows:
     """The unconstrained degrees of freedom in the order of the system.
 
     Attributes:
@@ -52,8 +52,10 @@ class FreeRows:
         matrix.destroy()
         return reduced
 
-    def take_vector(self, vector: PETSc.Vec) -> np.ndarray:
-        """These rows, (rows here,); the whole vector is given back."""
+    def column(self, form: Any) -> np.ndarray:
+        """These rows of a linear form, (rows here,)."""
+        vector = assemble_vector(fem.form(form))
+        vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
         part = vector.getSubVector(self.index_set)
         rows = part.array_r.copy()
         vector.restoreSubVector(self.index_set, part)
@@ -124,13 +126,15 @@ def assemble_forms(
         matrices = {name: assemble_form(form) for name, form in bilinear.items()}
         rows = _free_rows(space, _constrained(space, bcs), matrices["mass"])
         columns = {
-            kind: {
-                name: np.stack([rows.take_vector(_vector(f)) for f in forms], axis=1) for name, forms in given.items()
-            }
+            kind: {name: np.stack([*map(rows.column, forms)], axis=1) for name, forms in given.items()}
             for kind, given in linear.items()
         }
-    if rows.body is not None:
-        _check_points(columns["outputs"])
+    for name, C in columns["outputs"].items():
+        if rows.body is not None and C.shape[1] % 3:
+            raise StructureError(
+                f"outputs[{name!r}] has {C.shape[1]} forms; on a body with nodes an output is displacements of "
+                "points: allowed are three forms (x, y, z) for each"
+            )
     reduced = {name: rows.take_matrix(matrix) for name, matrix in matrices.items()}
     if rows.local_nodes is not None:
         set_rigid_modes(reduced["stiffness"], rows.local_nodes)
@@ -141,9 +145,9 @@ def assemble_forms(
     return system
 
 
-def _rigid(rows: FreeRows, matrices: Mapping[str, PETSc.Mat]) -> np.ndarray | None:
+def _rigid(rows: _FreeRows, matrices: Mapping[str, PETSc.Mat]) -> np.ndarray | None:
     """Those motions that the stiffness does not see, either; None where there are none."""
-    if rows.motions is None or not rows.motions.shape[1]:
+    if rows.motions is None:
         return None
     M, K = (PetscMatrix(matrices[name]) for name in ("mass", "stiffness"))
     algebra = PetscAlgebra(M.mat.comm.tompi4py(), M.mat.getOwnershipRange())
@@ -176,12 +180,6 @@ def _check_form(where: str, form: Any, arity: int, space: Any) -> None:
         raise StructureError(f"{where} is of another function space than mass")
 
 
-def _vector(form: Any) -> PETSc.Vec:
-    vector = assemble_vector(fem.form(form))
-    vector.ghostUpdate(addv=PETSc.InsertMode.ADD, mode=PETSc.ScatterMode.REVERSE)
-    return vector
-
-
 def _constrained(space: Any, bcs: Sequence[Any]) -> np.ndarray:
     """Which of the degrees of freedom that this rank owns have a Dirichlet condition, (rows here,)."""
     for k, bc in enumerate(bcs):
@@ -205,15 +203,15 @@ def _constrained(space: Any, bcs: Sequence[Any]) -> np.ndarray:
     return fixed
 
 
-def _free_rows(space: Any, constrained: np.ndarray, mass: PETSc.Mat) -> FreeRows:
+def _free_rows(space: Any, constrained: np.ndarray, mass: PETSc.Mat) -> _FreeRows:
     """What is left of the degrees of freedom, and in which order."""
     comm = space.mesh.comm
     if comm.allreduce(int((~constrained).sum())) == 0:
         raise StructureError("bcs: every degree of freedom is constrained")
     degree = _displacement_degree(space)
     if degree is None:
-        start, _ = mass.getOwnershipRange()
-        return FreeRows(_index_set(start + np.flatnonzero(~constrained), comm))
+        rows = mass.getOwnershipRange()[0] + np.flatnonzero(~constrained)
+        return _FreeRows(PETSc.IS().createGeneral(rows.astype(PETSc.IntType), comm=comm))
     nodes = canonical_nodes(_mesh(space.mesh), degree)
     dolfinx_number = dolfinx_nodes(space, degree, nodes)
     is_free = ~np.concatenate(comm.allgather(constrained)).reshape(-1, 3)[dolfinx_number]
@@ -222,19 +220,9 @@ def _free_rows(space: Any, constrained: np.ndarray, mass: PETSc.Mat) -> FreeRows
     unknowns = Unknowns(is_free.size, free)
     body = Body(nodes.coordinates, nodes.drawn_triangles(), unknowns, node_mass)
     whole_nodes = bool((is_free.all(axis=1) == is_free.any(axis=1)).all())
-    local_dofs = np.array_split(free.reshape(-1, 3) if whole_nodes else free, comm.size)[
-        comm.rank
-    ]  # whole nodes, for multigrid
-    index_set = _index_set(3 * dolfinx_number[local_dofs // 3] + local_dofs % 3, comm)
+    local_dofs, index_set = rows_here(comm, free.reshape(-1, 3) if whole_nodes else free, dolfinx_number)
     motions = rigid_motions(nodes, node_mass, unknowns)[np.isin(free, local_dofs)]
-    if not whole_nodes:
-        return FreeRows(index_set, body, None, motions)
-    index_set.setBlockSize(3)
-    return FreeRows(index_set, body, nodes.coordinates[local_dofs[:, 0] // 3], motions)
-
-
-def _index_set(rows: np.ndarray, comm: Any) -> PETSc.IS:
-    return PETSc.IS().createGeneral(rows.ravel().astype(PETSc.IntType), comm=comm)
+    return _FreeRows(index_set, body, nodes.coordinates[local_dofs[::3] // 3] if whole_nodes else None, motions)
 
 
 def _displacement_degree(space: Any) -> int | None:
@@ -257,16 +245,5 @@ def _mesh(domain: Any) -> Mesh:
     for numbers, coordinates, _ in parts:
         points[numbers] = coordinates
     cells = np.sort(np.concatenate([cells for *_, cells in parts]), axis=1)
-    cells = cells[np.lexsort(cells.T[::-1])]
-    inverted = signed_volumes(points, cells) < 0
-    cells[inverted, :2] = cells[inverted, 1::-1]
+    cells = oriented(points, cells[np.lexsort(cells.T[::-1])])
     return Mesh(points, cells, {}, {}, "the mesh of the forms")
-
-
-def _check_points(outputs: Mapping[str, np.ndarray]) -> None:
-    for name, columns in outputs.items():
-        if columns.shape[1] % 3:
-            raise StructureError(
-                f"outputs[{name!r}] has {columns.shape[1]} forms; on a body with nodes an output is displacements of "
-                "points: allowed are three forms (x, y, z) for each"
-            )

@@ -6,7 +6,6 @@ import signal
 import subprocess
 import sys
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -19,70 +18,11 @@ BASE_TIMEOUT = 60.0  # s that Gmsh may take for any file
 MIN_READING_RATE = 1e6  # bytes/s that it reads beyond that
 
 
-@dataclass(frozen=True)
-class Group:
-    """A physical group of triangles or tetrahedra.
-
-    Attributes:
-        dimension: 2 or 3.
-        tag: its number.
-        name: empty where the file gives none.
-        members: of a surface the node tags of its triangles, one after the other; of a region the numbers of its cells.
-    """
-
-    dimension: int
-    tag: int
-    name: str
-    members: np.ndarray
-
-
-@dataclass(frozen=True)
-class GmshFile:
-    """What Gmsh finds in a file.
-
-    Attributes:
-        nodes: (N,) tags, in any order.
-        points: (N, 3) of the nodes, m.
-        kinds: names of the kinds of cells.
-        numbers: (C,) of the straight tetrahedra.
-        cells: (C, 4) node tags of them.
-        groups: of surfaces and cells.
-    """
-
-    nodes: np.ndarray
-    points: np.ndarray
-    kinds: tuple[str, ...]
-    numbers: np.ndarray
-    cells: np.ndarray
-    groups: tuple[Group, ...]
-
-
-def read_gmsh_file(file: Path) -> GmshFile:
-    """Reads any version of the format, text or binary, partitioned or not.
+def read_arrays(file: Path) -> Mapping[str, np.ndarray]:
+    """What `gmsh_process.read_arrays` finds, of any version of the format, text or binary, partitioned or not.
 
     Raises:
         MeshError: Gmsh cannot read the file, crashed, or was not done in time.
-    """
-    arrays = read_arrays(file)
-    groups = zip(arrays["dimensions"], arrays["tags"], arrays["names"], strict=True)
-    return GmshFile(
-        nodes=arrays["nodes"],
-        points=arrays["points"].reshape(-1, 3),
-        kinds=tuple(map(str, arrays["kinds"])),
-        numbers=arrays["numbers"],
-        cells=arrays["cells"].reshape(-1, 4),
-        groups=tuple(
-            Group(int(dimension), int(tag), str(name), arrays[f"group{k}"])
-            for k, (dimension, tag, name) in enumerate(groups)
-        ),
-    )
-
-
-def read_arrays(file: Path) -> Mapping[str, np.ndarray]:
-    """What `gmsh_process.read_arrays` finds, in another process.
-
-    Raises:
-        MeshError: as `read_gmsh_file`.
     """
     timeout = BASE_TIMEOUT + file.stat().st_size / MIN_READING_RATE
     try:

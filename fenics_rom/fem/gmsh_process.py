@@ -41,7 +41,17 @@ def lower_limit(what: int, limit: int) -> None:
 
 
 def read_arrays(file: str) -> dict[str, Any]:
-    """The arrays of a `GmshFile`, groups one by one."""
+    """What Gmsh finds in a file.
+
+    Returns:
+        nodes: (N,) tags, in any order.
+        points: (3 N,) of the nodes, m.
+        kinds: names of the kinds of cells.
+        numbers: (C,) of the straight tetrahedra.
+        cells: (4 C,) node tags of them.
+        dimensions, tags, names: of the physical groups of triangles (2) or tetrahedra (3); empty names where there are
+            none. Group k has `group{k}`: node tags of its triangles, one after the other, or numbers of its cells.
+    """
     import gmsh
 
     gmsh.initialize([], readConfigFiles=False)

@@ -6,7 +6,7 @@ from petsc4py import PETSc
 from fenics_rom.errors import SolverError
 from fenics_rom.fem.options import FACTOR_PREFIX, default_options
 from fenics_rom.fem.petsc_matrix import PetscMatrix
-from fenics_rom.system.complex_columns import apply_to_complex
+from fenics_rom.system.columns import apply_to_complex
 
 RESIDUAL_TOLERANCE = 1e-14  # preconditioned, relative: solutions are then as good as a factor's
 MAX_ITERATIONS = 5000
@@ -21,13 +21,9 @@ def reason_name(reasons: type, value: int) -> str:
 
 
 class IterativeFactor:
-    """What a factor of a symmetric positive definite matrix does, in little memory.
+    """What a factor of a symmetric positive definite matrix does, in little memory; the matrix belongs to it then.
 
     Multigrid takes rigid body modes from the near-nullspace of the matrix; where it has none, solves take longer.
-
-    Args:
-        mat: the matrix, which then belongs to this.
-        notice: why it was chosen.
     """
 
     def __init__(self, mat: PETSc.Mat, notice: str):
@@ -52,11 +48,7 @@ class IterativeFactor:
             ) from error
 
     def solve(self, block: np.ndarray) -> np.ndarray:
-        """Solution for local rows (rows here, k), real or complex.
-
-        Raises:
-            SolverError: the iterations did not converge.
-        """
+        """Solution for local rows (rows here, k), real or complex."""
         if np.iscomplexobj(block):
             return apply_to_complex(self.solve, block)
         result = np.empty(block.shape)

@@ -6,9 +6,8 @@ import numpy as np
 
 from fenics_rom.errors import StepError
 from fenics_rom.fem.direct import PetscFactor
-from fenics_rom.fem.extended_precision import ExtendedMatrix
 from fenics_rom.fem.full_order_body import FullOrderBody
-from fenics_rom.fem.petsc_matrix import combination
+from fenics_rom.fem.petsc_matrix import ExtendedMatrix, combination
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointMotion
 from fenics_rom.mechanics.step import StepInput, StepResult
@@ -110,7 +109,7 @@ class FullOrderStepper(FullOrderBody):
             self._factored = None
 
     def _solve_contact(self, free: Array, obstacles: ObstacleMotion | None) -> ContactSolution | None:
-        """Contact of a step, from its mid-step velocity without (rows here, 1) and the Delassus operator."""
+        """Contact of a step, from its mid-step velocity without (rows here, 1)."""
         if self.interface is None or obstacles is None:
             return None
         points = PointMotion(*(self.interface.at_points(field) for field in (self.x, self.v, free)))
@@ -148,14 +147,13 @@ class FullOrderStepper(FullOrderBody):
         if self._factored is None or self._factored[0] != h:
             self.close()
             s = self.system
-            if not self._has_inertia:
-                matrix: Any = combination((h, s.stiffness))
-            elif s.rayleigh is None:
-                matrix = combination((2 / h, s.mass), (1.0, s.damping), (h / 2, s.stiffness))
-            else:
+            terms: tuple[tuple[float, Any], ...] = ((h, s.stiffness),)
+            if self._has_inertia and s.rayleigh is None:
+                terms = (2 / h, s.mass), (1.0, s.damping), (h / 2, s.stiffness)
+            elif self._has_inertia and s.rayleigh is not None:
                 α, β = s.rayleigh
-                matrix = combination((2 / h + α, s.mass), (h / 2 + β, s.stiffness))
-            self._factored = h, PetscFactor(matrix, one_by_one=True)
+                terms = (2 / h + α, s.mass), (h / 2 + β, s.stiffness)
+            self._factored = h, PetscFactor(combination(*terms), one_by_one=True)
             if self.interface is not None:
                 self._delassus = self.interface.delassus(self._factored[1].solve(self.interface.Sᵀ))
         return self._factored[1]

@@ -17,11 +17,7 @@ MIN_PIECE_SHARE = 1e-9  # of a piece of a tendon in its length
 
 
 def actuators_of(scene: Scene, nodes: Nodes, unknowns: Unknowns) -> tuple[Columns, dict[str, float]]:
-    """Columns (n, columns) and units of actuators: the scene's own, pressures (Pa) and tendons (N).
-
-    Raises:
-        MeshError, SceneError: a place that does not exist, is empty, or cannot move.
-    """
+    """Columns (n, columns) and units of actuators: the scene's own, pressures (Pa) and tendons (N)."""
     columns = {
         name: patch_columns(nodes, patch, unknowns, f"actuators.{name}") for name, patch in scene.actuators.items()
     }
@@ -31,23 +27,17 @@ def actuators_of(scene: Scene, nodes: Nodes, unknowns: Unknowns) -> tuple[Column
         columns[name] = patch_columns(nodes, pressure.patch("normal"), unknowns, where)
         units[name] = patch_area(nodes, pressure, where)
     for name, tendon in scene.effects.tendon.items():
-        columns[name] = unknowns.restrict(_cable(nodes, np.array(tendon.points), f"effects.tendon.{name}"))
-        units[name] = 1.0
-        _refuse_nothing(columns[name], f"effects.tendon.{name}")
+        where, units[name] = f"effects.tendon.{name}", 1.0
+        columns[name] = unknowns.restrict(_cable(nodes, np.array(tendon.points), where))
+        _refuse_nothing(columns[name], where)
     return columns, units
 
 
 def loads_of(scene: Scene, nodes: Nodes, masses: Array, unknowns: Unknowns) -> tuple[Columns, dict[str, float]]:
     """Columns (n, columns) and units of loads with signals of their own, in the order of `load_columns`.
 
-    Args:
-        scene: whose gravity (in multiples of its acceleration), base motions (m/s²) and prescribed forces (N).
-        nodes: all nodes.
-        masses: (N,) kg, ∫ρ of each shape function: M times a rigid translation.
-        unknowns: what supports leave.
-
-    Raises:
-        MeshError, SceneError: a place that does not exist, is empty, or cannot move.
+    Gravity in multiples of its acceleration, base motions (m/s²), prescribed forces (N); `masses` (N,) are ∫ρ of each
+    shape function, kg: M times a rigid translation.
     """
     columns: Columns = {}
     units: dict[str, float] = {}

@@ -1,6 +1,6 @@
 """Matrix Market files to a system: on one process with SciPy, under mpirun with PETSc and the rows spread."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -50,7 +50,7 @@ def read_system(
     columns = {"contacts": contacts, "actuators": actuators or {}, "outputs": outputs or {}}
     files = matrices | {f"{kind}[{name!r}]": file for kind, given in columns.items() for name, file in given.items()}
 
-    def read() -> tuple[dict[str, Any], dict[str, dict[str, Any]]]:
+    def read() -> tuple[dict[str, Any], dict[str, Any]]:
         square = {name: scipy.sparse.csr_matrix(_read(file)) for name, file in matrices.items()}
         rows = square["mass"].shape[0]
         return square, {
@@ -58,7 +58,12 @@ def read_system(
         }
 
     try:
-        return _system(read, rayleigh)
+        if launched_rank() is not None:  # the rows of this rank
+            from fenics_rom.fem.user_matrices import spread_system
+
+            return spread_system(read, rayleigh)
+        square, tall = read()
+        return System(**square, **tall, rayleigh=rayleigh)
     except StructureError as error:
         file = next((file for subject, file in files.items() if str(error).startswith(f"{subject} ")), None)
         if file is None:
@@ -66,22 +71,8 @@ def read_system(
         raise StructureError(f"{file}: {error}") from error
 
 
-def _system(read: Callable[[], Any], rayleigh: tuple[float, float] | None) -> System:
-    """The system of what is read: all of it here, or the rows of this rank."""
-    if launched_rank() is not None:
-        from fenics_rom.fem.user_matrices import spread_system
-
-        return spread_system(read, rayleigh)
-    square, tall = read()
-    return System(**square, **tall, rayleigh=rayleigh)
-
-
 def _read(file: File) -> Any:
-    """A real matrix, sparse or dense as it is in the file.
-
-    Raises:
-        StructureError: there is none.
-    """
+    """A real matrix, sparse or dense as it is in the file."""
     try:
         with Path(file).open(encoding="latin-1") as stream:
             banner = stream.readline(1000).lower().split()
@@ -99,11 +90,7 @@ def _read(file: File) -> Any:
 
 
 def _read_columns(file: File, rows: int) -> np.ndarray:
-    """Columns (rows, any number) as an array.
-
-    Raises:
-        StructureError: there are none, or they have another number of rows.
-    """
+    """Columns (rows, any number) as an array."""
     matrix = _read(file)
     if matrix.shape[0] != rows:
         raise StructureError(f"{file}: has shape {matrix.shape}; the mass matrix asks for ({rows}, columns)")

@@ -49,12 +49,7 @@ def _folder_free_bytes(folder: Path) -> float:
 
 
 def needed_and_free_bytes(comm: Any, needed: float) -> tuple[float, float]:
-    """Bytes needed and free on the machine of `comm` where they are tightest; every rank must call it.
-
-    Args:
-        comm: mpi4py communicator.
-        needed: by this rank.
-    """
+    """Bytes `needed` by the ranks and free on the machine where they are tightest; every rank must call it."""
     machine = comm.Split_type(MPI.COMM_TYPE_SHARED)
     total, free = machine.allreduce(needed), free_bytes()
     machine.Free()

@@ -12,8 +12,9 @@ from xml.etree import ElementTree
 import numpy as np
 
 from fenics_rom.errors import MeshError, unknown
-from fenics_rom.fem.gmsh_file import GmshFile, read_gmsh_file
+from fenics_rom.fem import gmsh_file
 
+CELL_EDGES = np.array([(2, 3), (1, 3), (1, 2), (0, 3), (0, 2), (0, 1)])  # node 4 + e of degree 2 is on edge e
 LINEAR_TETRAHEDRON = "Tetrahedron 4"  # what Gmsh calls the only kind of cells that is allowed
 
 
@@ -36,19 +37,11 @@ class Mesh:
     source: str
 
     def surface(self, name: str) -> np.ndarray:
-        """Triangles of a named surface.
-
-        Raises:
-            MeshError: there is none of that name, or it is empty.
-        """
+        """Triangles of a named surface; refuses one that is not there, or empty."""
         return self._group("surface", name, self.surfaces)
 
     def region(self, name: str) -> np.ndarray:
-        """Cells of a named region.
-
-        Raises:
-            MeshError: there is none of that name, or it is empty.
-        """
+        """Cells of a named region; refuses one that is not there, or empty."""
         return self._group("region", name, self.regions)
 
     def _group(self, kind: str, name: str, groups: Mapping[str, np.ndarray]) -> np.ndarray:
@@ -71,16 +64,16 @@ def read_mesh(file: Path, groups: Mapping[str, int]) -> Mesh:
         MeshError: the file is missing, unreadable, or holds no usable tetrahedra.
     """
     try:
-        exists = file.is_file()
+        if not file.is_file():
+            raise MeshError(f"mesh file {file}: not found")
     except OSError as error:  # a name that is too long
         raise MeshError(f"mesh file {file}: {error.strerror}") from error
-    if not exists:
-        raise MeshError(f"mesh file {file}: not found")
     readers = {".msh": _read_gmsh, ".xdmf": _read_xdmf}
     if file.suffix not in readers:
         raise MeshError(f"mesh file {file}: allowed endings are {', '.join(readers)}")
     points, cells, surfaces, regions = readers[file.suffix](file, groups)
-    cells, regions = _deduplicate(_orient(points, cells, file), regions)
+    _check_cells(points, cells, file)
+    cells, regions = _deduplicate(oriented(points, cells), regions)
     return Mesh(points, cells, surfaces, regions, str(file))
 
 
@@ -90,23 +83,25 @@ def signed_volumes(points: np.ndarray, cells: np.ndarray) -> np.ndarray:
     return np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) / 6
 
 
-def _orient(points: np.ndarray, cells: np.ndarray, file: Path) -> np.ndarray:
+def oriented(points: np.ndarray, cells: np.ndarray) -> np.ndarray:
+    """The cells with positive volumes, two vertices of the others exchanged."""
+    inverted, cells = signed_volumes(points, cells) < 0, cells.copy()
+    cells[inverted, :2] = cells[inverted, 1::-1]
+    return cells
+
+
+def _check_cells(points: np.ndarray, cells: np.ndarray, file: Path) -> None:
     if len(cells) == 0:
         raise MeshError(f"mesh file {file}: holds no tetrahedra")
     if not np.isfinite(points).all():
         raise MeshError(f"mesh file {file}: coordinates that are not finite")
-    a, b, c, d = (points[cells[:, k]] for k in range(4))
-    volume = signed_volumes(points, cells)
-    longest = np.max([np.linalg.norm(p - q, axis=1) for p, q in ((a, b), (a, c), (a, d), (b, c), (b, d), (c, d))], 0)
-    flat = np.abs(volume) <= 1e-12 * longest**3
+    volume = np.abs(signed_volumes(points, cells))
+    longest = np.max([np.linalg.norm(points[cells[:, i]] - points[cells[:, j]], axis=1) for i, j in CELL_EDGES], axis=0)
+    flat = volume <= 1e-12 * longest**3
     if flat.any():
         raise MeshError(
             f"mesh file {file}: {flat.sum()} of {len(cells)} cells have no volume, e.g. cell {flat.argmax()}"
         )
-    cells = cells.copy()
-    inverted = volume < 0
-    cells[inverted, :2] = cells[inverted, 1::-1]
-    return cells
 
 
 def _deduplicate(cells: np.ndarray, regions: Mapping[str, np.ndarray]) -> tuple[np.ndarray, dict[str, np.ndarray]]:
@@ -121,15 +116,15 @@ def _read_gmsh(file: Path, groups: Mapping[str, int]):  # type: ignore[no-untype
     with file.open("rb") as stream:  # what has no such head Gmsh takes for a script, and runs
         if not stream.readline().startswith((b"$MeshFormat", b"$Comments")):
             raise MeshError(f"mesh file {file}: is not in Gmsh's MSH format, version 2 or 4")
-    return _from_gmsh(read_gmsh_file(file), file, groups)
+    return _from_gmsh(gmsh_file.read_arrays(file), file, groups)
 
 
-def _from_gmsh(content: GmshFile, file: Path, groups: Mapping[str, int]):  # type: ignore[no-untyped-def]
-    if len(content.nodes) == 0:
+def _from_gmsh(arrays: Mapping[str, np.ndarray], file: Path, groups: Mapping[str, int]):  # type: ignore[no-untyped-def]
+    if len(arrays["nodes"]) == 0:
         raise MeshError(f"mesh file {file}: holds no nodes")
-    order = np.argsort(content.nodes)
-    points, tags = content.points[order], content.nodes[order]
-    other_kinds = sorted(set(content.kinds) - {LINEAR_TETRAHEDRON})
+    order = np.argsort(arrays["nodes"])
+    points, tags = arrays["points"].reshape(-1, 3)[order], arrays["nodes"][order]
+    other_kinds = sorted(set(map(str, arrays["kinds"])) - {LINEAR_TETRAHEDRON})
     if other_kinds:
         raise MeshError(
             f"mesh file {file}: holds {', '.join(other_kinds)}; allowed are straight tetrahedra (Mesh.ElementOrder = 1)"
@@ -141,20 +136,21 @@ def _from_gmsh(content: GmshFile, file: Path, groups: Mapping[str, int]):  # typ
             raise MeshError(f"mesh file {file}: names {what} that it does not hold")
         return rows
 
-    cells = positions(content.cells, tags, "nodes")
-    by_number = np.argsort(content.numbers)
+    cells = positions(arrays["cells"].reshape(-1, 4), tags, "nodes")
+    by_number = np.argsort(arrays["numbers"])
     named = {tag: name for name, tag in groups.items()}
     surfaces: dict[str, np.ndarray] = {}
     regions: dict[str, np.ndarray] = {}
-    for group in content.groups:
-        name = group.name or named.get(group.tag)
+    found = zip(arrays["dimensions"], arrays["tags"], map(str, arrays["names"]), strict=True)
+    for k, (dimension, tag, in_file) in enumerate(found):
+        name, members = in_file or named.get(int(tag)), arrays[f"group{k}"]
         if not name:
             continue
-        if group.dimension == 2:
-            triangles = positions(group.members, tags, "nodes").reshape(-1, 3)
+        if dimension == 2:
+            triangles = positions(members, tags, "nodes").reshape(-1, 3)
             surfaces[name] = np.concatenate([surfaces.get(name, triangles[:0]), triangles])
         else:
-            rows = by_number[positions(group.members, content.numbers[by_number], "cells")]
+            rows = by_number[positions(members, arrays["numbers"][by_number], "cells")]
             regions[name] = np.concatenate([regions.get(name, rows[:0]), rows])
     return points, cells, surfaces, regions
 

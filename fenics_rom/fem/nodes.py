@@ -10,12 +10,11 @@ import numpy as np
 import scipy.sparse
 
 from fenics_rom.errors import MeshError, SceneError
-from fenics_rom.fem.mesh import Mesh
+from fenics_rom.fem.mesh import CELL_EDGES, Mesh
 from fenics_rom.scene.places import Near, Patch, Place
 from fenics_rom.scene.scene import Output
 from fenics_rom.system.body import Unknowns
 
-CELL_EDGES = np.array([(2, 3), (1, 3), (1, 2), (0, 3), (0, 2), (0, 1)])  # node 4 + e of a cell is on edge e
 CELL_FACES = np.array([(1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1)])  # face f is opposite to vertex f, outward
 
 
@@ -80,14 +79,9 @@ def canonical_nodes(mesh: Mesh, degree: int) -> Nodes:
         edges = np.unique(np.sort(cells[:, CELL_EDGES], axis=2).reshape(-1, 2), axis=0)
         keys = np.concatenate([keys, used[edges]])
         coordinates = np.concatenate([coordinates, coordinates[edges].mean(axis=1)])
-    return Nodes(coordinates, keys, cells, edges, _boundary(cells), mesh)
-
-
-def _boundary(cells: np.ndarray) -> np.ndarray:
-    """Faces of one cell only; cells are positively oriented, so their faces point outward."""
-    faces = cells[:, CELL_FACES].reshape(-1, 3)
+    faces = cells[:, CELL_FACES].reshape(-1, 3)  # of positively oriented cells they point outward
     _, first, count = np.unique(np.sort(faces, axis=1), axis=0, return_index=True, return_counts=True)
-    return faces[first[count == 1]]
+    return Nodes(coordinates, keys, cells, edges, faces[first[count == 1]], mesh)
 
 
 def _face_keys(nodes: Nodes, triangles: np.ndarray) -> np.ndarray:
@@ -97,21 +91,18 @@ def _face_keys(nodes: Nodes, triangles: np.ndarray) -> np.ndarray:
 
 
 def surface_triangles(nodes: Nodes, name: str) -> np.ndarray:
-    """Outward triangles of a named surface, between canonical vertices.
-
-    Raises:
-        MeshError: the surface does not exist, is empty, or is not part of the boundary.
-    """
+    """Outward triangles of a named surface, between canonical vertices; refuses one that is not on the boundary."""
     given, boundary = _face_keys(nodes, nodes.vertices(nodes.mesh.surface(name))), _face_keys(nodes, nodes.surface)
     order = np.argsort(boundary)
     position = np.minimum(np.searchsorted(boundary[order], given), len(order) - 1)
-    off_boundary = boundary[order][position] != given
-    if off_boundary.any():
-        raise MeshError(
-            f"{nodes.mesh.source}: surface {name!r}: {off_boundary.sum()} of its {len(given)} triangles "
-            "are not on the boundary of the body"
-        )
+    _refuse_stray(nodes, name, boundary[order][position] != given, "on the boundary of the body")
     return nodes.surface[np.unique(order[position])]
+
+
+def _refuse_stray(nodes: Nodes, name: str, is_stray: np.ndarray, allowed: str) -> None:
+    if is_stray.any():
+        count = f"{is_stray.sum()} of its {len(is_stray)} triangles"
+        raise MeshError(f"{nodes.mesh.source}: surface {name!r}: {count} are not {allowed}")
 
 
 def _near_triangles(nodes: Nodes, near: Near, where: str) -> np.ndarray:
@@ -127,19 +118,11 @@ def _near_triangles(nodes: Nodes, near: Near, where: str) -> np.ndarray:
 
 
 def clamped_nodes(nodes: Nodes, name: str) -> np.ndarray:
-    """All nodes of a named surface, inside the body or on its boundary.
-
-    Raises:
-        MeshError: the surface does not exist, is empty, or is not made of faces of the cells.
-    """
+    """All nodes of a named surface, inside the body or on its boundary; refuses one that is not of faces of cells."""
     triangles = nodes.vertices(nodes.mesh.surface(name))
     faces = nodes.cells[:, CELL_FACES].reshape(-1, 3)
-    stray = ~np.isin(_face_keys(nodes, triangles), _face_keys(nodes, faces))
-    if stray.any():
-        raise MeshError(
-            f"{nodes.mesh.source}: surface {name!r}: {stray.sum()} of its {len(stray)} triangles "
-            "are not faces of the tetrahedra"
-        )
+    is_stray = ~np.isin(_face_keys(nodes, triangles), _face_keys(nodes, faces))
+    _refuse_stray(nodes, name, is_stray, "faces of the tetrahedra")
     return np.unique(nodes.triangle_nodes(triangles))
 
 
@@ -199,21 +182,14 @@ def surface_mass(nodes: Nodes, triangles: np.ndarray) -> scipy.sparse.csr_matrix
     ends = nodes.triangle_nodes(triangles)
     rows, columns = (np.repeat(ends, len(element), axis=1), np.tile(ends, len(element)))
     values = (area / area.sum())[:, None] * element.ravel()
-    shape = (len(nodes.coordinates), len(nodes.coordinates))
-    return scipy.sparse.coo_matrix((values.ravel(), (rows.ravel(), columns.ravel())), shape=shape).tocsr()
+    entries = values.ravel(), (rows.ravel(), columns.ravel())
+    return scipy.sparse.csr_matrix(entries, shape=2 * (len(nodes.coordinates),))
 
 
 def patch_columns(nodes: Nodes, patch: Patch, unknowns: Unknowns, where: str) -> np.ndarray:
     """Columns of the input matrix of a patch on the unknowns, (n, columns).
 
-    Args:
-        nodes: all nodes.
-        patch: which surface, which forces.
-        unknowns: what supports leave.
-        where: name of the patch in messages.
-
-    Raises:
-        MeshError, SceneError: the patch does not exist, is empty, or cannot move.
+    Refuses a patch that cannot move; messages call it `where`.
     """
     triangles = patch_triangles(nodes, patch, where)
     if patch.force == "normal":
@@ -232,6 +208,7 @@ def patch_columns(nodes: Nodes, patch: Patch, unknowns: Unknowns, where: str) ->
 
 
 def _inward_pressure(nodes: Nodes, triangles: np.ndarray) -> np.ndarray:
+    """Nodal forces (N, 3) of a total of 1 N."""
     carriers, weight = _load_weights(nodes, triangles)
     inward = -_twice_area_vectors(nodes, triangles)
     inward /= np.linalg.norm(inward, axis=1)[:, None]
@@ -241,11 +218,7 @@ def _inward_pressure(nodes: Nodes, triangles: np.ndarray) -> np.ndarray:
 
 
 def output_rows(nodes: Nodes, output: Output, unknowns: Unknowns, where: str) -> np.ndarray:
-    """Cᵀ of an output on the unknowns, (n, 3 points); a surface is one point, its mean.
-
-    Raises:
-        MeshError, SceneError: the surface does not exist, or a point is not in the body.
-    """
+    """Cᵀ of an output on the unknowns, (n, 3 points); a surface is one point, its mean."""
     if output.surface is not None:
         weights = _mean_over(nodes, surface_triangles(nodes, output.surface))[:, None]
     else:

@@ -24,11 +24,7 @@ SOLVERS = ("auto", "direct", "iterative")
 
 
 def require_real(scalar: type) -> None:
-    """Refuses a PETSc of complex numbers: energies and MUMPS' symmetric definite factors are real here.
-
-    Raises:
-        SolverError: PETSc was built for complex numbers.
-    """
+    """Refuses a PETSc of complex numbers: energies and MUMPS' symmetric definite factors are real here."""
     if np.issubdtype(scalar, np.complexfloating):
         raise SolverError(
             "PETSc is the complex-valued build; fenics_rom needs the real one "
@@ -74,15 +70,14 @@ class PetscAlgebra:
     def factor(
         self, *terms: tuple[complex, Any], solver: str = "auto", fixed_dofs: np.ndarray = NO_DOFS
     ) -> PetscFactor | ComplexFactor | IterativeFactor:
-        """Factorisation of a sum of coefficient times matrix, or what stands for it; every rank must call it.
+        """See Algebra; with real coefficients the sum is positive definite or refused, with complex ones only regular.
 
         Args:
-            terms: real coefficients make a positive definite matrix, or it is refused. Where one is of complex type,
-                the sum may be any symmetric matrix that is regular, and solutions are complex.
+            terms: coefficients and matrices.
             solver: "direct": MUMPS. "iterative": conjugate gradients with algebraic multigrid, which cannot tell for
                 sure whether the matrix is positive definite; real coefficients only. "auto": direct where the factor
                 fits into the memory, else iterative; then `notice` of the result says so.
-            fixed_dofs: degrees of freedom that are held where they are; only with real coefficients.
+            fixed_dofs: see Algebra.
 
         Raises:
             SolverError: what was asked for cannot be had, or the factor does not fit into the memory.
@@ -111,13 +106,7 @@ class PetscAlgebra:
     def eigenpairs(
         self, mass: PetscMatrix, stiffness: PetscMatrix, count: int, factor: Any = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """The lowest γ of K v = γ M v, ascending, and M-orthonormal v, paper (10)-(11).
-
-        Args:
-            mass: M.
-            stiffness: K.
-            count: how many, (count,) and (rows here, count).
-            factor: of K, where there is one; else one is made (a direct one) and closed again.
+        """See Algebra, paper (10)-(11); without a factor of K one is made (a direct one) and closed again.
 
         Raises:
             SolverError: not enough pairs converged, or they do not satisfy their equation.

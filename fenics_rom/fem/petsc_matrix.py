@@ -1,13 +1,15 @@
 """PETSc matrices as the reduction sees them."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import Any
 
 import numpy as np
+import scipy.sparse
 from petsc4py import PETSc
 
 from fenics_rom.errors import SolverError
-from fenics_rom.system.complex_columns import apply_to_complex
+from fenics_rom.system.columns import apply_to_complex
 
 CHUNK = 128  # columns that PETSc gets at a time: as fast as all of them, and their copies stay small
 
@@ -29,7 +31,7 @@ class PetscMatrix:
             return self.apply_to_column(self.mat.mult, block)
         result = np.empty(block.shape)
         for part in column_chunks(block):
-            with DenseBlock(self, block[:, part]) as x:
+            with dense_block(self, block[:, part]) as x:
                 y = self.mat.matMult(x)
                 result[:, part] = y.getDenseArray()
                 y.destroy()
@@ -48,6 +50,21 @@ class PetscMatrix:
             part.destroy()
 
 
+class ExtendedMatrix:
+    """Products in `numpy.longdouble` (64 bits of mantissa on x86, 113 on ARM), where a row's terms cancel."""
+
+    def __init__(self, mat: PETSc.Mat):
+        start, columns, values = mat.getValuesCSR()
+        shape = (mat.getLocalSize()[0], mat.getSize()[1])
+        self._rows = scipy.sparse.csr_matrix((values.astype(np.longdouble), columns, start), shape=shape)
+        self._comm = mat.comm.tompi4py()
+
+    def __matmul__(self, column: np.ndarray) -> np.ndarray:
+        """Product with local rows (rows here, 1), rounded to double."""
+        x = np.concatenate(self._comm.allgather(column)).astype(np.longdouble)
+        return np.asarray(self._rows @ x, dtype=float)
+
+
 class ZeroMatrix:
     """A matrix of zeros (the damping of an undamped body): nothing is stored."""
 
@@ -56,21 +73,24 @@ class ZeroMatrix:
         return np.zeros_like(block)
 
 
-class DenseBlock:
+@contextmanager
+def dense_block(like: PetscMatrix, block: np.ndarray) -> Iterator[PETSc.Mat]:
     """A block of local rows as a PETSc matrix, for as long as a call needs it."""
+    data = np.array(block, dtype=float, order="F")  # PETSc takes no copy, so this one must live as long
+    mat = PETSc.Mat().createDense(((like.local, like.size), (None, block.shape[1])), array=data, comm=like.mat.comm)
+    mat.setUp()  # without it PETSc 3.18 crashes
+    mat.assemble()
+    try:
+        yield mat
+    finally:
+        mat.destroy()
 
-    def __init__(self, like: PetscMatrix, block: np.ndarray):
-        size = ((like.local, like.size), (None, block.shape[1]))
-        self.data = np.array(block, dtype=float, order="F")  # PETSc takes no copy, so this one must live as long
-        self.mat = PETSc.Mat().createDense(size, array=self.data, comm=like.mat.comm)
-        self.mat.setUp()  # without it PETSc 3.18 crashes
-        self.mat.assemble()
 
-    def __enter__(self) -> PETSc.Mat:
-        return self.mat
-
-    def __exit__(self, *_: object) -> None:
-        self.mat.destroy()
+def from_local_rows(rows: scipy.sparse.csr_matrix, comm: PETSc.Comm) -> PETSc.Mat:
+    """The square matrix of which each rank has some rows (rows here, n)."""
+    local, size = rows.shape
+    csr = (rows.indptr.astype(PETSc.IntType), rows.indices.astype(PETSc.IntType), rows.data)
+    return PETSc.Mat().createAIJ(((local, size), (local, size)), csr=csr, comm=comm)
 
 
 def column_chunks(block: np.ndarray) -> list[slice]:
@@ -79,11 +99,7 @@ def column_chunks(block: np.ndarray) -> list[slice]:
 
 
 def combination(*terms: tuple[float, Any]) -> PETSc.Mat:
-    """Sum of coefficient times matrix; it knows the near-nullspace that one of them knows.
-
-    Raises:
-        SolverError: a term is not a PETSc matrix, or none is.
-    """
+    """Sum of coefficient times PETSc matrix; it knows the near-nullspace that one of them knows."""
     for _, term in terms:
         if not isinstance(term, PetscMatrix | ZeroMatrix):
             raise SolverError(f"a sum of PETSc matrices was asked for with a {type(term).__name__} in it")

@@ -1,6 +1,7 @@
 """Matrices of all displacement components, as dolfinx assembles them, to those of the unknowns: ZᵀAZ."""
 
 from collections.abc import Mapping
+from typing import Any
 
 import numpy as np
 from petsc4py import PETSc
@@ -24,13 +25,8 @@ def restrict_matrices(
     first = full["stiffness"]
     comm = first.comm.tompi4py()
     whole_nodes = len(free) == 3 * len(np.unique(free // 3))
-    parts = np.array_split(free.reshape(-1, 3) if whole_nodes else free, comm.size)  # whole nodes, for multigrid
-    here = parts[comm.rank].ravel()
+    here, index_set = rows_here(comm, free.reshape(-1, 3) if whole_nodes else free, dolfinx_number)
     if unknowns.weights is None:
-        rows = (3 * dolfinx_number[here // 3] + here % 3).astype(PETSc.IntType)
-        index_set = PETSc.IS().createGeneral(rows, comm=comm)
-        if whole_nodes:
-            index_set.setBlockSize(3)
         restricted = {name: A.createSubMatrix(index_set, index_set) for name, A in full.items()}
     else:
         Z = _expansion(first, unknowns, dolfinx_number, len(here))
@@ -42,6 +38,15 @@ def restrict_matrices(
     if whole_nodes:
         set_rigid_modes(matrices["stiffness"].mat, coordinates[here[::3] // 3])
     return matrices
+
+
+def rows_here(comm: Any, free: np.ndarray, dolfinx_number: np.ndarray) -> tuple[np.ndarray, PETSc.IS]:
+    """This rank's part of free components (n,), or of whole nodes' (n/3, 3) for multigrid; and where dolfinx has it."""
+    here = np.array_split(free, comm.size)[comm.rank].ravel()
+    index_set = PETSc.IS().createGeneral((3 * dolfinx_number[here // 3] + here % 3).astype(PETSc.IntType), comm=comm)
+    if free.ndim == 2:
+        index_set.setBlockSize(3)
+    return here, index_set
 
 
 def _expansion(full: PETSc.Mat, unknowns: Unknowns, dolfinx_number: np.ndarray, columns_here: int) -> PETSc.Mat:

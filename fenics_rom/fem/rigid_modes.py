@@ -5,7 +5,8 @@ import scipy.linalg
 import scipy.sparse
 from scipy.sparse.csgraph import connected_components
 
-from fenics_rom.fem.nodes import CELL_EDGES, Nodes
+from fenics_rom.fem.mesh import CELL_EDGES
+from fenics_rom.fem.nodes import Nodes
 from fenics_rom.system.body import Unknowns
 
 FIXED_TOLERANCE = 1e-9  # share of the largest motion of clamped components, above which a motion is held
@@ -16,11 +17,7 @@ def rigid_motions(nodes: Nodes, node_mass: np.ndarray, unknowns: Unknowns) -> np
 
     Of the three translations and the three rotations about the part's centre of mass those combinations that the
     supports allow: all six where nothing is clamped, one rotation where a line is, none where the part is held.
-
-    Args:
-        nodes: all nodes.
-        node_mass: (N,) kg.
-        unknowns: what supports leave.
+    `node_mass` (N,) in kg.
     """
     count, part = _parts(nodes)
     columns = [np.empty((3 * len(part), 0))]
@@ -32,7 +29,9 @@ def rigid_motions(nodes: Nodes, node_mass: np.ndarray, unknowns: Unknowns) -> np
         motions = motions.reshape(-1, 6)
         held = np.setdiff1d((3 * part_nodes[:, None] + np.arange(3)).ravel(), unknowns.free)
         refused = motions[held] - unknowns.expand(motions[unknowns.free])[held]
-        columns.append(motions @ _null_space(refused))
+        if len(refused):
+            motions = motions @ scipy.linalg.null_space(np.linalg.qr(refused, mode="r"), rcond=FIXED_TOLERANCE)
+        columns.append(motions)
     return np.hstack(columns)[unknowns.free]
 
 
@@ -56,10 +55,3 @@ def _rigid_fields(points: np.ndarray, mass: np.ndarray) -> np.ndarray:
     translations = np.broadcast_to(np.eye(3), (len(points), 3, 3))
     rotations = np.stack([np.cross(axis, arms) for axis in np.eye(3)], axis=2)
     return np.concatenate([translations, rotations], axis=2).reshape(-1, 6)
-
-
-def _null_space(rows: np.ndarray) -> np.ndarray:
-    """Orthonormal combinations (6, any) that vanish in all rows (any, 6)."""
-    if not len(rows):
-        return np.eye(6)
-    return np.asarray(scipy.linalg.null_space(np.linalg.qr(rows, mode="r"), rcond=FIXED_TOLERANCE))

@@ -1,19 +1,20 @@
-"""The full-order run of a scene."""
+"""The full-order run of a scene, and what watches whether its model can follow."""
 
 import time
+import warnings
 from collections.abc import Iterator, Mapping
 
-from fenics_rom.errors import SceneError
+from fenics_rom.errors import FenicsRomWarning, SceneError
 from fenics_rom.fem.assemble import assemble
 from fenics_rom.fem.finite_strain.stepper import FiniteStrainStepper
 from fenics_rom.fem.simulator import FullOrderSimulator
-from fenics_rom.fem.validity_monitors import InversionMonitor, SurfaceMonitor
 from fenics_rom.io.progress import Report, silent
 from fenics_rom.mechanics.environment import Environment
+from fenics_rom.mechanics.linearity import SurfaceGauges, SurfaceStrainPeak, measure_peaks
 from fenics_rom.mechanics.load_history import LoadHistory
 from fenics_rom.mechanics.signals import SignalLike
 from fenics_rom.scene.scene import Scene
-from fenics_rom.system.system import System
+from fenics_rom.system.system import Array, System
 from fenics_rom.trajectory.trajectory import Trajectory, TrajectoryRecorder
 
 MONITOR_INTERVAL = 10  # steps; a look at the surface costs less than one
@@ -72,11 +73,7 @@ def simulate(
 def plain_rate(system: System, dt: float, seconds: float = 0.02, windows: int = 25) -> float:
     """Steps per second of the scene's load history without the energy account; every rank must call it.
 
-    Args:
-        system: with a scene.
-        dt: time step, s.
-        seconds: wall clock of a window.
-        windows: how many there are, of which the fastest counts: whatever else a machine does can only slow it down.
+    The fastest of some `windows`, each of `seconds` by the clock: whatever else a machine does can only slow it down.
     """
     environment, history = _run_of(system, dt)
     body = FullOrderSimulator(system, history.dt, environment, ledger=False)
@@ -93,6 +90,51 @@ def plain_rate(system: System, dt: float, seconds: float = 0.02, windows: int = 
             break
     body.close()
     return max(rates, default=0.0)
+
+
+class SurfaceMonitor:
+    """Watches whether the surface turns or strains more than a linear model can follow."""
+
+    def __init__(self, system: System):
+        self._gauges, self._peak = SurfaceGauges(system.body.nodes, system.body.triangles), SurfaceStrainPeak()
+
+    def look(self, displacement: Array, time: float) -> None:
+        """Notes displacements of all nodes (N, 3), m, at a time, s, and warns at the first that is too much."""
+        now = SurfaceStrainPeak(*measure_peaks(self._gauges.components(displacement)), time)
+        if now.beyond and not self._peak.beyond:
+            warnings.warn(now.warning, FenicsRomWarning, stacklevel=3)
+        self._peak = self._peak.joined(now)
+
+    @property
+    def summary(self) -> str:
+        """What to say of the run; empty where there is nothing to say."""
+        return self._peak.summary
+
+
+class InversionMonitor:
+    """Watches whether points of a body that deforms largely are turned inside out."""
+
+    def __init__(self, stepper: FiniteStrainStepper):
+        self._stepper, self._most, self._first = stepper, 0, 0.0
+
+    def look(self, displacement: Array, time: float) -> None:
+        """As in SurfaceMonitor."""
+        count = self._stepper.inverted
+        first = count > 0 and self._most == 0
+        self._most = max(self._most, count)
+        if first:
+            self._first = time
+            warnings.warn(self.summary, FenicsRomWarning, stacklevel=3)
+
+    @property
+    def summary(self) -> str:
+        """As in SurfaceMonitor."""
+        if not self._most:
+            return ""
+        return (
+            f"up to {self._most} points of the body were turned inside out, from t = {self._first:.4g} s on: shapes "
+            "and forces there are not to be trusted; a finer mesh or a smaller load may help"
+        )
 
 
 def _run_of(system: System, dt: float | None) -> tuple[Environment, LoadHistory]:

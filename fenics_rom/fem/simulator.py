@@ -1,6 +1,7 @@
 """A full-order body in its environment: loads and obstacles act by themselves, the contact mode follows them."""
 
 from collections.abc import Mapping
+from operator import attrgetter
 
 import numpy as np
 
@@ -9,7 +10,6 @@ from fenics_rom.fem.finite_strain.stepper import FiniteStrainStepper
 from fenics_rom.fem.linear_stepper import FullOrderStepper
 from fenics_rom.fem.readings import ReadableFullOrder
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
-from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.environment import Environment
 from fenics_rom.mechanics.initial_state import InitialState, lost_messages, missing_share
 from fenics_rom.mechanics.load_history import LoadHistory
@@ -31,6 +31,7 @@ class FullOrderSimulator:
         system: the full-order model.
         stepper: of the body: linear, unless the system deforms largely.
         environment: the loads and obstacles.
+        contact, time, energy, ledger, displacement, velocity, switch, close: the stepper's; see FullOrderBody.
 
     Raises:
         SceneError: without inertia, a body that nothing holds; or as ActiveEnvironment.
@@ -54,31 +55,14 @@ class FullOrderSimulator:
             self.stepper = FullOrderStepper(system, dt, self.environment, ledger=ledger)
         else:
             self.stepper = system.deformation.stepper(dt, self.environment, ledger=ledger)
+        self.displacement, self.velocity = self.stepper.displacement, self.stepper.velocity
+        self.switch, self.close = self.stepper.switch, self.stepper.close
         self._follows = environment.switches_itself
 
-    @property
-    def contact(self) -> str:
-        """The active contact mode."""
-        return self.stepper.contact_mode
-
-    @property
-    def time(self) -> float:
-        """Simulated time, s."""
-        return self.stepper.time
-
-    @property
-    def energy(self) -> float:
-        """Stored, J."""
-        return self.stepper.energy
-
-    @property
-    def ledger(self) -> EnergyLedger | None:
-        """The energy account, if one is kept."""
-        return self.stepper.ledger
-
-    def switch(self, contact: str) -> None:
-        """Makes another contact mode active."""
-        self.stepper.switch(contact)
+    contact = property(attrgetter("stepper.contact_mode"))
+    time = property(attrgetter("stepper.time"))
+    energy = property(attrgetter("stepper.energy"))
+    ledger = property(attrgetter("stepper.ledger"))
 
     def begin(self, initial: InitialState, history: LoadHistory) -> list[str]:
         """Puts a body that is at rest at the start of a run; what supports do not let it have of that, in words.
@@ -114,12 +98,8 @@ class FullOrderSimulator:
     def step(self, u: Array) -> None:
         """Advances by the stepper's dt.
 
-        Args:
-            u: the contact mode's columns, then the actuators'; the actuators' alone where the contact mode follows the
-                obstacles.
-
-        Raises:
-            StepError, SolverError: as the stepper.
+        Inputs `u` are the contact mode's columns, then the actuators'; the actuators' alone where the contact mode
+        follows the obstacles.
         """
         stepper, interface = self.stepper, self.stepper.interface
         if self._follows and interface is not None:
@@ -129,14 +109,6 @@ class FullOrderSimulator:
         inputs = self.environment.step_input(u, stepper.time, stepper.dt)
         stepper.step(inputs)
         self.environment.commit(inputs, stepper.dt)
-
-    def displacement(self, output: str | None = None) -> Array:
-        """Displacement, m: of a named output (points, 3), or of every mesh node (nodes, 3)."""
-        return self.stepper.displacement(output)
-
-    def velocity(self, output: str | None = None) -> Array:
-        """Velocity, m/s, as displacement."""
-        return self.stepper.velocity(output)
 
     def reading(self, name: str) -> Array:
         """A reading of the scene as it is now; of contact pressure in the last step. Its shape and unit: see Readings.
@@ -152,7 +124,3 @@ class FullOrderSimulator:
         """Forces of the obstacles on the body in the last step, (O, 3), N."""
         contact = self.stepper.contact
         return np.zeros((len(self.environment.obstacles), 3)) if contact is None else contact.by_obstacle
-
-    def close(self) -> None:
-        """Gives the memory back."""
-        self.stepper.close()

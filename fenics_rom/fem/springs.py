@@ -7,7 +7,7 @@ import scipy.sparse
 from petsc4py import PETSc
 
 from fenics_rom.fem.nodes import Nodes, patch_triangles, surface_mass
-from fenics_rom.fem.petsc_matrix import PetscMatrix
+from fenics_rom.fem.petsc_matrix import PetscMatrix, from_local_rows
 from fenics_rom.scene.places import Place
 from fenics_rom.scene.scene import Scene
 from fenics_rom.system.body import Unknowns
@@ -42,9 +42,7 @@ def with_surfaces(matrix: PetscMatrix, scalar: scipy.sparse.csr_matrix | None, u
     Z = unknowns.matrix
     here = (Z[:, start:stop].T @ scipy.sparse.kron(scalar, np.eye(3), format="csr") @ Z).tocsr()
     here.sort_indices()
-    sizes = ((matrix.local, matrix.size), (matrix.local, matrix.size))
-    csr = (here.indptr.astype(PETSc.IntType), here.indices.astype(PETSc.IntType), here.data)
-    added = PETSc.Mat().createAIJ(sizes, bsize=matrix.mat.getBlockSize(), csr=csr, comm=matrix.mat.comm)
+    added = from_local_rows(here, matrix.mat.comm)
     total = matrix.mat.copy()
     total.axpy(1.0, added, structure=PETSc.Mat.Structure.UNKNOWN_NONZERO_PATTERN)
     added.destroy()

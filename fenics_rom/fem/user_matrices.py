@@ -5,6 +5,7 @@ What one rank finds wrong is raised on every rank, so none waits for another.
 
 from collections.abc import Callable, Mapping
 from contextlib import closing
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -27,15 +28,7 @@ DIFFERENT_PATTERN = PETSc.Mat.Structure.DIFFERENT_NONZERO_PATTERN
 
 
 def checked_fields(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Fields of a system; the matrices that were given stay as they are.
-
-    Args:
-        given: "mass" and "stiffness", "damping" or "rayleigh", "contacts", "actuators", "outputs", "rigid", "warnings".
-
-    Raises:
-        StructureError: on all ranks, with the measured number.
-        SolverError: PETSc is a complex-valued build.
-    """
+    """As those of `fenics_rom.system.user_matrices`, by all ranks; the matrices that were given stay as they are."""
     require_real(PETSc.ScalarType)
     present = {name: given[name] for name in MATRICES if given[name] is not None}
     for name, matrix in present.items():
@@ -53,7 +46,9 @@ def checked_fields(given: Mapping[str, Any]) -> dict[str, Any]:
     algebra, rayleigh = PetscAlgebra(comm, mass.getOwnershipRange()), given["rayleigh"]
     R = np.empty((M.local, 0)) if given["rigid"] is None else _checked_block(comm, given["rigid"], "rigid", M.local)
     R = checked_rigid_columns(M, K, R, algebra)
-    warnings.append(_check_definite_stiffness(K, R, algebra))
+    fixed = choose_fixed_dofs(R, algebra)
+    singular = partial(is_singular, K, algebra=algebra, fixed=fixed)
+    warnings.append(_check_definite("stiffness", fix_dofs(K.mat.copy(), fixed), null_space_hint(R), singular))
     D: PetscMatrix | ZeroMatrix
     if rayleigh is None:
         D = PetscMatrix(mats["damping"])
@@ -71,38 +66,26 @@ def checked_fields(given: Mapping[str, Any]) -> dict[str, Any]:
 
 
 def refuse_together(comm: Any, complaint: str) -> None:
-    """Raises on every rank what the first rank that complains has to say.
-
-    Raises:
-        StructureError: some rank's complaint is not empty.
-    """
+    """Raises on every rank what the first rank that complains has to say; empty complaints are none."""
     for rank, message in enumerate(comm.allgather(complaint)):
         if message:
             raise StructureError(f"{message} (rank {rank})" if comm.size > 1 else message)
 
 
 def spread(read: Callable[[], tuple[dict[str, Any], dict[str, dict[str, Any]]]]) -> tuple[dict[str, Any], ...]:
-    """SciPy matrices and NumPy columns that rank 0 reads, as PETSc matrices and columns with their rows spread.
-
-    Args:
-        read: gives the matrices by name, and the columns by kind and name; only rank 0 calls it.
-
-    Raises:
-        StructureError: what `read` raises, on every rank.
-    """
+    """SciPy matrices by name and NumPy columns by kind and name, which rank 0 reads, with their rows spread."""
     comm, parts = MPI.COMM_WORLD, []
     run_on_rank_0(comm, lambda: parts.append(read()))  # what was read stays on rank 0
     square, tall = parts[0] if parts else ({}, {})
-    names = comm.bcast(list(square), root=0)
-    matrices = {name: _spread_matrix(comm, square.get(name)) for name in names}
-    shares = [
-        {
+    matrices = {name: _spread_matrix(comm, square.get(name)) for name in comm.bcast(list(square), root=0)}
+
+    def share(rank: int) -> dict[str, dict[str, np.ndarray]]:
+        return {
             kind: {name: np.array_split(block, comm.size)[rank] for name, block in given.items()}
             for kind, given in tall.items()
         }
-        for rank in range(comm.size)
-    ]
-    return matrices, comm.scatter(shares, root=0)
+
+    return matrices, comm.scatter([share(rank) for rank in range(comm.size)], root=0)
 
 
 def spread_system(read: Any, rayleigh: tuple[float, float] | None) -> System:
@@ -175,30 +158,21 @@ def _symmetric_copy(name: str, matrix: PETSc.Mat) -> PETSc.Mat:
     return A
 
 
-def _check_definite(name: str, matrix: PETSc.Mat) -> str:
-    """Refuses by the pivots of a factor, which uses the matrix up; returns what to warn of where it has no room."""
+def _check_definite(
+    name: str, matrix: PETSc.Mat, hint: str = "", singular: Callable[[PetscFactor], bool] = lambda _: False
+) -> str:
+    """Refuses by the pivots of a factor, which uses the matrix up, or as singular, as round-off makes zeros positive;
+    returns what to warn of where there is no room for a factor."""
     kind = "semi-definite" if name == "damping" else "definite"
     try:
-        PetscFactor(matrix).close()
+        with closing(PetscFactor(matrix)) as factor:
+            lack = ", but singular to round-off" if singular(factor) else ""
     except MemoryShortage as error:
         return f"{name}: nobody has seen whether it is positive {kind}: {error.shortage}"
     except SolverError as error:
-        raise StructureError(f"{name} is not positive {kind}: {error}") from error
-    return ""
-
-
-def _check_definite_stiffness(K: PetscMatrix, R: np.ndarray, algebra: PetscAlgebra) -> str:
-    """The same of K beside its rigid motions, where pivots alone would not do: round-off makes zeros positive."""
-    fixed = choose_fixed_dofs(R, algebra)
-    try:
-        with closing(PetscFactor(fix_dofs(K.mat.copy(), fixed))) as factor:
-            singular = is_singular(K, factor, algebra, fixed)
-    except MemoryShortage as error:
-        return f"stiffness: nobody has seen whether it is positive definite: {error.shortage}"
-    except SolverError as error:
-        raise StructureError(f"stiffness is not positive definite: {error}{null_space_hint(R)}") from error
-    if singular:
-        raise StructureError(f"stiffness is not positive definite, but singular to round-off{null_space_hint(R)}")
+        raise StructureError(f"{name} is not positive {kind}: {error}{hint}") from error
+    if lack:
+        raise StructureError(f"{name} is not positive {kind}{lack}{hint}")
     return ""
 
 

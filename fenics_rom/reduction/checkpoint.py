@@ -17,7 +17,7 @@ from fenics_rom.io.hdf5 import Entry, Table, get_arrays, get_text, put_arrays, p
 from fenics_rom.io.mpi_ranks import is_rank_0
 from fenics_rom.reduction.problem import ReductionProblem
 from fenics_rom.reduction.projection import RetainedBasis
-from fenics_rom.system.probes import probe_columns
+from fenics_rom.system.columns import probe_columns
 from fenics_rom.system.protocols import Array
 
 PROBE_TOLERANCE = 1e-9  # largest relative difference between probes of the same system

@@ -17,7 +17,7 @@ from fenics_rom.reduction.common_basis import Subspace, orthogonal_complement, p
 from fenics_rom.reduction.frequency_response import dynamic_product, mass_norms, response
 from fenics_rom.reduction.krylov_augmentation import KrylovAugmentation
 from fenics_rom.reduction.problem import RankedBasis, ReductionProblem
-from fenics_rom.system.complex_columns import apply_to_complex
+from fenics_rom.system.columns import apply_to_complex
 from fenics_rom.system.protocols import Array
 
 CONVERGENCE_TOLERANCE = 1e-7  # relative change of σ and of frequency responses that ends the growth of a space

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fenics_rom.reduction.problem import ReductionProblem
-from fenics_rom.system.probes import probe_columns
+from fenics_rom.system.columns import probe_columns
 from fenics_rom.system.protocols import Array
 from fenics_rom.system.system import System
 

@@ -76,35 +76,24 @@ class Algebra(Protocol):
 
 
 class Deformation(Protocol):
-    """How a full-order body deforms largely: a potential ∫ W(E) in place of ½ xᵀ K x, and what steps it."""
+    """How a full-order body deforms largely: a potential ∫ W(E) in place of ½ xᵀ K x, and what steps it.
 
-    @property
-    def law(self) -> str:
-        """Of the material, one of `hyperelastic.LAWS`."""
+    Attributes:
+        law: of the material, one of `hyperelastic.LAWS`.
+        weights: volumes that the quadrature points of this rank stand for, (P here,), m³.
+        first_lame, shear: λ and μ there, (P here,), Pa.
+        viscosity: β there, (P here,), s: of the stress β (λ tr(Ė) I + 2μ Ė).
+        spring: K_s of springs to ground, N/m; None: no springs.
+        external_damping: D_c, damping that does not strain: α M and dashpots, N s/m; None: nothing.
+    """
 
-    @property
-    def weights(self) -> Array:
-        """Volumes that the quadrature points of this rank stand for, (P here,), m³."""
-
-    @property
-    def first_lame(self) -> Array:
-        """λ there, (P here,), Pa."""
-
-    @property
-    def shear(self) -> Array:
-        """μ there, (P here,), Pa."""
-
-    @property
-    def viscosity(self) -> Array:
-        """β there, (P here,), s: of the stress β (λ tr(Ė) I + 2μ Ė)."""
-
-    @property
-    def spring(self) -> Operator | None:
-        """K_s of springs to ground, N/m; None: no springs."""
-
-    @property
-    def external_damping(self) -> Operator | None:
-        """D_c, damping that does not strain: α M and dashpots, N s/m; None: nothing."""
+    law: str
+    weights: Array
+    first_lame: Array
+    shear: Array
+    viscosity: Array
+    spring: Operator | None
+    external_damping: Operator | None
 
     @property
     def tendons(self) -> Mapping[str, tuple[Array, Array]]:

@@ -8,7 +8,7 @@ import numpy as np
 import scipy.linalg
 
 from fenics_rom.errors import StructureError
-from fenics_rom.system.probes import probe_columns
+from fenics_rom.system.columns import probe_columns
 from fenics_rom.system.protocols import Algebra, Array, Factor, Operator
 
 # Share of the mean eigenvalue, as energy of an M-orthonormal motion, that is round-off: assembled bodies are at 1e-16.
@@ -18,16 +18,7 @@ REGULAR_SOLVE_ERROR = 1e-2  # largest relative error of K⁻¹K z where K is not
 
 
 def mass_orthonormal(M: Operator, columns: Array, algebra: Algebra) -> Array:
-    """R (rows here, ρ) of the same span with RᵀMR = I, kg^-1/2.
-
-    Args:
-        M: mass matrix.
-        columns: (rows here, ρ), independent.
-        algebra: of M.
-
-    Raises:
-        StructureError: the columns depend on each other.
-    """
+    """R (rows here, ρ) of the same span as independent columns (rows here, ρ), with RᵀMR = I, kg^-1/2."""
     R = columns
     for _ in range(2 if columns.shape[1] else 0):  # once more for what a Gram matrix of columns far apart loses
         gram = algebra.inner(R, M @ R)
@@ -50,12 +41,9 @@ def without_energy(M: Operator, K: Operator, motions: Array, algebra: Algebra) -
     return motions if free.all() else motions @ U[:, free]
 
 
-def _check_strains_nothing(M: Operator, K: Operator, R: Array, algebra: Algebra) -> None:
-    """Refuses M-orthonormal columns that strain the body.
-
-    Raises:
-        StructureError: with the measured number.
-    """
+def checked_rigid_columns(M: Operator, K: Operator, columns: Array, algebra: Algebra) -> Array:
+    """R of anyone's columns (rows here, ρ); refuses those that strain the body, with the measured number."""
+    R = mass_orthonormal(M, columns, algebra)
     if R.shape[1]:
         energy = float(np.linalg.eigvalsh(algebra.inner(R, K @ R))[-1])
         scale = mean_eigenvalue(M, K, algebra)
@@ -64,16 +52,6 @@ def _check_strains_nothing(M: Operator, K: Operator, R: Array, algebra: Algebra)
                 f"rigid: stiffness sees these columns: RᵀKR is up to {energy:.1e} for RᵀMR = 1, of any columns about "
                 f"{scale:.1e}; allowed are columns that span its null space"
             )
-
-
-def checked_rigid_columns(M: Operator, K: Operator, columns: Array, algebra: Algebra) -> Array:
-    """R of anyone's columns (rows here, ρ), measured.
-
-    Raises:
-        StructureError: they depend on each other, or strain the body.
-    """
-    R = mass_orthonormal(M, columns, algebra)
-    _check_strains_nothing(M, K, R, algebra)
     return R
 
 
@@ -84,14 +62,7 @@ def mean_eigenvalue(M: Operator, K: Operator, algebra: Algebra) -> float:
 
 
 def is_singular(K: Operator, factor: Factor, algebra: Algebra, fixed: Array) -> bool:
-    """Whether K cannot be told from a singular matrix, though its pivots are positive: K⁻¹K z is not z.
-
-    Args:
-        K: stiffness matrix.
-        factor: of K with some degrees of freedom fixed.
-        algebra: of K.
-        fixed: which.
-    """
+    """Whether K, `fixed` as in its factor, is singular, though its pivots are positive: K⁻¹K z is not z."""
     free = free_rows(algebra, fixed)
     z = free * probe_columns(algebra, 1)
     error = factor.solve(free * (K @ z)) - z

@@ -9,7 +9,7 @@ import scipy.sparse
 from fenics_rom.errors import SolverError, StructureError
 from fenics_rom.system.backends import belongs_to
 from fenics_rom.system.body import body_without_mesh
-from fenics_rom.system.protocols import Algebra, Array, Operator
+from fenics_rom.system.protocols import Array
 from fenics_rom.system.rayleigh_damping import fitted_rayleigh
 from fenics_rom.system.rigid_modes import checked_rigid_columns, choose_fixed_dofs, is_singular, null_space_hint
 from fenics_rom.system.scipy_backend import MatrixAlgebra, MatrixFactor, with_fixed_dofs
@@ -20,14 +20,7 @@ SYMMETRY_TOLERANCE = 1e-10  # largest accepted |A - Aᵀ| as a share of |A|
 
 
 def checked_fields(given: Mapping[str, Any]) -> dict[str, Any]:
-    """Fields of a system.
-
-    Args:
-        given: "mass" and "stiffness", "damping" or "rayleigh", "contacts", "actuators", "outputs", "rigid".
-
-    Raises:
-        StructureError: matrices or columns that do not fit or lack structure, with the measured number.
-    """
+    """Fields of a system; refuses matrices or columns that do not fit or lack structure, with the measured number."""
     _refuse_petsc_and_complex(given)
     M = checked_matrix(given["mass"], "mass", None, definite=True)
     size = M.shape[0]
@@ -35,18 +28,6 @@ def checked_fields(given: Mapping[str, Any]) -> dict[str, Any]:
     K = checked_matrix(given["stiffness"], "stiffness", size, definite=None)
     R = np.empty((size, 0)) if given["rigid"] is None else checked_block(given["rigid"], "rigid", size)
     R = checked_rigid_columns(M, K, R, algebra)
-    _check_definite(K, R, algebra)
-    damping = given["damping"] if rayleigh is None else rayleigh[0] * M + rayleigh[1] * K
-    D = checked_matrix(damping, "damping", size, definite=False)
-    return {
-        **{"mass": M, "damping": D, "stiffness": K, "algebra": algebra, "body": body_without_mesh(size)},
-        **{kind: checked_columns(given[kind], kind, size) for kind in COLUMNS},
-        "rayleigh": rayleigh or fitted_rayleigh(M, D, K, algebra),
-        "rigid": R,
-    }
-
-
-def _check_definite(K: Operator, R: Array, algebra: Algebra) -> None:
     fixed = choose_fixed_dofs(R, algebra)
     try:
         singular = is_singular(K, MatrixFactor(with_fixed_dofs(K, fixed)), algebra, fixed)
@@ -54,6 +35,17 @@ def _check_definite(K: Operator, R: Array, algebra: Algebra) -> None:
         raise StructureError(f"stiffness is not positive definite{null_space_hint(R)}") from error
     if singular:
         raise StructureError(f"stiffness is not positive definite, but singular to round-off{null_space_hint(R)}")
+    damping = given["damping"] if rayleigh is None else rayleigh[0] * M + rayleigh[1] * K
+    D = checked_matrix(damping, "damping", size, definite=False)
+    return {
+        **{"mass": M, "damping": D, "stiffness": K, "algebra": algebra, "body": body_without_mesh(size)},
+        **{
+            kind: {name: checked_block(block, f"{kind}[{name!r}]", size) for name, block in given[kind].items()}
+            for kind in COLUMNS
+        },
+        "rayleigh": rayleigh or fitted_rayleigh(M, D, K, algebra),
+        "rigid": R,
+    }
 
 
 def _refuse_petsc_and_complex(given: Mapping[str, Any]) -> None:
@@ -67,11 +59,7 @@ def _refuse_petsc_and_complex(given: Mapping[str, Any]) -> None:
 
 
 def checked_matrix(matrix: Any, name: str, size: int | None, definite: bool | None) -> Any:
-    """A float matrix with its structure measured, definiteness but where None; sparse ones become CSR.
-
-    Raises:
-        StructureError: not square, of another size, not finite, not symmetric or not (semi-)definite; with numbers.
-    """
+    """A float matrix with its structure measured, definiteness but where None; sparse ones become CSR."""
     sparse = scipy.sparse.issparse(matrix)
     A = scipy.sparse.csr_matrix(matrix, dtype=float) if sparse else np.array(matrix, dtype=float)
     if A.ndim != 2 or A.shape[0] != A.shape[1] or A.shape[0] != (size or A.shape[0]) or A.shape[0] == 0:
@@ -93,21 +81,8 @@ def checked_matrix(matrix: Any, name: str, size: int | None, definite: bool | No
     return A
 
 
-def checked_columns(columns: Mapping[str, Any], name: str, size: int) -> dict[str, Array]:
-    """Float columns (size, any number) by name; one column may be a vector.
-
-    Raises:
-        StructureError: another number of rows, no column, or not finite.
-    """
-    return {key: checked_block(block, f"{name}[{key!r}]", size) for key, block in columns.items()}
-
-
 def checked_block(block: Any, where: str, size: int) -> Array:
-    """Float columns (size, any number); one may be a vector.
-
-    Raises:
-        StructureError: as `checked_columns`.
-    """
+    """Float columns (size, any number), finite and at least one; one may be a vector."""
     dense = block.toarray() if scipy.sparse.issparse(block) else np.array(block, dtype=float)
     dense = dense[:, None] if dense.ndim == 1 else dense
     if dense.ndim != 2 or dense.shape[0] != size or dense.shape[1] == 0:

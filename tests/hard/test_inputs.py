@@ -12,7 +12,6 @@ from rom_files import put, refusal, tampered
 
 import fenics_rom as fr
 from fenics_rom.errors import FileError, MeshError, SceneError, SolverError, StructureError
-from fenics_rom.fem.gmsh_file import GmshFile, Group
 from fenics_rom.fem.mesh import _from_gmsh, read_mesh
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.linearity import SurfaceGauges
@@ -82,17 +81,18 @@ def test_cell_of_a_node_that_there_is_not_is_refused(tmp_path, version):
     ("more", "what"),
     [
         ({"cells": np.array([[1, 2, 3, 4]])}, "nodes"),
-        ({"groups": (Group(2, 1, "left", np.array([1, 2, 4])),)}, "nodes"),
-        ({"groups": (Group(3, 1, "body", np.array([8])),)}, "cells"),
+        ({"dimensions": [2], "tags": [1], "names": ["left"], "group0": np.array([1, 2, 4])}, "nodes"),
+        ({"dimensions": [3], "tags": [1], "names": ["body"], "group0": np.array([8])}, "cells"),
     ],
 )
 def test_node_or_cell_that_gmsh_does_not_miss_is_missed(more, what):
     """What Gmsh makes of some damaged files: a cell of a node that is not among the nodes."""
-    points = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
-    whole = GmshFile(np.array([1, 2, 3, 5]), points, (), np.array([7]), np.array([[1, 2, 3, 5]]), ())
+    points, nodes = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]]), np.array([1, 2, 3, 5])
+    whole = {"nodes": nodes, "points": points.ravel(), "kinds": [], "numbers": np.array([7]), "cells": nodes}
+    whole |= {"dimensions": [], "tags": [], "names": []}
     assert len(_from_gmsh(whole, Path("whole.msh"), {})[1]) == 1
     with pytest.raises(MeshError, match=f"names {what} that it does not hold"):
-        _from_gmsh(replace(whole, **more), Path("hole.msh"), {})
+        _from_gmsh(whole | more, Path("hole.msh"), {})
 
 
 @pytest.mark.parametrize("version", [2.2, 4.1])

@@ -39,7 +39,7 @@ class FullOrderDeformation:
         """As in `system.Deformation`."""
         fields = np.zeros((3 * self.model.points.node_count, columns.shape[1]))
         fields[self.model.free] = self.model.algebra.gather(columns)
-        return self.model.points.column_gradients(fields.reshape(-1, 3, columns.shape[1]))
+        return self.model.points.gradients(fields.reshape(-1, 3, columns.shape[1]))
 
     def force(self, x: Array) -> Array:
         """As in `system.Deformation`."""
@@ -75,21 +75,13 @@ def assemble_deformation(
     external_damping: PetscMatrix | None,
     spring: PetscMatrix | None,
 ) -> FullOrderDeformation:
-    """The deformation of an assembled system.
-
-    Args:
-        system: assembled from a scene that names the effect.
-        nodes: of its mesh.
-        cell_properties: λ, μ (Pa) and β (s) of cells of the mesh file.
-        external_damping: D_c, N s/m.
-        spring: K_s, N/m.
-    """
+    """The deformation of a system whose scene names it: λ, μ (Pa) and β (s) of cells, D_c (N s/m) and K_s (N/m)."""
     scene = system.scene
     assert scene is not None
+    assert scene.effects.large_deformation is not None
     points = QuadraturePoints(nodes, scene.degree, system.algebra.comm)  # type: ignore[attr-defined]
     points_per_cell = points.shape_gradients.shape[1]
     moduli = (np.repeat(values, points_per_cell) for values in cell_properties(points.cells))
-    assert scene.effects.large_deformation is not None
     material = HyperelasticMaterial(scene.effects.large_deformation.material, *moduli)
     mass: PetscMatrix = system.mass  # type: ignore[assignment]
     matrices, followers = (mass, external_damping, spring), _follower_loads(scene, nodes)

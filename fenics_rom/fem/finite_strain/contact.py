@@ -7,35 +7,24 @@ exactly, whatever W = S A⁻¹ Sᵀ stands for. So only the balance of momentum 
 
 import numpy as np
 
-from fenics_rom.fem.contact_interface import FullOrderInterface
 from fenics_rom.fem.direct import PetscFactor
+from fenics_rom.fem.full_order_body import FullOrderInterface
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointMotion
 
 Array = np.ndarray
 
 
 class ContactInNewton:
-    """Contact in the iteration of a step; for each part of one `begin`, then `resolve` and `push`.
-
-    Args:
-        interface: the contact points.
-    """
+    """Contact in the iteration of a step; for each part of one `begin`, then `resolve` and `push`."""
 
     def __init__(self, interface: FullOrderInterface):
         self._interface = interface
         self._is_rigid = not interface.solver.law.stiffness
         self._factor: PetscFactor | None = None
-        self._delassus = np.empty((0, 0))
+        self._delassus: Array | None = None
 
     def begin(self, x: Array, v: Array, h: float, obstacles: ObstacleMotion, quasi_static: bool) -> None:
-        """Notes where a part of a step begins.
-
-        Args:
-            x, v: displacement and velocity (rows here, 1), m and m/s.
-            h: of the part, s.
-            obstacles: how they move in it.
-            quasi_static: whether it leads to an equilibrium.
-        """
+        """Notes where a part of h, s, of a step begins, which may lead to an equilibrium: x and v (rows here, 1)."""
         self._x, self._v, self._h = self._interface.at_points(x), self._interface.at_points(v), h
         self._obstacles, self._quasi_static = obstacles, quasi_static
         solver = self._interface.solver
@@ -43,21 +32,20 @@ class ContactInNewton:
         self._gap = float(solver.gaps(self._x, obstacles.start).min())
 
     def use(self, factor: PetscFactor) -> None:
-        """The factor of A; W is made of it as soon as an obstacle is within reach."""
+        """The factor of A; W (3P, 3P), m/s/N, is made of it as soon as an obstacle is within reach."""
         if self._factor is not factor:
-            self._factor, self._delassus = factor, np.empty((0, 0))
+            self._factor, self._delassus = factor, None
 
     def resolve(self, v: Array, last: ContactSolution | None) -> ContactSolution | None:
-        """Contact with a mid-step velocity (rows here, 1) that was found with the last contact of this step.
-
-        Raises:
-            StepError: no forces were found.
-        """
+        """Contact with a mid-step velocity (rows here, 1) that was found with the last contact of this step."""
         self.rollback()
         free = self._interface.at_points(v)
         if last is None and self._is_out_of_reach(free):
             return None
-        W = self._operator()
+        if self._delassus is None:
+            assert self._factor is not None
+            self._delassus = self._interface.delassus(self._factor.solve(self._interface.Sᵀ))
+        W = self._delassus
         if last is not None:
             free = free - (W @ last.forces.ravel()).reshape(-1, 3)
         points = PointMotion(self._x, self._v, free)
@@ -71,13 +59,6 @@ class ContactInNewton:
         """Forgets the contact that was found since `begin`."""
         solver = self._interface.solver
         solver.last_forces, solver.residual = self._before
-
-    def _operator(self) -> Array:
-        """W (3P, 3P), m/s/N."""
-        if not self._delassus.size:
-            assert self._factor is not None
-            self._delassus = self._interface.delassus(self._factor.solve(self._interface.Sᵀ))
-        return self._delassus
 
     def _is_out_of_reach(self, v: Array) -> bool:
         """Whether no pair of the rigid law can come too close at velocities v (P, 3) of the points."""

@@ -1,7 +1,5 @@
 """Forces that follow the body: pressure on the moved surface, and tendons through moved points."""
 
-from typing import Protocol
-
 import numpy as np
 
 from fenics_rom.fem.finite_strain.quadrature import tabulate
@@ -11,23 +9,8 @@ from fenics_rom.mechanics.tendon import measure_segments, sum_end_forces, unit_t
 Array = np.ndarray
 
 
-class FollowerLoad(Protocol):
-    """A force that depends on the displacement."""
-
-    def force(self, u: Array) -> Array:
-        """Of a unit input, (N, 3), at displacements (N, 3)."""
-
-    def jvp(self, u: Array, du: Array) -> Array:
-        """Its change (N, 3) with a change (N, 3) of displacements (N, 3)."""
-
-
 class PressureLoad:
-    """1 Pa on a surface: -∫ n dA on the moved one, exactly the change of the enclosed volume with each node.
-
-    Args:
-        nodes: all nodes.
-        triangles: (F, 3) outward, between vertices.
-    """
+    """1 Pa on outward triangles (F, 3): -∫ n dA of the moved ones, the change of the enclosed volume with each node."""
 
     def __init__(self, nodes: Nodes, triangles: Array):
         degree = 2 if len(nodes.edges) else 1
@@ -38,12 +21,12 @@ class PressureLoad:
         self._shapes, self._shape_gradients, self._weights = tabulate("triangle", degree, 3 * degree - 2)
 
     def force(self, u: Array) -> Array:
-        """As in FollowerLoad."""
+        """Of a unit input, (N, 3), at displacements (N, 3)."""
         x_ξ, x_η = self._tangents(self._rest + u)
         return self._assemble(np.cross(x_ξ, x_η))
 
     def jvp(self, u: Array, du: Array) -> Array:
-        """As in FollowerLoad."""
+        """Its change (N, 3) with a change (N, 3) of displacements (N, 3)."""
         x_ξ, x_η = self._tangents(self._rest + u)
         dx_ξ, dx_η = self._tangents(du)
         return self._assemble(np.cross(dx_ξ, x_η) + np.cross(x_ξ, dx_η))
@@ -61,23 +44,21 @@ class PressureLoad:
 
 
 class TendonPull:
-    """A tension of 1 N in a cable through points of the body: -∂ℓ/∂x of its length ℓ.
-
-    Args:
-        points: (K, 3), m, at rest.
-        shapes: (K, N) shape functions there.
-    """
+    """A tension of 1 N in a cable through points (K, 3) at rest, shape functions (K, N): -∂ℓ/∂x of its length ℓ."""
 
     def __init__(self, points: Array, shapes: Array):
         self.points, self.shapes = points, shapes
 
     def force(self, u: Array) -> Array:
-        """As in FollowerLoad."""
+        """As of PressureLoad."""
         return self.shapes.T @ unit_tension_forces(self.points + self.shapes @ u)
 
     def jvp(self, u: Array, du: Array) -> Array:
-        """As in FollowerLoad."""
+        """As of PressureLoad."""
         pieces, lengths = measure_segments(self.points + self.shapes @ u)
         directions, change = pieces / lengths, np.diff(self.shapes @ du, axis=0)
         elongation = np.einsum("ki,ki->k", directions, change)[:, None]
         return self.shapes.T @ sum_end_forces((change - elongation * directions) / lengths)
+
+
+FollowerLoad = PressureLoad | TendonPull

@@ -14,22 +14,14 @@ MAX_PRODUCTS = 60  # for one solution
 
 
 class Gmres:
-    """GMRES (Saad & Schultz, 1986) on vectors of which each rank holds its rows.
-
-    Args:
-        local, size: number of rows here, and of all.
-        comm: PETSc's communicator.
-
-    Attributes:
-        products: how many there have been.
-    """
+    """GMRES (Saad & Schultz, 1986) on vectors with `local` of `size` rows on this rank; `products` are counted."""
 
     def __init__(self, local: int, size: int, comm: Any):
         sizes = ((local, size), (local, size))
         self._apply: Callable[[Array], Array] = lambda column: column
         self._factor: PetscFactor | None = None
         self.products = 0
-        self._matrix = PETSc.Mat().createPython(sizes, context=_Product(self), comm=comm)
+        self._matrix = PETSc.Mat().createPython(sizes, context=self, comm=comm)
         self._matrix.setUp()
         self._right, self._solution = self._matrix.createVecs()
         self._ksp = PETSc.KSP().create(comm)
@@ -39,7 +31,7 @@ class Gmres:
         self._ksp.setPCSide(PETSc.PC.Side.RIGHT)  # so that it is the residual itself that gets small
         self._preconditioner = self._ksp.getPC()
         self._preconditioner.setType("python")
-        self._preconditioner.setPythonContext(_Preconditioner(self))
+        self._preconditioner.setPythonContext(self)
 
     def solve(self, apply: Callable[[Array], Array], factor: PetscFactor, right: Array, residual: float) -> Array:
         """A solution (rows here, 1) of `apply`(x) = right (rows here, 1) to a residual, as a share of |right|."""
@@ -50,30 +42,18 @@ class Gmres:
         self._ksp.solve(self._right, self._solution)
         return self._solution.array[:, None].copy()
 
+    def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """The product with the matrix, as PETSc calls it."""
+        self.products += 1
+        y.array[:] = self._apply(x.array_r[:, None])[:, 0]
+
+    def apply(self, _: PETSc.PC, x: PETSc.Vec, y: PETSc.Vec) -> None:
+        """The preconditioner, as PETSc calls it."""
+        assert self._factor is not None
+        self._factor.apply(x, y)
+
     def close(self) -> None:
         """Gives the memory back."""
         self._ksp.reset()
         for part in (self._preconditioner, self._ksp, self._right, self._solution, self._matrix):
             part.destroy()
-
-
-class _Product:
-    """The matrix as PETSc calls it."""
-
-    def __init__(self, gmres: Gmres):
-        self._gmres = gmres
-
-    def mult(self, _: Any, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        self._gmres.products += 1
-        y.array[:] = self._gmres._apply(x.array_r[:, None])[:, 0]
-
-
-class _Preconditioner:
-    """The factor as PETSc calls it."""
-
-    def __init__(self, gmres: Gmres):
-        self._gmres = gmres
-
-    def apply(self, _: Any, x: PETSc.Vec, y: PETSc.Vec) -> None:
-        assert self._gmres._factor is not None
-        self._gmres._factor.apply(x, y)

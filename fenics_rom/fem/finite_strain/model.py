@@ -63,12 +63,7 @@ class FiniteStrainModel:
 
 @dataclass(frozen=True)
 class ExternalForce:
-    """What pushes in a step.
-
-    Attributes:
-        dead: force (rows here, 1), N, that does not follow the body.
-        following: values and followers of those that do.
-    """
+    """What pushes in a step: a dead force (rows here, 1), N, and values of what follows the body."""
 
     dead: Array
     following: tuple[tuple[float, FollowerLoad], ...]

@@ -8,11 +8,11 @@ import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import partial
-from typing import Protocol
 
 import numpy as np
 
 from fenics_rom.fem.direct import PetscFactor
+from fenics_rom.fem.finite_strain.contact import ContactInNewton
 from fenics_rom.fem.finite_strain.gmres import Gmres
 from fenics_rom.fem.finite_strain.residuals import StepResidual, TrialStep
 from fenics_rom.mechanics.contact import ContactSolution
@@ -50,22 +50,12 @@ class NewtonIterate:
     iterations: int
 
 
-class ContactCoupling(Protocol):
-    """Obstacles in a step."""
-
-    def resolve(self, v: Array, last: ContactSolution | None) -> ContactSolution | None:
-        """Contact with a mid-step velocity (rows here, 1) that was found with the last contact."""
-
-    def push(self, touched: ContactSolution | None) -> Array:
-        """Its force (rows here, 1), N."""
-
-
 def solve_step(
     equation: StepResidual,
     guesses: list[Array],
     factor: PetscFactor,
     gmres: Gmres,
-    coupling: ContactCoupling | None,
+    coupling: ContactInNewton | None,
     dot: Callable[[Array, Array], float],
     last: ContactSolution | None,
 ) -> NewtonIterate:
@@ -79,9 +69,6 @@ def solve_step(
         coupling: the obstacles; None: there are none.
         dot: product of columns (rows here, 1).
         last: contact in the step before, whose forces are the first guess.
-
-    Raises:
-        NotConvergedError: there is none within reach.
     """
 
     def iterate_at(v: Array, contact: ContactSolution | None, iterations: int) -> NewtonIterate:

@@ -15,7 +15,7 @@ from petsc4py import PETSc
 
 from fenics_rom.fem.finite_strain.quadrature import QuadraturePoints
 from fenics_rom.fem.finite_strain.stresses import IDENTITY, HyperelasticMaterial
-from fenics_rom.fem.petsc_matrix import PetscMatrix
+from fenics_rom.fem.petsc_matrix import PetscMatrix, from_local_rows
 from fenics_rom.mechanics.hyperelastic import VOIGT_PAIRS, VOIGT_SHEAR
 
 Array = np.ndarray
@@ -35,12 +35,7 @@ class TangentCoefficients:
 class TangentPreconditioner:
     """Assembles A, again and again in the same pattern.
 
-    Args:
-        points: of the cells of this rank.
-        material: theirs.
-        free: (n,) free displacement components.
-        rows: of this rank among them.
-        constant_terms: M, D_c and K_s; None: zero.
+    Of `free` components (n,) this rank has `rows`; `constant_terms` are M, D_c and K_s or None.
     """
 
     def __init__(
@@ -81,20 +76,11 @@ class TangentPreconditioner:
         total = scipy.sparse.bsr_matrix(bsr, shape=(self._size, self._size)).tocsr()
         if len(self._kept) < self._size:  # some nodes are partly held
             total = total[self._kept][:, self._kept]
-        return self._add_constant_terms(self._exchange_rows(total), coefficients)
-
-    def _exchange_rows(self, total: scipy.sparse.csr_matrix) -> scipy.sparse.csr_matrix:
-        """The rows of this rank (rows here, n), of all ranks' parts."""
         comm = self._comm.tompi4py()
-        if comm.size == 1:
-            return total
-        return sum(comm.alltoall([total[rows] for rows in comm.allgather(self._rows)]))
-
-    def _add_constant_terms(self, local: scipy.sparse.csr_matrix, coefficients: TangentCoefficients) -> PETSc.Mat:
-        local.sort_indices()
-        rows, size = local.shape
-        csr = (local.indptr.astype(PETSc.IntType), local.indices.astype(PETSc.IntType), local.data)
-        matrix = PETSc.Mat().createAIJ(((rows, size), (rows, size)), csr=csr, comm=self._comm)
+        if comm.size > 1:  # the rows of this rank, of all ranks' parts
+            total = sum(comm.alltoall([total[rows] for rows in comm.allgather(self._rows)]))
+        total.sort_indices()
+        matrix = from_local_rows(total, self._comm)
         factors = coefficients.mass, coefficients.external_damping, coefficients.stiffness
         for factor, term in zip(factors, self._constant_terms, strict=True):
             if term is not None and factor:

@@ -9,7 +9,8 @@ import basix
 import numpy as np
 import scipy.sparse
 
-from fenics_rom.fem.nodes import CELL_EDGES, Nodes
+from fenics_rom.fem.mesh import CELL_EDGES
+from fenics_rom.fem.nodes import Nodes
 
 Array = np.ndarray
 
@@ -70,14 +71,10 @@ class QuadraturePoints:
         return scipy.sparse.csr_matrix((values.ravel(), columns.ravel(), row_starts), shape=shape)
 
     def gradients(self, u: Array) -> Array:
-        """H (3, 3, P here) of displacements of all nodes (N, 3), H[i, j] = ∂u_i/∂X_j."""
-        return np.stack([(self._gradient @ component).reshape(3, -1) for component in u.T])
-
-    def column_gradients(self, fields: Array) -> Array:
-        """H (3, 3, P here, k) of k displacement fields of all nodes, (N, 3, k)."""
-        H = np.empty((3, 3, len(self.weights), fields.shape[2]))
+        """H (3, 3, P here, ...) of displacements of all nodes (N, 3, ...), H[i, j] = ∂u_i/∂X_j."""
+        H = np.empty((3, 3, len(self.weights), *u.shape[2:]))
         for i in range(3):
-            H[i] = (self._gradient @ fields[:, i]).reshape(3, -1, fields.shape[2])
+            H[i] = (self._gradient @ u[:, i]).reshape(H[i].shape)
         return H
 
     def internal_force(self, P: Array) -> Array:

@@ -5,7 +5,6 @@ Equilibrium   r = force(x⁺) - K_s x⁺ - f(x⁺) = 0
 """
 
 from dataclasses import dataclass
-from typing import Protocol
 
 import numpy as np
 
@@ -18,7 +17,7 @@ Array = np.ndarray
 
 @dataclass(frozen=True)
 class StepStart:
-    """Where a step begins.
+    """Where a step begins: the state of the body.
 
     Attributes:
         x, v: displacement and velocity (rows here, 1), m and m/s.
@@ -54,29 +53,8 @@ class TrialStep:
     u: Array
 
 
-class StepResidual(Protocol):
-    """What a step has to solve.
-
-    Attributes:
-        h: of the step, s.
-        coefficients: of the matrix that stands for its tangent.
-    """
-
-    h: float
-    coefficients: TangentCoefficients
-
-    def evaluate(self, v: Array) -> TrialStep:
-        """The equations at a mid-step velocity (rows here, 1)."""
-
-    def apply_tangent(self, trial: TrialStep, dv: Array) -> Array:
-        """-∂r/∂v̂ dv (rows here, 1) at a trial: the product with the consistent tangent."""
-
-    def terms(self, trial: TrialStep) -> Array:
-        """Forces (rows here, any) that the residual is small against."""
-
-
 class MidpointResidual:
-    """Of a step of motion. Arguments: what the body consists of, where it begins, what pushes, and the step h, s."""
+    """Of a step of motion of h, s; `coefficients` are those of the matrix that stands for its tangent."""
 
     def __init__(self, model: FiniteStrainModel, start: StepStart, external: ExternalForce, h: float):
         self._model, self._start, self._external, self.h = model, start, external, h
@@ -84,7 +62,7 @@ class MidpointResidual:
         self._spring_force = multiply(model.spring, start.x)  # at the start
 
     def evaluate(self, v: Array) -> TrialStep:
-        """As in StepResidual."""
+        """The equations at a mid-step velocity (rows here, 1)."""
         m, start, h = self._model, self._start, self.h
         u_end = m.nodal_field(start.x + h * v)
         u_middle = (start.u + u_end) / 2
@@ -95,7 +73,7 @@ class MidpointResidual:
         return TrialStep(v, residual, external, internal, stresses, u_middle)
 
     def apply_tangent(self, trial: TrialStep, dv: Array) -> Array:
-        """As in StepResidual."""
+        """-∂r/∂v̂ dv (rows here, 1) at a trial: the product with the consistent tangent."""
         m, h = self._model, self.h
         du = h * m.nodal_field(dv)
         internal = m.internal_force(trial.stresses.jvp(m.points.gradients(du)))
@@ -103,28 +81,20 @@ class MidpointResidual:
         return internal + linear - self._external.jvp(m, trial.u, du / 2)
 
     def terms(self, trial: TrialStep) -> Array:
-        """As in StepResidual."""
+        """Forces (rows here, any) that the residual is small against."""
         momentum = 2 / self.h * (self._model.mass @ self._start.v)
         return np.hstack([trial.external_force, trial.internal_force, momentum])
 
 
 class QuasiStaticResidual:
-    """Of a body at rest, where a part of the force may be left out: a load that is put on step by step.
-
-    Args:
-        model: what the body consists of.
-        start: where it is before.
-        external: what pushes.
-        h: s, in which it moves.
-        missing: of the force (rows here, 1), N.
-    """
+    """As MidpointResidual, of a body at rest, with `missing` of the force (rows here, 1): loads put on step by step."""
 
     def __init__(self, model: FiniteStrainModel, start: StepStart, external: ExternalForce, h: float, missing: Array):
         self._model, self._start, self._external, self.h, self._missing = model, start, external, h, missing
         self.coefficients = TangentCoefficients(mass=0.0, external_damping=0.0, stiffness=h, viscosity=0.0)
 
     def evaluate(self, v: Array) -> TrialStep:
-        """As in StepResidual."""
+        """As in MidpointResidual."""
         m, x_end = self._model, self._start.x + self.h * v
         u_end = m.nodal_field(x_end)
         stresses = EquilibriumStresses(m.material, m.points.gradients(u_end))
@@ -133,12 +103,15 @@ class QuasiStaticResidual:
         return TrialStep(v, residual, external, internal, stresses, u_end)
 
     def apply_tangent(self, trial: TrialStep, dv: Array) -> Array:
-        """As in StepResidual."""
+        """As in MidpointResidual."""
         m = self._model
         du = self.h * m.nodal_field(dv)
         internal = m.internal_force(trial.stresses.jvp(m.points.gradients(du)))
         return internal + self.h * multiply(m.spring, dv) - self._external.jvp(m, trial.u, du)
 
     def terms(self, trial: TrialStep) -> Array:
-        """As in StepResidual."""
+        """As in MidpointResidual."""
         return np.hstack([trial.external_force, trial.internal_force])
+
+
+StepResidual = MidpointResidual | QuasiStaticResidual

@@ -57,9 +57,8 @@ class FiniteStrainStepper(FullOrderBody):
         self._contact_in_newton = None if self.interface is None else ContactInNewton(self.interface)
         self._before: tuple[Any, ...] = ()
         here = system.algebra.rows()
-        self._matrix = TangentPreconditioner(
-            model.points, model.material, model.free, here, (model.mass, model.external_damping, model.spring)
-        )
+        terms = model.mass, model.external_damping, model.spring
+        self._matrix = TangentPreconditioner(model.points, model.material, model.free, here, terms)
         self._krylov = Gmres(len(self.x), system.size, model.mass.mat.comm)
         self._factored: tuple[TangentCoefficients, PetscFactor] | None = None
         self.set_state(self.x, self.v)
@@ -69,12 +68,12 @@ class FiniteStrainStepper(FullOrderBody):
         """Stored energy ½ vᵀMv + ½ xᵀK_s x + ∫W, J."""
         m, x, v = self._model, self.x, self.v
         quadratic = m.dot(v, m.mass @ v) + m.dot(x, multiply(m.spring, x))
-        return quadratic / 2 + m.elastic_energy(self._E)
+        return quadratic / 2 + m.elastic_energy(self._start.E)
 
     @property
     def inverted(self) -> int:
         """Number of points that are turned inside out, det F <= 0."""
-        J = np.linalg.det((IDENTITY + self._H).transpose(2, 0, 1))
+        J = np.linalg.det((IDENTITY + self._start.H).transpose(2, 0, 1))
         return int(self._model.points.sum_over_ranks(np.array([np.count_nonzero(J <= 0.0)]))[0])
 
     def diagnostics(self) -> tuple[str, ...]:
@@ -100,8 +99,7 @@ class FiniteStrainStepper(FullOrderBody):
             StepError: an input is not finite.
             SolverError: Newton's method did not converge, not even for the smallest part of a step.
         """
-        sums = None if self.ledger is None else self.ledger.sums
-        self._before = (self.x, self.v, self._H, self.contact), sums
+        self._before = self._state()
         self._advance(inputs, not self._has_inertia)
         self.time += self.dt
         return StepResult(self.energy if self.ledger is not None else np.nan, self.contact)
@@ -113,10 +111,16 @@ class FiniteStrainStepper(FullOrderBody):
 
     def rollback(self) -> None:
         """See Stepper."""
-        (*kinematics, self.contact), sums = self._before
-        self._arrive(*kinematics)
+        self._restore(self._before)
         self._past = []
         self.time -= self.dt
+
+    def _state(self) -> tuple[Any, ...]:
+        return self._start, self.contact, None if self.ledger is None else self.ledger.sums
+
+    def _restore(self, state: tuple[Any, ...]) -> None:
+        self._start, self.contact, sums = state
+        self.x, self.v = self._start.x, self._start.v
         if self.ledger is not None:
             self.ledger.sums = sums
 
@@ -133,10 +137,9 @@ class FiniteStrainStepper(FullOrderBody):
 
     def _arrive(self, x: Array, v: Array, H: Array | None = None) -> None:
         """Makes x and v (rows here, 1) the state, whose displacement gradients (3, 3, P here) may be known."""
-        self.x, self.v = x, v
-        self._u = self._model.nodal_field(x)
-        self._H = self._model.points.gradients(self._u) if H is None else H
-        self._E = strain(self._H)
+        u = self._model.nodal_field(x)
+        H = self._model.points.gradients(u) if H is None else H
+        self.x, self.v, self._start = x, v, StepStart(x, v, u, H, strain(H))
 
     def _load(self, u: Array) -> ExternalForce:
         """The force of inputs u in the active contact mode."""
@@ -155,8 +158,7 @@ class FiniteStrainStepper(FullOrderBody):
 
     def _advance(self, inputs: StepInput, quasi_static: bool) -> None:
         """Takes a step, in parts where Newton's method does not solve it whole; if none does, nothing has changed."""
-        load, state = self._load(inputs.u), (self.x, self.v, self._H, self.contact)
-        sums = self.ledger.sums if self.ledger is not None else ()
+        load, state = self._load(inputs.u), self._state()
         self.newton, products = 0, self._krylov.products
         missing = self._unbalanced(load) if quasi_static else None
         done, share, finest = 0.0, 1.0, 1.0
@@ -167,10 +169,7 @@ class FiniteStrainStepper(FullOrderBody):
                 share /= 2
                 if share >= SMALLEST_PART:
                     continue
-                if self.ledger is not None:
-                    self.ledger.sums = sums
-                *kinematics, self.contact = state
-                self._arrive(*kinematics)
+                self._restore(state)
                 raise SolverError(self._failure(inputs.u, quasi_static)) from None
             done, finest = done + share, min(finest, share)
         self.products = self._krylov.products - products
@@ -184,15 +183,13 @@ class FiniteStrainStepper(FullOrderBody):
         return (
             f"Newton's method did not converge at t = {self.time:.6g} s in contact mode {self.contact_mode!r} "
             f"under the inputs [{', '.join(f'{value:.6g}' for value in u)}], not even for {part}: lower {lower}, or "
-            "the body is pushed "
-            "beyond what this mesh and material can follow"
+            "the body is pushed beyond what this mesh and material can follow"
         )
 
     def _unbalanced(self, load: ExternalForce) -> Array:
         """Force (rows here, 1), N, that a load, contact and elasticity leave at the start of a step."""
-        start = StepStart(self.x, self.v, self._u, self._H, self._E)
         zero = np.zeros_like(self.x)
-        rest = QuasiStaticResidual(self._model, start, load, self.dt, zero).evaluate(zero)
+        rest = QuasiStaticResidual(self._model, self._start, load, self.dt, zero).evaluate(zero)
         if self.interface is None:
             return rest.residual
         return rest.residual + self.interface.force(self.contact)
@@ -201,8 +198,7 @@ class FiniteStrainStepper(FullOrderBody):
         self, load: ExternalForce, obstacles: ObstacleMotion | None, done: float, share: float, missing: Array | None
     ) -> None:
         """Takes the part of a step that begins when `done` of it is taken."""
-        h = share * self.dt
-        start = StepStart(self.x, self.v, self._u, self._H, self._E)
+        h, start = share * self.dt, self._start
         equation: StepResidual
         if missing is None:
             equation = MidpointResidual(self._model, start, load, h)
@@ -210,22 +206,21 @@ class FiniteStrainStepper(FullOrderBody):
             equation = QuasiStaticResidual(self._model, start, load, h, (1 - done - share) * missing)
         if self._contact_in_newton is not None and obstacles is not None:
             self._contact_in_newton.begin(self.x, self.v, h, obstacles.part(done, share, self.dt), missing is not None)
-        solution = self._solution(equation, share)
+        solution = self._solution(equation)
         self.newton += solution.iterations
         self._book(equation, solution, missing is not None)
-        trial, h = solution.trial, equation.h
+        trial = solution.trial
         x = self.x + h * trial.v
         v = np.zeros_like(x) if missing is not None else 2 * trial.v - self.v
         self._past = [trial.v, *self._past[:1]] if share == 1 else []
         self.contact = solution.contact
         self._arrive(x, v, trial.stresses.F_end - IDENTITY)
 
-    def _solution(self, equation: StepResidual, share: float) -> NewtonIterate:
+    def _solution(self, equation: StepResidual) -> NewtonIterate:
         """Solves the equations of a step, with a kept factor if that is good enough."""
         guesses = self._guesses(equation)
         products = self._krylov.products
-        kept = self._factored is not None and self._factored[0] == equation.coefficients
-        if kept:
+        if self._factored is not None and self._factored[0] == equation.coefficients:
             with suppress(NotConvergedError):
                 solution = self._tried(equation, guesses)
                 if self._krylov.products - products > MAX_PRODUCTS:
@@ -239,15 +234,8 @@ class FiniteStrainStepper(FullOrderBody):
         if self._contact_in_newton is not None:
             self._contact_in_newton.use(self._factored[1])
         try:
-            return solve_step(
-                equation,
-                guesses,
-                self._factored[1],
-                self._krylov,
-                self._contact_in_newton,
-                self._model.dot,
-                self.contact,
-            )
+            coupling, dot = self._contact_in_newton, self._model.dot
+            return solve_step(equation, guesses, self._factored[1], self._krylov, coupling, dot, self.contact)
         except NotConvergedError:
             if self._contact_in_newton is not None:
                 self._contact_in_newton.rollback()
@@ -256,7 +244,7 @@ class FiniteStrainStepper(FullOrderBody):
     def _factor(self, coefficients: TangentCoefficients) -> None:
         """Factors the matrix of the state that the body is in."""
         self._forget()
-        self._factored = coefficients, PetscFactor(self._matrix.assemble(self._H, coefficients), one_by_one=True)
+        self._factored = coefficients, PetscFactor(self._matrix.assemble(self._start.H, coefficients), one_by_one=True)
         self.factors += 1
 
     def _guesses(self, equation: StepResidual) -> list[Array]:

@@ -32,13 +32,7 @@ IDENTITY = np.eye(3)[:, :, None]
 
 @dataclass(frozen=True)
 class HyperelasticMaterial:
-    """The hyperelastic material of points.
-
-    Attributes:
-        law: one of `hyperelastic.LAWS`.
-        first_lame, shear: λ and μ (P,), Pa.
-        viscosity: β (P,), s.
-    """
+    """The hyperelastic material of points: one of `hyperelastic.LAWS`, λ and μ (P,), Pa, and β (P,), s."""
 
     law: str
     first_lame: Array
@@ -97,14 +91,7 @@ class Stresses:
 
 
 class MidpointStresses(Stresses):
-    """Of a midpoint step.
-
-    Args:
-        material: of the points.
-        H, E: at the start of the step, (3, 3, P) and (6, P).
-        H_end: H⁺ (3, 3, P).
-        h: of the step, s.
-    """
+    """Of a midpoint step of h, s, from H (3, 3, P) and E (6, P) to H⁺."""
 
     F_share = 0.5
 
@@ -146,12 +133,7 @@ class MidpointStresses(Stresses):
 
 
 class EquilibriumStresses(Stresses):
-    """Of an equilibrium.
-
-    Args:
-        material: of the points.
-        H: (3, 3, P).
-    """
+    """Of an equilibrium at displacement gradients H (3, 3, P)."""
 
     F_share = 1.0
 
