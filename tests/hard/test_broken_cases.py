@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 import fenics_rom as fr
-from fenics_rom.fem import assemble, linear_stepper
+from fenics_rom.fem import assemble, linear_stepper, restriction
 from fenics_rom.reduction import gramians, validation
 from fenics_rom.reduction import reduce as reduction
 from fenics_rom.reduction.methods import balanced
@@ -168,7 +168,7 @@ def one_material_for_all(patch, demo):
 
 def mass_for_safety(patch, demo):
     """A constant of 1e-9 kg on the diagonal of M, which nobody sees in bodies of a metre."""
-    right = assemble._symmetrize
+    right = restriction._symmetrize
 
     def shifted(matrix):
         matrix = right(matrix)
@@ -176,7 +176,7 @@ def mass_for_safety(patch, demo):
         matrix.shift(1e-9 if largest < 1e-5 else 0.0)
         return matrix
 
-    patch.setattr(assemble, "_symmetrize", shifted)
+    patch.setattr(restriction, "_symmetrize", shifted)
 
 
 def singular_values_above_a_constant(patch, demo):
