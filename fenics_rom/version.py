@@ -1,3 +1,3 @@
-"""The release; also in pyproject.toml."""
+"""The release: pyproject.toml takes it from here; the changelog and CITATION.cff say the same, and a test looks."""
 
-VERSION = "0.1.0"
+VERSION = "0.2.0"

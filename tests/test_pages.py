@@ -151,6 +151,8 @@ def test_commands_of_a_page_are_commands_that_there_are(page):
         program, *words = command.split()
         if program == "fenics-rom":
             parse(command)
+        elif program == "git":
+            assert words[:2] == ["clone", "URL"], command  # no address is known to the project itself
         elif program == "bash":
             script, *demos = words
             assert (ROOT / script).is_file(), command
@@ -195,6 +197,18 @@ def test_links_lead_somewhere(page):
             assert file.stat().st_size > 10_000
         if anchor:
             assert anchor in anchors(str(file.relative_to(ROOT))), f"{page}: {link}"
+
+
+def test_release_has_one_number():
+    """Code, where pyproject.toml takes it from; the newest section of the changelog; the citation."""
+    assert tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]["dynamic"] == ["version"]
+    newest = re.search(r"^## (\S+)", TEXTS["CHANGELOG.md"], flags=re.M)
+    cited = re.search(r"^version: (\S+)$", (ROOT / "CITATION.cff").read_text(), flags=re.M)
+    assert newest[1] == cited[1] == fr.__version__
+
+
+def test_set_up_begins_where_nothing_is_yet():
+    assert commands(README)[0].startswith("git clone ")
 
 
 def test_first_page_is_short():
