@@ -1,16 +1,15 @@
 """`fenics-rom reduce`: a scene, or matrices, to a ROM."""
 
 import argparse
-from contextlib import suppress
 from pathlib import Path
 
 import fenics_rom as fr
 from fenics_rom.cli.display import print_rom, progress
 from fenics_rom.cli.output import add_output, check_output
 from fenics_rom.errors import FileError, SceneError
+from fenics_rom.io.atomic_write import sole_writer
 from fenics_rom.io.mpi_ranks import is_root_process
 from fenics_rom.io.names import NAME, NAME_IN_WORDS
-from fenics_rom.io.progress import Report
 from fenics_rom.mechanics.environment import SWITCHINGS
 from fenics_rom.scene.scene import LYAPUNOV, METHODS, SOLVERS, WEIGHTINGS
 
@@ -51,7 +50,7 @@ def run(choice: argparse.Namespace) -> None:
     if choice.order is not None and choice.order < 1:
         raise SceneError(f"--order {choice.order}: allowed are whole numbers from 1")
     begun: dict[str, tuple[int, int]] = {}  # what was done already when a stage began, and of how much
-    with progress() as show:
+    with sole_writer(choice.output, partial), progress() as show:
 
         def report(stage: str, done: int, of: int) -> None:
             begun.setdefault(stage, (done, of))
@@ -60,24 +59,14 @@ def run(choice: argparse.Namespace) -> None:
         report("assembly", 0, 1)
         system = _read_matrices(choice) if files else fr.assemble(fr.read_scene(choice.scene))
         report("assembly", 1, 1)
-        rom = _reduced(system, choice, partial, report)
-    fr.write_rom(choice.output, rom)
-    remove_checkpoint(partial)
+        chosen = {name: getattr(choice, name) for name in CHOICES}
+        rom = fr.reduce(system, **chosen, checkpoint=partial, report=report)
+        fr.write_rom(choice.output, rom)
+        remove_checkpoint(partial)
     if is_root_process():
         print_rom(rom, choice.output)
         if choice.resume:
             print("  resumed: {} of {} contact modes were taken over".format(*begun["contact modes"]))
-
-
-def _reduced(system: "fr.System", choice: argparse.Namespace, partial: Path, report: Report) -> "fr.Rom":
-    """The ROM; what is finished is kept in a folder meanwhile, and stays there when something ends the run."""
-    try:
-        chosen = {name: getattr(choice, name) for name in CHOICES}
-        return fr.reduce(system, **chosen, checkpoint=partial, report=report)
-    except BaseException:
-        with suppress(OSError):  # it is not there, or holds something
-            partial.rmdir()
-        raise
 
 
 def _add_matrix_options(command: argparse.ArgumentParser) -> None:

@@ -1,10 +1,12 @@
 """Files that are there whole or not at all, and checks of where they are to go before the work that fills them."""
 
 import os
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 
 from fenics_rom.errors import FileError
-from fenics_rom.io.mpi_ranks import is_rank_0
+from fenics_rom.io.mpi_ranks import is_rank_0, is_root_process
 
 
 def write_whole(path: Path, *parts: bytes | memoryview) -> None:
@@ -61,6 +63,43 @@ def make_folder(folder: Path) -> None:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
         raise FileError(f"{folder}: cannot be made: {error.strerror}") from error
+
+
+@contextmanager
+def sole_writer(output: Path, folder: Path) -> Iterator[None]:
+    """Holds the folder of what is unfinished of an output; a FileError says that another process does.
+
+    The system lets go of it with the process, however that ends. Under MPI rank 0 holds it.
+    """
+    if not is_root_process():
+        yield
+        return
+    handle = _hold(folder, output)
+    try:
+        yield
+    finally:
+        with suppress(OSError):  # it holds something, or is gone already
+            folder.rmdir()
+        os.close(handle)
+
+
+def _hold(folder: Path, output: Path) -> int:
+    """A locked handle of a folder, which is made where it is missing."""
+    import fcntl  # which Windows, where the runtime works, has not
+
+    while True:
+        make_folder(folder)
+        with suppress(FileNotFoundError):  # whoever held it has removed it since: the next folder is held
+            handle = os.open(folder, os.O_RDONLY)
+            try:
+                fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            except BlockingIOError as error:
+                os.close(handle)
+                raise FileError(f"{output}: another process is writing it; wait, or give another file") from error
+            except OSError:  # a file system without locks
+                return handle
+            if os.path.samestat(os.fstat(handle), folder.stat()):
+                return handle
 
 
 def system_reason(error: Exception) -> str:

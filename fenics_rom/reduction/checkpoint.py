@@ -54,7 +54,7 @@ class Checkpoint:
         self._choices = repr((*choices, p.system.size, p.contacts))
         if is_rank_0():
             if not resume:
-                remove_checkpoint(self._folder)
+                _remove_parts(self._folder)
             try:
                 self._folder.mkdir(exist_ok=True)
             except OSError as error:
@@ -139,13 +139,16 @@ class Checkpoint:
 
 def remove_checkpoint(folder: Path) -> None:
     """Removes what a checkpoint wrote, half-written files included, and the folder where it holds nothing else."""
-    if not is_rank_0() or not folder.is_dir():
-        return
-    for file in list(folder.iterdir()):
+    if is_rank_0() and folder.is_dir():
+        _remove_parts(folder)
+        with suppress(OSError):  # it holds something else, or another run was faster
+            folder.rmdir()
+
+
+def _remove_parts(folder: Path) -> None:
+    for file in list(folder.glob("*")):
         if PART_FILE.fullmatch(file.name):
             file.unlink(missing_ok=True)
-    with suppress(OSError):  # it holds something else, or another run was faster
-        folder.rmdir()
 
 
 def _probe(problem: ReductionProblem) -> Array:

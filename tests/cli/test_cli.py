@@ -588,6 +588,20 @@ def test_reader_that_has_seen_enough_is_no_error():
     assert (run.returncode, run.stderr) == (0, "")
 
 
+@pytest.mark.parametrize("closed", [">&-", "2>&-", "<&- >&- 2>&-"])
+def test_stream_that_is_closed_is_no_error(closed):
+    """Left closed, the first file that is opened would be standard output."""
+    program = Path(sys.executable).parent / "fenics-rom"
+    run = process("bash", "-c", f"{program} info {ROM} {closed}")
+    assert (run.returncode, run.stderr) == (0, "")
+
+
+def test_file_is_not_written_into_where_output_is_closed(inside):
+    program = Path(sys.executable).parent / "fenics-rom"
+    assert process("bash", "-c", f"{program} simulate {ROM} -o run.h5 >&-").returncode == 0
+    assert fr.read_trajectory("run.h5").steps == 40
+
+
 def test_output_that_has_no_room_is_an_error_of_one_line():
     with Path("/dev/full").open("w") as full:
         run = fenics_rom("info", ROM, stdout=full, stderr=subprocess.PIPE)

@@ -204,6 +204,24 @@ def test_nothing_to_go_on_from_is_a_beginning(scene, tmp_path, monkeypatch, say)
     assert (status, RESUMED.findall(out)) == (0, ["0"])
 
 
+def test_second_run_of_one_output_is_refused_while_the_first_lives(scene, tmp_path, monkeypatch, say):
+    """However the first ends, it leaves nothing locked behind."""
+    monkeypatch.chdir(copied(scene, tmp_path))
+    program = [Path(sys.executable).parent / "fenics-rom", *COMMAND]
+    with subprocess.Popen(program, env=dict(os.environ)) as first:
+        while not Path("rom.h5.partial").exists():
+            time.sleep(1e-3)
+        time.sleep(0.1)  # from the folder to its lock
+        first.send_signal(signal.SIGSTOP)
+        status, out, err = say()
+        first.send_signal(signal.SIGKILL)
+    assert (status, out) == (1, "")
+    assert err == "fenics-rom: error: rom.h5: another process is writing it; wait, or give another file\n"
+    assert Path("rom.h5.partial").exists()
+    assert say("--order", "2", "--lyapunov", "auto")[0] == 0
+    assert not Path("rom.h5.partial").exists()
+
+
 def test_file_in_the_place_of_the_folder_is_told_before_the_work(scene, tmp_path, monkeypatch, say):
     monkeypatch.chdir(copied(scene, tmp_path))
     (tmp_path / "box.toml").unlink()
