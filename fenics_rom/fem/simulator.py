@@ -99,15 +99,19 @@ class FullOrderSimulator:
         """Advances by the stepper's dt.
 
         Inputs `u` are the contact mode's columns, then the actuators'; the actuators' alone where the contact mode
-        follows the obstacles.
+        follows the obstacles. A step that fails leaves everything as it was.
         """
-        stepper, interface = self.stepper, self.stepper.interface
-        if self._follows and interface is not None:
-            gaps = interface.solver.gaps(stepper.point_displacement(), self.environment.state.offsets)
-            stepper.switch(interface.points.nearest(gaps, stepper.contact_mode))
-            u = np.concatenate([np.zeros(self.system.contacts[stepper.contact_mode].shape[1]), u])
-        inputs = self.environment.step_input(u, stepper.time, stepper.dt)
-        stepper.step(inputs)
+        stepper, interface, before = self.stepper, self.stepper.interface, self.stepper.contact_mode
+        try:
+            if self._follows and interface is not None:
+                gaps = interface.solver.gaps(stepper.point_displacement(), self.environment.state.offsets)
+                stepper.switch(interface.points.nearest(gaps, before))
+                u = np.concatenate([np.zeros(self.system.contacts[stepper.contact_mode].shape[1]), u])
+            inputs = self.environment.step_input(u, stepper.time, stepper.dt)
+            stepper.step(inputs)
+        except BaseException:
+            stepper.switch(before)
+            raise
         self.environment.commit(inputs, stepper.dt)
 
     def reading(self, name: str) -> Array:

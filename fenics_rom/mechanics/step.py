@@ -19,11 +19,12 @@ A Stepper is one integrator. It owns the state of a body, and the work that it s
     diagnostics()            what the user should know of the run so far
 """
 
+from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
 
-from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion
+from fenics_rom.mechanics.contact import ContactResidual, ContactSolution, ObstacleMotion
 
 Array = np.ndarray
 
@@ -52,3 +53,5 @@ class StepperState(NamedTuple):
     auxiliary: Array  # what a step carries along besides; empty where there is nothing
     contact: ContactSolution | None  # of the last step
     contact_forces: Array  # the last ones of all pairs (O P, 3), with which the next search begins, N
+    residual: ContactResidual  # of contact that was not found exactly so far
+    notes: Mapping[str, float]  # of the run so far, to tell the user

@@ -95,7 +95,7 @@ class SimulatedBody:
     @property
     def mismatch(self) -> float | None:
         """Of the strains that linearly implicit steps carry along and those of the shape; None where there are none."""
-        return self._stepper.kernel.mismatch
+        return self._stepper.kernel.notes.get("mismatch")
 
     @property
     def surface_peak(self) -> SurfaceStrainPeak:

@@ -37,6 +37,8 @@ class FiniteStrainKernel(BookedKernel):
     Arguments and attributes as in BookedKernel, but for the whole ROM, whose contact models share a basis.
     """
 
+    NOTES: tuple[str, ...] = ("distance",)  # |q| at most
+
     def __init__(self, rom: Rom, ledger: EnergyLedger | None, interface: "ContactInterface | None"):
         assert rom.deformation is not None
         super().__init__(next(iter(rom.contact_models.values())), ledger, np.empty(0), interface)
@@ -44,7 +46,7 @@ class FiniteStrainKernel(BookedKernel):
         self._shared = sum(rom.actuators.values()) + sum(rom.loads.values())
         self._follower_columns = _follower_loads(rom)
         self._warning_radius = TRUSTED_EXTENT * self._body.training_radius
-        self._furthest = 0.0
+        self.notes = dict.fromkeys(self.NOTES, 0.0)
         self.enter(self._model)
 
     def enter(self, model: ContactModel) -> None:
@@ -56,19 +58,16 @@ class FiniteStrainKernel(BookedKernel):
         self._dead_loads = model.inputs.copy()  # of loads whose direction stays
         self._dead_loads[:, [column for column, _ in self._active_followers]] = 0.0
 
-    def resume(self, auxiliary: Array) -> None:
-        """As in Kernel."""
-        self._furthest = 0.0
-
     @property
     def messages(self) -> tuple[str, ...]:
         """As in Kernel."""
-        return (self._too_far,) if self._furthest > self._warning_radius else ()
+        return (self._too_far,) if self.notes["distance"] > self._warning_radius else ()
 
     @property
     def _too_far(self) -> str:
+        far = self.notes["distance"] / self._body.training_radius
         return (
-            f"the body went {self._furthest / self._body.training_radius:.2g} times as far as in any state that the "
+            f"the body went {far:.2g} times as far as in any state that the "
             f"model was trained on; beyond {TRUSTED_EXTENT:g} times it is not to be trusted: reduce with larger loads"
         )
 
@@ -83,8 +82,9 @@ class FiniteStrainKernel(BookedKernel):
     def _note_distance(self, q: Array) -> None:
         """Notes how far the body has gone, and warns where that is further than it was trained."""
         far = math.sqrt(q.dot(q))
-        if far > self._furthest:
-            before, self._furthest = self._furthest, far
+        before = self.notes["distance"]
+        if far > before:
+            self.notes["distance"] = far
             if before <= self._warning_radius < far < math.inf:
                 warnings.warn(self._too_far, FenicsRomWarning, stacklevel=5)
 

@@ -22,14 +22,14 @@ class Kernel:
         state: [e, r] (2m,), e = √γ q; ½|state|² is the stored energy of a linear model.
         contact: in the last step; None where nothing touched.
         auxiliary: what a step carries along besides.
-        mismatch: of strains that are carried along and those of the shape; None where there are none.
+        notes: of the run so far, to tell the user: numbers that a run begins at 0. A kernel writes those of its own.
     """
 
     h: float = 0.0
     state: Any
     contact: ContactSolution | None = None
     auxiliary: Array = np.empty(0)
-    mismatch: float | None = None
+    notes: dict[str, float]
 
     @property
     def energy(self) -> float:
@@ -104,6 +104,7 @@ class BookedKernel(Kernel):
         self._rigid_displacement, self._rigid_before = rigid_displacement, rigid_displacement.copy()
         self._contact_before: ContactSolution | None = None
         self._owed: StepWork | None = None
+        self.notes, self._notes_before = {}, dict[str, float]()
         self._ω, self._inverse_ω = np.sqrt(model.eigenvalues), 1 / model.safe_frequencies
         self.state, self._state_before = np.zeros(2 * model.order), np.zeros(2 * model.order)
         self._halves = self.state.reshape(2, -1)
@@ -126,7 +127,7 @@ class BookedKernel(Kernel):
         """As in Kernel."""
         self.state[:] = self._state_before
         self._rigid_displacement[:] = self._rigid_before
-        self._owed, self.contact = None, self._contact_before
+        self._owed, self.contact, self.notes = None, self._contact_before, self._notes_before
 
     def flush(self) -> None:
         """As in Kernel."""
@@ -171,7 +172,7 @@ class BookedKernel(Kernel):
         self.flush()
         self._state_before[:] = self.state
         self._rigid_before[:] = self._rigid_displacement
-        self._owed, self._contact_before = work, self.contact
+        self._owed, self._contact_before, self._notes_before = work, self.contact, dict(self.notes)
 
 
 def symmetric(matrix: Array) -> Array:

@@ -32,7 +32,7 @@ MISMATCH_LIMIT = 0.03  # of the largest strain, in the energy norm
 class LinearlyImplicit(FiniteStrainKernel):
     """One linear system a step. Arguments and attributes as in FiniteStrainKernel."""
 
-    mismatch: float
+    NOTES = ("distance", "strained", "mismatch")  # strained: energy of the strains at most, J
 
     def __init__(self, rom: Rom, ledger: EnergyLedger | None, interface: "ContactInterface | None"):
         super().__init__(rom, ledger, interface)
@@ -46,14 +46,11 @@ class LinearlyImplicit(FiniteStrainKernel):
         # ε; v̂ of the step before; the energy ½ s² - c, c, and the energy tank, J.
         self._ε = self.auxiliary[: 6 * points].reshape(6, points)
         self._previous_velocity, self._rest = self.auxiliary[6 * points : -3], self.auxiliary[-3:]
-        self._largest, self.mismatch = 0.0, 0.0
         self._tangent_inverse: Array | None = None
         self.resume(np.empty(0))
 
     def resume(self, auxiliary: Array) -> None:
         """As in Kernel."""
-        super().resume(auxiliary)
-        self._largest = self.mismatch = 0.0
         if len(auxiliary):
             self.auxiliary[:] = auxiliary
             return
@@ -73,11 +70,12 @@ class LinearlyImplicit(FiniteStrainKernel):
     @property
     def messages(self) -> tuple[str, ...]:
         """As in Kernel."""
-        if self.mismatch <= MISMATCH_LIMIT:
+        mismatch = self.notes["mismatch"]
+        if mismatch <= MISMATCH_LIMIT:
             return super().messages
         return (
             *super().messages,
-            f"strains that are carried along and those of the shape differ by {100 * self.mismatch:.2g} % (limit "
+            f"strains that are carried along and those of the shape differ by {100 * mismatch:.2g} % (limit "
             f"{100 * MISMATCH_LIMIT:g} %): the steps are too long for what moves; take shorter ones or "
             'stepper = "newton"',
         )
@@ -144,12 +142,13 @@ class LinearlyImplicit(FiniteStrainKernel):
         if b is not None:
             grown = h * float(b.dot(v))
             self._rest[0] += grown * (s + grown / 2)
-        taken_back = self._taken_back(after, h * drawn)
+        taken_back, strained, gap = self._taken_back(after, h * drawn)
         self._leave(StepWork(h * float(pushed.dot(v)), h * drawn - taken_back, self._contacts(v, contact, h)))
         np.multiply(after, self._ω, self._e)
         np.subtract(v + v, r, r)
         self.contact = contact
         self._note_distance(after)
+        self._note_mismatch(strained, gap)
         return 2 * self._energy(after)
 
     def _expected(self, u: Array, q: Array) -> Array:
@@ -216,8 +215,8 @@ class LinearlyImplicit(FiniteStrainKernel):
         steep = math.sqrt(b.dot(b))
         return b if steep <= STEEPEST_FREQUENCY * self._ω[-1] else b * (STEEPEST_FREQUENCY * self._ω[-1] / steep)
 
-    def _taken_back(self, q: Array, dissipated: float) -> float:
-        """Moves ε and s towards what the shape q has, and returns the energy that this added, J (< 0: it took some).
+    def _taken_back(self, q: Array, dissipated: float) -> tuple[float, float, float]:
+        """Moves ε and s towards what the shape q has. Energies, J: added by this (< 0: it took some), of E, of the gap.
 
         At most what is in the tank, which holds what was dissipated in this and the steps before, up to what strains
         store (as in teleoperation: Franken et al., 2011): a step may give back, and the run never more than it got.
@@ -239,7 +238,10 @@ class LinearlyImplicit(FiniteStrainKernel):
         self._ε += share * gap
         self._rest[0] += share * gap_s * (s + share * gap_s / 2)
         self._rest[2] = min(max(budget - added, 0.0), strained)
-        self._largest = max(self._largest, strained)
-        if self._largest > 0:
-            self.mismatch = max(self.mismatch, (1 - share) * math.sqrt(square / self._largest))
-        return added
+        return added, strained, (1 - share) ** 2 * square
+
+    def _note_mismatch(self, strained: float, gap: float) -> None:
+        """Notes the energies of strains, and of what those that are carried along lack of them, J."""
+        self.notes["strained"] = most = max(self.notes["strained"], strained)
+        if most > 0:
+            self.notes["mismatch"] = max(self.notes["mismatch"], math.sqrt(gap / most))

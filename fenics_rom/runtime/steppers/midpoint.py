@@ -93,7 +93,7 @@ class _MidpointKernel(Kernel):
     """
 
     def __init__(self, model: ContactModel, ledger: EnergyLedger | None, rigid_displacement: Array = HELD):
-        self._model, self._ledger, self._rigid_displacement = model, ledger, rigid_displacement
+        self._model, self._ledger, self._rigid_displacement, self.notes = model, ledger, rigid_displacement, {}
         self._states: list[Array]  # (2m,) each, views
         self._page = 0  # where the state is
         self._booked = 0  # pages before this one are in the account

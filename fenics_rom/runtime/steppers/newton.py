@@ -20,14 +20,10 @@ FAST_CONTRACTION = 0.1  # up to which the tangent of an earlier iteration will d
 
 
 class Newton(FiniteStrainKernel):
-    """Newton's iteration in every step. Arguments and attributes as in FiniteStrainKernel.
+    """Newton's iteration in every step. Arguments and attributes as in FiniteStrainKernel."""
 
-    Attributes:
-        cut: number of steps that had to be cut into parts.
-    """
-
+    NOTES = ("distance", "cut")  # cut: how many steps
     _inverse: Array | None = None  # of the last tangent
-    cut: int = 0
 
     @property
     def energy(self) -> float:
@@ -37,15 +33,14 @@ class Newton(FiniteStrainKernel):
     @property
     def messages(self) -> tuple[str, ...]:
         """As in Kernel."""
-        if not self.cut:
+        if not self.notes["cut"]:
             return super().messages
-        return *super().messages, f"{self.cut} steps were cut into parts, as Newton's iteration did not solve the whole"
+        cut = f"{self.notes['cut']:.0f} steps were cut into parts, as Newton's iteration did not solve the whole"
+        return *super().messages, cut
 
     def resume(self, auxiliary: Array) -> None:
         """As in Kernel."""
-        super().resume(auxiliary)
         self._inverse = None  # so that what follows does not depend on what was before
-        self.cut = 0
 
     def set_time_step(self, h: float) -> None:
         """As in Kernel."""
@@ -76,7 +71,7 @@ class Newton(FiniteStrainKernel):
             np.multiply(q, self._ω, self._e)
             self._r[:] = r
             self.contact = contact
-            self.cut += parts > 1
+            self.notes["cut"] += parts > 1
             self._note_distance(q)
             return float(r.dot(r)) + 2 * self._body.energy(q)
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fenics_rom.errors import StepError
-from fenics_rom.mechanics.contact import ContactSolution
+from fenics_rom.mechanics.contact import ContactResidual, ContactSolution
 from fenics_rom.mechanics.step import StepInput, StepperState, StepResult
 from fenics_rom.rom.rom import ContactModel, Rom
 from fenics_rom.runtime.steppers.kernel import Kernel
@@ -76,11 +76,19 @@ class ReducedStepper:
 
     def step(self, inputs: StepInput) -> StepResult:
         """See Stepper."""
-        return StepResult(self.kernel.step(*inputs) / 2, self.kernel.contact)
+        if self.interface is not None:
+            solver = self.interface.solver
+            self._search_before = solver.last_forces, solver.residual
+        try:
+            return StepResult(self.kernel.step(*inputs) / 2, self.kernel.contact)
+        except BaseException:
+            self._restore_search()
+            raise
 
     def rollback(self) -> None:
         """See Stepper."""
         self.kernel.rollback()
+        self._restore_search()
 
     def flush(self) -> None:
         """See Stepper; no other contact mode than the active one owes anything."""
@@ -105,15 +113,20 @@ class ReducedStepper:
         self.rigid_displacement[:] = self.kernel.state[:] = 0
         self.kernel.resume(np.empty(0))
         self.kernel.contact = None
+        self.kernel.notes = dict.fromkeys(self.kernel.notes, 0)
         if self.interface is not None:
             self.interface.forget()
+            self.interface.solver.residual = ContactResidual()
 
     def snapshot(self) -> StepperState:
         """All that is not in the ROM."""
         self.kernel.reset_buffer()
         state, rigid = _read_only(self.kernel.state), _read_only(self.rigid_displacement)
-        forces = np.empty(0) if self.interface is None else self.interface.solver.last_forces
-        return StepperState(state, rigid, _read_only(self.kernel.auxiliary), self.kernel.contact, forces)
+        forces, residual = np.empty(0), ContactResidual()
+        if self.interface is not None:
+            forces, residual = self.interface.solver.last_forces, self.interface.solver.residual
+        carried, contact, notes = _read_only(self.kernel.auxiliary), self.kernel.contact, dict(self.kernel.notes)
+        return StepperState(state, rigid, carried, contact, forces, residual, notes)
 
     def check(self, contact: str, state: StepperState) -> None:
         """A StepError where a snapshot, taken in a contact mode, is of another ROM."""
@@ -136,10 +149,12 @@ class ReducedStepper:
         self.kernel.state[:] = state.state
         self.kernel.resume(state.auxiliary)
         self.kernel.contact = state.contact
+        self.kernel.notes = {name: state.notes.get(name, 0) for name in self.kernel.notes}
         if self.interface is not None:
             self.interface.forget()
             if len(state.contact_forces):
                 self.interface.solver.last_forces = state.contact_forces
+            self.interface.solver.residual = state.residual
 
     def diagnostics(self) -> tuple[str, ...]:
         """See Stepper."""
@@ -156,6 +171,11 @@ class ReducedStepper:
     def _kernel_of(self, contact: str) -> Kernel:
         """What takes the step in a contact mode."""
         raise NotImplementedError
+
+    def _restore_search(self) -> None:
+        """The search for contact forces is where it was before the last step."""
+        if self.interface is not None:
+            self.interface.solver.last_forces, self.interface.solver.residual = self._search_before
 
 
 class LinearStepper(ReducedStepper):
