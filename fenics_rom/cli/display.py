@@ -3,6 +3,7 @@
 import io
 import math
 import sys
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -22,6 +23,8 @@ MODE_HEADING = (
     *("contact mode", "order", "inputs", "lowest", "σ_1", "σ left out"),
     *("static error", "transfer error", "sampled at"),
 )
+
+LINE_INTERVAL = 10.0  # seconds between lines of progress, where there is no terminal
 
 
 def rich_package() -> Any:
@@ -191,9 +194,9 @@ def print_table(title: str, columns: tuple[str, ...], rows: Sequence[tuple[str, 
 
 @contextmanager
 def progress() -> Iterator[Report]:
-    """A report that draws a bar for each stage on a terminal, on rank 0, and nothing elsewhere."""
+    """On rank 0 a report: a bar for each stage on a terminal, elsewhere a line every ten seconds."""
     if not (is_root_process() and sys.stderr.isatty()):
-        yield silent
+        yield _told_in_lines() if is_root_process() else silent
         return
     rich = rich_package()
 
@@ -215,3 +218,17 @@ def progress() -> Iterator[Report]:
             bars.update(tasks[stage], completed=done, total=of)
 
         yield report
+
+
+def _told_in_lines() -> Report:
+    """A report that writes to standard error what is done, when the last time was long ago."""
+    start = last = time.monotonic()
+
+    def report(stage: str, done: int, of: int) -> None:
+        nonlocal last
+        now = time.monotonic()
+        if now - last >= LINE_INTERVAL:
+            last = now
+            print(f"{now - start:.0f} s: {stage}, {done:,} of {of:,}", file=sys.stderr, flush=True)
+
+    return report

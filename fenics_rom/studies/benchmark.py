@@ -7,10 +7,11 @@ from pathlib import Path
 
 import fenics_rom as fr
 from fenics_rom.errors import SceneError, StepError
+from fenics_rom.io.progress import Report, silent
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.simulate import rate
 from fenics_rom.scene.scene import Scene
-from fenics_rom.studies.method_configs import METHOD_CONFIGS
+from fenics_rom.studies.method_configs import METHOD_CONFIGS, StudyGrid
 from fenics_rom.studies.pareto import format_step
 from fenics_rom.studies.study_results import BenchmarkRow
 from fenics_rom.system.system import System
@@ -22,11 +23,11 @@ VALIDATION_ERRORS = ("static_error", "transfer_error", "neglected")
 TRACE_SHARES = (1 - 1e-5, 1 - 1e-8, 1 - 1e-11)
 
 
-def reduce_timed(system: System, method: str, order: int) -> tuple[Rom, float]:
+def reduce_timed(system: System, method: str, order: int, report: Report = silent) -> tuple[Rom, float]:
     """The model and the seconds that its reduction took; errors are those of `reduce`; every rank must call it."""
     for share in TRACE_SHARES:
         start = time.perf_counter()
-        rom = fr.reduce(system, order=order, share=share, **METHOD_CONFIGS[method].options)
+        rom = fr.reduce(system, order=order, share=share, report=report, **METHOD_CONFIGS[method].options)
         seconds = time.perf_counter() - start
         most, least = (of(mode.order - mode.rigid for mode in rom.contact_models.values()) for of in (max, min))
         if method != "selection" or least >= order:
@@ -42,22 +43,22 @@ def largest_order(rom: Rom) -> int:
 
 
 def measure_model(
-    rom: Rom, seconds: float, method: str, scene: Scene, reference: Trajectory, steps: tuple[float, ...]
+    rom: Rom, seconds: float, method: str, scene: Scene, reference: Trajectory, grid: StudyGrid, report: Report
 ) -> tuple[tuple[BenchmarkRow, ...], tuple[str, ...]]:
-    """Errors, rates and costs of a reduced model at each time step, s; and why there are none of some.
+    """Errors, rates and costs of a reduced model at each step of a grid; and why there are none of some.
 
     Raises:
         StepError: the run at the reference's own step could not be made.
     """
-    at_reference_step = fr.simulate(rom, scene=scene, dt=reference.settings["dt"])
+    at_reference_step = fr.simulate(rom, scene=scene, dt=reference.settings["dt"], report=report)
     reduction = compare(at_reference_step, reference)["shape"].relative
     known = {key: [e for c in rom.validation.values() if (e := c[key]) is not None] for key in VALIDATION_ERRORS}
     worst = {key: max(errors, default=None) for key, errors in known.items()}
     size = _file_size(rom)
     rows, notes = [], []
-    for dt in steps:
+    for dt in grid.steps:
         try:
-            run = fr.simulate(rom, scene=scene, dt=dt)
+            run = fr.simulate(rom, scene=scene, dt=dt, report=report)
         except (SceneError, StepError) as error:  # a load too short for the step, or contact that it cannot resolve
             notes.append(f"{METHOD_CONFIGS[method].label}, order {largest_order(rom)}, step {format_step(dt)}: {error}")
             continue
@@ -78,7 +79,7 @@ def measure_model(
                 energy=differences["energy"].relative,
                 reduction=reduction,
                 time_step=compare(run, at_reference_step)["shape"].relative,
-                rate=rate(rom, scene=scene, dt=dt),
+                rate=rate(rom, scene=scene, dt=dt, runs=grid.rate_runs),
                 offline=seconds,
                 file_size=size,
                 **worst,

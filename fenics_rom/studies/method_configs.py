@@ -10,6 +10,7 @@ from fenics_rom.errors import SceneError, unknown
 from fenics_rom.mechanics.environment import Run
 from fenics_rom.scene.scene import ORDER, Scene
 from fenics_rom.scene.values import Number
+from fenics_rom.studies.study_results import RATE_RUNS
 
 
 @dataclass(frozen=True)
@@ -36,10 +37,13 @@ METHOD_CONFIGS = {
 STUDIED_ORDERS = (4, 6, 8, 10, 14, 20, 28, 40, 56, 80)
 STUDIED_STEP_FACTORS = (8.0, 4.0, 2.0, 1.0, 0.5, 0.25)  # times the scene's
 STUDIED_METHODS = ("balanced", "selection", "modal", "modal+static", "pod")
-QUICK_METHODS = ("balanced", "selection", "modal")
+QUICK_METHODS = ("balanced", "modal")
 QUICK_ORDERS = (5, 10, 20, 40)
 QUICK_STEP_FACTORS = (4.0, 2.0, 1.0)
 REFERENCE_REFINEMENT = 4  # steps of the reference in the smallest that is studied: a sixteenth of its error
+QUICK_REFINEMENT = 2
+QUICK_WORK = 6e6  # unknowns times steps of all full-order runs of a quick study: with contact about 20 s of one core
+QUICK_STEPS = 20  # smallest steps that a quick study has at least
 MAX_SNAPSHOTS = 100  # whole shapes that are compared
 SNAPSHOT_MEMORY_BYTES = 2e8  # bytes that those of one run may take
 
@@ -52,16 +56,33 @@ class StudyGrid:
         methods: names of METHOD_CONFIGS.
         orders: ascending.
         steps: falling, s.
+        quick: whether a first look is enough: a less fine reference, each method reduced once (to the largest order, of
+            which the others are truncations), rates of one run, and of a long run only the beginning.
     """
 
     methods: tuple[str, ...]
     orders: tuple[int, ...]
     steps: tuple[float, ...]
+    quick: bool
 
     @property
     def reference_step(self) -> float:
         """Step of the reference, s."""
-        return self.steps[-1] / REFERENCE_REFINEMENT
+        return self.steps[-1] / (QUICK_REFINEMENT if self.quick else REFERENCE_REFINEMENT)
+
+    @property
+    def rate_runs(self) -> int:
+        """Runs of which the fastest tells the rate."""
+        return 1 if self.quick else RATE_RUNS
+
+    def duration(self, whole: float, size: int) -> float:
+        """How much of a run of a body of so many unknowns is studied, s."""
+        if not self.quick:
+            return whole
+        affordable = (
+            QUICK_WORK / size * self.reference_step / 1.5
+        )  # a run at the reference's step, and half as many steps
+        return min(whole, max(affordable, QUICK_STEPS * self.steps[-1], 2 * self.steps[0]))
 
 
 def first_method(scene: Scene) -> str:
@@ -108,7 +129,7 @@ def make_grid(
     short = tuple(step for step in falling if step <= run.duration / 2)
     if not short:
         raise SceneError(f"steps: {falling[-1]:g} s is too long for a run of {run.duration:g} s")
-    return StudyGrid(tuple(methods), tuple(reachable), short)
+    return StudyGrid(tuple(methods), tuple(reachable), short, quick)
 
 
 def select_compared_instants(duration: float, steps: Sequence[float], nodes: int) -> tuple[float, int]:

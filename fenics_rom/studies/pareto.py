@@ -1,5 +1,6 @@
 """Which model to choose: the Pareto front of error and speed, and the select_cheapest model within a tolerance."""
 
+import math
 from collections.abc import Iterable, Sequence
 
 from fenics_rom.studies.method_configs import METHOD_CONFIGS
@@ -32,10 +33,16 @@ def select_cheapest(rows: Iterable[BenchmarkRow], tolerance: float) -> Benchmark
 def select_per_decade(rows: Sequence[BenchmarkRow]) -> list[tuple[float, BenchmarkRow]]:
     """Tolerances 1e-1, 1e-2, ... as far as a row reaches, and the row to choose for each.
 
-    Of several tolerances that lead to the same row, the smallest.
+    Of several tolerances that lead to the same row, the smallest. Where no row is within 1e-1, the least error of all
+    in whole tenths.
     """
     by_model: dict[tuple[str, int, float], tuple[float, BenchmarkRow]] = {}
     k = 1
+    least = min((row.error for row in rows), default=0.0)
+    if least > 0.1:
+        tolerance = math.ceil(10 * least) / 10
+        row = select_cheapest(rows, tolerance)
+        return [] if row is None else [(tolerance, row)]
     while (row := select_cheapest(rows, 10.0**-k)) is not None:
         key = row.method, row.order, row.dt
         by_model.pop(key, None)

@@ -90,5 +90,6 @@ def fingerprint(scene: Scene, reference_step: float, shapes: int) -> str:
         digest.update(scene.mesh_file.read_bytes())
     except OSError as error:
         raise SceneError(f"{scene.mesh_file}: cannot be read: {error.strerror}") from error
-    digest.update(repr((reference_step, shapes)).encode())
+    duration = 0.0 if scene.run is None else scene.run.duration
+    digest.update(repr((reference_step, shapes, duration)).encode())
     return digest.hexdigest()

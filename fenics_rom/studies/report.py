@@ -90,11 +90,12 @@ def markdown_report(results: StudyResults, command: str) -> str:
 
 
 def _settings(results: StudyResults) -> str:
+    runs = "of one run" if results.rate_runs == 1 else f"the fastest of {results.rate_runs} runs"
     return (
         f"{results.size:,} unknowns at full order, {results.duration:g} s. Errors are of the whole shape over the "
         f"whole run, in the mass norm, as a share of its size; the reference is the full order at steps of "
         f"{format_step(results.reference_step)}, whose own error is {results.reference_error:.1e} (from a run at twice "
-        f"the step). Rates are of single steps with the energy account kept, one thread, the fastest of five runs; the "
+        f"the step). Rates are of single steps with the energy account kept, one thread, {runs}; the "
         f"full order, without account, makes {results.full_rate:,.0f} steps a second."
     )
 

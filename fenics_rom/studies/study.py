@@ -135,13 +135,17 @@ class _StudyRun:
         self._folder, self._grid, self._report = folder, grid, report
         self._comm = system.algebra.comm  # type: ignore[attr-defined]
         run, step = reference.measurable_run(scene), grid.reference_step
-        duration, shapes = select_compared_instants(run.duration, (*grid.steps, 2 * step, step), len(system.body.nodes))
-        self._run = replace(run, duration=duration, snapshots=shapes)
+        part = grid.duration(run.duration, system.size)
+        duration, shapes = select_compared_instants(part, (*grid.steps, 2 * step, step), len(system.body.nodes))
+        loads = tuple(load for load in run.loads if load.start < duration - grid.steps[0])
+        self._run = replace(run, duration=duration, snapshots=shapes, loads=loads)
+        self._whole, self._is_cut = run.duration, part < run.duration
         self._scene = replace(scene, run=self._run)
         self._system = replace(system, scene=self._scene)
         self._fingerprint = reference.fingerprint(self._scene, step, shapes)
         self._reference: Trajectory | None = None
         self._last: Rom | None = None
+        self._largest: dict[str, tuple[Rom, float]] = {}  # of each method, in a quick study
         earlier = run_on_rank_0(self._comm, lambda: self._resume_results(resume, begin_if_other))
         self.results = earlier or self._run_reference(step)
         self._add()
@@ -152,13 +156,18 @@ class _StudyRun:
             self._add(meshes=reference.compare_meshes(self._system, meshes, self.results.dt, self._report))
         models = [(method, order) for order in self._grid.orders for method in self._grid.methods]
         for done, (method, order) in enumerate(models):
-            self._report("reduced models", done, len(models))
+            alive = self._alive(done, len(models))
+            alive("", 0, 0)
             if (method, order) not in self.results.tried:
-                self._measure(method, order)
+                self._measure(method, order, alive)
             if any(enough(row) for row in self.results.rows):
                 break
         self._report("reduced models", len(models), len(models))
         return self.results
+
+    def _alive(self, done: int, of: int) -> Report:
+        """A report that says how many models are done, whatever one is doing."""
+        return lambda stage, k, n: self._report("reduced models", done, of)
 
     def model(self, row: BenchmarkRow) -> Rom:
         """The model of a row; made anew where an earlier study measured it."""
@@ -175,7 +184,7 @@ class _StudyRun:
         if earlier.fingerprint != self._fingerprint:
             if begin_if_other:
                 return None
-            raise FileError(f"{file}: is of another scene, mesh or smallest step; start without resume")
+            raise FileError(f"{file}: is of another scene, mesh, smallest step or length; start without resume")
         self._reference = fr.read_trajectory(self._folder / REFERENCE_FILE)
         return earlier
 
@@ -187,7 +196,8 @@ class _StudyRun:
         coarse_run = fr.simulate(self._system, dt=2 * step, report=lambda _, k, of: self._report(stage, k, total))
         full = fr.simulate(self._system, dt=step, report=lambda _, k, of: self._report(stage, coarse + k, total))
         if not full.snapshots.any():
-            raise SceneError(f"{self._scene.source}: nothing moves in its run, so there is nothing to measure")
+            part = f"the first {self._run.duration:g} s of " if self._is_cut else ""
+            raise SceneError(f"{self._scene.source}: nothing moves in {part}its run, so there is nothing to measure")
         divisor = reference.richardson_divisor(self._scene)
         fr.write_trajectory(self._folder / REFERENCE_FILE, full)
         self._reference = full
@@ -201,14 +211,37 @@ class _StudyRun:
             reference_error=compare(coarse_run, full)["shape"].relative / divisor,
             divisor=divisor,
             full_rate=plain_rate(self._system, self._run.dt),
-            notes=full.warnings,
+            rate_runs=self._grid.rate_runs,
+            notes=(*full.warnings, *self._settings(full)),
         )
 
-    def _measure(self, method: str, order: int) -> None:
+    def _settings(self, full: Trajectory) -> list[str]:
+        """What was done otherwise than in a whole study, and what the run lacks."""
+        said = []
+        if self._grid.quick:
+            part = f", of the {self._whole:g} s of the run the first {self._run.duration:g} s"
+            said.append(
+                "a first look: each method was reduced once, to its largest order, rates are of one run"
+                + (part if self._is_cut else "")
+            )
+        if full.forces and not any(force.any() for force in full.forces.values()):
+            said.append("no obstacle is touched in this run")
+        return said
+
+    def _reduce(self, method: str, order: int, report: Report) -> tuple[Rom, float]:
+        """The model and the seconds that its reduction took; of a quick study a truncation of the largest."""
+        if not self._grid.quick:
+            return benchmark.reduce_timed(self._system, method, order, report)
+        if method not in self._largest:
+            self._largest[method] = benchmark.reduce_timed(self._system, method, self._grid.orders[-1], report)
+        rom, seconds = self._largest[method]
+        return (fr.truncate(rom, order) if order < benchmark.largest_order(rom) - rom.rigid else rom), seconds
+
+    def _measure(self, method: str, order: int, report: Report) -> None:
         """Reduces to an order, and measures the model that came of it."""
         label = METHOD_CONFIGS[method].label
         try:
-            rom, seconds = benchmark.reduce_timed(self._system, method, order)
+            rom, seconds = self._reduce(method, order, report)
         except (SceneError, SolverError) as error:
             self._add(notes=(*self.results.notes, f"{label}, order {order}: {error}"))
             return
@@ -218,7 +251,7 @@ class _StudyRun:
 
         def measure() -> tuple[tuple[BenchmarkRow, ...], tuple[str, ...]]:
             assert self._reference is not None  # on rank 0 it is there
-            return benchmark.measure_model(rom, seconds, method, self._scene, self._reference, self._grid.steps)
+            return benchmark.measure_model(rom, seconds, method, self._scene, self._reference, self._grid, report)
 
         if not self.results.of(method, largest):  # else more was asked for than is numerically there
             try:

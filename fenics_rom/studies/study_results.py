@@ -7,6 +7,7 @@ from typing import Any
 
 from fenics_rom.io.json_record import read_record
 
+RATE_RUNS = 5  # of which the fastest counts
 PICTURES = ("speed", "orders", "parts")  # names of those that are drawn of a study
 
 
@@ -83,6 +84,7 @@ class StudyResults:
             step, divided by `divisor`, which is 3 where the midpoint rule converges with the square of the step, and 1
             with contact.
         divisor: see there.
+        rate_runs: runs of which the fastest tells the rate of a reduced model.
         full_rate: steps per second at full order, of steps without an account.
         tried: methods and orders that are done, as they were asked for.
         rows: reduced models at each step.
@@ -100,6 +102,7 @@ class StudyResults:
     reference_error: float
     divisor: float
     full_rate: float
+    rate_runs: int = RATE_RUNS
     tried: tuple[tuple[str, int], ...] = ()
     rows: tuple[BenchmarkRow, ...] = ()
     meshes: tuple[MeshRow, ...] = ()

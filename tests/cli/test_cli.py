@@ -15,6 +15,8 @@ from bodies import PLATE
 from petsc4py import PETSc
 
 import fenics_rom as fr
+from fenics_rom.cli import display
+from fenics_rom.cli.display import progress
 from fenics_rom.cli.main import main
 from fenics_rom.errors import SceneError
 from fenics_rom.io.stages import Stage
@@ -645,3 +647,14 @@ def test_two_ranks_write_one_rom_and_one_summary(inside, plate_rom):
     for name, mode in fr.read_rom("rom.h5").contact_models.items():
         σ = plate_rom.contact_models[name].hankel_singular_values[:20]
         np.testing.assert_allclose(mode.hankel_singular_values[:20], σ, rtol=1e-8)
+
+
+def test_progress_is_told_without_a_terminal_too(monkeypatch, capsys):
+    with progress() as report:
+        report("full order", 2, 12)
+    assert capsys.readouterr().err == ""  # what is done in ten seconds needs no word
+    monkeypatch.setattr(display, "LINE_INTERVAL", 0.0)
+    with progress() as report:
+        report("full order", 3, 12)
+        report("reduced models", 1000, 4000)
+    assert capsys.readouterr().err == "0 s: full order, 3 of 12\n0 s: reduced models, 1,000 of 4,000\n"

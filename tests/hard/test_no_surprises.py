@@ -2,6 +2,7 @@
 
 import ast
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -94,7 +95,7 @@ def done(command, folder, *before, **more):
     line = [*before, sys.executable, "-m", "fenics_rom", *command.words]
     ended = subprocess.run(line, cwd=folder, env=environment_of(folder, **more), capture_output=True, text=True)
     assert ended.returncode == 0, ended.stderr
-    assert ended.stderr == ""
+    assert not re.sub(r"(?m)^\d+ s: .*\n", "", ended.stderr)  # but how far it is, on a busy machine
     return folder / command.output
 
 

@@ -14,7 +14,8 @@ from bodies import dense, scene_text, write_box
 import fenics_rom as fr
 from fenics_rom.errors import FileError, SceneError, SolverError
 from fenics_rom.scene.file import parse_scene
-from fenics_rom.studies.method_configs import METHOD_CONFIGS, STUDIED_ORDERS
+from fenics_rom.studies import method_configs
+from fenics_rom.studies.method_configs import METHOD_CONFIGS, STUDIED_ORDERS, make_grid
 from fenics_rom.studies.report import remarks, write_report
 from fenics_rom.studies.study import study_for_tolerance
 from fenics_rom.studies.study_results import PICTURES
@@ -174,7 +175,7 @@ def test_interrupted_study_goes_on(scene, tmp_path):
     ]
     again = fr.study(scene, tmp_path, **choices, resume=True)
     assert again == found  # rates and all: nothing was measured anew
-    with pytest.raises(FileError, match="of another scene, mesh or smallest step; start without resume"):
+    with pytest.raises(FileError, match="of another scene, mesh, smallest step or length; start without resume"):
         fr.study(scene, tmp_path, steps=[0.01], resume=True)
     (tmp_path / "study.json").write_text("{}")
     with pytest.raises(FileError, match="does not hold a study"):
@@ -283,6 +284,45 @@ def test_statics_and_contact_can_be_studied(box_file, tmp_path):
     assert touched.divisor == 1.0
     assert touched.rows[0].reduction < 1e-2
     assert touched.reference_error < touched.rows[0].error
+
+
+class TestQuick:
+    """A first look, in a work at full order that is known beforehand."""
+
+    @pytest.mark.parametrize("size", [180, 4200, 100_000])
+    def test_work_at_full_order_is_bounded(self, scene, size):
+        long = replace(scene.run, dt=1e-3, duration=1.0)
+        grid = make_grid(scene, long, size, quick=True)
+        duration = grid.duration(long.duration, size)
+        steps = duration / grid.reference_step * 1.5
+        assert size * steps <= max(method_configs.QUICK_WORK, size * 1.5 * 2 * method_configs.QUICK_STEPS) * (1 + 1e-9)
+        assert duration == long.duration if size == 180 else duration < long.duration
+        assert grid.duration(0.05, size) <= 0.05
+
+    def test_takes_the_beginning_reduces_once_and_says_so(self, scene, tmp_path, monkeypatch):
+        monkeypatch.setattr(method_configs, "QUICK_WORK", 108 * 150.0)  # a third of it, of 108 unknowns
+        found = fr.study(scene, tmp_path, quick=True)
+        assert found.duration == 0.48  # of half a second, what steps of 40 ms divide
+        assert found.reference_step == 0.005
+        assert "rates are of one run, of the 1 s of the run the first 0.48 s" in found.notes[0]
+        assert {row.method for row in found.rows} == {"balanced", "modal"}
+        run = replace(scene.run, duration=found.duration, snapshots=4)
+        short, rom = replace(scene, run=run), fr.reduce(fr.assemble(scene), order=5, method="balanced")
+        full, reduced = fr.simulate(short, dt=0.005), fr.simulate(rom, scene=short, dt=0.005)
+        alone = found.of("balanced", 5)[0].reduction
+        assert alone == pytest.approx(fr.compare(reduced, full)["shape"].relative, rel=0.1)  # at other instants
+
+    def test_nothing_that_moves_in_the_beginning_is_refused(self, box_file, tmp_path, monkeypatch):
+        monkeypatch.setattr(method_configs, "QUICK_WORK", 1.0)
+        late = box_scene(box_file, PUSH.replace("stop = 0.48", "start = 0.5"))
+        with pytest.raises(SceneError, match=r"nothing moves in the first 0\.\d+ s of its run"):
+            fr.study(late, tmp_path, quick=True)
+
+    def test_tells_how_far_it_is_again_and_again(self, scene, tmp_path):
+        said = []
+        fr.study(scene, tmp_path, quick=True, orders=[5], report=lambda *told: said.append(told))
+        assert said.count(("full order", 150, 300)) == 1
+        assert said.count(("reduced models", 1, 2)) > 100  # of 2 models, the second one: at each of its steps
 
 
 @pytest.mark.parametrize(
