@@ -15,6 +15,7 @@ import fenics_rom as fr
 from fenics_rom.io.mpi_ranks import is_root_process
 from fenics_rom.io.progress import Report, silent
 from fenics_rom.io.stages import Stage, peak_memory
+from fenics_rom.mechanics.body_facts import body_lines
 from fenics_rom.rom.deformation import ReducedDeformation
 from fenics_rom.rom.rom import ContactModel
 from fenics_rom.visualization.optional_dependencies import load_package
@@ -46,6 +47,7 @@ def print_rom(rom: "fr.Rom", file: Path | str) -> None:
     width = 3 if len(rom.nodes) else 1
     effects = (f"{name} ({words})" if words else name for name, words in rom.environment.effects.items())
     lines = {
+        **body_lines(rom.nodes, rom.node_mass, rom.first_frequency, rom.cells),
         "full order": f"{len(rom.free)} displacements, {len(rom.nodes)} nodes",
         "shared basis": f"{len(rom.stiffness)} vectors",
         "method": rom.method,
@@ -111,7 +113,7 @@ def _percent(part: float, total: float) -> str:
 
 
 def print_trajectory(run: "fr.Trajectory", file: Path | str) -> None:
-    """What a run came to, and where the energy went."""
+    """What a run came to, where the energy went, and what the body is."""
     dt = run.settings["dt"]
     account = {
         "supplied": run.supplied[-1],
@@ -122,6 +124,7 @@ def print_trajectory(run: "fr.Trajectory", file: Path | str) -> None:
     title = f"{run.model} run {run.name}: {file}"
     print_table(title, tuple(account), [tuple(f"{value:.6e} J" for value in account.values())])
     lines = {
+        **body_lines(run.nodes, run.node_mass, run.settings.get("first_frequency"), run.cells),
         "steps": f"{run.steps} of {dt:g} s",
         "order": f"{run.settings['order']:.0f}",
         **({"rate": _rate(run, run.settings["seconds"])} if "seconds" in run.settings else {}),

@@ -1,6 +1,7 @@
 """`fenics-rom simulate`: a scene at full order, or a ROM, through a load history."""
 
 import argparse
+from dataclasses import replace
 from pathlib import Path
 
 import fenics_rom as fr
@@ -50,7 +51,12 @@ def run(choice: argparse.Namespace) -> None:
             given = [name for name, value in options.items() if value is not None and value is not False]
             if given:
                 choice.wrong_usage(f"{', '.join(given)}: for a ROM; {choice.model} is a scene, run at full order")
-            trajectory = fr.simulate(fr.read_scene(choice.model), dt=choice.dt, report=report)
+            from fenics_rom.reduction.rigid_mode_deflation import first_frequency
+
+            system = fr.assemble(fr.read_scene(choice.model))
+            trajectory = fr.simulate(system, dt=choice.dt, report=report)
+            settings = {**trajectory.settings, "first_frequency": first_frequency(system)}
+            trajectory = replace(trajectory, settings=settings)
     fr.write_trajectory(choice.output, trajectory)
     if is_root_process():
         print_trajectory(trajectory, choice.output)

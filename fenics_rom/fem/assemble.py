@@ -24,6 +24,7 @@ from fenics_rom.fem.dolfinx_compat import (
 from fenics_rom.fem.finite_strain.assemble import assemble_deformation
 from fenics_rom.fem.loads import actuators_of, contact_points_of, loads_of
 from fenics_rom.fem.mesh import Mesh, read_mesh
+from fenics_rom.fem.mesh_quality import radius_ratios
 from fenics_rom.fem.nodes import (
     CELL_EDGES,
     Nodes,
@@ -41,6 +42,7 @@ from fenics_rom.fem.rigid_modes import rigid_motions
 from fenics_rom.fem.springs import dashpots_of, springs_of, with_surfaces
 from fenics_rom.fem.supports import unknowns_of
 from fenics_rom.io.stages import Stages
+from fenics_rom.mechanics.body_facts import implausible, quality_of
 from fenics_rom.scene.scene import Scene
 from fenics_rom.system.body import Body, Unknowns
 from fenics_rom.system.rigid_modes import mass_orthonormal, without_energy
@@ -72,7 +74,7 @@ def assemble(scene: Scene, comm: Any = None) -> System:
 
 
 def _system(scene: Scene, comm: Any) -> System:
-    mesh = run_on_rank_0(comm, lambda: read_mesh(scene.mesh_file, scene.mesh_groups))
+    mesh = run_on_rank_0(comm, lambda: read_mesh(scene.mesh_file, scene.mesh_groups, scene.mesh_scale))
     nodes = run_on_rank_0(comm, lambda: canonical_nodes(mesh, scene.degree))
     unknowns = unknowns_of(scene, nodes)
     if unknowns.weights is not None and scene.effects.large_deformation is not None:
@@ -81,6 +83,7 @@ def _system(scene: Scene, comm: Any) -> System:
             "allowed along an axis only; turn the mesh"
         )
     material, effects = _material_of_cells(scene, mesh), scene.effects
+    young = {"material" if m.cells is None else f"materials.{name}": m.young for name, m in scene.materials.items()}
     is_proportional = not (effects.damping_of_materials or effects.dashpots)
 
     matrices = _matrices(comm, mesh, nodes, scene, material, unknowns)
@@ -116,9 +119,10 @@ def _system(scene: Scene, comm: Any) -> System:
             unknowns,
             matrices.node_mass,
             {name: patch_nodes(nodes, patch, f"contacts.{name}") for name, patch in scene.contacts.items()},
+            quality_of(radius_ratios(nodes.coordinates, nodes.cells)),
         ),
         scene=scene,
-        warnings=tuple(_warnings(scene, rigid)),
+        warnings=(*_warnings(scene, rigid), *implausible(nodes.coordinates, matrices.node_mass.sum(), young)),
     )
     if effects.large_deformation is None:
         return system

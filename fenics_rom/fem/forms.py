@@ -15,12 +15,14 @@ from fenics_rom.errors import StructureError
 from fenics_rom.fem.assemble import assemble_form, dolfinx_nodes, node_masses
 from fenics_rom.fem.dolfinx_compat import cell_nodes, input_nodes, quiet_compiler, vector_space
 from fenics_rom.fem.mesh import Mesh, oriented
+from fenics_rom.fem.mesh_quality import check_filling, radius_ratios
 from fenics_rom.fem.nodes import canonical_nodes
 from fenics_rom.fem.petsc_algebra import PetscAlgebra, require_real
 from fenics_rom.fem.petsc_matrix import PetscMatrix
 from fenics_rom.fem.restriction import rows_here, set_rigid_modes
 from fenics_rom.fem.rigid_modes import rigid_motions
 from fenics_rom.fem.user_matrices import refuse_together
+from fenics_rom.mechanics.body_facts import quality_of
 from fenics_rom.system.body import Body, Unknowns
 from fenics_rom.system.rayleigh_damping import check_damping_choice
 from fenics_rom.system.rigid_modes import mass_orthonormal, without_energy
@@ -218,7 +220,8 @@ def _free_rows(space: Any, constrained: np.ndarray, mass: PETSc.Mat) -> _FreeRow
     free = np.flatnonzero(is_free)
     node_mass = node_masses(mass, dolfinx_number)[0]
     unknowns = Unknowns(is_free.size, free)
-    body = Body(nodes.coordinates, nodes.drawn_triangles(), unknowns, node_mass)
+    cells = quality_of(radius_ratios(nodes.coordinates, nodes.cells))
+    body = Body(nodes.coordinates, nodes.drawn_triangles(), unknowns, node_mass, cells=cells)
     whole_nodes = bool((is_free.all(axis=1) == is_free.any(axis=1)).all())
     local_dofs, index_set = rows_here(comm, free.reshape(-1, 3) if whole_nodes else free, dolfinx_number)
     motions = rigid_motions(nodes, node_mass, unknowns)[np.isin(free, local_dofs)]
@@ -246,4 +249,5 @@ def _mesh(domain: Any) -> Mesh:
         points[numbers] = coordinates
     cells = np.sort(np.concatenate([cells for *_, cells in parts]), axis=1)
     cells = oriented(points, cells[np.lexsort(cells.T[::-1])])
+    check_filling(points, cells, "the mesh of the forms")
     return Mesh(points, cells, {}, {}, "the mesh of the forms")

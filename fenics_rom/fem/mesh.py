@@ -13,8 +13,8 @@ import numpy as np
 
 from fenics_rom.errors import MeshError, unknown
 from fenics_rom.fem import gmsh_file
+from fenics_rom.fem.mesh_quality import CELL_EDGES, check_filling, signed_volumes
 
-CELL_EDGES = np.array([(2, 3), (1, 3), (1, 2), (0, 3), (0, 2), (0, 1)])  # node 4 + e of degree 2 is on edge e
 LINEAR_TETRAHEDRON = "Tetrahedron 4"  # what Gmsh calls the only kind of cells that is allowed
 
 
@@ -52,16 +52,17 @@ class Mesh:
         return groups[name]
 
 
-def read_mesh(file: Path, groups: Mapping[str, int]) -> Mesh:
+def read_mesh(file: Path, groups: Mapping[str, int], scale: float = 1.0) -> Mesh:
     """Reads Gmsh .msh or XDMF.
 
     Args:
         file: path; `.msh` with physical groups, or `.xdmf` as dolfinx writes it.
         groups: names for tags that have none in the file (XDMF holds tag values only). In XDMF, tags written under
             a name of their own are also a group of that name.
+        scale: metres that a unit of its coordinates is worth.
 
     Raises:
-        MeshError: the file is missing, unreadable, or holds no usable tetrahedra.
+        MeshError: the file is missing, unreadable, or holds no usable tetrahedra, or some that overlap.
     """
     try:
         if not file.is_file():
@@ -73,14 +74,10 @@ def read_mesh(file: Path, groups: Mapping[str, int]) -> Mesh:
         raise MeshError(f"mesh file {file}: allowed endings are {', '.join(readers)}")
     points, cells, surfaces, regions = readers[file.suffix](file, groups)
     _check_cells(points, cells, file)
+    points = scale * points
     cells, regions = _deduplicate(oriented(points, cells), regions)
+    check_filling(points, cells, f"mesh file {file}")
     return Mesh(points, cells, surfaces, regions, str(file))
-
-
-def signed_volumes(points: np.ndarray, cells: np.ndarray) -> np.ndarray:
-    """Volumes (C,) of tetrahedra, negative where the fourth vertex is behind the first three."""
-    a, b, c, d = (points[cells[:, k]] for k in range(4))
-    return np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) / 6
 
 
 def oriented(points: np.ndarray, cells: np.ndarray) -> np.ndarray:

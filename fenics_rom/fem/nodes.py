@@ -10,12 +10,11 @@ import numpy as np
 import scipy.sparse
 
 from fenics_rom.errors import MeshError, SceneError
-from fenics_rom.fem.mesh import CELL_EDGES, Mesh
+from fenics_rom.fem.mesh import Mesh
+from fenics_rom.fem.mesh_quality import CELL_EDGES, CELL_FACES
 from fenics_rom.scene.places import Near, Patch, Place
 from fenics_rom.scene.scene import Output
 from fenics_rom.system.body import Unknowns
-
-CELL_FACES = np.array([(1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1)])  # face f is opposite to vertex f, outward
 
 
 @dataclass(frozen=True)
@@ -243,7 +242,7 @@ def shape_functions(nodes: Nodes, point: np.ndarray, where: str) -> np.ndarray:
     if distance[cell] > 0.01 * size:
         raise SceneError(
             f"{where}: point {point.tolist()} is {distance[cell]:.3g} m outside the body; "
-            f"allowed is 1 % of its size, {0.01 * size:.3g} m"
+            f"allowed is 1 % of its size, {0.01 * size:.3g} m (mesh.scale says in which unit the mesh is)"
         )
     values = np.zeros(len(nodes.coordinates))
     vertices, λ = nodes.cells[cell], clipped[cell]

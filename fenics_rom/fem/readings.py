@@ -9,8 +9,8 @@ from scipy.sparse.csgraph import connected_components
 
 from fenics_rom.errors import SceneError
 from fenics_rom.fem.full_order_body import FullOrderBody
-from fenics_rom.fem.mesh import CELL_EDGES
-from fenics_rom.fem.nodes import CELL_FACES, Nodes, patch_triangles, triangle_areas
+from fenics_rom.fem.mesh_quality import CELL_EDGES, CELL_FACES
+from fenics_rom.fem.nodes import Nodes, patch_triangles, triangle_areas
 from fenics_rom.mechanics.readings import (
     ChamberVolume,
     ContactPressure,

@@ -5,7 +5,7 @@ import scipy.linalg
 import scipy.sparse
 from scipy.sparse.csgraph import connected_components
 
-from fenics_rom.fem.mesh import CELL_EDGES
+from fenics_rom.fem.mesh_quality import CELL_EDGES
 from fenics_rom.fem.nodes import Nodes
 from fenics_rom.system.body import Unknowns
 

@@ -66,6 +66,7 @@ def simulate(
         nodes=system.body.nodes,
         triangles=system.body.triangles,
         node_mass=system.body.node_mass,
+        cells=system.body.cells,
         warnings=(*system.warnings, *lost, *filter(None, [monitor.summary]), *body.stepper.diagnostics()),
     )
 

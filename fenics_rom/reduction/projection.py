@@ -73,6 +73,7 @@ def assemble_rom(problem: ReductionProblem, retained: Mapping[str, RetainedBasis
         nodes=system.body.nodes,
         triangles=system.body.triangles,
         node_mass=system.body.node_mass,
+        cells=system.body.cells,
         environment=scene.environment if scene else Environment(),
         contact_surfaces=system.body.contact_surfaces,
         scene_text=scene.text if scene else "",

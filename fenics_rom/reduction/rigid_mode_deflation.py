@@ -5,6 +5,7 @@ elastic rest has the same M, D and K, loads PᵀB and outputs PᵀC, and solves 
 reduced of it gets R back, exactly, in every contact mode.
 """
 
+import math
 from contextlib import closing
 from dataclasses import replace
 from typing import Any
@@ -30,6 +31,13 @@ def elastic_part(system: System) -> System:
     for kind in ("contacts", "actuators", "loads", "outputs"):
         given[kind] = {name: algebra.balanced(B) for name, B in given[kind].items()}
     return _ElasticSystem(**given)
+
+
+def first_frequency(system: System) -> float:
+    """The lowest at which a body oscillates, Hz; every rank must call it."""
+    elastic = elastic_part(system)
+    γ, _ = elastic.algebra.eigenpairs(elastic.mass, elastic.stiffness, 1)
+    return math.sqrt(γ[0]) / math.tau
 
 
 class _ElasticSystem(System):

@@ -10,6 +10,7 @@ p input columns, r Hankel singular values, f sampled frequencies; P points of an
     stiffness (k,) 1/s^2             κ, QᵀKQ = diag(κ); 0 for these
     free (n,)                        index of each free component among 3 N, or 0 to n - 1 where there is no mesh
     nodes (N, 3) m, triangles (F, 3), node_mass (N,) kg; empty where there is no mesh
+    cells (4,)                       of the mesh: number, of these near-flat, least and mean radius ratio; may be absent
     outputs/NAME (3P, k) kg^-1/2     C Q; any number of rows where there is no mesh
     actuators/NAME (1,)              number of input columns
     loads/NAME (1,)                  the same of loads with signals of their own; absent where there are none
@@ -40,7 +41,8 @@ p input columns, r Hankel singular values, f sampled frequencies; P points of an
         nodes (s,), facets (F, 3 or 6), areas (F,) m^2          of contact_pressure: facets are rows of nodes
         triangles (P,), operator (3, 3, P, k) kg^-1/2/m, first_lame, shear (P,) Pa          of strain, von_mises_stress
 
-Files of format 2.0 have no readings; those of format 1.x are read, too: rom.format_1 makes them such files.
+Files of format 2.0 have neither readings nor cells; those of format 1.x are read, too: rom.format_1 makes them such
+files.
 """
 
 from collections.abc import Iterable
@@ -65,6 +67,7 @@ from fenics_rom.io.hdf5 import (
     write_file,
 )
 from fenics_rom.io.stages import Stage
+from fenics_rom.mechanics.body_facts import CellQuality
 from fenics_rom.mechanics.environment import SWITCHINGS
 from fenics_rom.rom.environment_file import put_environment, take_environment
 from fenics_rom.rom.rom import ContactModel, Rom, check_rom
@@ -77,6 +80,7 @@ BODY = {
     "triangles": Entry("1", ("F", 3), "i"),
     "node_mass": Entry("kg", ("N",)),
 }
+CELLS = {"cells": Entry("1", (4,), optional=True)}
 HANKEL_UNIT = {"mass": "s^2/kg^1/2", "nodal": "s^2/kg", "outputs": "s^2/kg"}  # by weighting
 MODE = {
     "eigenvalues": Entry("1/s^2", ("m",)),
@@ -132,6 +136,8 @@ def _fill(h5: h5py.File, rom: Rom) -> None:
     put_text(h5, scene=rom.scene_text, warnings="\n".join(rom.warnings))
     sizes: Sizes = {}
     put_arrays(h5, BODY, sizes, {name: getattr(rom, name) for name in BODY})
+    if rom.cells is not None:
+        put_arrays(h5, CELLS, sizes, {"cells": rom.cells.array})
     there = (*GROUPS[:-1], "offline", *(["loads"] if rom.loads else []))
     groups = {name: h5.create_group(name, track_order=True) for name in there}
     put_arrays(groups["outputs"], _output_table(rom.outputs), sizes, rom.outputs)
@@ -166,7 +172,8 @@ def _fill(h5: h5py.File, rom: Rom) -> None:
 
 def _take(h5: h5py.File) -> Rom:
     sizes: Sizes = {}
-    body: Any = get_arrays(h5, BODY, sizes, (*GROUPS, *MAYBE))
+    body: Any = get_arrays(h5, BODY | CELLS, sizes, (*GROUPS, *MAYBE))
+    body["cells"] = CellQuality.from_array(body["cells"])
     groups = {name: get_group(h5, name) for name in (*GROUPS, *MAYBE) if name in GROUPS or name in h5}
     outputs: Any = get_arrays(groups["outputs"], _output_table(groups["outputs"]), sizes)
     weighting = get_text(h5, "weighting")

@@ -10,6 +10,7 @@ import numpy as np
 
 from fenics_rom.errors import StructureError
 from fenics_rom.io.stages import Stage
+from fenics_rom.mechanics.body_facts import CellQuality
 from fenics_rom.mechanics.environment import Environment
 
 if TYPE_CHECKING:
@@ -107,6 +108,7 @@ class Rom:
         stages: what the offline work spent its time on.
         loads: number of input columns of each load that acts by a history of its own.
         deformation: what large deformation adds; then all contact modes have the same basis. None: the model is linear.
+        cells: of the mesh, how many there are, and how good; None where nobody knows.
 
     Example:
         >>> rom = fr.read_rom("plate.h5")
@@ -135,6 +137,7 @@ class Rom:
     loads: Mapping[str, int] = field(default_factory=dict)
     deformation: "ReducedDeformation | None" = None
     readings: Mapping[str, "Reading"] = field(default_factory=dict)
+    cells: CellQuality | None = None
 
     def __repr__(self) -> str:
         models, columns = self.contact_models, self.contacts
@@ -159,6 +162,11 @@ class Rom:
     def rigid(self) -> int:
         """Number ρ of rigid motions, the first vectors of the shared basis and of all contact modes."""
         return int(np.count_nonzero(self.stiffness == 0))
+
+    @property
+    def first_frequency(self) -> float:
+        """The lowest at which the body oscillates in the shared basis, Hz: at or above that of the full model."""
+        return math.sqrt(self.stiffness[self.stiffness > 0].min()) / math.tau
 
     def by_point(self, rows: Array) -> Array:
         """Displacements of an output, (..., 3 points), by point, (..., points, 3); without a mesh as they are."""

@@ -98,6 +98,7 @@ def _scene(raw: dict[str, Any], text: str, folder: Path, given: Mapping[str, np.
         mesh_file=folder / file.mesh.file,
         degree=file.mesh.degree,
         mesh_groups=file.mesh.groups,
+        mesh_scale=file.mesh.scale,
         materials={name: Material(**vars(material)) for name, material in materials.items()},
         clamped=file.supports.clamped,
         held=file.supports.held,

@@ -24,6 +24,9 @@ class Mesh:
     degree: Annotated[
         int, Number(at_least=1, at_most=2, integer=True), "of the displacements in a tetrahedron; 1 is stiff in bending"
     ] = 1
+    scale: Annotated[
+        float, Number(above=0.0), "metres that a unit of its coordinates is worth: 1e-3 of a mesh in millimetres"
+    ] = 1.0
     groups: Annotated[Mapping[Name, Group], "names for physical groups that have numbers alone in the file"] = field(
         default_factory=dict
     )

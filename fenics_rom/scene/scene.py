@@ -135,6 +135,7 @@ class Scene:
     mesh_file: Path
     degree: int
     mesh_groups: Mapping[str, int]
+    mesh_scale: float
     materials: Mapping[str, Material]
     clamped: tuple[str, ...]
     held: tuple[Held, ...]

@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 import numpy as np
 import scipy.sparse
 
+from fenics_rom.mechanics.body_facts import CellQuality
 from fenics_rom.system.protocols import Array
 
 
@@ -69,6 +70,7 @@ class Body:
         unknowns: which of the 3 N displacement components are unknowns.
         node_mass: (N,), kg; the diagonal of M scaled to the mass of the body (Hinton, Rock & Zienkiewicz 1976).
         contact_surfaces: nodes (any,) of the surface of each contact mode.
+        cells: how many there are, and how good; None: nobody knows.
     """
 
     nodes: Array
@@ -76,6 +78,7 @@ class Body:
     unknowns: Unknowns
     node_mass: Array
     contact_surfaces: Mapping[str, Array] = field(default_factory=dict)
+    cells: CellQuality | None = None
 
     @property
     def free(self) -> Array:

@@ -10,8 +10,10 @@ shapes, N nodes, F triangles, P points of an output.
     energy, supplied, dissipated, lost_in_switching (S,) J
     snapshot_times (s,) s, snapshots (s, N, 3) m, velocities (s, N, 3) m/s; these may be absent
     nodes (N, 3) m, triangles (F, 3), node_mass (N,) kg
+    cells (4,)                       of the mesh, as in a ROM; may be absent
     outputs/NAME (S, P, 3) m
-    settings/NAME (1,)               dt in s, order; seconds (wall clock of the steps) and mismatch may be absent
+    settings/NAME (1,)               dt in s, order; first_frequency in Hz, seconds (wall clock of the steps) and
+                                     mismatch may be absent
     forces/NAME (S, 3) N             of each obstacle on the body; absent where there are none, with
     contact_account/NAME (S,) J      running sums: obstacles (supplied), contact and perhaps friction (dissipated)
     obstacles/NAME/motion (s, 3) m   from where the scene puts it; attribute `shape`, and what describes that:
@@ -44,6 +46,7 @@ from fenics_rom.io.hdf5 import (
     rename_all,
     write_file,
 )
+from fenics_rom.mechanics.body_facts import CellQuality
 from fenics_rom.mechanics.obstacles import SHAPES, Obstacle
 from fenics_rom.trajectory.trajectory import CONTACT_ACCOUNT, Trajectory
 
@@ -59,12 +62,14 @@ RUN = {
     "nodes": Entry("m", ("N", 3)),
     "triangles": Entry("1", ("F", 3), "i"),
     "node_mass": Entry("kg", ("N",)),
+    "cells": Entry("1", (4,), optional=True),
 }
 SETTINGS = {
     "dt": Entry("s", (1,)),
     "seconds": Entry("s", (1,), optional=True),
     "order": Entry("1", (1,)),
     "mismatch": Entry("1", (1,), optional=True),
+    "first_frequency": Entry("Hz", (1,), optional=True),
 }
 
 OPTIONAL_GROUPS = ("forces", "contact_account", "obstacles", "profile")
@@ -116,7 +121,8 @@ def _fill(h5: h5py.File, run: Trajectory) -> None:
         stepping=run.stepping,
     )
     sizes: Sizes = {}
-    put_arrays(h5, RUN, sizes, {name: getattr(run, name) for name in RUN})
+    cells = None if run.cells is None else run.cells.array
+    put_arrays(h5, RUN, sizes, {name: getattr(run, name) for name in RUN} | {"cells": cells})
     outputs = h5.create_group("outputs", track_order=True)
     for name, values in run.outputs.items():
         put_arrays(outputs, {name: _output_entry(name)}, sizes, {name: values})
@@ -145,6 +151,7 @@ def _fill(h5: h5py.File, run: Trajectory) -> None:
 def _take(h5: h5py.File) -> Trajectory:
     sizes: Sizes = {}
     arrays: Any = get_arrays(h5, RUN, sizes, ("outputs", "settings", *OPTIONAL_GROUPS))
+    arrays["cells"] = CellQuality.from_array(arrays["cells"])
     outputs = get_group(h5, "outputs")
     named: Any = get_arrays(outputs, {name: _output_entry(name) for name in outputs}, sizes)
     settings: Any = get_arrays(get_group(h5, "settings"), SETTINGS, sizes)

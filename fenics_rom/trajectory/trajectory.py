@@ -8,6 +8,7 @@ from typing import Protocol
 import numpy as np
 
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
+from fenics_rom.mechanics.body_facts import CellQuality
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.obstacles import Obstacle
 
@@ -29,7 +30,7 @@ class Trajectory:
         model: "full" or "reduced".
         settings: numbers that belong beside any rate or error: dt, s; order, or n; seconds, the wall clock of the
             stepping, of a reduced run only where it was asked for; of linearly implicit steps with large deformation
-            mismatch (of strains, as a share of the largest).
+            mismatch (of strains, as a share of the largest); first_frequency of the body, Hz, where it is known.
         times: (steps + 1,), s.
         contacts: names of the contact modes.
         contact: (steps + 1,) which of them was active.
@@ -52,6 +53,7 @@ class Trajectory:
         obstacles: where the scene puts them, by name.
         obstacle_motion: how far each was from there at `snapshot_times`, (s, 3), m.
         stepping: how a step was taken and why, where there was a choice.
+        cells: of the mesh, how many there are, and how good; None where nobody knows.
 
     Example:
         >>> run = fr.read_trajectory("run.h5")
@@ -84,6 +86,7 @@ class Trajectory:
     obstacles: Mapping[str, Obstacle] = field(default_factory=dict)
     obstacle_motion: Mapping[str, Array] = field(default_factory=dict)
     stepping: str = ""
+    cells: CellQuality | None = None
 
     def __repr__(self) -> str:
         order, dt = (self.settings.get(name, math.nan) for name in ("order", "dt"))
@@ -212,6 +215,7 @@ class TrajectoryRecorder:
         warnings: tuple[str, ...],
         profile: Mapping[str, float] | None = None,
         stepping: str = "",
+        cells: CellQuality | None = None,
     ) -> Trajectory:
         """The finished run."""
         energy, supplied, dissipated, lost = self._account
@@ -241,4 +245,5 @@ class TrajectoryRecorder:
             obstacles=self._obstacles,
             obstacle_motion=self._motion,
             stepping=stepping,
+            cells=cells,
         )

@@ -174,6 +174,8 @@ def test_info_is_what_the_commands_printed(story, say, monkeypatch):
     assert "reduced run plate: run.h5" in story[1]["reduced"]
     for name in ("full", "reduced"):
         assert "steps                     300 of 0.01 s" in story[1][name]
+        assert re.search(r"^  body +0.5 x 0.2 x 0.01 m, 2.3 kg, first frequency \d", story[1][name], flags=re.M)
+        assert re.search(r"^  cells +120; radius ratio 3 r/R from 0.22, mean 0.23$", story[1][name], flags=re.M)
         assert re.search(r"^  rate +[\d,]+ steps/s, \S+ times real time$", story[1][name], flags=re.M)
 
 
@@ -234,6 +236,8 @@ def test_what_a_file_does_not_say_is_not_made_up(say):
     out = say("info", ROM)[1]
     assert len(re.findall(r"^  (?:right|corner) .* [\d.e-]+ +- +-$", out, flags=re.M)) == 2
     assert "offline" not in out
+    assert re.search(r"^  body +\S+ x \S+ x \S+ m, \S+ kg, first frequency \S+ Hz$", out, flags=re.M)
+    assert "cells" not in out
     out = say("info", DATA / "rom-1.1.h5")[1]
     errors = r"\S+e-\d+ +\S+e-\d+ +4 frequencies"
     assert len(re.findall(rf"^  (?:right|corner) .* Hz +- +- +{errors}$", out, flags=re.M)) == 2

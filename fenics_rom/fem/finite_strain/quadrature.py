@@ -9,7 +9,7 @@ import basix
 import numpy as np
 import scipy.sparse
 
-from fenics_rom.fem.mesh import CELL_EDGES
+from fenics_rom.fem.mesh_quality import CELL_EDGES
 from fenics_rom.fem.nodes import Nodes
 
 Array = np.ndarray

@@ -1,0 +1,113 @@
+"""Whether cells fill a body once, and how good they are."""
+
+import numpy as np
+import scipy.sparse
+from scipy.sparse.csgraph import connected_components
+
+from fenics_rom.errors import MeshError
+from fenics_rom.mechanics.body_facts import NEAR_FLAT, quality_of
+
+Array = np.ndarray
+
+CELL_EDGES = np.array([(2, 3), (1, 3), (1, 2), (0, 3), (0, 2), (0, 1)])  # node 4 + e of degree 2 is on edge e
+CELL_FACES = np.array([(1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1)])  # face f is opposite to vertex f, outward
+CLOSED = 1e-9  # share of the volume by which the cells' may differ from what the surface encloses, round-off
+
+
+def signed_volumes(points: Array, cells: Array) -> Array:
+    """Volumes (C,) of tetrahedra, negative where the fourth vertex is behind the first three."""
+    a, b, c, d = (points[cells[:, k]] for k in range(4))
+    return np.einsum("ij,ij->i", np.cross(b - a, c - a), d - a) / 6
+
+
+def radius_ratios(points: Array, cells: Array) -> Array:
+    """3 r/R (C,) of the inscribed and the circumscribed sphere, see `CellQuality`.
+
+    r = 3 V/A with the area A of the faces; 24 V R = √((p + q + s)(p + q - s)(p - q + s)(-p + q + s)) with the products
+    p, q, s of the lengths of opposite edges.
+    """
+    volume = np.abs(signed_volumes(points, cells))
+    lengths = np.linalg.norm(points[cells[:, CELL_EDGES[:, 0]]] - points[cells[:, CELL_EDGES[:, 1]]], axis=2)
+    p, q, s = (lengths[:, e] * lengths[:, 5 - e] for e in range(3))
+    a, b, c = (points[cells[:, CELL_FACES[:, k]]] for k in range(3))
+    area = np.linalg.norm(np.cross(b - a, c - a), axis=2).sum(axis=1) / 2
+    heron = (p + q + s) * (p + q - s) * (p - q + s) * (q + s - p)
+    return 216 * volume**2 / (area * np.sqrt(np.maximum(heron, np.finfo(float).tiny)))
+
+
+def check_filling(points: Array, cells: Array, source: str) -> None:
+    """Refuses cells that overlap: their volumes add up to more than their surface encloses.
+
+    Args:
+        points: (N, 3), m.
+        cells: (C, 4), positively oriented.
+        source: of the mesh, for messages.
+
+    Raises:
+        MeshError: with both volumes, and how many cells are inverted.
+    """
+    sides, outside, crowded = inversion(points, cells)
+    volumes = signed_volumes(points, cells)
+    enclosed, filled = volume_within(points, outside), float(volumes.sum())
+    inverted = np.flatnonzero(sides < 0)
+    if not crowded and abs(filled - enclosed) <= CLOSED * filled:
+        return
+    flat = quality_of(radius_ratios(points, cells)).near_flat
+    where = (
+        f", e.g. the one around {points[cells[inverted[0]]].mean(axis=0).round(6).tolist()}" if len(inverted) else ""
+    )
+    shared = f"; {crowded} faces belong to more than two cells" if crowded else ""
+    raise MeshError(
+        f"{source}: cells overlap: their volumes add up to {filled:.6g} m³, and the surface encloses {enclosed:.6g} "
+        f"m³; {len(inverted)} of {len(cells)} cells are inverted{where}, {flat} are near-flat (radius ratio 3 r/R "
+        f"below {NEAR_FLAT:g}){shared}; mesh the body anew, or put back the nodes that were moved through others"
+    )
+
+
+def inversion(points: Array, cells: Array) -> tuple[Array, Array, int]:
+    """On which side of each other cells are.
+
+    In a mesh that fills a body once, two cells lie on different sides of the face that they share. Where they do not,
+    one of them is inverted: turned inside out beside those that it hangs together with.
+
+    Returns:
+        1 or -1 for each cell (C,), -1 for the inverted ones, which have the smaller part of the volume; the faces
+        (F, 3) that only one cell has, outward by the sides; and the number of faces that more than two cells have.
+    """
+    count = len(points)
+    faces = cells[:, CELL_FACES].reshape(-1, 3)
+    i, j, k = faces.T.astype(np.int64)
+    is_even = (j > i) ^ (k > i) ^ (k > j)  # whether sorting the vertices takes an even number of exchanges
+    keys = np.sort(faces, axis=1).astype(np.int64) @ np.array([count * count, count, 1])
+    order = np.argsort(keys, kind="stable")
+    _, first, shares = np.unique(keys[order], return_index=True, return_counts=True)
+    one, other = order[first[shares == 2]], order[first[shares == 2] + 1]
+    folded = is_even[one] == is_even[other]
+    sides = np.ones(len(cells))
+    if folded.any():
+        sides = _sides(one // 4, other // 4, folded, signed_volumes(points, cells))
+    outer = order[first[shares == 1]]
+    outside = np.where(sides[outer // 4, None] > 0, faces[outer], faces[outer][:, ::-1])
+    return sides, outside, int((shares > 2).sum())
+
+
+def _sides(one: Array, other: Array, folded: Array, volumes: Array) -> Array:
+    """1 or -1 for each cell, so that cells `one` and `other` differ where their face is `folded`.
+
+    Each cell stands twice in a graph, once for each side; what hangs together in it has compatible sides.
+    """
+    count = len(volumes)
+    beyond = np.where(folded, count, 0)
+    start, end = np.concatenate([one, one + count]), np.concatenate([other + beyond, other + count - beyond])
+    graph = scipy.sparse.coo_array((np.ones(len(start)), (start, end)), shape=(2 * count, 2 * count))
+    _, label = connected_components(graph, directed=False)
+    sides = np.where(label[:count] <= label[count:], 1.0, -1.0)
+    part = np.minimum(label[:count], label[count:])
+    within = np.bincount(part, weights=sides * volumes)
+    return sides * np.where(within[part] < 0, -1.0, 1.0)
+
+
+def volume_within(points: Array, triangles: Array) -> float:
+    """Volume that outward triangles (F, 3) enclose, m³: ∫ x·n dA/3 (divergence theorem)."""
+    corners = points[triangles] - points.mean(axis=0)
+    return float(np.linalg.det(corners).sum()) / 6
