@@ -15,17 +15,21 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 
 def run(choice: argparse.Namespace) -> None:
-    """Prints a row for each output, the whole shape and the energy."""
-    differences = fr.compare(fr.read_trajectory(choice.run_file), fr.read_trajectory(choice.reference))
+    """Prints a row for each output, the whole shape, the energy, and what obstacles did."""
+    run, reference = fr.read_trajectory(choice.run_file), fr.read_trajectory(choice.reference)
     rows = [
         (
             name,
             f"{d.relative:.2e}",
-            f"{d.largest:.2e} {'J' if name == 'energy' else 'm'}",
-            f"{d.largest_reference:.2e} {'J' if name == 'energy' else 'm'}",
+            f"{d.largest:.2e} {d.unit}",
+            f"{d.largest_reference:.2e} {d.unit}",
             str(d.instants),
         )
-        for name, d in differences.items()
+        for name, d in fr.compare(run, reference).items()
     ]
     title = f"{choice.run_file} against {choice.reference}"
     print_table(title, ("quantity", "relative error", "largest error", "of", "instants"), rows)
+    if run.settings["dt"] == reference.settings["dt"]:
+        print(
+            f"  both took steps of {run.settings['dt']:g} s: what the step itself does is in both, and is not seen here"
+        )

@@ -17,7 +17,7 @@ from fenics_rom.io.progress import Report, silent
 from fenics_rom.io.stages import Stage, peak_memory
 from fenics_rom.mechanics.body_facts import body_lines
 from fenics_rom.rom.deformation import ReducedDeformation
-from fenics_rom.rom.rom import ContactModel
+from fenics_rom.rom.rom import ContactModel, ForceValidation
 from fenics_rom.visualization.optional_dependencies import load_package
 
 MODE_HEADING = (
@@ -63,6 +63,9 @@ def print_rom(rom: "fr.Rom", file: Path | str) -> None:
     if touched:
         lines["contact points"] = ", ".join(f"{name} ({count})" for name, count in touched.items())
     print_lines(lines, rom.warnings)
+    if rom.force_validation is not None:
+        print()
+        _print_forces(rom.force_validation)
     if rom.stages:
         print()
         _print_stages(rom.stages)
@@ -76,6 +79,24 @@ def _deformation(body: ReducedDeformation) -> dict[str, str]:
         "error of forces": f"{body.cubature_error:.1e} on the states it was trained on",
         "error of a run": f"{validation}, that it was not trained on",
     }
+
+
+def _print_forces(validation: ForceValidation) -> None:
+    """How far contact forces are off, or that it is not known."""
+    over = f"the first {validation.duration:g} s of the run"
+    if not validation.reduction:
+        print(f"  contact forces: not validated, as nothing is touched in {over}; a study measures them in all of it")
+        return
+    rows = [
+        (name, against, *(f"{error:.1e}" for error in errors[name]))
+        for name in validation.reduction
+        for against, errors in (
+            ("full order, same step", validation.reduction),
+            ("itself, half the step", validation.time_step),
+        )
+    ]
+    title = f"contact forces, {over}, steps of {validation.dt:g} s: how far they are off"
+    print_table(title, ("obstacle", "against", "force", "peak", "impulse"), rows)
 
 
 def _mode_row(name: str, mode: ContactModel, validation: dict[str, float | None]) -> tuple[str, ...]:

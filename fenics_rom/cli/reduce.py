@@ -61,6 +61,7 @@ def run(choice: argparse.Namespace) -> None:
         report("assembly", 1, 1)
         chosen = {name: getattr(choice, name) for name in CHOICES}
         rom = fr.reduce(system, **chosen, checkpoint=partial, report=report)
+        rom = fr.validate_forces(system, rom, report=report)
         fr.write_rom(choice.output, rom)
         remove_checkpoint(partial)
     if is_root_process():

@@ -11,7 +11,7 @@ from fenics_rom.io.atomic_write import check_folder
 from fenics_rom.io.mpi_ranks import is_rank_0, is_root_process
 from fenics_rom.studies.method_configs import METHOD_CONFIGS
 from fenics_rom.studies.pareto import describe_choice, select_per_decade
-from fenics_rom.studies.report import COST_HEADING, cost_rows, remarks, write_report
+from fenics_rom.studies.report import COST_HEADING, FORCE_HEADING, cost_rows, force_rows, remarks, write_report
 from fenics_rom.studies.study_results import PICTURES, StudyResults
 from fenics_rom.visualization.figure import figure_class
 
@@ -94,6 +94,8 @@ def _print_results(results: StudyResults, folder: Path) -> None:
     """What each decimal costs, and which model to choose for it."""
     title = f"study {results.name}: what each decimal costs"
     print_table(title, COST_HEADING, cost_rows(results))
+    if results.reference_forces:
+        print_table("contact forces: errors as shares of the reference's", FORCE_HEADING, force_rows(results))
     lines = {
         "full order": f"{results.size:,} unknowns, {results.full_rate:,.0f} steps/s without account",
         "reference": f"steps of {results.reference_step:.3g} s, own error {results.reference_error:.1e}",

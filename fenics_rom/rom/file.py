@@ -36,6 +36,9 @@ p input columns, r Hankel singular values, f sampled frequencies; P points of an
         training_radius (1,) m kg^1/2, points_of (1,), cubature_error, validation_error (1,); the last may be absent
         pressures/NAME (k, 1 + k + k (k+1)/2) m^2/kg^1/2     force of 1 Pa: of 1, q_i and q_i q_j (i <= j)
         tendons/NAME/points (K, 3) m, shapes (3K, k) kg^-1/2
+    force_validation/                how far contact forces are off; absent where it was not measured
+        run (2,) s                   time step and duration from rest
+        obstacles/NAME (2, 3)        of the reduction and of the time step; of force, peak and impulse, relative
     readings/NAME/                   what else is read, absent where nothing is; attributes `quantity`, `of`
         rest (1,) m or m^3           of a length or a volume
         nodes (s,), facets (F, 3 or 6), areas (F,) m^2          of contact_pressure: facets are rows of nodes
@@ -70,7 +73,7 @@ from fenics_rom.io.stages import Stage
 from fenics_rom.mechanics.body_facts import CellQuality
 from fenics_rom.mechanics.environment import SWITCHINGS
 from fenics_rom.rom.environment_file import put_environment, take_environment
-from fenics_rom.rom.rom import ContactModel, Rom, check_rom
+from fenics_rom.rom.rom import ContactModel, ForceValidation, Rom, check_rom
 
 BODY = {
     "basis": Entry("kg^-1/2", ("n", "k")),
@@ -98,7 +101,8 @@ STAGE = Entry("s, B", (2,))
 COUNT = Entry("1", (1,), "i")
 SURFACE_NODES = Entry("1", ("s",), "i")
 GROUPS = ("outputs", "actuators", "contact_models", "contact_surfaces", "environment")
-MAYBE = ("offline", "loads", "deformation", "readings")
+MAYBE = ("offline", "loads", "deformation", "force_validation", "readings")
+FORCE_RUN, FORCE_ERRORS = Entry("s", (2,)), Entry("1", (2, 3))
 
 
 def write_rom(file: str | Path, rom: Rom) -> None:
@@ -162,6 +166,8 @@ def _fill(h5: h5py.File, rom: Rom) -> None:
         from fenics_rom.rom.deformation_file import put_deformation  # here, as few bodies deform largely
 
         put_deformation(h5, rom.deformation, sizes)
+    if rom.force_validation is not None:
+        _put_forces(h5, rom.force_validation)
     if rom.readings:
         from fenics_rom.rom.readings_file import put_readings  # here, as few bodies have some
 
@@ -192,6 +198,7 @@ def _take(h5: h5py.File) -> Rom:
         warnings=tuple(filter(None, get_text(h5, "warnings").split("\n"))),
         weighting=weighting,
         stages=_take_stages(groups["offline"]) if "offline" in groups else (),
+        force_validation=_take_forces(groups["force_validation"]) if "force_validation" in groups else None,
         **body,
     )
     if "deformation" in groups:
@@ -230,6 +237,24 @@ def _take_mode(group: h5py.Group, weighting: str, sizes: Sizes) -> ContactModel:
 def _take_stages(group: h5py.Group) -> tuple[Stage, ...]:
     arrays: Any = get_arrays(group, {str(k): STAGE for k in range(len(group))}, {})
     return tuple(Stage(get_text(group[key], "name"), *map(float, numbers)) for key, numbers in arrays.items())
+
+
+def _put_forces(h5: h5py.File, validation: ForceValidation) -> None:
+    check_names(validation.reduction)
+    group = h5.create_group("force_validation", track_order=True)
+    run = np.array([validation.dt, validation.duration])
+    put_arrays(group, {"run": FORCE_RUN}, {}, {"run": run})
+    errors = {name: np.array([validation.reduction[name], validation.time_step[name]]) for name in validation.reduction}
+    put_arrays(group.create_group("obstacles", track_order=True), dict.fromkeys(errors, FORCE_ERRORS), {}, errors)
+
+
+def _take_forces(group: h5py.Group) -> ForceValidation:
+    run: Any = get_arrays(group, {"run": FORCE_RUN}, {}, ("obstacles",))["run"]
+    errors = _each(get_group(group, "obstacles"), FORCE_ERRORS)
+    if (run <= 0).any() or any((numbers < 0).any() for numbers in errors.values()):
+        raise FileError(f"{group.name}: a time is not positive, or an error is negative")
+    of_reduction, of_step = ({name: tuple(numbers[k].tolist()) for name, numbers in errors.items()} for k in (0, 1))
+    return ForceValidation(float(run[0]), float(run[1]), of_reduction, of_step)
 
 
 def _take_counts(group: h5py.Group) -> dict[str, int]:

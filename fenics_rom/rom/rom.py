@@ -83,6 +83,24 @@ class ContactModel:
 
 
 @dataclass(frozen=True)
+class ForceValidation:
+    """How far contact forces are off in the beginning of the scene's run, by obstacle, relative.
+
+    Three numbers each: of the force over that time (2-norm of its means over steps), of its peak, and of the impulse.
+
+    Attributes:
+        dt, duration: of the run, from rest, s.
+        reduction: against the full order at the same step; empty where nothing was touched in that time.
+        time_step: of the reduced model against itself at half the step.
+    """
+
+    dt: float
+    duration: float
+    reduction: Mapping[str, tuple[float, float, float]]
+    time_step: Mapping[str, tuple[float, float, float]]
+
+
+@dataclass(frozen=True)
 class Rom:
     """Reduced models of all contact modes of one body, in one shared basis.
 
@@ -109,6 +127,7 @@ class Rom:
         loads: number of input columns of each load that acts by a history of its own.
         deformation: what large deformation adds; then all contact modes have the same basis. None: the model is linear.
         cells: of the mesh, how many there are, and how good; None where nobody knows.
+        force_validation: how far contact forces are off; None where it was not measured.
 
     Example:
         >>> rom = fr.read_rom("plate.h5")
@@ -138,6 +157,7 @@ class Rom:
     deformation: "ReducedDeformation | None" = None
     readings: Mapping[str, "Reading"] = field(default_factory=dict)
     cells: CellQuality | None = None
+    force_validation: ForceValidation | None = None
 
     def __repr__(self) -> str:
         models, columns = self.contact_models, self.contacts
@@ -255,7 +275,8 @@ def truncate(rom: Rom, order: int) -> Rom:
     if rom.switching == "oblique":
         raise StructureError("a ROM with oblique switching cannot be truncated; reduce to that order instead")
     κ, modes = rom.stiffness, rom.contact_models
-    return replace(rom, contact_models={name: _truncate_mode(κ, modes[name], rom.rigid + order) for name in modes})
+    truncated = {name: _truncate_mode(κ, modes[name], rom.rigid + order) for name in modes}
+    return replace(rom, contact_models=truncated, force_validation=None)
 
 
 def _truncate_mode(κ: Array, mode: ContactModel, order: int) -> ContactModel:

@@ -15,7 +15,7 @@ from fenics_rom.studies.method_configs import METHOD_CONFIGS, StudyGrid
 from fenics_rom.studies.pareto import format_step
 from fenics_rom.studies.study_results import BenchmarkRow
 from fenics_rom.system.system import System
-from fenics_rom.trajectory.comparison import compare
+from fenics_rom.trajectory.comparison import compare, force_errors
 from fenics_rom.trajectory.trajectory import Trajectory
 
 VALIDATION_ERRORS = ("static_error", "transfer_error", "neglected")
@@ -63,7 +63,7 @@ def measure_model(
             notes.append(f"{METHOD_CONFIGS[method].label}, order {largest_order(rom)}, step {format_step(dt)}: {error}")
             continue
         differences = compare(run, reference)
-        shape = differences.pop("shape")
+        shape = differences["shape"]
         rows.append(
             BenchmarkRow(
                 method=method,
@@ -74,7 +74,7 @@ def measure_model(
                 outputs={
                     name.removeprefix("output "): (d.relative, d.largest / d.largest_reference if d.largest else 0.0)
                     for name, d in differences.items()
-                    if name != "energy"
+                    if name.startswith("output ")
                 },
                 energy=differences["energy"].relative,
                 reduction=reduction,
@@ -82,6 +82,7 @@ def measure_model(
                 rate=rate(rom, scene=scene, dt=dt, runs=grid.rate_runs),
                 offline=seconds,
                 file_size=size,
+                forces=force_errors(differences),
                 **worst,
             )
         )

@@ -10,9 +10,12 @@ from fenics_rom.io.mpi_ranks import is_rank_0
 from fenics_rom.studies.method_configs import METHOD_CONFIGS
 from fenics_rom.studies.pareto import describe_choice, format_step, largest_model, pareto_front, select_per_decade
 from fenics_rom.studies.study_results import StudyResults
+from fenics_rom.trajectory.comparison import FORCE_MEASURES
 
+FORCE_HEADING = ("obstacle", "model", "order", "step", *FORCE_MEASURES)
 COST_HEADING = ("for", "method", "order", "step", "error", "steps per second", "times real time", "times full order")
 REFERENCE_ERROR_SHARE = 0.1  # share of the smallest error reported that the reference's own may be
+FORCE_ERROR = 0.05  # of a contact force, that is worth a word where its own sensitivity is less
 
 
 def write_report(folder: Path, results: StudyResults, command: str) -> None:
@@ -32,7 +35,9 @@ def write_report(folder: Path, results: StudyResults, command: str) -> None:
 
 def csv_table(results: StudyResults) -> str:
     """Every row with every number; the columns name their units, errors are shares of the reference's size."""
-    outputs = list(results.rows[0].outputs) if results.rows else []
+    outputs, obstacles = (
+        (list(of) for of in (results.rows[0].outputs, results.rows[0].forces)) if results.rows else ([], [])
+    )
     front = pareto_front(results.rows)
     text = io.StringIO()
     writer = csv.writer(text, lineterminator="\n")
@@ -43,6 +48,7 @@ def csv_table(results: StudyResults) -> str:
             *("error of energy", "error of reduction alone", "error of step alone", "steps per second"),
             *("times real time", "offline (s)", "file (bytes)", "static error", "transfer error"),
             *("share of σ left out", "on the Pareto front"),
+            *(f"error of {what} of {name}" for name in obstacles for what in FORCE_MEASURES),
         ]
     )
     for row in results.rows:
@@ -56,6 +62,7 @@ def csv_table(results: StudyResults) -> str:
                 *(f"{row.rate:.0f}", f"{row.real_time:.4g}", f"{row.offline:.3f}", row.file_size),
                 *("" if value is None else f"{value:.3e}" for value in validation),
                 "yes" if row in front else "no",
+                *(f"{error:.4e}" for name in obstacles for error in row.forces[name]),
             ]
         )
     return text.getvalue()
@@ -79,6 +86,13 @@ def markdown_report(results: StudyResults, command: str) -> str:
         "The largest balanced model (or the largest there is) against itself at the reference's step.",
         step_table(results),
     ]
+    if results.reference_forces:
+        parts += [
+            "## Contact forces",
+            "Of each obstacle, as shares of the reference's: the force over the whole run (2-norm of its means between "
+            "the instants compared), its peak, and the impulse. First is what the reference's own step does to them.",
+            markdown(FORCE_HEADING, force_rows(results)),
+        ]
     if results.meshes:
         parts += [
             "## Error of the mesh",
@@ -114,6 +128,19 @@ def cost_rows(results: StudyResults) -> list[tuple[str, ...]]:
             f"{row.rate / results.full_rate:,.0f}",
         )
         for tolerance, row in select_per_decade(results.rows)
+    ]
+
+
+def force_rows(results: StudyResults) -> list[tuple[str, ...]]:
+    """Errors of contact forces: of the reference by its own step, and of each model to choose."""
+    models = [("full order, by its step", "", results.reference_step, results.reference_forces)]
+    for _, row in select_per_decade(results.rows):
+        models.append((METHOD_CONFIGS[row.method].label, f"{row.order}", row.dt, row.forces))
+    return [
+        (name, label, order, format_step(dt), *(f"{error:.1e}" for error in forces[name]))
+        for name in results.reference_forces
+        for label, order, dt, forces in models
+        if name in forces
     ]
 
 
@@ -156,6 +183,7 @@ def remarks(results: StudyResults) -> list[str]:
             f"the reference's own error, {results.reference_error:.1e}, is more than a tenth of the smallest error "
             f"reported, {smallest:.1e}: the smallest errors are known to their order of magnitude only"
         )
+    messages += _doubted_forces(results)
     if results.mesh_error is None:
         messages.append("no finer mesh was given (--mesh): how far the mesh itself is from the body is not known")
     elif smallest is not None and results.mesh_error > smallest:
@@ -164,3 +192,15 @@ def remarks(results: StudyResults) -> list[str]:
             "order than that are no closer to the body"
         )
     return messages
+
+
+def _doubted_forces(results: StudyResults) -> list[str]:
+    """Contact forces that the model closest in shape has wrong, by more than the full order's own step does."""
+    best = min(results.rows, key=lambda row: row.error, default=None)
+    return [
+        f"the {what} of {name} is off by {error:.0%} in the model that is closest in shape (order {best.order}, "
+        f"{format_step(best.dt)}), where the full order's own step makes {own:.1%}"
+        for name, errors in (best.forces if best else {}).items()
+        for what, error, own in zip(FORCE_MEASURES, errors, results.reference_forces.get(name, errors), strict=True)
+        if best is not None and error > max(FORCE_ERROR, own)
+    ]

@@ -26,7 +26,7 @@ from fenics_rom.studies.method_configs import (
 )
 from fenics_rom.studies.study_results import BenchmarkRow, StudyResults, read_study_results
 from fenics_rom.system.system import System
-from fenics_rom.trajectory.comparison import compare
+from fenics_rom.trajectory.comparison import compare, force_errors
 from fenics_rom.trajectory.trajectory import Trajectory
 
 RESULTS_FILE = "study.json"
@@ -199,6 +199,7 @@ class _StudyRun:
             part = f"the first {self._run.duration:g} s of " if self._is_cut else ""
             raise SceneError(f"{self._scene.source}: nothing moves in {part}its run, so there is nothing to measure")
         divisor = reference.richardson_divisor(self._scene)
+        own = compare(coarse_run, full)
         fr.write_trajectory(self._folder / REFERENCE_FILE, full)
         self._reference = full
         return StudyResults(
@@ -208,7 +209,11 @@ class _StudyRun:
             dt=self._run.dt,
             duration=self._run.duration,
             reference_step=step,
-            reference_error=compare(coarse_run, full)["shape"].relative / divisor,
+            reference_error=own["shape"].relative / divisor,
+            reference_forces={
+                name: tuple(error / divisor for error in errors)  # type: ignore[misc]
+                for name, errors in force_errors(own).items()
+            },
             divisor=divisor,
             full_rate=plain_rate(self._system, self._run.dt),
             rate_runs=self._grid.rate_runs,

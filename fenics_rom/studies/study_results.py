@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from fenics_rom.io.json_record import read_record
+from fenics_rom.trajectory.comparison import ForceErrors
 
 RATE_RUNS = 5  # of which the fastest counts
 PICTURES = ("speed", "orders", "parts")  # names of those that are drawn of a study
@@ -23,6 +24,7 @@ class BenchmarkRow:
         largest: largest distance of any node at any instant, as a share of the largest displacement.
         outputs: the same two numbers for each named output.
         energy: error of the stored energy.
+        forces: errors of each obstacle's force over the run, its peak and its impulse.
         reduction: error of the whole shape where the reduced model takes the reference's own step.
         time_step: distance of the whole shape from the same model at the reference's step.
         rate: steps per second, one by one, energy account kept, one thread.
@@ -47,6 +49,7 @@ class BenchmarkRow:
     static_error: float | None
     transfer_error: float | None
     neglected: float | None
+    forces: Mapping[str, ForceErrors] = field(default_factory=dict)
 
     @property
     def real_time(self) -> float:
@@ -84,6 +87,7 @@ class StudyResults:
             step, divided by `divisor`, which is 3 where the midpoint rule converges with the square of the step, and 1
             with contact.
         divisor: see there.
+        reference_forces: the same of the forces of each obstacle: over the run, peak, impulse.
         rate_runs: runs of which the fastest tells the rate of a reduced model.
         full_rate: steps per second at full order, of steps without an account.
         tried: methods and orders that are done, as they were asked for.
@@ -106,6 +110,7 @@ class StudyResults:
     tried: tuple[tuple[str, int], ...] = ()
     rows: tuple[BenchmarkRow, ...] = ()
     meshes: tuple[MeshRow, ...] = ()
+    reference_forces: Mapping[str, ForceErrors] = field(default_factory=dict)
     hankel: Mapping[str, tuple[float, ...]] = field(default_factory=dict)
     notes: tuple[str, ...] = ()
 
@@ -135,11 +140,15 @@ def read_study_results(file: Path) -> StudyResults:
 
 def _build(fields: dict[str, Any]) -> StudyResults:
     rows = tuple(
-        BenchmarkRow(**row | {"outputs": {name: tuple(errors) for name, errors in row["outputs"].items()}})
+        BenchmarkRow(**row | {key: _tuples(row.get(key, {})) for key in ("outputs", "forces")})
         for row in fields.pop("rows")
     )
     meshes = tuple(MeshRow(**mesh) for mesh in fields.pop("meshes"))
-    hankel = {name: tuple(σ) for name, σ in fields.pop("hankel").items()}
     tried = tuple((method, order) for method, order in fields.pop("tried"))
-    notes = tuple(fields.pop("notes"))
-    return StudyResults(tried=tried, rows=rows, meshes=meshes, hankel=hankel, notes=notes, **fields)
+    by_name: dict[str, Any] = {key: _tuples(fields.pop(key, {})) for key in ("hankel", "reference_forces")}
+    return StudyResults(tried=tried, rows=rows, meshes=meshes, notes=tuple(fields.pop("notes")), **by_name, **fields)
+
+
+def _tuples(lists: Mapping[str, list[float]]) -> dict[str, Any]:
+    """What JSON made lists of."""
+    return {name: tuple(numbers) for name, numbers in lists.items()}

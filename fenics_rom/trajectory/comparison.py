@@ -1,6 +1,7 @@
 """Relative errors of one run against another."""
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -12,6 +13,8 @@ Array = np.ndarray
 
 SAME_TIME = 1e-9  # share of the run by which two instants may differ and be one
 SMALLEST_TIME = 1e-300  # s, in place of zero
+FORCE_MEASURES = ("force", "peak force", "impulse")  # of an obstacle
+ForceErrors = tuple[float, float, float]
 
 
 @dataclass(frozen=True)
@@ -24,18 +27,22 @@ class Difference:
         largest: largest distance of any point at any instant, in the quantity's unit.
         largest_reference: largest length of the reference, to judge `largest` by.
         instants: number of common instants.
+        unit: of the lengths.
     """
 
     relative: float
     largest: float
     largest_reference: float
     instants: int
+    unit: str = "m"
 
 
 def compare(run: Trajectory, reference: Trajectory) -> dict[str, Difference]:
-    """Differences per named output, of the whole shape ("shape", weighted by mass) and of the stored energy.
+    """Differences of named outputs, the whole shape ("shape", weighted by mass), the stored energy and contact forces.
 
-    Runs with different time steps are compared at the instants they have in common.
+    Runs with different time steps are compared at the instants they have in common. Of every obstacle there is "force"
+    (means between these instants, in the 2-norm over the run), "peak force" (the largest of them) and "impulse" (what
+    it has given the body at the last one). What the time step itself does is not seen where both have the same one.
 
     Raises:
         CompareError: no common instants, or different bodies.
@@ -58,8 +65,39 @@ def compare(run: Trajectory, reference: Trajectory) -> dict[str, Difference]:
     of_run, of_reference = common_instants(run.snapshot_times, reference.snapshot_times, "whole shapes")
     weight = np.sqrt(reference.node_mass)[:, None]
     differences["shape"] = _difference(run.snapshots[of_run], reference.snapshots[of_reference], weight)
-    differences["energy"] = _difference(run.energy[first, None], reference.energy[second, None])
+    differences["energy"] = _difference(run.energy[first, None], reference.energy[second, None], unit="J")
+    for name in run.forces:
+        if name in reference.forces:
+            differences |= _force_differences(name, run, reference, first, second)
     return differences
+
+
+def _force_differences(
+    name: str, run: Trajectory, reference: Trajectory, first: Array, second: Array
+) -> dict[str, Difference]:
+    """Of what an obstacle does to the body, by impulses: a force in a run is the mean over the step that ends there."""
+    moving = second > 0
+    given, expected = (
+        np.cumsum(each.forces[name][1:] * np.diff(each.times)[:, None], axis=0)[at[moving] - 1]
+        for each, at in ((run, first), (reference, second))
+    )
+    durations = np.diff(reference.times[second[moving]], prepend=reference.times[0])[:, None]
+    mean, expected_mean = (np.diff(impulse, axis=0, prepend=0.0) / durations for impulse in (given, expected))
+    peak, expected_peak = (np.linalg.norm(force, axis=1).max(keepdims=True)[None] for force in (mean, expected_mean))
+    return {
+        f"force of {name}": _difference(mean, expected_mean, np.sqrt(durations), "N"),
+        f"peak force of {name}": _difference(peak, expected_peak, unit="N"),
+        f"impulse of {name}": _difference(given[-1:], expected[-1:], unit="N s"),
+    }
+
+
+def force_errors(differences: Mapping[str, Difference]) -> dict[str, ForceErrors]:
+    """Relative errors of contact forces by obstacle: of the force over the run, its peak, and the impulse."""
+    names = [name.removeprefix("impulse of ") for name in differences if name.startswith("impulse of ")]
+    return {
+        name: tuple(differences[f"{what} of {name}"].relative for what in FORCE_MEASURES)  # type: ignore[misc]
+        for name in names
+    }
 
 
 def common_instants(times: Array, reference: Array, what: str) -> tuple[Array, Array]:
@@ -82,7 +120,7 @@ def common_instants(times: Array, reference: Array, what: str) -> tuple[Array, A
     return np.flatnonzero(close), nearest[close]
 
 
-def _difference(values: Array, reference: Array, weight: Array | float = 1.0) -> Difference:
+def _difference(values: Array, reference: Array, weight: Array | float = 1.0, unit: str = "m") -> Difference:
     difference, size = values - reference, np.linalg.norm(weight * reference)
     distance = np.linalg.norm(difference, axis=-1)
     error = np.linalg.norm(weight * difference)
@@ -91,4 +129,5 @@ def _difference(values: Array, reference: Array, weight: Array | float = 1.0) ->
         largest=float(distance.max()),
         largest_reference=float(np.linalg.norm(reference, axis=-1).max()),
         instants=len(values),
+        unit=unit,
     )

@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 import fenics_rom as fr
+from fenics_rom.cli.main import main
 from fenics_rom.errors import CompareError
 
 NODES = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
@@ -135,3 +136,67 @@ def test_a_body_at_rest_is_as_one_at_rest_and_infinitely_off_from_one_that_moves
 
 def test_run_of_one_step_is_compared():
     assert fr.compare(record(steps=1, every=1), record(steps=1, every=1))["shape"].instants == 1
+
+
+def pushed(forces, dt=0.1, **changes):
+    """A run in which a stop pushes along z, with these means over the steps, N."""
+    z = np.concatenate([[0.0], forces])
+    return record(dt, len(forces), forces={"stop": z[:, None] * np.array([0.0, 0.0, 1.0])}, **changes)
+
+
+PUSH = np.sin(np.linspace(0.1, 3.0, 20))
+
+
+def test_contact_forces_are_compared_by_obstacle():
+    differences = fr.compare(pushed(1.18 * PUSH), pushed(PUSH))
+    assert list(differences)[-3:] == ["force of stop", "peak force of stop", "impulse of stop"]
+    for name, unit, size in (
+        ("force", "N", PUSH.max()),
+        ("peak force", "N", PUSH.max()),
+        ("impulse", "N s", PUSH.sum() / 10),
+    ):
+        d = differences[f"{name} of stop"]
+        assert (d.relative, d.unit) == (pytest.approx(0.18, rel=1e-12), unit)
+        assert d.largest_reference == pytest.approx(size, rel=1e-12)
+        assert d.largest == pytest.approx(0.18 * size, rel=1e-12)
+
+
+def test_a_peak_is_seen_where_the_impulse_is_right():
+    sharp, round_ = np.zeros(20), np.zeros(20)
+    sharp[5:9], round_[5:9] = (0.2, 0.4, 1.0, 0.2), (0.2, 0.55, 0.85, 0.2)
+    differences = fr.compare(pushed(sharp), pushed(round_))
+    assert differences["impulse of stop"].relative < 1e-15
+    assert differences["peak force of stop"].relative == pytest.approx(0.15 / 0.85, rel=1e-12)
+    share = math.sqrt(2 * 0.15**2) / math.sqrt(0.2**2 + 0.55**2 + 0.85**2 + 0.2**2)
+    assert differences["force of stop"].relative == pytest.approx(share, rel=1e-12)
+
+
+@pytest.mark.parametrize("swapped", [False, True])
+def test_forces_of_other_steps_are_compared_by_what_they_gave_in_between(swapped):
+    """A step of 0.2 s has the mean of two of 0.1 s, and then nothing is off."""
+    runs = [pushed(PUSH.reshape(-1, 2).mean(axis=1), 0.2, every=1), pushed(PUSH)]
+    differences = fr.compare(*(runs[::-1] if swapped else runs))
+    for what in ("force", "peak force", "impulse"):
+        assert differences[f"{what} of stop"].relative < 1e-14  # sums of 20 numbers
+
+
+def test_obstacles_of_one_run_only_are_left_out():
+    assert "force of stop" not in fr.compare(pushed(PUSH), record())
+    assert "force of stop" not in fr.compare(record(), pushed(PUSH))
+
+
+def test_the_command_prints_forces_and_names_a_step_that_both_have(tmp_path, capsys):
+    for name, run in {
+        "a": pushed(PUSH),
+        "b": pushed(2 * PUSH),
+        "c": pushed(PUSH.reshape(-1, 2).mean(axis=1), 0.2),
+    }.items():
+        fr.write_trajectory(tmp_path / f"{name}.h5", run)
+    for other, same in (("b", True), ("c", False)):
+        with pytest.raises(SystemExit) as ended:
+            main(["compare", str(tmp_path / f"{other}.h5"), str(tmp_path / "a.h5")])
+        assert not ended.value.code
+        said = capsys.readouterr().out
+        assert ("both took steps of 0.1 s: what the step itself does is in both" in said) == same
+        assert "peak force of stop" in said
+        assert " N s" in said
