@@ -1,5 +1,8 @@
 """Files of ROMs that are changed behind their seal, what is said of them, and what ROMs answer."""
 
+from collections.abc import Mapping
+from dataclasses import fields, is_dataclass
+
 import h5py
 import numpy as np
 import pytest
@@ -48,3 +51,23 @@ def transfer(rom, name):
     D = np.diag(mode.damping) if mode.damping.ndim == 1 else mode.damping
     matrices = [s * s * np.eye(mode.order) + s * D + np.diag(mode.eigenvalues) for s in FREQUENCIES]
     return np.array([seen @ np.linalg.solve(matrix, mode.inputs) for matrix in matrices])
+
+
+def same(one, other):
+    """Whether two records are the same to the last bit, in the same order."""
+    if is_dataclass(one):
+        return all(same(getattr(one, f.name), getattr(other, f.name)) for f in fields(one))
+    if isinstance(one, Mapping):
+        return list(one) == list(other) and all(same(one[key], other[key]) for key in one)
+    if isinstance(one, np.ndarray):
+        return one.dtype == other.dtype and np.array_equal(one, other)
+    return one == other
+
+
+def says(**texts):
+    """A change of what a file says of itself."""
+    return lambda h5: h5.attrs.update({name: np.bytes_(text) for name, text in texts.items()})
+
+
+def without(path):
+    return lambda h5: h5.pop(path)

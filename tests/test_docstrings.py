@@ -86,7 +86,7 @@ Batch of 8 bodies of 'plate': dt = 0.001 s, 0 steps taken, float64
             fr.simulate(plate_rom, dt=0.01),
             """\
 Trajectory 'plate': reduced (order 20), 300 steps of 0.01 s, contact modes tip_left, middle
-  outputs: tip (2 points); effects: inertia, damping; 100 snapshots of 66 nodes""",
+  outputs: tip (2 points); inputs: tip_left; effects: inertia, damping; 100 snapshots of 66 nodes""",
         ),
     ):
         assert repr(shown) == expected

@@ -39,11 +39,14 @@ def simulate(
         history.steps,
         history.dt,
         {name: rows.shape[1] // 3 for name, rows in system.outputs.items()},
-        tuple(system.contacts),
+        {name: columns.shape[1] for name, columns in system.contacts.items()},
         len(system.body.nodes),
         environment.run.snapshots,
         tuple(environment.effects),
         body.environment.obstacles,
+        actuators={name: columns.shape[1] for name, columns in system.actuators.items()},
+        units=environment.input_units,
+        readings=system.readings,
     )
     body.switch(history.first_contact())
     lost = body.begin(environment.run.initial, history) if environment.run.initial else []
@@ -51,11 +54,11 @@ def simulate(
     is_linear = not isinstance(body.stepper, FiniteStrainStepper)
     monitor = SurfaceMonitor(system) if is_linear else InversionMonitor(body.stepper)  # type: ignore[arg-type]
     seconds = 0.0
-    for step, spent in enumerate(_steps(body, history), start=1):
+    for step, (u, spent) in enumerate(_steps(body, history), start=1):
         seconds += spent
         if step % MONITOR_INTERVAL == 0:
             monitor.look(body.displacement(), body.time)
-        recorder.sample(step, body)
+        recorder.sample(step, body, u)
         report("steps", step, history.steps)
     body.close()
     assert system.scene is not None
@@ -80,7 +83,7 @@ def plain_rate(system: System, dt: float, seconds: float = 0.02, windows: int = 
     body = FullOrderSimulator(system, history.dt, environment, ledger=False)
     rates = []
     spent, taken = 0.0, 0
-    for step, last in enumerate(_steps(body, history)):
+    for step, (_, last) in enumerate(_steps(body, history)):
         if step == 0:  # it has the factorisation in it
             continue
         spent, taken = spent + float(system.algebra.maximum(last)), taken + 1
@@ -150,11 +153,11 @@ def _run_of(system: System, dt: float | None) -> tuple[Environment, LoadHistory]
     return environment, LoadHistory(environment, contacts, actuators, dt)
 
 
-def _steps(body: FullOrderSimulator, history: LoadHistory) -> Iterator[float]:
-    """Takes the steps of a load history; wall clock of each, s."""
+def _steps(body: FullOrderSimulator, history: LoadHistory) -> Iterator[tuple[Array, float]]:
+    """Takes the steps of a load history; input and wall clock, s, of each."""
     for contact, u in history:
         start = time.perf_counter()
         if not history.automatic:
             body.switch(contact)
         body.step(u)
-        yield time.perf_counter() - start
+        yield u, time.perf_counter() - start

@@ -36,6 +36,7 @@ class ActiveEnvironment:
         environment, columns: as given.
         obstacles: their shapes, by name.
         state: where the obstacles are.
+        loads: their values in the last step, in the order of their columns.
         signals: by name, those that were given.
         mark: told the name of each part of a step that has just ended, to measure what it cost; None: nobody asks.
 
@@ -87,6 +88,7 @@ class ActiveEnvironment:
         """Puts the obstacles where they are at time 0, at rest."""
         offsets = self.offsets_at(0.0)
         self.state = ObstacleState(offsets, np.zeros_like(offsets))
+        self.loads = np.zeros(sum(self.columns.values()))
 
     def loads_at(self, time: float) -> Array:
         """The values of all loads at a time (s), in the order of their columns."""
@@ -127,6 +129,7 @@ class ActiveEnvironment:
 
     def commit(self, inputs: StepInput, dt: float) -> None:
         """Ends a step of dt, s, that was taken: the obstacles are where they were to be."""
+        self.loads = inputs.u[len(inputs.u) - len(self.loads) :]
         if inputs.obstacles is not None:
             self.state = ObstacleState(inputs.obstacles.end, inputs.obstacles.velocities(dt))
 

@@ -40,7 +40,7 @@ p input columns, r Hankel singular values, f sampled frequencies; P points of an
         run (2,) s                   time step and duration from rest
         obstacles/NAME (2, 3)        of the reduction and of the time step; of force, peak and impulse, relative
     readings/NAME/                   what else is read, absent where nothing is; attributes `quantity`, `of`
-        rest (1,) m or m^3           of a length or a volume
+        rest (1,) m or m3           of a length or a volume
         nodes (s,), facets (F, 3 or 6), areas (F,) m^2          of contact_pressure: facets are rows of nodes
         triangles (P,), operator (3, 3, P, k) kg^-1/2/m, first_lame, shear (P,) Pa          of strain, von_mises_stress
 

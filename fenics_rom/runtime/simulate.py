@@ -40,11 +40,14 @@ def simulate(
         history.steps,
         history.dt,
         {name: len(rows) // 3 for name, rows in rom.outputs.items()},
-        tuple(rom.contact_models),
+        rom.contacts,
         len(rom.nodes),
         environment.run.snapshots if environment.run else 1,
         tuple(environment.effects),
         {} if body.environment is None else body.environment.obstacles,
+        actuators=rom.actuators,
+        units=environment.input_units,
+        readings=rom.readings,
     )
     recorder.sample(0, body)
     monitor = TimeStepMonitor()
@@ -56,7 +59,7 @@ def simulate(
         if environment.has_inertia and body.contact == mode_before:  # velocities of two models are not of one basis
             after = body.state[1]
             monitor.add(np.square(after - before).sum(), np.square(after + before).sum() / 4)
-        recorder.sample(step, body)
+        recorder.sample(step, body, u)
         report("steps", step, history.steps)
     return recorder.record(
         name=rom.name,

@@ -1,6 +1,6 @@
 """The run file: one HDF5 file, the same for full and reduced runs.
 
-Format 2.0. The first 512 bytes are a user block with the SHA-256 of the rest (see io/hdf5.py).
+Format 2.1. The first 512 bytes are a user block with the SHA-256 of the rest (see io/hdf5.py).
 Root attributes (fixed-length UTF-8 text): format = "fenics-rom", format_version, content = "run",
 software, name, model ("full" or "reduced"), contacts, warnings, effects (one a line each), stepping (how a step was
 taken and why, where there was a choice). Every dataset has an attribute `unit`. Sizes: S instants (steps + 1), s whole
@@ -18,10 +18,16 @@ shapes, N nodes, F triangles, P points of an output.
     contact_account/NAME (S,) J      running sums: obstacles (supplied), contact and perhaps friction (dissipated)
     obstacles/NAME/motion (s, 3) m   from where the scene puts it; attribute `shape`, and what describes that:
         point, normal; center, radius; start, end, radius; or center, size, rotation (3,) or (1,); m, 1, rad
+    inputs/NAME (S, w)               N, Pa, m, m3, m/s2 or 1; in the step that led to each instant; absent if always 0
+    readings/NAME/                   absent where nothing is read; attribute `quantity`
+        values                       of length (S,) m, volume (S,) m3, contact_pressure (S, n) Pa, strain (S, G, 6),
+                                     von_mises_stress (S, G) Pa
+        nodes (n,), triangles (G,)   where; the one or the other, or none
     profile/NUMBER (1,) s            per step, of a part of the run that attribute `name` names; absent if not measured
 
 Format 2.0 named the snapshots anew; files of format 1.x are read, too. Those of 1.0 and 1.1 name no effects, and have
-none of the last four; those of 1.2 have neither velocities nor obstacles.
+no forces, obstacles and profile; those of 1.2 have neither velocities nor obstacles; none before 2.1 have inputs and
+readings.
 """
 
 from collections.abc import Mapping
@@ -48,6 +54,7 @@ from fenics_rom.io.hdf5 import (
 )
 from fenics_rom.mechanics.body_facts import CellQuality
 from fenics_rom.mechanics.obstacles import SHAPES, Obstacle
+from fenics_rom.trajectory.series_file import check_series, put_series, take_series
 from fenics_rom.trajectory.trajectory import CONTACT_ACCOUNT, Trajectory
 
 Array = np.ndarray
@@ -72,7 +79,7 @@ SETTINGS = {
     "first_frequency": Entry("Hz", (1,), optional=True),
 }
 
-OPTIONAL_GROUPS = ("forces", "contact_account", "obstacles", "profile")
+OPTIONAL_GROUPS = ("forces", "contact_account", "obstacles", "profile", "inputs", "readings")
 OBSTACLE = {
     **{name: Entry("m", (3,)) for name in ("point", "center", "start", "end", "size")},
     "radius": Entry("m", (1,)),
@@ -145,6 +152,7 @@ def _fill(h5: h5py.File, run: Trajectory) -> None:
         for number, (name, seconds) in enumerate(run.profile.items()):
             put_arrays(profile, {str(number): SECONDS_PER_STEP}, sizes, {str(number): np.array([seconds])})
             put_text(profile[str(number)], name=name)
+    put_series(h5, run, sizes)
     _check_fit(run)
 
 
@@ -164,6 +172,7 @@ def _take(h5: h5py.File) -> Trajectory:
     moved_obstacles = {
         name: _take_obstacle(get_group(groups["obstacles"], name), sizes) for name in groups["obstacles"]
     }
+    inputs, readings = take_series(h5, sizes)
     run = Trajectory(
         name=get_text(h5, "name"),
         model=get_text(h5, "model"),
@@ -178,6 +187,8 @@ def _take(h5: h5py.File) -> Trajectory:
         profile=_take_profile(groups["profile"]),
         obstacles={name: obstacle for name, (obstacle, _) in moved_obstacles.items()},
         obstacle_motion={name: motion for name, (_, motion) in moved_obstacles.items()},
+        inputs=inputs,
+        readings=readings,
         **arrays,
     )
     _check_fit(run)
@@ -223,6 +234,7 @@ def _check_fit(run: Trajectory) -> None:
         raise FileError(f"/triangles name nodes beyond {len(run.nodes)}")
     if (run.node_mass < 0).any():
         raise FileError("/node_mass has negative masses")
+    check_series(run)
 
 
 def _output_entry(name: str) -> Entry:

@@ -11,9 +11,12 @@ from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.body_facts import CellQuality
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.obstacles import Obstacle
+from fenics_rom.mechanics.readings import Reading
+from fenics_rom.trajectory.series import ReadingSeries, Series, input_series, reading_series
 
 Array = np.ndarray
 
+NOTHING = np.empty(0)
 CONTACT_ACCOUNT = {
     "obstacles": "contact",
     "contact": "contact",
@@ -54,6 +57,8 @@ class Trajectory:
         obstacle_motion: how far each was from there at `snapshot_times`, (s, 3), m.
         stepping: how a step was taken and why, where there was a choice.
         cells: of the mesh, how many there are, and how good; None where nobody knows.
+        inputs: what acted: forces on contact modes, actuators, loads; those that were always 0 left out.
+        readings: of the scene, by name.
 
     Example:
         >>> run = fr.read_trajectory("run.h5")
@@ -87,11 +92,14 @@ class Trajectory:
     obstacle_motion: Mapping[str, Array] = field(default_factory=dict)
     stepping: str = ""
     cells: CellQuality | None = None
+    inputs: Mapping[str, Series] = field(default_factory=dict)
+    readings: Mapping[str, ReadingSeries] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         order, dt = (self.settings.get(name, math.nan) for name in ("order", "dt"))
         outputs = (f"{name} ({values.shape[1]} points)" for name, values in self.outputs.items())
-        parts = {"outputs": ", ".join(outputs), "effects": ", ".join(self.effects)}
+        named = {"readings": self.readings, "inputs": self.inputs, "effects": self.effects}
+        parts = {"outputs": ", ".join(outputs)} | {kind: ", ".join(names) for kind, names in named.items()}
         snapshots = f"{len(self.snapshots)} snapshots of {len(self.nodes)} nodes"
         return (
             f"Trajectory {self.name!r}: {self.model} (order {order:g}), {self.steps} steps of {dt:g} s, "
@@ -137,6 +145,9 @@ class RunningBody(Protocol):
     def velocity(self, output: str | None = None) -> Array:
         """The same of velocities, m/s."""
 
+    def reading(self, name: str) -> Array:
+        """A reading of the scene."""
+
     def obstacle_forces(self) -> Array:
         """Of the obstacles on the body, (O, 3), N."""
 
@@ -148,11 +159,14 @@ class TrajectoryRecorder:
         steps: number of steps of the run.
         dt: time step, s.
         outputs: number of points of each named output.
-        contacts: names of the contact modes.
+        contacts: number of input columns of each contact mode.
         nodes: number N of nodes.
         snapshots: how many whole shapes to keep, evenly spread, the last step among them.
         effects: names of those that act; without contact nothing is kept of it.
         obstacles: by name.
+        actuators: number of columns of each.
+        units: of inputs that are not in N.
+        readings: by name.
     """
 
     def __init__(
@@ -160,14 +174,22 @@ class TrajectoryRecorder:
         steps: int,
         dt: float,
         outputs: Mapping[str, int],
-        contacts: tuple[str, ...],
+        contacts: Mapping[str, int],
         nodes: int,
         snapshots: int,
         effects: tuple[str, ...] = (),
         obstacles: Mapping[str, Obstacle] | None = None,
+        *,
+        actuators: Mapping[str, int],
+        units: Mapping[str, str],
+        readings: Mapping[str, Reading],
     ):
         self._effects = effects
-        self._contacts = contacts
+        self._contacts, self._input_columns = tuple(contacts), (contacts, actuators)
+        self._units, self._readings = units, readings
+        self._loads: Mapping[str, int] = {}
+        self._inputs: list[tuple[Array, Array]] = []
+        self._reading_values: dict[str, Array] = {}
         self._times = dt * np.arange(steps + 1)
         self._contact = np.zeros(steps + 1, dtype=np.int64)
         self._account = np.zeros((4, steps + 1))
@@ -181,8 +203,8 @@ class TrajectoryRecorder:
         self._velocities = np.zeros_like(self._snapshots) if not effects or "inertia" in effects else None
         self._motion = {name: np.zeros((len(self._snapshot_steps), 3)) for name in self._obstacles}
 
-    def sample(self, step: int, body: RunningBody) -> None:
-        """Keeps what is to be kept of one instant; step 0 is the start."""
+    def sample(self, step: int, body: RunningBody, u: Array | None = None) -> None:
+        """Keeps what is to be kept of one instant, to which a step with inputs u led; step 0 is the start."""
         ledger = body.ledger
         assert ledger is not None
         self._contact[step] = self._contacts.index(body.contact)
@@ -191,6 +213,12 @@ class TrajectoryRecorder:
             values[step] = body.displacement(name)
         for name, sums in self._contact_account.items():
             sums[step] = getattr(ledger, name)
+        if u is not None:
+            self._loads = {} if body.environment is None else body.environment.columns
+            self._inputs.append((u, NOTHING if body.environment is None else body.environment.loads))
+        for name in self._readings:
+            value = body.reading(name)
+            self._reading_values.setdefault(name, np.zeros((len(self._times), *value.shape)))[step] = value
         if self._obstacles:
             for values, force in zip(self._forces.values(), body.obstacle_forces(), strict=True):
                 values[step] = force
@@ -246,4 +274,8 @@ class TrajectoryRecorder:
             obstacle_motion=self._motion,
             stepping=stepping,
             cells=cells,
+            inputs=input_series(self._contact, self._inputs, *self._input_columns, self._loads, self._units),
+            readings={
+                name: reading_series(reading, self._reading_values[name]) for name, reading in self._readings.items()
+            },
         )

@@ -39,6 +39,12 @@ center = [1.1, 0.4, 0.3]
 radius = 0.099
 table = "ball.csv"
 """
+READINGS = {
+    "readings.rope": 'quantity = "length"\nof = "rope"',
+    "readings.sole": 'quantity = "contact_pressure"\nof = "bottom"',
+    "readings.stress": 'quantity = "von_mises_stress"',
+    "readings.strain": 'quantity = "strain"\nof = "top"',
+}
 MOVING = """inertia = {}
 [effects.damping]
 alpha = 1.0
@@ -85,7 +91,7 @@ def write_scenes(folder):
     (folder / "free.toml").write_text(scene_text(folder / "box.msh", degree=2, supports=None, **TIP))
     for name, effects in {"effects": MOVING + EFFECTS, "still": EFFECTS}.items():
         bottom = {"contacts": '[contacts.bottom]\nsurface = "bottom"\n[contacts.right]\nsurface = "right"'}
-        parts = {"effects": effects, "run": ACTING, "outputs.tip": TIP["outputs.tip"]}
+        parts = {"effects": effects, "run": ACTING, "outputs.tip": TIP["outputs.tip"]} | READINGS
         (folder / f"{name}.toml").write_text(scene_text(folder / "box.msh", **bottom, **parts))
     parts |= {"effects": MOVING + EFFECTS, "supports": None}
     (folder / "rolling.toml").write_text(ROLLERS + scene_text(folder / "box.msh", **bottom, **parts))
@@ -182,6 +188,10 @@ def test_effects_do_not_depend_on_the_number_of_ranks(results, name, ranks):
         for obstacle, force in one.forces.items():
             assert np.abs(force).max() > 0.1
             assert np.abs(other.forces[obstacle] - force).max() <= 1e-7 * np.abs(force).max()
+        for reading, kept in one.readings.items():
+            moved = np.abs(kept.values - kept.values[0]).max()
+            assert moved > 0
+            assert np.abs(other.readings[reading].values - kept.values).max() <= 1e-7 * moved, reading
         assert max(one.balance_error, other.balance_error) <= 1e-12
 
 

@@ -6,8 +6,7 @@ import warnings
 import numpy as np
 import pytest
 from bodies import acted_on
-from rom_files import put, refusal, tampered
-from test_rom_file import same, says, without
+from rom_files import put, refusal, same, says, tampered, without
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning

@@ -5,15 +5,14 @@ import re
 import resource
 import subprocess
 import sys
-from collections.abc import Mapping
 from contextlib import contextmanager
-from dataclasses import fields, is_dataclass, replace
+from dataclasses import replace
 from pathlib import Path
 
 import h5py
 import numpy as np
 import pytest
-from rom_files import put, refusal, tampered, transfer
+from rom_files import put, refusal, same, says, tampered, transfer, without
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomError, FileError, RomFileError, StructureError, TrajectoryFileError
@@ -86,26 +85,6 @@ def rom_file(tmp_path, rom):
 def run_file(tmp_path, run):
     fr.write_trajectory(tmp_path / "run.h5", run)
     return tmp_path / "run.h5"
-
-
-def same(one, other):
-    """Whether two records are the same to the last bit, in the same order."""
-    if is_dataclass(one):
-        return all(same(getattr(one, f.name), getattr(other, f.name)) for f in fields(one))
-    if isinstance(one, Mapping):
-        return list(one) == list(other) and all(same(one[key], other[key]) for key in one)
-    if isinstance(one, np.ndarray):
-        return one.dtype == other.dtype and np.array_equal(one, other)
-    return one == other
-
-
-def says(**texts):
-    """A change of what a file says of itself."""
-    return lambda h5: h5.attrs.update({name: np.bytes_(text) for name, text in texts.items()})
-
-
-def without(path):
-    return lambda h5: h5.pop(path)
 
 
 def group(path):

@@ -38,18 +38,21 @@ class Recording:
             len(self.steps),
             self.start.dt,
             {name: len(rows) // 3 for name, rows in rom.outputs.items()},
-            tuple(rom.contact_models),
+            rom.contacts,
             len(rom.nodes),
             max(shapes, 1),
             tuple(rom.environment.effects),
             {} if simulator.environment is None else simulator.environment.obstacles,
+            actuators=rom.actuators,
+            units=rom.environment.input_units,
+            readings=rom.readings,
         )
 
         recorder.sample(0, simulator)
         for step, (contact, u) in enumerate(self.steps, start=1):
             simulator.switch(contact)
             simulator.step(u)
-            recorder.sample(step, simulator)
+            recorder.sample(step, simulator, u)
         return recorder.record(
             name=rom.name,
             model="reduced",

@@ -1,0 +1,91 @@
+"""Numbers by name at every instant of a run: inputs, and readings."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from fenics_rom.mechanics.readings import READING_UNITS, ContactPressure, Reading, SurfaceReading, principal_size
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True)
+class Series:
+    """An input over time."""
+
+    values: Array  # (S, columns): what acted in the step that led to each instant, at the first 0
+    unit: str
+
+
+@dataclass(frozen=True)
+class ReadingSeries:
+    """A reading over time.
+
+    Attributes:
+        quantity: one of `mechanics.readings.READING_UNITS`, which has its unit.
+        values: of a length or volume (S,), of contact pressure (S, s) at nodes, of von Mises stress (S, P) and of
+            strain (S, P, 6) in the middle of surface triangles.
+        nodes: (s,) which of the body's.
+        triangles: (P,) which of the body's.
+    """
+
+    quantity: str
+    values: Array
+    nodes: Array = field(default_factory=lambda: np.empty(0, dtype=int))
+    triangles: Array = field(default_factory=lambda: np.empty(0, dtype=int))
+
+    @property
+    def unit(self) -> str:
+        """Of the values."""
+        return READING_UNITS[self.quantity]
+
+    @property
+    def sizes(self) -> Array:
+        """The values; of strains the largest principal one without its sign, (S, P)."""
+        return principal_size(self.values) if self.quantity == "strain" else self.values
+
+
+def reading_series(reading: Reading, values: Array) -> ReadingSeries:
+    """What a run keeps of a reading."""
+    places = {}
+    if isinstance(reading, ContactPressure):
+        places = {"nodes": reading.nodes}
+    elif isinstance(reading, SurfaceReading):
+        places = {"triangles": reading.triangles}
+    return ReadingSeries(reading.quantity, values, **places)
+
+
+def input_series(
+    contact: Array,
+    given: Sequence[tuple[Array, Array]],
+    contacts: Mapping[str, int],
+    actuators: Mapping[str, int],
+    loads: Mapping[str, int],
+    units: Mapping[str, str],
+) -> dict[str, Series]:
+    """The inputs of a run by name, but for those that were always 0.
+
+    Those of a contact mode that has the name of an actuator or a load are called contact-NAME.
+
+    Args:
+        contact: (S,) which contact mode was active, at all instants.
+        given: of each step the inputs (contact columns and actuators', or the actuators' alone), and the loads.
+        contacts, actuators, loads: number of columns of each.
+        units: of those that are not in N.
+    """
+    shared = {**actuators, **loads}
+    found: dict[str, Array] = {}
+    for number, (name, columns) in enumerate(contacts.items()):
+        instants = 1 + np.flatnonzero(contact[1:] == number)
+        if not len(instants):
+            continue
+        widths = {f"contact-{name}" if name in shared else name: columns, **shared}
+        u = np.zeros((len(instants), sum(widths.values())))
+        for row, k in zip(u, instants, strict=True):
+            last = np.concatenate(given[k - 1])
+            row[len(row) - len(last) :] = last
+        for part, block in zip(widths, np.split(u, np.cumsum([*widths.values()])[:-1], axis=1), strict=True):
+            if block.any():
+                found.setdefault(part, np.zeros((len(contact), block.shape[1])))[instants] = block
+    return {name: Series(values, units.get(name, "N")) for name, values in found.items()}

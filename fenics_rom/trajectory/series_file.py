@@ -1,0 +1,93 @@
+"""Inputs and readings in a run file: the groups `inputs` and `readings`, described in trajectory.file."""
+
+from typing import Any
+
+import h5py
+
+from fenics_rom.errors import FileError, unknown
+from fenics_rom.io.hdf5 import Entry, Sizes, check_names, get_arrays, get_group, get_text, put_arrays, put_text
+from fenics_rom.mechanics.readings import READING_UNITS
+from fenics_rom.trajectory.series import ReadingSeries, Series
+from fenics_rom.trajectory.trajectory import Trajectory
+
+INPUT_UNITS = ("N", "Pa", "m/s2", "1", "m", "m3")
+SHAPES: dict[str, tuple[str | int, ...]] = {
+    "length": (),
+    "volume": (),
+    "contact_pressure": ("n",),
+    "strain": ("G", 6),
+    "von_mises_stress": ("G",),
+}
+PLACES = {"n": {"nodes": Entry("1", ("n",), "i")}, "G": {"triangles": Entry("1", ("G",), "i")}}
+
+
+def put_series(h5: h5py.File, run: Trajectory, sizes: Sizes) -> None:
+    """Writes the groups, where there is something in them.
+
+    Raises:
+        FileError: names, units or arrays that do not fit.
+    """
+    check_names([*run.inputs, *run.readings])
+    if run.inputs:
+        inputs = h5.create_group("inputs", track_order=True)
+        for name, series in run.inputs.items():
+            put_arrays(inputs, {name: _input_entry(series.unit)}, {"S": sizes["S"]}, {name: series.values})
+    if run.readings:
+        readings = h5.create_group("readings", track_order=True)
+        for name, reading in run.readings.items():
+            group = readings.create_group(name, track_order=True)
+            put_text(group, quantity=reading.quantity)
+            put_arrays(group, _reading_table(reading.quantity), {"S": sizes["S"]}, vars(reading))
+
+
+def take_series(h5: h5py.File, sizes: Sizes) -> tuple[dict[str, Series], dict[str, ReadingSeries]]:
+    """Reads inputs and readings.
+
+    Raises:
+        FileError: something is missing or does not fit.
+    """
+    inputs = get_group(h5, "inputs") if "inputs" in h5 else {}
+    readings = get_group(h5, "readings") if "readings" in h5 else {}
+    return {name: _take_input(inputs, name, sizes["S"]) for name in inputs}, {
+        name: _take_reading(get_group(readings, name), sizes["S"]) for name in readings
+    }
+
+
+def _take_input(group: h5py.Group, name: str, instants: int) -> Series:
+    unit = get_text(group[name], "unit")
+    table = {name: _input_entry(unit)}
+    arrays: Any = get_arrays(group, table, {"S": instants}, tuple(group))
+    return Series(arrays[name], unit)
+
+
+def _take_reading(group: h5py.Group, instants: int) -> ReadingSeries:
+    quantity = get_text(group, "quantity")
+    arrays: Any = get_arrays(group, _reading_table(quantity), {"S": instants})
+    return ReadingSeries(quantity, **arrays)
+
+
+def _input_entry(unit: str) -> Entry:
+    if unit not in INPUT_UNITS:
+        raise FileError(f"an input has {unknown('unit', unit, INPUT_UNITS)}")
+    return Entry(unit, ("S", "w"))
+
+
+def _reading_table(quantity: str) -> dict[str, Entry]:
+    if quantity not in READING_UNITS:
+        raise FileError(f"a reading has {unknown('quantity', quantity, READING_UNITS)}")
+    shape = SHAPES[quantity]
+    places = PLACES[str(shape[0])] if shape else {}
+    return {"values": Entry(READING_UNITS[quantity], ("S", *shape)), **places}
+
+
+def check_series(run: Trajectory) -> None:
+    """What a shape cannot say.
+
+    Raises:
+        FileError: a reading is nowhere on the body.
+    """
+    for name, reading in run.readings.items():
+        for what, count in (("nodes", len(run.nodes)), ("triangles", len(run.triangles))):
+            numbers = getattr(reading, what)
+            if numbers.size and not 0 <= numbers.min() <= numbers.max() < count:
+                raise FileError(f"/readings/{name}/{what}: allowed are numbers below {count}")
