@@ -12,6 +12,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_rom.errors import MeshError, SceneError, unknown
+from fenics_rom.fem.contact_points import contact_points_of, points_between
 from fenics_rom.fem.dolfinx_compat import (
     cell_constants,
     cell_dofs,
@@ -22,7 +23,7 @@ from fenics_rom.fem.dolfinx_compat import (
     vector_space,
 )
 from fenics_rom.fem.finite_strain.assemble import assemble_deformation
-from fenics_rom.fem.loads import actuators_of, contact_points_of, loads_of
+from fenics_rom.fem.loads import actuators_of, loads_of
 from fenics_rom.fem.mesh import Mesh, read_mesh
 from fenics_rom.fem.mesh_quality import radius_ratios
 from fenics_rom.fem.nodes import (
@@ -120,10 +121,12 @@ def _system(scene: Scene, comm: Any) -> System:
             matrices.node_mass,
             {name: patch_nodes(nodes, patch, f"contacts.{name}") for name, patch in scene.contacts.items()},
             quality_of(radius_ratios(nodes.coordinates, nodes.cells)),
+            points_between(scene, nodes, unknowns),
         ),
         scene=scene,
         warnings=(*_warnings(scene, rigid), *implausible(nodes.coordinates, matrices.node_mass.sum(), young)),
     )
+    system = replace(system, warnings=(*system.warnings, *_obstacles_too_small(system)))
     if effects.large_deformation is None:
         return system
 
@@ -144,6 +147,21 @@ def _warnings(scene: Scene, rigid: np.ndarray) -> Iterator[str]:
         )
     if (scene.clamped or scene.held) and rigid.shape[1]:
         yield f"supports leave {rigid.shape[1]} rigid motions: the body, or a part of it, is not wholly held"
+
+
+def _obstacles_too_small(system: System) -> list[str]:
+    """What to say of obstacles that pass between contact points, or did before there were more of them."""
+    if not system.contact_points or system.scene is None:
+        return []
+    body, between = system.body, system.body.points_between
+    shapes = {name: obstacle.shape for name, obstacle in system.scene.environment.obstacles.items()}
+    message = system.points_of_contact().warn_of_passing(shapes, body.triangles, body.nodes)
+    if between is not None:
+        message = (
+            f"contact: {len(between.nodes)} points between nodes can be touched, as an obstacle fits in there; "
+            "what it presses in is narrower than an element: a finer mesh at the contact surface shows it"
+        )
+    return [message] if message else []
 
 
 def _material_of_cells(scene: Scene, mesh: Mesh) -> np.ndarray:

@@ -3,7 +3,7 @@
 import numpy as np
 
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
-from fenics_rom.mechanics.contact import ContactPoints, ContactSolution
+from fenics_rom.mechanics.contact import ContactSolution
 from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.time_step_monitor import TimeStepMonitor
@@ -14,7 +14,7 @@ class FullOrderInterface:
     """The contact points of a body and the obstacles; every rank must call every method.
 
     Attributes:
-        points: nodes that can be touched.
+        points: that can be touched.
         solver: of the contact law.
         Sᵀ: (rows here, 3P) unit forces on the points.
     """
@@ -23,11 +23,11 @@ class FullOrderInterface:
         law = environment.environment.contact_law
         assert law is not None
         self._algebra = system.algebra
-        self.points = ContactPoints(system.contact_points, system.body.nodes)
+        self.points = system.points_of_contact()
         self.solver = ContactSolver(self.points.coordinates, list(environment.obstacles.values()), law)
         at_rest = np.zeros(self.points.coordinates.shape)
         self.solver.check_start(at_rest, environment.state.offsets, list(environment.obstacles))
-        self.Sᵀ = system.at_nodes(self.points.nodes)
+        self.Sᵀ = self.points.columns(system.at_nodes)
 
     def at_points(self, x: Array) -> Array:
         """What a field (rows here, 1) is at the contact points, (P, 3)."""

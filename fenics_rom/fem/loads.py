@@ -6,7 +6,7 @@ A column's unit must not decide how much of it a reduced basis knows: pascals an
 import numpy as np
 
 from fenics_rom.errors import SceneError
-from fenics_rom.fem.nodes import Nodes, patch_area, patch_columns, patch_nodes, shape_functions
+from fenics_rom.fem.nodes import Nodes, patch_area, patch_columns, shape_functions
 from fenics_rom.mechanics.tendon import measure_segments, unit_tension_forces
 from fenics_rom.scene.scene import Scene
 from fenics_rom.system.body import Unknowns
@@ -65,17 +65,6 @@ def loads_of(scene: Scene, nodes: Nodes, masses: Array, unknowns: Unknowns) -> t
         else:
             columns[name] = patch_columns(nodes, force.patch("resultant"), unknowns, where)
     return columns, units
-
-
-def contact_points_of(scene: Scene, nodes: Nodes, unknowns: Unknowns) -> dict[str, Array]:
-    """Nodes (P,) of each contact mode that can move, where the scene has contact."""
-    if scene.effects.contact is None:
-        return {}
-    movable = np.zeros(3 * len(nodes.coordinates), dtype=bool)
-    movable[unknowns.moving] = True
-    movable = movable.reshape(-1, 3).any(axis=1)
-    patches = {name: patch_nodes(nodes, patch, f"contacts.{name}") for name, patch in scene.contacts.items()}
-    return {name: numbers[movable[numbers]] for name, numbers in patches.items()}
 
 
 def _cable(nodes: Nodes, points: Array, where: str) -> Array:

@@ -4,7 +4,6 @@ The law inside a step of passive midpoint integration is in `mechanics.contact_s
 """
 
 import math
-from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -15,8 +14,6 @@ from fenics_rom.errors import SceneError
 Array = np.ndarray
 
 _ONES = np.ones(3)
-NEARNESS = 0.05  # of the size of the contact surfaces: an obstacle that far away begins to matter
-HYSTERESIS = 1e-3  # of it: by so much another contact mode must be closer, so that two do not take turns
 
 
 class ObstacleMotion(NamedTuple):
@@ -148,38 +145,3 @@ class ContactResidual(NamedTuple):
             f"in {self.steps} steps contact forces were found only to {self.residual:.0e} of the velocities that they "
             "stop, and made smaller so that they do no work; a smaller dt or less friction may help"
         )
-
-
-class ContactPoints:
-    """All nodes that obstacles can touch, and which contact mode is the one that is touched.
-
-    Args:
-        nodes_of: nodes (P_i,) of each contact mode.
-        coordinates: of all nodes at rest, (N, 3), m.
-
-    Attributes:
-        nodes, coordinates: (P,) ascending, each once; theirs at rest, (P, 3), m.
-    """
-
-    def __init__(self, nodes_of: Mapping[str, Array], coordinates: Array):
-        self.nodes = np.unique(np.concatenate(list(nodes_of.values())))
-        self.coordinates = coordinates[self.nodes]
-        self._size = float(np.linalg.norm(np.ptp(self.coordinates, axis=0)))
-        self._names = list(nodes_of)
-        self._members = [np.searchsorted(self.nodes, nodes) for nodes in nodes_of.values()]
-
-    def normal_forces(self, contact: ContactSolution | None, nodes: Array) -> Array:
-        """Of a step on nodes of the body (s,), N, (s,); 0 on those that cannot be touched."""
-        forces = np.zeros(len(nodes))
-        if contact is not None:
-            _, among, points = np.intersect1d(nodes, self.nodes, return_indices=True)
-            forces[among] = contact.normal_forces[points]
-        return forces
-
-    def nearest(self, gaps: Array, active: str) -> str:
-        """The contact mode to be in, from the smallest gap of each point (P,), m, and the one that is active."""
-        closest = [gaps[members].min(initial=np.inf) for members in self._members]
-        best = int(np.argmin(closest))
-        near = closest[best] < NEARNESS * self._size
-        closer = closest[best] < closest[self._names.index(active)] - HYSTERESIS * self._size
-        return self._names[best] if near and closer else active

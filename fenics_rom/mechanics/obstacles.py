@@ -218,3 +218,13 @@ DIMENSIONS = {  # what describes them: unit, and how many numbers
     "normal": ("1", 3),
     "rotation": ("rad", 3),
 }
+
+
+def smallest_radius(obstacle: Obstacle) -> float:
+    """Radius of what passes where an obstacle passes, m; infinite of a half-space.
+
+    Of a box half of its middle edge: the face of a thin plate does not pass between points.
+    """
+    if isinstance(obstacle, Box):
+        return float(np.sort(obstacle.size)[1]) / 2
+    return float(getattr(obstacle, "radius", math.inf))

@@ -76,6 +76,7 @@ def assemble_rom(problem: ReductionProblem, retained: Mapping[str, RetainedBasis
         cells=system.body.cells,
         environment=scene.environment if scene else Environment(),
         contact_surfaces=system.body.contact_surfaces,
+        points_between=system.body.points_between,
         scene_text=scene.text if scene else "",
         warnings=tuple(problem.messages),
         weighting=problem.weighting,

@@ -15,6 +15,7 @@ p input columns, r Hankel singular values, f sampled frequencies; P points of an
     actuators/NAME (1,)              number of input columns
     loads/NAME (1,)                  the same of loads with signals of their own; absent where there are none
     contact_surfaces/NAME (s,)       nodes of the surface of a contact mode; none where there is no mesh
+    points_between/                  contact points beside nodes: nodes, weights (B, c), gap (1,) m; may be absent
     environment/                     what acts in the runs of the scene; see rom.environment_file
     offline/NUMBER (2,) s, B         wall-clock time and peak memory of a stage of the offline work; attribute `name`
     contact_models/NAME/             in the order of the scene
@@ -71,6 +72,7 @@ from fenics_rom.io.hdf5 import (
 )
 from fenics_rom.io.stages import Stage
 from fenics_rom.mechanics.body_facts import CellQuality
+from fenics_rom.mechanics.contact_points import PointsBetween
 from fenics_rom.mechanics.environment import SWITCHINGS
 from fenics_rom.rom.environment_file import put_environment, take_environment
 from fenics_rom.rom.rom import ContactModel, ForceValidation, Rom, check_rom
@@ -101,8 +103,9 @@ STAGE = Entry("s, B", (2,))
 COUNT = Entry("1", (1,), "i")
 SURFACE_NODES = Entry("1", ("s",), "i")
 GROUPS = ("outputs", "actuators", "contact_models", "contact_surfaces", "environment")
-MAYBE = ("offline", "loads", "deformation", "force_validation", "readings")
+MAYBE = ("offline", "loads", "deformation", "force_validation", "readings", "points_between")
 FORCE_RUN, FORCE_ERRORS = Entry("s", (2,)), Entry("1", (2, 3))
+BETWEEN = {"nodes": Entry("1", ("B", "c"), "i"), "weights": Entry("1", ("B", "c")), "gap": Entry("m", (1,))}
 
 
 def write_rom(file: str | Path, rom: Rom) -> None:
@@ -150,6 +153,9 @@ def _fill(h5: h5py.File, rom: Rom) -> None:
             put_arrays(groups[kind], {name: COUNT}, sizes, {name: np.array([columns])})
     for name, nodes in rom.contact_surfaces.items():
         put_arrays(groups["contact_surfaces"], {name: SURFACE_NODES}, {}, {name: nodes})
+    if rom.points_between is not None:
+        between = vars(rom.points_between) | {"gap": np.array([rom.points_between.gap])}
+        put_arrays(h5.create_group("points_between"), BETWEEN, {}, between)
     put_environment(h5, rom.environment)
     for number, stage in enumerate(rom.stages):
         numbers = np.array([stage.seconds, stage.peak_memory])
@@ -205,6 +211,9 @@ def _take(h5: h5py.File) -> Rom:
         from fenics_rom.rom.deformation_file import get_deformation
 
         rom = replace(rom, deformation=get_deformation(h5, sizes))
+    if "points_between" in groups:
+        between: Any = get_arrays(groups["points_between"], BETWEEN, {})
+        rom = replace(rom, points_between=PointsBetween(between["nodes"], between["weights"], float(between["gap"][0])))
     if "readings" in groups:
         from fenics_rom.rom.readings_file import take_readings
 
@@ -289,6 +298,8 @@ def _check_fit(rom: Rom) -> None:
         raise FileError("has contact, and no node that obstacles can touch")
     if not all(_are_indices(nodes, N) for nodes in rom.contact_surfaces.values()):
         raise FileError(f"a contact surface names nodes beyond {N}")
+    if rom.points_between is not None and not _are_indices(rom.points_between.nodes, N):
+        raise FileError(f"points_between name nodes beyond {N}")
     if any(columns < 0 for columns in (*rom.actuators.values(), *rom.loads.values())):
         raise FileError("an actuator or a load has a negative number of columns")
     if any(stage.seconds < 0 or stage.peak_memory < 0 for stage in rom.stages):

@@ -11,6 +11,7 @@ import numpy as np
 from fenics_rom.errors import StructureError
 from fenics_rom.io.stages import Stage
 from fenics_rom.mechanics.body_facts import CellQuality
+from fenics_rom.mechanics.contact_points import PointsBetween
 from fenics_rom.mechanics.environment import Environment
 
 if TYPE_CHECKING:
@@ -119,6 +120,7 @@ class Rom:
         node_mass: (N,), kg.
         environment: what acts in the runs of the scene that it was made for.
         contact_surfaces: nodes (any,) of the surface of each contact mode; none of a model without a mesh.
+        points_between: that obstacles can touch beside nodes; None where none passed between these.
         scene_text: the scene file it was made from, for people.
         warnings: what the user should know about this model.
         weighting: of the shape in the Hankel singular values: "mass", "nodal" or "outputs".
@@ -148,6 +150,7 @@ class Rom:
     node_mass: Array
     environment: Environment = field(default_factory=Environment)
     contact_surfaces: Mapping[str, Array] = field(default_factory=dict)
+    points_between: PointsBetween | None = None
     scene_text: str = ""
     warnings: tuple[str, ...] = ()
     weighting: str = "mass"

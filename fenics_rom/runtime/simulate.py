@@ -75,7 +75,7 @@ def simulate(
         triangles=rom.triangles,
         node_mass=rom.node_mass,
         cells=rom.cells,
-        warnings=(*rom.warnings, *lost, *body.warnings, *filter(None, [monitor.message])),
+        warnings=tuple(dict.fromkeys((*rom.warnings, *lost, *body.warnings, *filter(None, [monitor.message])))),
         profile=_profile(fresh()[0], history) if profile else None,
         stepping=f"{body.stepper}: {body.stepping}" if rom.deformation is not None else "",
     )

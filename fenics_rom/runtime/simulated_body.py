@@ -174,9 +174,15 @@ class SimulatedBody:
 
     @property
     def contact_points(self) -> Array:
-        """Nodes (P,) that obstacles can touch; none where the scene has no contact."""
+        """Nodes that obstacles can touch; none where the scene has no contact."""
         interface = self._stepper.interface
         return np.empty(0, dtype=int) if interface is None else interface.points.nodes
+
+    @property
+    def contact_coordinates(self) -> Array:
+        """All contact points at rest, (P, 3), m: nodes, then those between; in the order of `contact_forces`."""
+        interface = self._stepper.interface
+        return np.empty((0, 3)) if interface is None else interface.points.coordinates
 
     @property
     def warnings(self) -> tuple[str, ...]:

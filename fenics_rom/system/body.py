@@ -7,6 +7,7 @@ import numpy as np
 import scipy.sparse
 
 from fenics_rom.mechanics.body_facts import CellQuality
+from fenics_rom.mechanics.contact_points import PointsBetween
 from fenics_rom.system.protocols import Array
 
 
@@ -71,6 +72,7 @@ class Body:
         node_mass: (N,), kg; the diagonal of M scaled to the mass of the body (Hinton, Rock & Zienkiewicz 1976).
         contact_surfaces: nodes (any,) of the surface of each contact mode.
         cells: how many there are, and how good; None: nobody knows.
+        points_between: that obstacles can touch beside nodes; None where none passes between these.
     """
 
     nodes: Array
@@ -79,6 +81,7 @@ class Body:
     node_mass: Array
     contact_surfaces: Mapping[str, Array] = field(default_factory=dict)
     cells: CellQuality | None = None
+    points_between: PointsBetween | None = None
 
     @property
     def free(self) -> Array:

@@ -12,6 +12,7 @@ import numpy as np
 
 from fenics_rom.errors import StructureError
 from fenics_rom.io.stages import Stage
+from fenics_rom.mechanics.contact_points import ContactPoints
 from fenics_rom.mechanics.readings import Reading
 from fenics_rom.scene.scene import Scene
 from fenics_rom.system.backends import backend_of
@@ -158,6 +159,11 @@ class System:
             touched = components_of(self.contact_points[contact])
             parts.append(self._at_components(touched[np.isin(touched, self.body.unknowns.moving)]))
         return np.hstack(parts)
+
+    def points_of_contact(self) -> ContactPoints:
+        """All points that obstacles can touch."""
+        body = self.body
+        return ContactPoints(self.contact_points, body.contact_surfaces, body.nodes, body.points_between)
 
     def at_nodes(self, nodes: Array) -> Array:
         """Unit forces on the components of nodes (P,), a column each, (rows here, 3 P); zero on what is held."""

@@ -5,7 +5,8 @@ from typing import NamedTuple
 import numpy as np
 
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
-from fenics_rom.mechanics.contact import ContactPoints, ContactSolution, ObstacleMotion, PointMotion
+from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointMotion
+from fenics_rom.mechanics.contact_points import ContactPoints
 from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.rom.rom import Rom
 
@@ -22,6 +23,7 @@ class ContactInterface(NamedTuple):
     solver: ContactSolver  # of the contact law
     rows: Array  # (3P, k) of the points in the shared basis
     environment: ActiveEnvironment  # of the run, which may measure what the parts of a step cost
+    passing: str  # what to say of obstacles that pass between the points
 
     def solve(
         self, points: PointMotion, delassus: Array, dt: float, obstacles: ObstacleMotion, quasi_static: bool = False
@@ -51,7 +53,8 @@ def contact_interface(rom: Rom, environment: ActiveEnvironment) -> ContactInterf
     if law is None:
         return None
     nodes = {name: model.contact_points for name, model in rom.contact_models.items()}
-    points = ContactPoints(nodes, rom.nodes)
+    points = ContactPoints(nodes, rom.contact_surfaces, rom.nodes, rom.points_between)
     solver = ContactSolver(points.coordinates, list(environment.obstacles.values()), law)
-    rows = rom.rows_of(points.nodes).reshape(-1, rom.basis.shape[1])
-    return ContactInterface(points, solver, rows, environment)
+    rows = points.columns(lambda nodes: rom.rows_of(nodes).reshape(-1, rom.basis.shape[1]).T).T
+    passing = points.warn_of_passing(environment.obstacles, rom.triangles, rom.nodes)
+    return ContactInterface(points, solver, rows, environment, passing)

@@ -158,8 +158,8 @@ class ReducedStepper:
 
     def diagnostics(self) -> tuple[str, ...]:
         """See Stepper."""
-        residual = "" if self.interface is None else self.interface.solver.residual.message
-        return tuple(filter(None, [residual, *self.kernel.messages]))
+        of_contact = [] if self.interface is None else [self.interface.passing, self.interface.solver.residual.message]
+        return tuple(filter(None, [*of_contact, *self.kernel.messages]))
 
     def _enter(self, contact: str) -> None:
         """Makes a contact mode active, with whatever state its kernel has."""

@@ -1,0 +1,127 @@
+"""Where obstacles can touch a body: its nodes, and points between them where an obstacle would pass through."""
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from fenics_rom.mechanics.contact import ContactSolution
+from fenics_rom.mechanics.obstacles import Obstacle, smallest_radius
+
+Array = np.ndarray
+
+NEARNESS = 0.05  # of the size of the contact surfaces: an obstacle that far away begins to matter
+HYSTERESIS = 1e-3  # of it: by so much another contact mode must be closer, so that two do not take turns
+
+
+@dataclass(frozen=True)
+class PointsBetween:
+    """Points of the surface between nodes; what they do is interpolated, and forces on them spread, alike."""
+
+    nodes: Array  # (B, c) of the facet that each lies on
+    weights: Array  # (B, c) shape functions there
+    gap: float  # largest distance, m, that is left from a point of the contact surfaces to the nearest that can touch
+
+
+class ContactPoints:
+    """All points that obstacles can touch, and which contact mode is the one that is touched.
+
+    Args:
+        nodes_of: nodes (P_i,) of each contact mode that can move.
+        surfaces: all nodes of the surface of each contact mode.
+        coordinates: of all nodes at rest, (N, 3), m.
+        between: points between nodes, if there are some.
+
+    Attributes:
+        nodes: (P - B,) ascending, each once; the first of the points.
+        coordinates: of all points at rest, (P, 3), m.
+    """
+
+    def __init__(
+        self,
+        nodes_of: Mapping[str, Array],
+        surfaces: Mapping[str, Array],
+        coordinates: Array,
+        between: PointsBetween | None = None,
+    ):
+        self.nodes = np.unique(np.concatenate(list(nodes_of.values())))
+        self.coordinates = coordinates[self.nodes]
+        self._names, self._between = list(nodes_of), between
+        self._members = [np.searchsorted(self.nodes, nodes) for nodes in nodes_of.values()]
+        if between is not None:
+            places = np.einsum("bc,bcx->bx", between.weights, coordinates[between.nodes])
+            self.coordinates = np.concatenate([self.coordinates, places])
+            for k, name in enumerate(nodes_of):
+                on_surface = (np.isin(between.nodes, surfaces[name]) | (between.weights == 0)).all(axis=1)
+                self._members[k] = np.concatenate([self._members[k], len(self.nodes) + np.flatnonzero(on_surface)])
+        self._size = float(np.linalg.norm(np.ptp(self.coordinates, axis=0)))
+
+    def columns(self, of_nodes: Callable[[Array], Array]) -> Array:
+        """Columns (rows, 3 P) of the points' components, from what gives those of nodes (s,), (rows, 3 s)."""
+        columns = of_nodes(self.nodes)
+        if self._between is None:
+            return columns
+        corners = zip(self._between.nodes.T, self._between.weights.T, strict=True)
+        return np.hstack([columns, sum(of_nodes(nodes) * np.repeat(weights, 3) for nodes, weights in corners)])
+
+    def normal_forces(self, contact: ContactSolution | None, nodes: Array) -> Array:
+        """Of a step on nodes of the body (s,), N, (s,); 0 on those that cannot be touched."""
+        forces = np.zeros(len(nodes))
+        if contact is None:
+            return forces
+        _, among, points = np.intersect1d(nodes, self.nodes, return_indices=True)
+        forces[among] = contact.normal_forces[points]
+        if self._between is not None:
+            order = np.argsort(nodes)
+            row = order[np.minimum(np.searchsorted(nodes, self._between.nodes, sorter=order), len(nodes) - 1)]
+            spread = self._between.weights * contact.normal_forces[len(self.nodes) :, None]
+            np.add.at(forces, row, np.where(nodes[row] == self._between.nodes, spread, 0.0))
+        return forces
+
+    def nearest(self, gaps: Array, active: str) -> str:
+        """The contact mode to be in, from the smallest gap of each point (P,), m, and the one that is active."""
+        closest = [gaps[members].min(initial=np.inf) for members in self._members]
+        best = int(np.argmin(closest))
+        near = closest[best] < NEARNESS * self._size
+        closer = closest[best] < closest[self._names.index(active)] - HYSTERESIS * self._size
+        return self._names[best] if near and closer else active
+
+    def warn_of_passing(self, obstacles: Mapping[str, Obstacle], triangles: Array, coordinates: Array) -> str:
+        """What to say of obstacles that fit between the points; empty where none does.
+
+        Args:
+            obstacles: by name.
+            triangles: of the surface, between all nodes, (F, 3).
+            coordinates: of all nodes at rest, (N, 3), m.
+        """
+        radii = {name: smallest_radius(obstacle) for name, obstacle in obstacles.items()}
+        if not radii or min(radii.values()) == np.inf:
+            return ""
+        if self._between is not None:
+            gap = self._between.gap
+        else:
+            touched = np.isin(triangles, self.nodes).all(axis=1)
+            gap = covering_radius(coordinates[triangles[touched]]).max(initial=0.0)
+        name, radius = min(radii.items(), key=lambda item: item[1])
+        if radius >= gap:
+            return ""
+        return (
+            f"contact: obstacle {name!r} is {2 * radius:.3g} m across, and the contact points leave gaps of "
+            f"{2 * gap:.3g} m that it passes through; a mesh of {radius:.3g} m at the contact surface is the cure"
+        )
+
+
+def covering_radius(corners: Array) -> Array:
+    """Largest distance from a point of triangles (F, 3, 3) to the nearest of their corners, (F,), m.
+
+    Of one without an obtuse angle the radius of the circle through its corners; of the others the farthest point is on
+    the longest side.
+    """
+    sides = np.linalg.norm(np.roll(corners, -1, axis=1) - np.roll(corners, 1, axis=1), axis=2)
+    a, b, c = np.sort(sides, axis=1).T
+    cosines = [(b**2 + c**2 - a**2) / (2 * b * c), (a**2 + c**2 - b**2) / (2 * a * c)]  # of the angles at the ends of c
+    on_longest = np.maximum(b / (2 * cosines[0]), a / (2 * cosines[1]))
+    sine = np.sqrt(np.maximum(1 - cosines[0] ** 2, 0.0))
+    with np.errstate(divide="ignore"):
+        circle = a / (2 * sine)
+    return np.where(a**2 + b**2 < c**2, on_longest, circle)
