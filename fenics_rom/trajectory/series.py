@@ -1,7 +1,7 @@
 """Numbers by name at every instant of a run: inputs, and readings."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 
@@ -39,6 +39,10 @@ class ReadingSeries:
     def unit(self) -> str:
         """Of the values."""
         return READING_UNITS[self.quantity]
+
+    def at(self, instant: int) -> "ReadingSeries":
+        """Of one instant."""
+        return replace(self, values=self.values[[instant]])
 
     @property
     def sizes(self) -> Array:

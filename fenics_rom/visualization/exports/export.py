@@ -12,12 +12,13 @@ from fenics_rom.rom.rom import Rom
 from fenics_rom.trajectory.trajectory import Trajectory
 from fenics_rom.visualization.exports.body_renderer import BodyRenderer
 from fenics_rom.visualization.exports.mode_shapes import SHAPE_KINDS, mode_shapes, write_sheet
-from fenics_rom.visualization.exports.paraview import write_grid, write_series
+from fenics_rom.visualization.exports.paraview import Fields, write_grid, write_series
 from fenics_rom.visualization.exports.pictures import write_film, write_still
 from fenics_rom.visualization.optional_dependencies import pyvista_package
 
 Array = np.ndarray
 
+VTK_COMPONENTS = [0, 1, 2, 5, 3, 4]  # of xx, yy, zz, yz, xz, xy: VTK has xx, yy, zz, xy, yz, xz
 SHEET_FORMATS = (".png", ".pdf", ".svg")
 ROM_FORMATS = (".vtu", *SHEET_FORMATS)
 FILM_FORMATS = (".gif", ".mp4")
@@ -44,9 +45,9 @@ def export(
     """Writes a ROM's shapes, or a run, as a file that others read or people look at; nothing of it where it fails.
 
     Of a ROM: .vtu, for ParaView, every shape a field on the nodes; or .png, .pdf, .svg, a sheet of the first shapes of
-    each contact mode. Of a run: .pvd with a folder of .vtu files, displacement (m) and velocity (m/s) at each instant
-    of which it holds the whole shape; .vtu or .png of one instant; .gif or .mp4 of all. Cells are the triangles of the
-    surface, and points all nodes.
+    each contact mode. Of a run: .pvd with a folder of .vtu files, displacement (m), velocity (m/s), inputs and readings
+    at each instant of which it holds the whole shape; .vtu or .png of one instant; .gif or .mp4 of all. Cells are the
+    triangles of the surface, and points all nodes.
 
     Args:
         model: the ROM or the run.
@@ -108,7 +109,7 @@ def _export_rom(place: Path, rom: Rom, kind: str, count: int | None, dark: bool)
         fields |= {f"{name}.{kind}.{shape.number}": shape.displacement for shape in shown}
         numbers = {"frequency": [shape.frequency for shape in shown], "sigma": [shape.σ for shape in shown]}
         whole |= {f"{name}.{key}": np.array(of, dtype=float) for key, of in numbers.items() if None not in of}
-    write_grid(place, rom.nodes, rom.triangles, fields, whole)
+    write_grid(place, rom.nodes, rom.triangles, Fields(fields, whole=whole))
 
 
 def _export_run(
@@ -127,11 +128,10 @@ def _export_run(
             raise FileError(f"--time {time:g}: allowed are 0 to {run.times[-1]:g} s, which the run lasts")
     row = len(run.snapshots) - 1 if time is None else int(np.abs(run.snapshot_times - time).argmin())
     if place.suffix == ".pvd":
-        every = [_on_nodes(run, k) for k in range(len(run.snapshots))]
+        every = [_fields(run, k) for k in range(len(run.snapshots))]
         write_series(place, run.snapshot_times, run.nodes, run.triangles, every)
     elif place.suffix == ".vtu":
-        instant = {"TimeValue": run.snapshot_times[[row]]}
-        write_grid(place, run.nodes, run.triangles, _on_nodes(run, row), instant)
+        write_grid(place, run.nodes, run.triangles, _fields(run, row))
     elif place.suffix == ".png":
         write_still(place, *_pictures(run, [row], scale, WIDTH_PIXELS, dark, report))
     else:
@@ -143,10 +143,32 @@ def _export_run(
         write_film(place, pictures, FRAMES_PER_SECOND * len(rows) / wanted)
 
 
-def _on_nodes(run: Trajectory, row: int) -> dict[str, Array]:
-    """Fields of one instant."""
-    moving = {} if run.velocities is None else {"velocity": run.velocities[row]}
-    return {"displacement": run.snapshots[row], **moving}
+def _fields(run: Trajectory, row: int) -> Fields:
+    """Of one whole shape; a reading is not a number (NaN) where it is not read."""
+    instant = int(np.abs(run.times - run.snapshot_times[row]).argmin())
+    on_nodes = {"displacement": run.snapshots[row]}
+    if run.velocities is not None:
+        on_nodes["velocity"] = run.velocities[row]
+    on_triangles: dict[str, Array] = {}
+    whole = {"TimeValue": run.snapshot_times[[row]]}
+    whole |= {f"input.{name}": series.values[instant] for name, series in run.inputs.items()}
+    for name, reading in run.readings.items():
+        values, key = reading.values[instant], f"reading.{name}"
+        if reading.quantity == "contact_pressure":
+            on_nodes[key] = _spread(values, reading.nodes, len(run.nodes))
+        elif not values.ndim:
+            whole[key] = values[None]
+        else:
+            ordered = values[:, VTK_COMPONENTS] if reading.quantity == "strain" else values
+            on_triangles[key] = _spread(ordered, reading.triangles, len(run.triangles))
+    return Fields(on_nodes, on_triangles, whole)
+
+
+def _spread(values: Array, places: Array, count: int) -> Array:
+    """Values at some of so many places, and NaN at the others."""
+    everywhere = np.full((count, *values.shape[1:]), np.nan)
+    everywhere[places] = values
+    return everywhere
 
 
 def _pictures(

@@ -8,6 +8,7 @@ import re
 import shutil
 import tempfile
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import quoteattr
@@ -21,23 +22,28 @@ from fenics_rom.visualization.optional_dependencies import pyvista_package
 Array = np.ndarray
 
 
-def write_grid(
-    file: Path, nodes: Array, triangles: Array, on_nodes: Mapping[str, Array], whole: Mapping[str, Array]
-) -> None:
-    """Writes one .vtu file, or nothing: fields (N,) or (N, 3) on nodes (N, 3), and numbers of the whole body."""
+@dataclass(frozen=True)
+class Fields:
+    """By name: values on nodes (N,) or (N, 3), on triangles (F,) or (F, 6), and numbers of the whole body."""
+
+    on_nodes: Mapping[str, Array]
+    on_triangles: Mapping[str, Array] = field(default_factory=dict)
+    whole: Mapping[str, Array] = field(default_factory=dict)
+
+
+def write_grid(file: Path, nodes: Array, triangles: Array, fields: Fields) -> None:
+    """Writes one .vtu file of nodes (N, 3) and triangles (F, 3), or nothing."""
     with tempfile.TemporaryDirectory() as folder:
         written = Path(folder) / "grid.vtu"
-        _save(written, nodes, triangles, on_nodes, whole)
+        _save(written, nodes, triangles, fields)
         write_whole(file, written.read_bytes())
 
 
-def write_series(
-    file: Path, times: Array, nodes: Array, triangles: Array, on_nodes: Sequence[Mapping[str, Array]]
-) -> None:
+def write_series(file: Path, times: Array, nodes: Array, triangles: Array, instants: Sequence[Fields]) -> None:
     """Writes a .pvd file, and beside it a folder of its name with one .vtu file for each instant; or nothing.
 
-    A folder of that name is replaced if it holds nothing but what this has written there before. `on_nodes` has for
-    each of the times, s, the fields on the nodes, as in `write_grid`.
+    A folder of that name is replaced if it holds nothing but what this has written there before. There is an
+    instant for each of the times, s.
 
     Raises:
         FileError: they cannot be written, or there is something else in the folder.
@@ -56,8 +62,8 @@ def write_series(
         with tempfile.TemporaryDirectory(prefix=f".{folder.name}.", suffix=".part", dir=folder.parent) as parent:
             staged = Path(parent) / folder.name
             staged.mkdir()
-            for name, t, fields in zip(names, times, on_nodes, strict=True):
-                _save(staged / name, nodes, triangles, fields, {"TimeValue": np.array([t])})
+            for name, fields in zip(names, instants, strict=True):
+                _save(staged / name, nodes, triangles, fields)
             if folder.exists():
                 shutil.rmtree(folder)
             staged.replace(folder)
@@ -79,13 +85,14 @@ def _check_place(file: Path) -> None:
         )
 
 
-def _save(
-    file: Path, nodes: Array, triangles: Array, on_nodes: Mapping[str, Array], whole: Mapping[str, Array]
-) -> None:
+def _save(file: Path, nodes: Array, triangles: Array, fields: Fields) -> None:
     pv: Any = pyvista_package()
     grid = pv.UnstructuredGrid({pv.CellType.TRIANGLE: triangles}, nodes)
-    for name, values in on_nodes.items():
-        grid.point_data[name] = values
-    for name, values in whole.items():
-        grid.field_data[name] = values
+    for data, named in (
+        (grid.point_data, fields.on_nodes),
+        (grid.cell_data, fields.on_triangles),
+        (grid.field_data, fields.whole),
+    ):
+        for name, values in named.items():
+            data[name] = values
     grid.save(file)

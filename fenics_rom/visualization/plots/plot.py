@@ -32,8 +32,9 @@ def plot(
 ) -> tuple[Path, ...]:
     """Draws what there is to see of a ROM or of runs.
 
-    Of runs: the energy account ("energy"), each output against time ("output_NAME"), and the forces of obstacles
-    ("forces"). Of a ROM: its Hankel singular values ("sigma") and frequency responses ("response").
+    Of runs: the energy account ("energy"), against time each output ("output_NAME"), each input that changes
+    ("input_NAME") and each reading ("reading_NAME"), and the forces of obstacles ("forces"). Of a ROM: its Hankel
+    singular values ("sigma") and frequency responses ("response").
 
     Args:
         model: a ROM, a run, or runs by their names in the legend, which are drawn over one another.

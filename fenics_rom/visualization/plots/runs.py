@@ -1,4 +1,4 @@
-"""Plots of runs, several over one another: the energy account, the outputs, the forces of obstacles."""
+"""Plots of runs, several over one another: the energy account, outputs, inputs, readings, the forces of obstacles."""
 
 from collections.abc import Mapping
 from functools import partial
@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from fenics_rom.io.units import prefixed
+from fenics_rom.trajectory.series import Series
 from fenics_rom.trajectory.trajectory import Trajectory
 from fenics_rom.visualization.figure import DASHES, Panel
 
@@ -24,6 +25,13 @@ CONTACT_LEDGER_LABELS = {
     "contact": "dissipated in contact",
     "friction": "dissipated by friction",
 }
+READING_WORDS = {
+    "length": "length",
+    "volume": "volume",
+    "contact_pressure": "contact pressure",
+    "strain": "largest principal strain",
+    "von_mises_stress": "von Mises stress",
+}
 AXES = "xyz"
 UNDERLYING_LINE: dict[str, Any] = {"linestyle": "-", "linewidth": 3.0, "alpha": 0.35}
 LONG_LABEL_LETTERS = 18  # three such labels are wider than a panel
@@ -37,7 +45,10 @@ def run_panels(runs: Runs) -> dict[str, Panel]:
     panels |= {f"output_{name}": partial(_draw_output, runs=runs, name=name) for name in outputs}
     if any(run.forces for run in runs.values()):
         panels["forces"] = partial(_draw_forces, runs=runs)
-    return panels
+    inputs = dict.fromkeys(name for run in runs.values() for name, series in run.inputs.items() if _changes(series))
+    panels |= {f"input_{name}": partial(_draw_input, runs=runs, name=name) for name in inputs}
+    readings = dict.fromkeys(name for run in runs.values() for name in run.readings)
+    return panels | {f"reading_{name}": partial(_draw_reading, runs=runs, name=name) for name in readings}
 
 
 def _draw_energy(figure: Any, runs: Runs) -> None:
@@ -63,22 +74,53 @@ def _account(run: Trajectory) -> dict[str, Array]:
 
 
 def _draw_output(figure: Any, runs: Runs, name: str) -> None:
-    """The three components of an output; of several points their mean, and the range they are in."""
-    axes = figure.subplots()
+    """The three components of an output."""
     shown = {label: run for label, run in runs.items() if name in run.outputs}
-    scale, unit = prefixed("m", max(np.abs(run.outputs[name]).max() for run in shown.values()))
-    time = _draw_time_axis(axes, shown)
-    for line, run in zip(_line_styles(shown), shown.values(), strict=True):
-        values = scale * run.outputs[name]
-        for k in range(3):
-            axes.plot(time * run.times, values[:, :, k].mean(axis=1), color=f"C{k}", **line)
-            if values.shape[1] > 1:
-                low, high = values[:, :, k].min(axis=1), values[:, :, k].max(axis=1)
+    values = [run.outputs[name] for run in shown.values()]
+    _draw_values(figure, shown, values, "m", AXES, "displacement", f"output {name}")
+
+
+def _draw_input(figure: Any, runs: Runs, name: str) -> None:
+    """What acted in the steps: three columns as components of a force, of others each as one of many."""
+    shown = {label: run for label, run in runs.items() if name in run.inputs}
+    series = [run.inputs[name] for run in shown.values()]
+    is_force = all(one.values.shape[1] == len(AXES) for one in series)
+    values = [one.values[:, None] if is_force else one.values[:, :, None] for one in series]
+    _draw_values(figure, shown, values, series[0].unit, AXES if is_force else "", "input", f"input {name}")
+
+
+def _draw_reading(figure: Any, runs: Runs, name: str) -> None:
+    """A reading; of strain the largest principal one at each place."""
+    shown = {label: run for label, run in runs.items() if name in run.readings}
+    readings = [run.readings[name] for run in shown.values()]
+    values = [reading.sizes.reshape(len(reading.values), -1, 1) for reading in readings]
+    words = READING_WORDS[readings[0].quantity]
+    _draw_values(figure, shown, values, readings[0].unit, "", words, f"reading {name}")
+
+
+def _changes(series: Series) -> bool:
+    """Whether an input was not the same in all steps: what is constant, as gravity, is not drawn."""
+    return bool((series.values[1:] != series.values[1]).any())
+
+
+def _draw_values(
+    figure: Any, runs: Runs, values: list[Array], unit: str, components: str, words: str, title: str
+) -> None:
+    """Values (S, points, components) of each run against time; of several points their mean, and their range."""
+    axes = figure.subplots()
+    scale, shown_unit = prefixed(unit, max(np.abs(of_run).max() for of_run in values))
+    time = _draw_time_axis(axes, runs)
+    for line, run, of_run in zip(_line_styles(runs), runs.values(), values, strict=True):
+        for k, component in enumerate(scale * of_run.transpose(2, 0, 1)):
+            axes.plot(time * run.times, component.mean(axis=1), color=f"C{k}", **line)
+            if component.shape[1] > 1:
+                low, high = component.min(axis=1), component.max(axis=1)
                 axes.fill_between(time * run.times, low, high, color=f"C{k}", alpha=0.2, linewidth=0)
-    points = max(run.outputs[name].shape[1] for run in shown.values())
+    points = max(of_run.shape[1] for of_run in values)
     of = f" (mean and range of {points} points)" if points > 1 else ""
-    _draw_legend(figure, axes, {axis: f"C{k}" for k, axis in enumerate(AXES)}, shown)
-    axes.set(ylabel=f"displacement ({unit})", title=f"output {name}{of}")
+    if components or len(runs) > 1:
+        _draw_legend(figure, axes, {axis: f"C{k}" for k, axis in enumerate(components)}, runs)
+    axes.set(ylabel=f"{words} ({shown_unit})" if shown_unit else words, title=title + of)
 
 
 def _draw_forces(figure: Any, runs: Runs) -> None:

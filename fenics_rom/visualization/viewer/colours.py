@@ -34,9 +34,9 @@ def round_up(value: float) -> float:
     return next(step * power for step in (1, 2, 5, 10, 20) if step * power >= value)
 
 
-def with_unit(value: float, unit: str) -> str:
-    """A number with three digits and its unit, as 12.3 mJ; % and quotients have no prefix."""
+def with_unit(value: float, unit: str, digits: int = 3) -> str:
+    """A number with some digits and its unit, as 12.3 mJ; % and quotients have no prefix."""
     if unit == "%" or "/" in unit:
-        return f"{value:.3g} {unit}"
+        return f"{value:.{digits}g} {unit}"
     factor, prefixed_unit = prefixed(unit, abs(value))
-    return f"{value * factor:.3g} {prefixed_unit}"
+    return f"{value * factor:.{digits}g} {prefixed_unit}"

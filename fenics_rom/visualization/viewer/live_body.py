@@ -13,6 +13,7 @@ from fenics_rom.errors import SceneError, StructureError
 from fenics_rom.mechanics.environment import Environment
 from fenics_rom.rom.rom import Rom, truncate
 from fenics_rom.runtime.simulator import Simulator
+from fenics_rom.trajectory.series import ReadingSeries, reading_series
 from fenics_rom.trajectory.trajectory import Trajectory
 from fenics_rom.visualization.viewer.mouse_spring import MouseSpring, MouseSpringStep, attach_spring, largest_input
 from fenics_rom.visualization.viewer.recording import Recording
@@ -131,6 +132,10 @@ class LiveBody:
         ledger = self.simulator.ledger
         assert ledger is not None
         return Account(self.simulator.energy, ledger.supplied, ledger.dissipated, ledger.lost_in_switching)
+
+    def reading(self, name: str) -> ReadingSeries:
+        """A reading, of this instant alone."""
+        return reading_series(self.rom.readings[name], self.simulator.reading(name)[None])
 
     @property
     def damping_ratio(self) -> tuple[float, float]:

@@ -31,7 +31,15 @@ from fenics_rom.visualization.viewer.drawing import (
 from fenics_rom.visualization.viewer.live_body import LiveBody, free_name
 from fenics_rom.visualization.viewer.mouse_spring import closest_point
 from fenics_rom.visualization.viewer.panel import ENERGY_SERIES, ColourScale, EnergyPlot, begin_panel
-from fenics_rom.visualization.viewer.surface import UNITS, Surface, surface_fields
+from fenics_rom.visualization.viewer.surface import (
+    NUMBERS,
+    READING,
+    UNITS,
+    Surface,
+    reading_fields,
+    reading_words,
+    surface_fields,
+)
 
 Array = np.ndarray
 
@@ -61,6 +69,7 @@ class LivePage:
         rom = body.rom
         self._surface = Surface(rom.nodes, rom.triangles)
         self._fields = surface_fields(self._surface, body.rom.environment)
+        self._readings = reading_fields(self._surface, {name: body.reading(name) for name in rom.readings})
         self._size = float(np.ptp(self._surface.places, axis=0).max())
         self._scale = 1 / self._size
         self._triangles = divide_contact_triangles(rom)
@@ -118,7 +127,8 @@ class LivePage:
         actions = {"pause": self._toggle_pause, "reset": self._reset, "record": self._toggle_record}
         buttons = gui.add_button_group("", tuple(actions))
         buttons.on_click(lambda event: self._todo.put(actions[event.target.value]))
-        self._field = gui.add_dropdown("colour", tuple(self._fields), initial_value=next(iter(self._fields)))
+        names = (*self._fields, *self._readings)
+        self._field = gui.add_dropdown("colour", names, initial_value=names[0])
         self._colours = ColourScale(gui)
         self._field.on_update(lambda _: self._todo.put(self._colours.clear))
         self._sliders = []
@@ -277,8 +287,13 @@ class LivePage:
         simulator, name = self.body.simulator, self._field.value
         displacement = simulator.displacement()[self._surface.nodes]
         velocity = simulator.velocity()[self._surface.nodes] if name == "speed" else displacement
-        moved, values = self._surface.places + displacement, self._fields[name](displacement, velocity)
-        largest = self._colours.cover(float(values.max()), UNITS[name])
+        moved = self._surface.places + displacement
+        if name in self._readings:
+            field = self._readings[name]
+            values, unit = field(self.body.reading(name.removeprefix(READING)).sizes[0]), field.unit
+        else:
+            values, unit = self._fields[name](displacement, velocity), UNITS[name]
+        largest = self._colours.cover(float(values.max()), unit)
         self._picture.draw(moved, values, largest, self._triangles[self._held_contact] if self._held_contact else None)
         for pick_surface in self._pick_surfaces.values():
             pick_surface.draw(moved)
@@ -310,6 +325,8 @@ class LivePage:
             f"contact mode: **{body.simulator.contact}** · order {body.order}",
             f"damping: {100 * ratio:.2g} % of critical at {frequency:.3g} Hz",
         ]
+        numbers = [name for name, reading in body.rom.readings.items() if reading.quantity in NUMBERS]
+        lines += reading_words({name: body.reading(name) for name in numbers}, 0)
         state = ["paused"] * self._paused + ["recording"] * body.records
         lines += [f"**{', '.join(state)}**"] if state else []
         lines += [f"**{self._error}**"] if self._error else []

@@ -13,7 +13,14 @@ from fenics_rom.trajectory.trajectory import Trajectory
 from fenics_rom.visualization.viewer.colours import with_unit
 from fenics_rom.visualization.viewer.drawing import FRAMES_PER_SECOND, BandedBody, add_obstacles, set_camera_and_light
 from fenics_rom.visualization.viewer.panel import ColourScale, EnergyPlot, begin_panel
-from fenics_rom.visualization.viewer.surface import UNITS, Surface, surface_fields
+from fenics_rom.visualization.viewer.surface import (
+    READING,
+    UNITS,
+    Surface,
+    reading_fields,
+    reading_words,
+    surface_fields,
+)
 
 Array = np.ndarray
 
@@ -89,7 +96,10 @@ class RunPage:
         took = float(np.clip(end, *PLAYING_SECONDS))
         self._played = gui.add_slider("plays in (s)", min=1.0, max=60.0, step=0.5, initial_value=round(took))
         self._fields = surface_fields(self._surface, None, moves=False)  # a run does not keep its materials
-        names = ([DIFFERENCE] if len(self._runs) == 2 else []) + list(self._fields)
+        self._readings = reading_fields(self._surface, run.readings)
+        shared = set.intersection(*(set(run.readings) for run in self._runs))
+        common = [name for name in self._readings if name.removeprefix(READING) in shared]
+        names = ([DIFFERENCE] if len(self._runs) == 2 else []) + [*self._fields, *common]
         self._field = gui.add_dropdown("colour", tuple(names), initial_value=names[0])
         self._colours = ColourScale(gui)
         with gui.add_folder("Energy"):
@@ -115,6 +125,10 @@ class RunPage:
     def _row(self) -> int:
         """The shape that is nearest to the time that is set."""
         return int(np.abs(self._times - self._at.value).argmin())
+
+    def _instants(self, row: int) -> list[int]:
+        """Of all instants of each run that at which it has this shape."""
+        return [int(np.abs(run.times - self._times[row]).argmin()) for run in self._runs]
 
     def _move(self, share: float) -> None:
         """Goes on by a share of the run."""
@@ -146,9 +160,13 @@ class RunPage:
         ]
         if name == DIFFERENCE:
             values = [self._surface.of_nodes(np.linalg.norm(shapes[0] - shapes[1], axis=1))] * 2
+        elif name in self._readings:
+            kept = [run.readings[name.removeprefix(READING)] for run in self._runs]
+            sizes = [reading.at(k).sizes[0] for reading, k in zip(kept, self._instants(row), strict=True)]
+            values = [self._readings[name](of_run) for of_run in sizes]
         else:
             values = [self._fields[name](shape, shape) for shape in shapes]
-        unit = UNITS.get(name, "m")
+        unit = self._readings[name].unit if name in self._readings else UNITS.get(name, "m")
         most = max(float(of_run.max()) for of_run in values)
         largest = self._colours.cover(most, unit)
         for picture, shape, of_run in zip(self._pictures, shapes, values, strict=True):
@@ -160,5 +178,6 @@ class RunPage:
             f"t = {self._times[row]:.3f} s, {name} up to {with_unit(most, unit)}",
             f"shape {row + 1} of {len(self._times)}",
             self._comparison,
+            *reading_words(run.readings, self._instants(row)[0]),
         ]
         self._status.content = "  \n".join(lines)

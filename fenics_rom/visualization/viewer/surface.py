@@ -7,11 +7,15 @@ import numpy as np
 
 from fenics_rom.mechanics.environment import Environment
 from fenics_rom.mechanics.linearity import triangle_frames
+from fenics_rom.trajectory.series import ReadingSeries
+from fenics_rom.visualization.viewer.colours import with_unit
 
 Array = np.ndarray
 # Of displacement (n, 3), m, and velocity (n, 3), m/s: values of all pieces.
 SurfaceField = Callable[[Array, Array], Array]
 
+READING = "reading "  # before the name of one, among the fields
+NUMBERS = ("length", "volume")  # readings that are one number
 UNITS = {"displacement": "m", "speed": "m/s", "strain": "%", "energy density": "J/m³"}
 MIN_PIECES = 4000  # so that the colours of a coarse mesh follow the field and not the triangles
 MAX_CUTS = 4  # of an edge of a triangle
@@ -121,3 +125,43 @@ def surface_fields(
         E, ν = material["young"], material["poisson"]
         available["energy density"] = lambda x, v: surface.of_triangles(strain.energy_density(x, E, ν))
     return available
+
+
+class ReadingField:
+    """A reading on the surface as colour.
+
+    Attributes:
+        unit: of the values.
+    """
+
+    def __init__(self, surface: Surface, reading: ReadingSeries):
+        self._surface, self._nodes, self._triangles = surface, reading.nodes, reading.triangles
+        self._factor, self.unit = (100.0, "%") if reading.quantity == "strain" else (1.0, reading.unit)
+
+    def __call__(self, sizes: Array) -> Array:
+        """Values of all pieces, (F cuts²,), from those at the reading's places; 0 where nothing is read."""
+        if len(self._nodes):
+            on_nodes = np.zeros(len(self._surface.nodes))
+            on_nodes[np.searchsorted(self._surface.nodes, self._nodes)] = sizes
+            return self._surface.of_nodes(on_nodes)
+        on_triangles = np.zeros(len(self._surface.triangles))
+        on_triangles[self._triangles] = self._factor * sizes
+        return self._surface.of_triangles(on_triangles)
+
+
+def reading_fields(surface: Surface, readings: Mapping[str, ReadingSeries]) -> dict[str, ReadingField]:
+    """Those that are on the surface, by what they are called among the fields."""
+    return {
+        READING + name: ReadingField(surface, reading)
+        for name, reading in readings.items()
+        if reading.quantity not in NUMBERS
+    }
+
+
+def reading_words(readings: Mapping[str, ReadingSeries], instant: int) -> list[str]:
+    """What lengths and volumes are, as flexor: 98.231 mm."""
+    return [
+        f"{name}: {with_unit(float(reading.values[instant]), reading.unit, digits=5)}"
+        for name, reading in readings.items()
+        if reading.quantity in NUMBERS
+    ]

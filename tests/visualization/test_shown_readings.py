@@ -1,0 +1,152 @@
+"""Inputs and readings in plots, in files for ParaView and in the viewer: the numbers of the run, where they belong."""
+
+import warnings
+
+import numpy as np
+import pytest
+from bodies import acted_on
+from matplotlib.figure import Figure
+
+import fenics_rom as fr
+from fenics_rom.errors import FenicsRomWarning
+from fenics_rom.visualization import optional_dependencies
+from fenics_rom.visualization.plots.runs import run_panels
+from fenics_rom.visualization.viewer.live_body import LiveBody
+from fenics_rom.visualization.viewer.live_page import LivePage
+from fenics_rom.visualization.viewer.run_page import RunPage
+from fenics_rom.visualization.viewer.server import Server
+from fenics_rom.visualization.viewer.surface import Surface, reading_fields
+
+EFFECTS = """
+inertia = {}
+damping = { beta = 1e-3 }
+gravity = { acceleration = [0.0, 0.0, -2.0] }
+[effects.tendon.cable]
+points = [[0.0, 0.2, 0.1], [1.0, 0.2, 0.1]]
+[effects.contact.obstacles.floor]
+shape = "half-space"
+point = [0, 0, -1e-4]
+normal = [0, 0, 1]
+"""
+READINGS = {
+    "readings.cable": 'quantity = "length"\nof = "cable"',
+    "readings.sole": 'quantity = "contact_pressure"\nof = "sole"',
+    "readings.stress": 'quantity = "von_mises_stress"',
+    "readings.strain": 'quantity = "strain"\nof = "back"',
+}
+RUN = 'dt = 0.01\nduration = 0.1\nsnapshots = 2\nload = [{ actuator = "cable", start = 0.05, force = [50.0] }]'
+
+
+@pytest.fixture(scope="module")
+def rom(box_file):
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FenicsRomWarning)
+        scene = acted_on(box_file, EFFECTS, contacts='[contacts.sole]\nsurface = "bottom"', run=RUN, **READINGS)
+        return fr.reduce(fr.assemble(scene), order=20)
+
+
+@pytest.fixture(scope="module")
+def run(rom):
+    return fr.simulate(rom)
+
+
+@pytest.fixture(scope="module")
+def viser_server():
+    server = Server(0)
+    yield server.viser
+    server.stop()
+
+
+def lines(panel):
+    """Axes, and ordinates of what is drawn in a panel."""
+    figure = Figure()
+    panel(figure)
+    (axes,) = figure.axes
+    return axes, [line.get_ydata() for line in axes.get_lines() if len(line.get_ydata())]
+
+
+def test_inputs_that_change_and_all_readings_have_panels(run):
+    panels = run_panels({"run": run})
+    assert list(panels) == [
+        *("energy", "forces", "input_cable"),
+        *(f"reading_{name}" for name in ("cable", "sole", "stress", "strain")),
+    ]
+    axes, (values,) = lines(panels["input_cable"])
+    assert axes.get_ylabel() == "input (N)"
+    np.testing.assert_allclose(values, run.inputs["cable"].values[:, 0])
+    axes, (values,) = lines(panels["reading_cable"])
+    assert axes.get_ylabel() == "length (m)"
+    np.testing.assert_allclose(values, run.readings["cable"].values)
+    axes, (values,) = lines(panels["reading_stress"])
+    assert axes.get_ylabel() in ("von Mises stress (Pa)", "von Mises stress (kPa)")
+    stress = run.readings["stress"].values
+    np.testing.assert_allclose(values / values.max(), stress.mean(axis=1) / stress.mean(axis=1).max())
+    assert "mean and range of 80 points" in axes.get_title(loc="left") + axes.get_title()
+    axes, _ = lines(panels["reading_strain"])
+    assert axes.get_ylabel() == "largest principal strain"
+
+
+def test_files_for_paraview_hold_inputs_and_readings(run, tmp_path):
+    pyvista = optional_dependencies.pyvista_package()
+    fr.export(run, tmp_path / "run.pvd")
+    reader = pyvista.get_reader(str(tmp_path / "run.pvd"))
+    for instant, row in zip(run.snapshot_times, (5, 10), strict=True):
+        reader.set_active_time_value(instant)
+        grid = reader.read()[0]
+        assert grid.field_data["TimeValue"] == instant
+        np.testing.assert_array_equal(grid.field_data["input.cable"], run.inputs["cable"].values[row])
+        np.testing.assert_array_equal(grid.field_data["reading.cable"], run.readings["cable"].values[[row]])
+        np.testing.assert_array_equal(grid.cell_data["reading.stress"], run.readings["stress"].values[row])
+        sole, back = run.readings["sole"], run.readings["strain"]
+        pressure = grid.point_data["reading.sole"]
+        np.testing.assert_array_equal(pressure[sole.nodes], sole.values[row])
+        assert np.isnan(pressure).sum() == len(run.nodes) - len(sole.nodes)
+        xx, yy, zz, xy, yz, xz = grid.cell_data["reading.strain"][back.triangles].T  # VTK's order
+        np.testing.assert_array_equal(np.stack([xx, yy, zz, yz, xz, xy], axis=1), back.values[row])
+        assert np.isnan(grid.cell_data["reading.strain"]).any(axis=1).sum() == len(run.triangles) - len(back.triangles)
+
+
+def test_colours_are_the_readings_where_they_are_read(run):
+    surface = Surface(run.nodes, run.triangles)
+    fields = reading_fields(surface, run.readings)
+    assert {name: field.unit for name, field in fields.items()} == {
+        "reading sole": "Pa",
+        "reading stress": "Pa",
+        "reading strain": "%",
+    }
+    stress = run.readings["stress"].at(10).sizes[0]
+    np.testing.assert_array_equal(fields["reading stress"](stress), np.repeat(stress, surface.cuts**2))
+    strain = run.readings["strain"].at(10)
+    values = fields["reading strain"](strain.sizes[0]).reshape(len(run.triangles), -1)
+    np.testing.assert_allclose(values[strain.triangles, 0], 100 * strain.sizes[0])
+    others = np.setdiff1d(np.arange(len(run.triangles)), strain.triangles)
+    assert not values[others].any()
+    even = np.ones(len(run.readings["sole"].nodes))
+    touched = np.isin(run.triangles, run.readings["sole"].nodes).all(axis=1)
+    values = fields["reading sole"](even).reshape(len(run.triangles), -1)
+    np.testing.assert_allclose(values[touched], 1.0)
+
+
+def test_page_of_a_run_colours_by_readings_and_tells_lengths(run, viser_server):
+    viser = optional_dependencies.viser_package()
+    page = RunPage(viser, [run, run], ["one", "other"]).show_on(viser_server)
+    page._field.value = "reading stress"
+    page._draw(1)
+    assert "reading stress up to" in page._status.content
+    assert f"cable: {1e3 * run.readings['cable'].values[10]:.5g} mm" in page._status.content
+
+
+def test_live_page_colours_by_readings_and_tells_lengths(rom, viser_server, tmp_path):
+    viser = optional_dependencies.viser_package()
+    body = LiveBody(rom)
+    page = LivePage(viser, viser_server, body, tmp_path, "box", print)
+    body.values[0] = 50.0
+    for _ in range(5):
+        body.step()
+    for name in page._readings:
+        page._field.value = name
+        page._draw()
+    page._panel_due = 0.0
+    page._update_panel()
+    assert "cable: " in page._status.content
+    np.testing.assert_array_equal(body.reading("stress").values[0], body.simulator.reading("stress"))
