@@ -9,7 +9,6 @@ from pathlib import Path
 import gmsh
 
 import fenics_rom as fr
-from fenics_rom.visualization.viewer.view import view
 
 # %% A mesh: a tongue of 12 x 3 x 1 cm, and the face that will be held. Any .msh file of Gmsh does as well.
 out = Path("first_steps")
@@ -54,4 +53,4 @@ fr.export(reduced, out / "tongue.gif")
 fr.plot({"full": full, "reduced": reduced}, out / "run.pdf")
 
 # %% And now push it: the browser opens, and Ctrl-C ends it.
-view([out / "tongue.h5"])
+fr.view(rom)

@@ -28,6 +28,7 @@ from fenics_rom.trajectory.file import write_trajectory as write_trajectory
 from fenics_rom.trajectory.trajectory import Trajectory as Trajectory
 from fenics_rom.visualization.exports.export import export as export
 from fenics_rom.visualization.plots.plot import plot as plot
+from fenics_rom.visualization.viewer.view import view as view
 
 MODULE_OF: dict[str, str]
 __all__: list[str]

@@ -3,10 +3,13 @@
 import warnings
 
 import pytest
+import stand_ins
 from bodies import PLATE, scene_text, write_box
 
 import fenics_rom as fr
 from fenics_rom.scene.file import parse_scene
+
+pytest.MonkeyPatch.setattr = stand_ins.watch(pytest.MonkeyPatch.setattr)
 
 
 def pytest_addoption(parser):

@@ -5,7 +5,6 @@ import argparse
 import fenics_rom as fr
 from fenics_rom.cli.display import progress
 from fenics_rom.cli.output import add_output
-from fenics_rom.io.hdf5 import content_of
 from fenics_rom.visualization.exports.mode_shapes import SHAPE_KINDS
 
 SUMMARY = "write files for ParaView, pictures and films"
@@ -25,8 +24,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 def run(choice: argparse.Namespace) -> None:
     """Exports, and prints the name of the file."""
-    model = fr.read_rom(choice.file) if content_of(choice.file) == "rom" else fr.read_trajectory(choice.file)
     with progress() as report:
         chosen = {name: getattr(choice, name) for name in ("what", "count", "time", "scale", "seconds", "dark")}
-        file = fr.export(model, choice.output, **chosen, report=report)
+        file = fr.export(choice.file, choice.output, **chosen, report=report)
     print(file)

@@ -3,7 +3,6 @@
 import argparse
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import fenics_rom as fr
 from fenics_rom.cli.display import progress
@@ -39,11 +38,8 @@ def run(choice: argparse.Namespace) -> None:
     if "rom" not in contents and choice.full is not None:
         raise FileError("--full is for a ROM: a run at full order is drawn like any other")
     with progress() as report:
-        if "rom" in contents:
-            model: Any = fr.read_rom(choice.files[0])
-            full = fr.assemble(fr.read_scene(choice.full)) if choice.full is not None else None
-        else:
-            model, full = {name: fr.read_trajectory(file) for name, file in _labels(choice.files).items()}, None
+        model = choice.files[0] if "rom" in contents else _labels(choice.files)
+        full = None if choice.full is None else fr.assemble(fr.read_scene(choice.full))
         files = fr.plot(model, choice.output, what=choice.what, dark=choice.dark, full=full, report=report)
     print(*files, sep="\n")
 

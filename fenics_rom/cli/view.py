@@ -1,7 +1,6 @@
 """`fenics-rom view`: a ROM live, or runs, in the browser."""
 
 import argparse
-from pathlib import Path
 
 SUMMARY = "show a ROM live, or runs, in the browser"
 
@@ -20,7 +19,7 @@ def run(choice: argparse.Namespace) -> None:
         choice.wrong_usage("allowed are a ROM, a run, or two runs")
     from fenics_rom.visualization.viewer.view import view
 
-    view([Path(file) for file in choice.files], port=choice.port, browser=not choice.no_browser, dt=choice.dt)
+    view(*choice.files, port=choice.port, browser=not choice.no_browser, dt=choice.dt, wait=True)
 
 
 def _port(text: str) -> int:

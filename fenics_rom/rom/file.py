@@ -58,6 +58,7 @@ import h5py
 import numpy as np
 
 from fenics_rom.errors import FileError, unknown
+from fenics_rom.io.given import Kind
 from fenics_rom.io.hdf5 import (
     Entry,
     Sizes,
@@ -134,6 +135,9 @@ def read_rom(file: str | Path) -> Rom:
     from fenics_rom.rom.format_1 import upgrade  # here, as few programs read files
 
     return read_file(file, "rom", _take, upgrade)
+
+
+ROM_FILE = Kind(Rom, "rom", read_rom)
 
 
 def _fill(h5: h5py.File, rom: Rom) -> None:

@@ -3,10 +3,13 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from os import PathLike
 
 import numpy as np
 
 from fenics_rom.errors import CompareError
+from fenics_rom.io.given import object_or_file
+from fenics_rom.trajectory.file import RUN_FILE
 from fenics_rom.trajectory.trajectory import Trajectory
 
 Array = np.ndarray
@@ -37,20 +40,28 @@ class Difference:
     unit: str = "m"
 
 
-def compare(run: Trajectory, reference: Trajectory) -> dict[str, Difference]:
+def compare(
+    run: Trajectory | str | PathLike[str], reference: Trajectory | str | PathLike[str]
+) -> dict[str, Difference]:
     """Differences of named outputs, the whole shape ("shape", weighted by mass), the stored energy and contact forces.
 
-    Runs with different time steps are compared at the instants they have in common. Of every obstacle there is "force"
-    (means between these instants, in the 2-norm over the run), "peak force" (the largest of them) and "impulse" (what
-    it has given the body at the last one). What the time step itself does is not seen where both have the same one.
+    Runs, or the files of them, with different time steps are compared at the instants they have in common. Of every
+    obstacle there is "force" (means between these instants, in the 2-norm over the run), "peak force" (the largest of
+    them) and "impulse" (what it has given the body at the last one). What the time step itself does is not seen where
+    both have the same one.
 
     Raises:
         CompareError: no common instants, or different bodies.
+        SceneError, FileError: something else than two runs was given.
 
     Example:
         >>> fr.compare(run, run)["output tip"].relative
         0.0
     """
+    return _differences(object_or_file("compare", run, RUN_FILE), object_or_file("compare", reference, RUN_FILE))
+
+
+def _differences(run: Trajectory, reference: Trajectory) -> dict[str, Difference]:
     first, second = common_instants(run.times, reference.times, "times")
     differences = {
         f"output {name}": _difference(values[first], reference.outputs[name][second])

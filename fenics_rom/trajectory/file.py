@@ -39,6 +39,7 @@ import h5py
 import numpy as np
 
 from fenics_rom.errors import FileError, unknown
+from fenics_rom.io.given import Kind
 from fenics_rom.io.hdf5 import (
     Entry,
     Sizes,
@@ -114,6 +115,9 @@ def read_trajectory(file: str | Path) -> Trajectory:
         300
     """
     return read_file(file, "run", _take, lambda h5: rename_all(h5, NAMES_IN_FORMAT_1))
+
+
+RUN_FILE = Kind(Trajectory, "run", read_trajectory)
 
 
 def _fill(h5: h5py.File, run: Trajectory) -> None:

@@ -1,14 +1,18 @@
 """ROMs and runs as files of other programs: what each can become, and how."""
 
 from collections.abc import Iterator
+from os import PathLike
 from pathlib import Path
 
 import numpy as np
 
 from fenics_rom.errors import FileError
 from fenics_rom.io.atomic_write import check_place
+from fenics_rom.io.given import object_or_file
 from fenics_rom.io.progress import Report, silent
+from fenics_rom.rom.file import ROM_FILE
 from fenics_rom.rom.rom import Rom
+from fenics_rom.trajectory.file import RUN_FILE
 from fenics_rom.trajectory.trajectory import Trajectory
 from fenics_rom.visualization.exports.body_renderer import BodyRenderer
 from fenics_rom.visualization.exports.mode_shapes import SHAPE_KINDS, mode_shapes, write_sheet
@@ -31,7 +35,7 @@ WIDTH_PIXELS, FILM_WIDTH_PIXELS = 1000, 720
 
 
 def export(
-    model: Rom | Trajectory,
+    model: Rom | Trajectory | str | PathLike[str],
     output: str | Path,
     *,
     what: str | None = None,
@@ -50,7 +54,7 @@ def export(
     triangles of the surface, and points all nodes.
 
     Args:
-        model: the ROM or the run.
+        model: the ROM or the run, or the name of its file.
         output: the file; its ending says what becomes of it.
         what: of a ROM: "modes", the directions that lower orders keep, the most important first (balanced modes, if
             it is balanced); "eigenvectors" of its reduced models; or "rest", its shapes at rest under unit inputs.
@@ -67,7 +71,7 @@ def export(
 
     Raises:
         FileError: another ending, a file that cannot be written, or a run without what was asked for.
-        SceneError: there is no such kind of shape, or no surface.
+        SceneError: there is no such kind of shape, no surface, or neither a ROM nor a run.
         MissingPackageError: a package is not installed.
         FenicsRomError: PyVista was imported after dolfinx by somebody else; VTK would abort.
 
@@ -75,18 +79,18 @@ def export(
         >>> fr.export(rom, "modes.vtu").name
         'modes.vtu'
     """
-    place = Path(output)
+    place, given = Path(output), object_or_file("export", model, ROM_FILE, RUN_FILE)
     pyvista_package()
-    if isinstance(model, Rom):
+    if isinstance(given, Rom):
         if time is not None:
-            raise FileError(f"ROM {model.name!r} has no instants; --time is for runs")
+            raise FileError(f"ROM {given.name!r} has no instants; --time is for runs")
         _check_ending(place, ROM_FORMATS, "a ROM")
-        _export_rom(place, model, what or next(iter(SHAPE_KINDS)), count, dark)
+        _export_rom(place, given, what or next(iter(SHAPE_KINDS)), count, dark)
     else:
         if what is not None or count is not None:
-            raise FileError(f"run {model.name!r} has no modes; --what and --count are for ROMs")
+            raise FileError(f"run {given.name!r} has no modes; --what and --count are for ROMs")
         _check_ending(place, RUN_FORMATS, "a run")
-        _export_run(place, model, time, scale, seconds, dark, report)
+        _export_run(place, given, time, scale, seconds, dark, report)
     return place
 
 

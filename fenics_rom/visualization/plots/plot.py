@@ -2,17 +2,23 @@
 
 import math
 from collections.abc import Mapping, Sequence
+from os import PathLike
 from pathlib import Path
 
 from fenics_rom.errors import FileError, SceneError, unknown
 from fenics_rom.io.atomic_write import check_folder, check_place, make_folder
+from fenics_rom.io.given import object_or_file
 from fenics_rom.io.progress import Report, silent
+from fenics_rom.rom.file import ROM_FILE
 from fenics_rom.rom.rom import Rom
 from fenics_rom.system.system import System
+from fenics_rom.trajectory.file import RUN_FILE
 from fenics_rom.trajectory.trajectory import Trajectory
 from fenics_rom.visualization.figure import DARK, LIGHT, Panel, Style, figure_class, write_figure
 from fenics_rom.visualization.plots.reduced import full_response, has_frequencies, reduced_panels
 from fenics_rom.visualization.plots.runs import run_panels
+
+File = str | PathLike[str]
 
 FORMATS = (".pdf", ".svg", ".png")
 FOLDER_FORMATS = (".pdf", ".png")  # what a folder gets of each panel: one to print, one to look at
@@ -22,8 +28,8 @@ RELATIVE_HEIGHTS = {"response": 1.35}  # of a usual panel; it has two parts
 
 
 def plot(
-    model: Rom | Trajectory | Mapping[str, Trajectory],
-    output: str | Path,
+    model: File | Rom | Trajectory | Mapping[str, Trajectory | File],
+    output: File,
     *,
     what: Sequence[str] | None = None,
     dark: bool = False,
@@ -37,7 +43,7 @@ def plot(
     singular values ("sigma") and frequency responses ("response").
 
     Args:
-        model: a ROM, a run, or runs by their names in the legend, which are drawn over one another.
+        model: a ROM, a run, or runs by their names in the legend, which are drawn over one another; or their files.
         output: a .pdf, .svg or .png file, which gets all panels; or a folder, which gets a .pdf and a .png of each.
         what: names of panels; None: all that there are.
         dark: light on dark instead of dark on light.
@@ -50,7 +56,7 @@ def plot(
 
     Raises:
         FileError: the output has another ending, or cannot be written.
-        SceneError: there is no such panel.
+        SceneError: there is no such panel, or something else was given than ROMs and runs.
         StructureError, SolverError: of `full`.
         MissingPackageError: there is no Matplotlib.
 
@@ -63,7 +69,7 @@ def plot(
 
     place, style = Path(output), DARK if dark else LIGHT
     in_folder = check_output(place)
-    panels = _select_panels(model, style, what, full, report)
+    panels = _select_panels(_read(model), style, what, full, report)
     files = []
     with matplotlib.rc_context(style.settings):
         if in_folder:
@@ -99,8 +105,16 @@ def check_output(place: Path) -> bool:
     return False
 
 
+def _read(model: File | Rom | Trajectory | Mapping[str, Trajectory | File]) -> Rom | dict[str, Trajectory]:
+    """The ROM, or the runs by their names."""
+    if isinstance(model, Mapping):
+        return {name: object_or_file("plot", run, RUN_FILE) for name, run in model.items()}
+    one = object_or_file("plot", model, ROM_FILE, RUN_FILE)
+    return one if isinstance(one, Rom) else {one.name: one}
+
+
 def _select_panels(
-    model: Rom | Trajectory | Mapping[str, Trajectory],
+    model: Rom | dict[str, Trajectory],
     style: Style,
     what: Sequence[str] | None,
     full: System | None,
@@ -112,7 +126,7 @@ def _select_panels(
         response = full_response(model, full, report) if asked and full is not None else None
         panels = reduced_panels(model, style, response)
     else:
-        panels = run_panels({model.name: model} if isinstance(model, Trajectory) else model)
+        panels = run_panels(model)
     for name in what or ():
         if name not in panels:
             raise SceneError(unknown("plot", name, panels))

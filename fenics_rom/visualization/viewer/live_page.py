@@ -234,15 +234,15 @@ class LivePage:
         for client in self._server.get_clients().values():
             client.add_notification("Recording", message, with_close_button=True)
 
-    def run(self) -> None:
-        """Steps and draws until somebody interrupts it; then what was being recorded is written."""
+    def run(self, ended: threading.Event) -> None:
+        """Steps and draws until it is ended or interrupted; then what was being recorded is written."""
         due = self._clock = time.perf_counter()
         try:
-            while True:
+            while not ended.is_set():
                 self._run_frame()
                 now = time.perf_counter()
                 due = max(due + 1 / FRAMES_PER_SECOND, now)
-                time.sleep(due - now)
+                ended.wait(due - now)
         finally:
             self._end_recording()
             for writer in self._writing:

@@ -73,10 +73,9 @@ class RunPage:
             BandedBody(server.scene, f"/run_{k}", self._surface, scale, offset) for k, offset in enumerate(offsets)
         ]
         if len(self._runs) == 2:
-            for name, offset in zip(self._names, offsets, strict=True):
-                top = places.max(axis=0)
-                middle = [*(places.mean(axis=0)[:2]), top[2] + 0.1 * self._size]
-                server.scene.add_label(f"/name_of_{name}", name, position=tuple(scale * (middle + offset)))
+            above = np.array([*(places.mean(axis=0)[:2]), places[:, 2].max() + 0.1 * self._size])
+            for k, (name, offset) in enumerate(zip(self._names, offsets, strict=True)):
+                server.scene.add_label(f"/name_{k}", name, position=tuple(scale * (above + offset)))
         run = self._runs[0]
         self._obstacles = add_obstacles(server.scene, run.obstacles, scale, self._size) if len(self._runs) == 1 else {}
         self._add_widgets(server.gui)
@@ -139,10 +138,10 @@ class RunPage:
         self._at.value = float(np.clip(self._moment, self._times[0], last))
         self._changed.set()
 
-    def run(self) -> None:
-        """Draws until somebody interrupts it."""
+    def run(self, ended: threading.Event) -> None:
+        """Draws until it is ended or interrupted."""
         clock = time.perf_counter()
-        while True:
+        while not ended.is_set():
             begin = time.perf_counter()
             if self._playing:
                 self._move((begin - clock) / self._played.value)
@@ -151,7 +150,7 @@ class RunPage:
                 self._changed.clear()
                 with self._server.atomic():
                     self._draw(self._row())
-            time.sleep(max(0.0, begin + 1 / FRAMES_PER_SECOND - time.perf_counter()))
+            ended.wait(max(0.0, begin + 1 / FRAMES_PER_SECOND - time.perf_counter()))
 
     def _draw(self, row: int) -> None:
         name = self._field.value

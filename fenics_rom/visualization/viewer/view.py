@@ -1,71 +1,164 @@
-"""What `fenics-rom view` does."""
+"""A ROM live, or runs, on a page in the browser."""
 
+import atexit
 import os
 import sys
 import tempfile
+import threading
 import webbrowser
 from collections.abc import Callable, Sequence
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
-import fenics_rom as fr
 from fenics_rom.errors import SceneError
-from fenics_rom.io.hdf5 import content_of
+from fenics_rom.io.given import object_or_file
+from fenics_rom.rom.file import ROM_FILE
+from fenics_rom.rom.rom import Rom
+from fenics_rom.trajectory.file import RUN_FILE
+from fenics_rom.trajectory.trajectory import Trajectory
+from fenics_rom.visualization.optional_dependencies import viser_package
 from fenics_rom.visualization.viewer.live_body import LiveBody
 from fenics_rom.visualization.viewer.live_page import LivePage
 from fenics_rom.visualization.viewer.run_page import RunPage
-from fenics_rom.visualization.viewer.server import Server, viser_package
+from fenics_rom.visualization.viewer.server import Server
+
+Model = Rom | Trajectory | str | PathLike[str]
+
+FRAME_PIXELS = 600  # height of the page in a notebook
 
 
-def view(files: Sequence[Path], *, port: int, browser: bool, dt: float | None) -> None:
-    """Serves a page for a ROM, a run or two runs until it is interrupted (Ctrl-C).
+def view(
+    model: Model,
+    reference: Trajectory | str | PathLike[str] | None = None,
+    *,
+    dt: float | None = None,
+    port: int = 8080,
+    browser: bool = True,
+    wait: bool | None = None,
+) -> "View":
+    """Shows a ROM live, to be pulled with the mouse, or a run, alone or beside the run that it is measured against.
 
     Args:
-        files: one ROM, or one or two runs.
-        port: that is tried first.
-        browser: whether to open one.
+        model: a ROM or a run, or the name of its file.
+        reference: another run of the same body, or the name of its file.
         dt: time step of a ROM instead of its scene's, s.
+        port: that is tried first; 0: any.
+        browser: whether to open one; a notebook shows the page below its cell instead.
+        wait: whether to go on until Ctrl-C before it returns; None: not in a notebook or another interactive session.
+
+    Returns:
+        The view, which goes on beside the program until it is closed; where it was waited for, it is.
 
     Raises:
-        SceneError: a ROM beside something else, something without a surface, or no port is free.
+        SceneError: what was given cannot be viewed, or no port is free.
+        FileError: a file cannot be read.
         CompareError: two runs of different bodies, or without common instants.
+        StepError: dt is not a positive finite number, or the body begins in an obstacle.
         MissingPackageError: there is no viser.
+
+    Example:
+        >>> with fr.view(rom, port=0, browser=False, wait=False) as page:
+        ...     print(page)
+        View at http://127.0.0.1:...; close() ends it
     """
     viser = viser_package()
-    begin = _page(viser, files, dt)
+    models = [model] if reference is None else [model, reference]
+    begin = _page(viser, models, dt)
     server = Server(port)
-    page_file = None
     try:
+        shown = View(server, begin(server.viser))
+    except BaseException:
+        server.stop()
+        raise
+    waits = not (hasattr(sys, "ps1") or sys.flags.interactive) if wait is None else wait
+    if waits:
         if server.port != port and port:
             print(f"port {port} is taken: {server.port} is used")
-        print(f"{', '.join(map(str, files))}: {server.address}")
+        print(f"{', '.join(map(_name, models))}: {server.address}")
         print("Only who has this address gets in. End with Ctrl-C.", flush=True)
-        page = begin(server.viser)
-        if browser:
-            page_file = _open(server.address)
-        page.run()
-    except KeyboardInterrupt:
-        pass
-    finally:
-        server.stop()
-        if page_file is not None:
-            page_file.unlink(missing_ok=True)
-    print("ended")
+    if browser and "ipykernel" not in sys.modules:
+        shown.open()
+    if waits:
+        shown.wait()
+        print("ended")
+    else:
+        shown.start()
+    return shown
 
 
-def _page(viser: Any, files: Sequence[Path], dt: float | None) -> Callable[[Any], Any]:
-    """What makes the page, after all is read that could be wrong."""
-    contents = [content_of(file) for file in files]
-    if contents == ["rom"]:
-        body = LiveBody(fr.read_rom(files[0]), dt)
-        return lambda server: LivePage(viser, server, body, Path.cwd(), files[0].stem, _notify)
-    if "rom" in contents:
-        raise SceneError(f"{files[contents.index('rom')]}: is a ROM, and is viewed alone; runs are viewed beside runs")
+class View:
+    """A page in the browser, until it is closed.
+
+    Attributes:
+        address: for a browser on this machine; only who has it gets in.
+    """
+
+    def __init__(self, server: Server, page: LivePage | RunPage):
+        self.address = server.address
+        self._server, self._page, self._ended = server, page, threading.Event()
+        self._thread = threading.Thread(target=page.run, args=(self._ended,), daemon=True)
+        self._leads_here: Path | None = None
+        atexit.register(self.close)
+
+    def open(self) -> None:
+        """Opens a browser, where there is a screen."""
+        self._leads_here = _open(self.address)
+
+    def start(self) -> None:
+        """Goes on beside the program."""
+        self._thread.start()
+
+    def wait(self) -> None:
+        """Goes on until Ctrl-C, and is closed then."""
+        try:
+            self._page.run(self._ended)
+        except KeyboardInterrupt:
+            pass
+        finally:
+            self.close()
+
+    def close(self) -> None:
+        """Ends it; what was being recorded is written."""
+        self._ended.set()
+        if self._thread.is_alive():
+            self._thread.join()
+        self._server.stop()
+        if self._leads_here is not None:
+            self._leads_here.unlink(missing_ok=True)
+        atexit.unregister(self.close)
+
+    def __enter__(self) -> "View":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self.close()
+
+    def __repr__(self) -> str:
+        return f"View at {self.address}; {'closed' if self._ended.is_set() else 'close() ends it'}"
+
+    def _repr_html_(self) -> str:
+        """What a notebook shows."""
+        return f'<iframe src="{self.address}" width="100%" height="{FRAME_PIXELS}" style="border: 0"></iframe>'
+
+
+def _page(viser: Any, models: Sequence[Model], dt: float | None) -> Callable[[Any], LivePage | RunPage]:
+    """What makes the page, after all is looked at that could be wrong."""
+    given = [object_or_file("view", model, ROM_FILE, RUN_FILE) for model in models]
+    roms = [name for name, one in zip(map(_name, models), given, strict=True) if isinstance(one, Rom)]
+    if roms and len(given) > 1:
+        raise SceneError(f"{roms[0]}: is a ROM, and is viewed alone; runs are viewed beside runs")
+    if roms:
+        body = LiveBody(given[0], dt)
+        return lambda server: LivePage(viser, server, body, Path.cwd(), Path(roms[0]).stem, _notify)
     if dt is not None:
         raise SceneError("--dt is the time step of a ROM; the steps of a run are taken")
-    runs = [fr.read_trajectory(file) for file in files]
-    page = RunPage(viser, runs, [file.name for file in files])
-    return page.show_on
+    return RunPage(viser, given, [_name(model) for model in models]).show_on
+
+
+def _name(model: Model) -> str:
+    """What it is called on the page."""
+    return model.name if isinstance(model, Rom | Trajectory) else Path(model).name
 
 
 def _notify(words: str) -> None:

@@ -1,0 +1,64 @@
+"""Objects where objects are given, files where their names are, and a clear word on anything else."""
+
+import numpy as np
+import pytest
+from bodies import PLATE
+
+import fenics_rom as fr
+from fenics_rom.errors import FileError, SceneError
+
+
+@pytest.fixture(scope="module")
+def run(plate_rom):
+    return fr.simulate(plate_rom, dt=0.01)
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory, plate_rom, run):
+    folder = tmp_path_factory.mktemp("given")
+    fr.write_rom(folder / "plate.h5", plate_rom)
+    fr.write_trajectory(folder / "run.h5", run)
+    return folder
+
+
+def test_runs_are_compared_by_their_files(files, run):
+    assert fr.compare(files / "run.h5", run) == fr.compare(run, str(files / "run.h5")) == fr.compare(run, run)
+
+
+def test_plots_of_files_are_those_of_objects(files, run, plate_rom, tmp_path):
+    for name, given, model in (
+        ("run", files / "run.h5", run),
+        ("runs", {"a": str(files / "run.h5"), "b": run}, {"a": run, "b": run}),
+        ("rom", str(files / "plate.h5"), plate_rom),
+    ):
+        pictures = [
+            fr.plot(each, tmp_path / f"{name}-{k}.png")[0].read_bytes() for k, each in enumerate((given, model))
+        ]
+        assert pictures[0] == pictures[1]
+
+
+def test_files_are_exported(files, tmp_path):
+    for name in ("run", "plate"):
+        assert fr.export(files / f"{name}.h5", tmp_path / f"{name}.vtu").stat().st_size > 1000
+
+
+@pytest.mark.parametrize(
+    ("give", "says"),
+    [
+        (lambda out: fr.compare(1.0, 2.0), "compare: something of type float was given; allowed are a Trajectory, or"),
+        (lambda out: fr.plot(fr.read_scene(PLATE), out), r"fr\.reduce\(fr\.assemble\(scene\)\) makes a Rom of a Scene"),
+        (lambda out: fr.plot({"a": np.ones(3)}, out), "something of type ndarray was given"),
+        (lambda out: fr.export(None, out), "a Rom or a Trajectory, or the name of a file of one"),
+        (lambda out: fr.view(fr.read_scene(PLATE), wait=False), r"view: something of type Scene .* makes a Rom"),
+    ],
+)
+def test_what_is_neither_is_told_what_to_do(give, says, tmp_path):
+    with pytest.raises(SceneError, match=says):
+        give(tmp_path / "x.pdf")
+
+
+def test_a_file_of_something_else_is_told(files):
+    with pytest.raises(FileError, match=r"plate\.h5: holds a rom, not a run"):
+        fr.compare(files / "plate.h5", files / "run.h5")
+    with pytest.raises(FileError, match="is not a fenics-rom file"):
+        fr.view(PLATE, wait=False)

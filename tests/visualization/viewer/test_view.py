@@ -1,0 +1,110 @@
+"""`fr.view` in Python: of objects and files, beside the program, as in a notebook."""
+
+import http.client
+import subprocess
+import sys
+import time
+from contextlib import closing
+from dataclasses import replace
+from urllib.parse import urlsplit
+
+import pytest
+
+import fenics_rom as fr
+from fenics_rom.errors import CompareError, SceneError, StepError
+
+BESIDE = {"port": 0, "browser": False, "wait": False}
+
+
+@pytest.fixture(scope="module")
+def run(plate_rom):
+    return fr.simulate(plate_rom, dt=0.01)
+
+
+@pytest.fixture(scope="module")
+def files(tmp_path_factory, plate_rom, run):
+    folder = tmp_path_factory.mktemp("view")
+    fr.write_rom(folder / "plate.h5", plate_rom)
+    fr.write_trajectory(folder / "run.h5", run)
+    return folder
+
+
+def status(address):
+    """What a browser is answered."""
+    url = urlsplit(address)
+    with closing(http.client.HTTPConnection(url.hostname, url.port, timeout=10)) as connection:
+        connection.request("GET", url.path)
+        with connection.getresponse() as answer:
+            answer.read()
+            return answer.status
+
+
+def test_a_rom_is_stepped_beside_the_program_until_it_is_closed(plate_rom):
+    with fr.view(plate_rom, **BESIDE) as page:
+        assert status(page.address) == 200
+        end = time.monotonic() + 30
+        while page._page.body.steps < 5:
+            assert time.monotonic() < end
+            time.sleep(0.01)
+        assert repr(page) == f"View at {page.address}; close() ends it"
+        assert f'src="{page.address}"' in page._repr_html_()
+    steps = page._page.body.steps
+    with pytest.raises(ConnectionRefusedError):
+        status(page.address)
+    assert page._page.body.steps == steps
+    assert repr(page).endswith("closed")
+    page.close()  # once more is no harm
+
+
+def test_what_is_recorded_is_written_when_the_view_is_closed(plate_rom, tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    with fr.view(plate_rom, **BESIDE) as page:
+        page._page.body.record()
+        before = page._page.body.steps
+        while page._page.body.steps < before + 5:
+            time.sleep(0.01)
+    assert fr.read_trajectory(tmp_path / "plate-view-1.h5").steps >= 5
+
+
+@pytest.mark.parametrize("given", [("plate.h5",), ("run.h5",), ("run.h5", "run.h5")])
+def test_files_are_shown(files, given):
+    with fr.view(*(files / name for name in given), **BESIDE) as page:
+        assert status(page.address) == 200
+
+
+def test_runs_are_shown_beside_each_other(run, files):
+    with fr.view(run, str(files / "run.h5"), **BESIDE) as page:
+        assert "0.00e+00 of the shape" in page._page._comparison
+
+
+@pytest.mark.parametrize(
+    ("given", "options", "error", "says"),
+    [
+        (("rom", "run"), {}, SceneError, "plate: is a ROM, and is viewed alone"),
+        (("rom",), {"dt": -1.0}, StepError, "dt = -1.0: allowed is a finite number > 0"),
+        (("run",), {"dt": 1.0}, SceneError, "dt is the time step of a ROM"),
+        (("run", "other"), {}, CompareError, "the runs are of different meshes"),
+    ],
+)
+def test_what_cannot_be_shown(given, options, error, says, plate_rom, run):
+    things = {"rom": plate_rom, "run": run, "other": replace(run, nodes=run.nodes + 1.0)}
+    with pytest.raises(error, match=says):
+        fr.view(*(things[name] for name in given), **BESIDE, **options)
+
+
+INTERACTIVE = """
+import sys, threading
+import fenics_rom as fr
+page = fr.view(sys.argv[1], port=0, browser=False)
+print(page, threading.current_thread() is threading.main_thread())
+"""
+
+
+def test_an_interactive_session_goes_on(files):
+    """And its end is that of the view, too."""
+    words = [sys.executable, "-i", "-c", INTERACTIVE, str(files / "plate.h5")]
+    session = subprocess.run(words, input="print(repr(page))\n", capture_output=True, text=True, timeout=60)
+    first, second = session.stdout.splitlines()
+    assert first.startswith("View at http://127.0.0.1:")
+    assert second == first.removesuffix(" True")
+    assert session.returncode == 0
