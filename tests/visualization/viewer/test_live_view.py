@@ -127,9 +127,10 @@ class Window:
         return int(((red > 200) & (blue < 120)).sum())
 
     def drag(self, dx, dy):
-        """Takes hold in the middle of the body, and moves the mouse."""
+        """Takes hold of the plate in its middle, where it can be touched, and moves the mouse."""
         box, (rows, columns) = self.page.locator("canvas").first.bounding_box(), self.body
-        x, y = box["x"] + 30 + columns.mean(), box["y"] + 60 + rows.mean()
+        middle = (columns.min() + columns.max()) // 2
+        x, y = box["x"] + 30.0 + float(middle), box["y"] + 60 + rows[columns == middle].mean()
         self.page.mouse.move(x, y)
         self.page.mouse.down()
         self.page.mouse.move(x + dx, y + dy, steps=4)
