@@ -3,7 +3,7 @@
 import argparse
 
 import fenics_rom as fr
-from fenics_rom.cli.display import print_table
+from fenics_rom.cli.display import print_table, print_warnings
 
 SUMMARY = "relative errors of one run against another"
 
@@ -15,7 +15,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 
 def run(choice: argparse.Namespace) -> None:
-    """Prints a row for each output, the whole shape, the energy, and what obstacles did."""
+    """Prints a row for each output, the shape, the energy, what obstacles did, and what is to be known of the runs."""
     run, reference = fr.read_trajectory(choice.run_file), fr.read_trajectory(choice.reference)
     rows = [
         (
@@ -33,3 +33,5 @@ def run(choice: argparse.Namespace) -> None:
         print(
             f"  both took steps of {run.settings['dt']:g} s: what the step itself does is in both, and is not seen here"
         )
+    files = {choice.run_file: run, choice.reference: reference}
+    print_warnings([f"{file}: {warning}" for file, run in files.items() for warning in run.warnings])

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 import fenics_rom as fr
-from fenics_rom.cli.display import progress
+from fenics_rom.cli.display import print_warnings, progress
 from fenics_rom.cli.output import add_output
 from fenics_rom.errors import FileError
 from fenics_rom.io.hdf5 import content_of
@@ -42,6 +42,8 @@ def run(choice: argparse.Namespace) -> None:
         full = None if choice.full is None else fr.assemble(fr.read_scene(choice.full))
         files = fr.plot(model, choice.output, what=choice.what, dark=choice.dark, full=full, report=report)
     print(*files, sep="\n")
+    if "rom" not in contents:
+        print_warnings([f"{name}: {warning}" for name, run in model.items() for warning in run.warnings])
 
 
 def _labels(files: Sequence[str]) -> dict[str, str]:

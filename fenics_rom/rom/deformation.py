@@ -32,6 +32,16 @@ class ReducedTendon:
 
 
 @dataclass(frozen=True)
+class TrainingRange:
+    """How far loads and strains went in the full-order runs that a model was trained and validated with."""
+
+    inputs: Mapping[str, float]  # largest of each actuator and load, in units of the input
+    pushes: Mapping[str, float]  # largest resultant of the forces on each contact mode, N
+    strains: Array  # (P,) largest |E| at each kept point
+    smoothing_time: float  # of forces of obstacles, s: what acts for less moves the body by less
+
+
+@dataclass(frozen=True)
 class ReducedDeformation:
     """What a ROM needs beside its linear model where the scene names large_deformation.
 
@@ -53,6 +63,7 @@ class ReducedDeformation:
     validation_error: float | None = None  # of a run that was not trained on, relative, in the mass norm
     pressures: Mapping[str, Array] = field(default_factory=dict)
     tendons: Mapping[str, ReducedTendon] = field(default_factory=dict)
+    trained: TrainingRange | None = None  # files of earlier formats lack it
 
     @property
     def order(self) -> int:
@@ -67,9 +78,9 @@ class ReducedDeformation:
         """E (6, P) at the kept points."""
         return strain(self.displacement_gradients(q))
 
-    def energy(self, q: Array) -> float:
-        """Φ, J."""
-        return self.elastic_energy(self.strains(q)) + float(q @ self.springs @ q) / 2
+    def energy(self, q: Array, E: Array | None = None) -> float:
+        """Φ, J, of a state whose strains E (6, P) may be given."""
+        return self.elastic_energy(self.strains(q) if E is None else E) + float(q @ self.springs @ q) / 2
 
     def elastic_energy(self, E: Array) -> float:
         """Σ ω W(E), J."""
@@ -120,6 +131,11 @@ class ReducedDeformation:
         return np.ascontiguousarray(self.gradients.transpose(2, 0, 1, 3)).reshape(-1, 3, 3 * self.order)
 
 
+def resultant(push: Array) -> float:
+    """Size of the sum of forces (3 nodes,) on a contact mode, N; of columns that are no such forces, of all."""
+    return float(np.linalg.norm(push.reshape(-1, 3).sum(axis=0) if len(push) % 3 == 0 else push))
+
+
 def monomials(q: Array) -> Array:
     """1, q_i and q_i q_j (i <= j), (1 + m + m (m+1)/2,)."""
     return np.concatenate([[1.0], q, np.outer(q, q)[np.triu_indices(len(q))]])
@@ -152,6 +168,11 @@ def check_deformation(body: ReducedDeformation, order: int, actuators: Mapping[s
         least = np.linalg.eigvalsh(matrix / (largest or 1.0)).min()
         if not least >= -1e-12:
             raise StructureError(f"deformation: {what} is not positive semi-definite, least {least * largest:g}")
+    seen = body.trained
+    if seen is not None:
+        numbers = [*seen.inputs.values(), *seen.pushes.values(), *seen.strains, seen.smoothing_time]
+        if min(numbers) < 0 or len(seen.strains) != len(body.weights):
+            raise StructureError("deformation: what it was trained with is negative, or not of all points")
     if not (body.training_radius > 0 and body.points_of >= len(body.weights) > 0):
         raise StructureError("deformation: has no points, or no states that it was trained on")
     m = body.order

@@ -6,7 +6,7 @@ import h5py
 import numpy as np
 
 from fenics_rom.io.hdf5 import Entry, Sizes, get_arrays, get_group, get_text, put_arrays, put_text
-from fenics_rom.rom.deformation import ReducedDeformation, ReducedTendon
+from fenics_rom.rom.deformation import ReducedDeformation, ReducedTendon, TrainingRange
 
 Array = np.ndarray
 
@@ -26,6 +26,8 @@ NUMBERS = {
     "validation_error": Entry("1", (1,), optional=True),
 }
 PRESSURE = Entry("m^2/kg^1/2", ("k", "monomials"))
+TRAINED = {"strains": Entry("1", ("Q",)), "smoothing_time": Entry("s", (1,))}
+TRAINED_LOADS = {"inputs": Entry("unit of the input", (1,)), "pushes": Entry("N", (1,))}
 TENDON = {"points": Entry("m", ("K", 3)), "shapes": Entry("kg^-1/2", ("3K", "k"))}
 
 
@@ -41,13 +43,20 @@ def put_deformation(h5: h5py.File, body: ReducedDeformation, sizes: Sizes) -> No
     put_arrays(pressures, dict.fromkeys(body.pressures, PRESSURE), sizes, body.pressures)
     for name, tendon in body.tendons.items():
         put_arrays(tendons.create_group(name, track_order=True), TENDON, {"k": sizes["k"]}, vars(tendon))
+    if body.trained is not None:
+        trained = group.create_group("trained", track_order=True)
+        numbers = {"strains": body.trained.strains, "smoothing_time": np.array([body.trained.smoothing_time])}
+        put_arrays(trained, TRAINED, sizes, numbers)
+        for kind, entry in TRAINED_LOADS.items():
+            largest = {name: np.array([value]) for name, value in getattr(body.trained, kind).items()}
+            put_arrays(trained.create_group(kind, track_order=True), dict.fromkeys(largest, entry), {}, largest)
 
 
 def get_deformation(h5: h5py.File, sizes: Sizes) -> ReducedDeformation:
     """Reads the group."""
     group = get_group(h5, "deformation")
     sizes = {"k": sizes["k"]}
-    arrays: Any = get_arrays(group, BODY | NUMBERS, sizes, ("pressures", "tendons"))
+    arrays: Any = get_arrays(group, BODY | NUMBERS, sizes, ("pressures", "tendons", "trained"))
     pressures, tendons = get_group(group, "pressures"), get_group(group, "tendons")
     forces: Any = get_arrays(pressures, dict.fromkeys(pressures, PRESSURE), sizes)
     cables: Any = {name: get_arrays(get_group(tendons, name), TENDON, {"k": sizes["k"]}) for name in tendons}
@@ -61,4 +70,15 @@ def get_deformation(h5: h5py.File, sizes: Sizes) -> ReducedDeformation:
         validation_error=None if validation is None else float(validation[0]),
         pressures=forces,
         tendons={name: ReducedTendon(**cable) for name, cable in cables.items()},
+        trained=_get_trained(get_group(group, "trained"), sizes) if "trained" in group else None,
     )
+
+
+def _get_trained(group: h5py.Group, sizes: Sizes) -> TrainingRange:
+    arrays: Any = get_arrays(group, TRAINED, sizes, tuple(TRAINED_LOADS))
+    largest: Any = {
+        kind: get_arrays(get_group(group, kind), dict.fromkeys(group[kind], entry), {})
+        for kind, entry in TRAINED_LOADS.items()
+    }
+    numbers = {kind: {name: float(value[0]) for name, value in loads.items()} for kind, loads in largest.items()}
+    return TrainingRange(**numbers, strains=arrays["strains"], smoothing_time=float(arrays["smoothing_time"][0]))

@@ -37,6 +37,11 @@ p input columns, r Hankel singular values, f sampled frequencies; P points of an
         training_radius (1,) m kg^1/2, points_of (1,), cubature_error, validation_error (1,); the last may be absent
         pressures/NAME (k, 1 + k + k (k+1)/2) m^2/kg^1/2     force of 1 Pa: of 1, q_i and q_i q_j (i <= j)
         tendons/NAME/points (K, 3) m, shapes (3K, k) kg^-1/2
+        trained/                     how far training and validation went; absent where it was not kept
+            inputs/NAME (1,)         largest of each actuator and load, in the unit of the input
+            pushes/NAME (1,) N       largest force on each contact mode
+            strains (Q,)             largest at each kept point
+            smoothing_time (1,) s    that forces of obstacles are averaged over before they are compared
     force_validation/                how far contact forces are off; absent where it was not measured
         run (2,) s                   time step and duration from rest
         obstacles/NAME (2, 3)        of the reduction and of the time step; of force, peak and impulse, relative
@@ -45,7 +50,7 @@ p input columns, r Hankel singular values, f sampled frequencies; P points of an
         nodes (s,), facets (F, 3 or 6), areas (F,) m^2          of contact_pressure: facets are rows of nodes
         triangles (P,), operator (3, 3, P, k) kg^-1/2/m, first_lame, shear (P,) Pa          of strain, von_mises_stress
 
-Files of format 2.0 have neither readings nor cells; those of format 1.x are read, too: rom.format_1 makes them such
+Files of format 2.0 have neither readings nor cells nor trained; those of format 1.x are read, too: rom.format_1 makes them such
 files.
 """
 

@@ -17,6 +17,7 @@ from fenics_rom.trajectory.series import ReadingSeries, Series, input_series, re
 Array = np.ndarray
 
 NOTHING = np.empty(0)
+BEYOND_TRAINING = "the model was trained on"  # what warnings say of a run that went further
 CONTACT_ACCOUNT = {
     "obstacles": "contact",
     "contact": "contact",
@@ -113,6 +114,11 @@ class Trajectory:
         gap = self.energy - self.energy[0] - self.supplied + self.dissipated + self.lost_in_switching
         scale = max(np.abs(self.energy).max(), np.abs(self.supplied).max(), np.abs(self.dissipated).max())
         return float(np.abs(gap).max() / scale) if scale > 0 else 0.0
+
+    @property
+    def beyond_training(self) -> bool:
+        """Whether a model went where it was not trained to go, as a warning says."""
+        return any(BEYOND_TRAINING in warning for warning in self.warnings)
 
     @property
     def steps(self) -> int:

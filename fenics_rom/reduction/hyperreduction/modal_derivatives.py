@@ -25,6 +25,7 @@ EIGENVECTORS = 12
 MAX_DERIVATIVES = 120  # those of the largest amplitudes
 TRAINING_LEVELS = (0.3, 0.6, 1.0)  # of each shape
 RANDOM_COMBINATIONS = 32
+OVERSHOOT = 2.0  # where a load that comes at once brings a body, over where it comes to rest
 NEW_SHAPE_SHARE = 1e-12  # of the squares of the static shapes, beyond the eigenvectors, that counts as a direction
 
 
@@ -59,7 +60,8 @@ def modal_derivatives(problem: ReductionProblem, checkpoint: Checkpoint) -> Trai
         second = second_order(problem, first)
         for block in follower:
             second += block @ inner(shapes, M @ first)
-    return TrainingData(np.hstack(columns), np.hstack([s * first + s**2 * second for s in TRAINING_LEVELS]))
+    states = np.hstack([s * first + s**2 * second for s in TRAINING_LEVELS])
+    return TrainingData(np.hstack(columns), states, loads, OVERSHOOT if moves else 1.0)
 
 
 def static_derivatives(problem: ReductionProblem, shapes: Array, pairs: Iterable[tuple[int, int]]) -> Array:

@@ -6,6 +6,7 @@ from dataclasses import replace
 import numpy as np
 
 from fenics_rom.errors import StepError
+from fenics_rom.mechanics.hyperelastic import VOIGT_SHEAR
 from fenics_rom.reduction.balancing import choose_order
 from fenics_rom.reduction.checkpoint import Checkpoint
 from fenics_rom.reduction.common_basis import significant_eigenpairs
@@ -14,7 +15,7 @@ from fenics_rom.reduction.hyperreduction.modal_derivatives import modal_derivati
 from fenics_rom.reduction.hyperreduction.training import Run, TrainingData, trained
 from fenics_rom.reduction.problem import ReductionProblem
 from fenics_rom.reduction.projection import RetainedBasis, assemble_rom
-from fenics_rom.rom.deformation import ReducedDeformation, ReducedTendon, monomials
+from fenics_rom.rom.deformation import ReducedDeformation, ReducedTendon, TrainingRange, monomials, resultant
 from fenics_rom.rom.rom import ContactModel, Rom
 from fenics_rom.runtime.steppers.equilibrium import Equilibrium
 from fenics_rom.runtime.steppers.newton import Newton
@@ -40,14 +41,30 @@ def hyperreduce(problem: ReductionProblem, method: str, tolerance: float, checkp
     models = {name: _in_shared_basis(problem, rom.stiffness, model) for name, model in rom.contact_models.items()}
     rom = replace(rom, contact_models=models)
     W = rom.basis[system.algebra.rows()]
-    states = system.algebra.inner(W, system.mass @ training.shapes)
+    states, *held_out = (
+        system.algebra.inner(W, system.mass @ shapes)
+        for shapes in (training.shapes, *(shapes for _, shapes in training.held_out))
+    )
     body = _deformation(problem, W, rom.stiffness, states, tolerance)
     rom = replace(rom, deformation=body)
     if training.held_out:
         with problem.stages("validation"):
             error = max(validation_error(rom, system, run, shapes) for run, shapes in training.held_out)
-        rom = replace(rom, deformation=replace(body, validation_error=error))
-    return replace(rom, stages=problem.stages.done)
+        body = replace(body, validation_error=error)
+    body = replace(body, trained=_training_range(body, training, np.hstack([states, *held_out])))
+    return replace(rom, deformation=body, stages=problem.stages.done)
+
+
+def _training_range(body: ReducedDeformation, training: TrainingData, states: Array) -> TrainingRange:
+    """What a run is to be compared with: the loads, and the strains of the kept points in all states q (m, s) seen."""
+    loads = training.loads
+    squares = [(E * E / VOIGT_SHEAR).sum(axis=0) for E in map(body.strains, states.T)]
+    return TrainingRange(
+        inputs=loads.inputs,
+        pushes={name: resultant(push) for name, push in loads.pushes.items()},
+        strains=training.overshoot * np.sqrt(np.max(squares, axis=0)),
+        smoothing_time=loads.smoothing_time,
+    )
 
 
 def retained_basis(problem: ReductionProblem, columns: Array) -> RetainedBasis:
@@ -161,8 +178,10 @@ def validation_error(rom: Rom, system: System, run: Run, shapes: Array) -> float
     W, inner = rom.basis[system.algebra.rows()], system.algebra.inner
     Mx = system.mass @ shapes
     squares, projections = np.diag(inner(shapes, Mx)), inner(W, Mx)  # of |x - W q|² = |x|² - |WᵀMx|² + |WᵀMx - q|²
+    assert rom.deformation is not None
+    unwatched = replace(rom, deformation=replace(rom.deformation, trained=None))  # it is for the caller to judge
     try:
-        reduced = _reduced_states(rom, run)
+        reduced = _reduced_states(unwatched, run)
     except StepError:
         return float("inf")
     outside = np.maximum(squares - (projections**2).sum(axis=0), 0.0)

@@ -59,18 +59,22 @@ class TrainingData:
 
     columns: Array  # (rows here, any) whose leading singular vectors are the basis, each weighted by what it matters
     shapes: Array  # (rows here, any) for whose forces points are chosen, m
+    loads: LoadExtremes  # that they are of
+    overshoot: float = 1.0  # how much further runs go than these shapes
     held_out: tuple[tuple[Run, Array], ...] = ()  # runs that nothing was chosen from, and the shapes (rows here, s)
 
 
 def trained(problem: ReductionProblem, checkpoint: Checkpoint) -> TrainingData:
     """From full-order runs under the scene's loads, and the linear reductions of the contact modes."""
-    training, held_out = plan_runs(problem)
+    loads, training, held_out = plan_runs(problem)
     shapes = _simulated(problem, [*training, *held_out], checkpoint)
     trained_shapes, held_out_shapes = shapes[: len(training)], shapes[len(training) :]
     dynamic = training[0].dt is not None
     small = weighted_small_motions(problem, dict((balanced if dynamic else static)(problem)))
     columns = np.hstack([weighted_snapshots(problem, trained_shapes), small])
-    return TrainingData(columns, np.hstack(trained_shapes), tuple(zip(held_out, held_out_shapes, strict=True)))
+    return TrainingData(
+        columns, np.hstack(trained_shapes), loads, held_out=tuple(zip(held_out, held_out_shapes, strict=True))
+    )
 
 
 def _simulated(problem: ReductionProblem, runs: list[Run], checkpoint: Checkpoint) -> list[Array]:
@@ -113,8 +117,8 @@ def _shapes(stepper: Any, run: Run, name: str) -> Array:
     return np.column_stack(shapes)
 
 
-def plan_runs(problem: ReductionProblem) -> tuple[list[Run], list[Run]]:
-    """Training runs, and held-out ones to validate with."""
+def plan_runs(problem: ReductionProblem) -> tuple[LoadExtremes, list[Run], list[Run]]:
+    """The loads, training runs under them, and held-out ones to validate with."""
     system = problem.system
     scene, scene_run = scene_with_run(system)
     moves = scene.effects.inertia is not None
@@ -130,7 +134,7 @@ def plan_runs(problem: ReductionProblem) -> tuple[list[Run], list[Run]]:
     if scene.effects.contact is None:  # where obstacles do not stop the body, it would go too far without them
         steps = tuple(islice(scene_history(system, scene), MAX_HISTORY_STEPS))
         held_out.append(Run("the scene's own load history", steps, scene_run.dt if moves else None))
-    return runs[:-1], held_out
+    return loads, runs[:-1], held_out
 
 
 def _grown_and_released(

@@ -28,6 +28,8 @@ class LoadExtremes:
     resting: Array  # (c,) actuators and loads: what is always there
     extremes: Array  # (2, c) the rest, least and most
     pushes: dict[str, Array]  # (columns,) by contact mode, of its largest force
+    inputs: dict[str, float]  # of each actuator and load its largest size, however short
+    smoothing_time: float  # that all but these were averaged over, s
     worst: tuple[str, Array]  # contact mode and input, less what is always there, that move the body farthest at rest
 
     @property
@@ -74,6 +76,8 @@ def load_extremes(problem: ReductionProblem, period: float) -> LoadExtremes:
     constant = (acting == acting[0]).all(axis=0)
     of_loads = np.arange(shared) >= sum(B.shape[1] for B in system.actuators.values())
     resting = np.where(constant & of_loads, acting[0], 0.0)
+    parts = np.split(acting, np.cumsum(list(system.widths.values()))[:-1], axis=1)
+    inputs = {n: float(np.linalg.norm(u, axis=1).max()) for n, u in zip(system.widths, parts, strict=False)}
     width = max(1, min(len(signals), round(SMOOTHING_PERIODS * period / run.dt)))
     acting = _averages(acting - resting, width)
     pushing = {}
@@ -84,8 +88,8 @@ def load_extremes(problem: ReductionProblem, period: float) -> LoadExtremes:
     pushes = {name: forces[np.linalg.norm(forces, axis=1).argmax()] for name, forces in pushing.items()}
     if not extremes.any() and not any(push.any() for push in pushes.values()):
         raise SceneError(f"{scene.source}: run: nothing acts but what is always there: there is nothing to train with")
-    worst = _worst(problem, acting, pushing)
-    return LoadExtremes(resting, extremes, _completed(problem, extremes, pushes), worst)
+    pushes, worst = _completed(problem, extremes, pushes), _worst(problem, acting, pushing)
+    return LoadExtremes(resting, extremes, pushes, inputs, SMOOTHING_PERIODS * period, worst)
 
 
 def _worst(problem: ReductionProblem, acting: Array, pushing: dict[str, Array]) -> tuple[str, Array]:

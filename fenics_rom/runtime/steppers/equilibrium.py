@@ -45,14 +45,15 @@ class Equilibrium(FiniteStrainKernel):
             moved, force = q - start, self._loads(u, q)
             if contact is not None:
                 force = force + self._pushed(contact)
-            stored = self._body.energy(q)
+            E = self._body.strains(q)
+            stored = self._body.energy(q, E)
             # What contact takes is booked by itself; the rest of what is lost goes into heat on the way.
             heat = float(force.dot(moved)) - (stored - self._body.energy(start))
             supplied = float(self._loads(u, q).dot(moved))
             self._leave(StepWork(supplied, heat, self._contacts(moved / self.h, contact, self.h)))
             np.multiply(q, self._ω, self._e)
             self.contact = contact
-            self._note_distance(q)
+            self._note(q, E, u)
             return 2 * stored
 
     def _balanced(

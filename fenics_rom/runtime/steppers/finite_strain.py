@@ -22,6 +22,8 @@ from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.rom.deformation import ReducedDeformation, monomials
 from fenics_rom.rom.rom import ContactModel, Rom
 from fenics_rom.runtime.steppers.kernel import BookedKernel
+from fenics_rom.runtime.steppers.training_watch import TrainingWatch
+from fenics_rom.trajectory.trajectory import BEYOND_TRAINING
 
 if TYPE_CHECKING:
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
@@ -46,7 +48,10 @@ class FiniteStrainKernel(BookedKernel):
         self._shared = sum(rom.actuators.values()) + sum(rom.loads.values())
         self._follower_columns = _follower_loads(rom)
         self._warning_radius = TRUSTED_EXTENT * self._body.training_radius
-        self.notes = dict.fromkeys(self.NOTES, 0.0)
+        trained = self._body.trained
+        self._watch = None if trained is None else TrainingWatch(rom, trained, interface)
+        self._names = {id(model): name for name, model in rom.contact_models.items()}
+        self.notes = dict.fromkeys((*self.NOTES, *(() if self._watch is None else self._watch.notes)), 0.0)
         self.enter(self._model)
 
     def enter(self, model: ContactModel) -> None:
@@ -57,18 +62,21 @@ class FiniteStrainKernel(BookedKernel):
         self._active_followers = [(first + column, force) for column, force in self._follower_columns]
         self._dead_loads = model.inputs.copy()  # of loads whose direction stays
         self._dead_loads[:, [column for column, _ in self._active_followers]] = 0.0
+        if self._watch is not None:
+            self._watch.enter(self._names[id(model)], first)
 
     @property
     def messages(self) -> tuple[str, ...]:
         """As in Kernel."""
-        return (self._too_far,) if self.notes["distance"] > self._warning_radius else ()
+        too_far = self._too_far if self.notes["distance"] > self._warning_radius else ""
+        return tuple(filter(None, [too_far, "" if self._watch is None else self._watch.message(self.notes)]))
 
     @property
     def _too_far(self) -> str:
         far = self.notes["distance"] / self._body.training_radius
         return (
-            f"the body went {far:.2g} times as far as in any state that the "
-            f"model was trained on; beyond {TRUSTED_EXTENT:g} times it is not to be trusted: reduce with larger loads"
+            f"the body went {far:.2g} times as far as in any state that "
+            f"{BEYOND_TRAINING}; beyond {TRUSTED_EXTENT:g} times it is not to be trusted: reduce with larger loads"
         )
 
     def _loads(self, u: Array, q: Array) -> Array:
@@ -79,8 +87,10 @@ class FiniteStrainKernel(BookedKernel):
                 force = force + u[column] * follower(q)
         return force
 
-    def _note_distance(self, q: Array) -> None:
-        """Notes how far the body has gone, and warns where that is further than it was trained."""
+    def _note(self, q: Array, E: Array, u: Array) -> None:
+        """Notes how far a step under u has led, to q and strains E, and warns where that is beyond training."""
+        if self._watch is not None:
+            self._watch.look(self.notes, u, E, self.contact, self.h)
         far = math.sqrt(q.dot(q))
         before = self.notes["distance"]
         if far > before:

@@ -142,12 +142,13 @@ class LinearlyImplicit(FiniteStrainKernel):
         if b is not None:
             grown = h * float(b.dot(v))
             self._rest[0] += grown * (s + grown / 2)
-        taken_back, strained, gap = self._taken_back(after, h * drawn)
+        E = body.strains(after)
+        taken_back, strained, gap = self._taken_back(E, h * drawn)
         self._leave(StepWork(h * float(pushed.dot(v)), h * drawn - taken_back, self._contacts(v, contact, h)))
         np.multiply(after, self._ω, self._e)
         np.subtract(v + v, r, r)
         self.contact = contact
-        self._note_distance(after)
+        self._note(after, E, u)
         self._note_mismatch(strained, gap)
         return 2 * self._energy(after)
 
@@ -215,13 +216,13 @@ class LinearlyImplicit(FiniteStrainKernel):
         steep = math.sqrt(b.dot(b))
         return b if steep <= STEEPEST_FREQUENCY * self._ω[-1] else b * (STEEPEST_FREQUENCY * self._ω[-1] / steep)
 
-    def _taken_back(self, q: Array, dissipated: float) -> tuple[float, float, float]:
-        """Moves ε and s towards what the shape q has. Energies, J: added by this (< 0: it took some), of E, of the gap.
+    def _taken_back(self, E: Array, dissipated: float) -> tuple[float, float, float]:
+        """Moves ε and s towards what the shape has, strains E. Energies, J: added (< 0: it took some), of E, of the gap.
 
         At most what is in the tank, which holds what was dissipated in this and the steps before, up to what strains
         store (as in teleoperation: Franken et al., 2011): a step may give back, and the run never more than it got.
         """
-        E, s = self._body.strains(q), self._s
+        s = self._s
         gap, gap_s = E - self._ε, 0.0
         if not self._st_venant:
             gap_s = math.sqrt(2 * max(self._left(E) + self._rest[1], 0.0)) - s

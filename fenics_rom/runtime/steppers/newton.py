@@ -72,8 +72,9 @@ class Newton(FiniteStrainKernel):
             self._r[:] = r
             self.contact = contact
             self.notes["cut"] += parts > 1
-            self._note_distance(q)
-            return float(r.dot(r)) + 2 * self._body.energy(q)
+            E = self._body.strains(q)
+            self._note(q, E, u)
+            return float(r.dot(r)) + 2 * self._body.energy(q, E)
 
     def _in_parts(
         self, u: Array, obstacles: ObstacleMotion | None, parts: int

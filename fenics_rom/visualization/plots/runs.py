@@ -167,5 +167,8 @@ def _draw_legend(figure: Any, axes: Any, colours: Mapping[str, str], runs: Runs)
     if len(runs) > 1:
         for line, label in zip(_line_styles(runs), runs, strict=True):
             axes.plot([], [], color="0.5", label=label, **line)
+    for label, run in runs.items():
+        if run.beyond_training:
+            axes.plot([], [], " ", label=f"{label}: beyond its training")
     longest = max(len(line.get_label()) for line in axes.get_lines())
     figure.legend(loc="outside lower center", ncols=3 if longest < LONG_LABEL_LETTERS else 2)

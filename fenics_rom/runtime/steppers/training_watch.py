@@ -1,0 +1,126 @@
+"""Saying when a run with large deformation goes beyond what its model was trained on: inputs, strains and contact.
+
+A body that an obstacle holds may be pulled much harder than in training without going any further.
+"""
+
+import math
+import warnings
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from fenics_rom.errors import FenicsRomWarning
+from fenics_rom.mechanics.contact import ContactSolution
+from fenics_rom.mechanics.hyperelastic import VOIGT_SHEAR
+from fenics_rom.rom.deformation import TrainingRange, resultant
+from fenics_rom.rom.rom import Rom
+from fenics_rom.trajectory.trajectory import BEYOND_TRAINING
+
+if TYPE_CHECKING:
+    from fenics_rom.runtime.steppers.contact_interface import ContactInterface
+
+Array = np.ndarray
+Notes = dict[str, float]
+
+# Loads are known exactly: beyond a few per cent it is another load. Strains and contact are the model's own, whose
+# shapes are wrong by 2 to 8 % where it was not trained (`validation_error`): what goes further is of another run.
+TRUSTED_LOAD, TRUSTED_STRAIN = 1.05, 1.1  # times what training saw
+LOCAL_STRAIN = 0.5  # of the largest strain of training, up to which any point may go: obstacles press in places
+NEVER = 1e-100  # what stands for an input that was not there
+STRAIN = "strain"  # of the kept point that went furthest beyond its own in training
+TOUCHED = "touched"  # whether an obstacle pushed
+_COUNTS = 1 / VOIGT_SHEAR[:, 0]
+
+
+class TrainingWatch:
+    """Compares inputs, strains of the kept points and forces of contact with those of training, in every step.
+
+    Args:
+        rom: the reduced model.
+        trained: how far it was trained.
+        interface: the contact points, if there are any.
+
+    Attributes:
+        notes: names of what it keeps of a run, numbers that begin at 0: what went beyond, how far, in its unit.
+    """
+
+    def __init__(self, rom: Rom, trained: TrainingRange, interface: "ContactInterface | None"):
+        widths, units = {**rom.actuators, **rom.loads}, rom.environment.input_units
+        self._pushed = trained.pushes
+        self._obstacles = [] if interface is None else list(interface.environment.obstacles)
+        most = max(trained.pushes.values(), default=0.0)
+        self._ranges = {f"input {name!r}": (trained.inputs.get(name, 0.0), units.get(name, "N")) for name in widths}
+        self._inputs = list(self._ranges)
+        self._ranges |= {f"the push on {name!r}": (trained.pushes.get(name, 0.0), "N") for name in rom.contact_models}
+        self._ranges |= {f"the force of obstacle {name!r}": (most, "N") for name in self._obstacles}
+        self._starts = np.cumsum([0, *widths.values()])[:-1]
+        limits = [max(self._ranges[name][0], NEVER) for name in self._inputs]
+        self._limits = np.repeat(limits, list(widths.values()))
+        strains = np.maximum(trained.strains, LOCAL_STRAIN * trained.strains.max(initial=NEVER))
+        self._inverse_squares = strains**-2.0
+        self._means = [f"mean force of {name}, {axis}" for name in self._obstacles for axis in "xyz"]
+        self._smoothing_time = trained.smoothing_time
+        self.notes = (*self._ranges, STRAIN, TOUCHED, *self._means)
+
+    def enter(self, contact: str, columns: int) -> None:
+        """Watches a contact mode, whose pushes are the first columns of the input."""
+        self._contact, self._columns = contact, columns
+        push = max(self._pushed.get(contact, 0.0), NEVER) / math.sqrt(max(columns / 3, 1.0))  # of each column
+        self._inverse_limits = 1 / np.concatenate([np.full(columns, push), self._limits])
+
+    def message(self, notes: Notes) -> str:
+        """What to say of a run; empty where nothing went beyond training."""
+        excess = []
+        for what, (limit, unit) in self._ranges.items():
+            if value := notes[what]:
+                times = f"{value / limit:.3g} times the {limit:.3g} {unit} of training"
+                excess.append(
+                    f"{what} reached {value:.3g} {unit}, {times if limit else 'and was not there in training'}"
+                )
+        if notes[STRAIN]:
+            excess.append(f"the strain of a kept point reached {notes[STRAIN]:.3g} times that of training")
+        if not excess:
+            return ""
+        return (
+            f"beyond what {BEYOND_TRAINING}: {'; '.join(excess)}; it is not to be trusted there: reduce with such loads"
+        )
+
+    def look(self, notes: Notes, u: Array, E: Array, contact: ContactSolution | None, h: float) -> None:
+        """Notes a step of h s under u (p,), N, that led to strains E (6, P); warns of the first one beyond training."""
+        shares = u * self._inverse_limits
+        if shares.dot(shares) > TRUSTED_LOAD**2:  # else none of them is beyond
+            self._look_at_loads(notes, u)
+        square = float((_COUNTS.dot(E * E) * self._inverse_squares).max())
+        if square > TRUSTED_STRAIN**2:
+            self._note(notes, STRAIN, math.sqrt(square))
+        if contact is not None or notes[TOUCHED]:
+            self._look_at_contact(notes, contact, h)
+
+    def _look_at_loads(self, notes: Notes, u: Array) -> None:
+        parts = np.split(u[self._columns :], self._starts[1:])
+        values = {name: math.sqrt(part.dot(part)) for name, part in zip(self._inputs, parts, strict=True)}
+        if self._columns:
+            values[f"the push on {self._contact!r}"] = resultant(u[: self._columns])
+        for what, value in values.items():
+            if value > TRUSTED_LOAD * self._ranges[what][0]:
+                self._note(notes, what, value)
+
+    def _look_at_contact(self, notes: Notes, contact: ContactSolution | None, h: float) -> None:
+        """Forces of obstacles, averaged: what pushes for less time moves the body by less."""
+        mean = np.array([notes[name] for name in self._means]).reshape(-1, 3)
+        forces = np.zeros_like(mean) if contact is None else contact.by_obstacle
+        mean += h / (h + self._smoothing_time) * (forces - mean)
+        notes.update(zip(self._means, mean.ravel().tolist(), strict=True))
+        notes[TOUCHED] = 1.0
+        for name, size in zip(self._obstacles, np.sqrt((mean**2).sum(axis=1)).tolist(), strict=True):
+            what = f"the force of obstacle {name!r}"
+            if size > TRUSTED_STRAIN * self._ranges[what][0]:
+                self._note(notes, what, size)
+
+    def _note(self, notes: Notes, what: str, value: float) -> None:
+        before = notes[what]
+        if not before < value < math.inf:
+            return
+        notes[what] = value
+        if not before:
+            warnings.warn(self.message(notes), FenicsRomWarning, stacklevel=8)
