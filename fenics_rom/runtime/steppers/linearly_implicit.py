@@ -217,7 +217,7 @@ class LinearlyImplicit(FiniteStrainKernel):
         return b if steep <= STEEPEST_FREQUENCY * self._ω[-1] else b * (STEEPEST_FREQUENCY * self._ω[-1] / steep)
 
     def _taken_back(self, E: Array, dissipated: float) -> tuple[float, float, float]:
-        """Moves ε and s towards what the shape has, strains E. Energies, J: added (< 0: it took some), of E, of the gap.
+        """Moves ε and s towards those of the shape, of strains E. Energies, J: added (< 0: taken), of E, of the gap.
 
         At most what is in the tank, which holds what was dissipated in this and the steps before, up to what strains
         store (as in teleoperation: Franken et al., 2011): a step may give back, and the run never more than it got.

@@ -73,17 +73,12 @@ class TrainingWatch:
         excess = []
         for what, (limit, unit) in self._ranges.items():
             if value := notes[what]:
-                times = f"{value / limit:.3g} times the {limit:.3g} {unit} of training"
-                excess.append(
-                    f"{what} reached {value:.3g} {unit}, {times if limit else 'and was not there in training'}"
-                )
+                share = f"{value / limit:.3g} times the {limit:.3g} {unit} of" if limit else "and was not there in"
+                excess.append(f"{what} reached {value:.3g} {unit}, {share} training")
         if notes[STRAIN]:
             excess.append(f"the strain of a kept point reached {notes[STRAIN]:.3g} times that of training")
-        if not excess:
-            return ""
-        return (
-            f"beyond what {BEYOND_TRAINING}: {'; '.join(excess)}; it is not to be trusted there: reduce with such loads"
-        )
+        gone = "; ".join(excess)
+        return gone and f"beyond what {BEYOND_TRAINING}: {gone}; it is not to be trusted there: reduce with such loads"
 
     def look(self, notes: Notes, u: Array, E: Array, contact: ContactSolution | None, h: float) -> None:
         """Notes a step of h s under u (p,), N, that led to strains E (6, P); warns of the first one beyond training."""
