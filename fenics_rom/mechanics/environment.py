@@ -70,7 +70,8 @@ class Environment:
         obstacles: by name.
         contact_law: how the body meets them; None where the scene names no contact.
         contact_switching: "automatic" (the contact mode follows the obstacles) or "scene" (the load history says).
-        built_in: what a model made for this cannot do differently, by its place in the scene, as JSON.
+        built_in: what a model made for this cannot do differently, by its place in the scene, as JSON; the mesh by the
+            SHA-256 of its content.
         run: the load history; None where there is none.
         source: of the scene, for messages; empty of a model of matrices, which no scene stands behind.
 

@@ -1,11 +1,14 @@
 """What acts on a reduced body: its environment, as far as the ROM was made for it, and what that is in each step."""
 
+import json
+import warnings
 from collections.abc import Mapping
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 
-from fenics_rom.errors import SceneError, StepError
+from fenics_rom.errors import FenicsRomWarning, SceneError, StepError
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.environment import PERMANENT_EFFECTS, Environment
 from fenics_rom.mechanics.signals import SignalLike
@@ -14,6 +17,8 @@ from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.steppers.stepper import ReducedStepper
 
 Array = np.ndarray
+
+LONGEST_SHOWN = 60  # letters of what a scene says otherwise than a ROM
 
 
 def fit_environment(
@@ -78,6 +83,52 @@ def _check_built_in(rom: Rom, environment: Environment) -> None:
     for place, text in environment.built_in.items():
         if place.startswith("effects.") and made_for.built_in.get(place, text) != text:
             raise SceneError(f"{environment.source}: {place} is not what ROM {rom.name!r} was made with; {cure}")
+    if difference := _unlike(rom, environment):
+        raise SceneError(f"{environment.source}: {difference}; {cure}")
+
+
+def _unlike(rom: Rom, environment: Environment) -> str:
+    """What of a scene's mesh, materials, supports, contacts, actuators, outputs and readings a ROM has not built in."""
+    made_for = rom.environment
+    if environment.built_in == made_for.built_in or "mesh" not in environment.built_in:
+        return ""
+    if "mesh" not in made_for.built_in:
+        warnings.warn(
+            f"ROM {rom.name!r} is of an earlier release and does not say what mesh, materials, supports, contacts and "
+            f"outputs it was made with: whether those of {environment.source} are the same could not be checked",
+            FenicsRomWarning,
+            stacklevel=5,
+        )
+        return ""
+    built, asked = (
+        {place: known.details(place) for place in known.built_in if not place.startswith("effects.")}
+        for known in (made_for, environment)
+    )
+    meshes = built["mesh"], asked["mesh"]
+    contents, files = ([mesh.pop(key) for mesh in meshes] for key in ("content", "file"))
+    if contents[0] != contents[1] or (contents[0] is None and files[0] != files[1]):
+        how = "is not there" if contents[1] is None else "has another content"
+        return f"mesh.file = {files[1]!r} {how}, and ROM {rom.name!r} was made with {files[0]!r}"
+    place, (was, is_now) = _difference(built, asked)
+    return place and f"{place} is {is_now}, and ROM {rom.name!r} was made with {was}"
+
+
+def _difference(built: dict[str, Any], asked: dict[str, Any]) -> tuple[str, tuple[str, str]]:
+    """The first place at which two nested tables differ, and what they say there; nowhere where they are equal."""
+    for key in dict.fromkeys((*built, *asked)):
+        was, is_now = built.get(key), asked.get(key)
+        if was == is_now:
+            continue
+        if isinstance(was, dict) and isinstance(is_now, dict):
+            place, values = _difference(was, is_now)
+            return f"{key}.{place}", values
+        return key, (_shown(was), _shown(is_now))
+    return "", ("", "")
+
+
+def _shown(value: Any) -> str:
+    text = "not there" if value is None else json.dumps(value)
+    return text if len(text) <= LONGEST_SHOWN else f"{text[:LONGEST_SHOWN]}..."
 
 
 class EnvironmentInputs:

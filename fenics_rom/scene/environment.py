@@ -1,7 +1,7 @@
 """Effects to environment: what acts in a run, compiled once, so that no model has to read a scene."""
 
 import json
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import fields, is_dataclass
 from typing import Any
 
@@ -53,16 +53,22 @@ def _contact_law(effects: Effects) -> ContactLaw:
 
 def built_in(name: str, effect: Any) -> str:
     """What a model has built in of an effect, as a text that is the same for the same model."""
-    changing = EFFECTS[name].law.changing
+    return as_text(effect, EFFECTS[name].law.changing)
+
+
+def as_text(record: Any, changing: Collection[str] = ()) -> str:
+    """What a record says, but for what may change and for defaults: JSON that is the same for the same record."""
 
     def given(value: Any) -> Any:
         if is_dataclass(value):
             parts = {field.name: getattr(value, field.name) for field in fields(value)}
             usual = {field.name: default_of(field) for field in fields(value)}
             return {key: given(part) for key, part in parts.items() if key not in changing and part != usual[key]}
-        return {key: given(part) for key, part in value.items()} if isinstance(value, Mapping) else value
+        if isinstance(value, Mapping):
+            return {key: given(part) for key, part in value.items()}
+        return [given(part) for part in value] if isinstance(value, list | tuple) else value
 
-    return json.dumps(given(effect), sort_keys=True)
+    return json.dumps(given(record), sort_keys=True)
 
 
 def words(name: str, numbers: Mapping[str, Any]) -> str:

@@ -1,7 +1,9 @@
 """A scene: what is simulated, as a frozen record. No numerics."""
 
+import hashlib
 import json
 from collections.abc import Mapping
+from contextlib import suppress
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -13,7 +15,7 @@ from fenics_rom.errors import SceneError, unknown
 from fenics_rom.mechanics.environment import SWITCHINGS, Environment, Run
 from fenics_rom.mechanics.readings import READING_UNITS
 from fenics_rom.scene.effects import Effects
-from fenics_rom.scene.environment import environment_of
+from fenics_rom.scene.environment import as_text, environment_of
 from fenics_rom.scene.places import Held, Near, Patch, Place
 from fenics_rom.scene.values import Items, Number, OneOrByName, Point, Text
 
@@ -152,12 +154,24 @@ class Scene:
 
     @cached_property
     def environment(self) -> Environment:
-        """What acts on the body in a run; its materials, which the live view shows energy density by; its readings."""
+        """What acts on the body in a run, and what a model of it has built in, which runs cannot change."""
         environment = environment_of(self.effects, self.run, self.source)
         records: dict[str, Any] = {f"materials.{name}": material for name, material in self.materials.items()}
         records |= {f"readings.{name}": entry for name, entry in self.readings.items()}
         built_in = {place: json.dumps(asdict(record), sort_keys=True) for place, record in records.items()}
+        built_in |= {place: as_text(getattr(self, place)) for place in ("contacts", "actuators", "outputs")}
+        built_in["supports"] = as_text({"clamped": sorted(self.clamped), "held": self.held})
+        built_in["mesh"] = as_text(self._mesh)
         return replace(environment, built_in={**environment.built_in, **built_in})
+
+    @property
+    def _mesh(self) -> dict[str, Any]:
+        """What a model has built in of the mesh; its content is None where it is not there."""
+        content = None
+        with suppress(OSError), self.mesh_file.open("rb") as stream:
+            content = hashlib.file_digest(stream, "sha256").hexdigest()
+        of_file = {"degree": self.degree, "groups": self.mesh_groups, "scale": self.mesh_scale}
+        return {"file": self.mesh_file.name, "content": content} | of_file
 
     def __repr__(self) -> str:
         named = {"contact modes": self.contacts, "actuators": self.actuators, "outputs": self.outputs}
