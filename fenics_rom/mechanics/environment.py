@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
 PERMANENT_EFFECTS = ("springs",)  # part of the matrices: no run can leave them out
 SWITCHINGS = ("energy", "oblique")  # energy-orthogonal, of any basis; of standard balanced truncation
+CONTACT_SWITCHINGS = ("automatic", "scene")  # the contact mode follows the obstacles, or the load history says
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,12 @@ from fenics_rom.mechanics.environment import AppliedLoad, Environment
 MOST_STEPS = 10**7  # a record holds some 100 bytes of each
 
 
+def check_width(load: AppliedLoad, columns: int, where: str) -> None:
+    """A SceneError where a load has not one number for each column of what it acts on."""
+    if load.signal.width != columns:
+        raise SceneError(f"{where}: numbers in its force: given {load.signal.width}, allowed {columns}")
+
+
 class LoadHistory:
     """The inputs of a run, sampled at the middle of each step (as the midpoint rule wants them).
 
@@ -57,9 +63,7 @@ class LoadHistory:
         kind, name = ("contact mode", load.contact) if load.contact else ("actuator", str(load.actuator))
         if name not in columns:  # the run of one scene on the model of another
             raise SceneError(f"{place}: the model has {unknown(kind, name, columns)}")
-        if load.signal.width != columns[name]:
-            given = f"given {load.signal.width}, allowed {columns[name]}"
-            raise SceneError(f"{place}: {kind} {name!r}: numbers in its force: {given}")
+        check_width(load, columns[name], f"{place}: {kind} {name!r}")
         first = max(0, int(load.start / self.dt) - 1)
         if not any(load.start <= self._middle(k) < load.stop for k in range(first, min(first + 4, self.steps))):
             raise SceneError(

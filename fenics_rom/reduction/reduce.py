@@ -8,10 +8,13 @@ from pathlib import Path
 
 import numpy as np
 
-from fenics_rom.errors import FenicsRomWarning, SceneError, unknown
+from fenics_rom.errors import FenicsRomWarning, SceneError, StepError, unknown
 from fenics_rom.io.progress import Report, silent
 from fenics_rom.io.stages import Stages
+from fenics_rom.mechanics.contact import ContactPoints
+from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.environment import SWITCHINGS
+from fenics_rom.mechanics.load_history import check_width
 from fenics_rom.reduction.balancing import choose_order, orthonormal_span
 from fenics_rom.reduction.checkpoint import Checkpoint
 from fenics_rom.reduction.common_basis import CommonBasis
@@ -132,6 +135,7 @@ def reduce(
     if switching != "energy" and named != "balanced":
         raise SceneError(f"switching = {switching!r} goes with method = 'balanced', not with {named!r}")
 
+    _require_start(system)
     whole, system = system, elastic_part(system)
     if system is not whole:
         if system.deformation is not None:
@@ -174,6 +178,26 @@ def reduce(
     for message in problem.messages:
         warnings.warn(message, FenicsRomWarning, stacklevel=2)
     return check_rom(rom)
+
+
+def _require_start(system: System) -> None:
+    """Refuses what no run of the scene could begin with: an obstacle inside the body, or a load of other columns."""
+    if system.scene is None:
+        return
+    environment, columns = system.scene.environment, {**system.contacts, **system.actuators}
+    for load in environment.run.loads if environment.run else ():
+        name = load.contact or str(load.actuator)
+        if name in columns:
+            check_width(load, columns[name].shape[1], f"{environment.source}: run.load: {name!r}")
+    if not environment.obstacles or environment.contact_law is None or not system.contact_points:
+        return
+    points = ContactPoints(system.contact_points, system.body.nodes).coordinates
+    shapes, offsets = zip(*((o.shape, o.displacement(0.0)) for o in environment.obstacles.values()), strict=True)
+    try:
+        solver = ContactSolver(points, shapes, environment.contact_law)
+        solver.check_start(np.zeros_like(points), np.array(offsets), list(environment.obstacles))
+    except StepError as error:
+        raise SceneError(f"{environment.source}: {error}") from error
 
 
 def _with_tied_components(rom: Rom, unknowns: Unknowns) -> Rom:

@@ -22,7 +22,7 @@ import numpy as np
 from fenics_rom.errors import FileError, unknown
 from fenics_rom.io.hdf5 import Entry, check_names, get_arrays, get_group, get_text, put_arrays, put_text
 from fenics_rom.mechanics.contact import ContactLaw
-from fenics_rom.mechanics.environment import AppliedLoad, Environment, Load, MovingObstacle, Run
+from fenics_rom.mechanics.environment import CONTACT_SWITCHINGS, AppliedLoad, Environment, Load, MovingObstacle, Run
 from fenics_rom.mechanics.initial_state import InitialState, Instant
 from fenics_rom.mechanics.signals import Signal
 
@@ -94,6 +94,9 @@ def take_environment(h5: h5py.File) -> Environment:
     has_inertia = get_text(group, "has_inertia")
     if has_inertia not in (YES, NO):
         raise FileError(f"attribute 'has_inertia' of {group.name} is {has_inertia!r}, neither {YES} nor {NO}")
+    switching = get_text(group, "contact_switching")
+    if switching not in CONTACT_SWITCHINGS:
+        raise FileError(f"{group.name}: {unknown('contact_switching', switching, list(CONTACT_SWITCHINGS))}")
     texts = {name: get_group(group, name) for name in ("effects", "built_in")}
     loads, obstacles = get_group(group, "loads"), get_group(group, "obstacles")
     law = None
@@ -106,7 +109,7 @@ def take_environment(h5: h5py.File) -> Environment:
         loads={name: _load(get_group(loads, name)) for name in loads},
         obstacles={name: _obstacle(get_group(obstacles, name)) for name in obstacles},
         contact_law=law,
-        contact_switching=get_text(group, "contact_switching"),
+        contact_switching=switching,
         built_in={name: get_text(texts["built_in"], name) for name in texts["built_in"].attrs},
         run=_run(get_group(group, "run")) if "run" in group else None,
         source=get_text(group, "source"),

@@ -9,6 +9,7 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 
+from fenics_rom.mechanics.environment import CONTACT_SWITCHINGS
 from fenics_rom.mechanics.signals import Signal
 from fenics_rom.scene.places import Place
 from fenics_rom.scene.values import Direction, Items, Name, Number, Point, Table, Text
@@ -211,7 +212,7 @@ class Contact:
     damping: Annotated[float | None, Number(at_least=0.0, unit="N s/m"), "of a dashpot beside each spring"] = None
     switching: Annotated[
         str,
-        Text(choices=("automatic", "scene")),
+        Text(choices=CONTACT_SWITCHINGS),
         '"automatic" (the contact mode follows the obstacles) or "scene" (the load history says which it is)',
     ] = "automatic"
     obstacles: Annotated[Mapping[Name, RigidObstacle], "at least one"]

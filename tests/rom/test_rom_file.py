@@ -405,6 +405,9 @@ LIES = {
     f"/{MODE}/inputs is missing": without(f"{MODE}/inputs"),
     "/outputs is missing": without("outputs"),
     "/contact_models is missing": lambda h5: (h5.pop("contact_models"), h5.update(contact_models=[1.0])),
+    "/environment: no contact_switching 'manual'; there is automatic, scene": lambda h5: h5["environment"].attrs.update(
+        contact_switching=np.bytes_("manual")
+    ),
     "/environment/run/dt is missing": without("environment/run/dt"),
     "unexpected more in /": put("more", [1.0]),
     f"unexpected more in /{MODE}": put(f"{MODE}/more", [1.0]),
