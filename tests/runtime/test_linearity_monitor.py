@@ -27,6 +27,8 @@ force = "resultant"
 [contacts.middle]
 surface = "middle"
 force = "resultant"
+[outputs.tip]
+points = [[0.5, 0.2, 0.01], [0.5, 0.0, 0.01]]
 [effects]
 inertia = {{}}
 damping = {{alpha = 0.5, beta = 1e-3}}
