@@ -11,7 +11,6 @@ import numpy as np
 from fenics_rom.errors import FenicsRomWarning, SceneError, StepError, unknown
 from fenics_rom.io.progress import Report, silent
 from fenics_rom.io.stages import Stages
-from fenics_rom.mechanics.contact import ContactPoints
 from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.environment import SWITCHINGS
 from fenics_rom.mechanics.load_history import check_width
@@ -191,7 +190,7 @@ def _require_start(system: System) -> None:
             check_width(load, columns[name].shape[1], f"{environment.source}: run.load: {name!r}")
     if not environment.obstacles or environment.contact_law is None or not system.contact_points:
         return
-    points = ContactPoints(system.contact_points, system.body.nodes).coordinates
+    points = system.points_of_contact().coordinates
     shapes, offsets = zip(*((o.shape, o.displacement(0.0)) for o in environment.obstacles.values()), strict=True)
     try:
         solver = ContactSolver(points, shapes, environment.contact_law)
