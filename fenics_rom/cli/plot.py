@@ -38,12 +38,13 @@ def run(choice: argparse.Namespace) -> None:
     if "rom" not in contents and choice.full is not None:
         raise FileError("--full is for a ROM: a run at full order is drawn like any other")
     with progress() as report:
-        model = choice.files[0] if "rom" in contents else _labels(choice.files)
+        runs = {} if "rom" in contents else {n: fr.read_trajectory(file) for n, file in _labels(choice.files).items()}
         full = None if choice.full is None else fr.assemble(fr.read_scene(choice.full))
-        files = fr.plot(model, choice.output, what=choice.what, dark=choice.dark, full=full, report=report)
+        files = fr.plot(
+            runs or choice.files[0], choice.output, what=choice.what, dark=choice.dark, full=full, report=report
+        )
     print(*files, sep="\n")
-    if "rom" not in contents:
-        print_warnings([f"{name}: {warning}" for name, run in model.items() for warning in run.warnings])
+    print_warnings([f"{name}: {warning}" for name, run in runs.items() for warning in run.warnings])
 
 
 def _labels(files: Sequence[str]) -> dict[str, str]:
