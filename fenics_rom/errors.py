@@ -58,12 +58,21 @@ class FenicsRomWarning(UserWarning):
 
 def unknown(kind: str, given: str, allowed: Iterable[str]) -> str:
     """Sentence about a name that does not exist: what was given, what there is, the nearest."""
+    names = sorted(allowed)
+    return f"no {kind} {shown(given)}; there is {', '.join(names) if names else 'none'}{did_you_mean(given, names)}"
+
+
+def did_you_mean(given: str, names: Iterable[str]) -> str:
+    """The end of a sentence about a name that does not exist: the nearest that does."""
     import difflib  # here, as of no use to a program that makes no mistake: every import delays the runtime's start
 
-    names = sorted(allowed)
-    near = difflib.get_close_matches(given, names, n=1)
-    hint = f"; did you mean {near[0]!r}?" if near else ""
-    return f"no {kind} {shown(given)}; there is {', '.join(names) if names else 'none'}{hint}"
+    near = difflib.get_close_matches(given, list(names), n=1)
+    return f"; did you mean {near[0]!r}?" if near else ""
+
+
+def exactly(number: float) -> str:
+    """A number in six digits where these say it, else in all that it has."""
+    return f"{number:g}" if float(f"{number:g}") == number else repr(float(number))
 
 
 def shown(value: Any) -> str:

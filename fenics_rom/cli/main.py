@@ -3,16 +3,18 @@
 import argparse
 import io
 import os
+import re
 import sys
 import time
 import traceback
 import warnings
-from typing import NoReturn
+from collections.abc import Collection
+from typing import Any, NoReturn
 
 import fenics_rom as fr
 from fenics_rom.cli import compare, export, identify, info, petsc_options, plot, reduce, simulate, study, view
 from fenics_rom.cli.display import rich_package
-from fenics_rom.errors import FenicsRomError, FenicsRomWarning
+from fenics_rom.errors import FenicsRomError, FenicsRomWarning, unknown
 from fenics_rom.io.mpi_ranks import is_root_process, launched_rank
 from fenics_rom.system.backends import belongs_to
 
@@ -81,10 +83,34 @@ def _end(status: int) -> NoReturn:
     sys.exit(status)
 
 
+class _Parser(argparse.ArgumentParser):
+    """A parser that says in one line what is wrong, and an option or a command that there is not before all else."""
+
+    commands: Collection[str] = ()
+
+    def parse_known_args(self, args: Any = None, namespace: Any = None) -> Any:
+        """See ArgumentParser."""
+        options = [name for action in self._actions for name in action.option_strings]
+        for word in args:
+            if self.commands and not word.startswith("-"):  # what follows is for its parser
+                if word not in self.commands:
+                    self.error(unknown("command", word, self.commands))
+                break
+            if word == "--":
+                break
+            name = word.partition("=")[0]
+            if re.match("--?[a-zA-Z]", name) and not any(o.startswith(name) or name[:2] == o for o in options):
+                self.error(unknown("option", name, [option for option in options if option.startswith("--")]))
+        return super().parse_known_args(args, namespace)
+
+    def error(self, message: str) -> NoReturn:
+        """See ArgumentParser."""
+        self.exit(2, f"{self.prog}: error: {' '.join(message.split())}; see {self.prog} --help\n")
+
+
 def _parser() -> argparse.ArgumentParser:
-    parser = argparse.ArgumentParser(
-        prog="fenics-rom", description="Soft bodies with changing contacts, reduced and run in real time."
-    )
+    parser = _Parser(prog="fenics-rom", description="Soft bodies with changing contacts, reduced and run in real time.")
+    parser.commands = COMMANDS
     parser.add_argument("--version", action="version", version=f"fenics-rom {fr.__version__}")
     commands = parser.add_subparsers(metavar="COMMAND", required=True)
     for name, module in COMMANDS.items():

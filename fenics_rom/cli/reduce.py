@@ -6,7 +6,7 @@ from pathlib import Path
 import fenics_rom as fr
 from fenics_rom.cli.display import print_rom, progress
 from fenics_rom.cli.output import add_output, check_output
-from fenics_rom.errors import FileError, SceneError
+from fenics_rom.errors import FileError, SceneError, exactly
 from fenics_rom.io.atomic_write import sole_writer
 from fenics_rom.io.mpi_ranks import is_root_process
 from fenics_rom.io.names import NAME, NAME_IN_WORDS
@@ -44,9 +44,9 @@ def run(choice: argparse.Namespace) -> None:
     if partial.exists() and not partial.is_dir():
         raise FileError(f"{partial}: is needed for what is finished, but it is not a folder")
     if choice.tolerance is not None and not 0 < choice.tolerance < 1:
-        raise SceneError(f"--tolerance {choice.tolerance:g}: allowed is more than 0 and less than 1")
+        raise SceneError(f"--tolerance {exactly(choice.tolerance)}: allowed is more than 0 and less than 1")
     if choice.share is not None and not 0 < choice.share <= 1:
-        raise SceneError(f"--share {choice.share:g}: allowed is more than 0 and at most 1")
+        raise SceneError(f"--share {exactly(choice.share)}: allowed is more than 0 and at most 1")
     if choice.order is not None and choice.order < 1:
         raise SceneError(f"--order {choice.order}: allowed are whole numbers from 1")
     begun: dict[str, tuple[int, int]] = {}  # what was done already when a stage began, and of how much

@@ -11,7 +11,7 @@ from dolfinx.fem.petsc import assemble_matrix
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from fenics_rom.errors import MeshError, SceneError, unknown
+from fenics_rom.errors import MeshError, SceneError, exactly, unknown
 from fenics_rom.fem.contact_points import contact_points_of, points_between
 from fenics_rom.fem.dolfinx_compat import (
     cell_constants,
@@ -142,8 +142,8 @@ def _warnings(scene: Scene, rigid: np.ndarray) -> Iterator[str]:
     stiffest = max(material.poisson for material in scene.materials.values())
     if scene.degree == 1 and stiffest > 0.45:
         yield (
-            f"Poisson's ratio {stiffest:g} on degree 1 tetrahedra: they lock (too stiff, in bending most of all); "
-            "mesh.degree = 2 is the cure"
+            f"Poisson's ratio {exactly(stiffest)} on degree 1 tetrahedra: they lock (too stiff, in bending most of "
+            "all); mesh.degree = 2 is the cure"
         )
     if (scene.clamped or scene.held) and rigid.shape[1]:
         yield f"supports leave {rigid.shape[1]} rigid motions: the body, or a part of it, is not wholly held"

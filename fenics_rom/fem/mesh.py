@@ -45,6 +45,11 @@ class Mesh:
         return self._group("region", name, self.regions)
 
     def _group(self, kind: str, name: str, groups: Mapping[str, np.ndarray]) -> np.ndarray:
+        if not self.surfaces and not self.regions:
+            raise MeshError(
+                f"{self.source}: no {kind} {name!r}; there is none: the file has no physical groups; name surfaces and "
+                "volumes where the mesh is made (in Gmsh: Physical Surface, Physical Volume)"
+            )
         if name not in groups:
             raise MeshError(f"{self.source}: {unknown(kind, name, groups)}")
         if len(groups[name]) == 0:

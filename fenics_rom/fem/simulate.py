@@ -145,7 +145,9 @@ def _run_of(system: System, dt: float | None) -> tuple[Environment, LoadHistory]
     """What acts in the scene of a system, and the inputs of every step."""
     if system.scene is None or system.scene.run is None:
         where = system.scene.source if system.scene else "a system of matrices"
-        raise SceneError(f"{where}: has no [run], so there is no load history to simulate")
+        raise SceneError(
+            f"{where}: has no [run], so there is no load history to simulate; add one, with its dt and duration"
+        )
     contacts, actuators = (
         {name: B.shape[1] for name, B in blocks.items()} for blocks in (system.contacts, system.actuators)
     )

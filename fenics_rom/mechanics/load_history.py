@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 
 import numpy as np
 
-from fenics_rom.errors import SceneError, unknown
+from fenics_rom.errors import SceneError, exactly, unknown
 from fenics_rom.mechanics.environment import AppliedLoad, Environment
 
 MOST_STEPS = 10**7  # a record holds some 100 bytes of each
@@ -42,10 +42,14 @@ class LoadHistory:
     ):
         run, source = environment.run, environment.source
         if run is None:
-            raise SceneError(f"{source}: has no [run], so there is no load history to simulate")
+            raise SceneError(
+                f"{source}: has no [run], so there is no load history to simulate; add one, with its dt and duration"
+            )
         self.dt = run.dt if dt is None else dt
         if not (np.isfinite(self.dt) and 0 < self.dt <= run.duration):
-            raise SceneError(f"dt = {self.dt!r}: allowed is more than 0 and at most the duration, {run.duration:g} s")
+            raise SceneError(
+                f"dt = {self.dt!r}: allowed is more than 0 and at most the duration, {exactly(run.duration)} s"
+            )
         steps = run.duration / self.dt
         if steps > MOST_STEPS:
             raise SceneError(f"dt = {self.dt:g}: a run of {steps:.3g} steps; allowed are at most {MOST_STEPS:,}")

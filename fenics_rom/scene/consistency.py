@@ -5,7 +5,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import is_dataclass
 from typing import Any
 
-from fenics_rom.errors import SceneError, unknown
+from fenics_rom.errors import SceneError, exactly, unknown
 from fenics_rom.mechanics.environment import AppliedLoad
 from fenics_rom.scene.effect_table import ACTUATORS, EFFECTS, LOADS
 from fenics_rom.scene.effects import Contact, Effects
@@ -109,10 +109,12 @@ def check_load(
     if load.actuator is not None and load.actuator not in actuators:
         raise SceneError(f"{where}.actuator: {unknown('actuator', load.actuator, actuators)}")
     if load.start >= duration:
-        raise SceneError(f"{where}.start = {load.start:g}: allowed is less than the run's duration, {duration:g} s")
+        raise SceneError(
+            f"{where}.start = {exactly(load.start)}: allowed is less than the run's duration, {exactly(duration)} s"
+        )
     stop = duration if load.stop is None else load.stop
     if stop <= load.start:
-        raise SceneError(f"{where}.stop = {stop:g}: allowed is more than start, {load.start:g} s")
+        raise SceneError(f"{where}.stop = {exactly(stop)}: allowed is more than start, {start} s")
 
 
 def check_pushes(loads: Collection[AppliedLoad], effects: Effects) -> None:

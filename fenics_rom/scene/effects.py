@@ -93,7 +93,7 @@ class Gravity:
     """Weight, which is there from the first step on."""
 
     LAW: ClassVar = Law(force="M g", supplies="its work")
-    acceleration: Annotated[tuple[Acceleration, Acceleration, Acceleration], Items(3), "g"]
+    acceleration: Annotated[tuple[Acceleration, Acceleration, Acceleration], Items(3, example="[0, 0, -9.81]"), "g"]
 
 
 @dataclass(frozen=True)
@@ -127,7 +127,9 @@ class PrescribedForce(Place):
     ONE_OF = (("surface", "near", "point"),)
     AT_MOST_ONE: ClassVar = ("force", "table")
     point: Annotated[Point | None, "a material point of the body"] = None
-    force: Annotated[tuple[Newtons, Newtons, Newtons] | None, Items(3), "where it is constant"] = None
+    force: Annotated[
+        tuple[Newtons, Newtons, Newtons] | None, Items(3, example="[0, 0, -1.0]"), "where it is constant"
+    ] = None
     table: Annotated[Signal | None, Table(columns=3), "time (s), three components (N)"] = None
 
     @property

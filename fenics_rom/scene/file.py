@@ -3,15 +3,18 @@
 The text and the tables of signals travel with the record.
 """
 
+import re
 import tomllib
 from collections.abc import Mapping
+from dataclasses import MISSING, fields, is_dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from pydantic import TypeAdapter, ValidationError
 
-from fenics_rom.errors import FileError, SceneError, unknown
+from fenics_rom.errors import FileError, SceneError, did_you_mean, exactly, unknown
+from fenics_rom.io.hdf5 import is_sealed
 from fenics_rom.mechanics.environment import AppliedLoad, Run
 from fenics_rom.mechanics.initial_state import ZERO, InitialState, Instant
 from fenics_rom.scene.consistency import check_consistency, check_load, check_pushes
@@ -20,7 +23,7 @@ from fenics_rom.scene.effects import Effects
 from fenics_rom.scene.file_format import Initial, SceneFile
 from fenics_rom.scene.scene import Material, Scene
 from fenics_rom.scene.signal_tables import SignalTables, unread_signal
-from fenics_rom.scene.values import Refused, keys_of, part_of, refused, type_in
+from fenics_rom.scene.values import Refused, allowed_in, default_of, keys_of, part_of, refused, type_in
 from fenics_rom.trajectory.comparison import SAME_TIME
 from fenics_rom.trajectory.file import read_trajectory
 
@@ -46,7 +49,14 @@ def read_scene(file: str | Path) -> Scene:
     try:
         with path.open(encoding="utf-8-sig") as stream:  # some editors on Windows begin a file with a mark
             text = stream.read(LONGEST + 1)  # no more: a device may have no end
+    except FileNotFoundError as error:
+        folder = path.parent
+        beside = sorted(str(file) for file in folder.iterdir()) if folder.is_dir() else []
+        hint = did_you_mean(str(path), [name for name in beside if Path(name).stem == path.stem] or beside)
+        raise SceneError(f"{path}: cannot be read: {error.strerror}{hint}") from error
     except (OSError, ValueError) as error:
+        if isinstance(error, UnicodeDecodeError) and is_sealed(path):
+            raise SceneError(f"{path}: is a ROM or a run, which info takes; allowed is a scene file (TOML)") from error
         raise SceneError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
     return parse_scene(text, folder=path.parent, source=str(path))
 
@@ -74,7 +84,7 @@ def parse_scene(
     try:
         raw = tomllib.loads(text)
     except ValueError as error:  # TOMLDecodeError, and what Python says of numbers with thousands of digits
-        raise SceneError(f"{source}: is not TOML: {error}") from error
+        raise SceneError(f"{source}: {_not_toml(text, str(error))}") from error
     except RecursionError as error:
         raise SceneError(f"{source}: is nested too deeply") from error
     try:
@@ -121,7 +131,7 @@ def _run(file: SceneFile, folder: Path | None) -> Run | None:
     if run is None:
         return None
     if run.dt > run.duration:
-        raise SceneError(f"run.dt = {run.dt:g}: allowed is at most the duration, {run.duration:g} s")
+        raise SceneError(f"run.dt = {exactly(run.dt)}: allowed is at most the duration, {exactly(run.duration)} s")
     actuators = [*file.actuators, *(name for kind in ACTUATORS for name in getattr(file.effects, kind))]
     loads = []
     for k, load in enumerate(run.load):
@@ -178,8 +188,37 @@ def _mistake(error: ValidationError) -> str:
         return f"{_begun(table)}{key} is missing"
     refusal = detail.get("ctx", {}).get("error")
     if not isinstance(refusal, Refused):  # all that pydantic checks by itself is whether something is a table
-        refusal = refused(detail["input"], "a table")
+        annotation: Any = SceneFile
+        for part in detail["loc"]:
+            annotation = part_of(annotation, part)
+        refusal = refused(detail["input"], _table_words(annotation, _path(detail["loc"])))
     return f"{_path(table[:-1] if key == '[key]' else detail['loc'])}{refusal}"
+
+
+def _not_toml(text: str, error: str) -> str:
+    """What is wrong with a text that is no TOML."""
+    if text.startswith("$MeshFormat"):
+        return "is a mesh; allowed is a scene file (TOML), which names it as mesh.file"
+    line = re.match(r"Cannot (?:declare|mutate) .*\(at line (\d+),", error)  # also where braces have closed a table
+    header = text.split("\n")[int(line[1]) - 1].strip() if line else ""
+    *keys, _ = header.strip("[]").split(".")
+    for k, key in enumerate(keys, start=1):
+        if line and re.search(rf"^\s*{re.escape(key)}\s*=\s*\{{", text, flags=re.M):
+            closed = ".".join(keys[:k])
+            return (
+                f"line {line[1]}: {header} adds to {closed} = {{ ... }}, which is closed; write its keys in [{closed}]"
+            )
+    return f"is not TOML: {error}"
+
+
+def _table_words(annotation: Any, where: str) -> str:
+    """What a table holds, at least."""
+    if not is_dataclass(type_in(annotation)):
+        return f"a table for each name, [{where}.NAME]"
+    keys = keys_of(type_in(annotation))
+    needed = [field.name for field in fields(type_in(annotation)) if default_of(field) is MISSING] or [*keys]
+    words = ", ".join(f"{key} ({allowed_in(keys[key])})" for key in needed)
+    return f"a table, [{where}], of {words}" if words else "an empty table, {}"
 
 
 def _begun(table: list[int | str]) -> str:

@@ -129,6 +129,7 @@ class Items(Value):
 
     length: int | None = None
     at_least: int = 0
+    example: str = ""  # for who gives a single number
 
     @property
     def allowed(self) -> str:
@@ -144,7 +145,7 @@ class Items(Value):
 
         def checked(value: Any) -> Any:
             if not isinstance(value, list):
-                raise refused(value, f"{self.allowed}, each {item}")
+                raise refused(value, f"{self.allowed}, each {item}{self.example and ', such as '}{self.example}")
             if len(value) < self.at_least or (self.length is not None and len(value) != self.length):
                 raise Refused(f" is a list of {len(value)}: allowed is {self.allowed}")
             return value
