@@ -114,7 +114,7 @@ def check_load(
         )
     stop = duration if load.stop is None else load.stop
     if stop <= load.start:
-        raise SceneError(f"{where}.stop = {exactly(stop)}: allowed is more than start, {start} s")
+        raise SceneError(f"{where}.stop = {exactly(stop)}: allowed is more than start, {exactly(load.start)} s")
 
 
 def check_pushes(loads: Collection[AppliedLoad], effects: Effects) -> None:

@@ -218,7 +218,7 @@ def _table_words(annotation: Any, where: str) -> str:
     keys = keys_of(type_in(annotation))
     needed = [field.name for field in fields(type_in(annotation)) if default_of(field) is MISSING] or [*keys]
     words = ", ".join(f"{key} ({allowed_in(keys[key])})" for key in needed)
-    return f"a table, [{where}], of {words}" if words else "an empty table, {}"
+    return f"a table, [{where}], of {words}" if words else "a table without keys, {}"
 
 
 def _begun(table: list[int | str]) -> str:
