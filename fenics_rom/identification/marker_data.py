@@ -21,16 +21,13 @@ import numpy as np
 
 from fenics_rom.errors import DataError, unknown
 from fenics_rom.io.tables import Table, read_table
+from fenics_rom.io.units import UNITS
 from fenics_rom.scene.scene import Output, Scene
 
 Array = np.ndarray
 
-TIME_UNITS = {"s": 1.0, "ms": 1e-3}
-LENGTH_UNITS = {"m": 1.0, "cm": 1e-2, "mm": 1e-3}
-FORCE_UNITS = {"N": 1.0}
 FORCES = {"resultant": ("force.x", "force.y", "force.z"), "normal": ("force.normal",)}  # of contact modes
 AXES = ("x", "y", "z")
-COLUMN_PATTERN = re.compile(r"(?P<what>[^()]*?)\s*\((?P<unit>[^()]*)\)")
 MARKER_PATTERN = re.compile(r"(?P<output>[\w-]+)(?:\[(?P<point>\d+)\])?\.(?P<axis>[xyz])")
 END_TOLERANCE = 1e-9  # share of the run by which a time may be beyond its end, for round-off
 
@@ -106,27 +103,18 @@ def read_markers(file: str | Path, scene: Scene) -> Data:
     table.refuse(1, first, "allowed in the first column are 'time (s)', 'time (ms)' and 'contact'")
 
 
-def _unit(table: Table, column: str, units: dict[str, float]) -> tuple[str, float]:
-    """What a column is named, and what its unit is in SI units."""
-    match = COLUMN_PATTERN.fullmatch(column)
-    if match is None or match["unit"].strip() not in units:
-        given = "no unit" if match is None else f"unit {match['unit']!r}"
-        table.refuse(1, column, f"{given}; allowed is a name and one of {', '.join(f'({unit})' for unit in units)}")
-    return match["what"], units[match["unit"].strip()]
-
-
-def _numbers(table: Table, column: str, units: dict[str, float], *, empty: bool = False) -> Array:
+def _numbers(table: Table, column: str, units: Mapping[str, float], *, empty: bool = False) -> Array:
     """A column in SI units; NaN where it is empty and may be."""
-    return table.numbers(column, _unit(table, column, units)[1], empty=empty)
+    return table.numbers(column, table.unit(column, units)[1], empty=empty)
 
 
 def _motion(table: Table, scene: Scene) -> Motion:
     if scene.run is None:
         raise DataError(f"{table.file}: has times, but {scene.source} has no [run] that they could be of")
     column = table.heading[0]
-    if _unit(table, column, TIME_UNITS)[0] != "time":
+    if table.unit(column, UNITS["s"])[0] != "time":
         table.refuse(1, column, "allowed in the first column are 'time (s)', 'time (ms)' and 'contact'")
-    times = _numbers(table, column, TIME_UNITS)
+    times = _numbers(table, column, UNITS["s"])
     end = round(scene.run.duration / scene.run.dt) * scene.run.dt
     for k, time in enumerate(times):
         if not 0 <= time <= end * (1 + END_TOLERANCE):
@@ -144,11 +132,11 @@ def _equilibria(table: Table, scene: Scene) -> Equilibria:
         raise DataError(
             f"{table.file}, line 1: no force was given; allowed are 'force.x (N)', ... and 'force.normal (N)'"
         )
-    given = {_unit(table, column, FORCE_UNITS)[0]: column for column in of_force}
+    given = {table.unit(column, UNITS["N"])[0]: column for column in of_force}
     for name, column in given.items():
         if name not in chain(*FORCES.values()):
             table.refuse(1, column, "allowed are force.x, force.y, force.z and force.normal, in N")
-    values = {name: _numbers(table, column, FORCE_UNITS, empty=True) for name, column in given.items()}
+    values = {name: _numbers(table, column, UNITS["N"], empty=True) for name, column in given.items()}
     contacts, forces = [], []
     for k, (line, (contact, *_)) in enumerate(zip(table.lines, table.cells, strict=True)):
         if contact not in scene.contacts:
@@ -178,18 +166,18 @@ def _read_displacements(table: Table, columns: Sequence[str], scene: Scene) -> D
     for k, marker in enumerate(markers):
         if marker in markers[:k]:
             table.refuse(1, columns[k], f"is the same marker as {columns[markers.index(marker)]!r}")
-    measured = np.stack([_numbers(table, column, LENGTH_UNITS, empty=True) for column in columns], axis=1)
+    measured = np.stack([_numbers(table, column, UNITS["m"], empty=True) for column in columns], axis=1)
     return Displacements(
         file=str(table.file),
         lines=np.array(table.lines),
-        columns=tuple(_unit(table, column, LENGTH_UNITS)[0] for column in columns),
+        columns=tuple(table.unit(column, UNITS["m"])[0] for column in columns),
         markers=markers,
         measured=measured,
     )
 
 
 def _marker(table: Table, column: str, outputs: Mapping[str, Output]) -> Marker:
-    name, _ = _unit(table, column, LENGTH_UNITS)
+    name, _ = table.unit(column, UNITS["m"])
     match = MARKER_PATTERN.fullmatch(name)
     if match is None:
         table.refuse(

@@ -2,6 +2,8 @@
 
 import csv
 import math
+import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NoReturn
@@ -11,6 +13,7 @@ import numpy as np
 from fenics_rom.errors import FenicsRomError
 
 Array = np.ndarray
+COLUMN_PATTERN = re.compile(r"(?P<what>[^()]*?)\s*\((?P<unit>[^()]*)\)")
 
 
 @dataclass(frozen=True)
@@ -34,6 +37,16 @@ class Table:
     def refuse(self, line: int, column: str, what: str) -> NoReturn:
         """Raises the table's error about a cell."""
         raise self.error(f"{self.file}, line {line}, column {column!r}: {what}")
+
+    def unit(self, column: str, units: Mapping[str, float], *, bare: bool = False) -> tuple[str, float]:
+        """A column's name without its unit, and what that is in SI units; `bare`: where none is named, these."""
+        match = COLUMN_PATTERN.fullmatch(column)
+        if match is None and bare:
+            return column, 1.0
+        if match is None or match["unit"].strip() not in units:
+            given = "no unit" if match is None else f"unit {match['unit']!r}"
+            self.refuse(1, column, f"{given}; allowed is a name and one of {', '.join(f'({unit})' for unit in units)}")
+        return match["what"], units[match["unit"].strip()]
 
     def numbers(self, column: str, factor: float = 1.0, *, empty: bool = False) -> Array:
         """A column of finite numbers times a factor, (T,); NaN where it is empty and may be."""

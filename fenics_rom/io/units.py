@@ -1,7 +1,15 @@
-"""SI prefixes, so that numbers on axes have few digits."""
+"""Units that tables may be in, and SI prefixes, so that numbers on axes have few digits."""
 
 import math
 
+UNITS = {  # of a quantity's SI unit: what tables may be in, each in that unit
+    "s": {"s": 1.0, "ms": 1e-3},
+    "m": {"m": 1.0, "cm": 1e-2, "mm": 1e-3},
+    "N": {"N": 1.0, "mN": 1e-3, "kN": 1e3},
+    "Pa": {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "bar": 1e5},
+    "m/s2": {"m/s2": 1.0, "m/s^2": 1.0, "m/s²": 1.0, "mm/s2": 1e-3},
+}
+QUANTITIES = {"force": "N", "tension": "N", "pressure": "Pa", "acceleration": "m/s2", "displacement": "m"}
 WITHOUT_PREFIX = {"1": (1.0, ""), "m3": (1e6, "cm³"), "m/s2": (1.0, "m/s²")}
 PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 

@@ -109,7 +109,7 @@ class BaseMotion:
     AT_MOST_ONE: ClassVar = ("acceleration", "table")
     direction: Annotated[Direction, "along which it is shaken; any length but zero"]
     acceleration: Annotated[Acceleration | None, "of the support, where it is constant"] = None
-    table: Annotated[Signal | None, Table(columns=1), "time (s), acceleration (m/s2)"] = None
+    table: Annotated[Signal | None, Table(columns=1, unit="m/s2"), "time (s), acceleration (m/s2)"] = None
 
     @property
     def signal(self) -> Signal | None:
@@ -130,7 +130,7 @@ class PrescribedForce(Place):
     force: Annotated[
         tuple[Newtons, Newtons, Newtons] | None, Items(3, example="[0, 0, -1.0]"), "where it is constant"
     ] = None
-    table: Annotated[Signal | None, Table(columns=3), "time (s), three components (N)"] = None
+    table: Annotated[Signal | None, Table(columns=3, unit="N"), "time (s), three components (N)"] = None
 
     @property
     def signal(self) -> Signal | None:
@@ -189,7 +189,7 @@ class RigidObstacle:
     radius: Annotated[Length | None, "of a sphere or a capsule"] = None
     size: Annotated[tuple[Length, Length, Length] | None, Items(3), "of a box: lengths of its edges"] = None
     rotation: Annotated[tuple[Angle, Angle, Angle] | None, Items(3), "of a box: rotation vector"] = None
-    table: Annotated[Signal | None, Table(columns=3), "time (s), displacement (m)"] = None
+    table: Annotated[Signal | None, Table(columns=3, unit="m"), "time (s), displacement (m)"] = None
 
 
 @dataclass(frozen=True, kw_only=True)

@@ -100,7 +100,7 @@ def _scene(raw: dict[str, Any], text: str, folder: Path, given: Mapping[str, np.
     file = _ADAPTER.validate_python(raw, context=unread_signal)
     check_consistency(file)
     _run(file, None)
-    tables = SignalTables(folder, given)
+    tables = SignalTables(folder, given, _load_units(raw, file))
     file = _ADAPTER.validate_python(raw, context=tables.signal)
     materials = {"material": file.material} if file.materials is None else file.materials
     return Scene(
@@ -123,6 +123,14 @@ def _scene(raw: dict[str, Any], text: str, folder: Path, given: Mapping[str, np.
         tables=dict(sorted(tables.found.items())),
         source=source,
     )
+
+
+def _load_units(raw: dict[str, Any], file: SceneFile) -> dict[str, set[str]]:
+    """Units of the numbers of tables that loads of the run name: of pressures Pa, of all else N."""
+    units: dict[str, set[str]] = {}
+    for given, load in zip(raw.get("run", {}).get("load", ()), () if file.run is None else file.run.load, strict=True):
+        units.setdefault(given.get("table", ""), set()).add("Pa" if load.actuator in file.effects.pressure else "N")
+    return units
 
 
 def _run(file: SceneFile, folder: Path | None) -> Run | None:

@@ -1,12 +1,13 @@
-"""Signals from CSV files, whose first row names the columns."""
+"""Signals from CSV files, whose first row names the columns, and may name their units."""
 
-import csv
 from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 
 from fenics_rom.errors import SceneError
+from fenics_rom.io.tables import Table, read_table
+from fenics_rom.io.units import QUANTITIES, UNITS
 from fenics_rom.mechanics.signals import Signal
 
 
@@ -16,64 +17,71 @@ class SignalTables:
     Args:
         folder: what their paths are relative to.
         given: tables by name, as they travel with a ROM; read from files where this is None.
+        load_units: SI units of the numbers of those that loads of the run name.
 
     Attributes:
-        found: those that were asked for, by name.
+        found: those that were asked for, by name, in SI units.
     """
 
-    def __init__(self, folder: Path, given: Mapping[str, np.ndarray] | None):
-        self._folder, self._given = folder, given
+    def __init__(self, folder: Path, given: Mapping[str, np.ndarray] | None, load_units: Mapping[str, set[str]]):
+        self._folder, self._given, self._load_units = folder, given, load_units
+        self._read: dict[str, Table] = {}
         self.found: dict[str, np.ndarray] = {}
 
-    def signal(self, name: str, columns: int | None) -> Signal:
+    def signal(self, name: str, columns: int | None, unit: str) -> Signal:
         """The signal of a table, of so many columns beside the time; None: of any number. SceneError of others."""
-        if name not in self.found:
-            if self._given is not None and name not in self._given:
-                raise SceneError(f"force table {name}: did not come with the scene")
-            self.found[name] = read_table(self._folder / name) if self._given is None else self._given[name]
+        if self._given is None:
+            for of in {unit} if unit else self._load_units[name]:
+                self.found[name] = self._from_file(name, of)
+        elif name not in self._given:
+            raise SceneError(f"table {name}: did not come with the scene")
+        else:
+            self.found[name] = self._given[name]
         table = self.found[name]
         _check_table(table, name, columns)
         return Signal(table[:, 1:].copy(), table[:, 0].copy())
 
+    def _from_file(self, name: str, unit: str) -> np.ndarray:
+        """Times and values (times, 1 + columns), where its first row says nothing else than that unit."""
+        try:
+            if name not in self._read:
+                self._read[name] = read_table(self._folder / name, SceneError)
+            table = self._read[name]
+            factors = _factors(table, unit)
+            columns = zip(table.heading, factors, strict=True)
+            return np.stack([table.numbers(column, factor) for column, factor in columns], axis=1)
+        except SceneError as error:
+            raise SceneError(f"table {error}") from error
 
-def unread_signal(name: str, columns: int | None) -> Signal:
+
+def unread_signal(name: str, columns: int | None, unit: str) -> Signal:
     """Stands for the signal of a table until it is read."""
     return Signal(np.zeros(columns or 1))
 
 
-def read_table(file: Path) -> np.ndarray:
-    """Times and values (times, 1 + columns) of a file; SceneError where it cannot be read, or holds something else."""
-    try:
-        if file.exists() and not file.is_file():  # a device may have no end, a pipe no beginning
-            raise SceneError(f"force table {file}: cannot be read: is a folder or a device")
-        with file.open(newline="", encoding="utf-8-sig") as stream:
-            rows = [row for row in csv.reader(stream) if row]
-    except (OSError, ValueError, csv.Error) as error:
-        raise SceneError(f"force table {file}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
-    if not rows or all(_is_number(cell) for cell in rows[0]):
-        raise SceneError(f"force table {file}: its first row must name the columns, such as: time, x, y, z")
-    for number, row in enumerate(rows[1:], start=2):
-        if len(row) != len(rows[0]):
-            raise SceneError(f"force table {file}: row {number} has {len(row)} columns, the first has {len(rows[0])}")
-        for cell in row:
-            if not _is_number(cell):
-                raise SceneError(f"force table {file}: row {number}: {cell!r} is not a number")
-    return np.array([[float(cell) for cell in row] for row in rows[1:]], dtype=float)
-
-
-def _is_number(cell: str) -> bool:
-    try:
-        float(cell)
-    except ValueError:
-        return False
-    return True
+def _factors(table: Table, unit: str) -> list[float]:
+    """What each column is in SI units: of time, then of numbers in that unit; three of them are along x, y and z."""
+    first, *others = table.heading
+    named, seconds = table.unit(first, UNITS["s"], bare=True)
+    if named.lower() not in ("time", "t"):
+        table.refuse(1, first, f"its first row must name the columns, time first, such as: time (s), x ({unit}), ...")
+    factors = [seconds]
+    for k, column in enumerate(others):
+        named, factor = table.unit(column, UNITS[unit], bare=True)
+        for word in named.lower().replace(".", " ").replace("_", " ").split():
+            if QUANTITIES.get(word, unit) != unit:
+                table.refuse(1, column, f"is a {word}; allowed are numbers in {unit}")
+        if len(others) == 3 and named.lower()[-1:] != "xyz"[k]:
+            table.refuse(1, column, "allowed are x, y and z in this order, alone or after a name, as in force.x")
+        factors.append(factor)
+    return factors
 
 
 def _check_table(table: np.ndarray, name: str, columns: int | None) -> None:
     if table.ndim != 2 or table.shape[0] < 2 or table.shape[1] < 2:
-        raise SceneError(f"force table {name}: allowed are two or more rows: time in s, forces in N")
+        raise SceneError(f"table {name}: allowed are two or more rows, of a time and one number or more")
     if not np.isfinite(table).all() or (np.diff(table[:, 0]) <= 0).any():
-        raise SceneError(f"force table {name}: allowed are finite numbers and strictly increasing times")
+        raise SceneError(f"table {name}: allowed are finite numbers and strictly increasing times")
     if columns is not None and table.shape[1] != 1 + columns:
         raise SceneError(
             f"table {name}: columns beside the time: given {table.shape[1] - 1}, allowed {columns} for what uses it"

@@ -181,15 +181,16 @@ class OneOrByName(Value):
 
 @dataclass(frozen=True)
 class Table(Text):
-    """The name of a CSV file with a signal; read as pydantic's context does it, a function of name and `columns`."""
+    """The name of a CSV file with a signal; read as pydantic's context does it, by name, `columns` and `unit`."""
 
     columns: int | None = None
+    unit: str = ""  # of the numbers; of a load of a run, what it acts on says it
 
     def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
         from pydantic_core import core_schema
 
         def read(value: Any, info: Any) -> Signal:
-            signal: Signal = info.context(self.checked(value), self.columns)
+            signal: Signal = info.context(self.checked(value), self.columns, self.unit)
             return signal
 
         return core_schema.with_info_plain_validator_function(read)

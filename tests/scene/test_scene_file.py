@@ -251,19 +251,30 @@ def test_loads_that_follow_or_share_a_contact_mode_are_allowed(load):
 @pytest.mark.parametrize(
     ("content", "message"),
     [
-        (b"", "its first row must name the columns"),
-        (b"0,0,0,0\n1,0,0,1\n", "its first row must name the columns"),
-        (b"time,x,y,z\n", "allowed are two or more rows"),
+        (b"", "allowed are a line that names the columns and at least one line of data"),
+        (b"0,0,0,0\n1,0,0,1\n", "line 1: column '0' is there twice"),
+        (
+            b"0,1,2,3\n1,0,0,1\n",
+            "line 1, column '0': its first row must name the columns, time first, such as: time (s)",
+        ),
+        (b"x,y,z,time\n0,0,0,0\n1,0,0,1\n", "line 1, column 'x': its first row must name the columns, time first"),
+        (b"time,x,y,z\n", "allowed are a line that names the columns and at least one line of data"),
         (b"time,x,y,z\n0,0,0,0\n", "allowed are two or more rows"),
-        (b"time\n0\n1\n", "allowed are two or more rows: time in s, forces in N"),
-        (b"time,x,y,z\n0,0,0,0\n1,0,0\n", "row 3 has 3 columns, the first has 4"),
-        (b"time,x,y,z\n0,0,0,0\n1,0,zero,0\n", "row 3: 'zero' is not a number"),
-        (b"time;x;y;z\n0;0;0;0\n1;0;0;0\n", "row 2: '0;0;0;0' is not a number"),
-        (b"time,x,y,z\n0,0,0,0\n1,0,nan,0\n", "allowed are finite numbers and strictly increasing times"),
+        (b"time\n0\n1\n", "allowed are two or more rows, of a time and one number or more"),
+        (b"time,x,y,z\n0,0,0,0\n1,0,0\n", "line 3: has 3 cells; allowed are 4, as in line 1"),
+        (b"time,x,y,z\n0,0,0,0\n1,0,zero,0\n", "line 3, column 'y': 'zero' was given; allowed is a finite number"),
+        (b"time;x;y;z\n0;0;0;0\n1;0;0;0\n", "line 1, column 'time;x;y;z': its first row must name the columns"),
+        (b"time,x,y,z\n0,0,0,0\n1,0,nan,0\n", "line 3, column 'y': 'nan' was given; allowed is a finite number"),
         (b"time,x,y,z\n1,0,0,0\n0,0,0,0\n", "strictly increasing times"),
         (b"time,x,y,z\n0,0,0,0\n0,0,0,0\n", "strictly increasing times"),
         (b"time,x,y,z\n\xff\xfe,0,0,0\n", "cannot be read: 'utf-8' codec"),
         (b'time,x,y,z\n"' + 200_000 * b"x", "cannot be read: field larger"),
+        (b"time,x,y,x\n0,0,0,0\n1,0,0,0\n", "line 1: column 'x' is there twice"),
+        (b"time,y,x,z\n0,0,0,0\n1,0,0,0\n", "line 1, column 'y': allowed are x, y and z in this order"),
+        (b"time,x,y,w\n0,0,0,0\n1,0,0,0\n", "line 1, column 'w': allowed are x, y and z in this order"),
+        (b"time,x (mm),y,z\n0,0,0,0\n1,0,0,0\n", "unit 'mm'; allowed is a name and one of (N), (mN), (kN)"),
+        (b"time (min),x,y,z\n0,0,0,0\n1,0,0,0\n", "unit 'min'; allowed is a name and one of (s), (ms)"),
+        (b"time,displacement.x,y,z\n0,0,0,0\n1,0,0,0\n", "is a displacement; allowed are numbers in N"),
     ],
 )
 def test_bad_force_table_is_told(tmp_path, content, message):
@@ -272,9 +283,51 @@ def test_bad_force_table_is_told(tmp_path, content, message):
     file.write_text(changed((FORCE, TABLE)))
     with pytest.raises(SceneError, match=re.escape(message)) as caught:
         fr.read_scene(file)
-    assert str(caught.value).startswith(f"{file}: force table ")
+    assert str(caught.value).startswith(f"{file}: table ")
     assert "force.csv" in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("heading", "factors"),
+    [
+        ("time (ms), x (mN), y (kN), z (N)", (1e-3, 1e-3, 1e3, 1.0)),
+        ("Time, Fx, force.y (mN), f_z", (1.0, 1.0, 1e-3, 1.0)),
+        ("t(s),x(mN),y(mN),z(mN)", (1.0, 1e-3, 1e-3, 1e-3)),
+    ],
+)
+def test_units_of_a_table_are_obeyed_and_travel_as_si(tmp_path, heading, factors):
+    (tmp_path / "force.csv").write_text(f"{heading}\n0,1,2,3\n7,4,5,6\n")
+    (tmp_path / "scene.toml").write_text(changed((FORCE, TABLE)))
+    scene = fr.read_scene(tmp_path / "scene.toml")
+    table = np.array([[0, 1, 2, 3], [7, 4, 5, 6]]) * factors
+    np.testing.assert_array_equal(scene.tables["force.csv"], table)
+    np.testing.assert_array_equal(scene.run.loads[0].signal.values, table[:, 1:])
+    again = parse_scene(scene.text, folder=tmp_path, tables=scene.tables)
+    assert again.run.loads == scene.run.loads
+
+
+@pytest.mark.parametrize(
+    ("heading", "expected"),
+    [
+        ("time,pressure", 5.0),
+        ("time,pressure (kPa)", 5e3),
+        ("time,p (bar)", 5e5),
+        ("time,pressure (N)", "unit 'N'; allowed is a name and one of (Pa), (kPa), (MPa), (bar)"),
+        ("time,force", "is a force; allowed are numbers in Pa"),
+    ],
+)
+def test_table_of_a_pressure_is_in_units_of_pressure(tmp_path, heading, expected):
+    (tmp_path / "air.csv").write_text(f"{heading}\n0,5\n1,5\n")
+    load = '\n[[run.load]]\nactuator = "air"\ntable = "air.csv"\n'
+    text = changed(("[reduction]", '[effects.pressure.air]\nsurface = "middle"\n[reduction]')) + load
+    (tmp_path / "scene.toml").write_text(text)
+    if isinstance(expected, str):
+        with pytest.raises(SceneError, match=re.escape(expected)):
+            fr.read_scene(tmp_path / "scene.toml")
+    else:
+        (air,) = (load for load in fr.read_scene(tmp_path / "scene.toml").run.loads if load.actuator)
+        assert air.signal(0.5) == [expected]
 
 
 def test_force_table_reads_from_beside_the_scene(tmp_path):
@@ -285,7 +338,7 @@ def test_force_table_reads_from_beside_the_scene(tmp_path):
 
 
 def test_force_table_that_did_not_come_with_the_rom_is_told():
-    with pytest.raises(SceneError, match=r"force table force.csv: did not come with the scene"):
+    with pytest.raises(SceneError, match=r"table force.csv: did not come with the scene"):
         parse(changed((FORCE, TABLE)), tables={})
 
 
