@@ -50,9 +50,9 @@ def read_scene(file: str | Path) -> Scene:
         with path.open(encoding="utf-8-sig") as stream:  # some editors on Windows begin a file with a mark
             text = stream.read(LONGEST + 1)  # no more: a device may have no end
     except FileNotFoundError as error:
-        folder = path.parent
-        beside = sorted(str(file) for file in folder.iterdir()) if folder.is_dir() else []
-        hint = did_you_mean(str(path), [name for name in beside if Path(name).stem == path.stem] or beside)
+        beside = sorted(map(str, path.parent.iterdir())) if path.parent.is_dir() else []
+        same = [name for name in beside if Path(name).stem == path.stem]
+        hint = f"; did you mean {same[0]!r}?" if same else did_you_mean(str(path), beside)
         raise SceneError(f"{path}: cannot be read: {error.strerror}{hint}") from error
     except (OSError, ValueError) as error:
         if isinstance(error, UnicodeDecodeError) and is_sealed(path):
