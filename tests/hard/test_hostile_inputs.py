@@ -8,6 +8,7 @@ import re
 import shutil
 import subprocess
 import sys
+from contextlib import contextmanager
 from pathlib import Path
 
 import h5py
@@ -98,11 +99,11 @@ def refused(inside, say):
     """What is said of a command that cannot be done, and that it changes nothing."""
 
     def run(*arguments, status=1):
-        before = {file: file.lstat().st_mtime_ns for file in inside.rglob("*")}
+        before = {file: file.lstat().st_mtime_ns for file in Path().rglob("*")}
         code, out, err = say(*arguments)
         assert (code, out) == (status, ""), err
         assert ERROR.fullmatch(err), err
-        assert {file: file.lstat().st_mtime_ns for file in inside.rglob("*")} == before
+        assert {file: file.lstat().st_mtime_ns for file in Path().rglob("*")} == before
         return ERROR.fullmatch(err)[1]
 
     return run
@@ -570,6 +571,40 @@ def test_rom_file_is_refused_in_one_line(inside, refused, kind):
 def test_run_file_that_is_not_finite_is_refused(inside, refused):
     tampered(inside / "run.h5", not_finite)
     assert "holds numbers that are not finite" in refused("info", "run.h5")
+
+
+@contextmanager
+def as_nobody():
+    """As a user who may not do all that root may, where root runs the tests."""
+    root = os.geteuid() == 0
+    if root:
+        os.seteuid(65534)
+    try:
+        yield
+    finally:
+        if root:
+            os.seteuid(0)
+
+
+FORBIDDEN = {
+    "scene": (["reduce", "block.toml", "-o", "out.h5"], "block.toml"),
+    "mesh": (["reduce", "block.toml", "-o", "out.h5"], "block.msh"),
+    "ROM": (["info", "rom.h5"], "rom.h5"),
+    "ROM to run": (["simulate", "rom.h5", "-o", "out.h5"], "rom.h5"),
+    "run": (["compare", "run.h5", "full.h5"], "full.h5"),
+    "output": (["simulate", "rom.h5", "-o", "out.h5"], "."),
+}
+
+
+@pytest.mark.parametrize("kind", FORBIDDEN)
+def test_file_without_permission_is_told(inside, refused, kind):
+    words, file = FORBIDDEN[kind]
+    inside.chmod(0o777)
+    Path(file).chmod(0o555 if file == "." else 0)
+    with as_nobody():
+        message = refused(*words)
+    assert "ermission" in message
+    assert file in message or file == "."
 
 
 # --- command lines ----------------------------------------------------------------------------------------------------
