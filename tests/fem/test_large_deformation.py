@@ -461,6 +461,23 @@ def test_contact_obeys_its_law_where_newton_has_converged(beam, law):
     body.close()
 
 
+@BOTH_LAWS
+def test_obstacle_may_come_to_a_body_at_rest(beam, law):
+    """The contact force is the only one then, and what the residual is small against."""
+    it, speed = dropped(beam, law), 1.0
+    it.around.set_signal("floor", lambda time: [0.0, 0.0, speed * time])
+    body, most, touched = it.body, 0.0, 0
+    for _ in range(25):
+        inputs = it.around.step_input(np.zeros(3), body.time, body.dt)
+        body.step(inputs)
+        it.around.commit(inputs, body.dt)
+        most, touched = max(most, body.energy), touched + (body.contact is not None)
+        assert unbalanced(body) <= ROUND_OFF * most
+    assert touched > 5
+    assert body.velocity()[:, 2].max() > speed / 2
+    body.close()
+
+
 def test_obstacles_out_of_reach_change_no_bit(beam):
     it = dropped(beam, "st_venant_kirchhoff")
     alone = it.system.deformation.stepper(2e-3)

@@ -100,6 +100,9 @@ def solve_step(
                 contact = coupling.resolve(v, previous.contact)
                 v = v + factor.solve(coupling.push(contact) - coupling.push(previous.contact))
             current = iterate_at(v, contact, iteration + 1)
+            if coupling is not None and contact is not None:  # of a body at rest it is the only force
+                pushed = coupling.push(contact)
+                scale = max(scale, math.sqrt(max(dot(pushed, factor.solve(pushed)), 0.0)))
             decreased = current.size <= (1 - SUFFICIENT_DECREASE * share) * previous.size
             if decreased or (coupling is not None and current.size < math.inf):
                 break
