@@ -267,6 +267,23 @@ def test_a_block_that_is_pressed_evenly_has_an_even_pressure(bar, degree, model)
     assert np.abs(body.reading("sole") - YOUNG * 1e-3 / HEIGHT).max() <= 1e-6 * YOUNG * 1e-3 / HEIGHT
 
 
+@DEGREES
+def test_pressures_times_areas_are_the_normal_forces_of_any_obstacle(bar, degree):
+    """Also of a ball that is smaller than a triangle, and touches points between the nodes."""
+    ball = '[effects.contact.obstacles.ball]\nshape = "sphere"\ncenter = [0.4, 0.06, -0.05]\nradius = 0.05'
+    sole = {"readings.sole": 'quantity = "contact_pressure"\nof = "sole"'}
+    contacts = '[contacts.sole]\nsurface = "bottom"'
+    scene = scene_of(bar, ball, degree, contacts=contacts, supports='clamped = ["top"]', **sole)
+    system = fr.assemble(scene)
+    body = FullOrderSimulator(system, 1.0, scene.environment, {"ball": lambda t: [0.0, 0.0, 2e-2 * t]})
+    body.step(np.zeros(0))
+    reading = system.readings["sole"]
+    area = np.bincount(reading.facets.ravel(), np.repeat(reading.areas, 3 * degree) / (3 * degree))
+    pushed = body.stepper.contact.normal_forces.sum()
+    assert pushed > 0
+    assert body.reading("sole") @ area == pytest.approx(pushed, rel=1e-12)
+
+
 @pytest.mark.parametrize("law", ["st_venant_kirchhoff", "neo_hookean"])
 def test_a_bar_that_is_stretched_far_has_cauchys_stress_and_greens_strain(bar, law):
     """Without Poisson's effect it does not thin: σ = F/A at any stretch s, of which P = μ (s³ - s) or μ (s - 1/s)."""

@@ -59,7 +59,8 @@ def scene(box_file, tmp_path_factory):
     np.savetxt(folder / "wind.csv", WIND, delimiter=",", header="time,x,y,z", comments="")
     effects = EFFECTS.replace("wind.csv", str(folder / "wind.csv"))
     contacts = '[contacts.sole]\nsurface = "bottom"\n[contacts.right]\nsurface = "right"'
-    return acted_on(box_file, effects, contacts=contacts, run=RUN, **READINGS)
+    idle = {"actuators.idle": 'surface = "front"'}  # three columns, before those of tendon and pressure
+    return acted_on(box_file, effects, contacts=contacts, run=RUN, **idle, **READINGS)
 
 
 @pytest.fixture(scope="module")
@@ -113,7 +114,8 @@ def test_readings_of_a_rom_of_all_displacements_are_those_at_full_order(runs):
 def test_readings_of_a_run_are_those_of_a_simulator(rom, runs):
     body = fr.Simulator(rom, dt=DT)
     run = runs["reduced"]
-    u = np.hstack([run.inputs[name].values for name in ("sole", "hand", "cable")])
+    pushed, hand, cable = (run.inputs[name].values for name in ("sole", "hand", "cable"))
+    u = np.hstack([pushed, np.zeros((STEPS + 1, 3)), hand, cable])
     for step in range(1, STEPS + 1):
         body.step(u[step])
         for name, reading in run.readings.items():

@@ -1,6 +1,7 @@
 """Inputs and readings in plots, in files for ParaView and in the viewer: the numbers of the run, where they belong."""
 
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,6 +12,7 @@ import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning
 from fenics_rom.visualization import optional_dependencies
 from fenics_rom.visualization.plots.runs import run_panels
+from fenics_rom.visualization.viewer.colours import with_unit
 from fenics_rom.visualization.viewer.live_body import LiveBody
 from fenics_rom.visualization.viewer.live_page import LivePage
 from fenics_rom.visualization.viewer.run_page import RunPage
@@ -94,6 +96,7 @@ def test_files_for_paraview_hold_inputs_and_readings(run, tmp_path):
         reader.set_active_time_value(instant)
         grid = reader.read()[0]
         assert grid.field_data["TimeValue"] == instant
+        assert grid.field_data["reading.TimeValue"] == run.times[row]
         np.testing.assert_array_equal(grid.field_data["input.cable"], run.inputs["cable"].values[row])
         np.testing.assert_array_equal(grid.field_data["reading.cable"], run.readings["cable"].values[[row]])
         np.testing.assert_array_equal(grid.cell_data["reading.stress"], run.readings["stress"].values[row])
@@ -134,6 +137,16 @@ def test_page_of_a_run_colours_by_readings_and_tells_lengths(run, viser_server):
     page._draw(1)
     assert "reading stress up to" in page._status.content
     assert f"cable: {1e3 * run.readings['cable'].values[10]:.5g} mm" in page._status.content
+
+
+def test_readings_of_another_instant_than_the_shape_are_told(run, viser_server):
+    """Where not every instant is kept, the nearest one is shown."""
+    between = replace(run, snapshot_times=np.array([0.043, 0.1]))
+    page = RunPage(optional_dependencies.viser_package(), [between], ["one"]).show_on(viser_server)
+    for row, instant in ((0, 4), (1, 10)):
+        page._draw(row)
+        assert ("readings of t = 0.04 s" in page._status.content) is (row == 0)
+        assert f"cable: {with_unit(run.readings['cable'].values[instant], 'm', digits=5)}" in page._status.content
 
 
 def test_live_page_colours_by_readings_and_tells_lengths(rom, viser_server, tmp_path):

@@ -148,13 +148,18 @@ def _export_run(
 
 
 def _fields(run: Trajectory, row: int) -> Fields:
-    """Of one whole shape; a reading is not a number (NaN) where it is not read."""
+    """Of one whole shape, with inputs and readings of the nearest instant that is kept.
+
+    A reading is not a number (NaN) where it is not read.
+    """
     instant = int(np.abs(run.times - run.snapshot_times[row]).argmin())
     on_nodes = {"displacement": run.snapshots[row]}
     if run.velocities is not None:
         on_nodes["velocity"] = run.velocities[row]
     on_triangles: dict[str, Array] = {}
     whole = {"TimeValue": run.snapshot_times[[row]]}
+    if run.inputs or run.readings:
+        whole["reading.TimeValue"] = run.times[[instant]]
     whole |= {f"input.{name}": series.values[instant] for name, series in run.inputs.items()}
     for name, reading in run.readings.items():
         values, key = reading.values[instant], f"reading.{name}"

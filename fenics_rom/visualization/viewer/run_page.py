@@ -27,6 +27,7 @@ Array = np.ndarray
 SPACING = 1.3  # of the body's width, between two runs side by side
 PLAYING_SECONDS = 4.0, 30.0  # s that a run is played in, if it is shorter or longer
 DIFFERENCE = "difference"
+MAX_TIME_ERROR = 1e-9  # of the duration: round-off of instants that are the same
 
 
 class RunPage:
@@ -129,6 +130,15 @@ class RunPage:
         """Of all instants of each run that at which it has this shape."""
         return [int(np.abs(run.times - self._times[row]).argmin()) for run in self._runs]
 
+    def _reading_time(self, row: int) -> str:
+        """When readings are of another instant than the shape, as not every one is kept; else empty."""
+        times = [
+            run.times[instant] for run, instant in zip(self._runs, self._instants(row), strict=True) if run.readings
+        ]
+        if np.allclose(times, self._times[row], rtol=0, atol=MAX_TIME_ERROR * self._times[-1]):
+            return ""
+        return f"readings of t = {' and '.join(f'{t:.6g}' for t in times)} s"
+
     def _move(self, share: float) -> None:
         """Goes on by a share of the run."""
         last = float(self._times[-1])
@@ -177,6 +187,7 @@ class RunPage:
             f"t = {self._times[row]:.3f} s, {name} up to {with_unit(most, unit)}",
             f"shape {row + 1} of {len(self._times)}",
             self._comparison,
+            self._reading_time(row),
             *reading_words(run.readings, self._instants(row)[0]),
         ]
         self._status.content = "  \n".join(lines)
