@@ -8,8 +8,12 @@ UNITS = {  # of a quantity's SI unit: what tables may be in, each in that unit
     "N": {"N": 1.0, "mN": 1e-3, "kN": 1e3},
     "Pa": {"Pa": 1.0, "kPa": 1e3, "MPa": 1e6, "bar": 1e5},
     "m/s2": {"m/s2": 1.0, "m/s^2": 1.0, "m/s²": 1.0, "mm/s2": 1e-3},
+    "m3": {"m3": 1.0, "m³": 1.0, "l": 1e-3, "ml": 1e-6},
 }
-QUANTITIES = {"force": "N", "tension": "N", "pressure": "Pa", "acceleration": "m/s2", "displacement": "m"}
+QUANTITIES = {
+    **{"force": "N", "tension": "N", "pressure": "Pa", "acceleration": "m/s2"},
+    **{"displacement": "m", "length": "m", "volume": "m3"},
+}
 WITHOUT_PREFIX = {"1": (1.0, ""), "m3": (1e6, "cm³"), "m/s2": (1.0, "m/s²")}
 PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 

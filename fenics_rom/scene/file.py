@@ -15,6 +15,7 @@ from pydantic import TypeAdapter, ValidationError
 
 from fenics_rom.errors import FileError, SceneError, did_you_mean, exactly, unknown
 from fenics_rom.io.hdf5 import is_sealed
+from fenics_rom.io.units import QUANTITIES
 from fenics_rom.mechanics.environment import AppliedLoad, Run
 from fenics_rom.mechanics.initial_state import ZERO, InitialState, Instant
 from fenics_rom.scene.consistency import check_consistency, check_load, check_pushes
@@ -126,10 +127,16 @@ def _scene(raw: dict[str, Any], text: str, folder: Path, given: Mapping[str, np.
 
 
 def _load_units(raw: dict[str, Any], file: SceneFile) -> dict[str, set[str]]:
-    """Units of the numbers of tables that loads of the run name: of pressures Pa, of all else N."""
+    """Units of the numbers of tables that loads of the run name: of what is controlled, such as a pressure."""
+    controls = {"pressure": "pressure", "tendon": "tension"}
+    controlled = {
+        name: getattr(actuator, "control", controls[kind])
+        for kind in ACTUATORS
+        for name, actuator in getattr(file.effects, kind).items()
+    }
     units: dict[str, set[str]] = {}
     for given, load in zip(raw.get("run", {}).get("load", ()), () if file.run is None else file.run.load, strict=True):
-        units.setdefault(given.get("table", ""), set()).add("Pa" if load.actuator in file.effects.pressure else "N")
+        units.setdefault(given.get("table", ""), set()).add(QUANTITIES[controlled.get(load.actuator, "force")])
     return units
 
 

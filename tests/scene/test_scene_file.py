@@ -315,6 +315,7 @@ def test_units_of_a_table_are_obeyed_and_travel_as_si(tmp_path, heading, factors
         ("time,p (bar)", 5e5),
         ("time,pressure (N)", "unit 'N'; allowed is a name and one of (Pa), (kPa), (MPa), (bar)"),
         ("time,force", "is a force; allowed are numbers in Pa"),
+        ("time,volume", "is a volume; allowed are numbers in Pa"),
     ],
 )
 def test_table_of_a_pressure_is_in_units_of_pressure(tmp_path, heading, expected):
