@@ -70,6 +70,7 @@ def simulate(
         triangles=system.body.triangles,
         node_mass=system.body.node_mass,
         cells=system.body.cells,
+        tendons=system.scene.environment.tendons,
         warnings=(*system.warnings, *lost, *filter(None, [monitor.summary]), *body.stepper.diagnostics()),
     )
 

@@ -133,6 +133,11 @@ class Environment:
         return details
 
     @property
+    def tendons(self) -> dict[str, np.ndarray]:
+        """Points (K, 3) at rest that each tendon leads through, from its anchor to where it is pulled, m."""
+        return {name: np.array(tendon["points"]) for name, tendon in self.details("effects.tendon").items()}
+
+    @property
     def input_units(self) -> dict[str, str]:
         """Units of those inputs that are not N: pressures, gravity, base motions."""
         units = dict.fromkeys(self.details("effects.pressure"), "Pa") | {"gravity": "1"}

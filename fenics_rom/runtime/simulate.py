@@ -76,6 +76,7 @@ def simulate(
         node_mass=rom.node_mass,
         cells=rom.cells,
         warnings=tuple(dict.fromkeys((*rom.warnings, *lost, *body.warnings, *filter(None, [monitor.message])))),
+        tendons=rom.environment.tendons,
         profile=_profile(fresh()[0], history) if profile else None,
         stepping=f"{body.stepper}: {body.stepping}" if rom.deformation is not None else "",
     )

@@ -23,11 +23,12 @@ shapes, N nodes, F triangles, P points of an output.
         values                       of length (S,) m, volume (S,) m3, contact_pressure (S, n) Pa, strain (S, G, 6),
                                      von_mises_stress (S, G) Pa
         nodes (n,), triangles (G,)   where; the one or the other, or none
+    tendons/NAME (K, 3) m            points of the body at rest that it leads through; absent where there are none
     profile/NUMBER (1,) s            per step, of a part of the run that attribute `name` names; absent if not measured
 
 Format 2.0 named the snapshots anew; files of format 1.x are read, too. Those of 1.0 and 1.1 name no effects, and have
-no forces, obstacles and profile; those of 1.2 have neither velocities nor obstacles; none before 2.1 have inputs and
-readings.
+no forces, obstacles and profile; those of 1.2 have neither velocities nor obstacles; none before 2.1 have inputs,
+tendons and readings.
 """
 
 from collections.abc import Mapping
@@ -80,7 +81,7 @@ SETTINGS = {
     "first_frequency": Entry("Hz", (1,), optional=True),
 }
 
-OPTIONAL_GROUPS = ("forces", "contact_account", "obstacles", "profile", "inputs", "readings")
+OPTIONAL_GROUPS = ("forces", "contact_account", "obstacles", "tendons", "profile", "inputs", "readings")
 OBSTACLE = {
     **{name: Entry("m", (3,)) for name in ("point", "center", "start", "end", "size")},
     "radius": Entry("m", (1,)),
@@ -88,6 +89,7 @@ OBSTACLE = {
     "rotation": Entry("rad", (3,)),
 }
 NAMES_IN_FORMAT_1 = {"shape_times": "snapshot_times", "shapes": "snapshots"}  # new ones by old
+TENDON = Entry("m", ("K", 3))
 MOTION = {"motion": Entry("m", ("s", 3))}
 FORCE, WORK, SECONDS_PER_STEP = Entry("N", ("S", 3)), Entry("J", ("S",)), Entry("s", (1,))
 
@@ -151,6 +153,10 @@ def _fill(h5: h5py.File, run: Trajectory) -> None:
             dimensions = {key: np.atleast_1d(getattr(obstacle, key)) for key in table}
             put_arrays(group, table | MOTION, sizes, dimensions | {"motion": run.obstacle_motion[name]})
             put_text(group, shape=next(shape for shape, kind in SHAPES.items() if isinstance(obstacle, kind)))
+    if run.tendons:
+        tendons = h5.create_group("tendons", track_order=True)
+        for name, points in run.tendons.items():
+            put_arrays(tendons, {name: TENDON}, {}, {name: points})
     if run.profile:
         profile = h5.create_group("profile", track_order=True)
         for number, (name, seconds) in enumerate(run.profile.items()):
@@ -177,6 +183,9 @@ def _take(h5: h5py.File) -> Trajectory:
         name: _take_obstacle(get_group(groups["obstacles"], name), sizes) for name in groups["obstacles"]
     }
     inputs, readings = take_series(h5, sizes)
+    tendons: dict[str, Any] = {}
+    for name in groups["tendons"]:
+        tendons |= get_arrays(groups["tendons"], {name: TENDON}, {}, tuple(groups["tendons"]))
     run = Trajectory(
         name=get_text(h5, "name"),
         model=get_text(h5, "model"),
@@ -193,6 +202,7 @@ def _take(h5: h5py.File) -> Trajectory:
         obstacle_motion={name: motion for name, (_, motion) in moved_obstacles.items()},
         inputs=inputs,
         readings=readings,
+        tendons=tendons,
         **arrays,
     )
     _check_fit(run)

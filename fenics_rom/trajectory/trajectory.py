@@ -56,6 +56,7 @@ class Trajectory:
             files of earlier releases.
         obstacles: where the scene puts them, by name.
         obstacle_motion: how far each was from there at `snapshot_times`, (s, 3), m.
+        tendons: points at rest that each leads through, from its anchor to where it is pulled, (K, 3), m.
         stepping: how a step was taken and why, where there was a choice.
         cells: of the mesh, how many there are, and how good; None where nobody knows.
         inputs: what acted: forces on contact modes, actuators, loads; those that were always 0 left out.
@@ -91,6 +92,7 @@ class Trajectory:
     velocities: Array | None = None
     obstacles: Mapping[str, Obstacle] = field(default_factory=dict)
     obstacle_motion: Mapping[str, Array] = field(default_factory=dict)
+    tendons: Mapping[str, Array] = field(default_factory=dict)
     stepping: str = ""
     cells: CellQuality | None = None
     inputs: Mapping[str, Series] = field(default_factory=dict)
@@ -247,6 +249,7 @@ class TrajectoryRecorder:
         triangles: Array,
         node_mass: Array,
         warnings: tuple[str, ...],
+        tendons: Mapping[str, Array],
         profile: Mapping[str, float] | None = None,
         stepping: str = "",
         cells: CellQuality | None = None,
@@ -278,6 +281,7 @@ class TrajectoryRecorder:
             velocities=self._velocities,
             obstacles=self._obstacles,
             obstacle_motion=self._motion,
+            tendons=tendons,
             stepping=stepping,
             cells=cells,
             inputs=input_series(self._contact, self._inputs, *self._input_columns, self._loads, self._units),

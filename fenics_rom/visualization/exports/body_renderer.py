@@ -10,6 +10,7 @@ from fenics_rom.io.units import prefixed
 from fenics_rom.mechanics.obstacles import HalfSpace, Obstacle
 from fenics_rom.visualization.obstacle_meshes import obstacle_mesh
 from fenics_rom.visualization.optional_dependencies import check_window, pyvista_package
+from fenics_rom.visualization.tendon_routing import TendonRouting
 
 Array = np.ndarray
 
@@ -46,6 +47,7 @@ class RenderColours(NamedTuple):
     obstacle: str
 
 
+TENDON_COLOUR, TENDON_PIXELS = "#d55e00", 4
 OUTLINE_COLOUR = "#e41a1c"  # outline of where a contact mode is touched
 LIGHT = RenderColours("white", "#1a1a1a", "#9a9a9a", "#c9ccd1")
 DARK = RenderColours("#14171c", "#ececec", "#6d7480", "#5b626d")
@@ -60,6 +62,7 @@ class BodyRenderer:
         scale: by which displacements are multiplied before they are drawn; colours show them as they are.
         obstacles: by name, in the same frame.
         offsets: how far the obstacles will be from there, (any, O, 3), m.
+        tendons: points at rest that each leads through, (K, 3), m; they are seen through the body.
         width: of a picture, pixels.
         dark: light on dark instead of dark on light.
         captions: whether there is to be room for words and a colour bar.
@@ -78,6 +81,7 @@ class BodyRenderer:
         scale: float = 1.0,
         obstacles: Mapping[str, Obstacle] | None = None,
         offsets: Array | None = None,
+        tendons: Mapping[str, Array] | None = None,
         width: int = 1000,
         dark: bool = False,
         captions: bool = True,
@@ -103,6 +107,8 @@ class BodyRenderer:
         camera = CAMERA_DIRECTION * [1.0, 1.0, -1.0] if below else CAMERA_DIRECTION
         self._plotter = self._open_window(visible, width, camera)
         self.height = int(self._plotter.window_size[1])  # of a picture, pixels
+        routings = [TendonRouting(nodes, points) for points in (tendons or {}).values()]
+        self._tendons = list(zip(self._lay_over(len(routings)), routings, strict=True))
 
     def render(self, displacement: Array, offsets: Array | None = None, words: str = "") -> Array:
         """One picture (height, width, 3), bytes, of a displacement (N, 3), m, and obstacles moved by offsets (O, 3), m.
@@ -118,6 +124,8 @@ class BodyRenderer:
             plotter.add_mesh(
                 moved, name=f"obstacle {name}", color=self._colours.obstacle, culling="back", render=False, **SHADING
             )
+        for mapper, routing in self._tendons:
+            mapper.dataset = self._pv.MultipleLines(routing.moved(displacement, self._scale))
         if words:
             colour = self._colours.ink
             plotter.add_text(
@@ -164,6 +172,22 @@ class BodyRenderer:
 
     def _body(self, moved: Array | float) -> Any:
         return self._pv.PolyData.from_regular_faces(self._nodes + moved, self._triangles)
+
+    def _lay_over(self, count: int) -> list[Any]:
+        """Mappers of lines in front of all else: in a layer of their own, before the same camera."""
+        window = self._plotter.render_window
+        self._layer = self._pv.Renderer(self._plotter)  # which empties itself when nobody holds it
+        mappers = [self._pv.DataSetMapper() for _ in range(count)]
+        for mapper in mappers:
+            actor = self._pv.Actor(mapper=mapper)
+            actor.prop.color, actor.prop.line_width, actor.prop.lighting = TENDON_COLOUR, TENDON_PIXELS, False
+            self._layer.AddActor(actor)
+        if mappers:
+            self._layer.SetLayer(window.GetNumberOfLayers())
+            window.SetNumberOfLayers(window.GetNumberOfLayers() + 1)
+            self._layer.SetActiveCamera(self._plotter.camera)
+            window.AddRenderer(self._layer)
+        return mappers
 
     def _draw(self, body: Any) -> None:
         plotter, colours = self._plotter, self._colours

@@ -194,6 +194,7 @@ def _pictures(
         scale=scale,
         obstacles=run.obstacles,
         offsets=moved,
+        tendons=run.tendons,
         width=width,
         dark=dark,
     )

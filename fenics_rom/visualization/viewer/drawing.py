@@ -12,6 +12,7 @@ import numpy as np
 
 from fenics_rom.mechanics.obstacles import Box, HalfSpace, Obstacle
 from fenics_rom.visualization.obstacle_meshes import obstacle_mesh
+from fenics_rom.visualization.tendon_routing import TendonRouting
 from fenics_rom.visualization.viewer.colours import BANDS, band_colours, bands_of
 from fenics_rom.visualization.viewer.surface import Surface
 
@@ -19,6 +20,8 @@ Array = np.ndarray
 
 ORIGIN = np.zeros(3)
 FRAMES_PER_SECOND = 30.0
+TENDON_COLOUR, TENDON_THICKNESS = (213, 94, 0), 0.012
+SEE_THROUGH = 0.6  # opacity of a body that tendons are inside of
 HIGHLIGHT_COLOUR = (255, 120, 30)
 OBSTACLE_COLOUR = (150, 150, 160)
 SPARE_ROOM = 1.3  # room in a band's mesh, so that it rarely has to be made anew
@@ -42,10 +45,18 @@ def set_camera_and_light(server: Any, places: Array) -> None:
 class BandedBody:
     """A body that changes its shape and its colours, on viser's scene; `scale` in 1/m, `offset` (3,) in m."""
 
-    def __init__(self, scene: Any, name: str, surface: Surface, scale: float, offset: Array = ORIGIN):
+    def __init__(
+        self,
+        scene: Any,
+        name: str,
+        surface: Surface,
+        scale: float,
+        offset: Array = ORIGIN,
+        opacity: float | None = None,
+    ):
         self._surface, self._scale = surface, scale
         position = tuple(scale * offset)
-        options: dict[str, Any] = {"cast_shadow": False, "receive_shadow": False, "side": "double"}
+        options: dict[str, Any] = {"cast_shadow": False, "receive_shadow": False, "side": "double", "opacity": opacity}
         nothing = np.zeros((3, 3)), np.zeros((1, 3), dtype=np.uint32)
         self._meshes = [
             scene.add_mesh_simple(f"{name}/{k}", *nothing, color=colour, position=position, **options)
@@ -113,24 +124,79 @@ class PickSurface:
         return places + PICK_OFFSET * normals / np.maximum(np.linalg.norm(normals, axis=1, keepdims=True), 1e-300)
 
 
-def add_obstacles(scene: Any, obstacles: Mapping[str, Obstacle], scale: float, size: float) -> dict[str, Any]:
-    """Adds the meshes of obstacles beside a body of a `size`, m; their position is how far they have moved."""
-    handles = {}
-    for name, obstacle in obstacles.items():
-        floor_centre = np.array(obstacle.point if isinstance(obstacle, HalfSpace) else np.zeros(3))
-        vertices, faces = obstacle_mesh(obstacle, floor_centre, FLOOR_SIZES * size / 2)
-        handles[name] = scene.add_mesh_simple(
-            f"/obstacles/{name}",
-            scale * vertices,
-            faces,
-            color=OBSTACLE_COLOUR,
-            opacity=0.6 if isinstance(obstacle, HalfSpace) else None,
-            side="double",
-            flat_shading=isinstance(obstacle, Box),
-            cast_shadow=False,
-            receive_shadow=False,
-        )
-    return handles
+class DrawnBody:
+    """A body and the tendons in it among its obstacles, all at an offset (3,), m.
+
+    Args:
+        scene: viser's.
+        name: of what is added to it.
+        nodes: (N, 3) of the whole body at rest, m.
+        surface: of it.
+        tendons: points (K, 3) at rest that each leads through, m; a body with some can be seen through.
+        obstacles: by name.
+        scale: 1/m, of what is drawn.
+        offset: where it is drawn.
+    """
+
+    def __init__(
+        self,
+        scene: Any,
+        name: str,
+        nodes: Array,
+        surface: Surface,
+        tendons: Mapping[str, Array],
+        obstacles: Mapping[str, Obstacle],
+        scale: float,
+        offset: Array = ORIGIN,
+    ):
+        self._surface, self._scale, self._offset = surface, scale, offset
+        self._body = BandedBody(scene, name, surface, scale, offset, SEE_THROUGH if tendons else None)
+        self._routings = [TendonRouting(nodes, points) for points in tendons.values()]
+        options: dict[str, Any] = {"thickness": TENDON_THICKNESS, "position": tuple(scale * offset)}
+        self._tendons = [
+            scene.add_line_segments(f"{name}/tendons/{k}", self._segments(points), TENDON_COLOUR, **options)
+            for k, points in enumerate(tendons.values())
+        ]
+        self._obstacles = {
+            k: _add_obstacle(scene, f"{name}/obstacles/{k}", obstacle, scale) for k, obstacle in obstacles.items()
+        }
+
+    def draw(
+        self,
+        displacement: Array,
+        values: Array,
+        largest: float,
+        motion: Mapping[str, Array],
+        highlighted: Array | None = None,
+    ) -> None:
+        """Draws the body as displaced, (N, 3), m, as `BandedBody` does, and obstacles that have moved, (3,), m."""
+        moved = self._surface.places + displacement[self._surface.nodes]
+        self._body.draw(moved, values, largest, highlighted)
+        for routing, lines in zip(self._routings, self._tendons, strict=True):
+            lines.points = self._segments(routing.moved(displacement))
+        for name, mesh in self._obstacles.items():
+            mesh.position = tuple(self._scale * (self._offset + motion[name]))
+
+    def _segments(self, points: Array) -> Array:
+        places = (self._scale * points).astype(np.float32)
+        return np.stack([places[:-1], places[1:]], axis=1)
+
+
+def _add_obstacle(scene: Any, name: str, obstacle: Obstacle, scale: float) -> Any:
+    """Its mesh, whose position is how far it has moved; the scale is that of a body of 1."""
+    floor_centre = np.array(obstacle.point if isinstance(obstacle, HalfSpace) else ORIGIN)
+    vertices, faces = obstacle_mesh(obstacle, floor_centre, FLOOR_SIZES / scale / 2)
+    return scene.add_mesh_simple(
+        name,
+        scale * vertices,
+        faces,
+        color=OBSTACLE_COLOUR,
+        opacity=0.6 if isinstance(obstacle, HalfSpace) else None,
+        side="double",
+        flat_shading=isinstance(obstacle, Box),
+        cast_shadow=False,
+        receive_shadow=False,
+    )
 
 
 class ForceArrow:

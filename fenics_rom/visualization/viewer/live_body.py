@@ -24,7 +24,10 @@ STEPS_IN_A_PERIOD = 100  # of the lowest oscillation, where the scene has no tim
 
 
 class Actuator(NamedTuple):
-    """One column of an input that all contact modes share, its unit, and a range that a linear model can follow."""
+    """One column of an input that all contact modes share, its unit, and the range of its slider.
+
+    The range is what the surface at rest can follow (see `largest_input`), and all that the scene applies.
+    """
 
     name: str
     unit: str
@@ -261,16 +264,24 @@ def _unswitched(rom: Rom) -> Environment:
 
 
 def _actuators(rom: Rom) -> list[Actuator]:
-    """Every column of every actuator, with a range that a linear model can follow."""
+    """Every column of every actuator."""
     first = next(iter(rom.contact_models))
     column = rom.contacts[first]
     found = []
     for name, width in rom.actuators.items():
         is_tendon, unit = name in rom.environment.details("effects.tendon"), rom.environment.input_units.get(name, "N")
+        applied = _applied(rom, name, width)
         for k in range(width):
-            largest = float(f"{largest_input(rom, first, column):.2g}")
-            least = 0.0 if is_tendon else -largest  # a cable only pulls
+            limit = float(f"{largest_input(rom, first, column):.2g}")
+            least, largest = 0.0 if is_tendon else -limit, limit  # a cable only pulls
             axis = f" {'xyz'[k]}" if width == 3 else f" {k + 1}" if width > 1 else ""
-            found.append(Actuator(name + axis, unit, least, largest))
+            found.append(Actuator(name + axis, unit, min(least, *applied[:, k]), max(largest, *applied[:, k])))
             column += 1
     return found
+
+
+def _applied(rom: Rom, actuator: str, width: int) -> Array:
+    """What the scene's load history applies to an actuator, (any, width), in the actuator's unit; 0 first."""
+    loads = () if rom.environment.run is None else rom.environment.run.loads
+    of_it = [np.atleast_2d(load.signal.values) for load in loads if load.actuator == actuator]
+    return np.concatenate([np.zeros((1, width)), *of_it])

@@ -22,10 +22,9 @@ from fenics_rom.visualization.contact_surface import divide_contact_triangles
 from fenics_rom.visualization.viewer.colours import with_unit
 from fenics_rom.visualization.viewer.drawing import (
     FRAMES_PER_SECOND,
-    BandedBody,
+    DrawnBody,
     ForceArrow,
     PickSurface,
-    add_obstacles,
     set_camera_and_light,
 )
 from fenics_rom.visualization.viewer.live_body import LiveBody, free_name
@@ -74,14 +73,15 @@ class LivePage:
         self._scale = 1 / self._size
         self._triangles = divide_contact_triangles(rom)
         set_camera_and_light(server, self._scale * self._surface.places)
-        self._picture = BandedBody(server.scene, "/body", self._surface, self._scale)
+        around = body.simulator.environment
+        obstacles = around.obstacles if around else {}
+        tendons = rom.environment.tendons
+        self._picture = DrawnBody(server.scene, "/body", rom.nodes, self._surface, tendons, obstacles, self._scale)
         self._pick_surfaces = {
             name: self._add_pick_surface(name, triangles)
             for name, triangles in self._triangles.items()
             if len(triangles)
         }
-        around = body.simulator.environment
-        self._obstacles = add_obstacles(server.scene, around.obstacles if around else {}, self._scale, self._size)
         self._arrow = ForceArrow(server.scene, self._scale)
         self._add_widgets(viser, server.gui)
 
@@ -285,7 +285,8 @@ class LivePage:
 
     def _draw(self) -> None:
         simulator, name = self.body.simulator, self._field.value
-        displacement = simulator.displacement()[self._surface.nodes]
+        whole, around = simulator.displacement(), simulator.environment
+        displacement = whole[self._surface.nodes]
         velocity = simulator.velocity()[self._surface.nodes] if name == "speed" else displacement
         moved = self._surface.places + displacement
         if name in self._readings:
@@ -294,12 +295,11 @@ class LivePage:
         else:
             values, unit = self._fields[name](displacement, velocity), UNITS[name]
         largest = self._colours.cover(float(values.max()), unit)
-        self._picture.draw(moved, values, largest, self._triangles[self._held_contact] if self._held_contact else None)
+        motion = dict(zip(around.obstacles, around.state.offsets, strict=True)) if around else {}
+        held = self._triangles[self._held_contact] if self._held_contact else None
+        self._picture.draw(whole, values, largest, motion, held)
         for pick_surface in self._pick_surfaces.values():
             pick_surface.draw(moved)
-        if self._obstacles and simulator.environment is not None:
-            for handle, offset in zip(self._obstacles.values(), simulator.environment.state.offsets, strict=True):
-                handle.position = tuple(self._scale * offset)
         if self.body.spring is None:
             self._arrow.hide()
         else:

@@ -64,5 +64,6 @@ class Recording:
             nodes=rom.nodes,
             triangles=rom.triangles,
             node_mass=rom.node_mass,
+            tendons=rom.environment.tendons,
             warnings=(*rom.warnings, *simulator.warnings),
         )

@@ -8,10 +8,12 @@ from typing import Any
 import numpy as np
 
 from fenics_rom.errors import SceneError
+from fenics_rom.mechanics.obstacles import HalfSpace, Obstacle
 from fenics_rom.trajectory.comparison import common_instants, compare
 from fenics_rom.trajectory.trajectory import Trajectory
+from fenics_rom.visualization.obstacle_meshes import obstacle_mesh
 from fenics_rom.visualization.viewer.colours import with_unit
-from fenics_rom.visualization.viewer.drawing import FRAMES_PER_SECOND, BandedBody, add_obstacles, set_camera_and_light
+from fenics_rom.visualization.viewer.drawing import FRAMES_PER_SECOND, ORIGIN, DrawnBody, set_camera_and_light
 from fenics_rom.visualization.viewer.panel import ColourScale, EnergyPlot, begin_panel
 from fenics_rom.visualization.viewer.surface import (
     READING,
@@ -61,24 +63,24 @@ class RunPage:
 
     def show_on(self, server: Any) -> "RunPage":
         """Puts bodies and widgets on a viser server."""
-        places = self._surface.places
-        self._size = float(np.ptp(places, axis=0).max())
-        scale = 1 / self._size
+        places, first = self._surface.places, self._runs[0]
+        size = float(np.ptp(places, axis=0).max())
+        reach = np.concatenate([_reach(run, places) for run in self._runs])
         aside = np.zeros(3)
         axis = int(np.ptp(places, axis=0).argsort()[1])
-        aside[axis] = SPACING * max(float(np.ptp(places[:, axis])), 0.2 * self._size)
+        aside[axis] = SPACING * max(float(np.ptp(reach[:, axis])), 0.2 * size)
         offsets = [k * aside for k in range(len(self._runs))]
-        set_camera_and_light(server, scale * np.concatenate([places + offset for offset in offsets]))
-        self._server, self._scale = server, scale
-        self._pictures = [
-            BandedBody(server.scene, f"/run_{k}", self._surface, scale, offset) for k, offset in enumerate(offsets)
-        ]
+        set_camera_and_light(server, np.concatenate([reach + offset for offset in offsets]) / size)
+        self._server, self._bodies = server, []
+        for k, (run, offset) in enumerate(zip(self._runs, offsets, strict=True)):
+            obstacles = {name: one for name, one in run.obstacles.items() if not _covers(first, name, one, offset)}
+            self._bodies.append(
+                DrawnBody(server.scene, f"/run_{k}", run.nodes, self._surface, run.tendons, obstacles, 1 / size, offset)
+            )
         if len(self._runs) == 2:
-            above = np.array([*(places.mean(axis=0)[:2]), places[:, 2].max() + 0.1 * self._size])
+            above = np.array([*(places.mean(axis=0)[:2]), places[:, 2].max() + 0.1 * size])
             for k, (name, offset) in enumerate(zip(self._names, offsets, strict=True)):
-                server.scene.add_label(f"/name_{k}", name, position=tuple(scale * (above + offset)))
-        run = self._runs[0]
-        self._obstacles = add_obstacles(server.scene, run.obstacles, scale, self._size) if len(self._runs) == 1 else {}
+                server.scene.add_label(f"/name_{k}", name, position=tuple((above + offset) / size))
         self._add_widgets(server.gui)
         return self
 
@@ -178,11 +180,10 @@ class RunPage:
         unit = self._readings[name].unit if name in self._readings else UNITS.get(name, "m")
         most = max(float(of_run.max()) for of_run in values)
         largest = self._colours.cover(most, unit)
-        for picture, shape, of_run in zip(self._pictures, shapes, values, strict=True):
-            picture.draw(self._surface.places + shape, of_run, largest)
-        run = self._runs[0]
-        for obstacle, handle in self._obstacles.items():
-            handle.position = tuple(self._scale * run.obstacle_motion[obstacle][self._rows[0][row]])
+        for k, run in enumerate(self._runs):
+            instant = self._rows[k][row]
+            motion = {name: moved[instant] for name, moved in run.obstacle_motion.items()}
+            self._bodies[k].draw(run.snapshots[instant], values[k], largest, motion)
         lines = [
             f"t = {self._times[row]:.3f} s, {name} up to {with_unit(most, unit)}",
             f"shape {row + 1} of {len(self._times)}",
@@ -191,3 +192,20 @@ class RunPage:
             *reading_words(run.readings, self._instants(row)[0]),
         ]
         self._status.content = "  \n".join(lines)
+
+
+def _reach(run: Trajectory, places: Array) -> Array:
+    """Points around all that is shown of a run, (any, 3), m, but half-spaces, which go on for ever."""
+    points = [places]
+    for name, obstacle in run.obstacles.items():
+        if not isinstance(obstacle, HalfSpace):
+            vertices, motion = obstacle_mesh(obstacle, ORIGIN, 0.0)[0], run.obstacle_motion[name]
+            points += [vertices + motion.min(axis=0), vertices + motion.max(axis=0)]
+    return np.concatenate(points)
+
+
+def _covers(first: Trajectory, name: str, obstacle: Obstacle, offset: Array) -> bool:
+    """Whether an obstacle that is drawn at an offset from the first run's is the same half-space."""
+    if not (offset.any() and isinstance(obstacle, HalfSpace) and first.obstacles.get(name) == obstacle):
+        return False
+    return bool(np.isclose(np.dot(obstacle.normal, offset), 0.0))

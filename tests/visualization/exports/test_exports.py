@@ -198,6 +198,16 @@ def test_films_have_a_picture_for_each_shape(run, tmp_path):
     assert np.abs(pictures[..., :3].astype(int) - again).mean() < 3  # of 255
 
 
+def test_tendons_are_seen_through_the_body(run, tmp_path):
+    inside = np.array([[0.1, 0.2, 0.15], [0.9, 0.2, 0.15]])
+    alone = replace(run, obstacles={}, obstacle_motion={}, tendons={"cable": inside})
+    picture = imageio.imread(fr.export(alone, tmp_path / "inside.png"))[..., :3].astype(int)
+    seen = np.argwhere(np.abs(picture - (0xD5, 0x5E, 0x00)).max(axis=2) < 30)
+    wide, across = np.ptp(seen[:, 1]), np.ptp(np.argwhere(picture[100:-100].min(axis=2) < 200)[:, 1])
+    assert 0.5 < wide / across < 0.9  # 0.8 of the body's length, seen from its front
+    assert len(seen) > 3 * wide  # a line of four pixels
+
+
 def test_length_of_a_film(run, tmp_path):
     assert imageio.immeta(fr.export(run, tmp_path / "slow.gif", seconds=3.0))["duration"] == 1000
     assert len(list(imageio.imiter(fr.export(run, tmp_path / "short.gif", seconds=0.1)))) == 2

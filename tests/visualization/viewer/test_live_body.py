@@ -1,5 +1,6 @@
 """A body that somebody pulls at: mouse, switching, account and recordings, without a page."""
 
+import warnings
 from dataclasses import replace
 
 import numpy as np
@@ -8,6 +9,8 @@ from bodies import acted_on, scene_text
 
 import fenics_rom as fr
 from fenics_rom.errors import SceneError
+from fenics_rom.mechanics.environment import AppliedLoad, Run
+from fenics_rom.mechanics.signals import Signal
 from fenics_rom.scene.file import parse_scene
 from fenics_rom.visualization.contact_surface import divide_contact_triangles
 from fenics_rom.visualization.viewer.live_body import LiveBody, free_name
@@ -28,7 +31,9 @@ def box_rom(box_file):
 def touched_rom(box_file):
     """A box with a ball above its right end, which makes the contact mode by itself."""
     text = scene_text(box_file, **{"effects.contact.obstacles.ball": BALL})
-    return fr.reduce(fr.assemble(parse_scene(text)), order=30)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # the ball fits in between nodes
+        return fr.reduce(fr.assemble(parse_scene(text)), order=30)
 
 
 def corner(rom, contact):
@@ -190,6 +195,17 @@ def test_actuators_have_units_and_ranges_and_act(box_rom):
     for _ in range(3000):
         body.step()
     assert 0.4 < body.simulator.surface_peak.severity < 1  # at most twice as far as at rest
+
+
+@pytest.mark.parametrize("applied", [1e-3, -1e4, 1e4])
+def test_a_slider_reaches_what_the_scene_applies(box_rom, applied):
+    (usual,) = LiveBody(box_rom).actuators
+    table = Signal(np.array([[0.0], [applied], [0.0]]), np.array([0.0, 0.1, 0.2]))
+    run = Run(0.01, 0.3, loads=(AppliedLoad(None, "pull", 0.0, 0.3, table), AppliedLoad("top", None, 0.0, 0.3, table)))
+    (actuator,) = LiveBody(replace(box_rom, environment=replace(box_rom.environment, run=run))).actuators
+    assert actuator.least == min(usual.least, applied)
+    assert actuator.largest == max(usual.largest, applied)
+    assert 1e-3 < usual.largest < 1e4
 
 
 @pytest.mark.parametrize("name", ["box_rom", "touched_rom"])

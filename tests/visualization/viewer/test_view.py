@@ -1,6 +1,7 @@
 """`fr.view` in Python: of objects and files, beside the program, as in a notebook."""
 
 import http.client
+import re
 import subprocess
 import sys
 import time
@@ -8,10 +9,12 @@ from contextlib import closing
 from dataclasses import replace
 from urllib.parse import urlsplit
 
+import numpy as np
 import pytest
 
 import fenics_rom as fr
 from fenics_rom.errors import CompareError, SceneError, StepError
+from fenics_rom.mechanics.obstacles import HalfSpace, Sphere
 
 BESIDE = {"port": 0, "browser": False, "wait": False}
 
@@ -39,13 +42,18 @@ def status(address):
             return answer.status
 
 
+def until(condition):
+    """Waits for something to become true."""
+    end = time.monotonic() + 30
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.01)
+
+
 def test_a_rom_is_stepped_beside_the_program_until_it_is_closed(plate_rom):
     with fr.view(plate_rom, **BESIDE) as page:
         assert status(page.address) == 200
-        end = time.monotonic() + 30
-        while page._page.body.steps < 5:
-            assert time.monotonic() < end
-            time.sleep(0.01)
+        until(lambda: page._page.body.steps >= 5)
         assert repr(page) == f"View at {page.address}; close() ends it"
         assert f'src="{page.address}"' in page._repr_html_()
     steps = page._page.body.steps
@@ -61,8 +69,7 @@ def test_what_is_recorded_is_written_when_the_view_is_closed(plate_rom, tmp_path
     with fr.view(plate_rom, **BESIDE) as page:
         page._page.body.record()
         before = page._page.body.steps
-        while page._page.body.steps < before + 5:
-            time.sleep(0.01)
+        until(lambda: page._page.body.steps >= before + 5)
     assert fr.read_trajectory(tmp_path / "plate-view-1.h5").steps >= 5
 
 
@@ -90,6 +97,41 @@ def test_what_cannot_be_shown(given, options, error, says, plate_rom, run):
     things = {"rom": plate_rom, "run": run, "other": replace(run, nodes=run.nodes + 1.0)}
     with pytest.raises(error, match=says):
         fr.view(*(things[name] for name in given), **BESIDE, **options)
+
+
+def scene_nodes(page, pattern):
+    """What a viser scene holds, by name."""
+    handles = page._server.viser.scene._handle_from_node_name
+    return {name: handle for name, handle in handles.items() if re.search(pattern, name)}
+
+
+def test_runs_beside_each_other_have_their_own_obstacles_and_tendons(run):
+    """Which move with them; a half-space goes on for ever, and is drawn once if both lie on it."""
+    steps = np.zeros((len(run.snapshots), 3))
+    ball, floor = Sphere((0.3, 0.1, 0.2), 0.05), HalfSpace((0.0, 0.0, -0.5), (0.0, 0.0, 1.0))
+    one = replace(
+        run,
+        obstacles={"ball": ball, "floor": floor},
+        obstacle_motion={"ball": steps + np.array([0.0, 0.0, 0.1]), "floor": steps},
+        tendons={"cable": np.array([[0.1, 0.1, 0.005], [0.4, 0.1, 0.005]])},
+    )
+    other = replace(
+        one, obstacle_motion={"ball": steps - np.array([0.0, 0.0, 0.1]), "floor": steps}, snapshots=0 * run.snapshots
+    )
+    with fr.view(one, other, **BESIDE) as page:
+        until(lambda: not page._page._changed.is_set())
+        page._page._draw(len(run.snapshots) - 1)
+        obstacles, tendons = scene_nodes(page, "/obstacles/"), scene_nodes(page, "/tendons/")
+    assert list(obstacles) == ["/run_0/obstacles/ball", "/run_0/obstacles/floor", "/run_1/obstacles/ball"]
+    apart = np.subtract(*(obstacles[f"/run_{k}/obstacles/ball"].position for k in (1, 0)))
+    size = 0.5  # m, of the plate
+    np.testing.assert_allclose(apart[[0, 2]], [0.0, -0.2 / size], atol=1e-6)
+    assert apart[1] > 0.2 / size
+    np.testing.assert_allclose(tendons["/run_1/tendons/0"].points[0] * size, one.tendons["cable"], atol=1e-6)
+    moved = tendons["/run_0/tendons/0"].points[0] * size - one.tendons["cable"]
+    nearest = [np.linalg.norm(run.nodes - point, axis=1).argmin() for point in one.tendons["cable"]]
+    np.testing.assert_allclose(moved, run.snapshots[-1][nearest], atol=0.3 * np.abs(run.snapshots[-1]).max())
+    assert np.abs(moved).max() > 0
 
 
 INTERACTIVE = """
