@@ -27,7 +27,9 @@ def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--tolerance", type=float, metavar="T", help="find the cheapest model for it, and write its ROM"
     )
-    command.add_argument("--quick", action="store_true", help="fewer methods, orders and steps: a first look")
+    command.add_argument(
+        "--quick", action="store_true", help="a first look, of a long run at its beginning: fewer methods and steps"
+    )
     command.add_argument("--methods", nargs="+", choices=METHOD_CONFIGS, help="where the bases come from")
     command.add_argument("--orders", nargs="+", type=int, metavar="M", help="displacements per contact mode")
     command.add_argument("--steps", nargs="+", type=float, metavar="S", help="time steps, s")

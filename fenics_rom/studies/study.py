@@ -60,7 +60,7 @@ def study(
         orders: displacements of each contact mode.
         steps: s, each a whole multiple of the smallest.
         meshes: files of finer meshes of the same body: how far the scene's own is from the finest at its outputs.
-        quick: a coarser grid, for a first look.
+        quick: a first look: a coarser grid and reference, one reduction for each method, the beginning of a long run.
         resume: go on from what an interrupted study left in the folder.
         report: called with the stage, how much of it is done, and of how much.
 
