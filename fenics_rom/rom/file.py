@@ -50,8 +50,8 @@ p input columns, r Hankel singular values, f sampled frequencies; P points of an
         nodes (s,), facets (F, 3 or 6), areas (F,) m^2          of contact_pressure: facets are rows of nodes
         triangles (P,), operator (3, 3, P, k) kg^-1/2/m, first_lame, shear (P,) Pa          of strain, von_mises_stress
 
-Files of format 2.0 have no readings, no cells, no force_validation and nothing in trained; those of format 1.x are read, too:
-rom.format_1 makes them such files.
+Files of format 2.0 have no readings, no cells, no force_validation and nothing in trained; those of format 1.x are
+read, too: rom.format_1 makes them such files.
 """
 
 from collections.abc import Iterable
