@@ -20,6 +20,7 @@ def simulate(
     *,
     scene: Scene | None = None,
     dt: float | None = None,
+    every: int | None = None,
     signals: "Mapping[str, SignalLike] | None" = None,
     profile: bool = False,
     rate: bool = False,
@@ -35,6 +36,7 @@ def simulate(
         model: what to run.
         scene: whose run, effects and outputs' names to take instead of those of the scene in the ROM.
         dt: time step instead of the scene's, s.
+        every: outputs, forces and account are kept after every so many steps, and at the end, instead of the scene's.
         signals: of loads and obstacles by name, instead of the scene's: numbers, or functions of time; as in
             Simulator.
         profile: whether to run it once more to measure what each effect costs in a step.
@@ -58,7 +60,15 @@ def simulate(
         from fenics_rom.runtime.simulate import simulate as simulate_rom
 
         return simulate_rom(
-            model, scene=scene, dt=dt, signals=signals, profile=profile, rate=rate, stepper=stepper, report=report
+            model,
+            scene=scene,
+            dt=dt,
+            every=every,
+            signals=signals,
+            profile=profile,
+            rate=rate,
+            stepper=stepper,
+            report=report,
         )
     if not (isinstance(model, Scene) or hasattr(model, "stiffness")):
         hint = "; read_scene and read_rom read files" if isinstance(model, str) or hasattr(model, "__fspath__") else ""
@@ -70,5 +80,5 @@ def simulate(
             f"simulate: {', '.join(given)} cannot be used with a {type(model).__name__}, which is run at full order; "
             "allowed with a Rom"
         )
-    trajectory: Trajectory = load("fem.simulate", "simulate")(model, dt=dt, signals=signals, report=report)
+    trajectory: Trajectory = load("fem.simulate", "simulate")(model, dt=dt, every=every, signals=signals, report=report)
     return trajectory

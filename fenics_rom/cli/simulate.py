@@ -21,6 +21,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("model", metavar="SCENE|ROM.h5", help="a scene file (TOML), or a file that `reduce` wrote")
     add_output(command, "RUN.h5")
     command.add_argument("--dt", type=float, metavar="S", help="time step instead of the scene's, s")
+    command.add_argument("--every", type=int, metavar="N", help="keep every N-th step alone, instead of the scene's")
     group = command.add_argument_group("of a ROM")
     group.add_argument("--scene", metavar="SCENE", help="take load history and effects of this scene")
     group.add_argument("--order", type=int, metavar="M", help="run at a lower order than the ROM's")
@@ -44,7 +45,7 @@ def run(choice: argparse.Namespace) -> None:
             if choice.order is not None:
                 rom = fr.truncate(rom, choice.order)
             scene = fr.read_scene(choice.scene) if choice.scene else None
-            chosen = {name: getattr(choice, name) for name in ("dt", "profile", "rate", "stepper")}
+            chosen = {name: getattr(choice, name) for name in ("dt", "every", "profile", "rate", "stepper")}
             trajectory = fr.simulate(rom, scene=scene, **chosen, report=report)
         else:
             options = {f"--{name}": getattr(choice, name) for name in FOR_ROMS}
@@ -54,7 +55,7 @@ def run(choice: argparse.Namespace) -> None:
             from fenics_rom.reduction.rigid_mode_deflation import first_frequency
 
             system = fr.assemble(fr.read_scene(choice.model))
-            trajectory = fr.simulate(system, dt=choice.dt, report=report)
+            trajectory = fr.simulate(system, dt=choice.dt, every=choice.every, report=report)
             settings = {**trajectory.settings, "first_frequency": first_frequency(system)}
             trajectory = replace(trajectory, settings=settings)
     fr.write_trajectory(choice.output, trajectory)

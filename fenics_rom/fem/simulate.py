@@ -24,6 +24,7 @@ def simulate(
     scene: Scene | System,
     *,
     dt: float | None = None,
+    every: int | None = None,
     signals: Mapping[str, SignalLike] | None = None,
     report: Report = silent,
 ) -> Trajectory:
@@ -32,7 +33,7 @@ def simulate(
     This is `fenics_rom.simulate` of a scene or a system, where arguments and errors are.
     """
     system = assemble(scene) if isinstance(scene, Scene) else scene
-    environment, history = _run_of(system, dt)
+    environment, history = _run_of(system, dt, every)
     assert environment.run is not None
     body = FullOrderSimulator(system, history.dt, environment, signals)
     recorder = TrajectoryRecorder(
@@ -44,6 +45,7 @@ def simulate(
         environment.run.snapshots,
         tuple(environment.effects),
         body.environment.obstacles,
+        history.every,
         actuators={name: columns.shape[1] for name, columns in system.actuators.items()},
         units=environment.input_units,
         readings=system.readings,
@@ -142,7 +144,7 @@ class InversionMonitor:
         )
 
 
-def _run_of(system: System, dt: float | None) -> tuple[Environment, LoadHistory]:
+def _run_of(system: System, dt: float | None, every: int | None = None) -> tuple[Environment, LoadHistory]:
     """What acts in the scene of a system, and the inputs of every step."""
     if system.scene is None or system.scene.run is None:
         where = system.scene.source if system.scene else "a system of matrices"
@@ -153,7 +155,7 @@ def _run_of(system: System, dt: float | None) -> tuple[Environment, LoadHistory]
         {name: B.shape[1] for name, B in blocks.items()} for blocks in (system.contacts, system.actuators)
     )
     environment = system.scene.environment
-    return environment, LoadHistory(environment, contacts, actuators, dt)
+    return environment, LoadHistory(environment, contacts, actuators, dt, every)
 
 
 def _steps(body: FullOrderSimulator, history: LoadHistory) -> Iterator[tuple[Array, float]]:

@@ -58,6 +58,7 @@ class Run:
     snapshots: int = 100  # how many whole shapes are kept, evenly spread
     loads: tuple[AppliedLoad, ...] = ()  # in the order in which they begin
     initial: InitialState | None = None  # where it begins; None: at rest
+    every: int = 1  # steps from one instant that is kept to the next
 
 
 @dataclass(frozen=True)

@@ -1,6 +1,9 @@
 """What acts when: the contact mode and the input of every step of a run, the same for full and reduced models."""
 
+import math
+from bisect import bisect_left
 from collections.abc import Iterator, Mapping
+from itertools import repeat
 
 import numpy as np
 
@@ -23,10 +26,12 @@ class LoadHistory:
         environment: with a run.
         contact_columns, actuator_columns: how many each contact mode and actuator has, in the order of the input.
         dt: time step instead of the run's, s.
+        every: instants are kept after every so many steps, instead of the run's.
 
     Attributes:
         dt: time step, s.
         steps: number of steps.
+        every: instants are kept after every so many steps.
         automatic: whether the contact mode follows the obstacles; inputs are then the actuators' alone.
 
     Raises:
@@ -39,6 +44,7 @@ class LoadHistory:
         contact_columns: Mapping[str, int],
         actuator_columns: Mapping[str, int],
         dt: float | None = None,
+        every: int | None = None,
     ):
         run, source = environment.run, environment.source
         if run is None:
@@ -54,6 +60,9 @@ class LoadHistory:
         if steps > MOST_STEPS:
             raise SceneError(f"dt = {self.dt:g}: a run of {steps:.3g} steps; allowed are at most {MOST_STEPS:,}")
         self.steps = round(steps)
+        self.every = run.every if every is None else every
+        if not (isinstance(self.every, int | np.integer) and self.every >= 1):
+            raise SceneError(f"every = {self.every!r}: allowed is a whole number of steps, at least 1")
         self.automatic = environment.switches_itself
         self._loads, self._contact_columns = run.loads, dict(contact_columns)
         starts = dict(zip(actuator_columns, np.cumsum([0, *actuator_columns.values()]), strict=False))
@@ -88,10 +97,20 @@ class LoadHistory:
 
         A contact mode stays until another one's force begins, so a body is released in the mode it was pushed in.
         """
-        contact = self.first_contact()
-        for step in range(self.steps):
+        contact, step = self.first_contact(), 0
+        while step < self.steps:
             contact, u = self.at(self._middle(step), contact)
-            yield contact, u
+            stop = self._lasts_until(step)
+            yield from repeat((contact, u), stop - step)
+            step = stop
+
+    def _lasts_until(self, step: int) -> int:
+        """The first step after this one in which something else may act."""
+        time = self._middle(step)
+        if any(load.start <= time < load.stop and load.signal.times is not None for load in self._loads):
+            return step + 1
+        change = min((t for load in self._loads for t in (load.start, load.stop) if t > time), default=math.inf)
+        return bisect_left(range(self.steps), change, lo=step + 1, key=self._middle)
 
     def at(self, time: float, contact: str) -> tuple[str, np.ndarray]:
         """Contact mode and input at a time, s, if before it the contact mode was another."""

@@ -7,7 +7,7 @@ loads/NAME/                  loads with signals of their own; columns (1,) and a
     times (T,) s             where values change
 obstacles/NAME/              attribute `shape`; what describes it (point, normal, ...), and a signal, m
 contact_law/                 restitution, friction (1,); stiffness N/m, damping N s/m (1,); absent without contact
-run/                         dt, duration (1,) s, snapshots (1,); absent where the scene has none
+run/                         dt, duration (1,) s, snapshots (1,), every (1,); absent where the scene has none
     initial/                 equilibrium (1,), 0 or 1; the four motions (3,); absent where it is rest
         instant/             nodes, displacement, velocity (N, 3), of another run; may be absent
     loads/NUMBER/            attributes contact, actuator (one is empty); start, stop (1,) s; a signal
@@ -34,7 +34,12 @@ LAW = {
     "stiffness": Entry("N/m", (1,), optional=True),
     "damping": Entry("N s/m", (1,)),
 }
-RUN = {"dt": Entry("s", (1,)), "duration": Entry("s", (1,)), "snapshots": Entry("1", (1,), "i")}
+RUN = {
+    "dt": Entry("s", (1,)),
+    "duration": Entry("s", (1,)),
+    "snapshots": Entry("1", (1,), "i"),
+    "every": Entry("1", (1,), "i", optional=True),
+}
 INITIAL = {
     "equilibrium": Entry("1", (1,), "i"),
     "translation": Entry("m", (3,)),
@@ -75,7 +80,7 @@ def put_environment(h5: h5py.File, environment: Environment) -> None:
         _put(group.create_group("contact_law"), LAW, {key: getattr(law, key) for key in LAW})
     if run is not None:
         part = group.create_group("run")
-        _put(part, RUN, {key: getattr(run, key) for key in RUN})
+        _put(part, RUN, {key: getattr(run, key) for key in RUN} | {"every": run.every if run.every > 1 else None})
         if run.initial is not None:
             start = part.create_group("initial")
             _put(start, INITIAL, {key: getattr(run.initial, key) for key in INITIAL})
@@ -146,6 +151,7 @@ def _run(group: h5py.Group) -> Run:
         contact, actuator = get_text(part, "contact") or None, get_text(part, "actuator") or None
         applied.append(AppliedLoad(contact, actuator, **span, signal=signal))
     initial = _initial(get_group(group, "initial")) if "initial" in group else None
+    numbers["every"] = numbers["every"] or 1
     return Run(**numbers, loads=tuple(applied), initial=initial)
 
 

@@ -2,7 +2,7 @@
 
 import time
 import warnings
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Container, Iterator, Mapping
 from itertools import islice
 
 import numpy as np
@@ -17,7 +17,10 @@ from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.initial_state import begin
 from fenics_rom.runtime.simulator import Simulator
 from fenics_rom.runtime.steppers.contact_interface import MOTION
+from fenics_rom.runtime.steppers.midpoint import PAGES
 from fenics_rom.trajectory.trajectory import Trajectory, TrajectoryRecorder
+
+Array = np.ndarray
 
 UNTIMED = "what is no part of a step"
 
@@ -27,6 +30,7 @@ def simulate(
     *,
     scene: HasEnvironment | None = None,
     dt: float | None = None,
+    every: int | None = None,
     signals: Mapping[str, SignalLike] | None = None,
     profile: bool = False,
     rate: bool = False,
@@ -34,7 +38,7 @@ def simulate(
     report: Report = silent,
 ) -> Trajectory:
     """Runs a ROM through a load history from rest: `fenics_rom.simulate` of a ROM, where arguments and errors are."""
-    environment, history, fresh = _prepared(rom, scene, dt, signals, stepper)
+    environment, history, fresh = _prepared(rom, scene, dt, every, signals, stepper)
     body, lost = fresh()
     recorder = TrajectoryRecorder(
         history.steps,
@@ -45,22 +49,15 @@ def simulate(
         environment.run.snapshots if environment.run else 1,
         tuple(environment.effects),
         {} if body.environment is None else body.environment.obstacles,
+        history.every,
         actuators=rom.actuators,
         units=environment.input_units,
         readings=rom.readings,
     )
     recorder.sample(0, body)
     monitor = TimeStepMonitor()
-    for step, (contact, u) in enumerate(history, start=1):
-        if not history.automatic:
-            body.switch(contact)
-        mode_before, before = body.contact, body.state[1]
-        body.step(u)
-        if environment.has_inertia and body.contact == mode_before:  # velocities of two models are not of one basis
-            after = body.state[1]
-            monitor.add(np.square(after - before).sum(), np.square(after + before).sum() / 4)
-        recorder.sample(step, body, u)
-        report("steps", step, history.steps)
+    run = _run_in_blocks if body.steps_in_blocks and not history.automatic else _run_step_by_step
+    run(body, history, recorder, monitor, report)
     return recorder.record(
         name=rom.name,
         model="reduced",
@@ -82,6 +79,68 @@ def simulate(
     )
 
 
+def _run_step_by_step(
+    body: Simulator, history: LoadHistory, recorder: TrajectoryRecorder, monitor: TimeStepMonitor, report: Report
+) -> None:
+    """Takes all steps, and keeps what is to be kept after each."""
+    has_inertia = body.environment is None or body.environment.environment.has_inertia
+    for step, (contact, u) in enumerate(history, start=1):
+        if not history.automatic:
+            body.switch(contact)
+        if has_inertia:
+            mode_before, before = body.contact, body.state[1]
+            body.step(u)
+            if body.contact == mode_before:  # velocities of two models are not of one basis
+                after = body.state[1]
+                monitor.add(np.square(after - before).sum(), np.square(after + before).sum() / 4)
+        else:
+            body.step(u)
+        recorder.sample(step, body, u)
+        report("steps", step, history.steps)
+
+
+def _run_in_blocks(
+    body: Simulator, history: LoadHistory, recorder: TrajectoryRecorder, monitor: TimeStepMonitor, report: Report
+) -> None:
+    """The same of a body whose kernel holds the last steps: what is to be kept is read off many at once."""
+    outputs, ledger, taken = list(body.rom.outputs), body.ledger, 0
+    assert ledger is not None
+    for contact, inputs in _blocks(history, recorder.snapshot_rows):
+        body.switch(contact)
+        sums = np.array([total for total, _ in ledger.sums[:3]])
+        states, acted, *works = body.step_in_block(inputs)
+        m = states.shape[1] // 2
+        before, after = states[:-1, m:], states[1:, m:]
+        changed, doubled = after - before, after + before
+        monitor.add(float(np.vdot(changed, changed)), float(np.vdot(doubled, doubled)) / 4)
+        account = np.empty((4, len(inputs)))
+        account[0] = np.einsum("ij,ij->i", states[1:], states[1:]) / 2
+        account[1:3] = sums[:2, None] + np.cumsum(works, axis=1)
+        account[3] = sums[2]
+        q = states[1:, :m] / body.rom.contact_models[contact].safe_frequencies
+        displacements = {name: (q @ body.output_rows(name).T).reshape(len(q), -1, 3) for name in outputs}
+        recorder.sample_block(taken, contact, acted, account, displacements)
+        taken += len(inputs)
+        recorder.sample_shape(taken, body)
+        report("steps", taken, history.steps)
+
+
+def _blocks(history: LoadHistory, ends: Container[int]) -> Iterator[tuple[str, list[Array]]]:
+    """Inputs of steps in one contact mode, no more than fit a block, none of which goes on beyond some steps."""
+    mode, inputs = "", list[Array]()
+    for step, (contact, u) in enumerate(history, start=1):
+        if inputs and (contact != mode or len(inputs) == PAGES):
+            yield mode, inputs
+            inputs = []
+        mode = contact
+        inputs.append(u)
+        if step in ends:
+            yield mode, inputs
+            inputs = []
+    if inputs:
+        yield mode, inputs
+
+
 def rate(
     rom: Rom, *, scene: HasEnvironment | None = None, dt: float | None = None, stepper: str | None = None, runs: int = 5
 ) -> float:
@@ -89,7 +148,7 @@ def rate(
 
     The fastest, as whatever else a machine does can only slow a run down.
     """
-    _, history, fresh = _prepared(rom, scene, dt, None, stepper)
+    _, history, fresh = _prepared(rom, scene, dt, None, None, stepper)
     return history.steps / min(_seconds(fresh()[0], history) for _ in range(runs))
 
 
@@ -97,6 +156,7 @@ def _prepared(
     rom: Rom,
     scene: HasEnvironment | None,
     dt: float | None,
+    every: int | None,
     signals: Mapping[str, SignalLike] | None,
     stepper: str | None,
 ) -> tuple[Environment, LoadHistory, Callable[[], tuple[Simulator, list[str]]]]:
@@ -104,7 +164,7 @@ def _prepared(
     if len(rom.nodes) == 0:
         raise SceneError(f"ROM {rom.name!r} has no mesh, so no scene goes with it; step it with Simulator")
     environment = rom.environment if scene is None else scene.environment
-    history = LoadHistory(environment, rom.contacts, rom.actuators, dt)
+    history = LoadHistory(environment, rom.contacts, rom.actuators, dt, every)
 
     def fresh() -> tuple[Simulator, list[str]]:
         simulator = Simulator(rom, history.dt, scene=scene, signals=signals, stepper=stepper)

@@ -93,6 +93,11 @@ class SimulatedBody:
         return self._stepper.state
 
     @property
+    def steps_in_blocks(self) -> bool:
+        """Whether `step_in_block` can tell all that there is to read after each step."""
+        return self._stepper.kernel.holds_steps and not self.rom.rigid and not self.rom.readings
+
+    @property
     def mismatch(self) -> float | None:
         """Of the strains that linearly implicit steps carry along and those of the shape; None where there are none."""
         return self._stepper.kernel.notes.get("mismatch")

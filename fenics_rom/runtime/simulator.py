@@ -221,6 +221,19 @@ class Simulator(SimulatedBody):
         else:
             self._step_high(u, twice)
 
+    def step_in_block(self, inputs: Sequence[Array]) -> tuple[Array, Array, Array, Array]:
+        """Takes steps, at most `midpoint.PAGES`, and tells what there is to read after each.
+
+        Returns:
+            States [√γ q, r] (n + 1, 2m) and inputs with the loads (n, p), which a later step overwrites; and what was
+            supplied and dissipated (n,), J.
+        """
+        kernel = self._stepper.kernel
+        kernel.reset_buffer()
+        for u in inputs:
+            self.step(u)
+        return kernel.passed()
+
     def _advance_in_environment(self, u: Array) -> float:
         """Takes a step with what acts by itself; twice the stored energy, J."""
         source, before = self._source, None

@@ -107,6 +107,9 @@ class RunTable:
     snapshots: Annotated[
         int, Number(at_least=1, integer=True), "how many whole shapes are kept of it, evenly spread"
     ] = 100
+    every: Annotated[
+        int, Number(at_least=1, integer=True), "outputs, forces and account are kept after every so many steps"
+    ] = 1
     initial: Annotated[Initial | None, "where it begins, if not at rest"] = None
     load: Annotated[tuple[LoadEntry, ...], Items(), "what acts on contact modes and actuators"] = ()
 

@@ -79,6 +79,7 @@ SETTINGS = {
     "order": Entry("1", (1,)),
     "mismatch": Entry("1", (1,), optional=True),
     "first_frequency": Entry("Hz", (1,), optional=True),
+    "every": Entry("1", (1,), optional=True),
 }
 
 OPTIONAL_GROUPS = ("forces", "contact_account", "obstacles", "tendons", "profile", "inputs", "readings")

@@ -1,6 +1,6 @@
 """Numbers by name at every instant of a run: inputs, and readings."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -62,7 +62,7 @@ def reading_series(reading: Reading, values: Array) -> ReadingSeries:
 
 def input_series(
     contact: Array,
-    given: Sequence[tuple[Array, Array]],
+    given: Array,
     contacts: Mapping[str, int],
     actuators: Mapping[str, int],
     loads: Mapping[str, int],
@@ -74,7 +74,7 @@ def input_series(
 
     Args:
         contact: (S,) which contact mode was active, at all instants.
-        given: of each step the inputs (contact columns and actuators', or the actuators' alone), and the loads.
+        given: (S, w) what acted in the step that led to each instant: contact columns, actuators, loads; at the right.
         contacts, actuators, loads: number of columns of each.
         units: of those that are not in N.
     """
@@ -85,10 +85,7 @@ def input_series(
         if not len(instants):
             continue
         widths = {f"contact-{name}" if name in shared else name: columns, **shared}
-        u = np.zeros((len(instants), sum(widths.values())))
-        for row, k in zip(u, instants, strict=True):
-            last = np.concatenate(given[k - 1])
-            row[len(row) - len(last) :] = last
+        u = given[instants, given.shape[1] - sum(widths.values()) :]
         for part, block in zip(widths, np.split(u, np.cumsum([*widths.values()])[:-1], axis=1), strict=True):
             if block.any():
                 found.setdefault(part, np.zeros((len(contact), block.shape[1])))[instants] = block

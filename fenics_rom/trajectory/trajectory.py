@@ -34,8 +34,9 @@ class Trajectory:
         model: "full" or "reduced".
         settings: numbers that belong beside any rate or error: dt, s; order, or n; seconds, the wall clock of the
             stepping, of a reduced run only where it was asked for; of linearly implicit steps with large deformation
-            mismatch (of strains, as a share of the largest); first_frequency of the body, Hz, where it is known.
-        times: (steps + 1,), s.
+            mismatch (of strains, as a share of the largest); first_frequency of the body, Hz, where it is known; every,
+            where instants are kept after every so many steps alone.
+        times: (steps + 1,), s; fewer, as in the following, where instants are kept after every so many steps alone.
         contacts: names of the contact modes.
         contact: (steps + 1,) which of them was active.
         outputs: displacement of each named output, (steps + 1, points, 3), m.
@@ -124,8 +125,8 @@ class Trajectory:
 
     @property
     def steps(self) -> int:
-        """Number of steps."""
-        return len(self.times) - 1
+        """Number of steps that were taken."""
+        return round(self.times[-1] / self.settings["dt"]) if "every" in self.settings else len(self.times) - 1
 
 
 class RunningBody(Protocol):
@@ -172,9 +173,13 @@ class TrajectoryRecorder:
         snapshots: how many whole shapes to keep, evenly spread, the last step among them.
         effects: names of those that act; without contact nothing is kept of it.
         obstacles: by name.
+        every: instants are kept after every so many steps, and at the end.
         actuators: number of columns of each.
         units: of inputs that are not in N.
         readings: by name.
+
+    Attributes:
+        snapshot_rows: of the steps after which a whole shape is kept, its place among them.
     """
 
     def __init__(
@@ -187,6 +192,7 @@ class TrajectoryRecorder:
         snapshots: int,
         effects: tuple[str, ...] = (),
         obstacles: Mapping[str, Obstacle] | None = None,
+        every: int = 1,
         *,
         actuators: Mapping[str, int],
         units: Mapping[str, str],
@@ -196,48 +202,86 @@ class TrajectoryRecorder:
         self._contacts, self._input_columns = tuple(contacts), (contacts, actuators)
         self._units, self._readings = units, readings
         self._loads: Mapping[str, int] = {}
-        self._inputs: list[tuple[Array, Array]] = []
+        self._inputs = NOTHING
         self._reading_values: dict[str, Array] = {}
-        self._times = dt * np.arange(steps + 1)
-        self._contact = np.zeros(steps + 1, dtype=np.int64)
-        self._account = np.zeros((4, steps + 1))
-        self._outputs = {name: np.zeros((steps + 1, points, 3)) for name, points in outputs.items()}
+        self._dt, self._every = dt, every
+        self._kept = np.union1d(np.arange(0, steps + 1, every), steps)
+        instants = len(self._kept)
+        self._contact = np.zeros(instants, dtype=np.int64)
+        self._account = np.zeros((4, instants))
+        self._outputs = {name: np.zeros((instants, points, 3)) for name, points in outputs.items()}
         self._obstacles = obstacles or {}
-        self._forces = {name: np.zeros((steps + 1, 3)) for name in self._obstacles}
+        self._forces = {name: np.zeros((instants, 3)) for name in self._obstacles}
         sums = [name for name, effect in CONTACT_ACCOUNT.items() if effect in effects]
-        self._contact_account = {name: np.zeros(steps + 1) for name in sums}
+        self._contact_account = {name: np.zeros(instants) for name in sums}
         self._snapshot_steps = np.unique(np.round(np.linspace(0, steps, min(snapshots, steps) + 1)).astype(int))[1:]
+        self.snapshot_rows = {step: row for row, step in enumerate(self._snapshot_steps.tolist())}
         self._snapshots = np.zeros((len(self._snapshot_steps), nodes, 3))
         self._velocities = np.zeros_like(self._snapshots) if not effects or "inertia" in effects else None
         self._motion = {name: np.zeros((len(self._snapshot_steps), 3)) for name in self._obstacles}
 
     def sample(self, step: int, body: RunningBody, u: Array | None = None) -> None:
         """Keeps what is to be kept of one instant, to which a step with inputs u led; step 0 is the start."""
-        ledger = body.ledger
-        assert ledger is not None
-        self._contact[step] = self._contacts.index(body.contact)
-        self._account[:, step] = body.energy, ledger.supplied, ledger.dissipated, ledger.lost_in_switching
-        for name, values in self._outputs.items():
-            values[step] = body.displacement(name)
-        for name, sums in self._contact_account.items():
-            sums[step] = getattr(ledger, name)
-        if u is not None:
-            self._loads = {} if body.environment is None else body.environment.columns
-            self._inputs.append((u, NOTHING if body.environment is None else body.environment.loads))
-        for name in self._readings:
-            value = body.reading(name)
-            self._reading_values.setdefault(name, np.zeros((len(self._times), *value.shape)))[step] = value
-        if self._obstacles:
-            for values, force in zip(self._forces.values(), body.obstacle_forces(), strict=True):
-                values[step] = force
-        row = np.searchsorted(self._snapshot_steps, step)
-        if row < len(self._snapshot_steps) and self._snapshot_steps[row] == step:
+        row, between = divmod(step, self._every)
+        if not between or step == self._kept[-1]:
+            self._sample_numbers(row + bool(between), body, u)
+        self.sample_shape(step, body)
+
+    def sample_block(
+        self, taken: int, contact: str, inputs: Array, account: Array, outputs: Mapping[str, Array]
+    ) -> None:
+        """Keeps what is to be kept of the steps after so many, in one contact mode, but for shapes.
+
+        Args:
+            taken: steps before them.
+            contact: mode.
+            inputs: (n, p) contact columns, actuators, loads.
+            account: (4, n) stored, supplied, dissipated, lost in switching after each of them, J.
+            outputs: (n, points, 3), m.
+        """
+        start, stop = np.searchsorted(self._kept, [taken + 1, taken + 1 + account.shape[1]])
+        rows, steps = slice(start, stop), self._kept[start:stop] - taken - 1
+        self._contact[rows] = self._contacts.index(contact)
+        self._inputs[rows, self._inputs.shape[1] - inputs.shape[1] :] = inputs[steps]
+        self._account[:, rows] = account[:, steps]
+        for name, values in outputs.items():
+            self._outputs[name][rows] = values[steps]
+
+    def sample_shape(self, step: int, body: RunningBody) -> None:
+        """Keeps the whole shape of an instant, if it is one of those that are kept."""
+        row = self.snapshot_rows.get(step)
+        if row is not None:
             self._snapshots[row] = body.displacement()
             if self._velocities is not None:
                 self._velocities[row] = body.velocity()
             if self._obstacles and body.environment is not None:
                 for values, offset in zip(self._motion.values(), body.environment.state.offsets, strict=True):
                     values[row] = offset
+
+    def _sample_numbers(self, row: int, body: RunningBody, u: Array | None) -> None:
+        """Keeps all of an instant but the shape."""
+        ledger, environment = body.ledger, body.environment
+        assert ledger is not None
+        if row == 0:
+            contacts, actuators = self._input_columns
+            self._loads = {} if environment is None else environment.columns
+            columns = max(contacts.values()) + sum(actuators.values()) + sum(self._loads.values())
+            self._inputs = np.zeros((len(self._kept), columns))
+        if u is not None:
+            last = u if environment is None else np.concatenate([u, environment.loads])
+            self._inputs[row, self._inputs.shape[1] - len(last) :] = last
+        for name in self._readings:
+            value = body.reading(name)
+            self._reading_values.setdefault(name, np.zeros((len(self._kept), *value.shape)))[row] = value
+        self._contact[row] = self._contacts.index(body.contact)
+        self._account[:, row] = body.energy, *(total for total, _ in ledger.sums[:3])
+        for name, values in self._outputs.items():
+            values[row] = body.displacement(name)
+        for name, sums in self._contact_account.items():
+            sums[row] = getattr(ledger, name)
+        if self._obstacles:
+            for values, force in zip(self._forces.values(), body.obstacle_forces(), strict=True):
+                values[row] = force
 
     def record(
         self,
@@ -256,11 +300,13 @@ class TrajectoryRecorder:
     ) -> Trajectory:
         """The finished run."""
         energy, supplied, dissipated, lost = self._account
+        if self._every > 1:
+            settings = {**settings, "every": self._every}
         return Trajectory(
             name=name,
             model=model,
             settings=settings,
-            times=self._times,
+            times=self._dt * self._kept,
             contacts=self._contacts,
             contact=self._contact,
             outputs=self._outputs,
@@ -268,7 +314,7 @@ class TrajectoryRecorder:
             supplied=supplied,
             dissipated=dissipated,
             lost_in_switching=lost,
-            snapshot_times=self._times[self._snapshot_steps],
+            snapshot_times=self._dt * self._snapshot_steps,
             snapshots=self._snapshots,
             nodes=nodes,
             triangles=triangles,

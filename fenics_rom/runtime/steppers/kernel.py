@@ -30,6 +30,7 @@ class Kernel:
     contact: ContactSolution | None = None
     auxiliary: Array = np.empty(0)
     notes: dict[str, float]
+    holds_steps: bool = False  # since the buffer was reset: what `passed` tells
 
     @property
     def energy(self) -> float:
@@ -65,6 +66,10 @@ class Kernel:
     def reset_buffer(self) -> None:
         """Books, and begins anew: what follows is then the same to the bit, whatever came before."""
         self.flush()
+
+    def passed(self) -> tuple[Array, Array, Array, Array]:
+        """Since the buffer was reset: states (n + 1, 2m), inputs (n, p), and supplied and dissipated works (n,), J."""
+        raise NotImplementedError
 
     def point_displacement(self) -> Array:
         """Of the contact points, (P, 3), m."""

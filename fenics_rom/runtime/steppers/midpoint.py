@@ -92,9 +92,13 @@ class _MidpointKernel(Kernel):
     Arguments as in BookedKernel; what the steps add to the rigid displacement is booked with the account.
     """
 
+    holds_steps = True
+
     def __init__(self, model: ContactModel, ledger: EnergyLedger | None, rigid_displacement: Array = HELD):
         self._model, self._ledger, self._rigid_displacement, self.notes = model, ledger, rigid_displacement, {}
-        self._states: list[Array]  # (2m,) each, views
+        self._states: list[Array]  # (2m,) each, views of the rows of
+        self._rows: Array  # (PAGES + 1, 2m)
+        self._inputs: Array  # (PAGES or more, p), of the steps from them on
         self._page = 0  # where the state is
         self._booked = 0  # pages before this one are in the account
 
@@ -109,13 +113,16 @@ class _MidpointKernel(Kernel):
 
     def flush(self) -> None:
         """Books what the steps so far supplied and dissipated, and how far they carried the body."""
-        if self._ledger is not None and self._booked < self._page:
-            supplied, dissipated = self._work(slice(self._booked, self._page))
-            self._ledger.book(supplied=supplied, dissipated=dissipated)
-        if len(self._rigid_displacement) and self._booked < self._page:
+        if self._booked < self._page:
+            self._book(*(self._works(slice(self._booked, self._page)) if self._ledger is not None else (HELD, HELD)))
+
+    def _book(self, supplied: Array, dissipated: Array) -> None:
+        """Books all that is owed, with the works of these steps, J."""
+        if self._ledger is not None:
+            self._ledger.book(supplied=float(supplied.sum()), dissipated=float(dissipated.sum()))
+        if len(self._rigid_displacement):
             m = self._model.order
-            end = m + len(self._rigid_displacement)
-            r = np.stack([state[m:end] for state in self._states[self._booked : self._page + 1]])
+            r = self._rows[self._booked : self._page + 1, m : m + len(self._rigid_displacement)]
             steps = self.h / 2 * (r[1:] + r[:-1])
             # A running sum: the same bits whenever it is read.
             self._rigid_displacement[:] = np.cumsum(np.vstack([self._rigid_displacement, steps]), axis=0)[-1]
@@ -128,8 +135,15 @@ class _MidpointKernel(Kernel):
             self._states[0][:] = self.state
             self._page = self._booked = 0
 
-    def _work(self, pages: slice) -> tuple[float, float]:
-        """What was supplied and dissipated in the steps from these pages on, J."""
+    def passed(self) -> tuple[Array, Array, Array, Array]:
+        """As in Kernel; they are booked."""
+        supplied, dissipated = self._works(slice(0, self._page))
+        if self._booked < self._page:
+            self._book(supplied[self._booked :], dissipated[self._booked :])
+        return self._rows[: self._page + 1], self._inputs[: self._page], supplied, dissipated
+
+    def _works(self, pages: slice) -> tuple[Array, Array]:
+        """What was supplied and dissipated in each step from one of these pages on, J."""
         raise NotImplementedError
 
 
@@ -141,7 +155,9 @@ class FusedMidpoint(_MidpointKernel):
         self._m, p = model.inputs.shape
         self._pages = np.zeros((PAGES + 1, 2 * self._m + p))  # [e, r, u]: what a product reads
         self._reads = list(self._pages)
-        self._states = [page[: 2 * self._m] for page in self._pages]
+        self._rows = self._pages[:, : 2 * self._m]
+        self._inputs = self._pages[:, 2 * self._m :]
+        self._states = list(self._rows)
         self._slots: list[Any] = [page[2 * self._m :].data for page in self._pages]  # to write u: twice as fast
 
     def set_time_step(self, h: float) -> None:
@@ -164,7 +180,7 @@ class FusedMidpoint(_MidpointKernel):
         self._page = page + 1
         return state.dot(state)
 
-    def _work(self, pages: slice) -> tuple[float, float]:
+    def _works(self, pages: slice) -> tuple[Array, Array]:
         rows = self._pages[pages] @ self._account
         return _inner(rows[:, self._m :], self._pages[pages, 2 * self._m :]), _inner(rows[:, : self._m])
 
@@ -185,7 +201,8 @@ class StagedMidpoint(_MidpointKernel):
         m, p = model.inputs.shape
         pages = np.zeros((PAGES + 1, 2, m))
         self._halves = [_Halves(page, page[0], page[1]) for page in pages]
-        self._states = [page.reshape(-1) for page in pages]
+        self._rows = pages.reshape(PAGES + 1, -1)
+        self._states = list(self._rows)
         self._terms = np.zeros((2, m))  # of the right-hand side: elastic, inertial
         self._elastic, self._inertial = self._terms
         self._inputs, self._velocities, self._rights = (np.zeros((PAGES, size)) for size in (p, m, m))  # u, 2 v̂
@@ -230,13 +247,13 @@ class StagedMidpoint(_MidpointKernel):
         state = self._states[page + 1]
         return state.dot(state)
 
-    def _work(self, pages: slice) -> tuple[float, float]:
+    def _works(self, pages: slice) -> tuple[Array, Array]:
         v = self._velocities[pages]
         drawn = self._model.damping_root * v if self._drain is None else self._rights[pages] @ self._drain
         supplied = _inner(v @ self._model.inputs, self._inputs[pages])
         return self.h / 2 * supplied, self.h / 4 * _inner(drawn)
 
 
-def _inner(rows: Array, others: Array | None = None) -> float:
-    """Σ of the products of all entries, or of their squares."""
-    return float(np.einsum("ij,ij->", rows, rows if others is None else others))
+def _inner(rows: Array, others: Array | None = None) -> Array:
+    """Of each row, Σ of the products of its entries, or of their squares."""
+    return np.einsum("ij,ij->i", rows, rows if others is None else others)
