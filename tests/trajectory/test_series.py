@@ -147,7 +147,7 @@ def test_series_are_read_to_the_last_bit(runs, tmp_path):
 def test_a_contact_mode_with_the_name_of_an_actuator_keeps_its_own_inputs():
     inputs = input_series(
         np.array([0, 0, 1, 1]),
-        [(np.array(u), np.empty(0)) for u in ([1.0, 2.0], [3.0, 4.0], [5.0])],  # the last one of the actuator alone
+        np.array([[0.0, 0.0], [1.0, 2.0], [3.0, 4.0], [0.0, 5.0]]),  # the last one of the actuator alone
         contacts={"tip": 1, "other": 1},
         actuators={"tip": 1},
         loads={},
