@@ -16,6 +16,7 @@ from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
+from bodies import PLATE
 from PIL import Image
 from playwright.sync_api import sync_playwright
 from websockets.exceptions import InvalidStatus
@@ -23,7 +24,6 @@ from websockets.sync.client import connect
 
 import fenics_rom as fr
 from fenics_rom.errors import MissingPackageError, SceneError
-from fenics_rom.scene.file import parse_scene
 from fenics_rom.visualization import optional_dependencies
 from fenics_rom.visualization.viewer import server
 
@@ -261,7 +261,7 @@ def test_port_that_is_taken_and_interruption(view, views):
 
 
 def test_runs_side_by_side(views, folder, browser, plate_rom):
-    scene = parse_scene(plate_rom.scene_text, source="plate")
+    scene = fr.read_scene(PLATE)
     run = fr.simulate(plate_rom, scene=replace(scene, run=replace(scene.run, snapshots=30)))
     fr.write_trajectory(folder / "a.h5", run)
     fr.write_trajectory(folder / "b.h5", replace(run, snapshots=0.9 * run.snapshots))
@@ -320,7 +320,9 @@ def test_wrong_usage(arguments, capsys):
     with pytest.raises(SystemExit) as ended:
         main(["view", *arguments])
     assert ended.value.code == 2
-    assert "usage" in capsys.readouterr().err
+    said = capsys.readouterr().err
+    assert said.startswith("fenics-rom view: error: ")
+    assert said.count("\n") == 1
 
 
 def test_missing_package_says_how_to_get_it(monkeypatch):
