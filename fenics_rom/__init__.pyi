@@ -1,6 +1,19 @@
 """The public names and their modules: for type checkers and editors, and for `__init__.py`, which loads them."""
 
 from fenics_rom import errors as errors
+from fenics_rom.errors import CompareError as CompareError
+from fenics_rom.errors import DataError as DataError
+from fenics_rom.errors import FenicsRomError as FenicsRomError
+from fenics_rom.errors import FenicsRomWarning as FenicsRomWarning
+from fenics_rom.errors import FileError as FileError
+from fenics_rom.errors import MeshError as MeshError
+from fenics_rom.errors import MissingPackageError as MissingPackageError
+from fenics_rom.errors import RomFileError as RomFileError
+from fenics_rom.errors import SceneError as SceneError
+from fenics_rom.errors import SolverError as SolverError
+from fenics_rom.errors import StepError as StepError
+from fenics_rom.errors import StructureError as StructureError
+from fenics_rom.errors import TrajectoryFileError as TrajectoryFileError
 from fenics_rom.fem.assemble import assemble as assemble
 from fenics_rom.fem.forms import assemble_forms as assemble_forms
 from fenics_rom.fem.matrix_market import read_system as read_system

@@ -1,6 +1,8 @@
 """A run of whatever can be run: a scene or a system at full order, or a ROM; the same call, the same trajectory."""
 
 from collections.abc import Mapping
+from os import PathLike
+from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fenics_rom.errors import SceneError, shown
@@ -16,7 +18,7 @@ if TYPE_CHECKING:
 
 
 def simulate(
-    model: "Scene | System | Rom",
+    model: "Scene | System | Rom | str | PathLike[str]",
     *,
     scene: Scene | None = None,
     dt: float | None = None,
@@ -33,7 +35,7 @@ def simulate(
     reduced. `scene`, `profile`, `rate` and `stepper` are for ROMs.
 
     Args:
-        model: what to run.
+        model: what to run, or the name of the file of a scene or a ROM.
         scene: whose run, effects and outputs' names to take instead of those of the scene in the ROM.
         dt: time step instead of the scene's, s.
         every: outputs, forces and account are kept after every so many steps, and at the end, instead of the scene's.
@@ -56,6 +58,11 @@ def simulate(
         >>> fr.compare(reduced, full)["shape"].relative < 1e-3
         True
     """
+    if isinstance(model, str | PathLike):
+        from fenics_rom.io.hdf5 import is_sealed
+
+        is_rom = is_sealed(Path(model)) or Path(model).suffix in (".h5", ".hdf5")
+        model = load("rom.file", "read_rom")(model) if is_rom else load("scene.file", "read_scene")(model)
     if isinstance(model, Rom):
         from fenics_rom.runtime.simulate import simulate as simulate_rom
 

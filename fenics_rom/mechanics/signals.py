@@ -53,6 +53,18 @@ class Signal:
 SignalLike = Union[Signal, "ArrayLike", Callable[[float], "ArrayLike"]]  # a function is of time in s
 
 
+def real_numbers(value: "ArrayLike") -> Array:
+    """An array of floats.
+
+    Raises:
+        TypeError, ValueError: it is not of real numbers; NumPy alone would take the real parts of complex ones.
+    """
+    array = np.asarray(value)
+    if array.dtype.kind == "c":
+        raise TypeError("complex numbers")
+    return array.astype(float)
+
+
 class CheckedSignal:
     """A signal that must give so many finite numbers, wherever they come from, or be refused by its name.
 
@@ -78,7 +90,7 @@ class CheckedSignal:
 
     def _checked(self, value: "ArrayLike") -> Array:
         try:
-            numbers = np.array(value, dtype=float).reshape(-1)
+            numbers = real_numbers(value).reshape(-1)
         except (TypeError, ValueError):
             numbers = np.empty(0)
         if len(numbers) != self._width or not np.isfinite(numbers).all():

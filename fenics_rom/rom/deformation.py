@@ -15,12 +15,13 @@ import numpy as np
 from fenics_rom.errors import StructureError, unknown
 from fenics_rom.mechanics.hyperelastic import LAWS, VOIGT_INDEX, VOIGT_PAIRS, energy_density, moduli, strain, stress
 from fenics_rom.mechanics.tendon import unit_tension_forces
+from fenics_rom.rom.content import ByContent
 
 Array = np.ndarray
 
 
-@dataclass(frozen=True)
-class ReducedTendon:
+@dataclass(frozen=True, eq=False)
+class ReducedTendon(ByContent):
     """A cable through points of the body."""
 
     points: Array  # at rest, (K, 3), m
@@ -31,8 +32,8 @@ class ReducedTendon:
         return unit_tension_forces(self.points + (self.shapes @ q).reshape(-1, 3)).ravel() @ self.shapes
 
 
-@dataclass(frozen=True)
-class TrainingRange:
+@dataclass(frozen=True, eq=False)
+class TrainingRange(ByContent):
     """How far loads and strains went in the full-order runs that a model was trained and validated with."""
 
     inputs: Mapping[str, float]  # largest of each actuator and load, in units of the input
@@ -41,8 +42,8 @@ class TrainingRange:
     smoothing_time: float  # of forces of obstacles, s: what acts for less moves the body by less
 
 
-@dataclass(frozen=True)
-class ReducedDeformation:
+@dataclass(frozen=True, eq=False)
+class ReducedDeformation(ByContent):
     """What a ROM needs beside its linear model where the scene names large_deformation.
 
     Its basis W is the same for all contact modes, WᵀMW = I. Of pressures it has the force of 1 Pa as a polynomial of q,

@@ -13,6 +13,7 @@ from fenics_rom.io.stages import Stage
 from fenics_rom.mechanics.body_facts import CellQuality
 from fenics_rom.mechanics.contact_points import PointsBetween
 from fenics_rom.mechanics.environment import Environment
+from fenics_rom.rom.content import ByContent
 
 if TYPE_CHECKING:
     from fenics_rom.mechanics.readings import Reading
@@ -21,8 +22,8 @@ if TYPE_CHECKING:
 Array = np.ndarray
 
 
-@dataclass(frozen=True)
-class ContactModel:
+@dataclass(frozen=True, eq=False)
+class ContactModel(ByContent):
     """The reduced model of one contact mode, in the basis W_i = Q C_i with W_iᵀMW_i = I, W_iᵀKW_i = diag(γ).
 
     Attributes:
@@ -101,9 +102,11 @@ class ForceValidation:
     time_step: Mapping[str, tuple[float, float, float]]
 
 
-@dataclass(frozen=True)
-class Rom:
+@dataclass(frozen=True, eq=False)
+class Rom(ByContent):
     """Reduced models of all contact modes of one body, in one shared basis.
+
+    Its arrays are read-only; ROMs that hold the same are equal, and have one hash.
 
     Attributes:
         name: of the scene.

@@ -18,12 +18,16 @@ import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
 from fenics_rom.errors import StepError, unknown
+from fenics_rom.mechanics.signals import real_numbers
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.batch_arrays import BatchLayout, Bodies, PaddedModels, Segment
 from fenics_rom.runtime.environment_inputs import fit_loads
+from fenics_rom.runtime.given_rom import given_rom
 from fenics_rom.runtime.steppers.midpoint import checked_dt
 
 if TYPE_CHECKING:
+    from os import PathLike
+
     from fenics_rom.mechanics.active_environment import ActiveEnvironment, SignalLike
 
 Array = np.ndarray
@@ -37,7 +41,7 @@ class Batch:
     `bodies` in the methods are None (all), a mask (size,) or distinct indices; arrays are in the order 0 .. size - 1.
 
     Args:
-        rom: the reduced model; it is only read, and copies of a batch share it.
+        rom: the reduced model, or the name of its file; it is only read, and copies of a batch share it.
         size: number of bodies.
         dt: time step of all bodies, s; may be set anew before any step.
         dtype: of the states and the arithmetic, float64 or float32; energies, work and time are float64 always.
@@ -62,7 +66,7 @@ class Batch:
 
     def __init__(
         self,
-        rom: Rom,
+        rom: "Rom | str | PathLike[str]",
         size: int,
         dt: float,
         *,
@@ -70,15 +74,15 @@ class Batch:
         ledger: bool = False,
         signals: "Mapping[str, SignalLike] | None" = None,
     ):
+        if not isinstance(rom, Rom):
+            rom = given_rom("Batch", rom)
         if not (isinstance(size, int | np.integer) and size > 0):
             raise StepError(f"size = {size!r}: allowed is a whole number > 0")
         if np.dtype(dtype) not in (np.float64, np.float32):
             raise StepError(f"dtype = {dtype!r}: allowed are float64 and float32")
         rom, self._environment = fit_loads(rom, signals)
         if rom.deformation is not None:
-            raise StepError(
-                f"ROM {rom.name!r} has large deformation in its scene: Simulator steps such bodies, one by one"
-            )
+            raise StepError(f"ROM {rom.name!r} has large deformation in its scene, which Simulator steps, one by one")
         self.rom, self.size, self.dtype = rom, int(size), np.dtype(dtype)
         self._models = PaddedModels(rom, self.dtype)
         modes, p, m = self._models.inputs.shape
@@ -196,7 +200,7 @@ class Batch:
         selected = self._layout.select(bodies)
         ω, modes = self._models.frequencies, self._layout.mode[selected]
         shape = (len(selected), ω.shape[1])
-        parts = [np.asarray(part, dtype=float) for part in (q, r)]
+        parts = [real_numbers(part) for part in (q, r)]
         if any(part.shape not in (shape, shape[1:]) for part in parts):
             raise StepError(f"state: allowed are two arrays of shape {shape}, given: {[part.shape for part in parts]}")
         state = np.stack([np.broadcast_to(part, shape) for part in parts])
@@ -339,6 +343,8 @@ class Batch:
                 f"input: allowed are {self.inputs} numbers in N for each of {self.size} bodies, or for all; "
                 f"given: an array of shape {u.shape}"
             )
+        if u.dtype.kind not in "fiub":
+            raise StepError(f"input: allowed are real numbers in N, given: an array of {u.dtype}")
         if u.dtype != self.dtype:
             with np.errstate(over="ignore"):
                 u = u.astype(self.dtype)

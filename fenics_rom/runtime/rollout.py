@@ -17,6 +17,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from fenics_rom.errors import StepError, unknown
+from fenics_rom.mechanics.signals import real_numbers
 from fenics_rom.rom.rom import ContactModel
 from fenics_rom.runtime.steppers.midpoint import checked_dt, matrices
 
@@ -194,7 +195,11 @@ class Rollout:
         dt: float | Sequence[float] | Array | None,
     ) -> tuple[Array, list[ConstantInterval]]:
         """What was asked for, checked: all inputs of each step, and the intervals of one contact mode and dt."""
-        body, rom, u = self._body, self._body.rom, np.asarray(inputs, dtype=float)
+        body, rom = self._body, self._body.rom
+        try:
+            u = real_numbers(inputs)
+        except (TypeError, ValueError):
+            raise StepError(f"inputs: allowed are (steps, {body.inputs}) real numbers in N") from None
         if u.ndim != 2:
             raise StepError(f"inputs: allowed are (steps, {body.inputs}) numbers in N, given: shape {u.shape}")
         bad = np.flatnonzero(~np.isfinite(u).all(axis=1))

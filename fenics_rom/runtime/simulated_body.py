@@ -1,12 +1,14 @@
 """What can be read of a body that is simulated, and what it can be saved as."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from fenics_rom.errors import StepError, unknown
 from fenics_rom.mechanics.linearity import SurfaceStrainPeak
+from fenics_rom.mechanics.signals import real_numbers
 from fenics_rom.mechanics.step import StepperState
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.linearity_monitor import LinearityMonitor
@@ -106,6 +108,32 @@ class SimulatedBody:
     def surface_peak(self) -> SurfaceStrainPeak:
         """How far the surface turned and strained, where the stored energy was high enough for a look at it."""
         return self._monitor.peak
+
+    def _by_name(self, given: Any, named: Mapping[str, Any]) -> Array:
+        """An input (p,) of a mapping, or of arguments with names."""
+        if not isinstance(given, Mapping):
+            if len(given):
+                raise StepError(f"step {self.steps}: inputs were given by position and by name; allowed is one of both")
+            given = {}
+        u, starts, column = np.zeros(self._width), dict[str, slice](), self.rom.contacts[self.contact]
+        pushed = f"contact-{self.contact}" if self.contact in self.rom.actuators else self.contact
+        starts[pushed] = slice(column)
+        for name, columns in self.rom.actuators.items():
+            starts[name] = slice(column, column + columns)
+            column += columns
+        for name, value in {**given, **named}.items():
+            if name not in starts:
+                hint = "; switch to that contact mode first" if name in self.rom.contact_models else ""
+                raise StepError(f"step {self.steps}: {unknown('input', name, starts)}{hint}")
+            try:
+                numbers = real_numbers(value).reshape(-1)
+            except (TypeError, ValueError):
+                numbers = np.empty(0)
+            if numbers.shape != u[starts[name]].shape:
+                allowed = f"{len(u[starts[name]])} real numbers"
+                raise StepError(f"step {self.steps}: input {name!r} = {value!r}: allowed are {allowed}")
+            u[starts[name]] = numbers
+        return u
 
     def displacement(self, output: str | None = None) -> Array:
         """Displacement, m: of a named output (points, 3), or of every mesh node (nodes, 3).

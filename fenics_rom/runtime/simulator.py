@@ -12,7 +12,9 @@ from fenics_rom.errors import FenicsRomWarning, StepError, unknown
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.initial_state import lost_messages
 from fenics_rom.mechanics.linearity import SurfaceStrainPeak
+from fenics_rom.mechanics.signals import real_numbers
 from fenics_rom.rom.rom import Rom
+from fenics_rom.runtime.given_rom import given_rom
 from fenics_rom.runtime.linearity_monitor import LinearityMonitor
 from fenics_rom.runtime.simulated_body import SimulatedBody, SimulatorState
 from fenics_rom.runtime.steppers.midpoint import checked_dt
@@ -20,12 +22,15 @@ from fenics_rom.runtime.steppers.selection import make_stepper
 from fenics_rom.runtime.switching import SwitchLoss
 
 if TYPE_CHECKING:
+    from os import PathLike
+
     from fenics_rom.mechanics.active_environment import ActiveEnvironment
     from fenics_rom.mechanics.environment import HasEnvironment
     from fenics_rom.mechanics.signals import SignalLike
     from fenics_rom.runtime.rollout import Rollout
 
 Array = np.ndarray
+_FLOAT, _as_array = np.dtype(float), np.asarray
 
 
 class Simulator(SimulatedBody):
@@ -35,7 +40,7 @@ class Simulator(SimulatedBody):
     the one that an obstacle is nearest to.
 
     Args:
-        rom: the reduced model; it is only read, and copies of a simulator share it.
+        rom: the reduced model, or the name of its file; it is only read, and copies of a simulator share it.
         dt: time step, s; may be set anew before any step.
         ledger: whether to keep the energy account.
         scene: whose effects act, or an Environment; None: what the ROM was made for.
@@ -66,7 +71,7 @@ class Simulator(SimulatedBody):
 
     def __init__(
         self,
-        rom: Rom,
+        rom: "Rom | str | PathLike[str]",
         dt: float,
         *,
         ledger: bool = True,
@@ -74,6 +79,8 @@ class Simulator(SimulatedBody):
         signals: "Mapping[str, SignalLike] | None" = None,
         stepper: str | None = None,
     ):
+        if not isinstance(rom, Rom):
+            rom = given_rom("Simulator", rom)
         self._origin = rom, scene, signals, stepper
         self.environment: ActiveEnvironment | None = None
         self._source = None
@@ -119,7 +126,7 @@ class Simulator(SimulatedBody):
 
     @state.setter
     def state(self, state: tuple[Sequence[float] | Array, Sequence[float] | Array]) -> None:
-        given = [np.array(part, dtype=float) for part in state]
+        given = [real_numbers(part) for part in state]
         shape = (self._order,)
         if len(given) != 2 or any(part.shape != shape or not np.isfinite(part).all() for part in given):
             raise StepError(f"state: allowed are two finite arrays of shape {shape}, given: {[p.shape for p in given]}")
@@ -142,7 +149,7 @@ class Simulator(SimulatedBody):
         from fenics_rom.runtime.shape_projection import project_fields  # here, as not everyone sets one
 
         given = {"displacement": displacement, "velocity": velocity}
-        fields = {name: np.asarray(field, dtype=float) for name, field in given.items() if field is not None}
+        fields = {name: real_numbers(field) for name, field in given.items() if field is not None}
         coordinates, lost = project_fields(self.rom, self.contact, fields)
         messages = lost_messages(lost, f"ROM {self.rom.name!r}")
         before = self.save()
@@ -201,25 +208,33 @@ class Simulator(SimulatedBody):
             raise StepError(unknown("load or obstacle", name, []))
         self.environment.set_signal(name, signal)
 
-    def step(self, u: Sequence[float] | Array = ()) -> None:
+    def step(self, u: Sequence[float] | Array | Mapping[str, Any] = (), **named: Any) -> None:
         """Advances by dt under a constant input.
 
         Args:
             u: (p,) N; the contact mode's columns, then the actuators' (Pa of a pressure). The actuators' alone, where
                 the scene has loads, obstacles or no inertia: then nothing pushes at the contact mode besides.
+                Or a mapping by name; what it does not name is 0.
+            named: the same as arguments, `step(flexor=1.2, tip=[0, 0, 0.5])`: of actuators, and of the contact mode.
 
         Raises:
             StepError: wrong length, or not finite, or no contact forces were found; the state is as it was.
         """
+        if named:
+            u = self._by_name(u, named)
         try:
-            u = np.asarray(u, dtype=float)
-            twice = self._advance(u)
+            if type(u) is Array and u.dtype is not _FLOAT:
+                u = real_numbers(u)
+            given = _as_array(u, _FLOAT)
+            twice = self._advance(given)
         except (TypeError, ValueError):
+            if isinstance(u, Mapping):  # here, as it costs a step by position nothing
+                return self.step(self._by_name(u, {}))
             raise StepError(self._wrong_input(u)) from None
         if twice <= self._monitor_threshold:
             self.steps += 1
         else:
-            self._step_high(u, twice)
+            self._step_high(given, twice)
 
     def step_in_block(self, inputs: Sequence[Array]) -> tuple[Array, Array, Array, Array]:
         """Takes steps, at most `midpoint.PAGES`, and tells what there is to read after each.
