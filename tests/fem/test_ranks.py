@@ -35,8 +35,8 @@ point = [0, 0, -1e-3]
 normal = [0, 0, 1]
 [effects.contact.obstacles.ball]
 shape = "sphere"
-center = [1.1, 0.4, 0.3]
-radius = 0.099
+center = [1.301, 0.4, 0.3]
+radius = 0.3
 table = "ball.csv"
 """
 READINGS = {
