@@ -3,6 +3,7 @@
 import numpy as np
 
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
+from fenics_rom.mechanics.actuator_forces import ActuatorForces
 from fenics_rom.mechanics.contact import ContactSolution
 from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
@@ -61,6 +62,8 @@ class FullOrderBody:
         contact_mode: the active one, in whose order the inputs are.
         ledger: the energy account, or None.
         interface: the contact points; None where nothing can touch.
+        actuators: those whose forces are found in the step; None where there are none.
+        reactions: (k,) forces of those whose strokes are given, in the last step, N or Pa.
         time_step_monitor: of the length of the steps, where an account is kept.
 
     Raises:
@@ -74,6 +77,12 @@ class FullOrderBody:
         self.interface: FullOrderInterface | None = None
         if environment is not None and environment.environment.contact_law is not None:
             self.interface = FullOrderInterface(system, environment)
+        self.actuators: ActuatorForces | None = None
+        self.reactions = np.empty(0)
+        if environment is not None and environment.environment.finds_forces:
+            acting = environment.environment
+            self.actuators = ActuatorForces(acting.controls, acting.guides, system.widths)
+            self.reactions = np.zeros(len(self.actuators.names))
         self.ledger = EnergyLedger() if ledger else None
         self.time_step_monitor = TimeStepMonitor()
         rows = system.algebra.rows()

@@ -9,6 +9,7 @@ from fenics_rom.fem.direct import PetscFactor
 from fenics_rom.fem.full_order_body import FullOrderBody
 from fenics_rom.fem.petsc_matrix import ExtendedMatrix, combination
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
+from fenics_rom.mechanics.actuator_forces import held_back
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointMotion
 from fenics_rom.mechanics.step import StepInput, StepResult
 from fenics_rom.system.system import Array, System
@@ -30,6 +31,7 @@ class FullOrderStepper(FullOrderBody):
         self._factored: tuple[float, PetscFactor] | None = None
         self._energy: float | None = 0.0
         self._before: tuple[Any, ...] = ()
+        self._stroke_motion, self._held_back = np.empty((0, 0)), dict[bytes, Array]()
 
     @property
     def energy(self) -> float:
@@ -48,13 +50,21 @@ class FullOrderStepper(FullOrderBody):
 
     def step(self, inputs: StepInput) -> StepResult:
         """See Stepper."""
-        B = self.input_matrix
-        if inputs.u.shape != (B.shape[1],):
+        B, u = self.input_matrix, inputs.u
+        if u.shape != (B.shape[1],):
             raise ValueError
-        return self.step_under(B @ inputs.u, inputs.obstacles)
+        if self.actuators is None:
+            return self.step_under(B @ u, inputs.obstacles)
+        u, given = self.actuators.split(u)
+        return self.step_under(B @ u, inputs.obstacles, (u, given))
 
-    def step_under(self, force: Array, obstacles: ObstacleMotion | None = None) -> StepResult:
+    def step_under(
+        self, force: Array, obstacles: ObstacleMotion | None = None, given: tuple[Array, Array] | None = None
+    ) -> StepResult:
         """Advances by dt under a force (rows here,), N; the energy is told where an account is kept, else NaN.
+
+        Where forces of actuators are found in the step, `given` is the input (p,) without them, and what is given for
+        them (n,).
 
         In K x large terms cancel (bending against stretching), so that in double precision the energy account of a
         thin body would close to 1e-10 only. Products with K in extended precision, one refinement of the solve, and
@@ -69,25 +79,35 @@ class FullOrderStepper(FullOrderBody):
         force = force[:, None]
         right = force + 2 / h * self._momentum - self._elastic if self._has_inertia else force - self._elastic
         v = factor.solve(right)
-        contact = self._solve_contact(v, obstacles)
+        reactions, rubbed = self.reactions, None
+        if given is None or self.actuators is None:
+            contact = self._solve_contact(v, obstacles)
+        else:
+            found, contact = self._solve_actuators(v, obstacles, *given)
+            by_strokes, rubbed = (part[:, None] for part in self.actuators.parts(self._columns, found))
+            force, right = force + by_strokes, right + by_strokes + rubbed
+            reactions = found[: len(reactions)]
         if contact is not None and self.interface is not None:
             right = right + self.interface.force(contact)
+        if contact is not None or given is not None:
             v = factor.solve(right)
         if not np.isfinite(self._dot(v, v)):
             raise StepError("the input leads out of the finite numbers; the state was left as it was")
         sums = None if self.ledger is None else self.ledger.sums
-        self._before = (self.x, self.v, self._momentum, self._elastic, self.contact), sums
+        self._before = (self.x, self.v, self._momentum, self._elastic, self.contact, self.reactions), sums
         if self.ledger is not None:
             Mv, Kv = self._refined(factor, right, v)
             if self._has_inertia:
                 self.time_step_monitor.add(4 * self._dot(v - self.v, Mv - self._momentum), self._dot(v, Mv))
             drawn = self._damped(v, Mv, Kv) if self._has_inertia else h / 2 * Kv
             self.ledger.book(supplied=h * self._dot(force, v), dissipated=h * self._dot(v, drawn))
+            if rubbed is not None:
+                self.ledger.book(dissipated=-h * self._dot(rubbed, v))
             if contact is not None and self.interface is not None:
                 self.ledger.book_contact(*contact.work(self.interface.at_points(v), h))
             self._momentum = 2 * Mv - self._momentum
             self._elastic = self._elastic + h * Kv
-        self.contact = contact
+        self.contact, self.reactions = contact, reactions
         self.x = self.x + h * v
         if self._has_inertia:
             self.v = 2 * v - self.v
@@ -97,7 +117,7 @@ class FullOrderStepper(FullOrderBody):
     def rollback(self) -> None:
         """See Stepper."""
         state, sums = self._before
-        self.x, self.v, self._momentum, self._elastic, self.contact = state
+        self.x, self.v, self._momentum, self._elastic, self.contact, self.reactions = state
         self.time, self._energy = self.time - self.dt, None
         if self.ledger is not None:
             self.ledger.sums = sums
@@ -108,12 +128,38 @@ class FullOrderStepper(FullOrderBody):
             self._factored[1].close()
             self._factored = None
 
-    def _solve_contact(self, free: Array, obstacles: ObstacleMotion | None) -> ContactSolution | None:
-        """Contact of a step, from its mid-step velocity without (rows here, 1)."""
+    def _solve_contact(
+        self, free: Array, obstacles: ObstacleMotion | None, delassus: Array | None = None
+    ) -> ContactSolution | None:
+        """Contact of a step, from its mid-step velocity without (rows here, 1) and the Delassus operator."""
         if self.interface is None or obstacles is None:
             return None
         points = PointMotion(*(self.interface.at_points(field) for field in (self.x, self.v, free)))
-        return self.interface.solver.solve(points, self._delassus, self.dt, obstacles, not self._has_inertia)
+        operator = self._delassus if delassus is None else delassus
+        return self.interface.solver.solve(points, operator, self.dt, obstacles, not self._has_inertia)
+
+    def _solve_actuators(
+        self, free: Array, obstacles: ObstacleMotion | None, u: Array, given: Array
+    ) -> tuple[Array, ContactSolution | None]:
+        """Forces (n,) of actuators that are found in a step, and contact; `free` as in `_solve_contact`."""
+        assert self.actuators is not None
+        W, X = self._stroke_compliance, self._stroke_motion
+        strokes, rates, freely = self.system.algebra.inner(self._columns, np.hstack([self.x, self.v, free])).T
+        if self._has_inertia:
+            targets = self.actuators.rates(given, strokes, rates, self.dt)
+        else:
+            targets = self.actuators.resting_rates(given, strokes, self.dt)
+
+        def touch(z: Array, holding: Array) -> tuple[ContactSolution | None, Array]:
+            if self.interface is None:
+                return None, np.zeros(len(z))
+            key = holding.tobytes()
+            if key not in self._held_back:
+                self._held_back[key] = held_back(self._delassus, X, W, holding)
+            contact = self._solve_contact(free + self._spread @ z[:, None], obstacles, self._held_back[key])
+            return contact, np.zeros(len(z)) if contact is None else X.T @ contact.forces.ravel()
+
+        return self.actuators.solve(u, freely, W, targets, touch)
 
     def _renew_products(self) -> None:
         """M v and K x anew, where no account carries them along."""
@@ -156,4 +202,11 @@ class FullOrderStepper(FullOrderBody):
             self._factored = h, PetscFactor(combination(*terms), one_by_one=True)
             if self.interface is not None:
                 self._delassus = self.interface.delassus(self._factored[1].solve(self.interface.Sᵀ))
+            if self.actuators is not None:
+                self._columns = self.input_matrix[:, self.actuators.columns]
+                self._spread, self._held_back = self._factored[1].solve(self._columns), {}
+                W = self.system.algebra.inner(self._columns, self._spread)
+                self._stroke_compliance = self.actuators.compliance(W)
+                if self.interface is not None:
+                    self._stroke_motion = self.system.algebra.inner(self.interface.Sᵀ, self._spread)
         return self._factored[1]

@@ -64,6 +64,11 @@ def loads_of(scene: Scene, nodes: Nodes, masses: Array, unknowns: Unknowns) -> t
             _refuse_nothing(columns[name], where)
         else:
             columns[name] = patch_columns(nodes, force.patch("resultant"), unknowns, where)
+    for name, tendon in scene.effects.tendon.items() if scene.effects.tendon_friction is not None else ():
+        points, where = np.array(tendon.points), f"effects.tendon.{name}"
+        for number in range(1, len(points) - 1):  # friction at a guide changes the tension from there to the anchor
+            columns[f"{name}-guide-{number}"] = unknowns.restrict(_cable(nodes, points[: number + 1], where))
+            units[f"{name}-guide-{number}"] = 1.0
     return columns, units
 
 

@@ -128,3 +128,9 @@ class FullOrderSimulator:
         """Forces of the obstacles on the body in the last step, (O, 3), N."""
         contact = self.stepper.contact
         return np.zeros((len(self.environment.obstacles), 3)) if contact is None else contact.by_obstacle
+
+    @property
+    def reactions(self) -> dict[str, float]:
+        """Forces of the actuators whose strokes are given, in the last step: tensions in N, pressures in Pa."""
+        names = self.environment.stroke_names(self.system.actuators)
+        return dict(zip(names, map(float, self.stepper.reactions), strict=True))

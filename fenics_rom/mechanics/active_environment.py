@@ -1,6 +1,6 @@
 """An environment in a run: what its loads are at a time, and where its obstacles are; the same at any order."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
 from dataclasses import replace
 from typing import NamedTuple
 
@@ -83,6 +83,10 @@ class ActiveEnvironment:
         self._signals[name] = CheckedSignal(name, self.columns.get(name, 3), signal)
         self.signals[name] = signal
         self._keep_constants()
+
+    def stroke_names(self, actuators: Collection[str]) -> tuple[str, ...]:
+        """Those of the actuators whose strokes are given."""
+        return tuple(name for name in actuators if name in self.environment.controls)
 
     def reset(self) -> None:
         """Puts the obstacles where they are at time 0, at rest."""

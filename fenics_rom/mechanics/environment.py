@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from fenics_rom.mechanics.obstacles import Obstacle
 
 PERMANENT_EFFECTS = ("springs",)  # part of the matrices: no run can leave them out
+STROKE_UNITS = {"length": "m", "volume": "m3"}  # of what is given of an actuator in place of its force
 SWITCHINGS = ("energy", "oblique")  # energy-orthogonal, of any basis; of standard balanced truncation
 CONTACT_SWITCHINGS = ("automatic", "scene")  # the contact mode follows the obstacles, or the load history says
 
@@ -28,6 +29,14 @@ class Load:
 
     columns: int  # number of input columns
     signal: Signal | None  # what it does; None where that is to be given as a function of time
+
+
+@dataclass(frozen=True)
+class Guide:
+    """Friction where a tendon turns."""
+
+    tendon: str  # whose guide it is
+    bend: float  # μ times the angle that it turns by at rest
 
 
 @dataclass(frozen=True)
@@ -46,7 +55,7 @@ class AppliedLoad:
     actuator: str | None  # by name; None where it is a contact mode's
     start: float  # s
     stop: float  # s
-    signal: Signal  # N (Pa of a pressure), one number for each column
+    signal: Signal  # N (Pa of a pressure, m or m3 of a stroke), one number for each column
 
 
 @dataclass(frozen=True)
@@ -72,6 +81,8 @@ class Environment:
         obstacles: by name.
         contact_law: how the body meets them; None where the scene names no contact.
         contact_switching: "automatic" (the contact mode follows the obstacles) or "scene" (the load history says).
+        guides: with friction, by the names of the loads that it is, those of each tendon from its anchor on.
+        controls: of the actuators whose stroke is given, not their force: "length" of a tendon, "volume" of a chamber.
         built_in: what a model made for this cannot do differently, by its place in the scene, as JSON; the mesh by the
             SHA-256 of its content.
         run: the load history; None where there is none.
@@ -91,6 +102,8 @@ class Environment:
     obstacles: Mapping[str, MovingObstacle] = field(default_factory=dict)
     contact_law: ContactLaw | None = None
     contact_switching: str = "automatic"
+    guides: Mapping[str, Guide] = field(default_factory=dict)
+    controls: Mapping[str, str] = field(default_factory=dict)
     built_in: Mapping[str, str] = field(default_factory=dict)
     run: Run | None = None
     source: str = ""
@@ -107,8 +120,13 @@ class Environment:
 
     @property
     def is_plain(self) -> bool:
-        """Whether nothing acts but inputs on a body with inertia."""
-        return self.has_inertia and not self.loads and self.contact_law is None
+        """Whether nothing acts but forces that are inputs, on a body with inertia."""
+        return self.has_inertia and not self.loads and self.contact_law is None and not self.finds_forces
+
+    @property
+    def finds_forces(self) -> bool:
+        """Whether forces of actuators are found in the step: by strokes, or friction at guides."""
+        return bool(self.controls or self.guides)
 
     @property
     def switches_itself(self) -> bool:
@@ -126,6 +144,20 @@ class Environment:
                 f"{self.source}: effects: inertia is missing, and a body that nothing holds has no equilibrium"
             )
 
+    def check_forces_given(self, what: str) -> None:
+        """Checks that all forces of actuators are given.
+
+        Raises:
+            SceneError: a stroke is, or a tendon rubs, where `what` needs forces.
+        """
+        if self.guides:
+            raise SceneError(f"{self.source}: effects.tendon_friction: allowed in {what} are tendons without friction")
+        for name, control in self.controls.items():
+            raise SceneError(
+                f"{self.source}: actuator {name!r}: control = {control!r}: {what} needs forces as inputs; allowed is "
+                "an actuator that is given its force, and a ROM made so can be run by length or volume"
+            )
+
     def details(self, place: str) -> dict[str, Any]:
         """What is built in at a place of the scene, such as "effects.tendon"; empty where there is nothing."""
         import json  # here: every import delays the runtime's start
@@ -140,9 +172,14 @@ class Environment:
 
     @property
     def input_units(self) -> dict[str, str]:
-        """Units of those inputs that are not N: pressures, gravity, base motions."""
-        units = dict.fromkeys(self.details("effects.pressure"), "Pa") | {"gravity": "1"}
-        return units | dict.fromkeys(self.details("effects.base_motion"), "m/s2")
+        """Units of those inputs that are not N: pressures, gravity, base motions, and strokes."""
+        units = self.force_units | {"gravity": "1"} | dict.fromkeys(self.details("effects.base_motion"), "m/s2")
+        return units | {name: STROKE_UNITS[control] for name, control in self.controls.items()}
+
+    @property
+    def force_units(self) -> dict[str, str]:
+        """Units of what those actuators act with that do not act with N: pressures."""
+        return dict.fromkeys(self.details("effects.pressure"), "Pa")
 
     def __repr__(self) -> str:
         lines = [f"Environment of {self.source or 'matrices'}: {', '.join(self.effects) or 'inputs alone'}"]
@@ -166,3 +203,4 @@ class HasEnvironment(Protocol):
 
 GRAVITY_SIGNAL = Signal(np.ones(1))  # multiples of the scene's acceleration
 STANDS_STILL = Signal(np.zeros(3))  # an obstacle where the scene puts it, m
+NOTHING = Signal(np.zeros(1))  # of a load that is found in the step

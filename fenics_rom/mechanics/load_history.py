@@ -68,6 +68,7 @@ class LoadHistory:
         starts = dict(zip(actuator_columns, np.cumsum([0, *actuator_columns.values()]), strict=False))
         self._actuator_slice = {name: slice(a, a + actuator_columns[name]) for name, a in starts.items()}
         self._actuator_total = sum(actuator_columns.values())
+        self._strokes = environment.controls
         for load in self._loads:
             self._check(load, contact_columns if load.contact else actuator_columns, f"{source}: run.load")
 
@@ -93,13 +94,13 @@ class LoadHistory:
         return next(pushes, next(iter(self._contact_columns)))
 
     def __iter__(self) -> Iterator[tuple[str, np.ndarray]]:
-        """Contact mode and input (contact columns, then actuator columns; N) of each step.
+        """Contact mode and input (contact columns, then actuator columns; N, or m and m³ of strokes) of each step.
 
         A contact mode stays until another one's force begins, so a body is released in the mode it was pushed in.
         """
         contact, step = self.first_contact(), 0
         while step < self.steps:
-            contact, u = self.at(self._middle(step), contact)
+            contact, u = self.at(self._middle(step), contact, self.dt / 2)
             stop = self._lasts_until(step)
             yield from repeat((contact, u), stop - step)
             step = stop
@@ -112,8 +113,11 @@ class LoadHistory:
         change = min((t for load in self._loads for t in (load.start, load.stop) if t > time), default=math.inf)
         return bisect_left(range(self.steps), change, lo=step + 1, key=self._middle)
 
-    def at(self, time: float, contact: str) -> tuple[str, np.ndarray]:
-        """Contact mode and input at a time, s, if before it the contact mode was another."""
+    def at(self, time: float, contact: str, to_end: float = 0.0) -> tuple[str, np.ndarray]:
+        """Contact mode and input at a time, s, if before it the contact mode was another.
+
+        Forces are those of the middle of a step, strokes those of its end, which is later by `to_end`.
+        """
         active = [load for load in self._loads if load.start <= time < load.stop]
         contact = next((load.contact for load in active if load.contact is not None), contact)
         columns = 0 if self.automatic else self._contact_columns[contact]
@@ -122,5 +126,6 @@ class LoadHistory:
             if load.contact is not None:
                 u[:columns] += load.signal(time)
             else:
-                u[columns:][self._actuator_slice[str(load.actuator)]] += load.signal(time)
+                late = to_end if load.actuator in self._strokes else 0.0
+                u[columns:][self._actuator_slice[str(load.actuator)]] += load.signal(time + late)
         return contact, u

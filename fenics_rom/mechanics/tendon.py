@@ -19,6 +19,13 @@ def cable_length(points: Array) -> float:
     return float(measure_segments(points)[1].sum())
 
 
+def turning_angles(points: Array) -> Array:
+    """Angles (K - 2,), rad, by which a cable through points (K, 3) turns at each guide between its ends."""
+    segments, lengths = measure_segments(points)
+    one, other = (segments / lengths)[:-1], (segments / lengths)[1:]
+    return np.arctan2(np.linalg.norm(np.cross(one, other), axis=1), np.einsum("ki,ki->k", one, other))
+
+
 def sum_end_forces(tensions: Array) -> Array:
     """Forces (K, 3) on the points, of which each segment pulls its ends together by the vectors (K - 1, 3)."""
     forces = np.zeros((len(tensions) + 1, 3))

@@ -14,7 +14,7 @@ import numpy as np
 
 from fenics_rom.errors import StructureError, unknown
 from fenics_rom.mechanics.hyperelastic import LAWS, VOIGT_INDEX, VOIGT_PAIRS, energy_density, moduli, strain, stress
-from fenics_rom.mechanics.tendon import unit_tension_forces
+from fenics_rom.mechanics.tendon import cable_length, unit_tension_forces
 from fenics_rom.rom.content import ByContent
 
 Array = np.ndarray
@@ -29,7 +29,14 @@ class ReducedTendon(ByContent):
 
     def force(self, q: Array) -> Array:
         """Of a tension of 1 N, (m,): -∂ℓ/∂q of its length ℓ."""
-        return unit_tension_forces(self.points + (self.shapes @ q).reshape(-1, 3)).ravel() @ self.shapes
+        return unit_tension_forces(self._moved(q)).ravel() @ self.shapes
+
+    def stroke(self, q: Array) -> float:
+        """By how much it is shorter than at rest, m."""
+        return cable_length(self.points) - cable_length(self._moved(q))
+
+    def _moved(self, q: Array) -> Array:
+        return self.points + (self.shapes @ q).reshape(-1, 3)
 
 
 @dataclass(frozen=True, eq=False)

@@ -2,6 +2,8 @@
 
 attributes contact_switching, has_inertia (yes or no), source
 effects, built_in            groups whose attributes are names and texts, see mechanics.environment
+controls                     another one, absent where no stroke is given
+guides/NAME/                 attribute tendon; bend (1,); absent where no tendon rubs
 loads/NAME/                  loads with signals of their own; columns (1,) and a signal, which may be absent:
     values (w,) or (T, w)    in the unit of the input
     times (T,) s             where values change
@@ -22,7 +24,16 @@ import numpy as np
 from fenics_rom.errors import FileError, unknown
 from fenics_rom.io.hdf5 import Entry, check_names, get_arrays, get_group, get_text, put_arrays, put_text
 from fenics_rom.mechanics.contact import ContactLaw
-from fenics_rom.mechanics.environment import CONTACT_SWITCHINGS, AppliedLoad, Environment, Load, MovingObstacle, Run
+from fenics_rom.mechanics.environment import (
+    CONTACT_SWITCHINGS,
+    STROKE_UNITS,
+    AppliedLoad,
+    Environment,
+    Guide,
+    Load,
+    MovingObstacle,
+    Run,
+)
 from fenics_rom.mechanics.initial_state import InitialState, Instant
 from fenics_rom.mechanics.signals import Signal
 
@@ -53,6 +64,7 @@ INSTANT = {
     "velocity": Entry("m/s", ("N", 3)),
 }
 SPAN = {"start": Entry("s", (1,)), "stop": Entry("s", (1,))}
+BEND = {"bend": Entry("1", (1,))}
 COLUMNS = {"columns": Entry("1", (1,), "i")}
 
 
@@ -64,6 +76,12 @@ def put_environment(h5: h5py.File, environment: Environment) -> None:
     put_text(group, has_inertia=YES if environment.has_inertia else NO)
     for name, texts in (("effects", environment.effects), ("built_in", environment.built_in)):
         put_text(group.create_group(name, track_order=True), **texts)
+    for name, guide in environment.guides.items():
+        part = group.require_group("guides").create_group(name)
+        put_text(part, tendon=guide.tendon)
+        _put(part, BEND, {"bend": guide.bend})
+    if environment.controls:
+        put_text(group.create_group("controls", track_order=True), **environment.controls)
     loads = group.create_group("loads", track_order=True)
     for name, load in environment.loads.items():
         _put(loads.create_group(name), COLUMNS, {"columns": load.columns}, load.signal, INPUT_UNIT)
@@ -115,10 +133,25 @@ def take_environment(h5: h5py.File) -> Environment:
         obstacles={name: _obstacle(get_group(obstacles, name)) for name in obstacles},
         contact_law=law,
         contact_switching=switching,
+        guides=_guides(get_group(group, "guides")) if "guides" in group else {},
+        controls=_controls(get_group(group, "controls")) if "controls" in group else {},
         built_in={name: get_text(texts["built_in"], name) for name in texts["built_in"].attrs},
         run=_run(get_group(group, "run")) if "run" in group else None,
         source=get_text(group, "source"),
     )
+
+
+def _guides(group: h5py.Group) -> dict[str, Guide]:
+    parts = {name: get_group(group, name) for name in group}
+    return {name: Guide(get_text(part, "tendon"), _take(part, BEND)[0]["bend"]) for name, part in parts.items()}
+
+
+def _controls(group: h5py.Group) -> dict[str, str]:
+    controls = {name: get_text(group, name) for name in group.attrs}
+    for control in controls.values():
+        if control not in STROKE_UNITS:
+            raise FileError(f"{group.name}: {unknown('control', control, STROKE_UNITS)}")
+    return controls
 
 
 def _load(group: h5py.Group) -> Load:

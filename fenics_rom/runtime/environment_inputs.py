@@ -60,10 +60,11 @@ def fit_loads(rom: Rom, signals: Mapping[str, SignalLike] | None) -> tuple[Rom, 
     if rom.environment.is_plain and not signals:
         return rom, None
     rom, active = fit_environment(rom, None, signals)
-    if not rom.environment.has_inertia or rom.environment.contact_law is not None:
+    acting = rom.environment
+    if not acting.has_inertia or acting.contact_law is not None or acting.finds_forces:
         raise StepError(
-            f"ROM {rom.name!r} has contact or no inertia in its scene: allowed are forces that are known before a "
-            "step; Simulator steps such bodies, one by one"
+            f"ROM {rom.name!r} has contact, strokes, tendon friction or no inertia in its scene: allowed are forces "
+            "that are known before a step; Simulator steps such bodies, one by one"
         )
     return rom, active
 
@@ -141,7 +142,7 @@ class EnvironmentInputs:
     def __init__(self, rom: Rom, environment: ActiveEnvironment):
         self.environment = environment
         acting = environment.environment
-        self.needs_each_step = not acting.has_inertia or acting.contact_law is not None
+        self.needs_each_step = not acting.has_inertia or acting.contact_law is not None or acting.finds_forces
         self._switches = acting.switches_itself and len(rom.contact_models) > 1
         self._actuator_columns = sum(rom.actuators.values())
 

@@ -6,7 +6,6 @@ import numpy as np
 
 from fenics_rom.mechanics.contact import ContactSolution
 from fenics_rom.mechanics.readings import swept_volume
-from fenics_rom.mechanics.tendon import cable_length
 from fenics_rom.rom.deformation import monomials
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.steppers.contact_interface import ContactInterface
@@ -53,8 +52,7 @@ class ReadableReduced:
                 column += width
             return float(self.rom.contact_models[self.contact_mode].inputs[:, column] @ q)
         if actuator in body.tendons:
-            cable = body.tendons[actuator]
-            return cable_length(cable.points) - cable_length(cable.points + (cable.shapes @ q).reshape(-1, 3))
+            return body.tendons[actuator].stroke(q)
         return swept_volume(lambda q: body.pressures[actuator] @ monomials(q), q)
 
     def normal_forces(self, nodes: Array) -> Array:

@@ -168,7 +168,9 @@ class Rollout:
         if body.rom.deformation is not None:
             raise StepError("rollout: is for linear models; with large deformation take each step by itself")
         if body.needs_each_step:
-            raise StepError("rollout: is for known forces; among obstacles or without inertia take each step by itself")
+            raise StepError(
+                "rollout: is for known forces; among obstacles, by strokes or at rest take each step by itself"
+            )
         if not (isinstance(every, int | np.integer) and every >= 1):
             raise StepError(f"every = {every!r}: allowed is a whole number of steps, at least 1")
         u, plan = self._plan(inputs, contact, dt)

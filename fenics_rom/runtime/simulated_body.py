@@ -206,6 +206,12 @@ class SimulatedBody:
         return np.zeros((len(obstacles), 3)) if contact is None else contact.by_obstacle
 
     @property
+    def reactions(self) -> dict[str, float]:
+        """Forces of the actuators whose strokes are given, in the last step: tensions in N, pressures in Pa."""
+        names = () if self.environment is None else self.environment.stroke_names(self.rom.actuators)
+        return dict(zip(names, map(float, self._stepper.reactions), strict=True))
+
+    @property
     def contact_points(self) -> Array:
         """Nodes that obstacles can touch; none where the scene has no contact."""
         interface = self._stepper.interface

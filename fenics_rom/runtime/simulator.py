@@ -212,8 +212,9 @@ class Simulator(SimulatedBody):
         """Advances by dt under a constant input.
 
         Args:
-            u: (p,) N; the contact mode's columns, then the actuators' (Pa of a pressure). The actuators' alone, where
-                the scene has loads, obstacles or no inertia: then nothing pushes at the contact mode besides.
+            u: (p,) N; the contact mode's columns, then the actuators' (Pa of a pressure; of those whose stroke is
+                given, what it is to be at the end of the step, m or m³). The actuators' alone, where the scene has
+                loads, strokes, obstacles or no inertia: then nothing pushes at the contact mode besides.
                 Or a mapping by name; what it does not name is 0.
             named: the same as arguments, `step(flexor=1.2, tip=[0, 0, 0.5])`: of actuators, and of the contact mode.
 

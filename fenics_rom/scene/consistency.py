@@ -9,7 +9,7 @@ from fenics_rom.errors import SceneError, exactly, unknown
 from fenics_rom.mechanics.environment import AppliedLoad
 from fenics_rom.scene.effect_table import ACTUATORS, EFFECTS, LOADS
 from fenics_rom.scene.effects import Contact, Effects
-from fenics_rom.scene.environment import obstacle_of
+from fenics_rom.scene.environment import guides_of, obstacle_of
 from fenics_rom.scene.file_format import LoadEntry, SceneFile
 from fenics_rom.scene.scene import ReadingEntry, check_order
 
@@ -78,6 +78,13 @@ def _check_effects(effects: Effects, actuators: Mapping[str, Any]) -> None:
             if name in taken:
                 raise SceneError(f"effects.{kind}.{name}: the name is taken by {taken[name]}.{name}")
             taken[name] = f"effects.{kind}"
+    for name, guide in guides_of(effects).items():
+        if name in taken:
+            raise SceneError(
+                f"effects.tendon.{guide.tendon}: friction at its guide {name!r}: the name is {taken[name]}'s"
+            )
+    if effects.tendon_friction is not None and effects.large_deformation is not None:
+        raise SceneError("effects.tendon_friction: is for linear bodies; allowed without large_deformation")
     for name, motion in effects.base_motion.items():
         if not any(motion.direction):
             raise SceneError(f"effects.base_motion.{name}.direction: allowed is any but zero")

@@ -147,7 +147,17 @@ class PrescribedForce(Place):
 class Pressure(Place):
     """An actuator: a chamber, or a hand."""
 
-    LAW: ClassVar = Law(force="p along the inward normals of a surface; the input is p in Pa", supplies="its work")
+    LAW: ClassVar = Law(
+        force="p along the inward normals of a surface; the input is p in Pa, or the volume in m³ that p comes of",
+        supplies="its work",
+        changing=("control",),
+    )
+    control: Annotated[
+        str,
+        Text(choices=("pressure", "volume")),
+        '"pressure" (the input is in Pa) or "volume" (it is in m³: by how much larger than at rest the chamber behind '
+        "the surface is; its pressure, of either sign, is found)",
+    ] = "pressure"
 
 
 @dataclass(frozen=True)
@@ -155,10 +165,31 @@ class Tendon:
     """An actuator: a cable that is pulled."""
 
     LAW: ClassVar = Law(
-        force="a cable through points from its anchor on, without friction; the input is its tension in N",
+        force="a cable through points from its anchor on, without friction; the input is its tension in N, or the "
+        "stroke in m that its tension comes of",
         supplies="its work",
+        changing=("control",),
     )
     points: Annotated[tuple[Point, ...], Items(at_least=2), "material points from the anchor to where it is pulled"]
+    control: Annotated[
+        str,
+        Text(choices=("tension", "length")),
+        '"tension" (the input is in N) or "length" (it is in m: by how much the cable is shorter than at rest; its '
+        "tension is found, and where the body makes it shorter still, it is slack)",
+    ] = "tension"
+
+
+@dataclass(frozen=True)
+class TendonFriction:
+    """Dry friction of all tendons at their guides."""
+
+    LAW: ClassVar = Law(
+        force="at a guide where a tendon turns by α its tension falls by e^(-μα), against sliding",
+        dissipates="the fall of tension times what is slid",
+        needs=("tendon",),
+        changing=("coefficient",),
+    )
+    coefficient: Annotated[float, Number(above=0.0), "μ"]
 
 
 @dataclass(frozen=True)
@@ -245,6 +276,7 @@ class Effects:
     prescribed: Mapping[Name, PrescribedForce] = field(default_factory=dict)
     pressure: Mapping[Name, Pressure] = field(default_factory=dict)
     tendon: Mapping[Name, Tendon] = field(default_factory=dict)
+    tendon_friction: TendonFriction | None = None
     large_deformation: LargeDeformation | None = None
     contact: Contact | None = None
     friction: Friction | None = None

@@ -5,11 +5,24 @@ from collections.abc import Collection, Mapping
 from dataclasses import fields, is_dataclass
 from typing import Any
 
+import numpy as np
+
 from fenics_rom.errors import SceneError
 from fenics_rom.mechanics.contact import ContactLaw
-from fenics_rom.mechanics.environment import GRAVITY_SIGNAL, STANDS_STILL, Environment, Load, MovingObstacle, Run
+from fenics_rom.mechanics.environment import (
+    GRAVITY_SIGNAL,
+    NOTHING,
+    STANDS_STILL,
+    STROKE_UNITS,
+    Environment,
+    Guide,
+    Load,
+    MovingObstacle,
+    Run,
+)
 from fenics_rom.mechanics.obstacles import SHAPES, Obstacle
-from fenics_rom.scene.effect_table import EFFECTS, numbers_of
+from fenics_rom.mechanics.tendon import turning_angles
+from fenics_rom.scene.effect_table import ACTUATORS, EFFECTS, numbers_of
 from fenics_rom.scene.effects import Effects, RigidObstacle
 from fenics_rom.scene.values import default_of
 
@@ -25,6 +38,7 @@ def environment_of(effects: Effects, run: Run | None, source: str) -> Environmen
             ({} if effects.gravity is None else {"gravity": Load(1, GRAVITY_SIGNAL)})
             | {name: Load(1, motion.signal) for name, motion in effects.base_motion.items()}
             | {name: Load(3, force.signal) for name, force in effects.prescribed.items()}
+            | {name: Load(1, NOTHING) for name in guides_of(effects)}
         ),
         obstacles={
             name: MovingObstacle(
@@ -34,10 +48,29 @@ def environment_of(effects: Effects, run: Run | None, source: str) -> Environmen
         },
         contact_law=None if contact is None else _contact_law(effects),
         contact_switching="automatic" if contact is None else contact.switching,
+        guides=guides_of(effects),
+        controls={
+            name: actuator.control
+            for kind in ACTUATORS
+            for name, actuator in getattr(effects, kind).items()
+            if actuator.control in STROKE_UNITS
+        },
         built_in={f"effects.{name}": built_in(name, getattr(effects, name)) for name in effects.names},
         run=run,
         source=source,
     )
+
+
+def guides_of(effects: Effects) -> dict[str, Guide]:
+    """Guides with friction, by the names of their loads; those of each tendon from its anchor on."""
+    if effects.tendon_friction is None:
+        return {}
+    μ = effects.tendon_friction.coefficient
+    return {
+        f"{name}-guide-{number}": Guide(name, μ * float(angle))
+        for name, tendon in effects.tendon.items()
+        for number, angle in enumerate(turning_angles(np.array(tendon.points)), start=1)
+    }
 
 
 def _contact_law(effects: Effects) -> ContactLaw:

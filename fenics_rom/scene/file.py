@@ -128,15 +128,11 @@ def _scene(raw: dict[str, Any], text: str, folder: Path, given: Mapping[str, np.
 
 def _load_units(raw: dict[str, Any], file: SceneFile) -> dict[str, set[str]]:
     """Units of the numbers of tables that loads of the run name: of what is controlled, such as a pressure."""
-    controls = {"pressure": "pressure", "tendon": "tension"}
-    controlled = {
-        name: getattr(actuator, "control", controls[kind])
-        for kind in ACTUATORS
-        for name, actuator in getattr(file.effects, kind).items()
-    }
+    actuators = {name: actuator for kind in ACTUATORS for name, actuator in getattr(file.effects, kind).items()}
     units: dict[str, set[str]] = {}
     for given, load in zip(raw.get("run", {}).get("load", ()), () if file.run is None else file.run.load, strict=True):
-        units.setdefault(given.get("table", ""), set()).add(QUANTITIES[controlled.get(load.actuator, "force")])
+        what = actuators[load.actuator].control if load.actuator in actuators else "force"
+        units.setdefault(given.get("table", ""), set()).add(QUANTITIES[what])
     return units
 
 

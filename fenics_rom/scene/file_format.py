@@ -59,7 +59,7 @@ class LoadEntry:
     force: Annotated[
         tuple[InputValue, ...] | None,
         Items(at_least=1, example="[0, 0, 1.0] of a resultant, [1.0] of a normal force, a pressure or a tendon"),
-        "where it is constant, one number for each column (of a pressure in Pa); this or table",
+        "where it is constant, one number for each column (of a pressure in Pa, of a stroke in m or m³); this or table",
     ] = None
     table: Annotated[Signal | None, Table(), "time (s) of the run, one column for each number"] = None
 

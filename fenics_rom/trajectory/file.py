@@ -24,6 +24,7 @@ shapes, N nodes, F triangles, P points of an output.
                                      von_mises_stress (S, G) Pa
         nodes (n,), triangles (G,)   where; the one or the other, or none
     tendons/NAME (K, 3) m            points of the body at rest that it leads through; absent where there are none
+    reactions/NAME (S,) N or Pa      forces of actuators whose strokes are given; absent where there are none
     profile/NUMBER (1,) s            per step, of a part of the run that attribute `name` names; absent if not measured
 
 Format 2.0 named the snapshots anew; files of format 1.x are read, too. Those of 1.0 and 1.1 name no effects, and have
@@ -82,7 +83,7 @@ SETTINGS = {
     "every": Entry("1", (1,), optional=True),
 }
 
-OPTIONAL_GROUPS = ("forces", "contact_account", "obstacles", "tendons", "profile", "inputs", "readings")
+OPTIONAL_GROUPS = ("forces", "contact_account", "obstacles", "tendons", "profile", "inputs", "readings", "reactions")
 OBSTACLE = {
     **{name: Entry("m", (3,)) for name in ("point", "center", "start", "end", "size")},
     "radius": Entry("m", (1,)),
@@ -93,6 +94,7 @@ NAMES_IN_FORMAT_1 = {"shape_times": "snapshot_times", "shapes": "snapshots"}  # 
 TENDON = Entry("m", ("K", 3))
 MOTION = {"motion": Entry("m", ("s", 3))}
 FORCE, WORK, SECONDS_PER_STEP = Entry("N", ("S", 3)), Entry("J", ("S",)), Entry("s", (1,))
+REACTION = Entry("N or Pa", ("S",))
 
 
 def write_trajectory(file: str | Path, trajectory: Trajectory) -> None:
@@ -124,7 +126,7 @@ RUN_FILE = Kind(Trajectory, "run", read_trajectory)
 
 
 def _fill(h5: h5py.File, run: Trajectory) -> None:
-    check_names([*run.contacts, *run.outputs, *run.forces])
+    check_names([*run.contacts, *run.outputs, *run.forces, *run.reactions])
     put_text(
         h5,
         name=run.name,
@@ -158,6 +160,9 @@ def _fill(h5: h5py.File, run: Trajectory) -> None:
         tendons = h5.create_group("tendons", track_order=True)
         for name, points in run.tendons.items():
             put_arrays(tendons, {name: TENDON}, {}, {name: points})
+    if run.reactions:
+        reactions = h5.create_group("reactions", track_order=True)
+        put_arrays(reactions, dict.fromkeys(run.reactions, REACTION), sizes, run.reactions)
     if run.profile:
         profile = h5.create_group("profile", track_order=True)
         for number, (name, seconds) in enumerate(run.profile.items()):
@@ -180,6 +185,7 @@ def _take(h5: h5py.File) -> Trajectory:
     )
     sums = [name for name in CONTACT_ACCOUNT if name in groups["contact_account"]]
     account: Any = get_arrays(groups["contact_account"], dict.fromkeys(sums, WORK), sizes) if forces else {}
+    reactions: Any = get_arrays(groups["reactions"], dict.fromkeys(groups["reactions"], REACTION), sizes)
     moved_obstacles = {
         name: _take_obstacle(get_group(groups["obstacles"], name), sizes) for name in groups["obstacles"]
     }
@@ -199,6 +205,7 @@ def _take(h5: h5py.File) -> Trajectory:
         forces=forces,
         contact_account=account,
         profile=_take_profile(groups["profile"]),
+        reactions=reactions,
         obstacles={name: obstacle for name, (obstacle, _) in moved_obstacles.items()},
         obstacle_motion={name: motion for name, (_, motion) in moved_obstacles.items()},
         inputs=inputs,

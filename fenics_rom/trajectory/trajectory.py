@@ -62,6 +62,8 @@ class Trajectory:
         cells: of the mesh, how many there are, and how good; None where nobody knows.
         inputs: what acted: forces on contact modes, actuators, loads; those that were always 0 left out.
         readings: of the scene, by name.
+        reactions: of each actuator whose stroke is given the force in the step before, (steps + 1,): of a tendon its
+            tension, N, of a chamber its pressure, Pa.
 
     Example:
         >>> run = fr.read_trajectory("run.h5")
@@ -98,6 +100,7 @@ class Trajectory:
     cells: CellQuality | None = None
     inputs: Mapping[str, Series] = field(default_factory=dict)
     readings: Mapping[str, ReadingSeries] = field(default_factory=dict)
+    reactions: Mapping[str, Array] = field(default_factory=dict)
 
     def __repr__(self) -> str:
         order, dt = (self.settings.get(name, math.nan) for name in ("order", "dt"))
@@ -160,6 +163,10 @@ class RunningBody(Protocol):
     def obstacle_forces(self) -> Array:
         """Of the obstacles on the body, (O, 3), N."""
 
+    @property
+    def reactions(self) -> Mapping[str, float]:
+        """Forces of the actuators whose strokes are given, N or Pa."""
+
 
 class TrajectoryRecorder:
     """Fills the arrays of a trajectory, step by step.
@@ -219,6 +226,7 @@ class TrajectoryRecorder:
         self._snapshots = np.zeros((len(self._snapshot_steps), nodes, 3))
         self._velocities = np.zeros_like(self._snapshots) if not effects or "inertia" in effects else None
         self._motion = {name: np.zeros((len(self._snapshot_steps), 3)) for name in self._obstacles}
+        self._reactions: dict[str, Array] = {}
 
     def sample(self, step: int, body: RunningBody, u: Array | None = None) -> None:
         """Keeps what is to be kept of one instant, to which a step with inputs u led; step 0 is the start."""
@@ -279,6 +287,8 @@ class TrajectoryRecorder:
             values[row] = body.displacement(name)
         for name, sums in self._contact_account.items():
             sums[row] = getattr(ledger, name)
+        for name, force in body.reactions.items():
+            self._reactions.setdefault(name, np.zeros(len(self._kept)))[row] = force
         if self._obstacles:
             for values, force in zip(self._forces.values(), body.obstacle_forces(), strict=True):
                 values[row] = force
@@ -334,4 +344,5 @@ class TrajectoryRecorder:
             readings={
                 name: reading_series(reading, self._reading_values[name]) for name, reading in self._readings.items()
             },
+            reactions=self._reactions,
         )

@@ -543,7 +543,10 @@ def test_free_body_has_no_equilibrium(mesh):
 
 
 def test_batches_are_for_bodies_without_obstacles(everything):
-    with pytest.raises(StepError, match=r"has contact or no inertia in its scene: .*Simulator steps such bodies"):
+    with pytest.raises(
+        StepError,
+        match=r"has contact, strokes, tendon friction or no inertia in its scene: .*Simulator steps such bodies",
+    ):
         fr.Batch(everything.rom, 4, 1e-3, signals=shaken(0))
 
 

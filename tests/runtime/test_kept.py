@@ -33,9 +33,9 @@ READ = {
         "stepper stepper.state stepper.rigid_displacement",
     ),
     CARRIED: (lambda b: b.save().stepper.auxiliary, "stepper.auxiliary"),
-    "forces of contact, and those that the next search begins with": (
-        lambda b: (b.obstacle_forces(), b.save().stepper.contact_forces),
-        "stepper.contact stepper.contact_forces",
+    "forces of contact and of strokes, and those that the next search begins with": (
+        lambda b: (b.obstacle_forces(), b.reactions, b.save().stepper.contact_forces),
+        "stepper.contact stepper.contact_forces stepper.reactions",
     ),
     "places and velocities of obstacles": (lambda b: b.environment and b.environment.state, "obstacles"),
     "time and number of steps": (lambda b: (b.time, b.steps, b.save().since), "steps since"),

@@ -289,3 +289,49 @@ def test_newton_cuts_a_step_that_it_cannot_solve(roms, undamped, damped):
         simulator.step([0.0, 0.0, (40.0 if damped else 4.0) * (step < 6), 0.0, 0.0])
     assert imbalance(simulator) < 1e-9
     assert any("cut into parts" in message for message in simulator.warnings)
+
+
+# --- strokes ---------------------------------------------------------------------------------------------------------
+
+
+def by_stroke(rom, h, stepper=None):
+    """A simulator whose pressure and tendon are given their strokes."""
+    environment = replace(rom.environment, controls={"air": "volume", "cable": "length"})
+    return fr.Simulator(rom, h, scene=environment, stepper=stepper)
+
+
+@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("stepper", [*FINITE_STRAIN_STEPPERS, None])
+@pytest.mark.parametrize("contact", [False, True], ids=["alone", "touching"])
+def test_strokes_are_given_to_bodies_that_turn(law, stepper, contact):
+    """The account closes, taut and slack; a tendon that turns with the body ends as long as it is given."""
+    rom = soft_rom(law, inertia=stepper is not None, contact=contact)
+    body, scale, tensions, touched = by_stroke(rom, 2e-3, stepper), 0.0, [], 0
+    if contact:
+        body.set_signal("floor", lambda t: [0.0, 0.0, min(0.1 * t, 0.012)])
+    for step in range(1, 81):
+        goal = 2e-3 * np.sin(9 * step / 100) if step < 50 else 1e-3
+        body.step([1e-8 * np.sin(6 * step / 200), goal])
+        touched += contact and body.contact_forces().any()
+        ledger = body.ledger
+        scale = max(scale, body.energy, abs(ledger.supplied), ledger.dissipated)
+        assert abs(body.energy - ledger.supplied + ledger.dissipated) <= 1e-10 * scale
+        tensions.append(body.reactions["cable"])
+    assert min(tensions) == 0.0 < tensions[-1]
+    cable = rom.deformation.tendons["cable"]
+    assert cable.stroke(body.state[0]) == pytest.approx(
+        goal, rel=1e-10 if stepper is None else 1e-5
+    )  # it swings meanwhile
+    assert touched > 10 or not contact
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_an_equilibrium_of_a_stroke_is_that_of_its_tension(law):
+    """And where all is let go the body is at rest again."""
+    rom = soft_rom(law, inertia=False)
+    one, other = by_stroke(rom, 1.0), fr.Simulator(rom, 1.0)
+    one.step([1e-8, 2e-4])
+    other.step(list(one.reactions.values()))
+    np.testing.assert_allclose(one.state[0], other.state[0], rtol=0, atol=1e-10 * np.abs(other.state[0]).max())
+    other.step([0.0, 0.0])
+    assert np.abs(other.state[0]).max() <= 1e-10 * np.abs(one.state[0]).max()

@@ -49,6 +49,8 @@ class FiniteStrainStepper(FullOrderBody):
         *,
         ledger: bool = True,
     ):
+        if environment is not None:
+            environment.environment.check_forces_given("a full-order run with large deformation")
         super().__init__(system, dt, environment, ledger)
         self.kind, self.reason = "newton", "the body deforms largely"
         self._model = model

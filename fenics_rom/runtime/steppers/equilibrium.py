@@ -12,6 +12,8 @@ from fenics_rom.runtime.steppers.newton import MAX_ITERATIONS, MAX_PARTS, is_sol
 
 Array = np.ndarray
 
+SMALLEST_DISPLACEMENT = 1e-9  # of the training radius: what is beside it a share of CONVERGENCE_TOLERANCE is at rest
+
 
 class Equilibrium(FiniteStrainKernel):
     """A step of a quasi-static run: Φ'(q⁺) = G u, from the step before by Newton's iteration under a growing load.
@@ -28,11 +30,17 @@ class Equilibrium(FiniteStrainKernel):
         """As in Kernel."""
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
             start = self._coordinates().copy()
+            strokes, reactions = self._strokes_at(start), self.reactions
+            u, given = (u, strokes) if self._actuators is None else self._actuators.split(u)
             unbalanced = self._body.force(start) - self._loads(u, start)
+            if self._actuators is not None:
+                unbalanced -= self._stroke_columns(start).dot(reactions)
             q, share, growth = start, 0.0, 1.0
             contact: ContactSolution | None = None
             while share < 1:
-                balance = self._balanced(u, obstacles, start, q, (1 - min(share + growth, 1.0)) * unbalanced)
+                part = min(share + growth, 1.0)
+                goal = strokes + part * (given - strokes)
+                balance = self._balanced(u, goal, obstacles, start, q, (1 - part) * unbalanced)
                 if balance is None:
                     growth /= 2
                     if growth < 1 / MAX_PARTS:
@@ -41,47 +49,62 @@ class Equilibrium(FiniteStrainKernel):
                             "the load in this step; take shorter steps or lower the load"
                         )
                 else:
-                    (q, contact), share = balance, min(share + growth, 1.0)
-            moved, force = q - start, self._loads(u, q)
+                    (q, contact, reactions), share = balance, part
+            moved, pushed = q - start, self._loads(u, q)
+            if self._actuators is not None:
+                pushed = pushed + self._stroke_columns(q).dot(reactions)
+            force = pushed
             if contact is not None:
                 force = force + self._pushed(contact)
             E = self._body.strains(q)
             stored = self._body.energy(q, E)
             # What contact takes is booked by itself; the rest of what is lost goes into heat on the way.
             heat = float(force.dot(moved)) - (stored - self._body.energy(start))
-            supplied = float(self._loads(u, q).dot(moved))
+            supplied = float(pushed.dot(moved))
             self._leave(StepWork(supplied, heat, self._contacts(moved / self.h, contact, self.h)))
             np.multiply(q, self._ω, self._e)
-            self.contact = contact
-            self._note(q, E, u)
+            self.contact, self.reactions = contact, reactions
+            self._note(q, E, self._acting(u))
             return 2 * stored
 
     def _balanced(
-        self, u: Array, obstacles: ObstacleMotion | None, start: Array, q: Array, unbalanced: Array
-    ) -> tuple[Array, ContactSolution | None] | None:
-        """A shape near q whose forces are balanced but for a part that is given, and contact; None if there is none."""
+        self, u: Array, given: Array, obstacles: ObstacleMotion | None, start: Array, q: Array, unbalanced: Array
+    ) -> tuple[Array, ContactSolution | None, Array] | None:
+        """A shape near q of given strokes (k,), whose forces are balanced but for a part; contact and reactions.
+
+        None if there is none.
+        """
         body = self._body
         before = math.inf
         for _ in range(MAX_ITERATIONS):
             elastic, force = body.force(q), self._loads(u, q)
             residual = elastic - force - unbalanced
-            scale = max(np.abs(elastic).max(), np.abs(force).max(), np.abs(unbalanced).max(), 1e-300)
-            if not math.isfinite(scale):
-                return None
             try:
                 np.linalg.cholesky(tangent := body.tangent(q))
             except np.linalg.LinAlgError:
+                return None
+            # Where all is let go there are no forces left to compare with, but those of hardly any displacement.
+            least = SMALLEST_DISPLACEMENT * body.training_radius * np.abs(tangent).max()
+            scale = max(*(np.abs(part).max() for part in (elastic, force, unbalanced)), least)
+            if not math.isfinite(scale):
                 return None
             inverse = np.linalg.inv(tangent)
             if self._interface is not None:
                 self._delassus = symmetric(self._Sᵀ.T @ inverse @ self._Sᵀ / self.h)
             free = (q - inverse.dot(residual) - start) / self.h
-            contact = self._solve_contact(start, self._r, free, self.h, obstacles, quasi_static=True)
+            motion, reactions = (start, self._r, free, self.h, obstacles, True), self.reactions
+            if self._actuators is None:
+                contact = self._solve_contact(*motion)
+            else:
+                columns = self._stroke_columns(q)
+                targets = (given - self._strokes_at(q) + (q - start).dot(columns)) / self.h
+                reactions, contact = self._solve_actuators(u, columns, inverse.dot(columns) / self.h, targets, *motion)
+                residual -= columns.dot(reactions)
             if contact is not None:
                 residual -= self._pushed(contact)
             error = np.abs(residual).max()
             if is_solved(error, before, scale):
-                return q, contact
+                return q, contact, reactions
             if error > 10 * before:
                 return None
             before = error

@@ -18,7 +18,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fenics_rom.errors import FenicsRomWarning
+from fenics_rom.mechanics.actuator_forces import ActuatorForces
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
+from fenics_rom.mechanics.readings import swept_volume
 from fenics_rom.rom.deformation import ReducedDeformation, monomials
 from fenics_rom.rom.rom import ContactModel, Rom
 from fenics_rom.runtime.steppers.kernel import BookedKernel
@@ -41,9 +43,17 @@ class FiniteStrainKernel(BookedKernel):
 
     NOTES: tuple[str, ...] = ("distance",)  # |q| at most
 
-    def __init__(self, rom: Rom, ledger: EnergyLedger | None, interface: "ContactInterface | None"):
+    def __init__(
+        self,
+        rom: Rom,
+        ledger: EnergyLedger | None,
+        interface: "ContactInterface | None",
+        actuators: ActuatorForces | None = None,
+    ):
         assert rom.deformation is not None
-        super().__init__(next(iter(rom.contact_models.values())), ledger, np.empty(0), interface)
+        super().__init__(next(iter(rom.contact_models.values())), ledger, np.empty(0), interface, actuators)
+        names = () if actuators is None else actuators.names
+        self._stroke_followers = [_follower(rom.deformation, name) for name in names]
         self._body: ReducedDeformation = rom.deformation
         self._shared = sum(rom.actuators.values()) + sum(rom.loads.values())
         self._follower_columns = _follower_loads(rom)
@@ -87,6 +97,22 @@ class FiniteStrainKernel(BookedKernel):
                 force = force + u[column] * follower(q)
         return force
 
+    def _strokes_at(self, q: Array) -> Array:
+        """Strokes (k,) of those actuators whose strokes are given, m or m³, at q."""
+        return np.array([stroke(q) for _, stroke in self._stroke_followers])
+
+    def _stroke_columns(self, q: Array) -> Array:
+        """Their forces of 1, (m, k): what the strokes change by with q."""
+        return np.stack([force(q) for force, _ in self._stroke_followers], axis=1)
+
+    def _acting(self, u: Array) -> Array:
+        """An input with the forces that were found in place of strokes."""
+        if self._actuators is None:
+            return u
+        forces, _ = self._actuators.split(u)
+        forces[self._actuators.columns] = self.reactions
+        return forces
+
     def _note(self, q: Array, E: Array, u: Array) -> None:
         """Notes how far a step under u has led, to q and strains E, and warns where that is beyond training."""
         if self._watch is not None:
@@ -117,13 +143,19 @@ def _follower_loads(rom: Rom) -> list[tuple[int, Callable[[Array], Array]]]:
     loads: list[tuple[int, Callable[[Array], Array]]] = []
     column = 0
     for name, columns in rom.actuators.items():
-        if name in rom.deformation.pressures:
-            loads.append((column, partial(_pressure_force, rom.deformation.pressures[name])))
-        elif name in rom.deformation.tendons:
-            loads.append((column, rom.deformation.tendons[name].force))
+        if name in rom.deformation.pressures or name in rom.deformation.tendons:
+            loads.append((column, _follower(rom.deformation, name)[0]))
         column += columns
     return loads
 
 
-def _pressure_force(polynomial: Array, q: Array) -> Array:
-    return polynomial @ monomials(q)
+def _follower(body: ReducedDeformation, name: str) -> tuple[Callable[[Array], Array], Callable[[Array], float]]:
+    """The force (m,) of 1 N or 1 Pa of a tendon or a pressure at q, and its stroke, m or m³."""
+    if name in body.tendons:
+        return body.tendons[name].force, body.tendons[name].stroke
+    polynomial = body.pressures[name]
+
+    def force(q: Array) -> Array:
+        return polynomial @ monomials(q)
+
+    return force, partial(swept_volume, force)

@@ -4,6 +4,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from fenics_rom.mechanics.actuator_forces import ActuatorForces, held_back
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointMotion
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.rom.rom import ContactModel
@@ -21,6 +22,7 @@ class Kernel:
         h: time step, s; 0 before the first `set_time_step`.
         state: [e, r] (2m,), e = √γ q; ½|state|² is the stored energy of a linear model.
         contact: in the last step; None where nothing touched.
+        reactions: (k,) forces of the actuators whose strokes are given, in the last step, N or Pa.
         auxiliary: what a step carries along besides.
         notes: of the run so far, to tell the user: numbers that a run begins at 0. A kernel writes those of its own.
     """
@@ -28,6 +30,7 @@ class Kernel:
     h: float = 0.0
     state: Any
     contact: ContactSolution | None = None
+    reactions: Array = np.empty(0)
     auxiliary: Array = np.empty(0)
     notes: dict[str, float]
     holds_steps: bool = False  # since the buffer was reset: what `passed` tells
@@ -96,6 +99,7 @@ class BookedKernel(Kernel):
         ledger: the account to book in, if one is kept.
         rigid_displacement: along the rigid motions (ρ,), which energy coordinates lack; steps add to it.
         interface: the contact points, if there are any.
+        actuators: those whose forces are found, if there are any.
     """
 
     def __init__(
@@ -104,8 +108,10 @@ class BookedKernel(Kernel):
         ledger: EnergyLedger | None,
         rigid_displacement: Array,
         interface: "ContactInterface | None",
+        actuators: ActuatorForces | None = None,
     ):
-        self._model, self._ledger, self._interface = model, ledger, interface
+        self._model, self._ledger, self._interface, self._actuators = model, ledger, interface, actuators
+        self.reactions = self._reactions_before = np.zeros(0 if actuators is None else len(actuators.names))
         self._rigid_displacement, self._rigid_before = rigid_displacement, rigid_displacement.copy()
         self._contact_before: ContactSolution | None = None
         self._owed: StepWork | None = None
@@ -132,7 +138,8 @@ class BookedKernel(Kernel):
         """As in Kernel."""
         self.state[:] = self._state_before
         self._rigid_displacement[:] = self._rigid_before
-        self._owed, self.contact, self.notes = None, self._contact_before, self._notes_before
+        self._owed, self.contact, self.reactions = None, self._contact_before, self._reactions_before
+        self.notes = self._notes_before
 
     def flush(self) -> None:
         """As in Kernel."""
@@ -152,14 +159,63 @@ class BookedKernel(Kernel):
         return q
 
     def _solve_contact(
-        self, q: Array, r: Array, free: Array, h: float, obstacles: ObstacleMotion | None, quasi_static: bool = False
+        self,
+        q: Array,
+        r: Array,
+        free: Array,
+        h: float,
+        obstacles: ObstacleMotion | None,
+        quasi_static: bool = False,
+        delassus: Array | None = None,
     ) -> ContactSolution | None:
-        """Contact of a step of h s from q and r, by its mid-step velocity without it and the Delassus operator."""
+        """Contact of a step of h s from q and r, by its mid-step velocity without it and the Delassus operator.
+
+        `delassus` where actuators hold the points back.
+        """
         if self._interface is None or obstacles is None:
             return None
         self._motion[0], self._motion[1], self._motion[2] = q, r, free
         points = PointMotion(*self._motion.dot(self._Sᵀ).reshape(3, -1, 3))
-        return self._interface.solve(points, self._delassus, h, obstacles, quasi_static)
+        operator = self._delassus if delassus is None else delassus
+        return self._interface.solve(points, operator, h, obstacles, quasi_static)
+
+    def _solve_actuators(
+        self,
+        u: Array,
+        columns: Array,
+        spread: Array,
+        targets: Array,
+        q: Array,
+        r: Array,
+        free: Array,
+        h: float,
+        obstacles: ObstacleMotion | None,
+        quasi_static: bool = False,
+    ) -> tuple[Array, ContactSolution | None]:
+        """Forces (n,) of actuators that are found in a step, and contact.
+
+        Args:
+            u: the input (p,).
+            columns: B (m, n) of the actuators.
+            spread: A⁻¹ B (m, n).
+            targets: rates (n,) at which their strokes are to move.
+            q, r, free, h, obstacles, quasi_static: as in `_solve_contact`; `free` is without these forces, too.
+        """
+        assert self._actuators is not None
+        W = self._actuators.compliance(columns.T.dot(spread))
+        X = np.empty((0, len(W))) if self._interface is None else self._Sᵀ.T.dot(spread)
+        operators: dict[bytes, Array] = {}  # the solver keeps parts of one that it is given again
+
+        def touch(z: Array, holding: Array) -> tuple[ContactSolution | None, Array]:
+            if self._interface is None:
+                return None, np.zeros(len(z))
+            key = holding.tobytes()
+            if key not in operators:
+                operators[key] = held_back(self._delassus, X, W, holding)
+            contact = self._solve_contact(q, r, free + spread.dot(z), h, obstacles, quasi_static, operators[key])
+            return contact, np.zeros(len(z)) if contact is None else X.T.dot(contact.forces.ravel())
+
+        return self._actuators.solve(u, columns.T.dot(free), W, targets, touch)
 
     def _pushed(self, contact: ContactSolution) -> Array:
         """Generalized forces of contact (m,)."""
@@ -177,7 +233,8 @@ class BookedKernel(Kernel):
         self.flush()
         self._state_before[:] = self.state
         self._rigid_before[:] = self._rigid_displacement
-        self._owed, self._contact_before, self._notes_before = work, self.contact, dict(self.notes)
+        self._owed, self._contact_before, self._reactions_before = work, self.contact, self.reactions
+        self._notes_before = dict(self.notes)
 
 
 def symmetric(matrix: Array) -> Array:

@@ -7,6 +7,9 @@ Contact points have the displacement S x, S their rows of the basis. In a step o
 with forces f that contact needs for the free velocity S v̂ without them and the Delassus operator W = S A⁻¹ Sᵀ. Without
 inertia a step leads to the equilibrium e⁺ = ω⁻¹ (G u + Sᵀ f): that is the same with A = h K and b = G u - K x. On its
 way there the body dissipates ½ |e⁺ - e|², as a damped motion would under this load.
+
+Actuators by stroke, and tendons that rub, have forces z that are found with those of contact: G u + B z is in place of
+G u, with their columns B.
 """
 
 import numpy as np
@@ -25,30 +28,46 @@ class ContactMidpoint(BookedKernel):
         """As in Kernel."""
         super().set_time_step(h)
         self._a, self._Ra = compliance(self._model, h)
-        self._delassus = symmetric(
-            self._Sᵀ.T @ (self._a[:, None] * self._Sᵀ if self._a.ndim == 1 else self._a @ self._Sᵀ)
-        )
+        if self._interface is not None:
+            self._delassus = symmetric(self._Sᵀ.T @ _applied(self._a, self._Sᵀ))
+        if self._actuators is not None:
+            self._columns = self._model.inputs[:, self._actuators.columns]
+            self._spread = _applied(self._a, self._columns)
         self._elastic_and_inertial = np.stack([-self._ω, np.full(self._model.order, 2 / h)])
         self._travel = h * self._ω
 
     def step(self, u: Array, obstacles: ObstacleMotion | None = None) -> float:
         """As in Kernel."""
+        u, given = (u, None) if self._actuators is None else self._actuators.split(u)
         pushed = self._model.inputs.dot(u)
         elastic, inertial = self._elastic_and_inertial * self._halves
         right = pushed + elastic + inertial
         v = _applied(self._a, right)
-        contact = self._solve_contact(self._coordinates(), self._r, v, self.h, obstacles)
+        q, reactions = self._coordinates(), self.reactions
+        if given is None or self._actuators is None:
+            contact = self._solve_contact(q, self._r, v, self.h, obstacles)
+        else:
+            strokes, rates = np.stack([q, self._r]).dot(self._columns)
+            targets = self._actuators.rates(given, strokes, rates, self.h)
+            motion = q, self._r, v, self.h, obstacles
+            found, contact = self._solve_actuators(u, self._columns, self._spread, targets, *motion)
+            by_strokes, rubbed = self._actuators.parts(self._columns, found)
+            pushed, right = pushed + by_strokes, right + by_strokes + rubbed
+            reactions = found[: len(reactions)]
         if contact is not None:
             right += self._pushed(contact)
+        if contact is not None or given is not None:
             v = _applied(self._a, right)
         heat = _applied(self._Ra, right)
         h, supplied, dissipated = self.h, float(pushed.dot(v)), float(heat.dot(heat))
+        if given is not None:
+            dissipated -= float(rubbed.dot(v))
         self._leave(StepWork(h * supplied, h * dissipated, self._contacts(v, contact, h)))
         if len(self._rigid_displacement):
             self._rigid_displacement += h * v[: len(self._rigid_displacement)]
         self._e += self._travel * v
         np.subtract(v + v, self._r, self._r)
-        self.contact = contact
+        self.contact, self.reactions = contact, reactions
         return self.state.dot(self.state)
 
 
@@ -61,23 +80,41 @@ class QuasiStatic(BookedKernel):
         if self._interface is not None:
             strained = self._inverse_ω[:, None] * self._Sᵀ
             self._delassus = symmetric(strained.T @ strained / h)
+        if self._actuators is not None:
+            self._columns = self._model.inputs[:, self._actuators.columns]
+            self._spread = self._inverse_ω[:, None] ** 2 / h * self._columns
 
     def step(self, u: Array, obstacles: ObstacleMotion | None = None) -> float:
         """As in Kernel."""
+        u, given = (u, None) if self._actuators is None else self._actuators.split(u)
         force = self._model.inputs.dot(u)
         change = force * self._inverse_ω - self._e
         free = change * self._inverse_ω / self.h
-        contact = self._solve_contact(self._coordinates(), self._r, free, self.h, obstacles, quasi_static=True)
+        motion, reactions = (self._coordinates(), self._r, free, self.h, obstacles, True), self.reactions
+        if given is None or self._actuators is None:
+            contact = self._solve_contact(*motion)
+        else:
+            targets = self._actuators.resting_rates(given, self._coordinates().dot(self._columns), self.h)
+            found, contact = self._solve_actuators(u, self._columns, self._spread, targets, *motion)
+            by_strokes, rubbed = self._actuators.parts(self._columns, found)
+            force = force + by_strokes
+            change += (by_strokes + rubbed) * self._inverse_ω
+            reactions = found[: len(reactions)]
         if contact is not None:
             change += self._inverse_ω * self._pushed(contact)
         moved = change * self._inverse_ω
         contacts = self._contacts(moved / self.h, contact, self.h)
-        self._leave(StepWork(float(force.dot(moved)), float(change.dot(change)) / 2, contacts))
+        dissipated = float(change.dot(change)) / 2
+        if given is not None:
+            dissipated -= float(rubbed.dot(moved))
+        self._leave(StepWork(float(force.dot(moved)), dissipated, contacts))
         self._e += change
-        self.contact = contact
+        self.contact, self.reactions = contact, reactions
         return self.state.dot(self.state)
 
 
-def _applied(matrix: Array, vector: Array) -> Array:
-    """The product with a diagonal (m,) or a whole matrix (m, m)."""
-    return matrix * vector if matrix.ndim == 1 else matrix.dot(vector)
+def _applied(matrix: Array, columns: Array) -> Array:
+    """The product with a diagonal (m,) or a whole matrix (m, m), of a vector or columns."""
+    if matrix.ndim == 2:
+        return matrix.dot(columns)
+    return matrix * columns if columns.ndim == 1 else matrix[:, None] * columns

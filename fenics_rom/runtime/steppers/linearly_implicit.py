@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from fenics_rom.mechanics.actuator_forces import ActuatorForces
 from fenics_rom.mechanics.contact import ObstacleMotion
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.hyperelastic import VOIGT_SHEAR, energy_density, linear_stress, strain, strain_rate, stress
@@ -34,8 +35,14 @@ class LinearlyImplicit(FiniteStrainKernel):
 
     NOTES = ("distance", "strained", "mismatch")  # strained: energy of the strains at most, J
 
-    def __init__(self, rom: Rom, ledger: EnergyLedger | None, interface: "ContactInterface | None"):
-        super().__init__(rom, ledger, interface)
+    def __init__(
+        self,
+        rom: Rom,
+        ledger: EnergyLedger | None,
+        interface: "ContactInterface | None",
+        actuators: ActuatorForces | None = None,
+    ):
+        super().__init__(rom, ledger, interface, actuators)
         body = self._body
         self._λ, self._μ = body.weights * body.first_lame, body.weights * body.shear
         self._most = float(self._μ.sum())  # c where strains are of order 1
@@ -110,6 +117,7 @@ class LinearlyImplicit(FiniteStrainKernel):
     def _stepped(self, u: Array, obstacles: ObstacleMotion | None) -> float:
         h, body = self.h, self._body
         q, r = self._coordinates().copy(), self._r
+        u, given = (u, None) if self._actuators is None else self._actuators.split(u)
         expected = self._expected(u, q)
         middle = q + h / 2 * expected
         pushed = self._loads(u, middle)
@@ -121,13 +129,21 @@ class LinearlyImplicit(FiniteStrainKernel):
             s = self._s
             matrix += np.outer(h / 2 * b, b)
             right -= s * b
-        contact, v = None, np.linalg.solve(matrix, right)
+        contact, reactions, v = None, self.reactions, np.linalg.solve(matrix, right)
         if self._interface is not None:
             spread = np.linalg.solve(matrix, self._Sᵀ)
             self._delassus = symmetric(self._Sᵀ.T @ spread)
-            contact = self._solve_contact(q, r, v, h, obstacles)
-            if contact is not None:
-                v += spread.dot(contact.forces.ravel())
+            if given is None:
+                contact = self._solve_contact(q, r, v, h, obstacles)
+        if given is not None and self._actuators is not None:
+            columns = self._stroke_columns(middle)
+            by_strokes = np.linalg.solve(matrix, columns)
+            targets = self._actuators.rates(given, self._strokes_at(q), r.dot(self._stroke_columns(q)), h)
+            reactions, contact = self._solve_actuators(u, columns, by_strokes, targets, q, r, v, h, obstacles)
+            pushed = pushed + columns.dot(reactions)
+            v += by_strokes.dot(reactions)
+        if contact is not None:
+            v += spread.dot(contact.forces.ravel())
         missed = v - expected
         if missed.dot(missed) > TANGENT_RENEWAL**2 * v.dot(v):
             self._tangent_inverse = None
@@ -147,8 +163,8 @@ class LinearlyImplicit(FiniteStrainKernel):
         self._leave(StepWork(h * float(pushed.dot(v)), h * drawn - taken_back, self._contacts(v, contact, h)))
         np.multiply(after, self._ω, self._e)
         np.subtract(v + v, r, r)
-        self.contact = contact
-        self._note(after, E, u)
+        self.contact, self.reactions = contact, reactions
+        self._note(after, E, self._acting(u))
         self._note_mismatch(strained, gap)
         return 2 * self._energy(after)
 
@@ -170,6 +186,8 @@ class LinearlyImplicit(FiniteStrainKernel):
             2 / h * (v - self._r) + body.external_damping.dot(v) + body.springs.dot(middle) + body.resultant(H, S)
         )
         residual -= self._loads(u, middle)
+        if self._actuators is not None:
+            residual -= self._stroke_columns(middle).dot(self.reactions)
         if self.contact is not None:
             residual -= self._pushed(self.contact)
         expected = v - self._tangent_inverse.dot(residual)

@@ -66,52 +66,60 @@ class Newton(FiniteStrainKernel):
                     f"input {u.tolist()}: Newton's iteration does not converge, even in {MAX_PARTS} parts of a step of "
                     f"{self.h:g} s; lower dt or the load"
                 )
-            q, r, contact, work = solution
+            q, r, contact, reactions, work = solution
             self._leave(work)
             np.multiply(q, self._ω, self._e)
             self._r[:] = r
-            self.contact = contact
+            self.contact, self.reactions = contact, reactions
             self.notes["cut"] += parts > 1
             E = self._body.strains(q)
-            self._note(q, E, u)
+            self._note(q, E, self._acting(u))
             return float(r.dot(r)) + 2 * self._body.energy(q, E)
 
     def _in_parts(
         self, u: Array, obstacles: ObstacleMotion | None, parts: int
-    ) -> tuple[Array, Array, ContactSolution | None, StepWork] | None:
-        """The state after a step in so many parts, the last contact, and the work; None where one was not solved."""
+    ) -> tuple[Array, Array, ContactSolution | None, Array, StepWork] | None:
+        """The state after a step in so many parts, the last contact and reactions, and the work.
+
+        None where one was not solved.
+        """
         q, r, h = self._coordinates().copy(), self._r.copy(), self.h / parts
+        strokes, reactions = self._strokes_at(q), self.reactions
+        u, given = (u, strokes) if self._actuators is None else self._actuators.split(u)
         supplied = dissipated = 0.0
         contact: ContactSolution | None = None
         contacts: tuple[tuple[ContactSolution, Array, float], ...] = ()
         for part in range(parts):
             motion = None if obstacles is None else obstacles.part(part / parts, 1 / parts, self.h)
-            solution = self._solved(u, q, r, h, motion)
+            solution = self._solved(u, strokes + (part + 1) / parts * (given - strokes), q, r, h, motion)
             if solution is None:
                 self._inverse = None  # it is of another length
                 return None
-            v, force, heat, contact = solution
+            v, force, heat, contact, reactions = solution
             supplied, dissipated = supplied + h * float(force.dot(v)), dissipated + heat
             contacts += self._contacts(v, contact, h)
             q, r = q + h * v, 2 * v - r
         if parts > 1:
             self._inverse = None
-        return q, r, contact, StepWork(supplied, dissipated, contacts)
+        return q, r, contact, reactions, StepWork(supplied, dissipated, contacts)
 
     def _solved(
-        self, u: Array, q: Array, r: Array, h: float, obstacles: ObstacleMotion | None
-    ) -> tuple[Array, Array, float, ContactSolution | None] | None:
-        """One step by iteration: v̂, the force of the inputs, what was dissipated (J), and contact.
+        self, u: Array, given: Array, q: Array, r: Array, h: float, obstacles: ObstacleMotion | None
+    ) -> tuple[Array, Array, float, ContactSolution | None, Array] | None:
+        """One step by iteration: v̂, the force of the inputs, what was dissipated (J), contact, and reactions.
 
         Args:
             u: inputs.
+            given: strokes (k,) at its end.
             q, r: the state at its beginning, (m,) each.
             h: its length, s.
             obstacles: how they move in it.
         """
         body, ω = self._body, self._body.weights
         E = body.strains(q)
-        v, before, fresh = r.copy(), math.inf, False
+        v, before, fresh, reactions = r.copy(), math.inf, False, self.reactions
+        if self._actuators is not None:
+            targets = self._actuators.rates(given, self._strokes_at(q), r.dot(self._stroke_columns(q)), h)
         for _ in range(MAX_ITERATIONS):
             middle = q + h / 2 * v
             H, after = body.displacement_gradients(middle), body.strains(q + h * v)
@@ -126,13 +134,20 @@ class Newton(FiniteStrainKernel):
                 return None
             if self._inverse is None:
                 self._inverse, fresh = self._tangent_inverse(H, (E + after) / 2, S, h), True
-            contact = self._solve_contact(q, r, v - self._inverse.dot(residual), h, obstacles)
+            motion = q, r, v - self._inverse.dot(residual), h, obstacles
+            if self._actuators is None:
+                contact = self._solve_contact(*motion)
+            else:
+                columns = self._stroke_columns(middle)
+                reactions, contact = self._solve_actuators(u, columns, self._inverse.dot(columns), targets, *motion)
+                by_strokes = columns.dot(reactions)
+                force, residual = force + by_strokes, residual - by_strokes
             if contact is not None:
                 residual -= self._pushed(contact)
             error = np.abs(residual).max()
             if is_solved(error, before, scale):
                 heat = h * (float(v.dot(drawn)) + float(ω.dot((viscous * rates).sum(axis=0))))
-                return v, force, heat, contact
+                return v, force, heat, contact, reactions
             if error > FAST_CONTRACTION * before and not fresh:
                 self._inverse, fresh = self._tangent_inverse(H, (E + after) / 2, S, h), True
             else:

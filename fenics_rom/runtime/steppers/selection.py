@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fenics_rom.errors import StepError, unknown
+from fenics_rom.mechanics.actuator_forces import ActuatorForces
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.step import FINITE_STRAIN_STEPPERS
 from fenics_rom.rom.rom import ContactModel, Rom
@@ -37,28 +38,33 @@ def make_stepper(
     Raises:
         StepError: there is no such stepper, or the body begins in an obstacle.
     """
-    interface, has_inertia = None, True
+    interface, actuators, has_inertia = None, None, True
     if environment is not None and not environment.environment.is_plain:  # bodies on which nothing acts start sooner
         from fenics_rom.runtime.steppers.contact_interface import contact_interface
 
         interface, has_inertia = contact_interface(rom, environment), environment.environment.has_inertia
         if interface is not None:
             interface.check_start()
+        acting = environment.environment
+        if acting.finds_forces:
+            actuators = ActuatorForces(acting.controls, acting.guides, {**rom.actuators, **rom.loads})
     if rom.deformation is not None:
         suited, reason = _finite_strain_kind(rom, dt, kind, has_inertia)
-        kernel = _finite_strain_kernel(suited)(rom, ledger, interface)
+        kernel = _finite_strain_kernel(suited)(rom, ledger, interface, actuators)
         return FiniteStrainStepper(rom, dt, interface, kernel, suited, reason)
     if kind is not None:
         raise StepError(f"stepper = {kind!r}: belongs to large deformation, which ROM {rom.name!r} has not")
     rigid_displacement = np.zeros(rom.rigid)
     make_kernel: Callable[[ContactModel], Kernel]
-    if interface is None and has_inertia:
+    if interface is None and actuators is None and has_inertia:
         make_kernel = partial(fastest_kernel, ledger=ledger, rigid_displacement=rigid_displacement)
     else:
         from fenics_rom.runtime.steppers.linear_kernels import ContactMidpoint, QuasiStatic
 
         booked = ContactMidpoint if has_inertia else QuasiStatic
-        make_kernel = partial(booked, ledger=ledger, rigid_displacement=rigid_displacement, interface=interface)
+        make_kernel = partial(
+            booked, ledger=ledger, rigid_displacement=rigid_displacement, interface=interface, actuators=actuators
+        )
     return LinearStepper(rom, dt, interface, rigid_displacement, make_kernel)
 
 

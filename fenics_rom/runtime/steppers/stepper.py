@@ -65,6 +65,11 @@ class ReducedStepper:
         """See Stepper."""
         return self.kernel.contact
 
+    @property
+    def reactions(self) -> Array:
+        """See Stepper."""
+        return self.kernel.reactions
+
     def switch(self, contact: str) -> float:
         """See Stepper."""
         raise NotImplementedError
@@ -112,7 +117,7 @@ class ReducedStepper:
         self._enter(next(iter(self._rom.contact_models)))
         self.rigid_displacement[:] = self.kernel.state[:] = 0
         self.kernel.resume(np.empty(0))
-        self.kernel.contact = None
+        self.kernel.contact, self.kernel.reactions = None, 0 * self.kernel.reactions
         self.kernel.notes = dict.fromkeys(self.kernel.notes, 0)
         if self.interface is not None:
             self.interface.forget()
@@ -126,7 +131,8 @@ class ReducedStepper:
         if self.interface is not None:
             forces, residual = self.interface.solver.last_forces, self.interface.solver.residual
         carried, contact, notes = _read_only(self.kernel.auxiliary), self.kernel.contact, dict(self.kernel.notes)
-        return StepperState(state, rigid, carried, contact, forces, residual, notes)
+        reactions = _read_only(self.kernel.reactions)
+        return StepperState(state, rigid, carried, contact, forces, residual, notes, reactions)
 
     def check(self, contact: str, state: StepperState) -> None:
         """A StepError where a snapshot, taken in a contact mode, is of another ROM."""
@@ -148,7 +154,7 @@ class ReducedStepper:
         self.rigid_displacement[:] = state.rigid_displacement
         self.kernel.state[:] = state.state
         self.kernel.resume(state.auxiliary)
-        self.kernel.contact = state.contact
+        self.kernel.contact, self.kernel.reactions = state.contact, state.reactions
         self.kernel.notes = {name: state.notes.get(name, 0) for name in self.kernel.notes}
         if self.interface is not None:
             self.interface.forget()
@@ -200,7 +206,7 @@ class LinearStepper(ReducedStepper):
         potential, kinetic = self._projections.between(self.contact_mode, contact)
         self._enter(contact)
         before, after, m, n = left.state, self.state, len(left.state) // 2, len(self.state) // 2
-        self.kernel.contact = left.contact
+        self.kernel.contact, self.kernel.reactions = left.contact, left.reactions
         np.dot(potential, before[:m], out=after[:n])
         np.dot(kinetic, before[m:], out=after[n:])
         return float(before.dot(before)) / 2 - float(after.dot(after)) / 2

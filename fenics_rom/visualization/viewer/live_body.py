@@ -75,7 +75,8 @@ class LiveBody:
                 f"ROM {rom.name!r} has no surface triangles, as it was made from matrices and not from a mesh: "
                 "there is nothing to draw; step it with fr.Simulator"
             )
-        self._whole = self.rom = rom
+        # What is pulled at by hand is given a force: actuators by stroke become such, too.
+        self._whole = self.rom = rom = replace(rom, environment=replace(rom.environment, controls={}))
         self.actuators = _actuators(rom)
         self.values = np.zeros(len(self.actuators))
         self._spring_step: MouseSpringStep | None = None
