@@ -28,12 +28,12 @@ def contact_points_of(scene: Scene, nodes: Nodes, unknowns: Unknowns) -> dict[st
 
 
 def points_between(scene: Scene, nodes: Nodes, unknowns: Unknowns) -> PointsBetween | None:
-    """Points between the nodes of the contact surfaces, where an obstacle would pass through them; None elsewhere.
+    """Points between nodes of the contact surfaces, where a scene wants them and an obstacle would pass; or None.
 
     Each triangle that is too wide is divided into n² alike, and touched at their corners.
     """
     radius = min((smallest_radius(o.shape) for o in scene.environment.obstacles.values()), default=np.inf)
-    if radius == np.inf:
+    if radius == np.inf or scene.effects.contact is None or scene.effects.contact.points == "nodes":
         return None
     patches = [patch_triangles(nodes, patch, f"contacts.{name}") for name, patch in scene.contacts.items()]
     triangles = np.unique(np.concatenate(patches), axis=0)

@@ -107,7 +107,8 @@ class ContactPoints:
             return ""
         return (
             f"contact: obstacle {name!r} is {2 * radius:.3g} m across, and the contact points leave gaps of "
-            f"{2 * gap:.3g} m that it passes through; a mesh of {radius:.3g} m at the contact surface is the cure"
+            f"{2 * gap:.3g} m that it passes through; a mesh of {radius:.3g} m at the contact surface is the cure, "
+            "or effects.contact.points = 'surface'"
         )
 
 

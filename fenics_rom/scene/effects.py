@@ -248,6 +248,11 @@ class Contact:
         Text(choices=CONTACT_SWITCHINGS),
         '"automatic" (the contact mode follows the obstacles) or "scene" (the load history says which it is)',
     ] = "automatic"
+    points: Annotated[
+        str,
+        Text(choices=("nodes", "surface")),
+        'what can be touched: "nodes", or "surface": also points between them, where an obstacle would pass',
+    ] = "nodes"
     obstacles: Annotated[Mapping[Name, RigidObstacle], "at least one"]
 
 

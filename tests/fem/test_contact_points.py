@@ -24,16 +24,16 @@ def mesh(tmp_path_factory):
     return write_arrays(folder / "box.msh", *box_arrays(LENGTHS, BRICKS))
 
 
-def scene(mesh, radius, degree=1, effects="", shape=None):
+def scene(mesh, radius, degree=1, points="surface", shape=None):
     ball = shape or f'shape = "sphere"\ncenter = [{CENTER[0]}, {CENTER[1]}, {LENGTHS[2] + radius}]\nradius = {radius}'
     text = scene_text(
         mesh,
         degree=degree,
         supports='clamped = ["bottom"]',
         contacts='[contacts.top]\nsurface = "top"',
-        effects=effects,
+        effects="",
         run="dt = 0.01\nduration = 0.1\nsnapshots = 10",
-        **{"effects.contact.obstacles.ball": f'{ball}\ntable = "down.csv"'},
+        **{"effects.contact": f'points = "{points}"', "effects.contact.obstacles.ball": f'{ball}\ntable = "down.csv"'},
     )
     return parse_scene(text, folder=mesh.parent)
 
@@ -91,11 +91,22 @@ def test_large_obstacles_have_no_points_between(mesh):
 
 
 def test_rom_that_meets_a_smaller_obstacle_than_it_was_made_for_says_so(mesh):
-    rom = fr.reduce(fr.assemble(scene(mesh, 0.02)), order=30, method="static")
-    run = fr.simulate(rom, scene=scene(mesh, 2e-3))
+    rom = fr.reduce(fr.assemble(scene(mesh, 0.02, points="nodes")), order=30, method="static")
+    run = fr.simulate(rom, scene=scene(mesh, 2e-3, points="nodes"))
     (message,) = (text for text in run.warnings if "obstacle" in text)
     assert "'ball' is 0.004 m across" in message
     assert "gaps of 0.0141 m that it passes through" in message
+
+
+def test_ball_that_is_let_through_is_told(mesh):
+    """As nodes alone can be touched: with its size, the gap, and both cures."""
+    system = fr.assemble(scene(mesh, 2e-3, points="nodes"))
+    assert system.body.points_between is None
+    (message,) = system.warnings
+    assert "a mesh of 0.002 m at the contact surface is the cure, or effects.contact.points = 'surface'" in message
+    run = fr.simulate(system)
+    assert not run.forces["ball"].any()
+    assert message in run.warnings
 
 
 def test_needle_that_wants_too_many_points_is_told(mesh):
