@@ -87,6 +87,10 @@ def test_the_strain_is_that_of_the_kept_point_that_went_furthest(rom, stepper):
     found = re.search(r"the strain of a kept point reached (\S+) times", text)
     assert float(found[1]) == pytest.approx(expected, rel=0.01)  # three digits
     assert said(trained(rom, strains=peak / (TRUSTED_STRAIN - 0.01)), u, stepper=stepper)[0] == ""
+    assert (
+        "the strain of a kept point"
+        in said(trained(rom, strains=peak / (TRUSTED_STRAIN + 0.01)), u, stepper=stepper)[0]
+    )
 
 
 def test_an_obstacle_that_pushes_harder_is_told_by_name(touching):
