@@ -42,8 +42,8 @@ MUTATIONS = [
     ("runtime/steppers/midpoint.py", "h * mode.inputs.T @ v", "h / 2 * mode.inputs.T @ v"),
     (
         "runtime/steppers/midpoint.py",
-        "self._ledger.book(supplied=supplied, dissipated=dissipated)",
-        "self._ledger.book(supplied=supplied)",
+        "self._ledger.book(supplied=float(supplied.sum()), dissipated=float(dissipated.sum()))",
+        "self._ledger.book(supplied=float(supplied.sum()))",
     ),
     ("runtime/steppers/midpoint.py", "self._booked = self._page\n", "pass\n"),
     ("runtime/steppers/midpoint.py", "steps = self.h / 2 * (r[1:] + r[:-1])", "steps = self.h * r[1:]"),
