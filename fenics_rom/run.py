@@ -78,8 +78,7 @@ def simulate(
             report=report,
         )
     if not (isinstance(model, Scene) or hasattr(model, "stiffness")):
-        hint = "; read_scene and read_rom read files" if isinstance(model, str) or hasattr(model, "__fspath__") else ""
-        raise SceneError(f"simulate: {shown(model)} was given; allowed are a Scene, a System or a Rom{hint}")
+        raise SceneError(f"simulate: {shown(model)} was given; allowed are a Scene, a System, a Rom, or a file's name")
     for_roms = {"scene": scene, "profile": profile, "rate": rate, "stepper": stepper}
     given = [name for name, value in for_roms.items() if value is not None and value is not False]
     if given:

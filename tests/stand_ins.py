@@ -7,6 +7,7 @@ import functools
 import inspect
 import pkgutil
 from pathlib import Path
+from types import SimpleNamespace
 
 PROJECT = Path(__file__).parents[1]
 OURS = (PROJECT / "fenics_rom", PROJECT / "demos")
@@ -14,7 +15,8 @@ MISSING = object()
 
 
 def checked(part, stand_in, name):
-    """What may stand in for a part: a class derived from it, a value of its type, or a function called as it is.
+    """What may stand in for a part: a class derived from it, a value of its type, a function called as it is,
+    or for a module a namespace of such parts.
 
     Raises:
         TypeError: it is of another kind.
@@ -23,6 +25,10 @@ def checked(part, stand_in, name):
         if not issubclass(stand_in, part):
             raise TypeError(f"{stand_in} stands in for the class {name}, and is not derived from it")
         return stand_in
+    if inspect.ismodule(part) and isinstance(stand_in, SimpleNamespace):
+        return SimpleNamespace(
+            **{key: checked(getattr(part, key), value, f"{name}.{key}") for key, value in vars(stand_in).items()}
+        )
     if not callable(part):
         if not isinstance(stand_in, type(part)):
             raise TypeError(f"{stand_in!r} stands in for {name}, which is of type {type(part).__name__}")

@@ -270,7 +270,8 @@ def test_a_block_that_is_pressed_evenly_has_an_even_pressure(bar, degree, model)
 @DEGREES
 def test_pressures_times_areas_are_the_normal_forces_of_any_obstacle(bar, degree):
     """Also of a ball that is smaller than a triangle, and touches points between the nodes."""
-    ball = '[effects.contact.obstacles.ball]\nshape = "sphere"\ncenter = [0.4, 0.06, -0.05]\nradius = 0.05'
+    ball = '[effects.contact]\npoints = "surface"\n[effects.contact.obstacles.ball]\nshape = "sphere"\n'
+    ball += "center = [0.4, 0.06, -0.05]\nradius = 0.05"
     sole = {"readings.sole": 'quantity = "contact_pressure"\nof = "sole"'}
     contacts = '[contacts.sole]\nsurface = "bottom"'
     scene = scene_of(bar, ball, degree, contacts=contacts, supports='clamped = ["top"]', **sole)

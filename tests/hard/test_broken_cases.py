@@ -205,11 +205,11 @@ def held_patches_pass(patch, demo):
     """A surface that cannot move is no error."""
     right = assemble.patch_columns
 
-    def lenient(nodes, surface, free, where):
+    def lenient(nodes, surface, unknowns, where):
         try:
-            return right(nodes, surface, free, where)
+            return right(nodes, surface, unknowns, where)
         except fr.errors.SceneError:
-            return np.eye(len(free), 3)
+            return np.eye(len(unknowns.free), 3)
 
     patch.setattr(assemble, "patch_columns", lenient)
 

@@ -761,7 +761,7 @@ CALLS = {
     "a path where a model belongs": (lambda: fr.simulate("rom.toml"), "rom"),
     "a step of zero": (lambda: simulator(0.0), "dt"),
     "a step that is nan": (lambda: simulator(float("nan")), "dt"),
-    "an input too few": (lambda: simulator().step([0.0, 0.0]), "2"),
+    "an input too few": (lambda: simulator().step([0.0, 0.0]), "allowed are 3 numbers in N, given: [0.0, 0.0]"),
     "an input that is nan": (lambda: simulator().step([0.0, 0.0, np.nan]), "nan"),
     "an input that is infinite": (lambda: simulator().step([0.0, 0.0, -np.inf]), "inf"),
     "an input in words": (lambda: simulator().step("push"), "push"),
