@@ -7,7 +7,6 @@ import functools
 import inspect
 import pkgutil
 from pathlib import Path
-from types import SimpleNamespace
 
 PROJECT = Path(__file__).parents[1]
 OURS = (PROJECT / "fenics_rom", PROJECT / "demos")
@@ -16,7 +15,7 @@ MISSING = object()
 
 def checked(part, stand_in, name):
     """What may stand in for a part: a class derived from it, a value of its type, a function called as it is,
-    or for a module a namespace of such parts.
+    or for a module an object with functions that it has.
 
     Raises:
         TypeError: it is of another kind.
@@ -25,10 +24,11 @@ def checked(part, stand_in, name):
         if not issubclass(stand_in, part):
             raise TypeError(f"{stand_in} stands in for the class {name}, and is not derived from it")
         return stand_in
-    if inspect.ismodule(part) and isinstance(stand_in, SimpleNamespace):
-        return SimpleNamespace(
-            **{key: checked(getattr(part, key), value, f"{name}.{key}") for key, value in vars(stand_in).items()}
-        )
+    if inspect.ismodule(part):
+        absent = [key for key in dir(stand_in) if callable(getattr(stand_in, key)) and not hasattr(part, key)]
+        if absent:
+            raise TypeError(f"{stand_in!r} stands in for the module {name}, which has no {', '.join(absent)}")
+        return stand_in
     if not callable(part):
         if not isinstance(stand_in, type(part)):
             raise TypeError(f"{stand_in!r} stands in for {name}, which is of type {type(part).__name__}")
