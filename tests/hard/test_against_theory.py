@@ -46,7 +46,7 @@ def test_block_on_an_incline_slides_or_sticks_around_the_tangent(tmp_path, share
     """Slides with g (sin θ - μ cos θ) where μ < tan θ, and does not where μ > tan θ; stands on it from the start."""
     θ, duration = 0.5, 0.1
     μ = share * np.tan(θ)
-    down = [G * np.sin(θ), 0.0, -G * np.cos(θ)]
+    down = [float(G * np.sin(θ)), 0.0, float(-G * np.cos(θ))]
     text = scene_text(
         write_arrays(tmp_path / "box.msh", *box_arrays((0.2, 0.1, 0.05), (2, 1, 1))),
         supports=None,
