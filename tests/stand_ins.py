@@ -25,7 +25,8 @@ def checked(part, stand_in, name):
             raise TypeError(f"{stand_in} stands in for the class {name}, and is not derived from it")
         return stand_in
     if inspect.ismodule(part):
-        absent = [key for key in dir(stand_in) if callable(getattr(stand_in, key)) and not hasattr(part, key)]
+        public = [key for key in dir(stand_in) if not key.startswith("_") and callable(getattr(stand_in, key))]
+        absent = [key for key in public if not hasattr(part, key)]
         if absent:
             raise TypeError(f"{stand_in!r} stands in for the module {name}, which has no {', '.join(absent)}")
         return stand_in
