@@ -92,7 +92,7 @@ class TrainingWatch:
             self._look_at_contact(notes, contact, h)
 
     def _look_at_loads(self, notes: Notes, u: Array) -> None:
-        parts = np.split(u[self._columns :], self._starts[1:])
+        parts = np.split(u[self._columns :], self._starts[1:]) if self._inputs else []
         values = {name: math.sqrt(part.dot(part)) for name, part in zip(self._inputs, parts, strict=True)}
         if self._columns:
             values[f"the push on {self._contact!r}"] = resultant(u[: self._columns])
