@@ -11,9 +11,7 @@ from fenics_rom.system.body import Unknowns
 Array = np.ndarray
 
 MOST_BETWEEN = 700  # with more than these every step is slow; a finer mesh, or a smaller contact surface, is better
-GAP_SHARE = (
-    0.9  # of the radius of the smallest obstacle, that may be left from a point of the surface to a contact point
-)
+GAP_SHARE = 0.9  # of the radius of the smallest obstacle: as far may the surface be from a contact point
 
 
 def contact_points_of(scene: Scene, nodes: Nodes, unknowns: Unknowns) -> dict[str, Array]:

@@ -1,5 +1,7 @@
 """What supports leave of the displacement components: clamped pieces, rollers and planes of symmetry."""
 
+from collections import defaultdict
+
 import numpy as np
 import scipy.sparse
 
@@ -20,7 +22,7 @@ def unknowns_of(scene: Scene, nodes: Nodes) -> Unknowns:
         MeshError, SceneError: a place that does not exist, or nothing can move.
     """
     count = len(nodes.coordinates)
-    clamped, normals = np.zeros(count, dtype=bool), _Normals(count)
+    clamped, normals = np.zeros(count, dtype=bool), defaultdict[int, list[np.ndarray]](list)
     for name in scene.clamped:
         clamped[clamped_nodes(nodes, name)] = True
     for k, held in enumerate(scene.held):
@@ -28,13 +30,16 @@ def unknowns_of(scene: Scene, nodes: Nodes) -> Unknowns:
         if held.normal is None:
             clamped[numbers] = True
         else:
-            normals.add(numbers, np.array(held.normal))
+            for node in numbers.tolist():
+                normals[node].append(np.array(held.normal) / np.linalg.norm(held.normal))
     if clamped.all():
         raise SceneError(f"{scene.source}: supports: every node of the mesh is clamped")
     is_free = np.repeat(~clamped[:, None], 3, axis=1)
     ties = []
-    for node in normals.nodes[~clamped[normals.nodes]]:
-        fixed, weights = eliminate(normals.of(node))
+    for node, along in sorted(normals.items()):
+        if clamped[node]:
+            continue
+        fixed, weights = eliminate(np.array(along))
         is_free[node, fixed] = False
         ties += [(3 * node + i, 3 * node + j, w) for i, row in zip(fixed, weights, strict=True) for j, w in row.items()]
     free = np.flatnonzero(is_free)
@@ -64,24 +69,6 @@ def held_nodes(nodes: Nodes, held: Held, where: str) -> np.ndarray:
             f"{nodes.coordinates[nearest].round(9).tolist()}, {distance[nearest]:.3g} m away"
         )
     return np.array([nearest])
-
-
-class _Normals:
-    """The normals along which nodes are held."""
-
-    def __init__(self, count: int):
-        self._of: list[list[np.ndarray]] = [[] for _ in range(count)]
-
-    def add(self, nodes: np.ndarray, normal: np.ndarray) -> None:
-        for node in nodes:
-            self._of[node].append(normal / np.linalg.norm(normal))
-
-    @property
-    def nodes(self) -> np.ndarray:
-        return np.array([node for node, normals in enumerate(self._of) if normals], dtype=int)
-
-    def of(self, node: int) -> np.ndarray:
-        return np.array(self._of[node])
 
 
 def eliminate(normals: np.ndarray) -> tuple[list[int], list[dict[int, float]]]:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 import scipy.sparse
@@ -29,7 +30,7 @@ class Unknowns:
     tied: Array = field(default_factory=lambda: np.empty(0, dtype=int))
     weights: scipy.sparse.csr_array | None = None
 
-    @property
+    @cached_property
     def moving(self) -> Array:
         """The components that can move, ascending: unknowns and tied ones."""
         return np.union1d(self.free, self.tied)
@@ -49,7 +50,7 @@ class Unknowns:
             on_unknowns = on_unknowns + self.weights.T @ forces[self.tied]
         return on_unknowns
 
-    @property
+    @cached_property
     def matrix(self) -> scipy.sparse.csr_array:
         """Z (3 N, n) of `expand`."""
         n = len(self.free)

@@ -6,9 +6,7 @@ from fenics_rom.rom.rom import Rom
 
 Array = np.ndarray
 
-SURFACE_VELOCITY_SHARE = (
-    0.5  # of the largest velocity after a push: triangles that move more are of the contact surface
-)
+SURFACE_VELOCITY_SHARE = 0.5  # of the largest velocity after a push, that the contact surface has at least
 
 
 def on_kept_surface(rom: Rom, contact: str) -> Array:
