@@ -59,10 +59,8 @@ def simulate(
         True
     """
     if isinstance(model, str | PathLike):
-        from fenics_rom.io.hdf5 import is_sealed
-
-        is_rom = is_sealed(Path(model)) or Path(model).suffix in (".h5", ".hdf5")
-        model = load("rom.file", "read_rom")(model) if is_rom else load("scene.file", "read_scene")(model)
+        reader = ("rom.file", "read_rom") if is_rom_file(model) else ("scene.file", "read_scene")
+        model = load(*reader)(model)
     if isinstance(model, Rom):
         from fenics_rom.runtime.simulate import simulate as simulate_rom
 
@@ -88,3 +86,10 @@ def simulate(
         )
     trajectory: Trajectory = load("fem.simulate", "simulate")(model, dt=dt, every=every, signals=signals, report=report)
     return trajectory
+
+
+def is_rom_file(file: str | PathLike[str]) -> bool:
+    """Whether a file is to be read as a ROM: it is one, or is called as if; what so ends, and is none, is told so."""
+    from fenics_rom.io.hdf5 import is_sealed  # here, as not everyone reads files
+
+    return is_sealed(Path(file)) or Path(file).suffix in (".h5", ".hdf5")

@@ -2,17 +2,15 @@
 
 import argparse
 from dataclasses import replace
-from pathlib import Path
 
 import fenics_rom as fr
 from fenics_rom.cli.display import print_trajectory, progress
 from fenics_rom.cli.output import add_output, check_output
-from fenics_rom.io.hdf5 import is_sealed
 from fenics_rom.io.mpi_ranks import is_root_process
 from fenics_rom.mechanics.step import FINITE_STRAIN_STEPPERS
+from fenics_rom.run import is_rom_file
 
 SUMMARY = "run a scene at full order (also under mpirun), or a ROM, through its load history"
-ENDINGS_OF_ROMS = (".h5", ".hdf5")  # what so ends, and is no ROM, is told so
 FOR_ROMS = ("scene", "order", "profile", "rate", "stepper")  # options
 
 
@@ -38,7 +36,7 @@ def run(choice: argparse.Namespace) -> None:
     """Simulates, and writes the run."""
     check_output(choice.output, choice.model, choice.scene)
     with progress() as report:
-        if is_rom(choice.model):
+        if is_rom_file(choice.model):
             if choice.petsc_words:
                 choice.wrong_usage(f"{choice.petsc_words[0]} is for a scene; {choice.model} is a ROM")
             rom = fr.read_rom(choice.model)
@@ -61,8 +59,3 @@ def run(choice: argparse.Namespace) -> None:
     fr.write_trajectory(choice.output, trajectory)
     if is_root_process():
         print_trajectory(trajectory, choice.output)
-
-
-def is_rom(file: str) -> bool:
-    """Whether a file is to be read as a ROM rather than as a scene: by how it begins, and by its name."""
-    return is_sealed(file) or Path(file).suffix in ENDINGS_OF_ROMS

@@ -153,15 +153,15 @@ def _obstacles_too_small(system: System) -> list[str]:
     """What to say of obstacles that pass between contact points, or did before there were more of them."""
     if not system.contact_points or system.scene is None:
         return []
-    body, between = system.body, system.body.points_between
+    body = system.body
+    if body.points_between is not None:
+        return [
+            f"contact: {len(body.points_between.nodes)} points between nodes can be touched, as an obstacle fits in "
+            "there; what it presses in is narrower than an element: a finer mesh at the contact surface shows it"
+        ]
     shapes = {name: obstacle.shape for name, obstacle in system.scene.environment.obstacles.items()}
-    message = system.points_of_contact().warn_of_passing(shapes, body.triangles, body.nodes)
-    if between is not None:
-        message = (
-            f"contact: {len(between.nodes)} points between nodes can be touched, as an obstacle fits in there; "
-            "what it presses in is narrower than an element: a finer mesh at the contact surface shows it"
-        )
-    return [message] if message else []
+    passing = system.points_of_contact().describe_passing(shapes, body.triangles, body.nodes)
+    return [passing] if passing else []
 
 
 def _material_of_cells(scene: Scene, mesh: Mesh) -> np.ndarray:

@@ -3,14 +3,13 @@
 import numpy as np
 
 from fenics_rom.fem.nodes import Nodes, patch_nodes, patch_triangles
-from fenics_rom.mechanics.contact_points import PointsBetween, covering_radius
+from fenics_rom.mechanics.contact_points import MOST_BETWEEN, PointsBetween, covering_radius
 from fenics_rom.mechanics.obstacles import smallest_radius
 from fenics_rom.scene.scene import Scene
 from fenics_rom.system.body import Unknowns
 
 Array = np.ndarray
 
-MOST_BETWEEN = 700  # with more than these every step is slow; a finer mesh, or a smaller contact surface, is better
 GAP_SHARE = 0.9  # of the radius of the smallest obstacle: as far may the surface be from a contact point
 
 

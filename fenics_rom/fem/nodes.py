@@ -83,7 +83,7 @@ def canonical_nodes(mesh: Mesh, degree: int) -> Nodes:
     return Nodes(coordinates, keys, cells, edges, faces[first[count == 1]], mesh)
 
 
-def _face_keys(nodes: Nodes, triangles: np.ndarray) -> np.ndarray:
+def face_keys(nodes: Nodes, triangles: np.ndarray) -> np.ndarray:
     """One number for each triangle, whatever the order of its vertices."""
     count = len(nodes.coordinates) + 1
     return np.sort(triangles, axis=1) @ np.array([count * count, count, 1])
@@ -91,7 +91,7 @@ def _face_keys(nodes: Nodes, triangles: np.ndarray) -> np.ndarray:
 
 def surface_triangles(nodes: Nodes, name: str) -> np.ndarray:
     """Outward triangles of a named surface, between canonical vertices; refuses one that is not on the boundary."""
-    given, boundary = _face_keys(nodes, nodes.vertices(nodes.mesh.surface(name))), _face_keys(nodes, nodes.surface)
+    given, boundary = face_keys(nodes, nodes.vertices(nodes.mesh.surface(name))), face_keys(nodes, nodes.surface)
     order = np.argsort(boundary)
     position = np.minimum(np.searchsorted(boundary[order], given), len(order) - 1)
     _refuse_stray(nodes, name, boundary[order][position] != given, "on the boundary of the body")
@@ -120,7 +120,7 @@ def clamped_nodes(nodes: Nodes, name: str) -> np.ndarray:
     """All nodes of a named surface, inside the body or on its boundary; refuses one that is not of faces of cells."""
     triangles = nodes.vertices(nodes.mesh.surface(name))
     faces = nodes.cells[:, CELL_FACES].reshape(-1, 3)
-    is_stray = ~np.isin(_face_keys(nodes, triangles), _face_keys(nodes, faces))
+    is_stray = ~np.isin(face_keys(nodes, triangles), face_keys(nodes, faces))
     _refuse_stray(nodes, name, is_stray, "faces of the tetrahedra")
     return np.unique(nodes.triangle_nodes(triangles))
 

@@ -9,8 +9,8 @@ from scipy.sparse.csgraph import connected_components
 
 from fenics_rom.errors import SceneError
 from fenics_rom.fem.full_order_body import FullOrderBody
-from fenics_rom.fem.mesh_quality import CELL_EDGES, CELL_FACES
-from fenics_rom.fem.nodes import Nodes, patch_triangles, triangle_areas
+from fenics_rom.fem.mesh_quality import CELL_EDGES, CELL_FACES, volume_within
+from fenics_rom.fem.nodes import Nodes, face_keys, patch_triangles, triangle_areas
 from fenics_rom.mechanics.readings import (
     ChamberVolume,
     ContactPressure,
@@ -101,15 +101,10 @@ def surface_gradients(nodes: Nodes, facets: Array) -> tuple[Array, scipy.sparse.
 
 def _facets_and_cells(nodes: Nodes, facets: Array) -> tuple[Array, Array]:
     """Which facets of the boundary some are, in its order, and the cell that each is a face of."""
-    count = len(nodes.coordinates)
-
-    def keys(triangles: Array) -> Array:
-        return np.sort(triangles, axis=1) @ np.array([count * count, count, 1])
-
-    row = np.flatnonzero(np.isin(keys(nodes.surface), keys(facets)))
-    of_cells = keys(nodes.cells[:, CELL_FACES].reshape(-1, 3))
+    row = np.flatnonzero(np.isin(face_keys(nodes, nodes.surface), face_keys(nodes, facets)))
+    of_cells = face_keys(nodes, nodes.cells[:, CELL_FACES].reshape(-1, 3))
     order = np.argsort(of_cells)
-    face = order[np.searchsorted(of_cells[order], keys(nodes.surface[row]))]
+    face = order[np.searchsorted(of_cells[order], face_keys(nodes, nodes.surface[row]))]
     return row, face // len(CELL_FACES)
 
 
@@ -156,7 +151,7 @@ def enclosed_volume(nodes: Nodes, triangles: Array, unknowns: Unknowns, where: s
         if _can_sweep(nodes, around, cap, unknowns):
             raise SceneError(f"{where}: the surface has an opening whose rim moves, so that it encloses no volume")
         closed.append(cap)
-    volume = -float(np.linalg.det(np.concatenate(closed)).sum()) / 6
+    volume = -volume_within(np.concatenate(closed))
     if volume <= 0:
         raise SceneError(f"{where}: the surface is around the body, not around a chamber in it")
     return volume

@@ -11,6 +11,7 @@ from fenics_rom.mechanics.obstacles import Obstacle, smallest_radius
 Array = np.ndarray
 
 NEARNESS = 0.05  # of the size of the contact surfaces: an obstacle that far away begins to matter
+MOST_BETWEEN = 700  # with more than these every step is slow; a finer mesh, or a smaller contact surface, is better
 HYSTERESIS = 1e-3  # of it: by so much another contact mode must be closer, so that two do not take turns
 
 
@@ -86,7 +87,7 @@ class ContactPoints:
         closer = closest[best] < closest[self._names.index(active)] - HYSTERESIS * self._size
         return self._names[best] if near and closer else active
 
-    def warn_of_passing(self, obstacles: Mapping[str, Obstacle], triangles: Array, coordinates: Array) -> str:
+    def describe_passing(self, obstacles: Mapping[str, Obstacle], triangles: Array, coordinates: Array) -> str:
         """What to say of obstacles that fit between the points; empty where none does.
 
         Args:
@@ -108,7 +109,7 @@ class ContactPoints:
         return (
             f"contact: obstacle {name!r} is {2 * radius:.3g} m across, and the contact points leave gaps of "
             f"{2 * gap:.3g} m that it passes through; a mesh of {radius:.3g} m at the contact surface is the cure, "
-            "or effects.contact.points = 'surface'"
+            f"or effects.contact.points = 'surface', where {MOST_BETWEEN} points do"
         )
 
 

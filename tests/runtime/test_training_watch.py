@@ -72,6 +72,14 @@ def test_a_push_on_a_contact_mode_is_told(rom):
     assert "the push on 'tip' reached 0.1 N, 2 times the 0.05 N of training" in text
 
 
+def test_a_push_is_told_of_a_body_without_actuators_and_loads(rom):
+    models = {name: replace(mode, inputs=mode.inputs[:, :3]) for name, mode in rom.contact_models.items()}
+    deformation = replace(rom.deformation, tendons={}, pressures={})
+    bare = replace(rom, contact_models=models, actuators={}, loads={}, deformation=deformation)
+    text, _ = said(trained(bare, inputs={}, pushes={"tip": 0.05, "middle": ANY}), [0.0, 0.06, 0.08])
+    assert "the push on 'tip' reached 0.1 N, 2 times the 0.05 N of training" in text
+
+
 @pytest.mark.parametrize("stepper", STEPPERS)
 def test_the_strain_is_that_of_the_kept_point_that_went_furthest(rom, stepper):
     """Measured anew from the states of the run; a point that training hardly strained counts by the largest one."""

@@ -56,5 +56,5 @@ def contact_interface(rom: Rom, environment: ActiveEnvironment) -> ContactInterf
     points = ContactPoints(nodes, rom.contact_surfaces, rom.nodes, rom.points_between)
     solver = ContactSolver(points.coordinates, list(environment.obstacles.values()), law)
     rows = points.columns(lambda nodes: rom.rows_of(nodes).reshape(-1, rom.basis.shape[1]).T).T
-    passing = points.warn_of_passing(environment.obstacles, rom.triangles, rom.nodes)
+    passing = points.describe_passing(environment.obstacles, rom.triangles, rom.nodes)
     return ContactInterface(points, solver, rows, environment, passing)

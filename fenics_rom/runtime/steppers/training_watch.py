@@ -50,10 +50,10 @@ class TrainingWatch:
         self._obstacles = [] if interface is None else list(interface.environment.obstacles)
         most = max(trained.pushes.values(), default=0.0)
         self._ranges = {f"input {name!r}": (trained.inputs.get(name, 0.0), units.get(name, "N")) for name in widths}
-        self._inputs = list(self._ranges)
+        ends = np.cumsum([0, *widths.values()]).tolist()
+        self._inputs = dict(zip(self._ranges, map(slice, ends, ends[1:]), strict=True))  # of those after the pushes
         self._ranges |= {f"the push on {name!r}": (trained.pushes.get(name, 0.0), "N") for name in rom.contact_models}
         self._ranges |= {f"the force of obstacle {name!r}": (most, "N") for name in self._obstacles}
-        self._starts = np.cumsum([0, *widths.values()])[:-1]
         limits = [max(self._ranges[name][0], NEVER) for name in self._inputs]
         self._limits = np.repeat(limits, list(widths.values()))
         strains = np.maximum(trained.strains, LOCAL_STRAIN * trained.strains.max(initial=NEVER))
@@ -92,8 +92,8 @@ class TrainingWatch:
             self._look_at_contact(notes, contact, h)
 
     def _look_at_loads(self, notes: Notes, u: Array) -> None:
-        parts = np.split(u[self._columns :], self._starts[1:]) if self._inputs else []
-        values = {name: math.sqrt(part.dot(part)) for name, part in zip(self._inputs, parts, strict=True)}
+        shared = u[self._columns :]
+        values = {name: math.sqrt(shared[part].dot(shared[part])) for name, part in self._inputs.items()}
         if self._columns:
             values[f"the push on {self._contact!r}"] = resultant(u[: self._columns])
         for what, value in values.items():
