@@ -61,13 +61,7 @@ def simulate(
     return recorder.record(
         name=rom.name,
         model="reduced",
-        settings={
-            "dt": history.dt,
-            **({"seconds": _seconds(fresh()[0], history)} if rate else {}),
-            "order": max(model.order for model in rom.contact_models.values()),
-            **({} if body.mismatch is None else {"mismatch": body.mismatch}),
-            "first_frequency": rom.first_frequency,
-        },
+        settings=body.settings | ({"seconds": _seconds(fresh()[0], history)} if rate else {}),
         nodes=rom.nodes,
         triangles=rom.triangles,
         node_mass=rom.node_mass,

@@ -105,6 +105,17 @@ class SimulatedBody:
         return self._stepper.kernel.notes.get("mismatch")
 
     @property
+    def settings(self) -> dict[str, float]:
+        """Of the run so far, what belongs beside its rate and error; see Trajectory."""
+        return {
+            "dt": self._dt,
+            "order": max(model.order for model in self.rom.contact_models.values()),
+            "first_frequency": self.rom.first_frequency,
+            **({} if self.mismatch is None else {"mismatch": self.mismatch}),
+            **({"beyond_training": 1.0} if self._stepper.kernel.beyond_training else {}),
+        }
+
+    @property
     def surface_peak(self) -> SurfaceStrainPeak:
         """How far the surface turned and strained, where the stored energy was high enough for a look at it."""
         return self._monitor.peak

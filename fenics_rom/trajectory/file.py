@@ -12,8 +12,8 @@ shapes, N nodes, F triangles, P points of an output.
     nodes (N, 3) m, triangles (F, 3), node_mass (N,) kg
     cells (4,)                       of the mesh, as in a ROM; may be absent
     outputs/NAME (S, P, 3) m
-    settings/NAME (1,)               dt in s, order; first_frequency in Hz, seconds (wall clock of the steps) and
-                                     mismatch may be absent
+    settings/NAME (1,)               dt in s, order; first_frequency in Hz, seconds (wall clock of the steps), mismatch,
+                                     every and beyond_training may be absent
     forces/NAME (S, 3) N             of each obstacle on the body; absent where there are none, with
     contact_account/NAME (S,) J      running sums: obstacles (supplied), contact and perhaps friction (dissipated)
     obstacles/NAME/motion (s, 3) m   from where the scene puts it; attribute `shape`, and what describes that:
@@ -81,6 +81,7 @@ SETTINGS = {
     "mismatch": Entry("1", (1,), optional=True),
     "first_frequency": Entry("Hz", (1,), optional=True),
     "every": Entry("1", (1,), optional=True),
+    "beyond_training": Entry("1", (1,), optional=True),
 }
 
 OPTIONAL_GROUPS = ("forces", "contact_account", "obstacles", "tendons", "profile", "inputs", "readings", "reactions")

@@ -17,7 +17,6 @@ from fenics_rom.trajectory.series import ReadingSeries, Series, input_series, re
 Array = np.ndarray
 
 NOTHING = np.empty(0)
-BEYOND_TRAINING = "the model was trained on"  # what warnings say of a run that went further
 CONTACT_ACCOUNT = {
     "obstacles": "contact",
     "contact": "contact",
@@ -35,7 +34,8 @@ class Trajectory:
         settings: numbers that belong beside any rate or error: dt, s; order, or n; seconds, the wall clock of the
             stepping, of a reduced run only where it was asked for; of linearly implicit steps with large deformation
             mismatch (of strains, as a share of the largest); first_frequency of the body, Hz, where it is known; every,
-            where instants are kept after every so many steps alone.
+            where instants are kept after every so many steps alone; beyond_training, 1 where a model went further than
+            it was trained to.
         times: (steps + 1,), s; fewer, as in the following, where instants are kept after every so many steps alone.
         contacts: names of the contact modes.
         contact: (steps + 1,) which of them was active.
@@ -123,8 +123,8 @@ class Trajectory:
 
     @property
     def beyond_training(self) -> bool:
-        """Whether a model went where it was not trained to go, as a warning says."""
-        return any(BEYOND_TRAINING in warning for warning in self.warnings)
+        """Whether a model went where it was not trained to go; a warning says how far."""
+        return "beyond_training" in self.settings
 
     @property
     def steps(self) -> int:

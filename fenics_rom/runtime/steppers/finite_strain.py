@@ -25,7 +25,6 @@ from fenics_rom.rom.deformation import ReducedDeformation, monomials
 from fenics_rom.rom.rom import ContactModel, Rom
 from fenics_rom.runtime.steppers.kernel import BookedKernel
 from fenics_rom.runtime.steppers.training_watch import TrainingWatch
-from fenics_rom.trajectory.trajectory import BEYOND_TRAINING
 
 if TYPE_CHECKING:
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
@@ -76,8 +75,18 @@ class FiniteStrainKernel(BookedKernel):
             self._watch.enter(self._names[id(model)], first)
 
     @property
+    def beyond_training(self) -> bool:
+        """As in Kernel."""
+        return bool(self._beyond)
+
+    @property
     def messages(self) -> tuple[str, ...]:
         """As in Kernel."""
+        return self._beyond
+
+    @property
+    def _beyond(self) -> tuple[str, ...]:
+        """What is to be said of how far the body went beyond what its model was trained on."""
         too_far = self._too_far if self.notes["distance"] > self._warning_radius else ""
         return tuple(filter(None, [too_far, "" if self._watch is None else self._watch.message(self.notes)]))
 
@@ -85,8 +94,8 @@ class FiniteStrainKernel(BookedKernel):
     def _too_far(self) -> str:
         far = self.notes["distance"] / self._body.training_radius
         return (
-            f"the body went {far:.2g} times as far as in any state that "
-            f"{BEYOND_TRAINING}; beyond {TRUSTED_EXTENT:g} times it is not to be trusted: reduce with larger loads"
+            f"the body went {far:.2g} times as far as in any state that the model was trained on; beyond "
+            f"{TRUSTED_EXTENT:g} times it is not to be trusted: reduce with larger loads"
         )
 
     def _loads(self, u: Array, q: Array) -> Array:

@@ -45,6 +45,11 @@ class Kernel:
         """What the user should know of the run so far."""
         return ()
 
+    @property
+    def beyond_training(self) -> bool:
+        """Whether the body went further than its model was trained to follow."""
+        return False
+
     def step(self, u: Array, obstacles: ObstacleMotion | None = None) -> float:
         """Takes a step under u (p,), N, and returns twice the stored energy, J, which need not be finite.
 

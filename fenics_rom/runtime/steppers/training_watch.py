@@ -14,7 +14,6 @@ from fenics_rom.mechanics.contact import ContactSolution
 from fenics_rom.mechanics.hyperelastic import VOIGT_SHEAR
 from fenics_rom.rom.deformation import TrainingRange, resultant
 from fenics_rom.rom.rom import Rom
-from fenics_rom.trajectory.trajectory import BEYOND_TRAINING
 
 if TYPE_CHECKING:
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
@@ -78,7 +77,10 @@ class TrainingWatch:
         if notes[STRAIN]:
             excess.append(f"the strain of a kept point reached {notes[STRAIN]:.3g} times that of training")
         gone = "; ".join(excess)
-        return gone and f"beyond what {BEYOND_TRAINING}: {gone}; it is not to be trusted there: reduce with such loads"
+        return (
+            gone
+            and f"beyond what the model was trained on: {gone}; it is not to be trusted there: reduce with such loads"
+        )
 
     def look(self, notes: Notes, u: Array, E: Array, contact: ContactSolution | None, h: float) -> None:
         """Notes a step of h s under u (p,), N, that led to strains E (6, P); warns of the first one beyond training."""

@@ -56,11 +56,7 @@ class Recording:
         return recorder.record(
             name=rom.name,
             model="reduced",
-            settings={
-                "dt": self.start.dt,
-                "seconds": self.seconds,
-                "order": max(mode.order for mode in rom.contact_models.values()),
-            },
+            settings=simulator.settings | {"seconds": self.seconds},
             nodes=rom.nodes,
             triangles=rom.triangles,
             node_mass=rom.node_mass,
