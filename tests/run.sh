@@ -11,6 +11,8 @@ pytest=(.venv/bin/python -m pytest)
 if [ $# -gt 0 ] && [ "$*" != --slow ]; then
   exec "${pytest[@]}" "$@"
 fi
+unset PYTHONDONTWRITEBYTECODE # some hundred times Python is started, and would compile the package each time
+mapfile -t alone < <(grep -rl --include='test_*.py' 'mark\.alone' tests)
 
 log=$(mktemp)
 trap 'rm -f "$log"' EXIT
@@ -24,6 +26,6 @@ part() { # NAME PYTEST ARGUMENT ...
 }
 
 part "on all cores" "$@" -m "not alone" --numprocesses auto --maxprocesses 4 --dist loadfile
-part "alone" "$@" -m alone # what starts ranks of its own, or goes by the clock
+part "alone" "$@" -m alone "${alone[@]}" # what starts ranks of its own, or goes by the clock
 printf '=== %s\n' "${summaries[@]}"
 exit "$failed"

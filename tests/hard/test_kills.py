@@ -12,7 +12,6 @@ import pytest
 
 import fenics_rom as fr
 
-pytestmark = pytest.mark.alone
 DATA = Path(__file__).parents[1] / "data"
 HALFWAY = """
 import io, os, pathlib, signal, sys
@@ -96,6 +95,7 @@ def test_end_at_some_instants(inputs, name, count):
     assert sum(came for outcome, came in outcomes.items() if outcome.endswith(" output")) == count
 
 
+@pytest.mark.alone
 @pytest.mark.parametrize("rank", [0, 1])
 def test_rank_that_is_killed_alone_ends_the_other(inside, rank):
     command = kills.COMMANDS["simulate-full-2"]
@@ -110,7 +110,7 @@ def test_two_that_write_one_file_do_not_mix(inside):
 import sys, fenics_rom as fr
 from dataclasses import replace
 rom = replace(fr.read_rom("rom.h5"), name=sys.argv[1])
-for _ in range(60):
+for _ in range(30):
     fr.write_rom("new.h5", rom)
 """
     writers = [
