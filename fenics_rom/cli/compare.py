@@ -15,7 +15,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
 
 
 def run(choice: argparse.Namespace) -> None:
-    """Prints a row for each output, the shape, the energy, what obstacles did, and what is to be known of the runs."""
+    """Prints a row for each output and reading, the shape, the energy, what obstacles did, and what runs warn of."""
     run, reference = fr.read_trajectory(choice.run_file), fr.read_trajectory(choice.reference)
     rows = [
         (

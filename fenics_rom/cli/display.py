@@ -16,6 +16,7 @@ from fenics_rom.io.mpi_ranks import is_root_process
 from fenics_rom.io.progress import Report, silent
 from fenics_rom.io.stages import Stage, peak_memory
 from fenics_rom.mechanics.body_facts import body_lines
+from fenics_rom.mechanics.readings import READING_UNITS, READING_WORDS
 from fenics_rom.rom.deformation import ReducedDeformation
 from fenics_rom.rom.rom import ContactModel, ForceValidation
 from fenics_rom.visualization.optional_dependencies import load_package
@@ -59,6 +60,9 @@ def print_rom(rom: "fr.Rom", file: Path | str) -> None:
         "actuators": ", ".join(rom.actuators) or "none",
         **({"loads": ", ".join(rom.loads)} if rom.loads else {}),
     }
+    if rom.readings:
+        read = ((name, reading.quantity) for name, reading in rom.readings.items())
+        lines["readings"] = ", ".join(f"{name} ({READING_WORDS[of]} in {READING_UNITS[of]})" for name, of in read)
     touched = {name: len(mode.contact_points) for name, mode in rom.contact_models.items() if len(mode.contact_points)}
     if touched:
         lines["contact points"] = ", ".join(f"{name} ({count})" for name, count in touched.items())
@@ -165,6 +169,9 @@ def print_trajectory(run: "fr.Trajectory", file: Path | str) -> None:
             lines["dissipated by friction"] = done["friction"]
     for name, forces in run.forces.items():
         lines[f"largest force of {name}"] = f"{np.linalg.norm(forces, axis=1).max():.4g} N"
+    for name, reading in run.readings.items():
+        low, high = reading.sizes.min(), reading.sizes.max()
+        lines[f"reading {name}"] = f"{reading.words}, {low:.4g} to {high:.4g} {reading.unit}"
     print_lines(lines, run.warnings)
     if run.profile:
         print()

@@ -21,6 +21,7 @@ from fenics_rom.mechanics.hyperelastic import VOIGT_INDEX, VOIGT_PAIRS, VOIGT_SH
 Array = np.ndarray
 
 READING_UNITS = {"length": "m", "volume": "m3", "contact_pressure": "Pa", "strain": "1", "von_mises_stress": "Pa"}
+READING_WORDS = {name: name.replace("_", " ") for name in READING_UNITS} | {"von_mises_stress": "von Mises stress"}
 
 
 class ReadableBody(Protocol):

@@ -2,11 +2,15 @@
 
 import hashlib
 from collections.abc import Iterator, Mapping
+from copy import copy
 from dataclasses import fields, is_dataclass
 from functools import cached_property
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
+
+if TYPE_CHECKING:
+    from typing import Self
 
 
 class ByContent:
@@ -21,6 +25,9 @@ class ByContent:
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update({name: _read_only(value) for name, value in state.items()})  # a pickle forgets it
+
+    def __deepcopy__(self, memo: object) -> "Self":
+        return self  # nothing in it can change
 
     @cached_property
     def _digest(self) -> bytes:
@@ -39,12 +46,18 @@ class ByContent:
 
 
 def _read_only(value: Any) -> Any:
-    """The same with arrays, also within mappings, that refuse to be written to; whoever made them may go on."""
+    """The same with arrays, also within other records, that refuse to be written to; whoever made them may go on."""
     if isinstance(value, np.ndarray) and value.flags.writeable:
         value = value.view()
         value.flags.writeable = False
-    elif isinstance(value, dict) and any(isinstance(part, np.ndarray) for part in value.values()):
+    elif type(value) is dict:
         return {name: _read_only(part) for name, part in value.items()}
+    elif type(value) is tuple:
+        return tuple(map(_read_only, value))
+    elif is_dataclass(value) and not isinstance(value, ByContent):
+        value = copy(value)
+        for each in fields(value):
+            object.__setattr__(value, each.name, _read_only(getattr(value, each.name)))
     return value
 
 

@@ -56,6 +56,7 @@ read, too: rom.format_1 makes them such files.
 
 from collections.abc import Iterable
 from dataclasses import replace
+from os import PathLike
 from pathlib import Path
 from typing import Any
 
@@ -63,7 +64,7 @@ import h5py
 import numpy as np
 
 from fenics_rom.errors import FileError, unknown
-from fenics_rom.io.given import Kind
+from fenics_rom.io.given import Kind, object_or_file
 from fenics_rom.io.hdf5 import (
     Entry,
     Sizes,
@@ -114,17 +115,19 @@ FORCE_RUN, FORCE_ERRORS = Entry("s", (2,)), Entry("1", (2, 3))
 BETWEEN = {"nodes": Entry("1", ("B", "c"), "i"), "weights": Entry("1", ("B", "c")), "gap": Entry("m", (1,))}
 
 
-def write_rom(file: str | Path, rom: Rom) -> None:
-    """Writes a ROM; an existing file is replaced only by a complete one.
+def write_rom(file: str | Path, rom: Rom | str | PathLike[str]) -> None:
+    """Writes a ROM, or that of another file; an existing file is replaced only by a complete one.
 
     Raises:
         RomFileError: it cannot be written, or its parts do not fit each other.
+        SceneError, FileError: something else than a ROM was given.
         StructureError: the ROM lacks the structure that passivity rests on.
 
     Example:
         >>> fr.write_rom("small.h5", fr.truncate(rom, 5))
     """
-    write_file(file, "rom", lambda h5: _fill(h5, rom))
+    given: Rom = object_or_file("write_rom", rom, ROM_FILE)
+    write_file(file, "rom", lambda h5: _fill(h5, given))
 
 
 def read_rom(file: str | Path) -> Rom:

@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
 from typing import TYPE_CHECKING
 
@@ -257,50 +257,6 @@ def diagonalized_span(κ: Array, span: Array) -> tuple[Array, Array]:
     C, γ = span @ rotation[::-1].T, ω[::-1] ** 2
     γ[:rigid], C[:rigid], C[:, :rigid] = 0.0, 0.0, np.eye(*C.shape)[:, :rigid]
     return γ, C * np.where(C[np.abs(C).argmax(axis=0), np.arange(C.shape[1])] < 0, -1.0, 1.0)
-
-
-def truncate(rom: Rom, order: int) -> Rom:
-    """The ROM at a lower order: the leading directions of every contact mode that has more.
-
-    Args:
-        rom: at the order it was reduced to.
-        order: number of displacements that strain; rigid motions stay, and are not counted.
-
-    Raises:
-        StructureError: order below 1, or beyond what every contact mode has, or a ROM with oblique switching.
-
-    Example:
-        >>> fr.truncate(rom, 5).contact_models["middle"].order
-        5
-    """
-    most = max(mode.order - mode.rigid for mode in rom.contact_models.values())
-    if not 1 <= order <= most:
-        raise StructureError(f"order {order}: allowed are 1 to {most}, the largest order in the ROM")
-    if rom.deformation is not None:
-        raise StructureError("a ROM with large deformation cannot be truncated; reduce to that order instead")
-    if rom.switching == "oblique":
-        raise StructureError("a ROM with oblique switching cannot be truncated; reduce to that order instead")
-    κ, modes = rom.stiffness, rom.contact_models
-    truncated = {name: _truncate_mode(κ, modes[name], rom.rigid + order) for name in modes}
-    return replace(rom, contact_models=truncated, force_validation=None)
-
-
-def _truncate_mode(κ: Array, mode: ContactModel, order: int) -> ContactModel:
-    if order >= mode.order:
-        return mode
-    γ, C = diagonalized_span(κ, mode.coordinates @ mode.directions[:, :order])
-    within = mode.coordinates.T @ C  # (m, order), orthonormal columns
-    D = mode.damping
-    reduced = within.T @ (D[:, None] * within if D.ndim == 1 else D @ within)
-    return ContactModel(
-        eigenvalues=γ,
-        damping=np.diag(reduced).copy() if D.ndim == 1 else (reduced + reduced.T) / 2,
-        inputs=within.T @ mode.inputs,
-        coordinates=C,
-        directions=np.linalg.qr(within.T @ mode.directions[:, :order])[0],
-        hankel_singular_values=mode.hankel_singular_values,
-        contact_points=mode.contact_points,
-    )
 
 
 ORTHONORMALITY = 1e-10  # largest accepted |CᵀC - I|, relative |CᵀκC - diag(γ)|, and |RᵀR - I| of the directions R

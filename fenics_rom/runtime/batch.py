@@ -12,23 +12,23 @@ projects the state where it is.
 
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
 from fenics_rom.errors import StepError, unknown
 from fenics_rom.mechanics.signals import real_numbers
+from fenics_rom.rom.given_rom import given_rom
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.batch_arrays import BatchLayout, Bodies, PaddedModels, Segment
 from fenics_rom.runtime.environment_inputs import fit_loads
-from fenics_rom.runtime.given_rom import given_rom
 from fenics_rom.runtime.steppers.midpoint import checked_dt
 
 if TYPE_CHECKING:
     from os import PathLike
 
-    from fenics_rom.mechanics.active_environment import ActiveEnvironment, SignalLike
+    from fenics_rom.mechanics.active_environment import SignalLike
 
 Array = np.ndarray
 
@@ -74,8 +74,7 @@ class Batch:
         ledger: bool = False,
         signals: "Mapping[str, SignalLike] | None" = None,
     ):
-        if not isinstance(rom, Rom):
-            rom = given_rom("Batch", rom)
+        rom = given_rom("Batch", rom)
         if not (isinstance(size, int | np.integer) and size > 0):
             raise StepError(f"size = {size!r}: allowed is a whole number > 0")
         if np.dtype(dtype) not in (np.float64, np.float32):
@@ -98,12 +97,6 @@ class Batch:
 
     def __copy__(self) -> "Batch":
         return deepcopy(self)
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> "Batch":
-        memo[id(self.rom)] = self.rom
-        copied = object.__new__(type(self))
-        vars(copied).update(deepcopy(vars(self), memo))
-        return copied
 
     def __repr__(self) -> str:
         orders = (f"{name} (order {model.order})" for name, model in self.rom.contact_models.items())
@@ -282,7 +275,9 @@ class Batch:
         if len(held):
             before = layout.state[:, layout.row[held]], self._account[:, held]
         if self._environment is not None:
-            u = np.hstack([u, self._mid_step_loads(self._environment)])
+            times, which = np.unique(self._account[TIME], return_inverse=True)
+            loads = np.array([self._environment.loads_at(time + self._dt / 2) for time in times])
+            u = np.hstack([u, loads[which]])
         np.take(u, layout.body, axis=0, out=layout.inputs, mode="clip")  # the other modes of take go through a buffer
         for x, r, elastic, inertial, w, spare, segments in chunks:
             for segment in segments:
@@ -335,6 +330,16 @@ class Batch:
         coordinates = list(self.rom.contact_models.values())[self._layout.mode[body]].coordinates
         return self.rom.reconstruct(coordinates @ q[0, : coordinates.shape[1]])
 
+    def reading(self, name: str) -> Array:
+        """A reading of every body, (size, ...), as `Simulator.reading` has it of one; bodies are read one by one.
+
+        Raises:
+            StepError: no such reading.
+        """
+        from fenics_rom.runtime.readings import read_each  # here, as few bodies have readings
+
+        return read_each(self.rom, name, self.contact, self.state()[0])
+
     def _check_input(self, u: ArrayLike, on_error: str) -> tuple[Array, Array]:
         """Inputs (size, p), and the bodies to hold still; theirs are zero then."""
         u = np.asarray(u)
@@ -360,11 +365,6 @@ class Batch:
                 f"{self._input_limit:.0e}, in N; all bodies were left as they were"
             )
         return np.where(allowed[:, None], u, 0), held
-
-    def _mid_step_loads(self, environment: "ActiveEnvironment") -> Array:
-        """Values of the loads that act by themselves in the middle of each body's step, (size, columns)."""
-        times, which = np.unique(self._account[TIME], return_inverse=True)
-        return np.array([environment.loads_at(time + self._dt / 2) for time in times])[which]
 
     def _measure_dissipation(self, segment: Segment, coupling: tuple[Array, Array] | None) -> None:
         """What a step dissipates, by the rows, with w = 2 v̂ in hand or what dense damping makes it of."""

@@ -1,16 +1,39 @@
 """A reduced body as readings ask for it."""
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 
+from fenics_rom.errors import StepError, unknown
 from fenics_rom.mechanics.contact import ContactSolution
-from fenics_rom.mechanics.readings import swept_volume
+from fenics_rom.mechanics.readings import Reading, swept_volume
 from fenics_rom.rom.deformation import monomials
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.steppers.contact_interface import ContactInterface
 
 Array = np.ndarray
+
+
+def named_reading(rom: Rom, name: str) -> Reading:
+    """A reading of a ROM.
+
+    Raises:
+        StepError: there is none of that name.
+    """
+    if name not in rom.readings:
+        raise StepError(unknown("reading", name, rom.readings))
+    return rom.readings[name]
+
+
+def read_each(rom: Rom, name: str, contact_modes: Iterable[str], states: Array) -> Array:
+    """A reading of bodies that nothing touches, of their contact modes and reduced displacements (bodies, m)."""
+    reading, models = named_reading(rom, name), rom.contact_models
+    bodies = (
+        ReadableReduced(rom, mode, q[: models[mode].order], None, None)
+        for mode, q in zip(contact_modes, states, strict=True)
+    )
+    return np.array([reading.read(body) for body in bodies])
 
 
 @dataclass(frozen=True)

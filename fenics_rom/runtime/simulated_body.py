@@ -174,12 +174,11 @@ class SimulatedBody:
         Raises:
             StepError: no such reading.
         """
-        from fenics_rom.runtime.readings import ReadableReduced  # here, as few bodies have readings
+        from fenics_rom.runtime.readings import ReadableReduced, named_reading  # here, as few bodies have readings
 
-        if name not in self.rom.readings:
-            raise StepError(unknown("reading", name, self.rom.readings))
         interface, contact = self._stepper.interface, self._stepper.contact
-        return self.rom.readings[name].read(ReadableReduced(self.rom, self.contact, self._q, interface, contact))
+        body = ReadableReduced(self.rom, self.contact, self._q, interface, contact)
+        return named_reading(self.rom, name).read(body)
 
     def output_rows(self, output: str) -> Array:
         """Rows of a named output, (rows, m), in the active contact mode's basis.
@@ -188,7 +187,8 @@ class SimulatedBody:
             StepError: no such output.
         """
         if output not in self.rom.outputs:
-            raise StepError(unknown("output", output, self.rom.outputs))
+            hint = "; it is a reading: Simulator.reading gives it" if output in self.rom.readings else ""
+            raise StepError(unknown("output", output, self.rom.outputs) + hint)
         key = self.contact, output
         if key not in self._output_rows:
             self._output_rows[key] = self.rom.outputs[output] @ self.rom.contact_models[self.contact].coordinates

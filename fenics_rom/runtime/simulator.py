@@ -13,8 +13,8 @@ from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.initial_state import lost_messages
 from fenics_rom.mechanics.linearity import SurfaceStrainPeak
 from fenics_rom.mechanics.signals import real_numbers
+from fenics_rom.rom.given_rom import given_rom
 from fenics_rom.rom.rom import Rom
-from fenics_rom.runtime.given_rom import given_rom
 from fenics_rom.runtime.linearity_monitor import LinearityMonitor
 from fenics_rom.runtime.simulated_body import SimulatedBody, SimulatorState
 from fenics_rom.runtime.steppers.midpoint import checked_dt
@@ -79,8 +79,7 @@ class Simulator(SimulatedBody):
         signals: "Mapping[str, SignalLike] | None" = None,
         stepper: str | None = None,
     ):
-        if not isinstance(rom, Rom):
-            rom = given_rom("Simulator", rom)
+        rom = given_rom("Simulator", rom)
         self._origin = rom, scene, signals, stepper
         self.environment: ActiveEnvironment | None = None
         self._source = None
@@ -310,7 +309,7 @@ class Simulator(SimulatedBody):
                 take p inputs.
             dt: time step from the first step on, or (steps,) of each, s; None: the one that is set.
             every: the outputs are read after every so many steps.
-            outputs: names of those that are read; None: all.
+            outputs: names of those that are read; None: all. Readings are of `step` and `fr.simulate` alone.
 
         Returns:
             Displacement of each output, m: (steps // every, points, 3); without a mesh (steps // every, rows).

@@ -43,7 +43,7 @@ class Difference:
 def compare(
     run: Trajectory | str | PathLike[str], reference: Trajectory | str | PathLike[str]
 ) -> dict[str, Difference]:
-    """Differences of named outputs, the whole shape ("shape", weighted by mass), the stored energy and contact forces.
+    """Differences of outputs, readings, the whole shape ("shape", weighted by mass), stored energy and contact forces.
 
     Runs, or the files of them, with different time steps are compared at the instants they have in common. Of every
     obstacle there is "force" (means between these instants, in the 2-norm over the run), "peak force" (the largest of
@@ -77,6 +77,11 @@ def _differences(run: Trajectory, reference: Trajectory) -> dict[str, Difference
     weight = np.sqrt(reference.node_mass)[:, None]
     differences["shape"] = _difference(run.snapshots[of_run], reference.snapshots[of_reference], weight)
     differences["energy"] = _difference(run.energy[first, None], reference.energy[second, None], unit="J")
+    for name, reading in run.readings.items():
+        values, quantity = reading.by_point[first], reading.quantity
+        other = reference.readings.get(name)
+        if other is not None and other.quantity == quantity and other.values.shape[1:] == reading.values.shape[1:]:
+            differences[f"reading {name}"] = _difference(values, other.by_point[second], unit=reading.unit)
     for name in run.forces:
         if name in reference.forces:
             differences |= _force_differences(name, run, reference, first, second)

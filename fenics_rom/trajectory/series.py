@@ -5,7 +5,15 @@ from dataclasses import dataclass, field, replace
 
 import numpy as np
 
-from fenics_rom.mechanics.readings import READING_UNITS, ContactPressure, Reading, SurfaceReading, principal_size
+from fenics_rom.mechanics.hyperelastic import VOIGT_INDEX
+from fenics_rom.mechanics.readings import (
+    READING_UNITS,
+    READING_WORDS,
+    ContactPressure,
+    Reading,
+    SurfaceReading,
+    principal_size,
+)
 
 Array = np.ndarray
 
@@ -48,6 +56,18 @@ class ReadingSeries:
     def sizes(self) -> Array:
         """The values; of strains the largest principal one without its sign, (S, P)."""
         return principal_size(self.values) if self.quantity == "strain" else self.values
+
+    @property
+    def words(self) -> str:
+        """What `sizes` are."""
+        return ("largest principal " if self.quantity == "strain" else "") + READING_WORDS[self.quantity]
+
+    @property
+    def by_point(self) -> Array:
+        """The values, (S, points, components); of a strain all nine, whose length no choice of axes changes."""
+        values = self.values[..., VOIGT_INDEX] if self.quantity == "strain" else self.values
+        points = max(len(self.nodes), len(self.triangles), 1)
+        return values.reshape(len(values), points, -1)
 
 
 def reading_series(reading: Reading, values: Array) -> ReadingSeries:

@@ -25,6 +25,12 @@ def test_runs_are_compared_by_their_files(files, run):
     assert fr.compare(files / "run.h5", run) == fr.compare(run, str(files / "run.h5")) == fr.compare(run, run)
 
 
+def test_roms_are_cut_and_written_from_their_files(files, plate_rom, tmp_path):
+    assert fr.truncate(str(files / "plate.h5"), 2) == fr.truncate(plate_rom, 2)
+    fr.write_rom(tmp_path / "again.h5", files / "plate.h5")
+    assert fr.read_rom(tmp_path / "again.h5") == plate_rom
+
+
 def test_plots_of_files_are_those_of_objects(files, run, plate_rom, tmp_path):
     for name, given, model in (
         ("run", files / "run.h5", run),
@@ -48,6 +54,8 @@ def test_files_are_exported(files, tmp_path):
         (lambda out: fr.compare(1.0, 2.0), "compare: something of type float was given; allowed are a Trajectory, or"),
         (lambda out: fr.plot(fr.read_scene(PLATE), out), r"fr\.reduce\(fr\.assemble\(scene\)\) makes a Rom of a Scene"),
         (lambda out: fr.plot({"a": np.ones(3)}, out), "something of type ndarray was given"),
+        (lambda out: fr.truncate(fr.read_scene(PLATE), 2), r"truncate: something of type Scene .* makes a Rom"),
+        (lambda out: fr.write_rom(out, 1.0), "write_rom: something of type float was given; allowed are a Rom, or"),
         (lambda out: fr.export(None, out), "a Rom or a Trajectory, or the name of a file of one"),
         (lambda out: fr.view(fr.read_scene(PLATE), wait=False), r"view: something of type Scene .* makes a Rom"),
     ],

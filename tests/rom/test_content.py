@@ -2,13 +2,18 @@
 
 import copy
 import pickle
-from dataclasses import replace
+from dataclasses import fields, is_dataclass, replace
 
 import numpy as np
 import pytest
 from soft_rom import soft_rom
 
 import fenics_rom as fr
+from fenics_rom.mechanics.contact_points import PointsBetween
+from fenics_rom.mechanics.environment import Load
+from fenics_rom.mechanics.initial_state import InitialState, Instant
+from fenics_rom.mechanics.readings import ContactPressure, SurfaceReading
+from fenics_rom.mechanics.signals import Signal
 
 COPIES = (copy.copy, copy.deepcopy, lambda rom: pickle.loads(pickle.dumps(rom)), replace)
 
@@ -18,22 +23,37 @@ def rom(request, plate_rom):
     return plate_rom if request.param == "linear" else soft_rom()
 
 
-def arrays_of(rom):
-    found = [rom.basis, rom.stiffness, rom.nodes, rom.node_mass, *rom.outputs.values()]
-    for model in rom.contact_models.values():
-        found += [model.eigenvalues, model.damping, model.inputs, model.coordinates]
-    if rom.deformation is not None:
-        found += [rom.deformation.gradients, rom.deformation.weights, *rom.deformation.pressures.values()]
-    return found
+def arrays_of(value):
+    """All there are in a record, in the records, mappings and tuples that it holds, and so on."""
+    if isinstance(value, np.ndarray):
+        return [value]
+    parts = [getattr(value, each.name) for each in fields(value)] if is_dataclass(value) else value
+    parts = parts.values() if isinstance(parts, dict) else parts if isinstance(parts, list | tuple) else ()
+    return [array for part in parts for array in arrays_of(part)]
+
+
+def with_everything(rom):
+    """A ROM that has what few have: readings, points between nodes, signals of tables, a start from another run."""
+    ones, start = np.ones((2, 3)), InitialState(instant=Instant(*np.ones((3, 2, 3))))
+    gust = Load(3, Signal(ones, np.array([0.0, 1.0])))
+    environment = replace(rom.environment, loads={"gust": gust}, run=replace(rom.environment.run, initial=start))
+    readings = {
+        "sole": ContactPressure("tip_left", np.arange(3), np.arange(3)[None], np.ones(1)),
+        "stress": SurfaceReading("von_mises_stress", "", np.arange(1), np.ones((9, 4)), np.ones(1), np.ones(1)),
+    }
+    return replace(rom, environment=environment, readings=readings, points_between=PointsBetween(ones, ones, 1.0))
 
 
 @pytest.mark.parametrize("copied", COPIES)
 def test_copies_are_equal_and_read_only(rom, copied):
+    rom = with_everything(rom)
     other = copied(rom)
     assert other == rom
     assert hash(other) == hash(rom)
     assert len({rom, other}) == 1
-    for array in arrays_of(other):
+    arrays = arrays_of(other)
+    assert len(arrays) >= len(arrays_of(rom)) >= 25
+    for array in arrays:
         with pytest.raises(ValueError, match="read-only"):
             array[...] = 0.0
 

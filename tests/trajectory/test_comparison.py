@@ -9,6 +9,7 @@ import pytest
 import fenics_rom as fr
 from fenics_rom.cli.main import main
 from fenics_rom.errors import CompareError
+from fenics_rom.trajectory.series import ReadingSeries
 
 NODES = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0]])
 MASS = np.array([1.0, 2.0, 5.0])
@@ -122,6 +123,23 @@ def test_outputs_of_one_run_only_are_left_out():
     one, other = record(outputs={"tip": tip, "a": tip}), record(outputs={"b": tip, "tip": tip})
     assert list(fr.compare(one, other)) == ["output tip", "shape", "energy"]
     assert list(fr.compare(one, record(outputs={"tip": np.repeat(tip, 2, axis=1)}))) == ["shape", "energy"]
+
+
+def test_readings_are_compared_where_both_have_them_of_the_same_places():
+    """A strain is as long as its tensor, whatever the axes: shears count twice."""
+    pull, shear = np.arange(21.0), np.arange(21.0)[:, None, None] * np.array([0, 0, 0, 3.0, 0, 0])
+    readings = {"pull": ReadingSeries("length", pull), "ε": ReadingSeries("strain", shear, triangles=np.arange(1))}
+    scaled = {name: replace(reading, values=1.18 * reading.values) for name, reading in readings.items()}
+    two = replace(readings["ε"], values=np.repeat(shear, 2, axis=1), triangles=np.arange(2))
+    others = {"stress": readings["pull"], "two": two, "volume": readings["pull"]}
+    other_reference = others | {"two": readings["ε"], "volume": replace(readings["pull"], quantity="volume")}
+    differences = fr.compare(record(readings=scaled | others), record(readings=readings | other_reference))
+    assert list(differences) == ["output tip", "shape", "energy", "reading pull", "reading ε", "reading stress"]
+    for name, unit, size in (("pull", "m", 20), ("ε", "1", 60 * math.sqrt(2))):
+        d = differences[f"reading {name}"]
+        assert (d.relative, d.unit, d.instants) == (pytest.approx(0.18, rel=1e-12), unit, 21)
+        assert d.largest_reference == pytest.approx(size, rel=1e-12)
+        assert d.largest == pytest.approx(0.18 * size, rel=1e-12)
 
 
 def test_a_body_at_rest_is_as_one_at_rest_and_infinitely_off_from_one_that_moves():

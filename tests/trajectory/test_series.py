@@ -1,5 +1,6 @@
 """Runs keep their inputs and readings by name, reduced and at full order, in memory and in files."""
 
+import re
 import warnings
 from dataclasses import replace
 
@@ -9,7 +10,8 @@ from bodies import acted_on
 from rom_files import put, refusal, same, says, tampered, without
 
 import fenics_rom as fr
-from fenics_rom.errors import FenicsRomWarning
+from fenics_rom.cli.main import main
+from fenics_rom.errors import FenicsRomWarning, StepError
 from fenics_rom.trajectory.series import input_series
 
 EFFECTS = """
@@ -120,6 +122,50 @@ def test_readings_of_a_run_are_those_of_a_simulator(rom, runs):
         body.step(u[step])
         for name, reading in run.readings.items():
             np.testing.assert_array_equal(reading.values[step], body.reading(name))
+
+
+def test_readings_of_a_batch_are_those_of_simulators(rom):
+    """Bodies in free air, in two contact modes; both find the state to 1e-13 of it."""
+    free = replace(rom, environment=replace(rom.environment, contact_law=None, obstacles={}))
+    signals = {"gravity": 0.0, "wind": np.zeros(3), "quake": 0.0}
+    modes, u = list(rom.contact_models), np.random.default_rng(0).standard_normal((4, 8))
+    batch = fr.Batch(free, 4, DT, signals=signals)
+    bodies = [fr.Simulator(free, DT, signals=signals) for _ in range(4)]
+    batch.switch([modes[k % 2] for k in range(4)])
+    for k, body in enumerate(bodies):
+        body.switch(modes[k % 2])
+    for _ in range(5):
+        batch.step(u)
+        for body, own in zip(bodies, u, strict=True):
+            body.step(own)
+    for name in rom.readings:
+        values, expected = batch.reading(name), np.array([body.reading(name) for body in bodies])
+        assert values.shape == expected.shape
+        assert np.abs(values - expected).max() <= 1e-12 * np.abs(expected).max(), name
+    with pytest.raises(StepError, match="no reading 'cabel'"):
+        batch.reading("cabel")
+    with pytest.raises(StepError, match=r"no output 'cable'.*; it is a reading: Simulator\.reading gives it"):
+        bodies[0].rollout(np.zeros((1, 8)), outputs=["cable"])
+
+
+def test_commands_say_what_is_read(rom, runs, tmp_path, capsys):
+    fr.write_rom(tmp_path / "rom.h5", rom)
+    for name, run in runs.items():
+        fr.write_trajectory(tmp_path / f"{name}.h5", run)
+
+    def said(*words):
+        with pytest.raises(SystemExit) as ended:
+            main([words[0], *(str(tmp_path / file) for file in words[1:])])
+        assert not ended.value.code
+        return capsys.readouterr().out
+
+    kinds = "cable (length in m), sole (contact pressure in Pa), stress (von Mises stress in Pa), gauge (strain in 1)"
+    assert re.search(rf"^  readings +{re.escape(kinds)}$", said("info", "rom.h5"), flags=re.M)
+    lengths, out = runs["full"].readings["cable"].values, said("info", "full.h5")
+    assert f"  length, {lengths.min():.4g} to {lengths.max():.4g} m\n" in out
+    assert re.search(r"^  reading gauge +largest principal strain, 0 to \S+ 1$", out, flags=re.M)
+    out = said("compare", "reduced.h5", "full.h5")
+    assert re.search(r"^ +reading stress +\S+ +\S+ Pa +\S+ Pa +21$", out, flags=re.M)
 
 
 def test_contact_pressure_times_area_is_the_force_of_the_obstacle(system, runs):

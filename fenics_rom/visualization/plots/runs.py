@@ -25,13 +25,6 @@ CONTACT_LEDGER_LABELS = {
     "contact": "dissipated in contact",
     "friction": "dissipated by friction",
 }
-READING_WORDS = {
-    "length": "length",
-    "volume": "volume",
-    "contact_pressure": "contact pressure",
-    "strain": "largest principal strain",
-    "von_mises_stress": "von Mises stress",
-}
 AXES = "xyz"
 UNDERLYING_LINE: dict[str, Any] = {"linestyle": "-", "linewidth": 3.0, "alpha": 0.35}
 LONG_LABEL_LETTERS = 18  # three such labels are wider than a panel
@@ -94,8 +87,7 @@ def _draw_reading(figure: Any, runs: Runs, name: str) -> None:
     shown = {label: run for label, run in runs.items() if name in run.readings}
     readings = [run.readings[name] for run in shown.values()]
     values = [reading.sizes.reshape(len(reading.values), -1, 1) for reading in readings]
-    words = READING_WORDS[readings[0].quantity]
-    _draw_values(figure, shown, values, readings[0].unit, "", words, f"reading {name}")
+    _draw_values(figure, shown, values, readings[0].unit, "", readings[0].words, f"reading {name}")
 
 
 def _changes(series: Series) -> bool:

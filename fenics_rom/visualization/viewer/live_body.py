@@ -11,7 +11,8 @@ import numpy as np
 
 from fenics_rom.errors import SceneError, StructureError
 from fenics_rom.mechanics.environment import Environment
-from fenics_rom.rom.rom import Rom, truncate
+from fenics_rom.rom.rom import Rom
+from fenics_rom.rom.truncate import truncate
 from fenics_rom.runtime.simulator import Simulator
 from fenics_rom.trajectory.series import ReadingSeries, reading_series
 from fenics_rom.trajectory.trajectory import Trajectory

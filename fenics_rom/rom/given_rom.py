@@ -12,7 +12,9 @@ def given_rom(where: str, given: Any) -> Rom:
         SceneError: it is neither a ROM nor a name.
         FileError: the file cannot be read, or holds something else.
     """
-    from fenics_rom.io.given import object_or_file  # here, as files need h5py, and a ROM may be there already
+    if isinstance(given, Rom):
+        return given
+    from fenics_rom.io.given import object_or_file  # here, as files need h5py
     from fenics_rom.rom.file import ROM_FILE
 
     rom: Rom = object_or_file(where, given, ROM_FILE)
