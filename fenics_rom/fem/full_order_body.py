@@ -63,7 +63,7 @@ class FullOrderBody:
         ledger: the energy account, or None.
         interface: the contact points; None where nothing can touch.
         actuators: those whose forces are found in the step; None where there are none.
-        reactions: (k,) forces of those whose strokes are given, in the last step, N or Pa.
+        reactions: (n,) their forces in the last step, of strokes that are given, then at guides, N or Pa.
         time_step_monitor: of the length of the steps, where an account is kept.
 
     Raises:
@@ -82,7 +82,7 @@ class FullOrderBody:
         if environment is not None and environment.environment.finds_forces:
             acting = environment.environment
             self.actuators = ActuatorForces(acting.controls, acting.guides, system.widths)
-            self.reactions = np.zeros(len(self.actuators.names))
+            self.reactions = np.zeros(len(self.actuators.columns))
         self.ledger = EnergyLedger() if ledger else None
         self.time_step_monitor = TimeStepMonitor()
         rows = system.algebra.rows()

@@ -9,7 +9,7 @@ from fenics_rom.fem.direct import PetscFactor
 from fenics_rom.fem.full_order_body import FullOrderBody
 from fenics_rom.fem.petsc_matrix import ExtendedMatrix, combination
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
-from fenics_rom.mechanics.actuator_forces import held_back
+from fenics_rom.mechanics.actuator_forces import PointsHeldBack
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointMotion
 from fenics_rom.mechanics.step import StepInput, StepResult
 from fenics_rom.system.system import Array, System
@@ -31,7 +31,6 @@ class FullOrderStepper(FullOrderBody):
         self._factored: tuple[float, PetscFactor] | None = None
         self._energy: float | None = 0.0
         self._before: tuple[Any, ...] = ()
-        self._stroke_motion, self._held_back = np.empty((0, 0)), dict[bytes, Array]()
 
     @property
     def energy(self) -> float:
@@ -86,7 +85,7 @@ class FullOrderStepper(FullOrderBody):
             found, contact = self._solve_actuators(v, obstacles, *given)
             by_strokes, rubbed = (part[:, None] for part in self.actuators.parts(self._columns, found))
             force, right = force + by_strokes, right + by_strokes + rubbed
-            reactions = found[: len(reactions)]
+            reactions = found
         if contact is not None and self.interface is not None:
             right = right + self.interface.force(contact)
         if contact is not None or given is not None:
@@ -143,7 +142,6 @@ class FullOrderStepper(FullOrderBody):
     ) -> tuple[Array, ContactSolution | None]:
         """Forces (n,) of actuators that are found in a step, and contact; `free` as in `_solve_contact`."""
         assert self.actuators is not None
-        W, X = self._stroke_compliance, self._stroke_motion
         strokes, rates, freely = self.system.algebra.inner(self._columns, np.hstack([self.x, self.v, free])).T
         if self._has_inertia:
             targets = self.actuators.rates(given, strokes, rates, self.dt)
@@ -153,13 +151,11 @@ class FullOrderStepper(FullOrderBody):
         def touch(z: Array, holding: Array) -> tuple[ContactSolution | None, Array]:
             if self.interface is None:
                 return None, np.zeros(len(z))
-            key = holding.tobytes()
-            if key not in self._held_back:
-                self._held_back[key] = held_back(self._delassus, X, W, holding)
-            contact = self._solve_contact(free + self._spread @ z[:, None], obstacles, self._held_back[key])
-            return contact, np.zeros(len(z)) if contact is None else X.T @ contact.forces.ravel()
+            delassus = self._held_back.delassus(holding)
+            contact = self._solve_contact(free + self._spread @ z[:, None], obstacles, delassus)
+            return contact, np.zeros(len(z)) if contact is None else self._stroke_motion.T @ contact.forces.ravel()
 
-        return self.actuators.solve(u, freely, W, targets, touch)
+        return self.actuators.solve(u, freely, self._stroke_compliance, targets, touch)
 
     def _renew_products(self) -> None:
         """M v and K x anew, where no account carries them along."""
@@ -204,9 +200,9 @@ class FullOrderStepper(FullOrderBody):
                 self._delassus = self.interface.delassus(self._factored[1].solve(self.interface.Sᵀ))
             if self.actuators is not None:
                 self._columns = self.input_matrix[:, self.actuators.columns]
-                self._spread, self._held_back = self._factored[1].solve(self._columns), {}
-                W = self.system.algebra.inner(self._columns, self._spread)
-                self._stroke_compliance = self.actuators.compliance(W)
+                self._spread, inner = self._factored[1].solve(self._columns), self.system.algebra.inner
+                self._stroke_compliance = W = self.actuators.compliance(inner(self._columns, self._spread))
                 if self.interface is not None:
-                    self._stroke_motion = self.system.algebra.inner(self.interface.Sᵀ, self._spread)
+                    self._stroke_motion = inner(self.interface.Sᵀ, self._spread)
+                    self._held_back = PointsHeldBack(self._delassus, self._stroke_motion, W)
         return self._factored[1]

@@ -133,4 +133,4 @@ class FullOrderSimulator:
     def reactions(self) -> dict[str, float]:
         """Forces of the actuators whose strokes are given, in the last step: tensions in N, pressures in Pa."""
         names = self.environment.stroke_names(self.system.actuators)
-        return dict(zip(names, map(float, self.stepper.reactions), strict=True))
+        return dict(zip(names, map(float, self.stepper.reactions), strict=False))

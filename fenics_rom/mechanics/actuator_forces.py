@@ -186,10 +186,21 @@ class ActuatorForces:
         return lower, upper
 
 
-def held_back(delassus: Array, X: Array, W: Array, holding: Array) -> Array:
-    """The Delassus operator (3P, 3P) of points that strokes hold back, of X (3P, k) and W (k, k)."""
-    held = np.flatnonzero(holding)
-    if not len(held):
-        return delassus
-    root = np.linalg.solve(np.linalg.cholesky(W[np.ix_(held, held)]), X[:, held].T)
-    return delassus - root.T.dot(root)
+class PointsHeldBack:
+    """Delassus operators (3P, 3P) of points that strokes hold back, of one without, X (3P, n) and W (n, n).
+
+    They are kept, as the solver of contact keeps parts of one that it is given again.
+    """
+
+    def __init__(self, delassus: Array, X: Array, W: Array):
+        self._free, self._X, self._W, self._kept = delassus, X, W, dict[bytes, Array]()
+
+    def delassus(self, holding: Array) -> Array:
+        """Where some (n,) of the forces are within their bounds."""
+        held, key = np.flatnonzero(holding), holding.tobytes()
+        if not len(held):
+            return self._free
+        if key not in self._kept:
+            root = np.linalg.solve(np.linalg.cholesky(self._W[np.ix_(held, held)]), self._X[:, held].T)
+            self._kept[key] = self._free - root.T.dot(root)
+        return self._kept[key]

@@ -9,7 +9,7 @@ A Stepper is one integrator. It owns the state of a body, and the work that it s
 
     kind, reason             its name, and why it is the one that steps
     energy, contact          stored, J; the ContactSolution of the last step, None where nothing touched
-    reactions                forces of the actuators whose strokes are given, in the last step, N or Pa
+    reactions                forces found in the last step, of strokes that are given, then at guides, N or Pa
     step(StepInput)          takes one step: a StepResult; or none and a ValueError where u has another shape, none and
                              a StepError where there are no contact forces or no state
     rollback()               takes the last step back
@@ -56,4 +56,4 @@ class StepperState(NamedTuple):
     contact_forces: Array  # the last ones of all pairs (O P, 3), with which the next search begins, N
     residual: ContactResidual  # of contact that was not found exactly so far
     notes: Mapping[str, float]  # of the run so far, to tell the user
-    reactions: Array  # (k,) of the last step, N or Pa
+    reactions: Array  # (n,) of the last step, N or Pa

@@ -220,7 +220,7 @@ class SimulatedBody:
     def reactions(self) -> dict[str, float]:
         """Forces of the actuators whose strokes are given, in the last step: tensions in N, pressures in Pa."""
         names = () if self.environment is None else self.environment.stroke_names(self.rom.actuators)
-        return dict(zip(names, map(float, self._stepper.reactions), strict=True))
+        return dict(zip(names, map(float, self._stepper.reactions), strict=False))
 
     @property
     def contact_points(self) -> Array:

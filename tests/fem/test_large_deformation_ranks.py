@@ -18,18 +18,19 @@ surface = "front"
 stiffness = 50.0
 [effects.pressure.air]
 surface = "top"
-[effects.tendon.rope]
-points = [[0.01, 0.1, 0.15], [0.25, 0.1, 0.15], [0.49, 0.1, 0.15]]
 [effects.contact.obstacles.floor]
 shape = "half-space"
 point = [0, 0, -0.01]
 normal = [0, 0, 1]
+[effects.tendon.rope]
+points = [[0.01, 0.1, 0.15], [0.25, 0.1, 0.15], [0.49, 0.1, 0.15]]
 """
+BY_LENGTH = 'control = "length"\n'
 MOVING = """inertia = {}
 damping = { alpha = 1.0, beta = 1e-3, materials.material = { alpha = 2.0, beta = 2e-3 } }
 friction = { coefficient = 0.2 }
 """
-LOADS = 'load = [{ actuator = "air", force = [9000.0] }, { actuator = "rope", start = 0.02, force = [60.0] }]'
+LOADS = 'load = [{{ actuator = "air", force = [9000.0] }}, {{ actuator = "rope", start = 0.02, force = [{}] }}]'
 BOTH = """import sys
 from contextlib import suppress
 from fenics_rom.cli.main import main
@@ -48,14 +49,14 @@ def results(tmp_path_factory):
     parts = {"contacts": '[contacts.bottom]\nsurface = "bottom"', "outputs.tip": 'surface = "right"'}
     soft = {"material": "young = 1e6\npoisson = 0.35\ndensity = 1000.0"}
     scenes = {
-        "moving": (MOVING, f"dt = 5e-3\nduration = 0.05\n{LOADS}"),
-        "still": ("", f"dt = 0.1\nduration = 0.2\n{LOADS}"),
+        "moving": (MOVING, ALL, f"dt = 5e-3\nduration = 0.05\n{LOADS.format(60.0)}"),
+        "still": ("", ALL + BY_LENGTH, f"dt = 0.1\nduration = 0.2\n{LOADS.format(5e-3)}"),
     }
     for ranks in (1, 2):
         made = folder / str(ranks)
         made.mkdir()
-        for name, (effects, run) in scenes.items():
-            text = scene_text(mesh, degree=2, effects=effects + ALL, run=run, **parts, **soft)
+        for name, (kind, effects, run) in scenes.items():
+            text = scene_text(mesh, degree=2, effects=kind + effects, run=run, **parts, **soft)
             (made / f"{name}.toml").write_text(text)
         command = ["mpirun", "-n", str(ranks), sys.executable, "-c", BOTH, *scenes]
         # the environment as it was before this process made itself a rank of its own

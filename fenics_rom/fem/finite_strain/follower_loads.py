@@ -4,7 +4,8 @@ import numpy as np
 
 from fenics_rom.fem.finite_strain.quadrature import tabulate
 from fenics_rom.fem.nodes import Nodes
-from fenics_rom.mechanics.tendon import measure_segments, sum_end_forces, unit_tension_forces
+from fenics_rom.mechanics.readings import swept_volume
+from fenics_rom.mechanics.tendon import cable_length, measure_segments, sum_end_forces, unit_tension_forces
 
 Array = np.ndarray
 
@@ -30,6 +31,10 @@ class PressureLoad:
         x_ξ, x_η = self._tangents(self._rest + u)
         dx_ξ, dx_η = self._tangents(du)
         return self._assemble(np.cross(dx_ξ, x_η) + np.cross(x_ξ, dx_η))
+
+    def stroke(self, u: Array) -> float:
+        """What its force does work along, m or m³, at displacements (N, 3)."""
+        return swept_volume(lambda x: self.force(x.reshape(-1, 3)).ravel(), u.ravel())
 
     def _tangents(self, x: Array) -> Array:
         """∂x/∂ξ and ∂x/∂η, (2, F, Q, 3), of the surface that runs through places (N, 3)."""
@@ -59,6 +64,10 @@ class TendonPull:
         directions, change = pieces / lengths, np.diff(self.shapes @ du, axis=0)
         elongation = np.einsum("ki,ki->k", directions, change)[:, None]
         return self.shapes.T @ sum_end_forces((change - elongation * directions) / lengths)
+
+    def stroke(self, u: Array) -> float:
+        """As of PressureLoad."""
+        return cable_length(self.points) - cable_length(self.points + self.shapes @ u)
 
 
 FollowerLoad = PressureLoad | TendonPull

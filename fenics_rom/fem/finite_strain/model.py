@@ -1,7 +1,7 @@
 """What a body that deforms largely consists of at full order."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -63,10 +63,23 @@ class FiniteStrainModel:
 
 @dataclass(frozen=True)
 class ExternalForce:
-    """What pushes in a step: a dead force (rows here, 1), N, and values of what follows the body."""
+    """What pushes in a step: a dead force (rows here, 1), N, and what follows the body, with values given or found."""
 
     dead: Array
     following: tuple[tuple[float, FollowerLoad], ...]
+    found: tuple[FollowerLoad, ...] = ()
+
+    def with_found(self, values: Array) -> "ExternalForce":
+        """All of it, with values (n,) of what is found in the step."""
+        return replace(self, following=(*self.following, *zip(map(float, values), self.found, strict=True)), found=())
+
+    def columns(self, model: FiniteStrainModel, u: Array) -> Array:
+        """Unit forces (rows here, n) of what is found, at displacements of all nodes (N, 3)."""
+        return np.hstack([np.empty((len(self.dead), 0)), *(model.local_rows(load.force(u)) for load in self.found)])
+
+    def strokes(self, u: Array) -> Array:
+        """What they do work along, (n,), m or m³."""
+        return np.array([load.stroke(u) for load in self.found])
 
     def at(self, model: FiniteStrainModel, u: Array) -> Array:
         """(rows here, 1), N, at displacements of all nodes (N, 3)."""

@@ -1,4 +1,4 @@
-"""Newton's method for a step: consistent tangents by a Krylov method, and contact solved in every iteration.
+"""Newton's method for a step: consistent tangents by a Krylov method, and forces found in every iteration.
 
 Residuals r are measured by √(rᵀ A⁻¹ r), with the kept factor of A: the energy norm of the correction that they ask for.
 With it the line search sees bending as well as stretching (natural monotonicity: Deuflhard, 2004).
@@ -12,10 +12,9 @@ from functools import partial
 import numpy as np
 
 from fenics_rom.fem.direct import PetscFactor
-from fenics_rom.fem.finite_strain.contact import ContactInNewton
+from fenics_rom.fem.finite_strain.found_forces import ForcesInNewton, FoundForces
 from fenics_rom.fem.finite_strain.gmres import Gmres
 from fenics_rom.fem.finite_strain.residuals import StepResidual, TrialStep
-from fenics_rom.mechanics.contact import ContactSolution
 
 Array = np.ndarray
 
@@ -37,14 +36,14 @@ class NewtonIterate:
 
     Attributes:
         trial: its velocity and forces.
-        contact: forces that were found with it; None where nothing touches.
+        found: forces of contact and actuators that were found with it.
         residual: what they leave (rows here, 1), N.
         size: of the residual, without end where there are no numbers for it.
         iterations: that led to it.
     """
 
     trial: TrialStep
-    contact: ContactSolution | None
+    found: FoundForces
     residual: Array
     size: float
     iterations: int
@@ -55,9 +54,9 @@ def solve_step(
     guesses: list[Array],
     factor: PetscFactor,
     gmres: Gmres,
-    coupling: ContactInNewton | None,
+    forces: ForcesInNewton | None,
     dot: Callable[[Array, Array], float],
-    last: ContactSolution | None,
+    last: FoundForces,
 ) -> NewtonIterate:
     """Solves the equations of a step; every rank must call it.
 
@@ -66,28 +65,28 @@ def solve_step(
         guesses: of its mid-step velocity (rows here, 1); the best is where the search begins.
         factor: of a symmetric positive definite matrix that stands for the tangent.
         gmres: what solves with the tangent itself.
-        coupling: the obstacles; None: there are none.
+        forces: those that are found in the step; None: there are none.
         dot: product of columns (rows here, 1).
-        last: contact in the step before, whose forces are the first guess.
+        last: what was found in the step before, the first guess.
     """
 
-    def iterate_at(v: Array, contact: ContactSolution | None, iterations: int) -> NewtonIterate:
+    def iterate_at(v: Array, found: FoundForces, iterations: int) -> NewtonIterate:
         with np.errstate(all="ignore"):  # a shape without an energy is refused for its size
-            trial = equation.evaluate(v)
-            residual = trial.residual if coupling is None else trial.residual + coupling.push(contact)
+            trial = equation.evaluate(v, found.actuators)
+            residual = trial.residual if forces is None else trial.residual + forces.contact_force(found.contact)
             size = dot(residual, residual)
             if math.isfinite(size):
                 size = math.sqrt(max(dot(residual, factor.solve(residual)), 0.0))
-        return NewtonIterate(trial, contact, residual, size if math.isfinite(size) else math.inf, iterations)
+        return NewtonIterate(trial, found, residual, size if math.isfinite(size) else math.inf, iterations)
 
     current = min((iterate_at(guess, last, 0) for guess in guesses), key=lambda iterate: iterate.size)
     if current.size == math.inf:
         raise NotConvergedError
     terms = equation.terms(current.trial)
     scale = math.sqrt(max(dot(terms[:, [k]], column[:, None]) for k, column in enumerate(factor.solve(terms).T)))
-    forcing, contact_resolved = MAX_FORCING, coupling is None
+    forcing, forces_resolved = MAX_FORCING, forces is None
     for iteration in range(MAX_ITERATIONS):
-        if contact_resolved and current.size <= CONVERGENCE_TOLERANCE * scale:
+        if forces_resolved and current.size <= CONVERGENCE_TOLERANCE * scale:
             return current
         direction = np.zeros_like(current.trial.v)
         if current.size > 0:
@@ -95,23 +94,23 @@ def solve_step(
             direction = gmres.solve(tangent, factor, current.residual, forcing)
         share, previous = 1.0, current
         while True:
-            v, contact = previous.trial.v + share * direction, previous.contact
-            if coupling is not None:
-                contact = coupling.resolve(v, previous.contact)
-                v = v + factor.solve(coupling.push(contact) - coupling.push(previous.contact))
-            current = iterate_at(v, contact, iteration + 1)
-            if coupling is not None and contact is not None:  # of a body at rest it is the only force
-                pushed = coupling.push(contact)
+            v, found = previous.trial.v + share * direction, previous.found
+            if forces is not None:
+                found = forces.resolve(v, previous.found)
+                v = v + factor.solve(forces.force(found) - forces.force(previous.found))
+            current = iterate_at(v, found, iteration + 1)
+            if forces is not None and found.act:  # of a body at rest it is the only force
+                pushed = forces.force(found)
                 scale = max(scale, math.sqrt(max(dot(pushed, factor.solve(pushed)), 0.0)))
             decreased = current.size <= (1 - SUFFICIENT_DECREASE * share) * previous.size
-            if decreased or (coupling is not None and current.size < math.inf):
+            if decreased or (forces is not None and current.size < math.inf):
                 break
-            if contact_resolved and previous.size <= STAGNATION_TOLERANCE * scale:
+            if forces_resolved and previous.size <= STAGNATION_TOLERANCE * scale:
                 return previous
             share /= 2
             if share < MIN_STEP_SHARE:
                 raise NotConvergedError
-        contact_resolved = True
+        forces_resolved = True
         if STAGNATION_TOLERANCE * scale >= current.size > previous.size / 2:
             return current
         if current.size > 0 and previous.size > 0:  # Eisenstat & Walker, 1996

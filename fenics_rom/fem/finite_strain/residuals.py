@@ -2,6 +2,9 @@
 
 Motion        r = force((x + x⁺)/2) - M (2/h)(v̂ - v) - D_c v̂ - K_s (x + x⁺)/2 - f̂ = 0,   f̂ = ∫ P : ∇δ
 Equilibrium   r = force(x⁺) - K_s x⁺ - f(x⁺) = 0
+
+Strokes s that are given as s* are to move at the rates c, Bᵀv̂ = c in motion, with B of the middle of the step, and
+(s(x⁺) - s(x))/h = (s* - s(x))/h towards an equilibrium; see mechanics.actuator_forces.
 """
 
 from dataclasses import dataclass
@@ -11,8 +14,10 @@ import numpy as np
 from fenics_rom.fem.finite_strain.model import ExternalForce, FiniteStrainModel, multiply
 from fenics_rom.fem.finite_strain.preconditioner import TangentCoefficients
 from fenics_rom.fem.finite_strain.stresses import EquilibriumStresses, MidpointStresses, Stresses
+from fenics_rom.mechanics.actuator_forces import ActuatorForces
 
 Array = np.ndarray
+NONE_FOUND = np.empty(0)
 
 
 @dataclass(frozen=True)
@@ -39,7 +44,8 @@ class TrialStep:
     Attributes:
         v: v̂ (rows here, 1), m/s.
         residual: force that nothing balances yet (rows here, 1), N.
-        external_force: of what pushes (rows here, 1), N.
+        external: what pushes.
+        external_force: of it (rows here, 1), N.
         internal_force: ∫ P : ∇δ (rows here, 1), N.
         stresses: of the points.
         u: displacements of all nodes (N, 3) that the external force is taken at, m.
@@ -47,6 +53,7 @@ class TrialStep:
 
     v: Array
     residual: Array
+    external: ExternalForce
     external_force: Array
     internal_force: Array
     stresses: Stresses
@@ -56,58 +63,82 @@ class TrialStep:
 class MidpointResidual:
     """Of a step of motion of h, s; `coefficients` are those of the matrix that stands for its tangent."""
 
+    is_quasi_static = False
+
     def __init__(self, model: FiniteStrainModel, start: StepStart, external: ExternalForce, h: float):
-        self._model, self._start, self._external, self.h = model, start, external, h
+        self.model, self.start, self._external, self.h = model, start, external, h
         self.coefficients = TangentCoefficients(mass=2 / h, external_damping=1.0, stiffness=h / 2, viscosity=1.0)
         self._spring_force = multiply(model.spring, start.x)  # at the start
 
-    def evaluate(self, v: Array) -> TrialStep:
-        """The equations at a mid-step velocity (rows here, 1)."""
-        m, start, h = self._model, self._start, self.h
+    def evaluate(self, v: Array, found: Array = NONE_FOUND) -> TrialStep:
+        """The equations at a mid-step velocity (rows here, 1), with forces (n,) of actuators that are found."""
+        m, start, h, pushes = self.model, self.start, self.h, self._external.with_found(found)
         u_end = m.nodal_field(start.x + h * v)
         u_middle = (start.u + u_end) / 2
         stresses = MidpointStresses(m.material, start.H, start.E, m.points.gradients(u_end), h)
-        internal, external = m.internal_force(stresses.P), self._external.at(m, u_middle)
+        internal, external = m.internal_force(stresses.P), pushes.at(m, u_middle)
         resisting = internal + multiply(m.external_damping, v) + self._spring_force + h / 2 * multiply(m.spring, v)
         residual = external - resisting - 2 / h * (m.mass @ (v - start.v))
-        return TrialStep(v, residual, external, internal, stresses, u_middle)
+        return TrialStep(v, residual, pushes, external, internal, stresses, u_middle)
 
     def apply_tangent(self, trial: TrialStep, dv: Array) -> Array:
         """-∂r/∂v̂ dv (rows here, 1) at a trial: the product with the consistent tangent."""
-        m, h = self._model, self.h
+        m, h = self.model, self.h
         du = h * m.nodal_field(dv)
         internal = m.internal_force(trial.stresses.jvp(m.points.gradients(du)))
         linear = 2 / h * (m.mass @ dv) + multiply(m.external_damping, dv) + h / 2 * multiply(m.spring, dv)
-        return internal + linear - self._external.jvp(m, trial.u, du / 2)
+        return internal + linear - trial.external.jvp(m, trial.u, du / 2)
+
+    def strokes(self, v: Array) -> tuple[Array, Array]:
+        """Columns B (rows here, n) of what is found at a mid-step velocity (rows here, 1), and rates (n,)."""
+        end = self.model.nodal_field(self.start.x + self.h * v)
+        columns = self._external.columns(self.model, (self.start.u + end) / 2)
+        return columns, self.model.algebra.inner(columns, v)[:, 0]
+
+    def targets(self, actuators: ActuatorForces, given: Array) -> Array:
+        """Rates (n,) at which strokes are to move to those (n,) that are given."""
+        columns, strokes = self._external.columns(self.model, self.start.u), self._external.strokes(self.start.u)
+        return actuators.rates(given, strokes, self.model.algebra.inner(columns, self.start.v)[:, 0], self.h)
 
     def terms(self, trial: TrialStep) -> Array:
         """Forces (rows here, any) that the residual is small against."""
-        momentum = 2 / self.h * (self._model.mass @ self._start.v)
+        momentum = 2 / self.h * (self.model.mass @ self.start.v)
         return np.hstack([trial.external_force, trial.internal_force, momentum])
 
 
 class QuasiStaticResidual:
     """As MidpointResidual, of a body at rest, with `missing` of the force (rows here, 1): loads put on step by step."""
 
+    is_quasi_static = True
+
     def __init__(self, model: FiniteStrainModel, start: StepStart, external: ExternalForce, h: float, missing: Array):
-        self._model, self._start, self._external, self.h, self._missing = model, start, external, h, missing
+        self.model, self.start, self._external, self.h, self._missing = model, start, external, h, missing
         self.coefficients = TangentCoefficients(mass=0.0, external_damping=0.0, stiffness=h, viscosity=0.0)
 
-    def evaluate(self, v: Array) -> TrialStep:
+    def evaluate(self, v: Array, found: Array = NONE_FOUND) -> TrialStep:
         """As in MidpointResidual."""
-        m, x_end = self._model, self._start.x + self.h * v
+        m, x_end, pushes = self.model, self.start.x + self.h * v, self._external.with_found(found)
         u_end = m.nodal_field(x_end)
         stresses = EquilibriumStresses(m.material, m.points.gradients(u_end))
-        internal, external = m.internal_force(stresses.P), self._external.at(m, u_end)
+        internal, external = m.internal_force(stresses.P), pushes.at(m, u_end)
         residual = external - self._missing - internal - multiply(m.spring, x_end)
-        return TrialStep(v, residual, external, internal, stresses, u_end)
+        return TrialStep(v, residual, pushes, external, internal, stresses, u_end)
 
     def apply_tangent(self, trial: TrialStep, dv: Array) -> Array:
         """As in MidpointResidual."""
-        m = self._model
+        m = self.model
         du = self.h * m.nodal_field(dv)
         internal = m.internal_force(trial.stresses.jvp(m.points.gradients(du)))
-        return internal + self.h * multiply(m.spring, dv) - self._external.jvp(m, trial.u, du)
+        return internal + self.h * multiply(m.spring, dv) - trial.external.jvp(m, trial.u, du)
+
+    def strokes(self, v: Array) -> tuple[Array, Array]:
+        """As in MidpointResidual."""
+        end, external = self.model.nodal_field(self.start.x + self.h * v), self._external
+        return external.columns(self.model, end), (external.strokes(end) - external.strokes(self.start.u)) / self.h
+
+    def targets(self, actuators: ActuatorForces, given: Array) -> Array:
+        """As in MidpointResidual."""
+        return actuators.resting_rates(given, self._external.strokes(self.start.u), self.h)
 
     def terms(self, trial: TrialStep) -> Array:
         """As in MidpointResidual."""

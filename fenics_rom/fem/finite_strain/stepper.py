@@ -7,7 +7,7 @@ import numpy as np
 
 from fenics_rom.errors import SolverError, StepError
 from fenics_rom.fem.direct import PetscFactor
-from fenics_rom.fem.finite_strain.contact import ContactInNewton
+from fenics_rom.fem.finite_strain.found_forces import ForcesInNewton, FoundForces
 from fenics_rom.fem.finite_strain.gmres import Gmres
 from fenics_rom.fem.finite_strain.model import ExternalForce, FiniteStrainModel, multiply
 from fenics_rom.fem.finite_strain.newton import NewtonIterate, NotConvergedError, solve_step
@@ -49,14 +49,16 @@ class FiniteStrainStepper(FullOrderBody):
         *,
         ledger: bool = True,
     ):
-        if environment is not None:
-            environment.environment.check_forces_given("a full-order run with large deformation")
         super().__init__(system, dt, environment, ledger)
         self.kind, self.reason = "newton", "the body deforms largely"
         self._model = model
         self.newton = self.products = self.factors = self.parted = 0
         self.finest = 1.0
-        self._contact_in_newton = None if self.interface is None else ContactInNewton(self.interface)
+        self._forces_in_newton: ForcesInNewton | None = None
+        if self.interface is not None or self.actuators is not None:
+            self._forces_in_newton = ForcesInNewton(self.interface, self.actuators)
+        names = () if self.actuators is None else self.actuators.names
+        self._by_stroke = tuple(model.followers[name] for name in names)
         self._before: tuple[Any, ...] = ()
         here = system.algebra.rows()
         terms = model.mass, model.external_damping, model.spring
@@ -118,10 +120,10 @@ class FiniteStrainStepper(FullOrderBody):
         self.time -= self.dt
 
     def _state(self) -> tuple[Any, ...]:
-        return self._start, self.contact, None if self.ledger is None else self.ledger.sums
+        return self._start, self.contact, self.reactions, None if self.ledger is None else self.ledger.sums
 
     def _restore(self, state: tuple[Any, ...]) -> None:
-        self._start, self.contact, sums = state
+        self._start, self.contact, self.reactions, sums = state
         self.x, self.v = self._start.x, self._start.v
         if self.ledger is not None:
             self.ledger.sums = sums
@@ -143,30 +145,33 @@ class FiniteStrainStepper(FullOrderBody):
         H = self._model.points.gradients(u) if H is None else H
         self.x, self.v, self._start = x, v, StepStart(x, v, u, H, strain(H))
 
-    def _load(self, u: Array) -> ExternalForce:
-        """The force of inputs u in the active contact mode."""
+    def _load(self, u: Array) -> tuple[ExternalForce, Array, Array]:
+        """The force of inputs u in the active contact mode, inputs without strokes, and the strokes (n,) given."""
         s, followers, contact = self.system, self._model.followers, self.contact_mode
         width = self.input_matrix.shape[1]
         if u.shape != (width,) or not np.isfinite(u).all():
             raise StepError(f"input {u.tolist()}: allowed are {width} finite numbers in contact mode {contact!r}")
-        u, following, at = u.copy(), [], s.contacts[contact].shape[1]
+        u, given = (u, np.empty(0)) if self.actuators is None else self.actuators.split(u)
+        dead, following, at = u.copy(), [], s.contacts[contact].shape[1]
         for name, columns in s.actuators.items():
             if name in followers:
                 if u[at]:
                     following.append((float(u[at]), followers[name]))
-                u[at] = 0.0
+                dead[at] = 0.0
             at += columns.shape[1]
-        return ExternalForce(self.input_matrix @ u[:, None], tuple(following))
+        return ExternalForce(self.input_matrix @ dead[:, None], tuple(following), self._by_stroke), u, given
 
     def _advance(self, inputs: StepInput, quasi_static: bool) -> None:
         """Takes a step, in parts where Newton's method does not solve it whole; if none does, nothing has changed."""
-        load, state = self._load(inputs.u), self._state()
+        (load, u, given), state = self._load(inputs.u), self._state()
+        strokes = load.strokes(self._start.u)
         self.newton, products = 0, self._krylov.products
         missing = self._unbalanced(load) if quasi_static else None
         done, share, finest = 0.0, 1.0, 1.0
         while done < 1.0:
             try:
-                self._part(load, inputs.obstacles, done, share, missing)
+                goal = strokes + (done + share) * (given - strokes)
+                self._part(done, share, load, u, goal, inputs.obstacles, missing)
             except (NotConvergedError, StepError):
                 share /= 2
                 if share >= SMALLEST_PART:
@@ -189,25 +194,33 @@ class FiniteStrainStepper(FullOrderBody):
         )
 
     def _unbalanced(self, load: ExternalForce) -> Array:
-        """Force (rows here, 1), N, that a load, contact and elasticity leave at the start of a step."""
+        """Force (rows here, 1), N, that a load, what was found and elasticity leave at the start of a step."""
         zero = np.zeros_like(self.x)
-        rest = QuasiStaticResidual(self._model, self._start, load, self.dt, zero).evaluate(zero)
+        rest = QuasiStaticResidual(self._model, self._start, load, self.dt, zero).evaluate(zero, self.reactions)
         if self.interface is None:
             return rest.residual
         return rest.residual + self.interface.force(self.contact)
 
     def _part(
-        self, load: ExternalForce, obstacles: ObstacleMotion | None, done: float, share: float, missing: Array | None
+        self,
+        done: float,
+        share: float,
+        load: ExternalForce,
+        u: Array,
+        given: Array,
+        obstacles: ObstacleMotion | None,
+        missing: Array | None,
     ) -> None:
-        """Takes the part of a step that begins when `done` of it is taken."""
+        """Takes the part of a step that begins when `done` of it is taken, to strokes (n,) that are given."""
         h, start = share * self.dt, self._start
         equation: StepResidual
         if missing is None:
             equation = MidpointResidual(self._model, start, load, h)
         else:
             equation = QuasiStaticResidual(self._model, start, load, h, (1 - done - share) * missing)
-        if self._contact_in_newton is not None and obstacles is not None:
-            self._contact_in_newton.begin(self.x, self.v, h, obstacles.part(done, share, self.dt), missing is not None)
+        if self._forces_in_newton is not None:
+            motion = None if obstacles is None else obstacles.part(done, share, self.dt)
+            self._forces_in_newton.begin(equation, motion, u, given)
         solution = self._solution(equation)
         self.newton += solution.iterations
         self._book(equation, solution, missing is not None)
@@ -215,7 +228,7 @@ class FiniteStrainStepper(FullOrderBody):
         x = self.x + h * trial.v
         v = np.zeros_like(x) if missing is not None else 2 * trial.v - self.v
         self._past = [trial.v, *self._past[:1]] if share == 1 else []
-        self.contact = solution.contact
+        self.contact, self.reactions = solution.found
         self._arrive(x, v, trial.stresses.F_end - IDENTITY)
 
     def _solution(self, equation: StepResidual) -> NewtonIterate:
@@ -233,14 +246,14 @@ class FiniteStrainStepper(FullOrderBody):
 
     def _tried(self, equation: StepResidual, guesses: list[Array]) -> NewtonIterate:
         assert self._factored is not None
-        if self._contact_in_newton is not None:
-            self._contact_in_newton.use(self._factored[1])
+        forces, last = self._forces_in_newton, FoundForces(self.contact, self.reactions)
+        if forces is not None:
+            forces.use(self._factored[1])
         try:
-            coupling, dot = self._contact_in_newton, self._model.dot
-            return solve_step(equation, guesses, self._factored[1], self._krylov, coupling, dot, self.contact)
+            return solve_step(equation, guesses, self._factored[1], self._krylov, forces, self._model.dot, last)
         except NotConvergedError:
-            if self._contact_in_newton is not None:
-                self._contact_in_newton.rollback()
+            if forces is not None:
+                forces.rollback()
             raise
 
     def _factor(self, coefficients: TangentCoefficients) -> None:
@@ -261,7 +274,7 @@ class FiniteStrainStepper(FullOrderBody):
         """Books what a part of a step supplied and dissipated."""
         if self.ledger is None:
             return
-        m, trial, h, contact = self._model, solution.trial, equation.h, solution.contact
+        m, trial, h, contact = self._model, solution.trial, equation.h, solution.found.contact
         supplied = h * m.dot(trial.external_force, trial.v)
         if contact is not None and self.interface is not None:
             self.ledger.book_contact(*contact.work(self.interface.at_points(trial.v), h))

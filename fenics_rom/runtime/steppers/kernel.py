@@ -4,7 +4,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
-from fenics_rom.mechanics.actuator_forces import ActuatorForces, held_back
+from fenics_rom.mechanics.actuator_forces import ActuatorForces, PointsHeldBack
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointMotion
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.rom.rom import ContactModel
@@ -22,7 +22,7 @@ class Kernel:
         h: time step, s; 0 before the first `set_time_step`.
         state: [e, r] (2m,), e = √γ q; ½|state|² is the stored energy of a linear model.
         contact: in the last step; None where nothing touched.
-        reactions: (k,) forces of the actuators whose strokes are given, in the last step, N or Pa.
+        reactions: (n,) forces that were found in the last step, of strokes that are given, then at guides, N or Pa.
         auxiliary: what a step carries along besides.
         notes: of the run so far, to tell the user: numbers that a run begins at 0. A kernel writes those of its own.
     """
@@ -116,7 +116,7 @@ class BookedKernel(Kernel):
         actuators: ActuatorForces | None = None,
     ):
         self._model, self._ledger, self._interface, self._actuators = model, ledger, interface, actuators
-        self.reactions = self._reactions_before = np.zeros(0 if actuators is None else len(actuators.names))
+        self.reactions = self._reactions_before = np.zeros(0 if actuators is None else len(actuators.columns))
         self._rigid_displacement, self._rigid_before = rigid_displacement, rigid_displacement.copy()
         self._contact_before: ContactSolution | None = None
         self._owed: StepWork | None = None
@@ -209,15 +209,13 @@ class BookedKernel(Kernel):
         assert self._actuators is not None
         W = self._actuators.compliance(columns.T.dot(spread))
         X = np.empty((0, len(W))) if self._interface is None else self._Sᵀ.T.dot(spread)
-        operators: dict[bytes, Array] = {}  # the solver keeps parts of one that it is given again
+        held = PointsHeldBack(self._delassus, X, W)
 
         def touch(z: Array, holding: Array) -> tuple[ContactSolution | None, Array]:
             if self._interface is None:
                 return None, np.zeros(len(z))
-            key = holding.tobytes()
-            if key not in operators:
-                operators[key] = held_back(self._delassus, X, W, holding)
-            contact = self._solve_contact(q, r, free + spread.dot(z), h, obstacles, quasi_static, operators[key])
+            delassus = held.delassus(holding)
+            contact = self._solve_contact(q, r, free + spread.dot(z), h, obstacles, quasi_static, delassus)
             return contact, np.zeros(len(z)) if contact is None else X.T.dot(contact.forces.ravel())
 
         return self._actuators.solve(u, columns.T.dot(free), W, targets, touch)

@@ -53,7 +53,7 @@ class ContactMidpoint(BookedKernel):
             found, contact = self._solve_actuators(u, self._columns, self._spread, targets, *motion)
             by_strokes, rubbed = self._actuators.parts(self._columns, found)
             pushed, right = pushed + by_strokes, right + by_strokes + rubbed
-            reactions = found[: len(reactions)]
+            reactions = found
         if contact is not None:
             right += self._pushed(contact)
         if contact is not None or given is not None:
@@ -99,7 +99,7 @@ class QuasiStatic(BookedKernel):
             by_strokes, rubbed = self._actuators.parts(self._columns, found)
             force = force + by_strokes
             change += (by_strokes + rubbed) * self._inverse_ω
-            reactions = found[: len(reactions)]
+            reactions = found
         if contact is not None:
             change += self._inverse_ω * self._pushed(contact)
         moved = change * self._inverse_ω

@@ -1,0 +1,132 @@
+"""Forces that are found inside Newton's method: of contact, and of actuators by stroke.
+
+The iteration knows the forces f it has and asks for those that a velocity v̂ needs, found with them: free = S v̂ - W f is
+what the points would do without, and after the change of f is put through A⁻¹, S v̂ = free + W f obeys the contact law
+exactly, whatever W = S A⁻¹ Sᵀ stands for. So only the balance of momentum is left to converge. Strokes of actuators are
+met likewise, with the columns B of unit forces where v̂ leads to in place of Sᵀ. With the change of v̂ B changes; what
+strokes miss by that is of second order, and gone where momentum has converged.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from fenics_rom.fem.direct import PetscFactor
+from fenics_rom.fem.finite_strain.residuals import StepResidual
+from fenics_rom.fem.full_order_body import FullOrderInterface
+from fenics_rom.mechanics.actuator_forces import ActuatorForces, PointsHeldBack
+from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointMotion
+
+Array = np.ndarray
+
+
+class FoundForces(NamedTuple):
+    """What was found in a step."""
+
+    contact: ContactSolution | None  # None where nothing touches
+    actuators: Array  # (n,), N or Pa
+
+    @property
+    def act(self) -> bool:
+        """Whether there are any."""
+        return self.contact is not None or bool(self.actuators.any())
+
+
+class ForcesInNewton:
+    """Forces in the iteration of a step, of contact or actuators; for each part of one `begin`, then `resolve`."""
+
+    def __init__(self, interface: FullOrderInterface | None, actuators: ActuatorForces | None):
+        self._interface, self._actuators = interface, actuators
+        self._is_rigid = interface is not None and not interface.solver.law.stiffness
+        self._factor: PetscFactor | None = None
+        self._delassus: Array | None = None
+
+    def begin(self, equation: StepResidual, obstacles: ObstacleMotion | None, u: Array, given: Array) -> None:
+        """Notes where a part of a step begins, its input (p,) and the strokes (n,) that are given at its end."""
+        self._equation, self._obstacles, self._u = equation, obstacles, u
+        if self._actuators is not None:
+            self._targets = equation.targets(self._actuators, given)
+        if self._interface is not None and obstacles is not None:
+            start, solver = equation.start, self._interface.solver
+            self._x, self._v = self._interface.at_points(start.x), self._interface.at_points(start.v)
+            self._before = solver.last_forces, solver.residual
+            self._gap = float(solver.gaps(self._x, obstacles.start).min())
+
+    def use(self, factor: PetscFactor) -> None:
+        """The factor of A; W (3P, 3P), m/s/N, is made of it as soon as an obstacle is within reach."""
+        if self._factor is not factor:
+            self._factor, self._delassus = factor, None
+
+    def resolve(self, v: Array, last: FoundForces) -> FoundForces:
+        """Forces at a mid-step velocity (rows here, 1) that was found with the last ones of this step."""
+        self.rollback()
+        free = np.empty((0, 3)) if self._interface is None else self._interface.at_points(v)
+        if last.contact is not None:
+            free = free - (self._points_operator() @ last.contact.forces.ravel()).reshape(-1, 3)
+        if self._actuators is None:
+            return FoundForces(self._touched(free, last.contact), last.actuators)
+        assert self._factor is not None
+        columns, rates = self._equation.strokes(v)
+        inner, spread = self._equation.model.algebra.inner, self._factor.solve(columns)
+        W = inner(columns, spread)
+        X = np.empty((0, len(W))) if self._interface is None else inner(self._interface.Sᵀ, spread)
+        self._columns, rates = columns, rates - W @ last.actuators
+        if last.contact is not None:
+            rates = rates - X.T @ last.contact.forces.ravel()
+        W, held = self._actuators.compliance(W), None
+
+        def touch(z: Array, holding: Array) -> tuple[ContactSolution | None, Array]:
+            nonlocal held
+            moved = free + (X @ (z - last.actuators)).reshape(-1, 3)
+            if self._is_untouched(moved, last.contact):
+                return None, np.zeros(len(z))
+            held = PointsHeldBack(self._points_operator(), X, W) if held is None else held
+            contact = self._touched(moved, last.contact, held.delassus(holding))
+            return contact, np.zeros(len(z)) if contact is None else X.T @ contact.forces.ravel()
+
+        z, contact = self._actuators.solve(self._u, rates, W, self._targets, touch)
+        return FoundForces(contact, z)
+
+    def force(self, found: FoundForces) -> Array:
+        """Of what was found (rows here, 1), N, with actuators where they were last looked for."""
+        force = self.contact_force(found.contact)
+        return force if self._actuators is None else force + self._columns @ found.actuators[:, None]
+
+    def contact_force(self, contact: ContactSolution | None) -> Array:
+        """(rows here, 1), N."""
+        return np.zeros_like(self._equation.start.x) if self._interface is None else self._interface.force(contact)
+
+    def rollback(self) -> None:
+        """Forgets the contact that was found since `begin`."""
+        if self._interface is not None and self._obstacles is not None:
+            solver = self._interface.solver
+            solver.last_forces, solver.residual = self._before
+
+    def _points_operator(self) -> Array:
+        assert self._factor is not None
+        assert self._interface is not None
+        if self._delassus is None:
+            self._delassus = self._interface.delassus(self._factor.solve(self._interface.Sᵀ))
+        return self._delassus
+
+    def _touched(self, free: Array, last: ContactSolution | None, W: Array | None = None) -> ContactSolution | None:
+        """Contact of points that would move at velocities (P, 3), with a Delassus operator where it is another."""
+        if self._is_untouched(free, last):
+            return None
+        assert self._interface is not None
+        assert self._obstacles is not None
+        points, h = PointMotion(self._x, self._v, free), self._equation.h
+        operator = self._points_operator() if W is None else W
+        return self._interface.solver.solve(points, operator, h, self._obstacles, self._equation.is_quasi_static)
+
+    def _is_untouched(self, v: Array, last: ContactSolution | None) -> bool:
+        """Whether no pair of the rigid law can come too close at velocities v (P, 3) of the points."""
+        if self._obstacles is None or self._interface is None:
+            return True
+        if not self._is_rigid or last is not None:
+            return False
+        h = self._equation.h
+        velocities = v, self._v, self._obstacles.velocities(h), self._obstacles.velocities_before
+        fastest = [np.sqrt(np.square(w).sum(axis=1).max()) for w in velocities]
+        w = max(fastest[2], fastest[3])
+        return self._gap > h * (2 * fastest[0] + fastest[1] + 4 * float(w))
