@@ -72,15 +72,13 @@ class QuadraturePoints:
 
     def gradients(self, u: Array) -> Array:
         """H (3, 3, P here, ...) of displacements of all nodes (N, 3, ...), H[i, j] = ∂u_i/∂X_j."""
-        H = np.empty((3, 3, len(self.weights), *u.shape[2:]))
-        for i in range(3):
-            H[i] = (self._gradient @ u[:, i]).reshape(H[i].shape)
-        return H
+        slopes = (self._gradient @ u.reshape(len(u), -1)).reshape(3, len(self.weights), *u.shape[1:])
+        return np.ascontiguousarray(np.moveaxis(slopes, 2, 0))
 
     def internal_force(self, P: Array) -> Array:
         """∫ P : ∇δ on all nodes (N, 3), N, of first Piola-Kirchhoff stresses (3, 3, P here), Pa; summed over ranks."""
-        weighted = (P * self.weights).reshape(3, -1)
-        return self.sum_over_ranks(np.stack([self._gradientᵀ @ row for row in weighted], axis=1))
+        weighted = (P * self.weights).reshape(3, -1).T
+        return self.sum_over_ranks(self._gradientᵀ @ weighted)
 
     def integrate(self, density: Array) -> float:
         """∫ of a density (P here,) over the body; the same bits on every rank."""
