@@ -46,7 +46,7 @@ class SoftDeformation:
     cable: Array
     inputs: dict[str, list[Array | str]] = field(default_factory=dict)
 
-    @property
+    @cached_property
     def free(self) -> Array:
         return np.flatnonzero(np.repeat(self.points[:, 0] > 0, 3))
 
@@ -72,6 +72,17 @@ class SoftDeformation:
         matrix = scipy.sparse.coo_matrix((dN[p, a, j].ravel(), (rows.ravel(), columns.ravel())), (9 * P, 3 * N))
         return matrix.tocsc()[:, self.free].tocsr()
 
+    @cached_property
+    def _cell_matrices(self) -> tuple[Array, Array, tuple[Array, Array]]:
+        """∇ of a cell's displacements (P, 9, 12); which entries (P, 12, 12) are free, and where they belong."""
+        B = np.einsum("ik,paj->pijak", np.eye(3), self._shapes[0]).reshape(-1, 9, 12)
+        number = np.full(3 * len(self.points), -1)
+        number[self.free] = np.arange(len(self.free))
+        number = number[3 * self.cells[:, :, None] + np.arange(3)].reshape(-1, 12)
+        row, column = np.broadcast_arrays(number[:, :, None], number[:, None, :])
+        kept = (row >= 0) & (column >= 0)
+        return B, kept, (row[kept], column[kept])
+
     def gradients(self, columns: Array) -> Array:
         return (self.operator @ columns).reshape(3, 3, len(self.cells), -1)
 
@@ -82,16 +93,11 @@ class SoftDeformation:
 
     def tangent(self, before: Array, after: Array, D: Array, S: Array) -> scipy.sparse.spmatrix:
         """∫ (before ∇δ) : D : (after ∇v) + S : ∇δᵀ∇v for deformation gradients (3, 3, P), D (6, 6, P), S (6, P)."""
-        P = len(self.cells)
-        C = np.einsum("iap,ajblp,kbp->ijklp", before, D[VOIGT_INDEX][:, :, VOIGT_INDEX], after, optimize=True).reshape(
-            9, 9, P
-        )
-        C += np.einsum("ik,jlp->ijklp", np.eye(3), S[VOIGT_INDEX]).reshape(9, 9, P)
-        row, column, p = np.meshgrid(range(9), range(9), range(P), indexing="ij")
-        blocks = scipy.sparse.coo_matrix(
-            ((self.weights * C).ravel(), ((row * P + p).ravel(), (column * P + p).ravel()))
-        )
-        return (self.operator.T @ blocks.tocsr() @ self.operator).tocsc()
+        C = np.einsum("ajblp,kbp->pajkl", D[VOIGT_INDEX][:, :, VOIGT_INDEX], after)
+        C = np.einsum("iap,pajkl->pijkl", before, C) + np.einsum("ik,jlp->pijkl", np.eye(3), S[VOIGT_INDEX])
+        B, kept, places = self._cell_matrices
+        blocks = B.transpose(0, 2, 1) @ (self.weights[:, None, None] * C.reshape(-1, 9, 9)) @ B
+        return scipy.sparse.coo_matrix((blocks[kept], places), shape=(len(self.free),) * 2).tocsc()
 
     def stiffness(self) -> scipy.sparse.csc_matrix:
         """K at rest."""
@@ -182,6 +188,7 @@ class SoftStepper:
         unit, K0 = np.eye(3)[:, :, None], moduli("st_venant_kirchhoff", np.zeros((6, len(λ))), λ, μ)
         H = body.gradients(x[:, None])[..., 0]
         E, mid = strain(H), v.copy()
+        constant = (2 / h * body.mass + body.external_damping).tocsc()
         for _ in range(15):
             H_next = body.gradients((x + h * mid)[:, None])[..., 0]
             E_next, F_mid = strain(H_next), unit + (H + H_next) / 2
@@ -193,8 +200,8 @@ class SoftStepper:
             if np.linalg.norm(residual) <= 1e-9 * scale:
                 break
             D = moduli(body.law, (E + E_next) / 2, λ, μ) / 2 + β / h * K0
-            slope = h * body.tangent(F_mid, unit + H_next, D, S / 2) + 2 / h * body.mass + body.external_damping
-            mid = mid - scipy.sparse.linalg.splu(slope.tocsc()).solve(residual)
+            slope = h * body.tangent(F_mid, unit + H_next, D, S / 2) + constant
+            mid = mid - scipy.sparse.linalg.splu(slope).solve(residual)
         else:
             return False
         self.x = self.x + h * mid[:, None]

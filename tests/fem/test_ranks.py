@@ -109,7 +109,8 @@ def results(request, tmp_path_factory):
         made.mkdir()
         command = ["mpirun", "-n", str(ranks), sys.executable, Path(__file__).with_name("on_ranks.py"), folder, made]
         # the environment as it was before this process made itself a rank of its own
-        done = subprocess.run(command, env=dict(os.environ), capture_output=True, text=True, timeout=300)
+        environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])}
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=300)
         assert done.returncode == 0, done.stdout + done.stderr
     return folder
 
