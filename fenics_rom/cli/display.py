@@ -144,6 +144,7 @@ def print_trajectory(run: "fr.Trajectory", file: Path | str) -> None:
         "supplied": run.supplied[-1],
         "dissipated": run.dissipated[-1],
         "lost in switching": run.lost_in_switching[-1],
+        **({"numerical": run.numerical[-1]} if run.numerical.any() else {}),
         "stored": run.energy[-1],
     }
     title = f"{run.model} run {run.name}: {file}"

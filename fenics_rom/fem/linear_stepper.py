@@ -10,7 +10,8 @@ from fenics_rom.fem.full_order_body import FullOrderBody
 from fenics_rom.fem.petsc_matrix import ExtendedMatrix, combination
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.actuator_forces import PointsHeldBack
-from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointMotion
+from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointMotion, equilibrium_work
+from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.step import StepInput, StepResult
 from fenics_rom.system.system import Array, System
 
@@ -78,14 +79,13 @@ class FullOrderStepper(FullOrderBody):
         force = force[:, None]
         right = force + 2 / h * self._momentum - self._elastic if self._has_inertia else force - self._elastic
         v = factor.solve(right)
-        reactions, rubbed = self.reactions, None
+        found, rubbed = self.reactions, None
         if given is None or self.actuators is None:
             contact = self._solve_contact(v, obstacles)
         else:
             found, contact = self._solve_actuators(v, obstacles, *given)
             by_strokes, rubbed = (part[:, None] for part in self.actuators.parts(self._columns, found))
             force, right = force + by_strokes, right + by_strokes + rubbed
-            reactions = found
         if contact is not None and self.interface is not None:
             right = right + self.interface.force(contact)
         if contact is not None or given is not None:
@@ -96,17 +96,17 @@ class FullOrderStepper(FullOrderBody):
         self._before = (self.x, self.v, self._momentum, self._elastic, self.contact, self.reactions), sums
         if self.ledger is not None:
             Mv, Kv = self._refined(factor, right, v)
-            if self._has_inertia:
+            if not self._has_inertia:
+                self._book_at_rest(self.ledger, force, rubbed, contact, obstacles, v)
+            else:
                 self.time_step_monitor.add(4 * self._dot(v - self.v, Mv - self._momentum), self._dot(v, Mv))
-            drawn = self._damped(v, Mv, Kv) if self._has_inertia else h / 2 * Kv
-            self.ledger.book(supplied=h * self._dot(force, v), dissipated=h * self._dot(v, drawn))
-            if rubbed is not None:
-                self.ledger.book(dissipated=-h * self._dot(rubbed, v))
-            if contact is not None and self.interface is not None:
-                self.ledger.book_contact(*contact.work(self.interface.at_points(v), h))
+                drawn = self._damped(v, Mv, Kv) if rubbed is None else self._damped(v, Mv, Kv) - rubbed
+                self.ledger.book(supplied=h * self._dot(force, v), dissipated=h * self._dot(v, drawn))
+                if contact is not None and self.interface is not None:
+                    self.ledger.book_contact(*contact.work(self.interface.at_points(v), h))
             self._momentum = 2 * Mv - self._momentum
             self._elastic = self._elastic + h * Kv
-        self.contact, self.reactions = contact, reactions
+        self.contact, self.reactions = contact, found
         self.x = self.x + h * v
         if self._has_inertia:
             self.v = 2 * v - self.v
@@ -156,6 +156,28 @@ class FullOrderStepper(FullOrderBody):
             return contact, np.zeros(len(z)) if contact is None else self._stroke_motion.T @ contact.forces.ravel()
 
         return self.actuators.solve(u, freely, self._stroke_compliance, targets, touch)
+
+    def _book_at_rest(
+        self,
+        ledger: EnergyLedger,
+        force: Array,
+        rubbed: Array | None,
+        contact: ContactSolution | None,
+        obstacles: ObstacleMotion | None,
+        v: Array,
+    ) -> None:
+        """Books a step between equilibria, before it is taken, as QuasiStatic of runtime/steppers does."""
+        h, held = self.dt, self._elastic
+        if self.interface is not None and obstacles is not None:
+            held = held - self.interface.force(self.contact)
+            at_points, law = self.interface.at_points(v), self.interface.solver.law
+            ledger.book_contact(*equilibrium_work(self.contact, contact, at_points, h, obstacles, law))
+        if rubbed is not None and self.actuators is not None:
+            rubbed_before = self.actuators.parts(self._columns, self.reactions)[1][:, None]
+            held = held - rubbed_before
+            lag = h / 2 * self._dot(rubbed - rubbed_before, v)
+            ledger.book(dissipated=-h * self._dot(rubbed, v), numerical=lag)
+        ledger.book(supplied=h / 2 * self._dot(held + force, v))
 
     def _renew_products(self) -> None:
         """M v and K x anew, where no account carries them along."""

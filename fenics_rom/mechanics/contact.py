@@ -78,11 +78,12 @@ class ContactLaw:
 
 
 class ContactWork(NamedTuple):
-    """Where the work of contact in a step went, J: h Σ f·v̂ = supplied - contact - friction."""
+    """Where the work of contact in a step went, J: h Σ f·v̂ = supplied - contact - friction - numerical."""
 
     supplied: float  # by obstacles that move
     contact: float  # dissipated by impacts, >= 0; with the penalty law also what its springs take up (< 0: give back)
     friction: float  # dissipated by friction, >= 0
+    numerical: float = 0.0  # what a step without inertia does not know of its way
 
 
 class ContactSolution(NamedTuple):
@@ -128,6 +129,36 @@ class ContactSolution(NamedTuple):
             normal = float(pressure.dot((relative * self.normals).dot(_ONES)))
         supplied = float(self.by_obstacle.ravel().dot(w.ravel()))
         return ContactWork(dt * supplied, -dt * normal, dt * (normal - whole))
+
+
+def equilibrium_work(
+    before: ContactSolution | None,
+    after: ContactSolution | None,
+    velocity: Array,
+    dt: float,
+    obstacles: ObstacleMotion,
+    law: ContactLaw,
+) -> ContactWork:
+    """Where the work went in a step from one equilibrium to the next, on whose way all forces change linearly.
+
+    Without inertia there are no impacts, though a point may touch or leave an obstacle in the middle of a step, and
+    friction takes what the force at the end of the step does, which is never negative: the rest is numerical.
+
+    Args:
+        before, after: contact in the equilibria that the step leads from and to; None where nothing touched.
+        velocity, dt: as in `ContactSolution.work`.
+        obstacles: how they move.
+        law: of the contact.
+    """
+    w, supplied, done, contact, friction = obstacles.velocities(dt), 0.0, 0.0, 0.0, 0.0
+    for one in (before, after):
+        if one is not None:
+            supplied += dt / 2 * float(one.by_obstacle.ravel().dot(w.ravel()))
+            done += dt / 2 * float(one.forces.ravel().dot(velocity.ravel()))
+    if after is not None:
+        springs, friction = after.work(velocity, dt)[1:3]
+        contact = 0.0 if law.stiffness is None else springs
+    return ContactWork(supplied, contact, friction, supplied - contact - friction - done)
 
 
 class ContactResidual(NamedTuple):

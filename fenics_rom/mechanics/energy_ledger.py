@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 
 class EnergyLedger:
-    """E - E₀ = supplied - dissipated - lost_in_switching.
+    """E - E₀ = supplied - dissipated - lost_in_switching - numerical.
 
     Every sum carries along what it was rounded by, so that a million small works add up.
 
@@ -15,7 +15,7 @@ class EnergyLedger:
 
     def __init__(self, flush: Callable[[], None] = lambda: None):
         self._flush = flush
-        self._supplied = self._dissipated = self._lost = (0.0, 0.0)
+        self._supplied = self._dissipated = self._lost = self._numerical = (0.0, 0.0)
         self._obstacles = self._contact = self._friction = (0.0, 0.0)
 
     @property
@@ -34,48 +34,63 @@ class EnergyLedger:
         return self._lost[0]
 
     @property
+    def numerical(self) -> float:
+        """Of steps without inertia: what they miss of the work on the way, of either sign; 0 as dt goes to 0."""
+        return self.sums[3][0]
+
+    @property
     def obstacles(self) -> float:
         """Of what was supplied: the work of moving obstacles."""
-        return self.sums[3][0]
+        return self.sums[4][0]
 
     @property
     def contact(self) -> float:
         """Of what was dissipated: in impacts, never negative; with the penalty method less what its springs hold."""
-        return self.sums[4][0]
+        return self.sums[5][0]
 
     @property
     def friction(self) -> float:
         """Of what was dissipated: by sliding, never negative."""
-        return self.sums[5][0]
+        return self.sums[6][0]
 
-    def book_contact(self, obstacles: float, contact: float, friction: float) -> None:
+    def book_contact(self, obstacles: float, contact: float, friction: float, numerical: float) -> None:
         """Adds what obstacles supplied and what contact and friction dissipated, J, to their sums and to the whole."""
-        self.book(supplied=obstacles, dissipated=contact + friction)
+        self.book(supplied=obstacles, dissipated=contact + friction, numerical=numerical)
         self._obstacles = _add(self._obstacles, obstacles)
         self._contact = _add(self._contact, contact)
         self._friction = _add(self._friction, friction)
 
-    def book(self, *, supplied: float = 0.0, dissipated: float = 0.0, lost_in_switching: float = 0.0) -> None:
+    def book(
+        self,
+        *,
+        supplied: float = 0.0,
+        dissipated: float = 0.0,
+        lost_in_switching: float = 0.0,
+        numerical: float = 0.0,
+    ) -> None:
         """Adds to the sums, J."""
         self._supplied = _add(self._supplied, supplied)
         self._dissipated = _add(self._dissipated, dissipated)
         self._lost = _add(self._lost, lost_in_switching)
+        self._numerical = _add(self._numerical, numerical)
 
     @property
     def sums(self) -> tuple[tuple[float, float], ...]:
         """Each sum, J, and what it was rounded by: all that there is to save."""
         self._flush()
-        return self._supplied, self._dissipated, self._lost, self._obstacles, self._contact, self._friction
+        totals = self._supplied, self._dissipated, self._lost, self._numerical
+        return *totals, self._obstacles, self._contact, self._friction
 
     @sums.setter
     def sums(self, sums: tuple[tuple[float, float], ...]) -> None:
         self._flush()  # what is not yet booked belongs to the old ones
-        self._supplied, self._dissipated, self._lost, self._obstacles, self._contact, self._friction = sums
+        self._supplied, self._dissipated, self._lost, self._numerical, *parts = sums
+        self._obstacles, self._contact, self._friction = parts
 
     def __repr__(self) -> str:
         return (
             f"EnergyLedger(supplied={self.supplied:.6g}, dissipated={self.dissipated:.6g}, "
-            f"lost_in_switching={self.lost_in_switching:.6g})"
+            f"lost_in_switching={self.lost_in_switching:.6g}, numerical={self.numerical:.6g})"
         )
 
 

@@ -101,16 +101,16 @@ def _run_in_blocks(
     assert ledger is not None
     for contact, inputs in _blocks(history, recorder.snapshot_rows):
         body.switch(contact)
-        sums = np.array([total for total, _ in ledger.sums[:3]])
+        sums = np.array([total for total, _ in ledger.sums[:4]])
         states, acted, *works = body.step_in_block(inputs)
         m = states.shape[1] // 2
         before, after = states[:-1, m:], states[1:, m:]
         changed, doubled = after - before, after + before
         monitor.add(float(np.vdot(changed, changed)), float(np.vdot(doubled, doubled)) / 4)
-        account = np.empty((4, len(inputs)))
+        account = np.empty((5, len(inputs)))
         account[0] = np.einsum("ij,ij->i", states[1:], states[1:]) / 2
         account[1:3] = sums[:2, None] + np.cumsum(works, axis=1)
-        account[3] = sums[2]
+        account[3:] = sums[2:, None]
         q = states[1:, :m] / body.rom.contact_models[contact].safe_frequencies
         displacements = {name: (q @ body.output_rows(name).T).reshape(len(q), -1, 3) for name in outputs}
         recorder.sample_block(taken, contact, acted, account, displacements)

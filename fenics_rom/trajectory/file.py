@@ -7,7 +7,7 @@ taken and why, where there was a choice). Every dataset has an attribute `unit`.
 shapes, N nodes, F triangles, P points of an output.
 
     times (S,) s, contact (S,)       index of the active contact mode
-    energy, supplied, dissipated, lost_in_switching (S,) J
+    energy, supplied, dissipated, lost_in_switching (S,) J, numerical (S,) J; the last is absent if always 0
     snapshot_times (s,) s, snapshots (s, N, 3) m, velocities (s, N, 3) m/s; these may be absent
     nodes (N, 3) m, triangles (F, 3), node_mass (N,) kg
     cells (4,)                       of the mesh, as in a ROM; may be absent
@@ -66,6 +66,7 @@ RUN = {
     "times": Entry("s", ("S",)),
     "contact": Entry("1", ("S",), "i"),
     **{name: Entry("J", ("S",)) for name in ("energy", "supplied", "dissipated", "lost_in_switching")},
+    "numerical": Entry("J", ("S",), optional=True),
     "snapshot_times": Entry("s", ("s",)),
     "snapshots": Entry("m", ("s", "N", 3)),
     "velocities": Entry("m/s", ("s", "N", 3), optional=True),
@@ -139,7 +140,8 @@ def _fill(h5: h5py.File, run: Trajectory) -> None:
     )
     sizes: Sizes = {}
     cells = None if run.cells is None else run.cells.array
-    put_arrays(h5, RUN, sizes, {name: getattr(run, name) for name in RUN} | {"cells": cells})
+    numerical = run.numerical if run.numerical.any() else None
+    put_arrays(h5, RUN, sizes, {name: getattr(run, name) for name in RUN} | {"cells": cells, "numerical": numerical})
     outputs = h5.create_group("outputs", track_order=True)
     for name, values in run.outputs.items():
         put_arrays(outputs, {name: _output_entry(name)}, sizes, {name: values})
@@ -177,6 +179,8 @@ def _take(h5: h5py.File) -> Trajectory:
     sizes: Sizes = {}
     arrays: Any = get_arrays(h5, RUN, sizes, ("outputs", "settings", *OPTIONAL_GROUPS))
     arrays["cells"] = CellQuality.from_array(arrays["cells"])
+    if arrays["numerical"] is None:
+        arrays["numerical"] = np.zeros_like(arrays["energy"])
     outputs = get_group(h5, "outputs")
     named: Any = get_arrays(outputs, {name: _output_entry(name) for name in outputs}, sizes)
     settings: Any = get_arrays(get_group(h5, "settings"), SETTINGS, sizes)

@@ -41,7 +41,7 @@ class Trajectory:
         contact: (steps + 1,) which of them was active.
         outputs: displacement of each named output, (steps + 1, points, 3), m.
         energy: (steps + 1,) stored, J.
-        supplied, dissipated, lost_in_switching: (steps + 1,) running sums, J.
+        supplied, dissipated, lost_in_switching, numerical: (steps + 1,) running sums, J; the last is 0 with inertia.
         snapshot_times: (s,), s.
         snapshots: displacement of every node, (s, N, 3), m.
         nodes: (N, 3), m.
@@ -82,6 +82,7 @@ class Trajectory:
     supplied: Array
     dissipated: Array
     lost_in_switching: Array
+    numerical: Array
     snapshot_times: Array
     snapshots: Array
     nodes: Array
@@ -116,8 +117,9 @@ class Trajectory:
 
     @property
     def balance_error(self) -> float:
-        """Largest |E - E₀ - supplied + dissipated + lost in switching|, as a share of the largest energy or work."""
-        gap = self.energy - self.energy[0] - self.supplied + self.dissipated + self.lost_in_switching
+        """Largest |E - E₀ - supplied + all the other sums|, as a share of the largest energy or work."""
+        gone = self.dissipated + self.lost_in_switching + self.numerical
+        gap = self.energy - self.energy[0] - self.supplied + gone
         scale = max(np.abs(self.energy).max(), np.abs(self.supplied).max(), np.abs(self.dissipated).max())
         return float(np.abs(gap).max() / scale) if scale > 0 else 0.0
 
@@ -215,7 +217,7 @@ class TrajectoryRecorder:
         self._kept = np.union1d(np.arange(0, steps + 1, every), steps)
         instants = len(self._kept)
         self._contact = np.zeros(instants, dtype=np.int64)
-        self._account = np.zeros((4, instants))
+        self._account = np.zeros((5, instants))
         self._outputs = {name: np.zeros((instants, points, 3)) for name, points in outputs.items()}
         self._obstacles = obstacles or {}
         self._forces = {name: np.zeros((instants, 3)) for name in self._obstacles}
@@ -244,7 +246,7 @@ class TrajectoryRecorder:
             taken: steps before them.
             contact: mode.
             inputs: (n, p) contact columns, actuators, loads.
-            account: (4, n) stored, supplied, dissipated, lost in switching after each of them, J.
+            account: (5, n) stored, supplied, dissipated, lost in switching, numerical after each of them, J.
             outputs: (n, points, 3), m.
         """
         start, stop = np.searchsorted(self._kept, [taken + 1, taken + 1 + account.shape[1]])
@@ -282,7 +284,7 @@ class TrajectoryRecorder:
             value = body.reading(name)
             self._reading_values.setdefault(name, np.zeros((len(self._kept), *value.shape)))[row] = value
         self._contact[row] = self._contacts.index(body.contact)
-        self._account[:, row] = body.energy, *(total for total, _ in ledger.sums[:3])
+        self._account[:, row] = body.energy, *(total for total, _ in ledger.sums[:4])
         for name, values in self._outputs.items():
             values[row] = body.displacement(name)
         for name, sums in self._contact_account.items():
@@ -309,7 +311,7 @@ class TrajectoryRecorder:
         cells: CellQuality | None = None,
     ) -> Trajectory:
         """The finished run."""
-        energy, supplied, dissipated, lost = self._account
+        energy, supplied, dissipated, lost, numerical = self._account
         if self._every > 1:
             settings = {**settings, "every": self._every}
         return Trajectory(
@@ -324,6 +326,7 @@ class TrajectoryRecorder:
             supplied=supplied,
             dissipated=dissipated,
             lost_in_switching=lost,
+            numerical=numerical,
             snapshot_times=self._dt * self._snapshot_steps,
             snapshots=self._snapshots,
             nodes=nodes,

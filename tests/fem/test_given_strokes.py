@@ -127,7 +127,7 @@ def test_account_closes_whatever_the_strokes_do(models, effects, h, model):
         work += reactions @ (after - before)
         before, ledger = after, body.ledger
         scale = max(scale, body.energy, abs(ledger.supplied), ledger.dissipated)
-        assert abs(body.energy - ledger.supplied + ledger.dissipated) <= 1e-12 * scale
+        assert abs(body.energy - ledger.supplied + ledger.dissipated + ledger.numerical) <= 1e-12 * scale
         assert abs(ledger.supplied - work) <= 1e-8 * scale  # of strokes that are differences of positions
         tensions.append(body.reactions["rope"])
     assert min(tensions) == 0.0 < max(tensions)
@@ -344,7 +344,7 @@ def test_guides_only_take_energy(models, model, control, h):
         take(body, [20.0 * pulled if control == "tension" else 2e-4 * min(1.0, h * 1e3) * pulled])
         ledger = body.ledger
         scale = max(scale, body.energy, abs(ledger.supplied), ledger.dissipated)
-        assert abs(body.energy - ledger.supplied + ledger.dissipated) <= 1e-12 * scale
+        assert abs(body.energy - ledger.supplied + ledger.dissipated + ledger.numerical) <= 1e-12 * scale
         dissipated.append(ledger.dissipated)
     assert np.diff(dissipated).min() >= -1e-13 * scale
     assert dissipated[-1] > 0.01 * scale

@@ -159,7 +159,8 @@ def ride(run, steps, seed, least=1e-5, most=5e-2, strength=1.0):
     for _ in range(steps):
         run.step(np.exp(random.uniform(np.log(least), np.log(most))), strength * random.standard_normal(run.actuators))
         energy, account = run.body.energy, run.body.ledger
-        gap = max(gap, abs(energy - account.supplied + account.dissipated + account.lost_in_switching))
+        gone = account.dissipated + account.lost_in_switching + account.numerical
+        gap = max(gap, abs(energy - account.supplied + gone))
         scale = max(scale, energy, abs(account.supplied), account.dissipated)
         assert account.friction >= friction - SOLVED_TO * scale
         assert account.contact >= contact - SOLVED_TO * scale

@@ -39,6 +39,7 @@ def record(dt=0.1, steps=20, scale=1.0, every=2, **changes):
             supplied=zeros,
             dissipated=zeros,
             lost_in_switching=zeros,
+            numerical=zeros,
             snapshot_times=snapshot_times,
             snapshots=motion(snapshot_times, scale),
             nodes=NODES,

@@ -124,6 +124,10 @@ class QuasiStaticResidual:
         residual = external - self._missing - internal - multiply(m.spring, x_end)
         return TrialStep(v, residual, pushes, external, internal, stresses, u_end)
 
+    def elastic_force(self, trial: TrialStep) -> Array:
+        """Of the body and its springs, at a trial (rows here, 1), N."""
+        return trial.internal_force + multiply(self.model.spring, self.start.x + self.h * trial.v)
+
     def apply_tangent(self, trial: TrialStep, dv: Array) -> Array:
         """As in MidpointResidual."""
         m = self.model

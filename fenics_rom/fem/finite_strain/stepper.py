@@ -12,11 +12,18 @@ from fenics_rom.fem.finite_strain.gmres import Gmres
 from fenics_rom.fem.finite_strain.model import ExternalForce, FiniteStrainModel, multiply
 from fenics_rom.fem.finite_strain.newton import NewtonIterate, NotConvergedError, solve_step
 from fenics_rom.fem.finite_strain.preconditioner import TangentCoefficients, TangentPreconditioner
-from fenics_rom.fem.finite_strain.residuals import MidpointResidual, QuasiStaticResidual, StepResidual, StepStart
+from fenics_rom.fem.finite_strain.residuals import (
+    MidpointResidual,
+    QuasiStaticResidual,
+    StepResidual,
+    StepStart,
+    TrialStep,
+)
 from fenics_rom.fem.finite_strain.stresses import IDENTITY, MidpointStresses
 from fenics_rom.fem.full_order_body import FullOrderBody
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
-from fenics_rom.mechanics.contact import ObstacleMotion
+from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, equilibrium_work
+from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.hyperelastic import strain
 from fenics_rom.mechanics.step import StepInput, StepResult
 from fenics_rom.system.system import Array, System
@@ -218,12 +225,12 @@ class FiniteStrainStepper(FullOrderBody):
             equation = MidpointResidual(self._model, start, load, h)
         else:
             equation = QuasiStaticResidual(self._model, start, load, h, (1 - done - share) * missing)
+        motion = None if obstacles is None else obstacles.part(done, share, self.dt)
         if self._forces_in_newton is not None:
-            motion = None if obstacles is None else obstacles.part(done, share, self.dt)
             self._forces_in_newton.begin(equation, motion, u, given)
         solution = self._solution(equation)
         self.newton += solution.iterations
-        self._book(equation, solution, missing is not None)
+        self._book(equation, solution, motion)
         trial = solution.trial
         x = self.x + h * trial.v
         v = np.zeros_like(x) if missing is not None else 2 * trial.v - self.v
@@ -270,22 +277,40 @@ class FiniteStrainStepper(FullOrderBody):
             return [self.v, 2 * self._past[0] - self._past[1]]
         return [self.v]
 
-    def _book(self, equation: StepResidual, solution: NewtonIterate, quasi_static: bool) -> None:
+    def _book(self, equation: StepResidual, solution: NewtonIterate, obstacles: ObstacleMotion | None) -> None:
         """Books what a part of a step supplied and dissipated."""
         if self.ledger is None:
             return
         m, trial, h, contact = self._model, solution.trial, equation.h, solution.found.contact
+        if isinstance(equation, QuasiStaticResidual):
+            self._book_at_rest(self.ledger, equation, trial, contact, obstacles)
+            return
+        assert isinstance(trial.stresses, MidpointStresses)
         supplied = h * m.dot(trial.external_force, trial.v)
         if contact is not None and self.interface is not None:
             self.ledger.book_contact(*contact.work(self.interface.at_points(trial.v), h))
-        if quasi_static:
-            pushed = h * m.dot(self.interface.force(contact), trial.v) if self.interface is not None else 0.0
-            x = self.x + h * trial.v
-            stored = m.elastic_energy(strain(trial.stresses.F_end - IDENTITY)) + m.dot(x, multiply(m.spring, x)) / 2
-            self.ledger.book(supplied=supplied, dissipated=supplied + pushed + self.energy - stored)
-            return
-        assert isinstance(trial.stresses, MidpointStresses)
         drawn = m.dot(trial.v, multiply(m.external_damping, trial.v))
         self.ledger.book(supplied=supplied, dissipated=h * drawn + m.points.integrate(trial.stresses.heat))
         change = 2 * (trial.v - self.v)
         self.time_step_monitor.add(m.dot(change, m.mass @ change), m.dot(trial.v, m.mass @ trial.v))
+
+    def _book_at_rest(
+        self,
+        ledger: EnergyLedger,
+        equation: QuasiStaticResidual,
+        trial: TrialStep,
+        contact: ContactSolution | None,
+        obstacles: ObstacleMotion | None,
+    ) -> None:
+        """The same between equilibria, as Equilibrium of runtime/steppers does."""
+        m, h = self._model, equation.h
+        x = self.x + h * trial.v
+        elastic = equation.elastic_force(trial) + equation.elastic_force(equation.evaluate(np.zeros_like(x)))
+        stored = m.elastic_energy(strain(trial.stresses.F_end - IDENTITY)) + m.dot(x, multiply(m.spring, x)) / 2
+        loads = elastic
+        if self.interface is not None and obstacles is not None:
+            loads = loads - self.interface.force(self.contact) - self.interface.force(contact)
+            at_points, law = self.interface.at_points(trial.v), self.interface.solver.law
+            ledger.book_contact(*equilibrium_work(self.contact, contact, at_points, h, obstacles, law))
+        done = h / 2 * m.dot(elastic, trial.v)
+        ledger.book(supplied=h / 2 * m.dot(loads, trial.v), numerical=done - (stored - self.energy))

@@ -1,4 +1,9 @@
-"""Large deformation without inertia: every step is an equilibrium."""
+"""Large deformation without inertia: every step is an equilibrium.
+
+On the way there the loads supply ½ (F + F⁺)·(q⁺ - q), with F = Φ'(q) - Sᵀ f that held the body before, f of the step
+before. A body of linear elasticity stores that; by how much another one stores less is numerical, of second order in
+the step.
+"""
 
 import math
 
@@ -32,7 +37,10 @@ class Equilibrium(FiniteStrainKernel):
             start = self._coordinates().copy()
             strokes, reactions = self._strokes_at(start), self.reactions
             u, given = (u, strokes) if self._actuators is None else self._actuators.split(u)
-            unbalanced = self._body.force(start) - self._loads(u, start)
+            held = elastic = self._body.force(start)
+            if self._interface is not None and self.contact is not None:
+                held = held - self._pushed(self.contact)
+            unbalanced = elastic - self._loads(u, start)
             if self._actuators is not None:
                 unbalanced -= self._stroke_columns(start).dot(reactions)
             q, share, growth = start, 0.0, 1.0
@@ -53,15 +61,14 @@ class Equilibrium(FiniteStrainKernel):
             moved, pushed = q - start, self._loads(u, q)
             if self._actuators is not None:
                 pushed = pushed + self._stroke_columns(q).dot(reactions)
-            force = pushed
+            elastic = elastic + pushed
             if contact is not None:
-                force = force + self._pushed(contact)
+                elastic += self._pushed(contact)
             E = self._body.strains(q)
             stored = self._body.energy(q, E)
-            # What contact takes is booked by itself; the rest of what is lost goes into heat on the way.
-            heat = float(force.dot(moved)) - (stored - self._body.energy(start))
-            supplied = float(pushed.dot(moved))
-            self._leave(StepWork(supplied, heat, self._contacts(moved / self.h, contact, self.h)))
+            numerical = float(elastic.dot(moved)) / 2 - (stored - self._body.energy(start))
+            supplied = float((held + pushed).dot(moved)) / 2
+            self._leave(StepWork(supplied, 0.0, self._contacts_at_rest(moved, contact, obstacles), numerical))
             np.multiply(q, self._ω, self._e)
             self.contact, self.reactions = contact, reactions
             self._note(q, E, self._acting(u))

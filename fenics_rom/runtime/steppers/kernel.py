@@ -1,11 +1,13 @@
 """What kernels have in common. A kernel is the arithmetic of a step; a stepper has one, or one of each contact mode."""
 
+from collections.abc import Callable
+from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
 from fenics_rom.mechanics.actuator_forces import ActuatorForces, PointsHeldBack
-from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointMotion
+from fenics_rom.mechanics.contact import ContactSolution, ContactWork, ObstacleMotion, PointMotion, equilibrium_work
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.rom.rom import ContactModel
 
@@ -13,6 +15,7 @@ if TYPE_CHECKING:
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
 
 Array = np.ndarray
+ContactWorks = tuple[Callable[[], ContactWork], ...]  # of each part of a step
 
 
 class Kernel:
@@ -92,8 +95,8 @@ class StepWork(NamedTuple):
 
     supplied: float  # but for contact, J
     dissipated: float  # but for contact, J
-    # Contact in each part of the step, mid-step velocities of the points (P, 3), m/s, and the part's length, s.
-    contacts: tuple[tuple[ContactSolution, Array, float], ...]
+    contacts: ContactWorks
+    numerical: float = 0.0  # but for contact, J
 
 
 class BookedKernel(Kernel):
@@ -151,9 +154,9 @@ class BookedKernel(Kernel):
         owed, self._owed = self._owed, None
         if owed is None or self._ledger is None:
             return
-        self._ledger.book(supplied=owed.supplied, dissipated=owed.dissipated)
-        for contact, velocities, h in owed.contacts:
-            self._ledger.book_contact(*contact.work(velocities, h))
+        self._ledger.book(supplied=owed.supplied, dissipated=owed.dissipated, numerical=owed.numerical)
+        for contact_work in owed.contacts:
+            self._ledger.book_contact(*contact_work())
 
     def _coordinates(self) -> Array:
         """q (m,), which a later call overwrites."""
@@ -225,11 +228,19 @@ class BookedKernel(Kernel):
         pushed: Array = self._Sᵀ.dot(contact.forces.ravel())
         return pushed
 
-    def _contacts(
-        self, v: Array, contact: ContactSolution | None, h: float
-    ) -> tuple[tuple[ContactSolution, Array, float], ...]:
+    def _contacts(self, v: Array, contact: ContactSolution | None, h: float) -> ContactWorks:
         """What StepWork holds of contact at mid-step velocities v̂ (m,) in h s; nothing where nothing touches."""
-        return () if contact is None else ((contact, v.dot(self._Sᵀ).reshape(-1, 3), h),)
+        return () if contact is None else (partial(contact.work, v.dot(self._Sᵀ).reshape(-1, 3), h),)
+
+    def _contacts_at_rest(
+        self, moved: Array, contact: ContactSolution | None, obstacles: ObstacleMotion | None
+    ) -> ContactWorks:
+        """The same of a step between equilibria, in which the body moved by (m,)."""
+        if self._interface is None or obstacles is None or (contact is None and self.contact is None):
+            return ()
+        velocities = (moved / self.h).dot(self._Sᵀ).reshape(-1, 3)
+        law = self._interface.solver.law
+        return (partial(equilibrium_work, self.contact, contact, velocities, self.h, obstacles, law),)
 
     def _leave(self, work: StepWork) -> None:
         """Notes what is there before a step, and what is to be booked after it."""

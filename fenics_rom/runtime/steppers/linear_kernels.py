@@ -5,8 +5,9 @@ Contact points have the displacement S x, S their rows of the basis. In a step o
     v̂ = A⁻¹ (G u + 2/h r - ω e + Sᵀ f),
 
 with forces f that contact needs for the free velocity S v̂ without them and the Delassus operator W = S A⁻¹ Sᵀ. Without
-inertia a step leads to the equilibrium e⁺ = ω⁻¹ (G u + Sᵀ f): that is the same with A = h K and b = G u - K x. On its
-way there the body dissipates ½ |e⁺ - e|², as a damped motion would under this load.
+inertia a step leads to the equilibrium e⁺ = ω⁻¹ (G u + Sᵀ f): that is the same with A = h K and b = G u - K x. On the
+way there all forces change linearly, as the shape does then: the loads supply ½ (F + F⁺)·(q⁺ - q), which is all stored
+where nothing touches or rubs. F = ω e - Sᵀ f are those that held the body before, f of the step before.
 
 Actuators by stroke, and tendons that rub, have forces z that are found with those of contact: G u + B z is in place of
 G u, with their columns B.
@@ -43,7 +44,7 @@ class ContactMidpoint(BookedKernel):
         elastic, inertial = self._elastic_and_inertial * self._halves
         right = pushed + elastic + inertial
         v = _applied(self._a, right)
-        q, reactions = self._coordinates(), self.reactions
+        q, found = self._coordinates(), self.reactions
         if given is None or self._actuators is None:
             contact = self._solve_contact(q, self._r, v, self.h, obstacles)
         else:
@@ -53,7 +54,6 @@ class ContactMidpoint(BookedKernel):
             found, contact = self._solve_actuators(u, self._columns, self._spread, targets, *motion)
             by_strokes, rubbed = self._actuators.parts(self._columns, found)
             pushed, right = pushed + by_strokes, right + by_strokes + rubbed
-            reactions = found
         if contact is not None:
             right += self._pushed(contact)
         if contact is not None or given is not None:
@@ -67,7 +67,7 @@ class ContactMidpoint(BookedKernel):
             self._rigid_displacement += h * v[: len(self._rigid_displacement)]
         self._e += self._travel * v
         np.subtract(v + v, self._r, self._r)
-        self.contact, self.reactions = contact, reactions
+        self.contact, self.reactions = contact, found
         return self.state.dot(self.state)
 
 
@@ -90,7 +90,10 @@ class QuasiStatic(BookedKernel):
         force = self._model.inputs.dot(u)
         change = force * self._inverse_ω - self._e
         free = change * self._inverse_ω / self.h
-        motion, reactions = (self._coordinates(), self._r, free, self.h, obstacles, True), self.reactions
+        motion, found = (self._coordinates(), self._r, free, self.h, obstacles, True), self.reactions
+        held = self._ω * self._e  # the body so far, but for contact and guides
+        if self._interface is not None and self.contact is not None:
+            held -= self._pushed(self.contact)
         if given is None or self._actuators is None:
             contact = self._solve_contact(*motion)
         else:
@@ -99,17 +102,17 @@ class QuasiStatic(BookedKernel):
             by_strokes, rubbed = self._actuators.parts(self._columns, found)
             force = force + by_strokes
             change += (by_strokes + rubbed) * self._inverse_ω
-            reactions = found
         if contact is not None:
             change += self._inverse_ω * self._pushed(contact)
-        moved = change * self._inverse_ω
-        contacts = self._contacts(moved / self.h, contact, self.h)
-        dissipated = float(change.dot(change)) / 2
-        if given is not None:
-            dissipated -= float(rubbed.dot(moved))
-        self._leave(StepWork(float(force.dot(moved)), dissipated, contacts))
+        moved, dissipated, numerical = change * self._inverse_ω, 0.0, 0.0
+        if given is not None and self._actuators is not None:
+            _, rubbed_before = self._actuators.parts(self._columns, self.reactions)
+            held -= rubbed_before
+            dissipated, numerical = -float(rubbed.dot(moved)), float((rubbed - rubbed_before).dot(moved)) / 2
+        supplied = float((held + force).dot(moved)) / 2
+        self._leave(StepWork(supplied, dissipated, self._contacts_at_rest(moved, contact, obstacles), numerical))
         self._e += change
-        self.contact, self.reactions = contact, reactions
+        self.contact, self.reactions = contact, found
         return self.state.dot(self.state)
 
 

@@ -8,7 +8,7 @@ from fenics_rom.errors import StepError
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion
 from fenics_rom.mechanics.hyperelastic import discrete_gradient_stress, linear_stress, moduli
 from fenics_rom.runtime.steppers.finite_strain import FiniteStrainKernel, definite_inverse
-from fenics_rom.runtime.steppers.kernel import StepWork, symmetric
+from fenics_rom.runtime.steppers.kernel import ContactWorks, StepWork, symmetric
 
 Array = np.ndarray
 
@@ -88,7 +88,7 @@ class Newton(FiniteStrainKernel):
         u, given = (u, strokes) if self._actuators is None else self._actuators.split(u)
         supplied = dissipated = 0.0
         contact: ContactSolution | None = None
-        contacts: tuple[tuple[ContactSolution, Array, float], ...] = ()
+        contacts: ContactWorks = ()
         for part in range(parts):
             motion = None if obstacles is None else obstacles.part(part / parts, 1 / parts, self.h)
             solution = self._solved(u, strokes + (part + 1) / parts * (given - strokes), q, r, h, motion)

@@ -25,6 +25,7 @@ CONTACT_LEDGER_LABELS = {
     "contact": "dissipated in contact",
     "friction": "dissipated by friction",
 }
+NUMERICAL_LABEL = {"numerical": "numerical"}  # of steps without inertia
 AXES = "xyz"
 UNDERLYING_LINE: dict[str, Any] = {"linestyle": "-", "linewidth": 3.0, "alpha": 0.35}
 LONG_LABEL_LETTERS = 18  # three such labels are wider than a panel
@@ -49,7 +50,7 @@ def _draw_energy(figure: Any, runs: Runs) -> None:
     axes = figure.subplots()
     accounts = [_account(run) for run in runs.values()]
     scale, unit = prefixed("J", max(np.abs(sums).max() for account in accounts for sums in account.values()))
-    labels = LEDGER_LABELS | CONTACT_LEDGER_LABELS
+    labels = LEDGER_LABELS | CONTACT_LEDGER_LABELS | NUMERICAL_LABEL
     colours = {name: f"C{k}" for k, name in enumerate(labels)}
     time = _draw_time_axis(axes, runs)
     for line, run, account in zip(_line_styles(runs), runs.values(), accounts, strict=True):
@@ -63,7 +64,8 @@ def _draw_energy(figure: Any, runs: Runs) -> None:
 def _account(run: Trajectory) -> dict[str, Array]:
     """Its sums, in the order of their labels."""
     contact = {name: run.contact_account[name] for name in CONTACT_LEDGER_LABELS if name in run.contact_account}
-    return {name: getattr(run, name) for name in LEDGER_LABELS} | contact
+    numerical = {"numerical": run.numerical} if run.numerical.any() else {}
+    return {name: getattr(run, name) for name in LEDGER_LABELS} | contact | numerical
 
 
 def _draw_output(figure: Any, runs: Runs, name: str) -> None:

@@ -37,12 +37,13 @@ class Actuator(NamedTuple):
 
 
 class Account(NamedTuple):
-    """Where the energy is, J: stored = supplied - dissipated - lost in switching, but for round-off."""
+    """Where the energy is, J: stored = supplied - dissipated - lost in switching - numerical, but for round-off."""
 
     stored: float
     supplied: float
     dissipated: float
     lost: float
+    numerical: float
 
 
 class LiveBody:
@@ -136,7 +137,7 @@ class LiveBody:
         """Of the steps since the last reset."""
         ledger = self.simulator.ledger
         assert ledger is not None
-        return Account(self.simulator.energy, ledger.supplied, ledger.dissipated, ledger.lost_in_switching)
+        return Account(self.simulator.energy, *(total for total, _ in ledger.sums[:4]))
 
     def reading(self, name: str) -> ReadingSeries:
         """A reading, of this instant alone."""

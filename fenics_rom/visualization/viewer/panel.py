@@ -10,7 +10,13 @@ from fenics_rom.visualization.viewer.colours import band_colours, round_up, with
 
 Array = np.ndarray
 
-ENERGY_SERIES = {"stored": "#1f77b4", "supplied": "#2ca02c", "dissipated": "#d62728", "lost in switching": "#9467bd"}
+ENERGY_SERIES = {
+    "stored": "#1f77b4",
+    "supplied": "#2ca02c",
+    "dissipated": "#d62728",
+    "lost in switching": "#9467bd",
+    "numerical": "#7f7f7f",
+}
 MAX_SAMPLES = 200  # in the plot
 
 
@@ -80,7 +86,7 @@ class EnergyPlot:
         self._draw(np.array(self._rows))
 
     def show(self, times: Array, energies: Array) -> None:
-        """Shows a whole run: (S,), s, and (4, S), J."""
+        """Shows a whole run: (S,), s, and (5, S), J."""
         every = max(1, len(times) // MAX_SAMPLES)
         self._draw(np.column_stack([times, energies.T])[::every])
 

@@ -106,7 +106,8 @@ class RunPage:
         self._colours = ColourScale(gui)
         with gui.add_folder("Energy"):
             plot = EnergyPlot(self._viser, gui)
-            plot.show(run.times, np.array([run.energy, run.supplied, run.dissipated, run.lost_in_switching]))
+            sums = run.energy, run.supplied, run.dissipated, run.lost_in_switching, run.numerical
+            plot.show(run.times, np.array(sums))
         self._playing = False
 
         @self._play.on_click
