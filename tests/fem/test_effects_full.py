@@ -432,7 +432,7 @@ PATHS = {  # a law beside, what a floor does, and the order at which what is mis
 
 @BOTH
 @pytest.mark.parametrize("path", PATHS)
-def test_what_equilibria_miss_of_the_work_of_contact_goes_to_zero_with_the_step(bar, model, path):
+def test_what_equilibria_miss_of_the_work_of_contact_goes_to_zero_with_the_step(bar, model, path, tmp_path):
     """And it stands apart: what is dissipated is friction's, the work of the floor the integral of its force.
 
     Where in a step a point begins to touch makes it uneven, so it is the mean of four starts within a step.
@@ -455,6 +455,8 @@ def test_what_equilibria_miss_of_the_work_of_contact_goes_to_zero_with_the_step(
         way, force = np.diff([lift(t) for t in run.times], axis=0), run.forces["floor"]
         work = np.cumsum(((force[1:] + force[:-1]) / 2 * way).sum(axis=1))
         assert np.abs(run.contact_account["obstacles"][1:] - work).max() <= 1e-12 * np.abs(work).max()
+        fr.write_trajectory(tmp_path / "run.h5", run)
+        np.testing.assert_array_equal(fr.read_trajectory(tmp_path / "run.h5").numerical, run.numerical)
         return np.abs(run.numerical).max() / run.energy.max()
 
     coarse, fine = (np.mean([missed(steps, k / (4 * steps)) for k in range(4)]) for steps in (20, 60))

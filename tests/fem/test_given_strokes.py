@@ -334,10 +334,13 @@ def test_tension_falls_at_each_guide_as_the_capstan_says(models, model, control)
 
 @BOTH
 @pytest.mark.parametrize("control", ["tension", "length"])
-@pytest.mark.parametrize("h", [1e-5, 1e-3, 1e-1])
+@pytest.mark.parametrize("h", [1e-5, 1e-3, 1e-1, 1.0])
 def test_guides_only_take_energy(models, model, control, h):
-    """Pulled and let go, of a body without damping: what is dissipated is the guides', and never given back."""
-    effects = "inertia = {}\n" + RUBS + WORM + f'control = "{control}"\n'
+    """Pulled and let go, of a body without damping: what is dissipated is the guides', and never given back.
+
+    In the longest step without inertia.
+    """
+    effects = ("inertia = {}\n" if h < 1 else "") + RUBS + WORM + f'control = "{control}"\n'
     body, scale, dissipated = body_of(models, effects, model, h), 0.0, [0.0]
     for step in range(60):
         pulled = 1 - np.cos(step / 4) if step < 40 else 0.5

@@ -61,6 +61,8 @@ def test_energy_account_is_the_run_s_in_readable_units(touching):
     sums = [touching.energy, touching.supplied, touching.dissipated, touching.lost_in_switching]
     sums += touching.contact_account.values()
     assert len(lines(axes)) == len(sums) == 7
+    still = drawn(run_panels({"run": replace(touching, numerical=touching.energy)})["energy"]).axes[0]
+    assert len(lines(still)) == 8
     for (t, values), expected in zip(lines(axes), sums, strict=True):
         np.testing.assert_allclose(t, 1e3 * touching.times)
         np.testing.assert_allclose(values, expected, rtol=1e-14)
