@@ -305,7 +305,8 @@ class FiniteStrainStepper(FullOrderBody):
         """The same between equilibria, as Equilibrium of runtime/steppers does."""
         m, h = self._model, equation.h
         x = self.x + h * trial.v
-        elastic = equation.elastic_force(trial) + equation.elastic_force(equation.evaluate(np.zeros_like(x)))
+        start = equation.evaluate(np.zeros_like(x), self.reactions)
+        elastic = equation.elastic_force(start) + equation.elastic_force(trial)
         stored = m.elastic_energy(strain(trial.stresses.F_end - IDENTITY)) + m.dot(x, multiply(m.spring, x)) / 2
         loads = elastic
         if self.interface is not None and obstacles is not None:
