@@ -172,7 +172,7 @@ def test_a_conveyor_takes_along_what_lies_on_it():
     for _ in range(500):
         block.step(w=(0.7, 0.0, 0.0))
     np.testing.assert_allclose(block.velocity, [[0.7, 0.0, 0.0]], atol=1e-14)
-    supplied, impact, friction = block.sums()
+    supplied, impact, friction, _ = block.sums()
     assert supplied == pytest.approx(2.0 * 0.7**2, rel=1e-12)
     assert friction == pytest.approx(0.5 * 2.0 * 0.7**2, rel=1e-12)
     assert abs(impact) < 1e-15
@@ -185,7 +185,7 @@ def test_a_piston_does_work():
     for _ in range(100):
         weight.step(w=(0.0, 0.0, 0.3))
     np.testing.assert_allclose(weight.velocity, [[0, 0, 0.3]], atol=1e-14)
-    supplied, impact, friction = weight.sums()
+    supplied, impact, friction, _ = weight.sums()
     assert weight.energy - weight.work == pytest.approx(supplied - impact, rel=1e-12)
     assert impact == pytest.approx(0.5 * (2 * 0.3 + 2 * G * h) * 0.3, rel=1e-12)
     assert friction == pytest.approx(0.0, abs=1e-15)
