@@ -71,7 +71,7 @@ class Points:
         return self.contact.gaps(self.x.reshape(-1, 3), self.offsets).min()
 
     def sums(self):
-        return np.sum(self.accounts, axis=0) if self.accounts else np.zeros(3)
+        return np.sum(self.accounts, axis=0) if self.accounts else np.zeros(4)
 
 
 def chain(P, k):
@@ -248,7 +248,7 @@ def test_energy_law_in_random_scenes(seed, e, μ):
         if not goes_on(body, w):
             assert (body.energy, body.work, body.heat) == (before, work, heat)
             return
-        supplied, impact, friction = body.accounts[-1] if len(body.accounts) > booked else (0.0, 0.0, 0.0)
+        supplied, impact, friction = body.accounts[-1][:3] if len(body.accounts) > booked else (0.0, 0.0, 0.0)
         change = (body.work - work) - (body.heat - heat) + supplied - impact - friction
         scale = max(body.energy, before, abs(supplied), abs(body.work - work))
         assert abs(body.energy - before - change) <= 1e-9 * scale
