@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from fenics_rom.errors import SceneError, shown
 from fenics_rom.io.progress import Report, silent
@@ -61,30 +61,21 @@ def simulate(
     if isinstance(model, str | PathLike):
         reader = ("rom.file", "read_rom") if is_rom_file(model) else ("scene.file", "read_scene")
         model = load(*reader)(model)
+    of_any: dict[str, Any] = {"dt": dt, "every": every, "signals": signals, "report": report}
+    of_roms: dict[str, Any] = {"scene": scene, "profile": profile, "rate": rate, "stepper": stepper}
     if isinstance(model, Rom):
         from fenics_rom.runtime.simulate import simulate as simulate_rom
 
-        return simulate_rom(
-            model,
-            scene=scene,
-            dt=dt,
-            every=every,
-            signals=signals,
-            profile=profile,
-            rate=rate,
-            stepper=stepper,
-            report=report,
-        )
+        return simulate_rom(model, **of_roms, **of_any)
     if not (isinstance(model, Scene) or hasattr(model, "stiffness")):
         raise SceneError(f"simulate: {shown(model)} was given; allowed are a Scene, a System, a Rom, or a file's name")
-    for_roms = {"scene": scene, "profile": profile, "rate": rate, "stepper": stepper}
-    given = [name for name, value in for_roms.items() if value is not None and value is not False]
+    given = [name for name, value in of_roms.items() if value is not None and value is not False]
     if given:
         raise SceneError(
             f"simulate: {', '.join(given)} cannot be used with a {type(model).__name__}, which is run at full order; "
             "allowed with a Rom"
         )
-    trajectory: Trajectory = load("fem.simulate", "simulate")(model, dt=dt, every=every, signals=signals, report=report)
+    trajectory: Trajectory = load("fem.simulate", "simulate")(model, **of_any)
     return trajectory
 
 

@@ -85,7 +85,7 @@ def _system(scene: Scene, comm: Any) -> System:
         )
     material, effects = _material_of_cells(scene, mesh), scene.effects
     young = {"material" if m.cells is None else f"materials.{name}": m.young for name, m in scene.materials.items()}
-    is_proportional = not (effects.damping_of_materials or effects.dashpots)
+    is_proportional = not (effects.damped.materials or effects.damped.dashpots)
 
     matrices = _matrices(comm, mesh, nodes, scene, material, unknowns)
     algebra = PetscAlgebra(comm, matrices.mass.mat.getOwnershipRange())
@@ -112,7 +112,7 @@ def _system(scene: Scene, comm: Any) -> System:
         },
         readings=readings_of(scene, nodes, material, unknowns),
         algebra=algebra,
-        rayleigh=(effects.rayleigh.alpha, effects.rayleigh.beta) if is_proportional else None,
+        rayleigh=(effects.damped.alpha, effects.damped.beta) if is_proportional else None,
         rigid=rigid,
         body=Body(
             nodes.coordinates,
@@ -213,7 +213,7 @@ def _matrices(comm: Any, mesh: Mesh, nodes: Nodes, scene: Scene, material: np.nd
     stress = λ * ufl.tr(ε_u) * ufl.Identity(3) + 2 * μ * ε_u
     inertia, elasticity = ρ * ufl.inner(u, v), ufl.inner(stress, ε_v)
     full = {"mass": assemble_form(inertia * ufl.dx), "stiffness": assemble_form(elasticity * ufl.dx)}
-    if scene.effects.damping_of_materials:
+    if scene.effects.damped.materials:
         α, β = (_cell_function(domain, column) for column in _damping_of_cells(scene, mesh).T)
         full["damping"] = assemble_form((α * inertia + β * elasticity) * ufl.dx)
         if scene.effects.large_deformation is not None:
@@ -222,7 +222,7 @@ def _matrices(comm: Any, mesh: Mesh, nodes: Nodes, scene: Scene, material: np.nd
     dolfinx_number = dolfinx_nodes(space, scene.degree, nodes)
     node_mass, translated = node_masses(full["mass"], dolfinx_number)
     reduced = restrict_matrices(full, unknowns, dolfinx_number, nodes.coordinates)
-    α, β = scene.effects.rayleigh.alpha, scene.effects.rayleigh.beta
+    α, β = scene.effects.damped.alpha, scene.effects.damped.beta
     springs, dashpots = springs_of(scene, nodes), dashpots_of(scene, nodes)
     damped_springs = β * springs if β and springs is not None else None
     mass, stiffness = reduced["mass"], with_surfaces(reduced["stiffness"], springs, unknowns)
@@ -249,9 +249,9 @@ def _matrices(comm: Any, mesh: Mesh, nodes: Nodes, scene: Scene, material: np.nd
 
 def _damping_of_cells(scene: Scene, mesh: Mesh) -> np.ndarray:
     """α (1/s) and β (s) of every cell of the mesh file, (C, 2)."""
-    rayleigh = scene.effects.rayleigh
+    rayleigh = scene.effects.damped
     values = np.tile([rayleigh.alpha, rayleigh.beta], (len(mesh.cells), 1))
-    for name, of_material in scene.effects.damping_of_materials.items():
+    for name, of_material in scene.effects.damped.materials.items():
         if name not in scene.materials:
             raise SceneError(f"{scene.source}: effects.damping.materials: {unknown('material', name, scene.materials)}")
         cells = scene.materials[name].cells

@@ -14,6 +14,7 @@ from fenics_rom.fem.nodes import Nodes, face_keys, patch_triangles, triangle_are
 from fenics_rom.mechanics.readings import (
     ChamberVolume,
     ContactPressure,
+    ReadableBody,
     Reading,
     SurfaceReading,
     TendonLength,
@@ -171,42 +172,22 @@ def _can_sweep(nodes: Nodes, rim: Array, cap: Array, unknowns: Unknowns) -> bool
     return not is_flat or bool(np.abs(across.data).max(initial=0.0) > ROUND_OFF)
 
 
-class ReadableFullOrder:
-    """A body at full order, as readings ask for it; see ReadableBody. Every rank must make every call.
+def readable(system: System, body: FullOrderBody) -> ReadableBody:
+    """A body at full order, as readings ask for it, by its unknowns (n,); every rank must make every call."""
+    deformation, algebra, interface = system.deformation, system.algebra, body.interface
 
-    Args:
-        system: the full-order model.
-        body: as it is now.
-    """
+    def coordinates() -> Array:
+        return algebra.gather(body.x)[:, 0]
 
-    def __init__(self, system: System, body: FullOrderBody):
-        self._system, self._body = system, body
-
-    @property
-    def coordinates(self) -> Array:
-        """See ReadableBody: the unknowns (n,)."""
-        return self._system.algebra.gather(self._body.x)[:, 0]
-
-    @property
-    def law(self) -> str | None:
-        """See ReadableBody."""
-        return None if self._system.deformation is None else self._system.deformation.law
-
-    def stroke(self, actuator: str) -> float:
-        """See ReadableBody."""
-        s, x, deformation = self._system, self._body.x, self._system.deformation
+    def stroke(actuator: str) -> float:
         if deformation is None:
-            return float(s.algebra.inner(s.unit_forces(actuator), x)[0, 0])
+            return float(algebra.inner(system.unit_forces(actuator), body.x)[0, 0])
         if actuator in deformation.tendons:
             points, shapes = deformation.tendons[actuator]
-            return cable_length(points) - cable_length(points + s.algebra.inner(shapes, x).reshape(-1, 3))
+            return cable_length(points) - cable_length(points + algebra.inner(shapes, body.x).reshape(-1, 3))
+        return swept_volume(
+            lambda x: algebra.gather(deformation.follower(x[algebra.rows()])[actuator])[:, 0], coordinates()
+        )
 
-        def force(x: Array) -> Array:
-            return s.algebra.gather(deformation.follower(x[s.algebra.rows()])[actuator])[:, 0]
-
-        return swept_volume(force, self.coordinates)
-
-    def normal_forces(self, nodes: Array) -> Array:
-        """See ReadableBody."""
-        interface = self._body.interface
-        return np.zeros(len(nodes)) if interface is None else interface.points.normal_forces(self._body.contact, nodes)
+    law, points = None if deformation is None else deformation.law, None if interface is None else interface.points
+    return ReadableBody(law, coordinates, stroke, points, body.contact)

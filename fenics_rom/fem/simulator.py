@@ -8,7 +8,7 @@ import numpy as np
 from fenics_rom.errors import StepError, unknown
 from fenics_rom.fem.finite_strain.stepper import FiniteStrainStepper
 from fenics_rom.fem.linear_stepper import FullOrderStepper
-from fenics_rom.fem.readings import ReadableFullOrder
+from fenics_rom.fem.readings import readable
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.environment import Environment
 from fenics_rom.mechanics.initial_state import InitialState, lost_messages, missing_share
@@ -122,7 +122,7 @@ class FullOrderSimulator:
         """
         if name not in self.system.readings:
             raise StepError(unknown("reading", name, self.system.readings))
-        return self.system.readings[name].read(ReadableFullOrder(self.system, self.stepper))
+        return self.system.readings[name].read(readable(self.system, self.stepper))
 
     def obstacle_forces(self) -> Array:
         """Forces of the obstacles on the body in the last step, (O, 3), N."""

@@ -21,7 +21,7 @@ def springs_of(scene: Scene, nodes: Nodes) -> scipy.sparse.csr_matrix | None:
 
 def dashpots_of(scene: Scene, nodes: Nodes) -> scipy.sparse.csr_matrix | None:
     """Damping of dashpots to ground, of each component of the nodes (N, N), N s/m."""
-    dashpots = scene.effects.dashpots
+    dashpots = scene.effects.damped.dashpots
     return _on_surfaces(nodes, ((f"effects.damping.dashpots.{name}", d, d.coefficient) for name, d in dashpots.items()))
 
 

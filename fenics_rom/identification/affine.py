@@ -112,7 +112,7 @@ class AffineSystem:
             assemble(self._sample(bare, name, young=2.5, poisson=0.25, density=2.0)) for name in self._names
         ]
         self._sheared = [assemble(self._sample(bare, name, young=4.0)) for name in self._names[1:]]
-        springs, dashpots = scene.effects.springs, scene.effects.dashpots
+        springs, dashpots = scene.effects.springs, scene.effects.damped.dashpots
         self._grounded = None
         if springs or dashpots:
             damping = Damping(dashpots=dashpots) if dashpots else None

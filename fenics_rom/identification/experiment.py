@@ -8,8 +8,7 @@ import numpy as np
 
 from fenics_rom.errors import DataError, SceneError
 from fenics_rom.identification.marker_data import Data, Equilibria, Marker, Motion
-from fenics_rom.mechanics.active_environment import ActiveEnvironment
-from fenics_rom.mechanics.load_history import LoadHistory
+from fenics_rom.reduction.hyperreduction.training_loads import scene_history
 from fenics_rom.scene.scene import Scene
 from fenics_rom.system.system import System
 
@@ -130,14 +129,12 @@ def interpolate_instants(times: Array, dt: float, steps: int) -> tuple[Array, Ar
 
 
 def _run_inputs(scene: Scene, system: System) -> tuple[float, int, dict[str, Array]]:
-    """dt, steps, and the inputs of each contact mode in the scene's run, with loads at the middle of each step."""
-    contacts, actuators = ({name: B.shape[1] for name, B in of.items()} for of in (system.contacts, system.actuators))
-    history, active = LoadHistory(scene.environment, contacts, actuators), ActiveEnvironment(scene.environment)
-    inputs: dict[str, Array] = {}
-    for n, (contact, u) in enumerate(history):
-        acting = np.concatenate([u, active.loads_at((n + 0.5) * history.dt)])
-        inputs.setdefault(contact, np.zeros((history.steps, len(acting))))[n] = acting
-    return history.dt, history.steps, inputs
+    """dt, steps, and the inputs of each contact mode in the scene's run."""
+    acting, inputs = list(scene_history(system, scene)), dict[str, Array]()
+    assert scene.run is not None
+    for n, (contact, u) in enumerate(acting):
+        inputs.setdefault(contact, np.zeros((len(acting), len(u))))[n] = u
+    return scene.run.dt, len(acting), inputs
 
 
 def _rest_inputs(scene: Scene, data: Sequence[Equilibria], system: System) -> dict[str, Array]:

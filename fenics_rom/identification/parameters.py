@@ -90,10 +90,9 @@ def _share(poisson: float) -> float:
 
 def values_of(scene: Scene) -> Array:
     """θ (m + 1, 5) of a scene; 0 where it has no damping."""
-    shared, damping = scene.effects.rayleigh, scene.effects.damping_of_materials
-    rows = []
+    rows, shared = [], scene.effects.damped
     for name, m in scene.materials.items():
-        rayleigh = damping.get(name, shared)
+        rayleigh = shared.materials.get(name, shared)
         rows.append((m.young, m.poisson, m.density, rayleigh.alpha, rayleigh.beta))
     return np.array([*rows, (0.0, 0.0, 0.0, 0.0, shared.beta)])
 

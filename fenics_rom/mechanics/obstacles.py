@@ -10,7 +10,7 @@ not finite and > 0, a normal or an axis of length 0.
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, fields
 from typing import Any, Protocol
 
 import numpy as np
@@ -212,12 +212,22 @@ def _keep(obstacle: object, **values: object) -> None:
 
 
 SHAPES: Mapping[str, Any] = {"half-space": HalfSpace, "sphere": Sphere, "capsule": Capsule, "box": Box}
-DIMENSIONS = {  # what describes them: unit, and how many numbers
+DIMENSIONS = {
     **dict.fromkeys(("point", "center", "start", "end", "size"), ("m", 3)),
     "radius": ("m", 1),
     "normal": ("1", 3),
     "rotation": ("rad", 3),
 }
+
+
+def dimensions_of(shape: str) -> dict[str, tuple[str, int]]:
+    """What describes obstacles of one of the SHAPES: unit, and how many numbers."""
+    return {each.name: DIMENSIONS[each.name] for each in fields(SHAPES[shape]) if each.init}
+
+
+def shape_of(obstacle: Obstacle) -> str:
+    """Its name among the SHAPES."""
+    return next(shape for shape, kind in SHAPES.items() if isinstance(obstacle, kind))
 
 
 def smallest_radius(obstacle: Obstacle) -> float:

@@ -12,10 +12,12 @@ deformation s is that of the moved cable or chamber, E the Green strain, σ = F 
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any, ClassVar, Protocol
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
+from fenics_rom.mechanics.contact import ContactSolution
+from fenics_rom.mechanics.contact_points import ContactPoints
 from fenics_rom.mechanics.hyperelastic import VOIGT_INDEX, VOIGT_PAIRS, VOIGT_SHEAR, linear_stress, strain, stress
 
 Array = np.ndarray
@@ -24,22 +26,27 @@ READING_UNITS = {"length": "m", "volume": "m3", "contact_pressure": "Pa", "strai
 READING_WORDS = {name: name.replace("_", " ") for name in READING_UNITS} | {"von_mises_stress": "von Mises stress"}
 
 
-class ReadableBody(Protocol):
-    """What readings ask a body for, as it is now."""
+class ReadableBody(NamedTuple):
+    """What readings ask a body for, as it is now.
 
-    @property
-    def coordinates(self) -> Array:
-        """Its displacement, in what the operators of readings are of: free components, or the shared basis, (c,)."""
+    Attributes:
+        law: one of `hyperelastic.LAWS` of a body that deforms largely; None: linear.
+        coordinates: its displacement, in what the operators of readings are of: free components, or the shared basis,
+            (c,).
+        stroke: what 1 of an actuator's input does work on: how much shorter a tendon is (m), or larger a chamber (m³).
+        points: what obstacles can touch; None where there are none.
+        contact: what they did in the last step; None where nothing touched.
+    """
 
-    @property
-    def law(self) -> str | None:
-        """One of `hyperelastic.LAWS` of a body that deforms largely; None: linear."""
-
-    def stroke(self, actuator: str) -> float:
-        """What 1 of its input does work on: how much shorter a tendon is (m), how much larger a chamber (m³)."""
+    law: str | None
+    coordinates: Callable[[], Array]
+    stroke: Callable[[str], float]
+    points: ContactPoints | None = None
+    contact: ContactSolution | None = None
 
     def normal_forces(self, nodes: Array) -> Array:
         """Of obstacles in the last step, on nodes of the body (s,), N, (s,); 0 where none can touch."""
+        return np.zeros(len(nodes)) if self.points is None else self.points.normal_forces(self.contact, nodes)
 
 
 @dataclass(frozen=True)
@@ -138,7 +145,7 @@ class SurfaceReading:
 
     def read(self, body: ReadableBody) -> Array:
         """Its values."""
-        H = (self.operator @ body.coordinates).reshape(3, 3, -1)
+        H = (self.operator @ body.coordinates()).reshape(3, 3, -1)
         E = small_strain(H) if body.law is None else strain(H)
         if self.quantity == "strain":
             return (E / VOIGT_SHEAR).T

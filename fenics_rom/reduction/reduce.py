@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fenics_rom.errors import FenicsRomWarning, SceneError, StepError, unknown
+from fenics_rom.errors import FenicsRomWarning, SceneError, StepError
 from fenics_rom.io.progress import Report, silent
 from fenics_rom.io.stages import Stages
 from fenics_rom.mechanics.contact_solver import ContactSolver
@@ -38,6 +38,7 @@ from fenics_rom.scene.scene import (
     Reduction,
     check_order,
 )
+from fenics_rom.scene.values import Text
 from fenics_rom.system.body import Unknowns
 from fenics_rom.system.system import System
 
@@ -121,10 +122,10 @@ def reduce(
     share = SHARE.check(chosen.share if share is None else share, "share")
     cubature = CUBATURE.check(chosen.cubature if cubature is None else cubature, "cubature")
     named, method = _method(method or chosen.method or _default_method(system), system)
-    switching = _choice("switching", switching or chosen.switching, SWITCHINGS)
-    weighting = _choice("weighting", weighting or chosen.weighting, WEIGHTINGS)
-    lyapunov = _choice("lyapunov", lyapunov or chosen.lyapunov, LYAPUNOV)
-    solver = _choice("solver", solver, SOLVERS)
+    switching = Text(SWITCHINGS).check(switching or chosen.switching, "switching")
+    weighting = Text(WEIGHTINGS).check(weighting or chosen.weighting, "weighting")
+    lyapunov = Text(LYAPUNOV).check(lyapunov or chosen.lyapunov, "lyapunov")
+    solver = Text(SOLVERS).check(solver, "solver")
     if switching == "oblique":
         lyapunov = "as-printed"
     elif lyapunov == "auto":
@@ -214,15 +215,9 @@ def _default_method(system: System) -> str:
     return "static" if system.scene is not None and system.scene.effects.inertia is None else "balanced"
 
 
-def _choice(key: str, value: str, choices: tuple[str, ...]) -> str:
-    if value not in choices:
-        raise SceneError(f"{key}: {unknown('choice', value, list(choices))}")
-    return value
-
-
 def _method(method: str | Method, system: System) -> tuple[str, Method | None]:
     """Name and function; of large deformation the name alone."""
-    large = not callable(method) and _choice("method", method, METHODS) in BASES
+    large = not callable(method) and Text(METHODS).check(method, "method") in BASES
     named = getattr(method, "__name__", type(method).__name__) if callable(method) else method
     if large != (system.deformation is not None):
         raise SceneError(

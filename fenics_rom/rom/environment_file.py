@@ -15,7 +15,6 @@ run/                         dt, duration (1,) s, snapshots (1,), every (1,); ab
     loads/NUMBER/            attributes contact, actuator (one is empty); start, stop (1,) s; a signal
 """
 
-from dataclasses import fields
 from typing import Any
 
 import h5py
@@ -87,11 +86,11 @@ def put_environment(h5: h5py.File, environment: Environment) -> None:
         _put(loads.create_group(name), COLUMNS, {"columns": load.columns}, load.signal, INPUT_UNIT)
     obstacles = group.create_group("obstacles", track_order=True)
     for name, obstacle in environment.obstacles.items():
-        from fenics_rom.mechanics.obstacles import SHAPES  # here, as few bodies meet obstacles
+        from fenics_rom.mechanics.obstacles import shape_of  # here, as few bodies meet obstacles
 
-        part = obstacles.create_group(name)
-        put_text(part, shape=next(shape for shape, kind in SHAPES.items() if isinstance(obstacle.shape, kind)))
-        table = _dimensions(type(obstacle.shape))
+        part, shape = obstacles.create_group(name), shape_of(obstacle.shape)
+        put_text(part, shape=shape)
+        table = _dimensions(shape)
         _put(part, table, {key: getattr(obstacle.shape, key) for key in table}, obstacle.displacement, "m")
     law, run = environment.contact_law, environment.run
     if law is not None:
@@ -167,7 +166,7 @@ def _obstacle(group: h5py.Group) -> MovingObstacle:
     shape = get_text(group, "shape")
     if shape not in SHAPES:
         raise FileError(f"{group.name}: {unknown('shape', shape, SHAPES)}")
-    numbers, signal = _take(group, _dimensions(SHAPES[shape]), "m")
+    numbers, signal = _take(group, _dimensions(shape), "m")
     if signal is None or signal.width != 3:
         raise FileError(f"{group.name}: its displacement has not three numbers")
     return MovingObstacle(SHAPES[shape](**numbers), signal)
@@ -234,9 +233,8 @@ def _signal_table(unit: str, changes: bool) -> dict[str, Entry]:
     return {"values": Entry(unit, ("T", "w")), "times": Entry("s", ("T",))}
 
 
-def _dimensions(kind: Any) -> dict[str, Entry]:
-    """What describes an obstacle of a kind."""
-    from fenics_rom.mechanics.obstacles import DIMENSIONS
+def _dimensions(shape: str) -> dict[str, Entry]:
+    """What describes an obstacle of a shape."""
+    from fenics_rom.mechanics.obstacles import dimensions_of
 
-    units = {field.name: DIMENSIONS[field.name] for field in fields(kind) if field.init}
-    return {name: Entry(unit, (length,)) for name, (unit, length) in units.items()}
+    return {name: Entry(unit, (length,)) for name, (unit, length) in dimensions_of(shape).items()}

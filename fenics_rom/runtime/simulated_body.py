@@ -174,11 +174,10 @@ class SimulatedBody:
         Raises:
             StepError: no such reading.
         """
-        from fenics_rom.runtime.readings import ReadableReduced, named_reading  # here, as few bodies have readings
+        from fenics_rom.runtime.readings import named_reading, readable  # here, as few bodies have readings
 
         interface, contact = self._stepper.interface, self._stepper.contact
-        body = ReadableReduced(self.rom, self.contact, self._q, interface, contact)
-        return named_reading(self.rom, name).read(body)
+        return named_reading(self.rom, name).read(readable(self.rom, self.contact, self._q, interface, contact))
 
     def output_rows(self, output: str) -> Array:
         """Rows of a named output, (rows, m), in the active contact mode's basis.

@@ -292,19 +292,9 @@ class Effects:
         return tuple(field.name for field in fields(self) if getattr(self, field.name) not in (None, {}))
 
     @property
-    def rayleigh(self) -> RayleighDamping:
-        """Damping of what does not damp otherwise: α = β = 0 where none is named."""
-        return self.damping or RayleighDamping()
-
-    @property
-    def damping_of_materials(self) -> Mapping[str, RayleighDamping]:
-        """Of materials that damp otherwise."""
-        return {} if self.damping is None else self.damping.materials
-
-    @property
-    def dashpots(self) -> Mapping[str, Dashpot]:
-        """Dashpots to ground."""
-        return {} if self.damping is None else self.damping.dashpots
+    def damped(self) -> Damping:
+        """The damping; of nothing, α = β = 0, where none is named."""
+        return self.damping or Damping()
 
 
 def constant_signal(value: float | tuple[float, ...] | None) -> Signal | None:

@@ -20,7 +20,7 @@ from fenics_rom.mechanics.environment import (
     MovingObstacle,
     Run,
 )
-from fenics_rom.mechanics.obstacles import SHAPES, Obstacle
+from fenics_rom.mechanics.obstacles import SHAPES, Obstacle, dimensions_of
 from fenics_rom.mechanics.tendon import turning_angles
 from fenics_rom.scene.effect_table import ACTUATORS, EFFECTS, numbers_of
 from fenics_rom.scene.effects import Effects, RigidObstacle
@@ -116,15 +116,14 @@ def words(name: str, numbers: Mapping[str, Any]) -> str:
 
 def obstacle_of(described: RigidObstacle, where: str) -> Obstacle:
     """The obstacle described; SceneError where something is missing, or is given that the shape does not have."""
-    shape = SHAPES[described.shape]
-    known = [field.name for field in fields(shape) if field.init]
+    known = list(dimensions_of(described.shape))
     given = {field.name: getattr(described, field.name) for field in fields(described)}
     dimensions = {key: value for key, value in given.items() if key not in ("shape", "table") and value is not None}
     for key in dimensions:
         if key not in known:
             raise SceneError(f"{where}: a {described.shape} has {', '.join(known)}, but no {key}")
     try:
-        obstacle: Obstacle = shape(**dimensions)
+        obstacle: Obstacle = SHAPES[described.shape](**dimensions)
     except (SceneError, TypeError) as error:
         missing = [key for key in known if key not in dimensions and key != "rotation"]
         raise SceneError(f"{where}: {f'{missing[0]} is missing' if missing else error}") from error

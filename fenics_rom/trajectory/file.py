@@ -32,8 +32,6 @@ no forces, obstacles and profile; those of 1.2 have neither velocities nor obsta
 tendons and readings.
 """
 
-from collections.abc import Mapping
-from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
@@ -56,7 +54,7 @@ from fenics_rom.io.hdf5 import (
     write_file,
 )
 from fenics_rom.mechanics.body_facts import CellQuality
-from fenics_rom.mechanics.obstacles import SHAPES, Obstacle
+from fenics_rom.mechanics.obstacles import SHAPES, Obstacle, dimensions_of, shape_of
 from fenics_rom.trajectory.series_file import check_series, put_series, take_series
 from fenics_rom.trajectory.trajectory import CONTACT_ACCOUNT, Trajectory
 
@@ -84,19 +82,17 @@ SETTINGS = {
     "every": Entry("1", (1,), optional=True),
     "beyond_training": Entry("1", (1,), optional=True),
 }
-
-OPTIONAL_GROUPS = ("forces", "contact_account", "obstacles", "tendons", "profile", "inputs", "readings", "reactions")
-OBSTACLE = {
-    **{name: Entry("m", (3,)) for name in ("point", "center", "start", "end", "size")},
-    "radius": Entry("m", (1,)),
-    "normal": Entry("1", (3,)),
-    "rotation": Entry("rad", (3,)),
-}
 NAMES_IN_FORMAT_1 = {"shape_times": "snapshot_times", "shapes": "snapshots"}  # new ones by old
-TENDON = Entry("m", ("K", 3))
+ALIKE = {  # groups of arrays by name, each with sizes of its own beside those of the run
+    "outputs": Entry("m", ("S", "P", 3)),
+    "forces": Entry("N", ("S", 3)),
+    "contact_account": Entry("J", ("S",)),
+    "tendons": Entry("m", ("K", 3)),
+    "reactions": Entry("N or Pa", ("S",)),
+}
+GROUPS = (*("settings", "obstacles", "profile", "inputs", "readings"), *ALIKE)
 MOTION = {"motion": Entry("m", ("s", 3))}
-FORCE, WORK, SECONDS_PER_STEP = Entry("N", ("S", 3)), Entry("J", ("S",)), Entry("s", (1,))
-REACTION = Entry("N or Pa", ("S",))
+SECONDS_PER_STEP = Entry("s", (1,))
 
 
 def write_trajectory(file: str | Path, trajectory: Trajectory) -> None:
@@ -142,30 +138,21 @@ def _fill(h5: h5py.File, run: Trajectory) -> None:
     cells = None if run.cells is None else run.cells.array
     numerical = run.numerical if run.numerical.any() else None
     put_arrays(h5, RUN, sizes, {name: getattr(run, name) for name in RUN} | {"cells": cells, "numerical": numerical})
-    outputs = h5.create_group("outputs", track_order=True)
-    for name, values in run.outputs.items():
-        put_arrays(outputs, {name: _output_entry(name)}, sizes, {name: values})
+    for kind, entry in ALIKE.items():
+        if kind == "outputs" or getattr(run, kind):
+            group = h5.create_group(kind, track_order=True)
+            for name, values in getattr(run, kind).items():
+                put_arrays(group, {name: entry}, sizes.copy(), {name: values})
     settings = h5.create_group("settings", track_order=True)
-    put_arrays(settings, SETTINGS, sizes, _setting_arrays(run.settings))
-    if run.forces:
-        forces = h5.create_group("forces", track_order=True)
-        put_arrays(forces, dict.fromkeys(run.forces, FORCE), sizes, run.forces)
-        account = h5.create_group("contact_account", track_order=True)
-        put_arrays(account, dict.fromkeys(run.contact_account, WORK), sizes, run.contact_account)
+    numbers = {name: np.array([run.settings[name]]) if name in run.settings else None for name in SETTINGS}
+    put_arrays(settings, SETTINGS, sizes, numbers)
     if run.obstacles:
         obstacles = h5.create_group("obstacles", track_order=True)
         for name, obstacle in run.obstacles.items():
-            group, table = obstacles.create_group(name, track_order=True), _dimensions(type(obstacle))
+            group, table = obstacles.create_group(name, track_order=True), _dimensions(shape_of(obstacle))
             dimensions = {key: np.atleast_1d(getattr(obstacle, key)) for key in table}
             put_arrays(group, table | MOTION, sizes, dimensions | {"motion": run.obstacle_motion[name]})
-            put_text(group, shape=next(shape for shape, kind in SHAPES.items() if isinstance(obstacle, kind)))
-    if run.tendons:
-        tendons = h5.create_group("tendons", track_order=True)
-        for name, points in run.tendons.items():
-            put_arrays(tendons, {name: TENDON}, {}, {name: points})
-    if run.reactions:
-        reactions = h5.create_group("reactions", track_order=True)
-        put_arrays(reactions, dict.fromkeys(run.reactions, REACTION), sizes, run.reactions)
+            put_text(group, shape=shape_of(obstacle))
     if run.profile:
         profile = h5.create_group("profile", track_order=True)
         for number, (name, seconds) in enumerate(run.profile.items()):
@@ -177,53 +164,39 @@ def _fill(h5: h5py.File, run: Trajectory) -> None:
 
 def _take(h5: h5py.File) -> Trajectory:
     sizes: Sizes = {}
-    arrays: Any = get_arrays(h5, RUN, sizes, ("outputs", "settings", *OPTIONAL_GROUPS))
+    arrays: Any = get_arrays(h5, RUN, sizes, GROUPS)
     arrays["cells"] = CellQuality.from_array(arrays["cells"])
     if arrays["numerical"] is None:
         arrays["numerical"] = np.zeros_like(arrays["energy"])
-    outputs = get_group(h5, "outputs")
-    named: Any = get_arrays(outputs, {name: _output_entry(name) for name in outputs}, sizes)
-    settings: Any = get_arrays(get_group(h5, "settings"), SETTINGS, sizes)
-    groups = {name: get_group(h5, name) if name in h5 else {} for name in OPTIONAL_GROUPS}
-    forces: Any = (
-        get_arrays(groups["forces"], dict.fromkeys(groups["forces"], FORCE), sizes) if groups["forces"] else {}
-    )
-    sums = [name for name in CONTACT_ACCOUNT if name in groups["contact_account"]]
-    account: Any = get_arrays(groups["contact_account"], dict.fromkeys(sums, WORK), sizes) if forces else {}
-    reactions: Any = get_arrays(groups["reactions"], dict.fromkeys(groups["reactions"], REACTION), sizes)
+    needed = ("outputs", "settings")
+    groups = {name: get_group(h5, name) if name in h5 or name in needed else {} for name in GROUPS}
+    settings: Any = get_arrays(groups["settings"], SETTINGS, sizes)
+    alike: Any = {
+        kind: {name: get_arrays(of, {name: entry}, sizes.copy(), tuple(of))[name] for name in of}
+        for kind, entry, of in ((kind, entry, groups[kind]) for kind, entry in ALIKE.items())
+    }
     moved_obstacles = {
         name: _take_obstacle(get_group(groups["obstacles"], name), sizes) for name in groups["obstacles"]
     }
     inputs, readings = take_series(h5, sizes)
-    tendons: dict[str, Any] = {}
-    for name in groups["tendons"]:
-        tendons |= get_arrays(groups["tendons"], {name: TENDON}, {}, tuple(groups["tendons"]))
     run = Trajectory(
         name=get_text(h5, "name"),
         model=get_text(h5, "model"),
         settings={name: float(value[0]) for name, value in settings.items() if value is not None},
         contacts=tuple(get_text(h5, "contacts").split("\n")),
-        outputs=named,
         warnings=tuple(filter(None, get_text(h5, "warnings").split("\n"))),
         effects=tuple(filter(None, get_text(h5, "effects").split("\n"))) if "effects" in h5.attrs else (),
         stepping=get_text(h5, "stepping") if "stepping" in h5.attrs else "",
-        forces=forces,
-        contact_account=account,
         profile=_take_profile(groups["profile"]),
-        reactions=reactions,
         obstacles={name: obstacle for name, (obstacle, _) in moved_obstacles.items()},
         obstacle_motion={name: motion for name, (_, motion) in moved_obstacles.items()},
         inputs=inputs,
         readings=readings,
-        tendons=tendons,
+        **alike,
         **arrays,
     )
     _check_fit(run)
     return run
-
-
-def _setting_arrays(settings: Mapping[str, float]) -> dict[str, Array | None]:
-    return {name: np.array([settings[name]]) if name in settings else None for name in SETTINGS}
 
 
 def _take_obstacle(group: h5py.Group, sizes: Sizes) -> tuple[Obstacle, Array]:
@@ -231,16 +204,16 @@ def _take_obstacle(group: h5py.Group, sizes: Sizes) -> tuple[Obstacle, Array]:
     shape = get_text(group, "shape")
     if shape not in SHAPES:
         raise FileError(f"{group.name}: {unknown('shape', shape, SHAPES)}")
-    table = _dimensions(SHAPES[shape])
+    table = _dimensions(shape)
     arrays: Any = get_arrays(group, table | MOTION, sizes)
     dimensions = {key: arrays[key][0] if table[key].shape == (1,) else tuple(arrays[key]) for key in table}
     obstacle: Obstacle = SHAPES[shape](**dimensions)
     return obstacle, arrays["motion"]
 
 
-def _dimensions(kind: Any) -> dict[str, Entry]:
-    """What describes an obstacle of a kind."""
-    return {field.name: OBSTACLE[field.name] for field in fields(kind) if field.init}
+def _dimensions(shape: str) -> dict[str, Entry]:
+    """What describes an obstacle of a shape."""
+    return {name: Entry(unit, (length,)) for name, (unit, length) in dimensions_of(shape).items()}
 
 
 def _take_profile(group: Any) -> dict[str, float]:
@@ -261,8 +234,6 @@ def _check_fit(run: Trajectory) -> None:
         raise FileError(f"/triangles name nodes beyond {len(run.nodes)}")
     if (run.node_mass < 0).any():
         raise FileError("/node_mass has negative masses")
+    if run.contact_account.keys() - CONTACT_ACCOUNT.keys():
+        raise FileError(f"/contact_account: allowed are {', '.join(CONTACT_ACCOUNT)}")
     check_series(run)
-
-
-def _output_entry(name: str) -> Entry:
-    return Entry("m", ("S", f"P of {name}", 3))

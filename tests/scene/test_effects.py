@@ -123,7 +123,7 @@ def test_all_effects_are_read_with_their_defaults():
     assert effects.gravity == Gravity(acceleration=(0.0, 0.0, -9.81))
     contact = replace(effects.contact, obstacles={})
     assert contact == Contact(restitution=0.0, method="complementarity", switching="automatic", obstacles={})
-    assert effects.dashpots == {"oil": Dashpot(surface="right", coefficient=0.3)}
+    assert effects.damped.dashpots == {"oil": Dashpot(surface="right", coefficient=0.3)}
     assert effects.prescribed["poke"] == PrescribedForce(point=(1.0, 0.1, 0.1), force=(0.0, 1.0, 0.0))
     assert effects.prescribed["push"].signal(0.05).tolist() == [-0.075, 0.0, 0.0]
     only = Effects(gravity=Gravity(acceleration=(1.0, 0.0, 0.0)))
