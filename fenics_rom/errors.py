@@ -62,6 +62,12 @@ def unknown(kind: str, given: str, allowed: Iterable[str]) -> str:
     return f"no {kind} {shown(given)}; there is {', '.join(names) if names else 'none'}{did_you_mean(given, names)}"
 
 
+def check_known(kind: str, given: str, allowed: Iterable[str], error: type[FenicsRomError], where: str = "") -> None:
+    """Raises an error, in which what is `where` stands first, of a name that does not exist."""
+    if given not in (names := list(allowed)):
+        raise error(f"{where}{unknown(kind, given, names)}")
+
+
 def did_you_mean(given: str, names: Iterable[str]) -> str:
     """The end of a sentence about a name that does not exist: the nearest that does."""
     import difflib  # here, as of no use to a program that makes no mistake: every import delays the runtime's start

@@ -51,7 +51,7 @@ MAY_IMPORT = {
     "runtime": (DATA_OF_A_RUN, {"numpy", "h5py"}),
     "run": (DATA_OF_A_RUN | OFFLINE | {"runtime", "lazy_import"}, set()),
     "visualization": (BELOW_APPLICATIONS, DRAWING),
-    "studies": (BELOW_APPLICATIONS | {"visualization"}, {"numpy", "matplotlib"}),
+    "studies": (BELOW_APPLICATIONS | {"visualization"}, {"numpy", "matplotlib", "pydantic"}),
     "identification": (BELOW_APPLICATIONS | {"visualization"}, {"numpy", "scipy", "tomlkit"}),
     "cli": (BELOW_APPLICATIONS | {"visualization", "studies", "identification"}, {"numpy", "rich"}),
     "__main__": ({"cli"}, set()),

@@ -11,7 +11,7 @@ from dolfinx.fem.petsc import assemble_matrix
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from fenics_rom.errors import MeshError, SceneError, exactly, unknown
+from fenics_rom.errors import MeshError, SceneError, check_known, exactly
 from fenics_rom.fem.contact_points import contact_points_of, points_between
 from fenics_rom.fem.dolfinx_compat import (
     cell_constants,
@@ -252,8 +252,7 @@ def _damping_of_cells(scene: Scene, mesh: Mesh) -> np.ndarray:
     rayleigh = scene.effects.damped
     values = np.tile([rayleigh.alpha, rayleigh.beta], (len(mesh.cells), 1))
     for name, of_material in scene.effects.damped.materials.items():
-        if name not in scene.materials:
-            raise SceneError(f"{scene.source}: effects.damping.materials: {unknown('material', name, scene.materials)}")
+        check_known("material", name, scene.materials, SceneError, f"{scene.source}: effects.damping.materials: ")
         cells = scene.materials[name].cells
         values[slice(None) if cells is None else mesh.region(cells)] = of_material.alpha, of_material.beta
     return values

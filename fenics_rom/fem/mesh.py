@@ -11,7 +11,7 @@ from xml.etree import ElementTree
 
 import numpy as np
 
-from fenics_rom.errors import MeshError, unknown
+from fenics_rom.errors import MeshError, check_known
 from fenics_rom.fem import gmsh_file
 from fenics_rom.fem.mesh_quality import CELL_EDGES, check_filling, signed_volumes
 
@@ -50,8 +50,7 @@ class Mesh:
                 f"{self.source}: no {kind} {name!r}; there is none: the file has no physical groups; name surfaces and "
                 "volumes where the mesh is made (in Gmsh: Physical Surface, Physical Volume)"
             )
-        if name not in groups:
-            raise MeshError(f"{self.source}: {unknown(kind, name, groups)}")
+        check_known(kind, name, groups, MeshError, f"{self.source}: ")
         if len(groups[name]) == 0:
             raise MeshError(f"{self.source}: {kind} {name!r} is empty")
         return groups[name]

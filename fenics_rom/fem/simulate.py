@@ -37,18 +37,16 @@ def simulate(
     assert environment.run is not None
     body = FullOrderSimulator(system, history.dt, environment, signals)
     recorder = TrajectoryRecorder(
+        system.body,
+        environment,
         history.steps,
         history.dt,
-        {name: rows.shape[1] // 3 for name, rows in system.outputs.items()},
-        {name: columns.shape[1] for name, columns in system.contacts.items()},
-        len(system.body.nodes),
-        environment.run.snapshots,
-        tuple(environment.effects),
-        body.environment.obstacles,
-        history.every,
+        outputs={name: rows.shape[1] // 3 for name, rows in system.outputs.items()},
+        contacts={name: columns.shape[1] for name, columns in system.contacts.items()},
         actuators={name: columns.shape[1] for name, columns in system.actuators.items()},
-        units=environment.input_units,
         readings=system.readings,
+        snapshots=environment.run.snapshots,
+        every=history.every,
     )
     body.switch(history.first_contact())
     lost = body.begin(environment.run.initial, history) if environment.run.initial else []
@@ -68,10 +66,6 @@ def simulate(
         name=system.scene.name,
         model="full",
         settings={"dt": history.dt, "seconds": seconds, "order": system.size},
-        nodes=system.body.nodes,
-        triangles=system.body.triangles,
-        node_mass=system.body.node_mass,
-        cells=system.body.cells,
         tendons=system.scene.environment.tendons,
         warnings=(*system.warnings, *lost, *filter(None, [monitor.summary]), *body.stepper.diagnostics()),
     )

@@ -5,7 +5,7 @@ from operator import attrgetter
 
 import numpy as np
 
-from fenics_rom.errors import StepError, unknown
+from fenics_rom.errors import StepError, check_known
 from fenics_rom.fem.finite_strain.stepper import FiniteStrainStepper
 from fenics_rom.fem.linear_stepper import FullOrderStepper
 from fenics_rom.fem.readings import readable
@@ -120,8 +120,7 @@ class FullOrderSimulator:
         Raises:
             StepError: no such reading.
         """
-        if name not in self.system.readings:
-            raise StepError(unknown("reading", name, self.system.readings))
+        check_known("reading", name, self.system.readings, StepError)
         return self.system.readings[name].read(readable(self.system, self.stepper))
 
     def obstacle_forces(self) -> Array:

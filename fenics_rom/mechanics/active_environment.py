@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from fenics_rom.errors import SceneError, StepError, unknown
+from fenics_rom.errors import SceneError, StepError, check_known
 from fenics_rom.mechanics.contact import ObstacleMotion
 from fenics_rom.mechanics.environment import Environment
 from fenics_rom.mechanics.signals import CheckedSignal, SignalLike
@@ -59,8 +59,7 @@ class ActiveEnvironment:
         defined: dict[str, SignalLike | None] = {name: load.signal for name, load in environment.loads.items()}
         defined |= {name: obstacle.displacement for name, obstacle in environment.obstacles.items()}
         for name in self.signals:
-            if name not in defined:
-                raise SceneError(f"{environment.source}: {unknown('load or obstacle', name, defined)}")
+            check_known("load or obstacle", name, defined, SceneError, f"{environment.source}: ")
         self._signals = {}
         for name, signal in (defined | self.signals).items():
             if signal is None:
@@ -78,8 +77,7 @@ class ActiveEnvironment:
         Raises:
             StepError: there is no such load or obstacle, or the value has another width or is not finite.
         """
-        if name not in self.columns and name not in self.obstacles:
-            raise StepError(unknown("load or obstacle", name, [*self.columns, *self.obstacles]))
+        check_known("load or obstacle", name, [*self.columns, *self.obstacles], StepError)
         self._signals[name] = CheckedSignal(name, self.columns.get(name, 3), signal)
         self.signals[name] = signal
         self._keep_constants()

@@ -12,7 +12,7 @@ from functools import cached_property
 
 import numpy as np
 
-from fenics_rom.errors import StructureError, unknown
+from fenics_rom.errors import StructureError, check_known
 from fenics_rom.mechanics.hyperelastic import LAWS, VOIGT_INDEX, VOIGT_PAIRS, energy_density, moduli, strain, stress
 from fenics_rom.mechanics.tendon import cable_length, unit_tension_forces
 from fenics_rom.rom.content import ByContent
@@ -155,8 +155,7 @@ def check_deformation(body: ReducedDeformation, order: int, actuators: Mapping[s
     Raises:
         StructureError: with the measured number.
     """
-    if body.law not in LAWS:
-        raise StructureError(f"deformation: {unknown('material', body.law, list(LAWS))}")
+    check_known("material", body.law, LAWS, StructureError, "deformation: ")
     if body.order != order:
         raise StructureError(f"deformation: has {body.order} displacements, its contact modes {order}")
     bulk = 3 * body.first_lame + 2 * body.shear  # three times the bulk modulus

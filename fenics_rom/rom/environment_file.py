@@ -20,7 +20,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from fenics_rom.errors import FileError, unknown
+from fenics_rom.errors import FileError, check_known
 from fenics_rom.io.hdf5 import Entry, check_names, get_arrays, get_group, get_text, put_arrays, put_text
 from fenics_rom.mechanics.contact import ContactLaw
 from fenics_rom.mechanics.environment import (
@@ -117,8 +117,7 @@ def take_environment(h5: h5py.File) -> Environment:
     if has_inertia not in (YES, NO):
         raise FileError(f"attribute 'has_inertia' of {group.name} is {has_inertia!r}, neither {YES} nor {NO}")
     switching = get_text(group, "contact_switching")
-    if switching not in CONTACT_SWITCHINGS:
-        raise FileError(f"{group.name}: {unknown('contact_switching', switching, list(CONTACT_SWITCHINGS))}")
+    check_known("contact_switching", switching, CONTACT_SWITCHINGS, FileError, f"{group.name}: ")
     texts = {name: get_group(group, name) for name in ("effects", "built_in")}
     loads, obstacles = get_group(group, "loads"), get_group(group, "obstacles")
     law = None
@@ -148,8 +147,7 @@ def _guides(group: h5py.Group) -> dict[str, Guide]:
 def _controls(group: h5py.Group) -> dict[str, str]:
     controls = {name: get_text(group, name) for name in group.attrs}
     for control in controls.values():
-        if control not in STROKE_UNITS:
-            raise FileError(f"{group.name}: {unknown('control', control, STROKE_UNITS)}")
+        check_known("control", control, STROKE_UNITS, FileError, f"{group.name}: ")
     return controls
 
 
@@ -164,8 +162,7 @@ def _obstacle(group: h5py.Group) -> MovingObstacle:
     from fenics_rom.mechanics.obstacles import SHAPES
 
     shape = get_text(group, "shape")
-    if shape not in SHAPES:
-        raise FileError(f"{group.name}: {unknown('shape', shape, SHAPES)}")
+    check_known("shape", shape, SHAPES, FileError, f"{group.name}: ")
     numbers, signal = _take(group, _dimensions(shape), "m")
     if signal is None or signal.width != 3:
         raise FileError(f"{group.name}: its displacement has not three numbers")

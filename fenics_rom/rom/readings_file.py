@@ -5,7 +5,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from fenics_rom.errors import FileError, unknown
+from fenics_rom.errors import FileError, check_known
 from fenics_rom.io.hdf5 import Entry, check_names, get_arrays, get_group, get_text, put_arrays, put_text
 from fenics_rom.mechanics.readings import (
     READING_UNITS,
@@ -60,8 +60,7 @@ def take_readings(h5: h5py.File, order: int) -> dict[str, Reading]:
 
 def _take(group: h5py.Group, sizes: dict[str, int]) -> Reading:
     quantity, of = get_text(group, "quantity"), get_text(group, "of")
-    if quantity not in READING_UNITS:
-        raise FileError(f"{group.name}: {unknown('quantity', quantity, READING_UNITS)}")
+    check_known("quantity", quantity, READING_UNITS, FileError, f"{group.name}: ")
     if quantity in ("length", "volume"):
         numbers: Any = get_arrays(group, _rest(quantity), sizes)
         kind = TendonLength if quantity == "length" else ChamberVolume
@@ -92,8 +91,7 @@ def check_readings(rom: Rom) -> None:
         elif isinstance(reading, ContactPressure):
             _check_indices(f"{where}/nodes", reading.nodes, len(rom.nodes))
             _check_indices(f"{where}/facets", reading.facets, len(reading.nodes))
-            if reading.of not in rom.contact_models:
-                raise FileError(f"{where}: {unknown('contact mode', reading.of, rom.contact_models)}")
+            check_known("contact mode", reading.of, rom.contact_models, FileError, f"{where}: ")
             if reading.facets.shape[1] not in (3, 6) or not (reading.areas > 0).all():
                 raise FileError(f"{where}: facets have 3 or 6 nodes and an area")
             if not np.isin(np.arange(len(reading.nodes)), reading.facets).all():

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fenics_rom.errors import StepError, unknown
+from fenics_rom.errors import StepError, check_known
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.steppers.midpoint import compliance
 from fenics_rom.runtime.switching import Projections
@@ -86,8 +86,7 @@ class PaddedModels:
 
     def output_maps(self, output: str) -> list[Array]:
         """What takes rows of each contact mode to a named output, (m, rows); a StepError where there is none."""
-        if output not in self._rom.outputs:
-            raise StepError(unknown("output", output, self._rom.outputs))
+        check_known("output", output, self._rom.outputs, StepError)
         if output not in self._output_maps:
             rows, m = self._rom.outputs[output], self.frequencies.shape[1]
             maps = [(rows @ model.coordinates).T for model in self._rom.contact_models.values()]

@@ -5,7 +5,7 @@ from itertools import takewhile
 
 import numpy as np
 
-from fenics_rom.errors import StepError, unknown
+from fenics_rom.errors import StepError, check_known
 from fenics_rom.mechanics.contact import ContactSolution
 from fenics_rom.mechanics.readings import ReadableBody, Reading, swept_volume
 from fenics_rom.rom.deformation import monomials
@@ -21,8 +21,7 @@ def named_reading(rom: Rom, name: str) -> Reading:
     Raises:
         StepError: there is none of that name.
     """
-    if name not in rom.readings:
-        raise StepError(unknown("reading", name, rom.readings))
+    check_known("reading", name, rom.readings, StepError)
     return rom.readings[name]
 
 

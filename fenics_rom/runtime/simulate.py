@@ -41,18 +41,16 @@ def simulate(
     environment, history, fresh = _prepared(rom, scene, dt, every, signals, stepper)
     body, lost = fresh()
     recorder = TrajectoryRecorder(
+        rom,
+        environment,
         history.steps,
         history.dt,
-        {name: len(rows) // 3 for name, rows in rom.outputs.items()},
-        rom.contacts,
-        len(rom.nodes),
-        environment.run.snapshots if environment.run else 1,
-        tuple(environment.effects),
-        {} if body.environment is None else body.environment.obstacles,
-        history.every,
+        outputs={name: len(rows) // 3 for name, rows in rom.outputs.items()},
+        contacts=rom.contacts,
         actuators=rom.actuators,
-        units=environment.input_units,
         readings=rom.readings,
+        snapshots=environment.run.snapshots if environment.run else 1,
+        every=history.every,
     )
     recorder.sample(0, body)
     monitor = TimeStepMonitor()
@@ -62,10 +60,6 @@ def simulate(
         name=rom.name,
         model="reduced",
         settings=body.settings | ({"seconds": _seconds(fresh()[0], history)} if rate else {}),
-        nodes=rom.nodes,
-        triangles=rom.triangles,
-        node_mass=rom.node_mass,
-        cells=rom.cells,
         warnings=tuple(dict.fromkeys((*rom.warnings, *lost, *body.warnings, *filter(None, [monitor.message])))),
         tendons=rom.environment.tendons,
         profile=_profile(fresh()[0], history) if profile else None,

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fenics_rom.errors import StepError, unknown
+from fenics_rom.errors import StepError, check_known, unknown
 from fenics_rom.mechanics.linearity import SurfaceStrainPeak
 from fenics_rom.mechanics.signals import real_numbers
 from fenics_rom.mechanics.step import StepperState
@@ -206,8 +206,7 @@ class SimulatedBody:
         if obstacle is None:
             return np.zeros(interface.points.coordinates.shape) if contact is None else contact.forces
         names = list(self.environment.obstacles)
-        if obstacle not in names:
-            raise StepError(unknown("obstacle", obstacle, names))
+        check_known("obstacle", obstacle, names, StepError)
         return self.obstacle_forces()[names.index(obstacle)]
 
     def obstacle_forces(self) -> Array:

@@ -5,7 +5,7 @@ from collections.abc import Collection, Mapping
 from dataclasses import is_dataclass
 from typing import Any
 
-from fenics_rom.errors import SceneError, exactly, unknown
+from fenics_rom.errors import SceneError, check_known, exactly, unknown
 from fenics_rom.mechanics.environment import AppliedLoad
 from fenics_rom.scene.effect_table import ACTUATORS, EFFECTS, LOADS
 from fenics_rom.scene.effects import Contact, Effects
@@ -61,8 +61,7 @@ def _check_reading(reading: ReadingEntry, file: SceneFile, where: str) -> None:
         raise SceneError(f"{where}.near: goes with strain and stress; a {reading.quantity} is that of a {kind}")
     if reading.of is None:
         raise SceneError(f"{where}.of is missing: the {kind} whose {reading.quantity} is read")
-    if reading.of not in known:
-        raise SceneError(f"{where}.of: {unknown(kind, reading.of, known)}")
+    check_known(kind, reading.of, known, SceneError, f"{where}.of: ")
     if reading.quantity == "contact_pressure" and file.effects.contact is None:
         raise SceneError(f"{where}: means nothing without contact; name effects.contact as well")
 

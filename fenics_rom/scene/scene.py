@@ -11,7 +11,7 @@ from typing import Annotated, Any, ClassVar
 
 import numpy as np
 
-from fenics_rom.errors import SceneError, unknown
+from fenics_rom.errors import SceneError, check_known
 from fenics_rom.mechanics.environment import SWITCHINGS, Environment, Run
 from fenics_rom.mechanics.readings import READING_UNITS
 from fenics_rom.scene.effects import Effects
@@ -194,8 +194,7 @@ def check_order(order: int | Mapping[str, int] | None, contacts: Mapping[str, An
         ORDER.check(order, where)
         return
     for name, value in order.items():
-        if name not in contacts:
-            raise SceneError(f"{where}: {unknown('contact mode', name, contacts)}")
+        check_known("contact mode", name, contacts, SceneError, f"{where}: ")
         ORDER.check(value, f"{where}.{name}")
     for name in contacts:
         if name not in order:

@@ -8,20 +8,21 @@ import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import ClassVar
 
 import numpy as np
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomError, FenicsRomWarning, FileError, SceneError
 from fenics_rom.fem.ranks import run_on_rank_0
-from fenics_rom.io.json_record import read_earlier, read_record, write_record
 from fenics_rom.io.progress import Report, silent
 from fenics_rom.mechanics.step import FINITE_STRAIN_STEPPERS
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.simulate import rate
 from fenics_rom.scene.scene import Scene
 from fenics_rom.studies import reference
+from fenics_rom.studies.json_record import read_earlier, write_record
+from fenics_rom.studies.study_results import NOTHING_ELSE
 from fenics_rom.trajectory.comparison import compare
 from fenics_rom.trajectory.trajectory import Trajectory
 
@@ -47,6 +48,7 @@ class AmplitudeRow:
         rate: steps per second.
     """
 
+    __pydantic_config__: ClassVar = NOTHING_ELSE
     share: float
     displacement: float
     model: str
@@ -75,6 +77,7 @@ class AmplitudeResults:
         notes: what the user should know.
     """
 
+    __pydantic_config__: ClassVar = NOTHING_ELSE
     name: str
     fingerprint: str
     unknowns: int
@@ -82,20 +85,6 @@ class AmplitudeResults:
     validation: float | None
     rows: tuple[AmplitudeRow, ...] = ()
     notes: tuple[str, ...] = ()
-
-
-def read_amplitude_results(file: Path) -> AmplitudeResults:
-    """Reads the results of a study of amplitudes.
-
-    Raises:
-        FileError: there is no such file, or it holds something else.
-    """
-
-    def build(fields: dict[str, Any]) -> AmplitudeResults:
-        rows = tuple(AmplitudeRow(**row) for row in fields.pop("rows"))
-        return AmplitudeResults(rows=rows, notes=tuple(fields.pop("notes")), **fields)
-
-    return read_record(file, "a study of amplitudes", build)
 
 
 def study_amplitudes(
@@ -166,7 +155,7 @@ class _AmplitudeStudy:
     def _resume_results(self, resume: bool) -> AmplitudeResults | None:
         """What an earlier study left; on rank 0."""
         file = self._folder / RESULTS_FILE
-        earlier = read_earlier(file, read_amplitude_results, resume)
+        earlier = read_earlier(file, AmplitudeResults, "a study of amplitudes", resume)
         if earlier is not None and earlier.fingerprint != self._fingerprint:
             raise FileError(f"{file}: is of another scene, mesh or step; start without resume")
         return earlier

@@ -27,7 +27,8 @@ def reduce_timed(system: System, method: str, order: int, report: Report = silen
     """The model and the seconds that its reduction took; errors are those of `reduce`; every rank must call it."""
     for share in TRACE_SHARES:
         start = time.perf_counter()
-        rom = fr.reduce(system, order=order, share=share, report=report, **METHOD_CONFIGS[method].options)
+        named = METHOD_CONFIGS[method].method
+        rom = fr.reduce(system, order=order, method=named, switching="energy", share=share, report=report)
         seconds = time.perf_counter() - start
         most, least = (of(mode.order - mode.rigid for mode in rom.contact_models.values()) for of in (max, min))
         if method != "selection" or least >= order:

@@ -1,38 +1,32 @@
 """The methods that a study compares, and the orders and steps that it tries."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import NamedTuple
 
 import numpy as np
 
-from fenics_rom.errors import SceneError, unknown
+from fenics_rom.errors import SceneError, check_known
 from fenics_rom.mechanics.environment import Run
 from fenics_rom.scene.scene import ORDER, Scene
 from fenics_rom.scene.values import Number
 from fenics_rom.studies.study_results import RATE_RUNS
 
 
-@dataclass(frozen=True)
-class MethodConfig:
-    """A method that makes a basis, with its switching.
+class MethodConfig(NamedTuple):
+    """A method that makes a basis, with energy-orthogonal switching."""
 
-    Attributes:
-        label: for tables and pictures.
-        options: as `reduce` takes them.
-    """
-
-    label: str
-    options: Mapping[str, Any]
+    label: str  # for tables and pictures
+    method: str  # as `reduce` takes it
 
 
 METHOD_CONFIGS = {
-    "balanced": MethodConfig("balanced", {"method": "balanced", "switching": "energy"}),
-    "selection": MethodConfig("V-selection (the paper's)", {"method": "eigenvector-selection", "switching": "energy"}),
-    "modal": MethodConfig("lowest modes", {"method": "modal", "switching": "energy"}),
-    "modal+static": MethodConfig("static shapes and modes", {"method": "modal+static", "switching": "energy"}),
-    "pod": MethodConfig("POD", {"method": "pod", "switching": "energy"}),
-    "static": MethodConfig("static shapes", {"method": "static", "switching": "energy"}),
+    "balanced": MethodConfig("balanced", "balanced"),
+    "selection": MethodConfig("V-selection (the paper's)", "eigenvector-selection"),
+    "modal": MethodConfig("lowest modes", "modal"),
+    "modal+static": MethodConfig("static shapes and modes", "modal+static"),
+    "pod": MethodConfig("POD", "pod"),
+    "static": MethodConfig("static shapes", "static"),
 }
 STUDIED_ORDERS = (4, 6, 8, 10, 14, 20, 28, 40, 56, 80)
 STUDIED_STEP_FACTORS = (8.0, 4.0, 2.0, 1.0, 0.5, 0.25)  # times the scene's
@@ -79,10 +73,8 @@ class StudyGrid:
         """How much of a run of a body of so many unknowns is studied, s."""
         if not self.quick:
             return whole
-        affordable = (
-            QUICK_WORK / size * self.reference_step / 1.5
-        )  # a run at the reference's step, and half as many steps
-        return min(whole, max(affordable, QUICK_STEPS * self.steps[-1], 2 * self.steps[0]))
+        steps = QUICK_WORK / size / 1.5  # of a run at the reference's step, beside one of half as many
+        return min(whole, max(steps * self.reference_step, QUICK_STEPS * self.steps[-1], 2 * self.steps[0]))
 
 
 def first_method(scene: Scene) -> str:
@@ -109,8 +101,7 @@ def make_grid(
         first = first_method(scene)
         methods = (QUICK_METHODS if quick else STUDIED_METHODS) if first == "balanced" else (first,)
     for name in methods:
-        if name not in METHOD_CONFIGS:
-            raise SceneError(unknown("method", name, METHOD_CONFIGS))
+        check_known("method", name, METHOD_CONFIGS, SceneError)
     orders = (QUICK_ORDERS if quick else STUDIED_ORDERS) if orders is None else orders
     factors = QUICK_STEP_FACTORS if quick else STUDIED_STEP_FACTORS
     steps = [factor * run.dt for factor in factors] if steps is None else steps

@@ -10,12 +10,12 @@ import fenics_rom as fr
 from fenics_rom.errors import FileError, SceneError, SolverError, StepError
 from fenics_rom.fem.ranks import run_on_rank_0
 from fenics_rom.fem.simulate import plain_rate
-from fenics_rom.io.json_record import read_earlier, write_record
 from fenics_rom.io.progress import Report, silent
 from fenics_rom.mechanics.environment import Run
 from fenics_rom.rom.rom import Rom
 from fenics_rom.scene.scene import TOLERANCE, Scene
 from fenics_rom.studies import benchmark, pareto, reference
+from fenics_rom.studies.json_record import read_earlier, write_record
 from fenics_rom.studies.method_configs import (
     METHOD_CONFIGS,
     STUDIED_ORDERS,
@@ -24,7 +24,7 @@ from fenics_rom.studies.method_configs import (
     make_grid,
     select_compared_instants,
 )
-from fenics_rom.studies.study_results import BenchmarkRow, StudyResults, read_study_results
+from fenics_rom.studies.study_results import BenchmarkRow, StudyResults
 from fenics_rom.system.system import System
 from fenics_rom.trajectory.comparison import compare, force_errors
 from fenics_rom.trajectory.trajectory import Trajectory
@@ -178,7 +178,7 @@ class _StudyRun:
     def _resume_results(self, resume: bool, begin_if_other: bool) -> StudyResults | None:
         """What an earlier study left, and its reference; on rank 0."""
         file = self._folder / RESULTS_FILE
-        earlier = read_earlier(file, read_study_results, resume)
+        earlier = read_earlier(file, StudyResults, "a study", resume)
         if earlier is None:
             return None
         if earlier.fingerprint != self._fingerprint:

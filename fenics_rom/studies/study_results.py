@@ -2,13 +2,12 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from pathlib import Path
-from typing import Any
+from typing import ClassVar
 
-from fenics_rom.io.json_record import read_record
 from fenics_rom.trajectory.comparison import ForceErrors
 
 RATE_RUNS = 5  # of which the fastest counts
+NOTHING_ELSE = {"extra": "forbid"}  # in files
 PICTURES = ("speed", "orders", "parts")  # names of those that are drawn of a study
 
 
@@ -34,6 +33,7 @@ class BenchmarkRow:
         neglected: share of the sum of σ left out, of the worst contact mode; None where the method has no σ.
     """
 
+    __pydantic_config__: ClassVar = NOTHING_ELSE
     method: str
     order: int
     dt: float
@@ -67,6 +67,7 @@ class MeshRow:
         outputs: distance of each named output from that of the finest mesh, as a share of its size, L² in time.
     """
 
+    __pydantic_config__: ClassVar = NOTHING_ELSE
     file: str
     size: int
     outputs: Mapping[str, float]
@@ -97,6 +98,7 @@ class StudyResults:
         notes: what the user should know.
     """
 
+    __pydantic_config__: ClassVar = NOTHING_ELSE
     name: str
     fingerprint: str
     size: int
@@ -127,28 +129,3 @@ class StudyResults:
     def of(self, method: str, order: int) -> tuple[BenchmarkRow, ...]:
         """The rows of one reduced model."""
         return tuple(row for row in self.rows if (row.method, row.order) == (method, order))
-
-
-def read_study_results(file: Path) -> StudyResults:
-    """Reads the results of a study.
-
-    Raises:
-        FileError: there is no such file, or it holds something else.
-    """
-    return read_record(file, "a study", _build)
-
-
-def _build(fields: dict[str, Any]) -> StudyResults:
-    rows = tuple(
-        BenchmarkRow(**row | {key: _tuples(row.get(key, {})) for key in ("outputs", "forces")})
-        for row in fields.pop("rows")
-    )
-    meshes = tuple(MeshRow(**mesh) for mesh in fields.pop("meshes"))
-    tried = tuple((method, order) for method, order in fields.pop("tried"))
-    by_name: dict[str, Any] = {key: _tuples(fields.pop(key, {})) for key in ("hankel", "reference_forces")}
-    return StudyResults(tried=tried, rows=rows, meshes=meshes, notes=tuple(fields.pop("notes")), **by_name, **fields)
-
-
-def _tuples(lists: Mapping[str, list[float]]) -> dict[str, Any]:
-    """What JSON made lists of."""
-    return {name: tuple(numbers) for name, numbers in lists.items()}

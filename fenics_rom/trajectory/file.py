@@ -38,7 +38,7 @@ from typing import Any
 import h5py
 import numpy as np
 
-from fenics_rom.errors import FileError, unknown
+from fenics_rom.errors import FileError, check_known
 from fenics_rom.io.given import Kind
 from fenics_rom.io.hdf5 import (
     Entry,
@@ -202,8 +202,7 @@ def _take(h5: h5py.File) -> Trajectory:
 def _take_obstacle(group: h5py.Group, sizes: Sizes) -> tuple[Obstacle, Array]:
     """An obstacle, and how far it was from where the scene puts it."""
     shape = get_text(group, "shape")
-    if shape not in SHAPES:
-        raise FileError(f"{group.name}: {unknown('shape', shape, SHAPES)}")
+    check_known("shape", shape, SHAPES, FileError, f"{group.name}: ")
     table = _dimensions(shape)
     arrays: Any = get_arrays(group, table | MOTION, sizes)
     dimensions = {key: arrays[key][0] if table[key].shape == (1,) else tuple(arrays[key]) for key in table}

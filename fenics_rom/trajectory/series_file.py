@@ -4,7 +4,7 @@ from typing import Any
 
 import h5py
 
-from fenics_rom.errors import FileError, unknown
+from fenics_rom.errors import FileError, check_known
 from fenics_rom.io.hdf5 import Entry, Sizes, check_names, get_arrays, get_group, get_text, put_arrays, put_text
 from fenics_rom.mechanics.readings import READING_UNITS
 from fenics_rom.trajectory.series import ReadingSeries, Series
@@ -67,14 +67,12 @@ def _take_reading(group: h5py.Group, instants: int) -> ReadingSeries:
 
 
 def _input_entry(unit: str) -> Entry:
-    if unit not in INPUT_UNITS:
-        raise FileError(f"an input has {unknown('unit', unit, INPUT_UNITS)}")
+    check_known("unit", unit, INPUT_UNITS, FileError, "an input has ")
     return Entry(unit, ("S", "w"))
 
 
 def _reading_table(quantity: str) -> dict[str, Entry]:
-    if quantity not in READING_UNITS:
-        raise FileError(f"a reading has {unknown('quantity', quantity, READING_UNITS)}")
+    check_known("quantity", quantity, READING_UNITS, FileError, "a reading has ")
     shape = SHAPES[quantity]
     places = PLACES[str(shape[0])] if shape else {}
     return {"values": Entry(READING_UNITS[quantity], ("S", *shape)), **places}

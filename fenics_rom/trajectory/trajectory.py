@@ -3,13 +3,14 @@
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.body_facts import CellQuality
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
+from fenics_rom.mechanics.environment import Environment
 from fenics_rom.mechanics.obstacles import Obstacle
 from fenics_rom.mechanics.readings import Reading
 from fenics_rom.trajectory.series import ReadingSeries, Series, input_series, reading_series
@@ -174,18 +175,16 @@ class TrajectoryRecorder:
     """Fills the arrays of a trajectory, step by step.
 
     Args:
+        body: what has nodes (N, 3), m, triangles (F, 3), node_mass (N,), kg, and cells: a ROM, or where the degrees of
+            freedom of a system are.
+        environment: what acts; without contact nothing is kept of it.
         steps: number of steps of the run.
         dt: time step, s.
         outputs: number of points of each named output.
-        contacts: number of input columns of each contact mode.
-        nodes: number N of nodes.
-        snapshots: how many whole shapes to keep, evenly spread, the last step among them.
-        effects: names of those that act; without contact nothing is kept of it.
-        obstacles: by name.
-        every: instants are kept after every so many steps, and at the end.
-        actuators: number of columns of each.
-        units: of inputs that are not in N.
+        contacts, actuators: number of input columns of each.
         readings: by name.
+        snapshots: how many whole shapes to keep, evenly spread, the last step among them.
+        every: instants are kept after every so many steps, and at the end.
 
     Attributes:
         snapshot_rows: of the steps after which a whole shape is kept, its place among them.
@@ -193,23 +192,21 @@ class TrajectoryRecorder:
 
     def __init__(
         self,
+        body: Any,
+        environment: Environment,
         steps: int,
         dt: float,
+        *,
         outputs: Mapping[str, int],
         contacts: Mapping[str, int],
-        nodes: int,
-        snapshots: int,
-        effects: tuple[str, ...] = (),
-        obstacles: Mapping[str, Obstacle] | None = None,
-        every: int = 1,
-        *,
         actuators: Mapping[str, int],
-        units: Mapping[str, str],
         readings: Mapping[str, Reading],
+        snapshots: int,
+        every: int = 1,
     ):
-        self._effects = effects
+        self._body, self._effects = body, tuple(environment.effects)
         self._contacts, self._input_columns = tuple(contacts), (contacts, actuators)
-        self._units, self._readings = units, readings
+        self._units, self._readings = environment.input_units, readings
         self._loads: Mapping[str, int] = {}
         self._inputs = NOTHING
         self._reading_values: dict[str, Array] = {}
@@ -219,14 +216,15 @@ class TrajectoryRecorder:
         self._contact = np.zeros(instants, dtype=np.int64)
         self._account = np.zeros((5, instants))
         self._outputs = {name: np.zeros((instants, points, 3)) for name, points in outputs.items()}
-        self._obstacles = obstacles or {}
+        self._obstacles = {name: obstacle.shape for name, obstacle in environment.obstacles.items()}
         self._forces = {name: np.zeros((instants, 3)) for name in self._obstacles}
-        sums = [name for name, effect in CONTACT_ACCOUNT.items() if effect in effects]
+        sums = [name for name, effect in CONTACT_ACCOUNT.items() if effect in self._effects]
         self._contact_account = {name: np.zeros(instants) for name in sums}
         self._snapshot_steps = np.unique(np.round(np.linspace(0, steps, min(snapshots, steps) + 1)).astype(int))[1:]
         self.snapshot_rows = {step: row for row, step in enumerate(self._snapshot_steps.tolist())}
-        self._snapshots = np.zeros((len(self._snapshot_steps), nodes, 3))
-        self._velocities = np.zeros_like(self._snapshots) if not effects or "inertia" in effects else None
+        self._snapshots = np.zeros((len(self._snapshot_steps), len(body.nodes), 3))
+        is_moving = not self._effects or "inertia" in self._effects
+        self._velocities = np.zeros_like(self._snapshots) if is_moving else None
         self._motion = {name: np.zeros((len(self._snapshot_steps), 3)) for name in self._obstacles}
         self._reactions: dict[str, Array] = {}
 
@@ -301,14 +299,10 @@ class TrajectoryRecorder:
         name: str,
         model: str,
         settings: Mapping[str, float],
-        nodes: Array,
-        triangles: Array,
-        node_mass: Array,
         warnings: tuple[str, ...],
         tendons: Mapping[str, Array],
         profile: Mapping[str, float] | None = None,
         stepping: str = "",
-        cells: CellQuality | None = None,
     ) -> Trajectory:
         """The finished run."""
         energy, supplied, dissipated, lost, numerical = self._account
@@ -329,9 +323,10 @@ class TrajectoryRecorder:
             numerical=numerical,
             snapshot_times=self._dt * self._snapshot_steps,
             snapshots=self._snapshots,
-            nodes=nodes,
-            triangles=triangles,
-            node_mass=node_mass,
+            nodes=self._body.nodes,
+            triangles=self._body.triangles,
+            node_mass=self._body.node_mass,
+            cells=self._body.cells,
             warnings=warnings,
             effects=self._effects,
             forces=self._forces,
@@ -342,7 +337,6 @@ class TrajectoryRecorder:
             obstacle_motion=self._motion,
             tendons=tendons,
             stepping=stepping,
-            cells=cells,
             inputs=input_series(self._contact, self._inputs, *self._input_columns, self._loads, self._units),
             readings={
                 name: reading_series(reading, self._reading_values[name]) for name, reading in self._readings.items()

@@ -25,7 +25,8 @@ import numpy as np
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomError
 from fenics_rom.io.hdf5 import content_of
-from fenics_rom.studies.study_results import read_study_results
+from fenics_rom.studies.json_record import read_record
+from fenics_rom.studies.study_results import StudyResults
 
 sys.path.append(str(Path(__file__).parents[1]))
 from bodies import box_arrays, scene_text, write_arrays
@@ -156,7 +157,7 @@ def whole(file: Path) -> bool:
             case ".h5":
                 (fr.read_rom if content_of(file) == "rom" else fr.read_trajectory)(file)
             case ".json":
-                read_study_results(file)
+                read_record(file, StudyResults, "a study")
             case ".toml":
                 return "[run]" in file.read_text() and bool(fr.read_scene(file).contacts)
             case ".png":

@@ -11,7 +11,8 @@ from fenics_rom.cli.main import main
 from fenics_rom.errors import FileError, SceneError
 from fenics_rom.mechanics.signals import Signal
 from fenics_rom.scene.effects import PrescribedForce
-from fenics_rom.studies.amplitudes import AmplitudeRow, linear, read_amplitude_results, scaled, study_amplitudes
+from fenics_rom.studies.amplitudes import AmplitudeResults, AmplitudeRow, linear, scaled, study_amplitudes
+from fenics_rom.studies.json_record import read_record
 
 pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")]
 
@@ -79,7 +80,11 @@ def test_a_share_of_the_loads_is_that(file, tmp_path):
 
 def test_what_was_found_is_taken_over(file, results):
     again = study_amplitudes(fr.read_scene(file), file.parent / "study", quick=True, resume=True)
-    assert again == results == read_amplitude_results(file.parent / "study" / "amplitudes.json")
+    assert (
+        again
+        == results
+        == read_record(file.parent / "study" / "amplitudes.json", AmplitudeResults, "a study of amplitudes")
+    )
     other = replace(fr.read_scene(file), text=fr.read_scene(file).text + "\n# changed")
     with pytest.raises(FileError, match="of another scene"):
         study_amplitudes(other, file.parent / "study", resume=True)
@@ -105,4 +110,4 @@ def test_what_cannot_be_studied_is_said(file, tmp_path):
         study_amplitudes(linear(scene), tmp_path)
     (tmp_path / "amplitudes.json").write_text("{}")
     with pytest.raises(FileError, match="does not hold"):
-        read_amplitude_results(tmp_path / "amplitudes.json")
+        read_record(tmp_path / "amplitudes.json", AmplitudeResults, "a study of amplitudes")

@@ -15,10 +15,11 @@ import fenics_rom as fr
 from fenics_rom.errors import FileError, SceneError, SolverError
 from fenics_rom.scene.file import parse_scene
 from fenics_rom.studies import method_configs
+from fenics_rom.studies.json_record import read_record
 from fenics_rom.studies.method_configs import METHOD_CONFIGS, STUDIED_ORDERS, make_grid
 from fenics_rom.studies.report import csv_table, markdown_report, remarks, write_report
 from fenics_rom.studies.study import study_for_tolerance
-from fenics_rom.studies.study_results import PICTURES, read_study_results
+from fenics_rom.studies.study_results import PICTURES, StudyResults
 from fenics_rom.trajectory.comparison import FORCE_MEASURES
 
 pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
@@ -291,7 +292,7 @@ def test_statics_and_contact_can_be_studied(box_file, tmp_path):
     errors = [fr.compare(reduced, reference)[f"{what} of floor"].relative for what in FORCE_MEASURES]
     assert touched.rows[0].forces == {"floor": pytest.approx(errors, rel=1e-6)}
     assert all(0 < error < 0.5 for error in touched.reference_forces["floor"])
-    assert read_study_results(tmp_path / "contact" / "study.json") == touched
+    assert read_record(tmp_path / "contact" / "study.json", StudyResults, "a study") == touched
     assert "| floor    | full order, by its step |       | 2.5 ms |" in markdown_report(touched, "study")
     (row,) = csv.DictReader(csv_table(touched).splitlines())
     assert float(row["error of peak force of floor"]) == pytest.approx(errors[1], rel=1e-3)

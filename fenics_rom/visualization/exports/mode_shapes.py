@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fenics_rom.errors import SceneError, unknown
+from fenics_rom.errors import SceneError, check_known
 from fenics_rom.io.units import readable
 from fenics_rom.rom.file import HANKEL_UNIT
 from fenics_rom.rom.rom import ContactModel, Rom
@@ -83,8 +83,7 @@ SHAPE_KINDS: Mapping[str, Callable[[Rom, ContactModel], list[ModeShape]]] = {
 
 def mode_shapes(rom: Rom, kind: str) -> dict[str, list[ModeShape]]:
     """The shapes of one of the SHAPE_KINDS, by contact mode. Raises SceneError of another, and without a mesh."""
-    if kind not in SHAPE_KINDS:
-        raise SceneError(unknown("kind of shape", kind, SHAPE_KINDS))
+    check_known("kind of shape", kind, SHAPE_KINDS, SceneError)
     if not len(rom.triangles):
         raise SceneError(f"ROM {rom.name!r} has no surface to draw: it is of matrices, not of a mesh")
     return {name: SHAPE_KINDS[kind](rom, mode) for name, mode in rom.contact_models.items()}

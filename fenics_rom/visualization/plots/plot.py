@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from os import PathLike
 from pathlib import Path
 
-from fenics_rom.errors import FileError, SceneError, unknown
+from fenics_rom.errors import FileError, SceneError, check_known
 from fenics_rom.io.atomic_write import check_folder, check_place, make_folder
 from fenics_rom.io.given import object_or_file
 from fenics_rom.io.progress import Report, silent
@@ -128,8 +128,7 @@ def _select_panels(
     else:
         panels = run_panels(model)
     for name in what or ():
-        if name not in panels:
-            raise SceneError(unknown("plot", name, panels))
+        check_known("plot", name, panels, SceneError)
     if not panels:
         raise SceneError("there is nothing to draw: neither Hankel singular values nor frequencies")
     return {name: panels[name] for name in (panels if what is None else dict.fromkeys(what))}

@@ -35,17 +35,15 @@ class Recording:
         simulator.ledger.sums = EnergyLedger().sums
         shapes = min(round(len(self.steps) * self.start.dt * PER_SECOND), int(MOST_NUMBERS / rom.nodes.size))
         recorder = TrajectoryRecorder(
+            rom,
+            rom.environment,
             len(self.steps),
             self.start.dt,
-            {name: len(rows) // 3 for name, rows in rom.outputs.items()},
-            rom.contacts,
-            len(rom.nodes),
-            max(shapes, 1),
-            tuple(rom.environment.effects),
-            {} if simulator.environment is None else simulator.environment.obstacles,
+            outputs={name: len(rows) // 3 for name, rows in rom.outputs.items()},
+            contacts=rom.contacts,
             actuators=rom.actuators,
-            units=rom.environment.input_units,
             readings=rom.readings,
+            snapshots=max(shapes, 1),
         )
 
         recorder.sample(0, simulator)
@@ -57,9 +55,6 @@ class Recording:
             name=rom.name,
             model="reduced",
             settings=simulator.settings | {"seconds": self.seconds},
-            nodes=rom.nodes,
-            triangles=rom.triangles,
-            node_mass=rom.node_mass,
             tendons=rom.environment.tendons,
             warnings=(*rom.warnings, *simulator.warnings),
         )
