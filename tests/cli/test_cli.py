@@ -217,8 +217,8 @@ def test_reduce_says_what_it_cost_and_how_good_the_models_are(story):
     assert [row[0] for row in rows] == [*(stage.name for stage in rom.stages), "total"]
     assert rows[0][0] == "assembly"
     for (_, seconds, _, memory), stage in zip(rows, rom.stages, strict=False):
-        assert seconds == f"{stage.seconds:.2f}"
-        assert memory == f"{stage.peak_memory / 1e6:.0f}"
+        assert seconds == f"{stage.seconds:,.2f}"
+        assert memory == f"{stage.peak_memory / 1e6:,.0f}"
     total = sum(stage.seconds for stage in rom.stages)
     assert rows[-1][1:] == (f"{total:.2f}", "100.0", rows[-2][3])
     assert abs(sum(float(row[2]) for row in rows[:-1]) - 100) < 0.1 * len(rows)
