@@ -20,21 +20,13 @@ LINEAR_TETRAHEDRON = "Tetrahedron 4"  # what Gmsh calls the only kind of cells t
 
 @dataclass(frozen=True)
 class Mesh:
-    """Straight tetrahedra.
+    """Straight tetrahedra."""
 
-    Attributes:
-        points: (N, 3), m.
-        cells: (C, 4), positively oriented.
-        surfaces: triangles of each named surface, (F, 3) each.
-        regions: cells of each named region, as rows of `cells`.
-        source: file name for messages.
-    """
-
-    points: np.ndarray
-    cells: np.ndarray
-    surfaces: Mapping[str, np.ndarray]
-    regions: Mapping[str, np.ndarray]
-    source: str
+    points: np.ndarray  # (N, 3), m
+    cells: np.ndarray  # (C, 4), positively oriented
+    surfaces: Mapping[str, np.ndarray]  # triangles of each named surface, (F, 3) each
+    regions: Mapping[str, np.ndarray]  # cells of each named region, as rows of `cells`
+    source: str  # file name for messages
 
     def surface(self, name: str) -> np.ndarray:
         """Triangles of a named surface; refuses one that is not there, or empty."""

@@ -19,23 +19,14 @@ from fenics_rom.system.body import Unknowns
 
 @dataclass(frozen=True)
 class Nodes:
-    """The nodes of a Lagrange space of degree 1 or 2.
+    """The nodes of a Lagrange space of degree 1 or 2."""
 
-    Attributes:
-        coordinates: (N, 3), m.
-        keys: (N, 2) mesh points that a node belongs to: (point, -1) or the two ends of its edge.
-        cells: (C, 4) vertices of each cell.
-        edges: (N - vertices, 2) ends of each edge in canonical vertices, sorted; empty for degree 1.
-        surface: (F, 3) outward triangles of the boundary, between vertices.
-        mesh: where they come from.
-    """
-
-    coordinates: np.ndarray
-    keys: np.ndarray
-    cells: np.ndarray
-    edges: np.ndarray
-    surface: np.ndarray
-    mesh: Mesh
+    coordinates: np.ndarray  # (N, 3), m
+    keys: np.ndarray  # (N, 2) mesh points that a node belongs to: (point, -1) or the two ends of its edge
+    cells: np.ndarray  # (C, 4) vertices of each cell
+    edges: np.ndarray  # (N - vertices, 2) ends of each edge in canonical vertices, sorted; empty for degree 1
+    surface: np.ndarray  # (F, 3) outward triangles of the boundary, between vertices
+    mesh: Mesh  # where they come from
 
     def on_edges(self, ends: np.ndarray) -> np.ndarray:
         """Nodes at the mid-points of edges given by their canonical vertices, (..., 2) to (...)."""

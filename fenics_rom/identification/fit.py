@@ -31,42 +31,25 @@ MIN_MOVE = 1e-8  # of q, where the interval is shorter than that
 
 @dataclass(frozen=True)
 class Fit:
-    """Where a fit ended.
+    """Where a fit ended."""
 
-    Attributes:
-        q: coordinates of the parameters, (p,).
-        model: on a basis made there, or next to it.
-        predicted: what it says, (N,), m.
-        jacobian: of that with respect to q, (N, p).
-        bases: how many were made.
-        converged: whether another one would change nothing; else they were too many.
-    """
-
-    q: Array
-    model: ReducedModel
-    predicted: Array
-    jacobian: Array
-    bases: int
-    converged: bool
+    q: Array  # coordinates of the parameters, (p,)
+    model: ReducedModel  # on a basis made there, or next to it
+    predicted: Array  # what it says, (N,), m
+    jacobian: Array  # of that with respect to q, (N, p)
+    bases: int  # how many were made
+    converged: bool  # whether another one would change nothing; else they were too many
 
 
 @dataclass(frozen=True)
 class FitProblem:
-    """What is sought, and from where.
+    """What is sought, and from where."""
 
-    Attributes:
-        start: θ.
-        parameters: p of them.
-        experiment: all that was measured.
-        model_at: makes the model whose basis is best at θ.
-        comm: of the ranks, of which the first searches, so that all decide alike.
-    """
-
-    start: Array
-    parameters: Sequence[Parameter]
-    experiment: Experiment
-    model_at: Callable[[Array], ReducedModel]
-    comm: Any
+    start: Array  # θ
+    parameters: Sequence[Parameter]  # p of them
+    experiment: Experiment  # all that was measured
+    model_at: Callable[[Array], ReducedModel]  # makes the model whose basis is best at θ
+    comm: Any  # of the ranks, of which the first searches, so that all decide alike
 
     def values(self, q: Array) -> Array:
         """θ at q."""

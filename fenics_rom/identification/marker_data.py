@@ -48,21 +48,13 @@ class Marker:
 
 @dataclass(frozen=True)
 class Displacements:
-    """What markers did.
+    """What markers did."""
 
-    Attributes:
-        file: where it is from.
-        lines: (T,) of the file.
-        columns: name of each marker's column.
-        markers: (C,).
-        measured: (T, C), m; NaN where a marker was not seen.
-    """
-
-    file: str
-    lines: Array
-    columns: tuple[str, ...]
-    markers: tuple[Marker, ...]
-    measured: Array
+    file: str  # where it is from
+    lines: Array  # (T,) of the file
+    columns: tuple[str, ...]  # name of each marker's column
+    markers: tuple[Marker, ...]  # (C,)
+    measured: Array  # (T, C), m; NaN where a marker was not seen
 
 
 @dataclass(frozen=True)
@@ -74,15 +66,10 @@ class Motion(Displacements):
 
 @dataclass(frozen=True)
 class Equilibria(Displacements):
-    """What was measured at rest under known forces.
+    """What was measured at rest under known forces."""
 
-    Attributes:
-        contacts: contact mode of each row, (T,).
-        forces: its force, (columns of the contact mode,) each, N.
-    """
-
-    contacts: tuple[str, ...]
-    forces: tuple[Array, ...]
+    contacts: tuple[str, ...]  # contact mode of each row, (T,)
+    forces: tuple[Array, ...]  # its force, (columns of the contact mode,) each, N
 
 
 Data = Motion | Equilibria

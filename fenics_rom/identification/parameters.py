@@ -29,20 +29,13 @@ class Parameter:
 
     E and ρ are sought as ln(E / E_start), so that they stay positive; ν as a logit that keeps it between -1 and 0.5;
     α and β, which may well be next to 0, as (α - α_start) / α_start > -1.
-
-    Attributes:
-        name: as in the scene, after the material's where there are several.
-        column: of θ.
-        rows: of θ, which hold it.
-        start: its value in the scene.
-        path: keys that lead to it in the scene file.
     """
 
-    name: str
-    column: int
-    rows: tuple[int, ...]
-    start: float
-    path: tuple[str, ...]
+    name: str  # as in the scene, after the material's where there are several
+    column: int  # of θ
+    rows: tuple[int, ...]  # of θ, which hold it
+    start: float  # its value in the scene
+    path: tuple[str, ...]  # keys that lead to it in the scene file
 
     @property
     def unit(self) -> str:

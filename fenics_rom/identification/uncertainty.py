@@ -55,15 +55,10 @@ def _unit_covariance(jacobian: Array) -> Array:
 
 @dataclass(frozen=True)
 class Unidentifiable:
-    """A combination that data cannot tell.
+    """A combination that data cannot tell."""
 
-    Attributes:
-        fixed: the parameter that is left at its start value for it.
-        reason: why, as a sentence.
-    """
-
-    fixed: Parameter
-    reason: str
+    fixed: Parameter  # the parameter that is left at its start value for it
+    reason: str  # why, as a sentence
 
 
 def find_unidentifiable(parameters: Sequence[Parameter], jacobian: Array, uncertainty: float) -> Unidentifiable | None:

@@ -38,19 +38,12 @@ Sizes = dict[str, int]
 
 @dataclass(frozen=True)
 class Entry:
-    """What one dataset is.
+    """What one dataset is."""
 
-    Attributes:
-        unit: "1" for a pure number.
-        shape: numbers, or names of sizes that must agree wherever they occur.
-        kind: "f" real or "i" whole numbers.
-        optional: whether it may be absent.
-    """
-
-    unit: str
-    shape: tuple[str | int, ...]
-    kind: str = "f"
-    optional: bool = False
+    unit: str  # "1" for a pure number
+    shape: tuple[str | int, ...]  # numbers, or names of sizes that must agree wherever they occur
+    kind: str = "f"  # "f" real or "i" whole numbers
+    optional: bool = False  # whether it may be absent
 
 
 Table = Mapping[str, Entry]

@@ -18,21 +18,13 @@ COLUMN_PATTERN = re.compile(r"(?P<what>[^()]*?)\s*\((?P<unit>[^()]*)\)")
 
 @dataclass(frozen=True)
 class Table:
-    """The cells of a CSV file, and where they are.
+    """The cells of a CSV file, and where they are."""
 
-    Attributes:
-        file: it was read from.
-        error: raised where a cell cannot be used.
-        heading: names of the columns, each once.
-        lines: (T,) of the file.
-        cells: (T, columns) texts without spaces around them.
-    """
-
-    file: Path
-    error: type[FenicsRomError]
-    heading: tuple[str, ...]
-    lines: tuple[int, ...]
-    cells: tuple[tuple[str, ...], ...]
+    file: Path  # it was read from
+    error: type[FenicsRomError]  # raised where a cell cannot be used
+    heading: tuple[str, ...]  # names of the columns, each once
+    lines: tuple[int, ...]  # (T,) of the file
+    cells: tuple[tuple[str, ...], ...]  # (T, columns) texts without spaces around them
 
     def refuse(self, line: int, column: str, what: str) -> NoReturn:
         """Raises the table's error about a cell."""

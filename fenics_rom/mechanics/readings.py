@@ -51,16 +51,11 @@ class ReadableBody(NamedTuple):
 
 @dataclass(frozen=True)
 class TendonLength:
-    """Length of a cable, (), m.
-
-    Attributes:
-        of: the tendon.
-        rest: its length at rest, m.
-    """
+    """Length of a cable, (), m."""
 
     quantity: ClassVar = "length"
-    of: str
-    rest: float
+    of: str  # the tendon
+    rest: float  # its length at rest, m
 
     def read(self, body: ReadableBody) -> Array:
         """Its value."""
@@ -69,16 +64,11 @@ class TendonLength:
 
 @dataclass(frozen=True)
 class ChamberVolume:
-    """Volume that the surface of a pressure encloses, (), m³.
-
-    Attributes:
-        of: the pressure.
-        rest: the volume at rest, m³.
-    """
+    """Volume that the surface of a pressure encloses, (), m³."""
 
     quantity: ClassVar = "volume"
-    of: str
-    rest: float
+    of: str  # the pressure
+    rest: float  # the volume at rest, m³
 
     def read(self, body: ReadableBody) -> Array:
         """Its value."""
@@ -92,19 +82,13 @@ class ContactPressure:
     On facets of three nodes a node has a third of its facets. On those of six, where a uniform pressure leaves nothing
     to the corners, each facet has its share by area of the forces on its nodes, and a node the mean of its facets, by
     area. Either way a uniform pressure is found exactly.
-
-    Attributes:
-        of: the contact mode.
-        nodes: (s,) of its surface.
-        facets: (F, 3) or (F, 6) rows of `nodes`.
-        areas: (F,) theirs at rest, m².
     """
 
     quantity: ClassVar = "contact_pressure"
-    of: str
-    nodes: Array
-    facets: Array
-    areas: Array
+    of: str  # the contact mode
+    nodes: Array  # (s,) of its surface
+    facets: Array  # (F, 3) or (F, 6) rows of `nodes`
+    areas: Array  # (F,) theirs at rest, m²
 
     def read(self, body: ReadableBody) -> Array:
         """Its values."""

@@ -10,15 +10,10 @@ from fenics_rom.scene.values import Items, Number, keys_of, part_of, type_in, va
 
 @dataclass(frozen=True)
 class EffectEntry:
-    """A row of the table of effects.
+    """A row of the table of effects."""
 
-    Attributes:
-        kind: the record of the effect, or of each one where there can be several.
-        several: whether a scene names each, as in [effects.tendon.NAME].
-    """
-
-    kind: type
-    several: bool
+    kind: type  # the record of the effect, or of each one where there can be several
+    several: bool  # whether a scene names each, as in [effects.tendon.NAME]
 
     @property
     def law(self) -> Law:

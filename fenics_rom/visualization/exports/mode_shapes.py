@@ -29,19 +29,12 @@ TITLES = {
 
 @dataclass(frozen=True)
 class ModeShape:
-    """A shape of the reduced model of one contact mode.
+    """A shape of the reduced model of one contact mode."""
 
-    Attributes:
-        number: from 1; rigid motions are not counted.
-        displacement: (N, 3), kg^-1/2 where its norm in M is 1, m per unit of the input where it is a shape at rest.
-        frequency: Hz, of Rayleigh's quotient xᵀKx / xᵀMx; None for shapes at rest.
-        σ: Hankel singular value; None where there are none.
-    """
-
-    number: int
-    displacement: Array
-    frequency: float | None = None
-    σ: float | None = None
+    number: int  # from 1; rigid motions are not counted
+    displacement: Array  # (N, 3), kg^-1/2 where its norm in M is 1, m per unit of the input where it is a shape at rest
+    frequency: float | None = None  # Hz, of Rayleigh's quotient xᵀKx / xᵀMx; None for shapes at rest
+    σ: float | None = None  # Hankel singular value; None where there are none
 
 
 def balanced_modes(rom: Rom, mode: ContactModel) -> list[ModeShape]:
