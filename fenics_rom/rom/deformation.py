@@ -8,7 +8,7 @@ what balances energy for the one does for the other.
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 
@@ -146,7 +146,13 @@ def resultant(push: Array) -> float:
 
 def monomials(q: Array) -> Array:
     """1, q_i and q_i q_j (i <= j), (1 + m + m (m+1)/2,)."""
-    return np.concatenate([[1.0], q, np.outer(q, q)[np.triu_indices(len(q))]])
+    return np.concatenate([[1.0], q, np.outer(q, q)[_upper_triangle(len(q))]])
+
+
+@cache
+def _upper_triangle(size: int) -> tuple[Array, Array]:
+    """Its rows and columns, found once: every iterate of a step under pressure asks for them."""
+    return np.triu_indices(size)
 
 
 def check_deformation(body: ReducedDeformation, order: int, actuators: Mapping[str, int]) -> None:

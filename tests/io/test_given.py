@@ -32,13 +32,14 @@ def test_roms_are_cut_and_written_from_their_files(files, plate_rom, tmp_path):
 
 
 def test_plots_of_files_are_those_of_objects(files, run, plate_rom, tmp_path):
-    for name, given, model in (
-        ("run", files / "run.h5", run),
-        ("runs", {"a": str(files / "run.h5"), "b": run}, {"a": run, "b": run}),
-        ("rom", str(files / "plate.h5"), plate_rom),
+    for name, given, model, what in (
+        ("run", files / "run.h5", run, None),
+        ("runs", {"a": str(files / "run.h5"), "b": run}, {"a": run, "b": run}, ["energy"]),
+        ("rom", str(files / "plate.h5"), plate_rom, ["sigma"]),
     ):
         pictures = [
-            fr.plot(each, tmp_path / f"{name}-{k}.png")[0].read_bytes() for k, each in enumerate((given, model))
+            fr.plot(each, tmp_path / f"{name}-{k}.png", what=what)[0].read_bytes()
+            for k, each in enumerate((given, model))
         ]
         assert pictures[0] == pictures[1]
 
