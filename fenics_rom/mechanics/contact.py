@@ -119,7 +119,7 @@ class ContactSolution(NamedTuple):
         """
         w = self.obstacle_velocities
         if len(w) == 1:
-            relative = velocity[self.pairs] - w[0]
+            relative = (velocity if len(self.pairs) == len(velocity) else velocity[self.pairs]) - w
         else:
             obstacle, point = np.divmod(self.pairs, len(velocity))
             relative = velocity[point] - w[obstacle]

@@ -27,7 +27,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from fenics_rom.errors import StepError
-from fenics_rom.mechanics.complementarity import NEGLIGIBLE_RESIDUAL, Solution, solve
+from fenics_rom.mechanics.complementarity import NEGLIGIBLE_RESIDUAL, Delassus, Solution, solve
 from fenics_rom.mechanics.contact import ContactLaw, ContactResidual, ContactSolution, ObstacleMotion, PointMotion
 from fenics_rom.mechanics.obstacles import Obstacle
 
@@ -36,6 +36,7 @@ Array = np.ndarray
 _ONES = np.ones(3)
 PENETRATION_TOLERANCE = 1e-9  # of the size of the body: as deep in an obstacle as round-off may have put a point
 WORK_ROUND_OFF = 1e-12  # of force times velocity: work that is no work
+_MOST_KEPT = 4  # operators of pairs, of those that were active last
 
 
 class ContactSolver:
@@ -57,8 +58,7 @@ class ContactSolver:
         self.residual = ContactResidual()
         self.points, self.obstacles, self.law = np.array(points, dtype=float), tuple(obstacles), law
         self.last_forces = np.zeros((len(self.obstacles) * len(self.points), 3))
-        self._delassus = self._delassus_of_pairs = np.empty((0, 0))
-        self._pairs_key = b""
+        self._delassus, self._operators = np.empty((0, 0)), dict[bytes, Delassus]()
 
     def gaps(self, displacement: Array, offsets: Array) -> Array:
         """Smallest gap of each point (P,), m, that has moved by (P, 3), m, from obstacles that have by (O, 3), m."""
@@ -99,30 +99,32 @@ class ContactSolver:
         """
         w = obstacles.velocities(dt)
         pairs = self._all_pairs(points, dt, obstacles, w, quasi_static)
-        chosen = pairs.due(pairs.free)
-        if not chosen.any():
+        chosen = pairs.due(pairs.normal_velocity)
+        active = chosen.nonzero()[0]
+        if not len(active):
             return None
-        if self.law.friction > 0 and not quasi_static:  # what sticks is to stop within the step
-            pairs.tangential_target = (pairs.relative - pairs.approach[:, None] * pairs.normals) / 2
         iterations, start = 0, self.last_forces
         while True:
-            active = chosen.nonzero()[0]
             solution, forces, q = self._solve_pairs(pairs, active, delassus, start)
             iterations += solution.iterations
-            start = np.zeros_like(pairs.normals)
-            start[active] = forces
+            if len(active) == len(chosen):
+                start = forces
+            else:
+                start = np.zeros_like(pairs.normals)
+                start[active] = forces
             by_pair = start.reshape(-1, len(self.points), 3)
             point_forces = by_pair[0] if len(by_pair) == 1 else by_pair.sum(axis=0)
             repeat = pairs.stop_helping_friction(active, forces, solution.velocities, q)
             if len(active) < len(chosen):
                 moved = delassus.dot(point_forces.ravel()).reshape(points.free_velocity.shape)
                 velocity = self._relative(points.free_velocity + moved, w)
-                missed = pairs.due(velocity) & ~chosen
+                missed = pairs.due((pairs.normals * velocity).dot(_ONES)) & ~chosen
                 if missed.any():
                     chosen |= missed
                     repeat = True
             if not repeat:
                 break
+            active = chosen.nonzero()[0]
         self.last_forces = start
         if solution.residual > NEGLIGIBLE_RESIDUAL:
             self.residual = ContactResidual(self.residual.steps + 1, max(self.residual.residual, solution.residual))
@@ -136,14 +138,12 @@ class ContactSolver:
         law = self.law
         gaps, normals = self._distances(points.displacement, obstacles.start)
         free, relative = self._relative(points.free_velocity, w), self._relative(points.velocity, w)
-        half_change = (w - obstacles.velocities_before) / 2
-        if half_change.any():
+        if w.tobytes() != obstacles.velocities_before.tobytes():  # six times as fast as to compare numbers
             # What keeps touching an obstacle that accelerates has its velocity between the steps, and not yet the mean
             # one of this step. Taken for an approach, the difference would let it sink in further in every step.
-            pushed = self.last_forces.any(axis=1)
+            pushed, half_change = self.last_forces.any(axis=1), (w - obstacles.velocities_before) / 2
             relative[pushed] += np.repeat(half_change, len(self.points), axis=0)[pushed]
-        approach = (normals * relative).dot(_ONES)
-        e, compliance = 1.0, 0.0
+        approach, compliance = (normals * relative).dot(_ONES), 0.0
         if law.stiffness is not None:
             damper = law.stiffness * dt / 2 + law.damping
             level = target = gaps * (-law.stiffness / damper)
@@ -152,11 +152,15 @@ class ContactSolver:
             level = target = np.maximum(gaps, 0.0) / -dt
         else:
             e = law.restitution
-            level, target = gaps / -dt, (1 - e) / 2 * np.minimum(approach, 0.0)
+            level, half = gaps / -dt, (1 - e) / 2 * approach
+            level, target = np.maximum(level, (level + half) / (2 - e)), np.minimum(half, 0.0)
             if gaps.min() < 0.0:  # no deeper than a step's motion of the obstacle or of the body
                 deepest = gaps / dt + np.abs(approach) + np.sqrt((w * w).dot(_ONES)).repeat(len(self.points))
                 target = np.maximum(target, -np.maximum(deepest, 0.0))
-        return _Pairs(normals, relative, free, approach, e, level, target, compliance)
+        sliding = None
+        if law.friction > 0 and not quasi_static:  # what sticks is to stop within the step
+            sliding = (relative - approach[:, None] * normals) / 2
+        return _Pairs(normals, free, (normals * free).dot(_ONES), level, target, compliance, sliding)
 
     def _solve_pairs(
         self, pairs: "_Pairs", active: Array, delassus: Array, start: Array
@@ -164,41 +168,43 @@ class ContactSolver:
         """The solution for the active pairs, passive forces (C, 3), N, and the velocities (C, 3) they stop, m/s."""
         normals = pairs.of_active(pairs.normals, active)
         free = pairs.of_active(pairs.free, active)
-        target = pairs.of_active(pairs.target, active)[:, None] * normals
+        q = free - pairs.of_active(pairs.target, active)[:, None] * normals
         if pairs.tangential_target is not None:
-            target += pairs.of_active(pairs.tangential_target, active)
+            q -= pairs.of_active(pairs.tangential_target, active)
         operator = self._operator(delassus, active)
         if pairs.compliance:
-            operator = _compliant(operator, normals, pairs.compliance)
-        q = free - target
+            operator = Delassus(_compliant(operator.matrix, normals, pairs.compliance))
         solution = solve(operator, q, normals, self.law.friction, pairs.of_active(start, active))
         if solution.residual > NEGLIGIBLE_RESIDUAL:
-            return solution, _passive(solution.forces, operator, free), q
+            return solution, _passive(solution.forces, operator.matrix, free), q
         return solution, solution.forces, q
 
     def _distances(self, displacement: Array, offsets: Array) -> tuple[Array, Array]:
         """Gaps (O P,), m, and normals (O P, 3), obstacle after obstacle."""
         x = self.points + displacement
+        if len(self.obstacles) == 1:
+            return self.obstacles[0].distance(x - offsets)
         distances = [obstacle.distance(x - moved) for obstacle, moved in zip(self.obstacles, offsets, strict=True)]
-        if len(distances) == 1:
-            return distances[0]
         return np.concatenate([gap for gap, _ in distances]), np.concatenate([normal for _, normal in distances])
 
     def _relative(self, velocity: Array, w: Array) -> Array:
         """Velocities of the points (P, 3) relative to each obstacle (O P, 3), m/s."""
-        return (velocity - w[:, None]).reshape(-1, 3)
+        return velocity - w if len(w) == 1 else (velocity - w[:, None]).reshape(-1, 3)
 
-    def _operator(self, delassus: Array, active: Array) -> Array:
-        """Relative velocities of the pairs per force of the pairs; kept while both stay the same."""
-        P = len(self.points)
-        if len(active) == P and len(self.obstacles) == 1:
-            return delassus
+    def _operator(self, delassus: Array, active: Array) -> Delassus:
+        """Relative velocities of the active pairs per force of theirs; kept while both stay the same."""
         key = active.tobytes()
-        if delassus is not self._delassus or key != self._pairs_key:
-            rows = (3 * (active % P)[:, None] + np.arange(3)).ravel()
-            self._delassus, self._pairs_key = delassus, key
-            self._delassus_of_pairs = delassus[rows[:, None], rows]
-        return self._delassus_of_pairs
+        if delassus is not self._delassus:
+            self._delassus, self._operators = delassus, {}
+        if key not in self._operators:
+            P = len(self.points)
+            if len(active) == P and len(self.obstacles) == 1:
+                part = delassus
+            else:
+                rows = (3 * (active % P)[:, None] + np.arange(3)).ravel()
+                part = delassus[rows[:, None], rows]
+            self._operators = dict(list(self._operators.items())[1 - _MOST_KEPT :]) | {key: Delassus(part)}
+        return self._operators[key]
 
 
 @dataclass
@@ -206,19 +212,16 @@ class _Pairs:
     """What the law says of every pair in one step, obstacle after obstacle; velocities in m/s."""
 
     normals: Array  # (O P, 3)
-    relative: Array  # velocity at the start of the step, (O P, 3)
     free: Array  # relative mid-step velocity without contact, (O P, 3)
-    approach: Array  # a (O P,)
-    restitution: float  # e; 1 where there are no impacts
+    normal_velocity: Array  # its normal part, (O P,)
     level: Array  # (O P,) normal velocities below which a pair takes part
     target: Array  # c (O P,)
     compliance: float  # of each pair along its normal, m/s/N; 0 for the rigid law
-    tangential_target: Array | None = None  # c_t (O P, 3); None where nothing slides
+    tangential_target: Array | None  # c_t (O P, 3); None where nothing slides
 
-    def due(self, relative: Array) -> Array:
-        """Pairs that come too close at relative mid-step velocities (O P, 3)."""
-        s, e = (self.normals * relative).dot(_ONES), self.restitution
-        return s + (1 - e) * np.minimum(s - self.approach / 2, 0.0) < self.level if e < 1 else s < self.level
+    def due(self, normal_velocity: Array) -> Array:
+        """Pairs that come too close at relative mid-step velocities with these normal parts (O P,)."""
+        return normal_velocity < self.level
 
     def of_active(self, values: Array, active: Array) -> Array:
         """Those of the active pairs (C,); where these are all, nothing needs to be picked."""
@@ -255,8 +258,11 @@ def _compliant(W: Array, normals: Array, compliance: float) -> Array:
 
 def _helping(f: Array, c_t: Array, normals: Array, u: Array, q: Array) -> Array | None:
     """Pairs whose friction would do work on the body, or None if it does none as a whole; u = v̂ - w - c n - c_t."""
+    with_targets = float(f.ravel().dot(c_t.ravel()))
+    if with_targets <= 0:  # with u_t it never does
+        return None
     negligible = WORK_ROUND_OFF * float(np.abs(f).max()) * float(np.abs(q).max())
-    if not f.ravel().dot(c_t.ravel()) > negligible:  # with u_t it never does
+    if with_targets <= negligible:
         return None
     tangential = f - (f * normals).dot(_ONES)[:, None] * normals
     work = (tangential * (u + c_t)).dot(_ONES)

@@ -10,22 +10,19 @@ with a small compliance added (the proximal point method), which leaves what is 
 determine near where it was.
 """
 
-import numpy as np
-
+from fenics_rom.mechanics.complementarity.delassus import Delassus
 from fenics_rom.mechanics.complementarity.frictional import FrictionalProblem
 from fenics_rom.mechanics.complementarity.frictionless import FrictionlessProblem
 from fenics_rom.mechanics.complementarity.solution import NEGLIGIBLE_RESIDUAL, Array, Solution
 
-__all__ = ["NEGLIGIBLE_RESIDUAL", "Solution", "solve"]
-
-_ONES = np.ones(3)
+__all__ = ["NEGLIGIBLE_RESIDUAL", "Delassus", "Solution", "solve"]
 
 
-def solve(W: Array, q: Array, normals: Array, friction: float, start: Array) -> Solution:
+def solve(operator: Delassus, q: Array, normals: Array, friction: float, start: Array) -> Solution:
     """The contact forces of C pairs.
 
     Args:
-        W: (3C, 3C) velocities per force, m/s/N; symmetric positive semidefinite.
+        operator: W of the pairs.
         q: (C, 3) velocities without contact, less the targets, m/s.
         normals: (C, 3) unit vectors from the obstacle to the body.
         friction: μ >= 0.
@@ -34,9 +31,6 @@ def solve(W: Array, q: Array, normals: Array, friction: float, start: Array) -> 
     Raises:
         StepError: no method came to a solution.
     """
-    compliance = W.diagonal().reshape(-1, 3).dot(_ONES) / 3  # of each pair by itself
-    if not compliance.min() > 0:
-        compliance = np.maximum(compliance, 1e-12 * compliance.max() or 1.0)
     if friction == 0:
-        return FrictionlessProblem(W, q, normals, compliance).solve(start)
-    return FrictionalProblem(W, q, normals, friction, compliance).solve(start)
+        return FrictionlessProblem(operator, q, normals).solve(start)
+    return FrictionalProblem(operator, q, normals, friction).solve(start)

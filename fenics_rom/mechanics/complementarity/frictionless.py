@@ -2,6 +2,7 @@
 
 import numpy as np
 
+from fenics_rom.mechanics.complementarity.delassus import Delassus
 from fenics_rom.mechanics.complementarity.solution import (
     CONVERGENCE_TOLERANCE,
     FINISH_REDUCTION,
@@ -25,14 +26,14 @@ _ONES = np.ones(3)
 class FrictionlessProblem:
     """0 <= λ ⟂ M λ + r >= 0 of the normal forces λ, M = N W Nᵀ and r = N q with the normals as the rows of N."""
 
-    def __init__(self, W: Array, q: Array, normals: Array, compliance: Array):
-        C = len(q)
+    def __init__(self, operator: Delassus, q: Array, normals: Array):
+        C, W = len(q), operator.matrix
         N = np.zeros((C, C, 3))
         N[np.arange(C), np.arange(C)] = normals
         N = N.reshape(C, 3 * C)
         self.W, self.q, self.normals = W, q, normals
         self.M, self.r = N.dot(W).dot(N.T), (q * normals).dot(_ONES)
-        self.compliance = np.maximum(self.M.diagonal(), 1e-12 * compliance)
+        self.compliance = np.maximum(self.M.diagonal(), 1e-12 * operator.compliance)
         self.speed = float(np.abs(self.r).max())
         self.best, self.error, self.iterations = self.r, np.inf, 0
 
