@@ -12,15 +12,19 @@ def add_options(command: argparse.ArgumentParser) -> None:
     """What it is told."""
     command.add_argument("run_file", metavar="A.h5", help="a run")
     command.add_argument("reference", metavar="B.h5", help="the run it is measured against")
+    command.add_argument("--finer", metavar="C.h5", help="B at a smaller step: how far B is from it stands beside")
 
 
 def run(choice: argparse.Namespace) -> None:
     """Prints a row for each output and reading, the shape, the energy, what obstacles did, and what runs warn of."""
     run, reference = fr.read_trajectory(choice.run_file), fr.read_trajectory(choice.reference)
+    steps = {} if choice.finer is None else fr.compare(reference, fr.read_trajectory(choice.finer))
+    beside = ("by the step of B",) if steps else ()
     rows = [
         (
             name,
             f"{d.relative:.2e}",
+            *(f"{steps[name].relative:.2e}" if name in steps else "-" for _ in beside),
             f"{d.largest:.2e} {d.unit}",
             f"{d.largest_reference:.2e} {d.unit}",
             str(d.instants),
@@ -28,10 +32,8 @@ def run(choice: argparse.Namespace) -> None:
         for name, d in fr.compare(run, reference).items()
     ]
     title = f"{choice.run_file} against {choice.reference}"
-    print_table(title, ("quantity", "relative error", "largest error", "of", "instants"), rows)
-    if run.settings["dt"] == reference.settings["dt"]:
-        print(
-            f"  both took steps of {run.settings['dt']:g} s: what the step itself does is in both, and is not seen here"
-        )
+    print_table(title, ("quantity", "relative error", *beside, "largest error", "of", "instants"), rows)
+    if not steps and run.settings["dt"] == reference.settings["dt"]:
+        print(f"  both took steps of {run.settings['dt']:g} s: what the step itself does is in both; --finer tells it")
     files = {choice.run_file: run, choice.reference: reference}
     print_warnings([f"{file}: {warning}" for file, run in files.items() for warning in run.warnings])

@@ -74,7 +74,8 @@ def reduce(
 ) -> Rom:
     """Reduces a full-order model for each of its contact modes; every rank must call it, every rank gets the ROM.
 
-    What is None is taken from the scene's [reduction].
+    What is None is taken from the scene's [reduction]. Contact forces are not looked at, as that takes full-order runs
+    of the scene: `validate_forces` does, which `fenics-rom reduce` calls after this.
 
     Args:
         system: the full-order model.

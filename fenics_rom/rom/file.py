@@ -44,7 +44,8 @@ p input columns, r Hankel singular values, f sampled frequencies; P points of an
             smoothing_time (1,) s    that forces of obstacles are averaged over before they are compared
     force_validation/                how far contact forces are off; absent where it was not measured
         run (2,) s                   time step and duration from rest
-        obstacles/NAME (2, 3)        of the reduction and of the time step; of force, peak and impulse, relative
+        reduction/NAME (3,)          of force, peak and impulse of an obstacle, relative; in files of earlier releases
+        time_step/NAME (3,)          obstacles/NAME (2, 3) of the reduction and of the reduced model's time step
     readings/NAME/                   what else is read, absent where nothing is; attributes `quantity`, `of`
         rest (1,) m or m3           of a length or a volume
         nodes (s,), facets (F, 3 or 6), areas (F,) m^2          of contact_pressure: facets are rows of nodes
@@ -111,7 +112,7 @@ COUNT = Entry("1", (1,), "i")
 SURFACE_NODES = Entry("1", ("s",), "i")
 GROUPS = ("outputs", "actuators", "contact_models", "contact_surfaces", "environment")
 MAYBE = ("offline", "loads", "deformation", "force_validation", "readings", "points_between")
-FORCE_RUN, FORCE_ERRORS = Entry("s", (2,)), Entry("1", (2, 3))
+FORCE_RUN, FORCE_ERRORS = Entry("s", (2,)), Entry("1", (3,))
 BETWEEN = {"nodes": Entry("1", ("B", "c"), "i"), "weights": Entry("1", ("B", "c")), "gap": Entry("m", (1,))}
 
 
@@ -265,17 +266,23 @@ def _put_forces(h5: h5py.File, validation: ForceValidation) -> None:
     group = h5.create_group("force_validation", track_order=True)
     run = np.array([validation.dt, validation.duration])
     put_arrays(group, {"run": FORCE_RUN}, {}, {"run": run})
-    errors = {name: np.array([validation.reduction[name], validation.time_step[name]]) for name in validation.reduction}
-    put_arrays(group.create_group("obstacles", track_order=True), dict.fromkeys(errors, FORCE_ERRORS), {}, errors)
+    for against in ("reduction", "time_step"):
+        errors = {name: np.array(of) for name, of in getattr(validation, against).items()}
+        part = group.create_group(against, track_order=True)
+        put_arrays(part, dict.fromkeys(errors, FORCE_ERRORS), {}, errors)
 
 
 def _take_forces(group: h5py.Group) -> ForceValidation:
-    run: Any = get_arrays(group, {"run": FORCE_RUN}, {}, ("obstacles",))["run"]
-    errors = _each(get_group(group, "obstacles"), FORCE_ERRORS)
-    if (run <= 0).any() or any((numbers < 0).any() for numbers in errors.values()):
+    run: Any = get_arrays(group, {"run": FORCE_RUN}, {}, ("reduction", "time_step", "obstacles"))["run"]
+    if "obstacles" in group:  # of the reduction and, what nobody needs, of the reduced model's own time step
+        both = _each(get_group(group, "obstacles"), Entry("1", (2, 3)))
+        errors = {"reduction": {name: rows[0] for name, rows in both.items()}, "time_step": {}}
+    else:
+        errors = {name: _each(get_group(group, name), FORCE_ERRORS) for name in ("reduction", "time_step")}
+    if (run <= 0).any() or any((numbers < 0).any() for of in errors.values() for numbers in of.values()):
         raise FileError(f"{group.name}: a time is not positive, or an error is negative")
-    of_reduction, of_step = ({name: tuple(numbers[k].tolist()) for name, numbers in errors.items()} for k in (0, 1))
-    return ForceValidation(float(run[0]), float(run[1]), of_reduction, of_step)
+    taken = {against: {name: tuple(of.tolist()) for name, of in named.items()} for against, named in errors.items()}
+    return ForceValidation(float(run[0]), float(run[1]), **taken)
 
 
 def _take_counts(group: h5py.Group) -> dict[str, int]:

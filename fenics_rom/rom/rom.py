@@ -93,7 +93,8 @@ class ForceValidation:
     Attributes:
         dt, duration: of the run, from rest, s.
         reduction: against the full order at the same step; empty where nothing was touched in that time.
-        time_step: of the reduced model against itself at half the step.
+        time_step: of the full order against itself at half the step; empty where an earlier release measured that of
+            the reduced model.
     """
 
     dt: float

@@ -5,6 +5,7 @@ from pathlib import Path
 from fenics_rom.io.atomic_write import write_whole
 from fenics_rom.io.markdown import markdown
 from fenics_rom.studies.amplitudes import AmplitudeResults
+from fenics_rom.trajectory.comparison import FORCE_MEASURES
 from fenics_rom.visualization.figure import figure_class, write_figure
 
 TABLE_HEADING = ("load", "largest displacement", "model", "step", "error", "steps per second", "times real time")
@@ -35,6 +36,7 @@ def markdown_report(results: AmplitudeResults, command: str) -> str:
             f"was not trained on {validation}. Errors are of the whole shape over the run, in the mass norm, against "
             "the nonlinear full order, whose own error is estimated from twice its step.",
             markdown(TABLE_HEADING, table_rows(results)),
+            *_forces(results),
             *(f"- {note}" for note in results.notes),
         ]
     )
@@ -54,6 +56,17 @@ def table_rows(results: AmplitudeResults) -> list[tuple[str, ...]]:
         )
         for row in results.rows
     ]
+
+
+def _forces(results: AmplitudeResults) -> list[str]:
+    """Errors of contact forces of every model at every load, of those obstacles that anything touches."""
+    rows = [
+        (f"{row.share:.3g}", name, row.model, *(f"{error:.1e}" for error in errors))
+        for row in results.rows
+        for name, errors in row.forces.items()
+        if any(errors)
+    ]
+    return ["Contact forces:", markdown(("load", "obstacle", "model", *FORCE_MEASURES), rows)] if rows else []
 
 
 def _draw(results: AmplitudeResults, folder: Path) -> None:

@@ -6,7 +6,7 @@ twice the step.
 
 import warnings
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import ClassVar
 
@@ -23,7 +23,7 @@ from fenics_rom.scene.scene import Scene
 from fenics_rom.studies import reference
 from fenics_rom.studies.json_record import read_earlier, write_record
 from fenics_rom.studies.study_results import NOTHING_ELSE
-from fenics_rom.trajectory.comparison import compare
+from fenics_rom.trajectory.comparison import Difference, ForceErrors, compare, force_errors
 from fenics_rom.trajectory.trajectory import Trajectory
 
 LOAD_SHARES = (1 / 16, 1 / 8, 1 / 4, 1 / 2, 1.0)  # of the scene's loads
@@ -46,6 +46,7 @@ class AmplitudeRow:
         error: of the whole shape, L² in time and mass, as a share of the reference's size; of the reference itself an
             estimate.
         rate: steps per second.
+        forces: errors of each obstacle's force over the run, its peak and its impulse; of the reference as `error`.
     """
 
     __pydantic_config__: ClassVar = NOTHING_ELSE
@@ -56,6 +57,7 @@ class AmplitudeRow:
     dt: float
     error: float
     rate: float
+    forces: Mapping[str, ForceErrors] = field(default_factory=dict)
 
     @property
     def real_time(self) -> float:
@@ -193,11 +195,12 @@ class _AmplitudeStudy:
         largest_displacement = float(np.linalg.norm(full.snapshots, axis=-1).max())
         notes: list[str] = []
 
-        def row(model: str, run: Trajectory, error: float, rate: float) -> AmplitudeRow:
-            return AmplitudeRow(share, largest_displacement, model, int(run.settings["order"]), self._dt, error, rate)
-
-        def error_of(run: Trajectory) -> float:
-            return compare(run, full)["shape"].relative
+        def row(model: str, run: Trajectory, errors: Mapping[str, Difference], rate: float) -> AmplitudeRow:
+            estimate = reference.richardson_divisor(scene) if run is full else 1.0
+            error = errors["shape"].relative / estimate
+            forces = {name: tuple(e / estimate for e in of) for name, of in force_errors(errors).items()}
+            order = int(run.settings["order"])
+            return AmplitudeRow(share, largest_displacement, model, order, self._dt, error, rate, forces)  # type: ignore[arg-type]
 
         def run_reduced() -> list[AmplitudeRow]:
             measured = []
@@ -208,17 +211,16 @@ class _AmplitudeStudy:
                 try:
                     run = fr.simulate(roms[name], scene=run_scene, stepper=stepper)
                     steps_per_second = rate(roms[name], scene=run_scene, stepper=stepper, runs=2)
-                    measured.append(row(model, run, error_of(run), steps_per_second))
+                    measured.append(row(model, run, compare(run, full), steps_per_second))
                 except FenicsRomError as error:
                     notes.append(f"{model}, {share:g} of the load: {error}")
             return measured
 
-        own_error = compare(coarse, full)["shape"].relative / reference.richardson_divisor(scene)
         rows = [
-            row(model, run, error, run.steps / run.settings["seconds"])
-            for model, run, error in (
-                ("nonlinear, full order", full, own_error),
-                ("linear, full order", linear_run, error_of(linear_run)),
+            row(model, run, errors, run.steps / run.settings["seconds"])
+            for model, run, errors in (
+                ("nonlinear, full order", full, compare(coarse, full)),
+                ("linear, full order", linear_run, compare(linear_run, full)),
             )
         ]
         with warnings.catch_warnings():

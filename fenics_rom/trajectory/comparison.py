@@ -48,7 +48,7 @@ def compare(
     Runs, or the files of them, with different time steps are compared at the instants they have in common. Of every
     obstacle there is "force" (means between these instants, in the 2-norm over the run), "peak force" (the largest of
     them) and "impulse" (what it has given the body at the last one). What the time step itself does is not seen where
-    both have the same one.
+    both have the same one: for that compare the reference with one at half its step.
 
     Raises:
         CompareError: no common instants, or different bodies.

@@ -37,7 +37,7 @@ COMMANDS = {
     "identify": ["--data", "--parameters", "--output"],
     "info": [],
     "view": ["--port", "--no-browser", "--dt"],
-    "compare": [],
+    "compare": ["--finer"],
     "plot": ["--what", "--full", "--dark", "--output"],
     "export": ["--what", "--count", "--time", "--scale", "--seconds", "--dark", "--output"],
 }

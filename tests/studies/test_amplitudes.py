@@ -11,8 +11,9 @@ from fenics_rom.cli.main import main
 from fenics_rom.errors import FileError, SceneError
 from fenics_rom.mechanics.signals import Signal
 from fenics_rom.scene.effects import PrescribedForce
+from fenics_rom.studies.amplitude_report import markdown_report
 from fenics_rom.studies.amplitudes import AmplitudeResults, AmplitudeRow, linear, scaled, study_amplitudes
-from fenics_rom.studies.json_record import read_record
+from fenics_rom.studies.json_record import read_record, write_record
 
 pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")]
 
@@ -85,6 +86,10 @@ def test_what_was_found_is_taken_over(file, results):
         == results
         == read_record(file.parent / "study" / "amplitudes.json", AmplitudeResults, "a study of amplitudes")
     )
+    touched = replace(results, rows=(replace(results.rows[0], forces={"stop": (0.1, 0.2, 0.3)}),))
+    write_record(file.parent / "touched.json", touched)
+    assert read_record(file.parent / "touched.json", AmplitudeResults, "a study of amplitudes") == touched
+    assert "2.0e-01" in markdown_report(touched, "").partition("Contact forces:")[2]
     other = replace(fr.read_scene(file), text=fr.read_scene(file).text + "\n# changed")
     with pytest.raises(FileError, match="of another scene"):
         study_amplitudes(other, file.parent / "study", resume=True)

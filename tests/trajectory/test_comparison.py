@@ -219,3 +219,13 @@ def test_the_command_prints_forces_and_names_a_step_that_both_have(tmp_path, cap
         assert ("both took steps of 0.1 s: what the step itself does is in both" in said) == same
         assert "peak force of stop" in said
         assert " N s" in said
+    with pytest.raises(SystemExit):
+        main(["compare", *(str(tmp_path / name) for name in ("b.h5", "c.h5")), "--finer", str(tmp_path / "a.h5")])
+    said = capsys.readouterr().out
+    apart, step = (
+        fr.compare(fr.read_trajectory(tmp_path / f"{one}.h5"), fr.read_trajectory(tmp_path / f"{other}.h5"))
+        for one, other in ("bc", "ca")
+    )
+    for name in ("force of stop", "impulse of stop"):
+        (row,) = (line for line in said.splitlines() if line.strip().startswith(name))
+        assert row.removeprefix(f"  {name}").split()[:2] == [f"{d[name].relative:.2e}" for d in (apart, step)]
