@@ -55,6 +55,7 @@ class ActuatorForces:
 
     Attributes:
         names: of the k actuators whose strokes are given, in the order of the input.
+        guides: names of all guides' tendons, and how many from its anchor each is.
         columns: (n,) of all forces in the input, counted from its end, so that they hold in every contact mode.
     """
 
@@ -66,8 +67,10 @@ class ActuatorForces:
         pulling = np.array([controls[name] == "length" for name in self.names], dtype=bool)
         self._least = np.concatenate([np.where(pulling, 0.0, -unbounded), np.zeros(len(guides))])
         self._most = np.concatenate([unbounded, np.zeros(len(guides))])
-        self._bends = [*(0.0 for _ in self.names), *(guide.bend for guide in guides.values())]
-        tendons = dict.fromkeys(guide.tendon for guide in guides.values())
+        self._friction = np.array([*(0.0 for _ in self.names), *(guide.friction for guide in guides.values())])
+        self._angles = np.array([*(0.0 for _ in self.names), *(guide.angle for guide in guides.values())])
+        tendons = [guide.tendon for guide in guides.values()]
+        self.guides = tuple((tendon, tendons[:i].count(tendon) + 1) for i, tendon in enumerate(tendons))
         # Of each tendon with guides: which stroke it is (or none), its column, and its guides from where it is pulled.
         self._chains: list[tuple[int | None, int, list[int]]] = [
             (
@@ -75,7 +78,7 @@ class ActuatorForces:
                 starts[tendon],
                 [len(self.names) + i for i, guide in enumerate(guides.values()) if guide.tendon == tendon][::-1],
             )
-            for tendon in tendons
+            for tendon in dict.fromkeys(tendons)
         ]
 
     def split(self, u: Array) -> tuple[Array, Array]:
@@ -102,7 +105,7 @@ class ActuatorForces:
         return W
 
     def solve(
-        self, u: Array, rates: Array, W: Array, targets: Array, touch: Touch
+        self, u: Array, rates: Array, W: Array, targets: Array, touch: Touch, angles: Array | None = None
     ) -> tuple[Array, ContactSolution | None]:
         """The forces z (n,), N or Pa, and contact, of a step.
 
@@ -113,17 +116,19 @@ class ActuatorForces:
             targets: c (n,), per s.
             touch: of forces z (n,) and which of them (n,) are within their bounds, what contact does, and the rates
                 (n,) that it adds where they stay as they are.
+            angles: (n,) by which tendons turn at guides, rad, 0 of strokes; those at rest unless given.
 
         Raises:
             StepError: there are none, as strokes depend on one another, or none were found.
         """
         is_guide, diagonal = np.arange(len(rates)) >= len(self.names), W.diagonal()
         idle = is_guide & (diagonal <= ROUND_OFF * diagonal.max())  # the cable before such a guide moves nothing
+        bends = self._friction * (self._angles if angles is None else angles)
         sides, targets = -1 * idle, targets.copy()  # -1 and 1 are at one of their bounds
         beyond = np.zeros_like(rates)  # what is at a bound, as contact was last found with it
         for found in range(MAX_ROUNDS):
             within = np.flatnonzero(sides == 0)
-            start, (E, z) = beyond.copy(), self._chained(u, sides, within)
+            start, (E, z) = beyond.copy(), self._chained(u, sides, within, bends)
             try:
                 start[within] = np.linalg.solve(W[np.ix_(within, within)], (targets - rates - W.dot(beyond))[within])
                 contact, added = touch(start, sides == 0)
@@ -134,7 +139,7 @@ class ActuatorForces:
             scale, most = max(np.abs(part).max() for part in (rates, targets, added)), np.abs(z).max()
             if not np.abs(missed[within]).max(initial=0.0) <= LARGEST_MISS * scale:
                 break
-            lower, upper = self._bounds(u, z)
+            lower, upper = self._bounds(u, z, bends)
             least = np.where(is_guide, TOLERANCE * most, 0.0)
             escapes, sticks = (z < lower - least) | (z > upper + least), sides * missed > TOLERANCE * scale
             wrong = np.where(sides == 0, escapes, sticks & (lower < upper))
@@ -162,7 +167,7 @@ class ActuatorForces:
         k = len(self.names)
         return columns[:, :k].dot(z[:k]), columns[:, k:].dot(z[k:])
 
-    def _chained(self, u: Array, sides: Array, within: Array) -> tuple[Array, Array]:
+    def _chained(self, u: Array, sides: Array, within: Array, bends: Array) -> tuple[Array, Array]:
         """E (n, w) and e (n,): z = E ζ + e of the forces ζ (w,) within bounds, and what follows of them at guides."""
         E, e = np.zeros((len(sides), len(within))), np.zeros(len(sides))
         E[within, np.arange(len(within))] = 1.0
@@ -170,18 +175,18 @@ class ActuatorForces:
             slope, tension = (np.zeros(len(within)), max(u[column], 0.0)) if stroke is None else (E[stroke], e[stroke])
             for i in guides:
                 if sides[i]:
-                    share = np.expm1(sides[i] * self._bends[i])
+                    share = np.expm1(sides[i] * bends[i])
                     E[i], e[i] = share * slope, share * tension
                 slope, tension = slope + E[i], tension + e[i]
         return E, e
 
-    def _bounds(self, u: Array, z: Array) -> tuple[Array, Array]:
+    def _bounds(self, u: Array, z: Array, bends: Array) -> tuple[Array, Array]:
         """The least and the most (n,) that forces can be, with the tensions that z (n,) leads to."""
         lower, upper = self._least.copy(), self._most.copy()
         for stroke, column, guides in self._chains:
             tension = max(u[column] if stroke is None else z[stroke], 0.0)
             for i in guides:
-                lower[i], upper[i] = tension * np.expm1(-self._bends[i]), tension * np.expm1(self._bends[i])
+                lower[i], upper[i] = tension * np.expm1(-bends[i]), tension * np.expm1(bends[i])
                 tension = max(tension + z[i], 0.0)
         return lower, upper
 

@@ -36,7 +36,8 @@ class Guide:
     """Friction where a tendon turns."""
 
     tendon: str  # whose guide it is
-    bend: float  # μ times the angle that it turns by at rest
+    friction: float  # μ
+    angle: float  # that it turns by at rest, rad
 
 
 @dataclass(frozen=True)
@@ -144,13 +145,13 @@ class Environment:
                 f"{self.source}: effects: inertia is missing, and a body that nothing holds has no equilibrium"
             )
 
-    def check_forces_given(self, what: str) -> None:
+    def check_forces_given(self, what: str, *, may_rub: bool = False) -> None:
         """Checks that all forces of actuators are given.
 
         Raises:
-            SceneError: a stroke is, or a tendon rubs, where `what` needs forces.
+            SceneError: a stroke is, or a tendon rubs where it may not, and `what` needs forces.
         """
-        if self.guides:
+        if self.guides and not may_rub:
             raise SceneError(f"{self.source}: effects.tendon_friction: allowed in {what} are tendons without friction")
         for name, control in self.controls.items():
             raise SceneError(

@@ -1,4 +1,4 @@
-"""A cable through points, without friction: its tension pulls at each end, and at each guide both ways.
+"""A cable through points: its tension pulls at each end, and at each guide both ways.
 
 Of a cable of length ℓ(x) under the tension T the force on the points is -T ∂ℓ/∂x, and what it supplies -T dℓ/dt.
 """

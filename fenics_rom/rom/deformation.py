@@ -14,7 +14,7 @@ import numpy as np
 
 from fenics_rom.errors import StructureError, check_known
 from fenics_rom.mechanics.hyperelastic import LAWS, VOIGT_INDEX, VOIGT_PAIRS, energy_density, moduli, strain, stress
-from fenics_rom.mechanics.tendon import cable_length, unit_tension_forces
+from fenics_rom.mechanics.tendon import cable_length, turning_angles, unit_tension_forces
 from fenics_rom.rom.content import ByContent
 
 Array = np.ndarray
@@ -34,6 +34,14 @@ class ReducedTendon(ByContent):
     def stroke(self, q: Array) -> float:
         """By how much it is shorter than at rest, m."""
         return cable_length(self.points) - cable_length(self._moved(q))
+
+    def angles(self, q: Array) -> Array:
+        """By which it turns at each guide (K - 2,), rad."""
+        return turning_angles(self._moved(q))
+
+    def up_to(self, guide: int) -> "ReducedTendon":
+        """From its anchor to a guide, the first of which is 1."""
+        return ReducedTendon(self.points[: guide + 1], self.shapes[: 3 * guide + 3])
 
     def _moved(self, q: Array) -> Array:
         return self.points + (self.shapes @ q).reshape(-1, 3)

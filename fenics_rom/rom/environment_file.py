@@ -3,7 +3,7 @@
 attributes contact_switching, has_inertia (yes or no), source
 effects, built_in            groups whose attributes are names and texts, see mechanics.environment
 controls                     another one, absent where no stroke is given
-guides/NAME/                 attribute tendon; bend (1,); absent where no tendon rubs
+guides/NAME/                 attribute tendon; friction (1,), angle (1,) rad; absent where no tendon rubs
 loads/NAME/                  loads with signals of their own; columns (1,) and a signal, which may be absent:
     values (w,) or (T, w)    in the unit of the input
     times (T,) s             where values change
@@ -63,7 +63,7 @@ INSTANT = {
     "velocity": Entry("m/s", ("N", 3)),
 }
 SPAN = {"start": Entry("s", (1,)), "stop": Entry("s", (1,))}
-BEND = {"bend": Entry("1", (1,))}
+GUIDE = {"friction": Entry("1", (1,)), "angle": Entry("rad", (1,))}
 COLUMNS = {"columns": Entry("1", (1,), "i")}
 
 
@@ -78,7 +78,7 @@ def put_environment(h5: h5py.File, environment: Environment) -> None:
     for name, guide in environment.guides.items():
         part = group.require_group("guides").create_group(name)
         put_text(part, tendon=guide.tendon)
-        _put(part, BEND, {"bend": guide.bend})
+        _put(part, GUIDE, {key: getattr(guide, key) for key in GUIDE})
     if environment.controls:
         put_text(group.create_group("controls", track_order=True), **environment.controls)
     loads = group.create_group("loads", track_order=True)
@@ -141,7 +141,7 @@ def take_environment(h5: h5py.File) -> Environment:
 
 def _guides(group: h5py.Group) -> dict[str, Guide]:
     parts = {name: get_group(group, name) for name in group}
-    return {name: Guide(get_text(part, "tendon"), _take(part, BEND)[0]["bend"]) for name, part in parts.items()}
+    return {name: Guide(get_text(part, "tendon"), **_take(part, GUIDE)[0]) for name, part in parts.items()}
 
 
 def _controls(group: h5py.Group) -> dict[str, str]:

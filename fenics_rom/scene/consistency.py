@@ -82,8 +82,6 @@ def _check_effects(effects: Effects, actuators: Mapping[str, Any]) -> None:
             raise SceneError(
                 f"effects.tendon.{guide.tendon}: friction at its guide {name!r}: the name is {taken[name]}'s"
             )
-    if effects.tendon_friction is not None and effects.large_deformation is not None:
-        raise SceneError("effects.tendon_friction: is for linear bodies; allowed without large_deformation")
     for name, motion in effects.base_motion.items():
         if not any(motion.direction):
             raise SceneError(f"effects.base_motion.{name}.direction: allowed is any but zero")

@@ -67,7 +67,7 @@ def guides_of(effects: Effects) -> dict[str, Guide]:
         return {}
     μ = effects.tendon_friction.coefficient
     return {
-        f"{name}-guide-{number}": Guide(name, μ * float(angle))
+        f"{name}-guide-{number}": Guide(name, μ, float(angle))
         for name, tendon in effects.tendon.items()
         for number, angle in enumerate(turning_angles(np.array(tendon.points)), start=1)
     }

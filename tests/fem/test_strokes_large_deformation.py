@@ -91,8 +91,9 @@ def test_strokes_are_given_to_bodies_that_turn(beam, law, moves, touches):
 
 
 @pytest.mark.parametrize("moves", [True, False], ids=["moving", "resting"])
-def test_small_strokes_are_the_linear_bodys(beam, moves):
-    effects = MOVING * moves + AIR + VOLUME + ROPE + LENGTH
+@pytest.mark.parametrize("rubs", ["", "tendon_friction = { coefficient = 0.5 }\n"], ids=["slides", "rubs"])
+def test_small_strokes_are_the_linear_bodys(beam, moves, rubs):
+    effects = MOVING * moves + rubs + AIR + VOLUME + ROPE + LENGTH
     bodies = [body_of(beam, effects, 5e-3, law) for law in ("neo_hookean", None)]
     for step in range(1, 11):
         for body in bodies:
@@ -113,3 +114,27 @@ def test_steps_are_cut_and_taken_back_with_their_strokes(beam):
     body.stepper.rollback()
     np.testing.assert_array_equal(body.displacement(), before)
     assert body.reactions == reactions
+
+
+@pytest.mark.parametrize("control", ["", LENGTH], ids=["tension", "length"])
+@pytest.mark.parametrize("moves", [True, False], ids=["moving", "resting"])
+def test_guides_take_what_the_capstan_says_of_the_moved_body(beam, moves, control):
+    """Pulled from rest the tension falls by exp(-μ α) of the bent cable; only guides dissipate, without damping."""
+    effects = "inertia = {}\n" * moves + "tendon_friction = { coefficient = 1.5 }\n" + ROPE + control
+    body = body_of(beam, effects, 5e-3, "neo_hookean")
+    rope = body.system.deformation.model.followers["rope"]
+    scale, dissipated, at_rest = 0.0, [0.0], rope.angles(0 * body.displacement())
+    for step in range(1, 21):
+        share, u = (1 - np.cos(step / 5)) / 2, body.displacement()
+        take(body, [share * (5e-3 if control else 40.0)])
+        ledger, z, middle = body.ledger, body.stepper.reactions, (u + body.displacement()) / 2
+        scale = max(scale, body.energy, abs(ledger.supplied), ledger.dissipated)
+        assert abs(body.energy - ledger.supplied + ledger.dissipated + ledger.numerical) <= 1e-11 * scale
+        dissipated.append(ledger.dissipated)
+        T, at_guide = z if control else (share * 40.0, *z)
+        angle = rope.angles(middle if moves else body.displacement())[0]
+        if step == 8 or (not moves and step < 8):
+            assert at_guide == pytest.approx(T * np.expm1(-1.5 * angle), rel=1e-8)
+            assert abs(angle / at_rest[0] - 1) > 0.03 or step < 8
+    assert np.diff(dissipated).min() >= -1e-12 * scale
+    assert dissipated[-1] > 0.005 * scale

@@ -9,7 +9,9 @@ from soft_rom import linear, soft_rom, swing
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning, SceneError, StepError
+from fenics_rom.mechanics.environment import NOTHING, Guide, Load
 from fenics_rom.mechanics.step import FINITE_STRAIN_STEPPERS
+from fenics_rom.mechanics.tendon import turning_angles
 from fenics_rom.scene.file import parse_scene
 
 LAWS = ("st_venant_kirchhoff", "neo_hookean")
@@ -342,3 +344,65 @@ def test_an_equilibrium_of_a_stroke_is_that_of_its_tension(law):
     np.testing.assert_allclose(one.state[0], other.state[0], rtol=0, atol=1e-10 * np.abs(other.state[0]).max())
     other.step([0.0, 0.0])
     assert np.abs(other.state[0]).max() <= 1e-10 * np.abs(one.state[0]).max()
+
+
+# --- friction at guides ----------------------------------------------------------------------------------------------
+
+
+MU = 1.0
+
+
+def rubbing(rom, h, stepper=None, **controls):
+    """A simulator whose tendon rubs at its guides."""
+    angles = turning_angles(rom.deformation.tendons["cable"].points)
+    guides = {f"cable-guide-{k}": Guide("cable", MU, angle) for k, angle in enumerate(angles, start=1)}
+    loads = {name: Load(1, NOTHING) for name in guides}
+    models = {
+        name: replace(model, inputs=np.hstack([model.inputs, np.zeros((model.order, len(guides)))]))
+        for name, model in rom.contact_models.items()
+    }
+    environment = replace(rom.environment, guides=guides, loads=loads, controls=controls)
+    rom = replace(rom, contact_models=models, loads=dict.fromkeys(guides, 1), environment=environment)
+    return fr.Simulator(rom, h, stepper=stepper)
+
+
+@pytest.mark.parametrize("controls", [{}, {"cable": "length"}], ids=["tension", "length"])
+@pytest.mark.parametrize(("stepper", "contact"), [("newton", False), ("linearly-implicit", True)])
+def test_account_closes_where_tendons_of_a_moving_body_rub(stepper, controls, contact):
+    """And what guides dissipate of a body without damping is never given back."""
+    rom = soft_rom("neo_hookean", alpha=0.0, beta=0.0, contact=contact)
+    body, scale, dissipated = rubbing(rom, 2e-3, stepper, **controls), 0.0, [0.0]
+    if contact:
+        body.set_signal("floor", lambda t: [0.0, 0.0, min(0.1 * t, 0.012)])
+    for step in range(1, 51):
+        pulled = 1 - np.cos(step / 6) if step < 40 else 0.5
+        body.step([*([] if contact else [0.0] * 3), 0.0, 2e-3 * pulled if controls else 5.0 * pulled])
+        ledger = body.ledger
+        scale = max(scale, body.energy, abs(ledger.supplied), ledger.dissipated)
+        assert abs(body.energy - ledger.supplied + ledger.dissipated + ledger.numerical) <= 1e-10 * scale
+        dissipated.append(ledger.dissipated)
+    if stepper == "newton":  # the other one carries strains along, and gives back what they lost
+        assert np.diff(dissipated).min() >= -1e-12 * scale
+    assert dissipated[-1] > 0.01 * scale
+
+
+@pytest.mark.parametrize("controls", [{}, {"cable": "length"}], ids=["tension", "length"])
+def test_an_equilibrium_obeys_the_capstan_at_the_angles_of_the_moved_body(controls):
+    """Pulled, T exp(-μ Σα) is left behind each guide, where α are of the bent cable; let go a little, it sticks."""
+    body = rubbing(soft_rom("neo_hookean", inertia=False), 1.0, **controls)
+    tendon, goal = body.rom.deformation.tendons["cable"], 1e-3 if controls else 1.0
+    assert turning_angles(tendon.points).max() == 0.0
+    for share in (0.25, 0.5, 0.75, 1.0):
+        body.step([0.0, 0.0, 0.0, 0.0, share * goal])
+        q, z = body.state[0], body.save().stepper.reactions
+        T, at_guides = (z[0], z[1:]) if controls else (share * goal, z)
+        tensions = T * np.exp(-MU * np.cumsum(tendon.angles(q)[::-1]))
+        np.testing.assert_allclose(T + np.cumsum(at_guides[::-1]), tensions, rtol=1e-9)
+    assert tendon.angles(q).max() > 2e-3
+    lost = body.ledger.dissipated
+    assert abs(body.energy - body.ledger.supplied + lost + body.ledger.numerical) <= 1e-10 * body.energy
+    assert lost > 0
+    if not controls:
+        body.step([0.0, 0.0, 0.0, 0.0, (1 - 1e-3) * goal])
+        last = tendon.up_to(len(at_guides))
+        assert abs(last.stroke(body.state[0]) - last.stroke(q)) <= 1e-8 * last.stroke(q)

@@ -5,7 +5,13 @@ import numpy as np
 from fenics_rom.fem.finite_strain.quadrature import tabulate
 from fenics_rom.fem.nodes import Nodes
 from fenics_rom.mechanics.readings import swept_volume
-from fenics_rom.mechanics.tendon import cable_length, measure_segments, sum_end_forces, unit_tension_forces
+from fenics_rom.mechanics.tendon import (
+    cable_length,
+    measure_segments,
+    sum_end_forces,
+    turning_angles,
+    unit_tension_forces,
+)
 
 Array = np.ndarray
 
@@ -68,6 +74,14 @@ class TendonPull:
     def stroke(self, u: Array) -> float:
         """As of PressureLoad."""
         return cable_length(self.points) - cable_length(self.points + self.shapes @ u)
+
+    def angles(self, u: Array) -> Array:
+        """By which it turns at each guide (K - 2,), rad, at displacements (N, 3)."""
+        return turning_angles(self.points + self.shapes @ u)
+
+    def up_to(self, guide: int) -> "TendonPull":
+        """From its anchor to a guide, the first of which is 1."""
+        return TendonPull(self.points[: guide + 1], self.shapes[: guide + 1])
 
 
 FollowerLoad = PressureLoad | TendonPull

@@ -1,4 +1,4 @@
-"""Forces that are found inside Newton's method: of contact, and of actuators by stroke.
+"""Forces that are found inside Newton's method: of contact, of actuators by stroke, and at guides that rub.
 
 The iteration knows the forces f it has and asks for those that a velocity v̂ needs, found with them: free = S v̂ - W f is
 what the points would do without, and after the change of f is put through A⁻¹, S v̂ = free + W f obeys the contact law
@@ -66,7 +66,7 @@ class ForcesInNewton:
         if self._actuators is None:
             return FoundForces(self._touched(free, last.contact), last.actuators)
         assert self._factor is not None
-        columns, rates = self._equation.strokes(v)
+        columns, rates, angles = self._equation.strokes(v)
         inner, spread = self._equation.model.algebra.inner, self._factor.solve(columns)
         W = inner(columns, spread)
         X = np.empty((0, len(W))) if self._interface is None else inner(self._interface.Sᵀ, spread)
@@ -84,7 +84,7 @@ class ForcesInNewton:
             contact = self._touched(moved, last.contact, held.delassus(holding))
             return contact, np.zeros(len(z)) if contact is None else X.T @ contact.forces.ravel()
 
-        z, contact = self._actuators.solve(self._u, rates, W, self._targets, touch)
+        z, contact = self._actuators.solve(self._u, rates, W, self._targets, touch, angles)
         return FoundForces(contact, z)
 
     def force(self, found: FoundForces) -> Array:

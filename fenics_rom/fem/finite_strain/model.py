@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from fenics_rom.fem.finite_strain.follower_loads import FollowerLoad
+from fenics_rom.fem.finite_strain.follower_loads import FollowerLoad, TendonPull
 from fenics_rom.fem.finite_strain.quadrature import QuadraturePoints
 from fenics_rom.fem.finite_strain.stresses import HyperelasticMaterial
 from fenics_rom.fem.petsc_matrix import PetscMatrix
@@ -63,11 +63,19 @@ class FiniteStrainModel:
 
 @dataclass(frozen=True)
 class ExternalForce:
-    """What pushes in a step: a dead force (rows here, 1), N, and what follows the body, with values given or found."""
+    """What pushes in a step.
+
+    Attributes:
+        dead: force (rows here, 1), N.
+        following: the body, with their values.
+        found: of which values are found in the step (n,), of strokes that are given, then at guides.
+        rubbing: tendons that have these guides.
+    """
 
     dead: Array
     following: tuple[tuple[float, FollowerLoad], ...]
     found: tuple[FollowerLoad, ...] = ()
+    rubbing: tuple[TendonPull, ...] = ()
 
     def with_found(self, values: Array) -> "ExternalForce":
         """All of it, with values (n,) of what is found in the step."""
@@ -80,6 +88,11 @@ class ExternalForce:
     def strokes(self, u: Array) -> Array:
         """What they do work along, (n,), m or m³."""
         return np.array([load.stroke(u) for load in self.found])
+
+    def angles(self, u: Array) -> Array:
+        """By which tendons turn at guides, (n,), rad, 0 of strokes."""
+        angles = np.concatenate([np.empty(0), *(tendon.angles(u) for tendon in self.rubbing)])
+        return np.concatenate([np.zeros(len(self.found) - len(angles)), angles])
 
     def at(self, model: FiniteStrainModel, u: Array) -> Array:
         """(rows here, 1), N, at displacements of all nodes (N, 3)."""

@@ -89,11 +89,15 @@ class MidpointResidual:
         linear = 2 / h * (m.mass @ dv) + multiply(m.external_damping, dv) + h / 2 * multiply(m.spring, dv)
         return internal + linear - trial.external.jvp(m, trial.u, du / 2)
 
-    def strokes(self, v: Array) -> tuple[Array, Array]:
-        """Columns B (rows here, n) of what is found at a mid-step velocity (rows here, 1), and rates (n,)."""
-        end = self.model.nodal_field(self.start.x + self.h * v)
-        columns = self._external.columns(self.model, (self.start.u + end) / 2)
-        return columns, self.model.algebra.inner(columns, v)[:, 0]
+    def strokes(self, v: Array) -> tuple[Array, Array, Array]:
+        """Of what is found, at a mid-step velocity (rows here, 1).
+
+        Columns B (rows here, n), rates (n,) of strokes, and angles (n,) by which tendons turn at guides, rad.
+        """
+        end, external = self.model.nodal_field(self.start.x + self.h * v), self._external
+        middle = (self.start.u + end) / 2
+        columns = external.columns(self.model, middle)
+        return columns, self.model.algebra.inner(columns, v)[:, 0], external.angles(middle)
 
     def targets(self, actuators: ActuatorForces, given: Array) -> Array:
         """Rates (n,) at which strokes are to move to those (n,) that are given."""
@@ -135,10 +139,11 @@ class QuasiStaticResidual:
         internal = m.internal_force(trial.stresses.jvp(m.points.gradients(du)))
         return internal + self.h * multiply(m.spring, dv) - trial.external.jvp(m, trial.u, du)
 
-    def strokes(self, v: Array) -> tuple[Array, Array]:
+    def strokes(self, v: Array) -> tuple[Array, Array, Array]:
         """As in MidpointResidual."""
         end, external = self.model.nodal_field(self.start.x + self.h * v), self._external
-        return external.columns(self.model, end), (external.strokes(end) - external.strokes(self.start.u)) / self.h
+        rates = (external.strokes(end) - external.strokes(self.start.u)) / self.h
+        return external.columns(self.model, end), rates, external.angles(end)
 
     def targets(self, actuators: ActuatorForces, given: Array) -> Array:
         """As in MidpointResidual."""

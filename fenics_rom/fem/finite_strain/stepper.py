@@ -7,6 +7,7 @@ import numpy as np
 
 from fenics_rom.errors import SolverError, StepError
 from fenics_rom.fem.direct import PetscFactor
+from fenics_rom.fem.finite_strain.follower_loads import FollowerLoad, TendonPull
 from fenics_rom.fem.finite_strain.found_forces import ForcesInNewton, FoundForces
 from fenics_rom.fem.finite_strain.gmres import Gmres
 from fenics_rom.fem.finite_strain.model import ExternalForce, FiniteStrainModel, multiply
@@ -17,12 +18,11 @@ from fenics_rom.fem.finite_strain.residuals import (
     QuasiStaticResidual,
     StepResidual,
     StepStart,
-    TrialStep,
 )
 from fenics_rom.fem.finite_strain.stresses import IDENTITY, MidpointStresses
 from fenics_rom.fem.full_order_body import FullOrderBody
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
-from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, equilibrium_work
+from fenics_rom.mechanics.contact import ObstacleMotion, equilibrium_work
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.hyperelastic import strain
 from fenics_rom.mechanics.step import StepInput, StepResult
@@ -64,8 +64,14 @@ class FiniteStrainStepper(FullOrderBody):
         self._forces_in_newton: ForcesInNewton | None = None
         if self.interface is not None or self.actuators is not None:
             self._forces_in_newton = ForcesInNewton(self.interface, self.actuators)
-        names = () if self.actuators is None else self.actuators.names
-        self._by_stroke = tuple(model.followers[name] for name in names)
+        self._found: tuple[FollowerLoad, ...] = ()
+        self._rubbing: tuple[TendonPull, ...] = ()
+        if self.actuators is not None:
+            tendons = {name: load for name, load in model.followers.items() if isinstance(load, TendonPull)}
+            guides = self.actuators.guides
+            self._found = tuple(model.followers[name] for name in self.actuators.names)
+            self._found += tuple(tendons[name].up_to(guide) for name, guide in guides)
+            self._rubbing = tuple(tendons[name] for name in dict.fromkeys(name for name, _ in guides))
         self._before: tuple[Any, ...] = ()
         here = system.algebra.rows()
         terms = model.mass, model.external_damping, model.spring
@@ -153,7 +159,7 @@ class FiniteStrainStepper(FullOrderBody):
         self.x, self.v, self._start = x, v, StepStart(x, v, u, H, strain(H))
 
     def _load(self, u: Array) -> tuple[ExternalForce, Array, Array]:
-        """The force of inputs u in the active contact mode, inputs without strokes, and the strokes (n,) given."""
+        """The force of inputs u in the active contact mode, inputs without what is found, and strokes (n,)."""
         s, followers, contact = self.system, self._model.followers, self.contact_mode
         width = self.input_matrix.shape[1]
         if u.shape != (width,) or not np.isfinite(u).all():
@@ -166,7 +172,8 @@ class FiniteStrainStepper(FullOrderBody):
                     following.append((float(u[at]), followers[name]))
                 dead[at] = 0.0
             at += columns.shape[1]
-        return ExternalForce(self.input_matrix @ dead[:, None], tuple(following), self._by_stroke), u, given
+        dead_force = self.input_matrix @ dead[:, None]
+        return ExternalForce(dead_force, tuple(following), self._found, self._rubbing), u, given
 
     def _advance(self, inputs: StepInput, quasi_static: bool) -> None:
         """Takes a step, in parts where Newton's method does not solve it whole; if none does, nothing has changed."""
@@ -283,35 +290,46 @@ class FiniteStrainStepper(FullOrderBody):
             return
         m, trial, h, contact = self._model, solution.trial, equation.h, solution.found.contact
         if isinstance(equation, QuasiStaticResidual):
-            self._book_at_rest(self.ledger, equation, trial, contact, obstacles)
+            self._book_at_rest(self.ledger, equation, solution, obstacles)
             return
         assert isinstance(trial.stresses, MidpointStresses)
-        supplied = h * m.dot(trial.external_force, trial.v)
+        rubbed, _ = self._rubbed(equation, trial.v, solution.found.actuators)
+        supplied = h * m.dot(trial.external_force - rubbed, trial.v)
         if contact is not None and self.interface is not None:
             self.ledger.book_contact(*contact.work(self.interface.at_points(trial.v), h))
         drawn = m.dot(trial.v, multiply(m.external_damping, trial.v))
         self.ledger.book(supplied=supplied, dissipated=h * drawn + m.points.integrate(trial.stresses.heat))
+        self.ledger.book(dissipated=-h * m.dot(rubbed, trial.v))
         change = 2 * (trial.v - self.v)
         self.time_step_monitor.add(m.dot(change, m.mass @ change), m.dot(trial.v, m.mass @ trial.v))
+
+    def _rubbed(self, equation: StepResidual, v: Array, found: Array) -> tuple[Array, float]:
+        """Force (rows here, 1), N, of guides at a mid-step velocity (rows here, 1), and its power, W."""
+        if self.actuators is None or not self.actuators.guides:
+            return np.zeros_like(v), 0.0
+        (columns, rates, _), k = equation.strokes(v), len(self.actuators.names)
+        return self.actuators.parts(columns, found)[1][:, None], float(rates[k:].dot(found[k:]))
 
     def _book_at_rest(
         self,
         ledger: EnergyLedger,
         equation: QuasiStaticResidual,
-        trial: TrialStep,
-        contact: ContactSolution | None,
+        solution: NewtonIterate,
         obstacles: ObstacleMotion | None,
     ) -> None:
         """The same between equilibria, as Equilibrium of runtime/steppers does."""
-        m, h = self._model, equation.h
+        m, h, trial, contact = self._model, equation.h, solution.trial, solution.found.contact
         x = self.x + h * trial.v
         start = equation.evaluate(np.zeros_like(x), self.reactions)
         elastic = equation.elastic_force(start) + equation.elastic_force(trial)
         stored = m.elastic_energy(strain(trial.stresses.F_end - IDENTITY)) + m.dot(x, multiply(m.spring, x)) / 2
-        loads = elastic
+        before, _ = self._rubbed(equation, 0 * x, self.reactions)
+        after, power = self._rubbed(equation, trial.v, solution.found.actuators)
+        loads = elastic - before - after
         if self.interface is not None and obstacles is not None:
             loads = loads - self.interface.force(self.contact) - self.interface.force(contact)
             at_points, law = self.interface.at_points(trial.v), self.interface.solver.law
             ledger.book_contact(*equilibrium_work(self.contact, contact, at_points, h, obstacles, law))
-        done = h / 2 * m.dot(elastic, trial.v)
-        ledger.book(supplied=h / 2 * m.dot(loads, trial.v), numerical=done - (stored - self.energy))
+        done, rubbed = h / 2 * m.dot(elastic, trial.v), h / 2 * m.dot(before + after, trial.v)
+        numerical = done - (stored - self.energy) - rubbed + h * power
+        ledger.book(supplied=h / 2 * m.dot(loads, trial.v), dissipated=-h * power, numerical=numerical)

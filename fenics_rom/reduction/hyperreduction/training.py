@@ -3,18 +3,19 @@
 Each begins at rest, lets loads grow to a target within half of the slowest period, so that the body overshoots, holds
 them, lets go and swings: what the scene does at its worst moment, then actuators, loads and contact modes one by one,
 and together. A contact mode that the scene never pushes is pushed by as much as undoes there what the other loads do:
-obstacles do no more.
+obstacles do no more. Tendons rub at their guides as in the scene.
 """
 
 from collections.abc import Mapping
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import islice
 from typing import Any
 
 import numpy as np
 
 from fenics_rom.errors import SolverError
+from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.step import StepInput
 from fenics_rom.reduction.checkpoint import Checkpoint
 from fenics_rom.reduction.hyperreduction.training_loads import (
@@ -80,7 +81,7 @@ def trained(problem: ReductionProblem, checkpoint: Checkpoint) -> TrainingData:
 def _simulated(problem: ReductionProblem, runs: list[Run], checkpoint: Checkpoint) -> list[Array]:
     """The shapes (rows here, s) of each run."""
     system, body, shapes = problem.system, problem.deformation, []
-    with problem.stages("training runs"), closing(body.stepper(1.0, ledger=False)) as stepper:
+    with problem.stages("training runs"), closing(body.stepper(1.0, _rubbing(system), ledger=False)) as stepper:
         for number, run in enumerate(runs):
             problem.stages.report("training runs", number, len(runs))
             key = f"{body.law}; {run.title}; {len(run.steps)} steps of {run.dt} s"
@@ -91,6 +92,13 @@ def _simulated(problem: ReductionProblem, runs: list[Run], checkpoint: Checkpoin
             shapes.append(snapshots)
     problem.stages.report("training runs", len(runs), len(runs))
     return shapes
+
+
+def _rubbing(system: System) -> ActiveEnvironment | None:
+    """What acts in a run beside its inputs: friction at guides, if the scene has any."""
+    scene, _ = scene_with_run(system)
+    free = replace(scene.environment, obstacles={}, contact_law=None)
+    return ActiveEnvironment(free) if free.guides else None
 
 
 def _shapes(stepper: Any, run: Run, name: str) -> Array:

@@ -50,7 +50,7 @@ def scene_with_run(system: System) -> tuple[Scene, Run]:
     if scene is None or scene.run is None:
         where = scene.source if scene else "a system of matrices"
         raise SceneError(f"{where}: has no [run], whose loads say how far the body is to be trained to deform")
-    scene.environment.check_forces_given("training for large deformation")
+    scene.environment.check_forces_given("training for large deformation", may_rub=True)
     return scene, scene.run
 
 

@@ -42,7 +42,8 @@ class Equilibrium(FiniteStrainKernel):
                 held = held - self._pushed(self.contact)
             unbalanced = elastic - self._loads(u, start)
             if self._actuators is not None:
-                unbalanced -= self._stroke_columns(start).dot(reactions)
+                by_strokes, rubbed_before = self._actuators.parts(self._stroke_columns(start), reactions)
+                unbalanced, held = unbalanced - by_strokes - rubbed_before, held - rubbed_before
             q, share, growth = start, 0.0, 1.0
             contact: ContactSolution | None = None
             while share < 1:
@@ -58,17 +59,19 @@ class Equilibrium(FiniteStrainKernel):
                         )
                 else:
                     (q, contact, reactions), share = balance, part
-            moved, pushed = q - start, self._loads(u, q)
+            moved, pushed, rubbed_away, lag = q - start, self._loads(u, q), 0.0, 0.0
             if self._actuators is not None:
-                pushed = pushed + self._stroke_columns(q).dot(reactions)
+                by_strokes, rubbed = self._actuators.parts(self._stroke_columns(q), reactions)
+                pushed, elastic = pushed + by_strokes, elastic + rubbed
+                rubbed_away, lag = -float(rubbed.dot(moved)), float((rubbed - rubbed_before).dot(moved)) / 2
             elastic = elastic + pushed
             if contact is not None:
                 elastic += self._pushed(contact)
             E = self._body.strains(q)
             stored = self._body.energy(q, E)
-            numerical = float(elastic.dot(moved)) / 2 - (stored - self._body.energy(start))
+            numerical = float(elastic.dot(moved)) / 2 - (stored - self._body.energy(start)) + lag
             supplied = float((held + pushed).dot(moved)) / 2
-            self._leave(StepWork(supplied, 0.0, self._contacts_at_rest(moved, contact, obstacles), numerical))
+            self._leave(StepWork(supplied, rubbed_away, self._contacts_at_rest(moved, contact, obstacles), numerical))
             np.multiply(q, self._ω, self._e)
             self.contact, self.reactions = contact, reactions
             self._note(q, E, self._acting(u))
@@ -77,7 +80,7 @@ class Equilibrium(FiniteStrainKernel):
     def _balanced(
         self, u: Array, given: Array, obstacles: ObstacleMotion | None, start: Array, q: Array, unbalanced: Array
     ) -> tuple[Array, ContactSolution | None, Array] | None:
-        """A shape near q of given strokes (k,), whose forces are balanced but for a part; contact and reactions.
+        """A shape near q of given strokes (n,), whose forces are balanced but for a part; contact and reactions.
 
         None if there is none.
         """
@@ -104,8 +107,10 @@ class Equilibrium(FiniteStrainKernel):
                 contact = self._solve_contact(*motion)
             else:
                 columns = self._stroke_columns(q)
-                targets = (given - self._strokes_at(q) + (q - start).dot(columns)) / self.h
-                reactions, contact = self._solve_actuators(u, columns, inverse.dot(columns) / self.h, targets, *motion)
+                gone = self._strokes_at(q) - (q - start).dot(columns)
+                targets, spread = self._actuators.resting_rates(given, gone, self.h), inverse.dot(columns) / self.h
+                angles = self._angles(q)
+                reactions, contact = self._solve_actuators(u, columns, spread, targets, *motion, angles=angles)
                 residual -= columns.dot(reactions)
             if contact is not None:
                 residual -= self._pushed(contact)

@@ -51,8 +51,11 @@ class FiniteStrainKernel(BookedKernel):
     ):
         assert rom.deformation is not None
         super().__init__(next(iter(rom.contact_models.values())), ledger, np.empty(0), interface, actuators)
-        names = () if actuators is None else actuators.names
-        self._stroke_followers = [_follower(rom.deformation, name) for name in names]
+        names, guides = ((), ()) if actuators is None else (actuators.names, actuators.guides)
+        tendons = rom.deformation.tendons
+        self._found = [_follower(rom.deformation, name) for name in names]  # forces and strokes
+        self._found += [(part.force, part.stroke) for part in (tendons[name].up_to(guide) for name, guide in guides)]
+        self._rubbing = [tendons[name] for name in dict.fromkeys(name for name, _ in guides)]
         self._body: ReducedDeformation = rom.deformation
         self._shared = sum(rom.actuators.values()) + sum(rom.loads.values())
         self._follower_columns = _follower_loads(rom)
@@ -107,12 +110,17 @@ class FiniteStrainKernel(BookedKernel):
         return force
 
     def _strokes_at(self, q: Array) -> Array:
-        """Strokes (k,) of those actuators whose strokes are given, m or m³, at q."""
-        return np.array([stroke(q) for _, stroke in self._stroke_followers])
+        """Strokes (n,) of what is found in the step, m or m³, at q."""
+        return np.array([stroke(q) for _, stroke in self._found])
 
     def _stroke_columns(self, q: Array) -> Array:
-        """Their forces of 1, (m, k): what the strokes change by with q."""
-        return np.stack([force(q) for force, _ in self._stroke_followers], axis=1)
+        """Their forces of 1, (m, n): what the strokes change by with q."""
+        return np.stack([force(q) for force, _ in self._found], axis=1)
+
+    def _angles(self, q: Array) -> Array:
+        """By which tendons turn at guides that rub, (n,), rad, 0 of strokes."""
+        strokes = np.zeros(0 if self._actuators is None else len(self._actuators.names))
+        return np.concatenate([strokes, *(tendon.angles(q) for tendon in self._rubbing)])
 
     def _acting(self, u: Array) -> Array:
         """An input with the forces that were found in place of strokes."""

@@ -199,6 +199,7 @@ class BookedKernel(Kernel):
         h: float,
         obstacles: ObstacleMotion | None,
         quasi_static: bool = False,
+        angles: Array | None = None,
     ) -> tuple[Array, ContactSolution | None]:
         """Forces (n,) of actuators that are found in a step, and contact.
 
@@ -208,6 +209,7 @@ class BookedKernel(Kernel):
             spread: A⁻¹ B (m, n).
             targets: rates (n,) at which their strokes are to move.
             q, r, free, h, obstacles, quasi_static: as in `_solve_contact`; `free` is without these forces, too.
+            angles: (n,) by which tendons turn at guides, rad, unless they are those at rest.
         """
         assert self._actuators is not None
         W = self._actuators.compliance(columns.T.dot(spread))
@@ -221,7 +223,7 @@ class BookedKernel(Kernel):
             contact = self._solve_contact(q, r, free + spread.dot(z), h, obstacles, quasi_static, delassus)
             return contact, np.zeros(len(z)) if contact is None else X.T.dot(contact.forces.ravel())
 
-        return self._actuators.solve(u, columns.T.dot(free), W, targets, touch)
+        return self._actuators.solve(u, columns.T.dot(free), W, targets, touch, angles)
 
     def _pushed(self, contact: ContactSolution) -> Array:
         """Generalized forces of contact (m,)."""

@@ -139,8 +139,10 @@ class LinearlyImplicit(FiniteStrainKernel):
             columns = self._stroke_columns(middle)
             by_strokes = np.linalg.solve(matrix, columns)
             targets = self._actuators.rates(given, self._strokes_at(q), r.dot(self._stroke_columns(q)), h)
-            reactions, contact = self._solve_actuators(u, columns, by_strokes, targets, q, r, v, h, obstacles)
-            pushed = pushed + columns.dot(reactions)
+            motion, angles = (q, r, v, h, obstacles), self._angles(middle)
+            reactions, contact = self._solve_actuators(u, columns, by_strokes, targets, *motion, angles=angles)
+            of_strokes, rubbed = self._actuators.parts(columns, reactions)
+            pushed = pushed + of_strokes
             v += by_strokes.dot(reactions)
         if contact is not None:
             v += spread.dot(contact.forces.ravel())
@@ -160,7 +162,8 @@ class LinearlyImplicit(FiniteStrainKernel):
             self._rest[0] += grown * (s + grown / 2)
         E = body.strains(after)
         taken_back, strained, gap = self._taken_back(E, h * drawn)
-        self._leave(StepWork(h * float(pushed.dot(v)), h * drawn - taken_back, self._contacts(v, contact, h)))
+        dissipated = h * drawn - taken_back - (0.0 if given is None else h * float(rubbed.dot(v)))
+        self._leave(StepWork(h * float(pushed.dot(v)), dissipated, self._contacts(v, contact, h)))
         np.multiply(after, self._ω, self._e)
         np.subtract(v + v, r, r)
         self.contact, self.reactions = contact, reactions

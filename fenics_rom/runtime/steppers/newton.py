@@ -110,7 +110,7 @@ class Newton(FiniteStrainKernel):
 
         Args:
             u: inputs.
-            given: strokes (k,) at its end.
+            given: strokes (n,) at its end.
             q, r: the state at its beginning, (m,) each.
             h: its length, s.
             obstacles: how they move in it.
@@ -139,14 +139,17 @@ class Newton(FiniteStrainKernel):
                 contact = self._solve_contact(*motion)
             else:
                 columns = self._stroke_columns(middle)
-                reactions, contact = self._solve_actuators(u, columns, self._inverse.dot(columns), targets, *motion)
-                by_strokes = columns.dot(reactions)
-                force, residual = force + by_strokes, residual - by_strokes
+                spread, angles = self._inverse.dot(columns), self._angles(middle)
+                reactions, contact = self._solve_actuators(u, columns, spread, targets, *motion, angles=angles)
+                by_strokes, rubbed = self._actuators.parts(columns, reactions)
+                force, residual = force + by_strokes, residual - by_strokes - rubbed
             if contact is not None:
                 residual -= self._pushed(contact)
             error = np.abs(residual).max()
             if is_solved(error, before, scale):
                 heat = h * (float(v.dot(drawn)) + float(ω.dot((viscous * rates).sum(axis=0))))
+                if self._actuators is not None:
+                    heat -= h * float(rubbed.dot(v))
                 return v, force, heat, contact, reactions
             if error > FAST_CONTRACTION * before and not fresh:
                 self._inverse, fresh = self._tangent_inverse(H, (E + after) / 2, S, h), True

@@ -44,11 +44,15 @@ class TrainingWatch:
     """
 
     def __init__(self, rom: Rom, trained: TrainingRange, interface: "ContactInterface | None"):
-        widths, units = {**rom.actuators, **rom.loads}, rom.environment.input_units
+        widths, units, inputs = {**rom.actuators, **rom.loads}, rom.environment.input_units, trained.inputs
+        inputs = {
+            **inputs,
+            **dict.fromkeys(rom.environment.guides, math.inf),
+        }  # as tensions let them
         self._pushed = trained.pushes
         self._obstacles = [] if interface is None else list(interface.environment.obstacles)
         most = max(trained.pushes.values(), default=0.0)
-        self._ranges = {f"input {name!r}": (trained.inputs.get(name, 0.0), units.get(name, "N")) for name in widths}
+        self._ranges = {f"input {name!r}": (inputs.get(name, 0.0), units.get(name, "N")) for name in widths}
         ends = np.cumsum([0, *widths.values()]).tolist()
         self._inputs = dict(zip(self._ranges, map(slice, ends, ends[1:]), strict=True))  # of those after the pushes
         self._ranges |= {f"the push on {name!r}": (trained.pushes.get(name, 0.0), "N") for name in rom.contact_models}
