@@ -171,6 +171,8 @@ def print_trajectory(run: "fr.Trajectory", file: Path | str) -> None:
             lines["dissipated by friction"] = done["friction"]
     for name, forces in run.forces.items():
         lines[f"largest force of {name}"] = f"{np.linalg.norm(forces, axis=1).max():.4g} N"
+    for name, series in run.reaction_series.items():
+        lines[f"reaction {name}"] = f"{series.values.min():.4g} to {series.values.max():.4g} {series.unit}"
     for name, reading in run.readings.items():
         low, high = reading.sizes.min(), reading.sizes.max()
         lines[f"reading {name}"] = f"{reading.words}, {low:.4g} to {high:.4g} {reading.unit}"

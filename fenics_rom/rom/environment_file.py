@@ -64,6 +64,7 @@ INSTANT = {
 }
 SPAN = {"start": Entry("s", (1,)), "stop": Entry("s", (1,))}
 GUIDE = {"friction": Entry("1", (1,)), "angle": Entry("rad", (1,))}
+GROUPS = ("effects", "built_in", "controls", "guides", "loads", "obstacles", "contact_law", "run")
 COLUMNS = {"columns": Entry("1", (1,), "i")}
 
 
@@ -113,6 +114,8 @@ def put_environment(h5: h5py.File, environment: Environment) -> None:
 def take_environment(h5: h5py.File) -> Environment:
     """Reads the group."""
     group = get_group(h5, "environment")
+    if strange := [name for name in group if name not in GROUPS]:
+        raise FileError(f"{group.name} has {strange[0]!r}, which acts and which this release does not know: update it")
     has_inertia = get_text(group, "has_inertia")
     if has_inertia not in (YES, NO):
         raise FileError(f"attribute 'has_inertia' of {group.name} is {has_inertia!r}, neither {YES} nor {NO}")

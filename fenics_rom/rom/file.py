@@ -1,6 +1,6 @@
 """The ROM file: one HDF5 file with everything the runtime needs.
 
-Format 2.1. The first 512 bytes are a user block with the SHA-256 of the rest (see io.hdf5).
+Format 2.2. The first 512 bytes are a user block with the SHA-256 of the rest (see io.hdf5).
 Root attributes (fixed-length UTF-8 text): format = "fenics-rom", format_version, content = "rom", software, name,
 method, switching, weighting, scene (the scene file), warnings (one a line). Every dataset has an attribute `unit`.
 Sizes: n free displacement components, k shared basis vectors, N nodes, F triangles; for each contact mode m order,

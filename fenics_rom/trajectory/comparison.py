@@ -43,7 +43,7 @@ class Difference:
 def compare(
     run: Trajectory | str | PathLike[str], reference: Trajectory | str | PathLike[str]
 ) -> dict[str, Difference]:
-    """Differences of outputs, readings, the whole shape ("shape", weighted by mass), stored energy and contact forces.
+    """Differences of outputs, readings, reactions, whole shape ("shape", weighted by mass), stored energy and contact.
 
     Runs, or the files of them, with different time steps are compared at the instants they have in common. Of every
     obstacle there is "force" (means between these instants, in the 2-norm over the run), "peak force" (the largest of
@@ -82,6 +82,10 @@ def _differences(run: Trajectory, reference: Trajectory) -> dict[str, Difference
         other = reference.readings.get(name)
         if other is not None and other.quantity == quantity and other.values.shape[1:] == reading.values.shape[1:]:
             differences[f"reading {name}"] = _difference(values, other.by_point[second], unit=reading.unit)
+    for name, series in run.reaction_series.items():
+        if name in reference.reactions:
+            of_reference = reference.reaction_series[name].values[second]
+            differences[f"reaction {name}"] = _difference(series.values[first], of_reference, unit=series.unit)
     for name in run.forces:
         if name in reference.forces:
             differences |= _force_differences(name, run, reference, first, second)

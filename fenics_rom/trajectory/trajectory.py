@@ -104,6 +104,12 @@ class Trajectory:
     readings: Mapping[str, ReadingSeries] = field(default_factory=dict)
     reactions: Mapping[str, Array] = field(default_factory=dict)
 
+    @property
+    def reaction_series(self) -> dict[str, Series]:
+        """The reactions with their units."""
+        units = {name: "N" if name in self.tendons else "Pa" for name in self.reactions}
+        return {name: Series(force[:, None], units[name]) for name, force in self.reactions.items()}
+
     def __repr__(self) -> str:
         order, dt = (self.settings.get(name, math.nan) for name in ("order", "dt"))
         outputs = (f"{name} ({values.shape[1]} points)" for name, values in self.outputs.items())

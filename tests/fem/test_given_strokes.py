@@ -233,9 +233,10 @@ def test_runs_and_roms_keep_what_is_given_and_found(models, bar, tmp_path):
 
 def test_tables_of_strokes_have_units_of_their_own(bar, tmp_path):
     (tmp_path / "pull.csv").write_text("time (ms),length (mm)\n0,0\n10,2\n")
+    (tmp_path / "x.csv").write_text("time (ms), x (mm)\n0, 0\n10, 2\n")
     (tmp_path / "pump.csv").write_text("time (s),volume (ml)\n0,0\n0.01,3\n")
     (tmp_path / "force.csv").write_text("time (s),tension (N)\n0,0\n0.01,3\n")
-    for table, allowed in (("pull.csv", True), ("force.csv", False)):
+    for table, allowed in (("pull.csv", True), ("x.csv", True), ("force.csv", False)):
         loads = f'{{ actuator = "rope", table = "{table}" }}, {{ actuator = "air", table = "pump.csv" }}'
         text = scene_text(bar, effects=ROPE + AIR, run=f"dt = 1e-3\nduration = 0.01\nload = [{loads}]", **BAR)
         if allowed:
@@ -330,6 +331,29 @@ def test_tension_falls_at_each_guide_as_the_capstan_says(models, model, control)
         assert abs(slid[2]) <= 1e-8 * np.abs(x).max()
         take(body, [0.0])
         assert np.abs(body.displacement()).max() <= 1e-12 * np.abs(x).max()
+
+
+@BOTH
+@pytest.mark.parametrize("moves", [True, False], ids=["moving", "resting"])
+def test_what_sticks_at_a_guide_stops_there(models, model, moves):
+    """Its rate is zero at the end of the step, or in its middle where stopping it took a force that does work."""
+    effects, h = "inertia = {}\n" * moves + RUBS + WORM, 1e-3
+    system, _ = models(effects)
+    body, guides = body_of(models, effects, model, h), np.hstack([system.loads[f"rope-guide-{k}"] for k in (3, 2, 1)])
+    at, rates, fastest, stopped = np.zeros(3), np.zeros(3), 0.0, 0
+    for step in range(1, 61):
+        T = 20.0 * (1 - np.cos(step / 4)) if step < 40 else 5.0
+        take(body, [T])
+        z = (body.stepper if model == "full" else body.save().stepper).reactions[::-1]
+        before, at = at, guides.T @ body.displacement().ravel()[system.body.free]
+        mean, started, rates = (at - before) / h, rates, guides.T @ body.velocity().ravel()[system.body.free]
+        fastest = max(fastest, np.abs(mean).max())
+        tensions, bends = T + np.cumsum([0.0, *z])[:-1], MU * turning()[::-1]
+        inside = (z > (np.expm1(-bends) + 1e-6) * tensions) & (z < (np.expm1(bends) - 1e-6) * tensions)
+        missed = np.minimum(np.abs(mean), np.abs(mean - started / 2)) if moves else np.abs(mean)
+        assert missed[inside].max(initial=0.0) <= 1e-7 * fastest
+        stopped += np.count_nonzero(inside & (np.abs(started) > 1e-3 * fastest) & (np.abs(rates) <= 1e-6 * fastest))
+    assert stopped > 3 or not moves
 
 
 @BOTH

@@ -10,7 +10,9 @@ from matplotlib.figure import Figure
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning
+from fenics_rom.mechanics.signals import Signal
 from fenics_rom.visualization import optional_dependencies
+from fenics_rom.visualization.exports.export import _fields
 from fenics_rom.visualization.plots.runs import run_panels
 from fenics_rom.visualization.viewer.colours import with_unit
 from fenics_rom.visualization.viewer.live_body import LiveBody
@@ -163,3 +165,59 @@ def test_live_page_colours_by_readings_and_tells_lengths(rom, viser_server, tmp_
     page._update_panel()
     assert "cable: " in page._status.content
     np.testing.assert_array_equal(body.reading("stress").values[0], body.simulator.reading("stress"))
+
+
+# --- given strokes ---------------------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def by_length(rom):
+    """The same with a cable that the scene makes 2 mm shorter."""
+    loads = tuple(replace(load, signal=Signal(np.array([2e-3]))) for load in rom.environment.run.loads)
+    environment = replace(rom.environment, controls={"cable": "length"}, run=replace(rom.environment.run, loads=loads))
+    return replace(rom, environment=environment)
+
+
+def test_a_slider_moves_a_stroke_and_the_panel_has_the_tension(by_length, viser_server, tmp_path):
+    body = LiveBody(by_length)
+    page = LivePage(optional_dependencies.viser_package(), viser_server, body, tmp_path, "box", print)
+    (actuator,) = body.actuators
+    assert actuator[:4] == ("cable", "mm", 0.0, 2.0)
+    page._actuate(0, 1.5)
+    assert body.values[0] == pytest.approx(1.5e-3)
+    for _ in range(200):
+        body.step()
+    cable = body.rom.environment.tendons["cable"]
+    length = body.reading("cable").values[0]
+    assert np.linalg.norm(np.diff(cable, axis=0)) - length == pytest.approx(1.5e-3, rel=1e-3)
+    tension = body.simulator.reactions["cable"]
+    assert tension > 0
+    page._panel_due = 0.0
+    page._update_panel()
+    assert f"cable: {with_unit(tension, 'N')}" in page._status.content
+    body.grab("sole", body.rom.contact_models["sole"].contact_points[:1], np.ones(1))
+    body.mouse = body.held_at + np.array([0.0, 0.0, 1e-5])
+    body.step()
+    body.release()
+    body.reset()
+    assert body.values[0] == 0.0
+
+
+def test_reactions_are_drawn_compared_and_written(by_length, tmp_path):
+    run = fr.simulate(by_length)
+    series = run.reaction_series["cable"]
+    assert series.unit == "N"
+    np.testing.assert_array_equal(series.values[:, 0], run.reactions["cable"])
+    figure = Figure()
+    run_panels({"run": run})["reaction_cable"](figure)
+    (axes,) = figure.axes
+    drawn = axes.get_lines()[0].get_ydata()
+    np.testing.assert_allclose(drawn / drawn.max(), run.reactions["cable"] / run.reactions["cable"].max())
+    assert axes.get_ylabel().startswith("tension (")
+    assert fr.compare(run, run)["reaction cable"].relative == 0.0
+    more = replace(run, reactions={"cable": 1.5 * run.reactions["cable"]})
+    assert fr.compare(more, run)["reaction cable"].relative == pytest.approx(0.5)
+    assert fr.compare(more, run)["reaction cable"].unit == "N"
+    row = len(run.snapshots) - 1
+    at = int(np.abs(run.times - run.snapshot_times[row]).argmin())
+    np.testing.assert_array_equal(_fields(run, row).whole["reaction.cable"], run.reactions["cable"][[at]])

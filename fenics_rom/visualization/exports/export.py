@@ -148,7 +148,7 @@ def _export_run(
 
 
 def _fields(run: Trajectory, row: int) -> Fields:
-    """Of one whole shape, with inputs and readings of the nearest instant that is kept.
+    """Of one whole shape, with inputs, reactions and readings of the nearest instant that is kept.
 
     A reading is not a number (NaN) where it is not read.
     """
@@ -158,9 +158,10 @@ def _fields(run: Trajectory, row: int) -> Fields:
         on_nodes["velocity"] = run.velocities[row]
     on_triangles: dict[str, Array] = {}
     whole = {"TimeValue": run.snapshot_times[[row]]}
-    if run.inputs or run.readings:
+    if run.inputs or run.readings or run.reactions:
         whole["reading.TimeValue"] = run.times[[instant]]
     whole |= {f"input.{name}": series.values[instant] for name, series in run.inputs.items()}
+    whole |= {f"reaction.{name}": series.values[instant] for name, series in run.reaction_series.items()}
     for name, reading in run.readings.items():
         values, key = reading.values[instant], f"reading.{name}"
         if reading.quantity == "contact_pressure":

@@ -1,4 +1,4 @@
-"""Plots of runs, several over one another: the energy account, outputs, inputs, readings, the forces of obstacles."""
+"""Plots of runs, several over one another: energies, outputs, inputs, reactions, readings, forces of obstacles."""
 
 from collections.abc import Mapping
 from functools import partial
@@ -41,6 +41,8 @@ def run_panels(runs: Runs) -> dict[str, Panel]:
         panels["forces"] = partial(_draw_forces, runs=runs)
     inputs = dict.fromkeys(name for run in runs.values() for name, series in run.inputs.items() if _changes(series))
     panels |= {f"input_{name}": partial(_draw_input, runs=runs, name=name) for name in inputs}
+    reactions = dict.fromkeys(name for run in runs.values() for name in run.reactions)
+    panels |= {f"reaction_{name}": partial(_draw_reaction, runs=runs, name=name) for name in reactions}
     readings = dict.fromkeys(name for run in runs.values() for name in run.readings)
     return panels | {f"reading_{name}": partial(_draw_reading, runs=runs, name=name) for name in readings}
 
@@ -82,6 +84,16 @@ def _draw_input(figure: Any, runs: Runs, name: str) -> None:
     is_force = all(one.values.shape[1] == len(AXES) for one in series)
     values = [one.values[:, None] if is_force else one.values[:, :, None] for one in series]
     _draw_values(figure, shown, values, series[0].unit, AXES if is_force else "", "input", f"input {name}")
+
+
+def _draw_reaction(figure: Any, runs: Runs, name: str) -> None:
+    """The force of an actuator whose stroke is given."""
+    shown = {label: run for label, run in runs.items() if name in run.reactions}
+    series = [run.reaction_series[name] for run in shown.values()]
+    words = "tension" if series[0].unit == "N" else "pressure"
+    _draw_values(
+        figure, shown, [one.values[:, :, None] for one in series], series[0].unit, "", words, f"reaction {name}"
+    )
 
 
 def _draw_reading(figure: Any, runs: Runs, name: str) -> None:

@@ -10,6 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from fenics_rom.errors import SceneError, StructureError
+from fenics_rom.io.units import UNITS
 from fenics_rom.mechanics.environment import Environment
 from fenics_rom.rom.rom import Rom
 from fenics_rom.rom.truncate import truncate
@@ -21,19 +22,22 @@ from fenics_rom.visualization.viewer.recording import Recording
 
 Array = np.ndarray
 
+SHOWN_STROKES = {"m": "mm", "m3": "ml"}  # units of sliders by those of strokes
 STEPS_IN_A_PERIOD = 100  # of the lowest oscillation, where the scene has no time step
 
 
 class Actuator(NamedTuple):
     """One column of an input that all contact modes share, its unit, and the range of its slider.
 
-    The range is what the surface at rest can follow (see `largest_input`), and all that the scene applies.
+    The range is what the surface at rest can follow (see `largest_input`), and all that the scene applies; of a given
+    stroke what the scene applies alone, if it does.
     """
 
     name: str
     unit: str
     least: float
     largest: float
+    scale: float = 1.0  # of the input, per unit of the slider
 
 
 class Account(NamedTuple):
@@ -77,8 +81,8 @@ class LiveBody:
                 f"ROM {rom.name!r} has no surface triangles, as it was made from matrices and not from a mesh: "
                 "there is nothing to draw; step it with fr.Simulator"
             )
-        # What is pulled at by hand is given a force: actuators by stroke become such, too.
-        self._whole = self.rom = rom = replace(rom, environment=replace(rom.environment, controls={}))
+        self._whole = self.rom = rom
+        self._columns = dict(zip(rom.actuators, np.cumsum([0, *rom.actuators.values()]).tolist(), strict=False))
         self.actuators = _actuators(rom)
         self.values = np.zeros(len(self.actuators))
         self._spring_step: MouseSpringStep | None = None
@@ -203,7 +207,10 @@ class LiveBody:
         if self._spring_step is not None:
             loads = np.empty(0) if around is None else around.loads_at(self.simulator.time + self.dt / 2)
             q, r = self.simulator.state
-            self.force = self._spring_step.force(q, r, np.concatenate([self.values, loads]), self.mouse)
+            others = self.values.copy()
+            for name, reaction in self.simulator.reactions.items():  # in the step before: this one's is not known yet
+                others[self._columns[name]] = reaction
+            self.force = self._spring_step.force(q, r, np.concatenate([others, loads]), self.mouse)
             return np.concatenate([self._spring_step.spring.spread @ self.force, self.values])
         if around is not None:
             return self.values.copy()
@@ -273,12 +280,19 @@ def _actuators(rom: Rom) -> list[Actuator]:
     found = []
     for name, width in rom.actuators.items():
         is_tendon, unit = name in rom.environment.details("effects.tendon"), rom.environment.input_units.get(name, "N")
-        applied = _applied(rom, name, width)
+        shown = SHOWN_STROKES.get(unit, unit)
+        scale = UNITS[unit][shown] if shown != unit else 1.0
+        applied, by_stroke = _applied(rom, name, width) / scale, name in rom.environment.controls
         for k in range(width):
-            limit = float(f"{largest_input(rom, first, column):.2g}")
+            limit = largest_input(rom, first, column)
+            if by_stroke:
+                mode = rom.contact_models[first]
+                limit *= float(np.square(mode.inputs[:, column] / mode.safe_frequencies).sum()) / scale
+            limit = 0.0 if by_stroke and applied.any() else float(f"{limit:.2g}")
             least, largest = 0.0 if is_tendon else -limit, limit  # a cable only pulls
             axis = f" {'xyz'[k]}" if width == 3 else f" {k + 1}" if width > 1 else ""
-            found.append(Actuator(name + axis, unit, min(least, *applied[:, k]), max(largest, *applied[:, k])))
+            span = min(least, *applied[:, k]), max(largest, *applied[:, k])
+            found.append(Actuator(name + axis, shown, *span, scale))
             column += 1
     return found
 

@@ -202,7 +202,7 @@ class LivePage:
             self._begin()
 
     def _actuate(self, k: int, value: float) -> None:
-        self.body.values[k] = value
+        self.body.values[k] = value * self.body.actuators[k].scale
 
     def _toggle_record(self) -> None:
         if self.body.records:
@@ -327,6 +327,10 @@ class LivePage:
         ]
         numbers = [name for name, reading in body.rom.readings.items() if reading.quantity in NUMBERS]
         lines += reading_words({name: body.reading(name) for name in numbers}, 0)
+        units = body.rom.environment.force_units
+        lines += [
+            f"{name}: {with_unit(force, units.get(name, 'N'))}" for name, force in body.simulator.reactions.items()
+        ]
         state = ["paused"] * self._paused + ["recording"] * body.records
         lines += [f"**{', '.join(state)}**"] if state else []
         lines += [f"**{self._error}**"] if self._error else []
