@@ -111,7 +111,9 @@ def assemble_forms(
     """
     require_real(PETSc.ScalarType)
     check_damping_choice(damping, rayleigh)
-    space = _space(mass)
+    if not isinstance(mass, ufl.Form) or len(mass.arguments()) != 2:
+        raise StructureError(f"mass is no UFL form with two arguments; allowed is {ARITY[2]}")
+    space = mass.arguments()[0].ufl_function_space()
     bilinear = {"mass": mass, "stiffness": stiffness} | ({} if damping is None else {"damping": damping})
     linear = {
         kind: {name: _as_list(forms, f"{kind}[{name!r}]") for name, forms in given.items()}
@@ -155,13 +157,6 @@ def _rigid(rows: _FreeRows, matrices: Mapping[str, PETSc.Mat]) -> np.ndarray | N
     algebra = PetscAlgebra(M.mat.comm.tompi4py(), M.mat.getOwnershipRange())
     rigid = without_energy(M, K, mass_orthonormal(M, rows.motions, algebra), algebra)
     return rigid if rigid.shape[1] else None
-
-
-def _space(mass: Any) -> Any:
-    """The function space of the mass form."""
-    if not isinstance(mass, ufl.Form) or len(mass.arguments()) != 2:
-        raise StructureError(f"mass is no UFL form with two arguments; allowed is {ARITY[2]}")
-    return mass.arguments()[0].ufl_function_space()
 
 
 def _as_list(forms: Any, where: str) -> list[Any]:

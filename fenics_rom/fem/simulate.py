@@ -4,7 +4,7 @@ import time
 import warnings
 from collections.abc import Iterator, Mapping
 
-from fenics_rom.errors import FenicsRomWarning, SceneError
+from fenics_rom.errors import FenicsRomWarning
 from fenics_rom.fem.assemble import assemble
 from fenics_rom.fem.finite_strain.stepper import FiniteStrainStepper
 from fenics_rom.fem.simulator import FullOrderSimulator
@@ -140,15 +140,10 @@ class InversionMonitor:
 
 def _run_of(system: System, dt: float | None, every: int | None = None) -> tuple[Environment, LoadHistory]:
     """What acts in the scene of a system, and the inputs of every step."""
-    if system.scene is None or system.scene.run is None:
-        where = system.scene.source if system.scene else "a system of matrices"
-        raise SceneError(
-            f"{where}: has no [run], so there is no load history to simulate; add one, with its dt and duration"
-        )
+    environment = system.scene.environment if system.scene else Environment(source="a system of matrices")
     contacts, actuators = (
         {name: B.shape[1] for name, B in blocks.items()} for blocks in (system.contacts, system.actuators)
     )
-    environment = system.scene.environment
     return environment, LoadHistory(environment, contacts, actuators, dt, every)
 
 

@@ -77,7 +77,11 @@ def identify(
         >>> f"{result.estimates[0].value:.2e}"  # Pa
         '1.00e+06'
     """
-    _check_linear(scene)
+    if scene.effects.contact is not None:
+        raise SceneError(
+            f"{scene.source}: effects.contact: with obstacles displacements are not linear in the forces; allowed is a "
+            "scene without them, with the measured contact forces in its [[run.load]]"
+        )
     read = [read_markers(part, scene) if isinstance(part, str | Path) else part for part in data]
     if not read:
         raise DataError("no data were given; allowed is at least one file")
@@ -130,14 +134,6 @@ def identify(
     for message in result.warnings:
         warnings.warn(message, FenicsRomWarning, stacklevel=2)
     return result
-
-
-def _check_linear(scene: Scene) -> None:
-    if scene.effects.contact is not None:
-        raise SceneError(
-            f"{scene.source}: effects.contact: with obstacles displacements are not linear in the forces; allowed is a "
-            "scene without them, with the measured contact forces in its [[run.load]]"
-        )
 
 
 def _fit_determined(

@@ -27,6 +27,13 @@ def strain(H: Array) -> Array:
     return (VOIGT_SHEAR / 2) * (H[i, j] + H[j, i] + np.einsum("kcp,kcp->cp", H[:, i], H[:, j]))
 
 
+def small_strain(H: Array) -> Array:
+    """(H + Hᵀ)/2, with the shears twice, (6, ...), of H (3, 3, ...)."""
+    i, j = VOIGT_PAIRS.T
+    strains: Array = (VOIGT_SHEAR[:, 0] / 2 * (H[i, j] + H[j, i]).T).T
+    return strains
+
+
 def strain_rate(F: Array, dH: Array) -> Array:
     """Change (6, P) of the Green strain, ½ (Fᵀ dH + dHᵀ F), with that of H (3, 3, P), where F = I + H."""
     FᵀdH = F[0][:, None] * dH[0] + F[1][:, None] * dH[1] + F[2][:, None] * dH[2]

@@ -18,7 +18,15 @@ import numpy as np
 
 from fenics_rom.mechanics.contact import ContactSolution
 from fenics_rom.mechanics.contact_points import ContactPoints
-from fenics_rom.mechanics.hyperelastic import VOIGT_INDEX, VOIGT_PAIRS, VOIGT_SHEAR, linear_stress, strain, stress
+from fenics_rom.mechanics.hyperelastic import (
+    VOIGT_INDEX,
+    VOIGT_PAIRS,
+    VOIGT_SHEAR,
+    linear_stress,
+    small_strain,
+    strain,
+    stress,
+)
 
 Array = np.ndarray
 
@@ -146,12 +154,6 @@ def projected(reading: Reading, basis: Array) -> Reading:
     if not isinstance(reading, SurfaceReading):
         return reading
     return replace(reading, operator=np.asarray(reading.operator @ basis))
-
-
-def small_strain(H: Array) -> Array:
-    """(H + Hᵀ)/2, with the shears twice, (6, P), of H (3, 3, P)."""
-    i, j = VOIGT_PAIRS.T
-    return (VOIGT_SHEAR / 2) * (H[i, j] + H[j, i])
 
 
 def cauchy_stress(H: Array, S: Array) -> Array:

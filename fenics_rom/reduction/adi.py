@@ -250,10 +250,5 @@ def _compressed(
     significant = U[:, s > TRUNCATION_TOLERANCE * s[0]]
     space = _diagonalized(system, basis @ significant)
     change_of_basis = inner(space.basis, system.mass @ basis)
-    return space, [_recompressed(change_of_basis @ part) for part in grown]
-
-
-def _recompressed(Z: Array) -> Array:
-    """Z' with Z'Z'ᵀ = Z Zᵀ and no more columns than rows."""
-    U, s, _ = np.linalg.svd(Z, full_matrices=False)
-    return U * s
+    decomposed = (np.linalg.svd(change_of_basis @ part, full_matrices=False) for part in grown)
+    return space, [U * s for U, s, _ in decomposed]  # of the same Z Zᵀ, and no more columns than rows

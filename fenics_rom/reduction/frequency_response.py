@@ -8,7 +8,7 @@ import numpy as np
 
 from fenics_rom.errors import StructureError
 from fenics_rom.io.progress import Report, silent
-from fenics_rom.rom.rom import Rom
+from fenics_rom.rom.rom import ContactModel, Rom
 from fenics_rom.system.protocols import Array
 from fenics_rom.system.system import System
 
@@ -18,6 +18,12 @@ def response(γ: Array, damping: Array, G: Array, ω: float) -> Array:
     if damping.ndim == 1:
         return G / (γ + 1j * ω * damping - ω**2)[:, None]
     return np.linalg.solve(np.diag(γ - ω**2) + 1j * ω * damping, G)
+
+
+def elastic_response(mode: ContactModel, columns: int, ω: float) -> Array:
+    """The same of a contact mode's own columns, without its rigid motions, (m - ρ, columns)."""
+    ρ, D = mode.rigid, mode.damping
+    return response(mode.eigenvalues[ρ:], D[ρ:] if D.ndim == 1 else D[ρ:, ρ:], mode.inputs[ρ:, :columns], ω)
 
 
 def dynamic_product(system: System, x: Array, ω: Array) -> Array:
@@ -68,10 +74,8 @@ def full_responses(system: System, rom: Rom, frequencies: Array, report: Report 
             H = factor.solve(B)
         column = 0
         for k, (name, mode) in enumerate(rom.contact_models.items()):
-            ρ, block = mode.rigid, slice(column, column + widths[name])
-            damping = mode.damping[ρ:] if mode.damping.ndim == 1 else mode.damping[ρ:, ρ:]
-            q = response(mode.eigenvalues[ρ:], damping, mode.inputs[ρ:, : widths[name]], ω)
-            C = mode.coordinates[:, ρ:]
+            block, C = slice(column, column + widths[name]), mode.coordinates[:, mode.rigid :]
+            q = elastic_response(mode, widths[name], ω)
             reduced = Q @ (C @ q.real) + 1j * (Q @ (C @ q.imag))
             sizes[k, done] = np.linalg.norm(mass_norms(system, H[:, block]))
             errors[k, done] = np.linalg.norm(mass_norms(system, H[:, block] - reduced))

@@ -60,14 +60,11 @@ def get_deformation(h5: h5py.File, sizes: Sizes) -> ReducedDeformation:
     pressures, tendons = get_group(group, "pressures"), get_group(group, "tendons")
     forces: Any = get_arrays(pressures, dict.fromkeys(pressures, PRESSURE), sizes)
     cables: Any = {name: get_arrays(get_group(tendons, name), TENDON, {"k": sizes["k"]}) for name in tendons}
-    validation = arrays["validation_error"]
+    numbers: Any = {name: None if arrays[name] is None else arrays[name][0].item() for name in NUMBERS}
     return ReducedDeformation(
         law=get_text(group, "law"),
         **{name: arrays[name] for name in BODY},
-        training_radius=float(arrays["training_radius"][0]),
-        points_of=int(arrays["points_of"][0]),
-        cubature_error=float(arrays["cubature_error"][0]),
-        validation_error=None if validation is None else float(validation[0]),
+        **numbers,
         pressures=forces,
         tendons={name: ReducedTendon(**cable) for name, cable in cables.items()},
         trained=_get_trained(get_group(group, "trained"), sizes) if "trained" in group else None,

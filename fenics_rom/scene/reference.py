@@ -4,7 +4,7 @@ import json
 from collections.abc import Mapping
 from dataclasses import MISSING, Field, fields, is_dataclass
 from pathlib import Path
-from typing import Annotated, Any, get_args, get_origin
+from typing import Any, get_args, get_origin
 
 from fenics_rom.io.markdown import markdown
 from fenics_rom.scene.effect_table import table_of_effects
@@ -17,9 +17,9 @@ from fenics_rom.scene.values import (
     Value,
     allowed_in,
     default_of,
+    extras_in,
     keys_of,
     part_of,
-    required,
     type_in,
     value_in,
 )
@@ -78,18 +78,9 @@ def _row(field: Field, annotation: Any) -> tuple[str, str, str, str, str]:
     shown = "required" if default is MISSING else "-"
     if isinstance(default, str | int | float):
         shown = f"`{json.dumps(default)}`"
-    meanings = [extra for extra in _extras(annotation) if isinstance(extra, str)]
+    meanings = [extra for extra in extras_in(annotation) if isinstance(extra, str)]
     meaning = meanings[0] if meanings else _table_in(annotation).__doc__.rstrip(".")
     return f"`{field.name}`", _words(annotation), _unit(annotation), shown, meaning
-
-
-def _extras(annotation: Any) -> tuple[Any, ...]:
-    """All that is annotated."""
-    annotation = required(annotation)
-    if get_origin(annotation) is not Annotated:
-        return ()
-    inner, *extras = get_args(annotation)
-    return (*extras, *_extras(inner))
 
 
 def _words(annotation: Any) -> str:

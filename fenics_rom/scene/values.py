@@ -217,13 +217,18 @@ def required(annotation: Any) -> Any:
     return annotation
 
 
-def value_in(annotation: Any) -> Value | None:
-    """What an annotation says of a value; None of tables."""
+def extras_in(annotation: Any) -> tuple[Any, ...]:
+    """All that is annotated, the outermost first."""
     annotation = required(annotation)
     if get_origin(annotation) is not Annotated:
-        return None
+        return ()
     inner, *extras = get_args(annotation)
-    return next((extra for extra in extras if isinstance(extra, Value)), None) or value_in(inner)
+    return (*extras, *extras_in(inner))
+
+
+def value_in(annotation: Any) -> Value | None:
+    """What an annotation says of a value; None of tables."""
+    return next((extra for extra in extras_in(annotation) if isinstance(extra, Value)), None)
 
 
 def type_in(annotation: Any) -> Any:

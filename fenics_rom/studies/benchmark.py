@@ -55,7 +55,9 @@ def measure_model(
     reduction = compare(at_reference_step, reference)["shape"].relative
     known = {key: [e for c in rom.validation.values() if (e := c[key]) is not None] for key in VALIDATION_ERRORS}
     worst = {key: max(errors, default=None) for key, errors in known.items()}
-    size = _file_size(rom)
+    with tempfile.TemporaryDirectory() as folder:
+        fr.write_rom(file := Path(folder, "rom.h5"), rom)
+        size = file.stat().st_size
     rows, notes = [], []
     for dt in grid.steps:
         try:
@@ -90,10 +92,3 @@ def measure_model(
     if scene.effects.contact is None:  # then a step costs the same whatever its length, and noise is all that differs
         rows = [replace(row, rate=max(other.rate for other in rows)) for row in rows]
     return tuple(rows), tuple(notes)
-
-
-def _file_size(rom: Rom) -> int:
-    with tempfile.TemporaryDirectory() as folder:
-        file = Path(folder, "rom.h5")
-        fr.write_rom(file, rom)
-        return file.stat().st_size

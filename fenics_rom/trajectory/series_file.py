@@ -46,24 +46,18 @@ def take_series(h5: h5py.File, sizes: Sizes) -> tuple[dict[str, Series], dict[st
     Raises:
         FileError: something is missing or does not fit.
     """
-    inputs = get_group(h5, "inputs") if "inputs" in h5 else {}
-    readings = get_group(h5, "readings") if "readings" in h5 else {}
-    return {name: _take_input(inputs, name, sizes["S"]) for name in inputs}, {
-        name: _take_reading(get_group(readings, name), sizes["S"]) for name in readings
-    }
-
-
-def _take_input(group: h5py.Group, name: str, instants: int) -> Series:
-    unit = get_text(group[name], "unit")
-    table = {name: _input_entry(unit)}
-    arrays: Any = get_arrays(group, table, {"S": instants}, tuple(group))
-    return Series(arrays[name], unit)
-
-
-def _take_reading(group: h5py.Group, instants: int) -> ReadingSeries:
-    quantity = get_text(group, "quantity")
-    arrays: Any = get_arrays(group, _reading_table(quantity), {"S": instants})
-    return ReadingSeries(quantity, **arrays)
+    inputs, readings = (get_group(h5, kind) if kind in h5 else {} for kind in ("inputs", "readings"))
+    input_series: dict[str, Series] = {}
+    reading_series: dict[str, ReadingSeries] = {}
+    for name in inputs:
+        unit = get_text(inputs[name], "unit")
+        arrays: Any = get_arrays(inputs, {name: _input_entry(unit)}, {"S": sizes["S"]}, tuple(inputs))
+        input_series[name] = Series(arrays[name], unit)
+    for name in readings:
+        quantity = get_text(group := get_group(readings, name), "quantity")
+        arrays = get_arrays(group, _reading_table(quantity), {"S": sizes["S"]})
+        reading_series[name] = ReadingSeries(quantity, **arrays)
+    return input_series, reading_series
 
 
 def _input_entry(unit: str) -> Entry:

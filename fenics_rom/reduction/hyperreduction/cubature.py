@@ -12,7 +12,7 @@ import numpy as np
 import scipy.linalg
 
 from fenics_rom.errors import SolverError
-from fenics_rom.mechanics.hyperelastic import VOIGT_INDEX, VOIGT_PAIRS, VOIGT_SHEAR, linear_stress, strain, stress
+from fenics_rom.mechanics.hyperelastic import VOIGT_INDEX, linear_stress, small_strain, strain, stress
 from fenics_rom.system.protocols import Algebra, Array, Deformation
 
 POINTS_AT_ONCE = 4096  # whose contributions are worked on together
@@ -105,7 +105,7 @@ class _ForceRows:
             S = stress(body.law, strain(H), λ, μ)
             P = np.einsum("ikp,kjp->ijp", H + np.eye(3)[:, :, None], S[VOIGT_INDEX])
             blocks.append(scale * root[:, None] * w * np.einsum("ijp,ijpm->mp", P, G, optimize=True))
-        left, right = (_strains(G @ (root[:, None] * probes)) for probes in (self._left, self._right))
+        left, right = (small_strain(G @ (root[:, None] * probes)) for probes in (self._left, self._right))
         stressed = np.stack([linear_stress(column, λ, μ) for column in left.transpose(2, 0, 1)])
         stiffness = np.einsum("kcp,cpk->kp", stressed, right) * w
         return np.vstack([*blocks, self._scales[-1] * stiffness])
@@ -126,12 +126,6 @@ class _ForceRows:
         λ, U = np.linalg.eigh(gram)
         neglected = np.sqrt(np.cumsum(np.maximum(λ, 0.0)))
         return U[:, neglected > share * np.linalg.norm(self.whole)]
-
-
-def _strains(gradients: Array) -> Array:
-    """Strains (6, P, k) of small gradients (3, 3, P, k)."""
-    i, j = VOIGT_PAIRS.T
-    return np.asarray((VOIGT_SHEAR / 2)[..., None] * (gradients[i, j] + gradients[j, i]))
 
 
 def _stiffness_probes(m: int) -> tuple[Array, Array]:

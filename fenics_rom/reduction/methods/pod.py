@@ -33,8 +33,9 @@ def pod(problem: ReductionProblem) -> Iterator[tuple[str, RankedBasis]]:
         for name in problem.contacts:
             with problem.stages("full-order runs"):
                 snapshots = _snapshots(system, factor, system.forces(name), h, slowest)
-            with problem.stages("orthonormal basis"):
-                basis = _decomposed(problem, snapshots)
+            with problem.stages("orthonormal basis"):  # by left singular vectors in the mass norm (Sirovich 1987)
+                w, E = significant_eigenpairs(system.algebra.inner(snapshots, system.mass @ snapshots))
+                basis = problem.directions(snapshots @ (E / np.sqrt(w)), np.sqrt(w))
             yield name, basis
 
 
@@ -54,9 +55,3 @@ def _snapshots(system: System, factor: Factor, B: Array, h: float, ω: float) ->
         x, v = x + h * mid, 2 * mid - v
         snapshots += [x, v / ω]
     return np.hstack(snapshots)
-
-
-def _decomposed(problem: ReductionProblem, snapshots: Array) -> RankedBasis:
-    """Left singular vectors of the snapshots in the mass norm (Sirovich 1987), as many as are not noise."""
-    w, E = significant_eigenpairs(problem.system.algebra.inner(snapshots, problem.system.mass @ snapshots))
-    return problem.directions(snapshots @ (E / np.sqrt(w)), np.sqrt(w))

@@ -95,7 +95,8 @@ class BodyRenderer:
         self._triangles = triangles
         used = np.unique(triangles)
         visible = [nodes[used], *(nodes[used] + scale * shape[used] for shape in shapes)]
-        ends = np.concatenate([_box_corners(points) for points in visible])
+        ranges = [zip(points.min(axis=0), points.max(axis=0), strict=True) for points in visible]
+        ends = np.array([corner for of_axes in ranges for corner in product(*of_axes)])  # of the boxes around them
         middle, diagonal = ends.mean(axis=0), float(np.linalg.norm(np.ptp(ends, axis=0)))
         obstacles, half_edge = obstacles or {}, FLOOR_EXTENT * diagonal
         meshes = {name: obstacle_mesh(obstacle, middle, half_edge) for name, obstacle in obstacles.items()}
@@ -226,9 +227,3 @@ class BodyRenderer:
                 unconstrained_font_size=True,
                 render=False,
             )
-
-
-def _box_corners(points: Array) -> Array:
-    """Of the box around points (any, 3), (8, 3)."""
-    low, high = points.min(axis=0), points.max(axis=0)
-    return np.array(list(product(*zip(low, high, strict=True))))

@@ -82,13 +82,9 @@ def response_scale(rom: Rom) -> tuple[float, str]:
 
 def reduced_response(mode: ContactModel, columns: int, frequencies: Array) -> Array:
     """|H_i(iω)| in M over the contact's own columns (Frobenius), (f,), without rigid motions."""
-    ρ, G = mode.rigid, mode.inputs[mode.rigid :, :columns]
-    γ, ω = mode.eigenvalues[ρ:], frequencies[:, None]
-    if mode.damping.ndim == 1:
-        gain = 1 / np.abs(γ + 1j * ω * mode.damping[ρ:] - ω**2)
-        return np.linalg.norm(gain * np.linalg.norm(G, axis=1), axis=1)
-    Z = 1j * ω[:, :, None] * mode.damping[ρ:, ρ:] + np.eye(len(γ)) * (γ - ω**2)[:, None, :]
-    return np.linalg.norm(np.linalg.solve(Z, G[None]), axis=(1, 2))
+    from fenics_rom.reduction.frequency_response import elastic_response  # needs SciPy, which a plot of a run does not
+
+    return np.array([np.linalg.norm(elastic_response(mode, columns, ω)) for ω in frequencies])
 
 
 def _draw_hankel_values(figure: Any, rom: Rom, style: Style) -> None:

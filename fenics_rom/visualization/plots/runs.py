@@ -7,7 +7,6 @@ from typing import Any
 import numpy as np
 
 from fenics_rom.io.units import prefixed
-from fenics_rom.trajectory.series import Series
 from fenics_rom.trajectory.trajectory import Trajectory
 from fenics_rom.visualization.figure import DASHES, Panel
 
@@ -39,7 +38,9 @@ def run_panels(runs: Runs) -> dict[str, Panel]:
     panels |= {f"output_{name}": partial(_draw_output, runs=runs, name=name) for name in outputs}
     if any(run.forces for run in runs.values()):
         panels["forces"] = partial(_draw_forces, runs=runs)
-    inputs = dict.fromkeys(name for run in runs.values() for name, series in run.inputs.items() if _changes(series))
+    inputs = dict.fromkeys(  # but for what is the same in all steps, as gravity
+        name for run in runs.values() for name, u in run.inputs.items() if (u.values[1:] != u.values[1]).any()
+    )
     panels |= {f"input_{name}": partial(_draw_input, runs=runs, name=name) for name in inputs}
     reactions = dict.fromkeys(name for run in runs.values() for name in run.reactions)
     panels |= {f"reaction_{name}": partial(_draw_reaction, runs=runs, name=name) for name in reactions}
@@ -102,11 +103,6 @@ def _draw_reading(figure: Any, runs: Runs, name: str) -> None:
     readings = [run.readings[name] for run in shown.values()]
     values = [reading.sizes.reshape(len(reading.values), -1, 1) for reading in readings]
     _draw_values(figure, shown, values, readings[0].unit, "", readings[0].words, f"reading {name}")
-
-
-def _changes(series: Series) -> bool:
-    """Whether an input was not the same in all steps: what is constant, as gravity, is not drawn."""
-    return bool((series.values[1:] != series.values[1]).any())
 
 
 def _draw_values(
