@@ -41,7 +41,7 @@ def simulate(
         environment,
         history.steps,
         history.dt,
-        outputs={name: rows.shape[1] // 3 for name, rows in system.outputs.items()},
+        outputs=system.outputs,
         contacts={name: columns.shape[1] for name, columns in system.contacts.items()},
         actuators={name: columns.shape[1] for name, columns in system.actuators.items()},
         readings=system.readings,

@@ -45,7 +45,7 @@ def simulate(
         environment,
         history.steps,
         history.dt,
-        outputs={name: len(rows) // 3 for name, rows in rom.outputs.items()},
+        outputs=rom.outputs,
         contacts=rom.contacts,
         actuators=rom.actuators,
         readings=rom.readings,

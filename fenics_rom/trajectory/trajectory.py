@@ -1,7 +1,7 @@
 """What is kept of a run, the same for full and reduced models."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -186,7 +186,7 @@ class TrajectoryRecorder:
         environment: what acts; without contact nothing is kept of it.
         steps: number of steps of the run.
         dt: time step, s.
-        outputs: number of points of each named output.
+        outputs: names of those that are kept.
         contacts, actuators: number of input columns of each.
         readings: by name.
         snapshots: how many whole shapes to keep, evenly spread, the last step among them.
@@ -203,7 +203,7 @@ class TrajectoryRecorder:
         steps: int,
         dt: float,
         *,
-        outputs: Mapping[str, int],
+        outputs: Iterable[str],
         contacts: Mapping[str, int],
         actuators: Mapping[str, int],
         readings: Mapping[str, Reading],
@@ -212,27 +212,23 @@ class TrajectoryRecorder:
     ):
         self._body, self._effects = body, tuple(environment.effects)
         self._contacts, self._input_columns = tuple(contacts), (contacts, actuators)
-        self._units, self._readings = environment.input_units, readings
+        self._outputs, self._units, self._readings = list(outputs), environment.input_units, readings
         self._loads: Mapping[str, int] = {}
         self._inputs = NOTHING
-        self._reading_values: dict[str, Array] = {}
+        self._series: dict[str, dict[str, Array]] = {}
         self._dt, self._every = dt, every
         self._kept = np.union1d(np.arange(0, steps + 1, every), steps)
         instants = len(self._kept)
         self._contact = np.zeros(instants, dtype=np.int64)
         self._account = np.zeros((5, instants))
-        self._outputs = {name: np.zeros((instants, points, 3)) for name, points in outputs.items()}
         self._obstacles = {name: obstacle.shape for name, obstacle in environment.obstacles.items()}
-        self._forces = {name: np.zeros((instants, 3)) for name in self._obstacles}
-        sums = [name for name, effect in CONTACT_ACCOUNT.items() if effect in self._effects]
-        self._contact_account = {name: np.zeros(instants) for name in sums}
+        self._sums = [name for name, effect in CONTACT_ACCOUNT.items() if effect in self._effects]
         self._snapshot_steps = np.unique(np.round(np.linspace(0, steps, min(snapshots, steps) + 1)).astype(int))[1:]
         self.snapshot_rows = {step: row for row, step in enumerate(self._snapshot_steps.tolist())}
         self._snapshots = np.zeros((len(self._snapshot_steps), len(body.nodes), 3))
         is_moving = not self._effects or "inertia" in self._effects
         self._velocities = np.zeros_like(self._snapshots) if is_moving else None
         self._motion = {name: np.zeros((len(self._snapshot_steps), 3)) for name in self._obstacles}
-        self._reactions: dict[str, Array] = {}
 
     def sample(self, step: int, body: RunningBody, u: Array | None = None) -> None:
         """Keeps what is to be kept of one instant, to which a step with inputs u led; step 0 is the start."""
@@ -259,7 +255,7 @@ class TrajectoryRecorder:
         self._inputs[rows, self._inputs.shape[1] - inputs.shape[1] :] = inputs[steps]
         self._account[:, rows] = account[:, steps]
         for name, values in outputs.items():
-            self._outputs[name][rows] = values[steps]
+            self._series["outputs"][name][rows] = values[steps]
 
     def sample_shape(self, step: int, body: RunningBody) -> None:
         """Keeps the whole shape of an instant, if it is one of those that are kept."""
@@ -284,20 +280,21 @@ class TrajectoryRecorder:
         if u is not None:
             last = u if environment is None else np.concatenate([u, environment.loads])
             self._inputs[row, self._inputs.shape[1] - len(last) :] = last
-        for name in self._readings:
-            value = body.reading(name)
-            self._reading_values.setdefault(name, np.zeros((len(self._kept), *value.shape)))[row] = value
         self._contact[row] = self._contacts.index(body.contact)
         self._account[:, row] = body.energy, *(total for total, _ in ledger.sums[:4])
-        for name, values in self._outputs.items():
-            values[row] = body.displacement(name)
-        for name, sums in self._contact_account.items():
-            sums[row] = getattr(ledger, name)
-        for name, force in body.reactions.items():
-            self._reactions.setdefault(name, np.zeros(len(self._kept)))[row] = force
-        if self._obstacles:
-            for values, force in zip(self._forces.values(), body.obstacle_forces(), strict=True):
-                values[row] = force
+        now: dict[str, Mapping[str, Any]] = {
+            "outputs": {name: body.displacement(name) for name in self._outputs},
+            "forces": dict(zip(self._obstacles, body.obstacle_forces(), strict=True)) if self._obstacles else {},
+            "contact_account": {name: getattr(ledger, name) for name in self._sums},
+            "readings": {name: body.reading(name) for name in self._readings},
+            "reactions": body.reactions,
+        }
+        for kind, named in now.items():
+            if row == 0:
+                zeros = {name: np.zeros((len(self._kept), *np.shape(value))) for name, value in named.items()}
+                self._series[kind] = zeros
+            for name, value in named.items():
+                self._series[kind][name][row] = value
 
     def record(
         self,
@@ -312,6 +309,8 @@ class TrajectoryRecorder:
     ) -> Trajectory:
         """The finished run."""
         energy, supplied, dissipated, lost, numerical = self._account
+        series: dict[str, Any] = dict(self._series)
+        readings = {name: reading_series(self._readings[name], of) for name, of in series.pop("readings").items()}
         if self._every > 1:
             settings = {**settings, "every": self._every}
         return Trajectory(
@@ -321,7 +320,6 @@ class TrajectoryRecorder:
             times=self._dt * self._kept,
             contacts=self._contacts,
             contact=self._contact,
-            outputs=self._outputs,
             energy=energy,
             supplied=supplied,
             dissipated=dissipated,
@@ -335,8 +333,6 @@ class TrajectoryRecorder:
             cells=self._body.cells,
             warnings=warnings,
             effects=self._effects,
-            forces=self._forces,
-            contact_account=self._contact_account,
             profile=profile or {},
             velocities=self._velocities,
             obstacles=self._obstacles,
@@ -344,8 +340,6 @@ class TrajectoryRecorder:
             tendons=tendons,
             stepping=stepping,
             inputs=input_series(self._contact, self._inputs, *self._input_columns, self._loads, self._units),
-            readings={
-                name: reading_series(reading, self._reading_values[name]) for name, reading in self._readings.items()
-            },
-            reactions=self._reactions,
+            readings=readings,
+            **series,
         )

@@ -39,7 +39,7 @@ class Recording:
             rom.environment,
             len(self.steps),
             self.start.dt,
-            outputs={name: len(rows) // 3 for name, rows in rom.outputs.items()},
+            outputs=rom.outputs,
             contacts=rom.contacts,
             actuators=rom.actuators,
             readings=rom.readings,
