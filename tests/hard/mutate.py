@@ -96,7 +96,7 @@ MUTATIONS = [
         "self._lost = _add(self._lost, -lost_in_switching)",
     ),
     ("mechanics/energy_ledger.py", "amount, -rounded))", "amount, rounded))"),
-    ("mechanics/energy_ledger.py", "self._flush()\n        return self._supplied", "return self._supplied"),
+    ("mechanics/energy_ledger.py", "self._flush()\n        totals = self._supplied", "totals = self._supplied"),
     ("mechanics/energy_ledger.py", "self._flush()  # what is not yet booked belongs to the old ones", "pass"),
     ("runtime/rollout.py", "work[2 * m :] = account[m:]", "work[2 * m :] = 2 * account[m:]"),
     ("runtime/rollout.py", "work, heat.T @ heat)", "work, 2 * heat.T @ heat)"),

@@ -162,8 +162,8 @@ def test_projections_in_one_energy_for_both(demo, rom, monkeypatch):
 
 def test_losses_that_are_not_booked(demo, rom, monkeypatch):
     class Forgetful(simulator.EnergyLedger):
-        def book(self, *, supplied=0.0, dissipated=0.0, lost_in_switching=0.0):
-            super().book(supplied=supplied, dissipated=dissipated)
+        def book(self, *, supplied=0.0, dissipated=0.0, lost_in_switching=0.0, numerical=0.0):
+            super().book(supplied=supplied, dissipated=dissipated, numerical=numerical)
 
     monkeypatch.setattr(simulator, "EnergyLedger", Forgetful)
     found = rides(demo, rom)
