@@ -130,6 +130,7 @@ class BookedKernel(Kernel):
         self._e, self._r = self._halves
         self._motion = np.zeros((3, model.order))  # q, r and v̂, of which the points' are read together
         self._delassus = np.empty((0, 0))  # W (3P, 3P)
+        self._stroke_operators: tuple[Array, Array, Array, PointsHeldBack] | None = None  # of the last spread
         if interface is not None:
             self._Sᵀ = np.ascontiguousarray((interface.rows @ model.coordinates).T)
 
@@ -212,9 +213,11 @@ class BookedKernel(Kernel):
             angles: (n,) by which tendons turn at guides, rad, unless they are those at rest.
         """
         assert self._actuators is not None
-        W = self._actuators.compliance(columns.T.dot(spread))
-        X = np.empty((0, len(W))) if self._interface is None else self._Sᵀ.T.dot(spread)
-        held = PointsHeldBack(self._delassus, X, W)
+        if self._stroke_operators is None or self._stroke_operators[0] is not spread:  # of linear bodies it is the same
+            W = self._actuators.compliance(columns.T.dot(spread))
+            X = np.empty((0, len(W))) if self._interface is None else self._Sᵀ.T.dot(spread)
+            self._stroke_operators = spread, W, X, PointsHeldBack(self._delassus, X, W)
+        _, W, X, held = self._stroke_operators
 
         def touch(z: Array, holding: Array) -> tuple[ContactSolution | None, Array]:
             if self._interface is None:
