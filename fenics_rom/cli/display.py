@@ -18,6 +18,7 @@ from fenics_rom.io.stages import Stage, peak_memory
 from fenics_rom.mechanics.body_facts import body_lines
 from fenics_rom.mechanics.readings import READING_UNITS, READING_WORDS
 from fenics_rom.rom.deformation import ReducedDeformation
+from fenics_rom.rom.residual_compliance import ResidualCompliance
 from fenics_rom.rom.rom import ContactModel, ForceValidation
 from fenics_rom.visualization.optional_dependencies import load_package
 
@@ -66,6 +67,8 @@ def print_rom(rom: "fr.Rom", file: Path | str) -> None:
     touched = {name: len(mode.contact_points) for name, mode in rom.contact_models.items() if len(mode.contact_points)}
     if touched:
         lines["contact points"] = ", ".join(f"{name} ({count})" for name, count in touched.items())
+    if rom.residual_compliance is not None:
+        lines["contact compliance"] = _residual_compliance(rom.residual_compliance)
     print_lines(lines, rom.warnings)
     if rom.force_validation is not None:
         print()
@@ -73,6 +76,18 @@ def print_rom(rom: "fr.Rom", file: Path | str) -> None:
     if rom.stages:
         print()
         _print_stages(rom.stages)
+
+
+def _residual_compliance(residual: ResidualCompliance) -> str:
+    """How much of the contact points' compliance the bases lack, and what is left when it is added."""
+    directions = f"{residual.factor.shape[1]} directions beyond the shared basis"
+    if not residual.errors:
+        return directions
+    name, (without, beside) = max(residual.errors.items(), key=lambda item: item[1][1])
+    return (
+        f"{directions}; at steps of {residual.dt:g} s it is off by {beside:.1e}, without them by {without:.1e} "
+        f"(contact mode {name!r})"
+    )
 
 
 def _deformation(body: ReducedDeformation) -> dict[str, str]:

@@ -25,6 +25,7 @@ from fenics_rom.reduction.methods.pod import pod
 from fenics_rom.reduction.methods.static import static
 from fenics_rom.reduction.problem import Method, RankedBasis, ReductionProblem, scale_inputs
 from fenics_rom.reduction.projection import RetainedBasis, assemble_rom
+from fenics_rom.reduction.residual_compliance import with_residual_compliance
 from fenics_rom.reduction.rigid_mode_deflation import elastic_part, require_loads, with_rigid_modes
 from fenics_rom.rom.rom import Rom, check_rom
 from fenics_rom.scene.scene import (
@@ -174,7 +175,8 @@ def reduce(
             rom = hyperreduce(problem, named, cubature, finished)
         else:
             retained = _retained_bases(problem, method, finished, named == SELECTION)
-            rom = with_rigid_modes(assemble_rom(problem, retained, method=named), whole)
+            rom = with_residual_compliance(problem, assemble_rom(problem, retained, method=named))
+            rom = with_rigid_modes(rom, whole)
     rom = _with_tied_components(rom, whole.body.unknowns)
     for message in problem.messages:
         warnings.warn(message, FenicsRomWarning, stacklevel=2)

@@ -1,6 +1,6 @@
 """The environment in a ROM file: the group `environment`.
 
-attributes contact_switching, has_inertia (yes or no), source
+attributes contact_switching, has_inertia (yes or no), source; residual_compliance (no), absent where it is used
 effects, built_in            groups whose attributes are names and texts, see mechanics.environment
 controls                     another one, absent where no stroke is given
 guides/NAME/                 attribute tendon; friction (1,), angle (1,) rad; absent where no tendon rubs
@@ -74,6 +74,8 @@ def put_environment(h5: h5py.File, environment: Environment) -> None:
     group = h5.create_group("environment", track_order=True)
     put_text(group, contact_switching=environment.contact_switching, source=environment.source)
     put_text(group, has_inertia=YES if environment.has_inertia else NO)
+    if not environment.residual_compliance:
+        put_text(group, residual_compliance=NO)
     for name, texts in (("effects", environment.effects), ("built_in", environment.built_in)):
         put_text(group.create_group(name, track_order=True), **texts)
     for name, guide in environment.guides.items():
@@ -133,6 +135,7 @@ def take_environment(h5: h5py.File) -> Environment:
         loads={name: _load(get_group(loads, name)) for name in loads},
         obstacles={name: _obstacle(get_group(obstacles, name)) for name in obstacles},
         contact_law=law,
+        residual_compliance="residual_compliance" not in group.attrs,
         contact_switching=switching,
         guides=_guides(get_group(group, "guides")) if "guides" in group else {},
         controls=_controls(get_group(group, "controls")) if "controls" in group else {},

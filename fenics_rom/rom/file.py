@@ -46,13 +46,17 @@ p input columns, r Hankel singular values, f sampled frequencies; P points of an
         run (2,) s                   time step and duration from rest
         reduction/NAME (3,)          of force, peak and impulse of an obstacle, relative; in files of earlier releases
         time_step/NAME (3,)          obstacles/NAME (2, 3) of the reduction and of the reduced model's time step
+    residual_compliance/             what contact points yield beyond the shared basis; absent where it is not known
+        factor (3P, r) m^1/2/N^1/2   L of L Lᵀ + floor, points as in the order of the nodes, then those between
+        floor (1,) m/N, inertia (1,) kg m^2/N^2, damping (1,) s
+        dt (1,) s, errors/NAME (2,)  of the Delassus operator at dt by contact mode, without and with it
     readings/NAME/                   what else is read, absent where nothing is; attributes `quantity`, `of`
         rest (1,) m or m3           of a length or a volume
         nodes (s,), facets (F, 3 or 6), areas (F,) m^2          of contact_pressure: facets are rows of nodes
         triangles (P,), operator (3, 3, P, k) kg^-1/2/m, first_lame, shear (P,) Pa          of strain, von_mises_stress
 
-Files of format 2.0 have no readings, no cells, no force_validation and nothing in trained; those of format 1.x are
-read, too: rom.format_1 makes them such files.
+Files of format 2.1 have no residual_compliance; those of 2.0 have no readings, cells and force_validation, and nothing
+in trained, either; those of format 1.x are read, too: rom.format_1 makes them such files.
 """
 
 from collections.abc import Iterable
@@ -111,7 +115,15 @@ STAGE = Entry("s, B", (2,))
 COUNT = Entry("1", (1,), "i")
 SURFACE_NODES = Entry("1", ("s",), "i")
 GROUPS = ("outputs", "actuators", "contact_models", "contact_surfaces", "environment")
-MAYBE = ("offline", "loads", "deformation", "force_validation", "readings", "points_between")
+MAYBE = (
+    "offline",
+    "loads",
+    "deformation",
+    "force_validation",
+    "readings",
+    "points_between",
+    "residual_compliance",
+)
 FORCE_RUN, FORCE_ERRORS = Entry("s", (2,)), Entry("1", (3,))
 BETWEEN = {"nodes": Entry("1", ("B", "c"), "i"), "weights": Entry("1", ("B", "c")), "gap": Entry("m", (1,))}
 
@@ -191,6 +203,10 @@ def _fill(h5: h5py.File, rom: Rom) -> None:
         from fenics_rom.rom.readings_file import put_readings  # here, as few bodies have some
 
         put_readings(h5, rom)
+    if rom.residual_compliance is not None:
+        from fenics_rom.rom.residual_compliance_file import put_residual_compliance  # here, as few bodies touch
+
+        put_residual_compliance(h5, rom.residual_compliance)
     _check_fit(rom)
     check_rom(rom)
 
@@ -231,6 +247,10 @@ def _take(h5: h5py.File) -> Rom:
         from fenics_rom.rom.readings_file import take_readings
 
         rom = replace(rom, readings=take_readings(h5, sizes["k"]))
+    if "residual_compliance" in groups:
+        from fenics_rom.rom.residual_compliance_file import take_residual_compliance
+
+        rom = replace(rom, residual_compliance=take_residual_compliance(h5))
     _check_fit(rom)
     return check_rom(rom)
 
@@ -335,6 +355,10 @@ def _check_fit(rom: Rom) -> None:
         from fenics_rom.rom.readings_file import check_readings
 
         check_readings(rom)
+    if rom.residual_compliance is not None:
+        from fenics_rom.rom.residual_compliance_file import check_residual_compliance
+
+        check_residual_compliance(rom)
     loads = {name: load.columns for name, load in rom.environment.loads.items()}
     if loads != dict(rom.loads):
         raise FileError(f"the loads of the environment are {loads}, those of the models {dict(rom.loads)}")

@@ -18,6 +18,7 @@ from fenics_rom.rom.content import ByContent
 if TYPE_CHECKING:
     from fenics_rom.mechanics.readings import Reading
     from fenics_rom.rom.deformation import ReducedDeformation
+    from fenics_rom.rom.residual_compliance import ResidualCompliance
 
 Array = np.ndarray
 
@@ -134,6 +135,7 @@ class Rom(ByContent):
         deformation: what large deformation adds; then all contact modes have the same basis. None: the model is linear.
         cells: of the mesh, how many there are, and how good; None where nobody knows.
         force_validation: how far contact forces are off; None where it was not measured.
+        residual_compliance: what the contact points yield beyond the shared basis; None where that is not known.
 
     Example:
         >>> rom = fr.read_rom("plate.h5")
@@ -165,6 +167,7 @@ class Rom(ByContent):
     readings: Mapping[str, "Reading"] = field(default_factory=dict)
     cells: CellQuality | None = None
     force_validation: ForceValidation | None = None
+    residual_compliance: "ResidualCompliance | None" = None
 
     def __repr__(self) -> str:
         models, columns = self.contact_models, self.contacts

@@ -40,7 +40,8 @@ def truncate(rom: "Rom | str | PathLike[str]", order: int) -> Rom:
         raise StructureError("a ROM with oblique switching cannot be truncated; reduce to that order instead")
     κ, modes = rom.stiffness, rom.contact_models
     truncated = {name: _truncate_mode(κ, modes[name], rom.rigid + order) for name in modes}
-    return replace(rom, contact_models=truncated, force_validation=None)
+    residual = None if rom.residual_compliance is None else replace(rom.residual_compliance, dt=0.0, errors={})
+    return replace(rom, contact_models=truncated, force_validation=None, residual_compliance=residual)
 
 
 def _truncate_mode(κ: Array, mode: ContactModel, order: int) -> ContactModel:

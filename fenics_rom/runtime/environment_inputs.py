@@ -84,6 +84,10 @@ def _check_built_in(rom: Rom, environment: Environment) -> None:
     for place, text in environment.built_in.items():
         if place.startswith("effects.") and made_for.built_in.get(place, text) != text:
             raise SceneError(f"{environment.source}: {place} is not what ROM {rom.name!r} was made with; {cure}")
+    if environment.contact_law is not None and environment.residual_compliance > made_for.residual_compliance:
+        raise SceneError(
+            f"{environment.source}: effects.contact.residual_compliance: ROM {rom.name!r} was made without it; {cure}"
+        )
     if difference := _unlike(rom, environment):
         raise SceneError(f"{environment.source}: {difference}; {cure}")
 

@@ -38,6 +38,7 @@ def readable(
     q: Array,
     interface: ContactInterface | None = None,
     contact: ContactSolution | None = None,
+    shape: Array | None = None,
 ) -> ReadableBody:
     """A state of a ROM, as readings ask for it.
 
@@ -47,6 +48,7 @@ def readable(
         q: (m,) in its basis.
         interface: the contact points; None where nothing can touch.
         contact: of the last step; None where nothing touched.
+        shape: (k,) in the shared basis; None: that of q.
     """
     model, body = rom.contact_models[contact_mode], rom.deformation
 
@@ -60,4 +62,5 @@ def readable(
         return swept_volume(lambda q: body.pressures[actuator] @ monomials(q), q)
 
     law = None if body is None else body.law
-    return ReadableBody(law, lambda: model.coordinates @ q, stroke, interface and interface.points, contact)
+    coordinates = model.coordinates @ q if shape is None else shape
+    return ReadableBody(law, lambda: coordinates, stroke, interface and interface.points, contact)

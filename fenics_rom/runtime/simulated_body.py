@@ -154,7 +154,7 @@ class SimulatedBody:
         Raises:
             StepError: no such output.
         """
-        return self._field(self._q, output)
+        return self._field(self._shape, output)
 
     def velocity(self, output: str | None = None) -> Array:
         """Velocity, m/s: of a named output (points, 3), or of every mesh node (nodes, 3).
@@ -162,7 +162,9 @@ class SimulatedBody:
         Raises:
             StepError: no such output.
         """
-        return self._field(self._stepper.state[self._order :], output)
+        return self._field(
+            self.rom.contact_models[self.contact].coordinates @ self._stepper.state[self._order :], output
+        )
 
     def reading(self, name: str) -> Array:
         """A reading of the scene as it is now; contact pressure is that of the last step.
@@ -177,7 +179,8 @@ class SimulatedBody:
         from fenics_rom.runtime.readings import named_reading, readable  # here, as few bodies have readings
 
         interface, contact = self._stepper.interface, self._stepper.contact
-        return named_reading(self.rom, name).read(readable(self.rom, self.contact, self._q, interface, contact))
+        body = readable(self.rom, self.contact, self._q, interface, contact, self._shape)
+        return named_reading(self.rom, name).read(body)
 
     def output_rows(self, output: str) -> Array:
         """Rows of a named output, (rows, m), in the active contact mode's basis.
@@ -247,10 +250,20 @@ class SimulatedBody:
         q[: len(rigid)] = rigid
         return q
 
+    @property
+    def _shape(self) -> Array:
+        """The displacement in the shared basis, (k,), with what contact points yield beyond the contact mode."""
+        shape: Array = self.rom.contact_models[self.contact].coordinates @ self._q
+        residual = self._stepper.kernel.residual
+        if residual is not None:
+            shape[self.rom.rigid :] += residual.strained / np.sqrt(self.rom.stiffness[self.rom.rigid :])
+        return shape
+
     def _field(self, coordinates: Array, output: str | None) -> Array:
         if output is not None:
-            return self.rom.by_point(self.output_rows(output) @ coordinates)
-        return self.rom.reconstruct(self.rom.contact_models[self.contact].coordinates @ coordinates)
+            check_known("output", output, self.rom.outputs, StepError)
+            return self.rom.by_point(self.rom.outputs[output] @ coordinates)
+        return self.rom.reconstruct(coordinates)
 
     def _rigid_displacement(self) -> Array:
         """Along the rigid motions (ρ,), up to date."""

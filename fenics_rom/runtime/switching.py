@@ -7,6 +7,9 @@ Displacement and velocity are each projected orthogonally in their own energy,
 and an orthogonal projection lengthens no vector: potential energy is a length in K, kinetic energy one in M. So the
 energy cannot grow, for any two bases, at any cadence. For bases of eigenvectors this is the paper's own (13).
 
+Where the residual compliance of contact points is known, the displacement has a part beyond W_i: both together are
+carried over by `ResidualMotion.carry_over`, orthogonally in K, too.
+
 In energy coordinates (ω q, r) both maps are products of two orthonormal bases: contractions. Rigid motions are the
 same in all contact modes: their velocities are carried over as they are, and their displacements are elsewhere.
 """
@@ -15,6 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from fenics_rom.rom.residual_part import strained_coordinates
 from fenics_rom.rom.rom import ContactModel, Rom
 
 Array = np.ndarray
@@ -62,11 +66,8 @@ class Projections:
 
 def _project(rom: Rom, start: ContactModel, end: ContactModel) -> tuple[Array, Array]:
     """Orthogonal projections in K and in M, which never add energy."""
-    rigid, ω = rom.rigid, np.sqrt(rom.stiffness)[:, None]
-    strained_start, strained_end = (
-        (ω * model.coordinates / model.safe_frequencies)[:, rigid:] for model in (start, end)
-    )
-    potential = _clip_cosines(strained_end.T @ strained_start)
+    rigid, κ = rom.rigid, rom.stiffness
+    potential = _clip_cosines(strained_coordinates(κ, end).T @ strained_coordinates(κ, start))
     kinetic = _clip_cosines(end.coordinates[:, rigid:].T @ start.coordinates[:, rigid:])
     if not rigid:
         return potential, kinetic

@@ -12,7 +12,7 @@ import numpy as np
 from fenics_rom.mechanics.environment import CONTACT_SWITCHINGS
 from fenics_rom.mechanics.signals import Signal
 from fenics_rom.scene.places import Place
-from fenics_rom.scene.values import Direction, Items, Name, Number, Point, Table, Text
+from fenics_rom.scene.values import Direction, Flag, Items, Name, Number, Point, Table, Text
 
 Alpha = Annotated[float, Number(at_least=0.0, unit="1/s"), "share of the mass matrix in the damping matrix"]
 Beta = Annotated[float, Number(at_least=0.0, unit="s"), "share of the stiffness matrix in the damping matrix"]
@@ -231,7 +231,7 @@ class Contact:
         force="λ ≥ 0 along the normals of rigid obstacles, with λ = 0 or a gap that does not close",
         dissipates="what restitution below 1 takes in an impact",
         supplies="the work of moving obstacles",
-        changing=("restitution", "method", "stiffness", "damping", "switching", "obstacles"),
+        changing=("restitution", "method", "stiffness", "damping", "switching", "obstacles", "residual_compliance"),
     )
     restitution: Annotated[
         float, Number(at_least=0.0, at_most=1.0), "part of the approaching speed that an impact gives back"
@@ -253,6 +253,11 @@ class Contact:
         Text(choices=("nodes", "surface")),
         'what can be touched: "nodes", or "surface": also points between them, where an obstacle would pass',
     ] = "nodes"
+    residual_compliance: Annotated[
+        bool,
+        Flag(),
+        "whether contact points of a reduced model keep the compliance that its basis lacks; false to compare",
+    ] = True
     obstacles: Annotated[Mapping[Name, RigidObstacle], "at least one"]
 
 

@@ -47,6 +47,7 @@ def environment_of(effects: Effects, run: Run | None, source: str) -> Environmen
             for name, described in obstacles.items()
         },
         contact_law=None if contact is None else _contact_law(effects),
+        residual_compliance=contact is None or contact.residual_compliance,
         contact_switching="automatic" if contact is None else contact.switching,
         guides=guides_of(effects),
         controls={

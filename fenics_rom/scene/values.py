@@ -113,6 +113,22 @@ class Text(Value):
 
 
 @dataclass(frozen=True)
+class Flag(Value):
+    """True or false."""
+
+    @property
+    def allowed(self) -> str:
+        """See Value."""
+        return "true or false"
+
+    def checked(self, value: Any) -> bool:
+        """See Value."""
+        if not isinstance(value, bool):
+            raise refused(value, self.allowed)
+        return value
+
+
+@dataclass(frozen=True)
 class NameRule(Value):
     """A name that a scene gives."""
 

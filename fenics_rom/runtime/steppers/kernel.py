@@ -13,6 +13,7 @@ from fenics_rom.rom.rom import ContactModel
 
 if TYPE_CHECKING:
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
+    from fenics_rom.runtime.steppers.residual_motion import ResidualMotion
 
 Array = np.ndarray
 ContactWorks = tuple[Callable[[], ContactWork], ...]  # of each part of a step
@@ -27,6 +28,7 @@ class Kernel:
         contact: in the last step; None where nothing touched.
         reactions: (n,) forces that were found in the last step, of strokes that are given, then at guides, N or Pa.
         auxiliary: what a step carries along besides.
+        residual: how the contact points yield beyond the basis; None where that is not known.
         notes: of the run so far, to tell the user: numbers that a run begins at 0. A kernel writes those of its own.
     """
 
@@ -36,6 +38,7 @@ class Kernel:
     reactions: Array = np.empty(0)
     auxiliary: Array = np.empty(0)
     notes: dict[str, float]
+    residual: "ResidualMotion | None" = None
     holds_steps: bool = False  # since the buffer was reset: what `passed` tells
 
     @property
@@ -108,6 +111,7 @@ class BookedKernel(Kernel):
         rigid_displacement: along the rigid motions (ρ,), which energy coordinates lack; steps add to it.
         interface: the contact points, if there are any.
         actuators: those whose forces are found, if there are any.
+        residual: how the contact points yield beyond the basis, if that is known.
     """
 
     def __init__(
@@ -117,9 +121,13 @@ class BookedKernel(Kernel):
         rigid_displacement: Array,
         interface: "ContactInterface | None",
         actuators: ActuatorForces | None = None,
+        residual: "ResidualMotion | None" = None,
     ):
         self._model, self._ledger, self._interface, self._actuators = model, ledger, interface, actuators
         self.reactions = self._reactions_before = np.zeros(0 if actuators is None else len(actuators.columns))
+        self.residual = residual
+        if residual is not None:
+            self.auxiliary = residual.state
         self._rigid_displacement, self._rigid_before = rigid_displacement, rigid_displacement.copy()
         self._contact_before: ContactSolution | None = None
         self._owed: StepWork | None = None
@@ -134,18 +142,33 @@ class BookedKernel(Kernel):
         if interface is not None:
             self._Sᵀ = np.ascontiguousarray((interface.rows @ model.coordinates).T)
 
+    @property
+    def energy(self) -> float:
+        """Stored, J."""
+        return super().energy + (0.0 if self.residual is None else self.residual.stored)
+
     def set_time_step(self, h: float) -> None:
         """As in Kernel."""
         self.flush()
         self.h = h
+        if self.residual is not None:
+            self.residual.set_time_step(h)
 
     def point_displacement(self) -> Array:
         """As in Kernel."""
-        return self._coordinates().dot(self._Sᵀ).reshape(-1, 3)
+        displacement = self._coordinates().dot(self._Sᵀ).reshape(-1, 3)
+        return displacement if self.residual is None else displacement + self.residual.displacement
+
+    def resume(self, auxiliary: Array) -> None:
+        """As in Kernel."""
+        if self.residual is not None:
+            self.residual.state[:] = auxiliary if len(auxiliary) else 0.0
 
     def rollback(self) -> None:
         """As in Kernel."""
         self.state[:] = self._state_before
+        if self.residual is not None:
+            self.residual.rollback()
         self._rigid_displacement[:] = self._rigid_before
         self._owed, self.contact, self.reactions = None, self._contact_before, self._reactions_before
         self.notes = self._notes_before
@@ -184,7 +207,10 @@ class BookedKernel(Kernel):
         if self._interface is None or obstacles is None:
             return None
         self._motion[0], self._motion[1], self._motion[2] = q, r, free
-        points = PointMotion(*self._motion.dot(self._Sᵀ).reshape(3, -1, 3))
+        motion = self._motion.dot(self._Sᵀ).reshape(3, -1, 3)
+        if self.residual is not None:
+            motion += self.residual.points
+        points = PointMotion(*motion)
         operator = self._delassus if delassus is None else delassus
         return self._interface.solve(points, operator, h, obstacles, quasi_static)
 
@@ -228,24 +254,48 @@ class BookedKernel(Kernel):
 
         return self._actuators.solve(u, columns.T.dot(free), W, targets, touch, angles)
 
+    def _with_residual(self, delassus: Array) -> Array:
+        """The Delassus operator (3P, 3P) of the points that yield beyond the basis, too."""
+        return delassus if self.residual is None else delassus + self.residual.delassus
+
+    def _step_residual(self, contact: ContactSolution | None) -> tuple[Array | None, float]:
+        """Takes the residual part's step; the points' mid-step velocity (P, 3) in it, and what it dissipates, J."""
+        if self.residual is None:
+            return None, 0.0
+        velocity = self.residual.velocity(contact)
+        return velocity, self.residual.step(contact, velocity)
+
     def _pushed(self, contact: ContactSolution) -> Array:
         """Generalized forces of contact (m,)."""
         pushed: Array = self._Sᵀ.dot(contact.forces.ravel())
         return pushed
 
-    def _contacts(self, v: Array, contact: ContactSolution | None, h: float) -> ContactWorks:
-        """What StepWork holds of contact at mid-step velocities v̂ (m,) in h s; nothing where nothing touches."""
-        return () if contact is None else (partial(contact.work, v.dot(self._Sᵀ).reshape(-1, 3), h),)
+    def _contacts(
+        self, v: Array, contact: ContactSolution | None, h: float, residual: Array | None = None
+    ) -> ContactWorks:
+        """What StepWork holds of contact at mid-step velocities in h s; nothing where nothing touches.
+
+        These are v̂ (m,) of the body and, in the residual part, of the points (P, 3).
+        """
+        return () if contact is None else (partial(contact.work, self._at_points(v, residual), h),)
 
     def _contacts_at_rest(
-        self, moved: Array, contact: ContactSolution | None, obstacles: ObstacleMotion | None
+        self,
+        moved: Array,
+        contact: ContactSolution | None,
+        obstacles: ObstacleMotion | None,
+        residual: Array | None = None,
     ) -> ContactWorks:
         """The same of a step between equilibria, in which the body moved by (m,)."""
         if self._interface is None or obstacles is None or (contact is None and self.contact is None):
             return ()
-        velocities = (moved / self.h).dot(self._Sᵀ).reshape(-1, 3)
-        law = self._interface.solver.law
+        velocities, law = self._at_points(moved / self.h, residual), self._interface.solver.law
         return (partial(equilibrium_work, self.contact, contact, velocities, self.h, obstacles, law),)
+
+    def _at_points(self, v: Array, residual: Array | None) -> Array:
+        """Velocity of the points (P, 3), m/s, from that of the body (m,) and of the residual part (P, 3)."""
+        velocity: Array = v.dot(self._Sᵀ).reshape(-1, 3)
+        return velocity if residual is None else velocity + residual
 
     def _leave(self, work: StepWork) -> None:
         """Notes what is there before a step, and what is to be booked after it."""

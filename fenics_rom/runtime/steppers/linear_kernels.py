@@ -30,7 +30,7 @@ class ContactMidpoint(BookedKernel):
         super().set_time_step(h)
         self._a, self._Ra = compliance(self._model, h)
         if self._interface is not None:
-            self._delassus = symmetric(self._Sᵀ.T @ _applied(self._a, self._Sᵀ))
+            self._delassus = self._with_residual(symmetric(self._Sᵀ.T @ _applied(self._a, self._Sᵀ)))
         if self._actuators is not None:
             self._columns = self._model.inputs[:, self._actuators.columns]
             self._spread = _applied(self._a, self._columns)
@@ -62,13 +62,15 @@ class ContactMidpoint(BookedKernel):
         h, supplied, dissipated = self.h, float(pushed.dot(v)), float(heat.dot(heat))
         if given is not None:
             dissipated -= float(rubbed.dot(v))
-        self._leave(StepWork(h * supplied, h * dissipated, self._contacts(v, contact, h)))
+        residual, heat_of_residual = self._step_residual(contact)
+        contacts = self._contacts(v, contact, h, residual)
+        self._leave(StepWork(h * supplied, h * dissipated + heat_of_residual, contacts))
         if len(self._rigid_displacement):
             self._rigid_displacement += h * v[: len(self._rigid_displacement)]
         self._e += self._travel * v
         np.subtract(v + v, self._r, self._r)
         self.contact, self.reactions = contact, found
-        return self.state.dot(self.state)
+        return 2 * self.energy
 
 
 class QuasiStatic(BookedKernel):
@@ -79,7 +81,7 @@ class QuasiStatic(BookedKernel):
         super().set_time_step(h)
         if self._interface is not None:
             strained = self._inverse_ω[:, None] * self._Sᵀ
-            self._delassus = symmetric(strained.T @ strained / h)
+            self._delassus = self._with_residual(symmetric(strained.T @ strained / h))
         if self._actuators is not None:
             self._columns = self._model.inputs[:, self._actuators.columns]
             self._spread = self._inverse_ω[:, None] ** 2 / h * self._columns
@@ -110,10 +112,14 @@ class QuasiStatic(BookedKernel):
             held -= rubbed_before
             dissipated, numerical = -float(rubbed.dot(moved)), float((rubbed - rubbed_before).dot(moved)) / 2
         supplied = float((held + force).dot(moved)) / 2
-        self._leave(StepWork(supplied, dissipated, self._contacts_at_rest(moved, contact, obstacles), numerical))
+        if self.residual is not None:
+            supplied += self.residual.work_of_start(self.contact, contact)
+        residual, _ = self._step_residual(contact)
+        contacts = self._contacts_at_rest(moved, contact, obstacles, residual)
+        self._leave(StepWork(supplied, dissipated, contacts, numerical))
         self._e += change
         self.contact, self.reactions = contact, found
-        return self.state.dot(self.state)
+        return 2 * self.energy
 
 
 def _applied(matrix: Array, columns: Array) -> Array:

@@ -1,8 +1,6 @@
 """Which stepper a body gets: what its environment calls for, in the form that is the fastest."""
 
 import math
-from collections.abc import Callable
-from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,7 +9,7 @@ from fenics_rom.errors import StepError, unknown
 from fenics_rom.mechanics.actuator_forces import ActuatorForces
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.step import FINITE_STRAIN_STEPPERS
-from fenics_rom.rom.rom import ContactModel, Rom
+from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.steppers.kernel import Kernel
 from fenics_rom.runtime.steppers.midpoint import fastest_kernel
 from fenics_rom.runtime.steppers.stepper import FiniteStrainStepper, LinearStepper, ReducedStepper
@@ -55,17 +53,23 @@ def make_stepper(
     if kind is not None:
         raise StepError(f"stepper = {kind!r}: belongs to large deformation, which ROM {rom.name!r} has not")
     rigid_displacement = np.zeros(rom.rigid)
-    make_kernel: Callable[[ContactModel], Kernel]
     if interface is None and actuators is None and has_inertia:
-        make_kernel = partial(fastest_kernel, ledger=ledger, rigid_displacement=rigid_displacement)
-    else:
-        from fenics_rom.runtime.steppers.linear_kernels import ContactMidpoint, QuasiStatic
 
-        booked = ContactMidpoint if has_inertia else QuasiStatic
-        make_kernel = partial(
-            booked, ledger=ledger, rigid_displacement=rigid_displacement, interface=interface, actuators=actuators
-        )
-    return LinearStepper(rom, dt, interface, rigid_displacement, make_kernel)
+        def make_kernel(contact: str) -> Kernel:
+            return fastest_kernel(rom.contact_models[contact], ledger, rigid_displacement)
+
+        return LinearStepper(rom, dt, interface, rigid_displacement, make_kernel)
+    from fenics_rom.runtime.steppers.linear_kernels import ContactMidpoint, QuasiStatic
+    from fenics_rom.runtime.steppers.residual_motion import residual_motions
+
+    kernel_of = ContactMidpoint if has_inertia else QuasiStatic
+    residual_of = residual_motions(rom, interface, has_inertia)
+
+    def make_booked_kernel(contact: str) -> Kernel:
+        model = rom.contact_models[contact]
+        return kernel_of(model, ledger, rigid_displacement, interface, actuators, residual_of(contact))
+
+    return LinearStepper(rom, dt, interface, rigid_displacement, make_booked_kernel)
 
 
 def _finite_strain_kind(rom: Rom, dt: float, kind: str | None, has_inertia: bool) -> tuple[str, str]:

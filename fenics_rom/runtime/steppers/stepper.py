@@ -8,7 +8,7 @@ import numpy as np
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.contact import ContactResidual, ContactSolution
 from fenics_rom.mechanics.step import StepInput, StepperState, StepResult
-from fenics_rom.rom.rom import ContactModel, Rom
+from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.steppers.kernel import Kernel
 from fenics_rom.runtime.switching import Projections
 
@@ -193,7 +193,7 @@ class LinearStepper(ReducedStepper):
         dt: float,
         interface: "ContactInterface | None",
         rigid_displacement: Array,
-        make_kernel: Callable[[ContactModel], Kernel],
+        make_kernel: Callable[[str], Kernel],
     ):
         self._make_kernel, self._projections = make_kernel, Projections(rom)
         self._kernels: dict[str, Kernel] = {}
@@ -207,13 +207,17 @@ class LinearStepper(ReducedStepper):
         self._enter(contact)
         before, after, m, n = left.state, self.state, len(left.state) // 2, len(self.state) // 2
         self.kernel.contact, self.kernel.reactions = left.contact, left.reactions
-        np.dot(potential, before[:m], out=after[:n])
+        if self.kernel.residual is not None and left.residual is not None:
+            rigid = self._rom.rigid
+            self.kernel.residual.carry_over(after[rigid:n], left.residual, before[rigid:m])
+        else:
+            np.dot(potential, before[:m], out=after[:n])
         np.dot(kinetic, before[m:], out=after[n:])
-        return float(before.dot(before)) / 2 - float(after.dot(after)) / 2
+        return left.energy - self.kernel.energy
 
     def _kernel_of(self, contact: str) -> Kernel:
         if contact not in self._kernels:
-            self._kernels[contact] = self._make_kernel(self._rom.contact_models[contact])
+            self._kernels[contact] = self._make_kernel(contact)
         return self._kernels[contact]
 
 

@@ -1,0 +1,84 @@
+"""Residual compliance of a ROM's contact points, from the factor of K that is there; see rom.residual_compliance."""
+
+from contextlib import closing
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from fenics_rom.reduction.problem import ReductionProblem
+from fenics_rom.rom.residual_compliance import ResidualCompliance
+from fenics_rom.rom.residual_part import residual_part, strained_points
+from fenics_rom.rom.rom import Rom
+from fenics_rom.runtime.steppers.midpoint import compliance
+from fenics_rom.runtime.steppers.residual_motion import relaxation
+from fenics_rom.system.protocols import Array
+
+COLUMNS_AT_ONCE = 96  # of solves
+KEPT = 1e-6  # of the largest eigenvalue of the residual compliance: smaller ones are raised to it
+NOTHING_LACKS = 1e-6  # of the static compliance: a residual compliance that small is as good as none
+POINTS_COMPARED = 8  # of which the Delassus operator is compared with the full model's
+
+
+def with_residual_compliance(problem: ReductionProblem, rom: Rom) -> Rom:
+    """The ROM (of the elastic part) with the residual compliance of its contact points, where its scene wants it."""
+    environment, system = rom.environment, problem.system
+    wanted = environment.contact_law is not None and environment.residual_compliance
+    if not wanted or not system.contact_points or problem.switching == "oblique":
+        return rom
+    with problem.stages("residual compliance"):
+        algebra, κ = system.algebra, rom.stiffness
+        Q = rom.basis[algebra.rows()]
+        Sᵀ = system.points_of_contact().columns(system.at_nodes)
+        SQ = algebra.inner(Sᵀ, Q)
+        static, inertia, heat = np.empty((Sᵀ.shape[1],) * 2), 0.0, 0.0
+        for first in range(0, Sᵀ.shape[1], COLUMNS_AT_ONCE):
+            columns = slice(first, first + COLUMNS_AT_ONCE)
+            shapes = problem.factor.solve(Sᵀ[:, columns])
+            static[:, columns] = algebra.inner(Sᵀ, shapes)
+            shapes = shapes - Q @ (SQ[columns] / κ).T
+            inertia += float(np.trace(algebra.inner(shapes, system.mass @ shapes)))
+            if system.rayleigh is None:
+                heat += float(np.trace(algebra.inner(shapes, system.damping @ shapes)))
+        lacking = static - (SQ / κ) @ SQ.T
+        λ, U = np.linalg.eigh((lacking + lacking.T) / 2)
+        largest = max(float(λ[-1]), NOTHING_LACKS * float(np.diag(static).max()))
+        kept = λ > KEPT * largest
+        # Where D is not β K in the residual shapes, β is what dissipates as much in all of them together.
+        β = system.rayleigh[1] if system.rayleigh is not None else heat / float(np.trace(lacking))
+        residual = ResidualCompliance(
+            factor=U[:, kept] * np.sqrt(λ[kept]),
+            damping=max(β, 0.0),
+            inertia=inertia,
+            floor=KEPT * largest,
+        )
+        return replace(rom, residual_compliance=_compared(problem, rom, residual, Sᵀ, SQ, static))
+
+
+def _compared(
+    problem: ReductionProblem, rom: Rom, residual: ResidualCompliance, Sᵀ: Array, SQ: Array, static: Array
+) -> ResidualCompliance:
+    """The same with the errors of the Delassus operators W = S A⁻¹ Sᵀ at the time step of the scene's run."""
+    run, system, points = rom.environment.run, problem.system, Sᵀ.shape[1] // 3
+    if run is None:
+        return residual
+    h, has_inertia = run.dt, rom.environment.has_inertia
+    compared = np.unique(np.linspace(0, points - 1, POINTS_COMPARED).astype(int))
+    columns = (3 * compared[:, None] + np.arange(3)).ravel()
+    if has_inertia:
+        terms: list[tuple[complex, Any]] = [(2 / h, system.mass), (1.0, system.damping), (h / 2, system.stiffness)]
+        with closing(system.algebra.factor(*terms)) as factor:
+            full = system.algebra.inner(Sᵀ, factor.solve(Sᵀ[:, columns]))
+    else:
+        full = static[:, columns] / h
+    errors, H = {}, strained_points(rom.stiffness, SQ, residual)
+    for name, model in rom.contact_models.items():
+        S = SQ @ model.coordinates
+        A = compliance(model, h)[0] if has_inertia else 1 / (h * model.eigenvalues)
+        reduced = S @ (A @ S[columns].T if A.ndim == 2 else A[:, None] * S[columns].T)
+        part = residual_part(rom.stiffness, model, H, residual)
+        a = relaxation(h, part.time_constant, residual.damping).whole if has_inertia else h
+        both = reduced + part.compliance[:, columns] / a
+        without, beside = (np.linalg.norm(W - full) / np.linalg.norm(full) for W in (reduced, both))
+        errors[name] = float(without), float(beside)
+    return replace(residual, dt=h, errors=errors)

@@ -1,0 +1,40 @@
+"""What contact points yield at rest beyond a reduced basis: residual compliance (MacNeal's and Rubin's flexibility).
+
+With S the rows of the contact points and P_i the K-orthogonal projection onto the basis W_i of a contact mode,
+
+    R_i = S K⁻¹ Sᵀ - S W_i diag(1/γ_i) W_iᵀ Sᵀ = S (I - P_i) K⁻¹ Sᵀ ⪰ 0.
+
+The shared basis Q lacks R_Q = L Lᵀ + ε, which is all that has to be kept: what a contact mode lacks of Q is known from
+its coordinates; see residual_part.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from fenics_rom.rom.content import ByContent
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class ResidualCompliance(ByContent):
+    """Of all contact points of a body.
+
+    Attributes:
+        factor: L (3P, r), (m/N)^1/2, points in the order of `ContactPoints`.
+        floor: ε, m/N, in every direction, in place of the eigenvalues of R_Q that are smaller.
+        inertia: tr XᵀMX, kg m²/N², of the displacements X under unit forces on the points, but for those within Q.
+        damping: β, s, ratio of damping to stiffness.
+        dt: s, at which the errors are; 0 where they were not measured.
+        errors: by contact mode, of the Delassus operator against that of the full model, relative in the Frobenius
+            norm, without and with the residual compliance; of some columns.
+    """
+
+    factor: Array
+    floor: float
+    inertia: float
+    damping: float
+    dt: float = 0.0
+    errors: Mapping[str, tuple[float, float]] = field(default_factory=dict)

@@ -1,0 +1,65 @@
+"""What one contact mode lacks at the contact points, from what the shared basis lacks; see residual_compliance.
+
+In K-orthonormal coordinates of the shared basis, and then of what that lacks, the points have the rows
+H = [S Q diag(κ)^-½, L], a contact mode spans orthonormal columns Y_i, and R_i = H (I - Y_i Y_iᵀ) Hᵀ + ε.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+
+from fenics_rom.rom.residual_compliance import ResidualCompliance
+from fenics_rom.rom.rom import ContactModel
+
+Array = np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class ResidualPart:
+    """What one contact mode lacks.
+
+    Attributes:
+        points: H (3P, k + r - rigid), (m/N)^1/2; the same of all contact modes.
+        basis: Y (k - rigid, m - rigid), orthonormal columns: the mode's in the shared basis, both K-orthonormal.
+        basis_points: H Y (3P, m - rigid).
+        compliance: R (3P, 3P), m/N.
+        time_constant: τ, s; τ² is the ratio of inertia to stiffness, of all displacements under unit forces together.
+    """
+
+    points: Array
+    basis: Array
+    basis_points: Array
+    compliance: Array
+    time_constant: float
+
+    @cached_property
+    def inverse_root(self) -> Array:
+        """C⁻¹ (3P, 3P) of R = C Cᵀ, (N/m)^1/2."""
+        inverse: Array = np.linalg.inv(np.linalg.cholesky(self.compliance))
+        return inverse
+
+
+def strained_coordinates(κ: Array, model: ContactModel) -> Array:
+    """Y (k - rigid, m - rigid): the mode's K-orthonormal vectors in those of the shared basis, orthonormal columns."""
+    return (np.sqrt(κ)[:, None] * model.coordinates / model.safe_frequencies)[model.rigid :, model.rigid :]
+
+
+def strained_points(κ: Array, rows: Array, residual: ResidualCompliance) -> Array:
+    """H (3P, k + r - rigid) from the rows S Q (3P, k) of the contact points in the shared basis."""
+    rigid = int(np.count_nonzero(κ == 0))
+    return np.hstack([rows[:, rigid:] / np.sqrt(κ[rigid:]), residual.factor])
+
+
+def residual_part(κ: Array, model: ContactModel, H: Array, residual: ResidualCompliance) -> ResidualPart:
+    """What a contact mode lacks of the static displacements; κ (k,), 1/s², of the shared basis."""
+    Y = strained_coordinates(κ, model)
+    HY = H[:, : len(Y)] @ Y
+    lacking = H.copy()
+    lacking[:, : len(Y)] -= HY @ Y.T
+    R = lacking @ lacking.T
+    # Of displacements within Q inertia is known; what they share of it with those beyond is neglected.
+    within = lacking[:, : len(Y)] / np.sqrt(κ[model.rigid :])
+    τ = np.sqrt((residual.inertia + np.sum(within**2)) / np.trace(R))
+    R[np.diag_indices(len(R))] += residual.floor
+    return ResidualPart(H, Y, HY, R, float(τ))

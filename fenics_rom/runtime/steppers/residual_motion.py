@@ -1,0 +1,193 @@
+"""How contact points yield beyond the basis of the active contact mode: elastic, damped, with an inertia of its own.
+
+The part of the displacement outside of the basis is (I - P_i) K⁻¹ Sᵀ g, with the force g (3P,) that it carries. It
+moves the points by y = R g and stores ½ gᵀ R g. Its damping is β times its stiffness, and its inertia, of all shapes
+together, τ² times that: under contact forces f (3P,) τ² g̈ + β ġ + g = f, so that in a step
+
+    ġ̂ = (f - g + 2τ²/h ġ)/a,    a = 2τ²/h + β + h θ,    g⁺ = g + h ġ̂,    ġ⁺ = 2 ġ̂ - ġ.
+
+The points' mid-step velocity is R ġ̂ beside that of the basis: contact sees the Delassus operator W + R/a, and
+(2τ²/h R ġ - y)/a beside the free velocity. θ = ½ is passive midpoint integration. Where steps are longer than 2 β it
+would let the fastest of these motions alternate without end, so there θ = 1 - β/h. In both cases
+
+    ½ gᵀ R g + ½ τ² ġᵀ R ġ    grows by    h fᵀ R ġ̂ - h (β + (θ - ½) h) ġ̂ᵀ R ġ̂.
+
+Without inertia every step is an equilibrium: τ = β = 0, θ = 1 and g⁺ = f.
+"""
+
+from collections.abc import Callable
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+
+from fenics_rom.mechanics.contact import ContactSolution
+from fenics_rom.rom.residual_part import ResidualPart, residual_part, strained_points
+from fenics_rom.rom.rom import Rom
+
+if TYPE_CHECKING:
+    from fenics_rom.runtime.steppers.contact_interface import ContactInterface
+
+Array = np.ndarray
+
+FORGOTTEN = 1e-200  # J: what is stored no more, before its numbers become too small to be fast
+
+
+class Relaxation(NamedTuple):
+    """The coefficients of a step of h s."""
+
+    inertia: float  # 2τ²/h, s
+    whole: float  # a, s
+    heat: float  # β + (θ - ½) h, s
+
+
+def relaxation(h: float, τ: float, β: float) -> Relaxation:
+    """Of a step of h s with the time constants of inertia and damping, s."""
+    inertia, elastic = 2 * τ**2 / h, max(h / 2, h - β)
+    return Relaxation(inertia, inertia + β + elastic, β + elastic - h / 2)
+
+
+class ResidualMotion:
+    """The residual part of the displacement, in one contact mode.
+
+    Args:
+        part: what the contact mode lacks.
+        β: time constant of damping, s.
+        has_inertia: whether steps are dynamic.
+
+    Attributes:
+        state: [g, y, ġ, ẏ] (12P,), N, m, N/s, m/s.
+    """
+
+    def __init__(self, part: ResidualPart, β: float, has_inertia: bool):
+        self._part, self._R = part, part.compliance
+        self._τ, self._β = (part.time_constant, β) if has_inertia else (0.0, 0.0)
+        self.state = np.zeros(4 * len(self._R))
+        self._g, self._y, self._ġ, self._ẏ = self.state.reshape(4, -1)
+        self._before = self.state.copy()
+
+    def set_time_step(self, h: float) -> None:
+        """Makes the coefficients for a time step, s."""
+        self._h, self._relaxation = h, relaxation(h, self._τ, self._β)
+
+    @property
+    def delassus(self) -> Array:
+        """R/a (3P, 3P), m/s/N."""
+        return self._R / self._relaxation.whole
+
+    @property
+    def stored(self) -> float:
+        """½ gᵀ R g + ½ τ² ġᵀ R ġ, J."""
+        return self._strain_energy + self._kinetic_energy
+
+    @property
+    def _strain_energy(self) -> float:
+        return float(self._g.dot(self._y)) / 2
+
+    @property
+    def _kinetic_energy(self) -> float:
+        return self._τ**2 * float(self._ġ.dot(self._ẏ)) / 2
+
+    @property
+    def points(self) -> Array:
+        """What it adds to the points' displacement, velocity and free mid-step velocity, (3, P, 3)."""
+        inertia, whole, _ = self._relaxation
+        return np.stack([self._y, self._ẏ, (inertia * self._ẏ - self._y) / whole]).reshape(3, -1, 3)
+
+    @property
+    def displacement(self) -> Array:
+        """What it adds to the points' displacement, (P, 3), m."""
+        return self._y.reshape(-1, 3)
+
+    @property
+    def strained(self) -> Array:
+        """What of it lies in the shared basis, in K-orthonormal coordinates of that, (k - rigid,) J^1/2."""
+        part = self._part
+        in_shared = self._g.dot(part.points[:, : len(part.basis)])
+        in_shared -= part.basis.dot(self._g.dot(part.basis_points))
+        return in_shared
+
+    def velocity(self, contact: ContactSolution | None) -> Array:
+        """Mid-step velocity (P, 3), m/s, that it adds to the points' under contact forces."""
+        inertia, whole, _ = self._relaxation
+        moved = inertia * self._ẏ
+        moved -= self._y
+        if contact is not None:
+            touched = contact.forces.any(axis=1).nonzero()[0]  # R is symmetric, and its rows lie in one piece
+            rows = self._R.reshape(-1, 3, len(self._R))[touched].reshape(-1, len(self._R))
+            moved += contact.forces[touched].ravel().dot(rows)
+        moved /= whole
+        return moved.reshape(-1, 3)
+
+    def step(self, contact: ContactSolution | None, velocity: Array) -> float:
+        """Takes a step under contact forces, in which it has a mid-step velocity; what is dissipated, J."""
+        h, moved = self._h, velocity.ravel()
+        inertia, whole, heat = self._relaxation
+        self._before[:] = self.state
+        change = inertia * self._ġ
+        change -= self._g
+        if contact is not None:
+            change += contact.forces.ravel()
+        elif self.stored < FORGOTTEN:
+            self.state[:] = 0.0
+            return 0.0
+        change /= whole
+        self._g += h * change
+        self._y += h * moved
+        np.subtract(change + change, self._ġ, self._ġ)
+        np.subtract(moved + moved, self._ẏ, self._ẏ)
+        return h * heat * float(change.dot(moved))
+
+    def work_of_start(self, before: ContactSolution | None, contact: ContactSolution | None) -> float:
+        """Work, J, in a step between equilibria, of what holds it at the start besides the contact forces before.
+
+        There is nothing where the step before led there; after a switch there may be.
+        """
+        held = self._g if before is None else self._g - before.forces.ravel()
+        return self._h / 2 * float(held.dot(self.velocity(contact).ravel()))
+
+    def rollback(self) -> None:
+        """Takes the last step back."""
+        self.state[:] = self._before
+
+    def carry_over(self, e: Array, start: "ResidualMotion", e_start: Array) -> None:
+        """Goes on where another contact mode's residual part was, with the whole displacement.
+
+        That is projected K-orthogonally onto what this mode and its residual part hold, so that no energy is added and
+        no contact point moves. The points keep the residual part's velocity, but for what would be more kinetic energy.
+
+        Args:
+            e: (m - rigid,) energy coordinates √γ q of this mode, which are set.
+            start: of the mode before.
+            e_start: its energy coordinates.
+        """
+        here, there = self._part, start._part
+        e[:] = here.basis.T.dot(there.basis.dot(e_start) + start.strained)
+        strained = float(e_start.dot(e_start)) + 2 * start._strain_energy
+        y = there.basis_points.dot(e_start) + start._y - here.basis_points.dot(e)
+        self._g[:], self._y[:] = self._carried(y, strained - float(e.dot(e)))
+        self._ġ[:], self._ẏ[:] = self._carried(start._ẏ, 2 * start._kinetic_energy / self._τ**2 if self._τ else 0.0)
+
+    def _carried(self, y: Array, most: float) -> tuple[Array, Array]:
+        """g and R g = y (3P,), made smaller where gᵀ R g would be more than `most`."""
+        w = self._part.inverse_root.dot(y)
+        square = float(w.dot(w))
+        if square > most:
+            w *= np.sqrt(max(most, 0.0) / square)
+        g = w.dot(self._part.inverse_root)
+        return g, self._R.dot(g)
+
+
+def residual_motions(
+    rom: Rom, interface: "ContactInterface | None", has_inertia: bool
+) -> Callable[[str], ResidualMotion | None]:
+    """What makes the residual part of a contact mode, by its name; of None where there is none."""
+    residual = rom.residual_compliance
+    if interface is None or residual is None or not interface.environment.environment.residual_compliance:
+        return lambda contact: None
+    H, κ = strained_points(rom.stiffness, interface.rows, residual), rom.stiffness
+
+    def motion(contact: str) -> ResidualMotion:
+        part = residual_part(κ, rom.contact_models[contact], H, residual)
+        return ResidualMotion(part, residual.damping, has_inertia)
+
+    return motion

@@ -1,0 +1,307 @@
+"""Contact points that yield beyond the basis: the static law, the energy account, switches that move no point."""
+
+import copy
+import warnings
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from bodies import acted_on, box_arrays, write_arrays
+
+import fenics_rom as fr
+from fenics_rom.errors import FenicsRomWarning, SceneError
+from fenics_rom.rom.residual_part import residual_part, strained_points
+from fenics_rom.runtime.steppers import residual_motion
+
+LENGTHS, ORDER = (0.4, 0.2, 0.1), 8
+CLOSES_TO = 1e-12  # of the largest energy or work seen
+FLOOR = """
+[effects.contact.obstacles.floor]
+shape = "half-space"
+point = [0, 0, -2e-3]
+normal = [0, 0, 1]
+"""
+BALLS = """
+[effects.contact.obstacles.ball]
+shape = "sphere"
+center = [0.45, 0.1, 0.05]
+radius = 0.045
+[effects.contact.obstacles.other]
+shape = "sphere"
+center = [0.2, 0.1, -0.05]
+radius = 0.045
+"""
+ROUGH = "[effects.friction]\ncoefficient = 0.3\n"
+MOVING = "inertia = {}\ndamping = { alpha = 0.5, beta = 1e-3 }\n"
+PUSH = "[effects.prescribed.push]\nsurface = 'top'\n"
+PARTS = {
+    "outputs.tip": "points = [[0.4, 0.2, 0.1]]",
+    "contacts": '[contacts.bottom]\nsurface = "bottom"\n[contacts.right]\nsurface = "right"',
+}
+
+pytestmark = pytest.mark.filterwarnings("ignore:the surface is", "ignore:switching", "ignore:.*contact points leave")
+
+
+@pytest.fixture(scope="module")
+def mesh(tmp_path_factory):
+    return write_arrays(tmp_path_factory.mktemp("yielding") / "box.msh", *box_arrays(LENGTHS, (4, 2, 2), shake=0.2))
+
+
+class Models:
+    """The full and the reduced model of a scene."""
+
+    def __init__(self, mesh, effects, order=ORDER, **parts):
+        self.scene = acted_on(mesh, effects, **(PARTS | parts))
+        self.system = fr.assemble(self.scene)
+        with warnings.catch_warnings():
+            warnings.simplefilter("ignore", FenicsRomWarning)
+            self.rom = fr.reduce(self.system, order=order)
+
+    @property
+    def without(self):
+        """What acts, but for the residual compliance."""
+        return replace(self.rom.environment, residual_compliance=False)
+
+    @property
+    def rows(self):
+        """S (3P, n) of the contact points."""
+        return self.system.points_of_contact().columns(self.system.at_nodes).T
+
+    def part(self, contact, rom=None):
+        """What a contact mode lacks."""
+        rom = rom or self.rom
+        H = strained_points(rom.stiffness, self.rows @ rom.basis, rom.residual_compliance)
+        return residual_part(rom.stiffness, rom.contact_models[contact], H, rom.residual_compliance)
+
+
+@pytest.fixture(scope="module")
+def held(mesh):
+    return Models(mesh, MOVING + PUSH + FLOOR + BALLS + ROUGH)
+
+
+@pytest.fixture(scope="module")
+def free(mesh):
+    return Models(mesh, MOVING + PUSH + FLOOR + ROUGH, supports=None)
+
+
+@pytest.fixture(scope="module", params=["held", "free"])
+def models(request):
+    return request.getfixturevalue(request.param)
+
+
+# --- offline ---------------------------------------------------------------------------------------------------------
+
+
+def matrices(models):
+    return [
+        matrix @ np.eye(models.system.size)
+        for matrix in (models.system.mass, models.system.damping, models.system.stiffness)
+    ]
+
+
+def shapes_lacking(models, rom, contact):
+    """X = K⁺ Sᵀ - W diag(1/γ) Wᵀ Sᵀ of dense matrices, M-orthogonal to rigid motions."""
+    (M, _, K), R = matrices(models), models.system.rigid
+    P = np.eye(len(M)) - R @ R.T @ M
+    inverse = P @ np.linalg.solve(K + np.abs(K).max() / np.abs(M).max() * M @ R @ R.T @ M, P.T)
+    model = rom.contact_models[contact]
+    W = (rom.basis @ model.coordinates)[:, model.rigid :]
+    return (inverse - W / model.eigenvalues[model.rigid :] @ W.T) @ models.rows.T
+
+
+@pytest.mark.parametrize("order", [ORDER, 3])
+def test_compliance_and_inertia_are_those_of_dense_matrices(models, order):
+    """To what is left out by definition; of truncated models, too. Inertia to what it shares with the basis, 10 %."""
+    rom = fr.truncate(models.rom, order) if order < ORDER else models.rom
+    for contact in rom.contact_models:
+        X, part = shapes_lacking(models, rom, contact), models.part(contact, rom)
+        R = models.rows @ X
+        assert np.abs(part.compliance - R).max() <= 3 * models.rom.residual_compliance.floor
+        assert np.linalg.eigvalsh(part.compliance)[0] > 0
+        τ2 = np.trace(X.T @ matrices(models)[0] @ X) / np.trace(R)
+        assert part.time_constant**2 == pytest.approx(τ2, rel=0.1)
+
+
+def test_delassus_operator_is_nearer_that_of_the_full_model(mesh):
+    """At steps that resolve what the basis lacks, and that do not; the errors told are those of some columns."""
+    models = Models(mesh, MOVING + FLOOR, run="dt = 2e-3\nduration = 0.1")
+    M, D, K = matrices(models)
+    model, S = models.rom.contact_models["bottom"], models.rows
+    part, W = models.part("bottom"), S @ models.rom.basis @ model.coordinates
+    for h in (1e-5, 1e-4, 2e-3, 2e-2):
+        full = S @ np.linalg.solve(2 / h * M + D + h / 2 * K, S.T)
+        reduced = W / (2 / h + model.damping + h / 2 * model.eigenvalues) @ W.T
+        a = residual_motion.relaxation(h, part.time_constant, models.rom.residual_compliance.damping).whole
+        without, beside = (
+            np.linalg.norm(D - full) / np.linalg.norm(full) for D in (reduced, reduced + part.compliance / a)
+        )
+        assert beside < (0.5 if h > 1e-4 else 1.0) * without
+        if h == models.rom.residual_compliance.dt:
+            assert models.rom.residual_compliance.errors["bottom"] == pytest.approx((without, beside), rel=0.3)
+
+
+def test_damping_of_other_kinds_dissipates_alike(mesh):
+    """Of all residual shapes together; here a dashpot adds to β."""
+    oil = '[effects.damping.dashpots.oil]\nsurface = "bottom"\ncoefficient = 3.0\n'
+    damped = Models(mesh, "inertia = {}\n[effects.damping]\nalpha = 0.5\nbeta = 1e-3\n" + oil + FLOOR)
+    assert Models(mesh, MOVING + FLOOR).rom.residual_compliance.damping == 1e-3
+    assert damped.rom.residual_compliance.damping > 1e-3
+
+
+def test_a_scene_that_wants_none_gets_none(mesh, held, tmp_path):
+    off = FLOOR.replace("[effects.contact.obs", "[effects.contact]\nresidual_compliance = false\n[effects.contact.obs")
+    models = Models(mesh, MOVING + off)
+    assert models.rom.residual_compliance is None
+    fr.write_rom(tmp_path / "rom.h5", models.rom)
+    assert fr.read_rom(tmp_path / "rom.h5") == models.rom
+    with pytest.raises(SceneError, match="residual_compliance: ROM 'scene' was made without it; to have it, make"):
+        fr.Simulator(models.rom, 1e-3, scene=acted_on(mesh, MOVING + FLOOR, **PARTS))
+
+
+def test_without_it_no_bit_changes(held):
+    """Switched off in the scene, or not there: the same run."""
+    runs = [
+        Reduced(held.rom, scene=held.without),
+        Reduced(replace(held.rom, residual_compliance=None)),
+    ]
+    for run in runs:
+        run.shake(120, seed=3)
+    np.testing.assert_array_equal(*(run.body.displacement() for run in runs))
+    assert runs[0].body.ledger.sums == runs[1].body.ledger.sums
+
+
+# --- the step --------------------------------------------------------------------------------------------------------
+
+
+class Reduced:
+    """A body that is pushed about over obstacles that move."""
+
+    def __init__(self, rom, scene=None, seed=0):
+        a, b, c = np.random.default_rng(seed).uniform(1, 30, 3)
+        signals = {
+            "push": lambda t: [20 * np.sin(b * t), 5.0, -40 * np.cos(c * t)],
+            "ball": lambda t: [-0.02 * np.sin(a * t) ** 2, 0.02 * np.sin(b * t), 0.0],
+            "other": lambda t: [0.05 * np.sin(b * t), 0.0, 0.006 * np.sin(c * t) ** 2],
+            "floor": lambda t: [0.05 * np.sin(b * t), 0.0, 0.004 * np.sin(c * t) ** 2],
+        }
+        known = {*rom.loads, *rom.environment.obstacles}
+        self.rom = rom
+        self.body = fr.Simulator(rom, 1e-3, scene=scene, signals={k: s for k, s in signals.items() if k in known})
+        self.modes = list(rom.contact_models)
+
+    def shake(self, steps, seed, switch=True, least=1e-6, most=1e-1):
+        """Largest gap of the account, and of energy gained in switches, as shares of the scale; steps of any length."""
+        random, body = np.random.default_rng(seed), self.body
+        gap = scale = gained = jump = friction = contact = 0.0
+        for step in range(steps):
+            body.dt = np.exp(random.uniform(np.log(least), np.log(most)))
+            body.step()
+            account = body.ledger
+            if switch:
+                before, points = body.energy, body._stepper.point_displacement()
+                body.switch(self.modes[step % len(self.modes)])
+                gained = max(gained, body.energy - before)
+                jump = max(jump, np.abs(body._stepper.point_displacement() - points).max() / np.abs(points).max())
+            gap = max(gap, abs(body.energy - account.supplied + account.dissipated + account.lost_in_switching))
+            scale = max(scale, body.energy, abs(account.supplied), account.dissipated)
+            assert account.friction >= friction - 1e-9 * scale
+            assert account.contact >= contact - 1e-9 * scale
+            friction, contact = account.friction, account.contact
+        assert contact > 0
+        return gap / scale, gained / scale, jump
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_account_closes_and_switches_neither_add_energy_nor_move_points(models, seed):
+    """Steps from 1e-6 to 0.1 s, a switch at every step; impacts and friction only take."""
+    gap, gained, jump = Reduced(models.rom, seed=seed).shake(150, seed)
+    assert gap <= CLOSES_TO
+    assert gained <= CLOSES_TO
+    assert jump <= 1e-9  # C⁻¹ of R = C Cᵀ has round-off times the root of its condition, some 1e4
+
+
+def broken_sign(monkeypatch):
+    good = residual_motion.residual_part
+
+    def of(*given):
+        part = good(*given)
+        part.inverse_root  # noqa: B018, of the sign that has one
+        object.__setattr__(part, "compliance", -part.compliance)
+        return part
+
+    monkeypatch.setattr(residual_motion, "residual_part", of)
+
+
+def broken_switch(monkeypatch):
+    def carry_over(self, e, start, e_start):
+        e[:] = 0.0
+        e[: min(len(e), len(e_start))] = e_start[: min(len(e), len(e_start))]
+        self.state[:] = start.state
+
+    monkeypatch.setattr(residual_motion.ResidualMotion, "carry_over", carry_over)
+
+
+@pytest.mark.parametrize("broken", [broken_sign, broken_switch])
+def test_laws_notice_what_is_broken(held, monkeypatch, broken):
+    broken(monkeypatch)
+    with warnings.catch_warnings(), np.errstate(all="ignore"):
+        warnings.simplefilter("ignore")
+        try:
+            gap, gained, jump = Reduced(held.rom).shake(100, 0)
+        except (AssertionError, fr.FenicsRomError):
+            return
+    assert gap > CLOSES_TO or gained > CLOSES_TO or jump > 1e-9
+
+
+def test_without_inertia_contact_is_that_of_the_full_model_at_any_order(mesh):
+    """At rest the residual compliance is all that the basis lacks; but for the floor, a share of 1e-6."""
+    models = Models(mesh, FLOOR + ROUGH, order=3, run="dt = 0.1\nduration = 0.5\nsnapshots = 5")
+    rises = {"floor": lambda t: [0.002 * t, 0.0, 0.02 * t]}
+    full = fr.simulate(models.system, signals=rises)
+    runs = [fr.simulate(models.rom, scene=scene, signals=rises) for scene in (None, models.without)]
+    off, off_without = (np.abs(run.forces["floor"] - full.forces["floor"]).max() for run in runs)
+    assert off <= 1e-5 * np.abs(full.forces["floor"]).max() <= 1e-3 * off_without
+
+
+def test_forces_and_shape_of_several_patches_are_nearer_the_full_model(mesh):
+    """Two balls on two patches, and a third on no patch's centre, pushed in at once."""
+    third = '[effects.contact.obstacles.third]\nshape = "sphere"\ncenter = [0.3, 0.0, -0.05]\nradius = 0.045\n'
+    effects = MOVING + BALLS + third + ROUGH
+    models = Models(mesh, effects, run="dt = 2e-3\nduration = 0.3\nsnapshots = 30")
+    signals = {
+        name: (lambda t, d=d: [d[0] * min(t / 0.2, 1.0), 0.0, d[1] * min(t / 0.2, 1.0)])
+        for name, d in (("ball", (-0.012, 0.0)), ("other", (0.0, 0.012)), ("third", (0.0, 0.012)))
+    }
+    full = fr.simulate(models.system, signals=signals)
+    runs = [fr.simulate(models.rom, signals=signals), fr.simulate(models.rom, scene=models.without, signals=signals)]
+    yielding, stiff = (
+        [np.linalg.norm(run.forces[o] - full.forces[o]) / np.linalg.norm(full.forces[o]) for o in full.forces]
+        for run in runs
+    )
+    shapes = [np.linalg.norm(run.snapshots - full.snapshots) / np.linalg.norm(full.snapshots) for run in runs]
+    assert max(yielding) < 0.1 * max(stiff)
+    assert shapes[0] < 0.5 * shapes[1]
+
+
+# --- saved -----------------------------------------------------------------------------------------------------------
+
+
+def test_it_is_saved_reset_and_copied(held, tmp_path):
+    run = Reduced(held.rom)
+    run.shake(60, seed=1)
+    there, shape = run.body.save(), run.body.displacement()
+    run.shake(20, seed=2)
+    run.body.restore(there)
+    np.testing.assert_array_equal(run.body.displacement(), shape)
+    other = copy.copy(run.body)
+    fr.write_rom(tmp_path / "rom.h5", held.rom)
+    read = fr.read_rom(tmp_path / "rom.h5")
+    assert read == held.rom
+    for body in (run.body, other):
+        body.dt = 1e-3
+        for _ in range(20):
+            body.step()
+    np.testing.assert_array_equal(run.body.displacement(), other.displacement())
+    run.body.reset()
+    assert run.body.energy == 0.0
+    assert not run.body._stepper.point_displacement().any()
