@@ -188,9 +188,7 @@ class SimulatedBody:
         Raises:
             StepError: no such output.
         """
-        if output not in self.rom.outputs:
-            hint = "; it is a reading: Simulator.reading gives it" if output in self.rom.readings else ""
-            raise StepError(unknown("output", output, self.rom.outputs) + hint)
+        self._check_output(output)
         key = self.contact, output
         if key not in self._output_rows:
             self._output_rows[key] = self.rom.outputs[output] @ self.rom.contact_models[self.contact].coordinates
@@ -261,9 +259,14 @@ class SimulatedBody:
 
     def _field(self, coordinates: Array, output: str | None) -> Array:
         if output is not None:
-            check_known("output", output, self.rom.outputs, StepError)
+            self._check_output(output)
             return self.rom.by_point(self.rom.outputs[output] @ coordinates)
         return self.rom.reconstruct(coordinates)
+
+    def _check_output(self, output: str) -> None:
+        if output not in self.rom.outputs:
+            hint = "; it is a reading: Simulator.reading gives it" if output in self.rom.readings else ""
+            raise StepError(unknown("output", output, self.rom.outputs) + hint)
 
     def _rigid_displacement(self) -> Array:
         """Along the rigid motions (ρ,), up to date."""

@@ -60,11 +60,15 @@ MUTATIONS = [
     ("runtime/steppers/midpoint.py", "self.h / 2 * supplied, self.h / 4", "self.h * supplied, self.h / 4"),
     ("runtime/steppers/midpoint.py", "self.h / 2 * supplied, self.h / 4", "self.h / 2 * supplied, self.h / 2"),
     (
-        "runtime/switching.py",
-        "ω * model.coordinates / model.safe_frequencies",
+        "rom/residual_part.py",
+        "np.sqrt(κ)[:, None] * model.coordinates / model.safe_frequencies",
         "model.coordinates / model.safe_frequencies",
     ),
-    ("runtime/switching.py", "strained_end.T @ strained_start", "strained_start.T @ strained_end"),
+    (
+        "runtime/switching.py",
+        "strained_coordinates(κ, end).T @ strained_coordinates(κ, start)",
+        "strained_coordinates(κ, start).T @ strained_coordinates(κ, end)",
+    ),
     ("runtime/switching.py", "(U * np.minimum(s, 1.0)) @ Vᵀ", "U @ Vᵀ"),
     ("runtime/switching.py", "(U * np.minimum(s, 1.0)) @ Vᵀ", "(U * s * (1 + 1e-13)) @ Vᵀ"),
     ("runtime/switching.py", "diagonally(np.eye(rigid), kinetic)", "diagonally(np.zeros((rigid, rigid)), kinetic)"),
@@ -74,7 +78,7 @@ MUTATIONS = [
         "_clip_cosines(-end.coordinates[:, rigid:].T",
     ),
     ("runtime/switching.py", "if (start, end) not in self._maps", "if not self._maps"),
-    ("runtime/steppers/stepper.py", "- float(after.dot(after)) / 2", "- float(after.dot(after))"),
+    ("runtime/steppers/stepper.py", "left.energy - self.kernel.energy", "left.energy - 2 * self.kernel.energy"),
     (
         "runtime/steppers/stepper.py",
         "np.dot(potential, before[:m], out=after[:n])",
