@@ -179,6 +179,9 @@ def test_effects_do_not_depend_on_the_number_of_ranks(results, name, ranks):
     """Full runs and runs of ROMs among obstacles, under all loads; with inertia and without."""
     full = [fr.read_trajectory(results / str(n) / f"{name}-run.h5") for n in (1, ranks)]
     roms = [fr.read_rom(results / str(n) / f"{name}.h5") for n in (1, ranks)]
+    one, other = (rom.residual_compliance for rom in roms)
+    change = other.factor @ other.factor.T - one.factor @ one.factor.T
+    assert np.abs(change).max() <= 2 * one.floor == pytest.approx(2 * other.floor, rel=1e-6)
     for one, other in (full, [fr.simulate(rom) for rom in roms]):
         scale = np.abs(one.snapshots).max()
         assert scale > 1e-3
