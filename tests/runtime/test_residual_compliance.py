@@ -220,6 +220,20 @@ def test_account_closes_and_switches_neither_add_energy_nor_move_points(models, 
     assert jump <= 1e-9  # C⁻¹ of R = C Cᵀ has round-off times the root of its condition, some 1e4
 
 
+def test_springs_in_place_of_the_rigid_law_see_it_too(mesh):
+    """Penalty contact under a push that comes and goes: the account, and forces nearer the full model's."""
+    springs = FLOOR.replace(
+        "[effects.contact.obs", "[effects.contact]\nmethod = 'penalty'\nstiffness = 2e3\n[effects.contact.obs"
+    )
+    models = Models(mesh, MOVING + PUSH + springs + ROUGH, run="dt = 2e-3\nduration = 0.2\nsnapshots = 20")
+    signals = {"push": lambda t: [0.0, 0.0, -200 * np.sin(15 * t) ** 2]}
+    full = fr.simulate(models.system, signals=signals)
+    runs = [fr.simulate(models.rom, scene=scene, signals=signals) for scene in (None, models.without)]
+    off, off_without = (np.linalg.norm(run.forces["floor"] - full.forces["floor"]) for run in runs)
+    assert off < 0.5 * off_without
+    assert all(run.balance_error <= CLOSES_TO for run in (full, *runs))
+
+
 def broken_sign(monkeypatch):
     good = residual_motion.residual_part
 
