@@ -123,6 +123,14 @@ def test_a_block_sticks_below_the_angle_of_friction_and_slides_above():
         np.testing.assert_allclose(q + solution.forces @ W, [[down, 0.0, 0.0]], atol=1e-16)
 
 
+def test_what_leaves_straight_beside_what_sticks_has_no_force():
+    """Without any tangential velocity, so that nothing slides."""
+    n = np.tile([0.0, 0.0, 1.0], (2, 1))
+    solution = solve(np.eye(6), np.array([[0.0, 0.0, -1.0], [0.0, 0.0, 1.0]]), n, 0.5, np.zeros((2, 3)))
+    np.testing.assert_allclose(solution.forces, [[0.0, 0.0, 1.0], [0.0, 0.0, 0.0]], atol=1e-15)
+    assert solution.iterations == 1
+
+
 def test_a_solution_is_known_again():
     """From its own solution the search takes no step, and from one nearby it comes to the same motion."""
     rng = np.random.default_rng(8)

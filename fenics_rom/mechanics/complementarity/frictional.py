@@ -80,20 +80,19 @@ class FrictionalProblem:
             length = np.sqrt((zt * zt).dot(_ONES))
             pressure = np.maximum(zn, 0.0)
             cone = self.μ * pressure
-            slides = length > cone
-            if slides.any():
+            if (length < cone).all():  # everything sticks
+                projected, error = z, float(np.abs(u).max())
+            else:
                 ratio = cone / (np.maximum(length, cone) + 1e-300)
                 projected = pressure[:, None] * n + ratio[:, None] * zt
                 error = float(np.abs((f - projected) * self.compliance).max())
-            else:  # P(z) = z: everything sticks, or has no force to do so
-                projected, error = z, float(np.abs(u).max())
             before = self.error
             if error < before:
                 self.best, self.velocities, self.error = projected, u, error
             if error <= allowed or before / 2 < self.error <= STAGNATION_RESIDUAL * self.speed:
                 return True
             self.iterations += 1
-            law = Linearisation(f, u, zn > 0, slides, zt, length, cone)
+            law = Linearisation(f, u, zn > 0, length > cone, zt, length, cone)
             try:
                 f = self._solve_linearised(law, proximal)
             except np.linalg.LinAlgError:
@@ -106,7 +105,7 @@ class FrictionalProblem:
         if self.operator.is_regular:
             if law.closed.tobytes() == self.closed_before:
                 return law.solved_with(self.operator.inverse(law.closed), self.W, self.q, n, μ, compliance)
-            proximal = PROXIMAL_COMPLIANCE
+            proximal = 0.0
         return law.solved(self.W, self.q, n, μ, compliance, proximal)
 
     def search_interior(self) -> bool:
