@@ -32,7 +32,7 @@ from fenics_rom.runtime.steppers.kernel import Kernel
 Array = np.ndarray
 
 LARGEST_FUSED_ORDER = {1: 75, 2: 90}  # order up to which one product is the faster, by the dimensions of the damping
-PAGES = 32  # steps that are booked together
+PAGES = 64  # steps that are booked together
 HELD = np.empty(0)  # displacement along the rigid motions of a body that has none
 
 
