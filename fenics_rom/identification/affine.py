@@ -44,24 +44,17 @@ class Matrices:
 
 @dataclass(frozen=True)
 class AffineDecomposition:
-    """The parts on a basis Q (k columns).
+    """The parts on a basis Q (k columns)."""
 
-    Attributes:
-        mass, dilation, shear: QᵀM_iQ, QᵀΛ_iQ, QᵀG_iQ of each material, (m, k, k).
-        springs, dashpots: QᵀK_sQ, QᵀD_dQ, (k, k).
-        inputs: QᵀB of each contact mode that does not depend on θ, (k, p): contact columns, actuators, loads.
-        weights: QᵀB_i of each contact mode, (m, k, p).
-        outputs: CᵀQ of each output, (3 points, k).
-    """
-
-    mass: Array
-    dilation: Array
-    shear: Array
-    springs: Array
-    dashpots: Array
+    mass: Array  # QᵀM_iQ of each material, (m, k, k)
+    dilation: Array  # QᵀΛ_iQ of each material, (m, k, k)
+    shear: Array  # QᵀG_iQ of each material, (m, k, k)
+    springs: Array  # QᵀK_sQ, (k, k)
+    dashpots: Array  # QᵀD_dQ, (k, k)
+    # QᵀB of each contact mode that does not depend on θ, (k, p): contact columns, actuators, loads
     inputs: dict[str, Array]
-    weights: dict[str, Array]
-    outputs: dict[str, Array]
+    weights: dict[str, Array]  # QᵀB_i of each contact mode, (m, k, p)
+    outputs: dict[str, Array]  # CᵀQ of each output, (3 points, k)
 
     def at(self, θ: Array) -> Matrices:
         """The matrices at θ."""

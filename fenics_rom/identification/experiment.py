@@ -19,33 +19,21 @@ INTERPOLATION_POINTS = 4  # steps between which a value is interpolated, by a cu
 
 @dataclass(frozen=True)
 class Experiment:
-    """All measured values, N_m of motion and then N_r at rest.
+    """All measured values, N_m of motion and then N_r at rest."""
 
-    Attributes:
-        markers: that are seen in any of them, (n,).
-        dt, steps: of the run; 0 steps where no motion was measured.
-        inputs: of each contact mode in each step of the run, (steps, p), zero where another one is active.
-        rest_inputs: of each contact mode in each of the R equilibria, (R, p).
-        times: of values of motion, (N_m,), s.
-        instants, weights: the step ends that these are interpolated between, (N_m, 4), and by what.
-        rows: of values at rest, among the equilibria, (N_r,).
-        marker: of each value, (N_m + N_r,).
-        measured: (N_m + N_r,), m.
-        places: file, line and column of each value.
-    """
-
-    markers: tuple[Marker, ...]
-    dt: float
-    steps: int
+    markers: tuple[Marker, ...]  # that are seen in any of them, (n,)
+    dt: float  # of the run, s
+    steps: int  # of the run; 0 steps where no motion was measured
+    # of each contact mode in each step of the run, (steps, p), zero where another one is active
     inputs: Mapping[str, Array]
-    rest_inputs: Mapping[str, Array]
-    times: Array
-    instants: Array
-    weights: Array
-    rows: Array
-    marker: Array
-    measured: Array
-    places: tuple[tuple[str, int, str], ...]
+    rest_inputs: Mapping[str, Array]  # of each contact mode in each of the R equilibria, (R, p)
+    times: Array  # of values of motion, (N_m,), s
+    instants: Array  # the step ends that these are interpolated between, (N_m, 4)
+    weights: Array  # and by what, (N_m, 4)
+    rows: Array  # of values at rest, among the equilibria, (N_r,)
+    marker: Array  # of each value, (N_m + N_r,)
+    measured: Array  # (N_m + N_r,), m
+    places: tuple[tuple[str, int, str], ...]  # file, line and column of each value
 
     @property
     def equilibria(self) -> int:

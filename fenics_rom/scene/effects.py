@@ -24,22 +24,15 @@ Angle = Annotated[float, Number(unit="rad")]
 
 @dataclass(frozen=True)
 class Law:
-    """An effect in the equation of motion and in the energy account.
+    """An effect in the equation of motion and in the energy account."""
 
-    Attributes:
-        force: in the equation of motion.
-        stores, dissipates, supplies: its part in the energy account.
-        needs: effects without which it means nothing.
-        online: whether a reduced run can do without what the ROM was made with.
-        changing: parameters that a reduced run may have different from those that the ROM was made with.
-    """
-
-    force: str
-    stores: str = "nothing"
+    force: str  # in the equation of motion
+    stores: str = "nothing"  # its part in the energy account, here and in the next two
     dissipates: str = "nothing"
     supplies: str = "nothing"
-    needs: tuple[str, ...] = ()
-    online: bool = True
+    needs: tuple[str, ...] = ()  # effects without which it means nothing
+    online: bool = True  # whether a reduced run can do without what the ROM was made with
+    # parameters that a reduced run may have different from those that the ROM was made with
     changing: tuple[str, ...] = ()
 
 

@@ -35,28 +35,18 @@ ROM_FILES = {"linear": "linear.h5", "nonlinear": "rom.h5"}
 
 @dataclass(frozen=True)
 class AmplitudeRow:
-    """A model at one load.
-
-    Attributes:
-        share: of the scene's loads.
-        displacement: largest of any node at any instant, in the reference, m.
-        model: "linear" or "nonlinear", "full order" or "reduced", and of the nonlinear reduced one the stepper.
-        order: displacements.
-        dt: s.
-        error: of the whole shape, L² in time and mass, as a share of the reference's size; of the reference itself an
-            estimate.
-        rate: steps per second.
-        forces: errors of each obstacle's force over the run, its peak and its impulse; of the reference as `error`.
-    """
+    """A model at one load."""
 
     __pydantic_config__: ClassVar = NOTHING_ELSE
-    share: float
-    displacement: float
-    model: str
-    order: int
-    dt: float
+    share: float  # of the scene's loads
+    displacement: float  # largest of any node at any instant, in the reference, m
+    model: str  # "linear" or "nonlinear", "full order" or "reduced", and of the nonlinear reduced one the stepper
+    order: int  # displacements
+    dt: float  # s
+    # of the whole shape, L² in time and mass, as a share of the reference's size; of the reference itself an estimate
     error: float
-    rate: float
+    rate: float  # steps per second
+    # errors of each obstacle's force over the run, its peak and its impulse; of the reference as `error`
     forces: Mapping[str, ForceErrors] = field(default_factory=dict)
 
     @property
@@ -67,26 +57,17 @@ class AmplitudeRow:
 
 @dataclass(frozen=True)
 class AmplitudeResults:
-    """What a study of amplitudes has measured.
-
-    Attributes:
-        name: of the scene.
-        fingerprint: of what it was measured for.
-        unknowns: at full order.
-        offline: seconds that the reductions took, by ROM.
-        validation: error of the nonlinear ROM on a run that it was not trained on; None where it was not measured.
-        rows: by load, the smallest first.
-        notes: what the user should know.
-    """
+    """What a study of amplitudes has measured."""
 
     __pydantic_config__: ClassVar = NOTHING_ELSE
-    name: str
-    fingerprint: str
-    unknowns: int
-    offline: Mapping[str, float]
+    name: str  # of the scene
+    fingerprint: str  # of what it was measured for
+    unknowns: int  # at full order
+    offline: Mapping[str, float]  # seconds that the reductions took, by ROM
+    # error of the nonlinear ROM on a run that it was not trained on; None where it was not measured
     validation: float | None
-    rows: tuple[AmplitudeRow, ...] = ()
-    notes: tuple[str, ...] = ()
+    rows: tuple[AmplitudeRow, ...] = ()  # by load, the smallest first
+    notes: tuple[str, ...] = ()  # what the user should know
 
 
 def study_amplitudes(
