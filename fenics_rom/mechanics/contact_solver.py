@@ -33,7 +33,7 @@ from fenics_rom.mechanics.obstacles import Obstacle
 
 Array = np.ndarray
 
-_ONES = np.ones(3)
+_ONES, _ROOT_3 = np.ones(3), np.sqrt(3.0)
 PENETRATION_TOLERANCE = 1e-9  # of the size of the body: as deep in an obstacle as round-off may have put a point
 WORK_ROUND_OFF = 1e-12  # of force times velocity: work that is no work
 _MOST_KEPT = 4  # operators of pairs, of those that were active last
@@ -98,7 +98,10 @@ class ContactSolver:
             StepError: no forces found; the next step begins as this one did.
         """
         w = obstacles.velocities(dt)
-        pairs = self._all_pairs(points, dt, obstacles, w, quasi_static)
+        distances = self._distances(points.displacement, obstacles.start)
+        if self.law.stiffness is None and _out_of_reach(float(distances[0].min()) / dt, points, w):
+            return None
+        pairs = self._all_pairs(distances, points, dt, obstacles, w, quasi_static)
         chosen = pairs.due(pairs.normal_velocity)
         active = chosen.nonzero()[0]
         if not len(active):
@@ -132,11 +135,16 @@ class ContactSolver:
         return ContactSolution(point_forces, by_pair.sum(axis=1), iterations, active, normals, forces, w, rough)
 
     def _all_pairs(
-        self, points: PointMotion, dt: float, obstacles: ObstacleMotion, w: Array, quasi_static: bool
+        self,
+        distances: tuple[Array, Array],
+        points: PointMotion,
+        dt: float,
+        obstacles: ObstacleMotion,
+        w: Array,
+        quasi_static: bool,
     ) -> "_Pairs":
         """What the law says of every pair of a point and an obstacle; w (O, 3) velocities of the obstacles, m/s."""
-        law = self.law
-        gaps, normals = self._distances(points.displacement, obstacles.start)
+        law, (gaps, normals) = self.law, distances
         free, relative = self._relative(points.free_velocity, w), self._relative(points.velocity, w)
         if w.tobytes() != obstacles.velocities_before.tobytes():  # six times as fast as to compare numbers
             # What keeps touching an obstacle that accelerates has its velocity between the steps, and not yet the mean
@@ -240,6 +248,18 @@ class _Pairs:
             return False
         self.tangential_target[active[helps]] = 0.0
         return True
+
+
+def _out_of_reach(closing: float, points: PointMotion, w: Array) -> bool:
+    """Whether no pair can be due, as not even the smallest gap closes at a speed, m/s, that is reached in the step.
+
+    A pair is due at a normal velocity below -g/h, or below (-g/h + (1 - e)/2 a)/(2 - e): nothing is beyond a bound of
+    both, whatever direction things move in.
+    """
+    fastest = np.abs(w).max()
+    return closing > _ROOT_3 * (
+        2 * (np.abs(points.free_velocity).max() + fastest) + np.abs(points.velocity).max() + fastest
+    )
 
 
 def _passive(f: Array, W: Array, free: Array) -> Array:

@@ -96,6 +96,8 @@ class EnergyLedger:
 
 def _add(total: tuple[float, float], amount: float) -> tuple[float, float]:
     """A sum, and what it lacks of the exact one."""
+    if not amount:
+        return total
     if not math.isfinite(total[0] + amount):  # standard switching can gain energy until there are no numbers for it
         return total[0] + amount, 0.0
     rounded = math.fsum((*total, amount))

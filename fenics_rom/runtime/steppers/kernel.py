@@ -208,7 +208,7 @@ class BookedKernel(Kernel):
             return None
         self._motion[0], self._motion[1], self._motion[2] = q, r, free
         motion = self._motion.dot(self._Sᵀ).reshape(3, -1, 3)
-        if self.residual is not None:
+        if self.residual is not None and not self.residual.is_at_rest:
             motion += self.residual.points
         points = PointMotion(*motion)
         operator = self._delassus if delassus is None else delassus
@@ -261,6 +261,9 @@ class BookedKernel(Kernel):
     def _step_residual(self, contact: ContactSolution | None) -> tuple[Array | None, float]:
         """Takes the residual part's step; the points' mid-step velocity (P, 3) in it, and what it dissipates, J."""
         if self.residual is None:
+            return None, 0.0
+        if contact is None and self.residual.is_at_rest:
+            self.residual.remember()
             return None, 0.0
         velocity = self.residual.velocity(contact)
         return velocity, self.residual.step(contact, velocity)

@@ -64,6 +64,7 @@ class ResidualMotion:
         self.state = np.zeros(4 * len(self._R))
         self._g, self._y, self._ġ, self._ẏ = self.state.reshape(4, -1)
         self._before = self.state.copy()
+        self._added = np.empty((3, len(self._R)))
 
     def set_time_step(self, h: float) -> None:
         """Makes the coefficients for a time step, s."""
@@ -73,6 +74,11 @@ class ResidualMotion:
     def delassus(self) -> Array:
         """R/a (3P, 3P), m/s/N."""
         return self._R / self._relaxation.whole
+
+    @property
+    def is_at_rest(self) -> bool:
+        """Whether it has nothing to add as long as nothing touches, as where nothing has touched for long."""
+        return not self.state.any()
 
     @property
     def stored(self) -> float:
@@ -91,7 +97,11 @@ class ResidualMotion:
     def points(self) -> Array:
         """What it adds to the points' displacement, velocity and free mid-step velocity, (3, P, 3)."""
         inertia, whole, _ = self._relaxation
-        return np.stack([self._y, self._ẏ, (inertia * self._ẏ - self._y) / whole]).reshape(3, -1, 3)
+        added = self._added
+        added[0], added[1] = self._y, self._ẏ
+        np.multiply(inertia / whole, self._ẏ, out=added[2])
+        added[2] -= self._y / whole
+        return added.reshape(3, -1, 3)
 
     @property
     def displacement(self) -> Array:
@@ -122,7 +132,7 @@ class ResidualMotion:
         """Takes a step under contact forces, in which it has a mid-step velocity; what is dissipated, J."""
         h, moved = self._h, velocity.ravel()
         inertia, whole, heat = self._relaxation
-        self._before[:] = self.state
+        self.remember()
         change = inertia * self._ġ
         change -= self._g
         if contact is not None:
@@ -144,6 +154,10 @@ class ResidualMotion:
         """
         held = self._g if before is None else self._g - before.forces.ravel()
         return self._h / 2 * float(held.dot(self.velocity(contact).ravel()))
+
+    def remember(self) -> None:
+        """Notes the state before a step."""
+        self._before[:] = self.state
 
     def rollback(self) -> None:
         """Takes the last step back."""
