@@ -263,9 +263,10 @@ def progress() -> Iterator[Report]:
         tasks: dict[str, Any] = {}
 
         def report(stage: str, done: int, of: int) -> None:
-            if stage not in tasks:
-                tasks[stage] = bars.add_task(stage, total=of)
-            bars.update(tasks[stage], completed=done, total=of)
+            name = stage.partition(":")[0]  # what follows it changes
+            if name not in tasks:
+                tasks[name] = bars.add_task(stage, total=of)
+            bars.update(tasks[name], description=stage, completed=done, total=of)
 
         yield report
 

@@ -77,7 +77,7 @@ class PetscFactor:
                     self._definite,
                 )
         self._check(cholesky_numeric(self._factor, mat))
-        if self._solver == "mumps" and self._definite and self._factor.getMumpsInfog(INFOG_NEGATIVE_PIVOTS) > 0:
+        if self._solver == "mumps" and self._definite and self.negative_pivots > 0:
             raise self._failure("negative pivots")
 
     def _check(self, error: int) -> None:
@@ -122,6 +122,11 @@ class PetscFactor:
     def apply(self, right: PETSc.Vec, solution: PETSc.Vec) -> None:
         """Solution for one right-hand side."""
         self._factor.solve(right, solution)
+
+    @property
+    def negative_pivots(self) -> int:
+        """How many there are in L D Lᵀ: as many as negative eigenvalues of the matrix (Sylvester)."""
+        return int(self._factor.getMumpsInfog(INFOG_NEGATIVE_PIVOTS))
 
     def close(self) -> None:
         """Frees the factor; what is left to Python to free, PETSc keeps for good on several ranks."""

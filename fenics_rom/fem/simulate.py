@@ -51,8 +51,9 @@ def simulate(
     body.switch(history.first_contact())
     lost = body.begin(environment.run.initial, history) if environment.run.initial else []
     recorder.sample(0, body)
-    is_linear = not isinstance(body.stepper, FiniteStrainStepper)
-    monitor = SurfaceMonitor(system) if is_linear else InversionMonitor(body.stepper)  # type: ignore[arg-type]
+    monitor: SurfaceMonitor | InversionMonitor = SurfaceMonitor(system)
+    if isinstance(body.stepper, FiniteStrainStepper):
+        monitor, body.stepper.report = InversionMonitor(body.stepper), report
     seconds = 0.0
     for step, (u, spent) in enumerate(_steps(body, history), start=1):
         seconds += spent

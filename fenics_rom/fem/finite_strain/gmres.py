@@ -14,13 +14,18 @@ MAX_PRODUCTS = 60  # for one solution
 
 
 class Gmres:
-    """GMRES (Saad & Schultz, 1986) on vectors with `local` of `size` rows on this rank; `products` are counted."""
+    """GMRES (Saad & Schultz, 1986) on vectors with `local` of `size` rows on this rank.
+
+    Attributes:
+        products: with matrices, counted.
+        converged: whether the last solution has the residual that was asked for.
+    """
 
     def __init__(self, local: int, size: int, comm: Any):
         sizes = ((local, size), (local, size))
         self._apply: Callable[[Array], Array] = lambda column: column
         self._factor: PetscFactor | None = None
-        self.products = 0
+        self.products, self.converged = 0, True
         self._matrix = PETSc.Mat().createPython(sizes, context=self, comm=comm)
         self._matrix.setUp()
         self._right, self._solution = self._matrix.createVecs()
@@ -33,13 +38,21 @@ class Gmres:
         self._preconditioner.setType("python")
         self._preconditioner.setPythonContext(self)
 
-    def solve(self, apply: Callable[[Array], Array], factor: PetscFactor, right: Array, residual: float) -> Array:
+    def solve(
+        self,
+        apply: Callable[[Array], Array],
+        factor: PetscFactor,
+        right: Array,
+        residual: float,
+        max_products: int = MAX_PRODUCTS,
+    ) -> Array:
         """A solution (rows here, 1) of `apply`(x) = right (rows here, 1) to a residual, as a share of |right|."""
         self._apply, self._factor = apply, factor
         self._right.array[:] = right[:, 0]
         self._solution.set(0.0)
-        self._ksp.setTolerances(rtol=residual, atol=0.0, max_it=MAX_PRODUCTS)
+        self._ksp.setTolerances(rtol=residual, atol=0.0, max_it=max_products)
         self._ksp.solve(self._right, self._solution)
+        self.converged = self._ksp.getConvergedReason() > 0
         return self._solution.array[:, None].copy()
 
     def mult(self, _: PETSc.Mat, x: PETSc.Vec, y: PETSc.Vec) -> None:

@@ -12,8 +12,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from fenics_rom.fem.finite_strain.model import ExternalForce, FiniteStrainModel, multiply
-from fenics_rom.fem.finite_strain.preconditioner import TangentCoefficients
 from fenics_rom.fem.finite_strain.stresses import EquilibriumStresses, MidpointStresses, Stresses
+from fenics_rom.fem.finite_strain.tangent_matrix import TangentCoefficients
 from fenics_rom.mechanics.actuator_forces import ActuatorForces
 
 Array = np.ndarray

@@ -7,12 +7,12 @@ import numpy as np
 
 from fenics_rom.errors import SolverError, StepError
 from fenics_rom.fem.direct import PetscFactor
+from fenics_rom.fem.finite_strain.equilibria import FactoredTangent, solve_equilibrium
 from fenics_rom.fem.finite_strain.follower_loads import FollowerLoad, TendonPull
 from fenics_rom.fem.finite_strain.found_forces import ForcesInNewton, FoundForces
 from fenics_rom.fem.finite_strain.gmres import Gmres
 from fenics_rom.fem.finite_strain.model import ExternalForce, FiniteStrainModel, multiply
-from fenics_rom.fem.finite_strain.newton import NewtonIterate, NotConvergedError, solve_step
-from fenics_rom.fem.finite_strain.preconditioner import TangentCoefficients, TangentPreconditioner
+from fenics_rom.fem.finite_strain.newton import MAX_ITERATIONS, NewtonIterate, NotConvergedError, solve_step
 from fenics_rom.fem.finite_strain.residuals import (
     MidpointResidual,
     QuasiStaticResidual,
@@ -20,7 +20,9 @@ from fenics_rom.fem.finite_strain.residuals import (
     StepStart,
 )
 from fenics_rom.fem.finite_strain.stresses import IDENTITY, MidpointStresses
+from fenics_rom.fem.finite_strain.tangent_matrix import TangentCoefficients, TangentMatrix
 from fenics_rom.fem.full_order_body import FullOrderBody
+from fenics_rom.io.progress import Report, silent
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.contact import ObstacleMotion, equilibrium_work
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
@@ -28,7 +30,7 @@ from fenics_rom.mechanics.hyperelastic import strain
 from fenics_rom.mechanics.step import StepInput, StepResult
 from fenics_rom.system.system import Array, System
 
-SMALLEST_PART = 1 / 64  # share of a step below which none is tried
+SMALLEST_PART = 1 / 64  # share of a step, or of what its load changes by, below which none is tried
 MAX_PRODUCTS = 25  # products with the tangent in a step, more than a new factor is worth
 
 
@@ -45,6 +47,8 @@ class FiniteStrainStepper(FullOrderBody):
         factors: how often a matrix was factored so far.
         parted: steps that were taken in parts, as Newton's method did not solve them whole.
         finest: smallest share of a step that was taken.
+        negative_pivots: of the tangent at the last equilibrium, none where it is stable; without contact and strokes.
+        report: told of the iterations that find an equilibrium.
     """
 
     def __init__(
@@ -61,6 +65,8 @@ class FiniteStrainStepper(FullOrderBody):
         self._model = model
         self.newton = self.products = self.factors = self.parted = 0
         self.finest = 1.0
+        self.report: Report = silent
+        self.negative_pivots, self._unstable = 0, ""
         self._forces_in_newton: ForcesInNewton | None = None
         if self.interface is not None or self.actuators is not None:
             self._forces_in_newton = ForcesInNewton(self.interface, self.actuators)
@@ -75,9 +81,10 @@ class FiniteStrainStepper(FullOrderBody):
         self._before: tuple[Any, ...] = ()
         here = system.algebra.rows()
         terms = model.mass, model.external_damping, model.spring
-        self._matrix = TangentPreconditioner(model.points, model.material, model.free, here, terms)
+        self._matrix = TangentMatrix(model.points, model.material, model.free, here, terms)
         self._krylov = Gmres(len(self.x), system.size, model.mass.mat.comm)
         self._factored: tuple[TangentCoefficients, PetscFactor] | None = None
+        self._tangent = FactoredTangent(self._matrix, self._krylov) if self._forces_in_newton is None else None
         self.set_state(self.x, self.v)
 
     @property
@@ -95,19 +102,17 @@ class FiniteStrainStepper(FullOrderBody):
 
     def diagnostics(self) -> tuple[str, ...]:
         """See Stepper."""
-        others = super().diagnostics()
-        if not self.parted:
-            return others
         parted = (
             f"Newton's method did not solve {self.parted} of the steps whole: they were taken in parts, the "
             f"smallest 1/{round(1 / self.finest)} of a step; a smaller dt may be faster"
         )
-        return (parted, *others)
+        return (*filter(None, [self._unstable, parted if self.parted else ""]), *super().diagnostics())
 
     def set_state(self, x: Array, v: Array) -> None:
         """Puts the body somewhere, moving: local rows of displacement (m) and velocity (m/s), (rows here,) each."""
         self._arrive(x.reshape(-1, 1).copy(), v.reshape(-1, 1).copy())
         self._past: list[Array] = []
+        self.negative_pivots = 0
 
     def step(self, inputs: StepInput) -> StepResult:
         """See Stepper; inputs are in the order of `System.input_matrix`.
@@ -133,10 +138,11 @@ class FiniteStrainStepper(FullOrderBody):
         self.time -= self.dt
 
     def _state(self) -> tuple[Any, ...]:
-        return self._start, self.contact, self.reactions, None if self.ledger is None else self.ledger.sums
+        sums = None if self.ledger is None else self.ledger.sums
+        return self._start, self.contact, self.reactions, self.negative_pivots, self._unstable, sums
 
     def _restore(self, state: tuple[Any, ...]) -> None:
-        self._start, self.contact, self.reactions, sums = state
+        self._start, self.contact, self.reactions, self.negative_pivots, self._unstable, sums = state
         self.x, self.v = self._start.x, self._start.v
         if self.ledger is not None:
             self.ledger.sums = sums
@@ -145,6 +151,8 @@ class FiniteStrainStepper(FullOrderBody):
         """Gives the memory back."""
         self._krylov.close()
         self._forget()
+        if self._tangent is not None:
+            self._tangent.close()
 
     def _forget(self) -> None:
         """Gives the factor back."""
@@ -191,20 +199,26 @@ class FiniteStrainStepper(FullOrderBody):
                 if share >= SMALLEST_PART:
                     continue
                 self._restore(state)
-                raise SolverError(self._failure(inputs.u, quasi_static)) from None
+                raise SolverError(self._failure(inputs.u, quasi_static, done)) from None
             done, finest = done + share, min(finest, share)
+            if quasi_static and self._tangent is not None:
+                share = min(2 * share, 1 - done)
         self.products = self._krylov.products - products
         if finest < 1.0:
             self.parted, self.finest = self.parted + 1, min(self.finest, finest)
 
-    def _failure(self, u: Array, quasi_static: bool) -> str:
-        """Why a step could not be taken, and what to do."""
+    def _failure(self, u: Array, quasi_static: bool, done: float) -> str:
+        """Why a step could not be taken, and what to do; a part of it was `done`."""
         part = f"1/{round(1 / SMALLEST_PART)} of {'its load' if quasi_static else f'a step of {self.dt:g} s'}"
-        lower = "the load" if quasi_static else "the load or dt"
+        lower, reached = "the load or dt", ""
+        if quasi_static:
+            lower, reached = "the load", f" more than the {done:.3g} of it that were put on"
+            if self._tangent is not None and self._tangent.negative_pivots:
+                reached += ", near a limit point (the tangent has negative pivots there)"
         return (
             f"Newton's method did not converge at t = {self.time:.6g} s in contact mode {self.contact_mode!r} "
-            f"under the inputs [{', '.join(f'{value:.6g}' for value in u)}], not even for {part}: lower {lower}, or "
-            "the body is pushed beyond what this mesh and material can follow"
+            f"under the inputs [{', '.join(f'{value:.6g}' for value in u)}], not even for {part}{reached}: lower "
+            f"{lower}, or the body is pushed beyond what this mesh and material can follow"
         )
 
     def _unbalanced(self, load: ExternalForce) -> Array:
@@ -235,7 +249,9 @@ class FiniteStrainStepper(FullOrderBody):
         motion = None if obstacles is None else obstacles.part(done, share, self.dt)
         if self._forces_in_newton is not None:
             self._forces_in_newton.begin(equation, motion, u, given)
-        solution = self._solution(equation)
+        solution = self._solution(equation, done + share)
+        if missing is not None and self._tangent is not None:
+            self._note_stability(self._tangent.negative_pivots, done, share)
         self.newton += solution.iterations
         self._book(equation, solution, motion)
         trial = solution.trial
@@ -245,8 +261,29 @@ class FiniteStrainStepper(FullOrderBody):
         self.contact, self.reactions = solution.found
         self._arrive(x, v, trial.stresses.F_end - IDENTITY)
 
-    def _solution(self, equation: StepResidual) -> NewtonIterate:
-        """Solves the equations of a step, with a kept factor if that is good enough."""
+    def _note_stability(self, negative_pivots: int, done: float, share: float) -> None:
+        """Refuses parts of a step that lead to an equilibrium that is less stable, but for the smallest: told then."""
+        if negative_pivots > self.negative_pivots:
+            if share > SMALLEST_PART:
+                raise NotConvergedError
+            self._unstable = self._unstable or (
+                f"at t = {self.time:.6g} s, at {done:.3g} to {done + share:.3g} of the step's change of load, the body "
+                f"comes to a limit point or buckles: from there on its equilibrium is not stable ({negative_pivots} "
+                "negative pivots of the tangent), and a real one would leave it; a run with inertia tells where to"
+            )
+        self.negative_pivots = negative_pivots
+
+    def _solution(self, equation: StepResidual, load: float) -> NewtonIterate:
+        """Solves the equations to a share of a step's load, with a kept factor if that is good enough."""
+        if isinstance(equation, QuasiStaticResidual) and self._tangent is not None:
+
+            def tell(iteration: int, residual: float) -> None:
+                self.report(
+                    f"equilibrium: load {load:.3g}, residual {residual:.0e}, iteration", iteration, MAX_ITERATIONS
+                )
+
+            found = FoundForces(self.contact, self.reactions)
+            return solve_equilibrium(equation, self._tangent, found, self._model.dot, tell)
         guesses = self._guesses(equation)
         products = self._krylov.products
         if self._factored is not None and self._factored[0] == equation.coefficients:
@@ -273,7 +310,7 @@ class FiniteStrainStepper(FullOrderBody):
     def _factor(self, coefficients: TangentCoefficients) -> None:
         """Factors the matrix of the state that the body is in."""
         self._forget()
-        self._factored = coefficients, PetscFactor(self._matrix.assemble(self._start.H, coefficients), one_by_one=True)
+        self._factored = coefficients, PetscFactor(self._matrix.definite(self._start.H, coefficients), one_by_one=True)
         self.factors += 1
 
     def _guesses(self, equation: StepResidual) -> list[Array]:

@@ -1,6 +1,12 @@
-"""The symmetric positive definite matrix that stands for a step's consistent tangent where it is solved with.
+"""The matrices that a step's linear systems are solved with, of the state that the body is in.
 
-It is that tangent at the start of the step, made definite: with the moduli of small strains and without the stresses.
+K is the consistent tangent of an equilibrium, but for the part of what follows the body; symmetric, indefinite beyond
+a limit point:
+
+    K = K_s + ∫ F ∇δ : ∂S/∂E : F ∇v + ∇δ S : ∇v
+
+A is the tangent at the start of a step, made positive definite: with the moduli of small strains and without the
+stresses.
 
     A = a M + b D_c + c K_s + ∫ (c + d β) ∇δ : C : ∇v   in the frame of the deformed body.
 
@@ -14,9 +20,9 @@ import scipy.sparse
 from petsc4py import PETSc
 
 from fenics_rom.fem.finite_strain.quadrature import QuadraturePoints
-from fenics_rom.fem.finite_strain.stresses import IDENTITY, HyperelasticMaterial
+from fenics_rom.fem.finite_strain.stresses import IDENTITY, HyperelasticMaterial, Stresses
 from fenics_rom.fem.petsc_matrix import PetscMatrix, from_local_rows
-from fenics_rom.mechanics.hyperelastic import VOIGT_PAIRS, VOIGT_SHEAR
+from fenics_rom.mechanics.hyperelastic import VOIGT_INDEX, VOIGT_PAIRS, VOIGT_SHEAR
 
 Array = np.ndarray
 CELLS_PER_BATCH = 4096
@@ -32,8 +38,11 @@ class TangentCoefficients:
     viscosity: float
 
 
-class TangentPreconditioner:
-    """Assembles A, again and again in the same pattern.
+OF_EQUILIBRIUM = TangentCoefficients(mass=0.0, external_damping=0.0, stiffness=1.0, viscosity=0.0)
+
+
+class TangentMatrix:
+    """Assembles A and K, again and again in the same pattern.
 
     Of `free` components (n,) this rank has `rows`; `constant_terms` are M, D_c and K_s or None.
     """
@@ -62,15 +71,25 @@ class TangentPreconditioner:
         self._sum_cells = scipy.sparse.csr_matrix(ones, shape=(len(pairs), len(slots)))
         self._columns, self._row_starts = pairs % count, np.searchsorted(pairs, count * np.arange(count + 1))
 
-    def assemble(self, H: Array, coefficients: TangentCoefficients) -> PETSc.Mat:
-        """The matrix at displacement gradients (3, 3, P here); every rank must call it."""
-        m, (C, Q, A, _) = self._material, self._points.shape_gradients.shape
-        scale = coefficients.stiffness + coefficients.viscosity * m.viscosity
-        D = self._points.weights * scale * m.linear_moduli
-        F, blocks = IDENTITY + H, np.empty((C, A, A, 3, 3))
+    def definite(self, H: Array, coefficients: TangentCoefficients) -> PETSc.Mat:
+        """A at displacement gradients (3, 3, P here); every rank must call it."""
+        scale = coefficients.stiffness + coefficients.viscosity * self._material.viscosity
+        return self._assemble(IDENTITY + H, scale * self._material.linear_moduli, None, coefficients)
+
+    def consistent(self, stresses: Stresses) -> PETSc.Mat:
+        """K where there are these stresses; every rank must call it."""
+        return self._assemble(stresses.F, stresses.moduli, stresses.S, OF_EQUILIBRIUM)
+
+    def _assemble(self, F: Array, D: Array, S: Array | None, coefficients: TangentCoefficients) -> PETSc.Mat:
+        """Of deformation gradients (3, 3, P here), moduli (6, 6, P here) and stresses (6, P here)."""
+        (C, Q, A, _), weights = self._points.shape_gradients.shape, self._points.weights
+        blocks = np.empty((C, A, A, 3, 3))
         for first in range(0, C, CELLS_PER_BATCH):
             cells, points = slice(first, first + CELLS_PER_BATCH), slice(first * Q, (first + CELLS_PER_BATCH) * Q)
-            blocks[cells] = _cell_blocks(self._points.shape_gradients[cells], F[:, :, points], D[:, :, points])
+            here = self._points.shape_gradients[cells]
+            blocks[cells] = _cell_blocks(here, F[:, :, points], weights[points] * D[:, :, points])
+            if S is not None:
+                blocks[cells] += _stress_blocks(here, weights[points] * S[:, points])
         sums = (self._sum_cells @ blocks[self._both_free].reshape(-1, 9)).reshape(-1, 3, 3)
         bsr = sums, self._columns, self._row_starts
         total = scipy.sparse.bsr_matrix(bsr, shape=(self._size, self._size)).tocsr()
@@ -99,3 +118,12 @@ def _cell_blocks(shape_gradients: Array, F: Array, D: Array) -> Array:
     D_B = (D @ B).reshape(C, 6 * Q, 3 * A)
     K = B.reshape(C, 6 * Q, 3 * A).transpose(0, 2, 1) @ D_B
     return K.reshape(C, A, 3, A, 3).transpose(0, 1, 3, 2, 4)
+
+
+def _stress_blocks(shape_gradients: Array, S: Array) -> Array:
+    """Blocks (C, A, A, 3, 3) of weighted stresses (6, C Q): ∫ ∂N_a/∂X · S ∂N_b/∂X I."""
+    C, Q, A, _ = shape_gradients.shape
+    S = S[VOIGT_INDEX].reshape(3, 3, C, Q).transpose(2, 3, 0, 1)
+    rows = shape_gradients.transpose(0, 2, 1, 3).reshape(C, A, 3 * Q)
+    tension = (shape_gradients @ S).transpose(0, 1, 3, 2).reshape(C, 3 * Q, A)
+    return (rows @ tension)[:, :, :, None, None] * np.eye(3)

@@ -1,0 +1,138 @@
+"""Newton's method for an equilibrium: whole steps with the consistent tangent K, which is factored as L D Lᵀ.
+
+A thin body's residual grows by orders of magnitude with the first step, which stretches what it should turn, and is
+gone a few steps later; so no step is shortened for it. The negative pivots of K at an equilibrium are the directions in
+which the body would leave it: none where it is stable, some beyond a limit point or where it buckles.
+"""
+
+import math
+from collections.abc import Callable
+from functools import partial
+
+import numpy as np
+
+from fenics_rom.errors import SolverError
+from fenics_rom.fem.direct import MemoryShortage, PetscFactor
+from fenics_rom.fem.finite_strain.found_forces import FoundForces
+from fenics_rom.fem.finite_strain.gmres import Gmres
+from fenics_rom.fem.finite_strain.newton import (
+    CONVERGENCE_TOLERANCE,
+    MAX_ITERATIONS,
+    MIN_STEP_SHARE,
+    STAGNATION_TOLERANCE,
+    NewtonIterate,
+    NotConvergedError,
+)
+from fenics_rom.fem.finite_strain.residuals import QuasiStaticResidual, TrialStep
+from fenics_rom.fem.finite_strain.tangent_matrix import TangentMatrix
+
+Array = np.ndarray
+
+LINEAR_RESIDUAL = 1e-6  # that linear systems are solved to
+MAX_KEPT_PRODUCTS = 12  # products with the tangent, for one solution, that are still less than a new factor
+
+
+class FactoredTangent:
+    """K, factored at an iterate and kept for later ones as long as a few products with the tangent make up for it.
+
+    Attributes:
+        negative_pivots: of the last factor.
+        factors: how many there were.
+    """
+
+    def __init__(self, matrix: TangentMatrix, gmres: Gmres):
+        self._matrix, self._gmres = matrix, gmres
+        self._factor: PetscFactor | None = None
+        self._at: TrialStep | None = None
+        self.negative_pivots = self.factors = 0
+
+    def factor(self, trial: TrialStep) -> PetscFactor:
+        """Of the tangent at a trial; every rank must call it.
+
+        Raises:
+            NotConvergedError: it has none.
+        """
+        if self._factor is not None and self._at is trial:
+            return self._factor
+        self.close()
+        try:
+            self._factor = PetscFactor(self._matrix.consistent(trial.stresses), definite=False)
+        except MemoryShortage:
+            raise
+        except SolverError:
+            raise NotConvergedError from None
+        self._at = trial
+        self.factors += 1
+        self.negative_pivots = self._factor.negative_pivots
+        return self._factor
+
+    @property
+    def factor_at_hand(self) -> PetscFactor:
+        """The last one."""
+        assert self._factor is not None
+        return self._factor
+
+    def solve(self, equation: QuasiStaticResidual, trial: TrialStep, force: Array) -> Array:
+        """Velocity (rows here, 1) that a force (rows here, 1) asks for at a trial."""
+        tangent = partial(equation.apply_tangent, trial)
+        if self._factor is not None and self._at is not trial:
+            solution = self._gmres.solve(tangent, self._factor, force, LINEAR_RESIDUAL, MAX_KEPT_PRODUCTS)
+            if self._gmres.converged:
+                return solution
+        return self._gmres.solve(tangent, self.factor(trial), force, LINEAR_RESIDUAL)
+
+    def close(self) -> None:
+        """Gives the factor back."""
+        if self._factor is not None:
+            self._factor.close()
+            self._factor = self._at = None
+
+
+def solve_equilibrium(
+    equation: QuasiStaticResidual,
+    tangent: FactoredTangent,
+    found: FoundForces,
+    dot: Callable[[Array, Array], float],
+    tell: Callable[[int, float], None],
+) -> NewtonIterate:
+    """Solves the equations of an equilibrium, from where the body is; every rank must call it.
+
+    Args:
+        equation: of the equilibrium.
+        tangent: what linear systems are solved with; afterwards it has the factor of the equilibrium.
+        found: what the iterates are handed back with.
+        dot: product of columns (rows here, 1).
+        tell: called with each iteration and its residual, as a share of the forces.
+
+    Raises:
+        NotConvergedError: there is none that whole steps lead to.
+    """
+
+    def evaluate(v: Array) -> TrialStep:
+        with np.errstate(all="ignore"):  # a shape without an energy is refused below
+            return equation.evaluate(v)
+
+    trial, previous = evaluate(np.zeros_like(equation.start.x)), math.inf
+    for iteration in range(MAX_ITERATIONS + 1):
+        residual = trial.residual
+        if not residual.any():
+            return NewtonIterate(trial, found, residual, 0.0, iteration)
+        direction = tangent.solve(equation, trial, residual)
+        size = math.sqrt(abs(dot(residual, direction)))
+        terms = equation.terms(trial)
+        shapes = tangent.factor_at_hand.solve(terms) / equation.h
+        scale = math.sqrt(max(abs(dot(terms[:, [k]], shape[:, None])) for k, shape in enumerate(shapes.T)))
+        tell(iteration, size / scale)
+        if size <= CONVERGENCE_TOLERANCE * scale or STAGNATION_TOLERANCE * scale >= size > previous / 2:
+            tangent.factor(trial)
+            return NewtonIterate(trial, found, residual, size, iteration)
+        previous, share = size, 1.0
+        while True:
+            ahead = evaluate(trial.v + share * direction)
+            if math.isfinite(dot(ahead.residual, ahead.residual)):
+                break
+            share /= 2
+            if share < MIN_STEP_SHARE:
+                raise NotConvergedError
+        trial = ahead
+    raise NotConvergedError

@@ -1,0 +1,126 @@
+"""Equilibria of bodies that deform largely: published shapes from the whole load at once, and where a body buckles."""
+
+import re
+
+import numpy as np
+import pytest
+from bodies import acted_on, box_arrays, box_surfaces, write_arrays
+
+import fenics_rom as fr
+from fenics_rom.fem.finite_strain.model import ExternalForce
+from fenics_rom.fem.finite_strain.residuals import QuasiStaticResidual
+from fenics_rom.fem.petsc_matrix import PetscMatrix
+from fenics_rom.mechanics.active_environment import ActiveEnvironment
+from fenics_rom.mechanics.hyperelastic import LAWS
+from fenics_rom.mechanics.step import StepInput
+
+MAX_ITERATIONS = 25
+RIGHT = '[contacts.right]\nsurface = "right"'
+
+
+def assembled(mesh, young, poisson, *, law="st_venant_kirchhoff", density=1.0, effects="", degree=2, **parts):
+    material = f"young = {young}\npoisson = {poisson}\ndensity = {density}"
+    effects = f'large_deformation = {{ material = "{law}" }}\n{effects}'
+    parts = {"outputs.tip": 'surface = "right"'} | parts
+    return fr.assemble(acted_on(mesh, effects, contacts=RIGHT, degree=degree, material=material, **parts))
+
+
+def tip_at_rest(system, *inputs):
+    """Where the tip comes to under a load that is put on at once, and what found it."""
+    body = system.deformation.stepper(1.0)
+    body.equilibrium(StepInput(np.array(inputs)))
+    tip = body.displacement("tip").mean(axis=0)
+    body.close()
+    assert body.finest == 1.0
+    assert body.newton <= MAX_ITERATIONS
+    assert body.negative_pivots == 0
+    assert not body.diagnostics()
+    return tip
+
+
+def princeton_beam(folder, bricks):
+    """Of aluminium, loaded across both axes of its section (Dowell & Traybar, 1975); its tip of beam theory.
+
+    See Bauchau et al., Multibody System Dynamics 37 (2016).
+    """
+    mesh = write_arrays(folder / "princeton.msh", *box_arrays((0.508, 0.0123777, 0.0032024), bricks))
+    force, β = 13.345, np.radians(45)
+    tip = tip_at_rest(assembled(mesh, 71.7e9, 0.31), 0.0, -force * np.cos(β), force * np.sin(β))
+    return tip[1:], np.array([-15.186e-3, 156.467e-3])
+
+
+def curved_cantilever(folder, bricks):
+    """An eighth of a circle under a load across its plane (Bathe & Bolourchi, 1979); its tip of a spectral element."""
+    points, cells = box_arrays((np.pi / 4, 1.0, 1.0), bricks)
+    radius = 99.5 + points[:, 1]
+    bent = np.column_stack([radius * np.sin(points[:, 0]), radius * np.cos(points[:, 0]), points[:, 2]])
+    mesh = write_arrays(folder / "curved.msh", bent, cells, box_surfaces(points, cells))
+    return tip_at_rest(assembled(mesh, 1e7, 0.0), 0.0, 0.0, 600.0), np.array([-23.65, -13.72, 53.58])
+
+
+def heavy_cantilever(folder, bricks):
+    """0.12 kg with 0.2 kg at the tip: FL³/3EI + qL⁴/8EI."""
+    length, width, height, g = 0.9, 0.07, 0.055, 9.81
+    mesh = write_arrays(folder / "heavy.msh", *box_arrays((length, width, height), bricks))
+    density, weight = 0.12 / (length * width * height), f"gravity = {{ acceleration = [0, 0, {-g}] }}"
+    system = assembled(mesh, 8e6, 0.25, density=density, effects=weight)
+    return tip_at_rest(system, 0.0, 0.0, -0.2 * g, 1.0)[2:], np.array([-75.2e-3])
+
+
+@pytest.mark.parametrize(
+    ("case", "bricks", "allowed"),
+    [
+        (princeton_beam, (40, 2, 1), 0.01),
+        (curved_cantilever, (16, 1, 1), 0.01),
+        (heavy_cantilever, (24, 2, 2), 0.015),
+    ],
+)
+def test_published_shapes_come_from_the_whole_load_at_once(tmp_path, case, bricks, allowed):
+    tip, published = case(tmp_path, bricks)
+    assert np.linalg.norm(tip) == pytest.approx(np.linalg.norm(published), rel=allowed)
+
+
+@pytest.mark.parametrize(("law", "degree"), [("st_venant_kirchhoff", 2), ("neo_hookean", 1)])
+def test_factored_matrix_is_the_tangent(tmp_path, law, degree):
+    """Also where some components of a node alone are held."""
+    mesh = write_arrays(tmp_path / "beam.msh", *box_arrays((0.5, 0.1, 0.1), (4, 1, 1)))
+    held = {"supports": 'clamped = ["left"]\n[[supports.held]]\nsurface = "top"\nnormal = [0.0, 0.0, 1.0]'}
+    springs = '[effects.springs.s]\nsurface = "right"\nstiffness = 10.0'
+    system = assembled(mesh, 1e6, 0.3, law=law, degree=degree, effects=springs, **held)
+    body, random = system.deformation.stepper(1.0), np.random.default_rng(0)
+    zero, dx = np.zeros((system.size, 1)), random.standard_normal((system.size, 1))
+    equation = QuasiStaticResidual(system.deformation.model, body._start, ExternalForce(zero, ()), 0.5, zero)
+    trial = equation.evaluate(4e-3 * random.standard_normal((system.size, 1)))
+    matrix = PetscMatrix(body._matrix.consistent(trial.stresses))
+    expected = equation.apply_tangent(trial, dx) / equation.h
+    np.testing.assert_allclose(matrix @ dx, expected, atol=1e-12 * np.abs(expected).max())
+    matrix.destroy()
+    body.close()
+
+
+@pytest.mark.parametrize("law", LAWS)
+def test_a_column_is_told_to_buckle_at_eulers_load(tmp_path, law):
+    """A square one has two directions to go; a load beyond it is followed, and what leads there is put on in parts."""
+    length, thick, young = 0.5, 0.025, 1e6
+    mesh = write_arrays(tmp_path / "column.msh", *box_arrays((length, thick, thick), (10, 1, 1)))
+    euler = np.pi**2 * young * thick**4 / 12 / (2 * length) ** 2
+    system, told = assembled(mesh, young, 0.0, law=law), []
+    body = system.deformation.stepper(1.0, ActiveEnvironment(system.scene.environment))
+    body.report = lambda *progress: told.append(progress)
+    body.step(StepInput(np.array([-0.9 * euler, 0.0, 0.0])))
+    assert body.negative_pivots == 0
+    assert not body.diagnostics()
+    stage, iteration, allowed = told[-1]
+    assert stage.startswith("equilibrium: load 1, residual ")
+    assert iteration <= allowed == MAX_ITERATIONS
+    body.step(StepInput(np.array([-1.1 * euler, 0.0, 0.0])))
+    assert body.negative_pivots == 2
+    message = next(text for text in body.diagnostics() if "buckles" in text)
+    reached = re.search(r"at (\S+) to (\S+) of the step", message).groups()
+    assert [0.9 + 0.2 * float(share) for share in reached] == pytest.approx([1.0, 1.0], abs=0.01)
+    assert "2 negative pivots" in message
+    np.testing.assert_allclose(body.ledger.supplied - body.ledger.numerical, body.energy, rtol=1e-9)
+    body.rollback()
+    assert body.negative_pivots == 0
+    assert not any("buckles" in text for text in body.diagnostics())
+    body.close()
