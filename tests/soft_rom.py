@@ -8,6 +8,7 @@ from soft_box import soft_box
 
 import fenics_rom as fr
 from fenics_rom.rom.deformation import ReducedDeformation, ReducedTendon, monomials
+from fenics_rom.rom.residual_compliance import ResidualCompliance
 from fenics_rom.rom.rom import ContactModel, Rom
 from fenics_rom.scene.file import parse_scene
 
@@ -21,6 +22,11 @@ coefficient = 0.4
 """
 
 
+Array = np.ndarray
+
+SOFT_BOX = (0.3, 0.02, 0.02), (6, 1, 1), "dt = 5e-3\nduration = 0.1"
+
+
 def soft_rom(
     law: str = "st_venant_kirchhoff",
     *,
@@ -29,11 +35,20 @@ def soft_rom(
     beta: float = 2e-3,
     inertia: bool = True,
     contact: bool = False,
+    bent: Array | None = None,
 ) -> Rom:
-    """A slender box, 0.3 m long, with contact modes "tip" and "middle", pressure "air" and tendon "cable"."""
-    system = soft_box((0.3, 0.02, 0.02), (6, 1, 1), "dt = 5e-3\nduration = 0.1", law=law, alpha=alpha, beta=beta)
+    """A slender box, 0.3 m long, with contact modes "tip" and "middle", pressure "air" and tendon "cable".
+
+    Its basis has the lowest eigenvectors or, of an order, `bent` shapes (n, s) and the lowest ones beside.
+    """
+    system = soft_box(*SOFT_BOX, law=law, alpha=alpha, beta=beta)
     body, nodes = system.deformation, system.body.nodes
-    γ, W = scipy.linalg.eigh(system.stiffness.toarray(), system.mass.toarray(), subset_by_index=[0, order - 1])
+    K, M = system.stiffness.toarray(), system.mass.toarray()
+    γ, W = scipy.linalg.eigh(K, M, subset_by_index=[0, order - 1])
+    if bent is not None:
+        W = np.hstack([bent, W[:, : order - bent.shape[1]]])
+        γ, U = scipy.linalg.eigh(W.T @ K @ W, W.T @ M @ W)
+        W = W @ U
     touched = (
         np.flatnonzero(np.isclose(nodes[:, 0], 0.3) & np.isclose(nodes[:, 2], 0.0)) if contact else np.empty(0, int)
     )
@@ -58,6 +73,7 @@ def soft_rom(
     if contact and inertia:
         text = text.replace("[effects.contact.obs", "[effects.contact]\nrestitution = 0.5\n[effects.contact.obs")
     points, shapes = body.tendons["cable"]
+    yields = yielding(system, W, γ, touched, beta) if contact else None
     external_damping = W.T @ (body.external_damping @ W)
     return Rom(
         name="soft box",
@@ -73,6 +89,7 @@ def soft_rom(
         node_mass=system.body.node_mass,
         environment=parse_scene(text).environment,
         scene_text=text,
+        residual_compliance=yields,
         deformation=ReducedDeformation(
             law=law,
             gradients=body.gradients(W),
@@ -89,6 +106,15 @@ def soft_rom(
             tendons={"cable": ReducedTendon(points, shapes.T @ W)},
         ),
     )
+
+
+def yielding(system, W, γ, touched, beta) -> ResidualCompliance:
+    """What the basis lacks at nodes that are touched, by dense solves."""
+    Sᵀ = np.zeros((system.size, 3 * len(touched)))
+    Sᵀ[np.searchsorted(system.deformation.free, (3 * touched[:, None] + np.arange(3)).ravel()), range(len(Sᵀ.T))] = 1.0
+    X = np.linalg.solve(system.stiffness.toarray(), Sᵀ) - W / γ @ (W.T @ Sᵀ)
+    λ, U = np.linalg.eigh(Sᵀ.T @ X)
+    return ResidualCompliance(U * np.sqrt(λ), 1e-6 * λ[-1], np.trace(X.T @ (system.mass @ X)), beta)
 
 
 def linear(rom: Rom) -> Rom:

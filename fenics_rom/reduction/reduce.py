@@ -175,8 +175,8 @@ def reduce(
             rom = hyperreduce(problem, named, cubature, finished)
         else:
             retained = _retained_bases(problem, method, finished, named == SELECTION)
-            rom = with_residual_compliance(problem, assemble_rom(problem, retained, method=named))
-            rom = with_rigid_modes(rom, whole)
+            rom = assemble_rom(problem, retained, method=named)
+        rom = with_rigid_modes(with_residual_compliance(problem, rom), whole)
     rom = _with_tied_components(rom, whole.body.unknowns)
     for message in problem.messages:
         warnings.warn(message, FenicsRomWarning, stacklevel=2)

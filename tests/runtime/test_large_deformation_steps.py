@@ -5,13 +5,16 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from soft_rom import linear, soft_rom, swing
+from soft_box import soft_box
+from soft_rom import SOFT_BOX, linear, soft_rom, swing
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning, SceneError, StepError
 from fenics_rom.mechanics.environment import NOTHING, Guide, Load
-from fenics_rom.mechanics.step import FINITE_STRAIN_STEPPERS
+from fenics_rom.mechanics.hyperelastic import moduli, strain, stress
+from fenics_rom.mechanics.step import FINITE_STRAIN_STEPPERS, StepInput
 from fenics_rom.mechanics.tendon import turning_angles
+from fenics_rom.runtime.steppers.newton import Newton
 from fenics_rom.scene.file import parse_scene
 
 LAWS = ("st_venant_kirchhoff", "neo_hookean")
@@ -223,6 +226,99 @@ def test_contact_never_adds_energy_and_lets_nothing_in(stepper):
     if stepper:
         assert simulator.ledger.contact > 0
         assert last > 0
+
+
+def pushed_about(rom, stepper, seed, steps, scene=None):
+    """Steps of any length over a floor that moves, with switches; largest gap of the account, as a share of the scale.
+
+    Contact and friction only take.
+    """
+    rng = np.random.default_rng(seed)
+    a, b = rng.uniform(1, 30, 2)
+    floor = {"floor": lambda t: [0.02 * np.sin(b * t), 0.0, 0.02 * np.sin(a * t) ** 2]}
+    body = fr.Simulator(rom, 1e-3, scene=scene, stepper=stepper, signals=floor)
+    gap = scale = contact = friction = touched = 0.0
+    for _ in range(steps):
+        body.dt = 10 ** rng.uniform(-6, -1)
+        body.switch(rng.choice(list(rom.contact_models)))
+        body.step([0.1 * rng.standard_normal(), 0.0, -0.1 * rng.random(), 50 * rng.random(), rng.random() / 2])
+        ledger = body.ledger
+        scale = max(scale, body.energy, abs(ledger.supplied), ledger.dissipated)
+        gap = max(gap, abs(body.energy - ledger.supplied + ledger.dissipated + ledger.numerical))
+        assert ledger.contact >= contact - 1e-12 * scale
+        assert ledger.friction >= friction - 1e-12 * scale
+        contact, friction, touched = ledger.contact, ledger.friction, touched + body.contact_forces().any()
+    assert touched > 3
+    return body, gap / scale
+
+
+@pytest.mark.parametrize(("stepper", "parts"), [("linearly-implicit", 1), ("newton", 1), ("newton", 4), (None, 1)])
+@pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
+def test_account_closes_where_contact_points_yield_beyond_the_basis(monkeypatch, stepper, parts):
+    """Steps from 1e-6 to 0.1 s, cut or not; what was saved, and what was taken back, goes on to the bit."""
+    whole = Newton._in_parts
+    monkeypatch.setattr(Newton, "_in_parts", lambda *given: whole(*given) if given[-1] >= parts else None)
+    rom = soft_rom(contact=True, inertia=stepper is not None)
+    body, gap = pushed_about(rom, stepper, 2, 100 if stepper else 30)
+    assert gap <= 1e-11
+    kernel, saved, carried = body._stepper.kernel, body.save(), body._stepper.kernel.auxiliary.copy()
+    with pytest.raises(StepError):
+        body.step([1e200, 0.0, 0.0, 0.0, 0.0])
+    np.testing.assert_array_equal(kernel.auxiliary, carried)
+    runs = []
+    for _ in range(2):
+        body.restore(saved)
+        for _ in range(3):
+            carried = kernel.auxiliary.copy()
+            body.step([0.0, 0.0, -0.1, 0.0, 0.0])
+        runs.append((body.energy, *kernel.auxiliary))
+    np.testing.assert_array_equal(*runs)
+    body._stepper.rollback()
+    np.testing.assert_array_equal(kernel.auxiliary, carried)
+
+
+@pytest.mark.parametrize("stepper", [*FINITE_STRAIN_STEPPERS, None])
+@pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
+def test_switched_off_or_not_there_residual_compliance_changes_no_bit(stepper):
+    rom = soft_rom(contact=True, inertia=stepper is not None)
+    off = replace(rom.environment, residual_compliance=False)
+    bare, steps = replace(rom, residual_compliance=None), 40 if stepper else 12
+    on, one, other = (pushed_about(r, stepper, 2, steps, e)[0] for r, e in ((rom, None), (rom, off), (bare, None)))
+    assert apart(on, one) > 1e-6
+    np.testing.assert_array_equal(*(np.concatenate(run.state) for run in (one, other)))
+    assert one.ledger.sums == other.ledger.sums
+    assert one.energy == other.energy
+
+
+def bent_shapes():
+    """Equilibria (n, 8) of the whole box under forces up to 1.5 N at its tip, which turns by up to 42 degrees."""
+    fine, shapes = soft_box(*SOFT_BOX).deformation.stepper(1.0), []
+    for force in np.linspace(0.0, 1.5, 9)[1:]:
+        fine.equilibrium(StepInput(np.array([0.0, 0.0, force, 0.0, 0.0])))
+        shapes.append(fine.x[:, 0])
+    return np.column_stack(shapes)
+
+
+def test_delassus_operator_of_a_bent_body_is_nearer_the_full_one():
+    """Straight, and where the tip has turned by 24 and 42 degrees; R is that of the shape at rest."""
+    h, shapes, system = 5e-3, bent_shapes(), soft_box(*SOFT_BOX)
+    full, M = system.deformation, system.mass.toarray()
+    rom = soft_rom(order=10, contact=True, bent=np.linalg.svd(shapes, full_matrices=False)[0][:, :5])
+    touched = rom.contact_models["tip"].contact_points
+    Sᵀ = np.eye(system.size)[:, np.searchsorted(full.free, (3 * touched[:, None] + np.arange(3)).ravel())]
+    for x, nearer in ((0 * shapes[:, 0], 0.25), (shapes[:, 3], 0.45), (shapes[:, 7], 0.6)):
+        q = rom.basis.T @ (M @ x)
+        H = full.gradients(rom.basis @ q[:, None])[..., 0]
+        E, F = strain(H), H + np.eye(3)[:, :, None]
+        D, S = (of(rom.deformation.law, E, full.first_lame, full.shear) for of in (moduli, stress))
+        K, viscous = (full.tangent(F, F, D, stresses).toarray() for stresses in (S, 0 * S))
+        W = Sᵀ.T @ np.linalg.solve((2 / h + 1.0) * M + 2e-3 * viscous + h / 2 * K, Sᵀ)
+        errors = []
+        for scene in (None, replace(rom.environment, residual_compliance=False)):
+            kernel = fr.Simulator(rom, h, scene=scene, stepper="newton")._stepper.kernel
+            kernel._tangent_inverse(H, E, full.weights * S, h)
+            errors.append(np.linalg.norm(kernel._delassus - W) / np.linalg.norm(W))
+        assert errors[0] < nearer * errors[1]
 
 
 def test_both_steppers_agree_in_contact():

@@ -29,7 +29,7 @@ class Equilibrium(FiniteStrainKernel):
     @property
     def energy(self) -> float:
         """Stored, J."""
-        return self._body.energy(self._coordinates())
+        return self._with_residual_energy(self._body.energy(self._coordinates()))
 
     def step(self, u: Array, obstacles: ObstacleMotion | None = None) -> float:
         """As in Kernel."""
@@ -71,11 +71,15 @@ class Equilibrium(FiniteStrainKernel):
             stored = self._body.energy(q, E)
             numerical = float(elastic.dot(moved)) / 2 - (stored - self._body.energy(start)) + lag
             supplied = float((held + pushed).dot(moved)) / 2
-            self._leave(StepWork(supplied, rubbed_away, self._contacts_at_rest(moved, contact, obstacles), numerical))
+            if self.residual is not None:
+                supplied += self.residual.work_of_start(self.contact, contact)
+            residual, _ = self._step_residual(contact)
+            contacts = self._contacts_at_rest(moved, contact, obstacles, residual)
+            self._leave(StepWork(supplied, rubbed_away, contacts, numerical))
             np.multiply(q, self._ω, self._e)
             self.contact, self.reactions = contact, reactions
             self._note(q, E, self._acting(u))
-            return 2 * stored
+            return 2 * self._with_residual_energy(stored)
 
     def _balanced(
         self, u: Array, given: Array, obstacles: ObstacleMotion | None, start: Array, q: Array, unbalanced: Array
@@ -100,7 +104,7 @@ class Equilibrium(FiniteStrainKernel):
                 return None
             inverse = np.linalg.inv(tangent)
             if self._interface is not None:
-                self._delassus = symmetric(self._Sᵀ.T @ inverse @ self._Sᵀ / self.h)
+                self._delassus = self._with_residual(symmetric(self._Sᵀ.T @ inverse @ self._Sᵀ / self.h))
             free = (q - inverse.dot(residual) - start) / self.h
             motion, reactions = (start, self._r, free, self.h, obstacles, True), self.reactions
             if self._actuators is None:

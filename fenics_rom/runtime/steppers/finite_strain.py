@@ -28,6 +28,7 @@ from fenics_rom.runtime.steppers.training_watch import TrainingWatch
 
 if TYPE_CHECKING:
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
+    from fenics_rom.runtime.steppers.residual_motion import ResidualMotion
 
 Array = np.ndarray
 
@@ -48,9 +49,10 @@ class FiniteStrainKernel(BookedKernel):
         ledger: EnergyLedger | None,
         interface: "ContactInterface | None",
         actuators: ActuatorForces | None = None,
+        residual: "ResidualMotion | None" = None,
     ):
         assert rom.deformation is not None
-        super().__init__(next(iter(rom.contact_models.values())), ledger, np.empty(0), interface, actuators)
+        super().__init__(next(iter(rom.contact_models.values())), ledger, np.empty(0), interface, actuators, residual)
         names, guides = ((), ()) if actuators is None else (actuators.names, actuators.guides)
         tendons = rom.deformation.tendons
         self._found = [_follower(rom.deformation, name) for name in names]  # forces and strokes

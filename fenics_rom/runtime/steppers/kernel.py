@@ -27,7 +27,6 @@ class Kernel:
         state: [e, r] (2m,), e = √γ q; ½|state|² is the stored energy of a linear model.
         contact: in the last step; None where nothing touched.
         reactions: (n,) forces that were found in the last step, of strokes that are given, then at guides, N or Pa.
-        auxiliary: what a step carries along besides.
         residual: how the contact points yield beyond the basis; None where that is not known.
         notes: of the run so far, to tell the user: numbers that a run begins at 0. A kernel writes those of its own.
     """
@@ -36,7 +35,6 @@ class Kernel:
     state: Any
     contact: ContactSolution | None = None
     reactions: Array = np.empty(0)
-    auxiliary: Array = np.empty(0)
     notes: dict[str, float]
     residual: "ResidualMotion | None" = None
     holds_steps: bool = False  # since the buffer was reset: what `passed` tells
@@ -45,6 +43,11 @@ class Kernel:
     def energy(self) -> float:
         """Stored, J."""
         return float(self.state.dot(self.state)) / 2
+
+    @property
+    def auxiliary(self) -> Array:
+        """What a step carries along besides."""
+        return np.empty(0)
 
     @property
     def messages(self) -> tuple[str, ...]:
@@ -126,8 +129,6 @@ class BookedKernel(Kernel):
         self._model, self._ledger, self._interface, self._actuators = model, ledger, interface, actuators
         self.reactions = self._reactions_before = np.zeros(0 if actuators is None else len(actuators.columns))
         self.residual = residual
-        if residual is not None:
-            self.auxiliary = residual.state
         self._rigid_displacement, self._rigid_before = rigid_displacement, rigid_displacement.copy()
         self._contact_before: ContactSolution | None = None
         self._owed: StepWork | None = None
@@ -145,7 +146,12 @@ class BookedKernel(Kernel):
     @property
     def energy(self) -> float:
         """Stored, J."""
-        return super().energy + (0.0 if self.residual is None else self.residual.stored)
+        return self._with_residual_energy(super().energy)
+
+    @property
+    def auxiliary(self) -> Array:
+        """As in Kernel."""
+        return super().auxiliary if self.residual is None else self.residual.state
 
     def set_time_step(self, h: float) -> None:
         """As in Kernel."""
@@ -253,6 +259,10 @@ class BookedKernel(Kernel):
             return contact, np.zeros(len(z)) if contact is None else X.T.dot(contact.forces.ravel())
 
         return self._actuators.solve(u, columns.T.dot(free), W, targets, touch, angles)
+
+    def _with_residual_energy(self, energy: float) -> float:
+        """An energy with what is stored in the residual part, too, J."""
+        return energy if self.residual is None else energy + self.residual.stored
 
     def _with_residual(self, delassus: Array) -> Array:
         """The Delassus operator (3P, 3P) of the points that yield beyond the basis, too."""

@@ -22,6 +22,7 @@ from fenics_rom.runtime.steppers.kernel import StepWork, symmetric
 
 if TYPE_CHECKING:
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
+    from fenics_rom.runtime.steppers.residual_motion import ResidualMotion
 
 Array = np.ndarray
 
@@ -41,25 +42,33 @@ class LinearlyImplicit(FiniteStrainKernel):
         ledger: EnergyLedger | None,
         interface: "ContactInterface | None",
         actuators: ActuatorForces | None = None,
+        residual: "ResidualMotion | None" = None,
     ):
-        super().__init__(rom, ledger, interface, actuators)
+        super().__init__(rom, ledger, interface, actuators, residual)
         body = self._body
         self._λ, self._μ = body.weights * body.first_lame, body.weights * body.shear
         self._most = float(self._μ.sum())  # c where strains are of order 1
         self._st_venant = body.law == "st_venant_kirchhoff"
         points, m = len(body.weights), body.order
-        self.auxiliary = np.zeros(6 * points + m + 3)
-        self._auxiliary_before = self.auxiliary.copy()
+        self._carried = np.zeros(6 * points + m + 3)
+        self._carried_before = self._carried.copy()
         # ε; v̂ of the step before; the energy ½ s² - c, c, and the energy tank, J.
-        self._ε = self.auxiliary[: 6 * points].reshape(6, points)
-        self._previous_velocity, self._rest = self.auxiliary[6 * points : -3], self.auxiliary[-3:]
+        self._ε = self._carried[: 6 * points].reshape(6, points)
+        self._previous_velocity, self._rest = self._carried[6 * points : -3], self._carried[-3:]
         self._tangent_inverse: Array | None = None
         self.resume(np.empty(0))
 
+    @property
+    def auxiliary(self) -> Array:
+        """As in Kernel."""
+        return np.concatenate([self._carried, super().auxiliary])
+
     def resume(self, auxiliary: Array) -> None:
         """As in Kernel."""
+        own = len(self._carried)
+        super().resume(auxiliary[own:])
         if len(auxiliary):
-            self.auxiliary[:] = auxiliary
+            self._carried[:] = auxiliary[:own]
             return
         q = self._coordinates()
         self._ε[:] = self._body.strains(q)
@@ -90,7 +99,7 @@ class LinearlyImplicit(FiniteStrainKernel):
     def rollback(self) -> None:
         """As in Kernel."""
         super().rollback()
-        self.auxiliary[:] = self._auxiliary_before
+        self._carried[:] = self._carried_before
 
     def set_time_step(self, h: float) -> None:
         """As in Kernel."""
@@ -132,7 +141,7 @@ class LinearlyImplicit(FiniteStrainKernel):
         contact, reactions, v = None, self.reactions, np.linalg.solve(matrix, right)
         if self._interface is not None:
             spread = np.linalg.solve(matrix, self._Sᵀ)
-            self._delassus = symmetric(self._Sᵀ.T @ spread)
+            self._delassus = self._with_residual(symmetric(self._Sᵀ.T @ spread))
             if given is None:
                 contact = self._solve_contact(q, r, v, h, obstacles)
         if given is not None and self._actuators is not None:
@@ -154,7 +163,7 @@ class LinearlyImplicit(FiniteStrainKernel):
         drawn = float(v.dot(body.external_damping.dot(v)))
         drawn += float((linear_stress(rates, body.viscosity * self._λ, body.viscosity * self._μ) * rates).sum())
         after = q + h * v
-        self._auxiliary_before[:] = self.auxiliary
+        self._carried_before[:] = self._carried
         self._previous_velocity[:] = v
         self._ε += h * rates
         if b is not None:
@@ -163,7 +172,9 @@ class LinearlyImplicit(FiniteStrainKernel):
         E = body.strains(after)
         taken_back, strained, gap = self._taken_back(E, h * drawn)
         dissipated = h * drawn - taken_back - (0.0 if given is None else h * float(rubbed.dot(v)))
-        self._leave(StepWork(h * float(pushed.dot(v)), dissipated, self._contacts(v, contact, h)))
+        residual, heat = self._step_residual(contact)
+        contacts = self._contacts(v, contact, h, residual)
+        self._leave(StepWork(h * float(pushed.dot(v)), dissipated + heat, contacts))
         np.multiply(after, self._ω, self._e)
         np.subtract(v + v, r, r)
         self.contact, self.reactions = contact, reactions
@@ -211,7 +222,7 @@ class LinearlyImplicit(FiniteStrainKernel):
     def _energy(self, q: Array) -> float:
         stored = float((linear_stress(self._ε, self._λ, self._μ) * self._ε).sum())
         kinetic, springs = float(self._r.dot(self._r)), float(q.dot(self._body.springs.dot(q)))
-        return (stored + kinetic + springs) / 2 + float(self._rest[0])
+        return self._with_residual_energy((stored + kinetic + springs) / 2 + float(self._rest[0]))
 
     @property
     def _s(self) -> float:

@@ -1,6 +1,7 @@
 """Large deformation by Newton's iteration in every step."""
 
 import math
+from contextlib import nullcontext
 
 import numpy as np
 
@@ -18,6 +19,9 @@ MAX_ITERATIONS = 30
 MAX_PARTS = 64  # that a step which Newton's iteration does not solve is cut into
 FAST_CONTRACTION = 0.1  # up to which the tangent of an earlier iteration will do
 
+# The state q, r after a step, the last contact and reactions, and the work.
+Solution = tuple[Array, Array, ContactSolution | None, Array, StepWork]
+
 
 class Newton(FiniteStrainKernel):
     """Newton's iteration in every step. Arguments and attributes as in FiniteStrainKernel."""
@@ -28,7 +32,7 @@ class Newton(FiniteStrainKernel):
     @property
     def energy(self) -> float:
         """Stored, J."""
-        return float(self._r.dot(self._r)) / 2 + self._body.energy(self._coordinates())
+        return self._with_residual_energy(float(self._r.dot(self._r)) / 2 + self._body.energy(self._coordinates()))
 
     @property
     def messages(self) -> tuple[str, ...]:
@@ -40,6 +44,7 @@ class Newton(FiniteStrainKernel):
 
     def resume(self, auxiliary: Array) -> None:
         """As in Kernel."""
+        super().resume(auxiliary)
         self._inverse = None  # so that what follows does not depend on what was before
 
     def set_time_step(self, h: float) -> None:
@@ -54,18 +59,8 @@ class Newton(FiniteStrainKernel):
 
     def step(self, u: Array, obstacles: ObstacleMotion | None = None) -> float:
         """As in Kernel; a StepError also where the iteration does not converge, however small the parts of the step."""
-        parts = 1
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            while parts <= MAX_PARTS:
-                solution = self._in_parts(u, obstacles, parts)
-                if solution is not None:
-                    break
-                parts *= 2
-            else:
-                raise StepError(
-                    f"input {u.tolist()}: Newton's iteration does not converge, even in {MAX_PARTS} parts of a step of "
-                    f"{self.h:g} s; lower dt or the load"
-                )
+            solution, parts = self._solution(u, obstacles)
             q, r, contact, reactions, work = solution
             self._leave(work)
             np.multiply(q, self._ω, self._e)
@@ -74,15 +69,34 @@ class Newton(FiniteStrainKernel):
             self.notes["cut"] += parts > 1
             E = self._body.strains(q)
             self._note(q, E, self._acting(u))
-            return float(r.dot(r)) + 2 * self._body.energy(q, E)
+            return 2 * self._with_residual_energy(float(r.dot(r)) / 2 + self._body.energy(q, E))
 
-    def _in_parts(
-        self, u: Array, obstacles: ObstacleMotion | None, parts: int
-    ) -> tuple[Array, Array, ContactSolution | None, Array, StepWork] | None:
-        """The state after a step in so many parts, the last contact and reactions, and the work.
+    def _solution(self, u: Array, obstacles: ObstacleMotion | None) -> tuple[Solution, int]:
+        """Of a step in as few parts as can be solved, and their number; the residual part takes its step.
 
-        None where one was not solved.
+        Raises:
+            StepError: as in `step`; the residual part is where it was.
         """
+        parts = 1
+        try:
+            while parts <= MAX_PARTS:
+                with nullcontext() if self.residual is None else self.residual.in_parts(parts):
+                    solution = self._in_parts(u, obstacles, parts)
+                if solution is not None:
+                    return solution, parts
+                if self.residual is not None:
+                    self.residual.rollback()
+                parts *= 2
+        finally:
+            if parts > 1:
+                self._inverse = None  # it is of another length
+        raise StepError(
+            f"input {u.tolist()}: Newton's iteration does not converge, even in {MAX_PARTS} parts of a step of "
+            f"{self.h:g} s; lower dt or the load"
+        )
+
+    def _in_parts(self, u: Array, obstacles: ObstacleMotion | None, parts: int) -> Solution | None:
+        """A step in so many parts; None where one was not solved."""
         q, r, h = self._coordinates().copy(), self._r.copy(), self.h / parts
         strokes, reactions = self._strokes_at(q), self.reactions
         u, given = (u, strokes) if self._actuators is None else self._actuators.split(u)
@@ -96,11 +110,10 @@ class Newton(FiniteStrainKernel):
                 self._inverse = None  # it is of another length
                 return None
             v, force, heat, contact, reactions = solution
-            supplied, dissipated = supplied + h * float(force.dot(v)), dissipated + heat
-            contacts += self._contacts(v, contact, h)
+            residual, heat_of_residual = self._step_residual(contact)
+            supplied, dissipated = supplied + h * float(force.dot(v)), dissipated + heat + heat_of_residual
+            contacts += self._contacts(v, contact, h, residual)
             q, r = q + h * v, 2 * v - r
-        if parts > 1:
-            self._inverse = None
         return q, r, contact, reactions, StepWork(supplied, dissipated, contacts)
 
     def _solved(
@@ -172,7 +185,7 @@ class Newton(FiniteStrainKernel):
         matrix = 2 / h * np.eye(m) + body.external_damping + h / 2 * body.springs + A.reshape(-1, m).T.dot(DA)
         inverse = definite_inverse(matrix + h / 2 * body.geometric(S), matrix)
         if self._interface is not None:
-            self._delassus = symmetric(self._Sᵀ.T @ inverse @ self._Sᵀ)
+            self._delassus = self._with_residual(symmetric(self._Sᵀ.T @ inverse @ self._Sᵀ))
         return inverse
 
 

@@ -15,7 +15,8 @@ would let the fastest of these motions alternate without end, so there θ = 1 - 
 Without inertia every step is an equilibrium: τ = β = 0, θ = 1 and g⁺ = f.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -158,6 +159,20 @@ class ResidualMotion:
     def remember(self) -> None:
         """Notes the state before a step."""
         self._before[:] = self.state
+
+    @contextmanager
+    def in_parts(self, parts: int) -> Iterator[None]:
+        """Steps in here are parts of a time step, which `rollback`, and an error, take back as one."""
+        h, before = self._h, self.state.copy()
+        self.set_time_step(h / parts)
+        try:
+            yield
+        except BaseException:
+            self.state[:] = before
+            raise
+        finally:
+            self.set_time_step(h)
+            self._before[:] = before
 
     def rollback(self) -> None:
         """Takes the last step back."""

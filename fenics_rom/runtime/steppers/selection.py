@@ -46,24 +46,27 @@ def make_stepper(
         acting = environment.environment
         if acting.finds_forces:
             actuators = ActuatorForces(acting.controls, acting.guides, {**rom.actuators, **rom.loads})
-    if rom.deformation is not None:
-        suited, reason = _finite_strain_kind(rom, dt, kind, has_inertia)
-        kernel = _finite_strain_kernel(suited)(rom, ledger, interface, actuators)
-        return FiniteStrainStepper(rom, dt, interface, kernel, suited, reason)
-    if kind is not None:
-        raise StepError(f"stepper = {kind!r}: belongs to large deformation, which ROM {rom.name!r} has not")
     rigid_displacement = np.zeros(rom.rigid)
-    if interface is None and actuators is None and has_inertia:
+    if rom.deformation is None:
+        if kind is not None:
+            raise StepError(f"stepper = {kind!r}: belongs to large deformation, which ROM {rom.name!r} has not")
+        if interface is None and actuators is None and has_inertia:
 
-        def make_kernel(contact: str) -> Kernel:
-            return fastest_kernel(rom.contact_models[contact], ledger, rigid_displacement)
+            def make_kernel(contact: str) -> Kernel:
+                return fastest_kernel(rom.contact_models[contact], ledger, rigid_displacement)
 
-        return LinearStepper(rom, dt, interface, rigid_displacement, make_kernel)
-    from fenics_rom.runtime.steppers.linear_kernels import ContactMidpoint, QuasiStatic
+            return LinearStepper(rom, dt, interface, rigid_displacement, make_kernel)
     from fenics_rom.runtime.steppers.residual_motion import residual_motions
 
-    kernel_of = ContactMidpoint if has_inertia else QuasiStatic
     residual_of = residual_motions(rom, interface, has_inertia)
+    if rom.deformation is not None:
+        suited, reason = _finite_strain_kind(rom, dt, kind, has_inertia)
+        residual = residual_of(next(iter(rom.contact_models)))  # all contact modes share a basis
+        kernel = _finite_strain_kernel(suited)(rom, ledger, interface, actuators, residual)
+        return FiniteStrainStepper(rom, dt, interface, kernel, suited, reason)
+    from fenics_rom.runtime.steppers.linear_kernels import ContactMidpoint, QuasiStatic
+
+    kernel_of = ContactMidpoint if has_inertia else QuasiStatic
 
     def make_booked_kernel(contact: str) -> Kernel:
         model = rom.contact_models[contact]

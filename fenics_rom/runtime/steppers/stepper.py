@@ -144,7 +144,7 @@ class ReducedStepper:
             or model.rigid != len(state.rigid_displacement)
             or (own and len(state.auxiliary) not in (0, own))
         ):
-            raise StepError(f"the snapshot is of another ROM than {self._rom.name!r}")
+            raise StepError(f"the snapshot is of another ROM than {self._rom.name!r}, or of another stepper")
 
     def restore(self, contact: str, state: StepperState, dt: float) -> None:
         """Goes back to a snapshot that was taken in a contact mode, and on with steps of dt, s."""
