@@ -28,7 +28,7 @@ FOLDER = Path(__file__).parents[2] / "demos" / "hard_cases"
 KINDS = ("contact", "damping", "material", "order", "precision", "shape", "steps", "support")
 ROWS = ("Iterator[Row]", "Row")
 SHORT = {"quick": True, "steps": 200, "ratios": (0.49, 0.4999)}  # arguments of cases
-pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
+pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")]
 
 
 def cases():

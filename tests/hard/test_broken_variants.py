@@ -14,7 +14,7 @@ from fenics_rom.runtime import rollout, simulator, switching
 from fenics_rom.runtime.steppers import midpoint
 
 FOLDER = Path(__file__).parents[2] / "demos" / "hard_cases"
-pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
+pytestmark = [pytest.mark.slow, pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")]
 
 
 @pytest.fixture(scope="module")
