@@ -4,8 +4,9 @@ import io
 import math
 import sys
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
+from itertools import repeat
 from pathlib import Path
 from typing import Any
 
@@ -27,6 +28,7 @@ MODE_HEADING = (
     *("static error", "transfer error", "sampled at"),
 )
 
+MODE_ERRORS = ("neglected", "static_error", "transfer_error")
 LINE_INTERVAL = 10.0  # seconds between lines of progress, where there is no terminal
 
 
@@ -127,30 +129,27 @@ def _mode_row(name: str, mode: ContactModel, validation: dict[str, float | None]
         str(mode.inputs.shape[1]),
         f"{mode.eigenvalues[mode.rigid] ** 0.5 / math.tau:.4g} Hz",
         f"{σ[0]:.2e}" if len(σ) else "-",
-        *(_share(validation[key]) for key in ("neglected", "static_error", "transfer_error")),
+        *("-" if (error := validation[key]) is None else f"{error:.1e}" for key in MODE_ERRORS),
         f"{count} frequenc{'y' if count == 1 else 'ies'}" if count else "-",
     )
 
 
-def _share(value: float | None) -> str:
-    return "-" if value is None else f"{value:.1e}"
-
-
 def _print_stages(stages: tuple[Stage, ...]) -> None:
-    total = sum(stage.seconds for stage in stages)
-    whole = Stage("total", total, max(stage.peak_memory for stage in stages))
-    print_table(
-        "offline work",
-        ("stage", "seconds", "share", "peak memory per rank"),
-        [
-            (stage.name, f"{stage.seconds:,.2f}", _percent(stage.seconds, total), f"{stage.peak_memory / 1e6:,.0f} MB")
-            for stage in (*stages, whole)
-        ],
-    )
+    heading, memory = ("stage", "seconds", "share", "peak memory per rank"), [stage.peak_memory for stage in stages]
+    costs, cells = [(s.name, s.seconds) for s in stages], [(f"{of / 1e6:,.0f} MB",) for of in (*memory, max(memory))]
+    _print_costs("offline work", heading, costs, cells)
 
 
-def _percent(part: float, total: float) -> str:
-    return f"{100 * part / total if total else 0:.1f} %"
+def _print_costs(
+    title: str, heading: tuple[str, ...], costs: Sequence[tuple[str, float]], others: Iterable[tuple[str, ...]]
+) -> None:
+    """What each part costs, as such and as a share of the total, which is the last row; and other cells of each row."""
+    total = sum(cost for _, cost in costs)
+    rows = [
+        (part, f"{cost:,.2f}", f"{100 * cost / total if total else 0:.1f} %", *cells)
+        for (part, cost), cells in zip((*costs, ("total", total)), others, strict=False)
+    ]
+    print_table(title, heading, rows)
 
 
 def print_trajectory(run: "fr.Trajectory", file: Path | str) -> None:
@@ -194,25 +193,15 @@ def print_trajectory(run: "fr.Trajectory", file: Path | str) -> None:
     print_lines(lines, run.warnings)
     if run.profile:
         print()
-        _print_profile(run.profile)
+        title = "what a step costs (with the clock read between its parts)"
+        microseconds = [(part, 1e6 * seconds) for part, seconds in run.profile.items()]
+        _print_costs(title, ("part", "microseconds", "share"), microseconds, repeat(()))
 
 
 def _rate(run: "fr.Trajectory", seconds: float) -> str:
     if not seconds > 0:  # of a clock too coarse
         return "not measured"
     return f"{run.steps / seconds:,.0f} steps/s, {run.times[-1] / seconds:.3g} times real time"
-
-
-def _print_profile(profile: Mapping[str, float]) -> None:
-    total = sum(profile.values())
-    print_table(
-        "what a step costs (with the clock read between its parts)",
-        ("part", "microseconds", "share"),
-        [
-            (name, f"{1e6 * seconds:,.2f}", _percent(seconds, total))
-            for name, seconds in ({**profile, "total": total}).items()
-        ],
-    )
 
 
 def print_lines(lines: dict[str, str], messages: tuple[str, ...]) -> None:

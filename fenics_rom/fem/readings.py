@@ -12,12 +12,11 @@ from fenics_rom.fem.full_order_body import FullOrderBody
 from fenics_rom.fem.mesh_quality import CELL_EDGES, CELL_FACES, volume_within
 from fenics_rom.fem.nodes import Nodes, face_keys, patch_triangles, triangle_areas
 from fenics_rom.mechanics.readings import (
-    ChamberVolume,
     ContactPressure,
     ReadableBody,
     Reading,
+    StrokeReading,
     SurfaceReading,
-    TendonLength,
     swept_volume,
 )
 from fenics_rom.mechanics.tendon import cable_length
@@ -56,10 +55,10 @@ def _reading(
 ) -> Reading:
     of = entry.of or ""
     if entry.quantity == "length":
-        return TendonLength(of, cable_length(np.array(scene.effects.tendon[of].points)))
+        return StrokeReading("length", of, cable_length(np.array(scene.effects.tendon[of].points)))
     if entry.quantity == "volume":
         triangles = patch_triangles(nodes, scene.effects.pressure[of], f"effects.pressure.{of}")
-        return ChamberVolume(of, enclosed_volume(nodes, triangles, unknowns, where))
+        return StrokeReading("volume", of, enclosed_volume(nodes, triangles, unknowns, where))
     if entry.quantity == "contact_pressure":
         triangles = patch_triangles(nodes, scene.contacts[of], f"contacts.{of}")
         touched, facets = np.unique(nodes.triangle_nodes(triangles), return_inverse=True)

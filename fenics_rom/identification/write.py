@@ -78,15 +78,13 @@ def replace_value(document: Any, path: Keys, value: Any) -> None:
     document[key] = value
 
 
-def _tables(scene: Mapping[str, Any]) -> Iterator[tuple[Keys, str]]:
-    """Keys that name tables, and their names."""
-    for k, load in enumerate(scene.get("run", {}).get("load", [])):
-        if "table" in load:
-            yield ("run", "load", k, "table"), load["table"]
-    for kind in ("prescribed", "base_motion"):
-        for name, effect in scene["effects"].get(kind, {}).items():
-            if "table" in effect:
-                yield ("effects", kind, name, "table"), effect["table"]
+def _tables(part: Any) -> Iterator[tuple[Keys, str]]:
+    """Keys that name tables, anywhere in a part of a scene, and their names."""
+    for key, value in part.items() if isinstance(part, Mapping) else enumerate(part):
+        if isinstance(value, Mapping | list):
+            yield from (((key, *keys), name) for keys, name in _tables(value))
+        elif key == "table":
+            yield (key,), value
 
 
 def parameter_rows(result: Identification) -> list[tuple[str, ...]]:

@@ -13,7 +13,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TypeVar
+from typing import Any, TypeVar
 
 import h5py
 import numpy as np
@@ -202,15 +202,15 @@ def get_text(group: h5py.Group, name: str) -> str:
         raise FileError(f"attribute {name!r} of {group.name} is not UTF-8") from error
 
 
-def put_arrays(group: h5py.Group, table: Table, sizes: Sizes, arrays: Mapping[str, Array | None]) -> None:
-    """Writes the arrays of a table; None leaves an optional one out; FileError of misshapen or not finite ones."""
+def put_arrays(group: h5py.Group, table: Table, sizes: Sizes, arrays: Mapping[str, Any]) -> None:
+    """Writes arrays and numbers of a table; None leaves an optional one out; FileError of those that do not fit."""
     for name, entry in table.items():
         array = arrays[name]
         if array is None:
             if not entry.optional:
                 raise FileError(f"{group.name.rstrip('/')}/{name} is missing")
             continue
-        array = np.asarray(array, dtype=np.int64 if entry.kind == "i" else np.float64)
+        array = np.atleast_1d(np.asarray(array, dtype=np.int64 if entry.kind == "i" else np.float64))
         _check(f"{group.name.rstrip('/')}/{name}", array, entry, sizes)
         dataset = group.create_dataset(name, data=array)
         dataset.attrs["unit"] = np.bytes_(entry.unit.encode())
@@ -244,6 +244,34 @@ def get_arrays(group: h5py.Group, table: Table, sizes: Sizes, others: tuple[str,
         _check(where, array, entry, sizes)
         arrays[name] = array
     return arrays
+
+
+def get_record(
+    group: h5py.Group, table: Table, sizes: Sizes | None = None, others: tuple[str, ...] = ()
+) -> dict[str, Any]:
+    """The same as records have it: a number, or a tuple of some, where the table says how many there are."""
+    found = get_arrays(group, table, {} if sizes is None else sizes, others)
+    return {name: array if array is None else _of_record(array, table[name]) for name, array in found.items()}
+
+
+def _of_record(array: Array, entry: Entry) -> Any:
+    if len(entry.shape) > 1 or isinstance(entry.shape[0], str):
+        return array
+    return array[0].item() if entry.shape == (1,) else tuple(array.tolist())
+
+
+def put_each(
+    parent: h5py.Group, kind: str, entry: Entry, arrays: Mapping[str, Any], sizes: Mapping[str, int] | None = None
+) -> None:
+    """Writes a group of arrays of one kind by name, each with sizes of its own beside those that are given."""
+    group = parent.create_group(kind, track_order=True)
+    for name, array in arrays.items():
+        put_arrays(group, {name: entry}, dict(sizes or {}), {name: array})
+
+
+def get_each(group: h5py.Group, entry: Entry, sizes: Mapping[str, int] | None = None) -> dict[str, Any]:
+    """Reads what `put_each` wrote."""
+    return {name: get_record(group, {name: entry}, dict(sizes or {}), tuple(group))[name] for name in group}
 
 
 def rename_all(h5: h5py.Group, names: Mapping[str, str]) -> None:

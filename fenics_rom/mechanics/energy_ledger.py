@@ -15,8 +15,7 @@ class EnergyLedger:
 
     def __init__(self, flush: Callable[[], None] = lambda: None):
         self._flush = flush
-        self._supplied = self._dissipated = self._lost = self._numerical = (0.0, 0.0)
-        self._obstacles = self._contact = self._friction = (0.0, 0.0)
+        self._sums = [(0.0, 0.0)] * 7  # supplied, dissipated, lost, numerical; by obstacles, in contact, by friction
 
     @property
     def supplied(self) -> float:
@@ -31,7 +30,7 @@ class EnergyLedger:
     @property
     def lost_in_switching(self) -> float:
         """Taken out of the state by projections; negative only for oblique switching."""
-        return self._lost[0]
+        return self._sums[2][0]
 
     @property
     def numerical(self) -> float:
@@ -56,9 +55,7 @@ class EnergyLedger:
     def book_contact(self, obstacles: float, contact: float, friction: float, numerical: float) -> None:
         """Adds what obstacles supplied and what contact and friction dissipated, J, to their sums and to the whole."""
         self.book(supplied=obstacles, dissipated=contact + friction, numerical=numerical)
-        self._obstacles = _add(self._obstacles, obstacles)
-        self._contact = _add(self._contact, contact)
-        self._friction = _add(self._friction, friction)
+        self._sums[4:] = map(_add, self._sums[4:], (obstacles, contact, friction))
 
     def book(
         self,
@@ -69,23 +66,18 @@ class EnergyLedger:
         numerical: float = 0.0,
     ) -> None:
         """Adds to the sums, J."""
-        self._supplied = _add(self._supplied, supplied)
-        self._dissipated = _add(self._dissipated, dissipated)
-        self._lost = _add(self._lost, lost_in_switching)
-        self._numerical = _add(self._numerical, numerical)
+        self._sums[:4] = map(_add, self._sums[:4], (supplied, dissipated, lost_in_switching, numerical))
 
     @property
     def sums(self) -> tuple[tuple[float, float], ...]:
         """Each sum, J, and what it was rounded by: all that there is to save."""
         self._flush()
-        totals = self._supplied, self._dissipated, self._lost, self._numerical
-        return *totals, self._obstacles, self._contact, self._friction
+        return tuple(self._sums)
 
     @sums.setter
     def sums(self, sums: tuple[tuple[float, float], ...]) -> None:
         self._flush()  # what is not yet booked belongs to the old ones
-        self._supplied, self._dissipated, self._lost, self._numerical, *parts = sums
-        self._obstacles, self._contact, self._friction = parts
+        self._sums = list(sums)
 
     def __repr__(self) -> str:
         return (

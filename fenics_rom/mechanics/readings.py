@@ -58,29 +58,16 @@ class ReadableBody(NamedTuple):
 
 
 @dataclass(frozen=True)
-class TendonLength:
-    """Length of a cable, (), m."""
+class StrokeReading:
+    """Length of a cable, (), m, or volume that the surface of a pressure encloses, (), m³."""
 
-    quantity: ClassVar = "length"
-    of: str  # the tendon
-    rest: float  # its length at rest, m
-
-    def read(self, body: ReadableBody) -> Array:
-        """Its value."""
-        return np.array(self.rest - body.stroke(self.of))
-
-
-@dataclass(frozen=True)
-class ChamberVolume:
-    """Volume that the surface of a pressure encloses, (), m³."""
-
-    quantity: ClassVar = "volume"
-    of: str  # the pressure
-    rest: float  # the volume at rest, m³
+    quantity: str  # "length" or "volume"
+    of: str  # the tendon, or the pressure
+    rest: float  # the length, or the volume, at rest
 
     def read(self, body: ReadableBody) -> Array:
         """Its value."""
-        return np.array(self.rest + body.stroke(self.of))
+        return np.array(self.rest + (-1 if self.quantity == "length" else 1) * body.stroke(self.of))
 
 
 @dataclass(frozen=True)
@@ -146,7 +133,7 @@ class SurfaceReading:
         return von_mises(cauchy_stress(H, stress(body.law, E, self.first_lame, self.shear)))
 
 
-Reading = TendonLength | ChamberVolume | ContactPressure | SurfaceReading
+Reading = StrokeReading | ContactPressure | SurfaceReading
 
 
 def projected(reading: Reading, basis: Array) -> Reading:

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from fenics_rom.errors import FileError
-from fenics_rom.io.hdf5 import Entry, Table, get_arrays, get_text, put_arrays, put_text, read_file, write_file
+from fenics_rom.io.hdf5 import Entry, Table, get_record, get_text, put_arrays, put_text, read_file, write_file
 from fenics_rom.io.mpi_ranks import is_rank_0
 from fenics_rom.reduction.problem import ReductionProblem
 from fenics_rom.reduction.projection import RetainedBasis
@@ -82,8 +82,7 @@ class Checkpoint:
         if not self._keeps:
             return
         new = problem.system.algebra.gather(np.ascontiguousarray(problem.space.basis[:, self._written_columns :]))
-        eigenvectors = np.array([problem.space.eigenvectors])
-        arrays = {"probe": self._probe, "eigenvectors": eigenvectors, "basis": new} | vars(retained)
+        arrays = {"probe": self._probe, "eigenvectors": problem.space.eigenvectors, "basis": new} | vars(retained)
         texts = {"name": name, "messages": "\n".join(problem.messages[self._written_messages :])}
         self._write(f"{self._written_files}.h5", "part", PART, arrays, choices=self._choices, **texts)
         self._written_files += 1
@@ -99,7 +98,7 @@ class Checkpoint:
             return None
 
         def read_shapes(h5: Any) -> Array:
-            a: Any = get_arrays(h5, RUN, {})
+            a = get_record(h5, RUN)
             self._check_same(a["probe"], get_text(h5, "loads") == loads)
             return np.asarray(a["shapes"])
 
@@ -114,7 +113,7 @@ class Checkpoint:
     def _is_there(self, file: str) -> bool:
         return self._keeps and self._resume and (self._folder / file).exists()
 
-    def _write(self, file: str, content: str, table: Table, arrays: Mapping[str, Array | None], **texts: str) -> None:
+    def _write(self, file: str, content: str, table: Table, arrays: Mapping[str, Any], **texts: str) -> None:
         def fill(h5: Any) -> None:
             put_text(h5, **texts)
             put_arrays(h5, table, {}, arrays)
@@ -130,11 +129,11 @@ class Checkpoint:
             raise FileError("was made from another system or with other choices; start without resume")
 
     def _read_part(self, h5: Any) -> tuple[str, Array, int, RetainedBasis, list[str]]:
-        a: Any = get_arrays(h5, PART, {})
+        a = get_record(h5, PART)
         self._check_same(a["probe"], get_text(h5, "choices") == self._choices)
         retained = RetainedBasis(**{name: a[name] for name in RetainedBasis.__dataclass_fields__})
         messages = list(filter(None, get_text(h5, "messages").split("\n")))
-        return get_text(h5, "name"), a["basis"], int(a["eigenvectors"][0]), retained, messages
+        return get_text(h5, "name"), a["basis"], a["eigenvectors"], retained, messages
 
 
 def remove_checkpoint(folder: Path) -> None:

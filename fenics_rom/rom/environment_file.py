@@ -21,7 +21,7 @@ import h5py
 import numpy as np
 
 from fenics_rom.errors import FileError, check_known
-from fenics_rom.io.hdf5 import Entry, check_names, get_arrays, get_group, get_text, put_arrays, put_text
+from fenics_rom.io.hdf5 import Entry, Table, check_names, get_group, get_record, get_text, put_arrays, put_text
 from fenics_rom.mechanics.contact import ContactLaw
 from fenics_rom.mechanics.environment import (
     CONTACT_SWITCHINGS,
@@ -81,36 +81,35 @@ def put_environment(h5: h5py.File, environment: Environment) -> None:
     for name, guide in environment.guides.items():
         part = group.require_group("guides").create_group(name)
         put_text(part, tendon=guide.tendon)
-        _put(part, GUIDE, {key: getattr(guide, key) for key in GUIDE})
+        put_arrays(part, GUIDE, {}, vars(guide))
     if environment.controls:
         put_text(group.create_group("controls", track_order=True), **environment.controls)
     loads = group.create_group("loads", track_order=True)
     for name, load in environment.loads.items():
-        _put(loads.create_group(name), COLUMNS, {"columns": load.columns}, load.signal, INPUT_UNIT)
+        _put(loads.create_group(name), COLUMNS, vars(load), load.signal, INPUT_UNIT)
     obstacles = group.create_group("obstacles", track_order=True)
     for name, obstacle in environment.obstacles.items():
         from fenics_rom.mechanics.obstacles import shape_of  # here, as few bodies meet obstacles
 
         part, shape = obstacles.create_group(name), shape_of(obstacle.shape)
         put_text(part, shape=shape)
-        table = _dimensions(shape)
-        _put(part, table, {key: getattr(obstacle.shape, key) for key in table}, obstacle.displacement, "m")
+        _put(part, _dimensions(shape), vars(obstacle.shape), obstacle.displacement, "m")
     law, run = environment.contact_law, environment.run
     if law is not None:
-        _put(group.create_group("contact_law"), LAW, {key: getattr(law, key) for key in LAW})
+        put_arrays(group.create_group("contact_law"), LAW, {}, vars(law))
     if run is not None:
         part = group.create_group("run")
-        _put(part, RUN, {key: getattr(run, key) for key in RUN} | {"every": run.every if run.every > 1 else None})
+        put_arrays(part, RUN, {}, vars(run) | {"every": run.every if run.every > 1 else None})
         if run.initial is not None:
             start = part.create_group("initial")
-            _put(start, INITIAL, {key: getattr(run.initial, key) for key in INITIAL})
+            put_arrays(start, INITIAL, {}, vars(run.initial))
             if run.initial.instant is not None:
                 put_arrays(start.create_group("instant"), INSTANT, {}, vars(run.initial.instant))
         loads = part.create_group("loads", track_order=True)
         for number, applied in enumerate(run.loads):
             span = loads.create_group(str(number))
             put_text(span, contact=applied.contact or "", actuator=applied.actuator or "")
-            _put(span, SPAN, {key: getattr(applied, key) for key in SPAN}, applied.signal, INPUT_UNIT)
+            _put(span, SPAN, vars(applied), applied.signal, INPUT_UNIT)
 
 
 def take_environment(h5: h5py.File) -> Environment:
@@ -127,7 +126,7 @@ def take_environment(h5: h5py.File) -> Environment:
     loads, obstacles = get_group(group, "loads"), get_group(group, "obstacles")
     law = None
     if "contact_law" in group:
-        numbers, _ = _take(get_group(group, "contact_law"), LAW)
+        numbers = get_record(get_group(group, "contact_law"), LAW)
         law = ContactLaw(**{key: value for key, value in numbers.items() if value is not None})
     return Environment(
         effects={name: get_text(texts["effects"], name) for name in texts["effects"].attrs},
@@ -147,7 +146,7 @@ def take_environment(h5: h5py.File) -> Environment:
 
 def _guides(group: h5py.Group) -> dict[str, Guide]:
     parts = {name: get_group(group, name) for name in group}
-    return {name: Guide(get_text(part, "tendon"), **_take(part, GUIDE)[0]) for name, part in parts.items()}
+    return {name: Guide(get_text(part, "tendon"), **get_record(part, GUIDE)) for name, part in parts.items()}
 
 
 def _controls(group: h5py.Group) -> dict[str, str]:
@@ -176,7 +175,7 @@ def _obstacle(group: h5py.Group) -> MovingObstacle:
 
 
 def _run(group: h5py.Group) -> Run:
-    numbers, _ = _take(group, RUN, others=("loads", "initial"))
+    numbers = get_record(group, RUN, others=("loads", "initial"))
     loads, applied = get_group(group, "loads"), []
     for name in loads:
         part = get_group(loads, name)
@@ -191,43 +190,27 @@ def _run(group: h5py.Group) -> Run:
 
 
 def _initial(group: h5py.Group) -> InitialState:
-    numbers, _ = _take(group, INITIAL, others=("instant",))
-    instant = None
-    if "instant" in group:
-        arrays: Any = get_arrays(get_group(group, "instant"), INSTANT, {})
-        instant = Instant(**arrays)
+    numbers = get_record(group, INITIAL, others=("instant",))
+    instant = Instant(**get_record(get_group(group, "instant"), INSTANT)) if "instant" in group else None
     return InitialState(**numbers | {"equilibrium": numbers["equilibrium"] == 1}, instant=instant)
 
 
-def _put(
-    group: h5py.Group, table: dict[str, Entry], numbers: dict[str, Any], signal: Signal | None = None, unit: str = ""
-) -> None:
-    """Writes numbers, and a signal in a unit."""
-    arrays = {key: None if value is None else np.atleast_1d(value) for key, value in numbers.items()}
+def _put(group: h5py.Group, table: Table, numbers: dict[str, Any], signal: Signal | None, unit: str) -> None:
+    """Writes numbers, and a signal in a unit if there is one."""
+    put_arrays(group, table, {}, numbers)
     if signal is not None:
-        table = table | _signal_table(unit, signal.times is not None)
-        arrays |= {"values": signal.values} | ({} if signal.times is None else {"times": signal.times})
-    put_arrays(group, table, {}, arrays)
+        put_arrays(group, _signal_table(unit, signal.times is not None), {}, vars(signal))
 
 
-def _take(
-    group: h5py.Group, table: dict[str, Entry], unit: str = "", others: tuple[str, ...] = ()
-) -> tuple[dict[str, Any], Signal | None]:
+def _take(group: h5py.Group, table: dict[str, Entry], unit: str) -> tuple[dict[str, Any], Signal | None]:
     """Reads numbers, and the signal in a unit if there is one."""
-    whole = table | _signal_table(unit, "times" in group) if unit and "values" in group else table
-    arrays: Any = get_arrays(group, whole, {}, others)
-    numbers = {key: None if arrays[key] is None else _number(arrays[key], entry) for key, entry in table.items()}
-    if "values" not in whole:
-        return numbers, None
-    times = arrays.get("times")
+    if "values" not in group:
+        return get_record(group, table), None
+    numbers = get_record(group, table | _signal_table(unit, "times" in group))
+    values, times = numbers.pop("values"), numbers.pop("times", None)
     if times is not None and (len(times) < 2 or (np.diff(times) <= 0).any()):
         raise FileError(f"{group.name}/times does not increase")
-    return numbers, Signal(arrays["values"], times)
-
-
-def _number(array: np.ndarray, entry: Entry) -> Any:
-    """As the records have it: a number, or a tuple of some."""
-    return array[0].item() if entry.shape == (1,) else tuple(map(float, array))
+    return numbers, Signal(values, times)
 
 
 def _signal_table(unit: str, changes: bool) -> dict[str, Entry]:

@@ -59,7 +59,6 @@ Files of format 2.1 have no residual_compliance; those of 2.0 have no readings, 
 in trained, either; those of format 1.x are read, too: rom.format_1 makes them such files.
 """
 
-from collections.abc import Iterable
 from dataclasses import replace
 from os import PathLike
 from pathlib import Path
@@ -68,16 +67,18 @@ from typing import Any
 import h5py
 import numpy as np
 
-from fenics_rom.errors import FileError, unknown
+from fenics_rom.errors import FileError, check_known
 from fenics_rom.io.given import Kind, object_or_file
 from fenics_rom.io.hdf5 import (
     Entry,
     Sizes,
     check_names,
-    get_arrays,
+    get_each,
     get_group,
+    get_record,
     get_text,
     put_arrays,
+    put_each,
     put_text,
     read_file,
     write_file,
@@ -112,8 +113,11 @@ MODE = {
 }
 EMPTY_WHERE_ABSENT = ("hankel_singular_values", "frequencies", "transfer_errors", "contact_points")
 STAGE = Entry("s, B", (2,))
-COUNT = Entry("1", (1,), "i")
-SURFACE_NODES = Entry("1", ("s",), "i")
+ALIKE = {  # groups of arrays by name, each with sizes of its own
+    "outputs": Entry("kg^-1/2", ("3P", "k")),
+    **dict.fromkeys(("actuators", "loads"), Entry("1", (1,), "i")),
+    "contact_surfaces": Entry("1", ("s",), "i"),
+}
 GROUPS = ("outputs", "actuators", "contact_models", "contact_surfaces", "environment")
 MAYBE = (
     "offline",
@@ -167,32 +171,23 @@ def _fill(h5: h5py.File, rom: Rom) -> None:
     put_text(h5, name=rom.name, method=rom.method, switching=rom.switching, weighting=rom.weighting)
     put_text(h5, scene=rom.scene_text, warnings="\n".join(rom.warnings))
     sizes: Sizes = {}
-    put_arrays(h5, BODY, sizes, {name: getattr(rom, name) for name in BODY})
+    put_arrays(h5, BODY, sizes, vars(rom))
     if rom.cells is not None:
         put_arrays(h5, CELLS, sizes, {"cells": rom.cells.array})
-    there = (*GROUPS[:-1], "offline", *(["loads"] if rom.loads else []))
-    groups = {name: h5.create_group(name, track_order=True) for name in there}
-    put_arrays(groups["outputs"], _output_table(rom.outputs), sizes, rom.outputs)
-    for kind, widths in (("actuators", rom.actuators), ("loads", rom.loads)):
-        for name, columns in widths.items():
-            put_arrays(groups[kind], {name: COUNT}, sizes, {name: np.array([columns])})
-    for name, nodes in rom.contact_surfaces.items():
-        put_arrays(groups["contact_surfaces"], {name: SURFACE_NODES}, {}, {name: nodes})
+    for kind, entry in ALIKE.items():
+        if kind in GROUPS or getattr(rom, kind):
+            put_each(h5, kind, entry, getattr(rom, kind), sizes)
     if rom.points_between is not None:
-        between = vars(rom.points_between) | {"gap": np.array([rom.points_between.gap])}
-        put_arrays(h5.create_group("points_between"), BETWEEN, {}, between)
+        put_arrays(h5.create_group("points_between"), BETWEEN, {}, vars(rom.points_between))
     put_environment(h5, rom.environment)
+    put_each(h5, "offline", STAGE, {str(k): (of.seconds, of.peak_memory) for k, of in enumerate(rom.stages)})
     for number, stage in enumerate(rom.stages):
-        numbers = np.array([stage.seconds, stage.peak_memory])
-        put_arrays(groups["offline"], {str(number): STAGE}, sizes, {str(number): numbers})
-        put_text(groups["offline"][str(number)], name=stage.name)
+        put_text(h5["offline"][str(number)], name=stage.name)
+    models = h5.create_group("contact_models", track_order=True)
     for name, mode in rom.contact_models.items():
         table = _mode_table(rom.weighting, dense=mode.damping.ndim == 2)
-        arrays = {key: getattr(mode, key) for key in table}
-        arrays |= {key: None for key in EMPTY_WHERE_ABSENT if not len(arrays[key])}
-        arrays["static_error"] = None if mode.static_error is None else np.array([mode.static_error])
-        group = groups["contact_models"].create_group(name, track_order=True)
-        put_arrays(group, table, {"k": sizes["k"]}, arrays)
+        arrays = vars(mode) | {key: None for key in EMPTY_WHERE_ABSENT if not len(getattr(mode, key))}
+        put_arrays(models.create_group(name, track_order=True), table, {"k": sizes["k"]}, arrays)
     if rom.deformation is not None:
         from fenics_rom.rom.deformation_file import put_deformation  # here, as few bodies deform largely
 
@@ -213,10 +208,10 @@ def _fill(h5: h5py.File, rom: Rom) -> None:
 
 def _take(h5: h5py.File) -> Rom:
     sizes: Sizes = {}
-    body: Any = get_arrays(h5, BODY | CELLS, sizes, (*GROUPS, *MAYBE))
+    body = get_record(h5, BODY | CELLS, sizes, (*GROUPS, *MAYBE))
     body["cells"] = CellQuality.from_array(body["cells"])
     groups = {name: get_group(h5, name) for name in (*GROUPS, *MAYBE) if name in GROUPS or name in h5}
-    outputs: Any = get_arrays(groups["outputs"], _output_table(groups["outputs"]), sizes)
+    alike: Any = {kind: get_each(groups[kind], entry, sizes) for kind, entry in ALIKE.items() if kind in groups}
     weighting = get_text(h5, "weighting")
     models = groups["contact_models"]
     rom = Rom(
@@ -224,25 +219,21 @@ def _take(h5: h5py.File) -> Rom:
         method=get_text(h5, "method") if "method" in h5.attrs else "balanced",
         switching=get_text(h5, "switching"),
         contact_models={name: _take_mode(get_group(models, name), weighting, sizes) for name in models},
-        actuators=_take_counts(groups["actuators"]),
-        loads=_take_counts(groups["loads"]) if "loads" in groups else {},
-        outputs=outputs,
         environment=take_environment(h5),
-        contact_surfaces=_each(groups["contact_surfaces"], SURFACE_NODES),
         scene_text=get_text(h5, "scene"),
         warnings=tuple(filter(None, get_text(h5, "warnings").split("\n"))),
         weighting=weighting,
         stages=_take_stages(groups["offline"]) if "offline" in groups else (),
         force_validation=_take_forces(groups["force_validation"]) if "force_validation" in groups else None,
         **body,
+        **alike,
     )
     if "deformation" in groups:
         from fenics_rom.rom.deformation_file import get_deformation
 
         rom = replace(rom, deformation=get_deformation(h5, sizes))
     if "points_between" in groups:
-        between: Any = get_arrays(groups["points_between"], BETWEEN, {})
-        rom = replace(rom, points_between=PointsBetween(between["nodes"], between["weights"], float(between["gap"][0])))
+        rom = replace(rom, points_between=PointsBetween(**get_record(groups["points_between"], BETWEEN)))
     if "readings" in groups:
         from fenics_rom.rom.readings_file import take_readings
 
@@ -256,8 +247,7 @@ def _take(h5: h5py.File) -> Rom:
 
 
 def _mode_table(weighting: str, dense: bool) -> dict[str, Entry]:
-    if weighting not in HANKEL_UNIT:
-        raise FileError(unknown("weighting", weighting, HANKEL_UNIT))
+    check_known("weighting", weighting, HANKEL_UNIT, FileError)
     damping = Entry("1/s", ("m", "m") if dense else ("m",))
     σ = Entry(HANKEL_UNIT[weighting], ("r",), optional=True)
     return {**MODE, "damping": damping, "hankel_singular_values": σ}
@@ -266,59 +256,43 @@ def _mode_table(weighting: str, dense: bool) -> dict[str, Entry]:
 def _take_mode(group: h5py.Group, weighting: str, sizes: Sizes) -> ContactModel:
     damping = group.get("damping")
     dense = isinstance(damping, h5py.Dataset) and damping.ndim == 2
-    arrays: Any = get_arrays(group, _mode_table(weighting, dense), {"k": sizes["k"]})
-    static = arrays.pop("static_error")
+    arrays = get_record(group, _mode_table(weighting, dense), {"k": sizes["k"]})
     for key in EMPTY_WHERE_ABSENT:
         if arrays[key] is None:
             arrays[key] = np.empty(0, dtype=int if key == "contact_points" else float)
         elif not len(arrays[key]):
             raise FileError(f"{group.name}/{key} is empty")
-    return ContactModel(**arrays, static_error=None if static is None else float(static[0]))
+    return ContactModel(**arrays)
 
 
 def _take_stages(group: h5py.Group) -> tuple[Stage, ...]:
-    arrays: Any = get_arrays(group, {str(k): STAGE for k in range(len(group))}, {})
-    return tuple(Stage(get_text(group[key], "name"), *map(float, numbers)) for key, numbers in arrays.items())
+    numbers = get_record(group, {str(k): STAGE for k in range(len(group))})
+    return tuple(Stage(get_text(group[key], "name"), *of) for key, of in numbers.items())
 
 
 def _put_forces(h5: h5py.File, validation: ForceValidation) -> None:
     check_names(validation.reduction)
     group = h5.create_group("force_validation", track_order=True)
-    run = np.array([validation.dt, validation.duration])
-    put_arrays(group, {"run": FORCE_RUN}, {}, {"run": run})
+    put_arrays(group, {"run": FORCE_RUN}, {}, {"run": (validation.dt, validation.duration)})
     for against in ("reduction", "time_step"):
-        errors = {name: np.array(of) for name, of in getattr(validation, against).items()}
-        part = group.create_group(against, track_order=True)
-        put_arrays(part, dict.fromkeys(errors, FORCE_ERRORS), {}, errors)
+        put_each(group, against, FORCE_ERRORS, getattr(validation, against))
 
 
 def _take_forces(group: h5py.Group) -> ForceValidation:
-    run: Any = get_arrays(group, {"run": FORCE_RUN}, {}, ("reduction", "time_step", "obstacles"))["run"]
+    run = get_record(group, {"run": FORCE_RUN}, others=("reduction", "time_step", "obstacles"))["run"]
     if "obstacles" in group:  # of the reduction and, what nobody needs, of the reduced model's own time step
-        both = _each(get_group(group, "obstacles"), Entry("1", (2, 3)))
-        errors = {"reduction": {name: rows[0] for name, rows in both.items()}, "time_step": {}}
+        both = get_each(get_group(group, "obstacles"), Entry("1", (2, 3)))
+        errors: Any = {"reduction": {name: tuple(rows[0].tolist()) for name, rows in both.items()}, "time_step": {}}
     else:
-        errors = {name: _each(get_group(group, name), FORCE_ERRORS) for name in ("reduction", "time_step")}
-    if (run <= 0).any() or any((numbers < 0).any() for of in errors.values() for numbers in of.values()):
+        errors = {name: get_each(get_group(group, name), FORCE_ERRORS) for name in ("reduction", "time_step")}
+    if min(run) <= 0 or any(min(numbers) < 0 for of in errors.values() for numbers in of.values()):
         raise FileError(f"{group.name}: a time is not positive, or an error is negative")
-    taken = {against: {name: tuple(of.tolist()) for name, of in named.items()} for against, named in errors.items()}
-    return ForceValidation(float(run[0]), float(run[1]), **taken)
-
-
-def _take_counts(group: h5py.Group) -> dict[str, int]:
-    return {name: int(value[0]) for name, value in _each(group, COUNT).items()}
-
-
-def _each(group: h5py.Group, entry: Entry) -> dict[str, np.ndarray]:
-    """Arrays of one kind but of any size, by name."""
-    arrays: Any = {name: get_arrays(group, {name: entry}, {}, tuple(group))[name] for name in group}
-    return arrays
+    return ForceValidation(*run, **errors)
 
 
 def _check_fit(rom: Rom) -> None:
     """What a shape cannot say: indices that point somewhere, inputs that fit, a switching that exists."""
-    if rom.switching not in SWITCHINGS:
-        raise FileError(unknown("switching", rom.switching, list(SWITCHINGS)))
+    check_known("switching", rom.switching, SWITCHINGS, FileError)
     modes, N = rom.contact_models, len(rom.nodes)
     if not modes or not len(rom.stiffness) or any(mode.order == mode.rigid for mode in modes.values()):
         raise FileError("holds no contact modes, or an empty one")
@@ -379,7 +353,3 @@ def _check_numbers(where: str, mode: ContactModel) -> None:
         raise FileError(f"{where}: frequencies must be positive, in ascending order")
     if (mode.transfer_errors < 0).any() or (mode.static_error or 0.0) < 0:
         raise FileError(f"{where}: an error is negative")
-
-
-def _output_table(names: Iterable[str]) -> dict[str, Entry]:
-    return {name: Entry("kg^-1/2", (f"3P of {name}", "k")) for name in names}

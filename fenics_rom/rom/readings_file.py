@@ -1,20 +1,11 @@
 """Readings in a ROM file: the group `readings`, described in rom_file."""
 
-from typing import Any
-
 import h5py
 import numpy as np
 
 from fenics_rom.errors import FileError, check_known
-from fenics_rom.io.hdf5 import Entry, check_names, get_arrays, get_group, get_text, put_arrays, put_text
-from fenics_rom.mechanics.readings import (
-    READING_UNITS,
-    ChamberVolume,
-    ContactPressure,
-    Reading,
-    SurfaceReading,
-    TendonLength,
-)
+from fenics_rom.io.hdf5 import Entry, check_names, get_group, get_record, get_text, put_arrays, put_text
+from fenics_rom.mechanics.readings import READING_UNITS, ContactPressure, Reading, StrokeReading, SurfaceReading
 from fenics_rom.rom.rom import Rom
 
 CONTACT = {"nodes": Entry("1", ("s",), "i"), "facets": Entry("1", ("F", "A"), "i"), "areas": Entry("m^2", ("F",))}
@@ -37,15 +28,14 @@ def put_readings(h5: h5py.File, rom: Rom) -> None:
     for name, reading in rom.readings.items():
         part = group.create_group(name, track_order=True)
         put_text(part, quantity=reading.quantity, of=reading.of)
-        arrays: Any = vars(reading)
-        sizes = {"k": len(rom.stiffness)}
+        arrays, sizes = vars(reading), {"k": len(rom.stiffness)}
         if isinstance(reading, SurfaceReading):
             operator = reading.operator.reshape(3, 3, len(reading.triangles), -1)
             put_arrays(part, SURFACE, sizes, arrays | {"operator": operator})
         elif isinstance(reading, ContactPressure):
             put_arrays(part, CONTACT, sizes, arrays)
         else:
-            put_arrays(part, _rest(reading.quantity), sizes, {"rest": np.array([reading.rest])})
+            put_arrays(part, _rest(reading.quantity), sizes, arrays)
 
 
 def take_readings(h5: h5py.File, order: int) -> dict[str, Reading]:
@@ -62,10 +52,8 @@ def _take(group: h5py.Group, sizes: dict[str, int]) -> Reading:
     quantity, of = get_text(group, "quantity"), get_text(group, "of")
     check_known("quantity", quantity, READING_UNITS, FileError, f"{group.name}: ")
     if quantity in ("length", "volume"):
-        numbers: Any = get_arrays(group, _rest(quantity), sizes)
-        kind = TendonLength if quantity == "length" else ChamberVolume
-        return kind(of, float(numbers["rest"][0]))
-    arrays: Any = get_arrays(group, CONTACT if quantity == "contact_pressure" else SURFACE, sizes)
+        return StrokeReading(quantity, of, **get_record(group, _rest(quantity), sizes))
+    arrays = get_record(group, CONTACT if quantity == "contact_pressure" else SURFACE, sizes)
     if quantity == "contact_pressure":
         return ContactPressure(of, **arrays)
     arrays["operator"] = arrays["operator"].reshape(-1, sizes["k"])

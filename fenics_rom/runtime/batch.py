@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import ArrayLike, DTypeLike
 
-from fenics_rom.errors import StepError, unknown
+from fenics_rom.errors import StepError, check_known
 from fenics_rom.mechanics.signals import real_numbers
 from fenics_rom.rom.given_rom import given_rom
 from fenics_rom.rom.rom import Rom
@@ -236,8 +236,7 @@ class Batch:
             )
         numbers = {name: k for k, name in enumerate(self._models.names)}
         for name in names:
-            if name not in numbers:
-                raise StepError(unknown("contact mode", str(name), self.rom.contact_models))
+            check_known("contact mode", str(name), numbers, StepError)
         start, end = self._layout.mode[selected], np.broadcast_to([numbers[name] for name in names], selected.shape)
         moves = end != start
         selected, start, end = selected[moves], start[moves], end[moves]
@@ -267,8 +266,7 @@ class Batch:
             StepError: u has another shape, or a body's input is refused; the body and the step are named, all are as
                 they were.
         """
-        if on_error not in ("raise", "hold"):
-            raise StepError(unknown("choice of on_error", on_error, ["raise", "hold"]))
+        check_known("choice of on_error", on_error, ("raise", "hold"), StepError)
         u, held = self._check_input(u, on_error)
         layout, (factors, push, couplings) = self._layout, self._coefficients
         chunks = layout.sort(factors)

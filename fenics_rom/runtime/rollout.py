@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from fenics_rom.errors import StepError, unknown
+from fenics_rom.errors import StepError, check_known
 from fenics_rom.mechanics.signals import real_numbers
 from fenics_rom.rom.rom import ContactModel
 from fenics_rom.runtime.steppers.midpoint import checked_dt, matrices
@@ -213,8 +213,7 @@ class Rollout:
         load_columns = sum(rom.loads.values())
         for interval in plan:
             checked_dt(interval.dt)
-            if interval.contact not in rom.contact_models:
-                raise StepError(unknown("contact mode", interval.contact, rom.contact_models))
+            check_known("contact mode", interval.contact, rom.contact_models, StepError)
             columns = rom.contact_models[interval.contact].inputs.shape[1] - load_columns
             if u.shape[1] != columns:
                 raise StepError(

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from fenics_rom.errors import FenicsRomWarning, StepError, unknown
+from fenics_rom.errors import FenicsRomWarning, StepError, check_known, unknown
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.initial_state import lost_messages
 from fenics_rom.mechanics.linearity import SurfaceStrainPeak
@@ -182,8 +182,7 @@ class Simulator(SimulatedBody):
         start = self.contact
         if contact == start:
             return
-        if contact not in self.rom.contact_models:
-            raise StepError(unknown("contact mode", contact, self.rom.contact_models))
+        check_known("contact mode", contact, self.rom.contact_models, StepError)
         lost = self._stepper.switch(contact)
         self._enter()
         if self.ledger is not None:

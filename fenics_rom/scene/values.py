@@ -97,11 +97,7 @@ class Text(Value):
     """A non-empty string; one of `choices` where there are any."""
 
     choices: tuple[str, ...] = ()
-
-    @property
-    def allowed(self) -> str:
-        """See Value."""
-        return "a non-empty string"
+    allowed = "a non-empty string"
 
     def checked(self, value: Any) -> str:
         """See Value."""
@@ -116,10 +112,7 @@ class Text(Value):
 class Flag(Value):
     """True or false."""
 
-    @property
-    def allowed(self) -> str:
-        """See Value."""
-        return "true or false"
+    allowed = "true or false"
 
     def checked(self, value: Any) -> bool:
         """See Value."""

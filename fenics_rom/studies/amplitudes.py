@@ -8,7 +8,6 @@ import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import ClassVar
 
 import numpy as np
 
@@ -22,7 +21,7 @@ from fenics_rom.runtime.simulate import rate
 from fenics_rom.scene.scene import Scene
 from fenics_rom.studies import reference
 from fenics_rom.studies.json_record import read_earlier, write_record
-from fenics_rom.studies.study_results import NOTHING_ELSE
+from fenics_rom.studies.study_results import Record, Timed
 from fenics_rom.trajectory.comparison import Difference, ForceErrors, compare, force_errors
 from fenics_rom.trajectory.trajectory import Trajectory
 
@@ -34,10 +33,9 @@ ROM_FILES = {"linear": "linear.h5", "nonlinear": "rom.h5"}
 
 
 @dataclass(frozen=True)
-class AmplitudeRow:
+class AmplitudeRow(Timed):
     """A model at one load."""
 
-    __pydantic_config__: ClassVar = NOTHING_ELSE
     share: float  # of the scene's loads
     displacement: float  # largest of any node at any instant, in the reference, m
     model: str  # "linear" or "nonlinear", "full order" or "reduced", and of the nonlinear reduced one the stepper
@@ -49,17 +47,11 @@ class AmplitudeRow:
     # errors of each obstacle's force over the run, its peak and its impulse; of the reference as `error`
     forces: Mapping[str, ForceErrors] = field(default_factory=dict)
 
-    @property
-    def real_time(self) -> float:
-        """Seconds simulated in a second."""
-        return self.rate * self.dt
-
 
 @dataclass(frozen=True)
-class AmplitudeResults:
+class AmplitudeResults(Record):
     """What a study of amplitudes has measured."""
 
-    __pydantic_config__: ClassVar = NOTHING_ELSE
     name: str  # of the scene
     fingerprint: str  # of what it was measured for
     unknowns: int  # at full order

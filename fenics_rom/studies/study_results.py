@@ -7,12 +7,29 @@ from typing import ClassVar
 from fenics_rom.trajectory.comparison import ForceErrors
 
 RATE_RUNS = 5  # of which the fastest counts
-NOTHING_ELSE = {"extra": "forbid"}  # in files
 PICTURES = ("speed", "orders", "parts")  # names of those that are drawn of a study
 
 
+class Record:
+    """What is kept in a file, which holds nothing else."""
+
+    __pydantic_config__: ClassVar = {"extra": "forbid"}
+
+
+class Timed(Record):
+    """A row of a model at a time step `dt`, s, of which it makes a `rate` of steps per second."""
+
+    dt: float
+    rate: float
+
+    @property
+    def real_time(self) -> float:
+        """Seconds simulated in a second."""
+        return self.rate * self.dt
+
+
 @dataclass(frozen=True)
-class BenchmarkRow:
+class BenchmarkRow(Timed):
     """One reduced model at one time step. Errors are shares of the reference's size, L² in time, if not said otherwise.
 
     Attributes:
@@ -33,7 +50,6 @@ class BenchmarkRow:
         neglected: share of the sum of σ left out, of the worst contact mode; None where the method has no σ.
     """
 
-    __pydantic_config__: ClassVar = NOTHING_ELSE
     method: str
     order: int
     dt: float
@@ -51,14 +67,9 @@ class BenchmarkRow:
     neglected: float | None
     forces: Mapping[str, ForceErrors] = field(default_factory=dict)
 
-    @property
-    def real_time(self) -> float:
-        """Seconds simulated in a second."""
-        return self.rate * self.dt
-
 
 @dataclass(frozen=True)
-class MeshRow:
+class MeshRow(Record):
     """One mesh of the scene at full order.
 
     Attributes:
@@ -67,14 +78,13 @@ class MeshRow:
         outputs: distance of each named output from that of the finest mesh, as a share of its size, L² in time.
     """
 
-    __pydantic_config__: ClassVar = NOTHING_ELSE
     file: str
     size: int
     outputs: Mapping[str, float]
 
 
 @dataclass(frozen=True)
-class StudyResults:
+class StudyResults(Record):
     """A study, finished or on its way.
 
     Attributes:
@@ -98,7 +108,6 @@ class StudyResults:
         notes: what the user should know.
     """
 
-    __pydantic_config__: ClassVar = NOTHING_ELSE
     name: str
     fingerprint: str
     size: int

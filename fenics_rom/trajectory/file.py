@@ -44,10 +44,12 @@ from fenics_rom.io.hdf5 import (
     Entry,
     Sizes,
     check_names,
-    get_arrays,
+    get_each,
     get_group,
+    get_record,
     get_text,
     put_arrays,
+    put_each,
     put_text,
     read_file,
     rename_all,
@@ -137,26 +139,22 @@ def _fill(h5: h5py.File, run: Trajectory) -> None:
     sizes: Sizes = {}
     cells = None if run.cells is None else run.cells.array
     numerical = run.numerical if run.numerical.any() else None
-    put_arrays(h5, RUN, sizes, {name: getattr(run, name) for name in RUN} | {"cells": cells, "numerical": numerical})
+    put_arrays(h5, RUN, sizes, vars(run) | {"cells": cells, "numerical": numerical})
     for kind, entry in ALIKE.items():
         if kind == "outputs" or getattr(run, kind):
-            group = h5.create_group(kind, track_order=True)
-            for name, values in getattr(run, kind).items():
-                put_arrays(group, {name: entry}, sizes.copy(), {name: values})
+            put_each(h5, kind, entry, getattr(run, kind), sizes)
     settings = h5.create_group("settings", track_order=True)
-    numbers = {name: np.array([run.settings[name]]) if name in run.settings else None for name in SETTINGS}
-    put_arrays(settings, SETTINGS, sizes, numbers)
+    put_arrays(settings, SETTINGS, sizes, {name: run.settings.get(name) for name in SETTINGS})
     if run.obstacles:
         obstacles = h5.create_group("obstacles", track_order=True)
         for name, obstacle in run.obstacles.items():
             group, table = obstacles.create_group(name, track_order=True), _dimensions(shape_of(obstacle))
-            dimensions = {key: np.atleast_1d(getattr(obstacle, key)) for key in table}
-            put_arrays(group, table | MOTION, sizes, dimensions | {"motion": run.obstacle_motion[name]})
+            put_arrays(group, table | MOTION, sizes, vars(obstacle) | {"motion": run.obstacle_motion[name]})
             put_text(group, shape=shape_of(obstacle))
     if run.profile:
         profile = h5.create_group("profile", track_order=True)
         for number, (name, seconds) in enumerate(run.profile.items()):
-            put_arrays(profile, {str(number): SECONDS_PER_STEP}, sizes, {str(number): np.array([seconds])})
+            put_arrays(profile, {str(number): SECONDS_PER_STEP}, sizes, {str(number): seconds})
             put_text(profile[str(number)], name=name)
     put_series(h5, run, sizes)
     _check_fit(run)
@@ -164,17 +162,14 @@ def _fill(h5: h5py.File, run: Trajectory) -> None:
 
 def _take(h5: h5py.File) -> Trajectory:
     sizes: Sizes = {}
-    arrays: Any = get_arrays(h5, RUN, sizes, GROUPS)
+    arrays = get_record(h5, RUN, sizes, GROUPS)
     arrays["cells"] = CellQuality.from_array(arrays["cells"])
     if arrays["numerical"] is None:
         arrays["numerical"] = np.zeros_like(arrays["energy"])
     needed = ("outputs", "settings")
     groups = {name: get_group(h5, name) if name in h5 or name in needed else {} for name in GROUPS}
-    settings: Any = get_arrays(groups["settings"], SETTINGS, sizes)
-    alike: Any = {
-        kind: {name: get_arrays(of, {name: entry}, sizes.copy(), tuple(of))[name] for name in of}
-        for kind, entry, of in ((kind, entry, groups[kind]) for kind, entry in ALIKE.items())
-    }
+    settings = get_record(groups["settings"], SETTINGS, sizes)
+    alike: Any = {kind: get_each(groups[kind], entry, sizes) for kind, entry in ALIKE.items()}
     moved_obstacles = {
         name: _take_obstacle(get_group(groups["obstacles"], name), sizes) for name in groups["obstacles"]
     }
@@ -182,7 +177,7 @@ def _take(h5: h5py.File) -> Trajectory:
     run = Trajectory(
         name=get_text(h5, "name"),
         model=get_text(h5, "model"),
-        settings={name: float(value[0]) for name, value in settings.items() if value is not None},
+        settings={name: value for name, value in settings.items() if value is not None},
         contacts=tuple(get_text(h5, "contacts").split("\n")),
         warnings=tuple(filter(None, get_text(h5, "warnings").split("\n"))),
         effects=tuple(filter(None, get_text(h5, "effects").split("\n"))) if "effects" in h5.attrs else (),
@@ -204,10 +199,9 @@ def _take_obstacle(group: h5py.Group, sizes: Sizes) -> tuple[Obstacle, Array]:
     shape = get_text(group, "shape")
     check_known("shape", shape, SHAPES, FileError, f"{group.name}: ")
     table = _dimensions(shape)
-    arrays: Any = get_arrays(group, table | MOTION, sizes)
-    dimensions = {key: arrays[key][0] if table[key].shape == (1,) else tuple(arrays[key]) for key in table}
-    obstacle: Obstacle = SHAPES[shape](**dimensions)
-    return obstacle, arrays["motion"]
+    described = get_record(group, table | MOTION, sizes)
+    motion = described.pop("motion")
+    return SHAPES[shape](**described), motion
 
 
 def _dimensions(shape: str) -> dict[str, Entry]:
@@ -216,10 +210,8 @@ def _dimensions(shape: str) -> dict[str, Entry]:
 
 
 def _take_profile(group: Any) -> dict[str, float]:
-    if not group:
-        return {}
-    arrays: Any = get_arrays(group, {str(k): SECONDS_PER_STEP for k in range(len(group))}, {})
-    return {get_text(group[key], "name"): float(seconds[0]) for key, seconds in arrays.items()}
+    seconds = get_record(group, {str(k): SECONDS_PER_STEP for k in range(len(group))}) if group else {}
+    return {get_text(group[key], "name"): of_part for key, of_part in seconds.items()}
 
 
 def _check_fit(run: Trajectory) -> None:

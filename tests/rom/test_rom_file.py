@@ -246,7 +246,7 @@ def disk_of(size):
 class Interrupted(dict):
     """Outputs that somebody presses Ctrl-C at."""
 
-    def __getitem__(self, name):
+    def items(self):
         raise KeyboardInterrupt
 
 

@@ -185,9 +185,7 @@ def _pictures(
     run: Trajectory, rows: list[int], scale: float, width: int, dark: bool, report: Report
 ) -> Iterator[Array]:
     """Pictures of some instants, all from one place and in the same colours."""
-    moved = (
-        np.stack(list(run.obstacle_motion.values()), axis=1) if run.obstacles else np.zeros((len(run.snapshots), 0, 3))
-    )
+    moved = np.array([*run.obstacle_motion.values()]).reshape(-1, len(run.snapshots), 3).swapaxes(0, 1)
     renderer = BodyRenderer(
         run.nodes,
         run.triangles,
