@@ -43,7 +43,9 @@ def fit_environment(
         _check_built_in(rom, environment)
     if "damping" in made_for.effects and "damping" not in environment.effects:
         undamped = {name: replace(model, damping=np.zeros(model.order)) for name, model in rom.contact_models.items()}
-        rom = replace(rom, contact_models=undamped)
+        residual = rom.residual_compliance
+        residual = None if residual is None else replace(residual, damping=0.0)
+        rom = replace(rom, contact_models=undamped, residual_compliance=residual)
     if "large_deformation" not in environment.effects:
         rom = replace(rom, deformation=None)
     active = ActiveEnvironment(environment, rom.loads, signals)

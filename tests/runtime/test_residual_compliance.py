@@ -11,6 +11,7 @@ from bodies import acted_on, box_arrays, write_arrays
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning, SceneError
 from fenics_rom.rom.residual_part import residual_part, strained_points
+from fenics_rom.runtime.environment_inputs import fit_environment
 from fenics_rom.runtime.steppers import residual_motion
 
 LENGTHS, ORDER = (0.4, 0.2, 0.1), 8
@@ -146,6 +147,8 @@ def test_damping_of_other_kinds_dissipates_alike(mesh):
     damped = Models(mesh, "inertia = {}\n[effects.damping]\nalpha = 0.5\nbeta = 1e-3\n" + oil + FLOOR)
     assert Models(mesh, MOVING + FLOOR).rom.residual_compliance.damping == 1e-3
     assert damped.rom.residual_compliance.damping > 1e-3
+    none = acted_on(mesh, "inertia = {}\n" + FLOOR, **PARTS)
+    assert fit_environment(damped.rom, none.environment, None)[0].residual_compliance.damping == 0
 
 
 def test_a_scene_that_wants_none_gets_none(mesh, held, tmp_path):
