@@ -26,7 +26,7 @@ def main() -> None:
     """Makes the ROM, serves it, and photographs the page."""
     with tempfile.TemporaryDirectory() as folder:
         file = Path(folder) / "finger.h5"
-        fr.write_rom(file, fr.reduce(fr.assemble(fr.read_scene(HERE / "finger.toml")), order=40))
+        fr.write_rom(file, fr.reduce(fr.assemble(fr.read_scene(HERE / "finger.toml"))))
         command = [sys.executable, "-u", "-m", "fenics_rom", "view", str(file), "--no-browser", "--port", "0"]
         with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as view:
             assert view.stdout is not None

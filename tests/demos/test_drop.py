@@ -22,14 +22,14 @@ def run():
 @pytest.mark.slow
 def test_what_the_demo_claims_holds(run):
     assert run.returncode == 0, run.stdout + run.stderr
-    assert run.stdout.count("  holds: ") == 14
+    assert run.stdout.count("  holds: ") == 15
     assert "FAILS" not in run.stdout
 
 
 @pytest.mark.slow
 def test_tables_and_picture_are_written(run):
-    rows = (OUT / "accuracy.md").read_text().splitlines()[4:]
-    assert [row.split("|")[2].strip() for row in rows] == ["1200", "40", "100"]
+    rows = (OUT / "accuracy.md").read_text().splitlines()[2:]
+    assert [row.split("|")[2].strip() for row in rows] == ["1200", "50", "50"]
     rows = (OUT / "variants.md").read_text().splitlines()[4:]
     assert [row.split("|")[1].strip() for row in rows] == ["as in the scene", "no losses"]
     assert (OUT / "drop.png").stat().st_size > 50_000

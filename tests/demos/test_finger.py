@@ -32,7 +32,8 @@ def test_all_claims_hold(run):
 
 @pytest.mark.slow
 def test_tables_are_written(run):
-    assert "| reduced    | 60 " in (OUT / "accuracy.md").read_text()
+    rows = [row.split("|")[1].strip() for row in (OUT / "accuracy.md").read_text().splitlines()[2:]]
+    assert rows == ["full order", "reduced", "without residual compliance"]
     assert "contact, friction" in (OUT / "profile.md").read_text()
 
 
