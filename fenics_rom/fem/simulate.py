@@ -37,14 +37,10 @@ def simulate(
     assert environment.run is not None
     body = FullOrderSimulator(system, history.dt, environment, signals)
     recorder = TrajectoryRecorder(
-        system.body,
+        system,
         environment,
         history.steps,
         history.dt,
-        outputs=system.outputs,
-        contacts={name: columns.shape[1] for name, columns in system.contacts.items()},
-        actuators={name: columns.shape[1] for name, columns in system.actuators.items()},
-        readings=system.readings,
         snapshots=environment.run.snapshots,
         every=history.every,
     )

@@ -109,8 +109,7 @@ def identify(
     problem = FitProblem(values_of(scene), sought, experiment, model_at, comm)
     problem, fit, unidentifiable = _fit_determined(problem, lambda done, of: report("time spans", done, of))
     identified = scene_with(scene, problem.values(fit.q))
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", FenicsRomWarning)  # they are among the messages
+    with warnings.catch_warnings(action="ignore", category=FenicsRomWarning):  # they are among the messages
         full, messages = predict_full_order(assemble(identified), experiment, report)
     finer = experiment
     if moving and scene.run is not None:

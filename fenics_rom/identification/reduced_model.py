@@ -38,8 +38,7 @@ def make_basis(system: System, experiment: Experiment) -> Array:
     """
     marker_columns = experiment.marker_columns(system)
     bases = []
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", FenicsRomWarning)  # the final check says what holds of the full model
+    with warnings.catch_warnings(action="ignore", category=FenicsRomWarning):  # the final check is of the full model
         for method, inputs, tolerance in (
             ("balanced", experiment.inputs, BALANCED_TOLERANCE),
             ("static", experiment.rest_inputs, STATIC_TOLERANCE),

@@ -10,10 +10,9 @@ from typing import Any
 import numpy as np
 import tomlkit
 
-from fenics_rom.errors import FileError
 from fenics_rom.identification.plot import draw_fit
 from fenics_rom.identification.result import Given, Identification
-from fenics_rom.io.atomic_write import check_folder, write_whole
+from fenics_rom.io.atomic_write import check_folder, make_folder, write_whole
 from fenics_rom.io.markdown import markdown
 from fenics_rom.io.mpi_ranks import is_rank_0
 
@@ -47,13 +46,10 @@ def write_identification(folder: str | Path, result: Identification) -> None:
         "residuals.csv": residuals_csv(result),
     }
     check_folder(place)
-    try:
-        place.mkdir(exist_ok=True)
-        for name, text in texts.items():
-            write_whole(place / name, text.encode())
-        draw_fit(result, [place / "fit.png", place / "fit.pdf"])
-    except OSError as error:
-        raise FileError(f"{place}: cannot be written: {error.strerror or error}") from error
+    make_folder(place)
+    for name, text in texts.items():
+        write_whole(place / name, text.encode())
+    draw_fit(result, [place / "fit.png", place / "fit.pdf"])
 
 
 def identified_text(result: Identification, folder: Path) -> str:

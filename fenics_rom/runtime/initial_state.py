@@ -30,8 +30,7 @@ def begin(body: Simulator, rom: Rom, environment: Environment, history: LoadHist
     if initial.equilibrium:
         _settle(body, rom, environment, history)
     displacement, velocity = initial.fields(rom.nodes, rom.node_mass)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", FenicsRomWarning)  # it stays with the trajectory
+    with warnings.catch_warnings(action="ignore", category=FenicsRomWarning):  # it stays with the trajectory
         lost = body.set_shape(body.displacement() + displacement, velocity)
     return lost_messages(lost, f"ROM {rom.name!r}")
 

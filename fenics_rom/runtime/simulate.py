@@ -45,10 +45,6 @@ def simulate(
         environment,
         history.steps,
         history.dt,
-        outputs=rom.outputs,
-        contacts=rom.contacts,
-        actuators=rom.actuators,
-        readings=rom.readings,
         snapshots=environment.run.snapshots if environment.run else 1,
         every=history.every,
     )
@@ -165,8 +161,7 @@ def _prepared(
 def _seconds(simulator: Simulator, history: LoadHistory) -> float:
     """Wall clock of the steps alone, s, with the account kept; in a second run, as reading it after each costs more."""
     seconds, inputs = 0.0, iter(history)
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", FenicsRomWarning)  # it was said
+    with warnings.catch_warnings(action="ignore", category=FenicsRomWarning):  # it was said
         while some := list(islice(inputs, 1000)):
             start = time.perf_counter()
             for contact, u in some:
@@ -192,8 +187,7 @@ def _profile(simulator: Simulator, history: LoadHistory) -> dict[str, float]:
 
     if simulator.environment is not None:
         simulator.environment.mark = mark
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", FenicsRomWarning)
+    with warnings.catch_warnings(action="ignore", category=FenicsRomWarning):
         for contact, u in history:
             mark(UNTIMED)
             if not history.automatic:

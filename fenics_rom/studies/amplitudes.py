@@ -196,13 +196,11 @@ class _AmplitudeStudy:
                 ("linear, full order", linear_run, compare(linear_run, full)),
             )
         ]
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", FenicsRomWarning)  # that the linear model is wrong is what is shown
+        with warnings.catch_warnings(action="ignore", category=FenicsRomWarning):  # the study shows what is wrong
             rows += run_on_rank_0(self._comm, run_reduced)
         return rows, notes
 
     def _full(self, model: str, scene: Scene, dt: float, stage: str) -> Trajectory:
         system = replace(self._systems[model], scene=scene)
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore", FenicsRomWarning)
+        with warnings.catch_warnings(action="ignore", category=FenicsRomWarning):
             return fr.simulate(system, dt=dt, report=lambda _, done, of: self._report(f"{model} {stage}", done, of))

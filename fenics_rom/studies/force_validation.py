@@ -78,8 +78,7 @@ def _beginning(run: Run, steps: int) -> Run:
 def _validation(system: System, rom: Rom, scene: Scene, report: Report) -> tuple[ForceValidation, list[str]]:
     comm, run = system.algebra.comm, scene.run  # type: ignore[attr-defined]
     assert run is not None
-    with warnings.catch_warnings():
-        warnings.simplefilter("ignore", FenicsRomWarning)  # whoever runs it is told
+    with warnings.catch_warnings(action="ignore", category=FenicsRomWarning):  # whoever runs it is told
         reduced = run_on_rank_0(comm, lambda: fr.simulate(rom, scene=scene))
         touching = np.flatnonzero(sum(np.abs(force).sum(axis=1) for force in reduced.forces.values()))
         if not len(touching):

@@ -130,10 +130,7 @@ def common_instants(times: Array, reference: Array, what: str) -> tuple[Array, A
     Raises:
         CompareError: there is none after the start.
     """
-    after = np.clip(np.searchsorted(reference, times), 1, max(len(reference) - 1, 1)) if len(reference) > 1 else 0
-    nearest = np.zeros(len(times), dtype=int) + after
-    if len(reference) > 1:
-        nearest -= np.abs(reference[nearest - 1] - times) < np.abs(reference[nearest] - times)
+    nearest = np.searchsorted((reference[1:] + reference[:-1]) / 2, times)
     close = np.abs(reference[nearest] - times) <= SAME_TIME * max(np.abs(reference).max(), SMALLEST_TIME)
     if not (close & (times > 0)).any():  # at the start every run is at rest, and that says nothing
         raise CompareError(f"the runs have no common {what}; run both with time steps of which one divides the other")

@@ -1,7 +1,7 @@
 """What is kept of a run, the same for full and reduced models."""
 
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Any, Protocol
 
@@ -181,14 +181,11 @@ class TrajectoryRecorder:
     """Fills the arrays of a trajectory, step by step.
 
     Args:
-        body: what has nodes (N, 3), m, triangles (F, 3), node_mass (N,), kg, and cells: a ROM, or where the degrees of
-            freedom of a system are.
+        model: a ROM or a system, with outputs and readings by name, contacts and actuators (columns, or how many), and
+            what has nodes (N, 3), m, triangles (F, 3), node_mass (N,), kg, and cells: itself, or its body.
         environment: what acts; without contact nothing is kept of it.
         steps: number of steps of the run.
         dt: time step, s.
-        outputs: names of those that are kept.
-        contacts, actuators: number of input columns of each.
-        readings: by name.
         snapshots: how many whole shapes to keep, evenly spread, the last step among them.
         every: instants are kept after every so many steps, and at the end.
 
@@ -198,21 +195,18 @@ class TrajectoryRecorder:
 
     def __init__(
         self,
-        body: Any,
+        model: Any,
         environment: Environment,
         steps: int,
         dt: float,
         *,
-        outputs: Iterable[str],
-        contacts: Mapping[str, int],
-        actuators: Mapping[str, int],
-        readings: Mapping[str, Reading],
         snapshots: int,
         every: int = 1,
     ):
-        self._body, self._effects = body, tuple(environment.effects)
-        self._contacts, self._input_columns = tuple(contacts), (contacts, actuators)
-        self._outputs, self._units, self._readings = list(outputs), environment.input_units, readings
+        self._body, self._effects = getattr(model, "body", model), tuple(environment.effects)
+        self._contacts, self._input_columns = tuple(model.contacts), (_widths(model.contacts), _widths(model.actuators))
+        self._outputs, self._units = list(model.outputs), environment.input_units
+        self._readings: Mapping[str, Reading] = model.readings
         self._loads: Mapping[str, int] = {}
         self._inputs = NOTHING
         self._series: dict[str, dict[str, Array]] = {}
@@ -225,7 +219,7 @@ class TrajectoryRecorder:
         self._sums = [name for name, effect in CONTACT_ACCOUNT.items() if effect in self._effects]
         self._snapshot_steps = np.unique(np.round(np.linspace(0, steps, min(snapshots, steps) + 1)).astype(int))[1:]
         self.snapshot_rows = {step: row for row, step in enumerate(self._snapshot_steps.tolist())}
-        self._snapshots = np.zeros((len(self._snapshot_steps), len(body.nodes), 3))
+        self._snapshots = np.zeros((len(self._snapshot_steps), len(self._body.nodes), 3))
         is_moving = not self._effects or "inertia" in self._effects
         self._velocities = np.zeros_like(self._snapshots) if is_moving else None
         self._motion = {name: np.zeros((len(self._snapshot_steps), 3)) for name in self._obstacles}
@@ -343,3 +337,8 @@ class TrajectoryRecorder:
             readings=readings,
             **series,
         )
+
+
+def _widths(columns: Mapping[str, Array | int]) -> dict[str, int]:
+    """Numbers of columns, which a ROM has, or of the columns themselves, which a system has."""
+    return {name: each.shape[1] if isinstance(each, np.ndarray) else each for name, each in columns.items()}

@@ -39,10 +39,6 @@ class Recording:
             rom.environment,
             len(self.steps),
             self.start.dt,
-            outputs=rom.outputs,
-            contacts=rom.contacts,
-            actuators=rom.actuators,
-            readings=rom.readings,
             snapshots=max(shapes, 1),
         )
 
