@@ -31,7 +31,7 @@ PART = {
     "hankel_singular_values": Entry("1", ("r",)),
     "left_inverse": Entry("1", ("m", "k"), optional=True),
 }
-RUN = {"probe": Entry("1", ("probes",)), "shapes": Entry("m", ("n", "s"))}
+RUN = {"probe": Entry("1", ("probes",)), "share": Entry("1", (1,)), "shapes": Entry("m", ("n", "s"))}
 
 
 class Checkpoint:
@@ -88,8 +88,10 @@ class Checkpoint:
         self._written_files += 1
         self._written_columns, self._written_messages = problem.space.size, len(problem.messages)
 
-    def restored_run(self, number: int, loads: str, rows: slice) -> Array | None:
-        """The shapes (rows here, s) of a training run under such loads; None where it is not finished.
+    def restored_run(self, number: int, loads: str, rows: slice) -> tuple[float, Array] | None:
+        """Of a training run under such loads the share that was put on, and the shapes (rows here, s).
+
+        None where it is not finished.
 
         Raises:
             FileError: it is of another system or of other loads, or damaged.
@@ -97,17 +99,18 @@ class Checkpoint:
         if not self._is_there(file := f"run-{number}.h5"):
             return None
 
-        def read_shapes(h5: Any) -> Array:
+        def read_shapes(h5: Any) -> tuple[float, Array]:
             a = get_record(h5, RUN)
             self._check_same(a["probe"], get_text(h5, "loads") == loads)
-            return np.asarray(a["shapes"])
+            return a["share"], np.asarray(a["shapes"])
 
-        return read_file(self._folder / file, "training run", read_shapes)[rows]
+        share, shapes = read_file(self._folder / file, "training run", read_shapes)
+        return share, shapes[rows]
 
-    def keep_run(self, number: int, loads: str, shapes: Array) -> None:
-        """Writes a training run that is finished, with its shapes on all rows (n, s)."""
+    def keep_run(self, number: int, loads: str, share: float, shapes: Array) -> None:
+        """Writes a training run that is finished, with the share of its loads and its shapes on all rows (n, s)."""
         if self._keeps:
-            arrays = {"probe": self._probe, "shapes": shapes}
+            arrays = {"probe": self._probe, "share": share, "shapes": shapes}
             self._write(f"run-{number}.h5", "training run", RUN, arrays, loads=loads)
 
     def _is_there(self, file: str) -> bool:

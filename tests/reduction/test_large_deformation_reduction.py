@@ -10,7 +10,7 @@ from bodies import assembled
 from soft_box import SoftStepper, soft_box
 
 import fenics_rom as fr
-from fenics_rom.errors import FileError, SceneError, SolverError
+from fenics_rom.errors import FenicsRomWarning, FileError, SceneError, SolverError, StepError
 from fenics_rom.io.stages import Stages
 from fenics_rom.mechanics.hyperelastic import LAWS
 from fenics_rom.mechanics.step import StepInput
@@ -22,6 +22,7 @@ from fenics_rom.reduction.hyperreduction.training import plan_runs
 from fenics_rom.reduction.hyperreduction.training_loads import load_extremes, slowest_period, training_targets
 from fenics_rom.reduction.problem import ReductionProblem
 from fenics_rom.rom.deformation import ReducedDeformation, monomials
+from fenics_rom.runtime.steppers.equilibrium import Equilibrium
 from fenics_rom.scene.file import parse_scene
 
 RUN = """
@@ -34,6 +35,7 @@ load = [
 ]"""
 SIZE, BRICKS = (0.3, 0.02, 0.02), (10, 1, 1)
 METHODS = ("trained", "modal+derivatives")
+RESTING = {"effects": "", "run": 'dt = 0.1\nduration = 1.0\nload = [{ contact = "tip", force = [0.0, 0.05, -0.15] }]'}
 
 
 def box(**choices):
@@ -204,9 +206,9 @@ def test_both_methods_follow_a_load_history_that_linear_models_do_not(system, ro
         shapes.append(sim.x[:, 0].copy())
     shapes = np.column_stack(shapes)[:, run.snapshot_steps()]
     assert np.abs(system.outputs["tip"].T @ shapes).max() > 0.07  # m, of 0.3 m
-    assert validation_error(roms[method], system, run, shapes) <= 0.03
+    assert validation_error(roms[method], system, run, shapes, []) <= 0.03
     soft = replace(roms[method].deformation, weights=0.9 * roms[method].deformation.weights)
-    assert validation_error(replace(roms[method], deformation=soft), system, run, shapes) > 0.03
+    assert validation_error(replace(roms[method], deformation=soft), system, run, shapes, []) > 0.03
 
 
 def test_how_far_training_went_is_kept_with_the_model(system, roms):
@@ -312,9 +314,10 @@ def test_training_goes_on_where_it_was_stopped(system, folder, roms):
 
 @pytest.mark.parametrize("method", METHODS)
 def test_without_inertia_equilibria_are_what_is_seen(method):
-    run = 'dt = 0.1\nduration = 1.0\nload = [{ contact = "tip", force = [0.0, 0.05, -0.15] }]'
-    system = box(run=run, effects="")
+    system = box(**RESTING)
     rom = fr.reduce(system, order=12, method=method)
+    if method == "trained":  # its held-out runs have the whole load in one step, too
+        assert rom.deformation.validation_error <= 0.02
     u = np.array([0.0, 0.05, -0.15, 0.0, 0.0])
     full, body = system.deformation.stepper(1.0), rom.deformation
     full.switch("tip")
@@ -349,6 +352,46 @@ def test_loads_beyond_what_can_be_followed_say_which_and_what_to_lower(monkeypat
     message = r"training run 1 of \d+ \(tip\[1\] 0.2, tip\[2\] -0.25, .* does not converge in step 3 of .*lower those"
     with pytest.raises(SolverError, match=message):
         fr.reduce(box(), order=8)
+
+
+def test_loads_that_the_body_cannot_follow_are_lowered_and_told(monkeypatch, tmp_path):
+    """The model knows how far it was trained, also where training is resumed."""
+    followed, most = SoftStepper.equilibrium, 0.12
+
+    def equilibrium(body, inputs):
+        if body.contact_mode == "tip" and np.linalg.norm(inputs.u[:3]) > most:
+            raise SolverError("too much")
+        followed(body, inputs)
+
+    monkeypatch.setattr(SoftStepper, "equilibrium", equilibrium)
+    for resume in (False, True):
+        with pytest.warns(FenicsRomWarning, match="lowered") as told:
+            rom = fr.reduce(box(**RESTING), order=12, checkpoint=tmp_path / "runs", resume=resume)
+        assert any("(tip[1] 0.05, tip[2] -0.15) was lowered to 0.7 of its loads" in str(one.message) for one in told)
+        assert {str(one.message) for one in told} <= set(rom.warnings)
+        assert 0.1 < rom.deformation.trained.pushes["tip"] <= 0.12
+        assert rom.deformation.validation_error <= 0.02
+        most = 0.0  # nothing is run again
+
+
+def test_a_reduced_model_that_stops_has_an_error_that_is_a_number(monkeypatch):
+    stepped, steps = Equilibrium.step, []
+
+    def step(kernel, *inputs):
+        steps.append(inputs)
+        if len(steps) > 4:
+            raise StepError("not followed")
+        return stepped(kernel, *inputs)
+
+    monkeypatch.setattr(Equilibrium, "step", step)
+    with warnings.catch_warnings(record=True) as told:
+        warnings.simplefilter("always")
+        rom = fr.reduce(box(**RESTING), order=12)
+    messages = [str(one.message) for one in told]
+    assert 0.05 < rom.deformation.validation_error <= 1.0
+    assert any("stops at step 5 of 10" in text and "not followed" in text for text in messages)
+    assert any("shapes are off by up to" in text for text in messages)
+    assert set(messages) <= set(rom.warnings)
 
 
 @pytest.mark.parametrize(

@@ -22,6 +22,8 @@ from fenics_rom.runtime.steppers.newton import Newton
 from fenics_rom.system.protocols import Algebra, Array, Deformation, Operator
 from fenics_rom.system.system import System
 
+TOLD_ERROR = 0.05  # of shapes in runs that were held out
+
 BASES: dict[str, Callable[[ReductionProblem, Checkpoint], TrainingData]] = {
     "trained": trained,
     "modal+derivatives": modal_derivatives,
@@ -49,10 +51,15 @@ def hyperreduce(problem: ReductionProblem, method: str, tolerance: float, checkp
     rom = replace(rom, deformation=body)
     if training.held_out:
         with problem.stages("validation"):
-            error = max(validation_error(rom, system, run, shapes) for run, shapes in training.held_out)
+            error = max(validation_error(rom, system, *run, problem.messages) for run in training.held_out)
+        if error > TOLD_ERROR:
+            problem.messages.append(
+                f"shapes are off by up to {100 * error:.3g} % in runs that the reduced model was not trained with: a "
+                "larger order or a smaller cubature tolerance may help"
+            )
         body = replace(body, validation_error=error)
     body = replace(body, trained=_training_range(body, training, np.hstack([states, *held_out])))
-    return replace(rom, deformation=body, stages=problem.stages.done)
+    return replace(rom, deformation=body, stages=problem.stages.done, warnings=tuple(problem.messages))
 
 
 def _training_range(body: ReducedDeformation, training: TrainingData, states: Array) -> TrainingRange:
@@ -170,33 +177,39 @@ def project_tendons(body: Deformation, algebra: Algebra, W: Array) -> dict[str, 
     return {name: ReducedTendon(points, algebra.inner(shapes, W)) for name, (points, shapes) in body.tendons.items()}
 
 
-def validation_error(rom: Rom, system: System, run: Run, shapes: Array) -> float:
+def validation_error(rom: Rom, system: System, run: Run, shapes: Array, messages: list[str]) -> float:
     """Largest difference to the full model's shapes (rows here, s) in a run, as a share of the largest, in mass norm.
 
-    It is infinite where the reduced model does not converge.
+    Where the reduced model does not converge it stays where it is, and that is said in the messages.
     """
     W, inner = rom.basis[system.algebra.rows()], system.algebra.inner
     Mx = system.mass @ shapes
     squares, projections = np.diag(inner(shapes, Mx)), inner(W, Mx)  # of |x - W q|² = |x|² - |WᵀMx|² + |WᵀMx - q|²
     assert rom.deformation is not None
     unwatched = replace(rom, deformation=replace(rom.deformation, trained=None))  # it is for the caller to judge
-    try:
-        reduced = _reduced_states(unwatched, run)
-    except StepError:
-        return float("inf")
+    reduced = _reduced_states(unwatched, run, messages)
+    if not squares.max():
+        return 0.0  # nothing moves
     outside = np.maximum(squares - (projections**2).sum(axis=0), 0.0)
     errors = outside + ((projections - reduced) ** 2).sum(axis=0)
     return float(np.sqrt(errors.max() / squares.max()))
 
 
-def _reduced_states(rom: Rom, run: Run) -> Array:
-    """q (m, s) of the reduced model in a run."""
+def _reduced_states(rom: Rom, run: Run, messages: list[str]) -> Array:
+    """q (m, s) of the reduced model in a run, as far as it goes and from there on the last."""
     kernel = (Equilibrium if run.dt is None else Newton)(rom, None, None)
     kernel.set_time_step(1.0 if run.dt is None else run.dt)
     snapshot_steps, states, m = set(run.snapshot_steps()), [], len(rom.stiffness)
+    q, stuck = np.zeros(m), False
     for step, (contact, u) in enumerate(run.steps):
-        kernel.enter(rom.contact_models[contact])
-        kernel.step(u)
+        try:
+            if not stuck:
+                kernel.enter(rom.contact_models[contact])
+                kernel.step(u)
+                q = kernel.state[:m] / np.sqrt(rom.stiffness)
+        except StepError as error:
+            stuck = True
+            messages.append(f"the reduced model stops at step {step + 1} of {len(run.steps)} of {run.title}: {error}")
         if step in snapshot_steps:
-            states.append(kernel.state[:m] / np.sqrt(rom.stiffness))
+            states.append(q)
     return np.column_stack(states)

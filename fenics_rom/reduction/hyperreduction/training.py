@@ -3,9 +3,10 @@
 Each begins at rest, lets loads grow to a target within half of the slowest period, so that the body overshoots, holds
 them, lets go and swings: what the scene does at its worst moment, then actuators, loads and contact modes one by one,
 and together. A contact mode that the scene never pushes is pushed by as much as undoes there what the other loads do:
-obstacles do no more. Tendons rub at their guides as in the scene.
+obstacles do no more. Where the full model does not follow, the loads of a run are lowered.
 """
 
+from collections import defaultdict
 from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import dataclass, replace
@@ -38,6 +39,7 @@ STATIC_STEPS = 10  # of a load that grows without inertia
 SNAPSHOTS = 50  # of each run
 MAX_HISTORY_STEPS = 400  # of the scene's own load history
 GROWING_PERIODS, HOLDING_PERIODS, RUN_PERIODS = 0.5, 0.75, 2.5  # slowest periods that loads grow, are held, runs take
+LOWERING, LEAST_SHARE = 0.7, 0.1  # of the loads of a run that the full model does not follow, and what is too little
 SMALL_MOTION_WEIGHT = 0.03  # of a run's that the directions of small motions of a contact mode have together
 
 
@@ -48,6 +50,14 @@ class Run:
     title: str  # its loads, for messages
     steps: tuple[tuple[str, Array], ...]  # contact mode and input of each
     dt: float | None  # s; None where every step is an equilibrium
+    share: float = 1.0  # of the loads that it was planned with
+
+    def lowered(self, loads: LoadExtremes, share: float) -> "Run":
+        """The run under a share of its loads, with all of what is always there."""
+        if share == 1.0:
+            return self
+        steps = ((contact, loads.whole(loads.passing(u), share)) for contact, u in self.steps)
+        return replace(self, steps=tuple(steps), share=share)
 
     def snapshot_steps(self) -> range:
         """The steps after which the shape is kept."""
@@ -68,30 +78,77 @@ class TrainingData:
 def trained(problem: ReductionProblem, checkpoint: Checkpoint) -> TrainingData:
     """From full-order runs under the scene's loads, and the linear reductions of the contact modes."""
     loads, training, held_out = plan_runs(problem)
-    shapes = _simulated(problem, [*training, *held_out], checkpoint)
-    trained_shapes, held_out_shapes = shapes[: len(training)], shapes[len(training) :]
+    runs, shapes = _simulated(problem, loads, [*training, *held_out], checkpoint)
+    trained_shapes, validated = shapes[: len(training)], zip(runs, shapes, strict=True)
     dynamic = training[0].dt is not None
     small = weighted_small_motions(problem, dict((balanced if dynamic else static)(problem)))
     columns = np.hstack([weighted_snapshots(problem, trained_shapes), small])
-    return TrainingData(
-        columns, np.hstack(trained_shapes), loads, held_out=tuple(zip(held_out, held_out_shapes, strict=True))
-    )
+    reached, last = _reached(problem.system, loads, runs), tuple(validated)[len(training) :]
+    return TrainingData(columns, np.hstack(trained_shapes), reached, held_out=last)
 
 
-def _simulated(problem: ReductionProblem, runs: list[Run], checkpoint: Checkpoint) -> list[Array]:
-    """The shapes (rows here, s) of each run."""
-    system, body, shapes = problem.system, problem.deformation, []
+def _simulated(
+    problem: ReductionProblem, loads: LoadExtremes, planned: list[Run], checkpoint: Checkpoint
+) -> tuple[list[Run], list[Array]]:
+    """The runs, under loads that the full model can follow, and the shapes (rows here, s) of each."""
+    system, body = problem.system, problem.deformation
+    runs: list[Run] = []
+    shapes: list[Array] = []
     with problem.stages("training runs"), closing(body.stepper(1.0, _rubbing(system), ledger=False)) as stepper:
-        for number, run in enumerate(runs):
-            problem.stages.report("training runs", number, len(runs))
+        for number, run in enumerate(planned):
+            problem.stages.report("training runs", number, len(planned))
             key = f"{body.law}; {run.title}; {len(run.steps)} steps of {run.dt} s"
-            snapshots = checkpoint.restored_run(number, key, system.algebra.rows())
-            if snapshots is None:
-                snapshots = _shapes(stepper, run, f"training run {number + 1} of {len(runs)}")
-                checkpoint.keep_run(number, key, system.algebra.gather(snapshots))
+            name = f"training run {number + 1} of {len(planned)}"
+            restored = checkpoint.restored_run(number, key, system.algebra.rows())
+            share, snapshots = restored or _followed(stepper, run, loads, name)
+            if restored is None:
+                checkpoint.keep_run(number, key, share, system.algebra.gather(snapshots))
+            if share < 1:
+                problem.messages.append(
+                    f"{name} ({run.title}) was lowered to {share:.2g} of its loads, as the full model does not follow "
+                    "more: no more of them is known to the reduced model, either"
+                )
+            runs.append(run.lowered(loads, share))
             shapes.append(snapshots)
-    problem.stages.report("training runs", len(runs), len(runs))
-    return shapes
+    problem.stages.report("training runs", len(planned), len(planned))
+    return runs, shapes
+
+
+def _followed(stepper: Any, run: Run, loads: LoadExtremes, name: str) -> tuple[float, Array]:
+    """The share of a run's loads that the full model follows, and its shapes (rows here, s) under them."""
+    share, failure = 1.0, None
+    while share >= LEAST_SHARE:
+        try:
+            return share, _shapes(stepper, run.lowered(loads, share), name)
+        except SolverError as error:
+            failure, share = failure or error, LOWERING * share
+    assert failure is not None
+    raise failure
+
+
+def _reached(system: System, loads: LoadExtremes, runs: list[Run]) -> LoadExtremes:
+    """The extremes, of which each is lowered as much as the largest that any run was to have of it."""
+    if all(run.share == 1.0 for run in runs):
+        return loads
+    sizes: dict[tuple[str, str], list[tuple[float, float]]] = defaultdict(list)  # of a load in a run, and as planned
+    for run in runs:
+        for contact, u in run.steps:
+            widths = [system.contacts[contact].shape[1], *system.widths.values()]
+            push, *inputs = np.split(loads.passing(u), np.cumsum(widths)[:-1])
+            names = [("push", contact), *(("input", name) for name in system.widths)]
+            for name, part in zip(names, (push, *inputs), strict=True):
+                if size := float(np.linalg.norm(part)):
+                    sizes[name].append((size, size / run.share))
+
+    def lowered(kind: str, name: str) -> float:
+        acted = np.array(sizes.get((kind, name), [(1.0, 1.0)]))
+        return float(acted[:, 0].max() / acted[:, 1].max())
+
+    return replace(
+        loads,
+        inputs={name: lowered("input", name) * size for name, size in loads.inputs.items()},
+        pushes={name: lowered("push", name) * push for name, push in loads.pushes.items()},
+    )
 
 
 def _rubbing(system: System) -> ActiveEnvironment | None:
@@ -120,7 +177,7 @@ def _shapes(stepper: Any, run: Run, name: str) -> Array:
     except SolverError as error:
         raise SolverError(
             f"{name} ({run.title}) does not converge in step {step + 1} of {len(run.steps)}: {error}; its loads are as "
-            "large as in the scene's [run]: lower those"
+            f"large as in the scene's [run], and {LEAST_SHARE:g} of them is too much, too: lower those"
         ) from error
     return np.column_stack(shapes)
 

@@ -37,6 +37,10 @@ class LoadExtremes:
         """Number of loads and contact modes."""
         return int(self.extremes.any(axis=0).sum()) + len(self.pushes)
 
+    def passing(self, u: Array) -> Array:
+        """An input without what is always there."""
+        return u - self.whole(np.zeros(len(u)))
+
     def whole(self, target: Array, share: float = 1.0) -> Array:
         """An input with what is always there, and a share of a target."""
         always = np.zeros(len(target))

@@ -11,7 +11,7 @@ import numpy as np
 
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion
-from fenics_rom.runtime.steppers.finite_strain import FiniteStrainKernel
+from fenics_rom.runtime.steppers.finite_strain import FiniteStrainKernel, is_definite
 from fenics_rom.runtime.steppers.kernel import StepWork, symmetric
 from fenics_rom.runtime.steppers.newton import MAX_ITERATIONS, MAX_PARTS, is_solved
 
@@ -88,21 +88,24 @@ class Equilibrium(FiniteStrainKernel):
 
         None if there is none.
         """
-        body = self._body
-        before = math.inf
+        body, before = self._body, math.inf
+        whole_steps = self._interface is None and self._actuators is None
         for _ in range(MAX_ITERATIONS):
             elastic, force = body.force(q), self._loads(u, q)
             residual = elastic - force - unbalanced
-            try:
-                np.linalg.cholesky(tangent := body.tangent(q))
-            except np.linalg.LinAlgError:
+            tangent = body.tangent(q)
+            stable = is_definite(tangent)
+            if not (stable or whole_steps):
                 return None
             # Where all is let go there are no forces left to compare with, but those of hardly any displacement.
             least = SMALLEST_DISPLACEMENT * body.training_radius * np.abs(tangent).max()
             scale = max(*(np.abs(part).max() for part in (elastic, force, unbalanced)), least)
             if not math.isfinite(scale):
                 return None
-            inverse = np.linalg.inv(tangent)
+            try:
+                inverse = np.linalg.inv(tangent)
+            except np.linalg.LinAlgError:
+                return None
             if self._interface is not None:
                 self._delassus = self._with_residual(symmetric(self._Sᵀ.T @ inverse @ self._Sᵀ / self.h))
             free = (q - inverse.dot(residual) - start) / self.h
@@ -120,8 +123,8 @@ class Equilibrium(FiniteStrainKernel):
                 residual -= self._pushed(contact)
             error = np.abs(residual).max()
             if is_solved(error, before, scale):
-                return q, contact, reactions
-            if error > 10 * before:
+                return (q, contact, reactions) if stable else None
+            if error > 10 * before and not whole_steps:
                 return None
             before = error
             q = q - inverse.dot(residual)
