@@ -82,19 +82,28 @@ def test_published_shapes_come_from_the_whole_load_at_once(tmp_path, case, brick
 
 @pytest.mark.parametrize(("law", "degree"), [("st_venant_kirchhoff", 2), ("neo_hookean", 1)])
 def test_factored_matrix_is_the_tangent(tmp_path, law, degree):
-    """Also where some components of a node alone are held."""
+    """All of it, and of a pressure the symmetric part, also where some components of a node alone are held."""
     mesh = write_arrays(tmp_path / "beam.msh", *box_arrays((0.5, 0.1, 0.1), (4, 1, 1)))
     held = {"supports": 'clamped = ["left"]\n[[supports.held]]\nsurface = "top"\nnormal = [0.0, 0.0, 1.0]'}
-    springs = '[effects.springs.s]\nsurface = "right"\nstiffness = 10.0'
+    springs = (
+        '[effects.springs.s]\nsurface = "right"\nstiffness = 10.0\n[effects.pressure.air]\nsurface = "front"\n'
+        "[effects.tendon.cable]\npoints = [[0.01, 0.05, 0.05], [0.3, 0.03, 0.05], [0.49, 0.05, 0.06]]"
+    )
     system = assembled(mesh, 1e6, 0.3, law=law, degree=degree, effects=springs, **held)
     body, random = system.deformation.stepper(1.0), np.random.default_rng(0)
     zero, dx = np.zeros((system.size, 1)), random.standard_normal((system.size, 1))
-    equation = QuasiStaticResidual(system.deformation.model, body._start, ExternalForce(zero, ()), 0.5, zero)
-    trial = equation.evaluate(4e-3 * random.standard_normal((system.size, 1)))
-    matrix = PetscMatrix(body._matrix.consistent(trial.stresses))
-    expected = equation.apply_tangent(trial, dx) / equation.h
-    np.testing.assert_allclose(matrix @ dx, expected, atol=1e-12 * np.abs(expected).max())
-    matrix.destroy()
+    model, x = system.deformation.model, 4e-3 * random.standard_normal((system.size, 1))
+    for pressure in (0.0, 3e4):
+        load = ExternalForce(zero, ((pressure, model.followers["air"]), (50.0, model.followers["cable"])))
+        equation = QuasiStaticResidual(model, body._start, load, 0.5, zero)
+        trial = equation.evaluate(x)
+        matrix = PetscMatrix(body._matrix.consistent(trial.stresses, load.stiffness(trial.u)))
+        found, expected = matrix @ dx, equation.apply_tangent(trial, dx) / equation.h
+        matrix.destroy()
+        if pressure:
+            assert float(np.vdot(dx, found)) == pytest.approx(float(np.vdot(dx, expected)), rel=1e-12)
+        else:
+            np.testing.assert_allclose(found, expected, atol=1e-12 * np.abs(expected).max())
     body.close()
 
 

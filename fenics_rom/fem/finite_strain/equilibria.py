@@ -56,7 +56,8 @@ class FactoredTangent:
             return self._factor
         self.close()
         try:
-            self._factor = PetscFactor(self._matrix.consistent(trial.stresses), definite=False)
+            matrix = self._matrix.consistent(trial.stresses, trial.external.stiffness(trial.u))
+            self._factor = PetscFactor(matrix, definite=False)
         except MemoryShortage:
             raise
         except SolverError:

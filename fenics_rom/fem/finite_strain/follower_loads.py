@@ -1,6 +1,7 @@
 """Forces that follow the body: pressure on the moved surface, and tendons through moved points."""
 
 import numpy as np
+import scipy.sparse
 
 from fenics_rom.fem.finite_strain.quadrature import tabulate
 from fenics_rom.fem.nodes import Nodes
@@ -38,6 +39,18 @@ class PressureLoad:
         dx_ξ, dx_η = self._tangents(du)
         return self._assemble(np.cross(dx_ξ, x_η) + np.cross(x_ξ, dx_η))
 
+    def stiffness(self, u: Array) -> scipy.sparse.csr_matrix:
+        """-∂force/∂u (3N, 3N) at displacements (N, 3), of which the symmetric part: all of it on a closed surface."""
+        x_ξ, x_η = self._tangents(self._rest + u)
+        shapes, slopes = self._weights[:, None] * self._shapes, self._shape_gradients
+        blocks = np.einsum("qa,qb,fqji->faibj", shapes, slopes[..., 0], np.cross(np.eye(3), x_η[..., None, :]))
+        blocks -= np.einsum("qa,qb,fqji->faibj", shapes, slopes[..., 1], np.cross(np.eye(3), x_ξ[..., None, :]))
+        places = (3 * self._triangle_nodes[..., None] + np.arange(3)).reshape(len(blocks), -1)
+        rows, columns = np.broadcast_arrays(places[:, :, None], places[:, None, :])
+        entries = blocks.reshape(rows.shape).ravel(), (rows.ravel(), columns.ravel())
+        matrix = scipy.sparse.coo_matrix(entries, shape=(u.size, u.size)).tocsr()
+        return (matrix + matrix.T) / 2
+
     def stroke(self, u: Array) -> float:
         """What its force does work along, m or m³, at displacements (N, 3)."""
         return swept_volume(lambda x: self.force(x.reshape(-1, 3)).ravel(), u.ravel())
@@ -70,6 +83,14 @@ class TendonPull:
         directions, change = pieces / lengths, np.diff(self.shapes @ du, axis=0)
         elongation = np.einsum("ki,ki->k", directions, change)[:, None]
         return self.shapes.T @ sum_end_forces((change - elongation * directions) / lengths)
+
+    def stiffness(self, u: Array) -> scipy.sparse.csr_matrix:
+        """As of PressureLoad; symmetric."""
+        pieces, lengths = measure_segments(self.points + self.shapes @ u)
+        directions = pieces / lengths
+        across = (np.eye(3) - directions[:, :, None] * directions[:, None, :]) / lengths[:, :, None]
+        differences = scipy.sparse.kron(scipy.sparse.csr_matrix(np.diff(self.shapes, axis=0)), np.eye(3)).tocsr()
+        return (differences.T @ scipy.sparse.block_diag(across) @ differences).tocsr()
 
     def stroke(self, u: Array) -> float:
         """As of PressureLoad."""

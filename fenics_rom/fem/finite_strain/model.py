@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
+import scipy.sparse
 
 from fenics_rom.fem.finite_strain.follower_loads import FollowerLoad, TendonPull
 from fenics_rom.fem.finite_strain.quadrature import QuadraturePoints
@@ -98,6 +99,11 @@ class ExternalForce:
         """(rows here, 1), N, at displacements of all nodes (N, 3)."""
         forces = (value * follower.force(u) for value, follower in self.following)
         return self.dead + model.local_rows(sum(forces, np.zeros_like(u)))
+
+    def stiffness(self, u: Array) -> scipy.sparse.csr_matrix:
+        """The symmetric part of -∂force/∂u (3N, 3N), N/m, at displacements of all nodes (N, 3)."""
+        zero = scipy.sparse.csr_matrix((u.size, u.size))
+        return sum((value * follower.stiffness(u) for value, follower in self.following), zero)
 
     def jvp(self, model: FiniteStrainModel, u: Array, du: Array) -> Array:
         """Change (rows here, 1) of the force with that of displacements of all nodes (N, 3)."""

@@ -1,9 +1,9 @@
 """The matrices that a step's linear systems are solved with, of the state that the body is in.
 
-K is the consistent tangent of an equilibrium, but for the part of what follows the body; symmetric, indefinite beyond
-a limit point:
+K is the consistent tangent of an equilibrium, with the symmetric part of what follows the body; indefinite beyond a
+limit point:
 
-    K = K_s + ∫ F ∇δ : ∂S/∂E : F ∇v + ∇δ S : ∇v
+    K = K_s + ∫ F ∇δ : ∂S/∂E : F ∇v + ∇δ S : ∇v - sym ∂force/∂x
 
 A is the tangent at the start of a step, made positive definite: with the moduli of small strains and without the
 stresses.
@@ -59,6 +59,7 @@ class TangentMatrix:
         self._rows, self._comm = rows, constant_terms[0].mat.comm
         free_nodes = np.unique(free // 3)
         count = len(free_nodes)
+        self._free_components = (3 * free_nodes[:, None] + np.arange(3)).ravel()
         free_number = np.full(points.node_count, -1)
         free_number[free_nodes] = np.arange(count)
         self._size, self._kept = 3 * count, 3 * free_number[free // 3] + free % 3
@@ -74,14 +75,21 @@ class TangentMatrix:
     def definite(self, H: Array, coefficients: TangentCoefficients) -> PETSc.Mat:
         """A at displacement gradients (3, 3, P here); every rank must call it."""
         scale = coefficients.stiffness + coefficients.viscosity * self._material.viscosity
-        return self._assemble(IDENTITY + H, scale * self._material.linear_moduli, None, coefficients)
+        return self._assemble(IDENTITY + H, scale * self._material.linear_moduli, coefficients)
 
-    def consistent(self, stresses: Stresses) -> PETSc.Mat:
-        """K where there are these stresses; every rank must call it."""
-        return self._assemble(stresses.F, stresses.moduli, stresses.S, OF_EQUILIBRIUM)
+    def consistent(self, stresses: Stresses, following: scipy.sparse.csr_matrix) -> PETSc.Mat:
+        """K where there are these stresses, with the stiffness of what follows (3N, 3N); every rank must call it."""
+        return self._assemble(stresses.F, stresses.moduli, OF_EQUILIBRIUM, stresses.S, following)
 
-    def _assemble(self, F: Array, D: Array, S: Array | None, coefficients: TangentCoefficients) -> PETSc.Mat:
-        """Of deformation gradients (3, 3, P here), moduli (6, 6, P here) and stresses (6, P here)."""
+    def _assemble(
+        self,
+        F: Array,
+        D: Array,
+        coefficients: TangentCoefficients,
+        S: Array | None = None,
+        following: scipy.sparse.csr_matrix | None = None,
+    ) -> PETSc.Mat:
+        """Of deformation gradients (3, 3, P here), moduli (6, 6, P here), stresses (6, P here) and what follows."""
         (C, Q, A, _), weights = self._points.shape_gradients.shape, self._points.weights
         blocks = np.empty((C, A, A, 3, 3))
         for first in range(0, C, CELLS_PER_BATCH):
@@ -93,6 +101,8 @@ class TangentMatrix:
         sums = (self._sum_cells @ blocks[self._both_free].reshape(-1, 9)).reshape(-1, 3, 3)
         bsr = sums, self._columns, self._row_starts
         total = scipy.sparse.bsr_matrix(bsr, shape=(self._size, self._size)).tocsr()
+        if following is not None and self._rows.start == 0:  # every rank has all of it
+            total = total + following[self._free_components][:, self._free_components]
         if len(self._kept) < self._size:  # some nodes are partly held
             total = total[self._kept][:, self._kept]
         comm = self._comm.tompi4py()
