@@ -143,7 +143,7 @@ def test_reduced_run_of_all_that_is_there_is_the_full_run(story):
 def test_study_says_what_each_decimal_costs_and_leaves_tables_and_pictures(inside, say):
     grid = ("--methods", "balanced", "modal", "--orders", "5", "20", "--steps", "0.002", "0.004")
     status, out, err = say("study", PLATE, "-o", "out", *grid)
-    assert (status, err) == (0, "")
+    assert (status, re.sub(r"\d+ s: .*\n", "", err)) == (0, "")  # it may have taken so long that it told how far it is
     assert re.search(r"1e-3 +\w.* 4 ms +6\.\de-04 ", out)
     assert "For 1e-2 of the whole shape: " in out
     assert " times faster than real time and " in out
