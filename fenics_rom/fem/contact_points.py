@@ -1,14 +1,13 @@
 """Where obstacles can touch a mesh: the nodes of contact surfaces, and where one is smaller than a triangle, more."""
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.fem.nodes import Nodes, patch_nodes, patch_triangles
 from fenics_rom.mechanics.contact_points import MOST_BETWEEN, PointsBetween, covering_radius
 from fenics_rom.mechanics.obstacles import smallest_radius
 from fenics_rom.scene.scene import Scene
 from fenics_rom.system.body import Unknowns
-
-Array = np.ndarray
 
 GAP_SHARE = 0.9  # of the radius of the smallest obstacle: as far may the surface be from a contact point
 

@@ -1,6 +1,7 @@
 """What the full-order steppers share: a state on many ranks, how it is read, and where it can be touched."""
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.actuator_forces import ActuatorForces
@@ -8,7 +9,7 @@ from fenics_rom.mechanics.contact import ContactSolution
 from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.time_step_monitor import TimeStepMonitor
-from fenics_rom.system.system import Array, System
+from fenics_rom.system.system import System
 
 
 class FullOrderInterface:

@@ -3,6 +3,7 @@
 from typing import Any
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
 from fenics_rom.fem.direct import PetscFactor
@@ -13,7 +14,7 @@ from fenics_rom.mechanics.actuator_forces import PointsHeldBack
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointMotion, equilibrium_work
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.step import StepInput, StepResult
-from fenics_rom.system.system import Array, System
+from fenics_rom.system.system import System
 
 
 class FullOrderStepper(FullOrderBody):

@@ -4,6 +4,7 @@ A column's unit must not decide how much of it a reduced basis knows: pascals an
 """
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.errors import SceneError
 from fenics_rom.fem.nodes import Nodes, patch_area, patch_columns, shape_functions
@@ -11,7 +12,6 @@ from fenics_rom.mechanics.tendon import measure_segments, unit_tension_forces
 from fenics_rom.scene.scene import Scene
 from fenics_rom.system.body import Unknowns
 
-Array = np.ndarray
 Columns = dict[str, Array]
 MIN_PIECE_SHARE = 1e-9  # of a piece of a tendon in its length
 

@@ -2,12 +2,11 @@
 
 import numpy as np
 import scipy.sparse
+from numpy import ndarray as Array
 from scipy.sparse.csgraph import connected_components
 
 from fenics_rom.errors import MeshError
 from fenics_rom.mechanics.body_facts import NEAR_FLAT, quality_of
-
-Array = np.ndarray
 
 CELL_EDGES = np.array([(2, 3), (1, 3), (1, 2), (0, 3), (0, 2), (0, 1)])  # node 4 + e of degree 2 is on edge e
 CELL_FACES = np.array([(1, 2, 3), (0, 3, 2), (0, 1, 3), (0, 2, 1)])  # face f is opposite to vertex f, outward

@@ -5,6 +5,7 @@ All of it follows from the mesh, so every rank has the whole.
 
 import numpy as np
 import scipy.sparse
+from numpy import ndarray as Array
 from scipy.sparse.csgraph import connected_components
 
 from fenics_rom.errors import SceneError
@@ -23,8 +24,6 @@ from fenics_rom.mechanics.tendon import cable_length
 from fenics_rom.scene.scene import ReadingEntry, Scene
 from fenics_rom.system.body import Unknowns
 from fenics_rom.system.system import System
-
-Array = np.ndarray
 
 ROUND_OFF = 1e-9  # of sizes and directions
 WHOLE = np.full((1, 3), 1 / 3)

@@ -4,6 +4,8 @@ import time
 import warnings
 from collections.abc import Iterator, Mapping
 
+from numpy import ndarray as Array
+
 from fenics_rom.errors import FenicsRomWarning
 from fenics_rom.fem.assemble import assemble
 from fenics_rom.fem.finite_strain.stepper import FiniteStrainStepper
@@ -14,7 +16,7 @@ from fenics_rom.mechanics.linearity import SurfaceGauges, SurfaceStrainPeak, mea
 from fenics_rom.mechanics.load_history import LoadHistory
 from fenics_rom.mechanics.signals import SignalLike
 from fenics_rom.scene.scene import Scene
-from fenics_rom.system.system import Array, System
+from fenics_rom.system.system import System
 from fenics_rom.trajectory.trajectory import Trajectory, TrajectoryRecorder
 
 MONITOR_INTERVAL = 10  # steps; a look at the surface costs less than one

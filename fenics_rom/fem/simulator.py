@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from operator import attrgetter
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError, check_known
 from fenics_rom.fem.finite_strain.stepper import FiniteStrainStepper
@@ -14,7 +15,7 @@ from fenics_rom.mechanics.environment import Environment
 from fenics_rom.mechanics.initial_state import InitialState, lost_messages, missing_share
 from fenics_rom.mechanics.load_history import LoadHistory
 from fenics_rom.mechanics.signals import SignalLike
-from fenics_rom.system.system import Array, System
+from fenics_rom.system.system import System
 
 
 class FullOrderSimulator:

@@ -9,14 +9,13 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.fem.assemble import assemble
 from fenics_rom.identification.parameters import ALPHA, BETA, DENSITY, POISSON, YOUNG
 from fenics_rom.scene.effects import Damping
 from fenics_rom.scene.scene import Scene
 from fenics_rom.system.system import System
-
-Array = np.ndarray
 
 
 def lame_parameters(θ: Array) -> tuple[Array, Array]:

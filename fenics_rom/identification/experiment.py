@@ -5,14 +5,13 @@ from dataclasses import dataclass, replace
 from itertools import compress, permutations
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.errors import DataError, SceneError
 from fenics_rom.identification.marker_data import Data, Equilibria, Marker, Motion
 from fenics_rom.reduction.hyperreduction.training_loads import scene_history
 from fenics_rom.scene.scene import Scene
 from fenics_rom.system.system import System
-
-Array = np.ndarray
 
 INTERPOLATION_POINTS = 4  # steps between which a value is interpolated, by a cubic
 

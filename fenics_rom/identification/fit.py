@@ -12,14 +12,13 @@ from typing import Any
 
 import numpy as np
 import scipy.optimize
+from numpy import ndarray as Array
 
 from fenics_rom.fem.ranks import run_on_rank_0
 from fenics_rom.identification.experiment import Experiment
 from fenics_rom.identification.parameters import ALPHA, BETA, Parameter, directions_at, values_at
 from fenics_rom.identification.reduced_model import ReducedModel
 from fenics_rom.identification.uncertainty import interval_half_widths
-
-Array = np.ndarray
 
 TRUST_RADIUS = 0.7  # of q, that a basis is trusted for: a factor of 2 of E and ρ
 MAX_BASES = 15

@@ -7,6 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.errors import DataError, FenicsRomWarning, SceneError, SolverError
 from fenics_rom.fem.assemble import assemble
@@ -43,8 +44,6 @@ from fenics_rom.identification.uncertainty import (
 from fenics_rom.io.progress import Report, silent
 from fenics_rom.scene.scene import Scene
 from fenics_rom.system.system import System
-
-Array = np.ndarray
 
 
 def identify(

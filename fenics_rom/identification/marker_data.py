@@ -18,13 +18,12 @@ from itertools import chain
 from pathlib import Path
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.errors import DataError, unknown
 from fenics_rom.io.tables import Table, read_table
 from fenics_rom.io.units import UNITS
 from fenics_rom.scene.scene import Output, Scene
-
-Array = np.ndarray
 
 FORCES = {"resultant": ("force.x", "force.y", "force.z"), "normal": ("force.normal",)}  # of contact modes
 AXES = ("x", "y", "z")

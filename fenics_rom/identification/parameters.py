@@ -8,12 +8,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.errors import SceneError, unknown
 from fenics_rom.scene.effects import RayleighDamping
 from fenics_rom.scene.scene import Scene
-
-Array = np.ndarray
 
 YOUNG, POISSON, DENSITY, ALPHA, BETA = range(5)  # columns of θ
 NAMES = ("young", "poisson", "density", "alpha", "beta")

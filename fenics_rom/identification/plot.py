@@ -6,11 +6,10 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.identification.result import Identification
 from fenics_rom.visualization.figure import figure_class, write_figure
-
-Array = np.ndarray
 
 MAX_MARKERS = 5  # markers of a motion that are drawn, those that move most
 PANELS_PER_ROW = 3  # panels side by side

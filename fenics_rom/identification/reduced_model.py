@@ -15,6 +15,7 @@ from dataclasses import replace
 from itertools import pairwise
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.errors import FenicsRomWarning
 from fenics_rom.identification.affine import AffineDecomposition, Matrices
@@ -22,8 +23,6 @@ from fenics_rom.identification.experiment import Experiment
 from fenics_rom.identification.parameters import DENSITY
 from fenics_rom.reduction.reduce import reduce
 from fenics_rom.system.system import System
-
-Array = np.ndarray
 
 BALANCED_TOLERANCE = 1e-4  # share of the sum of σ that is left out
 STATIC_TOLERANCE = 1e-14  # and of compliance: nothing

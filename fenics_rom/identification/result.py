@@ -3,13 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.identification.experiment import Experiment
 from fenics_rom.identification.parameters import Parameter
 from fenics_rom.identification.uncertainty import CONFIDENCE, interval_half_widths
 from fenics_rom.scene.scene import Scene
-
-Array = np.ndarray
 
 HIGH_CORRELATION = 0.95  # correlation from which intervals of single parameters say less than they seem to
 MAX_NOISE_CORRELATION = 0.3  # correlation of neighbours in time that residuals without a system do not have

@@ -10,10 +10,9 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.stats
+from numpy import ndarray as Array
 
 from fenics_rom.identification.parameters import ALPHA, DENSITY, POISSON, YOUNG, Parameter
-
-Array = np.ndarray
 
 CONFIDENCE = 0.95
 ROUND_OFF_SHARE = 1e-7  # share of the largest singular value below which data do not depend on a combination at all

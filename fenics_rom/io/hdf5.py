@@ -17,6 +17,7 @@ from typing import Any, TypeVar
 
 import h5py
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom import version
 from fenics_rom.errors import FenicsRomError, FileError, RomFileError, TrajectoryFileError
@@ -31,7 +32,6 @@ LONGEST_TEXT = 60_000  # bytes; HDF5 keeps attributes in a header of 64 KiB
 SEAL_SIZE = 512  # bytes; the smallest user block there is
 ERROR_OF: dict[str, type[FileError]] = {"rom": RomFileError, "run": TrajectoryFileError}  # of files with that content
 
-Array = np.ndarray
 T = TypeVar("T")
 Sizes = dict[str, int]
 

@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import NoReturn
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.errors import FenicsRomError
 
-Array = np.ndarray
 COLUMN_PATTERN = re.compile(r"(?P<what>[^()]*?)\s*\((?P<unit>[^()]*)\)")
 
 

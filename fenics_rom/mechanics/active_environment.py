@@ -5,14 +5,13 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.errors import SceneError, StepError, check_known
 from fenics_rom.mechanics.contact import ObstacleMotion
 from fenics_rom.mechanics.environment import Environment
 from fenics_rom.mechanics.signals import CheckedSignal, SignalLike
 from fenics_rom.mechanics.step import StepInput
-
-Array = np.ndarray
 
 
 class ObstacleState(NamedTuple):

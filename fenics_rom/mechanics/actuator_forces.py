@@ -27,12 +27,12 @@ the forces within their bounds in place of W_c.
 from collections.abc import Callable, Mapping
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.contact import ContactSolution
 from fenics_rom.mechanics.environment import Guide
 
-Array = np.ndarray
 Touch = Callable[[Array, Array], tuple[ContactSolution | None, Array]]
 
 SHARE = 2 / 3  # of what is missing of a stroke that a step makes up for

@@ -4,8 +4,7 @@ from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 
 import numpy as np
-
-Array = np.ndarray
+from numpy import ndarray as Array
 
 LONGEST = 10.0  # m
 LIGHTEST = 1e-6  # kg

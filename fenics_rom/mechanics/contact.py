@@ -8,10 +8,9 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.errors import SceneError
-
-Array = np.ndarray
 
 _ONES = np.ones(3)
 

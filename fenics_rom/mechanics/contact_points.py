@@ -4,11 +4,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.mechanics.contact import ContactSolution
 from fenics_rom.mechanics.obstacles import Obstacle, smallest_radius
-
-Array = np.ndarray
 
 NEARNESS = 0.05  # of the size of the contact surfaces: an obstacle that far away begins to matter
 MOST_BETWEEN = 700  # with more than these every step is slow; a finer mesh, or a smaller contact surface, is better

@@ -25,13 +25,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.complementarity import NEGLIGIBLE_RESIDUAL, Delassus, Solution, solve
 from fenics_rom.mechanics.contact import ContactLaw, ContactResidual, ContactSolution, ObstacleMotion, PointMotion
 from fenics_rom.mechanics.obstacles import Obstacle
-
-Array = np.ndarray
 
 _ONES, _ROOT_3 = np.ones(3), np.sqrt(3.0)
 PENETRATION_TOLERANCE = 1e-9  # of the size of the body: as deep in an obstacle as round-off may have put a point

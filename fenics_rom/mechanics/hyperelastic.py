@@ -11,8 +11,7 @@ stress in the same order. Arrays have the components first, (6, P) of P points, 
 """
 
 import numpy as np
-
-Array = np.ndarray
+from numpy import ndarray as Array
 
 LAWS = ("st_venant_kirchhoff", "neo_hookean")
 VOIGT_PAIRS = np.array([[0, 0], [1, 1], [2, 2], [1, 2], [0, 2], [0, 1]])  # of the six components

@@ -4,10 +4,10 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.errors import SceneError
 
-Array = np.ndarray
 Vector = tuple[float, float, float]
 ZERO: Vector = (0.0, 0.0, 0.0)
 TOLD_LOSS = 0.01  # share of a field, from which on its loss is told: twice what models of usual orders lose

@@ -13,8 +13,7 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-
-Array = np.ndarray
+from numpy import ndarray as Array
 
 # A rigid rotation by θ, u = (R - I) X, strains nothing; a linear model sees cos θ - 1 in it: 2.0 % at 0.2 rad.
 ROTATION_LIMIT = 0.2  # rad

@@ -14,10 +14,9 @@ from dataclasses import dataclass, field, fields
 from typing import Any, Protocol
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.errors import SceneError
-
-Array = np.ndarray
 
 _ONES, _UP = np.ones(3), np.array([0.0, 0.0, 1.0])
 _SHORTEST_DIRECTION = 1e-150  # m; shorter vectors have squares that underflow and no direction

@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.mechanics.contact import ContactSolution
 from fenics_rom.mechanics.contact_points import ContactPoints
@@ -27,8 +28,6 @@ from fenics_rom.mechanics.hyperelastic import (
     strain,
     stress,
 )
-
-Array = np.ndarray
 
 READING_UNITS = {"length": "m", "volume": "m3", "contact_pressure": "Pa", "strain": "1", "von_mises_stress": "Pa"}
 READING_WORDS = {name: name.replace("_", " ") for name in READING_UNITS} | {"von_mises_stress": "von Mises stress"}

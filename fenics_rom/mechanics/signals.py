@@ -5,13 +5,12 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Union
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike  # which takes longer to import than all of the rest here
-
-Array = np.ndarray
 
 
 @dataclass(frozen=True, eq=False)

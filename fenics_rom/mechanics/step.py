@@ -23,11 +23,9 @@ A Stepper is one integrator. It owns the state of a body, and the work that it s
 from collections.abc import Mapping
 from typing import NamedTuple
 
-import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.mechanics.contact import ContactResidual, ContactSolution, ObstacleMotion
-
-Array = np.ndarray
 
 FINITE_STRAIN_STEPPERS = ("newton", "linearly-implicit")  # of a reduced body with inertia
 

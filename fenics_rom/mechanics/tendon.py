@@ -4,8 +4,7 @@ Of a cable of length â„“(x) under the tension T the force on the points is -T âˆ
 """
 
 import numpy as np
-
-Array = np.ndarray
+from numpy import ndarray as Array
 
 
 def measure_segments(points: Array) -> tuple[Array, Array]:

@@ -15,11 +15,12 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
+from numpy import ndarray as Array
 
 from fenics_rom.errors import SolverError
 from fenics_rom.reduction.common_basis import orthonormalize_against
 from fenics_rom.reduction.gramians import NO_DAMPING
-from fenics_rom.system.protocols import Array, Factor
+from fenics_rom.system.protocols import Factor
 from fenics_rom.system.system import System
 
 INITIAL_VECTORS = 8  # of the space whose Ritz values are the first shifts

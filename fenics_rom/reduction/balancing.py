@@ -3,12 +3,12 @@
 from dataclasses import dataclass
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.errors import SolverError
 from fenics_rom.reduction.common_basis import Subspace
 from fenics_rom.reduction.gramians import gramian_factors, square_root, textbook_gramians
 from fenics_rom.reduction.problem import RankedBasis, ReductionProblem
-from fenics_rom.system.protocols import Array
 
 ROUND_OFF = 1e-12  # share of σ_1 below which σ is noise
 DEPENDENCE_TOLERANCE = 1e-10  # share of a unit column that must be new for it to count as a direction

@@ -11,6 +11,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.errors import FileError
 from fenics_rom.io.hdf5 import Entry, Table, get_record, get_text, put_arrays, put_text, read_file, write_file
@@ -18,7 +19,6 @@ from fenics_rom.io.mpi_ranks import is_rank_0
 from fenics_rom.reduction.problem import ReductionProblem
 from fenics_rom.reduction.projection import RetainedBasis
 from fenics_rom.system.columns import probe_columns
-from fenics_rom.system.protocols import Array
 
 PROBE_TOLERANCE = 1e-9  # largest relative difference between probes of the same system
 PART_FILE = re.compile(r"(run-)?\d+\.h5|\.(run-)?\d+\.h5\..*\.part")

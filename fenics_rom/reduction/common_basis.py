@@ -5,8 +5,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
+from numpy import ndarray as Array
 
-from fenics_rom.system.protocols import Array
 from fenics_rom.system.system import System
 
 DEFLATION_TOLERANCE = 1e-10  # share of a unit column that must be new for it to count as a direction

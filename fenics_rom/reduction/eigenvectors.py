@@ -5,11 +5,11 @@ The selection is the paper's passive reduction: eigenvectors that hold a share o
 """
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.errors import SceneError, SolverError
 from fenics_rom.reduction.common_basis import orthonormalize_against
 from fenics_rom.reduction.problem import ReductionProblem
-from fenics_rom.system.protocols import Array
 
 EIGENVECTORS_PER_DIRECTION = 4  # to begin with
 MIN_EIGENVECTORS = 60

@@ -5,11 +5,11 @@ from contextlib import closing
 from dataclasses import dataclass
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.errors import StructureError
 from fenics_rom.io.progress import Report, silent
 from fenics_rom.rom.rom import ContactModel, Rom
-from fenics_rom.system.protocols import Array
 from fenics_rom.system.system import System
 
 

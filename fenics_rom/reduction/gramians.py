@@ -6,10 +6,10 @@ The closed forms hold for D = diag(d); any other D takes a dense Lyapunov equati
 
 import numpy as np
 import scipy.linalg
+from numpy import ndarray as Array
 
 from fenics_rom.errors import SolverError
 
-Array = np.ndarray
 ROUND_OFF = float(np.finfo(float).eps)
 LEAST_DECAY = 1e-14  # share of the largest frequency that a rate of decay must exceed to be one
 NO_DAMPING = (

@@ -11,6 +11,7 @@ from contextlib import closing
 from dataclasses import dataclass
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.reduction.balancing import Balanced, balanced_in, choose_order, ranked_basis
 from fenics_rom.reduction.common_basis import Subspace, orthogonal_complement, pad_rows, split_like
@@ -18,7 +19,6 @@ from fenics_rom.reduction.frequency_response import dynamic_product, mass_norms,
 from fenics_rom.reduction.krylov_augmentation import KrylovAugmentation
 from fenics_rom.reduction.problem import RankedBasis, ReductionProblem
 from fenics_rom.system.columns import apply_to_complex
-from fenics_rom.system.protocols import Array
 
 CONVERGENCE_TOLERANCE = 1e-7  # relative change of σ and of frequency responses that ends the growth of a space
 NEGLIGIBLE_SHARE = 1e-9  # of σ_1, below which σ need not converge in all their digits

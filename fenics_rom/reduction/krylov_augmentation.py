@@ -7,10 +7,10 @@ Resolvents of D = α M + β K + F Fᵀ, with few columns F, stay in the Krylov s
 from dataclasses import dataclass
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.reduction.problem import ReductionProblem
 from fenics_rom.system.columns import probe_columns
-from fenics_rom.system.protocols import Array
 from fenics_rom.system.system import System
 
 ROW_TOLERANCE = 1e-9  # largest relative gap of a row that obeys D = α M + β K

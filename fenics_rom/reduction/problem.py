@@ -4,10 +4,11 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.io.stages import Stages
 from fenics_rom.reduction.common_basis import CommonBasis
-from fenics_rom.system.protocols import Array, Deformation, Factor
+from fenics_rom.system.protocols import Deformation, Factor
 from fenics_rom.system.system import System
 
 

@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.mechanics.environment import Environment
 from fenics_rom.mechanics.readings import projected
@@ -11,7 +12,6 @@ from fenics_rom.reduction.common_basis import orthogonal_complement, pad_rows, s
 from fenics_rom.reduction.problem import ReductionProblem
 from fenics_rom.reduction.validation import validated
 from fenics_rom.rom.rom import ContactModel, Rom, diagonalized_span
-from fenics_rom.system.protocols import Array
 
 
 @dataclass(frozen=True)

@@ -5,6 +5,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.reduction.problem import ReductionProblem
 from fenics_rom.rom.residual_compliance import ResidualCompliance
@@ -12,7 +13,6 @@ from fenics_rom.rom.residual_part import residual_part, strained_points
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.steppers.midpoint import compliance
 from fenics_rom.runtime.steppers.residual_motion import relaxation
-from fenics_rom.system.protocols import Array
 
 COLUMNS_AT_ONCE = 96  # of solves
 KEPT = 1e-6  # of the largest eigenvalue of the residual compliance: smaller ones are raised to it

@@ -11,13 +11,12 @@ from dataclasses import dataclass, field
 from functools import cache, cached_property
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.errors import StructureError, check_known
 from fenics_rom.mechanics.hyperelastic import LAWS, VOIGT_INDEX, VOIGT_PAIRS, energy_density, moduli, strain, stress
 from fenics_rom.mechanics.tendon import cable_length, turning_angles, unit_tension_forces
 from fenics_rom.rom.content import ByContent
-
-Array = np.ndarray
 
 
 @dataclass(frozen=True, eq=False)

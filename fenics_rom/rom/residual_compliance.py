@@ -11,11 +11,9 @@ its coordinates; see residual_part.
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 
-import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.rom.content import ByContent
-
-Array = np.ndarray
 
 
 @dataclass(frozen=True, eq=False)

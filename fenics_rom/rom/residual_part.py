@@ -8,11 +8,10 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.rom.residual_compliance import ResidualCompliance
 from fenics_rom.rom.rom import ContactModel
-
-Array = np.ndarray
 
 
 @dataclass(frozen=True, eq=False)

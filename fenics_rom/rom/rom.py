@@ -7,6 +7,7 @@ from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.errors import StructureError
 from fenics_rom.io.stages import Stage
@@ -19,8 +20,6 @@ if TYPE_CHECKING:
     from fenics_rom.mechanics.readings import Reading
     from fenics_rom.rom.deformation import ReducedDeformation
     from fenics_rom.rom.residual_compliance import ResidualCompliance
-
-Array = np.ndarray
 
 
 @dataclass(frozen=True, eq=False)

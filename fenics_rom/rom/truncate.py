@@ -4,6 +4,7 @@ from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.errors import StructureError
 from fenics_rom.rom.given_rom import given_rom
@@ -11,8 +12,6 @@ from fenics_rom.rom.rom import ContactModel, Rom, diagonalized_span
 
 if TYPE_CHECKING:
     from os import PathLike
-
-Array = np.ndarray
 
 
 def truncate(rom: "Rom | str | PathLike[str]", order: int) -> Rom:

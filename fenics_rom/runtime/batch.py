@@ -15,6 +15,7 @@ from copy import deepcopy
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy import ndarray as Array
 from numpy.typing import ArrayLike, DTypeLike
 
 from fenics_rom.errors import StepError, check_known
@@ -29,8 +30,6 @@ if TYPE_CHECKING:
     from os import PathLike
 
     from fenics_rom.mechanics.active_environment import SignalLike
-
-Array = np.ndarray
 
 TIME, SUPPLIED, DISSIPATED, LOST = range(4)
 

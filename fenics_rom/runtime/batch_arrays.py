@@ -10,13 +10,13 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError, check_known
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.steppers.midpoint import compliance
 from fenics_rom.runtime.switching import Projections
 
-Array = np.ndarray
 Bodies = int | Sequence[int] | Sequence[bool] | Array | None
 
 CHUNK_BYTES = 1 << 19  # that the six arrays of a chunk may fill: half of a usual second-level cache

@@ -7,6 +7,7 @@ from dataclasses import replace
 from typing import Any
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.errors import FenicsRomWarning, SceneError, StepError
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
@@ -15,8 +16,6 @@ from fenics_rom.mechanics.signals import SignalLike
 from fenics_rom.mechanics.step import StepInput
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.steppers.stepper import ReducedStepper
-
-Array = np.ndarray
 
 LONGEST_SHOWN = 60  # letters of what a scene says otherwise than a ROM
 

@@ -6,12 +6,11 @@ import warnings
 from collections.abc import Callable
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.errors import FenicsRomWarning
 from fenics_rom.mechanics.linearity import ROTATION_LIMIT, STRAIN_LIMIT, SurfaceGauges, SurfaceStrainPeak, measure_peaks
 from fenics_rom.rom.rom import Rom, safe_frequencies
-
-Array = np.ndarray
 
 # High states between two looks, so that looking costs less than stepping: before a limit was passed, and after.
 LOOK_INTERVAL = {False: 10, True: 100}

@@ -4,6 +4,7 @@ from collections.abc import Iterable
 from itertools import takewhile
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError, check_known
 from fenics_rom.mechanics.contact import ContactSolution
@@ -11,8 +12,6 @@ from fenics_rom.mechanics.readings import ReadableBody, Reading, swept_volume
 from fenics_rom.rom.deformation import monomials
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.steppers.contact_interface import ContactInterface
-
-Array = np.ndarray
 
 
 def named_reading(rom: Rom, name: str) -> Reading:

@@ -7,10 +7,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.runtime.simulator import Simulator
-
-Array = np.ndarray
 
 SPIN_TIME = 2e-4  # s before a due time, from which on a sleep could end too late
 

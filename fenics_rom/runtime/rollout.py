@@ -15,13 +15,13 @@ from itertools import pairwise
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError, check_known
 from fenics_rom.mechanics.signals import real_numbers
 from fenics_rom.rom.rom import ContactModel
 from fenics_rom.runtime.steppers.midpoint import checked_dt, matrices
 
-Array = np.ndarray
 Simulator = Any  # fenics_rom.runtime.simulator's, which imports this file
 
 MAX_BLOCK_STEPS = 32  # longer blocks have fewer states to carry, but larger maps

@@ -3,12 +3,11 @@
 from collections.abc import Mapping
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError, shown
 from fenics_rom.mechanics.initial_state import missing_share
 from fenics_rom.rom.rom import Rom
-
-Array = np.ndarray
 
 
 def project_fields(rom: Rom, contact: str, fields: Mapping[str, Array]) -> tuple[dict[str, Array], dict[str, float]]:

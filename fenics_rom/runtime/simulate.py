@@ -6,6 +6,7 @@ from collections.abc import Callable, Container, Iterator, Mapping
 from itertools import islice
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.errors import FenicsRomWarning, SceneError
 from fenics_rom.io.progress import Report, silent
@@ -19,8 +20,6 @@ from fenics_rom.runtime.simulator import Simulator
 from fenics_rom.runtime.steppers.contact_interface import MOTION
 from fenics_rom.runtime.steppers.midpoint import PAGES
 from fenics_rom.trajectory.trajectory import Trajectory, TrajectoryRecorder
-
-Array = np.ndarray
 
 UNTIMED = "what is no part of a step"
 

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError, check_known, unknown
 from fenics_rom.mechanics.linearity import SurfaceStrainPeak
@@ -18,8 +19,6 @@ from fenics_rom.runtime.switching import SwitchLoss
 if TYPE_CHECKING:
     from fenics_rom.mechanics.active_environment import ActiveEnvironment, ObstacleState
     from fenics_rom.runtime.environment_inputs import EnvironmentInputs
-
-Array = np.ndarray
 
 
 @dataclass(frozen=True)

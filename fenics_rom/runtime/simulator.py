@@ -7,6 +7,7 @@ from copy import copy
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.errors import FenicsRomWarning, StepError, check_known, unknown
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
@@ -29,7 +30,6 @@ if TYPE_CHECKING:
     from fenics_rom.mechanics.signals import SignalLike
     from fenics_rom.runtime.rollout import Rollout
 
-Array = np.ndarray
 _FLOAT, _as_array = np.dtype(float), np.asarray
 
 

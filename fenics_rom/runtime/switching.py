@@ -17,11 +17,10 @@ same in all contact modes: their velocities are carried over as they are, and th
 from dataclasses import dataclass
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.rom.residual_part import strained_coordinates
 from fenics_rom.rom.rom import ContactModel, Rom
-
-Array = np.ndarray
 
 REPORTED_LOSS = 0.01  # share of the stored energy, lost in one switch: some 10 % of a shape
 

@@ -6,10 +6,10 @@ from functools import cached_property
 
 import numpy as np
 import scipy.sparse
+from numpy import ndarray as Array
 
 from fenics_rom.mechanics.body_facts import CellQuality
 from fenics_rom.mechanics.contact_points import PointsBetween
-from fenics_rom.system.protocols import Array
 
 
 @dataclass(frozen=True)

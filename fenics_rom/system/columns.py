@@ -3,8 +3,9 @@
 from collections.abc import Callable
 
 import numpy as np
+from numpy import ndarray as Array
 
-from fenics_rom.system.protocols import Algebra, Array
+from fenics_rom.system.protocols import Algebra
 
 
 def probe_columns(algebra: Algebra, count: int) -> Array:

@@ -7,9 +7,9 @@ from collections.abc import Callable, Mapping
 from typing import Any, Protocol, TypeVar
 
 import numpy as np
+from numpy import ndarray as Array
 from numpy.typing import ArrayLike
 
-Array = np.ndarray
 Value = TypeVar("Value")
 NO_DOFS = np.empty(0, dtype=int)
 DENSE_SHARE = 3  # beyond a third of all eigenpairs, LAPACK on whole matrices is the better eigensolver

@@ -4,10 +4,11 @@ from math import isfinite
 from typing import Any
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.errors import StructureError
 from fenics_rom.system.columns import probe_columns
-from fenics_rom.system.protocols import Algebra, Array, Operator
+from fenics_rom.system.protocols import Algebra, Operator
 
 PROPORTIONALITY_TOLERANCE = 1e-12  # share of D that may be neither M nor K where it counts as α M + β K
 

@@ -6,10 +6,11 @@ said of the elastic rest, P x of displacements and Pᵀ f of loads (those that r
 
 import numpy as np
 import scipy.linalg
+from numpy import ndarray as Array
 
 from fenics_rom.errors import StructureError
 from fenics_rom.system.columns import probe_columns
-from fenics_rom.system.protocols import Algebra, Array, Factor, Operator
+from fenics_rom.system.protocols import Algebra, Factor, Operator
 
 # Share of the mean eigenvalue, as energy of an M-orthonormal motion, that is round-off: assembled bodies are at 1e-16.
 ENERGY_ROUND_OFF = 1e-13

@@ -7,10 +7,11 @@ import numpy as np
 import scipy.linalg
 import scipy.sparse
 import scipy.sparse.linalg
+from numpy import ndarray as Array
 from numpy.typing import ArrayLike
 
 from fenics_rom.errors import SolverError
-from fenics_rom.system.protocols import DENSE_SHARE, NO_DOFS, Array, Value
+from fenics_rom.system.protocols import DENSE_SHARE, NO_DOFS, Value
 
 
 class MatrixFactor:

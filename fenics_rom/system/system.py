@@ -9,6 +9,7 @@ from itertools import islice
 from typing import Any
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.errors import StructureError
 from fenics_rom.io.stages import Stage
@@ -17,7 +18,7 @@ from fenics_rom.mechanics.readings import Reading
 from fenics_rom.scene.scene import Scene
 from fenics_rom.system.backends import backend_of
 from fenics_rom.system.body import Body
-from fenics_rom.system.protocols import Algebra, Array, Deformation, Operator
+from fenics_rom.system.protocols import Algebra, Deformation, Operator
 from fenics_rom.system.rayleigh_damping import check_damping_choice
 
 OPTIONAL_COLUMNS = ("actuators", "loads", "units", "contact_points", "outputs")

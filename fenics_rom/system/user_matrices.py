@@ -5,11 +5,11 @@ from typing import Any
 
 import numpy as np
 import scipy.sparse
+from numpy import ndarray as Array
 
 from fenics_rom.errors import SolverError, StructureError
 from fenics_rom.system.backends import belongs_to
 from fenics_rom.system.body import body_without_mesh
-from fenics_rom.system.protocols import Array
 from fenics_rom.system.rayleigh_damping import fitted_rayleigh
 from fenics_rom.system.rigid_modes import checked_rigid_columns, choose_fixed_dofs, is_singular, null_space_hint
 from fenics_rom.system.scipy_backend import MatrixAlgebra, MatrixFactor, with_fixed_dofs

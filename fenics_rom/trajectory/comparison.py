@@ -6,13 +6,12 @@ from dataclasses import dataclass
 from os import PathLike
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.errors import CompareError
 from fenics_rom.io.given import object_or_file
 from fenics_rom.trajectory.file import RUN_FILE
 from fenics_rom.trajectory.trajectory import Trajectory
-
-Array = np.ndarray
 
 SAME_TIME = 1e-9  # share of the run by which two instants may differ and be one
 SMALLEST_TIME = 1e-300  # s, in place of zero

@@ -37,6 +37,7 @@ from typing import Any
 
 import h5py
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.errors import FileError, check_known
 from fenics_rom.io.given import Kind
@@ -59,8 +60,6 @@ from fenics_rom.mechanics.body_facts import CellQuality
 from fenics_rom.mechanics.obstacles import SHAPES, Obstacle, dimensions_of, shape_of
 from fenics_rom.trajectory.series_file import check_series, put_series, take_series
 from fenics_rom.trajectory.trajectory import CONTACT_ACCOUNT, Trajectory
-
-Array = np.ndarray
 
 RUN = {
     "times": Entry("s", ("S",)),

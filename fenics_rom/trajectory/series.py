@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.mechanics.hyperelastic import VOIGT_INDEX
 from fenics_rom.mechanics.readings import (
@@ -14,8 +15,6 @@ from fenics_rom.mechanics.readings import (
     SurfaceReading,
     principal_size,
 )
-
-Array = np.ndarray
 
 
 @dataclass(frozen=True)

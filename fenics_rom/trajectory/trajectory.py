@@ -6,6 +6,7 @@ from dataclasses import dataclass, field
 from typing import Any, Protocol
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.body_facts import CellQuality
@@ -14,8 +15,6 @@ from fenics_rom.mechanics.environment import Environment
 from fenics_rom.mechanics.obstacles import Obstacle
 from fenics_rom.mechanics.readings import Reading
 from fenics_rom.trajectory.series import ReadingSeries, Series, input_series, reading_series
-
-Array = np.ndarray
 
 NOTHING = np.empty(0)
 CONTACT_ACCOUNT = {

@@ -1,10 +1,9 @@
 """Where a contact mode is touched, as triangles of the surface."""
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.rom.rom import Rom
-
-Array = np.ndarray
 
 SURFACE_VELOCITY_SHARE = 0.5  # of the largest velocity after a push, that the contact surface has at least
 

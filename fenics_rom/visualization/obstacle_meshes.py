@@ -1,11 +1,10 @@
 """Surfaces of obstacles as triangles, for pictures and for the live view."""
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.mechanics.obstacles import Box, Capsule, HalfSpace, Obstacle, Sphere
 from fenics_rom.visualization.optional_dependencies import trimesh_package
-
-Array = np.ndarray
 
 SPHERE_SUBDIVISIONS = 3  # of an icosahedron: 1,280 triangles
 CAPSULE_SEGMENTS = 48  # around its axis, and along

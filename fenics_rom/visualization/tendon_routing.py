@@ -1,8 +1,7 @@
 """Where the points go that a tendon leads through, as far as nodes tell."""
 
 import numpy as np
-
-Array = np.ndarray
+from numpy import ndarray as Array
 
 NEAREST = 16  # nodes that a point goes with
 CLOSEST = 1e-6  # of the farthest of them: a node that is nearer is the point itself

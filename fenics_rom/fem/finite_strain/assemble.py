@@ -6,6 +6,7 @@ from functools import cached_property
 from operator import attrgetter
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.fem.finite_strain.follower_loads import FollowerLoad, PressureLoad, TendonPull
 from fenics_rom.fem.finite_strain.model import FiniteStrainModel
@@ -16,7 +17,7 @@ from fenics_rom.fem.nodes import Nodes, patch_triangles, shape_functions
 from fenics_rom.fem.petsc_matrix import PetscMatrix
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.scene.scene import Scene
-from fenics_rom.system.system import Array, System
+from fenics_rom.system.system import System
 
 
 @dataclass(frozen=True)

@@ -10,6 +10,7 @@ from collections.abc import Callable
 from functools import partial
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.errors import SolverError
 from fenics_rom.fem.direct import MemoryShortage, PetscFactor
@@ -25,8 +26,6 @@ from fenics_rom.fem.finite_strain.newton import (
 )
 from fenics_rom.fem.finite_strain.residuals import QuasiStaticResidual, TrialStep
 from fenics_rom.fem.finite_strain.tangent_matrix import TangentMatrix
-
-Array = np.ndarray
 
 LINEAR_RESIDUAL = 1e-6  # that linear systems are solved to
 MAX_KEPT_PRODUCTS = 12  # products with the tangent, for one solution, that are still less than a new factor

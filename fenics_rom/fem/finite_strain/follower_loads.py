@@ -2,6 +2,7 @@
 
 import numpy as np
 import scipy.sparse
+from numpy import ndarray as Array
 
 from fenics_rom.fem.finite_strain.quadrature import tabulate
 from fenics_rom.fem.nodes import Nodes
@@ -13,8 +14,6 @@ from fenics_rom.mechanics.tendon import (
     turning_angles,
     unit_tension_forces,
 )
-
-Array = np.ndarray
 
 
 class PressureLoad:

@@ -10,14 +10,13 @@ strokes miss by that is of second order, and gone where momentum has converged.
 from typing import NamedTuple
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.fem.direct import PetscFactor
 from fenics_rom.fem.finite_strain.residuals import StepResidual
 from fenics_rom.fem.full_order_body import FullOrderInterface
 from fenics_rom.mechanics.actuator_forces import ActuatorForces, PointsHeldBack
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointMotion
-
-Array = np.ndarray
 
 
 class FoundForces(NamedTuple):

@@ -3,12 +3,10 @@
 from collections.abc import Callable
 from typing import Any
 
-import numpy as np
+from numpy import ndarray as Array
 from petsc4py import PETSc
 
 from fenics_rom.fem.direct import PetscFactor
-
-Array = np.ndarray
 
 MAX_PRODUCTS = 60  # for one solution
 

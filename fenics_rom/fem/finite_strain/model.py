@@ -5,14 +5,13 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 import scipy.sparse
+from numpy import ndarray as Array
 
 from fenics_rom.fem.finite_strain.follower_loads import FollowerLoad, TendonPull
 from fenics_rom.fem.finite_strain.quadrature import QuadraturePoints
 from fenics_rom.fem.finite_strain.stresses import HyperelasticMaterial
 from fenics_rom.fem.petsc_matrix import PetscMatrix
 from fenics_rom.system.protocols import Algebra
-
-Array = np.ndarray
 
 
 @dataclass(frozen=True)

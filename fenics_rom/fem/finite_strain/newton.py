@@ -10,13 +10,12 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.fem.direct import PetscFactor
 from fenics_rom.fem.finite_strain.found_forces import ForcesInNewton, FoundForces
 from fenics_rom.fem.finite_strain.gmres import Gmres
 from fenics_rom.fem.finite_strain.residuals import StepResidual, TrialStep
-
-Array = np.ndarray
 
 CONVERGENCE_TOLERANCE = 1e-12  # share of the forces in a step
 STAGNATION_TOLERANCE = 1e-8  # share of them that may be left where round-off lets it get no smaller

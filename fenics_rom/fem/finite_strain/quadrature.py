@@ -8,11 +8,10 @@ from typing import Any
 import basix
 import numpy as np
 import scipy.sparse
+from numpy import ndarray as Array
 
 from fenics_rom.fem.mesh_quality import CELL_EDGES
 from fenics_rom.fem.nodes import Nodes
-
-Array = np.ndarray
 
 
 def tabulate(cell: str, degree: int, quadrature_degree: int) -> tuple[Array, Array, Array]:

@@ -10,13 +10,13 @@ Strokes s that are given as s* are to move at the rates c, Bᵀv̂ = c in motion
 from dataclasses import dataclass
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.fem.finite_strain.model import ExternalForce, FiniteStrainModel, multiply
 from fenics_rom.fem.finite_strain.stresses import EquilibriumStresses, MidpointStresses, Stresses
 from fenics_rom.fem.finite_strain.tangent_matrix import TangentCoefficients
 from fenics_rom.mechanics.actuator_forces import ActuatorForces
 
-Array = np.ndarray
 NONE_FOUND = np.empty(0)
 
 

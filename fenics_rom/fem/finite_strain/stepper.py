@@ -4,6 +4,7 @@ from contextlib import suppress
 from typing import Any
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.errors import SolverError, StepError
 from fenics_rom.fem.direct import PetscFactor
@@ -28,7 +29,7 @@ from fenics_rom.mechanics.contact import ObstacleMotion, equilibrium_work
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.hyperelastic import strain
 from fenics_rom.mechanics.step import StepInput, StepResult
-from fenics_rom.system.system import Array, System
+from fenics_rom.system.system import System
 
 SMALLEST_PART = 1 / 64  # share of a step, or of what its load changes by, below which none is tried
 MAX_PRODUCTS = 25  # products with the tangent in a step, more than a new factor is worth

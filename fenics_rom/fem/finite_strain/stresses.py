@@ -12,6 +12,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.mechanics.hyperelastic import (
     ROUND_OFF_STRAIN,
@@ -26,7 +27,6 @@ from fenics_rom.mechanics.hyperelastic import (
     stress,
 )
 
-Array = np.ndarray
 IDENTITY = np.eye(3)[:, :, None]
 
 

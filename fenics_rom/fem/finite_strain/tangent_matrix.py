@@ -17,6 +17,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.sparse
+from numpy import ndarray as Array
 from petsc4py import PETSc
 
 from fenics_rom.fem.finite_strain.quadrature import QuadraturePoints
@@ -24,7 +25,6 @@ from fenics_rom.fem.finite_strain.stresses import IDENTITY, HyperelasticMaterial
 from fenics_rom.fem.petsc_matrix import PetscMatrix, from_local_rows
 from fenics_rom.mechanics.hyperelastic import VOIGT_INDEX, VOIGT_PAIRS, VOIGT_SHEAR
 
-Array = np.ndarray
 CELLS_PER_BATCH = 4096
 
 

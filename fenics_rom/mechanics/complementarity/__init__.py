@@ -10,10 +10,12 @@ with a small compliance added (the proximal point method), which leaves what is 
 determine near where it was.
 """
 
+from numpy import ndarray as Array
+
 from fenics_rom.mechanics.complementarity.delassus import Delassus
 from fenics_rom.mechanics.complementarity.frictional import FrictionalProblem
 from fenics_rom.mechanics.complementarity.frictionless import FrictionlessProblem
-from fenics_rom.mechanics.complementarity.solution import NEGLIGIBLE_RESIDUAL, Array, Solution
+from fenics_rom.mechanics.complementarity.solution import NEGLIGIBLE_RESIDUAL, Solution
 
 __all__ = ["NEGLIGIBLE_RESIDUAL", "Delassus", "Solution", "solve"]
 

@@ -6,8 +6,7 @@ All that is kept follows from the operator alone, so that no result depends on w
 from functools import cached_property
 
 import numpy as np
-
-from fenics_rom.mechanics.complementarity.solution import Array
+from numpy import ndarray as Array
 
 _ONES, _XYZ = np.ones(3), np.arange(3)
 _LARGEST_CONDITION = 1e8  # of what is inverted; Newton's steps with the inverse correct what it lacks

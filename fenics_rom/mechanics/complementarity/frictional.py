@@ -8,6 +8,7 @@ method with three unknowns for a pair that sticks and two for one that slips.
 from contextlib import suppress
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.mechanics.complementarity.delassus import Delassus
 from fenics_rom.mechanics.complementarity.interior_point import find_interior_point
@@ -18,7 +19,6 @@ from fenics_rom.mechanics.complementarity.solution import (
     NEWTON_ITERATIONS,
     PROXIMAL_COMPLIANCE,
     STAGNATION_RESIDUAL,
-    Array,
     Solution,
     check_residual,
 )

@@ -1,6 +1,7 @@
 """Contact without friction: a linear complementarity problem, by a primal-dual active set or by interior points."""
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.mechanics.complementarity.delassus import Delassus
 from fenics_rom.mechanics.complementarity.solution import (
@@ -14,7 +15,6 @@ from fenics_rom.mechanics.complementarity.solution import (
     PROXIMAL_COMPLIANCE,
     STAGNATION_RESIDUAL,
     STEP_FRACTION,
-    Array,
     Solution,
     centering,
     check_residual,

@@ -10,6 +10,7 @@ y₀ >= |y_t| is Jordan's (Alizadeh & Goldfarb, Math. Program. 95, 2003), for ma
 from collections.abc import Callable
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.mechanics.complementarity.solution import (
     FINISH_REDUCTION,
@@ -17,7 +18,6 @@ from fenics_rom.mechanics.complementarity.solution import (
     INTERIOR_POINT_ACCURACY,
     INTERIOR_POINT_ITERATIONS,
     STEP_FRACTION,
-    Array,
     centering,
 )
 

@@ -11,8 +11,7 @@ from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
-
-from fenics_rom.mechanics.complementarity.solution import Array
+from numpy import ndarray as Array
 
 _XYZ, _NEXT, _LAST = np.arange(3), np.array([1, 2, 0]), np.array([2, 0, 1])
 _OPEN, _STICK, _SLIP = 0, 1, 2

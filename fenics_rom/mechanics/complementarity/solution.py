@@ -2,11 +2,9 @@
 
 from typing import NamedTuple
 
-import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
-
-Array = np.ndarray
 
 # Residuals are shares of the velocities that the forces have to stop.
 CONVERGENCE_TOLERANCE = 1e-12  # near what round-off leaves

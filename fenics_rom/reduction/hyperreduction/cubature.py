@@ -10,10 +10,11 @@ from dataclasses import dataclass
 
 import numpy as np
 import scipy.linalg
+from numpy import ndarray as Array
 
 from fenics_rom.errors import SolverError
 from fenics_rom.mechanics.hyperelastic import VOIGT_INDEX, linear_stress, small_strain, strain, stress
-from fenics_rom.system.protocols import Algebra, Array, Deformation
+from fenics_rom.system.protocols import Algebra, Deformation
 
 POINTS_AT_ONCE = 4096  # whose contributions are worked on together
 MIN_STATES, MAX_STATES = 8, 32  # that the weights are fitted to

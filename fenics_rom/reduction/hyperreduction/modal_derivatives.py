@@ -11,13 +11,13 @@ from collections.abc import Iterable
 from itertools import combinations_with_replacement, islice
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.reduction.checkpoint import Checkpoint
 from fenics_rom.reduction.common_basis import significant_eigenpairs
 from fenics_rom.reduction.hyperreduction.training import TrainingData
 from fenics_rom.reduction.hyperreduction.training_loads import load_extremes, slowest_period, training_targets
 from fenics_rom.reduction.problem import ReductionProblem
-from fenics_rom.system.protocols import Array
 
 DIFFERENCE_STRAIN = 1e-3  # of second differences: exact for St. Venant-Kirchhoff, whose force is a cubic
 STATIC_SHAPES = 16  # of loads, at rest

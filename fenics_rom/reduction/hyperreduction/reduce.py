@@ -4,6 +4,7 @@ from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.hyperelastic import VOIGT_SHEAR
@@ -19,7 +20,7 @@ from fenics_rom.rom.deformation import ReducedDeformation, ReducedTendon, Traini
 from fenics_rom.rom.rom import ContactModel, Rom
 from fenics_rom.runtime.steppers.equilibrium import Equilibrium
 from fenics_rom.runtime.steppers.newton import Newton
-from fenics_rom.system.protocols import Algebra, Array, Deformation, Operator
+from fenics_rom.system.protocols import Algebra, Deformation, Operator
 from fenics_rom.system.system import System
 
 TOLD_ERROR = 0.05  # of shapes in runs that were held out

@@ -14,6 +14,7 @@ from itertools import islice
 from typing import Any
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.errors import SolverError
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
@@ -30,7 +31,6 @@ from fenics_rom.reduction.hyperreduction.training_loads import (
 from fenics_rom.reduction.methods.balanced import balanced
 from fenics_rom.reduction.methods.static import static
 from fenics_rom.reduction.problem import RankedBasis, ReductionProblem
-from fenics_rom.system.protocols import Array
 from fenics_rom.system.system import System
 
 MIN_RUNS, MAX_RUNS = 10, 14

@@ -5,6 +5,7 @@ from dataclasses import dataclass
 from itertools import count
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.errors import SceneError
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
@@ -12,7 +13,6 @@ from fenics_rom.mechanics.environment import Run
 from fenics_rom.mechanics.load_history import LoadHistory
 from fenics_rom.reduction.problem import ReductionProblem
 from fenics_rom.scene.scene import Scene
-from fenics_rom.system.protocols import Array
 from fenics_rom.system.system import System
 
 SMOOTHING_PERIODS = 0.25  # slowest periods that loads are averaged over: what acts for less moves the body by less

@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.errors import SolverError
 from fenics_rom.reduction.adi import ModalSubspace, low_rank_gramians, projected_observability
@@ -25,7 +26,6 @@ from fenics_rom.reduction.krylov import (
 )
 from fenics_rom.reduction.krylov_augmentation import KrylovAugmentation, find_augmentation
 from fenics_rom.reduction.problem import RankedBasis, ReductionProblem
-from fenics_rom.system.protocols import Array
 
 MAX_COLUMNS_WITHOUT_EIGENVECTORS = 24  # of all input matrices: so few are better served by Krylov spaces alone
 SHARED_EIGENVECTORS = 100  # by more columns than that; twice the order where that is more

@@ -4,10 +4,11 @@ from collections.abc import Iterator
 from contextlib import closing
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.reduction.common_basis import significant_eigenpairs
 from fenics_rom.reduction.problem import RankedBasis, ReductionProblem
-from fenics_rom.system.protocols import Array, Factor
+from fenics_rom.system.protocols import Factor
 from fenics_rom.system.system import System
 
 PERIODS = 3  # of the slowest motion that the inputs excite

@@ -3,14 +3,13 @@
 from typing import NamedTuple
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointMotion
 from fenics_rom.mechanics.contact_points import ContactPoints
 from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.rom.rom import Rom
-
-Array = np.ndarray
 
 MOTION = "inertia, damping, elasticity"  # what of a step is not loads and contact
 CONTACT = "contact, friction"

@@ -8,14 +8,13 @@ the step.
 import math
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion
 from fenics_rom.runtime.steppers.finite_strain import FiniteStrainKernel, is_definite
 from fenics_rom.runtime.steppers.kernel import StepWork, symmetric
 from fenics_rom.runtime.steppers.newton import MAX_ITERATIONS, MAX_PARTS, is_solved
-
-Array = np.ndarray
 
 SMALLEST_DISPLACEMENT = 1e-9  # of the training radius: what is beside it a share of CONVERGENCE_TOLERANCE is at rest
 

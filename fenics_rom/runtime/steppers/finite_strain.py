@@ -16,6 +16,7 @@ from functools import partial
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.errors import FenicsRomWarning
 from fenics_rom.mechanics.actuator_forces import ActuatorForces
@@ -29,8 +30,6 @@ from fenics_rom.runtime.steppers.training_watch import TrainingWatch
 if TYPE_CHECKING:
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
     from fenics_rom.runtime.steppers.residual_motion import ResidualMotion
-
-Array = np.ndarray
 
 TRUSTED_EXTENT = 1.5  # times as far as the states that the model was trained on
 

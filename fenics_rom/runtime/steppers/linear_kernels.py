@@ -14,12 +14,11 @@ G u, with their columns B.
 """
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.mechanics.contact import ObstacleMotion
 from fenics_rom.runtime.steppers.kernel import BookedKernel, StepWork, symmetric
 from fenics_rom.runtime.steppers.midpoint import compliance
-
-Array = np.ndarray
 
 
 class ContactMidpoint(BookedKernel):

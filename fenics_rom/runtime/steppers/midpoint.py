@@ -22,14 +22,13 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.contact import ObstacleMotion
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.rom.rom import ContactModel
 from fenics_rom.runtime.steppers.kernel import Kernel
-
-Array = np.ndarray
 
 LARGEST_FUSED_ORDER = {1: 75, 2: 90}  # order up to which one product is the faster, by the dimensions of the damping
 PAGES = 64  # steps that are booked together

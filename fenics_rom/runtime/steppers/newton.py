@@ -4,14 +4,13 @@ import math
 from contextlib import nullcontext
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion
 from fenics_rom.mechanics.hyperelastic import discrete_gradient_stress, linear_stress, moduli
 from fenics_rom.runtime.steppers.finite_strain import FiniteStrainKernel, definite_inverse
 from fenics_rom.runtime.steppers.kernel import ContactWorks, StepWork, symmetric
-
-Array = np.ndarray
 
 CONVERGENCE_TOLERANCE = 1e-12  # of the largest force in a step
 STAGNATION_TOLERANCE = 1e-8  # of it: from here on round-off may be what is left

@@ -20,6 +20,7 @@ from contextlib import contextmanager
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.mechanics.contact import ContactSolution
 from fenics_rom.rom.residual_part import ResidualPart, residual_part, strained_points
@@ -27,8 +28,6 @@ from fenics_rom.rom.rom import Rom
 
 if TYPE_CHECKING:
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
-
-Array = np.ndarray
 
 FORGOTTEN = 1e-200  # J: what is stored no more, before its numbers become too small to be fast
 

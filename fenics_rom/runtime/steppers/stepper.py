@@ -4,6 +4,7 @@ from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.contact import ContactResidual, ContactSolution
@@ -15,8 +16,6 @@ from fenics_rom.runtime.switching import Projections
 if TYPE_CHECKING:
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
     from fenics_rom.runtime.steppers.finite_strain import FiniteStrainKernel
-
-Array = np.ndarray
 
 
 class ReducedStepper:

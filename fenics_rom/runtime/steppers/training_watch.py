@@ -8,6 +8,7 @@ import warnings
 from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.errors import FenicsRomWarning
 from fenics_rom.mechanics.contact import ContactSolution
@@ -18,7 +19,6 @@ from fenics_rom.rom.rom import Rom
 if TYPE_CHECKING:
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
 
-Array = np.ndarray
 Notes = dict[str, float]
 
 # Loads are known exactly: beyond a few per cent it is another load. Strains and contact are the model's own, whose

@@ -5,14 +5,13 @@ from itertools import product
 from typing import Any, NamedTuple
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.io.units import prefixed
 from fenics_rom.mechanics.obstacles import HalfSpace, Obstacle
 from fenics_rom.visualization.obstacle_meshes import obstacle_mesh
 from fenics_rom.visualization.optional_dependencies import check_window, pyvista_package
 from fenics_rom.visualization.tendon_routing import TendonRouting
-
-Array = np.ndarray
 
 # Where the camera stands: in front of the body, a little to the right and above.
 CAMERA_DIRECTION = np.array([0.42, -0.78, 0.46])

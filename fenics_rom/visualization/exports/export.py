@@ -5,6 +5,7 @@ from os import PathLike
 from pathlib import Path
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.errors import FileError
 from fenics_rom.io.atomic_write import check_place
@@ -19,8 +20,6 @@ from fenics_rom.visualization.exports.mode_shapes import SHAPE_KINDS, mode_shape
 from fenics_rom.visualization.exports.paraview import Fields, write_grid, write_series
 from fenics_rom.visualization.exports.pictures import write_film, write_still
 from fenics_rom.visualization.optional_dependencies import pyvista_package
-
-Array = np.ndarray
 
 VTK_COMPONENTS = [0, 1, 2, 5, 3, 4]  # of xx, yy, zz, yz, xz, xy: VTK has xx, yy, zz, xy, yz, xz
 SHEET_FORMATS = (".png", ".pdf", ".svg")

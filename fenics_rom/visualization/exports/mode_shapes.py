@@ -7,6 +7,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.errors import SceneError, check_known
 from fenics_rom.io.units import readable
@@ -15,8 +16,6 @@ from fenics_rom.rom.rom import ContactModel, Rom
 from fenics_rom.visualization.contact_surface import on_kept_surface
 from fenics_rom.visualization.exports.body_renderer import BodyRenderer
 from fenics_rom.visualization.figure import DARK, LIGHT, figure_class, write_figure
-
-Array = np.ndarray
 
 DRAWN_AMPLITUDE = 0.16  # largest displacement that is drawn, of the body's longest edge
 PANEL_PIXELS = 640  # width of a panel

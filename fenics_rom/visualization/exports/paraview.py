@@ -13,13 +13,11 @@ from pathlib import Path
 from typing import Any
 from xml.sax.saxutils import quoteattr
 
-import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.errors import FileError
 from fenics_rom.io.atomic_write import check_folder, write_whole
 from fenics_rom.visualization.optional_dependencies import pyvista_package
-
-Array = np.ndarray
 
 
 @dataclass(frozen=True)

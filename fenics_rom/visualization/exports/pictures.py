@@ -5,12 +5,10 @@ import tempfile
 from collections.abc import Iterable
 from pathlib import Path
 
-import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.io.atomic_write import write_whole
 from fenics_rom.visualization.optional_dependencies import load_package
-
-Array = np.ndarray
 
 MP4_SETTINGS = {"codec": "libx264", "pixelformat": "yuv420p", "macro_block_size": 2, "quality": 8}  # what browsers play
 

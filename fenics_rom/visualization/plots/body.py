@@ -4,8 +4,7 @@ from typing import Any
 
 import numpy as np
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
-
-Array = np.ndarray
+from numpy import ndarray as Array
 
 
 def draw_body(axes: Any, nodes: Array, triangles: Array, displacement: Array, *, largest: float) -> Any:

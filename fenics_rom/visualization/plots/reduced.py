@@ -6,6 +6,7 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.io.progress import Report
 from fenics_rom.io.units import readable
@@ -13,8 +14,6 @@ from fenics_rom.rom.file import HANKEL_UNIT
 from fenics_rom.rom.rom import ContactModel, Rom
 from fenics_rom.system.system import System
 from fenics_rom.visualization.figure import Panel, Style
-
-Array = np.ndarray
 
 REDUCED_POINTS = 400  # at which a reduced model is asked, beside those around its eigenfrequencies
 FULL_POINTS = 40  # at which the full one is

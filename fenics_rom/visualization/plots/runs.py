@@ -5,12 +5,12 @@ from functools import partial
 from typing import Any
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.io.units import prefixed
 from fenics_rom.trajectory.trajectory import Trajectory
 from fenics_rom.visualization.figure import DASHES, Panel
 
-Array = np.ndarray
 Runs = Mapping[str, Trajectory]
 
 LEDGER_LABELS = {

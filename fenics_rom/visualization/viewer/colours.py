@@ -4,10 +4,9 @@ import math
 
 import numpy as np
 from matplotlib import colormaps
+from numpy import ndarray as Array
 
 from fenics_rom.io.units import prefixed
-
-Array = np.ndarray
 
 BANDS = 20
 COLOUR_MAP = "viridis"

@@ -9,14 +9,13 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.mechanics.obstacles import Box, HalfSpace, Obstacle
 from fenics_rom.visualization.obstacle_meshes import obstacle_mesh
 from fenics_rom.visualization.tendon_routing import TendonRouting
 from fenics_rom.visualization.viewer.colours import BANDS, band_colours, bands_of
 from fenics_rom.visualization.viewer.surface import Surface
-
-Array = np.ndarray
 
 ORIGIN = np.zeros(3)
 FRAMES_PER_SECOND = 30.0

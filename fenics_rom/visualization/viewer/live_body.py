@@ -8,6 +8,7 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.errors import SceneError, StructureError
 from fenics_rom.io.units import UNITS
@@ -19,8 +20,6 @@ from fenics_rom.trajectory.series import ReadingSeries, reading_series
 from fenics_rom.trajectory.trajectory import Trajectory
 from fenics_rom.visualization.viewer.mouse_spring import MouseSpring, MouseSpringStep, attach_spring, largest_input
 from fenics_rom.visualization.viewer.recording import Recording
-
-Array = np.ndarray
 
 SHOWN_STROKES = {"m": "mm", "m3": "ml"}  # units of sliders by those of strokes
 STEPS_IN_A_PERIOD = 100  # of the lowest oscillation, where the scene has no time step

@@ -14,6 +14,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.errors import FenicsRomError
 from fenics_rom.trajectory.file import write_trajectory
@@ -39,8 +40,6 @@ from fenics_rom.visualization.viewer.surface import (
     reading_words,
     surface_fields,
 )
-
-Array = np.ndarray
 
 STEPPING_SHARE = 0.6  # of the time of a picture that steps may take; the rest is for drawing and for the browser
 MAX_CATCH_UP_SECONDS = 0.1  # between two pictures that steps make up for

@@ -4,11 +4,10 @@ from collections import deque
 from typing import Any
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.io.units import prefixed
 from fenics_rom.visualization.viewer.colours import band_colours, round_up, with_unit
-
-Array = np.ndarray
 
 ENERGY_SERIES = {
     "stored": "#1f77b4",

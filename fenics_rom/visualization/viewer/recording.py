@@ -6,15 +6,13 @@ the body was: a simulator's steps are the same to the bit.
 
 from dataclasses import dataclass, field
 
-import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.simulated_body import SimulatorState
 from fenics_rom.runtime.simulator import Simulator
 from fenics_rom.trajectory.trajectory import Trajectory, TrajectoryRecorder
-
-Array = np.ndarray
 
 PER_SECOND = 30  # whole shapes kept
 MOST_NUMBERS = 3e7  # in all shapes together, 240 MB

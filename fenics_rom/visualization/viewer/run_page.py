@@ -6,6 +6,7 @@ from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.errors import SceneError
 from fenics_rom.mechanics.obstacles import HalfSpace, Obstacle
@@ -23,8 +24,6 @@ from fenics_rom.visualization.viewer.surface import (
     reading_words,
     surface_fields,
 )
-
-Array = np.ndarray
 
 SPACING = 1.3  # of the body's width, between two runs side by side
 PLAYING_SECONDS = 4.0, 30.0  # s that a run is played in, if it is shorter or longer

@@ -4,13 +4,13 @@ import math
 from collections.abc import Callable, Mapping
 
 import numpy as np
+from numpy import ndarray as Array
 
 from fenics_rom.mechanics.environment import Environment
 from fenics_rom.mechanics.linearity import triangle_frames
 from fenics_rom.trajectory.series import ReadingSeries
 from fenics_rom.visualization.viewer.colours import with_unit
 
-Array = np.ndarray
 # Of displacement (n, 3), m, and velocity (n, 3), m/s: values of all pieces.
 SurfaceField = Callable[[Array, Array], Array]
 
