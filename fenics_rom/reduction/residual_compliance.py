@@ -37,21 +37,18 @@ def with_residual_compliance(problem: ReductionProblem, rom: Rom) -> Rom:
             shapes = problem.factor.solve(Sᵀ[:, columns])
             static[:, columns] = algebra.inner(Sᵀ, shapes)
             shapes = shapes - Q @ (SQ[columns] / κ).T
-            inertia += float(np.trace(algebra.inner(shapes, system.mass @ shapes)))
+            inertia += float(algebra.total(np.vdot(shapes, system.mass @ shapes)))
             if system.rayleigh is None:
-                heat += float(np.trace(algebra.inner(shapes, system.damping @ shapes)))
+                heat += float(algebra.total(np.vdot(shapes, system.damping @ shapes)))
         lacking = static - (SQ / κ) @ SQ.T
         λ, U = np.linalg.eigh((lacking + lacking.T) / 2)
         largest = max(float(λ[-1]), NOTHING_LACKS * float(np.diag(static).max()))
         kept = λ > KEPT * largest
         # Where D is not β K in the residual shapes, β is what dissipates as much in all of them together.
-        β = system.rayleigh[1] if system.rayleigh is not None else heat / float(np.trace(lacking))
-        residual = ResidualCompliance(
-            factor=U[:, kept] * np.sqrt(λ[kept]),
-            damping=max(β, 0.0),
-            inertia=inertia,
-            floor=KEPT * largest,
-        )
+        stored = float(np.trace(lacking)) + KEPT * largest * len(λ)
+        β = system.rayleigh[1] if system.rayleigh is not None else heat / stored
+        factor = U[:, kept] * np.sqrt(λ[kept])
+        residual = ResidualCompliance(factor, floor=KEPT * largest, inertia=inertia, damping=max(β, 0.0))
         return replace(rom, residual_compliance=_compared(problem, rom, residual, Sᵀ, SQ, static))
 
 

@@ -1,12 +1,10 @@
 """Residual compliance in a ROM file: the group `residual_compliance`, described in rom.file."""
 
-from typing import Any
-
 import h5py
 import numpy as np
 
 from fenics_rom.errors import FileError
-from fenics_rom.io.hdf5 import Entry, check_names, get_arrays, get_group, put_arrays
+from fenics_rom.io.hdf5 import Entry, check_names, get_each, get_group, get_record, put_arrays, put_each
 from fenics_rom.rom.residual_compliance import ResidualCompliance
 from fenics_rom.rom.rom import Rom
 
@@ -25,19 +23,14 @@ def put_residual_compliance(h5: h5py.File, residual: ResidualCompliance) -> None
     check_names(residual.errors)
     group = h5.create_group("residual_compliance", track_order=True)
     put_arrays(group, ARRAYS, {}, {name: np.atleast_1d(getattr(residual, name)) for name in ARRAYS})
-    errors = {name: np.array(pair) for name, pair in residual.errors.items()}
-    put_arrays(group.create_group("errors", track_order=True), dict.fromkeys(errors, ERRORS), {}, errors)
+    put_each(group, "errors", ERRORS, residual.errors)
 
 
 def take_residual_compliance(h5: h5py.File) -> ResidualCompliance:
     """Reads the group."""
     group = get_group(h5, "residual_compliance")
-    arrays: Any = get_arrays(group, ARRAYS, {}, ("errors",))
-    part = get_group(group, "errors")
-    errors: Any = get_arrays(part, dict.fromkeys(part, ERRORS), {})
-    numbers = {name: float(arrays[name][0]) for name in ARRAYS if name != "factor"}
-    pairs = {name: (float(pair[0]), float(pair[1])) for name, pair in errors.items()}
-    return ResidualCompliance(arrays["factor"], **numbers, errors=pairs)
+    errors = get_each(get_group(group, "errors"), ERRORS)
+    return ResidualCompliance(**get_record(group, ARRAYS, others=("errors",)), errors=errors)
 
 
 def check_residual_compliance(rom: Rom) -> None:

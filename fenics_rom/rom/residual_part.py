@@ -56,9 +56,8 @@ def residual_part(κ: Array, model: ContactModel, H: Array, residual: ResidualCo
     HY = H[:, : len(Y)] @ Y
     lacking = H.copy()
     lacking[:, : len(Y)] -= HY @ Y.T
-    R = lacking @ lacking.T
+    R = lacking @ lacking.T + residual.floor * np.eye(len(lacking))
     # Of displacements within Q inertia is known; what they share of it with those beyond is neglected.
     within = lacking[:, : len(Y)] / np.sqrt(κ[model.rigid :])
     τ = np.sqrt((residual.inertia + np.sum(within**2)) / np.trace(R))
-    R[np.diag_indices(len(R))] += residual.floor
     return ResidualPart(H, Y, HY, R, float(τ))

@@ -153,7 +153,7 @@ class SimulatedBody:
         Raises:
             StepError: no such output.
         """
-        return self._field(self._shape, output)
+        return self._field(self._q, output, self._beyond)
 
     def velocity(self, output: str | None = None) -> Array:
         """Velocity, m/s: of a named output (points, 3), or of every mesh node (nodes, 3).
@@ -161,9 +161,7 @@ class SimulatedBody:
         Raises:
             StepError: no such output.
         """
-        return self._field(
-            self.rom.contact_models[self.contact].coordinates @ self._stepper.state[self._order :], output
-        )
+        return self._field(self._stepper.state[self._order :], output)
 
     def reading(self, name: str) -> Array:
         """A reading of the scene as it is now; contact pressure is that of the last step.
@@ -187,7 +185,9 @@ class SimulatedBody:
         Raises:
             StepError: no such output.
         """
-        self._check_output(output)
+        if output not in self.rom.outputs:
+            hint = "; it is a reading: Simulator.reading gives it" if output in self.rom.readings else ""
+            raise StepError(unknown("output", output, self.rom.outputs) + hint)
         key = self.contact, output
         if key not in self._output_rows:
             self._output_rows[key] = self.rom.outputs[output] @ self.rom.contact_models[self.contact].coordinates
@@ -248,24 +248,28 @@ class SimulatedBody:
         return q
 
     @property
-    def _shape(self) -> Array:
-        """The displacement in the shared basis, (k,), with what contact points yield beyond the contact mode."""
-        shape: Array = self.rom.contact_models[self.contact].coordinates @ self._q
+    def _beyond(self) -> Array | None:
+        """What contact points yield beyond the contact mode, in the shared basis, (k,); None where they do not."""
         residual = self._stepper.kernel.residual
-        if residual is not None:
-            shape[self.rom.rigid :] += residual.strained / np.sqrt(self.rom.stiffness[self.rom.rigid :])
-        return shape
+        if residual is None:
+            return None
+        beyond = np.zeros(len(self.rom.stiffness))
+        beyond[self.rom.rigid :] = residual.strained / np.sqrt(self.rom.stiffness[self.rom.rigid :])
+        return beyond
 
-    def _field(self, coordinates: Array, output: str | None) -> Array:
-        if output is not None:
-            self._check_output(output)
-            return self.rom.by_point(self.rom.outputs[output] @ coordinates)
-        return self.rom.reconstruct(coordinates)
+    @property
+    def _shape(self) -> Array:
+        """The displacement in the shared basis, (k,)."""
+        shape: Array = self.rom.contact_models[self.contact].coordinates @ self._q
+        return shape if self._beyond is None else shape + self._beyond
 
-    def _check_output(self, output: str) -> None:
-        if output not in self.rom.outputs:
-            hint = "; it is a reading: Simulator.reading gives it" if output in self.rom.readings else ""
-            raise StepError(unknown("output", output, self.rom.outputs) + hint)
+    def _field(self, coordinates: Array, output: str | None, beyond: Array | None = None) -> Array:
+        """Of coordinates (m,) in the contact mode, and (k,) beside them in the shared basis."""
+        if output is None:
+            shape = self.rom.contact_models[self.contact].coordinates @ coordinates
+            return self.rom.reconstruct(shape if beyond is None else shape + beyond)
+        rows = self.output_rows(output) @ coordinates
+        return self.rom.by_point(rows if beyond is None else rows + self.rom.outputs[output] @ beyond)
 
     def _rigid_displacement(self) -> Array:
         """Along the rigid motions (ρ,), up to date."""

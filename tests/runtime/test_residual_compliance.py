@@ -134,7 +134,7 @@ def test_delassus_operator_is_nearer_that_of_the_full_model(mesh):
         reduced = W / (2 / h + model.damping + h / 2 * model.eigenvalues) @ W.T
         a = residual_motion.relaxation(h, part.time_constant, models.rom.residual_compliance.damping).whole
         without, beside = (
-            np.linalg.norm(D - full) / np.linalg.norm(full) for D in (reduced, reduced + part.compliance / a)
+            np.linalg.norm(W - full) / np.linalg.norm(full) for W in (reduced, reduced + part.compliance / a)
         )
         assert beside < (0.5 if h > 1e-4 else 1.0) * without
         if h == models.rom.residual_compliance.dt:

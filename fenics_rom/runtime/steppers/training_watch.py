@@ -44,11 +44,11 @@ class TrainingWatch:
     """
 
     def __init__(self, rom: Rom, trained: TrainingRange, interface: "ContactInterface | None"):
-        widths, units, inputs = {**rom.actuators, **rom.loads}, rom.environment.input_units, trained.inputs
+        widths, units = {**rom.actuators, **rom.loads}, rom.environment.input_units
         inputs = {
-            **inputs,
+            **trained.inputs,
             **dict.fromkeys(rom.environment.guides, math.inf),
-        }  # as tensions let them
+        }  # guides rub as tensions let them
         self._pushed = trained.pushes
         self._obstacles = [] if interface is None else list(interface.environment.obstacles)
         most = max(trained.pushes.values(), default=0.0)
