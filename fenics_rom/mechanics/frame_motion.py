@@ -1,0 +1,74 @@
+"""Rotations of a moving frame: unit quaternions (w, x, y, z), matrices, and Cayley's map.
+
+    cay(t) = (1 - t~/2)⁻¹ (1 + t~/2),    t~ a = t × a
+
+turns by 2 atan(|t|/2) about t: a step of h s at the mid-step angular velocity ω̂ in the axes of the frame leads from R
+to R⁺ = R cay(h ω̂), and with R* = R (1 + h/2 ω̂~) and u⁺ = u + h û
+
+    (R⁺ u⁺ - R u)/h = (R* ω̂) × (R u + R⁺ u⁺)/2 + R* û    exactly,        (R + R⁺)/2 = R*⁻ᵀ.
+"""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy import ndarray as Array
+
+Numbers = Sequence[float] | Array
+
+
+def cross_matrix(a: Numbers) -> Array:
+    """a~ (3, 3), with a~ b = a × b."""
+    x, y, z = a
+    return np.array(((0.0, -z, y), (z, 0.0, -x), (-y, x, 0.0)))
+
+
+def rotation_matrix(quaternion: Numbers) -> Array:
+    """R (3, 3) of a unit quaternion."""
+    w, x, y, z = map(float, quaternion)
+    return np.array(
+        (
+            (w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)),
+            (2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)),
+            (2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z),
+        )
+    )
+
+
+def quaternion_of(R: Array) -> Array:
+    """The unit quaternion (4,), w >= 0, of a rotation matrix (3, 3)."""
+    # 4 w², 4 x², 4 y², 4 z²: divided by the root of the largest nothing cancels.
+    squares = 1 + np.array((R.trace(), *(2 * R.diagonal() - R.trace())))
+    (w, x, y, z), largest = squares, int(squares.argmax())
+    (a, b, c), (d, e, f) = (
+        (R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]),
+        (R[2, 1] + R[1, 2], R[0, 2] + R[2, 0], R[1, 0] + R[0, 1]),
+    )
+    q = np.array(((w, a, b, c), (a, x, f, e), (b, f, y, d), (c, e, d, z))[largest])
+    return q / (math.copysign(1.0, q[0]) * math.hypot(*q))
+
+
+def quaternion_of_vector(turn: Numbers) -> Array:
+    """The unit quaternion (4,) of a turn about a vector (3,) by its length, rad."""
+    angle = math.hypot(*turn)
+    half = math.sin(angle / 2) / angle if angle > 0 else 0.5
+    return np.array((math.cos(angle / 2), *(half * part for part in turn)))
+
+
+def turned(quaternion: Numbers, t: Numbers) -> tuple[float, float, float, float]:
+    """The unit quaternion of R cay(t), t (3,) in the axes of the frame that the quaternion of R turns."""
+    w, x, y, z = quaternion
+    a, b, c = t[0] / 2, t[1] / 2, t[2] / 2
+    w, x, y, z = (
+        w - x * a - y * b - z * c,
+        x + w * a + y * c - z * b,
+        y + w * b + z * a - x * c,
+        z + w * c + x * b - y * a,
+    )
+    size = math.sqrt(w * w + x * x + y * y + z * z)
+    return w / size, x / size, y / size, z / size
+
+
+def cayley(t: Numbers) -> Array:
+    """cay(t), (3, 3)."""
+    return rotation_matrix(turned((1.0, 0.0, 0.0, 0.0), t))
