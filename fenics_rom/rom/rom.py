@@ -19,6 +19,7 @@ from fenics_rom.rom.content import ByContent
 if TYPE_CHECKING:
     from fenics_rom.mechanics.readings import Reading
     from fenics_rom.rom.deformation import ReducedDeformation
+    from fenics_rom.rom.moving_frame import MovingFrame
     from fenics_rom.rom.residual_compliance import ResidualCompliance
 
 
@@ -135,6 +136,7 @@ class Rom(ByContent):
         cells: of the mesh, how many there are, and how good; None where nobody knows.
         force_validation: how far contact forces are off; None where it was not measured.
         residual_compliance: what the contact points yield beyond the shared basis; None where that is not known.
+        moving_frame: of the shared basis' vectors that strain; None: the body turns but a little.
 
     Example:
         >>> rom = fr.read_rom("plate.h5")
@@ -167,6 +169,7 @@ class Rom(ByContent):
     cells: CellQuality | None = None
     force_validation: ForceValidation | None = None
     residual_compliance: "ResidualCompliance | None" = None
+    moving_frame: "MovingFrame | None" = None
 
     def __repr__(self) -> str:
         models, columns = self.contact_models, self.contacts
@@ -283,6 +286,10 @@ def check_rom(rom: Rom) -> Rom:
             from fenics_rom.rom.deformation import check_deformation  # here, as few bodies deform largely
 
             check_deformation(rom.deformation, len(rom.stiffness), rom.actuators)
+        if rom.moving_frame is not None:
+            from fenics_rom.rom.moving_frame import check_moving_frame
+
+            check_moving_frame(rom.moving_frame, len(rom.stiffness) - rigid)
     return rom
 
 
