@@ -9,7 +9,12 @@ import pytest
 
 FOLDER = Path(__file__).parents[2] / "demos" / "own_matrices"
 SCRIPTS = sorted(path.name for path in FOLDER.glob("*.py") if path.name != "checks.py")
-PARALLEL = ["forms_beam.py", "petsc_rope.py"]
+LONG = "forms_beam.py"
+PARALLEL = [LONG, "petsc_rope.py"]
+
+
+def by_length(scripts):
+    return [pytest.param(script, marks=pytest.mark.slow if script == LONG else ()) for script in scripts]
 
 
 def run(*command):
@@ -22,12 +27,12 @@ def assert_checks_held(done, ranks):
     assert f"on {ranks} ranks" in done.stdout or ranks == 1
 
 
-@pytest.mark.parametrize("script", SCRIPTS)
+@pytest.mark.parametrize("script", by_length(SCRIPTS))
 def test_example_keeps_its_claims(script):
     assert_checks_held(run(sys.executable, FOLDER / script), 1)
 
 
-@pytest.mark.parametrize("script", PARALLEL)
+@pytest.mark.parametrize("script", by_length(PARALLEL))
 @pytest.mark.alone
 def test_example_keeps_its_claims_on_two_ranks(script):
     assert_checks_held(run("mpirun", "-n", "2", sys.executable, FOLDER / script), 2)

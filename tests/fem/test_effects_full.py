@@ -640,7 +640,7 @@ def stepper(scene, model, dt, velocity, signals=None):
 
 
 @BOTH
-@pytest.mark.parametrize("restitution", [0.0, 0.3, 0.8, 1.0])
+@pytest.mark.parametrize("restitution", [0.0, 0.8, *(pytest.param(e, marks=pytest.mark.slow) for e in (0.3, 1.0))])
 def test_stiff_block_bounces_to_the_height_that_restitution_says(slab, restitution, model):
     """e² H, and e of the speed, to what a step of falling makes of them."""
     law = f"[effects.contact]\nrestitution = {restitution}\n"

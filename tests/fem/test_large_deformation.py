@@ -31,6 +31,7 @@ TIP = {"outputs.tip": 'surface = "right"'}
 SOFT = "young = 1e6\npoisson = 0.35\ndensity = 1000.0"
 ROUND_OFF = 1e-10  # of scale, as the account must close
 BOTH_LAWS = pytest.mark.parametrize("law", LAWS)
+ONE_LAW = pytest.mark.parametrize("law", [LAWS[0], pytest.param(LAWS[1], marks=pytest.mark.slow)])
 
 
 def large(law):
@@ -201,7 +202,7 @@ SPRUNG = '[effects.springs.s]\nsurface = "right"\nstiffness = 10.0\n'
 
 @BOTH_LAWS
 @pytest.mark.parametrize("others", [UNDAMPED, DAMPED + SPRUNG], ids=["undamped", "damped"])
-@pytest.mark.parametrize("h", [5e-3, 0.03])
+@pytest.mark.parametrize("h", [pytest.param(5e-3, marks=pytest.mark.slow), 0.03])
 def test_energy_balance(beam, law, others, h):
     system = assembled(beam, f"inertia = {{}}\n{large(law)}{others}", degree=2)
     body, most, furthest = system.deformation.stepper(h), 0.0, 0.0
@@ -264,6 +265,7 @@ def test_small_loads_differ_from_linear_ones_in_second_order(beam, law):
     assert off[0] == pytest.approx(off[1], rel=0.05)
 
 
+@pytest.mark.slow
 def test_order_two_in_time(beam):
     system = assembled(beam, f"inertia = {{}}\n{large('neo_hookean')}damping = {{ alpha = 1.0, beta = 5e-3 }}")
 
@@ -373,7 +375,7 @@ def elastica(load):
     return solution.y[2:, -1]
 
 
-@BOTH_LAWS
+@ONE_LAW
 def test_slender_cantilever_is_an_elastica(tmp_path, law):
     thick, young, load = 0.05, 1e6, 3.0
     mesh = write_arrays(tmp_path / "slender.msh", *box_arrays((1.0, thick, thick), (12, 1, 1)))

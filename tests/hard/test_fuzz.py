@@ -11,7 +11,7 @@ import pytest
 @pytest.mark.parametrize(
     ("kind", "count"),
     [
-        *(("files", 100), ("scenes", 60)),
+        *(("files", 60), ("scenes", 30)),
         *(pytest.param(kind, count, marks=pytest.mark.slow) for kind, count in (("files", 300), ("scenes", 200))),
     ],
 )

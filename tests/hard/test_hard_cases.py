@@ -18,7 +18,11 @@ def _demo(monkeypatch):
 
 
 @pytest.mark.parametrize(
-    "kind", [pytest.param(kind, marks=pytest.mark.slow if kind in ("material", "shape") else ()) for kind in KINDS]
+    "kind",
+    [
+        pytest.param(kind, marks=pytest.mark.slow if kind in ("material", "shape", "steps", "precision") else ())
+        for kind in KINDS
+    ],
 )
 def test_every_claim_holds(kind):
     rows = list(importlib.import_module(f"cases_{kind}").rows(quick=True))

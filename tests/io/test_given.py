@@ -31,6 +31,7 @@ def test_roms_are_cut_and_written_from_their_files(files, plate_rom, tmp_path):
     assert fr.read_rom(tmp_path / "again.h5") == plate_rom
 
 
+@pytest.mark.slow
 def test_plots_of_files_are_those_of_objects(files, run, plate_rom, tmp_path):
     for name, given, model, what in (
         ("run", files / "run.h5", run, None),

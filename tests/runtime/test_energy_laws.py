@@ -65,7 +65,14 @@ def rough_ride(rom, steps, seed):
     return account
 
 
-@pytest.mark.parametrize("choice", [{"order": 20}, {"order": 52}, {"order": 12, "method": "eigenvector-selection"}])
+@pytest.mark.parametrize(
+    "choice",
+    [
+        {"order": 20},
+        pytest.param({"order": 52}, marks=pytest.mark.slow),
+        pytest.param({"order": 12, "method": "eigenvector-selection"}, marks=pytest.mark.slow),
+    ],
+)
 def test_account_closes_over_ten_thousand_rough_steps(plate_system, choice):
     account = rough_ride(fr.reduce(plate_system, **choice), 10_000, seed=1)
     assert account.gap <= CLOSES_TO * account.scale

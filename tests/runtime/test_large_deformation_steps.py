@@ -18,6 +18,7 @@ from fenics_rom.runtime.steppers.newton import Newton
 from fenics_rom.scene.file import parse_scene
 
 LAWS = ("st_venant_kirchhoff", "neo_hookean")
+ONE_LAW = pytest.mark.parametrize("law", [LAWS[0], pytest.param(LAWS[1], marks=pytest.mark.slow)])
 
 
 @pytest.fixture(scope="module")
@@ -70,7 +71,7 @@ def test_the_linearly_implicit_step_never_creates_energy(roms, undamped, law):
             assert ledger.dissipated >= -1e-12 * scale
 
 
-@pytest.mark.parametrize("law", LAWS)
+@ONE_LAW
 def test_both_steps_are_of_second_order(roms, law):
     rom = roms[law]
     exact = swing(rom, 2.5e-4, "newton", force=0.1)
@@ -182,7 +183,7 @@ def test_followers_pull_where_the_body_is(roms, law):
         assert apart(straight, finals[0]) > 0.01  # it is the turned force that makes the difference
 
 
-@pytest.mark.parametrize("law", LAWS)
+@ONE_LAW
 def test_without_inertia_every_step_is_an_equilibrium(law):
     rom = soft_rom(law, inertia=False)
     simulator = fr.Simulator(rom, 0.1)
@@ -405,7 +406,7 @@ def by_stroke(rom, h, stepper=None):
     return fr.Simulator(rom, h, scene=environment, stepper=stepper)
 
 
-@pytest.mark.parametrize("law", LAWS)
+@ONE_LAW
 @pytest.mark.parametrize("stepper", [*FINITE_STRAIN_STEPPERS, None])
 @pytest.mark.parametrize("contact", [False, True], ids=["alone", "touching"])
 def test_strokes_are_given_to_bodies_that_turn(law, stepper, contact):

@@ -142,7 +142,7 @@ def test_patches_are_where_contact_modes_are_touched(touching, plate_rom):
 # --- pictures --------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("dark", [False, True])
+@pytest.mark.parametrize("dark", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_still_shows_the_body_its_obstacles_and_words(run, tmp_path, dark):
     picture = imageio.imread(fr.export(run, tmp_path / "run.png", dark=dark))
     bare = imageio.imread(fr.export(replace(run, obstacles={}, obstacle_motion={}), tmp_path / "bare.png", dark=dark))
@@ -153,6 +153,7 @@ def test_still_shows_the_body_its_obstacles_and_words(run, tmp_path, dark):
     assert not np.array_equal(picture.shape, bare.shape) or ink(picture, paper) != ink(bare, paper)
 
 
+@pytest.mark.slow
 def test_every_obstacle_is_where_it_is(run):
     """Only what is drawn of the obstacle differs, and it moves with it."""
     for name in OBSTACLES:
@@ -379,6 +380,7 @@ def test_without_egl_pictures_are_refused_and_files_for_paraview_are_not(run, tm
     fr.export(run, tmp_path / "x.vtu")
 
 
+@pytest.mark.slow
 def test_nothing_is_said_of_a_screen_that_is_not_there(tmp_path):
     words = ("export", DATA / "run-1.2.h5", "-o", tmp_path / "x.png")
     run = subprocess.run(

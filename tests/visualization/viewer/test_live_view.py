@@ -198,6 +198,7 @@ def test_body_is_seen_pulled_and_reset(window):
     assert window.errors == []
 
 
+@pytest.mark.slow
 def test_second_viewer_sees_the_same_and_may_go_away(window, view, browser):
     window.drag(0, -60)
     until(lambda: window.energies[0] > 1e-4, "nothing moved")
