@@ -486,11 +486,7 @@ def frequency(rom: fr.Rom) -> float:
 
 
 def short_table(
-    runs: list[Run],
-    rows: list[tuple[object, ...]],
-    frequencies: dict[str, float],
-    setting: str,
-    findings: Findings,
+    runs: list[Run], rows: list[tuple[object, ...]], frequencies: dict[str, float], setting: str, findings: Findings
 ) -> None:
     """The longest steps that are good enough, and how good the model is without them."""
     best: list[tuple[object, ...]] = []

@@ -44,18 +44,7 @@ sys.path.append(str(Path(__file__).parents[1] / "scaling"))
 
 from cylinder import PAPER
 from findings import Findings, rates, readable, resident
-from models import (
-    FORCE,
-    OUTPUT,
-    STEP,
-    BareFourCalls,
-    BareProduct,
-    FullBare,
-    FullCarried,
-    cylinder,
-    midpoint,
-    synthetic,
-)
+from models import FORCE, OUTPUT, STEP, BareFourCalls, BareProduct, FullBare, FullCarried, cylinder, midpoint, synthetic
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning

@@ -39,12 +39,7 @@ def simulate(
     assert environment.run is not None
     body = FullOrderSimulator(system, history.dt, environment, signals)
     recorder = TrajectoryRecorder(
-        system,
-        environment,
-        history.steps,
-        history.dt,
-        snapshots=environment.run.snapshots,
-        every=history.every,
+        system, environment, history.steps, history.dt, snapshots=environment.run.snapshots, every=history.every
     )
     body.switch(history.first_contact())
     lost = body.begin(environment.run.initial, history) if environment.run.initial else []

@@ -25,14 +25,7 @@ from fenics_rom.identification.parameters import (
     values_of,
 )
 from fenics_rom.identification.reduced_model import ReducedModel, make_basis
-from fenics_rom.identification.result import (
-    MAX_SHIFT,
-    NEGLIGIBLE_SHARE,
-    Estimate,
-    Given,
-    Identification,
-    list_doubts,
-)
+from fenics_rom.identification.result import MAX_SHIFT, NEGLIGIBLE_SHARE, Estimate, Given, Identification, list_doubts
 from fenics_rom.identification.uncertainty import (
     Unidentifiable,
     correlations,
@@ -47,11 +40,7 @@ from fenics_rom.system.system import System
 
 
 def identify(
-    scene: Scene,
-    data: Sequence[str | Path | Data],
-    *,
-    parameters: Sequence[str] | None = None,
-    report: Report = silent,
+    scene: Scene, data: Sequence[str | Path | Data], *, parameters: Sequence[str] | None = None, report: Report = silent
 ) -> Identification:
     """Finds the material and damping with which a scene fits measured marker displacements best.
 

@@ -58,12 +58,7 @@ class EnergyLedger:
         self._sums[4:] = map(_add, self._sums[4:], (obstacles, contact, friction))
 
     def book(
-        self,
-        *,
-        supplied: float = 0.0,
-        dissipated: float = 0.0,
-        lost_in_switching: float = 0.0,
-        numerical: float = 0.0,
+        self, *, supplied: float = 0.0, dissipated: float = 0.0, lost_in_switching: float = 0.0, numerical: float = 0.0
     ) -> None:
         """Adds to the sums, J."""
         self._sums[:4] = map(_add, self._sums[:4], (supplied, dissipated, lost_in_switching, numerical))

@@ -4,17 +4,7 @@ from typing import Any
 
 import h5py
 
-from fenics_rom.io.hdf5 import (
-    Entry,
-    Sizes,
-    get_each,
-    get_group,
-    get_record,
-    get_text,
-    put_arrays,
-    put_each,
-    put_text,
-)
+from fenics_rom.io.hdf5 import Entry, Sizes, get_each, get_group, get_record, get_text, put_arrays, put_each, put_text
 from fenics_rom.rom.deformation import ReducedDeformation, ReducedTendon, TrainingRange
 
 BODY = {

@@ -57,11 +57,7 @@ INITIAL = {
     "velocity": Entry("m/s", (3,)),
     "spin": Entry("rad/s", (3,)),
 }
-INSTANT = {
-    "nodes": Entry("m", ("N", 3)),
-    "displacement": Entry("m", ("N", 3)),
-    "velocity": Entry("m/s", ("N", 3)),
-}
+INSTANT = {"nodes": Entry("m", ("N", 3)), "displacement": Entry("m", ("N", 3)), "velocity": Entry("m/s", ("N", 3))}
 SPAN = {"start": Entry("s", (1,)), "stop": Entry("s", (1,))}
 GUIDE = {"friction": Entry("1", (1,)), "angle": Entry("rad", (1,))}
 GROUPS = ("effects", "built_in", "controls", "guides", "loads", "obstacles", "contact_law", "run")

@@ -119,15 +119,7 @@ ALIKE = {  # groups of arrays by name, each with sizes of its own
     "contact_surfaces": Entry("1", ("s",), "i"),
 }
 GROUPS = ("outputs", "actuators", "contact_models", "contact_surfaces", "environment")
-MAYBE = (
-    "offline",
-    "loads",
-    "deformation",
-    "force_validation",
-    "readings",
-    "points_between",
-    "residual_compliance",
-)
+MAYBE = ("offline", "loads", "deformation", "force_validation", "readings", "points_between", "residual_compliance")
 FORCE_RUN, FORCE_ERRORS = Entry("s", (2,)), Entry("1", (3,))
 BETWEEN = {"nodes": Entry("1", ("B", "c"), "i"), "weights": Entry("1", ("B", "c")), "gap": Entry("m", (1,))}
 

@@ -63,11 +63,7 @@ def read_scene(file: str | Path) -> Scene:
 
 
 def parse_scene(
-    text: str,
-    *,
-    folder: Path = Path(),
-    tables: Mapping[str, np.ndarray] | None = None,
-    source: str = "scene",
+    text: str, *, folder: Path = Path(), tables: Mapping[str, np.ndarray] | None = None, source: str = "scene"
 ) -> Scene:
     """Checks the text of a scene.
 

@@ -63,12 +63,7 @@ class AmplitudeResults(Record):
 
 
 def study_amplitudes(
-    scene: Scene,
-    folder: str | Path,
-    *,
-    quick: bool = False,
-    resume: bool = False,
-    report: Report = silent,
+    scene: Scene, folder: str | Path, *, quick: bool = False, resume: bool = False, report: Report = silent
 ) -> AmplitudeResults:
     """Compares linear and large-deformation models, reduced and at full order; every rank must call it.
 

@@ -85,12 +85,7 @@ def study(
 
 
 def study_for_tolerance(
-    scene: Scene,
-    folder: str | Path,
-    tolerance: float,
-    *,
-    resume: bool = False,
-    report: Report = silent,
+    scene: Scene, folder: str | Path, tolerance: float, *, resume: bool = False, report: Report = silent
 ) -> tuple[StudyResults, BenchmarkRow, Rom]:
     """Finds the longest step and the lowest order of a balanced model within a tolerance of the whole shape.
 

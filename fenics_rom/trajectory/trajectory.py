@@ -192,16 +192,7 @@ class TrajectoryRecorder:
         snapshot_rows: of the steps after which a whole shape is kept, its place among them.
     """
 
-    def __init__(
-        self,
-        model: Any,
-        environment: Environment,
-        steps: int,
-        dt: float,
-        *,
-        snapshots: int,
-        every: int = 1,
-    ):
+    def __init__(self, model: Any, environment: Environment, steps: int, dt: float, *, snapshots: int, every: int = 1):
         self._body, self._effects = getattr(model, "body", model), tuple(environment.effects)
         self._contacts, self._input_columns = tuple(model.contacts), (_widths(model.contacts), _widths(model.actuators))
         self._outputs, self._units = list(model.outputs), environment.input_units

@@ -224,11 +224,7 @@ def test_reduce_says_what_it_cost_and_how_good_the_models_are(story):
     assert abs(sum(float(row[2]) for row in rows[:-1]) - 100) < 0.1 * len(rows)
     for name, mode in rom.contact_models.items():
         last = re.search(rf"^  {name} .* (\S+) +(\S+) +(\d+) frequencies$", printed, flags=re.M).groups()
-        assert last == (
-            f"{mode.static_error:.1e}",
-            f"{mode.transfer_errors.max():.1e}",
-            str(len(mode.frequencies)),
-        )
+        assert last == (f"{mode.static_error:.1e}", f"{mode.transfer_errors.max():.1e}", str(len(mode.frequencies)))
     assert re.search(r"^  method +balanced$", printed, flags=re.M)
 
 
@@ -442,11 +438,7 @@ class TestOptions:
             "inertia = {}\nwind = {}",
             "effects: no key 'wind'; there is base_motion, contact, damping, friction",
         ),
-        (
-            'clamped = ["root"]',
-            'clamped = ["rot"]',
-            "no surface 'rot'; there is middle, root,",
-        ),
+        ('clamped = ["root"]', 'clamped = ["rot"]', "no surface 'rot'; there is middle, root,"),
         ('surface = "middle"', 'surface = "midle"', "no surface 'midle'; there is"),
         ('surface = "middle"', 'surface = "root"', "contacts.middle: the whole patch is clamped"),
         ("plate.msh", "none.msh", "none.msh: not found"),

@@ -69,11 +69,7 @@ def heavy_cantilever(folder, bricks):
 
 @pytest.mark.parametrize(
     ("case", "bricks", "allowed"),
-    [
-        (princeton_beam, (40, 2, 1), 0.01),
-        (curved_cantilever, (16, 1, 1), 0.01),
-        (heavy_cantilever, (24, 2, 2), 0.015),
-    ],
+    [(princeton_beam, (40, 2, 1), 0.01), (curved_cantilever, (16, 1, 1), 0.01), (heavy_cantilever, (24, 2, 2), 0.015)],
 )
 def test_published_shapes_come_from_the_whole_load_at_once(tmp_path, case, bricks, allowed):
     tip, published = case(tmp_path, bricks)

@@ -91,8 +91,7 @@ def test_a_gauge_on_a_bent_beam_reads_curvature_times_height(bar):
     """u = κ (x z, 0, -x²/2) is bending without Poisson's effect, and of second degree: at each middle ε_xx = κ z."""
     κ = 0.02
     system, body = displaced(
-        scene_of(bar, **STRESS),
-        lambda X: κ * np.stack([X[:, 0] * X[:, 2], 0 * X[:, 0], -(X[:, 0] ** 2) / 2], axis=1),
+        scene_of(bar, **STRESS), lambda X: κ * np.stack([X[:, 0] * X[:, 2], 0 * X[:, 0], -(X[:, 0] ** 2) / 2], axis=1)
     )
     reading = system.readings["stress"]
     assert len(reading.triangles) == len(system.body.triangles)  # in the order in which they are drawn

@@ -27,7 +27,7 @@ MODULES = {
     *("asyncio", "webbrowser"),
 }
 STARTED = {  # scripts and commands of this package, in processes of their own
-    PACKAGE / "fem" / "gmsh_file.py": "[sys.executable, '-P', gmsh_process.__file__, file]",
+    PACKAGE / "fem" / "gmsh_file.py": "[sys.executable, '-P', gmsh_process.__file__, file]"
 }
 IMPORTS = {  # modules that the package names itself, when they are asked for
     PACKAGE / "lazy_import.py",

@@ -17,12 +17,7 @@ from fenics_rom.reduction.krylov_augmentation import low_rank_damping
 from fenics_rom.system.scipy_backend import MatrixAlgebra
 
 DATA = Path(__file__).parents[1] / "data"
-PROPORTIONAL = {
-    "heavy": (0.5, 1e-2),
-    "light": (0.1, 1e-6),
-    "alpha only": (1.0, 0.0),
-    "beta only": (0.0, 1e-3),
-}
+PROPORTIONAL = {"heavy": (0.5, 1e-2), "light": (0.1, 1e-6), "alpha only": (1.0, 0.0), "beta only": (0.0, 1e-3)}
 
 
 class Plate:

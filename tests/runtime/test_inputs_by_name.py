@@ -60,10 +60,7 @@ def test_what_is_no_input_is_refused(rom, u, named, message):
 
 def test_complex_numbers_are_refused_everywhere(rom):
     body, bodies = fr.Simulator(rom, 1e-3), fr.Batch(rom, 2, 1e-3)
-    for take in (
-        lambda: body.rollout(np.zeros((3, 7), complex)),
-        lambda: bodies.step(np.zeros((2, 7), complex)),
-    ):
+    for take in (lambda: body.rollout(np.zeros((3, 7), complex)), lambda: bodies.step(np.zeros((2, 7), complex))):
         with pytest.raises(fr.StepError, match="real numbers"):
             take()
     assert body.steps == bodies.steps == 0

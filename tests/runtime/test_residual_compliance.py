@@ -163,10 +163,7 @@ def test_a_scene_that_wants_none_gets_none(mesh, held, tmp_path):
 
 def test_without_it_no_bit_changes(held):
     """Switched off in the scene, or not there: the same run."""
-    runs = [
-        Reduced(held.rom, scene=held.without),
-        Reduced(replace(held.rom, residual_compliance=None)),
-    ]
+    runs = [Reduced(held.rom, scene=held.without), Reduced(replace(held.rom, residual_compliance=None))]
     for run in runs:
         run.shake(120, seed=3)
     np.testing.assert_array_equal(*(run.body.displacement() for run in runs))

@@ -226,8 +226,7 @@ def test_what_is_empty_or_beyond_measure_is_told(there, instead, said):
 
 
 @pytest.mark.parametrize(
-    "load",
-    ['contact = "middle"\nstart = 0.4', 'contact = "middle"', 'contact = "middle"\nstart = 0.1\nstop = 0.2'],
+    "load", ['contact = "middle"\nstart = 0.4', 'contact = "middle"', 'contact = "middle"\nstart = 0.1\nstop = 0.2']
 )
 def test_two_contact_modes_at_a_time_are_refused(load):
     with pytest.raises(SceneError, match="one contact mode acts at a time; make a contact mode of both surfaces"):

@@ -14,12 +14,7 @@ from fenics_rom.fem.finite_strain.found_forces import ForcesInNewton, FoundForce
 from fenics_rom.fem.finite_strain.gmres import Gmres
 from fenics_rom.fem.finite_strain.model import ExternalForce, FiniteStrainModel, multiply
 from fenics_rom.fem.finite_strain.newton import MAX_ITERATIONS, NewtonIterate, NotConvergedError, solve_step
-from fenics_rom.fem.finite_strain.residuals import (
-    MidpointResidual,
-    QuasiStaticResidual,
-    StepResidual,
-    StepStart,
-)
+from fenics_rom.fem.finite_strain.residuals import MidpointResidual, QuasiStaticResidual, StepResidual, StepStart
 from fenics_rom.fem.finite_strain.stresses import IDENTITY, MidpointStresses
 from fenics_rom.fem.finite_strain.tangent_matrix import TangentCoefficients, TangentMatrix
 from fenics_rom.fem.full_order_body import FullOrderBody

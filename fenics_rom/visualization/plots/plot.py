@@ -114,11 +114,7 @@ def _read(model: File | Rom | Trajectory | Mapping[str, Trajectory | File]) -> R
 
 
 def _select_panels(
-    model: Rom | dict[str, Trajectory],
-    style: Style,
-    what: Sequence[str] | None,
-    full: System | None,
-    report: Report,
+    model: Rom | dict[str, Trajectory], style: Style, what: Sequence[str] | None, full: System | None, report: Report
 ) -> Mapping[str, Panel]:
     """The panels that were asked for; raises SceneError where there is none of that name, or nothing at all."""
     if isinstance(model, Rom):

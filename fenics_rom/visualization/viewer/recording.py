@@ -32,13 +32,7 @@ class Recording:
         assert simulator.ledger is not None
         simulator.ledger.sums = EnergyLedger().sums
         shapes = min(round(len(self.steps) * self.start.dt * PER_SECOND), int(MOST_NUMBERS / rom.nodes.size))
-        recorder = TrajectoryRecorder(
-            rom,
-            rom.environment,
-            len(self.steps),
-            self.start.dt,
-            snapshots=max(shapes, 1),
-        )
+        recorder = TrajectoryRecorder(rom, rom.environment, len(self.steps), self.start.dt, snapshots=max(shapes, 1))
 
         recorder.sample(0, simulator)
         for step, (contact, u) in enumerate(self.steps, start=1):
