@@ -20,6 +20,8 @@ from fenics_rom.fem.matrix_market import read_system as read_system
 from fenics_rom.identification.identify import identify as identify
 from fenics_rom.identification.result import Identification as Identification
 from fenics_rom.identification.write import write_identification as write_identification
+from fenics_rom.mechanics.base_path import BasePath as BasePath
+from fenics_rom.mechanics.base_path import BaseState as BaseState
 from fenics_rom.mechanics.environment import Environment as Environment
 from fenics_rom.reduction.reduce import reduce as reduce
 from fenics_rom.rom.file import read_rom as read_rom

@@ -8,6 +8,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import SceneError, StepError, check_known
+from fenics_rom.mechanics.base_path import BASE_PATH, BaseState, given_base
 from fenics_rom.mechanics.contact import ObstacleMotion
 from fenics_rom.mechanics.environment import Environment
 from fenics_rom.mechanics.signals import CheckedSignal, SignalLike
@@ -29,7 +30,7 @@ class ActiveEnvironment:
         columns: number of columns of each load that the model has; None: those of the environment.
         signals: for loads and obstacles by name, instead of the environment's: numbers or functions of time (s).
             Of gravity: multiples of its acceleration; of a base motion: m/s²; of a prescribed force: N (3,); of an
-            obstacle: its displacement, m (3,).
+            obstacle: its displacement, m (3,). Of "base_path": a BaseState, a BasePath or a function of time.
 
     Attributes:
         environment, columns: as given.
@@ -57,10 +58,15 @@ class ActiveEnvironment:
         self.signals: dict[str, SignalLike] = dict(signals or {})
         defined: dict[str, SignalLike | None] = {name: load.signal for name, load in environment.loads.items()}
         defined |= {name: obstacle.displacement for name, obstacle in environment.obstacles.items()}
+        self._bases = (BASE_PATH,) if environment.is_moving else ()
         for name in self.signals:
-            check_known("load or obstacle", name, defined, SceneError, f"{environment.source}: ")
+            check_known("load or obstacle", name, (*defined, *self._bases), SceneError, f"{environment.source}: ")
+        base = self.signals.get(BASE_PATH, environment.base_path)
+        self._base = None if base is None else given_base(base)
         self._signals = {}
         for name, signal in (defined | self.signals).items():
+            if name == BASE_PATH:
+                continue
             if signal is None:
                 raise SceneError(
                     f"{environment.source}: {name!r} has neither a value nor a table; give a function of time in "
@@ -76,8 +82,11 @@ class ActiveEnvironment:
         Raises:
             StepError: there is no such load or obstacle, or the value has another width or is not finite.
         """
-        check_known("load or obstacle", name, [*self.columns, *self.obstacles], StepError)
-        self._signals[name] = CheckedSignal(name, self.columns.get(name, 3), signal)
+        check_known("load or obstacle", name, [*self.columns, *self.obstacles, *self._bases], StepError)
+        if name == BASE_PATH:
+            self._base = given_base(signal)
+        else:
+            self._signals[name] = CheckedSignal(name, self.columns.get(name, 3), signal)
         self.signals[name] = signal
         self._keep_constants()
 
@@ -101,6 +110,10 @@ class ActiveEnvironment:
             if self.mark is not None:
                 self.mark(name)
         return np.concatenate(values)
+
+    def base_at(self, time: float) -> BaseState | None:
+        """The rigid base at a time, s; None where nothing says how it moves."""
+        return None if self._base is None else self._base(time)
 
     def offsets_at(self, time: float) -> Array:
         """Displacements of the obstacles at a time (s), (O, 3), m."""

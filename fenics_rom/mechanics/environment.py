@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from fenics_rom.errors import SceneError
+from fenics_rom.mechanics.base_path import BasePath
 from fenics_rom.mechanics.contact import ContactLaw
 from fenics_rom.mechanics.initial_state import InitialState
 from fenics_rom.mechanics.signals import Signal
@@ -20,6 +21,8 @@ if TYPE_CHECKING:
 PERMANENT_EFFECTS = ("springs",)  # part of the matrices: no run can leave them out
 STROKE_UNITS = {"length": "m", "volume": "m3"}  # of what is given of an actuator in place of its force
 SWITCHINGS = ("energy", "oblique")  # energy-orthogonal, of any basis; of standard balanced truncation
+FRAMES = ("fixed", "moving")  # a body stays near where it was made, or turns as far as it likes
+DETAILS = ("full", "quasi-rigid")  # all terms of a moving frame, or the inertia of the rigid shape alone
 CONTACT_SWITCHINGS = ("automatic", "scene")  # the contact mode follows the obstacles, or the load history says
 
 
@@ -69,6 +72,7 @@ class Run:
     loads: tuple[AppliedLoad, ...] = ()  # in the order in which they begin
     initial: InitialState | None = None  # where it begins; None: at rest
     every: int = 1  # steps from one instant that is kept to the next
+    detail: str = "full"  # of a moving frame, one of DETAILS
 
 
 @dataclass(frozen=True)
@@ -77,6 +81,8 @@ class Environment:
 
     Attributes:
         effects: names of all effects that act, with their parameters in words.
+        frame: "fixed", or "moving": the body turns as far as it likes, free or carried by a rigid base.
+        base_path: of that base; None where it is given in Python, or there is none.
         has_inertia: whether the body has inertia; without it every step is an equilibrium.
         loads: that act by signals of their own: gravity, base motions, prescribed forces; in the order of the columns.
         obstacles: by name.
@@ -99,6 +105,8 @@ class Environment:
     """
 
     effects: Mapping[str, str] = field(default_factory=dict)
+    frame: str = "fixed"
+    base_path: BasePath | None = None
     has_inertia: bool = True
     loads: Mapping[str, Load] = field(default_factory=dict)
     obstacles: Mapping[str, MovingObstacle] = field(default_factory=dict)
@@ -122,9 +130,15 @@ class Environment:
         return bool(self.source)
 
     @property
+    def is_moving(self) -> bool:
+        """Whether the body turns as far as it likes."""
+        return self.frame == "moving"
+
+    @property
     def is_plain(self) -> bool:
-        """Whether nothing acts but forces that are inputs, on a body with inertia."""
-        return self.has_inertia and not self.loads and self.contact_law is None and not self.finds_forces
+        """Whether nothing acts but forces that are inputs, on a body with inertia in a fixed frame."""
+        found = self.contact_law is not None or self.finds_forces
+        return self.has_inertia and not (self.is_moving or self.loads or found)
 
     @property
     def finds_forces(self) -> bool:

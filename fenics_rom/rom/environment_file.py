@@ -1,6 +1,9 @@
 """The environment in a ROM file: the group `environment`.
 
-attributes contact_switching, has_inertia (yes or no), source; residual_compliance (no), absent where it is used
+attributes contact_switching, has_inertia (yes or no), source; residual_compliance (no), absent where it is used;
+                             frame (moving), absent where it is fixed
+base_path/                   times (T,) s, positions (T, 3) m, rotations (T, 4) w x y z; velocities (T, 3) m/s,
+                             angular_velocities (T, 3) rad/s, both or none; absent where none is given
 effects, built_in            groups whose attributes are names and texts, see mechanics.environment
 controls                     another one, absent where no stroke is given
 guides/NAME/                 attribute tendon; friction (1,), angle (1,) rad; absent where no tendon rubs
@@ -9,7 +12,8 @@ loads/NAME/                  loads with signals of their own; columns (1,) and a
     times (T,) s             where values change
 obstacles/NAME/              attribute `shape`; what describes it (point, normal, ...), and a signal, m
 contact_law/                 restitution, friction (1,); stiffness N/m, damping N s/m (1,); absent without contact
-run/                         dt, duration (1,) s, snapshots (1,), every (1,); absent where the scene has none
+run/                         dt, duration (1,) s, snapshots (1,), every (1,); attribute detail, absent where
+                             it is full; absent where the scene has none
     initial/                 equilibrium (1,), 0 or 1; the four motions (3,); absent where it is rest
         instant/             nodes, displacement, velocity (N, 3), of another run; may be absent
     loads/NUMBER/            attributes contact, actuator (one is empty); start, stop (1,) s; a signal
@@ -22,9 +26,12 @@ import numpy as np
 
 from fenics_rom.errors import FileError, check_known
 from fenics_rom.io.hdf5 import Entry, Table, check_names, get_group, get_record, get_text, put_arrays, put_text
+from fenics_rom.mechanics.base_path import BasePath
 from fenics_rom.mechanics.contact import ContactLaw
 from fenics_rom.mechanics.environment import (
     CONTACT_SWITCHINGS,
+    DETAILS,
+    FRAMES,
     STROKE_UNITS,
     AppliedLoad,
     Environment,
@@ -58,9 +65,16 @@ INITIAL = {
     "spin": Entry("rad/s", (3,)),
 }
 INSTANT = {"nodes": Entry("m", ("N", 3)), "displacement": Entry("m", ("N", 3)), "velocity": Entry("m/s", ("N", 3))}
+PATH = {
+    "times": Entry("s", ("T",)),
+    "positions": Entry("m", ("T", 3)),
+    "rotations": Entry("1", ("T", 4)),
+    "velocities": Entry("m/s", ("T", 3), optional=True),
+    "angular_velocities": Entry("rad/s", ("T", 3), optional=True),
+}
 SPAN = {"start": Entry("s", (1,)), "stop": Entry("s", (1,))}
 GUIDE = {"friction": Entry("1", (1,)), "angle": Entry("rad", (1,))}
-GROUPS = ("effects", "built_in", "controls", "guides", "loads", "obstacles", "contact_law", "run")
+GROUPS = ("base_path", "effects", "built_in", "controls", "guides", "loads", "obstacles", "contact_law", "run")
 COLUMNS = {"columns": Entry("1", (1,), "i")}
 
 
@@ -70,6 +84,10 @@ def put_environment(h5: h5py.File, environment: Environment) -> None:
     group = h5.create_group("environment", track_order=True)
     put_text(group, contact_switching=environment.contact_switching, source=environment.source)
     put_text(group, has_inertia=YES if environment.has_inertia else NO)
+    if environment.is_moving:
+        put_text(group, frame=environment.frame)
+    if environment.base_path is not None:
+        put_arrays(group.create_group("base_path"), PATH, {}, vars(environment.base_path))
     if not environment.residual_compliance:
         put_text(group, residual_compliance=NO)
     for name, texts in (("effects", environment.effects), ("built_in", environment.built_in)):
@@ -95,6 +113,8 @@ def put_environment(h5: h5py.File, environment: Environment) -> None:
         put_arrays(group.create_group("contact_law"), LAW, {}, vars(law))
     if run is not None:
         part = group.create_group("run")
+        if run.detail != "full":
+            put_text(part, detail=run.detail)
         put_arrays(part, RUN, {}, vars(run) | {"every": run.every if run.every > 1 else None})
         if run.initial is not None:
             start = part.create_group("initial")
@@ -126,6 +146,8 @@ def take_environment(h5: h5py.File) -> Environment:
         law = ContactLaw(**{key: value for key, value in numbers.items() if value is not None})
     return Environment(
         effects={name: get_text(texts["effects"], name) for name in texts["effects"].attrs},
+        frame=_word(group, "frame", FRAMES),
+        base_path=_path(get_group(group, "base_path")) if "base_path" in group else None,
         has_inertia=has_inertia == YES,
         loads={name: _load(get_group(loads, name)) for name in loads},
         obstacles={name: _obstacle(get_group(obstacles, name)) for name in obstacles},
@@ -138,6 +160,25 @@ def take_environment(h5: h5py.File) -> Environment:
         run=_run(get_group(group, "run")) if "run" in group else None,
         source=get_text(group, "source"),
     )
+
+
+def _word(group: h5py.Group, key: str, choices: tuple[str, ...]) -> str:
+    """An attribute that is absent where it is the first of the choices."""
+    word = get_text(group, key) if key in group.attrs else choices[0]
+    check_known(key, word, choices, FileError, f"{group.name}: ")
+    return word
+
+
+def _path(group: h5py.Group) -> BasePath:
+    arrays = get_record(group, PATH)
+    if len(arrays["times"]) < 2 or (np.diff(arrays["times"]) <= 0).any():
+        raise FileError(f"{group.name}/times does not increase")
+    if (arrays["velocities"] is None) != (arrays["angular_velocities"] is None):
+        raise FileError(f"{group.name}: velocities and angular_velocities go together")
+    path = BasePath(**arrays)
+    if mistake := path.mistake():
+        raise FileError(f"{group.name}: {mistake}")
+    return path
 
 
 def _guides(group: h5py.Group) -> dict[str, Guide]:
@@ -182,7 +223,7 @@ def _run(group: h5py.Group) -> Run:
         applied.append(AppliedLoad(contact, actuator, **span, signal=signal))
     initial = _initial(get_group(group, "initial")) if "initial" in group else None
     numbers["every"] = numbers["every"] or 1
-    return Run(**numbers, loads=tuple(applied), initial=initial)
+    return Run(**numbers, loads=tuple(applied), initial=initial, detail=_word(group, "detail", DETAILS))
 
 
 def _initial(group: h5py.Group) -> InitialState:

@@ -1,6 +1,6 @@
 """The ROM file: one HDF5 file with everything the runtime needs.
 
-Format 2.2. The first 512 bytes are a user block with the SHA-256 of the rest (see io.hdf5).
+Format 2.3. The first 512 bytes are a user block with the SHA-256 of the rest (see io.hdf5).
 Root attributes (fixed-length UTF-8 text): format = "fenics-rom", format_version, content = "rom", software, name,
 method, switching, weighting, scene (the scene file), warnings (one a line). Every dataset has an attribute `unit`.
 Sizes: n free displacement components, k shared basis vectors, N nodes, F triangles; for each contact mode m order,
@@ -55,8 +55,8 @@ p input columns, r Hankel singular values, f sampled frequencies; P points of an
         nodes (s,), facets (F, 3 or 6), areas (F,) m^2          of contact_pressure: facets are rows of nodes
         triangles (P,), operator (3, 3, P, k) kg^-1/2/m, first_lame, shear (P,) Pa          of strain, von_mises_stress
 
-Files of format 2.1 have no residual_compliance; those of 2.0 have no readings, cells and force_validation, and nothing
-in trained, either; those of format 1.x are read, too: rom.format_1 makes them such files.
+Files of format 2.2 have no base path, those of 2.1 no residual_compliance, either; those of 2.0 have no readings, cells
+and force_validation, and nothing in trained; those of format 1.x are read, too: rom.format_1 makes them such files.
 """
 
 from dataclasses import replace

@@ -74,6 +74,11 @@ def _check_built_in(rom: Rom, environment: Environment) -> None:
     """What the ROM was not made for is refused, with how to make one that is."""
     made_for = rom.environment
     cure = f"to have it, make a ROM from this scene: fenics-rom reduce {environment.source} -o ROM.h5"
+    if environment.frame != made_for.frame:
+        raise SceneError(
+            f"{environment.source}: frame = {environment.frame!r}, and ROM {rom.name!r} was made with "
+            f"{made_for.frame!r}; {cure}"
+        )
     for name in environment.effects:
         if name not in made_for.effects:
             raise SceneError(f"{environment.source}: effects.{name}: ROM {rom.name!r} was made without it; {cure}")

@@ -7,11 +7,18 @@ from typing import Any
 
 from fenics_rom.errors import SceneError, check_known, exactly, unknown
 from fenics_rom.mechanics.environment import AppliedLoad
+from fenics_rom.mechanics.initial_state import SMALL_ROTATION, ZERO
 from fenics_rom.scene.effect_table import ACTUATORS, EFFECTS, LOADS
 from fenics_rom.scene.effects import Contact, Effects
 from fenics_rom.scene.environment import guides_of, obstacle_of
 from fenics_rom.scene.file_format import LoadEntry, SceneFile
 from fenics_rom.scene.scene import ReadingEntry, check_order
+
+NOT_MOVING = {  # effects that a moving frame does not have
+    "springs": "are tied to the ground",
+    "base_motion": "shakes a support in a fixed frame, and base_path carries it",
+    "large_deformation": "turns a body as far as it likes by itself",
+}
 
 
 def check_consistency(file: SceneFile) -> None:
@@ -20,6 +27,7 @@ def check_consistency(file: SceneFile) -> None:
     if not file.contacts:
         raise SceneError("contacts: at least one contact mode is needed, as [contacts.NAME]")
     _check_effects(file.effects, file.actuators)
+    _check_frame(file)
     for k, held in enumerate(file.supports.held):
         if held.normal is not None and not any(held.normal):
             raise SceneError(f"supports.held[{k}].normal: allowed is any but zero")
@@ -87,6 +95,47 @@ def _check_effects(effects: Effects, actuators: Mapping[str, Any]) -> None:
             raise SceneError(f"effects.base_motion.{name}.direction: allowed is any but zero")
     if effects.contact is not None:
         _check_contact(effects.contact, has_inertia=effects.inertia is not None)
+
+
+def _check_frame(file: SceneFile) -> None:
+    """Checks what goes with a moving frame, and what goes with it alone."""
+    effects, run = file.effects, file.run
+    carried = bool(file.supports.clamped or file.supports.held)
+    if file.frame == "fixed":
+        if effects.base_path is not None:
+            raise SceneError("effects.base_path: carries a body whose frame moves; allowed is with frame = 'moving'")
+        if run is not None and run.detail != "full":
+            raise SceneError(f"run.detail = {run.detail!r}: allowed is 'full', or any with frame = 'moving'")
+        turn = (run.initial.rotation if run and run.initial else None) or ZERO
+        for k, angle in enumerate(turn):
+            if abs(angle) > SMALL_ROTATION:
+                raise SceneError(
+                    f"run.initial.rotation[{k}] = {exactly(angle)}: allowed is at most {SMALL_ROTATION:g} rad, or any "
+                    "with frame = 'moving'"
+                )
+        return
+    if effects.inertia is None:
+        raise SceneError("frame = 'moving': means nothing without inertia; name effects.inertia as well")
+    for name, why in NOT_MOVING.items():
+        if getattr(effects, name) not in (None, {}):
+            raise SceneError(f"effects.{name}: {why}; allowed is with frame = 'fixed'")
+    if effects.damped.dashpots:
+        raise SceneError("effects.damping.dashpots: are tied to the ground; allowed is with frame = 'fixed'")
+    for k, held in enumerate(file.supports.held):
+        if held.normal is not None:
+            raise SceneError(
+                f"supports.held[{k}].normal: slides on the ground; allowed with frame = 'moving' is to be clamped, and "
+                "all that is clamped is one rigid base"
+            )
+    if effects.base_path is not None and not carried:
+        raise SceneError("effects.base_path: carries what is clamped, and nothing is; name supports, or leave it out")
+
+
+def check_base_path(file: SceneFile) -> None:
+    """Checks the path of the base, after its table was read; SceneError where no base can move so."""
+    path = None if file.effects.base_path is None else file.effects.base_path.table
+    if path is not None and (mistake := path.mistake(None if file.run is None else file.run.duration)):
+        raise SceneError(f"effects.base_path.table: {mistake}")
 
 
 def _check_contact(contact: Contact, *, has_inertia: bool) -> None:

@@ -9,10 +9,11 @@ from typing import Annotated, ClassVar
 
 import numpy as np
 
+from fenics_rom.mechanics.base_path import BasePath
 from fenics_rom.mechanics.environment import CONTACT_SWITCHINGS
 from fenics_rom.mechanics.signals import Signal
 from fenics_rom.scene.places import Place
-from fenics_rom.scene.values import Direction, Flag, Items, Name, Number, Point, Table, Text
+from fenics_rom.scene.values import Direction, Flag, Items, Name, Number, Point, PoseTable, Table, Text
 
 Alpha = Annotated[float, Number(at_least=0.0, unit="1/s"), "share of the mass matrix in the damping matrix"]
 Beta = Annotated[float, Number(at_least=0.0, unit="s"), "share of the stiffness matrix in the damping matrix"]
@@ -108,6 +109,26 @@ class BaseMotion:
     def signal(self) -> Signal | None:
         """The acceleration (1,) over time, m/s²; None where it is to be given in Python."""
         return self.table or constant_signal(self.acceleration)
+
+
+@dataclass(frozen=True)
+class RigidBase:
+    """A rigid base that carries the body, where `frame = "moving"`: all that is clamped moves with it."""
+
+    LAW: ClassVar = Law(
+        force="that of a rigid base, all clamped surfaces, whose path is given",
+        supplies="the base's wrench times its twist",
+        needs=("inertia",),
+        changing=("table",),
+    )
+    table: Annotated[
+        BasePath | None,
+        PoseTable(),
+        "times, poses and, where they are known, twists, as above; without a table given in Python",
+    ] = None
+    origin: Annotated[
+        Point | None, "the material point whose position it says; usually the centroid of the clamped nodes"
+    ] = None
 
 
 @dataclass(frozen=True)
@@ -276,6 +297,7 @@ class Effects:
     springs: Mapping[Name, Spring] = field(default_factory=dict)
     gravity: Gravity | None = None
     base_motion: Mapping[Name, BaseMotion] = field(default_factory=dict)
+    base_path: RigidBase | None = None
     prescribed: Mapping[Name, PrescribedForce] = field(default_factory=dict)
     pressure: Mapping[Name, Pressure] = field(default_factory=dict)
     tendon: Mapping[Name, Tendon] = field(default_factory=dict)

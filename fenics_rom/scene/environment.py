@@ -27,12 +27,14 @@ from fenics_rom.scene.effects import Effects, RigidObstacle
 from fenics_rom.scene.values import default_of
 
 
-def environment_of(effects: Effects, run: Run | None, source: str) -> Environment:
-    """What acts in the runs of a scene of that source; SceneError where an obstacle is not of its shape."""
+def environment_of(effects: Effects, frame: str, run: Run | None, source: str) -> Environment:
+    """What acts in the runs of a scene of that frame and source; SceneError where an obstacle is not of its shape."""
     contact, numbers = effects.contact, numbers_of(effects)
     obstacles = {} if contact is None else contact.obstacles
     return Environment(
         effects={name: words(name, numbers[name]) for name in effects.names},
+        frame=frame,
+        base_path=None if effects.base_path is None else effects.base_path.table,
         has_inertia=effects.inertia is not None,
         loads=(
             ({} if effects.gravity is None else {"gravity": Load(1, GRAVITY_SIGNAL)})

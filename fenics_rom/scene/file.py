@@ -18,12 +18,12 @@ from fenics_rom.io.hdf5 import is_sealed
 from fenics_rom.io.units import QUANTITIES
 from fenics_rom.mechanics.environment import AppliedLoad, Run
 from fenics_rom.mechanics.initial_state import ZERO, InitialState, Instant
-from fenics_rom.scene.consistency import check_consistency, check_load, check_pushes
+from fenics_rom.scene.consistency import check_base_path, check_consistency, check_load, check_pushes
 from fenics_rom.scene.effect_table import ACTUATORS
 from fenics_rom.scene.effects import Effects
 from fenics_rom.scene.file_format import Initial, SceneFile
 from fenics_rom.scene.scene import Material, Scene
-from fenics_rom.scene.signal_tables import SignalTables, unread_signal
+from fenics_rom.scene.signal_tables import SignalTables, UnreadTables
 from fenics_rom.scene.values import Refused, allowed_in, default_of, keys_of, part_of, refused, type_in
 from fenics_rom.trajectory.comparison import SAME_TIME
 from fenics_rom.trajectory.file import read_trajectory
@@ -94,11 +94,12 @@ def parse_scene(
 
 def _scene(raw: dict[str, Any], text: str, folder: Path, given: Mapping[str, np.ndarray] | None, source: str) -> Scene:
     """Checks what the text says before any table is read, and makes the scene with the tables' signals."""
-    file = _ADAPTER.validate_python(raw, context=unread_signal)
+    file = _ADAPTER.validate_python(raw, context=UnreadTables())
     check_consistency(file)
     _run(file, None)
     tables = SignalTables(folder, given, _load_units(raw, file))
-    file = _ADAPTER.validate_python(raw, context=tables.signal)
+    file = _ADAPTER.validate_python(raw, context=tables)
+    check_base_path(file)
     materials = {"material": file.material} if file.materials is None else file.materials
     return Scene(
         name=file.name,
@@ -107,6 +108,7 @@ def _scene(raw: dict[str, Any], text: str, folder: Path, given: Mapping[str, np.
         mesh_groups=file.mesh.groups,
         mesh_scale=file.mesh.scale,
         materials={name: Material(**vars(material)) for name, material in materials.items()},
+        frame=file.frame,
         clamped=file.supports.clamped,
         held=file.supports.held,
         contacts=file.contacts,
@@ -148,7 +150,7 @@ def _run(file: SceneFile, folder: Path | None) -> Run | None:
     check_pushes(loads, file.effects)
     loads.sort(key=lambda load: load.start)
     initial = None if run.initial is None else _initial(run.initial, file.effects, folder)
-    return Run(run.dt, run.duration, run.snapshots, tuple(loads), initial, run.every)
+    return Run(run.dt, run.duration, run.snapshots, tuple(loads), initial, run.every, run.detail)
 
 
 def _initial(table: Initial, effects: Effects, folder: Path | None) -> InitialState:

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field
 from typing import Annotated, ClassVar
 
-from fenics_rom.mechanics.initial_state import SMALL_ROTATION
+from fenics_rom.mechanics.environment import DETAILS, FRAMES
 from fenics_rom.mechanics.signals import Signal
 from fenics_rom.scene.effects import Effects, constant_signal
 from fenics_rom.scene.places import Held, Patch
@@ -72,7 +72,7 @@ class LoadEntry:
 
 
 Speed = Annotated[float, Number(unit="m/s")]
-Angle = Annotated[float, Number(unit="rad", at_least=-SMALL_ROTATION, at_most=SMALL_ROTATION)]
+Angle = Annotated[float, Number(unit="rad")]
 AngularVelocity = Annotated[float, Number(unit="rad/s")]
 
 
@@ -90,7 +90,9 @@ class Initial:
     time: Annotated[float | None, Number(at_least=0.0, unit="s"), "of that run, of a snapshot; usually its last"] = None
     translation: Annotated[tuple[Metres, Metres, Metres] | None, Items(3), "of a body that nothing holds"] = None
     rotation: Annotated[
-        tuple[Angle, Angle, Angle] | None, Items(3), "about its centre of mass, a small rotation vector"
+        tuple[Angle, Angle, Angle] | None,
+        Items(3),
+        "about its centre of mass, a rotation vector; in a fixed frame at most 0.1 along each axis",
     ] = None
     velocity: Annotated[tuple[Speed, Speed, Speed] | None, Items(3), "of all of the body"] = None
     spin: Annotated[
@@ -110,6 +112,11 @@ class RunTable:
     every: Annotated[
         int, Number(at_least=1, integer=True), "outputs, forces and account are kept after every so many steps"
     ] = 1
+    detail: Annotated[
+        str,
+        Text(choices=DETAILS),
+        'of a moving frame: "quasi-rigid" has the inertia of the rigid shape alone, for stubby bodies that turn slowly',
+    ] = "full"
     initial: Annotated[Initial | None, "where it begins, if not at rest"] = None
     load: Annotated[tuple[LoadEntry, ...], Items(), "what acts on contact modes and actuators"] = ()
 
@@ -123,6 +130,11 @@ class SceneFile:
     mesh: Annotated[Mesh, "tetrahedra of a Gmsh file"]
     material: Annotated[Elasticity | None, "of the whole body; this or materials"] = None
     materials: Annotated[Mapping[Name, CellMaterial] | None, "of cell groups; this or material"] = None
+    frame: Annotated[
+        str,
+        Text(choices=FRAMES),
+        '"moving": the body turns as far as it likes, free or, where something is clamped, carried by a rigid base',
+    ] = "fixed"
     supports: Annotated[Supports, "what holds the body"] = field(default_factory=Supports)
     contacts: Annotated[Mapping[Name, Patch], "contact modes, at least one: where the body can be touched"]
     actuators: Annotated[Mapping[Name, Patch], "forces that are inputs beside those of the contact mode"] = field(

@@ -12,6 +12,7 @@ from fenics_rom.scene.file_format import SceneFile
 from fenics_rom.scene.values import (
     Items,
     Number,
+    PoseTable,
     Table,
     Text,
     Value,
@@ -98,7 +99,7 @@ def _words(annotation: Any) -> str:
 def _scalar_words(value: Value) -> str:
     if isinstance(value, Number):
         return value.allowed.removesuffix(f", in {value.unit}")
-    if isinstance(value, Table):
+    if isinstance(value, Table | PoseTable):
         return "path of a CSV file"
     if isinstance(value, Text):
         return ", ".join(f'`"{choice}"`' for choice in value.choices) or "text"

@@ -121,6 +121,7 @@ class Scene:
     """Everything that was asked for. Numbers are in SI units.
 
     Attributes:
+        frame: "fixed", or "moving": the body turns as far as it likes.
         clamped: names of surfaces.
         held: pieces of the body that do not move, or do not move along a normal.
         text: of the file.
@@ -139,6 +140,7 @@ class Scene:
     mesh_groups: Mapping[str, int]
     mesh_scale: float
     materials: Mapping[str, Material]
+    frame: str
     clamped: tuple[str, ...]
     held: tuple[Held, ...]
     contacts: Mapping[str, Patch]
@@ -155,7 +157,7 @@ class Scene:
     @cached_property
     def environment(self) -> Environment:
         """What acts on the body in a run, and what a model of it has built in, which runs cannot change."""
-        environment = environment_of(self.effects, self.run, self.source)
+        environment = environment_of(self.effects, self.frame, self.run, self.source)
         records: dict[str, Any] = {f"materials.{name}": material for name, material in self.materials.items()}
         records |= {f"readings.{name}": entry for name, entry in self.readings.items()}
         built_in = {place: json.dumps(asdict(record), sort_keys=True) for place, record in records.items()}

@@ -8,7 +8,13 @@ import numpy as np
 from fenics_rom.errors import SceneError
 from fenics_rom.io.tables import Table, read_table
 from fenics_rom.io.units import QUANTITIES, UNITS
+from fenics_rom.mechanics.base_path import BasePath
 from fenics_rom.mechanics.signals import Signal
+
+POSES = {"time": "s"} | dict.fromkeys(("position.x", "position.y", "position.z"), "m")
+POSES |= dict.fromkeys(("rotation.w", "rotation.x", "rotation.y", "rotation.z"), "1")
+TWISTS = dict.fromkeys(("velocity.x", "velocity.y", "velocity.z"), "m/s")
+TWISTS |= dict.fromkeys(("angular_velocity.x", "angular_velocity.y", "angular_velocity.z"), "rad/s")
 
 
 class SignalTables:
@@ -33,13 +39,30 @@ class SignalTables:
         if self._given is None:
             for of in {unit} if unit else self._load_units[name]:
                 self.found[name] = self._from_file(name, of)
-        elif name not in self._given:
-            raise SceneError(f"table {name}: did not come with the scene")
-        else:
-            self.found[name] = self._given[name]
-        table = self.found[name]
+        table = self._known(name)
         _check_table(table, name, columns)
         return Signal(table[:, 1:].copy(), table[:, 0].copy())
+
+    def _known(self, name: str) -> np.ndarray:
+        """The numbers of a table that was read, or that came with the scene."""
+        if self._given is not None and name not in self._given:
+            raise SceneError(f"table {name}: did not come with the scene")
+        if self._given is not None:
+            self.found[name] = self._given[name]
+        return self.found[name]
+
+    def path(self, name: str) -> BasePath:
+        """The poses of a table and, if it has them, the twists. SceneError of others."""
+        if self._given is None:
+            try:
+                self.found[name] = _path_columns(read_table(self._folder / name, SceneError))
+            except SceneError as error:
+                raise SceneError(f"table {error}") from error
+        table = self._known(name)
+        has_twists = table.ndim == 2 and table.shape[1] > len(POSES)
+        _check_table(table, name, len(POSES | TWISTS if has_twists else POSES) - 1)
+        times, *parts = np.split(table, (1, 4, 8, 11) if has_twists else (1, 4), axis=1)
+        return BasePath(times[:, 0], *parts)
 
     def _from_file(self, name: str, unit: str) -> np.ndarray:
         """Times and values (times, 1 + columns), where its first row says nothing else than that unit."""
@@ -54,9 +77,35 @@ class SignalTables:
             raise SceneError(f"table {error}") from error
 
 
-def unread_signal(name: str, columns: int | None, unit: str) -> Signal:
-    """Stands for the signal of a table until it is read."""
-    return Signal(np.zeros(columns or 1))
+class UnreadTables:
+    """Stands for the tables until they are read."""
+
+    def signal(self, name: str, columns: int | None, unit: str) -> Signal:
+        """See SignalTables."""
+        return Signal(np.zeros(columns or 1))
+
+    def path(self, name: str) -> BasePath:
+        """See SignalTables."""
+        return BasePath(np.arange(2.0), np.zeros((2, 3)), np.ones((2, 4)) / 2)
+
+
+def _path_columns(table: Table) -> np.ndarray:
+    """Time, poses and, if they are there, twists, (T, 8 or 14), in SI units."""
+    allowed = POSES if len(table.heading) <= len(POSES) else POSES | TWISTS
+    columns = []
+    for k, (name, unit) in enumerate(allowed.items()):
+        if k >= len(table.heading):
+            table.refuse(1, table.heading[-1], f"is the last; {name} ({unit}) is missing: allowed are {_named(POSES)}")
+        column = table.heading[k]
+        named, factor = table.unit(column, UNITS.get(unit, {unit: 1.0}), bare=True)
+        if named.lower() != name and not (name == "time" and named.lower() == "t"):
+            table.refuse(1, column, f"allowed here is {name} ({unit}); of all {_named(POSES)}, then {_named(TWISTS)}")
+        columns.append(table.numbers(column, factor))
+    return np.stack(columns, axis=1)
+
+
+def _named(columns: Mapping[str, str]) -> str:
+    return ", ".join(columns)
 
 
 def _factors(table: Table, unit: str) -> list[float]:

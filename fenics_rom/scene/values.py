@@ -13,6 +13,7 @@ from typing import Annotated, Any, Union, get_args, get_origin, get_type_hints
 
 from fenics_rom.errors import SceneError, shown, unknown
 from fenics_rom.io.names import NAME, NAME_IN_WORDS
+from fenics_rom.mechanics.base_path import BasePath
 from fenics_rom.mechanics.signals import Signal
 
 SMALLEST, GREATEST = 1e-50, 1e50  # size of a number that is not 0: what is made of some stays a number, too
@@ -199,8 +200,22 @@ class Table(Text):
         from pydantic_core import core_schema
 
         def read(value: Any, info: Any) -> Signal:
-            signal: Signal = info.context(self.checked(value), self.columns, self.unit)
+            signal: Signal = info.context.signal(self.checked(value), self.columns, self.unit)
             return signal
+
+        return core_schema.with_info_plain_validator_function(read)
+
+
+@dataclass(frozen=True)
+class PoseTable(Text):
+    """The name of a CSV file with the path of a rigid base; read as a Table is."""
+
+    def __get_pydantic_core_schema__(self, source: Any, handler: Any) -> Any:
+        from pydantic_core import core_schema
+
+        def read(value: Any, info: Any) -> BasePath:
+            path: BasePath = info.context.path(self.checked(value))
+            return path
 
         return core_schema.with_info_plain_validator_function(read)
 

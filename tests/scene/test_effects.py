@@ -109,7 +109,8 @@ def test_table_of_effects_is_sound():
 
 def test_all_effects_are_read_with_their_defaults():
     effects = parse(f"{ALL}\n[effects.large_deformation]").effects
-    assert effects.names == tuple(name for name in EFFECTS if name != "tendon_friction")  # which goes without the last
+    others = ("tendon_friction", "base_path")  # which go without large_deformation, and with a moving frame
+    assert effects.names == tuple(name for name in EFFECTS if name not in others)
     assert effects.large_deformation == LargeDeformation(material="st_venant_kirchhoff")
     assert effects.inertia == Inertia()
     assert effects.gravity == Gravity(acceleration=(0.0, 0.0, -9.81))
@@ -171,7 +172,7 @@ QUAKE = 'table = "quake.csv"'
 PUSH = "[effects.prescribed.push]\n"
 SPHERE = '[effects.contact.obstacles.ball]\nshape = "sphere"\n'
 MISTAKES = {
-    "wind = {}": "effects: no key 'wind'; there is base_motion, contact, damping, friction, gravity",
+    "wind = {}": "effects: no key 'wind'; there is base_motion, base_path, contact, damping",
     f"{INERTIA}friction = {{ coefficient = 0.5 }}": (
         "effects.friction: means nothing without contact; name effects.contact as well"
     ),
@@ -348,7 +349,7 @@ def test_run_among_obstacles_is_read_to_the_last_bit(rom, tmp_path):
     fr.write_trajectory(tmp_path / "run.h5", run)
     back = fr.read_trajectory(tmp_path / "run.h5")
     assert same(back, run)
-    assert set(back.effects) == set(EFFECTS) - {"large_deformation", "tendon_friction"}
+    assert set(back.effects) == set(EFFECTS) - {"base_path", "large_deformation", "tendon_friction"}
     assert list(back.forces) == ["floor", "ball"]
     assert list(back.contact_account) == ["obstacles", "contact", "friction"]
     assert {"gravity", "contact, friction", "inertia, damping, elasticity"} <= set(back.profile)

@@ -1,0 +1,227 @@
+"""The path of a rigid base that carries a body: poses and twists over time, in world axes.
+
+Between rows positions are cubic and rotations normalised cubics of quaternions (Hermite's, of values and rates at both
+ends), so that poses and twists are continuous and fit each other. Quaternions are w x y z.
+"""
+
+from dataclasses import dataclass
+from functools import cached_property
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.errors import StepError
+from fenics_rom.mechanics.signals import real_numbers
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+BASE_PATH = "base_path"  # its name among effects and signals
+UNIT_TOLERANCE = 1e-3  # of the length of a quaternion, which tables give with few digits
+LARGEST_TURN = np.pi / 2  # from row to row, rad: beyond π nobody knows which way
+LARGEST_MISFIT = 0.1  # share that poses and twists differ by: 0.2 of a smooth swing in four rows, 0.02 in eleven
+NEGLIGIBLE = 1e-6  # m or rad from row to row, that poses and twists may differ by
+STILL = 1e-3  # of the largest twist: where the base counts as at rest
+
+
+class BaseState(NamedTuple):
+    """A rigid base at an instant, in world axes.
+
+    Example:
+        >>> fr.BaseState(np.zeros(3), np.array([1.0, 0, 0, 0]), np.zeros(3), np.array([0, 0, 2.0])).angular_velocity
+        array([0., 0., 2.])
+    """
+
+    position: Array  # (3,) of the frame's origin, m
+    rotation: Array  # (4,) from the frame's axes, a unit quaternion w x y z
+    velocity: Array  # (3,) of the origin, m/s
+    angular_velocity: Array  # (3,), rad/s
+
+
+@dataclass(frozen=True, eq=False)
+class BasePath:
+    """Poses of a rigid base over time; it stands still before the first and after the last of them.
+
+    Attributes:
+        times: (T,) strictly increasing, s.
+        positions: (T, 3) of the frame's origin, m.
+        rotations: (T, 4) unit quaternions, w x y z.
+        velocities, angular_velocities: (T, 3), m/s and rad/s; None: those of cubic splines through the poses (twice
+            continuously differentiable), at rest in the first and in the last row.
+
+    Example:
+        >>> poses = np.zeros((2, 3)), np.array([[1.0, 0, 0, 0], [0.8, 0, 0, 0.6]])
+        >>> path = fr.BasePath(np.array([0.0, 1.0]), *poses)  # from rest to rest
+        >>> path(0.5).angular_velocity  # rad/s, about z
+        array([0., 0., 2.])
+    """
+
+    times: Array
+    positions: Array
+    rotations: Array
+    velocities: Array | None = None
+    angular_velocities: Array | None = None
+
+    def __call__(self, time: float) -> BaseState:
+        """The base at a time, s."""
+        inside = min(max(time, self.times[0]), self.times[-1])
+        k = min(max(int(np.searchsorted(self.times, inside)) - 1, 0), len(self.times) - 2)
+        h = self.times[k + 1] - self.times[k]
+        s = (inside - self.times[k]) / h
+        values, rates = self._rows
+        step, first, last = values[k + 1] - values[k], h * rates[k], h * rates[k + 1]
+        bend, twist = 3 * step - 2 * first - last, first + last - 2 * step
+        value = values[k] + s * (first + s * (bend + s * twist))
+        rate = (first + s * (2 * bend + 3 * s * twist)) / h
+        length = float(np.linalg.norm(value[3:]))
+        velocity, angular_velocity = rate[:3], angular_velocity_of(value[3:], rate[3:]) / length**2
+        if inside != time:
+            velocity, angular_velocity = np.zeros(3), np.zeros(3)
+        return BaseState(value[:3], value[3:] / length, velocity, angular_velocity)
+
+    @cached_property
+    def _rows(self) -> tuple[Array, Array]:
+        """Positions and quaternions, (T, 7), whose neighbours have the nearer sign; and their rates."""
+        unit = self.rotations / np.linalg.norm(self.rotations, axis=1)[:, None]
+        flips = np.where((unit[1:] * unit[:-1]).sum(axis=1) < 0, -1.0, 1.0)
+        values = np.hstack([self.positions, unit * np.cumprod([1.0, *flips])[:, None]])
+        if self.velocities is None or self.angular_velocities is None:
+            return values, _spline_rates(self.times, values)
+        turning = np.hstack([np.zeros((len(values), 1)), self.angular_velocities])
+        return values, np.hstack([self.velocities, quaternion_product(turning, values[:, 3:]) / 2])
+
+    def mistake(self, duration: float | None = None) -> str:
+        """What is wrong with it, in words; empty where nothing is.
+
+        Args:
+            duration: of a run, s, throughout which twists must not jump.
+        """
+        for time, length in zip(self.times, np.linalg.norm(self.rotations, axis=1), strict=True):
+            if not abs(length - 1) <= UNIT_TOLERANCE:
+                return f"the rotation at {time:g} s has length {length:.6g}: allowed are unit quaternions, w x y z"
+        values = self._rows[0]
+        turns = rotation_vectors(quaternion_product(values[1:, 3:], _conjugate(values[:-1, 3:])))
+        angles = np.linalg.norm(turns, axis=1)
+        k = int(angles.argmax())
+        if angles[k] > LARGEST_TURN:
+            return (
+                f"the base turns by {angles[k]:.3g} rad from {self.times[k]:g} s to {self.times[k + 1]:g} s: allowed "
+                f"is at most {LARGEST_TURN:.3g} rad from row to row; give more rows"
+            )
+        if self.velocities is None or self.angular_velocities is None:
+            return ""
+        moves = np.diff(values[:, :3], axis=0)
+        return (
+            self._misfit("velocity", "position", "m", moves, self.velocities)
+            or self._misfit("angular_velocity", "rotation", "rad", turns, self.angular_velocities)
+            or self._jump("velocity", "m/s", self.velocities, duration)
+            or self._jump("angular_velocity", "rad/s", self.angular_velocities, duration)
+        )
+
+    def _misfit(self, rate: str, pose: str, unit: str, moves: Array, rates: Array) -> str:
+        """Whether poses move from row to row by what twists mean."""
+        h = np.diff(self.times)[:, None]
+        means = h * (rates[1:] + rates[:-1]) / 2
+        larger = np.maximum(np.abs(moves), np.abs(means))
+        error, scale = (float(np.sqrt((np.square(of) / h).sum())) for of in (moves - means, larger))
+        misses = np.linalg.norm(moves - means, axis=1)
+        k = int(misses.argmax())
+        if error <= LARGEST_MISFIT * scale or misses[k] <= NEGLIGIBLE:
+            return ""
+        return (
+            f"{rate} and {pose} do not fit each other: from {self.times[k]:g} s to {self.times[k + 1]:g} s the {pose} "
+            f"changes by {_shown(moves[k])} {unit}, and {rate} means {_shown(means[k])} {unit}; over all rows they are "
+            f"{error / scale:.2g} apart: allowed is {LARGEST_MISFIT:g} (of the origin, in world axes; or poses alone)"
+        )
+
+    def _jump(self, rate: str, unit: str, rates: Array, duration: float | None) -> str:
+        """Whether the base jumps from or to standing still, where the rows end within a run."""
+        speeds = np.linalg.norm(rates, axis=1)
+        begins, ends = self.times[0] > 0, duration is not None and self.times[-1] < duration
+        for row, within, verb in ((0, begins, "starts"), (-1, ends, "stops")):
+            if within and speeds[row] > STILL * speeds.max():
+                return (
+                    f"the base jumps at {self.times[row]:g} s: it {verb} with {rate} {_shown(rates[row])} {unit}: "
+                    "beyond its rows it stands still; allowed is 0 there, or rows that cover the run"
+                )
+        return ""
+
+    def __repr__(self) -> str:
+        twists = "twists of a spline" if self.velocities is None else "twists"
+        return f"BasePath of {len(self.times)} poses with {twists}, {self.times[0]:g} s to {self.times[-1]:g} s"
+
+
+def given_base(given: object) -> "Callable[[float], BaseState]":
+    """A function of time of what was given in Python, which checks what it gives.
+
+    Raises:
+        StepError: it gives something else than a state.
+    """
+    if isinstance(given, BasePath):
+        return given
+    if callable(given):
+        return lambda time: checked_base(given(time), f"base_path at {time:g} s")
+    state = checked_base(given, "base_path")
+    return lambda time: state
+
+
+def checked_base(given: object, where: str) -> BaseState:
+    """The state, as arrays; StepError where it is none."""
+    try:
+        parts = [real_numbers(part) for part in given]  # type: ignore[attr-defined]
+    except (TypeError, ValueError):
+        parts = []
+    if [part.shape for part in parts] != [(3,), (4,), (3,), (3,)] or not all(np.isfinite(part).all() for part in parts):
+        raise StepError(
+            f"{where} = {given!r}: allowed is a BaseState: position (3,) m, rotation (4,), velocity (3,) m/s, angular "
+            "velocity (3,) rad/s, all finite"
+        )
+    length = float(np.linalg.norm(parts[1]))
+    if not abs(length - 1) <= UNIT_TOLERANCE:
+        raise StepError(f"{where}: the rotation has length {length:.6g}: allowed is a unit quaternion, w x y z")
+    return BaseState(parts[0], parts[1] / length, parts[2], parts[3])
+
+
+def quaternion_product(a: Array, b: Array) -> Array:
+    """Of quaternions (..., 4): the rotation b, then a."""
+    scalar = a[..., :1] * b[..., :1] - (a[..., 1:] * b[..., 1:]).sum(axis=-1, keepdims=True)
+    vector = a[..., :1] * b[..., 1:] + b[..., :1] * a[..., 1:] + np.cross(a[..., 1:], b[..., 1:])
+    return np.concatenate([scalar, vector], axis=-1)
+
+
+def rotation_vectors(quaternions: Array) -> Array:
+    """Axis times angle (..., 3) of unit quaternions (..., 4), at most π."""
+    vector = np.where(quaternions[..., :1] < 0, -1.0, 1.0) * quaternions[..., 1:]
+    sine = np.linalg.norm(vector, axis=-1, keepdims=True)
+    half = np.arctan2(sine, np.abs(quaternions[..., :1]))
+    return 2 * vector * np.divide(half, sine, out=np.ones_like(sine), where=sine > 0)
+
+
+def angular_velocity_of(quaternion: Array, rate: Array) -> Array:
+    """2 q̇ q* of a quaternion (4,) and its rate: (3,) in world axes, times the square of its length."""
+    turning: Array = 2 * quaternion_product(rate, _conjugate(quaternion))[1:]
+    return turning
+
+
+def _conjugate(quaternion: Array) -> Array:
+    return quaternion * np.array([1.0, -1.0, -1.0, -1.0])
+
+
+def _spline_rates(times: Array, values: Array) -> Array:
+    """Rates (T, w) in the rows of cubic splines through values (T, w), 0 at both ends: tridiagonal, by elimination."""
+    h = np.diff(times)[:, None]
+    slopes = np.diff(values, axis=0) / h
+    rates, shares = np.zeros_like(values), np.zeros(len(times))
+    for k in range(1, len(times) - 1):
+        below, above = 1 / h[k - 1, 0], 1 / h[k, 0]
+        pivot = 2 * (below + above) - below * shares[k - 1]
+        shares[k] = above / pivot
+        rates[k] = (3 * (below * slopes[k - 1] + above * slopes[k]) - below * rates[k - 1]) / pivot
+    for k in range(len(times) - 2, 0, -1):
+        rates[k] -= shares[k] * rates[k + 1]
+    return rates
+
+
+def _shown(vector: Array) -> str:
+    return f"({', '.join(f'{part:.3g}' for part in vector)})"
