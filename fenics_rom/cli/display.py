@@ -21,6 +21,7 @@ from fenics_rom.mechanics.readings import READING_UNITS, READING_WORDS
 from fenics_rom.rom.deformation import ReducedDeformation
 from fenics_rom.rom.residual_compliance import ResidualCompliance
 from fenics_rom.rom.rom import ContactModel, ForceValidation
+from fenics_rom.trajectory.series import FRAME_SERIES
 from fenics_rom.visualization.optional_dependencies import load_package
 
 MODE_HEADING = (
@@ -187,6 +188,9 @@ def print_trajectory(run: "fr.Trajectory", file: Path | str) -> None:
         lines[f"largest force of {name}"] = f"{np.linalg.norm(forces, axis=1).max():.4g} N"
     for name, series in run.reaction_series.items():
         lines[f"reaction {name}"] = f"{series.values.min():.4g} to {series.values.max():.4g} {series.unit}"
+    for name, series in run.frame_series.items():
+        if name not in FRAME_SERIES["pose"]:
+            lines[f"largest {name}"] = f"{np.linalg.norm(series.values, axis=1).max():.4g} {series.unit}"
     for name, reading in run.readings.items():
         low, high = reading.sizes.min(), reading.sizes.max()
         lines[f"reading {name}"] = f"{reading.words}, {low:.4g} to {high:.4g} {reading.unit}"

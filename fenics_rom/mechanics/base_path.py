@@ -22,6 +22,7 @@ UNIT_TOLERANCE = 1e-3  # of the length of a quaternion, which tables give with f
 LARGEST_TURN = np.pi / 2  # from row to row, rad: beyond π nobody knows which way
 LARGEST_MISFIT = 0.1  # share that poses and twists differ by: 0.2 of a smooth swing in four rows, 0.02 in eleven
 NEGLIGIBLE = 1e-6  # m or rad from row to row, that poses and twists may differ by
+CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])  # times a unit quaternion: the rotation back
 STILL = 1e-3  # of the largest twist: where the base counts as at rest
 
 
@@ -101,7 +102,7 @@ class BasePath:
             if not abs(length - 1) <= UNIT_TOLERANCE:
                 return f"the rotation at {time:g} s has length {length:.6g}: allowed are unit quaternions, w x y z"
         values = self._rows[0]
-        turns = rotation_vectors(quaternion_product(values[1:, 3:], _conjugate(values[:-1, 3:])))
+        turns = rotation_vectors(quaternion_product(values[1:, 3:], values[:-1, 3:] * CONJUGATE))
         angles = np.linalg.norm(turns, axis=1)
         k = int(angles.argmax())
         if angles[k] > LARGEST_TURN:
@@ -200,12 +201,8 @@ def rotation_vectors(quaternions: Array) -> Array:
 
 def angular_velocity_of(quaternion: Array, rate: Array) -> Array:
     """2 q̇ q* of a quaternion (4,) and its rate: (3,) in world axes, times the square of its length."""
-    turning: Array = 2 * quaternion_product(rate, _conjugate(quaternion))[1:]
+    turning: Array = 2 * quaternion_product(rate, quaternion * CONJUGATE)[1:]
     return turning
-
-
-def _conjugate(quaternion: Array) -> Array:
-    return quaternion * np.array([1.0, -1.0, -1.0, -1.0])
 
 
 def _spline_rates(times: Array, values: Array) -> Array:

@@ -10,6 +10,8 @@ from numpy import ndarray as Array
 
 from fenics_rom.errors import CompareError
 from fenics_rom.io.given import object_or_file
+from fenics_rom.mechanics.base_path import CONJUGATE, quaternion_product, rotation_vectors
+from fenics_rom.trajectory.elastic_part import elastic_part
 from fenics_rom.trajectory.file import RUN_FILE
 from fenics_rom.trajectory.trajectory import Trajectory
 
@@ -44,6 +46,9 @@ def compare(
 ) -> dict[str, Difference]:
     """Differences of outputs, readings, reactions, whole shape ("shape", weighted by mass), stored energy and contact.
 
+    Of a moving frame there is also "elastic shape", each shape less its nearest rigid motion, and the pose, the wrench
+    of the base and the momenta.
+
     Runs, or the files of them, with different time steps are compared at the instants they have in common. Of every
     obstacle there is "force" (means between these instants, in the 2-norm over the run), "peak force" (the largest of
     them) and "impulse" (what it has given the body at the last one). What the time step itself does is not seen where
@@ -74,7 +79,11 @@ def _differences(run: Trajectory, reference: Trajectory) -> dict[str, Difference
         )
     of_run, of_reference = common_instants(run.snapshot_times, reference.snapshot_times, "whole shapes")
     weight = np.sqrt(reference.node_mass)[:, None]
-    differences["shape"] = _difference(run.snapshots[of_run], reference.snapshots[of_reference], weight)
+    shapes = run.snapshots[of_run], reference.snapshots[of_reference]
+    differences["shape"] = _difference(*shapes, weight)
+    if run.pose is not None or reference.pose is not None:
+        of_one, of_other = (elastic_part(of, reference.nodes, reference.node_mass) for of in shapes)
+        differences["elastic shape"] = _difference(of_one, of_other, weight)
     differences["energy"] = _difference(run.energy[first, None], reference.energy[second, None], unit="J")
     for name, reading in run.readings.items():
         values, quantity = reading.by_point[first], reading.quantity
@@ -85,6 +94,14 @@ def _differences(run: Trajectory, reference: Trajectory) -> dict[str, Difference
         if name in reference.reactions:
             of_reference = reference.reaction_series[name].values[second]
             differences[f"reaction {name}"] = _difference(series.values[first], of_reference, unit=series.unit)
+    for name, series in run.frame_series.items():
+        if name in reference.frame_series:
+            values, expected = series.values[first], reference.frame_series[name].values[second]
+            if name == "rotation":  # the turn from the one to the other, beside how far the reference has turned
+                error = rotation_vectors(quaternion_product(values, expected * CONJUGATE))
+                expected = rotation_vectors(expected)
+                values = expected + error
+            differences[name] = _difference(values, expected, unit="rad" if name == "rotation" else series.unit)
     for name in run.forces:
         if name in reference.forces:
             differences |= _force_differences(name, run, reference, first, second)

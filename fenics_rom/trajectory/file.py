@@ -24,12 +24,15 @@ shapes, N nodes, F triangles, P points of an output.
                                      von_mises_stress (S, G) Pa
         nodes (n,), triangles (G,)   where; the one or the other, or none
     tendons/NAME (K, 3) m            points of the body at rest that it leads through; absent where there are none
+    pose (S, 7) m and 1              of a moving frame: position, quaternion w x y z; absent in a fixed one, as are
+    base_wrench (S, 6) N and N m     force and torque that the base exerts on a carried body
+    momentum (S, 6) N s and N m s    linear and angular, about the frame's origin
     reactions/NAME (S,) N or Pa      forces of actuators whose strokes are given; absent where there are none
     profile/NUMBER (1,) s            per step, of a part of the run that attribute `name` names; absent if not measured
 
 Format 2.0 named the snapshots anew; files of format 1.x are read, too. Those of 1.0 and 1.1 name no effects, and have
 no forces, obstacles and profile; those of 1.2 have neither velocities nor obstacles; none before 2.1 have inputs,
-tendons and readings, none before 2.2 reactions.
+tendons and readings, none before 2.2 reactions, none before 2.3 a moving frame.
 """
 
 from pathlib import Path
@@ -73,6 +76,9 @@ RUN = {
     "triangles": Entry("1", ("F", 3), "i"),
     "node_mass": Entry("kg", ("N",)),
     "cells": Entry("1", (4,), optional=True),
+    "pose": Entry("m and 1", ("S", 7), optional=True),
+    "base_wrench": Entry("N and N m", ("S", 6), optional=True),
+    "momentum": Entry("N s and N m s", ("S", 6), optional=True),
 }
 SETTINGS = {
     "dt": Entry("s", (1,)),

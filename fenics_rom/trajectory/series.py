@@ -69,6 +69,13 @@ class ReadingSeries:
         return values.reshape(len(values), points, -1)
 
 
+FRAME_SERIES = {  # of a moving frame: what each array of a trajectory consists of, with units and components
+    "pose": {"position": ("m", "xyz"), "rotation": ("1", "wxyz")},
+    "base_wrench": {"base force": ("N", "xyz"), "base torque": ("N m", "xyz")},
+    "momentum": {"momentum": ("N s", "xyz"), "angular momentum": ("N m s", "xyz")},
+}
+
+
 def reading_series(reading: Reading, values: Array) -> ReadingSeries:
     """What a run keeps of a reading."""
     places = {}

@@ -14,7 +14,7 @@ from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.environment import Environment
 from fenics_rom.mechanics.obstacles import Obstacle
 from fenics_rom.mechanics.readings import Reading
-from fenics_rom.trajectory.series import ReadingSeries, Series, input_series, reading_series
+from fenics_rom.trajectory.series import FRAME_SERIES, ReadingSeries, Series, input_series, reading_series
 
 NOTHING = np.empty(0)
 CONTACT_ACCOUNT = {
@@ -64,6 +64,11 @@ class Trajectory:
         readings: of the scene, by name.
         reactions: of each actuator whose stroke is given the force in the step before, (steps + 1,): of a tendon its
             tension, N, of a chamber its pressure, Pa.
+        pose: of a moving frame, (steps + 1, 7): position of its origin, m, and rotation, a unit quaternion w x y z;
+            None in a fixed frame, as are the next two.
+        base_wrench: of a carried body, (steps + 1, 6): what the base exerted in the step before: force, N, and torque
+            about the origin, N m, in world axes.
+        momentum: (steps + 1, 6): N s, and angular momentum about the frame's origin, N m s, in world axes.
 
     Example:
         >>> run = fr.read_trajectory("run.h5")
@@ -102,6 +107,20 @@ class Trajectory:
     inputs: Mapping[str, Series] = field(default_factory=dict)
     readings: Mapping[str, ReadingSeries] = field(default_factory=dict)
     reactions: Mapping[str, Array] = field(default_factory=dict)
+    pose: Array | None = None
+    base_wrench: Array | None = None
+    momentum: Array | None = None
+
+    @property
+    def frame_series(self) -> dict[str, Series]:
+        """Position, rotation, base force and torque, momentum and angular momentum, as far as they are kept."""
+        series = {}
+        for name, parts in FRAME_SERIES.items():
+            values, first = getattr(self, name), 0
+            for part, (unit, components) in {} if values is None else parts.items():
+                series[part] = Series(values[:, first : first + len(components)], unit)
+                first += len(components)
+        return series
 
     @property
     def reaction_series(self) -> dict[str, Series]:
@@ -112,7 +131,12 @@ class Trajectory:
     def __repr__(self) -> str:
         order, dt = (self.settings.get(name, math.nan) for name in ("order", "dt"))
         outputs = (f"{name} ({values.shape[1]} points)" for name, values in self.outputs.items())
-        named = {"readings": self.readings, "inputs": self.inputs, "effects": self.effects}
+        named = {
+            "readings": self.readings,
+            "inputs": self.inputs,
+            "moving frame": self.frame_series,
+            "effects": self.effects,
+        }
         parts = {"outputs": ", ".join(outputs)} | {kind: ", ".join(names) for kind, names in named.items()}
         snapshots = f"{len(self.snapshots)} snapshots of {len(self.nodes)} nodes"
         return (
@@ -200,7 +224,7 @@ class TrajectoryRecorder:
         self._loads: Mapping[str, int] = {}
         self._inputs = NOTHING
         self._series: dict[str, dict[str, Array]] = {}
-        self._dt, self._every = dt, every
+        self._dt, self._every, self._is_moving = dt, every, environment.is_moving
         self._kept = np.union1d(np.arange(0, steps + 1, every), steps)
         instants = len(self._kept)
         self._contact = np.zeros(instants, dtype=np.int64)
@@ -272,6 +296,7 @@ class TrajectoryRecorder:
             "contact_account": {name: getattr(ledger, name) for name in self._sums},
             "readings": {name: body.reading(name) for name in self._readings},
             "reactions": body.reactions,
+            "frame": {name: np.concatenate(parts) for name, parts in self._frame_of(body).items()},
         }
         for kind, named in now.items():
             if row == 0:
@@ -279,6 +304,11 @@ class TrajectoryRecorder:
                 self._series[kind] = zeros
             for name, value in named.items():
                 self._series[kind][name][row] = value
+
+    def _frame_of(self, body: RunningBody) -> dict[str, tuple[Array, Array]]:
+        """Pose, wrench and momenta of a moving frame, as far as the body has them."""
+        parts = {name: getattr(body, name, None) for name in FRAME_SERIES} if self._is_moving else {}
+        return {name: of for name, of in parts.items() if of is not None}
 
     def record(
         self,
@@ -295,6 +325,7 @@ class TrajectoryRecorder:
         energy, supplied, dissipated, lost, numerical = self._account
         series: dict[str, Any] = dict(self._series)
         readings = {name: reading_series(self._readings[name], of) for name, of in series.pop("readings").items()}
+        frame = series.pop("frame")
         if self._every > 1:
             settings = {**settings, "every": self._every}
         return Trajectory(
@@ -325,6 +356,7 @@ class TrajectoryRecorder:
             stepping=stepping,
             inputs=input_series(self._contact, self._inputs, *self._input_columns, self._loads, self._units),
             readings=readings,
+            **frame,
             **series,
         )
 

@@ -157,10 +157,11 @@ def _fields(run: Trajectory, row: int) -> Fields:
         on_nodes["velocity"] = run.velocities[row]
     on_triangles: dict[str, Array] = {}
     whole = {"TimeValue": run.snapshot_times[[row]]}
-    if run.inputs or run.readings or run.reactions:
+    if run.inputs or run.readings or run.reactions or run.frame_series:
         whole["reading.TimeValue"] = run.times[[instant]]
     whole |= {f"input.{name}": series.values[instant] for name, series in run.inputs.items()}
     whole |= {f"reaction.{name}": series.values[instant] for name, series in run.reaction_series.items()}
+    whole |= {name: series.values[instant] for name, series in run.frame_series.items()}
     for name, reading in run.readings.items():
         values, key = reading.values[instant], f"reading.{name}"
         if reading.quantity == "contact_pressure":

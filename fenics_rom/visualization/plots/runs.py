@@ -1,4 +1,4 @@
-"""Plots of runs, several over one another: energies, outputs, inputs, reactions, readings, forces of obstacles."""
+"""Plots of runs, several over one another: energies, outputs, inputs, reactions, moving frames, readings, obstacles."""
 
 from collections.abc import Mapping
 from functools import partial
@@ -8,6 +8,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.io.units import prefixed
+from fenics_rom.trajectory.series import FRAME_SERIES
 from fenics_rom.trajectory.trajectory import Trajectory
 from fenics_rom.visualization.figure import DASHES, Panel
 
@@ -44,6 +45,8 @@ def run_panels(runs: Runs) -> dict[str, Panel]:
     panels |= {f"input_{name}": partial(_draw_input, runs=runs, name=name) for name in inputs}
     reactions = dict.fromkeys(name for run in runs.values() for name in run.reactions)
     panels |= {f"reaction_{name}": partial(_draw_reaction, runs=runs, name=name) for name in reactions}
+    frames = dict.fromkeys(name for run in runs.values() for name in run.frame_series)
+    panels |= {name.replace(" ", "_"): partial(_draw_frame, runs=runs, name=name) for name in frames}
     readings = dict.fromkeys(name for run in runs.values() for name in run.readings)
     return panels | {f"reading_{name}": partial(_draw_reading, runs=runs, name=name) for name in readings}
 
@@ -94,6 +97,22 @@ def _draw_reaction(figure: Any, runs: Runs, name: str) -> None:
     words = "tension" if series[0].unit == "N" else "pressure"
     _draw_values(
         figure, shown, [one.values[:, :, None] for one in series], series[0].unit, "", words, f"reaction {name}"
+    )
+
+
+def _draw_frame(figure: Any, runs: Runs, name: str) -> None:
+    """Where a moving frame is, what its base exerts, and the momenta."""
+    shown = {label: run for label, run in runs.items() if name in run.frame_series}
+    series = [run.frame_series[name] for run in shown.values()]
+    components = next(parts[name][1] for parts in FRAME_SERIES.values() if name in parts)
+    _draw_values(
+        figure,
+        shown,
+        [one.values[:, None] for one in series],
+        series[0].unit,
+        components,
+        name,
+        f"{name} in world axes",
     )
 
 
