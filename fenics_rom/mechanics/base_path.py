@@ -85,8 +85,7 @@ class BasePath:
     def _rows(self) -> tuple[Array, Array]:
         """Positions and quaternions, (T, 7), whose neighbours have the nearer sign; and their rates."""
         unit = self.rotations / np.linalg.norm(self.rotations, axis=1)[:, None]
-        flips = np.where((unit[1:] * unit[:-1]).sum(axis=1) < 0, -1.0, 1.0)
-        values = np.hstack([self.positions, unit * np.cumprod([1.0, *flips])[:, None]])
+        values = np.hstack([self.positions, with_nearest_signs(unit)])
         if self.velocities is None or self.angular_velocities is None:
             return values, _spline_rates(self.times, values)
         turning = np.hstack([np.zeros((len(values), 1)), self.angular_velocities])
@@ -189,6 +188,12 @@ def quaternion_product(a: Array, b: Array) -> Array:
     scalar = a[..., :1] * b[..., :1] - (a[..., 1:] * b[..., 1:]).sum(axis=-1, keepdims=True)
     vector = a[..., :1] * b[..., 1:] + b[..., :1] * a[..., 1:] + np.cross(a[..., 1:], b[..., 1:])
     return np.concatenate([scalar, vector], axis=-1)
+
+
+def with_nearest_signs(quaternions: Array) -> Array:
+    """Of quaternions over time (T, 4) the same rotations, each with the sign that is nearer to the one before."""
+    flips = np.where((quaternions[1:] * quaternions[:-1]).sum(axis=1) < 0, -1.0, 1.0)
+    return quaternions * np.cumprod([1.0, *flips])[:, None]
 
 
 def rotation_vectors(quaternions: Array) -> Array:

@@ -5,18 +5,23 @@ from numpy import ndarray as Array
 
 
 def elastic_part(snapshots: Array, nodes: Array, node_mass: Array) -> Array:
-    """Displacements less the rigid motion that is nearest to them by mass (Kabsch, 1976), in axes that turn with it.
+    """Displacements less the rigid motion that is nearest to them by mass, in axes that turn with it.
 
     Args:
         snapshots: displacements of all nodes, (..., N, 3), m.
         nodes: at rest, (N, 3), m.
         node_mass: (N,), kg.
     """
+    return rigid_and_elastic(snapshots, nodes, node_mass)[1]
+
+
+def rigid_and_elastic(snapshots: Array, nodes: Array, node_mass: Array) -> tuple[Array, Array]:
+    """The rotations (..., 3, 3) of these rigid motions (Kabsch, 1976), and the elastic parts (..., N, 3)."""
     share = (node_mass / node_mass.sum())[:, None]
     arms = nodes - (share * nodes).sum(axis=0)
     places = nodes + snapshots
     places = places - (share * places).sum(axis=-2, keepdims=True)
     U, _, Vt = np.linalg.svd(places.swapaxes(-1, -2) @ (share * arms))
     U[..., -1] *= np.sign(np.linalg.det(U @ Vt))[..., None]  # a rotation, no reflection
-    elastic: Array = places @ (U @ Vt) - arms
-    return elastic
+    R = U @ Vt
+    return R, places @ R - arms

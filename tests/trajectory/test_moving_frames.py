@@ -101,6 +101,7 @@ def test_pose_wrench_and_momenta_are_drawn_and_exported(tmp_path):
     text = files[0].read_text()
     for words in ("base torque (N m)", "angular momentum (N m s)", "rotation in world axes"):
         assert words in text
+    fr.export(thrown(), tmp_path / "run.png", scale=50.0)
     fr.export(thrown(), tmp_path / "run.vtu", time=1.0)
     grid = pyvista.read(tmp_path / "run.vtu")
     moved = thrown().snapshots[9]

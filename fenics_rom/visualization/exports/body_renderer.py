@@ -58,6 +58,7 @@ class BodyRenderer:
     Args:
         nodes, triangles: (N, 3), m, and (F, 3).
         shapes: displacements that will be shown, (N, 3) each, m.
+        coloured: of each shape what colours show the length of, (N, 3), m, and its name; None: the displacement.
         scale: by which displacements are multiplied before they are drawn; colours show them as they are.
         obstacles: by name, in the same frame.
         offsets: how far the obstacles will be from there, (any, O, 3), m.
@@ -77,6 +78,7 @@ class BodyRenderer:
         triangles: Array,
         shapes: Sequence[Array],
         *,
+        coloured: tuple[str, Sequence[Array]] | None = None,
         scale: float = 1.0,
         obstacles: Mapping[str, Obstacle] | None = None,
         offsets: Array | None = None,
@@ -89,7 +91,8 @@ class BodyRenderer:
         self._pv = pyvista_package()
         check_window()
         self._nodes, self._scale, self._colours, self._captions = nodes, scale, DARK if dark else LIGHT, captions
-        self._largest = max((float(np.linalg.norm(shape, axis=1).max()) for shape in shapes), default=0.0)
+        self._what, fields = coloured or ("displacement", shapes)
+        self._largest = max((float(np.linalg.norm(field, axis=1).max()) for field in fields), default=0.0)
         self._factor, self._unit = prefixed("m", self._largest)
         self._triangles = triangles
         used = np.unique(triangles)
@@ -110,14 +113,16 @@ class BodyRenderer:
         routings = [TendonRouting(nodes, points) for points in (tendons or {}).values()]
         self._tendons = list(zip(self._lay_over(len(routings)), routings, strict=True))
 
-    def render(self, displacement: Array, offsets: Array | None = None, words: str = "") -> Array:
+    def render(
+        self, displacement: Array, offsets: Array | None = None, words: str = "", coloured: Array | None = None
+    ) -> Array:
         """One picture (height, width, 3), bytes, of a displacement (N, 3), m, and obstacles moved by offsets (O, 3), m.
 
-        Colours show the length of the displacement, the brightest that of the largest shape.
+        Colours show the length of the displacement, or of what is `coloured` (N, 3), the brightest that of the largest.
         """
         plotter = self._plotter
         body = self._body(self._scale * displacement)
-        body["length"] = self._factor * np.linalg.norm(displacement, axis=1)
+        body["length"] = self._factor * np.linalg.norm(displacement if coloured is None else coloured, axis=1)
         self._draw(body)
         for k, (name, solid) in enumerate(self._obstacles.items()):
             moved = solid.translate([0.0, 0.0, 0.0] if offsets is None else offsets[k])
@@ -208,7 +213,7 @@ class BodyRenderer:
             edges = surface.extract_feature_edges(SHARP_EDGE_DEGREES, manifold_edges=False)
             if edges.n_points:
                 plotter.add_mesh(edges, name=name, color=colour, line_width=wide, render=False)
-        title = f"displacement ({self._unit})"
+        title = f"{self._what} ({self._unit})"
         if self._captions and title not in plotter.scalar_bars:
             height = COLOUR_BAR_PIXELS / plotter.window_size[1]
             plotter.add_scalar_bar(

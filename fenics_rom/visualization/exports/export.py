@@ -13,6 +13,7 @@ from fenics_rom.io.given import object_or_file
 from fenics_rom.io.progress import Report, silent
 from fenics_rom.rom.file import ROM_FILE
 from fenics_rom.rom.rom import Rom
+from fenics_rom.trajectory.elastic_part import rigid_and_elastic
 from fenics_rom.trajectory.file import RUN_FILE
 from fenics_rom.trajectory.trajectory import Trajectory
 from fenics_rom.visualization.exports.body_renderer import BodyRenderer
@@ -60,7 +61,8 @@ def export(
             None: modes.
         count: of shapes of each contact mode; None: six on a sheet, all in a file for ParaView.
         time: of one instant, s; the nearest one of which there is a shape is taken. None: the last.
-        scale: by which displacements are multiplied in pictures; ParaView does so itself.
+        scale: by which displacements are multiplied in pictures, of a moving frame those that strain the body; ParaView
+            does so itself.
         seconds: how long a film is to be. None: as many pictures as there are shapes, but not longer than ten seconds.
         dark: light on dark instead of dark on light, in pictures.
         report: called with the stage, how much of it is done, and of how much.
@@ -184,13 +186,21 @@ def _spread(values: Array, places: Array, count: int) -> Array:
 def _pictures(
     run: Trajectory, rows: list[int], scale: float, width: int, dark: bool, report: Report
 ) -> Iterator[Array]:
-    """Pictures of some instants, all from one place and in the same colours."""
+    """Pictures of some instants, all from one place and in the same colours.
+
+    Of a body that turns as far as it likes colours show what strains it, and that alone is what is scaled.
+    """
+    shapes, coloured = run.snapshots, None
+    if run.pose is not None:
+        rotations, elastic = rigid_and_elastic(shapes, run.nodes, run.node_mass)
+        shapes, coloured = shapes + (scale - 1) * elastic @ rotations.swapaxes(1, 2), ("deformation", list(elastic))
     moved = np.array([*run.obstacle_motion.values()]).reshape(-1, len(run.snapshots), 3).swapaxes(0, 1)
     renderer = BodyRenderer(
         run.nodes,
         run.triangles,
-        list(run.snapshots),
-        scale=scale,
+        list(shapes),
+        coloured=coloured,
+        scale=1.0 if coloured else scale,
         obstacles=run.obstacles,
         offsets=moved,
         tendons=run.tendons,
@@ -201,8 +211,9 @@ def _pictures(
     try:
         for done, row in enumerate(rows):
             report("pictures", done, len(rows))
-            words = f"{run.snapshot_times[row]:.{digits}f} s" + (f", displacements x {scale:g}" if scale != 1 else "")
-            yield renderer.render(run.snapshots[row], moved[row], words)
+            what = coloured[0] if coloured else "displacements"
+            words = f"{run.snapshot_times[row]:.{digits}f} s" + (f", {what} x {scale:g}" if scale != 1 else "")
+            yield renderer.render(shapes[row], moved[row], words, coloured[1][row] if coloured else None)
         report("pictures", len(rows), len(rows))
     finally:
         renderer.close()

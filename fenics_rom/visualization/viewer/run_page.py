@@ -11,6 +11,7 @@ from numpy import ndarray as Array
 from fenics_rom.errors import SceneError
 from fenics_rom.mechanics.obstacles import HalfSpace, Obstacle
 from fenics_rom.trajectory.comparison import common_instants, compare
+from fenics_rom.trajectory.elastic_part import elastic_part
 from fenics_rom.trajectory.trajectory import Trajectory
 from fenics_rom.visualization.obstacle_meshes import obstacle_mesh
 from fenics_rom.visualization.viewer.colours import with_unit
@@ -164,11 +165,15 @@ class RunPage:
                     self._draw(self._row())
             ended.wait(max(0.0, begin + 1 / FRAMES_PER_SECOND - time.perf_counter()))
 
+    def _straining(self, run: Trajectory, whole: Array) -> Array:
+        """What colours show of a displacement of all nodes: of a moving frame what strains the body."""
+        strained = whole if run.pose is None else elastic_part(whole, run.nodes, run.node_mass)
+        return strained[self._surface.nodes]
+
     def _draw(self, row: int) -> None:
         name = self._field.value
-        shapes = [
-            run.snapshots[rows[row]][self._surface.nodes] for run, rows in zip(self._runs, self._rows, strict=True)
-        ]
+        wholes = [run.snapshots[rows[row]] for run, rows in zip(self._runs, self._rows, strict=True)]
+        shapes = [whole[self._surface.nodes] for whole in wholes]
         if name == DIFFERENCE:
             values = [self._surface.of_nodes(np.linalg.norm(shapes[0] - shapes[1], axis=1))] * 2
         elif name in self._readings:
@@ -176,7 +181,7 @@ class RunPage:
             sizes = [reading.at(k).sizes[0] for reading, k in zip(kept, self._instants(row), strict=True)]
             values = [self._readings[name](of_run) for of_run in sizes]
         else:
-            values = [self._fields[name](shape, shape) for shape in shapes]
+            values = [self._fields[name](shape, shape) for shape in map(self._straining, self._runs, wholes)]
         unit = self._readings[name].unit if name in self._readings else UNITS.get(name, "m")
         most = max(float(of_run.max()) for of_run in values)
         largest = self._colours.cover(most, unit)
@@ -197,6 +202,9 @@ class RunPage:
 def _reach(run: Trajectory, places: Array) -> Array:
     """Points around all that is shown of a run, (any, 3), m, but half-spaces, which go on for ever."""
     points = [places]
+    if run.pose is not None:
+        moved = (run.nodes + run.snapshots).reshape(-1, 3)
+        points += [moved.min(axis=0)[None], moved.max(axis=0)[None]]
     for name, obstacle in run.obstacles.items():
         if not isinstance(obstacle, HalfSpace):
             vertices, motion = obstacle_mesh(obstacle, ORIGIN, 0.0)[0], run.obstacle_motion[name]
