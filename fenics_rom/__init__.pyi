@@ -27,6 +27,7 @@ from fenics_rom.reduction.reduce import reduce as reduce
 from fenics_rom.rom.file import read_rom as read_rom
 from fenics_rom.rom.file import write_rom as write_rom
 from fenics_rom.rom.rom import Rom as Rom
+from fenics_rom.rom.state_space import StateSpace as StateSpace
 from fenics_rom.rom.truncate import truncate as truncate
 from fenics_rom.run import simulate as simulate
 from fenics_rom.runtime.batch import Batch as Batch

@@ -7,9 +7,10 @@ import scipy.linalg
 from soft_box import soft_box
 
 import fenics_rom as fr
+from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.deformation import ReducedDeformation, ReducedTendon, monomials
 from fenics_rom.rom.residual_compliance import ResidualCompliance
-from fenics_rom.rom.rom import ContactModel, Rom
+from fenics_rom.rom.rom import Rom
 from fenics_rom.scene.file import parse_scene
 
 CONTACT = """

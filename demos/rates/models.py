@@ -10,8 +10,9 @@ from petsc4py import PETSc
 
 import fenics_rom as fr
 from fenics_rom.fem.petsc_matrix import combination
-from fenics_rom.rom.rom import ContactModel, Rom, check_rom, diagonalized_span
-from fenics_rom.runtime.steppers.midpoint import matrices
+from fenics_rom.rom.contact_model import ContactModel
+from fenics_rom.rom.midpoint_map import matrices
+from fenics_rom.rom.rom import Rom, check_rom, diagonalized_span
 from fenics_rom.scene.file import parse_scene
 
 Array = np.ndarray

@@ -49,7 +49,8 @@ from models import FORCE, OUTPUT, STEP, BareFourCalls, BareProduct, FullBare, Fu
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning
 from fenics_rom.fem.linear_stepper import FullOrderStepper
-from fenics_rom.rom.rom import ContactModel, Rom
+from fenics_rom.rom.contact_model import ContactModel
+from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.batch import Batch
 
 OUT = Path(__file__).parent / "out"

@@ -18,9 +18,10 @@ from fenics_rom.io.progress import Report, silent
 from fenics_rom.io.stages import Stage, peak_memory
 from fenics_rom.mechanics.body_facts import body_lines
 from fenics_rom.mechanics.readings import READING_UNITS, READING_WORDS
+from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.deformation import ReducedDeformation
 from fenics_rom.rom.residual_compliance import ResidualCompliance
-from fenics_rom.rom.rom import ContactModel, ForceValidation
+from fenics_rom.rom.rom import ForceValidation
 from fenics_rom.trajectory.series import FRAME_SERIES
 from fenics_rom.visualization.optional_dependencies import load_package
 

@@ -9,7 +9,8 @@ from numpy import ndarray as Array
 
 from fenics_rom.errors import StructureError
 from fenics_rom.io.progress import Report, silent
-from fenics_rom.rom.rom import ContactModel, Rom
+from fenics_rom.rom.contact_model import ContactModel
+from fenics_rom.rom.rom import Rom
 from fenics_rom.system.system import System
 
 

@@ -11,7 +11,8 @@ from fenics_rom.mechanics.readings import projected
 from fenics_rom.reduction.common_basis import orthogonal_complement, pad_rows, split_like
 from fenics_rom.reduction.problem import ReductionProblem
 from fenics_rom.reduction.validation import validated
-from fenics_rom.rom.rom import ContactModel, Rom, diagonalized_span
+from fenics_rom.rom.contact_model import ContactModel
+from fenics_rom.rom.rom import Rom, diagonalized_span
 
 
 @dataclass(frozen=True)

@@ -8,10 +8,10 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.reduction.problem import ReductionProblem
+from fenics_rom.rom.midpoint_map import compliance
 from fenics_rom.rom.residual_compliance import ResidualCompliance
 from fenics_rom.rom.residual_part import residual_part, strained_points
 from fenics_rom.rom.rom import Rom
-from fenics_rom.runtime.steppers.midpoint import compliance
 from fenics_rom.runtime.steppers.residual_motion import relaxation
 
 COLUMNS_AT_ONCE = 96  # of solves

@@ -15,7 +15,8 @@ import scipy.linalg
 from numpy import ndarray as Array
 
 from fenics_rom.errors import SceneError
-from fenics_rom.rom.rom import ContactModel, Rom
+from fenics_rom.rom.contact_model import ContactModel
+from fenics_rom.rom.rom import Rom
 from fenics_rom.system.protocols import DENSE_SHARE, NO_DOFS, Factor
 from fenics_rom.system.rigid_modes import choose_fixed_dofs, free_rows
 from fenics_rom.system.system import System

@@ -14,7 +14,7 @@ from numpy import ndarray as Array
 from fenics_rom.reduction.common_basis import Subspace, block_starts, split_like
 from fenics_rom.reduction.frequency_response import dynamic_product, inner_products, response
 from fenics_rom.reduction.problem import ReductionProblem
-from fenics_rom.rom.rom import ContactModel
+from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.system.columns import apply_to_complex
 
 MAX_INPUTS = 6  # of a contact mode at a frequency; where it has more columns, random combinations of them

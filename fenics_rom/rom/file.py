@@ -87,8 +87,9 @@ from fenics_rom.io.stages import Stage
 from fenics_rom.mechanics.body_facts import CellQuality
 from fenics_rom.mechanics.contact_points import PointsBetween
 from fenics_rom.mechanics.environment import SWITCHINGS
+from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.environment_file import put_environment, take_environment
-from fenics_rom.rom.rom import ContactModel, ForceValidation, Rom, check_rom
+from fenics_rom.rom.rom import ForceValidation, Rom, check_rom
 
 BODY = {
     "basis": Entry("kg^-1/2", ("n", "k")),

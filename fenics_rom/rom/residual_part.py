@@ -10,8 +10,8 @@ from functools import cached_property
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.residual_compliance import ResidualCompliance
-from fenics_rom.rom.rom import ContactModel
 
 
 @dataclass(frozen=True, eq=False)

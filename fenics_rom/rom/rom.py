@@ -1,19 +1,19 @@
 """The frozen reduced model: what the offline stage hands to the runtime."""
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from functools import cached_property
 from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.errors import StructureError
+from fenics_rom.errors import StepError, StructureError, check_known
 from fenics_rom.io.stages import Stage
 from fenics_rom.mechanics.body_facts import CellQuality
 from fenics_rom.mechanics.contact_points import PointsBetween
 from fenics_rom.mechanics.environment import Environment
+from fenics_rom.rom.contact_model import ContactModel, neglected
 from fenics_rom.rom.content import ByContent
 
 if TYPE_CHECKING:
@@ -21,68 +21,7 @@ if TYPE_CHECKING:
     from fenics_rom.rom.deformation import ReducedDeformation
     from fenics_rom.rom.moving_frame import MovingFrame
     from fenics_rom.rom.residual_compliance import ResidualCompliance
-
-
-@dataclass(frozen=True, eq=False)
-class ContactModel(ByContent):
-    """The reduced model of one contact mode, in the basis W_i = Q C_i with W_iᵀMW_i = I, W_iᵀKW_i = diag(γ).
-
-    Attributes:
-        eigenvalues: γ (m,), ascending, 1/s²; of the rigid motions of a body that is not wholly held 0, exactly.
-        damping: W_iᵀDW_i, its diagonal (m,) where D is proportional, else (m, m), 1/s.
-        inputs: G = W_iᵀB_i (m, p); the contact's columns, then the actuators', then the loads', kg^-1/2 times N
-            per unit of the input.
-        coordinates: C_i (k, m), orthonormal columns in the shared basis Q, those of rigid motions first: unit vectors.
-        directions: (m, m) orthonormal; after the rigid motions, its first k columns span the reduced model of order k.
-        hankel_singular_values: σ (r,), descending, r >= m; what was left out included. Balanced modes have them.
-        left_inverse: (m, k) oblique projection from the shared basis; only for switching = "oblique".
-        static_error: |K⁻¹B - W_i diag(1/γ) G| / |K⁻¹B| in the mass norm; None where the full model was not at hand.
-        frequencies: (f,) at which the frequency response was compared with the full model's, rad/s.
-        transfer_errors: (f,) |H(iω) - H_i(iω)| / max |H| in the mass norm, by full solves, to 10 %; the maximum is
-            over them.
-        contact_points: (P,) nodes at which obstacles can touch it; none where the scene has no contact.
-    """
-
-    eigenvalues: Array
-    damping: Array
-    inputs: Array
-    coordinates: Array
-    directions: Array
-    hankel_singular_values: Array
-    left_inverse: Array | None = None
-    static_error: float | None = None
-    frequencies: Array = field(default_factory=lambda: np.empty(0))
-    transfer_errors: Array = field(default_factory=lambda: np.empty(0))
-    contact_points: Array = field(default_factory=lambda: np.empty(0, dtype=int))
-
-    def __repr__(self) -> str:
-        lowest = self.safe_frequencies[self.rigid :] / math.tau
-        rigid = f" ({self.rigid} rigid)" if self.rigid else ""
-        from_hertz = f", from {lowest[0]:.3g} Hz" if len(lowest) else ""
-        return f"ContactModel: order {self.order}{rigid}, {self.inputs.shape[1]} input columns{from_hertz}"
-
-    @property
-    def order(self) -> int:
-        """Number m of reduced displacements, rigid and elastic."""
-        return len(self.eigenvalues)
-
-    @property
-    def rigid(self) -> int:
-        """Number ρ of rigid motions among them, the first ones."""
-        return int(np.count_nonzero(self.eigenvalues == 0))
-
-    @cached_property
-    def safe_frequencies(self) -> Array:
-        """√γ (m,) to divide energy coordinates by, rad/s: infinite for rigid motions, of which these hold nothing."""
-        return safe_frequencies(self.eigenvalues)
-
-    @cached_property
-    def damping_root(self) -> Array:
-        """R with RᵀR = D, (m,) where the damping is diagonal, else (m, m): |R v|² is dissipated, and never negative."""
-        if self.damping.ndim == 1:
-            return np.sqrt(np.maximum(self.damping, 0.0))
-        λ, U = np.linalg.eigh(self.damping)
-        return np.sqrt(np.maximum(λ, 0.0))[:, None] * U.T
+    from fenics_rom.rom.state_space import StateSpace
 
 
 @dataclass(frozen=True)
@@ -190,6 +129,79 @@ class Rom(ByContent):
         shared = sum(self.actuators.values()) + sum(self.loads.values())
         return {name: mode.inputs.shape[1] - shared for name, mode in self.contact_models.items()}
 
+    def input_columns(self, contact: str) -> dict[str, int]:
+        """Number of columns of each input of a contact mode: its own, the actuators', the loads'.
+
+        The contact mode's are called contact-NAME, where an actuator or a load has its name.
+        """
+        shared = {**self.actuators, **self.loads}
+        return {f"contact-{contact}" if contact in shared else contact: self.contacts[contact], **shared}
+
+    def state_space(self, contact: str, outputs: Sequence[str] | None = None, dt: float | None = None) -> "StateSpace":
+        """The linear model of a contact mode, for `control.ss(*plant, plant.dt)`, `scipy.signal.dlti(*plant, dt=dt)`.
+
+        Args:
+            contact: the contact mode.
+            outputs: names of those that are read, displacements in m; None: all.
+            dt: None for continuous time; else, s, the map of a step, the same as the simulator's.
+
+        Raises:
+            StepError: there is no such contact mode or output, or dt is not a positive finite number.
+            StructureError: what the body does is not linear.
+        """
+        from fenics_rom.rom.midpoint_map import checked_dt
+        from fenics_rom.rom.state_space import state_space
+
+        self.check_linear()
+        check_known("contact mode", contact, self.contact_models, StepError)
+        read = {}
+        for name in self.outputs if outputs is None else outputs:
+            check_known("output", name, self.outputs, StepError)
+            read[name] = self.outputs[name] @ self.contact_models[contact].coordinates
+        return state_space(
+            self.contact_models[contact],
+            None if dt is None else checked_dt(dt),
+            {
+                name: (count, self.environment.input_units.get(name, "N"))
+                for name, count in self.input_columns(contact).items()
+            },
+            {name: (self.by_point(rows.T).shape[1:], rows) for name, rows in read.items()},
+        )
+
+    def switch_map(self, start: str, end: str) -> Array:
+        """The map (2 m_end, 2 m_start) of a state as in `state_space` from one contact mode to another.
+
+        Raises:
+            StepError: there is no such contact mode.
+            StructureError: what the body does is not linear.
+        """
+        from fenics_rom.rom.switch_maps import switch_map
+
+        self.check_linear()
+        for name in (start, end):
+            check_known("contact mode", name, self.contact_models, StepError)
+        return switch_map(self.stiffness, self.contact_models[start], self.contact_models[end], self.switching)
+
+    def check_linear(self) -> None:
+        """Checks that the body is linear, under forces that are inputs.
+
+        Raises:
+            StructureError: it is not.
+        """
+        acting = self.environment
+        for what, there in {
+            "large deformation": self.deformation is not None,
+            "a moving frame": acting.is_moving,
+            "contact with obstacles": acting.contact_law is not None,
+            "no inertia": not acting.has_inertia,
+            "strokes of actuators, or friction of tendons,": acting.finds_forces,
+        }.items():
+            if there:
+                raise StructureError(
+                    f"ROM {self.name!r} has {what} in its scene, which is not linear in forces that are inputs: "
+                    "reduce the scene without it"
+                )
+
     @property
     def rigid(self) -> int:
         """Number ρ of rigid motions, the first vectors of the shared basis and of all contact modes."""
@@ -239,17 +251,6 @@ class Rom(ByContent):
             }
             for name, mode in self.contact_models.items()
         }
-
-
-def safe_frequencies(γ: Array) -> Array:
-    """√γ to divide by, infinite where γ = 0."""
-    return np.where(γ == 0, np.inf, np.sqrt(γ))
-
-
-def neglected(mode: ContactModel) -> float | None:
-    """Share of the sum of Hankel singular values that is not in the reduced model."""
-    σ = mode.hankel_singular_values
-    return float(σ[mode.order - mode.rigid :].sum() / σ.sum()) if len(σ) else None
 
 
 def diagonalized_span(κ: Array, span: Array) -> tuple[Array, Array]:

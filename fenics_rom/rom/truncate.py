@@ -7,8 +7,9 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StructureError
+from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.given_rom import given_rom
-from fenics_rom.rom.rom import ContactModel, Rom, diagonalized_span
+from fenics_rom.rom.rom import Rom, diagonalized_span
 
 if TYPE_CHECKING:
     from os import PathLike

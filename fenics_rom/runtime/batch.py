@@ -21,10 +21,10 @@ from numpy.typing import ArrayLike, DTypeLike
 from fenics_rom.errors import StepError, check_known
 from fenics_rom.mechanics.signals import real_numbers
 from fenics_rom.rom.given_rom import given_rom
+from fenics_rom.rom.midpoint_map import checked_dt
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.batch_arrays import BatchLayout, Bodies, PaddedModels, Segment
 from fenics_rom.runtime.environment_inputs import fit_loads
-from fenics_rom.runtime.steppers.midpoint import checked_dt
 
 if TYPE_CHECKING:
     from os import PathLike

@@ -13,8 +13,8 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError, check_known
+from fenics_rom.rom.midpoint_map import compliance
 from fenics_rom.rom.rom import Rom
-from fenics_rom.runtime.steppers.midpoint import compliance
 from fenics_rom.runtime.switching import Projections
 
 Bodies = int | Sequence[int] | Sequence[bool] | Array | None

@@ -10,7 +10,8 @@ from numpy import ndarray as Array
 
 from fenics_rom.errors import FenicsRomWarning
 from fenics_rom.mechanics.linearity import ROTATION_LIMIT, STRAIN_LIMIT, SurfaceGauges, SurfaceStrainPeak, measure_peaks
-from fenics_rom.rom.rom import Rom, safe_frequencies
+from fenics_rom.rom.contact_model import safe_frequencies
+from fenics_rom.rom.rom import Rom
 
 # High states between two looks, so that looking costs less than stepping: before a limit was passed, and after.
 LOOK_INTERVAL = {False: 10, True: 100}

@@ -19,8 +19,8 @@ from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError, check_known
 from fenics_rom.mechanics.signals import real_numbers
-from fenics_rom.rom.rom import ContactModel
-from fenics_rom.runtime.steppers.midpoint import checked_dt, matrices
+from fenics_rom.rom.contact_model import ContactModel
+from fenics_rom.rom.midpoint_map import checked_dt, matrices
 
 Simulator = Any  # fenics_rom.runtime.simulator's, which imports this file
 

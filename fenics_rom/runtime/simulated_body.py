@@ -125,11 +125,10 @@ class SimulatedBody:
             if len(given):
                 raise StepError(f"step {self.steps}: inputs were given by position and by name; allowed is one of both")
             given = {}
-        u, starts, column = np.zeros(self._width), dict[str, slice](), self.rom.contacts[self.contact]
-        pushed = f"contact-{self.contact}" if self.contact in self.rom.actuators else self.contact
-        starts[pushed] = slice(column)
-        for name, columns in self.rom.actuators.items():
-            starts[name] = slice(column, column + columns)
+        u, starts, column = np.zeros(self._width), dict[str, slice](), 0
+        for name, columns in self.rom.input_columns(self.contact).items():
+            if name not in self.rom.loads:
+                starts[name] = slice(column, column + columns)
             column += columns
         for name, value in {**given, **named}.items():
             if name not in starts:

@@ -15,10 +15,10 @@ from fenics_rom.mechanics.initial_state import lost_messages
 from fenics_rom.mechanics.linearity import SurfaceStrainPeak
 from fenics_rom.mechanics.signals import real_numbers
 from fenics_rom.rom.given_rom import given_rom
+from fenics_rom.rom.midpoint_map import checked_dt
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.linearity_monitor import LinearityMonitor
 from fenics_rom.runtime.simulated_body import SimulatedBody, SimulatorState
-from fenics_rom.runtime.steppers.midpoint import checked_dt
 from fenics_rom.runtime.steppers.selection import make_stepper
 from fenics_rom.runtime.switching import SwitchLoss
 

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 
 import fenics_rom as fr
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
-from fenics_rom.rom.rom import ContactModel, Rom, check_rom, diagonalized_span
+from fenics_rom.rom.contact_model import ContactModel
+from fenics_rom.rom.rom import Rom, check_rom, diagonalized_span
 from fenics_rom.runtime.steppers.midpoint import LARGEST_FUSED_ORDER
 
 pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")  # the plate locks

@@ -14,7 +14,8 @@ from test_energy_laws import CLOSES_TO, NONE_ADDED, rough_ride
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning, StepError, StructureError
 from fenics_rom.fem.linear_stepper import FullOrderStepper
-from fenics_rom.rom.rom import ContactModel, check_rom, diagonalized_span
+from fenics_rom.rom.contact_model import ContactModel
+from fenics_rom.rom.rom import check_rom, diagonalized_span
 from fenics_rom.runtime.linearity_monitor import ReducedGauges, gauge_basis
 from fenics_rom.runtime.steppers.midpoint import FusedMidpoint, StagedMidpoint
 

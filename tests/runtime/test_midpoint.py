@@ -8,7 +8,7 @@ from scipy.linalg import expm
 
 import fenics_rom as fr
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
-from fenics_rom.rom.rom import ContactModel
+from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.runtime.steppers.midpoint import LARGEST_FUSED_ORDER, FusedMidpoint, StagedMidpoint, fastest_kernel
 
 

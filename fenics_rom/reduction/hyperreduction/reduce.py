@@ -16,8 +16,9 @@ from fenics_rom.reduction.hyperreduction.modal_derivatives import modal_derivati
 from fenics_rom.reduction.hyperreduction.training import Run, TrainingData, trained
 from fenics_rom.reduction.problem import ReductionProblem
 from fenics_rom.reduction.projection import RetainedBasis, assemble_rom
+from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.deformation import ReducedDeformation, ReducedTendon, TrainingRange, monomials, resultant
-from fenics_rom.rom.rom import ContactModel, Rom
+from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.steppers.equilibrium import Equilibrium
 from fenics_rom.runtime.steppers.newton import Newton
 from fenics_rom.system.protocols import Algebra, Deformation, Operator

@@ -22,8 +22,9 @@ from fenics_rom.errors import FenicsRomWarning
 from fenics_rom.mechanics.actuator_forces import ActuatorForces
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.readings import swept_volume
+from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.deformation import ReducedDeformation, monomials
-from fenics_rom.rom.rom import ContactModel, Rom
+from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.steppers.kernel import BookedKernel
 from fenics_rom.runtime.steppers.training_watch import TrainingWatch
 

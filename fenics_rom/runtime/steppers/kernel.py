@@ -10,7 +10,7 @@ from numpy import ndarray as Array
 from fenics_rom.mechanics.actuator_forces import ActuatorForces, PointsHeldBack
 from fenics_rom.mechanics.contact import ContactSolution, ContactWork, ObstacleMotion, PointMotion, equilibrium_work
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
-from fenics_rom.rom.rom import ContactModel
+from fenics_rom.rom.contact_model import ContactModel
 
 if TYPE_CHECKING:
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface

@@ -17,8 +17,8 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.contact import ObstacleMotion
+from fenics_rom.rom.midpoint_map import compliance
 from fenics_rom.runtime.steppers.kernel import BookedKernel, StepWork, symmetric
-from fenics_rom.runtime.steppers.midpoint import compliance
 
 
 class ContactMidpoint(BookedKernel):

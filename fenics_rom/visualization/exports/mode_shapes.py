@@ -11,8 +11,9 @@ from numpy import ndarray as Array
 
 from fenics_rom.errors import SceneError, check_known
 from fenics_rom.io.units import readable
+from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.file import HANKEL_UNIT
-from fenics_rom.rom.rom import ContactModel, Rom
+from fenics_rom.rom.rom import Rom
 from fenics_rom.visualization.contact_surface import on_kept_surface
 from fenics_rom.visualization.exports.body_renderer import BodyRenderer
 from fenics_rom.visualization.figure import DARK, LIGHT, figure_class, write_figure

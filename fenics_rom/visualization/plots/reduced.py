@@ -10,8 +10,9 @@ from numpy import ndarray as Array
 
 from fenics_rom.io.progress import Report
 from fenics_rom.io.units import readable
+from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.file import HANKEL_UNIT
-from fenics_rom.rom.rom import ContactModel, Rom
+from fenics_rom.rom.rom import Rom
 from fenics_rom.system.system import System
 from fenics_rom.visualization.figure import Panel, Style
 

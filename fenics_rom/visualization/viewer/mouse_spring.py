@@ -7,9 +7,9 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.linearity import SurfaceStrainPeak
+from fenics_rom.rom.midpoint_map import compliance
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.linearity_monitor import ReducedGauges, gauge_basis
-from fenics_rom.runtime.steppers.midpoint import compliance
 
 RELATIVE_STIFFNESS = 2.0  # of the spring, as a multiple of the body's at rest: the body follows two thirds of the way
 RANK_TOLERANCE = 1e-8  # relative singular value below which two columns do the same to the shape at rest

@@ -1,0 +1,140 @@
+"""Contact models as state spaces: passive, exact, and the simulator's own steps and switches."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+import scipy.signal
+from bodies import acted_on
+from soft_rom import soft_rom
+from test_free_bodies import random_free
+
+import fenics_rom as fr
+from fenics_rom.errors import StepError, StructureError
+
+EXACT = 1e-12  # relative
+EFFECTS = """
+inertia = {}
+gravity = { acceleration = [0, 0, -9.81] }
+[effects.damping]
+alpha = 0.5
+beta = 1e-3
+[effects.damping.dashpots.oil]
+surface = "front"
+coefficient = 30.0
+[effects.base_motion.quake]
+direction = [1, 0, 1]
+[effects.pressure.air]
+surface = "top"
+[effects.tendon.rope]
+points = [[0.0, 0.1, 0.3], [1.0, 0.1, 0.3]]
+"""
+PARTS = {"outputs.tip": "points = [[1.0, 0.4, 0.3], [1.0, 0.0, 0.0]]", "outputs.end": 'surface = "right"'}
+SIGNALS = {"gravity": 0.01, "quake": 0.03}
+
+
+@pytest.fixture(scope="module", params=["held", "acted on", "free", "free, dense"])
+def rom(request, tmp_path_factory):
+    if request.param == "held":
+        return request.getfixturevalue("plate_rom")
+    if request.param == "acted on":
+        scene = acted_on(request.getfixturevalue("box_file"), EFFECTS, **PARTS)
+        return fr.reduce(fr.assemble(scene), order=12)
+    return random_free(3, (8, 11, 5), dense=request.param.endswith("dense"))
+
+
+def step_by_matrices(rom, h, steps):
+    """Outputs and inputs of a simulator, and outputs and energy by its state spaces, switched every seventh step."""
+    random, names = np.random.default_rng(0), list(rom.contact_models)
+    plants = {name: rom.state_space(name, dt=h) for name in names}
+    body = fr.Simulator(rom, h, signals=SIGNALS if rom.loads else None)
+    x, active, pairs = np.zeros(len(plants[names[0]].A)), names[0], []
+    for step in range(steps):
+        if (after := names[step // 7 % len(names)]) != active:
+            x, active = rom.switch_map(active, after) @ x, after
+            body.switch(active)
+        u = 0.1 * random.standard_normal(body.inputs)
+        body.step(u)
+        A, B, C, _ = plants[active]
+        x = A @ x + B @ [*u, *(SIGNALS[name] for name in rom.loads)]
+        read = np.concatenate([body.displacement(name).ravel() for name in rom.outputs])
+        pairs.append(([*read, body.energy], [*(C @ x), (x[rom.rigid :] @ x[rom.rigid :]) / 2]))
+    return np.array(pairs)
+
+
+@pytest.mark.parametrize("h", [1e-3, 3e-2])
+def test_discrete_state_space_is_the_simulator_through_switches(rom, h):
+    simulated, mapped = step_by_matrices(rom, h, 1000).swapaxes(0, 1)
+    assert np.abs(mapped - simulated).max(axis=0) / np.abs(simulated).max(axis=0) == pytest.approx(0, abs=EXACT)
+    assert simulated[-1].any()
+
+
+def test_continuous_state_space_dissipates_by_damping_alone(rom):
+    for name, model in rom.contact_models.items():
+        plant, m, rigid = rom.state_space(name), model.order, rom.rigid
+        D = model.damping if model.damping.ndim == 2 else np.diag(model.damping)
+        stored = np.r_[rigid : 2 * m]
+        balance = (plant.A + plant.A.T)[np.ix_(stored, stored)]
+        assert np.array_equal(balance[m - rigid :, m - rigid :], -2 * D)
+        assert not balance[: m - rigid].any()
+        assert not plant.A[rigid:, :rigid].any()  # where the body is does not matter
+
+
+def test_step_is_the_bilinear_transform_of_continuous_time(rom):
+    h = 2e-3
+    for name in rom.contact_models:
+        continuous, discrete = rom.state_space(name), rom.state_space(name, dt=h)
+        half, unit = h / 2 * continuous.A, np.eye(len(continuous.A))
+        expected = np.linalg.solve(unit - half, np.hstack([unit + half, h * continuous.B]))
+        assert np.abs(np.hstack([discrete.A, discrete.B]) - expected).max() <= EXACT * np.abs(expected).max()
+
+
+def test_frequency_response_is_that_of_mass_damping_and_stiffness(rom):
+    name, s = next(iter(rom.contact_models)), 20j
+    model, (A, B, C, D) = rom.contact_models[name], rom.state_space(name)
+    damping = model.damping if model.damping.ndim == 2 else np.diag(model.damping)
+    q = np.linalg.solve(s**2 * np.eye(model.order) + s * damping + np.diag(model.eigenvalues), model.inputs)
+    expected = np.vstack([rows @ model.coordinates for rows in rom.outputs.values()]) @ q
+    found = C @ np.linalg.solve(s * np.eye(len(A)) - A, B) + D
+    assert np.abs(found - expected).max() <= EXACT * np.abs(expected).max()
+
+
+def test_scipy_simulates_it(plate_rom):
+    plant, body, u = plate_rom.state_space("middle", ["tip"], 1e-3), fr.Simulator(plate_rom, 1e-3), np.eye(3)[2]
+    _, read, _ = scipy.signal.dlsim(scipy.signal.dlti(*plant, dt=plant.dt), np.tile(u, (101, 1)))
+    body.switch("middle")
+    expected = body.rollout(np.tile(u, (100, 1)))["tip"].reshape(100, -1)
+    assert np.abs(read[1:] - expected).max() <= EXACT * np.abs(expected).max()
+    assert not read[0].any()
+
+
+def test_names_and_units(box_file):
+    scene = acted_on(box_file, EFFECTS, **{**PARTS, "outputs.tip": "points = [[1.0, 0.4, 0.3]]"})
+    plant = fr.reduce(fr.assemble(scene), order=2).state_space("right", ["end", "tip"])
+    columns = [("right[0]", "N"), ("right[1]", "N"), ("right[2]", "N"), ("air", "Pa"), ("rope", "N")]
+    assert list(plant.inputs.items()) == [*columns, ("gravity", "1"), ("quake", "m/s2")]
+    assert list(plant.outputs) == [f"{name}[0,{axis}]" for name in ("end", "tip") for axis in range(3)]
+    assert list(plant.states.items()) == [(name, "J^0.5") for name in ("e[0]", "e[1]", "r[0]", "r[1]")]
+    assert repr(plant).startswith("StateSpace in continuous time: 4 states\n  inputs: right[0], ")
+
+
+def test_what_is_not_there_or_not_linear_is_refused(plate_rom):
+    with pytest.raises(StepError, match=r"no contact mode 'tip'; there is middle, tip_left"):
+        plate_rom.state_space("tip")
+    with pytest.raises(StepError, match=r"no contact mode 'top'; there is middle, tip_left"):
+        plate_rom.switch_map("middle", "top")
+    with pytest.raises(StepError, match="no output 'tips'; there is tip; did you mean 'tip'"):
+        plate_rom.state_space("middle", ["tips"])
+    with pytest.raises(StepError, match="dt = 0: allowed is a finite number > 0, in s"):
+        plate_rom.state_space("middle", dt=0)
+    for rom, what in (
+        (soft_rom(order=2), "large deformation"),
+        (replace(soft_rom(order=2, contact=True), deformation=None), "contact with obstacles"),
+        (replace(soft_rom(order=2, inertia=False), deformation=None), "no inertia"),
+        (replace(plate_rom, environment=replace(plate_rom.environment, frame="moving")), "a moving frame"),
+        (replace(plate_rom, environment=replace(plate_rom.environment, controls={"rope": "length"})), "strokes"),
+    ):
+        with pytest.raises(StructureError, match=f"has {what}.* in its scene, which is not linear"):
+            rom.state_space("middle")
+        with pytest.raises(StructureError, match=what):
+            rom.switch_map("middle", "middle")
