@@ -20,6 +20,7 @@ from fenics_rom.mechanics.body_facts import body_lines
 from fenics_rom.mechanics.readings import READING_UNITS, READING_WORDS
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.deformation import ReducedDeformation
+from fenics_rom.rom.moving_frame import MovingFrame
 from fenics_rom.rom.residual_compliance import ResidualCompliance
 from fenics_rom.rom.rom import ForceValidation
 from fenics_rom.trajectory.series import FRAME_SERIES
@@ -73,6 +74,8 @@ def print_rom(rom: "fr.Rom", file: Path | str) -> None:
         lines["contact points"] = ", ".join(f"{name} ({count})" for name, count in touched.items())
     if rom.residual_compliance is not None:
         lines["contact compliance"] = _residual_compliance(rom.residual_compliance)
+    if rom.moving_frame is not None:
+        lines["moving frame"] = _moving_frame(rom.moving_frame)
     print_lines(lines, rom.warnings)
     if rom.force_validation is not None:
         print()
@@ -92,6 +95,13 @@ def _residual_compliance(residual: ResidualCompliance) -> str:
         f"{directions}; at steps of {residual.dt:g} s it is off by {beside:.1e}, without them by {without:.1e} "
         f"(contact mode {name!r})"
     )
+
+
+def _moving_frame(frame: MovingFrame) -> str:
+    """What it is of, and whether it knows how turning stiffens the body."""
+    at = ", ".join(f"{x:.3g}" for x in frame.origin)
+    of = f"carried by a base, its origin at ({at}) m" if frame.carried else f"free, about its centre of mass ({at}) m"
+    return f"{of}; {'stiffened' if frame.stiffening is not None else 'not stiffened'} by turning"
 
 
 def _deformation(body: ReducedDeformation) -> dict[str, str]:

@@ -10,7 +10,7 @@ from fenics_rom.errors import FileError, SceneError, exactly
 from fenics_rom.io.atomic_write import sole_writer
 from fenics_rom.io.mpi_ranks import is_root_process
 from fenics_rom.io.names import NAME, NAME_IN_WORDS
-from fenics_rom.mechanics.environment import SWITCHINGS
+from fenics_rom.mechanics.environment import FRAMES, SWITCHINGS
 from fenics_rom.scene.scene import LYAPUNOV, METHODS, SOLVERS, WEIGHTINGS
 
 SUMMARY = "reduce a scene, or matrices, to a ROM; runs under mpirun"
@@ -74,7 +74,7 @@ def _add_matrix_options(command: argparse.ArgumentParser) -> None:
     """Files of M v̇ + D v + K x = B u, y = Cᵀ x in place of a scene."""
     files = command.add_argument_group("instead of SCENE", "matrices of your own, each in a Matrix Market file")
     files.add_argument("--mass", metavar="M.mtx", help="symmetric positive definite")
-    files.add_argument("--stiffness", metavar="K.mtx", help="symmetric positive definite")
+    files.add_argument("--stiffness", metavar="K.mtx", help="symmetric positive definite, but for rigid motions")
     damping = files.add_mutually_exclusive_group()
     damping.add_argument("--damping", metavar="D.mtx", help="symmetric positive semi-definite")
     damping.add_argument("--rayleigh", nargs=2, type=float, metavar=("ALPHA", "BETA"), help="D = ALPHA M + BETA K")
@@ -84,6 +84,8 @@ def _add_matrix_options(command: argparse.ArgumentParser) -> None:
         ("--observe", "NAME=C.mtx", "columns of an output; once for each"),
     ):
         files.add_argument(option, metavar=metavar, type=_named_file, action="append", default=[], help=what)
+    files.add_argument("--nodes", metavar="X.csv", help="columns x, y, z, m: of each node, three rows of the matrices")
+    files.add_argument("--frame", choices=FRAMES, help="moving: the body turns as far as it likes; needs --nodes")
 
 
 def _named_file(text: str) -> tuple[str, str]:
@@ -96,9 +98,10 @@ def _named_file(text: str) -> tuple[str, str]:
 def _matrix_files(choice: argparse.Namespace) -> list[str]:
     """The Matrix Market files to read, none where a scene is given; ends with status 2 where it is neither or both."""
     single = {"--mass": choice.mass, "--stiffness": choice.stiffness, "--damping": choice.damping}
+    single |= {"--nodes": choice.nodes}
     named = {"--contact": choice.contact, "--actuator": choice.actuator, "--observe": choice.observe}
     given = [option for option, value in (single | named).items() if value]
-    given += ["--rayleigh"] if choice.rayleigh else []
+    given += [f"--{option}" for option in ("rayleigh", "frame") if getattr(choice, option)]
     if choice.scene is not None:
         if given:
             choice.wrong_usage(f"SCENE and {', '.join(given)} cannot be used together")
@@ -125,4 +128,6 @@ def _read_matrices(choice: argparse.Namespace) -> "fr.System":
         contacts=dict(choice.contact),
         actuators=dict(choice.actuator),
         outputs=dict(choice.observe),
+        nodes=choice.nodes,
+        frame=choice.frame or "fixed",
     )

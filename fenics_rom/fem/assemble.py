@@ -26,6 +26,7 @@ from fenics_rom.fem.finite_strain.assemble import assemble_deformation
 from fenics_rom.fem.loads import actuators_of, loads_of
 from fenics_rom.fem.mesh import Mesh, read_mesh
 from fenics_rom.fem.mesh_quality import radius_ratios
+from fenics_rom.fem.moving_frame import assemble_frame, frame_origin, mass_times
 from fenics_rom.fem.nodes import CELL_EDGES, Nodes, canonical_nodes, output_rows, patch_columns, patch_nodes
 from fenics_rom.fem.petsc_algebra import PetscAlgebra, require_real
 from fenics_rom.fem.petsc_matrix import PetscMatrix, ZeroMatrix, combination
@@ -39,6 +40,7 @@ from fenics_rom.io.stages import Stages
 from fenics_rom.mechanics.body_facts import implausible, quality_of
 from fenics_rom.scene.scene import Scene
 from fenics_rom.system.body import Body, Unknowns
+from fenics_rom.system.moving_frame import check_motions
 from fenics_rom.system.rigid_modes import mass_orthonormal, without_energy
 from fenics_rom.system.system import System
 
@@ -120,6 +122,10 @@ def _system(scene: Scene, comm: Any) -> System:
         warnings=(*_warnings(scene, rigid), *implausible(nodes.coordinates, matrices.node_mass.sum(), young)),
     )
     system = replace(system, warnings=(*system.warnings, *_obstacles_too_small(system)))
+    if matrices.frame_masses is not None:
+        frame = assemble_frame(scene, nodes, unknowns, material[:, :2], matrices.frame_masses, algebra)
+        check_motions(rigid.shape[1], frame.carried, f'{scene.source}: frame = "moving": ')
+        system = replace(system, moving_frame=frame)
     if effects.large_deformation is None:
         return system
 
@@ -181,6 +187,7 @@ class _Matrices:
         node_mass: (N,) as in Body.
         translated: (N,) kg, M times a unit translation: ∫ρ of each shape function.
         external_damping, spring: for large deformation, what of D and K does not strain the body; None: nothing.
+        frame_masses: for a moving frame, as `assemble_frame` takes them; None: it does not move.
     """
 
     mass: PetscMatrix
@@ -190,6 +197,7 @@ class _Matrices:
     translated: np.ndarray
     external_damping: PetscMatrix | None
     spring: PetscMatrix | None
+    frame_masses: tuple[np.ndarray, ...] | None
 
 
 @quiet_compiler()
@@ -214,6 +222,10 @@ def _matrices(comm: Any, mesh: Mesh, nodes: Nodes, scene: Scene, material: np.nd
 
     dolfinx_number = dolfinx_nodes(space, scene.degree, nodes)
     node_mass, translated = node_masses(full["mass"], dolfinx_number)
+    frame_masses = None
+    if scene.environment.is_moving:
+        origin = frame_origin(scene, nodes, unknowns, translated)
+        frame_masses = translated, mass_times(full["mass"], nodes.coordinates - origin, dolfinx_number), origin
     reduced = restrict_matrices(full, unknowns, dolfinx_number, nodes.coordinates)
     α, β = scene.effects.damped.alpha, scene.effects.damped.beta
     springs, dashpots = springs_of(scene, nodes), dashpots_of(scene, nodes)
@@ -237,7 +249,8 @@ def _matrices(comm: Any, mesh: Mesh, nodes: Nodes, scene: Scene, material: np.nd
     if scene.effects.large_deformation is not None:
         external_damping = added(reduced.get("external_damping") or total((α, mass)), damped_springs)
         external_damping, spring = added(external_damping, dashpots), added(None, springs)
-    return _Matrices(mass, damping or ZeroMatrix(), stiffness, node_mass, translated, external_damping, spring)
+    whole = mass, damping or ZeroMatrix(), stiffness
+    return _Matrices(*whole, node_mass, translated, external_damping, spring, frame_masses)
 
 
 def _damping_of_cells(scene: Scene, mesh: Mesh) -> np.ndarray:

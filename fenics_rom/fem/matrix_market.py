@@ -11,6 +11,8 @@ import scipy.sparse
 
 from fenics_rom.errors import StructureError
 from fenics_rom.io.mpi_ranks import launched_rank
+from fenics_rom.io.tables import read_table
+from fenics_rom.io.units import UNITS
 from fenics_rom.system.rayleigh_damping import check_damping_choice
 from fenics_rom.system.system import System
 
@@ -26,16 +28,21 @@ def read_system(
     rayleigh: tuple[float, float] | None = None,
     actuators: Mapping[str, File] | None = None,
     outputs: Mapping[str, File] | None = None,
+    nodes: File | None = None,
+    frame: str = "fixed",
 ) -> System:
     """A system of matrices in Matrix Market files (.mtx); under mpirun every rank must call it.
 
     Args:
-        mass, stiffness: files of M and K, (n, n), symmetric and positive definite.
+        mass, stiffness: files of M and K, (n, n), symmetric and positive definite; K but for the rigid motions of a
+            body that moves freely, which are found.
         contacts: file of the columns of each contact mode, (n, columns).
         damping: file of D, (n, n), symmetric and positive semi-definite.
         rayleigh: instead of `damping`: (α, β) of D = α M + β K, 1/s and s.
         actuators: file of the columns of each actuator.
         outputs: file of C of each output, (n, columns).
+        nodes: table (.csv) with columns x, y and z, in m or as in "x (mm)": of each node, three rows of the matrices.
+        frame: "moving": the body turns as far as it likes, free or carried; that needs nodes. See System.
 
     Raises:
         StructureError: a file that cannot be read, or whose content cannot be used, with its name.
@@ -48,7 +55,8 @@ def read_system(
     check_damping_choice(damping, rayleigh)
     matrices = {"mass": mass, "stiffness": stiffness} | ({} if damping is None else {"damping": damping})
     columns = {"contacts": contacts, "actuators": actuators or {}, "outputs": outputs or {}}
-    files = matrices | {f"{kind}[{name!r}]": file for kind, given in columns.items() for name, file in given.items()}
+    files: dict[str, File] = matrices | ({} if nodes is None else {"nodes": nodes})
+    files |= {f"{kind}[{name!r}]": file for kind, given in columns.items() for name, file in given.items()}
 
     def read() -> tuple[dict[str, Any], dict[str, Any]]:
         square = {name: scipy.sparse.csr_matrix(_read(file)) for name, file in matrices.items()}
@@ -61,14 +69,28 @@ def read_system(
         if launched_rank() is not None:  # the rows of this rank
             from fenics_rom.fem.user_matrices import spread_system
 
-            return spread_system(read, rayleigh)
+            return spread_system(read, lambda: _read_nodes(nodes), rayleigh=rayleigh, frame=frame)
         square, tall = read()
-        return System(**square, **tall, rayleigh=rayleigh)
+        return System(**square, **tall, rayleigh=rayleigh, nodes=_read_nodes(nodes), frame=frame)
     except StructureError as error:
         file = next((file for subject, file in files.items() if str(error).startswith(f"{subject} ")), None)
         if file is None:
             raise
         raise StructureError(f"{file}: {error}") from error
+
+
+def _read_nodes(file: File | None) -> np.ndarray | None:
+    """Positions (N, 3) of nodes, m."""
+    if file is None:
+        return None
+    table = read_table(Path(file), StructureError)
+    columns = {}
+    for column in table.heading:
+        axis, factor = table.unit(column, UNITS["m"], bare=True)
+        columns[axis] = table.numbers(column, factor)
+    if sorted(columns) != ["x", "y", "z"]:
+        raise StructureError(f"{file}, line 1: has columns {', '.join(table.heading)}; allowed are x, y and z")
+    return np.stack([columns[axis] for axis in "xyz"], axis=1)
 
 
 def _read(file: File) -> Any:

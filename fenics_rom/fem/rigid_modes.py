@@ -8,6 +8,7 @@ from scipy.sparse.csgraph import connected_components
 from fenics_rom.fem.mesh_quality import CELL_EDGES
 from fenics_rom.fem.nodes import Nodes
 from fenics_rom.system.body import Unknowns
+from fenics_rom.system.rigid_modes import rigid_fields
 
 FIXED_TOLERANCE = 1e-9  # share of the largest motion of clamped components, above which a motion is held
 
@@ -23,7 +24,7 @@ def rigid_motions(nodes: Nodes, node_mass: np.ndarray, unknowns: Unknowns) -> np
     columns = [np.empty((3 * len(part), 0))]
     for number in range(count):
         part_nodes = np.flatnonzero(part == number)
-        fields = _rigid_fields(nodes.coordinates[part_nodes], node_mass[part_nodes])
+        fields = rigid_fields(nodes.coordinates[part_nodes], node_mass[part_nodes])
         motions = np.zeros((len(part), 3, 6))
         motions[part_nodes] = fields.reshape(-1, 3, 6)
         motions = motions.reshape(-1, 6)
@@ -46,12 +47,3 @@ def _parts(nodes: Nodes) -> tuple[int, np.ndarray]:
     if len(nodes.edges):
         node_part[nodes.on_edges(cells[:, CELL_EDGES])] = part[cells[:, :1]]
     return count, node_part
-
-
-def _rigid_fields(points: np.ndarray, mass: np.ndarray) -> np.ndarray:
-    """Translations by 1 and rotations of which the farthest point feels 1, (3 N, 6)."""
-    arms = points - mass @ points / mass.sum()
-    arms /= np.linalg.norm(arms, axis=1).max()
-    translations = np.broadcast_to(np.eye(3), (len(points), 3, 3))
-    rotations = np.stack([np.cross(axis, arms) for axis in np.eye(3)], axis=2)
-    return np.concatenate([translations, rotations], axis=2).reshape(-1, 6)

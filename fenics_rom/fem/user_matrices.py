@@ -18,9 +18,17 @@ from fenics_rom.fem.direct import MemoryShortage, PetscFactor
 from fenics_rom.fem.petsc_algebra import PetscAlgebra, require_real
 from fenics_rom.fem.petsc_matrix import PetscMatrix, ZeroMatrix, combination, fix_dofs
 from fenics_rom.fem.ranks import run_on_rank_0
-from fenics_rom.system.body import body_without_mesh
+from fenics_rom.system.body import Body
+from fenics_rom.system.node_positions import body_of_matrices
 from fenics_rom.system.rayleigh_damping import fitted_rayleigh
-from fenics_rom.system.rigid_modes import checked_rigid_columns, choose_fixed_dofs, is_singular, null_space_hint
+from fenics_rom.system.rigid_modes import (
+    checked_rigid_columns,
+    choose_fixed_dofs,
+    found_motions,
+    is_singular,
+    motions_of_nodes,
+    null_space_hint,
+)
 from fenics_rom.system.system import System
 from fenics_rom.system.user_matrices import COLUMNS, MATRICES, SYMMETRY_TOLERANCE
 
@@ -44,11 +52,20 @@ def checked_fields(given: Mapping[str, Any]) -> dict[str, Any]:
 
     M, K = PetscMatrix(mats["mass"]), PetscMatrix(mats["stiffness"])
     algebra, rayleigh = PetscAlgebra(comm, mass.getOwnershipRange()), given["rayleigh"]
-    R = np.empty((M.local, 0)) if given["rigid"] is None else _checked_block(comm, given["rigid"], "rigid", M.local)
-    R = checked_rigid_columns(M, K, R, algebra)
-    fixed = choose_fixed_dofs(R, algebra)
-    singular = partial(is_singular, K, algebra=algebra, fixed=fixed)
-    warnings.append(_check_definite("stiffness", fix_dofs(K.mat.copy(), fixed), null_space_hint(R), singular))
+    body = body_of_matrices(given["nodes"], M, _diagonal(M), algebra)
+    if given["rigid"] is not None:
+        R = checked_rigid_columns(M, K, _checked_block(comm, given["rigid"], "rigid", M.local), algebra)
+    else:
+        R = motions_of_nodes(M, K, body, algebra) if len(body.nodes) else np.empty((M.local, 0))
+    try:
+        warnings.append(_check_stiffness(K, R, body, algebra))
+    except StructureError:
+        if given["rigid"] is not None or len(body.nodes):
+            raise
+        R = found_motions(M, K, lambda s: PetscMatrix(combination((1.0, K), (s, M))), algebra)
+        if not R.shape[1]:
+            raise
+        warnings.append(_check_stiffness(K, R, body, algebra))
     D: PetscMatrix | ZeroMatrix
     if rayleigh is None:
         D = PetscMatrix(mats["damping"])
@@ -59,7 +76,7 @@ def checked_fields(given: Mapping[str, Any]) -> dict[str, Any]:
         α, β = rayleigh
         D = PetscMatrix(combination((α, M), (β, K))) if α or β else ZeroMatrix()
     return {
-        **{"mass": M, "damping": D, "stiffness": K, "algebra": algebra, "body": body_without_mesh(M.size)},
+        **{"mass": M, "damping": D, "stiffness": K, "algebra": algebra, "body": body},
         **{kind: _checked_columns(comm, given[kind], kind, M.local) for kind in COLUMNS},
         **{"rayleigh": rayleigh, "rigid": R, "warnings": (*given["warnings"], *filter(None, warnings))},
     }
@@ -72,44 +89,72 @@ def refuse_together(comm: Any, complaint: str) -> None:
             raise StructureError(f"{message} (rank {rank})" if comm.size > 1 else message)
 
 
-def spread(read: Callable[[], tuple[dict[str, Any], dict[str, dict[str, Any]]]]) -> tuple[dict[str, Any], ...]:
-    """SciPy matrices by name and NumPy columns by kind and name, which rank 0 reads, with their rows spread."""
+def spread(
+    read: Callable[[], tuple[dict[str, Any], dict[str, dict[str, Any]]]], together: int = 1
+) -> tuple[dict[str, Any], ...]:
+    """SciPy matrices by name and NumPy columns by kind and name, which rank 0 reads, with their rows spread.
+
+    So many rows stay `together`, where their number is a multiple of it.
+    """
     comm, parts = MPI.COMM_WORLD, []
     run_on_rank_0(comm, lambda: parts.append(read()))  # what was read stays on rank 0
     square, tall = parts[0] if parts else ({}, {})
-    matrices = {name: _spread_matrix(comm, square.get(name)) for name in comm.bcast(list(square), root=0)}
+    matrices = {name: _spread_matrix(comm, square.get(name), together) for name in comm.bcast(list(square), root=0)}
 
     def share(rank: int) -> dict[str, dict[str, np.ndarray]]:
         return {
-            kind: {name: np.array_split(block, comm.size)[rank] for name, block in given.items()}
+            kind: {name: block[_rows_of(rank, comm.size, len(block), together)] for name, block in given.items()}
             for kind, given in tall.items()
         }
 
     return matrices, comm.scatter([share(rank) for rank in range(comm.size)], root=0)
 
 
-def spread_system(read: Any, rayleigh: tuple[float, float] | None) -> System:
-    """The system of what rank 0 reads, as in `spread`."""
-    matrices, columns = spread(read)
-    system = System(**matrices, **columns, rayleigh=rayleigh)
+def spread_system(read: Any, read_nodes: Callable[[], Any], **choices: Any) -> System:
+    """The system of what rank 0 reads, as in `spread`, and of its nodes, if there are some."""
+    nodes = run_on_rank_0(MPI.COMM_WORLD, read_nodes)
+    matrices, columns = spread(read, together=1 if nodes is None else 3)
+    system = System(**matrices, **columns, nodes=nodes, **choices)
     for matrix in matrices.values():  # the system has copies, and PETSc forgets nothing by itself
         matrix.destroy()
     return system
 
 
-def _spread_matrix(comm: Any, matrix: Any) -> PETSc.Mat:
+def _rows_of(rank: int, ranks: int, size: int, together: int) -> np.ndarray:
+    """Which of so many rows a rank has."""
+    rows = np.arange(size, dtype=PETSc.IntType).reshape(-1, together if size % together == 0 else 1)
+    return np.array_split(rows, ranks)[rank].ravel()
+
+
+def _spread_matrix(comm: Any, matrix: Any, together: int) -> PETSc.Mat:
     """A SciPy matrix that rank 0 has and the others do not (None), its rows spread evenly over the ranks."""
     whole = scipy.sparse.csr_matrix((0, 0) if matrix is None else matrix, dtype=float)
     whole.sort_indices()
     shape = comm.bcast(whole.shape, root=0)
     csr = (whole.indptr.astype(PETSc.IntType), whole.indices.astype(PETSc.IntType), whole.data)
     gathered = PETSc.Mat().createAIJ(tuple(zip(whole.shape, shape, strict=True)), csr=csr, comm=comm)
-    local_rows = [np.array_split(np.arange(size, dtype=PETSc.IntType), comm.size)[comm.rank] for size in shape]
+    local_rows = [_rows_of(comm.rank, comm.size, size, together) for size in shape]
     index_sets = [PETSc.IS().createGeneral(indices, comm=comm) for indices in local_rows]
     result = gathered.createSubMatrix(*index_sets)
     for part in (gathered, *index_sets):
         part.destroy()
     return result
+
+
+def _check_stiffness(K: PetscMatrix, R: np.ndarray, body: Body, algebra: PetscAlgebra) -> str:
+    """As `_check_definite`, of K beside its rigid motions."""
+    fixed = choose_fixed_dofs(R, algebra)
+    singular = partial(is_singular, K, algebra=algebra, fixed=fixed)
+    hint = null_space_hint(R, nodes=len(body.nodes) > 0)
+    return _check_definite("stiffness", fix_dofs(K.mat.copy(), fixed), hint, singular)
+
+
+def _diagonal(matrix: PetscMatrix) -> np.ndarray:
+    """(n,) on every rank."""
+    diagonal = matrix.mat.getDiagonal()
+    parts = matrix.mat.comm.tompi4py().allgather(diagonal.array.copy())
+    diagonal.destroy()
+    return np.concatenate(parts)
 
 
 def _check_layout(name: str, matrix: PETSc.Mat, mass: PETSc.Mat) -> None:

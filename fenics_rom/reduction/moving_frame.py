@@ -1,17 +1,38 @@
 """The constants of a moving frame in a basis, from X, M and K alone; see rom.moving_frame."""
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.hyperelastic import VOIGT_PAIRS
+from fenics_rom.reduction.problem import ReductionProblem
 from fenics_rom.rom.moving_frame import MovingFrame
+from fenics_rom.rom.rom import Rom
 
 CROSS = np.zeros((3, 3, 3))  # ε_ikj: (e_k×a)_i = ε_ikj a_j
 for i, k, j in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
     CROSS[i, k, j], CROSS[j, k, i] = 1.0, -1.0
+
+
+def with_moving_frame(problem: ReductionProblem, rom: Rom) -> Rom:
+    """The ROM (of the elastic part) with the constants of its moving frame, where its system has one."""
+    frame, system = problem.system.moving_frame, problem.system
+    if frame is None:
+        return rom
+    with problem.stages("moving frame"):
+        algebra = system.algebra
+        Q = np.ascontiguousarray(rom.basis[algebra.rows()])
+        stiffening = None
+        if frame.geometric_stiffness is not None:
+            responses = problem.factor.solve(frame.centrifugal_loads())  # of a free body with its inertia relief
+            Kg = [algebra.inner(Q, frame.geometric_stiffness(responses[:, [n]]) @ Q) for n in range(6)]
+            stiffening = np.array([(A + A.T) / 2 for A in Kg])
+        products = frame.moments, frame.mass_times, Q, system.mass @ Q
+        constants = frame_of(frame.carried, frame.origin, *products, algebra.inner, stiffening)
+    return replace(rom, moving_frame=constants)
 
 
 def inertia_constants(

@@ -75,7 +75,7 @@ def assemble_rom(problem: ReductionProblem, retained: Mapping[str, RetainedBasis
         triangles=system.body.triangles,
         node_mass=system.body.node_mass,
         cells=system.body.cells,
-        environment=scene.environment if scene else Environment(),
+        environment=scene.environment if scene else Environment(frame="moving" if system.moving_frame else "fixed"),
         contact_surfaces=system.body.contact_surfaces,
         points_between=system.body.points_between,
         scene_text=scene.text if scene else "",

@@ -23,6 +23,7 @@ from fenics_rom.reduction.methods.balanced import balanced
 from fenics_rom.reduction.methods.modal import modal, modal_static
 from fenics_rom.reduction.methods.pod import pod
 from fenics_rom.reduction.methods.static import static
+from fenics_rom.reduction.moving_frame import with_moving_frame
 from fenics_rom.reduction.problem import Method, RankedBasis, ReductionProblem, scale_inputs
 from fenics_rom.reduction.projection import RetainedBasis, assemble_rom
 from fenics_rom.reduction.residual_compliance import with_residual_compliance
@@ -176,7 +177,8 @@ def reduce(
         else:
             retained = _retained_bases(problem, method, finished, named == SELECTION)
             rom = assemble_rom(problem, retained, method=named)
-        rom = with_rigid_modes(with_residual_compliance(problem, rom), whole)
+        rom = with_moving_frame(problem, with_residual_compliance(problem, rom))
+        rom = with_rigid_modes(rom, whole)
     rom = _with_tied_components(rom, whole.body.unknowns)
     for message in problem.messages:
         warnings.warn(message, FenicsRomWarning, stacklevel=2)

@@ -50,13 +50,19 @@ p input columns, r Hankel singular values, f sampled frequencies; P points of an
         factor (3P, r) m^1/2/N^1/2   L of L Lᵀ + floor, points as in the order of the nodes, then those between
         floor (1,) m/N, inertia (1,) kg m^2/N^2, damping (1,) s
         dt (1,) s, errors/NAME (2,)  of the Delassus operator at dt by contact mode, without and with it
+    moving_frame/                    of a body that moves as far as it likes, else absent; K = k less rigid motions
+        carried (1,)                 1: by a base; 0: the body is free
+        origin (3,) m, mass (1,) kg, first_moment (3,) kg m, moment_modes (3, K) kg^1/2
+        inertia0 (6,) kg m^2, inertia1 (6, K) kg^1/2 m, inertia2 (6, K, K)       xx, yy, zz, yz, xz, xy
+        coupling0 (3, K) kg^1/2 m, coupling (3, K, K)
+        stiffening (6, K, K)         what stress takes from inertia2; absent where it is not known
     readings/NAME/                   what else is read, absent where nothing is; attributes `quantity`, `of`
         rest (1,) m or m3           of a length or a volume
         nodes (s,), facets (F, 3 or 6), areas (F,) m^2          of contact_pressure: facets are rows of nodes
         triangles (P,), operator (3, 3, P, k) kg^-1/2/m, first_lame, shear (P,) Pa          of strain, von_mises_stress
 
-Files of format 2.2 have no base path, those of 2.1 no residual_compliance, either; those of 2.0 have no readings, cells
-and force_validation, and nothing in trained; those of format 1.x are read, too: rom.format_1 makes them such files.
+Files of format 2.2 have no base path and moving_frame; those of 2.1 no residual_compliance; those of 2.0 no readings,
+cells and force_validation, and nothing in trained; those of format 1.x are read, too: rom.format_1 makes them such.
 """
 
 from dataclasses import replace
@@ -120,7 +126,10 @@ ALIKE = {  # groups of arrays by name, each with sizes of its own
     "contact_surfaces": Entry("1", ("s",), "i"),
 }
 GROUPS = ("outputs", "actuators", "contact_models", "contact_surfaces", "environment")
-MAYBE = ("offline", "loads", "deformation", "force_validation", "readings", "points_between", "residual_compliance")
+MAYBE = (
+    *("offline", "loads", "deformation", "force_validation", "readings", "points_between", "residual_compliance"),
+    "moving_frame",
+)
 FORCE_RUN, FORCE_ERRORS = Entry("s", (2,)), Entry("1", (3,))
 BETWEEN = {"nodes": Entry("1", ("B", "c"), "i"), "weights": Entry("1", ("B", "c")), "gap": Entry("m", (1,))}
 
@@ -195,6 +204,10 @@ def _fill(h5: h5py.File, rom: Rom) -> None:
         from fenics_rom.rom.residual_compliance_file import put_residual_compliance  # here, as few bodies touch
 
         put_residual_compliance(h5, rom.residual_compliance)
+    if rom.moving_frame is not None:
+        from fenics_rom.rom.moving_frame_file import put_moving_frame  # here, as few bodies move so far
+
+        put_moving_frame(h5, rom.moving_frame)
     _check_fit(rom)
     check_rom(rom)
 
@@ -235,6 +248,10 @@ def _take(h5: h5py.File) -> Rom:
         from fenics_rom.rom.residual_compliance_file import take_residual_compliance
 
         rom = replace(rom, residual_compliance=take_residual_compliance(h5))
+    if "moving_frame" in groups:
+        from fenics_rom.rom.moving_frame_file import take_moving_frame
+
+        rom = replace(rom, moving_frame=take_moving_frame(h5))
     _check_fit(rom)
     return check_rom(rom)
 

@@ -4,17 +4,23 @@ They are kept exactly, split off M-orthogonally: with P = I - R RᵀM, whatever 
 said of the elastic rest, P x of displacements and Pᵀ f of loads (those that rigid motions do not feel).
 """
 
+from typing import Any
+
 import numpy as np
 import scipy.linalg
 from numpy import ndarray as Array
 
-from fenics_rom.errors import StructureError
+from fenics_rom.errors import SolverError, StructureError
+from fenics_rom.system.body import Body
 from fenics_rom.system.columns import probe_columns
 from fenics_rom.system.protocols import Algebra, Factor, Operator
 
 # Share of the mean eigenvalue, as energy of an M-orthonormal motion, that is round-off: assembled bodies are at 1e-16.
 ENERGY_ROUND_OFF = 1e-13
 LEAST_INDEPENDENCE = 1e-8  # smallest eigenvalue of the Gram matrix of columns of unit mass
+CLEAR_OF_ROUND_OFF = 100  # times that energy, above which a motion strains the body without doubt
+MOST_MOTIONS = 12  # that are looked for in a stiffness itself: of two pieces
+SHIFT = 1e-8  # share of the mean eigenvalue that makes a singular stiffness definite meanwhile
 REGULAR_SOLVE_ERROR = 1e-2  # largest relative error of K⁻¹K z where K is not taken for singular
 
 
@@ -62,6 +68,47 @@ def mean_eigenvalue(M: Operator, K: Operator, algebra: Algebra) -> float:
     return float(np.trace(algebra.inner(z, K @ z)) / np.trace(algebra.inner(z, M @ z)))
 
 
+def rigid_fields(points: Array, mass: Array) -> Array:
+    """Translations by 1 and rotations of which the farthest of points (N, 3) feels 1, (3 N, 6); `mass` (N,), kg."""
+    arms = points - mass @ points / mass.sum()
+    arms /= np.linalg.norm(arms, axis=1).max()
+    translations = np.broadcast_to(np.eye(3), (len(points), 3, 3))
+    rotations = np.stack([np.cross(axis, arms) for axis in np.eye(3)], axis=2)
+    return np.concatenate([translations, rotations], axis=2).reshape(-1, 6)
+
+
+def motions_of_nodes(M: Operator, K: Operator, body: Body, algebra: Algebra) -> Array:
+    """R (rows here, ρ), RᵀMR = I: those motions of a body's nodes as a whole that the stiffness does not see."""
+    fields = rigid_fields(body.nodes, body.node_mass)[algebra.rows()]
+    return without_energy(M, K, mass_orthonormal(M, fields, algebra), algebra)
+
+
+def found_motions(M: Any, K: Any, shifted: Any, algebra: Algebra) -> Array:
+    """R (rows here, ρ), RᵀMR = I, from the stiffness; no columns where it sees all motions, or is indefinite.
+
+    `shifted(s)` is K + s M.
+
+    Raises:
+        StructureError: it cannot be told what strains the body and what is round-off.
+    """
+    rows, scale = algebra.rows(), mean_eigenvalue(M, K, algebra)
+    count = min(MOST_MOTIONS + 1, int(algebra.total(rows.stop - rows.start)))
+    try:
+        _, V = algebra.eigenpairs(M, shifted(SHIFT * scale), count)
+    except SolverError:  # not definite
+        return np.empty((rows.stop - rows.start, 0))
+    γ, U = np.linalg.eigh(algebra.inner(V, K @ V))
+    is_zero = np.abs(γ) <= ENERGY_ROUND_OFF * scale
+    if (~is_zero & (np.abs(γ) <= CLEAR_OF_ROUND_OFF * ENERGY_ROUND_OFF * scale)).any() or is_zero.sum() > MOST_MOTIONS:
+        shares = ", ".join(f"{share:.0e}" for share in γ / scale)
+        raise StructureError(
+            "stiffness is not positive definite, and nobody can tell which motions it does not see: its lowest "
+            f"eigenvalues are, as shares of the mean, {shares}; allowed are up to {MOST_MOTIONS} within "
+            f"{ENERGY_ROUND_OFF:g}, the others above {CLEAR_OF_ROUND_OFF * ENERGY_ROUND_OFF:g}; give nodes, or rigid"
+        )
+    return mass_orthonormal(M, V @ U[:, is_zero], algebra)
+
+
 def is_singular(K: Operator, factor: Factor, algebra: Algebra, fixed: Array) -> bool:
     """Whether K, `fixed` as in its factor, is singular, though its pivots are positive: K⁻¹K z is not z."""
     free = free_rows(algebra, fixed)
@@ -76,8 +123,13 @@ def free_rows(algebra: Algebra, fixed: Array) -> Array:
     return ~np.isin(np.arange(rows.start, rows.stop), fixed)[:, None]
 
 
-def null_space_hint(R: Array) -> str:
-    """What to say where K is not definite beside R."""
+def null_space_hint(R: Array, nodes: bool = False) -> str:
+    """What to say where K is not definite beside R, which may be of node positions."""
+    if nodes:
+        return (
+            f"; beside {R.shape[1]} motions of its nodes as a whole it must be: do they stand in the order of its "
+            "rows, three for each?"
+        )
     if R.shape[1]:
         return f"; beside the {R.shape[1]} columns of rigid it must be"
     return "; of a body that moves freely give rigid, columns that span the null space"

@@ -4,20 +4,23 @@ The reduction sees a system only through M @ X, D @ X, K @ X, solves, Xᵀ Y sum
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import InitVar, dataclass, field
 from itertools import islice
 from typing import Any
 
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.errors import StructureError
+from fenics_rom.errors import StructureError, check_known
 from fenics_rom.io.stages import Stage
 from fenics_rom.mechanics.contact_points import ContactPoints
+from fenics_rom.mechanics.environment import FRAMES
 from fenics_rom.mechanics.readings import Reading
 from fenics_rom.scene.scene import Scene
 from fenics_rom.system.backends import backend_of
 from fenics_rom.system.body import Body
+from fenics_rom.system.moving_frame import FullOrderFrame, GeometricStiffness
+from fenics_rom.system.node_positions import check_outputs, frame_of_matrices
 from fenics_rom.system.protocols import Algebra, Deformation, Operator
 from fenics_rom.system.rayleigh_damping import check_damping_choice
 
@@ -40,8 +43,15 @@ class System:
     matrices they are such blocks of the rows of this rank, PETSc matrices with the same rows, or lists of PETSc
     vectors; then all ranks of the matrices' communicator make the system together.
 
-    A body that moves freely has a singular K: `rigid` are columns that span its null space, given like those of a
-    contact mode.
+    A body that moves freely has a singular K, whose null space is found; or `rigid` are columns that span it, given
+    like those of a contact mode. With `nodes`, (N, 3) in m, the matrices have three rows for each, in their order, and
+    the motions of all nodes as a whole are what is looked for. Then the body may turn as far as it likes:
+
+        System(..., nodes=X, frame="moving", geometric_stiffness=of)
+
+    where `of(u)`, which may be missing, is the geometric stiffness (as an operator, N/m) of the linear stress of a
+    displacement u (n, 1). Without rigid motions such a body is carried by a base at the origin of coordinates, and
+    the mass of nodes that the base holds, which are not in the matrices, counts as the base's.
 
     Attributes:
         mass, damping, stiffness: symmetric; M positive definite, D positive semi-definite, K positive definite but for
@@ -61,6 +71,7 @@ class System:
         body: nodes and surface; without nodes where there is no mesh.
         scene: the scene it was assembled from, if it was.
         deformation: of a body that deforms largely, beyond what these matrices say; None: linear.
+        moving_frame: of a body that moves and turns as far as it likes; None: it turns but a little.
         warnings: what the user should know about this model.
         stages: what making it spent its time on.
 
@@ -88,10 +99,14 @@ class System:
     body: Body = UNSET
     scene: Scene | None = None
     deformation: Deformation | None = None
+    moving_frame: FullOrderFrame | None = None
     warnings: tuple[str, ...] = ()
     stages: tuple[Stage, ...] = ()
+    nodes: InitVar[Any] = None
+    frame: InitVar[str] = "fixed"
+    geometric_stiffness: InitVar[GeometricStiffness | None] = None
 
-    def __post_init__(self) -> None:
+    def __post_init__(self, nodes: Any, frame: str, geometric_stiffness: GeometricStiffness | None) -> None:
         """Fills in what was not given: with an `algebra` the matrices are a backend's own, any others are measured.
 
         Raises:
@@ -103,8 +118,14 @@ class System:
         if self.algebra is UNSET:
             check_damping_choice(self.damping, self.rayleigh)
             backend = backend_of((self.mass, self.damping, self.stiffness))
-            filled |= backend.checked_fields(vars(self) | filled)
+            filled |= backend.checked_fields(vars(self) | filled | {"nodes": nodes})
             filled["body"] = self.body or filled["body"]
+            if nodes is not None:
+                check_outputs(filled["outputs"])
+            check_known("frame", frame, FRAMES, StructureError)
+            if frame == "moving":
+                of = filled["body"], filled["mass"], filled["rigid"].shape[1], filled["algebra"]
+                filled["moving_frame"] = frame_of_matrices(*of, geometric_stiffness)
         elif self.rigid is UNSET:
             filled["rigid"] = np.empty((self.local_size, 0))
         for name, value in filled.items():

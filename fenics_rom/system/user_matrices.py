@@ -9,9 +9,16 @@ from numpy import ndarray as Array
 
 from fenics_rom.errors import SolverError, StructureError
 from fenics_rom.system.backends import belongs_to
-from fenics_rom.system.body import body_without_mesh
+from fenics_rom.system.node_positions import body_of_matrices
 from fenics_rom.system.rayleigh_damping import fitted_rayleigh
-from fenics_rom.system.rigid_modes import checked_rigid_columns, choose_fixed_dofs, is_singular, null_space_hint
+from fenics_rom.system.rigid_modes import (
+    checked_rigid_columns,
+    choose_fixed_dofs,
+    found_motions,
+    is_singular,
+    motions_of_nodes,
+    null_space_hint,
+)
 from fenics_rom.system.scipy_backend import MatrixAlgebra, MatrixFactor, with_fixed_dofs
 
 MATRICES = ("mass", "damping", "stiffness")
@@ -26,19 +33,21 @@ def checked_fields(given: Mapping[str, Any]) -> dict[str, Any]:
     size = M.shape[0]
     algebra, rayleigh = MatrixAlgebra(size), given["rayleigh"]
     K = checked_matrix(given["stiffness"], "stiffness", size, definite=None)
-    R = np.empty((size, 0)) if given["rigid"] is None else checked_block(given["rigid"], "rigid", size)
-    R = checked_rigid_columns(M, K, R, algebra)
-    fixed = choose_fixed_dofs(R, algebra)
-    try:
-        singular = is_singular(K, MatrixFactor(with_fixed_dofs(K, fixed)), algebra, fixed)
-    except SolverError as error:
-        raise StructureError(f"stiffness is not positive definite{null_space_hint(R)}") from error
-    if singular:
-        raise StructureError(f"stiffness is not positive definite, but singular to round-off{null_space_hint(R)}")
+    body = body_of_matrices(given["nodes"], M, M.diagonal(), algebra)
+    if given["rigid"] is not None:
+        R = checked_rigid_columns(M, K, checked_block(given["rigid"], "rigid", size), algebra)
+    else:
+        R = motions_of_nodes(M, K, body, algebra) if len(body.nodes) else np.empty((size, 0))
+    lack = _lack_of_definiteness(K, R, algebra)
+    if lack is not None and given["rigid"] is None and not len(body.nodes):
+        R = found_motions(M, K, lambda s: K + s * M, algebra)
+        lack = _lack_of_definiteness(K, R, algebra)
+    if lack is not None:
+        raise StructureError(f"stiffness is not positive definite{lack}{null_space_hint(R, nodes=len(body.nodes) > 0)}")
     damping = given["damping"] if rayleigh is None else rayleigh[0] * M + rayleigh[1] * K
     D = checked_matrix(damping, "damping", size, definite=False)
     return {
-        **{"mass": M, "damping": D, "stiffness": K, "algebra": algebra, "body": body_without_mesh(size)},
+        **{"mass": M, "damping": D, "stiffness": K, "algebra": algebra, "body": body},
         **{
             kind: {name: checked_block(block, f"{kind}[{name!r}]", size) for name, block in given[kind].items()}
             for kind in COLUMNS
@@ -46,6 +55,16 @@ def checked_fields(given: Mapping[str, Any]) -> dict[str, Any]:
         "rayleigh": rayleigh or fitted_rayleigh(M, D, K, algebra),
         "rigid": R,
     }
+
+
+def _lack_of_definiteness(K: Any, R: Array, algebra: MatrixAlgebra) -> str | None:
+    """What keeps K from being positive definite beside R; None where it is."""
+    fixed = choose_fixed_dofs(R, algebra)
+    try:
+        factor = MatrixFactor(with_fixed_dofs(K, fixed))
+    except SolverError:
+        return ""
+    return ", but singular to round-off" if is_singular(K, factor, algebra, fixed) else None
 
 
 def _refuse_petsc_and_complex(given: Mapping[str, Any]) -> None:

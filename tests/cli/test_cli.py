@@ -31,6 +31,7 @@ COMMANDS = {
         *("--order", "--tolerance", "--switching", "--weighting", "--lyapunov", "--share", "--output"),
         *("--method", "--solver", "--resume"),
         *("--mass", "--stiffness", "--damping", "--rayleigh", "--contact", "--actuator", "--observe"),
+        *("--nodes", "--frame"),
     ],
     "simulate": ["--scene", "--dt", "--every", "--order", "--profile", "--rate", "--stepper", "--output"],
     "study": ["--tolerance", "--quick", "--methods", "--orders", "--steps", "--mesh", "--resume", "--output"],
@@ -436,7 +437,7 @@ class TestOptions:
         (
             "inertia = {}",
             "inertia = {}\nwind = {}",
-            "effects: no key 'wind'; there is base_motion, contact, damping, friction",
+            "effects: no key 'wind'; there is base_motion, base_path, contact, damping, friction",
         ),
         ('clamped = ["root"]', 'clamped = ["rot"]', "no surface 'rot'; there is middle, root,"),
         ('surface = "middle"', 'surface = "midle"', "no surface 'midle'; there is"),

@@ -88,7 +88,9 @@ def write_scenes(folder):
         (folder / f"{name}.toml").write_text(scene_text(mesh, degree=2, **TIP))
     patches = [f"[contacts.c{k}]\nnear = {{point = [{k / 10}, 0.2, 0.3], radius = 0.15}}" for k in range(1, 11)]
     (folder / "many.toml").write_text(scene_text(folder / "beam.msh", degree=2, contacts="\n".join(patches), **TIP))
-    (folder / "free.toml").write_text(scene_text(folder / "box.msh", degree=2, supports=None, **TIP))
+    (folder / "free.toml").write_text(
+        'frame = "moving"\n' + scene_text(folder / "box.msh", degree=2, supports=None, **TIP)
+    )
     for name, effects in {"effects": MOVING + EFFECTS, "still": EFFECTS}.items():
         bottom = {"contacts": '[contacts.bottom]\nsurface = "bottom"\n[contacts.right]\nsurface = "right"'}
         parts = {"effects": effects, "run": ACTING, "outputs.tip": TIP["outputs.tip"]} | READINGS
@@ -153,6 +155,12 @@ def test_roms_do_not_depend_on_the_number_of_ranks(results, name, ranks):
 def test_free_bodies_do_not_depend_on_the_number_of_ranks(results, name, ranks):
     one, other = (fr.read_rom(results / str(n) / f"{name}.h5") for n in (1, ranks))
     np.testing.assert_allclose(np.abs(other.basis[:, :6]), np.abs(one.basis[:, :6]), rtol=0, atol=1e-12)
+    frames = [rom.moving_frame for rom in (one, other)]
+    for name in ("origin", "mass", "inertia0"):
+        np.testing.assert_allclose(*(getattr(frame, name) for frame in frames), rtol=1e-12, atol=1e-13)
+    for name in ("inertia2", "coupling", "stiffening"):  # of vectors that have signs
+        ours, others = (np.sort(np.linalg.norm(getattr(frame, name), axis=(1, 2))) for frame in frames)
+        np.testing.assert_allclose(others, ours, rtol=1e-8)
     bodies = [fr.Simulator(rom, dt=1e-3) for rom in (one, other)]
     for body in bodies:
         for step in range(100):

@@ -201,7 +201,7 @@ def test_dashpot_on_a_free_chain_couples_what_is_rigid_and_what_is_not():
 @pytest.mark.parametrize(
     ("parts", "message"),
     [
-        ({"rigid": None}, "stiffness is not positive definite.*; of a body that moves freely give rigid, columns that"),
+        ({"rigid": None, "stiffness": -np.eye(20)}, "stiffness is not .*; of a body that moves freely give rigid"),
         ({"rigid": np.arange(20.0)}, r"rigid: stiffness sees these columns: RᵀKR is up to .* for RᵀMR = 1"),
         ({"rigid": np.ones((20, 2))}, "rigid: its 2 columns depend on each other"),
         ({"rigid": np.zeros(20)}, "rigid: its 1 columns depend on each other"),
@@ -224,8 +224,8 @@ def test_round_off_does_not_make_a_free_body_a_held_one(free):
     for matrices in ((M, K), (scipy.sparse.csr_matrix(M), scipy.sparse.csr_matrix(K))):
         for shift in (0.0, 1e-15, -1e-15):
             whole = matrices[1] + shift * abs(K).max() * scipy.sparse.identity(free.size)
-            with pytest.raises(StructureError, match="give rigid"):
-                fr.System(mass=matrices[0], stiffness=whole, rayleigh=(0, 1e-3), contacts=free.contacts)
+            found = fr.System(mass=matrices[0], stiffness=whole, rayleigh=(0, 1e-3), contacts=free.contacts)
+            assert found.rigid.shape[1] == 6
     system = fr.System(mass=M, stiffness=K, rayleigh=(1.0, 1e-3), contacts=free.contacts, rigid=3 * free.rigid)
     one, other = (fr.reduce(s, order=8).contact_models["right"] for s in (system, free))
     np.testing.assert_allclose(one.hankel_singular_values[:8], other.hankel_singular_values[:8], rtol=1e-9)

@@ -45,6 +45,7 @@ class QuadraturePoints:
         cell_nodes: (C here, A) nodes of each.
         shape_gradients: (C here, Q, A, 3), ∂N_a/∂X_j, 1/m.
         weights: (P here,), m³.
+        gradient_matrix: sparse (3 P here, N), ∂/∂X_j of a scalar field, the points of j = 0 first, 1/m.
         node_count: N of the mesh.
     """
 
@@ -57,8 +58,8 @@ class QuadraturePoints:
         self.shape_gradients = np.einsum("cjk,qak->cqaj", np.linalg.inv(edges), reference_gradients)
         self.weights = np.outer(np.linalg.det(edges), reference_weights).ravel()
         self._comm, self.node_count = comm, len(nodes.coordinates)
-        self._gradient = self._gradient_matrix()
-        self._gradientᵀ = self._gradient.T.tocsr()
+        self.gradient_matrix = self._gradient_matrix()
+        self._gradientᵀ = self.gradient_matrix.T.tocsr()
 
     def _gradient_matrix(self) -> scipy.sparse.csr_matrix:
         """∂/∂X_j at the points of a scalar field, (3 P here, N), the points of j = 0 first."""
@@ -71,7 +72,7 @@ class QuadraturePoints:
 
     def gradients(self, u: Array) -> Array:
         """H (3, 3, P here, ...) of displacements of all nodes (N, 3, ...), H[i, j] = ∂u_i/∂X_j."""
-        slopes = (self._gradient @ u.reshape(len(u), -1)).reshape(3, len(self.weights), *u.shape[1:])
+        slopes = (self.gradient_matrix @ u.reshape(len(u), -1)).reshape(3, len(self.weights), *u.shape[1:])
         return np.ascontiguousarray(np.moveaxis(slopes, 2, 0))
 
     def internal_force(self, P: Array) -> Array:

@@ -1,0 +1,89 @@
+"""A scene's body in a frame that moves with it: where its mass is, and how stress stiffens it."""
+
+from functools import cached_property
+
+import numpy as np
+import scipy.sparse
+from mpi4py import MPI
+from petsc4py import PETSc
+
+from fenics_rom.fem.finite_strain.quadrature import QuadraturePoints
+from fenics_rom.fem.nodes import Nodes
+from fenics_rom.mechanics.hyperelastic import VOIGT_INDEX, linear_stress, small_strain
+from fenics_rom.scene.scene import Scene
+from fenics_rom.system.body import Unknowns
+from fenics_rom.system.moving_frame import FullOrderFrame, NodeMatrix
+from fenics_rom.system.protocols import Algebra
+
+
+def frame_origin(scene: Scene, nodes: Nodes, unknowns: Unknowns, node_mass: np.ndarray) -> np.ndarray:
+    """Of a free body the centre of mass; of a carried one what the scene says, or the centroid of clamped nodes."""
+    held = np.setdiff1d(np.arange(len(nodes.coordinates)), unknowns.free // 3)
+    if not len(held):
+        return node_mass @ nodes.coordinates / node_mass.sum()
+    given = scene.environment.details("effects.base_path").get("origin")
+    return nodes.coordinates[held].mean(axis=0) if given is None else np.array(given)
+
+
+def mass_times(mass: PETSc.Mat, fields: np.ndarray, dolfinx_number: np.ndarray) -> np.ndarray:
+    """M times a field of all nodes (N, 3), with all degrees of freedom in dolfinx's numbering, (N, 3) on every rank."""
+    x, product = mass.createVecs()
+    start, stop = mass.getOwnershipRange()
+    x.array[:] = fields[np.argsort(dolfinx_number)[start // 3 : stop // 3]].ravel()
+    mass.mult(x, product)
+    parts = mass.comm.tompi4py().allgather(product.array.reshape(-1, 3))
+    for vector in (x, product):
+        vector.destroy()
+    return np.concatenate(parts)[dolfinx_number]
+
+
+def assemble_frame(
+    scene: Scene, nodes: Nodes, unknowns: Unknowns, moduli: np.ndarray, masses: tuple[np.ndarray, ...], algebra: Algebra
+) -> FullOrderFrame:
+    """The frame of a scene's body.
+
+    Args:
+        moduli: λ and μ of each cell, (C, 2), Pa.
+        masses: of all nodes m times 1 (N,), and times their distance from the origin (N, 3); and that origin (3,).
+    """
+    translated, mass_times_arms, origin = masses
+    arms = nodes.coordinates - origin
+    fields = np.concatenate([np.ones((len(arms), 1)), arms], axis=1)
+    products = np.concatenate([translated[:, None], mass_times_arms], axis=1)
+    moving = unknowns.free[::3] // 3
+    rows = algebra.rows()
+    here = moving[rows.start // 3 : rows.stop // 3]
+    return FullOrderFrame(
+        carried=len(moving) < len(arms),
+        origin=origin,
+        arms=arms[here],
+        mass_times=products[here],
+        moments=fields.T @ products,
+        geometric_stiffness=_GeometricStiffness(scene, nodes, moving, here, moduli, algebra),
+    )
+
+
+class _GeometricStiffness:
+    """K_g[σ(u)] of a displacement u: ∫ ∇δ σ : ∇v, by the quadrature of large deformation; every rank does all of it."""
+
+    def __init__(
+        self, scene: Scene, nodes: Nodes, moving: np.ndarray, here: np.ndarray, moduli: np.ndarray, algebra: Algebra
+    ):
+        self._nodes, self._degree = nodes, scene.degree
+        self._moving, self._here, self._moduli, self._algebra = moving, here, moduli, algebra
+
+    def __call__(self, u: np.ndarray) -> NodeMatrix:
+        """See FullOrderFrame."""
+        points = self._points
+        λ, μ = np.repeat(self._moduli, len(points.weights) // len(points.cells), axis=0).T
+        field = np.zeros((len(self._nodes.coordinates), 3))
+        field[self._moving] = self._algebra.gather(u).reshape(-1, 3)
+        tension = points.weights * linear_stress(small_strain(points.gradients(field)), λ, μ)
+        gradient = points.gradient_matrix[:, self._moving]
+        rows = points.gradient_matrix[:, self._here].T.tocsr()
+        blocks = [[scipy.sparse.diags(tension[c]) for c in row] for row in VOIGT_INDEX]
+        return NodeMatrix((rows @ scipy.sparse.bmat(blocks, format="csr") @ gradient).tocsr(), self._algebra)
+
+    @cached_property
+    def _points(self) -> QuadraturePoints:
+        return QuadraturePoints(self._nodes, self._degree, MPI.COMM_SELF)

@@ -1,0 +1,38 @@
+"""A moving frame in a ROM file: the group `moving_frame`, described in rom.file."""
+
+from typing import Any
+
+import h5py
+
+from fenics_rom.errors import FileError
+from fenics_rom.io.hdf5 import Entry, get_arrays, get_group, put_arrays
+from fenics_rom.rom.moving_frame import MovingFrame
+
+ARRAYS = {
+    "carried": Entry("1", (1,), "i"),
+    "origin": Entry("m", (3,)),
+    "mass": Entry("kg", (1,)),
+    "first_moment": Entry("kg m", (3,)),
+    "moment_modes": Entry("kg^1/2", (3, "K")),
+    "inertia0": Entry("kg m^2", (6,)),
+    "inertia1": Entry("kg^1/2 m", (6, "K")),
+    "inertia2": Entry("1", (6, "K", "K")),
+    "coupling0": Entry("kg^1/2 m", (3, "K")),
+    "coupling": Entry("1", (3, "K", "K")),
+    "stiffening": Entry("1", (6, "K", "K"), optional=True),
+}
+
+
+def put_moving_frame(h5: h5py.File, frame: MovingFrame) -> None:
+    """Writes the group."""
+    put_arrays(h5.create_group("moving_frame", track_order=True), ARRAYS, {}, vars(frame))
+
+
+def take_moving_frame(h5: h5py.File) -> MovingFrame:
+    """Reads the group."""
+    group = get_group(h5, "moving_frame")
+    arrays: Any = get_arrays(group, ARRAYS, {})
+    carried, mass = arrays["carried"].item(), arrays["mass"].item()
+    if carried not in (0, 1):
+        raise FileError(f"{group.name}/carried is {carried}; allowed are 0 and 1")
+    return MovingFrame(**arrays | {"carried": bool(carried), "mass": mass})

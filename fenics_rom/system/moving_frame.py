@@ -1,0 +1,75 @@
+"""What a full-order body needs beside M and K to move and turn as far as it likes: where its mass is.
+
+M = m ⊗ I₃ is the same for the three components of a node, and the rows of a rank are those of whole nodes. So M times
+e_k×X, "e_k×" node by node, is e_k× times M X, of all nodes: a base that carries the body holds some of them.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.errors import StructureError
+from fenics_rom.mechanics.hyperelastic import VOIGT_PAIRS
+from fenics_rom.system.protocols import Algebra, Operator
+
+GeometricStiffness = Callable[[Array], Operator]
+
+
+@dataclass(frozen=True)
+class FullOrderFrame:
+    """A frame that moves with a body, and the mass of the body in it.
+
+    Attributes:
+        carried: by a rigid base, which holds the nodes that no unknown moves; else the body is free.
+        origin: at rest in world axes, (3,), m; of a free body its centre of mass.
+        arms: X (nodes here, 3) of the nodes that move, from the origin, m.
+        mass_times: m times 1 and the three components of X, of all nodes, (nodes here, 4), kg, kg m.
+        moments: (4, 4) sums of m over 1 and the components of X with each other, of all nodes, kg, kg m, kg m².
+        geometric_stiffness: of a displacement (rows here, 1), m: the operator K_g[σ] of its linear stress σ, N/m. None:
+            the stress is not known.
+    """
+
+    carried: bool
+    origin: Array
+    arms: Array
+    mass_times: Array
+    moments: Array
+    geometric_stiffness: GeometricStiffness | None = None
+
+    def centrifugal_loads(self) -> Array:
+        """-½M[e_k×(e_l×X) + e_l×(e_k×X)] for the six pairs k, l, in the order of Voigt, (rows here, 6), N s²."""
+        mass_times_arms, unit = self.mass_times[:, 1:], np.eye(3)
+        loads = [
+            (mass_times_arms if k == j else 0.0)
+            - (mass_times_arms[:, [k]] * unit[j] + mass_times_arms[:, [j]] * unit[k]) / 2
+            for k, j in VOIGT_PAIRS
+        ]
+        return np.stack([load.ravel() for load in loads], axis=1)
+
+
+class NodeMatrix:
+    """A symmetric operator that is the same for the three components of a node: a ⊗ I₃.
+
+    Args:
+        rows: a (nodes here, nodes that move), of whole nodes of this rank.
+        algebra: of the vectors.
+    """
+
+    def __init__(self, rows: Array, algebra: Algebra):
+        self._rows, self._algebra = rows, algebra
+
+    def __matmul__(self, block: Array) -> Array:
+        """Product with a block, (rows here, k) to (rows here, k)."""
+        whole = self._algebra.gather(np.ascontiguousarray(block))
+        product: Array = self._rows @ whole.reshape(-1, 3 * block.shape[1])
+        return product.reshape(block.shape)
+
+
+def check_motions(rigid: int, carried: bool, where: str = "") -> None:
+    """Refuses (StructureError) a body that is neither free nor wholly held, by the number of its rigid motions."""
+    if rigid != (0 if carried else 6):
+        kind = "is carried" if carried else "is free"
+        allowed = "none: its supports are to hold it wholly" if carried else "six: it is one piece, held by nothing"
+        raise StructureError(f"{where}a body that {kind} has {rigid} rigid motions; allowed are {allowed}")
