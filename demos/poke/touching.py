@@ -60,6 +60,8 @@ class Comparison:
         full: the reference, at the step of the reduced runs.
         finer: full order at half that step, if asked for. What it differs by from `full` is what the step itself
             makes: a reduced error below that is no accuracy that one could use.
+        turned: full order on a mesh that says the same of the body, if there is one, with the shapes on the nodes of
+            `full`.
         reduced, without: by order; the same without residual compliance.
     """
 
@@ -67,13 +69,19 @@ class Comparison:
     finer: fr.Trajectory | None
     reduced: dict[int, fr.Trajectory]
     without: dict[int, fr.Trajectory]
+    turned: fr.Trajectory | None = None
+
+    @property
+    def of_full_order(self) -> dict[str, fr.Trajectory]:
+        """What else full order says of the scene: reduced runs cannot be told to be closer than that."""
+        runs = {"full order at half the step": self.finer, "full order, mesh turned by 1°": self.turned}
+        return {name: run for name, run in runs.items() if run is not None}
 
     def table(self, file: Path) -> None:
         """Prints and writes errors and rates."""
         full_rate, size = rate(self.full), self.full.settings["order"]
         rows = [("full order", size, "", "", *("" for _ in self.full.forces), f"{full_rate:,.0f}", "1")]
-        if self.finer is not None:
-            rows += [("full order at half the step", size, *errors(self.finer, self.full).cells, "", "")]
+        rows += [(name, size, *errors(run, self.full).cells, "", "") for name, run in self.of_full_order.items()]
         for order, run in self.reduced.items():
             speed = f"{rate(run):,.0f}", f"{rate(run) / full_rate:.1f}"
             rows += [("reduced", order, *errors(run, self.full).cells, *speed)]
