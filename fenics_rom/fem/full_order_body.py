@@ -118,7 +118,7 @@ class FullOrderBody:
 
     def diagnostics(self) -> tuple[str, ...]:
         """See Stepper."""
-        residual = "" if self.interface is None else self.interface.solver.residual.message
+        residual = "" if self.interface is None else self.interface.solver.search.residual.message
         return tuple(filter(None, [residual, self.time_step_monitor.message]))
 
     def displacement(self, output: str | None = None) -> Array:

@@ -11,6 +11,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import SceneError
+from fenics_rom.mechanics.complementarity.solution import KeptLaw
 
 _ONES = np.ones(3)
 
@@ -24,6 +25,8 @@ class ObstacleMotion(NamedTuple):
 
     def velocities(self, dt: float) -> Array:
         """In a step of dt, s, (O, 3), m/s."""
+        if self.end is self.start:
+            return np.zeros(self.start.shape)
         return (self.end - self.start) / dt
 
     def part(self, begin: float, share: float, dt: float) -> "ObstacleMotion":
@@ -175,3 +178,16 @@ class ContactResidual(NamedTuple):
             f"in {self.steps} steps contact forces were found only to {self.residual:.0e} of the velocities that they "
             "stop, and made smaller so that they do no work; a smaller dt or less friction may help"
         )
+
+    def with_step(self, residual: float) -> "ContactResidual":
+        """With one more step, which left a residual."""
+        return ContactResidual(self.steps + 1, max(self.residual, residual))
+
+
+class ContactSearch(NamedTuple):
+    """What a search for contact forces begins with: all that a solver keeps of the past; not to be changed."""
+
+    forces: Array  # the last ones of all pairs (O P, 3), obstacle after obstacle, N
+    residual: ContactResidual = ContactResidual()
+    pairs: bytes = b""  # those that took part then
+    kept: KeptLaw | None = None  # of these

@@ -21,18 +21,20 @@ as a whole would do work on the body, having turned its motion round within the 
 pairs that do it.
 """
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
-from fenics_rom.mechanics.complementarity import NEGLIGIBLE_RESIDUAL, Delassus, Solution, solve
-from fenics_rom.mechanics.contact import ContactLaw, ContactResidual, ContactSolution, ObstacleMotion, PointMotion
+from fenics_rom.mechanics.complementarity import NEGLIGIBLE_RESIDUAL, Delassus, FramedDelassus, solve
+from fenics_rom.mechanics.contact import ContactLaw, ContactSearch, ContactSolution, ObstacleMotion, PointMotion
 from fenics_rom.mechanics.obstacles import Obstacle
 
-_ONES, _ROOT_3 = np.ones(3), np.sqrt(3.0)
+_ONES, _ROOT_3 = np.ones(3), math.sqrt(3.0)
 PENETRATION_TOLERANCE = 1e-9  # of the size of the body: as deep in an obstacle as round-off may have put a point
 WORK_ROUND_OFF = 1e-12  # of force times velocity: work that is no work
 _MOST_KEPT = 4  # operators of pairs, of those that were active last
@@ -41,23 +43,25 @@ _MOST_KEPT = 4  # operators of pairs, of those that were active last
 class ContactSolver:
     """Contact of the points of a body with obstacles.
 
-    It keeps the last forces, to begin the next search with, and nothing else of the past.
-
     Args:
         points: (P, 3) at rest, m.
         obstacles: O of them.
         law: how they meet.
 
     Attributes:
-        last_forces: of all pairs (O P, 3), N, obstacle after obstacle.
-        residual: steps whose forces solve the problem but for a residual.
+        search: all that it keeps of the past, to begin the next search with.
     """
 
     def __init__(self, points: Array, obstacles: Sequence[Obstacle], law: ContactLaw):
-        self.residual = ContactResidual()
         self.points, self.obstacles, self.law = np.array(points, dtype=float), tuple(obstacles), law
-        self.last_forces = np.zeros((len(self.obstacles) * len(self.points), 3))
+        self.search = self.first_search
+        self._touches = True
         self._delassus, self._operators = np.empty((0, 0)), dict[bytes, Delassus]()
+
+    @property
+    def first_search(self) -> ContactSearch:
+        """Begins with no forces."""
+        return ContactSearch(np.zeros((len(self.obstacles) * len(self.points), 3)))
 
     def gaps(self, displacement: Array, offsets: Array) -> Array:
         """Smallest gap of each point (P,), m, that has moved by (P, 3), m, from obstacles that have by (O, 3), m."""
@@ -97,45 +101,57 @@ class ContactSolver:
             StepError: no forces found; the next step begins as this one did.
         """
         w = obstacles.velocities(dt)
-        distances = self._distances(points.displacement, obstacles.start)
-        if self.law.stiffness is None and _out_of_reach(float(distances[0].min()) / dt, points, w):
+        gaps, normals = self._distances(points.displacement, obstacles.start)
+        is_near = self._touches or self.law.stiffness is not None  # where the last step touched, it hardly pays to ask
+        if not is_near and out_of_reach(float(gaps.min()), points, obstacles, dt):
             return None
-        pairs = self._all_pairs(distances, points, dt, obstacles, w, quasi_static)
-        chosen = pairs.due(pairs.normal_velocity)
+        pairs = self._all_pairs(gaps, normals, points, dt, obstacles, w, quasi_static)
+        chosen = pairs.normal_velocity < pairs.level
         active = chosen.nonzero()[0]
-        if not len(active):
+        self._touches = len(active) > 0
+        if not self._touches:
             return None
-        iterations, start = 0, self.last_forces
+        iterations, search = 0, self.search
         while True:
-            solution, forces, q = self._solve_pairs(pairs, active, delassus, start)
+            problem = pairs.problem(active, self._operator(delassus, active), search.forces)
+            key = active.tobytes()
+            kept = search.kept if search.pairs == key else None
+            solution = solve(problem.operator, problem.q, self.law.friction, problem.start, kept)
             iterations += solution.iterations
-            if len(active) == len(chosen):
-                start = forces
-            else:
-                start = np.zeros_like(pairs.normals)
-                start[active] = forces
+            forces = solution.forces
+            if solution.residual > NEGLIGIBLE_RESIDUAL:
+                forces = _passive(forces, problem.operator.matrix, problem.free)
+            pair_forces = problem.operator.in_space(forces)
+            start = pair_forces
+            if len(active) < len(chosen):
+                start = np.zeros_like(normals)
+                start[active] = pair_forces
+            search = ContactSearch(start, search.residual, key, solution.kept)
             by_pair = start.reshape(-1, len(self.points), 3)
             point_forces = by_pair[0] if len(by_pair) == 1 else by_pair.sum(axis=0)
-            repeat = pairs.stop_helping_friction(active, forces, solution.velocities, q)
+            repeat = pairs.stop_helping_friction(active, forces, solution.velocities, problem)
             if len(active) < len(chosen):
                 moved = delassus.dot(point_forces.ravel()).reshape(points.free_velocity.shape)
                 velocity = self._relative(points.free_velocity + moved, w)
-                missed = pairs.due((pairs.normals * velocity).dot(_ONES)) & ~chosen
+                missed = ((normals * velocity).dot(_ONES) < pairs.level) & ~chosen
                 if missed.any():
                     chosen |= missed
                     repeat = True
             if not repeat:
                 break
             active = chosen.nonzero()[0]
-        self.last_forces = start
         if solution.residual > NEGLIGIBLE_RESIDUAL:
-            self.residual = ContactResidual(self.residual.steps + 1, max(self.residual.residual, solution.residual))
-        normals, rough = pairs.of_active(pairs.normals, active), self.law.friction > 0
-        return ContactSolution(point_forces, by_pair.sum(axis=1), iterations, active, normals, forces, w, rough)
+            search = search._replace(residual=search.residual.with_step(solution.residual))
+        self.search = search
+        rough = self.law.friction > 0
+        return ContactSolution(
+            point_forces, by_pair.sum(axis=1), iterations, active, _of(normals, active), pair_forces, w, rough
+        )
 
     def _all_pairs(
         self,
-        distances: tuple[Array, Array],
+        gaps: Array,
+        normals: Array,
         points: PointMotion,
         dt: float,
         obstacles: ObstacleMotion,
@@ -143,14 +159,14 @@ class ContactSolver:
         quasi_static: bool,
     ) -> "_Pairs":
         """What the law says of every pair of a point and an obstacle; w (O, 3) velocities of the obstacles, m/s."""
-        law, (gaps, normals) = self.law, distances
+        law = self.law
         free, relative = self._relative(points.free_velocity, w), self._relative(points.velocity, w)
         if w.tobytes() != obstacles.velocities_before.tobytes():  # six times as fast as to compare numbers
             # What keeps touching an obstacle that accelerates has its velocity between the steps, and not yet the mean
             # one of this step. Taken for an approach, the difference would let it sink in further in every step.
-            pushed, half_change = self.last_forces.any(axis=1), (w - obstacles.velocities_before) / 2
+            pushed, half_change = self.search.forces.any(axis=1), (w - obstacles.velocities_before) / 2
             relative[pushed] += np.repeat(half_change, len(self.points), axis=0)[pushed]
-        approach, compliance = (normals * relative).dot(_ONES), 0.0
+        compliance = 0.0
         if law.stiffness is not None:
             damper = law.stiffness * dt / 2 + law.damping
             level = target = gaps * (-law.stiffness / damper)
@@ -158,33 +174,15 @@ class ContactSolver:
         elif quasi_static:
             level = target = np.maximum(gaps, 0.0) / -dt
         else:
-            e = law.restitution
+            e, approach = law.restitution, (normals * relative).dot(_ONES)
             level, half = gaps / -dt, (1 - e) / 2 * approach
             level, target = np.maximum(level, (level + half) / (2 - e)), np.minimum(half, 0.0)
             if gaps.min() < 0.0:  # no deeper than a step's motion of the obstacle or of the body
                 deepest = gaps / dt + np.abs(approach) + np.sqrt((w * w).dot(_ONES)).repeat(len(self.points))
                 target = np.maximum(target, -np.maximum(deepest, 0.0))
-        sliding = None
-        if law.friction > 0 and not quasi_static:  # what sticks is to stop within the step
-            sliding = (relative - approach[:, None] * normals) / 2
-        return _Pairs(normals, free, (normals * free).dot(_ONES), level, target, compliance, sliding)
-
-    def _solve_pairs(
-        self, pairs: "_Pairs", active: Array, delassus: Array, start: Array
-    ) -> tuple[Solution, Array, Array]:
-        """The solution for the active pairs, passive forces (C, 3), N, and the velocities (C, 3) they stop, m/s."""
-        normals = pairs.of_active(pairs.normals, active)
-        free = pairs.of_active(pairs.free, active)
-        q = free - pairs.of_active(pairs.target, active)[:, None] * normals
-        if pairs.tangential_target is not None:
-            q -= pairs.of_active(pairs.tangential_target, active)
-        operator = self._operator(delassus, active)
-        if pairs.compliance:
-            operator = Delassus(_compliant(operator.matrix, normals, pairs.compliance))
-        solution = solve(operator, q, normals, self.law.friction, pairs.of_active(start, active))
-        if solution.residual > NEGLIGIBLE_RESIDUAL:
-            return solution, _passive(solution.forces, operator.matrix, free), q
-        return solution, solution.forces, q
+        slides = law.friction > 0 and not quasi_static  # what sticks is to stop within the step
+        normal_velocity = (normals * free).dot(_ONES)
+        return _Pairs(normals, free, normal_velocity, level, target, compliance, relative if slides else None)
 
     def _distances(self, displacement: Array, offsets: Array) -> tuple[Array, Array]:
         """Gaps (O P,), m, and normals (O P, 3), obstacle after obstacle."""
@@ -214,6 +212,16 @@ class ContactSolver:
         return self._operators[key]
 
 
+class _Problem(NamedTuple):
+    """Of C active pairs, in the frames of their normals."""
+
+    operator: FramedDelassus
+    free: Array  # relative mid-step velocity without contact, (3, C), m/s
+    q: Array  # the same less the targets, (3, C), m/s
+    start: Array  # forces to begin with, (3, C), N
+    sliding: Array | None  # c_t (2, C), m/s; None where nothing slides
+
+
 @dataclass
 class _Pairs:
     """What the law says of every pair in one step, obstacle after obstacle; velocities in m/s."""
@@ -224,41 +232,54 @@ class _Pairs:
     level: Array  # (O P,) normal velocities below which a pair takes part
     target: Array  # c (O P,)
     compliance: float  # of each pair along its normal, m/s/N; 0 for the rigid law
-    tangential_target: Array | None  # c_t (O P, 3); None where nothing slides
+    velocity: Array | None  # relative, at the start, (O P, 3); None where nothing slides
+    stopped: Array | None = None  # (O P,) whether c_t is 0; None: of none
 
-    def due(self, normal_velocity: Array) -> Array:
-        """Pairs that come too close at relative mid-step velocities with these normal parts (O P,)."""
-        return normal_velocity < self.level
+    def problem(self, active: Array, operator: Delassus, forces: Array) -> _Problem:
+        """Of active pairs, which begins with forces of all pairs (O P, 3)."""
+        framed = operator.framed(_of(self.normals, active), self.compliance)
+        free, start = _of(self.free, active), _of(forces, active)
+        if self.velocity is None:
+            free, start = framed.in_frames(free, start)
+            q, sliding = free.copy(), None
+        else:
+            free, start, velocity = framed.in_frames(free, start, _of(self.velocity, active))
+            sliding = velocity[1:] / 2
+            if self.stopped is not None:
+                sliding[:, _of(self.stopped, active)] = 0.0
+            q = free.copy()
+            q[1:] -= sliding
+        q[0] -= _of(self.target, active)
+        return _Problem(framed, free, q, start, sliding)
 
-    def of_active(self, values: Array, active: Array) -> Array:
-        """Those of the active pairs (C,); where these are all, nothing needs to be picked."""
-        return values if len(active) == len(values) else values[active]
-
-    def stop_helping_friction(self, active: Array, forces: Array, velocities: Array, q: Array) -> bool:
+    def stop_helping_friction(self, active: Array, forces: Array, velocities: Array, problem: _Problem) -> bool:
         """Sets c_t = 0 for active pairs whose friction would do work on the body; whether there are any.
 
-        Of these are forces, velocities u = v̂ - w - c n - c_t, and q, the same without contact forces, (C, 3) each.
+        Of these are forces and velocities u = v̂ - w - c n - c_t, (3, C) each.
         """
-        if self.tangential_target is None:
-            return False
-        normals, c_t = self.of_active(self.normals, active), self.of_active(self.tangential_target, active)
-        helps = _helping(forces, c_t, normals, velocities, q)
+        helps = _helping(forces, velocities, problem)
         if helps is None:
             return False
-        self.tangential_target[active[helps]] = 0.0
+        if self.stopped is None:
+            self.stopped = np.zeros(len(self.level), dtype=bool)
+        self.stopped[active[helps]] = True
         return True
 
 
-def _out_of_reach(closing: float, points: PointMotion, w: Array) -> bool:
-    """Whether no pair can be due, as not even the smallest gap closes at a speed, m/s, that is reached in the step.
+def out_of_reach(gap: float, points: PointMotion, obstacles: ObstacleMotion, dt: float) -> bool:
+    """Whether in a step of dt, s, no pair of the rigid law can be due, if the smallest gap is this, m.
 
-    A pair is due at a normal velocity below -g/h, or below (-g/h + (1 - e)/2 a)/(2 - e): nothing is beyond a bound of
-    both, whatever direction things move in.
+    A pair is due at a normal velocity below -g/h, or below (-g/h + (1 - e)/2 a)/(2 - e): nothing is that closes less
+    than a bound of both, whatever direction things move in.
     """
-    fastest = np.abs(w).max()
-    return closing > _ROOT_3 * (
-        2 * (np.abs(points.free_velocity).max() + fastest) + np.abs(points.velocity).max() + fastest
-    )
+    w = max(np.abs(obstacles.velocities(dt)).max(), np.abs(obstacles.velocities_before).max())
+    fastest = 2 * np.abs(points.free_velocity).max() + np.abs(points.velocity).max() + 3 * w
+    return bool(gap > dt * _ROOT_3 * fastest)
+
+
+def _of(values: Array, active: Array) -> Array:
+    """Those of the active pairs (C,); where these are all, nothing needs to be picked."""
+    return values if len(active) == len(values) else values[active]
 
 
 def _passive(f: Array, W: Array, free: Array) -> Array:
@@ -267,23 +288,15 @@ def _passive(f: Array, W: Array, free: Array) -> Array:
     return f * min(1.0, max(0.0, -given / spent)) if spent > 0 else f
 
 
-def _compliant(W: Array, normals: Array, compliance: float) -> Array:
-    """W with a compliance of each pair along its normal, m/s/N."""
-    C = len(normals)
-    W = W.copy()
-    W.reshape(C, 3, C, 3)[np.arange(C), :, np.arange(C)] += compliance * normals[:, :, None] * normals[:, None, :]
-    return W
-
-
-def _helping(f: Array, c_t: Array, normals: Array, u: Array, q: Array) -> Array | None:
-    """Pairs whose friction would do work on the body, or None if it does none as a whole; u = v̂ - w - c n - c_t."""
-    with_targets = float(f.ravel().dot(c_t.ravel()))
-    if with_targets <= 0:  # with u_t it never does
+def _helping(forces: Array, velocities: Array, problem: _Problem) -> Array | None:
+    """Active pairs whose friction would do work on the body, (C,), or None if it does none as a whole."""
+    friction, c_t = forces[1:], problem.sliding
+    with_targets = 0.0 if c_t is None else float(friction.ravel().dot(c_t.ravel()))
+    if c_t is None or with_targets <= 0:  # with what is left of the velocities it never does
         return None
-    negligible = WORK_ROUND_OFF * float(np.abs(f).max()) * float(np.abs(q).max())
+    negligible = WORK_ROUND_OFF * float(np.abs(forces).max()) * float(np.abs(problem.q).max())
     if with_targets <= negligible:
         return None
-    tangential = f - (f * normals).dot(_ONES)[:, None] * normals
-    work = (tangential * (u + c_t)).dot(_ONES)
-    helps = (work > negligible) & c_t.any(axis=1)  # each but once: where c_t = 0, what is left is round-off
+    work = (friction * (velocities[1:] + c_t)).sum(axis=0)
+    helps = (work > negligible) & c_t.any(axis=0)  # each but once: where c_t = 0, what is left is round-off
     return helps if work.sum() > negligible and helps.any() else None

@@ -25,7 +25,7 @@ from typing import NamedTuple
 
 from numpy import ndarray as Array
 
-from fenics_rom.mechanics.contact import ContactResidual, ContactSolution, ObstacleMotion
+from fenics_rom.mechanics.contact import ContactSearch, ContactSolution, ObstacleMotion
 
 FINITE_STRAIN_STEPPERS = ("newton", "linearly-implicit")  # of a reduced body with inertia
 
@@ -51,7 +51,6 @@ class StepperState(NamedTuple):
     rigid_displacement: Array  # along the rigid motions (ρ,)
     auxiliary: Array  # what a step carries along besides; empty where there is nothing
     contact: ContactSolution | None  # of the last step
-    contact_forces: Array  # the last ones of all pairs (O P, 3), with which the next search begins, N
-    residual: ContactResidual  # of contact that was not found exactly so far
+    search: ContactSearch | None  # with which the next search for contact forces begins; None where nothing can touch
     notes: Mapping[str, float]  # of the run so far, to tell the user
     reactions: Array  # (n,) of the last step, N or Pa

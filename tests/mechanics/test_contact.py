@@ -340,7 +340,7 @@ def test_what_slides_steadily_is_solved_at_once():
     for _ in range(10):
         body.step()
     assert body.resolution.iterations == 0
-    np.testing.assert_array_equal(body.contact.last_forces[:3], body.resolution.forces)
+    np.testing.assert_array_equal(body.contact.search.forces[:3], body.resolution.forces)
 
 
 @pytest.mark.parametrize("damping", [0.0, 50.0])
@@ -424,11 +424,14 @@ def test_laws_out_of_range_are_refused(arguments, says):
 
 def test_each_pair_is_told_to_help_but_once():
     """What has no target any more is not asked again, whatever round-off is left: so the search ends."""
-    n = np.tile([0.0, 0.0, 1.0], (2, 1))
-    f = np.array([[1.0, 0.0, 3.0], [1.0, 0.0, 3.0]])
-    u, q = np.full((2, 3), 1e-9), np.ones((2, 3))
-    both, one = np.tile([0.1, 0.0, 0.0], (2, 1)), np.array([[0.0, 0.0, 0.0], [0.1, 0.0, 0.0]])
-    assert contact_solver._helping(f, both, n, u, q).tolist() == [True, True]
-    assert contact_solver._helping(f, one, n, u, q).tolist() == [False, True]
-    assert contact_solver._helping(f, 0 * one, n, u, q) is None
-    assert contact_solver._helping(f, one, n, u - [[0.2, 0.0, 0.0]], q) is None
+    f, u, q = np.array([[3.0, 3.0], [1.0, 1.0], [0.0, 0.0]]), np.full((3, 2), 1e-9), np.ones((3, 2))
+    both, one = np.array([[0.1, 0.1], [0.0, 0.0]]), np.array([[0.0, 0.1], [0.0, 0.0]])
+
+    def helping(u, c_t):
+        return contact_solver._helping(f, u, contact_solver._Problem(None, None, q, None, c_t))
+
+    assert helping(u, both).tolist() == [True, True]
+    assert helping(u, one).tolist() == [False, True]
+    assert helping(u, 0 * one) is None
+    assert helping(u - [[0.0], [0.2], [0.0]], one) is None
+    assert helping(u, None) is None

@@ -24,6 +24,12 @@ PAGE = Path(fr.__file__).parent / "runtime" / "README.md"
 TABLE = PAGE.read_text().partition("| of a simulator |")[2].partition("\n\n")[0].splitlines()[2:]
 ROWS = {cells[1].strip(): [cell.strip() for cell in cells[2:5]] for cells in (line.split("|") for line in TABLE)}
 
+
+def searched(body):
+    """What the next search for contact forces begins with."""
+    return body.save().stepper.search or ()
+
+
 CARRIED = "what a step with contact or large deformation carries along"
 # Of each row: how it is read, and which fields of a saved state it is.
 READ = {
@@ -34,16 +40,16 @@ READ = {
     ),
     CARRIED: (lambda b: b.save().stepper.auxiliary, "stepper.auxiliary"),
     "forces of contact and of strokes, and those that the next search begins with": (
-        lambda b: (b.obstacle_forces(), b.reactions, b.save().stepper.contact_forces),
-        "stepper.contact stepper.contact_forces stepper.reactions",
+        lambda b: (b.obstacle_forces(), b.reactions, searched(b)[:1], searched(b)[2:]),
+        "stepper.contact stepper.search stepper.reactions",
     ),
     "places and velocities of obstacles": (lambda b: b.environment and b.environment.state, "obstacles"),
     "time and number of steps": (lambda b: (b.time, b.steps, b.save().since), "steps since"),
     "sums of the energy account": (lambda b: b.ledger.sums, "sums"),
     "surface's peak, and largest loss in a switch": (lambda b: (b.surface_peak, b.loss), "surface_peak loss"),
     "warnings of contact and of large deformation": (
-        lambda b: (b.warnings, b.mismatch, b.save().stepper.residual, b.save().stepper.notes),
-        "stepper.residual stepper.notes",
+        lambda b: (b.warnings, b.mismatch, searched(b)[1:2], b.save().stepper.notes),
+        "stepper.notes",
     ),
     "time step": (lambda b: b.dt, "dt"),
     "signals that were set": (lambda b: b.environment and dict(b.environment.signals), ""),
@@ -79,7 +85,8 @@ def stir(body, seed):
     while not body.obstacle_forces().any():  # until it touches again
         body.step(20.0 * random.standard_normal(body.inputs))
     # As after steps whose forces were found to 1e-5: which bodies need such steps, only luck would tell.
-    body._stepper.interface.solver.residual = ContactResidual(seed + 1, 1e-5)
+    solver = body._stepper.interface.solver
+    solver.search = solver.search._replace(residual=ContactResidual(seed + 1, 1e-5))
 
 
 def strain(body, seed):

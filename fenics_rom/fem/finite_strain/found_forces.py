@@ -17,6 +17,7 @@ from fenics_rom.fem.finite_strain.residuals import StepResidual
 from fenics_rom.fem.full_order_body import FullOrderInterface
 from fenics_rom.mechanics.actuator_forces import ActuatorForces, PointsHeldBack
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointMotion
+from fenics_rom.mechanics.contact_solver import out_of_reach
 
 
 class FoundForces(NamedTuple):
@@ -48,7 +49,7 @@ class ForcesInNewton:
         if self._interface is not None and obstacles is not None:
             start, solver = equation.start, self._interface.solver
             self._x, self._v = self._interface.at_points(start.x), self._interface.at_points(start.v)
-            self._before = solver.last_forces, solver.residual
+            self._before = solver.search
             self._gap = float(solver.gaps(self._x, obstacles.start).min())
 
     def use(self, factor: PetscFactor) -> None:
@@ -98,8 +99,7 @@ class ForcesInNewton:
     def rollback(self) -> None:
         """Forgets the contact that was found since `begin`."""
         if self._interface is not None and self._obstacles is not None:
-            solver = self._interface.solver
-            solver.last_forces, solver.residual = self._before
+            self._interface.solver.search = self._before
 
     def _points_operator(self) -> Array:
         assert self._factor is not None
@@ -124,8 +124,4 @@ class ForcesInNewton:
             return True
         if not self._is_rigid or last is not None:
             return False
-        h = self._equation.h
-        velocities = v, self._v, self._obstacles.velocities(h), self._obstacles.velocities_before
-        fastest = [np.sqrt(np.square(w).sum(axis=1).max()) for w in velocities]
-        w = max(fastest[2], fastest[3])
-        return self._gap > h * (2 * fastest[0] + fastest[1] + 4 * float(w))
+        return out_of_reach(self._gap, PointMotion(self._x, self._v, v), self._obstacles, self._equation.h)

@@ -5,6 +5,7 @@ velocities that forces cause; it is symmetric and positive semidefinite, and q i
 
     0 <= λ ⟂ n·u >= 0,    |f_t| <= μ λ,    f_t = -μ λ u_t/|u_t| where u_t is not 0.
 
+All of them are (3, C) in frames of the pairs' normals (`FramedDelassus`): first along the normals, then the tangents.
 W is singular wherever more points touch than the body has freedoms; each system is solved for the change of the forces
 with a small compliance added (the proximal point method), which leaves what is solved for unchanged and what W does not
 determine near where it was.
@@ -12,27 +13,27 @@ determine near where it was.
 
 from numpy import ndarray as Array
 
-from fenics_rom.mechanics.complementarity.delassus import Delassus
+from fenics_rom.mechanics.complementarity.delassus import Delassus, FramedDelassus
 from fenics_rom.mechanics.complementarity.frictional import FrictionalProblem
 from fenics_rom.mechanics.complementarity.frictionless import FrictionlessProblem
-from fenics_rom.mechanics.complementarity.solution import NEGLIGIBLE_RESIDUAL, Solution
+from fenics_rom.mechanics.complementarity.solution import NEGLIGIBLE_RESIDUAL, KeptLaw, Solution
 
-__all__ = ["NEGLIGIBLE_RESIDUAL", "Delassus", "Solution", "solve"]
+__all__ = ["NEGLIGIBLE_RESIDUAL", "Delassus", "FramedDelassus", "KeptLaw", "Solution", "solve"]
 
 
-def solve(operator: Delassus, q: Array, normals: Array, friction: float, start: Array) -> Solution:
+def solve(operator: FramedDelassus, q: Array, friction: float, start: Array, kept: KeptLaw | None = None) -> Solution:
     """The contact forces of C pairs.
 
     Args:
         operator: W of the pairs.
-        q: (C, 3) velocities without contact, less the targets, m/s.
-        normals: (C, 3) unit vectors from the obstacle to the body.
+        q: (3, C) velocities without contact, less the targets, m/s.
         friction: μ >= 0.
-        start: (C, 3) forces to begin with, N: the better, the sooner it is solved.
+        start: (3, C) forces to begin with, N: the better, the sooner it is solved.
+        kept: of the step before, if the same pairs took part.
 
     Raises:
         StepError: no method came to a solution.
     """
     if friction == 0:
-        return FrictionlessProblem(operator, q, normals).solve(start)
-    return FrictionalProblem(operator, q, normals, friction).solve(start)
+        return FrictionlessProblem(operator, q).solve(start)
+    return FrictionalProblem(operator, q, friction).solve(start, kept)

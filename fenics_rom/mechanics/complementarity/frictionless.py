@@ -3,7 +3,7 @@
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.mechanics.complementarity.delassus import Delassus
+from fenics_rom.mechanics.complementarity.delassus import FramedDelassus
 from fenics_rom.mechanics.complementarity.solution import (
     CONVERGENCE_TOLERANCE,
     FINISH_REDUCTION,
@@ -20,31 +20,27 @@ from fenics_rom.mechanics.complementarity.solution import (
     check_residual,
 )
 
-_ONES = np.ones(3)
-
 
 class FrictionlessProblem:
-    """0 <= λ ⟂ M λ + r >= 0 of the normal forces λ, M = N W Nᵀ and r = N q with the normals as the rows of N."""
+    """0 <= λ ⟂ M λ + r >= 0 of the normal forces λ, with M and r the normal parts of W and q."""
 
-    def __init__(self, operator: Delassus, q: Array, normals: Array):
-        C, W = len(q), operator.matrix
-        N = np.zeros((C, C, 3))
-        N[np.arange(C), np.arange(C)] = normals
-        N = N.reshape(C, 3 * C)
-        self.W, self.q, self.normals = W, q, normals
-        self.M, self.r = N.dot(W).dot(N.T), (q * normals).dot(_ONES)
+    def __init__(self, operator: FramedDelassus, q: Array):
+        C = q.shape[1]
+        self.W, self.q = operator.matrix, q
+        self.M, self.r = operator.matrix[:C, :C], q[0]
         self.compliance = np.maximum(self.M.diagonal(), 1e-12 * operator.compliance)
         self.speed = float(np.abs(self.r).max())
         self.best, self.error, self.iterations = self.r, np.inf, 0
 
     def solve(self, start: Array) -> Solution:
         """See `complementarity.solve`."""
-        if not self.search_active_set((start * self.normals).dot(_ONES)):
+        if not self.search_active_set(start[0]):
             with np.errstate(all="ignore"):  # what diverges ends
                 converged = self.search_interior()
             if not converged:
-                check_residual(self.error / self.speed, len(self.q), self.iterations)
-        f = self.best[:, None] * self.normals
+                check_residual(self.error / self.speed, len(self.r), self.iterations)
+        f = np.zeros_like(self.q)
+        f[0] = self.best
         u = self.W.dot(f.ravel()).reshape(f.shape) + self.q
         return Solution(f, u, self.iterations, self.error / self.speed)
 

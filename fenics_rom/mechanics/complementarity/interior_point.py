@@ -25,25 +25,22 @@ _ONES = np.ones(3)
 
 
 def find_interior_point(
-    W: Array, q: Array, normals: Array, friction: float, compliance: Array, finish: Callable[[Array], bool]
+    W: Array, q: Array, friction: float, compliance: Array, finish: Callable[[Array], bool]
 ) -> tuple[Array, float, int, bool]:
     """Follows the central path.
 
     Args:
-        W, q, normals, friction, compliance: as in `FrictionalProblem`.
-        finish: tries to get from forces (C, 3) to a solution; asked again as they come nearer.
+        W, q, friction, compliance: as in `FrictionalProblem`.
+        finish: tries to get from forces (3, C) to a solution; asked again as they come nearer.
 
     Returns:
-        Forces (C, 3) within their cones, N; what they leave to solve, as a share of the velocities that they have to
+        Forces (3, C) within their cones, N; what they leave to solve, as a share of the velocities that they have to
         stop; the iterations; and whether `finish` came to a solution.
     """
-    C, iterations = len(q), 0
-    Q = _frames(normals) / np.sqrt(compliance)[:, :, None]  # f = Q y: every pair alike, whatever its mass
-    Q[:, :, 1:] *= friction
-    Qᵀ = Q.transpose(0, 2, 1)
-    QᵀW = np.matmul(Qᵀ, W.reshape(C, 3, 3 * C)).reshape(3 * C, C, 3).transpose(1, 0, 2)
-    M = np.matmul(QᵀW, Q).transpose(1, 0, 2).reshape(C, 3, 3 * C)
-    p = _multiply(Qᵀ, q)
+    C, iterations = len(compliance), 0
+    Q = np.array([1.0, friction, friction]) / np.sqrt(compliance)[:, None]  # f = Q y: pairs alike, whatever their mass
+    M = (Q[:, :, None, None] * W.reshape(3, C, 3, C).transpose(1, 0, 3, 2) * Q).reshape(C, 3, 3 * C)
+    p = Q * q.T
     scale = float(np.abs(p).max())
     p /= scale
     y, z, diagonal = np.zeros((C, 3)), np.zeros((C, 3)), np.arange(C)
@@ -61,7 +58,7 @@ def find_interior_point(
             break
         if error < finish_residual:
             finish_residual = error / FINISH_REDUCTION
-            forces = scale * _multiply(Q, y)
+            forces = (scale * Q * y).T
             if finish(forces):
                 return forces, error, iterations, True
         B = M.copy()  # Δz = B Δy + residual
@@ -84,14 +81,7 @@ def find_interior_point(
         except np.linalg.LinAlgError:
             break
         y, z = y + STEP_FRACTION * α * Δy, z + STEP_FRACTION * α * Δz
-    return scale * _multiply(Q, y), error, iterations, False
-
-
-def _frames(n: Array) -> Array:
-    """Orthonormal (C, 3, 3), whose first columns are the unit vectors n."""
-    t = np.cross(n, np.eye(3)[np.abs(n).argmin(axis=1)])
-    t /= np.sqrt((t * t).dot(_ONES))[:, None]
-    return np.stack([n, t, np.cross(n, t)], axis=2)
+    return (scale * Q * y).T, error, iterations, False
 
 
 def _multiply(A: Array, x: Array) -> Array:

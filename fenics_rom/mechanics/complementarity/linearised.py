@@ -1,151 +1,88 @@
 """Coulomb's law of many pairs linearised: the forces with which pairs that are said to stick do so, and others slip on.
 
 A pair that sticks has three unknown forces and u = 0. One that slips to d = z_t/|z_t| has, with p = n x d, the force
-λ (n + μ d) + θ p, and n·u = 0, p·u + c θ = 0 with c = (|z_t|/(μ z_n) - 1)/ρ. So what moves has u = s d - c θ p, and for
-its force (d - μ n)·f = 0.
-
-Where the inverse of W is kept, the unknowns are s and -c θ of what slips: what sticks costs but a product.
+λ (n + μ d) + θ p, and n·u = 0, p·u + c θ = 0 with c = (|z_t|/(μ z_n) - 1)/ρ. Forces f that fulfil the law for some
+velocities u have θ = 0, so that E y is added to them, with the columns n, d, p of what sticks and n + μ d, p of what
+slips, and Tᵀ (u + W E y) + c θ = 0 with n, d, p and n, p in place of these.
 """
-
-from functools import lru_cache
-from typing import NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
 
-_XYZ, _NEXT, _LAST = np.arange(3), np.array([1, 2, 0]), np.array([2, 0, 1])
-_OPEN, _STICK, _SLIP = 0, 1, 2
 
+class Linearisation:
+    """The law of C pairs at z = f - ρ u, in frames of their normals.
 
-class Linearisation(NamedTuple):
-    """The law at forces f, as z = f - ρ u has it."""
+    Args:
+        W: Delassus operator (3C, 3C).
+        friction: μ.
+        compliance: (C,) 1/ρ of each pair, m/s/N.
+        z: (3, C), N.
+        length: |z_t| (C,), N.
+        cone: μ z_n (C,), N; 0 where a pair is open.
+        proximal: compliance that is added to what is solved for, in parts of that of each pair.
+    """
 
-    f: Array  # (C, 3), N
-    u: Array  # (C, 3) with them, m/s
-    closed: Array  # (C,) pairs with z_n > 0
-    slides: Array  # (C,) those with |z_t| > μ z_n, and some that are not closed
-    tangential: Array  # z_t (C, 3), N
-    length: Array  # |z_t| (C,), N
-    cone: Array  # μ z_n (C,), N; 0 where it is not closed
+    def __init__(
+        self, W: Array, friction: float, compliance: Array, z: Array, length: Array, cone: Array, proximal: float = 0.0
+    ):
+        self._size = C = len(length)
+        closed = cone > 0
+        slips = closed & (length > cone)
+        self._unknowns = np.concatenate([closed, closed > slips, closed]).nonzero()[0]
+        self._frame: tuple[Array, Array, Array] | None = None  # cos, sin and μ of what slips; 1, 0 and 0 of what sticks
+        added = np.zeros((3, C))
+        if slips.any():
+            self._frame = cos, sin, μ = np.ones(C), np.zeros(C), friction * slips
+            np.divide(z[1], length, out=cos, where=slips)
+            np.divide(z[2], length, out=sin, where=slips)
+            np.divide(length, cone, out=added[2], where=slips)
+            added[2] -= slips
+            added[2] *= compliance
+            along, across = _turned(W[:, C : 2 * C], W[:, 2 * C :], cos, sin)
+            W = np.concatenate([W[:, :C] + μ * along, along, across], axis=1)
+            W[C : 2 * C], W[2 * C :] = _turned(W[C : 2 * C], W[2 * C :], cos[:, None], sin[:, None])
+        if proximal:
+            added += proximal * compliance
+        self._G = W.take(self._unknowns, axis=0).take(self._unknowns, axis=1)
+        self._G.ravel()[:: len(self._G) + 1] += added.ravel()[self._unknowns]
 
-    def directions(self, pairs: Array, normals: Array) -> tuple[Array, Array, Array]:
-        """n, d and p (b, 3) of pairs that slip."""
-        n, d = normals[pairs], self.tangential[pairs] / self.length[pairs, None]
-        return n, d, n[:, _NEXT] * d[:, _LAST] - n[:, _LAST] * d[:, _NEXT]
-
-    def sideways_compliance(self, pairs: Array, compliance: Array) -> Array:
-        """c (b,) of pairs that slip, m/s/N."""
-        c: Array = (self.length[pairs] / self.cone[pairs] - 1) * compliance[pairs]
-        return c
-
-    def solved(self, W: Array, q: Array, normals: Array, friction: float, compliance: Array, proximal: float) -> Array:
-        """Its forces (C, 3), with a proximal compliance in parts of that of each pair.
-
-        Raises:
-            LinAlgError: there are none.
-        """
-        f, C = self.f, len(self.f)
-        layout = _lay_out((self.closed * (_STICK + self.slides.view(np.int8))).tobytes())
-        if not layout.unknowns:
-            return np.zeros_like(f)
-        added_compliance = proximal * compliance[layout.pairs]
-        if layout.unknowns == 3 * C:  # everything sticks: E = T = I
-            G = W.copy()
-            G.ravel()[:: len(G) + 1] += added_compliance
-            return f - np.linalg.solve(G, self.u.ravel()).reshape(f.shape)
-        E = np.zeros((3 * C, layout.unknowns))
-        E.ravel()[layout.stick_entries] = 1.0
-        slip = layout.slip
-        if len(slip):
-            T = E.copy()
-            n, d, p = self.directions(slip, normals)
-            basis = np.empty((len(slip), 3, 2))
-            basis[:, :, 0], basis[:, :, 1] = n, p
-            T.ravel()[layout.slip_entries] = basis
-            start = T.T.dot(f.ravel())
-            basis[:, :, 0] += friction * d
-            E.ravel()[layout.slip_entries] = basis
-            c = self.sideways_compliance(slip, compliance)
-        else:
-            T, start = E, E.T.dot(f.ravel())
-        WE = W.dot(E)
-        residual = T.T.dot(WE.dot(start) + q.ravel())
-        if len(slip):
-            added_compliance[layout.sideways] += c
-            residual[layout.sideways] += c * start[layout.sideways]
-        G = T.T.dot(WE)
-        G.ravel()[:: layout.unknowns + 1] += added_compliance
-        return E.dot(start - np.linalg.solve(G, residual)).reshape(f.shape)
-
-    def solved_with(
-        self, inverse: Array, W: Array, q: Array, normals: Array, friction: float, compliance: Array
-    ) -> Array:
-        """Its forces (C, 3), with the inverse (3A, 3A) of W of the closed pairs, N s/m.
+    def change(self, u: Array) -> Array:
+        """What to add to forces (3, C), N, that fulfil the law for some velocities, where they cause u (3, C), m/s.
 
         Raises:
-            LinAlgError: there are none.
+            LinAlgError: there is nothing.
         """
-        f, u, pairs = self.f, self.u, None
-        if f.size > len(inverse):  # what opens has no force any more
-            pairs = np.flatnonzero(self.closed)
-            f = f * self.closed[:, None]
-            u = W.dot(f.ravel()).reshape(f.shape) + q
-            f, u = f[pairs], u[pairs]
-        moved = f.ravel() - inverse.dot(u.ravel())
-        slip = np.flatnonzero(self.closed & self.slides)
-        b = 2 * len(slip)
-        if b:
-            n, d, p = self.directions(slip, normals)
-            motion, conditions = np.zeros((2, len(inverse), b))
-            entries = _slip_entries((slip if pairs is None else np.searchsorted(pairs, slip)).tobytes())
-            basis = np.empty((len(slip), 3, 2))
-            basis[:, :, 0], basis[:, :, 1] = d, p
-            motion.ravel()[entries] = basis
-            basis[:, :, 0] -= friction * n
-            basis[:, :, 1] *= self.sideways_compliance(slip, compliance)[:, None]
-            conditions.ravel()[entries] = basis
-            spread = inverse.dot(motion)
-            G = conditions.T.dot(spread)
-            G.ravel()[b + 1 :: 2 * (b + 1)] += 1.0
-            moved -= spread.dot(np.linalg.solve(G, conditions.T.dot(moved)))
-        if pairs is None:
-            return moved.reshape(self.f.shape)
-        forces = np.zeros_like(self.f)
-        forces[pairs] = moved.reshape(-1, 3)
-        return forces
+        if self._frame is not None:
+            cos, sin, _ = self._frame
+            u = np.array([u[0], *_turned(u[1], u[2], cos, sin)])
+        y = np.zeros(u.shape)
+        y.ravel()[self._unknowns] = np.linalg.solve(self._G, -u.ravel()[self._unknowns])
+        return self._forces(y)
+
+    def inverse(self) -> Array:
+        """The matrix (3C, 3C), N s/m, by which `change` multiplies velocities.
+
+        Raises:
+            LinAlgError: there is none.
+        """
+        C = self._size
+        y = np.zeros((3 * C, 3 * C))
+        y[self._unknowns[:, None], self._unknowns] = -np.linalg.inv(self._G)
+        if self._frame is not None:
+            cos, sin, _ = self._frame
+            y[:, C : 2 * C], y[:, 2 * C :] = _turned(y[:, C : 2 * C], y[:, 2 * C :], cos, -sin)
+        return self._forces(y.reshape(3, C, 3 * C)).reshape(y.shape)
+
+    def _forces(self, y: Array) -> Array:
+        """E y (3, C) or, of as many columns, (3, C, k); y is overwritten."""
+        if self._frame is not None:
+            cos, sin, μ = self._frame if y.ndim == 2 else (part[:, None] for part in self._frame)
+            y[1] += μ * y[0]
+            y[1], y[2] = _turned(y[1], y[2], cos, -sin)
+        return y
 
 
-class _Layout(NamedTuple):
-    """Where the unknowns of all pairs are: three of each that sticks, then two of each that slips."""
-
-    unknowns: int  # their number m
-    pairs: Array  # (m,) whose each is
-    slip: Array  # (b,) pairs that slip
-    sideways: Array  # (b,) their second unknowns
-    stick_entries: Array  # of the ones in a matrix (3C, m), flattened
-    slip_entries: Array  # (b, 3, 2) of the directions of what slips
-
-
-@lru_cache(maxsize=256)
-def _lay_out(statuses: bytes) -> _Layout:
-    status = np.frombuffer(statuses, np.int8)
-    stick, slip = np.flatnonzero(status == _STICK), np.flatnonzero(status == _SLIP)
-    a, b = 3 * len(stick), 2 * len(slip)
-    columns = a + np.arange(b).reshape(-1, 1, 2)
-    return _Layout(
-        unknowns=a + b,
-        pairs=np.concatenate([np.repeat(stick, 3), np.repeat(slip, 2)]),
-        slip=slip,
-        sideways=a + np.arange(1, b, 2),
-        stick_entries=(3 * stick[:, None] + _XYZ).ravel() * (a + b) + np.arange(a),
-        slip_entries=(3 * slip[:, None, None] + _XYZ[:, None]) * (a + b) + columns,
-    )
-
-
-@lru_cache(maxsize=256)
-def _slip_entries(pairs: bytes) -> Array:
-    """Of the directions of b pairs in a matrix of 2b columns, flattened, (b, 3, 2)."""
-    slip = np.frombuffer(pairs, np.intp)
-    columns = np.arange(2 * len(slip)).reshape(-1, 1, 2)
-    entries: Array = (3 * slip[:, None, None] + _XYZ[:, None]) * (2 * len(slip)) + columns
-    return entries
+def _turned(first: Array, second: Array, cos: Array, sin: Array) -> tuple[Array, Array]:
+    """Two components in axes that are turned by an angle."""
+    return cos * first + sin * second, cos * second - sin * first

@@ -20,13 +20,21 @@ FINISH_REDUCTION = 100  # tries again each time the residual has fallen by this 
 STEP_FRACTION = 0.9  # of the way to the border of the cones that an interior-point method goes
 
 
+class KeptLaw(NamedTuple):
+    """Coulomb's law as it was linearised in an earlier step."""
+
+    statuses: bytes  # of each pair whether it was open, stuck or slipped
+    inverse: Array | None  # (3C, 3C), of where they were the same twice, N s/m: `Linearisation.inverse`
+
+
 class Solution(NamedTuple):
     """Contact forces."""
 
-    forces: Array  # (C, 3), N, exactly in their cones
-    velocities: Array  # u (C, 3), m/s, to round-off
+    forces: Array  # (3, C), N, exactly in their cones
+    velocities: Array  # u (3, C), m/s, to round-off
     iterations: int  # of all methods together
     residual: float = 0.0  # what is left to solve, as a share of the velocities that the forces have to stop
+    kept: KeptLaw | None = None  # to begin the next step's search with, if the same pairs take part
 
 
 def check_residual(residual: float, pairs: int, iterations: int) -> None:

@@ -41,10 +41,6 @@ class ContactInterface(NamedTuple):
         at_rest = np.zeros(self.points.coordinates.shape)
         self.solver.check_start(at_rest, self.environment.offsets_at(0.0), list(self.environment.obstacles))
 
-    def forget(self) -> None:
-        """Begins the next search for forces with none."""
-        self.solver.last_forces = np.zeros_like(self.solver.last_forces)
-
 
 def contact_interface(rom: Rom, environment: ActiveEnvironment) -> ContactInterface | None:
     """The interface of a reduced body in an environment; None where nothing can touch it."""

@@ -7,7 +7,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
-from fenics_rom.mechanics.contact import ContactResidual, ContactSolution
+from fenics_rom.mechanics.contact import ContactSolution
 from fenics_rom.mechanics.step import StepInput, StepperState, StepResult
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.steppers.kernel import Kernel
@@ -81,8 +81,7 @@ class ReducedStepper:
     def step(self, inputs: StepInput) -> StepResult:
         """See Stepper."""
         if self.interface is not None:
-            solver = self.interface.solver
-            self._search_before = solver.last_forces, solver.residual
+            self._search_before = self.interface.solver.search
         try:
             return StepResult(self.kernel.step(*inputs) / 2, self.kernel.contact)
         except BaseException:
@@ -119,19 +118,16 @@ class ReducedStepper:
         self.kernel.contact, self.kernel.reactions = None, 0 * self.kernel.reactions
         self.kernel.notes = dict.fromkeys(self.kernel.notes, 0)
         if self.interface is not None:
-            self.interface.forget()
-            self.interface.solver.residual = ContactResidual()
+            self.interface.solver.search = self.interface.solver.first_search
 
     def snapshot(self) -> StepperState:
         """All that is not in the ROM."""
         self.kernel.reset_buffer()
         state, rigid = _read_only(self.kernel.state), _read_only(self.rigid_displacement)
-        forces, residual = np.empty(0), ContactResidual()
-        if self.interface is not None:
-            forces, residual = self.interface.solver.last_forces, self.interface.solver.residual
+        search = None if self.interface is None else self.interface.solver.search
         carried, contact, notes = _read_only(self.kernel.auxiliary), self.kernel.contact, dict(self.kernel.notes)
         reactions = _read_only(self.kernel.reactions)
-        return StepperState(state, rigid, carried, contact, forces, residual, notes, reactions)
+        return StepperState(state, rigid, carried, contact, search, notes, reactions)
 
     def check(self, contact: str, state: StepperState) -> None:
         """A StepError where a snapshot, taken in a contact mode, is of another ROM."""
@@ -156,14 +152,14 @@ class ReducedStepper:
         self.kernel.contact, self.kernel.reactions = state.contact, state.reactions
         self.kernel.notes = {name: state.notes.get(name, 0) for name in self.kernel.notes}
         if self.interface is not None:
-            self.interface.forget()
-            if len(state.contact_forces):
-                self.interface.solver.last_forces = state.contact_forces
-            self.interface.solver.residual = state.residual
+            solver = self.interface.solver
+            solver.search = solver.first_search if state.search is None else state.search
 
     def diagnostics(self) -> tuple[str, ...]:
         """See Stepper."""
-        of_contact = [] if self.interface is None else [self.interface.passing, self.interface.solver.residual.message]
+        of_contact = (
+            [] if self.interface is None else [self.interface.passing, self.interface.solver.search.residual.message]
+        )
         return tuple(filter(None, [*of_contact, *self.kernel.messages]))
 
     def _enter(self, contact: str) -> None:
@@ -180,7 +176,7 @@ class ReducedStepper:
     def _restore_search(self) -> None:
         """The search for contact forces is where it was before the last step."""
         if self.interface is not None:
-            self.interface.solver.last_forces, self.interface.solver.residual = self._search_before
+            self.interface.solver.search = self._search_before
 
 
 class LinearStepper(ReducedStepper):
