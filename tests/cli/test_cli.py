@@ -40,7 +40,7 @@ COMMANDS = {
     "view": ["--port", "--no-browser", "--dt"],
     "compare": ["--finer"],
     "plot": ["--what", "--full", "--dark", "--output"],
-    "export": ["--what", "--count", "--time", "--scale", "--seconds", "--dark", "--output"],
+    "export": ["--what", "--count", "--time", "--scale", "--seconds", "--dark", "--dt", "--outputs", "--output"],
 }
 
 

@@ -1,12 +1,13 @@
 """ROMs and runs as files of other programs: what each can become, and how."""
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from os import PathLike
 from pathlib import Path
 
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.deployment.plant import PLANT_FORMATS, write_plant
 from fenics_rom.errors import FileError
 from fenics_rom.io.atomic_write import check_place
 from fenics_rom.io.given import object_or_file
@@ -24,7 +25,7 @@ from fenics_rom.visualization.optional_dependencies import pyvista_package
 
 VTK_COMPONENTS = [0, 1, 2, 5, 3, 4]  # of xx, yy, zz, yz, xz, xy: VTK has xx, yy, zz, xy, yz, xz
 SHEET_FORMATS = (".png", ".pdf", ".svg")
-ROM_FORMATS = (".vtu", *SHEET_FORMATS)
+ROM_FORMATS = (".vtu", *SHEET_FORMATS, *PLANT_FORMATS)
 FILM_FORMATS = (".gif", ".mp4")
 RUN_FORMATS = (".pvd", ".vtu", ".png", *FILM_FORMATS)
 SHEET_SHAPES = 6  # shapes of each contact mode on a sheet
@@ -44,14 +45,17 @@ def export(
     scale: float = 1.0,
     seconds: float | None = None,
     dark: bool = False,
+    dt: float | None = None,
+    outputs: Sequence[str] | None = None,
     report: Report = silent,
 ) -> Path:
-    """Writes a ROM's shapes, or a run, as a file that others read or people look at; nothing of it where it fails.
+    """Writes a ROM's shapes or linear models, or a run, as a file that others read; nothing of it where it fails.
 
-    Of a ROM: .vtu, for ParaView, every shape a field on the nodes; or .png, .pdf, .svg, a sheet of the first shapes of
-    each contact mode. Of a run: .pvd with a folder of .vtu files, displacement (m), velocity (m/s), inputs and readings
-    at each instant of which it holds the whole shape; .vtu or .png of one instant; .gif or .mp4 of all. Cells are the
-    triangles of the surface, and points all nodes.
+    Of a ROM: .vtu, for ParaView, every shape a field on the nodes; .png, .pdf, .svg, a sheet of the first shapes of
+    each contact mode; .npz, .mat, the state spaces of all contact modes, and the maps between them. Of a run: .pvd with
+    a folder of .vtu files, displacement (m), velocity (m/s), inputs and readings at each instant of which it holds the
+    whole shape; .vtu or .png of one instant; .gif or .mp4 of all. Cells are the triangles of the surface, and points
+    all nodes.
 
     Args:
         model: the ROM or the run, or the name of its file.
@@ -65,6 +69,8 @@ def export(
             does so itself.
         seconds: how long a film is to be. None: as many pictures as there are shapes, but not longer than ten seconds.
         dark: light on dark instead of dark on light, in pictures.
+        dt: time step of state spaces, s; None: continuous time.
+        outputs: names of those that state spaces read; None: all.
         report: called with the stage, how much of it is done, and of how much.
 
     Returns:
@@ -73,6 +79,7 @@ def export(
     Raises:
         FileError: another ending, a file that cannot be written, or a run without what was asked for.
         SceneError: there is no such kind of shape, no surface, or neither a ROM nor a run.
+        StepError, StructureError: as `Rom.state_space`.
         MissingPackageError: a package is not installed.
         FenicsRomError: PyVista was imported after dolfinx by somebody else; VTK would abort.
 
@@ -81,6 +88,14 @@ def export(
         'modes.vtu'
     """
     place, given = Path(output), object_or_file("export", model, ROM_FILE, RUN_FILE)
+    if place.suffix in PLANT_FORMATS and isinstance(given, Rom):
+        if what is not None or count is not None or time is not None:
+            raise FileError(f"{place}: has neither shapes nor instants; --what, --count and --time are for other files")
+        check_place(place)
+        write_plant(place, given, outputs, dt)
+        return place
+    if dt is not None or outputs is not None:
+        raise FileError(f"{place}: --dt and --outputs are for models of ROMs: {', '.join(PLANT_FORMATS)}")
     pyvista_package()
     if isinstance(given, Rom):
         if time is not None:
