@@ -3,12 +3,42 @@
 from collections.abc import Sequence
 from pathlib import Path
 
+from fenics_rom.deployment.c_source import c_source
+from fenics_rom.deployment.identifiers import check_identifier
 from fenics_rom.deployment.matrices import write_matrices
+from fenics_rom.errors import FileError
+from fenics_rom.io.atomic_write import check_place, write_whole
 from fenics_rom.rom.rom import Rom
 
-PLANT_FORMATS = (".npz", ".mat")
+PLANT_FORMATS = (".npz", ".mat", ".c")
 
 
 def write_plant(place: Path, rom: Rom, outputs: Sequence[str] | None, dt: float | None) -> None:
-    """Writes the linear models of a ROM as the file that its ending says."""
-    write_matrices(place, rom, outputs, dt)
+    """Writes the linear models of a ROM as the file that its ending says: .npz, .mat; .c, with a header beside it.
+
+    Args:
+        place: the file.
+        rom: the reduced model.
+        outputs: names of those that are read; None: all.
+        dt: time step, s; None: continuous time, of code that of the scene's run.
+
+    Raises:
+        StepError, StructureError: as `Rom.state_space`.
+        FileError: a file cannot be written, a name cannot be one in it, or code has no time step.
+    """
+    check_place(place)
+    if place.suffix != ".c":
+        write_matrices(place, rom, outputs, dt)
+        return
+    check_identifier(place.stem, str(place))
+    header = place.with_suffix(".h")
+    check_place(header)
+    code = c_source(rom, place.stem, outputs, _step_of_code(place, rom, dt))
+    write_whole(header, code.header.encode())
+    write_whole(place, code.source.encode())
+
+
+def _step_of_code(place: Path, rom: Rom, dt: float | None) -> float:
+    if dt is None and rom.environment.run is None:
+        raise FileError(f"{place}: the scene has no run, so that a time step is missing: --dt, in s")
+    return rom.environment.run.dt if dt is None and rom.environment.run is not None else float(dt or 0.0)

@@ -9,13 +9,13 @@ import h5py
 import numpy as np
 import pytest
 from bodies import assembled, box_arrays, write_arrays
+from linear_roms import random_free
 from test_energy_laws import CLOSES_TO, NONE_ADDED, rough_ride
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning, StepError, StructureError
 from fenics_rom.fem.linear_stepper import FullOrderStepper
-from fenics_rom.rom.contact_model import ContactModel
-from fenics_rom.rom.rom import check_rom, diagonalized_span
+from fenics_rom.rom.rom import check_rom
 from fenics_rom.runtime.linearity_monitor import ReducedGauges, gauge_basis
 from fenics_rom.runtime.steppers.midpoint import FusedMidpoint, StagedMidpoint
 
@@ -34,38 +34,6 @@ def system(tmp_path_factory):
 @pytest.fixture(scope="module")
 def rom(system):
     return fr.reduce(system, order=20)
-
-
-def random_free(seed, sizes, dense, rigid=6, k=40):
-    """A ROM of random bases beside rigid motions, with any damping, which couples both where it is dense."""
-    random = np.random.default_rng(seed)
-    κ = np.concatenate([np.zeros(rigid), np.sort(10 ** random.uniform(0, 6, k))])
-    modes = {}
-    for number, size in enumerate(sizes):
-        elastic = np.linalg.qr(random.standard_normal((k, size)))[0]
-        span = np.block([[np.eye(rigid), np.zeros((rigid, size))], [np.zeros((k, rigid)), elastic]])
-        mixed = span @ np.linalg.qr(random.standard_normal((rigid + size, rigid + size)))[0]
-        γ, C = diagonalized_span(κ, mixed)
-        root = random.standard_normal((rigid + size, random.integers(0, rigid + size + 1)))
-        D = root @ root.T if dense else 0.1 * (number > 0) + 1e-3 * γ
-        modes[f"mode{number}"] = ContactModel(
-            γ, D, random.standard_normal((rigid + size, 2)), C, np.eye(rigid + size), np.empty(0)
-        )
-    return check_rom(
-        fr.Rom(
-            name="random",
-            switching="energy",
-            contact_models=modes,
-            actuators={},
-            basis=np.eye(rigid + k),
-            stiffness=κ,
-            outputs={"all": np.eye(rigid + k)},
-            free=np.arange(rigid + k),
-            nodes=np.empty((0, 3)),
-            triangles=np.empty((0, 3), dtype=int),
-            node_mass=np.empty(0),
-        )
-    )
 
 
 def excited(rom, contact, seed=0, dt=1e-3):

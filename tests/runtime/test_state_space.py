@@ -6,65 +6,32 @@ import numpy as np
 import pytest
 import scipy.signal
 from bodies import acted_on
+from linear_roms import EFFECTS, LINEAR_BODIES, PARTS, linear_rom, ride
 from soft_rom import soft_rom
-from test_free_bodies import random_free
 
 import fenics_rom as fr
 from fenics_rom.errors import StepError, StructureError
 
 EXACT = 1e-12  # relative
-EFFECTS = """
-inertia = {}
-gravity = { acceleration = [0, 0, -9.81] }
-[effects.damping]
-alpha = 0.5
-beta = 1e-3
-[effects.damping.dashpots.oil]
-surface = "front"
-coefficient = 30.0
-[effects.base_motion.quake]
-direction = [1, 0, 1]
-[effects.pressure.air]
-surface = "top"
-[effects.tendon.rope]
-points = [[0.0, 0.1, 0.3], [1.0, 0.1, 0.3]]
-"""
-PARTS = {"outputs.tip": "points = [[1.0, 0.4, 0.3], [1.0, 0.0, 0.0]]", "outputs.end": 'surface = "right"'}
-SIGNALS = {"gravity": 0.01, "quake": 0.03}
 
 
-@pytest.fixture(scope="module", params=["held", "acted on", "free", "free, dense"])
-def rom(request, tmp_path_factory):
-    if request.param == "held":
-        return request.getfixturevalue("plate_rom")
-    if request.param == "acted on":
-        scene = acted_on(request.getfixturevalue("box_file"), EFFECTS, **PARTS)
-        return fr.reduce(fr.assemble(scene), order=12)
-    return random_free(3, (8, 11, 5), dense=request.param.endswith("dense"))
-
-
-def step_by_matrices(rom, h, steps):
-    """Outputs and inputs of a simulator, and outputs and energy by its state spaces, switched every seventh step."""
-    random, names = np.random.default_rng(0), list(rom.contact_models)
-    plants = {name: rom.state_space(name, dt=h) for name in names}
-    body = fr.Simulator(rom, h, signals=SIGNALS if rom.loads else None)
-    x, active, pairs = np.zeros(len(plants[names[0]].A)), names[0], []
-    for step in range(steps):
-        if (after := names[step // 7 % len(names)]) != active:
-            x, active = rom.switch_map(active, after) @ x, after
-            body.switch(active)
-        u = 0.1 * random.standard_normal(body.inputs)
-        body.step(u)
-        A, B, C, _ = plants[active]
-        x = A @ x + B @ [*u, *(SIGNALS[name] for name in rom.loads)]
-        read = np.concatenate([body.displacement(name).ravel() for name in rom.outputs])
-        pairs.append(([*read, body.energy], [*(C @ x), (x[rom.rigid :] @ x[rom.rigid :]) / 2]))
-    return np.array(pairs)
+@pytest.fixture(scope="module", params=LINEAR_BODIES)
+def rom(request):
+    return linear_rom(request.param, request)
 
 
 @pytest.mark.parametrize("h", [1e-3, 3e-2])
 def test_discrete_state_space_is_the_simulator_through_switches(rom, h):
-    simulated, mapped = step_by_matrices(rom, h, 1000).swapaxes(0, 1)
+    plants = {name: rom.state_space(name, dt=h) for name in rom.contact_models}
+    active, pairs = next(iter(plants)), []
+    x = np.zeros(len(plants[active].A))
+    for body, u, read in ride(rom, h, 1000):
+        if body.contact != active:
+            x, active = rom.switch_map(active, body.contact) @ x, body.contact
+        A, B, C, _ = plants[active]
+        x = A @ x + B @ u
+        pairs.append(([*read, body.energy], [*(C @ x), (x[rom.rigid :] @ x[rom.rigid :]) / 2]))
+    simulated, mapped = np.array(pairs).swapaxes(0, 1)
     assert np.abs(mapped - simulated).max(axis=0) / np.abs(simulated).max(axis=0) == pytest.approx(0, abs=EXACT)
     assert simulated[-1].any()
 

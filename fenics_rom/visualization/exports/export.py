@@ -52,10 +52,10 @@ def export(
     """Writes a ROM's shapes or linear models, or a run, as a file that others read; nothing of it where it fails.
 
     Of a ROM: .vtu, for ParaView, every shape a field on the nodes; .png, .pdf, .svg, a sheet of the first shapes of
-    each contact mode; .npz, .mat, the state spaces of all contact modes, and the maps between them. Of a run: .pvd with
-    a folder of .vtu files, displacement (m), velocity (m/s), inputs and readings at each instant of which it holds the
-    whole shape; .vtu or .png of one instant; .gif or .mp4 of all. Cells are the triangles of the surface, and points
-    all nodes.
+    each contact mode; .npz, .mat, the state spaces of all contact modes, and the maps between them; .c, the same model
+    in C with a header beside it. Of a run: .pvd with a folder of .vtu files, displacement (m), velocity (m/s), inputs
+    and readings at each instant of which it holds the whole shape; .vtu or .png of one instant; .gif or .mp4 of all.
+    Cells are the triangles of the surface, and points all nodes.
 
     Args:
         model: the ROM or the run, or the name of its file.
@@ -69,8 +69,8 @@ def export(
             does so itself.
         seconds: how long a film is to be. None: as many pictures as there are shapes, but not longer than ten seconds.
         dark: light on dark instead of dark on light, in pictures.
-        dt: time step of state spaces, s; None: continuous time.
-        outputs: names of those that state spaces read; None: all.
+        dt: time step of linear models, s; None: continuous time, in C that of the scene's run.
+        outputs: names of those that linear models read; None: all.
         report: called with the stage, how much of it is done, and of how much.
 
     Returns:
@@ -91,7 +91,6 @@ def export(
     if place.suffix in PLANT_FORMATS and isinstance(given, Rom):
         if what is not None or count is not None or time is not None:
             raise FileError(f"{place}: has neither shapes nor instants; --what, --count and --time are for other files")
-        check_place(place)
         write_plant(place, given, outputs, dt)
         return place
     if dt is not None or outputs is not None:

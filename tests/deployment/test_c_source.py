@@ -1,0 +1,127 @@
+"""Code in C: compiled without a warning, and the simulator's own steps, switches and account."""
+
+import ctypes
+import subprocess
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from linear_roms import LINEAR_BODIES, linear_rom, ride
+from soft_rom import soft_rom
+
+import fenics_rom as fr
+from fenics_rom.errors import FileError, StepError, StructureError
+
+FLAGS = ["-std=c99", "-Wall", "-Wextra", "-pedantic", "-Werror", "-O2"]
+AGREES_TO = {"double": 1e-12, "float": 1e-5}  # relative, over 1,000 steps
+
+
+@pytest.fixture(scope="module", params=LINEAR_BODIES)
+def rom(request):
+    return linear_rom(request.param, request)
+
+
+class Body:
+    """A body in C; names as in its header."""
+
+    def __init__(self, source, kind):
+        library = source.with_name(f"{kind}.so")
+        single = ["-DPLANT_SINGLE"] if kind == "float" else []
+        subprocess.run(["cc", *FLAGS, *single, "-shared", "-fPIC", source, "-o", library], check=True)
+        self._code, self._real = ctypes.CDLL(library), {"double": ctypes.c_double, "float": ctypes.c_float}[kind]
+        self._code.plant_energy.restype = ctypes.c_double
+        header = source.with_suffix(".h").read_text()
+        order, lines = int(header.split("_ORDER ")[1].split()[0]), header.splitlines()
+        names = [line.split(",")[0].strip() for line in lines if line.startswith("    PLANT_")]
+        self.contacts = [name.removeprefix("PLANT_CONTACT_").lower() for name in names if "PLANT_CONTACT_" in name]
+        self._inputs, self._outputs = (sum(name.startswith(f"PLANT_{kind}_") for name in names) for kind in "UY")
+
+        class State(ctypes.Structure):
+            _fields_ = (
+                ("contact", ctypes.c_int),
+                ("e", self._real * order),
+                ("r", self._real * order),
+                ("supplied", ctypes.c_double),
+                ("dissipated", ctypes.c_double),
+                ("lost_in_switching", ctypes.c_double),
+            )
+
+        self.state = State()
+        self._code.plant_init(ctypes.byref(self.state))
+
+    def switch(self, contact):
+        return self._code.plant_switch(ctypes.byref(self.state), contact)
+
+    def step(self, u):
+        """u is of the active contact mode, and of what all share."""
+        assert len(u) <= self._inputs
+        return self._code.plant_step(ctypes.byref(self.state), (self._real * self._inputs)(*u))
+
+    @property
+    def energy(self):
+        return self._code.plant_energy(ctypes.byref(self.state))
+
+    @property
+    def outputs(self):
+        y = (self._real * self._outputs)()
+        self._code.plant_outputs(ctypes.byref(self.state), y)
+        return np.array(y)
+
+
+def all_inputs(rom, contact, u):
+    """Inputs of all contact modes, of which the others are not to act, and of what all share."""
+    counts = rom.contacts
+    parts = [u[: counts[name]] if name == contact else np.full(count, 99.0) for name, count in counts.items()]
+    return np.concatenate([*parts, u[counts[contact] :]])
+
+
+@pytest.mark.parametrize("kind", AGREES_TO)
+def test_c_takes_the_steps_of_the_simulator(rom, kind, tmp_path):
+    body = Body(fr.export(rom, tmp_path / "plant.c", dt=1e-3), kind)
+    names, pairs = list(rom.contact_models), []
+    assert len(body.contacts) == len(names)
+    for simulator, u, read in ride(rom, 1e-3, 1000):
+        assert body.switch(names.index(simulator.contact)) == 0
+        assert body.step(all_inputs(rom, simulator.contact, u)) == 0
+        work = [getattr(body.state, name) for name in ("supplied", "dissipated", "lost_in_switching")]
+        ledger = simulator.ledger
+        expected = [*read, simulator.energy, ledger.supplied, ledger.dissipated, ledger.lost_in_switching]
+        pairs.append((expected, [*body.outputs, body.energy, *work]))
+    expected, found = np.array(pairs).swapaxes(0, 1)
+    assert np.abs(found - expected).max() > 0 or kind == "double"
+    scale = np.abs(expected).max(axis=0)
+    scale[-4:] = scale[-4:].max()  # energies and works make one account
+    assert np.abs(found - expected).max(axis=0) / scale == pytest.approx(0, abs=AGREES_TO[kind])
+
+
+def test_what_is_not_finite_or_not_there_leaves_the_body_as_it_was(plate_rom, tmp_path):
+    body = Body(fr.export(plate_rom, tmp_path / "plant.c"), "double")
+    assert body.step([0.1] * 6) == 0
+    before = bytes(body.state)
+    for wrong in (np.nan, np.inf, 1e200):
+        assert body.step([0.0, wrong]) == -1
+    assert body.switch(2) == body.switch(-1) == -1
+    assert bytes(body.state) == before
+    assert body.contacts == ["tip_left", "middle"]
+
+
+def test_what_c_cannot_do_is_refused(plate_rom, tmp_path):
+    for rom, what in (
+        (soft_rom(order=2), "large deformation"),
+        (replace(soft_rom(order=2, contact=True), deformation=None), "contact with obstacles"),
+        (replace(plate_rom, environment=replace(plate_rom.environment, frame="moving")), "a moving frame"),
+    ):
+        with pytest.raises(StructureError, match=f"has {what} in its scene, which is not linear"):
+            fr.export(rom, tmp_path / "plant.c")
+    for name in ("2nd.c", "my-plant.c", "ä.c"):
+        with pytest.raises(FileError, match="becomes a name in C: allowed are letters, digits and _"):
+            fr.export(plate_rom, tmp_path / name)
+    with pytest.raises(StepError, match="dt = -1"):
+        fr.export(plate_rom, tmp_path / "plant.c", dt=-1.0)
+    without = replace(plate_rom, environment=replace(plate_rom.environment, run=None))
+    with pytest.raises(FileError, match="the scene has no run, so that a time step is missing: --dt, in s"):
+        fr.export(without, tmp_path / "plant.c")
+    (tmp_path / "plant.h").mkdir()
+    with pytest.raises(FileError, match="cannot be written: it is a folder"):
+        fr.export(plate_rom, tmp_path / "plant.c")
+    assert [path.name for path in tmp_path.iterdir()] == ["plant.h"]
