@@ -5,8 +5,10 @@ import re
 import numpy as np
 import pytest
 from bodies import acted_on, box_arrays, box_surfaces, write_arrays
+from random_loads import outcomes
 
 import fenics_rom as fr
+from fenics_rom.errors import SolverError
 from fenics_rom.fem.finite_strain.model import ExternalForce
 from fenics_rom.fem.finite_strain.residuals import QuasiStaticResidual
 from fenics_rom.fem.petsc_matrix import PetscMatrix
@@ -100,6 +102,32 @@ def test_factored_matrix_is_the_tangent(tmp_path, law, degree):
             assert float(np.vdot(dx, found)) == pytest.approx(float(np.vdot(dx, expected)), rel=1e-12)
         else:
             np.testing.assert_allclose(found, expected, atol=1e-12 * np.abs(expected).max())
+    body.close()
+
+
+@pytest.mark.parametrize(
+    ("demo", "law", "count"), [("finger", "neo_hookean", 4), ("bending", "st_venant_kirchhoff", 2)]
+)
+def test_random_loads_are_followed_or_end_at_a_limit_point_that_is_named(demo, law, count):
+    """All 200: python tests/random_loads.py."""
+    assert set(outcomes(demo, law, count)) <= {"converged", "limit point"}
+
+
+def test_a_limit_point_is_named_at_its_load(tmp_path):
+    """P = E A λ(1 - λ²)/2 of a St. Venant-Kirchhoff bar between rollers has its largest value where λ² = 1/3."""
+    mesh = write_arrays(tmp_path / "bar.msh", *box_arrays((2.0, 1.0, 1.0), (2, 1, 1)))
+    sides = {"front": [0.0, 1.0, 0.0], "back": [0.0, 1.0, 0.0], "bottom": [0.0, 0.0, 1.0], "top": [0.0, 0.0, 1.0]}
+    rollers = "".join(f'\n[[supports.held]]\nsurface = "{side}"\nnormal = {normal}' for side, normal in sides.items())
+    system = assembled(mesh, 1e6, 0.0, degree=1, supports=f'clamped = ["left"]{rollers}')
+    body, most, asked = system.deformation.stepper(1.0), 1e6 / 27**0.5, 1.2
+    with pytest.raises(SolverError, match="comes to a limit point") as error:
+        body.equilibrium(StepInput(np.array([-asked * most, 0.0, 0.0])))
+    reached, kept = re.search(r"than the (\S+) of it .* keeps (\S+) of its", str(error.value)).groups()
+    assert 1 / asked - 1 / 1024 - 5e-4 <= float(reached) <= 1 / asked + 5e-4
+    λ = np.polynomial.Polynomial([asked * float(reached) * 27**-0.5, -0.5, 0, 0.5]).roots().max()
+    assert float(kept) == pytest.approx((3 * λ**2 - 1) / (2 * λ**2), abs=0.02)
+    body.equilibrium(StepInput(np.array([-0.9 * most, 0.0, 0.0])))
+    assert body.negative_pivots == 0
     body.close()
 
 

@@ -16,6 +16,7 @@ from fenics_rom.errors import SolverError
 from fenics_rom.fem.direct import MemoryShortage, PetscFactor
 from fenics_rom.fem.finite_strain.found_forces import FoundForces
 from fenics_rom.fem.finite_strain.gmres import Gmres
+from fenics_rom.fem.finite_strain.model import FiniteStrainModel
 from fenics_rom.fem.finite_strain.newton import (
     CONVERGENCE_TOLERANCE,
     MAX_ITERATIONS,
@@ -25,9 +26,17 @@ from fenics_rom.fem.finite_strain.newton import (
     NotConvergedError,
 )
 from fenics_rom.fem.finite_strain.residuals import QuasiStaticResidual, TrialStep
-from fenics_rom.fem.finite_strain.tangent_matrix import TangentMatrix
+from fenics_rom.fem.finite_strain.stresses import IDENTITY
+from fenics_rom.fem.finite_strain.tangent_matrix import OF_EQUILIBRIUM, TangentMatrix
+from fenics_rom.fem.petsc_matrix import PetscMatrix
 
+LIMIT_STIFFNESS = 0.25  # share of the stiffness without stress; less, where no load is too small, is a limit point
+INVERSE_ITERATIONS = 10  # that find the weakest direction
 LINEAR_RESIDUAL = 1e-6  # that linear systems are solved to
+PATIENCE = 5  # iterations with none better than the best one before, after which there is no hope for more
+KEEPING_SHARE = (
+    0.1  # of a residual that the next one is below, where the body has moved so little that a factor is kept
+)
 MAX_KEPT_PRODUCTS = 12  # products with the tangent, for one solution, that are still less than a new factor
 
 
@@ -72,14 +81,38 @@ class FactoredTangent:
         assert self._factor is not None
         return self._factor
 
-    def solve(self, equation: QuasiStaticResidual, trial: TrialStep, force: Array) -> Array:
-        """Velocity (rows here, 1) that a force (rows here, 1) asks for at a trial."""
+    def solve(self, equation: QuasiStaticResidual, trial: TrialStep, force: Array, near: bool) -> Array:
+        """Velocity (rows here, 1) that a force (rows here, 1) asks for at a trial, `near` to that of the factor."""
         tangent = partial(equation.apply_tangent, trial)
-        if self._factor is not None and self._at is not trial:
+        if self._factor is not None and self._at is not trial and near:
             solution = self._gmres.solve(tangent, self._factor, force, LINEAR_RESIDUAL, MAX_KEPT_PRODUCTS)
             if self._gmres.converged:
                 return solution
         return self._gmres.solve(tangent, self.factor(trial), force, LINEAR_RESIDUAL)
+
+    def limit_point(self, trial: TrialStep, model: FiniteStrainModel, nodes: Array) -> str:
+        """What K at a trial says of a limit point or buckling there, of a body whose nodes are at (N, 3) at rest."""
+        share, φ = self._weakest(trial, model)
+        if share > LIMIT_STIFFNESS:
+            return ""
+        place = nodes[np.square(model.nodal_field(φ)).sum(axis=1).argmax()]
+        return (
+            f", as the body comes to a limit point: the tangent keeps {share:.2g} of its stiffness without stress "
+            f"against a motion that is largest at ({', '.join(f'{x:.3g}' for x in place)}) m"
+        )
+
+    def _weakest(self, trial: TrialStep, model: FiniteStrainModel) -> tuple[float, Array]:
+        """Least share φᵀKφ/φᵀAφ that K at a trial keeps of A, the tangent without stress, and its φ (rows here, 1)."""
+        factor = self.factor(trial)
+        unstressed = PetscMatrix(self._matrix.definite(trial.stresses.F - IDENTITY, OF_EQUILIBRIUM))
+        φ, share = np.ones_like(trial.residual), 1.0
+        for _ in range(INVERSE_ITERATIONS):
+            Aφ = unstressed @ φ
+            φ = factor.solve(Aφ)
+            energy = model.dot(φ, unstressed @ φ)
+            share, φ = model.dot(φ, Aφ) / energy, φ / math.sqrt(energy)
+        unstressed.destroy()
+        return share, φ
 
     def close(self) -> None:
         """Gives the factor back."""
@@ -112,12 +145,13 @@ def solve_equilibrium(
         with np.errstate(all="ignore"):  # a shape without an energy is refused below
             return equation.evaluate(v)
 
-    trial, previous = evaluate(np.zeros_like(equation.start.x)), math.inf
+    trial, previous, near = evaluate(np.zeros_like(equation.start.x)), math.inf, True
+    smallest, last_better = math.inf, 0
     for iteration in range(MAX_ITERATIONS + 1):
         residual = trial.residual
         if not residual.any():
             return NewtonIterate(trial, found, residual, 0.0, iteration)
-        direction = tangent.solve(equation, trial, residual)
+        direction = tangent.solve(equation, trial, residual, near)
         size = math.sqrt(abs(dot(residual, direction)))
         terms = equation.terms(trial)
         shapes = tangent.factor_at_hand.solve(terms) / equation.h
@@ -126,6 +160,11 @@ def solve_equilibrium(
         if size <= CONVERGENCE_TOLERANCE * scale or STAGNATION_TOLERANCE * scale >= size > previous / 2:
             tangent.factor(trial)
             return NewtonIterate(trial, found, residual, size, iteration)
+        if size < smallest:
+            smallest, last_better = size, iteration
+        elif iteration - last_better >= PATIENCE:
+            raise NotConvergedError
+        near = size < KEEPING_SHARE * previous
         previous, share = size, 1.0
         while True:
             ahead = evaluate(trial.v + share * direction)

@@ -77,6 +77,12 @@ class ExternalForce:
     found: tuple[FollowerLoad, ...] = ()
     rubbing: tuple[TendonPull, ...] = ()
 
+    def ramped(self, before: tuple[tuple[float, FollowerLoad], ...], share: float) -> "ExternalForce":
+        """With what follows the body on its way from values before to its own, of which a share is done."""
+        first, last = ({load: value for value, load in following} for following in (before, self.following))
+        values = {load: (1 - share) * first.get(load, 0.0) + share * last.get(load, 0.0) for load in {**first, **last}}
+        return replace(self, following=tuple((value, load) for load, value in values.items() if value))
+
     def with_found(self, values: Array) -> "ExternalForce":
         """All of it, with values (n,) of what is found in the step."""
         return replace(self, following=(*self.following, *zip(map(float, values), self.found, strict=True)), found=())

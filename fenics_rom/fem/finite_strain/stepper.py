@@ -26,7 +26,9 @@ from fenics_rom.mechanics.hyperelastic import strain
 from fenics_rom.mechanics.step import StepInput, StepResult
 from fenics_rom.system.system import System
 
-SMALLEST_PART = 1 / 64  # share of a step, or of what its load changes by, below which none is tried
+SMALLEST_PART = 1 / 64  # share of a step below which none is tried
+SMALLEST_LOAD = 1 / 1024  # the same of what the load of an equilibrium changes by
+EASY_ITERATIONS = 6  # that lead to an equilibrium, after which a larger part is tried
 MAX_PRODUCTS = 25  # products with the tangent in a step, more than a new factor is worth
 
 
@@ -63,6 +65,7 @@ class FiniteStrainStepper(FullOrderBody):
         self.finest = 1.0
         self.report: Report = silent
         self.negative_pivots, self._unstable = 0, ""
+        self._following: tuple[tuple[float, FollowerLoad], ...] = ()  # the body, at the last equilibrium
         self._forces_in_newton: ForcesInNewton | None = None
         if self.interface is not None or self.actuators is not None:
             self._forces_in_newton = ForcesInNewton(self.interface, self.actuators)
@@ -108,7 +111,7 @@ class FiniteStrainStepper(FullOrderBody):
         """Puts the body somewhere, moving: local rows of displacement (m) and velocity (m/s), (rows here,) each."""
         self._arrive(x.reshape(-1, 1).copy(), v.reshape(-1, 1).copy())
         self._past: list[Array] = []
-        self.negative_pivots = 0
+        self.negative_pivots, self._following = 0, ()
 
     def step(self, inputs: StepInput) -> StepResult:
         """See Stepper; inputs are in the order of `System.input_matrix`.
@@ -135,10 +138,12 @@ class FiniteStrainStepper(FullOrderBody):
 
     def _state(self) -> tuple[Any, ...]:
         sums = None if self.ledger is None else self.ledger.sums
-        return self._start, self.contact, self.reactions, self.negative_pivots, self._unstable, sums
+        stability = self.negative_pivots, self._unstable
+        return self._start, self.contact, self.reactions, self._following, stability, sums
 
     def _restore(self, state: tuple[Any, ...]) -> None:
-        self._start, self.contact, self.reactions, self.negative_pivots, self._unstable, sums = state
+        self._start, self.contact, self.reactions, self._following, stability, sums = state
+        self.negative_pivots, self._unstable = stability
         self.x, self.v = self._start.x, self._start.v
         if self.ledger is not None:
             self.ledger.sums = sums
@@ -184,36 +189,43 @@ class FiniteStrainStepper(FullOrderBody):
         (load, u, given), state = self._load(inputs.u), self._state()
         strokes = load.strokes(self._start.u)
         self.newton, products = 0, self._krylov.products
-        missing = self._unbalanced(load) if quasi_static else None
+        missing = self._unbalanced(load.ramped(self._following, 0.0)) if quasi_static else None
         done, share, finest = 0.0, 1.0, 1.0
         while done < 1.0:
             try:
                 goal = strokes + (done + share) * (given - strokes)
-                self._part(done, share, load, u, goal, inputs.obstacles, missing)
+                iterations = self._part(done, share, load, u, goal, inputs.obstacles, missing)
             except (NotConvergedError, StepError):
+                if self._tangent is not None:
+                    self._tangent.close()  # it is of a shape that led nowhere
                 share /= 2
-                if share >= SMALLEST_PART:
+                if share >= (SMALLEST_LOAD if quasi_static else SMALLEST_PART):
                     continue
+                failure = self._failure(inputs.u, load, quasi_static, done)
                 self._restore(state)
-                raise SolverError(self._failure(inputs.u, quasi_static, done)) from None
+                raise SolverError(failure) from None
             done, finest = done + share, min(finest, share)
             if quasi_static and self._tangent is not None:
-                share = min(2 * share, 1 - done)
+                share = min(2 * share if iterations <= EASY_ITERATIONS else share, 1 - done)
+        self._following = load.following if quasi_static else ()
         self.products = self._krylov.products - products
         if finest < 1.0:
             self.parted, self.finest = self.parted + 1, min(self.finest, finest)
 
-    def _failure(self, u: Array, quasi_static: bool, done: float) -> str:
+    def _failure(self, u: Array, load: ExternalForce, quasi_static: bool, done: float) -> str:
         """Why a step could not be taken, and what to do; a part of it was `done`."""
-        part = f"1/{round(1 / SMALLEST_PART)} of {'its load' if quasi_static else f'a step of {self.dt:g} s'}"
+        smallest = f"1/{round(1 / SMALLEST_PART)} of a step of {self.dt:g} s"
         lower, reached = "the load or dt", ""
         if quasi_static:
-            lower, reached = "the load", f" more than the {done:.3g} of it that were put on"
-            if self._tangent is not None and self._tangent.negative_pivots:
-                reached += ", near a limit point (the tangent has negative pivots there)"
+            smallest, lower = f"1/{round(1 / SMALLEST_LOAD)} of its load", "the load"
+            reached = f" more than the {done:.3g} of it that were put on"
+            if self._tangent is not None:
+                zero, load = np.zeros_like(self.x), load.ramped(self._following, done)
+                here = QuasiStaticResidual(self._model, self._start, load, self.dt, zero).evaluate(zero)
+                reached += self._tangent.limit_point(here, self._model, self.system.body.nodes)
         return (
             f"Newton's method did not converge at t = {self.time:.6g} s in contact mode {self.contact_mode!r} "
-            f"under the inputs [{', '.join(f'{value:.6g}' for value in u)}], not even for {part}{reached}: lower "
+            f"under the inputs [{', '.join(f'{value:.6g}' for value in u)}], not even for {smallest}{reached}: lower "
             f"{lower}, or the body is pushed beyond what this mesh and material can follow"
         )
 
@@ -234,13 +246,14 @@ class FiniteStrainStepper(FullOrderBody):
         given: Array,
         obstacles: ObstacleMotion | None,
         missing: Array | None,
-    ) -> None:
-        """Takes the part of a step that begins when `done` of it is taken, to strokes (n,) that are given."""
+    ) -> int:
+        """Takes the part of a step that begins when `done` of it is taken, to given strokes (n,); its iterations."""
         h, start = share * self.dt, self._start
         equation: StepResidual
         if missing is None:
             equation = MidpointResidual(self._model, start, load, h)
         else:
+            load = load.ramped(self._following, done + share)
             equation = QuasiStaticResidual(self._model, start, load, h, (1 - done - share) * missing)
         motion = None if obstacles is None else obstacles.part(done, share, self.dt)
         if self._forces_in_newton is not None:
@@ -256,6 +269,7 @@ class FiniteStrainStepper(FullOrderBody):
         self._past = [trial.v, *self._past[:1]] if share == 1 else []
         self.contact, self.reactions = solution.found
         self._arrive(x, v, trial.stresses.F_end - IDENTITY)
+        return solution.iterations
 
     def _note_stability(self, negative_pivots: int, done: float, share: float) -> None:
         """Refuses parts of a step that lead to an equilibrium that is less stable, but for the smallest: told then."""
