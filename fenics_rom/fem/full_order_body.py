@@ -129,6 +129,11 @@ class FullOrderBody:
         """Velocity, m/s, as displacement."""
         return self._field(self.v, output)
 
+    @property
+    def shape(self) -> Array:
+        """Displacement of every mesh node in the frame of the body, (nodes, 3), m."""
+        return self._field(self.x, None)
+
     def _field(self, x: Array, output: str | None) -> Array:
         """A field (rows here, 1) at an output, or on all nodes, the same on every rank."""
         s = self.system

@@ -1,5 +1,6 @@
 """A scene's body in a frame that moves with it: where its mass is, and how stress stiffens it."""
 
+from contextlib import closing
 from functools import cached_property
 
 import numpy as np
@@ -8,12 +9,14 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_rom.fem.finite_strain.quadrature import QuadraturePoints
-from fenics_rom.fem.nodes import Nodes
+from fenics_rom.fem.nodes import Nodes, output_rows
 from fenics_rom.mechanics.hyperelastic import VOIGT_INDEX, linear_stress, small_strain
 from fenics_rom.scene.scene import Scene
 from fenics_rom.system.body import Unknowns
 from fenics_rom.system.moving_frame import FullOrderFrame, NodeMatrix
-from fenics_rom.system.protocols import Algebra
+from fenics_rom.system.protocols import Algebra, Operator
+from fenics_rom.system.rigid_modes import choose_fixed_dofs, free_rows
+from fenics_rom.system.system import System
 
 
 def frame_origin(scene: Scene, nodes: Nodes, unknowns: Unknowns, node_mass: np.ndarray) -> np.ndarray:
@@ -59,8 +62,30 @@ def assemble_frame(
         arms=arms[here],
         mass_times=products[here],
         moments=fields.T @ products,
+        output_points=_output_points(scene, nodes),
         geometric_stiffness=_GeometricStiffness(scene, nodes, moving, here, moduli, algebra),
     )
+
+
+def _output_points(scene: Scene, nodes: Nodes) -> dict[str, np.ndarray]:
+    """Where outputs are at rest, (points, 3) each, m."""
+    count = nodes.coordinates.size
+    whole = Unknowns(count, np.arange(count))
+    rows = {name: output_rows(nodes, output, whole, f"outputs.{name}") for name, output in scene.outputs.items()}
+    return {name: (C.T @ nodes.coordinates.ravel()).reshape(-1, 3) for name, C in rows.items()}
+
+
+def centrifugal_stiffness(system: System) -> list[Operator]:
+    """The six matrices by which turning stiffens a body, N s²/m; none where its stress is not known."""
+    frame, algebra, R = system.moving_frame, system.algebra, system.rigid
+    assert frame is not None
+    if frame.geometric_stiffness is None:
+        return []
+    loads = frame.centrifugal_loads()
+    loads = loads - system.mass @ (R @ algebra.inner(R, loads))  # with the inertia relief of a free body
+    with closing(algebra.factor((1.0, system.stiffness), fixed_dofs=choose_fixed_dofs(R, algebra))) as factor:
+        responses = factor.solve(loads * free_rows(algebra, choose_fixed_dofs(R, algebra)))
+    return [frame.geometric_stiffness(responses[:, [n]]) for n in range(6)]
 
 
 class _GeometricStiffness:

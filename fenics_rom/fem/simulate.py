@@ -51,7 +51,7 @@ def simulate(
     for step, (u, spent) in enumerate(_steps(body, history), start=1):
         seconds += spent
         if step % MONITOR_INTERVAL == 0:
-            monitor.look(body.displacement(), body.time)
+            monitor.look(body.stepper.shape, body.time)
         recorder.sample(step, body, u)
         report("steps", step, history.steps)
     body.close()

@@ -8,6 +8,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError, check_known
 from fenics_rom.fem.finite_strain.stepper import FiniteStrainStepper
+from fenics_rom.fem.frame_stepper import MovingFrameStepper
 from fenics_rom.fem.linear_stepper import FullOrderStepper
 from fenics_rom.fem.readings import readable
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
@@ -30,7 +31,8 @@ class FullOrderSimulator:
 
     Attributes:
         system: the full-order model.
-        stepper: of the body: linear, unless the system deforms largely.
+        stepper: of the body: linear, unless the system deforms largely or its frame moves.
+        pose, momentum, base_wrench: of a moving frame, as in Simulator; None of others.
         environment: the loads and obstacles.
         contact, time, energy, ledger, displacement, velocity, switch, close: the stepper's; see FullOrderBody.
 
@@ -39,7 +41,7 @@ class FullOrderSimulator:
         StepError: the body begins in an obstacle.
     """
 
-    stepper: FullOrderStepper | FiniteStrainStepper
+    stepper: FullOrderStepper | FiniteStrainStepper | MovingFrameStepper
 
     def __init__(
         self,
@@ -52,7 +54,9 @@ class FullOrderSimulator:
     ):
         self.system, self.environment = system, ActiveEnvironment(environment, signals=signals)
         environment.check_supports(system.rigid.shape[1])
-        if system.deformation is None:
+        if system.moving_frame is not None:
+            self.stepper = MovingFrameStepper(system, dt, self.environment, ledger=ledger)
+        elif system.deformation is None:
             self.stepper = FullOrderStepper(system, dt, self.environment, ledger=ledger)
         else:
             self.stepper = system.deformation.stepper(dt, self.environment, ledger=ledger)
@@ -64,6 +68,9 @@ class FullOrderSimulator:
     time = property(attrgetter("stepper.time"))
     energy = property(attrgetter("stepper.energy"))
     ledger = property(attrgetter("stepper.ledger"))
+    pose = property(lambda self: getattr(self.stepper, "pose", None))
+    momentum = property(lambda self: getattr(self.stepper, "momentum", None))
+    base_wrench = property(lambda self: getattr(self.stepper, "wrench", None))
 
     def begin(self, initial: InitialState, history: LoadHistory) -> list[str]:
         """Puts a body that is at rest at the start of a run; what supports do not let it have of that, in words.
@@ -72,6 +79,12 @@ class FullOrderSimulator:
             SceneError: an equilibrium of a body that nothing holds, or a field that supports hold.
             SolverError, StepError: no equilibrium was found, or the body begins in an obstacle.
         """
+        if isinstance(self.stepper, MovingFrameStepper) and self.system.moving_frame is not None:
+            if self.system.moving_frame.carried:
+                initial.check_carried()
+            else:
+                self.stepper.place(initial.pose(self.system.moving_frame.origin))
+            return []
         initial.check_supports(self.system.rigid.shape[1])
         body, rows = self.system.body, self.system.algebra.rows()
         x = self._equilibrium(history) if initial.equilibrium else np.zeros_like(self.stepper.x)

@@ -7,6 +7,8 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import SceneError
+from fenics_rom.mechanics.base_path import BaseState
+from fenics_rom.mechanics.frame_motion import quaternion_of_vector
 
 Vector = tuple[float, float, float]
 ZERO: Vector = (0.0, 0.0, 0.0)
@@ -45,6 +47,22 @@ class InitialState:
         for name in ("translation", "rotation"):
             if any(getattr(self, name)) and not rigid:
                 raise SceneError(f"run.initial.{name}: allowed is a body that nothing holds")
+
+    def pose(self, origin: Array) -> BaseState:
+        """Where a free body in a moving frame begins; `origin` (3,) is its centre of mass at rest, m.
+
+        Raises:
+            SceneError: a shape other than that at rest.
+        """
+        if self.equilibrium or self.instant is not None:
+            raise SceneError("run.initial: a body in a moving frame begins in its shape at rest; allowed is no other")
+        position, rotation = origin + np.array(self.translation), quaternion_of_vector(self.rotation)
+        return BaseState(position, rotation, np.array(self.velocity), np.array(self.spin))
+
+    def check_carried(self) -> None:
+        """Refuses (SceneError) what a rigid base has the say of: a body that it carries begins at rest in it."""
+        if self != InitialState():
+            raise SceneError("run.initial: of a body that a rigid base carries, effects.base_path says how it begins")
 
     def fields(self, nodes: Array, node_mass: Array) -> tuple[Array, Array]:
         """Displacement (m) and velocity (m/s) of nodes, (N, 3) each; the equilibrium is not in them.

@@ -4,7 +4,7 @@ M = m ⊗ I₃ is the same for the three components of a node, and the rows of a
 e_k×X, "e_k×" node by node, is e_k× times M X, of all nodes: a base that carries the body holds some of them.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -27,6 +27,7 @@ class FullOrderFrame:
         arms: X (nodes here, 3) of the nodes that move, from the origin, m.
         mass_times: m times 1 and the three components of X, of all nodes, (nodes here, 4), kg, kg m.
         moments: (4, 4) sums of m over 1 and the components of X with each other, of all nodes, kg, kg m, kg m².
+        output_points: of each output at rest in world axes, (points, 3), m.
         geometric_stiffness: of a displacement (rows here, 1), m: the operator K_g[σ] of its linear stress σ, N/m. None:
             the stress is not known.
     """
@@ -36,6 +37,7 @@ class FullOrderFrame:
     arms: Array
     mass_times: Array
     moments: Array
+    output_points: Mapping[str, Array]
     geometric_stiffness: GeometricStiffness | None = None
 
     def centrifugal_loads(self) -> Array:

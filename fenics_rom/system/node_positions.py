@@ -47,7 +47,12 @@ def check_outputs(outputs: Mapping[str, Array]) -> None:
 
 
 def frame_of_matrices(
-    body: Body, M: Operator, rigid: int, algebra: Algebra, geometric_stiffness: GeometricStiffness | None
+    body: Body,
+    M: Operator,
+    rigid: int,
+    algebra: Algebra,
+    outputs: Mapping[str, Array],
+    geometric_stiffness: GeometricStiffness | None,
 ) -> FullOrderFrame:
     """The moving frame of a body with nodes: free, or carried by a base at the origin of coordinates.
 
@@ -61,7 +66,8 @@ def frame_of_matrices(
     origin = np.zeros(3) if carried else _products(M, body.nodes, np.zeros(3), algebra)[0][0, 1:] / body.node_mass.sum()
     moments, mass_times = _products(M, body.nodes, origin, algebra)
     arms = body.nodes[rows.start // 3 : rows.stop // 3] - origin
-    return FullOrderFrame(carried, origin, arms, mass_times, moments, geometric_stiffness)
+    along = {name: algebra.inner(C, body.nodes.reshape(-1, 1)[rows]).reshape(-1, 3) for name, C in outputs.items()}
+    return FullOrderFrame(carried, origin, arms, mass_times, moments, along, geometric_stiffness)
 
 
 def _products(M: Operator, X: Array, origin: Array, algebra: Algebra) -> tuple[Array, Array]:

@@ -124,7 +124,7 @@ class System:
                 check_outputs(filled["outputs"])
             check_known("frame", frame, FRAMES, StructureError)
             if frame == "moving":
-                of = filled["body"], filled["mass"], filled["rigid"].shape[1], filled["algebra"]
+                of = filled["body"], filled["mass"], filled["rigid"].shape[1], filled["algebra"], filled["outputs"]
                 filled["moving_frame"] = frame_of_matrices(*of, geometric_stiffness)
         elif self.rigid is UNSET:
             filled["rigid"] = np.empty((self.local_size, 0))
