@@ -139,7 +139,7 @@ class ActiveEnvironment:
         """
         loads = self.loads_at(time + dt / 2 if self.environment.has_inertia else time + dt)
         motion = ObstacleMotion(self.state.offsets, self.offsets_at(time + dt), self.state.velocities)
-        return StepInput(np.concatenate([u, loads]), motion)
+        return StepInput(np.concatenate([u, loads]), motion, self.base_at(time + dt))
 
     def commit(self, inputs: StepInput, dt: float) -> None:
         """Ends a step of dt, s, that was taken: the obstacles are where they were to be."""

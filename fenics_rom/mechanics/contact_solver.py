@@ -83,6 +83,11 @@ class ContactSolver:
                 f"{names[obstacle]!r} is the point at {(self.points[point] + displacement[point]).tolist()}"
             )
 
+    def reaches(self, points: PointMotion, dt: float, obstacles: ObstacleMotion) -> bool:
+        """Whether a step may need contact forces; arguments as in `solve`."""
+        gaps, _ = self._distances(points.displacement, obstacles.start)
+        return self.law.stiffness is not None or not out_of_reach(float(gaps.min()), points, obstacles, dt)
+
     def solve(
         self, points: PointMotion, delassus: Array, dt: float, obstacles: ObstacleMotion, quasi_static: bool = False
     ) -> ContactSolution | None:

@@ -14,7 +14,12 @@ from collections.abc import Sequence
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.mechanics.base_path import BaseState
+
 Numbers = Sequence[float] | Array
+Vector = tuple[float, float, float]
+Quaternion = tuple[float, float, float, float]
+ZERO: Vector = (0.0, 0.0, 0.0)
 
 
 def cross_matrix(a: Numbers) -> Array:
@@ -55,7 +60,7 @@ def quaternion_of_vector(turn: Numbers) -> Array:
     return np.array((math.cos(angle / 2), *(half * part for part in turn)))
 
 
-def turned(quaternion: Numbers, t: Numbers) -> tuple[float, float, float, float]:
+def turned(quaternion: Numbers, t: Numbers) -> Quaternion:
     """The unit quaternion of R cay(t), t (3,) in the axes of the frame that the quaternion of R turns."""
     w, x, y, z = quaternion
     a, b, c = t[0] / 2, t[1] / 2, t[2] / 2
@@ -72,3 +77,32 @@ def turned(quaternion: Numbers, t: Numbers) -> tuple[float, float, float, float]
 def cayley(t: Numbers) -> Array:
     """cay(t), (3, 3)."""
     return rotation_matrix(turned((1.0, 0.0, 0.0, 0.0), t))
+
+
+def world_displacement(pose: BaseState, origin: Array, rest: Array, displacement: Array) -> Array:
+    """Of points at rest (P, 3) in world axes that have moved by (P, 3) in the frame, (P, 3), m."""
+    moved: Array = pose.position + (rest - origin + displacement).dot(rotation_matrix(pose.rotation).T) - rest
+    return moved
+
+
+def world_velocity(pose: BaseState, origin: Array, rest: Array, displacement: Array, velocity: Array) -> Array:
+    """Of the same points that move with (P, 3) in the frame, (P, 3), m/s."""
+    R = rotation_matrix(pose.rotation)
+    arms = (rest - origin + displacement).dot(R.T)
+    moving: Array = pose.velocity + arms.dot(cross_matrix(pose.angular_velocity).T) + velocity.dot(R.T)
+    return moving
+
+
+def cross(a: Vector, b: Vector) -> Vector:
+    """a × b."""
+    return a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]
+
+
+def dot(a: Vector, b: Vector) -> float:
+    """a · b."""
+    return a[0] * b[0] + a[1] * b[1] + a[2] * b[2]
+
+
+def added(a: Vector, factor: float, b: Vector) -> Vector:
+    """a + factor b."""
+    return a[0] + factor * b[0], a[1] + factor * b[1], a[2] + factor * b[2]

@@ -21,12 +21,14 @@ A Stepper is one integrator. It owns the state of a body, and the work that it s
 """
 
 from collections.abc import Mapping
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 from numpy import ndarray as Array
 
+from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.contact import ContactSearch, ContactSolution, ObstacleMotion
 
+MOVING_FRAME = "moving-frame"  # the stepper of a body that turns as far as it likes
 FINITE_STRAIN_STEPPERS = ("newton", "linearly-implicit")  # of a reduced body with inertia
 
 
@@ -35,6 +37,7 @@ class StepInput(NamedTuple):
 
     u: Array  # (p,) contact columns, actuators, loads; N, or the unit of the input
     obstacles: ObstacleMotion | None = None  # how they move; None where there are none
+    base: BaseState | None = None  # that carries the body, at the end; None where nothing says how it moves
 
 
 class StepResult(NamedTuple):
@@ -54,3 +57,4 @@ class StepperState(NamedTuple):
     search: ContactSearch | None  # with which the next search for contact forces begins; None where nothing can touch
     notes: Mapping[str, float]  # of the run so far, to tell the user
     reactions: Array  # (n,) of the last step, N or Pa
+    frame: Any = None  # of a moving frame: where it is

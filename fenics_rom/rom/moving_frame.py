@@ -11,7 +11,8 @@ Kg_kl = Q_eᵀ K_g[σ(u_kl)] Q_e of the linear stress σ in the static response 
 -½M[e_k×(e_l×X) + e_l×(e_k×X)].
 """
 
-from dataclasses import dataclass, replace
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
 
 import numpy as np
 from numpy import ndarray as Array
@@ -37,6 +38,10 @@ class MovingFrame(ByContent):
         coupling0: g (3, k), kg^1/2 m; of a free body 0.
         coupling: G (3, k, k), each antisymmetric.
         stiffening: Kg (6, k, k), each symmetric, to be taken from I2; None where it is not known.
+        wrenches: force and torque about the origin, (6, p), of each contact mode's input columns, with the shape at
+            rest, N and N m per unit of the input.
+        torque_modes: (p, 3, k) what the shape adds to these torques; nothing of actuators, whose forces are internal.
+        output_points: (points, 3) of each output, at rest in world axes, m.
     """
 
     carried: bool
@@ -50,6 +55,9 @@ class MovingFrame(ByContent):
     coupling0: Array
     coupling: Array
     stiffening: Array | None = None
+    wrenches: Mapping[str, Array] = field(default_factory=dict)
+    torque_modes: Mapping[str, Array] = field(default_factory=dict)
+    output_points: Mapping[str, Array] = field(default_factory=dict)
 
     @property
     def order(self) -> int:

@@ -1,4 +1,4 @@
-"""A ROM at a lower order, of the directions that it keeps first."""
+"""A ROM at a lower order, of the directions that it keeps first; a ROM without its rigid motions."""
 
 from dataclasses import replace
 from typing import TYPE_CHECKING
@@ -7,6 +7,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StructureError
+from fenics_rom.mechanics.readings import SurfaceReading
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.given_rom import given_rom
 from fenics_rom.rom.rom import Rom, diagonalized_span
@@ -59,4 +60,35 @@ def _truncate_mode(κ: Array, mode: ContactModel, order: int) -> ContactModel:
         directions=np.linalg.qr(within.T @ mode.directions[:, :order])[0],
         hankel_singular_values=mode.hankel_singular_values,
         contact_points=mode.contact_points,
+    )
+
+
+def without_rigid_motions(rom: Rom) -> Rom:
+    """The ROM of what strains alone, for a body whose frame moves with it."""
+    ρ = rom.rigid
+    if not ρ:
+        return rom
+    models = {
+        name: replace(
+            model,
+            eigenvalues=model.eigenvalues[ρ:],
+            damping=model.damping[ρ:] if model.damping.ndim == 1 else model.damping[ρ:, ρ:],
+            inputs=model.inputs[ρ:],
+            coordinates=model.coordinates[ρ:, ρ:],
+            directions=np.eye(model.order - ρ),
+            left_inverse=None,
+        )
+        for name, model in rom.contact_models.items()
+    }
+    readings = {
+        name: replace(reading, operator=reading.operator[:, ρ:]) if isinstance(reading, SurfaceReading) else reading
+        for name, reading in rom.readings.items()
+    }
+    return replace(
+        rom,
+        contact_models=models,
+        basis=rom.basis[:, ρ:],
+        stiffness=rom.stiffness[ρ:],
+        outputs={name: rows[:, ρ:] for name, rows in rom.outputs.items()},
+        readings=readings,
     )

@@ -11,10 +11,12 @@ from numpy import ndarray as Array
 
 from fenics_rom.errors import FenicsRomWarning, SceneError, StepError
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
+from fenics_rom.mechanics.base_path import BASE_PATH
 from fenics_rom.mechanics.environment import PERMANENT_EFFECTS, Environment
 from fenics_rom.mechanics.signals import SignalLike
 from fenics_rom.mechanics.step import StepInput
 from fenics_rom.rom.rom import Rom
+from fenics_rom.rom.truncate import without_rigid_motions
 from fenics_rom.runtime.steppers.stepper import ReducedStepper
 
 LONGEST_SHOWN = 60  # letters of what a scene says otherwise than a ROM
@@ -33,8 +35,10 @@ def fit_environment(
     """
     made_for = rom.environment
     if not made_for.is_of_scene:
-        if signals or (environment is not None and set(environment.effects) - {"inertia", "damping"}):
+        if set(signals or ()) - {BASE_PATH} or (environment and set(environment.effects) - {"inertia", "damping"}):
             raise SceneError(f"ROM {rom.name!r} was made from matrices, so that it knows of no loads and obstacles")
+        if made_for.is_moving:
+            return _moving(rom, made_for), ActiveEnvironment(made_for, rom.loads, signals)
         return rom, None
     if environment is None:
         environment = made_for
@@ -49,7 +53,16 @@ def fit_environment(
         rom = replace(rom, deformation=None)
     active = ActiveEnvironment(environment, rom.loads, signals)
     environment.check_supports(rom.rigid)
+    if environment.is_moving:
+        rom = _moving(rom, environment)
     return rom, active if rom.loads or not environment.is_plain else None
+
+
+def _moving(rom: Rom, environment: Environment) -> Rom:
+    """The ROM of what moves in its frame."""
+    if rom.moving_frame is None:
+        raise SceneError(f"ROM {rom.name!r} has no moving frame; reduce {environment.source or 'its matrices'} anew")
+    return without_rigid_motions(rom)
 
 
 def fit_loads(rom: Rom, signals: Mapping[str, SignalLike] | None) -> tuple[Rom, ActiveEnvironment | None]:
@@ -62,6 +75,8 @@ def fit_loads(rom: Rom, signals: Mapping[str, SignalLike] | None) -> tuple[Rom, 
         return rom, None
     rom, active = fit_environment(rom, None, signals)
     acting = rom.environment
+    if acting.is_moving:
+        raise StepError(f"ROM {rom.name!r} moves with its frame: Simulator steps such bodies, one by one")
     if not acting.has_inertia or acting.contact_law is not None or acting.finds_forces:
         raise StepError(
             f"ROM {rom.name!r} has contact, strokes, tendon friction or no inertia in its scene: allowed are forces "
@@ -152,7 +167,8 @@ class EnvironmentInputs:
     def __init__(self, rom: Rom, environment: ActiveEnvironment):
         self.environment = environment
         acting = environment.environment
-        self.needs_each_step = not acting.has_inertia or acting.contact_law is not None or acting.finds_forces
+        found = acting.contact_law is not None or acting.finds_forces
+        self.needs_each_step = not acting.has_inertia or acting.is_moving or found
         self._switches = acting.switches_itself and len(rom.contact_models) > 1
         self._actuator_columns = sum(rom.actuators.values())
 

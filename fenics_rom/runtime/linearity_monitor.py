@@ -10,7 +10,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.errors import FenicsRomWarning
 from fenics_rom.mechanics.linearity import ROTATION_LIMIT, STRAIN_LIMIT, SurfaceGauges, SurfaceStrainPeak, measure_peaks
-from fenics_rom.rom.contact_model import safe_frequencies
+from fenics_rom.rom.contact_model import ContactModel, safe_frequencies
 from fenics_rom.rom.rom import Rom
 
 # High states between two looks, so that looking costs less than stepping: before a limit was passed, and after.
@@ -26,7 +26,7 @@ class LinearityMonitor:
     """
 
     def __init__(self, rom: Rom, rigid: Callable[[], Array] = lambda: np.empty(0)):
-        self._rom, self._rigid, self._gauges = rom, rigid, dict[str, ReducedGauges]()
+        self._rom, self._rigid, self._gauges = rom, rigid, dict[str, tuple[ContactModel, ReducedGauges]]()
         # A body that deforms largely has no linear limit to look out for.
         self._rows = gauge_basis(rom) if rom.deformation is None else np.empty((0, rom.basis.shape[1]))
         self.begin(SurfaceStrainPeak())
@@ -37,14 +37,17 @@ class LinearityMonitor:
         self._margin, self._last = 0.0, np.empty(0)
         self._since = max(LOOK_INTERVAL.values())
 
-    def enter(self, contact: str) -> float:
-        """Watches a contact mode; returns twice the stored energy, J, up to which there is no need to look."""
-        if contact not in self._gauges:
-            model = self._rom.contact_models[contact]
-            self._gauges[contact] = ReducedGauges(self._rows @ model.coordinates, model.eigenvalues)
-        self._safe_frequencies = self._rom.contact_models[contact].safe_frequencies
+    def enter(self, contact: str, model: ContactModel) -> float:
+        """Watches a contact mode; returns twice the stored energy, J, up to which there is no need to look.
+
+        Its model is the ROM's, or one with further modes.
+        """
+        if contact not in self._gauges or self._gauges[contact][0] is not model:
+            gauges = ReducedGauges(self._rows @ model.coordinates, model.eigenvalues)
+            self._gauges[contact] = model, gauges
+        self._safe_frequencies = model.safe_frequencies
         self._margin = 0.0  # what was safe in another mode's coordinates says nothing here
-        self._gauge = self._gauges[contact]
+        self._gauge = self._gauges[contact][1]
         return min(2 * self._gauge.safe_energy, sys.float_info.max)  # infinite is never safe
 
     def look(self, e: Array, time: float) -> None:

@@ -53,7 +53,7 @@ class SimulatedBody:
     _safe_frequencies: Array
 
     def __repr__(self) -> str:
-        model, steps = self.rom.contact_models[self.contact], f"{self.steps} step{'' if self.steps == 1 else 's'}"
+        model, steps = self._stepper.model, f"{self.steps} step{'' if self.steps == 1 else 's'}"
         columns = {"the contact in N": self.rom.contacts[self.contact]}
         units = self.rom.environment.input_units
         columns |= {f"{name} in {units.get(name, 'N')}": count for name, count in self.rom.actuators.items()}
@@ -187,9 +187,11 @@ class SimulatedBody:
         if output not in self.rom.outputs:
             hint = "; it is a reading: Simulator.reading gives it" if output in self.rom.readings else ""
             raise StepError(unknown("output", output, self.rom.outputs) + hint)
-        key = self.contact, output
+        key, model = (self.contact, output), self._stepper.model
+        if model is not self.rom.contact_models[self.contact]:  # until the next switch
+            return self.rom.outputs[output] @ model.coordinates
         if key not in self._output_rows:
-            self._output_rows[key] = self.rom.outputs[output] @ self.rom.contact_models[self.contact].coordinates
+            self._output_rows[key] = self.rom.outputs[output] @ model.coordinates
         return self._output_rows[key]
 
     def contact_forces(self, obstacle: str | None = None) -> Array:
@@ -259,13 +261,13 @@ class SimulatedBody:
     @property
     def _shape(self) -> Array:
         """The displacement in the shared basis, (k,)."""
-        shape: Array = self.rom.contact_models[self.contact].coordinates @ self._q
+        shape: Array = self._stepper.model.coordinates @ self._q
         return shape if self._beyond is None else shape + self._beyond
 
     def _field(self, coordinates: Array, output: str | None, beyond: Array | None = None) -> Array:
         """Of coordinates (m,) in the contact mode, and (k,) beside them in the shared basis."""
         if output is None:
-            shape = self.rom.contact_models[self.contact].coordinates @ coordinates
+            shape = self._stepper.model.coordinates @ coordinates
             return self.rom.reconstruct(shape if beyond is None else shape + beyond)
         rows = self.output_rows(output) @ coordinates
         return self.rom.by_point(rows if beyond is None else rows + self.rom.outputs[output] @ beyond)

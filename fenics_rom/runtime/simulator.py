@@ -18,7 +18,8 @@ from fenics_rom.rom.given_rom import given_rom
 from fenics_rom.rom.midpoint_map import checked_dt
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.linearity_monitor import LinearityMonitor
-from fenics_rom.runtime.simulated_body import SimulatedBody, SimulatorState
+from fenics_rom.runtime.moving_body import MovingBody
+from fenics_rom.runtime.simulated_body import SimulatorState
 from fenics_rom.runtime.steppers.selection import make_stepper
 from fenics_rom.runtime.switching import SwitchLoss
 
@@ -26,6 +27,7 @@ if TYPE_CHECKING:
     from os import PathLike
 
     from fenics_rom.mechanics.active_environment import ActiveEnvironment
+    from fenics_rom.mechanics.base_path import BaseState
     from fenics_rom.mechanics.environment import HasEnvironment
     from fenics_rom.mechanics.signals import SignalLike
     from fenics_rom.runtime.rollout import Rollout
@@ -33,7 +35,7 @@ if TYPE_CHECKING:
 _FLOAT, _as_array = np.dtype(float), np.asarray
 
 
-class Simulator(SimulatedBody):
+class Simulator(MovingBody):
     """Steps a ROM from rest, beginning in its first contact mode.
 
     Loads and obstacles of the scene act by themselves. Where its contact switches automatically, the contact mode is
@@ -49,6 +51,7 @@ class Simulator(SimulatedBody):
             its displacement, m (3,).
         stepper: of a body with large deformation: "newton" (for large steps) or "linearly-implicit" (for small ones);
             None: the one that suits dt.
+        detail: of a moving frame: "full", or "quasi-rigid", with inertia of the shape at rest; None: as the scene says.
 
     Attributes:
         steps: number of steps taken.
@@ -78,9 +81,10 @@ class Simulator(SimulatedBody):
         scene: "HasEnvironment | None" = None,
         signals: "Mapping[str, SignalLike] | None" = None,
         stepper: str | None = None,
+        detail: str | None = None,
     ):
         rom = given_rom("Simulator", rom)
-        self._origin = rom, scene, signals, stepper
+        self._origin = rom, scene, signals, stepper, detail
         self.environment: ActiveEnvironment | None = None
         self._source = None
         if not rom.environment.is_plain or scene is not None or signals:  # others start sooner without this import
@@ -93,7 +97,7 @@ class Simulator(SimulatedBody):
         self._dt, self._since = checked_dt(dt), (0.0, 0)
         self.ledger = EnergyLedger(lambda: self._stepper.flush()) if ledger else None
         self.loss = SwitchLoss()
-        self._stepper = make_stepper(rom, self._dt, self.environment, self.ledger, stepper)
+        self._stepper = make_stepper(rom, self._dt, self.environment, self.ledger, stepper, self._detail(detail))
         self._monitor = LinearityMonitor(rom, self._rigid_displacement)
         self._output_rows: dict[tuple[str, str], Array] = {}
         self._rollout: Rollout | None = None
@@ -162,12 +166,6 @@ class Simulator(SimulatedBody):
             warnings.warn(message, FenicsRomWarning, stacklevel=2)
         return lost
 
-    def _check_outside_obstacles(self) -> None:
-        interface = self._stepper.interface
-        if interface is not None and self.environment is not None:
-            offsets = self.environment.state.offsets
-            interface.solver.check_start(self._stepper.point_displacement(), offsets, list(self.environment.obstacles))
-
     @property
     def needs_each_step(self) -> bool:
         """Whether what happens in a step is not known before it is taken."""
@@ -206,7 +204,9 @@ class Simulator(SimulatedBody):
             raise StepError(unknown("load or obstacle", name, []))
         self.environment.set_signal(name, signal)
 
-    def step(self, u: Sequence[float] | Array | Mapping[str, Any] = (), **named: Any) -> None:
+    def step(
+        self, u: Sequence[float] | Array | Mapping[str, Any] = (), *, base: "BaseState | None" = None, **named: Any
+    ) -> None:
         """Advances by dt under a constant input.
 
         Args:
@@ -214,6 +214,7 @@ class Simulator(SimulatedBody):
                 given, what it is to be at the end of the step, m or m³). The actuators' alone, where the scene has
                 loads, strokes, obstacles or no inertia: then nothing pushes at the contact mode besides.
                 Or a mapping by name; what it does not name is 0.
+            base: that carries the body, at the end of the step; None: as the environment says, or at rest.
             named: the same as arguments, `step(flexor=1.2, tip=[0, 0, 0.5])`: of actuators, and of the contact mode.
 
         Raises:
@@ -221,6 +222,8 @@ class Simulator(SimulatedBody):
         """
         if named:
             u = self._by_name(u, named)
+        if base is not None:
+            self._take_base(base)
         try:
             if type(u) is Array and u.dtype is not _FLOAT:
                 u = real_numbers(u)
@@ -228,7 +231,7 @@ class Simulator(SimulatedBody):
             twice = self._advance(given)
         except (TypeError, ValueError):
             if isinstance(u, Mapping):  # here, as it costs a step by position nothing
-                return self.step(self._by_name(u, {}))
+                return self.step(self._by_name(u, {}), base=base)
             raise StepError(self._wrong_input(u)) from None
         if twice <= self._monitor_threshold:
             self.steps += 1
@@ -257,7 +260,7 @@ class Simulator(SimulatedBody):
             before = self.save()
             self.switch(nearest)
         try:
-            inputs = source.step_input(u, self._width, self.time, self._dt)
+            inputs = self._with_base(source.step_input(u, self._width, self.time, self._dt))
             result = self._stepper.step(inputs)
             if not math.isfinite(result.energy):
                 self._leave_finite(inputs.u)
@@ -372,10 +375,10 @@ class Simulator(SimulatedBody):
 
     def _enter(self) -> None:
         """Follows the stepper to the contact mode that it is in."""
-        model = self.rom.contact_models[self.contact]
+        model = self._stepper.model
         self._order, self._safe_frequencies = model.order, model.safe_frequencies
         self._width = model.inputs.shape[1] - sum(self.rom.loads.values())
-        self._monitor_threshold = self._monitor.enter(self.contact)
+        self._monitor_threshold = self._monitor.enter(self.contact, model)
         # Where nothing acts but inputs, a step is one call that allocates nothing.
         self._advance = self._stepper.kernel.step if self.environment is None else self._advance_in_environment
 
@@ -385,11 +388,12 @@ def _revived(
     scene: "HasEnvironment | None",
     signals: "Mapping[str, SignalLike] | None",
     stepper: str | None,
+    detail: str | None,
     given: "Mapping[str, SignalLike]",
     state: SimulatorState,
 ) -> Simulator:
     ledger = state.sums is not None
-    simulator = Simulator(rom, state.dt, ledger=ledger, scene=scene, signals=signals, stepper=stepper)
+    simulator = Simulator(rom, state.dt, ledger=ledger, scene=scene, signals=signals, stepper=stepper, detail=detail)
     for name, signal in given.items():  # after the start: an obstacle may since have gone where the body was
         simulator.set_signal(name, signal)
     simulator.restore(state)

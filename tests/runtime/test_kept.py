@@ -35,8 +35,8 @@ CARRIED = "what a step with contact or large deformation carries along"
 READ = {
     "contact mode": (lambda b: b.contact, "contact"),
     "displacement and velocity": (
-        lambda b: (b.state, b.energy, b.energy_coordinates),
-        "stepper stepper.state stepper.rigid_displacement",
+        lambda b: (b.state, b.energy, b.energy_coordinates, b.pose),
+        "stepper stepper.state stepper.rigid_displacement stepper.frame",
     ),
     CARRIED: (lambda b: b.save().stepper.auxiliary, "stepper.auxiliary"),
     "forces of contact and of strokes, and those that the next search begins with": (

@@ -107,9 +107,9 @@ def test_the_record_says_it_of_reduced_and_full_runs(plate_rom, newton, said):
 def test_what_was_safe_in_one_contact_mode_says_nothing_in_another(plate_rom):
     """The same numbers are another shape there."""
     watch, e = LinearityMonitor(plate_rom), np.eye(20)[0]
-    watch.enter("middle")
+    watch.enter("middle", plate_rom.contact_models["middle"])
     watch.look(1e-6 * e, time=0.0)
-    watch.enter("tip_left")
+    watch.enter("tip_left", plate_rom.contact_models["tip_left"])
     for _ in range(20):
         watch.look(1e-6 * e, time=1.0)
     assert watch.peak.time == 1.0

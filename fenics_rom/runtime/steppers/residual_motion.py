@@ -193,6 +193,14 @@ class ResidualMotion:
         strained = float(e_start.dot(e_start)) + 2 * start._strain_energy
         y = there.basis_points.dot(e_start) + start._y - here.basis_points.dot(e)
         self._g[:], self._y[:] = self._carried(y, strained - float(e.dot(e)))
+        self._keep_rate(start)
+
+    def take_over(self, start: "ResidualMotion") -> None:
+        """Goes on where another contact mode's residual part was, with no more energy than that had."""
+        self._g[:], self._y[:] = self._carried(start._y, 2 * start._strain_energy)
+        self._keep_rate(start)
+
+    def _keep_rate(self, start: "ResidualMotion") -> None:
         self._ġ[:], self._ẏ[:] = self._carried(start._ẏ, 2 * start._kinetic_energy / self._τ**2 if self._τ else 0.0)
 
     def _carried(self, y: Array, most: float) -> tuple[Array, Array]:

@@ -22,7 +22,12 @@ LINEARLY_IMPLICIT_STEPS = 40  # in a period of the slowest mode, from which on t
 
 
 def make_stepper(
-    rom: Rom, dt: float, environment: "ActiveEnvironment | None", ledger: EnergyLedger | None, kind: str | None = None
+    rom: Rom,
+    dt: float,
+    environment: "ActiveEnvironment | None",
+    ledger: EnergyLedger | None,
+    kind: str | None = None,
+    detail: str = "full",
 ) -> ReducedStepper:
     """The stepper of a reduced body.
 
@@ -32,11 +37,13 @@ def make_stepper(
         environment: what acts; None: inputs alone.
         ledger: the account to book in, if one is kept.
         kind: of large deformation, one of FINITE_STRAIN_STEPPERS; None: the one that suits dt.
+        detail: of a moving frame, one of DETAILS.
 
     Raises:
         StepError: there is no such stepper, or the body begins in an obstacle.
     """
     interface, actuators, has_inertia = None, None, True
+    is_moving = environment is not None and environment.environment.is_moving
     if environment is not None and not environment.environment.is_plain:  # bodies on which nothing acts start sooner
         from fenics_rom.runtime.steppers.contact_interface import contact_interface
 
@@ -45,12 +52,16 @@ def make_stepper(
             interface.check_start()
         acting = environment.environment
         if acting.finds_forces:
+            if acting.is_moving:
+                raise StepError(
+                    "a body in a moving frame: allowed are actuators by force, and tendons without friction"
+                )
             actuators = ActuatorForces(acting.controls, acting.guides, {**rom.actuators, **rom.loads})
     rigid_displacement = np.zeros(rom.rigid)
     if rom.deformation is None:
         if kind is not None:
             raise StepError(f"stepper = {kind!r}: belongs to large deformation, which ROM {rom.name!r} has not")
-        if interface is None and actuators is None and has_inertia:
+        if interface is None and actuators is None and has_inertia and not is_moving:
 
             def make_kernel(contact: str) -> Kernel:
                 return fastest_kernel(rom.contact_models[contact], ledger, rigid_displacement)
@@ -59,6 +70,10 @@ def make_stepper(
     from fenics_rom.runtime.steppers.residual_motion import residual_motions
 
     residual_of = residual_motions(rom, interface, has_inertia)
+    if environment is not None and is_moving:
+        from fenics_rom.runtime.steppers.moving_frame import moving_frame_stepper
+
+        return moving_frame_stepper(rom, dt, environment.environment, interface, ledger, residual_of, detail)
     if rom.deformation is not None:
         suited, reason = _finite_strain_kind(rom, dt, kind, has_inertia)
         residual = residual_of(next(iter(rom.contact_models)))  # all contact modes share a basis

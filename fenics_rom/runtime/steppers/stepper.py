@@ -9,6 +9,7 @@ from numpy import ndarray as Array
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.contact import ContactSolution
 from fenics_rom.mechanics.step import StepInput, StepperState, StepResult
+from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.steppers.kernel import Kernel
 from fenics_rom.runtime.switching import Projections
@@ -49,6 +50,11 @@ class ReducedStepper:
         self._enter(next(iter(rom.contact_models)))
 
     @property
+    def model(self) -> ContactModel:
+        """That of the active contact mode."""
+        return self._rom.contact_models[self.contact_mode]
+
+    @property
     def state(self) -> Array:
         """[√γ q, r] (2m,) of the active contact mode; a view, which a later step overwrites."""
         state: Array = self.kernel.state
@@ -83,7 +89,7 @@ class ReducedStepper:
         if self.interface is not None:
             self._search_before = self.interface.solver.search
         try:
-            return StepResult(self.kernel.step(*inputs) / 2, self.kernel.contact)
+            return StepResult(self.kernel.step(inputs.u, inputs.obstacles) / 2, self.kernel.contact)
         except BaseException:
             self._restore_search()
             raise
@@ -104,7 +110,7 @@ class ReducedStepper:
     def set_state(self, q: Array, r: Array) -> None:
         """Puts the body at the reduced displacement q and velocity r of the active contact mode, (m,) each."""
         self.flush()
-        ω = np.sqrt(self._rom.contact_models[self.contact_mode].eigenvalues)
+        ω = np.sqrt(self.model.eigenvalues)
         self.rigid_displacement[:] = q[: len(self.rigid_displacement)]
         self.kernel.state[:] = np.concatenate([ω * q, r])
         self.kernel.resume(np.empty(0))

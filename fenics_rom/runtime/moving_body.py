@@ -1,0 +1,113 @@
+"""A body whose frame moves with it, as its stepper has it; `Simulator` moves it."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.errors import StepError
+from fenics_rom.mechanics.base_path import BaseState, checked_base
+from fenics_rom.mechanics.frame_motion import world_displacement, world_velocity
+from fenics_rom.mechanics.step import MOVING_FRAME, StepInput
+from fenics_rom.runtime.simulated_body import SimulatedBody
+
+if TYPE_CHECKING:
+    from fenics_rom.runtime.steppers.moving_frame import MovingFrameStepper
+
+
+class MovingBody(SimulatedBody):
+    """What a moving frame has besides; of a fixed one there is nothing of it."""
+
+    _base: BaseState | None = None  # that was given for the step to be taken
+
+    @property
+    def pose(self) -> BaseState | None:
+        """Where the frame is and how it moves, in world axes; None where it is fixed.
+
+        Of a free body its position is the centre of mass; of one that a base carries the pose is the base's.
+        """
+        return None if self._frame is None else self._frame.pose
+
+    @property
+    def momentum(self) -> tuple[Array, Array] | None:
+        """Linear (3,), kg m/s, and angular (3,), kg m²/s, in world axes; None where the frame is fixed.
+
+        The angular one is about the centre of mass of a free body, and about the origin of a carried frame.
+        """
+        return None if self._frame is None else self._frame.momenta
+
+    @property
+    def base_wrench(self) -> tuple[Array, Array] | None:
+        """Force (3,), N, and torque (3,) about the frame's origin, N m, of the base on the body in the last step.
+
+        In world axes; None where no base carries the body.
+        """
+        return None if self._frame is None else self._frame.wrench
+
+    def place(self, pose: BaseState) -> None:
+        """Puts a moving frame somewhere, with the shape that the body has.
+
+        Args:
+            pose: of a free body its centre of mass, attitude and how it moves; else that of the base.
+
+        Raises:
+            StepError: the frame is fixed, the pose is none, or the body would be in an obstacle; it stays where it is.
+        """
+        frame = self._frame
+        if frame is None:
+            raise StepError(f"place: allowed is a body in a moving frame, which ROM {self.rom.name!r} is not of")
+        before = frame.snapshot()
+        try:
+            frame.place(checked_base(pose, "pose"))
+            self._check_outside_obstacles()
+        except StepError:
+            frame.restore(self.contact, before, self._dt)
+            raise
+
+    def displacement(self, output: str | None = None) -> Array:
+        """As in SimulatedBody, in world axes: how far points are from where they were at rest."""
+        field = super().displacement(output)
+        return field if self._frame is None else world_displacement(self._frame.pose, *self._rest(output), field)
+
+    def velocity(self, output: str | None = None) -> Array:
+        """As in SimulatedBody, in world axes."""
+        field = super().velocity(output)
+        if self._frame is None:
+            return field
+        return world_velocity(self._frame.pose, *self._rest(output), super().displacement(output), field)
+
+    def _check_outside_obstacles(self) -> None:
+        interface = self._stepper.interface
+        if interface is not None and self.environment is not None:
+            offsets = self.environment.state.offsets
+            interface.solver.check_start(self._stepper.point_displacement(), offsets, list(self.environment.obstacles))
+
+    def _take_base(self, base: BaseState) -> None:
+        """Where the base is to be at the end of the step that is taken next."""
+        if self.base_wrench is None:
+            raise StepError(f"step {self.steps}: base: allowed is a body in a moving frame that a rigid base carries")
+        self._base = checked_base(base, f"step {self.steps}: base")
+
+    def _with_base(self, inputs: StepInput) -> StepInput:
+        """The inputs of the step to be taken, with the base that was given."""
+        base, self._base = self._base, None
+        return inputs if base is None else inputs._replace(base=base)
+
+    def _detail(self, given: str | None) -> str:
+        """The level of detail of a moving frame, with which the stepper is made."""
+        acting = None if self.environment is None else self.environment.environment
+        if acting is None or not acting.is_moving:
+            if given is not None:
+                raise StepError(f"detail = {given!r}: allowed is a ROM of a body in a moving frame")
+            return "full"
+        return given or (acting.run.detail if acting.run else "full")
+
+    @property
+    def _frame(self) -> "MovingFrameStepper | None":
+        return self._stepper if self._stepper.kind == MOVING_FRAME else None  # type: ignore[return-value]
+
+    def _rest(self, output: str | None) -> tuple[Array, Array]:
+        """The origin of a moving frame, and points at rest: of an output, or all nodes; m."""
+        frame = self.rom.moving_frame
+        assert frame is not None
+        return frame.origin, self.rom.nodes if output is None else np.asarray(frame.output_points[output])

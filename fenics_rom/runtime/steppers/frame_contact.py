@@ -1,0 +1,129 @@
+"""Contact forces in a step of a body in a moving frame, found in sweeps until nothing changes.
+
+Points go by h S v̂ exactly, where S = [1, -a~ R*, R* V] depends on the step itself. At velocities x, near those of a
+step, and forces f, a sweep corrects x' = x - J⁻¹ (ρ - Sᵀ f), ρ what the balance of the step lacks, asks for the forces
+f' on points that would go by S x' - W f without them, and goes on from x' + J⁻¹ Sᵀ (f' - f). Where that ends balance
+and law hold, whatever J and W are: W = S J⁻¹ Sᵀ, made symmetric, is that of the first sweep. So contact does the work
+h Σ f·ŝ with the ŝ of its law, and adds no energy.
+"""
+
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.errors import StepError
+from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointMotion
+from fenics_rom.mechanics.frame_motion import Quaternion, Vector
+from fenics_rom.runtime.steppers.frame_points import FramePoints, Geometry, Push
+from fenics_rom.runtime.steppers.kernel import symmetric
+
+if TYPE_CHECKING:
+    from fenics_rom.runtime.steppers.contact_interface import ContactInterface
+    from fenics_rom.runtime.steppers.residual_motion import ResidualMotion
+
+TOLERANCE = 1e-15  # of the velocities: what the next sweep may change
+ROUND_OFF = 1e-14  # of them: a change that is none
+MOST_SWEEPS = 60
+
+
+class FrameBody(Protocol):
+    """A body in a moving frame, within a step."""
+
+    h: float
+    points: FramePoints
+    residual: "ResidualMotion | None"
+
+    def turn_at(self, x: Array) -> tuple[Geometry, Quaternion]:
+        """How the frame turns at the velocities x."""
+
+    def yielding(self, turn: Geometry, contact: ContactSolution | None) -> Array | None:
+        """Mid-step velocity (P, 3) in the frame of the points in the residual part; None where there is none."""
+
+    def arms(self, turn: Geometry, rate: Array, yielding: Array | None) -> Array:
+        """Of the contact points from the origin in the middle of a step, (P, 3), m."""
+
+    def rates(self, x: Array) -> tuple[Array, Array]:
+        """ω̂ (3,) in the frame's axes and r̂ (m,)."""
+
+    def corrected(self, step: Any, x: Array, push: Push | None) -> Array:
+        """Velocities nearer to those of the step, under contact forces that push."""
+
+    def velocities(self, turn: Geometry, arms: Array, x: Array, yielding: Array | None) -> Array:
+        """Mid-step velocities (P, 3) of the contact points in world axes, less that of the origin, m/s."""
+
+    def translation(self, step: Any, turn: Geometry, contact: Vector) -> Array:
+        """Mid-step velocity (3,) of the origin under a contact force."""
+
+    def delassus(self, turn: Geometry, arms: Array) -> Array:
+        """Mid-step velocities (3 P, 3 P) of the contact points per force, m/s/N."""
+
+    def spread(self, change: Push) -> Array:
+        """What x changes by, where contact forces change by so much."""
+
+    def start_velocities(self) -> Array:
+        """Velocities (P, 3) of the contact points in world axes, m/s."""
+
+    def point_displacement(self) -> Array:
+        """Of the contact points, (P, 3), m."""
+
+    def size(self, change: Array) -> float:
+        """Of velocities x, as √(2 J)."""
+
+    def scale(self, x: Array) -> float:
+        """Of the velocities of the step at its start and at x."""
+
+
+def touch(
+    body: FrameBody, interface: "ContactInterface", step: Any, x: Array, obstacles: ObstacleMotion
+) -> tuple[Array, ContactSolution | None]:
+    """Velocities and contact of a step that would go by x without it.
+
+    Raises:
+        StepError: no contact forces were found.
+    """
+    solver, h = interface.solver, body.h
+    search_before = solver.search
+    steady = np.array_equal(obstacles.velocities(h), obstacles.velocities_before)
+    displacement, velocity = body.point_displacement(), body.start_velocities()
+    W, contact = np.empty((0, 0)), None
+    forces, size_before, scale = np.zeros_like(displacement), np.inf, body.scale(x)
+    for sweep in range(MOST_SWEEPS):
+        turn, _ = body.turn_at(x)
+        yielding = body.yielding(turn, contact)
+        arms = body.arms(turn, body.rates(x)[1], yielding)
+        push = body.points.push(forces, turn, arms)
+        corrected = x if sweep == 0 else body.corrected(step, x, push)
+        moving = body.velocities(turn, arms, corrected, yielding) + body.translation(step, turn, push.force)
+        if sweep == 0:
+            if not solver.reaches(PointMotion(displacement, velocity, moving), h, obstacles):
+                return x, None
+            W = symmetric(body.delassus(turn, arms))
+            if body.residual is not None:
+                W += _turned(turn.start, body.residual.delassus)
+        free = moving - W.dot(forces.ravel()).reshape(forces.shape)
+        # What touched in the step before is what obstacles push that accelerate.
+        solver.search = solver.search._replace(residual=search_before.residual) if steady else search_before
+        contact = interface.solve(PointMotion(displacement, velocity, free), W, h, obstacles)
+        if contact is None and sweep == 0:
+            return x, None
+        found = np.zeros_like(forces) if contact is None else contact.forces
+        change = corrected - x + body.spread(body.points.push(found - forces, turn, arms))
+        x, forces, size = x + change, found, body.size(change)
+        scale = max(scale, body.scale(x))
+        ratio = size / size_before
+        if sweep and ((ratio < 1 and size * ratio <= TOLERANCE * scale) or size <= ROUND_OFF * scale):
+            return x, contact
+        size_before = size
+    raise StepError(
+        f"contact of a turning body: after {MOST_SWEEPS} sweeps forces still change by {size / scale:.1e} of the "
+        "velocities; a smaller dt is the cure"
+    )
+
+
+def _turned(R: Array, operator: Array) -> Array:
+    """An operator (3 P, 3 P) of the frame in world axes."""
+    P = len(operator) // 3
+    left = np.matmul(R, operator.reshape(P, 3, 3 * P)).reshape(3 * P, P, 3)
+    turned: Array = left.dot(R.T).reshape(3 * P, 3 * P)
+    return turned

@@ -1,0 +1,258 @@
+"""What the steps of a body in a moving frame share: its inertia at a shape, and the points that forces act on.
+
+Node i is at p + R y_i, y = X + V q, with the velocity p' + R (ω × y + V r), V of a contact mode (`rom.moving_frame`):
+
+    I(q) = I0 + (I1 + I2 q) q,    b(q) = g + G q,    L = I ω + b r,    s = r + bᵀω
+
+Forces in world axes act on points of the body, at a = (R y + R⁺ y⁺)/2 from the origin, as Sᵀ f with the velocities
+ŝ = S v̂ = p'^ + (R* ω̂) × a + R* V r̂, which are exactly how far the points go: h ŝ. Others turn with the frame;
+(R + R⁺)/2 turns them into the world.
+"""
+
+from functools import partial
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.errors import StepError
+from fenics_rom.mechanics.contact import ContactSolution
+from fenics_rom.mechanics.energy_ledger import EnergyLedger
+from fenics_rom.mechanics.frame_motion import ZERO, Quaternion, Vector, cross_matrix, dot, rotation_matrix, turned
+from fenics_rom.rom.contact_model import ContactModel
+from fenics_rom.rom.moving_frame import MovingFrame
+from fenics_rom.runtime.steppers.frame_loads import FrameForces, FrameLoads
+from fenics_rom.runtime.steppers.frame_points import FramePoints, Geometry, Push, arms_of
+from fenics_rom.runtime.steppers.kernel import BookedKernel, StepWork
+
+if TYPE_CHECKING:
+    from fenics_rom.runtime.steppers.contact_interface import ContactInterface
+    from fenics_rom.runtime.steppers.residual_motion import ResidualMotion
+
+LARGEST_TURN = 1.5  # rad in a step, h |ω|: beyond it there may be no step, or another one than that of the body
+
+
+class FrameState(NamedTuple):
+    """Where a frame is and how it moves, in world axes."""
+
+    position: Vector  # of its origin, m
+    rotation: Quaternion  # from its axes to the world's, a unit quaternion w x y z
+    velocity: Vector  # of its origin, m/s
+    turning: Vector  # of a free body its angular momentum, kg m²/s; of a base its angular velocity, rad/s
+
+
+class Shape(NamedTuple):
+    """The inertia of the body at q, moving with r."""
+
+    terms: Array  # (12, m): I1 + I2 q, b(q), c
+    inertia: tuple[float, ...]  # I(q): xx, yy, zz, yz, xz, xy
+    moved: Vector  # b r
+    moment: Vector  # x̄ + c q
+    drift: Vector  # c r
+
+
+class FrameKernel(BookedKernel):
+    """A step in a moving frame.
+
+    Args:
+        model: the reduced model of a contact mode, of displacements that strain.
+        frame: its moving frame.
+        loads: what acts on it besides contact.
+        ledger, interface, residual: as in BookedKernel.
+
+    Attributes:
+        frame: where the frame is; set it, then `resume`.
+    """
+
+    def __init__(
+        self,
+        model: ContactModel,
+        frame: MovingFrame,
+        loads: FrameLoads,
+        ledger: EnergyLedger | None,
+        interface: "ContactInterface | None",
+        residual: "ResidualMotion | None" = None,
+    ):
+        super().__init__(model, ledger, np.empty(0), interface, residual=residual)
+        self._constants, self._loads, self._mass = frame, loads, frame.mass
+        second = frame.inertia2 if frame.stiffening is None else frame.inertia2 - frame.stiffening
+        m = model.order
+        self._products = np.concatenate([second, frame.coupling])  # [I2; G] (9, m, m)
+        self._multiply: Any = self._products.reshape(9 * m, m).dot
+        self._turn_by_rate: Any = frame.coupling.reshape(3 * m, m).dot
+        self._rest_terms = np.concatenate([frame.inertia1, frame.coupling0, frame.moment_modes])
+        self._inertia0, self._first_moment = frame.inertia0.tolist(), frame.first_moment.tolist()
+        x, y, z = frame.origin.tolist()
+        self.frame = self._frame_before = self._at_rest = FrameState((x, y, z), (1.0, 0.0, 0.0, 0.0), ZERO, ZERO)
+        self._dense_damping = model.damping.ndim == 2
+        if interface is not None:
+            self.points = FramePoints(interface.points.coordinates - frame.origin, self._Sᵀ)
+
+    def set_time_step(self, h: float) -> None:
+        """As in Kernel."""
+        super().set_time_step(h)
+        γ, d = self._model.eigenvalues, self._model.damping
+        self._diagonal = 2 / h + h / 2 * γ if self._dense_damping else 2 / h + h / 2 * γ + d
+
+    def rollback(self) -> None:
+        """As in Kernel."""
+        super().rollback()
+        self.frame = self._frame_before
+
+    @property
+    def model(self) -> ContactModel:
+        """Of the contact mode."""
+        return self._model
+
+    def begin(self) -> None:
+        """Puts the frame where it is at rest."""
+        self.place(self._at_rest)
+
+    def place(self, frame: FrameState) -> None:
+        """Puts the frame where it is to be; `turning` is its angular velocity in world axes, rad/s."""
+        raise NotImplementedError
+
+    def point_displacement(self) -> Array:
+        """As in Kernel."""
+        assert self._interface is not None
+        position, R = np.array(self.frame.position), rotation_matrix(self.frame.rotation)
+        return position + self.places().dot(R.T) - self._interface.points.coordinates
+
+    def places(self) -> Array:
+        """Of the contact points in the frame, (P, 3), m."""
+        places = self.points.rest + self.points.moved(self._coordinates())
+        return places if self.residual is None else places + self.residual.displacement
+
+    def _shape_at(self, q: Array, r: Array) -> Shape:
+        m = len(q)
+        terms = self._rest_terms.copy()
+        terms[:9] += self._multiply(q).reshape(9, m)
+        both = np.empty((m, 2))
+        both[:, 0], both[:, 1] = q, r
+        at, x, I0 = terms.dot(both).tolist(), self._first_moment, self._inertia0
+        return Shape(
+            terms,
+            tuple([I0[k] + at[k][0] for k in range(6)]),
+            (at[6][1], at[7][1], at[8][1]),
+            (x[0] + at[9][0], x[1] + at[10][0], x[2] + at[11][0]),
+            (at[9][1], at[10][1], at[11][1]),
+        )
+
+    def _damped(self, r: Array) -> Array:
+        """D r (m,)."""
+        damped: Array = self._model.damping.dot(r) if self._dense_damping else self._model.damping * r
+        return damped
+
+    def _prescribed(self, forces: FrameForces, turn: Geometry, q: Array, rate: Array) -> Push | None:
+        """What prescribed forces do in a step from q at a mid-step rate (m,)."""
+        if forces.at_points is None:
+            return None
+        points = self._loads.points
+        start = points.rest + points.moved(q)
+        return points.push(forces.at_points, turn, arms_of(turn, start, start + self.h * points.moved(rate)))
+
+    @property
+    def angular_velocity(self) -> Vector:
+        """In the frame's axes, rad/s."""
+        raise NotImplementedError
+
+    def yielding(self, turn: Geometry, contact: ContactSolution | None) -> Array | None:
+        """Mid-step velocity (P, 3) in the frame of the points in the residual part; None where there is none."""
+        if self.residual is None or (contact is None and self.residual.is_at_rest):
+            return None
+        return self.residual.velocity(_in_frame(turn, contact))
+
+    def arms(self, turn: Geometry, rate: Array, yielding: Array | None) -> Array:
+        """Of the contact points from the origin in the middle of a step, (P, 3), m."""
+        start, moved = self.places(), self.points.moved(rate)
+        return arms_of(turn, start, start + self.h * (moved if yielding is None else moved + yielding))
+
+    def rates(self, x: Array) -> tuple[Array, Array]:
+        """ω̂ (3,) in the frame's axes and r̂ (m,) of the velocities x that a step solves for."""
+        raise NotImplementedError
+
+    def velocities(self, turn: Geometry, arms: Array, x: Array, yielding: Array | None) -> Array:
+        """Mid-step velocities (P, 3) of the contact points in world axes, less that of the origin, m/s."""
+        ω̂, r̂ = self.rates(x)
+        inside = self.points.moved(r̂) if yielding is None else self.points.moved(r̂) + yielding
+        velocities: Array = arms.dot(cross_matrix(turn.middle.dot(ω̂)).T) + inside.dot(turn.middle.T)
+        return velocities
+
+    def start_velocities(self) -> Array:
+        """Velocities (P, 3) of the contact points in world axes, m/s."""
+        inside = self.points.moved(self._r) + self.places().dot(cross_matrix(self.angular_velocity).T)
+        if self.residual is not None:
+            inside += self.residual.points[1]
+        velocities: Array = inside.dot(rotation_matrix(self.frame.rotation).T) + self.frame.velocity
+        return velocities
+
+    def _finish(
+        self,
+        contact: ContactSolution | None,
+        turn: Geometry,
+        velocities: Array | None,
+        supplied: float,
+        dissipated: float,
+    ) -> None:
+        """The end of a step but for the state: of the residual part, and what is to be booked."""
+        _, heat = self._step_residual(_in_frame(turn, contact))
+        works = () if contact is None or velocities is None else (partial(contact.work, velocities, self.h),)
+        self._leave(StepWork(supplied, dissipated + heat, works))
+        self.contact, self._frame_before = contact, self.frame
+
+
+def _in_frame(turn: Geometry, contact: ContactSolution | None) -> ContactSolution | None:
+    """The same with forces as the frame sees them."""
+    return None if contact is None else contact._replace(forces=contact.forces.dot(turn.middle))
+
+
+def turn_of(R: Array, rotation: Quaternion, t: Vector) -> tuple[Geometry, Quaternion]:
+    """How a frame turns by Cayley's map of t = h ω̂, and the quaternion at the end."""
+    end = turned(rotation, t)
+    return Geometry(R, R + R.dot(cross_matrix(t)) / 2, rotation_matrix(end)), end
+
+
+def check_turn(h: float, ω: Vector) -> None:
+    """A StepError where a step of h s would turn the body too far."""
+    speed = dot(ω, ω) ** 0.5
+    if not h * speed <= LARGEST_TURN:
+        raise StepError(
+            f"the body would turn by {h * speed:.3g} rad in a step of {h:g} s: allowed are {LARGEST_TURN:g} rad, that "
+            f"is, at {speed:.3g} rad/s, a dt of at most {LARGEST_TURN / speed:.2g} s"
+        )
+
+
+def solved_inertia(shape: Shape, L: Vector) -> Vector:
+    """I⁻¹ L; a StepError where kinetic energy is not positive definite, [[I, b], [bᵀ, 1]]."""
+    b, (xx, yy, zz, yz, xz, xy) = shape.terms[6:9], shape.inertia
+    (bxx, bxy, bxz), (_, byy, byz), (_, _, bzz) = b.dot(b.T).tolist()
+    if not _is_definite(xx - bxx, yy - byy, zz - bzz, yz - byz, xz - bxz, xy - bxy):
+        raise StepError(
+            "the body is so far from its shape at rest that its kinetic energy is not positive any more: allowed is "
+            "what a body of small strains can do in its frame; less force, or large_deformation, is the cure"
+        )
+    A, B, C = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
+    D, E, F = xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy
+    determinant, (x, y, z) = xx * A + xy * B + xz * C, L
+    return (
+        (A * x + B * y + C * z) / determinant,
+        (B * x + D * y + E * z) / determinant,
+        (C * x + E * y + F * z) / determinant,
+    )
+
+
+def _is_definite(xx: float, yy: float, zz: float, yz: float, xz: float, xy: float) -> bool:
+    minor = xx * yy - xy * xy
+    return xx > 0 and minor > 0 and zz * minor - yz * (xx * yz - xy * xz) + xz * (xy * yz - yy * xz) > 0
+
+
+def times_inertia(inertia: tuple[float, ...], ω: Vector) -> Vector:
+    """I ω."""
+    (xx, yy, zz, yz, xz, xy), (x, y, z) = inertia, ω
+    return xx * x + xy * y + xz * z, xy * x + yy * y + yz * z, xz * x + yz * y + zz * z
+
+
+def pairs(ω: Vector, η: Vector) -> tuple[float, float, float, float, float, float]:
+    """Σ_kl ω_k η_l X_kl of a symmetric X as a sum of its six entries: their factors."""
+    (a, b, c), (x, y, z) = ω, η
+    return a * x, b * y, c * z, b * z + c * y, a * z + c * x, a * y + b * x

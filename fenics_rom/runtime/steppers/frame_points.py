@@ -1,0 +1,74 @@
+"""Points of a body in a moving frame within one step: forces on them in world axes, and how far they go, exactly."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.mechanics.frame_motion import Vector, cross_matrix
+
+
+class Geometry(NamedTuple):
+    """How the frame turns in a step."""
+
+    start: Array  # R (3, 3)
+    middle: Array  # R* = R (1 + h/2 ω̂~)
+    end: Array  # R⁺
+
+
+class Push(NamedTuple):
+    """What forces on points do."""
+
+    force: Vector  # all together, in world axes, N
+    torque: Vector  # about the frame's origin, in world axes, N m
+    turning: Vector  # R*ᵀ of it
+    modal: Array  # (m,) on the coordinates, N kg^-1/2
+
+
+class FramePoints(NamedTuple):
+    """Points at X + V q in the frame."""
+
+    rest: Array  # X (P, 3) from the frame's origin, m
+    rows: Array  # Vᵀ of the points, (m, 3 P)
+
+    def moved(self, q: Array) -> Array:
+        """V q, (P, 3)."""
+        moved: Array = q.dot(self.rows).reshape(-1, 3)
+        return moved
+
+    def maps(self, turn: Geometry, arms: Array) -> tuple[Array, Array]:
+        """Velocities (3 P, 3) of unit ω̂ and (3 P, m) of unit r̂."""
+        crossed = np.zeros((len(arms), 3, 3))  # -a~
+        x, y, z = arms.T
+        crossed[:, 0, 1], crossed[:, 0, 2], crossed[:, 1, 2] = z, -y, x
+        crossed -= crossed.transpose(0, 2, 1)
+        return crossed.dot(turn.middle).reshape(-1, 3), self.modal_maps(turn)
+
+    def modal_maps(self, turn: Geometry) -> Array:
+        """Velocities (3 P, m) of unit r̂."""
+        rows: Array = self.rows.reshape(len(self.rows), -1, 3).dot(turn.middle.T).reshape(len(self.rows), -1)
+        return rows.T
+
+    def push(self, forces: Array, turn: Geometry, arms: Array) -> Push:
+        """Of forces (P, 3) in world axes, N, at arms (P, 3) from the origin, m."""
+        B = arms.T.dot(forces)
+        torque = np.array((B[1, 2] - B[2, 1], B[2, 0] - B[0, 2], B[0, 1] - B[1, 0]))
+        modal = self.rows.dot(forces.dot(turn.middle).ravel())
+        return Push(vector(forces.sum(axis=0)), vector(torque), vector(torque.dot(turn.middle)), modal)
+
+
+def arms_of(turn: Geometry, start: Array, end: Array) -> Array:
+    """a = (R y + R⁺ y⁺)/2 (P, 3) in world axes, of places y at the start and the end in the frame."""
+    return (start.dot(turn.start.T) + end.dot(turn.end.T)) / 2
+
+
+def turned_velocities(ω: Array, arms: Array) -> Array:
+    """ω × a (P, 3)."""
+    velocities: Array = arms.dot(cross_matrix(ω).T)
+    return velocities
+
+
+def vector(numbers: Array) -> Vector:
+    """Three numbers."""
+    x, y, z = numbers.tolist()
+    return x, y, z

@@ -1,0 +1,271 @@
+"""The stepper of a body that turns as far as it likes, free or carried by a rigid base.
+
+**Switching.** What the next contact mode cannot hold of the shape and of its rate becomes two further modes, which the
+switch after that replaces: so nothing moves, and energy and both momenta stay. (Shapes that are projected lose angular
+momentum, or, where that is given back, gain energy: a body in steady rotation has the least energy of all shapes.) The
+further modes feel contact, gravity, actuators and loads, but not the input of the contact mode.
+"""
+
+from collections.abc import Callable
+from dataclasses import replace
+from typing import TYPE_CHECKING, NamedTuple
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.errors import StepError, check_known
+from fenics_rom.mechanics.base_path import BaseState
+from fenics_rom.mechanics.energy_ledger import EnergyLedger
+from fenics_rom.mechanics.environment import DETAILS
+from fenics_rom.mechanics.frame_motion import ZERO
+from fenics_rom.mechanics.step import MOVING_FRAME, StepInput, StepperState, StepResult
+from fenics_rom.rom.contact_model import ContactModel
+from fenics_rom.rom.moving_frame import MovingFrame
+from fenics_rom.rom.rom import Rom, diagonalized_span
+from fenics_rom.runtime.steppers.carried_frame import CarriedFrame, frame_state
+from fenics_rom.runtime.steppers.frame_kernel import FrameState
+from fenics_rom.runtime.steppers.frame_loads import FrameLoads
+from fenics_rom.runtime.steppers.free_frame import FreeFrame
+from fenics_rom.runtime.steppers.stepper import ReducedStepper
+
+if TYPE_CHECKING:
+    from fenics_rom.mechanics.environment import Environment
+    from fenics_rom.runtime.steppers.contact_interface import ContactInterface
+    from fenics_rom.runtime.steppers.residual_motion import ResidualMotion
+
+NOTHING_LEFT = 1e-14  # of a shape: what the next contact mode need not be given
+
+
+class FrameSnapshot(NamedTuple):
+    """What a stepper of a moving frame has besides."""
+
+    frame: FrameState
+    model: ContactModel | None  # with the modes that the last switch carried along; None where it is the ROM's
+    wrench: tuple[tuple[float, float, float], tuple[float, float, float]]
+
+
+class MovingFrameStepper(ReducedStepper):
+    """Arguments and attributes as in ReducedStepper, of a ROM of displacements that strain.
+
+    Args:
+        make_kernel: of a contact mode by its name, with its model.
+    """
+
+    kernel: FreeFrame | CarriedFrame
+
+    def __init__(
+        self,
+        rom: Rom,
+        dt: float,
+        interface: "ContactInterface | None",
+        make_kernel: Callable[[str, ContactModel], FreeFrame | CarriedFrame],
+        reason: str,
+    ):
+        self._make_kernel, self._kernels = make_kernel, dict[str, FreeFrame | CarriedFrame]()
+        self._carried_along: ContactModel | None = None
+        super().__init__(rom, dt, interface, np.empty(0), MOVING_FRAME, reason)
+
+    @property
+    def model(self) -> ContactModel:
+        """See ReducedStepper; with the modes that the last switch carried along."""
+        return super().model if self._carried_along is None else self._carried_along
+
+    @property
+    def pose(self) -> BaseState:
+        """Where the frame is and how it moves, in world axes."""
+        position, rotation, velocity, turning = map(np.array, self.kernel.frame)
+        if isinstance(self.kernel, FreeFrame):
+            turning = self.kernel.world_angular_velocity
+        return BaseState(position, rotation, velocity, turning)
+
+    @property
+    def momenta(self) -> tuple[Array, Array]:
+        """Linear and angular, in world axes: about the centre of mass of a free body, the origin of a carried frame."""
+        linear, angular = self.kernel.momenta
+        return np.array(linear), np.array(angular)
+
+    @property
+    def wrench(self) -> tuple[Array, Array] | None:
+        """Force and torque of the base on the body in the last step, in world axes; None of a free body."""
+        if not isinstance(self.kernel, CarriedFrame):
+            return None
+        force, torque = self.kernel.wrench
+        return np.array(force), np.array(torque)
+
+    def place(self, pose: BaseState) -> None:
+        """Puts the frame, with the shape that the body has."""
+        self.flush()
+        self.kernel.place(frame_state(pose))
+
+    def step(self, inputs: StepInput) -> StepResult:
+        """See Stepper."""
+        if isinstance(self.kernel, CarriedFrame):
+            self.kernel.base = inputs.base
+        return super().step(inputs)
+
+    def switch(self, contact: str) -> float:
+        """See Stepper; energy stays, to round-off."""
+        self.flush()
+        left, model, state = self.kernel, self.model, self.kernel.state.copy()
+        halves = np.stack([state[: model.order] / model.safe_frequencies, state[model.order :]], axis=1)
+        shared = sum(self._rom.actuators.values()) + sum(self._rom.loads.values())
+        self._carried_along = _holding(self._rom.contact_models[contact], model, halves, shared, self._rom.stiffness)
+        self._enter(contact)
+        there = self.model
+        held = there.coordinates.T @ (model.coordinates @ halves)
+        self.kernel.state[:] = np.concatenate([np.sqrt(there.eigenvalues) * held[:, 0], held[:, 1]])
+        self.kernel.frame, self.kernel.contact, self.kernel.notes = left.frame, left.contact, left.notes
+        if isinstance(self.kernel, CarriedFrame) and isinstance(left, CarriedFrame):
+            self.kernel.wrench = left.wrench
+        self.kernel.resume(np.empty(0))
+        if self.kernel.residual is not None and left.residual is not None:
+            self.kernel.residual.take_over(left.residual)
+        return left.energy - self.kernel.energy
+
+    def set_state(self, q: Array, r: Array) -> None:
+        """As in ReducedStepper; the frame stays and turns as fast as before."""
+        pose = self.pose
+        super().set_state(q, r)
+        self.place(pose)
+
+    def reset(self) -> None:
+        """As in ReducedStepper, with the frame where it is at rest."""
+        self._carried_along = None
+        super().reset()
+        self.kernel.begin()
+
+    def snapshot(self) -> StepperState:
+        """As in ReducedStepper."""
+        wrench = self.kernel.wrench if isinstance(self.kernel, CarriedFrame) else (ZERO, ZERO)
+        return super().snapshot()._replace(frame=FrameSnapshot(self.kernel.frame, self._carried_along, wrench))
+
+    def check(self, contact: str, state: StepperState) -> None:
+        """As in ReducedStepper."""
+        if not isinstance(state.frame, FrameSnapshot):
+            raise StepError(f"the snapshot is of another ROM than {self._rom.name!r}, or of a body in a fixed frame")
+        own = len(self.kernel.auxiliary)
+        model = state.frame.model or self._rom.contact_models.get(contact)
+        if model is None or 2 * model.order != len(state.state) or (own and len(state.auxiliary) not in (0, own)):
+            raise StepError(f"the snapshot is of another ROM than {self._rom.name!r}")
+
+    def restore(self, contact: str, state: StepperState, dt: float) -> None:
+        """As in ReducedStepper."""
+        self.flush()
+        assert isinstance(state.frame, FrameSnapshot)
+        self._carried_along = state.frame.model
+        self._dt = dt
+        self._enter(contact)
+        self.kernel.frame = state.frame.frame
+        super().restore(contact, state, dt)
+        if isinstance(self.kernel, CarriedFrame):
+            self.kernel.wrench = state.frame.wrench
+
+    def _kernel_of(self, contact: str) -> FreeFrame | CarriedFrame:
+        if self._carried_along is not None:
+            current = getattr(self, "kernel", None)
+            if current is not None and current.model is self._carried_along:
+                return current
+            return self._make_kernel(contact, self._carried_along)
+        if contact not in self._kernels:
+            self._kernels[contact] = self._make_kernel(contact, self._rom.contact_models[contact])
+        return self._kernels[contact]
+
+
+def moving_frame_stepper(
+    rom: Rom,
+    dt: float,
+    environment: "Environment",
+    interface: "ContactInterface | None",
+    ledger: EnergyLedger | None,
+    residual_of: "Callable[[str], ResidualMotion | None]",
+    detail: str,
+) -> MovingFrameStepper:
+    """The stepper of a ROM of displacements that strain; arguments as in `make_stepper`.
+
+    Raises:
+        StepError: there is no such level of detail.
+    """
+    check_known("detail", detail, DETAILS, StepError)
+    frame = rom.moving_frame
+    assert frame is not None
+    whole = frame if detail == "full" else _quasi_rigid(frame)
+    kernel_of = CarriedFrame if frame.carried else FreeFrame
+
+    def make_kernel(contact: str, model: ContactModel) -> FreeFrame | CarriedFrame:
+        loads = FrameLoads(rom, contact, model, whole, environment)
+        return kernel_of(model, whole.of_mode(model.coordinates), loads, ledger, interface, residual_of(contact))
+
+    reason = "a rigid base carries the body" if frame.carried else "nothing holds the body"
+    return MovingFrameStepper(rom, dt, interface, make_kernel, reason)
+
+
+def _quasi_rigid(frame: MovingFrame) -> MovingFrame:
+    """The same without what a change of shape does to inertia."""
+    nothing = {name: 0 * getattr(frame, name) for name in ("inertia1", "inertia2", "coupling")}
+    return replace(frame, stiffening=None, **nothing)
+
+
+def _holding(end: ContactModel, start: ContactModel, halves: Array, shared: int, κ: Array) -> ContactModel | None:
+    """The model of a contact mode that holds shape and rate (m, 2) of another one, too; None where it does by itself.
+
+    Args:
+        end, start: of both contact modes.
+        halves: q and r in `start`.
+        shared: number of input columns, the last ones, that both have.
+        κ: of the shared basis.
+    """
+    C, p = end.coordinates, end.inputs.shape[1]
+    wanted, felt = start.coordinates @ halves, start.inputs[:, start.inputs.shape[1] - shared :].T @ halves
+    further, inputs = np.empty((len(C), 0)), np.empty((shared, 0))
+    for column, push in zip(wanted.T, felt.T, strict=True):
+        size = float(np.linalg.norm(column))
+        if size == 0:
+            continue
+        column, push = column / size, push / size
+        left = 1.0
+        for _ in range(3):  # what a Gram-Schmidt step rounds, the next one takes away
+            share, share_further = C.T @ column, further.T @ column
+            column = column - C @ share - further @ share_further
+            push = push - end.inputs[:, p - shared :].T @ share - inputs @ share_further
+            size = float(np.linalg.norm(column))
+            left *= size
+            if not left > NOTHING_LEFT:
+                break
+            column, push = column / size, push / size
+        if left > NOTHING_LEFT:
+            further, inputs = np.hstack([further, column[:, None]]), np.hstack([inputs, push[:, None]])
+    if not further.shape[1]:
+        return None
+    span = np.hstack([C, further])
+    γ, coordinates = diagonalized_span(κ, span)
+    within = span.T @ coordinates
+    pushed = np.zeros((further.shape[1], p))
+    pushed[:, p - shared :] = inputs.T
+    return replace(
+        end,
+        eigenvalues=γ,
+        damping=_damping(end, start, further, κ, within, γ),
+        inputs=within.T @ np.vstack([end.inputs, pushed]),
+        coordinates=coordinates,
+        directions=np.eye(len(γ)),
+        left_inverse=None,
+    )
+
+
+def _damping(end: ContactModel, start: ContactModel, further: Array, κ: Array, within: Array, γ: Array) -> Array:
+    """Of a model with further modes, whose damping is α + β γ as nearly as that of both models is."""
+    known_γ, known = (
+        np.concatenate([m.eigenvalues for m in (end, start)]),
+        np.concatenate([m.damping if m.damping.ndim == 1 else np.diag(m.damping) for m in (end, start)]),
+    )
+    rates = np.stack([np.ones_like(known_γ), known_γ], axis=1) / known_γ[:, None]
+    α, β = np.maximum(np.linalg.lstsq(rates, known / known_γ, rcond=None)[0], 0.0)
+    if end.damping.ndim == 1 and np.allclose(known, α + β * known_γ, rtol=1e-9, atol=0.0):
+        damping: Array = α + β * γ
+        return damping
+    D = np.zeros((len(γ), len(γ)))
+    m = end.order
+    D[:m, :m] = np.diag(end.damping) if end.damping.ndim == 1 else end.damping
+    D[np.arange(m, len(γ)), np.arange(m, len(γ))] = α + β * κ @ further**2
+    dense = within.T @ D @ within
+    return (dense + dense.T) / 2
