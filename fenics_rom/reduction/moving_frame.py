@@ -11,15 +11,17 @@ from fenics_rom.mechanics.hyperelastic import VOIGT_PAIRS
 from fenics_rom.reduction.problem import ReductionProblem
 from fenics_rom.rom.moving_frame import MovingFrame
 from fenics_rom.rom.rom import Rom
+from fenics_rom.system.moving_frame import FullOrderFrame
+from fenics_rom.system.system import System
 
 CROSS = np.zeros((3, 3, 3))  # ε_ikj: (e_k×a)_i = ε_ikj a_j
 for i, k, j in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
     CROSS[i, k, j], CROSS[j, k, i] = 1.0, -1.0
 
 
-def with_moving_frame(problem: ReductionProblem, rom: Rom) -> Rom:
-    """The ROM (of the elastic part) with the constants of its moving frame, where its system has one."""
-    frame, system = problem.system.moving_frame, problem.system
+def with_moving_frame(problem: ReductionProblem, rom: Rom, whole: System) -> Rom:
+    """The ROM (of the elastic part) with the constants of its moving frame, where its system, `whole`, has one."""
+    frame, system = whole.moving_frame, problem.system
     if frame is None:
         return rom
     with problem.stages("moving frame"):
@@ -32,7 +34,30 @@ def with_moving_frame(problem: ReductionProblem, rom: Rom) -> Rom:
             stiffening = np.array([(A + A.T) / 2 for A in Kg])
         products = frame.moments, frame.mass_times, Q, system.mass @ Q
         constants = frame_of(frame.carried, frame.origin, *products, algebra.inner, stiffening)
+        torques = {name: _wrenches(whole, frame, name, Q) for name in rom.contact_models}
+        constants = replace(
+            constants,
+            wrenches={name: wrenches for name, (wrenches, _) in torques.items()},
+            torque_modes={name: modes for name, (_, modes) in torques.items()},
+            output_points=frame.output_points,
+        )
     return replace(rom, moving_frame=constants)
+
+
+def _wrenches(system: System, frame: FullOrderFrame, contact: str, Q: Array) -> tuple[Array, Array]:
+    """Force and torque about the origin (6, p) of the inputs of a contact mode, and (p, 3, k) torques of the shape."""
+    B, inner, X = system.input_matrix(contact), system.algebra.inner, frame.arms
+    (p, k), by_node = (B.shape[1], Q.shape[1]), np.ascontiguousarray(B).reshape(len(X), -1)
+    force = inner(np.ones((len(X), 1)), by_node).reshape(3, p)
+    torque = np.einsum("ijl,jlp->ip", CROSS, inner(X, by_node).reshape(3, 3, p))
+    turning = np.zeros(p, dtype=bool)
+    turning[: system.contacts[contact].shape[1]] = True
+    column = system.contacts[contact].shape[1]
+    for name, columns in system.actuators.items():  # tendons and pressures have units: they act within the body
+        turning[column : column + columns.shape[1]] = name not in system.units
+        column += columns.shape[1]
+    products = inner(Q.reshape(-1, 3 * k), by_node).reshape(3, k, 3, p) * turning
+    return np.concatenate([force, torque]), np.einsum("ijl,jalp->pia", CROSS, products)
 
 
 def inertia_constants(

@@ -177,7 +177,7 @@ def reduce(
         else:
             retained = _retained_bases(problem, method, finished, named == SELECTION)
             rom = assemble_rom(problem, retained, method=named)
-        rom = with_moving_frame(problem, with_residual_compliance(problem, rom))
+        rom = with_moving_frame(problem, with_residual_compliance(problem, rom), whole)
         rom = with_rigid_modes(rom, whole)
     rom = _with_tied_components(rom, whole.body.unknowns)
     for message in problem.messages:

@@ -56,6 +56,9 @@ p input columns, r Hankel singular values, f sampled frequencies; P points of an
         inertia0 (6,) kg m^2, inertia1 (6, K) kg^1/2 m, inertia2 (6, K, K)       xx, yy, zz, yz, xz, xy
         coupling0 (3, K) kg^1/2 m, coupling (3, K, K)
         stiffening (6, K, K)         what stress takes from inertia2; absent where it is not known
+        wrenches/NAME (6, p)         of the inputs of a contact mode: force, N, and torque about the origin, N m
+        torque_modes/NAME (p, 3, K)  what the shape adds to these torques, N/kg^1/2
+        output_points/NAME (P, 3) m  of an output, at rest
     readings/NAME/                   what else is read, absent where nothing is; attributes `quantity`, `of`
         rest (1,) m or m3           of a length or a volume
         nodes (s,), facets (F, 3 or 6), areas (F,) m^2          of contact_pressure: facets are rows of nodes

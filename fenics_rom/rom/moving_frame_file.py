@@ -5,7 +5,7 @@ from typing import Any
 import h5py
 
 from fenics_rom.errors import FileError
-from fenics_rom.io.hdf5 import Entry, get_arrays, get_group, put_arrays
+from fenics_rom.io.hdf5 import Entry, get_arrays, get_each, get_group, put_arrays, put_each
 from fenics_rom.rom.moving_frame import MovingFrame
 
 ARRAYS = {
@@ -21,18 +21,27 @@ ARRAYS = {
     "coupling": Entry("1", (3, "K", "K")),
     "stiffening": Entry("1", (6, "K", "K"), optional=True),
 }
+BY_NAME = {
+    "wrenches": Entry("N and N m per input", (6, "p")),
+    "torque_modes": Entry("N/kg^1/2 per input", ("p", 3, "K")),
+    "output_points": Entry("m", ("points", 3)),
+}
 
 
 def put_moving_frame(h5: h5py.File, frame: MovingFrame) -> None:
     """Writes the group."""
-    put_arrays(h5.create_group("moving_frame", track_order=True), ARRAYS, {}, vars(frame))
+    group = h5.create_group("moving_frame", track_order=True)
+    put_arrays(group, ARRAYS, {}, vars(frame))
+    for kind, entry in BY_NAME.items():
+        put_each(group, kind, entry, getattr(frame, kind))
 
 
 def take_moving_frame(h5: h5py.File) -> MovingFrame:
     """Reads the group."""
     group = get_group(h5, "moving_frame")
-    arrays: Any = get_arrays(group, ARRAYS, {})
+    arrays: Any = get_arrays(group, ARRAYS, {}, tuple(BY_NAME))
     carried, mass = arrays["carried"].item(), arrays["mass"].item()
     if carried not in (0, 1):
         raise FileError(f"{group.name}/carried is {carried}; allowed are 0 and 1")
-    return MovingFrame(**arrays | {"carried": bool(carried), "mass": mass})
+    by_name = {kind: get_each(get_group(group, kind), entry) for kind, entry in BY_NAME.items()}
+    return MovingFrame(**arrays | by_name | {"carried": bool(carried), "mass": mass})

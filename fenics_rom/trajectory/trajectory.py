@@ -296,7 +296,7 @@ class TrajectoryRecorder:
             "contact_account": {name: getattr(ledger, name) for name in self._sums},
             "readings": {name: body.reading(name) for name in self._readings},
             "reactions": body.reactions,
-            "frame": {name: np.concatenate(parts) for name, parts in self._frame_of(body).items()},
+            "frame": {name: np.concatenate(parts[:2]) for name, parts in self._frame_of(body).items()},
         }
         for kind, named in now.items():
             if row == 0:

@@ -52,6 +52,25 @@ def test_constants_of_a_scene_are_those_of_all_its_nodes(mesh, degree):
         np.testing.assert_allclose(frame.inertia0[VOIGT_INDEX], of_box + steiner, atol=1e-10)
 
 
+def test_torques_of_inputs_are_those_of_forces_on_nodes(mesh):
+    """On the shape at rest and on another one; of a tendon, which acts within the body, none by its shape."""
+    rope = "inertia = {}\n[effects.tendon.rope]\npoints = [[0.1, 0.2, 0.2], [0.9, 0.2, 0.2]]"
+    parts = {"effects": rope, "supports": None, "outputs.tip": "points = [[1.0, 0.2, 0.1]]"}
+    system = moving(mesh, actuators='push = { surface = "right" }', **parts)
+    rom = fr.reduce(system, order=6, method="modal")
+    frame, X, q = rom.moving_frame, system.body.nodes - rom.moving_frame.origin, np.random.default_rng(0).normal(size=6)
+    for name in rom.contact_models:
+        B = system.input_matrix(name).reshape(len(X), 3, -1)
+        moved = (rom.basis[:, rom.rigid :] @ np.resize(q, len(rom.stiffness) - rom.rigid)).reshape(-1, 3)
+        torque = np.cross(X[:, :, None], B, axis=1).sum(axis=0)
+        by_shape = np.cross(moved[:, :, None], B, axis=1).sum(axis=0)
+        by_shape[:, -1] = 0.0
+        np.testing.assert_allclose(frame.wrenches[name], np.concatenate([B.sum(axis=0), torque]), atol=1e-13)
+        modes = frame.torque_modes[name] @ np.resize(q, len(rom.stiffness) - rom.rigid)
+        np.testing.assert_allclose(modes.T, by_shape, atol=1e-13 * np.abs(by_shape).max())
+    np.testing.assert_allclose(frame.output_points["tip"], [[1.0, 0.2, 0.1]], atol=1e-15)
+
+
 def test_moving_frame_is_kept_in_the_file(mesh, tmp_path):
     rom = fr.reduce(moving(mesh), order=4)
     fr.write_rom(tmp_path / "rom.h5", rom)
