@@ -138,7 +138,7 @@ class CarriedFrame(FrameKernel):
         check_turn(h, end_motion.ω)
         v̂, ω̂ = (added(a, 1.0, b) for a, b in ((now.v, end_motion.v), (now.ω, end_motion.ω)))
         v̂, ω̂ = (v̂[0] / 2, v̂[1] / 2, v̂[2] / 2), (ω̂[0] / 2, ω̂[1] / 2, ω̂[2] / 2)
-        turn = Geometry(now.R, now.R + now.R.dot(cross_matrix(ω̂)) * (h / 2), end_motion.R)
+        turn = Geometry(now.R, end_motion.R, (h * ω̂[0], h * ω̂[1], h * ω̂[2]))
         q = self._coordinates().copy()
         A, right = self._equations(forces, turn, q, ω̂, end_motion)
         r̂ = np.linalg.solve(A, right) if A.ndim == 2 else right / A

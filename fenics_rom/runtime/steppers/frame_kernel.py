@@ -209,7 +209,7 @@ def _in_frame(turn: Geometry, contact: ContactSolution | None) -> ContactSolutio
 def turn_of(R: Array, rotation: Quaternion, t: Vector) -> tuple[Geometry, Quaternion]:
     """How a frame turns by Cayley's map of t = h ω̂, and the quaternion at the end."""
     end = turned(rotation, t)
-    return Geometry(R, R + R.dot(cross_matrix(t)) / 2, rotation_matrix(end)), end
+    return Geometry(R, rotation_matrix(end), t), end
 
 
 def check_turn(h: float, ω: Vector) -> None:

@@ -1,5 +1,7 @@
 """Points of a body in a moving frame within one step: forces on them in world axes, and how far they go, exactly."""
 
+from dataclasses import dataclass
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -8,12 +10,24 @@ from numpy import ndarray as Array
 from fenics_rom.mechanics.frame_motion import Vector, cross_matrix
 
 
-class Geometry(NamedTuple):
-    """How the frame turns in a step."""
+@dataclass
+class Geometry:
+    """How the frame turns in a step.
 
-    start: Array  # R (3, 3)
-    middle: Array  # R* = R (1 + h/2 ω̂~)
-    end: Array  # R⁺
+    Attributes:
+        start, end: R, R⁺ = R cay(t), (3, 3).
+        turn: t = h ω̂, in the frame's axes.
+    """
+
+    start: Array
+    end: Array
+    turn: Vector
+
+    @cached_property
+    def middle(self) -> Array:
+        """R* = R (1 + t~/2), (3, 3)."""
+        middle: Array = self.start + self.start.dot(cross_matrix(self.turn)) / 2
+        return middle
 
 
 class Push(NamedTuple):

@@ -60,7 +60,6 @@ class _Step(NamedTuple):
 
     q: Array
     L: Vector  # at the start
-    constant: Array  # (m,) of the balance of the coordinates
     forces: FrameForces
 
 
@@ -70,7 +69,7 @@ class FreeFrame(FrameKernel):
     def __init__(self, *args: Any, **named: Any):
         super().__init__(*args, **named)
         m = self._model.order
-        self._table = np.empty((18, m))  # I2 r̂, G r̂; -(½ I1 + I2 q), b/h + ½ G r: what the balance is a sum of
+        self._table = np.empty((19, m))  # I2 r̂, G r̂; -(½ I1 + I2 q), b/h + ½ G r; f: what the balance is a sum of
         self._by_rate = self._table[:9].reshape(-1)
         self._weights = np.ones(3 + m)  # in which corrections are measured, as energies are
         self._weights[:3] = sum(self._inertia0[:3]) / 3
@@ -121,7 +120,7 @@ class FreeFrame(FrameKernel):
         """As in Kernel; the angular velocity is what the angular momentum says."""
         super().resume(auxiliary)
         shape = self._shape_at(self._coordinates(), self._r)
-        self._now = self._now_before = self._moving(self.frame.rotation, self.frame.turning, shape)
+        self._now = self._now_before = _moving(shape, rotation_matrix(self.frame.rotation), self.frame.turning)
         self._inverse = self._acceleration = None
 
     def place(self, frame: FrameState) -> None:
@@ -130,11 +129,6 @@ class FreeFrame(FrameKernel):
         L = added(times_inertia(shape.inertia, vector(np.array(frame.turning).dot(R))), 1.0, shape.moved)
         self.frame = frame._replace(turning=vector(R.dot(L)))
         self.resume(self.auxiliary)
-
-    def _moving(self, rotation: Quaternion, momentum: Vector, shape: Shape) -> _Motion:
-        """The body with an angular momentum in world axes."""
-        R = rotation_matrix(rotation)
-        return _Motion(shape, solved_inertia(shape, added(vector(np.array(momentum).dot(R)), -1.0, shape.moved)), R)
 
     def step(self, u: Array, obstacles: ObstacleMotion | None = None) -> float:
         """As in Kernel."""
@@ -155,13 +149,14 @@ class FreeFrame(FrameKernel):
         q = self._coordinates().copy()
         np.multiply(self._rest_terms[:6], 0.5, table[9:15])
         table[9:15] -= shape.terms[:6]
-        np.multiply(shape.terms[6:9], 1 / h, table[15:])
-        table[15:] += self._turn_by_rate(self._r).reshape(3, -1) / 2
-        constant = self._ω * self._e
-        constant -= self._r * (2 / h)
-        constant -= forces.modal
+        np.multiply(shape.terms[6:9], 1 / h, table[15:18])
+        table[15:18] += self._turn_by_rate(self._r).reshape(3, -1) / 2
+        given = table[18]
+        np.multiply(self._ω, self._e, given)
+        given -= self._r * (2 / h)
+        given -= forces.modal
         L = added(times_inertia(shape.inertia, self._now.ω), 1.0, shape.moved)
-        return _Step(q, L, constant, forces)
+        return _Step(q, L, forces)
 
     def _iterate(self, step: _Step) -> Array:
         """The mid-step velocities ω̂, r̂ (3 + m,) without contact."""
@@ -170,8 +165,7 @@ class FreeFrame(FrameKernel):
             ω = added(ω, h / 2, self._acceleration[1])
         x = np.empty(len(self._weights))
         x[:3], x[3:] = ω, self._r
-        scale = self.scale(x)
-        before = np.inf
+        scale, before = 0.0, np.inf
         for iteration in range(MOST_ITERATIONS):
             if self._inverse is None:
                 self._inverse = self._jacobian_inverse(step, x)
@@ -180,7 +174,9 @@ class FreeFrame(FrameKernel):
             size = self.size(change)
             if not np.isfinite(size):
                 raise StepError("the inputs lead out of the finite numbers; the state was left as it was")
-            scale, ratio = max(scale, self.size(x)), size / before
+            if not scale:
+                scale = self.scale(x)
+            ratio = size / before
             if (0 < ratio < 1 and size * ratio <= TOLERANCE * scale) or size <= ROUND_OFF * scale:
                 if iteration >= MANY_ITERATIONS:
                     self._inverse = None
@@ -206,22 +202,22 @@ class FreeFrame(FrameKernel):
 
     def _residual(self, step: _Step, x: Array, push: Push | None) -> Array:
         """What the balances of angular momentum and of the coordinates lack, under contact forces that push."""
-        h, ω, r̂ = self.h, self._now.ω, x[3:]
+        h, ω, r̂, table = self.h, self._now.ω, x[3:], self._table
         a, b, c = x[:3].tolist()
         ω̂ = a, b, c
         ω_end = 2 * a - ω[0], 2 * b - ω[1], 2 * c - ω[2]
         self._multiply(r̂, self._by_rate)
-        products = pairs(ω, ω_end)
-        factors = [-h / 2 * p for p in products]
-        factors += (2 * a, 2 * b, 2 * c, *products, ω_end[0] - ω[0], ω_end[1] - ω[1], ω_end[2] - ω[2])
+        xx, yy, zz, yz, xz, xy = pairs(ω, ω_end)
+        s = -h / 2
+        by_rate = s * xx, s * yy, s * zz, s * yz, s * xz, s * xy, 2 * a, 2 * b, 2 * c
+        at_start = xx, yy, zz, yz, xz, xy, ω_end[0] - ω[0], ω_end[1] - ω[1], ω_end[2] - ω[2], 1.0
         ρ = np.empty(len(x))
         along = ρ[3:]
         np.multiply(self._diagonal, r̂, along)
-        along += np.array(factors).dot(self._table)
-        along += step.constant
+        along += np.array((*by_rate, *at_start)).dot(table)
         if self._dense_damping:
             along += self._model.damping.dot(r̂)
-        L, L_end = step.L, self._end_momentum(step, r̂, ω_end)
+        L, L_end = step.L, self._end_momentum(table.dot(r̂).tolist(), ω_end)
         t = step.forces.torque
         if step.forces.torque_by_shape is not None:
             t = added(t, 1.0, vector(step.forces.torque_by_shape.dot(step.q + h / 2 * r̂)))
@@ -238,14 +234,21 @@ class FreeFrame(FrameKernel):
         ρ[2] = (L_end[2] - L[2]) / h + z_ / 2 - t[2]
         return ρ
 
-    def _end_momentum(self, step: _Step, r̂: Array, ω: Vector) -> Vector:
-        """L⁺, where the table holds products with r̂."""
-        h, terms = self.h, self._now.shape.terms[:9] + self.h * self._table[:9]
-        both = np.empty((len(r̂), 2))
-        both[:, 0], both[:, 1] = step.q + h * r̂, r̂ + r̂ - self._r
-        at, I0 = terms.dot(both).tolist(), self._inertia0
-        inertia = tuple([I0[k] + at[k][0] for k in range(6)])
-        return added(times_inertia(inertia, ω), 1.0, (at[6][1], at[7][1], at[8][1]))
+    def _end_momentum(self, along: list[float], ω: Vector) -> Vector:
+        """L⁺ from the products of the table with r̂: I⁺ = I + h (I1 + 2 I2 q)·r̂ + h² r̂·I2 r̂; b⁺r⁺ is linear in r̂."""
+        h, shape = self.h, self._now.shape
+        xx, yy, zz, yz, xz, xy, _, _, _, l_xx, l_yy, l_zz, l_yz, l_xz, l_xy, b_x, b_y, b_z, _ = along
+        I_xx, I_yy, I_zz, I_yz, I_xz, I_xy = shape.inertia
+        inertia = (
+            I_xx + h * (h * xx - 2 * l_xx),
+            I_yy + h * (h * yy - 2 * l_yy),
+            I_zz + h * (h * zz - 2 * l_zz),
+            I_yz + h * (h * yz - 2 * l_yz),
+            I_xz + h * (h * xz - 2 * l_xz),
+            I_xy + h * (h * xy - 2 * l_xy),
+        )
+        x, y, z = shape.moved
+        return added(times_inertia(inertia, ω), 1.0, (2 * h * b_x - x, 2 * h * b_y - y, 2 * h * b_z - z))
 
     def _jacobian_inverse(self, step: _Step, x: Array) -> Array:
         h, ω, ω̂, r̂ = self.h, np.array(self._now.ω), x[:3], x[3:]
@@ -263,7 +266,7 @@ class FreeFrame(FrameKernel):
         J[:3, :3] = carry.dot(2 * inertia) - cross_matrix(np.array(step.L) + L_end) / 2
         r_turned = self._turn_by_rate(r_end).reshape(3, m)
         J[:3, 3:] = carry.dot(h * ω_end.dot(bent_end).reshape(3, m) - h * r_turned + 2 * terms[6:])
-        J[3:, :3] = (2 * self._table[15:] + 2 * by_rate[6:] - ω.dot(bent).reshape(3, m)).T
+        J[3:, :3] = (2 * self._table[15:18] + 2 * by_rate[6:] - ω.dot(bent).reshape(3, m)).T
         factors = [-h / 2 * p for p in pairs(vector(ω), vector(ω_end))]
         A = np.array((*factors, *(2 * ω̂))).dot(self._products.reshape(9, m * m)).reshape(m, m)
         A.ravel()[:: m + 1] += self._diagonal
@@ -316,18 +319,18 @@ class FreeFrame(FrameKernel):
         force = added(contact, self._mass, step.forces.acceleration)
         if step.forces.at_points is not None:
             force = added(force, 1.0, vector(step.forces.at_points.sum(axis=0)))
-        return added(force, 0.5, vector((turn.start + turn.end).dot(step.forces.force)))
+        return added(force, 1.0, _in_world(turn, step.forces.force))
 
     def _end(self, step: _Step, x: Array, contact: ContactSolution | None) -> float:
         """Takes the step with these velocities; twice the stored energy, J."""
         h, forces, r̂, before = self.h, step.forces, x[3:], self.frame
-        turn, rotation = self.turn_at(x)
         a, b, c = x[:3].tolist()
+        turn, rotation = self.turn_at(x)
         torque = forces.torque
         if forces.torque_by_shape is not None:
             torque = added(torque, 1.0, vector(forces.torque_by_shape.dot(step.q + h / 2 * r̂)))
         supplied = dot(torque, (a, b, c)) + float(forces.modal.dot(r̂))
-        τ, pushed = vector((turn.start + turn.end).dot(torque) / 2), ZERO
+        τ, pushed = _in_world(turn, torque), ZERO
         prescribed = self._prescribed(forces, turn, step.q, r̂)
         if prescribed is not None:
             τ = added(τ, 1.0, prescribed.torque)
@@ -345,7 +348,7 @@ class FreeFrame(FrameKernel):
         supplied += dot(added(force, -1.0, pushed), v̂)
         frame = FrameState(added(before.position, h, v̂), rotation, v, added(before.turning, h, τ))
         e, r = self._e + h * self._ω * r̂, r̂ + r̂ - self._r
-        motion = self._moving(rotation, frame.turning, self._shape_at(e * self._inverse_ω, r))
+        motion = _moving(self._shape_at(e * self._inverse_ω, r), turn.end, frame.turning)
         self._finish(contact, turn, touched, h * supplied, h * float(r̂.dot(self._damped(r̂))))
         was = self._now
         self._acceleration = (
@@ -355,3 +358,13 @@ class FreeFrame(FrameKernel):
         self.frame, self._now_before, self._now = frame, was, motion
         self._e[:], self._r[:] = e, r
         return 2 * self.energy
+
+
+def _moving(shape: Shape, R: Array, momentum: Vector) -> _Motion:
+    """The body with an angular momentum in world axes."""
+    return _Motion(shape, solved_inertia(shape, added(vector(R.T.dot(momentum)), -1.0, shape.moved)), R)
+
+
+def _in_world(turn: Geometry, force: Vector) -> Vector:
+    """A force, or a torque, that turns with the frame, as it acts in a step."""
+    return ZERO if force == ZERO else vector((turn.start + turn.end).dot(force) / 2)
