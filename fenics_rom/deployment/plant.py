@@ -4,17 +4,18 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from fenics_rom.deployment.c_source import c_source
+from fenics_rom.deployment.fmu import write_fmu
 from fenics_rom.deployment.identifiers import check_identifier
 from fenics_rom.deployment.matrices import write_matrices
 from fenics_rom.errors import FileError
 from fenics_rom.io.atomic_write import check_place, write_whole
 from fenics_rom.rom.rom import Rom
 
-PLANT_FORMATS = (".npz", ".mat", ".c")
+PLANT_FORMATS = (".npz", ".mat", ".c", ".fmu")
 
 
 def write_plant(place: Path, rom: Rom, outputs: Sequence[str] | None, dt: float | None) -> None:
-    """Writes the linear models of a ROM as the file that its ending says: .npz, .mat; .c, with a header beside it.
+    """Writes the linear models of a ROM as the file that its ending says; beside one in C a header.
 
     Args:
         place: the file.
@@ -25,15 +26,19 @@ def write_plant(place: Path, rom: Rom, outputs: Sequence[str] | None, dt: float 
     Raises:
         StepError, StructureError: as `Rom.state_space`.
         FileError: a file cannot be written, a name cannot be one in it, or code has no time step.
+        MissingPackageError: SciPy, which .mat needs, or the C compiler, which .fmu needs, is not there.
     """
     check_place(place)
-    if place.suffix != ".c":
+    if place.suffix in (".npz", ".mat"):
         write_matrices(place, rom, outputs, dt)
         return
     check_identifier(place.stem, str(place))
+    code = c_source(rom, place.stem, outputs, _step_of_code(place, rom, dt))
+    if place.suffix == ".fmu":
+        write_fmu(place, rom, code)
+        return
     header = place.with_suffix(".h")
     check_place(header)
-    code = c_source(rom, place.stem, outputs, _step_of_code(place, rom, dt))
     write_whole(header, code.header.encode())
     write_whole(place, code.source.encode())
 

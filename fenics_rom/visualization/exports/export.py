@@ -52,10 +52,10 @@ def export(
     """Writes a ROM's shapes or linear models, or a run, as a file that others read; nothing of it where it fails.
 
     Of a ROM: .vtu, for ParaView, every shape a field on the nodes; .png, .pdf, .svg, a sheet of the first shapes of
-    each contact mode; .npz, .mat, the state spaces of all contact modes, and the maps between them; .c, the same model
-    in C with a header beside it. Of a run: .pvd with a folder of .vtu files, displacement (m), velocity (m/s), inputs
-    and readings at each instant of which it holds the whole shape; .vtu or .png of one instant; .gif or .mp4 of all.
-    Cells are the triangles of the surface, and points all nodes.
+    each contact mode; .npz, .mat, the state spaces of all contact modes, and the maps between them; .c, .fmu, the same
+    model in C with a header beside it, and as an FMU. Of a run: .pvd with a folder of .vtu files, displacement (m),
+    velocity (m/s), inputs and readings at each instant of which it holds the whole shape; .vtu or .png of one instant;
+    .gif or .mp4 of all. Cells are the triangles of the surface, and points all nodes.
 
     Args:
         model: the ROM or the run, or the name of its file.
