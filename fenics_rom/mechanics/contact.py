@@ -11,7 +11,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import SceneError
-from fenics_rom.mechanics.complementarity.solution import KeptLaw
+from fenics_rom.mechanics.complementarity.solution import KeptLaw, largest
 
 _ONES = np.ones(3)
 
@@ -92,13 +92,19 @@ class ContactSolution(NamedTuple):
     """What contact does in one step."""
 
     forces: Array  # (P, 3) on the points, N
-    by_obstacle: Array  # (O, 3) resultants on the body, N
     iterations: int  # systems of equations solved
     pairs: Array  # (C,) of those that took part: obstacle times P plus point
     normals: Array  # (C, 3) theirs
     pair_forces: Array  # (C, 3) theirs, N
     obstacle_velocities: Array  # (O, 3), m/s
-    rough: bool  # whether there is friction
+    normal_power: float  # Σ λ s of the pairs, W
+
+    @property
+    def by_obstacle(self) -> Array:
+        """Resultants on the body (O, 3), N."""
+        resultants = np.zeros(self.obstacle_velocities.shape)
+        np.add.at(resultants, self.pairs // len(self.forces), self.pair_forces)
+        return resultants
 
     @property
     def touching(self) -> int:
@@ -119,18 +125,11 @@ class ContactSolution(NamedTuple):
             velocity: (P, 3) mid-step velocities v̂ of the points, m/s, as the step has found them.
             dt: of the step, s.
         """
-        w = self.obstacle_velocities
-        if len(w) == 1:
-            relative = (velocity if len(self.pairs) == len(velocity) else velocity[self.pairs]) - w
-        else:
-            obstacle, point = np.divmod(self.pairs, len(velocity))
-            relative = velocity[point] - w[obstacle]
-        whole = normal = float(self.pair_forces.ravel().dot(relative.ravel()))
-        if self.rough:
-            pressure = (self.pair_forces * self.normals).dot(_ONES)
-            normal = float(pressure.dot((relative * self.normals).dot(_ONES)))
-        supplied = float(self.by_obstacle.ravel().dot(w.ravel()))
-        return ContactWork(dt * supplied, -dt * normal, dt * (normal - whole))
+        w, supplied = self.obstacle_velocities, 0.0
+        if largest(w != 0):
+            supplied = float(self.by_obstacle.ravel().dot(w.ravel()))
+        whole = float(self.forces.ravel().dot(velocity.ravel())) - supplied
+        return ContactWork(dt * supplied, -dt * self.normal_power, dt * (self.normal_power - whole))
 
 
 def equilibrium_work(

@@ -30,7 +30,8 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
-from fenics_rom.mechanics.complementarity import NEGLIGIBLE_RESIDUAL, Delassus, FramedDelassus, solve
+from fenics_rom.mechanics.complementarity import NEGLIGIBLE_RESIDUAL, Delassus, FramedDelassus, Frames, solve
+from fenics_rom.mechanics.complementarity.solution import largest
 from fenics_rom.mechanics.contact import ContactLaw, ContactSearch, ContactSolution, ObstacleMotion, PointMotion
 from fenics_rom.mechanics.obstacles import Obstacle
 
@@ -57,6 +58,8 @@ class ContactSolver:
         self.search = self.first_search
         self._touches = True
         self._delassus, self._operators = np.empty((0, 0)), dict[bytes, Delassus]()
+        self._frames: tuple[bytes, Frames] | None = None
+        self._offsets, self._placed = np.empty((0, 3)), list[Array]()  # the points at rest, less these
 
     @property
     def first_search(self) -> ContactSearch:
@@ -107,39 +110,38 @@ class ContactSolver:
         """
         w = obstacles.velocities(dt)
         gaps, normals = self._distances(points.displacement, obstacles.start)
+        gap = gaps.item(gaps.argmin())
         is_near = self._touches or self.law.stiffness is not None  # where the last step touched, it hardly pays to ask
-        if not is_near and out_of_reach(float(gaps.min()), points, obstacles, dt):
+        if not is_near and out_of_reach(gap, points, obstacles, dt):
             return None
-        pairs = self._all_pairs(gaps, normals, points, dt, obstacles, w, quasi_static)
-        chosen = pairs.normal_velocity < pairs.level
+        pairs = self._all_pairs(gaps, gap, normals, points, dt, obstacles, w, quasi_static)
+        chosen = pairs.free[0] < pairs.level
         active = chosen.nonzero()[0]
         self._touches = len(active) > 0
         if not self._touches:
             return None
         iterations, search = 0, self.search
         while True:
-            problem = pairs.problem(active, self._operator(delassus, active), search.forces)
             key = active.tobytes()
+            problem = pairs.problem(active, self._operator(delassus, active, key), search.forces)
             kept = search.kept if search.pairs == key else None
             solution = solve(problem.operator, problem.q, self.law.friction, problem.start, kept)
             iterations += solution.iterations
-            forces = solution.forces
+            forces, velocities = solution.forces, solution.velocities
             if solution.residual > NEGLIGIBLE_RESIDUAL:
-                forces = _passive(forces, problem.operator.matrix, problem.free)
-            pair_forces = problem.operator.in_space(forces)
+                forces, velocities = _passive(forces, problem)
+            pair_forces = problem.frames.in_space(forces)
             start = pair_forces
             if len(active) < len(chosen):
-                start = np.zeros_like(normals)
+                start = np.zeros(normals.shape)
                 start[active] = pair_forces
             search = ContactSearch(start, search.residual, key, solution.kept)
-            by_pair = start.reshape(-1, len(self.points), 3)
-            point_forces = by_pair[0] if len(by_pair) == 1 else by_pair.sum(axis=0)
-            repeat = pairs.stop_helping_friction(active, forces, solution.velocities, problem)
+            point_forces = self._at_points(start)
+            repeat = pairs.stop_helping_friction(active, forces, velocities, problem)
             if len(active) < len(chosen):
-                moved = delassus.dot(point_forces.ravel()).reshape(points.free_velocity.shape)
-                velocity = self._relative(points.free_velocity + moved, w)
-                missed = ((normals * velocity).dot(_ONES) < pairs.level) & ~chosen
-                if missed.any():
+                moved = self._of_pairs(delassus.dot(point_forces.ravel()).reshape(-1, 3))
+                missed = ((normals * moved).dot(_ONES) + pairs.free[0] < pairs.level) > chosen
+                if largest(missed):
                     chosen |= missed
                     repeat = True
             if not repeat:
@@ -148,14 +150,13 @@ class ContactSolver:
         if solution.residual > NEGLIGIBLE_RESIDUAL:
             search = search._replace(residual=search.residual.with_step(solution.residual))
         self.search = search
-        rough = self.law.friction > 0
-        return ContactSolution(
-            point_forces, by_pair.sum(axis=1), iterations, active, _of(normals, active), pair_forces, w, rough
-        )
+        power = float(forces[0].dot(velocities[0] + problem.target - pairs.compliance * forces[0]))
+        return ContactSolution(point_forces, iterations, active, _of(normals, active), pair_forces, w, power)
 
     def _all_pairs(
         self,
         gaps: Array,
+        gap: float,
         normals: Array,
         points: PointMotion,
         dt: float,
@@ -163,15 +164,28 @@ class ContactSolver:
         w: Array,
         quasi_static: bool,
     ) -> "_Pairs":
-        """What the law says of every pair of a point and an obstacle; w (O, 3) velocities of the obstacles, m/s."""
-        law = self.law
-        free, relative = self._relative(points.free_velocity, w), self._relative(points.velocity, w)
+        """What the law says of every pair of a point and an obstacle.
+
+        Args:
+            gaps, normals: (O P,), m, and (O P, 3).
+            gap: the smallest, m.
+            points, dt, obstacles, quasi_static: as in `solve`.
+            w: (O, 3) velocities of the obstacles, m/s.
+        """
+        law, key = self.law, normals.tobytes()
+        free, relative = self._of_pairs(points.free_velocity), self._of_pairs(points.velocity)
+        if obstacles.end is not obstacles.start:
+            motion = self._of_obstacles(w)
+            free, relative = free - motion, relative - motion
         if w.tobytes() != obstacles.velocities_before.tobytes():  # six times as fast as to compare numbers
             # What keeps touching an obstacle that accelerates has its velocity between the steps, and not yet the mean
             # one of this step. Taken for an approach, the difference would let it sink in further in every step.
-            pushed, half_change = self.search.forces.any(axis=1), (w - obstacles.velocities_before) / 2
-            relative[pushed] += np.repeat(half_change, len(self.points), axis=0)[pushed]
-        compliance = 0.0
+            pushed = self.search.forces.any(axis=1)
+            relative = relative + pushed[:, None] * self._of_obstacles((w - obstacles.velocities_before) / 2)
+        if self._frames is None or self._frames[0] != key:
+            self._frames = key, Frames(normals)
+        frames, compliance = self._frames[1], 0.0
+        free, relative = frames.turned(free, relative)
         if law.stiffness is not None:
             damper = law.stiffness * dt / 2 + law.damping
             level = target = gaps * (-law.stiffness / damper)
@@ -179,31 +193,41 @@ class ContactSolver:
         elif quasi_static:
             level = target = np.maximum(gaps, 0.0) / -dt
         else:
-            e, approach = law.restitution, (normals * relative).dot(_ONES)
-            level, half = gaps / -dt, (1 - e) / 2 * approach
-            level, target = np.maximum(level, (level + half) / (2 - e)), np.minimum(half, 0.0)
-            if gaps.min() < 0.0:  # no deeper than a step's motion of the obstacle or of the body
-                deepest = gaps / dt + np.abs(approach) + np.sqrt((w * w).dot(_ONES)).repeat(len(self.points))
-                target = np.maximum(target, -np.maximum(deepest, 0.0))
+            e = law.restitution
+            closing, half = gaps / -dt, (1 - e) / 2 * relative[0]
+            level, target = np.maximum(closing, (closing + half) / (2 - e)), np.minimum(half, 0.0)
+            if gap < 0.0:  # no deeper than a step's motion of the obstacle or of the body
+                shallowest = closing - np.abs(relative[0])
+                if obstacles.end is not obstacles.start:
+                    shallowest -= np.sqrt((w * w).dot(_ONES)).repeat(len(self.points))
+                target = np.maximum(target, np.minimum(shallowest, 0.0))
         slides = law.friction > 0 and not quasi_static  # what sticks is to stop within the step
-        normal_velocity = (normals * free).dot(_ONES)
-        return _Pairs(normals, free, normal_velocity, level, target, compliance, relative if slides else None)
+        return _Pairs(frames, free, level, target, compliance, relative[1:] / 2 if slides else None)
 
     def _distances(self, displacement: Array, offsets: Array) -> tuple[Array, Array]:
         """Gaps (O P,), m, and normals (O P, 3), obstacle after obstacle."""
-        x = self.points + displacement
+        if offsets is not self._offsets:
+            self._offsets, self._placed = offsets, [self.points - moved for moved in offsets]
         if len(self.obstacles) == 1:
-            return self.obstacles[0].distance(x - offsets)
-        distances = [obstacle.distance(x - moved) for obstacle, moved in zip(self.obstacles, offsets, strict=True)]
+            return self.obstacles[0].distance(self._placed[0] + displacement)
+        placed = zip(self.obstacles, self._placed, strict=True)
+        distances = [obstacle.distance(points + displacement) for obstacle, points in placed]
         return np.concatenate([gap for gap, _ in distances]), np.concatenate([normal for _, normal in distances])
 
-    def _relative(self, velocity: Array, w: Array) -> Array:
-        """Velocities of the points (P, 3) relative to each obstacle (O P, 3), m/s."""
-        return velocity - w if len(w) == 1 else (velocity - w[:, None]).reshape(-1, 3)
+    def _of_pairs(self, values: Array) -> Array:
+        """Values of the points (P, 3), of each pair (O P, 3)."""
+        return values if len(self.obstacles) == 1 else np.tile(values, (len(self.obstacles), 1))
 
-    def _operator(self, delassus: Array, active: Array) -> Delassus:
-        """Relative velocities of the active pairs per force of theirs; kept while both stay the same."""
-        key = active.tobytes()
+    def _of_obstacles(self, values: Array) -> Array:
+        """Values of the obstacles (O, 3), of each pair (O P, 3)."""
+        return values.repeat(len(self.points), axis=0)
+
+    def _at_points(self, forces: Array) -> Array:
+        """Forces of all pairs (O P, 3) together on the points (P, 3)."""
+        return forces if len(self.obstacles) == 1 else forces.reshape(-1, len(self.points), 3).sum(axis=0)
+
+    def _operator(self, delassus: Array, active: Array, key: bytes) -> Delassus:
+        """Relative velocities of the active pairs per force of theirs; kept while both, known by key, stay the same."""
         if delassus is not self._delassus:
             self._delassus, self._operators = delassus, {}
         if key not in self._operators:
@@ -218,44 +242,41 @@ class ContactSolver:
 
 
 class _Problem(NamedTuple):
-    """Of C active pairs, in the frames of their normals."""
+    """Of C active pairs, in their frames."""
 
+    frames: Frames
     operator: FramedDelassus
     free: Array  # relative mid-step velocity without contact, (3, C), m/s
     q: Array  # the same less the targets, (3, C), m/s
     start: Array  # forces to begin with, (3, C), N
+    target: Array  # c (C,), m/s
     sliding: Array | None  # c_t (2, C), m/s; None where nothing slides
 
 
 @dataclass
 class _Pairs:
-    """What the law says of every pair in one step, obstacle after obstacle; velocities in m/s."""
+    """What the law says of every pair in one step, obstacle after obstacle, in their frames; velocities in m/s."""
 
-    normals: Array  # (O P, 3)
-    free: Array  # relative mid-step velocity without contact, (O P, 3)
-    normal_velocity: Array  # its normal part, (O P,)
+    frames: Frames
+    free: Array  # relative mid-step velocity without contact, (3, O P)
     level: Array  # (O P,) normal velocities below which a pair takes part
     target: Array  # c (O P,)
     compliance: float  # of each pair along its normal, m/s/N; 0 for the rigid law
-    velocity: Array | None  # relative, at the start, (O P, 3); None where nothing slides
-    stopped: Array | None = None  # (O P,) whether c_t is 0; None: of none
+    sliding: Array | None  # c_t (2, O P); None where nothing slides
 
     def problem(self, active: Array, operator: Delassus, forces: Array) -> _Problem:
         """Of active pairs, which begins with forces of all pairs (O P, 3)."""
-        framed = operator.framed(_of(self.normals, active), self.compliance)
-        free, start = _of(self.free, active), _of(forces, active)
-        if self.velocity is None:
-            free, start = framed.in_frames(free, start)
-            q, sliding = free.copy(), None
-        else:
-            free, start, velocity = framed.in_frames(free, start, _of(self.velocity, active))
-            sliding = velocity[1:] / 2
-            if self.stopped is not None:
-                sliding[:, _of(self.stopped, active)] = 0.0
-            q = free.copy()
+        frames, free, target, sliding = self.frames, self.free, self.target, self.sliding
+        if len(active) < len(target):
+            frames, free, target = frames.of(active), free.take(active, axis=1), target.take(active)
+            forces, sliding = forces.take(active, axis=0), None if sliding is None else sliding.take(active, axis=1)
+        q = free.copy()
+        q[0] -= target
+        if sliding is not None:
             q[1:] -= sliding
-        q[0] -= _of(self.target, active)
-        return _Problem(framed, free, q, start, sliding)
+        return _Problem(
+            frames, operator.framed(frames, self.compliance), free, q, frames.turned(forces)[0], target, sliding
+        )
 
     def stop_helping_friction(self, active: Array, forces: Array, velocities: Array, problem: _Problem) -> bool:
         """Sets c_t = 0 for active pairs whose friction would do work on the body; whether there are any.
@@ -265,9 +286,8 @@ class _Pairs:
         helps = _helping(forces, velocities, problem)
         if helps is None:
             return False
-        if self.stopped is None:
-            self.stopped = np.zeros(len(self.level), dtype=bool)
-        self.stopped[active[helps]] = True
+        assert self.sliding is not None
+        self.sliding[:, active[helps]] = 0.0
         return True
 
 
@@ -284,13 +304,15 @@ def out_of_reach(gap: float, points: PointMotion, obstacles: ObstacleMotion, dt:
 
 def _of(values: Array, active: Array) -> Array:
     """Those of the active pairs (C,); where these are all, nothing needs to be picked."""
-    return values if len(active) == len(values) else values[active]
+    return values if len(active) == len(values) else values.take(active, axis=0)
 
 
-def _passive(f: Array, W: Array, free: Array) -> Array:
-    """Forces that solve the problem but for a residual, made smaller until they do no work on the body."""
-    spent, given = float(f.ravel().dot(W.dot(f.ravel()))), float(f.ravel().dot(free.ravel()))
-    return f * min(1.0, max(0.0, -given / spent)) if spent > 0 else f
+def _passive(f: Array, problem: _Problem) -> tuple[Array, Array]:
+    """Forces that solve the problem but for a residual, made smaller until they do no work on the body; u with them."""
+    moved = problem.operator.matrix.dot(f.ravel()).reshape(f.shape)
+    spent, given = float(f.ravel().dot(moved.ravel())), float(f.ravel().dot(problem.free.ravel()))
+    share = min(1.0, max(0.0, -given / spent)) if spent > 0 else 1.0
+    return share * f, share * moved + problem.q
 
 
 def _helping(forces: Array, velocities: Array, problem: _Problem) -> Array | None:

@@ -55,6 +55,10 @@ class EnergyLedger:
     def book_contact(self, obstacles: float, contact: float, friction: float, numerical: float) -> None:
         """Adds what obstacles supplied and what contact and friction dissipated, J, to their sums and to the whole."""
         self.book(supplied=obstacles, dissipated=contact + friction, numerical=numerical)
+        self.book_parts(obstacles, contact, friction)
+
+    def book_parts(self, obstacles: float, contact: float, friction: float) -> None:
+        """Adds to the sums of contact alone, J: to the whole it is added with the rest of the step."""
         self._sums[4:] = map(_add, self._sums[4:], (obstacles, contact, friction))
 
     def book(

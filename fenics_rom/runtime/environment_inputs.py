@@ -193,5 +193,6 @@ class EnvironmentInputs:
         if u.shape != (width,):
             if u.shape != (self._actuator_columns,):
                 raise ValueError
-            u = np.concatenate([np.zeros(width - len(u)), u])
+            given, u = u, np.zeros(width)
+            u[width - len(given) :] = given
         return self.environment.step_input(u, time, dt)

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fenics_rom.errors import StepError
-from fenics_rom.mechanics.complementarity import NEGLIGIBLE_RESIDUAL, Delassus
+from fenics_rom.mechanics.complementarity import NEGLIGIBLE_RESIDUAL, Delassus, Frames
 from fenics_rom.mechanics.complementarity import solve as solve_pairs
 from fenics_rom.mechanics.complementarity.frictional import FrictionalProblem
 from fenics_rom.mechanics.complementarity.frictionless import FrictionlessProblem
@@ -29,9 +29,10 @@ def random_problem(rng, pairs, rank, one_normal=False, masses=0.0):
 
 def solve(W, q, n, μ, start, operator=None, kept=None):
     """Along the axes of space."""
-    framed = (Delassus(W) if operator is None else operator).framed(n)
-    solution = solve_pairs(framed, framed.in_frames(q)[0], μ, framed.in_frames(start)[0], kept)
-    forces, velocities = framed.in_space(solution.forces), framed.in_space(solution.velocities)
+    frames = Frames(n)
+    framed = (Delassus(W) if operator is None else operator).framed(frames)
+    solution = solve_pairs(framed, *frames.turned(q), μ, *frames.turned(start), kept)
+    forces, velocities = frames.in_space(solution.forces), frames.in_space(solution.velocities)
     return solution._replace(forces=forces, velocities=velocities)
 
 
@@ -154,7 +155,7 @@ def test_a_linearised_law_is_solved(μ, slip):
     rng, seen = np.random.default_rng(12), set()
     for k in range(15):
         W, q, n = random_problem(rng, 8, 40)
-        operator = Delassus(W).framed(n)
+        operator = Delassus(W).framed(Frames(n))
         W, q, ρ = operator.matrix, rng.standard_normal((3, 8)), operator.stiffness
         z = (rng.standard_normal((3, 8)) + np.array([[k % 3], [0], [0]])) * ρ
         length, cone = np.hypot(z[1], z[2]), μ * np.maximum(z[0], 0)
@@ -220,12 +221,12 @@ def test_each_method_behind_newtons_comes_to_a_solution(method):
     solved = 0
     for _ in range(20):
         W, q, n = random_problem(rng, 8, 14)
-        framed = Delassus(W).framed(n)
-        problem = FrictionalProblem(framed, framed.in_frames(q)[0], 0.3)
+        frames = Frames(n)
+        problem = FrictionalProblem(Delassus(W).framed(frames), *frames.turned(q), 0.3)
         arguments = () if method == "search_interior" else (0.3, 10)
         if getattr(problem, method)(*arguments):
             solved += 1
-            assert violation(W, q, n, 0.3, framed.in_space(problem.best)) < 1e-9
+            assert violation(W, q, n, 0.3, frames.in_space(problem.best)) < 1e-9
     assert solved >= 18
 
 

@@ -428,7 +428,7 @@ def test_each_pair_is_told_to_help_but_once():
     both, one = np.array([[0.1, 0.1], [0.0, 0.0]]), np.array([[0.0, 0.1], [0.0, 0.0]])
 
     def helping(u, c_t):
-        return contact_solver._helping(f, u, contact_solver._Problem(None, None, q, None, c_t))
+        return contact_solver._helping(f, u, contact_solver._Problem(None, None, None, q, None, None, c_t))
 
     assert helping(u, both).tolist() == [True, True]
     assert helping(u, one).tolist() == [False, True]

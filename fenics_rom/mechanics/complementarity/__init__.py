@@ -5,7 +5,7 @@ velocities that forces cause; it is symmetric and positive semidefinite, and q i
 
     0 <= λ ⟂ n·u >= 0,    |f_t| <= μ λ,    f_t = -μ λ u_t/|u_t| where u_t is not 0.
 
-All of them are (3, C) in frames of the pairs' normals (`FramedDelassus`): first along the normals, then the tangents.
+All of them are (3, C) in `Frames` of the pairs: first along the normals, then the tangents.
 W is singular wherever more points touch than the body has freedoms; each system is solved for the change of the forces
 with a small compliance added (the proximal point method), which leaves what is solved for unchanged and what W does not
 determine near where it was.
@@ -13,12 +13,12 @@ determine near where it was.
 
 from numpy import ndarray as Array
 
-from fenics_rom.mechanics.complementarity.delassus import Delassus, FramedDelassus
+from fenics_rom.mechanics.complementarity.delassus import Delassus, FramedDelassus, Frames
 from fenics_rom.mechanics.complementarity.frictional import FrictionalProblem
 from fenics_rom.mechanics.complementarity.frictionless import FrictionlessProblem
 from fenics_rom.mechanics.complementarity.solution import NEGLIGIBLE_RESIDUAL, KeptLaw, Solution
 
-__all__ = ["NEGLIGIBLE_RESIDUAL", "Delassus", "FramedDelassus", "KeptLaw", "Solution", "solve"]
+__all__ = ["NEGLIGIBLE_RESIDUAL", "Delassus", "FramedDelassus", "Frames", "KeptLaw", "Solution", "solve"]
 
 
 def solve(operator: FramedDelassus, q: Array, friction: float, start: Array, kept: KeptLaw | None = None) -> Solution:

@@ -13,6 +13,53 @@ from numpy import ndarray as Array
 _LARGEST_CONDITION = 1e8  # of what counts as regular: Newton's steps correct what a solution lacks
 
 
+class Frames:
+    """Frames of pairs with unit normals (C, 3): of each its normal, and two tangents.
+
+    Attributes:
+        axes: (C, 3, 3), whose columns these are; (1, 3, 3) where all normals are alike.
+    """
+
+    def __init__(self, normals: Array):
+        self.axes = axes_along(normals[:1] if (normals == normals[0]).all() else normals)
+
+    def of(self, pairs: Array) -> "Frames":
+        """Of some pairs."""
+        if len(self.axes) == 1:
+            return self
+        picked = object.__new__(Frames)
+        picked.axes = self.axes[pairs]
+        return picked
+
+    def turned(self, *vectors: Array) -> list[Array]:
+        """Vectors (C, 3) along the axes of space as (3, C) each in the frames."""
+        if len(self.axes) == 1:
+            turn = self.axes[0].T
+            return [turn.dot(vector.T) for vector in vectors]
+        turned = np.matmul(np.array(vectors)[:, :, None], self.axes)[:, :, 0]
+        return list(np.ascontiguousarray(turned.transpose(0, 2, 1)))
+
+    def in_space(self, vectors: Array) -> Array:
+        """What is (3, C) in the frames, (C, 3) along the axes of space."""
+        if len(self.axes) == 1:
+            turned: Array = vectors.T.dot(self.axes[0].T)
+            return turned
+        return np.matmul(self.axes, vectors.T[:, :, None])[:, :, 0]
+
+
+def axes_along(n: Array) -> Array:
+    """Orthonormal (C, 3, 3) with first columns n, unit vectors (Duff et al., J. Comput. Graph. Tech. 6, 2017)."""
+    x, y, z = n.T
+    sign = np.copysign(1.0, z)
+    a = -1 / (sign + z)
+    b = x * y * a
+    axes = np.empty((len(n), 3, 3))
+    axes[:, :, 0] = n
+    axes[:, 0, 1], axes[:, 1, 1], axes[:, 2, 1] = 1 + sign * x * x * a, sign * b, -sign * x
+    axes[:, 0, 2], axes[:, 1, 2], axes[:, 2, 2] = b, sign + y * y * a, -y
+    return axes
+
+
 class Delassus:
     """Velocities per force of C pairs, m/s/N, along the axes of space.
 
@@ -22,7 +69,7 @@ class Delassus:
 
     def __init__(self, matrix: Array):
         self.matrix = matrix
-        self._framed: tuple[tuple[bytes, float], FramedDelassus] | None = None
+        self._framed: tuple[Frames, float, FramedDelassus] | None = None
 
     @cached_property
     def is_regular(self) -> bool:
@@ -33,18 +80,19 @@ class Delassus:
             return False
         return bool(pivots.min() ** 2 * _LARGEST_CONDITION > pivots.max() ** 2)
 
-    def framed(self, normals: Array, compliance: float = 0.0) -> "FramedDelassus":
-        """The same in the frames of unit normals (C, 3), with a compliance along each of them, m/s/N."""
-        key = normals.tobytes(), compliance
-        if self._framed is None or self._framed[0] != key:
-            C, frames = len(normals), frames_of(normals)
-            turn = frames.transpose(0, 2, 1)
-            W = np.matmul(turn, self.matrix.reshape(C, 3, 3 * C)).transpose(1, 0, 2).reshape(3 * C, 3 * C)
+    def framed(self, frames: Frames, compliance: float = 0.0) -> "FramedDelassus":
+        """The same in frames, with a compliance along each normal, m/s/N; kept as long as they are given again."""
+        kept = self._framed
+        if kept is not None and kept[0] is frames and kept[1] == compliance:
+            return kept[2]
+        W = self.matrix
+        C, turn = len(W) // 3, frames.axes.transpose(0, 2, 1)
+        for _ in range(2):  # rows, then columns, which are put in order of components
             W = np.matmul(turn, W.T.reshape(C, 3, 3 * C)).transpose(1, 0, 2).reshape(3 * C, 3 * C)
-            if compliance:
-                W.ravel()[: C * (3 * C + 1) : 3 * C + 1] += compliance
-            self._framed = key, FramedDelassus(W, frames, self.is_regular)
-        return self._framed[1]
+        if compliance:
+            W.ravel()[: C * (3 * C + 1) : 3 * C + 1] += compliance
+        self._framed = frames, compliance, FramedDelassus(W, self.is_regular)
+        return self._framed[2]
 
 
 class FramedDelassus:
@@ -52,7 +100,6 @@ class FramedDelassus:
 
     Args:
         matrix: W (3C, 3C).
-        frames: (C, 3, 3), whose columns are a normal and two tangents.
         is_regular: whether W tells all forces apart.
 
     Attributes:
@@ -60,8 +107,8 @@ class FramedDelassus:
         stiffness: (C,) one by it, N s/m.
     """
 
-    def __init__(self, matrix: Array, frames: Array, is_regular: bool):
-        self.matrix, self.frames, self.is_regular = matrix, frames, is_regular
+    def __init__(self, matrix: Array, is_regular: bool):
+        self.matrix, self.is_regular = matrix, is_regular
         self.compliance = matrix.diagonal().reshape(3, -1).sum(axis=0) / 3
         if not self.compliance.min() > 0:
             self.compliance = np.maximum(self.compliance, 1e-12 * self.compliance.max() or 1.0)
@@ -71,27 +118,4 @@ class FramedDelassus:
         """The same with a share of each pair's compliance added to it."""
         W = self.matrix.copy()
         W.ravel()[:: len(W) + 1] += share * np.tile(self.compliance, 3)
-        return FramedDelassus(W, self.frames, self.is_regular)
-
-    def in_frames(self, *vectors: Array) -> Array:
-        """Vectors (C, 3) along the axes of space as (3, C) each in the frames."""
-        turned: Array = np.matmul(np.array(vectors)[:, :, None], self.frames)[:, :, 0].transpose(0, 2, 1)
-        return turned
-
-    def in_space(self, vectors: Array) -> Array:
-        """What is (3, C) in the frames, (C, 3) along the axes of space."""
-        turned: Array = np.matmul(self.frames, vectors.T[:, :, None])[:, :, 0]
-        return turned
-
-
-def frames_of(n: Array) -> Array:
-    """Orthonormal (C, 3, 3) with first columns n, unit vectors (Duff et al., J. Comput. Graph. Tech. 6, 2017)."""
-    x, y, z = n.T
-    sign = np.copysign(1.0, z)
-    a = -1 / (sign + z)
-    b = x * y * a
-    frames = np.empty((len(n), 3, 3))
-    frames[:, :, 0] = n
-    frames[:, 0, 1], frames[:, 1, 1], frames[:, 2, 1] = 1 + sign * x * x * a, sign * b, -sign * x
-    frames[:, 0, 2], frames[:, 1, 2], frames[:, 2, 2] = b, sign + y * y * a, -y
-    return frames
+        return FramedDelassus(W, self.is_regular)

@@ -23,6 +23,7 @@ from fenics_rom.mechanics.complementarity.solution import (
     KeptLaw,
     Solution,
     check_residual,
+    largest,
 )
 
 _FIRST_COMPLIANCE = 1e-4  # proximal, to begin with: where W hardly tells forces apart, Newton's method would cycle
@@ -30,7 +31,8 @@ _FIRST_ITERATIONS = 8  # of Newton's method, with it
 _PATH_RESIDUAL = 1e-6  # below it following a path, the slowest method, is not worth its time
 _PATHS = ((0.3, 10), (0.6, 30))  # of shrinking compliance: the factor, and Gauss-Seidel sweeps where Newton cycles
 _PATH_TOLERANCE = 1e-6  # of Newton's method on a path
-_MOST_STEPS = 3  # with a kept inverse
+_MOST_STEPS, _FEW_STEPS = 4, 2  # with a kept inverse: before Newton's method, and before it is made anew
+_SLOWEST = 0.1  # reduction of the error by such a step that is worth another
 
 
 class _Law(NamedTuple):
@@ -61,14 +63,18 @@ class FrictionalProblem:
     def __init__(self, operator: FramedDelassus, q: Array, friction: float):
         self.operator, self.W, self.compliance = operator, operator.matrix, operator.compliance
         self.q, self.μ, self.ρ = q, friction, operator.stiffness
-        self.speed = float(np.abs(q).max())
+        self.speed = largest(np.abs(q))
         self.best, self.velocities, self.error, self.iterations = q, q, np.inf, 0
         self._law: _Law  # at the forces that were looked at last
 
     def solve(self, start: Array, kept: KeptLaw | None = None) -> Solution:
         """See `complementarity.solve`."""
         if kept is not None and kept.inverse is not None:
-            if self._follow(kept.inverse, kept.statuses, start):
+            steps = self._follow(kept, kept.inverse)
+            if steps:
+                if steps > _FEW_STEPS:
+                    kept = kept._replace(inverse=self._linearised(self._law).inverse())
+                kept = self._passed_on(kept)
                 return Solution(self.best, self.velocities, self.iterations, self.error / self.speed, kept)
             start = self.best
         if not self.search_newton(start, _FIRST_COMPLIANCE, _FIRST_ITERATIONS) and not self.search_newton(self.best):
@@ -95,22 +101,26 @@ class FrictionalProblem:
             if self._arrives_at(f, tolerance):
                 return True
             self.iterations += 1
+            law = self._law
             try:
-                f = self._law.projected + self._linearised(proximal).change(self._velocities(self._law.projected))
+                f = law.projected + self._linearised(law, proximal).change(self._velocities(law.projected))
             except np.linalg.LinAlgError:
                 return False
         return False
 
-    def _follow(self, inverse: Array, statuses: bytes, f: Array) -> bool:
-        """Whether forces are found from f by steps with the inverse of a law that was linearised before."""
-        for _ in range(_MOST_STEPS):
-            f = f + inverse.dot(self._velocities(f).ravel()).reshape(f.shape)
+    def _follow(self, kept: KeptLaw, inverse: Array) -> int:
+        """How many steps with the inverse of a law that was linearised before lead to the forces; 0: none do."""
+        f = kept.forces + inverse.dot((self.q - kept.q).ravel()).reshape(self.q.shape)
+        for steps in range(1, _MOST_STEPS + 1):
+            before = self.error
             if self._arrives_at(f, CONVERGENCE_TOLERANCE):
-                return True
-            if self._law.statuses != statuses:
-                return False
-            f = self._law.projected
-        return False
+                return steps
+            if not self.error < _SLOWEST * before:
+                break
+            off = f - self._law.projected  # by W off less than with f, and by ρ⁻¹ off more than the law has it
+            moves = self.compliance * off - self.W.dot(off.ravel()).reshape(off.shape)
+            f = self._law.projected + inverse.dot(moves.ravel()).reshape(f.shape)
+        return 0
 
     def _arrives_at(self, f: Array, tolerance: float) -> bool:
         """Looks at forces f, and whether they solve the problem."""
@@ -118,12 +128,12 @@ class FrictionalProblem:
         z = f - self.ρ * u
         length = np.hypot(z[1], z[2])
         cone = self.μ * np.maximum(z[0], 0.0)
-        if (length < cone).all():  # everything sticks
-            projected, error = z, float(np.abs(u).max())
-        else:
+        if largest(length >= cone):  # something slips or is open
             projected = z * (cone / (np.maximum(length, cone) + 1e-300))
             np.maximum(z[0], 0.0, out=projected[0])
-            error = float(np.abs((f - projected) * self.compliance).max())
+            error = largest(np.abs((f - projected) * self.compliance))
+        else:
+            projected, error = z, largest(np.abs(u))
         self._law, before = _Law(z, length, cone, projected), self.error
         if error < before:
             self.best, self.velocities, self.error = projected, u, error
@@ -135,21 +145,23 @@ class FrictionalProblem:
         u += self.q
         return u
 
-    def _linearised(self, proximal: float) -> Linearisation:
-        """The law at the forces that were looked at last."""
-        law = self._law
+    def _linearised(self, law: _Law, proximal: float = 0.0) -> Linearisation:
         return Linearisation(self.W, self.μ, self.compliance, law.z, law.length, law.cone, proximal)
 
     def _to_keep(self, kept: KeptLaw | None) -> KeptLaw | None:
-        """What to begin the next search with: an inverse where the same pairs stick and slip as before."""
+        """What to begin the next search with: an inverse where pairs stick and slip as in the search before this."""
         if not self.operator.is_regular:
             return None
-        statuses = self._law.statuses
-        inverse = None
+        statuses, inverse = self._law.statuses, None
         if kept is not None and kept.statuses == statuses:
             with suppress(np.linalg.LinAlgError):
-                inverse = self._linearised(0.0).inverse()
-        return KeptLaw(statuses, inverse)
+                inverse = self._linearised(self._law).inverse()
+        return self._passed_on(KeptLaw(statuses, inverse, 0 * self.q, 0 * self.q))
+
+    def _passed_on(self, kept: KeptLaw) -> KeptLaw:
+        """A law as the next step has it, which begins at what was found now, unless it is linear: nothing slips."""
+        slips = any(kept.statuses[: len(kept.statuses) // 2])
+        return kept._replace(q=self.q, forces=self.best) if slips else kept
 
     def search_interior(self) -> bool:
         """Whether Newton's method arrives from an approximation by an interior-point method."""

@@ -70,11 +70,9 @@ class Equilibrium(FiniteStrainKernel):
             stored = self._body.energy(q, E)
             numerical = float(elastic.dot(moved)) / 2 - (stored - self._body.energy(start)) + lag
             supplied = float((held + pushed).dot(moved)) / 2
-            if self.residual is not None:
-                supplied += self.residual.work_of_start(self.contact, contact)
-            residual, _ = self._step_residual(contact)
+            residual, of_residual = self._step_residual_at_rest(contact)
             contacts = self._contacts_at_rest(moved, contact, obstacles, residual)
-            self._leave(StepWork(supplied, rubbed_away, contacts, numerical))
+            self._leave(StepWork(supplied + of_residual, rubbed_away, contacts, numerical))
             np.multiply(q, self._ω, self._e)
             self.contact, self.reactions = contact, reactions
             self._note(q, E, self._acting(u))

@@ -184,9 +184,16 @@ class BookedKernel(Kernel):
         owed, self._owed = self._owed, None
         if owed is None or self._ledger is None:
             return
-        self._ledger.book(supplied=owed.supplied, dissipated=owed.dissipated, numerical=owed.numerical)
-        for contact_work in owed.contacts:
-            self._ledger.book_contact(*contact_work())
+        supplied, dissipated, contacts, numerical = owed
+        for contact_work in contacts:
+            by_obstacles, contact, friction, missed = contact_work()
+            self._ledger.book_parts(by_obstacles, contact, friction)
+            supplied, dissipated, numerical = (
+                supplied + by_obstacles,
+                dissipated + contact + friction,
+                numerical + missed,
+            )
+        self._ledger.book(supplied=supplied, dissipated=dissipated, numerical=numerical)
 
     def _coordinates(self) -> Array:
         """q (m,), which a later call overwrites."""
@@ -214,7 +221,7 @@ class BookedKernel(Kernel):
             return None
         self._motion[0], self._motion[1], self._motion[2] = q, r, free
         motion = self._motion.dot(self._Sᵀ).reshape(3, -1, 3)
-        if self.residual is not None and not self.residual.is_at_rest:
+        if self.residual is not None:
             motion += self.residual.points
         points = PointMotion(*motion)
         operator = self._delassus if delassus is None else delassus
@@ -275,8 +282,14 @@ class BookedKernel(Kernel):
         if contact is None and self.residual.is_at_rest:
             self.residual.remember()
             return None, 0.0
-        velocity = self.residual.velocity(contact)
-        return velocity, self.residual.step(contact, velocity)
+        return self.residual.step(contact)
+
+    def _step_residual_at_rest(self, contact: ContactSolution | None) -> tuple[Array | None, float]:
+        """The same between equilibria; the points' velocity (P, 3), and what held it at the start supplies, J."""
+        velocity, _ = self._step_residual(contact)
+        if velocity is None or self.residual is None:
+            return None, 0.0
+        return velocity, self.residual.work_of_start(self.contact, velocity)
 
     def _pushed(self, contact: ContactSolution) -> Array:
         """Generalized forces of contact (m,)."""

@@ -111,11 +111,9 @@ class QuasiStatic(BookedKernel):
             held -= rubbed_before
             dissipated, numerical = -float(rubbed.dot(moved)), float((rubbed - rubbed_before).dot(moved)) / 2
         supplied = float((held + force).dot(moved)) / 2
-        if self.residual is not None:
-            supplied += self.residual.work_of_start(self.contact, contact)
-        residual, _ = self._step_residual(contact)
+        residual, of_residual = self._step_residual_at_rest(contact)
         contacts = self._contacts_at_rest(moved, contact, obstacles, residual)
-        self._leave(StepWork(supplied, dissipated, contacts, numerical))
+        self._leave(StepWork(supplied + of_residual, dissipated, contacts, numerical))
         self._e += change
         self.contact, self.reactions = contact, found
         return 2 * self.energy

@@ -61,14 +61,19 @@ class ResidualMotion:
     def __init__(self, part: ResidualPart, β: float, has_inertia: bool):
         self._part, self._R = part, part.compliance
         self._τ, self._β = (part.time_constant, β) if has_inertia else (0.0, 0.0)
-        self.state = np.zeros(4 * len(self._R))
-        self._g, self._y, self._ġ, self._ẏ = self.state.reshape(4, -1)
+        self._rows = np.zeros((6, len(self._R)))  # and f and R f of a step, so that all is one product with these rows
+        self.state = self._rows[:4].reshape(-1)
+        self._g, self._y, self._ġ, self._ẏ, self._f, self._Rf = self._rows
         self._before = self.state.copy()
-        self._added = np.empty((3, len(self._R)))
 
     def set_time_step(self, h: float) -> None:
         """Makes the coefficients for a time step, s."""
-        self._h, self._relaxation = h, relaxation(h, self._τ, self._β)
+        self._h = h
+        self._relaxation = inertia, a, _ = relaxation(h, self._τ, self._β)
+        g, y, ġ, ẏ, f, Rf = np.eye(6)
+        ġ_mid, ẏ_mid = (inertia * ġ - g + f) / a, (inertia * ẏ - y + Rf) / a
+        self._step = np.array([g + h * ġ_mid, y + h * ẏ_mid, 2 * ġ_mid - ġ, 2 * ẏ_mid - ẏ, ġ_mid, ẏ_mid])
+        self._added = np.array([y, ẏ, (inertia * ẏ - y) / a])[:, :4].copy()
 
     @property
     def delassus(self) -> Array:
@@ -96,11 +101,7 @@ class ResidualMotion:
     @property
     def points(self) -> Array:
         """What it adds to the points' displacement, velocity and free mid-step velocity, (3, P, 3)."""
-        inertia, whole, _ = self._relaxation
-        added = self._added
-        added[0], added[1] = self._y, self._ẏ
-        np.multiply(inertia / whole, self._ẏ, out=added[2])
-        added[2] -= self._y / whole
+        added: Array = self._added.dot(self._rows[:4])
         return added.reshape(3, -1, 3)
 
     @property
@@ -118,42 +119,47 @@ class ResidualMotion:
 
     def velocity(self, contact: ContactSolution | None) -> Array:
         """Mid-step velocity (P, 3), m/s, that it adds to the points' under contact forces."""
-        inertia, whole, _ = self._relaxation
-        moved = inertia * self._ẏ
-        moved -= self._y
-        if contact is not None:
-            touched = contact.forces.any(axis=1).nonzero()[0]  # R is symmetric, and its rows lie in one piece
-            rows = self._R.reshape(-1, 3, len(self._R))[touched].reshape(-1, len(self._R))
-            moved += contact.forces[touched].ravel().dot(rows)
-        moved /= whole
-        return moved.reshape(-1, 3)
+        return self._after(contact)[5].reshape(-1, 3)
 
-    def step(self, contact: ContactSolution | None, velocity: Array) -> float:
-        """Takes a step under contact forces, in which it has a mid-step velocity; what is dissipated, J."""
-        h, moved = self._h, velocity.ravel()
-        inertia, whole, heat = self._relaxation
+    def step(self, contact: ContactSolution | None) -> tuple[Array, float]:
+        """Takes a step under contact forces: the mid-step velocity (P, 3), m/s, that it adds, and what is lost, J.
+
+        Where next to nothing is stored any more, all is forgotten.
+        """
+        after = self._after(contact)
         self.remember()
-        change = inertia * self._ġ
-        change -= self._g
-        if contact is not None:
-            change += contact.forces.ravel()
-        elif self.stored < FORGOTTEN:
+        if contact is None and self.stored < FORGOTTEN:
             self.state[:] = 0.0
-            return 0.0
-        change /= whole
-        self._g += h * change
-        self._y += h * moved
-        np.subtract(change + change, self._ġ, self._ġ)
-        np.subtract(moved + moved, self._ẏ, self._ẏ)
-        return h * heat * float(change.dot(moved))
+            return after[5].reshape(-1, 3), 0.0
+        self._rows[:4] = after[:4]
+        return after[5].reshape(-1, 3), self._h * self._relaxation.heat * float(after[4].dot(after[5]))
 
-    def work_of_start(self, before: ContactSolution | None, contact: ContactSolution | None) -> float:
-        """Work, J, in a step between equilibria, of what holds it at the start besides the contact forces before.
+    def _after(self, contact: ContactSolution | None) -> Array:
+        """The state after a step under contact forces, then the rates of g and y in it, (6, 3P)."""
+        self._rows[4:] = 0.0
+        if contact is not None:
+            self._f[:] = contact.forces.ravel()
+            if 2 * len(contact.pairs) < len(contact.forces):
+                touched = contact.forces.any(axis=1).nonzero()[0]  # R is symmetric, and its rows lie in one piece
+                rows = self._R.reshape(-1, 3, len(self._R))[touched].reshape(-1, len(self._R))
+                np.dot(contact.forces[touched].ravel(), rows, out=self._Rf)
+            else:
+                np.dot(self._R, self._f, out=self._Rf)
+        after: Array = self._step.dot(self._rows)
+        return after
+
+    def work_of_start(self, before: ContactSolution | None, velocity: Array) -> float:
+        """Work, J, in the last step, between equilibria, of what held it at its start besides contact forces before.
 
         There is nothing where the step before led there; after a switch there may be.
+
+        Args:
+            before: contact then.
+            velocity: (P, 3), m/s, that it added.
         """
-        held = self._g if before is None else self._g - before.forces.ravel()
-        return self._h / 2 * float(held.dot(self.velocity(contact).ravel()))
+        held = self._before[: len(self._g)]
+        held = held if before is None else held - before.forces.ravel()
+        return self._h / 2 * float(held.dot(velocity.ravel()))
 
     def remember(self) -> None:
         """Notes the state before a step."""
