@@ -1,18 +1,26 @@
 """Bodies that turn as far as they like: exact laws, order of accuracy, a rigid top, a base that carries them."""
 
+import copy
+import pickle
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from bodies import box_arrays, scene_text, write_arrays
+from scipy.integrate import solve_ivp
 
 import fenics_rom as fr
+from fenics_rom.errors import StepError
+from fenics_rom.mechanics.base_path import BaseState
+from fenics_rom.mechanics.contact import ContactLaw
+from fenics_rom.mechanics.frame_motion import cross_matrix, quaternion_of_vector, rotation_matrix, turned
 from fenics_rom.scene.file import parse_scene
 
 pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
 UNTURNED = np.array([1.0, 0.0, 0.0, 0.0])
 GRAVITY = {"effects.gravity": "acceleration = [0.0, 0.0, -9.81]"}
-FORCE = {"effects.prescribed.pull": 'surface = "right"\nvalues = [0.01, -0.02, 0.03]'}
+FORCE = {"effects.prescribed.pull": 'surface = "right"\nforce = [0.01, -0.02, 0.03]'}
 
 
 def reduced(folder, *, frame="moving", young="5e5", size=(0.3, 0.03, 0.02), order=10, supports=None, **parts):
@@ -77,6 +85,19 @@ def ride(body, steps, seed=0, shortest=-4.0, longest=-1.0, u=None):
     return gaps, scale
 
 
+FLOOR = """inertia = {}
+damping = { alpha = 0.0, beta = 2e-5 }
+gravity = { acceleration = [0.0, 0.0, -9.81] }
+contact.obstacles.floor = { shape = "half-space", point = [0.0, 0.0, -0.03], normal = [0.0, 0.0, 1.0] }"""
+
+
+@pytest.fixture(scope="module")
+def falling(tmp_path_factory):
+    """A free beam above a floor."""
+    surfaces = "".join(f'[contacts.{name}]\nsurface = "{name}"\n' for name in ("left", "right"))
+    return reduced(tmp_path_factory.mktemp("falling"), contacts=surfaces, effects=FLOOR)
+
+
 @pytest.mark.parametrize("steps", [1000, pytest.param(100_000, marks=pytest.mark.slow)])
 def test_free_body_keeps_energy_and_both_momenta(free, steps):
     body = thrown(fr.Simulator(free, 1e-3, scene=undamped(free)), (3.0, -4.0, 2.0))
@@ -84,3 +105,252 @@ def test_free_body_keeps_energy_and_both_momenta(free, steps):
     assert energy <= 1e-12 * body.energy
     assert linear <= 1e-13 * np.linalg.norm(P)
     assert angular <= 1e-13 * np.linalg.norm(L)
+
+
+@pytest.mark.parametrize("dense", [False, True])
+@pytest.mark.parametrize("name", ["pulled", "carried"])
+def test_account_of_a_driven_body_closes(request, name, dense):
+    """Under gravity, a prescribed force, inputs, damping, and where a base moves as it likes."""
+    rom = request.getfixturevalue(name)
+    if dense:
+        rom = with_dense_damping(rom)
+    light = {"gravity": 0.01}  # or its work would hide all other
+    body = thrown(fr.Simulator(rom, 1e-3, signals=light), (1.0, 2.0, -1.0), amplitude=1e-2)
+    random = np.random.default_rng(1)
+    start, gap, scale = body.energy, 0.0, 0.0
+    base = body.pose
+    for _ in range(500):
+        body.dt = 10 ** random.uniform(-4, -1.3)
+        base = some_way_on(base, body.dt, random)
+        body.step(0.02 * random.standard_normal(body.inputs), base=base if name == "carried" else None)
+        account = body.ledger
+        gap = max(gap, abs(body.energy - start - account.supplied + account.dissipated))
+        scale = max(scale, body.energy, abs(account.supplied), account.dissipated)
+    assert gap <= 1e-12 * scale
+    assert body.ledger.dissipated > 1e-4 * scale
+
+
+def with_dense_damping(rom):
+    """The same with damping that couples all coordinates."""
+    random, models = np.random.default_rng(2), {}
+    for name, model in rom.contact_models.items():
+        ρ, m = rom.rigid, model.order
+        root = random.standard_normal((m - ρ, m - ρ))
+        D = np.zeros((m, m))
+        D[ρ:, ρ:] = root @ root.T / m
+        models[name] = replace(model, damping=D)
+    return replace(rom, contact_models=models)
+
+
+def some_way_on(base, h, random):
+    """A base after h s of random accelerations, its pose where its twists lead it."""
+    R = rotation_matrix(base.rotation)
+    velocity = 0.9 * base.velocity + h**0.5 * random.standard_normal(3)
+    spin = 0.9 * base.angular_velocity + 2 * h**0.5 * random.standard_normal(3)
+    rotation = base.rotation
+    for _ in range(50):  # R⁺ depends on the twist in its own axes
+        ω̂ = (base.angular_velocity @ R + spin @ rotation_matrix(rotation)) / 2
+        rotation = np.array(turned(base.rotation, h * ω̂))
+    v̂ = (base.velocity @ R + velocity @ rotation_matrix(rotation)) / 2
+    middle = R @ (np.eye(3) + h / 2 * cross_matrix(ω̂))
+    return BaseState(base.position + h * middle @ v̂, rotation, velocity, spin)
+
+
+def test_linear_momentum_grows_by_the_forces_and_angular_momentum_by_their_torque(pulled):
+    """In free fall, with a force at the end of the moved body."""
+    body = thrown(fr.Simulator(pulled, 1e-3), (1.0, 2.0, -1.0), amplitude=1e-2)
+    mass, force = pulled.moving_frame.mass, np.array([0.01, -0.02, 0.03])
+    random = np.random.default_rng(3)
+    for _ in range(100):
+        h = body.dt = 10 ** random.uniform(-4, -2)
+        P, L = body.momentum
+        body.step(np.zeros(body.inputs))
+        P_end, L_end = body.momentum
+        np.testing.assert_allclose(P_end - P, h * (force + mass * np.array([0, 0, -9.81])), rtol=1e-10)
+        assert np.abs(L_end - L).max() <= h * np.linalg.norm(force) * 0.16  # half the length of the beam, bent
+
+
+def test_base_at_rest_leaves_the_clamped_body_as_it_is(carried, tmp_path):
+    """The same steps as in a fixed frame, to round-off."""
+    fixed = reduced(tmp_path, frame="fixed", **CLAMPED, **GRAVITY, **FORCE)
+    bodies = [fr.Simulator(rom, 1e-3) for rom in (fixed, carried)]
+    random = np.random.default_rng(4)
+    for _ in range(300):
+        u, h = 0.1 * random.standard_normal(bodies[0].inputs), 10 ** random.uniform(-4, -1)
+        for body in bodies:
+            body.dt = h
+            body.step(u)
+    (shape, still), (moved, there) = ((body.displacement(), body.energy) for body in bodies)
+    assert np.abs(shape - moved).max() <= 1e-12 * np.abs(shape).max()
+    assert abs(still - there) <= 1e-12 * still
+
+
+def after_a_tenth(rom, h, carried):
+    """Node positions, and the torque of the base, of a body that is thrown, or swung."""
+    body = thrown(fr.Simulator(rom, h), (0.0, 0.0, 0.0) if carried else (2.0, 3.0, -1.0), (0.0, 0.0, 0.0))
+    torque = np.zeros(3)
+    for step in range(round(0.1 / h)):
+        t = (step + 1) * h
+        angle, rate = 0.3 * (1 - np.cos(8 * t)), 2.4 * np.sin(8 * t)
+        there = BaseState(body.pose.position, quaternion_of_vector((0, angle, 0)), np.zeros(3), np.array((0, rate, 0)))
+        body.step(np.zeros(body.inputs), base=there if carried else None)
+        torque += h * body.base_wrench[1] if carried else 0.0
+    return body.displacement(), torque
+
+
+@pytest.mark.parametrize("name", ["pulled", "carried"])
+def test_steps_are_of_second_order(request, name):
+    rom = request.getfixturevalue(name)
+    runs = [after_a_tenth(rom, 1e-3 / 2**k, name == "carried") for k in (0, 1, 4)]
+    for part in range(1 + (name == "carried")):
+        coarse, fine = (np.linalg.norm(run[part] - runs[-1][part]) for run in runs[:-1])
+        assert 1.9 <= np.log2(coarse / fine) <= 2.1
+
+
+@pytest.mark.parametrize(
+    ("restitution", "friction", "yields", "fixed"),
+    [(0.0, 0.0, True, True), (1.0, 0.0, False, False), (0.5, 0.4, True, False), (0.0, 0.4, False, True)],
+)
+def test_a_beam_that_tumbles_onto_a_floor_closes_its_account(falling, restitution, friction, yields, fixed):
+    """Contact adds no energy in any step; where nothing touches or rubs, horizontal momentum stays."""
+    law = ContactLaw(restitution=restitution, friction=friction)
+    rom = replace(falling, environment=replace(falling.environment, contact_law=law, residual_compliance=yields))
+    body = thrown(fr.Simulator(rom, 1e-3), (0.5, 3.0, 1.0))
+    random = np.random.default_rng(5)
+    start, (P, _), gap, touched = body.energy, body.momentum, 0.0, 0
+    for _ in range(150):
+        if not fixed:
+            body.dt = 10 ** random.uniform(-4, -2.3)
+        before = body.ledger.contact, body.ledger.friction
+        body.step(np.zeros(body.inputs))
+        account = body.ledger
+        assert account.contact - before[0] >= -1e-13
+        assert account.friction - before[1] >= -1e-13
+        assert account.lost_in_switching >= -1e-13 if yields else abs(account.lost_in_switching) <= 1e-12
+        kept = account.supplied - account.dissipated - account.lost_in_switching
+        gap = max(gap, abs(body.energy - start - kept))
+        touched += body.contact_forces().any()
+    assert touched > 5
+    assert gap <= 1e-12 * account.supplied
+    if not friction:
+        assert np.abs(body.momentum[0] - P)[:2].max() <= 1e-12 * np.linalg.norm(P)
+        assert account.contact > 0 if restitution < 1 else account.contact <= 1e-12
+
+
+def test_obstacles_push_a_carried_body(tmp_path):
+    """A floor that rises against a beam that a base swings: the account closes, and the base feels the push."""
+    rom = reduced(tmp_path, effects=FLOOR, contacts='[contacts.right]\nsurface = "right"', **CLAMPED)
+    body = fr.Simulator(rom, 1e-3, signals={"floor": lambda t: [0.0, 0.0, 0.05 * t]})
+    start, gap, pushed = body.energy, 0.0, False
+    random, t, origin = np.random.default_rng(6), 0.0, body.pose.position
+    for _ in range(300):
+        body.dt = 10 ** random.uniform(-4, -2.5)
+        t += body.dt
+        angle, rate = 0.3 * (1 - np.cos(8 * t)), 2.4 * np.sin(8 * t)
+        spin = np.array((0.0, rate, 0.0))
+        body.step(np.zeros(body.inputs), base=BaseState(origin, quaternion_of_vector((0, angle, 0)), 0 * spin, spin))
+        account = body.ledger
+        gap = max(gap, abs(body.energy - start - account.supplied + account.dissipated))
+        assert account.contact >= -1e-13
+        pushed |= bool(body.contact_forces().any())
+    assert pushed
+    assert account.obstacles != 0
+    assert gap <= 1e-12 * max(abs(account.supplied), body.energy)
+
+
+def test_switching_in_mid_flight_changes_nothing(free):
+    """A thousand times: no energy, no momentum, no node moves."""
+    body = thrown(fr.Simulator(free, 1e-3, scene=undamped(free)), (3.0, -4.0, 2.0), amplitude=3e-3)
+    random, (P, L), energy = np.random.default_rng(7), body.momentum, body.energy
+    largest = 0.0
+    for _ in range(1000):
+        for _ in range(random.integers(0, 3)):
+            body.step(np.zeros(body.inputs))
+        before, shape = body.energy, body.displacement()
+        body.switch("top" if body.contact == "right" else "right")
+        largest = max(largest, body.energy / before - 1)
+        assert np.abs(body.displacement() - shape).max() <= 1e-14
+    assert largest <= 1e-13
+    assert abs(body.energy - energy) <= 1e-12 * energy
+    assert np.abs(body.momentum[0] - P).max() <= 1e-12 * np.linalg.norm(P)
+    assert np.abs(body.momentum[1] - L).max() <= 1e-12 * np.linalg.norm(L)
+    assert len(body.state[0]) == free.contact_models["right"].order - 6 + 2
+
+
+def test_a_stiff_box_is_a_top(tmp_path):
+    """Against Euler's equations; thrown about its middle axis it turns over when it should."""
+    rom = reduced(tmp_path, young="5e11", size=(0.3, 0.2, 0.1), order=3)
+    inertia, frame = np.linalg.eigh(rom.moving_frame.inertia0[[[0, 5, 4], [5, 1, 3], [4, 3, 2]]])
+    frame *= np.linalg.det(frame)  # principal axes, ascending
+    spin = np.array([0.3, 12.0, 0.3])
+
+    def euler(t, ω):
+        return np.cross(inertia * ω, ω) / inertia
+
+    exact = solve_ivp(euler, (0, 1.5), spin, method="DOP853", rtol=1e-12, atol=1e-12, dense_output=True).sol
+    assert exact(np.linspace(0, 1.5, 500))[1].min() < -11  # it turns over
+    errors = []
+    for h in (4e-3, 2e-3):
+        body = fr.Simulator(rom, h, scene=undamped(rom))
+        body.place(body.pose._replace(angular_velocity=frame @ spin))
+        found = []
+        for _ in range(round(1.5 / h)):
+            body.step(np.zeros(body.inputs))
+            ω = frame.T @ rotation_matrix(body.pose.rotation).T @ body.pose.angular_velocity
+            found.append(np.abs(ω - exact(body.time)).max())
+        errors.append(max(found))
+    orders = np.log2(np.array(errors[:-1]) / errors[1:])
+    assert (np.abs(orders - 2) <= 0.1).all()
+
+
+def test_saved_states_go_on_to_the_bit(falling):
+    body = thrown(fr.Simulator(falling, 1e-3), (0.5, 3.0, 1.0))
+    for _ in range(60):
+        body.step(np.zeros(body.inputs))
+    body.switch("left" if body.contact == "right" else "right")
+    twins = [body, copy.copy(body), pickle.loads(pickle.dumps(body)), fr.Simulator(falling, 1e-3)]
+    twins[-1].restore(body.save())
+    for _ in range(40):
+        for twin in twins:
+            twin.step(np.zeros(twin.inputs))
+    for twin in twins[1:]:
+        assert all(np.array_equal(a, b) for a, b in zip(twin.state + twin.pose, body.state + body.pose, strict=True))
+        assert twin.ledger.sums == body.ledger.sums
+    body.reset()
+    assert not body.state[1].any()
+    np.testing.assert_array_equal(body.pose.rotation, UNTURNED)
+
+
+def test_a_step_that_fails_leaves_everything_as_it_was(pulled):
+    body = thrown(fr.Simulator(pulled, 1e-3), (3.0, -4.0, 2.0))
+    body.step(np.zeros(body.inputs))
+    before = body.save()
+    body.dt = 1.0
+    with pytest.raises(StepError, match=r"would turn by .* rad in a step of 1 s: allowed are 1"):
+        body.step(np.zeros(body.inputs))
+    body.dt = 1e-3
+    for u, message in ((np.full(3, np.nan), "out of the finite"), (np.zeros(7), "allowed are 3 numbers")):
+        with pytest.raises(StepError, match=message):
+            body.step(u)
+    with pytest.raises(StepError, match="allowed is a body in a moving frame that a rigid base carries"):
+        body.step(np.zeros(3), base=body.pose)
+    after = body.save()
+    assert np.array_equal(after.stepper.state, before.stepper.state)
+    assert after.stepper.frame == before.stepper.frame
+    for refused in (lambda: fr.Batch(pulled, 2, 1e-3), lambda: body.rollout(np.zeros((5, 3)))):
+        with pytest.raises(StepError, match=r"moves with its frame|step"):
+            refused()
+
+
+def test_quasi_rigid_leaves_out_what_shapes_do_to_inertia(pulled):
+    """A top beside a body that oscillates in its own frame: the same as full for a body at rest in it, and balanced."""
+    body = thrown(fr.Simulator(pulled, 1e-3, detail="quasi-rigid"), (1.0, 2.0, -1.0))
+    full = thrown(fr.Simulator(pulled, 1e-3), (1.0, 2.0, -1.0))
+    for _ in range(50):
+        body.step(np.zeros(3))
+        full.step(np.zeros(3))
+    account = body.ledger
+    assert 0 < np.abs(body.displacement() - full.displacement()).max() < 1e-4
+    assert abs(body.energy - account.supplied + account.dissipated) < 1.0
+    with pytest.raises(StepError, match="no detail 'rough'; there is full, quasi-rigid"):
+        fr.Simulator(pulled, 1e-3, detail="rough")

@@ -13,6 +13,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
+from fenics_rom.mechanics.complementarity import NEGLIGIBLE_RESIDUAL
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointMotion
 from fenics_rom.mechanics.frame_motion import Quaternion, Vector
 from fenics_rom.runtime.steppers.frame_points import FramePoints, Geometry, Push
@@ -87,7 +88,8 @@ def touch(
     steady = np.array_equal(obstacles.velocities(h), obstacles.velocities_before)
     displacement, velocity = body.point_displacement(), body.start_velocities()
     W, contact = np.empty((0, 0)), None
-    forces, size_before, scale = np.zeros_like(displacement), np.inf, body.scale(x)
+    forces, size_before, scale = np.zeros_like(displacement), 0.0, body.scale(x)
+    found_all = False  # as exactly as forces are found: from then on the balance alone is solved
     for sweep in range(MOST_SWEEPS):
         turn, _ = body.turn_at(x)
         yielding = body.yielding(turn, contact)
@@ -101,19 +103,21 @@ def touch(
             W = symmetric(body.delassus(turn, arms))
             if body.residual is not None:
                 W += _turned(turn.start, body.residual.delassus)
-        free = moving - W.dot(forces.ravel()).reshape(forces.shape)
-        # What touched in the step before is what obstacles push that accelerate.
-        solver.search = solver.search._replace(residual=search_before.residual) if steady else search_before
-        contact = interface.solve(PointMotion(displacement, velocity, free), W, h, obstacles)
-        if contact is None and sweep == 0:
-            return x, None
-        found = np.zeros_like(forces) if contact is None else contact.forces
+        found = forces
+        if not found_all:
+            free = moving - W.dot(forces.ravel()).reshape(forces.shape)
+            # What touched in the step before is what obstacles push that accelerate.
+            solver.search = solver.search._replace(residual=search_before.residual) if steady else search_before
+            contact = interface.solve(PointMotion(displacement, velocity, free), W, h, obstacles)
+            if contact is None and sweep == 0:
+                return x, None
+            found = np.zeros_like(forces) if contact is None else contact.forces
         change = corrected - x + body.spread(body.points.push(found - forces, turn, arms))
         x, forces, size = x + change, found, body.size(change)
         scale = max(scale, body.scale(x))
-        ratio = size / size_before
-        if sweep and ((ratio < 1 and size * ratio <= TOLERANCE * scale) or size <= ROUND_OFF * scale):
+        if size <= ROUND_OFF * scale or (size < size_before and size * size / size_before <= TOLERANCE * scale):
             return x, contact
+        found_all = found_all or (size <= NEGLIGIBLE_RESIDUAL * scale and size > size_before / 4 > 0)
         size_before = size
     raise StepError(
         f"contact of a turning body: after {MOST_SWEEPS} sweeps forces still change by {size / scale:.1e} of the "

@@ -74,6 +74,7 @@ class FreeFrame(FrameKernel):
         self._weights = np.ones(3 + m)  # in which corrections are measured, as energies are
         self._weights[:3] = sum(self._inertia0[:3]) / 3
         self._inverse: Array | None = None
+        self._is_worn = False  # so that it is to be found anew
         self._acceleration: tuple[float, Vector] | None = None  # of the last step of h s
         self.resume(np.empty(0))
 
@@ -167,8 +168,8 @@ class FreeFrame(FrameKernel):
         x[:3], x[3:] = ω, self._r
         scale, before = 0.0, np.inf
         for iteration in range(MOST_ITERATIONS):
-            if self._inverse is None:
-                self._inverse = self._jacobian_inverse(step, x)
+            if self._inverse is None or self._is_worn:
+                self._inverse, self._is_worn = self._jacobian_inverse(step, x), False
             change = self._inverse.dot(self._residual(step, x, None))
             x -= change
             size = self.size(change)
@@ -178,8 +179,7 @@ class FreeFrame(FrameKernel):
                 scale = self.scale(x)
             ratio = size / before
             if (0 < ratio < 1 and size * ratio <= TOLERANCE * scale) or size <= ROUND_OFF * scale:
-                if iteration >= MANY_ITERATIONS:
-                    self._inverse = None
+                self._is_worn = iteration >= MANY_ITERATIONS
                 return x
             if ratio > SLOW and before < np.inf:
                 self._inverse, before = None, np.inf
