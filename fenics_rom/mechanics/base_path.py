@@ -4,6 +4,7 @@ Between rows positions are cubic and rotations normalised cubics of quaternions 
 ends), so that poses and twists are continuous and fit each other. Quaternions are w x y z.
 """
 
+import math
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
@@ -172,12 +173,12 @@ def checked_base(given: object, where: str) -> BaseState:
         parts = [real_numbers(part) for part in given]  # type: ignore[attr-defined]
     except (TypeError, ValueError):
         parts = []
-    if [part.shape for part in parts] != [(3,), (4,), (3,), (3,)] or not all(np.isfinite(part).all() for part in parts):
+    if [part.shape for part in parts] != [(3,), (4,), (3,), (3,)] or not np.isfinite(np.concatenate(parts)).all():
         raise StepError(
             f"{where} = {given!r}: allowed is a BaseState: position (3,) m, rotation (4,), velocity (3,) m/s, angular "
             "velocity (3,) rad/s, all finite"
         )
-    length = float(np.linalg.norm(parts[1]))
+    length = math.hypot(*parts[1].tolist())
     if not abs(length - 1) <= UNIT_TOLERANCE:
         raise StepError(f"{where}: the rotation has length {length:.6g}: allowed is a unit quaternion, w x y z")
     return BaseState(parts[0], parts[1] / length, parts[2], parts[3])

@@ -15,6 +15,8 @@ is one linear system. (F_b, τ_b) is what the base puts on the body; in world ax
 E⁺ - E = h (F_b·v̂ + τ_b·ω̂) + h Σ f·ŝ - h r̂ᵀ D r̂ whatever twists are given.
 """
 
+import math
+import operator
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -23,7 +25,7 @@ from numpy import ndarray as Array
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.contact import ObstacleMotion
-from fenics_rom.mechanics.frame_motion import ZERO, Quaternion, Vector, added, cross, cross_matrix, dot, rotation_matrix
+from fenics_rom.mechanics.frame_motion import ZERO, Quaternion, Vector, added, cross, dot, rotation_matrix, turned
 from fenics_rom.runtime.steppers.frame_contact import touch
 from fenics_rom.runtime.steppers.frame_kernel import FrameKernel, FrameState, Shape, check_turn, pairs, times_inertia
 from fenics_rom.runtime.steppers.frame_loads import FrameForces
@@ -41,11 +43,15 @@ class _Motion(NamedTuple):
     v: Vector  # of the base, in the frame's axes
     ω: Vector
 
-    def momenta(self, mass: float) -> tuple[Vector, Vector]:
-        """P and L about the frame's origin, in its axes."""
-        shape, v, ω = self.shape, self.v, self.ω
-        P = added(added(cross(ω, shape.moment), mass, v), 1.0, shape.drift)
-        return P, added(added(times_inertia(shape.inertia, ω), 1.0, shape.moved), 1.0, cross(shape.moment, v))
+    P: Vector  # and its momenta, linear and about the frame's origin
+    L: Vector
+
+
+def _motion(shape: Shape, R: Array, v: Vector, ω: Vector, mass: float) -> _Motion:
+    """The same with its momenta."""
+    P = added(added(cross(ω, shape.moment), mass, v), 1.0, shape.drift)
+    L = added(added(times_inertia(shape.inertia, ω), 1.0, shape.moved), 1.0, cross(shape.moment, v))
+    return _Motion(shape, R, v, ω, P, L)
 
 
 class _Step(NamedTuple):
@@ -57,7 +63,6 @@ class _Step(NamedTuple):
     rotation: Quaternion  # at the end
     v̂: Vector
     ω̂: Vector
-    end: tuple[Vector, Vector]  # v⁺, ω⁺
 
 
 class CarriedFrame(FrameKernel):
@@ -82,8 +87,8 @@ class CarriedFrame(FrameKernel):
     @property
     def energy(self) -> float:
         """Stored, J: of the motion in world axes, and elastic."""
-        (P, L), now = self._now.momenta(self._mass), self._now
-        carried = dot(P, now.v) + dot(L, now.ω) + dot(now.shape.drift, now.v) + dot(now.shape.moved, now.ω)
+        now = self._now
+        carried = dot(now.P, now.v) + dot(now.L, now.ω) + dot(now.shape.drift, now.v) + dot(now.shape.moved, now.ω)
         return self._with_residual_energy((carried + float(self.state.dot(self.state))) / 2)
 
     @property
@@ -94,8 +99,7 @@ class CarriedFrame(FrameKernel):
     @property
     def momenta(self) -> tuple[Vector, Vector]:
         """Linear and, about the frame's origin, angular, in world axes."""
-        P, L = self._now.momenta(self._mass)
-        return vector(self._now.R.dot(P)), vector(self._now.R.dot(L))
+        return vector(self._now.R.dot(self._now.P)), vector(self._now.R.dot(self._now.L))
 
     @property
     def messages(self) -> tuple[str, ...]:
@@ -117,34 +121,31 @@ class CarriedFrame(FrameKernel):
         """As in Kernel."""
         super().resume(auxiliary)
         shape = self._shape_at(self._coordinates(), self._r)
-        self._now = self._now_before = self._moving(self.frame, rotation_matrix(self.frame.rotation), shape)
+        R = rotation_matrix(self.frame.rotation)
+        self._now = self._now_before = _motion(shape, R, *_twist(self.frame, R), self._mass)
 
     def place(self, frame: FrameState) -> None:
         """Puts the base where it is to be; `turning` is its angular velocity in world axes, rad/s."""
         self.frame = frame
         self.resume(self.auxiliary)
 
-    def _moving(self, base: FrameState, R: Array, shape: Shape) -> _Motion:
-        twist = np.array((base.velocity, base.turning)).dot(R)
-        return _Motion(shape, R, vector(twist[0]), vector(twist[1]))
-
     def step(self, u: Array, obstacles: ObstacleMotion | None = None) -> float:
         """As in Kernel; to `base`."""
         h, now, start = self.h, self._now, self.frame
         forces = self._loads.at(u)
         end = start._replace(velocity=ZERO, turning=ZERO) if self.base is None else frame_state(self.base)
-        end_motion = self._moving(end, rotation_matrix(end.rotation), now.shape)
+        R = rotation_matrix(end.rotation)
+        v_end, ω_end = _twist(end, R)
         check_turn(h, now.ω)
-        check_turn(h, end_motion.ω)
-        v̂, ω̂ = (added(a, 1.0, b) for a, b in ((now.v, end_motion.v), (now.ω, end_motion.ω)))
-        v̂, ω̂ = (v̂[0] / 2, v̂[1] / 2, v̂[2] / 2), (ω̂[0] / 2, ω̂[1] / 2, ω̂[2] / 2)
-        turn = Geometry(now.R, end_motion.R, (h * ω̂[0], h * ω̂[1], h * ω̂[2]))
-        q = self._coordinates().copy()
-        A, right = self._equations(forces, turn, q, ω̂, end_motion)
+        check_turn(h, ω_end)
+        v̂, ω̂ = _mean(now.v, v_end), _mean(now.ω, ω_end)
+        turn = Geometry(now.R, R, (h * ω̂[0], h * ω̂[1], h * ω̂[2]))
+        q, modal = self._coordinates().copy(), self._modal(forces, turn)
+        A, right = self._equations(modal, ω̂, v_end, ω_end)
         r̂ = np.linalg.solve(A, right) if A.ndim == 2 else right / A
         if not np.isfinite(r̂).all():
             raise StepError("the inputs lead out of the finite numbers; the state was left as it was")
-        step = _Step(A, right, turn, end.rotation, v̂, ω̂, (end_motion.v, end_motion.ω))
+        step = _Step(A, right, turn, end.rotation, v̂, ω̂)
         contact, touched, push = None, None, None
         self._taken, self._inverse = step, None
         if self._interface is not None and obstacles is not None:
@@ -155,10 +156,10 @@ class CarriedFrame(FrameKernel):
             push = self.points.push(contact.forces, turn, arms)
             touched = self.velocities(turn, arms, r̂, yielding) + self.translation(step, turn, push.force)
         e, r = self._e + h * self._ω * r̂, r̂ + r̂ - self._r
-        after = end_motion._replace(shape=self._shape_at(e * self._inverse_ω, r))
+        after = _motion(self._shape_at(e * self._inverse_ω, r), R, v_end, ω_end, self._mass)
         inertial = self._inertial(after, v̂, ω̂)
         # Of what is supplied, work of contact forces is booked as theirs.
-        force, torque, modal = self._external(forces, turn, q, r̂, after.shape)
+        force, torque = self._external(forces, turn, q, r̂, after.shape)
         base = added(inertial[0], -1.0, force), added(inertial[1], -1.0, torque)
         if push is not None:
             base = (
@@ -170,15 +171,15 @@ class CarriedFrame(FrameKernel):
         self._wrench_before, self._now_before = self.wrench, now
         wrench = np.array(base).dot((turn.start + turn.end).T) / 2
         self.wrench, self._now, self.frame = (vector(wrench[0]), vector(wrench[1])), after, end
-        self._look_at_base(start, end, turn, v̂, ω̂)
+        self._look_at_base(start, end, turn, v̂)
         self._e[:], self._r[:] = e, r
         return 2 * self.energy
 
-    def _equations(self, forces: FrameForces, turn: Geometry, q: Array, ω̂: Vector, end: _Motion) -> tuple[Array, Array]:
+    def _equations(self, modal: Array, ω̂: Vector, v_end: Vector, ω_end: Vector) -> tuple[Array, Array]:
         """A and the right-hand side, without contact."""
-        h, now, m = self.h, self._now, len(q)
-        products, Δω, Δv = pairs(now.ω, end.ω), added(end.ω, -1.0, now.ω), added(end.v, -1.0, now.v)
-        across = added(cross(now.ω, end.v), 1.0, cross(end.ω, now.v))
+        h, now, m = self.h, self._now, len(modal)
+        products, Δω, Δv = pairs(now.ω, ω_end), added(ω_end, -1.0, now.ω), added(v_end, -1.0, now.v)
+        across = added(cross(now.ω, v_end), 1.0, cross(ω_end, now.v))
         table, terms = np.empty((12, m)), now.shape.terms
         np.multiply(self._rest_terms[:6], -0.5, table[:6])
         table[:6] += terms[:6]
@@ -189,8 +190,8 @@ class CarriedFrame(FrameKernel):
         right = np.array(factors).dot(table)
         right += (2 / h) * self._r
         right -= self._ω * self._e
-        right += self._modal(forces, turn, q)
-        if any(now.ω) or any(end.ω):
+        right += modal
+        if any(now.ω) or any(ω_end):
             coefficients = [-h / 2 * p for p in products]
             coefficients += (2 * ω̂[0], 2 * ω̂[1], 2 * ω̂[2])
             A = np.array(coefficients).dot(self._products.reshape(9, m * m)).reshape(m, m)
@@ -198,7 +199,7 @@ class CarriedFrame(FrameKernel):
             return A + self._model.damping if self._dense_damping else A, right
         return np.diag(self._diagonal) + self._model.damping if self._dense_damping else self._diagonal, right
 
-    def _modal(self, forces: FrameForces, turn: Geometry, q: Array) -> Array:
+    def _modal(self, forces: FrameForces, turn: Geometry) -> Array:
         """Forces (m,) on the coordinates, but for contact."""
         modal = forces.modal
         if any(forces.acceleration):
@@ -207,10 +208,8 @@ class CarriedFrame(FrameKernel):
             modal = modal + self._loads.points.rows.dot(forces.at_points.dot(turn.middle).ravel())
         return modal
 
-    def _external(
-        self, forces: FrameForces, turn: Geometry, q: Array, r̂: Array, after: Shape
-    ) -> tuple[Vector, Vector, Array]:
-        """Force and torque about the origin in the frame's axes, and on the coordinates, but for base and contact."""
+    def _external(self, forces: FrameForces, turn: Geometry, q: Array, r̂: Array, after: Shape) -> tuple[Vector, Vector]:
+        """Force and torque about the origin in the frame's axes, but for base and contact."""
         force, torque = forces.force, forces.torque
         if forces.torque_by_shape is not None:
             torque = added(torque, 1.0, vector(forces.torque_by_shape.dot(q + self.h / 2 * r̂)))
@@ -224,11 +223,11 @@ class CarriedFrame(FrameKernel):
         if prescribed is not None:
             force = added(force, 1.0, vector(np.array(prescribed.force).dot(turn.middle)))
             torque = added(torque, 1.0, prescribed.turning)
-        return force, torque, self._modal(forces, turn, q)
+        return force, torque
 
     def _inertial(self, after: _Motion, v̂: Vector, ω̂: Vector) -> tuple[Vector, Vector]:
         """ΔP/h + ω̂ × P̂ and ΔL/h + ω̂ × L̂ + v̂ × P̂."""
-        h, (P, L), (P_end, L_end) = self.h, self._now.momenta(self._mass), after.momenta(self._mass)
+        h, P, L, P_end, L_end = self.h, self._now.P, self._now.L, after.P, after.L
         P_sum, L_sum = added(P, 1.0, P_end), added(L, 1.0, L_end)
         force, torque = cross(ω̂, P_sum), added(cross(ω̂, L_sum), 1.0, cross(v̂, P_sum))
         return (
@@ -244,20 +243,18 @@ class CarriedFrame(FrameKernel):
             ),
         )
 
-    def _look_at_base(self, start: FrameState, end: FrameState, turn: Geometry, v̂: Vector, ω̂: Vector) -> None:
+    def _look_at_base(self, start: FrameState, end: FrameState, turn: Geometry, v̂: Vector) -> None:
         """Notes how far the base went otherwise than its twists say."""
         h, moved = self.h, added(end.position, -1.0, start.position)
-        said = vector(turn.middle.dot(v̂))
+        said = vector(turn.start.dot(added(v̂, 0.5, cross(turn.turn, v̂))))
         off = added(moved, -h, said)
         away, way = dot(off, off) ** 0.5, max(dot(moved, moved) ** 0.5, h * dot(said, said) ** 0.5)
         if away > MISFIT * way and away > NEGLIGIBLE * self._size:
             self.notes["misfit"] = max(self.notes["misfit"], away)
-        # R* Rcay: (1 - h/2 ω̂~) R⁺ᵀ.. is R⁺ (1 - h/2 ω̂~) - R (1 + h/2 ω̂~) = 0 where they fit
-        turned = np.abs(turn.end - turn.end.dot(cross_matrix(ω̂)) * (h / 2) - turn.middle).max()
-        if turned > NEGLIGIBLE:
-            changed = max(float(np.abs(turn.end - turn.start).max()), h * dot(ω̂, ω̂) ** 0.5)
-            if turned > MISFIT * changed:
-                self.notes["misfit of turn"] = max(self.notes["misfit of turn"], float(turned))
+        by_twists = turned(start.rotation, turn.turn)
+        turned_by = 2 * _apart(by_twists, end.rotation)
+        if turned_by > max(NEGLIGIBLE, MISFIT * max(2 * _apart(start.rotation, end.rotation), math.hypot(*turn.turn))):
+            self.notes["misfit of turn"] = max(self.notes["misfit of turn"], turned_by)
 
     # What contact asks for; see frame_contact.
 
@@ -316,3 +313,18 @@ def frame_state(base: BaseState) -> FrameState:
     size = (w * w + x * x + y * y + z * z) ** 0.5
     rotation = w / size, x / size, y / size, z / size
     return FrameState(vector(base.position), rotation, vector(base.velocity), vector(base.angular_velocity))
+
+
+def _twist(base: FrameState, R: Array) -> tuple[Vector, Vector]:
+    """Its velocities in the frame's axes."""
+    v, ω = np.array((base.velocity, base.turning)).dot(R).tolist()
+    return tuple(v), tuple(ω)
+
+
+def _mean(a: Vector, b: Vector) -> Vector:
+    return (a[0] + b[0]) / 2, (a[1] + b[1]) / 2, (a[2] + b[2]) / 2
+
+
+def _apart(a: Quaternion, b: Quaternion) -> float:
+    """Sine of half of the angle, rad, between two rotations."""
+    return math.dist(a, b) if sum(map(operator.mul, a, b)) > 0 else math.dist(a, tuple(-part for part in b))

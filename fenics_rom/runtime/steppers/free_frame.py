@@ -166,7 +166,7 @@ class FreeFrame(FrameKernel):
             ω = added(ω, h / 2, self._acceleration[1])
         x = np.empty(len(self._weights))
         x[:3], x[3:] = ω, self._r
-        scale, before = 0.0, np.inf
+        scale, before, last = 0.0, np.inf, x
         for iteration in range(MOST_ITERATIONS):
             if self._inverse is None or self._is_worn:
                 self._inverse, self._is_worn = self._jacobian_inverse(step, x), False
@@ -183,8 +183,11 @@ class FreeFrame(FrameKernel):
                 return x
             if ratio > SLOW and before < np.inf:
                 self._inverse, before = None, np.inf
-            else:
-                before = size
+                continue
+            if iteration == 1:  # Broyden: what the kept Jacobian lacks changes slowly
+                along = self._weights * last
+                self._inverse += np.multiply.outer(change, along.dot(self._inverse) / along.dot(last - change))
+            before, last = size, change
         raise StepError(
             f"no step of {h:g} s was found that turns the body by {h * dot(ω, ω) ** 0.5:.2g} rad and bends it as it "
             f"does: after {MOST_ITERATIONS} iterations {size / scale:.1e} of the velocities is left; a smaller dt is "
