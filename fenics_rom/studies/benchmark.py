@@ -77,7 +77,7 @@ def measure_model(
                 outputs={
                     name.removeprefix("output "): (d.relative, d.largest / d.largest_reference if d.largest else 0.0)
                     for name, d in differences.items()
-                    if name.startswith("output ")
+                    if name.startswith("output ") or name == "elastic shape"
                 },
                 energy=differences["energy"].relative,
                 reduction=reduction,

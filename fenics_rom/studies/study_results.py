@@ -38,7 +38,7 @@ class BenchmarkRow(Timed):
         dt: time step, s.
         error: of the whole shape in the mass norm, against the reference: all that reduction and time step do.
         largest: largest distance of any node at any instant, as a share of the largest displacement.
-        outputs: the same two numbers for each named output.
+        outputs: the same two numbers for each named output, of a moving frame also for the "elastic shape" (compare).
         energy: error of the stored energy.
         forces: errors of each obstacle's force over the run, its peak and its impulse.
         reduction: error of the whole shape where the reduced model takes the reference's own step.

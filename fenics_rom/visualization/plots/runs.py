@@ -8,6 +8,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.io.units import prefixed
+from fenics_rom.mechanics.base_path import with_nearest_signs
 from fenics_rom.trajectory.series import FRAME_SERIES
 from fenics_rom.trajectory.trajectory import Trajectory
 from fenics_rom.visualization.figure import DASHES, Panel
@@ -105,15 +106,9 @@ def _draw_frame(figure: Any, runs: Runs, name: str) -> None:
     shown = {label: run for label, run in runs.items() if name in run.frame_series}
     series = [run.frame_series[name] for run in shown.values()]
     components = next(parts[name][1] for parts in FRAME_SERIES.values() if name in parts)
-    _draw_values(
-        figure,
-        shown,
-        [one.values[:, None] for one in series],
-        series[0].unit,
-        components,
-        name,
-        f"{name} in world axes",
-    )
+    values = [with_nearest_signs(one.values) if name == "rotation" else one.values for one in series]
+    title = f"{name} in world axes"
+    _draw_values(figure, shown, [one[:, None] for one in values], series[0].unit, components, name, title)
 
 
 def _draw_reading(figure: Any, runs: Runs, name: str) -> None:
