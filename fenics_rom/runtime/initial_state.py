@@ -26,6 +26,12 @@ def begin(body: Simulator, rom: Rom, environment: Environment, history: LoadHist
     initial = environment.run.initial if environment.run else None
     if initial is None:
         return []
+    if body.pose is not None and rom.moving_frame is not None:
+        if rom.moving_frame.carried:
+            initial.check_carried()
+        else:
+            body.place(initial.pose(rom.moving_frame.origin))
+        return []
     initial.check_supports(rom.rigid)
     if initial.equilibrium:
         _settle(body, rom, environment, history)

@@ -21,6 +21,8 @@ def project_fields(rom: Rom, contact: str, fields: Mapping[str, Array]) -> tuple
     Raises:
         StepError: fields of other nodes, or not finite.
     """
+    if rom.environment.is_moving:
+        raise StepError("shapes of nodes are of a body in a fixed frame: allowed are `state` and `place`")
     if not len(rom.nodes):
         raise StepError(f"ROM {rom.name!r} has no mesh, so that it has no shapes of nodes; set its `state`")
     for name, field in fields.items():

@@ -327,7 +327,7 @@ class Simulator(MovingBody):
 
     def reset(self) -> None:
         """Back to rest in the first contact mode, at time 0, with an empty account; dt stays."""
-        if self._stepper.interface is not None:
+        if self._stepper.interface is not None and self._frame is None:
             self._stepper.interface.check_start()
         if self.ledger is not None:
             self.ledger.sums = EnergyLedger().sums

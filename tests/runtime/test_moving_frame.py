@@ -354,3 +354,27 @@ def test_quasi_rigid_leaves_out_what_shapes_do_to_inertia(pulled):
     assert abs(body.energy - account.supplied + account.dissipated) < 1.0
     with pytest.raises(StepError, match="no detail 'rough'; there is full, quasi-rigid"):
         fr.Simulator(pulled, 1e-3, detail="rough")
+
+
+def test_a_carried_body_begins_where_its_base_is(carried):
+    there = BaseState(np.array([1.0, 2.0, 3.0]), quaternion_of_vector((0, 0, 2.0)), np.ones(3), np.array([0, 0, 1.0]))
+    body = fr.Simulator(carried, 1e-3, signals={"base_path": lambda t: there._replace(position=there.position + t)})
+    held = np.isclose(carried.nodes[:, 0], 0.0)
+    for _ in range(2):
+        np.testing.assert_array_equal(body.pose.position, there.position)
+        arms = (carried.nodes + body.displacement())[held] - there.position
+        expected = there.velocity + np.cross(there.angular_velocity, arms)
+        np.testing.assert_allclose(body.velocity()[held], expected, rtol=1e-13)
+        body.step()
+        np.testing.assert_array_equal(body.pose.position, there.position + 1e-3)
+        body.reset()
+    with pytest.raises(StepError, match="allowed are `state` and `place`"):
+        body.set_shape(np.zeros(carried.nodes.shape))
+
+
+def test_a_base_that_jumps_is_told(carried):
+    body = fr.Simulator(carried, 1e-3)
+    body.step()
+    assert not body.warnings
+    body.step(base=body.pose._replace(position=body.pose.position + 0.02 * np.eye(3)[2]))
+    assert "base: in a step it went 0.02 m and turned 0 rad otherwise" in body.warnings[0]

@@ -29,7 +29,7 @@ from fenics_rom.runtime.steppers.free_frame import FreeFrame
 from fenics_rom.runtime.steppers.stepper import ReducedStepper
 
 if TYPE_CHECKING:
-    from fenics_rom.mechanics.environment import Environment
+    from fenics_rom.mechanics.active_environment import ActiveEnvironment
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
     from fenics_rom.runtime.steppers.residual_motion import ResidualMotion
 
@@ -49,6 +49,7 @@ class MovingFrameStepper(ReducedStepper):
 
     Args:
         make_kernel: of a contact mode by its name, with its model.
+        base_at_start: of the base at time 0; of None where nothing says where that is.
     """
 
     kernel: FreeFrame | CarriedFrame
@@ -60,10 +61,13 @@ class MovingFrameStepper(ReducedStepper):
         interface: "ContactInterface | None",
         make_kernel: Callable[[str, ContactModel], FreeFrame | CarriedFrame],
         reason: str,
+        base_at_start: Callable[[], BaseState | None],
     ):
+        self._base_at_start = base_at_start
         self._make_kernel, self._kernels = make_kernel, dict[str, FreeFrame | CarriedFrame]()
         self._carried_along: ContactModel | None = None
         super().__init__(rom, dt, interface, np.empty(0), MOVING_FRAME, reason)
+        self._begin()
 
     @property
     def model(self) -> ContactModel:
@@ -132,7 +136,13 @@ class MovingFrameStepper(ReducedStepper):
         """As in ReducedStepper, with the frame where it is at rest."""
         self._carried_along = None
         super().reset()
+        self._begin()
+
+    def _begin(self) -> None:
         self.kernel.begin()
+        base = self._base_at_start() if isinstance(self.kernel, CarriedFrame) else None
+        if base is not None:
+            self.place(base)
 
     def snapshot(self) -> StepperState:
         """As in ReducedStepper."""
@@ -174,7 +184,7 @@ class MovingFrameStepper(ReducedStepper):
 def moving_frame_stepper(
     rom: Rom,
     dt: float,
-    environment: "Environment",
+    environment: "ActiveEnvironment",
     interface: "ContactInterface | None",
     ledger: EnergyLedger | None,
     residual_of: "Callable[[str], ResidualMotion | None]",
@@ -183,7 +193,7 @@ def moving_frame_stepper(
     """The stepper of a ROM of displacements that strain; arguments as in `make_stepper`.
 
     Raises:
-        StepError: there is no such level of detail.
+        StepError: there is no such level of detail, or the body begins in an obstacle.
     """
     check_known("detail", detail, DETAILS, StepError)
     frame = rom.moving_frame
@@ -192,11 +202,15 @@ def moving_frame_stepper(
     kernel_of = CarriedFrame if frame.carried else FreeFrame
 
     def make_kernel(contact: str, model: ContactModel) -> FreeFrame | CarriedFrame:
-        loads = FrameLoads(rom, contact, model, whole, environment)
+        loads = FrameLoads(rom, contact, model, whole, environment.environment)
         return kernel_of(model, whole.of_mode(model.coordinates), loads, ledger, interface, residual_of(contact))
 
     reason = "a rigid base carries the body" if frame.carried else "nothing holds the body"
-    return MovingFrameStepper(rom, dt, interface, make_kernel, reason)
+    stepper = MovingFrameStepper(rom, dt, interface, make_kernel, reason, lambda: environment.base_at(0.0))
+    if interface is not None:
+        names = list(environment.obstacles)
+        interface.solver.check_start(stepper.point_displacement(), environment.offsets_at(0.0), names)
+    return stepper
 
 
 def _quasi_rigid(frame: MovingFrame) -> MovingFrame:

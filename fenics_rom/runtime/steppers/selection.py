@@ -48,7 +48,7 @@ def make_stepper(
         from fenics_rom.runtime.steppers.contact_interface import contact_interface
 
         interface, has_inertia = contact_interface(rom, environment), environment.environment.has_inertia
-        if interface is not None:
+        if interface is not None and not is_moving:
             interface.check_start()
         acting = environment.environment
         if acting.finds_forces:
@@ -73,7 +73,7 @@ def make_stepper(
     if environment is not None and is_moving:
         from fenics_rom.runtime.steppers.moving_frame import moving_frame_stepper
 
-        return moving_frame_stepper(rom, dt, environment.environment, interface, ledger, residual_of, detail)
+        return moving_frame_stepper(rom, dt, environment, interface, ledger, residual_of, detail)
     if rom.deformation is not None:
         suited, reason = _finite_strain_kind(rom, dt, kind, has_inertia)
         residual = residual_of(next(iter(rom.contact_models)))  # all contact modes share a basis
