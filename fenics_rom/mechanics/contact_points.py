@@ -86,6 +86,14 @@ class ContactPoints:
         closer = closest[best] < closest[self._names.index(active)] - HYSTERESIS * self._size
         return self._names[best] if near and closer else active
 
+    def nearest_modes(self, gaps: Array, active: Array) -> Array:
+        """The same of B bodies, whose gaps are (P, B) and whose contact modes have the numbers `active` (B,)."""
+        closest = np.stack([gaps[members].min(axis=0, initial=np.inf) for members in self._members])
+        best, bodies = closest.argmin(axis=0), np.arange(len(active))
+        near = closest[best, bodies] < NEARNESS * self._size
+        closer = closest[best, bodies] < closest[active, bodies] - HYSTERESIS * self._size
+        return np.where(near & closer, best, active)
+
     def describe_passing(self, obstacles: Mapping[str, Obstacle], triangles: Array, coordinates: Array) -> str:
         """What to say of obstacles that fit between the points; empty where none does.
 

@@ -8,8 +8,11 @@ Where the damping is diagonal, so is a, and a step is a handful of elementwise o
 displacements. What this costs is memory traffic: bodies go through the step in chunks that stay in the cache. The rows
 of all arrays are bodies sorted by contact mode, so that a force is one product for each mode of a chunk. A switch
 projects the state where it is.
+
+Bodies that an obstacle may be within reach of take their step again, with contact (`batch_contact.py`).
 """
 
+import math
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from typing import TYPE_CHECKING
@@ -24,17 +27,19 @@ from fenics_rom.rom.given_rom import given_rom
 from fenics_rom.rom.midpoint_map import checked_dt
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.batch_arrays import BatchLayout, Bodies, PaddedModels, Segment
-from fenics_rom.runtime.environment_inputs import fit_loads
+from fenics_rom.runtime.batched_bodies import BY_CONTACT, BY_OBSTACLES, DISSIPATED, LOST, SUPPLIED, TIME, BatchedBodies
+from fenics_rom.runtime.environment_inputs import fit_batch
 
 if TYPE_CHECKING:
     from os import PathLike
 
     from fenics_rom.mechanics.active_environment import SignalLike
+    from fenics_rom.runtime.batch_contact import BatchContact
 
-TIME, SUPPLIED, DISSIPATED, LOST = range(4)
+MOST_TOGETHER = 1024  # bodies whose contact is found together: what their arrays take is bounded
 
 
-class Batch:
+class Batch(BatchedBodies):
     """Steps many bodies of one ROM from rest, beginning in its first contact mode.
 
     `bodies` in the methods are None (all), a mask (size,) or distinct indices; arrays are in the order 0 .. size - 1.
@@ -45,14 +50,16 @@ class Batch:
         dt: time step of all bodies, s; may be set anew before any step.
         dtype: of the states and the arithmetic, float64 or float32; energies, work and time are float64 always.
         ledger: whether to keep the energy account of each body.
-        signals: of loads by name, instead of the scene's: numbers, or functions of each body's time; as in Simulator.
+        signals: of loads and obstacles by name, instead of the scene's: numbers, or functions of each body's time; as
+            in Simulator.
 
     Attributes:
         steps: number of steps the batch has taken.
 
     Raises:
-        StepError: size is not a whole number > 0, dt not a positive finite number, or dtype another one; or the scene
-            has contact or no inertia, which `Simulator` steps.
+        StepError: size is not a whole number > 0, dt not a positive finite number, or dtype another one, or not float64
+            where there is contact; or the scene has what `Simulator` steps alone: no inertia, strokes, large
+            deformation, contact by springs or without residual compliance; or the body begins in an obstacle.
 
     Example:
         >>> bodies = fr.Batch(rom, size=4, dt=1e-3)
@@ -78,7 +85,7 @@ class Batch:
             raise StepError(f"size = {size!r}: allowed is a whole number > 0")
         if np.dtype(dtype) not in (np.float64, np.float32):
             raise StepError(f"dtype = {dtype!r}: allowed are float64 and float32")
-        rom, self._environment = fit_loads(rom, signals)
+        rom, self._environment = fit_batch(rom, signals)
         if rom.deformation is not None:
             raise StepError(f"ROM {rom.name!r} has large deformation in its scene, which Simulator steps, one by one")
         self.rom, self.size, self.dtype = rom, int(size), np.dtype(dtype)
@@ -87,22 +94,22 @@ class Batch:
         self._layout = BatchLayout(self.size, modes, m, p, self.dtype)
         self._number_limit = float(np.finfo(self._layout.state.dtype).max) ** 0.25
         self._ledger = ledger
-        self._account = np.zeros((4, self.size))
+        self._account = np.zeros((6, self.size))
         self._works = np.empty((2, self.size), self.dtype)
         self._ones = np.ones(m, self.dtype)
+        self._contacts = None
+        if self._environment is not None and self._environment.environment.contact_law is not None:
+            if self.dtype != np.float64:
+                raise StepError("dtype = float32: allowed where there is contact is float64")
+            from fenics_rom.runtime.batch_contact import BatchContact  # here, as few scenes have contact
+
+            self._contacts = BatchContact(rom, self._environment, m, self.size)
         self.steps = 0
         self._dt = 1.0
         self.dt = dt
 
     def __copy__(self) -> "Batch":
         return deepcopy(self)
-
-    def __repr__(self) -> str:
-        orders = (f"{name} (order {model.order})" for name, model in self.rom.contact_models.items())
-        return (
-            f"Batch of {self.size} bodies of {self.rom.name!r}: dt = {self.dt:g} s, {self.steps} steps taken, "
-            f"{self.dtype}\n  contact modes: {', '.join(orders)}"
-        )
 
     @property
     def dt(self) -> float:
@@ -127,67 +134,21 @@ class Batch:
         # limit no number overflows in the first `_number_limit` steps from rest, 4e9 of them in float32.
         gain = np.abs(self._models.inputs).sum(axis=(1, 2)) * np.maximum(h, 2 / ω[:, rigid:].min(axis=1))
         self._input_limit = self._number_limit / max(1.0, gain.max())
+        if self._contacts is not None:
+            self._contacts.set_time_step(h)
 
-    @property
-    def inputs(self) -> int:
-        """Columns p of the input: those of the contact mode that has most, then the actuators'."""
-        return self._models.contact_columns + sum(self.rom.actuators.values())
-
-    @property
-    def contact(self) -> Array:
-        """Names (size,) of the active contact modes."""
-        return np.array(self._models.names)[self._layout.mode]
-
-    @property
-    def time(self) -> Array:
-        """Time (size,) since each body's last reset, s."""
-        return self._account[TIME].copy()
-
-    @property
-    def energy(self) -> Array:
-        """Stored energies ½ vᵀMv + ½ xᵀKx (size,), J."""
-        energy = np.empty(self.size)
-        energy[self._layout.body] = self._energy(slice(None))
-        return energy
-
-    @property
-    def supplied(self) -> Array:
-        """Work of the inputs (size,) since each body's last reset, J.
-
-        Raises:
-            StepError: the batch keeps no account, here as in the following.
-        """
-        return self._read_account(SUPPLIED)
-
-    @property
-    def dissipated(self) -> Array:
-        """What damping took (size,), J; never negative."""
-        return self._read_account(DISSIPATED)
-
-    @property
-    def lost_in_switching(self) -> Array:
-        """What projections took (size,), J; negative only for oblique switching."""
-        return self._read_account(LOST)
-
-    def state(self, bodies: Bodies = None) -> tuple[Array, Array]:
-        """Reduced displacements q and velocities r, (bodies, m) each; zero beyond the order of a body's contact mode.
-
-        Raises:
-            StepError: no such bodies.
-        """
-        x, r = self._layout.state[:, self._layout.row[self._layout.select(bodies)]].astype(float)
-        return self._dt / 2 * x, r
-
-    def set_state(self, q: ArrayLike, r: ArrayLike, bodies: Bodies = None) -> None:
-        """Puts bodies into states; contact modes, times and accounts stay.
+    def set_state(self, q: ArrayLike, r: ArrayLike, bodies: Bodies = None, *, on_error: str = "raise") -> None:
+        """Puts bodies into states; contact modes, times, accounts and obstacles stay.
 
         Args:
             q, r: (bodies, m) as `state` gives them, or (m,) for all of them.
             bodies: which.
+            on_error: what becomes of bodies that are inside an obstacle: "raise" an error, or "hold" them still in all
+                steps until they are put elsewhere.
 
         Raises:
             StepError: no such bodies, another shape, numbers that are not finite or absurdly large, or not zero beyond
-                the order of a body's contact mode.
+                the order of a body's contact mode, or a body inside an obstacle; all are as they were.
         """
         selected = self._layout.select(bodies)
         ω, modes = self._models.frequencies, self._layout.mode[selected]
@@ -205,17 +166,43 @@ class Batch:
             )
         if state[:, np.arange(shape[1]) >= self._models.orders[modes, None]].any():
             raise StepError("state: beyond the order of a body's contact mode only zeros are allowed")
+        if self._contacts is not None:
+            inside = self._contacts.inside(selected, modes, self._dt / 2 * state[0])
+            self._contacts.begin(selected, self._allowed_inside(selected, inside, on_error))
         self._layout.state[:, self._layout.row[selected]] = state
 
-    def reset(self, bodies: Bodies = None) -> None:
+    def reset(self, bodies: Bodies = None, *, on_error: str = "raise") -> None:
         """Puts bodies at rest in the first contact mode, at time 0 and with an empty account.
 
+        Args:
+            bodies: which.
+            on_error: what becomes of bodies that an obstacle was placed in, as in `set_state`.
+
         Raises:
-            StepError: no such bodies.
+            StepError: no such bodies, or one inside an obstacle; all are as they were.
         """
         selected = self._layout.select(bodies)
+        if self._contacts is not None:
+            inside = self._contacts.inside_at_rest(selected)
+            self._contacts.reset(selected, self._allowed_inside(selected, inside, on_error))
         self._layout.reset(selected)
         self._account[:, selected] = 0
+
+    def place_obstacle(self, name: str, displacement: ArrayLike, bodies: Bodies = None) -> None:
+        """Has an obstacle of each body be elsewhere than the scene says, from the end of the next step on.
+
+        It moves there within that step; bodies that are reset begin with it there, at rest.
+
+        Args:
+            name: of the obstacle.
+            displacement: from where the scene has it at rest, (bodies, 3) or (3,) for all of them, m.
+            bodies: which.
+
+        Raises:
+            StepError: no such obstacle or bodies, or not so many finite numbers.
+        """
+        selected = self._layout.select(bodies)
+        self._with_contact().place(name, displacement, selected)
 
     def switch(self, contact: str | Sequence[str] | Array, bodies: Bodies = None) -> None:
         """Makes other contact modes active; states are projected, and never gain energy by it.
@@ -243,8 +230,13 @@ class Batch:
         before = self._energy(rows) if self._ledger else 0.0
         pairs = start * len(numbers) + end
         for pair in np.unique(pairs):
-            moved = rows[pairs == pair]
-            state[:, moved] = state[:, moved] @ self._models.switch_map(*divmod(int(pair), len(numbers)))
+            moved, (first, second) = rows[pairs == pair], divmod(int(pair), len(numbers))
+            strained = self._dt / 2 * state[0, moved] * self._models.frequencies[first]
+            state[:, moved] = state[:, moved] @ self._models.switch_map(first, second)
+            if self._contacts is not None:
+                elastic = slice(self.rom.rigid, self._models.orders[second])
+                e = self._contacts.carry_over(first, second, selected[pairs == pair], strained)
+                state[0, moved, elastic] = 2 / self._dt * e / self._models.frequencies[second, elastic]
         self._layout.enter(selected, end)
         if self._ledger:
             self._account[LOST, selected] += before - self._energy(rows)
@@ -259,7 +251,7 @@ class Batch:
                 them still for this step, with state, time and account as they were, while the others go on.
 
         Returns:
-            Indices of the bodies that were held still; mostly (0,).
+            Indices of the bodies that were held still, also as they began inside an obstacle; mostly (0,).
 
         Raises:
             StepError: u has another shape, or a body's input is refused; the body and the step are named, all are as
@@ -267,6 +259,11 @@ class Batch:
         """
         check_known("choice of on_error", on_error, ("raise", "hold"), StepError)
         u, held = self._check_input(u, on_error)
+        contacts, near = self._contacts, []
+        if contacts is not None:
+            held = np.union1d(held, contacts.frozen.nonzero()[0])
+            contacts.begin_step(self._account[TIME], held)
+            self._follow_obstacles(contacts)
         layout, (factors, push, couplings) = self._layout, self._coefficients
         chunks = layout.sort(factors)
         if len(held):
@@ -284,16 +281,17 @@ class Batch:
             np.multiply(inertial, r, out=spare)
             np.add(w, spare, out=w)
             for segment in segments:
-                coupling = couplings[segment.mode]
-                if self._ledger:
-                    self._measure_dissipation(segment, coupling)
-                if coupling is not None:
-                    segment.w[:] = np.matmul(segment.w, coupling[0], out=segment.spare)
-                if self._ledger:
-                    self._measure_supply(segment)
+                self._respond(segment, couplings[segment.mode], self._works[:, segment.rows])
+            if contacts is not None:
+                first, last = segments[0].rows.start, segments[-1].rows.stop
+                found = contacts.look(layout.body[first:last], w, r).nonzero()[0]
+                near.append((first + found, x[found], r[found]))
             np.add(x, w, out=x)
             np.subtract(w, r, out=r)
         self._account[TIME] += self._dt
+        if contacts is not None:
+            self._meet_obstacles(contacts, *(np.concatenate(parts) for parts in zip(*near, strict=True)))
+            contacts.end_step()
         if self._ledger:
             self._account[SUPPLIED : DISSIPATED + 1] += self._dt / 2 * np.take(self._works, layout.row, axis=1)
         self.steps += 1
@@ -301,41 +299,56 @@ class Batch:
             layout.state[:, layout.row[held]], self._account[:, held] = before
         return held
 
-    def displacement(self, output: str) -> Array:
-        """Displacements of a named output, (size, points, 3), m. Without a mesh: (size, rows).
+    def _respond(self, segment: Segment, coupling: tuple[Array, Array] | None, works: Array) -> None:
+        """Makes w = 2 v̂ of what drives the bodies, and notes works (2, rows) of inputs and damping, in 2/h J."""
+        if self._ledger:
+            drawn = segment.w if coupling is None else np.matmul(segment.w, coupling[1], out=segment.spare)
+            np.multiply(drawn, drawn, out=segment.spare)
+            np.matmul(segment.spare, self._models.dissipation[segment.mode], out=works[1])
+        if coupling is not None:
+            segment.w[:] = np.matmul(segment.w, coupling[0], out=segment.spare)
+        if self._ledger:
+            force = np.matmul(segment.u, self._models.inputs[segment.mode], out=segment.spare)
+            np.multiply(force, segment.w, out=force)
+            np.matmul(force, self._ones, out=works[0])
 
-        Raises:
-            StepError: no such output.
-        """
-        return self._dt / 2 * self._read_output(0, output)
+    def _follow_obstacles(self, contacts: "BatchContact") -> None:
+        """Makes the contact modes active that obstacles are nearest to, of the bodies that are near one."""
+        bodies = contacts.watched()
+        if len(bodies):
+            nearest = contacts.nearest_modes(self._layout.mode[bodies], self.state(bodies)[0], bodies)
+            self.switch(np.array(self._models.names)[nearest], bodies)
 
-    def velocity(self, output: str) -> Array:
-        """Velocities of a named output, (size, points, 3), m/s. Without a mesh: (size, rows).
+    def _meet_obstacles(self, contacts: "BatchContact", rows: Array, x: Array, r: Array) -> None:
+        """Takes the step of rows (B,) again, from where they were, x and r (B, m), with contact."""
+        layout, (factors, push, couplings) = self._layout, self._coefficients
+        modes = layout.mode[layout.body[rows]]
+        for mode in np.unique(modes).tolist():
+            inside = (modes == mode).nonzero()[0]
+            for part in np.array_split(inside, math.ceil(len(inside) / MOST_TOGETHER)):
+                own, x_own, r_own, ω = rows[part], x[part], r[part], self._models.frequencies[mode]
+                u, bodies, works = layout.inputs[own], layout.body[own], np.zeros((2, len(own)))
+                driven = u @ push[mode] + factors[0, mode] * x_own + factors[1, mode] * r_own
+                w = driven if couplings[mode] is None else driven @ couplings[mode][0]
+                stored = (np.square(self._dt / 2 * ω * x_own).sum(axis=1) + np.square(r_own).sum(axis=1)) / 2
+                touched, pushed, done = contacts.step(mode, bodies, x_own, r_own, w, stored)
+                driven[touched] += pushed
+                self._respond(Segment(mode, slice(0), u, driven, np.empty_like(w)), couplings[mode], works)
+                layout.state[:, own] = x_own + driven, driven - r_own
+                if self._ledger:
+                    self._works[:, own] = works
+                    self._account[BY_OBSTACLES : BY_CONTACT + 1, bodies] += done[:2]
+                    self._account[SUPPLIED : DISSIPATED + 1, bodies] += done[0], done[1] + done[2]
 
-        Raises:
-            StepError: no such output.
-        """
-        return self._read_output(1, output)
-
-    def shape(self, body: int) -> Array:
-        """Displacement of every mesh node of one body, (nodes, 3), m. Without a mesh: all n displacements.
-
-        Raises:
-            StepError: no such body.
-        """
-        q, _ = self.state(body)
-        coordinates = list(self.rom.contact_models.values())[self._layout.mode[body]].coordinates
-        return self.rom.reconstruct(coordinates @ q[0, : coordinates.shape[1]])
-
-    def reading(self, name: str) -> Array:
-        """A reading of every body, (size, ...), as `Simulator.reading` has it of one; bodies are read one by one.
-
-        Raises:
-            StepError: no such reading.
-        """
-        from fenics_rom.runtime.readings import read_each  # here, as few bodies have readings
-
-        return read_each(self.rom, name, self.contact, self.state()[0])
+    def _allowed_inside(self, bodies: Array, inside: Array, on_error: str) -> Array:
+        """Which of the bodies to hold still, of those that are inside an obstacle."""
+        check_known("choice of on_error", on_error, ("raise", "hold"), StepError)
+        if inside.any() and on_error == "raise":
+            raise StepError(
+                f"body {bodies[inside.argmax()]} is inside an obstacle: allowed is a start outside of all of them, or "
+                'on_error="hold"; all bodies were left as they were'
+            )
+        return inside
 
     def _check_input(self, u: ArrayLike, on_error: str) -> tuple[Array, Array]:
         """Inputs (size, p), and the bodies to hold still; theirs are zero then."""
@@ -362,35 +375,3 @@ class Batch:
                 f"{self._input_limit:.0e}, in N; all bodies were left as they were"
             )
         return np.where(allowed[:, None], u, 0), held
-
-    def _measure_dissipation(self, segment: Segment, coupling: tuple[Array, Array] | None) -> None:
-        """What a step dissipates, by the rows, with w = 2 v̂ in hand or what dense damping makes it of."""
-        drawn = segment.w if coupling is None else np.matmul(segment.w, coupling[1], out=segment.spare)
-        np.multiply(drawn, drawn, out=segment.spare)
-        np.matmul(segment.spare, self._models.dissipation[segment.mode], out=self._works[1, segment.rows])
-
-    def _measure_supply(self, segment: Segment) -> None:
-        """What the inputs supply in a step, by the rows, with w = 2 v̂ in hand."""
-        force = np.matmul(segment.u, self._models.inputs[segment.mode], out=segment.spare)
-        np.multiply(force, segment.w, out=force)
-        np.matmul(force, self._ones, out=self._works[0, segment.rows])
-
-    def _read_account(self, entry: int) -> Array:
-        if not self._ledger:
-            raise StepError("this batch keeps no energy account: allowed is that of Batch(..., ledger=True)")
-        return self._account[entry].copy()
-
-    def _energy(self, rows: slice | Array) -> Array:
-        x, r = self._layout.state[:, rows].astype(float)
-        x *= self._dt / 2 * self._models.frequencies[self._layout.mode[self._layout.body[rows]]]
-        return (np.einsum("bm,bm->b", x, x) + np.einsum("bm,bm->b", r, r)) / 2
-
-    def _read_output(self, part: int, output: str) -> Array:
-        """An output of x (part 0) or r (part 1)."""
-        maps, layout = self._models.output_maps(output), self._layout
-        field = np.empty((self.size, maps[0].shape[1]), self.dtype)
-        for chunk in layout.sort(self._coefficients.factors):
-            for segment in chunk.segments:
-                np.matmul(layout.state[part, segment.rows], maps[segment.mode], out=field[segment.rows])
-        field = np.take(field, layout.row, axis=0)
-        return field.reshape(self.size, -1, 3) if len(self.rom.nodes) else field

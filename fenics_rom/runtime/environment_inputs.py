@@ -65,22 +65,29 @@ def _moving(rom: Rom, environment: Environment) -> Rom:
     return without_rigid_motions(rom)
 
 
-def fit_loads(rom: Rom, signals: Mapping[str, SignalLike] | None) -> tuple[Rom, ActiveEnvironment | None]:
-    """The same for many bodies at once, on which nothing but inputs and loads may act.
+def fit_batch(rom: Rom, signals: Mapping[str, SignalLike] | None) -> tuple[Rom, ActiveEnvironment | None]:
+    """The same for many bodies at once.
 
     Raises:
-        StepError: more than that acts; or as fit_environment.
+        StepError: what acts is not known before a step, and is not rigid contact with residual compliance; or as
+            fit_environment.
     """
     if rom.environment.is_plain and not signals:
         return rom, None
     rom, active = fit_environment(rom, None, signals)
-    acting = rom.environment
+    acting, law, one_by_one = rom.environment, rom.environment.contact_law, "Simulator steps such bodies, one by one"
     if acting.is_moving:
-        raise StepError(f"ROM {rom.name!r} moves with its frame: Simulator steps such bodies, one by one")
-    if not acting.has_inertia or acting.contact_law is not None or acting.finds_forces:
+        raise StepError(f"ROM {rom.name!r} moves with its frame: {one_by_one}")
+    if not acting.has_inertia or acting.finds_forces:
         raise StepError(
-            f"ROM {rom.name!r} has contact, strokes, tendon friction or no inertia in its scene: allowed are forces "
-            "that are known before a step; Simulator steps such bodies, one by one"
+            f"ROM {rom.name!r} has strokes, tendon friction or no inertia in its scene: allowed are forces that are "
+            f"known before a step, and contact; {one_by_one}"
+        )
+    definite = acting.residual_compliance and rom.residual_compliance is not None
+    if law is not None and (law.stiffness is not None or not definite):
+        raise StepError(
+            f"ROM {rom.name!r} has contact by springs or without residual compliance in its scene: allowed is the "
+            f"rigid law with it, which makes problems that are solved together definite; {one_by_one}"
         )
     return rom, active
 

@@ -13,6 +13,7 @@ from fenics_rom.mechanics.complementarity import solve as solve_pairs
 from fenics_rom.mechanics.complementarity.frictional import FrictionalProblem
 from fenics_rom.mechanics.complementarity.frictionless import FrictionlessProblem
 from fenics_rom.mechanics.complementarity.linearised import Linearisation
+from fenics_rom.mechanics.complementarity.splitting import TOLERANCE, Problems, Splitting
 
 seeds = st.integers(0, 2**32 - 1)
 frictions = st.sampled_from([0.0, 0.05, 0.3, 0.8, 1.5])
@@ -69,6 +70,32 @@ def test_random_contacts_fulfil_their_conditions(seed, μ, one_normal, masses):
     assert violation(W, q, n, μ, solution.forces) < (1e-7 if masses else 1e-9)
     u = (W @ solution.forces.ravel()).reshape(-1, 3) + q
     assert np.abs(u - solution.velocities).max() < (1e-6 if masses else 1e-8) * np.abs(q).max()
+
+
+@given(seed=seeds, bodies=st.sampled_from([1, 7, 600]))
+@settings(max_examples=20, deadline=None)
+def test_many_bodies_at_once_have_the_forces_of_each(seed, bodies):
+    """To what the iteration stops at, in velocities; pairs that are not due have none. Groups, and the pool, too."""
+    rng = np.random.default_rng(seed)
+    P = int(rng.integers(1, 6))
+    J = rng.standard_normal((3 * P, 3 * P))
+    W = J @ J.T + 3 * P * np.eye(3 * P)
+    q, n = rng.standard_normal((2, 3, P, bodies)) * 10.0 ** rng.uniform(-2, 2, bodies)
+    n /= np.linalg.norm(n, axis=0)
+    μ, due = rng.uniform(0, 0.5, bodies), rng.random((P, bodies)) < 0.7
+    many = Splitting(W)
+    forces, _, unsettled = many.solve(Problems(q, n, due.astype(float), μ), np.zeros_like(q))
+    assert not len(unsettled)
+    assert not forces[:, ~due].any()
+    velocities = many.moved(forces) + q
+    rows = np.arange(3 * P).reshape(3, P)
+    for k in {0, bodies // 2, bodies - 1}:
+        own = due[:, k]
+        if own.any():
+            of = rows[:, own].T.ravel()
+            exact = solve(W[np.ix_(of, of)], q[:, own, k].T, n[:, own, k].T, μ[k], np.zeros((own.sum(), 3)))
+            off = np.abs(velocities[:, own, k].T - exact.velocities).max()
+            assert off <= 10 * TOLERANCE * np.abs(q[..., k]).max()
 
 
 @given(seed=seeds)

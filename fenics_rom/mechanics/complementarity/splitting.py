@@ -1,0 +1,164 @@
+"""Contact forces of many bodies that share a Delassus operator: Douglas and Rachford's splitting (ADMM).
+
+With velocities y = ρ f in place of forces, and Alart and Curnier's Π of a pair (see `frictional`), what is searched for
+is a fixed point z of
+
+    z ← z + α (N (2 Π(z) - z - q) - Π(z)),    N = ρ (W + ρ)⁻¹,    f = Π(z)/ρ.
+
+N is inverted once; an iteration is one product for all bodies and some thirty elementwise operations. With s = z + q
+and w = 2 Π(z) - s it is s ← (1 - α/2) s + α (N - ½) w. ρ = √(λmin λmax) of W makes it settle in some 16 iterations
+where W has a condition of a few hundred. That W has one at all is owed to the residual compliance.
+
+Arrays hold bodies along their last axis and axes x, y, z along their first, as the elementwise operations want them.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy import ndarray as Array
+
+RELAXATION = 1.9  # α
+TOLERANCE = 5e-7  # residual, as a share of the velocities that the forces have to stop
+FLOOR = 1e-3  # of λmax, that λmin is taken to be at least
+FIRST_CHECK, CHECKS_EVERY, MOST_ITERATIONS = 5, 3, 200
+GROUP = 256  # bodies that go through the iterations together, so that their arrays stay in the cache
+LEAVES_AT = 0.75  # of a group: when so few go on, the others are taken out of the arrays
+POOLED_AT = 0.3  # of a group: when so few go on, they wait for those of the other groups
+_TINY = 1e-300  # m/s
+
+
+class Problems(NamedTuple):
+    """What is known of B bodies with P pairs each."""
+
+    q: Array  # (3, P, B) velocities without contact, less the targets, m/s
+    normals: Array  # (3, P, B) unit vectors from the obstacle to the body
+    due: Array  # (P, B) which pairs may push, as 1.0 or 0.0
+    friction: Array  # μ (B,)
+
+    def of(self, bodies: Array | slice) -> "Problems":
+        """Those of some of the bodies."""
+        return Problems(*(part[..., bodies] for part in self))
+
+
+class Splitting:
+    """A Delassus operator of P points that many bodies share.
+
+    Args:
+        W: (3P, 3P), symmetric and positive definite, m/s/N; rows are all x, then all y, then all z.
+
+    Attributes:
+        W: as given.
+        ρ: m/s/N.
+    """
+
+    def __init__(self, W: Array):
+        self.W = W
+        λ = np.linalg.eigvalsh(W)
+        condition = 1 / max(FLOOR, float(λ[0] / λ[-1]))
+        self.ρ = float(λ[-1]) / np.sqrt(condition)
+        identity = np.eye(len(W))
+        self._K = RELAXATION * (np.linalg.inv(W / self.ρ + identity) - identity / 2)
+        # What an iteration changes bounds the residual by this, in the metric in which it contracts.
+        self._stop = RELAXATION * TOLERANCE * 2 / (1 + np.sqrt(condition))
+
+    def solve(self, problems: Problems, z: Array) -> tuple[Array, Array, Array]:
+        """Forces (3, P, B), exactly in their cones, N; z (3, P, B) that led to them; bodies that did not settle.
+
+        Args:
+            problems: of the bodies.
+            z: to begin with, m/s: where the last step's ended.
+        """
+        s = (z + problems.q).reshape(len(self.W), -1)
+        bodies, waiting = s.shape[1], []
+        for first in range(0, bodies, GROUP):
+            group = np.arange(first, min(first + GROUP, bodies))
+            waiting.append(self._iterate(problems, s, group, int(POOLED_AT * len(group)), 0))
+        left = [(group, count) for group, count in waiting if len(group)]
+        pooled = np.concatenate([group for group, _ in left]) if left else np.empty(0, int)
+        begun = min((count for _, count in left), default=0)
+        unsettled = [
+            self._iterate(problems, s, pooled[first : first + GROUP], 0, begun)[0]
+            for first in range(0, len(pooled), GROUP)
+        ]
+        z = s.reshape(problems.q.shape) - problems.q
+        forces, spare = np.empty_like(z), np.empty((5, *problems.due.shape))
+        project(z, problems, forces, spare)
+        forces /= self.ρ
+        return forces, z, np.concatenate(unsettled) if unsettled else pooled
+
+    def moved(self, forces: Array) -> Array:
+        """W f (3, P, B), m/s."""
+        velocities: Array = np.matmul(self.W, forces.reshape(len(self.W), -1)).reshape(forces.shape)
+        return velocities
+
+    def _iterate(self, problems: Problems, s: Array, bodies: Array, least: int, begun: int) -> tuple[Array, int]:
+        """Iterates s (3P, B) of these bodies until no more than `least` go on; those, and how many iterations it took.
+
+        `begun`: iterations that were taken before.
+        """
+        own, part, iteration = s[:, bodies], problems.of(bodies), begun
+        speed = np.abs(part.q).max(axis=(0, 1))
+        w, moved, before = np.empty((3, *own.shape))
+        spare = np.empty((5, *part.due.shape))
+        while iteration < MOST_ITERATIONS:
+            iteration += 1
+            looks = iteration >= FIRST_CHECK and (iteration - FIRST_CHECK) % CHECKS_EVERY == 0
+            if looks:
+                before[:] = own
+            np.subtract(own, part.q.reshape(own.shape), out=w)
+            project(w.reshape(part.q.shape), part, moved.reshape(part.q.shape), spare)
+            np.multiply(moved, 2.0, out=w)
+            w -= own
+            np.matmul(self._K, w, out=moved)
+            own *= 1 - RELAXATION / 2
+            own += moved
+            if not looks:
+                continue
+            before -= own
+            goes_on = np.abs(before, out=before).max(axis=0) > self._stop * speed
+            left = int(np.count_nonzero(goes_on))
+            if left <= max(least, LEAVES_AT * len(bodies)):
+                s[:, bodies] = own
+                bodies = bodies[goes_on]
+                if left <= least:
+                    return bodies, iteration
+                own, part, speed = own[:, goes_on], part.of(goes_on), speed[goes_on]
+                w, moved, before = np.empty((3, *own.shape))
+                spare = np.empty((5, *part.due.shape))
+        s[:, bodies] = own
+        return bodies, iteration
+
+
+def project(z: Array, problems: Problems, projected: Array, spare: Array) -> None:
+    """Π(z) = z_n⁺ n + min(1, μ z_n⁺/|z_t|) z_t (3, P, B), with z_t = z - z_n n; 0 where a pair is not due.
+
+    Args:
+        z: (3, P, B).
+        problems: of the bodies.
+        projected: (3, P, B) for the result.
+        spare: (5, P, B) to work in.
+    """
+    normals = problems.normals
+    zn, square, ratio, pressure, one = spare
+    np.multiply(z, normals, out=projected)
+    np.add(projected[0], projected[1], out=zn)
+    zn += projected[2]
+    np.multiply(z, z, out=projected)
+    np.add(projected[0], projected[1], out=square)
+    square += projected[2]
+    np.maximum(zn, 0.0, out=pressure)
+    pressure *= problems.due
+    np.multiply(zn, zn, out=one)
+    square -= one  # |z_t|²; round-off of a direct normal z only matters where it sticks in any case
+    np.maximum(square, 0.0, out=square)
+    np.sqrt(square, out=square)
+    np.multiply(pressure, problems.friction, out=ratio)
+    np.maximum(square, ratio, out=square)
+    square += _TINY
+    ratio /= square
+    np.multiply(ratio, zn, out=one)
+    pressure -= one
+    np.multiply(normals, pressure, out=projected)
+    for axis in range(3):
+        np.multiply(z[axis], ratio, out=one)
+        projected[axis] += one

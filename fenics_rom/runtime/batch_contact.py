@@ -1,0 +1,387 @@
+"""Contact of the bodies of a batch with obstacles: what is kept of it, and what it does in a step.
+
+Only bodies that an obstacle may be within reach of are looked at. How far away it is at least is known from the last
+look, and from how far body and obstacle can have moved since. The law is in `mechanics.batch_contact_solver`, how
+points yield beyond the basis in `steppers.residual_motion`. Arrays hold bodies along their last axis, and rows of the
+contact points are all x, then all y, then all z.
+"""
+
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+from numpy import ndarray as Array
+from numpy.typing import ArrayLike
+
+from fenics_rom.errors import StepError, check_known
+from fenics_rom.mechanics.active_environment import ActiveEnvironment
+from fenics_rom.mechanics.batch_contact_solver import BatchContactSolver, BatchForces, BatchMotion, BatchObstacles
+from fenics_rom.mechanics.complementarity.splitting import Splitting
+from fenics_rom.mechanics.contact import ContactSearch, ObstacleMotion, PointMotion
+from fenics_rom.mechanics.contact_points import NEARNESS
+from fenics_rom.mechanics.contact_solver import PENETRATION_TOLERANCE, ContactSolver
+from fenics_rom.mechanics.signals import real_numbers
+from fenics_rom.rom.contact_model import ContactModel
+from fenics_rom.rom.midpoint_map import compliance
+from fenics_rom.rom.residual_part import ResidualPart, residual_part, strained_points
+from fenics_rom.rom.rom import Rom
+from fenics_rom.runtime.steppers.contact_interface import contact_interface
+from fenics_rom.runtime.steppers.residual_motion import FORGOTTEN, Relaxation, relaxation
+
+_LEAST = 1e-100  # N: forces to begin a search with, where there were some
+NEGLIGIBLE = 1e-32  # of a body's energy: what is stored in its residual part no more
+
+
+class ContactStep(NamedTuple):
+    """What contact does to some bodies in a step."""
+
+    bodies: Array  # (T,) among them
+    push: Array  # (T, m) what it adds to what drives them, as `StepCoefficients.push` does
+    works: Array  # (3, B) supplied by obstacles, dissipated by contact, and in residual parts, J
+
+
+class _Mode:
+    """A contact mode, its residual part, and what a time step makes of them."""
+
+    operator: Splitting
+    push: Array  # (3P, m)
+    relaxation: Relaxation
+
+    def __init__(self, model: ContactModel, rows: Array, part: ResidualPart, order: int):
+        self.model, self.part = model, part
+        self.S = np.zeros((len(rows), order))  # filled up to the order of the largest model
+        self.S[:, : model.order] = rows @ model.coordinates
+
+    def set_time_step(self, h: float, β: float) -> None:
+        a, _ = compliance(self.model, h)
+        m = self.model.order
+        S, self.push = self.S[:, :m], h / 2 * self.S
+        spread = S * a if a.ndim == 1 else S @ a
+        if a.ndim == 1:
+            self.push = np.zeros(self.S.shape)
+            self.push[:, :m] = 2 * spread  # with 4/h of the batch's a
+        self.relaxation = relaxation(h, self.part.time_constant, β)
+        W = spread @ S.T
+        self.operator = Splitting((W + W.T) / 2 + self.part.compliance / self.relaxation.whole)
+
+
+class BatchContact:
+    """The contact of bodies of a ROM, in the environment of a run.
+
+    Args:
+        rom: with residual compliance.
+        environment: with a rigid contact law.
+        order: the largest of a contact model.
+        size: number of bodies.
+
+    Attributes:
+        friction: μ (size,).
+        frozen: (size,) bodies that began inside an obstacle.
+        inexact: (size,) steps whose forces no method found.
+        forces: (3, P, size) on the points in the last step, N.
+        resultants: (O, 3, size) of each obstacle on the body, N.
+        offsets: (O, 3, size) displacements of the obstacles now, m.
+        names: of the obstacles.
+    """
+
+    def __init__(self, rom: Rom, environment: ActiveEnvironment, order: int, size: int):
+        interface, residual = contact_interface(rom, environment), rom.residual_compliance
+        law = environment.environment.contact_law
+        assert interface is not None
+        assert residual is not None
+        assert law is not None
+        interface.check_start()
+        self.names, self._environment, self._points = list(environment.obstacles), environment, interface.points
+        coordinates, obstacles = interface.points.coordinates, list(environment.obstacles.values())
+        self._solver = BatchContactSolver(coordinates, obstacles, law)
+        self._coordinates, self._obstacles, self._law = coordinates, obstacles, law
+        rows = _by_axis(interface.rows)
+        H = _by_axis(strained_points(rom.stiffness, interface.rows, residual))
+        self._modes = [
+            _Mode(model, rows, residual_part(rom.stiffness, model, H, residual), order)
+            for model in rom.contact_models.values()
+        ]
+        self._β, self._rigid = residual.damping, rom.rigid
+        # No point moves faster than this times |v|, in any contact mode.
+        P = len(coordinates)
+        blocks = np.concatenate([mode.S.reshape(3, P, -1).transpose(1, 0, 2) for mode in self._modes])
+        self._reach = float(np.linalg.norm(blocks, ord=2, axis=(1, 2)).max())
+        self._largest = float(max(np.ptp(coordinates, axis=0).max(), np.abs(coordinates).max()))
+        switches = environment.environment.switches_itself and len(self._modes) > 1
+        self._watched = NEARNESS * float(np.linalg.norm(np.ptp(coordinates, axis=0))) if switches else 0.0
+        count = len(obstacles)
+        self.friction, self.frozen = np.full(size, law.friction), np.zeros(size, bool)
+        self.inexact = np.zeros(size, int)
+        self.forces, self._z = np.zeros((2, 3, P, size))
+        self.resultants, self._pushed = np.zeros((count, 3, size)), np.zeros((count, P, size), bool)
+        self._residual = np.zeros((4, 3 * P, size))  # g, y, ġ, ẏ
+        self._moves = np.zeros(size, bool)  # whether the residual part does
+        self._stands = np.zeros(size, bool)  # in this step
+        self._clear = np.full(size, -np.inf)  # m: no obstacle is nearer
+        self._placed = np.full((count, 3, size), np.nan)  # where obstacles were put; NaN: where the scene says
+        self.offsets, self._velocities = np.zeros((2, count, 3, size))
+        self.offsets[:] = environment.offsets_at(0.0)[:, :, None]
+        self._ends, self._speed = self.offsets, np.zeros((count, 3, size))
+
+    def set_time_step(self, h: float) -> None:
+        """Makes the operators for a time step, s."""
+        self._h = h
+        for mode in self._modes:
+            mode.set_time_step(h, self._β)
+
+    def place(self, name: str, displacement: ArrayLike, bodies: Array) -> None:
+        """Has an obstacle be displaced by (bodies, 3) or (3,), m, at the end of the next steps."""
+        check_known("obstacle", name, self.names, StepError)
+        given = real_numbers(displacement)
+        if given.shape not in ((3,), (len(bodies), 3)) or not np.isfinite(given).all():
+            raise StepError(
+                f"{name}: allowed are three finite numbers, in m, for each of {len(bodies)} bodies, or for all; given: "
+                f"an array of shape {given.shape}"
+            )
+        self._placed[self.names.index(name), :, bodies] = given
+
+    def inside(self, bodies: Array, mode: Array, q: Array) -> Array:
+        """Which (B,) of the bodies are inside an obstacle, in contact modes (B,) at q (B, m), without residual part."""
+        return self._deep(self._points_of(mode, q), self.offsets[..., bodies])
+
+    def inside_at_rest(self, bodies: Array) -> Array:
+        """The same of bodies that begin anew."""
+        at_rest = np.zeros((*self.forces.shape[:2], len(bodies)))
+        return self._deep(at_rest, self._offsets_at_start(bodies))
+
+    def _deep(self, displacement: Array, offsets: Array) -> Array:
+        gaps, _ = self._solver.distances(displacement, offsets)
+        deep: Array = gaps.min(axis=(0, 1)) < -PENETRATION_TOLERANCE * self._largest
+        return deep
+
+    def _points_of(self, mode: Array, q: Array) -> Array:
+        """Displacements (3, P, B) of the points of bodies in contact modes (B,) at q (B, m), m."""
+        points = np.empty((*self.forces.shape[:2], len(q)))
+        for k in np.unique(mode):
+            bodies = np.flatnonzero(mode == k)
+            points[..., bodies] = (self._modes[k].S @ q[bodies].T).reshape(3, -1, len(bodies))
+        return points
+
+    def _offsets_at_start(self, bodies: Array) -> Array:
+        placed, scene = self._placed[..., bodies], self._environment.offsets_at(0.0)[:, :, None]
+        return np.where(np.isnan(placed), scene, placed)
+
+    def begin(self, bodies: Array, frozen: Array) -> None:
+        """Bodies are where they were put, and nothing touches; some of them are inside an obstacle."""
+        for part in (self.forces, self._z, self.resultants, self._pushed, self._residual):
+            part[..., bodies] = 0
+        self._clear[bodies], self._moves[bodies], self.frozen[bodies] = -np.inf, False, frozen
+
+    def reset(self, bodies: Array, frozen: Array) -> None:
+        """The same, and obstacles are where they begin."""
+        self.begin(bodies, frozen)
+        self.offsets[..., bodies], self._velocities[..., bodies] = self._offsets_at_start(bodies), 0.0
+        self.inexact[bodies] = 0
+
+    def stored(self, bodies: Array, mode: Array) -> Array:
+        """Energy (B,) in the residual parts of bodies in contact modes (B,), J."""
+        g, y, ġ, ẏ = self._residual[..., bodies]
+        τ = np.array([kind.part.time_constant for kind in self._modes])[mode]
+        stored: Array = (np.einsum("pb,pb->b", g, y) + τ**2 * np.einsum("pb,pb->b", ġ, ẏ)) / 2
+        return stored
+
+    def carry_over(self, start: int, end: int, bodies: Array, strained: Array) -> Array:
+        """Goes on in another contact mode, with the whole displacement; see ResidualMotion.carry_over.
+
+        Args:
+            start, end: numbers of the contact modes.
+            bodies: (B,) which.
+            strained: (B, m) energy coordinates √γ q in the mode before; those (B, m_end - rigid) in the next return.
+        """
+        there, here = self._modes[start].part, self._modes[end].part
+        e_start, (g, y, ġ, ẏ) = strained[:, self._rigid : self._modes[start].model.order], self._residual[..., bodies]
+        shared = g.T @ here.points[:, : len(here.basis)] - g.T @ there.basis_points @ there.basis.T
+        e = (e_start @ there.basis.T + shared) @ here.basis
+        stored = np.square(e_start).sum(axis=1) + np.einsum("pb,pb->b", g, y) - np.square(e).sum(axis=1)
+        moving = there.time_constant**2 * np.einsum("pb,pb->b", ġ, ẏ) / here.time_constant**2
+        y = y + there.basis_points @ e_start.T - here.basis_points @ e.T
+        for place, points, most in ((0, y, stored), (2, ẏ, moving)):
+            root = here.inverse_root @ points
+            square = np.einsum("pb,pb->b", root, root)
+            over = square > most
+            root[:, over] *= np.sqrt(np.maximum(most[over], 0.0) / square[over])
+            carried = here.inverse_root.T @ root
+            self._residual[place][:, bodies], self._residual[place + 1][:, bodies] = carried, here.compliance @ carried
+        self._moves[bodies] = True
+        return e
+
+    # --- a step ------------------------------------------------------------------------------------------------------
+
+    def nearest_modes(self, mode: Array, q: Array, bodies: Array) -> Array:
+        """The contact modes (B,) that bodies are to be in, from those they are in and q (B, m)."""
+        points = self._points_of(mode, q) + self._residual[1][:, bodies].reshape(3, -1, len(bodies))
+        gaps, _ = self._solver.distances(points, self.offsets[..., bodies])
+        return self._points.nearest_modes(gaps.min(axis=0), mode)
+
+    def watched(self) -> Array:
+        """Bodies that may be so near an obstacle that their contact mode changes, but for those held."""
+        if not self._watched:
+            return np.empty(0, int)
+        near = self._moves | (self._clear < self._watched)
+        near[self._held] = False
+        return near.nonzero()[0]
+
+    def begin_step(self, times: Array, held: Array) -> None:
+        """Notes where obstacles move to, at the times (size,), s; they stand still beside held bodies."""
+        ends, h = self._placed.copy(), self._h
+        follows = np.isnan(ends)
+        if follows.any():
+            instants, which = np.unique(times, return_inverse=True)
+            scene = np.stack([self._environment.offsets_at(time + h) for time in instants], axis=-1)
+            np.copyto(ends, scene[..., which], where=follows)
+        ends[..., held] = self.offsets[..., held]
+        self._ends, self._speed = ends, (ends - self.offsets) / h
+        self._fastest = np.sqrt(np.square(self._speed).sum(axis=1).max(axis=0, initial=0.0))
+        self._held, self._stands[:] = held, False
+        self._stands[held] = True
+
+    def end_step(self) -> None:
+        """Obstacles are where they moved to."""
+        before = self._velocities[..., self._held]
+        self.offsets, self._velocities = self._ends, self._speed
+        self._velocities[..., self._held] = before
+
+    def look(self, bodies: Array, w: Array, r: Array) -> Array:
+        """Which (B,) of the bodies an obstacle may reach in the step, with w = 2 v̂ without contact and r (B, m)."""
+        h, clear, fastest = self._h, self._clear[bodies], self._fastest[bodies]
+        fast = self._reach / 2 * np.sqrt(np.einsum("bm,bm->b", w, w))
+        start = self._reach * np.sqrt(np.einsum("bm,bm->b", r, r))
+        near = self._moves[bodies] | (clear < h * (2 * fast + start + 3 * fastest)) | (clear < self._watched)
+        near &= ~self._stands[bodies]
+        self._clear[bodies] = clear - h * (fast + fastest)
+        return near
+
+    def step(self, mode: int, bodies: Array, x: Array, r: Array, w: Array, energy: Array) -> ContactStep:
+        """Contact of bodies in one contact mode.
+
+        Args:
+            mode: its number.
+            bodies: (B,) which.
+            x, r: (B, m) at the start, x = 2 q/h.
+            w: (B, m) 2 v̂ without contact.
+            energy: (B,) stored in the basis at the start, J.
+        """
+        h, kind, B = self._h, self._modes[mode], len(bodies)
+        inertia, whole, _ = kind.relaxation
+        shape = (3, -1, B)
+        displacement, velocity, free = ((kind.S @ part.T).reshape(shape) for part in (h / 2 * x, r, w / 2))
+        state = self._residual[..., bodies].reshape(4, *displacement.shape)
+        displacement += state[1]
+        velocity += state[3]
+        free += (inertia * state[3] - state[1]) / whole
+        motion = BatchMotion(displacement, velocity, free)
+        distances = self._solver.distances(displacement, self.offsets[..., bodies])
+        obstacles = BatchObstacles(*(part[..., bodies] for part in (self.offsets, self._speed, self._velocities)))
+        self._clear[bodies] = distances[0].min(axis=(0, 1)) - h * (
+            self._reach / 2 * np.sqrt(np.einsum("bm,bm->b", w, w)) + self._fastest[bodies]
+        )
+        pushed = self._pushed[..., bodies]
+        problem = motion, distances, kind.operator, h, obstacles
+        found = self._solver.solve(*problem, self.friction[bodies], pushed, self._z[..., bodies])
+        works, forces, touching = np.zeros((3, B)), np.zeros(displacement.shape), np.empty(0, int)
+        self.forces[..., bodies] = self.resultants[..., bodies] = 0
+        if found is not None:
+            touching = found.touching
+            works[:2, touching] = self._note(found, obstacles.of(touching), bodies[touching])
+            for body in found.alone:
+                points = PointMotion(*(part[..., body].T.copy() for part in motion))
+                works[:2, body] = self._solve_alone(
+                    kind, found, body, points, obstacles.of(body), int(bodies[body]), pushed[..., body]
+                )
+            forces[..., touching] = found.forces
+            self.forces[..., bodies] = forces
+            self._z[..., bodies[touching]] = found.z
+        works[2] = self._step_residual(kind, bodies, state, forces, touching, energy)
+        push = forces[..., touching].reshape(len(kind.S), -1).T @ kind.push
+        return ContactStep(touching, push, works)
+
+    def _note(self, found: BatchForces, obstacles: BatchObstacles, bodies: Array) -> Array:
+        """Notes what pushes bodies that touch; works (2, T) as in ContactStep."""
+        pushed = found.forces.any(axis=0)
+        for k in range(len(self.names)):
+            own = pushed & (found.obstacle == k)
+            self._pushed[k][:, bodies] = own
+            self.resultants[k][:, bodies] = (found.forces * own).sum(axis=1)
+        supplied = np.einsum("oab,oab->b", self.resultants[..., bodies], obstacles.velocities)
+        given = np.einsum("apb,apb->b", found.forces, found.relative + found.moved)
+        return self._h * np.stack([supplied, -given])
+
+    def _solve_alone(
+        self,
+        kind: _Mode,
+        found: BatchForces,
+        body: int,
+        points: PointMotion,
+        obstacles: BatchObstacles,
+        among: int,
+        pushed: Array,
+    ) -> tuple[float, float]:
+        """One body by the solver of one, into what was found; works as in ContactStep. Where it finds none, that stays.
+
+        Args:
+            kind: the contact mode.
+            found: of all.
+            body: its place among those that were asked for.
+            points: what its points do.
+            obstacles: beside it.
+            among: its place in the batch.
+            pushed: (O, P) its pairs that had forces in the step before.
+        """
+        at, h, P = int(np.searchsorted(found.touching, body)), self._h, len(points.displacement)
+        solver = ContactSolver(self._coordinates, self._obstacles, replace(self._law, friction=self.friction[among]))
+        start, speed, before = obstacles
+        begun = np.where(pushed[:, :, None], found.forces[..., at].T + _LEAST, 0.0)  # the law asks what pushed before
+        solver.search = ContactSearch(begun.reshape(-1, 3))
+        W = kind.operator.W.reshape(3, P, 3, P).transpose(1, 0, 3, 2).reshape(3 * P, 3 * P)
+        try:
+            contact = solver.solve(points, W, h, ObstacleMotion(start, start + h * speed, before))
+        except StepError:
+            contact = None
+        if contact is None or solver.search.residual.steps:
+            self.inexact[among] += 1
+        if contact is None:
+            given = float((found.forces * (found.relative + found.moved))[..., at].sum())
+            return h * float((self.resultants[..., among] * speed).sum()), -h * given
+        found.forces[..., at], found.z[..., at] = contact.forces.T, kind.operator.ρ * contact.forces.T
+        self.resultants[..., among] = contact.by_obstacle
+        self._pushed[..., among] = solver.search.forces.any(axis=1).reshape(-1, P)
+        moved = W.dot(contact.forces.ravel()).reshape(P, 3)
+        work = contact.work(points.free_velocity + moved, h)
+        return work.supplied, work.contact + work.friction
+
+    def _step_residual(
+        self, kind: _Mode, bodies: Array, state: Array, forces: Array, touching: Array, energy: Array
+    ) -> Array:
+        """Takes the step of the residual parts (4, 3, P, B) under the forces; what they dissipate, J, (B,)."""
+        h, (inertia, whole, heat) = self._h, kind.relaxation
+        f, (g, y, ġ, ẏ) = forces.reshape(-1, len(bodies)), state.reshape(4, -1, len(bodies))
+        moved = inertia * ẏ - y
+        moved += kind.part.compliance @ f
+        moved /= whole
+        change = inertia * ġ - g
+        change += f
+        change /= whole
+        dissipated: Array = h * heat * np.einsum("pb,pb->b", change, moved)
+        np.subtract(2 * change, ġ, out=ġ)
+        np.subtract(2 * moved, ẏ, out=ẏ)
+        g += h * change
+        y += h * moved
+        τ = kind.part.time_constant
+        stored = np.einsum("pb,pb->b", g, y) + τ**2 * np.einsum("pb,pb->b", ġ, ẏ)
+        rests = stored <= np.maximum(2 * FORGOTTEN, NEGLIGIBLE * energy)
+        rests[touching] = False
+        if rests.any():
+            state.reshape(4, -1, len(bodies))[..., rests] = 0.0
+        self._residual[..., bodies] = state.reshape(4, -1, len(bodies))
+        self._moves[bodies] = ~rests
+        return dissipated
+
+
+def _by_axis(rows: Array) -> Array:
+    """Rows (3P, n) of points one after the other as all x, all y, all z."""
+    return rows.reshape(-1, 3, rows.shape[1]).transpose(1, 0, 2).reshape(rows.shape)

@@ -1,0 +1,200 @@
+"""What can be read of a batch of bodies, in the words of their ROM."""
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy import ndarray as Array
+from numpy.typing import ArrayLike
+
+from fenics_rom.errors import StepError, check_known
+from fenics_rom.mechanics.signals import real_numbers
+from fenics_rom.rom.rom import Rom
+from fenics_rom.runtime.batch_arrays import BatchLayout, Bodies, PaddedModels, StepCoefficients
+
+if TYPE_CHECKING:
+    from fenics_rom.runtime.batch_contact import BatchContact
+
+TIME, SUPPLIED, DISSIPATED, LOST, BY_OBSTACLES, BY_CONTACT = range(6)  # rows of the account
+
+
+class BatchedBodies:
+    """Bodies as they are in the arrays of a batch; `Batch` moves them."""
+
+    rom: Rom
+    size: int
+    steps: int
+    dtype: np.dtype
+    _dt: float
+    _models: PaddedModels
+    _layout: BatchLayout
+    _coefficients: StepCoefficients
+    _contacts: "BatchContact | None"
+    _ledger: bool
+    _account: Array
+
+    def __repr__(self) -> str:
+        orders = (f"{name} (order {model.order})" for name, model in self.rom.contact_models.items())
+        return (
+            f"Batch of {self.size} bodies of {self.rom.name!r}: dt = {self._dt:g} s, {self.steps} steps taken, "
+            f"{self.dtype}\n  contact modes: {', '.join(orders)}"
+        )
+
+    @property
+    def inputs(self) -> int:
+        """Columns p of the input: those of the contact mode that has most, then the actuators'."""
+        return self._models.contact_columns + sum(self.rom.actuators.values())
+
+    @property
+    def contact(self) -> Array:
+        """Names (size,) of the active contact modes."""
+        return np.array(self._models.names)[self._layout.mode]
+
+    @property
+    def time(self) -> Array:
+        """Time (size,) since each body's last reset, s."""
+        return self._account[TIME].copy()
+
+    @property
+    def energy(self) -> Array:
+        """Stored energies ½ vᵀMv + ½ xᵀKx (size,), J."""
+        energy = np.empty(self.size)
+        energy[self._layout.body] = self._energy(slice(None))
+        return energy
+
+    @property
+    def supplied(self) -> Array:
+        """Work of inputs, loads and obstacles (size,) since each body's last reset, J.
+
+        Raises:
+            StepError: the batch keeps no account, here as in the following.
+        """
+        return self._read_account(SUPPLIED)
+
+    @property
+    def dissipated(self) -> Array:
+        """What damping and contact took (size,), J; never negative."""
+        return self._read_account(DISSIPATED)
+
+    @property
+    def supplied_by_obstacles(self) -> Array:
+        """Of what was supplied: the work of moving obstacles (size,), J."""
+        return self._read_account(BY_OBSTACLES)
+
+    @property
+    def dissipated_in_contact(self) -> Array:
+        """Of what was dissipated: in impacts and by friction (size,), J; never negative."""
+        return self._read_account(BY_CONTACT)
+
+    @property
+    def lost_in_switching(self) -> Array:
+        """What projections took (size,), J; negative only for oblique switching."""
+        return self._read_account(LOST)
+
+    @property
+    def friction(self) -> Array:
+        """Coulomb's coefficient μ of each body (size,); may be set anew before any step.
+
+        Raises:
+            StepError: nothing can touch the bodies, here as in the following.
+        """
+        return self._with_contact().friction.copy()
+
+    @friction.setter
+    def friction(self, μ: ArrayLike) -> None:
+        contacts, given = self._with_contact(), real_numbers(μ)
+        if given.shape not in ((), (self.size,)) or not (np.isfinite(given) & (given >= 0)).all():
+            raise StepError(f"friction: allowed is a finite number >= 0, or one of each of {self.size} bodies")
+        contacts.friction[:] = given
+
+    @property
+    def inexact(self) -> Array:
+        """Number of steps (size,) since each body's last reset whose contact forces were left inexact."""
+        return self._with_contact().inexact.copy()
+
+    def contact_force(self, obstacle: str) -> Array:
+        """Resultant of the forces of an obstacle on every body in the last step, (size, 3), N.
+
+        Raises:
+            StepError: no such obstacle.
+        """
+        contacts = self._with_contact()
+        check_known("obstacle", obstacle, contacts.names, StepError)
+        return contacts.resultants[contacts.names.index(obstacle)].T.copy()
+
+    @property
+    def point_forces(self) -> Array:
+        """Contact forces on the points of every body in the last step, (size, P, 3), N."""
+        return self._with_contact().forces.transpose(2, 1, 0).copy()
+
+    def state(self, bodies: Bodies = None) -> tuple[Array, Array]:
+        """Reduced displacements q and velocities r, (bodies, m) each; zero beyond the order of a body's contact mode.
+
+        Raises:
+            StepError: no such bodies.
+        """
+        x, r = self._layout.state[:, self._layout.row[self._layout.select(bodies)]].astype(float)
+        return self._dt / 2 * x, r
+
+    def displacement(self, output: str) -> Array:
+        """Displacements of a named output, (size, points, 3), m. Without a mesh: (size, rows).
+
+        Raises:
+            StepError: no such output.
+        """
+        return self._dt / 2 * self._read_output(0, output)
+
+    def velocity(self, output: str) -> Array:
+        """Velocities of a named output, (size, points, 3), m/s. Without a mesh: (size, rows).
+
+        Raises:
+            StepError: no such output.
+        """
+        return self._read_output(1, output)
+
+    def shape(self, body: int) -> Array:
+        """Displacement of every mesh node of one body, (nodes, 3), m. Without a mesh: all n displacements.
+
+        Raises:
+            StepError: no such body.
+        """
+        q, _ = self.state(body)
+        coordinates = list(self.rom.contact_models.values())[self._layout.mode[body]].coordinates
+        return self.rom.reconstruct(coordinates @ q[0, : coordinates.shape[1]])
+
+    def reading(self, name: str) -> Array:
+        """A reading of every body, (size, ...), as `Simulator.reading` has it of one; bodies are read one by one.
+
+        Raises:
+            StepError: no such reading.
+        """
+        from fenics_rom.runtime.readings import read_each  # here, as few bodies have readings
+
+        return read_each(self.rom, name, self.contact, self.state()[0])
+
+    def _read_account(self, entry: int) -> Array:
+        if not self._ledger:
+            raise StepError("this batch keeps no energy account: allowed is that of Batch(..., ledger=True)")
+        return self._account[entry].copy()
+
+    def _energy(self, rows: slice | Array) -> Array:
+        x, r = self._layout.state[:, rows].astype(float)
+        bodies = self._layout.body[rows]
+        modes = self._layout.mode[bodies]
+        x *= self._dt / 2 * self._models.frequencies[modes]
+        energy: Array = (np.einsum("bm,bm->b", x, x) + np.einsum("bm,bm->b", r, r)) / 2
+        return energy if self._contacts is None else energy + self._contacts.stored(bodies, modes)
+
+    def _with_contact(self) -> "BatchContact":
+        if self._contacts is None:
+            raise StepError(f"nothing can touch bodies of ROM {self.rom.name!r}: allowed is a scene with contact")
+        return self._contacts
+
+    def _read_output(self, part: int, output: str) -> Array:
+        """An output of x (part 0) or r (part 1)."""
+        maps, layout = self._models.output_maps(output), self._layout
+        field = np.empty((self.size, maps[0].shape[1]), self.dtype)
+        for chunk in layout.sort(self._coefficients.factors):
+            for segment in chunk.segments:
+                np.matmul(layout.state[part, segment.rows], maps[segment.mode], out=field[segment.rows])
+        field = np.take(field, layout.row, axis=0)
+        return field.reshape(self.size, -1, 3) if len(self.rom.nodes) else field

@@ -1,0 +1,245 @@
+"""Many bodies among obstacles, against bodies that are simulated one by one, and the exact laws for each of them."""
+
+import warnings
+from copy import copy
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from bodies import acted_on, box_arrays, write_arrays
+from test_residual_compliance import CLOSES_TO, FLOOR, LENGTHS, MOVING, PARTS, PUSH, ROUGH
+
+import fenics_rom as fr
+from fenics_rom.errors import FenicsRomWarning, StepError
+from fenics_rom.mechanics.complementarity import splitting
+from fenics_rom.runtime.batch_contact import BatchContact
+
+SIZE, STEP = 6, 1e-3
+FOLLOWS = 1e-6  # of the largest state: what single bodies and those of a batch differ by, whose forces are as exact
+BOUNCING = "[effects.contact]\nrestitution = 0.4\n"
+BALL_AND_WALL = """
+[effects.contact.obstacles.ball]
+shape = "sphere"
+center = [0.45, 0.1, 0.05]
+radius = 0.045
+[effects.contact.obstacles.wall]
+shape = "half-space"
+point = [0.4005, 0, 0]
+normal = [-1, 0, 0]
+"""
+
+pytestmark = pytest.mark.filterwarnings("ignore:the surface is", "ignore:switching", "ignore:.*contact points leave")
+
+
+@pytest.fixture(scope="module")
+def rom(tmp_path_factory):
+    """A box held on its left, over a floor, before a ball and a wall; two contact modes."""
+    mesh = write_arrays(tmp_path_factory.mktemp("many") / "box.msh", *box_arrays(LENGTHS, (4, 2, 2)))
+    scene = acted_on(mesh, MOVING + PUSH + BOUNCING + FLOOR + BALL_AND_WALL + ROUGH, **PARTS)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FenicsRomWarning)
+        return fr.reduce(fr.assemble(scene), order=8)
+
+
+class Scene:
+    """Obstacles and loads that move, and what is different for each body."""
+
+    def __init__(self, seed=0):
+        random = np.random.default_rng(seed)
+        self.signals = {
+            "push": lambda t: [50 * np.sin(30 * t), 5.0, -30 * np.sin(20 * t) ** 2],
+            "floor": lambda t: [0.05 * np.sin(9 * t), 0.0, 0.004 * np.sin(17 * t) ** 2],
+        }
+        self.friction = random.uniform(0, 0.8, SIZE)
+        self.speeds, self.strength = random.uniform(20, 60, SIZE), random.uniform(-20, 20, (SIZE, 3))
+
+    def ball(self, t):
+        """Displacement of the ball of each body, at its time."""
+        return -0.02 * np.outer(np.sin(self.speeds * t) ** 2, [1.0, 0.3, 0.0])
+
+    def input(self, t):
+        return self.strength * np.sin(self.speeds * t)[:, None]
+
+    def step(self, bodies):
+        bodies.place_obstacle("ball", self.ball(bodies.time + STEP))
+        return bodies.step(self.input(bodies.time))
+
+    def batch(self, rom, **choices):
+        bodies = fr.Batch(rom, SIZE, STEP, ledger=True, signals=self.signals, **choices)
+        bodies.friction = self.friction
+        return bodies
+
+    def single(self, rom, k):
+        law = replace(rom.environment.contact_law, friction=self.friction[k])
+        signals = self.signals | {"ball": lambda t: self.ball(t)[k]}
+        return fr.Simulator(rom, STEP, scene=replace(rom.environment, contact_law=law), signals=signals)
+
+
+def gap_and_scale(bodies):
+    """How far the account is from closing, and the largest number in it."""
+    spent = bodies.dissipated + bodies.lost_in_switching
+    scale = np.max([bodies.energy, np.abs(bodies.supplied), bodies.dissipated], axis=0)
+    return np.abs(bodies.energy - bodies.supplied + spent), scale
+
+
+@pytest.mark.parametrize("switching", ["automatic", "scene"])
+def test_bodies_move_as_those_that_are_simulated_one_by_one(rom, switching):
+    """With moving obstacles, friction of each, impacts, switches, and steps that one sits out; each account closes."""
+    rom, scene = replace(rom, environment=replace(rom.environment, contact_switching=switching)), Scene()
+    bodies, singles, modes = scene.batch(rom), [scene.single(rom, k) for k in range(SIZE)], list(rom.contact_models)
+    worst = largest = off = strongest = taken = scale = 0.0
+    touched, crowded, used = 0, 0, set()
+    for step in range(70):
+        bodies.place_obstacle("ball", scene.ball(bodies.time + STEP))
+        u = scene.input(bodies.time)
+        u[step % SIZE] = np.nan if step % 10 == 5 else u[step % SIZE]
+        held = bodies.step(u, on_error="hold")
+        assert held.tolist() == ([step % SIZE] if step % 10 == 5 else [])
+        for k in np.setdiff1d(np.arange(SIZE), held):
+            singles[k].step(u[k])
+        if step % 7 == 3:
+            bodies.switch(modes[step % 2])
+            for body in singles:
+                body.switch(modes[step % 2])
+        assert bodies.contact.tolist() == [body.contact for body in singles]
+        used.update(bodies.contact)
+        for q, own in zip(bodies.state()[0], singles, strict=True):
+            exact = own.state[0]
+            worst, largest = max(worst, np.abs(q[: len(exact)] - exact).max()), max(largest, np.abs(exact).max())
+        contacts = [body._stepper.contact for body in singles]
+        for place, name in enumerate(rom.environment.obstacles):
+            alone = [np.zeros(3) if contact is None else contact.by_obstacle[place] for contact in contacts]
+            off = max(off, np.abs(bodies.contact_force(name) - alone).max())
+            strongest = max(strongest, np.abs(alone).max())
+        points = bodies.point_forces.shape[1]
+        crowded += sum(c is not None and len(set(c.pairs % points)) < len(c.pairs) for c in contacts)
+        gap, among = gap_and_scale(bodies)
+        scale = max(scale, among.max())
+        assert (gap <= CLOSES_TO * scale).all()
+        assert (bodies.dissipated_in_contact - taken >= -CLOSES_TO * scale).all()
+        taken = bodies.dissipated_in_contact
+        touched += np.count_nonzero(bodies.point_forces.any(axis=2))
+    assert worst <= FOLLOWS * largest
+    assert off <= 10 * FOLLOWS * strongest
+    assert len(used) == 2
+    assert min(touched, crowded) > 20
+    np.testing.assert_allclose(taken, [one.ledger.contact + one.ledger.friction for one in singles], rtol=1e-4)
+    np.testing.assert_allclose(bodies.supplied_by_obstacles, [one.ledger.obstacles for one in singles], rtol=1e-3)
+
+
+@pytest.mark.parametrize("iterations", [200, 3])
+def test_contact_adds_no_energy_at_any_step_nor_with_forces_left_inexact(rom, monkeypatch, iterations):
+    """Steps from 1e-5 to 0.03 s, switches in between; also where the iteration is cut off and no other method helps."""
+    monkeypatch.setattr(splitting, "MOST_ITERATIONS", iterations)
+    if iterations == 3:
+        monkeypatch.setattr("fenics_rom.mechanics.contact_solver.solve", refuse)
+    scene, random = Scene(1), np.random.default_rng(2)
+    bodies, taken, scale = scene.batch(rom), 0.0, 0.0
+    for _ in range(80):
+        bodies.dt = 10 ** random.uniform(-5, -1.5)
+        scene.step(bodies)
+        before = bodies.lost_in_switching
+        bodies.switch(random.choice(list(rom.contact_models), SIZE))
+        gap, among = gap_and_scale(bodies)
+        scale = max(scale, among.max())
+        assert (bodies.lost_in_switching - before >= -CLOSES_TO * scale).all()
+        assert (gap <= CLOSES_TO * scale).all()
+        assert (bodies.dissipated_in_contact - taken >= -CLOSES_TO * scale).all()
+        taken = bodies.dissipated_in_contact
+    assert (taken > 0).all()
+    assert (bodies.inexact > 0).any() == (iterations == 3)
+
+
+def refuse(*_):
+    raise StepError("none")
+
+
+def test_copies_resets_and_neighbours(rom):
+    """A copy goes on to the bit; reset bodies as new ones; others are the same among fewer, to round-off of forces."""
+    scene = Scene(3)
+    bodies = scene.batch(rom)
+    for _ in range(60):
+        scene.step(bodies)
+    other = copy(bodies)
+    for one in (bodies, other):
+        for _ in range(10):
+            scene.step(one)
+    for mine, its in zip(everything(bodies), everything(other), strict=True):
+        np.testing.assert_array_equal(mine, its)
+    bodies.place_obstacle("ball", np.zeros(3))
+    bodies.reset()
+    again, first = scene.batch(rom), Scene(3)
+    for one in (bodies, again):
+        one.place_obstacle("ball", np.zeros(3))
+        for _ in range(40):
+            first.step(one)
+    for mine, its in zip(everything(bodies), everything(again), strict=True):
+        np.testing.assert_array_equal(mine, its)
+
+
+def everything(bodies):
+    return [*bodies.state(), bodies.energy, bodies.supplied, bodies.dissipated, bodies.point_forces, bodies.time]
+
+
+def test_a_body_inside_an_obstacle_is_told_and_stands_still_while_the_others_go_on(rom):
+    scene = Scene(4)
+    bodies, other = scene.batch(rom), scene.batch(rom)
+    for one in (bodies, other):
+        scene.step(one)
+    before = everything(bodies)
+    bodies.place_obstacle("ball", [-0.04, 0.0, 0.0], 2)
+    with pytest.raises(StepError, match="body 2 is inside an obstacle"):
+        bodies.reset([1, 2])
+    for mine, its in zip(everything(bodies), before, strict=True):
+        np.testing.assert_array_equal(mine, its)
+    bodies.reset(2, on_error="hold")
+    rest = np.delete(np.arange(SIZE), 2)
+    for step in range(1, 30):
+        u, balls = scene.input(step * STEP), scene.ball((step + 1) * STEP)
+        for one in (bodies, other):
+            one.place_obstacle("ball", balls[rest], rest)
+        assert bodies.step(u).tolist() == [2]
+        other.step(u)
+    for mine, its in zip(everything(bodies), everything(other), strict=True):
+        np.testing.assert_allclose(mine[rest], its[rest], rtol=1e-5, atol=1e-7 * np.abs(its).max())
+    assert not bodies.state(2)[0].any()
+    assert bodies.time[2] == 0
+    bodies.place_obstacle("ball", np.zeros(3), 2)
+    bodies.reset(2)
+    assert bodies.step(u).tolist() == []
+    with pytest.raises(StepError, match="body 0 is inside an obstacle"):
+        bodies.set_state(-10 * np.ones(8), np.zeros(8), 0)
+
+
+def test_bodies_out_of_reach_are_not_looked_at(rom, monkeypatch):
+    far = {name: lambda t: [5.0, 0.0, -5.0] for name in rom.environment.obstacles}
+    bodies = fr.Batch(rom, SIZE, STEP, signals=far | {"push": [0.0, 0.0, 0.0]})
+    bodies.step(np.ones(3))
+    monkeypatch.setattr(BatchContact, "step", refuse)
+    for _ in range(20):
+        bodies.step(np.ones(3))
+
+
+def test_what_cannot_be_done_is_said(rom):
+    bodies, signals = Scene().batch(rom), Scene().signals
+    springs = replace(rom.environment.contact_law, restitution=0.0, stiffness=1e3)
+    on_springs = replace(rom, environment=replace(rom.environment, contact_law=springs))
+    for message, attempt in (
+        (
+            "no obstacle 'flor'; there is ball, floor, wall; did you mean 'floor'",
+            lambda: bodies.place_obstacle("flor", np.zeros(3)),
+        ),
+        ("three finite numbers", lambda: bodies.place_obstacle("floor", np.zeros(2))),
+        ("three finite numbers", lambda: bodies.place_obstacle("floor", [0.0, np.nan, 0.0])),
+        ("no obstacle 'flor'", lambda: bodies.contact_force("flor")),
+        ("friction", lambda: setattr(bodies, "friction", -1.0)),
+        ("friction", lambda: setattr(bodies, "friction", np.ones(2))),
+        ("float64", lambda: fr.Batch(rom, 2, STEP, dtype=np.float32, signals=signals)),
+        (
+            "without residual compliance",
+            lambda: fr.Batch(replace(rom, residual_compliance=None), 2, STEP, signals=signals),
+        ),
+        ("contact by springs", lambda: fr.Batch(on_springs, 2, STEP, signals=signals)),
+    ):
+        with pytest.raises(StepError, match=message):
+            attempt()
