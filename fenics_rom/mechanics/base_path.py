@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 BASE_PATH = "base_path"  # its name among effects and signals
 UNIT_TOLERANCE = 1e-3  # of the length of a quaternion, which tables give with few digits
-LARGEST_TURN = np.pi / 2  # from row to row, rad: beyond π nobody knows which way
+LARGEST_TURN = 2.0  # from row to row, rad: beyond π nobody knows which way
 LARGEST_MISFIT = 0.1  # share that poses and twists differ by: 0.2 of a smooth swing in four rows, 0.02 in eleven
 NEGLIGIBLE = 1e-6  # m or rad from row to row, that poses and twists may differ by
 CONJUGATE = np.array([1.0, -1.0, -1.0, -1.0])  # times a unit quaternion: the rotation back

@@ -18,7 +18,13 @@ from fenics_rom.rom.truncate import truncate
 from fenics_rom.runtime.simulator import Simulator
 from fenics_rom.trajectory.series import ReadingSeries, reading_series
 from fenics_rom.trajectory.trajectory import Trajectory
-from fenics_rom.visualization.viewer.mouse_spring import MouseSpring, MouseSpringStep, attach_spring, largest_input
+from fenics_rom.visualization.viewer.mouse_spring import (
+    MouseSpring,
+    MouseSpringStep,
+    MovingMouseSpringStep,
+    attach_spring,
+    largest_input,
+)
 from fenics_rom.visualization.viewer.recording import Recording
 
 SHOWN_STROKES = {"m": "mm", "m3": "ml"}  # units of sliders by those of strokes
@@ -84,7 +90,7 @@ class LiveBody:
         self._columns = dict(zip(rom.actuators, np.cumsum([0, *rom.actuators.values()]).tolist(), strict=False))
         self.actuators = _actuators(rom)
         self.values = np.zeros(len(self.actuators))
-        self._spring_step: MouseSpringStep | None = None
+        self._spring_step: MouseSpringStep | MovingMouseSpringStep | None = None
         self.force, self.mouse = np.zeros(3), np.zeros(3)
         self.steps, self.seconds = 0, 0.0
         self._recording: Recording | None = None
@@ -133,7 +139,7 @@ class LiveBody:
             self._recording = None
             self.simulator.dt = dt
             if self._spring_step is not None:
-                self._spring_step = MouseSpringStep(self.rom, self._spring_step.spring, dt)
+                self._spring_step = self._pull_by(self._spring_step.spring)
 
     @property
     def account(self) -> Account:
@@ -167,9 +173,15 @@ class LiveBody:
             self._held.restore(self.simulator.save())
             self.simulator = self._held
         self.simulator.switch(contact)
-        self._spring_step = MouseSpringStep(self.rom, spring, self.dt)
+        self._grip = nodes, weights
+        self._spring_step = self._pull_by(spring)
         self.mouse = self.held_at
         return True
+
+    def _pull_by(self, spring: MouseSpring) -> MouseSpringStep | MovingMouseSpringStep:
+        if self.rom.environment.is_moving:
+            return MovingMouseSpringStep(self.rom, spring, self.dt, *self._grip)
+        return MouseSpringStep(self.rom, spring, self.dt)
 
     def release(self) -> None:
         """Lets go."""
@@ -186,8 +198,11 @@ class LiveBody:
     @property
     def held_at(self) -> Array:
         """Where the point is that is held, (3,), m."""
-        assert self.spring is not None
-        return self.spring.moved(self.simulator.state[0])
+        pull = self._spring_step
+        assert pull is not None
+        if isinstance(pull, MovingMouseSpringStep):
+            return pull.place(self.simulator)
+        return pull.spring.moved(self.simulator.state[0])
 
     def step(self) -> None:
         """Takes one step. Raises StepError where it could not be taken; the state is as it was."""
@@ -202,15 +217,17 @@ class LiveBody:
             self._recording.seconds += took
 
     def _input(self) -> Array:
-        around = self.simulator.environment
-        if self._spring_step is not None:
-            loads = np.empty(0) if around is None else around.loads_at(self.simulator.time + self.dt / 2)
-            q, r = self.simulator.state
+        around, pull = self.simulator.environment, self._spring_step
+        if pull is not None:
             others = self.values.copy()
             for name, reaction in self.simulator.reactions.items():  # in the step before: this one's is not known yet
                 others[self._columns[name]] = reaction
-            self.force = self._spring_step.force(q, r, np.concatenate([others, loads]), self.mouse)
-            return np.concatenate([self._spring_step.spring.spread @ self.force, self.values])
+            if isinstance(pull, MovingMouseSpringStep):
+                self.force, turned = pull.force(self.simulator, others, self.mouse)
+                return np.concatenate([pull.spring.spread @ turned, self.values])
+            loads = np.empty(0) if around is None else around.loads_at(self.simulator.time + self.dt / 2)
+            self.force = pull.force(*self.simulator.state, np.concatenate([others, loads]), self.mouse)
+            return np.concatenate([pull.spring.spread @ self.force, self.values])
         if around is not None:
             return self.values.copy()
         return np.concatenate([np.zeros(self.simulator.inputs - len(self.values)), self.values])

@@ -17,6 +17,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import FenicsRomError
+from fenics_rom.trajectory.elastic_part import elastic_part
 from fenics_rom.trajectory.file import write_trajectory
 from fenics_rom.trajectory.trajectory import Trajectory
 from fenics_rom.visualization.contact_surface import divide_contact_triangles
@@ -282,6 +283,12 @@ class LivePage:
     def _moved(self) -> Array:
         return self._surface.places + self.body.simulator.displacement()[self._surface.nodes]
 
+    def _straining(self, whole: Array) -> Array:
+        """What colours show of the displacement of all nodes: of a moving frame what strains the body."""
+        rom = self.body.rom
+        strained = elastic_part(whole, rom.nodes, rom.node_mass) if rom.environment.is_moving else whole
+        return strained[self._surface.nodes]
+
     def _draw(self) -> None:
         simulator, name = self.body.simulator, self._field.value
         whole, around = simulator.displacement(), simulator.environment
@@ -292,7 +299,7 @@ class LivePage:
             field = self._readings[name]
             values, unit = field(self.body.reading(name.removeprefix(READING)).sizes[0]), field.unit
         else:
-            values, unit = self._fields[name](displacement, velocity), UNITS[name]
+            values, unit = self._fields[name](self._straining(whole), velocity), UNITS[name]
         largest = self._colours.cover(float(values.max()), unit)
         motion = dict(zip(around.obstacles, around.state.offsets, strict=True)) if around else {}
         held = self._triangles[self._held_contact] if self._held_contact else None

@@ -6,10 +6,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.mechanics.frame_motion import rotation_matrix
 from fenics_rom.mechanics.linearity import SurfaceStrainPeak
 from fenics_rom.rom.midpoint_map import compliance
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.linearity_monitor import ReducedGauges, gauge_basis
+from fenics_rom.runtime.simulator import Simulator
 
 RELATIVE_STIFFNESS = 2.0  # of the spring, as a multiple of the body's at rest: the body follows two thirds of the way
 RANK_TOLERANCE = 1e-8  # relative singular value below which two columns do the same to the shape at rest
@@ -93,20 +95,52 @@ class MouseSpringStep:
 
     def __init__(self, rom: Rom, spring: MouseSpring, h: float):
         mode, P = rom.contact_models[spring.contact], spring.columns
-        self.spring, self._h, self._mode = spring, h, mode
+        self.spring, self.mode, self._h = spring, mode, h
         self._others = mode.inputs[:, rom.contacts[spring.contact] :]
         self._moves = rom.environment.has_inertia
-        inverse = compliance(mode, h)[0] if self._moves else 1 / mode.safe_frequencies**2  # A⁻¹, or K⁻¹
-        self._spread = inverse[:, None] * P if inverse.ndim == 1 else inverse @ P
-        self._flexibility = (h / 2 if self._moves else 1.0) * P.T @ self._spread
+        self.inverse = compliance(mode, h)[0] if self._moves else 1 / mode.safe_frequencies**2  # A⁻¹, or K⁻¹
+        self._spread = self.inverse[:, None] * P if self.inverse.ndim == 1 else self.inverse @ P
+        self.flexibility = (h / 2 if self._moves else 1.0) * P.T @ self._spread
 
     def force(self, q: Array, r: Array, others: Array, target: Array) -> Array:
         """What the spring pulls with in a step from q and r, (3,), N; `others` are actuators and loads."""
         pushed = self._others @ others
         if not self._moves:
-            return self.spring.force(self._spread.T @ pushed, self._flexibility, target)
-        travel = self._spread.T @ (pushed + 2 / self._h * r - self._mode.eigenvalues * q) * (self._h / 2)
-        return self.spring.force(self.spring.columns.T @ q + travel, self._flexibility, target)
+            return self.spring.force(self._spread.T @ pushed, self.flexibility, target)
+        travel = self._spread.T @ (pushed + 2 / self._h * r - self.mode.eigenvalues * q) * (self._h / 2)
+        return self.spring.force(self.spring.columns.T @ q + travel, self.flexibility, target)
+
+
+class MovingMouseSpringStep:
+    """The same of a body in a moving frame, which somebody may throw.
+
+    In the middle of the step the point is at x + h/2 (ẋ + R W ŵ) + R F Rᵀ f: it goes on as it moves in the world, ŵ is
+    how elastic forces and actuators change that, and F is the compliance of the body at rest, free or on its base.
+    """
+
+    def __init__(self, rom: Rom, spring: MouseSpring, h: float, nodes: Array, weights: Array):
+        still = MouseSpringStep(rom, spring, h)
+        mode, self.spring, self._h, self._nodes, self._weights = still.mode, spring, h, nodes, weights
+        elastic, inverse, self._flexibility = slice(mode.rigid, None), still.inverse, still.flexibility
+        self._inverse = inverse[elastic] if inverse.ndim == 1 else inverse[elastic, elastic]
+        self._rows, self._eigenvalues = spring.rows[:, elastic], mode.eigenvalues[elastic]
+        first = rom.contacts[spring.contact]
+        self._actuators = mode.inputs[elastic, first : first + sum(rom.actuators.values())]
+
+    def place(self, body: Simulator) -> Array:
+        """Where the point is, (3,), m."""
+        nodes = self._nodes
+        return self._weights @ (body.rom.nodes[nodes] + body.displacement()[nodes])
+
+    def force(self, body: Simulator, actuators: Array, target: Array) -> tuple[Array, Array]:
+        """What the spring pulls with in the next step, (3,), N, in world axes and in those of the body."""
+        assert body.pose is not None
+        R, h, (q, r) = rotation_matrix(body.pose.rotation), self._h, body.state
+        drive = self._actuators @ actuators + 2 / h * r - self._eigenvalues * q
+        changed = (self._inverse * drive if self._inverse.ndim == 1 else self._inverse @ drive) - r
+        y = self.place(body) + h / 2 * (self._weights @ body.velocity()[self._nodes] + R @ self._rows @ changed)
+        f = self.spring.force(y - self.spring.place, R @ self._flexibility @ R.T, target)
+        return f, R.T @ f
 
 
 def largest_input(rom: Rom, contact: str, column: int) -> float:
