@@ -14,6 +14,10 @@ from fenics_rom.rom.rom import Rom
 from fenics_rom.system.moving_frame import FullOrderFrame
 from fenics_rom.system.system import System
 
+STRESS_UNKNOWN = (
+    "moving frame: the stress of the body is not known, so turning does not stiffen it: good to 5 % of the first "
+    "frequency; give geometric_stiffness"
+)
 CROSS = np.zeros((3, 3, 3))  # ε_ikj: (e_k×a)_i = ε_ikj a_j
 for i, k, j in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
     CROSS[i, k, j], CROSS[j, k, i] = 1.0, -1.0
@@ -41,7 +45,9 @@ def with_moving_frame(problem: ReductionProblem, rom: Rom, whole: System) -> Rom
             torque_modes={name: modes for name, (_, modes) in torques.items()},
             output_points=frame.output_points,
         )
-    return replace(rom, moving_frame=constants)
+    if stiffening is None:
+        problem.messages.append(STRESS_UNKNOWN)
+    return replace(rom, moving_frame=constants, warnings=tuple(problem.messages))
 
 
 def _wrenches(system: System, frame: FullOrderFrame, contact: str, Q: Array) -> tuple[Array, Array]:

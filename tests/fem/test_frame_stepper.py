@@ -66,6 +66,34 @@ def test_energy_and_momenta_balance_at_any_step(mesh, supports):
     assert (body.base_wrench is None) == (supports is None)
 
 
+@pytest.mark.parametrize("supports", [None, 'clamped = ["left"]'])
+def test_reduced_in_all_modes_is_full_order(mesh, supports):
+    """Two programs of the same equations: shapes, momenta and the wrench of the base after steps under all loads."""
+    system = fr.assemble(moving(mesh, FORCES, supports=supports))
+    rom, signals = fr.reduce(system, order=system.elastic_size, method="modal"), {}
+    if supports is not None:
+        signals["base_path"] = shaken
+    bodies = (
+        FullOrderSimulator(system, 2e-3, system.scene.environment, signals),
+        fr.Simulator(rom, 2e-3, signals=signals),
+    )
+    start = tumbling() if supports is None else shaken(0.0)
+    bodies[0].stepper.place(start)
+    bodies[1].place(start)
+    for step in range(15):
+        for body in bodies:
+            body.step(np.array([0.01, 0.0, 0.02 * np.sin(0.3 * step)]))
+    full, reduced = bodies
+    assert np.abs(full.stepper.shape).max() > 1e-5
+    np.testing.assert_allclose(reduced.displacement(), full.displacement(), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(reduced.displacement("tip"), full.displacement("tip"), rtol=0, atol=1e-12)
+    np.testing.assert_allclose(reduced.velocity(), full.velocity(), rtol=0, atol=1e-10)
+    for ours, others in zip(reduced.momentum, full.momentum, strict=True):
+        np.testing.assert_allclose(ours, others, rtol=0, atol=1e-12)
+    if supports is not None:
+        np.testing.assert_allclose(reduced.base_wrench, full.base_wrench, rtol=0, atol=1e-8)  # momenta over dt
+
+
 def test_free_body_keeps_its_momenta_and_gives_back_a_step(mesh):
     system = fr.assemble(moving(mesh, supports=None))
     body = FullOrderSimulator(system, 1e-2, system.scene.environment)
