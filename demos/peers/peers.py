@@ -1,6 +1,6 @@
-"""pyMOR and MuJoCo beside this project: the same matrices, the same errors, one thread each.
+"""pyMOR, MuJoCo and Exudyn beside this project: the same matrices, the same errors, one thread each.
 
-    python demos/peers/peers.py                 # some ten minutes; installs both peers into demos/peers/out first
+    python demos/peers/peers.py                 # some ten minutes; installs the peers into demos/peers/out first
     python demos/peers/peers.py --full          # the paper's mesh and larger flexes: more than an hour
     python demos/peers/peers.py --quick         # without the peers, on coarse meshes, to see that it works
 
@@ -11,7 +11,8 @@ script
 1. reduces the paper's cylinder with pyMOR: time, errors, what its other reductors make of symmetry and energy, and the
    rate of its time stepper (against_pymor.py);
 2. lets a beam swing with MuJoCo's flexes: what is left of the amplitude, errors of time and of space, and what they
-   cost (against_mujoco.py).
+   cost (against_mujoco.py);
+3. lets a shaft that is out of balance spin freely with Exudyn's floating frame: error and rate (against_exudyn.py).
 
 What pyMOR and MuJoCo can and this project cannot is not measured: pyMOR reduces much more than soft bodies, MuJoCo's
 flexes may bend as far as they like and touch whatever they like. Everything is written to demos/peers/out/, with
@@ -28,6 +29,7 @@ from pathlib import Path
 sys.path.append(str(Path(__file__).parents[1] / "scaling"))
 sys.path.append(str(Path(__file__).parents[1] / "rates"))
 
+import against_exudyn
 import against_mujoco
 import against_pymor
 from cylinder import PAPER
@@ -44,11 +46,11 @@ COARSE_BEAM = (0.014, 0.0245)  # m
 
 def main() -> None:
     """Runs the demo."""
-    parser = argparse.ArgumentParser(description="Compares with pyMOR and MuJoCo.")
+    parser = argparse.ArgumentParser(description="Compares with pyMOR, MuJoCo and Exudyn.")
     size = parser.add_mutually_exclusive_group()
     size.add_argument("--quick", action="store_true", help="without the peers, on coarse meshes; rates are not judged")
     size.add_argument("--full", action="store_true", help="the paper's mesh and larger flexes")
-    parser.add_argument("--only", choices=["pymor", "mujoco"], help="one of the two peers")
+    parser.add_argument("--only", choices=["pymor", "mujoco", "exudyn"], help="one of the peers")
     options = parser.parse_args()
     if not ONE_THREAD.items() <= os.environ.items():  # read when NumPy is loaded, so it takes another start
         os.execve(sys.executable, [sys.executable, *sys.argv], os.environ | ONE_THREAD)
@@ -58,17 +60,21 @@ def main() -> None:
     warnings.simplefilter("ignore", FenicsRomWarning)  # these tetrahedra lock, which is no matter here
 
     rounds, held = 1 if quick else ROUNDS, True
-    if options.only != "mujoco":
+    if options.only in (None, "pymor"):
         findings = Findings(judge_rates=not quick)
         system = against_pymor.cylinder(COARSE if quick else PAPER if full else USUAL, out)
         against_pymor.compare(system, interpreter("pymor", quick), out, findings, rounds)
         held &= written(findings, out / "pymor")
-    if options.only != "pymor":
+    if options.only in (None, "mujoco"):
         findings = Findings(judge_rates=not quick)
         flexes = against_mujoco.FLEXES + (against_mujoco.LARGER if full else ())
         sizes = COARSE_BEAM if quick else (against_mujoco.FINE, against_mujoco.COARSER)
         against_mujoco.compare(interpreter("mujoco", quick), out, findings, flexes, sizes, rounds)
         held &= written(findings, out / "mujoco")
+    if options.only in (None, "exudyn"):
+        findings = Findings(judge_rates=not quick)
+        against_exudyn.compare(interpreter("exudyn", quick), out, findings, min(rounds, 3), quick)
+        held &= written(findings, out / "exudyn")
     if not held:
         sys.exit(1)
 

@@ -1,4 +1,4 @@
-"""The comparison with pyMOR and MuJoCo: what needs neither; with FENICS_ROM_PEERS set, both are installed and asked."""
+"""The comparison with peers: what needs none; with FENICS_ROM_PEERS set, they are installed and asked."""
 
 import os
 import subprocess
@@ -208,10 +208,11 @@ def test_demo_runs_without_the_peers():
     run = subprocess.run([sys.executable, DEMOS / "peers" / "peers.py", "--quick"], capture_output=True, text=True)
     assert run.returncode == 0, run.stdout + run.stderr
     assert "FAILS" not in run.stdout
-    assert run.stdout.count(" holds ") == 5
+    assert run.stdout.count(" holds ") == 6
     out = DEMOS / "peers" / "out" / "quick"
     assert "pymor is left out by --quick" in (out / "pymor.md").read_text()
     assert "mujoco is left out by --quick" in (out / "mujoco.md").read_text()
+    assert "exudyn is left out by --quick" in (out / "exudyn.md").read_text()
     for name in ("mujoco", "tip"):
         assert (out / f"{name}.png").stat().st_size > 10_000
 
