@@ -92,7 +92,13 @@ class ContactSolver:
         return self.law.stiffness is not None or not out_of_reach(float(gaps.min()), points, obstacles, dt)
 
     def solve(
-        self, points: PointMotion, delassus: Array, dt: float, obstacles: ObstacleMotion, quasi_static: bool = False
+        self,
+        points: PointMotion,
+        delassus: Array,
+        dt: float,
+        obstacles: ObstacleMotion,
+        quasi_static: bool = False,
+        settled: "Settled | None" = None,
     ) -> ContactSolution | None:
         """Contact forces of one step; None where nothing touches.
 
@@ -104,6 +110,7 @@ class ContactSolver:
             obstacles: how they move.
             quasi_static: without impacts: a gap may close within the step but not beyond, s >= -max(g, 0)/h, and what
                 sticks does not move.
+            settled: of the step, where it is solved in sweeps; this one adds to it.
 
         Raises:
             StepError: no forces found; the next step begins as this one did.
@@ -116,6 +123,8 @@ class ContactSolver:
             return None
         pairs = self._all_pairs(gaps, gap, normals, points, dt, obstacles, w, quasi_static)
         chosen = pairs.free[0] < pairs.level
+        if settled is not None:
+            settled.take_part(chosen, pairs)
         active = chosen.nonzero()[0]
         self._touches = len(active) > 0
         if not self._touches:
@@ -147,6 +156,8 @@ class ContactSolver:
             if not repeat:
                 break
             active = chosen.nonzero()[0]
+        if settled is not None:
+            settled.keep(chosen, pairs)
         if solution.residual > NEGLIGIBLE_RESIDUAL:
             search = search._replace(residual=search.residual.with_step(solution.residual))
         self.search = search
@@ -289,6 +300,24 @@ class _Pairs:
         assert self.sliding is not None
         self.sliding[:, active[helps]] = 0.0
         return True
+
+
+class Settled:
+    """What sweeps of one step decided: what takes part, or may not be stopped, stays so, or they never end."""
+
+    def __init__(self) -> None:
+        self._chosen: Array | None = None  # (O P,)
+        self._sliding: Array | None = None  # c_t (2, O P)
+
+    def take_part(self, chosen: Array, pairs: _Pairs) -> None:
+        """Adds pairs that took part before, with the c_t that they had."""
+        if self._chosen is not None:
+            chosen |= self._chosen
+            pairs.sliding = self._sliding
+
+    def keep(self, chosen: Array, pairs: _Pairs) -> None:
+        """Takes note of a sweep."""
+        self._chosen, self._sliding = chosen, pairs.sliding
 
 
 def out_of_reach(gap: float, points: PointMotion, obstacles: ObstacleMotion, dt: float) -> bool:

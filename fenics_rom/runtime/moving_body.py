@@ -18,6 +18,7 @@ if TYPE_CHECKING:
 class MovingBody(SimulatedBody):
     """What a moving frame has besides; of a fixed one there is nothing of it."""
 
+    _monitor_threshold: float
     _base: BaseState | None = None  # that was given for the step to be taken
 
     @property
@@ -87,6 +88,12 @@ class MovingBody(SimulatedBody):
         if self.base_wrench is None:
             raise StepError(f"step {self.steps}: base: allowed is a body in a moving frame that a rigid base carries")
         self._base = checked_base(base, f"step {self.steps}: base")
+
+    def _look(self, time: float) -> None:
+        """At the surface, at a time, s; in a moving frame only where what strains it is much."""
+        e = self._stepper.state[: self._order]
+        if self._frame is None or e.dot(e) > self._monitor_threshold:
+            self._monitor.look(e, time)
 
     def _with_base(self, inputs: StepInput) -> StepInput:
         """The inputs of the step to be taken, with the base that was given."""

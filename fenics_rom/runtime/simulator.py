@@ -276,7 +276,7 @@ class Simulator(MovingBody):
         if not math.isfinite(twice):
             self._leave_finite(u)
         self.steps += 1
-        self._monitor.look(self._stepper.state[: self._order], self.time)
+        self._look(self.time)
 
     def watch(self, e: Array, square: float, time: float) -> None:
         """Looks at a state √γ q (m,) that a rollout passed at a time, s, with twice the stored energy `square`, J."""

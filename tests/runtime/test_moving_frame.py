@@ -2,6 +2,7 @@
 
 import copy
 import pickle
+import re
 import warnings
 from dataclasses import replace
 
@@ -378,3 +379,28 @@ def test_a_base_that_jumps_is_told(carried):
     assert not body.warnings
     body.step(base=body.pose._replace(position=body.pose.position + 0.02 * np.eye(3)[2]))
     assert "base: in a step it went 0.02 m and turned 0 rad otherwise" in body.warnings[0]
+
+
+@pytest.mark.parametrize(
+    ("spin", "amplitude", "detail", "told"),
+    [
+        (0.5, 1e-3, "full", None),
+        (0.5, 1.0, "full", "bent by up to .* in its frame, .*% of its length"),
+        (
+            0.5,
+            1e-3,
+            "quasi-rigid",
+            "turned at up to 0.5.* of its first frequency, and detail = 'quasi-rigid' leaves out",
+        ),
+        (6.0, 1e-3, "full", "does not know how its rotation stiffens it"),
+    ],
+)
+def test_what_a_model_does_not_follow_is_told(free, spin, amplitude, detail, told):
+    rom = replace(free, moving_frame=replace(free.moving_frame, stiffening=None))
+    body = thrown(fr.Simulator(rom, 1e-3, detail=detail), (0.0, spin, 0.0), amplitude=amplitude)
+    for _ in range(3):
+        body.step()
+    messages = [line for line in body.warnings if line.startswith("moving frame")]
+    assert len(messages) == (told is not None)
+    assert told is None or re.search(told, messages[0])
+    assert copy.copy(body).warnings == body.warnings

@@ -76,7 +76,7 @@ class CarriedFrame(FrameKernel):
 
     def __init__(self, *args: Any, **named: Any):
         super().__init__(*args, **named)
-        self.notes = {"misfit": 0.0, "misfit of turn": 0.0}
+        self.notes |= {"misfit": 0.0, "misfit of turn": 0.0}
         self.base: BaseState | None = None
         self.wrench = self._wrench_before = (ZERO, ZERO)
         self._inverse: Array | None = None
@@ -106,8 +106,9 @@ class CarriedFrame(FrameKernel):
         """As in Kernel."""
         away, turned = self.notes["misfit"], self.notes["misfit of turn"]
         if not (away or turned):
-            return ()
+            return super().messages
         return (
+            *super().messages,
             f"base: in a step it went {away:.2g} m and turned {turned:.2g} rad otherwise than its velocities at both "
             "ends say: it jumps, or twists and poses do not fit; the account closes, but the forces are of the twists",
         )

@@ -8,7 +8,7 @@ from numpy import ndarray as Array
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointMotion
 from fenics_rom.mechanics.contact_points import ContactPoints
-from fenics_rom.mechanics.contact_solver import ContactSolver
+from fenics_rom.mechanics.contact_solver import ContactSolver, Settled
 from fenics_rom.rom.rom import Rom
 
 MOTION = "inertia, damping, elasticity"  # what of a step is not loads and contact
@@ -25,13 +25,19 @@ class ContactInterface(NamedTuple):
     passing: str  # what to say of obstacles that pass between the points
 
     def solve(
-        self, points: PointMotion, delassus: Array, dt: float, obstacles: ObstacleMotion, quasi_static: bool = False
+        self,
+        points: PointMotion,
+        delassus: Array,
+        dt: float,
+        obstacles: ObstacleMotion,
+        quasi_static: bool = False,
+        settled: Settled | None = None,
     ) -> ContactSolution | None:
         """Forces on the points of a body that would do this without them; see ContactSolver.solve."""
         mark = self.environment.mark
         if mark is not None:
             mark(MOTION)
-        contact = self.solver.solve(points, delassus, dt, obstacles, quasi_static)
+        contact = self.solver.solve(points, delassus, dt, obstacles, quasi_static, settled)
         if mark is not None:
             mark(CONTACT)
         return contact

@@ -13,8 +13,9 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
-from fenics_rom.mechanics.complementarity import NEGLIGIBLE_RESIDUAL
+from fenics_rom.mechanics.complementarity.solution import LARGEST_RESIDUAL, NEGLIGIBLE_RESIDUAL
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointMotion
+from fenics_rom.mechanics.contact_solver import Settled
 from fenics_rom.mechanics.frame_motion import Quaternion, Vector
 from fenics_rom.runtime.steppers.frame_points import FramePoints, Geometry, Push
 from fenics_rom.runtime.steppers.kernel import symmetric
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
 TOLERANCE = 1e-15  # of the velocities: what the next sweep may change
 ROUND_OFF = 1e-14  # of them: a change that is none
 MOST_SWEEPS = 60
+PROXIMAL = 1e-4  # of the mean compliance, beside it where W may be singular: W only guides the sweeps
+PATIENCE = 25  # sweeps, after which forces may stay that lack no more than what any contact forces may lack
 
 
 class FrameBody(Protocol):
@@ -84,12 +87,12 @@ def touch(
         StepError: no contact forces were found.
     """
     solver, h = interface.solver, body.h
-    search_before = solver.search
+    search_before, settled = solver.search, Settled()
     steady = np.array_equal(obstacles.velocities(h), obstacles.velocities_before)
     displacement, velocity = body.point_displacement(), body.start_velocities()
     W, contact = np.empty((0, 0)), None
     forces, size_before, scale = np.zeros_like(displacement), 0.0, body.scale(x)
-    found_all = False  # as exactly as forces are found: from then on the balance alone is solved
+    found_all, left = False, 0.0  # from when on the balance alone is solved, and what forces then lacked
     for sweep in range(MOST_SWEEPS):
         turn, _ = body.turn_at(x)
         yielding = body.yielding(turn, contact)
@@ -103,12 +106,14 @@ def touch(
             W = symmetric(body.delassus(turn, arms))
             if body.residual is not None:
                 W += _turned(turn.start, body.residual.delassus)
+            else:  # so that it tells all forces apart, which sweeps could else exchange for ever
+                W.ravel()[:: len(W) + 1] += PROXIMAL * W.trace() / len(W)
         found = forces
         if not found_all:
             free = moving - W.dot(forces.ravel()).reshape(forces.shape)
             # What touched in the step before is what obstacles push that accelerate.
             solver.search = solver.search._replace(residual=search_before.residual) if steady else search_before
-            contact = interface.solve(PointMotion(displacement, velocity, free), W, h, obstacles)
+            contact = interface.solve(PointMotion(displacement, velocity, free), W, h, obstacles, settled=settled)
             if contact is None and sweep == 0:
                 return x, None
             found = np.zeros_like(forces) if contact is None else contact.forces
@@ -116,13 +121,33 @@ def touch(
         x, forces, size = x + change, found, body.size(change)
         scale = max(scale, body.scale(x))
         if size <= ROUND_OFF * scale or (size < size_before and size * size / size_before <= TOLERANCE * scale):
+            if left and contact is not None:
+                solver.search = solver.search._replace(residual=search_before.residual.with_step(left))
+                contact = _passive(contact, moving)
             return x, contact
+        if not found_all and sweep >= PATIENCE and size <= LARGEST_RESIDUAL * scale:
+            found_all, left = True, size / scale
         found_all = found_all or (size <= NEGLIGIBLE_RESIDUAL * scale and size > size_before / 4 > 0)
         size_before = size
     raise StepError(
         f"contact of a turning body: after {MOST_SWEEPS} sweeps forces still change by {size / scale:.1e} of the "
         "velocities; a smaller dt is the cure"
     )
+
+
+def _passive(contact: ContactSolution, velocities: Array) -> ContactSolution:
+    """Forces that do not fit their law to round-off, with what they do at the points' velocities (P, 3), m/s.
+
+    Raises:
+        StepError: they would do work on the body.
+    """
+    obstacle, point = np.divmod(contact.pairs, len(velocities))
+    relative = velocities[point] - contact.obstacle_velocities[obstacle]
+    whole = float(contact.pair_forces.ravel().dot(relative.ravel()))
+    if whole > 0:
+        raise StepError("contact of a turning body: no forces were found that add no energy; a smaller dt is the cure")
+    pressures, speeds = ((part * contact.normals).sum(axis=1) for part in (contact.pair_forces, relative))
+    return contact._replace(normal_power=min(max(whole, float(pressures.dot(speeds))), 0.0))
 
 
 def _turned(R: Array, operator: Array) -> Array:

@@ -23,6 +23,7 @@ from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.moving_frame import MovingFrame
 from fenics_rom.runtime.steppers.frame_loads import FrameForces, FrameLoads
 from fenics_rom.runtime.steppers.frame_points import FramePoints, Geometry, Push, arms_of
+from fenics_rom.runtime.steppers.frame_watch import FrameWatch
 from fenics_rom.runtime.steppers.kernel import BookedKernel, StepWork
 
 if TYPE_CHECKING:
@@ -58,6 +59,7 @@ class FrameKernel(BookedKernel):
         model: the reduced model of a contact mode, of displacements that strain.
         frame: its moving frame.
         loads: what acts on it besides contact.
+        watch: of what the model does not follow.
         ledger, interface, residual: as in BookedKernel.
 
     Attributes:
@@ -69,12 +71,14 @@ class FrameKernel(BookedKernel):
         model: ContactModel,
         frame: MovingFrame,
         loads: FrameLoads,
+        watch: FrameWatch,
         ledger: EnergyLedger | None,
         interface: "ContactInterface | None",
         residual: "ResidualMotion | None" = None,
     ):
         super().__init__(model, ledger, np.empty(0), interface, residual=residual)
         self._constants, self._loads, self._mass = frame, loads, frame.mass
+        self._watch, self.notes = watch, watch.notes
         second = frame.inertia2 if frame.stiffening is None else frame.inertia2 - frame.stiffening
         m = model.order
         self._products = np.concatenate([second, frame.coupling])  # [I2; G] (9, m, m)
@@ -152,6 +156,11 @@ class FrameKernel(BookedKernel):
         return points.push(forces.at_points, turn, arms_of(turn, start, start + self.h * points.moved(rate)))
 
     @property
+    def messages(self) -> tuple[str, ...]:
+        """As in Kernel."""
+        return self._watch.messages(self.notes)
+
+    @property
     def angular_velocity(self) -> Vector:
         """In the frame's axes, rad/s."""
         raise NotImplementedError
@@ -197,6 +206,7 @@ class FrameKernel(BookedKernel):
         """The end of a step but for the state: of the residual part, and what is to be booked."""
         _, heat = self._step_residual(_in_frame(turn, contact))
         works = () if contact is None or velocities is None else (partial(contact.work, velocities, self.h),)
+        self._watch.look(self._e, self.angular_velocity, self.notes)
         self._leave(StepWork(supplied, dissipated + heat, works))
         self.contact, self._frame_before = contact, self.frame
 

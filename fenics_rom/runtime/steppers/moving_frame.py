@@ -25,6 +25,7 @@ from fenics_rom.rom.rom import Rom, diagonalized_span
 from fenics_rom.runtime.steppers.carried_frame import CarriedFrame, frame_state
 from fenics_rom.runtime.steppers.frame_kernel import FrameState
 from fenics_rom.runtime.steppers.frame_loads import FrameLoads
+from fenics_rom.runtime.steppers.frame_watch import FrameWatch
 from fenics_rom.runtime.steppers.free_frame import FreeFrame
 from fenics_rom.runtime.steppers.stepper import ReducedStepper
 
@@ -203,7 +204,8 @@ def moving_frame_stepper(
 
     def make_kernel(contact: str, model: ContactModel) -> FreeFrame | CarriedFrame:
         loads = FrameLoads(rom, contact, model, whole, environment.environment)
-        return kernel_of(model, whole.of_mode(model.coordinates), loads, ledger, interface, residual_of(contact))
+        watch = FrameWatch(rom, model, detail)
+        return kernel_of(model, whole.of_mode(model.coordinates), loads, watch, ledger, interface, residual_of(contact))
 
     reason = "a rigid base carries the body" if frame.carried else "nothing holds the body"
     stepper = MovingFrameStepper(rom, dt, interface, make_kernel, reason, lambda: environment.base_at(0.0))

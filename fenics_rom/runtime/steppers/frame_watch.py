@@ -1,0 +1,70 @@
+"""What a body in a moving frame does beyond what its model follows, to tell the user."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.mechanics.frame_motion import Vector, dot
+from fenics_rom.rom.contact_model import ContactModel
+from fenics_rom.rom.rom import Rom
+
+LARGEST_DEFLECTION = 0.05  # of the length of the body: small strains are off by some 15 % of the elastic motion there
+UNSTIFFENED = 0.05  # of the first frequency: 18 times its square is what stiffening that is left out costs, some 5 %
+QUASI_RIGID = 3e-3  # of it: what shapes do to inertia is 6 % of the elastic motion of a slender body there
+BENT, TURNED = "deflection", "angular velocity"  # notes of a kernel
+
+
+class FrameWatch:
+    """Looks at the nodes where the stored energy would allow them to be too far from where they are at rest.
+
+    Args:
+        rom: of displacements that strain.
+        model: of the contact mode.
+        detail: of the moving frame.
+    """
+
+    def __init__(self, rom: Rom, model: ContactModel, detail: str):
+        self._first, self._detail = 2 * np.pi * rom.first_frequency, detail
+        self._is_stiffened = rom.moving_frame is not None and rom.moving_frame.stiffening is not None
+        self._length = float(np.ptp(rom.nodes, axis=0).max()) if len(rom.nodes) else np.inf
+        nodes = np.unique(rom.triangles)
+        self._rows = rom.rows_of(nodes).reshape(-1, rom.basis.shape[1]) @ model.coordinates / model.safe_frequencies
+        blocks = self._rows.reshape(-1, 3, model.order)
+        farthest = np.linalg.eigvalsh(blocks @ blocks.transpose(0, 2, 1))[:, -1].max(initial=0.0) if len(nodes) else 0.0
+        self._safe = (LARGEST_DEFLECTION * self._length) ** 2 / farthest if farthest > 0 else np.inf
+
+    @property
+    def notes(self) -> dict[str, float]:
+        """Of a run that begins."""
+        return {BENT: 0.0, TURNED: 0.0}
+
+    def look(self, e: Array, ω: Vector, notes: dict[str, float]) -> None:
+        """Notes how far the state √γ q (m,) is bent, if it is too far, and how fast it turns, rad/s."""
+        notes[TURNED] = max(notes[TURNED], dot(ω, ω) ** 0.5)
+        if e.dot(e) > self._safe:
+            bent = float(np.sqrt(np.square(self._rows.dot(e).reshape(-1, 3)).sum(axis=1).max()))
+            notes[BENT] = max(notes[BENT], bent)
+
+    def messages(self, notes: Mapping[str, float]) -> tuple[str, ...]:
+        """What the user should know."""
+        told, share, speed = list[str](), notes[BENT] / self._length, notes[TURNED] / self._first
+        if share > LARGEST_DEFLECTION:
+            told.append(
+                f"moving frame: the body bent by up to {notes[BENT]:.2g} m in its frame, {share:.0%} of its length; "
+                f"beyond {LARGEST_DEFLECTION:.0%} small strains are off by more than some 15 % of the elastic motion"
+            )
+        turning = (
+            f"moving frame: the body turned at up to {notes[TURNED]:.3g} rad/s, {speed:.2g} of its first frequency"
+        )
+        if self._detail != "full" and speed > QUASI_RIGID:
+            told.append(
+                f"{turning}, and detail = {self._detail!r} leaves out what shapes do to inertia: of slender bodies "
+                f"that is some 6 % of the elastic motion at {QUASI_RIGID:g}; a stubby one bears more"
+            )
+        elif not self._is_stiffened and speed > UNSTIFFENED:
+            told.append(
+                f"{turning}, and the model does not know how its rotation stiffens it: in five periods the elastic "
+                f"motion is off by some {18 * speed**2:.0%}"
+            )
+        return tuple(told)
