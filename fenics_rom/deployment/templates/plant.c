@@ -91,14 +91,17 @@ int ${name}_step($name *body, const real u[])
             dissipated += heat[i] * heat[i];
     }
 #else
-    for (i = 0; i < ORDER; ++i) {
+    for (i = 0; i < ORDER; ++i)
         change[i] = COMPLIANCE[mode][i]
             * (force[i] - FREQUENCY[mode][i] * body->e[i] - RESISTANCE[mode][i] * body->r[i]);
-        dissipated += DAMPING[mode][i] * (body->r[i] + change[i]) * (body->r[i] + change[i]);
-    }
 #endif
-    for (i = 0; i < ORDER; ++i)
-        supplied += force[i] * (body->r[i] + change[i]);
+    for (i = 0; i < ORDER; ++i) {
+        const real v = body->r[i] + change[i];
+        supplied += force[i] * v;
+#if !DENSE_DAMPING
+        dissipated += DAMPING[mode][i] * v * v;
+#endif
+    }
     if (!isfinite(supplied) || !isfinite(dissipated))
         return -1;
     for (i = 0; i < ORDER; ++i) {
