@@ -338,7 +338,7 @@ def _of(values: Array, active: Array) -> Array:
 
 def _passive(f: Array, problem: _Problem) -> tuple[Array, Array]:
     """Forces that solve the problem but for a residual, made smaller until they do no work on the body; u with them."""
-    moved = problem.operator.matrix.dot(f.ravel()).reshape(f.shape)
+    moved = problem.operator.moved(f)
     spent, given = float(f.ravel().dot(moved.ravel())), float(f.ravel().dot(problem.free.ravel()))
     share = min(1.0, max(0.0, -given / spent)) if spent > 0 else 1.0
     return share * f, share * moved + problem.q

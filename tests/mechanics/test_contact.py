@@ -1,5 +1,7 @@
 """Contact inside a step: laws that hold to round-off, closed forms of impact and friction, and the energy account."""
 
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -7,7 +9,7 @@ from hypothesis import strategies as st
 
 from fenics_rom.errors import SceneError, StepError
 from fenics_rom.mechanics import contact_solver
-from fenics_rom.mechanics.contact import ContactLaw, ObstacleMotion, PointMotion
+from fenics_rom.mechanics.contact import ContactLaw, ContactSearch, ObstacleMotion, PointMotion
 from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.obstacles import Box, Capsule, HalfSpace, Sphere
 
@@ -386,6 +388,23 @@ def test_gaps_are_the_smallest_to_any_obstacle():
 def test_out_of_reach_is_nothing():
     body = Points([0, 0, 10.0], [FLOOR, WALL], ContactLaw(friction=0.5), 1e-3, v=(1, 1, -1))
     assert body.step().resolution is None
+
+
+@given(seed=seeds, e=st.sampled_from([0.0, 0.5, 1.0]), share=st.floats(0.3, 1), quasi_static=st.booleans())
+@settings(max_examples=150, deadline=None)
+def test_what_is_due_is_never_out_of_reach(seed, e, share, quasi_static):
+    """Also where all moves along a diagonal, which the bound allows for, and what was pushed meets another speed."""
+    rng = np.random.default_rng(seed)
+    h, n = 10.0 ** rng.uniform(-4, -1), rng.choice([-1.0, 1.0], 3) / math.sqrt(3)
+    free, v, w, w_before = along = rng.standard_normal(4) * 10.0 ** rng.uniform(-2, [2, 1, 1, 1])
+    gap = share * h * (2 * abs(free - w) + abs(v) / 2 + max(abs(w), abs(w_before)))
+    motion = ObstacleMotion(np.zeros((1, 3)), h * w * n[None], w_before * n[None])
+    points = PointMotion(np.zeros((1, 3)), v * n[None], free * n[None])
+    solver = ContactSolver(gap * n[None], [HalfSpace((0.0, 0.0, 0.0), n)], ContactLaw(restitution=e, friction=0.3))
+    solver.search = ContactSearch(np.ones((1, 3)))
+    if solver.solve(points, np.eye(3), h, motion, quasi_static) is not None:
+        assert not contact_solver.out_of_reach(gap, points, motion, h)
+    assert contact_solver.out_of_reach(h * 10 * np.abs(along).sum(), points, motion, h)
 
 
 def test_a_failed_search_changes_nothing(monkeypatch):

@@ -69,7 +69,7 @@ class Delassus:
 
     def __init__(self, matrix: Array):
         self.matrix = matrix
-        self._framed: tuple[Frames, float, FramedDelassus] | None = None
+        self._framed: FramedDelassus | None = None
 
     @cached_property
     def is_regular(self) -> bool:
@@ -82,40 +82,57 @@ class Delassus:
 
     def framed(self, frames: Frames, compliance: float = 0.0) -> "FramedDelassus":
         """The same in frames, with a compliance along each normal, m/s/N; kept as long as they are given again."""
-        kept = self._framed
-        if kept is not None and kept[0] is frames and kept[1] == compliance:
-            return kept[2]
-        W = self.matrix
-        C, turn = len(W) // 3, frames.axes.transpose(0, 2, 1)
-        for _ in range(2):  # rows, then columns, which are put in order of components
-            W = np.matmul(turn, W.T.reshape(C, 3, 3 * C)).transpose(1, 0, 2).reshape(3 * C, 3 * C)
-        if compliance:
-            W.ravel()[: C * (3 * C + 1) : 3 * C + 1] += compliance
-        self._framed = frames, compliance, FramedDelassus(W, self.is_regular)
-        return self._framed[2]
+        if self._framed is None or self._framed.frames is not frames or self._framed.added != compliance:
+            self._framed = FramedDelassus(self, frames, compliance)
+        return self._framed
+
+    @cached_property
+    def compliance(self) -> Array:
+        """Of each pair by itself, (C,), m/s/N, > 0."""
+        mean: Array = self.matrix.diagonal().reshape(-1, 3).sum(axis=1) / 3
+        return mean if mean.min() > 0 else np.maximum(mean, 1e-12 * mean.max() or 1.0)
 
 
 class FramedDelassus:
     """Velocities per force of C pairs, m/s/N, in frames of their normals.
 
     Args:
-        matrix: W (3C, 3C).
-        is_regular: whether W tells all forces apart.
+        operator: the same along the axes of space.
+        frames: these.
+        added: a compliance of each pair along its normal, m/s/N.
 
     Attributes:
         compliance: (C,) of each pair by itself, m/s/N, > 0.
         stiffness: (C,) one by it, N s/m.
     """
 
-    def __init__(self, matrix: Array, is_regular: bool):
-        self.matrix, self.is_regular = matrix, is_regular
-        self.compliance = matrix.diagonal().reshape(3, -1).sum(axis=0) / 3
-        if not self.compliance.min() > 0:
-            self.compliance = np.maximum(self.compliance, 1e-12 * self.compliance.max() or 1.0)
+    def __init__(self, operator: Delassus, frames: Frames, added: float):
+        self.operator, self.frames, self.added = operator, frames, added
+        self.compliance = operator.compliance + added / 3
         self.stiffness = 1 / self.compliance
+
+    @cached_property
+    def matrix(self) -> Array:
+        """W (3C, 3C)."""
+        W = self.operator.matrix
+        C, turn = len(W) // 3, self.frames.axes.transpose(0, 2, 1)
+        for _ in range(2):  # rows, then columns, which are put in order of components
+            W = np.matmul(turn, W.T.reshape(C, 3, 3 * C)).transpose(1, 0, 2).reshape(3 * C, 3 * C)
+        W.ravel()[: C * (3 * C + 1) : 3 * C + 1] += self.added
+        return W
+
+    def moved(self, forces: Array) -> Array:
+        """W f (3, C) of forces (3, C); where normals differ, and so with every step, without W in the frames."""
+        if len(self.frames.axes) == 1:
+            moved: Array = self.matrix.dot(forces.ravel())
+            return moved.reshape(forces.shape)
+        (moved,) = self.frames.turned(self.operator.matrix.dot(self.frames.in_space(forces).ravel()).reshape(-1, 3))
+        if self.added:
+            moved[0] += self.added * forces[0]
+        return moved
 
     def softened(self, share: float) -> "FramedDelassus":
         """The same with a share of each pair's compliance added to it."""
-        W = self.matrix.copy()
-        W.ravel()[:: len(W) + 1] += share * np.tile(self.compliance, 3)
-        return FramedDelassus(W, self.is_regular)
+        W = self.operator.matrix.copy()
+        W.ravel()[:: len(W) + 1] += share * np.repeat(self.compliance, 3)
+        return Delassus(W).framed(self.frames, self.added)

@@ -26,12 +26,13 @@ from fenics_rom.mechanics.complementarity.solution import (
     largest,
 )
 
+_STEP = 0.4  # ρ in parts of each pair's stiffness: with as much as that, where many pairs touch, Newton's method cycles
 _FIRST_COMPLIANCE = 1e-4  # proximal, to begin with: where W hardly tells forces apart, Newton's method would cycle
 _FIRST_ITERATIONS = 8  # of Newton's method, with it
 _PATH_RESIDUAL = 1e-6  # below it following a path, the slowest method, is not worth its time
 _PATHS = ((0.3, 10), (0.6, 30))  # of shrinking compliance: the factor, and Gauss-Seidel sweeps where Newton cycles
 _PATH_TOLERANCE = 1e-6  # of Newton's method on a path
-_MOST_STEPS, _FEW_STEPS = 4, 2  # with a kept inverse: before Newton's method, and before it is made anew
+_MOST_STEPS, _FEW_STEPS = 4, 3  # with a kept inverse: before Newton's method, and before it is made anew
 _SLOWEST = 0.1  # reduction of the error by such a step that is worth another
 
 
@@ -61,8 +62,8 @@ class FrictionalProblem:
     """
 
     def __init__(self, operator: FramedDelassus, q: Array, friction: float):
-        self.operator, self.W, self.compliance = operator, operator.matrix, operator.compliance
-        self.q, self.μ, self.ρ = q, friction, operator.stiffness
+        self.operator, self.compliance = operator, operator.compliance / _STEP
+        self.q, self.μ, self.ρ = q, friction, _STEP * operator.stiffness
         self.speed = largest(np.abs(q))
         self.best, self.velocities, self.error, self.iterations = q, q, np.inf, 0
         self._law: _Law  # at the forces that were looked at last
@@ -95,7 +96,7 @@ class FrictionalProblem:
         tolerance: float = CONVERGENCE_TOLERANCE,
     ) -> bool:
         """Whether Newton's method arrives from f within so many iterations; the best forces are kept."""
-        if self.operator.is_regular:
+        if self.operator.operator.is_regular:
             proximal = 0.0
         for _ in range(iterations):
             if self._arrives_at(f, tolerance):
@@ -118,7 +119,7 @@ class FrictionalProblem:
             if not self.error < _SLOWEST * before:
                 break
             off = f - self._law.projected  # by W off less than with f, and by ρ⁻¹ off more than the law has it
-            moves = self.compliance * off - self.W.dot(off.ravel()).reshape(off.shape)
+            moves = self.compliance * off - self.operator.moved(off)
             f = self._law.projected + inverse.dot(moves.ravel()).reshape(f.shape)
         return 0
 
@@ -141,16 +142,16 @@ class FrictionalProblem:
 
     def _velocities(self, f: Array) -> Array:
         """u (3, C) with forces f."""
-        u: Array = self.W.dot(f.ravel()).reshape(f.shape)
+        u = self.operator.moved(f)
         u += self.q
         return u
 
     def _linearised(self, law: _Law, proximal: float = 0.0) -> Linearisation:
-        return Linearisation(self.W, self.μ, self.compliance, law.z, law.length, law.cone, proximal)
+        return Linearisation(self.operator.matrix, self.μ, self.compliance, law.z, law.length, law.cone, proximal)
 
     def _to_keep(self, kept: KeptLaw | None) -> KeptLaw | None:
         """What to begin the next search with: an inverse where pairs stick and slip as in the search before this."""
-        if not self.operator.is_regular:
+        if not self.operator.operator.is_regular:
             return None
         statuses, inverse = self._law.statuses, None
         if kept is not None and kept.statuses == statuses:
@@ -166,7 +167,7 @@ class FrictionalProblem:
     def search_interior(self) -> bool:
         """Whether Newton's method arrives from an approximation by an interior-point method."""
         forces, residual, iterations, finished = find_interior_point(
-            self.W, self.q, self.μ, self.compliance, self.search_newton
+            self.operator.matrix, self.q, self.μ, self.compliance, self.search_newton
         )
         self.iterations += iterations
         if finished or not (residual <= NEGLIGIBLE_RESIDUAL / 10 and np.isfinite(forces).all()):
@@ -195,8 +196,8 @@ class FrictionalProblem:
         One pair after the other, normal before tangent (Jean, CMAME 177, 1999).
         """
         f, q, C = forces.copy(), self.q, self.q.shape[1]
-        W, floor = self.W.reshape(3, C, 3 * C), 1e-12 * self.compliance
-        blocks = self.W.reshape(3, C, 3, C).diagonal(axis1=1, axis2=3).transpose(2, 0, 1)
+        W, floor = self.operator.matrix.reshape(3, C, 3 * C), 1e-12 * self.compliance
+        blocks = self.operator.matrix.reshape(3, C, 3, C).diagonal(axis1=1, axis2=3).transpose(2, 0, 1)
         normal_compliance = np.maximum(blocks[:, 0, 0], floor)
         tangential_compliance = np.maximum(np.linalg.eigvalsh(blocks[:, 1:, 1:])[:, -1], floor)
         for _ in range(sweeps):

@@ -26,7 +26,7 @@ class FrictionlessProblem:
 
     def __init__(self, operator: FramedDelassus, q: Array):
         C = q.shape[1]
-        self.W, self.q = operator.matrix, q
+        self.operator, self.q = operator, q
         self.M, self.r = operator.matrix[:C, :C], q[0]
         self.compliance = np.maximum(self.M.diagonal(), 1e-12 * operator.compliance)
         self.speed = float(np.abs(self.r).max())
@@ -41,7 +41,7 @@ class FrictionlessProblem:
                 check_residual(self.error / self.speed, len(self.r), self.iterations)
         f = np.zeros_like(self.q)
         f[0] = self.best
-        u = self.W.dot(f.ravel()).reshape(f.shape) + self.q
+        u = self.operator.moved(f) + self.q
         return Solution(f, u, self.iterations, self.error / self.speed)
 
     def search_active_set(self, λ: Array) -> bool:
