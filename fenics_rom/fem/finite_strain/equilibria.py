@@ -150,7 +150,7 @@ def solve_equilibrium(
     for iteration in range(MAX_ITERATIONS + 1):
         residual = trial.residual
         if not residual.any():
-            return NewtonIterate(trial, found, residual, 0.0, iteration)
+            return NewtonIterate(trial, found, residual, residual, 0.0, iteration)
         direction = tangent.solve(equation, trial, residual, near)
         size = math.sqrt(abs(dot(residual, direction)))
         terms = equation.terms(trial)
@@ -159,7 +159,7 @@ def solve_equilibrium(
         tell(iteration, size / scale)
         if size <= CONVERGENCE_TOLERANCE * scale or STAGNATION_TOLERANCE * scale >= size > previous / 2:
             tangent.factor(trial)
-            return NewtonIterate(trial, found, residual, size, iteration)
+            return NewtonIterate(trial, found, residual, direction, size, iteration)
         if size < smallest:
             smallest, last_better = size, iteration
         elif iteration - last_better >= PATIENCE:

@@ -1,7 +1,10 @@
-"""Newton's method for a step: consistent tangents by a Krylov method, and forces found in every iteration.
+"""Newton's method for a step, and forces found in every iteration.
 
-Residuals r are measured by √(rᵀ A⁻¹ r), with the kept factor of A: the energy norm of the correction that they ask for.
-With it the line search sees bending as well as stretching (natural monotonicity: Deuflhard, 2004).
+Directions are secants: what the kept factor of A makes of the residual, combined with those before so that it would be
+least if it changed as it has so far (Anderson, 1965; Fang & Saad, 2009). Where that does not halve the residual, the
+consistent tangent is solved with, by a Krylov method. Residuals r are measured by √(rᵀ A⁻¹ r): the energy norm of the
+correction that they ask for. With it the line search sees bending as well as stretching (natural monotonicity:
+Deuflhard, 2004).
 """
 
 import math
@@ -19,7 +22,10 @@ from fenics_rom.fem.finite_strain.residuals import StepResidual, TrialStep
 
 CONVERGENCE_TOLERANCE = 1e-12  # share of the forces in a step
 STAGNATION_TOLERANCE = 1e-8  # share of them that may be left where round-off lets it get no smaller
-MAX_ITERATIONS = 25
+MAX_ITERATIONS = 25  # with tangents
+MAX_SECANT_ITERATIONS = 50  # with secants or tangents
+SECANTS = 10  # that are kept
+SECANT_INDEPENDENCE = 1e-14  # of their products
 MIN_STEP_SHARE = 1 / 32  # of a Newton step
 SUFFICIENT_DECREASE = 0.1  # share of what a Newton step promises that it must keep
 MAX_FORCING, MIN_FORCING = 0.01, 1e-6  # residuals that linear systems are solved to, at first and at best
@@ -36,7 +42,8 @@ class NewtonIterate:
     Attributes:
         trial: its velocity and forces.
         found: forces of contact and actuators that were found with it.
-        residual: what they leave (rows here, 1), N.
+        residual: r, what they leave (rows here, 1), N.
+        answer: A⁻¹ r (rows here, 1), m/s.
         size: of the residual, without end where there are no numbers for it.
         iterations: that led to it.
     """
@@ -44,8 +51,34 @@ class NewtonIterate:
     trial: TrialStep
     found: FoundForces
     residual: Array
+    answer: Array
     size: float
     iterations: int
+
+
+class Secants:
+    """How A⁻¹ r, without forces that are found, has changed with the velocity."""
+
+    def __init__(self, inner: Callable[[Array, Array], Array]):
+        self._inner = inner
+        self._velocities: list[Array] = []
+        self._answers: list[Array] = []
+
+    def note(self, v: Array, answer: Array) -> None:
+        """Keeps a velocity and the answer to it, (rows here, 1) each."""
+        self._velocities = [*self._velocities[-SECANTS:], v]
+        self._answers = [*self._answers[-SECANTS:], answer]
+
+    def direction(self, answer: Array) -> Array:
+        """Where a velocity with this answer (rows here, 1) is to go."""
+        if len(self._answers) < 2:
+            return answer
+        steps, changes = (np.diff(np.hstack(columns), axis=1) for columns in (self._velocities, self._answers))
+        products = self._inner(changes, np.hstack([changes, answer]))
+        lengths = np.sqrt(np.diag(products))
+        scaled = products[:, :-1] / lengths / lengths[:, None]
+        weights = np.linalg.lstsq(scaled, products[:, -1] / lengths, rcond=SECANT_INDEPENDENCE)[0] / lengths
+        return answer - (steps + changes) @ weights[:, None]
 
 
 def solve_step(
@@ -56,6 +89,7 @@ def solve_step(
     forces: ForcesInNewton | None,
     dot: Callable[[Array, Array], float],
     last: FoundForces,
+    by_secants: bool = True,
 ) -> NewtonIterate:
     """Solves the equations of a step; every rank must call it.
 
@@ -67,36 +101,45 @@ def solve_step(
         forces: those that are found in the step; None: there are none.
         dot: product of columns (rows here, 1).
         last: what was found in the step before, the first guess.
+        by_secants: whether they may be tried, which for few steps lead astray.
     """
 
     def iterate_at(v: Array, found: FoundForces, iterations: int) -> NewtonIterate:
         with np.errstate(all="ignore"):  # a shape without an energy is refused for its size
             trial = equation.evaluate(v, found.actuators)
             residual = trial.residual if forces is None else trial.residual + forces.contact_force(found.contact)
-            size = dot(residual, residual)
+            size, answer = dot(residual, residual), residual
             if math.isfinite(size):
-                size = math.sqrt(max(dot(residual, factor.solve(residual)), 0.0))
-        return NewtonIterate(trial, found, residual, size if math.isfinite(size) else math.inf, iterations)
+                answer = factor.solve(residual)
+                size = math.sqrt(max(dot(residual, answer), 0.0))
+        size = size if math.isfinite(size) else math.inf
+        return NewtonIterate(trial, found, residual, answer, size, iterations)
 
     current = min((iterate_at(guess, last, 0) for guess in guesses), key=lambda iterate: iterate.size)
     if current.size == math.inf:
         raise NotConvergedError
     terms = equation.terms(current.trial)
     scale = math.sqrt(max(dot(terms[:, [k]], column[:, None]) for k, column in enumerate(factor.solve(terms).T)))
-    forcing, forces_resolved = MAX_FORCING, forces is None
-    for iteration in range(MAX_ITERATIONS):
+    forcing, forces_resolved, tangents, may_use_secants = MAX_FORCING, forces is None, 0, by_secants
+    secants, spread = Secants(equation.model.algebra.inner), np.zeros_like(current.answer)  # of forces since the start
+    for iteration in range(MAX_SECANT_ITERATIONS):
         if forces_resolved and current.size <= CONVERGENCE_TOLERANCE * scale:
             return current
-        direction = np.zeros_like(current.trial.v)
-        if current.size > 0:
-            tangent = partial(equation.apply_tangent, current.trial)
-            direction = gmres.solve(tangent, factor, current.residual, forcing)
-        share, previous = 1.0, current
+        secants.note(current.trial.v, current.answer - spread)
+        share, previous, spread_before = 1.0, current, spread
+        direction = secants.direction(current.answer)
         while True:
+            if not by_secants and share == 1.0 and previous.size > 0:
+                tangents += 1
+                if tangents > MAX_ITERATIONS:
+                    raise NotConvergedError
+                tangent = partial(equation.apply_tangent, previous.trial)
+                direction = gmres.solve(tangent, factor, previous.residual, forcing)
             v, found = previous.trial.v + share * direction, previous.found
             if forces is not None:
                 found = forces.resolve(v, previous.found)
-                v = v + factor.solve(forces.force(found) - forces.force(previous.found))
+                change = factor.solve(forces.force(found) - forces.force(previous.found))
+                v, spread = v + change, spread_before + change
             current = iterate_at(v, found, iteration + 1)
             if forces is not None and found.act:  # of a body at rest it is the only force
                 pushed = forces.force(found)
@@ -104,14 +147,18 @@ def solve_step(
             decreased = current.size <= (1 - SUFFICIENT_DECREASE * share) * previous.size
             if decreased or (forces is not None and current.size < math.inf):
                 break
+            if by_secants:
+                by_secants = False
+                continue
             if forces_resolved and previous.size <= STAGNATION_TOLERANCE * scale:
                 return previous
             share /= 2
             if share < MIN_STEP_SHARE:
                 raise NotConvergedError
-        forces_resolved = True
-        if STAGNATION_TOLERANCE * scale >= current.size > previous.size / 2:
+        halved = current.size <= previous.size / 2
+        if not by_secants and not halved and current.size <= STAGNATION_TOLERANCE * scale:
             return current
+        forces_resolved, by_secants = True, halved and may_use_secants
         if current.size > 0 and previous.size > 0:  # Eisenstat & Walker, 1996
             reached = (current.size / previous.size) ** 2
             forcing = min(MAX_FORCING, max(MIN_FORCING, reached, CONVERGENCE_TOLERANCE * scale / (3 * current.size)))

@@ -66,13 +66,13 @@ class MidpointResidual:
     is_quasi_static = False
 
     def __init__(self, model: FiniteStrainModel, start: StepStart, external: ExternalForce, h: float):
-        self.model, self.start, self._external, self.h = model, start, external, h
+        self.model, self.start, self.external, self.h = model, start, external, h
         self.coefficients = TangentCoefficients(mass=2 / h, external_damping=1.0, stiffness=h / 2, viscosity=1.0)
         self._spring_force = multiply(model.spring, start.x)  # at the start
 
     def evaluate(self, v: Array, found: Array = NONE_FOUND) -> TrialStep:
         """The equations at a mid-step velocity (rows here, 1), with forces (n,) of actuators that are found."""
-        m, start, h, pushes = self.model, self.start, self.h, self._external.with_found(found)
+        m, start, h, pushes = self.model, self.start, self.h, self.external.with_found(found)
         u_end = m.nodal_field(start.x + h * v)
         u_middle = (start.u + u_end) / 2
         stresses = MidpointStresses(m.material, start.H, start.E, m.points.gradients(u_end), h)
@@ -94,14 +94,14 @@ class MidpointResidual:
 
         Columns B (rows here, n), rates (n,) of strokes, and angles (n,) by which tendons turn at guides, rad.
         """
-        end, external = self.model.nodal_field(self.start.x + self.h * v), self._external
+        end, external = self.model.nodal_field(self.start.x + self.h * v), self.external
         middle = (self.start.u + end) / 2
         columns = external.columns(self.model, middle)
         return columns, self.model.algebra.inner(columns, v)[:, 0], external.angles(middle)
 
     def targets(self, actuators: ActuatorForces, given: Array) -> Array:
         """Rates (n,) at which strokes are to move to those (n,) that are given."""
-        columns, strokes = self._external.columns(self.model, self.start.u), self._external.strokes(self.start.u)
+        columns, strokes = self.external.columns(self.model, self.start.u), self.external.strokes(self.start.u)
         return actuators.rates(given, strokes, self.model.algebra.inner(columns, self.start.v)[:, 0], self.h)
 
     def terms(self, trial: TrialStep) -> Array:
@@ -116,12 +116,12 @@ class QuasiStaticResidual:
     is_quasi_static = True
 
     def __init__(self, model: FiniteStrainModel, start: StepStart, external: ExternalForce, h: float, missing: Array):
-        self.model, self.start, self._external, self.h, self._missing = model, start, external, h, missing
+        self.model, self.start, self.external, self.h, self._missing = model, start, external, h, missing
         self.coefficients = TangentCoefficients(mass=0.0, external_damping=0.0, stiffness=h, viscosity=0.0)
 
     def evaluate(self, v: Array, found: Array = NONE_FOUND) -> TrialStep:
         """As in MidpointResidual."""
-        m, x_end, pushes = self.model, self.start.x + self.h * v, self._external.with_found(found)
+        m, x_end, pushes = self.model, self.start.x + self.h * v, self.external.with_found(found)
         u_end = m.nodal_field(x_end)
         stresses = EquilibriumStresses(m.material, m.points.gradients(u_end))
         internal, external = m.internal_force(stresses.P), pushes.at(m, u_end)
@@ -141,13 +141,13 @@ class QuasiStaticResidual:
 
     def strokes(self, v: Array) -> tuple[Array, Array, Array]:
         """As in MidpointResidual."""
-        end, external = self.model.nodal_field(self.start.x + self.h * v), self._external
+        end, external = self.model.nodal_field(self.start.x + self.h * v), self.external
         rates = (external.strokes(end) - external.strokes(self.start.u)) / self.h
         return external.columns(self.model, end), rates, external.angles(end)
 
     def targets(self, actuators: ActuatorForces, given: Array) -> Array:
         """As in MidpointResidual."""
-        return actuators.resting_rates(given, self._external.strokes(self.start.u), self.h)
+        return actuators.resting_rates(given, self.external.strokes(self.start.u), self.h)
 
     def terms(self, trial: TrialStep) -> Array:
         """As in MidpointResidual."""

@@ -15,7 +15,7 @@ from fenics_rom.fem.finite_strain.gmres import Gmres
 from fenics_rom.fem.finite_strain.model import ExternalForce, FiniteStrainModel, multiply
 from fenics_rom.fem.finite_strain.newton import MAX_ITERATIONS, NewtonIterate, NotConvergedError, solve_step
 from fenics_rom.fem.finite_strain.residuals import MidpointResidual, QuasiStaticResidual, StepResidual, StepStart
-from fenics_rom.fem.finite_strain.stresses import IDENTITY, MidpointStresses
+from fenics_rom.fem.finite_strain.stresses import IDENTITY, EquilibriumStresses, MidpointStresses
 from fenics_rom.fem.finite_strain.tangent_matrix import TangentCoefficients, TangentMatrix
 from fenics_rom.fem.full_order_body import FullOrderBody
 from fenics_rom.io.progress import Report, silent
@@ -29,7 +29,7 @@ from fenics_rom.system.system import System
 SMALLEST_PART = 1 / 64  # share of a step below which none is tried
 SMALLEST_LOAD = 1 / 1024  # the same of what the load of an equilibrium changes by
 EASY_ITERATIONS = 6  # that lead to an equilibrium, after which a larger part is tried
-MAX_PRODUCTS = 25  # products with the tangent in a step, more than a new factor is worth
+MAX_WORK = 12  # iterations and products with the tangent in a step, more than a new factor is worth
 
 
 class FiniteStrainStepper(FullOrderBody):
@@ -299,28 +299,38 @@ class FiniteStrainStepper(FullOrderBody):
         if self._factored is not None and self._factored[0] == equation.coefficients:
             with suppress(NotConvergedError):
                 solution = self._tried(equation, guesses)
-                if self._krylov.products - products > MAX_PRODUCTS:
+                if solution.iterations + self._krylov.products - products > MAX_WORK:
                     self._forget()
                 return solution
-        self._factor(equation.coefficients)
-        return self._tried(equation, guesses)
+        with suppress(NotConvergedError, SolverError):
+            self._factor(equation, stressed=True)
+            return self._tried(equation, guesses)
+        self._factor(equation, stressed=False)
+        return self._tried(equation, guesses, by_secants=False)
 
-    def _tried(self, equation: StepResidual, guesses: list[Array]) -> NewtonIterate:
+    def _tried(self, equation: StepResidual, guesses: list[Array], by_secants: bool = True) -> NewtonIterate:
         assert self._factored is not None
         forces, last = self._forces_in_newton, FoundForces(self.contact, self.reactions)
         if forces is not None:
             forces.use(self._factored[1])
         try:
-            return solve_step(equation, guesses, self._factored[1], self._krylov, forces, self._model.dot, last)
+            factor, dot = self._factored[1], self._model.dot
+            return solve_step(equation, guesses, factor, self._krylov, forces, dot, last, by_secants)
         except NotConvergedError:
             if forces is not None:
                 forces.rollback()
             raise
 
-    def _factor(self, coefficients: TangentCoefficients) -> None:
-        """Factors the matrix of the state that the body is in."""
+    def _factor(self, equation: StepResidual, stressed: bool) -> None:
+        """Factors the matrix of the state that the body is in; SolverError if with its stresses it is indefinite."""
         self._forget()
-        self._factored = coefficients, PetscFactor(self._matrix.definite(self._start.H, coefficients), one_by_one=True)
+        coefficients, start = equation.coefficients, self._start
+        if stressed:
+            stresses = EquilibriumStresses(self._model.material, start.H)
+            matrix = self._matrix.stressed(stresses, coefficients, equation.external.stiffness(start.u))
+        else:
+            matrix = self._matrix.definite(start.H, coefficients)
+        self._factored = coefficients, PetscFactor(matrix, one_by_one=True)
         self.factors += 1
 
     def _guesses(self, equation: StepResidual) -> list[Array]:

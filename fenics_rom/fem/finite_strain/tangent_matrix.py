@@ -5,12 +5,12 @@ limit point:
 
     K = K_s + ∫ F ∇δ : ∂S/∂E : F ∇v + ∇δ S : ∇v - sym ∂force/∂x
 
-A is the tangent at the start of a step, made positive definite: with the moduli of small strains and without the
-stresses.
+A is the tangent at the start of a step, made symmetric; where that is not positive definite, with the moduli of small
+strains and without the stresses.
 
     A = a M + b D_c + c K_s + ∫ (c + d β) ∇δ : C : ∇v   in the frame of the deformed body.
 
-A Krylov method makes up for the rest; contact needs W = S A⁻¹ Sᵀ to be symmetric.
+Secants and a Krylov method make up for the rest; contact needs W = S A⁻¹ Sᵀ to be symmetric.
 """
 
 from dataclasses import dataclass
@@ -21,7 +21,7 @@ from numpy import ndarray as Array
 from petsc4py import PETSc
 
 from fenics_rom.fem.finite_strain.quadrature import QuadraturePoints
-from fenics_rom.fem.finite_strain.stresses import IDENTITY, HyperelasticMaterial, Stresses
+from fenics_rom.fem.finite_strain.stresses import IDENTITY, EquilibriumStresses, HyperelasticMaterial, Stresses
 from fenics_rom.fem.petsc_matrix import PetscMatrix, from_local_rows
 from fenics_rom.mechanics.hyperelastic import VOIGT_INDEX, VOIGT_PAIRS, VOIGT_SHEAR
 
@@ -76,6 +76,14 @@ class TangentMatrix:
         """A at displacement gradients (3, 3, P here); every rank must call it."""
         scale = coefficients.stiffness + coefficients.viscosity * self._material.viscosity
         return self._assemble(IDENTITY + H, scale * self._material.linear_moduli, coefficients)
+
+    def stressed(
+        self, stresses: EquilibriumStresses, coefficients: TangentCoefficients, following: scipy.sparse.csr_matrix
+    ) -> PETSc.Mat:
+        """A of a state with its moduli and stresses, and the stiffness of what follows (3N, 3N): may be indefinite."""
+        c, m = coefficients, self._material
+        D = c.stiffness * stresses.moduli + c.viscosity * m.viscosity * m.linear_moduli
+        return self._assemble(stresses.F, D, c, c.stiffness * stresses.S, c.stiffness * following)
 
     def consistent(self, stresses: Stresses, following: scipy.sparse.csr_matrix) -> PETSc.Mat:
         """K where there are these stresses, with the stiffness of what follows (3N, 3N); every rank must call it."""
