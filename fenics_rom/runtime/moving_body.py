@@ -83,8 +83,11 @@ class MovingBody(SimulatedBody):
             offsets = self.environment.state.offsets
             interface.solver.check_start(self._stepper.point_displacement(), offsets, list(self.environment.obstacles))
 
-    def _take_base(self, base: BaseState) -> None:
+    def _take_base(self, base: BaseState | None) -> None:
         """Where the base is to be at the end of the step that is taken next."""
+        self._base = None
+        if base is None:
+            return
         if self.base_wrench is None:
             raise StepError(f"step {self.steps}: base: allowed is a body in a moving frame that a rigid base carries")
         self._base = checked_base(base, f"step {self.steps}: base")

@@ -222,7 +222,7 @@ class Simulator(MovingBody):
         """
         if named:
             u = self._by_name(u, named)
-        if base is not None:
+        if base is not None or self._base is not None:  # of a step that failed
             self._take_base(base)
         try:
             if type(u) is Array and u.dtype is not _FLOAT:

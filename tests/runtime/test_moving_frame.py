@@ -238,6 +238,23 @@ def test_a_beam_that_tumbles_onto_a_floor_closes_its_account(falling, restitutio
         assert account.contact > 0 if restitution < 1 else account.contact <= 1e-12
 
 
+def test_forces_that_do_not_settle_stay_passive(tmp_path):
+    """A bar that lands flat and rubs, on few modes that do not tell all forces apart."""
+    rom = reduced(tmp_path, effects=FLOOR, contacts='[contacts.bottom]\nsurface = "bottom"')
+    law = ContactLaw(friction=0.5)
+    rom = replace(rom, environment=replace(rom.environment, contact_law=law, residual_compliance=False))
+    body = thrown(fr.Simulator(rom, 1e-3), (0.5, 0.2, 3.0), (0.3, 0.1, 0.0))
+    start = body.energy
+    for _ in range(120):
+        before = body.ledger.contact, body.ledger.friction
+        body.step()
+        account = body.ledger
+        assert account.contact - before[0] >= -1e-13
+        assert account.friction - before[1] >= -1e-13
+    assert body.contact_forces().any()
+    assert abs(body.energy - start - account.supplied + account.dissipated) <= 1e-12 * account.supplied
+
+
 def test_obstacles_push_a_carried_body(tmp_path):
     """A floor that rises against a beam that a base swings: the account closes, and the base feels the push."""
     rom = reduced(tmp_path, effects=FLOOR, contacts='[contacts.right]\nsurface = "right"', **CLAMPED)
@@ -379,6 +396,11 @@ def test_a_base_that_jumps_is_told(carried):
     assert not body.warnings
     body.step(base=body.pose._replace(position=body.pose.position + 0.02 * np.eye(3)[2]))
     assert "base: in a step it went 0.02 m and turned 0 rad otherwise" in body.warnings[0]
+    before = body.pose.position
+    with pytest.raises(StepError, match="allowed are 3 numbers"):
+        body.step(np.zeros(9), base=body.pose._replace(position=np.zeros(3)))
+    body.step()  # the base of the step that failed is forgotten
+    np.testing.assert_array_equal(body.pose.position, before)
 
 
 @pytest.mark.parametrize(

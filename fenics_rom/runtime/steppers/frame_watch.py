@@ -32,7 +32,7 @@ class FrameWatch:
         self._rows = rom.rows_of(nodes).reshape(-1, rom.basis.shape[1]) @ model.coordinates / model.safe_frequencies
         blocks = self._rows.reshape(-1, 3, model.order)
         farthest = np.linalg.eigvalsh(blocks @ blocks.transpose(0, 2, 1))[:, -1].max(initial=0.0) if len(nodes) else 0.0
-        self._safe = (LARGEST_DEFLECTION * self._length) ** 2 / farthest if farthest > 0 else np.inf
+        self._farthest, self._limit = float(farthest), LARGEST_DEFLECTION * self._length
 
     @property
     def notes(self) -> dict[str, float]:
@@ -42,7 +42,7 @@ class FrameWatch:
     def look(self, e: Array, ω: Vector, notes: dict[str, float]) -> None:
         """Notes how far the state √γ q (m,) is bent, if it is too far, and how fast it turns, rad/s."""
         notes[TURNED] = max(notes[TURNED], dot(ω, ω) ** 0.5)
-        if e.dot(e) > self._safe:
+        if self._farthest * e.dot(e) > max(self._limit, notes[BENT]) ** 2:  # else it is no farther than it was
             bent = float(np.sqrt(np.square(self._rows.dot(e).reshape(-1, 3)).sum(axis=1).max()))
             notes[BENT] = max(notes[BENT], bent)
 
