@@ -27,9 +27,16 @@ from fenics_rom.fem.moving_frame import centrifugal_stiffness
 from fenics_rom.fem.petsc_matrix import ExtendedMatrix, combination
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.base_path import BaseState
-from fenics_rom.mechanics.frame_motion import cayley, cross_matrix, quaternion_of, rotation_matrix
+from fenics_rom.mechanics.frame_motion import (
+    cayley,
+    cross_matrix,
+    quaternion_of,
+    rotation_matrix,
+    world_displacement,
+    world_velocity,
+)
 from fenics_rom.mechanics.hyperelastic import VOIGT_INDEX, VOIGT_PAIRS
-from fenics_rom.mechanics.step import StepInput, StepResult
+from fenics_rom.mechanics.step import MOVING_FRAME, StepInput, StepResult
 from fenics_rom.system.system import System
 
 TOLERANCE = 1e-15  # of the velocities: what is left of a step's corrections
@@ -91,7 +98,7 @@ class MovingFrameStepper(FullOrderBody):
         super().__init__(system, dt, environment, ledger)
         assert system.moving_frame is not None
         self._frame, self._environment = system.moving_frame, environment
-        self.kind = "moving-frame"
+        self.kind = MOVING_FRAME
         self.reason = "a rigid base carries the body" if self._frame.carried else "nothing holds the body"
         self._resisting = (ExtendedMatrix(system.stiffness.mat), *centrifugal_stiffness(system))  # type: ignore[attr-defined]
         self._MR = system.mass @ system.rigid
@@ -178,15 +185,13 @@ class MovingFrameStepper(FullOrderBody):
 
     def displacement(self, output: str | None = None) -> Array:
         """As in FullOrderBody, in world axes."""
-        now, rest = self._now, self._rest(output)
-        places: Array = now.position + (rest - self._frame.origin + super().displacement(output)) @ now.R.T
-        return places - rest
+        rest = self._rest(output)
+        return world_displacement(self.pose, self._frame.origin, rest, super().displacement(output))
 
     def velocity(self, output: str | None = None) -> Array:
         """As in FullOrderBody, in world axes."""
-        now, arms = self._now, self._rest(output) - self._frame.origin + super().displacement(output)
-        velocity: Array = (now.v + np.cross(now.ω, arms) + super().velocity(output)) @ now.R.T
-        return velocity
+        fields = super().displacement(output), super().velocity(output)
+        return world_velocity(self.pose, self._frame.origin, self._rest(output), *fields)
 
     def close(self) -> None:
         """Gives the factor's memory back."""

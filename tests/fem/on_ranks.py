@@ -38,6 +38,7 @@ COMMANDS = {
     "free-krylov.h5": ("reduce", "free.toml", "--lyapunov", "krylov"),
     "free-iterative.h5": ("reduce", "free.toml", "--lyapunov", "krylov", "--solver", "iterative"),
     "run.h5": ("simulate", "plate.toml"),
+    "free-run.h5": ("simulate", "free.toml"),
     "effects.h5": ("reduce", "effects.toml", "--lyapunov", "closed-form", "--order", "60"),
     "effects-run.h5": ("simulate", "effects.toml"),
     "rolling.h5": ("reduce", "rolling.toml", "--lyapunov", "closed-form", "--order", "60"),

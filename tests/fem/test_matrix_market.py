@@ -105,21 +105,31 @@ def test_rayleigh_in_place_of_a_file(inside, say):
     assert fr.read_rom("rom.h5").contact_models["ends"].damping.ndim == 1
 
 
-def test_free_body_of_files_and_its_nodes(inside, say):
-    """Of the chain with both ends free, and of a frame of four nodes between springs in the three directions."""
-    (inside / "K.mtx").write_text(FREE)
-    assert say(*MATRICES, "--contact", "middle=middle.mtx", "--order", "8")[0] == 0
-    assert fr.read_rom("rom.h5").rigid == 1
+MASSES = np.array([1.0, 2.0, 3.0, 4.0])
+
+
+def truss():
+    """Writes the files of four masses with springs between all of them; what to give, and where they are, m."""
     X = np.array([[0.0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]])
     i, j = np.triu_indices(4, 1)
     along = (X[i] - X[j]) / np.linalg.norm(X[i] - X[j], axis=1)[:, None]
     stretch = np.zeros((6, 4, 3))
     stretch[np.arange(6), i], stretch[np.arange(6), j] = along, -along
-    scipy.io.mmwrite("K.mtx", stretch.reshape(6, 12).T @ stretch.reshape(6, 12))
-    scipy.io.mmwrite("M.mtx", np.diag(np.repeat([1.0, 2, 3, 4], 3)))
+    matrices = {"K": stretch.reshape(6, 12).T @ stretch.reshape(6, 12), "M": np.diag(np.repeat(MASSES, 3))}
+    for name, matrix in matrices.items():
+        scipy.io.mmwrite(f"{name}.mtx", scipy.sparse.coo_matrix(matrix))
     scipy.io.mmwrite("B.mtx", np.eye(12)[:, [1]])
     np.savetxt("X.csv", 1e3 * X, delimiter=",", header="x (mm), y (mm), z (mm)", comments="")
     given = ("--mass", "M.mtx", "--stiffness", "K.mtx", "--rayleigh", "0.1", "0.05", "--contact", "tip=B.mtx")
+    return given, X
+
+
+def test_free_body_of_files_and_its_nodes(inside, say):
+    """Of the chain with both ends free, and of a frame of four nodes between springs in the three directions."""
+    (inside / "K.mtx").write_text(FREE)
+    assert say(*MATRICES, "--contact", "middle=middle.mtx", "--order", "8")[0] == 0
+    assert fr.read_rom("rom.h5").rigid == 1
+    given, X = truss()
     assert say(*given, "--nodes", "X.csv", "--frame", "moving", "--order", "4")[0] == 0
     rom = fr.read_rom("rom.h5")
     assert rom.rigid == 6
@@ -138,6 +148,14 @@ def test_two_ranks_find_what_a_stiffness_does_not_see(inside):
     run = mpirun(*MATRICES, "--contact", "middle=middle.mtx", "--order", "8")
     assert run.returncode == 0, run.stderr
     assert fr.read_rom("rom.h5").rigid == 1
+
+
+@pytest.mark.alone
+def test_two_ranks_have_whole_nodes_of_a_body_in_a_moving_frame(inside):
+    given, X = truss()
+    run = mpirun(*given, "--nodes", "X.csv", "--frame", "moving", "--order", "4")
+    assert run.returncode == 0, run.stderr
+    np.testing.assert_allclose(fr.read_rom("rom.h5").moving_frame.origin, MASSES @ X / MASSES.sum())
 
 
 @pytest.mark.alone

@@ -88,9 +88,9 @@ def write_scenes(folder):
         (folder / f"{name}.toml").write_text(scene_text(mesh, degree=2, **TIP))
     patches = [f"[contacts.c{k}]\nnear = {{point = [{k / 10}, 0.2, 0.3], radius = 0.15}}" for k in range(1, 11)]
     (folder / "many.toml").write_text(scene_text(folder / "beam.msh", degree=2, contacts="\n".join(patches), **TIP))
-    (folder / "free.toml").write_text(
-        'frame = "moving"\n' + scene_text(folder / "box.msh", degree=2, supports=None, **TIP)
-    )
+    spun = "dt = 0.01\nduration = 0.2\nsnapshots = 2\ninitial = { spin = [1.0, 2.0, 3.0] }"
+    free = scene_text(folder / "box.msh", degree=2, supports=None, run=spun, **TIP)
+    (folder / "free.toml").write_text('frame = "moving"\n' + free)
     for name, effects in {"effects": MOVING + EFFECTS, "still": EFFECTS}.items():
         bottom = {"contacts": '[contacts.bottom]\nsurface = "bottom"\n[contacts.right]\nsurface = "right"'}
         parts = {"effects": effects, "run": ACTING, "outputs.tip": TIP["outputs.tip"]} | READINGS
@@ -171,8 +171,9 @@ def test_free_bodies_do_not_depend_on_the_number_of_ranks(results, name, ranks):
 
 
 @pytest.mark.parametrize("ranks", [2, FOUR])
-def test_full_runs_do_not_depend_on_the_number_of_ranks(results, ranks):
-    one, other = (fr.read_trajectory(results / str(n) / "run.h5") for n in (1, ranks))
+@pytest.mark.parametrize("name", ["run", "free-run"])
+def test_full_runs_do_not_depend_on_the_number_of_ranks(results, ranks, name):
+    one, other = (fr.read_trajectory(results / str(n) / f"{name}.h5") for n in (1, ranks))
     scale = np.abs(one.snapshots).max()
     assert scale > 1e-3
     assert np.abs(other.snapshots - one.snapshots).max() <= 2e-9 * scale
