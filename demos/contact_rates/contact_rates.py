@@ -6,15 +6,17 @@
 A pad of foam, which nothing holds, is pressed on the ground, or on a big ball, with 20 points that can touch, and
 pushed aside: too weakly to move it, so that part of it slides, or so that all of it does. Its reduced model has order
 30. Every case first runs until it has settled. Then all cases take turns in one process, and the median of their rates
-counts. The script
+counts; so do pads with 20 and with 40 points, beside their full order, also under pushes that are random in every step.
+The script
 
 1. tables steps per second beside how many points touch, how many of them slide and how many systems of equations a
    step takes, also with the penalty method, without friction, without residual compliance, out of reach, and without
    contact in the scene;
-2. tables how far forces are off while it settles, with and without residual compliance, beside what the step itself
+2. tables them at rest, sticking, sliding and under random pushes, with 20 and with 40 points, beside full order;
+3. tables how far forces are off while it settles, with and without residual compliance, beside what the step itself
    makes at full order (not with --quick);
-3. splits a step into its effects;
-4. checks that the scene without contact steps as if there was no such thing: in the same form, to the same bits.
+4. splits a step into its effects;
+5. checks that the scene without contact steps as if there was no such thing: in the same form, to the same bits.
 
 Everything is written to demos/contact_rates/out/, with --quick to out/quick/. The checks at the end are on what
 touches, on forces and on energy; --quick leaves out that on rates.
@@ -26,6 +28,7 @@ import statistics
 import sys
 import time
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -34,6 +37,7 @@ import numpy as np
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning
+from fenics_rom.fem.simulator import FullOrderSimulator
 from fenics_rom.io.markdown import markdown
 from fenics_rom.runtime.steppers.midpoint import FusedMidpoint
 from fenics_rom.scene.file import parse_scene
@@ -41,7 +45,7 @@ from fenics_rom.scene.file import parse_scene
 OUT = Path(__file__).parent / "out"
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
-SIZE, BRICKS = (0.20, 0.15, 0.10), (4, 3, 2)  # m; 5 x 4 nodes at the bottom
+SIZE, BRICKS, MORE_BRICKS = (0.20, 0.15, 0.10), (4, 3, 2), (7, 4, 2)  # m; 5 x 4 and 8 x 5 nodes at the bottom
 ORDER = 24  # and six rigid motions
 DENSITY, GRAVITY = 200.0, 9.81
 WEIGHT = DENSITY * SIZE[0] * SIZE[1] * SIZE[2] * GRAVITY
@@ -136,6 +140,8 @@ CASES = {
     "loads alone": Case(None),
     "neither": Case(None, loads=False),
 }
+RANDOM = "random pushes"
+SCALED = {"at rest": CASES["at rest"], "sticks": CASES["sticks"], "slides": CASES["slides"], RANDOM: CASES["sticks"]}
 ON_THE_GROUND = ("at rest", "sticks", "in part slides", "slides")
 COMPARED = ("sticks", "in part slides", "slides", "on a ball, sticks")  # with full order
 
@@ -151,7 +157,7 @@ def main() -> None:
     out.mkdir(parents=True, exist_ok=True)
     warnings.simplefilter("ignore", FenicsRomWarning)  # the pad slides away from where it was
     file = out / "pad.msh"
-    mesh(file)
+    mesh(file, BRICKS)
     settle, steps, rounds = (100, 20, 1) if quick else (700, 100, 5)
 
     scenes = {name: scene(case, file, settle * STEP) for name, case in CASES.items()}
@@ -161,17 +167,18 @@ def main() -> None:
     rates = in_turns(bodies, steps, rounds)
     seen = {name: look(body) for name, body in bodies.items() if CASES[name].obstacle is not None}
     table_of_rates(rates, seen, out)
+    table_beside_full_order(out, settle, steps, rounds)
     table_of_effects(whole, {name: scenes[name] for name in ("sticks", "in part slides", "slides", "no friction")}, out)
     errors = {} if quick else table_of_errors(whole, {name: scenes[name] for name in COMPARED}, out)
     check(rates, seen, bodies, whole, bare, scenes, errors)
 
 
-def mesh(file: Path) -> None:
-    """Writes the mesh of the pad: bricks of tetrahedra, with the surfaces "bottom" and "top"."""
+def mesh(file: Path, bricks: tuple[int, int, int]) -> None:
+    """Writes the mesh of the pad: so many bricks of tetrahedra, with the surfaces "bottom" and "top"."""
     gmsh.initialize([], readConfigFiles=False)
     try:
         gmsh.option.setNumber("General.Terminal", 0)
-        geo, (lx, ly, lz), (nx, ny, nz) = gmsh.model.geo, SIZE, BRICKS
+        geo, (lx, ly, lz), (nx, ny, nz) = gmsh.model.geo, SIZE, bricks
         corners = [geo.addPoint(x, y, 0) for x, y in ((0, 0), (lx, 0), (lx, ly), (0, ly))]
         lines = [geo.addLine(corners[k], corners[(k + 1) % 4]) for k in range(4)]
         for line, count in zip(lines, (nx, ny, nx, ny), strict=True):
@@ -209,13 +216,55 @@ def in_turns(bodies: dict[str, fr.Simulator], steps: int, rounds: int) -> dict[s
         for name, body in bodies.items():
             u = np.zeros(body.inputs) if body.environment is None else np.empty(0)
             body.restore(starts[name])
-            start = time.perf_counter()
+            start = time.process_time()
             for _ in range(steps):
                 body.step(u)
             assert body.ledger is not None
             body.ledger.supplied  # noqa: B018, it is booked by this
-            found[name].append(steps / (time.perf_counter() - start))
+            found[name].append(steps / (time.process_time() - start))
     return {name: statistics.median(values) for name, values in found.items()}
+
+
+def table_beside_full_order(out: Path, settle: int, steps: int, rounds: int) -> None:
+    """Section 2: steps per second, reduced and at full order, of pads with few and with more points."""
+    rows: dict[str, list[object]] = {name: [name] for name in SCALED}
+    for bricks in (BRICKS, MORE_BRICKS):
+        file = out / f"pad-{bricks[0]}.msh"
+        mesh(file, bricks)
+        scenes = {name: scene(case, file, settle * STEP) for name, case in SCALED.items()}
+        system = fr.assemble(scenes["sticks"])
+        rom, u = fr.reduce(system, order=ORDER), np.empty(0)
+        bodies: dict[tuple[str, str], fr.Simulator | FullOrderSimulator] = {}
+        for name, each in scenes.items():
+            bodies[name, "reduced"] = settled(rom, each, settle)
+            bodies[name, "full"] = FullOrderSimulator(system, STEP, each.environment)
+            for _ in range(settle):
+                bodies[name, "full"].step(u)
+        for order in ("reduced", "full"):
+            for load, signal in random_pushes().items():
+                environment = bodies[RANDOM, order].environment
+                assert environment is not None
+                environment.set_signal(load, signal)
+        found: dict[tuple[str, str], list[float]] = {key: [] for key in bodies}
+        for _ in range(rounds):
+            for key, body in bodies.items():
+                start = time.process_time()
+                for _ in range(steps):
+                    body.step(u)
+                found[key].append(steps / (time.process_time() - start))
+        for (name, _), values in found.items():
+            rows[name].append(f"{statistics.median(values):,.0f}")
+    heading = ("steps per second", "20 points: reduced", "full order", "40 points: reduced", "full order")
+    table = markdown(heading, list(rows.values()))
+    (out / "full-order.md").write_text(table)
+    print(table)
+
+
+def random_pushes() -> dict[str, Callable[[float], Array]]:
+    """Loads that are others in every step: aside up to what would make the pad slide, down from nothing to twice it."""
+    drawn = np.random.default_rng(0).uniform(-1, 1, (10_000, 3))
+    aside, down = COEFFICIENT * PRESSED * drawn * [1, 1, 0], PRESSED * drawn * [0, 0, 1] + [0, 0, WEIGHT - PRESSED]
+    return {"push": lambda t: aside[int(t / STEP) % 10_000], "press": lambda t: down[int(t / STEP) % 10_000]}
 
 
 @dataclass(frozen=True)
@@ -267,7 +316,7 @@ def table_of_rates(rates: dict[str, float], seen: dict[str, Seen], out: Path) ->
 
 
 def table_of_errors(rom: fr.Rom, scenes: dict[str, fr.Scene], out: Path) -> dict[str, list[float]]:
-    """Section 2: errors of the force of the obstacle against full order, in the 2-norm from the start on.
+    """Section 3: errors of the force of the obstacle against full order, in the 2-norm from the start on.
 
     Of a case: with and without residual compliance, and of full order at half the step.
     """
@@ -293,7 +342,7 @@ def table_of_errors(rom: fr.Rom, scenes: dict[str, fr.Scene], out: Path) -> dict
 
 
 def table_of_effects(rom: fr.Rom, scenes: dict[str, fr.Scene], out: Path) -> None:
-    """Section 3: microseconds per step of each effect, from the start on."""
+    """Section 4: microseconds per step of each effect, from the start on."""
     profiles = {name: fr.simulate(rom, scene=scene, profile=True).profile for name, scene in scenes.items()}
     parts = list(dict.fromkeys(part for profile in profiles.values() for part in profile))
     rows = [(part, *(f"{1e6 * profile.get(part, 0.0):.1f}" for profile in profiles.values())) for part in parts]

@@ -26,7 +26,7 @@ from fenics_rom.mechanics.complementarity.solution import (
     largest,
 )
 
-_STEP = 0.4  # ρ in parts of each pair's stiffness: with as much as that, where many pairs touch, Newton's method cycles
+_SHARES = 0.4, 1.0  # ρ in parts of each pair's stiffness, of regular W first; where one share cycles, another may not
 _FIRST_COMPLIANCE = 1e-4  # proximal, to begin with: where W hardly tells forces apart, Newton's method would cycle
 _FIRST_ITERATIONS = 8  # of Newton's method, with it
 _PATH_RESIDUAL = 1e-6  # below it following a path, the slowest method, is not worth its time
@@ -62,8 +62,8 @@ class FrictionalProblem:
     """
 
     def __init__(self, operator: FramedDelassus, q: Array, friction: float):
-        self.operator, self.compliance = operator, operator.compliance / _STEP
-        self.q, self.μ, self.ρ = q, friction, _STEP * operator.stiffness
+        self.operator, self.q, self.μ = operator, q, friction
+        self._take_share(_SHARES[not operator.operator.is_regular])
         self.speed = largest(np.abs(q))
         self.best, self.velocities, self.error, self.iterations = q, q, np.inf, 0
         self._law: _Law  # at the forces that were looked at last
@@ -78,7 +78,11 @@ class FrictionalProblem:
                 kept = self._passed_on(kept)
                 return Solution(self.best, self.velocities, self.iterations, self.error / self.speed, kept)
             start = self.best
-        if not self.search_newton(start, _FIRST_COMPLIANCE, _FIRST_ITERATIONS) and not self.search_newton(self.best):
+        found = self.search_newton(start, _FIRST_COMPLIANCE, _FIRST_ITERATIONS)
+        if not found:
+            self._take_share(_SHARES[self.operator.operator.is_regular])
+            found = self.search_newton(self.best)
+        if not found:
             with np.errstate(all="ignore"):  # what diverges ends
                 converged = self.search_interior()
                 if not converged and not self.error <= _PATH_RESIDUAL * self.speed:
@@ -87,6 +91,10 @@ class FrictionalProblem:
             if not converged:
                 check_residual(self.error / self.speed, self.q.shape[1], self.iterations)
         return Solution(self.best, self.velocities, self.iterations, self.error / self.speed, self._to_keep(kept))
+
+    def _take_share(self, share: float) -> None:
+        """Sets ρ, and 1/ρ, in the law that Newton's method solves: the solution is the same."""
+        self.ρ, self.compliance = share * self.operator.stiffness, self.operator.compliance / share
 
     def search_newton(
         self,
