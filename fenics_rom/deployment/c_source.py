@@ -1,5 +1,6 @@
 """The linear models of a ROM as one C99 file and its header, which need nothing else."""
 
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from importlib.resources import files
@@ -55,7 +56,7 @@ def c_source(rom: Rom, name: str, outputs: Sequence[str] | None, dt: float) -> C
     dense = any(model.damping.ndim == 2 for model in rom.contact_models.values())
     columns = max(len(plant.inputs) for plant in plants.values())
     words = {
-        "title": f"{rom.name!r}: {rom.method}, order {order}".replace("*/", "* /"),  # which would end the comment
+        "title": re.sub(r"[^\w ,.'-]", "_", f"{rom.name!r}, {rom.method}, order {order}"),  # no end of the comment
         "name": name,
         "NAME": name.upper(),
         "version": VERSION,

@@ -95,7 +95,7 @@ def test_c_takes_the_steps_of_the_simulator(rom, kind, tmp_path):
 
 
 def test_what_is_not_finite_or_not_there_leaves_the_body_as_it_was(plate_rom, tmp_path):
-    body = Body(fr.export(plate_rom, tmp_path / "plant.c"), "double")
+    body = Body(fr.export(replace(plate_rom, name="*/ int x; /* ??/ \\"), tmp_path / "plant.c"), "double")
     assert body.step([0.1] * 6) == 0
     before = bytes(body.state)
     for wrong in (np.nan, np.inf, 1e200):

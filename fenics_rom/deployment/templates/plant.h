@@ -52,7 +52,7 @@ typedef struct {
 /* At rest in the first contact mode, with an empty account. */
 void ${name}_init($name *body);
 
-/* Makes a contact mode active; the state is projected and never gains energy. 0, or -1 where there is none. */
+/* Makes a contact mode active, and projects the state. 0, or -1 where there is no such contact mode. */
 int ${name}_switch($name *body, int contact);
 
 /* Advances by ${NAME}_DT under a constant input. 0, or -1 and all is as it was: the input, or what it leads to, is not
