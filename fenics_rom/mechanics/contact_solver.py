@@ -86,10 +86,16 @@ class ContactSolver:
                 f"{names[obstacle]!r} is the point at {(self.points[point] + displacement[point]).tolist()}"
             )
 
-    def reaches(self, points: PointMotion, dt: float, obstacles: ObstacleMotion) -> bool:
-        """Whether a step may need contact forces; arguments as in `solve`."""
-        gaps, _ = self._distances(points.displacement, obstacles.start)
-        return self.law.stiffness is not None or not out_of_reach(float(gaps.min()), points, obstacles, dt)
+    def within_reach(self, points: PointMotion, dt: float, obstacles: ObstacleMotion) -> Array:
+        """Those points that may need contact forces in a step, or twice as fast; none where no point does.
+
+        Arguments as in `solve`.
+        """
+        gaps = self.gaps(points.displacement, obstacles.start)
+        if self.law.stiffness is not None:
+            return np.arange(len(gaps))
+        reach = _reach(points, obstacles, dt)
+        return np.flatnonzero(gaps <= 2 * reach) if gaps.min() <= reach else np.empty(0, dtype=int)
 
     def solve(
         self,
@@ -321,14 +327,19 @@ class Settled:
 
 
 def out_of_reach(gap: float, points: PointMotion, obstacles: ObstacleMotion, dt: float) -> bool:
-    """Whether in a step of dt, s, no pair of the rigid law can be due, if the smallest gap is this, m.
+    """Whether in a step of dt, s, no pair of the rigid law can be due, if the smallest gap is this, m."""
+    return gap > _reach(points, obstacles, dt)
+
+
+def _reach(points: PointMotion, obstacles: ObstacleMotion, dt: float) -> float:
+    """The largest gap, m, with which a pair of the rigid law can be due in a step of dt, s.
 
     A pair is due at a normal velocity below -g/h, or below (-g/h + (1 - e)/2 a)/(2 - e): nothing is that closes less
     than a bound of both, whatever direction things move in.
     """
     w = max(np.abs(obstacles.velocities(dt)).max(), np.abs(obstacles.velocities_before).max())
     fastest = 2 * np.abs(points.free_velocity).max() + np.abs(points.velocity).max() + 3 * w
-    return bool(gap > dt * _ROOT_3 * fastest)
+    return float(dt * _ROOT_3 * fastest)
 
 
 def _of(values: Array, active: Array) -> Array:

@@ -29,7 +29,7 @@ from fenics_rom.mechanics.frame_motion import ZERO, Quaternion, Vector, added, c
 from fenics_rom.runtime.steppers.frame_contact import touch
 from fenics_rom.runtime.steppers.frame_kernel import FrameKernel, FrameState, Shape, check_turn, pairs, times_inertia
 from fenics_rom.runtime.steppers.frame_loads import FrameForces
-from fenics_rom.runtime.steppers.frame_points import Geometry, Push, arms_of, vector
+from fenics_rom.runtime.steppers.frame_points import FramePoints, Geometry, Push, arms_of, vector
 
 MISFIT = 0.1  # of what the base moves by in a step: so far off may be what its twists say
 NEGLIGIBLE = 1e-6  # rad, and of the size of the body: what is no motion
@@ -280,10 +280,10 @@ class CarriedFrame(FrameKernel):
         spread: Array = self._inverted(self._taken).dot(change.modal)
         return spread
 
-    def delassus(self, turn: Geometry, arms: Array) -> Array:
-        """Mid-step velocities (3 P, 3 P) of the contact points per force, m/s/N."""
+    def delassus(self, points: FramePoints, turn: Geometry, arms: Array) -> Array:
+        """Mid-step velocities (3 s, 3 s) of points per force, m/s/N."""
         assert self._taken is not None
-        maps = self.points.modal_maps(turn)
+        maps = points.modal_maps(turn)
         W: Array = maps.dot(self._inverted(self._taken)).dot(maps.T)
         return W
 

@@ -59,8 +59,8 @@ class FrameBody(Protocol):
     def translation(self, step: Any, turn: Geometry, contact: Vector) -> Array:
         """Mid-step velocity (3,) of the origin under a contact force."""
 
-    def delassus(self, turn: Geometry, arms: Array) -> Array:
-        """Mid-step velocities (3 P, 3 P) of the contact points per force, m/s/N."""
+    def delassus(self, points: FramePoints, turn: Geometry, arms: Array) -> Array:
+        """Mid-step velocities (3 s, 3 s) of points per force, m/s/N."""
 
     def spread(self, change: Push) -> Array:
         """What x changes by, where contact forces change by so much."""
@@ -90,7 +90,7 @@ def touch(
     search_before, settled = solver.search, Settled()
     steady = np.array_equal(obstacles.velocities(h), obstacles.velocities_before)
     displacement, velocity = body.point_displacement(), body.start_velocities()
-    W, contact = np.empty((0, 0)), None
+    W, near, contact = np.empty((0, 0)), np.empty(0, dtype=int), None
     forces, size_before, scale = np.zeros_like(displacement), 0.0, body.scale(x)
     found_all, left = False, 0.0  # from when on the balance alone is solved, and what forces then lacked
     for sweep in range(MOST_SWEEPS):
@@ -101,19 +101,20 @@ def touch(
         corrected = x if sweep == 0 else body.corrected(step, x, push)
         moving = body.velocities(turn, arms, corrected, yielding) + body.translation(step, turn, push.force)
         if sweep == 0:
-            if not solver.reaches(PointMotion(displacement, velocity, moving), h, obstacles):
+            near = solver.within_reach(PointMotion(displacement, velocity, moving), h, obstacles)
+            if not len(near):
                 return x, None
-            W = symmetric(body.delassus(turn, arms))
-            if body.residual is not None:
-                W += _turned(turn.start, body.residual.delassus)
-            else:  # so that it tells all forces apart, which sweeps could else exchange for ever
-                W.ravel()[:: len(W) + 1] += PROXIMAL * W.trace() / len(W)
-        found = forces
+            W = _operator(body, turn, arms, near)
+        found, before = forces, contact
         if not found_all:
             free = moving - W.dot(forces.ravel()).reshape(forces.shape)
             # What touched in the step before is what obstacles push that accelerate.
             solver.search = solver.search._replace(residual=search_before.residual) if steady else search_before
             contact = interface.solve(PointMotion(displacement, velocity, free), W, h, obstacles, settled=settled)
+            if contact is not None and len(near) < len(forces) and np.setdiff1d(contact.pairs % len(forces), near).size:
+                near, solver.search = np.arange(len(forces)), search_before  # others are reached after all
+                W, contact = _operator(body, turn, arms, near), before
+                continue
             if contact is None and sweep == 0:
                 return x, None
             found = np.zeros_like(forces) if contact is None else contact.forces
@@ -148,6 +149,20 @@ def _passive(contact: ContactSolution, velocities: Array) -> ContactSolution:
         raise StepError("contact of a turning body: no forces were found that add no energy; a smaller dt is the cure")
     pressures, speeds = ((part * contact.normals).sum(axis=1) for part in (contact.pair_forces, relative))
     return contact._replace(normal_power=min(max(whole, float(pressures.dot(speeds))), 0.0))
+
+
+def _operator(body: FrameBody, turn: Geometry, arms: Array, near: Array) -> Array:
+    """W (3 P, 3 P) of the points that are near (s,), 0 of all others."""
+    W = symmetric(body.delassus(body.points.of(near), turn, arms[near]))
+    if body.residual is not None:
+        W += _turned(turn.start, body.residual.delassus_of(near))
+    else:  # so that it tells all forces apart, which sweeps could else exchange for ever
+        W.ravel()[:: len(W) + 1] += PROXIMAL * W.trace() / len(W)
+    if len(near) == len(arms):
+        return W
+    whole, rows = np.zeros((3 * len(arms),) * 2), (3 * near[:, None] + np.arange(3)).ravel()
+    whole[rows[:, None], rows] = W
+    return whole
 
 
 def _turned(R: Array, operator: Array) -> Array:

@@ -50,6 +50,11 @@ class FramePoints(NamedTuple):
         moved: Array = q.dot(self.rows).reshape(-1, 3)
         return moved
 
+    def of(self, some: Array) -> "FramePoints":
+        """Some of them, (s,)."""
+        rows = self.rows.reshape(len(self.rows), -1, 3)[:, some].reshape(len(self.rows), -1)
+        return FramePoints(self.rest[some], rows)
+
     def maps(self, turn: Geometry, arms: Array) -> tuple[Array, Array]:
         """Velocities (3 P, 3) of unit ω̂ and (3 P, m) of unit r̂."""
         crossed = np.zeros((len(arms), 3, 3))  # -a~

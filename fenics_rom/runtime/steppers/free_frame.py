@@ -38,7 +38,7 @@ from fenics_rom.runtime.steppers.frame_kernel import (
     turn_of,
 )
 from fenics_rom.runtime.steppers.frame_loads import FrameForces
-from fenics_rom.runtime.steppers.frame_points import Geometry, Push, vector
+from fenics_rom.runtime.steppers.frame_points import FramePoints, Geometry, Push, vector
 
 TOLERANCE = 1e-15  # of the velocities: what the next correction may be
 ROUND_OFF = 4e-15  # of them: a correction that is none
@@ -299,10 +299,10 @@ class FreeFrame(FrameKernel):
         spread: Array = self._inverse.dot(np.concatenate([change.turning, change.modal]))
         return spread
 
-    def delassus(self, turn: Geometry, arms: Array) -> Array:
-        """Mid-step velocities (3 P, 3 P) of the contact points per force, m/s/N."""
+    def delassus(self, points: FramePoints, turn: Geometry, arms: Array) -> Array:
+        """Mid-step velocities (3 s, 3 s) of points per force, m/s/N."""
         assert self._inverse is not None
-        maps = np.hstack(self.points.maps(turn, arms))
+        maps = np.hstack(points.maps(turn, arms))
         W = maps.dot(self._inverse).dot(maps.T)
         blocks = W.reshape(len(arms), 3, len(arms), 3)
         for k in range(3):

@@ -80,6 +80,11 @@ class ResidualMotion:
         """R/a (3P, 3P), m/s/N."""
         return self._R / self._relaxation.whole
 
+    def delassus_of(self, some: Array) -> Array:
+        """The same of some points (s,), (3 s, 3 s)."""
+        rows = (3 * some[:, None] + np.arange(3)).ravel()
+        return self._R[rows[:, None], rows] / self._relaxation.whole
+
     @property
     def is_at_rest(self) -> bool:
         """Whether it has nothing to add as long as nothing touches, as where nothing has touched for long."""
