@@ -266,41 +266,41 @@ class BatchContact:
             w: (B, m) 2 v̂ without contact.
             energy: (B,) stored in the basis at the start, J.
         """
-        h, kind, B = self._h, self._modes[mode], len(bodies)
+        h, kind, B, own = self._h, self._modes[mode], len(bodies), _in_one_piece(bodies)
         inertia, whole, _ = kind.relaxation
         shape = (3, -1, B)
         displacement, velocity, free = ((kind.S @ part.T).reshape(shape) for part in (h / 2 * x, r, w / 2))
-        state = self._residual[..., bodies].reshape(4, *displacement.shape)
+        state = self._residual[..., own].reshape(4, *displacement.shape)
         displacement += state[1]
         velocity += state[3]
         free += (inertia * state[3] - state[1]) / whole
         motion = BatchMotion(displacement, velocity, free)
-        distances = self._solver.distances(displacement, self.offsets[..., bodies])
-        obstacles = BatchObstacles(*(part[..., bodies] for part in (self.offsets, self._speed, self._velocities)))
-        self._clear[bodies] = distances[0].min(axis=(0, 1)) - h * (
-            self._reach / 2 * np.sqrt(np.einsum("bm,bm->b", w, w)) + self._fastest[bodies]
+        distances = self._solver.distances(displacement, self.offsets[..., own])
+        obstacles = BatchObstacles(*(part[..., own] for part in (self.offsets, self._speed, self._velocities)))
+        self._clear[own] = distances[0].min(axis=(0, 1)) - h * (
+            self._reach / 2 * np.sqrt(np.einsum("bm,bm->b", w, w)) + self._fastest[own]
         )
-        pushed = self._pushed[..., bodies]
+        pushed = self._pushed[..., own].copy()
         problem = motion, distances, kind.operator, h, obstacles
-        found = self._solver.solve(*problem, self.friction[bodies], pushed, self._z[..., bodies])
+        found = self._solver.solve(*problem, self.friction[own], pushed, self._z[..., own])
         works, forces, touching = np.zeros((3, B)), np.zeros(displacement.shape), np.empty(0, int)
-        self.forces[..., bodies] = self.resultants[..., bodies] = 0
+        self.forces[..., own] = self.resultants[..., own] = 0
         if found is not None:
             touching = found.touching
-            works[:2, touching] = self._note(found, obstacles.of(touching), bodies[touching])
+            works[:2, touching] = self._note(found, obstacles.of(touching), _in_one_piece(bodies[touching]))
             for body in found.alone:
                 points = PointMotion(*(part[..., body].T.copy() for part in motion))
                 works[:2, body] = self._solve_alone(
                     kind, found, body, points, obstacles.of(body), int(bodies[body]), pushed[..., body]
                 )
             forces[..., touching] = found.forces
-            self.forces[..., bodies] = forces
-            self._z[..., bodies[touching]] = found.z
-        works[2] = self._step_residual(kind, bodies, state, forces, touching, energy)
+            self.forces[..., own] = forces
+            self._z[..., _in_one_piece(bodies[touching])] = found.z
+        works[2] = self._step_residual(kind, own, state, forces, touching, energy)
         push = forces[..., touching].reshape(len(kind.S), -1).T @ kind.push
         return ContactStep(touching, push, works)
 
-    def _note(self, found: BatchForces, obstacles: BatchObstacles, bodies: Array) -> Array:
+    def _note(self, found: BatchForces, obstacles: BatchObstacles, bodies: Array | slice) -> Array:
         """Notes what pushes bodies that touch; works (2, T) as in ContactStep."""
         pushed = found.forces.any(axis=0)
         for k in range(len(self.names)):
@@ -355,11 +355,11 @@ class BatchContact:
         return work.supplied, work.contact + work.friction
 
     def _step_residual(
-        self, kind: _Mode, bodies: Array, state: Array, forces: Array, touching: Array, energy: Array
+        self, kind: _Mode, bodies: Array | slice, state: Array, forces: Array, touching: Array, energy: Array
     ) -> Array:
         """Takes the step of the residual parts (4, 3, P, B) under the forces; what they dissipate, J, (B,)."""
-        h, (inertia, whole, heat) = self._h, kind.relaxation
-        f, (g, y, ġ, ẏ) = forces.reshape(-1, len(bodies)), state.reshape(4, -1, len(bodies))
+        h, (inertia, whole, heat), B = self._h, kind.relaxation, len(energy)
+        f, (g, y, ġ, ẏ) = forces.reshape(-1, B), state.reshape(4, -1, B)
         moved = inertia * ẏ - y
         moved += kind.part.compliance @ f
         moved /= whole
@@ -376,8 +376,8 @@ class BatchContact:
         rests = stored <= np.maximum(2 * FORGOTTEN, NEGLIGIBLE * energy)
         rests[touching] = False
         if rests.any():
-            state.reshape(4, -1, len(bodies))[..., rests] = 0.0
-        self._residual[..., bodies] = state.reshape(4, -1, len(bodies))
+            state.reshape(4, -1, B)[..., rests] = 0.0
+        self._residual[..., bodies] = state.reshape(4, -1, B)
         self._moves[bodies] = ~rests
         return dissipated
 
@@ -385,3 +385,10 @@ class BatchContact:
 def _by_axis(rows: Array) -> Array:
     """Rows (3P, n) of points one after the other as all x, all y, all z."""
     return rows.reshape(-1, 3, rows.shape[1]).transpose(1, 0, 2).reshape(rows.shape)
+
+
+def _in_one_piece(bodies: Array) -> Array | slice:
+    """Distinct bodies in rising order as a slice, where they are one after the other: views cost nothing."""
+    if len(bodies) and bodies[-1] - bodies[0] == len(bodies) - 1 and (np.diff(bodies) == 1).all():
+        return slice(int(bodies[0]), int(bodies[-1]) + 1)
+    return bodies

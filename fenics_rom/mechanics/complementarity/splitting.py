@@ -17,7 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-RELAXATION = 1.9  # α
+RELAXATION = 1.85  # α
 TOLERANCE = 5e-7  # residual, as a share of the velocities that the forces have to stop
 FLOOR = 1e-3  # of λmax, that λmin is taken to be at least
 FIRST_CHECK, CHECKS_EVERY, MOST_ITERATIONS = 5, 3, 200
@@ -81,8 +81,10 @@ class Splitting:
             for first in range(0, len(pooled), GROUP)
         ]
         z = s.reshape(problems.q.shape) - problems.q
-        forces, spare = np.empty_like(z), np.empty((5, *problems.due.shape))
-        project(z, problems, forces, spare)
+        spare = _Spare.of(problems)
+        normal, tangential = factors_of_projection(z, problems, spare)
+        forces = normal * problems.normals
+        forces += np.multiply(tangential, z, out=spare.w)
         forces /= self.ρ
         return forces, z, np.concatenate(unsettled) if unsettled else pooled
 
@@ -98,20 +100,24 @@ class Splitting:
         """
         own, part, iteration = s[:, bodies], problems.of(bodies), begun
         speed = np.abs(part.q).max(axis=(0, 1))
-        w, moved, before = np.empty((3, *own.shape))
-        spare = np.empty((5, *part.due.shape))
+        spare = _Spare.of(part)
         while iteration < MOST_ITERATIONS:
             iteration += 1
             looks = iteration >= FIRST_CHECK and (iteration - FIRST_CHECK) % CHECKS_EVERY == 0
-            if looks:
-                before[:] = own
-            np.subtract(own, part.q.reshape(own.shape), out=w)
-            project(w.reshape(part.q.shape), part, moved.reshape(part.q.shape), spare)
-            np.multiply(moved, 2.0, out=w)
-            w -= own
-            np.matmul(self._K, w, out=moved)
+            before = own.copy() if looks else own
+            w, moved = spare.w, spare.moved
+            np.subtract(own.reshape(w.shape), part.q, out=w)
+            normal, tangential = factors_of_projection(w, part, spare)
+            tangential *= 2
+            tangential -= 1
+            normal *= 2
+            w *= tangential
+            w -= part.q
+            np.multiply(part.normals, normal, out=moved)
+            w += moved  # 2 Π(z) - s
+            np.matmul(self._K, w.reshape(own.shape), out=moved.reshape(own.shape))
             own *= 1 - RELAXATION / 2
-            own += moved
+            own += moved.reshape(own.shape)
             if not looks:
                 continue
             before -= own
@@ -123,42 +129,44 @@ class Splitting:
                 if left <= least:
                     return bodies, iteration
                 own, part, speed = own[:, goes_on], part.of(goes_on), speed[goes_on]
-                w, moved, before = np.empty((3, *own.shape))
-                spare = np.empty((5, *part.due.shape))
+                spare = _Spare.of(part)
         s[:, bodies] = own
         return bodies, iteration
 
 
-def project(z: Array, problems: Problems, projected: Array, spare: Array) -> None:
-    """Π(z) = z_n⁺ n + min(1, μ z_n⁺/|z_t|) z_t (3, P, B), with z_t = z - z_n n; 0 where a pair is not due.
+class _Spare(NamedTuple):
+    """Arrays to work in."""
 
-    Args:
-        z: (3, P, B).
-        problems: of the bodies.
-        projected: (3, P, B) for the result.
-        spare: (5, P, B) to work in.
+    w: Array  # (3, P, B)
+    moved: Array  # (3, P, B)
+    pairs: Array  # (4, P, B)
+    all_due: bool
+
+    @staticmethod
+    def of(problems: Problems) -> "_Spare":
+        """For some bodies."""
+        w, moved = np.empty((2, *problems.q.shape))
+        return _Spare(w, moved, np.empty((4, *problems.due.shape)), bool(problems.due.all()))
+
+
+def factors_of_projection(z: Array, problems: Problems, spare: _Spare) -> tuple[Array, Array]:
+    """a and b (P, B), which a later call overwrites, of Π(z) = a n + b z = z_n⁺ n + min(1, μ z_n⁺/|z_t|) z_t.
+
+    Where a pair is not due both are 0. z_t is z - z_n n, and b z_n is taken out of a.
     """
-    normals = problems.normals
-    zn, square, ratio, pressure, one = spare
-    np.multiply(z, normals, out=projected)
-    np.add(projected[0], projected[1], out=zn)
-    zn += projected[2]
-    np.multiply(z, z, out=projected)
-    np.add(projected[0], projected[1], out=square)
-    square += projected[2]
+    zn, length, pressure, ratio = spare.pairs
+    np.einsum("apb,apb->pb", z, problems.normals, out=zn)
+    np.einsum("apb,apb->pb", z, z, out=length)
     np.maximum(zn, 0.0, out=pressure)
-    pressure *= problems.due
-    np.multiply(zn, zn, out=one)
-    square -= one  # |z_t|²; round-off of a direct normal z only matters where it sticks in any case
-    np.maximum(square, 0.0, out=square)
-    np.sqrt(square, out=square)
+    if not spare.all_due:
+        pressure *= problems.due
+    np.multiply(zn, zn, out=ratio)
+    length -= ratio
+    np.maximum(length, _TINY, out=length)  # round-off of a z along n: it sticks in any case
+    np.sqrt(length, out=length)
     np.multiply(pressure, problems.friction, out=ratio)
-    np.maximum(square, ratio, out=square)
-    square += _TINY
-    ratio /= square
-    np.multiply(ratio, zn, out=one)
-    pressure -= one
-    np.multiply(normals, pressure, out=projected)
-    for axis in range(3):
-        np.multiply(z[axis], ratio, out=one)
-        projected[axis] += one
+    np.maximum(length, ratio, out=length)
+    ratio /= length
+    zn *= ratio
+    pressure -= zn
+    return pressure, ratio
