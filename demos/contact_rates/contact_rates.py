@@ -16,7 +16,9 @@ The script
 3. tables how far forces are off while it settles, with and without residual compliance, beside what the step itself
    makes at full order (not with --quick);
 4. splits a step into its effects;
-5. checks that the scene without contact steps as if there was no such thing: in the same form, to the same bits.
+5. tables what a `Batch` makes of many pads that are each pushed about at random, beside a single one, and by how much
+   these two differ;
+6. checks that the scene without contact steps as if there was no such thing: in the same form, to the same bits.
 
 Everything is written to demos/contact_rates/out/, with --quick to out/quick/. The checks at the end are on what
 touches, on forces and on energy; --quick leaves out that on rates.
@@ -53,6 +55,7 @@ NEAR = 1e-4  # m; a point stops up to one step before the ground, and need not b
 PRESSED = 4 * WEIGHT  # N, with the weight itself
 COEFFICIENT = 0.5
 STEP = 1e-3  # s
+TOGETHER = (16, 256, 1024)  # pads that are stepped together; the first with --quick
 WANTED = 5000.0  # steps a second with all points touching and friction
 
 GROUND = 'ground = { shape = "half-space", point = [0, 0, 0], normal = [0, 0, 1] }'
@@ -169,8 +172,9 @@ def main() -> None:
     table_of_rates(rates, seen, out)
     table_beside_full_order(out, settle, steps, rounds)
     table_of_effects(whole, {name: scenes[name] for name in ("sticks", "in part slides", "slides", "no friction")}, out)
+    off = table_of_batches(whole, TOGETHER[:1] if quick else TOGETHER, steps, out)
     errors = {} if quick else table_of_errors(whole, {name: scenes[name] for name in COMPARED}, out)
-    check(rates, seen, bodies, whole, bare, scenes, errors)
+    check(rates, seen, bodies, whole, bare, scenes, errors, off)
 
 
 def mesh(file: Path, bricks: tuple[int, int, int]) -> None:
@@ -341,6 +345,35 @@ def table_of_errors(rom: fr.Rom, scenes: dict[str, fr.Scene], out: Path) -> dict
     return errors
 
 
+def table_of_batches(rom: fr.Rom, sizes: tuple[int, ...], steps: int, out: Path) -> float:
+    """Section 5: rates of pads that are stepped together, each pushed at random; how far one is from a single one."""
+    rows, worst = [], 0.0
+    for size in sizes:
+        random, seconds = np.random.default_rng(0), np.zeros((2, 4))
+        bodies, single = fr.Batch(rom, size, STEP), fr.Simulator(rom, STEP, ledger=False)
+        for part in range(5):  # the first of them is for settling
+            for step in range(steps):
+                if step % 10 == 0:
+                    u = random.uniform(-1, 1, (size, bodies.inputs)) * COEFFICIENT * PRESSED / 4
+                started = time.process_time()
+                bodies.step(u)
+                between = time.process_time()
+                single.step(u[0])
+                if part:
+                    seconds[:, part - 1] += between - started, time.process_time() - between
+        together, alone = steps / seconds.min(axis=1)
+        touching = np.count_nonzero(bodies.point_forces.any(axis=2)) / size
+        off = np.abs(bodies.state(0)[0][0] - single.state[0]).max() / np.abs(single.state[0]).max()
+        worst = max(worst, off)
+        ratio = size * together / alone
+        rows.append((size, f"{touching:.0f}", f"{size * together:,.0f}", f"{alone:,.0f}", f"{ratio:.1f}", f"{off:.0e}"))
+    heading = ("pads", "points that push", "steps of a pad per second", "of a single one", "ratio", "difference")
+    table = markdown(heading, rows)
+    (out / "batches.md").write_text(table)
+    print(table)
+    return worst
+
+
 def table_of_effects(rom: fr.Rom, scenes: dict[str, fr.Scene], out: Path) -> None:
     """Section 4: microseconds per step of each effect, from the start on."""
     profiles = {name: fr.simulate(rom, scene=scene, profile=True).profile for name, scene in scenes.items()}
@@ -359,6 +392,7 @@ def check(
     bare: fr.Rom,
     scenes: dict[str, fr.Scene],
     errors: dict[str, list[float]],
+    off: float,
 ) -> None:
     """The claims of this page, measured; without errors those of short loops."""
     quick = not errors
@@ -379,6 +413,7 @@ def check(
         "what does not name contact has no part of it": asked.environment is None
         and type(asked._stepper.kernel) is FusedMidpoint,
         "it steps to the same bits": same,
+        f"a pad of a batch moves as a single one, to 1e-5: {off:.1e}": off < 1e-5,
         "of 20 points at least 14 push in the first four cases": quick
         or min(seen[name].pushing for name in ON_THE_GROUND) >= 14,
         f"the ground carries what presses, to 1e-4: {held:.1e}": quick or held < 1e-4,
