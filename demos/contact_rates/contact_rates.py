@@ -1,6 +1,6 @@
 """What a step with contact and friction costs, by what is in contact.
 
-    python demos/contact_rates/contact_rates.py             # less than a minute
+    python demos/contact_rates/contact_rates.py             # two minutes
     python demos/contact_rates/contact_rates.py --quick     # short loops, to see that it works
 
 A pad of foam, which nothing holds, is pressed on the ground, or on a big ball, with 20 points that can touch, and
