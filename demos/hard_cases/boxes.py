@@ -57,7 +57,7 @@ def box(
     """
     points, cells = brick_cells(bricks)
     faces = {"left": (0, 0.0), "right": (0, 1.0), "bottom": (2, 0.0), "top": (2, 1.0)}
-    outer = _outer(cells)
+    outer = outer_triangles(cells)
     places = [points * lengths + [0, 2 * k * lengths[1], 0] for k in range(copies)]
     surfaces = {
         f"{name}{k or ''}": outer[(points[outer, axis] == end).all(axis=1)] + k * len(points)
@@ -86,7 +86,7 @@ def box(
         return fr.assemble(parse_scene("\n".join(f"[{heading}]\n{text}" for heading, text in tables.items())))
 
 
-def _outer(cells: Array) -> Array:
+def outer_triangles(cells: Array) -> Array:
     """Triangles of one cell only."""
     faces = np.sort(cells[:, [(1, 2, 3), (0, 2, 3), (0, 1, 3), (0, 1, 2)]].reshape(-1, 3), axis=1)
     unique, count = np.unique(faces, axis=0, return_counts=True)

@@ -1,0 +1,221 @@
+"""Published cases of large deformation and vibration that nobody here wrote, at full order.
+
+    python demos/benchmarks/benchmarks.py             # a minute
+    python demos/benchmarks/benchmarks.py --quick     # fewer loads on coarser meshes
+
+Loads are put on at once. The table has the mesh, the published number, the one found here, and how often a system of
+equations was solved on the way. It is written to demos/benchmarks/out/, with --quick to out/quick/.
+"""
+
+import argparse
+import sys
+import tempfile
+import time
+import warnings
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from scipy.integrate import solve_bvp
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "hard_cases"))
+from boxes import brick_cells, msh, outer_triangles
+
+import fenics_rom as fr
+from fenics_rom.errors import FenicsRomWarning
+from fenics_rom.io.markdown import markdown
+from fenics_rom.mechanics.step import StepInput
+from fenics_rom.scene.file import parse_scene
+
+Array = np.ndarray
+OUT = Path(__file__).parent / "out"
+MAX_ITERATIONS = 25
+LARGE = "large_deformation = {}\n"
+MIDDLE = '\n[[supports.held]]\nsurface = "bottom"\nnormal = [0.0, 0.0, 1.0]'  # of a plate, thin in z
+PLANE_STRAIN = MIDDLE + MIDDLE.replace("bottom", "top")
+
+
+class Row(NamedTuple):
+    """A number that is published, and what became of it."""
+
+    case: str
+    mesh: str
+    what: str
+    published: float
+    found: float
+    allowed: float  # relative
+    iterations: int | None = None
+
+
+def bar(bricks: tuple[int, int, int], place: Callable[[Array], Array], young: float, poisson: float, density: float,
+        effects: str = LARGE, supports: str = "") -> fr.System:  # fmt: skip
+    """A bar of quadratic tetrahedra: bricks of a unit cube that are put in place, clamped where x was 0."""
+    points, cells = brick_cells(bricks)
+    outer = outer_triangles(cells)
+    faces = {"left": (0, 0.0), "right": (0, 1.0), "bottom": (2, 0.0), "top": (2, 1.0)}
+    surfaces = {name: outer[(points[outer, axis] == end).all(axis=1)] for name, (axis, end) in faces.items()}
+    with tempfile.TemporaryDirectory() as folder:
+        mesh = Path(folder) / "bar.msh"
+        mesh.write_text(msh(place(points), {2: surfaces, 3: {"body": cells}}))
+        text = f"""
+[mesh]
+file = "{mesh}"
+degree = 2
+[material]
+young = {young!r}
+poisson = {poisson!r}
+density = {density!r}
+[supports]
+clamped = ["left"]{supports}
+[contacts.tip]
+surface = "right"
+force = "resultant"
+[outputs.tip]
+surface = "right"
+[effects]
+{effects}"""
+        return fr.assemble(parse_scene(text))
+
+
+def mesh_of(system: fr.System, bricks: tuple[int, int, int]) -> str:
+    """For the table."""
+    return f"{' x '.join(map(str, bricks))} bricks, {system.size:,} unknowns"
+
+
+def tip_under(system: fr.System, *load: float) -> tuple[Array, int]:
+    """Where the middle of the tip comes to, m, under a load in one increment, and iterations."""
+    body = system.deformation.stepper(1.0)
+    body.equilibrium(StepInput(np.array(load)))
+    tip, iterations = body.displacement("tip").mean(axis=0), body.newton
+    assert body.finest == 1.0
+    assert body.negative_pivots == 0
+    body.close()
+    return tip, iterations
+
+
+def elastica(load: float) -> float:
+    """Deflection of the tip of a cantilever of length 1 under P L²/EI."""
+    solution = solve_bvp(
+        lambda _, y: np.stack([y[1], -load * np.cos(y[0]), np.sin(y[0])]),
+        lambda a, b: np.array([a[0], b[1], a[2]]),
+        np.linspace(0, 1, 50),
+        np.zeros((3, 50)),
+        tol=1e-8,
+    )
+    return float(solution.y[2, -1])
+
+
+def princeton(quick: bool) -> Iterator[Row]:
+    """Dowell & Traybar, 1975; the number at 45° of Bauchau et al., Multibody System Dynamics 37 (2016)."""
+    length, wide, thick, young = 0.508, 0.0123777, 0.0032024, 71.7e9
+    bricks = (40, 2, 1) if quick else (60, 2, 2)
+    system = bar(bricks, lambda p: p * (length, wide, thick), young, 0.31, 2700.0)
+    most = 0
+    for force in (13.345,) if quick else (4.448, 8.896, 13.345):
+        for degrees in (0, 45, 90) if quick else range(0, 91, 15):
+            β = np.radians(degrees)
+            tip, iterations = tip_under(system, 0.0, -force * np.cos(β), force * np.sin(β))
+            most = max(most, iterations)
+            across = {0: (thick * wide**3, 1), 90: (wide * thick**3, 2)}.get(degrees)
+            case, what = "Princeton beam", f"tip under {force} N at {degrees}°, m"
+            if across:
+                second_moment, axis = across[0] / 12, across[1]
+                published = length * elastica(force * length**2 / (young * second_moment))
+                yield Row(case, mesh_of(system, bricks), what, published, abs(tip[axis]), 0.01, iterations)
+            elif (degrees, force) == (45, 13.345):
+                published = float(np.hypot(-15.186e-3, 156.467e-3))
+                yield Row(case, mesh_of(system, bricks), what, published, float(np.hypot(*tip[1:])), 0.01, iterations)
+    assert most <= MAX_ITERATIONS
+
+
+def curved_cantilever(quick: bool) -> Iterator[Row]:
+    """An eighth of a circle (Bathe & Bolourchi, 1979); the tip of a spectral element."""
+
+    def place(p: Array) -> Array:
+        angle, radius = np.pi / 4 * p[:, 0], 99.5 + p[:, 1]
+        return np.column_stack([radius * np.sin(angle), radius * np.cos(angle), p[:, 2]])
+
+    bricks = (16, 1, 1) if quick else (24, 1, 1)
+    system = bar(bricks, place, 1e7, 0.0, 1.0)
+    tip, iterations = tip_under(system, 0.0, 0.0, 600.0)
+    published = float(np.linalg.norm([-23.65, 13.72, 53.58]))
+    yield Row("45° curved cantilever", mesh_of(system, bricks), "tip under 600", published,
+              float(np.linalg.norm(tip)), 0.01, iterations)  # fmt: skip
+
+
+def heavy_cantilever(_quick: bool) -> Iterator[Row]:
+    """0.12 kg with 0.2 kg at its tip, whose weight is a force there: FL³/3EI + qL⁴/8EI."""
+    size, g = np.array([0.9, 0.07, 0.055]), 9.81
+    bricks = (24, 2, 2)
+    effects = f"{LARGE}gravity = {{ acceleration = [0.0, 0.0, {-g}] }}\n"
+    system = bar(bricks, lambda p: p * size, 8e6, 0.25, 0.12 / float(size.prod()), effects)
+    tip, iterations = tip_under(system, 0.0, 0.0, -0.2 * g, 1.0)
+    yield Row("cantilever with a mass", mesh_of(system, bricks), "sag, m", 75.2e-3, -float(tip[2]), 0.015, iterations)
+
+
+def flag(quick: bool) -> Iterator[Row]:
+    """Turek & Hron (2006), CSM1 and CSM2: a flag behind a cylinder sinks by its weight, in plane strain."""
+
+    def place(p: Array) -> Array:
+        y = 0.02 * (p[:, 1] - 0.5)
+        pole = 0.2 + np.sqrt(0.05**2 - y**2)
+        return np.column_stack([pole + p[:, 0] * (0.6 - pole), y, 0.01 * p[:, 2]])
+
+    bricks, poisson = (50, 4, 1) if quick else (80, 8, 1), 0.4
+    for name, shear, published in (("CSM1", 0.5e6, (-7.187e-3, -66.10e-3)), ("CSM2", 2e6, (-0.469e-3, -16.97e-3))):
+        effects = f"{LARGE}gravity = {{ acceleration = [0.0, -2.0, 0.0] }}\n"
+        system = bar(bricks, place, 2 * shear * (1 + poisson), poisson, 1000.0, effects, PLANE_STRAIN)
+        tip, iterations = tip_under(system, 0.0, 0.0, 0.0, 1.0)
+        for axis, expected, found in zip("xy", published, tip[:2], strict=True):
+            what = f"end of the flag in {axis}, m"
+            yield Row(f"Turek-Hron {name}", mesh_of(system, bricks), what, expected, float(found), 0.01, iterations)
+
+
+def tapered_membrane(quick: bool) -> Iterator[Row]:
+    """NAFEMS FV32: 10 m long, 5 m to 1 m wide, 0.05 m thick; half of it, which slides in its middle plane."""
+
+    def place(p: Array) -> Array:
+        return np.column_stack([10 * p[:, 0], (p[:, 1] - 0.5) * (5 - 4 * p[:, 0]), 0.025 * p[:, 2]])
+
+    bricks = (16, 8, 1) if quick else (32, 16, 1)
+    system = bar(bricks, place, 200e9, 0.3, 8000.0, "inertia = {}\n", MIDDLE)
+    γ, _ = system.algebra.eigenpairs(system.mass, system.stiffness, 6)
+    for k, (published, found) in enumerate(
+        zip((44.623, 130.03, 162.70, 246.05, 379.90, 391.44), np.sqrt(γ) / (2 * np.pi), strict=True), start=1
+    ):
+        yield Row("NAFEMS FV32", mesh_of(system, bricks), f"frequency {k}, Hz", published, float(found), 0.002)
+
+
+def main() -> int:
+    """Runs all of them; 1 if a claim does not hold."""
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--quick", action="store_true", help="fewer loads on coarser meshes")
+    quick = parser.parse_args().quick
+    warnings.simplefilter("ignore", FenicsRomWarning)
+    rows: list[Row] = []
+    for case in (princeton, curved_cantilever, heavy_cantilever, flag, tapered_membrane):
+        start = time.perf_counter()
+        rows += case(quick)
+        print(f"{rows[-1].case}: {time.perf_counter() - start:.1f} s", flush=True)
+    heads = ["case", "mesh", "number", "published", "here", "off", "iterations"]
+    table = [
+        [r.case, r.mesh, r.what, f"{r.published:.5g}", f"{r.found:.5g}", f"{r.found / r.published - 1:+.2%}",
+         "" if r.iterations is None else str(r.iterations)]
+        for r in rows
+    ]  # fmt: skip
+    text = markdown(heads, table)
+    print(text)
+    out = OUT / "quick" if quick else OUT
+    out.mkdir(parents=True, exist_ok=True)
+    (out / "benchmarks.md").write_text(text)
+    failures = 0
+    for r in rows:
+        holds = abs(r.found / r.published - 1) <= r.allowed and (r.iterations or 0) <= MAX_ITERATIONS
+        failures += not holds
+        print(f"  {'holds' if holds else 'FAILS'}: {r.case}, {r.what}, to {r.allowed:.1%}")
+    return int(failures > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
