@@ -54,7 +54,8 @@ class FrameLoads:
         for name, width in rom.loads.items():
             if name == GRAVITY:
                 self._gravity = column
-                self._acceleration = np.array(environment.details("effects.gravity")["acceleration"], dtype=float)
+                acting = environment.details("effects.gravity")  # which a run may leave out
+                self._acceleration = np.array(acting.get("acceleration", ZERO), dtype=float)
             else:
                 columns += range(column, column + width)
             column += width
