@@ -97,7 +97,7 @@ class ContactSolution(NamedTuple):
     normals: Array  # (C, 3) theirs
     pair_forces: Array  # (C, 3) theirs, N
     obstacle_velocities: Array  # (O, 3), m/s
-    normal_power: float  # Σ λ s of the pairs, W
+    normal_power: float | None  # Σ λ s of the pairs, W; None where there is no friction: then it is all
 
     @property
     def by_obstacle(self) -> Array:
@@ -129,7 +129,8 @@ class ContactSolution(NamedTuple):
         if largest(w != 0):
             supplied = float(self.by_obstacle.ravel().dot(w.ravel()))
         whole = float(self.forces.ravel().dot(velocity.ravel())) - supplied
-        return ContactWork(dt * supplied, -dt * self.normal_power, dt * (self.normal_power - whole))
+        normal = whole if self.normal_power is None else self.normal_power
+        return ContactWork(dt * supplied, -dt * normal, dt * (normal - whole))
 
 
 def equilibrium_work(

@@ -167,7 +167,9 @@ class ContactSolver:
         if solution.residual > NEGLIGIBLE_RESIDUAL:
             search = search._replace(residual=search.residual.with_step(solution.residual))
         self.search = search
-        power = float(forces[0].dot(velocities[0] + problem.target - pairs.compliance * forces[0]))
+        power = None
+        if self.law.friction:
+            power = float(forces[0].dot(velocities[0] + problem.target - pairs.compliance * forces[0]))
         return ContactSolution(point_forces, iterations, active, _of(normals, active), pair_forces, w, power)
 
     def _all_pairs(

@@ -543,14 +543,6 @@ def test_free_body_has_no_equilibrium(mesh):
         fr.simulate(scene_of(mesh, GRAVITY, supports=None, run="dt = 0.1\nduration = 1"))
 
 
-def test_batches_are_for_bodies_without_obstacles(everything):
-    with pytest.raises(
-        StepError,
-        match=r"has contact, strokes, tendon friction or no inertia in its scene: .*Simulator steps such bodies",
-    ):
-        fr.Batch(everything.rom, 4, 1e-3, signals=shaken(0))
-
-
 def test_bodies_of_a_batch_are_under_the_same_loads(mesh):
     load = PLAIN + GRAVITY + '[effects.prescribed.push]\nsurface = "right"\n'
     rom = reduced(scene_of(mesh, load), order=16)

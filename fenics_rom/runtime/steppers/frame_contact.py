@@ -147,6 +147,8 @@ def _passive(contact: ContactSolution, velocities: Array) -> ContactSolution:
     whole = float(contact.pair_forces.ravel().dot(relative.ravel()))
     if whole > 0:
         raise StepError("contact of a turning body: no forces were found that add no energy; a smaller dt is the cure")
+    if contact.normal_power is None:
+        return contact
     pressures, speeds = ((part * contact.normals).sum(axis=1) for part in (contact.pair_forces, relative))
     return contact._replace(normal_power=min(max(whole, float(pressures.dot(speeds))), 0.0))
 
