@@ -25,10 +25,10 @@ def measurable_run(scene: Scene, meshes: Sequence[Path] = ()) -> Run:
     if scene.run is None:
         raise SceneError(f"{scene.source}: has no [run], so there is nothing to measure; add one with a load")
     acting = scene.environment
-    if not (scene.run.loads or acting.loads or acting.obstacles):
+    if not (scene.run.loads or scene.run.initial or acting.base_path or acting.loads or acting.obstacles):
         raise SceneError(
             f"{scene.source}: nothing acts in its run, so there is nothing to measure; add [[run.load]], gravity, "
-            "base_motion, prescribed forces or an obstacle"
+            "base_motion, a base path, prescribed forces, an obstacle or run.initial"
         )
     if meshes and not scene.outputs:
         raise SceneError(
