@@ -77,21 +77,9 @@ import h5py
 import numpy as np
 
 from fenics_rom.errors import FileError, check_known
+from fenics_rom.io import hdf5
 from fenics_rom.io.given import Kind, object_or_file
-from fenics_rom.io.hdf5 import (
-    Entry,
-    Sizes,
-    check_names,
-    get_each,
-    get_group,
-    get_record,
-    get_text,
-    put_arrays,
-    put_each,
-    put_text,
-    read_file,
-    write_file,
-)
+from fenics_rom.io.hdf5 import Entry, Sizes
 from fenics_rom.io.stages import Stage
 from fenics_rom.mechanics.body_facts import CellQuality
 from fenics_rom.mechanics.contact_points import PointsBetween
@@ -149,7 +137,7 @@ def write_rom(file: str | Path, rom: Rom | str | PathLike[str]) -> None:
         >>> fr.write_rom("small.h5", fr.truncate(rom, 5))
     """
     given: Rom = object_or_file("write_rom", rom, ROM_FILE)
-    write_file(file, "rom", lambda h5: _fill(h5, given))
+    hdf5.write_file(file, "rom", lambda h5: _fill(h5, given))
 
 
 def read_rom(file: str | Path) -> Rom:
@@ -164,7 +152,7 @@ def read_rom(file: str | Path) -> Rom:
     """
     from fenics_rom.rom.format_1 import upgrade  # here, as few programs read files
 
-    return read_file(file, "rom", _take, upgrade)
+    return hdf5.read_file(file, "rom", _take, upgrade)
 
 
 ROM_FILE = Kind(Rom, "rom", read_rom)
@@ -172,27 +160,27 @@ ROM_FILE = Kind(Rom, "rom", read_rom)
 
 def _fill(h5: h5py.File, rom: Rom) -> None:
     for names in (rom.outputs, rom.actuators, rom.loads, rom.contact_models):
-        check_names(names)
-    put_text(h5, name=rom.name, method=rom.method, switching=rom.switching, weighting=rom.weighting)
-    put_text(h5, scene=rom.scene_text, warnings="\n".join(rom.warnings))
+        hdf5.check_names(names)
+    hdf5.put_text(h5, name=rom.name, method=rom.method, switching=rom.switching, weighting=rom.weighting)
+    hdf5.put_text(h5, scene=rom.scene_text, warnings="\n".join(rom.warnings))
     sizes: Sizes = {}
-    put_arrays(h5, BODY, sizes, vars(rom))
+    hdf5.put_arrays(h5, BODY, sizes, vars(rom))
     if rom.cells is not None:
-        put_arrays(h5, CELLS, sizes, {"cells": rom.cells.array})
+        hdf5.put_arrays(h5, CELLS, sizes, {"cells": rom.cells.array})
     for kind, entry in ALIKE.items():
         if kind in GROUPS or getattr(rom, kind):
-            put_each(h5, kind, entry, getattr(rom, kind), sizes)
+            hdf5.put_each(h5, kind, entry, getattr(rom, kind), sizes)
     if rom.points_between is not None:
-        put_arrays(h5.create_group("points_between"), BETWEEN, {}, vars(rom.points_between))
+        hdf5.put_arrays(h5.create_group("points_between"), BETWEEN, {}, vars(rom.points_between))
     put_environment(h5, rom.environment)
-    put_each(h5, "offline", STAGE, {str(k): (of.seconds, of.peak_memory) for k, of in enumerate(rom.stages)})
+    hdf5.put_each(h5, "offline", STAGE, {str(k): (of.seconds, of.peak_memory) for k, of in enumerate(rom.stages)})
     for number, stage in enumerate(rom.stages):
-        put_text(h5["offline"][str(number)], name=stage.name)
+        hdf5.put_text(h5["offline"][str(number)], name=stage.name)
     models = h5.create_group("contact_models", track_order=True)
     for name, mode in rom.contact_models.items():
         table = _mode_table(rom.weighting, dense=mode.damping.ndim == 2)
         arrays = vars(mode) | {key: None for key in EMPTY_WHERE_ABSENT if not len(getattr(mode, key))}
-        put_arrays(models.create_group(name, track_order=True), table, {"k": sizes["k"]}, arrays)
+        hdf5.put_arrays(models.create_group(name, track_order=True), table, {"k": sizes["k"]}, arrays)
     if rom.deformation is not None:
         from fenics_rom.rom.deformation_file import put_deformation  # here, as few bodies deform largely
 
@@ -217,20 +205,20 @@ def _fill(h5: h5py.File, rom: Rom) -> None:
 
 def _take(h5: h5py.File) -> Rom:
     sizes: Sizes = {}
-    body = get_record(h5, BODY | CELLS, sizes, (*GROUPS, *MAYBE))
+    body = hdf5.get_record(h5, BODY | CELLS, sizes, (*GROUPS, *MAYBE))
     body["cells"] = CellQuality.from_array(body["cells"])
-    groups = {name: get_group(h5, name) for name in (*GROUPS, *MAYBE) if name in GROUPS or name in h5}
-    alike: Any = {kind: get_each(groups[kind], entry, sizes) for kind, entry in ALIKE.items() if kind in groups}
-    weighting = get_text(h5, "weighting")
+    groups = {name: hdf5.get_group(h5, name) for name in (*GROUPS, *MAYBE) if name in GROUPS or name in h5}
+    alike: Any = {kind: hdf5.get_each(groups[kind], entry, sizes) for kind, entry in ALIKE.items() if kind in groups}
+    weighting = hdf5.get_text(h5, "weighting")
     models = groups["contact_models"]
     rom = Rom(
-        name=get_text(h5, "name"),
-        method=get_text(h5, "method") if "method" in h5.attrs else "balanced",
-        switching=get_text(h5, "switching"),
-        contact_models={name: _take_mode(get_group(models, name), weighting, sizes) for name in models},
+        name=hdf5.get_text(h5, "name"),
+        method=hdf5.get_text(h5, "method") if "method" in h5.attrs else "balanced",
+        switching=hdf5.get_text(h5, "switching"),
+        contact_models={name: _take_mode(hdf5.get_group(models, name), weighting, sizes) for name in models},
         environment=take_environment(h5),
-        scene_text=get_text(h5, "scene"),
-        warnings=tuple(filter(None, get_text(h5, "warnings").split("\n"))),
+        scene_text=hdf5.get_text(h5, "scene"),
+        warnings=tuple(filter(None, hdf5.get_text(h5, "warnings").split("\n"))),
         weighting=weighting,
         stages=_take_stages(groups["offline"]) if "offline" in groups else (),
         force_validation=_take_forces(groups["force_validation"]) if "force_validation" in groups else None,
@@ -242,7 +230,7 @@ def _take(h5: h5py.File) -> Rom:
 
         rom = replace(rom, deformation=get_deformation(h5, sizes))
     if "points_between" in groups:
-        rom = replace(rom, points_between=PointsBetween(**get_record(groups["points_between"], BETWEEN)))
+        rom = replace(rom, points_between=PointsBetween(**hdf5.get_record(groups["points_between"], BETWEEN)))
     if "readings" in groups:
         from fenics_rom.rom.readings_file import take_readings
 
@@ -269,7 +257,7 @@ def _mode_table(weighting: str, dense: bool) -> dict[str, Entry]:
 def _take_mode(group: h5py.Group, weighting: str, sizes: Sizes) -> ContactModel:
     damping = group.get("damping")
     dense = isinstance(damping, h5py.Dataset) and damping.ndim == 2
-    arrays = get_record(group, _mode_table(weighting, dense), {"k": sizes["k"]})
+    arrays = hdf5.get_record(group, _mode_table(weighting, dense), {"k": sizes["k"]})
     for key in EMPTY_WHERE_ABSENT:
         if arrays[key] is None:
             arrays[key] = np.empty(0, dtype=int if key == "contact_points" else float)
@@ -279,25 +267,25 @@ def _take_mode(group: h5py.Group, weighting: str, sizes: Sizes) -> ContactModel:
 
 
 def _take_stages(group: h5py.Group) -> tuple[Stage, ...]:
-    numbers = get_record(group, {str(k): STAGE for k in range(len(group))})
-    return tuple(Stage(get_text(group[key], "name"), *of) for key, of in numbers.items())
+    numbers = hdf5.get_record(group, {str(k): STAGE for k in range(len(group))})
+    return tuple(Stage(hdf5.get_text(group[key], "name"), *of) for key, of in numbers.items())
 
 
 def _put_forces(h5: h5py.File, validation: ForceValidation) -> None:
-    check_names(validation.reduction)
+    hdf5.check_names(validation.reduction)
     group = h5.create_group("force_validation", track_order=True)
-    put_arrays(group, {"run": FORCE_RUN}, {}, {"run": (validation.dt, validation.duration)})
+    hdf5.put_arrays(group, {"run": FORCE_RUN}, {}, {"run": (validation.dt, validation.duration)})
     for against in ("reduction", "time_step"):
-        put_each(group, against, FORCE_ERRORS, getattr(validation, against))
+        hdf5.put_each(group, against, FORCE_ERRORS, getattr(validation, against))
 
 
 def _take_forces(group: h5py.Group) -> ForceValidation:
-    run = get_record(group, {"run": FORCE_RUN}, others=("reduction", "time_step", "obstacles"))["run"]
+    run = hdf5.get_record(group, {"run": FORCE_RUN}, others=("reduction", "time_step", "obstacles"))["run"]
     if "obstacles" in group:  # of the reduction and, what nobody needs, of the reduced model's own time step
-        both = get_each(get_group(group, "obstacles"), Entry("1", (2, 3)))
+        both = hdf5.get_each(hdf5.get_group(group, "obstacles"), Entry("1", (2, 3)))
         errors: Any = {"reduction": {name: tuple(rows[0].tolist()) for name, rows in both.items()}, "time_step": {}}
     else:
-        errors = {name: get_each(get_group(group, name), FORCE_ERRORS) for name in ("reduction", "time_step")}
+        errors = {name: hdf5.get_each(hdf5.get_group(group, name), FORCE_ERRORS) for name in ("reduction", "time_step")}
     if min(run) <= 0 or any(min(numbers) < 0 for of in errors.values() for numbers in of.values()):
         raise FileError(f"{group.name}: a time is not positive, or an error is negative")
     return ForceValidation(*run, **errors)

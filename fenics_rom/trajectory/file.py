@@ -43,22 +43,9 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import FileError, check_known
+from fenics_rom.io import hdf5
 from fenics_rom.io.given import Kind
-from fenics_rom.io.hdf5 import (
-    Entry,
-    Sizes,
-    check_names,
-    get_each,
-    get_group,
-    get_record,
-    get_text,
-    put_arrays,
-    put_each,
-    put_text,
-    read_file,
-    rename_all,
-    write_file,
-)
+from fenics_rom.io.hdf5 import Entry, Sizes
 from fenics_rom.mechanics.body_facts import CellQuality
 from fenics_rom.mechanics.obstacles import SHAPES, Obstacle, dimensions_of, shape_of
 from fenics_rom.trajectory.series_file import check_series, put_series, take_series
@@ -111,7 +98,7 @@ def write_trajectory(file: str | Path, trajectory: Trajectory) -> None:
     Example:
         >>> fr.write_trajectory("again.h5", run)
     """
-    write_file(file, "run", lambda h5: _fill(h5, trajectory))
+    hdf5.write_file(file, "run", lambda h5: _fill(h5, trajectory))
 
 
 def read_trajectory(file: str | Path) -> Trajectory:
@@ -124,15 +111,15 @@ def read_trajectory(file: str | Path) -> Trajectory:
         >>> fr.read_trajectory("run.h5").steps
         300
     """
-    return read_file(file, "run", _take, lambda h5: rename_all(h5, NAMES_IN_FORMAT_1))
+    return hdf5.read_file(file, "run", _take, lambda h5: hdf5.rename_all(h5, NAMES_IN_FORMAT_1))
 
 
 RUN_FILE = Kind(Trajectory, "run", read_trajectory)
 
 
 def _fill(h5: h5py.File, run: Trajectory) -> None:
-    check_names([*run.contacts, *run.outputs, *run.forces, *run.reactions])
-    put_text(
+    hdf5.check_names([*run.contacts, *run.outputs, *run.forces, *run.reactions])
+    hdf5.put_text(
         h5,
         name=run.name,
         model=run.model,
@@ -144,49 +131,49 @@ def _fill(h5: h5py.File, run: Trajectory) -> None:
     sizes: Sizes = {}
     cells = None if run.cells is None else run.cells.array
     numerical = run.numerical if run.numerical.any() else None
-    put_arrays(h5, RUN, sizes, vars(run) | {"cells": cells, "numerical": numerical})
+    hdf5.put_arrays(h5, RUN, sizes, vars(run) | {"cells": cells, "numerical": numerical})
     for kind, entry in ALIKE.items():
         if kind == "outputs" or getattr(run, kind):
-            put_each(h5, kind, entry, getattr(run, kind), sizes)
+            hdf5.put_each(h5, kind, entry, getattr(run, kind), sizes)
     settings = h5.create_group("settings", track_order=True)
-    put_arrays(settings, SETTINGS, sizes, {name: run.settings.get(name) for name in SETTINGS})
+    hdf5.put_arrays(settings, SETTINGS, sizes, {name: run.settings.get(name) for name in SETTINGS})
     if run.obstacles:
         obstacles = h5.create_group("obstacles", track_order=True)
         for name, obstacle in run.obstacles.items():
             group, table = obstacles.create_group(name, track_order=True), _dimensions(shape_of(obstacle))
-            put_arrays(group, table | MOTION, sizes, vars(obstacle) | {"motion": run.obstacle_motion[name]})
-            put_text(group, shape=shape_of(obstacle))
+            hdf5.put_arrays(group, table | MOTION, sizes, vars(obstacle) | {"motion": run.obstacle_motion[name]})
+            hdf5.put_text(group, shape=shape_of(obstacle))
     if run.profile:
         profile = h5.create_group("profile", track_order=True)
         for number, (name, seconds) in enumerate(run.profile.items()):
-            put_arrays(profile, {str(number): SECONDS_PER_STEP}, sizes, {str(number): seconds})
-            put_text(profile[str(number)], name=name)
+            hdf5.put_arrays(profile, {str(number): SECONDS_PER_STEP}, sizes, {str(number): seconds})
+            hdf5.put_text(profile[str(number)], name=name)
     put_series(h5, run, sizes)
     _check_fit(run)
 
 
 def _take(h5: h5py.File) -> Trajectory:
     sizes: Sizes = {}
-    arrays = get_record(h5, RUN, sizes, GROUPS)
+    arrays = hdf5.get_record(h5, RUN, sizes, GROUPS)
     arrays["cells"] = CellQuality.from_array(arrays["cells"])
     if arrays["numerical"] is None:
         arrays["numerical"] = np.zeros_like(arrays["energy"])
     needed = ("outputs", "settings")
-    groups = {name: get_group(h5, name) if name in h5 or name in needed else {} for name in GROUPS}
-    settings = get_record(groups["settings"], SETTINGS, sizes)
-    alike: Any = {kind: get_each(groups[kind], entry, sizes) for kind, entry in ALIKE.items()}
+    groups = {name: hdf5.get_group(h5, name) if name in h5 or name in needed else {} for name in GROUPS}
+    settings = hdf5.get_record(groups["settings"], SETTINGS, sizes)
+    alike: Any = {kind: hdf5.get_each(groups[kind], entry, sizes) for kind, entry in ALIKE.items()}
     moved_obstacles = {
-        name: _take_obstacle(get_group(groups["obstacles"], name), sizes) for name in groups["obstacles"]
+        name: _take_obstacle(hdf5.get_group(groups["obstacles"], name), sizes) for name in groups["obstacles"]
     }
     inputs, readings = take_series(h5, sizes)
     run = Trajectory(
-        name=get_text(h5, "name"),
-        model=get_text(h5, "model"),
+        name=hdf5.get_text(h5, "name"),
+        model=hdf5.get_text(h5, "model"),
         settings={name: value for name, value in settings.items() if value is not None},
-        contacts=tuple(get_text(h5, "contacts").split("\n")),
-        warnings=tuple(filter(None, get_text(h5, "warnings").split("\n"))),
-        effects=tuple(filter(None, get_text(h5, "effects").split("\n"))) if "effects" in h5.attrs else (),
-        stepping=get_text(h5, "stepping") if "stepping" in h5.attrs else "",
+        contacts=tuple(hdf5.get_text(h5, "contacts").split("\n")),
+        warnings=tuple(filter(None, hdf5.get_text(h5, "warnings").split("\n"))),
+        effects=tuple(filter(None, hdf5.get_text(h5, "effects").split("\n"))) if "effects" in h5.attrs else (),
+        stepping=hdf5.get_text(h5, "stepping") if "stepping" in h5.attrs else "",
         profile=_take_profile(groups["profile"]),
         obstacles={name: obstacle for name, (obstacle, _) in moved_obstacles.items()},
         obstacle_motion={name: motion for name, (_, motion) in moved_obstacles.items()},
@@ -201,10 +188,10 @@ def _take(h5: h5py.File) -> Trajectory:
 
 def _take_obstacle(group: h5py.Group, sizes: Sizes) -> tuple[Obstacle, Array]:
     """An obstacle, and how far it was from where the scene puts it."""
-    shape = get_text(group, "shape")
+    shape = hdf5.get_text(group, "shape")
     check_known("shape", shape, SHAPES, FileError, f"{group.name}: ")
     table = _dimensions(shape)
-    described = get_record(group, table | MOTION, sizes)
+    described = hdf5.get_record(group, table | MOTION, sizes)
     motion = described.pop("motion")
     return SHAPES[shape](**described), motion
 
@@ -215,8 +202,8 @@ def _dimensions(shape: str) -> dict[str, Entry]:
 
 
 def _take_profile(group: Any) -> dict[str, float]:
-    seconds = get_record(group, {str(k): SECONDS_PER_STEP for k in range(len(group))}) if group else {}
-    return {get_text(group[key], "name"): of_part for key, of_part in seconds.items()}
+    seconds = hdf5.get_record(group, {str(k): SECONDS_PER_STEP for k in range(len(group))}) if group else {}
+    return {hdf5.get_text(group[key], "name"): of_part for key, of_part in seconds.items()}
 
 
 def _check_fit(run: Trajectory) -> None:
