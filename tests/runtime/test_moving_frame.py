@@ -14,11 +14,13 @@ from scipy.integrate import solve_ivp
 import fenics_rom as fr
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.base_path import BaseState
+from fenics_rom.mechanics.complementarity import NEGLIGIBLE_RESIDUAL
 from fenics_rom.mechanics.contact import ContactLaw
 from fenics_rom.mechanics.frame_motion import cross_matrix, quaternion_of_vector, rotation_matrix, turned
 from fenics_rom.scene.file import parse_scene
 
 pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
+LEFT = NEGLIGIBLE_RESIDUAL / 10  # of the work, by forces that are found to this of velocities, ten points at a time
 UNTURNED = np.array([1.0, 0.0, 0.0, 0.0])
 GRAVITY = {"effects.gravity": "acceleration = [0.0, 0.0, -9.81]"}
 FORCE = {"effects.prescribed.pull": 'surface = "right"\nforce = [0.01, -0.02, 0.03]'}
@@ -225,8 +227,8 @@ def test_a_beam_that_tumbles_onto_a_floor_closes_its_account(falling, restitutio
         before = body.ledger.contact, body.ledger.friction
         body.step(np.zeros(body.inputs))
         account = body.ledger
-        assert account.contact - before[0] >= -1e-13
-        assert account.friction - before[1] >= -1e-13
+        assert account.contact - before[0] >= -LEFT * max(start, account.supplied)
+        assert account.friction - before[1] >= -LEFT * max(start, account.supplied)
         assert account.lost_in_switching >= -1e-13 if yields else abs(account.lost_in_switching) <= 1e-12
         kept = account.supplied - account.dissipated - account.lost_in_switching
         gap = max(gap, abs(body.energy - start - kept))
@@ -235,7 +237,7 @@ def test_a_beam_that_tumbles_onto_a_floor_closes_its_account(falling, restitutio
     assert gap <= 1e-12 * account.supplied
     if not friction:
         assert np.abs(body.momentum[0] - P)[:2].max() <= 1e-12 * np.linalg.norm(P)
-        assert account.contact > 0 if restitution < 1 else account.contact <= 1e-12
+        assert account.contact > 0 if restitution < 1 else account.contact <= 10 * LEFT * max(start, account.supplied)
 
 
 def test_forces_that_do_not_settle_stay_passive(tmp_path):
@@ -249,8 +251,8 @@ def test_forces_that_do_not_settle_stay_passive(tmp_path):
         before = body.ledger.contact, body.ledger.friction
         body.step()
         account = body.ledger
-        assert account.contact - before[0] >= -1e-13
-        assert account.friction - before[1] >= -1e-13
+        assert account.contact - before[0] >= -LEFT * max(start, account.supplied)
+        assert account.friction - before[1] >= -LEFT * max(start, account.supplied)
     assert body.contact_forces().any()
     assert abs(body.energy - start - account.supplied + account.dissipated) <= 1e-12 * account.supplied
 
@@ -423,6 +425,6 @@ def test_what_a_model_does_not_follow_is_told(free, spin, amplitude, detail, tol
     for _ in range(3):
         body.step()
     messages = [line for line in body.warnings if line.startswith("moving frame")]
-    assert len(messages) == (told is not None)
-    assert told is None or re.search(told, messages[0])
+    assert bool(messages) == (told is not None)
+    assert told is None or any(re.search(told, message) for message in messages)
     assert copy.copy(body).warnings == body.warnings

@@ -10,7 +10,9 @@ import fenics_rom as fr
 from fenics_rom.cli.main import main
 from fenics_rom.mechanics.base_path import CONJUGATE, quaternion_product
 from fenics_rom.trajectory.elastic_part import elastic_part
+from fenics_rom.visualization.optional_dependencies import pyvista_package
 
+pyvista = pyvista_package()  # before dolfinx
 AXIS = np.array([1.0, 2.0, -2.0]) / 3
 SPIN = 4.0  # rad/s: a turn and a quarter in 2 s
 TIMES = np.linspace(0.0, 2.0, 21)
@@ -95,7 +97,6 @@ def test_moving_run_is_read_to_the_last_bit_and_told(tmp_path, capsys):
 
 
 def test_pose_wrench_and_momenta_are_drawn_and_exported(tmp_path):
-    pyvista = pytest.importorskip("pyvista")
     panels = ["rotation", "base_torque", "angular_momentum"]
     files = fr.plot({"full": thrown(), "reduced": thrown(lead=0.1)}, tmp_path / "run.svg", what=panels)
     text = files[0].read_text()

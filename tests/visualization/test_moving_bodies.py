@@ -11,8 +11,10 @@ from fenics_rom.errors import FenicsRomWarning
 from fenics_rom.mechanics.frame_motion import rotation_matrix
 from fenics_rom.scene.file import parse_scene
 from fenics_rom.visualization.contact_surface import divide_contact_triangles
+from fenics_rom.visualization.optional_dependencies import pyvista_package
 from fenics_rom.visualization.viewer.live_body import LiveBody
 
+pyvista_package()  # before dolfinx
 pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")  # coarse boxes lock, and bend
 THROWN = {
     "supports": None,
