@@ -21,7 +21,8 @@ from fenics_rom.fem import assemble, linear_stepper, restriction
 from fenics_rom.reduction import gramians, validation
 from fenics_rom.reduction import reduce as reduction
 from fenics_rom.reduction.methods import balanced
-from fenics_rom.runtime import rollout, switching
+from fenics_rom.rom import midpoint_map, switch_maps
+from fenics_rom.runtime import rollout
 from fenics_rom.runtime.steppers import midpoint
 
 FOLDER = Path(__file__).parents[2] / "demos" / "hard_cases"
@@ -73,7 +74,8 @@ def stiffness_halved_in_steps(patch, demo):
         a = 1 / (S + (mode.damping if mode.damping.ndim == 1 else mode.damping.diagonal()))
         return a, (R if R.ndim == 1 else np.diag(R)) * a
 
-    patch.setattr(midpoint, "compliance", too_soft)
+    for module in (midpoint_map, midpoint):
+        patch.setattr(module, "compliance", too_soft)
 
 
 def products_off_at_full_order(patch, demo):
@@ -197,8 +199,8 @@ def oblique(patch, demo):
 
 def maps_that_add(patch, demo):
     """A switch adds a little, between equal models too."""
-    right = switching._clip_cosines
-    patch.setattr(switching, "_clip_cosines", lambda cosines: 1.001 * right(cosines))
+    right = switch_maps._clip_cosines
+    patch.setattr(switch_maps, "_clip_cosines", lambda cosines: 1.001 * right(cosines))
 
 
 def held_patches_pass(patch, demo):

@@ -10,6 +10,7 @@ import pytest
 
 import fenics_rom as fr
 from fenics_rom.reduction import validation
+from fenics_rom.rom import midpoint_map
 from fenics_rom.runtime import rollout, simulator, switching
 from fenics_rom.runtime.steppers import midpoint
 
@@ -132,7 +133,8 @@ def test_a_step_with_half_the_stiffness_in_it(demo, rom, monkeypatch):
         a = 1 / (S + mode.damping)
         return a, R * a
 
-    monkeypatch.setattr(midpoint, "compliance", too_soft)
+    for module in (midpoint_map, midpoint):
+        monkeypatch.setattr(module, "compliance", too_soft)
     assert all(rides(demo, rom).values())
 
 
@@ -150,11 +152,11 @@ def test_an_account_that_is_off(demo, rom, factor, monkeypatch):
 
 
 def test_projections_in_one_energy_for_both(demo, rom, monkeypatch):
-    def of_mass(rom, start, end):
+    def of_mass(κ, start, end, switching):
         both = end.coordinates.T @ start.coordinates
         return np.sqrt(end.eigenvalues)[:, None] * both / np.sqrt(start.eigenvalues), both
 
-    monkeypatch.setattr(switching, "_project", of_mass)
+    monkeypatch.setattr(switching, "switch_maps", of_mass)
     found = rides(demo, rom)
     assert "most that a switch can add, of the stored energy" in found["contacts"]
     assert not found["any steps"]
