@@ -33,14 +33,14 @@ def write_plant(place: Path, rom: Rom, outputs: Sequence[str] | None, dt: float 
         write_matrices(place, rom, outputs, dt)
         return
     check_identifier(place.stem, str(place))
-    code = c_source(rom, place.stem, outputs, _step_of_code(place, rom, dt))
+    plant = c_source(rom, place.stem, outputs, _step_of_code(place, rom, dt))
     if place.suffix == ".fmu":
-        write_fmu(place, rom, code)
+        write_fmu(place, rom, plant)
         return
     header = place.with_suffix(".h")
     check_place(header)
-    write_whole(header, code.header.encode())
-    write_whole(place, code.source.encode())
+    write_whole(header, plant.header.encode())
+    write_whole(place, plant.source.encode())
 
 
 def _step_of_code(place: Path, rom: Rom, dt: float | None) -> float:

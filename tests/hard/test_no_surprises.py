@@ -26,8 +26,9 @@ MODULES = {
     *("multiprocessing", "socket", "ssl", "urllib", "http", "ftplib", "smtplib", "telnetlib", "xmlrpc", "requests"),
     *("asyncio", "webbrowser"),
 }
-STARTED = {  # scripts and commands of this package, in processes of their own
-    PACKAGE / "fem" / "gmsh_file.py": "[sys.executable, '-P', gmsh_process.__file__, file]"
+STARTED = {  # scripts and commands of this package, in processes of their own, and a compiler for what it wrote
+    PACKAGE / "fem" / "gmsh_file.py": "[sys.executable, '-P', gmsh_process.__file__, file]",
+    PACKAGE / "deployment" / "fmu.py": "[*compiler, *FLAGS, *files, '-o', 'library']",
 }
 IMPORTS = {  # modules that the package names itself, when they are asked for
     PACKAGE / "lazy_import.py",
