@@ -32,8 +32,8 @@ BASE_UNITS = {  # exponents of the units that inputs and outputs have
 SAME_DATE = (1980, 1, 1, 0, 0, 0)  # of all parts: the same model is the same file
 
 
-def write_fmu(place: Path, rom: Rom, code: CSource) -> None:
-    """Writes an FMU of a ROM's code.
+def write_fmu(place: Path, rom: Rom, plant: CSource) -> None:
+    """Writes an FMU of a ROM's plant.
 
     Inputs are the columns of all contact modes, of which those of the active one act, actuators and loads, which begin
     with what is constant in the scene (gravity with 1), and the contact mode; outputs displacements and the account.
@@ -42,26 +42,26 @@ def write_fmu(place: Path, rom: Rom, code: CSource) -> None:
         MissingPackageError: there is no C compiler.
         FileError: it fails, or the file cannot be written.
     """
-    start = dict.fromkeys(code.inputs, 0.0)
+    start = dict.fromkeys(plant.inputs, 0.0)
     for load, acts in rom.environment.loads.items():
         if acts.signal is not None and acts.signal.times is None:
             values = acts.signal.values.tolist()
             names = [load] if len(values) == 1 else [f"{load}[{k}]" for k in range(len(values))]
             start |= dict(zip(names, values, strict=True))
-    words = {"name": code.name, "NAME": code.name.upper(), "dt": repr(code.dt)}
+    words = {"name": plant.name, "NAME": plant.name.upper(), "dt": repr(plant.dt)}
     words["start"] = ", ".join([*map(repr, start.values()), "0.0"])
     wrapper = filled("fmi.c", {**words, "guid": "$guid"})
-    guid = f"{{{uuid.uuid5(uuid.NAMESPACE_OID, code.header + code.source + wrapper)}}}"
+    guid = f"{{{uuid.uuid5(uuid.NAMESPACE_OID, plant.header + plant.source + wrapper)}}}"
     sources = {
-        f"{code.name}.h": code.header,
-        f"{code.name}.c": code.source,
-        f"{code.name}_fmi.c": wrapper.replace("$guid", guid),
+        f"{plant.name}.h": plant.header,
+        f"{plant.name}.c": plant.source,
+        f"{plant.name}_fmi.c": wrapper.replace("$guid", guid),
     }
     platform, ending = PLATFORMS.get(sys.platform, PLATFORMS["linux"])
     parts = {
-        "modelDescription.xml": _description(rom, code, guid, start),
+        "modelDescription.xml": _description(rom, plant, guid, start),
         **{f"sources/{name}": text.encode() for name, text in sources.items()},
-        f"binaries/{platform}/{code.name}{ending}": _compiled(place, sources),
+        f"binaries/{platform}/{plant.name}{ending}": _compiled(place, sources),
     }
     stream = io.BytesIO()
     with zipfile.ZipFile(stream, "w") as archive:
@@ -88,31 +88,31 @@ def _compiled(place: Path, sources: dict[str, str]) -> bytes:
         return (Path(folder) / "library").read_bytes()
 
 
-def _description(rom: Rom, code: CSource, guid: str, start: dict[str, float]) -> bytes:
+def _description(rom: Rom, plant: CSource, guid: str, start: dict[str, float]) -> bytes:
     """modelDescription.xml."""
-    root = ET.Element("fmiModelDescription", fmiVersion="2.0", modelName=code.name, guid=guid)
+    root = ET.Element("fmiModelDescription", fmiVersion="2.0", modelName=plant.name, guid=guid)
     root.attrib |= {"description": f"reduced soft body {rom.name}", "generationTool": f"fenics_rom {VERSION}"}
     root.attrib |= {"variableNamingConvention": "flat"}
     abilities = ("canHandleVariableCommunicationStepSize", "canGetAndSetFMUstate", "canSerializeFMUstate")
-    interface = ET.SubElement(root, "CoSimulation", modelIdentifier=code.name)
+    interface = ET.SubElement(root, "CoSimulation", modelIdentifier=plant.name)
     interface.attrib |= dict.fromkeys(abilities, "true")
     files = ET.SubElement(interface, "SourceFiles")
-    for name in (f"{code.name}.c", f"{code.name}_fmi.c"):
+    for name in (f"{plant.name}.c", f"{plant.name}_fmi.c"):
         ET.SubElement(files, "File", name=name)
-    outputs = {**code.outputs, **dict.fromkeys(ACCOUNT, "J")}
+    outputs = {**plant.outputs, **dict.fromkeys(ACCOUNT, "J")}
     units = ET.SubElement(root, "UnitDefinitions")
-    for unit in sorted({*code.inputs.values(), *outputs.values()}):
+    for unit in sorted({*plant.inputs.values(), *outputs.values()}):
         base_unit = ET.SubElement(ET.SubElement(units, "Unit", name=unit), "BaseUnit")
         base_unit.attrib |= {base: str(exponent) for base, exponent in BASE_UNITS[unit].items()}
     types = ET.SubElement(root, "TypeDefinitions")
     modes = ET.SubElement(ET.SubElement(types, "SimpleType", name="contact_mode"), "Enumeration")
-    for number, contact in enumerate(code.contact_modes, start=1):
+    for number, contact in enumerate(plant.contact_modes, start=1):
         ET.SubElement(modes, "Item", name=contact, value=str(number))
     stop = 1.0 if rom.environment.run is None else rom.environment.run.duration
-    ET.SubElement(root, "DefaultExperiment", startTime="0", stopTime=repr(stop), stepSize=repr(code.dt))
+    ET.SubElement(root, "DefaultExperiment", startTime="0", stopTime=repr(stop), stepSize=repr(plant.dt))
     variables = ET.SubElement(root, "ModelVariables")
-    for reference, (name, unit) in enumerate({**code.inputs, **outputs}.items()):
-        causality = "input" if reference < len(code.inputs) else "output"
+    for reference, (name, unit) in enumerate({**plant.inputs, **outputs}.items()):
+        causality = "input" if reference < len(plant.inputs) else "output"
         variable = ET.SubElement(variables, "ScalarVariable", name=name, valueReference=str(reference))
         variable.attrib |= {"causality": causality, "variability": "continuous"}
         real = ET.SubElement(variable, "Real", unit=unit)
@@ -124,7 +124,7 @@ def _description(rom: Rom, code: CSource, guid: str, start: dict[str, float]) ->
     structure = ET.SubElement(root, "ModelStructure")
     for kind in ("Outputs", "InitialUnknowns"):
         unknowns = ET.SubElement(structure, kind)
-        for index in range(len(code.inputs) + 1, len(variables)):
+        for index in range(len(plant.inputs) + 1, len(variables)):
             ET.SubElement(unknowns, "Unknown", index=str(index), dependencies="")
     ET.indent(root)
     return ET.tostring(root, encoding="utf-8", xml_declaration=True)
