@@ -167,7 +167,8 @@ def test_free_bodies_do_not_depend_on_the_number_of_ranks(results, name, ranks):
             body.switch(("right", "top")[step // 10 % 2])
             body.step([1e-3, 2e-3, -1e-3])
     shapes = [body.displacement() for body in bodies]
-    assert np.abs(shapes[1] - shapes[0]).max() <= 1e-10 * np.abs(shapes[0]).max()
+    places = 10 * np.finfo(float).eps * np.abs(one.nodes).max()  # whose round-off displacements in the world have
+    assert np.abs(shapes[1] - shapes[0]).max() <= 1e-10 * np.abs(shapes[0]).max() + places
 
 
 @pytest.mark.parametrize("ranks", [2, FOUR])
