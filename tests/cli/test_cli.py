@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 from bodies import PLATE
 from petsc4py import PETSc
+from ranks import run_ranks
 
 import fenics_rom as fr
 from fenics_rom.cli import display
@@ -614,10 +615,6 @@ def test_terminal_without_greek_letters_gets_the_rest():
     assert "24 displacements" in run.stdout
 
 
-def mpirun(*arguments):
-    return process("mpirun", "-n", "2", sys.executable, "-m", "fenics_rom", *arguments)
-
-
 @pytest.mark.parametrize(
     ("there", "instead", "said"), [("name", "nam", "no key 'nam'"), (".msh", ".none", "not found")]
 )
@@ -625,7 +622,7 @@ def mpirun(*arguments):
 def test_two_ranks_say_once_what_is_wrong_and_end(inside, there, instead, said):
     """Both before and after MPI is at work."""
     (inside / "plate.toml").write_text(TEXT.replace(there, instead, 1))
-    run = mpirun("reduce", "plate.toml", "-o", "rom.h5")
+    run = run_ranks(2, "-m", "fenics_rom", "reduce", "plate.toml", "-o", "rom.h5")
     assert run.returncode == 1
     (line,) = (line for line in run.stderr.splitlines() if "fenics-rom: error:" in line)
     assert said in line
@@ -635,7 +632,9 @@ def test_two_ranks_say_once_what_is_wrong_and_end(inside, there, instead, said):
 
 @pytest.mark.alone
 def test_two_ranks_write_one_rom_and_one_summary(inside, plate_rom):
-    run = mpirun("reduce", PLATE, "-o", "rom.h5", "--order", "20", "-fenics_rom_eps_nvc", "40")
+    run = run_ranks(
+        2, "-m", "fenics_rom", "reduce", PLATE, "-o", "rom.h5", "--order", "20", "-fenics_rom_eps_nvc", "40"
+    )
     assert run.returncode == 0, run.stderr
     assert run.stdout.count("ROM plate: rom.h5") == 1
     assert run.stdout.count("fenics_rom_eps_nvc") == 1  # PETSc on its own would name it, too

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from bodies import box_arrays, scene_text, write_arrays
+from ranks import run_ranks
 from rom_files import transfer
 
 import fenics_rom as fr
@@ -126,9 +127,7 @@ def test_killed_run_goes_on_to_the_same_rom(inside, say, expected):
 @pytest.mark.alone
 def test_one_rank_goes_on_with_what_two_left(scene, tmp_path, monkeypatch, say, expected):
     monkeypatch.chdir(copied(scene, tmp_path))
-    command = ["mpirun", "-n", "2", sys.executable, "-c", KILLS_ITSELF, *COMMAND]
-    killed = subprocess.run(command, env=dict(os.environ), capture_output=True, timeout=100)
-    assert killed.returncode != 0
+    assert run_ranks(2, "-c", KILLS_ITSELF, *COMMAND).returncode != 0
     goes_on(say, expected)
 
 

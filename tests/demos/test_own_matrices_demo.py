@@ -1,11 +1,9 @@
 """The examples of own matrices are run as they are printed; each ends in checks of its own."""
 
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
+from ranks import run_ranks
 
 FOLDER = Path(__file__).parents[2] / "demos" / "own_matrices"
 SCRIPTS = sorted(path.name for path in FOLDER.glob("*.py") if path.name != "checks.py")
@@ -17,10 +15,6 @@ def by_length(scripts):
     return [pytest.param(script, marks=pytest.mark.slow if script == LONG else ()) for script in scripts]
 
 
-def run(*command):
-    return subprocess.run(command, capture_output=True, text=True, env=dict(os.environ), timeout=100)
-
-
 def assert_checks_held(done, ranks):
     assert done.returncode == 0, done.stdout + done.stderr
     assert done.stdout.count("energy account closes to") == 1
@@ -29,13 +23,13 @@ def assert_checks_held(done, ranks):
 
 @pytest.mark.parametrize("script", by_length(SCRIPTS))
 def test_example_keeps_its_claims(script):
-    assert_checks_held(run(sys.executable, FOLDER / script), 1)
+    assert_checks_held(run_ranks(1, FOLDER / script), 1)
 
 
 @pytest.mark.parametrize("script", by_length(PARALLEL))
 @pytest.mark.alone
 def test_example_keeps_its_claims_on_two_ranks(script):
-    assert_checks_held(run("mpirun", "-n", "2", sys.executable, FOLDER / script), 2)
+    assert_checks_held(run_ranks(2, FOLDER / script), 2)
 
 
 def test_every_example_is_known():

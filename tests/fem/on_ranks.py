@@ -1,6 +1,6 @@
-"""What tests/fem/test_ranks.py runs under mpirun: `python on_ranks.py SCENES RESULTS`.
+"""What tests/fem/test_ranks.py runs under mpirun: `python on_ranks.py SCENES RESULTS [NAME ...]`.
 
-Writes ROMs and a run, and checks.json with what every rank saw.
+Writes ROMs and runs, all or those named, and checks.json with what every rank saw.
 """
 
 import contextlib
@@ -84,8 +84,10 @@ def symmetric(matrix):
 
 
 stand_ins.replace(gmsh_file, "read_arrays", arrays_found_here)
-folder, results = (Path(argument) for argument in sys.argv[1:])
-for name, (command, scene, *options) in COMMANDS.items():
+folder, results = (Path(argument) for argument in sys.argv[1:3])
+names = [f"{name}.h5" for name in sys.argv[3:]] or COMMANDS
+for name in names:
+    command, scene, *options = COMMANDS[name]
     with contextlib.suppress(SystemExit):
         main([command, str(folder / scene), "-o", str(results / name), *options])
 

@@ -1,15 +1,13 @@
 """Systems from forms and from PETSc matrices: the same model as from a scene or SciPy, on one rank and on two."""
 
 import json
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 from bodies import assembled, box_arrays, box_surfaces, scene_text, sparse, write_arrays
 from forms_on_ranks import ALPHA, BETA, DASHPOT, RHO, E, chain
+from ranks import run_ranks
 
 import fenics_rom as fr
 
@@ -32,10 +30,7 @@ def results(tmp_path_factory):
     for ranks in RANKS:
         made = folder / str(ranks)
         made.mkdir()
-        command = ["mpirun", "-n", str(ranks), sys.executable, Path(__file__).with_name("forms_on_ranks.py")]
-        done = subprocess.run(
-            [*command, folder, made], env=dict(os.environ), capture_output=True, text=True, timeout=300
-        )
+        done = run_ranks(ranks, Path(__file__).with_name("forms_on_ranks.py"), folder, made)
         assert done.returncode == 0, done.stdout + done.stderr
     return folder
 

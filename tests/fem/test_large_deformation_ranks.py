@@ -1,12 +1,9 @@
 """Large deformation gives the same run on any number of ranks."""
 
-import os
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 from bodies import box_arrays, scene_text, write_arrays
+from ranks import run_ranks
 
 import fenics_rom as fr
 
@@ -58,9 +55,7 @@ def results(tmp_path_factory):
         for name, (kind, effects, run) in scenes.items():
             text = scene_text(mesh, degree=2, effects=kind + effects, run=run, **parts, **soft)
             (made / f"{name}.toml").write_text(text)
-        command = ["mpirun", "-n", str(ranks), sys.executable, "-c", BOTH, *scenes]
-        # the environment as it was before this process made itself a rank of its own
-        done = subprocess.run(command, env=dict(os.environ), cwd=made, capture_output=True, text=True, timeout=300)
+        done = run_ranks(ranks, "-c", BOTH, *scenes, cwd=made)
         assert done.returncode == 0, done.stdout + done.stderr
     return folder
 

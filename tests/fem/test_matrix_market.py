@@ -1,14 +1,12 @@
 """Matrix Market files on the command line: the model of their matrices, and what is refused."""
 
-import os
 import re
-import subprocess
-import sys
 
 import numpy as np
 import pytest
 import scipy.io
 import scipy.sparse
+from ranks import run_ranks
 
 import fenics_rom as fr
 from fenics_rom.cli.main import main
@@ -145,7 +143,7 @@ def test_free_body_of_files_and_its_nodes(inside, say):
 @pytest.mark.alone
 def test_two_ranks_find_what_a_stiffness_does_not_see(inside):
     (inside / "K.mtx").write_text(FREE)
-    run = mpirun(*MATRICES, "--contact", "middle=middle.mtx", "--order", "8")
+    run = reduce_on_two(*MATRICES, "--contact", "middle=middle.mtx", "--order", "8")
     assert run.returncode == 0, run.stderr
     assert fr.read_rom("rom.h5").rigid == 1
 
@@ -153,23 +151,21 @@ def test_two_ranks_find_what_a_stiffness_does_not_see(inside):
 @pytest.mark.alone
 def test_two_ranks_have_whole_nodes_of_a_body_in_a_moving_frame(inside):
     given, X = truss()
-    run = mpirun(*given, "--nodes", "X.csv", "--frame", "moving", "--order", "4")
+    run = reduce_on_two(*given, "--nodes", "X.csv", "--frame", "moving", "--order", "4")
     assert run.returncode == 0, run.stderr
     np.testing.assert_allclose(fr.read_rom("rom.h5").moving_frame.origin, MASSES @ X / MASSES.sum())
 
 
 @pytest.mark.alone
 def test_two_ranks_spread_the_rows(inside):
-    run = mpirun(*MATRICES, "--contact", "ends=ends.mtx", "--order", "8")
+    run = reduce_on_two(*MATRICES, "--contact", "ends=ends.mtx", "--order", "8")
     assert run.returncode == 0, run.stderr
     assert run.stdout.count("ROM system: rom.h5") == 1
     np.testing.assert_allclose(hankel(fr.read_rom("rom.h5")), hankel(fr.reduce(of_memory(), order=8)), rtol=1e-9)
 
 
-def mpirun(*arguments):
-    """`reduce` on two ranks; in the environment as it was before this process made itself a rank."""
-    command = ["mpirun", "-n", "2", sys.executable, "-m", "fenics_rom", "reduce", *arguments, "-o", "rom.h5"]
-    return subprocess.run(command, env=dict(os.environ), capture_output=True, text=True, timeout=100)
+def reduce_on_two(*arguments):
+    return run_ranks(2, "-m", "fenics_rom", "reduce", *arguments, "-o", "rom.h5")
 
 
 @pytest.mark.parametrize(
@@ -183,7 +179,7 @@ def mpirun(*arguments):
 def test_two_ranks_say_once_what_is_wrong_and_end(inside, content, said):
     """Also that it is PETSc's matrix that is reduced then."""
     (inside / "K.mtx").write_text(content)
-    run = mpirun(*MATRICES, "--contact", "ends=ends.mtx")
+    run = reduce_on_two(*MATRICES, "--contact", "ends=ends.mtx")
     assert run.returncode == 1
     (line,) = (line for line in run.stderr.splitlines() if "fenics-rom: error:" in line)
     assert said in line

@@ -1,13 +1,11 @@
 """Cells that fill a body once, told from cells that overlap; how good they are; and what a body is in plain numbers."""
 
-import os
 import re
-import subprocess
-import sys
 
 import numpy as np
 import pytest
 from bodies import assembled, box_arrays, box_surfaces, dense, scene_text, write_arrays
+from ranks import run_ranks
 from scipy.linalg import eigh
 
 import fenics_rom as fr
@@ -120,9 +118,7 @@ def test_two_ranks_say_once_that_cells_overlap(broken, tmp_path):
     points, cells, _ = broken
     file = write_arrays(tmp_path / "broken.msh", points, cells, box_surfaces(*box_arrays(LENGTHS, BRICKS)))
     (tmp_path / "scene.toml").write_text(scene_text(file))
-    command = ("mpirun", "-n", "2", sys.executable, "-m", "fenics_rom", "reduce", "scene.toml", "-o", "rom.h5")
-    environment = dict(os.environ)  # as it was before this process made itself an MPI rank
-    run = subprocess.run(command, cwd=tmp_path, env=environment, capture_output=True, text=True)
+    run = run_ranks(2, "-m", "fenics_rom", "reduce", "scene.toml", "-o", "rom.h5", cwd=tmp_path)
     assert run.returncode == 1
     assert run.stderr.count("cells overlap") == 1
 

@@ -1,14 +1,12 @@
 """The same files and the same errors on any number of ranks."""
 
 import json
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 from bodies import PLATE, box_arrays, scene_text, write_arrays
+from ranks import run_ranks
 
 import fenics_rom as fr
 from fenics_rom.reduction.reduce import DENSE_LIMIT
@@ -77,6 +75,14 @@ RUN = 'dt = 0.01\nduration = 0.5\nload = [{ contact = "middle", stop = 0.3, forc
 TIP = {"outputs.tip": "points = [[0.9, 0.2, 0.1]]", "reduction": "order = 12"}
 pytestmark = pytest.mark.alone
 FOUR = pytest.param(4, marks=pytest.mark.slow)
+SHORT = ("plate", "plate-krylov", "beam", "many", "free-krylov", "run", "effects", "effects-run")
+
+
+def by_length(*names):
+    """A test of these, of those that are not short with --slow alone."""
+    return pytest.mark.parametrize(
+        "name", [pytest.param(name, marks=() if name in SHORT else pytest.mark.slow) for name in names]
+    )
 
 
 def write_scenes(folder):
@@ -103,16 +109,14 @@ def write_scenes(folder):
 
 @pytest.fixture(scope="module")
 def results(request, tmp_path_factory):
-    """Folder of what 1, 2 and, with --slow, 4 ranks made of the same scenes."""
-    folder = tmp_path_factory.mktemp("ranks")
+    """Folder of what 1, 2 and, with --slow, 4 ranks made of the same scenes; without, some of it."""
+    folder, slow = tmp_path_factory.mktemp("ranks"), request.config.getoption("--slow")
     write_scenes(folder)
-    for ranks in (1, 2, 4) if request.config.getoption("--slow") else (1, 2):
+    for ranks in (1, 2, 4) if slow else (1, 2):
         made = folder / str(ranks)
         made.mkdir()
-        command = ["mpirun", "-n", str(ranks), sys.executable, Path(__file__).with_name("on_ranks.py"), folder, made]
-        # the environment as it was before this process made itself a rank of its own
-        environment = os.environ | {"PYTHONPATH": str(Path(__file__).parents[1])}
-        done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=300)
+        script, names = Path(__file__).with_name("on_ranks.py"), () if slow else SHORT
+        done = run_ranks(ranks, script, folder, made, *names, path=script.parents[1])
         assert done.returncode == 0, done.stdout + done.stderr
     return folder
 
@@ -129,9 +133,7 @@ def transfer(rom, name, ω):
 
 
 @pytest.mark.parametrize("ranks", [2, FOUR])
-@pytest.mark.parametrize(
-    "name", ["plate", "plate-krylov", "plate-adi", "box", "beam", "beam-modal", "beam-static", "many"]
-)
+@by_length("plate", "plate-krylov", "plate-adi", "box", "beam", "beam-modal", "beam-static", "many")
 def test_roms_do_not_depend_on_the_number_of_ranks(results, name, ranks):
     one, other = (fr.read_rom(results / str(n) / f"{name}.h5") for n in (1, ranks))
     assert (len(one.free) > DENSE_LIMIT) is name.startswith(("beam", "many"))
@@ -151,7 +153,7 @@ def test_roms_do_not_depend_on_the_number_of_ranks(results, name, ranks):
 
 
 @pytest.mark.parametrize("ranks", [2, FOUR])
-@pytest.mark.parametrize("name", ["free", "free-krylov", "free-iterative"])
+@by_length("free", "free-krylov", "free-iterative")
 def test_free_bodies_do_not_depend_on_the_number_of_ranks(results, name, ranks):
     one, other = (fr.read_rom(results / str(n) / f"{name}.h5") for n in (1, ranks))
     np.testing.assert_allclose(np.abs(other.basis[:, :6]), np.abs(one.basis[:, :6]), rtol=0, atol=1e-12)
@@ -172,7 +174,7 @@ def test_free_bodies_do_not_depend_on_the_number_of_ranks(results, name, ranks):
 
 
 @pytest.mark.parametrize("ranks", [2, FOUR])
-@pytest.mark.parametrize("name", ["run", "free-run"])
+@by_length("run", "free-run")
 def test_full_runs_do_not_depend_on_the_number_of_ranks(results, ranks, name):
     one, other = (fr.read_trajectory(results / str(n) / f"{name}.h5") for n in (1, ranks))
     scale = np.abs(one.snapshots).max()
@@ -184,7 +186,7 @@ def test_full_runs_do_not_depend_on_the_number_of_ranks(results, ranks, name):
 
 
 @pytest.mark.parametrize("ranks", [2, FOUR])
-@pytest.mark.parametrize("name", ["effects", "still", "rolling"])
+@by_length("effects", "still", "rolling")
 def test_effects_do_not_depend_on_the_number_of_ranks(results, name, ranks):
     """Full runs and runs of ROMs among obstacles, under all loads; with inertia and without."""
     full = [fr.read_trajectory(results / str(n) / f"{name}-run.h5") for n in (1, ranks)]

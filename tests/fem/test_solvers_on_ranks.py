@@ -1,15 +1,13 @@
 """Solvers on one rank and on two: the same solutions, and the same errors on every rank."""
 
 import json
-import os
 import re
-import subprocess
-import sys
 from pathlib import Path
 
 import numpy as np
 import pytest
 from bodies import box_arrays, write_arrays
+from ranks import run_ranks
 
 RANKS = pytest.mark.parametrize("ranks", [1, 2])
 pytestmark = pytest.mark.alone
@@ -21,11 +19,9 @@ def seen(tmp_path_factory):
     folder = tmp_path_factory.mktemp("solvers")
     mesh = write_arrays(folder / "box.msh", *box_arrays((1.0, 0.5, 0.5), (11, 6, 6), shake=0.2))
     script, checks = Path(__file__).with_name("solvers_on_ranks.py"), {}
-    environment = os.environ | {"PYTHONPATH": str(script.parent.parent)}
     for ranks in (1, 2):
         results = folder / f"{ranks}.json"
-        command = ["mpirun", "-n", str(ranks), sys.executable, script, mesh, results]
-        done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=300)
+        done = run_ranks(ranks, script, mesh, results, path=script.parents[1])
         assert done.returncode == 0, done.stdout + done.stderr
         checks[ranks] = json.loads(results.read_text())
         assert len(checks[ranks]) == ranks

@@ -30,6 +30,7 @@ from fenics_rom.studies.study_results import StudyResults
 
 sys.path.append(str(Path(__file__).parents[1]))
 from bodies import box_arrays, scene_text, write_arrays
+from ranks import children
 
 PROGRAM = [sys.executable, "-m", "fenics_rom"]
 PATIENCE = 100.0  # s for a command, or for ranks to follow one that was killed
@@ -131,8 +132,7 @@ def end(command: Command, folder: Path, after: float, sent: signal.Signals, rank
 
 def _rank(launcher: int, rank: int) -> int | None:
     """Process of a rank that a launcher started; None where it has not."""
-    children = Path(f"/proc/{launcher}/task/{launcher}/children").read_text().split()
-    python = [int(pid) for pid in children if _is_python(int(pid))]
+    python = [pid for pid in children(launcher) if _is_python(pid)]
     return python[rank] if rank < len(python) else None
 
 

@@ -1,10 +1,7 @@
 """What the command leaves in its folder, on one rank and on two."""
 
 import csv
-import os
 import re
-import subprocess
-import sys
 import tomllib
 from dataclasses import astuple
 from pathlib import Path
@@ -13,6 +10,7 @@ import numpy as np
 import pytest
 import tomlkit
 from measuring import START, TRUTH, box_mesh, film, text_of, weigh
+from ranks import run_ranks
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning, FileError
@@ -40,10 +38,8 @@ def folder(tmp_path_factory):
     return folder
 
 
-def command(folder, *words, ranks=None):
-    start = [sys.executable, "-m", "fenics_rom", "identify", *map(str, words)]
-    started = start if ranks is None else ["mpirun", "-n", str(ranks), *start]
-    return subprocess.run(started, cwd=folder, capture_output=True, text=True, env=dict(os.environ), timeout=200)
+def command(folder, *words, ranks=1):
+    return run_ranks(ranks, "-m", "fenics_rom", "identify", *words, cwd=folder)
 
 
 DATA = ("start.toml", "--data", "motion.csv", "--data", "rest.csv")
@@ -119,7 +115,7 @@ def test_two_ranks_find_the_same(folder, one):
 @pytest.mark.alone
 def test_wrong_data_end_with_one_line_and_no_folder(folder):
     (folder / "wrong.csv").write_text("time (s),tip[0].z (mm)\n0.1,much\n")
-    for ranks in (None, 2):
+    for ranks in (1, 2):
         done = command(folder, "start.toml", "--data", "wrong.csv", "-o", "none", ranks=ranks)
         assert done.returncode == 1
         assert "fenics-rom: error: wrong.csv, line 2, column 'tip[0].z (mm)': 'much' was given" in done.stderr

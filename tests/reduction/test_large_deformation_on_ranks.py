@@ -1,12 +1,9 @@
 """A body that deforms largely, from a scene to a ROM, on one rank and on two."""
 
-import os
-import subprocess
-import sys
-
 import numpy as np
 import pytest
 from bodies import box_arrays, scene_text, write_arrays
+from ranks import run_ranks
 
 import fenics_rom as fr
 from fenics_rom.rom.deformation import monomials
@@ -44,9 +41,8 @@ def folder(tmp_path_factory):
 @pytest.fixture(scope="module")
 def roms(folder):
     for ranks in (1, 2):
-        command = [sys.executable, "-m", "fenics_rom", "reduce", folder / "box.toml", "-o", folder / f"{ranks}.h5"]
-        launched = command if ranks == 1 else ["mpirun", "-n", "2", *command]
-        subprocess.run(launched, check=True, capture_output=True, env=os.environ | {"OMP_NUM_THREADS": "1"})
+        done = run_ranks(ranks, "-m", "fenics_rom", "reduce", folder / "box.toml", "-o", folder / f"{ranks}.h5")
+        assert done.returncode == 0, done.stderr
     return [fr.read_rom(folder / f"{ranks}.h5") for ranks in (1, 2)]
 
 

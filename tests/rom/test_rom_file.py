@@ -3,8 +3,6 @@
 import os
 import re
 import resource
-import subprocess
-import sys
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -12,6 +10,7 @@ from pathlib import Path
 import h5py
 import numpy as np
 import pytest
+from ranks import run_ranks
 from rom_files import put, refusal, same, says, tampered, transfer, without
 
 import fenics_rom as fr
@@ -308,8 +307,7 @@ rom = fr.read_rom({str(DATA / "rom-1.0.h5")!r})
 {uses_mpi}
 fr.write_rom(f"{{os.getpid()}}.h5", rom)
 """
-    command = ["mpirun", "-n", "2", sys.executable, "-c", script]
-    done = subprocess.run(command, cwd=tmp_path, env=dict(os.environ), capture_output=True, text=True)
+    done = run_ranks(2, "-c", script, cwd=tmp_path)
     assert done.returncode == 0, done.stderr
     assert len(list(tmp_path.glob("*.h5"))) == written
 

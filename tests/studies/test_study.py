@@ -1,15 +1,13 @@
 """What a study says of errors, against closed forms and runs of their own; what it leaves, takes over and refuses."""
 
 import csv
-import os
-import subprocess
-import sys
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 from bodies import dense, scene_text, write_box
+from ranks import run_ranks
 
 import fenics_rom as fr
 from fenics_rom.errors import FileError, SceneError, SolverError
@@ -192,9 +190,8 @@ def test_two_ranks_find_the_same(box_file, tmp_path):
     rows = {}
     for ranks in (1, 2):
         out = tmp_path / str(ranks)
-        command = ["mpirun", "-n", str(ranks), sys.executable, "-m", "fenics_rom", "study", str(file), "-o", str(out)]
-        command += ["--methods", "balanced", "selection", "--orders", "10", "--steps", "0.02", "0.01"]
-        run = subprocess.run(command, capture_output=True, text=True, env=dict(os.environ))
+        choices = ("--methods", "balanced", "selection", "--orders", "10", "--steps", "0.02", "0.01")
+        run = run_ranks(ranks, "-m", "fenics_rom", "study", file, "-o", out, *choices)
         assert run.returncode == 0, run.stderr
         assert run.stdout.count("what each decimal costs") == 1
         with (out / "study.csv").open(newline="") as table:
