@@ -128,13 +128,8 @@ def folder(request, tmp_path):
     return tmp_path
 
 
-@pytest.mark.parametrize(
-    "page",
-    [
-        pytest.param(page, marks=() if page == README else pytest.mark.slow)
-        for page in sorted({*with_blocks("python"), *with_blocks("sh")})
-    ],
-)
+@pytest.mark.slow
+@pytest.mark.parametrize("page", sorted({*with_blocks("python"), *with_blocks("sh")}))
 def test_python_and_commands_of_a_page_run_as_printed(page, folder):
     printed = "".join(run_in(folder, "-c", python) for python in blocks(page, "python"))
     assert PRINTED.get(page, "") in printed

@@ -8,6 +8,7 @@ import pytest
 
 FOLDER = Path(__file__).parents[2] / "demos" / "contact_rates"
 OUT = FOLDER / "out" / "quick"
+pytestmark = pytest.mark.slow
 
 
 @pytest.fixture(scope="module")

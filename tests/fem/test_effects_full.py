@@ -24,6 +24,7 @@ ENDS = {
 BOTTOM = '[contacts.bottom]\nsurface = "bottom"'
 FREE = {"supports": None}
 BOTH = pytest.mark.parametrize("model", ["full", "reduced"])
+FULL = pytest.mark.parametrize("model", ["full", pytest.param("reduced", marks=pytest.mark.slow)])
 
 
 @pytest.fixture(scope="module")
@@ -464,7 +465,7 @@ def test_what_equilibria_miss_of_the_work_of_contact_goes_to_zero_with_the_step(
     assert fine <= 0.02
 
 
-@BOTH
+@FULL
 @pytest.mark.parametrize("floor", [None, -0.001], ids=["alone", "on the floor"])
 def test_damped_motion_settles_in_the_equilibrium(bar, floor, model):
     """In that on a floor as high as where it stopped: a motion stops up to one step's way before the surface."""
@@ -669,7 +670,7 @@ def test_stiff_block_bounces_to_the_height_that_restitution_says(slab, restituti
 RESTING = FLOOR.replace("-0.01", "0.0")
 
 
-@BOTH
+@FULL
 def test_block_slides_as_far_as_friction_lets_it(slab, model):
     """v²/(2 μ g), to 1 %; then it sticks. Friction took all of the energy."""
     effects = "inertia = {}\ndamping = { beta = 1e-6 }\n" + WEIGHT + RESTING + "[effects.friction]\ncoefficient = 0.4\n"

@@ -15,7 +15,7 @@ from fenics_rom.fem.petsc_matrix import combination
 SHAPES = {"beam": ((1.0, 0.1, 0.1), (14, 4, 4)), "slab": ((1.0, 1.0, 0.03), (6, 6, 1))}
 
 
-@pytest.fixture(scope="module", params=SHAPES)
+@pytest.fixture(scope="module", params=["beam", pytest.param("slab", marks=pytest.mark.slow)])
 def body(request, tmp_path_factory):
     """A beam, n = 1,050, and a thin slab of degree 2, n = 1,404, which is the harder one."""
     mesh = write_arrays(tmp_path_factory.mktemp(request.param) / "mesh.msh", *box_arrays(*SHAPES[request.param]))

@@ -59,10 +59,21 @@ def run(line, folder):
 @pytest.mark.parametrize(
     ("name", "sent", "place", "old"),
     [
-        *(("simulate", "SIGKILL", place, old) for place in ("half", "before", "after") for old in (False, True)),
-        *(("simulate", sent, "half", True) for sent in ("SIGINT", "SIGTERM")),
+        ("simulate", "SIGKILL", "half", True),
+        ("simulate", "SIGKILL", "before", False),
+        ("simulate", "SIGKILL", "after", True),
+        ("simulate", "SIGINT", "half", True),
         ("reduce", "SIGKILL", "before", True),
-        ("reduce", "SIGKILL", "after", False),
+        *(
+            pytest.param(*choice, marks=pytest.mark.slow)
+            for choice in (
+                ("simulate", "SIGKILL", "half", False),
+                ("simulate", "SIGKILL", "before", True),
+                ("simulate", "SIGKILL", "after", False),
+                ("simulate", "SIGTERM", "half", True),
+                ("reduce", "SIGKILL", "after", False),
+            )
+        ),
     ],
 )
 def test_end_while_the_output_is_written(inside, name, sent, place, old):
@@ -110,7 +121,7 @@ def test_two_that_write_one_file_do_not_mix(inside):
 import sys, fenics_rom as fr
 from dataclasses import replace
 rom = replace(fr.read_rom("rom.h5"), name=sys.argv[1])
-for _ in range(30):
+for _ in range(10):
     fr.write_rom("new.h5", rom)
 """
     writers = [

@@ -25,7 +25,7 @@ TABLE = 'dt = 0.01\nduration = 0.6\n[[run.load]]\ncontact = "right"\ntable = "ta
 def folder(tmp_path_factory):
     """A scene with a table of forces, and noisy data of it."""
     folder = tmp_path_factory.mktemp("identify")
-    box_mesh(folder, (4, 2, 2))
+    box_mesh(folder)
     (folder / "tables").mkdir()
     (folder / "tables" / "push.csv").write_text("time,x,y,z\n0,0,0,3\n0.2,1,2,3\n0.3,0,0,0\n0.6,0,0,0\n")
     (folder / "truth.toml").write_text(text_of(Path("box.msh"), TRUTH, run=TABLE))

@@ -154,7 +154,7 @@ def assert_agreement(σ, exact):
     np.testing.assert_allclose(σ[:count], exact[:count], rtol=1e-6)
 
 
-@pytest.mark.parametrize("columns", [1, 3, 30])
+@pytest.mark.parametrize("columns", [1, pytest.param(3, marks=pytest.mark.slow), 30])
 @pytest.mark.parametrize("damping", PROPORTIONAL.values(), ids=PROPORTIONAL)
 def test_proportional_damping(bodies, damping, columns):
     system = proportional(bodies["box"], damping)

@@ -83,7 +83,7 @@ def gap(rom, name, exact, count=20, floor=1e-8):
     return np.abs(σ[: len(exact)] / exact - 1).max()
 
 
-@pytest.mark.parametrize("columns", [1, 3, 30])
+@pytest.mark.parametrize("columns", [1, pytest.param(3, marks=pytest.mark.slow), 30])
 @pytest.mark.parametrize("damping", PROPORTIONAL.values(), ids=PROPORTIONAL)
 def test_proportional_damping(plate, damping, columns):
     B = plate.middle[:, :columns] if columns > 3 else plate.tip[:, 3 - columns :]
@@ -93,8 +93,10 @@ def test_proportional_damping(plate, damping, columns):
     assert gap(rom, "c", plate.sigma(D, B), order) <= 1e-6
 
 
-@pytest.mark.parametrize("β", [1e-3, 1e-6])
-@pytest.mark.parametrize("c", [0.5, 50.0])
+@pytest.mark.parametrize(
+    ("c", "β"),
+    [(0.5, 1e-3), (50.0, 1e-6), *(pytest.param(c, β, marks=pytest.mark.slow) for c, β in [(0.5, 1e-6), (50.0, 1e-3)])],
+)
 def test_dashpots_at_a_corner(small_plate, c, β):
     D = small_plate.rayleigh(0.5, β) + small_plate.dashpots(c)
     system = small_plate.damped(D, c=small_plate.tip)

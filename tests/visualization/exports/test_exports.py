@@ -209,6 +209,7 @@ def test_tendons_are_seen_through_the_body(run, tmp_path):
     assert len(seen) > 3 * wide  # a line of four pixels
 
 
+@pytest.mark.slow
 def test_length_of_a_film(run, tmp_path):
     assert imageio.immeta(fr.export(run, tmp_path / "slow.gif", seconds=3.0))["duration"] == 1000
     assert len(list(imageio.imiter(fr.export(run, tmp_path / "short.gif", seconds=0.1)))) == 2

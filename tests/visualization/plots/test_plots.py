@@ -250,7 +250,9 @@ def test_without_inertia_there_are_no_frequencies(plate_rom):
 # --- files -----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("ending", "begins"), [("pdf", b"%PDF"), ("svg", b"<?xml"), ("png", b"\x89PNG")])
+@pytest.mark.parametrize(
+    ("ending", "begins"), [pytest.param("pdf", b"%PDF", marks=pytest.mark.slow), ("svg", b"<?xml"), ("png", b"\x89PNG")]
+)
 def test_one_file_has_all_panels(plate_rom, tmp_path, ending, begins):
     (file,) = plot(plate_rom, tmp_path / f"rom.{ending}", dark=ending == "svg")
     content = file.read_bytes()
