@@ -23,7 +23,7 @@ FACE = "__init__"
 GROUND = {"errors", "version", "io", "mechanics"}
 DATA_OF_A_RUN = GROUND | {"rom", "trajectory"}
 OFFLINE = GROUND | {"scene", "system"}
-BELOW_APPLICATIONS = DATA_OF_A_RUN | OFFLINE | {FACE, "fem", "reduction", "runtime", "run", "lazy_import"}
+BELOW_APPLICATIONS = DATA_OF_A_RUN | OFFLINE | {FACE, "fem", "reduction", "runtime", "world", "run", "lazy_import"}
 DRAWING = {
     "numpy",
     "matplotlib",
@@ -49,6 +49,7 @@ MAY_IMPORT = {
     "fem": (OFFLINE | {"trajectory"}, FENICSX | {"numpy", "scipy"}),
     "reduction": (OFFLINE | {"rom", "runtime"}, {"numpy", "scipy"}),
     "runtime": (DATA_OF_A_RUN, {"numpy", "h5py"}),
+    "world": (DATA_OF_A_RUN | {"runtime"}, {"numpy", "h5py"}),
     "run": (DATA_OF_A_RUN | OFFLINE | {"runtime", "lazy_import"}, set()),
     "deployment": (GROUND | {"rom"}, {"numpy", "scipy"}),
     "visualization": (BELOW_APPLICATIONS | {"deployment"}, DRAWING),

@@ -1,0 +1,1 @@
+"""Several bodies, rigid and soft, that touch one another."""

@@ -1,0 +1,68 @@
+"""What is known of two bodies that may touch, and what is found."""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.world.shapes import Shape
+
+_NO_NODES, _NO_WEIGHTS = np.zeros((1 << 16, 0), dtype=int), np.zeros((1 << 16, 0))
+
+
+class PlacedShape(NamedTuple):
+    """A rigid body as it lies."""
+
+    shape: Shape
+    position: Array  # of its centre of mass, (3,), m
+    rotation: Array  # (3, 3): world axes of its own
+
+
+class PlacedSurface(NamedTuple):
+    """The surface of a soft body as it is."""
+
+    points: Array  # (n, 3) in world axes, m
+    triangles: Array  # (t, 3) rows of points, counterclockwise from outside
+    touching: Array  # rows of the points that may touch
+
+
+class Spots(NamedTuple):
+    """Where k contacts are on a body."""
+
+    arms: Array  # (k, 3), places in world axes, m; of two rigid bodies both have the place half way between
+    nodes: Array  # (k, 3) rows of a soft body's points; (k, 0) of a rigid one
+    weights: Array  # theirs in the place, of the same shape
+    feature: Array  # (k,): the same contact has the same number from step to step
+
+
+class Contacts(NamedTuple):
+    """Pairs of points of two bodies that touch or are near."""
+
+    first: Spots
+    second: Spots
+    normals: Array  # (k, 3) units in world axes, from the second to the first
+    gaps: Array  # (k,), m; < 0 where they are in one another
+
+    @property
+    def mirrored(self) -> "Contacts":
+        """The same with first and second exchanged."""
+        return Contacts(self.second, self.first, -self.normals, self.gaps)
+
+
+def joined(parts: list[Contacts]) -> Contacts:
+    """Several contacts of the same two bodies, of the same kinds, as one."""
+    if len(parts) == 1:
+        return parts[0]
+    first, second = (Spots(*map(np.concatenate, zip(*(part[side] for part in parts), strict=True))) for side in (0, 1))
+    return Contacts(first, second, *(np.concatenate([part[k] for part in parts]) for k in (2, 3)))
+
+
+def rigid_contacts(places: Array, normals: Array, gaps: Array, feature: Array) -> Contacts:
+    """Contacts of two rigid bodies at places (k, 3) half way between their surfaces."""
+    spots = Spots(places, _NO_NODES[: len(gaps)], _NO_WEIGHTS[: len(gaps)], feature)
+    return Contacts(spots, spots, normals, gaps)
+
+
+def no_contacts() -> Contacts:
+    """Of two rigid bodies that are far from one another."""
+    return rigid_contacts(np.zeros((0, 3)), np.zeros((0, 3)), np.zeros(0), np.zeros(0, dtype=int))

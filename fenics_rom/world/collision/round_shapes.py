@@ -1,0 +1,71 @@
+"""Spheres and capsules against any shape, by its distance."""
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.world.collision.contacts import Contacts, PlacedShape, no_contacts, rigid_contacts
+from fenics_rom.world.shapes import Capsule, Shape, Sphere
+
+_LEVELS = np.array([-0.05, 0.0, 0.05])  # slopes of the distance along a capsule: between the outer two it lies on
+_PARTS = np.linspace(0.0, 1.0, 9)
+_STAGES = 9  # each finds where among eight parts a slope is passed: to 1e-8 of the length
+_ONE_PLACE = 0.25  # of the radius of a capsule: nearer to one another pairs are one
+
+
+def round_contacts(first: PlacedShape, second: PlacedShape, margin: float) -> Contacts:
+    """Pairs of a sphere or a capsule, and any shape, that are nearer than a margin, m."""
+    shape = first.shape
+    assert isinstance(shape, Sphere | Capsule)
+    if isinstance(shape, Sphere):
+        shares, line = np.zeros(1), np.zeros(3)
+        start, feature = first.position, np.zeros(1, dtype=int)
+    else:
+        line = shape.length * first.rotation[:, 2]
+        start = first.position - line / 2
+        shares, feature = _touching_shares(second, start, line, shape.radius)
+    centres = start + shares[:, None] * line
+    gaps, normals = distance_of(second, centres)
+    gaps = gaps - shape.radius
+    near = gaps <= margin
+    if not near.any():
+        return no_contacts()
+    places = centres - (shape.radius + gaps / 2)[:, None] * normals
+    return rigid_contacts(places[near], normals[near], gaps[near], feature[near])
+
+
+def distance_of(placed: PlacedShape, points: Array) -> tuple[Array, Array]:
+    """Distances (P,), m, and normals (P, 3) of a shape as it lies, at points (P, 3), m, in world axes."""
+    gaps, normals = placed.shape.distance((points - placed.position).dot(placed.rotation))
+    return gaps, normals.dot(placed.rotation.T)
+
+
+def _touching_shares(other: PlacedShape, start: Array, line: Array, radius: float) -> tuple[Array, Array]:
+    """Where along a line another shape is nearest, and where it begins and ends to lie on it: shares, their numbers.
+
+    Distance to a convex shape is convex along the line, so that its slope grows: where it passes a level is found by
+    dividing.
+    """
+    length = float(np.linalg.norm(line))
+    low, high = np.zeros(3), np.ones(3)
+    for _ in range(_STAGES):
+        shares = low[:, None] + (high - low)[:, None] * _PARTS
+        _, normals = distance_of(other, start + shares.reshape(-1, 1) * line)
+        below = (normals.dot(line) / length).reshape(3, -1) < _LEVELS[:, None]
+        passed = below.argmin(axis=1)  # the first that is not below
+        passed[below.all(axis=1)] = len(_PARTS)
+        rows = np.arange(3)
+        low, high = (shares[rows, np.clip(k, 0, len(_PARTS) - 1)] for k in (passed - 1, passed))
+    shares = (low + high) / 2
+    gaps, _ = distance_of(other, start + shares[:, None] * line)
+    begin, nearest, end = shares
+    if gaps[1] < min(gaps[0], gaps[2]) - 1e-6 * radius or (end - begin) * length < _ONE_PLACE * radius:
+        apart = np.abs(shares - nearest) * length > _ONE_PLACE * radius
+        kept = np.array([apart[0], True, apart[2]])
+    else:
+        kept = np.array([True, False, True])
+    return shares[kept], np.flatnonzero(kept)
+
+
+def is_round(shape: Shape) -> bool:
+    """Whether `round_contacts` knows what to do with it as the first."""
+    return isinstance(shape, Sphere | Capsule)

@@ -1,0 +1,319 @@
+"""Rigid convex shapes in their own axes, about their centre of mass: distances, inertia, surfaces.
+
+Each refuses by a SceneError what it cannot be: dimensions that are not finite and > 0, points in one plane.
+"""
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.errors import SceneError
+from fenics_rom.mechanics import obstacles
+from fenics_rom.world.convex_hull import convex_hull
+from fenics_rom.world.triangles import nearest_on_triangles
+
+ROUND = 48  # segments of a circle in pictures
+MOST_CORNERS = 200  # of a hull: what touches is looked for among all pairs of its edges
+
+
+@dataclass(frozen=True)
+class Shape:
+    """A rigid convex body of one density, in axes of its own about its centre of mass.
+
+    Attributes:
+        radius_around: of the ball about the centre of mass that holds it, m.
+        volume: m³.
+        squares: mean of x xᵀ over the volume, (3, 3), m².
+    """
+
+    radius_around: float = field(init=False, repr=False, compare=False)
+    volume: float = field(init=False, repr=False, compare=False)
+    squares: Array = field(init=False, repr=False, compare=False)
+
+    def inertia(self, density: float) -> tuple[float, Array]:
+        """Mass, kg, and inertia about the centre of mass, (3, 3), kg m², at a density in kg/m³."""
+        mass = density * self.volume
+        return mass, mass * (np.trace(self.squares) * np.eye(3) - self.squares)
+
+    def distance(self, points: Array) -> tuple[Array, Array]:
+        """Signed distance (P,), m, negative inside, of points (P, 3), m, and its gradient: unit normals (P, 3)."""
+        raise NotImplementedError
+
+    def surface(self) -> tuple[Array, Array]:
+        """Vertices (V, 3), m, and triangles (T, 3), counterclockwise from outside."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True)
+class RoundShape(Shape):
+    """A shape that is the same all around the z axis."""
+
+    _profile: tuple[Array, Array] = field(init=False, repr=False, compare=False)  # radii and heights, m, from below
+
+    def surface(self) -> tuple[Array, Array]:
+        """Vertices (V, 3), m, and triangles (T, 3), counterclockwise from outside."""
+        angle, (radii, heights) = 2 * np.pi * np.arange(ROUND) / ROUND, self._profile
+        ring = np.stack([np.cos(angle), np.sin(angle), np.ones(ROUND)], axis=1)
+        vertices = ring * np.stack([radii, radii, heights], axis=1)[:, None]
+        low = np.arange(vertices.size // 3).reshape(len(radii), ROUND)[:-1]
+        beside = np.roll(low, -1, axis=1)
+        lower = np.stack([low, beside, beside + ROUND], axis=-1)[
+            1:
+        ]  # where the profile begins there is one point alone
+        upper = np.stack([low, beside + ROUND, low + ROUND], axis=-1)[:-1]
+        return vertices.reshape(-1, 3), np.concatenate([lower.reshape(-1, 3), upper.reshape(-1, 3)])
+
+
+@dataclass(frozen=True)
+class Sphere(RoundShape):
+    """A ball.
+
+    Args:
+        radius: m.
+    """
+
+    radius: float
+    _obstacle: obstacles.Sphere = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        ball = obstacles.Sphere((0.0, 0.0, 0.0), self.radius)
+        r, angle = ball.radius, np.linspace(-np.pi / 2, np.pi / 2, ROUND // 2 + 1)
+        _keep(self, radius=r, radius_around=r, volume=4 / 3 * math.pi * r**3, squares=r**2 / 5 * np.eye(3))
+        _keep(self, _obstacle=ball, _profile=(r * np.cos(angle), r * np.sin(angle)))
+
+    def distance(self, points: Array) -> tuple[Array, Array]:
+        """Signed distance (P,), m, negative inside, of points (P, 3), m, and its gradient: unit normals (P, 3)."""
+        return self._obstacle.distance(points)
+
+
+@dataclass(frozen=True)
+class Capsule(RoundShape):
+    """All that is nearer than a radius to a piece of the z axis.
+
+    Args:
+        radius: m.
+        length: of the piece, m; with both ends the capsule is longer by two radii.
+    """
+
+    radius: float
+    length: float
+    _obstacle: obstacles.Capsule = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        _check_positive(self, "length")
+        half = self.length / 2
+        _keep(self, _obstacle=obstacles.Capsule((0.0, 0.0, -half), (0.0, 0.0, half), self.radius))
+        r = self._obstacle.radius
+        rod, ball = math.pi * r**2 * self.length, 4 / 3 * math.pi * r**3
+        across = (rod * r**2 / 4 + ball * r**2 / 5) / (rod + ball)
+        off_middle = r**2 / 5 + half**2 + 3 / 4 * half * r  # half a ball has its centre of mass at 3r/8
+        along = (rod * half**2 / 3 + ball * off_middle) / (rod + ball)
+        _keep(self, radius=r, radius_around=r + half, volume=rod + ball, squares=np.diag([across, across, along]))
+        angle = np.linspace(-np.pi / 2, np.pi / 2, ROUND // 2)
+        _keep(self, _profile=(r * np.cos(angle), r * np.sin(angle) + half * np.sign(angle)))
+
+    def distance(self, points: Array) -> tuple[Array, Array]:
+        """Signed distance (P,), m, negative inside, of points (P, 3), m, and its gradient: unit normals (P, 3)."""
+        return self._obstacle.distance(points)
+
+
+@dataclass(frozen=True)
+class Cylinder(RoundShape):
+    """A round block along the z axis.
+
+    Args:
+        radius: m.
+        length: m.
+    """
+
+    radius: float
+    length: float
+
+    def __post_init__(self) -> None:
+        _check_positive(self, "radius")
+        _check_positive(self, "length")
+        r, half = self.radius, self.length / 2
+        _keep(self, radius_around=math.hypot(r, half), volume=2 * math.pi * r**2 * half)
+        _keep(self, squares=np.diag([r**2 / 4, r**2 / 4, half**2 / 3]))
+        _keep(self, _profile=(np.array([0.0, r, r, 0.0]), np.array([-half, -half, half, half])))
+
+    @cached_property
+    def prism(self) -> "Hull":
+        """Half inside and half outside of it, where it meets flat shapes."""
+        angle = 2 * np.pi * np.arange(ROUND) / ROUND
+        radius = self.radius * 2 / (1 + math.cos(math.pi / ROUND))
+        rim = radius * np.stack([np.cos(angle), np.sin(angle)], axis=1)
+        return Hull([(*point, end) for end in (-self.length / 2, self.length / 2) for point in rim.tolist()])
+
+    def distance(self, points: Array) -> tuple[Array, Array]:
+        """Signed distance (P,), m, negative inside, of points (P, 3), m, and its gradient: unit normals (P, 3)."""
+        out = np.hypot(points[:, 0], points[:, 1])
+        radial = np.zeros(points.shape)
+        radial[:, 0] = 1.0  # on the axis
+        np.divide(points[:, :2], out[:, None], out=radial[:, :2], where=out[:, None] > 0)
+        axial = np.zeros(points.shape)
+        axial[:, 2] = np.copysign(1.0, points[:, 2])
+        beside, beyond = out - self.radius, np.abs(points[:, 2]) - self.length / 2
+        away = np.hypot(np.maximum(beside, 0.0), np.maximum(beyond, 0.0))
+        outside = away > 0
+        share = np.where(outside, away, 1.0)
+        of_side = np.where(outside, np.maximum(beside, 0.0) / share, beside >= beyond)
+        of_end = np.where(outside, np.maximum(beyond, 0.0) / share, beside < beyond)
+        return np.where(outside, away, np.maximum(beside, beyond)), of_side[:, None] * radial + of_end[:, None] * axial
+
+
+@dataclass(frozen=True)
+class HalfSpace(Shape):
+    """All below z = 0; it has no mass, and does not move freely."""
+
+    def __post_init__(self) -> None:
+        _keep(self, radius_around=math.inf, volume=math.inf, squares=np.full((3, 3), math.nan))
+
+    def inertia(self, density: float) -> tuple[float, Array]:
+        """Refused by a SceneError."""
+        raise SceneError("half-space: has no mass; allowed is one that is held, or moves on a given path")
+
+    def distance(self, points: Array) -> tuple[Array, Array]:
+        """Signed distance (P,), m, negative inside, of points (P, 3), m, and its gradient: unit normals (P, 3)."""
+        normals = np.zeros(points.shape)
+        normals[:, 2] = 1.0
+        return points[:, 2].copy(), normals
+
+    def surface(self) -> tuple[Array, Array]:
+        """A square of its face, 2 m wide."""
+        return np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]), np.array([[0, 1, 2], [0, 2, 3]])
+
+
+@dataclass(frozen=True)
+class Polytope(Shape):
+    """A shape with flat faces."""
+
+    vertices: Array = field(init=False, repr=False, compare=False)  # (V, 3), m
+    loops: list[Array] = field(
+        init=False, repr=False, compare=False
+    )  # corners of each face, counterclockwise from outside
+    normals: Array = field(init=False, repr=False, compare=False)  # (F, 3), units, outward
+    levels: Array = field(init=False, repr=False, compare=False)  # (F,), m: n·x <= level inside
+
+    def _set_faces(self, vertices: Array, faces: Sequence[Sequence[int]]) -> None:
+        polygons = [vertices[list(face)] for face in faces]
+        normals = np.array([np.cross(loop, np.roll(loop, -1, axis=0)).sum(axis=0) for loop in polygons])  # Newell's
+        normals /= np.linalg.norm(normals, axis=1)[:, None]
+        levels = np.array([loop.mean(axis=0).dot(n) for loop, n in zip(polygons, normals, strict=True)])
+        radius = float(np.linalg.norm(vertices, axis=1).max())
+        _keep(self, vertices=vertices, loops=[np.array(face) for face in faces], normals=normals, levels=levels)
+        _keep(self, radius_around=radius)
+
+    def surface(self) -> tuple[Array, Array]:
+        """Vertices (V, 3), m, and triangles (T, 3), counterclockwise from outside."""
+        fans = [(face[0], face[k], face[k + 1]) for face in self.loops for k in range(1, len(face) - 1)]
+        return self.vertices, np.array(fans)
+
+
+@dataclass(frozen=True)
+class Box(Polytope):
+    """A block with flat faces.
+
+    Args:
+        size: full lengths of the edges along x, y and z, m.
+    """
+
+    size: Sequence[float]
+    _obstacle: obstacles.Box = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        box = obstacles.Box((0.0, 0.0, 0.0), self.size)
+        size = np.array(box.size)
+        _keep(self, _obstacle=box, size=box.size, volume=math.prod(box.size), squares=np.diag(size**2) / 12)
+        signs = np.array([[x, y, z] for z in (-1, 1) for y in (-1, 1) for x in (-1, 1)])
+        faces = [(0, 4, 6, 2), (1, 3, 7, 5), (0, 1, 5, 4), (2, 6, 7, 3), (0, 2, 3, 1), (4, 5, 7, 6)]  # -x +x -y +y ...
+        self._set_faces(signs * size / 2, faces)
+
+    def distance(self, points: Array) -> tuple[Array, Array]:
+        """Signed distance (P,), m, negative inside, of points (P, 3), m, and its gradient: unit normals (P, 3)."""
+        return self._obstacle.distance(points)
+
+
+@dataclass(frozen=True)
+class Hull(Polytope):
+    """The convex hull of points.
+
+    Args:
+        points: (P, 3), m, in any axes.
+
+    Attributes:
+        shift: (3,), m: where the centre of mass is in the axes of the points; the shape's own begin there.
+    """
+
+    points: Sequence[Sequence[float]]
+    shift: Array = field(init=False, repr=False, compare=False)
+
+    def __post_init__(self) -> None:
+        try:
+            points = np.array(self.points, dtype=float)
+        except (TypeError, ValueError):
+            points = np.empty(0)
+        if points.ndim != 2 or points.shape[1:] != (3,) or len(points) < 4 or not np.isfinite(points).all():
+            raise SceneError("hull: points: allowed are at least 4 points of three finite numbers, in m")
+        vertices, faces = convex_hull(points)
+        if len(vertices) > MOST_CORNERS:
+            raise SceneError(
+                f"hull: points: allowed are hulls of at most {MOST_CORNERS} corners, given: {len(vertices)}"
+            )
+        origin = vertices.mean(axis=0)  # near, for round-off
+        self._set_faces(vertices - origin, faces)
+        volume, first, _ = self._moments()
+        _keep(self, points=tuple(map(tuple, points.tolist())), shift=origin + first / volume, volume=volume)
+        self._set_faces(vertices - self.shift, faces)
+        _keep(self, squares=self._moments()[2] / volume)
+
+    def _moments(self) -> tuple[float, Array, Array]:
+        """∫ 1, ∫ x and ∫ x xᵀ over the volume, by the signed tetrahedra between the origin and the triangles."""
+        vertices, triangles = self.surface()
+        corners = vertices[triangles]
+        volumes, sums = np.linalg.det(corners) / 6, corners.sum(axis=1)
+        second = np.einsum("t,ti,tj->ij", volumes, sums, sums) + np.einsum("t,tci,tcj->ij", volumes, corners, corners)
+        return float(volumes.sum()), volumes @ sums / 4, second / 20
+
+    def distance(self, points: Array) -> tuple[Array, Array]:
+        """Signed distance (P,), m, negative inside, of points (P, 3), m, and its gradient: unit normals (P, 3)."""
+        beyond = points @ self.normals.T - self.levels
+        face = beyond.argmax(axis=1)
+        gap, normals = beyond[np.arange(len(points)), face], self.normals[face]
+        outside = np.flatnonzero(gap > 0)
+        if len(outside):
+            gap[outside], normals[outside] = self._outside(points[outside], gap[outside], normals[outside])
+        return gap, normals
+
+    def _outside(self, points: Array, gap: Array, normals: Array) -> tuple[Array, Array]:
+        """The same of points outside: to the nearest triangle; where they are on it, the normal of its plane stays."""
+        vertices, triangles = self.surface()
+        corners = vertices[triangles]
+        count = len(points)
+        _, places = nearest_on_triangles(np.repeat(points, len(corners), axis=0), np.tile(corners, (count, 1, 1)))
+        offsets = points[:, None] - places.reshape(count, -1, 3)
+        lengths = np.linalg.norm(offsets, axis=2)
+        nearest = lengths.argmin(axis=1)
+        away = lengths[np.arange(count), nearest]
+        beside = away > gap * (1 + 1e-9)  # not above the face
+        normals[beside] = offsets[np.flatnonzero(beside), nearest[beside]] / away[beside, None]
+        gap[beside] = away[beside]
+        return gap, normals
+
+
+def _check_positive(shape: Shape, name: str) -> None:
+    value = getattr(shape, name)
+    if not (isinstance(value, int | float | np.number) and math.isfinite(value) and value > 0):
+        kind = type(shape).__name__.lower()
+        raise SceneError(f"{kind}: {name}: allowed is a finite number > 0, in m, given: {value!r}")
+    _keep(shape, **{name: float(value)})
+
+
+def _keep(shape: Shape, **values: object) -> None:
+    """Sets attributes of a shape, which is frozen."""
+    for name, value in values.items():
+        object.__setattr__(shape, name, value)
