@@ -8,7 +8,9 @@ from typing import Any
 
 import numpy as np
 import ufl
-from dolfinx import fem, mesh
+from dolfinx import cpp, fem, mesh
+
+from fenics_rom.fem.partition import bisect_cells
 
 OLD = not hasattr(fem, "functionspace")  # 0.5 and 0.6
 
@@ -29,14 +31,34 @@ def create_tetrahedra(comm: Any, cells: np.ndarray, points: np.ndarray) -> Any:
         import basix.ufl
 
         element = basix.ufl.element("Lagrange", "tetrahedron", 1, shape=(3,))
+    cells, points = np.ascontiguousarray(cells, dtype=np.int64), np.ascontiguousarray(points, dtype=float)
+    owner = bisect_cells(points[cells].mean(axis=1), comm.size)
     arguments: dict[str, Any] = {
-        "cells": np.ascontiguousarray(cells, dtype=np.int64),
-        "x": np.ascontiguousarray(points, dtype=float),
+        "cells": cells,
+        "x": points,
         "e" if "e" in parameters else "domain": ufl.Mesh(element),
+        "partitioner": _partitioner(owner),
     }
     if "ghost_mode" in parameters:
         arguments["ghost_mode"] = mesh.GhostMode.none
     return mesh.create_mesh(comm, **arguments)
+
+
+def _partitioner(owner: np.ndarray) -> Any:
+    """What tells dolfinx the rank of each cell of this rank; 0.5 also wants to hear who has a neighbour of it."""
+    if not OLD:
+        return lambda *_: cpp.graph.AdjacencyList_int32(owner[:, None])
+
+    def destinations(comm: Any, ranks: int, neighbours: Any, ghosting: bool) -> Any:
+        cell, count = np.arange(len(owner)), np.diff(neighbours.offsets)
+        of_neighbours = np.column_stack([np.repeat(cell, count), owner[neighbours.array]])
+        others = np.unique(of_neighbours[of_neighbours[:, 1] != np.repeat(owner, count)], axis=0)
+        pairs = np.concatenate([np.column_stack([cell, owner]), others])
+        pairs = pairs[np.argsort(pairs[:, 0], kind="stable")]
+        offsets = np.searchsorted(pairs[:, 0], np.arange(len(owner) + 1))
+        return cpp.graph.AdjacencyList_int32(pairs[:, 1].astype(np.int32), offsets.astype(np.int32))
+
+    return cpp.mesh.create_cell_partitioner(destinations)
 
 
 def vector_space(domain: Any, degree: int) -> Any:

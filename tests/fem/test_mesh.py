@@ -13,6 +13,7 @@ import fenics_rom as fr
 from fenics_rom.errors import MeshError
 from fenics_rom.fem.dolfinx_compat import create_tetrahedra
 from fenics_rom.fem.mesh import read_mesh
+from fenics_rom.fem.partition import bisect_cells
 from fenics_rom.scene.file import parse_scene
 
 LENGTHS = (1.0, 0.4, 0.3)
@@ -316,3 +317,12 @@ def test_boxes_of_gmsh_and_of_these_tests_are_the_same_body(tmp_path):
         pull = system.contacts["right"][:, 0]
         compliance = pull @ np.linalg.solve(dense(system.stiffness, system.size), pull)
         assert compliance == pytest.approx(1.0 / (1e6 * 0.4 * 0.3), rel=1e-12)
+
+
+@pytest.mark.parametrize("ranks", [1, 2, 3, 7, 300])
+def test_ranks_share_cells_evenly_in_slabs(ranks):
+    centres = np.random.default_rng(0).uniform(size=(200, 3)) * (9.0, 1.0, 1.0)
+    owner = bisect_cells(centres, ranks)
+    counts = np.bincount(owner, minlength=ranks)
+    assert counts.max() - counts.min() <= 2
+    assert np.all(np.diff(owner[np.argsort(centres[:, 0])]) >= 0) or ranks > 7
