@@ -19,6 +19,7 @@ from fenics_rom.mechanics.base_path import BaseState
 Numbers = Sequence[float] | Array
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
+Rotation = tuple[Vector, Vector, Vector]  # the rows of R
 ZERO: Vector = (0.0, 0.0, 0.0)
 
 
@@ -30,13 +31,17 @@ def cross_matrix(a: Numbers) -> Array:
 
 def rotation_matrix(quaternion: Numbers) -> Array:
     """R (3, 3) of a unit quaternion."""
-    w, x, y, z = map(float, quaternion)
-    return np.array(
-        (
-            (w * w + x * x - y * y - z * z, 2 * (x * y - w * z), 2 * (x * z + w * y)),
-            (2 * (x * y + w * z), w * w - x * x + y * y - z * z, 2 * (y * z - w * x)),
-            (2 * (x * z - w * y), 2 * (y * z + w * x), w * w - x * x - y * y + z * z),
-        )
+    return np.array(rotation_of(*map(float, quaternion)))
+
+
+def rotation_of(w: float, x: float, y: float, z: float) -> Rotation:
+    """R of a unit quaternion."""
+    ww, xx, yy, zz, wx, wy, wz = w * w, x * x, y * y, z * z, 2 * w * x, 2 * w * y, 2 * w * z
+    xy, xz, yz = 2 * x * y, 2 * x * z, 2 * y * z
+    return (
+        (ww + xx - yy - zz, xy - wz, xz + wy),
+        (xy + wz, ww - xx + yy - zz, yz - wx),
+        (xz - wy, yz + wx, ww - xx - yy + zz),
     )
 
 
@@ -106,3 +111,20 @@ def dot(a: Vector, b: Vector) -> float:
 def added(a: Vector, factor: float, b: Vector) -> Vector:
     """a + factor b."""
     return a[0] + factor * b[0], a[1] + factor * b[1], a[2] + factor * b[2]
+
+
+def mean(a: Vector, b: Vector) -> Vector:
+    """(a + b)/2."""
+    return (a[0] + b[0]) / 2, (a[1] + b[1]) / 2, (a[2] + b[2]) / 2
+
+
+def rotated(R: Rotation, a: Vector) -> Vector:
+    """R a."""
+    ((xx, xy, xz), (yx, yy, yz), (zx, zy, zz)), (x, y, z) = R, a
+    return xx * x + xy * y + xz * z, yx * x + yy * y + yz * z, zx * x + zy * y + zz * z
+
+
+def rotated_back(R: Rotation, a: Vector) -> Vector:
+    """Rᵀ a."""
+    ((xx, xy, xz), (yx, yy, yz), (zx, zy, zz)), (x, y, z) = R, a
+    return xx * x + yx * y + zx * z, xy * x + yy * y + zy * z, xz * x + yz * y + zz * z

@@ -12,11 +12,13 @@ is one linear system. (F_b, τ_b) is what the base puts on the body; in world ax
 
     E = ½ mass |v|² + ½ ω·I ω + ω·b r + v·(ω × (x̄ + c q)) + v·c r + ½ |r|² + ½ qᵀγq
 
-E⁺ - E = h (F_b·v̂ + τ_b·ω̂) + h Σ f·ŝ - h r̂ᵀ D r̂ whatever twists are given.
+E⁺ - E = h (F_b·v̂ + τ_b·ω̂) + h Σ f·ŝ - h r̂ᵀ D r̂ whatever twists are given. What the base supplies in a step, and f·r̂
+and the rest of Σ f·ŝ but for contact, is ΔP·v̂ + ΔL·ω̂ + h f·r̂ less the work that contact forces do with the base.
 """
 
 import math
-import operator
+from functools import partial
+from struct import Struct
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,12 +27,26 @@ from numpy import ndarray as Array
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.contact import ObstacleMotion
-from fenics_rom.mechanics.frame_motion import ZERO, Quaternion, Vector, added, cross, dot, rotation_matrix, turned
+from fenics_rom.mechanics.frame_motion import (
+    ZERO,
+    Quaternion,
+    Rotation,
+    Vector,
+    added,
+    cross,
+    dot,
+    mean,
+    rotated,
+    rotated_back,
+    rotation_of,
+    turned,
+)
 from fenics_rom.runtime.steppers.frame_contact import touch
 from fenics_rom.runtime.steppers.frame_kernel import FrameKernel, FrameState, Shape, check_turn, pairs, times_inertia
 from fenics_rom.runtime.steppers.frame_loads import FrameForces
-from fenics_rom.runtime.steppers.frame_points import FramePoints, Geometry, Push, arms_of, vector
+from fenics_rom.runtime.steppers.frame_points import FramePoints, Geometry, Push, vector
 
+Wrench = tuple[Vector, Vector]
 MISFIT = 0.1  # of what the base moves by in a step: so far off may be what its twists say
 NEGLIGIBLE = 1e-6  # rad, and of the size of the body: what is no motion
 
@@ -39,7 +55,7 @@ class _Motion(NamedTuple):
     """The body between two steps."""
 
     shape: Shape
-    R: Array
+    R: Rotation
     v: Vector  # of the base, in the frame's axes
     ω: Vector
 
@@ -47,7 +63,7 @@ class _Motion(NamedTuple):
     L: Vector
 
 
-def _motion(shape: Shape, R: Array, v: Vector, ω: Vector, mass: float) -> _Motion:
+def _motion(shape: Shape, R: Rotation, v: Vector, ω: Vector, mass: float) -> _Motion:
     """The same with its momenta."""
     P = added(added(cross(ω, shape.moment), mass, v), 1.0, shape.drift)
     L = added(added(times_inertia(shape.inertia, ω), 1.0, shape.moved), 1.0, cross(shape.moment, v))
@@ -63,6 +79,8 @@ class _Step(NamedTuple):
     rotation: Quaternion  # at the end
     v̂: Vector
     ω̂: Vector
+    q: Array  # at the start
+    forces: FrameForces
 
 
 class CarriedFrame(FrameKernel):
@@ -70,15 +88,19 @@ class CarriedFrame(FrameKernel):
 
     Attributes:
         base: where the base is to be at the end of the next step; None: it stands still.
-        wrench: force (N) and torque about the frame's origin (N m) of the base on the body in the last step, in world
-            axes.
     """
 
     def __init__(self, *args: Any, **named: Any):
         super().__init__(*args, **named)
         self.notes |= {"misfit": 0.0, "misfit of turn": 0.0}
         self.base: BaseState | None = None
-        self.wrench = self._wrench_before = (ZERO, ZERO)
+        self._wrench: Wrench | partial[Wrench] = (ZERO, ZERO)  # or how it is found, as not everyone asks
+        self._wrench_before: Wrench | partial[Wrench] = self._wrench
+        self._factors, self._coefficients = np.empty(len(self._at_start)), np.empty(len(self._products))
+        self._set_factors, self._set_coefficients = (
+            partial(Struct(f"{len(numbers)}d").pack_into, numbers.data, 0)
+            for numbers in (self._factors, self._coefficients)
+        )
         self._inverse: Array | None = None
         self._taken: _Step | None = None
         self._size = (sum(self._inertia0[:3]) / 2 / self._mass) ** 0.5
@@ -99,7 +121,18 @@ class CarriedFrame(FrameKernel):
     @property
     def momenta(self) -> tuple[Vector, Vector]:
         """Linear and, about the frame's origin, angular, in world axes."""
-        return vector(self._now.R.dot(self._now.P)), vector(self._now.R.dot(self._now.L))
+        return rotated(self._now.R, self._now.P), rotated(self._now.R, self._now.L)
+
+    @property
+    def wrench(self) -> Wrench:
+        """Force (N) and torque about the frame's origin (N m) of the base on the body in the last step, world axes."""
+        if isinstance(self._wrench, partial):
+            self._wrench = self._wrench()
+        return self._wrench
+
+    @wrench.setter
+    def wrench(self, wrench: Wrench) -> None:
+        self._wrench = wrench
 
     @property
     def messages(self) -> tuple[str, ...]:
@@ -116,14 +149,15 @@ class CarriedFrame(FrameKernel):
     def rollback(self) -> None:
         """As in Kernel."""
         super().rollback()
-        self._now, self.wrench = self._now_before, self._wrench_before
+        self._now, self._wrench = self._now_before, self._wrench_before
+        self._shape_at(self._coordinates(), self._r)
 
     def resume(self, auxiliary: Array) -> None:
         """As in Kernel."""
         super().resume(auxiliary)
-        shape = self._shape_at(self._coordinates(), self._r)
-        R = rotation_matrix(self.frame.rotation)
-        self._now = self._now_before = _motion(shape, R, *_twist(self.frame, R), self._mass)
+        shape, R = self._shape_at(self._coordinates(), self._r), rotation_of(*self.frame.rotation)
+        twist = rotated_back(R, self.frame.velocity), rotated_back(R, self.frame.turning)
+        self._now = self._now_before = _motion(shape, R, *twist, self._mass)
 
     def place(self, frame: FrameState) -> None:
         """Puts the base where it is to be; `turning` is its angular velocity in world axes, rad/s."""
@@ -135,18 +169,18 @@ class CarriedFrame(FrameKernel):
         h, now, start = self.h, self._now, self.frame
         forces = self._loads.at(u)
         end = start._replace(velocity=ZERO, turning=ZERO) if self.base is None else frame_state(self.base)
-        R = rotation_matrix(end.rotation)
-        v_end, ω_end = _twist(end, R)
+        R = rotation_of(*end.rotation)
+        v_end, ω_end = rotated_back(R, end.velocity), rotated_back(R, end.turning)
         check_turn(h, now.ω)
         check_turn(h, ω_end)
-        v̂, ω̂ = _mean(now.v, v_end), _mean(now.ω, ω_end)
+        v̂, ω̂ = mean(now.v, v_end), mean(now.ω, ω_end)
         turn = Geometry(now.R, R, (h * ω̂[0], h * ω̂[1], h * ω̂[2]))
         q, modal = self._coordinates().copy(), self._modal(forces, turn)
         A, right = self._equations(modal, ω̂, v_end, ω_end)
         r̂ = np.linalg.solve(A, right) if A.ndim == 2 else right / A
-        if not np.isfinite(r̂).all():
+        if not math.isfinite(r̂.dot(r̂)):
             raise StepError("the inputs lead out of the finite numbers; the state was left as it was")
-        step = _Step(A, right, turn, end.rotation, v̂, ω̂)
+        step = _Step(A, right, turn, end.rotation, v̂, ω̂, q, forces)
         contact, touched, push = None, None, None
         self._taken, self._inverse = step, None
         if self._interface is not None and obstacles is not None:
@@ -158,103 +192,86 @@ class CarriedFrame(FrameKernel):
             touched = self.velocities(turn, arms, r̂, yielding) + self.translation(step, turn, push.force)
         e, r = self._e + h * self._ω * r̂, r̂ + r̂ - self._r
         after = _motion(self._shape_at(e * self._inverse_ω, r), R, v_end, ω_end, self._mass)
-        inertial = self._inertial(after, v̂, ω̂)
-        # Of what is supplied, work of contact forces is booked as theirs.
-        force, torque = self._external(forces, turn, q, r̂, after.shape)
-        base = added(inertial[0], -1.0, force), added(inertial[1], -1.0, torque)
-        if push is not None:
-            base = (
-                added(base[0], -1.0, vector(np.array(push.force).dot(turn.middle))),
-                added(base[1], -1.0, push.turning),
-            )
-        supplied = dot(added(base[0], 1.0, force), v̂) + dot(added(base[1], 1.0, torque), ω̂) + float(modal.dot(r̂))
-        self._finish(contact, turn, touched, h * supplied, h * float(r̂.dot(self._damped(r̂))))
-        self._wrench_before, self._now_before = self.wrench, now
-        wrench = np.array(base).dot((turn.start + turn.end).T) / 2
-        self.wrench, self._now, self.frame = (vector(wrench[0]), vector(wrench[1])), after, end
+        supplied = dot(added(after.P, -1.0, now.P), v̂) + dot(added(after.L, -1.0, now.L), ω̂) + h * float(modal.dot(r̂))
+        if push is not None:  # the work of contact forces is booked as theirs
+            supplied -= h * (dot(turn.seen(push.force), v̂) + dot(push.turning, ω̂))
+        self._finish(contact, turn, touched, supplied, h * float(r̂.dot(self._damped(r̂))))
         self._look_at_base(start, end, turn, v̂)
+        self._wrench_before, self._now_before = self._wrench, now
+        self._wrench = partial(self._wrench_of, h, step, r̂, now, after, push)
+        self._now, self.frame = after, end
         self._e[:], self._r[:] = e, r
         return 2 * self.energy
 
     def _equations(self, modal: Array, ω̂: Vector, v_end: Vector, ω_end: Vector) -> tuple[Array, Array]:
         """A and the right-hand side, without contact."""
-        h, now, m = self.h, self._now, len(modal)
-        products, Δω, Δv = pairs(now.ω, ω_end), added(ω_end, -1.0, now.ω), added(v_end, -1.0, now.v)
-        across = added(cross(now.ω, v_end), 1.0, cross(ω_end, now.v))
-        table, terms = np.empty((12, m)), now.shape.terms
-        np.multiply(self._rest_terms[:6], -0.5, table[:6])
-        table[:6] += terms[:6]
-        np.multiply(terms[6:9], -1 / h, table[6:9])
-        table[6:9] -= self._turn_by_rate(self._r).reshape(3, m) / 2
-        np.negative(terms[9:], table[9:])
-        factors = (*products, *Δω, *(Δv[k] / h + across[k] / 2 for k in range(3)))
-        right = np.array(factors).dot(table)
-        right += (2 / h) * self._r
-        right -= self._ω * self._e
-        right += modal
-        if any(now.ω) or any(ω_end):
-            coefficients = [-h / 2 * p for p in products]
-            coefficients += (2 * ω̂[0], 2 * ω̂[1], 2 * ω̂[2])
-            A = np.array(coefficients).dot(self._products.reshape(9, m * m)).reshape(m, m)
-            A.ravel()[:: m + 1] += self._diagonal
-            return A + self._model.damping if self._dense_damping else A, right
-        return np.diag(self._diagonal) + self._model.damping if self._dense_damping else self._diagonal, right
+        h, (_, _, v, ω, _, _), (a, b, c) = self.h, self._now, ω̂
+        self._give(modal)
+        α, β, γ = added(ω_end, -1.0, ω)
+        xx, yy, zz, yz, xz, xy = pairs(ω, ω_end)
+        (x, y, z), (i, j, k) = added(v_end, -1.0, v), added(cross(ω, v_end), 1.0, cross(ω_end, v))
+        self._set_factors(
+            *(-α / h, -β / h, -γ / h, -x / h - i / 2, -y / h - j / 2, -z / h - k / 2, -1.0),  # g, c, f0
+            *(xx, yy, zz, yz, xz, xy, -α / h, -β / h, -γ / h, -α / 2, -β / 2, -γ / 2),  # I2 q, G q, G r
+            *(xx / 2, yy / 2, zz / 2, yz / 2, xz / 2, xy / 2),  # I1
+        )
+        right = self._factors.dot(self._at_start)
+        if self._couples and (ω != ZERO or ω_end != ZERO):
+            s, m = -h / 2, len(modal)
+            self._set_coefficients(s * xx, s * yy, s * zz, s * yz, s * xz, s * xy, 2 * a, 2 * b, 2 * c, 1.0)
+            return self._coefficients.dot(self._products.reshape(-1, m * m)).reshape(m, m), right
+        return self._products[9] if self._dense_damping else self._diagonal, right
 
     def _modal(self, forces: FrameForces, turn: Geometry) -> Array:
         """Forces (m,) on the coordinates, but for contact."""
         modal = forces.modal
-        if any(forces.acceleration):
-            modal = modal + np.array(forces.acceleration).dot(turn.middle).dot(self._constants.moment_modes)
+        if forces.acceleration != ZERO:
+            modal = modal + np.array(turn.seen(forces.acceleration)).dot(self._constants.moment_modes)
         if forces.at_points is not None:
             modal = modal + self._loads.points.rows.dot(forces.at_points.dot(turn.middle).ravel())
         return modal
 
-    def _external(self, forces: FrameForces, turn: Geometry, q: Array, r̂: Array, after: Shape) -> tuple[Vector, Vector]:
+    def _wrench_of(self, h: float, step: _Step, r̂: Array, now: _Motion, after: _Motion, push: Push | None) -> Wrench:
+        """Of the base on the body in a step of h s that led from one motion to another; in world axes."""
+        v̂, ω̂, turn = step.v̂, step.ω̂, step.turn
+        P̂, L̂ = mean(now.P, after.P), mean(now.L, after.L)
+        # ΔP/h + ω̂ × P̂ and ΔL/h + ω̂ × L̂ + v̂ × P̂, of which the base has not what else acts
+        force = added(cross(ω̂, P̂), 1 / h, added(after.P, -1.0, now.P))
+        torque = added(added(cross(ω̂, L̂), 1.0, cross(v̂, P̂)), 1 / h, added(after.L, -1.0, now.L))
+        others = [self._external(h, step, r̂, now, after)]
+        if push is not None:
+            others.append((turn.seen(push.force), push.turning))
+        for other in others:
+            force, torque = added(force, -1.0, other[0]), added(torque, -1.0, other[1])
+        return turn.mean(force), turn.mean(torque)
+
+    def _external(self, h: float, step: _Step, r̂: Array, now: _Motion, after: _Motion) -> Wrench:
         """Force and torque about the origin in the frame's axes, but for base and contact."""
+        forces, turn = step.forces, step.turn
         force, torque = forces.force, forces.torque
         if forces.torque_by_shape is not None:
-            torque = added(torque, 1.0, vector(forces.torque_by_shape.dot(q + self.h / 2 * r̂)))
-        if any(forces.acceleration):
-            weight = self._mass * np.array(forces.acceleration)
-            force = added(force, 1.0, vector(weight.dot(turn.middle)))
-            moments = (np.array((self._now.shape.moment,)), np.array((after.moment,)))
-            arm = vector(arms_of(turn, *moments)[0])
-            torque = added(torque, 1.0, vector(np.array(cross(arm, forces.acceleration)).dot(turn.middle)))
-        prescribed = self._prescribed(forces, turn, q, r̂)
+            torque = added(torque, 1.0, vector(forces.torque_by_shape.dot(step.q + h / 2 * r̂)))
+        if forces.acceleration != ZERO:
+            force = added(force, self._mass, turn.seen(forces.acceleration))
+            arm = mean(rotated(turn.before, now.shape.moment), rotated(turn.after, after.shape.moment))
+            torque = added(torque, 1.0, turn.seen(cross(arm, forces.acceleration)))
+        prescribed = self._prescribed(forces, turn, step.q, r̂, h)
         if prescribed is not None:
-            force = added(force, 1.0, vector(np.array(prescribed.force).dot(turn.middle)))
+            force = added(force, 1.0, turn.seen(prescribed.force))
             torque = added(torque, 1.0, prescribed.turning)
         return force, torque
-
-    def _inertial(self, after: _Motion, v̂: Vector, ω̂: Vector) -> tuple[Vector, Vector]:
-        """ΔP/h + ω̂ × P̂ and ΔL/h + ω̂ × L̂ + v̂ × P̂."""
-        h, P, L, P_end, L_end = self.h, self._now.P, self._now.L, after.P, after.L
-        P_sum, L_sum = added(P, 1.0, P_end), added(L, 1.0, L_end)
-        force, torque = cross(ω̂, P_sum), added(cross(ω̂, L_sum), 1.0, cross(v̂, P_sum))
-        return (
-            (
-                (P_end[0] - P[0]) / h + force[0] / 2,
-                (P_end[1] - P[1]) / h + force[1] / 2,
-                (P_end[2] - P[2]) / h + force[2] / 2,
-            ),
-            (
-                (L_end[0] - L[0]) / h + torque[0] / 2,
-                (L_end[1] - L[1]) / h + torque[1] / 2,
-                (L_end[2] - L[2]) / h + torque[2] / 2,
-            ),
-        )
 
     def _look_at_base(self, start: FrameState, end: FrameState, turn: Geometry, v̂: Vector) -> None:
         """Notes how far the base went otherwise than its twists say."""
         h, moved = self.h, added(end.position, -1.0, start.position)
-        said = vector(turn.start.dot(added(v̂, 0.5, cross(turn.turn, v̂))))
-        off = added(moved, -h, said)
-        away, way = dot(off, off) ** 0.5, max(dot(moved, moved) ** 0.5, h * dot(said, said) ** 0.5)
-        if away > MISFIT * way and away > NEGLIGIBLE * self._size:
+        said = rotated(turn.before, added(v̂, 0.5, cross(turn.turn, v̂)))
+        away = math.hypot(*added(moved, -h, said))
+        if away > NEGLIGIBLE * self._size and away > MISFIT * max(math.hypot(*moved), h * math.hypot(*said)):
             self.notes["misfit"] = max(self.notes["misfit"], away)
-        by_twists = turned(start.rotation, turn.turn)
-        turned_by = 2 * _apart(by_twists, end.rotation)
-        if turned_by > max(NEGLIGIBLE, MISFIT * max(2 * _apart(start.rotation, end.rotation), math.hypot(*turn.turn))):
+        turned_by = 2 * _apart(turned(start.rotation, turn.turn), end.rotation)
+        if turned_by > NEGLIGIBLE and turned_by > MISFIT * max(
+            2 * _apart(start.rotation, end.rotation), math.hypot(*turn.turn)
+        ):
             self.notes["misfit of turn"] = max(self.notes["misfit of turn"], turned_by)
 
     # What contact asks for; see frame_contact.
@@ -316,16 +333,7 @@ def frame_state(base: BaseState) -> FrameState:
     return FrameState(vector(base.position), rotation, vector(base.velocity), vector(base.angular_velocity))
 
 
-def _twist(base: FrameState, R: Array) -> tuple[Vector, Vector]:
-    """Its velocities in the frame's axes."""
-    v, ω = np.array((base.velocity, base.turning)).dot(R).tolist()
-    return tuple(v), tuple(ω)
-
-
-def _mean(a: Vector, b: Vector) -> Vector:
-    return (a[0] + b[0]) / 2, (a[1] + b[1]) / 2, (a[2] + b[2]) / 2
-
-
 def _apart(a: Quaternion, b: Quaternion) -> float:
     """Sine of half of the angle, rad, between two rotations."""
-    return math.dist(a, b) if sum(map(operator.mul, a, b)) > 0 else math.dist(a, tuple(-part for part in b))
+    (s, t, u, v), (w, x, y, z) = a, b
+    return math.dist(a, b if s * w + t * x + u * y + v * z > 0 else (-w, -x, -y, -z))

@@ -7,6 +7,9 @@ Node i is at p + R y_i, y = X + V q, with the velocity p' + R (ω × y + V r), V
 Forces in world axes act on points of the body, at a = (R y + R⁺ y⁺)/2 from the origin, as Sᵀ f with the velocities
 ŝ = S v̂ = p'^ + (R* ω̂) × a + R* V r̂, which are exactly how far the points go: h ŝ. Others turn with the frame;
 (R + R⁺)/2 turns them into the world.
+
+Every balance is a sum of few vectors, the rows of one table, whose factors are numbers that ω̂ gives: the product of the
+factors with the table is what the coordinates balance, and the products of its rows with a rate make up the momenta.
 """
 
 from functools import partial
@@ -18,7 +21,17 @@ from numpy import ndarray as Array
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.contact import ContactSolution
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
-from fenics_rom.mechanics.frame_motion import ZERO, Quaternion, Vector, cross_matrix, dot, rotation_matrix, turned
+from fenics_rom.mechanics.frame_motion import (
+    ZERO,
+    Quaternion,
+    Rotation,
+    Vector,
+    cross_matrix,
+    dot,
+    rotation_matrix,
+    rotation_of,
+    turned,
+)
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.moving_frame import MovingFrame
 from fenics_rom.runtime.steppers.frame_loads import FrameForces, FrameLoads
@@ -45,11 +58,17 @@ class FrameState(NamedTuple):
 class Shape(NamedTuple):
     """The inertia of the body at q, moving with r."""
 
-    terms: Array  # (12, m): I1 + I2 q, b(q), c
     inertia: tuple[float, ...]  # I(q): xx, yy, zz, yz, xz, xy
     moved: Vector  # b r
     moment: Vector  # x̄ + c q
     drift: Vector  # c r
+
+
+# Rows of the table: constant; at the start of a step, f0 = ω e - 2/h r - f; and at a mid-step rate.
+COUPLING0, MOMENTS, GIVEN = slice(0, 3), slice(3, 6), 6  # g, c, f0
+BENT, COUPLED, TURNED, INERTIA1 = slice(7, 13), slice(13, 16), slice(16, 19), slice(19, 25)  # I2 q, G q, G r, I1
+BENT_BY_RATE, TURNED_BY_RATE, HELD_BY_RATE = slice(25, 31), slice(31, 34), 34  # I2 r̂, G r̂, (2/h + h/2 γ + D) r̂
+BY_RATE, ROWS = slice(25, 35), 35
 
 
 class FrameKernel(BookedKernel):
@@ -81,14 +100,24 @@ class FrameKernel(BookedKernel):
         self._watch, self.notes = watch, watch.notes
         second = frame.inertia2 if frame.stiffening is None else frame.inertia2 - frame.stiffening
         m = model.order
-        self._products = np.concatenate([second, frame.coupling])  # [I2; G] (9, m, m)
-        self._multiply: Any = self._products.reshape(9 * m, m).dot
-        self._turn_by_rate: Any = frame.coupling.reshape(3 * m, m).dot
-        self._rest_terms = np.concatenate([frame.inertia1, frame.coupling0, frame.moment_modes])
+        self._couples = bool(second.any() or frame.coupling.any() or frame.inertia1.any())
+        self._products = np.concatenate([second, frame.coupling, np.empty((1, m, m))])  # I2, G, 2/h + h/2 γ + D
+        self._by_rate: Any = self._products.reshape(10 * m, m).dot
+        self._by_shape: Any = self._products[:9].reshape(9 * m, m).dot
+        self._turned: Any = self._products[6:9].reshape(3 * m, m).dot
+        self._table = np.zeros((ROWS, m))
+        self._table[COUPLING0], self._table[MOMENTS] = frame.coupling0, frame.moment_modes
+        self._table[INERTIA1] = frame.inertia1
+        shaped, turned, by_rate = slice(BENT.start, COUPLED.stop), TURNED, BY_RATE
+        self._shaped, self._turned_rows, self._rate_rows = (
+            self._table[rows].reshape(-1) for rows in (shaped, turned, by_rate)
+        )
+        self._at_start = self._table[: BY_RATE.start]
         self._inertia0, self._first_moment = frame.inertia0.tolist(), frame.first_moment.tolist()
         x, y, z = frame.origin.tolist()
         self.frame = self._frame_before = self._at_rest = FrameState((x, y, z), (1.0, 0.0, 0.0, 0.0), ZERO, ZERO)
         self._dense_damping = model.damping.ndim == 2
+        self._terms = np.empty((2, m))
         if interface is not None:
             self.points = FramePoints(interface.points.coordinates - frame.origin, self._Sᵀ)
 
@@ -97,6 +126,8 @@ class FrameKernel(BookedKernel):
         super().set_time_step(h)
         γ, d = self._model.eigenvalues, self._model.damping
         self._diagonal = 2 / h + h / 2 * γ if self._dense_damping else 2 / h + h / 2 * γ + d
+        self._products[9] = np.diag(self._diagonal) + d if self._dense_damping else np.diag(self._diagonal)
+        self._elastic_and_inertial = np.stack([self._ω, np.full(len(γ), -2 / h)])
 
     def rollback(self) -> None:
         """As in Kernel."""
@@ -128,32 +159,42 @@ class FrameKernel(BookedKernel):
         return places if self.residual is None else places + self.residual.displacement
 
     def _shape_at(self, q: Array, r: Array) -> Shape:
-        m = len(q)
-        terms = self._rest_terms.copy()
-        terms[:9] += self._multiply(q).reshape(9, m)
-        both = np.empty((m, 2))
-        both[:, 0], both[:, 1] = q, r
-        at, x, I0 = terms.dot(both).tolist(), self._first_moment, self._inertia0
+        """The inertia there, which the table is of from now on."""
+        if self._couples:
+            self._by_shape(q, self._shaped)
+            self._turned(r, self._turned_rows)
+        at_q, at_r = self._at_start.dot(q).tolist(), self._at_start.dot(r).tolist()
+        a0, b0, c0, d0, e0, f0 = self._inertia0
+        a2, b2, c2, d2, e2, f2 = at_q[BENT]
+        a1, b1, c1, d1, e1, f1 = at_q[INERTIA1]
+        (x, y, z), (u, v, w) = self._first_moment, at_q[MOMENTS]
+        (bx, by, bz), (gx, gy, gz), (cx, cy, cz) = at_r[COUPLED], at_r[COUPLING0], at_r[MOMENTS]
         return Shape(
-            terms,
-            tuple([I0[k] + at[k][0] for k in range(6)]),
-            (at[6][1], at[7][1], at[8][1]),
-            (x[0] + at[9][0], x[1] + at[10][0], x[2] + at[11][0]),
-            (at[9][1], at[10][1], at[11][1]),
+            (a0 + a1 + a2, b0 + b1 + b2, c0 + c1 + c2, d0 + d1 + d2, e0 + e1 + e2, f0 + f1 + f2),
+            (bx + gx, by + gy, bz + gz),
+            (x + u, y + v, z + w),
+            (cx, cy, cz),
         )
+
+    def _give(self, modal: Array) -> None:
+        """The row of the table that forces (m,) on the coordinates and the state are in."""
+        given = self._table[GIVEN]
+        np.multiply(self._elastic_and_inertial, self._halves, self._terms)
+        np.add(self._terms[0], self._terms[1], given)
+        np.subtract(given, modal, given)
 
     def _damped(self, r: Array) -> Array:
         """D r (m,)."""
         damped: Array = self._model.damping.dot(r) if self._dense_damping else self._model.damping * r
         return damped
 
-    def _prescribed(self, forces: FrameForces, turn: Geometry, q: Array, rate: Array) -> Push | None:
-        """What prescribed forces do in a step from q at a mid-step rate (m,)."""
+    def _prescribed(self, forces: FrameForces, turn: Geometry, q: Array, rate: Array, h: float) -> Push | None:
+        """What prescribed forces do in a step of h s from q at a mid-step rate (m,)."""
         if forces.at_points is None:
             return None
         points = self._loads.points
         start = points.rest + points.moved(q)
-        return points.push(forces.at_points, turn, arms_of(turn, start, start + self.h * points.moved(rate)))
+        return points.push(forces.at_points, turn, arms_of(turn, start, start + h * points.moved(rate)))
 
     @property
     def messages(self) -> tuple[str, ...]:
@@ -216,10 +257,10 @@ def _in_frame(turn: Geometry, contact: ContactSolution | None) -> ContactSolutio
     return None if contact is None else contact._replace(forces=contact.forces.dot(turn.middle))
 
 
-def turn_of(R: Array, rotation: Quaternion, t: Vector) -> tuple[Geometry, Quaternion]:
+def turn_of(R: Rotation, rotation: Quaternion, t: Vector) -> tuple[Geometry, Quaternion]:
     """How a frame turns by Cayley's map of t = h ω̂, and the quaternion at the end."""
     end = turned(rotation, t)
-    return Geometry(R, rotation_matrix(end), t), end
+    return Geometry(R, rotation_of(*end), t), end
 
 
 def check_turn(h: float, ω: Vector) -> None:
@@ -232,23 +273,27 @@ def check_turn(h: float, ω: Vector) -> None:
         )
 
 
-def solved_inertia(shape: Shape, L: Vector) -> Vector:
-    """I⁻¹ L; a StepError where kinetic energy is not positive definite, [[I, b], [bᵀ, 1]]."""
-    b, (xx, yy, zz, yz, xz, xy) = shape.terms[6:9], shape.inertia
-    (bxx, bxy, bxz), (_, byy, byz), (_, _, bzz) = b.dot(b.T).tolist()
-    if not _is_definite(xx - bxx, yy - byy, zz - bzz, yz - byz, xz - bxz, xy - bxy):
-        raise StepError(
-            "the body is so far from its shape at rest that its kinetic energy is not positive any more: allowed is "
-            "what a body of small strains can do in its frame; less force, or large_deformation, is the cure"
-        )
+def solved_inertia(inertia: tuple[float, ...], L: Vector) -> Vector:
+    """I⁻¹ L."""
+    (xx, yy, zz, yz, xz, xy), (x, y, z) = inertia, L
     A, B, C = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
     D, E, F = xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy
-    determinant, (x, y, z) = xx * A + xy * B + xz * C, L
+    determinant = xx * A + xy * B + xz * C
     return (
         (A * x + B * y + C * z) / determinant,
         (B * x + D * y + E * z) / determinant,
         (C * x + E * y + F * z) / determinant,
     )
+
+
+def check_definite(inertia: tuple[float, ...], b: Array) -> None:
+    """A StepError where kinetic energy is not positive definite, [[I, b], [bᵀ, 1]], with b (3, m)."""
+    (xx, yy, zz, yz, xz, xy), ((bxx, bxy, bxz), (_, byy, byz), (_, _, bzz)) = inertia, b.dot(b.T).tolist()
+    if not _is_definite(xx - bxx, yy - byy, zz - bzz, yz - byz, xz - bxz, xy - bxy):
+        raise StepError(
+            "the body is so far from its shape at rest that its kinetic energy is not positive any more: allowed is "
+            "what a body of small strains can do in its frame; less force, or large_deformation, is the cure"
+        )
 
 
 def _is_definite(xx: float, yy: float, zz: float, yz: float, xz: float, xy: float) -> bool:

@@ -7,7 +7,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.mechanics.frame_motion import Vector, cross_matrix
+from fenics_rom.mechanics.frame_motion import (
+    ZERO,
+    Rotation,
+    Vector,
+    added,
+    cross,
+    cross_matrix,
+    mean,
+    rotated,
+    rotated_back,
+)
 
 
 @dataclass
@@ -15,19 +25,38 @@ class Geometry:
     """How the frame turns in a step.
 
     Attributes:
-        start, end: R, R⁺ = R cay(t), (3, 3).
+        before, after: R, R⁺ = R cay(t).
         turn: t = h ω̂, in the frame's axes.
     """
 
-    start: Array
-    end: Array
+    before: Rotation
+    after: Rotation
     turn: Vector
+
+    @cached_property
+    def start(self) -> Array:
+        """R (3, 3)."""
+        return np.array(self.before)
+
+    @cached_property
+    def end(self) -> Array:
+        """R⁺ (3, 3)."""
+        return np.array(self.after)
 
     @cached_property
     def middle(self) -> Array:
         """R* = R (1 + t~/2), (3, 3)."""
         middle: Array = self.start + self.start.dot(cross_matrix(self.turn)) / 2
         return middle
+
+    def mean(self, a: Vector) -> Vector:
+        """(R + R⁺)/2 a: what turns with the frame as it acts in the step."""
+        return ZERO if a == ZERO else mean(rotated(self.before, a), rotated(self.after, a))
+
+    def seen(self, a: Vector) -> Vector:
+        """R*ᵀ a = Rᵀa - t/2 × Rᵀa: a vector in world axes as the frame sees it in the step."""
+        b = rotated_back(self.before, a)
+        return added(b, -0.5, cross(self.turn, b))
 
 
 class Push(NamedTuple):

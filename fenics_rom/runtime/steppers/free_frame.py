@@ -14,9 +14,12 @@ Two identities make it exact at any h, for any symmetric I2 and antisymmetric G:
 so that energy grows by h (F·p'^ + τ·R ω̂ + f·r̂) - h r̂ᵀ D r̂ and momenta by nothing but F and τ. After the iteration ω⁺ is
 what the angular momentum says, which no tolerance is in.
 
-The iteration is Newton's with a kept Jacobian, found anew where it no longer converges fast.
+The iteration is Newton's with a kept Jacobian, found anew where that costs less than the iterations that it saves.
 """
 
+import math
+from functools import partial
+from struct import Struct
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,13 +27,33 @@ from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion
-from fenics_rom.mechanics.frame_motion import ZERO, Quaternion, Vector, added, cross, cross_matrix, dot, rotation_matrix
+from fenics_rom.mechanics.frame_motion import (
+    ZERO,
+    Quaternion,
+    Rotation,
+    Vector,
+    added,
+    cross,
+    cross_matrix,
+    dot,
+    rotated,
+    rotated_back,
+    rotation_of,
+)
 from fenics_rom.mechanics.hyperelastic import VOIGT_INDEX
 from fenics_rom.runtime.steppers.frame_contact import touch
 from fenics_rom.runtime.steppers.frame_kernel import (
+    BENT,
+    BENT_BY_RATE,
+    COUPLED,
+    GIVEN,
+    INERTIA1,
+    TURNED,
+    TURNED_BY_RATE,
     FrameKernel,
     FrameState,
     Shape,
+    check_definite,
     check_turn,
     pairs,
     solved_inertia,
@@ -44,7 +67,8 @@ TOLERANCE = 1e-15  # of the velocities: what the next correction may be
 ROUND_OFF = 4e-15  # of them: a correction that is none
 MOST_ITERATIONS = 60
 SLOW = 0.2  # of one correction to the next, from which on the Jacobian is found anew
-MANY_ITERATIONS = 6  # from which on it is found anew for the next step
+FEW_ITERATIONS = 3  # of a step with a Jacobian that is kept
+WORN = 5  # iterations more than that in all the steps with it, which a new one takes the time of
 
 
 class _Motion(NamedTuple):
@@ -52,14 +76,14 @@ class _Motion(NamedTuple):
 
     shape: Shape
     ω: Vector  # in the frame's axes, rad/s
-    R: Array
+    R: Rotation
+    L: Vector  # angular momentum in the frame's axes
 
 
 class _Step(NamedTuple):
     """What does not change within a step."""
 
     q: Array
-    L: Vector  # at the start
     forces: FrameForces
 
 
@@ -69,13 +93,14 @@ class FreeFrame(FrameKernel):
     def __init__(self, *args: Any, **named: Any):
         super().__init__(*args, **named)
         m = self._model.order
-        self._table = np.empty((19, m))  # I2 r̂, G r̂; -(½ I1 + I2 q), b/h + ½ G r; f: what the balance is a sum of
-        self._by_rate = self._table[:9].reshape(-1)
+        self._sum = self._table[GIVEN:]  # what the balance of a free body is a sum of
+        self._factors = np.empty(len(self._sum))
+        self._set_factors = partial(Struct(f"{len(self._sum)}d").pack_into, self._factors.data, 0)
         self._weights = np.ones(3 + m)  # in which corrections are measured, as energies are
         self._weights[:3] = sum(self._inertia0[:3]) / 3
         self._inverse: Array | None = None
-        self._is_worn = False  # so that it is to be found anew
-        self._acceleration: tuple[float, Vector] | None = None  # of the last step of h s
+        self._wear = 0  # iterations that a new one would have saved
+        self._passed: tuple[float, Array] | None = None  # the last step: of h s, by ω̂ and r̂
         self.resume(np.empty(0))
 
     @property
@@ -99,8 +124,7 @@ class FreeFrame(FrameKernel):
     @property
     def world_angular_velocity(self) -> Array:
         """In world axes, (3,), rad/s."""
-        turning: Array = self._now.R.dot(self._now.ω)
-        return turning
+        return np.array(rotated(self._now.R, self._now.ω))
 
     def set_time_step(self, h: float) -> None:
         """As in Kernel."""
@@ -110,26 +134,39 @@ class FreeFrame(FrameKernel):
     def reset_buffer(self) -> None:
         """As in Kernel."""
         super().reset_buffer()
-        self._inverse = self._acceleration = None
+        self._forget()
 
     def rollback(self) -> None:
         """As in Kernel."""
         super().rollback()
-        self._now, self._inverse, self._acceleration = self._now_before, None, None
+        self._now = self._now_before
+        self._forget()
 
     def resume(self, auxiliary: Array) -> None:
         """As in Kernel; the angular velocity is what the angular momentum says."""
         super().resume(auxiliary)
-        shape = self._shape_at(self._coordinates(), self._r)
-        self._now = self._now_before = _moving(shape, rotation_matrix(self.frame.rotation), self.frame.turning)
-        self._inverse = self._acceleration = None
+        self._now = self._now_before = self._moving(
+            self._forget(), rotation_of(*self.frame.rotation), self.frame.turning
+        )
 
     def place(self, frame: FrameState) -> None:
         """Puts the frame where it is to be; `turning` is here the angular velocity in world axes, rad/s."""
-        R, shape = rotation_matrix(frame.rotation), self._shape_at(self._coordinates(), self._r)
-        L = added(times_inertia(shape.inertia, vector(np.array(frame.turning).dot(R))), 1.0, shape.moved)
-        self.frame = frame._replace(turning=vector(R.dot(L)))
+        R, shape = rotation_of(*frame.rotation), self._forget()
+        L = added(times_inertia(shape.inertia, rotated_back(R, frame.turning)), 1.0, shape.moved)
+        self.frame = frame._replace(turning=rotated(R, L))
         self.resume(self.auxiliary)
+
+    def _forget(self) -> Shape:
+        """What was kept of steps that led elsewhere; the shape that the body has."""
+        self._inverse = self._passed = None
+        return self._shape_at(self._coordinates(), self._r)
+
+    def _moving(self, shape: Shape, R: Rotation, momentum: Vector) -> _Motion:
+        """The body with an angular momentum in world axes."""
+        if self._couples:
+            check_definite(shape.inertia, self._table[COUPLED])
+        L = rotated_back(R, momentum)
+        return _Motion(shape, solved_inertia(shape.inertia, added(L, -1.0, shape.moved)), R, L)
 
     def step(self, u: Array, obstacles: ObstacleMotion | None = None) -> float:
         """As in Kernel."""
@@ -142,52 +179,38 @@ class FreeFrame(FrameKernel):
                 x, contact = touch(self, self._interface, step, x, obstacles)
             return self._end(step, x, contact)
         except StepError:
-            self._inverse = self._acceleration = None
+            self._forget()
             raise
 
     def _begin(self, forces: FrameForces) -> _Step:
-        h, shape, table = self.h, self._now.shape, self._table
-        q = self._coordinates().copy()
-        np.multiply(self._rest_terms[:6], 0.5, table[9:15])
-        table[9:15] -= shape.terms[:6]
-        np.multiply(shape.terms[6:9], 1 / h, table[15:18])
-        table[15:18] += self._turn_by_rate(self._r).reshape(3, -1) / 2
-        given = table[18]
-        np.multiply(self._ω, self._e, given)
-        given -= self._r * (2 / h)
-        given -= forces.modal
-        L = added(times_inertia(shape.inertia, self._now.ω), 1.0, shape.moved)
-        return _Step(q, L, forces)
+        self._give(forces.modal)
+        return _Step(self._coordinates().copy(), forces)
 
     def _iterate(self, step: _Step) -> Array:
         """The mid-step velocities ω̂, r̂ (3 + m,) without contact."""
-        h, ω = self.h, self._now.ω
-        if self._acceleration is not None and h <= 2 * self._acceleration[0]:  # else it says too little of this step
-            ω = added(ω, h / 2, self._acceleration[1])
-        x = np.empty(len(self._weights))
-        x[:3], x[3:] = ω, self._r
-        scale, before, last = 0.0, np.inf, x
-        for iteration in range(MOST_ITERATIONS):
-            if self._inverse is None or self._is_worn:
-                self._inverse, self._is_worn = self._jacobian_inverse(step, x), False
+        h, x = self.h, np.empty(len(self._weights))
+        x[:3], x[3:] = self._now.ω, self._r
+        if self._passed is not None and h <= 2 * self._passed[0]:  # else it says too little of this step
+            x += (h / self._passed[0]) * (x - self._passed[1])
+        scale, before = 0.0, math.inf
+        if self._wear > WORN:
+            self._inverse = None
+        for iteration in range(1, MOST_ITERATIONS + 1):
+            if self._inverse is None:
+                self._inverse, self._wear = self._jacobian_inverse(step, x), 0
             change = self._inverse.dot(self._residual(step, x, None))
             x -= change
             size = self.size(change)
-            if not np.isfinite(size):
+            if not math.isfinite(size):
                 raise StepError("the inputs lead out of the finite numbers; the state was left as it was")
-            if not scale:
-                scale = self.scale(x)
-            ratio = size / before
+            scale, ratio = scale or self.scale(x), size / before
             if (0 < ratio < 1 and size * ratio <= TOLERANCE * scale) or size <= ROUND_OFF * scale:
-                self._is_worn = iteration >= MANY_ITERATIONS
+                self._wear += max(iteration - FEW_ITERATIONS, 0)
                 return x
-            if ratio > SLOW and before < np.inf:
-                self._inverse, before = None, np.inf
-                continue
-            if iteration == 1:  # Broyden: what the kept Jacobian lacks changes slowly
-                along = self._weights * last
-                self._inverse += np.multiply.outer(change, along.dot(self._inverse) / along.dot(last - change))
-            before, last = size, change
+            before = size
+            if ratio > SLOW and iteration > 1:
+                self._inverse, before = None, math.inf
+        ω = self._now.ω
         raise StepError(
             f"no step of {h:g} s was found that turns the body by {h * dot(ω, ω) ** 0.5:.2g} rad and bends it as it "
             f"does: after {MOST_ITERATIONS} iterations {size / scale:.1e} of the velocities is left; a smaller dt is "
@@ -205,28 +228,28 @@ class FreeFrame(FrameKernel):
 
     def _residual(self, step: _Step, x: Array, push: Push | None) -> Array:
         """What the balances of angular momentum and of the coordinates lack, under contact forces that push."""
-        h, ω, r̂, table = self.h, self._now.ω, x[3:], self._table
-        a, b, c = x[:3].tolist()
-        ω̂ = a, b, c
-        ω_end = 2 * a - ω[0], 2 * b - ω[1], 2 * c - ω[2]
-        self._multiply(r̂, self._by_rate)
-        xx, yy, zz, yz, xz, xy = pairs(ω, ω_end)
-        s = -h / 2
-        by_rate = s * xx, s * yy, s * zz, s * yz, s * xz, s * xy, 2 * a, 2 * b, 2 * c
-        at_start = xx, yy, zz, yz, xz, xy, ω_end[0] - ω[0], ω_end[1] - ω[1], ω_end[2] - ω[2], 1.0
+        h, now, r̂ = self.h, self._now, x[3:]
+        a, b, c = ω̂ = vector(x[:3])
+        self._by_rate(r̂, self._rate_rows)
+        (A, B, C), L = now.ω, now.L
+        ω_end = 2 * a - A, 2 * b - B, 2 * c - C
+        xx, yy, zz, yz, xz, xy = pairs(now.ω, ω_end)
+        α, β, γ = ω_end[0] - A, ω_end[1] - B, ω_end[2] - C
+        self._set_factors(
+            *(1.0, -xx, -yy, -zz, -yz, -xz, -xy, α / h, β / h, γ / h, α / 2, β / 2, γ / 2),  # f0, I2 q, G q, G r
+            *(-xx / 2, -yy / 2, -zz / 2, -yz / 2, -xz / 2, -xy / 2),  # I1
+            *(-h / 2 * xx, -h / 2 * yy, -h / 2 * zz, -h / 2 * yz, -h / 2 * xz, -h / 2 * xy),  # I2 r̂
+            *(2 * a, 2 * b, 2 * c, 1.0),  # G r̂, and what r̂ itself is held by
+        )
         ρ = np.empty(len(x))
-        along = ρ[3:]
-        np.multiply(self._diagonal, r̂, along)
-        along += np.array((*by_rate, *at_start)).dot(table)
-        if self._dense_damping:
-            along += self._model.damping.dot(r̂)
-        L, L_end = step.L, self._end_momentum(table.dot(r̂).tolist(), ω_end)
+        along = self._factors.dot(self._sum, ρ[3:])
+        L_end = self._end_momentum(self._sum.dot(r̂).tolist(), ω_end)
         t = step.forces.torque
         if step.forces.torque_by_shape is not None:
             t = added(t, 1.0, vector(step.forces.torque_by_shape.dot(step.q + h / 2 * r̂)))
         pushes = [push] if push is not None else []
         if step.forces.at_points is not None:
-            prescribed = self._prescribed(step.forces, self.turn_at(x)[0], step.q, r̂)
+            prescribed = self._prescribed(step.forces, self.turn_at(x)[0], step.q, r̂, h)
             pushes += [prescribed] if prescribed is not None else []
         for each in pushes:
             t = added(t, 1.0, each.turning)
@@ -239,41 +262,36 @@ class FreeFrame(FrameKernel):
 
     def _end_momentum(self, along: list[float], ω: Vector) -> Vector:
         """L⁺ from the products of the table with r̂: I⁺ = I + h (I1 + 2 I2 q)·r̂ + h² r̂·I2 r̂; b⁺r⁺ is linear in r̂."""
-        h, shape = self.h, self._now.shape
-        xx, yy, zz, yz, xz, xy, _, _, _, l_xx, l_yy, l_zz, l_yz, l_xz, l_xy, b_x, b_y, b_z, _ = along
-        I_xx, I_yy, I_zz, I_yz, I_xz, I_xy = shape.inertia
+        h, (xx, yy, zz, yz, xz, xy), (x, y, z) = self.h, self._now.shape.inertia, self._now.shape.moved
+        # f0, I2 q, G q, G r, I1, I2 r̂, G r̂ and the last one
+        _, a, b, c, d, e, f, u, v, w, i, j, k, A, B, C, D, E, F, α, β, γ, δ, ε, ζ, *_ = along
         inertia = (
-            I_xx + h * (h * xx - 2 * l_xx),
-            I_yy + h * (h * yy - 2 * l_yy),
-            I_zz + h * (h * zz - 2 * l_zz),
-            I_yz + h * (h * yz - 2 * l_yz),
-            I_xz + h * (h * xz - 2 * l_xz),
-            I_xy + h * (h * xy - 2 * l_xy),
+            xx + h * (A + 2 * a + h * α),
+            yy + h * (B + 2 * b + h * β),
+            zz + h * (C + 2 * c + h * γ),
+            yz + h * (D + 2 * d + h * δ),
+            xz + h * (E + 2 * e + h * ε),
+            xy + h * (F + 2 * f + h * ζ),
         )
-        x, y, z = shape.moved
-        return added(times_inertia(inertia, ω), 1.0, (2 * h * b_x - x, 2 * h * b_y - y, 2 * h * b_z - z))
+        return added(times_inertia(inertia, ω), 1.0, (2 * u + h * i - x, 2 * v + h * j - y, 2 * w + h * k - z))
 
     def _jacobian_inverse(self, step: _Step, x: Array) -> Array:
-        h, ω, ω̂, r̂ = self.h, np.array(self._now.ω), x[:3], x[3:]
-        m, start, ω_end = len(r̂), self._now.shape.terms, 2 * ω̂ - ω
-        q_end, r_end = step.q + h * r̂, 2 * r̂ - self._r
-        by_rate = self._multiply(r̂).reshape(9, m)
-        at_rest = 2 * start[:6] - self._rest_terms[:6]
-        bent = (at_rest + h * by_rate[:6])[VOIGT_INDEX].reshape(3, 3 * m)  # I1 + 2 I2 q at q̂
-        bent_end = (at_rest + 2 * h * by_rate[:6])[VOIGT_INDEX].reshape(3, 3 * m)  # and at q⁺
-        terms = start[:9] + h * by_rate
-        inertia = (np.array(self._inertia0) + terms[:6].dot(q_end))[VOIGT_INDEX]
-        L_end = inertia.dot(ω_end) + terms[6:].dot(r_end)
+        h, table, ω, ω̂, r̂ = self.h, self._table, np.array(self._now.ω), x[:3], x[3:]
+        ω_end = 2 * ω̂ - ω
+        self._by_rate(r̂, self._rate_rows)
+        bent = table[INERTIA1] + 2 * table[BENT]  # I1 + 2 I2 q at q
+        bending = h * table[BENT_BY_RATE]
+        moving = 2 * table[COUPLED] + h * table[TURNED]
+        L_end = np.array(self._end_momentum(self._sum.dot(r̂).tolist(), vector(ω_end)))
         carry = np.eye(3) / h + cross_matrix(ω̂) / 2
+        inertia = np.array(self._now.shape.inertia) + h * (bent + bending).dot(r̂)
+        m = len(r̂)
         J = np.empty((3 + m, 3 + m))
-        J[:3, :3] = carry.dot(2 * inertia) - cross_matrix(np.array(step.L) + L_end) / 2
-        r_turned = self._turn_by_rate(r_end).reshape(3, m)
-        J[:3, 3:] = carry.dot(h * ω_end.dot(bent_end).reshape(3, m) - h * r_turned + 2 * terms[6:])
-        J[3:, :3] = (2 * self._table[15:18] + 2 * by_rate[6:] - ω.dot(bent).reshape(3, m)).T
-        factors = [-h / 2 * p for p in pairs(vector(ω), vector(ω_end))]
-        A = np.array((*factors, *(2 * ω̂))).dot(self._products.reshape(9, m * m)).reshape(m, m)
-        A.ravel()[:: m + 1] += self._diagonal
-        J[3:, 3:] = A + self._model.damping if self._dense_damping else A
+        J[:3, :3] = carry.dot(2 * inertia[VOIGT_INDEX]) - cross_matrix(self._now.L + L_end) / 2
+        J[:3, 3:] = carry.dot(_contraction(ω_end).dot(h * (bent + 2 * bending)) + moving)
+        J[3:, :3] = (moving / h + 2 * table[TURNED_BY_RATE] - _contraction(ω).dot(bent + bending)).T
+        factors = (*(-h / 2 * p for p in pairs(vector(ω), vector(ω_end))), *(2 * ω̂), 1.0)
+        J[3:, 3:] = np.array(factors).dot(self._products.reshape(10, m * m)).reshape(m, m)
         try:
             inverse: Array = np.linalg.inv(J)
         except np.linalg.LinAlgError as error:
@@ -322,7 +340,7 @@ class FreeFrame(FrameKernel):
         force = added(contact, self._mass, step.forces.acceleration)
         if step.forces.at_points is not None:
             force = added(force, 1.0, vector(step.forces.at_points.sum(axis=0)))
-        return added(force, 1.0, _in_world(turn, step.forces.force))
+        return added(force, 1.0, turn.mean(step.forces.force))
 
     def _end(self, step: _Step, x: Array, contact: ContactSolution | None) -> float:
         """Takes the step with these velocities; twice the stored energy, J."""
@@ -333,8 +351,8 @@ class FreeFrame(FrameKernel):
         if forces.torque_by_shape is not None:
             torque = added(torque, 1.0, vector(forces.torque_by_shape.dot(step.q + h / 2 * r̂)))
         supplied = dot(torque, (a, b, c)) + float(forces.modal.dot(r̂))
-        τ, pushed = _in_world(turn, torque), ZERO
-        prescribed = self._prescribed(forces, turn, step.q, r̂)
+        τ, pushed = turn.mean(torque), ZERO
+        prescribed = self._prescribed(forces, turn, step.q, r̂, h)
         if prescribed is not None:
             τ = added(τ, 1.0, prescribed.torque)
             supplied += dot(prescribed.turning, (a, b, c)) + float(prescribed.modal.dot(r̂))
@@ -351,23 +369,15 @@ class FreeFrame(FrameKernel):
         supplied += dot(added(force, -1.0, pushed), v̂)
         frame = FrameState(added(before.position, h, v̂), rotation, v, added(before.turning, h, τ))
         e, r = self._e + h * self._ω * r̂, r̂ + r̂ - self._r
-        motion = _moving(self._shape_at(e * self._inverse_ω, r), turn.end, frame.turning)
+        motion = self._moving(self._shape_at(e * self._inverse_ω, r), turn.after, frame.turning)
         self._finish(contact, turn, touched, h * supplied, h * float(r̂.dot(self._damped(r̂))))
-        was = self._now
-        self._acceleration = (
-            h,
-            ((motion.ω[0] - was.ω[0]) / h, (motion.ω[1] - was.ω[1]) / h, (motion.ω[2] - was.ω[2]) / h),
-        )
-        self.frame, self._now_before, self._now = frame, was, motion
+        self._passed = h, x
+        self.frame, self._now_before, self._now = frame, self._now, motion
         self._e[:], self._r[:] = e, r
         return 2 * self.energy
 
 
-def _moving(shape: Shape, R: Array, momentum: Vector) -> _Motion:
-    """The body with an angular momentum in world axes."""
-    return _Motion(shape, solved_inertia(shape, added(vector(R.T.dot(momentum)), -1.0, shape.moved)), R)
-
-
-def _in_world(turn: Geometry, force: Vector) -> Vector:
-    """A force, or a torque, that turns with the frame, as it acts in a step."""
-    return ZERO if force == ZERO else vector((turn.start + turn.end).dot(force) / 2)
+def _contraction(ω: Array) -> Array:
+    """(3, 6), which makes Σ_l ω_l X_kl of the six entries of a symmetric X."""
+    x, y, z = ω
+    return np.array(((x, 0, 0, 0, z, y), (0, y, 0, z, 0, x), (0, 0, z, y, x, 0)))
