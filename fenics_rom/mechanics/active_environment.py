@@ -139,12 +139,12 @@ class ActiveEnvironment:
         """
         loads = self.loads_at(time + dt / 2 if self.environment.has_inertia else time + dt)
         motion = ObstacleMotion(self.state.offsets, self.offsets_at(time + dt), self.state.velocities)
-        return StepInput(np.concatenate([u, loads]), motion, self.base_at(time + dt))
+        return StepInput(np.concatenate([u, loads]) if len(loads) else u, motion, self.base_at(time + dt))
 
     def commit(self, inputs: StepInput, dt: float) -> None:
         """Ends a step of dt, s, that was taken: the obstacles are where they were to be."""
         self.loads = inputs.u[len(inputs.u) - len(self.loads) :]
-        if inputs.obstacles is not None:
+        if inputs.obstacles is not None and self.obstacles:
             self.state = ObstacleState(inputs.obstacles.end, inputs.obstacles.velocities(dt))
 
     def _keep_constants(self) -> None:

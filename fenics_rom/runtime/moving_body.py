@@ -88,7 +88,8 @@ class MovingBody(SimulatedBody):
         self._base = None
         if base is None:
             return
-        if self.base_wrench is None:
+        frame = self.rom.moving_frame
+        if self._frame is None or frame is None or not frame.carried:
             raise StepError(f"step {self.steps}: base: allowed is a body in a moving frame that a rigid base carries")
         self._base = checked_base(base, f"step {self.steps}: base")
 

@@ -54,6 +54,7 @@ NEGLIGIBLE = 1e-6  # rad, and of the size of the body: what is no motion
 class _Motion(NamedTuple):
     """The body between two steps."""
 
+    q: Array
     shape: Shape
     R: Rotation
     v: Vector  # of the base, in the frame's axes
@@ -63,11 +64,11 @@ class _Motion(NamedTuple):
     L: Vector
 
 
-def _motion(shape: Shape, R: Rotation, v: Vector, ω: Vector, mass: float) -> _Motion:
+def _motion(q: Array, shape: Shape, R: Rotation, v: Vector, ω: Vector, mass: float) -> _Motion:
     """The same with its momenta."""
     P = added(added(cross(ω, shape.moment), mass, v), 1.0, shape.drift)
     L = added(added(times_inertia(shape.inertia, ω), 1.0, shape.moved), 1.0, cross(shape.moment, v))
-    return _Motion(shape, R, v, ω, P, L)
+    return _Motion(q, shape, R, v, ω, P, L)
 
 
 class _Step(NamedTuple):
@@ -79,7 +80,6 @@ class _Step(NamedTuple):
     rotation: Quaternion  # at the end
     v̂: Vector
     ω̂: Vector
-    q: Array  # at the start
     forces: FrameForces
 
 
@@ -111,7 +111,7 @@ class CarriedFrame(FrameKernel):
         """Stored, J: of the motion in world axes, and elastic."""
         now = self._now
         carried = dot(now.P, now.v) + dot(now.L, now.ω) + dot(now.shape.drift, now.v) + dot(now.shape.moved, now.ω)
-        return self._with_residual_energy((carried + float(self.state.dot(self.state))) / 2)
+        return self._with_residual_energy((carried + self._square) / 2)
 
     @property
     def angular_velocity(self) -> Vector:
@@ -150,14 +150,16 @@ class CarriedFrame(FrameKernel):
         """As in Kernel."""
         super().rollback()
         self._now, self._wrench = self._now_before, self._wrench_before
-        self._shape_at(self._coordinates(), self._r)
+        self._square = float(self.state.dot(self.state))
+        self._shape_at(self._now.q, self._r)
 
     def resume(self, auxiliary: Array) -> None:
         """As in Kernel."""
         super().resume(auxiliary)
-        shape, R = self._shape_at(self._coordinates(), self._r), rotation_of(*self.frame.rotation)
+        q, R = self._coordinates().copy(), rotation_of(*self.frame.rotation)
         twist = rotated_back(R, self.frame.velocity), rotated_back(R, self.frame.turning)
-        self._now = self._now_before = _motion(shape, R, *twist, self._mass)
+        self._square = float(self.state.dot(self.state))
+        self._now = self._now_before = _motion(q, self._shape_at(q, self._r), R, *twist, self._mass)
 
     def place(self, frame: FrameState) -> None:
         """Puts the base where it is to be; `turning` is its angular velocity in world axes, rad/s."""
@@ -175,23 +177,24 @@ class CarriedFrame(FrameKernel):
         check_turn(h, ω_end)
         v̂, ω̂ = mean(now.v, v_end), mean(now.ω, ω_end)
         turn = Geometry(now.R, R, (h * ω̂[0], h * ω̂[1], h * ω̂[2]))
-        q, modal = self._coordinates().copy(), self._modal(forces, turn)
+        modal = self._modal(forces, turn)
         A, right = self._equations(modal, ω̂, v_end, ω_end)
         r̂ = np.linalg.solve(A, right) if A.ndim == 2 else right / A
-        if not math.isfinite(r̂.dot(r̂)):
-            raise StepError("the inputs lead out of the finite numbers; the state was left as it was")
-        step = _Step(A, right, turn, end.rotation, v̂, ω̂, q, forces)
+        step = _Step(A, right, turn, end.rotation, v̂, ω̂, forces)
         contact, touched, push = None, None, None
         self._taken, self._inverse = step, None
         if self._interface is not None and obstacles is not None:
+            if not math.isfinite(r̂.dot(r̂)):
+                raise StepError("the inputs lead out of the finite numbers; the state was left as it was")
             r̂, contact = touch(self, self._interface, step, r̂, obstacles)
         if contact is not None:
             yielding = self.yielding(turn, contact)
             arms = self.arms(turn, r̂, yielding)
             push = self.points.push(contact.forces, turn, arms)
             touched = self.velocities(turn, arms, r̂, yielding) + self.translation(step, turn, push.force)
-        e, r = self._e + h * self._ω * r̂, r̂ + r̂ - self._r
-        after = _motion(self._shape_at(e * self._inverse_ω, r), R, v_end, ω_end, self._mass)
+        e, r = self._e + self._travel * r̂, r̂ + r̂ - self._r
+        q = e * self._inverse_ω
+        after = _motion(q, self._shape_at(q, r), R, v_end, ω_end, self._mass)
         supplied = dot(added(after.P, -1.0, now.P), v̂) + dot(added(after.L, -1.0, now.L), ω̂) + h * float(modal.dot(r̂))
         if push is not None:  # the work of contact forces is booked as theirs
             supplied -= h * (dot(turn.seen(push.force), v̂) + dot(push.turning, ω̂))
@@ -200,12 +203,11 @@ class CarriedFrame(FrameKernel):
         self._wrench_before, self._now_before = self._wrench, now
         self._wrench = partial(self._wrench_of, h, step, r̂, now, after, push)
         self._now, self.frame = after, end
-        self._e[:], self._r[:] = e, r
-        return 2 * self.energy
+        return self._arrive(e, r)
 
     def _equations(self, modal: Array, ω̂: Vector, v_end: Vector, ω_end: Vector) -> tuple[Array, Array]:
         """A and the right-hand side, without contact."""
-        h, (_, _, v, ω, _, _), (a, b, c) = self.h, self._now, ω̂
+        h, v, ω, (a, b, c) = self.h, self._now.v, self._now.ω, ω̂
         self._give(modal)
         α, β, γ = added(ω_end, -1.0, ω)
         xx, yy, zz, yz, xz, xy = pairs(ω, ω_end)
@@ -250,12 +252,12 @@ class CarriedFrame(FrameKernel):
         forces, turn = step.forces, step.turn
         force, torque = forces.force, forces.torque
         if forces.torque_by_shape is not None:
-            torque = added(torque, 1.0, vector(forces.torque_by_shape.dot(step.q + h / 2 * r̂)))
+            torque = added(torque, 1.0, vector(forces.torque_by_shape.dot(now.q + h / 2 * r̂)))
         if forces.acceleration != ZERO:
             force = added(force, self._mass, turn.seen(forces.acceleration))
             arm = mean(rotated(turn.before, now.shape.moment), rotated(turn.after, after.shape.moment))
             torque = added(torque, 1.0, turn.seen(cross(arm, forces.acceleration)))
-        prescribed = self._prescribed(forces, turn, step.q, r̂, h)
+        prescribed = self._prescribed(forces, turn, now.q, r̂, h)
         if prescribed is not None:
             force = added(force, 1.0, turn.seen(prescribed.force))
             torque = added(torque, 1.0, prescribed.turning)

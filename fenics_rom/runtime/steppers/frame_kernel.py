@@ -12,6 +12,7 @@ Every balance is a sum of few vectors, the rows of one table, whose factors are 
 factors with the table is what the coordinates balance, and the products of its rows with a rate make up the momenta.
 """
 
+import math
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -43,6 +44,7 @@ if TYPE_CHECKING:
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
     from fenics_rom.runtime.steppers.residual_motion import ResidualMotion
 
+BOOKED_TOGETHER = 64  # steps
 LARGEST_TURN = 1.5  # rad in a step, h |ω|: beyond it there may be no step, or another one than that of the body
 
 
@@ -115,6 +117,8 @@ class FrameKernel(BookedKernel):
         self._at_start = self._table[: BY_RATE.start]
         self._inertia0, self._first_moment = frame.inertia0.tolist(), frame.first_moment.tolist()
         x, y, z = frame.origin.tolist()
+        self._works = list[tuple[float, float]]()  # supplied and dissipated in steps without contact, to be booked
+        self._square = 0.0  # of the state
         self.frame = self._frame_before = self._at_rest = FrameState((x, y, z), (1.0, 0.0, 0.0, 0.0), ZERO, ZERO)
         self._dense_damping = model.damping.ndim == 2
         self._terms = np.empty((2, m))
@@ -127,12 +131,23 @@ class FrameKernel(BookedKernel):
         γ, d = self._model.eigenvalues, self._model.damping
         self._diagonal = 2 / h + h / 2 * γ if self._dense_damping else 2 / h + h / 2 * γ + d
         self._products[9] = np.diag(self._diagonal) + d if self._dense_damping else np.diag(self._diagonal)
+        self._travel = h * self._ω
         self._elastic_and_inertial = np.stack([self._ω, np.full(len(γ), -2 / h)])
 
     def rollback(self) -> None:
         """As in Kernel."""
+        if self._works:
+            self._works.pop()
         super().rollback()
         self.frame = self._frame_before
+
+    def flush(self) -> None:
+        """As in Kernel."""
+        if self._works and self._ledger is not None:
+            supplied, dissipated = map(math.fsum, zip(*self._works, strict=True))
+            self._ledger.book(supplied=supplied, dissipated=dissipated)
+        self._works.clear()
+        super().flush()
 
     @property
     def model(self) -> ContactModel:
@@ -245,11 +260,24 @@ class FrameKernel(BookedKernel):
         dissipated: float,
     ) -> None:
         """The end of a step but for the state: of the residual part, and what is to be booked."""
-        _, heat = self._step_residual(_in_frame(turn, contact))
-        works = () if contact is None or velocities is None else (partial(contact.work, velocities, self.h),)
-        self._watch.look(self._e, self.angular_velocity, self.notes)
-        self._leave(StepWork(supplied, dissipated + heat, works))
+        if self._interface is not None:
+            _, heat = self._step_residual(_in_frame(turn, contact))
+            dissipated += heat
+        if contact is not None and velocities is not None:
+            self._leave(StepWork(supplied, dissipated, (partial(contact.work, velocities, self.h),)))
+        else:
+            if len(self._works) == BOOKED_TOGETHER:
+                self.flush()
+            self._remember()
+            self._works.append((supplied, dissipated))
         self.contact, self._frame_before = contact, self.frame
+
+    def _arrive(self, e: Array, r: Array) -> float:
+        """Where a step led, but for the frame; twice the stored energy, J."""
+        self._e[:], self._r[:] = e, r
+        self._square = float(self.state.dot(self.state))
+        self._watch.look(e, self._square, self.angular_velocity, self.notes)
+        return 2 * self.energy
 
 
 def _in_frame(turn: Geometry, contact: ContactSolution | None) -> ContactSolution | None:

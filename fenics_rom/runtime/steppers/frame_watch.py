@@ -39,10 +39,14 @@ class FrameWatch:
         """Of a run that begins."""
         return {BENT: 0.0, TURNED: 0.0}
 
-    def look(self, e: Array, ω: Vector, notes: dict[str, float]) -> None:
-        """Notes how far the state √γ q (m,) is bent, if it is too far, and how fast it turns, rad/s."""
-        notes[TURNED] = max(notes[TURNED], dot(ω, ω) ** 0.5)
-        if self._farthest * e.dot(e) > max(self._limit, notes[BENT]) ** 2:  # else it is no farther than it was
+    def look(self, e: Array, square: float, ω: Vector, notes: dict[str, float]) -> None:
+        """Notes how far the state √γ q (m,) is bent, if it is too far, and how fast it turns, rad/s.
+
+        |e|² is at most `square`.
+        """
+        if dot(ω, ω) > notes[TURNED] ** 2:
+            notes[TURNED] = dot(ω, ω) ** 0.5
+        if self._farthest * square > max(self._limit, notes[BENT]) ** 2:  # else it is no farther than it was
             bent = float(np.sqrt(np.square(self._rows.dot(e).reshape(-1, 3)).sum(axis=1).max()))
             notes[BENT] = max(notes[BENT], bent)
 

@@ -74,6 +74,7 @@ WORN = 5  # iterations more than that in all the steps with it, which a new one 
 class _Motion(NamedTuple):
     """The body between two steps."""
 
+    q: Array
     shape: Shape
     ω: Vector  # in the frame's axes, rad/s
     R: Rotation
@@ -83,7 +84,6 @@ class _Motion(NamedTuple):
 class _Step(NamedTuple):
     """What does not change within a step."""
 
-    q: Array
     forces: FrameForces
 
 
@@ -108,7 +108,7 @@ class FreeFrame(FrameKernel):
         """Stored, J."""
         shape, ω, v = self._now.shape, self._now.ω, self.frame.velocity
         rigid = self._mass * dot(v, v) + dot(ω, times_inertia(shape.inertia, ω)) + 2 * dot(ω, shape.moved)
-        return self._with_residual_energy((rigid + float(self.state.dot(self.state))) / 2)
+        return self._with_residual_energy((rigid + self._square) / 2)
 
     @property
     def angular_velocity(self) -> Vector:
@@ -145,9 +145,8 @@ class FreeFrame(FrameKernel):
     def resume(self, auxiliary: Array) -> None:
         """As in Kernel; the angular velocity is what the angular momentum says."""
         super().resume(auxiliary)
-        self._now = self._now_before = self._moving(
-            self._forget(), rotation_of(*self.frame.rotation), self.frame.turning
-        )
+        q, shape, R = self._coordinates().copy(), self._forget(), rotation_of(*self.frame.rotation)
+        self._now = self._now_before = self._moving(q, shape, R, self.frame.turning)
 
     def place(self, frame: FrameState) -> None:
         """Puts the frame where it is to be; `turning` is here the angular velocity in world axes, rad/s."""
@@ -159,14 +158,15 @@ class FreeFrame(FrameKernel):
     def _forget(self) -> Shape:
         """What was kept of steps that led elsewhere; the shape that the body has."""
         self._inverse = self._passed = None
+        self._square = float(self.state.dot(self.state))
         return self._shape_at(self._coordinates(), self._r)
 
-    def _moving(self, shape: Shape, R: Rotation, momentum: Vector) -> _Motion:
+    def _moving(self, q: Array, shape: Shape, R: Rotation, momentum: Vector) -> _Motion:
         """The body with an angular momentum in world axes."""
         if self._couples:
             check_definite(shape.inertia, self._table[COUPLED])
         L = rotated_back(R, momentum)
-        return _Motion(shape, solved_inertia(shape.inertia, added(L, -1.0, shape.moved)), R, L)
+        return _Motion(q, shape, solved_inertia(shape.inertia, added(L, -1.0, shape.moved)), R, L)
 
     def step(self, u: Array, obstacles: ObstacleMotion | None = None) -> float:
         """As in Kernel."""
@@ -184,7 +184,7 @@ class FreeFrame(FrameKernel):
 
     def _begin(self, forces: FrameForces) -> _Step:
         self._give(forces.modal)
-        return _Step(self._coordinates().copy(), forces)
+        return _Step(forces)
 
     def _iterate(self, step: _Step) -> Array:
         """The mid-step velocities ω̂, r̂ (3 + m,) without contact."""
@@ -246,10 +246,10 @@ class FreeFrame(FrameKernel):
         L_end = self._end_momentum(self._sum.dot(r̂).tolist(), ω_end)
         t = step.forces.torque
         if step.forces.torque_by_shape is not None:
-            t = added(t, 1.0, vector(step.forces.torque_by_shape.dot(step.q + h / 2 * r̂)))
+            t = added(t, 1.0, vector(step.forces.torque_by_shape.dot(self._now.q + h / 2 * r̂)))
         pushes = [push] if push is not None else []
         if step.forces.at_points is not None:
-            prescribed = self._prescribed(step.forces, self.turn_at(x)[0], step.q, r̂, h)
+            prescribed = self._prescribed(step.forces, self.turn_at(x)[0], self._now.q, r̂, h)
             pushes += [prescribed] if prescribed is not None else []
         for each in pushes:
             t = added(t, 1.0, each.turning)
@@ -349,10 +349,10 @@ class FreeFrame(FrameKernel):
         turn, rotation = self.turn_at(x)
         torque = forces.torque
         if forces.torque_by_shape is not None:
-            torque = added(torque, 1.0, vector(forces.torque_by_shape.dot(step.q + h / 2 * r̂)))
+            torque = added(torque, 1.0, vector(forces.torque_by_shape.dot(self._now.q + h / 2 * r̂)))
         supplied = dot(torque, (a, b, c)) + float(forces.modal.dot(r̂))
         τ, pushed = turn.mean(torque), ZERO
-        prescribed = self._prescribed(forces, turn, step.q, r̂, h)
+        prescribed = self._prescribed(forces, turn, self._now.q, r̂, h)
         if prescribed is not None:
             τ = added(τ, 1.0, prescribed.torque)
             supplied += dot(prescribed.turning, (a, b, c)) + float(prescribed.modal.dot(r̂))
@@ -368,13 +368,13 @@ class FreeFrame(FrameKernel):
         v̂ = added(before.velocity, h / 2 / self._mass, force)
         supplied += dot(added(force, -1.0, pushed), v̂)
         frame = FrameState(added(before.position, h, v̂), rotation, v, added(before.turning, h, τ))
-        e, r = self._e + h * self._ω * r̂, r̂ + r̂ - self._r
-        motion = self._moving(self._shape_at(e * self._inverse_ω, r), turn.after, frame.turning)
+        e, r = self._e + self._travel * r̂, r̂ + r̂ - self._r
+        q = e * self._inverse_ω
+        motion = self._moving(q, self._shape_at(q, r), turn.after, frame.turning)
         self._finish(contact, turn, touched, h * supplied, h * float(r̂.dot(self._damped(r̂))))
         self._passed = h, x
         self.frame, self._now_before, self._now = frame, self._now, motion
-        self._e[:], self._r[:] = e, r
-        return 2 * self.energy
+        return self._arrive(e, r)
 
 
 def _contraction(ω: Array) -> Array:

@@ -326,9 +326,15 @@ class BookedKernel(Kernel):
     def _leave(self, work: StepWork) -> None:
         """Notes what is there before a step, and what is to be booked after it."""
         self.flush()
+        self._remember()
+        self._owed = work
+
+    def _remember(self) -> None:
+        """Notes what is there before a step."""
         self._state_before[:] = self.state
-        self._rigid_before[:] = self._rigid_displacement
-        self._owed, self._contact_before, self._reactions_before = work, self.contact, self.reactions
+        if len(self._rigid_displacement):
+            self._rigid_before[:] = self._rigid_displacement
+        self._contact_before, self._reactions_before = self.contact, self.reactions
         self._notes_before = dict(self.notes)
 
 
