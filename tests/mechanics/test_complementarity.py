@@ -12,7 +12,7 @@ from fenics_rom.mechanics.complementarity import NEGLIGIBLE_RESIDUAL, Delassus, 
 from fenics_rom.mechanics.complementarity import solve as solve_pairs
 from fenics_rom.mechanics.complementarity.frictional import FrictionalProblem
 from fenics_rom.mechanics.complementarity.frictionless import FrictionlessProblem
-from fenics_rom.mechanics.complementarity.linearised import Linearisation
+from fenics_rom.mechanics.complementarity.linearised import Linearisation, LinearisationByVelocities
 from fenics_rom.mechanics.complementarity.splitting import TOLERANCE, Problems, Splitting
 
 seeds = st.integers(0, 2**32 - 1)
@@ -178,7 +178,7 @@ def test_a_solution_is_known_again():
 
 @pytest.mark.parametrize(("μ", "slip"), [(0.3, True), (3.0, True), (1e3, False)])
 def test_a_linearised_law_is_solved(μ, slip):
-    """What sticks stops, what slips goes on to where it slips, what is open has no force; so does the kept inverse."""
+    """What sticks stops, what slips goes on slipping, what is open has no force; by velocities, too, and kept."""
     rng, seen = np.random.default_rng(12), set()
     for k in range(15):
         W, q, n = random_problem(rng, 8, 40)
@@ -193,7 +193,9 @@ def test_a_linearised_law_is_solved(μ, slip):
         f[0] = cone / μ
         u = (W @ f.ravel()).reshape(3, 8) + q
         change = law.change(u)
-        np.testing.assert_allclose((law.inverse() @ u.ravel()).reshape(3, 8), change, atol=1e-9 * np.abs(change).max())
+        other = LinearisationByVelocities(operator.inverse, μ, operator.compliance, z, length, cone)
+        for found in (law.inverse() @ u.ravel(), other.change(u).ravel(), other.inverse() @ u.ravel()):
+            np.testing.assert_allclose(found.reshape(3, 8), change, atol=1e-9 * np.abs(z).max())
         f, u = f + change, u + (W @ change.ravel()).reshape(3, 8)
         d, small = z[1:] / length, 1e-9 * np.abs(q).max()
         c, p = (length / np.where(slips, cone, 1.0) - 1) / ρ, np.array([-d[1], d[0]])

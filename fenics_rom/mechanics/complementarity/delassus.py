@@ -80,6 +80,11 @@ class Delassus:
             return False
         return bool(pivots.min() ** 2 * _LARGEST_CONDITION > pivots.max() ** 2)
 
+    @cached_property
+    def inverse(self) -> Array:
+        """W⁻¹ (3C, 3C), N s/m, of a regular W."""
+        return np.linalg.inv(self.matrix)
+
     def framed(self, frames: Frames, compliance: float = 0.0) -> "FramedDelassus":
         """The same in frames, with a compliance along each normal, m/s/N; kept as long as they are given again."""
         if self._framed is None or self._framed.frames is not frames or self._framed.added != compliance:
@@ -114,12 +119,22 @@ class FramedDelassus:
     @cached_property
     def matrix(self) -> Array:
         """W (3C, 3C)."""
-        W = self.operator.matrix
-        C, turn = len(W) // 3, self.frames.axes.transpose(0, 2, 1)
-        for _ in range(2):  # rows, then columns, which are put in order of components
-            W = np.matmul(turn, W.T.reshape(C, 3, 3 * C)).transpose(1, 0, 2).reshape(3 * C, 3 * C)
+        W = self._turned(self.operator.matrix)
+        C = len(W) // 3
         W.ravel()[: C * (3 * C + 1) : 3 * C + 1] += self.added
         return W
+
+    @cached_property
+    def inverse(self) -> Array:
+        """W⁻¹ (3C, 3C), N s/m, of a regular W."""
+        return np.linalg.inv(self.matrix) if self.added else self._turned(self.operator.inverse)
+
+    def _turned(self, matrix: Array) -> Array:
+        """A symmetric matrix (3C, 3C) along the axes of space, in the frames."""
+        C, turn = len(matrix) // 3, self.frames.axes.transpose(0, 2, 1)
+        for _ in range(2):  # rows, then columns, which are put in order of components
+            matrix = np.matmul(turn, matrix.T.reshape(C, 3, 3 * C)).transpose(1, 0, 2).reshape(3 * C, 3 * C)
+        return matrix
 
     def moved(self, forces: Array) -> Array:
         """W f (3, C) of forces (3, C); where normals differ, and so with every step, without W in the frames."""

@@ -13,7 +13,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.mechanics.complementarity.delassus import FramedDelassus
 from fenics_rom.mechanics.complementarity.interior_point import find_interior_point
-from fenics_rom.mechanics.complementarity.linearised import Linearisation
+from fenics_rom.mechanics.complementarity.linearised import Linearisation, LinearisationByVelocities
 from fenics_rom.mechanics.complementarity.solution import (
     CONVERGENCE_TOLERANCE,
     NEGLIGIBLE_RESIDUAL,
@@ -154,7 +154,12 @@ class FrictionalProblem:
         u += self.q
         return u
 
-    def _linearised(self, law: _Law, proximal: float = 0.0) -> Linearisation:
+    def _linearised(self, law: _Law, proximal: float = 0.0) -> Linearisation | LinearisationByVelocities:
+        """By its forces, or by velocities where these are fewer unknowns."""
+        few = np.count_nonzero(law.length > law.cone) < np.count_nonzero(law.cone)  # slip or are open, than are closed
+        if few and self.operator.operator.is_regular:
+            inverse = self.operator.inverse
+            return LinearisationByVelocities(inverse, self.μ, self.compliance, law.z, law.length, law.cone)
         return Linearisation(self.operator.matrix, self.μ, self.compliance, law.z, law.length, law.cone, proximal)
 
     def _to_keep(self, kept: KeptLaw | None) -> KeptLaw | None:

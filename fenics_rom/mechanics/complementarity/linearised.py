@@ -83,6 +83,43 @@ class Linearisation:
         return y
 
 
+class LinearisationByVelocities:
+    """The same with the velocities of pairs that slip or are open as unknowns; methods as those of Linearisation.
+
+    Args:
+        inverse: W⁻¹ (3C, 3C), N s/m.
+        friction, compliance, z, length, cone: as in Linearisation.
+    """
+
+    def __init__(self, inverse: Array, friction: float, compliance: Array, z: Array, length: Array, cone: Array):
+        C, closed = len(length), cone > 0
+        slips, opened = (closed & (length > cone)).nonzero()[0], (~closed).nonzero()[0]
+        self._inverse, S = inverse, len(slips)
+        self._unknowns = np.concatenate((C + slips, 2 * C + slips, opened, C + opened, 2 * C + opened))
+        length, cone, cos, sin = np.array((length, cone, z[1], z[2])).take(slips, axis=1)[:, :, None]
+        cos, sin, c = cos / length, sin / length, (length / cone - 1) * compliance.take(slips)[:, None]
+        self._rows = rows = inverse.take(self._unknowns, axis=0)  # of conditions on δ
+        along, across = _turned(rows[:S], rows[S : 2 * S], cos, sin)
+        rows[:S], rows[S : 2 * S] = along - friction * inverse.take(slips, axis=0), c * across
+        self._H = H = rows.take(self._unknowns, axis=1)
+        H.ravel()[S * len(H) :: len(H) + 1][:S] -= sin[:, 0]
+        H.ravel()[S * len(H) + S :: len(H) + 1][:S] += cos[:, 0]
+
+    def change(self, u: Array) -> Array:
+        """As in Linearisation."""
+        v = u.ravel()
+        w = -v
+        w[self._unknowns] += np.linalg.solve(self._H, self._rows.dot(v))
+        changed: Array = self._inverse.dot(w)
+        return changed.reshape(u.shape)
+
+    def inverse(self) -> Array:
+        """As in Linearisation."""
+        spread: Array = self._inverse.take(self._unknowns, axis=1).dot(np.linalg.solve(self._H, self._rows))
+        spread -= self._inverse
+        return spread
+
+
 def _turned(first: Array, second: Array, cos: Array, sin: Array) -> tuple[Array, Array]:
     """Two components in axes that are turned by an angle."""
     return cos * first + sin * second, cos * second - sin * first
