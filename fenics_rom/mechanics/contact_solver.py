@@ -18,7 +18,7 @@ gets deeper inside than a step's motion.
 
 Friction is Coulomb's, with s_t = v̂_t - w_t - c_t and c_t = (v_t - w_t)/2: what sticks has v_t⁺ = w_t. Where friction
 as a whole would do work on the body, having turned its motion round within the step, c_t = 0 takes its place for the
-pairs that do it.
+pairs that do it; for all of them where no forces make it stop, as where a point is wedged between two obstacles.
 """
 
 import math
@@ -140,7 +140,14 @@ class ContactSolver:
             key = active.tobytes()
             problem = pairs.problem(active, self._operator(delassus, active, key), search.forces)
             kept = search.kept if search.pairs == key else None
-            solution = solve(problem.operator, problem.q, self.law.friction, problem.start, kept)
+            try:
+                solution = solve(problem.operator, problem.q, self.law.friction, problem.start, kept)
+            except StepError as error:
+                if pairs.stop_asking_friction(active):
+                    continue
+                wedged = len(np.unique(active % len(self.points))) < len(active)
+                told = "; a point is wedged between obstacles, where friction may leave none" if wedged else ""
+                raise StepError(f"{error}{told}") from None
             iterations += solution.iterations
             forces, velocities = solution.forces, solution.velocities
             if solution.residual > NEGLIGIBLE_RESIDUAL:
@@ -296,6 +303,17 @@ class _Pairs:
         return _Problem(
             frames, operator.framed(frames, self.compliance), free, q, frames.turned(forces)[0], target, sliding
         )
+
+    def stop_asking_friction(self, active: Array) -> bool:
+        """Sets c_t = 0 for all active pairs; whether it was not.
+
+        A point that is wedged between two obstacles, each with a c_t of its own, may not be able to stick to either:
+        then no forces solve the problem. Without c_t what it does stick to needs no velocity from friction.
+        """
+        if self.sliding is None or not self.sliding[:, active].any():
+            return False
+        self.sliding[:, active] = 0.0
+        return True
 
     def stop_helping_friction(self, active: Array, forces: Array, velocities: Array, problem: _Problem) -> bool:
         """Sets c_t = 0 for active pairs whose friction would do work on the body; whether there are any.
