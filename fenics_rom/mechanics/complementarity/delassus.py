@@ -36,15 +36,14 @@ class Frames:
         if len(self.axes) == 1:
             turn = self.axes[0].T
             return [turn.dot(vector.T) for vector in vectors]
-        turned = np.matmul(np.array(vectors)[:, :, None], self.axes)[:, :, 0]
-        return list(np.ascontiguousarray(turned.transpose(0, 2, 1)))
+        return [np.einsum("cij,ci->jc", self.axes, vector, order="C") for vector in vectors]
 
     def in_space(self, vectors: Array) -> Array:
         """What is (3, C) in the frames, (C, 3) along the axes of space."""
         if len(self.axes) == 1:
             turned: Array = vectors.T.dot(self.axes[0].T)
             return turned
-        return np.matmul(self.axes, vectors.T[:, :, None])[:, :, 0]
+        return np.einsum("cij,jc->ci", self.axes, vectors, order="C")
 
 
 def axes_along(n: Array) -> Array:
@@ -97,6 +96,11 @@ class Delassus:
         mean: Array = self.matrix.diagonal().reshape(-1, 3).sum(axis=1) / 3
         return mean if mean.min() > 0 else np.maximum(mean, 1e-12 * mean.max() or 1.0)
 
+    @cached_property
+    def stiffness(self) -> Array:
+        """One by it, N s/m."""
+        return 1 / self.compliance
+
 
 class FramedDelassus:
     """Velocities per force of C pairs, m/s/N, in frames of their normals.
@@ -113,8 +117,10 @@ class FramedDelassus:
 
     def __init__(self, operator: Delassus, frames: Frames, added: float):
         self.operator, self.frames, self.added = operator, frames, added
-        self.compliance = operator.compliance + added / 3
-        self.stiffness = 1 / self.compliance
+        self.compliance, self.stiffness = operator.compliance, operator.stiffness
+        if added:
+            self.compliance = self.compliance + added / 3
+            self.stiffness = 1 / self.compliance
 
     @cached_property
     def matrix(self) -> Array:
