@@ -148,6 +148,46 @@ def find_constant_intervals(
     return [ConstantInterval(start, stop, names[start], sizes[start]) for start, stop in pairwise(bounds)]
 
 
+def plan_steps(
+    body: Simulator,
+    inputs: Sequence[Sequence[float]] | Array,
+    contact: str | Sequence[str] | None,
+    dt: float | Sequence[float] | Array | None,
+) -> tuple[Array, list[ConstantInterval]]:
+    """What was asked for, checked: all inputs (steps, p) of each step, and the intervals of one contact mode and dt.
+
+    Raises:
+        StepError: wrong shapes, unknown names, or numbers that are not finite.
+    """
+    rom = body.rom
+    try:
+        u = real_numbers(inputs)
+    except (TypeError, ValueError):
+        raise StepError(f"inputs: allowed are (steps, {body.inputs}) real numbers in N") from None
+    if u.ndim != 2:
+        raise StepError(f"inputs: allowed are (steps, {body.inputs}) numbers in N, given: shape {u.shape}")
+    bad = np.flatnonzero(~np.isfinite(u).all(axis=1))
+    if len(bad):
+        raise StepError(f"step {body.steps + bad[0]}: input {u[bad[0]].tolist()} is not finite")
+    plan = find_constant_intervals(len(u), body.contact if contact is None else contact, body.dt if dt is None else dt)
+    load_columns = sum(rom.loads.values())
+    for interval in plan:
+        checked_dt(interval.dt)
+        check_known("contact mode", interval.contact, rom.contact_models, StepError)
+        columns = rom.contact_models[interval.contact].inputs.shape[1] - load_columns
+        if u.shape[1] != columns:
+            raise StepError(
+                f"step {body.steps + interval.start}: inputs of contact mode {interval.contact!r}: allowed are "
+                f"(steps, {columns}) numbers in N, given: shape {u.shape}"
+            )
+    environment = body.environment
+    if environment is not None:
+        steps = np.concatenate([np.full(interval.stop - interval.start, interval.dt) for interval in plan])
+        middles = body.time + np.cumsum(steps) - steps / 2
+        u = np.hstack([u, np.array([environment.loads_at(t) for t in middles]).reshape(len(u), load_columns)])
+    return u, plan
+
+
 class Rollout:
     """Takes the steps of `Simulator.rollout` of a body, and keeps the propagators that it made for them."""
 
@@ -173,7 +213,7 @@ class Rollout:
             )
         if not (isinstance(every, int | np.integer) and every >= 1):
             raise StepError(f"every = {every!r}: allowed is a whole number of steps, at least 1")
-        u, plan = self._plan(inputs, contact, dt)
+        u, plan = plan_steps(body, inputs, contact, dt)
         names = tuple(body.rom.outputs if outputs is None else outputs)
         widths = [len(body.output_rows(name)) for name in names]
         start, rows = body.save(), [np.empty((0, sum(widths)))]
@@ -189,43 +229,6 @@ class Rollout:
             raise
         parts = np.split(np.concatenate(rows), np.cumsum(widths)[:-1], axis=1) if names else []
         return {name: body.rom.by_point(values) for name, values in zip(names, parts, strict=True)}
-
-    def _plan(
-        self,
-        inputs: Sequence[Sequence[float]] | Array,
-        contact: str | Sequence[str] | None,
-        dt: float | Sequence[float] | Array | None,
-    ) -> tuple[Array, list[ConstantInterval]]:
-        """What was asked for, checked: all inputs of each step, and the intervals of one contact mode and dt."""
-        body, rom = self._body, self._body.rom
-        try:
-            u = real_numbers(inputs)
-        except (TypeError, ValueError):
-            raise StepError(f"inputs: allowed are (steps, {body.inputs}) real numbers in N") from None
-        if u.ndim != 2:
-            raise StepError(f"inputs: allowed are (steps, {body.inputs}) numbers in N, given: shape {u.shape}")
-        bad = np.flatnonzero(~np.isfinite(u).all(axis=1))
-        if len(bad):
-            raise StepError(f"step {body.steps + bad[0]}: input {u[bad[0]].tolist()} is not finite")
-        plan = find_constant_intervals(
-            len(u), body.contact if contact is None else contact, body.dt if dt is None else dt
-        )
-        load_columns = sum(rom.loads.values())
-        for interval in plan:
-            checked_dt(interval.dt)
-            check_known("contact mode", interval.contact, rom.contact_models, StepError)
-            columns = rom.contact_models[interval.contact].inputs.shape[1] - load_columns
-            if u.shape[1] != columns:
-                raise StepError(
-                    f"step {body.steps + interval.start}: inputs of contact mode {interval.contact!r}: allowed are "
-                    f"(steps, {columns}) numbers in N, given: shape {u.shape}"
-                )
-        environment = body.environment
-        if environment is not None:
-            steps = np.concatenate([np.full(interval.stop - interval.start, interval.dt) for interval in plan])
-            middles = body.time + np.cumsum(steps) - steps / 2
-            u = np.hstack([u, np.array([environment.loads_at(t) for t in middles]).reshape(len(u), load_columns)])
-        return u, plan
 
     def _read(self, u: Array, taken: int, every: int, names: tuple[str, ...]) -> list[Array]:
         """Takes the steps of one interval, `taken` steps after the rollout began; what is read, in rows."""
