@@ -1,4 +1,4 @@
-"""A controller stops a soft finger that swings, with the full order as the plant; and what a step costs in C.
+"""A controller stops a soft finger that swings, a plan moves its tip; and what a step costs in C.
 
     python demos/control/control.py             # a minute
     python demos/control/control.py --quick     # short loops; rates are not judged
@@ -9,7 +9,9 @@ A finger between two tendons is flicked from below and swings for most of a seco
    that is to be ten times as fast as the swinging fades by itself, and an observer that sees nothing but how high the
    tip is, a thousand times a second;
 2. lets both hold the tendons of the full order, 2,841 unknowns, and of the reduced model of order 40;
-3. exports models of order 20 and 40 to C, compiles them and steps them, beside Python and beside the one matrix product
+3. plans tensions that lead the tip up and back, by the exact gradient of a model of order 20, and lets the full order
+   take them;
+4. exports models of order 20 and 40 to C, compiles them and steps them, beside Python and beside the one matrix product
    that a step in NumPy cannot do without.
 
 Everything is written to demos/control/out/. The checks at the end fail if a claim does not hold.
@@ -18,10 +20,12 @@ Everything is written to demos/control/out/. The checks at the end fail if a cla
 import argparse
 import os
 import sys
+from collections.abc import Callable
 from pathlib import Path
 from typing import NamedTuple, Protocol
 
 import numpy as np
+from following import LIFT, Following, Plan, follow, plan_tensions
 from scipy.linalg import solve_discrete_are
 from stepping_in_c import PROCESSOR, compare_rates
 
@@ -110,16 +114,26 @@ def main() -> None:
     ]
     print(f"First bending: {-decay:.2f} 1/s by itself, {bending:.2f} 1/s controlled\n")
     print(markdown(heading, rows))
+    plan = plan_tensions(roms[20], h)
+    plants: dict[str, Callable[[], Body]] = {
+        "full order": lambda: FullOrderSimulator(system, h, scene.environment),
+        "order 20": lambda: fr.Simulator(roms[20], h),
+    }
+    following = follow(plan, plants)
+    print(f"Tensions planned in {plan.iterations} iterations\n\n{following.table}")
     rates = compare_rates(roms, out, quick)
     print(f"{PROCESSOR}, one thread\n\n{rates.table}")
-    (out / "control.md").write_text(f"{markdown(heading, rows)}\n{PROCESSOR}, one thread\n\n{rates.table}")
+    tables = markdown(heading, rows), following.table, f"{PROCESSOR}, one thread\n", rates.table
+    (out / "control.md").write_text("\n".join(tables))
     draw(out / "control.png", free[judge], held, h)
+    draw_following(out / "following.png", plan, following, h)
 
     gap = np.abs(held[judge].height - held["order 40"].height).max() / np.abs(held[judge].height).max()
     claims = [
         ("the first bending fades ten times faster with the controller", bending <= -TIMES_FASTER * decay),
         ("the full order settles ten times faster", times[judge][0] >= TIMES_FASTER * times[judge][1]),
         ("the controlled reduced model moves as the full order, to 1e-3", gap <= 1e-3),
+        ("the planned tip stays within 1 % of its path", following.off["full order, planned"] <= 0.01 * LIFT),
         *((f"order {order}: {form} is within {bound:g} of Python", rates.errors[order, form] <= bound)
           for order in roms for form, bound in AGREES_TO.items()),
     ]  # fmt: skip
@@ -191,6 +205,24 @@ def draw(file: Path, free: Run, held: dict[str, Run], h: float) -> None:
     for name, tension in zip(("flexor", "extensor"), full.tensions.T, strict=True):
         right.plot(times, tension, label=name)
     right.set(xlabel="time (s)", ylabel="change of tension (N)", xlim=(0.0, 0.4))
+    right.legend(fontsize="small")
+    figure.savefig(file, dpi=150)
+
+
+def draw_following(file: Path, plan: Plan, following: Following, h: float) -> None:
+    """The tip's height by both tensions, and the tensions."""
+    figure = figure_class()(figsize=(11, 3.6), layout="constrained")
+    left, right = figure.subplots(1, 2)
+    times = h * np.arange(1, len(plan.path) + 1)
+    left.plot(times, 1e3 * following.heights["full order, as held at rest"], color="0.6", label="tensions as at rest")
+    left.plot(times, 1e3 * following.heights["full order, planned"], linewidth=3, alpha=0.5, label="planned tensions")
+    left.plot(times, 1e3 * plan.path, "k--", linewidth=1, label="the path asked for")
+    left.set(xlabel="time (s)", ylabel="height of the tip, full order (mm)")
+    left.legend(fontsize="small")
+    for name, planned, at_rest in zip(("flexor", "extensor"), plan.planned.T, plan.at_rest.T, strict=True):
+        (line,) = right.plot(times, planned, label=f"{name}, planned")
+        right.plot(times, at_rest, ":", color=line.get_color(), label=f"{name}, as at rest")
+    right.set(xlabel="time (s)", ylabel="change of tension (N)")
     right.legend(fontsize="small")
     figure.savefig(file, dpi=150)
 

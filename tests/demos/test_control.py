@@ -17,4 +17,5 @@ def test_what_the_demo_claims_holds_and_is_written():
     assert run.stdout.count("  holds: ") == 7
     assert "FAILS" not in run.stdout
     assert (OUT / "control.md").read_text().count("C, double") == 2
-    assert (OUT / "control.png").stat().st_size > 20_000
+    for picture in ("control.png", "following.png"):
+        assert (OUT / picture).stat().st_size > 20_000
