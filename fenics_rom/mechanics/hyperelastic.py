@@ -17,6 +17,7 @@ LAWS = ("st_venant_kirchhoff", "neo_hookean")
 VOIGT_PAIRS = np.array([[0, 0], [1, 1], [2, 2], [1, 2], [0, 2], [0, 1]])  # of the six components
 VOIGT_INDEX = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])  # which component each entry of a symmetric matrix is
 VOIGT_SHEAR = np.array([1.0, 1, 1, 2, 2, 2])[:, None]  # how often each counts in S:E
+_NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])  # of x, y, z
 ROUND_OFF_STRAIN = 1e-7  # change of strain below which W(E⁺) - W(E) is round-off
 
 
@@ -47,7 +48,7 @@ def energy_density(law: str, E: Array, λ: Array, μ: Array) -> Array:
     trace = E[:3].sum(axis=0)
     if law == "st_venant_kirchhoff":
         return λ / 2 * trace**2 + μ * (E * E / VOIGT_SHEAR).sum(axis=0)
-    lnJ = np.log1p(_metric_change(E)) / 2
+    lnJ = np.log1p(_adjugate(E)[2]) / 2
     return μ * (trace - lnJ) + λ / 2 * lnJ**2
 
 
@@ -82,28 +83,35 @@ def discrete_gradient_stress(law: str, E: Array, after: Array, λ: Array, μ: Ar
     return S + defect / ((ΔE**2 / VOIGT_SHEAR).sum(axis=0) + ROUND_OFF_STRAIN**2) * (ΔE / VOIGT_SHEAR)
 
 
-def _metric_change(E: Array) -> Array:
-    """det C - 1 (P,) of C = I + 2E, without the cancellation of large terms; J is √det C."""
-    a, b, c = 2 * E[:3]  # the diagonal of C - I
-    f, e, d = E[3:]  # off it: yz, xz, xy
-    ab, ff, ee, dd = a * b, f * f, e * e, d * d
-    return a + b + c + ab + (a + b) * c - dd - ee - ff + ab * c + 2 * d * e * f - a * ff - b * ee - c * dd
+def _adjugate(E: Array) -> tuple[Array, Array, Array]:
+    """Of C = I + 2E: adj(C) but for the 1 of its diagonal, (3, P), and beside it, (3, P); and det C - 1 (P,).
+
+    Without the cancellation of large terms. J is √det C.
+    """
+    on, off = 2 * E[:3], E[3:]  # of C - I
+    one, other = on.take(_NEXT, axis=0), on.take(_LAST, axis=0)
+    diagonal = one * other
+    diagonal += one
+    diagonal += other
+    diagonal -= off * off
+    beside = off.take(_NEXT, axis=0) * off.take(_LAST, axis=0)
+    beside -= off
+    beside -= off * on
+    change = on[0] * diagonal[0]
+    change += on[0]
+    change += diagonal[0]
+    change += off[1] * beside[1]
+    change += off[2] * beside[2]
+    return diagonal, beside, change
 
 
 def _inverse_metric(E: Array) -> tuple[Array, Array]:
     """C⁻¹ (6, P) and ln J (P,)."""
-    a, b, c = 2 * E[:3]
-    f, e, d = E[3:]
-    change = _metric_change(E)
-    adjugate = np.empty_like(E)
-    adjugate[0] = 1 + b + c + b * c - f * f
-    adjugate[1] = 1 + a + c + a * c - e * e
-    adjugate[2] = 1 + a + b + a * b - d * d
-    adjugate[3] = d * e - f * (1 + a)
-    adjugate[4] = d * f - e * (1 + b)
-    adjugate[5] = e * f - d * (1 + c)
-    adjugate /= 1 + change
-    return adjugate, np.log1p(change) / 2
+    diagonal, beside, change = _adjugate(E)
+    diagonal += 1
+    inverse = np.concatenate([diagonal, beside])
+    inverse /= 1 + change
+    return inverse, np.log1p(change) / 2
 
 
 def moduli(law: str, E: Array, λ: Array, μ: Array) -> Array:

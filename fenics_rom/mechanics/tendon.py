@@ -9,7 +9,7 @@ from numpy import ndarray as Array
 
 def measure_segments(points: Array) -> tuple[Array, Array]:
     """Segments (K - 1, 3) between points (K, 3) that follow one another, and their lengths (K - 1, 1), m."""
-    segments = np.diff(points, axis=0)
+    segments = points[1:] - points[:-1]
     return segments, np.sqrt(np.einsum("ki,ki->k", segments, segments))[:, None]
 
 

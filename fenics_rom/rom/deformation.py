@@ -123,8 +123,12 @@ class ReducedDeformation(ByContent):
 
     def strain_rates(self, H: Array) -> Array:
         """A = ∂E/∂q (6, P, m) on the body deformed by H."""
+        return self.metric_rates(H + np.eye(3)[:, :, None])
+
+    def metric_rates(self, F: Array) -> Array:
+        """½ (Fᵀ∇W_k + ∇W_kᵀF) (6, P, m) of any F (3, 3, P)."""
         P, m = len(self.weights), self.order
-        FᵀG = ((H.transpose(2, 1, 0) + np.eye(3)) @ self._columns).reshape(P, 3, 3, m)  # F_ij ∂W_i/∂X_l
+        FᵀG = (F.transpose(2, 1, 0) @ self._columns).reshape(P, 3, 3, m)  # F_ij ∂W_i/∂X_l
         A = np.empty((6, P, m))
         for c, (i, j) in enumerate(VOIGT_PAIRS):
             A[c] = FᵀG[:, i, j] if i == j else FᵀG[:, i, j] + FᵀG[:, j, i]
@@ -153,7 +157,8 @@ def resultant(push: Array) -> float:
 
 def monomials(q: Array) -> Array:
     """1, q_i and q_i q_j (i <= j), (1 + m + m (m+1)/2,)."""
-    return np.concatenate([[1.0], q, np.outer(q, q)[_upper_triangle(len(q))]])
+    i, j = _upper_triangle(len(q))
+    return np.concatenate([[1.0], q, q.take(i) * q.take(j)])
 
 
 @cache

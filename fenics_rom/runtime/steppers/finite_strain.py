@@ -132,10 +132,10 @@ class FiniteStrainKernel(BookedKernel):
         forces[self._actuators.columns] = self.reactions
         return forces
 
-    def _note(self, q: Array, E: Array, u: Array) -> None:
-        """Notes how far a step under u has led, to q and strains E, and warns where that is beyond training."""
+    def _note(self, q: Array, E: Array | None, u: Array) -> None:
+        """Notes how far a step under u has led, to q and strains E if known, and warns where it is beyond training."""
         if self._watch is not None:
-            self._watch.look(self.notes, u, E, self.contact, self.h)
+            self._watch.look(self.notes, u, q, E, self.contact, self.h)
         far = math.sqrt(q.dot(q))
         before = self.notes["distance"]
         if far > before:

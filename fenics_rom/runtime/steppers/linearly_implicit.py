@@ -16,7 +16,8 @@ from numpy import ndarray as Array
 from fenics_rom.mechanics.actuator_forces import ActuatorForces
 from fenics_rom.mechanics.contact import ObstacleMotion
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
-from fenics_rom.mechanics.hyperelastic import VOIGT_SHEAR, energy_density, linear_stress, strain, strain_rate, stress
+from fenics_rom.mechanics.hyperelastic import energy_density, linear_stress, strain, stress
+from fenics_rom.rom.carried_strains import carried_strains
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.steppers.finite_strain import FiniteStrainKernel, definite_inverse
 from fenics_rom.runtime.steppers.kernel import StepWork, symmetric
@@ -48,12 +49,13 @@ class LinearlyImplicit(FiniteStrainKernel):
         self._λ, self._μ = body.weights * body.first_lame, body.weights * body.shear
         self._most = float(self._μ.sum())  # c where strains are of order 1
         self._st_venant = body.law == "st_venant_kirchhoff"
-        points, m = len(body.weights), body.order
-        self._carried = np.zeros(6 * points + m + 3)
+        self._strains = carried_strains(body)
+        size, m = self._strains.size, body.order
+        self._carried = np.zeros(2 * size + m + 3)
         self._carried_before = self._carried.copy()
-        # ε; v̂ of the step before; the energy ½ s² - c, c, and the energy tank, J.
-        self._ε = self._carried[: 6 * points].reshape(6, points)
-        self._previous_velocity, self._rest = self._carried[6 * points : -3], self._carried[-3:]
+        # ε and C₀ε; v̂ of the step before; the energy ½ s² - c, c, and the energy tank, J.
+        self._ε, self._σ = self._carried[: 2 * size].reshape(2, size)
+        self._previous_velocity, self._rest = self._carried[2 * size : -3], self._carried[-3:]
         self._tangent_inverse: Array | None = None
         self.resume(np.empty(0))
 
@@ -70,11 +72,12 @@ class LinearlyImplicit(FiniteStrainKernel):
             self._carried[:] = auxiliary[:own]
             return
         q = self._coordinates()
-        self._ε[:] = self._body.strains(q)
+        self._ε[:] = self._strains.at(q)
+        self._σ[:] = self._strains.stressed(self._ε)
         self._previous_velocity[:] = self._r
         self._rest[:] = 0.0
         if not self._st_venant:
-            left = self._left(self._ε)
+            left = self._left(self._body.strains(q))
             self._rest[:2] = left, min(1e-4 * self._most + 4 * abs(left), self._most)
 
     @property
@@ -103,9 +106,6 @@ class LinearlyImplicit(FiniteStrainKernel):
     def set_time_step(self, h: float) -> None:
         """As in Kernel."""
         super().set_time_step(h)
-        weight = h / 2 + self._body.viscosity
-        self._stiff = (2 * weight * self._μ / VOIGT_SHEAR)[:, :, None]
-        self._bulk = (weight * self._λ)[:, None]
         self._fixed = 2 / h * np.eye(self._model.order) + self._body.external_damping + h / 2 * self._body.springs
         self._tangent_inverse = None
 
@@ -129,10 +129,10 @@ class LinearlyImplicit(FiniteStrainKernel):
         expected = self._expected(u, q)
         middle = q + h / 2 * expected
         pushed = self._loads(u, middle)
-        H = body.displacement_gradients(middle)
-        matrix, A = self._strained_matrix(H)
-        right = pushed + 2 / h * r - body.springs.dot(q) - linear_stress(self._ε, self._λ, self._μ).ravel().dot(A)
-        b, s = None if self._st_venant else self._slope(strain(H), A), 0.0
+        around = self._strains.around(middle)
+        matrix = self._fixed + around.stiffness(h / 2)
+        right = pushed + 2 / h * r - body.springs.dot(q) - around.pulled(self._σ)
+        b, s = None if self._st_venant else self._slope(middle), 0.0
         if b is not None:
             s = self._s
             matrix += np.outer(h / 2 * b, b)
@@ -158,18 +158,19 @@ class LinearlyImplicit(FiniteStrainKernel):
         if missed.dot(missed) > TANGENT_RENEWAL**2 * v.dot(v):
             self._tangent_inverse = None
 
-        rates = A.dot(v).reshape(6, -1)
-        drawn = float(v.dot(body.external_damping.dot(v)))
-        drawn += float((linear_stress(rates, body.viscosity * self._λ, body.viscosity * self._μ) * rates).sum())
-        after = q + h * v
+        rates, after = around.rates(v), q + h * v
+        ε_after = self._strains.at(after)
+        stressed, σ_after = self._strains.stressed(np.stack([rates, ε_after], axis=1)).T  # together: it reads much
+        drawn = float(v.dot(body.external_damping.dot(v)) + (self._strains.viscosity * stressed).dot(rates))
         self._carried_before[:] = self._carried
         self._previous_velocity[:] = v
         self._ε += h * rates
+        self._σ += h * stressed
         if b is not None:
             grown = h * float(b.dot(v))
             self._rest[0] += grown * (s + grown / 2)
-        E = body.strains(after)
-        taken_back, strained, gap = self._taken_back(E, h * drawn)
+        E = None if self._st_venant else body.strains(after)
+        taken_back, strained, gap = self._taken_back(ε_after, σ_after, E, h * drawn)
         dissipated = h * drawn - taken_back - (0.0 if given is None else h * float(rubbed.dot(v)))
         residual, heat = self._step_residual(contact)
         contacts = self._contacts(v, contact, h, residual)
@@ -188,16 +189,20 @@ class LinearlyImplicit(FiniteStrainKernel):
         """
         h, body, v = self.h, self._body, self._previous_velocity
         middle = q + h / 2 * v
-        H = body.displacement_gradients(middle)
-        rates = strain_rate(H + np.eye(3)[:, :, None], body.displacement_gradients(v))
-        S = body.weights * stress(body.law, strain(H), body.first_lame, body.shear)
-        S += linear_stress(rates, body.viscosity * self._λ, body.viscosity * self._μ)
+        around = self._strains.around(middle)
+        damped = self._strains.viscosity * around.rates(v)
+        σ = self._strains.stressed(around.y + damped if self._st_venant else damped)
+        residual = 2 / h * (v - self._r) + body.external_damping.dot(v) + body.springs.dot(middle) + around.pulled(σ)
+        if not self._st_venant:
+            H = body.displacement_gradients(middle)
+            S = body.weights * stress(body.law, strain(H), body.first_lame, body.shear)
+            residual += body.resultant(H, S)
         if self._tangent_inverse is None:
-            matrix, _ = self._strained_matrix(H)
-            self._tangent_inverse = definite_inverse(matrix + h / 2 * body.geometric(S), matrix)
-        residual = (
-            2 / h * (v - self._r) + body.external_damping.dot(v) + body.springs.dot(middle) + body.resultant(H, S)
-        )
+            matrix = self._fixed + around.stiffness(h / 2)
+            geometric = (
+                self._strains.geometric(σ) if self._st_venant else body.geometric(S) + self._strains.geometric(σ)
+            )
+            self._tangent_inverse = definite_inverse(matrix + h / 2 * geometric, matrix)
         residual -= self._loads(u, middle)
         if self._actuators is not None:
             residual -= self._stroke_columns(middle).dot(self.reactions)
@@ -210,16 +215,8 @@ class LinearlyImplicit(FiniteStrainKernel):
         # It can hardly go further than it was trained.
         return expected if far <= body.training_radius else expected * (body.training_radius / far)
 
-    def _strained_matrix(self, H: Array) -> tuple[Array, Array]:
-        """2/h + D + h/2 K of the body deformed by H, but for its stresses, (m, m), and A (6 P, m)."""
-        A = self._body.strain_rates(H)
-        CA = self._stiff * A
-        CA[:3] += self._bulk * A[:3].sum(axis=0)
-        A = A.reshape(-1, self._model.order)
-        return self._fixed + A.T.dot(CA.reshape(A.shape)), A
-
     def _energy(self, q: Array) -> float:
-        stored = float((linear_stress(self._ε, self._λ, self._μ) * self._ε).sum())
+        stored = float(self._σ.dot(self._ε))
         kinetic, springs = float(self._r.dot(self._r)), float(q.dot(self._body.springs.dot(q)))
         return self._with_residual_energy((stored + kinetic + springs) / 2 + float(self._rest[0]))
 
@@ -233,34 +230,35 @@ class LinearlyImplicit(FiniteStrainKernel):
         W = energy_density(body.law, E, body.first_lame, body.shear)
         return float(body.weights.dot(W) - (linear_stress(E, self._λ, self._μ) * E).sum() / 2)
 
-    def _slope(self, E: Array, A: Array) -> Array:
-        """b = ∂√(2 (Ψ + c))/∂q (m,) of the energy Ψ that is left; c grows where Ψ comes near -c.
+    def _slope(self, q: Array) -> Array:
+        """b = ∂√(2 (Ψ + c))/∂q (m,) of the energy Ψ that is left at q; c grows where Ψ comes near -c.
 
         Up to a bound, as what is in s and what is in ε must not grow against each other. Any b balances energy; one
         much steeper than the stiffest mode, as where a point is all but flat, would drown it in round-off.
         """
-        body, left = self._body, self._left(E)
+        body, H = self._body, self._body.displacement_gradients(q)
+        E = strain(H)
+        left = self._left(E)
         if left + self._rest[1] < self._rest[1] / 2:
             self._rest[1] = min(self._rest[1] + 4 * abs(left), self._most)  # ½ s² - c stays what it was
         S = body.weights * stress(body.law, E, body.first_lame, body.shear) - linear_stress(E, self._λ, self._μ)
-        b = S.ravel().dot(A) / math.sqrt(2 * max(left + self._rest[1], self._rest[1] / 4))
+        b = body.resultant(H, S) / math.sqrt(2 * max(left + self._rest[1], self._rest[1] / 4))
         steep = math.sqrt(b.dot(b))
         return b if steep <= STEEPEST_FREQUENCY * self._ω[-1] else b * (STEEPEST_FREQUENCY * self._ω[-1] / steep)
 
-    def _taken_back(self, E: Array, dissipated: float) -> tuple[float, float, float]:
-        """Moves ε and s towards those of the shape, of strains E. Energies, J: added (< 0: taken), of E, of the gap.
+    def _taken_back(self, ε: Array, σ: Array, E: Array | None, dissipated: float) -> tuple[float, float, float]:
+        """Moves strains and s towards ε, σ = C₀ε and s of E. Energies, J: added (< 0: taken), of ε, of the gap.
 
         At most what is in the tank, which holds what was dissipated in this and the steps before, up to what strains
         store (as in teleoperation: Franken et al., 2011): a step may give back, and the run never more than it got.
         """
         s = self._s
-        gap, gap_s = E - self._ε, 0.0
-        if not self._st_venant:
+        gap, stressed, gap_s = ε - self._ε, σ - self._σ, 0.0
+        if E is not None:
             gap_s = math.sqrt(2 * max(self._left(E) + self._rest[1], 0.0)) - s
-        stressed = linear_stress(gap, self._λ, self._μ)
-        square = float((stressed * gap).sum()) + gap_s**2
-        slope = float((stressed * self._ε).sum()) + gap_s * s
-        strained = float((linear_stress(E, self._λ, self._μ) * E).sum())
+        square = float(stressed.dot(gap)) + gap_s**2
+        slope = float(stressed.dot(self._ε)) + gap_s * s
+        strained = float(σ.dot(ε))
         budget = float(self._rest[2]) + dissipated
         share = 1.0
         if slope + square / 2 > budget and square > 0:
@@ -268,6 +266,7 @@ class LinearlyImplicit(FiniteStrainKernel):
             share = min(2 * budget / (slope + root) if slope > 0 else (root - slope) / square, 1.0)
         added = share * slope + share**2 * square / 2
         self._ε += share * gap
+        self._σ += share * stressed
         self._rest[0] += share * gap_s * (s + share * gap_s / 2)
         self._rest[2] = min(max(budget - added, 0.0), strained)
         return added, strained, (1 - share) ** 2 * square

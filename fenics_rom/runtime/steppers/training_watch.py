@@ -59,8 +59,13 @@ class TrainingWatch:
         self._ranges |= {f"the force of obstacle {name!r}": (most, "N") for name in self._obstacles}
         limits = [max(self._ranges[name][0], NEVER) for name in self._inputs]
         self._limits = np.repeat(limits, list(widths.values()))
+        assert rom.deformation is not None
+        self._body = rom.deformation
         strains = np.maximum(trained.strains, LOCAL_STRAIN * trained.strains.max(initial=NEVER))
-        self._inverse_squares = strains**-2.0
+        self._inverse_squares, self._trusted = strains**-2.0, TRUSTED_STRAIN * strains
+        self._reach = np.sqrt(np.square(self._body.gradients).sum(axis=(0, 1)))  # |∇W_k| (P, m)
+        # |ΔH| up to which, from the shape that was looked at, no point's strain is beyond training.
+        self._looked_at, self._clear = np.zeros(self._body.order), np.full(len(strains), -1.0)
         self._means = [f"mean force of {name}, {axis}" for name in self._obstacles for axis in "xyz"]
         self._smoothing_time = trained.smoothing_time
         self.notes = (*self._ranges, STRAIN, TOUCHED, *self._means)
@@ -86,16 +91,40 @@ class TrainingWatch:
             and f"beyond what the model was trained on: {gone}; it is not to be trusted there: reduce with such loads"
         )
 
-    def look(self, notes: Notes, u: Array, E: Array, contact: ContactSolution | None, h: float) -> None:
-        """Notes a step of h s under u (p,), N, that led to strains E (6, P); warns of the first one beyond training."""
+    def look(
+        self, notes: Notes, u: Array, q: Array, E: Array | None, contact: ContactSolution | None, h: float
+    ) -> None:
+        """Notes a step of h s under u (p,), N, that led to q; warns of the first one beyond training.
+
+        Where the strains E (6, P) are not given, they are found only where they may be beyond it.
+        """
         shares = u * self._inverse_limits
         if shares.dot(shares) > TRUSTED_LOAD**2:  # else none of them is beyond
             self._look_at_loads(notes, u)
-        square = float((_COUNTS.dot(E * E) * self._inverse_squares).max())
-        if square > TRUSTED_STRAIN**2:
-            self._note(notes, STRAIN, math.sqrt(square))
+        if E is None:
+            self._look_at_shape(notes, q)
+        else:
+            self._look_at_strains(notes, E)
         if contact is not None or notes[TOUCHED]:
             self._look_at_contact(notes, contact, h)
+
+    def _look_at_shape(self, notes: Notes, q: Array) -> None:
+        """Looks at the strains of a shape, unless one that was looked at is so near that none can be beyond training.
+
+        |E + ΔE| <= |E| + |F| |ΔH| + ½ |ΔH|², |F|² <= 1 + 2 |E|.
+        """
+        if (self._reach.dot(np.abs(q - self._looked_at)) <= self._clear).all():
+            return
+        strains = np.sqrt(self._look_at_strains(notes, self._body.strains(q)))
+        self._looked_at, self._clear = q.copy(), np.sqrt(1 + 2 * self._trusted) - np.sqrt(1 + 2 * strains)
+
+    def _look_at_strains(self, notes: Notes, E: Array) -> Array:
+        """Squares |E|² (P,)."""
+        squares: Array = _COUNTS.dot(E * E)
+        share = float((squares * self._inverse_squares).max())
+        if share > TRUSTED_STRAIN**2:
+            self._note(notes, STRAIN, math.sqrt(share))
+        return squares
 
     def _look_at_loads(self, notes: Notes, u: Array) -> None:
         shared = u[self._columns :]

@@ -1,0 +1,204 @@
+"""Strains of a body that deforms as far as it likes, as coordinates y that a step can carry along as unknowns.
+
+    E(q) is of second degree in q,   dE/dt = A(q) v,   energy ½ yᵀz of z = C₀ y, forces Aᵀz, stiffness AᵀC₀A
+
+`MonomialStrains` are coordinates of the monomials of q: tables replace the points, and a step needs but three products
+with them. `PointStrains` are the strains of the points themselves, which of many modes are fewer.
+"""
+
+from functools import cached_property
+from typing import NamedTuple
+from weakref import WeakKeyDictionary
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.mechanics.hyperelastic import VOIGT_SHEAR, linear_stress, strain, strain_rate
+from fenics_rom.rom.deformation import ReducedDeformation
+
+MOST_MODES = 30  # beyond, their tables outgrow the caches, and points are as fast
+
+
+class StrainTables(NamedTuple):
+    """What strains are of the r monomials η = (q_i, then q_i q_j of i < j and q_i²/2, row by row), with C₀.
+
+    Attributes:
+        first, second: i and j of the products.
+        place: (m, m) which product i and j make.
+        gram: (r, r) 𝒢, of the energy ½ ηᵀ𝒢η, J.
+        stiffness: (m (m+1)/2, 1 + r) upper triangle of AᵀC₀A, row by row, from 1 and η.
+    """
+
+    first: Array
+    second: Array
+    place: Array
+    gram: Array
+    stiffness: Array
+
+    def __deepcopy__(self, memo: object) -> "StrainTables":
+        return self  # nobody writes to it
+
+    @staticmethod
+    def of(body: ReducedDeformation) -> "StrainTables":
+        """Of a body, made once."""
+        if body not in _tables:
+            _tables[body] = StrainTables._made(body)
+        return _tables[body]
+
+    @staticmethod
+    def _made(body: ReducedDeformation) -> "StrainTables":
+        m, gradients = body.order, body.gradients
+        i, j = np.triu_indices(m)
+        place = np.zeros((m, m), int)
+        place[i, j] = place[j, i] = np.arange(len(i))
+        linear = body.metric_rates(np.broadcast_to(np.eye(3)[:, :, None], gradients.shape[:3]))
+        products = [body.metric_rates(gradients[..., k])[..., k:] for k in range(m)]
+        C = np.concatenate([linear, *products], axis=2).reshape(6, len(body.weights), -1)
+        stressed = (2 * body.weights * body.shear / VOIGT_SHEAR)[:, :, None] * C
+        stressed[:3] += (body.weights * body.first_lame)[:, None] * C[:3].sum(axis=0)
+        r = C.shape[2]
+        gram = C.reshape(-1, r).T @ stressed.reshape(-1, r)
+        gram = (gram + gram.T) / 2
+        at, k, i_, j_ = place + m, np.arange(m), i[:, None], j[:, None]
+        by_one = gram[i_, at[k, j_]] + gram[j_, at[k, i_]]
+        by_two = gram[at[i, i_], at[j, j_]] + gram[at[j, i_], at[i, j_]]
+        return StrainTables(i, j, place, gram, np.hstack([gram[i, j][:, None], by_one, by_two]))
+
+
+_tables: WeakKeyDictionary[ReducedDeformation, StrainTables] = WeakKeyDictionary()
+
+
+class MonomialStrains:
+    """Strains as coordinates of monomials, of a body with one viscosity.
+
+    Attributes:
+        size: number of coordinates.
+        viscosity: β, s.
+    """
+
+    def __init__(self, body: ReducedDeformation):
+        self._tables, self._m = StrainTables.of(body), body.order
+        self.size = len(self._tables.gram)
+        self.viscosity = float(body.viscosity[0])
+        self._half = np.where(self._tables.first == self._tables.second, 0.5, 1.0)
+
+    def around(self, q: Array) -> "MonomialsAround":
+        """Of shapes near q."""
+        return MonomialsAround(self, q)
+
+    def at(self, q: Array) -> Array:
+        """y of E(q)."""
+        y = np.empty(self.size)
+        y[: self._m] = q
+        np.multiply(q.take(self._tables.first), q.take(self._tables.second), out=y[self._m :])
+        y[self._m :] *= self._half
+        return y
+
+    def rates(self, q: Array, v: Array) -> Array:
+        """Of y at q, by the velocity v."""
+        i, j, y = self._tables.first, self._tables.second, np.empty(self.size)
+        y[: self._m] = v
+        np.multiply(q.take(i), v.take(j), out=y[self._m :])
+        y[self._m :] += q.take(j) * v.take(i)
+        y[self._m :] *= self._half
+        return y
+
+    def stressed(self, y: Array) -> Array:
+        """C₀ y; of several, in the columns of (size, n)."""
+        z: Array = self._tables.gram.dot(y)
+        return z
+
+    def stiffness(self, y: Array, weight: float) -> Array:
+        """AᵀC₀A (m, m), times a weight, at y of a shape."""
+        table = self._tables.stiffness
+        upper = table[:, 1:].dot(y)
+        upper += table[:, 0]
+        upper *= weight
+        return upper.take(self._tables.place)
+
+    def geometric(self, z: Array) -> Array:
+        """∂(Aᵀz)/∂q (m, m)."""
+        return z[self._m :].take(self._tables.place)
+
+
+class MonomialsAround:
+    """What strains of shapes near q are by their rates; y are those at q."""
+
+    def __init__(self, strains: MonomialStrains, q: Array):
+        self._strains, self._q, self.y = strains, q, strains.at(q)
+
+    def rates(self, v: Array) -> Array:
+        """A v."""
+        return self._strains.rates(self._q, v)
+
+    def pulled(self, z: Array) -> Array:
+        """Aᵀz (m,)."""
+        force: Array = z[: len(self._q)] + self._strains.geometric(z).dot(self._q)
+        return force
+
+    def stiffness(self, elastic: float) -> Array:
+        """Aᵀ (elastic + β) C₀ A (m, m)."""
+        return self._strains.stiffness(self.y, elastic + self._strains.viscosity)
+
+
+class PointStrains:
+    """Strains (6 P,) of the points of a body. Attributes as in MonomialStrains; β is of each strain."""
+
+    def __init__(self, body: ReducedDeformation):
+        self.body, self.size = body, 6 * len(body.weights)
+        self.viscosity = np.tile(body.viscosity, 6)
+        self._λ, self._μ = body.weights * body.first_lame, body.weights * body.shear
+
+    def around(self, q: Array) -> "PointsAround":
+        """Of shapes near q."""
+        return PointsAround(self, q)
+
+    def at(self, q: Array) -> Array:
+        """y of E(q)."""
+        return self.body.strains(q).ravel()
+
+    def stressed(self, y: Array) -> Array:
+        """C₀ y; of several, in the columns of (6 P, n)."""
+        if y.ndim == 2:
+            return np.stack([self.stressed(column) for column in y.T], axis=1)
+        return linear_stress(y.reshape(6, -1), self._λ, self._μ).ravel()
+
+    def geometric(self, z: Array) -> Array:
+        """∂(Aᵀz)/∂q (m, m)."""
+        return self.body.geometric(z.reshape(6, -1))
+
+
+class PointsAround:
+    """What strains of shapes near q are by their rates."""
+
+    def __init__(self, strains: PointStrains, q: Array):
+        self._strains, self._body = strains, strains.body
+        self._H = self._body.displacement_gradients(q)
+
+    @cached_property
+    def y(self) -> Array:
+        """At q."""
+        return strain(self._H).ravel()
+
+    def rates(self, v: Array) -> Array:
+        """A v."""
+        return strain_rate(self._H + np.eye(3)[:, :, None], self._body.displacement_gradients(v)).ravel()
+
+    def pulled(self, z: Array) -> Array:
+        """Aᵀz (m,)."""
+        return self._body.resultant(self._H, z.reshape(6, -1))
+
+    def stiffness(self, elastic: float) -> Array:
+        """Aᵀ (elastic + β) C₀ A (m, m)."""
+        body, A = self._body, self._body.strain_rates(self._H)
+        weights = (elastic + body.viscosity) * body.weights
+        CA = (2 * weights * body.shear / VOIGT_SHEAR)[:, :, None] * A
+        CA[:3] += (weights * body.first_lame)[:, None] * A[:3].sum(axis=0)
+        K: Array = A.reshape(-1, body.order).T.dot(CA.reshape(-1, body.order))
+        return K
+
+
+def carried_strains(body: ReducedDeformation) -> MonomialStrains | PointStrains:
+    """In the coordinates that are the fastest for a body."""
+    has_tables = body.order <= MOST_MODES and np.ptp(body.viscosity) == 0
+    return MonomialStrains(body) if has_tables else PointStrains(body)
