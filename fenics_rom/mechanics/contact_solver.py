@@ -145,12 +145,14 @@ class ContactSolver:
             except StepError as error:
                 if pairs.stop_asking_friction(active):
                     continue
-                wedged = len(np.unique(active % len(self.points))) < len(active)
-                told = "; a point is wedged between obstacles, where friction may leave none" if wedged else ""
-                raise StepError(f"{error}{told}") from None
+                told = "; a point is wedged between obstacles, where friction may leave none"
+                raise StepError(f"{error}{told if self._wedges(active) else ''}") from error
+            is_loose = solution.residual > NEGLIGIBLE_RESIDUAL
+            if is_loose and self._wedges(active) and pairs.stop_asking_friction(active):
+                continue
             iterations += solution.iterations
             forces, velocities = solution.forces, solution.velocities
-            if solution.residual > NEGLIGIBLE_RESIDUAL:
+            if is_loose:
                 forces, velocities = _passive(forces, problem)
             pair_forces = problem.frames.in_space(forces)
             start = pair_forces
@@ -171,7 +173,7 @@ class ContactSolver:
             active = chosen.nonzero()[0]
         if settled is not None:
             settled.keep(chosen, pairs)
-        if solution.residual > NEGLIGIBLE_RESIDUAL:
+        if is_loose:
             search = search._replace(residual=search.residual.with_step(solution.residual))
         self.search = search
         power = None
@@ -239,6 +241,10 @@ class ContactSolver:
         placed = zip(self.obstacles, self._placed, strict=True)
         distances = [obstacle.distance(points + displacement) for obstacle, points in placed]
         return np.concatenate([gap for gap, _ in distances]), np.concatenate([normal for _, normal in distances])
+
+    def _wedges(self, active: Array) -> bool:
+        """Whether some point takes part with several obstacles."""
+        return len(np.unique(active % len(self.points))) < len(active)
 
     def _of_pairs(self, values: Array) -> Array:
         """Values of the points (P, 3), of each pair (O P, 3)."""

@@ -260,13 +260,14 @@ def test_energy_law_in_random_scenes(seed, e, μ):
 
 @pytest.mark.parametrize(
     ("seeds", "refused"),
-    [((11015,), []), ((4848,), [4848]), pytest.param(range(1000), [], marks=pytest.mark.slow)],
+    [((2842, 11015), []), ((4848,), [4848]), pytest.param(range(1000), [], marks=pytest.mark.slow)],
     ids=["wedged", "squeezed", "many"],
 )
 def test_hardly_a_random_scene_is_without_forces(seeds, refused):
     """Of 12,000 one is: two obstacles squeeze a point out of a wedge that friction holds it in, and it says so.
 
-    Where obstacles that do not close on it hold a point in a wedge, it need not stick to both as it did before.
+    Where obstacles that do not close on it hold a point in a wedge, it need not stick to both as it did before; nor are
+    forces found to less than round-off.
     """
     stopped = {}
     for seed in seeds:
@@ -278,6 +279,7 @@ def test_hardly_a_random_scene_is_without_forces(seeds, refused):
                 body.step(w)
         except StepError as error:
             stopped[seed] = str(error)
+        assert body.contact.search.residual.steps == 0
     assert list(stopped) == refused
     assert all("wedged" in message for message in stopped.values())
 

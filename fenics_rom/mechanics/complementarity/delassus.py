@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy import ndarray as Array
 
+_AXES = np.eye(3)
 _LARGEST_CONDITION = 1e8  # of what counts as regular: Newton's steps correct what a solution lacks
 
 
@@ -47,15 +48,13 @@ class Frames:
 
 
 def axes_along(n: Array) -> Array:
-    """Orthonormal (C, 3, 3) with first columns n, unit vectors (Duff et al., J. Comput. Graph. Tech. 6, 2017)."""
-    x, y, z = n.T
-    sign = np.copysign(1.0, z)
-    a = -1 / (sign + z)
-    b = x * y * a
-    axes = np.empty((len(n), 3, 3))
-    axes[:, :, 0] = n
-    axes[:, 0, 1], axes[:, 1, 1], axes[:, 2, 1] = 1 + sign * x * x * a, sign * b, -sign * x
-    axes[:, 0, 2], axes[:, 1, 2], axes[:, 2, 2] = b, sign + y * y * a, -y
+    """Orthonormal (C, 3, 3) with first columns n, unit vectors: Householder's reflections that take ±x there."""
+    sign = np.copysign(1.0, n[:, 0])
+    w = n.copy()
+    w[:, 0] += sign
+    axes = w[:, :, None] * (w / w[:, :1])[:, None, :]
+    axes -= sign[:, None, None] * _AXES
+    axes[:, :, 0] = n  # to the last bit
     return axes
 
 
