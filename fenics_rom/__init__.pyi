@@ -37,6 +37,7 @@ from fenics_rom.runtime.realtime import run_realtime as run_realtime
 from fenics_rom.runtime.simulator import Simulator as Simulator
 from fenics_rom.scene.file import read_scene as read_scene
 from fenics_rom.scene.scene import Scene as Scene
+from fenics_rom.scene.world_file import read_world as read_world
 from fenics_rom.studies.force_validation import validate_forces as validate_forces
 from fenics_rom.studies.study import study as study
 from fenics_rom.system.system import System as System

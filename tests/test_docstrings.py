@@ -12,6 +12,7 @@ import scipy.io
 from bodies import PLATE
 
 import fenics_rom as fr
+from fenics_rom.scene.reference import WORLD_EXAMPLE
 
 PUBLIC = [getattr(fr, name) for name in fr.__all__ if not hasattr(fr.errors, name) and name != "errors"]
 FLAGS = doctest.ELLIPSIS | doctest.NORMALIZE_WHITESPACE
@@ -24,6 +25,7 @@ def folder(tmp_path_factory, plate_system, plate_rom):
     mesh = PLATE.parents[2] / "meshes" / "plate.msh"
     shutil.copy(mesh, place)
     (place / "plate.toml").write_text(PLATE.read_text().replace("../../meshes/", ""))
+    shutil.copy(WORLD_EXAMPLE, place / "stack.toml")
     fr.write_rom(place / "plate.h5", plate_rom)
     fr.write_trajectory(place / "run.h5", fr.simulate(plate_rom, dt=0.01))
     s = plate_system

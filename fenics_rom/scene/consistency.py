@@ -23,7 +23,7 @@ NOT_MOVING = {  # effects that a moving frame does not have
 
 def check_consistency(file: SceneFile) -> None:
     """Checks all but the run, whose loads are made one by one; SceneError where something does not fit the rest."""
-    _check_choices(file, "")
+    check_choices(file, "")
     if not file.contacts:
         raise SceneError("contacts: at least one contact mode is needed, as [contacts.NAME]")
     _check_effects(file.effects, file.actuators)
@@ -40,7 +40,7 @@ def check_consistency(file: SceneFile) -> None:
         _check_reading(reading, file, f"readings.{name}")
 
 
-def _check_choices(part: Any, where: str) -> None:
+def check_choices(part: Any, where: str) -> None:
     """Checks, in a record and all records in it, that one of some keys is given where it must or can be one."""
     for keys in getattr(part, "ONE_OF", ()):
         given = [key for key in keys if getattr(part, key) is not None]
@@ -51,10 +51,10 @@ def _check_choices(part: Any, where: str) -> None:
         raise SceneError(f"{where}: give {' or '.join(alternatives)}, not both")
     if isinstance(part, tuple):
         for k, inner in enumerate(part):
-            _check_choices(inner, f"{where}[{k}]")
+            check_choices(inner, f"{where}[{k}]")
     elif is_dataclass(part) or isinstance(part, Mapping):
         for key, inner in (part if isinstance(part, Mapping) else vars(part)).items():
-            _check_choices(inner, f"{where}.{key}" if where else key)
+            check_choices(inner, f"{where}.{key}" if where else key)
 
 
 def _check_reading(reading: ReadingEntry, file: SceneFile, where: str) -> None:

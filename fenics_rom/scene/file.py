@@ -47,9 +47,15 @@ def read_scene(file: str | Path) -> Scene:
         3.0
     """
     path = Path(file)
+    text = text_of(path)
+    return parse_scene(text, folder=path.parent, source=str(path))
+
+
+def text_of(path: Path) -> str:
+    """What is written in a scene file; SceneError where it cannot be read."""
     try:
         with path.open(encoding="utf-8-sig") as stream:  # some editors on Windows begin a file with a mark
-            text = stream.read(LONGEST + 1)  # no more: a device may have no end
+            return stream.read(LONGEST + 1)  # no more: a device may have no end
     except FileNotFoundError as error:
         beside = sorted(map(str, path.parent.iterdir())) if path.parent.is_dir() else []
         same = [name for name in beside if Path(name).stem == path.stem]
@@ -59,7 +65,6 @@ def read_scene(file: str | Path) -> Scene:
         if isinstance(error, UnicodeDecodeError) and is_sealed(path):
             raise SceneError(f"{path}: is a ROM or a run, which info takes; allowed is a scene file (TOML)") from error
         raise SceneError(f"{path}: cannot be read: {getattr(error, 'strerror', None) or error}") from error
-    return parse_scene(text, folder=path.parent, source=str(path))
 
 
 def parse_scene(
@@ -76,20 +81,25 @@ def parse_scene(
     Raises:
         SceneError: as `read_scene`.
     """
+    raw = toml_of(text, source)
+    try:
+        return _scene(raw, text, folder, tables, source)
+    except ValidationError as error:
+        raise SceneError(f"{source}: {mistake(error, SceneFile)}") from error
+    except SceneError as error:
+        raise SceneError(f"{source}: {error}") from error
+
+
+def toml_of(text: str, source: str) -> dict[str, Any]:
+    """The tables of a text; SceneError where it is no TOML, or too long."""
     if len(text.encode(errors="replace")) > LONGEST:
         raise SceneError(f"{source}: is too long: bytes allowed are {LONGEST}; long force histories belong in tables")
     try:
-        raw = tomllib.loads(text)
+        return tomllib.loads(text)
     except ValueError as error:  # TOMLDecodeError, and what Python says of numbers with thousands of digits
         raise SceneError(f"{source}: {_not_toml(text, str(error))}") from error
     except RecursionError as error:
         raise SceneError(f"{source}: is nested too deeply") from error
-    try:
-        return _scene(raw, text, folder, tables, source)
-    except ValidationError as error:
-        raise SceneError(f"{source}: {_mistake(error)}") from error
-    except SceneError as error:
-        raise SceneError(f"{source}: {error}") from error
 
 
 def _scene(raw: dict[str, Any], text: str, folder: Path, given: Mapping[str, np.ndarray] | None, source: str) -> Scene:
@@ -183,13 +193,16 @@ def _instant(file: Path, time: float | None) -> Instant:
     return Instant(run.nodes, run.snapshots[k], run.velocities[k])
 
 
-def _mistake(error: ValidationError) -> str:
-    """The first mistake; a key that does not exist comes first, as it may be why another one is missing."""
+def mistake(error: ValidationError, whole: type) -> str:
+    """The first mistake in a file that a record describes.
+
+    A key that does not exist comes first, as it may be why another one is missing.
+    """
     details = error.errors(include_url=False)
     detail = next((detail for detail in details if detail["type"] == UNKNOWN_KEY), details[0])
     *table, key = detail["loc"]
     if detail["type"] == UNKNOWN_KEY:
-        record = SceneFile
+        record = whole
         for part in table:
             record = part_of(record, part)
         return f"{_begun(table)}{unknown('key', str(key), keys_of(type_in(record)))}"
@@ -197,7 +210,7 @@ def _mistake(error: ValidationError) -> str:
         return f"{_begun(table)}{key} is missing"
     refusal = detail.get("ctx", {}).get("error")
     if not isinstance(refusal, Refused):  # all that pydantic checks by itself is whether something is a table
-        annotation: Any = SceneFile
+        annotation: Any = whole
         for part in detail["loc"]:
             annotation = part_of(annotation, part)
         refusal = refused(detail["input"], _table_words(annotation, _path(detail["loc"])))

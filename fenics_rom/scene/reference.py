@@ -24,22 +24,33 @@ from fenics_rom.scene.values import (
     type_in,
     value_in,
 )
+from fenics_rom.scene.world_format import WorldFile
 
 EXAMPLE = Path(__file__).with_name("example.toml")
 INTRODUCTION = Path(__file__).with_name("introduction.txt")
+WORLD_EXAMPLE = Path(__file__).with_name("world_example.toml")
+FILES = {SceneFile: "The file", WorldFile: "The world file"}
+WORLDS = """# Worlds: several bodies
+
+A file with `[bodies.NAME]` is a world: rigid and soft bodies that touch one another. `fenics-rom simulate` runs it,
+and `plot`, `view` and `export` show the run as they do that of one body. Soft bodies come from ROMs whose scenes have
+`[effects.contact]`; what acts on such a body in its scene, but for obstacles, acts here, too.
+"""
 
 
 def reference() -> str:
     """The page, in Markdown."""
     effects = markdown(("effect", "force", "parameters", "energy"), table_of_effects())
-    sections = [_section(record, places) for record, places in _records().items()]
+    sections = [_section(record, places) for record, places in _records(SceneFile).items()]
+    worlds = [_section(record, places) for record, places in _records(WorldFile).items()]
     example = f"## A complete example\n\n```toml\n{EXAMPLE.read_text().strip()}\n```\n"
-    return "\n".join([INTRODUCTION.read_text(), f"## Effects\n\n{effects}", *sections, example])
+    world = f"{WORLDS}\n```toml\n{WORLD_EXAMPLE.read_text().strip()}\n```\n"
+    return "\n".join([INTRODUCTION.read_text(), f"## Effects\n\n{effects}", *sections, example, world, *worlds])
 
 
-def _records() -> dict[Any, list[str]]:
-    """All records of the file, with the places in it where they are."""
-    records: dict[Any, list[str]] = {SceneFile: ["The file"]}
+def _records(file: Any) -> dict[Any, list[str]]:
+    """All records of a file, with the places in it where they are."""
+    records: dict[Any, list[str]] = {file: [FILES[file]]}
 
     def collect(record: Any, path: str) -> None:
         for key, annotation in keys_of(record).items():
@@ -53,7 +64,7 @@ def _records() -> dict[Any, list[str]]:
                 records.setdefault(form, []).append(f"`{brackets.format(name)}`")
                 collect(form, name)
 
-    collect(SceneFile, "")
+    collect(file, "")
     return records
 
 

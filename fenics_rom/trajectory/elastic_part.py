@@ -3,6 +3,8 @@
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.trajectory.trajectory import Trajectory
+
 
 def elastic_part(snapshots: Array, nodes: Array, node_mass: Array) -> Array:
     """Displacements less the rigid motion that is nearest to them by mass, in axes that turn with it.
@@ -25,3 +27,18 @@ def rigid_and_elastic(snapshots: Array, nodes: Array, node_mass: Array) -> tuple
     U[..., -1] *= np.sign(np.linalg.det(U @ Vt))[..., None]  # a rotation, no reflection
     R = U @ Vt
     return R, places @ R - arms
+
+
+def deformation(run: Trajectory, snapshots: Array) -> Array:
+    """Of displacements of a run (s, N, 3), m, in world axes: what strains its bodies, each for itself.
+
+    In a fixed frame it is all.
+    """
+    if run.pose is None and not run.bodies:
+        return snapshots
+    strained = np.zeros_like(snapshots)
+    soft = [body.nodes for body in run.bodies.values() if body.kind == "soft"]
+    for rows in soft if run.bodies else [slice(None)]:
+        R, elastic = rigid_and_elastic(snapshots[:, rows], run.nodes[rows], run.node_mass[rows])
+        strained[:, rows] = elastic @ R.swapaxes(1, 2)
+    return strained

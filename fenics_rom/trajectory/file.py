@@ -1,6 +1,6 @@
 """The run file: one HDF5 file, the same for full and reduced runs.
 
-Format 2.3. The first 512 bytes are a user block with the SHA-256 of the rest (see io/hdf5.py).
+Format 2.4. The first 512 bytes are a user block with the SHA-256 of the rest (see io/hdf5.py).
 Root attributes (fixed-length UTF-8 text): format = "fenics-rom", format_version, content = "run",
 software, name, model ("full" or "reduced"), contacts, warnings, effects (one a line each), stepping (how a step was
 taken and why, where there was a choice). Every dataset has an attribute `unit`. Sizes: S instants (steps + 1), s whole
@@ -28,11 +28,14 @@ shapes, N nodes, F triangles, P points of an output.
     base_wrench (S, 6) N and N m     force and torque that the base exerts on a carried body
     momentum (S, 6) N s and N m s    linear and angular, about the frame's origin
     reactions/NAME (S,) N or Pa      forces of actuators whose strokes are given; absent where there are none
+    bodies/NAME/                     of a world: pose (S, 7) m and 1, velocity (S, 6) m/s and rad/s, energy, supplied,
+                                     dissipated, exchanged (S,) J, rows (2,) of its nodes; attribute `kind`; forces are
+                                     then of pairs of bodies, FIRST-SECOND on the first
     profile/NUMBER (1,) s            per step, of a part of the run that attribute `name` names; absent if not measured
 
 Format 2.0 named the snapshots anew; files of format 1.x are read, too. Those of 1.0 and 1.1 name no effects, and have
 no forces, obstacles and profile; those of 1.2 have neither velocities nor obstacles; none before 2.1 have inputs,
-tendons and readings, none before 2.2 reactions, none before 2.3 a moving frame.
+tendons and readings, none before 2.2 reactions, none before 2.3 a moving frame, none before 2.4 bodies.
 """
 
 from pathlib import Path
@@ -48,6 +51,7 @@ from fenics_rom.io.given import Kind
 from fenics_rom.io.hdf5 import Entry, Sizes
 from fenics_rom.mechanics.body_facts import CellQuality
 from fenics_rom.mechanics.obstacles import SHAPES, Obstacle, dimensions_of, shape_of
+from fenics_rom.trajectory.bodies import put_bodies, take_bodies
 from fenics_rom.trajectory.series_file import check_series, put_series, take_series
 from fenics_rom.trajectory.trajectory import CONTACT_ACCOUNT, Trajectory
 
@@ -84,7 +88,7 @@ ALIKE = {  # groups of arrays by name, each with sizes of its own beside those o
     "tendons": Entry("m", ("K", 3)),
     "reactions": Entry("N or Pa", ("S",)),
 }
-GROUPS = (*("settings", "obstacles", "profile", "inputs", "readings"), *ALIKE)
+GROUPS = (*("settings", "obstacles", "profile", "inputs", "readings", "bodies"), *ALIKE)
 MOTION = {"motion": Entry("m", ("s", 3))}
 SECONDS_PER_STEP = Entry("s", (1,))
 
@@ -149,6 +153,8 @@ def _fill(h5: h5py.File, run: Trajectory) -> None:
             hdf5.put_arrays(profile, {str(number): SECONDS_PER_STEP}, sizes, {str(number): seconds})
             hdf5.put_text(profile[str(number)], name=name)
     put_series(h5, run, sizes)
+    if run.bodies:
+        put_bodies(h5, run.bodies, sizes)
     _check_fit(run)
 
 
@@ -179,6 +185,7 @@ def _take(h5: h5py.File) -> Trajectory:
         obstacle_motion={name: motion for name, (_, motion) in moved_obstacles.items()},
         inputs=inputs,
         readings=readings,
+        bodies=take_bodies(groups["bodies"], sizes),
         **alike,
         **arrays,
     )

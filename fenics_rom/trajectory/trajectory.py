@@ -14,6 +14,7 @@ from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.environment import Environment
 from fenics_rom.mechanics.obstacles import Obstacle
 from fenics_rom.mechanics.readings import Reading
+from fenics_rom.trajectory.bodies import BodyTrack
 from fenics_rom.trajectory.series import FRAME_SERIES, ReadingSeries, Series, input_series, reading_series
 
 NOTHING = np.empty(0)
@@ -68,6 +69,8 @@ class Trajectory:
             None in a fixed frame, as are the next two.
         base_wrench: of a carried body, (steps + 1, 6): what the base exerted in the step before: force, N, and torque
             about the origin, N m, in world axes.
+        bodies: of a world, by name; snapshots are then of the surfaces of all of them, one after another, nodes where
+            these are at the start, and forces of pairs of bodies, FIRST-SECOND on the first.
         momentum: (steps + 1, 6): N s, and angular momentum about the frame's origin, N m s, in world axes.
 
     Example:
@@ -110,6 +113,7 @@ class Trajectory:
     pose: Array | None = None
     base_wrench: Array | None = None
     momentum: Array | None = None
+    bodies: Mapping[str, BodyTrack] = field(default_factory=dict)
 
     @property
     def frame_series(self) -> dict[str, Series]:
@@ -136,6 +140,7 @@ class Trajectory:
             "inputs": self.inputs,
             "moving frame": self.frame_series,
             "effects": self.effects,
+            "bodies": self.bodies,
         }
         parts = {"outputs": ", ".join(outputs)} | {kind: ", ".join(names) for kind, names in named.items()}
         snapshots = f"{len(self.snapshots)} snapshots of {len(self.nodes)} nodes"

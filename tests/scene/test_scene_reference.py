@@ -7,7 +7,8 @@ import numpy as np
 import fenics_rom.scene
 from fenics_rom.scene.effect_table import EFFECTS
 from fenics_rom.scene.file import parse_scene
-from fenics_rom.scene.reference import EXAMPLE, reference
+from fenics_rom.scene.reference import EXAMPLE, WORLD_EXAMPLE, reference
+from fenics_rom.scene.world_file import read_world
 
 README = Path(fenics_rom.scene.__file__).with_name("README.md")
 
@@ -25,3 +26,9 @@ def test_example_reads_and_names_every_effect():
     assert set(scene.tables) == set(tables)
     assert len(repr(scene).splitlines()) == 3
     assert set(scene.environment.loads) == {"gravity", "quake", "wire"}
+
+
+def test_example_of_a_world_reads():
+    world = read_world(WORLD_EXAMPLE)
+    assert repr(world) == "WorldScene 'stack': bodies ground, lower, upper; run of 1 s with dt = 0.002 s"
+    assert world.file.pairs[0].restitution == 0.3

@@ -14,7 +14,7 @@ from fenics_rom.io.given import object_or_file
 from fenics_rom.io.progress import Report, silent
 from fenics_rom.rom.file import ROM_FILE
 from fenics_rom.rom.rom import Rom
-from fenics_rom.trajectory.elastic_part import rigid_and_elastic
+from fenics_rom.trajectory.elastic_part import deformation
 from fenics_rom.trajectory.file import RUN_FILE
 from fenics_rom.trajectory.trajectory import Trajectory
 from fenics_rom.visualization.exports.body_renderer import BodyRenderer
@@ -205,9 +205,9 @@ def _pictures(
     Of a body that turns as far as it likes colours show what strains it, and that alone is what is scaled.
     """
     shapes, coloured = run.snapshots, None
-    if run.pose is not None:
-        rotations, elastic = rigid_and_elastic(shapes, run.nodes, run.node_mass)
-        shapes, coloured = shapes + (scale - 1) * elastic @ rotations.swapaxes(1, 2), ("deformation", list(elastic))
+    if run.pose is not None or run.bodies:
+        strained = deformation(run, shapes)
+        shapes, coloured = shapes + (scale - 1) * strained, ("deformation", list(strained))
     moved = np.array([*run.obstacle_motion.values()]).reshape(-1, len(run.snapshots), 3).swapaxes(0, 1)
     renderer = BodyRenderer(
         run.nodes,

@@ -155,7 +155,12 @@ def _draw_forces(figure: Any, runs: Runs) -> None:
             if name in lengths[label]:
                 axes.plot(time * run.times, scale * lengths[label][name], color=f"C{k}", **line)
     _draw_legend(figure, axes, {name: f"C{k}" for k, name in enumerate(names)}, shown)
-    axes.set(ylabel=f"force ({unit})", title="forces of obstacles on the body")
+    axes.set(
+        ylabel=f"force ({unit})",
+        title="forces between bodies"
+        if any(run.bodies for run in runs.values())
+        else "forces of obstacles on the body",
+    )
 
 
 def _draw_time_axis(axes: Any, runs: Runs) -> float:

@@ -11,7 +11,7 @@ from numpy import ndarray as Array
 from fenics_rom.errors import SceneError
 from fenics_rom.mechanics.obstacles import HalfSpace, Obstacle
 from fenics_rom.trajectory.comparison import common_instants, compare
-from fenics_rom.trajectory.elastic_part import elastic_part
+from fenics_rom.trajectory.elastic_part import deformation
 from fenics_rom.trajectory.trajectory import Trajectory
 from fenics_rom.visualization.obstacle_meshes import obstacle_mesh
 from fenics_rom.visualization.viewer.colours import with_unit
@@ -167,8 +167,7 @@ class RunPage:
 
     def _straining(self, run: Trajectory, whole: Array) -> Array:
         """What colours show of a displacement of all nodes: of a moving frame what strains the body."""
-        strained = whole if run.pose is None else elastic_part(whole, run.nodes, run.node_mass)
-        return strained[self._surface.nodes]
+        return deformation(run, whole[None])[0][self._surface.nodes]
 
     def _draw(self, row: int) -> None:
         name = self._field.value
@@ -202,7 +201,7 @@ class RunPage:
 def _reach(run: Trajectory, places: Array) -> Array:
     """Points around all that is shown of a run, (any, 3), m, but half-spaces, which go on for ever."""
     points = [places]
-    if run.pose is not None:
+    if run.pose is not None or run.bodies:
         moved = (run.nodes + run.snapshots).reshape(-1, 3)
         points += [moved.min(axis=0)[None], moved.max(axis=0)[None]]
     for name, obstacle in run.obstacles.items():

@@ -1,0 +1,147 @@
+"""The world file: TOML to a checked WorldScene."""
+
+import tomllib
+from collections.abc import Collection
+from pathlib import Path
+
+from pydantic import TypeAdapter, ValidationError
+
+from fenics_rom.errors import SceneError, check_known, exactly
+from fenics_rom.scene.consistency import check_choices
+from fenics_rom.scene.file import mistake, text_of, toml_of
+from fenics_rom.scene.signal_tables import SignalTables, UnreadTables
+from fenics_rom.scene.world_format import WORLD_SHAPES, WorldBody, WorldFile, WorldScene
+
+DIMENSIONS = {
+    "half-space": (),
+    "box": ("size",),
+    "sphere": ("radius",),
+    "capsule": ("radius", "length"),
+    "cylinder": ("radius", "length"),
+    "hull": ("points",),
+}
+OF_RIGID = ("density", "mass", "path", *sorted({key for keys in DIMENSIONS.values() for key in keys}))
+STANDS_STILL = "world"
+_ADAPTER = TypeAdapter(WorldFile)
+assert tuple(DIMENSIONS) == WORLD_SHAPES
+
+
+def is_world_file(file: str | Path) -> bool:
+    """Whether a file is a world's: TOML with bodies."""
+    try:
+        with Path(file).open("rb") as stream:
+            return "bodies" in tomllib.load(stream)
+    except (OSError, ValueError, RecursionError):
+        return False
+
+
+def read_world(file: str | Path) -> WorldScene:
+    """Reads a world file and the tables it names.
+
+    Args:
+        file: path of a TOML file; paths in it are relative to its folder.
+
+    Raises:
+        SceneError: the file cannot be read, or says something that is not allowed.
+
+    Example:
+        >>> fr.read_world("stack.toml").file.run.duration  # s
+        1.0
+    """
+    path = Path(file)
+    source = str(path)
+    raw = toml_of(text_of(path), source)
+    try:
+        parsed = _ADAPTER.validate_python(raw, context=UnreadTables())
+        _check(parsed)
+        units = {each.get("table", ""): {"N"} for each in raw.get("run", {}).get("input", ())}
+        parsed = _ADAPTER.validate_python(raw, context=SignalTables(path.parent, None, units))
+    except ValidationError as error:
+        raise SceneError(f"{source}: {mistake(error, WorldFile)}") from error
+    except SceneError as error:
+        raise SceneError(f"{source}: {error}") from error
+    return WorldScene(parsed, path.parent, source)
+
+
+def _check(file: WorldFile) -> None:
+    """What holds for several keys together."""
+    check_choices(file, "")
+    if not file.bodies:
+        raise SceneError("bodies: at least one is needed, as [bodies.NAME]")
+    for name, body in file.bodies.items():
+        _check_body(name, body, file)
+    for k, pair in enumerate(file.pairs):
+        _check_names(pair.bodies, file.bodies, f"pairs[{k}].bodies")
+    for k, group in enumerate(file.apart):
+        _check_names(group, file.bodies, f"apart[{k}]")
+    for k, joint in enumerate(file.joints):
+        where = f"joints[{k}]"
+        _check_names((joint.first, joint.second), (*file.bodies, STANDS_STILL), where)
+        if (joint.axis is not None) != (joint.kind == "hinge"):
+            raise SceneError(f"{where}.axis: a hinge has one, and no other joint; this is a {joint.kind}")
+        if joint.axis is not None and not any(joint.axis):
+            raise SceneError(f"{where}.axis: allowed is any but zero")
+    if file.run is None:
+        return
+    if file.run.dt > file.run.duration:
+        raise SceneError(
+            f"run.dt = {exactly(file.run.dt)}: allowed is at most the duration, {exactly(file.run.duration)} s"
+        )
+    soft = [name for name, body in file.bodies.items() if body.shape is None]
+    for k, each in enumerate(file.run.input):
+        check_known("soft body", each.body, soft, SceneError, f"run.input[{k}].body: ")
+        if each.stop is not None and each.stop <= each.start:
+            raise SceneError(f"run.input[{k}].stop = {exactly(each.stop)}: allowed is after its start")
+
+
+def _check_names(names: Collection[str], known: Collection[str], where: str) -> None:
+    for name in names:
+        check_known("body", name, known, SceneError, f"{where}: ")
+    if len(set(names)) < len(names):
+        raise SceneError(f"{where}: allowed are different bodies, given: {', '.join(names)}")
+
+
+def _check_body(name: str, body: WorldBody, file: WorldFile) -> None:
+    where = f"bodies.{name}"
+    if name == STANDS_STILL:
+        raise SceneError(f"{where}: allowed is any other name, as this is of what stands still")
+    if body.shape is None:
+        given = [key for key in OF_RIGID if getattr(body, key) is not None]
+        if given:
+            raise SceneError(f"{where}.{given[0]}: is of a rigid body, and this is a soft one; allowed beside a shape")
+        if body.on is not None:
+            check_known("body", body.on, file.bodies, SceneError, f"{where}.on: ")
+            _check_carrier(name, body.on, file)
+        return
+    if body.on is not None:
+        raise SceneError(f"{where}.on: allowed is what carries a soft body; a rigid one is joined, as [[joints]]")
+    for key in ("size", "radius", "length", "points"):
+        has, needs = getattr(body, key) is not None, key in DIMENSIONS[body.shape]
+        if has != needs:
+            allowed = ", ".join(DIMENSIONS[body.shape]) or "none"
+            said = "is missing" if needs else f"a {body.shape} has none"
+            raise SceneError(f"{where}.{key}: {said}; dimensions of a {body.shape}: {allowed}")
+    has_mass = body.density is not None or body.mass is not None
+    if has_mass and (body.path is not None or body.shape == "half-space"):
+        what = "a half-space" if body.shape == "half-space" else "a body that is moved along a path"
+        raise SceneError(f"{where}.{'mass' if body.density is None else 'density'}: means nothing of {what}")
+    if not has_mass and (any(body.velocity) or any(body.spin)):
+        raise SceneError(f"{where}: stands still or follows its path; velocity and spin go with density or mass")
+
+
+def _check_carrier(name: str, on: str, file: WorldFile) -> None:
+    chain, carrier = [name], on
+    while carrier in file.bodies:
+        chain.append(carrier)
+        if carrier in chain[:-1]:
+            raise SceneError(f"bodies.{name}.on: {' is on '.join(chain)}: allowed is no circle")
+        following = file.bodies[carrier].on
+        if following is None:
+            break
+        carrier = following
+    carrying = file.bodies[on]
+    if carrying.shape is None or carrying.density is not None or carrying.mass is not None:
+        raise SceneError(
+            f"bodies.{name}.on = {on!r}: allowed is a rigid body that stands still or follows a path, without mass; to "
+            "others a free soft body is joined, as [[joints]]"
+        )

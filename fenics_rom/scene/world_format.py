@@ -1,0 +1,150 @@
+"""The tables of a world file: bodies, joints, who does not touch whom, a load history."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Annotated, ClassVar
+
+from fenics_rom.mechanics.base_path import BasePath
+from fenics_rom.mechanics.signals import Signal
+from fenics_rom.scene.effects import constant_signal
+from fenics_rom.scene.file_format import Angle, AngularVelocity, Speed
+from fenics_rom.scene.values import Direction, Items, Name, Number, Point, PoseTable, Table, Text
+
+WORLD_SHAPES = ("half-space", "box", "sphere", "capsule", "cylinder", "hull")
+Length = Annotated[float, Number(above=0.0, unit="m")]
+Acceleration = Annotated[float, Number(unit="m/s2")]
+Restitution = Annotated[float, Number(at_least=0.0, at_most=1.0), "part of the approaching speed that comes back"]
+Friction = Annotated[float, Number(at_least=0.0), "Coulomb's coefficient"]
+BodyName = Annotated[str, Text()]
+ZERO = (0.0, 0.0, 0.0)
+
+
+@dataclass(frozen=True, kw_only=True)
+class WorldBody:
+    """A body, soft or rigid."""
+
+    ONE_OF: ClassVar = (("rom", "scene", "shape"),)
+    AT_MOST_ONE: ClassVar = ("density", "mass")
+    rom: Annotated[str | None, Text(), "of a soft body: a file that `reduce` wrote; this, scene or shape"] = None
+    scene: Annotated[str | None, Text(), "of a soft body: a scene file, which is reduced as it says"] = None
+    shape: Annotated[str | None, Text(choices=WORLD_SHAPES), "of a rigid body: says which dimensions it has"] = None
+    size: Annotated[tuple[Length, Length, Length] | None, Items(3), "of a box: lengths of its edges"] = None
+    radius: Annotated[Length | None, "of a sphere, a capsule or a cylinder"] = None
+    length: Annotated[Length | None, "of a cylinder, or of the axis of a capsule without its ends, along z"] = None
+    points: Annotated[tuple[Point, ...] | None, Items(at_least=4), "of a hull: its corners, in any axes"] = None
+    density: Annotated[float | None, Number(above=0.0, unit="kg/m3"), "of a rigid body that moves; this or mass"] = None
+    mass: Annotated[float | None, Number(above=0.0, unit="kg"), "of a rigid body that moves; this or density"] = None
+    position: Annotated[
+        Point, "of the centre of mass; of a half-space a point of its face; of a soft body that is held, of its axes"
+    ] = ZERO
+    rotation: Annotated[
+        tuple[Angle, Angle, Angle], Items(3), "a rotation vector; the face of a half-space looks along z where it is 0"
+    ] = ZERO
+    velocity: Annotated[tuple[Speed, Speed, Speed], Items(3), "of the centre of mass"] = ZERO
+    spin: Annotated[tuple[AngularVelocity, AngularVelocity, AngularVelocity], Items(3), "about it"] = ZERO
+    on: Annotated[str | None, Text(), "of a soft body that is carried: the rigid body that carries it"] = None
+    path: Annotated[
+        BasePath | None,
+        PoseTable(),
+        "of a rigid body that is moved: time, poses and perhaps twists, as of effects.base_path; a rigid body without "
+        "mass, density and path stands still",
+    ] = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class ContactTable:
+    """How bodies meet."""
+
+    friction: Friction = 0.0
+    restitution: Restitution = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class PairEntry:
+    """How two bodies meet, where it is not as all others."""
+
+    bodies: Annotated[tuple[BodyName, BodyName], Items(2), "which"]
+    friction: Friction = 0.0
+    restitution: Restitution = 0.0
+
+
+@dataclass(frozen=True, kw_only=True)
+class JointEntry:
+    """What holds two bodies together; they do not touch one another."""
+
+    kind: Annotated[str, Text(choices=("ball", "hinge", "weld")), "which motions it leaves"]
+    first: Annotated[str, Text(), "a body"]
+    second: Annotated[str, Text(), 'another one, or "world", which stands still'] = "world"
+    point: Annotated[Point, "of the joint, where the bodies begin"]
+    axis: Annotated[Direction | None, "of a hinge, of any length but zero"] = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class WorldInput:
+    """The input of an actuator of a soft body, between two times."""
+
+    ONE_OF: ClassVar = (("value", "table"),)
+    body: Annotated[str, Text(), "a soft body"]
+    actuator: Annotated[str, Text(), "an actuator, pressure or tendon of its scene"]
+    start: Annotated[float, Number(at_least=0.0, unit="s"), "when it begins"] = 0.0
+    stop: Annotated[float | None, Number(above=0.0, unit="s"), "when it ends; usually with the run"] = None
+    value: Annotated[float | None, Number(), "where it is constant, in N, Pa, m or m³; this or table"] = None
+    table: Annotated[Signal | None, Table(columns=1, unit="N"), "time (s) of the run, the number"] = None
+
+    @property
+    def signal(self) -> Signal:
+        """The number over time."""
+        signal = self.table or constant_signal(None if self.value is None else (self.value,))
+        assert signal is not None
+        return signal
+
+
+@dataclass(frozen=True, kw_only=True)
+class WorldRun:
+    """A load history of a world."""
+
+    dt: Annotated[float, Number(above=0.0, unit="s"), "time step"]
+    duration: Annotated[float, Number(above=0.0, unit="s"), "of the run"]
+    snapshots: Annotated[int, Number(at_least=1, integer=True), "how many shapes are kept of it, evenly spread"] = 100
+    every: Annotated[int, Number(at_least=1, integer=True), "all else is kept after every so many steps"] = 1
+    input: Annotated[tuple[WorldInput, ...], Items(), "what acts on actuators"] = ()
+
+
+@dataclass(frozen=True, kw_only=True)
+class WorldFile:
+    """A world file: several bodies that touch one another."""
+
+    __pydantic_config__: ClassVar = {"extra": "forbid"}
+    name: Annotated[str, Text(), "of the world"] = "world"
+    bodies: Annotated[Mapping[Name, WorldBody], "at least one, by name"]
+    gravity: Annotated[
+        tuple[Acceleration, Acceleration, Acceleration], Items(3), "on rigid bodies; soft ones have that of their scene"
+    ] = ZERO
+    contact: Annotated[ContactTable, "how all bodies meet"] = field(default_factory=ContactTable)
+    pairs: Annotated[tuple[PairEntry, ...], Items(), "which meet otherwise"] = ()
+    apart: Annotated[
+        tuple[Annotated[tuple[BodyName, ...], Items(at_least=2)], ...], Items(), "bodies that do not touch one another"
+    ] = ()
+    joints: Annotated[tuple[JointEntry, ...], Items(), "what holds bodies together"] = ()
+    run: Annotated[WorldRun | None, "a load history"] = None
+
+
+@dataclass(frozen=True)
+class WorldScene:
+    """A world file that was read.
+
+    Attributes:
+        file: what it says.
+        folder: what paths in it are relative to.
+        source: its name, for messages.
+    """
+
+    file: WorldFile
+    folder: Path
+    source: str
+
+    def __repr__(self) -> str:
+        file = self.file
+        run = "no run" if file.run is None else f"run of {file.run.duration:g} s with dt = {file.run.dt:g} s"
+        return f"WorldScene {file.name!r}: bodies {', '.join(file.bodies)}; {run}"
