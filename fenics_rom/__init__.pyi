@@ -48,6 +48,9 @@ from fenics_rom.trajectory.trajectory import Trajectory as Trajectory
 from fenics_rom.visualization.exports.export import export as export
 from fenics_rom.visualization.plots.plot import plot as plot
 from fenics_rom.visualization.viewer.view import view as view
+from fenics_rom.world.records import RigidBody as RigidBody
+from fenics_rom.world.records import SoftBody as SoftBody
+from fenics_rom.world.world import World as World
 
 MODULE_OF: dict[str, str]
 __all__: list[str]

@@ -12,6 +12,7 @@ from fenics_rom.mechanics.step import MOVING_FRAME, StepInput
 from fenics_rom.runtime.simulated_body import SimulatedBody
 
 if TYPE_CHECKING:
+    from fenics_rom.mechanics.contact_solver import ContactSolver
     from fenics_rom.runtime.steppers.moving_frame import MovingFrameStepper
 
 
@@ -20,6 +21,7 @@ class MovingBody(SimulatedBody):
 
     _monitor_threshold: float
     _base: BaseState | None = None  # that was given for the step to be taken
+    _solver_of: "type[ContactSolver] | None" = None  # that finds contact forces; None: ContactSolver
 
     @property
     def pose(self) -> BaseState | None:

@@ -92,12 +92,12 @@ class Simulator(MovingBody):
 
             rom, self.environment = fit_environment(rom, None if scene is None else scene.environment, signals)
             self._source = None if self.environment is None else EnvironmentInputs(rom, self.environment)
-        self.rom = rom
-        self.steps = 0
+        self.rom, self.steps = rom, 0
         self._dt, self._since = checked_dt(dt), (0.0, 0)
         self.ledger = EnergyLedger(lambda: self._stepper.flush()) if ledger else None
         self.loss = SwitchLoss()
-        self._stepper = make_stepper(rom, self._dt, self.environment, self.ledger, stepper, self._detail(detail))
+        made_for = self.environment, self.ledger, stepper
+        self._stepper = make_stepper(rom, self._dt, *made_for, self._detail(detail), self._solver_of)
         self._monitor = LinearityMonitor(rom, self._rigid_displacement)
         self._output_rows: dict[tuple[str, str], Array] = {}
         self._rollout: Rollout | None = None

@@ -48,14 +48,19 @@ class ContactInterface(NamedTuple):
         self.solver.check_start(at_rest, self.environment.offsets_at(0.0), list(self.environment.obstacles))
 
 
-def contact_interface(rom: Rom, environment: ActiveEnvironment) -> ContactInterface | None:
-    """The interface of a reduced body in an environment; None where nothing can touch it."""
+def contact_interface(
+    rom: Rom, environment: ActiveEnvironment, solver_of: type[ContactSolver] | None = None
+) -> ContactInterface | None:
+    """The interface of a reduced body in an environment; None where nothing can touch it.
+
+    `solver_of`: what finds forces; None: ContactSolver.
+    """
     law = environment.environment.contact_law
     if law is None:
         return None
     nodes = {name: model.contact_points for name, model in rom.contact_models.items()}
     points = ContactPoints(nodes, rom.contact_surfaces, rom.nodes, rom.points_between)
-    solver = ContactSolver(points.coordinates, list(environment.obstacles.values()), law)
+    solver = (solver_of or ContactSolver)(points.coordinates, list(environment.obstacles.values()), law)
     rows = points.columns(lambda nodes: rom.rows_of(nodes).reshape(-1, rom.basis.shape[1]).T).T
     passing = points.describe_passing(environment.obstacles, rom.triangles, rom.nodes)
     return ContactInterface(points, solver, rows, environment, passing)

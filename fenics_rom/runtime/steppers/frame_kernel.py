@@ -264,6 +264,7 @@ class FrameKernel(BookedKernel):
             _, heat = self._step_residual(_in_frame(turn, contact))
             dissipated += heat
         if contact is not None and velocities is not None:
+            self.touched = velocities
             self._leave(StepWork(supplied, dissipated, (partial(contact.work, velocities, self.h),)))
         else:
             if len(self._works) == BOOKED_TOGETHER:

@@ -115,7 +115,12 @@ class BookedKernel(Kernel):
         interface: the contact points, if there are any.
         actuators: those whose forces are found, if there are any.
         residual: how the contact points yield beyond the basis, if that is known.
+
+    Attributes:
+        touched: mid-step velocities (P, 3) of the contact points, m/s, in the last step under contact forces.
     """
+
+    touched: Array
 
     def __init__(
         self,
@@ -164,6 +169,11 @@ class BookedKernel(Kernel):
         """As in Kernel."""
         displacement = self._coordinates().dot(self._Sᵀ).reshape(-1, 3)
         return displacement if self.residual is None else displacement + self.residual.displacement
+
+    def start_velocities(self) -> Array:
+        """Velocities (P, 3) of the contact points, m/s."""
+        velocities = self._r.dot(self._Sᵀ).reshape(-1, 3)
+        return velocities if self.residual is None else velocities + self.residual.points[1]
 
     def resume(self, auxiliary: Array) -> None:
         """As in Kernel."""
@@ -303,7 +313,10 @@ class BookedKernel(Kernel):
 
         These are v̂ (m,) of the body and, in the residual part, of the points (P, 3).
         """
-        return () if contact is None else (partial(contact.work, self._at_points(v, residual), h),)
+        if contact is None:
+            return ()
+        self.touched = self._at_points(v, residual)
+        return (partial(contact.work, self.touched, h),)
 
     def _contacts_at_rest(
         self,

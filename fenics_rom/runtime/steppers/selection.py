@@ -16,6 +16,7 @@ from fenics_rom.runtime.steppers.stepper import FiniteStrainStepper, LinearStepp
 
 if TYPE_CHECKING:
     from fenics_rom.mechanics.active_environment import ActiveEnvironment
+    from fenics_rom.mechanics.contact_solver import ContactSolver
     from fenics_rom.runtime.steppers.finite_strain import FiniteStrainKernel
 
 LINEARLY_IMPLICIT_STEPS = 40  # in a period of the slowest mode, from which on the linearly implicit step pays
@@ -28,6 +29,7 @@ def make_stepper(
     ledger: EnergyLedger | None,
     kind: str | None = None,
     detail: str = "full",
+    solver_of: "type[ContactSolver] | None" = None,
 ) -> ReducedStepper:
     """The stepper of a reduced body.
 
@@ -38,6 +40,7 @@ def make_stepper(
         ledger: the account to book in, if one is kept.
         kind: of large deformation, one of FINITE_STRAIN_STEPPERS; None: the one that suits dt.
         detail: of a moving frame, one of DETAILS.
+        solver_of: what finds contact forces; None: ContactSolver.
 
     Raises:
         StepError: there is no such stepper, or the body begins in an obstacle.
@@ -47,7 +50,8 @@ def make_stepper(
     if environment is not None and not environment.environment.is_plain:  # bodies on which nothing acts start sooner
         from fenics_rom.runtime.steppers.contact_interface import contact_interface
 
-        interface, has_inertia = contact_interface(rom, environment), environment.environment.has_inertia
+        interface = contact_interface(rom, environment, solver_of)
+        has_inertia = environment.environment.has_inertia
         if interface is not None and not is_moving:
             interface.check_start()
         acting = environment.environment

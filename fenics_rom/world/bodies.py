@@ -1,0 +1,106 @@
+"""What a body is to a step of several bodies.
+
+A step tries forces until they fit: it begins all bodies, tries forces on their points, and tries better ones until the
+velocities of the points obey the law of contact and the joints. Then it takes the last try. A body answers a try with
+the exact mid-step velocities of its points, nonlinear as it may be; its Delassus operator, their derivative, only
+guides the search.
+"""
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.mechanics.base_path import BaseState
+from fenics_rom.mechanics.energy_ledger import EnergyLedger
+from fenics_rom.world.collision.contacts import PlacedShape, PlacedSurface
+
+
+class Points(NamedTuple):
+    """Where forces act on a body in a step: k places of contact, then j points of the body that joints hold."""
+
+    nodes: Array  # (k + j, 3) of a soft body, among its contact points
+    weights: Array  # (k + j, 3) of these
+    arms: Array  # (j, 3) of a rigid body, in its axes from its centre of mass, m
+
+
+class Body(Protocol):
+    """A body within a step; forces and velocities are in world axes, (k + j, 3)."""
+
+    @property
+    def account(self) -> EnergyLedger:
+        """Of its energy: `obstacles` is what contacts and joints supplied."""
+
+    @property
+    def energy(self) -> float:
+        """Stored, J."""
+
+    @property
+    def pose(self) -> BaseState:
+        """Where the body, or the frame of a soft body, is, and how it moves."""
+
+    @property
+    def is_driven(self) -> bool:
+        """Whether it moves as it is told, whatever forces act."""
+
+    def begin(self, h: float) -> None:
+        """Opens a step of h s; of 0 to look at where it is."""
+
+    @property
+    def size(self) -> float:
+        """Radius of what holds it, m; infinite of a half-space."""
+
+    def placed(self) -> PlacedShape | PlacedSurface | None:
+        """As it is expected in the middle of the step; None: nothing touches it."""
+
+    def reach(self) -> float:
+        """How far a point of it may go in the step, m."""
+
+    @property
+    def lead(self) -> Array:
+        """How far it is expected to go in half of the step beyond what its velocity says, (3,), m."""
+
+    def start_velocities(self, points: Points, places: Array) -> Array:
+        """Of the points when the step begins, m/s."""
+
+    def attempt(self, points: Points, places: Array, forces: Array) -> Array:
+        """Mid-step velocities under forces, N.
+
+        `places`: (k + j, 3), m, of all points in the middle of the step; a soft body, whose points are its own, writes.
+        """
+
+    def delassus(self, points: Points, places: Array) -> Array:
+        """Mid-step velocities per force, (3 (k + j), 3 (k + j)), m/s/N."""
+
+    def points_at(self, places: Array, where: str) -> Points:
+        """Of a joint, where the body begins (j, 3), m; a SceneError, which begins with `where`, if it has none."""
+
+    def inverse_mass(self, points: Points) -> Array | None:
+        """End velocities of the points of joints per impulse, (3 j, 3 j), s/kg; None where that is not known."""
+
+    def end_velocities(self, points: Points) -> Array:
+        """Of the points of joints between two steps, (j, 3), m/s."""
+
+    def kick(self, points: Points, impulses: Array) -> None:
+        """Adds impulses (j, 3), N s, at the points of joints, between two steps, and books them."""
+
+    def commit(self) -> None:
+        """Takes the last attempt as the step, and books it."""
+
+    def undo(self) -> None:
+        """Forgets what was attempted."""
+
+
+def cross_maps(arms: Array) -> Array:
+    """-a~ (k, 3, 3) of arms (k, 3): velocities of points of a body that turns."""
+    maps = np.zeros((len(arms), 3, 3))
+    x, y, z = arms.T
+    maps[:, 0, 1], maps[:, 0, 2], maps[:, 1, 2] = z, -y, x
+    maps -= maps.transpose(0, 2, 1)
+    return maps
+
+
+def torque_of(moment: Array) -> Array:
+    """Σ a × f from Σ a fᵀ (3, 3)."""
+    m = moment
+    return np.array((m[1, 2] - m[2, 1], m[2, 0] - m[0, 2], m[0, 1] - m[1, 0]))

@@ -1,0 +1,274 @@
+"""The forces of all contacts and joints of a step, found in sweeps until nothing changes.
+
+Pair r has the relative velocity u_r = ŝ_first - ŝ_second and the force f_r on the first body. A contact obeys the law
+of `mechanics.contact_solver`, with the gap and normal of the step: n·u >= c with a force that presses, Coulomb's cone,
+and a joint has u = 0. At forces f, a sweep tries the bodies, which move by u(f), asks the law for the forces f' of
+bodies that would move by u(f) + W (f' - f), and goes on with these. Where that ends laws and balances hold, whatever
+W is: the sum of the bodies' Delassus operators, and a little more, so that it is regular. It is kept from step to step
+as long as it is nearly right, and with it the law as it was linearised.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.errors import StepError
+from fenics_rom.mechanics.complementarity import Delassus, Frames, KeptLaw, solve
+from fenics_rom.mechanics.complementarity.solution import LARGEST_RESIDUAL, NEGLIGIBLE_RESIDUAL
+from fenics_rom.world.bodies import Body, Points
+
+TOLERANCE = 1e-15  # of the velocities: what the next sweep may change
+ROUND_OFF = 1e-14  # of them: a change that is none
+STAGNATION = 1e-12  # of them: as near as round-off lets some come
+MOST_SWEEPS = 200
+PATIENCE = 60  # sweeps, after which forces may stay that lack no more than what any contact forces may lack
+PROXIMAL = 1e-6  # of each pair's own compliance, added to W: it only guides the sweeps
+REDUNDANT = 1e-9  # of the largest eigenvalue: what joints hold twice
+WORK_ROUND_OFF = 1e-12  # of force times velocity: work that is no work
+
+
+class Part(NamedTuple):
+    """What a body has to do with the pairs of a step."""
+
+    body: Body
+    pairs: Array  # (k + j,) among all pairs: those of contact, then joints
+    signs: Array  # (k + j, 1): 1 where it is the first, -1 where the second
+    points: Points
+
+
+class Pairs(NamedTuple):
+    """The pairs of a step: C contacts, then J points of joints."""
+
+    parts: tuple[Part, ...]  # soft bodies before rigid ones
+    places: Array  # (C + J, 3) in the middle of the step, m
+    before: Array  # u (C + J, 3) when the step begins, m/s
+    normals: Array  # (C, 3) from the second to the first
+    gaps: Array  # (C,) when the step begins, m
+    restitution: Array  # e (C,)
+    friction: Array  # μ (C,)
+
+
+class Found(NamedTuple):
+    """Forces of a step, and what they lead to."""
+
+    forces: Array  # (C + J, 3) on the first bodies, N
+    velocities: Array  # u (C + J, 3), m/s
+    sweeps: int
+    residual: float  # of the velocities, which the last sweep still changed
+
+
+class Guide:
+    """W of pairs, by which sweeps are guided, and what is kept with it.
+
+    Args:
+        W: (3 (C + J), 3 (C + J)), symmetric positive semidefinite.
+        contacts: C.
+    """
+
+    def __init__(self, W: Array, contacts: int):
+        own = W.diagonal().reshape(-1, 3).mean(axis=1)
+        W = (W + W.T) / 2
+        added = np.repeat(np.maximum(own, 1e-12 * own.max(initial=0.0)), 3)
+        W.ravel()[: 3 * contacts * (len(W) + 1) : len(W) + 1] += PROXIMAL * added[: 3 * contacts]
+        self.W, self._C = W, 3 * contacts
+        self._operators = dict[bytes, tuple[Delassus, Frames, KeptLaw | None]]()
+        C = self._C
+        self._joined = _pseudo_inverse(W[C:, C:])
+        self._spread = self._joined.dot(W[C:, :C])  # forces of joints per force of contact, with the other sign
+        self._contacts = W[:C, :C] - W[:C, C:].dot(self._spread) if len(W) > C else W
+
+    def without_contact(self, u: Array) -> tuple[Array, Array]:
+        """Forces (J, 3) that hold joints where contacts have none, and the velocities (C, 3) of contacts then."""
+        u = u.reshape(-1)
+        C = self._C
+        z = -self._joined.dot(u[C:])
+        return z.reshape(-1, 3), (u[:C] + self.W[:C, C:].dot(z)).reshape(-1, 3)
+
+    def joined(self, z: Array, f: Array) -> Array:
+        """Forces of all pairs from those of contact (C, 3) and those of joints without (J, 3)."""
+        return np.concatenate([f, z - self._spread.dot(f.ravel()).reshape(-1, 3)])
+
+    def moved(self, f: Array) -> Array:
+        """Velocities of contacts (C, 3) per forces there, where joints hold."""
+        moved: Array = self._contacts.dot(f.ravel()).reshape(-1, 3)
+        return moved
+
+    def solve(self, active: Array, q: Array, normals: Array, friction: Array, start: Array) -> tuple[Array, Array]:
+        """Forces (a, 3) of active contacts, and u - targets, from velocities less targets q (a, 3)."""
+        key = active.tobytes() + normals.tobytes() + friction.tobytes()
+        μ = float(friction.max())
+        if key not in self._operators:
+            rows = (3 * active[:, None] + np.arange(3)).ravel()
+            W = self._contacts[rows[:, None], rows] if len(rows) < self._C else self._contacts
+            self._operators = {key: (Delassus(_scaled(W, normals, friction)), Frames(normals), None)}
+        operator, frames, kept = self._operators[key]
+        q_in, f_in = frames.turned(q, start)
+        if not (q_in if μ else q_in[0]).any():
+            return np.zeros_like(q), q  # nothing to stop
+        share = friction / μ if μ else friction  # pairs with less friction: as if they all had μ
+        same = not μ or bool((share == 1).all())
+        if not same:
+            q_in[1:] *= share
+            f_in[1:] /= np.maximum(share, 1e-300)
+            f_in[1:, share == 0] = 0.0
+        solution = solve(operator.framed(frames), q_in, μ, f_in, kept)
+        self._operators[key] = operator, frames, solution.kept
+        f, u = solution.forces, solution.velocities
+        if not same:
+            f[1:] *= share
+            u = operator_velocities(frames, self._contacts, active, f, q)
+        return frames.in_space(f), frames.in_space(u)
+
+
+def _pseudo_inverse(W: Array) -> Array:
+    """Of joints: points on one axis, or on one body, hold more than there is to hold."""
+    λ, V = np.linalg.eigh(W)
+    regular = λ > REDUNDANT * λ.max(initial=0.0)
+    inverse: Array = (V[:, regular] / λ[regular]).dot(V[:, regular].T)
+    return inverse
+
+
+def operator_velocities(frames: Frames, W: Array, active: Array, forces: Array, q: Array) -> Array:
+    """W f + q in frames, (3, a)."""
+    rows = (3 * active[:, None] + np.arange(3)).ravel()
+    moved = W[rows[:, None], rows].dot(frames.in_space(forces).ravel()).reshape(-1, 3) + q
+    return frames.turned(moved)[0]
+
+
+def _scaled(W: Array, normals: Array, friction: Array) -> Array:
+    """D W D with D = 1 along normals and μ/max μ across: |f_t| <= μ_r λ is |f_t'| <= max μ λ for f = D f'."""
+    μ = friction.max()
+    if not μ or (friction == μ).all():
+        return W
+    share = friction / μ
+    D = share[:, None, None] * np.eye(3) + (1 - share)[:, None, None] * normals[:, :, None] * normals[:, None, :]
+    k = len(share)
+    for _ in range(2):
+        W = np.matmul(D, W.T.reshape(k, 3, 3 * k)).reshape(3 * k, 3 * k)
+    return W
+
+
+def find_forces(pairs: Pairs, h: float, start: Array, guide: Guide | None) -> tuple[Found, Guide]:
+    """Forces of the pairs in a step of h s that the bodies have begun; they have tried them last.
+
+    Args:
+        pairs: of the step.
+        h: s.
+        start: forces (C + J, 3), N, to begin with.
+        guide: of earlier steps with the same pairs, if it is nearly right.
+
+    Raises:
+        StepError: no forces were found.
+    """
+    C, n = len(pairs.normals), pairs.normals
+    before = pairs.before
+    a = (n * before[:C]).sum(axis=1)
+    half, closing = (1 - pairs.restitution) / 2 * a, pairs.gaps / -h
+    level = np.maximum(closing, (closing + half) / (2 - pairs.restitution))
+    target = np.minimum(half, 0.0)[:, None] * n
+    sliding = (before[:C] - a[:, None] * n) / 2  # what sticks is to stop within the step
+    sliding[pairs.friction == 0] = 0.0
+    chosen, f = np.zeros(C, dtype=bool), start
+    size_before, scale = 0.0, float(np.abs(before).max(initial=0.0))
+    for sweep in range(1, MOST_SWEEPS + 1):
+        u, fastest = _attempt(pairs, f)
+        if guide is None:
+            guide = Guide(_delassus(pairs), C)
+        scale = max(scale, fastest)
+        free = u - guide.W.dot(f.ravel()).reshape(-1, 3)
+        scale = max(scale, float(np.abs(free).max(initial=0.0)))
+        found = _law(pairs, guide, free, f, level, target, sliding, chosen)
+        size = float(np.abs(guide.W.dot((found - f).ravel())).max(initial=0.0))
+        if not np.isfinite(size):
+            raise StepError("forces of contact lead out of the finite numbers; a smaller dt may help")
+        if size <= ROUND_OFF * scale:
+            return Found(f, u, sweep, 0.0), guide
+        if size * size <= TOLERANCE * scale * size_before:  # what the next sweep would change is none
+            return Found(found, _attempt(pairs, found)[0], sweep, 0.0), guide
+        stagnates = size <= NEGLIGIBLE_RESIDUAL * scale and size > size_before / 4 > 0
+        if (stagnates or (sweep >= PATIENCE and size <= LARGEST_RESIDUAL * scale)) and _is_passive(pairs, f, u, scale):
+            return Found(f, u, sweep, size / scale if size > STAGNATION * scale else 0.0), guide
+        f, size_before = found, size
+    raise StepError(
+        f"contact of {C} pairs of points: after {MOST_SWEEPS} sweeps forces still change by {size / scale:.1e} of the "
+        "velocities; a smaller dt, or masses that differ less, are the cure"
+    )
+
+
+def _attempt(pairs: Pairs, forces: Array) -> tuple[Array, float]:
+    """Velocities u (C + J, 3) under forces, and the fastest of a body, m/s."""
+    u, fastest = np.zeros_like(forces), 0.0
+    for body, rows, signs, points in pairs.parts:
+        places = pairs.places[rows]
+        velocities = body.attempt(points, places, signs * forces[rows])
+        pairs.places[rows] = places
+        u[rows] += signs * velocities
+        fastest = max(fastest, float(np.abs(velocities).max(initial=0.0)))
+    return u, fastest
+
+
+def _delassus(pairs: Pairs) -> Array:
+    size = len(pairs.places)
+    W = np.zeros((size, 3, size, 3))
+    for body, rows, signs, points in pairs.parts:
+        if body.is_driven or not len(rows):
+            continue
+        own = body.delassus(points, pairs.places[rows]).reshape(len(rows), 3, len(rows), 3)
+        W[rows[:, None, None, None], np.arange(3)[:, None, None], rows[:, None], np.arange(3)] += (
+            signs[:, :, None, None] * own * signs[:, 0][:, None]
+        )
+    return W.reshape(3 * size, 3 * size)
+
+
+def _law(
+    pairs: Pairs, guide: Guide, free: Array, f: Array, level: Array, target: Array, sliding: Array, chosen: Array
+) -> Array:
+    """Forces (C + J, 3) of pairs that would move by free (C + J, 3) without; `chosen` and `sliding` take note.
+
+    What takes part, or may not be stopped, stays so, or sweeps never end.
+    """
+    C, n = len(level), pairs.normals
+    z, free_contacts = guide.without_contact(free)
+    forces = f[:C].copy()
+    speed = (n * free_contacts).sum(axis=1)
+    chosen |= speed < level
+    while chosen.any():
+        active = chosen.nonzero()[0]
+        c = target[active] + sliding[active]
+        q = free_contacts[active] - c
+        f_active, u = guide.solve(active, q, n[active], pairs.friction[active], forces[active])
+        forces = np.zeros_like(forces)
+        forces[active] = f_active
+        repeat = _stop_helping_friction(active, n[active], f_active, u, q, sliding)
+        missed = ((n * guide.moved(forces)).sum(axis=1) + speed < level) & ~chosen
+        if missed.any():
+            chosen |= missed
+            repeat = True
+        if not repeat:
+            break
+    else:
+        forces = np.zeros_like(forces)
+    return guide.joined(z, forces)
+
+
+def _stop_helping_friction(active: Array, n: Array, f: Array, u: Array, q: Array, sliding: Array) -> bool:
+    """Sets c_t = 0 where friction, having turned the motion round, would do work; whether it does so anywhere."""
+    c = sliding[active]
+    friction = f - (n * f).sum(axis=1)[:, None] * n
+    if not c.any() or float(friction.ravel().dot(c.ravel())) <= 0:
+        return False
+    negligible = WORK_ROUND_OFF * float(np.abs(f).max()) * float(np.abs(q).max())
+    work = (friction * (u + c)).sum(axis=1)
+    helps = (work > negligible) & c.any(axis=1)
+    if not (work.sum() > negligible and helps.any()):
+        return False
+    sliding[active[helps]] = 0.0
+    return True
+
+
+def _is_passive(pairs: Pairs, f: Array, u: Array, scale: float) -> bool:
+    """Whether forces of contact, which do not fit their law to the last bit, do no work."""
+    C = len(pairs.normals)
+    work = float(f[:C].ravel().dot(u[:C].ravel()))
+    return work <= WORK_ROUND_OFF * scale * float(np.abs(f).max(initial=0.0))

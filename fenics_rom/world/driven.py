@@ -1,0 +1,123 @@
+"""A body that moves as it is told: the ground, a palm on rails, a hand."""
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.errors import StepError
+from fenics_rom.mechanics.base_path import CONJUGATE, BaseState, checked_base, quaternion_product
+from fenics_rom.mechanics.energy_ledger import EnergyLedger
+from fenics_rom.mechanics.frame_motion import cayley, cross_matrix, rotation_matrix
+from fenics_rom.world.bodies import Points
+from fenics_rom.world.collision.contacts import PlacedShape
+from fenics_rom.world.shapes import Shape
+
+MOST_TURNED = 2.0  # rad in a step: beyond it nobody knows which way
+
+
+class Driven:
+    """A rigid body whose pose is given.
+
+    Args:
+        shape: m; None: nothing touches it.
+        motion: its pose and twist at a time, s.
+    """
+
+    is_driven, energy = True, 0.0
+    lead = np.zeros(3)
+
+    def __init__(self, shape: Shape | None, motion: Callable[[float], BaseState]):
+        self.account, self._shape, self._motion = EnergyLedger(), shape, motion
+        self.size = 0.0 if shape is None else shape.radius_around
+        self.time = 0.0
+        self._start = self._end = motion(0.0)
+
+    @property
+    def pose(self) -> BaseState:
+        """As in Body."""
+        return self._start
+
+    @property
+    def end(self) -> BaseState:
+        """Where the step that has begun leads."""
+        return self._end
+
+    def follow(self, motion: Callable[[float], BaseState]) -> None:
+        """Moves by another function of time, s, from the next step on."""
+        self._motion = motion
+
+    def begin(self, h: float) -> None:
+        """As in Body."""
+        self._h = h
+        if h == 0:
+            self._middle, self._middle_rotation = self._start.position, rotation_matrix(self._start.rotation)
+            return
+        start, end = self._start, checked_base(self._motion(self.time + h), f"its motion at {self.time + h:g} s")
+        self._end = end
+        between = quaternion_product(start.rotation * CONJUGATE, end.rotation)
+        if not 2 * np.arccos(min(1.0, abs(float(between[0])))) <= MOST_TURNED:
+            raise StepError(f"it is told to turn by more than {MOST_TURNED:g} rad in a step of {h:g} s")
+        R, R_end = rotation_matrix(start.rotation), rotation_matrix(end.rotation)
+        turn = 2 * between[1:] / between[0]  # Cayley's, of the step
+        self._mean, self._middle_rotation = (R + R_end) / 2, R.dot(cayley(turn / 2))
+        self._v̂, self._ω̂ = (end.position - start.position) / h, R.dot(turn / h)
+        self._middle = (start.position + end.position) / 2
+
+    def placed(self) -> PlacedShape | None:
+        """As in Body."""
+        return None if self._shape is None else PlacedShape(self._shape, self._middle, self._middle_rotation)
+
+    def reach(self) -> float:
+        """As in Body: what touches a half-space that turns is near to where it begins."""
+        size = 1.0 if self.size == np.inf else self.size
+        return self._h * float(np.linalg.norm(self._v̂) + np.linalg.norm(self._ω̂) * size) if self._h else 0.0
+
+    def start_velocities(self, points: Points, places: Array) -> Array:
+        """As in Body."""
+        arms = places - self._middle
+        arms[len(arms) - len(points.arms) :] = points.arms.dot(rotation_matrix(self._start.rotation).T)
+        velocities: Array = self._start.velocity + arms.dot(cross_matrix(self._start.angular_velocity).T)
+        return velocities
+
+    def attempt(self, points: Points, places: Array, forces: Array) -> Array:
+        """As in Body."""
+        arms = places - self._middle
+        arms[len(arms) - len(points.arms) :] = points.arms.dot(self._mean.T)
+        velocities: Array = self._v̂ + arms.dot(cross_matrix(self._ω̂).T)
+        self._power = float(forces.ravel().dot(velocities.ravel()))
+        return velocities
+
+    def delassus(self, points: Points, places: Array) -> Array:
+        """As in Body: nothing moves it."""
+        return np.zeros((3 * len(places), 3 * len(places)))
+
+    def points_at(self, places: Array, where: str) -> Points:
+        """As in Body."""
+        arms = (places - self._start.position).dot(rotation_matrix(self._start.rotation))
+        return Points(np.empty((len(arms), 0), dtype=int), np.empty((len(arms), 0)), arms)
+
+    def inverse_mass(self, points: Points) -> Array:
+        """As in Body: nothing moves it."""
+        return np.zeros((3 * len(points.arms), 3 * len(points.arms)))
+
+    def end_velocities(self, points: Points) -> Array:
+        """As in Body."""
+        arms = points.arms.dot(rotation_matrix(self._start.rotation).T)
+        velocities: Array = self._start.velocity + arms.dot(cross_matrix(self._start.angular_velocity).T)
+        return velocities
+
+    def kick(self, points: Points, impulses: Array) -> None:
+        """As in Body: whoever drives it takes out what it gets."""
+        work = float(impulses.ravel().dot(self.end_velocities(points).ravel()))
+        self.account.book_contact(work, 0.0, 0.0, 0.0)
+        self.account.book(supplied=-work)
+
+    def commit(self) -> None:
+        """As in Body: what others do on it, whoever drives it takes out."""
+        self.account.book_contact(self._h * self._power, 0.0, 0.0, 0.0)
+        self.account.book(supplied=-self._h * self._power)
+        self._start, self.time = self._end, self.time + self._h
+
+    def undo(self) -> None:
+        """As in Body: nothing was changed."""

@@ -1,0 +1,81 @@
+"""The bodies of a world in motion, of its records."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.errors import SceneError, check_known
+from fenics_rom.mechanics.base_path import BaseState, given_base
+from fenics_rom.rom.given_rom import given_rom
+from fenics_rom.world.driven import Driven
+from fenics_rom.world.records import RigidBody, SoftBody
+from fenics_rom.world.rigid import Rigid
+from fenics_rom.world.soft import Soft
+
+FIXED = "world"  # what stands still, as a body of joints
+AnyBody = Rigid | Driven | Soft
+AT_REST = BaseState(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np.zeros(3))
+
+
+def make_bodies(
+    records: Mapping[str, RigidBody | SoftBody], dt: float, gravity: Sequence[float] | Array
+) -> dict[str, AnyBody]:
+    """Bodies that begin as their records say, those first that carry others; and the one that stands still.
+
+    Raises:
+        SceneError: a record that is none, or that names who cannot carry it.
+        StepError: a pose that is none.
+    """
+    g = np.array(gravity, dtype=float)
+    if g.shape != (3,) or not np.isfinite(g).all():
+        raise SceneError(f"gravity: allowed are three finite numbers, in m/s2, given: {gravity!r}")
+    bodies: dict[str, AnyBody] = {FIXED: Driven(None, lambda time: AT_REST)}
+    for name, record in records.items():
+        if name == FIXED:
+            raise SceneError(f"body {name!r}: allowed is any other name, as this is of what stands still")
+        if isinstance(record, RigidBody):
+            bodies[name] = _rigid(name, record, g)
+        elif not isinstance(record, SoftBody):
+            raise SceneError(f"body {name!r}: allowed are a RigidBody and a SoftBody, given: {record!r}"[:200])
+    for name, record in records.items():
+        if isinstance(record, SoftBody):
+            bodies[name] = _soft(name, record, records, bodies, dt)
+    return {name: bodies[name] for name in (FIXED, *records)}
+
+
+def _rigid(name: str, record: RigidBody, gravity: Array) -> Rigid | Driven:
+    if record.motion is not None:
+        return Driven(record.shape, given_base(record.motion))
+    try:
+        mass, inertia = record.mass_and_inertia()
+    except SceneError as error:
+        raise SceneError(f"body {name!r}: {error}") from error
+    return Rigid(record.shape, mass, inertia, record.pose(f"body {name!r}"), gravity)
+
+
+def _soft(
+    name: str, record: SoftBody, records: Mapping[str, RigidBody | SoftBody], bodies: Mapping[str, AnyBody], dt: float
+) -> Soft:
+    carrier = None
+    if record.on is not None:
+        if record.on == name:
+            raise SceneError(f"body {name!r}: on = {name!r}: allowed is another body, no body carries itself")
+        check_known("body", record.on, records, SceneError, f"body {name!r}: on: ")
+        chain: list[str] = [name]
+        on: str | None = record.on
+        while on is not None:
+            if on in chain:
+                raise SceneError(f"body {name!r}: on: {' is on '.join([*chain, on])}: allowed is no circle")
+            chain.append(on)
+            carrying = records[on]
+            on = carrying.on if isinstance(carrying, SoftBody) else None
+        found = bodies.get(record.on)
+        if not isinstance(found, Driven):
+            raise SceneError(
+                f"body {name!r}: on = {record.on!r}: allowed is a rigid body with a motion; to one that moves freely "
+                "a free soft body can be joined"
+            )
+        carrier = found
+    rom = given_rom("SoftBody", record.rom)
+    return Soft(name, rom, dt, record.pose(f"body {name!r}"), carrier, record.signals)

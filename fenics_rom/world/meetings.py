@@ -1,0 +1,74 @@
+"""Two bodies of a world that may touch, and where they do in a step.
+
+Where they do is looked for as the bodies are expected in the middle of the step, so that what rolls is pushed where it
+then touches. Rigid bodies that lie as they lay keep the contacts that they had.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from fenics_rom.errors import StepError
+from fenics_rom.mechanics.contact import ContactLaw
+from fenics_rom.world.bodies import Body
+from fenics_rom.world.collision.contacts import Contacts, PlacedShape, PlacedSurface
+from fenics_rom.world.collision.find import find_contacts
+
+STILL = 1e-10  # rad, and of the body's size: poses that differ by less are the same
+PENETRATION_TOLERANCE = 1e-9  # of the smaller body: as deep as round-off may have put it
+
+Placed = PlacedShape | PlacedSurface
+
+
+@dataclass
+class Meeting:
+    """Two bodies that may touch.
+
+    Attributes:
+        first, second: their numbers.
+        law: how they meet.
+        size: of the smaller, m.
+        contacts: of the last look; None where they were far from one another.
+    """
+
+    first: int
+    second: int
+    law: ContactLaw
+    size: float
+    contacts: Contacts | None = None
+    _looked_at: tuple[Placed, Placed] | None = None
+
+    def look(self, first: Placed, second: Placed, margin: float) -> None:
+        """Finds the contacts that are nearer than a margin, m."""
+        if self._looked_at is not None and all(map(self._is_still, (first, second), self._looked_at)):
+            return
+        contacts = find_contacts(first, second, margin)
+        self.contacts, self._looked_at = contacts if len(contacts.gaps) else None, (first, second)
+
+    def _is_still(self, now: Placed, then: Placed) -> bool:
+        if now is then:
+            return True
+        if not (isinstance(now, PlacedShape) and isinstance(then, PlacedShape)):
+            return False
+        moved, turned = np.abs(now.position - then.position), np.abs(now.rotation - then.rotation)
+        return bool(moved.max() <= STILL * self.size and turned.max() <= STILL)
+
+
+def check_apart(bodies: Sequence[Body], names: Sequence[str], meetings: Sequence[Meeting]) -> None:
+    """A StepError where a body begins inside of another one."""
+    for body in bodies:
+        body.begin(0.0)
+    placed = [body.placed() for body in bodies]
+    for meeting in meetings:
+        one, other = placed[meeting.first], placed[meeting.second]
+        assert one is not None
+        assert other is not None
+        contacts = find_contacts(one, other, 0.0)
+        if len(contacts.gaps) and contacts.gaps.min() < -PENETRATION_TOLERANCE * meeting.size:
+            deepest = int(contacts.gaps.argmin())
+            raise StepError(
+                f"allowed are bodies that begin outside of one another, but {names[meeting.first]!r} is "
+                f"{-contacts.gaps[deepest]:.3g} m inside {names[meeting.second]!r} at "
+                f"{contacts.first.arms[deepest].round(9).tolist()}; move one of them, or name both in `apart`"
+            )

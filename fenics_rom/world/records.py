@@ -1,0 +1,117 @@
+"""The bodies that a world is made of, as records."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Union
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.errors import SceneError
+from fenics_rom.mechanics.base_path import BaseState, checked_base
+from fenics_rom.world.shapes import Shape
+
+if TYPE_CHECKING:
+    from os import PathLike
+
+    from fenics_rom.mechanics.signals import SignalLike
+    from fenics_rom.rom.rom import Rom
+
+Vector = Sequence[float] | Array
+Motion = Union[BaseState, Callable[[float], BaseState]]  # noqa: UP007 (a `|` would ask BaseState, a tuple's type)
+UPRIGHT = (1.0, 0.0, 0.0, 0.0)
+STILL = (0.0, 0.0, 0.0)
+DEFINITE = 1e-12  # of its trace: the least that an inertia may have about an axis
+
+
+@dataclass(frozen=True)
+class RigidBody:
+    """A rigid body.
+
+    Args:
+        shape: in axes about its centre of mass.
+        density: kg/m³; or
+        mass: kg, with
+        inertia: (3, 3) about the centre of mass, in its axes, kg m²; None: that of the shape, with this mass.
+        position: of the centre of mass, m.
+        rotation: of its axes, a unit quaternion w x y z.
+        velocity: m/s.
+        angular_velocity: in world axes, rad/s.
+        motion: in place of all that but the shape: where it is and how it moves, for ever or as a function of time, s.
+
+    Example:
+        >>> from fenics_rom.world.shapes import Box
+        >>> box = fr.RigidBody(Box((0.1, 0.1, 0.2)), density=500, position=(0, 0, 0.1))
+        >>> round(box.mass_and_inertia()[0], 9)  # kg
+        1.0
+    """
+
+    shape: Shape
+    density: float | None = None
+    mass: float | None = None
+    inertia: Sequence[Sequence[float]] | Array | None = None
+    position: Vector = STILL
+    rotation: Vector = UPRIGHT
+    velocity: Vector = STILL
+    angular_velocity: Vector = STILL
+    motion: Motion | None = None
+
+    def pose(self, where: str) -> BaseState:
+        """Where it begins; StepError where that is none."""
+        state = self.position, self.rotation, self.velocity, self.angular_velocity
+        return checked_base(state, where)
+
+    def mass_and_inertia(self) -> tuple[float, Array]:
+        """Mass, kg, and inertia about the centre of mass, (3, 3), kg m².
+
+        Raises:
+            SceneError: neither density nor mass, or both, or an inertia that no body has.
+        """
+        given = f"density = {self.density!r}, mass = {self.mass!r}"
+        known = [number for number in (self.density, self.mass) if number is not None]
+        if len(known) != 1 or not 0 < known[0] < np.inf:
+            raise SceneError(f"{given}: allowed is one of both, finite and > 0; or a motion, of a body that is moved")
+        mass, inertia = self.shape.inertia(1.0 if self.density is None else self.density)
+        if self.mass is not None:
+            inertia, mass = inertia * (self.mass / mass), float(self.mass)
+        if self.inertia is not None:
+            inertia = np.array(self.inertia, dtype=float)
+            if inertia.shape != (3, 3) or not np.isfinite(inertia).all() or not np.allclose(inertia, inertia.T):
+                raise SceneError("inertia: allowed is a symmetric (3, 3) of finite numbers, in kg m2")
+            moments = np.linalg.eigvalsh(inertia)
+            if moments[0] <= DEFINITE * moments.sum() or moments[2] > (moments[0] + moments[1]) * (1 + 1e-9):
+                raise SceneError(
+                    f"inertia: principal moments {moments.tolist()}: allowed are moments > 0, none larger than the sum "
+                    "of the others, in kg m2"
+                )
+        return mass, inertia
+
+
+@dataclass(frozen=True)
+class SoftBody:
+    """A soft body, held, carried or free as its scene says.
+
+    Args:
+        rom: the reduced model, or the name of its file.
+        position: where the axes of a held body are put; of a free one its centre of mass; m.
+        rotation: of its axes, a unit quaternion w x y z.
+        velocity, angular_velocity: of a free one, m/s and rad/s.
+        on: name of the rigid body that carries it, one with a motion; the pose is then that of the carrier.
+        signals: as of a Simulator: of loads by name.
+
+    Example:
+        >>> fr.SoftBody("plate.h5", position=(0, 0, 0.2)).on is None
+        True
+    """
+
+    rom: "Rom | str | PathLike[str]"
+    position: Vector = STILL
+    rotation: Vector = UPRIGHT
+    velocity: Vector = STILL
+    angular_velocity: Vector = STILL
+    on: str | None = None
+    signals: "Mapping[str, SignalLike] | None" = None
+
+    def pose(self, where: str) -> BaseState:
+        """Where it begins; StepError where that is none."""
+        return checked_base((self.position, self.rotation, self.velocity, self.angular_velocity), where)

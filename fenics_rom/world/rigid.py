@@ -1,0 +1,218 @@
+"""A rigid body in a step: Newton's and Euler's equations, exact in energy and momentum at any step.
+
+State: position and velocity of the centre of mass, attitude R, angular momentum ℓ in world axes. With ω̂ in the middle
+of the step in the body's axes, R⁺ = R cay(h ω̂), R* = R (1 + h/2 ω̂~), ω⁺ = 2 ω̂ - ω:
+
+    mass Δv/h = F,    2/h I (ω̂ - ω) + ω̂ × I ω̂ = R*ᵀ τ,    i.e.  ℓ⁺ = ℓ + h τ
+
+so that energy grows by h (F·v̂ + τ·R ω̂), momenta by h F and h τ, and nothing else. Contact acts at a place x that both
+bodies share, at x - p̂ from the middle of the way of the centre; a joint at the mean of where its point is at both ends,
+as the point then goes by h ŝ exactly.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.errors import StepError
+from fenics_rom.mechanics.base_path import BaseState
+from fenics_rom.mechanics.energy_ledger import EnergyLedger
+from fenics_rom.mechanics.frame_motion import cayley, cross_matrix, rotation_matrix, turned
+from fenics_rom.world.bodies import Points, cross_maps, torque_of
+from fenics_rom.world.collision.contacts import PlacedShape
+from fenics_rom.world.shapes import Shape
+
+TOLERANCE = 1e-16  # of the angular velocity: what the next correction may be
+STAGNATION = 1e-12  # of it: as near as round-off of large forces of joints lets it come
+MOST_ITERATIONS = 50
+LARGEST_TURN = 1.5  # rad in a step: beyond it there may be no step, or another one
+
+
+class _Try(NamedTuple):
+    """A step under some forces."""
+
+    force: Array  # of contacts and joints, N
+    torque: Array  # the same about the centre of mass, N m
+    velocity: Array  # v̂ (3,), m/s
+    turning: Array  # ω̂ (3,) in the body's axes, rad/s
+
+
+class Rigid:
+    """A rigid body that moves freely.
+
+    Args:
+        shape: m.
+        mass: kg.
+        inertia: (3, 3) about the centre of mass, in the body's axes, kg m².
+        pose: where it begins, and how it moves.
+        gravity: (3,), m/s².
+    """
+
+    is_driven = False
+
+    def __init__(self, shape: Shape, mass: float, inertia: Array, pose: BaseState, gravity: Array):
+        self.account, self._shape, self.size = EnergyLedger(), shape, shape.radius_around
+        self.mass, self._inertia, self._inverse = mass, inertia, np.linalg.inv(inertia)
+        self._gravity = gravity
+        self.place(pose)
+
+    def place(self, pose: BaseState) -> None:
+        """Puts it somewhere; the account begins anew."""
+        self._p, self._v = np.array(pose.position, dtype=float), np.array(pose.velocity, dtype=float)
+        w, x, y, z = (pose.rotation / np.linalg.norm(pose.rotation)).tolist()
+        self._q, self._R = (w, x, y, z), rotation_matrix((w, x, y, z))
+        self._ω = self._R.T.dot(pose.angular_velocity)
+        self._ℓ = self._R.dot(self._inertia.dot(self._ω))
+        self._acceleration = np.zeros(3)
+        self.account.sums = EnergyLedger().sums
+
+    @property
+    def energy(self) -> float:
+        """Kinetic, J; what gravity does is supplied."""
+        return (self.mass * float(self._v.dot(self._v)) + float(self._ω.dot(self._inertia.dot(self._ω)))) / 2
+
+    @property
+    def pose(self) -> BaseState:
+        """As in Body."""
+        return BaseState(self._p.copy(), np.array(self._q), self._v.copy(), self._R.dot(self._ω))
+
+    @property
+    def momenta(self) -> tuple[Array, Array]:
+        """Linear and, about the centre of mass, angular, in world axes."""
+        return self.mass * self._v, self._ℓ.copy()
+
+    def placed(self) -> PlacedShape:
+        """As in Body."""
+        return PlacedShape(self._shape, self._middle, self._R.dot(cayley(self._h / 2 * self._ω)))
+
+    def reach(self) -> float:
+        """As in Body."""
+        v, ω, g = (float(np.sqrt(vector.dot(vector))) for vector in (self._v, self._ω, self._gravity))
+        return self._h * (v + ω * self.size + self._h * g)
+
+    @property
+    def lead(self) -> Array:
+        """As in Body."""
+        return self._h**2 / 4 * self._acceleration
+
+    def begin(self, h: float) -> None:
+        """As in Body."""
+        speed = float(np.sqrt(self._ω.dot(self._ω)))
+        if not h * speed <= LARGEST_TURN:
+            raise StepError(
+                f"it would turn by {h * speed:.3g} rad in a step of {h:g} s: allowed are {LARGEST_TURN:g} rad, that "
+                f"is, at {speed:.3g} rad/s, a dt of at most {LARGEST_TURN / speed:.2g} s"
+            )
+        self._h = h
+        self._middle = self._p + h / 2 * self._v + self.lead
+
+    def start_velocities(self, points: Points, places: Array) -> Array:
+        """As in Body."""
+        arms = places - self._middle
+        arms[len(arms) - len(points.arms) :] = points.arms.dot(self._R.T)
+        velocities: Array = self._v + arms.dot(cross_matrix(self._R.dot(self._ω)).T)
+        return velocities
+
+    def attempt(self, points: Points, places: Array, forces: Array) -> Array:
+        """As in Body."""
+        h, k = self._h, len(places) - len(points.arms)
+        force = forces.sum(axis=0)
+        v̂ = self._v + h / 2 * (force / self.mass + self._gravity)
+        arms = places - (self._p + h / 2 * v̂)
+        τ = torque_of(arms[:k].T.dot(forces[:k]))
+        held = points.arms.T.dot(forces[k:]) if len(points.arms) else None
+        ω̂, τ, mean = self._turning(τ, held)
+        if held is not None:
+            arms[k:] = points.arms.dot(mean.T)
+        self._try = _Try(force, τ, v̂, ω̂)
+        velocities: Array = v̂ + arms.dot(cross_matrix(self._R.dot(ω̂)).T)
+        return velocities
+
+    def _turning(self, τ: Array, held: Array | None) -> tuple[Array, Array, Array]:
+        """ω̂ under a torque and a moment Σ y fᵀ (3, 3) of joints; the whole torque; and (R + R⁺)/2."""
+        h, inertia, R, x = self._h, self._inertia, self._R, self._ω
+        L, whole, mean, before, t = inertia.dot(x), τ, R, 0.0, R.T.dot(τ)
+        forced = 0.0 if held is None else h * float(np.abs(self._inverse).max() * np.abs(held).max())
+        for _ in range(MOST_ITERATIONS):
+            if held is not None:
+                mean = (R + R.dot(cayley(h * x))) / 2
+                whole = τ + torque_of(mean.dot(held))
+                t = R.T.dot(whole)
+            Ix, turn = inertia.dot(x), cross_matrix(x)
+            ρ = 2 / h * (Ix - L) + turn.dot(Ix + h / 2 * t) - t
+            if not ρ.any():
+                break
+            change = np.linalg.solve(2 / h * inertia + turn.dot(inertia) - cross_matrix(Ix + h / 2 * t), ρ)
+            x = x - change
+            size, scale = float(np.abs(change).max()), float(np.abs(x).max()) + forced
+            if not np.isfinite(size):
+                raise StepError("forces lead out of the finite numbers; the state was left as it was")
+            if size <= 4 * TOLERANCE * scale or size * size <= TOLERANCE * scale * before:
+                break
+            if size <= STAGNATION * scale and size > before / 4 > 0:
+                break
+            before = size
+        else:
+            raise StepError(
+                f"no step of {h:g} s was found that turns it: after {MOST_ITERATIONS} iterations {size / scale:.1e} of "
+                "the angular velocity is left; a smaller dt is the cure"
+            )
+        if held is not None:
+            mean = (R + R.dot(cayley(h * x))) / 2
+            whole = τ + torque_of(mean.dot(held))
+        return x, whole, mean
+
+    def delassus(self, points: Points, places: Array) -> Array:
+        """As in Body."""
+        arms = places - self._middle
+        arms[len(arms) - len(points.arms) :] = points.arms.dot(self._R.T)
+        return self._h / 2 * self._moved_by(arms)
+
+    def _moved_by(self, arms: Array) -> Array:
+        """Velocities of points per impulse, (3 k, 3 k), s/kg."""
+        maps = cross_maps(arms).reshape(-1, 3)
+        moved: Array = maps.dot(self._R.dot(self._inverse).dot(self._R.T)).dot(maps.T)
+        blocks = moved.reshape(len(arms), 3, len(arms), 3)
+        for axis in range(3):
+            blocks[:, axis, :, axis] += 1 / self.mass
+        return moved
+
+    def points_at(self, places: Array, where: str) -> Points:
+        """As in Body."""
+        arms = (places - self._p).dot(self._R)
+        return Points(np.empty((len(arms), 0), dtype=int), np.empty((len(arms), 0)), arms)
+
+    def inverse_mass(self, points: Points) -> Array:
+        """As in Body."""
+        return self._moved_by(points.arms.dot(self._R.T))
+
+    def end_velocities(self, points: Points) -> Array:
+        """As in Body."""
+        velocities: Array = self._v + points.arms.dot(self._R.T).dot(cross_matrix(self._R.dot(self._ω)).T)
+        return velocities
+
+    def kick(self, points: Points, impulses: Array) -> None:
+        """As in Body."""
+        before = self.energy
+        self._v = self._v + impulses.sum(axis=0) / self.mass
+        self._ℓ = self._ℓ + torque_of(self._R.dot(points.arms.T).dot(impulses))
+        self._ω = self._inverse.dot(self._R.T.dot(self._ℓ))
+        self.account.book_contact(self.energy - before, 0.0, 0.0, 0.0)
+
+    def commit(self) -> None:
+        """As in Body."""
+        h, (force, torque, v̂, ω̂) = self._h, self._try
+        by_gravity = self.mass * float(self._gravity.dot(v̂))
+        by_others = float(force.dot(v̂)) + float(torque.dot(self._R.dot(ω̂)))
+        self._acceleration = force / self.mass + self._gravity
+        self._p, self._v = self._p + h * v̂, self._v + h * self._acceleration
+        self._ℓ = self._ℓ + h * torque
+        self._q = turned(self._q, h * ω̂)
+        self._R = rotation_matrix(self._q)
+        self._ω = self._inverse.dot(self._R.T.dot(self._ℓ))
+        self.account.book(supplied=h * by_gravity)
+        self.account.book_contact(h * by_others, 0.0, 0.0, 0.0)
+
+    def undo(self) -> None:
+        """As in Body: nothing was changed."""

@@ -1,0 +1,298 @@
+"""A soft body in a step of several: its own stepper, to which contact hands the forces that are tried.
+
+Held, carried or free, linear or of large deformation: the stepper asks for contact forces as it does among obstacles,
+and gets those of the try. How its contact points move then, it tells by itself; a try is a step that is taken back.
+"""
+
+from collections.abc import Mapping
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.errors import SceneError
+from fenics_rom.mechanics.base_path import BaseState
+from fenics_rom.mechanics.contact import ContactSolution, ContactWork, ObstacleMotion, PointMotion
+from fenics_rom.mechanics.contact_solver import ContactSolver, Settled
+from fenics_rom.mechanics.energy_ledger import EnergyLedger
+from fenics_rom.mechanics.frame_motion import rotation_matrix
+from fenics_rom.rom.rom import Rom
+from fenics_rom.runtime.simulator import Simulator
+from fenics_rom.runtime.steppers.kernel import BookedKernel
+from fenics_rom.world.bodies import Points
+from fenics_rom.world.collision.contacts import PlacedSurface
+
+if TYPE_CHECKING:
+    from fenics_rom.mechanics.signals import SignalLike
+    from fenics_rom.world.driven import Driven
+
+CLOSED = 1e-6  # of a body's size: so near to the point of a joint one of its own is to be
+
+
+class _Handed(ContactSolution):
+    """Forces of other bodies: what work they do is supplied, and what contact dissipates is not this body's."""
+
+    def work(self, velocity: Array, dt: float) -> ContactWork:
+        """See ContactSolution."""
+        return ContactWork(dt * float(self.forces.ravel().dot(velocity.ravel())), 0.0, 0.0)
+
+
+class _HandedForces(ContactSolver):
+    """In place of what finds the forces of obstacles.
+
+    Attributes:
+        reached: contact points (s,) that forces may act on in this step.
+        forces: (P, 3) that do, N.
+        point_gaps: (P,), m; infinite of points that nothing is near to.
+        delassus: W (3 P, 3 P) that the stepper gave last.
+    """
+
+    reached: Array = np.empty(0, dtype=int)
+    forces: Array = np.empty((0, 3))
+
+    def gaps(self, displacement: Array, offsets: Array) -> Array:
+        """See ContactSolver."""
+        return self.point_gaps
+
+    def check_start(self, displacement: Array, offsets: Array, names: Any) -> None:
+        """See ContactSolver: the world checks it."""
+        self.point_gaps = np.full(len(self.points), np.inf)
+
+    def within_reach(self, points: PointMotion, dt: float, obstacles: ObstacleMotion) -> Array:
+        """See ContactSolver."""
+        return self.reached
+
+    def solve(
+        self,
+        points: PointMotion,
+        delassus: Array,
+        dt: float,
+        obstacles: ObstacleMotion,
+        quasi_static: bool = False,
+        settled: Settled | None = None,
+    ) -> ContactSolution | None:
+        """See ContactSolver."""
+        self.delassus = delassus
+        if not len(self.reached):
+            return None
+        forces = self.forces[self.reached]
+        return _Handed(self.forces, 0, self.reached, 0 * forces, forces, np.zeros((0, 3)), None)
+
+
+class Soft(Simulator):
+    """A soft body among others.
+
+    Args:
+        name: of the body, for messages.
+        rom: the reduced model.
+        dt: s.
+        pose: of its frame: of the axes of a held body, of a free body its centre of mass, else of the base.
+        carrier: the rigid body that carries it, whose pose is given; None: nothing does.
+        signals: as of a Simulator.
+    """
+
+    is_driven = False
+    _solver_of = _HandedForces
+
+    def __init__(
+        self,
+        name: str,
+        rom: Rom,
+        dt: float,
+        pose: BaseState,
+        carrier: "Driven | None",
+        signals: "Mapping[str, SignalLike] | None",
+    ):
+        acting = rom.environment
+        law = acting.contact_law
+        if law is None or not acting.has_inertia or law.stiffness is not None:
+            lacks = "inertia" if not acting.has_inertia else "effects.contact with the rigid law"
+            raise SceneError(
+                f"body {name!r}: ROM {rom.name!r} was made without {lacks}: allowed is a ROM whose scene has it, as "
+                "other bodies may touch it; the obstacles of its scene are left out"
+            )
+        if (carrier is not None) != (rom.moving_frame is not None and acting.is_moving and rom.moving_frame.carried):
+            needs = (
+                "is carried: allowed is on = BODY, one that moves as it is told"
+                if carrier is None
+                else "is not carried"
+            )
+            raise SceneError(f"body {name!r}: ROM {rom.name!r} {needs}")
+        super().__init__(rom, dt, scene=replace(acting, obstacles={}, run=None), signals=signals)
+        assert self._stepper.interface is not None
+        self.name, self._carrier = name, carrier
+        self._handed: _HandedForces = self._stepper.interface.solver  # type: ignore[assignment]
+        self._fixed = not acting.is_moving
+        self._R, self._held_at = rotation_matrix(pose.rotation), pose
+        if not self._fixed:
+            self.place(pose if carrier is None else carrier.pose)
+        elif acting.loads.get("gravity") is not None and not np.allclose(self._R, np.eye(3)):
+            raise SceneError(
+                f"body {name!r}: ROM {rom.name!r} has gravity along axes of its own: allowed is a rotation of a ROM "
+                'without it, or one with frame = "moving"'
+            )
+        self.input: Mapping[str, Any] = {}
+        self._tried = False
+        surface = self._stepper.interface.points.nodes
+        number = np.full(len(rom.nodes), -1)
+        number[surface] = np.arange(len(surface))
+        triangles = number[rom.triangles]
+        self._triangles = triangles[(triangles >= 0).all(axis=1)]
+        self._everywhere = np.arange(len(self.contact_coordinates))
+        self.lead = np.zeros(3)
+
+    @property
+    def pose(self) -> BaseState:
+        """As in Body; of a held body where its axes are."""
+        if self._fixed:
+            return self._held_at
+        pose = super().pose
+        assert pose is not None
+        return pose
+
+    @property
+    def account(self) -> EnergyLedger:
+        """As in Body."""
+        assert self.ledger is not None
+        return self.ledger
+
+    @property
+    def _kernel(self) -> BookedKernel:
+        """That of the contact mode, which takes steps under contact forces."""
+        kernel = self._stepper.kernel
+        assert isinstance(kernel, BookedKernel)
+        return kernel
+
+    @property
+    def size(self) -> float:
+        """As in Body."""
+        return float(np.linalg.norm(np.ptp(self.contact_coordinates, axis=0))) / 2
+
+    def places(self) -> Array:
+        """Of the contact points now, (P, 3) in world axes, m."""
+        return self._to_world(self.contact_coordinates + self._stepper.point_displacement())
+
+    def begin(self, h: float) -> None:
+        """As in Body."""
+        self._h, self._tried = h, False
+        self._start = self.places()
+        self._velocity = self._turned(self._kernel.start_velocities())
+        self._handed.reached = np.empty(0, dtype=int)
+        if h == 0:
+            return
+        assert self._source is not None
+        if self.contact != (nearest := self._source.nearest(self._stepper)):
+            self.switch(nearest)
+        if self._carrier is not None:
+            self._take_base(self._carrier.end)
+        u = self._by_name((), self.input)
+        self._inputs = self._with_base(self._source.step_input(u, self._width, self.time, self._dt))
+        self._handed.point_gaps = np.full(len(self._everywhere), np.inf)
+
+    def placed(self) -> PlacedSurface:
+        """As in Body."""
+        return PlacedSurface(self._start + self._h / 2 * self._velocity, self._triangles, self._everywhere)
+
+    def reach(self) -> float:
+        """As in Body."""
+        return 2 * self._h * float(np.sqrt((self._velocity**2).sum(axis=1).max(initial=0.0)))
+
+    def start_velocities(self, points: Points, places: Array) -> Array:
+        """As in Body."""
+        return _mean(points, self._velocity)
+
+    def attempt(self, points: Points, places: Array, forces: Array) -> Array:
+        """As in Body."""
+        if self._tried:
+            self._stepper.rollback()
+            self._tried = False
+        handed, P = self._handed, len(self._everywhere)
+        spread = np.zeros((P, 3))
+        np.add.at(spread, points.nodes, points.weights[:, :, None] * forces[:, None, :])
+        handed.reached = np.unique(points.nodes[points.weights != 0])
+        handed.forces = self._into_frame(spread)
+        result = self._stepper.step(self._inputs)
+        self._tried = True
+        if not np.isfinite(result.energy):
+            self._leave_finite(self._inputs.u)
+        if not len(forces):
+            return forces
+        velocities = _mean(points, self._turned(self._kernel.touched))
+        places[:] = _mean(points, self._start) + self._h / 2 * velocities
+        return velocities
+
+    def delassus(self, points: Points, places: Array) -> Array:
+        """As in Body; after an attempt."""
+        W, k = self._handed.delassus, len(places)
+        P = len(self._everywhere)
+        whole = np.zeros((k, 3, P, 3))
+        for corner in range(points.nodes.shape[1]):
+            whole += points.weights[:, corner, None, None, None] * W.reshape(P, 3, P, 3)[points.nodes[:, corner]]
+        own = np.zeros((k, 3, k, 3))
+        for corner in range(points.nodes.shape[1]):
+            own += points.weights[:, corner, None] * whole[:, :, points.nodes[:, corner]]
+        if self._fixed:
+            own = np.einsum("ac,icjd,bd->iajb", self._R, own, self._R)
+        return own.reshape(3 * k, 3 * k)
+
+    def points_at(self, places: Array, where: str) -> Points:
+        """As in Body."""
+        apart = np.linalg.norm(places[:, None] - self.places()[None], axis=2)
+        nearest = apart.argmin(axis=1)
+        gaps = apart[np.arange(len(places)), nearest]
+        if gaps.max() > CLOSED * self.size:
+            worst = int(gaps.argmax())
+            raise SceneError(
+                f"{where}cannot be closed: body {self.name!r} has no contact point at {places[worst].tolist()}, the "
+                f"nearest is {gaps[worst]:.3g} m away at {self.places()[nearest[worst]].tolist()}"
+            )
+        nodes, weights = np.zeros((len(places), 3), dtype=int), np.zeros((len(places), 3))
+        nodes[:, 0], weights[:, 0] = nearest, 1.0
+        return Points(nodes, weights, np.zeros((len(places), 3)))
+
+    def end_velocities(self, points: Points) -> Array:
+        """As in Body."""
+        return _mean(points, self._turned(self._kernel.start_velocities()))
+
+    def inverse_mass(self, points: Points) -> Array | None:
+        """As in Body: what is left at joints stays."""
+        return None
+
+    def kick(self, points: Points, impulses: Array) -> None:
+        """As in Body: not of a soft one."""
+        raise NotImplementedError
+
+    def commit(self) -> None:
+        """As in Body."""
+        assert self._source is not None
+        self._tried = False
+        self._source.environment.commit(self._inputs, self._dt)
+        twice = 2 * self._stepper.energy
+        if twice <= self._monitor_threshold:
+            self.steps += 1
+        else:
+            self._step_high(self._inputs.u, twice)
+
+    def undo(self) -> None:
+        """As in Body."""
+        if self._tried:
+            self._stepper.rollback()
+        self._tried = False
+
+    def _to_world(self, places: Array) -> Array:
+        return places if not self._fixed else self._held_at.position + places.dot(self._R.T)
+
+    def _turned(self, vectors: Array) -> Array:
+        turned: Array = vectors.dot(self._R.T) if self._fixed else vectors
+        return turned
+
+    def _into_frame(self, vectors: Array) -> Array:
+        turned: Array = vectors.dot(self._R) if self._fixed else vectors
+        return turned
+
+
+def _mean(points: Points, values: Array) -> Array:
+    """Of values (P, 3) at points."""
+    mean: Array = (points.weights[:, :, None] * values[points.nodes]).sum(axis=1)
+    return mean

@@ -1,0 +1,216 @@
+"""The pairs of points of a step, and what later steps begin with: forces of the same pairs, and what guided them."""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.world.bodies import Body, Points
+from fenics_rom.world.collision.contacts import Contacts, Spots
+from fenics_rom.world.contact_step import Found, Guide, Pairs, Part
+from fenics_rom.world.joints import JointPoints
+from fenics_rom.world.meetings import Meeting
+
+NEAR = 0.01  # of the smaller body: what is nearer is looked at in every step, besides what can be reached
+GUIDES = 1e-3  # of arms, and rad: by so much bodies may have moved since W was found
+MANY_SWEEPS = 8  # from which on W is found anew
+
+
+class StepPairs:
+    """Finds the pairs of each step.
+
+    Args:
+        bodies: all of them.
+        meetings: those that may touch.
+        joints: theirs.
+    """
+
+    def __init__(self, bodies: Sequence[Body], meetings: Sequence[Meeting], joints: Sequence[JointPoints]):
+        self._bodies, self._meetings, self._joints = bodies, meetings, joints
+        self._contacts: list[tuple[Meeting, Contacts]] = []
+        self._pairs: Pairs | None = None
+        self._middle_gaps = np.empty(0)
+        self._forces = dict[tuple[int, int], Array]()  # by meeting and feature
+        self._joint_forces = np.zeros((sum(len(joint.points) for joint in joints), 3))
+        self._guide: tuple[Guide, float, list[tuple[Array, Array]]] | None = None
+        self._start = np.empty((0, 3))
+
+    def of_step(self, h: float) -> tuple[Pairs, Array, Guide | None]:
+        """The pairs of a step of h s that all bodies have begun, forces to begin with, and what may guide."""
+        contacts = self._look()
+        is_same = self._pairs is not None and len(contacts) == len(self._contacts)
+        if not (is_same and all(now[1] is then[1] for now, then in zip(contacts, self._contacts, strict=True))):
+            self._gather(contacts)
+        pairs = self._pairs
+        assert pairs is not None
+        places = pairs.places.copy()
+        before, lead = np.zeros_like(places), np.zeros_like(places)
+        for body, rows, signs, points in pairs.parts:
+            before[rows] += signs * body.start_velocities(points, places[rows])
+            lead[rows] += signs * body.lead
+        C = len(pairs.normals)
+        gone = h / 2 * before[:C] + lead[:C]
+        gaps = self._middle_gaps - (pairs.normals * gone).sum(axis=1)
+        return pairs._replace(places=places, before=before, gaps=gaps), self._start, self._known_guide(h)
+
+    def _look(self) -> list[tuple[Meeting, Contacts]]:
+        placed, reaches = [body.placed() for body in self._bodies], [body.reach() for body in self._bodies]
+        found = []
+        for meeting in self._meetings:
+            one, other = placed[meeting.first], placed[meeting.second]
+            assert one is not None
+            assert other is not None
+            meeting.look(one, other, reaches[meeting.first] + reaches[meeting.second] + NEAR * meeting.size)
+            if meeting.contacts is not None:
+                found.append((meeting, meeting.contacts))
+        return found
+
+    def _gather(self, contacts: list[tuple[Meeting, Contacts]]) -> None:
+        """Makes the pairs of these contacts, and takes over the forces of those that were there."""
+        rows = [list[tuple[Array, float, Points]]() for _ in self._bodies]
+        normals, gaps, places, laws = [np.empty((0, 3))], [np.empty(0)], [np.empty((0, 3))], [np.empty((2, 0))]
+        count = 0
+        start = []
+        for meeting, found in contacts:
+            k = len(found.gaps)
+            own = np.arange(count, count + k)
+            rows[meeting.first].append((own, 1.0, _points(found.first)))
+            rows[meeting.second].append((own, -1.0, _points(found.second)))
+            normals.append(found.normals)
+            gaps.append(found.gaps)
+            places.append(found.first.arms)
+            laws.append(np.repeat([[meeting.law.restitution], [meeting.law.friction]], k, axis=1))
+            number = self._meetings.index(meeting)
+            start += [self._forces.get((number, feature), np.zeros(3)) for feature in found.first.feature.tolist()]
+            count += k
+        for joint in self._joints:
+            k = len(joint.points)
+            own = np.arange(count, count + k)
+            rows[joint.first].append((own, 1.0, joint.on_first))
+            rows[joint.second].append((own, -1.0, joint.on_second))
+            places.append(joint.points)
+            count += k
+        e, μ = np.concatenate(laws, axis=1)
+        parts = [_part(body, mine) for body, mine in zip(self._bodies, rows, strict=True)]
+        soft_first = sorted(parts, key=lambda part: part.points.nodes.shape[1] == 0)
+        self._contacts, self._middle_gaps, self._guide = contacts, np.concatenate(gaps), None
+        everywhere = np.concatenate(places)
+        self._pairs = Pairs(
+            tuple(soft_first), everywhere, 0 * everywhere, np.concatenate(normals), self._middle_gaps, e, μ
+        )
+        self._start = np.concatenate([np.array(start).reshape(-1, 3), self._joint_forces])
+
+    def _known_guide(self, h: float) -> Guide | None:
+        if self._guide is None or self._guide[1] != h:
+            return None
+        for (arms, rotation), (arms_then, rotation_then) in zip(self._where(), self._guide[2], strict=True):
+            if np.abs(rotation - rotation_then).max() > GUIDES:
+                return None
+            if np.abs(arms - arms_then).max(initial=0.0) > GUIDES * np.abs(arms_then).max(initial=0.0):
+                return None
+        return self._guide[0]
+
+    def _where(self) -> list[tuple[Array, Array]]:
+        """Of each body its arms and its rotation."""
+        assert self._pairs is not None
+        poses = [(part, part.body.pose) for part in self._pairs.parts]
+        return [(self._pairs.places[part.pairs] - pose.position, pose.rotation) for part, pose in poses]
+
+    def keep(self, found: Found, guide: Guide, h: float) -> None:
+        """Takes note of the forces of a step of h s that was taken, and of what guided them."""
+        C = len(found.forces) - len(self._joint_forces)
+        self._start, self._joint_forces = found.forces, found.forces[C:]
+        self._forces, row = {}, 0
+        for meeting, contacts in self._contacts:
+            number = self._meetings.index(meeting)
+            for feature in contacts.first.feature.tolist():
+                self._forces[number, feature] = found.forces[row]
+                row += 1
+        if found.sweeps > MANY_SWEEPS:
+            self._guide = None
+        elif self._guide is None or self._guide[0] is not guide:
+            self._guide = guide, h, self._where()
+
+    def stop_joints(self) -> float:
+        """Stops by impulses what joints still move by when a step ends; what that takes, J."""
+        parts = []
+        assert self._pairs is not None
+        C = len(self._pairs.normals)
+        for body, rows, signs, points in self._pairs.parts:
+            held = rows >= C
+            if held.any():
+                parts.append(
+                    (
+                        body,
+                        rows[held] - C,
+                        signs[held],
+                        points._replace(nodes=points.nodes[held], weights=points.weights[held]),
+                    )
+                )
+        size = len(self._joint_forces)
+        u, W = np.zeros((size, 3)), np.zeros((size, 3, size, 3))
+        for body, rows, signs, points in parts:
+            own = body.inverse_mass(points)
+            if own is None:
+                return 0.0
+            u[rows] += signs * body.end_velocities(points)
+            W[_block(rows)] += signs[:, :, None, None] * own.reshape(len(rows), 3, len(rows), 3) * signs[:, 0][:, None]
+        if not u.any():
+            return 0.0
+        W = W.reshape(3 * size, 3 * size)
+        impulses = -np.linalg.lstsq(W, u.ravel(), rcond=1e-12)[0].reshape(-1, 3)
+        for body, rows, signs, points in parts:
+            body.kick(points, signs * impulses[rows])
+        return -float(impulses.ravel().dot(u.ravel())) / 2
+
+    def force_between(self, first: int, second: int, forces: Array) -> Array:
+        """Of a step on the first, (3,), N."""
+        force, row = np.zeros(3), 0
+        for meeting, contacts in self._contacts:
+            force += _sign(meeting, first, second) * forces[row : row + len(contacts.gaps)].sum(axis=0)
+            row += len(contacts.gaps)
+        for joint in self._joints:
+            force += _sign(joint, first, second) * forces[row : row + len(joint.points)].sum(axis=0)
+            row += len(joint.points)
+        return force
+
+    def forces_of_joint(self, number: int, forces: Array) -> Array:
+        """Of a step on the first body of a joint at its points, (k, 3), N."""
+        before = sum(len(joint.points) for joint in self._joints[number:])
+        start = len(forces) - before
+        return forces[start : start + len(self._joints[number].points)].copy()
+
+    def touching(self, forces: Array) -> int:
+        """How many pairs of points push, by more than round-off."""
+        if self._pairs is None or not len(self._pairs.normals):
+            return 0
+        pressure = (forces[: len(self._pairs.normals)] * self._pairs.normals).sum(axis=1)
+        return int(np.count_nonzero(pressure > 1e-9 * pressure.max()))
+
+
+def _points(spots: Spots) -> Points:
+    return Points(spots.nodes, spots.weights, np.empty((0, 3)))
+
+
+def _part(body: Body, mine: list[tuple[Array, float, Points]]) -> Part:
+    if not mine:
+        return Part(
+            body, np.empty(0, int), np.empty((0, 1)), Points(np.empty((0, 0), int), np.empty((0, 0)), np.empty((0, 3)))
+        )
+    rows = np.concatenate([rows for rows, _, _ in mine])
+    signs = np.concatenate([np.full((len(rows), 1), sign) for rows, sign, _ in mine])
+    return Part(
+        body,
+        rows,
+        signs,
+        Points(*(np.concatenate(part) for part in zip(*(points for _, _, points in mine), strict=True))),
+    )
+
+
+def _block(rows: Array) -> tuple[Array, Array, Array, Array]:
+    return rows[:, None, None, None], np.arange(3)[:, None, None], rows[:, None], np.arange(3)
+
+
+def _sign(of: Meeting | JointPoints, first: int, second: int) -> float:
+    """1 where the first of a pair is asked for, -1 where the second is, 0 where neither."""
+    return float((of.first, of.second) == (first, second)) - float((of.second, of.first) == (first, second))

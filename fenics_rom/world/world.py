@@ -1,0 +1,269 @@
+"""Several bodies in one step, rigid and soft, in contact and joined, and an energy account of each and of the whole."""
+
+import math
+from collections.abc import Collection, Mapping, Sequence
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.errors import SceneError, StepError, check_known
+from fenics_rom.mechanics.base_path import BaseState
+from fenics_rom.mechanics.contact import ContactLaw
+from fenics_rom.mechanics.energy_ledger import EnergyLedger
+from fenics_rom.rom.midpoint_map import checked_dt
+from fenics_rom.world.contact_step import Found, Guide, Pairs, find_forces
+from fenics_rom.world.joints import Joint, JointPoints
+from fenics_rom.world.make_bodies import FIXED, AnyBody, make_bodies
+from fenics_rom.world.meetings import Meeting, check_apart
+from fenics_rom.world.records import RigidBody, SoftBody
+from fenics_rom.world.soft import Soft
+from fenics_rom.world.step_pairs import StepPairs
+
+
+class World:
+    """Bodies that touch and hold one another.
+
+    Args:
+        bodies: by name. Rigid ones with a `motion` move as it says, the ground for example.
+        dt: time step, s.
+        joints: points of bodies that stay together; "world" is what stands still. Bodies that are joined do not touch.
+        gravity: on rigid bodies, m/s²; soft ones have that of their scene.
+        friction, restitution: of all bodies.
+        pairs: other laws of two bodies, by their names.
+        apart: groups of names of bodies that do not touch one another.
+
+    Attributes:
+        bodies: as given.
+        steps: number of steps taken.
+        time: simulated, s.
+
+    Raises:
+        SceneError: names that nobody has, bodies that cannot be, joints that cannot be closed.
+        StepError: bodies begin inside each other.
+
+    Example:
+        >>> from fenics_rom.world.shapes import Box, HalfSpace
+        >>> lies = fr.BaseState(np.zeros(3), np.array([1.0, 0, 0, 0]), np.zeros(3), np.zeros(3))
+        >>> bodies = {"ground": fr.RigidBody(HalfSpace(), motion=lies)}
+        >>> bodies["box"] = fr.RigidBody(Box((0.1, 0.1, 0.1)), mass=1.0, position=(0, 0, 0.05))
+        >>> world = fr.World(bodies, dt=2e-3, gravity=(0, 0, -10.0), friction=0.5)
+        >>> world.step()
+        >>> world.force_between("box", "ground").round(9)
+        array([ 0.,  0., 10.])
+    """
+
+    def __init__(
+        self,
+        bodies: Mapping[str, RigidBody | SoftBody],
+        dt: float,
+        *,
+        joints: Sequence[Joint] = (),
+        gravity: Sequence[float] = (0.0, 0.0, 0.0),
+        friction: float = 0.0,
+        restitution: float = 0.0,
+        pairs: Mapping[tuple[str, str], ContactLaw] | None = None,
+        apart: Sequence[Collection[str]] = (),
+    ):
+        self.bodies, self._dt = dict(bodies), checked_dt(dt)
+        self.steps, self.time = 0, 0.0
+        self._bodies = make_bodies(self.bodies, self._dt, gravity)
+        self._names = list(self._bodies)
+        law, laws = ContactLaw(restitution, friction), _laws(pairs or {}, self._bodies)
+        separate = _pairs_apart(apart, joints, self._bodies)
+        self._meetings = [
+            Meeting(a, b, laws.get(frozenset((self._names[a], self._names[b])), law), self._smaller(a, b))
+            for a, b in combinations(range(len(self._names)), 2)
+            if self._may_touch(a, b) and frozenset((self._names[a], self._names[b])) not in separate
+        ]
+        self._joints = [JointPoints(joint, self._bodies) for joint in joints]
+        self._met = EnergyLedger()  # what contacts and joints dissipate
+        everyone = list(self._bodies.values())
+        check_apart(everyone, self._names, self._meetings)
+        self._step_pairs = StepPairs(everyone, self._meetings, self._joints)
+        self._found = Found(np.empty((0, 3)), np.empty((0, 3)), 0, 0.0)
+        self._residuals = 0, 0.0
+        if joints:
+            self._begin({})
+            self._met.book(dissipated=self._step_pairs.stop_joints())
+
+    def _may_touch(self, a: int, b: int) -> bool:
+        first, second = (self._bodies[self._names[number]] for number in (a, b))
+        return FIXED not in (self._names[a], self._names[b]) and not (first.is_driven and second.is_driven)
+
+    def _smaller(self, a: int, b: int) -> float:
+        return min(self._bodies[self._names[number]].size for number in (a, b))
+
+    @property
+    def dt(self) -> float:
+        """Time step, s."""
+        return self._dt
+
+    @dt.setter
+    def dt(self, dt: float) -> None:
+        self._dt = checked_dt(dt)
+        for body in self._bodies.values():
+            if isinstance(body, Soft):
+                body.dt = self._dt
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the bodies."""
+        return tuple(self.bodies)
+
+    def pose(self, name: str) -> BaseState:
+        """Where a body is and how it moves, in world axes: its centre of mass, or the frame of a soft body."""
+        return self._body(name).pose
+
+    def velocity(self, name: str) -> tuple[Array, Array]:
+        """Velocity (3,), m/s, and angular velocity (3,), rad/s, of a body, or of the frame of a soft one."""
+        pose = self._body(name).pose
+        return pose.velocity, pose.angular_velocity
+
+    def simulator(self, name: str) -> Soft:
+        """A soft body's: displacements, readings, switching; it is stepped by the world alone."""
+        body = self._body(name)
+        if not isinstance(body, Soft):
+            raise StepError(f"body {name!r} is rigid: allowed is a soft one")
+        return body
+
+    def account(self, name: str) -> EnergyLedger:
+        """Of a body: of what was supplied to it, `obstacles` is what other bodies did."""
+        return self._body(name).account
+
+    @property
+    def energy(self) -> float:
+        """Of all bodies, J: kinetic and elastic."""
+        return math.fsum(body.energy for body in self._bodies.values())
+
+    @property
+    def ledger(self) -> EnergyLedger:
+        """The account of the whole: by loads and drivers supplied; in bodies, contacts and joints dissipated."""
+        whole = EnergyLedger()
+        accounts = [body.account.sums for body in self._bodies.values()]
+        for sums in accounts:
+            whole.book(supplied=math.fsum((*sums[0], -sums[4][0], -sums[4][1])), dissipated=sum(sums[1]))
+            whole.book(lost_in_switching=sum(sums[2]), numerical=sum(sums[3]))
+        by_contact, by_friction = sum(self._met.sums[5]), sum(self._met.sums[6])
+        whole.book(dissipated=sum(self._met.sums[1]))
+        whole.book_parts(0.0, by_contact, by_friction)
+        return whole
+
+    def force_between(self, first: str, second: str) -> Array:
+        """Force of the second body on the first in the last step, by contact and joints, (3,), N."""
+        for name in (first, second):
+            self._body(name)
+        return self._step_pairs.force_between(self._names.index(first), self._names.index(second), self._found.forces)
+
+    def joint_forces(self, number: int) -> Array:
+        """Forces at the points of a joint on its first body in the last step, (k, 3), N."""
+        return self._step_pairs.forces_of_joint(number, self._found.forces)
+
+    @property
+    def touching(self) -> int:
+        """Number of pairs of points that push in the last step."""
+        return self._step_pairs.touching(self._found.forces)
+
+    @property
+    def sweeps(self) -> int:
+        """That the last step took."""
+        return self._found.sweeps
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """What the user should know of the run so far."""
+        steps, residual = self._residuals
+        soft = {name: body for name, body in self._bodies.items() if isinstance(body, Soft)}
+        said = [f"{name}: {text}" for name, body in soft.items() for text in body.warnings]
+        if steps:
+            said.append(f"in {steps} steps forces were found only to {residual:.0e} of the velocities that they stop")
+        return tuple(said)
+
+    def drive(self, name: str, motion: Any) -> None:
+        """Moves a rigid body that has a `motion` by another one, from the next step on."""
+        body = self._body(name)
+        if not body.is_driven:
+            raise StepError(f"body {name!r} moves freely: allowed is one that has a motion")
+        body.follow(motion)  # type: ignore[union-attr]
+
+    def step(self, inputs: Mapping[str, Mapping[str, Any]] | None = None) -> None:
+        """Advances by dt.
+
+        Args:
+            inputs: of soft bodies, by name: their actuators, as of a Simulator; what is not named is 0.
+
+        Raises:
+            StepError: no such body or actuator, or no forces were found; everything is as it was.
+        """
+        h, bodies = self._dt, self._bodies
+        for name in inputs or ():
+            self.simulator(name)
+        try:
+            pairs, start, guide = self._begin(inputs or {})
+            found, guide = find_forces(pairs, h, start, guide)
+        except BaseException:
+            for body in bodies.values():
+                body.undo()
+            raise
+        for body in bodies.values():
+            body.commit()
+        self._step_pairs.keep(found, guide, h)
+        self._found = found
+        self._book(pairs, found)
+        if self._joints:
+            self._met.book(dissipated=self._step_pairs.stop_joints())
+        if found.residual:
+            self._residuals = self._residuals[0] + 1, max(self._residuals[1], found.residual)
+        self.steps, self.time = self.steps + 1, self.time + h
+
+    def _begin(self, inputs: Mapping[str, Mapping[str, Any]]) -> tuple[Pairs, Array, Guide | None]:
+        """Opens a step of all bodies; its pairs, forces to begin with, and what may guide."""
+        for name, body in self._bodies.items():
+            if isinstance(body, Soft):
+                body.input = inputs.get(name, {})
+            try:
+                body.begin(self._dt)
+            except StepError as error:
+                raise StepError(f"body {name!r}: {error}") from error
+        return self._step_pairs.of_step(self._dt)
+
+    def _book(self, pairs: Pairs, found: Found) -> None:
+        C, n = len(pairs.normals), pairs.normals
+        if not C:
+            return
+        f, u = found.forces[:C], found.velocities[:C]
+        whole = float(f.ravel().dot(u.ravel()))
+        normal = float(((n * f).sum(axis=1) * (n * u).sum(axis=1)).sum())
+        self._met.book_contact(0.0, -self._dt * normal, self._dt * (normal - whole), 0.0)
+
+    def _body(self, name: str) -> AnyBody:
+        check_known("body", name, self.bodies, StepError)
+        return self._bodies[name]
+
+    def __repr__(self) -> str:
+        soft = [name for name, body in self.bodies.items() if isinstance(body, SoftBody)]
+        driven = [name for name, body in self._bodies.items() if body.is_driven and name != FIXED]
+        free = [name for name in self.bodies if name not in soft and name not in driven]
+        kinds = {"soft": soft, "rigid": free, "driven": driven}
+        parts = "; ".join(f"{kind}: {', '.join(some)}" for kind, some in kinds.items() if some)
+        return f"World of {len(self.bodies)} bodies, dt = {self._dt:g} s, {self.steps} steps taken\n  {parts}"
+
+
+def _laws(pairs: Mapping[tuple[str, str], ContactLaw], bodies: Collection[str]) -> dict[frozenset[str], ContactLaw]:
+    for pair, law in pairs.items():
+        for name in pair:
+            check_known("body", name, bodies, SceneError, "pairs: ")
+        if law.stiffness is not None:
+            raise SceneError(f"pairs: {pair}: allowed between bodies is the rigid law, without stiffness")
+    return {frozenset(pair): law for pair, law in pairs.items()}
+
+
+def _pairs_apart(
+    apart: Sequence[Collection[str]], joints: Sequence[Joint], bodies: Collection[str]
+) -> set[frozenset[str]]:
+    for group in apart:
+        for name in group:
+            check_known("body", name, bodies, SceneError, "apart: ")
+    separate = {frozenset(pair) for group in apart for pair in combinations(group, 2)}
+    return separate | {frozenset((joint.first, joint.second)) for joint in joints}

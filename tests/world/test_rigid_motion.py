@@ -1,0 +1,171 @@
+"""Rigid bodies by themselves, and on the ground: closed forms, and momenta and energy to round-off."""
+
+import numpy as np
+import pytest
+
+import fenics_rom as fr
+from fenics_rom.world.shapes import Box, HalfSpace, Sphere
+
+G = 9.81
+LIES = fr.BaseState(np.zeros(3), np.array([1.0, 0, 0, 0]), np.zeros(3), np.zeros(3))
+GROUND = fr.RigidBody(HalfSpace(), motion=LIES)
+
+
+def on_incline(body, angle, friction, steps, dt=2e-3):
+    gravity = (G * np.sin(angle), 0, -G * np.cos(angle))
+    world = fr.World({"ground": GROUND, "body": body}, dt, gravity=gravity, friction=friction)
+    for _ in range(steps):
+        world.step()
+    return world
+
+
+def momenta(world):
+    """Of all bodies that move freely, linear and angular about the origin."""
+    linear, angular = np.zeros(3), np.zeros(3)
+    for name, record in world.bodies.items():
+        pose = world.pose(name)
+        mass, inertia = record.mass_and_inertia()
+        w, *v = pose.rotation
+        cross = np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
+        R = np.eye(3) + 2 * w * cross + 2 * cross @ cross
+        linear += mass * pose.velocity
+        angular += mass * np.cross(pose.position, pose.velocity) + R @ inertia @ R.T @ pose.angular_velocity
+    return linear, angular
+
+
+@pytest.mark.parametrize("steps", [2000, pytest.param(100_000, marks=pytest.mark.slow)])
+def test_a_top_keeps_energy_and_angular_momentum_to_round_off(steps):
+    world = fr.World({"top": fr.RigidBody(Box((0.1, 0.2, 0.3)), density=500, angular_velocity=(0.3, 8, 0.2))}, 1e-2)
+    energy, (_, start) = world.energy, momenta(world)
+    for _ in range(steps):
+        world.step()
+    assert world.energy == pytest.approx(energy, rel=1e-12, abs=0)
+    assert np.abs(momenta(world)[1] - start).max() < 1e-12 * np.linalg.norm(start)
+
+
+def test_a_block_slides_from_where_the_slope_is_the_coefficient_of_friction():
+    """To 0.1 %: at 0.9995 of it it stays to round-off, at 1.0005 it goes as Coulomb's law says."""
+    block, μ, steps, h = fr.RigidBody(Box((0.2, 0.2, 0.1)), density=500, position=(0, 0, 0.05)), 0.5, 50, 2e-3
+    held, slides = (on_incline(block, np.arctan(μ * share), μ, steps, h).pose("body") for share in (0.9995, 1.0005))
+    assert abs(held.position[0]) < 1e-15
+    angle = np.arctan(μ * 1.0005)
+    assert slides.velocity[0] == pytest.approx(G * (np.sin(angle) - μ * np.cos(angle)) * steps * h, rel=1e-6)
+    assert slides.position[2] == pytest.approx(0.05, abs=1e-15)
+
+
+def test_a_block_tips_from_where_its_centre_leaves_its_base():
+    block = fr.RigidBody(Box((0.1, 0.1, 0.2)), density=500, position=(0, 0, 0.1))
+    stands, tips = (on_incline(block, np.arctan(0.5 * share), 2.0, 50).pose("body") for share in (0.9995, 1.0005))
+    assert np.abs(stands.angular_velocity).max() < 1e-12
+    assert tips.angular_velocity[1] > 1e-3
+
+
+@pytest.mark.parametrize("friction", [1.0, 0.03])
+def test_a_ball_rolls_down_a_slope_with_and_without_slip(friction):
+    angle, steps, h = 0.2, 100, 2e-3
+    world = on_incline(fr.RigidBody(Sphere(0.1), density=500, position=(0, 0, 0.1)), angle, friction, steps, h)
+    rolls = friction > 2 / 7 * np.tan(angle)
+    speeds_up = G * np.sin(angle) * 5 / 7 if rolls else G * (np.sin(angle) - friction * np.cos(angle))
+    turns = speeds_up / 0.1 if rolls else 5 / 2 * friction * G * np.cos(angle) / 0.1
+    ball = world.pose("body")
+    assert ball.velocity[0] == pytest.approx(speeds_up * steps * h, rel=1e-5)
+    assert ball.angular_velocity[1] == pytest.approx(turns * steps * h, rel=1e-4)
+    assert abs(ball.position[2] - 0.1) < 1e-8
+    assert world.energy == pytest.approx(world.ledger.supplied - world.ledger.dissipated, abs=1e-14)
+    assert (world.ledger.friction > 1e-3) is not rolls
+
+
+@pytest.mark.parametrize("dt", [1e-3, 1e-2, 3e-2])
+def test_a_ball_that_bounces_does_not_gain_energy_at_any_step(dt):
+    ball = fr.RigidBody(Sphere(0.1), mass=2.0, position=(0, 0, 0.5))
+    world = fr.World({"ground": GROUND, "ball": ball}, dt, gravity=(0, 0, -G), restitution=1.0)
+    start = 2.0 * G * 0.5
+    for _ in range(100):
+        world.step()
+        whole = world.energy + 2.0 * G * world.pose("ball").position[2]
+        assert whole <= start * (1 + 1e-13)
+    assert whole == pytest.approx(start, rel=1e-8)
+
+
+@pytest.mark.parametrize("restitution", [1.0, 0.5])
+def test_a_cradle_hands_on_what_restitution_says(restitution):
+    """Balls that are a little apart meet one after the other: each keeps (1 - e)/2 of what it gets."""
+    balls = {
+        f"ball{k}": fr.RigidBody(Sphere(0.1), mass=1.0, position=(0.21 * k, 0, 0), velocity=(float(k == 0), 0, 0))
+        for k in range(4)
+    }
+    world, steps = fr.World(balls, 1e-3, restitution=restitution), 45
+    for _ in range(steps if restitution == 1 else 2 * steps):
+        world.step()
+    gets = ((1 + restitution) / 2) ** np.arange(4)
+    expected = gets * (1 - restitution) / 2
+    expected[-1] = gets[-1]
+    speeds = [world.pose(name).velocity[0] for name in balls]
+    np.testing.assert_allclose(speeds, expected, atol=1e-12)
+    assert world.energy + world.ledger.dissipated == pytest.approx(0.5, abs=1e-13)
+
+
+def test_boxes_that_tumble_into_each_other_keep_momenta_and_account():
+    random = np.random.default_rng(0)
+    boxes = {}
+    for k in range(5):
+        place = np.array([0.4 * (k % 3) - 0.4, 0.4 * (k // 3) - 0.2, 0.0])
+        velocity, turning = 0.1 * random.standard_normal(3) - 2 * place, 2 * random.standard_normal(3)
+        size = random.uniform(0.1, 0.3, 3)
+        boxes[f"box{k}"] = fr.RigidBody(
+            Box(size), density=500, position=place, velocity=velocity, angular_velocity=turning
+        )
+    world = fr.World(boxes, 2e-3, friction=0.4, restitution=0.3)
+    start, energy, touched, before = momenta(world), world.energy, 0, world.energy
+    for _ in range(150):
+        world.step()
+        touched += world.touching
+        assert world.energy <= before * (1 + 1e-13)
+        before = world.energy
+    assert touched > 5
+    for now, then in zip(momenta(world), start, strict=True):
+        assert np.abs(now - then).max() < 1e-12
+    assert world.energy + world.ledger.dissipated == pytest.approx(energy, rel=1e-12)
+    assert world.ledger.friction > 0
+    assert world.ledger.contact > 0
+
+
+def test_ten_boxes_stay_where_they_are_stacked():
+    boxes = {f"box{k}": fr.RigidBody(Box((0.1,) * 3), density=500, position=(0, 0, 0.05 + 0.1 * k)) for k in range(10)}
+    world = fr.World({"ground": GROUND, **boxes}, 2e-3, gravity=(0, 0, -G), friction=0.5)
+    for _ in range(30):
+        world.step()
+    for name, record in boxes.items():
+        assert np.abs(world.pose(name).position - record.position).max() < 1e-12
+        assert np.abs(world.velocity(name)).max() < 1e-12
+    np.testing.assert_allclose(world.force_between("box0", "ground"), [0, 0, 5 * G], atol=1e-9)
+    np.testing.assert_allclose(world.force_between("box8", "box9"), [0, 0, -0.5 * G], atol=1e-9)
+    assert not world.force_between("box0", "box5").any()
+
+
+def test_what_cannot_be_is_refused_with_where_and_how_much():
+    box = fr.RigidBody(Box((0.1,) * 3), density=500, position=(0, 0, 0.04))
+    with pytest.raises(fr.StepError, match=r"'ground' is 0\.01 m inside 'box'"):
+        fr.World({"ground": GROUND, "box": box}, 1e-3)
+    fr.World({"ground": GROUND, "box": box}, 1e-3, apart=[("ground", "box")]).step()
+    with pytest.raises(fr.SceneError, match=r"apart: .*'boxes'.*did you mean 'box'"):
+        fr.World({"ground": GROUND, "box": box}, 1e-3, apart=[("ground", "boxes")])
+    with pytest.raises(fr.SceneError, match="body 'box': density = None, mass = None: allowed is one of both"):
+        fr.World({"box": fr.RigidBody(Box((0.1,) * 3))}, 1e-3)
+    with pytest.raises(fr.SceneError, match="'soft': on = 'soft': allowed is another body"):
+        fr.World({"soft": fr.SoftBody("plate.h5", on="soft")}, 1e-3)
+    with pytest.raises(fr.SceneError, match="'a': on: a is on b is on a: allowed is no circle"):
+        fr.World({"a": fr.SoftBody("plate.h5", on="b"), "b": fr.SoftBody("plate.h5", on="a")}, 1e-3)
+    with pytest.raises(fr.StepError, match="body 'top': it would turn by 5 rad"):
+        fr.World({"top": fr.RigidBody(Sphere(0.1), mass=1.0, angular_velocity=(0, 0, 500))}, 1e-2).step()
+
+
+def test_masses_of_a_million_to_one_touch():
+    """The light one below: it carries the heavy one."""
+    light = fr.RigidBody(Box((0.1,) * 3), mass=1e-3, position=(0, 0, 0.05))
+    heavy = fr.RigidBody(Box((0.1,) * 3), mass=1e3, position=(0, 0, 0.15))
+    world = fr.World({"ground": GROUND, "light": light, "heavy": heavy}, 2e-3, gravity=(0, 0, -G), friction=0.5)
+    for _ in range(3):
+        world.step()
+    assert world.pose("heavy").position[2] == pytest.approx(0.15, abs=1e-9)
+    assert world.force_between("light", "ground")[2] == pytest.approx(1000.001 * G, rel=1e-6)

@@ -1,0 +1,148 @@
+"""Soft bodies among others, held, free and carried: momenta and accounts to round-off."""
+
+import warnings
+
+import numpy as np
+import pytest
+from bodies import box_arrays, scene_text, write_arrays
+
+import fenics_rom as fr
+from fenics_rom.scene.file import parse_scene
+from fenics_rom.world.shapes import Box, Sphere
+
+pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
+LIES = fr.BaseState(np.zeros(3), np.array([1.0, 0, 0, 0]), np.zeros(3), np.zeros(3))
+CLAMPED = {"supports": 'clamped = ["left"]'}
+TOUCHED = {
+    "effects.contact": "",
+    "effects.contact.obstacles.floor": 'shape = "half-space"\npoint = [0.0, 0.0, -10.0]\nnormal = [0.0, 0.0, 1.0]',
+}
+
+
+def reduced(folder, *, frame, order=12, **parts):
+    """A ROM of a beam of 0.3 m along x, whose end and top may be touched."""
+    mesh = write_arrays(folder / "beam.msh", *box_arrays((0.3, 0.03, 0.02), (6, 1, 1)))
+    material = "young = 5e5\npoisson = 0.4\ndensity = 1100.0"
+    text = scene_text(mesh, material=material, damping="alpha = 0.5, beta = 2e-4", **{"supports": None, **parts})
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        return fr.reduce(fr.assemble(parse_scene(f'frame = "{frame}"\n{text}')), order=order)
+
+
+@pytest.fixture(scope="module")
+def roms(tmp_path_factory):
+    kinds = {
+        "held": {"frame": "fixed", **CLAMPED},
+        "free": {"frame": "moving"},
+        "carried": {"frame": "moving", **CLAMPED},
+    }
+    return {kind: reduced(tmp_path_factory.mktemp(kind), **parts, **TOUCHED) for kind, parts in kinds.items()}
+
+
+def momenta(world):
+    """Of all bodies, linear and angular about the origin."""
+    linear, angular = np.zeros(3), np.zeros(3)
+    for name, record in world.bodies.items():
+        pose = world.pose(name)
+        if isinstance(record, fr.SoftBody):
+            P, L = world.simulator(name).momentum
+        else:
+            mass, inertia = record.mass_and_inertia()
+            w, *v = pose.rotation
+            cross = np.array([[0, -v[2], v[1]], [v[2], 0, -v[0]], [-v[1], v[0], 0]])
+            R = np.eye(3) + 2 * w * cross + 2 * cross @ cross
+            P, L = mass * pose.velocity, R @ inertia @ R.T @ pose.angular_velocity
+        linear, angular = linear + P, angular + L + np.cross(pose.position, P)
+    return linear, angular
+
+
+def ride(world, steps):
+    """Takes steps; the largest gap of the account, J, and how many pairs of points touched at most."""
+    start, gap, touching = world.energy, 0.0, 0
+    for _ in range(steps):
+        world.step()
+        gone = world.ledger
+        gap = max(gap, abs(world.energy - start - gone.supplied + gone.dissipated + gone.lost_in_switching))
+        touching = max(touching, world.touching)
+    return gap, touching
+
+
+BOX = {"shape": Box((0.06, 0.06, 0.03)), "density": 500}
+
+
+def test_a_box_falls_on_a_held_beam_and_the_account_closes(roms):
+    box = fr.RigidBody(**BOX, position=(0.25, 0.015, 0.037))
+    world = fr.World({"beam": fr.SoftBody(roms["held"]), "box": box}, 1e-3, gravity=(0, 0, -9.81), friction=0.5)
+    gap, touching = ride(world, 60)
+    assert touching >= 2
+    assert gap < 1e-14
+    np.testing.assert_array_equal(world.force_between("box", "beam"), -world.force_between("beam", "box"))
+    assert world.account("beam").obstacles > 0
+    assert world.ledger.contact > 0
+
+
+def test_a_beam_that_is_put_turned_bends_alike(roms):
+    """By 90° about z, elsewhere: the same, to round-off."""
+    half = np.sqrt(0.5)
+    turns = []
+    for rotation, place, corner in (((1, 0, 0, 0), (0.25, 0.015), (0, 0)), ((half, 0, 0, half), (0.985, 2.25), (1, 2))):
+        box = fr.RigidBody(**BOX, position=(*place, 0.037), rotation=rotation)
+        beam = fr.SoftBody(roms["held"], position=(*corner, 0), rotation=rotation)
+        world = fr.World({"beam": beam, "box": box}, 1e-3, gravity=(0, 0, -9.81), friction=0.5)
+        ride(world, 40)
+        turns.append(world.simulator("beam").displacement())
+    assert np.abs(turns[0]).max() > 1e-4
+    np.testing.assert_allclose(turns[1], turns[0], atol=1e-12)
+
+
+def test_a_free_beam_and_a_box_keep_both_momenta(roms):
+    box = fr.RigidBody(**BOX, position=(0.1, 0, 0.04), velocity=(0.1, 0, -0.5), angular_velocity=(1, 2, 3))
+    world = fr.World({"beam": fr.SoftBody(roms["free"]), "box": box}, 1e-3, friction=0.5)
+    start = momenta(world)
+    gap, touching = ride(world, 60)
+    assert touching >= 2
+    assert gap < 1e-14
+    for now, then in zip(momenta(world), start, strict=True):
+        assert np.abs(now - then).max() < 1e-13
+
+
+def test_two_free_beams_that_meet_keep_linear_momentum(roms):
+    """Angular momentum to second order of the step only: forces act across the gap that is left."""
+    above = fr.SoftBody(
+        roms["free"], position=(0.02, 0.004, 0.026), rotation=(0, np.cos(0.1), np.sin(0.1), 0), velocity=(0, 0, -0.3)
+    )
+    for friction, kept in ((0.0, 1e-7), (0.5, 1e-5)):
+        world = fr.World({"below": fr.SoftBody(roms["free"]), "above": above}, 1e-3, friction=friction)
+        (P, L), (gap, touching) = momenta(world), ride(world, 25)
+        assert touching >= 1
+        assert gap < 1e-14
+        assert np.abs(momenta(world)[0] - P).max() < 1e-14
+        assert np.abs(momenta(world)[1] - L).max() < kept
+
+
+def test_a_carried_beam_lifts_a_box(roms):
+    """The work of what carries it is supplied."""
+    rises = np.array([0, 0, 0.1])
+    palm = fr.RigidBody(Sphere(0.005), motion=lambda t: LIES._replace(position=t * rises, velocity=rises))
+    box = fr.RigidBody(**BOX, position=(0.2, 0.0, 0.0255))
+    beam = fr.SoftBody(roms["carried"], on="palm")
+    world = fr.World(
+        {"palm": palm, "beam": beam, "box": box}, 1e-3, gravity=(0, 0, -9.81), friction=0.5, apart=[("palm", "beam")]
+    )
+    gap, touching = ride(world, 30)
+    assert touching >= 2
+    assert gap < 1e-13
+
+
+def test_what_a_world_refuses_of_soft_bodies(roms):
+    with pytest.raises(fr.SceneError, match=r"body 'beam': ROM .* is carried: allowed is on = BODY"):
+        fr.World({"beam": fr.SoftBody(roms["carried"])}, 1e-3)
+    with pytest.raises(fr.SceneError, match=r"body 'beam': ROM .* is not carried"):
+        fr.World({"beam": fr.SoftBody(roms["held"], on="palm"), "palm": fr.RigidBody(Sphere(0.1), motion=LIES)}, 1e-3)
+    with pytest.raises(fr.SceneError, match="on = 'box': allowed is a rigid body with a motion"):
+        fr.World({"beam": fr.SoftBody(roms["carried"], on="box"), "box": fr.RigidBody(**BOX)}, 1e-3)
+    world = fr.World({"beam": fr.SoftBody(roms["held"]), "box": fr.RigidBody(**BOX, position=(0, 0, 1))}, 1e-3)
+    with pytest.raises(fr.StepError, match="body 'box' is rigid"):
+        world.step({"box": {}})
+    with pytest.raises(fr.StepError, match="no input 'flexor'; there is right"):
+        world.step({"beam": {"flexor": 1.0}})
