@@ -9,7 +9,8 @@ displacements. What this costs is memory traffic: bodies go through the step in 
 of all arrays are bodies sorted by contact mode, so that a force is one product for each mode of a chunk. A switch
 projects the state where it is.
 
-Bodies that an obstacle may be within reach of take their step again, with contact (`batch_contact.py`).
+Bodies that an obstacle may be within reach of take their step again, with contact (`batch_contact.py`). Those that
+bend far take one of another kind (`batch_deformation.py`).
 """
 
 import math
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
 
     from fenics_rom.mechanics.active_environment import SignalLike
     from fenics_rom.runtime.batch_contact import BatchContact
+    from fenics_rom.runtime.batch_deformation import BatchDeformation
 
 MOST_TOGETHER = 1024  # bodies whose contact is found together: what their arrays take is bounded
 
@@ -58,8 +60,9 @@ class Batch(BatchedBodies):
 
     Raises:
         StepError: size is not a whole number > 0, dt not a positive finite number, or dtype another one, or not float64
-            where there is contact; or the scene has what `Simulator` steps alone: no inertia, strokes, large
-            deformation, contact by springs or without residual compliance; or the body begins in an obstacle.
+            where there is contact or large deformation; or the scene has what `Simulator` steps alone: no inertia,
+            strokes, large deformation but of St. Venant-Kirchhoff's material without contact, contact by springs or
+            without residual compliance; or the body begins in an obstacle.
 
     Example:
         >>> bodies = fr.Batch(rom, size=4, dt=1e-3)
@@ -86,8 +89,6 @@ class Batch(BatchedBodies):
         if np.dtype(dtype) not in (np.float64, np.float32):
             raise StepError(f"dtype = {dtype!r}: allowed are float64 and float32")
         rom, self._environment = fit_batch(rom, signals)
-        if rom.deformation is not None:
-            raise StepError(f"ROM {rom.name!r} has large deformation in its scene, which Simulator steps, one by one")
         self.rom, self.size, self.dtype = rom, int(size), np.dtype(dtype)
         self._models = PaddedModels(rom, self.dtype)
         modes, p, m = self._models.inputs.shape
@@ -97,10 +98,15 @@ class Batch(BatchedBodies):
         self._account = np.zeros((6, self.size))
         self._works = np.empty((2, self.size), self.dtype)
         self._ones = np.ones(m, self.dtype)
-        self._contacts = None
-        if self._environment is not None and self._environment.environment.contact_law is not None:
-            if self.dtype != np.float64:
-                raise StepError("dtype = float32: allowed where there is contact is float64")
+        self._contacts = self._deformation = None
+        touches = self._environment is not None and self._environment.environment.contact_law is not None
+        if (touches or rom.deformation is not None) and self.dtype != np.float64:
+            raise StepError("dtype = float32: allowed where there is contact or large deformation is float64")
+        if rom.deformation is not None:
+            from fenics_rom.runtime.batch_deformation import BatchDeformation  # here, as few scenes have it
+
+            self._deformation = BatchDeformation(rom, self._models.inputs, self._models.contact_columns, self.size)
+        if self._environment is not None and touches:
             from fenics_rom.runtime.batch_contact import BatchContact  # here, as few scenes have contact
 
             self._contacts = BatchContact(rom, self._environment, m, self.size)
@@ -136,6 +142,8 @@ class Batch(BatchedBodies):
         self._input_limit = self._number_limit / max(1.0, gain.max())
         if self._contacts is not None:
             self._contacts.set_time_step(h)
+        if self._deformation is not None:
+            self._deformation.set_time_step(h)
 
     def set_state(self, q: ArrayLike, r: ArrayLike, bodies: Bodies = None, *, on_error: str = "raise") -> None:
         """Puts bodies into states; contact modes, times, accounts and obstacles stay.
@@ -170,6 +178,8 @@ class Batch(BatchedBodies):
             inside = self._contacts.inside(selected, modes, self._dt / 2 * state[0])
             self._contacts.begin(selected, self._allowed_inside(selected, inside, on_error))
         self._layout.state[:, self._layout.row[selected]] = state
+        if self._deformation is not None:
+            self._deformation.begin(selected, self._dt / 2 * state[0], state[1])
 
     def reset(self, bodies: Bodies = None, *, on_error: str = "raise") -> None:
         """Puts bodies at rest in the first contact mode, at time 0 and with an empty account.
@@ -187,6 +197,8 @@ class Batch(BatchedBodies):
             self._contacts.reset(selected, self._allowed_inside(selected, inside, on_error))
         self._layout.reset(selected)
         self._account[:, selected] = 0
+        if self._deformation is not None:
+            self._deformation.begin(selected, *np.zeros((2, len(selected), self._models.frequencies.shape[1])))
 
     def place_obstacle(self, name: str, displacement: ArrayLike, bodies: Bodies = None) -> None:
         """Has an obstacle of each body be elsewhere than the scene says, from the end of the next step on.
@@ -229,7 +241,7 @@ class Batch(BatchedBodies):
         state, rows = self._layout.state, self._layout.row[selected]
         before = self._energy(rows) if self._ledger else 0.0
         pairs = start * len(numbers) + end
-        for pair in np.unique(pairs):
+        for pair in np.unique(pairs) if self._deformation is None else ():  # else contact modes share a basis
             moved, (first, second) = rows[pairs == pair], divmod(int(pair), len(numbers))
             strained = self._dt / 2 * state[0, moved] * self._models.frequencies[first]
             state[:, moved] = state[:, moved] @ self._models.switch_map(first, second)
@@ -238,6 +250,8 @@ class Batch(BatchedBodies):
                 e = self._contacts.carry_over(first, second, selected[pairs == pair], strained)
                 state[0, moved, elastic] = 2 / self._dt * e / self._models.frequencies[second, elastic]
         self._layout.enter(selected, end)
+        if self._deformation is not None:
+            self._deformation.forget_tangents(selected)
         if self._ledger:
             self._account[LOST, selected] += before - self._energy(rows)
 
@@ -247,8 +261,9 @@ class Batch(BatchedBodies):
         Args:
             u: (size, p) N, or (p,) for all: contact columns, filled up to the contact mode that has most, then the
                 actuators'. Columns that a body's contact mode lacks do nothing, but must hold finite numbers, too.
-            on_error: what becomes of bodies whose input is not finite or absurdly large: "raise" an error, or "hold"
-                them still for this step, with state, time and account as they were, while the others go on.
+            on_error: what becomes of bodies whose input, or state after the step, is not finite or absurdly large:
+                "raise" an error, or "hold" them still for this step, with state, time and account as they were, while
+                the others go on.
 
         Returns:
             Indices of the bodies that were held still, also as they began inside an obstacle; mostly (0,).
@@ -264,14 +279,16 @@ class Batch(BatchedBodies):
             held = np.union1d(held, contacts.frozen.nonzero()[0])
             contacts.begin_step(self._account[TIME], held)
             self._follow_obstacles(contacts)
-        layout, (factors, push, couplings) = self._layout, self._coefficients
-        chunks = layout.sort(factors)
-        if len(held):
-            before = layout.state[:, layout.row[held]], self._account[:, held]
         if self._environment is not None:
             times, which = np.unique(self._account[TIME], return_inverse=True)
             loads = np.array([self._environment.loads_at(time + self._dt / 2) for time in times])
             u = np.hstack([u, loads[which]])
+        if self._deformation is not None:
+            return self._bend(self._deformation, u, held, on_error)
+        layout, (factors, push, couplings) = self._layout, self._coefficients
+        chunks = layout.sort(factors)
+        if len(held):
+            before = layout.state[:, layout.row[held]], self._account[:, held]
         np.take(u, layout.body, axis=0, out=layout.inputs, mode="clip")  # the other modes of take go through a buffer
         for x, r, elastic, inertial, w, spare, segments in chunks:
             for segment in segments:
@@ -297,6 +314,31 @@ class Batch(BatchedBodies):
         self.steps += 1
         if len(held):
             layout.state[:, layout.row[held]], self._account[:, held] = before
+        return held
+
+    def _bend(self, deformation: "BatchDeformation", u: Array, held: Array, on_error: str) -> Array:
+        """The step of bodies with large deformation."""
+        layout = self._layout
+        x, r = layout.state[:, layout.row].transpose(0, 2, 1)
+        v, works = deformation.step(layout.mode, self._dt / 2 * x, r, u)
+        lost = ~(np.isfinite(v).all(axis=0) & np.isfinite(works).all(axis=0))
+        if lost.any():
+            lost[held] = False
+            if lost.any() and on_error == "raise":
+                raise StepError(
+                    f"step {self.steps}, body {lost.argmax()}: its state after the step is not finite; all bodies were "
+                    "left as they were"
+                )
+            held = np.union1d(held, lost.nonzero()[0])
+        goes = np.ones(self.size, bool)
+        goes[held] = False
+        x, r = np.where(goes, x + 2 * v, x), np.where(goes, 2 * v - r, r)
+        layout.state[:, layout.row] = x.T, r.T
+        deformation.accept(held, self._dt / 2 * x)
+        self._account[TIME] += self._dt * goes
+        if self._ledger:
+            self._account[SUPPLIED : DISSIPATED + 1] += np.where(goes, works, 0.0)
+        self.steps += 1
         return held
 
     def _respond(self, segment: Segment, coupling: tuple[Array, Array] | None, works: Array) -> None:
@@ -349,29 +391,3 @@ class Batch(BatchedBodies):
                 'on_error="hold"; all bodies were left as they were'
             )
         return inside
-
-    def _check_input(self, u: ArrayLike, on_error: str) -> tuple[Array, Array]:
-        """Inputs (size, p), and the bodies to hold still; theirs are zero then."""
-        u = np.asarray(u)
-        if u.shape not in ((self.size, self.inputs), (self.inputs,)):
-            raise StepError(
-                f"input: allowed are {self.inputs} numbers in N for each of {self.size} bodies, or for all; "
-                f"given: an array of shape {u.shape}"
-            )
-        if u.dtype.kind not in "fiub":
-            raise StepError(f"input: allowed are real numbers in N, given: an array of {u.dtype}")
-        if u.dtype != self.dtype:
-            with np.errstate(over="ignore"):
-                u = u.astype(self.dtype)
-        flat = u.ravel()
-        u = np.broadcast_to(u, (self.size, self.inputs))
-        if flat.dot(flat) <= self._input_limit**2:
-            return u, np.empty(0, dtype=int)
-        allowed = (np.abs(u) <= self._input_limit).all(axis=1)  # NaN is not, either
-        held = np.flatnonzero(~allowed)
-        if len(held) and on_error == "raise":
-            raise StepError(
-                f"step {self.steps}, body {held[0]}: input {u[held[0]].tolist()}: allowed are finite numbers within "
-                f"{self._input_limit:.0e}, in N; all bodies were left as they were"
-            )
-        return np.where(allowed[:, None], u, 0), held

@@ -1,4 +1,4 @@
-"""What can be read of a batch of bodies, in the words of their ROM."""
+"""What can be read of a batch of bodies, and given to it, in the words of their ROM."""
 
 from typing import TYPE_CHECKING
 
@@ -13,6 +13,7 @@ from fenics_rom.runtime.batch_arrays import BatchLayout, Bodies, PaddedModels, S
 
 if TYPE_CHECKING:
     from fenics_rom.runtime.batch_contact import BatchContact
+    from fenics_rom.runtime.batch_deformation import BatchDeformation
 
 TIME, SUPPLIED, DISSIPATED, LOST, BY_OBSTACLES, BY_CONTACT = range(6)  # rows of the account
 
@@ -29,6 +30,8 @@ class BatchedBodies:
     _layout: BatchLayout
     _coefficients: StepCoefficients
     _contacts: "BatchContact | None"
+    _deformation: "BatchDeformation | None"
+    _input_limit: float
     _ledger: bool
     _account: Array
 
@@ -111,6 +114,19 @@ class BatchedBodies:
         """Number of steps (size,) since each body's last reset whose contact forces were left inexact."""
         return self._with_contact().inexact.copy()
 
+    @property
+    def beyond_training(self) -> Array:
+        """Bodies (size,) that since their last reset bent further than their model is to be trusted."""
+        return np.zeros(self.size, bool) if self._deformation is None else self._deformation.beyond_training
+
+    @property
+    def mismatch(self) -> Array:
+        """By how much strains that steps carry along missed those of the shape (size,), relative, since the last reset.
+
+        Above some 0.03 the steps are too long. 0 without large deformation.
+        """
+        return np.zeros(self.size) if self._deformation is None else self._deformation.mismatch
+
     def contact_force(self, obstacle: str) -> Array:
         """Resultant of the forces of an obstacle on every body in the last step, (size, 3), N.
 
@@ -179,6 +195,8 @@ class BatchedBodies:
     def _energy(self, rows: slice | Array) -> Array:
         x, r = self._layout.state[:, rows].astype(float)
         bodies = self._layout.body[rows]
+        if self._deformation is not None:
+            return self._deformation.energy(bodies, self._dt / 2 * x, r)
         modes = self._layout.mode[bodies]
         x *= self._dt / 2 * self._models.frequencies[modes]
         energy: Array = (np.einsum("bm,bm->b", x, x) + np.einsum("bm,bm->b", r, r)) / 2
@@ -198,3 +216,29 @@ class BatchedBodies:
                 np.matmul(layout.state[part, segment.rows], maps[segment.mode], out=field[segment.rows])
         field = np.take(field, layout.row, axis=0)
         return field.reshape(self.size, -1, 3) if len(self.rom.nodes) else field
+
+    def _check_input(self, u: ArrayLike, on_error: str) -> tuple[Array, Array]:
+        """Inputs (size, p), and the bodies to hold still; theirs are zero then."""
+        u = np.asarray(u)
+        if u.shape not in ((self.size, self.inputs), (self.inputs,)):
+            raise StepError(
+                f"input: allowed are {self.inputs} numbers in N for each of {self.size} bodies, or for all; "
+                f"given: an array of shape {u.shape}"
+            )
+        if u.dtype.kind not in "fiub":
+            raise StepError(f"input: allowed are real numbers in N, given: an array of {u.dtype}")
+        if u.dtype != self.dtype:
+            with np.errstate(over="ignore"):
+                u = u.astype(self.dtype)
+        flat = u.ravel()
+        u = np.broadcast_to(u, (self.size, self.inputs))
+        if flat.dot(flat) <= self._input_limit**2:
+            return u, np.empty(0, dtype=int)
+        allowed = (np.abs(u) <= self._input_limit).all(axis=1)  # NaN is not, either
+        held = np.flatnonzero(~allowed)
+        if len(held) and on_error == "raise":
+            raise StepError(
+                f"step {self.steps}, body {held[0]}: input {u[held[0]].tolist()}: allowed are finite numbers within "
+                f"{self._input_limit:.0e}, in N; all bodies were left as they were"
+            )
+        return np.where(allowed[:, None], u, 0), held

@@ -69,8 +69,8 @@ def fit_batch(rom: Rom, signals: Mapping[str, SignalLike] | None) -> tuple[Rom, 
     """The same for many bodies at once.
 
     Raises:
-        StepError: what acts is not known before a step, and is not rigid contact with residual compliance; or as
-            fit_environment.
+        StepError: what acts is not known before a step, and is not rigid contact with residual compliance of a linear
+            body; or as fit_environment.
     """
     if rom.environment.is_plain and not signals:
         return rom, None
@@ -83,6 +83,8 @@ def fit_batch(rom: Rom, signals: Mapping[str, SignalLike] | None) -> tuple[Rom, 
             f"ROM {rom.name!r} has strokes, tendon friction or no inertia in its scene: allowed are forces that are "
             f"known before a step, and contact; {one_by_one}"
         )
+    if law is not None and rom.deformation is not None:
+        raise StepError(f"ROM {rom.name!r} has contact with large deformation: {one_by_one}")
     definite = acting.residual_compliance and rom.residual_compliance is not None
     if law is not None and (law.stiffness is not None or not definite):
         raise StepError(

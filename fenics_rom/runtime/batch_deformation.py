@@ -1,0 +1,263 @@
+"""Large deformation of the bodies of a batch: one linear system a step for each, and products for all of them at once.
+
+The step is that of `steppers/linearly_implicit.py`, for a material whose stress is linear in the strain (St.
+Venant-Kirchhoff), in coordinates of monomials (`rom/carried_strains.py`). Arrays hold bodies along their last axis.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.errors import StepError
+from fenics_rom.rom.carried_strains import StrainTables
+from fenics_rom.rom.deformation import ReducedTendon
+from fenics_rom.rom.rom import Rom
+from fenics_rom.runtime.steppers.finite_strain import TRUSTED_EXTENT, definite_inverse
+from fenics_rom.runtime.steppers.linearly_implicit import TANGENT_RENEWAL
+
+TOGETHER = 128  # bodies that go through a step together, so that their arrays stay in the cache
+
+
+class _Carried(NamedTuple):
+    """What is carried along beside the states of B bodies."""
+
+    strains: Array  # ε (r, B)
+    stressed: Array  # C₀ε (r, B)
+    velocity: Array  # v̂ of the step before (m, B)
+    tank: Array  # of energy that was dissipated (1, B), J
+    inverse: Array  # of the tangent (m m, B)
+    strained: Array  # largest energy of the strains so far (1, B), J
+    mismatch: Array  # of ε and the shape's strains so far, relative (1, B)
+    stale: Array  # whether the tangent is to be made anew (1, B)
+
+    def of(self, bodies: slice) -> "_Carried":
+        """A view of some bodies."""
+        return _Carried(*(part[:, bodies] for part in self))
+
+
+class BatchDeformation:
+    """How far bodies of a ROM with large deformation have gone, and their steps.
+
+    Args:
+        rom: of St. Venant-Kirchhoff's material with one viscosity.
+        inputs: (c, p, m) of each contact mode, filled up to the most contact columns.
+        first: number of these.
+        size: number of bodies B.
+
+    Attributes:
+        distance: (B,) |q| at most, m kg^1/2.
+
+    Raises:
+        StepError: the material is another one.
+    """
+
+    def __init__(self, rom: Rom, inputs: Array, first: int, size: int):
+        assert rom.deformation is not None
+        self._body = body = rom.deformation
+        if body.law != "st_venant_kirchhoff" or np.ptp(body.viscosity):
+            raise StepError(
+                f"ROM {rom.name!r} has large deformation with the material {body.law!r}: allowed in a batch is "
+                '"st_venant_kirchhoff" with one damping; Simulator steps such bodies, one by one'
+            )
+        self._tables, self._β = StrainTables.of(body), float(body.viscosity[0])
+        i, j = self._tables.first, self._tables.second
+        self._half = np.where(i == j, 0.5, 1.0)[:, None]
+        self._dead = inputs.copy()
+        self._pressures: list[tuple[int, Array, Array]] = []
+        self._tendons: list[tuple[int, ReducedTendon]] = []
+        column, m = first, body.order
+        for name, columns in rom.actuators.items():
+            if name in body.pressures:
+                force = body.pressures[name]
+                by_strains = np.hstack([force[:, 1 : m + 1], force[:, m + 1 :] / self._half.T])
+                self._pressures.append((column, force[:, :1], by_strains))
+            elif name in body.tendons:
+                self._tendons.append((column, body.tendons[name]))
+            if name in body.pressures or name in body.tendons:
+                self._dead[:, column] = 0.0
+            column += columns
+        r = len(self._tables.gram)
+        widths = r, r, m, 1, m * m, 1, 1
+        self._now, self._next = (
+            _Carried._make([*(np.zeros((width, size)) for width in widths), np.ones((1, size), bool)]) for _ in range(2)
+        )
+        self.distance = np.zeros(size)
+
+    def set_time_step(self, h: float) -> None:
+        """Has the tangents made anew for another time step, s."""
+        self._h, body = h, self._body
+        self._fixed = 2 / h * np.eye(body.order) + body.external_damping + h / 2 * body.springs
+        self._now.stale[:] = True
+
+    def forget_tangents(self, bodies: Array) -> None:
+        """Has those of some bodies be made anew."""
+        self._now.stale[:, bodies] = True
+
+    def begin(self, bodies: Array, q: Array, r: Array) -> None:
+        """Bodies (B,) are put to q and r (B, m)."""
+        now, strains = self._now, self._at(q.T)
+        now.strains[:, bodies], now.stressed[:, bodies] = strains, self._tables.gram @ strains
+        now.velocity[:, bodies], now.tank[:, bodies], now.stale[:, bodies] = r.T, 0.0, True
+        now.strained[:, bodies] = now.mismatch[:, bodies] = self.distance[bodies] = 0.0
+
+    def energy(self, bodies: Array, q: Array, r: Array) -> Array:
+        """Stored (B,), of bodies at q and r (B, m), J."""
+        stored = np.einsum("rb,rb->b", self._now.strains[:, bodies], self._now.stressed[:, bodies])
+        stored += np.einsum("bm,bm->b", q @ self._body.springs, q)
+        energy: Array = (stored + np.einsum("bm,bm->b", r, r)) / 2
+        return energy
+
+    @property
+    def mismatch(self) -> Array:
+        """(B,) of the strains that are carried along, relative to the largest, at most; in the energy norm."""
+        mismatch: Array = self._now.mismatch[0].copy()
+        return mismatch
+
+    @property
+    def beyond_training(self) -> Array:
+        """Bodies (B,) that went further than their model is to be trusted."""
+        return self.distance > TRUSTED_EXTENT * self._body.training_radius
+
+    def step(self, mode: Array, q: Array, r: Array, u: Array) -> tuple[Array, Array]:
+        """The step of all bodies, in contact modes (B,), from q and r (m, B) under u (B, p); nothing is changed yet.
+
+        Returns:
+            Mid-step velocities v̂ (m, B), which need not be finite, and works (2, B) supplied and dissipated, J.
+        """
+        v, works = np.empty_like(q), np.empty((2, q.shape[1]))
+        with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
+            for start in range(0, len(mode), TOGETHER):
+                part = slice(start, min(start + TOGETHER, len(mode)))
+                dead = np.empty((len(q), part.stop - start))
+                for k in np.unique(mode[part]):
+                    own = mode[part] == k
+                    dead[:, own] = (u[part][own] @ self._dead[k]).T
+                v[:, part], works[:, part] = self._stepped(part, dead, q[:, part], r[:, part], u[part].T)
+        return v, works
+
+    def accept(self, held: Array, q: Array) -> None:
+        """The step is taken, to q (m, B), but for bodies that are held."""
+        for part, before in zip(self._next, self._now, strict=True):
+            part[:, held] = before[:, held]
+        self._now, self._next = self._next, self._now
+        np.maximum(self.distance, np.sqrt(np.einsum("mb,mb->b", q, q)), out=self.distance)
+
+    def _stepped(self, part: slice, dead: Array, q: Array, r: Array, u: Array) -> tuple[Array, Array]:
+        """As `step`, of some bodies under dead loads (m, B); what is carried along goes to `_next`."""
+        h, β, body, gram = self._h, self._β, self._body, self._tables.gram
+        now, then, B = self._now.of(part), self._next.of(part), q.shape[1]
+        expected = self._expected(now, then, dead, q, r, u)
+        middle = q + h / 2 * expected
+        strains = self._at(middle)
+        pushed = self._loads(dead, u, middle, strains)
+        right = pushed + 2 / h * r - body.springs @ q - self._pulled(middle, now.stressed)
+        matrices = self._matrices(strains)
+        lost = ~np.isfinite(matrices).all(axis=(1, 2))
+        matrices[lost] = np.eye(len(q))
+        v = np.linalg.solve(matrices, right.T[:, :, None])[:, :, 0].T
+        v[:, lost] = math.nan
+        missed = v - expected
+        then.stale[0] = (missed * missed).sum(axis=0) > TANGENT_RENEWAL**2 * (v * v).sum(axis=0)
+        then.velocity[:] = v
+
+        rates, after = self._rates(middle, v), self._at(q + h * v)
+        stressed, stressed_after = np.hsplit(gram @ np.hstack([rates, after]), [B])
+        drawn = h * (_dot(v, body.external_damping @ v) + β * _dot(rates, stressed))
+        np.multiply(rates, h, out=rates)
+        rates += now.strains
+        stressed *= h
+        stressed += now.stressed
+        # The strains are taken back to those of the shape, as `LinearlyImplicit._taken_back` says.
+        gap, gap_stressed = after - rates, stressed_after - stressed
+        square, slope, strained = _dot(gap, gap_stressed), _dot(gap_stressed, rates), _dot(after, stressed_after)
+        budget = now.tank[0] + drawn
+        share = np.ones(B)
+        over = (slope + square / 2 > budget) & (square > 0)
+        root = np.sqrt(np.maximum(slope**2 + 2 * square * budget, 0.0))
+        limited = np.where(slope > 0, 2 * budget / (slope + root), (root - slope) / square)
+        share[over] = np.minimum(limited[over], 1.0)
+        added = share * slope + share**2 * square / 2
+        np.add(rates, share * gap, out=then.strains)
+        np.add(stressed, share * gap_stressed, out=then.stressed)
+        then.tank[0] = np.minimum(np.maximum(budget - added, 0.0), strained)
+        then.strained[0] = most = np.maximum(now.strained[0], strained)
+        off = np.sqrt((1 - share) ** 2 * square / np.where(most > 0, most, 1.0))
+        then.mismatch[0] = np.maximum(now.mismatch[0], off)
+        return v, np.stack([h * _dot(pushed, v), drawn - added])
+
+    def _expected(self, now: _Carried, then: _Carried, dead: Array, q: Array, r: Array, u: Array) -> Array:
+        """v̂ (m, B) by one iteration of Newton's from the step before, as `LinearlyImplicit._expected`."""
+        h, body, v, m = self._h, self._body, now.velocity, len(q)
+        middle = q + h / 2 * v
+        strains = self._at(middle)
+        stressed = self._tables.gram @ (strains + self._β * self._rates(middle, v))
+        residual = 2 / h * (v - r) + body.external_damping @ v + body.springs @ middle + self._pulled(middle, stressed)
+        residual -= self._loads(dead, u, middle, strains)
+        then.inverse[:] = now.inverse
+        stale = now.stale[0].nonzero()[0]
+        if len(stale):
+            geometric = stressed[m:, stale].T[:, self._tables.place]
+            for body_, matrix, stiff in zip(stale, self._matrices(strains[:, stale]), geometric, strict=True):
+                then.inverse[:, body_] = definite_inverse(matrix + h / 2 * stiff, matrix).ravel()
+        expected: Array = v - np.einsum("ijb,jb->ib", then.inverse.reshape(m, m, -1), residual)
+        far = h / 2 * np.sqrt(_dot(expected, expected))
+        expected *= np.where(far > body.training_radius, body.training_radius / far, 1.0)
+        expected[:, ~np.isfinite(far)] = 0.0
+        return expected
+
+    def _at(self, q: Array) -> Array:
+        """Coordinates (r, B) of the strains at q (m, B)."""
+        m, strains = len(q), np.empty((len(self._tables.gram), q.shape[1]))
+        strains[:m] = q
+        np.multiply(q[self._tables.first], q[self._tables.second], out=strains[m:])
+        strains[m:] *= self._half
+        return strains
+
+    def _rates(self, q: Array, v: Array) -> Array:
+        """What they change by."""
+        m, rates, (i, j) = len(q), np.empty((len(self._tables.gram), q.shape[1])), self._tables[:2]
+        rates[:m] = v
+        np.multiply(q[i], v[j], out=rates[m:])
+        rates[m:] += q[j] * v[i]
+        rates[m:] *= self._half
+        return rates
+
+    def _pulled(self, q: Array, stressed: Array) -> Array:
+        """Forces (m, B) of stresses (r, B) at q (m, B)."""
+        m = len(q)
+        force: Array = np.einsum("ijb,jb->ib", stressed[m:][self._tables.place], q)
+        force += stressed[:m]
+        return force
+
+    def _matrices(self, strains: Array) -> Array:
+        """2/h + D + h/2 K (B, m, m) but for stresses."""
+        table = self._tables.stiffness
+        upper = strains.T @ table[:, 1:].T
+        upper += table[:, 0]
+        upper *= self._h / 2 + self._β
+        matrices: Array = upper.take(self._tables.place, axis=1)
+        matrices += self._fixed
+        return matrices
+
+    def _loads(self, dead: Array, u: Array, q: Array, strains: Array) -> Array:
+        """Generalized forces (m, B) of the inputs (p, B) on bodies at q (m, B)."""
+        force = dead.copy()
+        for column, at_rest, by_strains in self._pressures:
+            force += u[column] * (by_strains @ strains + at_rest)
+        for column, tendon in self._tendons:
+            points = tendon.points[:, :, None] + (tendon.shapes @ q).reshape(-1, 3, q.shape[1])
+            pulls = points[1:] - points[:-1]
+            pulls *= u[column] / np.sqrt(np.square(pulls).sum(axis=1, keepdims=True))
+            forces = np.zeros_like(points)
+            forces[:-1] = pulls
+            forces[1:] -= pulls
+            force += tendon.shapes.T @ forces.reshape(-1, q.shape[1])
+        return force
+
+
+def _dot(one: Array, other: Array) -> Array:
+    """Scalar products (B,) of columns."""
+    product: Array = np.einsum("rb,rb->b", one, other)
+    return product
