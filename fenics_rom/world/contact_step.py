@@ -19,7 +19,7 @@ from fenics_rom.mechanics.complementarity.solution import LARGEST_RESIDUAL, NEGL
 from fenics_rom.world.bodies import Body, Points
 
 TOLERANCE = 1e-15  # of the velocities: what the next sweep may change
-ROUND_OFF = 1e-14  # of them: a change that is none
+ROUND_OFF = 1e-13  # of them: a change that is none
 STAGNATION = 1e-12  # of them: as near as round-off lets some come
 MOST_SWEEPS = 200
 PATIENCE = 60  # sweeps, after which forces may stay that lack no more than what any contact forces may lack

@@ -32,6 +32,7 @@ class Driven:
         self.size = 0.0 if shape is None else shape.radius_around
         self.time = 0.0
         self._start = self._end = motion(0.0)
+        self._given, self._is_still = self._start, False
 
     @property
     def pose(self) -> BaseState:
@@ -53,7 +54,11 @@ class Driven:
         if h == 0:
             self._middle, self._middle_rotation = self._start.position, rotation_matrix(self._start.rotation)
             return
-        start, end = self._start, checked_base(self._motion(self.time + h), f"its motion at {self.time + h:g} s")
+        given = self._motion(self.time + h)
+        if given is self._given and self._is_still:
+            return
+        start, end = self._start, checked_base(given, f"its motion at {self.time + h:g} s")
+        self._given = given
         self._end = end
         between = quaternion_product(start.rotation * CONJUGATE, end.rotation)
         if not 2 * np.arccos(min(1.0, abs(float(between[0])))) <= MOST_TURNED:
@@ -63,6 +68,7 @@ class Driven:
         self._mean, self._middle_rotation = (R + R_end) / 2, R.dot(cayley(turn / 2))
         self._v̂, self._ω̂ = (end.position - start.position) / h, R.dot(turn / h)
         self._middle = (start.position + end.position) / 2
+        self._is_still = not (self._v̂.any() or self._ω̂.any())
 
     def placed(self) -> PlacedShape | None:
         """As in Body."""

@@ -78,4 +78,4 @@ def _soft(
             )
         carrier = found
     rom = given_rom("SoftBody", record.rom)
-    return Soft(name, rom, dt, record.pose(f"body {name!r}"), carrier, record.signals)
+    return Soft(name, rom, dt, record.pose(f"body {name!r}"), carrier, record.signals, len(records) == 1)

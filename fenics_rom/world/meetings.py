@@ -41,18 +41,18 @@ class Meeting:
 
     def look(self, first: Placed, second: Placed, margin: float) -> None:
         """Finds the contacts that are nearer than a margin, m."""
-        if self._looked_at is not None and all(map(self._is_still, (first, second), self._looked_at)):
+        if self._looked_at is not None and first is self._looked_at[0] and second is self._looked_at[1]:
             return
         contacts = find_contacts(first, second, margin)
         self.contacts, self._looked_at = contacts if len(contacts.gaps) else None, (first, second)
 
-    def _is_still(self, now: Placed, then: Placed) -> bool:
-        if now is then:
-            return True
-        if not (isinstance(now, PlacedShape) and isinstance(then, PlacedShape)):
-            return False
-        moved, turned = np.abs(now.position - then.position), np.abs(now.rotation - then.rotation)
-        return bool(moved.max() <= STILL * self.size and turned.max() <= STILL)
+
+def is_still(now: Placed | None, then: Placed | None, size: float) -> bool:
+    """Whether a rigid body of a size, m, lies as it lay."""
+    if not (isinstance(now, PlacedShape) and isinstance(then, PlacedShape)):
+        return False
+    moved, turned = np.abs(now.position - then.position), np.abs(now.rotation - then.rotation)
+    return bool(moved.max() <= STILL * size and turned.max() <= STILL)
 
 
 def check_apart(bodies: Sequence[Body], names: Sequence[str], meetings: Sequence[Meeting]) -> None:

@@ -10,6 +10,7 @@ bodies share, at x - p̂ from the middle of the way of the centre; a joint at th
 as the point then goes by h ŝ exactly.
 """
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -18,7 +19,17 @@ from numpy import ndarray as Array
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
-from fenics_rom.mechanics.frame_motion import cayley, cross_matrix, rotation_matrix, turned
+from fenics_rom.mechanics.frame_motion import (
+    ZERO,
+    Vector,
+    added,
+    cayley,
+    cross,
+    cross_matrix,
+    dot,
+    rotation_matrix,
+    turned,
+)
 from fenics_rom.world.bodies import Points, cross_maps, torque_of
 from fenics_rom.world.collision.contacts import PlacedShape
 from fenics_rom.world.shapes import Shape
@@ -26,6 +37,7 @@ from fenics_rom.world.shapes import Shape
 TOLERANCE = 1e-16  # of the angular velocity: what the next correction may be
 STAGNATION = 1e-12  # of it: as near as round-off of large forces of joints lets it come
 MOST_ITERATIONS = 50
+AXES: tuple[Vector, ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 LARGEST_TURN = 1.5  # rad in a step: beyond it there may be no step, or another one
 
 
@@ -54,6 +66,7 @@ class Rigid:
     def __init__(self, shape: Shape, mass: float, inertia: Array, pose: BaseState, gravity: Array):
         self.account, self._shape, self.size = EnergyLedger(), shape, shape.radius_around
         self.mass, self._inertia, self._inverse = mass, inertia, np.linalg.inv(inertia)
+        self._columns = tuple(map(vector, inertia))
         self._gravity = gravity
         self.place(pose)
 
@@ -131,24 +144,37 @@ class Rigid:
 
     def _turning(self, τ: Array, held: Array | None) -> tuple[Array, Array, Array]:
         """ω̂ under a torque and a moment Σ y fᵀ (3, 3) of joints; the whole torque; and (R + R⁺)/2."""
-        h, inertia, R, x = self._h, self._inertia, self._R, self._ω
-        L, whole, mean, before, t = inertia.dot(x), τ, R, 0.0, R.T.dot(τ)
+        h, R, whole, mean = self._h, self._R, τ, self._R
+        twice, half = 2 / h, h / 2
+        a, b, c = self._columns
+        x, t, before = vector(self._ω), vector(R.T.dot(τ)), 0.0
+        L = _combined(x, a, b, c)
         forced = 0.0 if held is None else h * float(np.abs(self._inverse).max() * np.abs(held).max())
         for _ in range(MOST_ITERATIONS):
             if held is not None:
-                mean = (R + R.dot(cayley(h * x))) / 2
+                mean = (R + R.dot(cayley((h * x[0], h * x[1], h * x[2])))) / 2
                 whole = τ + torque_of(mean.dot(held))
-                t = R.T.dot(whole)
-            Ix, turn = inertia.dot(x), cross_matrix(x)
-            ρ = 2 / h * (Ix - L) + turn.dot(Ix + h / 2 * t) - t
-            if not ρ.any():
+                t = vector(R.T.dot(whole))
+            Ix = _combined(x, a, b, c)
+            w = added(Ix, half, t)
+            ρ = added(added(added(cross(x, w), twice, Ix), -twice, L), -1.0, t)
+            if ρ == ZERO:
                 break
-            change = np.linalg.solve(2 / h * inertia + turn.dot(inertia) - cross_matrix(Ix + h / 2 * t), ρ)
-            x = x - change
-            size, scale = float(np.abs(change).max()), float(np.abs(x).max()) + forced
-            if not np.isfinite(size):
+            # Columns of the Jacobian 2/h I + x~ I - w~, and Cramer's rule.
+            u, v, z = (
+                added(added(cross(x, column), twice, column), -1.0, cross(w, axis))
+                for column, axis in zip((a, b, c), AXES, strict=True)
+            )
+            vz, zu, uv = cross(v, z), cross(z, u), cross(u, v)
+            determinant = dot(u, vz)
+            change = dot(ρ, vz) / determinant, dot(ρ, zu) / determinant, dot(ρ, uv) / determinant
+            x = added(x, -1.0, change)
+            size, scale = max(map(abs, change)), max(map(abs, x)) + forced
+            if not math.isfinite(size):
                 raise StepError("forces lead out of the finite numbers; the state was left as it was")
             if size <= 4 * TOLERANCE * scale or size * size <= TOLERANCE * scale * before:
+                break
+            if held is None and h * size <= TOLERANCE:  # by less it is not linear
                 break
             if size <= STAGNATION * scale and size > before / 4 > 0:
                 break
@@ -158,10 +184,11 @@ class Rigid:
                 f"no step of {h:g} s was found that turns it: after {MOST_ITERATIONS} iterations {size / scale:.1e} of "
                 "the angular velocity is left; a smaller dt is the cure"
             )
+        ω̂ = np.array(x)
         if held is not None:
-            mean = (R + R.dot(cayley(h * x))) / 2
+            mean = (R + R.dot(cayley(h * ω̂))) / 2
             whole = τ + torque_of(mean.dot(held))
-        return x, whole, mean
+        return ω̂, whole, mean
 
     def delassus(self, points: Points, places: Array) -> Array:
         """As in Body."""
@@ -216,3 +243,15 @@ class Rigid:
 
     def undo(self) -> None:
         """As in Body: nothing was changed."""
+
+
+def vector(numbers: Array) -> Vector:
+    """Three numbers."""
+    x, y, z = numbers.tolist()
+    return x, y, z
+
+
+def _combined(x: Vector, a: Vector, b: Vector, c: Vector) -> Vector:
+    """x_1 a + x_2 b + x_3 c."""
+    p, q, r = x
+    return p * a[0] + q * b[0] + r * c[0], p * a[1] + q * b[1] + r * c[1], p * a[2] + q * b[2] + r * c[2]

@@ -89,11 +89,12 @@ class Soft(Simulator):
         dt: s.
         pose: of its frame: of the axes of a held body, of a free body its centre of mass, else of the base.
         carrier: the rigid body that carries it, whose pose is given; None: nothing does.
+        is_alone: whether there is no other body: then it is a Simulator, with the obstacles of its scene.
         signals: as of a Simulator.
     """
 
     is_driven = False
-    _solver_of = _HandedForces
+    _solver_of: type[ContactSolver] | None = _HandedForces
 
     def __init__(
         self,
@@ -103,8 +104,17 @@ class Soft(Simulator):
         pose: BaseState,
         carrier: "Driven | None",
         signals: "Mapping[str, SignalLike] | None",
+        is_alone: bool = False,
     ):
         acting = rom.environment
+        self.name, self._carrier, self._fixed = name, carrier, not acting.is_moving
+        self._R, self._held_at = rotation_matrix(pose.rotation), pose
+        if is_alone:
+            self._solver_of = None
+            super().__init__(rom, dt, signals=signals)
+            if not self._fixed:
+                self.place(pose)
+            return
         law = acting.contact_law
         if law is None or not acting.has_inertia or law.stiffness is not None:
             lacks = "inertia" if not acting.has_inertia else "effects.contact with the rigid law"
@@ -121,10 +131,7 @@ class Soft(Simulator):
             raise SceneError(f"body {name!r}: ROM {rom.name!r} {needs}")
         super().__init__(rom, dt, scene=replace(acting, obstacles={}, run=None), signals=signals)
         assert self._stepper.interface is not None
-        self.name, self._carrier = name, carrier
         self._handed: _HandedForces = self._stepper.interface.solver  # type: ignore[assignment]
-        self._fixed = not acting.is_moving
-        self._R, self._held_at = rotation_matrix(pose.rotation), pose
         if not self._fixed:
             self.place(pose if carrier is None else carrier.pose)
         elif acting.loads.get("gravity") is not None and not np.allclose(self._R, np.eye(3)):

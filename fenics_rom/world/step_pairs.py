@@ -9,9 +9,10 @@ from fenics_rom.world.bodies import Body, Points
 from fenics_rom.world.collision.contacts import Contacts, Spots
 from fenics_rom.world.contact_step import Found, Guide, Pairs, Part
 from fenics_rom.world.joints import JointPoints
-from fenics_rom.world.meetings import Meeting
+from fenics_rom.world.meetings import Meeting, Placed, is_still
 
 NEAR = 0.01  # of the smaller body: what is nearer is looked at in every step, besides what can be reached
+LARGEST = 1.0  # m: of a half-space, of how far it moves
 GUIDES = 1e-3  # of arms, and rad: by so much bodies may have moved since W was found
 MANY_SWEEPS = 8  # from which on W is found anew
 
@@ -27,7 +28,9 @@ class StepPairs:
 
     def __init__(self, bodies: Sequence[Body], meetings: Sequence[Meeting], joints: Sequence[JointPoints]):
         self._bodies, self._meetings, self._joints = bodies, meetings, joints
-        self._contacts: list[tuple[Meeting, Contacts]] = []
+        self._placed: list[Placed | None] = [None] * len(bodies)  # where what lies still was seen first
+        self._sizes = [min(body.size, LARGEST) for body in bodies]
+        self._contacts: list[tuple[int, Contacts]] = []
         self._pairs: Pairs | None = None
         self._middle_gaps = np.empty(0)
         self._forces = dict[tuple[int, int], Array]()  # by meeting and feature
@@ -39,7 +42,8 @@ class StepPairs:
         """The pairs of a step of h s that all bodies have begun, forces to begin with, and what may guide."""
         contacts = self._look()
         is_same = self._pairs is not None and len(contacts) == len(self._contacts)
-        if not (is_same and all(now[1] is then[1] for now, then in zip(contacts, self._contacts, strict=True))):
+        is_same = is_same and all(now[1] is then[1] for now, then in zip(contacts, self._contacts, strict=True))
+        if not is_same:
             self._gather(contacts)
         pairs = self._pairs
         assert pairs is not None
@@ -53,26 +57,29 @@ class StepPairs:
         gaps = self._middle_gaps - (pairs.normals * gone).sum(axis=1)
         return pairs._replace(places=places, before=before, gaps=gaps), self._start, self._known_guide(h)
 
-    def _look(self) -> list[tuple[Meeting, Contacts]]:
-        placed, reaches = [body.placed() for body in self._bodies], [body.reach() for body in self._bodies]
-        found = []
-        for meeting in self._meetings:
+    def _look(self) -> list[tuple[int, Contacts]]:
+        for number, body in enumerate(self._bodies):
+            now = body.placed()
+            if not is_still(now, self._placed[number], self._sizes[number]):
+                self._placed[number] = now
+        placed, reaches, found = self._placed, [body.reach() for body in self._bodies], []
+        for number, meeting in enumerate(self._meetings):
             one, other = placed[meeting.first], placed[meeting.second]
             assert one is not None
             assert other is not None
             meeting.look(one, other, reaches[meeting.first] + reaches[meeting.second] + NEAR * meeting.size)
             if meeting.contacts is not None:
-                found.append((meeting, meeting.contacts))
+                found.append((number, meeting.contacts))
         return found
 
-    def _gather(self, contacts: list[tuple[Meeting, Contacts]]) -> None:
+    def _gather(self, contacts: list[tuple[int, Contacts]]) -> None:
         """Makes the pairs of these contacts, and takes over the forces of those that were there."""
         rows = [list[tuple[Array, float, Points]]() for _ in self._bodies]
         normals, gaps, places, laws = [np.empty((0, 3))], [np.empty(0)], [np.empty((0, 3))], [np.empty((2, 0))]
         count = 0
         start = []
-        for meeting, found in contacts:
-            k = len(found.gaps)
+        for number, found in contacts:
+            meeting, k = self._meetings[number], len(found.gaps)
             own = np.arange(count, count + k)
             rows[meeting.first].append((own, 1.0, _points(found.first)))
             rows[meeting.second].append((own, -1.0, _points(found.second)))
@@ -80,7 +87,6 @@ class StepPairs:
             gaps.append(found.gaps)
             places.append(found.first.arms)
             laws.append(np.repeat([[meeting.law.restitution], [meeting.law.friction]], k, axis=1))
-            number = self._meetings.index(meeting)
             start += [self._forces.get((number, feature), np.zeros(3)) for feature in found.first.feature.tolist()]
             count += k
         for joint in self._joints:
@@ -121,8 +127,7 @@ class StepPairs:
         C = len(found.forces) - len(self._joint_forces)
         self._start, self._joint_forces = found.forces, found.forces[C:]
         self._forces, row = {}, 0
-        for meeting, contacts in self._contacts:
-            number = self._meetings.index(meeting)
+        for number, contacts in self._contacts:
             for feature in contacts.first.feature.tolist():
                 self._forces[number, feature] = found.forces[row]
                 row += 1
@@ -166,8 +171,8 @@ class StepPairs:
     def force_between(self, first: int, second: int, forces: Array) -> Array:
         """Of a step on the first, (3,), N."""
         force, row = np.zeros(3), 0
-        for meeting, contacts in self._contacts:
-            force += _sign(meeting, first, second) * forces[row : row + len(contacts.gaps)].sum(axis=0)
+        for number, contacts in self._contacts:
+            force += _sign(self._meetings[number], first, second) * forces[row : row + len(contacts.gaps)].sum(axis=0)
             row += len(contacts.gaps)
         for joint in self._joints:
             force += _sign(joint, first, second) * forces[row : row + len(joint.points)].sum(axis=0)

@@ -69,6 +69,8 @@ class World:
         self.bodies, self._dt = dict(bodies), checked_dt(dt)
         self.steps, self.time = 0, 0.0
         self._bodies = make_bodies(self.bodies, self._dt, gravity)
+        if not any(FIXED in (joint.first, joint.second) for joint in joints):
+            del self._bodies[FIXED]
         self._names = list(self._bodies)
         law, laws = ContactLaw(restitution, friction), _laws(pairs or {}, self._bodies)
         separate = _pairs_apart(apart, joints, self._bodies)
@@ -80,7 +82,9 @@ class World:
         self._joints = [JointPoints(joint, self._bodies) for joint in joints]
         self._met = EnergyLedger()  # what contacts and joints dissipate
         everyone = list(self._bodies.values())
-        check_apart(everyone, self._names, self._meetings)
+        self._lone = everyone[0] if len(everyone) == 1 and isinstance(everyone[0], Soft) else None
+        if self._meetings:
+            check_apart(everyone, self._names, self._meetings)
         self._step_pairs = StepPairs(everyone, self._meetings, self._joints)
         self._found = Found(np.empty((0, 3)), np.empty((0, 3)), 0, 0.0)
         self._residuals = 0, 0.0
@@ -191,12 +195,16 @@ class World:
         """Advances by dt.
 
         Args:
-            inputs: of soft bodies, by name: their actuators, as of a Simulator; what is not named is 0.
+            inputs: of soft bodies, by name: as of a Simulator, by name; what is not named is 0.
 
         Raises:
             StepError: no such body or actuator, or no forces were found; everything is as it was.
         """
         h, bodies = self._dt, self._bodies
+        if self._lone is not None:
+            self._lone.step((inputs or {}).get(self._lone.name, ()))
+            self.steps, self.time = self.steps + 1, self.time + h
+            return
         for name in inputs or ():
             self.simulator(name)
         try:

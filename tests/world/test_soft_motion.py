@@ -136,7 +136,7 @@ def test_a_carried_beam_lifts_a_box(roms):
 
 def test_what_a_world_refuses_of_soft_bodies(roms):
     with pytest.raises(fr.SceneError, match=r"body 'beam': ROM .* is carried: allowed is on = BODY"):
-        fr.World({"beam": fr.SoftBody(roms["carried"])}, 1e-3)
+        fr.World({"beam": fr.SoftBody(roms["carried"]), "box": fr.RigidBody(**BOX)}, 1e-3)
     with pytest.raises(fr.SceneError, match=r"body 'beam': ROM .* is not carried"):
         fr.World({"beam": fr.SoftBody(roms["held"], on="palm"), "palm": fr.RigidBody(Sphere(0.1), motion=LIES)}, 1e-3)
     with pytest.raises(fr.SceneError, match="on = 'box': allowed is a rigid body with a motion"):
@@ -146,3 +146,14 @@ def test_what_a_world_refuses_of_soft_bodies(roms):
         world.step({"box": {}})
     with pytest.raises(fr.StepError, match="no input 'flexor'; there is right"):
         world.step({"beam": {"flexor": 1.0}})
+
+
+def test_a_world_of_one_body_steps_as_its_simulator(roms):
+    """To the bit, with the obstacles of its scene."""
+    world, body = fr.World({"beam": fr.SoftBody(roms["held"])}, 1e-3), fr.Simulator(roms["held"], 1e-3)
+    for _ in range(5):
+        world.step({"beam": {"right": [0, 0, 0.1]}})
+        body.step(right=[0, 0, 0.1])
+    np.testing.assert_array_equal(world.simulator("beam").displacement(), body.displacement())
+    assert world.energy == body.energy > 0
+    assert world.ledger.supplied == body.ledger.supplied
