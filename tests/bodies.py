@@ -108,13 +108,14 @@ def scene_text(
     mesh: Path,
     *,
     degree: int = 1,
+    integration: str = "full",
     contacts: str | None = None,
     damping: str = "alpha = 1.0, beta = 1e-3",
     **parts: str | None,
 ) -> str:
     """A scene of a box held on its left; `parts` are further tables by heading, or replace these (None: remove)."""
     tables = {
-        "mesh": f'file = "{mesh}"\ndegree = {degree}',
+        "mesh": f'file = "{mesh}"\ndegree = {degree}\nintegration = "{integration}"',
         "material": "young = 1.0e6\npoisson = 0.3\ndensity = 1000.0",
         "supports": 'clamped = ["left"]',
         "effects": f"inertia = {{}}\ndamping = {{ {damping} }}",

@@ -144,6 +144,11 @@ def _warnings(scene: Scene, rigid: np.ndarray) -> Iterator[str]:
             f"Poisson's ratio {exactly(stiffest)} on degree 1 tetrahedra: they lock (too stiff, in bending most of "
             "all); mesh.degree = 2 is the cure"
         )
+    if scene.degree == 2 and scene.integration == "full" and stiffest > 0.49:
+        yield (
+            f"Poisson's ratio {exactly(stiffest)} on degree 2 tetrahedra: they are too stiff, and their pressure "
+            'oscillates; mesh.integration = "selective" is the cure'
+        )
     if (scene.clamped or scene.held) and rigid.shape[1]:
         yield f"supports leave {rigid.shape[1]} rigid motions: the body, or a part of it, is not wholly held"
 
@@ -213,12 +218,21 @@ def _matrices(comm: Any, mesh: Mesh, nodes: Nodes, scene: Scene, material: np.nd
     ε_u, ε_v = ufl.sym(ufl.grad(u)), ufl.sym(ufl.grad(v))
     stress = λ * ufl.tr(ε_u) * ufl.Identity(3) + 2 * μ * ε_u
     inertia, elasticity = ρ * ufl.inner(u, v), ufl.inner(stress, ε_v)
-    full = {"mass": assemble_form(inertia * ufl.dx), "stiffness": assemble_form(elasticity * ufl.dx)}
+    selective = scene.integration == "selective"
+    if selective:  # as QuadraturePoints
+        elasticity, dilation = 2 * μ * ufl.inner(ε_u, ε_v), λ * ufl.tr(ε_u) * ufl.tr(ε_v)
+    middle = ufl.dx(metadata={"quadrature_degree": 1})
+    forms = {"mass": inertia * ufl.dx, "stiffness": elasticity * ufl.dx}
+    if selective:
+        forms["stiffness"] += dilation * middle
     if scene.effects.damped.materials:
         α, β = (_cell_function(domain, column) for column in _damping_of_cells(scene, mesh).T)
-        full["damping"] = assemble_form((α * inertia + β * elasticity) * ufl.dx)
+        forms["damping"] = (α * inertia + β * elasticity) * ufl.dx
+        if selective:
+            forms["damping"] += β * dilation * middle
         if scene.effects.large_deformation is not None:
-            full["external_damping"] = assemble_form(α * inertia * ufl.dx)
+            forms["external_damping"] = α * inertia * ufl.dx
+    full = {name: assemble_form(form) for name, form in forms.items()}
 
     dolfinx_number = dolfinx_nodes(space, scene.degree, nodes)
     node_mass, translated = node_masses(full["mass"], dolfinx_number)

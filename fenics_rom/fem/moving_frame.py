@@ -94,13 +94,13 @@ class _GeometricStiffness:
     def __init__(
         self, scene: Scene, nodes: Nodes, moving: np.ndarray, here: np.ndarray, moduli: np.ndarray, algebra: Algebra
     ):
-        self._nodes, self._degree = nodes, scene.degree
+        self._nodes, self._degree, self._selective = nodes, scene.degree, scene.integration == "selective"
         self._moving, self._here, self._moduli, self._algebra = moving, here, moduli, algebra
 
     def __call__(self, u: np.ndarray) -> NodeMatrix:
         """See FullOrderFrame."""
         points = self._points
-        λ, μ = np.repeat(self._moduli, len(points.weights) // len(points.cells), axis=0).T
+        λ, μ = points.shared_moduli(*(points.of_cells(values) for values in self._moduli.T))
         field = np.zeros((len(self._nodes.coordinates), 3))
         field[self._moving] = self._algebra.gather(u).reshape(-1, 3)
         tension = points.weights * linear_stress(small_strain(points.gradients(field)), λ, μ)
@@ -111,4 +111,4 @@ class _GeometricStiffness:
 
     @cached_property
     def _points(self) -> QuadraturePoints:
-        return QuadraturePoints(self._nodes, self._degree, MPI.COMM_SELF)
+        return QuadraturePoints(self._nodes, self._degree, MPI.COMM_SELF, self._selective)

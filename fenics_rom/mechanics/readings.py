@@ -37,7 +37,7 @@ class ReadableBody(NamedTuple):
     """What readings ask a body for, as it is now.
 
     Attributes:
-        law: one of `hyperelastic.LAWS` of a body that deforms largely; None: linear.
+        law: as `hyperelastic` has them, of a body that deforms largely; None: linear.
         coordinates: its displacement, in what the operators of readings are of: free components, or the shared basis,
             (c,).
         stroke: what 1 of an actuator's input does work on: how much shorter a tendon is (m), or larger a chamber (m³).

@@ -7,6 +7,7 @@ from typing import Any
 
 from fenics_rom.errors import SceneError, check_known, exactly, unknown
 from fenics_rom.mechanics.environment import AppliedLoad
+from fenics_rom.mechanics.hyperelastic import isochoric_terms
 from fenics_rom.mechanics.initial_state import SMALL_ROTATION, ZERO
 from fenics_rom.scene.effect_table import ACTUATORS, EFFECTS, LOADS
 from fenics_rom.scene.effects import Contact, Effects
@@ -35,9 +36,25 @@ def check_consistency(file: SceneFile) -> None:
         raise SceneError("give either [material] or [materials.NAME]")
     if file.materials == {}:
         raise SceneError("materials: at least one [materials.NAME] is needed")
+    if file.mesh.integration == "selective":
+        _check_selective(file)
     check_order(file.reduction.order, file.contacts, "reduction.order")
     for name, reading in file.readings.items():
         _check_reading(reading, file, f"readings.{name}")
+
+
+def _check_selective(file: SceneFile) -> None:
+    """Checks that there is something to integrate selectively."""
+    if file.mesh.degree != 2:
+        raise SceneError(
+            "mesh.integration = 'selective': allowed is with mesh.degree = 2, where cells do not change volume evenly"
+        )
+    materials = {"material": file.material} if file.materials is None else file.materials
+    for name, material in materials.items():
+        if material is not None and material.poisson <= 0:
+            raise SceneError(
+                f"mesh.integration = 'selective': poisson = {exactly(material.poisson)} of {name}: allowed is > 0"
+            )
 
 
 def check_choices(part: Any, where: str) -> None:
@@ -93,6 +110,11 @@ def _check_effects(effects: Effects, actuators: Mapping[str, Any]) -> None:
     for name, motion in effects.base_motion.items():
         if not any(motion.direction):
             raise SceneError(f"effects.base_motion.{name}.direction: allowed is any but zero")
+    if effects.large_deformation is not None:
+        try:
+            isochoric_terms(effects.large_deformation.law)
+        except ValueError as error:
+            raise SceneError(f"effects.large_deformation.constants: {error}") from None
     if effects.contact is not None:
         _check_contact(effects.contact, has_inertia=effects.inertia is not None)
 

@@ -11,6 +11,7 @@ import numpy as np
 
 from fenics_rom.mechanics.base_path import BasePath
 from fenics_rom.mechanics.environment import CONTACT_SWITCHINGS
+from fenics_rom.mechanics.hyperelastic import LAWS, LAWS_WITH_CONSTANTS
 from fenics_rom.mechanics.signals import Signal
 from fenics_rom.scene.places import Place
 from fenics_rom.scene.values import Direction, Flag, Items, Name, Number, Point, PoseTable, Table, Text
@@ -216,9 +217,20 @@ class LargeDeformation:
     )
     material: Annotated[
         str,
-        Text(choices=("st_venant_kirchhoff", "neo_hookean")),
-        '"st_venant_kirchhoff" (moderate strains) or "neo_hookean" (large ones)',
+        Text(choices=(*LAWS, *LAWS_WITH_CONSTANTS)),
+        '"st_venant_kirchhoff" (moderate strains), "neo_hookean" (large ones), or a law with constants for rubber',
     ] = "st_venant_kirchhoff"
+    constants: Annotated[
+        tuple[Annotated[float, Number()], ...],
+        Items(),
+        "of rubber as they are printed: C10, C01 of mooney_rivlin; C10, C20, C30 of yeoh; μ1, α1, μ2, α2, ... of ogden "
+        "(Σ μ/α (λ1^α + λ2^α + λ3^α - 3)); their ratios count, in any unit; the size is that of young and poisson",
+    ] = ()
+
+    @property
+    def law(self) -> str:
+        """As `hyperelastic` knows it: the material and its constants."""
+        return " ".join([self.material, *map(repr, self.constants)])
 
 
 @dataclass(frozen=True)

@@ -115,6 +115,7 @@ def _scene(raw: dict[str, Any], text: str, folder: Path, given: Mapping[str, np.
         name=file.name,
         mesh_file=folder / file.mesh.file,
         degree=file.mesh.degree,
+        integration=file.mesh.integration,
         mesh_groups=file.mesh.groups,
         mesh_scale=file.mesh.scale,
         materials={name: Material(**vars(material)) for name, material in materials.items()},

@@ -8,7 +8,7 @@ from fenics_rom.mechanics.environment import DETAILS, FRAMES
 from fenics_rom.mechanics.signals import Signal
 from fenics_rom.scene.effects import Effects, constant_signal
 from fenics_rom.scene.places import Held, Patch
-from fenics_rom.scene.scene import Elasticity, Output, ReadingEntry, Reduction
+from fenics_rom.scene.scene import INTEGRATIONS, Elasticity, Output, ReadingEntry, Reduction
 from fenics_rom.scene.values import Items, Metres, Name, Number, Table, Text
 
 Group = Annotated[int, Number(integer=True, at_least=0)]
@@ -24,6 +24,11 @@ class Mesh:
     degree: Annotated[
         int, Number(at_least=1, at_most=2, integer=True), "of the displacements in a tetrahedron; 1 is stiff in bending"
     ] = 1
+    integration: Annotated[
+        str,
+        Text(choices=INTEGRATIONS),
+        '"selective": changes of volume are taken in the middle of a tetrahedron of degree 2, and rubber does not lock',
+    ] = "full"
     scale: Annotated[
         float, Number(above=0.0), "metres that a unit of its coordinates is worth: 1e-3 of a mesh in millimetres"
     ] = 1.0

@@ -25,6 +25,7 @@ METHODS = (
     *("balanced", "eigenvector-selection", "modal", "modal+static", "pod", "static"),
     *("trained", "modal+derivatives"),  # of large deformation
 )
+INTEGRATIONS = ("full", "selective")
 SOLVERS = ("auto", "direct", "iterative")
 ORDER = Number(at_least=1, integer=True)
 TOLERANCE = Number(above=0.0, below=1.0)
@@ -121,6 +122,7 @@ class Scene:
     """Everything that was asked for. Numbers are in SI units.
 
     Attributes:
+        integration: of changes of volume, "full" or "selective": in the middle of cells.
         frame: "fixed", or "moving": the body turns as far as it likes.
         clamped: names of surfaces.
         held: pieces of the body that do not move, or do not move along a normal.
@@ -137,6 +139,7 @@ class Scene:
     name: str
     mesh_file: Path
     degree: int
+    integration: str
     mesh_groups: Mapping[str, int]
     mesh_scale: float
     materials: Mapping[str, Material]
@@ -172,7 +175,9 @@ class Scene:
         content = None
         with suppress(OSError), self.mesh_file.open("rb") as stream:
             content = hashlib.file_digest(stream, "sha256").hexdigest()
-        of_file = {"degree": self.degree, "groups": self.mesh_groups, "scale": self.mesh_scale}
+        of_file: dict[str, Any] = {"degree": self.degree, "groups": self.mesh_groups, "scale": self.mesh_scale}
+        if self.integration != "full":
+            of_file["integration"] = self.integration
         return {"file": self.mesh_file.name, "content": content} | of_file
 
     def __repr__(self) -> str:

@@ -79,7 +79,7 @@ class Deformation(Protocol):
     """How a full-order body deforms largely: a potential ∫ W(E) in place of ½ xᵀ K x, and what steps it.
 
     Attributes:
-        law: of the material, one of `hyperelastic.LAWS`.
+        law: of the material, as `hyperelastic` has them.
         weights: volumes that the quadrature points of this rank stand for, (P here,), m³.
         first_lame, shear: λ and μ there, (P here,), Pa.
         viscosity: β there, (P here,), s: of the stress β (λ tr(Ė) I + 2μ Ė).

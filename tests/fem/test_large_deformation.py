@@ -82,9 +82,28 @@ def state(system, size, seed=0):
 # --- forces ----------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("law", "degree"), [("st_venant_kirchhoff", 1), ("neo_hookean", 2)])
-def test_elastic_force_is_what_dolfinx_makes_of_the_energy(beam, law, degree):
-    system = assembled(beam, large(law), degree=degree)
+RUBBER = {  # in principal stretches, as UFL writes them without eigenvalues
+    "mooney_rivlin": lambda C: 2 / 3 * (ufl.tr(C) - 3) + 1 / 3 * (ufl.tr(ufl.inv(C)) - 3),
+    "yeoh": lambda C: (ufl.tr(C) - 3) + 0.3 * (ufl.tr(C) - 3) ** 2 - 0.01 * (ufl.tr(C) - 3) ** 3,
+    "ogden": lambda C: (ufl.tr(C * C) - 3) / 4 + 0.1 * (ufl.tr(ufl.inv(C)) - 3),
+}
+
+
+@pytest.mark.parametrize(
+    ("law", "degree", "integration"),
+    [
+        ("st_venant_kirchhoff", 1, "full"),
+        ("neo_hookean", 2, "full"),
+        ("neo_hookean", 2, "selective"),
+        ("mooney_rivlin 2 1", 2, "full"),
+        ("yeoh 1 0.3 -0.01", 2, "selective"),
+        ("ogden 1 4 -0.2 -2", 2, "full"),
+    ],
+)
+def test_elastic_force_is_what_dolfinx_makes_of_the_energy(beam, law, degree, integration):
+    material, *constants = law.split()
+    effects = f"large_deformation = {{ material = '{material}', constants = [{', '.join(constants)}] }}\n"
+    system = assembled(beam, effects, degree=degree, integration=integration)
     x = state(system, 2e-3)
     model = system.deformation.model
     mesh = read_mesh(system.scene.mesh_file, {})
@@ -92,15 +111,25 @@ def test_elastic_force_is_what_dolfinx_makes_of_the_energy(beam, law, degree):
     space = vector_space(create_tetrahedra(MPI.COMM_WORLD, mesh.cells, mesh.points), degree)
     u, place = fem.Function(space), dolfinx_nodes(space, degree, nodes)
     u.x.array.reshape(-1, 3)[place] = model.nodal_field(x)
-    λ, μ = model.material.first_lame[0], model.material.shear[0]
+    λ, μ = model.material.first_lame.max(), model.material.shear.max()
     F = ufl.Identity(3) + ufl.grad(u)
     C = F.T * F
     E, lnJ = (C - ufl.Identity(3)) / 2, ufl.ln(ufl.det(C)) / 2
     W = λ / 2 * ufl.tr(E) ** 2 + μ * ufl.inner(E, E)
     if law == "neo_hookean":
         W = μ * (ufl.tr(E) - lnJ) + λ / 2 * lnJ**2
-    dx = ufl.dx(metadata={"quadrature_degree": 2 * (degree - 1)})
-    force = assemble_vector(fem.form(ufl.derivative(W * dx, u, ufl.TestFunction(space))))
+    dx, middle = (ufl.dx(metadata={"quadrature_degree": exact}) for exact in (2 * (degree - 1), 1))
+    potential = W * dx
+    if material in RUBBER:
+        isochoric, κ = RUBBER[material](C * ufl.exp(-2 / 3 * lnJ)), λ + 2 / 3 * μ
+        scale = {"mooney_rivlin": 2, "yeoh": 2, "ogden": 2.2}[material]  # the shear modulus of these constants
+        U = (ufl.det(C) - 1 - 2 * lnJ) / 4
+        potential = (μ / scale * isochoric + κ * U) * dx
+        if integration == "selective":
+            potential = (μ / scale * isochoric + 2 / 3 * μ * U) * dx + λ * U * middle
+    elif integration == "selective":
+        potential = μ * (ufl.tr(E) - lnJ) * dx + λ / 2 * lnJ**2 * middle
+    force = assemble_vector(fem.form(ufl.derivative(potential, u, ufl.TestFunction(space))))
     expected = force.array.reshape(-1, 3)[place].ravel()[model.free]
     found = (
         QuasiStaticResidual(model, start_at(system, x), ExternalForce(0 * x, ()), 1.0, 0 * x)
@@ -108,17 +137,17 @@ def test_elastic_force_is_what_dolfinx_makes_of_the_energy(beam, law, degree):
         .internal_force[:, 0]
     )
     np.testing.assert_allclose(found, expected, atol=1e-11 * np.abs(expected).max())
-    energy = fem.assemble_scalar(fem.form(W * dx))
+    energy = fem.assemble_scalar(fem.form(potential))
     assert model.elastic_energy(strain(model.points.gradients(model.nodal_field(x)))) == pytest.approx(
         energy, rel=1e-10
     )
 
 
 @BOTH_LAWS
-@pytest.mark.parametrize("degree", [1, 2])
-def test_at_rest_the_tangent_is_the_linear_stiffness(beam, law, degree):
+@pytest.mark.parametrize(("degree", "integration"), [(1, "full"), (2, "full"), (2, "selective")])
+def test_at_rest_the_tangent_is_the_linear_stiffness(beam, law, degree, integration):
     springs = '[effects.springs.ground]\nsurface = "right"\nstiffness = 50.0'
-    system = assembled(beam, f"inertia = {{}}\n{large(law)}{springs}", degree=degree)
+    system = assembled(beam, f"inertia = {{}}\n{large(law)}{springs}", degree=degree, integration=integration)
     model, zero, dx = system.deformation.model, np.zeros((system.size, 1)), state(system, 1.0)
     equation = QuasiStaticResidual(model, start_at(system, zero), ExternalForce(zero, ()), 1.0, zero)
     expected = system.stiffness @ dx

@@ -7,6 +7,7 @@ from fenics_rom.mechanics.hyperelastic import (
     LAWS,
     discrete_gradient_stress,
     energy_density,
+    isochoric_terms,
     linear_stress,
     moduli,
     strain,
@@ -16,6 +17,8 @@ from fenics_rom.mechanics.hyperelastic import (
 from fenics_rom.rom.deformation import ReducedDeformation
 
 P = 40
+RUBBER = ("mooney_rivlin 2 1", "yeoh 1 0.3 -0.01", "ogden 1 4 -0.2 -3")
+ALL_LAWS = (*LAWS, *RUBBER)
 λ, μ = np.full(P, 2.0), np.full(P, 1.0)  # Pa
 
 
@@ -27,7 +30,7 @@ def rotation(seed: int) -> np.ndarray:
     return np.linalg.qr(np.random.default_rng(seed).standard_normal((3, 3)))[0]
 
 
-@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("law", ALL_LAWS)
 def test_stress_and_moduli_are_derivatives(law):
     E, e, t = strain(gradients(0.2)), gradients(1.0, 1).reshape(9, P)[:6], 1e-6
     slope = (energy_density(law, E + t * e, λ, μ) - energy_density(law, E - t * e, λ, μ)) / (2 * t)
@@ -47,7 +50,39 @@ def test_neo_hookean_is_what_textbooks_print():
     np.testing.assert_allclose(stress("neo_hookean", strain(H), λ, μ)[0], S[:, 0, 0], rtol=1e-10, atol=1e-13)
 
 
-@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize(
+    ("given", "same"),
+    [
+        ("ogden 3 2 -1 -2", "mooney_rivlin 1.5 0.5"),
+        ("yeoh 7", "mooney_rivlin 2 0"),
+        ("yeoh 7 0.7 0", "yeoh 70 7"),
+        ("ogden 5 2", "yeoh 1"),
+    ],
+)
+def test_laws_with_constants_are_one_another(given, same):
+    """Of constants the ratios count, and tr C̄ - 3 is Ogden's sum with α = 2, tr C̄⁻¹ - 3 that with α = -2."""
+    E = strain(gradients(0.2))
+    for of in (energy_density, stress, moduli):
+        np.testing.assert_allclose(of(given, E, λ, μ), of(same, E, λ, μ), rtol=1e-10, atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("law", "says"),
+    [
+        ("rubber", "rubber has the constants"),
+        ("neo_hookean 1", "allowed are none"),
+        ("mooney_rivlin 1", "two, C10 and C01"),
+        ("yeoh", "one to three"),
+        ("ogden 1 0", "α, which is not 0"),
+        ("yeoh -1", "-2 as its shear modulus: allowed is > 0"),
+    ],
+)
+def test_constants_that_are_no_law_are_refused(law, says):
+    with pytest.raises(ValueError, match=says):
+        isochoric_terms(law)
+
+
+@pytest.mark.parametrize("law", ALL_LAWS)
 @given(before=st.floats(1e-9, 0.15), change=st.floats(1e-9, 0.15), seed=st.integers(0, 100))
 def test_the_stress_between_two_strains_does_the_work_of_going_there(law, before, change, seed):
     E = strain(gradients(before, seed))
@@ -59,7 +94,7 @@ def test_the_stress_between_two_strains_does_the_work_of_going_there(law, before
     assert (np.abs(work - gained) <= 1e-11 * size + rounded + 1e-18).all()
 
 
-@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("law", ALL_LAWS)
 def test_it_is_of_second_order(law):
     E, e = strain(gradients(0.1)), gradients(1.0, 1).reshape(9, P)[:6]
     gaps = [
@@ -69,7 +104,7 @@ def test_it_is_of_second_order(law):
     assert gaps[0] < 1e-12 or 3.9 < gaps[0] / gaps[1] < 4.1
 
 
-@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("law", ALL_LAWS)
 @pytest.mark.parametrize("seed", range(4))
 def test_a_rotation_stores_nothing_and_changes_nothing(law, seed):
     R, unit = rotation(seed), np.eye(3)
@@ -86,7 +121,7 @@ def test_the_strain_rate_is_the_change_of_the_strain():
     np.testing.assert_allclose(strain_rate(H + np.eye(3)[:, :, None], dH), slope, rtol=1e-8, atol=1e-9)
 
 
-@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("law", ALL_LAWS)
 def test_small_strains_are_linear(law):
     E = strain(gradients(1e-7))
     np.testing.assert_allclose(stress(law, E, λ, μ), linear_stress(E, λ, μ), rtol=1e-5, atol=1e-12)
@@ -95,7 +130,7 @@ def test_small_strains_are_linear(law):
     )
 
 
-@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("law", ALL_LAWS)
 def test_a_point_that_is_inside_out_has_numbers(law):
     H = np.repeat(np.diag([-2.1, 0.0, 0.1])[:, :, None], P, axis=2)
     E = strain(H)
@@ -103,7 +138,7 @@ def test_a_point_that_is_inside_out_has_numbers(law):
         assert np.isfinite(values).all()
 
 
-@pytest.mark.parametrize("law", LAWS)
+@pytest.mark.parametrize("law", ALL_LAWS)
 def test_a_reduced_body_that_turns_by_a_right_angle_stores_nothing(law):
     """Its basis are the nine gradients that are the same everywhere, so that it can turn."""
     body = ReducedDeformation(

@@ -327,7 +327,7 @@ def test_without_inertia_equilibria_are_what_is_seen(method):
         q = q - np.linalg.solve(body.tangent(q), body.force(q) - rom.contact_models["tip"].inputs @ u)
     moved = system.outputs["tip"].T @ full.x[:, 0]
     assert np.linalg.norm(moved) > 0.03
-    np.testing.assert_allclose(rom.outputs["tip"] @ q, moved, atol=0.02 * np.linalg.norm(moved))
+    np.testing.assert_allclose(rom.outputs["tip"] @ q, moved, atol=0.03 * np.linalg.norm(moved))
 
 
 def test_a_rom_on_file_is_the_same(roms, tmp_path):

@@ -80,10 +80,10 @@ def assemble_deformation(
     scene = system.scene
     assert scene is not None
     assert scene.effects.large_deformation is not None
-    points = QuadraturePoints(nodes, scene.degree, system.algebra.comm)  # type: ignore[attr-defined]
-    points_per_cell = points.shape_gradients.shape[1]
-    moduli = (np.repeat(values, points_per_cell) for values in cell_properties(points.cells))
-    material = HyperelasticMaterial(scene.effects.large_deformation.material, *moduli)
+    selective = scene.integration == "selective"
+    points = QuadraturePoints(nodes, scene.degree, system.algebra.comm, selective)  # type: ignore[attr-defined]
+    λ, μ, β = (points.of_cells(values) for values in cell_properties(points.cells))
+    material = HyperelasticMaterial(scene.effects.large_deformation.law, *points.shared_moduli(λ, μ), β)
     mass: PetscMatrix = system.mass  # type: ignore[assignment]
     matrices, followers = (mass, external_damping, spring), _follower_loads(scene, nodes)
     model = FiniteStrainModel(*matrices, points, material, followers, system.body.free, system.algebra)

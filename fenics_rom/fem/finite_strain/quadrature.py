@@ -39,22 +39,29 @@ class QuadraturePoints:
         nodes: all nodes.
         degree: of the displacements.
         comm: an mpi4py communicator, whose ranks share the cells.
+        selective: whether the middle of each cell follows its points, for changes of volume alone (Hughes, 1980): one
+            condition for each cell does not lock nearly incompressible material.
 
     Attributes:
         cells: (C here,) which cells of the mesh file.
         cell_nodes: (C here, A) nodes of each.
         shape_gradients: (C here, Q, A, 3), ∂N_a/∂X_j, 1/m.
-        weights: (P here,), m³.
+        weights: (P here,), m³; of the points in the middle and of the others alone their sum is the volume.
         gradient_matrix: sparse (3 P here, N), ∂/∂X_j of a scalar field, the points of j = 0 first, 1/m.
         node_count: N of the mesh.
     """
 
-    def __init__(self, nodes: Nodes, degree: int, comm: Any):
+    def __init__(self, nodes: Nodes, degree: int, comm: Any, selective: bool = False):
         self.cells = np.array_split(np.arange(len(nodes.cells)), comm.size)[comm.rank]
         corners = nodes.cells[self.cells]
         self.cell_nodes = np.hstack([corners, nodes.on_edges(corners[:, CELL_EDGES])]) if degree == 2 else corners
         edges = nodes.coordinates[corners[:, 1:]] - nodes.coordinates[corners[:, :1]]  # ∂X_j/∂ξ_k (C, k, j)
         _, reference_gradients, reference_weights = tabulate("tetrahedron", degree, 2 * (degree - 1))
+        if selective:
+            _, in_the_middle, volume = tabulate("tetrahedron", degree, 1)
+            reference_gradients = np.concatenate([reference_gradients, in_the_middle])
+            reference_weights = np.concatenate([reference_weights, volume])
+        self._selective = selective
         self.shape_gradients = np.einsum("cjk,qak->cqaj", np.linalg.inv(edges), reference_gradients)
         self.weights = np.outer(np.linalg.det(edges), reference_weights).ravel()
         self._comm, self.node_count = comm, len(nodes.coordinates)
@@ -69,6 +76,17 @@ class QuadraturePoints:
         row_starts = np.arange(0, values.size + 1, A)
         shape = (3 * C * Q, self.node_count)
         return scipy.sparse.csr_matrix((values.ravel(), columns.ravel(), row_starts), shape=shape)
+
+    def of_cells(self, values: Array) -> Array:
+        """Values of the cells here (C here,) at their points, (P here,)."""
+        return np.repeat(values, self.shape_gradients.shape[1])
+
+    def shared_moduli(self, first_lame: Array, shear: Array) -> tuple[Array, Array]:
+        """λ and μ (P here,) as the points have them: where the middle of a cell has a point, it has all of λ alone."""
+        if not self._selective:
+            return first_lame, shear
+        middle = np.arange(len(self.weights)) % self.shape_gradients.shape[1] == self.shape_gradients.shape[1] - 1
+        return np.where(middle, first_lame, 0.0), np.where(middle, 0.0, shear)
 
     def gradients(self, u: Array) -> Array:
         """H (3, 3, P here, ...) of displacements of all nodes (N, 3, ...), H[i, j] = ∂u_i/∂X_j."""

@@ -32,7 +32,7 @@ IDENTITY = np.eye(3)[:, :, None]
 
 @dataclass(frozen=True)
 class HyperelasticMaterial:
-    """The hyperelastic material of points: one of `hyperelastic.LAWS`, λ and μ (P,), Pa, and β (P,), s."""
+    """The hyperelastic material of points: a law as `hyperelastic` has them, λ and μ (P,), Pa, and β (P,), s."""
 
     law: str
     first_lame: Array
