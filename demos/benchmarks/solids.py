@@ -1,0 +1,85 @@
+"""Bars of quadratic tetrahedra, and the rows of a table of published numbers."""
+
+import sys
+import tempfile
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+sys.path.insert(0, str(Path(__file__).parents[1] / "hard_cases"))
+from boxes import brick_cells, msh, outer_triangles
+
+import fenics_rom as fr
+from fenics_rom.mechanics.step import StepInput
+from fenics_rom.scene.file import parse_scene
+
+Array = np.ndarray
+LARGE = "large_deformation = {}\n"
+MIDDLE = '\n[[supports.held]]\nsurface = "bottom"\nnormal = [0.0, 0.0, 1.0]'  # of a plate, thin in z
+PLANE_STRAIN = MIDDLE + MIDDLE.replace("bottom", "top")
+
+
+class Row(NamedTuple):
+    """A number that is published, and what became of it."""
+
+    case: str
+    mesh: str
+    what: str
+    published: float  # or of a closed form
+    found: float
+    allowed: float  # relative
+    iterations: int | None = None
+
+
+def bar(bricks: tuple[int, int, int], place: Callable[[Array], Array], young: float, poisson: float, density: float,
+        effects: str = LARGE, supports: str = "", clamped: str = '"left"',
+        integration: str = "full", corner: Sequence[float] = ()) -> fr.System:  # fmt: skip
+    """A bar of quadratic tetrahedra: bricks of a unit cube that are put in place, clamped where x was 0.
+
+    A corner is a material point that is read, too.
+    """
+    points, cells = brick_cells(bricks)
+    outer = outer_triangles(cells)
+    faces = {"left": (0, 0.0), "right": (0, 1.0), "bottom": (2, 0.0), "top": (2, 1.0), "front": (1, 0.0)}
+    surfaces = {name: outer[(points[outer, axis] == end).all(axis=1)] for name, (axis, end) in faces.items()}
+    with tempfile.TemporaryDirectory() as folder:
+        mesh = Path(folder) / "bar.msh"
+        mesh.write_text(msh(place(points), {2: surfaces, 3: {"body": cells}}))
+        text = f"""
+[mesh]
+file = "{mesh}"
+degree = 2
+integration = "{integration}"
+[material]
+young = {young!r}
+poisson = {poisson!r}
+density = {density!r}
+[supports]
+clamped = [{clamped}]{supports}
+[contacts.tip]
+surface = "right"
+force = "resultant"
+[outputs.tip]
+surface = "right"
+{f"[outputs.corner]{chr(10)}points = [{list(map(float, corner))}]" if len(corner) else ""}
+[effects]
+{effects}"""
+        return fr.assemble(parse_scene(text))
+
+
+def mesh_of(system: fr.System, bricks: tuple[int, int, int]) -> str:
+    """For the table."""
+    return f"{' x '.join(map(str, bricks))} bricks, {system.size:,} unknowns"
+
+
+def tip_under(system: fr.System, *load: float) -> tuple[Array, int]:
+    """Where the middle of the tip comes to, m, under a load in one increment, and iterations."""
+    body = system.deformation.stepper(1.0)
+    body.equilibrium(StepInput(np.array(load)))
+    tip, iterations = body.displacement("tip").mean(axis=0), body.newton
+    assert body.finest == 1.0
+    assert body.negative_pivots == 0
+    body.close()
+    return tip, iterations
