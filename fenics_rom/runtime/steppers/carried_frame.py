@@ -42,9 +42,10 @@ from fenics_rom.mechanics.frame_motion import (
     turned,
 )
 from fenics_rom.runtime.steppers.frame_contact import touch
-from fenics_rom.runtime.steppers.frame_kernel import FrameKernel, FrameState, Shape, check_turn, pairs, times_inertia
+from fenics_rom.runtime.steppers.frame_kernel import FrameKernel, FrameState, Shape, check_turn
 from fenics_rom.runtime.steppers.frame_loads import FrameForces
 from fenics_rom.runtime.steppers.frame_points import FramePoints, Geometry, Push, vector
+from fenics_rom.runtime.steppers.inertia import pairs, times_inertia
 
 Wrench = tuple[Vector, Vector]
 MISFIT = 0.1  # of what the base moves by in a step: so far off may be what its twists say
@@ -102,6 +103,8 @@ class CarriedFrame(FrameKernel):
             for numbers in (self._factors, self._coefficients)
         )
         self._inverse: Array | None = None
+        self._A: Array | None = None  # the last one that couples all coordinates, and where
+        self._coupled_at: tuple[float, ...] = ()
         self._taken: _Step | None = None
         self._size = (sum(self._inertia0[:3]) / 2 / self._mass) ** 0.5
         self.resume(np.empty(0))
@@ -146,6 +149,16 @@ class CarriedFrame(FrameKernel):
             "ends say: it jumps, or twists and poses do not fit; the account closes, but the forces are of the twists",
         )
 
+    def set_time_step(self, h: float) -> None:
+        """As in Kernel."""
+        super().set_time_step(h)
+        self._A = None
+
+    def reset_buffer(self) -> None:
+        """As in Kernel."""
+        super().reset_buffer()
+        self._A = None
+
     def rollback(self) -> None:
         """As in Kernel."""
         super().rollback()
@@ -179,10 +192,15 @@ class CarriedFrame(FrameKernel):
         turn = Geometry(now.R, R, (h * ω̂[0], h * ω̂[1], h * ω̂[2]))
         modal = self._modal(forces, turn)
         A, right = self._equations(modal, ω̂, v_end, ω_end)
-        r̂ = np.linalg.solve(A, right) if A.ndim == 2 else right / A
+        if A.ndim == 1:
+            r̂, self._inverse = right / A, None
+        elif self._taken is not None and A is self._taken.A:  # of a base that turns steadily
+            r̂ = self._inverted(self._taken).dot(right)
+        else:
+            r̂, self._inverse = np.linalg.solve(A, right), None
         step = _Step(A, right, turn, end.rotation, v̂, ω̂, forces)
         contact, touched, push = None, None, None
-        self._taken, self._inverse = step, None
+        self._taken = step
         if self._interface is not None and obstacles is not None:
             if not math.isfinite(r̂.dot(r̂)):
                 raise StepError("the inputs lead out of the finite numbers; the state was left as it was")
@@ -219,9 +237,12 @@ class CarriedFrame(FrameKernel):
         )
         right = self._factors.dot(self._at_start)
         if self._couples and (ω != ZERO or ω_end != ZERO):
-            s, m = -h / 2, len(modal)
-            self._set_coefficients(s * xx, s * yy, s * zz, s * yz, s * xz, s * xy, 2 * a, 2 * b, 2 * c, 1.0)
-            return self._coefficients.dot(self._products.reshape(-1, m * m)).reshape(m, m), right
+            s, known = -h / 2, self._coupled_at
+            self._coupled_at = s * xx, s * yy, s * zz, s * yz, s * xz, s * xy, 2 * a, 2 * b, 2 * c
+            if self._coupled_at != known or self._A is None:
+                self._set_coefficients(*self._coupled_at, 1.0)
+                self._A = self._coefficients.dot(self._flat_products).reshape(len(modal), -1)
+            return self._A, right
         return self._products[9] if self._dense_damping else self._diagonal, right
 
     def _modal(self, forces: FrameForces, turn: Geometry) -> Array:

@@ -38,6 +38,7 @@ from fenics_rom.rom.moving_frame import MovingFrame
 from fenics_rom.runtime.steppers.frame_loads import FrameForces, FrameLoads
 from fenics_rom.runtime.steppers.frame_points import FramePoints, Geometry, Push, arms_of
 from fenics_rom.runtime.steppers.frame_watch import FrameWatch
+from fenics_rom.runtime.steppers.inertia import Inertia
 from fenics_rom.runtime.steppers.kernel import BookedKernel, StepWork
 
 if TYPE_CHECKING:
@@ -60,7 +61,7 @@ class FrameState(NamedTuple):
 class Shape(NamedTuple):
     """The inertia of the body at q, moving with r."""
 
-    inertia: tuple[float, ...]  # I(q): xx, yy, zz, yz, xz, xy
+    inertia: Inertia  # I(q)
     moved: Vector  # b r
     moment: Vector  # x̄ + c q
     drift: Vector  # c r
@@ -115,6 +116,9 @@ class FrameKernel(BookedKernel):
             self._table[rows].reshape(-1) for rows in (shaped, turned, by_rate)
         )
         self._at_start = self._table[: BY_RATE.start]
+        alone = not (self._couples or frame.coupling0.any() or frame.moment_modes.any())
+        self._same_shape = Shape(tuple(frame.inertia0.tolist()), ZERO, ZERO, ZERO) if alone else None
+        self._flat_products = self._products.reshape(10, m * m)
         self._inertia0, self._first_moment = frame.inertia0.tolist(), frame.first_moment.tolist()
         x, y, z = frame.origin.tolist()
         self._works = list[tuple[float, float]]()  # supplied and dissipated in steps without contact, to be booked
@@ -175,6 +179,8 @@ class FrameKernel(BookedKernel):
 
     def _shape_at(self, q: Array, r: Array) -> Shape:
         """The inertia there, which the table is of from now on."""
+        if self._same_shape is not None:
+            return self._same_shape
         if self._couples:
             self._by_shape(q, self._shaped)
             self._turned(r, self._turned_rows)
@@ -300,43 +306,3 @@ def check_turn(h: float, ω: Vector) -> None:
             f"the body would turn by {h * speed:.3g} rad in a step of {h:g} s: allowed are {LARGEST_TURN:g} rad, that "
             f"is, at {speed:.3g} rad/s, a dt of at most {LARGEST_TURN / speed:.2g} s"
         )
-
-
-def solved_inertia(inertia: tuple[float, ...], L: Vector) -> Vector:
-    """I⁻¹ L."""
-    (xx, yy, zz, yz, xz, xy), (x, y, z) = inertia, L
-    A, B, C = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
-    D, E, F = xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy
-    determinant = xx * A + xy * B + xz * C
-    return (
-        (A * x + B * y + C * z) / determinant,
-        (B * x + D * y + E * z) / determinant,
-        (C * x + E * y + F * z) / determinant,
-    )
-
-
-def check_definite(inertia: tuple[float, ...], b: Array) -> None:
-    """A StepError where kinetic energy is not positive definite, [[I, b], [bᵀ, 1]], with b (3, m)."""
-    (xx, yy, zz, yz, xz, xy), ((bxx, bxy, bxz), (_, byy, byz), (_, _, bzz)) = inertia, b.dot(b.T).tolist()
-    if not _is_definite(xx - bxx, yy - byy, zz - bzz, yz - byz, xz - bxz, xy - bxy):
-        raise StepError(
-            "the body is so far from its shape at rest that its kinetic energy is not positive any more: allowed is "
-            "what a body of small strains can do in its frame; less force, or large_deformation, is the cure"
-        )
-
-
-def _is_definite(xx: float, yy: float, zz: float, yz: float, xz: float, xy: float) -> bool:
-    minor = xx * yy - xy * xy
-    return xx > 0 and minor > 0 and zz * minor - yz * (xx * yz - xy * xz) + xz * (xy * yz - yy * xz) > 0
-
-
-def times_inertia(inertia: tuple[float, ...], ω: Vector) -> Vector:
-    """I ω."""
-    (xx, yy, zz, yz, xz, xy), (x, y, z) = inertia, ω
-    return xx * x + xy * y + xz * z, xy * x + yy * y + yz * z, xz * x + yz * y + zz * z
-
-
-def pairs(ω: Vector, η: Vector) -> tuple[float, float, float, float, float, float]:
-    """Σ_kl ω_k η_l X_kl of a symmetric X as a sum of its six entries: their factors."""
-    (a, b, c), (x, y, z) = ω, η
-    return a * x, b * y, c * z, b * z + c * y, a * z + c * x, a * y + b * x

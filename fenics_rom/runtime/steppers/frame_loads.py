@@ -79,6 +79,8 @@ class FrameLoads:
         push = self._push.dot(u[: self._turning])
         fx, fy, fz, tx, ty, tz = push[self._order :].tolist()
         by_shape = None if self._by_shape is None else self._by_shape.dot(u[: self._turning])
+        if by_shape is not None and not by_shape.any():
+            by_shape = None
         a, points = ZERO, None
         if self._gravity >= 0:
             gx, gy, gz = (float(u[self._gravity]) * self._acceleration).tolist()

@@ -53,20 +53,24 @@ from fenics_rom.runtime.steppers.frame_kernel import (
     FrameKernel,
     FrameState,
     Shape,
-    check_definite,
     check_turn,
-    pairs,
-    solved_inertia,
-    times_inertia,
     turn_of,
 )
 from fenics_rom.runtime.steppers.frame_loads import FrameForces
 from fenics_rom.runtime.steppers.frame_points import FramePoints, Geometry, Push, vector
+from fenics_rom.runtime.steppers.inertia import (
+    MOST_ITERATIONS,
+    ROUND_OFF,
+    SLOW,
+    TOLERANCE,
+    check_definite,
+    contraction,
+    pairs,
+    solved_inertia,
+    times_inertia,
+    turn_of_top,
+)
 
-TOLERANCE = 1e-15  # of the velocities: what the next correction may be
-ROUND_OFF = 4e-15  # of them: a correction that is none
-MOST_ITERATIONS = 60
-SLOW = 0.2  # of one correction to the next, from which on the Jacobian is found anew
 FEW_ITERATIONS = 3  # of a step with a Jacobian that is kept
 WORN = 5  # iterations more than that in all the steps with it, which a new one takes the time of
 
@@ -192,6 +196,8 @@ class FreeFrame(FrameKernel):
         x[:3], x[3:] = self._now.ω, self._r
         if self._passed is not None and h <= 2 * self._passed[0]:  # else it says too little of this step
             x += (h / self._passed[0]) * (x - self._passed[1])
+        if not self._couples and self._interface is None and step.forces.at_points is None:
+            return self._as_a_top(step, x)
         scale, before = 0.0, math.inf
         if self._wear > WORN:
             self._inverse = None
@@ -210,12 +216,30 @@ class FreeFrame(FrameKernel):
             before = size
             if ratio > SLOW and iteration > 1:
                 self._inverse, before = None, math.inf
-        ω = self._now.ω
-        raise StepError(
-            f"no step of {h:g} s was found that turns the body by {h * dot(ω, ω) ** 0.5:.2g} rad and bends it as it "
-            f"does: after {MOST_ITERATIONS} iterations {size / scale:.1e} of the velocities is left; a smaller dt is "
-            "the cure"
+        raise self._unsolved(size / scale)
+
+    def _as_a_top(self, step: _Step, x: Array) -> Array:
+        """The same into x, near it, where shape and rotation leave each other alone."""
+        now, given, r̂ = self._now, self._table[GIVEN], x[3:]
+        r̂[:] = np.linalg.solve(self._products[-1], -given) if self._dense_damping else given / -self._diagonal
+        torque = self._torque(step, r̂)
+        x[:3], left = turn_of_top(now.shape.inertia, now.L, torque, now.ω, vector(x[:3]), self.h)
+        if left:
+            raise self._unsolved(left)
+        return x
+
+    def _unsolved(self, left: float) -> StepError:
+        return StepError(
+            f"no step of {self.h:g} s was found that turns the body by {self.h * math.hypot(*self._now.ω):.2g} rad and "
+            f"bends it as it does: after {MOST_ITERATIONS} iterations {left:.1e} of the velocities is left; a smaller "
+            "dt is the cure"
         )
+
+    def _torque(self, step: _Step, r̂: Array) -> Vector:
+        """Of forces that turn with the frame."""
+        if step.forces.torque_by_shape is None:
+            return step.forces.torque
+        return added(step.forces.torque, 1.0, vector(step.forces.torque_by_shape.dot(self._now.q + self.h / 2 * r̂)))
 
     def size(self, change: Array) -> float:
         """Of velocities, as √(2 J)."""
@@ -244,9 +268,7 @@ class FreeFrame(FrameKernel):
         ρ = np.empty(len(x))
         along = self._factors.dot(self._sum, ρ[3:])
         L_end = self._end_momentum(self._sum.dot(r̂).tolist(), ω_end)
-        t = step.forces.torque
-        if step.forces.torque_by_shape is not None:
-            t = added(t, 1.0, vector(step.forces.torque_by_shape.dot(self._now.q + h / 2 * r̂)))
+        t = self._torque(step, r̂)
         pushes = [push] if push is not None else []
         if step.forces.at_points is not None:
             prescribed = self._prescribed(step.forces, self.turn_at(x)[0], self._now.q, r̂, h)
@@ -288,10 +310,10 @@ class FreeFrame(FrameKernel):
         m = len(r̂)
         J = np.empty((3 + m, 3 + m))
         J[:3, :3] = carry.dot(2 * inertia[VOIGT_INDEX]) - cross_matrix(self._now.L + L_end) / 2
-        J[:3, 3:] = carry.dot(_contraction(ω_end).dot(h * (bent + 2 * bending)) + moving)
-        J[3:, :3] = (moving / h + 2 * table[TURNED_BY_RATE] - _contraction(ω).dot(bent + bending)).T
+        J[:3, 3:] = carry.dot(contraction(ω_end).dot(h * (bent + 2 * bending)) + moving)
+        J[3:, :3] = (moving / h + 2 * table[TURNED_BY_RATE] - contraction(ω).dot(bent + bending)).T
         factors = (*(-h / 2 * p for p in pairs(vector(ω), vector(ω_end))), *(2 * ω̂), 1.0)
-        J[3:, 3:] = np.array(factors).dot(self._products.reshape(10, m * m)).reshape(m, m)
+        J[3:, 3:] = np.array(factors).dot(self._flat_products).reshape(m, m)
         try:
             inverse: Array = np.linalg.inv(J)
         except np.linalg.LinAlgError as error:
@@ -347,9 +369,7 @@ class FreeFrame(FrameKernel):
         h, forces, r̂, before = self.h, step.forces, x[3:], self.frame
         a, b, c = x[:3].tolist()
         turn, rotation = self.turn_at(x)
-        torque = forces.torque
-        if forces.torque_by_shape is not None:
-            torque = added(torque, 1.0, vector(forces.torque_by_shape.dot(self._now.q + h / 2 * r̂)))
+        torque = self._torque(step, r̂)
         supplied = dot(torque, (a, b, c)) + float(forces.modal.dot(r̂))
         τ, pushed = turn.mean(torque), ZERO
         prescribed = self._prescribed(forces, turn, self._now.q, r̂, h)
@@ -375,9 +395,3 @@ class FreeFrame(FrameKernel):
         self._passed = h, x
         self.frame, self._now_before, self._now = frame, self._now, motion
         return self._arrive(e, r)
-
-
-def _contraction(ω: Array) -> Array:
-    """(3, 6), which makes Σ_l ω_l X_kl of the six entries of a symmetric X."""
-    x, y, z = ω
-    return np.array(((x, 0, 0, 0, z, y), (0, y, 0, z, 0, x), (0, 0, z, y, x, 0)))

@@ -1,0 +1,103 @@
+"""Inertia and rotation of a body in plain numbers; of symmetric matrices the six entries xx, yy, zz, yz, xz, xy."""
+
+import math
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.errors import StepError
+from fenics_rom.mechanics.frame_motion import Vector, added, cross, dot
+
+TOLERANCE = 1e-15  # of the velocities: what the next correction may be
+ROUND_OFF = 4e-15  # of the velocities: a correction that is none
+SLOW = 0.2  # of one correction to the next, from which on slopes are found anew
+MOST_ITERATIONS = 60
+
+Inertia = tuple[float, ...]  # its six entries
+
+
+def solved_inertia(inertia: Inertia, L: Vector) -> Vector:
+    """I⁻¹ L."""
+    (xx, yy, zz, yz, xz, xy), (x, y, z) = inertia, L
+    A, B, C = yy * zz - yz * yz, xz * yz - xy * zz, xy * yz - xz * yy
+    D, E, F = xx * zz - xz * xz, xy * xz - xx * yz, xx * yy - xy * xy
+    determinant = xx * A + xy * B + xz * C
+    return (
+        (A * x + B * y + C * z) / determinant,
+        (B * x + D * y + E * z) / determinant,
+        (C * x + E * y + F * z) / determinant,
+    )
+
+
+def check_definite(inertia: Inertia, b: Array) -> None:
+    """A StepError where kinetic energy is not positive definite, [[I, b], [bᵀ, 1]], with b (3, m)."""
+    (xx, yy, zz, yz, xz, xy), ((bxx, bxy, bxz), (_, byy, byz), (_, _, bzz)) = inertia, b.dot(b.T).tolist()
+    if not _is_definite(xx - bxx, yy - byy, zz - bzz, yz - byz, xz - bxz, xy - bxy):
+        raise StepError(
+            "the body is so far from its shape at rest that its kinetic energy is not positive any more: allowed is "
+            "what a body of small strains can do in its frame; less force, or large_deformation, is the cure"
+        )
+
+
+def _is_definite(xx: float, yy: float, zz: float, yz: float, xz: float, xy: float) -> bool:
+    minor = xx * yy - xy * xy
+    return xx > 0 and minor > 0 and zz * minor - yz * (xx * yz - xy * xz) + xz * (xy * yz - yy * xz) > 0
+
+
+def times_inertia(inertia: Inertia, ω: Vector) -> Vector:
+    """I ω."""
+    (xx, yy, zz, yz, xz, xy), (x, y, z) = inertia, ω
+    return xx * x + xy * y + xz * z, xy * x + yy * y + yz * z, xz * x + yz * y + zz * z
+
+
+def pairs(ω: Vector, η: Vector) -> tuple[float, float, float, float, float, float]:
+    """Σ_kl ω_k η_l X_kl of a symmetric X as a sum of its six entries: their factors."""
+    (a, b, c), (x, y, z) = ω, η
+    return a * x, b * y, c * z, b * z + c * y, a * z + c * x, a * y + b * x
+
+
+def contraction(ω: Array) -> Array:
+    """(3, 6), which makes Σ_l ω_l X_kl of the six entries of a symmetric X."""
+    x, y, z = ω
+    return np.array(((x, 0, 0, 0, z, y), (0, y, 0, z, 0, x), (0, 0, z, y, x, 0)))
+
+
+def turn_of_top(
+    inertia: Inertia, L: Vector, torque: Vector, ω: Vector, start: Vector, h: float
+) -> tuple[Vector, float]:
+    """The mid-step ω̂ of a top that turns with ω and L at the start of a step of h s, and how little of it is not found.
+
+    In its axes, 2/h (I ω̂ - L) + ω̂ × I ω̂ = torque; the iteration is Newton's from `start` with kept slopes.
+    """
+    ω̂, slopes, before, size = start, _slopes(inertia, start, h), math.inf, math.inf
+    scale = math.hypot(*start) + math.hypot(*ω)
+    for _ in range(MOST_ITERATIONS):
+        M = times_inertia(inertia, ω̂)
+        lack = added(added(cross(ω̂, M), -1.0, torque), 2 / h, added(M, -1.0, L))
+        change = _solved(slopes, lack)
+        ω̂, size = added(ω̂, -1.0, change), math.hypot(*change)
+        ratio = size / before
+        if size <= ROUND_OFF * scale or (0 < ratio < 1 and size * ratio <= TOLERANCE * scale):
+            return ω̂, 0.0
+        if ratio > SLOW:
+            slopes = _slopes(inertia, ω̂, h)
+        before = size
+    return ω̂, size / scale
+
+
+def _slopes(inertia: Inertia, ω̂: Vector, h: float) -> tuple[Vector, Vector, Vector]:
+    """What 2/h I ω̂ + ω̂ × I ω̂ changes by with each part of ω̂."""
+    (xx, yy, zz, yz, xz, xy), (x, y, z) = inertia, times_inertia(inertia, ω̂)
+    return (
+        added(added(cross(ω̂, (xx, xy, xz)), 2 / h, (xx, xy, xz)), 1.0, (0.0, -z, y)),
+        added(added(cross(ω̂, (xy, yy, yz)), 2 / h, (xy, yy, yz)), 1.0, (z, 0.0, -x)),
+        added(added(cross(ω̂, (xz, yz, zz)), 2 / h, (xz, yz, zz)), 1.0, (-y, x, 0.0)),
+    )
+
+
+def _solved(columns: tuple[Vector, Vector, Vector], b: Vector) -> Vector:
+    """A⁻¹ b of the columns of A, by Cramer's rule."""
+    a0, a1, a2 = columns
+    minor = cross(a1, a2)
+    determinant = dot(a0, minor)
+    return dot(b, minor) / determinant, dot(b, cross(a2, a0)) / determinant, dot(b, cross(a0, a1)) / determinant
