@@ -273,7 +273,7 @@ class FrameKernel(BookedKernel):
             self.touched = velocities
             self._leave(StepWork(supplied, dissipated, (partial(contact.work, velocities, self.h),)))
         else:
-            if len(self._works) == BOOKED_TOGETHER:
+            if self._owed is not None or len(self._works) == BOOKED_TOGETHER:
                 self.flush()
             self._remember()
             self._works.append((supplied, dissipated))
