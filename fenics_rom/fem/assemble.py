@@ -44,6 +44,8 @@ from fenics_rom.system.moving_frame import check_motions
 from fenics_rom.system.rigid_modes import mass_orthonormal, without_energy
 from fenics_rom.system.system import System
 
+STRAIGHT = 1e-6  # share of the body's length that the middle of an edge may be off, as files hold few digits
+
 
 def assemble(scene: Scene, comm: Any = None) -> System:
     """Assembles the full-order model of a scene; every rank of `comm` must call it.
@@ -119,7 +121,7 @@ def _system(scene: Scene, comm: Any) -> System:
             points_between(scene, nodes, unknowns),
         ),
         scene=scene,
-        warnings=(*_warnings(scene, rigid), *implausible(nodes.coordinates, matrices.node_mass.sum(), young)),
+        warnings=(*_warnings(scene, mesh, rigid), *implausible(nodes.coordinates, matrices.node_mass.sum(), young)),
     )
     system = replace(system, warnings=(*system.warnings, *_obstacles_too_small(system)))
     if matrices.frame_masses is not None:
@@ -136,8 +138,13 @@ def _system(scene: Scene, comm: Any) -> System:
     return replace(system, deformation=assemble_deformation(system, nodes, cell_properties, D, K))
 
 
-def _warnings(scene: Scene, rigid: np.ndarray) -> Iterator[str]:
+def _warnings(scene: Scene, mesh: Mesh, rigid: np.ndarray) -> Iterator[str]:
     """Of elements that lock, and of supports: whoever clamps a body may not know that some of it still moves freely."""
+    if mesh.straightened > STRAIGHT * np.ptp(mesh.points, axis=0).max():
+        yield (
+            f"curved edges of second-order cells were made straight: nodes on them are up to {mesh.straightened:.3g} m "
+            "off; a finer mesh follows the curve"
+        )
     stiffest = max(material.poisson for material in scene.materials.values())
     if scene.degree == 1 and stiffest > 0.45:
         yield (

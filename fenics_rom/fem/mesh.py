@@ -12,10 +12,12 @@ from xml.etree import ElementTree
 import numpy as np
 
 from fenics_rom.errors import MeshError, check_known
-from fenics_rom.fem import gmsh_file
+from fenics_rom.fem import foreign_file
+from fenics_rom.fem.abaqus_file import read_abaqus
 from fenics_rom.fem.mesh_quality import CELL_EDGES, check_filling, signed_volumes
 
-LINEAR_TETRAHEDRON = "Tetrahedron 4"  # what Gmsh calls the only kind of cells that is allowed
+TETRAHEDRA = {"Tetrahedron 4", "Tetrahedron 10"}  # what Gmsh calls the only kinds of cells that are allowed
+SURFACES = (".stl", ".step", ".stp")  # what Gmsh can fill
 
 
 @dataclass(frozen=True)
@@ -27,6 +29,7 @@ class Mesh:
     surfaces: Mapping[str, np.ndarray]  # triangles of each named surface, (F, 3) each
     regions: Mapping[str, np.ndarray]  # cells of each named region, as rows of `cells`
     source: str  # file name for messages
+    straightened: float = 0.0  # m, by which nodes on edges of second-order cells were off their middles
 
     def surface(self, name: str) -> np.ndarray:
         """Triangles of a named surface; refuses one that is not there, or empty."""
@@ -49,12 +52,13 @@ class Mesh:
 
 
 def read_mesh(file: Path, groups: Mapping[str, int], scale: float = 1.0) -> Mesh:
-    """Reads Gmsh .msh or XDMF.
+    """Reads a mesh of tetrahedra, whose edges are made straight.
 
     Args:
-        file: path; `.msh` with physical groups, or `.xdmf` as dolfinx writes it.
-        groups: names for tags that have none in the file (XDMF holds tag values only). In XDMF, tags written under
-            a name of their own are also a group of that name.
+        file: path; `.msh` of Gmsh with physical groups, `.inp` of Abaqus with sets, `.vtk` or `.vtu` with cell data of
+            whole numbers, or `.xdmf` as dolfinx writes it.
+        groups: names for tags that have none in the file (XDMF and VTK hold tag values only). In XDMF, tags written
+            under a name of their own are also a group of that name.
         scale: metres that a unit of its coordinates is worth.
 
     Raises:
@@ -65,15 +69,18 @@ def read_mesh(file: Path, groups: Mapping[str, int], scale: float = 1.0) -> Mesh
             raise MeshError(f"mesh file {file}: not found")
     except OSError as error:  # a name that is too long
         raise MeshError(f"mesh file {file}: {error.strerror}") from error
-    readers = {".msh": _read_gmsh, ".xdmf": _read_xdmf}
+    readers = {".msh": _read_gmsh, ".inp": _read_inp, ".vtk": _read_vtk, ".vtu": _read_vtk, ".xdmf": _read_xdmf}
     if file.suffix not in readers:
-        raise MeshError(f"mesh file {file}: allowed endings are {', '.join(readers)}")
-    points, cells, surfaces, regions = readers[file.suffix](file, groups)
-    _check_cells(points, cells, file)
-    points = scale * points
+        filled = f"; fenics-rom mesh {file.name} -o part.msh --size LENGTH fills it" if file.suffix in SURFACES else ""
+        raise MeshError(f"mesh file {file}: allowed endings are {', '.join(readers)}{filled}")
+    points, cells, surfaces, regions, edges = readers[file.suffix](file, groups)
+    check_cells(points, cells, file)
+    points, straightened = scale * points, 0.0
+    if len(edges):
+        straightened = float(np.linalg.norm(points[edges[:, 2]] - points[edges[:, :2]].mean(axis=1), axis=1).max())
     cells, regions = _deduplicate(oriented(points, cells), regions)
     check_filling(points, cells, f"mesh file {file}")
-    return Mesh(points, cells, surfaces, regions, str(file))
+    return Mesh(points, cells, surfaces, regions, str(file), straightened)
 
 
 def oriented(points: np.ndarray, cells: np.ndarray) -> np.ndarray:
@@ -83,9 +90,10 @@ def oriented(points: np.ndarray, cells: np.ndarray) -> np.ndarray:
     return cells
 
 
-def _check_cells(points: np.ndarray, cells: np.ndarray, file: Path) -> None:
+def check_cells(points: np.ndarray, cells: np.ndarray, file: Path) -> None:
+    """Refuses none at all, and cells without volume; MeshError says which."""
     if len(cells) == 0:
-        raise MeshError(f"mesh file {file}: holds no tetrahedra")
+        raise MeshError(f"mesh file {file}: holds no tetrahedra; a surface alone is no body")
     if not np.isfinite(points).all():
         raise MeshError(f"mesh file {file}: coordinates that are not finite")
     volume = np.abs(signed_volumes(points, cells))
@@ -109,19 +117,25 @@ def _read_gmsh(file: Path, groups: Mapping[str, int]):  # type: ignore[no-untype
     with file.open("rb") as stream:  # what has no such head Gmsh takes for a script, and runs
         if not stream.readline().startswith((b"$MeshFormat", b"$Comments")):
             raise MeshError(f"mesh file {file}: is not in Gmsh's MSH format, version 2 or 4")
-    return _from_gmsh(gmsh_file.read_arrays(file), file, groups)
+    return _from_arrays(foreign_file.read_arrays(file), file, groups)
 
 
-def _from_gmsh(arrays: Mapping[str, np.ndarray], file: Path, groups: Mapping[str, int]):  # type: ignore[no-untyped-def]
+def _read_vtk(file: Path, groups: Mapping[str, int]):  # type: ignore[no-untyped-def]
+    return _from_arrays(foreign_file.read_arrays(file), file, groups)
+
+
+def _read_inp(file: Path, groups: Mapping[str, int]):  # type: ignore[no-untyped-def]
+    return read_abaqus(file)
+
+
+def _from_arrays(arrays: Mapping[str, np.ndarray], file: Path, groups: Mapping[str, int]):  # type: ignore[no-untyped-def]
     if len(arrays["nodes"]) == 0:
         raise MeshError(f"mesh file {file}: holds no nodes")
     order = np.argsort(arrays["nodes"])
     points, tags = arrays["points"].reshape(-1, 3)[order], arrays["nodes"][order]
-    other_kinds = sorted(set(map(str, arrays["kinds"])) - {LINEAR_TETRAHEDRON})
+    other_kinds = sorted(set(map(str, arrays["kinds"])) - TETRAHEDRA)
     if other_kinds:
-        raise MeshError(
-            f"mesh file {file}: holds {', '.join(other_kinds)}; allowed are straight tetrahedra (Mesh.ElementOrder = 1)"
-        )
+        raise MeshError(f"mesh file {file}: holds {', '.join(other_kinds)}; allowed are tetrahedra of 4 or 10 nodes")
 
     def positions(wanted: np.ndarray, among: np.ndarray, what: str) -> np.ndarray:
         rows = np.searchsorted(among, wanted)  # tags may be anything, in any order
@@ -130,11 +144,15 @@ def _from_gmsh(arrays: Mapping[str, np.ndarray], file: Path, groups: Mapping[str
         return rows
 
     cells = positions(arrays["cells"].reshape(-1, 4), tags, "nodes")
+    edges = positions(arrays["edges"].reshape(-1, 3), tags, "nodes")
     by_number = np.argsort(arrays["numbers"])
     named = {tag: name for name, tag in groups.items()}
     surfaces: dict[str, np.ndarray] = {}
     regions: dict[str, np.ndarray] = {}
-    found = zip(arrays["dimensions"], arrays["tags"], map(str, arrays["names"]), strict=True)
+    found = [*zip(arrays["dimensions"], arrays["tags"], map(str, arrays["names"]), strict=True)]
+    several = {int(tag) for dimension, tag, _ in found if sum(one[:2] == (dimension, tag) for one in found) > 1}
+    if several & named.keys():
+        raise MeshError(f"mesh file {file}: tag {min(several & named.keys())} is in several arrays of cell data")
     for k, (dimension, tag, in_file) in enumerate(found):
         name, members = in_file or named.get(int(tag)), arrays[f"group{k}"]
         if not name:
@@ -145,7 +163,7 @@ def _from_gmsh(arrays: Mapping[str, np.ndarray], file: Path, groups: Mapping[str
         else:
             rows = by_number[positions(members, arrays["numbers"][by_number], "cells")]
             regions[name] = np.concatenate([regions.get(name, rows[:0]), rows])
-    return points, cells, surfaces, regions
+    return points, cells, surfaces, regions, edges
 
 
 def _read_xdmf(file: Path, groups: Mapping[str, int]):  # type: ignore[no-untyped-def]
@@ -186,7 +204,7 @@ def _read_xdmf(file: Path, groups: Mapping[str, int]):  # type: ignore[no-untype
                 surfaces[group] = _facet_nodes(domain, entities, cells)
             elif tag.dim == 3:
                 regions[group] = np.asarray(entities, dtype=np.int64)
-    return points, cells, surfaces, regions
+    return points, cells, surfaces, regions, ()
 
 
 def _facet_nodes(domain, facets: np.ndarray, cells: np.ndarray) -> np.ndarray:  # type: ignore[no-untyped-def]

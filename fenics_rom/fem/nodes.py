@@ -12,9 +12,11 @@ import scipy.sparse
 from fenics_rom.errors import MeshError, SceneError
 from fenics_rom.fem.mesh import Mesh
 from fenics_rom.fem.mesh_quality import CELL_EDGES, CELL_FACES
-from fenics_rom.scene.places import Near, Patch, Place
+from fenics_rom.scene.places import Facing, Near, Patch, Place, Plane
 from fenics_rom.scene.scene import Output
 from fenics_rom.system.body import Unknowns
+
+SAME_PLANE = 1e-6  # share of the body's length that corners of triangles may be off a plane
 
 
 @dataclass(frozen=True)
@@ -107,6 +109,30 @@ def _near_triangles(nodes: Nodes, near: Near, where: str) -> np.ndarray:
     return nodes.surface[chosen]
 
 
+def _plane_triangles(nodes: Nodes, plane: Plane, where: str) -> np.ndarray:
+    reach = plane.distance or SAME_PLANE * float(np.ptp(nodes.coordinates, axis=0).max())
+    normal = np.array(plane.normal) / np.linalg.norm(plane.normal)
+    off = np.abs((nodes.coordinates[nodes.surface] - plane.point) @ normal).max(axis=1)
+    if not (off <= reach).any():
+        raise SceneError(
+            f"{where}.plane: no surface triangle is within {reach:.3g} m of the plane through {list(plane.point)} with "
+            f"normal {list(plane.normal)}; the nearest has a corner {off.min():.4g} m off"
+        )
+    return nodes.surface[off <= reach]
+
+
+def _facing_triangles(nodes: Nodes, facing: Facing, where: str) -> np.ndarray:
+    normals, direction = _twice_area_vectors(nodes, nodes.surface), np.array(facing.direction)
+    cosine = normals @ direction / (np.linalg.norm(normals, axis=1) * np.linalg.norm(direction))
+    angles = np.arccos(np.clip(cosine, -1.0, 1.0))
+    if not (angles <= facing.angle).any():
+        raise SceneError(
+            f"{where}.facing.angle = {facing.angle:g}: no surface triangle looks that close to "
+            f"{list(facing.direction)}; the nearest is {angles.min():.4g} rad off"
+        )
+    return nodes.surface[angles <= facing.angle]
+
+
 def clamped_nodes(nodes: Nodes, name: str) -> np.ndarray:
     """All nodes of a named surface, inside the body or on its boundary; refuses one that is not of faces of cells."""
     triangles = nodes.vertices(nodes.mesh.surface(name))
@@ -148,6 +174,10 @@ def patch_triangles(nodes: Nodes, patch: Place, where: str) -> np.ndarray:
     """Outward triangles of a patch, between canonical vertices."""
     if patch.near is not None:
         return _near_triangles(nodes, patch.near, where)
+    if patch.plane is not None:
+        return _plane_triangles(nodes, patch.plane, where)
+    if patch.facing is not None:
+        return _facing_triangles(nodes, patch.facing, where)
     return surface_triangles(nodes, str(patch.surface))
 
 

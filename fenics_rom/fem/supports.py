@@ -59,13 +59,13 @@ def held_nodes(nodes: Nodes, held: Held, where: str) -> np.ndarray:
     """
     if held.surface is not None:
         return clamped_nodes(nodes, held.surface)
-    if held.near is not None:
+    if held.point is None:
         return patch_nodes(nodes, held, where)
     distance = np.linalg.norm(nodes.coordinates - np.array(held.point), axis=1)
     nearest = int(distance.argmin())
     if distance[nearest] > SAME_POINT * np.linalg.norm(np.ptp(nodes.coordinates, axis=0)):
         raise SceneError(
-            f"{where}.point = {list(held.point or ())}: no node of the mesh is there; the nearest is at "
+            f"{where}.point = {list(held.point)}: no node of the mesh is there; the nearest is at "
             f"{nodes.coordinates[nearest].round(9).tolist()}, {distance[nearest]:.3g} m away"
         )
     return np.array([nearest])

@@ -13,7 +13,7 @@ from fenics_rom.mechanics.base_path import BasePath
 from fenics_rom.mechanics.environment import CONTACT_SWITCHINGS
 from fenics_rom.mechanics.hyperelastic import LAWS, LAWS_WITH_CONSTANTS
 from fenics_rom.mechanics.signals import Signal
-from fenics_rom.scene.places import Place
+from fenics_rom.scene.places import PIECES, Place
 from fenics_rom.scene.values import Direction, Flag, Items, Name, Number, Point, PoseTable, Table, Text
 
 Alpha = Annotated[float, Number(at_least=0.0, unit="1/s"), "share of the mass matrix in the damping matrix"]
@@ -139,7 +139,7 @@ class PrescribedForce(Place):
     LAW: ClassVar = Law(
         force="a force on a surface, evenly, or at a point", supplies="its work", changing=("force", "table")
     )
-    ONE_OF = (("surface", "near", "point"),)
+    ONE_OF = ((*PIECES, "point"),)
     AT_MOST_ONE: ClassVar = ("force", "table")
     point: Annotated[Point | None, "a material point of the body"] = None
     force: Annotated[

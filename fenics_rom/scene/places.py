@@ -5,6 +5,8 @@ from typing import Annotated, ClassVar
 
 from fenics_rom.scene.values import Direction, Number, Point, Text
 
+PIECES = ("surface", "near", "plane", "facing")  # ways to say which piece of the surface
+
 
 @dataclass(frozen=True)
 class Near:
@@ -15,16 +17,37 @@ class Near:
 
 
 @dataclass(frozen=True)
-class Place:
-    """A piece of the surface: exactly one of the two."""
+class Plane:
+    """The surface triangles in a plane."""
 
-    ONE_OF: ClassVar[tuple[tuple[str, ...], ...]] = (("surface", "near"),)
+    point: Annotated[Point, "of the plane"]
+    normal: Annotated[Direction, "of the plane, of any length but zero"]
+    distance: Annotated[
+        float | None, Number(above=0.0, unit="m"), "that their corners may be off; without it 1e-6 of the body's length"
+    ] = None
+
+
+@dataclass(frozen=True)
+class Facing:
+    """The surface triangles that look in a direction."""
+
+    direction: Annotated[Direction, "of any length but zero"]
+    angle: Annotated[float, Number(above=0.0, below=1.6, unit="rad"), "by which their outward normals may be off"] = 0.1
+
+
+@dataclass(frozen=True)
+class Place:
+    """A piece of the surface: exactly one of them."""
+
+    ONE_OF: ClassVar[tuple[tuple[str, ...], ...]] = (PIECES,)
     surface: Annotated[str | None, Text(), "a named surface of the mesh"] = None
     near: Annotated[Near | None, "the surface triangles whose centroids lie in a ball"] = None
+    plane: Annotated[Plane | None, "the surface triangles in a plane"] = None
+    facing: Annotated[Facing | None, "the surface triangles that look in a direction"] = None
 
     def patch(self, force: str) -> "Patch":
         """The place, with the forces that can act on it."""
-        return Patch(self.surface, self.near, force)
+        return Patch(self.surface, self.near, self.plane, self.facing, force)
 
 
 @dataclass(frozen=True)
@@ -43,8 +66,8 @@ class Patch(Place):
 class Held(Place):
     """Nodes that do not move, or do not move along a normal: a roller, or a plane of symmetry."""
 
-    ONE_OF = (("surface", "near", "point"),)
-    point: Annotated[Point | None, "a node of the mesh; instead of surface or near"] = None
+    ONE_OF = ((*PIECES, "point"),)
+    point: Annotated[Point | None, "a node of the mesh; instead of a piece of the surface"] = None
     normal: Annotated[
         Direction | None, "along which they are held, of any length but zero; without one they are clamped"
     ] = None

@@ -17,7 +17,7 @@ from petsc4py import PETSc
 import fenics_rom as fr
 from fenics_rom.cli.main import main
 from fenics_rom.errors import FenicsRomError
-from fenics_rom.fem import gmsh_file
+from fenics_rom.fem import foreign_file
 from fenics_rom.fem.assemble import dolfinx_nodes
 from fenics_rom.fem.dolfinx_compat import create_tetrahedra, vector_space
 from fenics_rom.fem.mesh import read_mesh
@@ -83,7 +83,7 @@ def symmetric(matrix):
     return bool(transposed.equal(matrix))
 
 
-stand_ins.replace(gmsh_file, "read_arrays", arrays_found_here)
+stand_ins.replace(foreign_file, "read_arrays", arrays_found_here)
 folder, results = (Path(argument) for argument in sys.argv[1:3])
 names = [f"{name}.h5" for name in sys.argv[3:]] or COMMANDS
 for name in names:

@@ -14,7 +14,7 @@ from mutated_files import refused
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomError, MeshError, SceneError
-from fenics_rom.fem import gmsh_file
+from fenics_rom.fem import foreign_file
 from fenics_rom.mechanics.load_history import LoadHistory
 
 sys.path.append(str(Path(__file__).parents[1]))
@@ -153,7 +153,7 @@ def prepare(folder: Path) -> None:
     """The mesh, a table, and things that are neither."""
     import os
 
-    stand_ins.replace(gmsh_file, "read_arrays", arrays_found_here)
+    stand_ins.replace(foreign_file, "read_arrays", arrays_found_here)
     write_arrays(folder / "box.msh", *box_arrays((1.0, 0.4, 0.3), (2, 1, 1)))
     (folder / "push.csv").write_text(TABLE)
     os.mkfifo(folder / "pipe")

@@ -20,7 +20,7 @@ from rom_files import tampered
 import fenics_rom as fr
 from fenics_rom.cli.main import main
 from fenics_rom.errors import FenicsRomError
-from fenics_rom.fem import gmsh_file
+from fenics_rom.fem import foreign_file
 
 pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
 SCENE = """\
@@ -50,7 +50,7 @@ duration = 0.1
 contact = "tip"
 force = [0, 0, 0.1]
 """
-in_another_process = gmsh_file.read_arrays  # the other tests read in their own
+in_another_process = foreign_file.read_arrays  # the other tests read in their own
 ERROR = re.compile(r"fenics-rom(?: \w+)?: error: ([^\n]+)\n")
 BALL = '[effects.contact.obstacles.ball]\nshape = "sphere"\ncenter = [1.5, 0.2, 0.15]\nradius = 0.1\n'
 PUSH = '[[run.load]]\ncontact = "tip"\nforce = [0, 0, 0.1]\n'
@@ -242,7 +242,7 @@ SCENES = {  # by kind: what is there, what stands there instead, and what is sai
     "empty table, contact": (
         'surface = "right"\n[out',
         "\n[out",
-        "contacts.tip: give exactly one of surface, near; given",
+        "contacts.tip: give exactly one of surface, near, plane, facing; given",
     ),
     "empty table, gravity": ("{ acceleration = [0, 0, -9.81] }", "{}", "effects.gravity: acceleration is missing"),
     "empty table, no obstacles": (
@@ -272,7 +272,7 @@ SCENES = {  # by kind: what is there, what stands there instead, and what is sai
     "both, surface and near": (
         'surface = "right"\n[out',
         'surface = "right"\nnear = { point = [1, 0, 0], radius = 1 }\n[out',
-        "contacts.tip: give exactly one of surface, near; given: surface, near",
+        "contacts.tip: give exactly one of surface, near, plane, facing; given: surface, near",
     ),
     "wrong shape, two numbers": ("[0, 0, -9.81]", "[0, -9.81]", "acceleration is a list of 2: allowed is a list of 3"),
     "wrong shape, force of two numbers": (
@@ -420,7 +420,7 @@ MESHES = {
 @pytest.mark.parametrize("kind", MESHES)
 def test_mesh_is_refused_in_one_line(inside, refused, monkeypatch, kind):
     if kind == CRASHES_GMSH:
-        monkeypatch.setattr(gmsh_file, "read_arrays", in_another_process)
+        monkeypatch.setattr(foreign_file, "read_arrays", in_another_process)
     change, said = MESHES[kind]
     change()
     message = refused("reduce", "block.toml", "-o", "out.h5")

@@ -120,7 +120,7 @@ density = 2300.0 | | material: density is missing
 [supports] | [suports] | no key 'suports'; there is actuators, contacts, effects, frame, material, materials, mesh,
 [supports] | [suports] | did you mean 'supports'?
 young | yuong | material: no key 'yuong'; there is density, poisson, young; did you mean 'young'?
-surface = "middle" | surfac = "m" | contacts.middle: no key 'surfac'; there is force, near, surface; did
+surface = "middle" | surfac = "m" | contacts.middle: no key 'surfac'; there is facing, force, near, plane, surface; did
 stop = 0.5 | end = 0.5 | run.load[0]: no key 'end'; there is actuator, contact, force, start, stop, table
 alpha = 0.5 | alpa = 0.5 | effects.damping: no key 'alpa'; there is alpha, beta, dashpots, materials; did
 inertia = {} | inertia = {}⏎wind = {} | effects: no key 'wind'; there is base_motion, base_path, contact, damping
@@ -134,8 +134,8 @@ name = "plate" | name = "" | name = '': allowed is a non-empty string
 file = "../../meshes/plate.msh" | | mesh: file is missing
 [mesh] | [mesh]⏎degree = 3 | mesh.degree = 3: allowed is a whole number and >= 1 and <= 2
 [mesh] | [mesh]⏎degree = 1.0 | mesh.degree = 1.0: allowed is a whole number and >= 1 and <= 2
-surface = "middle" | | contacts.middle: give exactly one of surface, near; given: none
-surface = "middle" | surface = "m"⏎near = {point = [0, 0, 0], radius = 1} | one of surface, near; given: surface, near
+surface = "middle" | | contacts.middle: give exactly one of surface, near, plane, facing; given: none
+surface = "middle" | surface = "m"⏎near = {point = [0, 0, 0], radius = 1} | facing; given: surface, near
 surface = "middle" | near = {point = [0, 0, 0]} | contacts.middle.near: radius is missing
 surface = "middle" | near = {point = [0, 0, 0], radius = 0} | contacts.middle.near.radius = 0: allowed is
 surface = "middle" | near = {point = [0, 0], radius = 1} | near.point is a list of 2: allowed is a list of 3

@@ -1,0 +1,227 @@
+"""A process of its own that lets Gmsh or VTK read a mesh file, or Gmsh mesh one, and writes arrays to standard output.
+
+They crash on some damaged files; here they take nobody with them. It is started by `foreign_file`, as a script, so that
+it needs NumPy and Gmsh or VTK only.
+"""
+
+import io
+import os
+import resource
+import sys
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+BASE_MEMORY = 2**30  # bytes of address space that Gmsh may take for any file, of which it takes a fifth by itself
+VTK_MEMORY = 2**32  # and VTK, of which it takes a fifth
+MEMORY_PER_BYTE = 50  # and for each byte of the file, of which they take five to ten
+TRIANGLES = {2: 3, 9: 6}  # Gmsh's numbers of them, and their nodes, the corners first
+TETRAHEDRA = {4: 4, 11: 10}
+GMSH_MIDDLES = [4, 5, 6, 7, 9, 8]  # of the edges 01, 12, 02, 03, 13, 23, the order of VTK and of Abaqus
+VTK_TRIANGLES = {5: 3, 22: 6}  # VTK's numbers, likewise
+VTK_TETRAHEDRA = {10: 4, 24: 10}
+FEATURE_ANGLE = np.radians(40.0)  # between triangles of a surface; beyond it an edge stays an edge
+
+
+def main() -> None:
+    """Reads the file that the command line names, or fills it with cells of a size; or ends with a message."""
+    file = sys.argv[1]
+    lower_limit(resource.RLIMIT_CORE, 0)  # a crash leaves nothing behind
+    if len(sys.argv) == 2:  # sizes in a file may lie
+        base = BASE_MEMORY if program_of(Path(file)) == "Gmsh" else VTK_MEMORY
+        lower_limit(resource.RLIMIT_AS, base + MEMORY_PER_BYTE * Path(file).stat().st_size)
+    with os.fdopen(os.dup(1), "wb") as output:
+        os.dup2(2, 1)  # what libraries print is no part of the arrays
+        try:
+            arrays = fill_surface(file, float(sys.argv[2])) if len(sys.argv) > 2 else read_arrays(file)
+        except ModuleNotFoundError as error:
+            sys.exit(f"it needs {error.name}, which this Python lacks: pip install fenics-rom[view]")
+        except Exception as error:  # Gmsh's own, and what Python says of names that are no text
+            sys.exit(" ".join(str(error).split()))
+        content = io.BytesIO()
+        np.savez(content, **arrays)
+        output.write(content.getbuffer())
+
+
+def lower_limit(what: int, limit: int) -> None:
+    """Lowers a limit of this process."""
+    soft, hard = (limit if old == resource.RLIM_INFINITY else min(limit, old) for old in resource.getrlimit(what))
+    resource.setrlimit(what, (soft, hard))
+
+
+def program_of(file: Path) -> str:
+    """Which of the two reads a file."""
+    return "VTK" if file.suffix in (".vtk", ".vtu") else "Gmsh"
+
+
+def read_arrays(file: str) -> dict[str, Any]:
+    """What is in a file of cells.
+
+    Returns:
+        nodes: (N,) tags, in any order.
+        points: (3 N,) of the nodes, m.
+        kinds: names of the kinds of cells.
+        numbers: (C,) of the tetrahedra.
+        cells: (4 C,) node tags of their corners.
+        edges: (3 E,) node tags of the edges of second-order ones: both ends and the node between them.
+        dimensions, tags, names: of the physical groups of triangles (2) or tetrahedra (3), of VTK of the values of each
+            array of whole numbers; empty names where there are none. Group k has `group{k}`: node tags of the corners
+            of its triangles, one after the other, or numbers of its cells.
+    """
+    return _read_vtk(file) if program_of(Path(file)) == "VTK" else _read_gmsh(file)
+
+
+def _gmsh() -> Any:
+    import gmsh
+
+    gmsh.initialize([], readConfigFiles=False)
+    gmsh.option.setNumber("General.Terminal", 0)
+    return gmsh
+
+
+def _read_gmsh(file: str) -> dict[str, Any]:
+    gmsh = _gmsh()
+    gmsh.merge(file)
+    mesh = gmsh.model.mesh
+
+    def elements(kinds: dict[int, int], entity: int = -1) -> tuple[Any, Any]:
+        """Numbers, and node tags of the corners."""
+        found = [(mesh.getElementsByType(kind, entity), count) for kind, count in kinds.items()]
+        corners = 3 if kinds is TRIANGLES else 4
+        nodes = [nodes.reshape(-1, count)[:, :corners].ravel() for (_, nodes), count in found]
+        return np.concatenate([numbers for (numbers, _), _ in found]), np.concatenate(nodes)
+
+    tags, coordinates, _ = mesh.getNodes()
+    numbers, cells = elements(TETRAHEDRA)
+    groups = [(dimension, tag) for dimension, tag in gmsh.model.getPhysicalGroups() if dimension in (2, 3)]
+    members = {}
+    for k, (dimension, tag) in enumerate(groups):
+        entities = gmsh.model.getEntitiesForPhysicalGroup(dimension, tag)
+        parts = [elements(TRIANGLES if dimension == 2 else TETRAHEDRA, e)[3 - dimension] for e in entities]
+        members[f"group{k}"] = np.concatenate([np.empty(0, np.uint64), *parts])
+    second = mesh.getElementsByType(11)[1].reshape(-1, 10)
+    return members | {
+        "nodes": tags,
+        "points": coordinates,
+        "kinds": np.array([mesh.getElementProperties(kind)[0] for kind in mesh.getElementTypes(3)], dtype=str),
+        "numbers": numbers,
+        "cells": cells,
+        "edges": edges_of(second[:, :4], second[:, GMSH_MIDDLES]).ravel(),
+        "dimensions": np.array([dimension for dimension, _ in groups], dtype=int),
+        "tags": np.array([tag for _, tag in groups], dtype=int),
+        "names": np.array([gmsh.model.getPhysicalName(*group) for group in groups], dtype=str),
+    }
+
+
+def edges_of(corners: np.ndarray, middles: np.ndarray) -> np.ndarray:
+    """Ends and middles (6 C, 3) of the edges of tetrahedra of corners (C, 4), middles (C, 6) in VTK's order."""
+    ends = corners[:, [[0, 1], [1, 2], [0, 2], [0, 3], [1, 3], [2, 3]]]
+    return np.concatenate([ends, middles[:, :, None]], axis=2).reshape(-1, 3)
+
+
+def _read_vtk(file: str) -> dict[str, Any]:
+    from vtkmodules.util.numpy_support import vtk_to_numpy
+    from vtkmodules.vtkCommonDataModel import vtkCellTypes, vtkUnstructuredGrid
+    from vtkmodules.vtkIOLegacy import vtkGenericDataObjectReader
+    from vtkmodules.vtkIOXML import vtkXMLUnstructuredGridReader
+
+    failed = []
+    reader = vtkXMLUnstructuredGridReader() if file.endswith("u") else vtkGenericDataObjectReader()
+    reader.AddObserver("ErrorEvent", lambda *_: failed.append(True))  # type: ignore[arg-type]
+    reader.SetFileName(file)
+    reader.Update()
+    grid = reader.GetOutputDataObject(0)
+    if failed or grid is None:
+        raise ValueError("it is damaged, or in no format of VTK's")
+    if not isinstance(grid, vtkUnstructuredGrid):
+        raise ValueError(f"it holds {grid.GetClassName()}; allowed is an unstructured grid of tetrahedra")
+    count = grid.GetNumberOfCells()
+    kinds = np.array([grid.GetCellType(k) for k in range(count)], dtype=int)
+    starts = vtk_to_numpy(grid.GetCells().GetOffsetsArray()) if count else np.empty(0, int)
+    nodes = vtk_to_numpy(grid.GetCells().GetConnectivityArray()) if count else np.empty(0, int)
+
+    def corners(of: np.ndarray, number: int) -> np.ndarray:
+        return nodes[starts[of][:, None] + np.arange(number)]
+
+    tetrahedra, triangles = (np.flatnonzero(np.isin(kinds, list(k))) for k in (VTK_TETRAHEDRA, VTK_TRIANGLES))
+    second = corners(np.flatnonzero(kinds == 24), 10)
+    solid = [int(kind) for kind in np.unique(kinds) if vtkCellTypes.GetDimension(int(kind)) == 3]
+    groups: list[tuple[int, int]] = []
+    members = {}
+    for k in range(grid.GetCellData().GetNumberOfArrays()):
+        array = grid.GetCellData().GetArray(k)
+        if array is None or array.GetNumberOfComponents() != 1 or array.GetDataTypeAsString() in ("float", "double"):
+            continue
+        values = vtk_to_numpy(array)
+        for dimension, cells in ((2, triangles), (3, tetrahedra)):
+            for tag in np.unique(values[cells]):
+                of = cells[values[cells] == tag]
+                members[f"group{len(groups)}"] = corners(of, 3).ravel() if dimension == 2 else of
+                groups.append((dimension, int(tag)))
+    return members | {
+        "nodes": np.arange(grid.GetNumberOfPoints()),
+        "points": vtk_to_numpy(grid.GetPoints().GetData()).astype(float).ravel() if count else np.empty(0),
+        "kinds": np.array([_vtk_kind(kind) for kind in solid], dtype=str),
+        "numbers": tetrahedra,
+        "cells": corners(tetrahedra, 4).ravel(),
+        "edges": edges_of(second[:, :4], second[:, 4:]).ravel(),
+        "dimensions": np.array([dimension for dimension, _ in groups], dtype=int),
+        "tags": np.array([tag for _, tag in groups], dtype=int),
+        "names": np.array([""] * len(groups), dtype=str),
+    }
+
+
+def _vtk_kind(kind: int) -> str:
+    from vtkmodules.vtkCommonDataModel import vtkCellTypes
+
+    name = vtkCellTypes.GetClassNameFromTypeId(kind)
+    return f"Tetrahedron {VTK_TETRAHEDRA[kind]}" if kind in VTK_TETRAHEDRA else str(name).removeprefix("vtk")
+
+
+def fill_surface(file: str, size: float) -> dict[str, Any]:
+    """Points (3 N,) and cells (4 C,) of tetrahedra of a size that fill a closed surface, or what a STEP file holds."""
+    gmsh = _gmsh()
+    gmsh.option.setString("Geometry.OCCTargetUnit", "M")
+    mesh = gmsh.model.mesh
+    if file.lower().endswith(".stl"):
+        gmsh.merge(file)
+        _check_closed(mesh)
+        mesh.classifySurfaces(FEATURE_ANGLE, True, True, np.pi)
+        mesh.createGeometry()
+        loop = gmsh.model.geo.addSurfaceLoop([tag for _, tag in gmsh.model.getEntities(2)])
+        gmsh.model.geo.addVolume([loop])
+        gmsh.model.geo.synchronize()
+    else:
+        gmsh.model.occ.importShapes(file)
+        gmsh.model.occ.synchronize()
+    if not gmsh.model.getEntities(3):
+        raise ValueError("it holds no solid, only surfaces")
+    for option in ("Mesh.MeshSizeMin", "Mesh.MeshSizeMax"):
+        gmsh.option.setNumber(option, size)
+    mesh.generate(3)
+    tags, points, _ = mesh.getNodes()
+    order = np.argsort(tags)
+    cells = np.searchsorted(tags[order], mesh.getElementsByType(4)[1])
+    return {"points": points.reshape(-1, 3)[order].ravel(), "cells": cells}
+
+
+def _check_closed(mesh: Any) -> None:
+    """Refuses a surface with edges that are not between two triangles."""
+    nodes, points, _ = mesh.getNodes()
+    triangles = mesh.getElementsByType(2)[1].reshape(-1, 3)
+    if not len(triangles):
+        raise ValueError("it holds no triangles")
+    sides = np.sort(triangles[:, [[0, 1], [1, 2], [0, 2]]].reshape(-1, 2), axis=1)
+    edges, count = np.unique(sides, axis=0, return_counts=True)
+    loose = edges[count != 2]
+    if len(loose):
+        at = points.reshape(-1, 3)[nodes == loose[0, 0]][0]
+        raise ValueError(
+            f"its surface is not closed: {len(loose)} of {len(edges)} edges are not between two triangles, e.g. one at "
+            f"{at.round(9).tolist()}"
+        )
+
+
+if __name__ == "__main__":
+    main()
