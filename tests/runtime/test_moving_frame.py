@@ -227,6 +227,8 @@ def test_a_beam_that_tumbles_onto_a_floor_closes_its_account(falling, restitutio
             body.dt = 10 ** random.uniform(-4, -2.3)
         before = body.ledger.contact, body.ledger.friction
         body.step(np.zeros(body.inputs))
+        body._stepper.kernel.step(np.zeros(body._stepper.model.inputs.shape[1]))  # away from the floor,
+        body._stepper.rollback()  # and taken back: what the step before owes stays owed
         account = body.ledger
         assert account.contact - before[0] >= -LEFT * max(start, account.supplied)
         assert account.friction - before[1] >= -LEFT * max(start, account.supplied)
