@@ -18,7 +18,7 @@ from fenics_rom.errors import FenicsRomWarning, SolverError, StepError
 from fenics_rom.fem.assemble import dolfinx_nodes
 from fenics_rom.fem.dolfinx_compat import create_tetrahedra, vector_space
 from fenics_rom.fem.finite_strain.model import ExternalForce
-from fenics_rom.fem.finite_strain.newton import NotConvergedError
+from fenics_rom.fem.finite_strain.newton import NotConvergedError, Secants
 from fenics_rom.fem.finite_strain.residuals import MidpointResidual, QuasiStaticResidual, StepStart
 from fenics_rom.fem.mesh import read_mesh
 from fenics_rom.fem.nodes import canonical_nodes
@@ -311,6 +311,20 @@ def test_order_two_in_time(beam):
     errors = [np.linalg.norm(end(steps) - fine) for steps in (20, 40, 80)]
     for coarse, finer in pairwise(errors):
         assert coarse / finer == pytest.approx(4, rel=0.15)
+
+
+def test_secants_save_iterations(beam, monkeypatch):
+    """Without them the factor alone says where to go: then steps take more iterations, or more factors."""
+    body = assembled(beam, f"inertia = {{}}\n{large(LAWS[0])}").deformation.stepper(0.02)
+
+    def iterations():
+        body.set_state(0 * body.x, 0 * body.x)
+        return [(body.step(StepInput(np.array([0.0, 0.0, 3.0]))), body.newton)[1] for _ in range(15)]
+
+    by_secants = sum(iterations())
+    monkeypatch.setattr(Secants, "direction", lambda _, answer: answer)
+    assert by_secants < 0.85 * sum(iterations())
+    body.close()
 
 
 # --- rotations, inversion ---------------------------------------------------------------------------------------------
