@@ -36,7 +36,7 @@ MAX_TIMES = 2.0  # the processor time of plain Newton
 def princeton(quick: bool) -> Iterator[Row]:
     """Dowell & Traybar, 1975, beside a beam; y and z at 45° of Bauchau et al., Multibody System Dynamics 37 (2016)."""
     length, wide, thick, young = 0.508, 0.0123777, 0.0032024, 71.7e9
-    bricks = (40, 2, 1) if quick else (60, 2, 2)
+    bricks = (40, 2, 1) if quick else (60, 3, 2)
     system = coarse = bar(bricks, lambda p: p * (length, wide, thick), young, 0.31, 2700.0)
     G, area = young / (2 * (1 + 0.31)), wide * thick
     along = np.array([young * area, 5 / 6 * G * area, 5 / 6 * G * area])
