@@ -58,7 +58,8 @@ class BodyRenderer:
     Args:
         nodes, triangles: (N, 3), m, and (F, 3).
         shapes: displacements that will be shown, (N, 3) each, m.
-        coloured: of each shape what colours show the length of, (N, 3), m, and its name; None: the displacement.
+        coloured: of each shape what colours show the length of, (N, 3), m, and its name; what is not a number has no
+            colour. None: the displacement.
         scale: by which displacements are multiplied before they are drawn; colours show them as they are.
         obstacles: by name, in the same frame.
         offsets: how far the obstacles will be from there, (any, O, 3), m.
@@ -67,6 +68,7 @@ class BodyRenderer:
         dark: light on dark instead of dark on light.
         captions: whether there is to be room for words and a colour bar.
         below: whether the camera looks from below.
+        ghost: whether to draw the edges of the body at rest.
 
     Raises:
         MissingPackageError: there is no PyVista, or nothing that it can draw with.
@@ -87,14 +89,17 @@ class BodyRenderer:
         dark: bool = False,
         captions: bool = True,
         below: bool = False,
+        ghost: bool = True,
     ):
         self._pv = pyvista_package()
         check_window()
         self._nodes, self._scale, self._colours, self._captions = nodes, scale, DARK if dark else LIGHT, captions
         self._what, fields = coloured or ("displacement", shapes)
-        self._largest = max((float(np.linalg.norm(field, axis=1).max()) for field in fields), default=0.0)
+        self._largest = max(
+            (float(np.nan_to_num(np.linalg.norm(field, axis=1)).max()) for field in fields), default=0.0
+        )
         self._factor, self._unit = prefixed("m", self._largest)
-        self._triangles = triangles
+        self._triangles, self._ghost = triangles, ghost
         used = np.unique(triangles)
         visible = [nodes[used], *(nodes[used] + scale * shape[used] for shape in shapes)]
         ranges = [zip(points.min(axis=0), points.max(axis=0), strict=True) for points in visible]
@@ -201,15 +206,16 @@ class BodyRenderer:
             name="body",
             scalars="length",
             cmap="viridis",
+            nan_color=colours.obstacle,
             clim=(0.0, self._factor * self._largest or 1.0),
             show_scalar_bar=False,
             render=False,
             **SHADING,
         )
-        for name, surface, colour, wide in (
-            ("ghost", self._body(0.0), colours.ghost, 1.0),
-            ("edges", body, colours.ink, 1.6),
-        ):
+        lines = [("edges", body, colours.ink, 1.6)]
+        if self._ghost:
+            lines.append(("ghost", self._body(0.0), colours.ghost, 1.0))
+        for name, surface, colour, wide in lines:
             edges = surface.extract_feature_edges(SHARP_EDGE_DEGREES, manifold_edges=False)
             if edges.n_points:
                 plotter.add_mesh(edges, name=name, color=colour, line_width=wide, render=False)

@@ -208,6 +208,9 @@ def _pictures(
     if run.pose is not None or run.bodies:
         strained = deformation(run, shapes)
         shapes, coloured = shapes + (scale - 1) * strained, ("deformation", list(strained))
+        for body in run.bodies.values():
+            if body.kind == "rigid":
+                strained[:, body.nodes] = np.nan
     moved = np.array([*run.obstacle_motion.values()]).reshape(-1, len(run.snapshots), 3).swapaxes(0, 1)
     renderer = BodyRenderer(
         run.nodes,
@@ -220,6 +223,7 @@ def _pictures(
         tendons=run.tendons,
         width=width,
         dark=dark,
+        ghost=not run.bodies,
     )
     digits = max(0, int(np.ceil(-np.log10(np.diff(run.snapshot_times, prepend=0.0).min()) - 1e-9)))
     try:
