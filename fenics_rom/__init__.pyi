@@ -51,6 +51,7 @@ from fenics_rom.visualization.viewer.view import view as view
 from fenics_rom.world.records import RigidBody as RigidBody
 from fenics_rom.world.records import SoftBody as SoftBody
 from fenics_rom.world.world import World as World
+from fenics_rom.world_run import make_world as make_world
 
 MODULE_OF: dict[str, str]
 __all__: list[str]

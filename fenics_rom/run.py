@@ -10,6 +10,7 @@ from fenics_rom.io.progress import Report, silent
 from fenics_rom.lazy_import import load
 from fenics_rom.rom.rom import Rom
 from fenics_rom.scene.scene import Scene
+from fenics_rom.scene.world_format import WorldScene
 from fenics_rom.trajectory.trajectory import Trajectory
 
 if TYPE_CHECKING:
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
 
 
 def simulate(
-    model: "Scene | System | Rom | str | PathLike[str]",
+    model: "Scene | WorldScene | System | Rom | str | PathLike[str]",
     *,
     scene: Scene | None = None,
     dt: float | None = None,
@@ -32,10 +33,10 @@ def simulate(
     """Runs a model through a load history from rest.
 
     A scene, or the system assembled from it, is run at full order, which every MPI rank must call; a ROM is run
-    reduced. `scene`, `profile`, `rate` and `stepper` are for ROMs.
+    reduced, and a world with its ROMs. `scene`, `profile`, `rate` and `stepper` are for ROMs; a world has `rate`, too.
 
     Args:
-        model: what to run, or the name of the file of a scene or a ROM.
+        model: what to run, or the name of the file of a scene, a world or a ROM.
         scene: whose run, effects and outputs' names to take instead of those of the scene in the ROM.
         dt: time step instead of the scene's, s.
         every: outputs, forces and account are kept after every so many steps, and at the end, instead of the scene's.
@@ -60,7 +61,17 @@ def simulate(
     """
     if isinstance(model, str | PathLike):
         reader = ("rom.file", "read_rom") if is_rom_file(model) else ("scene.file", "read_scene")
+        if reader[1] == "read_scene" and load("scene.world_file", "is_world_file")(model):
+            reader = ("scene.world_file", "read_world")
         model = load(*reader)(model)
+    if isinstance(model, WorldScene):
+        refused = {"scene": scene, "signals": signals, "profile": profile, "stepper": stepper}
+        given = [name for name, value in refused.items() if value]
+        if given:
+            raise SceneError(f"simulate: {', '.join(given)} cannot be used with a WorldScene")
+        from fenics_rom.world_run import run_world
+
+        return run_world(model, dt, every, rate, report)
     of_any: dict[str, Any] = {"dt": dt, "every": every, "signals": signals, "report": report}
     of_roms: dict[str, Any] = {"scene": scene, "profile": profile, "rate": rate, "stepper": stepper}
     if isinstance(model, Rom):
@@ -68,7 +79,9 @@ def simulate(
 
         return simulate_rom(model, **of_roms, **of_any)
     if not (isinstance(model, Scene) or hasattr(model, "stiffness")):
-        raise SceneError(f"simulate: {shown(model)} was given; allowed are a Scene, a System, a Rom, or a file's name")
+        raise SceneError(
+            f"simulate: {shown(model)} was given; allowed are a Scene, a WorldScene, a System, a Rom, or a file's name"
+        )
     given = [name for name, value in of_roms.items() if value is not None and value is not False]
     if given:
         raise SceneError(

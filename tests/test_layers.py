@@ -23,7 +23,9 @@ FACE = "__init__"
 GROUND = {"errors", "version", "io", "mechanics"}
 DATA_OF_A_RUN = GROUND | {"rom", "trajectory"}
 OFFLINE = GROUND | {"scene", "system"}
-BELOW_APPLICATIONS = DATA_OF_A_RUN | OFFLINE | {FACE, "fem", "reduction", "runtime", "world", "run", "lazy_import"}
+BELOW_APPLICATIONS = (
+    DATA_OF_A_RUN | OFFLINE | {FACE, "fem", "reduction", "runtime", "world", "world_run", "run", "lazy_import"}
+)
 DRAWING = {
     "numpy",
     "matplotlib",
@@ -50,7 +52,8 @@ MAY_IMPORT = {
     "reduction": (OFFLINE | {"rom", "runtime"}, {"numpy", "scipy"}),
     "runtime": (DATA_OF_A_RUN, {"numpy", "h5py"}),
     "world": (DATA_OF_A_RUN | {"runtime"}, {"numpy", "h5py"}),
-    "run": (DATA_OF_A_RUN | OFFLINE | {"runtime", "lazy_import"}, set()),
+    "world_run": (DATA_OF_A_RUN | OFFLINE | {"world", "lazy_import"}, {"numpy"}),
+    "run": (DATA_OF_A_RUN | OFFLINE | {"runtime", "lazy_import", "world_run"}, set()),
     "deployment": (GROUND | {"rom"}, {"numpy", "scipy"}),
     "visualization": (BELOW_APPLICATIONS | {"deployment"}, DRAWING),
     "studies": (BELOW_APPLICATIONS | {"visualization"}, {"numpy", "matplotlib", "pydantic"}),

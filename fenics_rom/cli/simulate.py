@@ -9,14 +9,17 @@ from fenics_rom.cli.output import add_output, check_output
 from fenics_rom.io.mpi_ranks import is_root_process
 from fenics_rom.mechanics.step import FINITE_STRAIN_STEPPERS
 from fenics_rom.run import is_rom_file
+from fenics_rom.scene.world_file import is_world_file
 
-SUMMARY = "run a scene at full order (also under mpirun), or a ROM, through its load history"
+SUMMARY = "run a scene at full order (also under mpirun), a ROM or a world through its load history"
 FOR_ROMS = ("scene", "order", "profile", "rate", "stepper")  # options
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
     """What it is told."""
-    command.add_argument("model", metavar="SCENE|ROM.h5", help="a scene file (TOML), or a file that `reduce` wrote")
+    command.add_argument(
+        "model", metavar="SCENE|WORLD|ROM.h5", help="a scene or world file (TOML), or a file that `reduce` wrote"
+    )
     add_output(command, "RUN.h5")
     command.add_argument("--dt", type=float, metavar="S", help="time step instead of the scene's, s")
     command.add_argument("--every", type=int, metavar="N", help="keep every N-th step alone, instead of the scene's")
@@ -45,6 +48,11 @@ def run(choice: argparse.Namespace) -> None:
             scene = fr.read_scene(choice.scene) if choice.scene else None
             chosen = {name: getattr(choice, name) for name in ("dt", "every", "profile", "rate", "stepper")}
             trajectory = fr.simulate(rom, scene=scene, **chosen, report=report)
+        elif is_world_file(choice.model):
+            given = [f"--{name}" for name in FOR_ROMS if name != "rate" and getattr(choice, name)]
+            if given or choice.petsc_words:
+                choice.wrong_usage(f"{', '.join([*given, *choice.petsc_words])}: not for a world, as {choice.model} is")
+            trajectory = fr.simulate(choice.model, dt=choice.dt, every=choice.every, rate=choice.rate, report=report)
         else:
             options = {f"--{name}": getattr(choice, name) for name in FOR_ROMS}
             given = [name for name, value in options.items() if value is not None and value is not False]

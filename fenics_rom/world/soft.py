@@ -180,6 +180,10 @@ class Soft(Simulator):
         """Of the contact points now, (P, 3) in world axes, m."""
         return self._to_world(self.contact_coordinates + self._stepper.point_displacement())
 
+    def node_places(self) -> Array:
+        """Of all nodes now, (N, 3) in world axes, m."""
+        return self._to_world(self.rom.nodes + self.displacement())
+
     def begin(self, h: float) -> None:
         """As in Body."""
         self._h, self._tried = h, False

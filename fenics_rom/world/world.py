@@ -136,6 +136,10 @@ class World:
         """Of a body: of what was supplied to it, `obstacles` is what other bodies did."""
         return self._body(name).account
 
+    def energy_of(self, name: str) -> float:
+        """Of a body, J: kinetic and elastic."""
+        return self._body(name).energy
+
     @property
     def energy(self) -> float:
         """Of all bodies, J: kinetic and elastic."""

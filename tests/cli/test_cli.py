@@ -327,7 +327,9 @@ def test_options_of_the_other_kind_of_model_are_refused(inside, say, database, a
 def test_python_refuses_options_of_a_rom_by_name(plate_system):
     with pytest.raises(SceneError, match="profile, stepper cannot be used with a System, which is run at full order"):
         fr.simulate(plate_system, profile=True, stepper="newton")
-    with pytest.raises(SceneError, match=r"3 was given; allowed are a Scene, a System, a Rom, or a file's name$"):
+    with pytest.raises(
+        SceneError, match=r"3 was given; allowed are a Scene, a WorldScene, a System, a Rom, or a file's name$"
+    ):
         fr.simulate(3)
 
 

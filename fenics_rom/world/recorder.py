@@ -1,0 +1,173 @@
+"""What is kept of a run of a world: a trajectory of all its bodies."""
+
+from collections.abc import Mapping
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.errors import SceneError
+from fenics_rom.mechanics import obstacles
+from fenics_rom.mechanics.base_path import BaseState
+from fenics_rom.mechanics.frame_motion import rotation_matrix
+from fenics_rom.trajectory.bodies import BodyTrack
+from fenics_rom.trajectory.trajectory import Trajectory
+from fenics_rom.world.records import RigidBody
+from fenics_rom.world.shapes import HalfSpace
+from fenics_rom.world.world import World
+
+TRACK = {"pose": 7, "velocity": 6, "energy": 1, "supplied": 1, "dissipated": 1, "exchanged": 1}
+
+
+class WorldRecorder:
+    """Fills the arrays of a trajectory, step by step.
+
+    Args:
+        world: before its first step.
+        steps: number of steps of the run.
+        snapshots: how many shapes to keep, evenly spread, the last step among them.
+        every: all else is kept after every so many steps, and at the end.
+
+    Raises:
+        SceneError: a name with a hyphen, which is to stand between the names of a pair.
+    """
+
+    def __init__(self, world: World, steps: int, *, snapshots: int = 100, every: int = 1):
+        for name in world.names:
+            if "-" in name:
+                raise SceneError(f"body {name!r}: allowed in a run that is kept are names without a hyphen")
+        self._world, self._every = world, every
+        self._kept = np.union1d(np.arange(0, steps + 1, every), steps)
+        self._snapshot_steps = np.unique(np.round(np.linspace(0, steps, min(snapshots, steps) + 1)).astype(int))[1:]
+        self._rows = {step: row for row, step in enumerate(self._kept.tolist())}
+        self._snapshot_rows = {step: row for row, step in enumerate(self._snapshot_steps.tolist())}
+        S = len(self._kept)
+        self._account = {name: np.zeros(S) for name in ("energy", "supplied", "dissipated", "lost", "numerical")}
+        self._contact = {name: np.zeros(S) for name in ("contact", "friction")}
+        self._tracks = {name: {key: np.zeros((S, width)) for key, width in TRACK.items()} for name in world.names}
+        self._forces: dict[str, Array] = {}
+        self._surfaces = {name: _surface(world, name) for name in world.names}
+        self._nodes = self._places()
+        self._snapshots = np.zeros((len(self._snapshot_steps), *self._nodes.shape))
+        grounds = {name: body for name, body in world.bodies.items() if _is_half_space(body)}
+        self._grounds = {name: _half_space(world.pose(name)) for name in grounds}
+        self._moved = {name: np.zeros((len(self._snapshot_steps), 3)) for name in grounds}
+        self.sample(0)
+
+    def sample(self, step: int) -> None:
+        """Keeps what is to be kept after so many steps."""
+        row = self._rows.get(step)
+        if row is not None:
+            self._sample_numbers(row)
+        row = self._snapshot_rows.get(step)
+        if row is not None:
+            self._snapshots[row] = self._places() - self._nodes
+            for name, ground in self._grounds.items():
+                self._moved[name][row] = self._world.pose(name).position - np.array(ground.point)
+
+    def _sample_numbers(self, row: int) -> None:
+        world = self._world
+        ledger = world.ledger
+        now = (world.energy, ledger.supplied, ledger.dissipated, ledger.lost_in_switching, ledger.numerical)
+        for values, number in zip(self._account.values(), now, strict=True):
+            values[row] = number
+        for name, values in self._contact.items():
+            values[row] = getattr(ledger, name)
+        for name, track in self._tracks.items():
+            pose, account = world.pose(name), world.account(name)
+            track["pose"][row] = *pose.position, *pose.rotation
+            track["velocity"][row] = *pose.velocity, *pose.angular_velocity
+            track["energy"][row] = world.energy_of(name)
+            track["supplied"][row] = account.supplied - account.obstacles
+            track["dissipated"][row], track["exchanged"][row] = account.dissipated, account.obstacles
+        for first, second in combinations(world.names, 2):
+            force = world.force_between(first, second)
+            if force.any():
+                zeros = np.zeros((len(self._kept), 3))
+                self._forces.setdefault(f"{first}-{second}", zeros)[row] = force
+
+    def _places(self) -> Array:
+        """Of the surfaces of all bodies now, (N, 3), m."""
+        places = []
+        for name, (vertices, _, _) in self._surfaces.items():
+            if isinstance(self._world.bodies[name], RigidBody):
+                pose = self._world.pose(name)
+                places.append(pose.position + vertices @ rotation_matrix(pose.rotation).T)
+            else:
+                places.append(self._world.simulator(name).node_places())
+        return np.concatenate(places)
+
+    def record(self, name: str, settings: Mapping[str, float] | None = None) -> Trajectory:
+        """The finished run; settings: more than the step and the number of coordinates."""
+        world, counts = self._world, [len(vertices) for vertices, _, _ in self._surfaces.values()]
+        ends = np.cumsum(counts)
+        tracks = {}
+        for (body, track), count, end in zip(self._tracks.items(), counts, ends, strict=True):
+            kept: dict[str, Any] = {key: of[:, 0] if of.shape[1] == 1 else of for key, of in track.items()}
+            kind = "rigid" if isinstance(world.bodies[body], RigidBody) else "soft"
+            tracks[body] = BodyTrack(rows=np.array([end - count, end]), kind=kind, **kept)
+        triangles = [
+            of + end - count for (_, of, _), count, end in zip(self._surfaces.values(), counts, ends, strict=True)
+        ]
+        own = {"every": self._every} if self._every > 1 else {}
+        energy, supplied, dissipated, lost, numerical = self._account.values()
+        return Trajectory(
+            name=name,
+            model="reduced",
+            settings={"dt": world.dt, "order": float(_coordinates(world)), **own, **(settings or {})},
+            times=world.dt * self._kept,
+            contacts=("world",),
+            contact=np.zeros(len(self._kept), dtype=np.int64),
+            outputs={},
+            energy=energy,
+            supplied=supplied,
+            dissipated=dissipated,
+            lost_in_switching=lost,
+            numerical=numerical,
+            snapshot_times=world.dt * self._snapshot_steps,
+            snapshots=self._snapshots,
+            nodes=self._nodes,
+            triangles=np.concatenate(triangles),
+            node_mass=np.concatenate([mass for _, _, mass in self._surfaces.values()]),
+            warnings=world.warnings,
+            effects=("contact", "friction"),
+            forces=self._forces,
+            contact_account=self._contact,
+            obstacles=self._grounds,
+            obstacle_motion=self._moved,
+            bodies=tracks,
+        )
+
+
+def _surface(world: World, name: str) -> tuple[Array, Array, Array]:
+    """Nodes of a body in its axes, triangles, and the mass of each node."""
+    body = world.bodies[name]
+    if not isinstance(body, RigidBody):
+        rom = world.simulator(name).rom
+        return rom.nodes, rom.triangles, rom.node_mass
+    if _is_half_space(body):
+        return np.zeros((0, 3)), np.zeros((0, 3), dtype=np.int64), np.zeros(0)
+    vertices, triangles = body.shape.surface()
+    mass = 1.0 if body.motion is not None else body.mass_and_inertia()[0]
+    return vertices, triangles.astype(np.int64), np.full(len(vertices), mass / len(vertices))
+
+
+def _is_half_space(body: object) -> bool:
+    return isinstance(body, RigidBody) and isinstance(body.shape, HalfSpace)
+
+
+def _half_space(pose: BaseState) -> obstacles.HalfSpace:
+    return obstacles.HalfSpace(tuple(pose.position), tuple(rotation_matrix(pose.rotation)[:, 2]))
+
+
+def _coordinates(world: World) -> int:
+    """Number of coordinates of all bodies that move freely."""
+    count = 0
+    for name, body in world.bodies.items():
+        if isinstance(body, RigidBody):
+            count += 6 if body.motion is None else 0
+        else:
+            simulator = world.simulator(name)
+            count += simulator.rom.contact_models[simulator.contact].order
+    return count

@@ -1,0 +1,145 @@
+"""A world of its file: the bodies in motion, and a run of them."""
+
+from time import perf_counter
+from typing import Any
+
+import numpy as np
+
+from fenics_rom.errors import SceneError
+from fenics_rom.io.progress import Report, silent
+from fenics_rom.lazy_import import load
+from fenics_rom.mechanics.base_path import BaseState
+from fenics_rom.mechanics.contact import ContactLaw
+from fenics_rom.mechanics.frame_motion import quaternion_of_vector, rotation_matrix
+from fenics_rom.rom.rom import Rom
+from fenics_rom.scene.world_format import WorldBody, WorldScene
+from fenics_rom.trajectory.trajectory import Trajectory
+from fenics_rom.world import joints, shapes
+from fenics_rom.world.recorder import WorldRecorder
+from fenics_rom.world.records import RigidBody, SoftBody
+from fenics_rom.world.world import World
+
+SHAPES: dict[str, Any] = {
+    "half-space": shapes.HalfSpace,
+    "box": shapes.Box,
+    "sphere": shapes.Sphere,
+    "capsule": shapes.Capsule,
+    "cylinder": shapes.Cylinder,
+    "hull": shapes.Hull,
+}
+REPORTS = 100  # of a run
+
+
+def make_world(scene: WorldScene, dt: float | None = None) -> World:
+    """The bodies of a world file where they begin.
+
+    Args:
+        scene: as `read_world` gives it.
+        dt: time step instead of that of its run, s.
+
+    Raises:
+        SceneError: a ROM that cannot be read or touched, a joint that cannot be closed.
+        StepError: bodies begin inside each other.
+
+    Example:
+        >>> fr.make_world(fr.read_world("stack.toml")).names
+        ('ground', 'lower', 'upper')
+    """
+    file = scene.file
+    if dt is None and file.run is None:
+        raise SceneError(f"{scene.source}: has no [run], so there is no time step; add one, or give dt")
+    step = file.run.dt if dt is None and file.run is not None else dt
+    assert step is not None
+    laws = {pair.bodies: ContactLaw(pair.restitution, pair.friction) for pair in file.pairs}
+    bodies = {name: _body(name, body, scene) for name, body in file.bodies.items()}
+    try:
+        return World(
+            bodies,
+            step,
+            joints=[_joint(joint) for joint in file.joints],
+            gravity=file.gravity,
+            friction=file.contact.friction,
+            restitution=file.contact.restitution,
+            pairs=laws,
+            apart=file.apart,
+        )
+    except SceneError as error:
+        raise SceneError(f"{scene.source}: {error}") from error
+
+
+def run_world(
+    scene: WorldScene, dt: float | None = None, every: int | None = None, rate: bool = False, report: Report = silent
+) -> Trajectory:
+    """Runs a world file through its load history, as `simulate` does."""
+    world, run = make_world(scene, dt), scene.file.run
+    if run is None:
+        raise SceneError(f"{scene.source}: has no [run], so there is no load history to simulate; add one")
+    steps = max(1, round(run.duration / world.dt))
+    recorder = WorldRecorder(world, steps, snapshots=run.snapshots, every=every or run.every)
+    seconds = 0.0
+    for step in range(steps):
+        middle = (step + 0.5) * world.dt
+        inputs: dict[str, dict[str, float]] = {}
+        for each in run.input:
+            if each.start <= middle < (run.duration if each.stop is None else each.stop):
+                of_body = inputs.setdefault(each.body, {})
+                of_body[each.actuator] = of_body.get(each.actuator, 0.0) + float(each.signal(middle)[0])
+        begin = perf_counter()
+        world.step(inputs)
+        seconds += perf_counter() - begin
+        recorder.sample(step + 1)
+        if step % max(1, steps // REPORTS) == 0:
+            report("steps", step, steps)
+    report("steps", steps, steps)
+    return recorder.record(scene.file.name, {"seconds": seconds} if rate else None)
+
+
+def _body(name: str, body: WorldBody, scene: WorldScene) -> RigidBody | SoftBody:
+    rotation = quaternion_of_vector(body.rotation)
+    if body.shape is None:
+        return SoftBody(
+            _rom(body, scene),
+            position=body.position,
+            rotation=rotation,
+            velocity=body.velocity,
+            angular_velocity=body.spin,
+            on=body.on,
+        )
+    keys = ("size", "radius", "length", "points")
+    given = {key: getattr(body, key) for key in keys if getattr(body, key) is not None}
+    try:
+        shape = SHAPES[body.shape](**given)
+    except SceneError as error:
+        raise SceneError(f"{scene.source}: bodies.{name}: {error}") from error
+    position = np.array(body.position)
+    if isinstance(shape, shapes.Hull):  # whose points are in axes of their own
+        position = position + rotation_matrix(rotation) @ shape.shift
+    if body.path is not None or (body.density is None and body.mass is None):
+        still = BaseState(position, rotation, np.zeros(3), np.zeros(3))
+        return RigidBody(shape, motion=body.path or still)
+    return RigidBody(
+        shape,
+        density=body.density,
+        mass=body.mass,
+        position=position,
+        rotation=rotation,
+        velocity=body.velocity,
+        angular_velocity=body.spin,
+    )
+
+
+def _rom(body: WorldBody, scene: WorldScene) -> Rom:
+    """Of a soft body: read, or made of its scene."""
+    if body.rom is not None:
+        rom: Rom = load("rom.file", "read_rom")(scene.folder / body.rom)
+        return rom
+    assert body.scene is not None
+    system = load("fem.assemble", "assemble")(load("scene.file", "read_scene")(scene.folder / body.scene))
+    reduced: Rom = load("reduction.reduce", "reduce")(system)
+    return reduced
+
+
+def _joint(joint: Any) -> joints.Joint:
+    if joint.kind == "hinge":
+        return joints.hinge(joint.first, joint.second, joint.point, joint.axis)
+    return {"ball": joints.ball, "weld": joints.weld}[joint.kind](joint.first, joint.second, joint.point)
