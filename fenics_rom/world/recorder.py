@@ -44,7 +44,7 @@ class WorldRecorder:
         self._snapshot_rows = {step: row for row, step in enumerate(self._snapshot_steps.tolist())}
         S = len(self._kept)
         self._account = {name: np.zeros(S) for name in ("energy", "supplied", "dissipated", "lost", "numerical")}
-        self._contact = {name: np.zeros(S) for name in ("contact", "friction")}
+        self._contact = {name: np.zeros(S) for name in ("obstacles", "contact", "friction")}
         self._tracks = {name: {key: np.zeros((S, width)) for key, width in TRACK.items()} for name in world.names}
         self._forces: dict[str, Array] = {}
         self._surfaces = {name: _surface(world, name) for name in world.names}

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import fenics_rom as fr
+from fenics_rom.cli.main import main
 from fenics_rom.errors import FenicsRomError, SceneError
 from fenics_rom.scene.reference import WORLD_EXAMPLE
 from fenics_rom.trajectory.elastic_part import deformation
@@ -67,3 +68,17 @@ def test_what_cannot_begin_is_told(tmp_path, there, instead, said):
     (tmp_path / "world.toml").write_text(text.replace('"upper"', '"up-per"') if "-" in instead[9:] else text)
     with pytest.raises(FenicsRomError, match=said):
         fr.simulate(tmp_path / "world.toml")
+
+
+def test_the_command_line_runs_a_world_and_tells_of_it(tmp_path, capsys):
+    (tmp_path / "world.toml").write_text(WORLD)
+    command = ["simulate", str(tmp_path / "world.toml"), "-o", str(tmp_path / "run.h5")]
+    with pytest.raises(SystemExit) as ended:
+        main(command)
+    assert not ended.value.code
+    said = capsys.readouterr().out
+    assert "largest force of lower-upper" in said
+    assert "supplied by obstacles" in said
+    with pytest.raises(SystemExit) as ended:
+        main([*command, "--stepper", "newton"])
+    assert ended.value.code

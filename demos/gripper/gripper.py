@@ -1,0 +1,154 @@
+"""Two soft fingers on a palm pick up a free box, lift it, shake it, turn it by 90 degrees, and put it down.
+
+    python demos/gripper/gripper.py             # some minutes
+    python demos/gripper/gripper.py --quick     # up to the lift
+
+Each finger is a reduced model of order 40 with a tendon, carried by the palm; the box is rigid and free, and nothing
+but friction holds it. Everything is written to demos/gripper/out/. The checks at the end fail if a claim does not hold.
+"""
+
+import argparse
+import sys
+from collections.abc import Callable
+from pathlib import Path
+from time import perf_counter
+
+import numpy as np
+
+import fenics_rom as fr
+from fenics_rom.mechanics.frame_motion import quaternion_of, quaternion_of_vector, rotation_matrix
+from fenics_rom.world.recorder import WorldRecorder
+from fenics_rom.world.records import RigidBody, SoftBody
+from fenics_rom.world.shapes import Box, HalfSpace
+from fenics_rom.world.world import World
+
+HERE = Path(__file__).parent
+DT = 2e-3  # s
+EDGE, DENSITY, GRAVITY = 0.03, 400.0, 9.81  # m, kg/m3, m/s2
+HEIGHT, ASIDE = 0.108, EDGE / 2 + 0.0115  # m: of the palm; of the fingers' axes from the middle, 1.5 mm of air
+TENSION = 4.0  # N
+CLOSED, LIFTED, SHAKEN, TURNED, BACK, DOWN, OPENED, END = 0.4, 0.9, 1.7, 2.3, 2.9, 3.4, 3.7, 4.0  # s, when each is done
+LIFT, SHAKE, FREQUENCY = 0.08, 0.004, 5.0  # m, m, Hz: 0.4 g
+SIDES = {"left": -1.0, "right": 1.0}
+
+Array = np.ndarray
+
+
+def main() -> None:
+    """Runs the demo; exits with 1 where a claim fails."""
+    parser = argparse.ArgumentParser(description="A soft gripper.")
+    parser.add_argument("--quick", action="store_true", help="up to the lift")
+    quick = parser.parse_args().quick
+    out = HERE / "out" / "quick" if quick else HERE / "out"
+    out.mkdir(parents=True, exist_ok=True)
+    rom_file = HERE / "out" / "finger.h5"
+    if not rom_file.is_file():
+        fr.write_rom(rom_file, fr.reduce(fr.assemble(fr.read_scene(HERE / "finger.toml"))))
+    rom = fr.read_rom(rom_file)
+    steps = round((LIFTED + 0.1 if quick else END) / DT)
+    world = gripper(rom)
+    recorder = WorldRecorder(world, steps, snapshots=steps // 10)
+    begin = perf_counter()
+    for step in range(steps):
+        pull = TENSION * rise(world.time, 0.1, CLOSED) * (1 - rise(world.time, DOWN, OPENED))
+        world.step({f"{side}_finger": {"flexor": [pull]} for side in SIDES})
+        recorder.sample(step + 1)
+    run = recorder.record("gripper", {"seconds": perf_counter() - begin})
+    fr.write_trajectory(out / "gripper.h5", run)
+    fr.export(run, out / "gripper.gif", seconds=run.times[-1])
+    fr.export(run, out / "gripper.png", time=None if quick else TURNED)
+    fr.plot(run, out / "account.png", what=["energy", "forces"])
+    report(run, quick)
+
+
+def gripper(rom: fr.Rom) -> World:
+    """The world where it begins."""
+    palm = path()
+    bodies: dict[str, RigidBody | SoftBody] = {
+        "ground": RigidBody(HalfSpace(), motion=still()),
+        "palm": RigidBody(Box((2 * ASIDE + 0.03, 0.03, 0.01)), motion=moved(palm, np.array([0, 0, 0.012]), np.eye(3))),
+        "box": RigidBody(Box((EDGE, EDGE, EDGE)), density=DENSITY, position=(0, 0, EDGE / 2)),
+    }
+    for side, sign in SIDES.items():
+        # a finger's axis x hangs down, and its lower side, -z, looks at the other one
+        mount = np.array([[0, 0, sign], [0, sign, 0], [-1, 0, 0]], dtype=float)
+        at = np.array([sign * ASIDE, 0, 0])
+        bodies[side] = RigidBody(Box((0.004, 0.02, 0.02)), motion=moved(palm, at, mount))
+        bodies[f"{side}_finger"] = SoftBody(rom, on=side)
+    fingers = [*(f"{side}_finger" for side in SIDES), *SIDES, "palm"]
+    return World(
+        bodies,
+        DT,
+        gravity=(0, 0, -GRAVITY),
+        friction=0.8,
+        apart=[fingers, ["ground", *fingers], ["box", "palm", *SIDES]],
+    )
+
+
+def rise(time: float | Array, begin: float, end: float) -> Array:
+    """From 0 to 1, smoothly."""
+    s = np.clip((np.asarray(time) - begin) / (end - begin), 0, 1)
+    return s**3 * (10 - 15 * s + 6 * s**2)
+
+
+def path() -> fr.BasePath:
+    """Of the palm."""
+    t = np.linspace(0, END, round(END / 0.01) + 1)
+    up = LIFT * rise(t, CLOSED, LIFTED) * (1 - rise(t, BACK, DOWN))
+    fading = rise(t, LIFTED, LIFTED + 0.2) * (1 - rise(t, SHAKEN - 0.2, SHAKEN))
+    shake = SHAKE * fading * np.sin(2 * np.pi * FREQUENCY * (t - LIFTED))
+    angle = np.pi / 2 * rise(t, SHAKEN, TURNED) * (1 - rise(t, TURNED, BACK))
+    positions = np.stack([0 * t, 0 * t, HEIGHT + up + shake], axis=1)
+    return fr.BasePath(t, positions, np.array([quaternion_of_vector((a, 0, 0)) for a in angle]))
+
+
+def still() -> fr.BaseState:
+    """At the origin."""
+    return fr.BaseState(np.zeros(3), np.array([1.0, 0, 0, 0]), np.zeros(3), np.zeros(3))
+
+
+def moved(palm: fr.BasePath, at: Array, mount: Array) -> Callable[[float], fr.BaseState]:
+    """The motion of what is mounted on the palm at a place, by a rotation."""
+
+    def motion(time: float) -> fr.BaseState:
+        state = palm(time)
+        R = rotation_matrix(state.rotation)
+        arm = R @ at
+        velocity = state.velocity + np.cross(state.angular_velocity, arm)
+        return fr.BaseState(state.position + arm, quaternion_of(R @ mount), velocity, state.angular_velocity)
+
+    return motion
+
+
+def report(run: fr.Trajectory, quick: bool) -> None:
+    """Says how it went, and exits."""
+    weight = DENSITY * EDGE**3 * GRAVITY
+    box = run.bodies["box"].pose
+    palm = run.bodies["palm"].pose
+    held = (run.times > LIFTED) & (run.times < SHAKEN)
+    height = box[:, 2] - palm[:, 2]
+    grip = {side: run.forces[f"box-{side}_finger"] for side in SIDES}
+    lifted = int(np.abs(run.times - LIFTED).argmin())
+    print(f"{run.steps} steps of {1e3 * DT:g} ms: {run.steps / run.settings['seconds']:.0f} steps/s")
+    print(f"the box weighs {weight:.4f} N; grip of each finger after the lift: {abs(grip['left'][lifted, 0]):.3f} N")
+    print(f"lifted by {1e3 * (box[lifted, 2] - box[0, 2]):.1f} mm of {1e3 * LIFT:g}")
+    print(f"account: closes to {run.balance_error:.1e}")
+    claims = [
+        ("the box is lifted by 80 mm to 3 mm", abs(box[lifted, 2] - box[0, 2] - LIFT) < 3e-3),
+        ("account closes to 1e-10", run.balance_error < 1e-10),
+    ]
+    if not quick:
+        slip = 1e3 * (height[held].max() - height[held].min())
+        strength = SHAKE * (2 * np.pi * FREQUENCY) ** 2 / GRAVITY
+        turn = 2 * np.degrees(np.arccos(abs(box[np.abs(run.times - TURNED).argmin(), 3])))
+        print(f"shaken at {FREQUENCY:g} Hz with {strength:.2f} g: it moves by {slip:.3f} mm from the palm")
+        print(f"turned by {turn:.1f} degrees")
+        print(f"it began at {1e3 * box[0, :3]} mm, and lies at {1e3 * box[-1, :3]} mm")
+        claims.append(("it is put down on its face to 1 mm", abs(box[-1, 2] - EDGE / 2) < 1e-3))
+    for claim, holds in claims:
+        print(f"  {'holds' if holds else 'FAILS'}: {claim}")
+    sys.exit(0 if all(holds for _, holds in claims) else 1)
+
+
+if __name__ == "__main__":
+    main()
