@@ -260,6 +260,28 @@ def test_forces_that_do_not_settle_stay_passive(tmp_path):
     assert abs(body.energy - start - account.supplied + account.dissipated) <= 1e-12 * account.supplied
 
 
+def test_a_bar_that_lands_flat_and_rubs_settles(tmp_path):
+    """On few modes, which do not tell the forces of 14 points apart: they are found, and the account closes."""
+    rom = reduced(tmp_path, effects=FLOOR, contacts='[contacts.bottom]\nsurface = "bottom"')
+    random = np.random.default_rng(8)
+    for dt, friction in ((1e-3, 0.5), (1e-2, 0.2)):
+        env = replace(rom.environment, contact_law=ContactLaw(friction=friction), residual_compliance=False)
+        body = thrown(fr.Simulator(replace(rom, environment=env), dt), random.uniform(-1, 1, 3) * (0.3, 0.1, 3.0))
+        down = body.pose.position - (0.0, 0.0, 0.0285)
+        body.place(body.pose._replace(position=down, velocity=np.array((0.2, 0.1, -0.3))))
+        start = scale = body.energy
+        for _ in range(30):
+            before = body.ledger.contact, body.ledger.friction
+            body.step()
+            account = body.ledger
+            scale = max(scale, abs(account.supplied), account.dissipated)
+            assert account.contact - before[0] >= -LEFT * scale
+            assert account.friction - before[1] >= -LEFT * scale
+        assert account.friction > 0
+        assert not [line for line in body.warnings if "contact forces" in line]
+        assert abs(body.energy - start - account.supplied + account.dissipated) <= 1e-12 * scale
+
+
 def test_obstacles_push_a_carried_body(tmp_path):
     """A floor that rises against a beam that a base swings: the account closes, and the base feels the push."""
     rom = reduced(tmp_path, effects=FLOOR, contacts='[contacts.right]\nsurface = "right"', **CLAMPED)

@@ -332,6 +332,10 @@ class CarriedFrame(FrameKernel):
         translation: Array = turn.middle.dot(step.v̂)
         return translation
 
+    def kept_translation(self, turn: Geometry) -> Vector:
+        """As in FrameKernel."""
+        return vector(turn.middle.dot(self._now.v))
+
     def size(self, change: Array) -> float:
         """Of velocities, as √(2 J)."""
         return float(change.dot(change)) ** 0.5

@@ -3,8 +3,12 @@
 Points go by h S v̂ exactly, where S = [1, -a~ R*, R* V] depends on the step itself. At velocities x, near those of a
 step, and forces f, a sweep corrects x' = x - J⁻¹ (ρ - Sᵀ f), ρ what the balance of the step lacks, asks for the forces
 f' on points that would go by S x' - W f without them, and goes on from x' + J⁻¹ Sᵀ (f' - f). Where that ends balance
-and law hold, whatever J and W are: W = S J⁻¹ Sᵀ, made symmetric, is that of the first sweep. So contact does the work
-h Σ f·ŝ with the ŝ of its law, and adds no energy.
+and law hold, whatever J and W are: W = S J⁻¹ Sᵀ, made symmetric. So contact does the work h Σ f·ŝ with the ŝ of its
+law, and adds no energy.
+
+Where more points touch than the body has freedoms, W is singular, and there are forces only for velocities that it can
+have. So what the law wants of points is said with the S of the step, too: where they stick they go by S v/2, v the
+body's velocities at the start, and not by half of what they do then, which no v̂ might fulfil; and W is of every sweep.
 """
 
 from typing import TYPE_CHECKING, Any, Protocol
@@ -27,7 +31,8 @@ if TYPE_CHECKING:
 TOLERANCE = 1e-15  # of the velocities: what the next sweep may change
 ROUND_OFF = 1e-14  # of them: a change that is none
 MOST_SWEEPS = 60
-PROXIMAL = 1e-4  # of the mean compliance, beside it where W may be singular: W only guides the sweeps
+PROXIMAL, SMALLEST_PROXIMAL = 1e-4, 1e-8  # of the mean compliance, beside W where that may be singular: it only guides
+LESS = 0.1  # of it in each sweep, so that they end soon, but not less than what forces were found with
 PATIENCE = 25  # sweeps, after which forces may stay that lack no more than what any contact forces may lack
 
 
@@ -65,8 +70,8 @@ class FrameBody(Protocol):
     def spread(self, change: Push) -> Array:
         """What x changes by, where contact forces change by so much."""
 
-    def start_velocities(self) -> Array:
-        """Velocities (P, 3) of the contact points in world axes, m/s."""
+    def kept_velocities(self, turn: Geometry, arms: Array) -> Array:
+        """Velocities (P, 3) of the contact points in world axes, m/s, by those of the body at the start of the step."""
 
     def point_displacement(self) -> Array:
         """Of the contact points, (P, 3), m."""
@@ -89,8 +94,8 @@ def touch(
     solver, h = interface.solver, body.h
     search_before, settled = solver.search, Settled()
     steady = np.array_equal(obstacles.velocities(h), obstacles.velocities_before)
-    displacement, velocity = body.point_displacement(), body.start_velocities()
-    W, near, contact = np.empty((0, 0)), np.empty(0, dtype=int), None
+    displacement = body.point_displacement()
+    near, contact, proximal, least = np.empty(0, dtype=int), None, PROXIMAL, SMALLEST_PROXIMAL
     forces, size_before, scale = np.zeros_like(displacement), 0.0, body.scale(x)
     found_all, left = False, 0.0  # from when on the balance alone is solved, and what forces then lacked
     for sweep in range(MOST_SWEEPS):
@@ -100,21 +105,24 @@ def touch(
         push = body.points.push(forces, turn, arms)
         corrected = x if sweep == 0 else body.corrected(step, x, push)
         moving = body.velocities(turn, arms, corrected, yielding) + body.translation(step, turn, push.force)
+        velocity = body.kept_velocities(turn, arms)
         if sweep == 0:
             near = solver.within_reach(PointMotion(displacement, velocity, moving), h, obstacles)
             if not len(near):
                 return x, None
-            W = _operator(body, turn, arms, near)
         found, before = forces, contact
         if not found_all:
+            W = _operator(body, turn, arms, near, proximal)
             free = moving - W.dot(forces.ravel()).reshape(forces.shape)
             # What touched in the step before is what obstacles push that accelerate.
             solver.search = solver.search._replace(residual=search_before.residual) if steady else search_before
             contact = interface.solve(PointMotion(displacement, velocity, free), W, h, obstacles, settled=settled)
             if contact is not None and len(near) < len(forces) and np.setdiff1d(contact.pairs % len(forces), near).size:
-                near, solver.search = np.arange(len(forces)), search_before  # others are reached after all
-                W, contact = _operator(body, turn, arms, near), before
+                near, solver.search, contact = np.arange(len(forces)), search_before, before  # others are reached, too
                 continue
+            if solver.search.residual != search_before.residual:
+                least = min(proximal / LESS**2, PROXIMAL)
+            proximal = max(LESS * proximal, least)
             if contact is None and sweep == 0:
                 return x, None
             found = np.zeros_like(forces) if contact is None else contact.forces
@@ -153,13 +161,13 @@ def _passive(contact: ContactSolution, velocities: Array) -> ContactSolution:
     return contact._replace(normal_power=min(max(whole, float(pressures.dot(speeds))), 0.0))
 
 
-def _operator(body: FrameBody, turn: Geometry, arms: Array, near: Array) -> Array:
+def _operator(body: FrameBody, turn: Geometry, arms: Array, near: Array, proximal: float) -> Array:
     """W (3 P, 3 P) of the points that are near (s,), 0 of all others."""
     W = symmetric(body.delassus(body.points.of(near), turn, arms[near]))
     if body.residual is not None:
         W += _turned(turn.start, body.residual.delassus_of(near))
     else:  # so that it tells all forces apart, which sweeps could else exchange for ever
-        W.ravel()[:: len(W) + 1] += PROXIMAL * W.trace() / len(W)
+        W.ravel()[:: len(W) + 1] += proximal * W.trace() / len(W)
     if len(near) == len(arms):
         return W
     whole, rows = np.zeros((3 * len(arms),) * 2), (3 * near[:, None] + np.arange(3)).ravel()

@@ -246,8 +246,7 @@ class FrameKernel(BookedKernel):
         """Mid-step velocities (P, 3) of the contact points in world axes, less that of the origin, m/s."""
         ω̂, r̂ = self.rates(x)
         inside = self.points.moved(r̂) if yielding is None else self.points.moved(r̂) + yielding
-        velocities: Array = arms.dot(cross_matrix(turn.middle.dot(ω̂)).T) + inside.dot(turn.middle.T)
-        return velocities
+        return _carried_along(turn, arms, ω̂, inside)
 
     def start_velocities(self) -> Array:
         """Velocities (P, 3) of the contact points in world axes, m/s."""
@@ -256,6 +255,18 @@ class FrameKernel(BookedKernel):
             inside += self.residual.points[1]
         velocities: Array = inside.dot(rotation_matrix(self.frame.rotation).T) + self.frame.velocity
         return velocities
+
+    def kept_velocities(self, turn: Geometry, arms: Array) -> Array:
+        """What `velocities` and that of the origin are with the body's velocities at the start of the step, (P, 3)."""
+        inside = self.points.moved(self._r)
+        if self.residual is not None:
+            inside += self.residual.points[1]
+        velocities: Array = _carried_along(turn, arms, np.array(self.angular_velocity), inside)
+        return velocities + self.kept_translation(turn)
+
+    def kept_translation(self, turn: Geometry) -> Vector:
+        """The same of the origin, (3,)."""
+        return self.frame.velocity
 
     def _finish(
         self,
@@ -290,6 +301,12 @@ class FrameKernel(BookedKernel):
 def _in_frame(turn: Geometry, contact: ContactSolution | None) -> ContactSolution | None:
     """The same with forces as the frame sees them."""
     return None if contact is None else contact._replace(forces=contact.forces.dot(turn.middle))
+
+
+def _carried_along(turn: Geometry, arms: Array, ω: Array, inside: Array) -> Array:
+    """Velocities (P, 3) in world axes by ω (3,) and those inside of the frame (P, 3), all in its axes."""
+    velocities: Array = arms.dot(cross_matrix(turn.middle.dot(ω)).T) + inside.dot(turn.middle.T)
+    return velocities
 
 
 def turn_of(R: Rotation, rotation: Quaternion, t: Vector) -> tuple[Geometry, Quaternion]:
