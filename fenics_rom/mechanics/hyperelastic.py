@@ -30,6 +30,7 @@ LAWS_WITH_CONSTANTS = ("mooney_rivlin", "yeoh", "ogden")
 VOIGT_PAIRS = np.array([[0, 0], [1, 1], [2, 2], [1, 2], [0, 2], [0, 1]])  # of the six components
 VOIGT_INDEX = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])  # which component each entry of a symmetric matrix is
 VOIGT_SHEAR = np.array([1.0, 1, 1, 2, 2, 2])[:, None]  # how often each counts in S:E
+_ONE, _OTHER = VOIGT_PAIRS[3:].T  # of the shears
 _NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])  # of x, y, z
 UNIT = np.array([1.0, 1, 1, 0, 0, 0])[:, None]  # the unit matrix
 ROUND_OFF_STRAIN = 1e-7  # change of strain below which W(E⁺) - W(E) is round-off
@@ -77,8 +78,16 @@ def isochoric_terms(law: str) -> tuple[IsochoricTerm, ...]:
 
 def strain(H: Array) -> Array:
     """Green strain (6, P) of displacement gradients H (3, 3, P), H[i, j] = ∂u_i/∂X_j."""
-    i, j = VOIGT_PAIRS.T
-    return (VOIGT_SHEAR / 2) * (H[i, j] + H[j, i] + np.einsum("kcp,kcp->cp", H[:, i], H[:, j]))
+    E = np.empty((6, *H.shape[2:]))
+    np.einsum("kcp,kcp->cp", H, H, out=E[:3])
+    E[:3] /= 2
+    E[:3] += H.diagonal().T
+    E[3] = np.einsum("kp,kp->p", H[:, 1], H[:, 2])
+    E[4] = np.einsum("kp,kp->p", H[:, 0], H[:, 2])
+    E[5] = np.einsum("kp,kp->p", H[:, 0], H[:, 1])
+    E[3:] += H[_ONE, _OTHER]
+    E[3:] += H[_OTHER, _ONE]
+    return E
 
 
 def small_strain(H: Array) -> Array:

@@ -61,8 +61,8 @@ class Batch(BatchedBodies):
     Raises:
         StepError: size is not a whole number > 0, dt not a positive finite number, or dtype another one, or not float64
             where there is contact or large deformation; or the scene has what `Simulator` steps alone: no inertia,
-            strokes, large deformation but of St. Venant-Kirchhoff's material without contact, contact by springs or
-            without residual compliance; or the body begins in an obstacle.
+            strokes, contact with large deformation, by springs or without residual compliance; or the body begins in an
+            obstacle.
 
     Example:
         >>> bodies = fr.Batch(rom, size=4, dt=1e-3)

@@ -1,7 +1,7 @@
 """Large deformation of the bodies of a batch: one linear system a step for each, and products for all of them at once.
 
-The step is that of `steppers/linearly_implicit.py`, for a material whose stress is linear in the strain (St.
-Venant-Kirchhoff), in coordinates of monomials (`rom/carried_strains.py`). Arrays hold bodies along their last axis.
+The step is that of `steppers/linearly_implicit.py`, in coordinates of monomials (`rom/carried_strains.py`). Only what a
+material stores beyond a stress that is linear in the strain is found at points. Arrays have bodies along the last axis.
 """
 
 import math
@@ -11,13 +11,15 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
+from fenics_rom.mechanics.hyperelastic import VOIGT_INDEX, energy_density, linear_stress, strain, stress
 from fenics_rom.rom.carried_strains import StrainTables
-from fenics_rom.rom.deformation import ReducedTendon
+from fenics_rom.rom.deformation import ReducedDeformation, ReducedTendon
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.steppers.finite_strain import TRUSTED_EXTENT, definite_inverse
-from fenics_rom.runtime.steppers.linearly_implicit import TANGENT_RENEWAL
+from fenics_rom.runtime.steppers.linearly_implicit import STEEPEST_FREQUENCY, TANGENT_RENEWAL
 
-TOGETHER = 128  # bodies that go through a step together, so that their arrays stay in the cache
+# Bodies that go through a step together, without and with points, so that their arrays stay in the cache.
+TOGETHER, TOGETHER_AT_POINTS = 128, 64
 
 
 class _Carried(NamedTuple):
@@ -26,6 +28,7 @@ class _Carried(NamedTuple):
     strains: Array  # ε (r, B)
     stressed: Array  # C₀ε (r, B)
     velocity: Array  # v̂ of the step before (m, B)
+    rest: Array  # the energy ½ s² - c, and c (2, B), J
     tank: Array  # of energy that was dissipated (1, B), J
     inverse: Array  # of the tangent (m m, B)
     strained: Array  # largest energy of the strains so far (1, B), J
@@ -41,7 +44,7 @@ class BatchDeformation:
     """How far bodies of a ROM with large deformation have gone, and their steps.
 
     Args:
-        rom: of St. Venant-Kirchhoff's material with one viscosity.
+        rom: with one viscosity.
         inputs: (c, p, m) of each contact mode, filled up to the most contact columns.
         first: number of these.
         size: number of bodies B.
@@ -50,17 +53,19 @@ class BatchDeformation:
         distance: (B,) |q| at most, m kg^1/2.
 
     Raises:
-        StepError: the material is another one.
+        StepError: the damping is another one.
     """
 
     def __init__(self, rom: Rom, inputs: Array, first: int, size: int):
         assert rom.deformation is not None
         self._body = body = rom.deformation
-        if body.law != "st_venant_kirchhoff" or np.ptp(body.viscosity):
+        if np.ptp(body.viscosity):
             raise StepError(
-                f"ROM {rom.name!r} has large deformation with the material {body.law!r}: allowed in a batch is "
-                '"st_venant_kirchhoff" with one damping; Simulator steps such bodies, one by one'
+                f"ROM {rom.name!r} has large deformation of materials with several damping ratios: allowed in a batch "
+                "is one; Simulator steps such bodies, one by one"
             )
+        self._points = None if body.law == "st_venant_kirchhoff" else _Points(body)
+        self._steepest = STEEPEST_FREQUENCY * math.sqrt(rom.stiffness[-1])
         self._tables, self._β = StrainTables.of(body), float(body.viscosity[0])
         i, j = self._tables.first, self._tables.second
         self._half = np.where(i == j, 0.5, 1.0)[:, None]
@@ -79,11 +84,12 @@ class BatchDeformation:
                 self._dead[:, column] = 0.0
             column += columns
         r = len(self._tables.gram)
-        widths = r, r, m, 1, m * m, 1, 1
+        widths = r, r, m, 2, 1, m * m, 1, 1
         self._now, self._next = (
             _Carried._make([*(np.zeros((width, size)) for width in widths), np.ones((1, size), bool)]) for _ in range(2)
         )
         self.distance = np.zeros(size)
+        self.begin(np.arange(size), *np.zeros((2, size, m)))
 
     def set_time_step(self, h: float) -> None:
         """Has the tangents made anew for another time step, s."""
@@ -100,13 +106,16 @@ class BatchDeformation:
         now, strains = self._now, self._at(q.T)
         now.strains[:, bodies], now.stressed[:, bodies] = strains, self._tables.gram @ strains
         now.velocity[:, bodies], now.tank[:, bodies], now.stale[:, bodies] = r.T, 0.0, True
+        if self._points is not None:
+            left = self._points.left(self._points.strains(q.T)[1])
+            now.rest[:, bodies] = left, self._points.room(np.zeros_like(left), left, 1e-4 * self._points.most)
         now.strained[:, bodies] = now.mismatch[:, bodies] = self.distance[bodies] = 0.0
 
     def energy(self, bodies: Array, q: Array, r: Array) -> Array:
         """Stored (B,), of bodies at q and r (B, m), J."""
         stored = np.einsum("rb,rb->b", self._now.strains[:, bodies], self._now.stressed[:, bodies])
         stored += np.einsum("bm,bm->b", q @ self._body.springs, q)
-        energy: Array = (stored + np.einsum("bm,bm->b", r, r)) / 2
+        energy: Array = (stored + np.einsum("bm,bm->b", r, r)) / 2 + self._now.rest[0, bodies]
         return energy
 
     @property
@@ -128,8 +137,9 @@ class BatchDeformation:
         """
         v, works = np.empty_like(q), np.empty((2, q.shape[1]))
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            for start in range(0, len(mode), TOGETHER):
-                part = slice(start, min(start + TOGETHER, len(mode)))
+            together = TOGETHER if self._points is None else TOGETHER_AT_POINTS
+            for start in range(0, len(mode), together):
+                part = slice(start, min(start + together, len(mode)))
                 dead = np.empty((len(q), part.stop - start))
                 for k in np.unique(mode[part]):
                     own = mode[part] == k
@@ -154,6 +164,12 @@ class BatchDeformation:
         pushed = self._loads(dead, u, middle, strains)
         right = pushed + 2 / h * r - body.springs @ q - self._pulled(middle, now.stressed)
         matrices = self._matrices(strains)
+        then.rest[:], points = now.rest, self._points
+        if points is not None:
+            b = self._slope(points, then.rest, middle)
+            s = _root(then.rest)
+            matrices += h / 2 * np.einsum("ib,jb->bij", b, b)
+            right -= s * b
         lost = ~np.isfinite(matrices).all(axis=(1, 2))
         matrices[lost] = np.eye(len(q))
         v = np.linalg.solve(matrices, right.T[:, :, None])[:, :, 0].T
@@ -172,6 +188,13 @@ class BatchDeformation:
         # The strains are taken back to those of the shape, as `LinearlyImplicit._taken_back` says.
         gap, gap_stressed = after - rates, stressed_after - stressed
         square, slope, strained = _dot(gap, gap_stressed), _dot(gap_stressed, rates), _dot(after, stressed_after)
+        if points is not None:
+            grown = h * _dot(b, v)
+            then.rest[0] += grown * (s + grown / 2)
+            s, left = _root(then.rest), points.left(points.strains(q + h * v)[1])
+            gap_s = np.sqrt(2 * np.maximum(left + then.rest[1], 0.0)) - s
+            square += gap_s**2
+            slope += gap_s * s
         budget = now.tank[0] + drawn
         share = np.ones(B)
         over = (slope + square / 2 > budget) & (square > 0)
@@ -181,6 +204,8 @@ class BatchDeformation:
         added = share * slope + share**2 * square / 2
         np.add(rates, share * gap, out=then.strains)
         np.add(stressed, share * gap_stressed, out=then.stressed)
+        if points is not None:
+            then.rest[0] += share * gap_s * (s + share * gap_s / 2)
         then.tank[0] = np.minimum(np.maximum(budget - added, 0.0), strained)
         then.strained[0] = most = np.maximum(now.strained[0], strained)
         off = np.sqrt((1 - share) ** 2 * square / np.where(most > 0, most, 1.0))
@@ -192,13 +217,23 @@ class BatchDeformation:
         h, body, v, m = self._h, self._body, now.velocity, len(q)
         middle = q + h / 2 * v
         strains = self._at(middle)
-        stressed = self._tables.gram @ (strains + self._β * self._rates(middle, v))
+        linear, points = self._β * self._rates(middle, v), self._points
+        if points is None:
+            linear += strains
+        stressed = self._tables.gram @ linear
         residual = 2 / h * (v - r) + body.external_damping @ v + body.springs @ middle + self._pulled(middle, stressed)
         residual -= self._loads(dead, u, middle, strains)
+        if points is not None:
+            F, E = points.strains(middle)
+            S = points.stress(E)
+            residual += points.resultant(F, S)
         then.inverse[:] = now.inverse
         stale = now.stale[0].nonzero()[0]
         if len(stale):
             geometric = stressed[m:, stale].T[:, self._tables.place]
+            if points is not None:
+                S = S.reshape(6, -1, q.shape[1])
+                geometric = geometric + [body.geometric(S[:, :, body_]) for body_ in stale]
             for body_, matrix, stiff in zip(stale, self._matrices(strains[:, stale]), geometric, strict=True):
                 then.inverse[:, body_] = definite_inverse(matrix + h / 2 * stiff, matrix).ravel()
         expected: Array = v - np.einsum("ijb,jb->ib", then.inverse.reshape(m, m, -1), residual)
@@ -206,6 +241,17 @@ class BatchDeformation:
         expected *= np.where(far > body.training_radius, body.training_radius / far, 1.0)
         expected[:, ~np.isfinite(far)] = 0.0
         return expected
+
+    def _slope(self, points: "_Points", rest: Array, q: Array) -> Array:
+        """b (m, B) at q (m, B), as `LinearlyImplicit._slope`; what is in `rest` (2, B) grows where it must."""
+        F, E = points.strains(q)
+        left = points.left(E)
+        rest[1] = np.where(left + rest[1] < rest[1] / 2, points.room(rest[1], left), rest[1])
+        b = points.resultant(F, points.stress(E) - points.linear_stress(E))
+        b /= np.sqrt(2 * np.maximum(left + rest[1], rest[1] / 4))
+        steep = np.sqrt(_dot(b, b))
+        b *= np.where(steep > self._steepest, self._steepest / steep, 1.0)
+        return b
 
     def _at(self, q: Array) -> Array:
         """Coordinates (r, B) of the strains at q (m, B)."""
@@ -261,3 +307,60 @@ def _dot(one: Array, other: Array) -> Array:
     """Scalar products (B,) of columns."""
     product: Array = np.einsum("rb,rb->b", one, other)
     return product
+
+
+def _root(rest: Array) -> Array:
+    """s (B,)."""
+    root: Array = np.sqrt(2 * np.maximum(rest[0] + rest[1], 0.0))
+    return root
+
+
+class _Points:
+    """The points of a body, for many shapes at once: arrays (.., P B). Stresses hold the weights."""
+
+    def __init__(self, body: ReducedDeformation):
+        self._law, self._P = body.law, len(body.weights)
+        self._rows = np.ascontiguousarray(body.gradients).reshape(-1, body.order)
+        self._moduli = body.weights * body.first_lame, body.weights * body.shear
+        self.most = float(self._moduli[1].sum())
+
+    def strains(self, q: Array) -> tuple[Array, Array]:
+        """F (3, 3, P B) and E (6, P B) at q (m, B)."""
+        F = (self._rows @ q).reshape(3, 3, -1)
+        E = strain(F)
+        F[np.arange(3), np.arange(3)] += 1.0
+        return F, E
+
+    def stress(self, E: Array) -> Array:
+        """Of strains."""
+        return stress(self._law, E, *self._each(E))
+
+    def linear_stress(self, E: Array) -> Array:
+        """The same of small strains."""
+        return linear_stress(E, *self._each(E))
+
+    def left(self, E: Array) -> Array:
+        """Energy (B,) that is not ½ E:C₀E, J."""
+        λ, μ = self._each(E)
+        W = energy_density(self._law, E, λ, μ) - (linear_stress(E, λ, μ) * E).sum(axis=0) / 2
+        left: Array = W.reshape(self._P, -1).sum(axis=0)
+        return left
+
+    def room(self, c: Array, left: Array, least: float = 0.0) -> Array:
+        """A larger c (B,), J, for an energy that is left."""
+        room: Array = np.minimum(c + least + 4 * np.abs(left), self.most)
+        return room
+
+    def resultant(self, F: Array, S: Array) -> Array:
+        """Forces (m, B) of stresses (6, P B)."""
+        S = S[VOIGT_INDEX]
+        FS = F[:, 0, None] * S[0]
+        FS += F[:, 1, None] * S[1]
+        FS += F[:, 2, None] * S[2]
+        force: Array = self._rows.T @ FS.reshape(len(self._rows), -1)
+        return force
+
+    def _each(self, E: Array) -> tuple[Array, Array]:
+        """λ and μ (P B,) times the weights."""
+        λ, μ = (np.repeat(part, E.shape[1] // self._P) for part in self._moduli)
+        return λ, μ

@@ -10,13 +10,18 @@ from soft_rom import soft_rom
 import fenics_rom as fr
 from fenics_rom.errors import StepError
 
-SIZE = 5
+SIZE, LAWS = 5, ("st_venant_kirchhoff", "neo_hookean")
 ROUND_OFF = 1e-11  # of the largest state after some 100 steps: rounding that stiff modes and tangents carry on
 
 
 @pytest.fixture(scope="module")
 def rom():
     return soft_rom()
+
+
+@pytest.fixture(scope="module")
+def other_rom():
+    return soft_rom("neo_hookean")
 
 
 def loads(random, strength=1.0):
@@ -33,7 +38,9 @@ def assert_follows(batch, bodies):
         assert np.abs(found - exact).max() <= ROUND_OFF * np.abs(exact).max()
 
 
-def test_bodies_of_a_batch_bend_as_single_ones(rom):
+@pytest.mark.parametrize("law", LAWS)
+def test_bodies_of_a_batch_bend_as_single_ones(rom, other_rom, law):
+    rom = rom if law == LAWS[0] else other_rom
     random, h = np.random.default_rng(0), 2e-3
     batch = fr.Batch(rom, SIZE, h, ledger=True)
     bodies = [fr.Simulator(rom, h, stepper="linearly-implicit") for _ in range(SIZE)]
@@ -71,11 +78,13 @@ def test_bodies_of_a_batch_bend_as_single_ones(rom):
         np.testing.assert_array_equal(part, expected)
 
 
-@pytest.mark.parametrize("damped", [True, False])
-def test_account_of_every_body_closes_at_any_step(rom, damped):
+@pytest.mark.parametrize(("law", "damped"), [(LAWS[0], True), (LAWS[0], False), (LAWS[1], True)])
+def test_account_of_every_body_closes_at_any_step(law, damped):
     random = np.random.default_rng(1)
-    batch = fr.Batch(rom if damped else soft_rom(alpha=0.0, beta=0.0), SIZE, 1e-3, ledger=True)
-    scale, dissipated = np.full(SIZE, 1e-6), np.zeros(SIZE)
+    rom = soft_rom(law) if damped else soft_rom(law, alpha=0.0, beta=0.0)
+    batch = fr.Batch(rom, SIZE, 1e-3, ledger=True)
+    least = 1e-6 if law == LAWS[0] else rom.deformation.shear @ rom.deformation.weights / 10  # J
+    scale, dissipated = np.full(SIZE, least), np.zeros(SIZE)
     for _ in range(60):
         batch.dt = 10 ** random.uniform(-5, 0)
         batch.step(loads(random, 10 ** random.uniform(-2, 2)) * (random.random() < 0.5))
@@ -83,7 +92,7 @@ def test_account_of_every_body_closes_at_any_step(rom, damped):
         assert (np.abs(batch.energy - batch.supplied + batch.dissipated) <= 1e-10 * scale).all()
         assert (batch.dissipated >= -1e-12 * scale).all()
         dissipated = batch.dissipated
-    assert (dissipated > 1e-3 * scale).all() or not damped
+    assert dissipated.max() > 1e-6 or not damped
 
 
 def test_a_body_that_diverges_does_not_stop_the_others(rom):
@@ -109,7 +118,15 @@ def test_a_body_that_diverges_does_not_stop_the_others(rom):
         np.testing.assert_array_equal(part[others], expected[others])
     assert batch.time[3] < batch.time[0]
     batch.reset([3])
-    assert batch.step(u).size == 0
+    u[1] = np.nan
+    follows = copy(batch)
+    assert batch.step(u, on_error="hold").tolist() == [1]
+    batch.reset([0, 2, 3, 4])
+    follows.reset([0, 2, 3, 4])
+    for each in (batch, follows):
+        each.step(np.zeros(5))
+    for part, expected in zip(batch.state(), follows.state(), strict=True):
+        np.testing.assert_array_equal(part, expected)
 
 
 def test_far_bodies_and_long_steps_are_told(rom):
@@ -123,8 +140,6 @@ def test_far_bodies_and_long_steps_are_told(rom):
 
 
 def test_what_a_batch_cannot_bend_is_refused(rom):
-    with pytest.raises(StepError, match="allowed in a batch"):
-        fr.Batch(soft_rom("neo_hookean"), 2, 1e-3)
     with pytest.raises(StepError, match="contact with large deformation"):
         fr.Batch(soft_rom(contact=True), 2, 1e-3)
     with pytest.raises(StepError, match="float64"):
@@ -132,5 +147,5 @@ def test_what_a_batch_cannot_bend_is_refused(rom):
     body = replace(
         rom.deformation, viscosity=rom.deformation.viscosity * np.linspace(1, 2, len(rom.deformation.weights))
     )
-    with pytest.raises(StepError, match="one damping"):
+    with pytest.raises(StepError, match="several damping ratios"):
         fr.Batch(replace(rom, deformation=body), 2, 1e-3)
