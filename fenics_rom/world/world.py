@@ -154,7 +154,7 @@ class World:
             whole.book(supplied=math.fsum((*sums[0], -sums[4][0], -sums[4][1])), dissipated=sum(sums[1]))
             whole.book(lost_in_switching=sum(sums[2]), numerical=sum(sums[3]))
         by_contact, by_friction = sum(self._met.sums[5]), sum(self._met.sums[6])
-        whole.book(dissipated=sum(self._met.sums[1]))
+        whole.book(dissipated=sum(self._met.sums[1]), numerical=sum(self._met.sums[3]))
         whole.book_parts(0.0, by_contact, by_friction)
         return whole
 
@@ -242,8 +242,9 @@ class World:
 
     def _book(self, pairs: Pairs, found: Found) -> None:
         C, n = len(pairs.normals), pairs.normals
-        if not C:
-            return
+        if self._joints:  # what they did where forces were found but for a residual
+            work = float(found.forces[C:].ravel().dot(found.velocities[C:].ravel()))
+            self._met.book(numerical=-self._dt * work)
         f, u = found.forces[:C], found.velocities[:C]
         whole = float(f.ravel().dot(u.ravel()))
         normal = float(((n * f).sum(axis=1) * (n * u).sum(axis=1)).sum())
