@@ -34,7 +34,7 @@ from fenics_rom.fem.ranks import run_on_rank_0
 from fenics_rom.fem.readings import readings_of
 from fenics_rom.fem.restriction import restrict_matrices
 from fenics_rom.fem.rigid_modes import rigid_motions
-from fenics_rom.fem.springs import dashpots_of, springs_of, with_surfaces
+from fenics_rom.fem.springs import dashpots_of, masses_of, springs_of, with_attached
 from fenics_rom.fem.supports import unknowns_of
 from fenics_rom.io.stages import Stages
 from fenics_rom.mechanics.body_facts import implausible, quality_of
@@ -197,7 +197,7 @@ class _Matrices:
     Attributes:
         mass, damping, stiffness: on the unknowns.
         node_mass: (N,) as in Body.
-        translated: (N,) kg, M times a unit translation: ∫ρ of each shape function.
+        translated: (N,) kg, what weighs at each node: ∫ρ of its shape function, and masses fixed to the body.
         external_damping, spring: for large deformation, what of D and K does not strain the body; None: nothing.
         frame_masses: for a moving frame, as `assemble_frame` takes them; None: it does not move.
     """
@@ -251,7 +251,11 @@ def _matrices(comm: Any, mesh: Mesh, nodes: Nodes, scene: Scene, material: np.nd
     α, β = scene.effects.damped.alpha, scene.effects.damped.beta
     springs, dashpots = springs_of(scene, nodes), dashpots_of(scene, nodes)
     damped_springs = β * springs if β and springs is not None else None
-    mass, stiffness = reduced["mass"], with_surfaces(reduced["stiffness"], springs, unknowns)
+    fixed, weight = masses_of(scene, nodes)
+    mass, stiffness = (
+        with_attached(reduced["mass"], fixed, unknowns),
+        with_attached(reduced["stiffness"], springs, unknowns),
+    )
 
     def total(*terms: tuple[float, PetscMatrix]) -> PetscMatrix | None:
         present = [(coefficient, matrix) for coefficient, matrix in terms if coefficient]
@@ -260,7 +264,7 @@ def _matrices(comm: Any, mesh: Mesh, nodes: Nodes, scene: Scene, material: np.nd
     def added(to: PetscMatrix | None, surfaces: Any) -> PetscMatrix | None:
         if surfaces is None:
             return to
-        return with_surfaces(PetscMatrix(combination((0.0, mass))) if to is None else to, surfaces, unknowns)
+        return with_attached(PetscMatrix(combination((0.0, mass))) if to is None else to, surfaces, unknowns)
 
     if "damping" in reduced:  # K has the springs in it already, what is damped by material has not
         damping = added(added(reduced["damping"], damped_springs), dashpots)
@@ -271,7 +275,7 @@ def _matrices(comm: Any, mesh: Mesh, nodes: Nodes, scene: Scene, material: np.nd
         external_damping = added(reduced.get("external_damping") or total((α, mass)), damped_springs)
         external_damping, spring = added(external_damping, dashpots), added(None, springs)
     whole = mass, damping or ZeroMatrix(), stiffness
-    return _Matrices(*whole, node_mass, translated, external_damping, spring, frame_masses)
+    return _Matrices(*whole, node_mass, translated + weight, external_damping, spring, frame_masses)
 
 
 def _damping_of_cells(scene: Scene, mesh: Mesh) -> np.ndarray:

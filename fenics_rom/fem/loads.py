@@ -36,8 +36,8 @@ def actuators_of(scene: Scene, nodes: Nodes, unknowns: Unknowns) -> tuple[Column
 def loads_of(scene: Scene, nodes: Nodes, masses: Array, unknowns: Unknowns) -> tuple[Columns, dict[str, float]]:
     """Columns (n, columns) and units of loads with signals of their own, in the order of `load_columns`.
 
-    Gravity in multiples of its acceleration, base motions (m/s²), prescribed forces (N); `masses` (N,) are ∫ρ of each
-    shape function, kg: M times a rigid translation.
+    Gravity in multiples of its acceleration, base motions (m/s²), prescribed forces (N); `masses` (N,), kg,
+    are what weighs at each node, so that M times a rigid translation is them.
     """
     columns: Columns = {}
     units: dict[str, float] = {}

@@ -17,6 +17,7 @@ from fenics_rom.scene.scene import ReadingEntry, check_order
 
 NOT_MOVING = {  # effects that a moving frame does not have
     "springs": "are tied to the ground",
+    "point_masses": "are not in the inertia of a frame",
     "base_motion": "shakes a support in a fixed frame, and base_path carries it",
     "large_deformation": "turns a body as far as it likes by itself",
 }

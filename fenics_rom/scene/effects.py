@@ -83,6 +83,22 @@ class Spring(Place):
     stiffness: Annotated[float, Number(above=0.0, unit="N/m"), "force per displacement of the whole surface"]
 
 
+@dataclass(frozen=True, kw_only=True)
+class PointMass(Place):
+    """A mass fixed to a point of the body, spread evenly over a piece of its surface, or hung from it by a thread."""
+
+    LAW: ClassVar = Law(
+        force="m dv/dt of a mass fixed to the body, and its weight under gravity", stores="½ m v²", online=False
+    )
+    ONE_OF = (("surface", "near", "plane", "facing", "point"),)
+    point: Annotated[Point | None, "a material point of the body"] = None
+    mass: Annotated[float, Number(above=0.0, unit="kg"), "of the whole"]
+    direction: Annotated[
+        Direction | None,
+        "along which alone it is inert, as a weight on a thread is; any length but zero; without it in all",
+    ] = None
+
+
 @dataclass(frozen=True)
 class Gravity:
     """Weight, which is there from the first step on."""
@@ -307,6 +323,7 @@ class Effects:
     inertia: Inertia | None = None
     damping: Damping | None = None
     springs: Mapping[Name, Spring] = field(default_factory=dict)
+    point_masses: Mapping[Name, PointMass] = field(default_factory=dict)
     gravity: Gravity | None = None
     base_motion: Mapping[Name, BaseMotion] = field(default_factory=dict)
     base_path: RigidBase | None = None

@@ -250,6 +250,48 @@ def test_block_on_springs_gives_way_by_force_over_stiffness(bar, model):
     np.testing.assert_allclose(run.outputs["bottom"][-1, 0], moved, atol=EXACT * 1e-2)
 
 
+@BOTH
+def test_weight_on_the_end_of_a_hanging_bar_draws_it_out(bar, model):
+    """m g L/(E A) beside the bar's own; it acts where it is fixed, whatever the thread."""
+    masses = (
+        '[effects.point_masses.plate]\nsurface = "right"\nmass = 3.0\n'
+        '[effects.point_masses.hung]\nsurface = "right"\nmass = 2.0\ndirection = [-4, 0, 0]\n'
+    )
+    run = run_of(beam(bar, f"gravity = {{ acceleration = [{GRAVITY}, 0, 0] }}\n{masses}", **STILL), model)
+    tip = DENSITY * GRAVITY * LENGTH**2 / (2 * YOUNG) + 5.0 * GRAVITY * LENGTH / (YOUNG * AREA)
+    np.testing.assert_allclose(run.outputs["right"][-1, 0], [tip, 0, 0], atol=EXACT * tip)
+
+
+def test_masses_fixed_to_a_body_add_up(bar):
+    """Along any translation: m, of a thread m n nᵀ; and a heavy one on a bar oscillates as β tan β = bar's mass/m."""
+    masses = """inertia = {}
+        [effects.point_masses.knob]
+        point = [0.7, 0.03, 0.11]
+        mass = 0.5
+        [effects.point_masses.plate]
+        surface = "right"
+        mass = 2.0
+        [effects.point_masses.hung]
+        point = [0.2, 0.1, 0.2]
+        mass = 4.0
+        direction = [3, 0, 4]"""
+    with_them, without = (fr.assemble(beam(bar, effects, **FREE)) for effects in (masses, "inertia = {}"))
+    n = with_them.size
+    added = dense(with_them.mass, n) - dense(without.mass, n)
+    shift = np.kron(np.ones((n // 3, 1)), np.eye(3))
+    along = np.array([0.6, 0, 0.8])
+    np.testing.assert_allclose(shift.T @ added @ shift, 2.5 * np.eye(3) + 4 * np.outer(along, along), atol=1e-12)
+    moments = np.kron(with_them.body.nodes[:, :1], np.eye(3)).T @ added @ shift  # Σ m x of where they are
+    expected = (0.35 + 2 * LENGTH) * np.eye(3) + 0.8 * np.outer(along, along)
+    np.testing.assert_allclose(moments, expected, atol=1e-12)
+    assert np.linalg.eigvalsh(added)[0] >= -1e-12
+    heavy = f'inertia = {{}}\n[effects.point_masses.m]\nsurface = "right"\nmass = {1000 * MASS}\ndirection = [1, 0, 0]'
+    system = fr.assemble(beam(bar, heavy))
+    γ = system.algebra.eigenpairs(system.mass, system.stiffness, 3)[0]  # the others: it turns about y and z
+    β = np.sqrt(γ * DENSITY / YOUNG) * LENGTH
+    assert np.abs(β * np.tan(β) / 1e-3 - 1).min() <= 1e-6
+
+
 def test_springs_and_dashpots_add_up(bar):
     """Along any translation: k, and c; the dashpot of a part of the body is nowhere else."""
     effects = """inertia = {}

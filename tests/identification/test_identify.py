@@ -194,6 +194,7 @@ def test_the_table_names_what_is_held_beside_the_interval(mesh, files):
 
 
 OBSTACLE = '[effects.contact.obstacles.floor]\nshape = "half-space"\npoint = [0, 0, -1]\nnormal = [0, 0, 1]'
+WEIGHED = "[effects.point_masses.knob]\npoint = [1.0, 0.2, 0.1]\nmass = 0.1"
 MOVED = '[effects.prescribed.push]\npoint = [1.0, 0.2, 0.1]\ntable = "push.csv"'
 
 
@@ -204,6 +205,8 @@ def test_scenes_that_cannot_be_identified_are_refused(mesh, files, tmp_path):
         fr.identify(scene_of(mesh, START, effects=GRAVITY), files)
     with pytest.raises(SceneError, match=r"effects.prescribed.push: changes with time, so it has no value in an"):
         fr.identify(scene_of(mesh, START, MOVED, tables={"push.csv": np.eye(2, 4)[::-1]}), files)
+    with pytest.raises(SceneError, match=r"effects.point_masses: allowed are bodies without"):
+        fr.identify(scene_of(mesh, START, WEIGHED), files)
     with pytest.raises(SceneError, match="is not wholly held, so it has no equilibria"):
         fr.identify(scene_of(mesh, START, supports=None), files)
     with pytest.raises(SceneError, match=r"no parameter 'yung'.*did you mean 'young'"):

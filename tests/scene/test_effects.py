@@ -108,7 +108,8 @@ def test_table_of_effects_is_sound():
 
 
 def test_all_effects_are_read_with_their_defaults():
-    effects = parse(f"{ALL}\n[effects.large_deformation]").effects
+    knob = '[effects.point_masses.knob]\nsurface = "right"\nmass = 0.2'
+    effects = parse(f"{ALL}\n{knob}\n[effects.large_deformation]").effects
     others = ("tendon_friction", "base_path")  # which go without large_deformation, and with a moving frame
     assert effects.names == tuple(name for name in EFFECTS if name not in others)
     assert effects.large_deformation == LargeDeformation(material="st_venant_kirchhoff")
@@ -349,7 +350,7 @@ def test_run_among_obstacles_is_read_to_the_last_bit(rom, tmp_path):
     fr.write_trajectory(tmp_path / "run.h5", run)
     back = fr.read_trajectory(tmp_path / "run.h5")
     assert same(back, run)
-    assert set(back.effects) == set(EFFECTS) - {"base_path", "large_deformation", "tendon_friction"}
+    assert set(back.effects) == set(EFFECTS) - {"base_path", "large_deformation", "tendon_friction", "point_masses"}
     assert list(back.forces) == ["floor", "ball"]
     assert list(back.contact_account) == ["obstacles", "contact", "friction"]
     assert {"gravity", "contact, friction", "inertia, damping, elasticity"} <= set(back.profile)

@@ -91,6 +91,9 @@ MISTAKES = {
     "effects.springs: are tied to the ground; allowed is with frame = 'fixed'": {
         "effects": f"inertia = {{}}\n{SPRING}"
     },
+    "effects.point_masses: are not in the inertia of a frame; allowed": {
+        "effects": 'inertia = {}\n[effects.point_masses.knob]\nsurface = "right"\nmass = 1.0'
+    },
     "effects.damping.dashpots: are tied to the ground": {"effects": f"inertia = {{}}\n{DASHPOT}"},
     "supports.held[0].normal: slides on the ground; allowed with frame = 'moving' is to be": {"supports": ROLLER},
     "effects.large_deformation: turns a body": {"effects": "inertia = {}\nlarge_deformation = {}"},
