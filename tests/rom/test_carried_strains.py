@@ -41,7 +41,8 @@ def test_monomials_have_the_energy_forces_and_stiffness_of_all_points(bodies):
         for part, expected in zip(*found, strict=True):
             assert np.abs(part - expected).max() <= ROUND_OFF * np.abs(expected).max()
         both = monomials.stressed(np.stack([one.y, one.rates(v)], axis=1))
-        np.testing.assert_allclose(both[:, 0], monomials.stressed(one.y), rtol=1e-13, atol=0)
+        alone = monomials.stressed(one.y)
+        assert np.abs(both[:, 0] - alone).max() <= ROUND_OFF * np.abs(alone).max()
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -54,7 +55,7 @@ def test_a_step_in_monomials_is_that_in_points(bodies, law, monkeypatch):
 
     monomials = [after(steps) for steps in (1, 100)]
     monkeypatch.setattr(carried_strains, "MOST_MODES", 0)
-    for found, expected, bound in zip(monomials, [after(steps) for steps in (1, 100)], (1e-13, 1e-10), strict=True):
+    for found, expected, bound in zip(monomials, [after(steps) for steps in (1, 100)], (1e-12, 1e-10), strict=True):
         assert np.abs(found[0]).max() > 0
         for one, other in zip(found, expected, strict=True):
             assert np.abs(one - other).max() <= bound * np.abs(other).max()

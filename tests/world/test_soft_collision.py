@@ -35,8 +35,8 @@ def test_the_nearest_point_of_a_triangle_is_what_a_search_finds():
     points, corners = rng.standard_normal((40, 3)), rng.standard_normal((40, 3, 3))
     weights, places = nearest_on_triangles(points, corners)
     assert weights.min() >= 0
-    np.testing.assert_allclose(weights.sum(axis=1), 1, rtol=1e-14)
-    np.testing.assert_allclose(places, (weights[:, :, None] * corners).sum(axis=1), atol=1e-14)
+    np.testing.assert_allclose(weights.sum(axis=1), 1, rtol=1e-13)
+    np.testing.assert_allclose(places, (weights[:, :, None] * corners).sum(axis=1), atol=1e-13)
     for point, place, triangle in zip(points, places, corners, strict=True):
         sum_to_one = {"type": "eq", "fun": lambda w: w.sum() - 1}
         found = minimize(
@@ -58,7 +58,7 @@ def test_points_against_a_shape_have_its_distance():
     expected = soft.touching[gaps[soft.touching] <= 0.02]
     np.testing.assert_array_equal(found.first.nodes[:, 0], expected)
     np.testing.assert_array_equal(found.first.feature, expected)
-    np.testing.assert_allclose(found.gaps, gaps[expected], atol=1e-15)
+    np.testing.assert_allclose(found.gaps, gaps[expected], atol=1e-14)
     np.testing.assert_array_equal(found.first.arms, found.second.arms)
     assert found.gaps.min() < -0.05
     assert found.second.nodes.shape == (len(expected), 0)
@@ -79,9 +79,9 @@ def test_two_balls_touch_as_spheres_do(distance):
     np.testing.assert_allclose(found.normals[nearest], [0, -0.6, -0.8], atol=0.1)
     for spots, body in ((found.first, first), (found.second, second)):
         np.testing.assert_allclose(
-            (spots.weights[:, :, None] * body.points[spots.nodes]).sum(axis=1), spots.arms, atol=1e-15
+            (spots.weights[:, :, None] * body.points[spots.nodes]).sum(axis=1), spots.arms, atol=1e-14
         )
-    np.testing.assert_allclose(found.first.arms - found.second.arms, found.gaps[:, None] * found.normals, atol=1e-15)
+    np.testing.assert_allclose(found.first.arms - found.second.arms, found.gaps[:, None] * found.normals, atol=1e-14)
 
 
 def test_each_point_meets_what_is_nearest_of_all_triangles():
@@ -96,7 +96,7 @@ def test_each_point_meets_what_is_nearest_of_all_triangles():
         rows = rows[found.first.feature[rows] < len(first.points)]
         assert len(rows) == (nearest <= 0.05 if outside else nearest < 0.01 or len(rows))
         if len(rows):
-            assert abs(found.gaps[rows[0]]) == pytest.approx(nearest, abs=1e-14)
+            assert abs(found.gaps[rows[0]]) == pytest.approx(nearest, abs=1e-13)
 
 
 @pytest.mark.parametrize("gap", [1e-3, 0.0, -1e-3])
@@ -105,7 +105,7 @@ def test_two_plates_lie_on_one_another(gap):
     below, above = plate(0.0, True), plate(gap, False, cells=5)
     found = find_contacts(above, below, 2e-3)
     assert len(found.gaps) == 36 + 49
-    np.testing.assert_allclose(found.gaps, gap, atol=1e-15)
+    np.testing.assert_allclose(found.gaps, gap, atol=1e-14)
     np.testing.assert_allclose(found.normals, [[0, 0, 1]] * 85, atol=1e-9)
     moved = above._replace(points=above.points + np.array([0.7, 0, 0]))
     found = find_contacts(moved, below, 2e-3)
