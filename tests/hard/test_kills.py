@@ -63,7 +63,6 @@ def run(line, folder):
         ("simulate", "SIGKILL", "before", False),
         ("simulate", "SIGKILL", "after", True),
         ("simulate", "SIGINT", "half", True),
-        ("reduce", "SIGKILL", "before", True),
         *(
             pytest.param(*choice, marks=pytest.mark.slow)
             for choice in (
@@ -71,6 +70,7 @@ def run(line, folder):
                 ("simulate", "SIGKILL", "before", True),
                 ("simulate", "SIGKILL", "after", False),
                 ("simulate", "SIGTERM", "half", True),
+                ("reduce", "SIGKILL", "before", True),
                 ("reduce", "SIGKILL", "after", False),
             )
         ),

@@ -112,6 +112,7 @@ def test_two_ranks_find_the_same(folder, one):
     assert astuple(second.effects.damping)[:2] == pytest.approx(astuple(first.effects.damping)[:2], rel=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.alone
 def test_wrong_data_end_with_one_line_and_no_folder(folder):
     (folder / "wrong.csv").write_text("time (s),tip[0].z (mm)\n0.1,much\n")

@@ -74,6 +74,7 @@ def test_all_points_and_what_follows_are_those_of_the_full_order(folder, roms):
     assert linear + body.springs[0, 0] == pytest.approx(rom.stiffness[0], rel=1e-4)
 
 
+@pytest.mark.slow
 def test_training_by_the_full_order(folder):
     rom = fr.reduce(fr.assemble(fr.read_scene(folder / "box.toml")), method="trained")
     assert rom.deformation.validation_error <= 0.02

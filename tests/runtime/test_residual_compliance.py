@@ -255,7 +255,7 @@ def broken_switch(monkeypatch):
     monkeypatch.setattr(residual_motion.ResidualMotion, "carry_over", carry_over)
 
 
-@pytest.mark.parametrize("broken", [broken_sign, broken_switch])
+@pytest.mark.parametrize("broken", [broken_sign, pytest.param(broken_switch, marks=pytest.mark.slow)])
 def test_laws_notice_what_is_broken(held, monkeypatch, broken):
     broken(monkeypatch)
     with warnings.catch_warnings(), np.errstate(all="ignore"):

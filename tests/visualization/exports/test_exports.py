@@ -348,6 +348,7 @@ main()
     )
 
 
+@pytest.mark.slow
 def test_pictures_are_drawn_beside_fenicsx(tmp_path):
     """Which is loaded first: dolfinx 0.5 makes the symbols of what comes later global, and VTK crashed."""
     code = """

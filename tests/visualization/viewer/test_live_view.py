@@ -261,6 +261,7 @@ def test_port_that_is_taken_and_interruption(view, views):
     assert "Traceback" not in other.printed
 
 
+@pytest.mark.slow
 def test_runs_side_by_side(views, folder, browser, plate_rom):
     scene = fr.read_scene(PLATE)
     run = fr.simulate(plate_rom, scene=replace(scene, run=replace(scene.run, snapshots=30)))
