@@ -156,6 +156,7 @@ def test_two_ranks_have_whole_nodes_of_a_body_in_a_moving_frame(inside):
     np.testing.assert_allclose(fr.read_rom("rom.h5").moving_frame.origin, MASSES @ X / MASSES.sum())
 
 
+@pytest.mark.slow
 @pytest.mark.alone
 def test_two_ranks_spread_the_rows(inside):
     run = reduce_on_two(*MATRICES, "--contact", "ends=ends.mtx", "--order", "8")
