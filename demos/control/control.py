@@ -22,10 +22,10 @@ import os
 import sys
 from collections.abc import Callable
 from pathlib import Path
-from typing import NamedTuple, Protocol
+from typing import NamedTuple
 
 import numpy as np
-from following import LIFT, Following, Plan, follow, plan_tensions
+from following import LIFT, Body, Following, Plan, follow, plan_tensions
 from scipy.linalg import solve_discrete_are
 from stepping_in_c import PROCESSOR, compare_rates
 
@@ -46,18 +46,6 @@ SETTLED = 0.02  # of the largest deflection after the flick
 AGREES_TO = {"C, double": 1e-12, "C, float": 1e-5}
 
 Array = np.ndarray
-
-
-class Body(Protocol):
-    """A simulator, at any order."""
-
-    energy: float
-
-    def step(self, u: Array) -> None:
-        """Advances by one step."""
-
-    def displacement(self, output: str) -> Array:
-        """Of a named output, m."""
 
 
 class Controller(NamedTuple):

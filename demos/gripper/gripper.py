@@ -144,7 +144,12 @@ def report(run: fr.Trajectory, quick: bool) -> None:
         print(f"shaken at {FREQUENCY:g} Hz with {strength:.2f} g: it moves by {slip:.3f} mm from the palm")
         print(f"turned by {turn:.1f} degrees")
         print(f"it began at {1e3 * box[0, :3]} mm, and lies at {1e3 * box[-1, :3]} mm")
-        claims.append(("it is put down on its face to 1 mm", abs(box[-1, 2] - EDGE / 2) < 1e-3))
+        claims += [
+            ("shaken, it moves by less than 0.1 mm from the palm", slip < 0.1),
+            ("it turns with the palm to 5 degrees", abs(turn - 90) < 5),
+            ("it is put down on its face to 1 mm", abs(box[-1, 2] - EDGE / 2) < 1e-3),
+            ("and within 0.1 mm of where it was", np.linalg.norm(box[-1, :2] - box[0, :2]) < 1e-4),
+        ]
     for claim, holds in claims:
         print(f"  {'holds' if holds else 'FAILS'}: {claim}")
     sys.exit(0 if all(holds for _, holds in claims) else 1)

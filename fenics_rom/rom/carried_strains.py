@@ -24,6 +24,7 @@ class StrainTables(NamedTuple):
 
     Attributes:
         first, second: i and j of the products.
+        half: ½ of squares, 1 of other products.
         place: (m, m) which product i and j make.
         gram: (r, r) 𝒢, of the energy ½ ηᵀ𝒢η, J.
         stiffness: (m (m+1)/2, 1 + r) upper triangle of AᵀC₀A, row by row, from 1 and η.
@@ -31,6 +32,7 @@ class StrainTables(NamedTuple):
 
     first: Array
     second: Array
+    half: Array
     place: Array
     gram: Array
     stiffness: Array
@@ -62,7 +64,27 @@ class StrainTables(NamedTuple):
         at, k, i_, j_ = place + m, np.arange(m), i[:, None], j[:, None]
         by_one = gram[i_, at[k, j_]] + gram[j_, at[k, i_]]
         by_two = gram[at[i, i_], at[j, j_]] + gram[at[j, i_], at[i, j_]]
-        return StrainTables(i, j, place, gram, np.hstack([gram[i, j][:, None], by_one, by_two]))
+        half = np.where(i == j, 0.5, 1.0)
+        return StrainTables(i, j, half, place, gram, np.hstack([gram[i, j][:, None], by_one, by_two]))
+
+    def at(self, q: Array) -> Array:
+        """η (r,) of q (m,), or of bodies (m, B)."""
+        η = np.empty((len(self.gram), *q.shape[1:]))
+        η[: len(q)] = q
+        products = η[len(q) :]
+        np.multiply(q.take(self.first, 0), q.take(self.second, 0), products)
+        np.multiply(products.T, self.half, products.T)
+        return η
+
+    def rates(self, q: Array, v: Array) -> Array:
+        """What η change by at q (m,), or of bodies (m, B), with v."""
+        rates = np.empty((len(self.gram), *q.shape[1:]))
+        rates[: len(q)] = v
+        products = rates[len(q) :]
+        np.multiply(q.take(self.first, 0), v.take(self.second, 0), products)
+        products += q.take(self.second, 0) * v.take(self.first, 0)
+        np.multiply(products.T, self.half, products.T)
+        return rates
 
 
 _tables: WeakKeyDictionary[ReducedDeformation, StrainTables] = WeakKeyDictionary()
@@ -80,7 +102,6 @@ class MonomialStrains:
         self._tables, self._m = StrainTables.of(body), body.order
         self.size = len(self._tables.gram)
         self.viscosity = float(body.viscosity[0])
-        self._half = np.where(self._tables.first == self._tables.second, 0.5, 1.0)
 
     def around(self, q: Array) -> "MonomialsAround":
         """Of shapes near q."""
@@ -88,20 +109,11 @@ class MonomialStrains:
 
     def at(self, q: Array) -> Array:
         """y of E(q)."""
-        y = np.empty(self.size)
-        y[: self._m] = q
-        np.multiply(q.take(self._tables.first), q.take(self._tables.second), out=y[self._m :])
-        y[self._m :] *= self._half
-        return y
+        return self._tables.at(q)
 
     def rates(self, q: Array, v: Array) -> Array:
         """Of y at q, by the velocity v."""
-        i, j, y = self._tables.first, self._tables.second, np.empty(self.size)
-        y[: self._m] = v
-        np.multiply(q.take(i), v.take(j), out=y[self._m :])
-        y[self._m :] += q.take(j) * v.take(i)
-        y[self._m :] *= self._half
-        return y
+        return self._tables.rates(q, v)
 
     def stressed(self, y: Array) -> Array:
         """C₀ y; of several, in the columns of (size, n)."""

@@ -67,8 +67,6 @@ class BatchDeformation:
         self._points = None if body.law == "st_venant_kirchhoff" else _Points(body)
         self._steepest = STEEPEST_FREQUENCY * math.sqrt(rom.stiffness[-1])
         self._tables, self._β = StrainTables.of(body), float(body.viscosity[0])
-        i, j = self._tables.first, self._tables.second
-        self._half = np.where(i == j, 0.5, 1.0)[:, None]
         self._dead = inputs.copy()
         self._pressures: list[tuple[int, Array, Array]] = []
         self._tendons: list[tuple[int, ReducedTendon]] = []
@@ -76,7 +74,7 @@ class BatchDeformation:
         for name, columns in rom.actuators.items():
             if name in body.pressures:
                 force = body.pressures[name]
-                by_strains = np.hstack([force[:, 1 : m + 1], force[:, m + 1 :] / self._half.T])
+                by_strains = np.hstack([force[:, 1 : m + 1], force[:, m + 1 :] / self._tables.half])
                 self._pressures.append((column, force[:, :1], by_strains))
             elif name in body.tendons:
                 self._tendons.append((column, body.tendons[name]))
@@ -103,7 +101,7 @@ class BatchDeformation:
 
     def begin(self, bodies: Array, q: Array, r: Array) -> None:
         """Bodies (B,) are put to q and r (B, m)."""
-        now, strains = self._now, self._at(q.T)
+        now, strains = self._now, self._tables.at(q.T)
         now.strains[:, bodies], now.stressed[:, bodies] = strains, self._tables.gram @ strains
         now.velocity[:, bodies], now.tank[:, bodies], now.stale[:, bodies] = r.T, 0.0, True
         if self._points is not None:
@@ -160,7 +158,7 @@ class BatchDeformation:
         now, then, B = self._now.of(part), self._next.of(part), q.shape[1]
         expected = self._expected(now, then, dead, q, r, u)
         middle = q + h / 2 * expected
-        strains = self._at(middle)
+        strains = self._tables.at(middle)
         pushed = self._loads(dead, u, middle, strains)
         right = pushed + 2 / h * r - body.springs @ q - self._pulled(middle, now.stressed)
         matrices = self._matrices(strains)
@@ -178,7 +176,7 @@ class BatchDeformation:
         then.stale[0] = (missed * missed).sum(axis=0) > TANGENT_RENEWAL**2 * (v * v).sum(axis=0)
         then.velocity[:] = v
 
-        rates, after = self._rates(middle, v), self._at(q + h * v)
+        rates, after = self._tables.rates(middle, v), self._tables.at(q + h * v)
         stressed, stressed_after = np.hsplit(gram @ np.hstack([rates, after]), [B])
         drawn = h * (_dot(v, body.external_damping @ v) + β * _dot(rates, stressed))
         np.multiply(rates, h, out=rates)
@@ -216,8 +214,8 @@ class BatchDeformation:
         """v̂ (m, B) by one iteration of Newton's from the step before, as `LinearlyImplicit._expected`."""
         h, body, v, m = self._h, self._body, now.velocity, len(q)
         middle = q + h / 2 * v
-        strains = self._at(middle)
-        linear, points = self._β * self._rates(middle, v), self._points
+        strains = self._tables.at(middle)
+        linear, points = self._β * self._tables.rates(middle, v), self._points
         if points is None:
             linear += strains
         stressed = self._tables.gram @ linear
@@ -252,23 +250,6 @@ class BatchDeformation:
         steep = np.sqrt(_dot(b, b))
         b *= np.where(steep > self._steepest, self._steepest / steep, 1.0)
         return b
-
-    def _at(self, q: Array) -> Array:
-        """Coordinates (r, B) of the strains at q (m, B)."""
-        m, strains = len(q), np.empty((len(self._tables.gram), q.shape[1]))
-        strains[:m] = q
-        np.multiply(q[self._tables.first], q[self._tables.second], out=strains[m:])
-        strains[m:] *= self._half
-        return strains
-
-    def _rates(self, q: Array, v: Array) -> Array:
-        """What they change by."""
-        m, rates, (i, j) = len(q), np.empty((len(self._tables.gram), q.shape[1])), self._tables[:2]
-        rates[:m] = v
-        np.multiply(q[i], v[j], out=rates[m:])
-        rates[m:] += q[j] * v[i]
-        rates[m:] *= self._half
-        return rates
 
     def _pulled(self, q: Array, stressed: Array) -> Array:
         """Forces (m, B) of stresses (r, B) at q (m, B)."""

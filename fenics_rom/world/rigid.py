@@ -21,15 +21,19 @@ from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.frame_motion import (
     ZERO,
+    Rotation,
     Vector,
     added,
     cayley,
     cross,
     cross_matrix,
     dot,
+    rotated,
     rotation_matrix,
     turned,
 )
+from fenics_rom.runtime.steppers.frame_kernel import check_turn
+from fenics_rom.runtime.steppers.frame_points import vector
 from fenics_rom.world.bodies import Points, cross_maps, torque_of
 from fenics_rom.world.collision.contacts import PlacedShape
 from fenics_rom.world.shapes import Shape
@@ -38,7 +42,6 @@ TOLERANCE = 1e-16  # of the angular velocity: what the next correction may be
 STAGNATION = 1e-12  # of it: as near as round-off of large forces of joints lets it come
 MOST_ITERATIONS = 50
 AXES: tuple[Vector, ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
-LARGEST_TURN = 1.5  # rad in a step: beyond it there may be no step, or another one
 
 
 class _Try(NamedTuple):
@@ -66,7 +69,8 @@ class Rigid:
     def __init__(self, shape: Shape, mass: float, inertia: Array, pose: BaseState, gravity: Array):
         self.account, self._shape, self.size = EnergyLedger(), shape, shape.radius_around
         self.mass, self._inertia, self._inverse = mass, inertia, np.linalg.inv(inertia)
-        self._columns = tuple(map(vector, inertia))
+        one, two, three = map(vector, inertia)
+        self._columns: Rotation = one, two, three  # of a symmetric matrix, its rows, too
         self._gravity = gravity
         self.place(pose)
 
@@ -111,12 +115,7 @@ class Rigid:
 
     def begin(self, h: float) -> None:
         """As in Body."""
-        speed = float(np.sqrt(self._ω.dot(self._ω)))
-        if not h * speed <= LARGEST_TURN:
-            raise StepError(
-                f"it would turn by {h * speed:.3g} rad in a step of {h:g} s: allowed are {LARGEST_TURN:g} rad, that "
-                f"is, at {speed:.3g} rad/s, a dt of at most {LARGEST_TURN / speed:.2g} s"
-            )
+        check_turn(h, vector(self._ω), "it")
         self._h = h
         self._middle = self._p + h / 2 * self._v + self.lead
 
@@ -146,16 +145,15 @@ class Rigid:
         """ω̂ under a torque and a moment Σ y fᵀ (3, 3) of joints; the whole torque; and (R + R⁺)/2."""
         h, R, whole, mean = self._h, self._R, τ, self._R
         twice, half = 2 / h, h / 2
-        a, b, c = self._columns
         x, t, before = vector(self._ω), vector(R.T.dot(τ)), 0.0
-        L = _combined(x, a, b, c)
+        L = rotated(self._columns, x)
         forced = 0.0 if held is None else h * float(np.abs(self._inverse).max() * np.abs(held).max())
         for _ in range(MOST_ITERATIONS):
             if held is not None:
                 mean = (R + R.dot(cayley((h * x[0], h * x[1], h * x[2])))) / 2
                 whole = τ + torque_of(mean.dot(held))
                 t = vector(R.T.dot(whole))
-            Ix = _combined(x, a, b, c)
+            Ix = rotated(self._columns, x)
             w = added(Ix, half, t)
             ρ = added(added(added(cross(x, w), twice, Ix), -twice, L), -1.0, t)
             if ρ == ZERO:
@@ -163,7 +161,7 @@ class Rigid:
             # Columns of the Jacobian 2/h I + x~ I - w~, and Cramer's rule.
             u, v, z = (
                 added(added(cross(x, column), twice, column), -1.0, cross(w, axis))
-                for column, axis in zip((a, b, c), AXES, strict=True)
+                for column, axis in zip(self._columns, AXES, strict=True)
             )
             vz, zu, uv = cross(v, z), cross(z, u), cross(u, v)
             determinant = dot(u, vz)
@@ -243,15 +241,3 @@ class Rigid:
 
     def undo(self) -> None:
         """As in Body: nothing was changed."""
-
-
-def vector(numbers: Array) -> Vector:
-    """Three numbers."""
-    x, y, z = numbers.tolist()
-    return x, y, z
-
-
-def _combined(x: Vector, a: Vector, b: Vector, c: Vector) -> Vector:
-    """x_1 a + x_2 b + x_3 c."""
-    p, q, r = x
-    return p * a[0] + q * b[0] + r * c[0], p * a[1] + q * b[1] + r * c[1], p * a[2] + q * b[2] + r * c[2]

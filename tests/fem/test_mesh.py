@@ -320,4 +320,5 @@ def test_ranks_share_cells_evenly_in_slabs(ranks):
     owner = bisect_cells(centres, ranks)
     counts = np.bincount(owner, minlength=ranks)
     assert counts.max() - counts.min() <= 2
-    assert np.all(np.diff(owner[np.argsort(centres[:, 0])]) >= 0) or ranks > 7
+    if ranks <= 7:  # more share slabs
+        assert np.all(np.diff(owner[np.argsort(centres[:, 0])]) >= 0)

@@ -315,11 +315,11 @@ def turn_of(R: Rotation, rotation: Quaternion, t: Vector) -> tuple[Geometry, Qua
     return Geometry(R, rotation_of(*end), t), end
 
 
-def check_turn(h: float, ω: Vector) -> None:
+def check_turn(h: float, ω: Vector, body: str = "the body") -> None:
     """A StepError where a step of h s would turn the body too far."""
     speed = dot(ω, ω) ** 0.5
     if not h * speed <= LARGEST_TURN:
         raise StepError(
-            f"the body would turn by {h * speed:.3g} rad in a step of {h:g} s: allowed are {LARGEST_TURN:g} rad, that "
+            f"{body} would turn by {h * speed:.3g} rad in a step of {h:g} s: allowed are {LARGEST_TURN:g} rad, that "
             f"is, at {speed:.3g} rad/s, a dt of at most {LARGEST_TURN / speed:.2g} s"
         )
