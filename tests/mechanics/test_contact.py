@@ -266,6 +266,8 @@ def test_energy_law_in_random_scenes(seed, e, μ):
 def test_hardly_a_random_scene_is_without_forces(seeds, refused):
     """Of 12,000 one is: two obstacles squeeze a point out of a wedge that friction holds it in, and it says so.
 
+    For that one Coulomb's law has no solution: the test after this one proves it.
+
     Where obstacles that do not close on it hold a point in a wedge, it need not stick to both as it did before; nor are
     forces found to less than round-off.
     """
@@ -282,6 +284,86 @@ def test_hardly_a_random_scene_is_without_forces(seeds, refused):
         assert body.contact.search.residual.steps == 0
     assert list(stopped) == refused
     assert all("wedged" in message for message in stopped.values())
+
+
+@pytest.mark.parametrize("h", [1e-5, 1e-3, 1e-1])
+@pytest.mark.parametrize("degrees", [10, 30])
+def test_a_wedge_that_closes_lets_go_of_a_point_below_the_angle_of_friction_alone(degrees, h):
+    """Out of a wedge of twice α, whose sides come with w, a point slips at w/sin α if μ < tan α.
+
+    Beyond, both forces together, 2 λ (sin α - μ cos α) outwards, would draw it in: whatever the step, there are none.
+    """
+    α, speed = math.radians(degrees), 0.3
+    normals = np.array([[math.sin(α), 0.0, side * math.cos(α)] for side in (1.0, -1.0)])
+    planes = [HalfSpace((0.0, 0.0, 0.0), tuple(n)) for n in normals]
+
+    def squeezed(friction):
+        return Points((0.0, 0.0, 0.0), planes, ContactLaw(friction=friction), h, mass=2.0).step(speed * normals)
+
+    slips = squeezed(0.99 * math.tan(α)).velocity[0]
+    np.testing.assert_allclose(slips, [speed / math.sin(α), 0.0, 0.0], rtol=1e-9, atol=1e-9)
+    with pytest.raises(StepError, match="wedged between obstacles"):
+        squeezed(1.01 * math.tan(α))
+
+
+def is_without_forces(operator, in_frames, μ):
+    """Whether there is a proof that pairs A, C and B have none, where A and B are of one point.
+
+    With forces F on it, and e of C, u = W F + e + q. Neither A nor B alone will do: without forces both close, and all
+    forces in the cone of one press against the other. With both, n·u = 0 of each and u_A - u_B = q_A - q_B leave one
+    number open, u_A = u_0 + s t along the edge t of the wedge. It tells both directions d of slip; so F is in the cone
+    of two vectors n - μ d(s), and W F = r(s) - e with r = u_A - q_A. Where some p has p·(n - μ d) < 0 for both and
+    p·W⁻¹ (r - e) > 0, there is no F. That is so between two s if it is at both, as p·n >= 0 and d is on the arc between
+    those of both, and r on the line; and beyond the last with p = ±t. C does no work, f·u <= 0, so that e is small.
+    """
+    q, (A, _, B) = operator.frames.in_space(in_frames), operator.frames.axes[:, :, 0]
+    W = operator.operator.matrix.reshape(3, 3, 3, 3).swapaxes(1, 2)
+    assert np.array_equal(W[0, 0], W[2, 2])
+    assert np.array_equal(W[0, 0], W[0, 2])
+    inverse, cos, apart = np.linalg.inv(W[0, 0]), A.dot(B), q[0] - q[2]
+    stiffness, sin = np.linalg.norm(inverse, 2), math.sqrt(1 - cos**2)
+    softest, across = np.linalg.eigvalsh(W[1, 1])[0], np.linalg.norm(W[0, 1], 2)
+    e = across / softest * np.linalg.norm(q[1])  # and, of |r - e|, what is left out as nothing beside it:
+    left_out = across**2 * stiffness / softest
+    np.testing.assert_allclose(W[0, 0], W[0, 0, 0, 0] * np.eye(3), atol=1e-4 * W[0, 0, 0, 0])
+    alone = left_out < 1e-6 and cos + μ * sin < -0.01 and (in_frames[0, [0, 2]] < -2 * e).all()
+    slides_on_both = min(abs(B.dot(apart)), abs(A.dot(apart))) > 0.1  # whatever s
+    edge, out = np.cross(A, B) / sin, (A + B) / np.linalg.norm(A + B)
+    s, φ = np.linspace(-2, 2, 81), np.linspace(-math.pi / 2, math.pi / 2, 37)
+    p = np.outer(np.cos(φ), out) + np.outer(np.sin(φ), edge)
+    slips = np.linalg.solve([A, B, edge], [0.0, B.dot(apart), 0.0]) + np.outer(s, edge)
+    refuted = True
+    for n, u in ((A, slips), (B, slips - apart)):
+        refuted = refuted & ((n - μ * u / np.linalg.norm(u, axis=1)[:, None]) @ p.T < 0)
+    r = slips - q[0]
+    size = np.linalg.norm(r, axis=1)
+    refuted &= r @ inverse @ p.T > 2 * stiffness * (e + 1e-3 * size[:, None])
+    between = (refuted[1:] & refuted[:-1]).any(axis=1).all()
+    return alone and slides_on_both and between and refuted[0, 0] and refuted[-1, -1]
+
+
+def test_coulombs_law_has_no_solution_where_a_random_scene_is_refused(monkeypatch):
+    """Neither with the c_t of before the step nor without; with less friction there is no such proof, and a step."""
+    problems, find = [], contact_solver.solve
+
+    def noting(operator, q, *others):
+        problems.append((operator, q))
+        return find(operator, q, *others)
+
+    monkeypatch.setattr(contact_solver, "solve", noting)
+    rng = np.random.default_rng(4848)
+    body = scene(rng, ContactLaw(friction=0.7))
+    w = rng.uniform(-1, 1, body.offsets.shape) * (rng.random() < 0.5)
+    for _ in range(60):
+        problems.clear()
+        if not goes_on(body, w):
+            break
+    asked = [problem for problem in problems if problem[1].shape == (3, 3)]
+    assert len(asked) == 2
+    assert all(is_without_forces(*problem, 0.7) for problem in asked)
+    assert not is_without_forces(*asked[1], 0.3)
+    body.contact.law = ContactLaw(friction=0.3)
+    assert goes_on(body, w)
 
 
 @given(seed=seeds, e=st.sampled_from([0.0, 0.4, 1.0]))
