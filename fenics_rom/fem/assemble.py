@@ -12,6 +12,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_rom.errors import MeshError, SceneError, check_known, exactly
+from fenics_rom.fem.attached_masses import attached_masses
 from fenics_rom.fem.contact_points import contact_points_of, points_between
 from fenics_rom.fem.dolfinx_compat import (
     cell_constants,
@@ -34,7 +35,7 @@ from fenics_rom.fem.ranks import run_on_rank_0
 from fenics_rom.fem.readings import readings_of
 from fenics_rom.fem.restriction import restrict_matrices
 from fenics_rom.fem.rigid_modes import rigid_motions
-from fenics_rom.fem.springs import dashpots_of, masses_of, springs_of, with_attached
+from fenics_rom.fem.springs import dashpots_of, springs_of, with_attached
 from fenics_rom.fem.supports import unknowns_of
 from fenics_rom.io.stages import Stages
 from fenics_rom.mechanics.body_facts import implausible, quality_of
@@ -88,7 +89,7 @@ def _system(scene: Scene, comm: Any) -> System:
     algebra = PetscAlgebra(comm, matrices.mass.mat.getOwnershipRange())
     rows = algebra.rows()
     actuators, actuator_units = actuators_of(scene, nodes, unknowns)
-    loads, load_units = loads_of(scene, nodes, matrices.translated, unknowns)
+    loads, load_units = loads_of(scene, nodes, matrices.weight, matrices.translations, unknowns)
     motions = mass_orthonormal(matrices.mass, rigid_motions(nodes, matrices.node_mass, unknowns)[rows], algebra)
     rigid = without_energy(matrices.mass, matrices.stiffness, motions, algebra)
     system = System(
@@ -197,7 +198,8 @@ class _Matrices:
     Attributes:
         mass, damping, stiffness: on the unknowns.
         node_mass: (N,) as in Body.
-        translated: (N,) kg, what weighs at each node: ∫ρ of its shape function, and masses fixed to the body.
+        weight: (N,) kg, what weighs at each node: ∫ρ of its shape function, and what is fixed to the body.
+        translations: (3 N, 3) kg, M times unit translations: as the weight, but for weights on threads.
         external_damping, spring: for large deformation, what of D and K does not strain the body; None: nothing.
         frame_masses: for a moving frame, as `assemble_frame` takes them; None: it does not move.
     """
@@ -206,7 +208,8 @@ class _Matrices:
     damping: PetscMatrix | ZeroMatrix
     stiffness: PetscMatrix
     node_mass: np.ndarray
-    translated: np.ndarray
+    weight: np.ndarray
+    translations: np.ndarray
     external_damping: PetscMatrix | None
     spring: PetscMatrix | None
     frame_masses: tuple[np.ndarray, ...] | None
@@ -251,7 +254,7 @@ def _matrices(comm: Any, mesh: Mesh, nodes: Nodes, scene: Scene, material: np.nd
     α, β = scene.effects.damped.alpha, scene.effects.damped.beta
     springs, dashpots = springs_of(scene, nodes), dashpots_of(scene, nodes)
     damped_springs = β * springs if β and springs is not None else None
-    fixed, weight = masses_of(scene, nodes)
+    fixed, weight = attached_masses(scene, nodes)
     mass, stiffness = (
         with_attached(reduced["mass"], fixed, unknowns),
         with_attached(reduced["stiffness"], springs, unknowns),
@@ -275,7 +278,12 @@ def _matrices(comm: Any, mesh: Mesh, nodes: Nodes, scene: Scene, material: np.nd
         external_damping = added(reduced.get("external_damping") or total((α, mass)), damped_springs)
         external_damping, spring = added(external_damping, dashpots), added(None, springs)
     whole = mass, damping or ZeroMatrix(), stiffness
-    return _Matrices(*whole, node_mass, translated + weight, external_damping, spring, frame_masses)
+    unit = np.eye(3)
+    translations = np.kron(translated[:, None], unit)
+    if fixed is not None:
+        translations += fixed @ np.tile(unit, (len(translated), 1))
+    loaded = node_mass, translated + weight, translations
+    return _Matrices(*whole, *loaded, external_damping, spring, frame_masses)
 
 
 def _damping_of_cells(scene: Scene, mesh: Mesh) -> np.ndarray:

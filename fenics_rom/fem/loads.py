@@ -33,29 +33,29 @@ def actuators_of(scene: Scene, nodes: Nodes, unknowns: Unknowns) -> tuple[Column
     return columns, units
 
 
-def loads_of(scene: Scene, nodes: Nodes, masses: Array, unknowns: Unknowns) -> tuple[Columns, dict[str, float]]:
+def loads_of(
+    scene: Scene, nodes: Nodes, weight: Array, translations: Array, unknowns: Unknowns
+) -> tuple[Columns, dict[str, float]]:
     """Columns (n, columns) and units of loads with signals of their own, in the order of `load_columns`.
 
-    Gravity in multiples of its acceleration, base motions (m/s²), prescribed forces (N); `masses` (N,), kg,
-    are what weighs at each node, so that M times a rigid translation is them.
+    Gravity in multiples of its acceleration, base motions (m/s²), prescribed forces (N); `weight` (N,), kg, is what
+    weighs at each node, and `translations` (3 N, 3), kg, is M times unit translations.
     """
     columns: Columns = {}
     units: dict[str, float] = {}
-    mass = float(masses.sum())
-
-    def inertial(name: str, direction: Array, unit: float) -> None:
-        columns[name] = unknowns.restrict(np.kron(masses / mass, direction)[:, None])
-        units[name] = unit
+    mass = float(weight.sum())
 
     if scene.effects.gravity is not None:
         g = np.array(scene.effects.gravity.acceleration)
         size = float(np.linalg.norm(g))
         if size == 0:
             raise SceneError("effects.gravity.acceleration is zero; leave gravity out instead")
-        inertial("gravity", g / size, mass * size)
+        columns["gravity"] = unknowns.restrict(np.kron(weight / mass, g / size)[:, None])
+        units["gravity"] = mass * size
     for name, motion in scene.effects.base_motion.items():
         direction = np.array(motion.direction)
-        inertial(name, -direction / np.linalg.norm(direction), mass)
+        unit = direction / np.linalg.norm(direction)
+        columns[name], units[name] = unknowns.restrict(translations @ -unit[:, None] / mass), mass
     for name, force in scene.effects.prescribed.items():
         where, units[name] = f"effects.prescribed.{name}", 1.0
         if force.point is not None:

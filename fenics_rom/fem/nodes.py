@@ -162,7 +162,7 @@ def _load_weights(nodes: Nodes, triangles: np.ndarray) -> tuple[np.ndarray, np.n
     return carriers, triangle_areas(nodes, triangles)[:, None] / 3
 
 
-def _mean_over(nodes: Nodes, triangles: np.ndarray) -> np.ndarray:
+def mean_over(nodes: Nodes, triangles: np.ndarray) -> np.ndarray:
     """Weights (N,) whose product with nodal values is their mean over a surface."""
     carriers, weight = _load_weights(nodes, triangles)
     mean = np.zeros(len(nodes.coordinates))
@@ -215,7 +215,7 @@ def patch_columns(nodes: Nodes, patch: Patch, unknowns: Unknowns, where: str) ->
     if patch.force == "normal":
         columns = _inward_pressure(nodes, triangles).reshape(-1, 1)
     elif patch.force == "resultant":
-        columns = np.kron(_mean_over(nodes, triangles)[:, None], np.eye(3))
+        columns = np.kron(mean_over(nodes, triangles)[:, None], np.eye(3))
     else:
         touched_nodes = patch_nodes(nodes, patch, where)
         components = np.intersect1d(3 * touched_nodes[:, None] + np.arange(3), unknowns.free)
@@ -240,7 +240,7 @@ def _inward_pressure(nodes: Nodes, triangles: np.ndarray) -> np.ndarray:
 def output_rows(nodes: Nodes, output: Output, unknowns: Unknowns, where: str) -> np.ndarray:
     """Cᵀ of an output on the unknowns, (n, 3 points); a surface is one point, its mean."""
     if output.surface is not None:
-        weights = _mean_over(nodes, surface_triangles(nodes, output.surface))[:, None]
+        weights = mean_over(nodes, surface_triangles(nodes, output.surface))[:, None]
     else:
         weights = np.stack([shape_functions(nodes, np.array(point), where) for point in output.points or ()], axis=1)
     return unknowns.restrict(np.kron(weights, np.eye(3)))

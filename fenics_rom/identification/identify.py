@@ -76,10 +76,11 @@ def identify(
     moving = any(isinstance(part, Motion) for part in read)
     if moving and scene.effects.inertia is None:
         raise SceneError(f"{scene.source}: data with times need effects.inertia; without it give equilibria")
-    if scene.effects.point_masses:
-        raise SceneError(
-            f"{scene.source}: effects.point_masses: allowed are bodies without; their share of M is not sought"
-        )
+    for name in ("point_masses", "rigid_parts"):
+        if getattr(scene.effects, name):
+            raise SceneError(
+                f"{scene.source}: effects.{name}: allowed are bodies without; their share of M is not sought"
+            )
     sought = select_parameters(scene, parameters, moving=moving)
 
     report("assembly", 0, 1)

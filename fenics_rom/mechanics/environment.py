@@ -18,7 +18,7 @@ from fenics_rom.mechanics.signals import Signal
 if TYPE_CHECKING:
     from fenics_rom.mechanics.obstacles import Obstacle
 
-PERMANENT_EFFECTS = ("springs", "point_masses")  # part of the matrices: no run can leave them out
+PERMANENT_EFFECTS = ("springs", "point_masses", "rigid_parts")  # part of the matrices: no run can leave them out
 STROKE_UNITS = {"length": "m", "volume": "m3"}  # of what is given of an actuator in place of its force
 SWITCHINGS = ("energy", "oblique")  # energy-orthogonal, of any basis; of standard balanced truncation
 FRAMES = ("fixed", "moving")  # a body stays near where it was made, or turns as far as it likes

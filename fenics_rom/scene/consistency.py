@@ -15,9 +15,11 @@ from fenics_rom.scene.environment import guides_of, obstacle_of
 from fenics_rom.scene.file_format import LoadEntry, SceneFile
 from fenics_rom.scene.scene import ReadingEntry, check_order
 
+ROUND_OFF = 1e-9  # of moments of inertia
 NOT_MOVING = {  # effects that a moving frame does not have
     "springs": "are tied to the ground",
     "point_masses": "are not in the inertia of a frame",
+    "rigid_parts": "are not in the inertia of a frame",
     "base_motion": "shakes a support in a fixed frame, and base_path carries it",
     "large_deformation": "turns a body as far as it likes by itself",
 }
@@ -107,6 +109,16 @@ def _check_effects(effects: Effects, actuators: Mapping[str, Any]) -> None:
         if name in taken:
             raise SceneError(
                 f"effects.tendon.{guide.tendon}: friction at its guide {name!r}: the name is {taken[name]}'s"
+            )
+    for name, fixed in effects.point_masses.items():
+        if fixed.direction is not None and not any(fixed.direction):
+            raise SceneError(f"effects.point_masses.{name}.direction: allowed is any but zero")
+    for name, part in effects.rigid_parts.items():
+        largest = max(part.inertia)
+        if 2 * largest > (1 + ROUND_OFF) * sum(part.inertia):
+            raise SceneError(
+                f"effects.rigid_parts.{name}.inertia = {list(part.inertia)}: no body has such moments; allowed is the "
+                f"largest, {exactly(largest)}, at most the sum of the other two, {exactly(sum(part.inertia) - largest)}"
             )
     for name, motion in effects.base_motion.items():
         if not any(motion.direction):

@@ -21,6 +21,7 @@ Beta = Annotated[float, Number(at_least=0.0, unit="s"), "share of the stiffness 
 Acceleration = Annotated[float, Number(unit="m/s2")]
 Newtons = Annotated[float, Number(unit="N")]
 Length = Annotated[float, Number(above=0.0, unit="m")]
+Moment = Annotated[float, Number(at_least=0.0, unit="kg m2")]
 Angle = Annotated[float, Number(unit="rad")]
 
 
@@ -97,6 +98,27 @@ class PointMass(Place):
         Direction | None,
         "along which alone it is inert, as a weight on a thread is; any length but zero; without it in all",
     ] = None
+
+
+@dataclass(frozen=True, kw_only=True)
+class RigidPart(Place):
+    """A rigid part fixed to a piece of the surface: its mass, where its centre is, and how hard it is to turn.
+
+    It is carried by the mean displacement of the surface, and by the mean of ∂u/∂X in the cells behind it.
+    """
+
+    LAW: ClassVar = Law(
+        force="m dv/dt of a rigid part's centre and the torque of its inertia, and its weight under gravity",
+        stores="½ m v² + ½ ωᵀ I ω",
+        online=False,
+    )
+    mass: Annotated[float, Number(above=0.0, unit="kg"), "of the part"]
+    center: Annotated[Point, "its centre of mass, on the body or off it"]
+    inertia: Annotated[
+        tuple[Moment, Moment, Moment],
+        Items(3, example="[1e-6, 1e-6, 2e-6]"),
+        "its moments about the axes x, y, z through its centre; each at most the sum of the other two",
+    ] = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True)
@@ -324,6 +346,7 @@ class Effects:
     damping: Damping | None = None
     springs: Mapping[Name, Spring] = field(default_factory=dict)
     point_masses: Mapping[Name, PointMass] = field(default_factory=dict)
+    rigid_parts: Mapping[Name, RigidPart] = field(default_factory=dict)
     gravity: Gravity | None = None
     base_motion: Mapping[Name, BaseMotion] = field(default_factory=dict)
     base_path: RigidBase | None = None

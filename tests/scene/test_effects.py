@@ -108,7 +108,8 @@ def test_table_of_effects_is_sound():
 
 
 def test_all_effects_are_read_with_their_defaults():
-    knob = '[effects.point_masses.knob]\nsurface = "right"\nmass = 0.2'
+    knob = '[effects.point_masses.knob]\nsurface = "right"\nmass = 0.2\n'
+    knob += '[effects.rigid_parts.nail]\nsurface = "right"\nmass = 0.2\ncenter = [1.1, 0, 0]'
     effects = parse(f"{ALL}\n{knob}\n[effects.large_deformation]").effects
     others = ("tendon_friction", "base_path")  # which go without large_deformation, and with a moving frame
     assert effects.names == tuple(name for name in EFFECTS if name not in others)
@@ -213,6 +214,11 @@ MISTAKES = {
     f'{INERTIA}[effects.base_motion.q]\ndirection = [1, 0, 0]\nacceleration = 1\ntable = "quake.csv"': (
         "effects.base_motion.q: give acceleration or table, not both"
     ),
+    f'{INERTIA}[effects.point_masses.q]\nsurface = "right"\nmass = 1\ndirection = [0, 0, 0]': "q.direction: allowed",
+    f'{INERTIA}[effects.rigid_parts.q]\nsurface = "right"\nmass = 1\ncenter = [0, 0, 0]\ninertia = [1, 3, 1.5]': (
+        "q.inertia = [1.0, 3.0, 1.5]: no body has such moments; allowed is the largest, 3, at most the sum"
+    ),
+    f'{INERTIA}[effects.rigid_parts.q]\nsurface = "right"\nmass = 1': "rigid_parts.q: center is missing",
     f"{INERTIA}[effects.base_motion.q]\ndirection = [0, 0, 0]": "base_motion.q.direction: allowed is any but zero",
     "[effects.tendon.rope]\npoints = [[0, 0, 0]]": "rope.points is a list of 1: allowed is a list of at least 2",
     "[effects.pressure.wind]": "effects.pressure.wind: give exactly one of surface, near, plane, facing; given: none",
@@ -350,7 +356,13 @@ def test_run_among_obstacles_is_read_to_the_last_bit(rom, tmp_path):
     fr.write_trajectory(tmp_path / "run.h5", run)
     back = fr.read_trajectory(tmp_path / "run.h5")
     assert same(back, run)
-    assert set(back.effects) == set(EFFECTS) - {"base_path", "large_deformation", "tendon_friction", "point_masses"}
+    assert set(back.effects) == set(EFFECTS) - {
+        "base_path",
+        "large_deformation",
+        "tendon_friction",
+        "point_masses",
+        "rigid_parts",
+    }
     assert list(back.forces) == ["floor", "ball"]
     assert list(back.contact_account) == ["obstacles", "contact", "friction"]
     assert {"gravity", "contact, friction", "inertia, damping, elasticity"} <= set(back.profile)

@@ -94,6 +94,9 @@ MISTAKES = {
     "effects.point_masses: are not in the inertia of a frame; allowed": {
         "effects": 'inertia = {}\n[effects.point_masses.knob]\nsurface = "right"\nmass = 1.0'
     },
+    "effects.rigid_parts: are not in the inertia of a frame; allowed": {
+        "effects": 'inertia = {}\n[effects.rigid_parts.nail]\nsurface = "right"\nmass = 1.0\ncenter = [0, 0, 0]'
+    },
     "effects.damping.dashpots: are tied to the ground": {"effects": f"inertia = {{}}\n{DASHPOT}"},
     "supports.held[0].normal: slides on the ground; allowed with frame = 'moving' is to be": {"supports": ROLLER},
     "effects.large_deformation: turns a body": {"effects": "inertia = {}\nlarge_deformation = {}"},
