@@ -10,10 +10,9 @@ of all arrays are bodies sorted by contact mode, so that a force is one product 
 projects the state where it is.
 
 Bodies that an obstacle may be within reach of take their step again, with contact (`batch_contact.py`). Those that
-bend far take one of another kind (`batch_deformation.py`).
+bend far (`batch_deformation.py`) or that a base carries (`batch_carried.py`) take one of another kind.
 """
 
-import math
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
 from typing import TYPE_CHECKING
@@ -27,21 +26,21 @@ from fenics_rom.mechanics.signals import real_numbers
 from fenics_rom.rom.given_rom import given_rom
 from fenics_rom.rom.midpoint_map import checked_dt
 from fenics_rom.rom.rom import Rom
-from fenics_rom.runtime.batch_arrays import BatchLayout, Bodies, PaddedModels, Segment
-from fenics_rom.runtime.batched_bodies import BY_CONTACT, BY_OBSTACLES, DISSIPATED, LOST, SUPPLIED, TIME, BatchedBodies
+from fenics_rom.runtime.batch_arrays import BatchLayout, Bodies, PaddedModels
+from fenics_rom.runtime.batch_step import SteppedBodies
+from fenics_rom.runtime.batched_bodies import LOST, TIME
 from fenics_rom.runtime.environment_inputs import fit_batch
 
 if TYPE_CHECKING:
     from os import PathLike
 
     from fenics_rom.mechanics.active_environment import SignalLike
-    from fenics_rom.runtime.batch_contact import BatchContact
-    from fenics_rom.runtime.batch_deformation import BatchDeformation
+    from fenics_rom.mechanics.base_path import BaseState
 
-MOST_TOGETHER = 1024  # bodies whose contact is found together: what their arrays take is bounded
+ON_ERROR = "raise", "hold", "reset"
 
 
-class Batch(BatchedBodies):
+class Batch(SteppedBodies):
     """Steps many bodies of one ROM from rest, beginning in its first contact mode.
 
     `bodies` in the methods are None (all), a mask (size,) or distinct indices; arrays are in the order 0 .. size - 1.
@@ -54,15 +53,16 @@ class Batch(BatchedBodies):
         ledger: whether to keep the energy account of each body.
         signals: of loads and obstacles by name, instead of the scene's: numbers, or functions of each body's time; as
             in Simulator.
+        detail: of a moving frame, as in Simulator.
 
     Attributes:
         steps: number of steps the batch has taken.
 
     Raises:
         StepError: size is not a whole number > 0, dt not a positive finite number, or dtype another one, or not float64
-            where there is contact or large deformation; or the scene has what `Simulator` steps alone: no inertia,
-            strokes, contact with large deformation, by springs or without residual compliance; or the body begins in an
-            obstacle.
+            where there is contact, large deformation or a moving frame; or the scene has what `Simulator` steps alone:
+            no inertia, strokes, contact in a moving frame, with large deformation, by springs or without residual
+            compliance, or free bodies that turn; or the body begins in an obstacle.
 
     Example:
         >>> bodies = fr.Batch(rom, size=4, dt=1e-3)
@@ -82,6 +82,7 @@ class Batch(BatchedBodies):
         dtype: DTypeLike = float,
         ledger: bool = False,
         signals: "Mapping[str, SignalLike] | None" = None,
+        detail: str | None = None,
     ):
         rom = given_rom("Batch", rom)
         if not (isinstance(size, int | np.integer) and size > 0):
@@ -98,18 +99,26 @@ class Batch(BatchedBodies):
         self._account = np.zeros((6, self.size))
         self._works = np.empty((2, self.size), self.dtype)
         self._ones = np.ones(m, self.dtype)
-        self._contacts = self._deformation = None
+        self._contacts = self._deformation = self._carried = None
         touches = self._environment is not None and self._environment.environment.contact_law is not None
-        if (touches or rom.deformation is not None) and self.dtype != np.float64:
-            raise StepError("dtype = float32: allowed where there is contact or large deformation is float64")
-        if rom.deformation is not None:
-            from fenics_rom.runtime.batch_deformation import BatchDeformation  # here, as few scenes have it
+        if (touches or rom.deformation is not None or rom.environment.is_moving) and self.dtype != np.float64:
+            raise StepError("dtype = float32: allowed with contact, large deformation or a moving frame is float64")
+        if detail is not None and not rom.environment.is_moving:
+            raise StepError(f"detail = {detail!r}: allowed is a ROM of a body in a moving frame")
+        if rom.environment.is_moving:  # imports are here, as few scenes have such things
+            from fenics_rom.runtime.batch_carried import BatchCarried
+
+            assert self._environment is not None
+            self._carried = BatchCarried(rom, self._environment, self._models, self._layout.mode, detail)
+        elif rom.deformation is not None:
+            from fenics_rom.runtime.batch_deformation import BatchDeformation
 
             self._deformation = BatchDeformation(rom, self._models.inputs, self._models.contact_columns, self.size)
         if self._environment is not None and touches:
-            from fenics_rom.runtime.batch_contact import BatchContact  # here, as few scenes have contact
+            from fenics_rom.runtime.batch_contact import BatchContact
 
             self._contacts = BatchContact(rom, self._environment, m, self.size)
+        self._stepper = self._carried or self._deformation
         self.steps = 0
         self._dt = 1.0
         self.dt = dt
@@ -142,8 +151,8 @@ class Batch(BatchedBodies):
         self._input_limit = self._number_limit / max(1.0, gain.max())
         if self._contacts is not None:
             self._contacts.set_time_step(h)
-        if self._deformation is not None:
-            self._deformation.set_time_step(h)
+        if self._stepper is not None:
+            self._stepper.set_time_step(h)
 
     def set_state(self, q: ArrayLike, r: ArrayLike, bodies: Bodies = None, *, on_error: str = "raise") -> None:
         """Puts bodies into states; contact modes, times, accounts and obstacles stay.
@@ -151,8 +160,8 @@ class Batch(BatchedBodies):
         Args:
             q, r: (bodies, m) as `state` gives them, or (m,) for all of them.
             bodies: which.
-            on_error: what becomes of bodies that are inside an obstacle: "raise" an error, or "hold" them still in all
-                steps until they are put elsewhere.
+            on_error: what becomes of bodies that are inside an obstacle: "raise" an error, "hold" them still in all
+                steps until they are put elsewhere (`frozen` tells which), or "reset" them, as `reset` does.
 
         Raises:
             StepError: no such bodies, another shape, numbers that are not finite or absurdly large, or not zero beyond
@@ -178,27 +187,31 @@ class Batch(BatchedBodies):
             inside = self._contacts.inside(selected, modes, self._dt / 2 * state[0])
             self._contacts.begin(selected, self._allowed_inside(selected, inside, on_error))
         self._layout.state[:, self._layout.row[selected]] = state
-        if self._deformation is not None:
-            self._deformation.begin(selected, self._dt / 2 * state[0], state[1])
+        if self._stepper is not None:
+            self._stepper.begin(selected, self._dt / 2 * state[0], state[1])
+        if self._contacts is not None and on_error == "reset":
+            self.reset(selected[inside], on_error="hold")
 
     def reset(self, bodies: Bodies = None, *, on_error: str = "raise") -> None:
         """Puts bodies at rest in the first contact mode, at time 0 and with an empty account.
 
         Args:
             bodies: which.
-            on_error: what becomes of bodies that an obstacle was placed in, as in `set_state`.
+            on_error: what becomes of bodies that an obstacle was placed in: "raise" or "hold", as in `set_state`.
 
         Raises:
             StepError: no such bodies, or one inside an obstacle; all are as they were.
         """
         selected = self._layout.select(bodies)
+        check_known("choice of on_error", on_error, ON_ERROR[:2], StepError)
         if self._contacts is not None:
             inside = self._contacts.inside_at_rest(selected)
             self._contacts.reset(selected, self._allowed_inside(selected, inside, on_error))
         self._layout.reset(selected)
         self._account[:, selected] = 0
-        if self._deformation is not None:
-            self._deformation.begin(selected, *np.zeros((2, len(selected), self._models.frequencies.shape[1])))
+        if self._stepper is not None:
+            self._stepper.begin(selected, *np.zeros((2, len(selected), self._models.frequencies.shape[1])))
+            self._stepper.reset(selected)
 
     def place_obstacle(self, name: str, displacement: ArrayLike, bodies: Bodies = None) -> None:
         """Has an obstacle of each body be elsewhere than the scene says, from the end of the next step on.
@@ -216,6 +229,25 @@ class Batch(BatchedBodies):
         selected = self._layout.select(bodies)
         self._with_contact().place(name, displacement, selected)
 
+    def place(self, base: "BaseState", bodies: Bodies = None) -> None:
+        """Puts bases that carry bodies somewhere, with the shapes that the bodies have.
+
+        Args:
+            base: of arrays (bodies, 3) and (bodies, 4), or one for all.
+            bodies: which.
+
+        Raises:
+            StepError: no base carries the bodies, no such bodies, or a base that is none; all are as they were.
+        """
+        selected, carried = self._layout.select(bodies), self._with_base()
+        given, refused = carried.given(base, selected, "base")
+        if len(refused):
+            raise StepError(
+                f"base of body {selected[refused[0]]}: allowed are finite numbers and a unit quaternion; all bodies "
+                "were left as they were"
+            )
+        carried.place(given, selected)
+
     def switch(self, contact: str | Sequence[str] | Array, bodies: Bodies = None) -> None:
         """Makes other contact modes active; states are projected, and never gain energy by it.
 
@@ -224,7 +256,8 @@ class Batch(BatchedBodies):
             bodies: which.
 
         Raises:
-            StepError: no such contact mode or bodies, or another number of names; all states are as they were.
+            StepError: no such contact mode or bodies, or another number of names, or a body that a base carries is
+                strained; all states are as they were.
         """
         selected = self._layout.select(bodies)
         names = [contact] if isinstance(contact, str) else list(contact)
@@ -239,9 +272,14 @@ class Batch(BatchedBodies):
         moves = end != start
         selected, start, end = selected[moves], start[moves], end[moves]
         state, rows = self._layout.state, self._layout.row[selected]
+        if self._carried is not None and state[:, rows].any():
+            raise StepError(
+                "contact modes of bodies that a base carries: allowed in a batch is a switch of bodies that are not "
+                "strained and do not oscillate; Simulator switches others, one by one"
+            )
         before = self._energy(rows) if self._ledger else 0.0
         pairs = start * len(numbers) + end
-        for pair in np.unique(pairs) if self._deformation is None else ():  # else contact modes share a basis
+        for pair in np.unique(pairs) if self._stepper is None else ():  # else they share a basis, or are at rest
             moved, (first, second) = rows[pairs == pair], divmod(int(pair), len(numbers))
             strained = self._dt / 2 * state[0, moved] * self._models.frequencies[first]
             state[:, moved] = state[:, moved] @ self._models.switch_map(first, second)
@@ -250,31 +288,33 @@ class Batch(BatchedBodies):
                 e = self._contacts.carry_over(first, second, selected[pairs == pair], strained)
                 state[0, moved, elastic] = 2 / self._dt * e / self._models.frequencies[second, elastic]
         self._layout.enter(selected, end)
-        if self._deformation is not None:
-            self._deformation.forget_tangents(selected)
+        if self._stepper is not None:
+            self._stepper.entered(selected)
         if self._ledger:
             self._account[LOST, selected] += before - self._energy(rows)
 
-    def step(self, u: ArrayLike, *, on_error: str = "raise") -> Array:
+    def step(self, u: ArrayLike, *, base: "BaseState | None" = None, on_error: str = "raise") -> Array:
         """Advances all bodies by dt, each under its constant input.
 
         Args:
             u: (size, p) N, or (p,) for all: contact columns, filled up to the contact mode that has most, then the
                 actuators'. Columns that a body's contact mode lacks do nothing, but must hold finite numbers, too.
-            on_error: what becomes of bodies whose input, or state after the step, is not finite or absurdly large:
-                "raise" an error, or "hold" them still for this step, with state, time and account as they were, while
-                the others go on.
+            base: that carries each body, at the end of the step, of arrays (size, 3) and (size, 4), or of one base for
+                all; None: as the environment says, or at rest.
+            on_error: what becomes of bodies whose input, base, or state after the step, is not finite or absurdly
+                large, or whose base turns too far: "raise" an error, "hold" them still for this step, with state, time
+                and account as they were, or "reset" them, as `reset` does, while the others go on.
 
         Returns:
-            Indices of the bodies that were held still, also as they began inside an obstacle; mostly (0,).
+            Indices of the bodies that did not take the step, also as they began inside an obstacle; mostly (0,).
 
         Raises:
             StepError: u has another shape, or a body's input is refused; the body and the step are named, all are as
                 they were.
         """
-        check_known("choice of on_error", on_error, ("raise", "hold"), StepError)
+        check_known("choice of on_error", on_error, ON_ERROR, StepError)
         u, held = self._check_input(u, on_error)
-        contacts, near = self._contacts, []
+        contacts = self._contacts
         if contacts is not None:
             held = np.union1d(held, contacts.frozen.nonzero()[0])
             contacts.begin_step(self._account[TIME], held)
@@ -283,108 +323,21 @@ class Batch(BatchedBodies):
             times, which = np.unique(self._account[TIME], return_inverse=True)
             loads = np.array([self._environment.loads_at(time + self._dt / 2) for time in times])
             u = np.hstack([u, loads[which]])
-        if self._deformation is not None:
-            return self._bend(self._deformation, u, held, on_error)
-        layout, (factors, push, couplings) = self._layout, self._coefficients
-        chunks = layout.sort(factors)
-        if len(held):
-            before = layout.state[:, layout.row[held]], self._account[:, held]
-        np.take(u, layout.body, axis=0, out=layout.inputs, mode="clip")  # the other modes of take go through a buffer
-        for x, r, elastic, inertial, w, spare, segments in chunks:
-            for segment in segments:
-                np.matmul(segment.u, push[segment.mode], out=segment.w)
-            np.multiply(elastic, x, out=spare)
-            np.add(w, spare, out=w)
-            np.multiply(inertial, r, out=spare)
-            np.add(w, spare, out=w)
-            for segment in segments:
-                self._respond(segment, couplings[segment.mode], self._works[:, segment.rows])
-            if contacts is not None:
-                first, last = segments[0].rows.start, segments[-1].rows.stop
-                found = contacts.look(layout.body[first:last], w, r).nonzero()[0]
-                near.append((first + found, x[found], r[found]))
-            np.add(x, w, out=x)
-            np.subtract(w, r, out=r)
-        self._account[TIME] += self._dt
-        if contacts is not None:
-            self._meet_obstacles(contacts, *(np.concatenate(parts) for parts in zip(*near, strict=True)))
-            contacts.end_step()
-        if self._ledger:
-            self._account[SUPPLIED : DISSIPATED + 1] += self._dt / 2 * np.take(self._works, layout.row, axis=1)
-        self.steps += 1
-        if len(held):
-            layout.state[:, layout.row[held]], self._account[:, held] = before
+        if self._carried is not None:
+            held = np.union1d(held, self._carried.move_base(base, self._account[TIME], f"step {self.steps}", on_error))
+        elif base is not None:
+            raise StepError(f"step {self.steps}: base: allowed is a body in a moving frame that a rigid base carries")
+        if self._stepper is None:
+            self._step_linear(u, held)
+        else:
+            held = self._step_otherwise(self._stepper, u, held, on_error)
+        if on_error == "reset" and len(held):
+            self.reset(held, on_error="hold")
         return held
-
-    def _bend(self, deformation: "BatchDeformation", u: Array, held: Array, on_error: str) -> Array:
-        """The step of bodies with large deformation."""
-        layout = self._layout
-        x, r = layout.state[:, layout.row].transpose(0, 2, 1)
-        v, works = deformation.step(layout.mode, self._dt / 2 * x, r, u)
-        lost = ~(np.isfinite(v).all(axis=0) & np.isfinite(works).all(axis=0))
-        if lost.any():
-            lost[held] = False
-            if lost.any() and on_error == "raise":
-                raise StepError(
-                    f"step {self.steps}, body {lost.argmax()}: its state after the step is not finite; all bodies were "
-                    "left as they were"
-                )
-            held = np.union1d(held, lost.nonzero()[0])
-        goes = np.ones(self.size, bool)
-        goes[held] = False
-        x, r = np.where(goes, x + 2 * v, x), np.where(goes, 2 * v - r, r)
-        layout.state[:, layout.row] = x.T, r.T
-        deformation.accept(held, self._dt / 2 * x)
-        self._account[TIME] += self._dt * goes
-        if self._ledger:
-            self._account[SUPPLIED : DISSIPATED + 1] += np.where(goes, works, 0.0)
-        self.steps += 1
-        return held
-
-    def _respond(self, segment: Segment, coupling: tuple[Array, Array] | None, works: Array) -> None:
-        """Makes w = 2 v̂ of what drives the bodies, and notes works (2, rows) of inputs and damping, in 2/h J."""
-        if self._ledger:
-            drawn = segment.w if coupling is None else np.matmul(segment.w, coupling[1], out=segment.spare)
-            np.multiply(drawn, drawn, out=segment.spare)
-            np.matmul(segment.spare, self._models.dissipation[segment.mode], out=works[1])
-        if coupling is not None:
-            segment.w[:] = np.matmul(segment.w, coupling[0], out=segment.spare)
-        if self._ledger:
-            force = np.matmul(segment.u, self._models.inputs[segment.mode], out=segment.spare)
-            np.multiply(force, segment.w, out=force)
-            np.matmul(force, self._ones, out=works[0])
-
-    def _follow_obstacles(self, contacts: "BatchContact") -> None:
-        """Makes the contact modes active that obstacles are nearest to, of the bodies that are near one."""
-        bodies = contacts.watched()
-        if len(bodies):
-            nearest = contacts.nearest_modes(self._layout.mode[bodies], self.state(bodies)[0], bodies)
-            self.switch(np.array(self._models.names)[nearest], bodies)
-
-    def _meet_obstacles(self, contacts: "BatchContact", rows: Array, x: Array, r: Array) -> None:
-        """Takes the step of rows (B,) again, from where they were, x and r (B, m), with contact."""
-        layout, (factors, push, couplings) = self._layout, self._coefficients
-        modes = layout.mode[layout.body[rows]]
-        for mode in np.unique(modes).tolist():
-            inside = (modes == mode).nonzero()[0]
-            for part in np.array_split(inside, math.ceil(len(inside) / MOST_TOGETHER)):
-                own, x_own, r_own, ω = rows[part], x[part], r[part], self._models.frequencies[mode]
-                u, bodies, works = layout.inputs[own], layout.body[own], np.zeros((2, len(own)))
-                driven = u @ push[mode] + factors[0, mode] * x_own + factors[1, mode] * r_own
-                w = driven if couplings[mode] is None else driven @ couplings[mode][0]
-                stored = (np.square(self._dt / 2 * ω * x_own).sum(axis=1) + np.square(r_own).sum(axis=1)) / 2
-                touched, pushed, done = contacts.step(mode, bodies, x_own, r_own, w, stored)
-                driven[touched] += pushed
-                self._respond(Segment(mode, slice(0), u, driven, np.empty_like(w)), couplings[mode], works)
-                layout.state[:, own] = x_own + driven, driven - r_own
-                if self._ledger:
-                    self._works[:, own] = works
-                    self._account[BY_OBSTACLES : BY_CONTACT + 1, bodies] += done[:2]
-                    self._account[SUPPLIED : DISSIPATED + 1, bodies] += done[0], done[1] + done[2]
 
     def _allowed_inside(self, bodies: Array, inside: Array, on_error: str) -> Array:
         """Which of the bodies to hold still, of those that are inside an obstacle."""
-        check_known("choice of on_error", on_error, ("raise", "hold"), StepError)
+        check_known("choice of on_error", on_error, ON_ERROR, StepError)
         if inside.any() and on_error == "raise":
             raise StepError(
                 f"body {bodies[inside.argmax()]} is inside an obstacle: allowed is a start outside of all of them, or "

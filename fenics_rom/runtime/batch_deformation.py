@@ -51,10 +51,13 @@ class BatchDeformation:
 
     Attributes:
         distance: (B,) |q| at most, m kg^1/2.
+        refuses: why a body could not take its step.
 
     Raises:
         StepError: the damping is another one.
     """
+
+    refuses = "its state after the step is not finite"
 
     def __init__(self, rom: Rom, inputs: Array, first: int, size: int):
         assert rom.deformation is not None
@@ -95,9 +98,12 @@ class BatchDeformation:
         self._fixed = 2 / h * np.eye(body.order) + body.external_damping + h / 2 * body.springs
         self._now.stale[:] = True
 
-    def forget_tangents(self, bodies: Array) -> None:
-        """Has those of some bodies be made anew."""
+    def entered(self, bodies: Array) -> None:
+        """Bodies are in another contact mode: tangents are made anew."""
         self._now.stale[:, bodies] = True
+
+    def reset(self, bodies: Array) -> None:
+        """Nothing is left to do after `begin`."""
 
     def begin(self, bodies: Array, q: Array, r: Array) -> None:
         """Bodies (B,) are put to q and r (B, m)."""
@@ -123,7 +129,7 @@ class BatchDeformation:
         return mismatch
 
     @property
-    def beyond_training(self) -> Array:
+    def distrusted(self) -> Array:
         """Bodies (B,) that went further than their model is to be trusted."""
         return self.distance > TRUSTED_EXTENT * self._body.training_radius
 

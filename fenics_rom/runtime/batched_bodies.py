@@ -12,6 +12,9 @@ from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.batch_arrays import BatchLayout, Bodies, PaddedModels, StepCoefficients
 
 if TYPE_CHECKING:
+    from fenics_rom.mechanics.active_environment import ActiveEnvironment
+    from fenics_rom.mechanics.base_path import BaseState
+    from fenics_rom.runtime.batch_carried import BatchCarried
     from fenics_rom.runtime.batch_contact import BatchContact
     from fenics_rom.runtime.batch_deformation import BatchDeformation
 
@@ -31,6 +34,11 @@ class BatchedBodies:
     _coefficients: StepCoefficients
     _contacts: "BatchContact | None"
     _deformation: "BatchDeformation | None"
+    _carried: "BatchCarried | None"
+    _stepper: "BatchCarried | BatchDeformation | None"  # of the two, that there is
+    _environment: "ActiveEnvironment | None"
+    _works: Array
+    _ones: Array
     _input_limit: float
     _ledger: bool
     _account: Array
@@ -115,9 +123,18 @@ class BatchedBodies:
         return self._with_contact().inexact.copy()
 
     @property
+    def frozen(self) -> Array:
+        """Bodies (size,) that stand still, as they were put inside an obstacle; `reset` or `set_state` frees them."""
+        return np.zeros(self.size, bool) if self._contacts is None else self._contacts.frozen.copy()
+
+    @property
     def beyond_training(self) -> Array:
-        """Bodies (size,) that since their last reset bent further than their model is to be trusted."""
-        return np.zeros(self.size, bool) if self._deformation is None else self._deformation.beyond_training
+        """Bodies (size,) that since their last reset bent, or turned, further than their model is to be trusted.
+
+        That is, with large deformation, 1.5 times as far as in training; in a moving frame as the warnings of a
+        simulator have it.
+        """
+        return np.zeros(self.size, bool) if self._stepper is None else self._stepper.distrusted
 
     @property
     def mismatch(self) -> Array:
@@ -126,6 +143,31 @@ class BatchedBodies:
         Above some 0.03 the steps are too long. 0 without large deformation.
         """
         return np.zeros(self.size) if self._deformation is None else self._deformation.mismatch
+
+    @property
+    def base(self) -> "BaseState":
+        """The base that carries each body, in world axes, of arrays (size, 3) and (size, 4).
+
+        Raises:
+            StepError: no base carries the bodies, here as in the following.
+        """
+        return self._with_base().base
+
+    @property
+    def base_wrench(self) -> tuple[Array, Array]:
+        """Forces, N, and torques about the frames' origins, N m, of bases on bodies in the last step, (size, 3).
+
+        In world axes; 0 of bodies that did not take it.
+        """
+        return self._with_base().wrench
+
+    @property
+    def base_misfit(self) -> Array:
+        """By which share of its motion in a step each base went otherwise than its twists say (size,), at most.
+
+        Since the last reset; above 0.1 it jumps, or twists and poses do not fit: forces are those of the twists.
+        """
+        return self._with_base().misfit.copy()
 
     def contact_force(self, obstacle: str) -> Array:
         """Resultant of the forces of an obstacle on every body in the last step, (size, 3), N.
@@ -152,20 +194,24 @@ class BatchedBodies:
         return self._dt / 2 * x, r
 
     def displacement(self, output: str) -> Array:
-        """Displacements of a named output, (size, points, 3), m. Without a mesh: (size, rows).
+        """Displacements of a named output, (size, points, 3), m, in world axes. Without a mesh: (size, rows).
 
         Raises:
             StepError: no such output.
         """
-        return self._dt / 2 * self._read_output(0, output)
+        field = self._dt / 2 * self._read_output(0, output)
+        return field if self._carried is None else self._carried.world_displacement(output, field)
 
     def velocity(self, output: str) -> Array:
-        """Velocities of a named output, (size, points, 3), m/s. Without a mesh: (size, rows).
+        """Velocities of a named output, (size, points, 3), m/s, in world axes. Without a mesh: (size, rows).
 
         Raises:
             StepError: no such output.
         """
-        return self._read_output(1, output)
+        field = self._read_output(1, output)
+        if self._carried is None:
+            return field
+        return self._carried.world_velocity(output, self._dt / 2 * self._read_output(0, output), field)
 
     def shape(self, body: int) -> Array:
         """Displacement of every mesh node of one body, (nodes, 3), m. Without a mesh: all n displacements.
@@ -175,7 +221,8 @@ class BatchedBodies:
         """
         q, _ = self.state(body)
         coordinates = list(self.rom.contact_models.values())[self._layout.mode[body]].coordinates
-        return self.rom.reconstruct(coordinates @ q[0, : coordinates.shape[1]])
+        field = self.rom.reconstruct(coordinates @ q[0, : coordinates.shape[1]])
+        return field if self._carried is None else self._carried.world_shape(body, field)
 
     def reading(self, name: str) -> Array:
         """A reading of every body, (size, ...), as `Simulator.reading` has it of one; bodies are read one by one.
@@ -195,8 +242,8 @@ class BatchedBodies:
     def _energy(self, rows: slice | Array) -> Array:
         x, r = self._layout.state[:, rows].astype(float)
         bodies = self._layout.body[rows]
-        if self._deformation is not None:
-            return self._deformation.energy(bodies, self._dt / 2 * x, r)
+        if self._stepper is not None:
+            return self._stepper.energy(bodies, self._dt / 2 * x, r)
         modes = self._layout.mode[bodies]
         x *= self._dt / 2 * self._models.frequencies[modes]
         energy: Array = (np.einsum("bm,bm->b", x, x) + np.einsum("bm,bm->b", r, r)) / 2
@@ -206,6 +253,11 @@ class BatchedBodies:
         if self._contacts is None:
             raise StepError(f"nothing can touch bodies of ROM {self.rom.name!r}: allowed is a scene with contact")
         return self._contacts
+
+    def _with_base(self) -> "BatchCarried":
+        if self._carried is None:
+            raise StepError(f"no base carries bodies of ROM {self.rom.name!r}: allowed is a scene with a moving frame")
+        return self._carried
 
     def _read_output(self, part: int, output: str) -> Array:
         """An output of x (part 0) or r (part 1)."""

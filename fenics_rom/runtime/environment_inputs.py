@@ -76,8 +76,11 @@ def fit_batch(rom: Rom, signals: Mapping[str, SignalLike] | None) -> tuple[Rom, 
         return rom, None
     rom, active = fit_environment(rom, None, signals)
     acting, law, one_by_one = rom.environment, rom.environment.contact_law, "Simulator steps such bodies, one by one"
-    if acting.is_moving:
-        raise StepError(f"ROM {rom.name!r} moves with its frame: {one_by_one}")
+    if acting.is_moving and (law is not None or rom.moving_frame is None or not rom.moving_frame.carried):
+        raise StepError(
+            f"ROM {rom.name!r} moves with its frame: allowed in a batch are bodies that a base carries, without "
+            f"contact; {one_by_one}"
+        )
     if not acting.has_inertia or acting.finds_forces:
         raise StepError(
             f"ROM {rom.name!r} has strokes, tendon friction or no inertia in its scene: allowed are forces that are "

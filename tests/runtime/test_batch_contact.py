@@ -204,11 +204,22 @@ def test_a_body_inside_an_obstacle_is_told_and_stands_still_while_the_others_go_
         np.testing.assert_allclose(mine[rest], its[rest], rtol=1e-5, atol=1e-7 * np.abs(its).max())
     assert not bodies.state(2)[0].any()
     assert bodies.time[2] == 0
+    assert bodies.frozen.tolist() == (np.arange(SIZE) == 2).tolist()
+    assert bodies.step(u, on_error="reset").tolist() == [2]
     bodies.place_obstacle("ball", np.zeros(3), 2)
-    bodies.reset(2)
+    assert bodies.step(u, on_error="reset").tolist() == [2]  # it begins anew, as it may now
     assert bodies.step(u).tolist() == []
+    assert bodies.time[2] == STEP
+    inside = -10 * np.ones(8), np.zeros(8)
     with pytest.raises(StepError, match="body 0 is inside an obstacle"):
-        bodies.set_state(-10 * np.ones(8), np.zeros(8), 0)
+        bodies.set_state(*inside, 0)
+    bodies.place_obstacle("ball", np.zeros(3))
+    bodies.set_state(*inside, [0, 1], on_error="reset")
+    assert not bodies.state([0, 1])[0].any()
+    assert not bodies.frozen.any()
+    u[3] = np.nan
+    assert bodies.step(u, on_error="reset").tolist() == [3]
+    assert bodies.time.tolist() == [STEP, STEP, 2 * STEP, 0.0, bodies.time[4], bodies.time[5]]
 
 
 def test_bodies_out_of_reach_are_not_looked_at(rom, monkeypatch):

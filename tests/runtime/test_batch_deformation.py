@@ -112,6 +112,9 @@ def test_a_body_that_diverges_does_not_stop_the_others(rom):
         np.testing.assert_array_equal(part, kept)
     assert batch.step(u, on_error="hold").tolist() == [3]
     other.step(u)
+    anew = copy(batch)
+    assert anew.step(u, on_error="reset").tolist() == [3]
+    assert not np.any([anew.time[3], anew.supplied[3], *anew.state(3)[0][0]])
     others = [0, 1, 2, 4]
     for part, kept, expected in zip(batch.state(), before, other.state(), strict=False):
         np.testing.assert_array_equal(part[3], kept[3])

@@ -39,32 +39,38 @@ class FrameLoads:
         environment: what acts.
 
     Attributes:
-        points: that prescribed forces act on.
+        turning: number of the first inputs, whose forces turn with the frame.
+        push: (m + 6, turning) theirs on the coordinates, as a whole, and torques, per unit of the input.
+        by_shape: (3, m, turning) what q adds to the torques; None where nothing.
+        gravity: place of its input, -1 where there is none.
+        acceleration: (3,) per unit of that input, m/s².
+        columns: places of the inputs that are prescribed forces.
+        points: that these act on.
     """
 
     def __init__(self, rom: Rom, contact: str, model: ContactModel, frame: MovingFrame, environment: "Environment"):
         p = model.inputs.shape[1]
         wrenches = frame.wrenches.get(contact, np.zeros((6, p)))
         torque_modes = frame.torque_modes.get(contact, np.zeros((p, 3, len(rom.stiffness))))
-        self._turning = p - sum(rom.loads.values())
-        self._push = np.concatenate([model.inputs, wrenches])[:, : self._turning]
-        by_shape = torque_modes[: self._turning] @ model.coordinates
-        self._by_shape = by_shape.transpose(1, 2, 0) if by_shape.any() else None
-        self._gravity, self._acceleration, columns, column = -1, np.zeros(3), list[int](), self._turning
+        self.turning = p - sum(rom.loads.values())
+        self.push = np.concatenate([model.inputs, wrenches])[:, : self.turning]
+        by_shape = torque_modes[: self.turning] @ model.coordinates
+        self.by_shape = by_shape.transpose(1, 2, 0) if by_shape.any() else None
+        self.gravity, self.acceleration, columns, column = -1, np.zeros(3), list[int](), self.turning
         for name, width in rom.loads.items():
             if name == GRAVITY:
-                self._gravity = column
+                self.gravity = column
                 acting = environment.details("effects.gravity")  # which a run may leave out
-                self._acceleration = np.array(acting.get("acceleration", ZERO), dtype=float)
+                self.acceleration = np.array(acting.get("acceleration", ZERO), dtype=float)
             else:
                 columns += range(column, column + width)
             column += width
-        self._columns = np.array(columns, dtype=int)
+        self.columns = np.array(columns, dtype=int)
         # Torques X × e_x, X × e_y, X × e_z of unit forces at X.
-        torques = wrenches[3:, self._columns].reshape(3, -1, 3)
+        torques = wrenches[3:, self.columns].reshape(3, -1, 3)
         rest = np.stack([torques[2, :, 1], torques[0, :, 2], torques[1, :, 0]], axis=1)
-        self.points = FramePoints(rest, model.inputs[:, self._columns])
-        self._order, self._width = model.order, (self._turning + len(self._columns) + (self._gravity >= 0),)
+        self.points = FramePoints(rest, model.inputs[:, self.columns])
+        self._order, self._width = model.order, (self.turning + len(self.columns) + (self.gravity >= 0),)
         self._last = b"", self._of(np.zeros(self._width))
 
     def at(self, u: Array) -> FrameForces:
@@ -76,15 +82,15 @@ class FrameLoads:
         return self._last[1]
 
     def _of(self, u: Array) -> FrameForces:
-        push = self._push.dot(u[: self._turning])
+        push = self.push.dot(u[: self.turning])
         fx, fy, fz, tx, ty, tz = push[self._order :].tolist()
-        by_shape = None if self._by_shape is None else self._by_shape.dot(u[: self._turning])
+        by_shape = None if self.by_shape is None else self.by_shape.dot(u[: self.turning])
         if by_shape is not None and not by_shape.any():
             by_shape = None
         a, points = ZERO, None
-        if self._gravity >= 0:
-            gx, gy, gz = (float(u[self._gravity]) * self._acceleration).tolist()
+        if self.gravity >= 0:
+            gx, gy, gz = (float(u[self.gravity]) * self.acceleration).tolist()
             a = gx, gy, gz
-        if len(self._columns):
-            points = u[self._columns].reshape(-1, 3)
+        if len(self.columns):
+            points = u[self.columns].reshape(-1, 3)
         return FrameForces(push[: self._order], (fx, fy, fz), (tx, ty, tz), by_shape, a, points)

@@ -33,6 +33,8 @@ class FrameWatch:
         blocks = self._rows.reshape(-1, 3, model.order)
         farthest = np.linalg.eigvalsh(blocks @ blocks.transpose(0, 2, 1))[:, -1].max(initial=0.0) if len(nodes) else 0.0
         self._farthest, self._limit = float(farthest), LARGEST_DEFLECTION * self._length
+        slow = QUASI_RIGID if detail != "full" else np.inf if self._is_stiffened else UNSTIFFENED
+        self._fastest = slow * self._first
 
     @property
     def notes(self) -> dict[str, float]:
@@ -49,6 +51,14 @@ class FrameWatch:
         if self._farthest * square > max(self._limit, notes[BENT]) ** 2:  # else it is no farther than it was
             bent = float(np.sqrt(np.square(self._rows.dot(e).reshape(-1, 3)).sum(axis=1).max()))
             notes[BENT] = max(notes[BENT], bent)
+
+    def distrusts(self, e: Array, speed: Array) -> Array:
+        """Which of bodies (B,) in states √γ q (B, m), that turn at a speed (B,), rad/s, go too far."""
+        distrusted = speed > self._fastest
+        looked_at = (self._farthest * np.square(e).sum(axis=1) > self._limit**2).nonzero()[0]
+        for body in looked_at:
+            distrusted[body] |= np.square(self._rows.dot(e[body]).reshape(-1, 3)).sum(axis=1).max() > self._limit**2
+        return distrusted
 
     def messages(self, notes: Mapping[str, float]) -> tuple[str, ...]:
         """What the user should know."""

@@ -199,7 +199,7 @@ def moving_frame_stepper(
     check_known("detail", detail, DETAILS, StepError)
     frame = rom.moving_frame
     assert frame is not None
-    whole = frame if detail == "full" else _quasi_rigid(frame)
+    whole = frame if detail == "full" else quasi_rigid(frame)
     kernel_of = CarriedFrame if frame.carried else FreeFrame
 
     def make_kernel(contact: str, model: ContactModel) -> FreeFrame | CarriedFrame:
@@ -215,7 +215,7 @@ def moving_frame_stepper(
     return stepper
 
 
-def _quasi_rigid(frame: MovingFrame) -> MovingFrame:
+def quasi_rigid(frame: MovingFrame) -> MovingFrame:
     """The same without what a change of shape does to inertia."""
     nothing = {name: 0 * getattr(frame, name) for name in ("inertia1", "inertia2", "coupling")}
     return replace(frame, stiffening=None, **nothing)
