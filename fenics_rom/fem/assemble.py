@@ -28,7 +28,8 @@ from fenics_rom.fem.loads import actuators_of, loads_of
 from fenics_rom.fem.mesh import Mesh, read_mesh
 from fenics_rom.fem.mesh_quality import radius_ratios
 from fenics_rom.fem.moving_frame import assemble_frame, frame_origin, mass_times
-from fenics_rom.fem.nodes import CELL_EDGES, Nodes, canonical_nodes, output_rows, patch_columns, patch_nodes
+from fenics_rom.fem.nodes import CELL_EDGES, Nodes, canonical_nodes, patch_columns, patch_nodes
+from fenics_rom.fem.outputs import output_rows
 from fenics_rom.fem.petsc_algebra import PetscAlgebra, require_real
 from fenics_rom.fem.petsc_matrix import PetscMatrix, ZeroMatrix, combination
 from fenics_rom.fem.ranks import run_on_rank_0

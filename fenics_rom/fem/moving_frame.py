@@ -9,7 +9,8 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_rom.fem.finite_strain.quadrature import QuadraturePoints
-from fenics_rom.fem.nodes import Nodes, output_rows
+from fenics_rom.fem.nodes import Nodes
+from fenics_rom.fem.outputs import output_rows
 from fenics_rom.mechanics.hyperelastic import VOIGT_INDEX, linear_stress, small_strain
 from fenics_rom.scene.scene import Scene
 from fenics_rom.system.body import Unknowns
@@ -70,9 +71,14 @@ def assemble_frame(
 def _output_points(scene: Scene, nodes: Nodes) -> dict[str, np.ndarray]:
     """Where outputs are at rest, (points, 3) each, m."""
     count = nodes.coordinates.size
-    whole = Unknowns(count, np.arange(count))
-    rows = {name: output_rows(nodes, output, whole, f"outputs.{name}") for name, output in scene.outputs.items()}
-    return {name: (C.T @ nodes.coordinates.ravel()).reshape(-1, 3) for name, C in rows.items()}
+    whole, found = Unknowns(count, np.arange(count)), {}
+    for name, output in scene.outputs.items():
+        if output.markers is not None:
+            found[name] = np.array(output.markers)
+        else:
+            C = output_rows(nodes, output, whole, f"outputs.{name}")
+            found[name] = (C.T @ nodes.coordinates.ravel()).reshape(-1, 3)
+    return found
 
 
 def centrifugal_stiffness(system: System) -> list[Operator]:

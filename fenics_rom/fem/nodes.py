@@ -13,7 +13,6 @@ from fenics_rom.errors import MeshError, SceneError
 from fenics_rom.fem.mesh import Mesh
 from fenics_rom.fem.mesh_quality import CELL_EDGES, CELL_FACES
 from fenics_rom.scene.places import Facing, Near, Patch, Place, Plane
-from fenics_rom.scene.scene import Output
 from fenics_rom.system.body import Unknowns
 
 SAME_PLANE = 1e-6  # share of the body's length that corners of triangles may be off a plane
@@ -235,15 +234,6 @@ def _inward_pressure(nodes: Nodes, triangles: np.ndarray) -> np.ndarray:
     force = np.zeros((len(nodes.coordinates), 3))
     np.add.at(force, carriers, (weight * inward)[:, None, :])
     return force / (3 * weight.sum())
-
-
-def output_rows(nodes: Nodes, output: Output, unknowns: Unknowns, where: str) -> np.ndarray:
-    """Cᵀ of an output on the unknowns, (n, 3 points); a surface is one point, its mean."""
-    if output.surface is not None:
-        weights = mean_over(nodes, surface_triangles(nodes, output.surface))[:, None]
-    else:
-        weights = np.stack([shape_functions(nodes, np.array(point), where) for point in output.points or ()], axis=1)
-    return unknowns.restrict(np.kron(weights, np.eye(3)))
 
 
 def shape_functions(nodes: Nodes, point: np.ndarray, where: str) -> np.ndarray:

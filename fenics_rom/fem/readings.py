@@ -12,6 +12,7 @@ from fenics_rom.errors import SceneError
 from fenics_rom.fem.full_order_body import FullOrderBody
 from fenics_rom.fem.mesh_quality import CELL_EDGES, CELL_FACES, volume_within
 from fenics_rom.fem.nodes import Nodes, face_keys, patch_triangles, triangle_areas
+from fenics_rom.fem.outputs import marker_reading
 from fenics_rom.mechanics.readings import (
     ContactPressure,
     ReadableBody,
@@ -62,6 +63,8 @@ def _reading(
         triangles = patch_triangles(nodes, scene.contacts[of], f"contacts.{of}")
         touched, facets = np.unique(nodes.triangle_nodes(triangles), return_inverse=True)
         return ContactPressure(of, touched, facets.reshape(len(triangles), -1), triangle_areas(nodes, triangles))
+    if entry.point is not None:
+        return marker_reading(nodes, np.array(entry.point), unknowns, f"{where}.point")
     place = entry.place
     facets = nodes.surface if place is None else patch_triangles(nodes, place, where)
     samples, operator, cells = surface_gradients(nodes, facets)

@@ -1,10 +1,11 @@
-"""What is read of a body by name beside displacements: lengths, volumes, pressures in contact, strains and stresses.
+"""What is read of a body by name: lengths, volumes, pressures in contact, strains, stresses, markers off the surface.
 
 The same at full order and reduced: a reading asks a body for what it needs (`ReadableBody`), and gives numbers.
 
     ℓ = ℓ_0 - s,  V = V_0 + s     s the stroke: what the actuator's input of 1 does work on
     p = λ / A                      normal forces of contact over the areas of their nodes
     ε, σ of H = ∂u/∂X              at places of the surface, from the gradients in the cell that adjoins each
+    u + (R - 1) d                  of a marker at d from its foot on a triangle that is displaced by u and turned by R
 
 Of a linear model s = bᵀx of the actuator's column b, ε = (H + Hᵀ)/2, and σ = λ tr ε I + 2μ ε, exactly. With large
 deformation s is that of the moved cable or chamber, E the Green strain, σ = F S Fᵀ / det F Cauchy's stress.
@@ -29,8 +30,13 @@ from fenics_rom.mechanics.hyperelastic import (
     stress,
 )
 
-READING_UNITS = {"length": "m", "volume": "m3", "contact_pressure": "Pa", "strain": "1", "von_mises_stress": "Pa"}
-READING_WORDS = {name: name.replace("_", " ") for name in READING_UNITS} | {"von_mises_stress": "von Mises stress"}
+READING_UNITS = {
+    **{"length": "m", "volume": "m3", "contact_pressure": "Pa", "strain": "1", "von_mises_stress": "Pa", "marker": "m"}
+}
+READING_WORDS = {name: name.replace("_", " ") for name in READING_UNITS} | {
+    "von_mises_stress": "von Mises stress",
+    "marker": "displacement of a marker",
+}
 
 
 class ReadableBody(NamedTuple):
@@ -132,12 +138,57 @@ class SurfaceReading:
         return von_mises(cauchy_stress(H, stress(body.law, E, self.first_lame, self.shear)))
 
 
-Reading = StrokeReading | ContactPressure | SurfaceReading
+@dataclass(frozen=True)
+class MarkerReading:
+    """Displacement, (3,), m, of a marker that is rigidly on a triangle of the surface, which it may stand off.
+
+    Attributes:
+        operator: to the displacement u of its foot, ∂u/∂t₁ and ∂u/∂t₂ of the body's coordinates, (9, c), a matrix.
+        tangents: t₁ and t₂, orthonormal and in the triangle, (2, 3).
+        offset: d, from its foot to it, at rest, (3,), m.
+    """
+
+    quantity: ClassVar = "marker"
+    of: ClassVar = ""
+    operator: Any
+    tangents: Array
+    offset: Array
+
+    @property
+    def small_motion(self) -> Array:
+        """To its displacement from what `operator` gives while the body turns little, u + skew(H) d, (3, 9).
+
+        H = Σ ∂u/∂t tᵀ + δN Nᵀ with the turn of the normal, δN = -Σ t (N·∂u/∂t).
+        """
+        N, d = np.cross(*self.tangents), self.offset
+        parts = [np.eye(3)]
+        for t in self.tangents:
+            parts.append(((t @ d) * (np.eye(3) + np.outer(N, N)) - np.outer(t, d) - (N @ d) * np.outer(t, N)) / 2)
+        return np.hstack(parts)
+
+    def read(self, body: ReadableBody) -> Array:
+        """Its value."""
+        moved = np.asarray(self.operator @ body.coordinates()).reshape(3, 3)
+        if body.law is None:
+            displacement: Array = self.small_motion @ moved.ravel()
+            return displacement
+        t = self.tangents + moved[1:]
+        frame, moved_frame = (np.vstack([pair, _unit(np.cross(*pair))]) for pair in (self.tangents, t))
+        U, _, V = np.linalg.svd(moved_frame.T @ frame)
+        return moved[0] + U @ V @ self.offset - self.offset
+
+
+def _unit(vector: Array) -> Array:
+    return vector / np.linalg.norm(vector)
+
+
+OfDisplacement = SurfaceReading | MarkerReading  # with an operator on the body's coordinates
+Reading = StrokeReading | ContactPressure | OfDisplacement
 
 
 def projected(reading: Reading, basis: Array) -> Reading:
     """The reading of a body whose displacement is basis (n, k) times its coordinates."""
-    if not isinstance(reading, SurfaceReading):
+    if not isinstance(reading, OfDisplacement):
         return reading
     return replace(reading, operator=np.asarray(reading.operator @ basis))
 

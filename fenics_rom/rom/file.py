@@ -63,6 +63,7 @@ p input columns, r Hankel singular values, f sampled frequencies; P points of an
         rest (1,) m or m3           of a length or a volume
         nodes (s,), facets (F, 3 or 6), areas (F,) m^2          of contact_pressure: facets are rows of nodes
         triangles (P,), operator (3, 3, P, k) kg^-1/2/m, first_lame, shear (P,) Pa          of strain, von_mises_stress
+        foot (3, k) kg^-1/2, gradients (2, 3, k) kg^-1/2/m, tangents (2, 3), offset (3,) m  of marker
 
 Files of format 2.2 have no base path and moving_frame; those of 2.1 no residual_compliance; those of 2.0 no readings,
 cells and force_validation, and nothing in trained; those of format 1.x are read, too: rom.format_1 makes them such.

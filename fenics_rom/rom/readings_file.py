@@ -5,15 +5,29 @@ import numpy as np
 
 from fenics_rom.errors import FileError, check_known
 from fenics_rom.io.hdf5 import Entry, check_names, get_group, get_record, get_text, put_arrays, put_text
-from fenics_rom.mechanics.readings import READING_UNITS, ContactPressure, Reading, StrokeReading, SurfaceReading
+from fenics_rom.mechanics.readings import (
+    READING_UNITS,
+    ContactPressure,
+    MarkerReading,
+    Reading,
+    StrokeReading,
+    SurfaceReading,
+)
 from fenics_rom.rom.rom import Rom
 
+ROUND_OFF = 1e-9  # of unit vectors
 CONTACT = {"nodes": Entry("1", ("s",), "i"), "facets": Entry("1", ("F", "A"), "i"), "areas": Entry("m^2", ("F",))}
 SURFACE = {
     "triangles": Entry("1", ("P",), "i"),
     "operator": Entry("kg^-1/2/m", (3, 3, "P", "k")),
     "first_lame": Entry("Pa", ("P",)),
     "shear": Entry("Pa", ("P",)),
+}
+MARKER = {
+    "foot": Entry("kg^-1/2", (3, "k")),
+    "gradients": Entry("kg^-1/2/m", (2, 3, "k")),
+    "tangents": Entry("1", (2, 3)),
+    "offset": Entry("m", (3,)),
 }
 
 
@@ -32,6 +46,9 @@ def put_readings(h5: h5py.File, rom: Rom) -> None:
         if isinstance(reading, SurfaceReading):
             operator = reading.operator.reshape(3, 3, len(reading.triangles), -1)
             put_arrays(part, SURFACE, sizes, arrays | {"operator": operator})
+        elif isinstance(reading, MarkerReading):
+            foot, gradients = np.split(reading.operator, [3])
+            put_arrays(part, MARKER, sizes, arrays | {"foot": foot, "gradients": gradients.reshape(2, 3, -1)})
         elif isinstance(reading, ContactPressure):
             put_arrays(part, CONTACT, sizes, arrays)
         else:
@@ -53,6 +70,10 @@ def _take(group: h5py.Group, sizes: dict[str, int]) -> Reading:
     check_known("quantity", quantity, READING_UNITS, FileError, f"{group.name}: ")
     if quantity in ("length", "volume"):
         return StrokeReading(quantity, of, **get_record(group, _rest(quantity), sizes))
+    if quantity == "marker":
+        arrays = get_record(group, MARKER, sizes)
+        operator = np.concatenate([arrays["foot"], arrays["gradients"].reshape(6, -1)])
+        return MarkerReading(operator, arrays["tangents"], np.array(arrays["offset"]))
     arrays = get_record(group, CONTACT if quantity == "contact_pressure" else SURFACE, sizes)
     if quantity == "contact_pressure":
         return ContactPressure(of, **arrays)
@@ -84,6 +105,9 @@ def check_readings(rom: Rom) -> None:
                 raise FileError(f"{where}: facets have 3 or 6 nodes and an area")
             if not np.isin(np.arange(len(reading.nodes)), reading.facets).all():
                 raise FileError(f"{where}: a node has no facets")
+        elif isinstance(reading, MarkerReading):
+            if np.abs(reading.tangents @ reading.tangents.T - np.eye(2)).max() > ROUND_OFF:
+                raise FileError(f"{where}/tangents: are not orthonormal")
         elif rom.actuators.get(reading.of) != 1 or not reading.rest > 0:
             raise FileError(f"{where}: {reading.of!r} is no actuator of one column, or nothing is left of it at rest")
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StructureError
-from fenics_rom.mechanics.readings import SurfaceReading
+from fenics_rom.mechanics.readings import OfDisplacement
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.given_rom import given_rom
 from fenics_rom.rom.rom import Rom, diagonalized_span
@@ -81,7 +81,7 @@ def without_rigid_motions(rom: Rom) -> Rom:
         for name, model in rom.contact_models.items()
     }
     readings = {
-        name: replace(reading, operator=reading.operator[:, ρ:]) if isinstance(reading, SurfaceReading) else reading
+        name: replace(reading, operator=reading.operator[:, ρ:]) if isinstance(reading, OfDisplacement) else reading
         for name, reading in rom.readings.items()
     }
     return replace(

@@ -42,6 +42,12 @@ def check_consistency(file: SceneFile) -> None:
     if file.mesh.integration == "selective":
         _check_selective(file)
     check_order(file.reduction.order, file.contacts, "reduction.order")
+    for name, output in file.outputs.items():
+        if output.markers is not None and file.effects.large_deformation is not None:
+            raise SceneError(
+                f"outputs.{name}.markers: are for small turns; allowed with large_deformation are readings of quantity "
+                "'marker', one for each"
+            )
     for name, reading in file.readings.items():
         _check_reading(reading, file, f"readings.{name}")
 
@@ -83,6 +89,10 @@ def _check_reading(reading: ReadingEntry, file: SceneFile, where: str) -> None:
         "volume": ("pressure", file.effects.pressure),
         "contact_pressure": ("contact mode", file.contacts),
     }.get(reading.quantity, ("", {}))
+    if reading.quantity == "marker":
+        _check_marker(reading, file.frame, where)
+    elif reading.point is not None:
+        raise SceneError(f"{where}.point: goes with a marker; {reading.quantity} has none")
     if not kind:
         return
     if reading.near is not None:
@@ -92,6 +102,16 @@ def _check_reading(reading: ReadingEntry, file: SceneFile, where: str) -> None:
     check_known(kind, reading.of, known, SceneError, f"{where}.of: ")
     if reading.quantity == "contact_pressure" and file.effects.contact is None:
         raise SceneError(f"{where}: means nothing without contact; name effects.contact as well")
+
+
+def _check_marker(reading: ReadingEntry, frame: str, where: str) -> None:
+    if reading.point is None:
+        raise SceneError(f"{where}.point is missing: where the middle of the marker is at rest")
+    for key in ("of", "near"):
+        if getattr(reading, key) is not None:
+            raise SceneError(f"{where}.{key}: a marker is on the triangle that is nearest to its point")
+    if frame == "moving":
+        raise SceneError(f"{where}: allowed with frame = 'moving' are outputs.NAME.markers, which the frame carries")
 
 
 def _check_effects(effects: Effects, actuators: Mapping[str, Any]) -> None:

@@ -147,7 +147,7 @@ class SceneFile:
     )
     outputs: Annotated[Mapping[Name, Output], "displacements that are read often"] = field(default_factory=dict)
     readings: Annotated[
-        Mapping[Name, ReadingEntry], "lengths, volumes, contact pressures, strains and stresses that are read by name"
+        Mapping[Name, ReadingEntry], "lengths, volumes, contact pressures, strains, stresses and markers by name"
     ] = field(default_factory=dict)
     effects: Annotated[Effects, "what acts; an effect that is not named costs nothing"]
     reduction: Annotated[Reduction, "how it is to be reduced"] = field(default_factory=Reduction)

@@ -51,16 +51,21 @@ class Material(Elasticity):
 
 @dataclass(frozen=True)
 class Output:
-    """Displacements that are read often: of points, or the mean over a surface; exactly one of the two."""
+    """Displacements that are read often: of points or markers, or the mean over a surface; exactly one of them."""
 
-    ONE_OF: ClassVar = (("points", "surface"),)
+    ONE_OF: ClassVar = (("points", "markers", "surface"),)
     points: Annotated[tuple[Point, ...] | None, Items(at_least=1), "material points of the body"] = None
+    markers: Annotated[
+        tuple[Point, ...] | None,
+        Items(at_least=1),
+        "middles of markers off the surface, each rigidly on the triangle that is nearest; for small turns",
+    ] = None
     surface: Annotated[str | None, Text(), "a named surface of the mesh, whose mean is read"] = None
 
 
 @dataclass(frozen=True)
 class ReadingEntry:
-    """What is read beside displacements, at every instant that a run keeps."""
+    """What is read beside outputs, at every instant that a run keeps."""
 
     AT_MOST_ONE: ClassVar = ("of", "near")
     quantity: Annotated[
@@ -68,7 +73,8 @@ class ReadingEntry:
         Text(choices=tuple(READING_UNITS)),
         '"length" of a tendon, "volume" of a chamber, "contact_pressure" at the nodes of a contact mode, "strain" (xx, '
         'yy, zz, yz, xz, xy) or "von_mises_stress" in the middle of each surface triangle (at degree 2 of each of its '
-        "four parts), in the cell that adjoins it; with large deformation Green's strain, and of Cauchy's stress",
+        "four parts), in the cell that adjoins it; with large deformation Green's strain, and of Cauchy's stress; or "
+        'displacement of a "marker" off the surface, rigidly on the triangle that is nearest, however far that turns',
     ]
     of: Annotated[
         str | None,
@@ -77,6 +83,8 @@ class ReadingEntry:
         "surface where neither this nor near is given",
     ] = None
     near: Annotated[Near | None, "of strain and stress: the surface triangles whose centroids lie in a ball"] = None
+
+    point: Annotated[Point | None, "of a marker: where its middle is at rest"] = None
 
     @property
     def place(self) -> Place | None:

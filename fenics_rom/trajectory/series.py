@@ -32,7 +32,7 @@ class ReadingSeries:
     Attributes:
         quantity: one of `mechanics.readings.READING_UNITS`, which has its unit.
         values: of a length or volume (S,), of contact pressure (S, s) at nodes, of von Mises stress (S, P) and of
-            strain (S, P, 6) in the middle of surface triangles.
+            strain (S, P, 6) in the middle of surface triangles, of a marker (S, 3).
         nodes: (s,) which of the body's.
         triangles: (P,) which of the body's.
     """
@@ -53,7 +53,10 @@ class ReadingSeries:
 
     @property
     def sizes(self) -> Array:
-        """The values; of strains the largest principal one without its sign, (S, P)."""
+        """The values; of strains the largest principal one without its sign, (S, P), of a marker its length, (S,)."""
+        if self.quantity == "marker":
+            lengths: Array = np.linalg.norm(self.values, axis=1)
+            return lengths
         return principal_size(self.values) if self.quantity == "strain" else self.values
 
     @property

@@ -17,6 +17,7 @@ SHAPES: dict[str, tuple[str | int, ...]] = {
     "contact_pressure": ("n",),
     "strain": ("G", 6),
     "von_mises_stress": ("G",),
+    "marker": (3,),
 }
 PLACES = {"n": {"nodes": Entry("1", ("n",), "i")}, "G": {"triangles": Entry("1", ("G",), "i")}}
 
@@ -68,7 +69,7 @@ def _input_entry(unit: str) -> Entry:
 def _reading_table(quantity: str) -> dict[str, Entry]:
     check_known("quantity", quantity, READING_UNITS, FileError, "a reading has ")
     shape = SHAPES[quantity]
-    places = PLACES[str(shape[0])] if shape else {}
+    places = PLACES.get(str(shape[0]), {}) if shape else {}
     return {"values": Entry(READING_UNITS[quantity], ("S", *shape)), **places}
 
 

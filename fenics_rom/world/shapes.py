@@ -13,8 +13,8 @@ from numpy import ndarray as Array
 
 from fenics_rom.errors import SceneError
 from fenics_rom.mechanics import obstacles
+from fenics_rom.mechanics.triangles import nearest_on_triangles
 from fenics_rom.world.convex_hull import convex_hull
-from fenics_rom.world.triangles import nearest_on_triangles
 
 ROUND = 48  # segments of a circle in pictures
 MOST_CORNERS = 200  # of a hull: what touches is looked for among all pairs of its edges

@@ -4,12 +4,13 @@ import warnings
 
 import numpy as np
 import pytest
-from bodies import acted_on, box_arrays, box_surfaces, write_arrays
+from bodies import acted_on, box_arrays, box_surfaces, scene_text, write_arrays
 
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning, SceneError, StepError
 from fenics_rom.fem.simulator import FullOrderSimulator
 from fenics_rom.mechanics.readings import principal_size, von_mises
+from fenics_rom.scene.file import parse_scene
 
 # Readings are sums of some ten products of displacements that a solve finds to a condition number of 1e4 times 1e-16.
 EXACT = 1e-10
@@ -308,6 +309,83 @@ def test_a_tendon_that_turns_with_the_body_has_its_own_length(bar):
     F = np.array([[0.0, -1.0, 0.0], [1.2, 0.0, 0.0], [0.0, 0.0, 1.0]])
     _, body = displaced(scene, lambda X: (X - [0.0, 0.05, 0.1]) @ (F - np.eye(3)).T)
     assert body.reading("cable") == pytest.approx(1.2 * LENGTH, rel=1e-12)
+
+
+MARKERS = {"top": [0.31, 0.04, 0.23], "corner": [1.02, 0.12, 0.17], "inside": [0.4, 0.05, 0.19]}
+READ_MARKERS = {f"readings.{name}": f'quantity = "marker"\npoint = {place}' for name, place in MARKERS.items()}
+FREE = {"supports": None}
+
+
+@DEGREES
+@pytest.mark.parametrize("law", ["", "st_venant_kirchhoff"])
+def test_markers_off_the_surface_turn_with_it(bar, degree, law):
+    """As one rigid body, however far it is turned; of a linear body u = ω x X, on any of its sides."""
+    if law:
+        R, _ = np.linalg.qr(np.random.default_rng(1).standard_normal((3, 3)))
+        turn = R * np.sign(np.linalg.det(R)) - np.eye(3)
+    else:
+        turn = np.array([[0.0, -0.3, 0.2], [0.3, 0.0, -0.1], [-0.2, 0.1, 0.0]])
+    effects = "inertia = {}\n" + (LARGE.format(law=law) if law else "")
+    outputs = {} if law else {"outputs.both": f"markers = {[*MARKERS.values()]}"}
+    _, body = displaced(scene_of(bar, effects, degree, **FREE, **READ_MARKERS, **outputs), lambda X: X @ turn.T + 0.1)
+    expected = np.array(list(MARKERS.values())) @ turn.T + 0.1
+    assert np.abs([body.reading(name) for name in MARKERS] - expected).max() <= 1e-12
+    if not law:
+        assert np.abs(body.displacement("both") - expected).max() <= 1e-12
+
+
+def test_markers_on_a_bent_beam_stand_on_its_normals(bar):
+    """u = κ (x z, 0, -x²/2) keeps normals straight: what is above is displaced as if the beam were that high."""
+    κ = 0.02
+    _, body = displaced(
+        scene_of(bar, **READ_MARKERS), lambda X: κ * np.stack([X[:, 0] * X[:, 2], 0 * X[:, 0], -(X[:, 0] ** 2) / 2], 1)
+    )
+    x, _, z = MARKERS["top"]
+    assert np.abs(body.reading("top") - κ * np.array([x * z, 0, -(x**2) / 2])).max() <= 1e-12 * κ
+    x, _, z = MARKERS["corner"]  # 0.02 m before the end, where the beam has the slope -κ
+    assert np.abs(body.reading("corner") - κ * np.array([z, 0, -0.5 - 0.02])).max() <= 1e-12 * κ
+
+
+def test_markers_of_a_reduced_body_that_bends_far_are_those_of_its_shape(bar, tmp_path):
+    push = 'dt = 0.02\nduration = 0.1\nload = [{ contact = "right", force = [0, 0, -300] }]'
+    scene = scene_of(bar, "inertia = {}\n" + LARGE.format(law="neo_hookean"), **READ_MARKERS, run=push)
+    system = fr.assemble(scene)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore", FenicsRomWarning)
+        rom = fr.reduce(system, method="modal+derivatives", order=6)
+        fr.write_rom(tmp_path / "rom.h5", rom)
+        run = fr.simulate(fr.read_rom(tmp_path / "rom.h5"))
+    fr.write_trajectory(tmp_path / "run.h5", run)
+    top = fr.read_trajectory(tmp_path / "run.h5").readings["top"]
+    full = FullOrderSimulator(system, 0.02, scene.environment)
+    full.stepper.set_state(run.snapshots[-1].ravel()[system.body.free], np.zeros(system.size))
+    assert np.abs(top.values[-1]).max() > 0.02
+    assert np.abs(top.values[-1] - full.reading("top")).max() <= 1e-12
+    assert fr.compare(run, run)["reading top"].relative == 0
+    assert top.sizes[-1] == pytest.approx(np.linalg.norm(top.values[-1]))
+
+
+def test_markers_of_a_moving_frame_are_carried_by_it(bar):
+    """Of a body that is turned far and hardly strained: as far from other points as before."""
+    places = [MARKERS["top"], *np.eye(3)[[0]].tolist(), [0.0, 0.1, 0.0], [0.0, 0.0, 0.2]]
+    outputs = {"outputs.top": f"markers = {places[:1]}", "outputs.corners": f"points = {places[1:]}"}
+    run = "dt = 0.01\nduration = 0.2\ninitial = { spin = [1, 10, 3] }"
+    material = "young = 1e12\npoisson = 0.0\ndensity = 1000.0"
+    text = scene_text(bar, effects="inertia = {}", contacts=RIGHT, material=material, run=run, **FREE, **outputs)
+    system = fr.assemble(parse_scene(f'frame = "moving"\n{text}'))
+    moved = fr.simulate(reduced(system, method="modal")).outputs
+    now = np.array(places) + np.concatenate([moved["top"][-1], moved["corners"][-1]])
+    assert np.linalg.norm(moved["top"][-1]) > 0.2
+    distances = [np.linalg.norm(at[0] - at[1:], axis=1) for at in (now, np.array(places))]
+    assert np.abs(distances[0] - distances[1]).max() <= 1e-6
+
+
+def test_markers_far_from_the_body_are_refused(bar):
+    far = {"readings.far": 'quantity = "marker"\npoint = [310.0, 40.0, 230.0]'}
+    with pytest.raises(SceneError, match=r"readings.far.point: \[310.0.* m from the body; allowed is its size, 1.02 m"):
+        fr.assemble(scene_of(bar, **far))
+    with pytest.raises(SceneError, match=r"outputs.far.markers: \[310.0"):
+        fr.assemble(scene_of(bar, **{"outputs.far": "markers = [[310.0, 40.0, 230.0]]"}))
 
 
 def test_numbers_of_stress_and_strain():

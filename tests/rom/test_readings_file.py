@@ -23,6 +23,7 @@ READINGS = {
     "readings.cable": 'quantity = "length"\nof = "cable"',
     "readings.sole": 'quantity = "contact_pressure"\nof = "sole"',
     "readings.stress": 'quantity = "von_mises_stress"\nof = "top"',
+    "readings.ball": 'quantity = "marker"\npoint = [0.5, 0.2, 0.32]',
     "readings.gauge": 'quantity = "strain"\nnear = { point = [0.5, 0.2, 0.3], radius = 0.2 }',
 }
 
@@ -44,7 +45,7 @@ def rom_file(tmp_path, rom):
 
 def test_readings_are_read_to_the_last_bit(rom, rom_file):
     again = fr.read_rom(rom_file)
-    assert list(again.readings) == ["cable", "sole", "stress", "gauge"]
+    assert list(again.readings) == ["cable", "sole", "stress", "ball", "gauge"]
     assert same(again, rom)
     bodies = [fr.Simulator(each, dt=0.01) for each in (rom, again)]
     for body in bodies:
@@ -68,6 +69,7 @@ LIES = {
     "/readings/sole: facets have 3 or 6 nodes and an area": put("readings/sole/areas", lambda there: -there),
     "/readings/sole/facets: allowed are some numbers below 15": put("readings/sole/facets", lambda there: there + 1),
     "/readings/sole: a node has no facets": put("readings/sole/facets", lambda there: 0 * there),
+    "/readings/ball/tangents: are not orthonormal": put("readings/ball/tangents", lambda there: 2 * there),
     "/readings/sole: no contact mode 'soul'": lambda h5: says(of="soul")(h5["readings/sole"]),
 }
 

@@ -34,6 +34,12 @@ MISTAKES = {
     f'quantity = "volume"\n{NEAR}': r"readings.one.near: goes with strain and stress; a volume is that of a pressure",
     'quantity = "contact_pressure"\nof = "top"': r"readings.one: means nothing without contact; name effects.contact",
     'quantity = "contact_pressure"\nof = "sole"': r"readings.one.of: no contact mode 'sole'; there is right, top",
+    'quantity = "marker"': r"readings.one.point is missing: where the middle of the marker is at rest",
+    'quantity = "marker"\nof = "top"\npoint = [0, 0, 0]': r"readings.one.of: a marker is on the triangle",
+    'quantity = "strain"\npoint = [0, 0, 0]': r"readings.one.point: goes with a marker; strain has none",
+    'quantity = "marker"\npoint = [0, 0, 0]\n[outputs.far]\nmarkers = [[0, 0, 1]]\n[effects.large_deformation]': (
+        r"outputs.far.markers: are for small turns; allowed with large_deformation are readings"
+    ),
     f'quantity = "strain"\nof = "top"\n{NEAR}': r"readings.one: give of or near, not both",
 }
 

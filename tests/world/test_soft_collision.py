@@ -5,10 +5,10 @@ import pytest
 from scipy.optimize import minimize
 from scipy.spatial.transform import Rotation
 
+from fenics_rom.mechanics.triangles import nearest_on_triangles
 from fenics_rom.world.collision.contacts import PlacedShape, PlacedSurface
 from fenics_rom.world.collision.find import find_contacts
 from fenics_rom.world.shapes import Box, Capsule, Sphere
-from fenics_rom.world.triangles import nearest_on_triangles
 
 TURN = Rotation.from_rotvec((0.4, -0.2, 0.7)).as_matrix()
 

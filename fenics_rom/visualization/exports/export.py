@@ -182,8 +182,8 @@ def _fields(run: Trajectory, row: int) -> Fields:
         values, key = reading.values[instant], f"reading.{name}"
         if reading.quantity == "contact_pressure":
             on_nodes[key] = _spread(values, reading.nodes, len(run.nodes))
-        elif not values.ndim:
-            whole[key] = values[None]
+        elif not len(reading.triangles):
+            whole[key] = np.atleast_1d(values)
         else:
             ordered = values[:, VTK_COMPONENTS] if reading.quantity == "strain" else values
             on_triangles[key] = _spread(ordered, reading.triangles, len(run.triangles))

@@ -112,11 +112,15 @@ def _draw_frame(figure: Any, runs: Runs, name: str) -> None:
 
 
 def _draw_reading(figure: Any, runs: Runs, name: str) -> None:
-    """A reading; of strain the largest principal one at each place."""
+    """A reading; of strain the largest principal one at each place, of a marker all three components."""
     shown = {label: run for label, run in runs.items() if name in run.readings}
     readings = [run.readings[name] for run in shown.values()]
-    values = [reading.sizes.reshape(len(reading.values), -1, 1) for reading in readings]
-    _draw_values(figure, shown, values, readings[0].unit, "", readings[0].words, f"reading {name}")
+    is_marker = readings[0].quantity == "marker"
+    values = [
+        reading.by_point if is_marker else reading.sizes.reshape(len(reading.values), -1, 1) for reading in readings
+    ]
+    components = "xyz" if is_marker else ""
+    _draw_values(figure, shown, values, readings[0].unit, components, readings[0].words, f"reading {name}")
 
 
 def _draw_values(

@@ -33,7 +33,7 @@ from fenics_rom.visualization.viewer.live_body import LiveBody, free_name
 from fenics_rom.visualization.viewer.mouse_spring import closest_point
 from fenics_rom.visualization.viewer.panel import ENERGY_SERIES, ColourScale, EnergyPlot, begin_panel
 from fenics_rom.visualization.viewer.surface import (
-    NUMBERS,
+    OFF_SURFACE,
     READING,
     UNITS,
     Surface,
@@ -331,7 +331,7 @@ class LivePage:
             f"contact mode: **{body.simulator.contact}** · order {body.order}",
             f"damping: {100 * ratio:.2g} % of critical at {frequency:.3g} Hz",
         ]
-        numbers = [name for name, reading in body.rom.readings.items() if reading.quantity in NUMBERS]
+        numbers = [name for name, reading in body.rom.readings.items() if reading.quantity in OFF_SURFACE]
         lines += reading_words({name: body.reading(name) for name in numbers}, 0)
         units = body.rom.environment.force_units
         lines += [

@@ -15,7 +15,7 @@ from fenics_rom.visualization.viewer.colours import with_unit
 SurfaceField = Callable[[Array, Array], Array]
 
 READING = "reading "  # before the name of one, among the fields
-NUMBERS = ("length", "volume")  # readings that are one number
+OFF_SURFACE = ("length", "volume", "marker")  # readings that are said in words
 UNITS = {"displacement": "m", "speed": "m/s", "strain": "%", "energy density": "J/m³"}
 MIN_PIECES = 4000  # so that the colours of a coarse mesh follow the field and not the triangles
 MAX_CUTS = 4  # of an edge of a triangle
@@ -154,14 +154,14 @@ def reading_fields(surface: Surface, readings: Mapping[str, ReadingSeries]) -> d
     return {
         READING + name: ReadingField(surface, reading)
         for name, reading in readings.items()
-        if reading.quantity not in NUMBERS
+        if reading.quantity not in OFF_SURFACE
     }
 
 
 def reading_words(readings: Mapping[str, ReadingSeries], instant: int) -> list[str]:
-    """What lengths and volumes are, as flexor: 98.231 mm."""
+    """What lengths and volumes are, as flexor: 98.231 mm, and how far markers are displaced."""
     return [
-        f"{name}: {with_unit(float(reading.values[instant]), reading.unit, digits=5)}"
+        f"{name}: {with_unit(float(reading.sizes[instant]), reading.unit, digits=5)}"
         for name, reading in readings.items()
-        if reading.quantity in NUMBERS
+        if reading.quantity in OFF_SURFACE
     ]

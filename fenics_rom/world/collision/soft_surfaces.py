@@ -3,9 +3,9 @@
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.mechanics.triangles import nearest_on_triangles
 from fenics_rom.world.collision.contacts import Contacts, PlacedShape, PlacedSurface, Spots, joined
 from fenics_rom.world.collision.round_shapes import distance_of
-from fenics_rom.world.triangles import nearest_on_triangles
 
 _REACH = 0.5  # of the longest side of a triangle's box: points that are deeper inside have passed it
 _SIDEWAYS = 0.5  # cosine: points behind a triangle that are farther to its side are beside an open surface, not inside
