@@ -1,10 +1,13 @@
 """A soft body in a step of several: its own stepper, to which contact hands the forces that are tried.
 
-Held, carried or free, linear or of large deformation: the stepper asks for contact forces as it does among obstacles,
-and gets those of the try. How its contact points move then, it tells by itself; a try is a step that is taken back.
+Held or carried, linear: points answer forces by an operator that is known when the step begins, exactly, and the step is
+taken once, under the forces that were found. Free or of large deformation: the stepper asks for contact forces as it
+does among obstacles, and gets those of the try. How its contact points move then, it tells by itself; a try is a step
+that is taken back.
 """
 
-from collections.abc import Mapping
+import math
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -19,6 +22,8 @@ from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.frame_motion import rotation_matrix
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.simulator import Simulator
+from fenics_rom.runtime.steppers.carried_frame import CarriedFrame
+from fenics_rom.runtime.steppers.frame_points import turned_operator
 from fenics_rom.runtime.steppers.kernel import BookedKernel
 from fenics_rom.world.bodies import Points
 from fenics_rom.world.collision.contacts import PlacedSurface
@@ -36,6 +41,12 @@ class _Handed(ContactSolution):
     def work(self, velocity: Array, dt: float) -> ContactWork:
         """See ContactSolution."""
         return ContactWork(dt * float(self.forces.ravel().dot(velocity.ravel())), 0.0, 0.0)
+
+
+def _handed(forces: Array, reached: Array) -> _Handed:
+    """Forces (P, 3) on all contact points, and which they may act on."""
+    pushed = forces[reached]
+    return _Handed(forces, 0, reached, 0 * pushed, pushed, np.zeros((0, 3)), None)
 
 
 class _HandedForces(ContactSolver):
@@ -76,8 +87,7 @@ class _HandedForces(ContactSolver):
         self.delassus = delassus
         if not len(self.reached):
             return None
-        forces = self.forces[self.reached]
-        return _Handed(self.forces, 0, self.reached, 0 * forces, forces, np.zeros((0, 3)), None)
+        return _handed(self.forces, self.reached)
 
 
 class Soft(Simulator):
@@ -140,7 +150,9 @@ class Soft(Simulator):
                 'without it, or one with frame = "moving"'
             )
         self.input: Mapping[str, Any] = {}
-        self._tried = False
+        self._asked: tuple[Points, Array, Array] | None = None  # points, their velocities without forces, and per force
+        self._forces = np.empty((0, 3))
+        self._tried, self._is_open = False, False
         surface = self._stepper.interface.points.nodes
         number = np.full(len(rom.nodes), -1)
         number[surface] = np.arange(len(surface))
@@ -186,7 +198,7 @@ class Soft(Simulator):
 
     def begin(self, h: float) -> None:
         """As in Body."""
-        self._h, self._tried = h, False
+        self._h, self._tried, self._is_open = h, False, h > 0 and self._kernel.answers_linearly
         self._start = self.places()
         self._velocity = self._turned(self._kernel.start_velocities())
         self._handed.reached = np.empty(0, dtype=int)
@@ -198,8 +210,15 @@ class Soft(Simulator):
         if self._carrier is not None:
             self._take_base(self._carrier.end)
         u = self._by_name((), self.input)
-        self._inputs = self._with_base(self._source.step_input(u, self._width, self.time, self._dt))
+        self._inputs = inputs = self._with_base(self._source.step_input(u, self._width, self.time, self._dt))
         self._handed.point_gaps = np.full(len(self._everywhere), np.inf)
+        kernel, self._asked = self._kernel, None
+        if self._is_open:
+            if isinstance(kernel, CarriedFrame):
+                kernel.base = inputs.base
+            self._free = self._turned(kernel.open(inputs.u))
+            if not math.isfinite(self._free.sum()):
+                self._leave_finite(inputs.u)
 
     def placed(self) -> PlacedSurface:
         """As in Body."""
@@ -214,15 +233,18 @@ class Soft(Simulator):
         return _mean(points, self._velocity)
 
     def attempt(self, points: Points, places: Array, forces: Array) -> Array:
-        """As in Body."""
+        """As in Body; places of points that answer linearly are those that were expected."""
+        if self._is_open:
+            self._forces = forces
+            if not len(forces):
+                return forces
+            free, W = self._answer(points)
+            return free + W.dot(forces.ravel()).reshape(forces.shape)
         if self._tried:
             self._stepper.rollback()
             self._tried = False
-        handed, P = self._handed, len(self._everywhere)
-        spread = np.zeros((P, 3))
-        np.add.at(spread, points.nodes, points.weights[:, :, None] * forces[:, None, :])
-        handed.reached = np.unique(points.nodes[points.weights != 0])
-        handed.forces = self._into_frame(spread)
+        contact = self._hand(points, forces)
+        self._handed.forces, self._handed.reached = contact.forces, contact.pairs
         result = self._stepper.step(self._inputs)
         self._tried = True
         if not np.isfinite(result.energy):
@@ -233,19 +255,45 @@ class Soft(Simulator):
         places[:] = _mean(points, self._start) + self._h / 2 * velocities
         return velocities
 
+    def _hand(self, points: Points, forces: Array) -> _Handed:
+        """Forces at points, as the stepper has them of its contact points."""
+        spread = np.zeros((len(self._everywhere), 3))
+        np.add.at(spread, points.nodes, points.weights[:, :, None] * forces[:, None, :])
+        return _handed(self._into_frame(spread), np.unique(points.nodes[points.weights != 0]))
+
+    def _answer(self, points: Points) -> tuple[Array, Array]:
+        """Velocities of points without forces, and per force."""
+        if self._asked is None or self._asked[0] is not points:
+            self._asked = points, _mean(points, self._free), self._operator(points, self._kernel.answer)
+        return self._asked[1:]
+
     def delassus(self, points: Points, places: Array) -> Array:
         """As in Body; after an attempt."""
-        W, k = self._handed.delassus, len(places)
-        P = len(self._everywhere)
-        whole = np.zeros((k, 3, P, 3))
-        for corner in range(points.nodes.shape[1]):
-            whole += points.weights[:, corner, None, None, None] * W.reshape(P, 3, P, 3)[points.nodes[:, corner]]
-        own = np.zeros((k, 3, k, 3))
-        for corner in range(points.nodes.shape[1]):
-            own += points.weights[:, corner, None] * whole[:, :, points.nodes[:, corner]]
-        if self._fixed:
-            own = np.einsum("ac,icjd,bd->iajb", self._R, own, self._R)
-        return own.reshape(3 * k, 3 * k)
+        if self._is_open:
+            return self._answer(points)[1]
+        W, k = self._handed.delassus, len(self._everywhere)
+        return self._operator(points, lambda some: W.reshape(k, 3, k, 3)[some][:, :, some].reshape((3 * len(some),) * 2))
+
+    def _operator(self, points: Points, of_nodes: Callable[[Array], Array]) -> Array:
+        """Of points, (3 k, 3 k), in world axes, from that of their nodes."""
+        if (points.weights[:, 0] == 1.0).all():
+            W = of_nodes(points.nodes[:, 0])
+        else:
+            nodes, row = np.unique(points.nodes, return_inverse=True)
+            share = np.zeros((len(points.nodes), len(nodes)))
+            np.add.at(share, (np.arange(len(share))[:, None], row.reshape(points.nodes.shape)), points.weights)
+            spread = np.kron(share, np.eye(3))
+            W = spread.dot(of_nodes(nodes)).dot(spread.T)
+        return turned_operator(self._R, W, self._R) if self._fixed else W
+
+    def close(self) -> None:
+        """Takes the step that is open under the forces that were tried last."""
+        if not self._is_open:
+            return
+        contact = self._hand(self._asked[0], self._forces) if self._asked is not None and len(self._forces) else None
+        self._tried = True
+        if not math.isfinite(self._kernel.close(contact)):
+            self._leave_finite(self._inputs.u)
 
     def points_at(self, places: Array, where: str) -> Points:
         """As in Body."""
@@ -288,7 +336,7 @@ class Soft(Simulator):
     def undo(self) -> None:
         """As in Body."""
         if self._tried:
-            self._stepper.rollback()
+            (self._kernel if self._is_open else self._stepper).rollback()
         self._tried = False
 
     def _to_world(self, places: Array) -> Array:

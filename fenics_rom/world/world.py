@@ -82,6 +82,7 @@ class World:
         self._joints = [JointPoints(joint, self._bodies) for joint in joints]
         self._met = EnergyLedger()  # what contacts and joints dissipate
         everyone = list(self._bodies.values())
+        self._soft = [body for body in everyone if isinstance(body, Soft)]
         self._lone = everyone[0] if len(everyone) == 1 and isinstance(everyone[0], Soft) else None
         if self._meetings:
             check_apart(everyone, self._names, self._meetings)
@@ -214,6 +215,8 @@ class World:
         try:
             pairs, start, guide = self._begin(inputs or {})
             found, guide = find_forces(pairs, h, start, guide)
+            for body in self._soft:
+                body.close()
         except BaseException:
             for body in bodies.values():
                 body.undo()

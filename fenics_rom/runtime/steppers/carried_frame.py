@@ -26,7 +26,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.base_path import BaseState
-from fenics_rom.mechanics.contact import ObstacleMotion
+from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion
 from fenics_rom.mechanics.frame_motion import (
     ZERO,
     Quaternion,
@@ -34,6 +34,7 @@ from fenics_rom.mechanics.frame_motion import (
     Vector,
     added,
     cross,
+    cross_matrix,
     dot,
     mean,
     rotated,
@@ -44,7 +45,7 @@ from fenics_rom.mechanics.frame_motion import (
 from fenics_rom.runtime.steppers.frame_contact import touch
 from fenics_rom.runtime.steppers.frame_kernel import FrameKernel, FrameState, Shape, check_turn
 from fenics_rom.runtime.steppers.frame_loads import FrameForces
-from fenics_rom.runtime.steppers.frame_points import FramePoints, Geometry, Push, vector
+from fenics_rom.runtime.steppers.frame_points import FramePoints, Geometry, Push, turned_operator, vector
 from fenics_rom.runtime.steppers.inertia import pairs, times_inertia
 
 Wrench = tuple[Vector, Vector]
@@ -78,10 +79,13 @@ class _Step(NamedTuple):
     A: Array  # (m,) where it is diagonal, else (m, m)
     right: Array  # (m,)
     turn: Geometry
-    rotation: Quaternion  # at the end
+    end: FrameState  # of the base
     v̂: Vector
     ω̂: Vector
+    v_end: Vector  # in the frame's axes
+    ω_end: Vector
     forces: FrameForces
+    modal: Array  # (m,) of them
 
 
 class CarriedFrame(FrameKernel):
@@ -90,6 +94,8 @@ class CarriedFrame(FrameKernel):
     Attributes:
         base: where the base is to be at the end of the next step; None: it stands still.
     """
+
+    answers_linearly = True
 
     def __init__(self, *args: Any, **named: Any):
         super().__init__(*args, **named)
@@ -106,6 +112,8 @@ class CarriedFrame(FrameKernel):
         self._A: Array | None = None  # the last one that couples all coordinates, and where
         self._coupled_at: tuple[float, ...] = ()
         self._taken: _Step | None = None
+        self._free = np.empty(0)
+        self._inside_of: tuple[Array, bytes, Array] | None = None  # A, points, and their answer in the frame's axes
         self._size = (sum(self._inertia0[:3]) / 2 / self._mass) ** 0.5
         self.resume(np.empty(0))
 
@@ -181,6 +189,50 @@ class CarriedFrame(FrameKernel):
 
     def step(self, u: Array, obstacles: ObstacleMotion | None = None) -> float:
         """As in Kernel; to `base`."""
+        r̂, contact = self._begin_step(u), None
+        if self._interface is not None and obstacles is not None:
+            if not math.isfinite(r̂.dot(r̂)):
+                raise StepError("the inputs lead out of the finite numbers; the state was left as it was")
+            r̂, contact = touch(self, self._interface, self._taken, r̂, obstacles)
+        return self._end_step(r̂, contact)
+
+    def open(self, u: Array) -> Array:
+        """As in Kernel."""
+        self._free = r̂ = self._begin_step(u)
+        assert self._taken is not None
+        turn = self._taken.turn
+        yielding = self.yielding(turn, None)
+        velocities = self.velocities(turn, self.arms(turn, r̂, yielding), r̂, yielding)
+        free: Array = velocities + self.translation(self._taken, turn, ZERO)
+        return free
+
+    def answer(self, some: Array) -> Array:
+        """As in Kernel."""
+        step = self._taken
+        assert step is not None
+        key = some.tobytes()
+        if self._inside_of is None or self._inside_of[0] is not step.A or self._inside_of[1] != key:
+            V = self.points.of(some).rows
+            inside = V.T.dot(self._solved(step.A, V))
+            if self.residual is not None:
+                inside += self.residual.delassus_of(some)
+            self._inside_of = step.A, key, inside
+        # R* and by how the arms change with the way that points go; R*ᵀ f is what the frame sees of a force
+        middle = step.turn.middle
+        outward = middle + self.h / 2 * cross_matrix(middle.dot(step.ω̂)).dot(step.turn.end)
+        return turned_operator(outward, self._inside_of[2], middle)
+
+    def close(self, contact: ContactSolution | None) -> float:
+        """As in Kernel."""
+        step, r̂ = self._taken, self._free
+        assert step is not None
+        if contact is not None:
+            pushed = self.points.rows.dot(contact.forces.dot(step.turn.middle).ravel())
+            r̂ = self._solved(step.A, step.right + pushed)
+        return self._end_step(r̂, contact)
+
+    def _begin_step(self, u: Array) -> Array:
+        """r̂ (m,) of a step without contact."""
         h, now, start = self.h, self._now, self.frame
         forces = self._loads.at(u)
         end = start._replace(velocity=ZERO, turning=ZERO) if self.base is None else frame_state(self.base)
@@ -192,36 +244,43 @@ class CarriedFrame(FrameKernel):
         turn = Geometry(now.R, R, (h * ω̂[0], h * ω̂[1], h * ω̂[2]))
         modal = self._modal(forces, turn)
         A, right = self._equations(modal, ω̂, v_end, ω_end)
-        if A.ndim == 1:
-            r̂, self._inverse = right / A, None
-        elif self._taken is not None and A is self._taken.A:  # of a base that turns steadily
-            r̂ = self._inverted(self._taken).dot(right)
-        else:
-            r̂, self._inverse = np.linalg.solve(A, right), None
-        step = _Step(A, right, turn, end.rotation, v̂, ω̂, forces)
-        contact, touched, push = None, None, None
-        self._taken = step
-        if self._interface is not None and obstacles is not None:
-            if not math.isfinite(r̂.dot(r̂)):
-                raise StepError("the inputs lead out of the finite numbers; the state was left as it was")
-            r̂, contact = touch(self, self._interface, step, r̂, obstacles)
+        before, self._taken = self._taken, _Step(A, right, turn, end, v̂, ω̂, v_end, ω_end, forces, modal)
+        if A.ndim == 2 and before is not None and A is before.A:  # of a base that turns steadily
+            r̂: Array = self._inverted(self._taken).dot(right)
+            return r̂
+        self._inverse = None
+        return self._solved(A, right)
+
+    def _end_step(self, r̂: Array, contact: ContactSolution | None) -> float:
+        """Takes the step that has begun, to the velocities that it was found to have."""
+        h, now, start, step = self.h, self._now, self.frame, self._taken
+        assert step is not None
+        turn, touched, push = step.turn, None, None
         if contact is not None:
             yielding = self.yielding(turn, contact)
             arms = self.arms(turn, r̂, yielding)
             push = self.points.push(contact.forces, turn, arms)
             touched = self.velocities(turn, arms, r̂, yielding) + self.translation(step, turn, push.force)
         e, r = self._e + self._travel * r̂, r̂ + r̂ - self._r
-        q = e * self._inverse_ω
-        after = _motion(q, self._shape_at(q, r), R, v_end, ω_end, self._mass)
-        supplied = dot(added(after.P, -1.0, now.P), v̂) + dot(added(after.L, -1.0, now.L), ω̂) + h * float(modal.dot(r̂))
+        q, v̂, ω̂ = e * self._inverse_ω, step.v̂, step.ω̂
+        after = _motion(q, self._shape_at(q, r), turn.after, step.v_end, step.ω_end, self._mass)
+        of_base = dot(added(after.P, -1.0, now.P), v̂) + dot(added(after.L, -1.0, now.L), ω̂)
+        supplied = of_base + h * float(step.modal.dot(r̂))
         if push is not None:  # the work of contact forces is booked as theirs
             supplied -= h * (dot(turn.seen(push.force), v̂) + dot(push.turning, ω̂))
         self._finish(contact, turn, touched, supplied, h * float(r̂.dot(self._damped(r̂))))
-        self._look_at_base(start, end, turn, v̂)
+        self._look_at_base(start, step.end, turn, v̂)
         self._wrench_before, self._now_before = self._wrench, now
         self._wrench = partial(self._wrench_of, h, step, r̂, now, after, push)
-        self._now, self.frame = after, end
+        self._now, self.frame = after, step.end
         return self._arrive(e, r)
+
+    def _solved(self, A: Array, right: Array) -> Array:
+        """A⁻¹ of a vector or columns."""
+        if A.ndim == 2:
+            solved: Array = np.linalg.solve(A, right)
+            return solved
+        return right / (A if right.ndim == 1 else A[:, None])
 
     def _equations(self, modal: Array, ω̂: Vector, v_end: Vector, ω_end: Vector) -> tuple[Array, Array]:
         """A and the right-hand side, without contact."""
@@ -302,7 +361,7 @@ class CarriedFrame(FrameKernel):
     def turn_at(self, x: Array) -> tuple[Geometry, Quaternion]:
         """How the frame turns, whatever x is."""
         assert self._taken is not None
-        return self._taken.turn, self._taken.rotation
+        return self._taken.turn, self._taken.end.rotation
 
     def rates(self, x: Array) -> tuple[Array, Array]:
         """ω̂ (3,) in the frame's axes and r̂ (m,)."""

@@ -21,7 +21,7 @@ from fenics_rom.mechanics.complementarity.solution import LARGEST_RESIDUAL, NEGL
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointMotion
 from fenics_rom.mechanics.contact_solver import Settled
 from fenics_rom.mechanics.frame_motion import Quaternion, Vector
-from fenics_rom.runtime.steppers.frame_points import FramePoints, Geometry, Push
+from fenics_rom.runtime.steppers.frame_points import FramePoints, Geometry, Push, turned_operator
 from fenics_rom.runtime.steppers.kernel import symmetric
 
 if TYPE_CHECKING:
@@ -165,7 +165,7 @@ def _operator(body: FrameBody, turn: Geometry, arms: Array, near: Array, proxima
     """W (3 P, 3 P) of the points that are near (s,), 0 of all others."""
     W = symmetric(body.delassus(body.points.of(near), turn, arms[near]))
     if body.residual is not None:
-        W += _turned(turn.start, body.residual.delassus_of(near))
+        W += turned_operator(turn.start, body.residual.delassus_of(near), turn.start)
     else:  # so that it tells all forces apart, which sweeps could else exchange for ever
         W.ravel()[:: len(W) + 1] += proximal * W.trace() / len(W)
     if len(near) == len(arms):
@@ -173,11 +173,3 @@ def _operator(body: FrameBody, turn: Geometry, arms: Array, near: Array, proxima
     whole, rows = np.zeros((3 * len(arms),) * 2), (3 * near[:, None] + np.arange(3)).ravel()
     whole[rows[:, None], rows] = W
     return whole
-
-
-def _turned(R: Array, operator: Array) -> Array:
-    """An operator (3 P, 3 P) of the frame in world axes."""
-    P = len(operator) // 3
-    left = np.matmul(R, operator.reshape(P, 3, 3 * P)).reshape(3 * P, P, 3)
-    turned: Array = left.dot(R.T).reshape(3 * P, 3 * P)
-    return turned

@@ -116,6 +116,14 @@ def turned_velocities(ω: Array, arms: Array) -> Array:
     return velocities
 
 
+def turned_operator(left: Array, operator: Array, right: Array) -> Array:
+    """L W Rᵀ of an operator W (3 P, 3 P), point by point."""
+    P = len(operator) // 3
+    once = np.matmul(left, operator.reshape(P, 3, 3 * P)).reshape(3 * P, P, 3)
+    turned: Array = once.dot(right.T).reshape(3 * P, 3 * P)
+    return turned
+
+
 def vector(numbers: Array) -> Vector:
     """Three numbers."""
     x, y, z = numbers.tolist()

@@ -38,6 +38,7 @@ class Kernel:
     notes: dict[str, float]
     residual: "ResidualMotion | None" = None
     holds_steps: bool = False  # since the buffer was reset: what `passed` tells
+    answers_linearly: bool = False  # contact points within a step to forces: then it has `open`, `answer` and `close`
 
     @property
     def energy(self) -> float:
@@ -66,6 +67,18 @@ class Kernel:
             ValueError: u has another shape; no step was taken.
             StepError: there are no contact forces, or no state; no step was taken.
         """
+        raise NotImplementedError
+
+    def open(self, u: Array) -> Array:
+        """Begins a step under u (p,): mid-step velocities (P, 3) of the contact points without contact, m/s."""
+        raise NotImplementedError
+
+    def answer(self, some: Array) -> Array:
+        """Velocities of some contact points (s,) per force on them in the step that is open, (3 s, 3 s), m/s/N."""
+        raise NotImplementedError
+
+    def close(self, contact: ContactSolution | None) -> float:
+        """Takes the step that is open under contact forces, as `step`."""
         raise NotImplementedError
 
     def set_time_step(self, h: float) -> None:

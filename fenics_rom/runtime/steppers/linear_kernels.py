@@ -13,16 +13,32 @@ Actuators by stroke, and tendons that rub, have forces z that are found with tho
 G u, with their columns B.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.mechanics.contact import ObstacleMotion
+from fenics_rom.mechanics.actuator_forces import ActuatorForces
+from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion
 from fenics_rom.rom.midpoint_map import compliance
 from fenics_rom.runtime.steppers.kernel import BookedKernel, StepWork, symmetric
 
 
+class _Step(NamedTuple):
+    """A step of passive midpoint integration without contact."""
+
+    pushed: Array  # G u (m,), N kg^-1/2
+    right: Array  # with elasticity and inertia
+    velocity: Array  # v̂
+
+
 class ContactMidpoint(BookedKernel):
     """The midpoint step with contact. Arguments and attributes as in BookedKernel."""
+
+    @property
+    def answers_linearly(self) -> bool:  # type: ignore[override]
+        """As in Kernel: not where forces of actuators are found with those of contact."""
+        return self._actuators is None
 
     def set_time_step(self, h: float) -> None:
         """As in Kernel."""
@@ -38,28 +54,42 @@ class ContactMidpoint(BookedKernel):
 
     def step(self, u: Array, obstacles: ObstacleMotion | None = None) -> float:
         """As in Kernel."""
-        u, given = (u, None) if self._actuators is None else self._actuators.split(u)
+        if self._actuators is not None:
+            return self._step_by_strokes(self._actuators, u, obstacles)
+        step = self._begin_step(u)
+        return self._end_step(step, self._solve_contact(self._coordinates(), self._r, step.velocity, self.h, obstacles))
+
+    def open(self, u: Array) -> Array:
+        """As in Kernel."""
+        self._opened = self._begin_step(u)
+        free: Array = self._opened.velocity.dot(self._Sᵀ).reshape(-1, 3)
+        return free if self.residual is None else free + self.residual.points[2]
+
+    def answer(self, some: Array) -> Array:
+        """As in Kernel."""
+        rows = (3 * some[:, None] + np.arange(3)).ravel()
+        return self._delassus[rows[:, None], rows]
+
+    def close(self, contact: ContactSolution | None) -> float:
+        """As in Kernel."""
+        return self._end_step(self._opened, contact)
+
+    def _begin_step(self, u: Array) -> _Step:
         pushed = self._model.inputs.dot(u)
         elastic, inertial = self._elastic_and_inertial * self._halves
         right = pushed + elastic + inertial
-        v = _applied(self._a, right)
-        q, found = self._coordinates(), self.reactions
-        if given is None or self._actuators is None:
-            contact = self._solve_contact(q, self._r, v, self.h, obstacles)
-        else:
-            strokes, rates = np.stack([q, self._r]).dot(self._columns)
-            targets = self._actuators.rates(given, strokes, rates, self.h)
-            motion = q, self._r, v, self.h, obstacles
-            found, contact = self._solve_actuators(u, self._columns, self._spread, targets, *motion)
-            by_strokes, rubbed = self._actuators.parts(self._columns, found)
-            pushed, right = pushed + by_strokes, right + by_strokes + rubbed
+        return _Step(pushed, right, _applied(self._a, right))
+
+    def _end_step(self, step: _Step, contact: ContactSolution | None, rubbed: Array | None = None) -> float:
+        """Takes a step under contact forces; rubbed (m,): forces of guides, which dissipate, but for contact."""
+        pushed, right, v = step
         if contact is not None:
             right += self._pushed(contact)
-        if contact is not None or given is not None:
+        if contact is not None or rubbed is not None:
             v = _applied(self._a, right)
         heat = _applied(self._Ra, right)
         h, supplied, dissipated = self.h, float(pushed.dot(v)), float(heat.dot(heat))
-        if given is not None:
+        if rubbed is not None:
             dissipated -= float(rubbed.dot(v))
         residual, heat_of_residual = self._step_residual(contact)
         contacts = self._contacts(v, contact, h, residual)
@@ -68,8 +98,23 @@ class ContactMidpoint(BookedKernel):
             self._rigid_displacement += h * v[: len(self._rigid_displacement)]
         self._e += self._travel * v
         np.subtract(v + v, self._r, self._r)
-        self.contact, self.reactions = contact, found
+        self.contact = contact
         return 2 * self.energy
+
+    def _step_by_strokes(self, actuators: ActuatorForces, u: Array, obstacles: ObstacleMotion | None) -> float:
+        """The step where forces of actuators are found with those of contact."""
+        u, given = actuators.split(u)
+        pushed, right, v = self._begin_step(u)
+        q = self._coordinates()
+        strokes, rates = np.stack([q, self._r]).dot(self._columns)
+        targets = actuators.rates(given, strokes, rates, self.h)
+        motion = q, self._r, v, self.h, obstacles
+        found, contact = self._solve_actuators(u, self._columns, self._spread, targets, *motion)
+        by_strokes, rubbed = actuators.parts(self._columns, found)
+        step = _Step(pushed + by_strokes, right + by_strokes + rubbed, v)
+        square = self._end_step(step, contact, rubbed)
+        self.reactions = found
+        return square
 
 
 class QuasiStatic(BookedKernel):
