@@ -5,6 +5,7 @@ ends), so that poses and twists are continuous and fit each other. Quaternions a
 """
 
 import math
+from bisect import bisect_left
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, NamedTuple
@@ -68,20 +69,27 @@ class BasePath:
 
     def __call__(self, time: float) -> BaseState:
         """The base at a time, s."""
-        inside = min(max(time, self.times[0]), self.times[-1])
-        k = min(max(int(np.searchsorted(self.times, inside)) - 1, 0), len(self.times) - 2)
-        h = self.times[k + 1] - self.times[k]
-        s = (inside - self.times[k]) / h
-        values, rates = self._rows
-        step, first, last = values[k + 1] - values[k], h * rates[k], h * rates[k + 1]
-        bend, twist = 3 * step - 2 * first - last, first + last - 2 * step
-        value = values[k] + s * (first + s * (bend + s * twist))
-        rate = (first + s * (2 * bend + 3 * s * twist)) / h
-        length = float(np.linalg.norm(value[3:]))
-        velocity, angular_velocity = rate[:3], angular_velocity_of(value[3:], rate[3:]) / length**2
+        times, values, rates = self._numbers
+        inside = min(max(time, times[0]), times[-1])
+        k = min(max(bisect_left(times, inside) - 1, 0), len(times) - 2)
+        h = times[k + 1] - times[k]
+        s, value, rate = (inside - times[k]) / h, list[float](), list[float]()
+        for start, end, slope, end_slope in zip(values[k], values[k + 1], rates[k], rates[k + 1], strict=True):
+            step, first, last = end - start, h * slope, h * end_slope
+            bend, twist = 3 * step - 2 * first - last, first + last - 2 * step
+            value.append(start + s * (first + s * (bend + s * twist)))
+            rate.append((first + s * (2 * bend + 3 * s * twist)) / h)
+        quaternion, length = np.array(value[3:]), math.hypot(*value[3:])
+        velocity, angular_velocity = np.array(rate[:3]), angular_velocity_of(quaternion, np.array(rate[3:])) / length**2
         if inside != time:
             velocity, angular_velocity = np.zeros(3), np.zeros(3)
-        return BaseState(value[:3], value[3:] / length, velocity, angular_velocity)
+        return BaseState(np.array(value[:3]), quaternion / length, velocity, angular_velocity)
+
+    @cached_property
+    def _numbers(self) -> tuple[list[float], list[list[float]], list[list[float]]]:
+        """Times, and `_rows`, as they are fast to read one by one."""
+        values, rates = self._rows
+        return self.times.tolist(), values.tolist(), rates.tolist()
 
     @cached_property
     def _rows(self) -> tuple[Array, Array]:
@@ -192,9 +200,9 @@ def checked_base(given: object, where: str) -> BaseState:
 
 def quaternion_product(a: Array, b: Array) -> Array:
     """Of quaternions (..., 4): the rotation b, then a."""
-    scalar = a[..., :1] * b[..., :1] - (a[..., 1:] * b[..., 1:]).sum(axis=-1, keepdims=True)
-    vector = a[..., :1] * b[..., 1:] + b[..., :1] * a[..., 1:] + np.cross(a[..., 1:], b[..., 1:])
-    return np.concatenate([scalar, vector], axis=-1)
+    (s, t, u, v), (w, x, y, z) = np.moveaxis(a, -1, 0), np.moveaxis(b, -1, 0)
+    scalar, first = s * w - t * x - u * y - v * z, s * x + t * w + u * z - v * y
+    return np.stack([scalar, first, s * y + u * w + v * x - t * z, s * z + v * w + t * y - u * x], axis=-1)
 
 
 def with_nearest_signs(quaternions: Array) -> Array:

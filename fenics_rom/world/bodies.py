@@ -43,6 +43,10 @@ class Body(Protocol):
     def is_driven(self) -> bool:
         """Whether it moves as it is told, whatever forces act."""
 
+    @property
+    def yields(self) -> bool:
+        """Whether each of its points yields by itself, beyond what the motions of the whole body allow."""
+
     def begin(self, h: float) -> None:
         """Opens a step of h s; of 0 to look at where it is."""
 

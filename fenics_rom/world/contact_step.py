@@ -3,9 +3,9 @@
 Pair r has the relative velocity u_r = ŝ_first - ŝ_second and the force f_r on the first body. A contact obeys the law
 of `mechanics.contact_solver`, with the gap and normal of the step: n·u >= c with a force that presses, Coulomb's cone,
 and a joint has u = 0. At forces f, a sweep tries the bodies, which move by u(f), asks the law for the forces f' of
-bodies that would move by u(f) + W (f' - f), and goes on with these. Where that ends laws and balances hold, whatever
-W is: the sum of the bodies' Delassus operators, and a little more, so that it is regular. It is kept from step to step
-as long as it is nearly right, and with it the law as it was linearised.
+bodies that would move by u(f) + W (f' - f), and goes on with these, until that is how they move. Then laws and balances
+hold, whatever W is: the sum of the bodies' Delassus operators, and a little more, so that it is regular. It is kept
+from step to step as long as it is nearly right, and with it the law as it was linearised.
 """
 
 from typing import NamedTuple
@@ -23,7 +23,7 @@ ROUND_OFF = 1e-13  # of them: a change that is none
 STAGNATION = 1e-12  # of them: as near as round-off lets some come
 MOST_SWEEPS = 200
 PATIENCE = 150  # sweeps, after which forces may stay that lack no more than what any contact forces may lack
-PROXIMAL = 1e-6  # of each pair's own compliance, added to W: it only guides the sweeps
+PROXIMAL = 1e-6  # of each pair's own compliance, added to W where no point yields by itself: it only guides the sweeps
 REDUNDANT = 1e-9  # of the largest eigenvalue: what joints hold twice
 STEADY = 1e-5  # of what a sweep changes: by so much two of them differ that change the same
 SHARES = (1 - 1e-6, 1 - 1e-4, 0.99, 0.9, 0.5, 0.0)  # of forces of contact that would do work
@@ -35,6 +35,7 @@ class Part(NamedTuple):
 
     body: Body
     pairs: Array  # (k + j,) among all pairs: those of contact, then joints
+    rows: slice | Array  # the same, a slice where they lie in one piece
     signs: Array  # (k + j, 1): 1 where it is the first, -1 where the second
     points: Points
 
@@ -60,36 +61,48 @@ class Found(NamedTuple):
     residual: float  # of the velocities, which the last sweep still changed
 
 
+class _Kept(NamedTuple):
+    """Of the pairs that were active last."""
+
+    pairs: tuple[bytes, bytes]  # which, and their friction
+    normals: Array
+    frames: Frames
+    operator: Delassus
+    law: KeptLaw | None  # as it was linearised
+
+
 class Guide:
     """W of pairs, by which sweeps are guided, and what is kept with it.
 
     Args:
         W: (3 (C + J), 3 (C + J)), symmetric positive semidefinite.
-        contacts: C.
+        yields: of each of the C contacts whether a point of it yields by itself, so that W tells its forces apart.
     """
 
-    def __init__(self, W: Array, contacts: int):
+    def __init__(self, W: Array, yields: Array):
         own = W.diagonal().reshape(-1, 3).mean(axis=1)
         W = (W + W.T) / 2
-        added = np.repeat(np.maximum(own, 1e-12 * own.max(initial=0.0)), 3)
-        W.ravel()[: 3 * contacts * (len(W) + 1) : len(W) + 1] += PROXIMAL * added[: 3 * contacts]
-        self.W, self._C = W, 3 * contacts
-        self._operators = dict[bytes, tuple[Delassus, Frames, KeptLaw | None]]()
+        added = np.maximum(own, 1e-12 * own.max(initial=0.0))[: len(yields)] * ~yields
+        self.W, self._C = W, 3 * len(yields)
         C = self._C
+        W.ravel()[: C * (len(W) + 1) : len(W) + 1] += PROXIMAL * np.repeat(added, 3)
+        self._kept: _Kept | None = None
         self._joined = _pseudo_inverse(W[C:, C:])
         self._spread = self._joined.dot(W[C:, :C])  # forces of joints per force of contact, with the other sign
         self._contacts = W[:C, :C] - W[:C, C:].dot(self._spread) if len(W) > C else W
 
     def without_contact(self, u: Array) -> tuple[Array, Array]:
         """Forces (J, 3) that hold joints where contacts have none, and the velocities (C, 3) of contacts then."""
-        u = u.reshape(-1)
         C = self._C
+        if len(self.W) == C:
+            return u[:0], u
+        u = u.reshape(-1)
         z = -self._joined.dot(u[C:])
         return z.reshape(-1, 3), (u[:C] + self.W[:C, C:].dot(z)).reshape(-1, 3)
 
     def joined(self, z: Array, f: Array) -> Array:
         """Forces of all pairs from those of contact (C, 3) and those of joints without (J, 3)."""
-        return np.concatenate([f, z - self._spread.dot(f.ravel()).reshape(-1, 3)])
+        return f if len(self.W) == self._C else np.concatenate([f, z - self._spread.dot(f.ravel()).reshape(-1, 3)])
 
     def moved(self, f: Array) -> Array:
         """Velocities of contacts (C, 3) per forces there, where joints hold."""
@@ -98,13 +111,18 @@ class Guide:
 
     def solve(self, active: Array, q: Array, normals: Array, friction: Array, start: Array) -> tuple[Array, Array]:
         """Forces (a, 3) of active contacts, and u - targets, from velocities less targets q (a, 3)."""
-        key = active.tobytes() + normals.tobytes() + friction.tobytes()
+        pairs, frames, operator, law = (active.tobytes(), friction.tobytes()), None, None, None
         μ = float(friction.max())
-        if key not in self._operators:
+        if self._kept is not None and self._kept.pairs == pairs:
+            _, kept_normals, frames, operator, law = self._kept
+            if not np.array_equal(normals, kept_normals):  # the law as it was linearised is near enough
+                frames, operator = None, operator if (friction == μ).all() else None
+        if operator is None:
             rows = (3 * active[:, None] + np.arange(3)).ravel()
             W = self._contacts[rows[:, None], rows] if len(rows) < self._C else self._contacts
-            self._operators = {key: (Delassus(_scaled(W, normals, friction)), Frames(normals), None)}
-        operator, frames, kept = self._operators[key]
+            operator = Delassus(_scaled(W, normals, friction))
+        frames = frames or Frames(normals)
+        self._kept = _Kept(pairs, normals, frames, operator, law)
         q_in, f_in = frames.turned(q, start)
         if not (q_in if μ else q_in[0]).any():
             return np.zeros_like(q), q  # nothing to stop
@@ -114,8 +132,8 @@ class Guide:
             q_in[1:] *= share
             f_in[1:] /= np.maximum(share, 1e-300)
             f_in[1:, share == 0] = 0.0
-        solution = solve(operator.framed(frames), q_in, μ, f_in, kept)
-        self._operators[key] = operator, frames, solution.kept
+        solution = solve(operator.framed(frames), q_in, μ, f_in, law)
+        self._kept = self._kept._replace(law=solution.kept)
         f, u = solution.forces, solution.velocities
         if not same:
             f[1:] *= share
@@ -173,29 +191,35 @@ def find_forces(pairs: Pairs, h: float, start: Array, guide: Guide | None) -> tu
     sliding[pairs.friction == 0] = 0.0
     chosen, f = np.zeros(C, dtype=bool), start
     size_before, scale = 0.0, float(np.abs(before).max(initial=0.0))
+    u, fastest = _attempt(pairs, f)
     for sweep in range(1, MOST_SWEEPS + 1):
-        u, fastest = _attempt(pairs, f)
         if guide is None:
-            guide = Guide(_delassus(pairs), C)
+            guide = _guide(pairs)
         scale = max(scale, fastest)
         free = u - guide.W.dot(f.ravel()).reshape(-1, 3)
         scale = max(scale, float(np.abs(free).max(initial=0.0)))
         found = _law(pairs, guide, free, f, level, target, sliding, chosen)
-        size = float(np.abs(guide.W.dot((found - f).ravel())).max(initial=0.0))
+        moved = guide.W.dot((found - f).ravel()).reshape(-1, 3)
+        size = float(np.abs(moved).max(initial=0.0))
         if not np.isfinite(size):
             raise StepError("forces of contact lead out of the finite numbers; a smaller dt may help")
         if size <= ROUND_OFF * scale:
             return Found(f, u, sweep, 0.0), guide
-        if size * size <= TOLERANCE * scale * size_before:  # what the next sweep would change is none
-            return Found(found, _attempt(pairs, found)[0], sweep, 0.0), guide
+        asked, (u_found, fastest) = u + moved, _attempt(pairs, found)
+        if (
+            size * size <= TOLERANCE * scale * size_before
+            or np.abs(u_found - asked).max(initial=0.0) <= ROUND_OFF * scale
+        ):
+            return Found(found, u_found, sweep, 0.0), guide  # what the next sweep would change is none
         # Where size stays the same, only forces change that move nothing: the law has no solution that is more exact.
         stays = abs(size - size_before) <= STEADY * size
         if size <= NEGLIGIBLE_RESIDUAL * scale:
             stays = stays or size > size_before / 4 > 0
         if size <= LARGEST_RESIDUAL * scale and (stays or sweep >= PATIENCE):
+            u, _ = _attempt(pairs, f)
             f, u = _passive(pairs, f, u, scale)
             return Found(f, u, sweep, size / scale if size > STAGNATION * scale else 0.0), guide
-        f, size_before = found, size
+        f, u, size_before = found, u_found, size
     raise StepError(
         f"contact of {C} pairs of points: after {MOST_SWEEPS} sweeps forces still change by {size / scale:.1e} of the "
         "velocities; a smaller dt, or masses that differ less, are the cure"
@@ -204,27 +228,29 @@ def find_forces(pairs: Pairs, h: float, start: Array, guide: Guide | None) -> tu
 
 def _attempt(pairs: Pairs, forces: Array) -> tuple[Array, float]:
     """Velocities u (C + J, 3) under forces, and the fastest of a body, m/s."""
-    u, fastest = np.zeros_like(forces), 0.0
-    for body, rows, signs, points in pairs.parts:
+    u, fastest = np.zeros(forces.shape), 0.0
+    for body, _, rows, signs, points in pairs.parts:
         places = pairs.places[rows]
         velocities = body.attempt(points, places, signs * forces[rows])
-        pairs.places[rows] = places
+        if type(rows) is not slice:  # else that was a view
+            pairs.places[rows] = places
         u[rows] += signs * velocities
-        fastest = max(fastest, float(np.abs(velocities).max(initial=0.0)))
+        if len(velocities):
+            fastest = max(fastest, -float(velocities.min()), float(velocities.max()))
     return u, fastest
 
 
-def _delassus(pairs: Pairs) -> Array:
-    size = len(pairs.places)
-    W = np.zeros((size, 3, size, 3))
-    for body, rows, signs, points in pairs.parts:
+def _guide(pairs: Pairs) -> Guide:
+    W, C = np.zeros((3 * len(pairs.places),) * 2), len(pairs.normals)
+    yields = np.zeros(C, dtype=bool)
+    for body, rows, _, signs, points in pairs.parts:
         if body.is_driven or not len(rows):
             continue
-        own = body.delassus(points, pairs.places[rows]).reshape(len(rows), 3, len(rows), 3)
-        W[rows[:, None, None, None], np.arange(3)[:, None, None], rows[:, None], np.arange(3)] += (
-            signs[:, :, None, None] * own * signs[:, 0][:, None]
-        )
-    return W.reshape(3 * size, 3 * size)
+        own, sign = body.delassus(points, pairs.places[rows]), np.repeat(signs, 3)
+        axes = (3 * rows[:, None] + np.arange(3)).ravel()
+        W[axes[:, None], axes] += sign[:, None] * own * sign
+        yields[rows[rows < C]] |= body.yields
+    return Guide(W, yields)
 
 
 def _law(

@@ -1,5 +1,6 @@
 """A body that moves as it is told: the ground, a palm on rails, a hand."""
 
+import math
 from collections.abc import Callable
 
 import numpy as np
@@ -24,7 +25,7 @@ class Driven:
         motion: its pose and twist at a time, s.
     """
 
-    is_driven, energy = True, 0.0
+    is_driven, yields, energy = True, False, 0.0
     lead = np.zeros(3)
 
     def __init__(self, shape: Shape | None, motion: Callable[[float], BaseState]):
@@ -32,6 +33,7 @@ class Driven:
         self.size = 0.0 if shape is None else shape.radius_around
         self.time = 0.0
         self._start = self._end = motion(0.0)
+        self._R = self._R_end = rotation_matrix(self._start.rotation)
         self._given, self._is_still = self._start, False
 
     @property
@@ -50,9 +52,9 @@ class Driven:
 
     def begin(self, h: float) -> None:
         """As in Body."""
-        self._h = h
+        self._h, self._power = h, 0.0
         if h == 0:
-            self._middle, self._middle_rotation = self._start.position, rotation_matrix(self._start.rotation)
+            self._middle, self._middle_rotation = self._start.position, self._R
             return
         given = self._motion(self.time + h)
         if given is self._given and self._is_still:
@@ -61,11 +63,11 @@ class Driven:
         self._given = given
         self._end = end
         between = quaternion_product(start.rotation * CONJUGATE, end.rotation)
-        if not 2 * np.arccos(min(1.0, abs(float(between[0])))) <= MOST_TURNED:
+        if not 2 * math.acos(min(1.0, abs(float(between[0])))) <= MOST_TURNED:
             raise StepError(f"it is told to turn by more than {MOST_TURNED:g} rad in a step of {h:g} s")
-        R, R_end = rotation_matrix(start.rotation), rotation_matrix(end.rotation)
+        R, R_end = self._R, rotation_matrix(end.rotation)
         turn = 2 * between[1:] / between[0]  # Cayley's, of the step
-        self._mean, self._middle_rotation = (R + R_end) / 2, R.dot(cayley(turn / 2))
+        self._mean, self._middle_rotation, self._R_end = (R + R_end) / 2, R.dot(cayley(turn / 2)), R_end
         self._v̂, self._ω̂ = (end.position - start.position) / h, R.dot(turn / h)
         self._middle = (start.position + end.position) / 2
         self._is_still = not (self._v̂.any() or self._ω̂.any())
@@ -77,12 +79,12 @@ class Driven:
     def reach(self) -> float:
         """As in Body: what touches a half-space that turns is near to where it begins."""
         size = 1.0 if self.size == np.inf else self.size
-        return self._h * float(np.linalg.norm(self._v̂) + np.linalg.norm(self._ω̂) * size) if self._h else 0.0
+        return self._h * (math.hypot(*self._v̂) + math.hypot(*self._ω̂) * size) if self._h else 0.0
 
     def start_velocities(self, points: Points, places: Array) -> Array:
         """As in Body."""
         arms = places - self._middle
-        arms[len(arms) - len(points.arms) :] = points.arms.dot(rotation_matrix(self._start.rotation).T)
+        arms[len(arms) - len(points.arms) :] = points.arms.dot(self._R.T)
         velocities: Array = self._start.velocity + arms.dot(cross_matrix(self._start.angular_velocity).T)
         return velocities
 
@@ -100,7 +102,7 @@ class Driven:
 
     def points_at(self, places: Array, where: str) -> Points:
         """As in Body."""
-        arms = (places - self._start.position).dot(rotation_matrix(self._start.rotation))
+        arms = (places - self._start.position).dot(self._R)
         return Points(np.empty((len(arms), 0), dtype=int), np.empty((len(arms), 0)), arms)
 
     def inverse_mass(self, points: Points) -> Array:
@@ -109,7 +111,7 @@ class Driven:
 
     def end_velocities(self, points: Points) -> Array:
         """As in Body."""
-        arms = points.arms.dot(rotation_matrix(self._start.rotation).T)
+        arms = points.arms.dot(self._R.T)
         velocities: Array = self._start.velocity + arms.dot(cross_matrix(self._start.angular_velocity).T)
         return velocities
 
@@ -123,7 +125,7 @@ class Driven:
         """As in Body: what others do on it, whoever drives it takes out."""
         self.account.book_contact(self._h * self._power, 0.0, 0.0, 0.0)
         self.account.book(supplied=-self._h * self._power)
-        self._start, self.time = self._end, self.time + self._h
+        self._start, self._R, self.time = self._end, self._R_end, self.time + self._h
 
     def undo(self) -> None:
         """As in Body: nothing was changed."""

@@ -22,7 +22,6 @@ from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.frame_motion import (
     ZERO,
     Rotation,
-    Vector,
     added,
     cayley,
     cross,
@@ -41,7 +40,6 @@ from fenics_rom.world.shapes import Shape
 TOLERANCE = 1e-16  # of the angular velocity: what the next correction may be
 STAGNATION = 1e-12  # of it: as near as round-off of large forces of joints lets it come
 MOST_ITERATIONS = 50
-AXES: tuple[Vector, ...] = ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0))
 
 
 class _Try(NamedTuple):
@@ -64,7 +62,7 @@ class Rigid:
         gravity: (3,), m/s².
     """
 
-    is_driven = False
+    is_driven, yields = False, False
 
     def __init__(self, shape: Shape, mass: float, inertia: Array, pose: BaseState, gravity: Array):
         self.account, self._shape, self.size = EnergyLedger(), shape, shape.radius_around
@@ -159,10 +157,10 @@ class Rigid:
             if ρ == ZERO:
                 break
             # Columns of the Jacobian 2/h I + x~ I - w~, and Cramer's rule.
-            u, v, z = (
-                added(added(cross(x, column), twice, column), -1.0, cross(w, axis))
-                for column, axis in zip(self._columns, AXES, strict=True)
-            )
+            (p, q, r), (a, b, c) = w, self._columns
+            u = added(added(cross(x, a), twice, a), -1.0, (0.0, r, -q))
+            v = added(added(cross(x, b), twice, b), -1.0, (-r, 0.0, p))
+            z = added(added(cross(x, c), twice, c), -1.0, (q, -p, 0.0))
             vz, zu, uv = cross(v, z), cross(z, u), cross(u, v)
             determinant = dot(u, vz)
             change = dot(ρ, vz) / determinant, dot(ρ, zu) / determinant, dot(ρ, uv) / determinant

@@ -1,14 +1,15 @@
 """A soft body in a step of several: its own stepper, to which contact hands the forces that are tried.
 
-Held or carried, linear: points answer forces by an operator that is known when the step begins, exactly, and the step is
-taken once, under the forces that were found. Free or of large deformation: the stepper asks for contact forces as it
-does among obstacles, and gets those of the try. How its contact points move then, it tells by itself; a try is a step
-that is taken back.
+Held or carried, linear: its points answer forces by an operator that is known when the step begins, exactly, and the
+step is taken once, under the forces that were found. Free or of large deformation: the stepper asks for contact forces
+as it does among obstacles, and gets those of the try. How its contact points move then, it tells by itself; a try is a
+step that is taken back.
 """
 
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -25,6 +26,7 @@ from fenics_rom.runtime.simulator import Simulator
 from fenics_rom.runtime.steppers.carried_frame import CarriedFrame
 from fenics_rom.runtime.steppers.frame_points import turned_operator
 from fenics_rom.runtime.steppers.kernel import BookedKernel
+from fenics_rom.runtime.steppers.residual_motion import operator_of
 from fenics_rom.world.bodies import Points
 from fenics_rom.world.collision.contacts import PlacedSurface
 
@@ -151,6 +153,7 @@ class Soft(Simulator):
             )
         self.input: Mapping[str, Any] = {}
         self._asked: tuple[Points, Array, Array] | None = None  # points, their velocities without forces, and per force
+        self._reached: tuple[Points, Array, bool] | None = None  # points, their nodes, and whether each is one of them
         self._forces = np.empty((0, 3))
         self._tried, self._is_open = False, False
         surface = self._stepper.interface.points.nodes
@@ -182,6 +185,11 @@ class Soft(Simulator):
         kernel = self._stepper.kernel
         assert isinstance(kernel, BookedKernel)
         return kernel
+
+    @property
+    def yields(self) -> bool:
+        """As in Body."""
+        return self._kernel.residual is not None
 
     @property
     def size(self) -> float:
@@ -258,8 +266,15 @@ class Soft(Simulator):
     def _hand(self, points: Points, forces: Array) -> _Handed:
         """Forces at points, as the stepper has them of its contact points."""
         spread = np.zeros((len(self._everywhere), 3))
-        np.add.at(spread, points.nodes, points.weights[:, :, None] * forces[:, None, :])
-        return _handed(self._into_frame(spread), np.unique(points.nodes[points.weights != 0]))
+        if self._reached is None or self._reached[0] is not points:
+            reached = np.unique(points.nodes[points.weights != 0])
+            self._reached = points, reached, len(reached) == len(points.nodes) and _are_nodes(points)
+        _, reached, is_each_once = self._reached
+        if is_each_once:
+            spread[points.nodes[:, 0]] = forces
+        else:
+            np.add.at(spread, points.nodes, points.weights[:, :, None] * forces[:, None, :])
+        return _handed(self._into_frame(spread), reached)
 
     def _answer(self, points: Points) -> tuple[Array, Array]:
         """Velocities of points without forces, and per force."""
@@ -271,12 +286,11 @@ class Soft(Simulator):
         """As in Body; after an attempt."""
         if self._is_open:
             return self._answer(points)[1]
-        W, k = self._handed.delassus, len(self._everywhere)
-        return self._operator(points, lambda some: W.reshape(k, 3, k, 3)[some][:, :, some].reshape((3 * len(some),) * 2))
+        return self._operator(points, partial(operator_of, self._handed.delassus))
 
     def _operator(self, points: Points, of_nodes: Callable[[Array], Array]) -> Array:
         """Of points, (3 k, 3 k), in world axes, from that of their nodes."""
-        if (points.weights[:, 0] == 1.0).all():
+        if _are_nodes(points):
             W = of_nodes(points.nodes[:, 0])
         else:
             nodes, row = np.unique(points.nodes, return_inverse=True)
@@ -349,6 +363,11 @@ class Soft(Simulator):
     def _into_frame(self, vectors: Array) -> Array:
         turned: Array = vectors.dot(self._R) if self._fixed else vectors
         return turned
+
+
+def _are_nodes(points: Points) -> bool:
+    """Whether each is a contact point, and none is between them."""
+    return points.weights.shape[1] > 0 and bool((points.weights[:, 0] == 1.0).all())
 
 
 def _mean(points: Points, values: Array) -> Array:

@@ -14,7 +14,7 @@ from fenics_rom.world.meetings import Meeting, Placed, is_still
 NEAR = 0.01  # of the smaller body: what is nearer is looked at in every step, besides what can be reached
 LARGEST = 1.0  # m: of a half-space, of how far it moves
 GUIDES = 1e-3  # of arms, and rad: by so much bodies may have moved since W was found
-MANY_SWEEPS = 8  # from which on W is found anew
+MORE_SWEEPS = 1  # than at first: if there are more W is found anew
 
 
 class StepPairs:
@@ -36,20 +36,23 @@ class StepPairs:
         self._forces = dict[tuple[int, int], Array]()  # by meeting and feature
         self._joint_forces = np.zeros((sum(len(joint.points) for joint in joints), 3))
         self._guide: tuple[Guide, float, list[tuple[Array, Array]]] | None = None
+        self._fewest = 0  # sweeps, with the guide
+        self._lie = list[tuple[Array, Array]]()  # the bodies in the step, as `_where`
         self._start = np.empty((0, 3))
 
     def of_step(self, h: float) -> tuple[Pairs, Array, Guide | None]:
         """The pairs of a step of h s that all bodies have begun, forces to begin with, and what may guide."""
         contacts = self._look()
-        is_same = self._pairs is not None and len(contacts) == len(self._contacts)
-        is_same = is_same and all(now[1] is then[1] for now, then in zip(contacts, self._contacts, strict=True))
-        if not is_same:
+        known = self._contacts if self._pairs is not None and len(contacts) == len(self._contacts) else []
+        if self._pairs is None or not all(map(_are_same, contacts, known)) or len(known) != len(contacts):
             self._gather(contacts)
+        elif any(now[1] is not then[1] for now, then in zip(contacts, known, strict=True)):
+            self._refresh(contacts)
         pairs = self._pairs
         assert pairs is not None
         places = pairs.places.copy()
         before, lead = np.zeros_like(places), np.zeros_like(places)
-        for body, rows, signs, points in pairs.parts:
+        for body, _, rows, signs, points in pairs.parts:
             before[rows] += signs * body.start_velocities(points, places[rows])
             lead[rows] += signs * body.lead
         C = len(pairs.normals)
@@ -100,16 +103,26 @@ class StepPairs:
         parts = [_part(body, mine) for body, mine in zip(self._bodies, rows, strict=True)]
         soft_first = sorted(parts, key=lambda part: part.points.nodes.shape[1] == 0)
         self._contacts, self._middle_gaps, self._guide = contacts, np.concatenate(gaps), None
+        parts = [part for part in parts if len(part.pairs) or not part.body.is_driven]
         everywhere = np.concatenate(places)
         self._pairs = Pairs(
             tuple(soft_first), everywhere, 0 * everywhere, np.concatenate(normals), self._middle_gaps, e, μ
         )
         self._start = np.concatenate([np.array(start).reshape(-1, 3), self._joint_forces])
 
+    def _refresh(self, contacts: list[tuple[int, Contacts]]) -> None:
+        """The same pairs as before, where they are now."""
+        assert self._pairs is not None
+        found = [found for _, found in contacts]
+        normals, self._middle_gaps = (np.concatenate([part[k] for part in found]) for k in (2, 3))
+        places = np.concatenate([*(part.first.arms for part in found), *(joint.points for joint in self._joints)])
+        self._contacts, self._pairs = contacts, self._pairs._replace(normals=normals, places=places)
+
     def _known_guide(self, h: float) -> Guide | None:
+        self._lie = self._where()
         if self._guide is None or self._guide[1] != h:
             return None
-        for (arms, rotation), (arms_then, rotation_then) in zip(self._where(), self._guide[2], strict=True):
+        for (arms, rotation), (arms_then, rotation_then) in zip(self._lie, self._guide[2], strict=True):
             if np.abs(rotation - rotation_then).max() > GUIDES:
                 return None
             if np.abs(arms - arms_then).max(initial=0.0) > GUIDES * np.abs(arms_then).max(initial=0.0):
@@ -117,9 +130,9 @@ class StepPairs:
         return self._guide[0]
 
     def _where(self) -> list[tuple[Array, Array]]:
-        """Of each body its arms and its rotation."""
+        """Of each body that others move its arms and its rotation."""
         assert self._pairs is not None
-        poses = [(part, part.body.pose) for part in self._pairs.parts]
+        poses = [(part, part.body.pose) for part in self._pairs.parts if not part.body.is_driven]
         return [(self._pairs.places[part.pairs] - pose.position, pose.rotation) for part, pose in poses]
 
     def keep(self, found: Found, guide: Guide, h: float) -> None:
@@ -131,17 +144,17 @@ class StepPairs:
             for feature in contacts.first.feature.tolist():
                 self._forces[number, feature] = found.forces[row]
                 row += 1
-        if found.sweeps > MANY_SWEEPS:
+        if self._guide is None or self._guide[0] is not guide:
+            self._guide, self._fewest = (guide, h, self._lie), found.sweeps
+        elif found.sweeps > self._fewest + MORE_SWEEPS:
             self._guide = None
-        elif self._guide is None or self._guide[0] is not guide:
-            self._guide = guide, h, self._where()
 
     def stop_joints(self) -> float:
         """Stops by impulses what joints still move by when a step ends; what that takes, J."""
         parts = []
         assert self._pairs is not None
         C = len(self._pairs.normals)
-        for body, rows, signs, points in self._pairs.parts:
+        for body, rows, _, signs, points in self._pairs.parts:
             held = rows >= C
             if held.any():
                 parts.append(
@@ -193,23 +206,30 @@ class StepPairs:
         return int(np.count_nonzero(pressure > 1e-9 * pressure.max()))
 
 
+def _are_same(now: tuple[int, Contacts], then: tuple[int, Contacts]) -> bool:
+    """Whether contacts of a meeting are of the same points of the bodies."""
+    if now[0] != then[0] or now[1] is then[1]:
+        return now[0] == then[0]
+    pairs = [(getattr(now[1], side), getattr(then[1], side)) for side in ("first", "second")]
+    return np.array_equal(now[1].first.feature, then[1].first.feature) and all(
+        np.array_equal(a.nodes, b.nodes) and np.array_equal(a.weights, b.weights) for a, b in pairs
+    )
+
+
 def _points(spots: Spots) -> Points:
     return Points(spots.nodes, spots.weights, np.empty((0, 3)))
 
 
 def _part(body: Body, mine: list[tuple[Array, float, Points]]) -> Part:
     if not mine:
-        return Part(
-            body, np.empty(0, int), np.empty((0, 1)), Points(np.empty((0, 0), int), np.empty((0, 0)), np.empty((0, 3)))
-        )
-    rows = np.concatenate([rows for rows, _, _ in mine])
-    signs = np.concatenate([np.full((len(rows), 1), sign) for rows, sign, _ in mine])
-    return Part(
-        body,
-        rows,
-        signs,
-        Points(*(np.concatenate(part) for part in zip(*(points for _, _, points in mine), strict=True))),
-    )
+        none = Points(np.empty((0, 0), int), np.empty((0, 0)), np.empty((0, 3)))
+        return Part(body, np.empty(0, int), slice(0, 0), np.empty((0, 1)), none)
+    pairs = np.concatenate([pairs for pairs, _, _ in mine])
+    signs = np.concatenate([np.full((len(own), 1), sign) for own, sign, _ in mine])
+    points = Points(*(np.concatenate(part) for part in zip(*(points for _, _, points in mine), strict=True)))
+    first, last = int(pairs[0]), int(pairs[-1])
+    in_one_piece = last - first == len(pairs) - 1
+    return Part(body, pairs, slice(first, last + 1) if in_one_piece else pairs, signs, points)
 
 
 def _block(rows: Array) -> tuple[Array, Array, Array, Array]:

@@ -215,8 +215,8 @@ class World:
         try:
             pairs, start, guide = self._begin(inputs or {})
             found, guide = find_forces(pairs, h, start, guide)
-            for body in self._soft:
-                body.close()
+            for soft in self._soft:
+                soft.close()
         except BaseException:
             for body in bodies.values():
                 body.undo()

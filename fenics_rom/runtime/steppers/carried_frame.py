@@ -50,6 +50,7 @@ from fenics_rom.runtime.steppers.inertia import pairs, times_inertia
 
 Wrench = tuple[Vector, Vector]
 MISFIT = 0.1  # of what the base moves by in a step: so far off may be what its twists say
+NO_TURN = 1e-18  # rad: by less coordinates are not coupled, as |G| <= 1 and |I2| <= 1 beside 2/h are below the last bit
 NEGLIGIBLE = 1e-6  # rad, and of the size of the body: what is no motion
 
 
@@ -295,7 +296,7 @@ class CarriedFrame(FrameKernel):
             *(xx / 2, yy / 2, zz / 2, yz / 2, xz / 2, xy / 2),  # I1
         )
         right = self._factors.dot(self._at_start)
-        if self._couples and (ω != ZERO or ω_end != ZERO):
+        if self._couples and h * (math.hypot(*ω) + math.hypot(*ω_end)) > NO_TURN:
             s, known = -h / 2, self._coupled_at
             self._coupled_at = s * xx, s * yy, s * zz, s * yz, s * xz, s * xy, 2 * a, 2 * b, 2 * c
             if self._coupled_at != known or self._A is None:

@@ -22,6 +22,7 @@ from fenics_rom.mechanics.actuator_forces import ActuatorForces
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion
 from fenics_rom.rom.midpoint_map import compliance
 from fenics_rom.runtime.steppers.kernel import BookedKernel, StepWork, symmetric
+from fenics_rom.runtime.steppers.residual_motion import operator_of
 
 
 class _Step(NamedTuple):
@@ -67,8 +68,7 @@ class ContactMidpoint(BookedKernel):
 
     def answer(self, some: Array) -> Array:
         """As in Kernel."""
-        rows = (3 * some[:, None] + np.arange(3)).ravel()
-        return self._delassus[rows[:, None], rows]
+        return operator_of(self._delassus, some)
 
     def close(self, contact: ContactSolution | None) -> float:
         """As in Kernel."""

@@ -82,8 +82,7 @@ class ResidualMotion:
 
     def delassus_of(self, some: Array) -> Array:
         """The same of some points (s,), (3 s, 3 s)."""
-        rows = (3 * some[:, None] + np.arange(3)).ravel()
-        return self._R[rows[:, None], rows] / self._relaxation.whole
+        return operator_of(self._R, some) / self._relaxation.whole
 
     @property
     def is_at_rest(self) -> bool:
@@ -238,3 +237,10 @@ def residual_motions(
         return ResidualMotion(part, residual.damping, has_inertia)
 
     return motion
+
+
+def operator_of(W: Array, some: Array) -> Array:
+    """What is of some points (s,) in an operator (3 P, 3 P), (3 s, 3 s)."""
+    rows = (3 * some[:, None] + np.arange(3)).ravel()
+    part: Array = W[rows[:, None], rows]
+    return part
