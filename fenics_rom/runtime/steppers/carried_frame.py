@@ -30,7 +30,6 @@ from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion
 from fenics_rom.mechanics.frame_motion import (
     ZERO,
     Quaternion,
-    Rotation,
     Vector,
     added,
     cross,
@@ -40,38 +39,16 @@ from fenics_rom.mechanics.frame_motion import (
     rotated,
     rotated_back,
     rotation_of,
-    turned,
 )
+from fenics_rom.runtime.steppers.carried_base import Motion, frame_state, misfit, motion_of
 from fenics_rom.runtime.steppers.frame_contact import touch
-from fenics_rom.runtime.steppers.frame_kernel import FrameKernel, FrameState, Shape, check_turn
+from fenics_rom.runtime.steppers.frame_kernel import FrameKernel, FrameState, check_turn
 from fenics_rom.runtime.steppers.frame_loads import FrameForces
 from fenics_rom.runtime.steppers.frame_points import FramePoints, Geometry, Push, turned_operator, vector
-from fenics_rom.runtime.steppers.inertia import pairs, times_inertia
+from fenics_rom.runtime.steppers.inertia import pairs
 
 Wrench = tuple[Vector, Vector]
-MISFIT = 0.1  # of what the base moves by in a step: so far off may be what its twists say
 NO_TURN = 1e-18  # rad: by less coordinates are not coupled, as |G| <= 1 and |I2| <= 1 beside 2/h are below the last bit
-NEGLIGIBLE = 1e-6  # rad, and of the size of the body: what is no motion
-
-
-class _Motion(NamedTuple):
-    """The body between two steps."""
-
-    q: Array
-    shape: Shape
-    R: Rotation
-    v: Vector  # of the base, in the frame's axes
-    ω: Vector
-
-    P: Vector  # and its momenta, linear and about the frame's origin
-    L: Vector
-
-
-def _motion(q: Array, shape: Shape, R: Rotation, v: Vector, ω: Vector, mass: float) -> _Motion:
-    """The same with its momenta."""
-    P = added(added(cross(ω, shape.moment), mass, v), 1.0, shape.drift)
-    L = added(added(times_inertia(shape.inertia, ω), 1.0, shape.moved), 1.0, cross(shape.moment, v))
-    return _Motion(q, shape, R, v, ω, P, L)
 
 
 class _Step(NamedTuple):
@@ -181,7 +158,7 @@ class CarriedFrame(FrameKernel):
         q, R = self._coordinates().copy(), rotation_of(*self.frame.rotation)
         twist = rotated_back(R, self.frame.velocity), rotated_back(R, self.frame.turning)
         self._square = float(self.state.dot(self.state))
-        self._now = self._now_before = _motion(q, self._shape_at(q, self._r), R, *twist, self._mass)
+        self._now = self._now_before = motion_of(q, self._shape_at(q, self._r), R, *twist, self._mass)
 
     def place(self, frame: FrameState) -> None:
         """Puts the base where it is to be; `turning` is its angular velocity in world axes, rad/s."""
@@ -264,7 +241,7 @@ class CarriedFrame(FrameKernel):
             touched = self.velocities(turn, arms, r̂, yielding) + self.translation(step, turn, push.force)
         e, r = self._e + self._travel * r̂, r̂ + r̂ - self._r
         q, v̂, ω̂ = e * self._inverse_ω, step.v̂, step.ω̂
-        after = _motion(q, self._shape_at(q, r), turn.after, step.v_end, step.ω_end, self._mass)
+        after = motion_of(q, self._shape_at(q, r), turn.after, step.v_end, step.ω_end, self._mass)
         of_base = dot(added(after.P, -1.0, now.P), v̂) + dot(added(after.L, -1.0, now.L), ω̂)
         supplied = of_base + h * float(step.modal.dot(r̂))
         if push is not None:  # the work of contact forces is booked as theirs
@@ -314,7 +291,7 @@ class CarriedFrame(FrameKernel):
             modal = modal + self._loads.points.rows.dot(forces.at_points.dot(turn.middle).ravel())
         return modal
 
-    def _wrench_of(self, h: float, step: _Step, r̂: Array, now: _Motion, after: _Motion, push: Push | None) -> Wrench:
+    def _wrench_of(self, h: float, step: _Step, r̂: Array, now: Motion, after: Motion, push: Push | None) -> Wrench:
         """Of the base on the body in a step of h s that led from one motion to another; in world axes."""
         v̂, ω̂, turn = step.v̂, step.ω̂, step.turn
         P̂, L̂ = mean(now.P, after.P), mean(now.L, after.L)
@@ -328,7 +305,7 @@ class CarriedFrame(FrameKernel):
             force, torque = added(force, -1.0, other[0]), added(torque, -1.0, other[1])
         return turn.mean(force), turn.mean(torque)
 
-    def _external(self, h: float, step: _Step, r̂: Array, now: _Motion, after: _Motion) -> Wrench:
+    def _external(self, h: float, step: _Step, r̂: Array, now: Motion, after: Motion) -> Wrench:
         """Force and torque about the origin in the frame's axes, but for base and contact."""
         forces, turn = step.forces, step.turn
         force, torque = forces.force, forces.torque
@@ -346,16 +323,9 @@ class CarriedFrame(FrameKernel):
 
     def _look_at_base(self, start: FrameState, end: FrameState, turn: Geometry, v̂: Vector) -> None:
         """Notes how far the base went otherwise than its twists say."""
-        h, moved = self.h, added(end.position, -1.0, start.position)
-        said = rotated(turn.before, added(v̂, 0.5, cross(turn.turn, v̂)))
-        away = math.hypot(*added(moved, -h, said))
-        if away > NEGLIGIBLE * self._size and away > MISFIT * max(math.hypot(*moved), h * math.hypot(*said)):
-            self.notes["misfit"] = max(self.notes["misfit"], away)
-        turned_by = 2 * _apart(turned(start.rotation, turn.turn), end.rotation)
-        if turned_by > NEGLIGIBLE and turned_by > MISFIT * max(
-            2 * _apart(start.rotation, end.rotation), math.hypot(*turn.turn)
-        ):
-            self.notes["misfit of turn"] = max(self.notes["misfit of turn"], turned_by)
+        away, turned_by = misfit(start, end, turn, v̂, self.h, self._size)
+        self.notes["misfit"] = max(self.notes["misfit"], away)
+        self.notes["misfit of turn"] = max(self.notes["misfit of turn"], turned_by)
 
     # What contact asks for; see frame_contact.
 
@@ -410,17 +380,3 @@ class CarriedFrame(FrameKernel):
         if self._inverse is None:
             self._inverse = np.linalg.inv(step.A) if step.A.ndim == 2 else np.diag(1 / step.A)
         return self._inverse
-
-
-def frame_state(base: BaseState) -> FrameState:
-    """A base as numbers, its rotation a unit quaternion to round-off."""
-    w, x, y, z = base.rotation.tolist()
-    size = (w * w + x * x + y * y + z * z) ** 0.5
-    rotation = w / size, x / size, y / size, z / size
-    return FrameState(vector(base.position), rotation, vector(base.velocity), vector(base.angular_velocity))
-
-
-def _apart(a: Quaternion, b: Quaternion) -> float:
-    """Sine of half of the angle, rad, between two rotations."""
-    (s, t, u, v), (w, x, y, z) = a, b
-    return math.dist(a, b if s * w + t * x + u * y + v * z > 0 else (-w, -x, -y, -z))

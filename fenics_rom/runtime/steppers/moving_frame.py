@@ -22,7 +22,8 @@ from fenics_rom.mechanics.step import MOVING_FRAME, StepInput, StepperState, Ste
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.moving_frame import MovingFrame
 from fenics_rom.rom.rom import Rom, diagonalized_span
-from fenics_rom.runtime.steppers.carried_frame import CarriedFrame, frame_state
+from fenics_rom.runtime.steppers.carried_base import frame_state
+from fenics_rom.runtime.steppers.carried_frame import CarriedFrame
 from fenics_rom.runtime.steppers.frame_kernel import FrameState
 from fenics_rom.runtime.steppers.frame_loads import FrameLoads
 from fenics_rom.runtime.steppers.frame_watch import FrameWatch
