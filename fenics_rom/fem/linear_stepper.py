@@ -14,6 +14,7 @@ from fenics_rom.mechanics.actuator_forces import PointsHeldBack
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointMotion, equilibrium_work
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.step import StepInput, StepResult
+from fenics_rom.mechanics.viscoelasticity import MaxwellBranches
 from fenics_rom.system.system import System
 
 
@@ -33,17 +34,30 @@ class FullOrderStepper(FullOrderBody):
         self._factored: tuple[float, PetscFactor] | None = None
         self._energy: float | None = 0.0
         self._before: tuple[Any, ...] = ()
+        self._branches: MaxwellBranches | None = None
+        series = None if environment is None else environment.environment.viscoelasticity
+        if series is not None and self._has_inertia:  # an equilibrium is relaxed
+            self._branches = MaxwellBranches(series, 2, len(self.x), system.algebra.total)
+            self._branches.set_time_step(dt)
 
     @property
     def energy(self) -> float:
-        """Stored energy ½ vᵀMv + ½ xᵀKx, J."""
+        """Stored energy ½ vᵀMv + ½ xᵀKx and that of branches, J."""
         if self._energy is None:
             self._renew_products()
             self._energy = self._dot(self.v, self._momentum) / 2 + self._dot(self.x, self._elastic) / 2
+            if self._branches is not None:
+                self._energy += self._branches.stored
         return self._energy
 
     def set_state(self, x: Array, v: Array) -> None:
-        """Puts the body somewhere, moving: local rows of displacement (m) and velocity (m/s), (rows here,) each."""
+        """Puts the body somewhere, moving, with relaxed branches.
+
+        Args:
+            x, v: local rows of displacement (m) and velocity (m/s), (rows here,) each.
+        """
+        if self._branches is not None:
+            self._branches.resume(np.empty(0))
         self.x, self.v = x.reshape(-1, 1).copy(), v.reshape(-1, 1).copy()
         self._momentum = self.system.mass @ self.v
         self._elastic = self._stiffness @ self.x
@@ -79,6 +93,8 @@ class FullOrderStepper(FullOrderBody):
         self._renew_products()
         force = force[:, None]
         right = force + 2 / h * self._momentum - self._elastic if self._has_inertia else force - self._elastic
+        if self._branches is not None:
+            right -= self._branches.pull[1][:, None]
         v = factor.solve(right)
         found, rubbed = self.reactions, None
         if given is None or self.actuators is None:
@@ -95,6 +111,7 @@ class FullOrderStepper(FullOrderBody):
             raise StepError("the input leads out of the finite numbers; the state was left as it was")
         sums = None if self.ledger is None else self.ledger.sums
         self._before = (self.x, self.v, self._momentum, self._elastic, self.contact, self.reactions), sums
+        Kv = None
         if self.ledger is not None:
             Mv, Kv = self._refined(factor, right, v)
             if not self._has_inertia:
@@ -107,6 +124,10 @@ class FullOrderStepper(FullOrderBody):
                     self.ledger.book_contact(*contact.work(self.interface.at_points(v), h))
             self._momentum = 2 * Mv - self._momentum
             self._elastic = self._elastic + h * Kv
+        if self._branches is not None:
+            heat = self._branches.step(np.hstack([v, self._stiffness @ v if Kv is None else Kv]).T)
+            if self.ledger is not None:
+                self.ledger.book(dissipated=heat)
         self.contact, self.reactions = contact, found
         self.x = self.x + h * v
         if self._has_inertia:
@@ -119,6 +140,8 @@ class FullOrderStepper(FullOrderBody):
         state, sums = self._before
         self.x, self.v, self._momentum, self._elastic, self.contact, self.reactions = state
         self.time, self._energy = self.time - self.dt, None
+        if self._branches is not None:
+            self._branches.rollback()
         if self.ledger is not None:
             self.ledger.sums = sums
 
@@ -194,9 +217,16 @@ class FullOrderStepper(FullOrderBody):
         return Mv + s.mass @ correction, Kv + s.stiffness @ correction
 
     def _resisted(self, v: Array, Mv: Array, Kv: Array) -> Array:
-        """A v, A = 2/h M + D + h/2 K; without inertia A = h K."""
+        """A v, A = 2/h M + D + h/2 K, with the stiffening time of branches beside h/2; without inertia A = h K."""
         h = self.dt
-        return 2 / h * Mv + self._damped(v, Mv, Kv) + h / 2 * Kv if self._has_inertia else h * Kv
+        if not self._has_inertia:
+            return h * Kv
+        return 2 / h * Mv + self._damped(v, Mv, Kv) + (h / 2 + self._stiffening_time) * Kv
+
+    @property
+    def _stiffening_time(self) -> float:
+        """Of branches in a step, s."""
+        return 0.0 if self._branches is None else self._branches.stiffening_time
 
     def _damped(self, v: Array, Mv: Array, Kv: Array) -> Array:
         """D v."""
@@ -212,12 +242,15 @@ class FullOrderStepper(FullOrderBody):
         if self._factored is None or self._factored[0] != h:
             self.close()
             s = self.system
+            if self._branches is not None:
+                self._branches.set_time_step(h)
+            elastic = h / 2 + self._stiffening_time
             terms: tuple[tuple[float, Any], ...] = ((h, s.stiffness),)
             if self._has_inertia and s.rayleigh is None:
-                terms = (2 / h, s.mass), (1.0, s.damping), (h / 2, s.stiffness)
+                terms = (2 / h, s.mass), (1.0, s.damping), (elastic, s.stiffness)
             elif self._has_inertia and s.rayleigh is not None:
                 α, β = s.rayleigh
-                terms = (2 / h + α, s.mass), (h / 2 + β, s.stiffness)
+                terms = (2 / h + α, s.mass), (elastic + β, s.stiffness)
             self._factored = h, PetscFactor(combination(*terms), one_by_one=True)
             if self.interface is not None:
                 self._delassus = self.interface.delassus(self._factored[1].solve(self.interface.Sᵀ))

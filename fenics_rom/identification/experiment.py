@@ -76,6 +76,8 @@ def make_experiment(scene: Scene, data: Sequence[Data], system: System) -> Exper
         SceneError: the scene has a load whose value at rest cannot be told, or none in its run.
     """
     scene.environment.check_forces_given("an identification")
+    if scene.effects.viscoelasticity is not None:
+        raise SceneError(f"{scene.source}: effects.viscoelasticity: an identification needs an elastic material")
     markers = tuple(dict.fromkeys(marker for part in data for marker in part.markers))
     motions = [part for part in data if isinstance(part, Motion)]
     at_rest = [part for part in data if isinstance(part, Equilibria)]

@@ -17,6 +17,7 @@ from fenics_rom.mechanics.signals import Signal
 
 if TYPE_CHECKING:
     from fenics_rom.mechanics.obstacles import Obstacle
+    from fenics_rom.mechanics.viscoelasticity import PronySeries
 
 PERMANENT_EFFECTS = ("springs", "point_masses", "rigid_parts")  # part of the matrices: no run can leave them out
 STROKE_UNITS = {"length": "m", "volume": "m3"}  # of what is given of an actuator in place of its force
@@ -84,6 +85,7 @@ class Environment:
         frame: "fixed", or "moving": the body turns as far as it likes, free or carried by a rigid base.
         base_path: of that base; None where it is given in Python, or there is none.
         has_inertia: whether the body has inertia; without it every step is an equilibrium.
+        viscoelasticity: how its material relaxes; None: it is elastic. Equilibria are relaxed.
         loads: that act by signals of their own: gravity, base motions, prescribed forces; in the order of the columns.
         obstacles: by name.
         contact_law: how the body meets them; None where the scene names no contact.
@@ -108,6 +110,7 @@ class Environment:
     frame: str = "fixed"
     base_path: BasePath | None = None
     has_inertia: bool = True
+    viscoelasticity: "PronySeries | None" = None
     loads: Mapping[str, Load] = field(default_factory=dict)
     obstacles: Mapping[str, MovingObstacle] = field(default_factory=dict)
     contact_law: ContactLaw | None = None
@@ -136,9 +139,9 @@ class Environment:
 
     @property
     def is_plain(self) -> bool:
-        """Whether nothing acts but forces that are inputs, on a body with inertia in a fixed frame."""
+        """Whether nothing acts but forces that are inputs, on an elastic body with inertia in a fixed frame."""
         found = self.contact_law is not None or self.finds_forces
-        return self.has_inertia and not (self.is_moving or self.loads or found)
+        return self.has_inertia and not (self.is_moving or self.loads or found or self.viscoelasticity)
 
     @property
     def finds_forces(self) -> bool:

@@ -3,15 +3,23 @@
 from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StructureError
 from fenics_rom.io.progress import Report, silent
+from fenics_rom.mechanics.environment import HasEnvironment
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.rom import Rom
 from fenics_rom.system.system import System
+
+
+def relative_modulus(of: HasEnvironment | None, ω: float | Array) -> Any:
+    """Modulus of the material of a scene or an environment at ω, rad/s, as a multiple of the relaxed one."""
+    series = None if of is None else of.environment.viscoelasticity
+    return 1.0 if series is None else series.modulus(ω)
 
 
 def response(γ: Array, damping: Array, G: Array, ω: float) -> Array:
@@ -21,19 +29,19 @@ def response(γ: Array, damping: Array, G: Array, ω: float) -> Array:
     return np.linalg.solve(np.diag(γ - ω**2) + 1j * ω * damping, G)
 
 
-def elastic_response(mode: ContactModel, columns: int, ω: float) -> Array:
-    """The same of a contact mode's own columns, without its rigid motions, (m - ρ, columns)."""
+def elastic_response(mode: ContactModel, columns: int, ω: float, modulus: complex = 1.0) -> Array:
+    """The same of a contact mode's own columns, without its rigid motions, (m - ρ, columns); see relative_modulus."""
     ρ, D = mode.rigid, mode.damping
-    return response(mode.eigenvalues[ρ:], D[ρ:] if D.ndim == 1 else D[ρ:, ρ:], mode.inputs[ρ:, :columns], ω)
+    return response(modulus * mode.eigenvalues[ρ:], D[ρ:] if D.ndim == 1 else D[ρ:, ρ:], mode.inputs[ρ:, :columns], ω)
 
 
 def dynamic_product(system: System, x: Array, ω: Array) -> Array:
-    """(K + iωD - ω²M) x for complex columns x (rows here, c), each at its own ω (c,)."""
-    Mx, Kx = system.mass @ x, system.stiffness @ x
+    """(K + iωD - ω²M) x for complex columns x (rows here, c), each at its own ω (c,); K as it is there."""
+    Mx, Kx, modulus = system.mass @ x, system.stiffness @ x, relative_modulus(system.scene, ω)
     if system.rayleigh is None:
-        return Kx + 1j * ω * (system.damping @ x) - ω**2 * Mx
+        return modulus * Kx + 1j * ω * (system.damping @ x) - ω**2 * Mx
     α, β = system.rayleigh
-    return (1 + 1j * ω * β) * Kx + (1j * ω * α - ω**2) * Mx
+    return (modulus + 1j * ω * β) * Kx + (1j * ω * α - ω**2) * Mx
 
 
 def inner_products(system: System, left: Array, right: Array) -> Array:
@@ -70,13 +78,14 @@ def full_responses(system: System, rom: Rom, frequencies: Array, report: Report 
     sizes, errors = (np.zeros((len(rom.contact_models), len(frequencies))) for _ in range(2))
     for done, ω in enumerate(frequencies):
         report("frequency responses", done, len(frequencies))
-        terms = (-(ω**2) + 0j, system.mass), (1j * ω, system.damping), (1.0 + 0j, system.stiffness)
+        modulus = relative_modulus(system.scene, ω)
+        terms = (-(ω**2) + 0j, system.mass), (1j * ω, system.damping), (modulus + 0j, system.stiffness)
         with closing(system.algebra.factor(*terms)) as factor:
             H = factor.solve(B)
         column = 0
         for k, (name, mode) in enumerate(rom.contact_models.items()):
             block, C = slice(column, column + widths[name]), mode.coordinates[:, mode.rigid :]
-            q = elastic_response(mode, widths[name], ω)
+            q = elastic_response(mode, widths[name], ω, modulus)
             reduced = Q @ (C @ q.real) + 1j * (Q @ (C @ q.imag))
             sizes[k, done] = np.linalg.norm(mass_norms(system, H[:, block]))
             errors[k, done] = np.linalg.norm(mass_norms(system, H[:, block] - reduced))

@@ -59,11 +59,13 @@ def _compared(
     run, system, points = rom.environment.run, problem.system, Sᵀ.shape[1] // 3
     if run is None:
         return residual
-    h, has_inertia = run.dt, rom.environment.has_inertia
+    h, has_inertia, series = run.dt, rom.environment.has_inertia, rom.environment.viscoelasticity
+    branches = 0.0 if series is None else series.stiffening_time(h)
     compared = np.unique(np.linspace(0, points - 1, POINTS_COMPARED).astype(int))
     columns = (3 * compared[:, None] + np.arange(3)).ravel()
     if has_inertia:
-        terms: list[tuple[complex, Any]] = [(2 / h, system.mass), (1.0, system.damping), (h / 2, system.stiffness)]
+        elastic: tuple[complex, Any] = h / 2 + branches, system.stiffness
+        terms: list[tuple[complex, Any]] = [(2 / h, system.mass), (1.0, system.damping), elastic]
         with closing(system.algebra.factor(*terms)) as factor:
             full = system.algebra.inner(Sᵀ, factor.solve(Sᵀ[:, columns]))
     else:
@@ -71,10 +73,10 @@ def _compared(
     errors, H = {}, strained_points(rom.stiffness, SQ, residual)
     for name, model in rom.contact_models.items():
         S = SQ @ model.coordinates
-        A = compliance(model, h)[0] if has_inertia else 1 / (h * model.eigenvalues)
+        A = compliance(model, h, branches)[0] if has_inertia else 1 / (h * model.eigenvalues)
         reduced = S @ (A @ S[columns].T if A.ndim == 2 else A[:, None] * S[columns].T)
         part = residual_part(rom.stiffness, model, H, residual)
-        a = relaxation(h, part.time_constant, residual.damping).whole if has_inertia else h
+        a = relaxation(h, part.time_constant, residual.damping, branches).whole if has_inertia else h
         both = reduced + part.compliance[:, columns] / a
         without, beside = (np.linalg.norm(W - full) / np.linalg.norm(full) for W in (reduced, both))
         errors[name] = float(without), float(beside)

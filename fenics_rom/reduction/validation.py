@@ -12,7 +12,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.reduction.common_basis import Subspace, block_starts, split_like
-from fenics_rom.reduction.frequency_response import dynamic_product, inner_products, response
+from fenics_rom.reduction.frequency_response import dynamic_product, inner_products, relative_modulus, response
 from fenics_rom.reduction.problem import ReductionProblem
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.system.columns import apply_to_complex
@@ -90,10 +90,11 @@ def _samples(problem: ReductionProblem, name: str, model: ContactModel, W: Array
     G = W.T @ problem.system.algebra.inner(problem.space.basis, B)
     random = np.random.default_rng(0)
     for ω in sample_frequencies(model):
-        mixed = np.eye(B.shape[1])
+        mixed, modulus = np.eye(B.shape[1]), relative_modulus(problem.system.scene, ω)
         if B.shape[1] > width:
             mixed = np.linalg.qr(random.standard_normal((B.shape[1], width)))[0]
-        samples.append(Sample(name, ω, B @ mixed, W @ response(model.eigenvalues, model.damping, G @ mixed, ω)))
+        reduced = response(modulus * model.eigenvalues, model.damping, G @ mixed, ω)
+        samples.append(Sample(name, ω, B @ mixed, W @ reduced))
     return samples
 
 
@@ -116,7 +117,10 @@ def _squared_norms(problem: ReductionProblem, whole: Subspace, group: list[Sampl
     ω = np.repeat([sample.frequency for sample in group], widths)
     projected = split_like(whole.coordinates.T @ system.algebra.inner(X, inputs), blocks)
     within = whole.coordinates @ np.hstack(
-        [response(whole.eigenvalues, whole.damping, G, s.frequency) for G, s in zip(projected, group, strict=True)]
+        [
+            response(relative_modulus(system.scene, s.frequency) * whole.eigenvalues, whole.damping, G, s.frequency)
+            for G, s in zip(projected, group, strict=True)
+        ]
     )
     error = within - np.hstack([sample.reduced for sample in group])
     preconditioned = problem.factor.solve

@@ -11,6 +11,7 @@ loads/NAME/                  loads with signals of their own; columns (1,) and a
     values (w,) or (T, w)    in the unit of the input
     times (T,) s             where values change
 obstacles/NAME/              attribute `shape`; what describes it (point, normal, ...), and a signal, m
+viscoelasticity/             ratios (b,), times (b,) s; absent where the material is elastic
 contact_law/                 restitution, friction (1,); stiffness N/m, damping N s/m (1,); absent without contact
 run/                         dt, duration (1,) s, snapshots (1,), every (1,); attribute detail, absent where
                              it is full; absent where the scene has none
@@ -19,7 +20,7 @@ run/                         dt, duration (1,) s, snapshots (1,), every (1,); at
     loads/NUMBER/            attributes contact, actuator (one is empty); start, stop (1,) s; a signal
 """
 
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import h5py
 import numpy as np
@@ -42,6 +43,9 @@ from fenics_rom.mechanics.environment import (
 )
 from fenics_rom.mechanics.initial_state import InitialState, Instant
 from fenics_rom.mechanics.signals import Signal
+
+if TYPE_CHECKING:
+    from fenics_rom.mechanics.viscoelasticity import PronySeries
 
 INPUT_UNIT = "unit of the input"
 YES, NO = "yes", "no"
@@ -74,7 +78,11 @@ PATH = {
 }
 SPAN = {"start": Entry("s", (1,)), "stop": Entry("s", (1,))}
 GUIDE = {"friction": Entry("1", (1,)), "angle": Entry("rad", (1,))}
-GROUPS = ("base_path", "effects", "built_in", "controls", "guides", "loads", "obstacles", "contact_law", "run")
+SERIES = {"ratios": Entry("1", ("b",)), "times": Entry("s", ("b",))}
+GROUPS = (
+    *("base_path", "effects", "built_in", "controls", "guides", "loads", "obstacles", "viscoelasticity"),
+    *("contact_law", "run"),
+)
 COLUMNS = {"columns": Entry("1", (1,), "i")}
 
 
@@ -108,6 +116,8 @@ def put_environment(h5: h5py.File, environment: Environment) -> None:
         part, shape = obstacles.create_group(name), shape_of(obstacle.shape)
         put_text(part, shape=shape)
         _put(part, _dimensions(shape), vars(obstacle.shape), obstacle.displacement, "m")
+    if environment.viscoelasticity is not None:
+        put_arrays(group.create_group("viscoelasticity"), SERIES, {}, vars(environment.viscoelasticity))
     law, run = environment.contact_law, environment.run
     if law is not None:
         put_arrays(group.create_group("contact_law"), LAW, {}, vars(law))
@@ -149,6 +159,7 @@ def take_environment(h5: h5py.File) -> Environment:
         frame=_word(group, "frame", FRAMES),
         base_path=_path(get_group(group, "base_path")) if "base_path" in group else None,
         has_inertia=has_inertia == YES,
+        viscoelasticity=_series(get_group(group, "viscoelasticity")) if "viscoelasticity" in group else None,
         loads={name: _load(get_group(loads, name)) for name in loads},
         obstacles={name: _obstacle(get_group(obstacles, name)) for name in obstacles},
         contact_law=law,
@@ -179,6 +190,15 @@ def _path(group: h5py.Group) -> BasePath:
     if mistake := path.mistake():
         raise FileError(f"{group.name}: {mistake}")
     return path
+
+
+def _series(group: h5py.Group) -> "PronySeries":
+    from fenics_rom.mechanics.viscoelasticity import PronySeries  # here, as few bodies have it
+
+    arrays = get_record(group, SERIES)
+    if not all((values > 0).all() for values in arrays.values()):
+        raise FileError(f"{group.name}: ratios and times must be positive")
+    return PronySeries(**{name: tuple(values.tolist()) for name, values in arrays.items()})
 
 
 def _guides(group: h5py.Group) -> dict[str, Guide]:

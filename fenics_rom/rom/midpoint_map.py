@@ -16,14 +16,16 @@ def checked_dt(dt: float) -> float:
     return float(dt)
 
 
-def compliance(mode: ContactModel, h: float) -> tuple[Array, Array]:
+def compliance(mode: ContactModel, h: float, stiffening_time: float = 0.0) -> tuple[Array, Array]:
     """A⁻¹ and, but for a rotation, R A⁻¹: (m,) each where the damping is diagonal, else (m, m). h in s.
+
+    `stiffening_time` (s) is that of Maxwell branches, which resist v̂ by so much times γ beside h/2 γ.
 
     With S = 2/h + h/2 γ and the singular values P σ Uᵀ of R S^(-1/2), A⁻¹ = S^(-1/2) U (1 + σ²)⁻¹ Uᵀ S^(-1/2), which
     is symmetric and positive in round-off too, and Pᵀ R A⁻¹ = σ (1 + σ²)⁻¹ Uᵀ S^(-1/2): as a product of the two, what a
     strong dashpot dissipates would be lost to cancellation.
     """
-    R, S = mode.damping_root, 2 / h + h / 2 * mode.eigenvalues
+    R, S = mode.damping_root, 2 / h + (h / 2 + stiffening_time) * mode.eigenvalues
     if R.ndim == 1:
         a = 1 / (S + mode.damping)
         return a, R * a

@@ -201,6 +201,11 @@ class Rom(ByContent):
                     f"ROM {self.name!r} has {what} in its scene, which is not linear in forces that are inputs: "
                     "reduce the scene without it"
                 )
+        if acting.viscoelasticity is not None:
+            raise StructureError(
+                f"ROM {self.name!r} has viscoelasticity in its scene, whose branches are no states of displacement and "
+                "velocity: reduce the scene without it"
+            )
 
     @property
     def rigid(self) -> int:

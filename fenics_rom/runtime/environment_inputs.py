@@ -86,6 +86,8 @@ def fit_batch(rom: Rom, signals: Mapping[str, SignalLike] | None) -> tuple[Rom, 
             f"ROM {rom.name!r} has strokes, tendon friction or no inertia in its scene: allowed are forces that are "
             f"known before a step, and contact; {one_by_one}"
         )
+    if acting.viscoelasticity is not None:
+        raise StepError(f"ROM {rom.name!r} has viscoelasticity in its scene: {one_by_one}")
     if law is not None and rom.deformation is not None:
         raise StepError(f"ROM {rom.name!r} has contact with large deformation: {one_by_one}")
     definite = acting.residual_compliance and rom.residual_compliance is not None

@@ -238,7 +238,7 @@ class Rollout:
             q = body.state[0]
             rows.append(np.concatenate([body.output_rows(name) @ q for name in names])[None])
 
-        if body.rom.rigid:  # outputs follow what energy coordinates do not hold
+        if body.rom.rigid or body.relaxes:  # there is more than energy coordinates hold
             for count, row in enumerate(u, start=taken + 1):
                 body.step(row[: body.inputs])  # its loads act by themselves
                 if names and count % every == 0:

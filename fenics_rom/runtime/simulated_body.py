@@ -94,6 +94,11 @@ class SimulatedBody:
         return self._stepper.state
 
     @property
+    def relaxes(self) -> bool:
+        """Whether the material does, by branches that have strains of their own."""
+        return self._stepper.kernel.branches is not None
+
+    @property
     def steps_in_blocks(self) -> bool:
         """Whether `step_in_block` can tell all that there is to read after each step."""
         return self._stepper.kernel.holds_steps and not self.rom.rigid and not self.rom.readings

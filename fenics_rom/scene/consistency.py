@@ -10,7 +10,7 @@ from fenics_rom.mechanics.environment import AppliedLoad
 from fenics_rom.mechanics.hyperelastic import isochoric_terms
 from fenics_rom.mechanics.initial_state import SMALL_ROTATION, ZERO
 from fenics_rom.scene.effect_table import ACTUATORS, EFFECTS, LOADS
-from fenics_rom.scene.effects import Contact, Effects
+from fenics_rom.scene.effects import Contact, Effects, Viscoelasticity
 from fenics_rom.scene.environment import guides_of, obstacle_of
 from fenics_rom.scene.file_format import LoadEntry, SceneFile
 from fenics_rom.scene.scene import ReadingEntry, check_order
@@ -20,6 +20,7 @@ NOT_MOVING = {  # effects that a moving frame does not have
     "springs": "are tied to the ground",
     "point_masses": "are not in the inertia of a frame",
     "rigid_parts": "are not in the inertia of a frame",
+    "viscoelasticity": "is not in the motion of a frame",
     "base_motion": "shakes a support in a fixed frame, and base_path carries it",
     "large_deformation": "turns a body as far as it likes by itself",
 }
@@ -143,6 +144,8 @@ def _check_effects(effects: Effects, actuators: Mapping[str, Any]) -> None:
     for name, motion in effects.base_motion.items():
         if not any(motion.direction):
             raise SceneError(f"effects.base_motion.{name}.direction: allowed is any but zero")
+    if effects.viscoelasticity is not None:
+        _check_branches(effects.viscoelasticity, effects)
     if effects.large_deformation is not None:
         try:
             isochoric_terms(effects.large_deformation.law)
@@ -150,6 +153,22 @@ def _check_effects(effects: Effects, actuators: Mapping[str, Any]) -> None:
             raise SceneError(f"effects.large_deformation.constants: {error}") from None
     if effects.contact is not None:
         _check_contact(effects.contact, has_inertia=effects.inertia is not None)
+
+
+def _check_branches(viscous: Viscoelasticity, effects: Effects) -> None:
+    if len(viscous.ratios) != len(viscous.times):
+        raise SceneError(
+            f"effects.viscoelasticity: ratios are {len(viscous.ratios)}, times {len(viscous.times)}: allowed is one of "
+            "each for every branch"
+        )
+    if effects.large_deformation is not None:
+        raise SceneError(
+            "effects.large_deformation: has no branches of effects.viscoelasticity; allowed is one of the two"
+        )
+    if effects.springs:
+        raise SceneError(
+            "effects.springs: would relax with the material of effects.viscoelasticity; allowed is one of the two"
+        )
 
 
 def _check_frame(file: SceneFile) -> None:

@@ -27,12 +27,13 @@ class EffectEntry:
         return keys_of(self.kind)
 
     @property
-    def numbers(self) -> dict[str, tuple[str, int]]:
-        """Unit and length of each parameter that is a number or a list of numbers, where there is one of it."""
+    def numbers(self) -> dict[str, tuple[str, int | None]]:
+        """Unit and length (None: any) of each parameter of numbers, where there is one of it."""
         found = {}
         for key, annotation in () if self.several else self.parameters.items():
-            value, length = value_in(annotation), 1
-            if isinstance(value, Items) and value.length is not None:
+            value: Any = value_in(annotation)
+            length: int | None = 1
+            if isinstance(value, Items):
                 length, value = value.length, value_in(part_of(annotation, 0))
             if isinstance(value, Number):
                 found[key] = value.unit or "1", length
@@ -54,7 +55,7 @@ def numbers_of(effects: Effects) -> dict[str, dict[str, Any]]:
     numbers = {}
     for name in effects.names:
         given = {key: getattr(getattr(effects, name), key) for key in EFFECTS[name].numbers}
-        numbers[name] = {key: value for key, value in given.items() if value is not None}
+        numbers[name] = {key: value for key, value in given.items() if value not in (None, ())}
     return numbers
 
 

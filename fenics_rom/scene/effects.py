@@ -74,6 +74,28 @@ class Damping(RayleighDamping):
     dashpots: Annotated[Mapping[Name, Dashpot], "dashpots to ground"] = field(default_factory=dict)
 
 
+@dataclass(frozen=True)
+class Viscoelasticity:
+    """A material that creeps and relaxes: a generalised Maxwell solid, by its Prony series."""
+
+    LAW: ClassVar = Law(
+        force="Σ g K w, dw/dt = dx/dt - w/τ: for each branch a spring g K in line with a dashpot; `young` is relaxed",
+        stores="½ Σ g wᵀ K w",
+        dissipates="Σ g/τ wᵀ K w per second",
+        needs=("inertia",),
+        changing=("ratios", "times"),
+    )
+    ratios: Annotated[
+        tuple[Annotated[float, Number(above=0.0)], ...],
+        Items(at_least=1),
+        "g, stiffness of each branch as a share of the relaxed stiffness; of shares ḡ of the instantaneous one "
+        "(Abaqus and others) it is ḡ/(1 - Σ ḡ)",
+    ]
+    times: Annotated[
+        tuple[Annotated[float, Number(above=0.0, unit="s")], ...], Items(at_least=1), "τ, in which each branch relaxes"
+    ]
+
+
 @dataclass(frozen=True, kw_only=True)
 class Spring(Place):
     """A spring to ground, spread evenly over a surface."""
@@ -344,6 +366,7 @@ class Effects:
 
     inertia: Inertia | None = None
     damping: Damping | None = None
+    viscoelasticity: Viscoelasticity | None = None
     springs: Mapping[Name, Spring] = field(default_factory=dict)
     point_masses: Mapping[Name, PointMass] = field(default_factory=dict)
     rigid_parts: Mapping[Name, RigidPart] = field(default_factory=dict)

@@ -22,6 +22,7 @@ from fenics_rom.mechanics.environment import (
 )
 from fenics_rom.mechanics.obstacles import SHAPES, Obstacle, dimensions_of
 from fenics_rom.mechanics.tendon import turning_angles
+from fenics_rom.mechanics.viscoelasticity import PronySeries
 from fenics_rom.scene.effect_table import ACTUATORS, EFFECTS, numbers_of
 from fenics_rom.scene.effects import Effects, RigidObstacle
 from fenics_rom.scene.values import default_of
@@ -29,13 +30,14 @@ from fenics_rom.scene.values import default_of
 
 def environment_of(effects: Effects, frame: str, run: Run | None, source: str) -> Environment:
     """What acts in the runs of a scene of that frame and source; SceneError where an obstacle is not of its shape."""
-    contact, numbers = effects.contact, numbers_of(effects)
+    contact, viscous, numbers = effects.contact, effects.viscoelasticity, numbers_of(effects)
     obstacles = {} if contact is None else contact.obstacles
     return Environment(
         effects={name: words(name, numbers[name]) for name in effects.names},
         frame=frame,
         base_path=None if effects.base_path is None else effects.base_path.table,
         has_inertia=effects.inertia is not None,
+        viscoelasticity=None if viscous is None else PronySeries(viscous.ratios, viscous.times),
         loads=(
             ({} if effects.gravity is None else {"gravity": Load(1, GRAVITY_SIGNAL)})
             | {name: Load(1, motion.signal) for name, motion in effects.base_motion.items()}

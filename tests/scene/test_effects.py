@@ -104,6 +104,7 @@ def test_table_of_effects_is_sound():
         assert any(part != "nothing" for part in balance), name
     assert EFFECTS["gravity"].numbers == {"acceleration": ("m/s2", 3)}
     assert EFFECTS["friction"].numbers == {"coefficient": ("1", 1)}
+    assert EFFECTS["viscoelasticity"].numbers == {"ratios": ("1", None), "times": ("s", None)}
     assert EFFECTS["tendon"].numbers == {}
 
 
@@ -111,7 +112,7 @@ def test_all_effects_are_read_with_their_defaults():
     knob = '[effects.point_masses.knob]\nsurface = "right"\nmass = 0.2\n'
     knob += '[effects.rigid_parts.nail]\nsurface = "right"\nmass = 0.2\ncenter = [1.1, 0, 0]'
     effects = parse(f"{ALL}\n{knob}\n[effects.large_deformation]").effects
-    others = ("tendon_friction", "base_path")  # which go without large_deformation, and with a moving frame
+    others = ("tendon_friction", "base_path", "viscoelasticity")  # which do not go with large_deformation or springs
     assert effects.names == tuple(name for name in EFFECTS if name not in others)
     assert effects.large_deformation == LargeDeformation(material="st_venant_kirchhoff")
     assert effects.inertia == Inertia()
@@ -356,13 +357,8 @@ def test_run_among_obstacles_is_read_to_the_last_bit(rom, tmp_path):
     fr.write_trajectory(tmp_path / "run.h5", run)
     back = fr.read_trajectory(tmp_path / "run.h5")
     assert same(back, run)
-    assert set(back.effects) == set(EFFECTS) - {
-        "base_path",
-        "large_deformation",
-        "tendon_friction",
-        "point_masses",
-        "rigid_parts",
-    }
+    others = {"base_path", "large_deformation", "tendon_friction", "point_masses", "rigid_parts", "viscoelasticity"}
+    assert set(back.effects) == set(EFFECTS) - others
     assert list(back.forces) == ["floor", "ball"]
     assert list(back.contact_account) == ["obstacles", "contact", "friction"]
     assert {"gravity", "contact, friction", "inertia, damping, elasticity"} <= set(back.profile)

@@ -100,7 +100,7 @@ class CarriedFrame(FrameKernel):
         """Stored, J: of the motion in world axes, and elastic."""
         now = self._now
         carried = dot(now.P, now.v) + dot(now.L, now.ω) + dot(now.shape.drift, now.v) + dot(now.shape.moved, now.ω)
-        return self._with_residual_energy((carried + self._square) / 2)
+        return self._with_carried_energy((carried + self._square) / 2)
 
     @property
     def angular_velocity(self) -> Vector:

@@ -28,7 +28,7 @@ class Equilibrium(FiniteStrainKernel):
     @property
     def energy(self) -> float:
         """Stored, J."""
-        return self._with_residual_energy(self._body.energy(self._coordinates()))
+        return self._with_carried_energy(self._body.energy(self._coordinates()))
 
     def step(self, u: Array, obstacles: ObstacleMotion | None = None) -> float:
         """As in Kernel."""
@@ -76,7 +76,7 @@ class Equilibrium(FiniteStrainKernel):
             np.multiply(q, self._ω, self._e)
             self.contact, self.reactions = contact, reactions
             self._note(q, E, self._acting(u))
-            return 2 * self._with_residual_energy(stored)
+            return 2 * self._with_carried_energy(stored)
 
     def _balanced(
         self, u: Array, given: Array, obstacles: ObstacleMotion | None, start: Array, q: Array, unbalanced: Array

@@ -112,7 +112,7 @@ class FreeFrame(FrameKernel):
         """Stored, J."""
         shape, ω, v = self._now.shape, self._now.ω, self.frame.velocity
         rigid = self._mass * dot(v, v) + dot(ω, times_inertia(shape.inertia, ω)) + 2 * dot(ω, shape.moved)
-        return self._with_residual_energy((rigid + self._square) / 2)
+        return self._with_carried_energy((rigid + self._square) / 2)
 
     @property
     def angular_velocity(self) -> Vector:

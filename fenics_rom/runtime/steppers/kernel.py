@@ -13,6 +13,7 @@ from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.rom.contact_model import ContactModel
 
 if TYPE_CHECKING:
+    from fenics_rom.mechanics.viscoelasticity import MaxwellBranches
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
     from fenics_rom.runtime.steppers.residual_motion import ResidualMotion
 
@@ -28,6 +29,7 @@ class Kernel:
         contact: in the last step; None where nothing touched.
         reactions: (n,) forces that were found in the last step, of strokes that are given, then at guides, N or Pa.
         residual: how the contact points yield beyond the basis; None where that is not known.
+        branches: how the material relaxes, of strains in energy coordinates √γ w; None where it is elastic.
         notes: of the run so far, to tell the user: numbers that a run begins at 0. A kernel writes those of its own.
     """
 
@@ -37,6 +39,7 @@ class Kernel:
     reactions: Array = np.empty(0)
     notes: dict[str, float]
     residual: "ResidualMotion | None" = None
+    branches: "MaxwellBranches | None" = None
     holds_steps: bool = False  # since the buffer was reset: what `passed` tells
     answers_linearly: bool = False  # contact points within a step to forces: then it has `open`, `answer` and `close`
 
@@ -128,6 +131,7 @@ class BookedKernel(Kernel):
         interface: the contact points, if there are any.
         actuators: those whose forces are found, if there are any.
         residual: how the contact points yield beyond the basis, if that is known.
+        branches: how the material relaxes, if it does.
 
     Attributes:
         touched: mid-step velocities (P, 3) of the contact points, m/s, in the last step under contact forces.
@@ -143,10 +147,11 @@ class BookedKernel(Kernel):
         interface: "ContactInterface | None",
         actuators: ActuatorForces | None = None,
         residual: "ResidualMotion | None" = None,
+        branches: "MaxwellBranches | None" = None,
     ):
         self._model, self._ledger, self._interface, self._actuators = model, ledger, interface, actuators
         self.reactions = self._reactions_before = np.zeros(0 if actuators is None else len(actuators.columns))
-        self.residual = residual
+        self.residual, self.branches = residual, branches
         self._rigid_displacement, self._rigid_before = rigid_displacement, rigid_displacement.copy()
         self._contact_before: ContactSolution | None = None
         self._owed: StepWork | None = None
@@ -164,12 +169,13 @@ class BookedKernel(Kernel):
     @property
     def energy(self) -> float:
         """Stored, J."""
-        return self._with_residual_energy(super().energy)
+        return self._with_carried_energy(super().energy)
 
     @property
     def auxiliary(self) -> Array:
         """As in Kernel."""
-        return super().auxiliary if self.residual is None else self.residual.state
+        of_residual = super().auxiliary if self.residual is None else self.residual.carried
+        return of_residual if self.branches is None else np.concatenate([of_residual, self.branches.state.ravel()])
 
     def set_time_step(self, h: float) -> None:
         """As in Kernel."""
@@ -177,6 +183,8 @@ class BookedKernel(Kernel):
         self.h = h
         if self.residual is not None:
             self.residual.set_time_step(h)
+        if self.branches is not None:
+            self.branches.set_time_step(h)
 
     def point_displacement(self) -> Array:
         """As in Kernel."""
@@ -190,14 +198,20 @@ class BookedKernel(Kernel):
 
     def resume(self, auxiliary: Array) -> None:
         """As in Kernel."""
+        if self.branches is not None:
+            own = self.branches.state.size
+            self.branches.resume(auxiliary[len(auxiliary) - own :] if len(auxiliary) else auxiliary)
+            auxiliary = auxiliary[: len(auxiliary) - own]
         if self.residual is not None:
-            self.residual.state[:] = auxiliary if len(auxiliary) else 0.0
+            self.residual.resume(auxiliary)
 
     def rollback(self) -> None:
         """As in Kernel."""
         self.state[:] = self._state_before
         if self.residual is not None:
             self.residual.rollback()
+        if self.branches is not None:
+            self.branches.rollback()
         self._rigid_displacement[:] = self._rigid_before
         self._owed, self.contact, self.reactions = None, self._contact_before, self._reactions_before
         self.notes = self._notes_before
@@ -290,9 +304,10 @@ class BookedKernel(Kernel):
 
         return self._actuators.solve(u, columns.T.dot(free), W, targets, touch, angles)
 
-    def _with_residual_energy(self, energy: float) -> float:
-        """An energy with what is stored in the residual part, too, J."""
-        return energy if self.residual is None else energy + self.residual.stored
+    def _with_carried_energy(self, energy: float) -> float:
+        """An energy with what is stored in the residual part and in branches, too, J."""
+        energy = energy if self.residual is None else energy + self.residual.stored
+        return energy if self.branches is None else energy + self.branches.stored
 
     def _with_residual(self, delassus: Array) -> Array:
         """The Delassus operator (3P, 3P) of the points that yield beyond the basis, too."""

@@ -11,6 +11,9 @@ where nothing touches or rubs. F = ω e - Sᵀ f are those that held the body be
 
 Actuators by stroke, and tendons that rub, have forces z that are found with those of contact: G u + B z is in place of
 G u, with their columns B.
+
+Branches of a material that relaxes (mechanics/viscoelasticity.py) have energy coordinates ω w, too. In a step they pull
+with -ω Σ g (ω w)/(1 + θ h/τ), and add their stiffening time to h/2 in A: modes that are apart stay so.
 """
 
 from typing import NamedTuple
@@ -44,7 +47,8 @@ class ContactMidpoint(BookedKernel):
     def set_time_step(self, h: float) -> None:
         """As in Kernel."""
         super().set_time_step(h)
-        self._a, self._Ra = compliance(self._model, h)
+        stiffening_time = 0.0 if self.branches is None else self.branches.stiffening_time
+        self._a, self._Ra = compliance(self._model, h, stiffening_time)
         if self._interface is not None:
             self._delassus = self._with_residual(symmetric(self._Sᵀ.T @ _applied(self._a, self._Sᵀ)))
         if self._actuators is not None:
@@ -78,6 +82,8 @@ class ContactMidpoint(BookedKernel):
         pushed = self._model.inputs.dot(u)
         elastic, inertial = self._elastic_and_inertial * self._halves
         right = pushed + elastic + inertial
+        if self.branches is not None:
+            right -= self._ω * self.branches.pull[0]
         return _Step(pushed, right, _applied(self._a, right))
 
     def _end_step(self, step: _Step, contact: ContactSolution | None, rubbed: Array | None = None) -> float:
@@ -91,9 +97,11 @@ class ContactMidpoint(BookedKernel):
         h, supplied, dissipated = self.h, float(pushed.dot(v)), float(heat.dot(heat))
         if rubbed is not None:
             dissipated -= float(rubbed.dot(v))
-        residual, heat_of_residual = self._step_residual(contact)
+        residual, relaxed = self._step_residual(contact)
+        if self.branches is not None:
+            relaxed += self.branches.step((self._ω * v)[None])
         contacts = self._contacts(v, contact, h, residual)
-        self._leave(StepWork(h * supplied, h * dissipated + heat_of_residual, contacts))
+        self._leave(StepWork(h * supplied, h * dissipated + relaxed, contacts))
         if len(self._rigid_displacement):
             self._rigid_displacement += h * v[: len(self._rigid_displacement)]
         self._e += self._travel * v

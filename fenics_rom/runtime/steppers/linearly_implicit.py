@@ -218,7 +218,7 @@ class LinearlyImplicit(FiniteStrainKernel):
     def _energy(self, q: Array) -> float:
         stored = float(self._σ.dot(self._ε))
         kinetic, springs = float(self._r.dot(self._r)), float(q.dot(self._body.springs.dot(q)))
-        return self._with_residual_energy((stored + kinetic + springs) / 2 + float(self._rest[0]))
+        return self._with_carried_energy((stored + kinetic + springs) / 2 + float(self._rest[0]))
 
     @property
     def _s(self) -> float:

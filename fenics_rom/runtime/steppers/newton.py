@@ -31,7 +31,7 @@ class Newton(FiniteStrainKernel):
     @property
     def energy(self) -> float:
         """Stored, J."""
-        return self._with_residual_energy(float(self._r.dot(self._r)) / 2 + self._body.energy(self._coordinates()))
+        return self._with_carried_energy(float(self._r.dot(self._r)) / 2 + self._body.energy(self._coordinates()))
 
     @property
     def messages(self) -> tuple[str, ...]:
@@ -68,7 +68,7 @@ class Newton(FiniteStrainKernel):
             self.notes["cut"] += parts > 1
             E = self._body.strains(q)
             self._note(q, E, self._acting(u))
-            return 2 * self._with_residual_energy(float(r.dot(r)) / 2 + self._body.energy(q, E))
+            return 2 * self._with_carried_energy(float(r.dot(r)) / 2 + self._body.energy(q, E))
 
     def _solution(self, u: Array, obstacles: ObstacleMotion | None) -> tuple[Solution, int]:
         """Of a step in as few parts as can be solved, and their number; the residual part takes its step.

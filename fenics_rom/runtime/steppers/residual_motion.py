@@ -12,7 +12,8 @@ would let the fastest of these motions alternate without end, so there θ = 1 - 
 
     ½ gᵀ R g + ½ τ² ġᵀ R ġ    grows by    h fᵀ R ġ̂ - h (β + (θ - ½) h) ġ̂ᵀ R ġ̂.
 
-Without inertia every step is an equilibrium: τ = β = 0, θ = 1 and g⁺ = f.
+Without inertia every step is an equilibrium: τ = β = 0, θ = 1 and g⁺ = f. The branches of a material that relaxes
+(mechanics/viscoelasticity.py) are beside g, too: f is less by Σ g_k w/(1 + θ h/τ_k), a more by their stiffening time.
 """
 
 from collections.abc import Callable, Iterator
@@ -27,6 +28,7 @@ from fenics_rom.rom.residual_part import ResidualPart, residual_part, strained_p
 from fenics_rom.rom.rom import Rom
 
 if TYPE_CHECKING:
+    from fenics_rom.mechanics.viscoelasticity import MaxwellBranches
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
 
 FORGOTTEN = 1e-200  # J: what is stored no more, before its numbers become too small to be fast
@@ -40,10 +42,10 @@ class Relaxation(NamedTuple):
     heat: float  # β + (θ - ½) h, s
 
 
-def relaxation(h: float, τ: float, β: float) -> Relaxation:
-    """Of a step of h s with the time constants of inertia and damping, s."""
+def relaxation(h: float, τ: float, β: float, stiffening_time: float = 0.0) -> Relaxation:
+    """Of a step of h s with the time constants of inertia and damping, and that of branches in it, s."""
     inertia, elastic = 2 * τ**2 / h, max(h / 2, h - β)
-    return Relaxation(inertia, inertia + β + elastic, β + elastic - h / 2)
+    return Relaxation(inertia, inertia + β + elastic + stiffening_time, β + elastic - h / 2)
 
 
 class ResidualMotion:
@@ -53,12 +55,14 @@ class ResidualMotion:
         part: what the contact mode lacks.
         β: time constant of damping, s.
         has_inertia: whether steps are dynamic.
+        branches: how the material relaxes, in strains w and R w; None: it does not.
 
     Attributes:
         state: [g, y, ġ, ẏ] (12P,), N, m, N/s, m/s.
     """
 
-    def __init__(self, part: ResidualPart, β: float, has_inertia: bool):
+    def __init__(self, part: ResidualPart, β: float, has_inertia: bool, branches: "MaxwellBranches | None" = None):
+        self._branches = branches
         self._part, self._R = part, part.compliance
         self._τ, self._β = (part.time_constant, β) if has_inertia else (0.0, 0.0)
         self._rows = np.zeros((6, len(self._R)))  # and f and R f of a step, so that all is one product with these rows
@@ -69,7 +73,11 @@ class ResidualMotion:
     def set_time_step(self, h: float) -> None:
         """Makes the coefficients for a time step, s."""
         self._h = h
-        self._relaxation = inertia, a, _ = relaxation(h, self._τ, self._β)
+        stiffening_time = 0.0
+        if self._branches is not None:
+            self._branches.set_time_step(h)
+            stiffening_time = self._branches.stiffening_time
+        self._relaxation = inertia, a, _ = relaxation(h, self._τ, self._β, stiffening_time)
         g, y, ġ, ẏ, f, Rf = np.eye(6)
         ġ_mid, ẏ_mid = (inertia * ġ - g + f) / a, (inertia * ẏ - y + Rf) / a
         self._step = np.array([g + h * ġ_mid, y + h * ẏ_mid, 2 * ġ_mid - ġ, 2 * ẏ_mid - ẏ, ġ_mid, ẏ_mid])
@@ -87,12 +95,24 @@ class ResidualMotion:
     @property
     def is_at_rest(self) -> bool:
         """Whether it has nothing to add as long as nothing touches, as where nothing has touched for long."""
-        return not self.state.any()
+        return not self.carried.any()
+
+    @property
+    def carried(self) -> Array:
+        """The state, and that of branches."""
+        return self.state if self._branches is None else np.concatenate([self.state, self._branches.state.ravel()])
+
+    def resume(self, carried: Array) -> None:
+        """Goes on from what was saved of it; from rest, where there is nothing."""
+        self.state[:] = carried[: len(self.state)] if len(carried) else 0.0
+        if self._branches is not None:
+            self._branches.resume(carried[len(self.state) :])
 
     @property
     def stored(self) -> float:
-        """½ gᵀ R g + ½ τ² ġᵀ R ġ, J."""
-        return self._strain_energy + self._kinetic_energy
+        """½ gᵀ R g + ½ τ² ġᵀ R ġ, and what branches store, J."""
+        stored = self._strain_energy + self._kinetic_energy
+        return stored if self._branches is None else stored + self._branches.stored
 
     @property
     def _strain_energy(self) -> float:
@@ -106,6 +126,8 @@ class ResidualMotion:
     def points(self) -> Array:
         """What it adds to the points' displacement, velocity and free mid-step velocity, (3, P, 3)."""
         added: Array = self._added.dot(self._rows[:4])
+        if self._branches is not None:
+            added[2] -= self._branches.pull[1] / self._relaxation.whole
         return added.reshape(3, -1, 3)
 
     @property
@@ -116,9 +138,13 @@ class ResidualMotion:
     @property
     def strained(self) -> Array:
         """What of it lies in the shared basis, in K-orthonormal coordinates of that, (k - rigid,) J^1/2."""
+        return self._strained(self._g)
+
+    def _strained(self, g: Array) -> Array:
+        """The same of any force (3P,) that it carries."""
         part = self._part
-        in_shared = self._g.dot(part.points[:, : len(part.basis)])
-        in_shared -= part.basis.dot(self._g.dot(part.basis_points))
+        in_shared = g.dot(part.points[:, : len(part.basis)])
+        in_shared -= part.basis.dot(g.dot(part.basis_points))
         return in_shared
 
     def velocity(self, contact: ContactSolution | None) -> Array:
@@ -133,10 +159,11 @@ class ResidualMotion:
         after = self._after(contact)
         self.remember()
         if contact is None and self.stored < FORGOTTEN:
-            self.state[:] = 0.0
+            self.resume(np.empty(0))
             return after[5].reshape(-1, 3), 0.0
         self._rows[:4] = after[:4]
-        return after[5].reshape(-1, 3), self._h * self._relaxation.heat * float(after[4].dot(after[5]))
+        heat = self._h * self._relaxation.heat * float(after[4].dot(after[5]))
+        return after[5].reshape(-1, 3), heat if self._branches is None else heat + self._branches.step(after[4:])
 
     def _after(self, contact: ContactSolution | None) -> Array:
         """The state after a step under contact forces, then the rates of g and y in it, (6, 3P)."""
@@ -149,6 +176,8 @@ class ResidualMotion:
                 np.dot(contact.forces[touched].ravel(), rows, out=self._Rf)
             else:
                 np.dot(self._R, self._f, out=self._Rf)
+        if self._branches is not None:
+            self._rows[4:] -= self._branches.pull
         after: Array = self._step.dot(self._rows)
         return after
 
@@ -168,24 +197,31 @@ class ResidualMotion:
     def remember(self) -> None:
         """Notes the state before a step."""
         self._before[:] = self.state
+        if self._branches is not None:
+            self._branches.remember()
 
     @contextmanager
     def in_parts(self, parts: int) -> Iterator[None]:
         """Steps in here are parts of a time step, which `rollback`, and an error, take back as one."""
-        h, before = self._h, self.state.copy()
+        h, before, branches = self._h, self.carried.copy(), self._branches
+        state_of_branches = None if branches is None else branches.state
         self.set_time_step(h / parts)
         try:
             yield
         except BaseException:
-            self.state[:] = before
+            self.resume(before)
             raise
         finally:
             self.set_time_step(h)
-            self._before[:] = before
+            self._before[:] = before[: len(self._before)]
+            if branches is not None and state_of_branches is not None:
+                branches.before = state_of_branches
 
     def rollback(self) -> None:
         """Takes the last step back."""
         self.state[:] = self._before
+        if self._branches is not None:
+            self._branches.rollback()
 
     def carry_over(self, e: Array, start: "ResidualMotion", e_start: Array) -> None:
         """Goes on where another contact mode's residual part was, with the whole displacement.
@@ -198,12 +234,23 @@ class ResidualMotion:
             start: of the mode before.
             e_start: its energy coordinates.
         """
-        here, there = self._part, start._part
-        e[:] = here.basis.T.dot(there.basis.dot(e_start) + start.strained)
-        strained = float(e_start.dot(e_start)) + 2 * start._strain_energy
-        y = there.basis_points.dot(e_start) + start._y - here.basis_points.dot(e)
-        self._g[:], self._y[:] = self._carried(y, strained - float(e.dot(e)))
+        self._g[:], self._y[:] = self._projected(e, start, e_start, start._g, start._y)
         self._keep_rate(start)
+
+    def carry_branches(self, b: Array, start: "ResidualMotion", b_start: Array) -> None:
+        """The same of the strains of branches, in energy coordinates (N, m - rigid) each, of which b are set."""
+        if self._branches is not None and start._branches is not None:
+            parts = self._branches.state, start._branches.state
+            for own, here, there, own_start in zip(b, *parts, b_start, strict=True):
+                here[:] = self._projected(own, start, own_start, *there)
+
+    def _projected(self, e: Array, start: "ResidualMotion", e_start: Array, g: Array, y: Array) -> tuple[Array, Array]:
+        """Sets e of a displacement that was e_start and, in the residual part of before, g and y; those here (3P,)."""
+        here, there = self._part, start._part
+        e[:] = here.basis.T.dot(there.basis.dot(e_start) + start._strained(g))
+        strained = float(e_start.dot(e_start)) + float(g.dot(y))
+        y = there.basis_points.dot(e_start) + y - here.basis_points.dot(e)
+        return self._carried(y, strained - float(e.dot(e)))
 
     def take_over(self, start: "ResidualMotion") -> None:
         """Goes on where another contact mode's residual part was, with no more energy than that had."""
@@ -230,11 +277,18 @@ def residual_motions(
     residual = rom.residual_compliance
     if interface is None or residual is None or not interface.environment.environment.residual_compliance:
         return lambda contact: None
-    H, κ = strained_points(rom.stiffness, interface.rows, residual), rom.stiffness
+    H, κ, series = strained_points(rom.stiffness, interface.rows, residual), rom.stiffness, None
+    if has_inertia:
+        series = interface.environment.environment.viscoelasticity
 
     def motion(contact: str) -> ResidualMotion:
         part = residual_part(κ, rom.contact_models[contact], H, residual)
-        return ResidualMotion(part, residual.damping, has_inertia)
+        branches = None
+        if series is not None:
+            from fenics_rom.mechanics.viscoelasticity import MaxwellBranches  # here, as few bodies have them
+
+            branches = MaxwellBranches(series, 2, len(part.compliance))
+        return ResidualMotion(part, residual.damping, has_inertia, branches)
 
     return motion
 

@@ -17,6 +17,7 @@ from fenics_rom.runtime.steppers.stepper import FiniteStrainStepper, LinearStepp
 if TYPE_CHECKING:
     from fenics_rom.mechanics.active_environment import ActiveEnvironment
     from fenics_rom.mechanics.contact_solver import ContactSolver
+    from fenics_rom.mechanics.viscoelasticity import MaxwellBranches, PronySeries
     from fenics_rom.runtime.steppers.finite_strain import FiniteStrainKernel
 
 LINEARLY_IMPLICIT_STEPS = 40  # in a period of the slowest mode, from which on the linearly implicit step pays
@@ -45,7 +46,7 @@ def make_stepper(
     Raises:
         StepError: there is no such stepper, or the body begins in an obstacle.
     """
-    interface, actuators, has_inertia = None, None, True
+    interface, actuators, has_inertia, series = None, None, True, None
     is_moving = environment is not None and environment.environment.is_moving
     if environment is not None and not environment.environment.is_plain:  # bodies on which nothing acts start sooner
         from fenics_rom.runtime.steppers.contact_interface import contact_interface
@@ -55,6 +56,7 @@ def make_stepper(
         if interface is not None and not is_moving:
             interface.check_start()
         acting = environment.environment
+        series = acting.viscoelasticity if has_inertia else None  # an equilibrium is relaxed
         if acting.finds_forces:
             if acting.is_moving:
                 raise StepError(
@@ -65,7 +67,7 @@ def make_stepper(
     if rom.deformation is None:
         if kind is not None:
             raise StepError(f"stepper = {kind!r}: belongs to large deformation, which ROM {rom.name!r} has not")
-        if interface is None and actuators is None and has_inertia and not is_moving:
+        if interface is None and actuators is None and series is None and has_inertia and not is_moving:
 
             def make_kernel(contact: str) -> Kernel:
                 return fastest_kernel(rom.contact_models[contact], ledger, rigid_displacement)
@@ -89,9 +91,19 @@ def make_stepper(
 
     def make_booked_kernel(contact: str) -> Kernel:
         model = rom.contact_models[contact]
-        return kernel_of(model, ledger, rigid_displacement, interface, actuators, residual_of(contact))
+        carried = residual_of(contact), maxwell_branches(series, 1, model.order)
+        return kernel_of(model, ledger, rigid_displacement, interface, actuators, *carried)
 
     return LinearStepper(rom, dt, interface, rigid_displacement, make_booked_kernel)
+
+
+def maxwell_branches(series: "PronySeries | None", rows: int, size: int) -> "MaxwellBranches | None":
+    """The branches of a body whose material relaxes; only then they are imported."""
+    if series is None:
+        return None
+    from fenics_rom.mechanics.viscoelasticity import MaxwellBranches
+
+    return MaxwellBranches(series, rows, size)
 
 
 def _finite_strain_kind(rom: Rom, dt: float, kind: str | None, has_inertia: bool) -> tuple[str, str]:

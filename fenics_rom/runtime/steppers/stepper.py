@@ -214,7 +214,21 @@ class LinearStepper(ReducedStepper):
         else:
             np.dot(potential, before[:m], out=after[:n])
         np.dot(kinetic, before[m:], out=after[n:])
+        self._carry_branches(left, potential)
         return left.energy - self.kernel.energy
+
+    def _carry_branches(self, left: Kernel, potential: Array) -> None:
+        """Projects the strains of branches as displacements are."""
+        here, there = self.kernel.branches, left.branches
+        if here is None or there is None:
+            return
+        b, b_start = np.zeros_like(here.state), there.state
+        if self.kernel.residual is not None and left.residual is not None:
+            rigid = self._rom.rigid
+            self.kernel.residual.carry_branches(b[:, 0, rigid:], left.residual, b_start[:, 0, rigid:])
+        else:
+            b[:] = b_start @ potential.T
+        here.resume(b)
 
     def _kernel_of(self, contact: str) -> Kernel:
         if contact not in self._kernels:

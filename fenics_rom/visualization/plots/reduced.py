@@ -10,7 +10,6 @@ from numpy import ndarray as Array
 
 from fenics_rom.io.progress import Report
 from fenics_rom.io.units import readable
-from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.file import HANKEL_UNIT
 from fenics_rom.rom.rom import Rom
 from fenics_rom.system.system import System
@@ -80,11 +79,15 @@ def response_scale(rom: Rom) -> tuple[float, str]:
     return (1 / math.sqrt(mass), "m/N") if mass > 0 else (1.0, "")
 
 
-def reduced_response(mode: ContactModel, columns: int, frequencies: Array) -> Array:
-    """|H_i(iω)| in M over the contact's own columns (Frobenius), (f,), without rigid motions."""
-    from fenics_rom.reduction.frequency_response import elastic_response  # needs SciPy, which a plot of a run does not
+def reduced_response(rom: Rom, name: str, frequencies: Array) -> Array:
+    """|H_i(iω)| of a contact mode in M over its own columns (Frobenius), (f,), without rigid motions."""
+    # Here, as it needs SciPy, which a plot of a run does not.
+    from fenics_rom.reduction.frequency_response import elastic_response, relative_modulus
 
-    return np.array([np.linalg.norm(elastic_response(mode, columns, ω)) for ω in frequencies])
+    mode, columns = rom.contact_models[name], rom.contacts[name]
+    moduli = (relative_modulus(rom.environment, ω) for ω in frequencies)
+    responses = (elastic_response(mode, columns, ω, E) for ω, E in zip(frequencies, moduli, strict=True))
+    return np.array([np.linalg.norm(H) for H in responses])
 
 
 def _draw_hankel_values(figure: Any, rom: Rom, style: Style) -> None:
@@ -117,7 +120,7 @@ def _draw_response(figure: Any, rom: Rom, style: Style, full: Mapping[str, tuple
             above.plot(full[name][0] / math.tau, scale * full[name][1], color=style.ink, linewidth=2.2, alpha=0.25)
             below[0].plot(full[name][0] / math.tau, full[name][2] / full[name][1].max(), color=colour, linewidth=0.8)
         if rom.contacts[name]:
-            H = scale * reduced_response(mode, rom.contacts[name], ω)
+            H = scale * reduced_response(rom, name, ω)
             above.plot(ω / math.tau, H, color=colour, label=f"{name}, order {mode.order - mode.rigid}")
         if len(mode.frequencies):
             f = mode.frequencies / math.tau

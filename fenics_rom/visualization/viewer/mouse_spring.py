@@ -98,7 +98,9 @@ class MouseSpringStep:
         self.spring, self.mode, self._h = spring, mode, h
         self._others = mode.inputs[:, rom.contacts[spring.contact] :]
         self._moves = rom.environment.has_inertia
-        self.inverse = compliance(mode, h)[0] if self._moves else 1 / mode.safe_frequencies**2  # A⁻¹, or K⁻¹
+        series = rom.environment.viscoelasticity
+        branches = 0.0 if series is None else series.stiffening_time(h)
+        self.inverse = compliance(mode, h, branches)[0] if self._moves else 1 / mode.safe_frequencies**2  # A⁻¹, or K⁻¹
         self._spread = self.inverse[:, None] * P if self.inverse.ndim == 1 else self.inverse @ P
         self.flexibility = (h / 2 if self._moves else 1.0) * P.T @ self._spread
 

@@ -1,0 +1,127 @@
+"""A generalised Maxwell solid: beside the elastic forces K x, branches of a spring g K in line with a dashpot g τ K.
+
+The strain w of a branch's spring follows that of the body and relaxes; it pulls with g K w, stores ½ g wᵀKw, and its
+dashpot dissipates g/τ wᵀKw per second (Prony series; Simo & Hughes, Computational Inelasticity, 1998, chapter 10):
+
+    K (x + Σ_k g_k w_k),    w_k' = x' - w_k/τ_k,    relaxation 1 + Σ_k g_k e^(-t/τ_k) of the relaxed stiffness.
+
+In a step of h with the mid-step velocity v̂, at θ = max(½, 1 - τ/h),
+
+    ŵ = (1 - θ) w + θ w⁺ = (w + θ h v̂)/(1 + θ h/τ),    w⁺ = w + h (v̂ - ŵ/τ),
+    ½ g wᵀKw  grows by  h g ŵᵀK v̂ - h g/τ ŵᵀKŵ - g (θ - ½) (w⁺ - w)ᵀK (w⁺ - w),
+
+so that it is passive at any h, and of order 2 up to h = 2 τ. Beyond that the midpoint rule, θ = ½, would let what is
+left of w alternate without end; here it is gone after the step.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy import ndarray as Array
+
+
+@dataclass(frozen=True)
+class PronySeries:
+    """How a material relaxes: stiffness g of each branch, as a share of the relaxed stiffness, and its time τ, s."""
+
+    ratios: tuple[float, ...]
+    times: tuple[float, ...]
+
+    def modulus(self, ω: float | Array) -> complex | Array:
+        """Of forced vibration at ω, rad/s, as a multiple of the relaxed one: 1 + Σ g iωτ/(1 + iωτ)."""
+        branches = (g * 1j * ω * τ / (1 + 1j * ω * τ) for g, τ in zip(self.ratios, self.times, strict=True))
+        return sum(branches, 1.0 + 0.0j)
+
+    def stiffening_time(self, h: float) -> float:
+        """Σ g θ h/(1 + θ h/τ), s: in a step of h s branches resist v̂ by so much times K, beside the body's h/2."""
+        return _Step.of(self, h).stiffening_time
+
+
+class _Step(NamedTuple):
+    """Coefficients of a step, (N, 1, 1) each."""
+
+    pull: Array  # g/(1 + θ h/τ): of w in the force
+    kept: Array  # of w in ŵ
+    moved: Array  # of v̂ in ŵ, s
+    decay: Array  # of w in w⁺
+    gain: Array  # of v̂ in w⁺, s
+    viscous: Array  # h g/τ: of ŵᵀKŵ in what is dissipated
+    numerical: Array  # g (θ - ½): of (w⁺ - w)ᵀK (w⁺ - w)
+    stiffening_time: float
+
+    @classmethod
+    def of(cls, series: PronySeries, h: float) -> "_Step":
+        g, τ = (np.array(values)[:, None, None] for values in (series.ratios, series.times))
+        late = np.minimum(h / (2 * τ), 1.0)  # (1 - θ) h/τ, without the cancellation of 1 - θ
+        whole = 1 + h / τ - late
+        moved = (h - late * τ) / whole
+        of_change = g * np.maximum(0.5 - τ / h, 0.0)
+        return cls(
+            g / whole, 1 / whole, moved, (1 - late) / whole, h / whole, h * g / τ, of_change, float((g * moved).sum())
+        )
+
+
+class MaxwellBranches:
+    """The branches of a body, and what they do in a step.
+
+    Args:
+        series: of the material.
+        rows: 2, the strain w and its force K w; or 1, where they are the same in the coordinates that are used.
+        size: n of each.
+        total: sums what the ranks have; None: there is one.
+
+    Attributes:
+        state: (N, rows, n), of each branch; a step replaces it.
+        before: the state before the last step.
+        stiffening_time: in a step, s; see PronySeries.
+    """
+
+    def __init__(self, series: PronySeries, rows: int, size: int, total: Callable[[float], Any] | None = None):
+        self._series, self._total = series, total
+        self.state = self.before = np.zeros((len(series.ratios), rows, size))
+        self.stiffening_time = 0.0
+
+    def set_time_step(self, h: float) -> None:
+        """Makes the coefficients of a step of h s."""
+        self._step = _Step.of(self._series, h)
+        self.stiffening_time = self._step.stiffening_time
+
+    @property
+    def pull(self) -> Array:
+        """What the strains at the start add in a step, Σ g w/(1 + θ h/τ), and its force, (rows, n)."""
+        pull: Array = (self._step.pull * self.state).sum(axis=0)
+        return pull
+
+    @property
+    def stored(self) -> float:
+        """½ Σ g wᵀKw, J."""
+        return self._sum_squares(np.array(self._series.ratios)[:, None, None] / 2, self.state)
+
+    @np.errstate(over="ignore", invalid="ignore")  # the caller looks at what comes out
+    def step(self, rate: Array) -> float:
+        """Takes a step at a mid-step velocity and its force, (rows, n), and returns what is dissipated, J."""
+        c, before = self._step, self.state
+        self.remember()
+        self.state = c.decay * before + c.gain * rate
+        heat = self._sum_squares(c.viscous, c.kept * before + c.moved * rate)
+        return heat + self._sum_squares(c.numerical, self.state - before) if c.numerical.any() else heat
+
+    def remember(self) -> None:
+        """Notes the state before a step."""
+        self.before = self.state
+
+    def rollback(self) -> None:
+        """Takes the last step back."""
+        self.state = self.before
+
+    def resume(self, state: Array) -> None:
+        """Goes on from strains that were saved, of any shape; from relaxed branches, where there are none."""
+        self.state = state.reshape(self.state.shape).copy() if state.size else np.zeros_like(self.state)
+
+    def _sum_squares(self, weights: Array, strains: Array) -> float:
+        """Σ of wᵀKw with weights (N, 1, 1)."""
+        with np.errstate(over="ignore"):
+            square = float((weights[:, 0] * strains[:, 0] * strains[:, -1]).sum())
+        return square if self._total is None else float(self._total(square))
