@@ -72,7 +72,9 @@ def run(choice: argparse.Namespace) -> None:
 
 def _add_matrix_options(command: argparse.ArgumentParser) -> None:
     """Files of M v̇ + D v + K x = B u, y = Cᵀ x in place of a scene."""
-    files = command.add_argument_group("instead of SCENE", "matrices of your own, each in a Matrix Market file")
+    files = command.add_argument_group(
+        "instead of SCENE", "matrices of your own, each in a Matrix Market file, or Abaqus'"
+    )
     files.add_argument("--mass", metavar="M.mtx", help="symmetric positive definite")
     files.add_argument("--stiffness", metavar="K.mtx", help="symmetric positive definite, but for rigid motions")
     damping = files.add_mutually_exclusive_group()
@@ -84,7 +86,11 @@ def _add_matrix_options(command: argparse.ArgumentParser) -> None:
         ("--observe", "NAME=C.mtx", "columns of an output; once for each"),
     ):
         files.add_argument(option, metavar=metavar, type=_named_file, action="append", default=[], help=what)
-    files.add_argument("--nodes", metavar="X.csv", help="columns x, y, z, m: of each node, three rows of the matrices")
+    table = (
+        "columns x, y, z, m: of each node, three rows of the matrices; or Abaqus' X.inp, which the matrices are of, "
+    )
+    files.add_argument("--nodes", metavar="X.csv", help=f"{table}and then B, F and C may be its sets of nodes")
+    files.add_argument("--units", choices=("m-kg-s", "mm-t-s"), help="of Abaqus' files; m-kg-s if not given")
     files.add_argument("--frame", choices=FRAMES, help="moving: the body turns as far as it likes; needs --nodes")
 
 
@@ -101,7 +107,7 @@ def _matrix_files(choice: argparse.Namespace) -> list[str]:
     single |= {"--nodes": choice.nodes}
     named = {"--contact": choice.contact, "--actuator": choice.actuator, "--observe": choice.observe}
     given = [option for option, value in (single | named).items() if value]
-    given += [f"--{option}" for option in ("rayleigh", "frame") if getattr(choice, option)]
+    given += [f"--{option}" for option in ("rayleigh", "frame", "units") if getattr(choice, option)]
     if choice.scene is not None:
         if given:
             choice.wrong_usage(f"SCENE and {', '.join(given)} cannot be used together")
@@ -130,4 +136,5 @@ def _read_matrices(choice: argparse.Namespace) -> "fr.System":
         outputs=dict(choice.observe),
         nodes=choice.nodes,
         frame=choice.frame or "fixed",
+        units=choice.units,
     )

@@ -1,6 +1,7 @@
-"""Matrix Market files to a system: on one process with SciPy, under mpirun with PETSc and the rows spread."""
+"""Files of matrices to a system: on one process with SciPy, under mpirun with PETSc and the rows spread."""
 
 from collections.abc import Mapping
+from functools import cache
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -8,8 +9,10 @@ from typing import Any
 import numpy as np
 import scipy.io
 import scipy.sparse
+from numpy import ndarray as Array
 
 from fenics_rom.errors import StructureError
+from fenics_rom.fem.abaqus_matrices import AbaqusBody, read_abaqus_body
 from fenics_rom.io.mpi_ranks import launched_rank
 from fenics_rom.io.tables import read_table
 from fenics_rom.io.units import UNITS
@@ -30,8 +33,9 @@ def read_system(
     outputs: Mapping[str, File] | None = None,
     nodes: File | None = None,
     frame: str = "fixed",
+    units: str | None = None,
 ) -> System:
-    """A system of matrices in Matrix Market files (.mtx); under mpirun every rank must call it.
+    """A system of matrices in files (.mtx), Matrix Market's or Abaqus'; under mpirun every rank must call it.
 
     Args:
         mass, stiffness: files of M and K, (n, n), symmetric and positive definite; K but for the rigid motions of a
@@ -42,9 +46,13 @@ def read_system(
         actuators: file of the columns of each actuator.
         outputs: file of C of each output, (n, columns).
         nodes: table (.csv) with columns x, y and z, in m or as in "x (mm)": of each node, three rows of the matrices.
+            Or Abaqus' input file (.inp) that it has written the matrices of: then the body has a surface, and contacts,
+            actuators and outputs may be names of its sets of nodes, for evenly spread forces and mean displacements.
         frame: "moving": the body turns as far as it likes, free or carried; that needs nodes. See System.
+        units: of Abaqus' files, "m-kg-s" (N/m; without it) or "mm-t-s" (N/mm).
 
     Raises:
+        MeshError: an input file that cannot be read.
         StructureError: a file that cannot be read, or whose content cannot be used, with its name.
 
     Example:
@@ -58,20 +66,36 @@ def read_system(
     files: dict[str, File] = matrices | ({} if nodes is None else {"nodes": nodes})
     files |= {f"{kind}[{name!r}]": file for kind, given in columns.items() for name, file in given.items()}
 
+    @cache
+    def abaqus() -> AbaqusBody | None:
+        if nodes is None or Path(nodes).suffix.lower() != ".inp":
+            return None
+        return read_abaqus_body(Path(nodes), matrices, units or "m-kg-s")
+
     def read() -> tuple[dict[str, Any], dict[str, Any]]:
-        square = {name: scipy.sparse.csr_matrix(_read(file)) for name, file in matrices.items()}
+        body = abaqus()
+        if units is not None and body is None:
+            raise StructureError(f"units = {units!r}: allowed is with nodes of Abaqus' input file (.inp)")
+        of_files = {name: scipy.sparse.csr_matrix(_read(file)) for name, file in matrices.items()} if not body else {}
+        square = dict(body.matrices) if body else of_files
         rows = square["mass"].shape[0]
         return square, {
-            kind: {name: _read_columns(file, rows) for name, file in given.items()} for kind, given in columns.items()
+            kind: {name: _columns(file, rows, body, f"{kind}[{name!r}]") for name, file in given.items()}
+            for kind, given in columns.items()
         }
+
+    def read_body() -> tuple[Array | None, Array | None]:
+        body = abaqus()
+        return (body.nodes, body.triangles) if body else (_read_nodes(nodes), None)
 
     try:
         if launched_rank() is not None:  # the rows of this rank
             from fenics_rom.fem.user_matrices import spread_system
 
-            return spread_system(read, lambda: _read_nodes(nodes), rayleigh=rayleigh, frame=frame)
+            return spread_system(read, read_body, rayleigh=rayleigh, frame=frame)
         square, tall = read()
-        return System(**square, **tall, rayleigh=rayleigh, nodes=_read_nodes(nodes), frame=frame)
+        X, triangles = read_body()
+        return System(**square, **tall, rayleigh=rayleigh, nodes=X, triangles=triangles, frame=frame)
     except StructureError as error:
         file = next((file for subject, file in files.items() if str(error).startswith(f"{subject} ")), None)
         if file is None:
@@ -111,9 +135,11 @@ def _read(file: File) -> Any:
         raise StructureError(f"{file}: cannot be read as a Matrix Market file: {error}") from error
 
 
-def _read_columns(file: File, rows: int) -> np.ndarray:
-    """Columns (rows, any number) as an array."""
-    matrix = _read(file)
+def _columns(given: File, rows: int, body: AbaqusBody | None, where: str) -> Array:
+    """Columns (rows, any number) of a file, or of a set of nodes."""
+    if body is not None and Path(given).suffix.lower() != ".mtx":
+        return body.columns_of(str(given), where)
+    matrix = _read(given)
     if matrix.shape[0] != rows:
-        raise StructureError(f"{file}: has shape {matrix.shape}; the mass matrix asks for ({rows}, columns)")
+        raise StructureError(f"{given}: has shape {matrix.shape}; the mass matrix asks for ({rows}, columns)")
     return matrix.toarray() if scipy.sparse.issparse(matrix) else matrix

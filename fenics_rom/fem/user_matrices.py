@@ -110,11 +110,11 @@ def spread(
     return matrices, comm.scatter([share(rank) for rank in range(comm.size)], root=0)
 
 
-def spread_system(read: Any, read_nodes: Callable[[], Any], **choices: Any) -> System:
-    """The system of what rank 0 reads, as in `spread`, and of its nodes, if there are some."""
-    nodes = run_on_rank_0(MPI.COMM_WORLD, read_nodes)
+def spread_system(read: Any, read_body: Callable[[], tuple[Any, Any]], **choices: Any) -> System:
+    """The system of what rank 0 reads, as in `spread`, and of its nodes and their triangles, if there are some."""
+    nodes, triangles = run_on_rank_0(MPI.COMM_WORLD, read_body)
     matrices, columns = spread(read, together=1 if nodes is None else 3)
-    system = System(**matrices, **columns, nodes=nodes, **choices)
+    system = System(**matrices, **columns, nodes=nodes, triangles=triangles, **choices)
     for matrix in matrices.values():  # the system has copies, and PETSc forgets nothing by itself
         matrix.destroy()
     return system

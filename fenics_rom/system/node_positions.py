@@ -1,6 +1,7 @@
 """Where the nodes of anyone's matrices are: three rows for each, in the order of the nodes."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -34,6 +35,18 @@ def body_of_matrices(nodes: Any, M: Operator, diagonal: Array, algebra: Algebra)
     along_x = np.tile([[1.0], [0.0], [0.0]], (size // 3, 1))[rows]
     node_mass = diagonal[::3] * float(algebra.inner(along_x, M @ along_x).item() / diagonal[::3].sum())
     return Body(X, np.empty((0, 3), dtype=int), Unknowns(size, np.arange(size)), node_mass)
+
+
+def with_surface(body: Body, triangles: Any) -> Body:
+    """The body with outward triangles (F, 3) between its nodes, so that it can be drawn; as it is where None."""
+    if triangles is None:
+        return body
+    T = np.array(triangles, dtype=int).reshape(-1, 3)
+    if T.size and not 0 <= T.min() <= T.max() < len(body.nodes):
+        raise StructureError(
+            f"triangles: name nodes from {T.min()} to {T.max()}; allowed are 0 to {len(body.nodes) - 1}"
+        )
+    return replace(body, triangles=T)
 
 
 def check_outputs(outputs: Mapping[str, Array]) -> None:

@@ -20,7 +20,7 @@ from fenics_rom.scene.scene import Scene
 from fenics_rom.system.backends import backend_of
 from fenics_rom.system.body import Body
 from fenics_rom.system.moving_frame import FullOrderFrame, GeometricStiffness
-from fenics_rom.system.node_positions import check_outputs, frame_of_matrices
+from fenics_rom.system.node_positions import check_outputs, frame_of_matrices, with_surface
 from fenics_rom.system.protocols import Algebra, Deformation, Operator
 from fenics_rom.system.rayleigh_damping import check_damping_choice
 
@@ -45,7 +45,8 @@ class System:
 
     A body that moves freely has a singular K, whose null space is found; or `rigid` are columns that span it, given
     like those of a contact mode. With `nodes`, (N, 3) in m, the matrices have three rows for each, in their order, and
-    the motions of all nodes as a whole are what is looked for. Then the body may turn as far as it likes:
+    the motions of all nodes as a whole are what is looked for; with `triangles`, (F, 3) outward between them, the body
+    is drawn. Then it may turn as far as it likes:
 
         System(..., nodes=X, frame="moving", geometric_stiffness=of)
 
@@ -103,10 +104,13 @@ class System:
     warnings: tuple[str, ...] = ()
     stages: tuple[Stage, ...] = ()
     nodes: InitVar[Any] = None
+    triangles: InitVar[Any] = None
     frame: InitVar[str] = "fixed"
     geometric_stiffness: InitVar[GeometricStiffness | None] = None
 
-    def __post_init__(self, nodes: Any, frame: str, geometric_stiffness: GeometricStiffness | None) -> None:
+    def __post_init__(
+        self, nodes: Any, triangles: Any, frame: str, geometric_stiffness: GeometricStiffness | None
+    ) -> None:
         """Fills in what was not given: with an `algebra` the matrices are a backend's own, any others are measured.
 
         Raises:
@@ -119,7 +123,7 @@ class System:
             check_damping_choice(self.damping, self.rayleigh)
             backend = backend_of((self.mass, self.damping, self.stiffness))
             filled |= backend.checked_fields(vars(self) | filled | {"nodes": nodes})
-            filled["body"] = self.body or filled["body"]
+            filled["body"] = self.body or with_surface(filled["body"], triangles)
             if nodes is not None:
                 check_outputs(filled["outputs"])
             check_known("frame", frame, FRAMES, StructureError)

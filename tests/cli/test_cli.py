@@ -33,7 +33,7 @@ COMMANDS = {
         *("--order", "--tolerance", "--switching", "--weighting", "--lyapunov", "--share", "--output"),
         *("--method", "--solver", "--resume"),
         *("--mass", "--stiffness", "--damping", "--rayleigh", "--contact", "--actuator", "--observe"),
-        *("--nodes", "--frame"),
+        *("--nodes", "--frame", "--units"),
     ],
     "simulate": ["--scene", "--dt", "--every", "--order", "--profile", "--rate", "--stepper", "--output"],
     "study": ["--tolerance", "--quick", "--methods", "--orders", "--steps", "--mesh", "--resume", "--output"],
