@@ -90,6 +90,13 @@ class ActiveEnvironment:
         self.signals[name] = signal
         self._keep_constants()
 
+    @property
+    def is_still(self) -> bool:
+        """Whether nothing acts by itself on a body with inertia."""
+        acting = self.environment
+        found = acting.contact_law is not None or acting.finds_forces
+        return acting.has_inertia and not (self.columns or found or self._base)
+
     def stroke_names(self, actuators: Collection[str]) -> tuple[str, ...]:
         """Those of the actuators whose strokes are given."""
         return tuple(name for name in actuators if name in self.environment.controls)
@@ -138,7 +145,9 @@ class ActiveEnvironment:
             StepError: a signal gave something else than finite numbers.
         """
         loads = self.loads_at(time + dt / 2 if self.environment.has_inertia else time + dt)
-        motion = ObstacleMotion(self.state.offsets, self.offsets_at(time + dt), self.state.velocities)
+        motion = None
+        if self.environment.contact_law is not None:
+            motion = ObstacleMotion(self.state.offsets, self.offsets_at(time + dt), self.state.velocities)
         return StepInput(np.concatenate([u, loads]) if len(loads) else u, motion, self.base_at(time + dt))
 
     def commit(self, inputs: StepInput, dt: float) -> None:

@@ -204,9 +204,18 @@ class EnvironmentInputs:
             ValueError: u has another shape.
             StepError: a signal gave something else than finite numbers.
         """
-        if u.shape != (width,):
-            if u.shape != (self._actuator_columns,):
-                raise ValueError
-            given, u = u, np.zeros(width)
-            u[width - len(given) :] = given
-        return self.environment.step_input(u, time, dt)
+        return self.environment.step_input(self.full_input(u, width), time, dt)
+
+    def full_input(self, u: Array, width: int) -> Array:
+        """u (width,), or with zeros before the actuators' alone.
+
+        Raises:
+            ValueError: u has another shape.
+        """
+        if u.shape == (width,):
+            return u
+        if u.shape != (self._actuator_columns,):
+            raise ValueError
+        full = np.zeros(width)
+        full[width - len(u) :] = u
+        return full

@@ -1,6 +1,7 @@
 """A body whose frame moves with it, as its stepper has it; `Simulator` moves it."""
 
-from typing import TYPE_CHECKING
+from collections.abc import Callable
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy import ndarray as Array
@@ -90,10 +91,31 @@ class MovingBody(SimulatedBody):
         self._base = None
         if base is None:
             return
-        frame = self.rom.moving_frame
-        if self._frame is None or frame is None or not frame.carried:
+        if not self._is_carried:
             raise StepError(f"step {self.steps}: base: allowed is a body in a moving frame that a rigid base carries")
         self._base = checked_base(base, f"step {self.steps}: base")
+
+    def _way_to_advance(self) -> Callable[[Array], float]:
+        """What takes a step under an input (p,), N, and returns twice the stored energy, J.
+
+        Where nothing acts but inputs, it is one call, which in a fixed frame allocates nothing.
+        """
+        if self.environment is None:
+            return self._stepper.kernel.step
+        alone = self._frame is not None and self.environment.is_still
+        return self._advance_alone if alone else self._advance_in_environment
+
+    def _advance_alone(self, u: Array) -> float:
+        """Takes a step of a moving frame in which nothing acts by itself; twice the stored energy, J."""
+        assert self._source is not None
+        kernel: Any = self._stepper.kernel
+        kernel.base, self._base = self._base, None
+        twice: float = kernel.step(self._source.full_input(u, self._width))
+        return twice
+
+    def _advance_in_environment(self, u: Array) -> float:
+        """Takes a step with what acts by itself; twice the stored energy, J."""
+        raise NotImplementedError
 
     def _look(self, time: float) -> None:
         """At the surface, at a time, s; in a moving frame only where what strains it is much."""
@@ -118,6 +140,11 @@ class MovingBody(SimulatedBody):
     @property
     def _frame(self) -> "MovingFrameStepper | None":
         return self._stepper if self._stepper.kind == MOVING_FRAME else None  # type: ignore[return-value]
+
+    @property
+    def _is_carried(self) -> bool:
+        frame = self.rom.moving_frame
+        return self._frame is not None and frame is not None and frame.carried
 
     def _rest(self, output: str | None) -> tuple[Array, Array]:
         """The origin of a moving frame, and points at rest: of an output, or all nodes; m."""

@@ -203,6 +203,7 @@ class Simulator(MovingBody):
         if self.environment is None:
             raise StepError(unknown("load or obstacle", name, []))
         self.environment.set_signal(name, signal)
+        self._advance = self._way_to_advance()
 
     def step(
         self, u: Sequence[float] | Array | Mapping[str, Any] = (), *, base: "BaseState | None" = None, **named: Any
@@ -379,8 +380,7 @@ class Simulator(MovingBody):
         self._order, self._safe_frequencies = model.order, model.safe_frequencies
         self._width = model.inputs.shape[1] - sum(self.rom.loads.values())
         self._monitor_threshold = self._monitor.enter(self.contact, model)
-        # Where nothing acts but inputs, a step is one call that allocates nothing.
-        self._advance = self._stepper.kernel.step if self.environment is None else self._advance_in_environment
+        self._advance = self._way_to_advance()
 
 
 def _revived(

@@ -25,7 +25,6 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
-from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion
 from fenics_rom.mechanics.frame_motion import (
     ZERO,
@@ -42,7 +41,7 @@ from fenics_rom.mechanics.frame_motion import (
 )
 from fenics_rom.runtime.steppers.carried_base import Motion, frame_state, misfit, motion_of
 from fenics_rom.runtime.steppers.frame_contact import touch
-from fenics_rom.runtime.steppers.frame_kernel import FrameKernel, FrameState, check_turn
+from fenics_rom.runtime.steppers.frame_kernel import MOMENTS, TURNED, FrameKernel, FrameState, check_turn
 from fenics_rom.runtime.steppers.frame_loads import FrameForces
 from fenics_rom.runtime.steppers.frame_points import FramePoints, Geometry, Push, turned_operator, vector
 from fenics_rom.runtime.steppers.inertia import pairs
@@ -67,21 +66,17 @@ class _Step(NamedTuple):
 
 
 class CarriedFrame(FrameKernel):
-    """Arguments and attributes as in FrameKernel; `frame.turning` is the angular velocity of the base.
-
-    Attributes:
-        base: where the base is to be at the end of the next step; None: it stands still.
-    """
+    """Arguments and attributes as in FrameKernel; `frame.turning` is the angular velocity of the base."""
 
     answers_linearly = True
 
     def __init__(self, *args: Any, **named: Any):
         super().__init__(*args, **named)
         self.notes |= {"misfit": 0.0, "misfit of turn": 0.0}
-        self.base: BaseState | None = None
         self._wrench: Wrench | partial[Wrench] = (ZERO, ZERO)  # or how it is found, as not everyone asks
         self._wrench_before: Wrench | partial[Wrench] = self._wrench
-        self._factors, self._coefficients = np.empty(len(self._at_start)), np.empty(len(self._products))
+        self._sum = self._table[MOMENTS.start : TURNED.stop]  # what a step begins with is a sum of
+        self._factors, self._coefficients = np.empty(len(self._sum)), np.empty(len(self._products))
         self._set_factors, self._set_coefficients = (
             partial(Struct(f"{len(numbers)}d").pack_into, numbers.data, 0)
             for numbers in (self._factors, self._coefficients)
@@ -268,14 +263,13 @@ class CarriedFrame(FrameKernel):
         xx, yy, zz, yz, xz, xy = pairs(ω, ω_end)
         (x, y, z), (i, j, k) = added(v_end, -1.0, v), added(cross(ω, v_end), 1.0, cross(ω_end, v))
         self._set_factors(
-            *(-α / h, -β / h, -γ / h, -x / h - i / 2, -y / h - j / 2, -z / h - k / 2, -1.0),  # g, c, f0
-            *(xx, yy, zz, yz, xz, xy, -α / h, -β / h, -γ / h, -α / 2, -β / 2, -γ / 2),  # I2 q, G q, G r
-            *(xx / 2, yy / 2, zz / 2, yz / 2, xz / 2, xy / 2),  # I1
+            *(-x / h - i / 2, -y / h - j / 2, -z / h - k / 2, xx, yy, zz, yz, xz, xy),  # c, S
+            *(0.0, 0.0, 0.0, -1.0, -α / h, -β / h, -γ / h),  # b, f0, T
         )
-        right = self._factors.dot(self._at_start)
+        right = self._factors.dot(self._sum)
         if self._couples and h * (math.hypot(*ω) + math.hypot(*ω_end)) > NO_TURN:
-            s, known = -h / 2, self._coupled_at
-            self._coupled_at = s * xx, s * yy, s * zz, s * yz, s * xz, s * xy, 2 * a, 2 * b, 2 * c
+            known = self._coupled_at
+            self._coupled_at = -xx, -yy, -zz, -yz, -xz, -xy, 2 * a, 2 * b, 2 * c
             if self._coupled_at != known or self._A is None:
                 self._set_coefficients(*self._coupled_at, 1.0)
                 self._A = self._coefficients.dot(self._flat_products).reshape(len(modal), -1)

@@ -2,7 +2,8 @@
 
 Node i is at p + R y_i, y = X + V q, with the velocity p' + R (ω × y + V r), V of a contact mode (`rom.moving_frame`):
 
-    I(q) = I0 + (I1 + I2 q) q,    b(q) = g + G q,    L = I ω + b r,    s = r + bᵀω
+    I(q) = I0 + (½ I1 + S) q,    S(q) = ½ I1 + I2 q,    b(q) = g + G q,    L = I ω + b r,    s = r + bᵀω
+    I⁺ - I = 2 h S(q + h/2 r̂) r̂,    b⁺r⁺ + b r = 2 T r̂,    T = b + h/2 G r
 
 Forces in world axes act on points of the body, at a = (R y + R⁺ y⁺)/2 from the origin, as Sᵀ f with the velocities
 ŝ = S v̂ = p'^ + (R* ω̂) × a + R* V r̂, which are exactly how far the points go: h ŝ. Others turn with the frame;
@@ -20,6 +21,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
+from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.contact import ContactSolution
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.frame_motion import (
@@ -67,11 +69,10 @@ class Shape(NamedTuple):
     drift: Vector  # c r
 
 
-# Rows of the table: constant; at the start of a step, f0 = ω e - 2/h r - f; and at a mid-step rate.
-COUPLING0, MOMENTS, GIVEN = slice(0, 3), slice(3, 6), 6  # g, c, f0
-BENT, COUPLED, TURNED, INERTIA1 = slice(7, 13), slice(13, 16), slice(16, 19), slice(19, 25)  # I2 q, G q, G r, I1
-BENT_BY_RATE, TURNED_BY_RATE, HELD_BY_RATE = slice(25, 31), slice(31, 34), 34  # I2 r̂, G r̂, (2/h + h/2 γ + D) r̂
-BY_RATE, ROWS = slice(25, 35), 35
+# Rows of the table: ½ I1 and c; at the start of a step S, b, f0 = ω e - 2/h r - f, and T; at a mid-step rate S in the
+# middle of the step, G r̂, and (2/h + h/2 γ + D) r̂.
+HALF_INERTIA1, MOMENTS, BENT, COUPLED = slice(0, 6), slice(6, 9), slice(9, 15), slice(15, 18)
+GIVEN, TURNED, BENT_BY_RATE, TURNED_BY_RATE, ROWS = 18, slice(19, 22), slice(22, 28), slice(28, 31), 32
 
 
 class FrameKernel(BookedKernel):
@@ -86,6 +87,7 @@ class FrameKernel(BookedKernel):
 
     Attributes:
         frame: where the frame is; set it, then `resume`.
+        base: that carries the body, at the end of the next step; None: it stands still, or there is none.
     """
 
     def __init__(
@@ -101,26 +103,29 @@ class FrameKernel(BookedKernel):
         super().__init__(model, ledger, np.empty(0), interface, residual=residual)
         self._constants, self._loads, self._mass = frame, loads, frame.mass
         self._watch, self.notes = watch, watch.notes
-        second = frame.inertia2 if frame.stiffening is None else frame.inertia2 - frame.stiffening
         m = model.order
-        self._couples = bool(second.any() or frame.coupling.any() or frame.inertia1.any())
-        self._products = np.concatenate([second, frame.coupling, np.empty((1, m, m))])  # I2, G, 2/h + h/2 γ + D
+        self._second = frame.inertia2 if frame.stiffening is None else frame.inertia2 - frame.stiffening
+        self._couples = bool(self._second.any() or frame.coupling.any() or frame.inertia1.any())
+        self._products = np.empty((10, m, m))  # h/2 I2, G, 2/h + h/2 γ + D
+        self._flat_products = self._products.reshape(10, m * m)
         self._by_rate: Any = self._products.reshape(10 * m, m).dot
-        self._by_shape: Any = self._products[:9].reshape(9 * m, m).dot
-        self._turned: Any = self._products[6:9].reshape(3 * m, m).dot
+        self._by_shape: Any = np.concatenate([self._second, frame.coupling]).reshape(9 * m, m).dot
+        self._by_turning: Any = frame.coupling.reshape(3 * m, m).dot
         self._table = np.zeros((ROWS, m))
-        self._table[COUPLING0], self._table[MOMENTS] = frame.coupling0, frame.moment_modes
-        self._table[INERTIA1] = frame.inertia1
-        shaped, turned, by_rate = slice(BENT.start, COUPLED.stop), TURNED, BY_RATE
-        self._shaped, self._turned_rows, self._rate_rows = (
-            self._table[rows].reshape(-1) for rows in (shaped, turned, by_rate)
+        self._table[HALF_INERTIA1], self._table[MOMENTS] = frame.inertia1 / 2, frame.moment_modes
+        self._table[BENT], self._table[COUPLED] = frame.inertia1 / 2, frame.coupling0
+        self._table[TURNED] = frame.coupling0
+        self._bent, self._coupled, self._turned, self._bent_by_rate, self._shaped, self._rated = (
+            self._table[rows].reshape(-1)
+            for rows in (BENT, COUPLED, TURNED, BENT_BY_RATE, slice(BENT.start, COUPLED.stop), slice(22, ROWS))
         )
-        self._at_start = self._table[: BY_RATE.start]
+        self._unshaped = self._shaped.copy()
+        self._at_q, self._at_r = self._table[: BENT.stop], self._table[MOMENTS.start : COUPLED.stop]
         alone = not (self._couples or frame.coupling0.any() or frame.moment_modes.any())
         self._same_shape = Shape(tuple(frame.inertia0.tolist()), ZERO, ZERO, ZERO) if alone else None
-        self._flat_products = self._products.reshape(10, m * m)
         self._inertia0, self._first_moment = frame.inertia0.tolist(), frame.first_moment.tolist()
         x, y, z = frame.origin.tolist()
+        self.base: BaseState | None = None
         self._works = list[tuple[float, float]]()  # supplied and dissipated in steps without contact, to be booked
         self._square = 0.0  # of the state
         self.frame = self._frame_before = self._at_rest = FrameState((x, y, z), (1.0, 0.0, 0.0, 0.0), ZERO, ZERO)
@@ -134,6 +139,7 @@ class FrameKernel(BookedKernel):
         super().set_time_step(h)
         γ, d = self._model.eigenvalues, self._model.damping
         self._diagonal = 2 / h + h / 2 * γ if self._dense_damping else 2 / h + h / 2 * γ + d
+        self._products[:6], self._products[6:9] = h / 2 * self._second, self._constants.coupling
         self._products[9] = np.diag(self._diagonal) + d if self._dense_damping else np.diag(self._diagonal)
         self._travel = h * self._ω
         self._elastic_and_inertial = np.stack([self._ω, np.full(len(γ), -2 / h)])
@@ -183,26 +189,31 @@ class FrameKernel(BookedKernel):
             return self._same_shape
         if self._couples:
             self._by_shape(q, self._shaped)
-            self._turned(r, self._turned_rows)
-        at_q, at_r = self._at_start.dot(q).tolist(), self._at_start.dot(r).tolist()
-        a0, b0, c0, d0, e0, f0 = self._inertia0
-        a2, b2, c2, d2, e2, f2 = at_q[BENT]
-        a1, b1, c1, d1, e1, f1 = at_q[INERTIA1]
-        (x, y, z), (u, v, w) = self._first_moment, at_q[MOMENTS]
-        (bx, by, bz), (gx, gy, gz), (cx, cy, cz) = at_r[COUPLED], at_r[COUPLING0], at_r[MOMENTS]
+            np.add(self._shaped, self._unshaped, self._shaped)
+        a1, b1, c1, d1, e1, f1, u, v, w, a2, b2, c2, d2, e2, f2 = self._at_q.dot(q).tolist()
+        cx, cy, cz, _, _, _, _, _, _, bx, by, bz = self._at_r.dot(r).tolist()
+        (a0, b0, c0, d0, e0, f0), (x, y, z) = self._inertia0, self._first_moment
         return Shape(
             (a0 + a1 + a2, b0 + b1 + b2, c0 + c1 + c2, d0 + d1 + d2, e0 + e1 + e2, f0 + f1 + f2),
-            (bx + gx, by + gy, bz + gz),
+            (bx, by, bz),
             (x + u, y + v, z + w),
             (cx, cy, cz),
         )
 
     def _give(self, modal: Array) -> None:
-        """The row of the table that forces (m,) on the coordinates and the state are in."""
+        """The rows of the table that do not change within a step, under forces (m,) on the coordinates."""
         given = self._table[GIVEN]
         np.multiply(self._elastic_and_inertial, self._halves, self._terms)
         np.add(self._terms[0], self._terms[1], given)
         np.subtract(given, modal, given)
+        if self._couples:
+            self._by_turning(self.h / 2 * self._r, self._turned)
+            np.add(self._turned, self._coupled, self._turned)
+
+    def _move(self, rate: Array) -> None:
+        """The rows of the table that depend on a mid-step rate (m,)."""
+        self._by_rate(rate, self._rated)
+        np.add(self._bent_by_rate, self._bent, self._bent_by_rate)
 
     def _damped(self, r: Array) -> Array:
         """D r (m,)."""

@@ -14,7 +14,8 @@ Two identities make it exact at any h, for any symmetric I2 and antisymmetric G:
 so that energy grows by h (F·p'^ + τ·R ω̂ + f·r̂) - h r̂ᵀ D r̂ and momenta by nothing but F and τ. After the iteration ω⁺ is
 what the angular momentum says, which no tolerance is in.
 
-The iteration is Newton's with a kept Jacobian, found anew where that costs less than the iterations that it saves.
+The iteration is Newton's with a kept Jacobian, which is found anew when a step takes longer than the mean of all steps
+with it, what it cost included.
 """
 
 import math
@@ -34,20 +35,18 @@ from fenics_rom.mechanics.frame_motion import (
     Vector,
     added,
     cross,
-    cross_matrix,
     dot,
+    mean,
     rotated,
     rotated_back,
     rotation_of,
 )
-from fenics_rom.mechanics.hyperelastic import VOIGT_INDEX
 from fenics_rom.runtime.steppers.frame_contact import touch
 from fenics_rom.runtime.steppers.frame_kernel import (
     BENT,
     BENT_BY_RATE,
     COUPLED,
     GIVEN,
-    INERTIA1,
     TURNED,
     TURNED_BY_RATE,
     FrameKernel,
@@ -63,16 +62,17 @@ from fenics_rom.runtime.steppers.inertia import (
     ROUND_OFF,
     SLOW,
     TOLERANCE,
+    Inertia,
     check_definite,
     contraction,
+    definite_up_to,
     pairs,
     solved_inertia,
     times_inertia,
     turn_of_top,
 )
 
-FEW_ITERATIONS = 3  # of a step with a Jacobian that is kept
-WORN = 5  # iterations more than that in all the steps with it, which a new one takes the time of
+JACOBIAN = 4  # iterations that it takes the time of to find one
 
 
 class _Motion(NamedTuple):
@@ -83,6 +83,7 @@ class _Motion(NamedTuple):
     ω: Vector  # in the frame's axes, rad/s
     R: Rotation
     L: Vector  # angular momentum in the frame's axes
+    spin: float  # ω·I ω + 2 ω·b r, J
 
 
 class _Step(NamedTuple):
@@ -98,21 +99,24 @@ class FreeFrame(FrameKernel):
         super().__init__(*args, **named)
         m = self._model.order
         self._sum = self._table[GIVEN:]  # what the balance of a free body is a sum of
+        self._gained = self._table[TURNED.start : BENT_BY_RATE.stop]
         self._factors = np.empty(len(self._sum))
         self._set_factors = partial(Struct(f"{len(self._sum)}d").pack_into, self._factors.data, 0)
         self._weights = np.ones(3 + m)  # in which corrections are measured, as energies are
         self._weights[:3] = sum(self._inertia0[:3]) / 3
+        frame, ω = self._constants, self._ω
+        parts = frame.inertia1 / ω, self._second / ω / ω[:, None], frame.coupling / ω
+        self._surely_definite = definite_up_to(frame.inertia0, *parts)
         self._inverse: Array | None = None
-        self._wear = 0  # iterations that a new one would have saved
+        self._steps, self._iterations, self._last = 0, 0, 0  # with it, and in the last step
         self._passed: tuple[float, Array] | None = None  # the last step: of h s, by ω̂ and r̂
         self.resume(np.empty(0))
 
     @property
     def energy(self) -> float:
         """Stored, J."""
-        shape, ω, v = self._now.shape, self._now.ω, self.frame.velocity
-        rigid = self._mass * dot(v, v) + dot(ω, times_inertia(shape.inertia, ω)) + 2 * dot(ω, shape.moved)
-        return self._with_carried_energy((rigid + self._square) / 2)
+        v = self.frame.velocity
+        return self._with_carried_energy((self._mass * dot(v, v) + self._now.spin + self._square) / 2)
 
     @property
     def angular_velocity(self) -> Vector:
@@ -150,7 +154,7 @@ class FreeFrame(FrameKernel):
         """As in Kernel; the angular velocity is what the angular momentum says."""
         super().resume(auxiliary)
         q, shape, R = self._coordinates().copy(), self._forget(), rotation_of(*self.frame.rotation)
-        self._now = self._now_before = self._moving(q, shape, R, self.frame.turning)
+        self._now = self._now_before = self._moving(q, shape, R, self.frame.turning, self._e)
 
     def place(self, frame: FrameState) -> None:
         """Puts the frame where it is to be; `turning` is here the angular velocity in world axes, rad/s."""
@@ -165,12 +169,13 @@ class FreeFrame(FrameKernel):
         self._square = float(self.state.dot(self.state))
         return self._shape_at(self._coordinates(), self._r)
 
-    def _moving(self, q: Array, shape: Shape, R: Rotation, momentum: Vector) -> _Motion:
-        """The body with an angular momentum in world axes."""
-        if self._couples:
+    def _moving(self, q: Array, shape: Shape, R: Rotation, momentum: Vector, e: Array) -> _Motion:
+        """The body at q, e = √γ q, with an angular momentum in world axes."""
+        if not e.dot(e) <= self._surely_definite:
             check_definite(shape.inertia, self._table[COUPLED])
         L = rotated_back(R, momentum)
-        return _Motion(q, shape, solved_inertia(shape.inertia, added(L, -1.0, shape.moved)), R, L)
+        ω = solved_inertia(shape.inertia, added(L, -1.0, shape.moved))
+        return _Motion(q, shape, ω, R, L, dot(ω, added(L, 1.0, shape.moved)))
 
     def step(self, u: Array, obstacles: ObstacleMotion | None = None) -> float:
         """As in Kernel."""
@@ -199,11 +204,11 @@ class FreeFrame(FrameKernel):
         if not self._couples and self._interface is None and step.forces.at_points is None:
             return self._as_a_top(step, x)
         scale, before = 0.0, math.inf
-        if self._wear > WORN:
+        if self._last * self._steps > self._iterations:
             self._inverse = None
         for iteration in range(1, MOST_ITERATIONS + 1):
             if self._inverse is None:
-                self._inverse, self._wear = self._jacobian_inverse(step, x), 0
+                self._inverse, self._iterations, self._steps = self._jacobian_inverse(step, x), JACOBIAN, 0
             change = self._inverse.dot(self._residual(step, x, None))
             x -= change
             size = self.size(change)
@@ -211,7 +216,7 @@ class FreeFrame(FrameKernel):
                 raise StepError("the inputs lead out of the finite numbers; the state was left as it was")
             scale, ratio = scale or self.scale(x), size / before
             if (0 < ratio < 1 and size * ratio <= TOLERANCE * scale) or size <= ROUND_OFF * scale:
-                self._wear += max(iteration - FEW_ITERATIONS, 0)
+                self._last, self._iterations, self._steps = iteration, self._iterations + iteration, self._steps + 1
                 return x
             before = size
             if ratio > SLOW and iteration > 1:
@@ -243,7 +248,7 @@ class FreeFrame(FrameKernel):
 
     def size(self, change: Array) -> float:
         """Of velocities, as √(2 J)."""
-        return float(change.dot(self._weights * change)) ** 0.5
+        return math.sqrt(change.dot(self._weights * change))
 
     def scale(self, x: Array) -> float:
         """Of the velocities of the step at its start and at x."""
@@ -254,66 +259,53 @@ class FreeFrame(FrameKernel):
         """What the balances of angular momentum and of the coordinates lack, under contact forces that push."""
         h, now, r̂ = self.h, self._now, x[3:]
         a, b, c = ω̂ = vector(x[:3])
-        self._by_rate(r̂, self._rate_rows)
         (A, B, C), L = now.ω, now.L
         ω_end = 2 * a - A, 2 * b - B, 2 * c - C
         xx, yy, zz, yz, xz, xy = pairs(now.ω, ω_end)
-        α, β, γ = ω_end[0] - A, ω_end[1] - B, ω_end[2] - C
+        self._move(r̂)
         self._set_factors(
-            *(1.0, -xx, -yy, -zz, -yz, -xz, -xy, α / h, β / h, γ / h, α / 2, β / 2, γ / 2),  # f0, I2 q, G q, G r
-            *(-xx / 2, -yy / 2, -zz / 2, -yz / 2, -xz / 2, -xy / 2),  # I1
-            *(-h / 2 * xx, -h / 2 * yy, -h / 2 * zz, -h / 2 * yz, -h / 2 * xz, -h / 2 * xy),  # I2 r̂
-            *(2 * a, 2 * b, 2 * c, 1.0),  # G r̂, and what r̂ itself is held by
+            *(1.0, 2 / h * (a - A), 2 / h * (b - B), 2 / h * (c - C)),  # f0, T
+            *(-xx, -yy, -zz, -yz, -xz, -xy, 2 * a, 2 * b, 2 * c, 1.0),  # S, G r̂, and what r̂ itself is held by
         )
         ρ = np.empty(len(x))
         along = self._factors.dot(self._sum, ρ[3:])
-        L_end = self._end_momentum(self._sum.dot(r̂).tolist(), ω_end)
+        _, L_end = self._inertia_and_momentum(r̂, ω_end)
         t = self._torque(step, r̂)
-        pushes = [push] if push is not None else []
-        if step.forces.at_points is not None:
-            prescribed = self._prescribed(step.forces, self.turn_at(x)[0], self._now.q, r̂, h)
-            pushes += [prescribed] if prescribed is not None else []
-        for each in pushes:
-            t = added(t, 1.0, each.turning)
-            along -= each.modal
+        if push is not None or step.forces.at_points is not None:
+            for each in (push, self._prescribed(step.forces, self.turn_at(x)[0], now.q, r̂, h)):
+                if each is not None:
+                    t = added(t, 1.0, each.turning)
+                    along -= each.modal
         x_, y_, z_ = cross(ω̂, added(L, 1.0, L_end))
         ρ[0] = (L_end[0] - L[0]) / h + x_ / 2 - t[0]
         ρ[1] = (L_end[1] - L[1]) / h + y_ / 2 - t[1]
         ρ[2] = (L_end[2] - L[2]) / h + z_ / 2 - t[2]
         return ρ
 
-    def _end_momentum(self, along: list[float], ω: Vector) -> Vector:
-        """L⁺ from the products of the table with r̂: I⁺ = I + h (I1 + 2 I2 q)·r̂ + h² r̂·I2 r̂; b⁺r⁺ is linear in r̂."""
-        h, (xx, yy, zz, yz, xz, xy), (x, y, z) = self.h, self._now.shape.inertia, self._now.shape.moved
-        # f0, I2 q, G q, G r, I1, I2 r̂, G r̂ and the last one
-        _, a, b, c, d, e, f, u, v, w, i, j, k, A, B, C, D, E, F, α, β, γ, δ, ε, ζ, *_ = along
-        inertia = (
-            xx + h * (A + 2 * a + h * α),
-            yy + h * (B + 2 * b + h * β),
-            zz + h * (C + 2 * c + h * γ),
-            yz + h * (D + 2 * d + h * δ),
-            xz + h * (E + 2 * e + h * ε),
-            xy + h * (F + 2 * f + h * ζ),
-        )
-        return added(times_inertia(inertia, ω), 1.0, (2 * u + h * i - x, 2 * v + h * j - y, 2 * w + h * k - z))
+    def _inertia_and_momentum(self, r̂: Array, ω: Vector) -> tuple[Inertia, Vector]:
+        """I⁺ and, with ω⁺, L⁺ = I⁺ ω⁺ + b⁺r⁺ at the rate that the table is of."""
+        s = 2 * self.h
+        (xx, yy, zz, yz, xz, xy), (x, y, z) = self._now.shape.inertia, self._now.shape.moved
+        u, v, w, α, β, γ, δ, ε, ζ = self._gained.dot(r̂).tolist()
+        inertia = xx + s * α, yy + s * β, zz + s * γ, yz + s * δ, xz + s * ε, xy + s * ζ
+        return inertia, added(times_inertia(inertia, ω), 1.0, (2 * u - x, 2 * v - y, 2 * w - z))
 
     def _jacobian_inverse(self, step: _Step, x: Array) -> Array:
-        h, table, ω, ω̂, r̂ = self.h, self._table, np.array(self._now.ω), x[:3], x[3:]
-        ω_end = 2 * ω̂ - ω
-        self._by_rate(r̂, self._rate_rows)
-        bent = table[INERTIA1] + 2 * table[BENT]  # I1 + 2 I2 q at q
-        bending = h * table[BENT_BY_RATE]
-        moving = 2 * table[COUPLED] + h * table[TURNED]
-        L_end = np.array(self._end_momentum(self._sum.dot(r̂).tolist(), vector(ω_end)))
-        carry = np.eye(3) / h + cross_matrix(ω̂) / 2
-        inertia = np.array(self._now.shape.inertia) + h * (bent + bending).dot(r̂)
-        m = len(r̂)
+        h, now, table, r̂, m = self.h, self._now, self._table, x[3:], len(x) - 3
+        (A, B, C), (a, b, c) = now.ω, vector(x[:3])
+        ω_end = 2 * a - A, 2 * b - B, 2 * c - C
+        self._move(r̂)
+        bent, turned = table[BENT_BY_RATE], table[TURNED]
+        (xx, yy, zz, yz, xz, xy), L_end = self._inertia_and_momentum(r̂, ω_end)
+        u, v, w = mean(now.L, L_end)
+        carry = np.array(((1 / h, -c / 2, b / 2), (c / 2, 1 / h, -a / 2), (-b / 2, a / 2, 1 / h)))  # 1/h + ω̂~/2
         J = np.empty((3 + m, 3 + m))
-        J[:3, :3] = carry.dot(2 * inertia[VOIGT_INDEX]) - cross_matrix(self._now.L + L_end) / 2
-        J[:3, 3:] = carry.dot(contraction(ω_end).dot(h * (bent + 2 * bending)) + moving)
-        J[3:, :3] = (moving / h + 2 * table[TURNED_BY_RATE] - contraction(ω).dot(bent + bending)).T
-        factors = (*(-h / 2 * p for p in pairs(vector(ω), vector(ω_end))), *(2 * ω̂), 1.0)
-        J[3:, 3:] = np.array(factors).dot(self._flat_products).reshape(m, m)
+        J[:3, :3] = carry.dot(((2 * xx, 2 * xy, 2 * xz), (2 * xy, 2 * yy, 2 * yz), (2 * xz, 2 * yz, 2 * zz)))
+        J[:3, :3] -= ((0.0, -w, v), (w, 0.0, -u), (-v, u, 0.0))
+        J[:3, 3:] = 2 * carry.dot(contraction(2 * h, ω_end).dot(bent - table[BENT] / 2) + turned)
+        J[3:, :3] = (2 / h * turned + 2 * table[TURNED_BY_RATE] - contraction(2.0, now.ω).dot(bent)).T
+        factors = np.array((*(-p for p in pairs(now.ω, ω_end)), 2 * a, 2 * b, 2 * c, 1.0))
+        J[3:, 3:] = factors.dot(self._flat_products).reshape(m, m)
         try:
             inverse: Array = np.linalg.inv(J)
         except np.linalg.LinAlgError as error:
@@ -390,7 +382,7 @@ class FreeFrame(FrameKernel):
         frame = FrameState(added(before.position, h, v̂), rotation, v, added(before.turning, h, τ))
         e, r = self._e + self._travel * r̂, r̂ + r̂ - self._r
         q = e * self._inverse_ω
-        motion = self._moving(q, self._shape_at(q, r), turn.after, frame.turning)
+        motion = self._moving(q, self._shape_at(q, r), turn.after, frame.turning, e)
         self._finish(contact, turn, touched, h * supplied, h * float(r̂.dot(self._damped(r̂))))
         self._passed = h, x
         self.frame, self._now_before, self._now = frame, self._now, motion

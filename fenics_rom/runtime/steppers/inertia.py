@@ -7,6 +7,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.frame_motion import Vector, added, cross, dot
+from fenics_rom.mechanics.hyperelastic import VOIGT_INDEX
 
 TOLERANCE = 1e-15  # of the velocities: what the next correction may be
 ROUND_OFF = 4e-15  # of the velocities: a correction that is none
@@ -39,6 +40,21 @@ def check_definite(inertia: Inertia, b: Array) -> None:
         )
 
 
+def definite_up_to(inertia0: Array, inertia1: Array, inertia2: Array, coupling: Array) -> float:
+    """Up to which |e|² kinetic energy is positive definite for sure.
+
+    Of I = I0 + I1 e + eᵀI2 e and b = G e, by I0 (6,), I1 (6, m), I2 (6, m, m) and G (3, m, m): in axes in which I0 is
+    1 and with norms a of I1, c of I2 and g of G, where 1 = a |e| + (c + g²) |e|².
+    """
+    m, (λ, axes) = len(coupling[0]), np.linalg.eigh(inertia0[VOIGT_INDEX])
+    scaled = axes / np.sqrt(λ)
+    I1, I2 = (np.einsum("ki,kl...,lj->ij...", scaled, part[VOIGT_INDEX], scaled) for part in (inertia1, inertia2))
+    G = np.tensordot(scaled.T, coupling, 1)
+    a, g = (np.linalg.norm(part.reshape(-1, m), 2) for part in (I1, G))
+    c = np.linalg.norm(np.linalg.norm(I2, 2, axis=(2, 3))) + g**2
+    return float((2 / (a + np.sqrt(a**2 + 4 * c))) ** 2) if a or c else math.inf
+
+
 def _is_definite(xx: float, yy: float, zz: float, yz: float, xz: float, xy: float) -> bool:
     minor = xx * yy - xy * xy
     return xx > 0 and minor > 0 and zz * minor - yz * (xx * yz - xy * xz) + xz * (xy * yz - yy * xz) > 0
@@ -56,10 +72,10 @@ def pairs(ω: Vector, η: Vector) -> tuple[float, float, float, float, float, fl
     return a * x, b * y, c * z, b * z + c * y, a * z + c * x, a * y + b * x
 
 
-def contraction(ω: Array) -> Array:
-    """(3, 6), which makes Σ_l ω_l X_kl of the six entries of a symmetric X."""
-    x, y, z = ω
-    return np.array(((x, 0, 0, 0, z, y), (0, y, 0, z, 0, x), (0, 0, z, y, x, 0)))
+def contraction(factor: float, ω: Vector) -> Array:
+    """(3, 6), which makes factor Σ_l ω_l X_kl of the six entries of a symmetric X."""
+    x, y, z = factor * ω[0], factor * ω[1], factor * ω[2]
+    return np.array(((x, 0.0, 0.0, 0.0, z, y), (0.0, y, 0.0, z, 0.0, x), (0.0, 0.0, z, y, x, 0.0)))
 
 
 def turn_of_top(

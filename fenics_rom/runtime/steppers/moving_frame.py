@@ -105,8 +105,7 @@ class MovingFrameStepper(ReducedStepper):
 
     def step(self, inputs: StepInput) -> StepResult:
         """See Stepper."""
-        if isinstance(self.kernel, CarriedFrame):
-            self.kernel.base = inputs.base
+        self.kernel.base = inputs.base
         return super().step(inputs)
 
     def switch(self, contact: str) -> float:
