@@ -8,6 +8,7 @@ hold, whatever W is: the sum of the bodies' Delassus operators, and a little mor
 from step to step as long as it is nearly right, and with it the law as it was linearised.
 """
 
+from operator import is_
 from typing import NamedTuple
 
 import numpy as np
@@ -67,7 +68,7 @@ class _Kept(NamedTuple):
     pairs: tuple[bytes, bytes]  # which, and their friction
     normals: Array
     frames: Frames
-    operator: Delassus
+    operator: Delassus | None  # None where that has changed
     law: KeptLaw | None  # as it was linearised
 
 
@@ -77,6 +78,10 @@ class Guide:
     Args:
         W: (3 (C + J), 3 (C + J)), symmetric positive semidefinite.
         yields: of each of the C contacts whether a point of it yields by itself, so that W tells its forces apart.
+
+    Attributes:
+        is_right: whether bodies lie as they did when W was found.
+        soft, of_soft: the operators of bodies that yield, and their part of W.
     """
 
     def __init__(self, W: Array, yields: Array):
@@ -86,10 +91,19 @@ class Guide:
         self.W, self._C = W, 3 * len(yields)
         C = self._C
         W.ravel()[: C * (len(W) + 1) : len(W) + 1] += PROXIMAL * np.repeat(added, 3)
+        self.yields, self.is_right = yields, True
+        self.soft, self.of_soft = list[Array](), np.empty((0, 0))
         self._kept: _Kept | None = None
-        self._joined = _pseudo_inverse(W[C:, C:])
-        self._spread = self._joined.dot(W[C:, :C])  # forces of joints per force of contact, with the other sign
-        self._contacts = W[:C, :C] - W[:C, C:].dot(self._spread) if len(W) > C else W
+        self._contacts = W
+        if len(W) > C:
+            self._joined = _pseudo_inverse(W[C:, C:])
+            self._spread = self._joined.dot(W[C:, :C])  # forces of joints per force of contact, with the other sign
+            self._contacts = W[:C, :C] - W[:C, C:].dot(self._spread)
+
+    def begin_like(self, known: "Guide") -> None:
+        """Begins with the law as another guide of the same pairs has linearised it."""
+        if known._kept is not None:
+            self._kept = known._kept._replace(operator=None)
 
     def without_contact(self, u: Array) -> tuple[Array, Array]:
         """Forces (J, 3) that hold joints where contacts have none, and the velocities (C, 3) of contacts then."""
@@ -176,7 +190,7 @@ def find_forces(pairs: Pairs, h: float, start: Array, guide: Guide | None) -> tu
         pairs: of the step.
         h: s.
         start: forces (C + J, 3), N, to begin with.
-        guide: of earlier steps with the same pairs, if it is nearly right.
+        guide: of earlier steps with the same pairs, if there is one.
 
     Raises:
         StepError: no forces were found.
@@ -193,8 +207,8 @@ def find_forces(pairs: Pairs, h: float, start: Array, guide: Guide | None) -> tu
     size_before, scale = 0.0, float(np.abs(before).max(initial=0.0))
     u, fastest = _attempt(pairs, f)
     for sweep in range(1, MOST_SWEEPS + 1):
-        if guide is None:
-            guide = _guide(pairs)
+        if guide is None or not guide.is_right:
+            guide = _guide(pairs, guide)
         scale = max(scale, fastest)
         free = u - guide.W.dot(f.ravel()).reshape(-1, 3)
         scale = max(scale, float(np.abs(free).max(initial=0.0)))
@@ -206,10 +220,8 @@ def find_forces(pairs: Pairs, h: float, start: Array, guide: Guide | None) -> tu
         if size <= ROUND_OFF * scale:
             return Found(f, u, sweep, 0.0), guide
         asked, (u_found, fastest) = u + moved, _attempt(pairs, found)
-        if (
-            size * size <= TOLERANCE * scale * size_before
-            or np.abs(u_found - asked).max(initial=0.0) <= ROUND_OFF * scale
-        ):
+        missed = float(np.abs(u_found - asked).max(initial=0.0))
+        if size * size <= TOLERANCE * scale * size_before or missed <= ROUND_OFF * scale:
             return Found(found, u_found, sweep, 0.0), guide  # what the next sweep would change is none
         # Where size stays the same, only forces change that move nothing: the law has no solution that is more exact.
         stays = abs(size - size_before) <= STEADY * size
@@ -240,17 +252,42 @@ def _attempt(pairs: Pairs, forces: Array) -> tuple[Array, float]:
     return u, fastest
 
 
-def _guide(pairs: Pairs) -> Guide:
-    W, C = np.zeros((3 * len(pairs.places),) * 2), len(pairs.normals)
-    yields = np.zeros(C, dtype=bool)
-    for body, rows, _, signs, points in pairs.parts:
-        if body.is_driven or not len(rows):
-            continue
-        own, sign = body.delassus(points, pairs.places[rows]), np.repeat(signs, 3)
-        axes = (3 * rows[:, None] + np.arange(3)).ravel()
-        W[axes[:, None], axes] += sign[:, None] * own * sign
-        yields[rows[rows < C]] |= body.yields
-    return Guide(W, yields)
+def _guide(pairs: Pairs, known: Guide | None) -> Guide:
+    """W of the pairs; known: of an earlier step with the same pairs."""
+    C = len(pairs.normals)
+    parts = [part for part in pairs.parts if len(part.pairs) and not part.body.is_driven]
+    operators = [body.delassus(points, pairs.places[rows]) for body, _, rows, _, points in parts]
+    soft = [operator for part, operator in zip(parts, operators, strict=True) if part.body.yields]
+    if known is None or len(known.soft) != len(soft) or not all(map(is_, soft, known.soft)):
+        W, yields = np.zeros((3 * len(pairs.places),) * 2), np.zeros(C, dtype=bool)
+        for part, operator in zip(parts, operators, strict=True):
+            if part.body.yields:
+                _add(W, part, operator)
+                yields[part.pairs[part.pairs < C]] = True
+        of_soft = W
+    else:
+        of_soft, yields = known.of_soft, known.yields
+    W = of_soft.copy()
+    for part, operator in zip(parts, operators, strict=True):
+        if not part.body.yields:
+            _add(W, part, operator)
+    guide = Guide(W, yields)
+    guide.soft, guide.of_soft = soft, of_soft
+    if known is not None:
+        guide.begin_like(known)
+    return guide
+
+
+def _add(W: Array, part: Part, operator: Array) -> None:
+    """Adds the operator of a body's points to that of all pairs."""
+    sign = np.repeat(part.signs, 3)
+    signed = operator if (sign == sign[0]).all() else sign[:, None] * operator * sign
+    if type(part.rows) is slice:
+        axes = slice(3 * part.rows.start, 3 * part.rows.stop)
+        W[axes, axes] += signed
+    else:
+        rows = (3 * part.pairs[:, None] + np.arange(3)).ravel()
+        W[rows[:, None], rows] += signed
 
 
 def _law(

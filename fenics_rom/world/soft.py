@@ -154,6 +154,7 @@ class Soft(Simulator):
         self.input: Mapping[str, Any] = {}
         self._asked: tuple[Points, Array, Array] | None = None  # points, their velocities without forces, and per force
         self._reached: tuple[Points, Array, bool] | None = None  # points, their nodes, and whether each is one of them
+        self._turned_operator = np.empty((0, 0)), np.empty((0, 0))  # in axes of its own, and in the world's
         self._forces = np.empty((0, 3))
         self._tried, self._is_open = False, False
         surface = self._stepper.interface.points.nodes
@@ -289,15 +290,19 @@ class Soft(Simulator):
         return self._operator(points, partial(operator_of, self._handed.delassus))
 
     def _operator(self, points: Points, of_nodes: Callable[[Array], Array]) -> Array:
-        """Of points, (3 k, 3 k), in world axes, from that of their nodes."""
+        """Of points, (3 k, 3 k), in world axes, from that of their nodes; of nodes the same array as long as it is so."""
         if _are_nodes(points):
-            W = of_nodes(points.nodes[:, 0])
-        else:
-            nodes, row = np.unique(points.nodes, return_inverse=True)
-            share = np.zeros((len(points.nodes), len(nodes)))
-            np.add.at(share, (np.arange(len(share))[:, None], row.reshape(points.nodes.shape)), points.weights)
-            spread = np.kron(share, np.eye(3))
-            W = spread.dot(of_nodes(nodes)).dot(spread.T)
+            known = of_nodes(points.nodes[:, 0])
+            if not self._fixed:
+                return known
+            if known is not self._turned_operator[0]:
+                self._turned_operator = known, turned_operator(self._R, known, self._R)
+            return self._turned_operator[1]
+        nodes, row = np.unique(points.nodes, return_inverse=True)
+        share = np.zeros((len(points.nodes), len(nodes)))
+        np.add.at(share, (np.arange(len(share))[:, None], row.reshape(points.nodes.shape)), points.weights)
+        spread = np.kron(share, np.eye(3))
+        W = spread.dot(of_nodes(nodes)).dot(spread.T)
         return turned_operator(self._R, W, self._R) if self._fixed else W
 
     def close(self) -> None:

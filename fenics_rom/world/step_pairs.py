@@ -13,7 +13,7 @@ from fenics_rom.world.meetings import Meeting, Placed, is_still
 
 NEAR = 0.01  # of the smaller body: what is nearer is looked at in every step, besides what can be reached
 LARGEST = 1.0  # m: of a half-space, of how far it moves
-GUIDES = 1e-3  # of arms, and rad: by so much bodies may have moved since W was found
+GUIDES = 1e-9  # of arms, and rad: by so much bodies may have moved since W was found
 MORE_SWEEPS = 1  # than at first: if there are more W is found anew
 
 
@@ -119,14 +119,15 @@ class StepPairs:
         self._contacts, self._pairs = contacts, self._pairs._replace(normals=normals, places=places)
 
     def _known_guide(self, h: float) -> Guide | None:
+        """What guided the same pairs, which knows whether bodies lie as they did then."""
         self._lie = self._where()
         if self._guide is None or self._guide[1] != h:
             return None
-        for (arms, rotation), (arms_then, rotation_then) in zip(self._lie, self._guide[2], strict=True):
-            if np.abs(rotation - rotation_then).max() > GUIDES:
-                return None
-            if np.abs(arms - arms_then).max(initial=0.0) > GUIDES * np.abs(arms_then).max(initial=0.0):
-                return None
+        self._guide[0].is_right = all(
+            np.abs(rotation - rotation_then).max() <= GUIDES
+            and np.abs(arms - arms_then).max(initial=0.0) <= GUIDES * np.abs(arms_then).max(initial=0.0)
+            for (arms, rotation), (arms_then, rotation_then) in zip(self._lie, self._guide[2], strict=True)
+        )
         return self._guide[0]
 
     def _where(self) -> list[tuple[Array, Array]]:

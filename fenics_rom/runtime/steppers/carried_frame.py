@@ -87,6 +87,7 @@ class CarriedFrame(FrameKernel):
         self._taken: _Step | None = None
         self._free = np.empty(0)
         self._inside_of: tuple[Array, bytes, Array] | None = None  # A, points, and their answer in the frame's axes
+        self._answered: tuple[bytes, Array] | None = None  # how the frame turns, and the same in the world's
         self._size = (sum(self._inertia0[:3]) / 2 / self._mass) ** 0.5
         self.resume(np.empty(0))
 
@@ -189,11 +190,14 @@ class CarriedFrame(FrameKernel):
             inside = V.T.dot(self._solved(step.A, V))
             if self.residual is not None:
                 inside += self.residual.delassus_of(some)
-            self._inside_of = step.A, key, inside
+            self._inside_of, self._answered = (step.A, key, inside), None
         # R* and by how the arms change with the way that points go; R*ᵀ f is what the frame sees of a force
         middle = step.turn.middle
         outward = middle + self.h / 2 * cross_matrix(middle.dot(step.ω̂)).dot(step.turn.end)
-        return turned_operator(outward, self._inside_of[2], middle)
+        turns = outward.tobytes() + middle.tobytes()
+        if self._answered is None or self._answered[0] != turns:
+            self._answered = turns, turned_operator(outward, self._inside_of[2], middle)
+        return self._answered[1]
 
     def close(self, contact: ContactSolution | None) -> float:
         """As in Kernel."""

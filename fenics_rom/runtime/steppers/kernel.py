@@ -77,7 +77,10 @@ class Kernel:
         raise NotImplementedError
 
     def answer(self, some: Array) -> Array:
-        """Velocities of some contact points (s,) per force on them in the step that is open, (3 s, 3 s), m/s/N."""
+        """Velocities of some contact points (s,) per force on them in the step that is open, (3 s, 3 s), m/s/N.
+
+        As long as that is the same it is the same array.
+        """
         raise NotImplementedError
 
     def close(self, contact: ContactSolution | None) -> float:
