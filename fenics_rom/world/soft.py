@@ -290,7 +290,7 @@ class Soft(Simulator):
         return self._operator(points, partial(operator_of, self._handed.delassus))
 
     def _operator(self, points: Points, of_nodes: Callable[[Array], Array]) -> Array:
-        """Of points, (3 k, 3 k), in world axes, from that of their nodes; of nodes the same array as long as it is so."""
+        """Of points, (3 k, 3 k), in world axes, from that of their nodes; of nodes the same array while it is so."""
         if _are_nodes(points):
             known = of_nodes(points.nodes[:, 0])
             if not self._fixed:
