@@ -12,7 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.mechanics.complementarity.splitting import Problems, Splitting
+from fenics_rom.mechanics.complementarity.problems import Problems
+from fenics_rom.mechanics.complementarity.splitting import Splitting
 from fenics_rom.mechanics.contact import ContactLaw
 from fenics_rom.mechanics.obstacles import Obstacle
 

@@ -7,7 +7,8 @@ is a fixed point z of
 
 N is inverted once; an iteration is one product for all bodies and some thirty elementwise operations. With s = z + q
 and w = 2 Π(z) - s it is s ← (1 - α/2) s + α (N - ½) w. ρ = √(λmin λmax) of W makes it settle in some 16 iterations
-where W has a condition of a few hundred. That W has one at all is owed to the residual compliance.
+where W has a condition of a few hundred. That W has one at all is owed to the residual compliance. What does not
+settle, and bodies with few pairs, are for Newton's method (`batched_newton`).
 
 Arrays hold bodies along their last axis and axes x, y, z along their first, as the elementwise operations want them.
 """
@@ -17,27 +18,19 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.mechanics.complementarity.batched_newton import BatchedNewton
+from fenics_rom.mechanics.complementarity.problems import Problems
+
 RELAXATION = 1.85  # α
 TOLERANCE = 5e-7  # residual, as a share of the velocities that the forces have to stop
 FLOOR = 1e-3  # of λmax, that λmin is taken to be at least
-FIRST_CHECK, CHECKS_EVERY, MOST_ITERATIONS = 5, 3, 200
+FIRST_CHECK, CHECKS_EVERY, MOST_ITERATIONS = 5, 3, 80
 GROUP = 256  # bodies that go through the iterations together, so that their arrays stay in the cache
 LEAVES_AT = 0.75  # of a group: when so few go on, the others are taken out of the arrays
 POOLED_AT = 0.3  # of a group: when so few go on, they wait for those of the other groups
+FEW = 8  # pairs, that Newton's method is faster for, where it leaves out most of the points
+FEW_AT = 0.4  # of the points: so few they have to be
 _TINY = 1e-300  # m/s
-
-
-class Problems(NamedTuple):
-    """What is known of B bodies with P pairs each."""
-
-    q: Array  # (3, P, B) velocities without contact, less the targets, m/s
-    normals: Array  # (3, P, B) unit vectors from the obstacle to the body
-    due: Array  # (P, B) which pairs may push, as 1.0 or 0.0
-    friction: Array  # μ (B,)
-
-    def of(self, bodies: Array | slice) -> "Problems":
-        """Those of some of the bodies."""
-        return Problems(*(part[..., bodies] for part in self))
 
 
 class Splitting:
@@ -58,6 +51,7 @@ class Splitting:
         self.ρ = float(λ[-1]) / np.sqrt(condition)
         identity = np.eye(len(W))
         self._K = RELAXATION * (np.linalg.inv(W / self.ρ + identity) - identity / 2)
+        self._newton = BatchedNewton(W, TOLERANCE)
         # What an iteration changes bounds the residual by this, in the metric in which it contracts.
         self._stop = RELAXATION * TOLERANCE * 2 / (1 + np.sqrt(condition))
 
@@ -68,10 +62,31 @@ class Splitting:
             problems: of the bodies.
             z: to begin with, m/s: where the last step's ended.
         """
+        counts = np.count_nonzero(problems.due, axis=0)
+        few = counts <= min(FEW, FEW_AT * len(problems.due))
         s = (z + problems.q).reshape(len(self.W), -1)
-        bodies, waiting = s.shape[1], []
-        for first in range(0, bodies, GROUP):
-            group = np.arange(first, min(first + GROUP, bodies))
+        unsettled = self._split(problems, s, (~few).nonzero()[0])
+        z = s.reshape(problems.q.shape) - problems.q
+        spare = _Spare.of(problems)
+        normal, tangential = factors_of_projection(z, problems, spare)
+        forces = normal * problems.normals
+        forces += np.multiply(tangential, z, out=spare.w)
+        forces /= self.ρ
+        failed = []
+        for bodies in (few.nonzero()[0], unsettled):
+            if not len(bodies):
+                continue
+            found, left = self._newton.solve(problems, forces[..., bodies], bodies, max(1, int(counts[bodies].max())))
+            forces[..., bodies] = found
+            z[..., bodies] = self.ρ * found - problems.q[..., bodies] - self.moved(found)
+            failed.append(bodies[left])
+        return forces, z, np.concatenate(failed) if failed else unsettled
+
+    def _split(self, problems: Problems, s: Array, bodies: Array) -> Array:
+        """Iterates s (3P, B) of these bodies; those that did not settle."""
+        waiting = []
+        for first in range(0, len(bodies), GROUP):
+            group = bodies[first : first + GROUP]
             waiting.append(self._iterate(problems, s, group, int(POOLED_AT * len(group)), 0))
         left = [(group, count) for group, count in waiting if len(group)]
         pooled = np.concatenate([group for group, _ in left]) if left else np.empty(0, int)
@@ -80,13 +95,7 @@ class Splitting:
             self._iterate(problems, s, pooled[first : first + GROUP], 0, begun)[0]
             for first in range(0, len(pooled), GROUP)
         ]
-        z = s.reshape(problems.q.shape) - problems.q
-        spare = _Spare.of(problems)
-        normal, tangential = factors_of_projection(z, problems, spare)
-        forces = normal * problems.normals
-        forces += np.multiply(tangential, z, out=spare.w)
-        forces /= self.ρ
-        return forces, z, np.concatenate(unsettled) if unsettled else pooled
+        return np.concatenate(unsettled) if unsettled else pooled
 
     def moved(self, forces: Array) -> Array:
         """W f (3, P, B), m/s."""

@@ -1,0 +1,154 @@
+"""The bodies that are learned with: a soft arm with tendons that bends far, the same among pegs, a finger that lifts.
+
+The arm is that of Elastica's benchmarks in size, stiffness and density (1 m long, 8 cm wide, 10 MPa, 1000 kg/m³), with
+eight tendons in place of muscles: four end in its middle, four at its tip. Needs FEniCSx and Gmsh.
+"""
+
+from pathlib import Path
+
+import gmsh
+
+import fenics_rom as fr
+from fenics_rom.scene.file import parse_scene
+
+LENGTH, WIDTH = 1.0, 0.08  # m
+BRICKS = 12  # along the arm, of six tetrahedra each
+SECTIONS = 0.5, 0.98  # m, where tendons end
+SIDES = {"left": (0.03, 0.0), "right": (-0.03, 0.0), "up": (0.0, 0.03), "down": (0.0, -0.03)}  # their y and z, m
+TENSION = {"far": 1500.0, "pegs": 120.0}  # N, the largest
+ORDER = {"far": 16, "pegs": 20, "finger": 20}
+PEG_RADIUS, PEG_CIRCLE = 0.045, 0.13  # m; of their axes
+
+ARM = """
+name = "arm"
+[mesh]
+file = "{file}"
+degree = 2
+[material]
+young = 1.0e7       # Pa
+poisson = 0.45
+density = 1000.0    # kg/m3
+[supports]
+clamped = ["root"]
+[contacts.end]
+near = {{ point = [1.0, 0.0, 0.0], radius = 0.13 }}
+[outputs.line]
+points = {line}
+[outputs.tip]
+points = [[1.0, 0.0, 0.0], [0.95, 0.0, 0.0]]
+{effects}
+{tendons}
+[run]
+dt = 5e-3
+duration = 1.5
+{loads}
+"""
+EFFECTS = {
+    "far": """
+[effects]
+inertia = {}
+damping = { alpha = 1.0, beta = 5e-3 }   # 1/s, s
+large_deformation = { material = "st_venant_kirchhoff" }
+""",
+    "pegs": """
+[effects]
+inertia = {}
+damping = { alpha = 1.0, beta = 5e-3 }   # 1/s, s
+friction = { coefficient = 0.3 }
+[effects.contact.obstacles]
+""",
+}
+PEG = '{name} = {{ shape = "capsule", start = [0.85, {y}, {z}], end = [1.1, {y}, {z}], radius = {radius} }}\n'
+PEGS = {  # where their axes are, y and z, m: along the arm, around its end
+    name: (a * PEG_CIRCLE / 2**0.5, b * PEG_CIRCLE / 2**0.5)
+    for name, a, b in (("first", 1, 1), ("second", -1, 1), ("third", -1, -1), ("fourth", 1, -1))
+}
+
+FINGER = """
+name = "lifting finger"
+[mesh]
+file = "{file}"
+degree = 2
+[material]
+young = 1.0e6       # Pa
+poisson = 0.45
+density = 1070.0    # kg/m3
+[supports]
+clamped = ["root"]
+[contacts.upper]             # the end of the upper side
+near = {{ point = [0.09, 0.0, 0.025], radius = 0.02 }}   # m
+[outputs.line]
+points = [[0.0, 0.0, 0.01], [0.025, 0.0, 0.01], [0.05, 0.0, 0.01], [0.075, 0.0, 0.01], [0.09, 0.0, 0.01]]
+[effects]
+inertia = {{}}
+damping = {{ alpha = 1.0, beta = 2e-3 }}   # 1/s, s
+friction = {{ coefficient = 0.5 }}
+[effects.tendon.flexor]      # along the lower side: it pulls the tip down
+points = [[0.005, 0.0, -0.0075], [0.035, 0.0, -0.0075], [0.065, 0.0, -0.0075], [0.095, 0.0, -0.0075]]
+[effects.tendon.extensor]    # along the upper side: it lifts it
+points = [[0.005, 0.0, 0.008], [0.035, 0.0, 0.008], [0.065, 0.0, 0.008], [0.095, 0.0, 0.008]]
+[effects.contact.obstacles.load]   # a plate that lies on posts, just above the finger
+shape = "box"
+center = [0.09, 0.0, {height}]
+size = [0.03, 0.03, 0.01]
+"""
+LOAD_HEIGHT = 0.0155  # m, of the middle of the plate on its posts
+
+
+def make(kind: str, folder: Path) -> Path:
+    """Reduces the body "far", "pegs" or "finger"; the name of its file in a folder, which is kept."""
+    file = folder / f"{kind}.h5"
+    if not file.exists():
+        fr.write_rom(file, fr.reduce(fr.assemble(scene(kind, folder)), order=ORDER[kind]))
+    return file
+
+
+def scene(kind: str, folder: Path) -> fr.Scene:
+    """The scene of a body."""
+    if kind == "finger":
+        text = FINGER.format(file=Path(__file__).parents[2] / "meshes" / "finger.msh", height=LOAD_HEIGHT)
+        return parse_scene(text, folder=folder, source=kind)
+    mesh = folder / "arm.msh"
+    write_mesh(mesh)
+    names = [f"{side}{k + 1}" for k in range(len(SECTIONS)) for side in SIDES]
+    line = [[k / 10 * LENGTH, 0.0, 0.0] for k in range(1, 11)]
+    effects = EFFECTS[kind]
+    if kind == "pegs":
+        effects += "".join(PEG.format(name=name, y=y, z=z, radius=PEG_RADIUS) for name, (y, z) in PEGS.items())
+    text = ARM.format(
+        file=mesh,
+        line=line,
+        effects=effects,
+        tendons="".join(f"[effects.tendon.{name}]\npoints = {cable(name)}\n" for name in names),
+        loads="".join(f'[[run.load]]\nactuator = "{name}"\nforce = [{TENSION[kind]}]\n' for name in names),
+    )
+    return parse_scene(text, folder=folder, source=kind)
+
+
+def cable(name: str) -> list[list[float]]:
+    """Points of a tendon, m."""
+    end = SECTIONS[int(name[-1]) - 1]
+    count = round(end * 6)
+    return [[0.02 + (end - 0.02) * k / count, *SIDES[name[:-1]]] for k in range(count + 1)]
+
+
+def write_mesh(file: Path) -> None:
+    """Writes the mesh of the arm, with the surface "root"."""
+    gmsh.initialize([], readConfigFiles=False)
+    try:
+        gmsh.option.setNumber("General.Terminal", 0)
+        geo, a = gmsh.model.geo, WIDTH / 2
+        corners = [geo.addPoint(0, y, z) for y, z in ((-a, -a), (a, -a), (a, a), (-a, a))]
+        lines = [geo.addLine(corners[k], corners[(k + 1) % 4]) for k in range(4)]
+        for line in lines:
+            geo.mesh.setTransfiniteCurve(line, 2)
+        root = geo.addPlaneSurface([geo.addCurveLoop(lines)])
+        geo.mesh.setTransfiniteSurface(root)
+        (_, tip), (_, body), *_ = geo.extrude([(2, root)], LENGTH, 0, 0, numElements=[BRICKS])
+        geo.synchronize()
+        for dimension, tag, name in ((2, root, "root"), (2, tip, "tip"), (3, body, "body")):
+            gmsh.model.setPhysicalName(dimension, gmsh.model.addPhysicalGroup(dimension, [tag]), name)
+        gmsh.model.mesh.generate(3)
+        gmsh.write(str(file))
+    finally:
+        gmsh.finalize()
