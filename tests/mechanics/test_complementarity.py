@@ -224,6 +224,32 @@ def test_what_was_solved_before_changes_no_bit():
     assert followed
 
 
+def test_what_a_kept_inverse_lacks_is_foreseen_where_motion_is_steady(monkeypatch):
+    """Forces by an inverse are off by the square of what changes in a step, the more the older it is: but for that."""
+    W, q, n = random_problem(np.random.default_rng(1), 6, 30)
+    framed, looked_at, look = Delassus(W).framed(Frames(n)), [], FrictionalProblem._arrives_at
+
+    def noting(problem, f, tolerance):
+        looked_at.append(f)
+        return look(problem, f, tolerance)
+
+    monkeypatch.setattr(FrictionalProblem, "_arrives_at", noting)
+    for change in (1e-3, 1e-4):
+        kept, forces, off = None, np.zeros((3, 6)), []
+        for k in range(12):
+            (moved,) = framed.frames.turned(q + k * change * np.roll(q, 1, axis=0))
+            looked_at.clear()
+            solution = solve_pairs(framed, moved, 0.5, forces, kept)
+            forces, before, kept = solution.forces, kept, solution.kept
+            if before is not None and before.inverse is not None:
+                linear = before.forces + (before.inverse @ (moved - before.q).ravel()).reshape(forces.shape)
+                off.append([np.abs(guess - forces).max() for guess in (linear, looked_at[0])])
+                assert solution.iterations == 0
+        guessed, foreseen = np.transpose(off) / change**2 / np.abs(forces).max()
+        assert guessed.max() > 2.5
+        assert foreseen.max() < 1.3
+
+
 def test_singular_operators_are_told():
     """More forces than freedoms, or two pairs of one point; and a regular one, whose parts are inverted."""
     rng = np.random.default_rng(14)

@@ -32,8 +32,8 @@ _FIRST_ITERATIONS = 8  # of Newton's method, with it
 _PATH_RESIDUAL = 1e-6  # below it following a path, the slowest method, is not worth its time
 _PATHS = ((0.3, 10), (0.6, 30))  # of shrinking compliance: the factor, and Gauss-Seidel sweeps where Newton cycles
 _PATH_TOLERANCE = 1e-6  # of Newton's method on a path
-_MOST_STEPS, _FEW_STEPS = 4, 3  # with a kept inverse: before Newton's method, and before it is made anew
-_SLOWEST = 0.1  # reduction of the error by such a step that is worth another
+_MOST_STEPS = 4  # with a kept inverse, before Newton's method
+_SLOWEST, _SLOW = 0.1, 3e-3  # reduction of the error by such a step that is worth another, and a new inverse
 
 
 class _Law(NamedTuple):
@@ -71,12 +71,9 @@ class FrictionalProblem:
     def solve(self, start: Array, kept: KeptLaw | None = None) -> Solution:
         """See `complementarity.solve`."""
         if kept is not None and kept.inverse is not None:
-            steps = self._follow(kept, kept.inverse)
-            if steps:
-                if steps > _FEW_STEPS:
-                    kept = kept._replace(inverse=self._linearised(self._law).inverse())
-                kept = self._passed_on(kept)
-                return Solution(self.best, self.velocities, self.iterations, self.error / self.speed, kept)
+            followed = self._follow(kept, kept.inverse)
+            if followed is not None:
+                return Solution(self.best, self.velocities, self.iterations, self.error / self.speed, followed)
             start = self.best
         found = self.search_newton(start, _FIRST_COMPLIANCE, _FIRST_ITERATIONS)
         if not found:
@@ -117,19 +114,30 @@ class FrictionalProblem:
                 return False
         return False
 
-    def _follow(self, kept: KeptLaw, inverse: Array) -> int:
-        """How many steps with the inverse of a law that was linearised before lead to the forces; 0: none do."""
-        f = kept.forces + inverse.dot((self.q - kept.q).ravel()).reshape(self.q.shape)
-        for steps in range(1, _MOST_STEPS + 1):
-            before = self.error
+    def _follow(self, kept: KeptLaw, inverse: Array) -> KeptLaw | None:
+        """Whether steps with the inverse of a law that was linearised before lead to the forces: then what to keep.
+
+        What the first of them lacks is of second order in what has changed since the last time step; where motion is
+        steady it lacks the same in the next.
+        """
+        linear = kept.forces + inverse.dot((self.q - kept.q).ravel()).reshape(self.q.shape)
+        f, before = linear + kept.lacking, np.inf
+        for _ in range(_MOST_STEPS):
             if self._arrives_at(f, CONVERGENCE_TOLERANCE):
-                return steps
+                if not kept.slips:
+                    return kept
+                lacking = self.best - linear
+                if self.error > _SLOW * before:
+                    with suppress(np.linalg.LinAlgError):
+                        inverse, lacking = self._linearised(self._law).inverse(), 0 * lacking
+                return kept._replace(inverse=inverse, q=self.q, forces=self.best, lacking=lacking)
             if not self.error < _SLOWEST * before:
                 break
+            before = self.error
             off = f - self._law.projected  # by W off less than with f, and by ρ⁻¹ off more than the law has it
             moves = self.compliance * off - self.operator.moved(off)
             f = self._law.projected + inverse.dot(moves.ravel()).reshape(f.shape)
-        return 0
+        return None
 
     def _arrives_at(self, f: Array, tolerance: float) -> bool:
         """Looks at forces f, and whether they solve the problem."""
@@ -170,12 +178,8 @@ class FrictionalProblem:
         if kept is not None and kept.statuses == statuses:
             with suppress(np.linalg.LinAlgError):
                 inverse = self._linearised(self._law).inverse()
-        return self._passed_on(KeptLaw(statuses, inverse, 0 * self.q, 0 * self.q))
-
-    def _passed_on(self, kept: KeptLaw) -> KeptLaw:
-        """A law as the next step has it, which begins at what was found now, unless it is linear: nothing slips."""
-        slips = any(kept.statuses[: len(kept.statuses) // 2])
-        return kept._replace(q=self.q, forces=self.best) if slips else kept
+        law = KeptLaw(statuses, inverse, *np.zeros((3, *self.q.shape)))
+        return law._replace(q=self.q, forces=self.best) if law.slips else law  # without slip it is linear
 
     def search_interior(self) -> bool:
         """Whether Newton's method arrives from an approximation by an interior-point method."""

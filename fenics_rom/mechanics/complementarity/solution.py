@@ -32,6 +32,12 @@ class KeptLaw(NamedTuple):
     inverse: Array | None  # (3C, 3C), of where they were the same twice, N s/m: `Linearisation.inverse`
     q: Array  # of the last step (3, C), m/s
     forces: Array  # which were found for it (3, C), N
+    lacking: Array  # what they lack by the inverse and the q of the time step before (3, C), N
+
+    @property
+    def slips(self) -> bool:
+        """Whether a pair did."""
+        return any(self.statuses[: len(self.statuses) // 2])
 
 
 class Solution(NamedTuple):
