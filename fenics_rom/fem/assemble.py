@@ -98,11 +98,11 @@ def _system(scene: Scene, comm: Any) -> System:
         damping=matrices.damping,
         stiffness=matrices.stiffness,
         contacts={
-            name: patch_columns(nodes, patch, unknowns, f"contacts.{name}")[rows]
+            name: unknowns.restrict(patch_columns(nodes, patch, unknowns, f"contacts.{name}"))[rows]
             for name, patch in scene.contacts.items()
         },
-        actuators={name: columns[rows] for name, columns in actuators.items()},
-        loads={name: columns[rows] for name, columns in loads.items()},
+        actuators={name: unknowns.restrict(columns)[rows] for name, columns in actuators.items()},
+        loads={name: unknowns.restrict(columns)[rows] for name, columns in loads.items()},
         units=actuator_units | load_units,
         contact_points=contact_points_of(scene, nodes, unknowns),
         outputs={
@@ -127,7 +127,8 @@ def _system(scene: Scene, comm: Any) -> System:
     )
     system = replace(system, warnings=(*system.warnings, *_obstacles_too_small(system)))
     if matrices.frame_masses is not None:
-        frame = assemble_frame(scene, nodes, unknowns, material[:, :2], matrices.frame_masses, algebra)
+        shared = {name: system.units.get(name, 1.0) * columns for name, columns in (actuators | loads).items()}
+        frame = assemble_frame(scene, nodes, unknowns, material[:, :2], matrices.frame_masses, shared, algebra)
         check_motions(rigid.shape[1], frame.carried, f'{scene.source}: frame = "moving": ')
         system = replace(system, moving_frame=frame)
     if effects.large_deformation is None:

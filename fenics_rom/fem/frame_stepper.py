@@ -75,6 +75,8 @@ class _Forces(NamedTuple):
     turning: Array  # with the frame
     internal: Array  # the part of them whose torque is that of the shape at rest
     world: Array  # in world axes
+    on_held: Array  # (H, 3) with the frame, on nodes that the base holds
+    world_on_held: Array  # (H, 3) in world axes, on these
     acceleration: Array  # (3,) of gravity, m/s²
 
 
@@ -220,7 +222,16 @@ class MovingFrameStepper(FullOrderBody):
         if GRAVITY in kinds:
             given = self._environment.environment.details("effects.gravity")["acceleration"]
             acceleration = u[kinds.index(GRAVITY)] * np.array(given)
-        return _Forces(of["turning"] + of["internal"], of["internal"], of["world"], acceleration)
+        held = self._frame.forces_on_held(self.contact_mode, len(u)) * u
+        of |= {f"{kind} on held": held[:, :, np.array(kinds) == kind].sum(axis=2) for kind in KINDS}
+        return _Forces(
+            turning=of["turning"] + of["internal"],
+            internal=of["internal"],
+            world=of["world"],
+            on_held=of["turning on held"] + of["internal on held"],
+            world_on_held=of["world on held"],
+            acceleration=acceleration,
+        )
 
     def _base_at_end(self) -> BaseState:
         """Where the base is to be after the step; it stands still where nothing says."""
@@ -293,6 +304,10 @@ class MovingFrameStepper(FullOrderBody):
         turning = np.cross(X + (now.q + after.q) / 2, forces.turning) - np.cross((now.q + after.q) / 2, forces.internal)
         whole = np.stack([forces.turning, turning, forces.world, np.cross(arms, forces.world)], axis=1)
         force, torque, world, world_torque = self._sum(whole.reshape(len(X), 12)).reshape(4, 3)
+        held = self._frame.held_arms
+        force, torque = force + forces.on_held.sum(axis=0), torque + np.cross(held, forces.on_held).sum(axis=0)
+        world = world + forces.world_on_held.sum(axis=0)
+        world_torque = world_torque + np.cross(held @ mean.T, forces.world_on_held).sum(axis=0)
         return (
             mean @ force + world + self._mass * forces.acceleration,
             mean @ torque + world_torque + np.cross(moment, forces.acceleration),

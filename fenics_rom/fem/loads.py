@@ -1,6 +1,7 @@
 """Input columns of the effects that act as forces, each for a total of 1 N, and what 1 of its unit is worth in N.
 
-A column's unit must not decide how much of it a reduced basis knows: pascals and newtons are reduced as equals.
+They are on the components of all nodes, also of those that supports hold. A column's unit must not decide how much of
+it a reduced basis knows: pascals and newtons are reduced as equals.
 """
 
 import numpy as np
@@ -17,7 +18,7 @@ MIN_PIECE_SHARE = 1e-9  # of a piece of a tendon in its length
 
 
 def actuators_of(scene: Scene, nodes: Nodes, unknowns: Unknowns) -> tuple[Columns, dict[str, float]]:
-    """Columns (n, columns) and units of actuators: the scene's own, pressures (Pa) and tendons (N)."""
+    """Columns (3 N, columns) and units of actuators: the scene's own, pressures (Pa) and tendons (N)."""
     columns = {
         name: patch_columns(nodes, patch, unknowns, f"actuators.{name}") for name, patch in scene.actuators.items()
     }
@@ -28,15 +29,15 @@ def actuators_of(scene: Scene, nodes: Nodes, unknowns: Unknowns) -> tuple[Column
         units[name] = patch_area(nodes, pressure, where)
     for name, tendon in scene.effects.tendon.items():
         where, units[name] = f"effects.tendon.{name}", 1.0
-        columns[name] = unknowns.restrict(_cable(nodes, np.array(tendon.points), where))
-        _refuse_nothing(columns[name], where)
+        columns[name] = _cable(nodes, np.array(tendon.points), where)
+        _refuse_nothing(columns[name], unknowns, where)
     return columns, units
 
 
 def loads_of(
     scene: Scene, nodes: Nodes, weight: Array, translations: Array, unknowns: Unknowns
 ) -> tuple[Columns, dict[str, float]]:
-    """Columns (n, columns) and units of loads with signals of their own, in the order of `load_columns`.
+    """Columns (3 N, columns) and units of loads with signals of their own, in the order of `load_columns`.
 
     Gravity in multiples of its acceleration, base motions (m/s²), prescribed forces (N); `weight` (N,), kg, is what
     weighs at each node, and `translations` (3 N, 3), kg, is M times unit translations.
@@ -50,24 +51,23 @@ def loads_of(
         size = float(np.linalg.norm(g))
         if size == 0:
             raise SceneError("effects.gravity.acceleration is zero; leave gravity out instead")
-        columns["gravity"] = unknowns.restrict(np.kron(weight / mass, g / size)[:, None])
+        columns["gravity"] = np.kron(weight / mass, g / size)[:, None]
         units["gravity"] = mass * size
     for name, motion in scene.effects.base_motion.items():
         direction = np.array(motion.direction)
         unit = direction / np.linalg.norm(direction)
-        columns[name], units[name] = unknowns.restrict(translations @ -unit[:, None] / mass), mass
+        columns[name], units[name] = translations @ -unit[:, None] / mass, mass
     for name, force in scene.effects.prescribed.items():
         where, units[name] = f"effects.prescribed.{name}", 1.0
         if force.point is not None:
-            at_point = np.kron(shape_functions(nodes, np.array(force.point), where)[:, None], np.eye(3))
-            columns[name] = unknowns.restrict(at_point)
-            _refuse_nothing(columns[name], where)
+            columns[name] = np.kron(shape_functions(nodes, np.array(force.point), where)[:, None], np.eye(3))
+            _refuse_nothing(columns[name], unknowns, where)
         else:
             columns[name] = patch_columns(nodes, force.patch("resultant"), unknowns, where)
     for name, tendon in scene.effects.tendon.items() if scene.effects.tendon_friction is not None else ():
         points, where = np.array(tendon.points), f"effects.tendon.{name}"
         for number in range(1, len(points) - 1):  # friction at a guide changes the tension from there to the anchor
-            columns[f"{name}-guide-{number}"] = unknowns.restrict(_cable(nodes, points[: number + 1], where))
+            columns[f"{name}-guide-{number}"] = _cable(nodes, points[: number + 1], where)
             units[f"{name}-guide-{number}"] = 1.0
     return columns, units
 
@@ -81,6 +81,6 @@ def _cable(nodes: Nodes, points: Array, where: str) -> Array:
     return (np.array(shapes).T @ unit_tension_forces(points)).reshape(-1, 1)
 
 
-def _refuse_nothing(columns: Array, where: str) -> None:
-    if not np.any(columns):
+def _refuse_nothing(columns: Array, unknowns: Unknowns, where: str) -> None:
+    if not np.any(unknowns.restrict(columns)):
         raise SceneError(f"{where}: acts on nothing that can move")

@@ -1,5 +1,6 @@
 """A scene's body in a frame that moves with it: where its mass is, and how stress stiffens it."""
 
+from collections.abc import Mapping
 from contextlib import closing
 from functools import cached_property
 
@@ -9,7 +10,7 @@ from mpi4py import MPI
 from petsc4py import PETSc
 
 from fenics_rom.fem.finite_strain.quadrature import QuadraturePoints
-from fenics_rom.fem.nodes import Nodes
+from fenics_rom.fem.nodes import Nodes, patch_columns
 from fenics_rom.fem.outputs import output_rows
 from fenics_rom.mechanics.hyperelastic import VOIGT_INDEX, linear_stress, small_strain
 from fenics_rom.scene.scene import Scene
@@ -17,7 +18,7 @@ from fenics_rom.system.body import Unknowns
 from fenics_rom.system.moving_frame import FullOrderFrame, NodeMatrix
 from fenics_rom.system.protocols import Algebra, Operator
 from fenics_rom.system.rigid_modes import choose_fixed_dofs, free_rows
-from fenics_rom.system.system import System
+from fenics_rom.system.system import System, components_of
 
 
 def frame_origin(scene: Scene, nodes: Nodes, unknowns: Unknowns, node_mass: np.ndarray) -> np.ndarray:
@@ -42,13 +43,20 @@ def mass_times(mass: PETSc.Mat, fields: np.ndarray, dolfinx_number: np.ndarray) 
 
 
 def assemble_frame(
-    scene: Scene, nodes: Nodes, unknowns: Unknowns, moduli: np.ndarray, masses: tuple[np.ndarray, ...], algebra: Algebra
+    scene: Scene,
+    nodes: Nodes,
+    unknowns: Unknowns,
+    moduli: np.ndarray,
+    masses: tuple[np.ndarray, ...],
+    shared: Mapping[str, np.ndarray],
+    algebra: Algebra,
 ) -> FullOrderFrame:
     """The frame of a scene's body.
 
     Args:
         moduli: λ and μ of each cell, (C, 2), Pa.
         masses: of all nodes m times 1 (N,), and times their distance from the origin (N, 3); and that origin (3,).
+        shared: columns (3 N, any) of actuators and loads, in the units of the inputs.
     """
     translated, mass_times_arms, origin = masses
     arms = nodes.coordinates - origin
@@ -57,6 +65,7 @@ def assemble_frame(
     moving = unknowns.free[::3] // 3
     rows = algebra.rows()
     here = moving[rows.start // 3 : rows.stop // 3]
+    held = np.setdiff1d(np.arange(len(arms)), moving)
     return FullOrderFrame(
         carried=len(moving) < len(arms),
         origin=origin,
@@ -64,8 +73,22 @@ def assemble_frame(
         mass_times=products[here],
         moments=fields.T @ products,
         output_points=_output_points(scene, nodes),
+        held_arms=arms[held],
+        held_forces=_forces_on(held, scene, nodes, unknowns, shared),
         geometric_stiffness=_GeometricStiffness(scene, nodes, moving, here, moduli, algebra),
     )
+
+
+def _forces_on(
+    held: np.ndarray, scene: Scene, nodes: Nodes, unknowns: Unknowns, shared: Mapping[str, np.ndarray]
+) -> dict[str, np.ndarray]:
+    """Of the inputs of each contact mode on nodes that a base holds, (H, 3, p): the base bears them, nothing else."""
+    components, found = components_of(held), {}
+    for name, patch in scene.contacts.items():
+        parts = patch_columns(nodes, patch, unknowns, f"contacts.{name}"), *shared.values()
+        columns = np.hstack([part[components] for part in parts])
+        found[name] = columns.reshape(len(held), 3, columns.shape[1])
+    return found
 
 
 def _output_points(scene: Scene, nodes: Nodes) -> dict[str, np.ndarray]:

@@ -206,7 +206,7 @@ def surface_mass(nodes: Nodes, triangles: np.ndarray) -> scipy.sparse.csr_matrix
 
 
 def patch_columns(nodes: Nodes, patch: Patch, unknowns: Unknowns, where: str) -> np.ndarray:
-    """Columns of the input matrix of a patch on the unknowns, (n, columns).
+    """Columns of the input matrix of a patch, on the components of all nodes, (3 N, columns).
 
     Refuses a patch that cannot move; messages call it `where`.
     """
@@ -220,8 +220,7 @@ def patch_columns(nodes: Nodes, patch: Patch, unknowns: Unknowns, where: str) ->
         components = np.intersect1d(3 * touched_nodes[:, None] + np.arange(3), unknowns.free)
         columns = np.zeros((3 * len(nodes.coordinates), len(components)))
         columns[components, np.arange(len(components))] = 1.0
-    columns = unknowns.restrict(columns)
-    if not np.any(columns):
+    if not np.any(unknowns.restrict(columns)):
         raise SceneError(f"{where}: the whole patch is clamped, so no force on it can move the body")
     return columns
 

@@ -55,7 +55,10 @@ def _wrenches(system: System, frame: FullOrderFrame, contact: str, Q: Array) -> 
     B, inner, X = system.input_matrix(contact), system.algebra.inner, frame.arms
     (p, k), by_node = (B.shape[1], Q.shape[1]), np.ascontiguousarray(B).reshape(len(X), -1)
     force = inner(np.ones((len(X), 1)), by_node).reshape(3, p)
+    held = frame.forces_on_held(contact, p)
+    force += held.sum(axis=0)
     torque = np.einsum("ijl,jlp->ip", CROSS, inner(X, by_node).reshape(3, 3, p))
+    torque += np.cross(frame.held_arms[:, :, None], held, axis=1).sum(axis=0)
     turning = np.zeros(p, dtype=bool)
     turning[: system.contacts[contact].shape[1]] = True
     column = system.contacts[contact].shape[1]

@@ -5,7 +5,7 @@ e_k×X, "e_k×" node by node, is e_k× times M X, of all nodes: a base that carr
 """
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy import ndarray as Array
@@ -28,6 +28,8 @@ class FullOrderFrame:
         mass_times: m times 1 and the three components of X, of all nodes, (nodes here, 4), kg, kg m.
         moments: (4, 4) sums of m over 1 and the components of X with each other, of all nodes, kg, kg m, kg m².
         output_points: of each output at rest in world axes, (points, 3), m.
+        held_arms: X (H, 3) of nodes that the base holds and inputs act on, from the origin, m.
+        held_forces: of the inputs of each contact mode on these, (H, 3, p), N per unit.
         geometric_stiffness: of a displacement (rows here, 1), m: the operator K_g[σ] of its linear stress σ, N/m. None:
             the stress is not known.
     """
@@ -38,7 +40,13 @@ class FullOrderFrame:
     mass_times: Array
     moments: Array
     output_points: Mapping[str, Array]
+    held_arms: Array = field(default_factory=lambda: np.empty((0, 3)))
+    held_forces: Mapping[str, Array] = field(default_factory=dict)
     geometric_stiffness: GeometricStiffness | None = None
+
+    def forces_on_held(self, contact: str, inputs: int) -> Array:
+        """What the inputs of a contact mode put on nodes that the base holds, (H, 3, inputs), N per unit."""
+        return self.held_forces.get(contact, np.zeros((len(self.held_arms), 3, inputs)))
 
     def centrifugal_loads(self) -> Array:
         """-½M[e_k×(e_l×X) + e_l×(e_k×X)] for the six pairs k, l, in the order of Voigt, (rows here, 6), N s²."""

@@ -80,7 +80,7 @@ def frame_of_matrices(
     moments, mass_times = _products(M, body.nodes, origin, algebra)
     arms = body.nodes[rows.start // 3 : rows.stop // 3] - origin
     along = {name: algebra.inner(C, body.nodes.reshape(-1, 1)[rows]).reshape(-1, 3) for name, C in outputs.items()}
-    return FullOrderFrame(carried, origin, arms, mass_times, moments, along, geometric_stiffness)
+    return FullOrderFrame(carried, origin, arms, mass_times, moments, along, geometric_stiffness=geometric_stiffness)
 
 
 def _products(M: Operator, X: Array, origin: Array, algebra: Algebra) -> tuple[Array, Array]:

@@ -18,6 +18,9 @@ acceleration = [0.0, 0.0, -9.81]
 [effects.prescribed.push]
 point = [0.3, 0.03, 0.02]
 force = [1e-3, 2e-3, 0.0]
+[effects.prescribed.beside]
+point = [0.02, 0.01, 0.01]  # where a base, if there is one, bears most of it
+force = [3e-3, 1e-3, 2e-3]
 [effects.damping]
 beta = 1e-3
 """

@@ -71,6 +71,22 @@ def test_torques_of_inputs_are_those_of_forces_on_nodes(mesh):
     np.testing.assert_allclose(frame.output_points["tip"], [[1.0, 0.2, 0.1]], atol=1e-15)
 
 
+def test_what_inputs_do_to_held_nodes_the_base_bears(mesh):
+    """All of a force that acts close to the base is in what it exerts, and nothing of a tendon that ends there."""
+    parts = {
+        "effects": "inertia = {}\n[effects.tendon.rope]\npoints = [[0.02, 0.2, 0.2], [0.9, 0.2, 0.2]]\n"
+        "[effects.prescribed.push]\npoint = [0.05, 0.1, 0.1]",
+        "actuators": 'side = { surface = "bottom" }',
+    }
+    rom = fr.reduce(moving(mesh, **parts), order=6, method="modal")
+    free = moving(mesh, supports=None, **parts)
+    X = free.body.nodes - rom.moving_frame.origin
+    for name in rom.contact_models:
+        B = free.input_matrix(name).reshape(len(X), 3, -1)
+        torque = np.cross(X[:, :, None], B, axis=1).sum(axis=0)
+        np.testing.assert_allclose(rom.moving_frame.wrenches[name], [*B.sum(axis=0), *torque], atol=1e-13)
+
+
 def test_moving_frame_is_kept_in_the_file(mesh, tmp_path):
     rom = fr.reduce(moving(mesh), order=4)
     fr.write_rom(tmp_path / "rom.h5", rom)
