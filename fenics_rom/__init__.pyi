@@ -31,8 +31,8 @@ from fenics_rom.rom.state_space import StateSpace as StateSpace
 from fenics_rom.rom.truncate import truncate as truncate
 from fenics_rom.run import simulate as simulate
 from fenics_rom.runtime.batch import Batch as Batch
-from fenics_rom.runtime.differentiation import RolloutGradient as RolloutGradient
-from fenics_rom.runtime.differentiation import differentiate as differentiate
+from fenics_rom.runtime.differentiation.differentiate import differentiate as differentiate
+from fenics_rom.runtime.differentiation.gradient import RolloutGradient as RolloutGradient
 from fenics_rom.runtime.realtime import run_realtime as run_realtime
 from fenics_rom.runtime.simulator import Simulator as Simulator
 from fenics_rom.scene.file import read_scene as read_scene

@@ -23,21 +23,19 @@ pairs that do it; for all of them where no forces make it stop, as where a point
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
-from fenics_rom.mechanics.complementarity import NEGLIGIBLE_RESIDUAL, Delassus, FramedDelassus, Frames, solve
+from fenics_rom.mechanics.complementarity import NEGLIGIBLE_RESIDUAL, Delassus, Frames, solve
 from fenics_rom.mechanics.complementarity.solution import largest
 from fenics_rom.mechanics.contact import ContactLaw, ContactSearch, ContactSolution, ObstacleMotion, PointMotion
+from fenics_rom.mechanics.contact_pairs import Pairs, SolvedPairs, normal_law, passive_forces
 from fenics_rom.mechanics.obstacles import Obstacle
 
 _ONES, _ROOT_3 = np.ones(3), math.sqrt(3.0)
 PENETRATION_TOLERANCE = 1e-9  # of the size of the body: as deep in an obstacle as round-off may have put a point
-WORK_ROUND_OFF = 1e-12  # of force times velocity: work that is no work
 _MOST_KEPT = 4  # operators of pairs, of those that were active last
 
 
@@ -51,7 +49,12 @@ class ContactSolver:
 
     Attributes:
         search: all that it keeps of the past, to begin the next search with.
+        considered: what the law asked of all pairs in the last step; None where none could be due.
+        solved: how its forces were found; None where nothing touched. Those who differentiate ask for both.
     """
+
+    considered: Pairs | None = None
+    solved: SolvedPairs | None = None
 
     def __init__(self, points: Array, obstacles: Sequence[Obstacle], law: ContactLaw):
         self.points, self.obstacles, self.law = np.array(points, dtype=float), tuple(obstacles), law
@@ -121,13 +124,14 @@ class ContactSolver:
         Raises:
             StepError: no forces found; the next step begins as this one did.
         """
-        w = obstacles.velocities(dt)
+        self.considered, self.solved, w = None, None, obstacles.velocities(dt)
         gaps, normals = self._distances(points.displacement, obstacles.start)
         gap = gaps.item(gaps.argmin())
         is_near = self._touches or self.law.stiffness is not None  # where the last step touched, it hardly pays to ask
         if not is_near and out_of_reach(gap, points, obstacles, dt):
             return None
         pairs = self._all_pairs(gaps, gap, normals, points, dt, obstacles, w, quasi_static)
+        self.considered = pairs
         chosen = pairs.free[0] < pairs.level
         if settled is not None:
             settled.take_part(chosen, pairs)
@@ -153,7 +157,7 @@ class ContactSolver:
             iterations += solution.iterations
             forces, velocities = solution.forces, solution.velocities
             if is_loose:
-                forces, velocities = _passive(forces, problem)
+                forces, velocities = passive_forces(forces, problem)
             pair_forces = problem.frames.in_space(forces)
             start = pair_forces
             if len(active) < len(chosen):
@@ -175,7 +179,8 @@ class ContactSolver:
             settled.keep(chosen, pairs)
         if is_loose:
             search = search._replace(residual=search.residual.with_step(solution.residual))
-        self.search = search
+        found = pairs, gaps, active, problem, forces, velocities, is_loose
+        self.search, self.solved = search, SolvedPairs(points, obstacles.start, delassus, dt, *found)
         power = None
         if self.law.friction:
             power = float(forces[0].dot(velocities[0] + problem.target - pairs.compliance * forces[0]))
@@ -191,7 +196,7 @@ class ContactSolver:
         obstacles: ObstacleMotion,
         w: Array,
         quasi_static: bool,
-    ) -> "_Pairs":
+    ) -> Pairs:
         """What the law says of every pair of a point and an obstacle.
 
         Args:
@@ -212,25 +217,11 @@ class ContactSolver:
             relative = relative + pushed[:, None] * self._of_obstacles((w - obstacles.velocities_before) / 2)
         if self._frames is None or self._frames[0] != key:
             self._frames = key, Frames(normals)
-        frames, compliance = self._frames[1], 0.0
+        frames = self._frames[1]
         free, relative = frames.turned(free, relative)
-        if law.stiffness is not None:
-            damper = law.stiffness * dt / 2 + law.damping
-            level = target = gaps * (-law.stiffness / damper)
-            compliance = 1 / damper
-        elif quasi_static:
-            level = target = np.maximum(gaps, 0.0) / -dt
-        else:
-            e = law.restitution
-            closing, half = gaps / -dt, (1 - e) / 2 * relative[0]
-            level, target = np.maximum(closing, (closing + half) / (2 - e)), np.minimum(half, 0.0)
-            if gap < 0.0:  # no deeper than a step's motion of the obstacle or of the body
-                shallowest = closing - np.abs(relative[0])
-                if obstacles.end is not obstacles.start:
-                    shallowest -= np.sqrt((w * w).dot(_ONES)).repeat(len(self.points))
-                target = np.maximum(target, np.minimum(shallowest, 0.0))
+        level, target, compliance = normal_law(law, gaps, gap, relative[0], w, dt, quasi_static)
         slides = law.friction > 0 and not quasi_static  # what sticks is to stop within the step
-        return _Pairs(frames, free, level, target, compliance, relative[1:] / 2 if slides else None)
+        return Pairs(frames, free, relative, level, target, compliance, relative[1:] / 2 if slides else None)
 
     def _distances(self, displacement: Array, offsets: Array) -> tuple[Array, Array]:
         """Gaps (O P,), m, and normals (O P, 3), obstacle after obstacle."""
@@ -273,67 +264,6 @@ class ContactSolver:
         return self._operators[key]
 
 
-class _Problem(NamedTuple):
-    """Of C active pairs, in their frames."""
-
-    frames: Frames
-    operator: FramedDelassus
-    free: Array  # relative mid-step velocity without contact, (3, C), m/s
-    q: Array  # the same less the targets, (3, C), m/s
-    start: Array  # forces to begin with, (3, C), N
-    target: Array  # c (C,), m/s
-    sliding: Array | None  # c_t (2, C), m/s; None where nothing slides
-
-
-@dataclass
-class _Pairs:
-    """What the law says of every pair in one step, obstacle after obstacle, in their frames; velocities in m/s."""
-
-    frames: Frames
-    free: Array  # relative mid-step velocity without contact, (3, O P)
-    level: Array  # (O P,) normal velocities below which a pair takes part
-    target: Array  # c (O P,)
-    compliance: float  # of each pair along its normal, m/s/N; 0 for the rigid law
-    sliding: Array | None  # c_t (2, O P); None where nothing slides
-
-    def problem(self, active: Array, operator: Delassus, forces: Array) -> _Problem:
-        """Of active pairs, which begins with forces of all pairs (O P, 3)."""
-        frames, free, target, sliding = self.frames, self.free, self.target, self.sliding
-        if len(active) < len(target):
-            frames, free, target = frames.of(active), free.take(active, axis=1), target.take(active)
-            forces, sliding = forces.take(active, axis=0), None if sliding is None else sliding.take(active, axis=1)
-        q = free.copy()
-        q[0] -= target
-        if sliding is not None:
-            q[1:] -= sliding
-        return _Problem(
-            frames, operator.framed(frames, self.compliance), free, q, frames.turned(forces)[0], target, sliding
-        )
-
-    def stop_asking_friction(self, active: Array) -> bool:
-        """Sets c_t = 0 for all active pairs; whether it was not.
-
-        A point that is wedged between two obstacles, each with a c_t of its own, may not be able to stick to either:
-        then no forces solve the problem. Without c_t what it does stick to needs no velocity from friction.
-        """
-        if self.sliding is None or not self.sliding[:, active].any():
-            return False
-        self.sliding[:, active] = 0.0
-        return True
-
-    def stop_helping_friction(self, active: Array, forces: Array, velocities: Array, problem: _Problem) -> bool:
-        """Sets c_t = 0 for active pairs whose friction would do work on the body; whether there are any.
-
-        Of these are forces and velocities u = v̂ - w - c n - c_t, (3, C) each.
-        """
-        helps = _helping(forces, velocities, problem)
-        if helps is None:
-            return False
-        assert self.sliding is not None
-        self.sliding[:, active[helps]] = 0.0
-        return True
-
-
 class Settled:
     """What sweeps of one step decided: what takes part, or may not be stopped, stays so, or they never end."""
 
@@ -341,13 +271,13 @@ class Settled:
         self._chosen: Array | None = None  # (O P,)
         self._sliding: Array | None = None  # c_t (2, O P)
 
-    def take_part(self, chosen: Array, pairs: _Pairs) -> None:
+    def take_part(self, chosen: Array, pairs: Pairs) -> None:
         """Adds pairs that took part before, with the c_t that they had."""
         if self._chosen is not None:
             chosen |= self._chosen
             pairs.sliding = self._sliding
 
-    def keep(self, chosen: Array, pairs: _Pairs) -> None:
+    def keep(self, chosen: Array, pairs: Pairs) -> None:
         """Takes note of a sweep."""
         self._chosen, self._sliding = chosen, pairs.sliding
 
@@ -371,25 +301,3 @@ def _reach(points: PointMotion, obstacles: ObstacleMotion, dt: float) -> float:
 def _of(values: Array, active: Array) -> Array:
     """Those of the active pairs (C,); where these are all, nothing needs to be picked."""
     return values if len(active) == len(values) else values.take(active, axis=0)
-
-
-def _passive(f: Array, problem: _Problem) -> tuple[Array, Array]:
-    """Forces that solve the problem but for a residual, made smaller until they do no work on the body; u with them."""
-    moved = problem.operator.moved(f)
-    spent, given = float(f.ravel().dot(moved.ravel())), float(f.ravel().dot(problem.free.ravel()))
-    share = min(1.0, max(0.0, -given / spent)) if spent > 0 else 1.0
-    return share * f, share * moved + problem.q
-
-
-def _helping(forces: Array, velocities: Array, problem: _Problem) -> Array | None:
-    """Active pairs whose friction would do work on the body, (C,), or None if it does none as a whole."""
-    friction, c_t = forces[1:], problem.sliding
-    with_targets = 0.0 if c_t is None else float(friction.ravel().dot(c_t.ravel()))
-    if c_t is None or with_targets <= 0:  # with what is left of the velocities it never does
-        return None
-    negligible = WORK_ROUND_OFF * float(np.abs(forces).max()) * float(np.abs(problem.q).max())
-    if with_targets <= negligible:
-        return None
-    work = (friction * (velocities[1:] + c_t)).sum(axis=0)
-    helps = (work > negligible) & c_t.any(axis=0)  # each but once: where c_t = 0, what is left is round-off
-    return helps if work.sum() > negligible and helps.any() else None

@@ -28,6 +28,9 @@ class Obstacle(Protocol):
     def distance(self, points: Array) -> tuple[Array, Array]:
         """Signed distance (P,), m, negative inside, of points (P, 3), m, and its gradient: unit normals (P, 3)."""
 
+    def curvature(self, points: Array) -> Array:
+        """Second derivatives (P, 3, 3), 1/m, of the distance: by which normals turn with the points."""
+
 
 @dataclass(frozen=True)
 class HalfSpace:
@@ -58,6 +61,10 @@ class HalfSpace:
         normals[:] = self._n
         return points.dot(self._n) - self._level, normals
 
+    def curvature(self, points: Array) -> Array:
+        """Second derivatives of the distance of points (P, 3), m: (P, 3, 3), 1/m."""
+        return np.zeros((len(points), 3, 3))
+
 
 @dataclass(frozen=True)
 class Sphere:
@@ -80,6 +87,10 @@ class Sphere:
         """Signed distance (P,), m, negative inside, of points (P, 3), m, and its gradient: unit normals (P, 3)."""
         length, normals = _normalise(points - self._center, _UP)
         return length - self.radius, normals
+
+    def curvature(self, points: Array) -> Array:
+        """Second derivatives of the distance of points (P, 3), m: (P, 3, 3), 1/m."""
+        return _turning(points - self._center, np.eye(3))
 
 
 @dataclass(frozen=True)
@@ -119,6 +130,14 @@ class Capsule:
         np.maximum(along, 0.0, out=along)
         length, normals = _normalise(from_start - along[:, None] * self._axis, self._perpendicular)
         return length - self.radius, normals
+
+    def curvature(self, points: Array) -> Array:
+        """Second derivatives of the distance of points (P, 3), m: (P, 3, 3), 1/m."""
+        from_start = points - self._start
+        along = from_start.dot(self._per_length)
+        beside = (along > 0) & (along < 1)
+        across = np.eye(3) - beside[:, None, None] * np.outer(self._axis, self._per_length)
+        return _turning(from_start - np.clip(along, 0.0, 1.0)[:, None] * self._axis, across)
 
 
 @dataclass(frozen=True)
@@ -160,6 +179,13 @@ class Box:
             normals[rows, faces] = np.copysign(1.0, local[rows, faces])
         return gap, normals.dot(self._axes.T)
 
+    def curvature(self, points: Array) -> Array:
+        """Second derivatives of the distance of points (P, 3), m: (P, 3, 3), 1/m."""
+        local = (points - self._center).dot(self._axes)
+        excess = np.maximum(np.abs(local) - self._half, 0.0)
+        across = self._axes * (excess > 0)[:, None, :] @ self._axes.T
+        return _turning(np.copysign(excess, local).dot(self._axes.T), across)
+
 
 def _normalise(vectors: Array, fallback: Array) -> tuple[Array, Array]:
     """Lengths (P,) and directions (P, 3); where there is no direction, `fallback`."""
@@ -170,6 +196,16 @@ def _normalise(vectors: Array, fallback: Array) -> tuple[Array, Array]:
         directions[short] = fallback
         return length, directions
     return length, vectors / length[:, None]
+
+
+def _turning(vectors: Array, across: Array) -> Array:
+    """What directions of vectors (P, 3) change by, (P, 3, 3), where `across` (P, 3, 3) is what the vectors do.
+
+    Nothing where there is no direction.
+    """
+    length, n = _normalise(vectors, np.zeros(3))
+    turning: Array = (across - n[:, :, None] * n[:, None, :]) / np.where(length > 0, length, np.inf)[:, None, None]
+    return turning
 
 
 def _rotation_matrix(vector: Array) -> Array:

@@ -74,6 +74,16 @@ class SimulatedBody:
         return self._width
 
     @property
+    def nearest_contact(self) -> str:
+        """The contact mode that the next step is in: the active one, unless obstacles ask for another."""
+        return self.contact if self._source is None else self._source.nearest(self._stepper)
+
+    @property
+    def integrator(self) -> ReducedStepper:
+        """What takes the steps; see mechanics.step."""
+        return self._stepper
+
+    @property
     def stepper(self) -> str:
         """How a step is taken: "midpoint", or one of those of large deformation."""
         return self._stepper.kind

@@ -10,6 +10,7 @@ from hypothesis import strategies as st
 from fenics_rom.errors import SceneError, StepError
 from fenics_rom.mechanics import contact_solver
 from fenics_rom.mechanics.contact import ContactLaw, ContactSearch, ObstacleMotion, PointMotion
+from fenics_rom.mechanics.contact_pairs import PairsProblem, helping_pairs
 from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.obstacles import Box, Capsule, HalfSpace, Sphere
 
@@ -543,7 +544,7 @@ def test_each_pair_is_told_to_help_but_once():
     both, one = np.array([[0.1, 0.1], [0.0, 0.0]]), np.array([[0.0, 0.1], [0.0, 0.0]])
 
     def helping(u, c_t):
-        return contact_solver._helping(f, u, contact_solver._Problem(None, None, None, q, None, None, c_t))
+        return helping_pairs(f, u, PairsProblem(None, None, None, q, None, None, c_t))
 
     assert helping(u, both).tolist() == [True, True]
     assert helping(u, one).tolist() == [False, True]

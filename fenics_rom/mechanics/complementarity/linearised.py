@@ -9,6 +9,14 @@ slips, and Tᵀ (u + W E y) + c θ = 0 with n, d, p and n, p in place of these.
 import numpy as np
 from numpy import ndarray as Array
 
+LEAST_SINGULAR = 1e-13  # of the largest singular value, of what counts as determined
+
+
+def least_solution(matrix: Array, right: Array) -> Array:
+    """x of matrix x = right, without what the matrix does not determine."""
+    solution: Array = np.linalg.lstsq(matrix, right, rcond=LEAST_SINGULAR)[0]
+    return solution
+
 
 class Linearisation:
     """The law of C pairs at z = f - ρ u, in frames of their normals.
@@ -59,6 +67,22 @@ class Linearisation:
         y = np.zeros(u.shape)
         y.ravel()[self._unknowns] = np.linalg.solve(self._G, -u.ravel()[self._unknowns])
         return self._forces(y)
+
+    def pull_back(self, φ: Array, is_regular: bool) -> Array:
+        """Derivatives (3, C) with velocities, s/m, from those with the forces, φ (3, C), 1/N: `change` transposed.
+
+        Of forces that W, where it is not regular, does not determine φ knows nothing, and nothing is made of them.
+        """
+        if self._frame is not None:
+            cos, sin, μ = self._frame
+            φ = np.array([φ[0], *_turned(φ[1], φ[2], cos, sin)])
+            φ[0] += μ * φ[1]
+        ψ, asked = np.zeros(φ.shape), φ.ravel()[self._unknowns]
+        solved = np.linalg.solve(self._G.T, asked) if is_regular else least_solution(self._G.T, asked)
+        ψ.ravel()[self._unknowns] = -solved
+        if self._frame is not None:
+            ψ[1], ψ[2] = _turned(ψ[1], ψ[2], cos, -sin)
+        return ψ
 
     def inverse(self) -> Array:
         """The matrix (3C, 3C), N s/m, by which `change` multiplies velocities.

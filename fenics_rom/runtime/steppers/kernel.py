@@ -11,6 +11,7 @@ from fenics_rom.mechanics.actuator_forces import ActuatorForces, PointsHeldBack
 from fenics_rom.mechanics.contact import ContactSolution, ContactWork, ObstacleMotion, PointMotion, equilibrium_work
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.rom.contact_model import ContactModel
+from fenics_rom.runtime.steppers.adjoint import GoneBackThrough
 
 if TYPE_CHECKING:
     from fenics_rom.mechanics.viscoelasticity import MaxwellBranches
@@ -20,7 +21,7 @@ if TYPE_CHECKING:
 ContactWorks = tuple[Callable[[], ContactWork], ...]  # of each part of a step
 
 
-class Kernel:
+class Kernel(GoneBackThrough):
     """What every kernel has; for most of them the answers here are right.
 
     Attributes:

@@ -16,7 +16,7 @@ Branches of a material that relaxes (mechanics/viscoelasticity.py) have energy c
 with -ω Σ g (ω w)/(1 + θ h/τ), and add their stiffening time to h/2 in A: modes that are apart stay so.
 """
 
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
@@ -24,6 +24,7 @@ from numpy import ndarray as Array
 from fenics_rom.mechanics.actuator_forces import ActuatorForces
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion
 from fenics_rom.rom.midpoint_map import compliance
+from fenics_rom.runtime.steppers.adjoint import StateAdjoint, check_forces_are_given
 from fenics_rom.runtime.steppers.kernel import BookedKernel, StepWork, symmetric
 from fenics_rom.runtime.steppers.residual_motion import operator_of
 
@@ -34,6 +35,10 @@ class _Step(NamedTuple):
     pushed: Array  # G u (m,), N kg^-1/2
     right: Array  # with elasticity and inertia
     velocity: Array  # v̂
+
+
+if TYPE_CHECKING:
+    from fenics_rom.runtime.steppers.midpoint_adjoint import MidpointAdjoint
 
 
 class ContactMidpoint(BookedKernel):
@@ -127,6 +132,33 @@ class ContactMidpoint(BookedKernel):
         square = self._end_step(step, contact, rubbed)
         self.reactions = found
         return square
+
+    def check_differentiable(self) -> None:
+        """As in Kernel."""
+        check_forces_are_given(self._actuators, self.branches)
+
+    def start_pulled_back(self, q: Array, r: Array, after: StateAdjoint) -> tuple[Array, Array]:
+        """As in Kernel."""
+        by_e, by_r = after.state.reshape(2, -1)
+        return np.concatenate([after.rigid, (self._ω * by_e)[len(after.rigid) :]]), by_r
+
+    def adjoint(self, u: Array) -> "MidpointAdjoint":
+        """As in Kernel."""
+        from fenics_rom.mechanics.contact_adjoint import (  # here, as few runs are differentiated
+            ContactAdjoint,
+            is_at_kink,
+        )
+        from fenics_rom.runtime.steppers.midpoint_adjoint import MidpointAdjoint, MidpointMaps
+
+        points, contact, is_kink = np.empty((self._model.order, 0)), None, False
+        if self._interface is not None:
+            solver = self._interface.solver
+            points, contact, is_kink = self._Sᵀ, ContactAdjoint.of(solver), is_at_kink(solver)
+        residual, rows = None, None
+        if self.residual is not None:
+            residual, rows = self.residual.maps, self.residual.state.reshape(4, -1).copy()
+        maps = MidpointMaps(self._model, self.h, self._a, points, residual)
+        return MidpointAdjoint(maps, self._state_before.copy(), self.state.copy(), rows, contact, is_kink)
 
 
 class QuasiStatic(BookedKernel):

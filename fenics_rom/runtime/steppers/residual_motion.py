@@ -48,6 +48,46 @@ def relaxation(h: float, τ: float, β: float, stiffening_time: float = 0.0) -> 
     return Relaxation(inertia, inertia + β + elastic + stiffening_time, β + elastic - h / 2)
 
 
+class ResidualMaps(NamedTuple):
+    """A residual part in steps of one length, transposed: of derivatives with its rows [g, y, ġ, ẏ] (4, 3P)."""
+
+    step: Array  # (6, 6): the rows after a step, then ġ and ẏ in it, from those before, f and R f
+    added: Array  # (3, 4): displacement, velocity and free mid-step velocity of the points from the rows
+    part: ResidualPart
+    τ: float  # s
+
+    def pull_back(self, after: Array) -> tuple[Array, Array]:
+        """Those before a step, and those with the forces (3P,), from those after it."""
+        rows = self.step[:4].T @ after
+        return rows[:4], rows[4] + self.part.compliance @ rows[5]
+
+    def of_points(self, moved: Array) -> Array:
+        """Those of what it adds to displacement, velocity and free mid-step velocity of the points, (3, 3P)."""
+        return self.added.T @ moved
+
+    def of_energy(self, rows: Array) -> Array:
+        """Those of what is stored."""
+        g, y, ġ, ẏ = rows
+        return np.array([y, g, self.τ**2 * ẏ, self.τ**2 * ġ]) / 2
+
+
+def strained_back(part: ResidualPart, slope: Array) -> Array:
+    """Derivatives with g (3P,) from those with what of it lies in the shared basis, (k - rigid,)."""
+    by_force: Array = part.points[:, : len(slope)] @ slope - part.basis_points @ (part.basis.T @ slope)
+    return by_force
+
+
+def carried_back(part: ResidualPart, y: Array, most: float, after: Array) -> tuple[Array, float]:
+    """Derivatives with y (3P,) and `most` from those with g and R g, (2, 3P), that a switch makes of them."""
+    w, to_w = part.inverse_root @ y, part.inverse_root @ (after[0] + part.compliance @ after[1])
+    square, by_most = float(w @ w), 0.0
+    if square > most:
+        share, along = np.sqrt(max(most, 0.0) / square), float(to_w @ w)
+        by_most = along * share / (2 * most) if most > 0 else 0.0
+        to_w = share * (to_w - along / square * w)
+    return to_w @ part.inverse_root, by_most
+
+
 class ResidualMotion:
     """The residual part of the displacement, in one contact mode.
 
@@ -82,6 +122,16 @@ class ResidualMotion:
         ġ_mid, ẏ_mid = (inertia * ġ - g + f) / a, (inertia * ẏ - y + Rf) / a
         self._step = np.array([g + h * ġ_mid, y + h * ẏ_mid, 2 * ġ_mid - ġ, 2 * ẏ_mid - ẏ, ġ_mid, ẏ_mid])
         self._added = np.array([y, ẏ, (inertia * ẏ - y) / a])[:, :4].copy()
+
+    @property
+    def part(self) -> ResidualPart:
+        """What the contact mode lacks."""
+        return self._part
+
+    @property
+    def maps(self) -> "ResidualMaps":
+        """What steps of this length do."""
+        return ResidualMaps(self._step, self._added, self._part, self._τ)
 
     @property
     def delassus(self) -> Array:

@@ -15,6 +15,7 @@ from fenics_rom.runtime.steppers.kernel import Kernel
 from fenics_rom.runtime.switching import Projections
 
 if TYPE_CHECKING:
+    from fenics_rom.runtime.steppers.adjoint import SwitchAdjoint
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
     from fenics_rom.runtime.steppers.finite_strain import FiniteStrainKernel
 
@@ -77,6 +78,10 @@ class ReducedStepper:
 
     def switch(self, contact: str) -> float:
         """See Stepper."""
+        raise NotImplementedError
+
+    def switch_adjoint(self, contact: str) -> "SwitchAdjoint":
+        """A switch to a contact mode from here, to go back through."""
         raise NotImplementedError
 
     def set_time_step(self, dt: float) -> None:
@@ -229,6 +234,16 @@ class LinearStepper(ReducedStepper):
         else:
             b[:] = b_start @ potential.T
         here.resume(b)
+
+    def switch_adjoint(self, contact: str) -> "SwitchAdjoint":
+        """As in ReducedStepper."""
+        from fenics_rom.runtime.steppers.midpoint_adjoint import ProjectionAdjoint, ResidualSwitch
+
+        left, right, residual = self.kernel.residual, self._kernel_of(contact).residual, None
+        if left is not None and right is not None:
+            e = self.state[self._rom.rigid : len(self.state) // 2].copy()
+            residual = ResidualSwitch(left.part, right.part, left.state.reshape(4, -1).copy(), e)
+        return ProjectionAdjoint(*self._projections.between(self.contact_mode, contact), residual)
 
     def _kernel_of(self, contact: str) -> Kernel:
         if contact not in self._kernels:

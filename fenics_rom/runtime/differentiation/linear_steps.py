@@ -10,49 +10,19 @@ state; ∂J/∂u = Bᵀμ. What J owes to the numbers of the model goes by the m
 States are kept at the beginning of blocks alone, and found again block by block, the last one first.
 """
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.errors import StepError, check_known
 from fenics_rom.rom.midpoint_map import compliance
 from fenics_rom.rom.state_space import StateSpace
-from fenics_rom.runtime.rollout import plan_steps
+from fenics_rom.runtime.differentiation.gradient import Objective, RolloutGradient, evaluate
+from fenics_rom.runtime.rollout import ConstantInterval
 from fenics_rom.runtime.simulator import Simulator
 
 BLOCK_STEPS = 512  # whose states are held at once
-
-Objective = Callable[[dict[str, Array], Array], tuple[float, Mapping[str, Array], Array | None]]
-
-
-@dataclass(frozen=True, eq=False)
-class RolloutGradient:
-    """What an objective J is, and how it changes.
-
-    Attributes:
-        value: J.
-        inputs: with each input, (steps, p), per N (or Pa).
-        state: with q and r at the start, (m,) each.
-        eigenvalues: with γ (m,) of each contact mode, by name, per s^-2; of rigid motions 0. Maps of switches, which
-            act on √γ q, are held: stiffness that changes as a whole changes all γ in one proportion.
-        damping: with D of each contact mode, by name, per s^-1: (m,) where it is diagonal, else (m, m), symmetric.
-
-    Example:
-        >>> body = fr.Simulator(rom, dt=1e-3)
-        >>> kept = lambda outputs, energies: (energies[-1], {}, np.eye(len(energies))[-1])
-        >>> gradient = fr.differentiate(body, np.ones((50, 3)), kept, contact="middle")
-        >>> bool(gradient.damping["middle"].sum() < 0)  # more damping leaves less energy
-        True
-    """
-
-    value: float
-    inputs: Array
-    state: tuple[Array, Array]
-    eigenvalues: Mapping[str, Array]
-    damping: Mapping[str, Array]
 
 
 class _Stretch(NamedTuple):
@@ -94,48 +64,11 @@ class _Plants:
         return np.concatenate([γ > 0, np.ones(len(γ))])
 
 
-def differentiate(
-    body: Simulator,
-    inputs: Sequence[Sequence[float]] | Array,
-    objective: Objective,
-    *,
-    contact: str | Sequence[str] | None = None,
-    dt: float | Sequence[float] | Array | None = None,
-    outputs: Sequence[str] | None = None,
+def differentiate_linear(
+    body: Simulator, u: Array, plan: Sequence[ConstantInterval], objective: Objective, names: Sequence[str]
 ) -> RolloutGradient:
-    """Value and gradient of an objective over the steps of `body.rollout`, from where the body is; it is not moved.
-
-    Costs about three times the steps; of their states it keeps one in 512.
-
-    Args:
-        body: a linear one, which nothing touches.
-        inputs, contact, dt: of each step, as in `Simulator.rollout`.
-        objective: gets the displacements of outputs by name, m, (steps, points, 3), and the stored energies (steps,),
-            J, after each step; returns J, its derivatives with each output, by name, and with each energy (None: 0).
-        outputs: names of those that the objective gets; None: all.
-
-    Raises:
-        StructureError: the body is not linear.
-        StepError: as in `Simulator.rollout`, or derivatives of another shape, or that are not finite.
-
-    Example:
-        >>> body, target = fr.Simulator(rom, dt=1e-3), np.array([0.0, 0.0, 1e-3])
-        >>> def miss(outputs, energies):  # of both tips at the end
-        ...     apart = outputs["tip"][-1] - target
-        ...     slope = np.zeros_like(outputs["tip"])
-        ...     slope[-1] = 2 * apart
-        ...     return (apart**2).sum(), {"tip": slope}, None
-        >>> gradient = fr.differentiate(body, np.zeros((200, 3)), miss)
-        >>> gradient.value, gradient.inputs.shape, bool(gradient.inputs[:, 2].sum() < 0)
-        (2e-06, (200, 3), True)
-    """
-    rom = body.rom
-    rom.check_linear()
-    names = tuple(rom.outputs if outputs is None else outputs)
-    for name in names:
-        check_known("output", name, rom.outputs, StepError)
-    u, plan = plan_steps(body, inputs, contact, dt)
-    plants = _Plants(body, names)
+    """As differentiate, of inputs with the loads (steps, p), and with names of outputs that there are."""
+    rom, plants = body.rom, _Plants(body, names)
 
     q, r = body.state
     x, active, stretches = np.concatenate([q * plants.frequencies(body.contact), r]), body.contact, []
@@ -150,7 +83,7 @@ def differentiate(
             rows.append(states[1:] @ plant.C.T)
             energies.append(np.square(states[1:]) @ plants.stored(active) / 2)
             x = states[-1].copy()
-    value, slopes, energy_slopes = _evaluate(objective, body, names, np.concatenate(rows), np.concatenate(energies))
+    value, slopes, energy_slopes = evaluate(objective, body, names, np.concatenate(rows), np.concatenate(energies))
 
     gradient = RolloutGradient(
         value,
@@ -213,28 +146,3 @@ def _go_back(
         both = y.T @ v̂
         into.damping[stretch.contact][:] -= (both + both.T) / 2
     return μ
-
-
-def _evaluate(
-    objective: Objective, body: Simulator, names: Sequence[str], rows: Array, energies: Array
-) -> tuple[float, Array, Array]:
-    """J, and its derivatives with all rows that are read (steps, rows), and with the energies (steps,)."""
-    parts = np.split(rows, np.cumsum([len(body.output_rows(name)) for name in names])[:-1], axis=1) if names else []
-    given = {name: body.rom.by_point(part) for name, part in zip(names, parts, strict=True)}
-    value, by_output, by_energy = objective(given, energies)
-    for name in by_output:
-        check_known("output", name, given, StepError)
-    slopes = [_checked(name, by_output.get(name, 0.0), part).reshape(len(rows), -1) for name, part in given.items()]
-    return (
-        float(value),
-        np.hstack([np.empty((len(rows), 0)), *slopes]),
-        _checked("energies", 0.0 if by_energy is None else by_energy, energies),
-    )
-
-
-def _checked(name: str, slope: "Array | float", of: Array) -> Array:
-    """Derivatives with something, as an array of its shape; 0. of what is not named."""
-    slope = np.asarray(slope, dtype=float)
-    if slope.shape not in ((), of.shape) or not np.isfinite(slope).all():
-        raise StepError(f"derivatives with {name}: allowed are finite numbers {of.shape}, given: {slope.shape}")
-    return np.broadcast_to(slope, of.shape)

@@ -1,0 +1,128 @@
+"""How contact forces of a step change with what they were found from: the law's derivative, transposed.
+
+Pairs that took part keep what they do: open, stuck or slipping, a pair's law is smooth (implicit function theorem).
+With frames Q of the pairs, forces F = Q f on the body, and relative velocities of their points, v in the middle of the
+step without forces and a at its start, the law is solved by u = Qᵀ (W Q f + v) - c, and as it stands changes by
+
+    δf = N (Qᵀ (δv + W (δθ x F) - δθ x v̂) - δc),    δF = Q δf + δθ x F,    δθ = n x δn,
+
+where δn is the distance's second derivative times the point's δx, c its targets and v̂ = W F + v. The adjoint φ of F
+passes Ψ = Q Nᵀ Qᵀ φ to v, and so on.
+
+There is no derivative at a kink: where a pair that hardly presses also hardly leaves, or hardly slips at the border of
+its cone; where a pair hardly takes part, or does not; where it begins to approach. What a step found is then one of the
+sides. How near a step is to one is told.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.mechanics.complementarity.linearised import Linearisation, least_solution
+from fenics_rom.mechanics.contact import ContactLaw, PointMotion
+from fenics_rom.mechanics.contact_pairs import SolvedPairs, target_slopes
+from fenics_rom.mechanics.contact_solver import ContactSolver
+
+_NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])  # of x, y, z
+KINK = 1e-9  # of the velocities that forces have to stop: nearer than this to another law, a step is at a kink
+
+
+def is_at_kink(solver: ContactSolver) -> bool:
+    """Whether the step that a solver solved last has no derivative, or was solved but for a residual."""
+    pairs, found, μ = solver.considered, solver.solved, solver.law.friction
+    if pairs is None:
+        return False
+    speed = np.abs(pairs.free if found is None else found.problem.q).max()
+    near = KINK * float(speed)
+    if (np.abs(pairs.free[0] - pairs.level) <= near).any():  # a pair hardly takes part, or hardly does not
+        return True
+    if found is None or found.is_loose:
+        return found is not None
+    f, u, ρ = found.forces, found.velocities, found.problem.operator.stiffness
+    hardly_closed = np.abs(f[0] - ρ * u[0]) <= ρ * near
+    slip = np.hypot(f[1], f[2]) + ρ * np.hypot(u[1], u[2]) - μ * f[0]
+    hardly_slips = (f[0] > 0) & (np.abs(slip) <= ρ * near) if μ else False
+    return bool((hardly_closed | hardly_slips).any())
+
+
+class ContactAdjoint(NamedTuple):
+    """Contact of a step, to go back through."""
+
+    law: ContactLaw
+    found: SolvedPairs
+    curvature: Array | None  # of the distance, of pairs that took part, (C, 3, 3), 1/m; None: their obstacles are flat
+
+    @staticmethod
+    def of(solver: ContactSolver) -> "ContactAdjoint | None":
+        """Of the step that a solver solved last; None where nothing touched."""
+        found = solver.solved
+        if found is None:
+            return None
+        obstacle, point = np.divmod(found.active, len(solver.points))
+        places = solver.points[point] + found.points.displacement[point] - found.offsets[obstacle]
+        curvature = np.empty((len(point), 3, 3))
+        for number, shape in enumerate(solver.obstacles):
+            of_this = obstacle == number
+            curvature[of_this] = shape.curvature(places[of_this])
+        return ContactAdjoint(solver.law, found, curvature if curvature.any() else None)
+
+    def pull_back(self, φ: Array) -> PointMotion:
+        """Derivatives with what the points do, (P, 3) each, from those with the forces on them, φ (P, 3), 1/N."""
+        frames, point = self.found.problem.frames, self.found.active % len(φ)
+        φ = φ[point]
+        ψ = self._law_pulled_back(frames.turned(φ)[0])
+        by_gap, by_approach, by_slide = self._target_slopes()
+        c = ψ * np.stack([by_approach, by_slide, by_slide])
+        n, Ψ, by_start = np.broadcast_to(frames.axes[:, :, 0], (len(point), 3)), frames.in_space(ψ), -frames.in_space(c)
+        x = -(by_gap * ψ[0])[:, None] * n
+        if self.curvature is not None:
+            x += (self.curvature @ _cross(self._turned_back(φ, Ψ, by_start), n)[:, :, None])[:, :, 0]
+        return PointMotion(*(self._at_points(values) for values in (x, by_start, Ψ)))
+
+    def _at_points(self, values: Array) -> Array:
+        """Of pairs that took part (C, 3), together at the points (P, 3)."""
+        of_pairs = np.zeros((len(self.found.gaps), 3))
+        of_pairs[self.found.active] = values
+        together: Array = of_pairs.reshape(-1, len(self.found.operator) // 3, 3).sum(axis=0)
+        return together
+
+    def _turned_back(self, φ: Array, Ψ: Array, by_start: Array) -> Array:
+        """Derivatives with rotations θ of the frames (C, 3)."""
+        found, problem, frames = self.found, self.found.problem, self.found.problem.frames
+        v̂ = found.velocities.copy()
+        v̂[0] += problem.target - found.pairs.compliance * found.forces[0]
+        v̂[1:] += 0.0 if problem.sliding is None else problem.sliding
+        WΨ = (found.operator @ self._at_points(Ψ).ravel()).reshape(-1, 3)[found.active % (len(found.operator) // 3)]
+        F, v̂, a = map(frames.in_space, (found.forces, v̂, found.pairs.relative.take(found.active, axis=1)))
+        turned: Array = _cross(F, φ + WΨ) - _cross(v̂, Ψ) - _cross(a, by_start)
+        return turned
+
+    def _law_pulled_back(self, φ: Array) -> Array:
+        """Nᵀ φ (3, C), in the frames."""
+        f, u, operator, μ = self.found.forces, self.found.velocities, self.found.problem.operator, self.law.friction
+        ρ = operator.stiffness
+        z = f - ρ * u
+        if μ:
+            length, cone = np.hypot(z[1], z[2]), μ * np.maximum(z[0], 0.0)
+            law = Linearisation(operator.matrix, μ, operator.compliance, z, length, cone)
+            return law.pull_back(φ, operator.operator.is_regular)
+        ψ, closed = np.zeros(φ.shape), np.flatnonzero(z[0] > 0)
+        ψ[0, closed] = -least_solution(operator.matrix[closed[:, None], closed], φ[0, closed])
+        return ψ
+
+    def _target_slopes(self) -> tuple[Array, Array, Array]:
+        """What the targets change by with gaps, 1/s, and with velocities at the start along normals and tangents."""
+        pairs, active = self.found.pairs, self.found.active
+        target, approach = pairs.target.take(active), pairs.relative[0].take(active)
+        by_gap, by_approach = target_slopes(self.law, target, approach, self.found.dt)
+        if pairs.sliding is None:
+            return by_gap, by_approach, np.zeros(len(active))
+        asked = np.ones(len(active)) if pairs.unasked is None else ~pairs.unasked.take(active)
+        return by_gap, by_approach, asked / 2
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """a x b of vectors (C, 3), in a third of the time of NumPy's."""
+    product: Array = a[:, _NEXT] * b[:, _LAST] - a[:, _LAST] * b[:, _NEXT]
+    return product

@@ -1,0 +1,171 @@
+"""Pairs of a point and an obstacle in one step, and what the contact law asks of each; see `contact_solver`."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.mechanics.complementarity import Delassus, FramedDelassus, Frames
+from fenics_rom.mechanics.contact import ContactLaw, PointMotion
+
+WORK_ROUND_OFF = 1e-12  # of force times velocity: work that is no work
+
+
+class PairsProblem(NamedTuple):
+    """Of C active pairs, in their frames."""
+
+    frames: Frames
+    operator: FramedDelassus
+    free: Array  # relative mid-step velocity without contact, (3, C), m/s
+    q: Array  # the same less the targets, (3, C), m/s
+    start: Array  # forces to begin with, (3, C), N
+    target: Array  # c (C,), m/s
+    sliding: Array | None  # c_t (2, C), m/s; None where nothing slides
+
+
+@dataclass
+class Pairs:
+    """What the law says of every pair in one step, obstacle after obstacle, in their frames; velocities in m/s."""
+
+    frames: Frames
+    free: Array  # relative mid-step velocity without contact, (3, O P)
+    relative: Array  # relative velocity at the start of the step, (3, O P)
+    level: Array  # (O P,) normal velocities below which a pair takes part
+    target: Array  # c (O P,)
+    compliance: float  # of each pair along its normal, m/s/N; 0 for the rigid law
+    sliding: Array | None  # c_t (2, O P); None where nothing slides
+    unasked: Array | None = None  # (O P,) those whose c_t was set to 0; None: no pair's was
+
+    def problem(self, active: Array, operator: Delassus, forces: Array) -> PairsProblem:
+        """Of active pairs, which begins with forces of all pairs (O P, 3)."""
+        frames, free, target, sliding = self.frames, self.free, self.target, self.sliding
+        if len(active) < len(target):
+            frames, free, target = frames.of(active), free.take(active, axis=1), target.take(active)
+            forces, sliding = forces.take(active, axis=0), None if sliding is None else sliding.take(active, axis=1)
+        q = free.copy()
+        q[0] -= target
+        if sliding is not None:
+            q[1:] -= sliding
+        return PairsProblem(
+            frames, operator.framed(frames, self.compliance), free, q, frames.turned(forces)[0], target, sliding
+        )
+
+    def stop_asking_friction(self, active: Array) -> bool:
+        """Sets c_t = 0 for all active pairs; whether it was not.
+
+        A point that is wedged between two obstacles, each with a c_t of its own, may not be able to stick to either:
+        then no forces solve the problem. Without c_t what it does stick to needs no velocity from friction.
+        """
+        if self.sliding is None or not self.sliding[:, active].any():
+            return False
+        self.sliding[:, active] = 0.0
+        return True
+
+    def stop_helping_friction(self, active: Array, forces: Array, velocities: Array, problem: PairsProblem) -> bool:
+        """Sets c_t = 0 for active pairs whose friction would do work on the body; whether there are any.
+
+        Of these are forces and velocities u = v̂ - w - c n - c_t, (3, C) each.
+        """
+        helps = helping_pairs(forces, velocities, problem)
+        if helps is None:
+            return False
+        self._stop(active[helps])
+        return True
+
+    def _stop(self, pairs: Array) -> None:
+        """Sets c_t = 0 for some pairs."""
+        assert self.sliding is not None
+        self.sliding[:, pairs] = 0.0
+        self.unasked = np.zeros(len(self.target), dtype=bool) if self.unasked is None else self.unasked
+        self.unasked[pairs] = True
+
+
+class SolvedPairs(NamedTuple):
+    """How the forces of a step were found."""
+
+    points: PointMotion
+    offsets: Array  # displacements of the obstacles at its start, (O, 3), m
+    operator: Array  # Delassus operator (3P, 3P), m/s/N
+    dt: float  # s
+    pairs: Pairs
+    gaps: Array  # of all pairs (O P,), m
+    active: Array  # (C,) those that took part
+    problem: PairsProblem  # of these
+    forces: Array  # (3, C), N
+    velocities: Array  # u with them, less the targets, (3, C), m/s
+    is_loose: bool  # whether they solve the problem but for a residual
+
+
+class NormalLaw(NamedTuple):
+    """What the law says of the normal velocities of all pairs (O P,), m/s."""
+
+    level: Array  # below which a pair takes part
+    target: Array  # c, that they are to have at least
+    compliance: float = 0.0  # by which they are lower per force, m/s/N
+
+
+def normal_law(
+    law: ContactLaw, gaps: Array, gap: float, approach: Array, w: Array, dt: float, quasi_static: bool
+) -> NormalLaw:
+    """The law in a step of dt, s.
+
+    Args:
+        law: rigid, with restitution, or a spring and a dashpot.
+        gaps: of all pairs, (O P,), m; `gap` is the smallest.
+        approach: a = n·(v - w) of all pairs, (O P,), m/s.
+        w: velocities of the obstacles, (O, 3), m/s.
+        dt, quasi_static: as in ContactSolver.solve.
+    """
+    if law.stiffness is not None:
+        damper = law.stiffness * dt / 2 + law.damping
+        level = gaps * (-law.stiffness / damper)
+        return NormalLaw(level, level, 1 / damper)
+    if quasi_static:
+        level = np.maximum(gaps, 0.0) / -dt
+        return NormalLaw(level, level)
+    e = law.restitution
+    closing, half = gaps / -dt, (1 - e) / 2 * approach
+    level, target = np.maximum(closing, (closing + half) / (2 - e)), np.minimum(half, 0.0)
+    if gap < 0.0:  # no deeper than a step's motion of the obstacle or of the body
+        shallowest = closing - np.abs(approach)
+        shallowest -= np.sqrt((w * w).sum(axis=1)).repeat(len(gaps) // len(w))
+        target = np.maximum(target, np.minimum(shallowest, 0.0))
+    return NormalLaw(level, target)
+
+
+def target_slopes(
+    law: ContactLaw, target: Array, approach: Array, dt: float, quasi_static: bool = False
+) -> tuple[Array, Array]:
+    """∂c/∂g, 1/s, and ∂c/∂a of pairs whose c and a are these, (C,) each; see `normal_law`."""
+    if law.stiffness is not None:
+        return np.full(len(target), -law.stiffness / (law.stiffness * dt / 2 + law.damping)), np.zeros(len(target))
+    if quasi_static:
+        return np.where(target < 0, -1 / dt, 0.0), np.zeros(len(target))
+    half = (1 - law.restitution) / 2
+    is_deep = target > np.minimum(half * approach, 0.0)  # of those that have sunk in
+    by_gap = np.where(is_deep & (target < 0), -1 / dt, 0.0)
+    by_approach = np.where(is_deep, by_gap * dt * np.sign(approach), half * (approach < 0))
+    return by_gap, by_approach
+
+
+def passive_forces(f: Array, problem: PairsProblem) -> tuple[Array, Array]:
+    """Forces that solve the problem but for a residual, made smaller until they do no work on the body; u with them."""
+    moved = problem.operator.moved(f)
+    spent, given = float(f.ravel().dot(moved.ravel())), float(f.ravel().dot(problem.free.ravel()))
+    share = min(1.0, max(0.0, -given / spent)) if spent > 0 else 1.0
+    return share * f, share * moved + problem.q
+
+
+def helping_pairs(forces: Array, velocities: Array, problem: PairsProblem) -> Array | None:
+    """Active pairs whose friction would do work on the body, (C,), or None if it does none as a whole."""
+    friction, c_t = forces[1:], problem.sliding
+    with_targets = 0.0 if c_t is None else float(friction.ravel().dot(c_t.ravel()))
+    if c_t is None or with_targets <= 0:  # with what is left of the velocities it never does
+        return None
+    negligible = WORK_ROUND_OFF * float(np.abs(forces).max()) * float(np.abs(problem.q).max())
+    if with_targets <= negligible:
+        return None
+    work = (friction * (velocities[1:] + c_t)).sum(axis=0)
+    helps = (work > negligible) & c_t.any(axis=0)  # each but once: where c_t = 0, what is left is round-off
+    return helps if work.sum() > negligible and helps.any() else None

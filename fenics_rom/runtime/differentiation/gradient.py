@@ -1,0 +1,71 @@
+"""What a gradient is of: an objective of outputs and energies; and what it is."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.errors import StepError, check_known
+
+if TYPE_CHECKING:
+    from fenics_rom.runtime.simulator import Simulator
+
+Objective = Callable[[dict[str, Array], Array], tuple[float, Mapping[str, Array], Array | None]]
+
+
+@dataclass(frozen=True, eq=False)
+class RolloutGradient:
+    """What an objective J is, and how it changes.
+
+    Attributes:
+        value: J.
+        inputs: with each input, (steps, p), per N (or Pa).
+        state: with q and r at the start, (m,) each.
+        eigenvalues: with γ (m,) of each contact mode, by name, per s^-2; of rigid motions 0. Maps of switches, which
+            act on √γ q, are held: stiffness that changes as a whole changes all γ in one proportion.
+        damping: with D of each contact mode, by name, per s^-1: (m,) where it is diagonal, else (m, m), symmetric.
+            Of bodies that deform largely, whose elasticity and damping are elsewhere, both are empty.
+        kinks: steps, counted from the first, at which J has no derivative, but one to each side: that of the side that
+            the step found is in the gradient.
+
+    Example:
+        >>> body = fr.Simulator(rom, dt=1e-3)
+        >>> kept = lambda outputs, energies: (energies[-1], {}, np.eye(len(energies))[-1])
+        >>> gradient = fr.differentiate(body, np.ones((50, 3)), kept, contact="middle")
+        >>> bool(gradient.damping["middle"].sum() < 0)  # more damping leaves less energy
+        True
+    """
+
+    value: float
+    inputs: Array
+    state: tuple[Array, Array]
+    eigenvalues: Mapping[str, Array]
+    damping: Mapping[str, Array]
+    kinks: tuple[int, ...] = ()
+
+
+def evaluate(
+    objective: Objective, body: "Simulator", names: Sequence[str], rows: Array, energies: Array
+) -> tuple[float, Array, Array]:
+    """J, and its derivatives with all rows that are read (steps, rows), and with the energies (steps,)."""
+    parts = np.split(rows, np.cumsum([len(body.output_rows(name)) for name in names])[:-1], axis=1) if names else []
+    given = {name: body.rom.by_point(part) for name, part in zip(names, parts, strict=True)}
+    value, by_output, by_energy = objective(given, energies)
+    for name in by_output:
+        check_known("output", name, given, StepError)
+    slopes = [_checked(name, by_output.get(name, 0.0), part).reshape(len(rows), -1) for name, part in given.items()]
+    return (
+        float(value),
+        np.hstack([np.empty((len(rows), 0)), *slopes]),
+        _checked("energies", 0.0 if by_energy is None else by_energy, energies),
+    )
+
+
+def _checked(name: str, slope: "Array | float", of: Array) -> Array:
+    """Derivatives with something, as an array of its shape; 0. of what is not named."""
+    slope = np.asarray(slope, dtype=float)
+    if slope.shape not in ((), of.shape) or not np.isfinite(slope).all():
+        raise StepError(f"derivatives with {name}: allowed are finite numbers {of.shape}, given: {slope.shape}")
+    return np.broadcast_to(slope, of.shape)

@@ -1,0 +1,97 @@
+"""What goes backwards through steps: the derivatives of a number J with all that they carry along."""
+
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.errors import StructureError
+
+NONE = np.empty(0)
+
+
+class StateAdjoint(NamedTuple):
+    """Derivatives of J with what is there between two steps; empty is none."""
+
+    state: Array  # [e, r] (2m,)
+    rigid: Array  # displacement along the rigid motions (ρ,)
+    auxiliary: Array  # as `Kernel.auxiliary`
+    forces: Array = NONE  # of contact in the last step (3P,)
+    tangent: Array = NONE  # as `Kernel.tangent` (m, m)
+
+
+class Reads(NamedTuple):
+    """Derivatives of J with what is read after a step."""
+
+    q: Array  # displacement (m,) of the contact mode
+    beyond: Array  # (k - rigid,) of the residual part, K-orthonormal in the shared basis
+    energy: float
+
+
+class StepSlopes(NamedTuple):
+    """What a step passes back."""
+
+    before: StateAdjoint
+    inputs: Array  # (p,)
+    frequencies: Array  # ω (m,)
+    damping: Array  # (m,) or (m, m), as the contact model has it
+
+
+class StepAdjoint(Protocol):
+    """A step that was taken, to go back through.
+
+    Attributes:
+        is_kink: whether the step is where there is no derivative, but one to each side.
+    """
+
+    @property
+    def is_kink(self) -> bool:
+        """As said above."""
+
+    def pull_back(self, after: StateAdjoint, reads: Reads) -> StepSlopes:
+        """What the step passes back of derivatives with what it led to, and with what was read then."""
+
+
+class SwitchAdjoint(Protocol):
+    """A switch of contact modes, to go back through."""
+
+    def pull_back(self, after: StateAdjoint) -> StateAdjoint:
+        """Derivatives before it from those after it."""
+
+
+class GoneBackThrough:
+    """What a kernel has so that its steps can be gone back through; here: they cannot.
+
+    Attributes:
+        tangent: a matrix that steps carry along, made in an earlier one; empty where there is none.
+    """
+
+    tangent: Array = NONE
+
+    def check_differentiable(self) -> None:
+        """A StructureError where `adjoint` does not know the steps."""
+        raise StructureError(f"{type(self).__name__}: steps of this kind are not differentiated")
+
+    def adjoint(self, u: Array) -> StepAdjoint:
+        """The last step, under u (p,), to go back through."""
+        raise NotImplementedError
+
+    def start_pulled_back(self, q: Array, r: Array, after: StateAdjoint) -> tuple[Array, Array]:
+        """Derivatives with q and r (m,) of a state that is put in, from those with all that a step begins with."""
+        raise NotImplementedError
+
+
+def check_forces_are_given(found: object, branches: object) -> None:
+    """A StructureError where forces of actuators are found in a step, or branches of a material are carried along."""
+    for what, there in (("strokes of actuators and friction of tendons", found), ("materials that relax", branches)):
+        if there is not None:
+            raise StructureError(f"{what} are not differentiated")
+
+
+def spread(vectors: "tuple[Array, Array]", like: Array) -> Array:
+    """-x yᵀ, symmetric, as damping is kept: of a diagonal one that alone."""
+    x, y = vectors
+    if like.ndim == 1:
+        return -x * y
+    both = np.outer(x, y)
+    return -(both + both.T) / 2
