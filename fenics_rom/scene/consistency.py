@@ -6,7 +6,7 @@ from dataclasses import is_dataclass
 from typing import Any
 
 from fenics_rom.errors import SceneError, check_known, exactly, unknown
-from fenics_rom.mechanics.environment import AppliedLoad
+from fenics_rom.mechanics.environment import STROKE_UNITS, AppliedLoad
 from fenics_rom.mechanics.hyperelastic import isochoric_terms
 from fenics_rom.mechanics.initial_state import SMALL_ROTATION, ZERO
 from fenics_rom.scene.effect_table import ACTUATORS, EFFECTS, LOADS
@@ -21,6 +21,7 @@ NOT_MOVING = {  # effects that a moving frame does not have
     "point_masses": "are not in the inertia of a frame",
     "rigid_parts": "are not in the inertia of a frame",
     "viscoelasticity": "is not in the motion of a frame",
+    "tendon_friction": "is found in a fixed frame alone",
     "base_motion": "shakes a support in a fixed frame, and base_path carries it",
     "large_deformation": "turns a body as far as it likes by itself",
 }
@@ -193,6 +194,13 @@ def _check_frame(file: SceneFile) -> None:
     for name, why in NOT_MOVING.items():
         if getattr(effects, name) not in (None, {}):
             raise SceneError(f"effects.{name}: {why}; allowed is with frame = 'fixed'")
+    for kind in ACTUATORS:
+        for name, actuator in getattr(effects, kind).items():
+            if actuator.control in STROKE_UNITS:
+                raise SceneError(
+                    f"effects.{kind}.{name}.control = {actuator.control!r}: the force of a stroke is found in a fixed "
+                    f"frame alone; allowed with frame = 'moving' is {type(actuator).control!r}"
+                )
     if effects.damped.dashpots:
         raise SceneError("effects.damping.dashpots: are tied to the ground; allowed is with frame = 'fixed'")
     for k, held in enumerate(file.supports.held):

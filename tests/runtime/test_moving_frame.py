@@ -243,6 +243,42 @@ def test_a_beam_that_tumbles_onto_a_floor_closes_its_account(falling, restitutio
         assert account.contact > 0 if restitution < 1 else account.contact <= 10 * LEFT * max(start, account.supplied)
 
 
+@pytest.mark.parametrize(("stiffness", "damping", "friction"), [(50.0, 0.0, 0.0), (500.0, 0.5, 0.4)])
+def test_springs_of_a_floor_give_back_no_more_than_they_took(falling, stiffness, damping, friction):
+    """The penalty law in a moving frame: the account closes, and less dashpots take and friction rub, energy stays."""
+    law = ContactLaw(stiffness=stiffness, damping=damping, friction=friction)
+    rom = replace(falling, environment=replace(falling.environment, contact_law=law, residual_compliance=False))
+    body = thrown(fr.Simulator(rom, 1e-3), (0.5, 3.0, 1.0))
+    random = np.random.default_rng(9)
+    start, gap, most, touched, rubbed = body.energy, 0.0, 0.0, 0, 0.0
+    for _ in range(200):
+        body.dt = 10 ** random.uniform(-4, -2.3)
+        body.step(np.zeros(body.inputs))
+        account, scale = body.ledger, max(start, body.ledger.supplied)
+        gap = max(gap, abs(body.energy - start - account.supplied + account.dissipated + account.lost_in_switching))
+        assert account.contact >= -1e-12 * scale  # springs hold it, or dashpots took it
+        assert account.friction - rubbed >= -1e-12 * scale
+        most, touched, rubbed = max(most, account.contact), touched + body.contact_forces().any(), account.friction
+    assert touched > 5
+    assert most > 1e-3 * scale
+    assert (rubbed > 0) == (friction > 0)
+    assert gap <= 1e-12 * scale
+
+
+def test_a_beam_rests_on_springs_with_its_weight(tmp_path):
+    """On a floor that yields, in a moving frame: as deep as k P points hold its weight."""
+    rom = reduced(tmp_path, effects=FLOOR, contacts='[contacts.bottom]\nsurface = "bottom"', young="5e7")
+    law, points = ContactLaw(stiffness=100.0, damping=5.0), fr.Simulator(rom, 1e-2).contact_coordinates
+    rom = replace(rom, environment=replace(rom.environment, contact_law=law, residual_compliance=False))
+    body = fr.Simulator(rom, 1e-2)
+    for _ in range(300):
+        body.step()
+    weight = 9.81 * rom.moving_frame.mass
+    assert body.contact_forces()[:, 2].sum() == pytest.approx(weight, rel=1e-3)
+    deep = -0.03 - (points + body._stepper.point_displacement())[:, 2]
+    assert deep.mean() == pytest.approx(weight / 100.0 / len(points), rel=1e-2)
+
+
 def test_forces_that_do_not_settle_stay_passive(tmp_path):
     """A bar that lands flat and rubs, on few modes that do not tell all forces apart."""
     rom = reduced(tmp_path, effects=FLOOR, contacts='[contacts.bottom]\nsurface = "bottom"')

@@ -81,6 +81,7 @@ def test_tables_of_poses_are_read_in_their_units(tmp_path):
 SPRING = '[effects.springs.bed]\nsurface = "right"\nstiffness = 1.0'
 DASHPOT = '[effects.damping.dashpots.oil]\nsurface = "right"\ncoefficient = 1.0'
 ROLLER = 'clamped = ["left"]\nheld = [{ surface = "right", normal = [0, 0, 1] }]'
+ROPE = "[effects.tendon.rope]\npoints = [[0.0, 0.0, 0.0], [0.5, 0.1, 0.05], [1.0, 0.0, 0.0]]"
 FAST = np.hstack([POSES, [[0, 0, 2, 0, 2.574, 0], [0, 0, 2, 0, 2.574, 0]]])
 MISTAKES = {
     "effects.base_path: carries a body whose frame moves; allowed is with frame = 'moving'": {
@@ -99,6 +100,18 @@ MISTAKES = {
     },
     "effects.damping.dashpots: are tied to the ground": {"effects": f"inertia = {{}}\n{DASHPOT}"},
     "supports.held[0].normal: slides on the ground; allowed with frame = 'moving' is to be": {"supports": ROLLER},
+    "effects.viscoelasticity: is not in the motion of a frame; allowed is with frame = 'fixed'": {
+        "effects": "inertia = {}\n[effects.viscoelasticity]\nratios = [0.5]\ntimes = [1.0]"
+    },
+    "effects.tendon_friction: is found in a fixed frame alone; allowed is with frame = 'fixed'": {
+        "effects": f"inertia = {{}}\ntendon_friction = {{ coefficient = 0.3 }}\n{ROPE}"
+    },
+    "effects.tendon.rope.control = 'length': the force of a stroke is found in a fixed frame alone; allowed with "
+    "frame = 'moving' is 'tension'": {"effects": f'inertia = {{}}\n{ROPE}\ncontrol = "length"'},
+    "effects.pressure.air.control = 'volume': the force of a stroke is found in a fixed frame alone; allowed with "
+    "frame = 'moving' is 'pressure'": {
+        "effects": 'inertia = {}\n[effects.pressure.air]\nsurface = "right"\ncontrol = "volume"'
+    },
     "effects.large_deformation: turns a body": {"effects": "inertia = {}\nlarge_deformation = {}"},
     "effects.base_motion: shakes a support": {
         "effects": "inertia = {}\n[effects.base_motion.quake]\ndirection = [1, 0, 0]"

@@ -60,7 +60,8 @@ def make_stepper(
         if acting.finds_forces:
             if acting.is_moving:
                 raise StepError(
-                    "a body in a moving frame: allowed are actuators by force, and tendons without friction"
+                    f"a body in a moving frame: the forces of {', '.join((*acting.controls, *acting.guides))} are found "
+                    "in a fixed frame alone; allowed are actuators by force, and tendons without friction"
                 )
             actuators = ActuatorForces(acting.controls, acting.guides, {**rom.actuators, **rom.loads})
     rigid_displacement = np.zeros(rom.rigid)
