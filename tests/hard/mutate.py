@@ -19,7 +19,7 @@ COPIED = ("fenics_rom", "tests", "meshes", "demos/plate", "demos/hard_cases")
 HARD = ["tests/hard/test_hard_cases.py", "-k", "every_claim and not material and not shape"]
 RUNTIME = [
     f"tests/runtime/test_{name}.py"
-    for name in ("midpoint", "rollout", "energy_laws", "simulator", "free_bodies", "viscoelasticity")
+    for name in ("midpoint", "rollout", "energy_laws", "simulator", "free_bodies", "viscoelasticity", "moving_frame")
 ]
 WANTED = 0.95
 HUNG = 300  # s; a fault that makes a loop endless is found, too
@@ -139,6 +139,44 @@ MUTATIONS = [
     ("runtime/rollout.py", "state[:] = states[-1]", "state[:] = states[-2]"),
     ("runtime/rollout.py", "| (sizes[1:] != sizes[:-1])", ""),
     ("runtime/rollout.py", "names[1:] != names[:-1]) | (", "names[1:] != names[1:]) | ("),
+    ("runtime/steppers/free_frame.py", "x_ / 2 - t[0]", "x_ / 2 + t[0]"),
+    ("runtime/steppers/free_frame.py", "1.0, 2 / h * (a - A)", "1.0, 1 / h * (a - A)"),
+    ("runtime/steppers/free_frame.py", "τ = added(τ, 1.0, prescribed.torque)", "τ = added(τ, -1.0, prescribed.torque)"),
+    ("runtime/steppers/free_frame.py", "supplied += dot(prescribed.turning, (a, b, c))", "supplied += 0.0"),
+    ("runtime/steppers/free_frame.py", "(2 * u - x, 2 * v - y, 2 * w - z)", "(x, y, z)"),
+    ("runtime/steppers/free_frame.py", "r̂ + r̂ - self._r", "r̂"),
+    ("runtime/steppers/frame_kernel.py", "h / 2 * self._second,", "0 * self._second,"),
+    (
+        "runtime/steppers/frame_kernel.py",
+        "np.concatenate([self._second, frame",
+        "np.concatenate([0 * self._second, frame",
+    ),
+    ("runtime/steppers/frame_kernel.py", "frame.inertia2 - frame.stiffening", "frame.inertia2 + frame.stiffening"),
+    ("runtime/steppers/frame_kernel.py", "np.add(self._turned, self._coupled, self._turned)", "pass"),
+    ("runtime/steppers/frame_points.py", "added(b, -0.5, cross(self.turn, b))", "added(b, 0.5, cross(self.turn, b))"),
+    ("runtime/steppers/frame_points.py", "self.start.dot(cross_matrix(self.turn)) / 2", "0.0"),
+    (
+        "runtime/steppers/frame_points.py",
+        "return (start.dot(turn.start.T) + end.dot(turn.end.T)) / 2",
+        "return start.dot(turn.start.T)",
+    ),
+    (
+        "runtime/steppers/carried_frame.py",
+        "cross(ω, v_end), 1.0, cross(ω_end, v)",
+        "cross(ω, v_end), -1.0, cross(ω_end, v)",
+    ),
+    ("runtime/steppers/carried_frame.py", "supplied -= h * (dot", "supplied += h * (dot"),
+    (
+        "runtime/steppers/carried_frame.py",
+        "added(cross(ω̂, L̂), 1.0, cross(v̂, P̂))",
+        "added(cross(ω̂, L̂), -1.0, cross(v̂, P̂))",
+    ),
+    ("runtime/steppers/moving_frame.py", "self._carried_along = _holding(", "self._carried_along = None and _holding("),
+    (
+        "runtime/steppers/inertia.py",
+        "(2 / (a + np.sqrt(a**2 + 4 * c))) ** 2",
+        "1e3 * (2 / (a + np.sqrt(a**2 + 4 * c))) ** 2",
+    ),
 ]
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from bodies import dense, scene_text, write_box
+from bodies import box_arrays, dense, scene_text, write_arrays, write_box
 from ranks import run_ranks
 
 import fenics_rom as fr
@@ -384,3 +384,37 @@ def test_folder_that_cannot_be_made_is_refused(scene, tmp_path):
     (tmp_path / "file").write_text("")
     with pytest.raises(FileError, match="cannot be made"):
         fr.study(scene, tmp_path / "file" / "out", quick=True)
+
+
+MOVING = {
+    "thrown": {
+        "supports": None,
+        "effects": "inertia = {}\ndamping.beta = 1e-2",
+        "run": "dt = 0.01\nduration = 0.1\ninitial = { velocity = [1.0, 0, 2.0], spin = [0.5, 6.0, 0.1] }",
+    },
+    "carried": {
+        "effects": "inertia = {}\ndamping.beta = 1e-2\nbase_path.table = 'path.csv'",
+        "run": "dt = 0.01\nduration = 0.2",
+    },
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", MOVING)
+def test_bodies_whose_frames_move_are_studied(tmp_path, name):
+    """Errors of where the body is and of what strains it, against full order in the same frame."""
+    mesh = write_arrays(tmp_path / "box.msh", *box_arrays((0.4, 0.1, 0.06), (4, 1, 1)))
+    swing = np.array([[0.0, 0, 0, 0, 1, 0, 0, 0], [0.2, 0, 0, 0.05, 0.995, 0, np.sqrt(1 - 0.995**2), 0]])
+    parts = MOVING[name] | {"contacts": '[contacts.end]\nsurface = "right"', "outputs.tip": "points = [[0.4, 0.1, 0]]"}
+    text = 'frame = "moving"\n' + scene_text(mesh, **parts)
+    scene = parse_scene(text, folder=tmp_path, source=name, tables={"path.csv": swing})
+    results = fr.study(scene, tmp_path / "studied", methods=["modal"], orders=[2, 12], steps=[0.01, 0.005])
+    long, short = ({row.order: row for row in results.rows if row.dt == dt} for dt in (0.01, 0.005))
+    coarse, fine = short[min(short)], short[max(short)]
+    assert fine.reduction < coarse.reduction / 2
+    assert fine.error < 1e-2
+    assert fine.time_step < long[fine.order].time_step / 2
+    assert set(fine.outputs) == {"tip", "elastic shape"}
+    reference = fr.read_trajectory(tmp_path / "studied" / "reference.h5")
+    assert reference.pose is not None
+    assert (reference.base_wrench is None) == (name == "thrown")

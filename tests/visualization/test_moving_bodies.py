@@ -119,3 +119,19 @@ def test_mouse_throws_a_free_body(thrown, dt):
     np.testing.assert_allclose(np.concatenate(body.simulator.momentum), before, atol=1e-12 * np.abs(before).max())
     account = body.account
     assert abs(account.stored - account.supplied) < 1e-11 * account.supplied  # nothing is damped
+
+
+@pytest.mark.parametrize("dt", [1e-3, 5e-3])
+def test_mouse_feeds_no_body_that_it_holds_far_from_where_it_pulls(mesh, dt):
+    """At a corner of a skin that is pushed as a whole: what the mouse gives is never more than its spring had."""
+    skin = "[contacts.skin]\nnear = { point = [0.2, 0.05, 0.03], radius = 1.0 }"
+    _, rom = made(mesh, THROWN | {"contacts": skin, "material": "young = 1e6\npoisson = 0.3\ndensity = 1000.0"})
+    body = LiveBody(rom, dt)
+    corner = rom.triangles[divide_contact_triangles(rom)["skin"][0]]
+    assert body.grab("skin", corner, np.ones(3) / 3)
+    before, away = body.simulator.energy, np.array([0.02, 0.1, 0.1])
+    body.mouse = body.mouse + away
+    for _ in range(round(1.0 / dt)):
+        body.step()
+        assert body.simulator.energy - before <= 1.01 * body.spring.largest * np.linalg.norm(away)
+    assert body.account.supplied > 0

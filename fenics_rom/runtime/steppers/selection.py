@@ -59,9 +59,10 @@ def make_stepper(
         series = acting.viscoelasticity if has_inertia else None  # an equilibrium is relaxed
         if acting.finds_forces:
             if acting.is_moving:
+                names = ", ".join((*acting.controls, *acting.guides))
                 raise StepError(
-                    f"a body in a moving frame: the forces of {', '.join((*acting.controls, *acting.guides))} are found "
-                    "in a fixed frame alone; allowed are actuators by force, and tendons without friction"
+                    f"a body in a moving frame: the forces of {names} are found in a fixed frame alone; allowed are "
+                    "actuators by force, and tendons without friction"
                 )
             actuators = ActuatorForces(acting.controls, acting.guides, {**rom.actuators, **rom.loads})
     rigid_displacement = np.zeros(rom.rigid)

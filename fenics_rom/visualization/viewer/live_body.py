@@ -180,7 +180,7 @@ class LiveBody:
 
     def _pull_by(self, spring: MouseSpring) -> MouseSpringStep | MovingMouseSpringStep:
         if self.rom.environment.is_moving:
-            return MovingMouseSpringStep(self.rom, spring, self.dt, *self._grip)
+            return MovingMouseSpringStep(self.simulator, self.rom, spring, *self._grip)
         return MouseSpringStep(self.rom, spring, self.dt)
 
     def release(self) -> None:

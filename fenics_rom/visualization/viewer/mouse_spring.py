@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.mechanics.frame_motion import rotation_matrix
+from fenics_rom.mechanics.frame_motion import cross_matrix, rotation_matrix
 from fenics_rom.mechanics.linearity import SurfaceStrainPeak
 from fenics_rom.rom.midpoint_map import compliance
 from fenics_rom.rom.rom import Rom
@@ -62,13 +62,20 @@ def attach_spring(rom: Rom, contact: str, nodes: Array, weights: Array) -> Mouse
     """A spring at the mean of nodes (c,) with weights (c,), in sum 1; None where the mode has no column that moves it.
 
     S minimizes |K⁻½ (B S - e_p)|, the distance of the shapes at rest in energy; of a resultant it is near to the
-    identity, of a pressure the share along the normal, of nodal forces those of the nearest nodes.
+    identity, of a pressure the share along the normal, of nodal forces those of the nearest nodes. Of a body in a
+    moving frame, where B pushes as a whole what B can, the resultants of B S are first of all those of the force.
     """
-    mode = rom.contact_models[contact]
-    G = mode.inputs[:, : rom.contacts[contact]]
+    mode, columns = rom.contact_models[contact], rom.contacts[contact]
+    G = mode.inputs[:, :columns]
     rows = np.einsum("c,cik->ik", weights, rom.rows_of(nodes)) @ mode.coordinates
     soft = 1 / mode.safe_frequencies  # K⁻½; rigid motions have no shape at rest
-    S = np.linalg.lstsq(soft[:, None] * G, soft[:, None] * rows.T, rcond=RANK_TOLERANCE)[0]
+    S, chosen = np.zeros((columns, 3)), np.eye(columns)
+    if rom.moving_frame is not None:
+        U, s, Vᵀ = np.linalg.svd(rom.moving_frame.wrenches[contact][:3, :columns])
+        rank = int((s > RANK_TOLERANCE * s[0]).sum())
+        S, chosen = (Vᵀ[:rank].T / s[:rank]) @ U[:, :rank].T, Vᵀ[rank:].T
+    left = soft[:, None] * (rows.T - G @ S)
+    S = S + chosen @ np.linalg.lstsq(soft[:, None] * G @ chosen, left, rcond=RANK_TOLERANCE)[0]
     P = G @ S
     shapes = soft[:, None] ** 2 * P
     λ, directions = np.linalg.eigh(P.T @ shapes)
@@ -116,18 +123,22 @@ class MouseSpringStep:
 class MovingMouseSpringStep:
     """The same of a body in a moving frame, which somebody may throw.
 
-    In the middle of the step the point is at x + h/2 (ẋ + R W ŵ) + R F Rᵀ f: it goes on as it moves in the world, ŵ is
-    how elastic forces and actuators change that, and F is the compliance of the body at rest, free or on its base.
+    What is pulled at goes with the columns, as they are what the force acts by: from where they act on, x in the frame,
+    to p + R (x + Pᵀ q). A spring to the point that was grabbed would feed a body that turns about another one. In the
+    middle of the step that is at y + h/2 (ẏ + R Pᵀ ŵ) + R F Rᵀ f: it goes on as it moves in the world, ŵ is how elastic
+    forces and actuators change that, and F is the compliance of the body at rest, free or on its base.
     """
 
-    def __init__(self, rom: Rom, spring: MouseSpring, h: float, nodes: Array, weights: Array):
-        still = MouseSpringStep(rom, spring, h)
-        mode, self.spring, self._h, self._nodes, self._weights = still.mode, spring, h, nodes, weights
+    def __init__(self, body: Simulator, rom: Rom, spring: MouseSpring, nodes: Array, weights: Array):
+        still = MouseSpringStep(rom, spring, body.dt)
+        mode, self.spring, self._nodes, self._weights = still.mode, spring, nodes, weights
         elastic, inverse, self._flexibility = slice(mode.rigid, None), still.inverse, still.flexibility
         self._inverse = inverse[elastic] if inverse.ndim == 1 else inverse[elastic, elastic]
-        self._rows, self._eigenvalues = spring.rows[:, elastic], mode.eigenvalues[elastic]
+        self._columns, self._eigenvalues = spring.columns[elastic], mode.eigenvalues[elastic]
         first = rom.contacts[spring.contact]
         self._actuators = mode.inputs[elastic, first : first + sum(rom.actuators.values())]
+        self._arm = _acts_on(rom, spring)
+        self._apart = self.place(body) - self._pulled(body)[0]
 
     def place(self, body: Simulator) -> Array:
         """Where the point is, (3,), m."""
@@ -137,12 +148,32 @@ class MovingMouseSpringStep:
     def force(self, body: Simulator, actuators: Array, target: Array) -> tuple[Array, Array]:
         """What the spring pulls with in the next step, (3,), N, in world axes and in those of the body."""
         assert body.pose is not None
-        R, h, (q, r) = rotation_matrix(body.pose.rotation), self._h, body.state
+        R, h, (q, r) = rotation_matrix(body.pose.rotation), body.dt, body.state
         drive = self._actuators @ actuators + 2 / h * r - self._eigenvalues * q
         changed = (self._inverse * drive if self._inverse.ndim == 1 else self._inverse @ drive) - r
-        y = self.place(body) + h / 2 * (self._weights @ body.velocity()[self._nodes] + R @ self._rows @ changed)
+        y, velocity = self._pulled(body)
+        y = self._apart + y + h / 2 * (velocity + R @ (changed @ self._columns))
         f = self.spring.force(y - self.spring.place, R @ self._flexibility @ R.T, target)
         return f, R.T @ f
+
+    def _pulled(self, body: Simulator) -> tuple[Array, Array]:
+        """Where what is pulled at is, (3,), m, and its velocity, m/s."""
+        assert body.pose is not None
+        pose, (q, r) = body.pose, body.state
+        R = rotation_matrix(pose.rotation)
+        arm = R @ (self._arm + q @ self._columns)
+        return pose.position + arm, pose.velocity + np.cross(pose.angular_velocity, arm) + R @ (r @ self._columns)
+
+
+def _acts_on(rom: Rom, spring: MouseSpring) -> Array:
+    """Where from the frame's origin forces of a spring act at rest, (3,), m: what torques they have, nearly."""
+    frame = rom.moving_frame
+    assert frame is not None
+    forces, torques = np.split(frame.wrenches[spring.contact][:, : len(spring.spread)] @ spring.spread, 2)
+    arm = spring.place - frame.origin
+    turns = -np.concatenate([cross_matrix(force) for force in forces.T])  # x × f = -f~ x
+    arm += np.linalg.lstsq(turns, torques.T.ravel() - turns @ arm, rcond=RANK_TOLERANCE)[0]
+    return arm
 
 
 def largest_input(rom: Rom, contact: str, column: int) -> float:

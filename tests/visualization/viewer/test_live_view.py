@@ -16,7 +16,7 @@ from urllib.parse import urlsplit
 
 import numpy as np
 import pytest
-from bodies import PLATE
+from bodies import PLATE, box_arrays, scene_text, write_arrays
 from PIL import Image
 from playwright.sync_api import sync_playwright
 from websockets.exceptions import InvalidStatus
@@ -24,6 +24,7 @@ from websockets.sync.client import connect
 
 import fenics_rom as fr
 from fenics_rom.errors import MissingPackageError, SceneError
+from fenics_rom.scene.file import parse_scene
 from fenics_rom.visualization import optional_dependencies
 from fenics_rom.visualization.viewer import server
 
@@ -33,6 +34,7 @@ SOFTWARE_GL = ["--use-gl=angle", "--use-angle=swiftshader", "--enable-unsafe-swi
 QUIET = ["--disable-background-networking", "--disable-component-update", "--disable-sync", "--disable-quic"]
 # Chromium's own remark on a listener of viser's page, at every press of a button.
 REMARKS = ("Unable to preventDefault inside passive event listener invocation.",)
+BAR = "young = 1e6\npoisson = 0.3\ndensity = 1000.0"
 PATIENCE = 60.0  # s; a picture takes a second where other tests have the cores
 SIZE = {"width": 760, "height": 460}
 pytestmark = pytest.mark.alone
@@ -232,6 +234,39 @@ def test_recording_is_a_run(window, view, folder, plate_rom):
     assert run.balance_error < 1e-10
     assert fr.compare(run, run)["shape"].relative == 0
     window.press("reset")  # a body at rest is not drawn again: the cores are for the tests that follow
+
+
+@pytest.fixture(scope="module")
+def bar_rom(tmp_path_factory):
+    """A stiff bar that nothing holds and nothing damps, and that may be touched everywhere."""
+    mesh = write_arrays(tmp_path_factory.mktemp("bar") / "bar.msh", *box_arrays((0.4, 0.1, 0.06), (4, 1, 1)))
+    skin = "[contacts.skin]\nnear = { point = [0.2, 0.05, 0.03], radius = 1.0 }"
+    parts = {"supports": None, "effects": "inertia = {}", "contacts": skin}
+    scene = parse_scene('frame = "moving"\n' + scene_text(mesh, material=BAR, **parts))
+    return fr.reduce(fr.assemble(scene), method="modal", order=6)
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
+def test_free_body_is_thrown_with_the_mouse(folder, views, browser, bar_rom):
+    """It follows the mouse, flies on when it is let go, with the energy that the mouse gave, and comes back."""
+    fr.write_rom(folder / "bar.h5", bar_rom)
+    window = Window(browser, views("bar.h5", "--port", 0).address)
+    at_rest, middle = window.picture, window.body.mean(axis=1)
+    window.drag(0, -40)
+    until(lambda: window.energies[1] > 1e-6, "no work was supplied")
+    window.page.mouse.up()
+    window.page.mouse.move(5, 5)
+    until(lambda: not window.lit, "does not let go")
+    thrown = window.energies
+    until(lambda: window.body.size < 1000 or np.abs(window.body.mean(axis=1) - middle).max() > 40, "it does not fly")
+    stored, supplied, dissipated, lost = window.energies
+    assert (stored, supplied, dissipated, lost) == (pytest.approx(supplied, rel=0.01), thrown[1], 0.0, 0.0)
+    window.press("reset")
+    until(lambda: not any(window.energies), "the account is not empty")
+    until(lambda: (np.abs(window.picture - at_rest).max(axis=2) > 40).sum() < 50, "the body did not come back")
+    assert window.errors == []
+    window.page.close()
 
 
 @pytest.mark.parametrize("token", ["", "wrong", "wrong/", "../"])
