@@ -109,12 +109,13 @@ def rate(rom: fr.Rom, scene: fr.Scene, detail: str) -> float:
     assert path.table is not None
     given = replace(scene, effects=replace(scene.effects, base_path=None))
     body, best = fr.Simulator(rom, dt, scene=given, detail=detail), 0.0
+    u = np.zeros(body.inputs)
     bases = [path.table(START + k * dt) for k in range(1, 201)]
     for _ in range(20):
         body.reset()
         start = process_time()
         for base in bases:
-            body.step(base=base)
+            body.step(u, base=base)
         best = max(best, len(bases) / (process_time() - start))
     return best
 

@@ -97,6 +97,8 @@ def write_scenes(folder):
     spun = "dt = 0.01\nduration = 0.2\nsnapshots = 2\ninitial = { spin = [1.0, 2.0, 3.0] }"
     free = scene_text(folder / "box.msh", degree=2, supports=None, run=spun, **TIP)
     (folder / "free.toml").write_text('frame = "moving"\n' + free)
+    slow = free.replace("[1.0, 2.0, 3.0]", "[0.1, 0.2, 0.3]")  # by small angles, as a fixed frame allows
+    (folder / "floating.toml").write_text(slow)
     for name, effects in {"effects": MOVING + EFFECTS, "still": EFFECTS}.items():
         bottom = {"contacts": '[contacts.bottom]\nsurface = "bottom"\n[contacts.right]\nsurface = "right"'}
         parts = {"effects": effects, "run": ACTING, "outputs.tip": TIP["outputs.tip"]} | READINGS
@@ -173,8 +175,21 @@ def test_free_bodies_do_not_depend_on_the_number_of_ranks(results, name, ranks):
     assert np.abs(shapes[1] - shapes[0]).max() <= 1e-10 * np.abs(shapes[0]).max() + places
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("ranks", [2, 4])
+def test_free_bodies_of_a_fixed_frame_do_not_depend_on_the_number_of_ranks(results, ranks):
+    """Rigid motions and all: ROMs step alike, and as their full order runs."""
+    one, other = (fr.read_rom(results / str(n) / "floating.h5") for n in (1, ranks))
+    assert one.rigid == other.rigid == 6
+    runs = [fr.simulate(rom) for rom in (one, other)]
+    scale = np.abs(runs[0].snapshots).max()
+    assert np.abs(runs[1].snapshots - runs[0].snapshots).max() <= 1e-10 * scale
+    full = fr.read_trajectory(results / str(ranks) / "floating-run.h5")
+    assert np.abs(full.snapshots - runs[0].snapshots).max() <= 1e-3 * scale
+
+
 @pytest.mark.parametrize("ranks", [2, FOUR])
-@by_length("run", "free-run")
+@by_length("run", "free-run", "floating-run")
 def test_full_runs_do_not_depend_on_the_number_of_ranks(results, ranks, name):
     one, other = (fr.read_trajectory(results / str(n) / f"{name}.h5") for n in (1, ranks))
     scale = np.abs(one.snapshots).max()

@@ -20,7 +20,7 @@ HARD = ["tests/hard/test_hard_cases.py", "-k", "every_claim and not material and
 RUNTIME = [
     f"tests/runtime/test_{name}.py"
     for name in ("midpoint", "rollout", "energy_laws", "simulator", "free_bodies", "viscoelasticity", "moving_frame")
-]
+] + ["tests/reduction/test_moving_frame_accuracy.py"]
 WANTED = 0.95
 HUNG = 300  # s; a fault that makes a loop endless is found, too
 

@@ -17,6 +17,7 @@ from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.complementarity import NEGLIGIBLE_RESIDUAL
 from fenics_rom.mechanics.contact import ContactLaw
 from fenics_rom.mechanics.frame_motion import cross_matrix, quaternion_of_vector, rotation_matrix, turned
+from fenics_rom.runtime.steppers.inertia import definite_up_to
 from fenics_rom.scene.file import parse_scene
 
 pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
@@ -187,6 +188,44 @@ def test_base_at_rest_leaves_the_clamped_body_as_it_is(carried, tmp_path):
     (shape, still), (moved, there) = ((body.displacement(), body.energy) for body in bodies)
     assert np.abs(shape - moved).max() <= 1e-12 * np.abs(shape).max()
     assert abs(still - there) <= 1e-12 * still
+
+
+def test_momenta_grow_by_what_the_base_does(carried):
+    """Where nothing else acts: by its force, and by its torque about the frame's origin, which goes on meanwhile."""
+    body = thrown(fr.Simulator(carried, 1e-3, signals={"gravity": 0.0, "pull": np.zeros(3)}), (1.0, 2.0, -1.0))
+    random, base = np.random.default_rng(10), body.pose
+    for _ in range(50):
+        h = body.dt = 10 ** random.uniform(-4, -2)
+        before, base = base, some_way_on(base, h, random)
+        P, L = body.momentum
+        body.step(np.zeros(3), base=base)
+        P_end, L_end = body.momentum
+        force, torque = body.base_wrench
+        R, R_end = rotation_matrix(before.rotation), rotation_matrix(base.rotation)
+        carried_off = np.cross(before.velocity @ R + base.velocity @ R_end, P @ R + P_end @ R_end) / 4
+        scale = np.linalg.norm(P) + np.linalg.norm(L) + h * np.linalg.norm(force)
+        np.testing.assert_allclose(P_end - P, h * force, rtol=0, atol=1e-14 * scale)
+        np.testing.assert_allclose(L_end - L, h * (torque - (R + R_end) / 2 @ carried_off), rtol=0, atol=1e-14 * scale)
+
+
+def test_shapes_that_have_kinetic_energy_for_sure_are_as_far_as_they_say():
+    """Where one thing alone takes from inertia the bound is the very edge; else it is on the safe side."""
+    I0 = np.array([1.0, 2.0, 3.0, 0.0, 0.0, 0.0])
+    none = {"inertia1": np.zeros((6, 2)), "inertia2": np.zeros((6, 2, 2)), "coupling": np.zeros((3, 2, 2))}
+    bent, turned = none["inertia1"].copy(), none["coupling"].copy()
+    bent[1, 0], turned[2, 0, 1], turned[2, 1, 0] = -4.0, 0.5, -0.5  # 2 - 4 e, and 3 - e²/4
+    assert definite_up_to(I0, **none) == np.inf
+    assert definite_up_to(I0, **none | {"inertia1": bent}) == pytest.approx(0.25)
+    assert definite_up_to(I0, **none | {"coupling": turned}) == pytest.approx(12.0)
+    random = np.random.default_rng(11)
+    I1, I2, G = (random.standard_normal(shape) for shape in ((6, 4), (6, 4, 4), (3, 4, 4)))
+    I2, G = I2 + I2.transpose(0, 2, 1), G - G.transpose(0, 2, 1)
+    largest = definite_up_to(I0, I1, I2, G)
+    for _ in range(200):
+        e = random.standard_normal(4)
+        e *= np.sqrt(largest) / np.linalg.norm(e)
+        b = G @ e
+        assert np.linalg.eigvalsh((I0 + I1 @ e + e @ I2 @ e)[[[0, 5, 4], [5, 1, 3], [4, 3, 2]]] - b @ b.T)[0] >= 0
 
 
 def after_a_tenth(rom, h, carried):
@@ -377,9 +416,14 @@ def test_a_stiff_box_is_a_top(tmp_path):
         found = []
         for _ in range(round(1.5 / h)):
             body.step(np.zeros(body.inputs))
-            ω = frame.T @ rotation_matrix(body.pose.rotation).T @ body.pose.angular_velocity
-            found.append(np.abs(ω - exact(body.time)).max())
-        errors.append(max(found))
+            found.append(frame.T @ rotation_matrix(body.pose.rotation).T @ body.pose.angular_velocity)
+        times, found = h * np.arange(1, len(found) + 1), np.array(found)
+        errors.append(np.abs(found - exact(times).T).max())
+        turned_over = [
+            np.interp(0.0, -along[: along.argmin()], times[: along.argmin()])
+            for along in (found[:, 1], exact(times)[1])
+        ]
+        assert turned_over[0] == pytest.approx(turned_over[1], rel=2 * h)
     orders = np.log2(np.array(errors[:-1]) / errors[1:])
     assert (np.abs(orders - 2) <= 0.1).all()
 
