@@ -8,14 +8,19 @@ but friction holds it. Everything is written to demos/gripper/out/. The checks a
 """
 
 import argparse
+import cProfile
+import pstats
 import sys
 from collections.abc import Callable
+from dataclasses import replace
+from functools import lru_cache
 from pathlib import Path
-from time import perf_counter
+from time import process_time
 
 import numpy as np
 
 import fenics_rom as fr
+from fenics_rom.mechanics.base_path import quaternion_product
 from fenics_rom.mechanics.frame_motion import quaternion_of, quaternion_of_vector, rotation_matrix
 from fenics_rom.world.recorder import WorldRecorder
 from fenics_rom.world.records import RigidBody, SoftBody
@@ -48,22 +53,29 @@ def main() -> None:
     steps = round((LIFTED + 0.1 if quick else END) / DT)
     world = gripper(rom)
     recorder = WorldRecorder(world, steps, snapshots=steps // 10)
-    begin = perf_counter()
+    spent, touching, sweeps = 0.0, [], []
     for step in range(steps):
+        begin = process_time()
         pull = TENSION * rise(world.time, 0.1, CLOSED) * (1 - rise(world.time, DOWN, OPENED))
         world.step({f"{side}_finger": {"flexor": [pull]} for side in SIDES})
+        spent += process_time() - begin
+        touching.append(world.touching)
+        sweeps.append(world.sweeps)
         recorder.sample(step + 1)
-    run = recorder.record("gripper", {"seconds": perf_counter() - begin})
+    run = recorder.record("gripper", {"seconds": spent})
+    print(f"{steps} steps of {1e3 * DT:g} ms: {steps / spent:.0f} steps per s of processor time")
+    print(f"at most {max(touching)} points push; {np.mean(sweeps):.1f} sweeps a step, at most {max(sweeps)}")
     fr.write_trajectory(out / "gripper.h5", run)
     fr.export(run, out / "gripper.gif", seconds=run.times[-1])
     fr.export(run, out / "gripper.png", time=None if quick else TURNED)
     fr.plot(run, out / "account.png", what=["energy", "forces"])
+    measure_held_fingers()
     report(run, quick)
 
 
 def gripper(rom: fr.Rom) -> World:
     """The world where it begins."""
-    palm = path()
+    palm = lru_cache(maxsize=2)(path())  # what is mounted on it asks, too
     bodies: dict[str, RigidBody | SoftBody] = {
         "ground": RigidBody(HalfSpace(), motion=still()),
         "palm": RigidBody(Box((2 * ASIDE + 0.03, 0.03, 0.01)), motion=moved(palm, np.array([0, 0, 0.012]), np.eye(3))),
@@ -107,17 +119,55 @@ def still() -> fr.BaseState:
     return fr.BaseState(np.zeros(3), np.array([1.0, 0, 0, 0]), np.zeros(3), np.zeros(3))
 
 
-def moved(palm: fr.BasePath, at: Array, mount: Array) -> Callable[[float], fr.BaseState]:
+def moved(palm: Callable[[float], fr.BaseState], at: Array, mount: Array) -> Callable[[float], fr.BaseState]:
     """The motion of what is mounted on the palm at a place, by a rotation."""
+    turn = quaternion_of(mount)
 
     def motion(time: float) -> fr.BaseState:
         state = palm(time)
-        R = rotation_matrix(state.rotation)
-        arm = R @ at
+        arm = rotation_matrix(state.rotation) @ at
         velocity = state.velocity + np.cross(state.angular_velocity, arm)
-        return fr.BaseState(state.position + arm, quaternion_of(R @ mount), velocity, state.angular_velocity)
+        rotation = quaternion_product(state.rotation, turn)
+        return fr.BaseState(state.position + arm, rotation, velocity, state.angular_velocity)
 
     return motion
+
+
+def measure_held_fingers() -> None:
+    """Says how fast two fingers that stand still hold the box, and what a step of theirs consists of."""
+    scene = fr.read_scene(HERE / "finger.toml")
+    scene = replace(scene, frame="fixed", effects=replace(scene.effects, gravity=None))
+    rom = fr.reduce(fr.assemble(scene))
+    bodies: dict[str, RigidBody | SoftBody] = {
+        "box": RigidBody(Box((EDGE,) * 3), density=DENSITY, position=(0, 0, 0.015))
+    }
+    for side, sign in SIDES.items():
+        mount = quaternion_of(np.array([[0, 0, sign], [0, sign, 0], [-1, 0, 0]], dtype=float))
+        bodies[side] = SoftBody(rom, position=(sign * ASIDE, 0, HEIGHT), rotation=mount)
+    world = World(bodies, DT, friction=0.8, apart=[list(SIDES)])
+
+    def step(count: int) -> float:
+        begin = process_time()
+        for _ in range(count):
+            pull = [TENSION * min(world.time / 0.2, 1.0)]
+            world.step({side: {"flexor": pull} for side in SIDES})
+        return count / (process_time() - begin)
+
+    step(200)
+    rates = sorted(step(50) for _ in range(9))
+    print(f"two fingers of order 40 that stand still hold the box, {world.touching} points push:")
+    print(f"  {rates[-1]:.0f} steps per s of processor time at best, {rates[4]:.0f} as the median of nine times 50")
+    profile = cProfile.Profile()
+    profile.runcall(step, 200)
+    spent = {f"{Path(file).stem}.{name}": row[3] for (file, _, name), row in pstats.Stats(profile).stats.items()}  # type: ignore[attr-defined]
+    parts = {
+        "bodies begin": spent["world._begin"] - spent["step_pairs.of_step"],
+        "where they touch": spent["step_pairs.of_step"],
+        "the law of contact": spent["contact_step._law"],
+        "how bodies answer": spent["contact_step._attempt"] + spent.get("contact_step._guide", 0.0),
+        "bodies end": spent["soft.close"] + spent["soft.commit"] + spent["rigid.commit"],
+    }
+    print("  of a step:", ", ".join(f"{name} {share / spent['world.step']:.0%}" for name, share in parts.items()))
 
 
 def report(run: fr.Trajectory, quick: bool) -> None:
@@ -129,7 +179,6 @@ def report(run: fr.Trajectory, quick: bool) -> None:
     height = box[:, 2] - palm[:, 2]
     grip = {side: run.forces[f"box-{side}_finger"] for side in SIDES}
     lifted = int(np.abs(run.times - LIFTED).argmin())
-    print(f"{run.steps} steps of {1e3 * DT:g} ms: {run.steps / run.settings['seconds']:.0f} steps/s")
     print(f"the box weighs {weight:.4f} N; grip of each finger after the lift: {abs(grip['left'][lifted, 0]):.3f} N")
     print(f"lifted by {1e3 * (box[lifted, 2] - box[0, 2]):.1f} mm of {1e3 * LIFT:g}")
     print(f"account: closes to {run.balance_error:.1e}")

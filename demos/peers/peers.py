@@ -12,7 +12,9 @@ script
    rate of its time stepper (against_pymor.py);
 2. lets a beam swing with MuJoCo's flexes: what is left of the amplitude, errors of time and of space, and what they
    cost (against_mujoco.py);
-3. lets a shaft that is out of balance spin freely with Exudyn's floating frame: error and rate (against_exudyn.py).
+3. lets a shaft that is out of balance spin freely with Exudyn's floating frame: error and rate (against_exudyn.py);
+4. shakes a box that two jaws hold by friction, with MuJoCo's rigid bodies: creep, and where it slips; not with --quick
+   (against_mujoco_grip.py).
 
 What pyMOR and MuJoCo can and this project cannot is not measured: pyMOR reduces much more than soft bodies, MuJoCo's
 flexes may bend as far as they like and touch whatever they like. Everything is written to demos/peers/out/, with
@@ -28,9 +30,11 @@ from pathlib import Path
 
 sys.path.append(str(Path(__file__).parents[1] / "scaling"))
 sys.path.append(str(Path(__file__).parents[1] / "rates"))
+sys.path.append(str(Path(__file__).parents[1] / "hold"))
 
 import against_exudyn
 import against_mujoco
+import against_mujoco_grip
 import against_pymor
 from cylinder import PAPER
 from environments import ONE_THREAD, PeerError, environment
@@ -50,7 +54,7 @@ def main() -> None:
     size = parser.add_mutually_exclusive_group()
     size.add_argument("--quick", action="store_true", help="without the peers, on coarse meshes; rates are not judged")
     size.add_argument("--full", action="store_true", help="the paper's mesh and larger flexes")
-    parser.add_argument("--only", choices=["pymor", "mujoco", "exudyn"], help="one of the peers")
+    parser.add_argument("--only", choices=["pymor", "mujoco", "exudyn", "grip"], help="one of the peers")
     options = parser.parse_args()
     if not ONE_THREAD.items() <= os.environ.items():  # read when NumPy is loaded, so it takes another start
         os.execve(sys.executable, [sys.executable, *sys.argv], os.environ | ONE_THREAD)
@@ -75,6 +79,10 @@ def main() -> None:
         findings = Findings(judge_rates=not quick)
         against_exudyn.compare(interpreter("exudyn", quick), out, findings, min(rounds, 3), quick)
         held &= written(findings, out / "exudyn")
+    if options.only in (None, "grip") and not quick:
+        findings = Findings(judge_rates=True)
+        against_mujoco_grip.compare(interpreter("mujoco", quick), out, findings)
+        held &= written(findings, out / "grip")
     if not held:
         sys.exit(1)
 

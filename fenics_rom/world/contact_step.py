@@ -85,12 +85,13 @@ class Guide:
     """
 
     def __init__(self, W: Array, yields: Array):
-        own = W.diagonal().reshape(-1, 3).mean(axis=1)
         W = (W + W.T) / 2
-        added = np.maximum(own, 1e-12 * own.max(initial=0.0))[: len(yields)] * ~yields
         self.W, self._C = W, 3 * len(yields)
         C = self._C
-        W.ravel()[: C * (len(W) + 1) : len(W) + 1] += PROXIMAL * np.repeat(added, 3)
+        if not yields.all():
+            own = W.diagonal().reshape(-1, 3).mean(axis=1)
+            added = np.maximum(own, 1e-12 * own.max(initial=0.0))[: len(yields)] * ~yields
+            W.ravel()[: C * (len(W) + 1) : len(W) + 1] += PROXIMAL * np.repeat(added, 3)
         self.yields, self.is_right = yields, True
         self.soft, self.of_soft = list[Array](), np.empty((0, 0))
         self._kept: _Kept | None = None

@@ -10,7 +10,7 @@ DEMOS = Path(__file__).parents[2] / "demos"
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("demo", ["stack", "gripper", "robot"])
+@pytest.mark.parametrize("demo", ["stack", "gripper", "robot", "hold"])
 def test_what_the_demo_claims_holds(demo):
     script = DEMOS / demo / f"{demo}.py"
     done = subprocess.run([sys.executable, script, "--quick"], capture_output=True, text=True)
