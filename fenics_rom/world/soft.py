@@ -206,7 +206,11 @@ class Soft(Simulator):
         return self._to_world(self.rom.nodes + self.displacement())
 
     def begin(self, h: float) -> None:
-        """As in Body."""
+        """As in Body; in the contact mode that others were nearest to in the step before."""
+        if h > 0:
+            assert self._source is not None
+            if self.contact != (nearest := self._source.nearest(self._stepper)):
+                self.switch(nearest)
         self._h, self._tried, self._is_open = h, False, h > 0 and self._kernel.answers_linearly
         self._start = self.places()
         self._velocity = self._turned(self._kernel.start_velocities())
@@ -214,8 +218,6 @@ class Soft(Simulator):
         if h == 0:
             return
         assert self._source is not None
-        if self.contact != (nearest := self._source.nearest(self._stepper)):
-            self.switch(nearest)
         if self._carrier is not None:
             self._take_base(self._carrier.end)
         u = self._by_name((), self.input)
@@ -228,6 +230,12 @@ class Soft(Simulator):
             self._free = self._turned(kernel.open(inputs.u))
             if not math.isfinite(self._free.sum()):
                 self._leave_finite(inputs.u)
+
+    def note_gaps(self, points: Points, gaps: Array) -> None:
+        """Takes note of how near others are to points when the step begins, (k,), m."""
+        if len(self.rom.contact_models) > 1:
+            nodes = points.nodes[: len(gaps)]
+            np.minimum.at(self._handed.point_gaps, nodes.ravel(), np.repeat(gaps, nodes.shape[1]))
 
     def placed(self) -> PlacedSurface:
         """As in Body."""

@@ -241,7 +241,11 @@ class World:
                 body.begin(self._dt)
             except StepError as error:
                 raise StepError(f"body {name!r}: {error}") from error
-        return self._step_pairs.of_step(self._dt)
+        pairs, start, guide = self._step_pairs.of_step(self._dt)
+        for part in pairs.parts:
+            if isinstance(part.body, Soft):
+                part.body.note_gaps(part.points, pairs.gaps[part.pairs[part.pairs < len(pairs.gaps)]])
+        return pairs, start, guide
 
     def _book(self, pairs: Pairs, found: Found) -> None:
         C, n = len(pairs.normals), pairs.normals

@@ -121,6 +121,19 @@ def test_two_free_beams_that_meet_keep_linear_momentum(roms):
         assert np.abs(momenta(world)[1] - L).max() < kept
 
 
+@pytest.mark.parametrize("kind", ["held", "free"])
+def test_a_body_goes_to_the_contact_mode_that_is_touched(roms, kind):
+    """A box falls on the top, with the end as the contact mode to begin with: the account closes."""
+    place = (0.2, 0.015, 0.037) if kind == "held" else (0.05, 0, 0.027)
+    box = fr.RigidBody(**BOX, position=place, velocity=(0, 0, -0.3))
+    world = fr.World({"beam": fr.SoftBody(roms[kind]), "box": box}, 1e-3, friction=0.5, restitution=0.5)
+    assert world.simulator("beam").contact == "right"
+    gap, touching = ride(world, 20)
+    assert touching >= 1
+    assert world.simulator("beam").contact == "top"
+    assert gap < 1e-13
+
+
 def test_a_carried_beam_lifts_a_box(roms):
     """The work of what carries it is supplied."""
     rises = np.array([0, 0, 0.1])
