@@ -132,6 +132,10 @@ class MonomialStrains:
         """∂(Aᵀz)/∂q (m, m)."""
         return z[self._m :].take(self._tables.place)
 
+    def geometric_back(self, N: Array) -> Array:
+        """What a matrix N (m, m) times `geometric` owes to z."""
+        return np.bincount(self._m + self._tables.place.ravel(), N.ravel(), self.size)
+
 
 class MonomialsAround:
     """What strains of shapes near q are by their rates; y are those at q."""
@@ -178,6 +182,10 @@ class PointStrains:
     def geometric(self, z: Array) -> Array:
         """∂(Aᵀz)/∂q (m, m)."""
         return self.body.geometric(z.reshape(6, -1))
+
+    def geometric_back(self, N: Array) -> Array:
+        """What a matrix N (m, m) times `geometric` owes to z."""
+        return self.body.geometric_back(N).ravel()
 
 
 class PointsAround:

@@ -23,7 +23,7 @@ from fenics_rom.mechanics.hyperelastic import (
     strain,
     stress,
 )
-from fenics_rom.mechanics.tendon import cable_length, turning_angles, unit_tension_forces
+from fenics_rom.mechanics.tendon import cable_length, turning_angles, unit_tension_forces, unit_tension_slopes
 from fenics_rom.rom.content import ByContent
 
 
@@ -37,6 +37,11 @@ class ReducedTendon(ByContent):
     def force(self, q: Array) -> Array:
         """Of a tension of 1 N, (m,): -∂ℓ/∂q of its length ℓ."""
         return unit_tension_forces(self._moved(q)).ravel() @ self.shapes
+
+    def pull_back(self, q: Array, w: Array) -> Array:
+        """∂(w·force)/∂q (m,)."""
+        moves = (self.shapes @ w).reshape(-1, 3)
+        return unit_tension_slopes(self._moved(q), moves).ravel() @ self.shapes
 
     def stroke(self, q: Array) -> float:
         """By how much it is shorter than at rest, m."""
@@ -147,6 +152,15 @@ class ReducedDeformation(ByContent):
         SG = S[VOIGT_INDEX].transpose(2, 0, 1) @ self._rows.reshape(-1, 3, 3 * self.order)
         return self._rows.T @ SG.reshape(-1, self.order)
 
+    def geometric_back(self, N: Array) -> Array:
+        """What a matrix N (m, m) times `geometric` owes to the stresses, (6, P)."""
+        rows = self._rows.reshape(-1, 3, 3 * self.order)
+        both = (self._rows @ N).reshape(rows.shape) @ rows.transpose(0, 2, 1)
+        i, j = VOIGT_PAIRS.T
+        S: Array = both[:, i, j].T.copy()
+        S[3:] += both[:, j[3:], i[3:]].T
+        return S
+
     @cached_property
     def _rows(self) -> Array:
         """∂W_i/∂X_j as (P j i, m)."""
@@ -167,6 +181,14 @@ def monomials(q: Array) -> Array:
     """1, q_i and q_i q_j (i <= j), (1 + m + m (m+1)/2,)."""
     i, j = _upper_triangle(len(q))
     return np.concatenate([[1.0], q, q.take(i) * q.take(j)])
+
+
+def monomials_back(q: Array, z: Array) -> Array:
+    """∂(z·monomials)/∂q (m,)."""
+    m, (i, j) = len(q), _upper_triangle(len(q))
+    of_products = z[m + 1 :]
+    back: Array = z[1 : m + 1] + np.bincount(i, of_products * q[j], m) + np.bincount(j, of_products * q[i], m)
+    return back
 
 
 @cache

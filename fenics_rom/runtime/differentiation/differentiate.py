@@ -26,7 +26,7 @@ def differentiate(
     where it is about to do otherwise J has a kink, which is warned of.
 
     Args:
-        body: a linear one, with contact or without.
+        body: a linear one, or one that deforms largely by linearly implicit steps; with contact or without.
         inputs, contact, dt: of each step, as in `Simulator.rollout`.
         objective: gets the displacements of outputs by name, m, (steps, points, 3), and the stored energies (steps,),
             J, after each step; returns J, its derivatives with each output, by name, and with each energy (None: 0).

@@ -21,7 +21,7 @@ from fenics_rom.runtime.simulated_body import SimulatorState
 from fenics_rom.runtime.simulator import Simulator
 from fenics_rom.runtime.steppers.adjoint import Reads, StateAdjoint, StepAdjoint, SwitchAdjoint
 
-LEAST_BLOCK = 1024  # steps that are recorded at once; of long runs as many as there are blocks
+LEAST_BLOCK = 4096  # steps that are recorded at once; of long runs as many as there are blocks
 KINKS_SHOWN = 5
 NONE = np.empty(0)
 

@@ -13,7 +13,7 @@ import math
 import warnings
 from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
@@ -23,7 +23,7 @@ from fenics_rom.mechanics.actuator_forces import ActuatorForces
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.readings import swept_volume
 from fenics_rom.rom.contact_model import ContactModel
-from fenics_rom.rom.deformation import ReducedDeformation, monomials
+from fenics_rom.rom.deformation import ReducedDeformation, ReducedTendon, monomials, monomials_back
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.steppers.kernel import BookedKernel
 from fenics_rom.runtime.steppers.training_watch import TrainingWatch
@@ -33,6 +33,14 @@ if TYPE_CHECKING:
     from fenics_rom.runtime.steppers.residual_motion import ResidualMotion
 
 TRUSTED_EXTENT = 1.5  # times as far as the states that the model was trained on
+
+
+class Follower(NamedTuple):
+    """What turns with the body."""
+
+    force: Callable[[Array], Array]  # of 1 N or 1 Pa at q, (m,)
+    stroke: Callable[[Array], float]  # at q, m or m³
+    pull_back: Callable[[Array, Array], Array]  # what w·force owes to q, (m,), of q and w
 
 
 class FiniteStrainKernel(BookedKernel):
@@ -55,8 +63,8 @@ class FiniteStrainKernel(BookedKernel):
         super().__init__(next(iter(rom.contact_models.values())), ledger, np.empty(0), interface, actuators, residual)
         names, guides = ((), ()) if actuators is None else (actuators.names, actuators.guides)
         tendons = rom.deformation.tendons
-        self._found = [_follower(rom.deformation, name) for name in names]  # forces and strokes
-        self._found += [(part.force, part.stroke) for part in (tendons[name].up_to(guide) for name, guide in guides)]
+        self._found = [_follower(rom.deformation, name) for name in names]
+        self._found += [_tendon(tendons[name].up_to(guide)) for name, guide in guides]
         self._rubbing = [tendons[name] for name in dict.fromkeys(name for name, _ in guides)]
         self._body: ReducedDeformation = rom.deformation
         self._shared = sum(rom.actuators.values()) + sum(rom.loads.values())
@@ -73,7 +81,7 @@ class FiniteStrainKernel(BookedKernel):
         self.flush()
         self._model = model
         first = model.inputs.shape[1] - self._shared
-        self._active_followers = [(first + column, force) for column, force in self._follower_columns]
+        self._active_followers = [(first + column, follower) for column, follower in self._follower_columns]
         self._dead_loads = model.inputs.copy()  # of loads whose direction stays
         self._dead_loads[:, [column for column, _ in self._active_followers]] = 0.0
         if self._watch is not None:
@@ -108,16 +116,16 @@ class FiniteStrainKernel(BookedKernel):
         force = self._dead_loads.dot(u)
         for column, follower in self._active_followers:
             if u[column]:
-                force = force + u[column] * follower(q)
+                force = force + u[column] * follower.force(q)
         return force
 
     def _strokes_at(self, q: Array) -> Array:
         """Strokes (n,) of what is found in the step, m or m³, at q."""
-        return np.array([stroke(q) for _, stroke in self._found])
+        return np.array([follower.stroke(q) for follower in self._found])
 
     def _stroke_columns(self, q: Array) -> Array:
         """Their forces of 1, (m, n): what the strokes change by with q."""
-        return np.stack([force(q) for force, _ in self._found], axis=1)
+        return np.stack([follower.force(q) for follower in self._found], axis=1)
 
     def _angles(self, q: Array) -> Array:
         """By which tendons turn at guides that rub, (n,), rad, 0 of strokes."""
@@ -161,25 +169,32 @@ def definite_inverse(*matrices: Array) -> Array:
     return np.full_like(matrices[0], math.nan)
 
 
-def _follower_loads(rom: Rom) -> list[tuple[int, Callable[[Array], Array]]]:
-    """The inputs whose forces turn with the body: columns, counted from behind the contact's, and forces of 1."""
+def _follower_loads(rom: Rom) -> list[tuple[int, Follower]]:
+    """The inputs whose forces turn with the body: columns, counted from behind the contact's."""
     assert rom.deformation is not None
-    loads: list[tuple[int, Callable[[Array], Array]]] = []
+    loads: list[tuple[int, Follower]] = []
     column = 0
     for name, columns in rom.actuators.items():
         if name in rom.deformation.pressures or name in rom.deformation.tendons:
-            loads.append((column, _follower(rom.deformation, name)[0]))
+            loads.append((column, _follower(rom.deformation, name)))
         column += columns
     return loads
 
 
-def _follower(body: ReducedDeformation, name: str) -> tuple[Callable[[Array], Array], Callable[[Array], float]]:
-    """The force (m,) of 1 N or 1 Pa of a tendon or a pressure at q, and its stroke, m or m³."""
+def _tendon(tendon: ReducedTendon) -> Follower:
+    return Follower(tendon.force, tendon.stroke, tendon.pull_back)
+
+
+def _follower(body: ReducedDeformation, name: str) -> Follower:
+    """That of a tendon or a pressure."""
     if name in body.tendons:
-        return body.tendons[name].force, body.tendons[name].stroke
+        return _tendon(body.tendons[name])
     polynomial = body.pressures[name]
 
     def force(q: Array) -> Array:
         return polynomial @ monomials(q)
 
-    return force, partial(swept_volume, force)
+    def pull_back(q: Array, w: Array) -> Array:
+        return monomials_back(q, w @ polynomial)
+
+    return Follower(force, partial(swept_volume, force), pull_back)

@@ -8,7 +8,7 @@ before, and what remains is the mismatch that a run reports.
 """
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
@@ -19,16 +19,40 @@ from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.hyperelastic import energy_density, linear_stress, strain, stress
 from fenics_rom.rom.carried_strains import carried_strains
 from fenics_rom.rom.rom import Rom
+from fenics_rom.runtime.steppers.adjoint import NONE, StateAdjoint, check_forces_are_given
 from fenics_rom.runtime.steppers.finite_strain import FiniteStrainKernel, definite_inverse
 from fenics_rom.runtime.steppers.kernel import StepWork, symmetric
 
 if TYPE_CHECKING:
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
+    from fenics_rom.runtime.steppers.deformation_maps import LinearlyImplicitMaps
+    from fenics_rom.runtime.steppers.linearly_implicit_adjoint import LinearlyImplicitAdjoint
     from fenics_rom.runtime.steppers.residual_motion import ResidualMotion
 
 TANGENT_RENEWAL = 0.05  # of v̂, by which a step may differ from what was expected before the tangent is made anew
 STEEPEST_FREQUENCY = 10.0  # times that of the stiffest mode
 MISMATCH_LIMIT = 0.03  # of the largest strain, in the energy norm
+
+
+class Expected(NamedTuple):
+    """What v̂ of a step was expected to be, and what that came of."""
+
+    before: Array  # v̂ of the step before
+    middle: Array  # with that
+    σ: Array  # there
+    residual: Array  # forces out of balance there
+    tangent: Array  # T
+    made_tangent: bool  # whether in this step
+    whole: Array  # before - T residual
+    value: Array  # no longer than what was trained
+
+
+class Taken(NamedTuple):
+    """What the last step came of."""
+
+    expected: Expected
+    matrix: Array  # M (m, m)
+    rates: Array  # A v̂
 
 
 class LinearlyImplicit(FiniteStrainKernel):
@@ -56,7 +80,6 @@ class LinearlyImplicit(FiniteStrainKernel):
         # ε and C₀ε; v̂ of the step before; the energy ½ s² - c, c, and the energy tank, J.
         self._ε, self._σ = self._carried[: 2 * size].reshape(2, size)
         self._previous_velocity, self._rest = self._carried[2 * size : -3], self._carried[-3:]
-        self._tangent_inverse: Array | None = None
         self.resume(np.empty(0))
 
     @property
@@ -107,11 +130,11 @@ class LinearlyImplicit(FiniteStrainKernel):
         """As in Kernel."""
         super().set_time_step(h)
         self._fixed = 2 / h * np.eye(self._model.order) + self._body.external_damping + h / 2 * self._body.springs
-        self._tangent_inverse = None
+        self.tangent = NONE
 
     def reset_buffer(self) -> None:
         """As in Kernel: forgets the tangent."""
-        self._tangent_inverse = None
+        self.tangent = NONE
         super().reset_buffer()
 
     def step(self, u: Array, obstacles: ObstacleMotion | None = None) -> float:
@@ -124,10 +147,11 @@ class LinearlyImplicit(FiniteStrainKernel):
 
     def _stepped(self, u: Array, obstacles: ObstacleMotion | None) -> float:
         h, body = self.h, self._body
+        self._carried_before[:] = self._carried
         q, r = self._coordinates().copy(), self._r
         u, given = (u, None) if self._actuators is None else self._actuators.split(u)
         expected = self._expected(u, q)
-        middle = q + h / 2 * expected
+        middle = q + h / 2 * expected.value
         pushed = self._loads(u, middle)
         around = self._strains.around(middle)
         matrix = self._fixed + around.stiffness(h / 2)
@@ -154,15 +178,15 @@ class LinearlyImplicit(FiniteStrainKernel):
             v += by_strokes.dot(reactions)
         if contact is not None:
             v += spread.dot(contact.forces.ravel())
-        missed = v - expected
+        missed = v - expected.value
         if missed.dot(missed) > TANGENT_RENEWAL**2 * v.dot(v):
-            self._tangent_inverse = None
+            self.tangent = NONE
 
         rates, after = around.rates(v), q + h * v
+        self._taken = Taken(expected, matrix, rates)
         ε_after = self._strains.at(after)
         stressed, σ_after = self._strains.stressed(np.stack([rates, ε_after], axis=1)).T  # together: it reads much
         drawn = float(v.dot(body.external_damping.dot(v)) + (self._strains.viscosity * stressed).dot(rates))
-        self._carried_before[:] = self._carried
         self._previous_velocity[:] = v
         self._ε += h * rates
         self._σ += h * stressed
@@ -182,7 +206,50 @@ class LinearlyImplicit(FiniteStrainKernel):
         self._note_mismatch(strained, gap)
         return 2 * self._energy(after)
 
-    def _expected(self, u: Array, q: Array) -> Array:
+    def check_differentiable(self) -> None:
+        """As in Kernel."""
+        check_forces_are_given(self._actuators, self.branches)
+
+    def adjoint(self, u: Array) -> "LinearlyImplicitAdjoint":
+        """As in Kernel."""
+        from fenics_rom.mechanics.contact_adjoint import ContactAdjoint, is_at_kink  # here, as few are differentiated
+        from fenics_rom.runtime.steppers.linearly_implicit_adjoint import LinearlyImplicitAdjoint
+
+        contact, is_kink, residual = None, False, None
+        if self._interface is not None:
+            contact, is_kink = ContactAdjoint.of(self._interface.solver), is_at_kink(self._interface.solver)
+        if self.residual is not None:
+            residual = self.residual.state.reshape(4, -1).copy()
+        before, after = (self._state_before, self._carried_before), (self.state, self._carried)
+        states = [part.copy() for part in (*before, *after)]
+        return LinearlyImplicitAdjoint(self._maps, u, self._taken, states, residual, contact, is_kink)
+
+    def start_pulled_back(self, q: Array, r: Array, after: StateAdjoint) -> tuple[Array, Array]:
+        """As in Kernel."""
+        from fenics_rom.runtime.steppers.linearly_implicit_adjoint import start_pulled_back
+
+        return start_pulled_back(self._maps, q, after)
+
+    @property
+    def _maps(self) -> "LinearlyImplicitMaps":
+        from fenics_rom.runtime.steppers.deformation_maps import LinearlyImplicitMaps
+
+        return LinearlyImplicitMaps(
+            self._body,
+            self._strains,
+            self.h,
+            self._fixed,
+            np.empty((self._model.order, 0)) if self._interface is None else self._Sᵀ,
+            self._ω,
+            self._dead_loads,
+            self._active_followers,
+            None if self.residual is None else self.residual.maps,
+            self._st_venant,
+            self._most,
+            STEEPEST_FREQUENCY * float(self._ω[-1]),
+        )
+
+    def _expected(self, u: Array, q: Array) -> Expected:
         """v̂ of this step, from that of the step before by one iteration of Newton's, with a tangent that may be older.
 
         Any A balances energy, but where stresses make a motion stiff, one that is not of this step would let it grow.
@@ -197,23 +264,25 @@ class LinearlyImplicit(FiniteStrainKernel):
             H = body.displacement_gradients(middle)
             S = body.weights * stress(body.law, strain(H), body.first_lame, body.shear)
             residual += body.resultant(H, S)
-        if self._tangent_inverse is None:
+        is_new = not len(self.tangent)
+        if is_new:
             matrix = self._fixed + around.stiffness(h / 2)
             geometric = (
                 self._strains.geometric(σ) if self._st_venant else body.geometric(S) + self._strains.geometric(σ)
             )
-            self._tangent_inverse = definite_inverse(matrix + h / 2 * geometric, matrix)
+            self.tangent = definite_inverse(matrix + h / 2 * geometric, matrix)
         residual -= self._loads(u, middle)
         if self._actuators is not None:
             residual -= self._stroke_columns(middle).dot(self.reactions)
         if self.contact is not None:
             residual -= self._pushed(self.contact)
-        expected = v - self._tangent_inverse.dot(residual)
-        far = h / 2 * math.sqrt(expected.dot(expected))
+        whole = v - self.tangent.dot(residual)
+        far = h / 2 * math.sqrt(whole.dot(whole))
         if not math.isfinite(far):
-            return np.zeros_like(q)
-        # It can hardly go further than it was trained.
-        return expected if far <= body.training_radius else expected * (body.training_radius / far)
+            value = np.zeros_like(q)
+        else:  # it can hardly go further than it was trained
+            value = whole if far <= body.training_radius else whole * (body.training_radius / far)
+        return Expected(v.copy(), middle, σ, residual, self.tangent, is_new, whole, value)
 
     def _energy(self, q: Array) -> float:
         stored = float(self._σ.dot(self._ε))

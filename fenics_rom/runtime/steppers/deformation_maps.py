@@ -1,0 +1,122 @@
+"""What linearly implicit steps of large deformation do, as their adjoint asks for it; see linearly_implicit.py.
+
+∂J/∂x is written x_.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.mechanics.hyperelastic import linear_stress, moduli, strain, strain_rate, stress
+from fenics_rom.rom.carried_strains import MonomialStrains, PointStrains
+from fenics_rom.rom.deformation import ReducedDeformation
+from fenics_rom.runtime.steppers.finite_strain import Follower
+from fenics_rom.runtime.steppers.residual_motion import ResidualMaps
+
+UNIT = np.eye(3)[:, :, None]
+
+
+class Material(NamedTuple):
+    """The points at a shape: stresses and moduli hold the weights."""
+
+    H: Array  # (3, 3, P)
+    E: Array  # (6, P)
+    S: Array  # (6, P)
+    D: Array  # (6, 6, P)
+
+
+class LinearlyImplicitMaps(NamedTuple):
+    """What steps of one size in one contact mode do."""
+
+    body: ReducedDeformation
+    strains: MonomialStrains | PointStrains
+    h: float  # s
+    fixed: Array  # what of M does not change (m, m)
+    Sᵀ: Array  # (m, 3P); (m, 0) where nothing can touch
+    ω: Array  # (m,)
+    dead_loads: Array  # (m, p)
+    followers: list[tuple[int, Follower]]  # with their columns
+    residual: ResidualMaps | None
+    st_venant: bool
+    most: float  # largest c, J
+    steepest: float  # largest |b|, 1/s
+
+    def loads_back(self, u: Array, q: Array, w: Array) -> tuple[Array, Array]:
+        """What w·(forces of the inputs on the body at q) owes to u (p,) and q (m,)."""
+        by_u, by_q = w @ self.dead_loads, np.zeros(len(w))
+        for column, follower in self.followers:
+            by_u[column] += follower.force(q) @ w
+            if u[column]:
+                by_q += u[column] * follower.pull_back(q, w)
+        return by_u, by_q
+
+    def material(self, q: Array) -> Material:
+        """At q."""
+        body, H = self.body, self.body.displacement_gradients(q)
+        E, of_law = strain(H), (body.first_lame, body.shear)
+        return Material(H, E, body.weights * stress(body.law, E, *of_law), body.weights * moduli(body.law, E, *of_law))
+
+    def stiffened(self, at: Material, w: Array) -> Array:
+        """(AᵀDA + G(S)) w (m,)."""
+        dH = self.body.displacement_gradients(w)
+        of_rates = self.body.resultant(at.H, np.einsum("cdp,dp->cp", at.D, strain_rate(at.H + UNIT, dH)))
+        return of_rates + self.body.resultant(dH - UNIT, at.S)
+
+    def left(self, q: Array) -> tuple[float, Array]:
+        """Energy at q that is not ½ E:C₀E, J, and ∂/∂q of it (m,)."""
+        body, H = self.body, self.body.displacement_gradients(q)
+        E = strain(H)
+        S = body.weights * stress(body.law, E, body.first_lame, body.shear)
+        S_linear = body.weights * linear_stress(E, body.first_lame, body.shear)
+        left = float(body.elastic_energy(E) - (S_linear * E).sum() / 2)
+        return left, body.resultant(H, S - S_linear)
+
+    def beyond_linear(self, q: Array) -> Material:
+        """At q, without C₀."""
+        body, at = self.body, self.material(q)
+        λ, μ = body.weights * body.first_lame, body.weights * body.shear
+        return at._replace(S=at.S - linear_stress(at.E, λ, μ), D=at.D - moduli("st_venant_kirchhoff", at.E, λ, μ))
+
+
+class Slope(NamedTuple):
+    """b = ∂√(2 (Ψ + c))/∂q, as LinearlyImplicit makes it."""
+
+    maps: LinearlyImplicitMaps
+    q: Array
+    numerator: Array  # ∂Ψ/∂q (m,)
+    denominator: float
+    is_flat: bool  # where Ψ + c is taken to be c/4
+    c: float  # after it grew, J
+    c_by_c: float
+    c_by_left: float
+    steep: Array  # b before it is made as flat as may be
+    b: Array
+
+    @staticmethod
+    def at_shape(maps: LinearlyImplicitMaps, q: Array, c: float) -> "Slope":
+        """At q, with the c before, J."""
+        left, numerator = maps.left(q)
+        c_by_c, c_by_left = 1.0, 0.0
+        if left + c < c / 2:
+            grown = c + 4 * abs(left)
+            c_by_c, c_by_left = (1.0, math.copysign(4.0, left)) if grown < maps.most else (0.0, 0.0)
+            c = min(grown, maps.most)
+        is_flat = left + c < c / 4
+        denominator = math.sqrt(2 * max(left + c, c / 4))
+        steep = numerator / denominator
+        share = min(1.0, maps.steepest / math.sqrt(steep @ steep)) if steep.any() else 1.0
+        return Slope(maps, q, numerator, denominator, is_flat, c, c_by_c, c_by_left, steep, share * steep)
+
+    def pull_back(self, b_: Array, c_: float) -> tuple[Array, float]:
+        """What b and the c after owe to q (m,), and to the c before."""
+        steep, square = self.steep, float(self.steep @ self.steep)
+        if square > self.maps.steepest**2:
+            b_ = self.maps.steepest / math.sqrt(square) * (b_ - float(b_ @ steep) / square * steep)
+        twice = -float(b_ @ self.numerator) / self.denominator**3  # with Ψ + c
+        left_ = 0.0 if self.is_flat else twice
+        c_ += twice / 4 if self.is_flat else twice
+        left_ += self.c_by_left * c_
+        by_q = self.maps.stiffened(self.maps.beyond_linear(self.q), b_ / self.denominator) + left_ * self.numerator
+        return by_q, self.c_by_c * c_
