@@ -18,6 +18,27 @@ from fenics_rom.runtime.steppers.residual_motion import ResidualMaps
 UNIT = np.eye(3)[:, :, None]
 
 
+class Expected(NamedTuple):
+    """What v̂ of a step was expected to be, and what that came of."""
+
+    before: Array  # v̂ of the step before
+    middle: Array  # with that
+    σ: Array  # there
+    residual: Array  # forces out of balance there
+    tangent: Array  # T
+    made_tangent: bool  # whether in this step
+    whole: Array  # before - T residual
+    value: Array  # no longer than what was trained
+
+
+class Taken(NamedTuple):
+    """What the last step came of."""
+
+    expected: Expected
+    matrix: Array  # M (m, m)
+    rates: Array  # A v̂
+
+
 class Material(NamedTuple):
     """The points at a shape: stresses and moduli hold the weights."""
 

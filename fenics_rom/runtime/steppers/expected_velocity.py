@@ -7,9 +7,8 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.runtime.steppers.adjoint import NONE
-from fenics_rom.runtime.steppers.deformation_maps import LinearlyImplicitMaps, Material
+from fenics_rom.runtime.steppers.deformation_maps import Expected, LinearlyImplicitMaps, Material
 from fenics_rom.runtime.steppers.finite_strain import is_definite
-from fenics_rom.runtime.steppers.linearly_implicit import Expected
 
 
 class Expectation(NamedTuple):

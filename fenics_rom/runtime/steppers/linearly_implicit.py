@@ -8,7 +8,7 @@ before, and what remains is the mismatch that a run reports.
 """
 
 import math
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy import ndarray as Array
@@ -20,39 +20,18 @@ from fenics_rom.mechanics.hyperelastic import energy_density, linear_stress, str
 from fenics_rom.rom.carried_strains import carried_strains
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.steppers.adjoint import NONE, StateAdjoint, check_forces_are_given
+from fenics_rom.runtime.steppers.deformation_maps import Expected, LinearlyImplicitMaps, Taken
 from fenics_rom.runtime.steppers.finite_strain import FiniteStrainKernel, definite_inverse
 from fenics_rom.runtime.steppers.kernel import StepWork, symmetric
 
 if TYPE_CHECKING:
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
-    from fenics_rom.runtime.steppers.deformation_maps import LinearlyImplicitMaps
     from fenics_rom.runtime.steppers.linearly_implicit_adjoint import LinearlyImplicitAdjoint
     from fenics_rom.runtime.steppers.residual_motion import ResidualMotion
 
 TANGENT_RENEWAL = 0.05  # of v̂, by which a step may differ from what was expected before the tangent is made anew
 STEEPEST_FREQUENCY = 10.0  # times that of the stiffest mode
 MISMATCH_LIMIT = 0.03  # of the largest strain, in the energy norm
-
-
-class Expected(NamedTuple):
-    """What v̂ of a step was expected to be, and what that came of."""
-
-    before: Array  # v̂ of the step before
-    middle: Array  # with that
-    σ: Array  # there
-    residual: Array  # forces out of balance there
-    tangent: Array  # T
-    made_tangent: bool  # whether in this step
-    whole: Array  # before - T residual
-    value: Array  # no longer than what was trained
-
-
-class Taken(NamedTuple):
-    """What the last step came of."""
-
-    expected: Expected
-    matrix: Array  # M (m, m)
-    rates: Array  # A v̂
 
 
 class LinearlyImplicit(FiniteStrainKernel):
@@ -231,9 +210,7 @@ class LinearlyImplicit(FiniteStrainKernel):
         return start_pulled_back(self._maps, q, after)
 
     @property
-    def _maps(self) -> "LinearlyImplicitMaps":
-        from fenics_rom.runtime.steppers.deformation_maps import LinearlyImplicitMaps
-
+    def _maps(self) -> LinearlyImplicitMaps:
         return LinearlyImplicitMaps(
             self._body,
             self._strains,
