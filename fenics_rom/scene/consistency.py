@@ -23,7 +23,7 @@ NOT_MOVING = {  # effects that a moving frame does not have
     "viscoelasticity": "is not in the motion of a frame",
     "tendon_friction": "is found in a fixed frame alone",
     "base_motion": "shakes a support in a fixed frame, and base_path carries it",
-    "large_deformation": "turns a body as far as it likes by itself",
+    "large_deformation": "turns a free body as far as it likes by itself, at full order, and no base carries it",
 }
 
 

@@ -7,7 +7,7 @@ import pytest
 from bodies import box_arrays, scene_text, write_arrays
 
 import fenics_rom as fr
-from fenics_rom.errors import FenicsRomWarning
+from fenics_rom.errors import FenicsRomWarning, SceneError
 from fenics_rom.fem.finite_strain.stepper import FiniteStrainStepper
 from fenics_rom.fem.simulator import FullOrderSimulator
 from fenics_rom.mechanics.step import StepInput
@@ -145,6 +145,13 @@ def test_what_may_be_left_out_of_slow_bodies(free):
     assert errors["soft", 0.03] / errors["soft", 0.01] == pytest.approx(9, rel=0.1)
     assert 5 <= errors["soft", 0.03] / 0.03**2 <= 50
     assert 1e-6 < errors["quasi", 0.003] < 5e-3
+
+
+def test_large_deformation_of_a_free_body_is_refused_but_at_full_order(free):
+    with pytest.raises(
+        SceneError, match="turns as far as it likes, which no fixed basis follows; hold it by supports or"
+    ):
+        fr.reduce(fr.assemble(free[1]), order=4)
 
 
 @pytest.mark.slow

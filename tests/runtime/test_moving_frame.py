@@ -512,6 +512,24 @@ def test_a_base_that_jumps_is_told(carried):
     np.testing.assert_array_equal(body.pose.position, before)
 
 
+def test_a_base_whose_twist_does_not_fit_its_turn_is_told(carried):
+    """With how far; one that turns too fast for a step is refused, and the state stays."""
+    body = fr.Simulator(carried, 1e-2)
+    body.step(base=body.pose._replace(rotation=quaternion_of_vector((0, 0, 0.2))))
+    assert (
+        "base: in a step it went 0 m and turned 0.2 rad otherwise than its velocities at both ends say"
+        in (body.warnings[0])
+    )
+    before = body.save().stepper
+    with pytest.raises(
+        StepError, match=r"would turn by 2 rad in a step of 0\.01 s: allowed are 1.5 rad, that is, at 200"
+    ):
+        body.step(base=body.pose._replace(angular_velocity=np.array([0.0, 200.0, 0.0])))
+    after = body.save().stepper
+    assert after.frame == before.frame
+    np.testing.assert_array_equal(after.state, before.state)
+
+
 @pytest.mark.parametrize(
     ("spin", "amplitude", "detail", "told"),
     [

@@ -112,7 +112,9 @@ MISTAKES = {
     "frame = 'moving' is 'pressure'": {
         "effects": 'inertia = {}\n[effects.pressure.air]\nsurface = "right"\ncontrol = "volume"'
     },
-    "effects.large_deformation: turns a body": {"effects": "inertia = {}\nlarge_deformation = {}"},
+    "effects.large_deformation: turns a free body as far as it likes by itself, at full order, and no base": {
+        "effects": "inertia = {}\nlarge_deformation = {}"
+    },
     "effects.base_motion: shakes a support": {
         "effects": "inertia = {}\n[effects.base_motion.quake]\ndirection = [1, 0, 0]"
     },
