@@ -19,6 +19,8 @@ from fenics_rom.fem.forms import assemble_forms as assemble_forms
 from fenics_rom.fem.matrix_market import read_system as read_system
 from fenics_rom.identification.identify import identify as identify
 from fenics_rom.identification.result import Identification as Identification
+from fenics_rom.identification.scene_gradient import SceneGradient as SceneGradient
+from fenics_rom.identification.scene_gradient import differentiate_scene as differentiate_scene
 from fenics_rom.identification.write import write_identification as write_identification
 from fenics_rom.mechanics.base_path import BasePath as BasePath
 from fenics_rom.mechanics.base_path import BaseState as BaseState

@@ -105,6 +105,15 @@ def make_experiment(scene: Scene, data: Sequence[Data], system: System) -> Exper
     )
 
 
+def run_experiment(scene: Scene, system: System, markers: Sequence[Marker]) -> Experiment:
+    """The scene's run, of which nothing was measured."""
+    dt, steps, inputs = _run_inputs(scene, system)
+    none = np.empty(0, dtype=int)
+    instants, weights = np.empty((0, INTERPOLATION_POINTS), dtype=int), np.empty((0, INTERPOLATION_POINTS))
+    nothing = np.empty(0), instants, weights, none, none, np.empty(0), ()
+    return Experiment(tuple(markers), dt, steps, inputs, {}, *nothing)
+
+
 def interpolate_instants(times: Array, dt: float, steps: int) -> tuple[Array, Array]:
     """Step ends (T, 4) nearest to times (T,), and the weights of Lagrange's cubic through them."""
     count = min(INTERPOLATION_POINTS, steps + 1)

@@ -79,16 +79,23 @@ class ReducedModel:
         k, steps, h = self.order, experiment.steps, experiment.dt
         if not steps:
             return np.zeros((1, k, 1)), np.zeros((1, k, len(directions)))
-        steady, weighed = self._forces(experiment.inputs, steps)
-        propagator = MidpointPropagator(self.parts.at(θ), h)
-        states = propagator.run((steady + _weighted(θ, weighed))[:, :, None])
+        states = self.states(experiment, θ)
         if not directions:
-            return states[:, :k], np.zeros((steps + 1, k, 0))
-        pushed = [
-            sensitivity_forces(self.parts.along(θ, dθ), h, states[:, :, 0]) + _weighted(dθ, weighed)
-            for dθ in directions
-        ]
-        return states[:, :k], propagator.run(np.stack(pushed, axis=2))[:, :k]
+            return states[:, :k, None], np.zeros((steps + 1, k, 0))
+        pushed = [self.pushes(experiment, θ, dθ, states) for dθ in directions]
+        propagator = MidpointPropagator(self.parts.at(θ), h)
+        return states[:, :k, None], propagator.run(np.stack(pushed, axis=2))[:, :k]
+
+    def states(self, experiment: Experiment, θ: Array) -> Array:
+        """[ξ, ξ'] of the run at all step ends, (steps + 1, 2 k)."""
+        steady, weighed = self._forces(experiment.inputs, experiment.steps)
+        propagator = MidpointPropagator(self.parts.at(θ), experiment.dt)
+        return propagator.run((steady + _weighted(θ, weighed))[:, :, None])[:, :, 0]
+
+    def pushes(self, experiment: Experiment, θ: Array, dθ: Array, states: Array) -> Array:
+        """What a direction of θ pushes the run with in each step, (steps, k)."""
+        _, weighed = self._forces(experiment.inputs, experiment.steps)
+        return sensitivity_forces(self.parts.along(θ, dθ), experiment.dt, states) + _weighted(dθ, weighed)
 
     def _at_rest(self, experiment: Experiment, θ: Array, directions: Sequence[Array]) -> tuple[Array, Array]:
         """ξ in all equilibria, (R, k, 1), and its derivatives, (R, k, directions)."""

@@ -52,13 +52,23 @@ def evaluate(
     """J, and its derivatives with all rows that are read (steps, rows), and with the energies (steps,)."""
     parts = np.split(rows, np.cumsum([len(body.output_rows(name)) for name in names])[:-1], axis=1) if names else []
     given = {name: body.rom.by_point(part) for name, part in zip(names, parts, strict=True)}
+    return checked_slopes(objective, given, energies)
+
+
+def checked_slopes(objective: Objective, given: dict[str, Array], energies: Array) -> tuple[float, Array, Array]:
+    """J, and its derivatives with all rows of the outputs (steps, rows), and with the energies (steps,).
+
+    Raises:
+        StepError: they are of another shape, or not finite, or of an output that is not given.
+    """
     value, by_output, by_energy = objective(given, energies)
     for name in by_output:
         check_known("output", name, given, StepError)
-    slopes = [_checked(name, by_output.get(name, 0.0), part).reshape(len(rows), -1) for name, part in given.items()]
+    steps = len(energies)
+    slopes = [_checked(name, by_output.get(name, 0.0), part).reshape(steps, -1) for name, part in given.items()]
     return (
         float(value),
-        np.hstack([np.empty((len(rows), 0)), *slopes]),
+        np.hstack([np.empty((steps, 0)), *slopes]),
         _checked("energies", 0.0 if by_energy is None else by_energy, energies),
     )
 
