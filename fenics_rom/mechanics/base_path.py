@@ -69,27 +69,29 @@ class BasePath:
 
     def __call__(self, time: float) -> BaseState:
         """The base at a time, s."""
-        times, values, rates = self._numbers
+        times, cubics = self._cubics
         inside = min(max(time, times[0]), times[-1])
         k = min(max(bisect_left(times, inside) - 1, 0), len(times) - 2)
         h = times[k + 1] - times[k]
-        s, value, rate = (inside - times[k]) / h, list[float](), list[float]()
-        for start, end, slope, end_slope in zip(values[k], values[k + 1], rates[k], rates[k + 1], strict=True):
-            step, first, last = end - start, h * slope, h * end_slope
-            bend, twist = 3 * step - 2 * first - last, first + last - 2 * step
-            value.append(start + s * (first + s * (bend + s * twist)))
-            rate.append((first + s * (2 * bend + 3 * s * twist)) / h)
-        quaternion, length = np.array(value[3:]), math.hypot(*value[3:])
-        velocity, angular_velocity = np.array(rate[:3]), angular_velocity_of(quaternion, np.array(rate[3:])) / length**2
+        s = (inside - times[k]) / h
+        powers = np.array(((1.0, s, s * s, s**3), (0.0, 1 / h, 2 * s / h, 3 * s * s / h)))
+        (*position, w, x, y, z), (*velocity, ẇ, ẋ, ẏ, ż) = powers.dot(cubics[k]).tolist()
+        rotation, length = np.array((w, x, y, z)), math.hypot(w, x, y, z)
         if inside != time:
-            velocity, angular_velocity = np.zeros(3), np.zeros(3)
-        return BaseState(np.array(value[:3]), quaternion / length, velocity, angular_velocity)
+            return BaseState(np.array(position), rotation / length, np.zeros(3), np.zeros(3))
+        # 2 q̇ q* of the cubic, whose length is nearly 1
+        turning = w * ẋ - ẇ * x + y * ż - z * ẏ, w * ẏ - ẇ * y + z * ẋ - x * ż, w * ż - ẇ * z + x * ẏ - y * ẋ
+        angular_velocity = np.array(turning) * (2 / length**2)
+        return BaseState(np.array(position), rotation / length, np.array(velocity), angular_velocity)
 
     @cached_property
-    def _numbers(self) -> tuple[list[float], list[list[float]], list[list[float]]]:
-        """Times, and `_rows`, as they are fast to read one by one."""
+    def _cubics(self) -> tuple[list[float], Array]:
+        """Times, and of each interval the coefficients (4, 7) of powers of the share of it that is over."""
         values, rates = self._rows
-        return self.times.tolist(), values.tolist(), rates.tolist()
+        h = np.diff(self.times)[:, None]
+        step, first, last = values[1:] - values[:-1], h * rates[:-1], h * rates[1:]
+        cubics = np.stack([values[:-1], first, 3 * step - 2 * first - last, first + last - 2 * step], axis=1)
+        return self.times.tolist(), cubics
 
     @cached_property
     def _rows(self) -> tuple[Array, Array]:
@@ -217,12 +219,6 @@ def rotation_vectors(quaternions: Array) -> Array:
     sine = np.linalg.norm(vector, axis=-1, keepdims=True)
     half = np.arctan2(sine, np.abs(quaternions[..., :1]))
     return 2 * vector * np.divide(half, sine, out=np.ones_like(sine), where=sine > 0)
-
-
-def angular_velocity_of(quaternion: Array, rate: Array) -> Array:
-    """2 q̇ q* of a quaternion (4,) and its rate: (3,) in world axes, times the square of its length."""
-    turning: Array = 2 * quaternion_product(rate, quaternion * CONJUGATE)[1:]
-    return turning
 
 
 def _spline_rates(times: Array, values: Array) -> Array:
