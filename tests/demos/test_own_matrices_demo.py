@@ -33,5 +33,5 @@ def test_example_keeps_its_claims_on_two_ranks(script):
 
 
 def test_every_example_is_known():
-    assert SCRIPTS == ["forms_beam.py", "matrix_market.py", "petsc_rope.py", "scipy_rope.py"]
+    assert SCRIPTS == ["abaqus_rotor.py", "forms_beam.py", "matrix_market.py", "petsc_rope.py", "scipy_rope.py"]
     assert set(PARALLEL) < set(SCRIPTS)

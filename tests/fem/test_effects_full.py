@@ -325,6 +325,19 @@ def test_rigid_part_has_the_energy_of_a_rigid_body_however_far_it_is_turned(bar,
     np.testing.assert_allclose(moment, np.cross([1.3, 0.1, 0.25], [0.4, -0.8, 0.8]), atol=1e-11)
 
 
+def test_rigid_part_on_a_beam_that_bends_far_keeps_the_account(bar):
+    """Its mass matrix stays as the body turns, so that a push and its weight are all that is supplied."""
+    effects = f"""inertia = {{}}
+        gravity = {{ acceleration = [0, 0, -5] }}
+        large_deformation = {{ material = "neo_hookean" }}
+        {PART}"""
+    push = 'dt = 0.02\nduration = 0.3\nload = [{ contact = "right", force = [0, -900, 0] }]'
+    run = run_of(beam(bar, effects, 1, run=push), "full")
+    assert np.linalg.norm(run.outputs["right"][-1, 0]) > 0.2 * LENGTH
+    missing = run.energy - run.supplied + run.dissipated
+    assert np.abs(missing).max() <= 1e-11 * np.abs(run.supplied).max()
+
+
 def test_rigid_part_in_another_unit_is_refused(bar):
     with pytest.raises(SceneError, match=r"camera.center = .* m from its surface; allowed are 10 sizes"):
         fr.assemble(beam(bar, f"inertia = {{}}\n{PART}".replace("[1.3, 0.1, 0.25]", "[1300, 100, 250]")))
