@@ -199,7 +199,12 @@ def fill_surface(file: str, size: float) -> dict[str, Any]:
         raise ValueError("it holds no solid, only surfaces")
     for option in ("Mesh.MeshSizeMin", "Mesh.MeshSizeMax"):
         gmsh.option.setNumber(option, size)
-    mesh.generate(3)
+    try:
+        mesh.generate(3)
+    except Exception as error:  # Gmsh's own
+        if "intersect" not in str(error):
+            raise
+        raise ValueError(f"its surface intersects itself ({error})") from error
     tags, points, _ = mesh.getNodes()
     order = np.argsort(tags)
     cells = np.searchsorted(tags[order], mesh.getElementsByType(4)[1])

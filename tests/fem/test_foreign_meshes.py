@@ -224,7 +224,7 @@ def test_surfaces_that_cannot_be_filled_are_told(skin, tmp_path):
     for name, said in {
         "open.stl": r"surface is not closed: 3 of 42 edges are not between two triangles, e.g. one at \[",
         "empty.stl": "Gmsh cannot read it",
-        "through.stl": "Gmsh cannot read it|cells overlap",
+        "through.stl": "its surface intersects itself|cells overlap",
         "garbage.step": "Gmsh cannot read it",
         "none.stl": "not found",
         "box.obj": r"allowed endings are \.stl, \.step, \.stp",
