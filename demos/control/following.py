@@ -1,6 +1,8 @@
 """Tensions that lead the tip along a path, planned with the exact gradient of a reduced model."""
 
+import tracemalloc
 from collections.abc import Callable
+from time import process_time
 from typing import NamedTuple, Protocol
 
 import numpy as np
@@ -59,10 +61,8 @@ def plan_tensions(rom: fr.Rom, h: float) -> Plan:
     """Tensions of both tendons for every step, by L-BFGS on the exact gradient."""
     body, steps = fr.Simulator(rom, h), round(DURATION / h)
     t = h * np.arange(1, steps + 1)
-    path = LIFT * (_ramp(t, *THERE) - _ramp(t, *BACK))
-    A, B, C, _ = rom.state_space("side", ["tip"])
-    lift = (C @ np.linalg.solve(-A, B))[2, 1:]  # of the tip at rest by each tension, m/N
-    at_rest = path[:, None] * lift / (lift @ lift)
+    path = LIFT * (ramp(t, *THERE) - ramp(t, *BACK))
+    at_rest = at_rest_tensions(rom, path)
 
     def miss(tensions: Array) -> tuple[float, Array]:
         u = np.hstack([np.zeros((steps, 1)), tensions.reshape(steps, 2)])
@@ -88,7 +88,60 @@ def plan_tensions(rom: fr.Rom, h: float) -> Plan:
     return Plan(path, found.x.reshape(steps, 2), at_rest, found.nit)
 
 
-def _ramp(t: Array, start: float, end: float) -> Array:
+def at_rest_tensions(rom: fr.Rom, path: Array) -> Array:
+    """Those (steps, 2), N, that would hold the tip at each height of a path (steps,), m."""
+    A, B, C, _ = rom.state_space("side", ["tip"])
+    lift = (C @ np.linalg.solve(-A, B))[2, 1:]  # of the tip at rest by each tension, m/N
+    tensions: Array = path[:, None] * lift / (lift @ lift)
+    return tensions
+
+
+class GradientCost(NamedTuple):
+    """What a gradient takes."""
+
+    steps: int
+    times: float  # as long as its steps
+    times_read: float  # as long as these with the tip read after each
+    memory: float  # for a million steps, B
+
+
+def gradient_cost(rom: fr.Rom, h: float, quick: bool) -> GradientCost:
+    """By processor time, the best of some; by what Python allocates."""
+    body, steps = fr.Simulator(rom, h), 2_000 if quick else 20_000
+    u = 0.1 * np.random.default_rng(0).standard_normal((steps, body.inputs))
+
+    def end(outputs: dict[str, Array], energies: Array) -> tuple[float, dict[str, Array], None]:
+        slope = np.zeros_like(outputs["tip"])
+        slope[-1] = 1.0
+        return float(outputs["tip"][-1].sum()), {"tip": slope}, None
+
+    def forwards(reads: bool) -> None:
+        start = body.save()
+        for row in u:
+            body.step(row)
+            if reads:
+                body.displacement("tip")
+        body.restore(start)
+
+    def seconds(run: Callable[[], object]) -> float:
+        begun = process_time()
+        run()
+        return process_time() - begun
+
+    runs = (
+        lambda: fr.differentiate(body, u, end, outputs=["tip"]),
+        lambda: forwards(reads=False),
+        lambda: forwards(reads=True),
+    )
+    back, there, read = np.array([[seconds(run) for run in runs] for _ in range(5)]).min(axis=0)
+    tracemalloc.start()
+    fr.differentiate(body, u, end, outputs=["tip"])
+    memory = tracemalloc.get_traced_memory()[1] / steps * 1e6
+    tracemalloc.stop()
+    return GradientCost(steps, back / there, back / read, memory)
+
+
+def ramp(t: Array, start: float, end: float) -> Array:
     """From 0 to 1, smooth to the third derivative."""
     s = np.clip((t - start) / (end - start), 0.0, 1.0)
     return s**4 * (35 - 84 * s + 70 * s**2 - 20 * s**3)
