@@ -11,6 +11,7 @@ from fenics_rom.errors import StepError, check_known, unknown
 from fenics_rom.mechanics.linearity import SurfaceStrainPeak
 from fenics_rom.mechanics.signals import real_numbers
 from fenics_rom.mechanics.step import StepperState
+from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.linearity_monitor import LinearityMonitor
 from fenics_rom.runtime.steppers.stepper import ReducedStepper
@@ -67,6 +68,11 @@ class SimulatedBody:
     def contact(self) -> str:
         """The active contact mode."""
         return self._stepper.contact_mode
+
+    @property
+    def model(self) -> ContactModel:
+        """Of the active contact mode; in a moving frame of what strains, with what the last switch carried along."""
+        return self._stepper.model
 
     @property
     def inputs(self) -> int:

@@ -135,3 +135,21 @@ def test_mouse_feeds_no_body_that_it_holds_far_from_where_it_pulls(mesh, dt):
         body.step()
         assert body.simulator.energy - before <= 1.01 * body.spring.largest * np.linalg.norm(away)
     assert body.account.supplied > 0
+
+
+def test_mouse_takes_hold_elsewhere_in_flight(mesh):
+    """Where what the next contact mode lacks of the shape is carried along."""
+    ends = "".join(f'[contacts.{side}]\nsurface = "{side}"\n' for side in ("left", "right"))
+    scene, _ = made(mesh, THROWN | {"contacts": ends, "effects": "inertia = {}\ndamping.beta = 1e-4"})
+    rom = fr.reduce(fr.assemble(scene), order=6)
+    body, orders = LiveBody(rom, 1e-3), []
+    for side in ("left", "right", "left"):
+        assert body.grab(side, rom.triangles[divide_contact_triangles(rom)[side][0]], np.ones(3) / 3)
+        body.mouse = body.mouse + np.array([0.0, 0.01, 0.03])
+        for _ in range(20):
+            body.step()
+        orders.append(len(body.simulator.state[0]))
+        body.release()
+    account = body.account
+    assert orders == [6, 8, 8]
+    assert abs(account.stored - account.supplied + account.dissipated + account.lost) < 1e-11 * account.supplied

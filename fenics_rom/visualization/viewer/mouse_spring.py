@@ -130,13 +130,12 @@ class MovingMouseSpringStep:
     """
 
     def __init__(self, body: Simulator, rom: Rom, spring: MouseSpring, nodes: Array, weights: Array):
-        still = MouseSpringStep(rom, spring, body.dt)
-        mode, self.spring, self._nodes, self._weights = still.mode, spring, nodes, weights
-        elastic, inverse, self._flexibility = slice(mode.rigid, None), still.inverse, still.flexibility
-        self._inverse = inverse[elastic] if inverse.ndim == 1 else inverse[elastic, elastic]
-        self._columns, self._eigenvalues = spring.columns[elastic], mode.eigenvalues[elastic]
-        first = rom.contacts[spring.contact]
-        self._actuators = mode.inputs[elastic, first : first + sum(rom.actuators.values())]
+        model, first = body.model, rom.contacts[spring.contact]
+        self.spring, self._nodes, self._weights = spring, nodes, weights
+        self._flexibility = MouseSpringStep(rom, spring, body.dt).flexibility
+        self._inverse, self._eigenvalues = compliance(model, body.dt)[0], model.eigenvalues
+        self._columns = model.inputs[:, :first] @ spring.spread
+        self._actuators = model.inputs[:, first : first + sum(rom.actuators.values())]
         self._arm = _acts_on(rom, spring)
         self._apart = self.place(body) - self._pulled(body)[0]
 
