@@ -39,6 +39,10 @@ class BatchMotion(NamedTuple):
     velocity: Array  # at its start, (3, P, B), m/s
     free_velocity: Array  # in its middle, if no contact forces act, (3, P, B), m/s
 
+    def of(self, bodies: Array) -> "BatchMotion":
+        """Of some of the bodies."""
+        return BatchMotion(*(part[..., bodies] for part in self))
+
 
 class BatchForces(NamedTuple):
     """What contact does in a step; of the T bodies that touch."""
@@ -99,12 +103,15 @@ class BatchContactSolver:
             pushed: (O, P, B) pairs that had forces in the step before.
             z: (3, P, B) to begin with, m/s.
         """
-        pairs = self._pairs(motion, distances, dt, obstacles, pushed)
-        touching = pairs.due.any(axis=(0, 1)).nonzero()[0]
+        approaches = self._approaches(motion, distances, dt, obstacles, pushed)
+        touching = approaches.due.any(axis=(0, 1)).nonzero()[0]
         if not len(touching):
             return None
         if len(touching) < len(friction):
-            pairs, friction, z = pairs.of(touching), friction[touching], z[..., touching]
+            motion, obstacles, approaches = motion.of(touching), obstacles.of(touching), approaches.of(touching)
+            distances = distances[0][..., touching], distances[1][..., touching]
+            friction, z = friction[touching], z[..., touching]
+        pairs = self._pairs(motion, distances, dt, obstacles, approaches)
         chosen = _Chosen.of_pairs(pairs, friction)
         crowded = np.count_nonzero(pairs.due, axis=0).max(axis=0) > 1
         T = len(touching)
@@ -123,26 +130,59 @@ class BatchContactSolver:
         alone = touching[crowded | unsettled]
         return BatchForces(touching, forces, moved, chosen.obstacle, chosen.normals, chosen.free, z, alone)
 
-    def _pairs(
+    def _approaches(
         self, motion: BatchMotion, distances: tuple[Array, Array], dt: float, obstacles: BatchObstacles, pushed: Array
+    ) -> "_Approaches":
+        """How fast every pair comes near, and whether it is due; see ContactSolver._all_pairs."""
+        (gaps, normals), e = distances, self._law.restitution
+        approach, normal_velocity = (_along(part, normals) for part in (motion.velocity, motion.free_velocity))
+        if obstacles.velocities.any():
+            moving = _along(obstacles.velocities[:, :, None], normals)
+            approach -= moving
+            normal_velocity -= moving
+        half_change = (obstacles.velocities - obstacles.velocities_before) / 2
+        if half_change.any():
+            half_change = half_change[:, :, None] * pushed[:, None]
+            approach += _along(half_change, normals)
+        level = gaps / -dt
+        np.maximum(level, (level + (1 - e) / 2 * approach) / (2 - e), out=level)
+        return _Approaches(normal_velocity, approach, level, normal_velocity < level, half_change)
+
+    def _pairs(
+        self,
+        motion: BatchMotion,
+        distances: tuple[Array, Array],
+        dt: float,
+        obstacles: BatchObstacles,
+        approaches: "_Approaches",
     ) -> "_Pairs":
         """What the law says of every pair; see ContactSolver._all_pairs."""
         (gaps, normals), w, e = distances, obstacles.velocities[:, :, None], self._law.restitution
-        free, relative = motion.free_velocity - w, motion.velocity - w
-        half_change = (obstacles.velocities - obstacles.velocities_before) / 2
-        if half_change.any():
-            relative += half_change[:, :, None] * pushed[:, None]
-        approach = _along(relative, normals)
-        level, half = gaps / -dt, (1 - e) / 2 * approach
-        np.maximum(level, (level + half) / (2 - e), out=level)
-        target = np.minimum(half, 0.0)
+        normal_velocity, approach, level, due, half_change = approaches
+        target = np.minimum((1 - e) / 2 * approach, 0.0)
         if gaps.min(initial=0.0) < 0:
             speed = np.sqrt(np.square(obstacles.velocities).sum(axis=1))[:, None]
             np.maximum(target, -np.maximum(gaps / dt + np.abs(approach) + speed, 0.0), out=target)
+        relative = motion.velocity - w
+        if half_change.ndim == 4:
+            relative += half_change
         relative -= approach[:, None] * normals
         relative /= 2
-        normal_velocity = _along(free, normals)
-        return _Pairs(normals, free, normal_velocity, level, target, relative, normal_velocity < level)
+        return _Pairs(normals, motion.free_velocity - w, normal_velocity, level, target, relative, due)
+
+
+class _Approaches(NamedTuple):
+    """How every pair comes near in one step; velocities in m/s."""
+
+    normal_velocity: Array  # mid-step without contact, relative, (O, P, B)
+    approach: Array  # relative normal velocity at the start of the step, (O, P, B)
+    level: Array  # normal velocities below which a pair takes part, (O, P, B)
+    due: Array  # whether it takes part without contact forces, (O, P, B)
+    half_change: Array  # what obstacles that push change their velocities by, half of it, (O, 3, P, B); (O, 3, B): 0
+
+    def of(self, bodies: Array) -> "_Approaches":
+        """Those of some of the bodies."""
+        return _Approaches(*(part[..., bodies] for part in self))
 
 
 class _Pairs(NamedTuple):

@@ -29,7 +29,7 @@ from fenics_rom.runtime.steppers.contact_interface import contact_interface
 from fenics_rom.runtime.steppers.residual_motion import FORGOTTEN, Relaxation, relaxation
 
 _LEAST = 1e-100  # N: forces to begin a search with, where there were some
-NEGLIGIBLE = 1e-32  # of a body's energy: what is stored in its residual part no more
+NEGLIGIBLE = 1e-20  # of a body's energy: what is stored in its residual part no more
 
 
 class ContactStep(NamedTuple):
@@ -268,12 +268,14 @@ class BatchContact:
         """
         h, kind, B, own = self._h, self._modes[mode], len(bodies), _in_one_piece(bodies)
         inertia, whole, _ = kind.relaxation
-        shape = (3, -1, B)
-        displacement, velocity, free = ((kind.S @ part.T).reshape(shape) for part in (h / 2 * x, r, w / 2))
-        state = self._residual[..., own].reshape(4, *displacement.shape)
-        displacement += state[1]
-        velocity += state[3]
-        free += (inertia * state[3] - state[1]) / whole
+        P = len(kind.S) // 3
+        displacement, velocity, free = ((kind.S @ part.T).reshape(3, P, B) for part in (h / 2 * x, r, w / 2))
+        moves = self._moves[own]
+        some = _in_one_piece(moves.nonzero()[0])
+        y, ẏ = self._residual[1::2, :, _in_one_piece(bodies[some])].reshape(2, 3, P, -1 if moves.any() else 0)
+        displacement[..., some] += y
+        velocity[..., some] += ẏ
+        free[..., some] += (inertia * ẏ - y) / whole
         motion = BatchMotion(displacement, velocity, free)
         distances = self._solver.distances(displacement, self.offsets[..., own])
         obstacles = BatchObstacles(*(part[..., own] for part in (self.offsets, self._speed, self._velocities)))
@@ -296,7 +298,12 @@ class BatchContact:
             forces[..., touching] = found.forces
             self.forces[..., own] = forces
             self._z[..., _in_one_piece(bodies[touching])] = found.z
-        works[2] = self._step_residual(kind, own, state, forces, touching, energy)
+        rests = ~moves
+        rests[touching] = False
+        some = _in_one_piece((~rests).nonzero()[0])
+        touches = np.zeros(B, bool)
+        touches[touching] = True
+        works[2, some] = self._step_residual(kind, bodies[some], forces[..., some], touches[some], energy[some])
         push = forces[..., touching].reshape(len(kind.S), -1).T @ kind.push
         return ContactStep(touching, push, works)
 
@@ -354,12 +361,11 @@ class BatchContact:
         work = contact.work(points.free_velocity + moved, h)
         return work.supplied, work.contact + work.friction
 
-    def _step_residual(
-        self, kind: _Mode, bodies: Array | slice, state: Array, forces: Array, touching: Array, energy: Array
-    ) -> Array:
-        """Takes the step of the residual parts (4, 3, P, B) under the forces; what they dissipate, J, (B,)."""
-        h, (inertia, whole, heat), B = self._h, kind.relaxation, len(energy)
-        f, (g, y, ġ, ẏ) = forces.reshape(-1, B), state.reshape(4, -1, B)
+    def _step_residual(self, kind: _Mode, bodies: Array, forces: Array, touches: Array, energy: Array) -> Array:
+        """Takes the step of the residual parts of bodies (B,) under the forces; what they dissipate, J, (B,)."""
+        h, (inertia, whole, heat), B, own = self._h, kind.relaxation, len(bodies), _in_one_piece(bodies)
+        state = self._residual[..., own].copy()
+        f, (g, y, ġ, ẏ) = forces.reshape(len(kind.S), B), state
         moved = inertia * ẏ - y
         moved += kind.part.compliance @ f
         moved /= whole
@@ -374,11 +380,10 @@ class BatchContact:
         τ = kind.part.time_constant
         stored = np.einsum("pb,pb->b", g, y) + τ**2 * np.einsum("pb,pb->b", ġ, ẏ)
         rests = stored <= np.maximum(2 * FORGOTTEN, NEGLIGIBLE * energy)
-        rests[touching] = False
-        if rests.any():
-            state.reshape(4, -1, B)[..., rests] = 0.0
-        self._residual[..., bodies] = state.reshape(4, -1, B)
-        self._moves[bodies] = ~rests
+        rests &= ~touches
+        state[..., rests] = 0.0
+        self._residual[..., own] = state
+        self._moves[own] = ~rests
         return dissipated
 
 
