@@ -18,7 +18,8 @@ The script
 4. splits a step into its effects;
 5. tables what a `Batch` makes of many pads that are each pushed about at random, beside a single one, and by how much
    these two differ;
-6. checks that the scene without contact steps as if there was no such thing: in the same form, to the same bits.
+6. tables the rate of a world that has such a pad alone, beside that of its simulator;
+7. checks that the scene without contact steps as if there was no such thing: in the same form, to the same bits.
 
 Everything is written to demos/contact_rates/out/, with --quick to out/quick/. The checks at the end are on what
 touches, on forces and on energy; --quick leaves out that on rates.
@@ -173,6 +174,7 @@ def main() -> None:
     table_beside_full_order(out, settle, steps, rounds)
     table_of_effects(whole, {name: scenes[name] for name in ("sticks", "in part slides", "slides", "no friction")}, out)
     off = table_of_batches(whole, TOGETHER[:1] if quick else TOGETHER, steps, out)
+    table_of_worlds({"sticks": whole, "neither": bare}, steps, rounds, out)
     errors = {} if quick else table_of_errors(whole, {name: scenes[name] for name in COMPARED}, out)
     check(rates, seen, bodies, whole, bare, scenes, errors, off)
 
@@ -372,6 +374,30 @@ def table_of_batches(rom: fr.Rom, sizes: tuple[int, ...], steps: int, out: Path)
     (out / "batches.md").write_text(table)
     print(table)
     return worst
+
+
+def table_of_worlds(roms: dict[str, fr.Rom], steps: int, rounds: int, out: Path) -> None:
+    """Section 6: steps per second of a pad by its simulator, and in a world that has nothing else; best of rounds."""
+    rows = []
+    for name, rom in roms.items():
+        body, world = fr.Simulator(rom, STEP), fr.World({"pad": fr.SoftBody(rom)}, STEP)
+        u = np.zeros(body.inputs)
+        ways = {
+            "simulator": lambda body=body, u=u: body.step(u),
+            "world": lambda world=world, u=u: world.step({"pad": u}),
+        }
+        count, found = 20 * steps if rom.environment.is_plain else steps, dict.fromkeys(ways, 0.0)
+        for _ in range(2 * rounds):
+            for way, step in ways.items():
+                start = time.process_time()
+                for _ in range(count):
+                    step()
+                found[way] = max(found[way], count / (time.process_time() - start))
+        ratio = found["world"] / found["simulator"]
+        rows.append((name, f"{found['simulator']:,.0f}", f"{found['world']:,.0f}", f"{ratio:.2f}"))
+    table = markdown(("steps per second", "by its simulator", "in a world alone", "ratio"), rows)
+    (out / "worlds.md").write_text(table)
+    print(table)
 
 
 def table_of_effects(rom: fr.Rom, scenes: dict[str, fr.Scene], out: Path) -> None:

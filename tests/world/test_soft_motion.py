@@ -193,3 +193,15 @@ def test_a_world_of_one_body_steps_as_its_simulator(roms):
     np.testing.assert_array_equal(world.simulator("beam").displacement(), body.displacement())
     assert world.energy == body.energy > 0
     assert world.ledger.supplied == body.ledger.supplied
+    with pytest.raises(fr.StepError, match="no body 'beams'"):
+        world.step({"beams": {}})
+    world.step()
+    body.step(right=[0, 0, 0])
+    assert (world.energy, world.steps, world.time) == (body.energy, 6, body.time)
+
+
+def test_a_world_of_one_body_needs_no_contact(tmp_path):
+    world = fr.World({"beam": fr.SoftBody(reduced(tmp_path, frame="fixed", order=4, **CLAMPED))}, 1e-3)
+    world.step({"beam": [0, 0, 0.1]})
+    assert world.energy == pytest.approx(world.ledger.supplied - world.ledger.dissipated, rel=1e-12)
+    assert world.energy > 0
