@@ -25,6 +25,7 @@ STAGNATION_TOLERANCE = 1e-8  # share of them that may be left where round-off le
 MAX_ITERATIONS = 25  # with tangents
 MAX_SECANT_ITERATIONS = 50  # with secants or tangents
 SECANTS = 10  # that are kept
+SLOW_SECANTS = 2  # in a row that do not halve the residual, after which tangents are tried
 SECANT_INDEPENDENCE = 1e-14  # of their products
 MIN_STEP_SHARE = 1 / 32  # of a Newton step
 SUFFICIENT_DECREASE = 0.1  # share of what a Newton step promises that it must keep
@@ -61,19 +62,22 @@ class Secants:
 
     def __init__(self, inner: Callable[[Array, Array], Array]):
         self._inner = inner
-        self._velocities: list[Array] = []
-        self._answers: list[Array] = []
+        self._last: tuple[Array, Array] | None = None
+        self._steps: list[Array] = []
+        self._changes: list[Array] = []
 
     def note(self, v: Array, answer: Array) -> None:
         """Keeps a velocity and the answer to it, (rows here, 1) each."""
-        self._velocities = [*self._velocities[-SECANTS:], v]
-        self._answers = [*self._answers[-SECANTS:], answer]
+        if self._last is not None:
+            self._steps = [*self._steps[1 - SECANTS :], v - self._last[0]]
+            self._changes = [*self._changes[1 - SECANTS :], answer - self._last[1]]
+        self._last = v, answer
 
     def direction(self, answer: Array) -> Array:
         """Where a velocity with this answer (rows here, 1) is to go."""
-        if len(self._answers) < 2:
+        if not self._steps:
             return answer
-        steps, changes = (np.diff(np.hstack(columns), axis=1) for columns in (self._velocities, self._answers))
+        steps, changes = np.hstack(self._steps), np.hstack(self._changes)
         products = self._inner(changes, np.hstack([changes, answer]))
         lengths = np.sqrt(np.diag(products))
         scaled = products[:, :-1] / lengths / lengths[:, None]
@@ -121,7 +125,8 @@ def solve_step(
     terms = equation.terms(current.trial)
     scale = math.sqrt(max(dot(terms[:, [k]], column[:, None]) for k, column in enumerate(factor.solve(terms).T)))
     forcing, forces_resolved, tangents, may_use_secants = MAX_FORCING, forces is None, 0, by_secants
-    secants, spread = Secants(equation.model.algebra.inner), np.zeros_like(current.answer)  # of forces since the start
+    secants, slow = Secants(equation.model.algebra.inner), 0
+    spread = np.zeros_like(current.answer)  # of forces since the start
     for iteration in range(MAX_SECANT_ITERATIONS):
         if forces_resolved and current.size <= CONVERGENCE_TOLERANCE * scale:
             return current
@@ -156,9 +161,11 @@ def solve_step(
             if share < MIN_STEP_SHARE:
                 raise NotConvergedError
         halved = current.size <= previous.size / 2
+        slow = 0 if halved else slow + 1
         if not by_secants and not halved and current.size <= STAGNATION_TOLERANCE * scale:
             return current
-        forces_resolved, by_secants = True, halved and may_use_secants
+        forces_resolved = True
+        by_secants = (halved or (by_secants and slow < SLOW_SECANTS)) and may_use_secants
         if current.size > 0 and previous.size > 0:  # Eisenstat & Walker, 1996
             reached = (current.size / previous.size) ** 2
             forcing = min(MAX_FORCING, max(MIN_FORCING, reached, CONVERGENCE_TOLERANCE * scale / (3 * current.size)))

@@ -14,7 +14,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.fem.finite_strain.model import ExternalForce, FiniteStrainModel, multiply
 from fenics_rom.fem.finite_strain.stresses import EquilibriumStresses, MidpointStresses, Stresses
-from fenics_rom.fem.finite_strain.tangent_matrix import TangentCoefficients
+from fenics_rom.fem.finite_strain.tangent_matrix import TangentCoefficients, TangentMatrix
 from fenics_rom.mechanics.actuator_forces import ActuatorForces
 
 NONE_FOUND = np.empty(0)
@@ -61,14 +61,21 @@ class TrialStep:
 
 
 class MidpointResidual:
-    """Of a step of motion of h, s; `coefficients` are those of the matrix that stands for its tangent."""
+    """Of a step of motion of h, s; `coefficients` are those of the matrix that stands for its tangent.
+
+    `matrix` has what of it is linear, 2/h M + D_c + h/2 K_s.
+    """
 
     is_quasi_static = False
 
-    def __init__(self, model: FiniteStrainModel, start: StepStart, external: ExternalForce, h: float):
+    def __init__(
+        self, model: FiniteStrainModel, start: StepStart, external: ExternalForce, h: float, matrix: TangentMatrix
+    ):
         self.model, self.start, self.external, self.h = model, start, external, h
         self.coefficients = TangentCoefficients(mass=2 / h, external_damping=1.0, stiffness=h / 2, viscosity=1.0)
-        self._spring_force = multiply(model.spring, start.x)  # at the start
+        self._linear = matrix.linear_part(self.coefficients)
+        self._momentum = 2 / h * (model.mass @ start.v)
+        self._at_start = self._momentum - multiply(model.spring, start.x)
 
     def evaluate(self, v: Array, found: Array = NONE_FOUND) -> TrialStep:
         """The equations at a mid-step velocity (rows here, 1), with forces (n,) of actuators that are found."""
@@ -77,8 +84,7 @@ class MidpointResidual:
         u_middle = (start.u + u_end) / 2
         stresses = MidpointStresses(m.material, start.H, start.E, m.points.gradients(u_end), h)
         internal, external = m.internal_force(stresses.P), pushes.at(m, u_middle)
-        resisting = internal + multiply(m.external_damping, v) + self._spring_force + h / 2 * multiply(m.spring, v)
-        residual = external - resisting - 2 / h * (m.mass @ (v - start.v))
+        residual = external + self._at_start - internal - self._linear @ v
         return TrialStep(v, residual, pushes, external, internal, stresses, u_middle)
 
     def apply_tangent(self, trial: TrialStep, dv: Array) -> Array:
@@ -86,8 +92,7 @@ class MidpointResidual:
         m, h = self.model, self.h
         du = h * m.nodal_field(dv)
         internal = m.internal_force(trial.stresses.jvp(m.points.gradients(du)))
-        linear = 2 / h * (m.mass @ dv) + multiply(m.external_damping, dv) + h / 2 * multiply(m.spring, dv)
-        return internal + linear - trial.external.jvp(m, trial.u, du / 2)
+        return internal + self._linear @ dv - trial.external.jvp(m, trial.u, du / 2)
 
     def strokes(self, v: Array) -> tuple[Array, Array, Array]:
         """Of what is found, at a mid-step velocity (rows here, 1).
@@ -106,8 +111,7 @@ class MidpointResidual:
 
     def terms(self, trial: TrialStep) -> Array:
         """Forces (rows here, any) that the residual is small against."""
-        momentum = 2 / self.h * (self.model.mass @ self.start.v)
-        return np.hstack([trial.external_force, trial.internal_force, momentum])
+        return np.hstack([trial.external_force, trial.internal_force, self._momentum])
 
 
 class QuasiStaticResidual:

@@ -14,6 +14,7 @@ from fenics_rom.fem.finite_strain.found_forces import ForcesInNewton, FoundForce
 from fenics_rom.fem.finite_strain.gmres import Gmres
 from fenics_rom.fem.finite_strain.model import ExternalForce, FiniteStrainModel, multiply
 from fenics_rom.fem.finite_strain.newton import MAX_ITERATIONS, NewtonIterate, NotConvergedError, solve_step
+from fenics_rom.fem.finite_strain.predictor import Predictor
 from fenics_rom.fem.finite_strain.residuals import MidpointResidual, QuasiStaticResidual, StepResidual, StepStart
 from fenics_rom.fem.finite_strain.stresses import IDENTITY, EquilibriumStresses, MidpointStresses
 from fenics_rom.fem.finite_strain.tangent_matrix import TangentCoefficients, TangentMatrix
@@ -29,6 +30,7 @@ from fenics_rom.system.system import System
 SMALLEST_PART = 1 / 64  # share of a step below which none is tried
 SMALLEST_LOAD = 1 / 1024  # the same of what the load of an equilibrium changes by
 EASY_ITERATIONS = 6  # that lead to an equilibrium, after which a larger part is tried
+STEPS_AHEAD = 4  # of which shape a factor of smooth motion is, as it serves some twice that
 MAX_WORK = 12  # iterations and products with the tangent in a step, more than a new factor is worth
 
 
@@ -82,6 +84,7 @@ class FiniteStrainStepper(FullOrderBody):
         terms = model.mass, model.external_damping, model.spring
         self._matrix = TangentMatrix(model.points, model.material, model.free, here, terms)
         self._krylov = Gmres(len(self.x), system.size, model.mass.mat.comm)
+        self._predictor = Predictor(model.dot)
         self._factored: tuple[TangentCoefficients, PetscFactor] | None = None
         self._tangent = FactoredTangent(self._matrix, self._krylov) if self._forces_in_newton is None else None
         self.set_state(self.x, self.v)
@@ -110,7 +113,7 @@ class FiniteStrainStepper(FullOrderBody):
     def set_state(self, x: Array, v: Array) -> None:
         """Puts the body somewhere, moving: local rows of displacement (m) and velocity (m/s), (rows here,) each."""
         self._arrive(x.reshape(-1, 1).copy(), v.reshape(-1, 1).copy())
-        self._past: list[Array] = []
+        self._predictor.forget()
         self.negative_pivots, self._following = 0, ()
 
     def step(self, inputs: StepInput) -> StepResult:
@@ -127,13 +130,13 @@ class FiniteStrainStepper(FullOrderBody):
 
     def equilibrium(self, inputs: StepInput) -> None:
         """Brings the body to rest, under inputs put on in as many parts as it takes."""
-        self._past = []
+        self._predictor.forget()
         self._advance(inputs, quasi_static=True)
 
     def rollback(self) -> None:
         """See Stepper."""
         self._restore(self._before)
-        self._past = []
+        self._predictor.forget()
         self.time -= self.dt
 
     def _state(self) -> tuple[Any, ...]:
@@ -151,6 +154,7 @@ class FiniteStrainStepper(FullOrderBody):
     def close(self) -> None:
         """Gives the memory back."""
         self._krylov.close()
+        self._matrix.close()
         self._forget()
         if self._tangent is not None:
             self._tangent.close()
@@ -251,7 +255,7 @@ class FiniteStrainStepper(FullOrderBody):
         h, start = share * self.dt, self._start
         equation: StepResidual
         if missing is None:
-            equation = MidpointResidual(self._model, start, load, h)
+            equation = MidpointResidual(self._model, start, load, h, self._matrix)
         else:
             load = load.ramped(self._following, done + share)
             equation = QuasiStaticResidual(self._model, start, load, h, (1 - done - share) * missing)
@@ -266,7 +270,7 @@ class FiniteStrainStepper(FullOrderBody):
         trial = solution.trial
         x = self.x + h * trial.v
         v = np.zeros_like(x) if missing is not None else 2 * trial.v - self.v
-        self._past = [trial.v, *self._past[:1]] if share == 1 else []
+        self._predictor.note(trial.v, whole=share == 1)
         self.contact, self.reactions = solution.found
         self._arrive(x, v, trial.stresses.F_end - IDENTITY)
         return solution.iterations
@@ -288,14 +292,12 @@ class FiniteStrainStepper(FullOrderBody):
         if isinstance(equation, QuasiStaticResidual) and self._tangent is not None:
 
             def tell(iteration: int, residual: float) -> None:
-                self.report(
-                    f"equilibrium: load {load:.3g}, residual {residual:.0e}, iteration", iteration, MAX_ITERATIONS
-                )
+                what = f"equilibrium: load {load:.3g}, residual {residual:.0e}, iteration"
+                self.report(what, iteration, MAX_ITERATIONS)
 
             found = FoundForces(self.contact, self.reactions)
             return solve_equilibrium(equation, self._tangent, found, self._model.dot, tell)
-        guesses = self._guesses(equation)
-        products = self._krylov.products
+        guesses, products = self._guesses(equation), self._krylov.products
         if self._factored is not None and self._factored[0] == equation.coefficients:
             with suppress(NotConvergedError):
                 solution = self._tried(equation, guesses)
@@ -305,6 +307,9 @@ class FiniteStrainStepper(FullOrderBody):
         with suppress(NotConvergedError, SolverError):
             self._factor(equation, stressed=True)
             return self._tried(equation, guesses)
+        if self._predictor.is_smooth:
+            self._predictor.is_smooth = False
+            return self._solution(equation, load)
         self._factor(equation, stressed=False)
         return self._tried(equation, guesses, by_secants=False)
 
@@ -322,12 +327,17 @@ class FiniteStrainStepper(FullOrderBody):
             raise
 
     def _factor(self, equation: StepResidual, stressed: bool) -> None:
-        """Factors the matrix of the state that the body is in; SolverError if with its stresses it is indefinite."""
+        """Factors the matrix of the shape of the body, soon if with stresses; SolverError if these make it indefinite.
+
+        A matrix of a shape some steps ahead serves more steps than one of the shape that the body leaves.
+        """
         self._forget()
         coefficients, start = equation.coefficients, self._start
         if stressed:
-            stresses = EquilibriumStresses(self._model.material, start.H)
-            matrix = self._matrix.stressed(stresses, coefficients, equation.external.stiffness(start.u))
+            ahead = STEPS_AHEAD * equation.h if self._predictor.is_smooth else 0.0
+            u = start.u + self._model.nodal_field(ahead * start.v)
+            stresses = EquilibriumStresses(self._model.material, self._model.points.gradients(u))
+            matrix = self._matrix.stressed(stresses, coefficients, equation.external.stiffness(u))
         else:
             matrix = self._matrix.definite(start.H, coefficients)
         self._factored = coefficients, PetscFactor(matrix, one_by_one=True)
@@ -336,10 +346,8 @@ class FiniteStrainStepper(FullOrderBody):
     def _guesses(self, equation: StepResidual) -> list[Array]:
         """Mid-step velocities to begin the search with."""
         if isinstance(equation, QuasiStaticResidual):
-            return [np.zeros_like(self.x), *self._past[:1]]
-        if len(self._past) == 2:
-            return [self.v, 2 * self._past[0] - self._past[1]]
-        return [self.v]
+            return [np.zeros_like(self.x), *self._predictor.last]
+        return self._predictor.guesses(self.v)
 
     def _book(self, equation: StepResidual, solution: NewtonIterate, obstacles: ObstacleMotion | None) -> None:
         """Books what a part of a step supplied and dissipated."""

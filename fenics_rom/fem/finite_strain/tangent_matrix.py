@@ -5,8 +5,8 @@ limit point:
 
     K = K_s + ∫ F ∇δ : ∂S/∂E : F ∇v + ∇δ S : ∇v - sym ∂force/∂x
 
-A is the tangent at the start of a step, made symmetric; where that is not positive definite, with the moduli of small
-strains and without the stresses.
+A is the tangent of the shape that the body comes to in some steps, made symmetric; where that is not positive definite,
+of the shape that it has, with the moduli of small strains and without the stresses.
 
     A = a M + b D_c + c K_s + ∫ (c + d β) ∇δ : C : ∇v   in the frame of the deformed body.
 
@@ -22,7 +22,7 @@ from petsc4py import PETSc
 
 from fenics_rom.fem.finite_strain.quadrature import QuadraturePoints
 from fenics_rom.fem.finite_strain.stresses import IDENTITY, EquilibriumStresses, HyperelasticMaterial, Stresses
-from fenics_rom.fem.petsc_matrix import PetscMatrix, from_local_rows
+from fenics_rom.fem.petsc_matrix import PetscMatrix, combination, from_local_rows
 from fenics_rom.mechanics.hyperelastic import VOIGT_INDEX, VOIGT_PAIRS, VOIGT_SHEAR
 
 CELLS_PER_BATCH = 4096
@@ -57,6 +57,7 @@ class TangentMatrix:
     ):
         self._points, self._material, self._constant_terms = points, material, constant_terms
         self._rows, self._comm = rows, constant_terms[0].mat.comm
+        self._linear: tuple[TangentCoefficients, PetscMatrix, scipy.sparse.csr_matrix] | None = None
         free_nodes = np.unique(free // 3)
         count = len(free_nodes)
         self._free_components = (3 * free_nodes[:, None] + np.arange(3)).ravel()
@@ -71,6 +72,28 @@ class TangentMatrix:
         ones = np.ones(len(slots)), (slots.ravel(), np.arange(len(slots)))
         self._sum_cells = scipy.sparse.csr_matrix(ones, shape=(len(pairs), len(slots)))
         self._columns, self._row_starts = pairs % count, np.searchsorted(pairs, count * np.arange(count + 1))
+
+    def linear_part(self, coefficients: TangentCoefficients) -> PetscMatrix:
+        """a M + b D_c + c K_s, kept for steps of the same length; every rank must call it."""
+        return self._linear_part(coefficients)[0]
+
+    def _linear_part(self, coefficients: TangentCoefficients) -> tuple[PetscMatrix, scipy.sparse.csr_matrix]:
+        """The same, and its rows here."""
+        if self._linear is None or self._linear[0] != coefficients:
+            factors = coefficients.mass, coefficients.external_damping, coefficients.stiffness
+            terms = zip(factors, self._constant_terms, strict=True)
+            matrix = PetscMatrix(combination(*((factor, term) for factor, term in terms if term is not None)))
+            starts, columns, values = matrix.mat.getValuesCSR()
+            shape = matrix.local, matrix.size
+            self.close()
+            self._linear = coefficients, matrix, scipy.sparse.csr_matrix((values, columns, starts), shape=shape)
+        return self._linear[1:]
+
+    def close(self) -> None:
+        """Gives the memory back."""
+        if self._linear is not None:
+            self._linear[1].destroy()
+            self._linear = None
 
     def definite(self, H: Array, coefficients: TangentCoefficients) -> PETSc.Mat:
         """A at displacement gradients (3, 3, P here); every rank must call it."""
@@ -116,13 +139,9 @@ class TangentMatrix:
         comm = self._comm.tompi4py()
         if comm.size > 1:  # the rows of this rank, of all ranks' parts
             total = sum(comm.alltoall([total[rows] for rows in comm.allgather(self._rows)]))
+        total = total + self._linear_part(coefficients)[1]
         total.sort_indices()
-        matrix = from_local_rows(total, self._comm)
-        factors = coefficients.mass, coefficients.external_damping, coefficients.stiffness
-        for factor, term in zip(factors, self._constant_terms, strict=True):
-            if term is not None and factor:
-                matrix.axpy(factor, term.mat, structure=PETSc.Mat.Structure.UNKNOWN_NONZERO_PATTERN)
-        return matrix
+        return from_local_rows(total, self._comm)
 
 
 def _cell_blocks(shape_gradients: Array, F: Array, D: Array) -> Array:
