@@ -142,22 +142,29 @@ class Rom(ByContent):
 
         Args:
             contact: the contact mode.
-            outputs: names of those that are read, displacements in m; None: all.
+            outputs: names of outputs, displacements in m, and of readings that are linear: lengths and volumes, as
+                what they are more than at rest, strains and markers; None: all outputs.
             dt: None for continuous time; else, s, the map of a step, the same as the simulator's.
 
         Raises:
-            StepError: there is no such contact mode or output, or dt is not a positive finite number.
+            StepError: there is no such contact mode or output, a reading is not linear, or dt is not a positive finite
+                number.
             StructureError: what the body does is not linear.
         """
+        from fenics_rom.rom.linear_readings import ReadRows, reading_rows
         from fenics_rom.rom.midpoint_map import checked_dt
         from fenics_rom.rom.state_space import state_space
 
         self.check_linear()
         check_known("contact mode", contact, self.contact_models, StepError)
-        read = {}
+        model, read = self.contact_models[contact], dict[str, ReadRows]()
         for name in self.outputs if outputs is None else outputs:
-            check_known("output", name, self.outputs, StepError)
-            read[name] = self.outputs[name] @ self.contact_models[contact].coordinates
+            check_known("output", name, [*self.outputs, *self.readings], StepError)
+            if name in self.readings:
+                read[name] = reading_rows(name, self.readings[name], model, self.input_columns(contact))
+            else:
+                rows = self.outputs[name] @ model.coordinates
+                read[name] = ReadRows(self.by_point(rows.T).shape[1:], rows, "m")
         return state_space(
             self.contact_models[contact],
             None if dt is None else checked_dt(dt),
@@ -165,7 +172,7 @@ class Rom(ByContent):
                 name: (count, self.environment.input_units.get(name, "N"))
                 for name, count in self.input_columns(contact).items()
             },
-            {name: (self.by_point(rows.T).shape[1:], rows) for name, rows in read.items()},
+            read,
         )
 
     def switch_map(self, start: str, end: str) -> Array:

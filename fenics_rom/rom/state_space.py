@@ -15,6 +15,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.rom.contact_model import ContactModel
+from fenics_rom.rom.linear_readings import ReadRows
 from fenics_rom.rom.midpoint_map import matrices
 
 
@@ -55,10 +56,7 @@ class StateSpace:
 
 
 def state_space(
-    model: ContactModel,
-    dt: float | None,
-    inputs: Mapping[str, tuple[int, str]],
-    outputs: Mapping[str, tuple[tuple[int, ...], Array]],
+    model: ContactModel, dt: float | None, inputs: Mapping[str, tuple[int, str]], outputs: Mapping[str, ReadRows]
 ) -> StateSpace:
     """That of a contact model.
 
@@ -66,7 +64,7 @@ def state_space(
         model: the contact model.
         dt: time step, s; None: continuous time.
         inputs: number of columns and unit of each, by name.
-        outputs: shape and rows (o, m) of each, by name.
+        outputs: what is read, by name.
     """
     m, rigid, p = model.order, model.rigid, model.inputs.shape[1]
     ω = np.sqrt(model.eigenvalues)
@@ -78,7 +76,7 @@ def state_space(
         AB, _ = matrices(model, dt)
         AB[:rigid] += dt / 2 * AB[m : m + rigid]  # h v̂ = h/2 (r⁺ + r)
         AB[:rigid, m : m + rigid] += dt / 2 * np.eye(rigid)
-    rows = np.vstack([np.zeros((0, m)), *(rows for _, rows in outputs.values())]) / travel
+    rows = np.vstack([np.zeros((0, m)), *(read.rows for read in outputs.values())]) / travel
     displacements = {f"e[{k}]": "m kg^0.5" if k < rigid else "J^0.5" for k in range(m)}
     return StateSpace(
         A=AB[:, : 2 * m].copy(),
@@ -93,8 +91,8 @@ def state_space(
             for column in range(count)
         },
         outputs={
-            f"{name}[{','.join(map(str, place))}]": "m"
-            for name, (shape, _) in outputs.items()
-            for place in np.ndindex(shape)
+            f"{name}[{','.join(map(str, place))}]" if place else name: read.unit
+            for name, read in outputs.items()
+            for place in np.ndindex(read.shape)
         },
     )

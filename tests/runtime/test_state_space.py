@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy.signal
 from bodies import acted_on
-from linear_roms import EFFECTS, LINEAR_BODIES, PARTS, linear_rom, ride
+from linear_roms import EFFECTS, LINEAR_BODIES, LOAD_VALUES, PARTS, linear_rom, ride
 from soft_rom import soft_rom
 
 import fenics_rom as fr
@@ -105,3 +105,36 @@ def test_what_is_not_there_or_not_linear_is_refused(plate_rom):
             rom.state_space("middle")
         with pytest.raises(StructureError, match=what):
             rom.switch_map("middle", "middle")
+
+
+READINGS = {
+    "readings.rope_length": 'quantity = "length"\nof = "rope"',
+    "readings.stretched": 'quantity = "strain"\nof = "top"',
+    "readings.flag": 'quantity = "marker"\npoint = [0.5, 0.2, 0.35]',
+    "readings.stressed": 'quantity = "von_mises_stress"',
+}
+
+
+def test_readings_that_are_linear_are_outputs(box_file):
+    rom = fr.reduce(fr.assemble(acted_on(box_file, EFFECTS, **PARTS, **READINGS)), order=8)
+    names, body = ["rope_length", "tip", "stretched", "flag"], fr.Simulator(rom, 1e-3, signals=LOAD_VALUES)
+    plant = rom.state_space(body.contact, names, dt=1e-3)
+    random, x = np.random.default_rng(0), np.zeros(len(plant.A))
+    at_rest = body.reading("rope_length")
+    for _ in range(20):
+        u = random.standard_normal(body.inputs)
+        body.step(u)
+        x = plant.A @ x + plant.B @ np.array([*u, *(LOAD_VALUES[name] for name in rom.loads)])
+    read = [body.displacement("tip"), body.reading("stretched"), body.reading("flag")]
+    seen = np.split(plant.C @ x, np.cumsum([1, *(part.size for part in read)])[:-1])
+    assert seen[0][0] == pytest.approx(
+        body.reading("rope_length") - at_rest, abs=1e-15 * at_rest + EXACT * abs(seen[0][0])
+    )
+    for part, values in zip(read, seen[1:], strict=True):
+        assert np.abs(values - part.ravel()).max() <= EXACT * np.abs(part).max()
+    units = list(plant.outputs.items())
+    assert units[0] == ("rope_length", "m")
+    assert units[7] == ("stretched[0,0]", "1")
+    assert units[-1] == ("flag[2]", "m")
+    with pytest.raises(StepError, match="reading 'stressed': von Mises stress is not linear"):
+        rom.state_space(body.contact, ["stressed"])
