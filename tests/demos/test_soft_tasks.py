@@ -1,0 +1,116 @@
+"""The soft tasks of the learning demo: Gymnasium's customs, seeds, save and restore, and bodies that fail."""
+
+import sys
+import warnings
+from pathlib import Path
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.vector import AutoresetMode
+
+from fenics_rom.errors import FenicsRomWarning
+
+FOLDER = Path(__file__).parents[2] / "demos" / "learning"
+TASKS = ("ArmFollow", "ArmReach", "ArmPegs", "ArmNest", pytest.param("FingerLift", marks=pytest.mark.slow))
+
+
+@pytest.fixture(scope="module")
+def make(tmp_path_factory):
+    """Makes a task by its registered id; bodies are reduced once."""
+    folder = tmp_path_factory.mktemp("bodies")
+    with pytest.MonkeyPatch.context() as patch, warnings.catch_warnings():
+        warnings.simplefilter("ignore", FenicsRomWarning)
+        patch.syspath_prepend(FOLDER)
+        import soft_bodies
+        import soft_tasks
+
+        def made(task, size, **choices):
+            rom = soft_bodies.make(soft_tasks.TASKS[task][0], folder)
+            return gymnasium.make_vec(f"fenics_rom/{task}-v0", num_envs=size, rom=str(rom), **choices)
+
+        yield made
+        for name in ("soft_bodies", "soft_tasks", "arms", "lifting", "vector", "picture"):
+            sys.modules.pop(name, None)
+
+
+def play(env, steps):
+    """Observations, rewards and ends under random actions."""
+    seen = []
+    for _ in range(steps):
+        observation, reward, terminated, truncated, _ = env.step(env.action_space.sample())
+        assert observation in env.observation_space
+        assert np.isfinite(observation).all()
+        seen.append(np.column_stack([observation, reward, terminated, truncated]))
+    return np.array(seen)
+
+
+@pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
+@pytest.mark.parametrize("task", TASKS)
+def test_episodes_are_those_of_their_seed_and_go_on_from_where_they_were_saved(make, task):
+    env, again = (make(task, 3, length=6) for _ in range(2))
+    assert env.metadata["autoreset_mode"] is AutoresetMode.NEXT_STEP
+    first = [one.reset(seed=5)[0] for one in (env, again)]
+    np.testing.assert_array_equal(*first)
+    for one in (env, again):
+        one.action_space.seed(1)
+    seen = play(env, 8)
+    np.testing.assert_array_equal(seen, play(again, 8))
+    ends = seen[..., -1]
+    assert ends[5].all()
+    assert not seen[6, :, -3:].any()  # the step that begins the next episode
+    assert not np.allclose(seen[6, :, :-3], first[0])
+    saved = env.save()
+    env.action_space.seed(2)
+    one = play(env, 6)
+    np.testing.assert_array_equal(env.restore(saved), seen[-1, :, :-3].astype(np.float32))
+    env.action_space.seed(2)
+    np.testing.assert_array_equal(play(env, 6), one)
+
+
+@pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
+def test_a_body_that_fails_ends_its_episode_alone(make):
+    env, other = (make("ArmFollow", 3) for _ in range(2))
+    for one in (env, other):
+        one.reset(seed=3)
+    q, r = env.batch.state()
+    far = np.full_like(q[1], 5e70)
+    env.batch.set_state(far, r[1], 1)
+    actions = np.ones((3, 4), np.float32)
+    observation, reward, terminated, _, _ = env.step(actions)
+    expected = other.step(actions)
+    assert terminated.tolist() == [False, True, False]
+    assert reward[1] == -10
+    np.testing.assert_array_equal(observation[[0, 2]], expected[0][[0, 2]])
+    observation, reward, terminated, _, _ = env.step(actions)
+    assert reward[1] == 0
+    assert not terminated.any()
+    assert not env.batch.state(1)[0].any()
+
+
+@pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
+def test_arms_bend_towards_what_pulls_and_pegs_hold_them(make):
+    """The left tendons bend the arm to its left; a peg in the way pushes back."""
+    env = make("ArmReach", 1)
+    env.reset(seed=0)
+    for _ in range(20):
+        env.step(np.array([[1.0, 0.0, 1.0, 0.0]], np.float32))
+    assert env.points[0, -1, 1] > 0.1
+    assert env.pointing[0, 1] > 0.2
+    pegs = make("ArmPegs", 1)
+    pegs.reset(seed=0)
+    for _ in range(20):
+        pegs.step(np.array([[1.0, 1.0, 1.0, 1.0]], np.float32))
+    assert pegs.batch.contact_force("first")[0, 1:].max() < 0
+    assert 0.01 < pegs.points[0, -1, 1] < 0.06
+
+
+@pytest.mark.slow
+@pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
+def test_pictures_are_drawn_without_a_screen(make):
+    env = make("ArmPegs", 2, render_mode="rgb_array")
+    env.reset(seed=0)
+    pictures = env.render()
+    assert [image.shape for image in pictures] == [(240, 320, 3)] * 2
+    assert np.ptp(pictures[0]) > 100
+    assert make("ArmPegs", 1).render() is None
