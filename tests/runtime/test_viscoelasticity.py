@@ -14,6 +14,7 @@ from fenics_rom.errors import FenicsRomWarning, FileError, SceneError, StepError
 from fenics_rom.fem.simulator import FullOrderSimulator
 from fenics_rom.mechanics.viscoelasticity import PronySeries
 from fenics_rom.reduction.frequency_response import full_responses
+from fenics_rom.runtime.steppers.contact_interface import ContactInterface
 
 SERIES = PronySeries((0.5, 0.3), (2e-3, 0.1))
 BRANCHES = "[effects.viscoelasticity]\nratios = [0.5, 0.3]\ntimes = [2e-3, 0.1]\n"
@@ -207,6 +208,24 @@ def test_account_closes_among_obstacles_where_points_yield_beyond_the_basis(mesh
     assert gap <= CLOSES_TO * scale
 
 
+def test_points_move_as_contact_was_told(touched, monkeypatch):
+    """Free velocity and Delassus operator have the branches of modes and of what is beyond them: free + W f comes."""
+    told, solve = [], ContactInterface.solve
+    monkeypatch.setattr(ContactInterface, "solve", lambda *given, **more: told.append(given) or solve(*given, **more))
+    body = fr.Simulator(reduced(touched, 6), 2e-3)
+    touches = 0
+    for _ in range(150):
+        body.step()
+        contact = body._stepper.contact
+        if contact is not None:
+            _, points, W, *_ = told[-1]
+            expected = points.free_velocity + (W @ contact.forces.ravel()).reshape(-1, 3)
+            found = body._stepper.kernel.touched
+            np.testing.assert_allclose(found, expected, atol=1e-10 * np.abs(points.free_velocity).max())
+            touches += 1
+    assert touches > 10
+
+
 @pytest.mark.parametrize("dt", [2e-4, 2e-2])
 @pytest.mark.parametrize("body", ["soft", "touched"])
 def test_reduced_run_with_all_modes_is_the_full_one(request, body, dt):
@@ -312,7 +331,7 @@ def test_what_has_no_branches_says_so(rom):
         lambda: rom.switch_map("bottom", "right"),
         lambda: fr.differentiate(fr.Simulator(rom, 1e-3), np.zeros((2, 3)), lambda outputs, energies: (0.0, {}, None)),
     ):
-        with pytest.raises(StructureError, match="viscoelasticity|materials that relax"):
+        with pytest.raises(StructureError, match=r"viscoelasticity|materials that relax"):
             ask()
 
 
