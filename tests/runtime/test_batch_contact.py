@@ -1,5 +1,6 @@
 """Many bodies among obstacles, against bodies that are simulated one by one, and the exact laws for each of them."""
 
+import pickle
 import warnings
 from copy import copy
 from dataclasses import replace
@@ -255,3 +256,12 @@ def test_what_cannot_be_done_is_said(rom):
     ):
         with pytest.raises(StepError, match=message):
             attempt()
+
+
+def test_a_body_takes_as_much_memory_as_the_page_says(rom):
+    """Numbers of eight bytes: 6 m + p, 20 for each contact point, and some for account, places and each obstacle."""
+    still = dict.fromkeys(Scene().signals, [0.0, 0.0, 0.0])
+    few, many = (fr.Batch(rom, size, STEP, signals=still) for size in (100, 1100))
+    m, points = max(model.order for model in rom.contact_models.values()), many.point_forces.shape[1]
+    bytes_each = (len(pickle.dumps(many)) - len(pickle.dumps(few))) / 1000
+    assert bytes_each <= 8 * (6 * m + many.inputs + 20 * points + 30 + 20 * len(rom.environment.obstacles))
