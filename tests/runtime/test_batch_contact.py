@@ -260,7 +260,7 @@ def test_what_cannot_be_done_is_said(rom):
 
 def test_a_body_takes_as_much_memory_as_the_page_says(rom):
     """Numbers of eight bytes: 6 m + p, 20 for each contact point, and some for account, places and each obstacle."""
-    still = dict.fromkeys(Scene().signals, [0.0, 0.0, 0.0])
+    still = {name: [0.0, 0.0, 0.0] for name in Scene().signals}
     few, many = (fr.Batch(rom, size, STEP, signals=still) for size in (100, 1100))
     m, points = max(model.order for model in rom.contact_models.values()), many.point_forces.shape[1]
     bytes_each = (len(pickle.dumps(many)) - len(pickle.dumps(few))) / 1000
