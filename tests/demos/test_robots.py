@@ -21,6 +21,14 @@ def test_all_claims_hold():
     assert set(fr.read_rom(out / "diamond.h5").deformation.tendons) == {"north", "west", "south", "east"}
 
 
+@pytest.mark.slow
+def test_trunk_reaches_a_point():
+    run = subprocess.run([sys.executable, DEMO / "reaching.py", "--quick"], capture_output=True, text=True)
+    assert run.returncode == 0, run.stdout + run.stderr
+    assert run.stdout.count("  holds: ") == 2
+    assert (DEMO / "out" / "reaching.png").is_file()
+
+
 def test_cables_of_the_trunk_lead_through_its_discs():
     """Two points in each disc, on straight lines that come to 2 mm from the axis at 195 mm."""
     tendons = fr.read_scene(DEMO / "trunk.toml").effects.tendon
