@@ -18,6 +18,7 @@ from fenics_rom.fem.assemble import assemble as assemble
 from fenics_rom.fem.forms import assemble_forms as assemble_forms
 from fenics_rom.fem.matrix_market import read_system as read_system
 from fenics_rom.identification.identify import identify as identify
+from fenics_rom.identification.marker_data import read_markers as read_markers
 from fenics_rom.identification.result import Identification as Identification
 from fenics_rom.identification.scene_gradient import SceneGradient as SceneGradient
 from fenics_rom.identification.scene_gradient import differentiate_scene as differentiate_scene

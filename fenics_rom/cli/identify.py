@@ -19,12 +19,21 @@ def add_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--data", action="append", required=True, metavar="FILE.csv", help="measured displacements; once for each file"
     )
+    command.add_argument(
+        "--also",
+        action="append",
+        nargs=2,
+        default=[],
+        metavar=("SCENE", "FILE.csv"),
+        help="displacements measured on another scene of the same material: with other loads, or another start",
+    )
     add_output(command, "DIR", "folder for the scene found, the report, the residuals and the picture of the fit")
     command.add_argument(
         "--parameters",
         type=lambda text: text.split(","),
         metavar="NAME,...",
-        help="which to find: young, poisson, density, alpha, beta; MATERIAL.young of several materials",
+        help="which to find: young, poisson, density, alpha, beta; MATERIAL.young of several materials; clock: how "
+        "late that of each file is",
     )
 
 
@@ -34,7 +43,8 @@ def run(choice: argparse.Namespace) -> None:
     check_folder(choice.output)
     scene = fr.read_scene(choice.scene)
     with progress() as report:
-        result = fr.identify(scene, choice.data, parameters=choice.parameters, report=report)
+        data = [*choice.data, *(fr.read_markers(file, fr.read_scene(other)) for other, file in choice.also)]
+        result = fr.identify(scene, data, parameters=choice.parameters, report=report)
     fr.write_identification(choice.output, result)
     if is_root_process():
         _print_identification(result, choice.output)

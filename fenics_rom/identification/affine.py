@@ -1,11 +1,13 @@
 """How M, D, K and the inputs depend on the values θ of a scene, exactly.
 
-With the moduli λ, μ of each material, M = Σ ρ_i M_i, K = Σ (λ_i Λ_i + μ_i G_i) + K_s of springs to ground, and
-D = Σ (α_i ρ_i M_i + β_i (λ_i Λ_i + μ_i G_i)) + β_s K_s + D_d of dashpots. Gravity and base motions push with
-inputs Σ ρ_i B_i. The parts are differences of what `assemble` makes of the scene at a few simple values.
+With the moduli λ, μ of each material, M = Σ ρ_i M_i + M_f of what is fixed to the body, K = Σ (λ_i Λ_i + μ_i G_i) + K_s
+of springs to ground, and D = Σ (α_i ρ_i M_i + β_i (λ_i Λ_i + μ_i G_i)) + α M_f + β_s K_s + D_d of dashpots. Gravity and
+base motions push with inputs Σ ρ_i B_i, and those of M_f. The parts are differences of what `assemble` makes of the
+scene at a few simple values.
 """
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -46,6 +48,7 @@ class AffineDecomposition:
     """The parts on a basis Q (k columns)."""
 
     mass: Array  # QᵀM_iQ of each material, (m, k, k)
+    fixed_mass: Array  # QᵀM_fQ, (k, k)
     dilation: Array  # QᵀΛ_iQ of each material, (m, k, k)
     shear: Array  # QᵀG_iQ of each material, (m, k, k)
     springs: Array  # QᵀK_sQ, (k, k)
@@ -58,22 +61,28 @@ class AffineDecomposition:
     def at(self, θ: Array) -> Matrices:
         """The matrices at θ."""
         λ, μ = lame_parameters(θ)
-        ρ, α, β = (θ[:-1, column] for column in (DENSITY, ALPHA, BETA))
+        β = θ[:-1, BETA]
         return Matrices(
-            mass=_combine(ρ, self.mass),
-            damping=_combine(α * ρ, self.mass)
-            + self._strain(β * λ, β * μ)
-            + θ[-1, BETA] * self.springs
-            + self.dashpots,
+            mass=self.mass_at(θ),
+            damping=self.external_damping(θ) + self._strain(β * λ, β * μ),
             stiffness=self._strain(λ, μ) + self.springs,
         )
+
+    def mass_at(self, θ: Array) -> Array:
+        """M."""
+        return _combine(θ[:-1, DENSITY], self.mass) + self.fixed_mass
+
+    def external_damping(self, θ: Array) -> Array:
+        """Of D what does not strain the body."""
+        of_masses = _combine(θ[:-1, ALPHA] * θ[:-1, DENSITY], self.mass) + θ[-1, ALPHA] * self.fixed_mass
+        return of_masses + θ[-1, BETA] * self.springs + self.dashpots
 
     def along(self, θ: Array, dθ: Array) -> Matrices:
         """Their derivatives in a direction of θ."""
         (λ, μ), (dλ, dμ) = lame_parameters(θ), lame_derivatives(θ, dθ)
         ρ, α, β = (θ[:-1, column] for column in (DENSITY, ALPHA, BETA))
         dρ, dα, dβ = (dθ[:-1, column] for column in (DENSITY, ALPHA, BETA))
-        damping = _combine(dα * ρ + α * dρ, self.mass) + dθ[-1, BETA] * self.springs
+        damping = _combine(dα * ρ + α * dρ, self.mass) + dθ[-1, ALPHA] * self.fixed_mass + dθ[-1, BETA] * self.springs
         return Matrices(
             mass=_combine(dρ, self.mass),
             damping=damping + self._strain(dβ * λ + β * dλ, dβ * μ + β * dμ),
@@ -97,8 +106,9 @@ class AffineSystem:
     """
 
     def __init__(self, scene: Scene):
-        self._names = tuple(scene.materials)
-        bare = replace(scene, effects=replace(scene.effects, damping=None, springs={}))
+        self._scene, self._names = scene, tuple(scene.materials)
+        self._carries = bool(scene.effects.point_masses or scene.effects.rigid_parts)
+        bare = replace(scene, effects=replace(scene.effects, damping=None, springs={}, large_deformation=None))
         self.plain = assemble(self._sample(bare))
         self._dilated = [
             assemble(self._sample(bare, name, young=2.5, poisson=0.25, density=2.0)) for name in self._names
@@ -116,6 +126,21 @@ class AffineSystem:
         if of:
             materials[of] = replace(materials[of], **values)
         return replace(scene, materials=materials)
+
+    @cached_property
+    def points(self) -> tuple[Array, Array, Array]:
+        """Of all points (P here,) of a body that deforms largely: number of the material, shares of λ and of μ there.
+
+        At ν = 1/4 and E = 5/2, 5, ... of the materials, λ = μ = 1, 2, ...
+        """
+        numbered = {
+            name: replace(m, young=2.5 * k, poisson=0.25)
+            for k, (name, m) in enumerate(self._scene.materials.items(), start=1)
+        }
+        body = assemble(replace(self._scene, materials=numbered)).deformation
+        assert body is not None
+        number = np.round(np.maximum(body.first_lame, body.shear)).astype(int)
+        return number - 1, np.round(body.first_lame / number), np.round(body.shear / number)
 
     def parts(self, basis: Array) -> AffineDecomposition:
         """The parts on a basis, of which this rank has its rows, (rows here, k)."""
@@ -135,8 +160,10 @@ class AffineSystem:
             B = inputs_of(plain, name)
             weights[name] = np.array([inputs_of(s, name) - B for s in self._dilated])
             inputs[name] = B - weights[name].sum(axis=0)
+        mass = np.array([projected(s.mass) - weighed for s in self._dilated])
         return AffineDecomposition(
-            mass=np.array([projected(s.mass) - weighed for s in self._dilated]),
+            mass=mass,
+            fixed_mass=weighed - mass.sum(axis=0) if self._carries else nothing,
             dilation=np.array([projected(s.stiffness) - strained for s in self._dilated]),
             shear=np.array([strained - sum(others, nothing), *others]),
             springs=nothing if grounded is None else projected(grounded.stiffness) - strained,

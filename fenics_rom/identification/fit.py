@@ -15,14 +15,15 @@ import scipy.optimize
 from numpy import ndarray as Array
 
 from fenics_rom.fem.ranks import run_on_rank_0
-from fenics_rom.identification.experiment import Experiment
+from fenics_rom.identification.experiment import Experiments
 from fenics_rom.identification.parameters import ALPHA, BETA, Parameter, directions_at, values_at
-from fenics_rom.identification.reduced_model import ReducedModel
+from fenics_rom.identification.recording import JointModel
 from fenics_rom.identification.uncertainty import interval_half_widths
 
 TRUST_RADIUS = 0.7  # of q, that a basis is trusted for: a factor of 2 of E and ρ
 MAX_BASES = 15
 FIRST_INSTANTS = 2  # instants that a fit begins with, or up to twice as many
+SPAN_TOLERANCE = 1e-4  # of q, before all of it is looked at
 PRIOR_WEIGHT = 0.01  # share of what is measured that a factor of e is worth, before all of it is looked at
 CONVERGENCE_TOLERANCE = 0.02  # share of the 95 % interval by which a new basis may move a parameter
 MIN_MOVE = 1e-8  # of q, where the interval is shorter than that
@@ -33,7 +34,7 @@ class Fit:
     """Where a fit ended."""
 
     q: Array  # coordinates of the parameters, (p,)
-    model: ReducedModel  # on a basis made there, or next to it
+    model: JointModel  # on a basis made there, or next to it
     predicted: Array  # what it says, (N,), m
     jacobian: Array  # of that with respect to q, (N, p)
     bases: int  # how many were made
@@ -46,20 +47,20 @@ class FitProblem:
 
     start: Array  # θ
     parameters: Sequence[Parameter]  # p of them
-    experiment: Experiment  # all that was measured
-    model_at: Callable[[Array], ReducedModel]  # makes the model whose basis is best at θ
+    experiment: Experiments  # all that was measured
+    model_at: Callable[[Array], JointModel]  # makes the model whose basis is best at θ
     comm: Any  # of the ranks, of which the first searches, so that all decide alike
 
     def values(self, q: Array) -> Array:
         """θ at q."""
         return values_at(self.start, self.parameters, q)
 
-    def linearize(self, model: ReducedModel, experiment: Experiment, q: Array) -> tuple[Array, Array]:
+    def linearize(self, model: JointModel, experiment: Experiments, q: Array) -> tuple[Array, Array]:
         """What a model says of an experiment, and its Jacobian."""
         return model.linearize(experiment, self.values(q), directions_at(self.start, self.parameters, q))
 
 
-def fit_parameters(problem: FitProblem, q: Array, model: ReducedModel, report: Callable[[int, int], None]) -> Fit:
+def fit_parameters(problem: FitProblem, q: Array, model: JointModel, report: Callable[[int, int], None]) -> Fit:
     """The fit from q (p,) on, with a model on a basis made there; told is which time span is fitted, of how many."""
     spans = time_spans(problem.experiment)
     centre, bases = q, 1
@@ -68,7 +69,9 @@ def fit_parameters(problem: FitProblem, q: Array, model: ReducedModel, report: C
         last = number == len(spans) - 1
         part = problem.experiment if last else problem.experiment.until(span)
         while True:
-            search = partial(_least_squares, problem, model, part, q, centre, tolerance=1e-13 if last else 1e-4)
+            search = partial(
+                _least_squares, problem, model, part, q, centre, tolerance=model.precision if last else SPAN_TOLERANCE
+            )
             q = run_on_rank_0(problem.comm, search)
             predicted, jacobian = problem.linearize(model, part, q)
             moved = np.abs(q - centre)
@@ -86,7 +89,7 @@ def fit_parameters(problem: FitProblem, q: Array, model: ReducedModel, report: C
     raise AssertionError("unreachable")
 
 
-def time_spans(experiment: Experiment) -> list[float]:
+def time_spans(experiment: Experiments) -> list[float]:
     """Ends of the spans that are looked at one after the other, s; the last one is everything."""
     instants = np.unique(experiment.times)
     counts = [len(instants)]
@@ -96,7 +99,7 @@ def time_spans(experiment: Experiment) -> list[float]:
 
 
 def _least_squares(
-    problem: FitProblem, model: ReducedModel, part: Experiment, q: Array, centre: Array, *, tolerance: float
+    problem: FitProblem, model: JointModel, part: Experiments, q: Array, centre: Array, *, tolerance: float
 ) -> Array:
     """The best q within reach of a basis; with a prior where only a part is looked at."""
     scale = np.sqrt(np.mean(problem.experiment.measured**2)) or 1.0

@@ -2,20 +2,16 @@
 
 import warnings
 from collections.abc import Callable, Iterable, Sequence
-from contextlib import closing
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.errors import DataError, FenicsRomWarning, SceneError, SolverError
-from fenics_rom.fem.assemble import assemble
-from fenics_rom.fem.simulate import simulate
-from fenics_rom.identification.affine import AffineSystem
-from fenics_rom.identification.experiment import Experiment, make_experiment
+from fenics_rom.errors import DataError, FenicsRomWarning, SolverError
+from fenics_rom.identification.experiment import Experiments
 from fenics_rom.identification.fit import MAX_BASES, Fit, FitProblem, fit_parameters
-from fenics_rom.identification.marker_data import Data, Equilibria, Motion, read_markers
+from fenics_rom.identification.marker_data import Data, Motion, clocks_of, read_markers
 from fenics_rom.identification.parameters import (
     Parameter,
     directions_at,
@@ -24,7 +20,7 @@ from fenics_rom.identification.parameters import (
     select_parameters,
     values_of,
 )
-from fenics_rom.identification.reduced_model import ReducedModel, make_basis
+from fenics_rom.identification.recording import JointModel, Recording, check_identifiable, check_same_values
 from fenics_rom.identification.result import MAX_SHIFT, NEGLIGIBLE_SHARE, Estimate, Given, Identification, list_doubts
 from fenics_rom.identification.uncertainty import (
     Unidentifiable,
@@ -36,7 +32,6 @@ from fenics_rom.identification.uncertainty import (
 )
 from fenics_rom.io.progress import Report, silent
 from fenics_rom.scene.scene import Scene
-from fenics_rom.system.system import System
 
 
 def identify(
@@ -44,13 +39,15 @@ def identify(
 ) -> Identification:
     """Finds the material and damping with which a scene fits measured marker displacements best.
 
-    Least squares of all measured values alike, on reduced models that are refreshed as the parameters move; the
-    derivatives are exact. Every rank must call it, and every rank gets the result.
+    Least squares of all measured values alike, on reduced models that are refreshed as the parameters move. Every rank
+    must call it, and every rank gets the result.
 
     Args:
-        scene: linear: without obstacles. Its values are the start.
-        data: CSV files (see `marker_data`), or what was read from them, of motions and of equilibria.
-        parameters: which; None: E, ν, ρ of every material and the damping, as far as data of that kind know them.
+        scene: without obstacles. Its values are the start.
+        data: CSV files (see `marker_data`) of motions and of equilibria, or what `read_markers` read from them: so they
+            may be of other scenes, with other loads, whose materials and damping are the same.
+        parameters: which; None: E, ν, ρ of every material and the damping, as far as data of that kind know them;
+            "clock" stands for how late the clock of each file of a motion is.
         report: called with the stage, how much of it is done, and of how much.
 
     Warns of what the result says in `warnings`.
@@ -65,67 +62,64 @@ def identify(
         >>> f"{result.estimates[0].value:.2e}"  # Pa
         '1.00e+06'
     """
-    if scene.effects.contact is not None:
-        raise SceneError(
-            f"{scene.source}: effects.contact: with obstacles displacements are not linear in the forces; allowed is a "
-            "scene without them, with the measured contact forces in its [[run.load]]"
-        )
+    check_identifiable(scene, ())
     read = [read_markers(part, scene) if isinstance(part, str | Path) else part for part in data]
     if not read:
         raise DataError("no data were given; allowed is at least one file")
-    moving = any(isinstance(part, Motion) for part in read)
-    if moving and scene.effects.inertia is None:
-        raise SceneError(f"{scene.source}: data with times need effects.inertia; without it give equilibria")
-    for name in ("point_masses", "rigid_parts"):
-        if getattr(scene.effects, name):
-            raise SceneError(
-                f"{scene.source}: effects.{name}: allowed are bodies without; their share of M is not sought"
-            )
-    sought = select_parameters(scene, parameters, moving=moving)
-
-    report("assembly", 0, 1)
-    affine = AffineSystem(scene)
-    report("assembly", 1, 1)
-    plain = affine.plain
-    if plain.rigid.shape[1] and not scene.effects.springs and any(isinstance(part, Equilibria) for part in read):
-        raise SceneError(f"{scene.source}: is not wholly held, so it has no equilibria; allowed are data with times")
-    experiment = make_experiment(scene, read, plain)
+    scenes = {id(part.scene): part.scene for part in read}
+    read.sort(key=lambda part: list(scenes).index(id(part.scene)))
+    motions = [part for part in read if isinstance(part, Motion)]
+    sought = select_parameters(scene, parameters, moving=bool(motions), clocks=clocks_of(motions))
+    recordings = _record(scene, list(scenes.values()), read, report)
+    experiment = Experiments(tuple(recording.experiment for recording in recordings))
     if len(experiment.measured) <= len(sought):
         raise DataError(
             f"{len(experiment.measured)} values were measured; to find {len(sought)} parameters, allowed are more"
         )
 
-    def model_at(θ: Array) -> ReducedModel:
-        return ReducedModel(affine.parts(make_basis(assemble(scene_with(scene, θ)), experiment)))
+    def model_at(θ: Array) -> JointModel:
+        return JointModel(tuple(recording.model_at(θ, report) for recording in recordings))
 
-    comm = plain.algebra.comm  # type: ignore[attr-defined]
-    problem = FitProblem(values_of(scene), sought, experiment, model_at, comm)
+    comm = recordings[0].system.algebra.comm  # type: ignore[attr-defined]
+    problem = FitProblem(values_of(scene, len(motions)), sought, experiment, model_at, comm)
     problem, fit, unidentifiable = _fit_determined(problem, lambda done, of: report("time spans", done, of))
-    identified = scene_with(scene, problem.values(fit.q))
+    θ = problem.values(fit.q)
     with warnings.catch_warnings(action="ignore", category=FenicsRomWarning):  # they are among the messages
-        full, messages = predict_full_order(assemble(identified), experiment, report)
-    finer = experiment
-    if moving and scene.run is not None:
-        half = replace(scene.run, dt=scene.run.dt / 2)
-        finer = make_experiment(replace(scene, run=half), read, plain)
+        answers = [recording.answer_at(θ, report) for recording in recordings]
+    full = [answer.predictions(part, θ) for answer, part in zip(answers, experiment.parts, strict=True)]
+    finer = Experiments(tuple(recording.finer for recording in recordings))
     result = Identification(
-        scene=identified,
+        scene=scene_with(scene, θ),
         estimates=_estimates(problem, fit, unidentifiable, sought, parameters_of(scene).values()),
         correlations=correlations(fit.jacobian),
         noise=noise_deviation(experiment.measured - fit.predicted, len(problem.parameters)),
         experiment=experiment,
         predicted=fit.predicted,
-        full=full,
-        finer=fit.model.predict(finer, problem.values(fit.q)),
+        full=experiment.joined(full),
+        finer=fit.model.predict(finer, θ),
         jacobian=fit.jacobian,
         order=fit.model.order,
         bases=fit.bases,
     )
+    messages = dict.fromkeys(message for answer in answers for message in answer.warnings)
     reasons = [combination.reason for combination in unidentifiable]
     result = replace(result, warnings=(*messages, *list_doubts(result), *reasons))
     for message in result.warnings:
         warnings.warn(message, FenicsRomWarning, stacklevel=2)
     return result
+
+
+def _record(scene: Scene, scenes: Sequence[Scene], read: Sequence[Data], report: Report) -> list[Recording]:
+    """What was measured on each of some scenes, which begin with the values of one."""
+    recordings, motions = list[Recording](), 0
+    for number, other in enumerate(scenes):
+        report("assembly", number, len(scenes))
+        check_same_values(scene, other)
+        own = [part for part in read if part.scene is other]
+        recordings.append(Recording(other, own, motions))
+        motions += sum(isinstance(part, Motion) for part in own)
+    report("assembly", len(scenes), len(scenes))
+    return recordings
 
 
 def _fit_determined(
@@ -177,21 +171,6 @@ def _describe_attempt(problem: FitProblem, fit: Fit) -> str:
         f"the fit did not settle on {MAX_BASES} bases; it reached {values}, with a residual of {residual:.3g} m (root "
         "mean square). Allowed are start values that are closer, or fewer parameters"
     )
-
-
-def predict_full_order(system: System, experiment: Experiment, report: Report) -> tuple[Array, tuple[str, ...]]:
-    """What the full order says of all values, (N,), m, and what the user should know; every rank must call it."""
-    count = len(experiment.markers)
-    run, rest, messages = np.zeros((1, count)), np.zeros((0, count)), system.warnings
-    if experiment.steps:
-        record = simulate(system, report=report)
-        run = np.stack([record.outputs[m.output][:, m.point, m.axis] for m in experiment.markers], axis=1)
-        messages = record.warnings
-    if experiment.equilibria:
-        forces = sum(system.input_matrix(name) @ u.T for name, u in experiment.rest_inputs.items())
-        with closing(system.algebra.factor((1.0, system.stiffness))) as factor:
-            rest = system.algebra.inner(factor.solve(forces), experiment.marker_columns(system))
-    return experiment.predictions(run, rest), messages
 
 
 def _estimates(

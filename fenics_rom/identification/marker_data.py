@@ -1,7 +1,8 @@
 """Measured displacements of markers, from CSV files whose header names every column with its unit.
 
-A motion has its times in the first column, `time (s)`. It is a measurement of the scene's [run], which begins at rest
-in the shape of the mesh; from that shape all displacements are counted.
+A motion has its times in the first column, `time (s)`. It is a measurement of the scene's [run]; displacements count
+from the shape of the mesh. Where a file has times before 0, when the body was still as its run begins, they count from
+the mean of what was seen then, and so positions in place of displacements will do.
 
 Equilibria have the name of a contact mode in the first column, `contact`, and its force in `force.x (N)`,
 `force.y (N)`, `force.z (N)` (or `force.normal (N)`, where the mode's force is "normal"). Every row is an equilibrium
@@ -13,7 +14,7 @@ output. An empty cell is a marker that was not seen, or a component of the force
 
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import chain
 from pathlib import Path
 
@@ -49,6 +50,7 @@ class Marker:
 class Displacements:
     """What markers did."""
 
+    scene: Scene  # that was measured
     file: str  # where it is from
     lines: Array  # (T,) of the file
     columns: tuple[str, ...]  # name of each marker's column
@@ -61,6 +63,7 @@ class Motion(Displacements):
     """What was measured in the scene's run, at times (T,), s."""
 
     times: Array
+    relative: bool = False  # whether displacements count from where the run begins
 
 
 @dataclass(frozen=True)
@@ -75,10 +78,14 @@ Data = Motion | Equilibria
 
 
 def read_markers(file: str | Path, scene: Scene) -> Data:
-    """Reads one file of a scene's outputs, contact modes and run.
+    """Reads one file of a scene's outputs, contact modes and run, which `identify` takes beside those of other scenes.
 
     Raises:
         DataError: it cannot be read, or a line or column of it is not as it should be.
+
+    Example:
+        >>> fr.read_markers("markers.csv", scene).columns[0]
+        'tip[0].x'
     """
     table = read_table(Path(file), DataError)
     first = table.heading[0]
@@ -87,6 +94,13 @@ def read_markers(file: str | Path, scene: Scene) -> Data:
     if first.startswith("time"):
         return _motion(table, scene)
     table.refuse(1, first, "allowed in the first column are 'time (s)', 'time (ms)' and 'contact'")
+
+
+def clocks_of(motions: Sequence[Motion]) -> list[tuple[str, float]]:
+    """Name of the clock of each file, and the time between two of its frames, s, which it may well be late by."""
+    names = [Path(part.file).name for part in motions]
+    spans = [float(np.diff(part.times, prepend=0.0).max()) for part in motions]
+    return list(zip(names if len(set(names)) == len(names) else [part.file for part in motions], spans, strict=True))
 
 
 def _numbers(table: Table, column: str, units: Mapping[str, float], *, empty: bool = False) -> Array:
@@ -103,13 +117,24 @@ def _motion(table: Table, scene: Scene) -> Motion:
     times = _numbers(table, column, UNITS["s"])
     end = round(scene.run.duration / scene.run.dt) * scene.run.dt
     for k, time in enumerate(times):
-        if not 0 <= time <= end * (1 + END_TOLERANCE):
-            table.refuse(table.lines[k], column, f"{time:g} s was given; allowed is from 0 to the run's end, {end:g} s")
+        if not time <= end * (1 + END_TOLERANCE):
+            table.refuse(table.lines[k], column, f"{time:g} s was given; allowed is up to the run's end, {end:g} s")
         if k and time <= times[k - 1]:
             table.refuse(
                 table.lines[k], column, f"{time:g} s follows {times[k - 1]:g} s; allowed are times that increase"
             )
-    return Motion(times=times, **vars(_read_displacements(table, table.heading[1:], scene)))
+    seen = _read_displacements(table, table.heading[1:], scene)
+    before = times < 0
+    if before.all():
+        raise DataError(f"{table.file}: has times before 0 alone; allowed are some of the run, which begins at 0 s")
+    if not before.any():
+        return Motion(times=times, **vars(seen))
+    for k, column in enumerate(seen.columns):
+        if np.isnan(seen.measured[before, k]).all():
+            raise DataError(f"{table.file}: {column!r} was not seen before 0 s, where its displacements count from")
+    start = np.nanmean(seen.measured[before], axis=0)
+    moving = replace(seen, lines=seen.lines[~before], measured=seen.measured[~before] - start)
+    return Motion(times=times[~before], relative=True, **vars(moving))
 
 
 def _equilibria(table: Table, scene: Scene) -> Equilibria:
@@ -154,6 +179,7 @@ def _read_displacements(table: Table, columns: Sequence[str], scene: Scene) -> D
             table.refuse(1, columns[k], f"is the same marker as {columns[markers.index(marker)]!r}")
     measured = np.stack([_numbers(table, column, UNITS["m"], empty=True) for column in columns], axis=1)
     return Displacements(
+        scene=scene,
         file=str(table.file),
         lines=np.array(table.lines),
         columns=tuple(table.unit(column, UNITS["m"])[0] for column in columns),

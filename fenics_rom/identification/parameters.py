@@ -1,11 +1,13 @@
 """What can be identified in a scene, each parameter in a coordinate q that suits a fit and is 0 at the start.
 
-The values that the matrices depend on are one array θ (m + 1, 5): a row for each material (E, ν, ρ, α, β), and one for
-the springs to ground, of which only β counts.
+The values that a model depends on are one array θ (m + 1, 5 + c): a row for each material (E, ν, ρ, α, β), and one for
+what is of no material, of which β counts (of springs to ground), α (of masses fixed to the body), and in c more columns
+by how much the clock of each file of a motion is late.
 """
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import chain
 
 import numpy as np
 from numpy import ndarray as Array
@@ -15,10 +17,12 @@ from fenics_rom.scene.effects import RayleighDamping
 from fenics_rom.scene.scene import Scene
 
 YOUNG, POISSON, DENSITY, ALPHA, BETA = range(5)  # columns of θ
+FIRST_CLOCK = 5  # and those behind it, in the last row
 NAMES = ("young", "poisson", "density", "alpha", "beta")
 UNITS = ("Pa", "1", "kg/m3", "1/s", "s")
 LOWEST_POISSON, HIGHEST_POISSON = -1.0, 0.5
 HELD_STEP = 0.01  # of a value (of Poisson's ratio as such), to see what rests on it where it is held
+CLOCK = "clock"  # names all of them
 MIN_DAMPING_SHARE = 1e-6  # share of its start value that damping keeps
 
 
@@ -27,19 +31,20 @@ class Parameter:
     """One number of the scene.
 
     E and ρ are sought as ln(E / E_start), so that they stay positive; ν as a logit that keeps it between -1 and 0.5;
-    α and β, which may well be next to 0, as (α - α_start) / α_start > -1.
+    α and β, which may well be next to 0, as (α - α_start) / α_start > -1; how late a clock is as a share of `span`.
     """
 
     name: str  # as in the scene, after the material's where there are several
     column: int  # of θ
     rows: tuple[int, ...]  # of θ, which hold it
     start: float  # its value in the scene
-    path: tuple[str, ...]  # keys that lead to it in the scene file
+    path: tuple[str, ...]  # keys that lead to it in the scene file; none of clocks
+    span: float = 0.0  # of a clock, s: about what it may be late by
 
     @property
     def unit(self) -> str:
         """Of its value."""
-        return UNITS[self.column]
+        return "s" if self.span else UNITS[self.column]
 
     @property
     def proportional(self) -> bool:
@@ -54,7 +59,7 @@ class Parameter:
     @property
     def step(self) -> float:
         """What its start value is changed by to see what rests on it."""
-        return HELD_STEP * (1.0 if self.column == POISSON else self.start)
+        return HELD_STEP * (1.0 if self.column == POISSON else self.span or self.start)
 
     def value(self, q: float) -> float:
         """The parameter at q."""
@@ -63,7 +68,7 @@ class Parameter:
         if self.column == POISSON:
             share = 1 / (1 + (1 / _share(self.start) - 1) * np.exp(-q))
             return float(LOWEST_POISSON + (HIGHEST_POISSON - LOWEST_POISSON) * share)
-        return float(self.start * (1 + q))
+        return float(self.start + q * (self.span or self.start))
 
     def slope(self, q: float) -> float:
         """Derivative of the value with respect to q."""
@@ -72,7 +77,7 @@ class Parameter:
         if self.column == POISSON:
             share = _share(self.value(q))
             return (HIGHEST_POISSON - LOWEST_POISSON) * share * (1 - share)
-        return self.start
+        return self.span or self.start
 
 
 def _share(poisson: float) -> float:
@@ -80,13 +85,15 @@ def _share(poisson: float) -> float:
     return (poisson - LOWEST_POISSON) / (HIGHEST_POISSON - LOWEST_POISSON)
 
 
-def values_of(scene: Scene) -> Array:
-    """θ (m + 1, 5) of a scene; 0 where it has no damping."""
+def values_of(scene: Scene, clocks: int = 0) -> Array:
+    """θ (m + 1, 5 + clocks) of a scene; 0 where it has no damping, and of clocks."""
     rows, shared = [], scene.effects.damped
     for name, m in scene.materials.items():
         rayleigh = shared.materials.get(name, shared)
         rows.append((m.young, m.poisson, m.density, rayleigh.alpha, rayleigh.beta))
-    return np.array([*rows, (0.0, 0.0, 0.0, 0.0, shared.beta)])
+    α = 0.0 if shared.materials else shared.alpha  # as `assemble` has it of masses fixed to the body
+    θ = np.array([*rows, (0.0, 0.0, 0.0, α, shared.beta)])
+    return np.hstack([θ, np.zeros((len(θ), clocks))])
 
 
 def parameters_of(scene: Scene) -> dict[str, Parameter]:
@@ -99,7 +106,7 @@ def parameters_of(scene: Scene) -> dict[str, Parameter]:
     if (damping := scene.effects.damping) is not None:
         shared = tuple(row for row, name in enumerate(scene.materials) if name not in damping.materials)
         for column, key in ((ALPHA, "alpha"), (BETA, "beta")):
-            rows = (*shared, len(scene.materials)) if column == BETA else shared
+            rows = (*shared, len(scene.materials)) if column == BETA or not damping.materials else shared
             if (start := getattr(damping, key)) > 0:
                 found.append(Parameter(key, column, rows, start, ("effects", "damping", key)))
             for row, name in enumerate(scene.materials):
@@ -109,10 +116,13 @@ def parameters_of(scene: Scene) -> dict[str, Parameter]:
     return {parameter.name: parameter for parameter in found}
 
 
-def select_parameters(scene: Scene, names: Sequence[str] | None, *, moving: bool) -> tuple[Parameter, ...]:
+def select_parameters(
+    scene: Scene, names: Sequence[str] | None, *, moving: bool, clocks: Sequence[tuple[str, float]] = ()
+) -> tuple[Parameter, ...]:
     """The parameters that are to be identified; without names all that data of this kind can depend on.
 
-    Without a motion that is neither damping nor, but for gravity, density.
+    Without a motion that is neither damping nor, but for gravity, density. Clocks, by name and what
+    each may well be late by, s, are sought where "clock" is among the names.
 
     Raises:
         SceneError: a name that does not exist, or is given twice, or none.
@@ -121,15 +131,20 @@ def select_parameters(scene: Scene, names: Sequence[str] | None, *, moving: bool
     if names is None:
         seen = range(5) if moving else [YOUNG, POISSON, *([DENSITY] if scene.effects.gravity is not None else [])]
         return tuple(parameter for parameter in available.values() if parameter.column in seen)
+    late = [
+        Parameter(f"clock of {file}", FIRST_CLOCK + k, (len(scene.materials),), 0.0, (), span)
+        for k, (file, span) in enumerate(clocks)
+    ]
     if not names or len(set(names)) < len(names):
         raise SceneError(f"parameters = {', '.join(names) or 'none'}: allowed is each name once, and at least one")
+    choices = {name: [parameter] for name, parameter in available.items()} | ({CLOCK: late} if late else {})
     for name in names:
-        if name not in available:
+        if name not in choices:
             raise SceneError(
-                f"{scene.source}: {unknown('parameter', name, available)} (damping that is to be identified needs a "
+                f"{scene.source}: {unknown('parameter', name, choices)} (damping that is to be identified needs a "
                 "start value above 0 in effects.damping)"
             )
-    return tuple(available[name] for name in names)
+    return tuple(chain.from_iterable(choices[name] for name in names))
 
 
 def values_at(start: Array, parameters: Sequence[Parameter], q: Array) -> Array:
@@ -141,7 +156,7 @@ def values_at(start: Array, parameters: Sequence[Parameter], q: Array) -> Array:
 
 
 def directions_at(start: Array, parameters: Sequence[Parameter], q: Array) -> list[Array]:
-    """dθ/dq of each parameter, (m + 1, 5) each."""
+    """dθ/dq of each parameter, as θ each."""
     directions = []
     for parameter, coordinate in zip(parameters, q, strict=True):
         dθ = np.zeros_like(start)

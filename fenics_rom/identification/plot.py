@@ -22,7 +22,7 @@ def draw_fit(result: Identification, files: Sequence[Path]) -> None:
     """
     figure_of = figure_class()
     panels = _motions(result)
-    count = len(panels) + bool(len(result.experiment.rows))
+    count = len(panels) + (len(result.experiment.measured) > len(result.experiment.times))
     high = math.ceil(count / PANELS_PER_ROW)
     wide = math.ceil(count / high)
     figure = figure_of(figsize=(4.2 * wide, 3.6 * high), layout="constrained")

@@ -27,6 +27,7 @@ from fenics_rom.system.system import System
 BALANCED_TOLERANCE = 1e-4  # share of the sum of σ that is left out
 STATIC_TOLERANCE = 1e-14  # and of compliance: nothing
 MARKER_CONTACT = "the markers"  # as a contact mode
+PRECISION = 1e-13  # of exact derivatives
 RANK_TOLERANCE = 1e-10  # share of a unit column that must be new for it to count as a direction
 
 
@@ -36,26 +37,38 @@ def make_basis(system: System, experiment: Experiment) -> Array:
     Every rank must call it.
     """
     marker_columns = experiment.marker_columns(system)
-    bases = []
+    start, bases = experiment.start, []
+    at_rest = {**experiment.rest_inputs, **(start.equilibrium if start else {})}
     with warnings.catch_warnings(action="ignore", category=FenicsRomWarning):  # the final check is of the full model
         for method, inputs, tolerance in (
             ("balanced", experiment.inputs, BALANCED_TOLERANCE),
-            ("static", experiment.rest_inputs, STATIC_TOLERANCE),
+            ("static", at_rest, STATIC_TOLERANCE),
         ):
             if inputs:
                 contacts = {name: system.contacts[name] for name in inputs} | {MARKER_CONTACT: marker_columns}
                 acting = replace(system, contacts=contacts, contact_points={})
                 bases.append(reduce(acting, method=method, tolerance=tolerance, switching="energy").basis)
+    if start is not None:
+        fields = system.algebra.gather(start.fields)
+        bases.append(fields[:, fields.any(axis=0)])
     columns = np.hstack(bases)
     U, s, _ = np.linalg.svd(columns / np.linalg.norm(columns, axis=0), full_matrices=False)
     return U[:, s > RANK_TOLERANCE * s[0]][system.algebra.rows()]
 
 
 class ReducedModel:
-    """The scene on a basis Q, x = Q ξ, by the parts of its matrices and inputs there."""
+    """The scene on a basis Q, x = Q ξ, by the parts of its matrices and inputs there.
 
-    def __init__(self, parts: AffineDecomposition):
+    Args:
+        parts: of the basis.
+        start: Qᵀ of the displacement and velocity that a run begins with beside an equilibrium, (k, 2); None: nothing.
+    """
+
+    precision = PRECISION
+
+    def __init__(self, parts: AffineDecomposition, start: Array | None = None):
         self.parts = parts
+        self._start = np.zeros((self.order, 2)) if start is None else start
 
     @property
     def order(self) -> int:
@@ -71,8 +84,11 @@ class ReducedModel:
         C = np.array([self.parts.outputs[m.output][m.row] for m in experiment.markers])
         run, run_along = self._moving(experiment, θ, directions)
         rest, rest_along = self._at_rest(experiment, θ, directions)
-        value = experiment.predictions((C @ run)[..., 0], (C @ rest)[..., 0])
-        return value, experiment.predictions(C @ run_along, C @ rest_along)
+        seen, seen_at_rest = (C @ run)[..., 0], (C @ rest)[..., 0]
+        along = experiment.predictions(C @ run_along, C @ rest_along, θ)
+        for column, dθ in zip(along.T, directions, strict=True):
+            column += experiment.clock_slopes(seen, θ, dθ)
+        return experiment.predictions(seen, seen_at_rest, θ), along
 
     def _moving(self, experiment: Experiment, θ: Array, directions: Sequence[Array]) -> tuple[Array, Array]:
         """ξ at all step ends, (steps + 1, k, 1), and its derivatives, (steps + 1, k, directions)."""
@@ -83,44 +99,61 @@ class ReducedModel:
         if not directions:
             return states[:, :k, None], np.zeros((steps + 1, k, 0))
         pushed = [self.pushes(experiment, θ, dθ, states) for dθ in directions]
+        _, first = self._first(experiment, θ, directions)
         propagator = MidpointPropagator(self.parts.at(θ), h)
-        return states[:, :k, None], propagator.run(np.stack(pushed, axis=2))[:, :k]
+        return states[:, :k, None], propagator.run(np.stack(pushed, axis=2), first)[:, :k]
 
     def states(self, experiment: Experiment, θ: Array) -> Array:
         """[ξ, ξ'] of the run at all step ends, (steps + 1, 2 k)."""
-        steady, weighed = self._forces(experiment.inputs, experiment.steps)
+        steady, weighed = forces_of(self.parts, experiment.inputs, experiment.steps)
+        first, _ = self._first(experiment, θ, [])
         propagator = MidpointPropagator(self.parts.at(θ), experiment.dt)
-        return propagator.run((steady + _weighted(θ, weighed))[:, :, None])[:, :, 0]
+        return propagator.run((steady + weighted(θ, weighed))[:, :, None], first)[:, :, 0]
 
     def pushes(self, experiment: Experiment, θ: Array, dθ: Array, states: Array) -> Array:
         """What a direction of θ pushes the run with in each step, (steps, k)."""
-        _, weighed = self._forces(experiment.inputs, experiment.steps)
-        return sensitivity_forces(self.parts.along(θ, dθ), experiment.dt, states) + _weighted(dθ, weighed)
+        _, weighed = forces_of(self.parts, experiment.inputs, experiment.steps)
+        return sensitivity_forces(self.parts.along(θ, dθ), experiment.dt, states) + weighted(dθ, weighed)
+
+    def _first(self, experiment: Experiment, θ: Array, directions: Sequence[Array]) -> tuple[Array, Array]:
+        """ξ and its rate where the run begins, (2 k, 1), and their derivatives, (2 k, directions)."""
+        first, along = np.concatenate(self._start.T)[:, None], np.zeros((2 * self.order, len(directions)))
+        if experiment.start is not None and experiment.start.equilibrium:
+            ξ, ξ_along = self._equilibria(experiment.start.equilibrium, 1, θ, directions)
+            first[: self.order] += ξ[0]
+            along[: self.order] = ξ_along[0]
+        return first, along
 
     def _at_rest(self, experiment: Experiment, θ: Array, directions: Sequence[Array]) -> tuple[Array, Array]:
         """ξ in all equilibria, (R, k, 1), and its derivatives, (R, k, directions)."""
-        count = experiment.equilibria
+        return self._equilibria(experiment.rest_inputs, experiment.equilibria, θ, directions)
+
+    def _equilibria(
+        self, inputs: Mapping[str, Array], count: int, θ: Array, directions: Sequence[Array]
+    ) -> tuple[Array, Array]:
+        """ξ (count, k, 1) under inputs (count, p) of contact modes, and its derivatives (count, k, directions)."""
         if not count:
             return np.zeros((0, self.order, 1)), np.zeros((0, self.order, len(directions)))
-        steady, weighed = self._forces(experiment.rest_inputs, count)
+        steady, weighed = forces_of(self.parts, inputs, count)
         K = self.parts.at(θ).stiffness
-        ξ = np.linalg.solve(K, (steady + _weighted(θ, weighed)).T)
+        ξ = np.linalg.solve(K, (steady + weighted(θ, weighed)).T)
         along = [
-            np.linalg.solve(K, _weighted(dθ, weighed).T - self.parts.along(θ, dθ).stiffness @ ξ).T for dθ in directions
+            np.linalg.solve(K, weighted(dθ, weighed).T - self.parts.along(θ, dθ).stiffness @ ξ).T for dθ in directions
         ]
         return ξ.T[:, :, None], np.stack(along, axis=2) if along else np.zeros((count, self.order, 0))
 
-    def _forces(self, inputs: Mapping[str, Array], count: int) -> tuple[Array, Array]:
-        """Forces (count, k) that do not depend on θ, and those per density of each material, (m, count, k)."""
-        steady = np.zeros((count, self.order))
-        weighed = np.zeros((len(self.parts.mass), count, self.order))
-        for name, u in inputs.items():
-            steady += u @ self.parts.inputs[name].T
-            weighed += u @ self.parts.weights[name].transpose(0, 2, 1)
-        return steady, weighed
+
+def forces_of(parts: AffineDecomposition, inputs: Mapping[str, Array], count: int) -> tuple[Array, Array]:
+    """Forces (count, k) that do not depend on θ, and those per density of each material, (m, count, k)."""
+    k = len(parts.springs)
+    steady, weighed = np.zeros((count, k)), np.zeros((len(parts.mass), count, k))
+    for name, u in inputs.items():
+        steady += u @ parts.inputs[name].T
+        weighed += u @ parts.weights[name].transpose(0, 2, 1)
+    return steady, weighed
 
 
-def _weighted(θ: Array, weighed: Array) -> Array:
+def weighted(θ: Array, weighed: Array) -> Array:
     """Σ ρ_i times what there is per density of each material."""
     return np.tensordot(θ[:-1, DENSITY], weighed, 1)
 
@@ -135,12 +168,13 @@ class MidpointPropagator:
         k = len(M)
         self._after = np.vstack([h * v, 2 * v]) + np.diag(np.repeat([1.0, -1.0], k))
 
-    def run(self, forces: Array) -> Array:
-        """Displacements and velocities [x, v] from rest, (steps + 1, 2 k, c), under forces (steps, k, c)."""
+    def run(self, forces: Array, first: Array) -> Array:
+        """Displacements and velocities [x, v], (steps + 1, 2 k, c), from the first on, under forces (steps, k, c)."""
         steps, k, c = forces.shape
         pushed = np.linalg.solve(self._step_operator, forces.transpose(1, 0, 2).reshape(k, -1))
         pushed = pushed.reshape(k, steps, c).transpose(1, 0, 2)
         states = np.zeros((steps + 1, 2 * k, c))
+        states[0] = first
         states[1:, :k], states[1:, k:] = self._h * pushed, 2 * pushed
         for before, after in pairwise(states):
             after += self._after @ before

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.identification.experiment import Experiment
+from fenics_rom.identification.experiment import Experiments
 from fenics_rom.identification.parameters import Parameter
 from fenics_rom.identification.uncertainty import CONFIDENCE, interval_half_widths
 from fenics_rom.scene.scene import Scene
@@ -82,7 +82,7 @@ class Identification:
     estimates: tuple[Estimate, ...]
     correlations: Array
     noise: float
-    experiment: Experiment
+    experiment: Experiments
     predicted: Array
     full: Array
     finer: Array

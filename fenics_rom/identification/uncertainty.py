@@ -12,14 +12,21 @@ import numpy as np
 import scipy.stats
 from numpy import ndarray as Array
 
-from fenics_rom.identification.parameters import ALPHA, DENSITY, POISSON, YOUNG, Parameter
+from fenics_rom.identification.parameters import ALPHA, DENSITY, FIRST_CLOCK, POISSON, YOUNG, Parameter
 
 CONFIDENCE = 0.95
 ROUND_OFF_SHARE = 1e-7  # share of the largest singular value below which data do not depend on a combination at all
 VAGUE_HALF_WIDTHS = {POISSON: 2.0}  # half-width of a 95 % interval of q that says nothing; 1 of others: a factor of e
 NAMED_SHARE = 0.1  # of the largest, that a parameter must have in a combination to be named
 EQUALITY_TOLERANCE = 0.02  # relative difference of weights that count as equal
-FIXING_ORDER = (DENSITY, POISSON, ALPHA, ALPHA + 1, YOUNG)  # among parameters that weigh alike in a combination
+FIXING_ORDER = (
+    FIRST_CLOCK,
+    DENSITY,
+    POISSON,
+    ALPHA,
+    ALPHA + 1,
+    YOUNG,
+)  # among parameters that weigh alike in a combination
 
 
 def noise_deviation(residual: Array, parameters: int) -> float:
@@ -77,7 +84,9 @@ def find_unidentifiable(parameters: Sequence[Parameter], jacobian: Array, uncert
     weights = np.abs(Vᵀ[-1])
     named = np.flatnonzero(weights >= NAMED_SHARE * weights.max())
     alike = np.flatnonzero(weights >= (1 - EQUALITY_TOLERANCE) * weights.max())
-    fixed = min((parameters[k] for k in alike), key=lambda parameter: FIXING_ORDER.index(parameter.column))
+    fixed = min(
+        (parameters[k] for k in alike), key=lambda parameter: FIXING_ORDER.index(min(parameter.column, FIRST_CLOCK))
+    )
     direction = Vᵀ[-1] * spans * np.sign(Vᵀ[-1][named[0]])
     reason = _describe([parameters[k] for k in named], direction[named], blind)
     if not blind or len(named) > 1:

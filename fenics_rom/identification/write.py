@@ -56,7 +56,8 @@ def identified_text(result: Identification, folder: Path) -> str:
     """The scene file with the values that were found, for a file in `folder`: paths in it are relative to that."""
     document = tomlkit.parse(result.scene.text)
     for estimate in result.found:
-        replace_value(document, estimate.parameter.path, tomlkit.value(f"{estimate.value:.8g}"))
+        if estimate.parameter.path:
+            replace_value(document, estimate.parameter.path, tomlkit.value(f"{estimate.value:.8g}"))
     for path, file in ((("mesh", "file"), document["mesh"]["file"]), *_tables(document)):
         if not Path(file).is_absolute():
             moved = os.path.relpath(Path(result.scene.source).parent / file, folder)
@@ -108,7 +109,8 @@ def summary_lines(result: Identification) -> dict[str, str]:
     moving = len(experiment.times)
     shifts = {name: shift.max(initial=0.0) for name, shift in result.shifts.items()}
     return {
-        "measured": f"{moving} values in motion, {len(experiment.measured) - moving} at rest",
+        "measured": f"{moving} values in motion, {len(experiment.measured) - moving} at rest"
+        + (f"; {experiment.unseen} cells were empty" if experiment.unseen else ""),
         "residual": f"{result.residual:.4g} m (root mean square)",
         "residual, full order": f"{result.full_residual:.4g} m",
         "noise": f"{result.noise:.4g} m (standard deviation of a value)",
@@ -144,7 +146,7 @@ def residuals_csv(result: Identification) -> str:
         ("file", "line", "marker", "time (s)", "measured (m)", "model (m)", "full order (m)", "residual (m)")
     )
     experiment = result.experiment
-    times = [*map(repr, experiment.times.tolist()), *[""] * len(experiment.rows)]
+    times = [*map(repr, experiment.times.tolist()), *[""] * (len(experiment.measured) - len(experiment.times))]
     columns = np.stack([experiment.measured, result.predicted, result.full, experiment.measured - result.predicted])
     for place, time, values in zip(experiment.places, times, columns.T.tolist(), strict=True):
         file, line, marker = place

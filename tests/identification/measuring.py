@@ -1,12 +1,14 @@
 """Scenes to identify, and what markers on them would show, by full-order runs."""
 
 import csv
+import warnings
 from pathlib import Path
 
 import numpy as np
 from bodies import box_arrays, scene_text, write_arrays
 
 import fenics_rom as fr
+from fenics_rom.errors import FenicsRomWarning
 from fenics_rom.scene.file import parse_scene
 
 RUN = 'dt = 0.01\nduration = 0.6\nload = [{ contact = "right", stop = 0.2, force = [1.0, 2.0, 3.0] }]'
@@ -69,3 +71,13 @@ def write(file: Path, heading: list[str], rows: list[list[object]]) -> None:
         writer = csv.writer(stream)
         writer.writerow(heading)
         writer.writerows(rows)
+
+
+def found_by(scene, data, **choice):
+    """The result, and what it warned of."""
+    with warnings.catch_warnings(record=True) as caught:
+        warnings.simplefilter("always", FenicsRomWarning)
+        result = fr.identify(scene, data, **choice)
+    said = tuple(str(one.message) for one in caught if issubclass(one.category, FenicsRomWarning))
+    assert said == result.warnings
+    return result

@@ -1,19 +1,19 @@
 """Identification as a whole: what is found, how sure that is, and what is refused."""
 
-import warnings
 from dataclasses import replace
 
 import numpy as np
 import pytest
-from measuring import START, TRUTH, box_mesh, film, scene_of, weigh, write
+from measuring import START, TRUTH, box_mesh, film, found_by, scene_of, weigh, write
 
 import fenics_rom as fr
-from fenics_rom.errors import DataError, FenicsRomWarning, SceneError, SolverError
+from fenics_rom.errors import DataError, SceneError, SolverError
 from fenics_rom.identification.affine import AffineSystem
-from fenics_rom.identification.experiment import make_experiment
+from fenics_rom.identification.experiment import Experiments, make_experiment
 from fenics_rom.identification.fit import FitProblem, fit_parameters
 from fenics_rom.identification.marker_data import read_markers
 from fenics_rom.identification.parameters import select_parameters, values_of
+from fenics_rom.identification.recording import JointModel
 from fenics_rom.identification.reduced_model import ReducedModel
 from fenics_rom.identification.uncertainty import interval_half_widths
 from fenics_rom.identification.write import parameter_rows
@@ -33,16 +33,6 @@ def files(mesh, tmp_path_factory):
     """Data without noise, of a motion and of equilibria."""
     folder, truth = tmp_path_factory.mktemp("data"), scene_of(mesh, TRUTH)
     return film(folder / "motion.csv", truth), weigh(folder / "rest.csv", truth, PUSHES)
-
-
-def found_by(scene, data, **choice):
-    """The result, and what it warned of."""
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always", FenicsRomWarning)
-        result = fr.identify(scene, data, **choice)
-    said = tuple(str(one.message) for one in caught if issubclass(one.category, FenicsRomWarning))
-    assert said == result.warnings
-    return result
 
 
 def test_without_noise_the_truth_is_found_from_far_away(mesh, files):
@@ -88,10 +78,11 @@ def test_intervals_hold_the_truth_as_often_as_they_say(mesh, files):
     exact = make_experiment(
         scene, [replace(read[0], measured=read[0].measured[:, [2, 5, 7]], **thinned(read[0])), read[1]], affine.plain
     )
-    model = ReducedModel(affine.parts(np.eye(affine.plain.size)))
+    model = JointModel((ReducedModel(affine.parts(np.eye(affine.plain.size))),))
     rng, q, held = np.random.default_rng(0), np.zeros(len(parameters)), []
     for _ in range(60):
-        noisy = replace(exact, measured=exact.measured + 1e-4 * rng.standard_normal(len(exact.measured)))
+        seen = exact.measured + 1e-4 * rng.standard_normal(len(exact.measured))
+        noisy = Experiments((replace(exact, measured=seen),))
         problem = FitProblem(values_of(scene), parameters, noisy, lambda θ: model, affine.plain.algebra.comm)
         fit = fit_parameters(problem, q, model, lambda done, of: None)
         held.append(np.abs(fit.q) <= interval_half_widths(noisy.measured - fit.predicted, fit.jacobian))
@@ -199,14 +190,12 @@ MOVED = '[effects.prescribed.push]\npoint = [1.0, 0.2, 0.1]\ntable = "push.csv"'
 
 
 def test_scenes_that_cannot_be_identified_are_refused(mesh, files, tmp_path):
-    with pytest.raises(SceneError, match="with obstacles displacements are not linear"):
+    with pytest.raises(SceneError, match=r"effects.contact: where obstacles push is not known"):
         fr.identify(scene_of(mesh, START, OBSTACLE, run=None), files)
     with pytest.raises(SceneError, match=r"data with times need effects.inertia"):
         fr.identify(scene_of(mesh, START, effects=GRAVITY), files)
     with pytest.raises(SceneError, match=r"effects.prescribed.push: changes with time, so it has no value in an"):
         fr.identify(scene_of(mesh, START, MOVED, tables={"push.csv": np.eye(2, 4)[::-1]}), files)
-    with pytest.raises(SceneError, match=r"effects.point_masses: allowed are bodies without"):
-        fr.identify(scene_of(mesh, START, WEIGHED), files)
     with pytest.raises(SceneError, match="is not wholly held, so it has no equilibria"):
         fr.identify(scene_of(mesh, START, supports=None), files)
     with pytest.raises(SceneError, match=r"no parameter 'yung'.*did you mean 'young'"):

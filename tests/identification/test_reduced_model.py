@@ -7,7 +7,7 @@ from measuring import START, TRUTH, box_mesh, film, scene_of, weigh
 import fenics_rom as fr
 from fenics_rom.identification.affine import AffineSystem
 from fenics_rom.identification.experiment import interpolate_instants, make_experiment
-from fenics_rom.identification.identify import predict_full_order
+from fenics_rom.identification.full_order import answer_of
 from fenics_rom.identification.marker_data import read_markers
 from fenics_rom.identification.parameters import directions_at, scene_with, select_parameters, values_at, values_of
 from fenics_rom.identification.reduced_model import ReducedModel, make_basis
@@ -43,7 +43,8 @@ def case(tmp_path_factory):
 
 def test_full_order_answers_with_what_was_measured_on_it(case):
     _, truth, experiment, _ = case
-    said, messages = predict_full_order(fr.assemble(truth), experiment, quiet)
+    answer = answer_of(fr.assemble(truth), experiment, quiet)
+    said, messages = answer.predictions(experiment, values_of(truth)), answer.warnings
     assert len(said) == 30 * 9 + 2 * 6
     assert np.abs(said - experiment.measured).max() <= 1e-12 * np.abs(said).max()
     assert messages == ()
@@ -70,7 +71,9 @@ def test_jacobian_is_that_of_differences_of_the_full_order(case, monkeypatch):
     differences = []
     for step in h * np.eye(len(q)):
         after, before = (
-            predict_full_order(fr.assemble(scene_with(scene, values_at(start, parameters, at))), experiment, quiet)[0]
+            answer_of(fr.assemble(scene_with(scene, values_at(start, parameters, at))), experiment, quiet).predictions(
+                experiment, start
+            )
             for at in (q + step, q - step)
         )
         differences.append((after - before) / (2 * h))

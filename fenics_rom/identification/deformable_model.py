@@ -1,0 +1,324 @@
+"""A model of a few displacements of a body that deforms largely, made of one run at full order.
+
+The basis is a proper orthogonal decomposition, in the mass norm, of the shapes of that run and of what other moduli
+would make of them at small strain, with as few points as give the forces on them (ECSW, as in
+`reduction.hyperreduction`). At other values θ the moduli of its points, its mass and its damping are others. What it
+lacks of the full order where it was made is added to all that it says: so a fit that is repeated where the last one
+ended ends where one at full order would.
+
+Steps are those of the midpoint rule with a potential (`runtime.steppers.newton`), for all derivatives at once: bodies
+of slightly other values go along, and their differences are the derivatives.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.errors import SolverError
+from fenics_rom.fem.assemble import assemble
+from fenics_rom.identification.affine import AffineDecomposition, AffineSystem, lame_parameters
+from fenics_rom.identification.experiment import Experiment, interpolate_instants
+from fenics_rom.identification.full_order import FullOrderAnswer
+from fenics_rom.identification.parameters import BETA, POISSON, YOUNG, scene_with
+from fenics_rom.identification.reduced_model import forces_of, weighted
+from fenics_rom.mechanics.hyperelastic import (
+    VOIGT_INDEX,
+    discrete_gradient_stress,
+    linear_stress,
+    moduli,
+    strain,
+    stress,
+)
+from fenics_rom.reduction.balancing import choose_order
+from fenics_rom.reduction.common_basis import significant_eigenpairs
+from fenics_rom.reduction.hyperreduction.cubature import fit_cubature
+from fenics_rom.rom.deformation import ReducedDeformation
+from fenics_rom.runtime.steppers.newton import FAST_CONTRACTION, MAX_ITERATIONS, is_solved
+from fenics_rom.system.system import System
+
+DIFFERENCE = 1e-4  # of q, to either side: derivatives are off by its square, and by round-off over it
+
+# Of the basis and of the forces of points, finer than for a run: derivatives that resemble each other are to differ.
+BASIS_TOLERANCE, CUBATURE_TOLERANCE = 3e-6, 2e-3
+POISSON_CHANGE, YOUNG_CHANGE = 0.02, 0.1  # of ν, and of E as a share, that the basis is to follow well
+PRECISION = 1e-8  # of differences of runs whose steps are solved to 1e-12
+
+
+@dataclass(frozen=True)
+class DeformableModel:
+    """The scene on a basis W, x = W q, WᵀMW = I where it was made."""
+
+    parts: AffineDecomposition  # on W
+    body: ReducedDeformation  # of the values where it was made
+    material: Array  # (P,) number of the material at each point
+    dilation: Array  # (P,) share of λ that each point has: with selective integration 1 in the middle of cells alone
+    shear: Array  # (P,) and of μ
+    start: Array  # WᵀM of the displacement and velocity that a run begins with beside an equilibrium, (m, 2)
+    answer: FullOrderAnswer  # where it was made
+    shapes: Array  # Wᵀ M of its shapes, (m, s + R)
+    centre: Array  # θ where it was made
+    experiment: Experiment  # that was answered
+
+    precision = PRECISION
+
+    @property
+    def order(self) -> int:
+        """Number m of its displacements."""
+        return self.body.order
+
+    def predict(self, experiment: Experiment, θ: Array) -> Array:
+        """What it says of all values of an experiment, (N,), m."""
+        return self.linearize(experiment, θ, [])[0]
+
+    def linearize(self, experiment: Experiment, θ: Array, directions: Sequence[Array]) -> tuple[Array, Array]:
+        """What it says, (N,), m, and how that changes in directions of θ, (N, directions).
+
+        Raises:
+            SolverError: it has no such run or equilibrium.
+        """
+        material = [dθ for dθ in directions if dθ[:, : BETA + 1].any()]
+        values = [θ, *(θ + side * DIFFERENCE * dθ for side in (1, -1) for dθ in material)]
+        run, rest = self._answers(experiment, values)
+        seen, seen_at_rest = (
+            run[..., 0] + self._lacking_in_run(len(run), experiment.dt),
+            rest[..., 0] + self._lacking[1],
+        )
+        slopes = np.zeros((len(experiment.measured), len(directions)))
+        moved = [
+            (plus - minus) / (2 * DIFFERENCE)
+            for part in (run, rest)
+            for plus, minus in [np.split(part[..., 1:], 2, axis=-1)]
+        ]
+        along = iter(experiment.predictions(moved[0], moved[1], θ).T)
+        for column, dθ in zip(slopes.T, directions, strict=True):
+            if dθ[:, : BETA + 1].any():
+                column += next(along)
+            column += experiment.clock_slopes(seen, θ, dθ)
+        return experiment.predictions(seen, seen_at_rest, θ), slopes
+
+    @cached_property
+    def _lacking(self) -> tuple[Array, Array]:
+        """What it lacks of the full order where it was made: of the run (steps + 1, n), and at rest (R, n), m."""
+        run, rest = self._answers(self.experiment, [self.centre])
+        return self.answer.run - run[..., 0], self.answer.rest - rest[..., 0]
+
+    def _lacking_in_run(self, count: int, h: float) -> Array:
+        """The former at the ends of steps of h, s, as many as `count` (count, n)."""
+        lack, own = self._lacking[0], self.experiment
+        if h == own.dt or not own.steps:
+            return lack[:count]
+        nodes, weights = interpolate_instants(h * np.arange(count), own.dt, own.steps)
+        between: Array = np.einsum("tk,tkn->tn", weights, lack[nodes])
+        return between
+
+    def _answers(self, experiment: Experiment, values: Sequence[Array]) -> tuple[Array, Array]:
+        """Markers at all step ends (steps + 1, n, B) and in all equilibria (R, n, B), at B values of θ."""
+        C = np.array([self.parts.outputs[m.output][m.row] for m in experiment.markers])
+        bodies = DeformableBodies(self, values)
+        run = np.zeros((1, self.order, len(values)))
+        if experiment.steps:
+            forces = self._forces(experiment.inputs, experiment.steps, values)
+            q, r = np.repeat(self.start.T[:, :, None], len(values), axis=2)
+            if experiment.start is not None and experiment.start.equilibrium:
+                pushed = self._forces(experiment.start.equilibrium, 1, values)[0]
+                q = q + bodies.equilibrium(pushed, self.shapes[:, 0] - self.start[:, 0])
+            run = bodies.run(forces, q, r, experiment.dt)
+        rest = np.zeros((0, self.order, len(values)))
+        if count := experiment.equilibria:
+            pushes = self._forces(experiment.rest_inputs, count, values)
+            guesses = self.shapes.T[-count:]
+            rest = np.stack([bodies.equilibrium(*each) for each in zip(pushes, guesses, strict=True)])
+        return C @ run, C @ rest
+
+    def _forces(self, inputs: Mapping[str, Array], count: int, values: Sequence[Array]) -> Array:
+        """(count, m, B)."""
+        steady, per_density = forces_of(self.parts, inputs, count)
+        return np.stack([steady + weighted(θ, per_density) for θ in values], axis=2)
+
+
+class DeformableBodies:
+    """B bodies of one basis and its points, at values θ that differ little; arrays have the bodies last.
+
+    The first one's tangent serves all.
+    """
+
+    def __init__(self, model: DeformableModel, values: Sequence[Array]):
+        P, parts, ω = model.material, model.parts, model.body.weights[:, None]
+        λ, μ = (np.stack(each, axis=1)[P] for each in zip(*(lame_parameters(θ) for θ in values), strict=True))
+        β = np.stack([θ[:-1, BETA] for θ in values], axis=1)[P]
+        λ, μ = model.dilation[:, None] * λ, model.shear[:, None] * μ
+        self._law, self._elastic = model.body.law, ((ω * λ).ravel(), (ω * μ).ravel())
+        self._viscous = (ω * β * λ).ravel(), (ω * β * μ).ravel()
+        first = {"first_lame": λ[:, 0], "shear": μ[:, 0], "viscosity": β[:, 0]}
+        self._body = replace(model.body, external_damping=parts.external_damping(values[0]), **first)
+        self._mass = np.stack([parts.mass_at(θ) for θ in values])
+        self._damping = np.stack([parts.external_damping(θ) for θ in values])
+        self._springs = parts.springs
+        self._rows = model.body.gradients.reshape(-1, model.order)
+
+    def run(self, forces: Array, q: Array, r: Array, h: float) -> Array:
+        """q at all step ends, (steps + 1, m, B), from q and velocities r (m, B) on, under forces (steps, m, B).
+
+        Raises:
+            SolverError: a step was not solved.
+        """
+        states, E = np.empty((len(forces) + 1, *q.shape)), strain(self._gradients(q))
+        states[0], rate, inverse = q, r, None
+        for n, force in enumerate(forces):
+            v, E, inverse = self._step(q, r, E, force, h, 2 * r - rate, inverse)
+            q, r, rate = q + h * v, 2 * v - r, v
+            states[n + 1] = q
+        return states
+
+    def _step(
+        self, q: Array, r: Array, E: Array, force: Array, h: float, v: Array, inverse: Array | None
+    ) -> tuple[Array, Array, Array]:
+        """Mid-step velocities v̂ (m, B), from a guess; the strains at the end, and an inverse tangent for the next."""
+        before, fresh = np.inf, False
+        for _ in range(MAX_ITERATIONS):
+            middle = q + h / 2 * v
+            H, after = self._gradients(middle), strain(self._gradients(q + h * v))
+            S = discrete_gradient_stress(self._law, E, after, *self._elastic)
+            S += linear_stress((after - E) / h, *self._viscous)
+            parts = (
+                2 / h * _times(self._mass, v - r),
+                _times(self._damping, v),
+                self._resultant(H, S) + self._springs @ middle,
+                -force,
+            )
+            residual = sum(parts)
+            scale = max(np.abs(part).max() for part in (2 / h * _times(self._mass, r), *parts))
+            if not np.isfinite(scale):
+                break
+            error = np.abs(residual).max()
+            if is_solved(error, before, scale):
+                assert inverse is not None
+                return v, after, inverse
+            if inverse is None or (error > FAST_CONTRACTION * before and not fresh):
+                inverse, fresh = self._inverse(H, (E + after) / 2, S, h), True
+            else:
+                fresh = False
+            before = error
+            v = v - inverse @ residual
+        raise SolverError(
+            f"the reduced model has no step of {h:g} s where the fit came by; allowed are start values that are "
+            "closer, or a smaller run.dt"
+        )
+
+    def _inverse(self, H: Array, E: Array, S: Array, h: float) -> Array:
+        """Of the first body's 2/h M + D + h/2 ∂f/∂q, (m, m)."""
+        body, first = self._body, slice(None, None, self._mass.shape[0])
+        H, E, S = H[..., first], E[:, first], S[:, first]
+        A, (λ, μ), β = body.strain_rates(H), (body.first_lame, body.shear), body.viscosity
+        C = h / 2 * moduli(body.law, E, λ, μ) + moduli("st_venant_kirchhoff", E, β * λ, β * μ)
+        CA = np.einsum("cdp,dpk->cpk", body.weights * C, A).reshape(-1, body.order)
+        K = A.reshape(-1, body.order).T @ CA + h / 2 * (body.geometric(S) + self._springs)
+        return np.linalg.inv(2 / h * self._mass[0] + self._damping[0] + K)
+
+    def equilibrium(self, forces: Array, guess: Array) -> Array:
+        """q (m, B) under forces (m, B), from a guess (m,) on.
+
+        Raises:
+            SolverError: none was found.
+        """
+        q, before = np.repeat(guess[:, None], forces.shape[1], axis=1), np.inf
+        for _ in range(MAX_ITERATIONS):
+            H = self._gradients(q)
+            elastic = self._resultant(H, stress(self._law, strain(H), *self._elastic)) + self._springs @ q
+            residual, scale = elastic - forces, max(np.abs(elastic).max(), np.abs(forces).max())
+            if not np.isfinite(scale):
+                break
+            error = np.abs(residual).max()
+            if error == 0 or is_solved(error, before, scale):
+                return q
+            before, q = error, q - np.linalg.solve(self._body.tangent(q[:, 0]), residual)
+        raise SolverError(
+            "the reduced model has no equilibrium where the fit came by; allowed are start values that are closer"
+        )
+
+    def _gradients(self, q: Array) -> Array:
+        """H (3, 3, P B) at q (m, B)."""
+        return (self._rows @ q).reshape(3, 3, -1)
+
+    def _resultant(self, H: Array, S: Array) -> Array:
+        """Forces (m, B) of stresses S (6, P B), which hold the weights, on bodies deformed by H: Σ (F S) : ∇W_k."""
+        FS = np.einsum("ikp,kjp->ijp", H + np.eye(3)[:, :, None], S[VOIGT_INDEX])
+        return self._rows.T @ FS.reshape(len(self._rows), -1)
+
+
+def _times(matrices: Array, columns: Array) -> Array:
+    """Products (m, B) of matrices (B, m, m) with columns (m, B), each with its own."""
+    return np.einsum("bij,jb->ib", matrices, columns)
+
+
+def make_deformable_model(
+    affine: AffineSystem, system: System, experiment: Experiment, θ: Array, answer: FullOrderAnswer
+) -> DeformableModel:
+    """The model of a system at values θ, from what it answered; every rank must call it.
+
+    Raises:
+        SolverError: no positive weights of few points give the forces.
+    """
+    scene, deformation, inner = system.scene, system.deformation, system.algebra.inner
+    assert scene is not None
+    assert deformation is not None
+    fields = np.zeros((system.local_size, 2)) if experiment.start is None else experiment.start.fields
+    columns = np.hstack([answer.shapes, *_changed_shapes(system, θ, answer.shapes)])
+    w, E = significant_eigenpairs(inner(columns, system.mass @ columns))
+    m = choose_order(np.sqrt(w), None, BASIS_TOLERANCE)
+    W = columns @ (E[:, :m] / np.sqrt(w[:m]))
+    γ, U = np.linalg.eigh(inner(W, system.stiffness @ W))
+    W = W @ U
+    gradients, shapes = deformation.gradients(W), inner(W, system.mass @ answer.shapes)
+    cubature = fit_cubature(deformation, system.algebra, gradients, γ, shapes, CUBATURE_TOLERANCE)
+    material, dilation, shear = affine.points
+    here, parts = cubature.points, affine.parts(W)
+
+    def gathered(values: Array) -> Array:
+        """Values (K here, ...) of the kept points of all ranks."""
+        return system.algebra.gather(np.ascontiguousarray(values))
+
+    return DeformableModel(
+        parts=parts,
+        body=ReducedDeformation(
+            law=deformation.law,
+            gradients=np.ascontiguousarray(gathered(gradients[:, :, here].transpose(2, 0, 1, 3)).transpose(1, 2, 0, 3)),
+            weights=gathered(cubature.weights * deformation.weights[here]),
+            first_lame=gathered(deformation.first_lame[here]),
+            shear=gathered(deformation.shear[here]),
+            viscosity=gathered(deformation.viscosity[here]),
+            external_damping=parts.external_damping(θ),
+            springs=parts.springs,
+            training_radius=float(np.linalg.norm(shapes, axis=0).max()),
+            points_of=int(system.algebra.total(len(deformation.weights))),
+            cubature_error=cubature.error,
+        ),
+        material=gathered(material[here]).astype(int),
+        dilation=gathered(dilation[here]),
+        shear=gathered(shear[here]),
+        start=inner(W, system.mass @ fields),
+        answer=answer,
+        shapes=shapes,
+        centre=θ,
+        experiment=experiment,
+    )
+
+
+def _changed_shapes(system: System, θ: Array, shapes: Array) -> Iterator[Array]:
+    """How shapes (rows here, s) change with Poisson's ratio of each material and, where there are several, with E.
+
+    That is at small strain, under the forces that hold them: (K⁻¹ K' - 1) x of another stiffness K'.
+    """
+    assert system.scene is not None
+    linear = replace(system.scene, effects=replace(system.scene.effects, large_deformation=None))
+    kinds = {POISSON: -POISSON_CHANGE} | ({YOUNG: YOUNG_CHANGE} if len(θ) > 2 else {})
+    with closing(system.algebra.factor((1.0, system.stiffness))) as factor:
+        for row in range(len(θ) - 1):
+            for column, change in kinds.items():
+                other = θ.copy()
+                other[row, column] += change * (1.0 if column == POISSON else θ[row, column])
+                yield factor.solve(assemble(scene_with(linear, other)).stiffness @ shapes) - shapes
