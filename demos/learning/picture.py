@@ -20,9 +20,11 @@ def picture(
     faces = np.insert(rom.triangles, 0, 3, axis=1).ravel()
     plotter.add_mesh(pv.PolyData(rom.nodes + displacement, faces), color="lightsteelblue", show_edges=True)
     for centre, radius in balls:
-        plotter.add_mesh(pv.Sphere(radius, centre), color="crimson")
+        plotter.add_mesh(pv.Sphere(radius=radius, center=centre), color="crimson")
     for start, end, radius in rods:
-        tube = pv.Cylinder((start + end) / 2, end - start, radius, float(np.linalg.norm(end - start)))
+        tube = pv.Cylinder(
+            center=(start + end) / 2, direction=end - start, radius=radius, height=float(np.linalg.norm(end - start))
+        )
         plotter.add_mesh(tube, color="tan")
     span = float(np.ptp(rom.nodes[:, 0]))
     plotter.camera.position = np.array([1.6, -1.5, 0.9]) * span

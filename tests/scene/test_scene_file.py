@@ -142,7 +142,7 @@ surface = "middle" | near = {point = [0, 0], radius = 1} | near.point is a list 
 surface = "middle"⏎force = "resultant" | force = "x" | force: no choice 'x'; there is nodal, normal, resultant
 [contacts.middle] | [contacts."mid/dle"] | contacts: name 'mid/dle': allowed are letters, digits, _ and -, at most 100
 [outputs.tip] | [outputs.".."] | outputs: name '..': allowed are letters, digits, _ and -, at most 100
-points = [[0.5, 0.2, 0.01], [0.5, 0.0, 0.01]] | | outputs.tip: give exactly one of points, surface; given: none
+points = [[0.5, 0.2, 0.01], [0.5, 0.0, 0.01]] | | outputs.tip: give exactly one of points, markers, surface; given: none
 [[0.5, 0.2, 0.01], [0.5, 0.0, 0.01]] | [] | outputs.tip.points is a list of 0: allowed is a list of at least 1
 [[0.5, 0.2, 0.01], [0.5, 0.0, 0.01]] | [1] | points[0] = 1: allowed is a list of 3, each a finite number, in m
 [reduction] | [reduction]⏎tolerance = 1e-3 | reduction: give order or tolerance, not both
