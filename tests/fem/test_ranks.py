@@ -75,7 +75,7 @@ RUN = 'dt = 0.01\nduration = 0.5\nload = [{ contact = "middle", stop = 0.3, forc
 TIP = {"outputs.tip": "points = [[0.9, 0.2, 0.1]]", "reduction": "order = 12"}
 pytestmark = pytest.mark.alone
 FOUR = pytest.param(4, marks=pytest.mark.slow)
-SHORT = ("plate", "plate-krylov", "beam", "many", "free-krylov", "run", "effects", "effects-run")
+SHORT = ("plate", "plate-krylov", "beam", "free-krylov", "run", "effects", "effects-run")
 
 
 def by_length(*names):

@@ -17,7 +17,7 @@ pytestmark = pytest.mark.alone
 def seen(tmp_path_factory):
     """What each rank of one and of two saw."""
     folder = tmp_path_factory.mktemp("solvers")
-    mesh = write_arrays(folder / "box.msh", *box_arrays((1.0, 0.5, 0.5), (11, 6, 6), shake=0.2))
+    mesh = write_arrays(folder / "box.msh", *box_arrays((1.0, 0.5, 0.5), (7, 4, 4), shake=0.2))
     script, checks = Path(__file__).with_name("solvers_on_ranks.py"), {}
     for ranks in (1, 2):
         results = folder / f"{ranks}.json"
