@@ -3,6 +3,7 @@
 import json
 from collections.abc import Mapping
 from dataclasses import MISSING, Field, fields, is_dataclass
+from inspect import cleandoc
 from pathlib import Path
 from typing import Any, get_args, get_origin
 
@@ -79,7 +80,9 @@ def _table_in(annotation: Any) -> Any:
 def _section(record: Any, places: list[str]) -> str:
     """What a record is, where it is, and its keys."""
     first, *others = places
-    text = f"{record.__doc__} The same: {', '.join(others)}." if others else record.__doc__
+    text = " ".join(cleandoc(record.__doc__).split("\n\n"))
+    if others:
+        text += f" The same: {', '.join(others)}."
     annotations = keys_of(record)
     rows = [_row(field, annotations[field.name]) for field in fields(record)]
     return f"## {first}\n\n{text}\n\n{markdown(('key', 'value', 'unit', 'default', 'meaning'), rows)}"
@@ -91,7 +94,7 @@ def _row(field: Field, annotation: Any) -> tuple[str, str, str, str, str]:
     if isinstance(default, str | int | float):
         shown = f"`{json.dumps(default)}`"
     meanings = [extra for extra in extras_in(annotation) if isinstance(extra, str)]
-    meaning = meanings[0] if meanings else _table_in(annotation).__doc__.rstrip(".")
+    meaning = meanings[0] if meanings else _table_in(annotation).__doc__.split("\n")[0].rstrip(".")
     return f"`{field.name}`", _words(annotation), _unit(annotation), shown, meaning
 
 
