@@ -37,7 +37,7 @@ COMMANDS = {
     ],
     "simulate": ["--scene", "--dt", "--every", "--order", "--profile", "--rate", "--stepper", "--output"],
     "study": ["--tolerance", "--quick", "--methods", "--orders", "--steps", "--mesh", "--resume", "--output"],
-    "identify": ["--data", "--parameters", "--output"],
+    "identify": ["--also", "--data", "--parameters", "--output"],
     "info": [],
     "view": ["--port", "--no-browser", "--dt"],
     "compare": ["--finer"],
