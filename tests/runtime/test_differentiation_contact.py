@@ -130,13 +130,15 @@ def test_gradient_agrees_with_differences(rom, name):
     gradient = case.gradient()
     slopes = (gradient.inputs, *gradient.state)
     assert gradient.kinks == ()
-    for place, slope in enumerate(slopes):
+    parts = [(slope * δ).sum() for slope, δ in zip(slopes, case.directions, strict=True)]
+    size = max(map(abs, parts))  # one part may be hundreds of times smaller than another
+    for place, part in enumerate(parts):
         along = [δ * (number == place) for number, δ in enumerate(case.directions)]
         difference = (case.value(ε, along) - case.value(-ε, along)) / (2 * ε)
-        assert (slope * case.directions[place]).sum() == pytest.approx(difference, rel=AGREES)
-    along = sum((slope * δ).sum() for slope, δ in zip(slopes, case.directions, strict=True))
+        assert part == pytest.approx(difference, rel=AGREES, abs=AGREES * size)
+    along = sum(parts)
     assert gradient.value == pytest.approx(case.value(0.0, case.directions), rel=1e-12)
-    left = [abs(case.value(ε, case.directions) - gradient.value - ε * along) for ε in (2e-3, 1e-3)]
+    left = [abs(case.value(ε, case.directions) - gradient.value - ε * along) for ε in (4e-4, 2e-4)]
     assert 1.9 < np.log2(left[0] / left[1]) < 2.1
 
 
