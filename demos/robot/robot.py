@@ -76,7 +76,7 @@ def simulate(rom: fr.Rom, duration: float) -> Run:
     world = world_of(rom, robot)
     bridge = Bridge(robot, world, {f"{side}_finger": "hand" for side in SIDES})
     steps = round(duration / DT)
-    recorder = WorldRecorder(world, steps, snapshots=steps // 20)
+    recorder = WorldRecorder(world, steps, snapshots=steps // 40)
     torques, levers = np.zeros((steps, 4)), np.zeros(steps)
     begin = process_time()
     for step in range(steps):

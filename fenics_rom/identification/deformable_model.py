@@ -6,8 +6,7 @@ would make of them at small strain, with as few points as give the forces on the
 lacks of the full order where it was made is added to all that it says: so a fit that is repeated where the last one
 ended ends where one at full order would.
 
-Steps are those of the midpoint rule with a potential (`runtime.steppers.newton`), for all derivatives at once: bodies
-of slightly other values go along, and their differences are the derivatives.
+Derivatives are differences of runs at slightly other values, all at once (`deformable_bodies`).
 """
 
 from collections.abc import Iterator, Mapping, Sequence
@@ -18,26 +17,17 @@ from functools import cached_property
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.errors import SolverError
 from fenics_rom.fem.assemble import assemble
-from fenics_rom.identification.affine import AffineDecomposition, AffineSystem, lame_parameters
+from fenics_rom.identification.affine import AffineDecomposition, AffineSystem
+from fenics_rom.identification.deformable_bodies import DeformableBodies, DeformablePoints
 from fenics_rom.identification.experiment import Experiment, interpolate_instants
 from fenics_rom.identification.full_order import FullOrderAnswer
 from fenics_rom.identification.parameters import BETA, POISSON, YOUNG, scene_with
 from fenics_rom.identification.reduced_model import forces_of, weighted
-from fenics_rom.mechanics.hyperelastic import (
-    VOIGT_INDEX,
-    discrete_gradient_stress,
-    linear_stress,
-    moduli,
-    strain,
-    stress,
-)
 from fenics_rom.reduction.balancing import choose_order
 from fenics_rom.reduction.common_basis import significant_eigenpairs
 from fenics_rom.reduction.hyperreduction.cubature import fit_cubature
 from fenics_rom.rom.deformation import ReducedDeformation
-from fenics_rom.runtime.steppers.newton import FAST_CONTRACTION, MAX_ITERATIONS, is_solved
 from fenics_rom.system.system import System
 
 DIFFERENCE = 1e-4  # of q, to either side: derivatives are off by its square, and by round-off over it
@@ -54,9 +44,7 @@ class DeformableModel:
 
     parts: AffineDecomposition  # on W
     body: ReducedDeformation  # of the values where it was made
-    material: Array  # (P,) number of the material at each point
-    dilation: Array  # (P,) share of λ that each point has: with selective integration 1 in the middle of cells alone
-    shear: Array  # (P,) and of μ
+    points: DeformablePoints
     start: Array  # WᵀM of the displacement and velocity that a run begins with beside an equilibrium, (m, 2)
     answer: FullOrderAnswer  # where it was made
     shapes: Array  # Wᵀ M of its shapes, (m, s + R)
@@ -118,7 +106,7 @@ class DeformableModel:
     def _answers(self, experiment: Experiment, values: Sequence[Array]) -> tuple[Array, Array]:
         """Markers at all step ends (steps + 1, n, B) and in all equilibria (R, n, B), at B values of θ."""
         C = np.array([self.parts.outputs[m.output][m.row] for m in experiment.markers])
-        bodies = DeformableBodies(self, values)
+        bodies = DeformableBodies(self.parts, self.body, self.points, values)
         run = np.zeros((1, self.order, len(values)))
         if experiment.steps:
             forces = self._forces(experiment.inputs, experiment.steps, values)
@@ -138,121 +126,6 @@ class DeformableModel:
         """(count, m, B)."""
         steady, per_density = forces_of(self.parts, inputs, count)
         return np.stack([steady + weighted(θ, per_density) for θ in values], axis=2)
-
-
-class DeformableBodies:
-    """B bodies of one basis and its points, at values θ that differ little; arrays have the bodies last.
-
-    The first one's tangent serves all.
-    """
-
-    def __init__(self, model: DeformableModel, values: Sequence[Array]):
-        P, parts, ω = model.material, model.parts, model.body.weights[:, None]
-        λ, μ = (np.stack(each, axis=1)[P] for each in zip(*(lame_parameters(θ) for θ in values), strict=True))
-        β = np.stack([θ[:-1, BETA] for θ in values], axis=1)[P]
-        λ, μ = model.dilation[:, None] * λ, model.shear[:, None] * μ
-        self._law, self._elastic = model.body.law, ((ω * λ).ravel(), (ω * μ).ravel())
-        self._viscous = (ω * β * λ).ravel(), (ω * β * μ).ravel()
-        first = {"first_lame": λ[:, 0], "shear": μ[:, 0], "viscosity": β[:, 0]}
-        self._body = replace(model.body, external_damping=parts.external_damping(values[0]), **first)
-        self._mass = np.stack([parts.mass_at(θ) for θ in values])
-        self._damping = np.stack([parts.external_damping(θ) for θ in values])
-        self._springs = parts.springs
-        self._rows = model.body.gradients.reshape(-1, model.order)
-
-    def run(self, forces: Array, q: Array, r: Array, h: float) -> Array:
-        """q at all step ends, (steps + 1, m, B), from q and velocities r (m, B) on, under forces (steps, m, B).
-
-        Raises:
-            SolverError: a step was not solved.
-        """
-        states, E = np.empty((len(forces) + 1, *q.shape)), strain(self._gradients(q))
-        states[0], rate, inverse = q, r, None
-        for n, force in enumerate(forces):
-            v, E, inverse = self._step(q, r, E, force, h, 2 * r - rate, inverse)
-            q, r, rate = q + h * v, 2 * v - r, v
-            states[n + 1] = q
-        return states
-
-    def _step(
-        self, q: Array, r: Array, E: Array, force: Array, h: float, v: Array, inverse: Array | None
-    ) -> tuple[Array, Array, Array]:
-        """Mid-step velocities v̂ (m, B), from a guess; the strains at the end, and an inverse tangent for the next."""
-        before, fresh = np.inf, False
-        for _ in range(MAX_ITERATIONS):
-            middle = q + h / 2 * v
-            H, after = self._gradients(middle), strain(self._gradients(q + h * v))
-            S = discrete_gradient_stress(self._law, E, after, *self._elastic)
-            S += linear_stress((after - E) / h, *self._viscous)
-            parts = (
-                2 / h * _times(self._mass, v - r),
-                _times(self._damping, v),
-                self._resultant(H, S) + self._springs @ middle,
-                -force,
-            )
-            residual = sum(parts)
-            scale = max(np.abs(part).max() for part in (2 / h * _times(self._mass, r), *parts))
-            if not np.isfinite(scale):
-                break
-            error = np.abs(residual).max()
-            if is_solved(error, before, scale):
-                assert inverse is not None
-                return v, after, inverse
-            if inverse is None or (error > FAST_CONTRACTION * before and not fresh):
-                inverse, fresh = self._inverse(H, (E + after) / 2, S, h), True
-            else:
-                fresh = False
-            before = error
-            v = v - inverse @ residual
-        raise SolverError(
-            f"the reduced model has no step of {h:g} s where the fit came by; allowed are start values that are "
-            "closer, or a smaller run.dt"
-        )
-
-    def _inverse(self, H: Array, E: Array, S: Array, h: float) -> Array:
-        """Of the first body's 2/h M + D + h/2 ∂f/∂q, (m, m)."""
-        body, first = self._body, slice(None, None, self._mass.shape[0])
-        H, E, S = H[..., first], E[:, first], S[:, first]
-        A, (λ, μ), β = body.strain_rates(H), (body.first_lame, body.shear), body.viscosity
-        C = h / 2 * moduli(body.law, E, λ, μ) + moduli("st_venant_kirchhoff", E, β * λ, β * μ)
-        CA = np.einsum("cdp,dpk->cpk", body.weights * C, A).reshape(-1, body.order)
-        K = A.reshape(-1, body.order).T @ CA + h / 2 * (body.geometric(S) + self._springs)
-        return np.linalg.inv(2 / h * self._mass[0] + self._damping[0] + K)
-
-    def equilibrium(self, forces: Array, guess: Array) -> Array:
-        """q (m, B) under forces (m, B), from a guess (m,) on.
-
-        Raises:
-            SolverError: none was found.
-        """
-        q, before = np.repeat(guess[:, None], forces.shape[1], axis=1), np.inf
-        for _ in range(MAX_ITERATIONS):
-            H = self._gradients(q)
-            elastic = self._resultant(H, stress(self._law, strain(H), *self._elastic)) + self._springs @ q
-            residual, scale = elastic - forces, max(np.abs(elastic).max(), np.abs(forces).max())
-            if not np.isfinite(scale):
-                break
-            error = np.abs(residual).max()
-            if error == 0 or is_solved(error, before, scale):
-                return q
-            before, q = error, q - np.linalg.solve(self._body.tangent(q[:, 0]), residual)
-        raise SolverError(
-            "the reduced model has no equilibrium where the fit came by; allowed are start values that are closer"
-        )
-
-    def _gradients(self, q: Array) -> Array:
-        """H (3, 3, P B) at q (m, B)."""
-        return (self._rows @ q).reshape(3, 3, -1)
-
-    def _resultant(self, H: Array, S: Array) -> Array:
-        """Forces (m, B) of stresses S (6, P B), which hold the weights, on bodies deformed by H: Σ (F S) : ∇W_k."""
-        FS = np.einsum("ikp,kjp->ijp", H + np.eye(3)[:, :, None], S[VOIGT_INDEX])
-        return self._rows.T @ FS.reshape(len(self._rows), -1)
-
-
-def _times(matrices: Array, columns: Array) -> Array:
-    """Products (m, B) of matrices (B, m, m) with columns (m, B), each with its own."""
-    return np.einsum("bij,jb->ib", matrices, columns)
 
 
 def make_deformable_model(
@@ -297,9 +170,7 @@ def make_deformable_model(
             points_of=int(system.algebra.total(len(deformation.weights))),
             cubature_error=cubature.error,
         ),
-        material=gathered(material[here]).astype(int),
-        dilation=gathered(dilation[here]),
-        shear=gathered(shear[here]),
+        points=DeformablePoints(gathered(material[here]).astype(int), gathered(dilation[here]), gathered(shear[here])),
         start=inner(W, system.mass @ fields),
         answer=answer,
         shapes=shapes,
