@@ -6,7 +6,8 @@ the exact mid-step velocities of its points, nonlinear as it may be; its Delassu
 guides the search.
 """
 
-from typing import NamedTuple, Protocol
+from collections.abc import Mapping
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from numpy import ndarray as Array
@@ -46,6 +47,9 @@ class Body(Protocol):
     @property
     def yields(self) -> bool:
         """Whether each of its points yields by itself, beyond what the motions of the whole body allow."""
+
+    def take(self, inputs: Mapping[str, Any]) -> None:
+        """Inputs of the next step by name; what is not named is 0. Raises StepError where there is no such input."""
 
     def begin(self, h: float) -> None:
         """Opens a step of h s; of 0 to look at where it is."""

@@ -1,7 +1,8 @@
 """A body that moves as it is told: the ground, a palm on rails, a hand."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from typing import Any
 
 import numpy as np
 from numpy import ndarray as Array
@@ -49,6 +50,11 @@ class Driven:
     def follow(self, motion: Callable[[float], BaseState]) -> None:
         """Moves by another function of time, s, from the next step on."""
         self._motion = motion
+
+    def take(self, inputs: Mapping[str, Any]) -> None:
+        """As in Body: it has none."""
+        if inputs:
+            raise StepError("it moves as it is told: allowed are inputs of bodies that do not")
 
     def begin(self, h: float) -> None:
         """As in Body."""

@@ -11,12 +11,13 @@ as the point then goes by h ŝ exactly.
 """
 
 import math
-from typing import NamedTuple
+from collections.abc import Mapping
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.errors import StepError
+from fenics_rom.errors import StepError, check_known
 from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.frame_motion import (
@@ -31,6 +32,7 @@ from fenics_rom.mechanics.frame_motion import (
     rotation_matrix,
     turned,
 )
+from fenics_rom.mechanics.signals import real_numbers
 from fenics_rom.runtime.steppers.frame_kernel import check_turn
 from fenics_rom.runtime.steppers.frame_points import vector
 from fenics_rom.world.bodies import Points, cross_maps, torque_of
@@ -46,7 +48,7 @@ class _Try(NamedTuple):
     """A step under some forces."""
 
     force: Array  # of contacts and joints, N
-    torque: Array  # the same about the centre of mass, N m
+    torque: Array  # of all that acts, about the centre of mass, N m
     velocity: Array  # v̂ (3,), m/s
     turning: Array  # ω̂ (3,) in the body's axes, rad/s
 
@@ -69,7 +71,7 @@ class Rigid:
         self.mass, self._inertia, self._inverse = mass, inertia, np.linalg.inv(inertia)
         one, two, three = map(vector, inertia)
         self._columns: Rotation = one, two, three  # of a symmetric matrix, its rows, too
-        self._gravity = gravity
+        self._gravity, self._force, self._torque = gravity, np.zeros(3), np.zeros(3)
         self.place(pose)
 
     def place(self, pose: BaseState) -> None:
@@ -117,6 +119,17 @@ class Rigid:
         self._h = h
         self._middle = self._p + h / 2 * self._v + self.lead
 
+    def take(self, inputs: Mapping[str, Any]) -> None:
+        """As in Body: `force`, N, and `torque` about the centre of mass, N m, in world axes."""
+        given = {"force": np.zeros(3), "torque": np.zeros(3)}
+        for name, value in inputs.items():
+            check_known("input", name, given, StepError)
+            try:
+                given[name] = real_numbers(value).reshape(3)
+            except (TypeError, ValueError):
+                raise StepError(f"input {name!r} = {value!r}: allowed are 3 real numbers") from None
+        self._force, self._torque = given.values()
+
     def start_velocities(self, points: Points, places: Array) -> Array:
         """As in Body."""
         arms = places - self._middle
@@ -128,9 +141,9 @@ class Rigid:
         """As in Body."""
         h, k = self._h, len(places) - len(points.arms)
         force = forces.sum(axis=0)
-        v̂ = self._v + h / 2 * (force / self.mass + self._gravity)
+        v̂ = self._v + h / 2 * ((force + self._force) / self.mass + self._gravity)
         arms = places - (self._p + h / 2 * v̂)
-        τ = torque_of(arms[:k].T.dot(forces[:k]))
+        τ = torque_of(arms[:k].T.dot(forces[:k])) + self._torque
         held = points.arms.T.dot(forces[k:]) if len(points.arms) else None
         ω̂, τ, mean = self._turning(τ, held)
         if held is not None:
@@ -226,15 +239,16 @@ class Rigid:
     def commit(self) -> None:
         """As in Body."""
         h, (force, torque, v̂, ω̂) = self._h, self._try
-        by_gravity = self.mass * float(self._gravity.dot(v̂))
-        by_others = float(force.dot(v̂)) + float(torque.dot(self._R.dot(ω̂)))
-        self._acceleration = force / self.mass + self._gravity
+        given, turning = self.mass * self._gravity + self._force, self._R.dot(ω̂)
+        by_loads = float(given.dot(v̂)) + float(self._torque.dot(turning))
+        by_others = float(force.dot(v̂)) + float((torque - self._torque).dot(turning))
+        self._acceleration = (force + given) / self.mass
         self._p, self._v = self._p + h * v̂, self._v + h * self._acceleration
         self._ℓ = self._ℓ + h * torque
         self._q = turned(self._q, h * ω̂)
         self._R = rotation_matrix(self._q)
         self._ω = self._inverse.dot(self._R.T.dot(self._ℓ))
-        self.account.book(supplied=h * by_gravity)
+        self.account.book(supplied=h * by_loads)
         self.account.book_contact(h * by_others, 0.0, 0.0, 0.0)
 
     def undo(self) -> None:

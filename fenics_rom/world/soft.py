@@ -151,7 +151,8 @@ class Soft(Simulator):
                 f"body {name!r}: ROM {rom.name!r} has gravity along axes of its own: allowed is a rotation of a ROM "
                 'without it, or one with frame = "moving"'
             )
-        self.input: Mapping[str, Any] = {}
+        self._given: Mapping[str, Any] = {}
+        self.keeps_contact_mode = False  # whoever is near
         self._asked: tuple[Points, Array, Array] | None = None  # points, their velocities without forces, and per force
         self._reached: tuple[Points, Array, bool] | None = None  # points, their nodes, and whether each is one of them
         self._turned_operator = np.empty((0, 0)), np.empty((0, 0))  # in axes of its own, and in the world's
@@ -205,9 +206,13 @@ class Soft(Simulator):
         """Of all nodes now, (N, 3) in world axes, m."""
         return self._to_world(self.rom.nodes + self.displacement())
 
+    def take(self, inputs: Mapping[str, Any]) -> None:
+        """As in Body: as of a Simulator, by name."""
+        self._given = inputs
+
     def begin(self, h: float) -> None:
         """As in Body; in the contact mode that others were nearest to in the step before."""
-        if h > 0:
+        if h > 0 and not self.keeps_contact_mode:
             assert self._source is not None
             if self.contact != (nearest := self._source.nearest(self._stepper)):
                 self.switch(nearest)
@@ -220,7 +225,7 @@ class Soft(Simulator):
         assert self._source is not None
         if self._carrier is not None:
             self._take_base(self._carrier.end)
-        u = self._by_name((), self.input)
+        u = self._by_name((), self._given)
         self._inputs = inputs = self._with_base(self._source.step_input(u, self._width, self.time, self._dt))
         self._handed.point_gaps = np.full(len(self._everywhere), np.inf)
         kernel, self._asked = self._kernel, None

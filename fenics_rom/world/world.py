@@ -65,6 +65,14 @@ class World:
         apart: Sequence[Collection[str]] = (),
     ):
         self.bodies, self._dt = dict(bodies), checked_dt(dt)
+        self._arguments: dict[str, Any] = {
+            "joints": joints,
+            "gravity": gravity,
+            "friction": friction,
+            "restitution": restitution,
+            "pairs": pairs,
+            "apart": apart,
+        }
         self._steps, self._time = 0, 0.0
         self._bodies = make_bodies(self.bodies, self._dt, gravity)
         if not any(FIXED in (joint.first, joint.second) for joint in joints):
@@ -201,14 +209,15 @@ class World:
         """Advances by dt.
 
         Args:
-            inputs: of soft bodies, by name: as of a Simulator, by name; what is not named is 0.
+            inputs: by body, by name; what is not named is 0. Of a soft body as of a Simulator; of a rigid one that
+                moves freely `force` (3,), N, and `torque` (3,) about its centre of mass, N m, in world axes.
 
         Raises:
-            StepError: no such body or actuator, or no forces were found; everything is as it was.
+            StepError: no such body or input, or no forces were found; everything is as it was.
         """
         h, bodies = self._dt, self._bodies
         for name in inputs or ():
-            self.simulator(name)
+            self._body(name)
         try:
             pairs, start, guide = self._begin(inputs or {})
             found, guide = find_forces(pairs, h, start, guide)
@@ -238,6 +247,10 @@ class World:
             given = np.zeros(self._soft[0].inputs) if given is None else given
         self._lone_step(given)
 
+    def anew(self) -> "World":
+        """Another world of the same bodies where they begin, moved as they were at first, in steps of now."""
+        return World(self.bodies, self._dt, **self._arguments)
+
     @property
     def steps(self) -> int:
         """Number of steps taken."""
@@ -251,9 +264,8 @@ class World:
     def _begin(self, inputs: Mapping[str, Mapping[str, Any]]) -> tuple[Pairs, Array, Guide | None]:
         """Opens a step of all bodies; its pairs, forces to begin with, and what may guide."""
         for name, body in self._bodies.items():
-            if isinstance(body, Soft):
-                body.input = inputs.get(name, {})
             try:
+                body.take(inputs.get(name, {}))
                 body.begin(self._dt)
             except StepError as error:
                 raise StepError(f"body {name!r}: {error}") from error

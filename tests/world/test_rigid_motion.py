@@ -43,6 +43,48 @@ def test_a_top_keeps_energy_and_angular_momentum_to_round_off(steps):
     assert np.abs(momenta(world)[1] - start).max() < 1e-12 * np.linalg.norm(start)
 
 
+def test_a_push_and_a_torque_do_what_newton_and_euler_say():
+    """Both constant, the torque about a principal axis; the account has the work."""
+    body, h, steps = fr.RigidBody(Box((0.1, 0.2, 0.3)), density=500), 1e-2, 100
+    mass, inertia = body.mass_and_inertia()
+    force, torque, t = np.array([0.3, -0.2, 0.1]), 2e-3, steps * h
+    world = fr.World({"body": body}, h, gravity=(0, 0, -G))
+    for _ in range(steps):
+        world.step({"body": {"force": force, "torque": (0, 0, torque)}})
+    pose, acceleration = world.pose("body"), force / mass - [0, 0, G]
+    np.testing.assert_allclose(pose.velocity, acceleration * t, rtol=1e-12)
+    np.testing.assert_allclose(pose.position, acceleration * t**2 / 2, rtol=1e-12)
+    assert pose.angular_velocity == pytest.approx([0, 0, torque / inertia[2, 2] * t], rel=1e-12)
+    assert world.ledger.supplied == pytest.approx(world.energy, rel=1e-12)
+    world.step()  # what is not given is 0
+    np.testing.assert_allclose(world.pose("body").velocity, acceleration * t - [0, 0, G * h], rtol=1e-12)
+
+
+def test_a_world_begins_anew():
+    world = fr.World({"body": fr.RigidBody(Sphere(0.1), mass=1.0)}, 1e-2, gravity=(0, 0, -G))
+    world.step({"body": {"force": (1.0, 0, 0)}})
+    again = world.anew()
+    assert (again.steps, again.energy, again.dt) == (0, 0.0, 1e-2)
+    again.step({"body": {"force": (1.0, 0, 0)}})
+    assert np.array_equal(again.pose("body").velocity, world.pose("body").velocity)
+
+
+@pytest.mark.parametrize(
+    ("inputs", "says"),
+    [
+        ({"body": {"forse": (1, 0, 0)}}, "body 'body': no input 'forse'; there is force, torque; did you mean 'force'"),
+        ({"body": {"force": (1, 0)}}, r"body 'body': input 'force' = \(1, 0\): allowed are 3 real numbers"),
+        ({"ground": {"force": (1, 0, 0)}}, "body 'ground': it moves as it is told"),
+        ({"boddy": {}}, "no body 'boddy'; there is body, ground; did you mean 'body'"),
+    ],
+)
+def test_inputs_that_are_none_are_refused(inputs, says):
+    world = fr.World({"ground": GROUND, "body": fr.RigidBody(Sphere(0.1), mass=1.0, position=(0, 0, 1))}, 1e-2)
+    with pytest.raises(fr.StepError, match=says):
+        world.step(inputs)
+    assert world.steps == 0
+
+
 def test_a_block_slides_from_where_the_slope_is_the_coefficient_of_friction():
     """To 0.1 %: at 0.9995 of it it stays to round-off, at 1.0005 it goes as Coulomb's law says."""
     block, μ, steps, h = fr.RigidBody(Box((0.2, 0.2, 0.1)), density=500, position=(0, 0, 0.05)), 0.5, 50, 2e-3
