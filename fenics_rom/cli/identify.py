@@ -33,7 +33,7 @@ def add_options(command: argparse.ArgumentParser) -> None:
         type=lambda text: text.split(","),
         metavar="NAME,...",
         help="which to find: young, poisson, density, alpha, beta; MATERIAL.young of several materials; clock: how "
-        "late that of each file is",
+        "late that of each file is; tilt: how gravity is turned",
     )
 
 

@@ -121,6 +121,7 @@ def _system(scene: Scene, comm: Any) -> System:
             {name: patch_nodes(nodes, patch, f"contacts.{name}") for name, patch in scene.contacts.items()},
             quality_of(radius_ratios(nodes.coordinates, nodes.cells)),
             points_between(scene, nodes, unknowns),
+            matrices.weight,
         ),
         scene=scene,
         warnings=(*_warnings(scene, mesh, rigid), *implausible(nodes.coordinates, matrices.node_mass.sum(), young)),

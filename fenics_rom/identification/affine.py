@@ -2,10 +2,11 @@
 
 With the moduli λ, μ of each material, M = Σ ρ_i M_i + M_f of what is fixed to the body, K = Σ (λ_i Λ_i + μ_i G_i) + K_s
 of springs to ground, and D = Σ (α_i ρ_i M_i + β_i (λ_i Λ_i + μ_i G_i)) + α M_f + β_s K_s + D_d of dashpots. Gravity and
-base motions push with inputs Σ ρ_i B_i, and those of M_f. The parts are differences of what `assemble` makes of the
-scene at a few simple values.
+base motions push with inputs Σ ρ_i B_i, and those of M_f; gravity is turned by its tilt. The parts are differences of
+what `assemble` makes of the scene at a few simple values.
 """
 
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
@@ -14,7 +15,8 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.fem.assemble import assemble
-from fenics_rom.identification.parameters import ALPHA, BETA, DENSITY, POISSON, YOUNG
+from fenics_rom.identification.parameters import ALPHA, BETA, DENSITY, POISSON, TILTS, YOUNG
+from fenics_rom.identification.tilt import tilted, tilted_slope
 from fenics_rom.scene.effects import Damping
 from fenics_rom.scene.scene import Scene
 from fenics_rom.system.system import System
@@ -44,6 +46,31 @@ class Matrices:
 
 
 @dataclass(frozen=True)
+class GravityParts:
+    """What gravity pushes a basis Q (k columns) with, of M = Σ ρ_i M_i + M_f."""
+
+    materials: Array  # QᵀM_i times unit translations, of each material, (m, k, 3)
+    fixed: Array  # QᵀM_f times those, (k, 3)
+    acceleration: Array  # of the scene, (3,), m/s²
+    column: int  # of gravity among the inputs, from behind
+
+    def column_at(self, θ: Array) -> Array:
+        """Qᵀ M g, (k,), N."""
+        return self._weight(θ) @ tilted(self.acceleration, θ[-1, TILTS])
+
+    def column_along(self, θ: Array, dθ: Array) -> Array:
+        """Its derivative in a direction of θ, (k,)."""
+        g, dg = self.acceleration, tilted_slope(self.acceleration, θ[-1, TILTS], dθ[-1, TILTS])
+        heavier = np.tensordot(dθ[:-1, DENSITY], self.materials, 1) @ tilted(g, θ[-1, TILTS])
+        turned: Array = heavier + self._weight(θ) @ dg
+        return turned
+
+    def _weight(self, θ: Array) -> Array:
+        weight: Array = np.tensordot(θ[:-1, DENSITY], self.materials, 1) + self.fixed
+        return weight
+
+
+@dataclass(frozen=True)
 class AffineDecomposition:
     """The parts on a basis Q (k columns)."""
 
@@ -53,9 +80,10 @@ class AffineDecomposition:
     shear: Array  # QᵀG_iQ of each material, (m, k, k)
     springs: Array  # QᵀK_sQ, (k, k)
     dashpots: Array  # QᵀD_dQ, (k, k)
-    # QᵀB of each contact mode that does not depend on θ, (k, p): contact columns, actuators, loads
+    # QᵀB of each contact mode that does not depend on θ, (k, p): contact columns, actuators, loads but for gravity
     inputs: dict[str, Array]
     weights: dict[str, Array]  # QᵀB_i of each contact mode, (m, k, p)
+    gravity: GravityParts | None
     outputs: dict[str, Array]  # CᵀQ of each output, (3 points, k)
 
     def at(self, θ: Array) -> Matrices:
@@ -88,6 +116,28 @@ class AffineDecomposition:
             damping=damping + self._strain(dβ * λ + β * dλ, dβ * μ + β * dμ),
             stiffness=self._strain(dλ, dμ),
         )
+
+    def input_matrix(self, contact: str, θ: Array) -> Array:
+        """QᵀB of a contact mode, (k, p)."""
+        B = self.inputs[contact] + _combine(θ[:-1, DENSITY], self.weights[contact])
+        if self.gravity is not None:
+            B[:, self.gravity.column] = self.gravity.column_at(θ)
+        return B
+
+    def forces(self, inputs: Mapping[str, Array], count: int, θ: Array) -> Array:
+        """Qᵀ of what pushes, (count, k), under inputs (count, p) of contact modes."""
+        pushed = (u @ self.input_matrix(name, θ).T for name, u in inputs.items())
+        return sum(pushed, np.zeros((count, len(self.springs))))
+
+    def forces_along(self, inputs: Mapping[str, Array], count: int, θ: Array, dθ: Array) -> Array:
+        """Their derivatives in a direction of θ, (count, k)."""
+        along = np.zeros((count, len(self.springs)))
+        for name, u in inputs.items():
+            dB = _combine(dθ[:-1, DENSITY], self.weights[name])
+            if self.gravity is not None:
+                dB[:, self.gravity.column] = self.gravity.column_along(θ, dθ)
+            along += u @ dB.T
+        return along
 
     def _strain(self, λ: Array, μ: Array) -> Array:
         return _combine(λ, self.dilation) + _combine(μ, self.shear)
@@ -149,8 +199,13 @@ class AffineSystem:
         def projected(matrix: Any) -> Array:
             return inner(basis, matrix @ basis)
 
+        column = -sum(B.shape[1] for B in plain.loads.values()) if "gravity" in plain.loads else None
+
         def inputs_of(system: System, contact: str) -> Array:
-            return inner(basis, system.input_matrix(contact))
+            B = inner(basis, system.input_matrix(contact))
+            if column is not None:
+                B[:, column] = 0.0
+            return B
 
         weighed, strained = projected(plain.mass), projected(plain.stiffness)
         others = [projected(s.stiffness) - strained for s in self._sheared]
@@ -161,6 +216,7 @@ class AffineSystem:
             weights[name] = np.array([inputs_of(s, name) - B for s in self._dilated])
             inputs[name] = B - weights[name].sum(axis=0)
         mass = np.array([projected(s.mass) - weighed for s in self._dilated])
+        gravity = self._scene.effects.gravity
         return AffineDecomposition(
             mass=mass,
             fixed_mass=weighed - mass.sum(axis=0) if self._carries else nothing,
@@ -170,5 +226,19 @@ class AffineSystem:
             dashpots=nothing if grounded is None else projected(grounded.damping),
             inputs=inputs,
             weights=weights,
+            gravity=None if gravity is None or column is None else self._gravity(basis, gravity.acceleration, column),
             outputs={name: inner(C, basis) for name, C in plain.outputs.items()},
         )
+
+    def _gravity(self, basis: Array, acceleration: Sequence[float], column: int) -> GravityParts:
+        """Of an acceleration, m/s², among the inputs in a column, from behind."""
+        weighed, *heavier = (self.plain.algebra.inner(basis, weight_columns(s)) for s in (self.plain, *self._dilated))
+        materials = np.array([each - weighed for each in heavier])
+        return GravityParts(materials, weighed - materials.sum(axis=0), np.array(acceleration), column)
+
+
+def weight_columns(system: System) -> Array:
+    """M of a system of a scene times unit translations, but with the whole weight of threads, (rows here, 3), kg."""
+    body = system.body
+    assert body.weight is not None
+    return body.unknowns.restrict(np.kron(body.weight[:, None], np.eye(3)))[system.algebra.rows()]

@@ -69,7 +69,8 @@ class DeformableBodies:
             SolverError: a step was not solved.
         """
         states, E = np.empty((len(forces) + 1, *q.shape)), strain(self._gradients(q))
-        states[0], rate, inverse = q, r, None
+        states[0], rate = q, r
+        inverse: Array | None = None
         for n, force in enumerate(forces):
             v, E, inverse = self._step(q, r, E, force, h, 2 * r - rate, inverse)
             q, r, rate = q + h * v, 2 * v - r, v
@@ -78,8 +79,8 @@ class DeformableBodies:
 
     def _step(
         self, q: Array, r: Array, E: Array, force: Array, h: float, v: Array, inverse: Array | None
-    ) -> tuple[Array, Array, Array]:
-        """Mid-step velocities v̂ (m, B), from a guess; the strains at the end, and an inverse tangent for the next."""
+    ) -> tuple[Array, Array, Array | None]:
+        """Mid-step velocities v̂ (m, B), from a guess; the strains at the end, and the inverse tangent for the next."""
         before, fresh = np.inf, False
         for _ in range(MAX_ITERATIONS):
             middle = q + h / 2 * v
@@ -98,7 +99,6 @@ class DeformableBodies:
                 break
             error = np.abs(residual).max()
             if is_solved(error, before, scale):
-                assert inverse is not None
                 return v, after, inverse
             if inverse is None or (error > FAST_CONTRACTION * before and not fresh):
                 inverse, fresh = self._inverse(H, (E + after) / 2, S, h), True

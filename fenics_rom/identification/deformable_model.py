@@ -18,12 +18,11 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.fem.assemble import assemble
-from fenics_rom.identification.affine import AffineDecomposition, AffineSystem
+from fenics_rom.identification.affine import AffineDecomposition, AffineSystem, weight_columns
 from fenics_rom.identification.deformable_bodies import DeformableBodies, DeformablePoints
 from fenics_rom.identification.experiment import Experiment, interpolate_instants
 from fenics_rom.identification.full_order import FullOrderAnswer
-from fenics_rom.identification.parameters import BETA, POISSON, YOUNG, scene_with
-from fenics_rom.identification.reduced_model import forces_of, weighted
+from fenics_rom.identification.parameters import FIRST_CLOCK, POISSON, YOUNG, scene_with
 from fenics_rom.reduction.balancing import choose_order
 from fenics_rom.reduction.common_basis import significant_eigenpairs
 from fenics_rom.reduction.hyperreduction.cubature import fit_cubature
@@ -34,7 +33,8 @@ DIFFERENCE = 1e-4  # of q, to either side: derivatives are off by its square, an
 
 # Of the basis and of the forces of points, finer than for a run: derivatives that resemble each other are to differ.
 BASIS_TOLERANCE, CUBATURE_TOLERANCE = 3e-6, 2e-3
-POISSON_CHANGE, YOUNG_CHANGE = 0.02, 0.1  # of ν, and of E as a share, that the basis is to follow well
+# Of ν, of E as a share, and of gravity's direction, that the basis is to follow well.
+POISSON_CHANGE, YOUNG_CHANGE, TILT_CHANGE = 0.02, 0.1, 0.1
 PRECISION = 1e-8  # of differences of runs whose steps are solved to 1e-12
 
 
@@ -68,8 +68,8 @@ class DeformableModel:
         Raises:
             SolverError: it has no such run or equilibrium.
         """
-        material = [dθ for dθ in directions if dθ[:, : BETA + 1].any()]
-        values = [θ, *(θ + side * DIFFERENCE * dθ for side in (1, -1) for dθ in material)]
+        moving = [dθ for dθ in directions if dθ[:, :FIRST_CLOCK].any()]
+        values = [θ, *(θ + side * DIFFERENCE * dθ for side in (1, -1) for dθ in moving)]
         run, rest = self._answers(experiment, values)
         seen, seen_at_rest = (
             run[..., 0] + self._lacking_in_run(len(run), experiment.dt),
@@ -83,7 +83,7 @@ class DeformableModel:
         ]
         along = iter(experiment.predictions(moved[0], moved[1], θ).T)
         for column, dθ in zip(slopes.T, directions, strict=True):
-            if dθ[:, : BETA + 1].any():
+            if dθ[:, :FIRST_CLOCK].any():
                 column += next(along)
             column += experiment.clock_slopes(seen, θ, dθ)
         return experiment.predictions(seen, seen_at_rest, θ), slopes
@@ -124,14 +124,13 @@ class DeformableModel:
 
     def _forces(self, inputs: Mapping[str, Array], count: int, values: Sequence[Array]) -> Array:
         """(count, m, B)."""
-        steady, per_density = forces_of(self.parts, inputs, count)
-        return np.stack([steady + weighted(θ, per_density) for θ in values], axis=2)
+        return np.stack([self.parts.forces(inputs, count, θ) for θ in values], axis=2)
 
 
 def make_deformable_model(
-    affine: AffineSystem, system: System, experiment: Experiment, θ: Array, answer: FullOrderAnswer
+    affine: AffineSystem, system: System, experiment: Experiment, θ: Array, answer: FullOrderAnswer, *, tilting: bool
 ) -> DeformableModel:
-    """The model of a system at values θ, from what it answered; every rank must call it.
+    """The model of a system at values θ, whose gravity may be tilting, from what it answered; every rank must call it.
 
     Raises:
         SolverError: no positive weights of few points give the forces.
@@ -140,7 +139,7 @@ def make_deformable_model(
     assert scene is not None
     assert deformation is not None
     fields = np.zeros((system.local_size, 2)) if experiment.start is None else experiment.start.fields
-    columns = np.hstack([answer.shapes, *_changed_shapes(system, θ, answer.shapes)])
+    columns = np.hstack([answer.shapes, *_changed_shapes(system, θ, answer.shapes, tilting)])
     w, E = significant_eigenpairs(inner(columns, system.mass @ columns))
     m = choose_order(np.sqrt(w), None, BASIS_TOLERANCE)
     W = columns @ (E[:, :m] / np.sqrt(w[:m]))
@@ -179,10 +178,11 @@ def make_deformable_model(
     )
 
 
-def _changed_shapes(system: System, θ: Array, shapes: Array) -> Iterator[Array]:
+def _changed_shapes(system: System, θ: Array, shapes: Array, tilting: bool) -> Iterator[Array]:
     """How shapes (rows here, s) change with Poisson's ratio of each material and, where there are several, with E.
 
-    That is at small strain, under the forces that hold them: (K⁻¹ K' - 1) x of another stiffness K'.
+    That is at small strain, under the forces that hold them: (K⁻¹ K' - 1) x of another stiffness K'. And how weight
+    changes them where gravity is tilting.
     """
     assert system.scene is not None
     linear = replace(system.scene, effects=replace(system.scene.effects, large_deformation=None))
@@ -193,3 +193,6 @@ def _changed_shapes(system: System, θ: Array, shapes: Array) -> Iterator[Array]
                 other = θ.copy()
                 other[row, column] += change * (1.0 if column == POISSON else θ[row, column])
                 yield factor.solve(assemble(scene_with(linear, other)).stiffness @ shapes) - shapes
+        if tilting and system.scene.effects.gravity is not None:
+            size = np.linalg.norm(system.scene.effects.gravity.acceleration)
+            yield factor.solve(TILT_CHANGE * size * weight_columns(system))

@@ -15,6 +15,7 @@ from fenics_rom.identification.marker_data import Data, Motion, clocks_of, read_
 from fenics_rom.identification.parameters import (
     Parameter,
     directions_at,
+    is_tilting,
     parameters_of,
     scene_with,
     select_parameters,
@@ -47,7 +48,8 @@ def identify(
         data: CSV files (see `marker_data`) of motions and of equilibria, or what `read_markers` read from them: so they
             may be of other scenes, with other loads, whose materials and damping are the same.
         parameters: which; None: E, ν, ρ of every material and the damping, as far as data of that kind know them;
-            "clock" stands for how late the clock of each file of a motion is.
+            "clock" stands for how late the clock of each file of a motion is, "tilt" for two angles by which gravity is
+            turned, about the axes of the scene that it is not along ("tilt.x" for one of them).
         report: called with the stage, how much of it is done, and of how much.
 
     Warns of what the result says in `warnings`.
@@ -70,7 +72,7 @@ def identify(
     read.sort(key=lambda part: list(scenes).index(id(part.scene)))
     motions = [part for part in read if isinstance(part, Motion)]
     sought = select_parameters(scene, parameters, moving=bool(motions), clocks=clocks_of(motions))
-    recordings = _record(scene, list(scenes.values()), read, report)
+    recordings = _record(scene, list(scenes.values()), read, is_tilting(sought), report)
     experiment = Experiments(tuple(recording.experiment for recording in recordings))
     if len(experiment.measured) <= len(sought):
         raise DataError(
@@ -109,14 +111,16 @@ def identify(
     return result
 
 
-def _record(scene: Scene, scenes: Sequence[Scene], read: Sequence[Data], report: Report) -> list[Recording]:
+def _record(
+    scene: Scene, scenes: Sequence[Scene], read: Sequence[Data], tilting: bool, report: Report
+) -> list[Recording]:
     """What was measured on each of some scenes, which begin with the values of one."""
     recordings, motions = list[Recording](), 0
     for number, other in enumerate(scenes):
         report("assembly", number, len(scenes))
-        check_same_values(scene, other)
+        check_same_values(scene, other, tilting=tilting)
         own = [part for part in read if part.scene is other]
-        recordings.append(Recording(other, own, motions))
+        recordings.append(Recording(other, own, motions, tilting=tilting))
         motions += sum(isinstance(part, Motion) for part in own)
     report("assembly", len(scenes), len(scenes))
     return recordings

@@ -1,8 +1,8 @@
 """What can be identified in a scene, each parameter in a coordinate q that suits a fit and is 0 at the start.
 
-The values that a model depends on are one array θ (m + 1, 5 + c): a row for each material (E, ν, ρ, α, β), and one for
-what is of no material, of which β counts (of springs to ground), α (of masses fixed to the body), and in c more columns
-by how much the clock of each file of a motion is late.
+The values that a model depends on are one array θ (m + 1, 7 + c): a row for each material (E, ν, ρ, α, β), and one for
+what is of no material, of which β counts (of springs to ground), α (of masses fixed to the body), in two more columns
+the angles by which gravity is tilted, and in c more by how much the clock of each file of a motion is late.
 """
 
 from collections.abc import Sequence
@@ -13,16 +13,19 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import SceneError, unknown
-from fenics_rom.scene.effects import RayleighDamping
+from fenics_rom.identification.tilt import tilt_axes, tilted
+from fenics_rom.scene.effects import Gravity, RayleighDamping
 from fenics_rom.scene.scene import Scene
 
 YOUNG, POISSON, DENSITY, ALPHA, BETA = range(5)  # columns of θ
-FIRST_CLOCK = 5  # and those behind it, in the last row
+TILTS = [5, 6]  # and these in the last row
+FIRST_CLOCK = 7  # and those behind it
 NAMES = ("young", "poisson", "density", "alpha", "beta")
-UNITS = ("Pa", "1", "kg/m3", "1/s", "s")
+UNITS = ("Pa", "1", "kg/m3", "1/s", "s", "deg", "deg", "s")
 LOWEST_POISSON, HIGHEST_POISSON = -1.0, 0.5
 HELD_STEP = 0.01  # of a value (of Poisson's ratio as such), to see what rests on it where it is held
-CLOCK = "clock"  # names all of them
+CLOCK, TILT = "clock", "tilt"  # name all of them
+TILT_SPAN = 30.0  # degrees
 MIN_DAMPING_SHARE = 1e-6  # share of its start value that damping keeps
 
 
@@ -31,20 +34,21 @@ class Parameter:
     """One number of the scene.
 
     E and ρ are sought as ln(E / E_start), so that they stay positive; ν as a logit that keeps it between -1 and 0.5;
-    α and β, which may well be next to 0, as (α - α_start) / α_start > -1; how late a clock is as a share of `span`.
+    α and β, which may well be next to 0, as (α - α_start) / α_start > -1; how late a clock is, and a tilt, as a share
+    of `span`.
     """
 
     name: str  # as in the scene, after the material's where there are several
     column: int  # of θ
     rows: tuple[int, ...]  # of θ, which hold it
     start: float  # its value in the scene
-    path: tuple[str, ...]  # keys that lead to it in the scene file; none of clocks
-    span: float = 0.0  # of a clock, s: about what it may be late by
+    path: tuple[str, ...]  # keys that lead to it in the scene file; none of clocks and tilts
+    span: float = 0.0  # of what starts at 0: about what it may be, of a clock s, of a tilt degrees
 
     @property
     def unit(self) -> str:
         """Of its value."""
-        return "s" if self.span else UNITS[self.column]
+        return UNITS[min(self.column, FIRST_CLOCK)]
 
     @property
     def proportional(self) -> bool:
@@ -86,14 +90,14 @@ def _share(poisson: float) -> float:
 
 
 def values_of(scene: Scene, clocks: int = 0) -> Array:
-    """θ (m + 1, 5 + clocks) of a scene; 0 where it has no damping, and of clocks."""
+    """θ (m + 1, 7 + clocks) of a scene; 0 where it has no damping, and of tilts and clocks."""
     rows, shared = [], scene.effects.damped
     for name, m in scene.materials.items():
         rayleigh = shared.materials.get(name, shared)
         rows.append((m.young, m.poisson, m.density, rayleigh.alpha, rayleigh.beta))
     α = 0.0 if shared.materials else shared.alpha  # as `assemble` has it of masses fixed to the body
     θ = np.array([*rows, (0.0, 0.0, 0.0, α, shared.beta)])
-    return np.hstack([θ, np.zeros((len(θ), clocks))])
+    return np.hstack([θ, np.zeros((len(θ), FIRST_CLOCK - θ.shape[1] + clocks))])
 
 
 def parameters_of(scene: Scene) -> dict[str, Parameter]:
@@ -122,7 +126,8 @@ def select_parameters(
     """The parameters that are to be identified; without names all that data of this kind can depend on.
 
     Without a motion that is neither damping nor, but for gravity, density. Clocks, by name and what
-    each may well be late by, s, are sought where "clock" is among the names.
+    each may well be late by, s, are sought where "clock" is among the names, and gravity's tilt about two axes where
+    "tilt" is, or "tilt.x".
 
     Raises:
         SceneError: a name that does not exist, or is given twice, or none.
@@ -135,16 +140,28 @@ def select_parameters(
         Parameter(f"clock of {file}", FIRST_CLOCK + k, (len(scene.materials),), 0.0, (), span)
         for k, (file, span) in enumerate(clocks)
     ]
-    if not names or len(set(names)) < len(names):
-        raise SceneError(f"parameters = {', '.join(names) or 'none'}: allowed is each name once, and at least one")
-    choices = {name: [parameter] for name, parameter in available.items()} | ({CLOCK: late} if late else {})
+    axes = [] if scene.effects.gravity is None else tilt_axes(np.array(scene.effects.gravity.acceleration))
+    tilts = [
+        Parameter(f"{TILT}.{'xyz'[axis]}", column, (len(scene.materials),), 0.0, (), TILT_SPAN)
+        for axis, column in zip(axes, TILTS, strict=False)
+    ]
+    choices = {name: [parameter] for name, parameter in available.items()} | {one.name: [one] for one in tilts}
+    choices |= {name: group for name, group in ((CLOCK, late), (TILT, tilts)) if group}
     for name in names:
         if name not in choices:
             raise SceneError(
                 f"{scene.source}: {unknown('parameter', name, choices)} (damping that is to be identified needs a "
-                "start value above 0 in effects.damping)"
+                "start value above 0 in effects.damping, tilt needs effects.gravity)"
             )
-    return tuple(chain.from_iterable(choices[name] for name in names))
+    chosen = tuple(chain.from_iterable(choices[name] for name in names))
+    if not chosen or len(set(chosen)) < len(chosen):
+        raise SceneError(f"parameters = {', '.join(names) or 'none'}: allowed is each name once, and at least one")
+    return chosen
+
+
+def is_tilting(parameters: Sequence[Parameter]) -> bool:
+    """Whether gravity's direction is among them."""
+    return any(parameter.column in TILTS for parameter in parameters)
 
 
 def values_at(start: Array, parameters: Sequence[Parameter], q: Array) -> Array:
@@ -166,7 +183,7 @@ def directions_at(start: Array, parameters: Sequence[Parameter], q: Array) -> li
 
 
 def scene_with(scene: Scene, θ: Array) -> Scene:
-    """The scene with other values; its text stays."""
+    """The scene with other values, its gravity tilted; its text stays."""
     materials = {
         name: replace(m, young=row[YOUNG], poisson=row[POISSON], density=row[DENSITY])
         for (name, m), row in zip(scene.materials.items(), θ.tolist(), strict=False)
@@ -184,5 +201,8 @@ def scene_with(scene: Scene, θ: Array) -> Scene:
                 for name, rayleigh in damping.materials.items()
             },
         )
-    effects = replace(scene.effects, damping=damping)
+    gravity = scene.effects.gravity
+    if gravity is not None and θ[-1, TILTS].any():
+        gravity = Gravity(tuple(tilted(np.array(gravity.acceleration), θ[-1, TILTS]).tolist()))
+    effects = replace(scene.effects, damping=damping, gravity=gravity)
     return replace(scene, materials=materials, effects=effects)

@@ -79,6 +79,7 @@ class Recording:
         scene: whose values are the start.
         data: of it, at least one.
         first: number of its first motion among those of all scenes.
+        tilting: whether gravity's direction is sought.
 
     Attributes:
         system: at simple values, for what does not depend on them.
@@ -89,8 +90,9 @@ class Recording:
         DataError: nothing was seen.
     """
 
-    def __init__(self, scene: Scene, data: Sequence[Data], first: int):
+    def __init__(self, scene: Scene, data: Sequence[Data], first: int, *, tilting: bool = False):
         check_identifiable(scene, data)
+        self._tilting = tilting
         self._scene, self._data, self._first, self._affine = scene, data, first, AffineSystem(scene)
         self.system: System = self._affine.plain
         if self.system.rigid.shape[1] and not scene.effects.springs and any(isinstance(d, Equilibria) for d in data):
@@ -116,8 +118,8 @@ class Recording:
         if system.deformation is not None:
             with warnings.catch_warnings(action="ignore", category=FenicsRomWarning):  # the final check has them
                 answer = answer_of(system, self.experiment, report)
-            return make_deformable_model(self._affine, system, self.experiment, θ, answer)
-        basis, start = make_basis(system, self.experiment), self.experiment.start
+            return make_deformable_model(self._affine, system, self.experiment, θ, answer, tilting=self._tilting)
+        start, basis = self.experiment.start, make_basis(system, self.experiment, tilting=self._tilting)
         parts = self._affine.parts(basis)
         return ReducedModel(parts, None if start is None else system.algebra.inner(basis, start.fields))
 
@@ -147,10 +149,17 @@ def check_identifiable(scene: Scene, data: Sequence[Data]) -> None:
             raise SceneError(f"{where}{name}: turns with a body that deforms largely; allowed are loads that do not")
 
 
-def check_same_values(scene: Scene, other: Scene) -> None:
-    """Refuses (SceneError) another scene of a fit whose materials and damping do not begin as those of the first."""
+def check_same_values(scene: Scene, other: Scene, *, tilting: bool) -> None:
+    """Refuses (SceneError) another scene of a fit whose materials and damping do not begin as those of the first.
+
+    Where gravity's direction is sought, neither may that differ.
+    """
     if list(scene.materials) != list(other.materials) or not np.array_equal(values_of(scene), values_of(other)):
         raise SceneError(
             f"{other.source}: its materials or damping are not those of {scene.source}; allowed are scenes that begin "
             "with the same values, as one fit moves them together"
+        )
+    if tilting and scene.effects.gravity != other.effects.gravity:
+        raise SceneError(
+            f"{other.source}: effects.gravity is not that of {scene.source}; allowed is the same, as one tilt is sought"
         )

@@ -18,23 +18,22 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import FenicsRomWarning
-from fenics_rom.identification.affine import AffineDecomposition, Matrices
+from fenics_rom.identification.affine import AffineDecomposition, Matrices, weight_columns
 from fenics_rom.identification.experiment import Experiment
-from fenics_rom.identification.parameters import DENSITY
 from fenics_rom.reduction.reduce import reduce
 from fenics_rom.system.system import System
 
 BALANCED_TOLERANCE = 1e-4  # share of the sum of σ that is left out
 STATIC_TOLERANCE = 1e-14  # and of compliance: nothing
-MARKER_CONTACT = "the markers"  # as a contact mode
+MARKER_CONTACT, TILTED_CONTACT = "the markers", "weight along all axes"  # as contact modes
 PRECISION = 1e-13  # of exact derivatives
 RANK_TOLERANCE = 1e-10  # share of a unit column that must be new for it to count as a direction
 
 
-def make_basis(system: System, experiment: Experiment) -> Array:
+def make_basis(system: System, experiment: Experiment, *, tilting: bool = False) -> Array:
     """Q (rows here, k), QᵀQ = I, of a system at the values that it is to be best at; errors are those of `reduce`.
 
-    Every rank must call it.
+    It knows weight along all axes where gravity is `tilting`. Every rank must call it.
     """
     marker_columns = experiment.marker_columns(system)
     start, bases = experiment.start, []
@@ -46,6 +45,9 @@ def make_basis(system: System, experiment: Experiment) -> Array:
         ):
             if inputs:
                 contacts = {name: system.contacts[name] for name in inputs} | {MARKER_CONTACT: marker_columns}
+                if tilting:
+                    columns = weight_columns(system)
+                    contacts[TILTED_CONTACT] = columns / np.sqrt(np.trace(system.algebra.inner(columns, columns)))
                 acting = replace(system, contacts=contacts, contact_points={})
                 bases.append(reduce(acting, method=method, tolerance=tolerance, switching="energy").basis)
     if start is not None:
@@ -105,15 +107,14 @@ class ReducedModel:
 
     def states(self, experiment: Experiment, θ: Array) -> Array:
         """[ξ, ξ'] of the run at all step ends, (steps + 1, 2 k)."""
-        steady, weighed = forces_of(self.parts, experiment.inputs, experiment.steps)
+        forces = self.parts.forces(experiment.inputs, experiment.steps, θ)
         first, _ = self._first(experiment, θ, [])
-        propagator = MidpointPropagator(self.parts.at(θ), experiment.dt)
-        return propagator.run((steady + weighted(θ, weighed))[:, :, None], first)[:, :, 0]
+        return MidpointPropagator(self.parts.at(θ), experiment.dt).run(forces[:, :, None], first)[:, :, 0]
 
     def pushes(self, experiment: Experiment, θ: Array, dθ: Array, states: Array) -> Array:
         """What a direction of θ pushes the run with in each step, (steps, k)."""
-        _, weighed = forces_of(self.parts, experiment.inputs, experiment.steps)
-        return sensitivity_forces(self.parts.along(θ, dθ), experiment.dt, states) + weighted(dθ, weighed)
+        pushed = self.parts.forces_along(experiment.inputs, experiment.steps, θ, dθ)
+        return sensitivity_forces(self.parts.along(θ, dθ), experiment.dt, states) + pushed
 
     def _first(self, experiment: Experiment, θ: Array, directions: Sequence[Array]) -> tuple[Array, Array]:
         """ξ and its rate where the run begins, (2 k, 1), and their derivatives, (2 k, directions)."""
@@ -134,28 +135,13 @@ class ReducedModel:
         """ξ (count, k, 1) under inputs (count, p) of contact modes, and its derivatives (count, k, directions)."""
         if not count:
             return np.zeros((0, self.order, 1)), np.zeros((0, self.order, len(directions)))
-        steady, weighed = forces_of(self.parts, inputs, count)
         K = self.parts.at(θ).stiffness
-        ξ = np.linalg.solve(K, (steady + weighted(θ, weighed)).T)
-        along = [
-            np.linalg.solve(K, weighted(dθ, weighed).T - self.parts.along(θ, dθ).stiffness @ ξ).T for dθ in directions
-        ]
+        ξ = np.linalg.solve(K, self.parts.forces(inputs, count, θ).T)
+        along = []
+        for dθ in directions:
+            pushed = self.parts.forces_along(inputs, count, θ, dθ).T
+            along.append(np.linalg.solve(K, pushed - self.parts.along(θ, dθ).stiffness @ ξ).T)
         return ξ.T[:, :, None], np.stack(along, axis=2) if along else np.zeros((count, self.order, 0))
-
-
-def forces_of(parts: AffineDecomposition, inputs: Mapping[str, Array], count: int) -> tuple[Array, Array]:
-    """Forces (count, k) that do not depend on θ, and those per density of each material, (m, count, k)."""
-    k = len(parts.springs)
-    steady, weighed = np.zeros((count, k)), np.zeros((len(parts.mass), count, k))
-    for name, u in inputs.items():
-        steady += u @ parts.inputs[name].T
-        weighed += u @ parts.weights[name].transpose(0, 2, 1)
-    return steady, weighed
-
-
-def weighted(θ: Array, weighed: Array) -> Array:
-    """Σ ρ_i times what there is per density of each material."""
-    return np.tensordot(θ[:-1, DENSITY], weighed, 1)
 
 
 class MidpointPropagator:

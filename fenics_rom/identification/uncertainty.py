@@ -12,21 +12,15 @@ import numpy as np
 import scipy.stats
 from numpy import ndarray as Array
 
-from fenics_rom.identification.parameters import ALPHA, DENSITY, FIRST_CLOCK, POISSON, YOUNG, Parameter
+from fenics_rom.identification.parameters import ALPHA, BETA, DENSITY, FIRST_CLOCK, POISSON, TILTS, YOUNG, Parameter
 
 CONFIDENCE = 0.95
 ROUND_OFF_SHARE = 1e-7  # share of the largest singular value below which data do not depend on a combination at all
 VAGUE_HALF_WIDTHS = {POISSON: 2.0}  # half-width of a 95 % interval of q that says nothing; 1 of others: a factor of e
 NAMED_SHARE = 0.1  # of the largest, that a parameter must have in a combination to be named
 EQUALITY_TOLERANCE = 0.02  # relative difference of weights that count as equal
-FIXING_ORDER = (
-    FIRST_CLOCK,
-    DENSITY,
-    POISSON,
-    ALPHA,
-    ALPHA + 1,
-    YOUNG,
-)  # among parameters that weigh alike in a combination
+# among parameters that weigh alike in a combination
+FIXING_ORDER = (FIRST_CLOCK, *TILTS, DENSITY, POISSON, ALPHA, BETA, YOUNG)
 
 
 def noise_deviation(residual: Array, parameters: int) -> float:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 import tomlkit
 
+from fenics_rom.identification.parameters import is_tilting
 from fenics_rom.identification.plot import draw_fit
 from fenics_rom.identification.result import Given, Identification
 from fenics_rom.io.atomic_write import check_folder, make_folder, write_whole
@@ -58,6 +59,10 @@ def identified_text(result: Identification, folder: Path) -> str:
     for estimate in result.found:
         if estimate.parameter.path:
             replace_value(document, estimate.parameter.path, tomlkit.value(f"{estimate.value:.8g}"))
+    gravity = result.scene.effects.gravity
+    if gravity is not None and is_tilting([estimate.parameter for estimate in result.found]):
+        numbers = ", ".join(f"{component:.8g}" for component in gravity.acceleration)
+        replace_value(document, ("effects", "gravity", "acceleration"), tomlkit.value(f"[{numbers}]"))
     for path, file in ((("mesh", "file"), document["mesh"]["file"]), *_tables(document)):
         if not Path(file).is_absolute():
             moved = os.path.relpath(Path(result.scene.source).parent / file, folder)

@@ -74,6 +74,8 @@ class Body:
         contact_surfaces: nodes (any,) of the surface of each contact mode.
         cells: how many there are, and how good; None: nobody knows.
         points_between: that obstacles can touch beside nodes; None where none passes between these.
+        weight: (N,), kg, what weighs at each node: ∫ρ of its shape function, and what is fixed to the body; None where
+            no scene says.
     """
 
     nodes: Array
@@ -83,6 +85,7 @@ class Body:
     contact_surfaces: Mapping[str, Array] = field(default_factory=dict)
     cells: CellQuality | None = None
     points_between: PointsBetween | None = None
+    weight: Array | None = None
 
     @property
     def free(self) -> Array:
