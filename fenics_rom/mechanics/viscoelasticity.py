@@ -12,9 +12,13 @@ In a step of h with the mid-step velocity v̂, at θ = max(½, 1 - τ/h),
 
 so that it is passive at any h, and of order 2 up to h = 2 τ. Beyond that the midpoint rule, θ = ½, would let what is
 left of w alternate without end; here it is gone after the step.
+
+Of a body that deforms largely x is the Green strain of its points, K their moduli of small strains, and the forces are
+second Piola-Kirchhoff stresses: a rotation does not strain branches, and all of the above holds.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -81,12 +85,13 @@ class MaxwellBranches:
     def __init__(self, series: PronySeries, rows: int, size: int, total: Callable[[float], Any] | None = None):
         self._series, self._total = series, total
         self.state = self.before = np.zeros((len(series.ratios), rows, size))
-        self.stiffening_time = 0.0
+        self.stiffening_time = self._h = 0.0
 
     def set_time_step(self, h: float) -> None:
         """Makes the coefficients of a step of h s."""
-        self._step = _Step.of(self._series, h)
-        self.stiffening_time = self._step.stiffening_time
+        if h != self._h:
+            self._h, self._step = h, _Step.of(self._series, h)
+            self.stiffening_time = self._step.stiffening_time
 
     @property
     def pull(self) -> Array:
@@ -107,6 +112,29 @@ class MaxwellBranches:
         self.state = c.decay * before + c.gain * rate
         heat = self._sum_squares(c.viscous, c.kept * before + c.moved * rate)
         return heat + self._sum_squares(c.numerical, self.state - before) if c.numerical.any() else heat
+
+    def growth(self, gap: Array) -> tuple[float, float]:
+        """a and b, J, of s a + ½ s² b that `stored` grows by where strains, and their forces, do by s gap (rows, n)."""
+        g = np.array(self._series.ratios)[:, None]
+        return float((g * self.state[:, -1] * gap[0]).sum()), float(g.sum() * gap[0].dot(gap[-1]))
+
+    def move(self, gap: Array) -> None:
+        """Lets all strains and their forces grow by a gap (rows, n)."""
+        self.state = self.state + gap
+
+    @contextmanager
+    def in_parts(self, parts: int) -> Iterator[None]:
+        """Steps in here are parts of a time step, which `rollback`, and an error, take back as one."""
+        h, before = self._h, self.state
+        self.set_time_step(h / parts)
+        try:
+            yield
+        except BaseException:
+            self.state = before
+            raise
+        finally:
+            self.set_time_step(h)
+            self.before = before
 
     def remember(self) -> None:
         """Notes the state before a step."""

@@ -162,10 +162,6 @@ def _check_branches(viscous: Viscoelasticity, effects: Effects) -> None:
             f"effects.viscoelasticity: ratios are {len(viscous.ratios)}, times {len(viscous.times)}: allowed is one of "
             "each for every branch"
         )
-    if effects.large_deformation is not None:
-        raise SceneError(
-            "effects.large_deformation: has no branches of effects.viscoelasticity; allowed is one of the two"
-        )
     if effects.springs:
         raise SceneError(
             "effects.springs: would relax with the material of effects.viscoelasticity; allowed is one of the two"

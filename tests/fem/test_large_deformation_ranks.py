@@ -22,6 +22,7 @@ normal = [0, 0, 1]
 [effects.tendon.rope]
 points = [[0.01, 0.1, 0.15], [0.25, 0.1, 0.15], [0.49, 0.1, 0.15]]
 """
+BRANCHES = "[effects.viscoelasticity]\nratios = [0.8, 0.4]\ntimes = [5e-3, 0.1]\n"
 BY_LENGTH = 'control = "length"\n'
 MOVING = """inertia = {}
 damping = { alpha = 1.0, beta = 1e-3, materials.material = { alpha = 2.0, beta = 2e-3 } }
@@ -45,7 +46,9 @@ def results(tmp_path_factory):
     mesh = write_arrays(folder / "box.msh", *box_arrays((0.5, 0.2, 0.15), (3, 1, 1), shake=0.2))
     parts = {"contacts": '[contacts.bottom]\nsurface = "bottom"', "outputs.tip": 'surface = "right"'}
     soft = {"material": "young = 1e6\npoisson = 0.35\ndensity = 1000.0"}
+    unsprung = ALL.replace('[effects.springs.bed]\nsurface = "front"\nstiffness = 50.0\n', BRANCHES)
     scenes = {
+        "relaxing": (MOVING, unsprung, f"dt = 5e-3\nduration = 0.05\n{LOADS.format(60.0)}"),
         "moving": (MOVING, ALL, f"dt = 5e-3\nduration = 0.05\n{LOADS.format(60.0)}"),
         "still": ("", ALL + BY_LENGTH, f"dt = 0.1\nduration = 0.2\n{LOADS.format(5e-3)}"),
     }
@@ -60,7 +63,7 @@ def results(tmp_path_factory):
     return folder
 
 
-@pytest.mark.parametrize("name", ["moving", "still"])
+@pytest.mark.parametrize("name", ["moving", "relaxing", "still"])
 def test_runs_do_not_depend_on_the_number_of_ranks(results, name):
     one, other = (fr.read_trajectory(results / str(ranks) / f"{name}.h5") for ranks in (1, 2))
     scale = np.abs(one.snapshots).max()

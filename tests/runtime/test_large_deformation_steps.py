@@ -14,6 +14,7 @@ from fenics_rom.mechanics.environment import NOTHING, Guide, Load
 from fenics_rom.mechanics.hyperelastic import moduli, strain, stress
 from fenics_rom.mechanics.step import FINITE_STRAIN_STEPPERS, StepInput
 from fenics_rom.mechanics.tendon import turning_angles
+from fenics_rom.mechanics.viscoelasticity import PronySeries
 from fenics_rom.runtime.steppers.newton import Newton
 from fenics_rom.scene.file import parse_scene
 
@@ -253,13 +254,15 @@ def pushed_about(rom, stepper, seed, steps, scene=None):
     return body, gap / scale
 
 
+@pytest.mark.parametrize("series", [None, PronySeries((0.8, 0.4), (5e-3, 0.1))], ids=["elastic", "relaxing"])
 @pytest.mark.parametrize(("stepper", "parts"), [("linearly-implicit", 1), ("newton", 1), ("newton", 4), (None, 1)])
 @pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
-def test_account_closes_where_contact_points_yield_beyond_the_basis(monkeypatch, stepper, parts):
+def test_account_closes_where_contact_points_yield_beyond_the_basis(monkeypatch, stepper, parts, series):
     """Steps from 1e-6 to 0.1 s, cut or not; what was saved, and what was taken back, goes on to the bit."""
     whole = Newton._in_parts
     monkeypatch.setattr(Newton, "_in_parts", lambda *given: whole(*given) if given[-1] >= parts else None)
     rom = soft_rom(contact=True, inertia=stepper is not None)
+    rom = replace(rom, environment=replace(rom.environment, viscoelasticity=series))
     body, gap = pushed_about(rom, stepper, 2, 100 if stepper else 30)
     assert gap <= 1e-11
     kernel, saved, carried = body._stepper.kernel, body.save(), body._stepper.kernel.auxiliary.copy()

@@ -342,7 +342,6 @@ def test_what_has_no_branches_says_so(rom):
         (effects(branches=BRANCHES.replace("0.3", "-0.3")), "ratios"),
         (effects(branches=BRANCHES.replace("2e-3", "0")), "times"),
         (effects("[effects.springs.bed]\nsurface = 'top'\nstiffness = 1.0\n"), "springs: would relax"),
-        (effects("[effects.large_deformation]\n"), "large_deformation: has no branches"),
         (effects().replace("inertia = {}\n", "").replace("damping = { alpha = 0.5, beta = 1e-4 }", ""), "inertia"),
     ],
 )

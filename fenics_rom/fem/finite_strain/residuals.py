@@ -16,6 +16,7 @@ from fenics_rom.fem.finite_strain.model import ExternalForce, FiniteStrainModel,
 from fenics_rom.fem.finite_strain.stresses import EquilibriumStresses, MidpointStresses, Stresses
 from fenics_rom.fem.finite_strain.tangent_matrix import TangentCoefficients, TangentMatrix
 from fenics_rom.mechanics.actuator_forces import ActuatorForces
+from fenics_rom.mechanics.viscoelasticity import MaxwellBranches
 
 NONE_FOUND = np.empty(0)
 
@@ -63,16 +64,25 @@ class TrialStep:
 class MidpointResidual:
     """Of a step of motion of h, s; `coefficients` are those of the matrix that stands for its tangent.
 
+    Branches of a material that relaxes know the length of the step, and are as they are before it.
+
     `matrix` has what of it is linear, 2/h M + D_c + h/2 K_s.
     """
 
     is_quasi_static = False
 
     def __init__(
-        self, model: FiniteStrainModel, start: StepStart, external: ExternalForce, h: float, matrix: TangentMatrix
+        self,
+        model: FiniteStrainModel,
+        start: StepStart,
+        external: ExternalForce,
+        h: float,
+        matrix: TangentMatrix,
+        branches: MaxwellBranches | None = None,
     ):
-        self.model, self.start, self.external, self.h = model, start, external, h
-        self.coefficients = TangentCoefficients(mass=2 / h, external_damping=1.0, stiffness=h / 2, viscosity=1.0)
+        self.model, self.start, self.external, self.h, self._branches = model, start, external, h, branches
+        relaxation = 0.0 if branches is None else branches.stiffening_time
+        self.coefficients = TangentCoefficients(2 / h, 1.0, stiffness=h / 2, viscosity=1.0, relaxation=relaxation)
         self._linear = matrix.linear_part(self.coefficients)
         self._momentum = 2 / h * (model.mass @ start.v)
         self._at_start = self._momentum - multiply(model.spring, start.x)
@@ -82,7 +92,7 @@ class MidpointResidual:
         m, start, h, pushes = self.model, self.start, self.h, self.external.with_found(found)
         u_end = m.nodal_field(start.x + h * v)
         u_middle = (start.u + u_end) / 2
-        stresses = MidpointStresses(m.material, start.H, start.E, m.points.gradients(u_end), h)
+        stresses = MidpointStresses(m.material, start.H, start.E, m.points.gradients(u_end), h, self._branches)
         internal, external = m.internal_force(stresses.P), pushes.at(m, u_middle)
         residual = external + self._at_start - internal - self._linear @ v
         return TrialStep(v, residual, pushes, external, internal, stresses, u_middle)

@@ -8,6 +8,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.errors import SolverError, StepError
 from fenics_rom.fem.direct import PetscFactor
+from fenics_rom.fem.finite_strain.account import book_equilibrium, book_motion
 from fenics_rom.fem.finite_strain.equilibria import FactoredTangent, solve_equilibrium
 from fenics_rom.fem.finite_strain.follower_loads import FollowerLoad, TendonPull
 from fenics_rom.fem.finite_strain.found_forces import ForcesInNewton, FoundForces
@@ -21,10 +22,10 @@ from fenics_rom.fem.finite_strain.tangent_matrix import TangentCoefficients, Tan
 from fenics_rom.fem.full_order_body import FullOrderBody
 from fenics_rom.io.progress import Report, silent
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
-from fenics_rom.mechanics.contact import ObstacleMotion, equilibrium_work
-from fenics_rom.mechanics.energy_ledger import EnergyLedger
+from fenics_rom.mechanics.contact import ObstacleMotion
 from fenics_rom.mechanics.hyperelastic import strain
 from fenics_rom.mechanics.step import StepInput, StepResult
+from fenics_rom.mechanics.viscoelasticity import MaxwellBranches
 from fenics_rom.system.system import System
 
 SMALLEST_PART = 1 / 64  # share of a step below which none is tried
@@ -71,6 +72,10 @@ class FiniteStrainStepper(FullOrderBody):
         self._forces_in_newton: ForcesInNewton | None = None
         if self.interface is not None or self.actuators is not None:
             self._forces_in_newton = ForcesInNewton(self.interface, self.actuators)
+        self._branches: MaxwellBranches | None = None
+        series = None if environment is None else environment.environment.viscoelasticity
+        if series is not None and self._has_inertia:  # an equilibrium is relaxed
+            self._branches = MaxwellBranches(series, 2, 6 * len(model.points.weights), system.algebra.total)
         self._found: tuple[FollowerLoad, ...] = ()
         self._rubbing: tuple[TendonPull, ...] = ()
         if self.actuators is not None:
@@ -91,10 +96,11 @@ class FiniteStrainStepper(FullOrderBody):
 
     @property
     def energy(self) -> float:
-        """Stored energy ½ vᵀMv + ½ xᵀK_s x + ∫W, J."""
+        """Stored energy ½ vᵀMv + ½ xᵀK_s x + ∫W and that of branches, J."""
         m, x, v = self._model, self.x, self.v
         quadratic = m.dot(v, m.mass @ v) + m.dot(x, multiply(m.spring, x))
-        return quadratic / 2 + m.elastic_energy(self._start.E)
+        energy = quadratic / 2 + m.elastic_energy(self._start.E)
+        return energy if self._branches is None else energy + self._branches.stored
 
     @property
     def inverted(self) -> int:
@@ -111,7 +117,13 @@ class FiniteStrainStepper(FullOrderBody):
         return (*filter(None, [self._unstable, parted if self.parted else ""]), *super().diagnostics())
 
     def set_state(self, x: Array, v: Array) -> None:
-        """Puts the body somewhere, moving: local rows of displacement (m) and velocity (m/s), (rows here,) each."""
+        """Puts the body somewhere, moving, with relaxed branches.
+
+        Args:
+            x, v: local rows of displacement (m) and velocity (m/s), (rows here,) each.
+        """
+        if self._branches is not None:
+            self._branches.resume(np.empty(0))
         self._arrive(x.reshape(-1, 1).copy(), v.reshape(-1, 1).copy())
         self._predictor.forget()
         self.negative_pivots, self._following = 0, ()
@@ -142,14 +154,17 @@ class FiniteStrainStepper(FullOrderBody):
     def _state(self) -> tuple[Any, ...]:
         sums = None if self.ledger is None else self.ledger.sums
         stability = self.negative_pivots, self._unstable
-        return self._start, self.contact, self.reactions, self._following, stability, sums
+        relaxing = None if self._branches is None else self._branches.state
+        return self._start, self.contact, self.reactions, self._following, stability, sums, relaxing
 
     def _restore(self, state: tuple[Any, ...]) -> None:
-        self._start, self.contact, self.reactions, self._following, stability, sums = state
+        self._start, self.contact, self.reactions, self._following, stability, sums, relaxing = state
         self.negative_pivots, self._unstable = stability
         self.x, self.v = self._start.x, self._start.v
         if self.ledger is not None:
             self.ledger.sums = sums
+        if self._branches is not None:
+            self._branches.state = relaxing
 
     def close(self) -> None:
         """Gives the memory back."""
@@ -255,7 +270,9 @@ class FiniteStrainStepper(FullOrderBody):
         h, start = share * self.dt, self._start
         equation: StepResidual
         if missing is None:
-            equation = MidpointResidual(self._model, start, load, h, self._matrix)
+            if self._branches is not None:
+                self._branches.set_time_step(h)
+            equation = MidpointResidual(self._model, start, load, h, self._matrix, self._branches)
         else:
             load = load.ramped(self._following, done + share)
             equation = QuasiStaticResidual(self._model, start, load, h, (1 - done - share) * missing)
@@ -266,8 +283,14 @@ class FiniteStrainStepper(FullOrderBody):
         if missing is not None and self._tangent is not None:
             self._note_stability(self._tangent.negative_pivots, done, share)
         self.newton += solution.iterations
-        self._book(equation, solution, motion)
-        trial = solution.trial
+        trial, heat = solution.trial, 0.0
+        if self._branches is not None and isinstance(trial.stresses, MidpointStresses):
+            Ė, σ = trial.stresses.rate
+            heat = self._branches.step(np.stack([self._model.points.weights * Ė, σ]).reshape(2, -1))
+        if isinstance(equation, QuasiStaticResidual):
+            book_equilibrium(self, equation, solution, motion)
+        else:
+            book_motion(self, equation, solution, heat)
         x = self.x + h * trial.v
         v = np.zeros_like(x) if missing is not None else 2 * trial.v - self.v
         self._predictor.note(trial.v, whole=share == 1)
@@ -348,53 +371,3 @@ class FiniteStrainStepper(FullOrderBody):
         if isinstance(equation, QuasiStaticResidual):
             return [np.zeros_like(self.x), *self._predictor.last]
         return self._predictor.guesses(self.v)
-
-    def _book(self, equation: StepResidual, solution: NewtonIterate, obstacles: ObstacleMotion | None) -> None:
-        """Books what a part of a step supplied and dissipated."""
-        if self.ledger is None:
-            return
-        m, trial, h, contact = self._model, solution.trial, equation.h, solution.found.contact
-        if isinstance(equation, QuasiStaticResidual):
-            self._book_at_rest(self.ledger, equation, solution, obstacles)
-            return
-        assert isinstance(trial.stresses, MidpointStresses)
-        rubbed, _ = self._rubbed(equation, trial.v, solution.found.actuators)
-        supplied = h * m.dot(trial.external_force - rubbed, trial.v)
-        if contact is not None and self.interface is not None:
-            self.ledger.book_contact(*contact.work(self.interface.at_points(trial.v), h))
-        drawn = m.dot(trial.v, multiply(m.external_damping, trial.v))
-        self.ledger.book(supplied=supplied, dissipated=h * drawn + m.points.integrate(trial.stresses.heat))
-        self.ledger.book(dissipated=-h * m.dot(rubbed, trial.v))
-        change = 2 * (trial.v - self.v)
-        self.time_step_monitor.add(m.dot(change, m.mass @ change), m.dot(trial.v, m.mass @ trial.v))
-
-    def _rubbed(self, equation: StepResidual, v: Array, found: Array) -> tuple[Array, float]:
-        """Force (rows here, 1), N, of guides at a mid-step velocity (rows here, 1), and its power, W."""
-        if self.actuators is None or not self.actuators.guides:
-            return np.zeros_like(v), 0.0
-        (columns, rates, _), k = equation.strokes(v), len(self.actuators.names)
-        return self.actuators.parts(columns, found)[1][:, None], float(rates[k:].dot(found[k:]))
-
-    def _book_at_rest(
-        self,
-        ledger: EnergyLedger,
-        equation: QuasiStaticResidual,
-        solution: NewtonIterate,
-        obstacles: ObstacleMotion | None,
-    ) -> None:
-        """The same between equilibria, as Equilibrium of runtime/steppers does."""
-        m, h, trial, contact = self._model, equation.h, solution.trial, solution.found.contact
-        x = self.x + h * trial.v
-        start = equation.evaluate(np.zeros_like(x), self.reactions)
-        elastic = equation.elastic_force(start) + equation.elastic_force(trial)
-        stored = m.elastic_energy(strain(trial.stresses.F_end - IDENTITY)) + m.dot(x, multiply(m.spring, x)) / 2
-        before, _ = self._rubbed(equation, 0 * x, self.reactions)
-        after, power = self._rubbed(equation, trial.v, solution.found.actuators)
-        loads = elastic - before - after
-        if self.interface is not None and obstacles is not None:
-            loads = loads - self.interface.force(self.contact) - self.interface.force(contact)
-            at_points, law = self.interface.at_points(trial.v), self.interface.solver.law
-            ledger.book_contact(*equilibrium_work(self.contact, contact, at_points, h, obstacles, law))
-        done, rubbed = h / 2 * m.dot(elastic, trial.v), h / 2 * m.dot(before + after, trial.v)
-        numerical = done - (stored - self.energy) - rubbed + h * power
-        ledger.book(supplied=h / 2 * m.dot(loads, trial.v), dissipated=-h * power, numerical=numerical)

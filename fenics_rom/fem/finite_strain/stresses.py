@@ -5,7 +5,8 @@ Green strain, which a rotation does not feel:
 
     P = F_m S,   F_m = I + (H + H⁺)/2,   S = Ŝ(E, E⁺) + β (λ tr ΔE I + 2 μ ΔE)/h,   Ŝ:ΔE = W(E⁺) - W(E),  ΔE = E⁺ - E.
 
-In equilibrium P = F S(E).
+Where the material relaxes, S has that of its branches, too (mechanics/viscoelasticity.py, with E for x and C₀ for K):
+C₀ (history + stiffening time ΔE/h). In equilibrium P = F S(E).
 """
 
 from dataclasses import dataclass
@@ -26,6 +27,7 @@ from fenics_rom.mechanics.hyperelastic import (
     strain_rate,
     stress,
 )
+from fenics_rom.mechanics.viscoelasticity import MaxwellBranches
 
 IDENTITY = np.eye(3)[:, :, None]
 
@@ -43,9 +45,9 @@ class HyperelasticMaterial:
         """W (P,), J/m³."""
         return energy_density(self.law, E, self.first_lame, self.shear)
 
-    def viscous_stress(self, ΔE: Array, h: float) -> Array:
-        """(6, P), Pa, where the strain changes by ΔE in h, s."""
-        return self.viscosity / h * linear_stress(ΔE, self.first_lame, self.shear)
+    def linear_stress(self, E: Array) -> Array:
+        """C₀E (6, P), Pa, of small strains."""
+        return linear_stress(E, self.first_lame, self.shear)
 
     @cached_property
     def linear_moduli(self) -> Array:
@@ -91,28 +93,44 @@ class Stresses:
 
 
 class MidpointStresses(Stresses):
-    """Of a midpoint step of h, s, from H (3, 3, P) and E (6, P) to H⁺."""
+    """Of a midpoint step of h, s, from H (3, 3, P) and E (6, P) to H⁺, with branches as they are before it, if any.
+
+    Attributes, beside those of Stresses:
+        rate: of the strain, and C₀ times it, (2, 6, P), 1/s and Pa/s.
+    """
 
     F_share = 0.5
 
-    def __init__(self, material: HyperelasticMaterial, H: Array, E: Array, H_end: Array, h: float):
+    def __init__(
+        self,
+        material: HyperelasticMaterial,
+        H: Array,
+        E: Array,
+        H_end: Array,
+        h: float,
+        branches: MaxwellBranches | None = None,
+    ):
         self._material, self._h = material, h
         self.F, self.F_end = IDENTITY + (H + H_end) / 2, IDENTITY + H_end
         self.E, self.E_end = E, strain(H_end)
-        self._elastic = discrete_gradient_stress(material.law, E, self.E_end, material.first_lame, material.shear)
-        self._viscous = material.viscous_stress(self.E_end - E, h)
-        self.S = self._elastic + self._viscous
+        elastic = discrete_gradient_stress(material.law, E, self.E_end, material.first_lame, material.shear)
+        Ė = (self.E_end - E) / h
+        self.rate = np.stack([Ė, material.linear_stress(Ė)])
+        self._viscosity = material.viscosity if branches is None else material.viscosity + branches.stiffening_time
+        self.S = elastic + self._viscosity * self.rate[1]
+        if branches is not None:
+            self.S += branches.pull[1].reshape(6, -1)
 
     @property
     def heat(self) -> Array:
         """What viscosity dissipates in the step, (P,), J/m³; never negative."""
-        return (self._viscous * (self.E_end - self.E)).sum(axis=0)
+        return self._h * self._material.viscosity * (self.rate[0] * self.rate[1]).sum(axis=0)
 
     @cached_property
     def moduli(self) -> Array:
         """As in Stresses."""
         m = self._material
-        D = m.moduli((self.E + self.E_end) / 2) / 2 + m.viscosity / self._h * m.linear_moduli
+        D = m.moduli((self.E + self.E_end) / 2) / 2 + self._viscosity / self._h * m.linear_moduli
         if m.law == "st_venant_kirchhoff":
             return D
         return D + self._correction_moduli()

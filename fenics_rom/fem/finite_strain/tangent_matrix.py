@@ -8,7 +8,7 @@ limit point:
 A is the tangent of the shape that the body comes to in some steps, made symmetric; where that is not positive definite,
 of the shape that it has, with the moduli of small strains and without the stresses.
 
-    A = a M + b D_c + c K_s + ∫ (c + d β) ∇δ : C : ∇v   in the frame of the deformed body.
+    A = a M + b D_c + c K_s + ∫ (c + d β + e) ∇δ : C : ∇v   in the frame of the deformed body.
 
 Secants and a Krylov method make up for the rest; contact needs W = S A⁻¹ Sᵀ to be symmetric.
 """
@@ -30,12 +30,17 @@ CELLS_PER_BATCH = 4096
 
 @dataclass(frozen=True)
 class TangentCoefficients:
-    """The numbers in A: `mass` a, 1/s; `external_damping` b; `stiffness` c, s; `viscosity` d."""
+    """The numbers in A: `mass` a, 1/s; `external_damping` b; `stiffness` c, s; `viscosity` d; `relaxation` e, s."""
 
     mass: float
     external_damping: float
     stiffness: float
     viscosity: float
+    relaxation: float = 0.0
+
+    def of_linear_moduli(self, β: Array) -> Array:
+        """d β + e (P,), s."""
+        return self.viscosity * β + self.relaxation
 
 
 OF_EQUILIBRIUM = TangentCoefficients(mass=0.0, external_damping=0.0, stiffness=1.0, viscosity=0.0)
@@ -97,7 +102,7 @@ class TangentMatrix:
 
     def definite(self, H: Array, coefficients: TangentCoefficients) -> PETSc.Mat:
         """A at displacement gradients (3, 3, P here); every rank must call it."""
-        scale = coefficients.stiffness + coefficients.viscosity * self._material.viscosity
+        scale = coefficients.stiffness + coefficients.of_linear_moduli(self._material.viscosity)
         return self._assemble(IDENTITY + H, scale * self._material.linear_moduli, coefficients)
 
     def stressed(
@@ -105,7 +110,7 @@ class TangentMatrix:
     ) -> PETSc.Mat:
         """A of a state with its moduli and stresses, and the stiffness of what follows (3N, 3N): may be indefinite."""
         c, m = coefficients, self._material
-        D = c.stiffness * stresses.moduli + c.viscosity * m.viscosity * m.linear_moduli
+        D = c.stiffness * stresses.moduli + c.of_linear_moduli(m.viscosity) * m.linear_moduli
         return self._assemble(stresses.F, D, c, c.stiffness * stresses.S, c.stiffness * following)
 
     def consistent(self, stresses: Stresses, following: scipy.sparse.csr_matrix) -> PETSc.Mat:

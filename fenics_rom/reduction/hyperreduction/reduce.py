@@ -21,6 +21,7 @@ from fenics_rom.rom.deformation import ReducedDeformation, ReducedTendon, Traini
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.steppers.equilibrium import Equilibrium
 from fenics_rom.runtime.steppers.newton import Newton
+from fenics_rom.runtime.steppers.selection import maxwell_branches
 from fenics_rom.system.protocols import Algebra, Deformation, Operator
 from fenics_rom.system.system import System
 
@@ -199,7 +200,10 @@ def validation_error(rom: Rom, system: System, run: Run, shapes: Array, messages
 
 def _reduced_states(rom: Rom, run: Run, messages: list[str]) -> Array:
     """q (m, s) of the reduced model in a run, as far as it goes and from there on the last."""
-    kernel = (Equilibrium if run.dt is None else Newton)(rom, None, None)
+    assert rom.deformation is not None
+    series = None if run.dt is None else rom.environment.viscoelasticity
+    branches = maxwell_branches(series, 2, Newton.strain_count(rom.deformation))
+    kernel = (Equilibrium if run.dt is None else Newton)(rom, None, None, branches=branches)
     kernel.set_time_step(1.0 if run.dt is None else run.dt)
     snapshot_steps, states, m = set(run.snapshot_steps()), [], len(rom.stiffness)
     q, stuck = np.zeros(m), False

@@ -94,10 +94,12 @@ def _simulated(
     system, body = problem.system, problem.deformation
     runs: list[Run] = []
     shapes: list[Array] = []
-    with problem.stages("training runs"), closing(body.stepper(1.0, _rubbing(system), ledger=False)) as stepper:
+    series = scene_with_run(system)[0].environment.viscoelasticity
+    relaxing = f"{series}; " if series else ""
+    with problem.stages("training runs"), closing(body.stepper(1.0, _acting(system), ledger=False)) as stepper:
         for number, run in enumerate(planned):
             problem.stages.report("training runs", number, len(planned))
-            key = f"{body.law}; {run.title}; {len(run.steps)} steps of {run.dt} s"
+            key = f"{body.law}; {relaxing}{run.title}; {len(run.steps)} steps of {run.dt} s"
             name = f"training run {number + 1} of {len(planned)}"
             restored = checkpoint.restored_run(number, key, system.algebra.rows())
             share, snapshots = restored or _followed(stepper, run, loads, name)
@@ -151,11 +153,11 @@ def _reached(system: System, loads: LoadExtremes, runs: list[Run]) -> LoadExtrem
     )
 
 
-def _rubbing(system: System) -> ActiveEnvironment | None:
-    """What acts in a run beside its inputs: friction at guides, if the scene has any."""
+def _acting(system: System) -> ActiveEnvironment | None:
+    """What acts in a run beside its inputs, if anything does: friction at guides, and how the material relaxes."""
     scene, _ = scene_with_run(system)
     free = replace(scene.environment, obstacles={}, contact_law=None)
-    return ActiveEnvironment(free) if free.guides else None
+    return ActiveEnvironment(free) if free.guides or free.viscoelasticity else None
 
 
 def _shapes(stepper: Any, run: Run, name: str) -> Array:

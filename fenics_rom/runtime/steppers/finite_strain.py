@@ -29,6 +29,7 @@ from fenics_rom.runtime.steppers.kernel import BookedKernel
 from fenics_rom.runtime.steppers.training_watch import TrainingWatch
 
 if TYPE_CHECKING:
+    from fenics_rom.mechanics.viscoelasticity import MaxwellBranches
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
     from fenics_rom.runtime.steppers.residual_motion import ResidualMotion
 
@@ -51,6 +52,11 @@ class FiniteStrainKernel(BookedKernel):
 
     NOTES: tuple[str, ...] = ("distance",)  # |q| at most
 
+    @staticmethod
+    def strain_count(body: ReducedDeformation) -> int:
+        """How many strains branches have: those of the points."""
+        return 6 * len(body.weights)
+
     def __init__(
         self,
         rom: Rom,
@@ -58,9 +64,11 @@ class FiniteStrainKernel(BookedKernel):
         interface: "ContactInterface | None",
         actuators: ActuatorForces | None = None,
         residual: "ResidualMotion | None" = None,
+        branches: "MaxwellBranches | None" = None,
     ):
         assert rom.deformation is not None
-        super().__init__(next(iter(rom.contact_models.values())), ledger, np.empty(0), interface, actuators, residual)
+        model = next(iter(rom.contact_models.values()))
+        super().__init__(model, ledger, np.empty(0), interface, actuators, residual, branches)
         names, guides = ((), ()) if actuators is None else (actuators.names, actuators.guides)
         tendons = rom.deformation.tendons
         self._found = [_follower(rom.deformation, name) for name in names]

@@ -18,6 +18,7 @@ from fenics_rom.mechanics.contact import ObstacleMotion
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.hyperelastic import energy_density, linear_stress, strain, stress
 from fenics_rom.rom.carried_strains import carried_strains
+from fenics_rom.rom.deformation import ReducedDeformation
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.steppers.adjoint import NONE, StateAdjoint, check_forces_are_given
 from fenics_rom.runtime.steppers.deformation_maps import Expected, LinearlyImplicitMaps, Taken
@@ -25,6 +26,7 @@ from fenics_rom.runtime.steppers.finite_strain import FiniteStrainKernel, defini
 from fenics_rom.runtime.steppers.kernel import StepWork, symmetric
 
 if TYPE_CHECKING:
+    from fenics_rom.mechanics.viscoelasticity import MaxwellBranches
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
     from fenics_rom.runtime.steppers.linearly_implicit_adjoint import LinearlyImplicitAdjoint
     from fenics_rom.runtime.steppers.residual_motion import ResidualMotion
@@ -39,6 +41,11 @@ class LinearlyImplicit(FiniteStrainKernel):
 
     NOTES = ("distance", "strained", "mismatch")  # strained: energy of the strains at most, J
 
+    @staticmethod
+    def strain_count(body: ReducedDeformation) -> int:
+        """As in FiniteStrainKernel, of the strains that are carried along."""
+        return carried_strains(body).size
+
     def __init__(
         self,
         rom: Rom,
@@ -46,8 +53,9 @@ class LinearlyImplicit(FiniteStrainKernel):
         interface: "ContactInterface | None",
         actuators: ActuatorForces | None = None,
         residual: "ResidualMotion | None" = None,
+        branches: "MaxwellBranches | None" = None,
     ):
-        super().__init__(rom, ledger, interface, actuators, residual)
+        super().__init__(rom, ledger, interface, actuators, residual, branches)
         body = self._body
         self._λ, self._μ = body.weights * body.first_lame, body.weights * body.shear
         self._most = float(self._μ.sum())  # c where strains are of order 1
@@ -133,8 +141,9 @@ class LinearlyImplicit(FiniteStrainKernel):
         middle = q + h / 2 * expected.value
         pushed = self._loads(u, middle)
         around = self._strains.around(middle)
-        matrix = self._fixed + around.stiffness(h / 2)
-        right = pushed + 2 / h * r - body.springs.dot(q) - around.pulled(self._σ)
+        relaxation, history = self._relaxation
+        matrix = self._fixed + around.stiffness(h / 2 + relaxation)
+        right = pushed + 2 / h * r - body.springs.dot(q) - around.pulled(self._σ + history)
         b, s = None if self._st_venant else self._slope(middle), 0.0
         if b is not None:
             s = self._s
@@ -165,7 +174,9 @@ class LinearlyImplicit(FiniteStrainKernel):
         self._taken = Taken(expected, matrix, rates)
         ε_after = self._strains.at(after)
         stressed, σ_after = self._strains.stressed(np.stack([rates, ε_after], axis=1)).T  # together: it reads much
-        drawn = float(v.dot(body.external_damping.dot(v)) + (self._strains.viscosity * stressed).dot(rates))
+        heat = h * float(v.dot(body.external_damping.dot(v)) + (self._strains.viscosity * stressed).dot(rates))
+        if self.branches is not None:
+            heat += self.branches.step(np.stack([rates, stressed]))
         self._previous_velocity[:] = v
         self._ε += h * rates
         self._σ += h * stressed
@@ -173,11 +184,11 @@ class LinearlyImplicit(FiniteStrainKernel):
             grown = h * float(b.dot(v))
             self._rest[0] += grown * (s + grown / 2)
         E = None if self._st_venant else body.strains(after)
-        taken_back, strained, gap = self._taken_back(ε_after, σ_after, E, h * drawn)
-        dissipated = h * drawn - taken_back - (0.0 if given is None else h * float(rubbed.dot(v)))
-        residual, heat = self._step_residual(contact)
+        taken_back, strained, gap = self._taken_back(ε_after, σ_after, E, heat)
+        dissipated = heat - taken_back - (0.0 if given is None else h * float(rubbed.dot(v)))
+        residual, heat_of_residual = self._step_residual(contact)
         contacts = self._contacts(v, contact, h, residual)
-        self._leave(StepWork(h * float(pushed.dot(v)), dissipated + heat, contacts))
+        self._leave(StepWork(h * float(pushed.dot(v)), dissipated + heat_of_residual, contacts))
         np.multiply(after, self._ω, self._e)
         np.subtract(v + v, r, r)
         self.contact, self.reactions = contact, reactions
@@ -234,8 +245,9 @@ class LinearlyImplicit(FiniteStrainKernel):
         h, body, v = self.h, self._body, self._previous_velocity
         middle = q + h / 2 * v
         around = self._strains.around(middle)
-        damped = self._strains.viscosity * around.rates(v)
-        σ = self._strains.stressed(around.y + damped if self._st_venant else damped)
+        relaxation, history = self._relaxation
+        damped = (self._strains.viscosity + relaxation) * around.rates(v)
+        σ = self._strains.stressed(around.y + damped if self._st_venant else damped) + history
         residual = 2 / h * (v - self._r) + body.external_damping.dot(v) + body.springs.dot(middle) + around.pulled(σ)
         if not self._st_venant:
             H = body.displacement_gradients(middle)
@@ -243,7 +255,7 @@ class LinearlyImplicit(FiniteStrainKernel):
             residual += body.resultant(H, S)
         is_new = not len(self.tangent)
         if is_new:
-            matrix = self._fixed + around.stiffness(h / 2)
+            matrix = self._fixed + around.stiffness(h / 2 + relaxation)
             geometric = (
                 self._strains.geometric(σ) if self._st_venant else body.geometric(S) + self._strains.geometric(σ)
             )
@@ -265,6 +277,11 @@ class LinearlyImplicit(FiniteStrainKernel):
         stored = float(self._σ.dot(self._ε))
         kinetic, springs = float(self._r.dot(self._r)), float(q.dot(self._body.springs.dot(q)))
         return self._with_carried_energy((stored + kinetic + springs) / 2 + float(self._rest[0]))
+
+    @property
+    def _relaxation(self) -> tuple[float, Array | float]:
+        """Stiffening time of branches, s, and C₀ times what of their strains is left to pull in a step."""
+        return (0.0, 0.0) if self.branches is None else (self.branches.stiffening_time, self.branches.pull[1])
 
     @property
     def _s(self) -> float:
@@ -293,7 +310,9 @@ class LinearlyImplicit(FiniteStrainKernel):
         return b if steep <= STEEPEST_FREQUENCY * self._ω[-1] else b * (STEEPEST_FREQUENCY * self._ω[-1] / steep)
 
     def _taken_back(self, ε: Array, σ: Array, E: Array | None, dissipated: float) -> tuple[float, float, float]:
-        """Moves strains and s towards ε, σ = C₀ε and s of E. Energies, J: added (< 0: taken), of ε, of the gap.
+        """Moves strains, also of branches, and s towards ε, σ = C₀ε and s of E.
+
+        Energies, J: added (< 0: taken), of ε, of the gap.
 
         At most what is in the tank, which holds what was dissipated in this and the steps before, up to what strains
         store (as in teleoperation: Franken et al., 2011): a step may give back, and the run never more than it got.
@@ -302,8 +321,12 @@ class LinearlyImplicit(FiniteStrainKernel):
         gap, stressed, gap_s = ε - self._ε, σ - self._σ, 0.0
         if E is not None:
             gap_s = math.sqrt(2 * max(self._left(E) + self._rest[1], 0.0)) - s
-        square = float(stressed.dot(gap)) + gap_s**2
+        square = gap_square = float(stressed.dot(gap)) + gap_s**2
         slope = float(stressed.dot(self._ε)) + gap_s * s
+        if self.branches is not None:
+            moved = np.stack([gap, stressed])
+            of_branches = self.branches.growth(moved)
+            slope, square = slope + of_branches[0], square + of_branches[1]
         strained = float(σ.dot(ε))
         budget = float(self._rest[2]) + dissipated
         share = 1.0
@@ -313,9 +336,11 @@ class LinearlyImplicit(FiniteStrainKernel):
         added = share * slope + share**2 * square / 2
         self._ε += share * gap
         self._σ += share * stressed
+        if self.branches is not None:
+            self.branches.move(share * moved)
         self._rest[0] += share * gap_s * (s + share * gap_s / 2)
         self._rest[2] = min(max(budget - added, 0.0), strained)
-        return added, strained, (1 - share) ** 2 * square
+        return added, strained, (1 - share) ** 2 * gap_square
 
     def _note_mismatch(self, strained: float, gap: float) -> None:
         """Notes the energies of strains, and of what those that are carried along lack of them, J."""

@@ -1,7 +1,7 @@
 """Large deformation by Newton's iteration in every step."""
 
 import math
-from contextlib import nullcontext
+from contextlib import ExitStack
 
 import numpy as np
 from numpy import ndarray as Array
@@ -71,20 +71,22 @@ class Newton(FiniteStrainKernel):
             return 2 * self._with_carried_energy(float(r.dot(r)) / 2 + self._body.energy(q, E))
 
     def _solution(self, u: Array, obstacles: ObstacleMotion | None) -> tuple[Solution, int]:
-        """Of a step in as few parts as can be solved, and their number; the residual part takes its step.
+        """Of a step in as few parts as can be solved, and their number; the residual part and branches take theirs.
 
         Raises:
-            StepError: as in `step`; the residual part is where it was.
+            StepError: as in `step`; the residual part and branches are where they were.
         """
-        parts = 1
+        parts, carried = 1, [part for part in (self.residual, self.branches) if part is not None]
         try:
             while parts <= MAX_PARTS:
-                with nullcontext() if self.residual is None else self.residual.in_parts(parts):
+                with ExitStack() as taken_back:
+                    for part in carried:
+                        taken_back.enter_context(part.in_parts(parts))
                     solution = self._in_parts(u, obstacles, parts)
                 if solution is not None:
                     return solution, parts
-                if self.residual is not None:
-                    self.residual.rollback()
+                for part in carried:
+                    part.rollback()
                 parts *= 2
         finally:
             if parts > 1:
@@ -128,7 +130,9 @@ class Newton(FiniteStrainKernel):
             obstacles: how they move in it.
         """
         body, ω = self._body, self._body.weights
-        E = body.strains(q)
+        E, history, relaxation = body.strains(q), 0.0, 0.0
+        if self.branches is not None:
+            history, relaxation = self.branches.pull[1].reshape(6, -1), self.branches.stiffening_time
         v, before, fresh, reactions = r.copy(), math.inf, False, self.reactions
         if self._actuators is not None:
             targets = self._actuators.rates(given, self._strokes_at(q), r.dot(self._stroke_columns(q)), h)
@@ -136,8 +140,9 @@ class Newton(FiniteStrainKernel):
             middle = q + h / 2 * v
             H, after = body.displacement_gradients(middle), body.strains(q + h * v)
             rates = (after - E) / h
-            viscous = linear_stress(rates, body.viscosity * body.first_lame, body.viscosity * body.shear)
-            S = ω * (discrete_gradient_stress(body.law, E, after, body.first_lame, body.shear) + viscous)
+            linear = ω * linear_stress(rates, body.first_lame, body.shear)
+            S = ω * discrete_gradient_stress(body.law, E, after, body.first_lame, body.shear)
+            S += (body.viscosity + relaxation) * linear + history
             elastic, force = body.resultant(H, S) + body.springs.dot(middle), self._loads(u, middle)
             drawn = body.external_damping.dot(v)
             residual = 2 / h * (v - r) + drawn + elastic - force
@@ -159,9 +164,11 @@ class Newton(FiniteStrainKernel):
                 residual -= self._pushed(contact)
             error = np.abs(residual).max()
             if is_solved(error, before, scale):
-                heat = h * (float(v.dot(drawn)) + float(ω.dot((viscous * rates).sum(axis=0))))
+                heat = h * (float(v.dot(drawn)) + float(body.viscosity.dot((linear * rates).sum(axis=0))))
                 if self._actuators is not None:
                     heat -= h * float(rubbed.dot(v))
+                if self.branches is not None:
+                    heat += self.branches.step(np.stack([rates, linear]).reshape(2, -1))
                 return v, force, heat, contact, reactions
             if error > FAST_CONTRACTION * before and not fresh:
                 self._inverse, fresh = self._tangent_inverse(H, (E + after) / 2, S, h), True
@@ -178,7 +185,8 @@ class Newton(FiniteStrainKernel):
         """
         body, m = self._body, self._model.order
         A = body.strain_rates(H)
-        viscous = body.viscosity * moduli("st_venant_kirchhoff", E, body.first_lame, body.shear)
+        relaxation = 0.0 if self.branches is None else self.branches.stiffening_time
+        viscous = (body.viscosity + relaxation) * moduli("st_venant_kirchhoff", E, body.first_lame, body.shear)
         D = body.weights * (h / 2 * moduli(body.law, E, body.first_lame, body.shear) + viscous)
         DA = np.einsum("cdp,dpk->cpk", D, A).reshape(-1, m)
         matrix = 2 / h * np.eye(m) + body.external_damping + h / 2 * body.springs + A.reshape(-1, m).T.dot(DA)

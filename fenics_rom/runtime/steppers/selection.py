@@ -85,7 +85,9 @@ def make_stepper(
     if rom.deformation is not None:
         suited, reason = _finite_strain_kind(rom, dt, kind, has_inertia)
         residual = residual_of(next(iter(rom.contact_models)))  # all contact modes share a basis
-        kernel = _finite_strain_kernel(suited)(rom, ledger, interface, actuators, residual)
+        kernel_of_kind = _finite_strain_kernel(suited)
+        branches = maxwell_branches(series, 2, kernel_of_kind.strain_count(rom.deformation))
+        kernel = kernel_of_kind(rom, ledger, interface, actuators, residual, branches)
         return FiniteStrainStepper(rom, dt, interface, kernel, suited, reason)
     from fenics_rom.runtime.steppers.linear_kernels import ContactMidpoint, QuasiStatic
 
