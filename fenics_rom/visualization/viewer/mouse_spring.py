@@ -16,6 +16,7 @@ from fenics_rom.runtime.simulator import Simulator
 RELATIVE_STIFFNESS = 2.0  # of the spring, as a multiple of the body's at rest: the body follows two thirds of the way
 RANK_TOLERANCE = 1e-8  # relative singular value below which two columns do the same to the shape at rest
 OVERSHOOT = 2.0  # a force that begins at once leads this much further than at rest
+ROUND_OFF = 1e-9
 FINITE_STRAIN_REACH = 10.0  # times as far as a linear model can follow, a body of large deformation may be pulled
 
 
@@ -57,6 +58,10 @@ class MouseSpring:
         length = float(np.linalg.norm(f))
         return f if length <= self.largest else f * (self.largest / length)
 
+    def is_most(self, force: Array) -> bool:
+        """Whether it would be a larger force, (3,), N, if it were let."""
+        return float(np.linalg.norm(force)) > (1 - ROUND_OFF) * self.largest
+
 
 def attach_spring(rom: Rom, contact: str, nodes: Array, weights: Array) -> MouseSpring | None:
     """A spring at the mean of nodes (c,) with weights (c,), in sum 1; None where the mode has no column that moves it.
@@ -92,35 +97,54 @@ def attach_spring(rom: Rom, contact: str, nodes: Array, weights: Array) -> Mouse
     )
 
 
+def spring_step(body: Simulator, rom: Rom, spring: MouseSpring, nodes: Array, weights: Array) -> "MouseSpringStep":
+    """A spring of a ROM at the mean of nodes (c,) with weights (c,), in steps of its body in the spring's mode."""
+    kind = MovingMouseSpringStep if rom.environment.is_moving else MouseSpringStep
+    return kind(body, rom, spring, nodes, weights)
+
+
 class MouseSpringStep:
-    """A spring in steps of one length.
+    """A spring in steps of one length, at the mean of nodes (c,) with weights (c,).
 
     In a step of passive midpoint integration the spring is that of the middle, ŷ = y + h/2 Pᵀ v̂, without inertia
     that of the end. Its own part in v̂ is solved for, which keeps it stable at any step; those of actuators and loads
     are known, and that of obstacles is left out.
     """
 
-    def __init__(self, rom: Rom, spring: MouseSpring, h: float):
-        mode, P = rom.contact_models[spring.contact], spring.columns
-        self.spring, self.mode, self._h = spring, mode, h
-        self._others = mode.inputs[:, rom.contacts[spring.contact] :]
+    def __init__(self, body: Simulator, rom: Rom, spring: MouseSpring, nodes: Array, weights: Array):
+        h, P = body.dt, spring.columns
+        mode, first = rom.contact_models[spring.contact], rom.contacts[spring.contact]
+        self.spring, self.nodes, self.weights = spring, nodes, weights
+        self._mode, self._h = mode, h
+        self._others = mode.inputs[:, first:]
         self._moves = rom.environment.has_inertia
         series = rom.environment.viscoelasticity
         branches = 0.0 if series is None else series.stiffening_time(h)
-        self.inverse = compliance(mode, h, branches)[0] if self._moves else 1 / mode.safe_frequencies**2  # A⁻¹, or K⁻¹
-        self._spread = self.inverse[:, None] * P if self.inverse.ndim == 1 else self.inverse @ P
-        self.flexibility = (h / 2 if self._moves else 1.0) * P.T @ self._spread
+        self._inverse = compliance(mode, h, branches)[0] if self._moves else 1 / mode.safe_frequencies**2  # A⁻¹, or K⁻¹
+        self._spread = self._times_inverse(P)
+        self._flexibility = (h / 2 if self._moves else 1.0) * P.T @ self._spread
 
-    def force(self, q: Array, r: Array, others: Array, target: Array) -> Array:
-        """What the spring pulls with in a step from q and r, (3,), N; `others` are actuators and loads."""
-        pushed = self._others @ others
-        if not self._moves:
-            return self.spring.force(self._spread.T @ pushed, self.flexibility, target)
-        travel = self._spread.T @ (pushed + 2 / self._h * r - self.mode.eigenvalues * q) * (self._h / 2)
-        return self.spring.force(self.spring.columns.T @ q + travel, self.flexibility, target)
+    def _times_inverse(self, columns: Array) -> Array:
+        return (self._inverse * columns.T).T if self._inverse.ndim == 1 else self._inverse @ columns
+
+    def place(self, body: Simulator) -> Array:
+        """Where the point is, (3,), m."""
+        return self.spring.moved(body.state[0])
+
+    def force(self, body: Simulator, actuators: Array, target: Array) -> tuple[Array, Array]:
+        """What the spring pulls with in the next step, (3,), N, and the input of the contact mode that does so."""
+        around, (q, r) = body.environment, body.state
+        loads = np.empty(0) if around is None else around.loads_at(body.time + self._h / 2)
+        pushed = self._others @ np.concatenate([actuators, loads])
+        if self._moves:
+            travel = self._spread.T @ (pushed + 2 / self._h * r - self._mode.eigenvalues * q) * (self._h / 2)
+            f = self.spring.force(self.spring.columns.T @ q + travel, self._flexibility, target)
+        else:
+            f = self.spring.force(self._spread.T @ pushed, self._flexibility, target)
+        return f, self.spring.spread @ f
 
 
-class MovingMouseSpringStep:
+class MovingMouseSpringStep(MouseSpringStep):
     """The same of a body in a moving frame, which somebody may throw.
 
     What is pulled at goes with the columns, as they are what the force acts by: from where they act on, x in the frame,
@@ -130,38 +154,36 @@ class MovingMouseSpringStep:
     """
 
     def __init__(self, body: Simulator, rom: Rom, spring: MouseSpring, nodes: Array, weights: Array):
+        super().__init__(body, rom, spring, nodes, weights)  # whose compliance has the motions as a whole, too
         model, first = body.model, rom.contacts[spring.contact]
-        self.spring, self._nodes, self._weights = spring, nodes, weights
-        self._flexibility = MouseSpringStep(rom, spring, body.dt).flexibility
-        self._inverse, self._eigenvalues = compliance(model, body.dt)[0], model.eigenvalues
+        self._mode, self._inverse = model, compliance(model, body.dt)[0]
         self._columns = model.inputs[:, :first] @ spring.spread
-        self._actuators = model.inputs[:, first : first + sum(rom.actuators.values())]
+        self._others = model.inputs[:, first : first + sum(rom.actuators.values())]
         self._arm = _acts_on(rom, spring)
         self._apart = self.place(body) - self._pulled(body)[0]
 
     def place(self, body: Simulator) -> Array:
         """Where the point is, (3,), m."""
-        nodes = self._nodes
-        return self._weights @ (body.rom.nodes[nodes] + body.displacement()[nodes])
+        return self.weights @ (body.rom.nodes[self.nodes] + body.displacement()[self.nodes])
 
     def force(self, body: Simulator, actuators: Array, target: Array) -> tuple[Array, Array]:
-        """What the spring pulls with in the next step, (3,), N, in world axes and in those of the body."""
+        """As of a MouseSpringStep, in world axes."""
         assert body.pose is not None
-        R, h, (q, r) = rotation_matrix(body.pose.rotation), body.dt, body.state
-        drive = self._actuators @ actuators + 2 / h * r - self._eigenvalues * q
-        changed = (self._inverse * drive if self._inverse.ndim == 1 else self._inverse @ drive) - r
+        R, h, (q, r) = rotation_matrix(body.pose.rotation), self._h, body.state
+        drive = self._others @ actuators + 2 / h * r - self._mode.eigenvalues * q
+        changed = self._times_inverse(drive) - r
         y, velocity = self._pulled(body)
         y = self._apart + y + h / 2 * (velocity + R @ (changed @ self._columns))
         f = self.spring.force(y - self.spring.place, R @ self._flexibility @ R.T, target)
-        return f, R.T @ f
+        return f, self.spring.spread @ (R.T @ f)
 
     def _pulled(self, body: Simulator) -> tuple[Array, Array]:
         """Where what is pulled at is, (3,), m, and its velocity, m/s."""
         assert body.pose is not None
-        pose, (q, r) = body.pose, body.state
+        pose, (q, r), P = body.pose, body.state, self._columns
         R = rotation_matrix(pose.rotation)
-        arm = R @ (self._arm + q @ self._columns)
-        return pose.position + arm, pose.velocity + np.cross(pose.angular_velocity, arm) + R @ (r @ self._columns)
+        arm = R @ (self._arm + q @ P)
+        return pose.position + arm, pose.velocity + np.cross(pose.angular_velocity, arm) + R @ (r @ P)
 
 
 def _acts_on(rom: Rom, spring: MouseSpring) -> Array:
