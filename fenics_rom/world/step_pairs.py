@@ -43,8 +43,8 @@ class StepPairs:
     def of_step(self, h: float) -> tuple[Pairs, Array, Guide | None]:
         """The pairs of a step of h s that all bodies have begun, forces to begin with, and what may guide."""
         contacts = self._look()
-        known = self._contacts if self._pairs is not None and len(contacts) == len(self._contacts) else []
-        if self._pairs is None or not all(map(_are_same, contacts, known)) or len(known) != len(contacts):
+        known = self._contacts
+        if self._pairs is None or len(contacts) != len(known) or not all(map(_are_same, contacts, known)):
             self._gather(contacts)
         elif any(now[1] is not then[1] for now, then in zip(contacts, known, strict=True)):
             self._refresh(contacts)

@@ -129,6 +129,22 @@ def test_a_ball_that_bounces_does_not_gain_energy_at_any_step(dt):
     assert whole == pytest.approx(start, rel=1e-8)
 
 
+@pytest.mark.parametrize("dt", [1e-3, 1e-2])
+def test_a_box_that_leaves_the_ground_comes_back_to_it(dt):
+    """Nothing holds it where it was when it was last near: thrown up at 2 m/s it is back after 2 v/g, at that speed."""
+    speed = 2.0
+    box = fr.RigidBody(Box((0.1,) * 3), mass=1.0, position=(0, 0, 0.05), velocity=(0, 0, speed))
+    world = fr.World({"ground": GROUND, "box": box}, dt, gravity=(0, 0, -G))
+    while world.time < 2 * speed / G - 2 * dt:
+        world.step()
+        t = world.time
+        assert world.pose("box").position[2] == pytest.approx(0.05 + speed * t - G * t**2 / 2, abs=1e-12)
+    while world.time < 1.0:
+        world.step()
+    assert world.pose("box").position[2] == pytest.approx(0.05, abs=speed * dt / 2)
+    assert world.touching == 4
+
+
 @pytest.mark.parametrize("restitution", [1.0, 0.5])
 def test_a_cradle_hands_on_what_restitution_says(restitution):
     """Balls that are a little apart meet one after the other: each keeps (1 - e)/2 of what it gets."""
