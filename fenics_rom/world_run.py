@@ -78,12 +78,7 @@ def run_world(
     recorder = WorldRecorder(world, steps, snapshots=run.snapshots, every=every or run.every)
     seconds = 0.0
     for step in range(steps):
-        middle = (step + 0.5) * world.dt
-        inputs: dict[str, dict[str, float]] = {}
-        for each in run.input:
-            if each.start <= middle < (run.duration if each.stop is None else each.stop):
-                of_body = inputs.setdefault(each.body, {})
-                of_body[each.actuator] = of_body.get(each.actuator, 0.0) + float(each.signal(middle)[0])
+        inputs = inputs_at(scene, (step + 0.5) * world.dt)
         begin = perf_counter()
         world.step(inputs)
         seconds += perf_counter() - begin
@@ -92,6 +87,19 @@ def run_world(
             report("steps", step, steps)
     report("steps", steps, steps)
     return recorder.record(scene.file.name, {"seconds": seconds} if rate else None)
+
+
+def inputs_at(scene: WorldScene, time: float) -> dict[str, dict[str, float]]:
+    """What the load history of a world file applies at a time, s, by body, by actuator."""
+    run = scene.file.run
+    inputs: dict[str, dict[str, float]] = {}
+    if run is None:
+        return inputs
+    for each in run.input:
+        if each.start <= time < (run.duration if each.stop is None else each.stop):
+            of_body = inputs.setdefault(each.body, {})
+            of_body[each.actuator] = of_body.get(each.actuator, 0.0) + float(each.signal(time)[0])
+    return inputs
 
 
 def _body(name: str, body: WorldBody, scene: WorldScene) -> RigidBody | SoftBody:

@@ -1,22 +1,24 @@
-"""`fenics-rom view`: a ROM live, or runs, in the browser."""
+"""`fenics-rom view`: a ROM or a world live, or runs, in the browser."""
 
 import argparse
 
-SUMMARY = "show a ROM live, or runs, in the browser"
+SUMMARY = "show a ROM or a world live, or runs, in the browser"
 
 
 def add_options(command: argparse.ArgumentParser) -> None:
     """What it is told."""
-    command.add_argument("files", metavar="FILE.h5", nargs="+", help="a ROM to push, a run, or two runs to compare")
+    command.add_argument(
+        "files", metavar="FILE", nargs="+", help="a ROM or world to push, a run, or two runs to compare"
+    )
     command.add_argument("--port", type=_port, default=8080, metavar="N", help="tried first; else one that follows")
     command.add_argument("--no-browser", action="store_true", help="only print the address")
-    command.add_argument("--dt", type=float, metavar="S", help="time step of a ROM instead of the scene's, s")
+    command.add_argument("--dt", type=float, metavar="S", help="time step of what is live instead of its file's, s")
 
 
 def run(choice: argparse.Namespace) -> None:
     """Serves the page until Ctrl-C."""
     if len(choice.files) > 2:
-        choice.wrong_usage("allowed are a ROM, a run, or two runs")
+        choice.wrong_usage("allowed are a ROM, a world, a run, or two runs")
     from fenics_rom.visualization.viewer.view import view
 
     view(*choice.files, port=choice.port, browser=not choice.no_browser, dt=choice.dt, wait=True)

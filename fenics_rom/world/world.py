@@ -35,7 +35,7 @@ class World:
         apart: groups of names of bodies that do not touch one another.
 
     Attributes:
-        bodies: as given.
+        bodies, gravity: as given.
 
     Raises:
         SceneError: names that nobody has, bodies that cannot be, joints that cannot be closed.
@@ -64,7 +64,7 @@ class World:
         pairs: Mapping[tuple[str, str], ContactLaw] | None = None,
         apart: Sequence[Collection[str]] = (),
     ):
-        self.bodies, self._dt = dict(bodies), checked_dt(dt)
+        self.bodies, self.gravity, self._dt = dict(bodies), gravity, checked_dt(dt)
         self._arguments: dict[str, Any] = {
             "joints": joints,
             "gravity": gravity,

@@ -645,7 +645,7 @@ COMMANDS = {
     ),
     "2, option of a ROM for a scene": (["simulate", "block.toml", "-o", "out.h5", "--rate"], "--rate: for a ROM"),
     "2, port": (["view", "rom.h5", "--port", "99999"], "argument --port: '99999': allowed is a whole number from 0"),
-    "2, three runs to view": (["view", "run.h5", "run.h5", "run.h5"], "allowed are a ROM, a run, or two runs"),
+    "2, three runs to view": (["view", "run.h5", "run.h5", "run.h5"], "allowed are a ROM, a world, a run, or two runs"),
     "1, a ROM for a scene": (
         ["reduce", "rom.h5", "-o", "out.h5"],
         "rom.h5: is a ROM or a run, which info takes; allowed",

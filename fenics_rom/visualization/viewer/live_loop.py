@@ -35,10 +35,13 @@ class LiveLoop(ABC):
         server: viser's.
         live: what is stepped.
         scale: of what is drawn, 1/m.
+
+    Attributes:
+        scale: as given.
     """
 
     def __init__(self, server: Any, live: Live, scale: float):
-        self._server, self._live, self._scale = server, live, scale
+        self._server, self._live, self.scale = server, live, scale
         self._todo: queue.SimpleQueue[Callable[[], None]] = queue.SimpleQueue()
         self._paused, self._speed, self._behind = False, 1.0, 0.0
         self._holder: int | None = None
@@ -64,7 +67,7 @@ class LiveLoop(ABC):
     def _add_widgets(
         self, viser: Any, gui: Any, name: str, actions: Mapping[str, Callable[[], None]], fields: Sequence[str]
     ) -> None:
-        """The panel, with these buttons beside pause and reset, and these colours."""
+        """The panel, with these buttons beside pause and reset, and these fields as colours."""
         begin_panel(gui, name)
         self._status = gui.add_markdown("")
         actions = {"pause": self._toggle_pause, "reset": self._reset, **actions}
@@ -72,8 +75,9 @@ class LiveLoop(ABC):
         buttons.on_click(lambda event: self._todo.put(actions[event.target.value]))
         if fields:
             self._field = gui.add_dropdown("colour", tuple(fields), initial_value=fields[0])
-            self._colours = ColourScale(gui)
-            self._field.on_update(lambda _: self._todo.put(self._colours.clear))
+        self._colours = colours = ColourScale(gui)
+        if fields:
+            self._field.on_update(lambda _: self._todo.put(colours.clear))
         self._sliders: list[Any] = []
         if self._live.actuators:
             with gui.add_folder("Actuators"):
@@ -110,12 +114,12 @@ class LiveLoop(ABC):
 
         return slider
 
-    def _let_drag(self, mesh: Any, grab: Callable[[Array], bool]) -> None:
+    def let_drag(self, mesh: Any, grab: Callable[[Array], bool]) -> None:
         """What a mouse that is pressed on a mesh does: it grabs at a place (3,), m, and gives whether that holds."""
 
         @mesh.on_drag
         async def _(event: Any) -> None:  # async: viser calls these in order, in one thread
-            start, end = (np.array(place) / self._scale for place in (event.start_position, event.end_position))
+            start, end = (np.array(place) / self.scale for place in (event.start_position, event.end_position))
             if event.phase == "start":
                 self._todo.put(lambda: self._grab(event.client_id, grab, start))
             elif event.phase == "update":

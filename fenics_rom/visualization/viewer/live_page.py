@@ -45,11 +45,11 @@ class LivePage(LiveLoop):
         self._fields = surface_fields(self._surface, rom.environment)
         self._readings = reading_fields(self._surface, {name: body.reading(name) for name in rom.readings})
         self._triangles = divide_contact_triangles(rom)
-        set_camera_and_light(server, self._scale * self._surface.places)
+        set_camera_and_light(server, self.scale * self._surface.places)
         around = body.simulator.environment
         obstacles = around.obstacles if around else {}
         tendons = rom.environment.tendons
-        self._picture = DrawnBody(server.scene, "/body", rom.nodes, self._surface, tendons, obstacles, self._scale)
+        self._picture = DrawnBody(server.scene, "/body", rom.nodes, self._surface, tendons, obstacles, self.scale)
         self._pick_surfaces = {
             name: self._add_pick_surface(name, triangles)
             for name, triangles in self._triangles.items()
@@ -63,13 +63,13 @@ class LivePage(LiveLoop):
                 self._slider(server.gui, "order", 1, body.largest_order, 1, body.order, self._set_order, hint)
 
     def _add_pick_surface(self, contact: str, triangles: Array) -> PickSurface:
-        pick_surface = PickSurface(self._server.scene, f"/contact/{contact}", self._surface, triangles, self._scale)
+        pick_surface = PickSurface(self._server.scene, f"/contact/{contact}", self._surface, triangles, self.scale)
 
         @pick_surface.mesh.on_click
         async def _(_: Any) -> None:
             self._todo.put(lambda: self.body.simulator.switch(contact))
 
-        self._let_drag(pick_surface.mesh, partial(self._take_hold, contact))
+        self.let_drag(pick_surface.mesh, partial(self._take_hold, contact))
         return pick_surface
 
     def _take_hold(self, contact: str, place: Array) -> bool:

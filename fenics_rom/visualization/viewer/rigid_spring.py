@@ -53,7 +53,8 @@ class RigidMouseSpring:
         drag = self._damping + h / 2 * self.stiffness  # of v̂
         drive = self.stiffness * (target - pose.position - arm) - drag * velocity
         f = np.linalg.solve(np.eye(3) + drag * h / 2 * C, drive)
-        f *= min(1.0, self.largest / max(float(np.linalg.norm(f)), np.finfo(float).tiny))
+        if (size := float(np.linalg.norm(f))) > self.largest:
+            f *= self.largest / size
         return f, np.cross(arm, f)
 
     def is_most(self, force: Array) -> bool:

@@ -1,4 +1,4 @@
-"""A ROM live, or runs, on a page in the browser."""
+"""A ROM or a world live, or runs, on a page in the browser."""
 
 import atexit
 import os
@@ -7,23 +7,31 @@ import tempfile
 import threading
 import webbrowser
 from collections.abc import Callable, Sequence
+from functools import partial
 from os import PathLike
 from pathlib import Path
 from typing import Any
 
 from fenics_rom.errors import SceneError
 from fenics_rom.io.given import object_or_file
+from fenics_rom.lazy_import import load
 from fenics_rom.rom.file import ROM_FILE
 from fenics_rom.rom.rom import Rom
+from fenics_rom.scene.world_format import WorldScene
 from fenics_rom.trajectory.file import RUN_FILE
 from fenics_rom.trajectory.trajectory import Trajectory
 from fenics_rom.visualization.optional_dependencies import viser_package
 from fenics_rom.visualization.viewer.live_body import LiveBody
 from fenics_rom.visualization.viewer.live_page import LivePage
+from fenics_rom.visualization.viewer.live_world import LiveWorld
 from fenics_rom.visualization.viewer.run_page import RunPage
 from fenics_rom.visualization.viewer.server import Server
+from fenics_rom.visualization.viewer.world_page import WorldPage
+from fenics_rom.world.world import World
+from fenics_rom.world_run import inputs_at, make_world
 
-Model = Rom | Trajectory | str | PathLike[str]
+Model = Rom | Trajectory | World | WorldScene | str | PathLike[str]
+Page = LivePage | RunPage | WorldPage
 
 FRAME_PIXELS = 600  # height of the page in a notebook
 
@@ -37,12 +45,12 @@ def view(
     browser: bool = True,
     wait: bool | None = None,
 ) -> "View":
-    """Shows a ROM live, to be pulled with the mouse, or a run, alone or beside the run that it is measured against.
+    """Shows a ROM or a world live, to be pulled with the mouse, or a run, alone or beside what it is measured against.
 
     Args:
-        model: a ROM or a run, or the name of its file.
+        model: a ROM, a world or a run, or the name of its file. A world begins anew, and is itself left as it is.
         reference: another run of the same body, or the name of its file.
-        dt: time step of a ROM instead of its scene's, s.
+        dt: time step of a ROM or a world instead of its scene's, s.
         port: that is tried first; 0: any.
         browser: whether to open one; a notebook shows the page below its cell instead.
         wait: whether to go on until Ctrl-C before it returns; None: not in a notebook or another interactive session.
@@ -94,7 +102,7 @@ class View:
         address: for a browser on this machine; only who has it gets in.
     """
 
-    def __init__(self, server: Server, page: LivePage | RunPage):
+    def __init__(self, server: Server, page: Page):
         self.address = server.address
         self._server, self._page, self._ended = server, page, threading.Event()
         self._thread = threading.Thread(target=page.run, args=(self._ended,), daemon=True)
@@ -142,8 +150,14 @@ class View:
         return f'<iframe src="{self.address}" width="100%" height="{FRAME_PIXELS}" style="border: 0"></iframe>'
 
 
-def _page(viser: Any, models: Sequence[Model], dt: float | None) -> Callable[[Any], LivePage | RunPage]:
+def _page(viser: Any, models: Sequence[Model], dt: float | None) -> Callable[[Any], Page]:
     """What makes the page, after all is looked at that could be wrong."""
+    worlds = [model for model in models if _is_world(model)]
+    if worlds:
+        if len(models) > 1:
+            raise SceneError(f"{_name(worlds[0])}: is a world, and is viewed alone; runs are viewed beside runs")
+        live, name = _live_world(worlds[0], dt)
+        return lambda server: WorldPage(viser, server, live, name)
     given = [object_or_file("view", model, ROM_FILE, RUN_FILE) for model in models]
     roms = [name for name, one in zip(map(_name, models), given, strict=True) if isinstance(one, Rom)]
     if roms and len(given) > 1:
@@ -156,8 +170,33 @@ def _page(viser: Any, models: Sequence[Model], dt: float | None) -> Callable[[An
     return RunPage(viser, given, [_name(model) for model in models]).show_on
 
 
+def _is_world(model: Model) -> bool:
+    if isinstance(model, str | PathLike):
+        return Path(model).suffix == ".toml"
+    return isinstance(model, World | WorldScene)
+
+
+def _live_world(model: Any, dt: float | None) -> tuple[LiveWorld, str]:
+    """A live world, and its name."""
+    if isinstance(model, World):
+        live = LiveWorld(model)
+        if dt is not None:
+            live.dt = dt
+        return live, "world"
+    if not isinstance(model, WorldScene):
+        if not load("scene.world_file", "is_world_file")(model):
+            raise SceneError(
+                f"{model}: allowed are a world file, with bodies, a ROM and a run; `fenics-rom reduce` makes a ROM of "
+                "a scene"
+            )
+        model = load("scene.world_file", "read_world")(model)
+    return LiveWorld(make_world(model, dt), partial(inputs_at, model)), model.file.name
+
+
 def _name(model: Model) -> str:
     """What it is called on the page."""
+    if isinstance(model, World | WorldScene):
+        return "world" if isinstance(model, World) else model.file.name
     return model.name if isinstance(model, Rom | Trajectory) else Path(model).name
 
 

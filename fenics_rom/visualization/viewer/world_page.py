@@ -1,0 +1,153 @@
+"""The page of a live world."""
+
+from functools import partial
+from itertools import combinations
+from typing import Any
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.errors import SceneError
+from fenics_rom.mechanics import obstacles
+from fenics_rom.mechanics.frame_motion import rotation_matrix
+from fenics_rom.rom.rom import Rom
+from fenics_rom.trajectory.elastic_part import elastic_part
+from fenics_rom.visualization.contact_surface import divide_contact_triangles
+from fenics_rom.visualization.obstacle_meshes import obstacle_mesh
+from fenics_rom.visualization.viewer.colours import with_unit
+from fenics_rom.visualization.viewer.drawing import (
+    FLOOR_SIZES,
+    OBSTACLE_COLOUR,
+    DrawnBody,
+    PickSurface,
+    set_camera_and_light,
+)
+from fenics_rom.visualization.viewer.live_loop import LiveLoop
+from fenics_rom.visualization.viewer.live_world import LiveWorld
+from fenics_rom.visualization.viewer.mouse_spring import closest_point
+from fenics_rom.visualization.viewer.surface import UNITS, Surface, surface_fields
+from fenics_rom.world.records import RigidBody
+from fenics_rom.world.shapes import HalfSpace
+from fenics_rom.world.world import World
+
+FREE_COLOUR = (230, 159, 0)  # of rigid bodies that move freely
+MOST_FORCES = 6  # between bodies that are told, the largest
+
+
+class WorldPage(LiveLoop):
+    """Shows a live world on a viser server.
+
+    Raises:
+        SceneError: a soft body has no surface.
+    """
+
+    def __init__(self, viser: Any, server: Any, live: LiveWorld, name: str):
+        places = _all_places(live.world)
+        super().__init__(server, live, 1 / float(np.ptp(places, axis=0).max()))
+        self.live = live
+        self._soft = {name: _SoftBody(self, server.scene, name, rom) for name, rom in live.roms.items()}
+        self._rigid = {
+            name: self._add_rigid(server.scene, name, body)
+            for name, body in live.world.bodies.items()
+            if isinstance(body, RigidBody)
+        }
+        set_camera_and_light(server, self.scale * places)
+        fields = list(UNITS)[:3] if self._soft else []
+        self._add_widgets(viser, server.gui, name, {}, fields)
+
+    def _add_rigid(self, scene: Any, name: str, body: RigidBody) -> Any:
+        """Its mesh, in axes of its own."""
+        options: dict[str, Any] = {"cast_shadow": False, "receive_shadow": False, "flat_shading": True}
+        if isinstance(body.shape, HalfSpace):
+            options |= {"opacity": 0.6, "side": "double"}
+            flat = obstacles.HalfSpace((0.0, 0.0, 0.0), (0.0, 0.0, 1.0))
+            vertices, triangles = obstacle_mesh(flat, np.zeros(3), FLOOR_SIZES / self.scale / 2)
+        else:
+            vertices, triangles = body.shape.surface()
+        colour = OBSTACLE_COLOUR if body.motion is not None else FREE_COLOUR
+        mesh = scene.add_mesh_simple(f"/{name}", self.scale * vertices, triangles, color=colour, **options)
+        self.let_drag(mesh, partial(self.live.grab_rigid, name))
+        return mesh
+
+    def _draw(self) -> None:
+        world = self.live.world
+        for name, mesh in self._rigid.items():
+            pose = world.pose(name)
+            mesh.position, mesh.wxyz = tuple(self.scale * pose.position), tuple(pose.rotation)
+        if not self._soft:
+            return
+        what = self._field.value
+        fields = {name: body.field(what) for name, body in self._soft.items()}
+        largest = self._colours.cover(max(float(values.max()) for values in fields.values()), UNITS[what])
+        for name, body in self._soft.items():
+            body.draw(fields[name], largest)
+
+    def _words(self) -> list[str]:
+        world = self.live.world
+        sizes = {pair: float(np.linalg.norm(world.force_between(*pair))) for pair in combinations(world.names, 2)}
+        most = sorted((pair for pair in sizes if sizes[pair]), key=lambda pair: -sizes[pair])[:MOST_FORCES]
+        held = [f"held: **{self.live.held}**"] if self.live.held else []
+        return [
+            f"{world.touching} points push",
+            *(f"{first} - {second}: {with_unit(sizes[first, second], 'N')}" for first, second in most),
+            *held,
+        ]
+
+
+class _SoftBody:
+    """A soft body on the page, whose surface is moved in the world."""
+
+    def __init__(self, page: WorldPage, scene: Any, name: str, rom: Rom):
+        if not len(rom.triangles):
+            raise SceneError(f"body {name!r}: ROM {rom.name!r} has no surface triangles, so there is nothing to draw")
+        self._live, self._name, self._rom = page.live, name, rom
+        self._surface = Surface(rom.nodes, rom.triangles)
+        self._fields = surface_fields(self._surface, None)
+        scale, tendons = page.scale, rom.environment.tendons
+        self._picture = DrawnBody(scene, f"/{name}", rom.nodes, self._surface, tendons, {}, scale)
+        self._triangles = divide_contact_triangles(rom)
+        self._pick_surfaces = {}
+        for contact, triangles in self._triangles.items():
+            if len(triangles):
+                pick = PickSurface(scene, f"/contact/{name}/{contact}", self._surface, triangles, scale)
+                self._pick_surfaces[contact] = pick
+                page.let_drag(pick.mesh, partial(self._take_hold, contact))
+
+    def _whole(self) -> Array:
+        """The displacement of all nodes from where the ROM has them, (N, 3), m."""
+        return self._live.world.simulator(self._name).node_places() - self._rom.nodes
+
+    def _take_hold(self, contact: str, place: Array) -> bool:
+        """Of the point of a contact surface that is nearest to a place."""
+        nodes, triangles = self._surface.nodes, self._pick_surfaces[contact].triangles
+        moved = self._surface.places + self._whole()[nodes]
+        nearest, weights = closest_point(moved[triangles], place)
+        return self._live.grab_soft(self._name, contact, nodes[triangles[nearest]], weights)
+
+    def field(self, what: str) -> Array:
+        """What colours show, of all pieces: of what strains it, and not of where it is."""
+        on = self._surface.nodes
+        strained = elastic_part(self._whole(), self._rom.nodes, self._rom.node_mass)[on]
+        velocity = self._live.world.simulator(self._name).velocity()[on] if what == "speed" else strained
+        return self._fields[what](strained, velocity)
+
+    def draw(self, values: Array, largest: float) -> None:
+        """Draws it in these colours."""
+        whole, contact = self._whole(), self._live.contact if self._live.held == self._name else None
+        self._picture.draw(whole, values, largest, {}, None if contact is None else self._triangles[contact])
+        for pick in self._pick_surfaces.values():
+            pick.draw(self._surface.places + whole[self._surface.nodes])
+
+
+def _all_places(world: World) -> Array:
+    """Of all bodies but half-spaces, (any, 3), m."""
+    places = []
+    for name, body in world.bodies.items():
+        if not isinstance(body, RigidBody):
+            places.append(world.simulator(name).node_places())
+        elif not isinstance(body.shape, HalfSpace):
+            pose = world.pose(name)
+            places.append(pose.position + body.shape.surface()[0] @ rotation_matrix(pose.rotation).T)
+    if not places:
+        raise SceneError("world: it has half-spaces alone, so there is nothing to draw")
+    return np.concatenate(places)
