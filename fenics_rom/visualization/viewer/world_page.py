@@ -31,6 +31,7 @@ from fenics_rom.world.shapes import HalfSpace
 from fenics_rom.world.world import World
 
 FREE_COLOUR = (230, 159, 0)  # of rigid bodies that move freely
+ROOM = 1.5  # that the camera sees, of the bodies: they move
 MOST_FORCES = 6  # between bodies that are told, the largest
 
 
@@ -51,7 +52,8 @@ class WorldPage(LiveLoop):
             for name, body in live.world.bodies.items()
             if isinstance(body, RigidBody)
         }
-        set_camera_and_light(server, self.scale * places)
+        middle = (places.min(axis=0) + places.max(axis=0)) / 2
+        set_camera_and_light(server, self.scale * (middle + ROOM * (places - middle)))
         fields = list(UNITS)[:3] if self._soft else []
         self._add_widgets(viser, server.gui, name, {}, fields)
 

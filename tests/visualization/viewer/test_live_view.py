@@ -269,6 +269,45 @@ def test_free_body_is_thrown_with_the_mouse(folder, views, browser, bar_rom):
     window.page.close()
 
 
+WORLD = """
+gravity = [0.0, 0.0, -9.81]
+[bodies.ground]
+shape = "half-space"
+[bodies.box]
+shape = "box"
+size = [0.1, 0.1, 0.1]
+mass = 0.5
+position = [0.0, 0.0, 0.05]
+[contact]
+friction = 0.5
+[run]
+dt = 5e-3
+duration = 1.0
+"""
+
+
+@pytest.mark.slow
+def test_box_of_a_world_is_tipped_with_the_mouse(folder, views, browser):
+    """Pulled up at a face it stands on an edge, and the ground carries less; it falls back when it is let go."""
+    (folder / "world.toml").write_text(WORLD)
+    window = Window(browser, views("world.toml", "--port", 0).address)
+    at_rest = window.picture
+    assert "ground - box: 4.9" in window.words  # 4.905 N
+    window.drag(0, -70)
+    until(lambda: "held: box" in window.words, "the box is not held")
+    until(lambda: "2 points push" in window.words, "the box does not tip")
+    assert (np.abs(window.picture - at_rest).max(axis=2) > 40).sum() > 2000
+    window.page.mouse.up()
+    window.page.mouse.move(5, 5)
+    until(lambda: "4 points push" in window.words, "the box does not fall")
+    stored, supplied, dissipated, _ = window.energies
+    assert stored == pytest.approx(supplied - dissipated, abs=0.02 * supplied)
+    window.press("reset")
+    until(lambda: (np.abs(window.picture - at_rest).max(axis=2) > 40).sum() < 50, "the box did not go back")
+    assert window.errors == []
+    window.page.close()
+
+
 @pytest.mark.parametrize("token", ["", "wrong", "wrong/", "../"])
 def test_who_has_not_the_token_is_refused(view, token):
     place = urlsplit(view.address)

@@ -84,6 +84,28 @@ def test_runs_are_shown_beside_each_other(run, files):
         assert "0.00e+00 of the shape" in page._page._comparison
 
 
+def test_a_world_is_stepped_anew_beside_the_program(tmp_path):
+    """From Python, as it was read, and by the name of its file; the one that was given stays where it is."""
+    file = tmp_path / "ball.toml"
+    file.write_text('[bodies.ball]\nshape = "sphere"\nradius = 0.1\nmass = 1.0\n[run]\ndt = 5e-3\nduration = 1.0\n')
+    scene = fr.read_world(file)
+    world = fr.make_world(scene)
+    for given in (world, scene, file):
+        with fr.view(given, dt=1e-3, **BESIDE) as page:
+            assert status(page.address) == 200
+            until(lambda: page._page.live.steps >= 5)
+            assert page._page.live.dt == 1e-3
+    assert world.steps == 0
+    with pytest.raises(SceneError, match=r"ball.toml: is a world, and is viewed alone"):
+        fr.view(file, file, **BESIDE)
+
+
+def test_a_scene_is_no_world(tmp_path):
+    (tmp_path / "scene.toml").write_text('[mesh]\nfile = "box.msh"\n')
+    with pytest.raises(SceneError, match="allowed are a world file, with bodies, a ROM and a run; `fenics-rom reduce`"):
+        fr.view(tmp_path / "scene.toml", **BESIDE)
+
+
 @pytest.mark.parametrize(
     ("given", "options", "error", "says"),
     [
