@@ -17,7 +17,7 @@ class FullOrderInterface:
 
     Attributes:
         points: that can be touched.
-        solver: of the contact law.
+        solver, solve: of the contact law; its `solve`.
         Sᵀ: (rows here, 3P) unit forces on the points.
     """
 
@@ -27,9 +27,13 @@ class FullOrderInterface:
         self._algebra = system.algebra
         self.points = system.points_of_contact()
         self.solver = ContactSolver(self.points.coordinates, list(environment.obstacles.values()), law)
-        at_rest = np.zeros(self.points.coordinates.shape)
-        self.solver.check_start(at_rest, environment.state.offsets, list(environment.obstacles))
+        self.solve, self._environment = self.solver.solve, environment
         self.Sᵀ = self.points.columns(system.at_nodes)
+
+    def check_start(self, displacement: Array) -> None:
+        """A StepError where points that have moved by (P, 3), m, are in an obstacle."""
+        environment = self._environment
+        self.solver.check_start(displacement, environment.state.offsets, list(environment.obstacles))
 
     def at_points(self, x: Array) -> Array:
         """What a field (rows here, 1) is at the contact points, (P, 3)."""
@@ -67,8 +71,6 @@ class FullOrderBody:
         reactions: (n,) their forces in the last step, of strokes that are given, then at guides, N or Pa.
         time_step_monitor: of the length of the steps, where an account is kept.
 
-    Raises:
-        StepError: the body begins in an obstacle.
     """
 
     def __init__(self, system: System, dt: float, environment: ActiveEnvironment | None, ledger: bool):
@@ -115,6 +117,11 @@ class FullOrderBody:
         """See Stepper."""
         assert self.interface is not None
         return self.interface.at_points(self.x)
+
+    def check_start(self) -> None:
+        """A StepError where the body is in an obstacle."""
+        if self.interface is not None:
+            self.interface.check_start(self.point_displacement())
 
     def diagnostics(self) -> tuple[str, ...]:
         """See Stepper."""

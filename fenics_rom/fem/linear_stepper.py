@@ -23,6 +23,9 @@ class FullOrderStepper(FullOrderBody):
 
     Arguments and attributes as in FullOrderBody; matrices are PETSc's. Without an account a step is one solve and two
     products.
+
+    Raises:
+        StepError: the body begins in an obstacle.
     """
 
     def __init__(self, system: System, dt: float, environment: ActiveEnvironment | None = None, *, ledger: bool = True):
@@ -39,6 +42,7 @@ class FullOrderStepper(FullOrderBody):
         if series is not None and self._has_inertia:  # an equilibrium is relaxed
             self._branches = MaxwellBranches(series, 2, len(self.x), system.algebra.total)
             self._branches.set_time_step(dt)
+        self.check_start()
 
     @property
     def energy(self) -> float:

@@ -84,6 +84,7 @@ class FullOrderSimulator:
                 initial.check_carried()
             else:
                 self.stepper.place(initial.pose(self.system.moving_frame.origin))
+                self.stepper.check_start()
             return []
         initial.check_supports(self.system.rigid.shape[1])
         body, rows = self.system.body, self.system.algebra.rows()
@@ -93,9 +94,7 @@ class FullOrderSimulator:
         taken = {name: body.unknowns.expand(part).reshape(-1, 3) for name, part in unknowns.items()}
         lost = {name: missing_share(field, taken[name], body.node_mass) for name, field in fields.items()}
         self.stepper.set_state(x[:, 0] + unknowns["displacement"][rows], unknowns["velocity"][rows])
-        if (interface := self.stepper.interface) is not None:
-            offsets, names = self.environment.state.offsets, list(self.environment.obstacles)
-            interface.solver.check_start(self.stepper.point_displacement(), offsets, names)
+        self.stepper.check_start()
         return lost_messages(lost, "the body")
 
     def _equilibrium(self, history: LoadHistory) -> Array:

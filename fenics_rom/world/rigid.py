@@ -20,6 +20,7 @@ from numpy import ndarray as Array
 from fenics_rom.errors import StepError, check_known
 from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
+from fenics_rom.mechanics.frame_geometry import vector
 from fenics_rom.mechanics.frame_motion import (
     ZERO,
     Rotation,
@@ -34,7 +35,6 @@ from fenics_rom.mechanics.frame_motion import (
 )
 from fenics_rom.mechanics.signals import real_numbers
 from fenics_rom.runtime.steppers.frame_kernel import check_turn
-from fenics_rom.runtime.steppers.frame_points import vector
 from fenics_rom.world.bodies import Points, cross_maps, torque_of
 from fenics_rom.world.collision.contacts import PlacedShape
 from fenics_rom.world.shapes import Shape

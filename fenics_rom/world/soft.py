@@ -20,11 +20,11 @@ from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.contact import ContactSolution, ContactWork, ObstacleMotion, PointMotion
 from fenics_rom.mechanics.contact_solver import ContactSolver, Settled
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
+from fenics_rom.mechanics.frame_geometry import turned_operator
 from fenics_rom.mechanics.frame_motion import rotation_matrix
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.simulator import Simulator
 from fenics_rom.runtime.steppers.carried_frame import CarriedFrame
-from fenics_rom.runtime.steppers.frame_points import turned_operator
 from fenics_rom.runtime.steppers.kernel import BookedKernel
 from fenics_rom.runtime.steppers.residual_motion import operator_of
 from fenics_rom.world.bodies import Points

@@ -40,6 +40,7 @@ COMMANDS = {
     "floating.h5": ("reduce", "floating.toml"),
     "run.h5": ("simulate", "plate.toml"),
     "free-run.h5": ("simulate", "free.toml"),
+    "landing-run.h5": ("simulate", "landing.toml"),
     "floating-run.h5": ("simulate", "floating.toml"),
     "effects.h5": ("reduce", "effects.toml", "--lyapunov", "closed-form", "--order", "60"),
     "effects-run.h5": ("simulate", "effects.toml"),

@@ -7,7 +7,7 @@ import pytest
 from bodies import box_arrays, scene_text, write_arrays
 
 import fenics_rom as fr
-from fenics_rom.errors import SceneError, StepError
+from fenics_rom.errors import StepError
 from fenics_rom.fem.simulator import FullOrderSimulator
 from fenics_rom.scene.file import parse_scene
 
@@ -183,11 +183,7 @@ def test_run_of_a_scene_has_the_frame_in_it(mesh):
     assert trajectory.warnings == ()
 
 
-def test_what_full_order_cannot_do_in_a_moving_frame_is_refused(mesh):
-    floor = '[effects.contact.obstacles.floor]\nshape = "half-space"\npoint = [0, 0, -1]\nnormal = [0, 0, 1]'
-    scene = moving(mesh, f"inertia = {{}}\n{floor}", supports=None)
-    with pytest.raises(SceneError, match=r"effects\.contact: is not solved at full order in a moving frame; reduce"):
-        FullOrderSimulator(fr.assemble(scene), 1e-3, scene.environment)
+def test_a_step_that_turns_too_far_is_refused(mesh):
     scene = moving(mesh, supports=None)
     body = FullOrderSimulator(fr.assemble(scene), 1.0, scene.environment)
     body.stepper.place(tumbling((0.0, 5.0, 3.0)))

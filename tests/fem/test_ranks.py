@@ -57,6 +57,11 @@ acceleration = 0.5
 [effects.friction]
 coefficient = 0.2
 """
+FALLING = """inertia = {}
+gravity = { acceleration = [0, 0, -9.81] }
+friction = { coefficient = 0.3 }
+contact.obstacles.floor = { shape = "half-space", point = [0, 0, -0.02], normal = [0, 0, 1] }
+"""
 ROLLERS = """
 [[supports.held]]
 surface = "left"
@@ -75,7 +80,7 @@ RUN = 'dt = 0.01\nduration = 0.5\nload = [{ contact = "middle", stop = 0.3, forc
 TIP = {"outputs.tip": "points = [[0.9, 0.2, 0.1]]", "reduction": "order = 12"}
 pytestmark = pytest.mark.alone
 FOUR = pytest.param(4, marks=pytest.mark.slow)
-SHORT = ("plate", "plate-krylov", "beam", "free-krylov", "run", "effects", "effects-run")
+SHORT = ("plate", "plate-krylov", "beam", "free-krylov", "run", "effects", "effects-run", "landing-run")
 
 
 def by_length(*names):
@@ -97,10 +102,12 @@ def write_scenes(folder):
     spun = "dt = 0.01\nduration = 0.2\nsnapshots = 2\ninitial = { spin = [1.0, 2.0, 3.0] }"
     free = scene_text(folder / "box.msh", degree=2, supports=None, run=spun, **TIP)
     (folder / "free.toml").write_text('frame = "moving"\n' + free)
+    bottom = {"contacts": '[contacts.bottom]\nsurface = "bottom"\n[contacts.right]\nsurface = "right"'}
+    fallen = scene_text(folder / "box.msh", supports=None, effects=FALLING, run=spun, **bottom, **TIP)
+    (folder / "landing.toml").write_text('frame = "moving"\n' + fallen)
     slow = free.replace("[1.0, 2.0, 3.0]", "[0.1, 0.2, 0.3]")  # by small angles, as a fixed frame allows
     (folder / "floating.toml").write_text(slow)
     for name, effects in {"effects": MOVING + EFFECTS, "still": EFFECTS}.items():
-        bottom = {"contacts": '[contacts.bottom]\nsurface = "bottom"\n[contacts.right]\nsurface = "right"'}
         parts = {"effects": effects, "run": ACTING, "outputs.tip": TIP["outputs.tip"]} | READINGS
         (folder / f"{name}.toml").write_text(scene_text(folder / "box.msh", **bottom, **parts))
     parts |= {"effects": MOVING + EFFECTS, "supports": None}
@@ -189,7 +196,7 @@ def test_free_bodies_of_a_fixed_frame_do_not_depend_on_the_number_of_ranks(resul
 
 
 @pytest.mark.parametrize("ranks", [2, FOUR])
-@by_length("run", "free-run", "floating-run")
+@by_length("run", "free-run", "landing-run", "floating-run")
 def test_full_runs_do_not_depend_on_the_number_of_ranks(results, ranks, name):
     one, other = (fr.read_trajectory(results / str(n) / f"{name}.h5") for n in (1, ranks))
     scale = np.abs(one.snapshots).max()

@@ -93,6 +93,7 @@ class FiniteStrainStepper(FullOrderBody):
         self._factored: tuple[TangentCoefficients, PetscFactor] | None = None
         self._tangent = FactoredTangent(self._matrix, self._krylov) if self._forces_in_newton is None else None
         self.set_state(self.x, self.v)
+        self.check_start()
 
     @property
     def energy(self) -> float:

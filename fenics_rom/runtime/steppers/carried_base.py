@@ -6,9 +6,9 @@ from typing import NamedTuple
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.base_path import BaseState
+from fenics_rom.mechanics.frame_geometry import Geometry, vector
 from fenics_rom.mechanics.frame_motion import Quaternion, Rotation, Vector, added, cross, rotated, turned
 from fenics_rom.runtime.steppers.frame_kernel import FrameState, Shape
-from fenics_rom.runtime.steppers.frame_points import Geometry, vector
 from fenics_rom.runtime.steppers.inertia import times_inertia
 
 MISFIT = 0.1  # of what the base moves by in a step: so far off may be what its twists say

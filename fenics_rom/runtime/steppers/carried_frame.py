@@ -26,6 +26,8 @@ from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion
+from fenics_rom.mechanics.frame_contact import touch
+from fenics_rom.mechanics.frame_geometry import Geometry, Push, turned_operator, vector
 from fenics_rom.mechanics.frame_motion import (
     ZERO,
     Quaternion,
@@ -40,10 +42,9 @@ from fenics_rom.mechanics.frame_motion import (
     rotation_of,
 )
 from fenics_rom.runtime.steppers.carried_base import Motion, frame_state, misfit, motion_of
-from fenics_rom.runtime.steppers.frame_contact import touch
 from fenics_rom.runtime.steppers.frame_kernel import MOMENTS, TURNED, FrameKernel, FrameState, check_turn
 from fenics_rom.runtime.steppers.frame_loads import FrameForces
-from fenics_rom.runtime.steppers.frame_points import FramePoints, Geometry, Push, turned_operator, vector
+from fenics_rom.runtime.steppers.frame_points import FramePoints
 from fenics_rom.runtime.steppers.inertia import pairs
 
 Wrench = tuple[Vector, Vector]
@@ -167,7 +168,7 @@ class CarriedFrame(FrameKernel):
         if self._interface is not None and obstacles is not None:
             if not math.isfinite(r̂.dot(r̂)):
                 raise StepError("the inputs lead out of the finite numbers; the state was left as it was")
-            r̂, contact = touch(self, self._interface, self._taken, r̂, obstacles)
+            r̂, contact = touch(self, self._interface, r̂, obstacles)
         return self._end_step(r̂, contact)
 
     def open(self, u: Array) -> Array:
@@ -177,7 +178,7 @@ class CarriedFrame(FrameKernel):
         turn = self._taken.turn
         yielding = self.yielding(turn, None)
         velocities = self.velocities(turn, self.arms(turn, r̂, yielding), r̂, yielding)
-        free: Array = velocities + self.translation(self._taken, turn, ZERO)
+        free: Array = velocities + self.translation(turn, ZERO)
         return free
 
     def answer(self, some: Array) -> Array:
@@ -236,8 +237,8 @@ class CarriedFrame(FrameKernel):
         if contact is not None:
             yielding = self.yielding(turn, contact)
             arms = self.arms(turn, r̂, yielding)
-            push = self.points.push(contact.forces, turn, arms)
-            touched = self.velocities(turn, arms, r̂, yielding) + self.translation(step, turn, push.force)
+            push = self.push(contact.forces, turn, arms)
+            touched = self.velocities(turn, arms, r̂, yielding) + self.translation(turn, push.force)
         e, r = self._e + self._travel * r̂, r̂ + r̂ - self._r
         q, v̂, ω̂ = e * self._inverse_ω, step.v̂, step.ω̂
         after = motion_of(q, self._shape_at(q, r), turn.after, step.v_end, step.ω_end, self._mass)
@@ -337,8 +338,10 @@ class CarriedFrame(FrameKernel):
         assert self._taken is not None
         return np.array(self._taken.ω̂), x
 
-    def corrected(self, step: _Step, x: Array, push: Push | None) -> Array:
+    def corrected(self, x: Array, push: Push | None) -> Array:
         """Velocities of the step under contact forces that push."""
+        step = self._taken
+        assert step is not None
         corrected: Array = self._inverted(step).dot(step.right if push is None else step.right + push.modal)
         return corrected
 
@@ -348,15 +351,17 @@ class CarriedFrame(FrameKernel):
         spread: Array = self._inverted(self._taken).dot(change.modal)
         return spread
 
-    def delassus(self, points: FramePoints, turn: Geometry, arms: Array) -> Array:
-        """Mid-step velocities (3 s, 3 s) of points per force, m/s/N."""
+    def _delassus_of(self, points: FramePoints, turn: Geometry, arms: Array) -> Array:
+        """As in FrameKernel."""
         assert self._taken is not None
         maps = points.modal_maps(turn)
         W: Array = maps.dot(self._inverted(self._taken)).dot(maps.T)
         return W
 
-    def translation(self, step: _Step, turn: Geometry, contact: Vector) -> Array:
+    def translation(self, turn: Geometry, contact: Vector) -> Array:
         """Mid-step velocity (3,) of the origin."""
+        step = self._taken
+        assert step is not None
         translation: Array = turn.middle.dot(step.v̂)
         return translation
 

@@ -24,6 +24,8 @@ from fenics_rom.errors import StepError
 from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.contact import ContactSolution
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
+from fenics_rom.mechanics.frame_contact import ROUND_OFF
+from fenics_rom.mechanics.frame_geometry import Geometry, Push, arms_of, carried_along, turned_operator
 from fenics_rom.mechanics.frame_motion import (
     ZERO,
     Quaternion,
@@ -38,7 +40,7 @@ from fenics_rom.mechanics.frame_motion import (
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.moving_frame import MovingFrame
 from fenics_rom.runtime.steppers.frame_loads import FrameForces, FrameLoads
-from fenics_rom.runtime.steppers.frame_points import FramePoints, Geometry, Push, arms_of
+from fenics_rom.runtime.steppers.frame_points import FramePoints
 from fenics_rom.runtime.steppers.frame_watch import FrameWatch
 from fenics_rom.runtime.steppers.inertia import Inertia
 from fenics_rom.runtime.steppers.kernel import BookedKernel, StepWork
@@ -88,7 +90,10 @@ class FrameKernel(BookedKernel):
     Attributes:
         frame: where the frame is; set it, then `resume`.
         base: that carries the body, at the end of the next step; None: it stands still, or there is none.
+        round_off: see mechanics.frame_contact.FrameBody.
     """
+
+    round_off = ROUND_OFF
 
     def __init__(
         self,
@@ -249,6 +254,14 @@ class FrameKernel(BookedKernel):
         start, moved = self.places(), self.points.moved(rate)
         return arms_of(turn, start, start + self.h * (moved if yielding is None else moved + yielding))
 
+    def turn_at(self, x: Array) -> tuple[Geometry, Quaternion]:
+        """How the frame turns at the velocities x that a step solves for, and the quaternion at the end."""
+        raise NotImplementedError
+
+    def geometry(self, x: Array) -> Geometry:
+        """The first of these."""
+        return self.turn_at(x)[0]
+
     def rates(self, x: Array) -> tuple[Array, Array]:
         """ω̂ (3,) in the frame's axes and r̂ (m,) of the velocities x that a step solves for."""
         raise NotImplementedError
@@ -257,7 +270,27 @@ class FrameKernel(BookedKernel):
         """Mid-step velocities (P, 3) of the contact points in world axes, less that of the origin, m/s."""
         ω̂, r̂ = self.rates(x)
         inside = self.points.moved(r̂) if yielding is None else self.points.moved(r̂) + yielding
-        return _carried_along(turn, arms, ω̂, inside)
+        return carried_along(turn, arms, ω̂, inside)
+
+    def push(self, forces: Array, turn: Geometry, arms: Array) -> Push:
+        """What forces (P, 3) on the contact points do, N in world axes."""
+        return self.points.push(forces, turn, arms)
+
+    @property
+    def tells_apart(self) -> bool:
+        """Whether W is regular: of a basis alone it is singular where more points touch than it has coordinates."""
+        return self.residual is not None
+
+    def delassus(self, near: Array, turn: Geometry, arms: Array) -> Array:
+        """Mid-step velocities (3 s, 3 s) of those contact points (s,), at arms (s, 3), per force, m/s/N."""
+        W = self._delassus_of(self.points.of(near), turn, arms)
+        if self.residual is None:
+            return W
+        return W + turned_operator(turn.start, self.residual.delassus_of(near), turn.start)
+
+    def _delassus_of(self, points: FramePoints, turn: Geometry, arms: Array) -> Array:
+        """The same, of the basis alone."""
+        raise NotImplementedError
 
     def start_velocities(self) -> Array:
         """Velocities (P, 3) of the contact points in world axes, m/s."""
@@ -272,7 +305,7 @@ class FrameKernel(BookedKernel):
         inside = self.points.moved(self._r)
         if self.residual is not None:
             inside += self.residual.points[1]
-        velocities: Array = _carried_along(turn, arms, np.array(self.angular_velocity), inside)
+        velocities: Array = carried_along(turn, arms, np.array(self.angular_velocity), inside)
         return velocities + self.kept_translation(turn)
 
     def kept_translation(self, turn: Geometry) -> Vector:
@@ -312,12 +345,6 @@ class FrameKernel(BookedKernel):
 def _in_frame(turn: Geometry, contact: ContactSolution | None) -> ContactSolution | None:
     """The same with forces as the frame sees them."""
     return None if contact is None else contact._replace(forces=contact.forces.dot(turn.middle))
-
-
-def _carried_along(turn: Geometry, arms: Array, ω: Array, inside: Array) -> Array:
-    """Velocities (P, 3) in world axes by ω (3,) and those inside of the frame (P, 3), all in its axes."""
-    velocities: Array = arms.dot(cross_matrix(turn.middle.dot(ω)).T) + inside.dot(turn.middle.T)
-    return velocities
 
 
 def turn_of(R: Rotation, rotation: Quaternion, t: Vector) -> tuple[Geometry, Quaternion]:

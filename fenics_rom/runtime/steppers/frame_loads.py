@@ -39,7 +39,8 @@ class FrameLoads:
         environment: what acts.
 
     Attributes:
-        turning: number of the first inputs, whose forces turn with the frame.
+        width: number of inputs.
+        turning: number of the first of them, whose forces turn with the frame.
         push: (m + 6, turning) theirs on the coordinates, as a whole, and torques, per unit of the input.
         by_shape: (3, m, turning) what q adds to the torques; None where nothing.
         gravity: place of its input, -1 where there is none.
@@ -70,12 +71,12 @@ class FrameLoads:
         torques = wrenches[3:, self.columns].reshape(3, -1, 3)
         rest = np.stack([torques[2, :, 1], torques[0, :, 2], torques[1, :, 0]], axis=1)
         self.points = FramePoints(rest, model.inputs[:, self.columns])
-        self._order, self._width = model.order, (self.turning + len(self.columns) + (self.gravity >= 0),)
-        self._last = b"", self._of(np.zeros(self._width))
+        self._order, self.width = model.order, self.turning + len(self.columns) + (self.gravity >= 0)
+        self._last = b"", self._of(np.zeros(self.width))
 
     def at(self, u: Array) -> FrameForces:
         """Of inputs u (p,); those of the step before are known."""
-        if u.shape != self._width:
+        if u.shape != (self.width,):
             raise ValueError
         if u.tobytes() != self._last[0]:
             self._last = u.tobytes(), self._of(u)

@@ -28,6 +28,8 @@ from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion
+from fenics_rom.mechanics.frame_contact import touch
+from fenics_rom.mechanics.frame_geometry import Geometry, Push, vector
 from fenics_rom.mechanics.frame_motion import (
     ZERO,
     Quaternion,
@@ -41,7 +43,6 @@ from fenics_rom.mechanics.frame_motion import (
     rotated_back,
     rotation_of,
 )
-from fenics_rom.runtime.steppers.frame_contact import touch
 from fenics_rom.runtime.steppers.frame_kernel import (
     BENT,
     BENT_BY_RATE,
@@ -55,8 +56,7 @@ from fenics_rom.runtime.steppers.frame_kernel import (
     check_turn,
     turn_of,
 )
-from fenics_rom.runtime.steppers.frame_loads import FrameForces
-from fenics_rom.runtime.steppers.frame_points import FramePoints, Geometry, Push, vector
+from fenics_rom.runtime.steppers.frame_points import FramePoints
 from fenics_rom.runtime.steppers.inertia import (
     MOST_ITERATIONS,
     ROUND_OFF,
@@ -86,12 +86,6 @@ class _Motion(NamedTuple):
     spin: float  # ω·I ω + 2 ω·b r, J
 
 
-class _Step(NamedTuple):
-    """What does not change within a step."""
-
-    forces: FrameForces
-
-
 class FreeFrame(FrameKernel):
     """Arguments and attributes as in FrameKernel; `frame.turning` is the angular momentum."""
 
@@ -108,6 +102,7 @@ class FreeFrame(FrameKernel):
         parts = frame.inertia1 / ω, self._second / ω / ω[:, None], frame.coupling / ω
         self._surely_definite = definite_up_to(frame.inertia0, *parts)
         self._inverse: Array | None = None
+        self._forces = self._loads.at(np.zeros(self._loads.width))  # of the step
         self._steps, self._iterations, self._last = 0, 0, 0  # with it, and in the last step
         self._passed: tuple[float, Array] | None = None  # the last step: of h s, by ω̂ and r̂
         self.resume(np.empty(0))
@@ -180,36 +175,33 @@ class FreeFrame(FrameKernel):
     def step(self, u: Array, obstacles: ObstacleMotion | None = None) -> float:
         """As in Kernel."""
         check_turn(self.h, self._now.ω)
-        step = self._begin(self._loads.at(u))
+        self._forces = self._loads.at(u)
+        self._give(self._forces.modal)
         try:
-            x = self._iterate(step)
+            x = self._iterate()
             contact = None
             if self._interface is not None and obstacles is not None:
-                x, contact = touch(self, self._interface, step, x, obstacles)
-            return self._end(step, x, contact)
+                x, contact = touch(self, self._interface, x, obstacles)
+            return self._end(x, contact)
         except StepError:
             self._forget()
             raise
 
-    def _begin(self, forces: FrameForces) -> _Step:
-        self._give(forces.modal)
-        return _Step(forces)
-
-    def _iterate(self, step: _Step) -> Array:
+    def _iterate(self) -> Array:
         """The mid-step velocities ω̂, r̂ (3 + m,) without contact."""
         h, x = self.h, np.empty(len(self._weights))
         x[:3], x[3:] = self._now.ω, self._r
         if self._passed is not None and h <= 2 * self._passed[0]:  # else it says too little of this step
             x += (h / self._passed[0]) * (x - self._passed[1])
-        if not self._couples and self._interface is None and step.forces.at_points is None:
-            return self._as_a_top(step, x)
+        if not self._couples and self._interface is None and self._forces.at_points is None:
+            return self._as_a_top(x)
         scale, before = 0.0, math.inf
         if self._last * self._steps > self._iterations:
             self._inverse = None
         for iteration in range(1, MOST_ITERATIONS + 1):
             if self._inverse is None:
-                self._inverse, self._iterations, self._steps = self._jacobian_inverse(step, x), JACOBIAN, 0
-            change = self._inverse.dot(self._residual(step, x, None))
+                self._inverse, self._iterations, self._steps = self._jacobian_inverse(x), JACOBIAN, 0
+            change = self._inverse.dot(self._residual(x, None))
             x -= change
             size = self.size(change)
             if not math.isfinite(size):
@@ -223,11 +215,11 @@ class FreeFrame(FrameKernel):
                 self._inverse, before = None, math.inf
         raise self._unsolved(size / scale)
 
-    def _as_a_top(self, step: _Step, x: Array) -> Array:
+    def _as_a_top(self, x: Array) -> Array:
         """The same into x, near it, where shape and rotation leave each other alone."""
         now, given, r̂ = self._now, self._table[GIVEN], x[3:]
         r̂[:] = np.linalg.solve(self._products[-1], -given) if self._dense_damping else given / -self._diagonal
-        torque = self._torque(step, r̂)
+        torque = self._torque(r̂)
         x[:3], left = turn_of_top(now.shape.inertia, now.L, torque, now.ω, vector(x[:3]), self.h)
         if left:
             raise self._unsolved(left)
@@ -240,11 +232,11 @@ class FreeFrame(FrameKernel):
             "dt is the cure"
         )
 
-    def _torque(self, step: _Step, r̂: Array) -> Vector:
+    def _torque(self, r̂: Array) -> Vector:
         """Of forces that turn with the frame."""
-        if step.forces.torque_by_shape is None:
-            return step.forces.torque
-        return added(step.forces.torque, 1.0, vector(step.forces.torque_by_shape.dot(self._now.q + self.h / 2 * r̂)))
+        if self._forces.torque_by_shape is None:
+            return self._forces.torque
+        return added(self._forces.torque, 1.0, vector(self._forces.torque_by_shape.dot(self._now.q + self.h / 2 * r̂)))
 
     def size(self, change: Array) -> float:
         """Of velocities, as √(2 J)."""
@@ -255,7 +247,7 @@ class FreeFrame(FrameKernel):
         ω = self._now.ω
         return self.size(x) + (self._weights[0] * dot(ω, ω) + float(self._r.dot(self._r))) ** 0.5
 
-    def _residual(self, step: _Step, x: Array, push: Push | None) -> Array:
+    def _residual(self, x: Array, push: Push | None) -> Array:
         """What the balances of angular momentum and of the coordinates lack, under contact forces that push."""
         h, now, r̂ = self.h, self._now, x[3:]
         a, b, c = ω̂ = vector(x[:3])
@@ -270,9 +262,9 @@ class FreeFrame(FrameKernel):
         ρ = np.empty(len(x))
         along = self._factors.dot(self._sum, ρ[3:])
         _, L_end = self._inertia_and_momentum(r̂, ω_end)
-        t = self._torque(step, r̂)
-        if push is not None or step.forces.at_points is not None:
-            for each in (push, self._prescribed(step.forces, self.turn_at(x)[0], now.q, r̂, h)):
+        t = self._torque(r̂)
+        if push is not None or self._forces.at_points is not None:
+            for each in (push, self._prescribed(self._forces, self.turn_at(x)[0], now.q, r̂, h)):
                 if each is not None:
                     t = added(t, 1.0, each.turning)
                     along -= each.modal
@@ -290,7 +282,7 @@ class FreeFrame(FrameKernel):
         inertia = xx + s * α, yy + s * β, zz + s * γ, yz + s * δ, xz + s * ε, xy + s * ζ
         return inertia, added(times_inertia(inertia, ω), 1.0, (2 * u - x, 2 * v - y, 2 * w - z))
 
-    def _jacobian_inverse(self, step: _Step, x: Array) -> Array:
+    def _jacobian_inverse(self, x: Array) -> Array:
         h, now, table, r̂, m = self.h, self._now, self._table, x[3:], len(x) - 3
         (A, B, C), (a, b, c) = now.ω, vector(x[:3])
         ω_end = 2 * a - A, 2 * b - B, 2 * c - C
@@ -319,10 +311,10 @@ class FreeFrame(FrameKernel):
         a, b, c = (self.h * x[:3]).tolist()
         return turn_of(self._now.R, self.frame.rotation, (a, b, c))
 
-    def corrected(self, step: _Step, x: Array, push: Push | None) -> Array:
+    def corrected(self, x: Array, push: Push | None) -> Array:
         """Velocities nearer to those of the step, under contact forces that push."""
         assert self._inverse is not None
-        corrected: Array = x - self._inverse.dot(self._residual(step, x, push))
+        corrected: Array = x - self._inverse.dot(self._residual(x, push))
         return corrected
 
     def spread(self, change: Push) -> Array:
@@ -331,8 +323,8 @@ class FreeFrame(FrameKernel):
         spread: Array = self._inverse.dot(np.concatenate([change.turning, change.modal]))
         return spread
 
-    def delassus(self, points: FramePoints, turn: Geometry, arms: Array) -> Array:
-        """Mid-step velocities (3 s, 3 s) of points per force, m/s/N."""
+    def _delassus_of(self, points: FramePoints, turn: Geometry, arms: Array) -> Array:
+        """As in FrameKernel."""
         assert self._inverse is not None
         maps = np.hstack(points.maps(turn, arms))
         W = maps.dot(self._inverse).dot(maps.T)
@@ -345,23 +337,23 @@ class FreeFrame(FrameKernel):
         """ω̂ (3,) in the frame's axes and r̂ (m,)."""
         return x[:3], x[3:]
 
-    def translation(self, step: _Step, turn: Geometry, contact: Vector) -> Array:
+    def translation(self, turn: Geometry, contact: Vector) -> Array:
         """Mid-step velocity (3,) of the origin under a contact force."""
-        return np.array(added(self.frame.velocity, self.h / 2 / self._mass, self._force(step, turn, contact)))
+        return np.array(added(self.frame.velocity, self.h / 2 / self._mass, self._force(turn, contact)))
 
-    def _force(self, step: _Step, turn: Geometry, contact: Vector) -> Vector:
+    def _force(self, turn: Geometry, contact: Vector) -> Vector:
         """All forces, in world axes."""
-        force = added(contact, self._mass, step.forces.acceleration)
-        if step.forces.at_points is not None:
-            force = added(force, 1.0, vector(step.forces.at_points.sum(axis=0)))
-        return added(force, 1.0, turn.mean(step.forces.force))
+        force = added(contact, self._mass, self._forces.acceleration)
+        if self._forces.at_points is not None:
+            force = added(force, 1.0, vector(self._forces.at_points.sum(axis=0)))
+        return added(force, 1.0, turn.mean(self._forces.force))
 
-    def _end(self, step: _Step, x: Array, contact: ContactSolution | None) -> float:
+    def _end(self, x: Array, contact: ContactSolution | None) -> float:
         """Takes the step with these velocities; twice the stored energy, J."""
-        h, forces, r̂, before = self.h, step.forces, x[3:], self.frame
+        h, forces, r̂, before = self.h, self._forces, x[3:], self.frame
         a, b, c = x[:3].tolist()
         turn, rotation = self.turn_at(x)
-        torque = self._torque(step, r̂)
+        torque = self._torque(r̂)
         supplied = dot(torque, (a, b, c)) + float(forces.modal.dot(r̂))
         τ, pushed = turn.mean(torque), ZERO
         prescribed = self._prescribed(forces, turn, self._now.q, r̂, h)
@@ -372,10 +364,10 @@ class FreeFrame(FrameKernel):
         if contact is not None:
             yielding = self.yielding(turn, contact)
             arms = self.arms(turn, r̂, yielding)
-            push = self.points.push(contact.forces, turn, arms)
+            push = self.push(contact.forces, turn, arms)
             τ, pushed = added(τ, 1.0, push.torque), push.force
-            touched = self.velocities(turn, arms, x, yielding) + self.translation(step, turn, pushed)
-        force = self._force(step, turn, pushed)
+            touched = self.velocities(turn, arms, x, yielding) + self.translation(turn, pushed)
+        force = self._force(turn, pushed)
         v = added(before.velocity, h / self._mass, force)
         v̂ = added(before.velocity, h / 2 / self._mass, force)
         supplied += dot(added(force, -1.0, pushed), v̂)

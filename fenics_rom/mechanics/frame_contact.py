@@ -11,7 +11,8 @@ have. So what the law wants of points is said with the S of the step, too: where
 body's velocities at the start, and not by half of what they do then, which no v̂ might fulfil; and W is of every sweep.
 """
 
-from typing import TYPE_CHECKING, Any, Protocol
+from collections.abc import Callable
+from typing import Protocol
 
 import numpy as np
 from numpy import ndarray as Array
@@ -19,14 +20,9 @@ from numpy import ndarray as Array
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.complementarity.solution import LARGEST_RESIDUAL, NEGLIGIBLE_RESIDUAL
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointMotion
-from fenics_rom.mechanics.contact_solver import Settled
-from fenics_rom.mechanics.frame_motion import Quaternion, Vector
-from fenics_rom.runtime.steppers.frame_points import FramePoints, Geometry, Push, turned_operator
-from fenics_rom.runtime.steppers.kernel import symmetric
-
-if TYPE_CHECKING:
-    from fenics_rom.runtime.steppers.contact_interface import ContactInterface
-    from fenics_rom.runtime.steppers.residual_motion import ResidualMotion
+from fenics_rom.mechanics.contact_solver import ContactSolver, Settled
+from fenics_rom.mechanics.frame_geometry import Geometry, Push
+from fenics_rom.mechanics.frame_motion import Vector
 
 TOLERANCE = 1e-15  # of the velocities: what the next sweep may change
 ROUND_OFF = 1e-14  # of them: a change that is none
@@ -36,14 +32,35 @@ LESS = 0.1  # of it in each sweep, so that they end soon, but not less than what
 PATIENCE = 25  # sweeps, after which forces may stay that lack no more than what any contact forces may lack
 
 
+class Interface(Protocol):
+    """The contact points of a body, and the obstacles."""
+
+    @property
+    def solver(self) -> ContactSolver:
+        """Of the contact law."""
+
+    @property
+    def solve(self) -> Callable[..., ContactSolution | None]:
+        """As the solver does."""
+
+
 class FrameBody(Protocol):
-    """A body in a moving frame, within a step."""
+    """A body in a moving frame, within a step.
+
+    Attributes:
+        h: of the step, s.
+        round_off: of its velocities: changes that are, once they shrink no more.
+        tells_apart: whether W is regular, so that forces that differ move points differently.
+    """
 
     h: float
-    points: FramePoints
-    residual: "ResidualMotion | None"
+    round_off: float
 
-    def turn_at(self, x: Array) -> tuple[Geometry, Quaternion]:
+    @property
+    def tells_apart(self) -> bool:
+        """See the class."""
+
+    def geometry(self, x: Array) -> Geometry:
         """How the frame turns at the velocities x."""
 
     def yielding(self, turn: Geometry, contact: ContactSolution | None) -> Array | None:
@@ -53,19 +70,22 @@ class FrameBody(Protocol):
         """Of the contact points from the origin in the middle of a step, (P, 3), m."""
 
     def rates(self, x: Array) -> tuple[Array, Array]:
-        """ω̂ (3,) in the frame's axes and r̂ (m,)."""
+        """ω̂ (3,) in the frame's axes and r̂, of all coordinates."""
 
-    def corrected(self, step: Any, x: Array, push: Push | None) -> Array:
+    def push(self, forces: Array, turn: Geometry, arms: Array) -> Push:
+        """What forces (P, 3) on the contact points do, N in world axes."""
+
+    def corrected(self, x: Array, push: Push | None) -> Array:
         """Velocities nearer to those of the step, under contact forces that push."""
 
     def velocities(self, turn: Geometry, arms: Array, x: Array, yielding: Array | None) -> Array:
         """Mid-step velocities (P, 3) of the contact points in world axes, less that of the origin, m/s."""
 
-    def translation(self, step: Any, turn: Geometry, contact: Vector) -> Array:
+    def translation(self, turn: Geometry, contact: Vector) -> Array:
         """Mid-step velocity (3,) of the origin under a contact force."""
 
-    def delassus(self, points: FramePoints, turn: Geometry, arms: Array) -> Array:
-        """Mid-step velocities (3 s, 3 s) of points per force, m/s/N."""
+    def delassus(self, near: Array, turn: Geometry, arms: Array) -> Array:
+        """Mid-step velocities (3 s, 3 s) of those points (s,), at arms (s, 3), per force, m/s/N."""
 
     def spread(self, change: Push) -> Array:
         """What x changes by, where contact forces change by so much."""
@@ -84,7 +104,7 @@ class FrameBody(Protocol):
 
 
 def touch(
-    body: FrameBody, interface: "ContactInterface", step: Any, x: Array, obstacles: ObstacleMotion
+    body: FrameBody, interface: Interface, x: Array, obstacles: ObstacleMotion
 ) -> tuple[Array, ContactSolution | None]:
     """Velocities and contact of a step that would go by x without it.
 
@@ -99,12 +119,12 @@ def touch(
     forces, size_before, scale = np.zeros_like(displacement), 0.0, body.scale(x)
     found_all, left = False, 0.0  # from when on the balance alone is solved, and what forces then lacked
     for sweep in range(MOST_SWEEPS):
-        turn, _ = body.turn_at(x)
+        turn = body.geometry(x)
         yielding = body.yielding(turn, contact)
         arms = body.arms(turn, body.rates(x)[1], yielding)
-        push = body.points.push(forces, turn, arms)
-        corrected = x if sweep == 0 else body.corrected(step, x, push)
-        moving = body.velocities(turn, arms, corrected, yielding) + body.translation(step, turn, push.force)
+        push = body.push(forces, turn, arms)
+        corrected = x if sweep == 0 else body.corrected(x, push)
+        moving = body.velocities(turn, arms, corrected, yielding) + body.translation(turn, push.force)
         velocity = body.kept_velocities(turn, arms)
         if sweep == 0:
             near = solver.within_reach(PointMotion(displacement, velocity, moving), h, obstacles)
@@ -126,10 +146,11 @@ def touch(
             if contact is None and sweep == 0:
                 return x, None
             found = np.zeros_like(forces) if contact is None else contact.forces
-        change = corrected - x + body.spread(body.points.push(found - forces, turn, arms))
+        change = corrected - x + body.spread(body.push(found - forces, turn, arms))
         x, forces, size = x + change, found, body.size(change)
         scale = max(scale, body.scale(x))
-        if size <= ROUND_OFF * scale or (size < size_before and size * size / size_before <= TOLERANCE * scale):
+        converged = size <= ROUND_OFF * scale or (size < size_before and size * size / size_before <= TOLERANCE * scale)
+        if converged or (size <= body.round_off * scale and size > size_before / 2 > 0):
             if left and contact is not None:
                 solver.search = solver.search._replace(residual=search_before.residual.with_step(left))
                 contact = _passive(contact, moving)
@@ -163,10 +184,9 @@ def _passive(contact: ContactSolution, velocities: Array) -> ContactSolution:
 
 def _operator(body: FrameBody, turn: Geometry, arms: Array, near: Array, proximal: float) -> Array:
     """W (3 P, 3 P) of the points that are near (s,), 0 of all others."""
-    W = symmetric(body.delassus(body.points.of(near), turn, arms[near]))
-    if body.residual is not None:
-        W += turned_operator(turn.start, body.residual.delassus_of(near), turn.start)
-    else:  # so that it tells all forces apart, which sweeps could else exchange for ever
+    W = body.delassus(near, turn, arms[near])
+    W = (W + W.T) / 2
+    if not body.tells_apart:  # so that sweeps do not exchange forces for ever
         W.ravel()[:: len(W) + 1] += proximal * W.trace() / len(W)
     if len(near) == len(arms):
         return W

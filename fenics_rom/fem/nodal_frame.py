@@ -1,0 +1,169 @@
+"""A full-order body as its moving frame sees it: momenta, inertia and energy, by the masses of its nodes.
+
+Every node has a displacement q and its rate r in the frame; y = X + q, "a ×" is node by node, M commutes with it. Of a
+free body q is M-orthogonal to rigid motions. With the velocity v of the origin and ω in the frame's axes
+
+    P = Σ m (v + ω × y) + Σ M r,    L = I ω + Σ M y × r + Σ M y × v,    I_kl = Σ M (e_k × y)·(e_l × y) - qᵀ K_kl q
+
+K_kl is the geometric stiffness of turning. The same as reduced, without a basis (nodal floating frame: Zwölfer &
+Gerstmayr, 2021).
+"""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.fem.direct import PetscFactor
+from fenics_rom.fem.full_order_body import FullOrderInterface
+from fenics_rom.fem.moving_frame import centrifugal_stiffness
+from fenics_rom.fem.petsc_matrix import ExtendedMatrix, combination
+from fenics_rom.mechanics.hyperelastic import VOIGT_INDEX
+from fenics_rom.system.system import System
+
+
+class Motion(NamedTuple):
+    """The body between two steps; fields are those of the nodes here, (n, 3)."""
+
+    r: Array
+    Mr: Array
+    q: Array
+    Mq: Array
+    Kq: Array  # (7, n, 3) with the stiffness, and with the six matrices of geometric stiffness
+    R: Array  # (3, 3) attitude
+    position: Array  # of the origin, m
+    v: Array  # of the origin, in the frame's axes, m/s
+    ω: Array  # in the frame's axes, rad/s
+
+
+class Rate(NamedTuple):
+    """Mid-step rate of the displacement, (n, 3), and products with it."""
+
+    r: Array
+    Mr: Array
+    Kr: Array  # (7, n, 3)
+    Dr: Array
+
+
+class NodalFrame:
+    """What the balances of a body are made of; every rank must make every call.
+
+    Attributes:
+        frame: of the system.
+        mass: kg.
+        mass_of_nodes, mass_times_arms: M 1 (n, 1) and M X (n, 3) of the nodes here.
+    """
+
+    def __init__(self, system: System):
+        assert system.moving_frame is not None
+        self.frame, self._system = system.moving_frame, system
+        self.mass, self._first = float(self.frame.moments[0, 0]), self.frame.moments[0, 1:]
+        self.mass_of_nodes, self.mass_times_arms = self.frame.mass_times[:, :1], self.frame.mass_times[:, 1:]
+        self._resisting = (ExtendedMatrix(system.stiffness.mat), *centrifugal_stiffness(system))  # type: ignore[attr-defined]
+        self._MR = system.mass @ system.rigid
+        self._factored: tuple[float, PetscFactor, Array] | None = None
+        self._compliance: tuple[float, Array] | None = None
+
+    def at_rest(self) -> Motion:
+        """Where the frame is the world's."""
+        still = np.zeros_like(self.frame.arms)
+        resisted = np.stack([still] * len(self._resisting))
+        return Motion(still, still, still, still, resisted, np.eye(3), self.frame.origin, np.zeros(3), np.zeros(3))
+
+    def with_shape(self, motion: Motion, q: Array, r: Array) -> Motion:
+        """The same with displacement and rate (rows here,)."""
+        q, r = (self._strained(column.reshape(-1, 1)).reshape(-1, 3) for column in (q, r))
+        return motion._replace(r=r, Mr=self.inert(r), q=q, Mq=self.inert(q), Kq=self._resisted(q))
+
+    def rate(self, r: Array) -> Rate:
+        """Of a mid-step rate (n, 3)."""
+        return Rate(r, self.inert(r), self._resisted(r), _times(self._system.damping, r))
+
+    def inert(self, field: Array) -> Array:
+        """M times a field (n, 3)."""
+        return _times(self._system.mass, field)
+
+    def energy(self, motion: Motion) -> float:
+        """Stored, J: of the motion in world axes, and elastic."""
+        P, L = self.momenta(motion)
+        carried = P @ motion.v + L @ motion.ω + self.sum(motion.r, self.mass_of_nodes) @ motion.v
+        turned = self.turned(motion) @ motion.ω
+        return float(carried + turned + self.dot(motion.r, motion.Mr) + self.dot(motion.q, motion.Kq[0])) / 2
+
+    def momenta(self, motion: Motion) -> tuple[Array, Array]:
+        """P and L about the origin, in the frame's axes."""
+        moment, drift = self.moment(motion), self.sum(motion.r, self.mass_of_nodes)
+        P = self.mass * motion.v + np.cross(motion.ω, moment) + drift
+        return P, self.inertia(motion) @ motion.ω + self.turned(motion) + np.cross(moment, motion.v)
+
+    def moment(self, motion: Motion) -> Array:
+        """Σ m y (3,)."""
+        return self._first + self.sum(motion.q, self.mass_of_nodes)
+
+    def turned(self, motion: Motion) -> Array:
+        """Σ M y × r (3,): the angular momentum of the rate."""
+        return self.sum(np.cross(self.mass_times_arms + motion.Mq, motion.r))
+
+    def inertia(self, motion: Motion) -> Array:
+        """I (3, 3)."""
+        inner, q, mX = self._system.algebra.inner, motion.q, self.mass_times_arms
+        half, bent = inner(np.hstack([mX, motion.Mq]), q).reshape(2, 3, 3)
+        products = self.frame.moments[1:, 1:] + half + half.T + (bent + bent.T) / 2
+        inertia = np.trace(products) * np.eye(3) - products
+        if len(motion.Kq) > 1:
+            inertia -= np.array([self.dot(q, K) for K in motion.Kq[1:]])[VOIGT_INDEX]
+        return inertia
+
+    def speed(self, motion: Motion) -> float:
+        """√(2 J) of what is stored, but for translation."""
+        stored = self.dot(motion.r, motion.Mr) + self.dot(motion.q, motion.Kq[0])
+        return float(np.sqrt(abs(stored + motion.ω @ self.inertia(motion) @ motion.ω)))
+
+    def sum(self, field: Array, weights: Array | None = None) -> Array:
+        """Over all nodes of a field (n, any), (any,)."""
+        weights = np.ones((len(field), 1)) if weights is None else weights
+        return self._system.algebra.inner(weights, np.ascontiguousarray(field))[0]
+
+    def dot(self, a: Array, b: Array) -> float:
+        """Of two fields."""
+        return float(self._system.algebra.inner(a.reshape(-1, 1), b.reshape(-1, 1))[0, 0])
+
+    def inverted(self, ρ: Array, h: float) -> Array:
+        """A⁻¹ρ (rows here, k) of A = 2/h M + D + h/2 K, among displacements without rigid motions."""
+        s, inner = self._system, self._system.algebra.inner
+        if self._factored is None or self._factored[0] != h:
+            self.close()
+            factor = PetscFactor(combination((2 / h, s.mass), (1.0, s.damping), (h / 2, s.stiffness)), one_by_one=True)
+            self._factored = h, factor, factor.solve(self._MR) if self._MR.shape[1] else self._MR
+        _, factor, reactions = self._factored
+        x = factor.solve(ρ)
+        if reactions.shape[1]:
+            x = x - reactions @ np.linalg.solve(inner(self._MR, reactions), inner(self._MR, x))
+        return self._strained(x)
+
+    def compliance(self, h: float, interface: FullOrderInterface) -> Array:
+        """S A⁻¹ Sᵀ (3 P, 3 P) of the contact points, m/s/N."""
+        if self._compliance is None or self._compliance[0] != h:
+            self._compliance = h, interface.delassus(self.inverted(interface.Sᵀ, h))
+        return self._compliance[1]
+
+    def close(self) -> None:
+        """Gives the factor's memory back."""
+        if self._factored is not None:
+            self._factored[1].close()
+            self._factored = None
+
+    def _resisted(self, field: Array) -> Array:
+        """(7, n, 3), or (1, n, 3) where stress does not stiffen."""
+        return np.stack([_times(K, field) for K in self._resisting])
+
+    def _strained(self, columns: Array) -> Array:
+        """Columns (rows here, k) less their rigid motions."""
+        strained: Array = columns - self._system.rigid @ self._system.algebra.inner(self._MR, columns)
+        return strained
+
+
+def _times(operator: Any, field: Array) -> Array:
+    """Of a field (n, 3)."""
+    product: Array = (operator @ field.reshape(-1, 1)).reshape(-1, 3)
+    return product

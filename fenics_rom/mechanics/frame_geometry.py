@@ -1,0 +1,116 @@
+"""A step of a moving frame: how it turns, where points on it go, exactly, and what forces on them do.
+
+A point at y in the frame is at a = (R y + R⁺ y⁺)/2 from its origin in the middle of the step. Where the origin goes
+with v̂, the frame turns with ω̂ and y changes by h û, it goes by h [v̂ + (R* ω̂) × a + R* û].
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.mechanics.frame_motion import (
+    ZERO,
+    Numbers,
+    Rotation,
+    Vector,
+    added,
+    cross,
+    cross_matrix,
+    mean,
+    rotated,
+    rotated_back,
+)
+
+
+@dataclass
+class Geometry:
+    """How the frame turns in a step.
+
+    Attributes:
+        before, after: R, R⁺ = R cay(t).
+        turn: t = h ω̂, in the frame's axes.
+    """
+
+    before: Rotation
+    after: Rotation
+    turn: Vector
+
+    @cached_property
+    def start(self) -> Array:
+        """R (3, 3)."""
+        return np.array(self.before)
+
+    @cached_property
+    def end(self) -> Array:
+        """R⁺ (3, 3)."""
+        return np.array(self.after)
+
+    @cached_property
+    def middle(self) -> Array:
+        """R* = R (1 + t~/2), (3, 3)."""
+        middle: Array = self.start + self.start.dot(cross_matrix(self.turn)) / 2
+        return middle
+
+    def mean(self, a: Vector) -> Vector:
+        """(R + R⁺)/2 a: what turns with the frame as it acts in the step."""
+        return ZERO if a == ZERO else mean(rotated(self.before, a), rotated(self.after, a))
+
+    def seen(self, a: Vector) -> Vector:
+        """R*ᵀ a = Rᵀa - t/2 × Rᵀa: a vector in world axes as the frame sees it in the step."""
+        b = rotated_back(self.before, a)
+        return added(b, -0.5, cross(self.turn, b))
+
+
+class Push(NamedTuple):
+    """What forces on points do."""
+
+    force: Vector  # all together, in world axes, N
+    torque: Vector  # about the frame's origin, in world axes, N m
+    turning: Vector  # R*ᵀ of it
+    modal: Array  # on the coordinates; of a reduced body (m,), N kg^-1/2
+
+    @staticmethod
+    def of(forces: Array, turn: Geometry, arms: Array, spread: Callable[[Array], Array]) -> "Push":
+        """Of forces (P, 3) in world axes, N, at arms (P, 3), m; `spread` gives theirs on coordinates, in the frame."""
+        B = arms.T.dot(forces)
+        torque = np.array((B[1, 2] - B[2, 1], B[2, 0] - B[0, 2], B[0, 1] - B[1, 0]))
+        inside = spread(forces.dot(turn.middle))
+        return Push(vector(forces.sum(axis=0)), vector(torque), vector(torque.dot(turn.middle)), inside)
+
+
+def arms_of(turn: Geometry, start: Array, end: Array) -> Array:
+    """a = (R y + R⁺ y⁺)/2 (P, 3) in world axes, of places y at the start and the end in the frame."""
+    return (start.dot(turn.start.T) + end.dot(turn.end.T)) / 2
+
+
+def carried_along(turn: Geometry, arms: Array, ω: Numbers, inside: Array) -> Array:
+    """Velocities (P, 3) in world axes, less the origin's, by ω (3,) and those inside of the frame (P, 3)."""
+    velocities: Array = arms.dot(cross_matrix(turn.middle.dot(ω)).T) + inside.dot(turn.middle.T)
+    return velocities
+
+
+def turning_maps(turn: Geometry, arms: Array) -> Array:
+    """Velocities (3 P, 3) of points at arms (P, 3) per unit of ω̂."""
+    crossed = np.zeros((len(arms), 3, 3))  # -a~
+    x, y, z = arms.T
+    crossed[:, 0, 1], crossed[:, 0, 2], crossed[:, 1, 2] = z, -y, x
+    crossed -= crossed.transpose(0, 2, 1)
+    return crossed.dot(turn.middle).reshape(-1, 3)
+
+
+def turned_operator(left: Array, operator: Array, right: Array) -> Array:
+    """L W Rᵀ of an operator W (3 P, 3 P), point by point."""
+    P = len(operator) // 3
+    once = np.matmul(left, operator.reshape(P, 3, 3 * P)).reshape(3 * P, P, 3)
+    turned: Array = once.dot(right.T).reshape(3 * P, 3 * P)
+    return turned
+
+
+def vector(numbers: Array) -> Vector:
+    """Three numbers."""
+    x, y, z = numbers.tolist()
+    return x, y, z
