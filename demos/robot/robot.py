@@ -23,17 +23,18 @@ import fenics_rom as fr
 from fenics_rom.world.recorder import WorldRecorder
 from fenics_rom.world.shapes import Box, Capsule, HalfSpace
 
+sys.path.append(str(Path(__file__).parents[1] / "gripper"))  # whose fingers they are
+from gripper import ASIDE, EDGE, GRAVITY, SIDES, rise  # noqa: E402
+
 HERE = Path(__file__).parent
-GRIPPER = HERE.parent / "gripper"  # whose finger it is
-DT, GRAVITY = 2e-3, 9.81  # s, m/s2
-EDGE, DENSITY = 0.03, 1000.0  # of the box, m, kg/m3
+GRIPPER = HERE.parent / "gripper"
+DT = 2e-3  # s
+DENSITY = 1000.0  # of the box, kg/m3
 SHOULDER, UPPER_ARM, FOREARM, HAND = 0.3, 0.3, 0.25, 0.1  # m: its height; lengths, the last down to the fingers' roots
 REACH, ABOVE, GRIP = 0.35, 0.188, 0.108  # m: of the box from the column; of the roots over the ground, before and then
-ASIDE = EDGE / 2 + 0.0115  # m: of the fingers' axes from the middle, 1.5 mm of air
 TENSION = 6.0  # N
 WAITED, DOWN, CLOSED, LIFTED, WEIGHED, TURNED, LOWERED, OPENED, END = 0.6, 1.1, 1.5, 2.0, 2.6, 3.6, 4.1, 4.4, 4.8  # s
 TURN = math.radians(70)
-SIDES = {"left": -1.0, "right": 1.0}
 
 Array = np.ndarray
 
@@ -115,12 +116,6 @@ def world_of(rom: fr.Rom, robot: Robot) -> fr.World:
         bodies[f"{side}_finger"] = fr.SoftBody(rom, on=side)
     apart = [[*links, *fingers, "ground"], ["box", *links]]
     return fr.World(bodies, DT, gravity=(0, 0, -GRAVITY), friction=0.8, apart=apart)
-
-
-def rise(time: float, begin: float, end: float) -> float:
-    """From 0 to 1, smoothly."""
-    s = min(max((time - begin) / (end - begin), 0.0), 1.0)
-    return s**3 * (10 - 15 * s + 6 * s**2)
 
 
 def joints(time: float) -> Array:
