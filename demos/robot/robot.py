@@ -24,7 +24,7 @@ from fenics_rom.world.recorder import WorldRecorder
 from fenics_rom.world.shapes import Box, Capsule, HalfSpace
 
 sys.path.append(str(Path(__file__).parents[1] / "gripper"))  # whose fingers they are
-from gripper import ASIDE, EDGE, GRAVITY, SIDES, rise  # noqa: E402
+from gripper import ASIDE, EDGE, GRAVITY, SIDES, rise
 
 HERE = Path(__file__).parent
 GRIPPER = HERE.parent / "gripper"
