@@ -162,6 +162,11 @@ class ActuatorForces:
             "holds the body; give one of them as a force, or its strokes otherwise"
         )
 
+    def held(self, z: Array) -> Array:
+        """Which of the strokes that are given, (h,), forces z (n,) hold: not those of cables that are slack."""
+        k = len(self.names)
+        return np.flatnonzero((self._least[:k] < 0) | (z[:k] > 0))
+
     def parts(self, columns: Array, z: Array) -> tuple[Array, Array]:
         """Generalized forces (m,) of the strokes that are given, and of guides, of columns (m, n) and forces (n,)."""
         k = len(self.names)

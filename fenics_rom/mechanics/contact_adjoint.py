@@ -7,7 +7,8 @@ step without forces and a at its start, the law is solved by u = Qᵀ (W Q f + v
     δf = N (Qᵀ (δv + W (δθ x F) - δθ x v̂) - δc),    δF = Q δf + δθ x F,    δθ = n x δn,
 
 where δn is the distance's second derivative times the point's δx, c its targets and v̂ = W F + v. The adjoint φ of F
-passes Ψ = Q Nᵀ Qᵀ φ to v, and so on.
+passes Ψ = Q Nᵀ Qᵀ φ to v, and so on. W is that of the step, and of an iteration that ended there with another one the
+derivative of what it came to (`through`), which need not be symmetric.
 
 There is no derivative at a kink: where a pair that hardly presses also hardly leaves, or hardly slips at the border of
 its cone; where a pair hardly takes part, or does not; where it begins to approach. What a step found is then one of the
@@ -19,18 +20,19 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.mechanics.complementarity import Delassus
 from fenics_rom.mechanics.complementarity.linearised import Linearisation, least_solution
 from fenics_rom.mechanics.contact import ContactLaw, PointMotion
-from fenics_rom.mechanics.contact_pairs import SolvedPairs, target_slopes
+from fenics_rom.mechanics.contact_pairs import Pairs, SolvedPairs, target_slopes
 from fenics_rom.mechanics.contact_solver import ContactSolver
 
 _NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])  # of x, y, z
 KINK = 1e-9  # of the velocities that forces have to stop: nearer than this to another law, a step is at a kink
 
 
-def is_at_kink(solver: ContactSolver) -> bool:
-    """Whether the step that a solver solved last has no derivative, or was solved but for a residual."""
-    pairs, found, μ = solver.considered, solver.solved, solver.law.friction
+def is_at_kink(law: ContactLaw, pairs: Pairs | None, found: SolvedPairs | None) -> bool:
+    """Whether a step has no derivative, or was solved but for a residual; of what its solver considered and solved."""
+    μ = law.friction
     if pairs is None:
         return False
     speed = np.abs(pairs.free if found is None else found.problem.q).max()
@@ -54,9 +56,8 @@ class ContactAdjoint(NamedTuple):
     curvature: Array | None  # of the distance, of pairs that took part, (C, 3, 3), 1/m; None: their obstacles are flat
 
     @staticmethod
-    def of(solver: ContactSolver) -> "ContactAdjoint | None":
-        """Of the step that a solver solved last; None where nothing touched."""
-        found = solver.solved
+    def of(solver: ContactSolver, found: SolvedPairs | None) -> "ContactAdjoint | None":
+        """Of a step as its solver found it; None where nothing touched."""
         if found is None:
             return None
         obstacle, point = np.divmod(found.active, len(solver.points))
@@ -66,6 +67,13 @@ class ContactAdjoint(NamedTuple):
             of_this = obstacle == number
             curvature[of_this] = shape.curvature(places[of_this])
         return ContactAdjoint(solver.law, found, curvature if curvature.any() else None)
+
+    def through(self, operator: Array) -> "ContactAdjoint":
+        """The same of points that another Delassus operator (3P, 3P) moves than the one that forces were found with."""
+        found, P = self.found, len(operator) // 3
+        rows = (3 * (found.active % P)[:, None] + np.arange(3)).ravel()
+        framed = Delassus(operator[rows[:, None], rows]).framed(found.problem.frames, found.pairs.compliance)
+        return self._replace(found=found._replace(operator=operator, problem=found.problem._replace(operator=framed)))
 
     def pull_back(self, φ: Array) -> PointMotion:
         """Derivatives with what the points do, (P, 3) each, from those with the forces on them, φ (P, 3), 1/N."""
@@ -93,7 +101,7 @@ class ContactAdjoint(NamedTuple):
         v̂ = found.velocities.copy()
         v̂[0] += problem.target - found.pairs.compliance * found.forces[0]
         v̂[1:] += 0.0 if problem.sliding is None else problem.sliding
-        WΨ = (found.operator @ self._at_points(Ψ).ravel()).reshape(-1, 3)[found.active % (len(found.operator) // 3)]
+        WΨ = (found.operator.T @ self._at_points(Ψ).ravel()).reshape(-1, 3)[found.active % (len(found.operator) // 3)]
         F, v̂, a = map(frames.in_space, (found.forces, v̂, found.pairs.relative.take(found.active, axis=1)))
         turned: Array = _cross(F, φ + WΨ) - _cross(v̂, Ψ) - _cross(a, by_start)
         return turned
@@ -108,14 +116,14 @@ class ContactAdjoint(NamedTuple):
             law = Linearisation(operator.matrix, μ, operator.compliance, z, length, cone)
             return law.pull_back(φ, operator.operator.is_regular)
         ψ, closed = np.zeros(φ.shape), np.flatnonzero(z[0] > 0)
-        ψ[0, closed] = -least_solution(operator.matrix[closed[:, None], closed], φ[0, closed])
+        ψ[0, closed] = -least_solution(operator.matrix[closed, closed[:, None]], φ[0, closed])
         return ψ
 
     def _target_slopes(self) -> tuple[Array, Array, Array]:
         """What the targets change by with gaps, 1/s, and with velocities at the start along normals and tangents."""
         pairs, active = self.found.pairs, self.found.active
         target, approach = pairs.target.take(active), pairs.relative[0].take(active)
-        by_gap, by_approach = target_slopes(self.law, target, approach, self.found.dt)
+        by_gap, by_approach = target_slopes(self.law, target, approach, self.found.dt, self.found.quasi_static)
         if pairs.sliding is None:
             return by_gap, by_approach, np.zeros(len(active))
         asked = np.ones(len(active)) if pairs.unasked is None else ~pairs.unasked.take(active)

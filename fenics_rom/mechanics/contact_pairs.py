@@ -88,6 +88,7 @@ class SolvedPairs(NamedTuple):
     offsets: Array  # displacements of the obstacles at its start, (O, 3), m
     operator: Array  # Delassus operator (3P, 3P), m/s/N
     dt: float  # s
+    quasi_static: bool
     pairs: Pairs
     gaps: Array  # of all pairs (O P,), m
     active: Array  # (C,) those that took part

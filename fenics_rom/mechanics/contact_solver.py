@@ -180,7 +180,7 @@ class ContactSolver:
         if is_loose:
             search = search._replace(residual=search.residual.with_step(solution.residual))
         found = pairs, gaps, active, problem, forces, velocities, is_loose
-        self.search, self.solved = search, SolvedPairs(points, obstacles.start, delassus, dt, *found)
+        self.search, self.solved = search, SolvedPairs(points, obstacles.start, delassus, dt, quasi_static, *found)
         power = None
         if self.law.friction:
             power = float(forces[0].dot(velocities[0] + problem.target - pairs.compliance * forces[0]))

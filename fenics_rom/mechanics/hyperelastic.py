@@ -155,6 +155,26 @@ def discrete_gradient_stress(law: str, E: Array, after: Array, λ: Array, μ: Ar
     return S + defect / ((ΔE**2 / VOIGT_SHEAR).sum(axis=0) + ROUND_OFF_STRAIN**2) * (ΔE / VOIGT_SHEAR)
 
 
+def discrete_gradient_slopes(law: str, E: Array, after: Array, λ: Array, μ: Array) -> tuple[Array, Array]:
+    """∂Ŝ/∂E and ∂Ŝ/∂E⁺ (6, 6, P) of the discrete gradient's stress, Pa."""
+    mean = (E + after) / 2
+    C = moduli(law, mean, λ, μ) / 2
+    if law == "st_venant_kirchhoff":
+        return C, C
+    ΔE, S = after - E, stress(law, mean, λ, μ)
+    along = ΔE / VOIGT_SHEAR
+    defect = energy_density(law, after, λ, μ) - energy_density(law, E, λ, μ) - (S * ΔE).sum(axis=0)
+    square = (ΔE * along).sum(axis=0) + ROUND_OFF_STRAIN**2
+    bent = np.einsum("cdp,cp->dp", C, ΔE)
+    slopes = []
+    for side, at in ((-1, E), (1, after)):
+        by_defect = side * (stress(law, at, λ, μ) - S) - bent - side * 2 * defect / square * along
+        slope = C + along[:, None] * (by_defect / square)
+        slope[np.arange(6), np.arange(6)] += side * defect / square / VOIGT_SHEAR
+        slopes.append(slope)
+    return slopes[0], slopes[1]
+
+
 def _adjugate(E: Array) -> tuple[Array, Array, Array]:
     """Of C = I + 2E: adj(C) but for the 1 of its diagonal, (3, P), and beside it, (3, P); and det C - 1 (P,).
 

@@ -220,3 +220,10 @@ def swept_volume(force: Callable[[Array], Array], x: Array) -> float:
     f is the derivative of the volume, so any way would do; Simpson's rule is exact for it.
     """
     return float(x @ (force(np.zeros_like(x)) + 4 * force(x / 2) + force(x))) / 6
+
+
+def swept_volume_slope(force: Callable[[Array], Array], slope: Callable[[Array], Array], x: Array) -> Array:
+    """∂/∂x of it (c,), by ∂f/∂x (c, c): f to round-off, or as nearly as f is the derivative of a volume."""
+    along = force(np.zeros_like(x)) + 4 * force(x / 2) + force(x)
+    by_force: Array = (along + (2 * slope(x / 2) + slope(x)).T @ x) / 6
+    return by_force

@@ -23,7 +23,13 @@ from fenics_rom.mechanics.hyperelastic import (
     strain,
     stress,
 )
-from fenics_rom.mechanics.tendon import cable_length, turning_angles, unit_tension_forces, unit_tension_slopes
+from fenics_rom.mechanics.tendon import (
+    cable_length,
+    measure_segments,
+    turning_angles,
+    unit_tension_forces,
+    unit_tension_slopes,
+)
 from fenics_rom.rom.content import ByContent
 
 
@@ -42,6 +48,14 @@ class ReducedTendon(ByContent):
         """∂(w·force)/∂q (m,)."""
         moves = (self.shapes @ w).reshape(-1, 3)
         return unit_tension_slopes(self._moved(q), moves).ravel() @ self.shapes
+
+    def slope(self, q: Array) -> Array:
+        """∂force/∂q (m, m), symmetric."""
+        segments, lengths = measure_segments(self._moved(q))
+        directions, moves = segments / lengths, np.diff(self.shapes.reshape(len(self.points), 3, -1), axis=0)
+        across = moves - directions[:, :, None] * np.einsum("ki,kim->km", directions, moves)[:, None]
+        stretched = (across / lengths[:, :, None]).reshape(-1, moves.shape[2])
+        return -moves.reshape(stretched.shape).T @ stretched
 
     def stroke(self, q: Array) -> float:
         """By how much it is shorter than at rest, m."""
@@ -181,6 +195,16 @@ def monomials(q: Array) -> Array:
     """1, q_i and q_i q_j (i <= j), (1 + m + m (m+1)/2,)."""
     i, j = _upper_triangle(len(q))
     return np.concatenate([[1.0], q, q.take(i) * q.take(j)])
+
+
+def monomial_slopes(q: Array) -> Array:
+    """∂monomials/∂q (1 + m + m (m+1)/2, m)."""
+    m, (i, j) = len(q), _upper_triangle(len(q))
+    slopes, products = np.zeros((1 + m + len(i), m)), m + 1 + np.arange(len(i))
+    slopes[1 : m + 1] = np.eye(m)
+    slopes[products, i] = q[j]
+    slopes[products, j] += q[i]
+    return slopes
 
 
 def monomials_back(q: Array, z: Array) -> Array:

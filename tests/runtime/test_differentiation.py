@@ -6,10 +6,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from linear_roms import LINEAR_BODIES, LOAD_VALUES, linear_rom
-from soft_rom import soft_rom
 
 import fenics_rom as fr
-from fenics_rom.errors import StepError, StructureError
+from fenics_rom.errors import StepError
 
 H, STEPS = 2e-3, 40
 AGREES = 1e-8  # with central differences, relative: what they are good for
@@ -149,6 +148,3 @@ def test_what_cannot_be_differentiated_is_refused(plate_rom):
     for slopes, energies in (({"tip": np.zeros(3)}, None), ({}, np.full(5, np.nan)), ({"top": 0.0}, None)):
         with pytest.raises(StepError, match=r"derivatives with|no output 'top'"):
             fr.differentiate(body, inputs, lambda *_, given=(slopes, energies): (0.0, *given))
-    soft = fr.Simulator(soft_rom(order=2), H, stepper="newton")
-    with pytest.raises(StructureError, match="Newton: steps of this kind are not differentiated"):
-        fr.differentiate(soft, np.zeros((5, soft.inputs)), squares)

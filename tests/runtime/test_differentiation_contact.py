@@ -8,7 +8,7 @@ import pytest
 from bodies import acted_on, box_arrays, write_arrays
 
 import fenics_rom as fr
-from fenics_rom.errors import FenicsRomWarning, StructureError
+from fenics_rom.errors import FenicsRomWarning
 from fenics_rom.mechanics.contact import ContactLaw
 from fenics_rom.mechanics.obstacles import Box, Capsule, HalfSpace, Sphere
 from fenics_rom.runtime.differentiation import taken_steps
@@ -198,10 +198,3 @@ def test_curvature_of_obstacles_is_what_normals_turn_by(shape):
     for axis, δ in enumerate(ε * np.eye(3)):
         turned = (shape.distance(points + δ)[1] - shape.distance(points - δ)[1]) / (2 * ε)
         assert shape.curvature(points)[:, :, axis] == pytest.approx(turned, abs=1e-8)
-
-
-def test_what_is_found_by_strokes_or_at_rest_is_refused(rom):
-    case = Case(rom, *CASES["floor, friction"])
-    case.environment = replace(case.environment, has_inertia=False)
-    with pytest.raises(StructureError, match="QuasiStatic"):
-        case.gradient()

@@ -26,7 +26,8 @@ def differentiate(
     where it is about to do otherwise J has a kink, which is warned of.
 
     Args:
-        body: a linear one, or one that deforms largely by linearly implicit steps; with contact or without.
+        body: with small strains or large deformation, by any steps, or from equilibrium to equilibrium; with contact,
+            strokes and switches or without.
         inputs, contact, dt: of each step, as in `Simulator.rollout`.
         objective: gets the displacements of outputs by name, m, (steps, points, 3), and the stored energies (steps,),
             J, after each step; returns J, its derivatives with each output, by name, and with each energy (None: 0).

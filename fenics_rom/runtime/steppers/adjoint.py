@@ -1,11 +1,19 @@
 """What goes backwards through steps: the derivatives of a number J with all that they carry along."""
 
-from typing import NamedTuple, Protocol
+from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StructureError
+from fenics_rom.mechanics.actuator_forces import ActuatorForces
+
+if TYPE_CHECKING:
+    from fenics_rom.mechanics.contact_adjoint import ContactAdjoint
+    from fenics_rom.mechanics.contact_pairs import Pairs, SolvedPairs
+    from fenics_rom.runtime.steppers.contact_interface import ContactInterface
+
+    ContactSolved = tuple[Pairs | None, SolvedPairs | None]  # what the law asked, and how forces were found
 
 NONE = np.empty(0)
 
@@ -18,6 +26,7 @@ class StateAdjoint(NamedTuple):
     auxiliary: Array  # as `Kernel.auxiliary`
     forces: Array = NONE  # of contact in the last step (3P,)
     tangent: Array = NONE  # as `Kernel.tangent` (m, m)
+    reactions: Array = NONE  # as `Kernel.reactions` (n,)
 
 
 class Reads(NamedTuple):
@@ -59,6 +68,14 @@ class SwitchAdjoint(Protocol):
         """Derivatives before it from those after it."""
 
 
+class SameBasis:
+    """A switch between contact modes that share a basis: of inputs alone."""
+
+    def pull_back(self, after: StateAdjoint) -> StateAdjoint:
+        """As in SwitchAdjoint."""
+        return after
+
+
 class GoneBackThrough:
     """What a kernel has so that its steps can be gone back through; here: they cannot.
 
@@ -81,11 +98,28 @@ class GoneBackThrough:
         raise NotImplementedError
 
 
-def check_forces_are_given(found: object, branches: object) -> None:
-    """A StructureError where forces of actuators are found in a step, or branches of a material are carried along."""
-    for what, there in (("strokes of actuators and friction of tendons", found), ("materials that relax", branches)):
-        if there is not None:
-            raise StructureError(f"{what} are not differentiated")
+def check_is_differentiated(actuators: ActuatorForces | None, branches: object) -> None:
+    """A StructureError where tendons rub at guides, or branches of a material are carried along."""
+    rubs = actuators is not None and bool(actuators.guides)
+    for what, there in (("tendons with friction", rubs), ("materials that relax", branches is not None)):
+        if there:
+            raise StructureError(f"{what}: their steps are not differentiated")
+
+
+def contact_solved(interface: "ContactInterface | None") -> "ContactSolved":
+    """How contact was solved last."""
+    return (None, None) if interface is None else (interface.solver.considered, interface.solver.solved)
+
+
+def contact_adjoint(
+    interface: "ContactInterface | None", solved: "ContactSolved"
+) -> "tuple[ContactAdjoint | None, bool]":
+    """Contact of a step as it was solved, to go back through, and whether that is a kink."""
+    if interface is None:
+        return None, False
+    from fenics_rom.mechanics.contact_adjoint import ContactAdjoint, is_at_kink  # here, as few are differentiated
+
+    return ContactAdjoint.of(interface.solver, solved[1]), is_at_kink(interface.solver.law, *solved)
 
 
 def spread(vectors: "tuple[Array, Array]", like: Array) -> Array:

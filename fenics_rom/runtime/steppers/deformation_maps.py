@@ -22,6 +22,7 @@ class Expected(NamedTuple):
     """What v̂ of a step was expected to be, and what that came of."""
 
     before: Array  # v̂ of the step before
+    reactions: Array  # of strokes then (n,)
     middle: Array  # with that
     σ: Array  # there
     residual: Array  # forces out of balance there
@@ -37,6 +38,8 @@ class Taken(NamedTuple):
     expected: Expected
     matrix: Array  # M (m, m)
     rates: Array  # A v̂
+    reactions: Array  # of strokes (k,)
+    held: Array  # which of them are not of slack cables (n,)
 
 
 class Material(NamedTuple):
@@ -59,6 +62,8 @@ class LinearlyImplicitMaps(NamedTuple):
     ω: Array  # (m,)
     dead_loads: Array  # (m, p)
     followers: list[tuple[int, Follower]]  # with their columns
+    strokes: list[Follower]  # those that are given (k,)
+    places: Array  # and their places in the input (k,)
     residual: ResidualMaps | None
     st_venant: bool
     most: float  # largest c, J

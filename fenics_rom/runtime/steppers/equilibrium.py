@@ -6,15 +6,20 @@ the step.
 """
 
 import math
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion
+from fenics_rom.runtime.steppers.adjoint import contact_adjoint, contact_solved
 from fenics_rom.runtime.steppers.finite_strain import FiniteStrainKernel, is_definite
 from fenics_rom.runtime.steppers.kernel import StepWork, symmetric
-from fenics_rom.runtime.steppers.newton import MAX_ITERATIONS, MAX_PARTS, is_solved
+from fenics_rom.runtime.steppers.newton import MAX_ITERATIONS, MAX_PARTS, Part, is_solved
+
+if TYPE_CHECKING:
+    from fenics_rom.runtime.steppers.balance_adjoint import BalanceAdjoint
 
 SMALLEST_DISPLACEMENT = 1e-9  # of the training radius: what is beside it a share of CONVERGENCE_TOLERANCE is at rest
 
@@ -24,6 +29,8 @@ class Equilibrium(FiniteStrainKernel):
 
     Arguments and attributes as in FiniteStrainKernel; the velocity stays zero.
     """
+
+    _taken: Part  # the last step
 
     @property
     def energy(self) -> float:
@@ -70,9 +77,11 @@ class Equilibrium(FiniteStrainKernel):
             stored = self._body.energy(q, E)
             numerical = float(elastic.dot(moved)) / 2 - (stored - self._body.energy(start)) + lag
             supplied = float((held + pushed).dot(moved)) / 2
+            maps = None if self.residual is None else self.residual.maps
             residual, of_residual = self._step_residual_at_rest(contact)
             contacts = self._contacts_at_rest(moved, contact, obstacles, residual)
             self._leave(StepWork(supplied + of_residual, rubbed_away, contacts, numerical))
+            self._taken = Part(self.h, start, self._r, moved / self.h, reactions, contact_solved(self._interface), maps)
             np.multiply(q, self._ω, self._e)
             self.contact, self.reactions = contact, reactions
             self._note(q, E, self._acting(u))
@@ -126,3 +135,18 @@ class Equilibrium(FiniteStrainKernel):
             before = error
             q = q - inverse.dot(residual)
         return None
+
+    def adjoint(self, u: Array) -> "BalanceAdjoint":
+        """As in Kernel."""
+        from fenics_rom.runtime.steppers.balance_adjoint import BalancedPart, HeldStrokes
+
+        (h, start, _, _, reactions, solved, residual), q = self._taken, self._coordinates().copy()
+        u = u if self._actuators is None else self._actuators.split(u)[0]
+        contact, is_kink = contact_adjoint(self._interface, solved)
+        tangent = self._body.tangent(q) - self._load_slopes(u, reactions, q)
+        which = self._held_strokes(reactions)[0]
+        columns, moved = self._stroke_columns(q)[:, which], self._stroke_slopes(q)[:, which].T
+        held = HeldStrokes(columns, h * moved, moved, 0 * moved, -1.0)  # strokes are what is given
+        inputs = self._input_columns(q)
+        part = BalancedPart(h, 0.0, h * tangent, tangent, inputs, held, self._Sᵀ, contact, residual)
+        return self._balance_adjoint([part], [reactions], start, is_kink)

@@ -19,6 +19,7 @@ class Expectation(NamedTuple):
     r: Array
     velocity: Array  # v̂ of the step before
     forces: Array  # of contact then, (3P,)
+    reactions: Array  # of strokes then, (k,)
     tangent: Array  # T, if an earlier step made it
 
 
@@ -31,7 +32,7 @@ class ExpectedVelocity(NamedTuple):
 
     def pull_back(self, value_: Array, tangent_: Array) -> Expectation:
         """What is owed to the value (m,), and by later steps to T, goes to what both came of."""
-        maps, (v, middle, σ, residual, T, made_tangent, whole, value) = self.maps, self.was
+        maps, (v, reactions, middle, σ, residual, T, made_tangent, whole, value) = self.maps, self.was
         body, strains, h = maps.body, maps.strains, maps.h
         if value is not whole:
             square = float(whole @ whole)
@@ -47,13 +48,16 @@ class ExpectedVelocity(NamedTuple):
         if at is not None:
             middle_ = middle_ + maps.stiffened(at, w)
         inputs, of_middle = maps.loads_back(self.u, middle, w)
+        for reaction, stroke in zip(reactions, maps.strokes, strict=True):
+            of_middle = of_middle + reaction * stroke.pull_back(middle, w)
+        of_reactions = -np.array([stroke.force(middle) @ w for stroke in maps.strokes])
         ε_ = strains.stressed(σ_)
         rates_ = strains.viscosity * ε_
         middle_ = middle_ - of_middle + strains.geometric(rates_) @ v
         if maps.st_venant:
             middle_ = middle_ + around.pulled(ε_)
         v_ = value_ + 2 / h * w + body.external_damping @ w + around.pulled(rates_) + h / 2 * middle_
-        return Expectation(-inputs, middle_, -2 / h * w, v_, -(w @ maps.Sᵀ), tangent_)
+        return Expectation(-inputs, middle_, -2 / h * w, v_, -(w @ maps.Sᵀ), of_reactions, tangent_)
 
     def _tangent_back(self, tangent_: Array, at: Material | None) -> tuple[Array, Array]:
         """What T, made here, owes to σ, and to the middle (m,): T⁻¹ = fixed + AᵀC₀A (h/2 + β) + h/2 G."""

@@ -21,15 +21,17 @@ from numpy import ndarray as Array
 from fenics_rom.errors import FenicsRomWarning
 from fenics_rom.mechanics.actuator_forces import ActuatorForces
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
-from fenics_rom.mechanics.readings import swept_volume
+from fenics_rom.mechanics.readings import swept_volume, swept_volume_slope
 from fenics_rom.rom.contact_model import ContactModel
-from fenics_rom.rom.deformation import ReducedDeformation, ReducedTendon, monomials, monomials_back
+from fenics_rom.rom.deformation import ReducedDeformation, ReducedTendon, monomial_slopes, monomials, monomials_back
 from fenics_rom.rom.rom import Rom
+from fenics_rom.runtime.steppers.adjoint import check_is_differentiated
 from fenics_rom.runtime.steppers.kernel import BookedKernel
 from fenics_rom.runtime.steppers.training_watch import TrainingWatch
 
 if TYPE_CHECKING:
     from fenics_rom.mechanics.viscoelasticity import MaxwellBranches
+    from fenics_rom.runtime.steppers.balance_adjoint import BalanceAdjoint, BalancedPart
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
     from fenics_rom.runtime.steppers.residual_motion import ResidualMotion
 
@@ -42,6 +44,8 @@ class Follower(NamedTuple):
     force: Callable[[Array], Array]  # of 1 N or 1 Pa at q, (m,)
     stroke: Callable[[Array], float]  # at q, m or m³
     pull_back: Callable[[Array, Array], Array]  # what w·force owes to q, (m,), of q and w
+    slope: Callable[[Array], Array]  # ∂force/∂q, (m, m)
+    stroke_slope: Callable[[Array], Array]  # ∂stroke/∂q, (m,): the force, where that has a potential to the last bit
 
 
 class FiniteStrainKernel(BookedKernel):
@@ -127,13 +131,47 @@ class FiniteStrainKernel(BookedKernel):
                 force = force + u[column] * follower.force(q)
         return force
 
+    def _input_columns(self, q: Array) -> Array:
+        """Those forces (m, p) of inputs of 1."""
+        columns = self._dead_loads.copy()
+        for column, follower in self._active_followers:
+            columns[:, column] = follower.force(q)
+        return columns
+
+    def _load_slopes(self, u: Array, reactions: Array, q: Array) -> Array:
+        """∂/∂q (m, m) of the forces of the inputs, and of what is found in the step, (n,)."""
+        slopes = np.zeros((len(q), len(q)))
+        for column, follower in self._active_followers:
+            if u[column]:
+                slopes += u[column] * follower.slope(q)
+        for reaction, follower in zip(reactions, self._found, strict=True):
+            if reaction:
+                slopes += reaction * follower.slope(q)
+        return slopes
+
     def _strokes_at(self, q: Array) -> Array:
         """Strokes (n,) of what is found in the step, m or m³, at q."""
         return np.array([follower.stroke(q) for follower in self._found])
 
     def _stroke_columns(self, q: Array) -> Array:
-        """Their forces of 1, (m, n): what the strokes change by with q."""
-        return np.stack([follower.force(q) for follower in self._found], axis=1)
+        """Their forces of 1, (m, n)."""
+        return np.array([follower.force(q) for follower in self._found]).reshape(-1, len(q)).T
+
+    def _stroke_slopes(self, q: Array) -> Array:
+        """What strokes change by with q, (m, n)."""
+        return np.array([follower.stroke_slope(q) for follower in self._found]).reshape(-1, len(q)).T
+
+    def _held_strokes(self, reactions: Array) -> "tuple[Array, list[Follower]]":
+        """Which of the strokes that are given (n,) forces hold, and what they are of."""
+        held = np.empty(0, dtype=int) if self._actuators is None else self._actuators.held(reactions)
+        return held, [self._found[stroke] for stroke in held]
+
+    @property
+    def _stroke_places(self) -> Array:
+        """Of strokes that are given in the input (k,)."""
+        if self._actuators is None:
+            return np.empty(0, dtype=int)
+        return self._model.inputs.shape[1] + self._actuators.columns
 
     def _angles(self, q: Array) -> Array:
         """By which tendons turn at guides that rub, (n,), rad, 0 of strokes."""
@@ -147,6 +185,31 @@ class FiniteStrainKernel(BookedKernel):
         forces, _ = self._actuators.split(u)
         forces[self._actuators.columns] = self.reactions
         return forces
+
+    def check_differentiable(self) -> None:
+        """As in Kernel."""
+        check_is_differentiated(self._actuators, self.branches)
+
+    def _balance_adjoint(
+        self, parts: "list[BalancedPart]", reactions: list[Array], q: Array, is_kink: bool
+    ) -> "BalanceAdjoint":
+        """Of the last step, from q (m,), in parts under what was found, (n,) each; the last one first."""
+        from fenics_rom.runtime.steppers.balance_adjoint import BalanceAdjoint, StrokesGiven
+
+        q_after = self._coordinates().copy()
+        return BalanceAdjoint(
+            parts,
+            [self._held_strokes(found)[0] for found in reactions],
+            StrokesGiven(self._stroke_places, self._stroke_slopes(q)),
+            self._ω,
+            self._body.force(q_after),
+            q,
+            q_after,
+            self._r.copy(),
+            None if self.residual is None else self.residual.state.reshape(4, -1).copy(),
+            is_kink,
+            False,
+        )
 
     def _note(self, q: Array, E: Array | None, u: Array) -> None:
         """Notes how far a step under u has led, to q and strains E if known, and warns where it is beyond training."""
@@ -190,7 +253,7 @@ def _follower_loads(rom: Rom) -> list[tuple[int, Follower]]:
 
 
 def _tendon(tendon: ReducedTendon) -> Follower:
-    return Follower(tendon.force, tendon.stroke, tendon.pull_back)
+    return Follower(tendon.force, tendon.stroke, tendon.pull_back, tendon.slope, tendon.force)
 
 
 def _follower(body: ReducedDeformation, name: str) -> Follower:
@@ -205,4 +268,11 @@ def _follower(body: ReducedDeformation, name: str) -> Follower:
     def pull_back(q: Array, w: Array) -> Array:
         return monomials_back(q, w @ polynomial)
 
-    return Follower(force, partial(swept_volume, force), pull_back)
+    def slope(q: Array) -> Array:
+        slopes: Array = polynomial @ monomial_slopes(q)
+        return slopes
+
+    def stroke_slope(q: Array) -> Array:
+        return swept_volume_slope(force, slope, q)
+
+    return Follower(force, partial(swept_volume, force), pull_back, slope, stroke_slope)

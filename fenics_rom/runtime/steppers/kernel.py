@@ -11,7 +11,7 @@ from fenics_rom.mechanics.actuator_forces import ActuatorForces, PointsHeldBack
 from fenics_rom.mechanics.contact import ContactSolution, ContactWork, ObstacleMotion, PointMotion, equilibrium_work
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.rom.contact_model import ContactModel
-from fenics_rom.runtime.steppers.adjoint import GoneBackThrough
+from fenics_rom.runtime.steppers.adjoint import GoneBackThrough, StateAdjoint
 
 if TYPE_CHECKING:
     from fenics_rom.mechanics.viscoelasticity import MaxwellBranches
@@ -167,8 +167,8 @@ class BookedKernel(Kernel):
         self._motion = np.zeros((3, model.order))  # q, r and v̂, of which the points' are read together
         self._delassus = np.empty((0, 0))  # W (3P, 3P)
         self._stroke_operators: tuple[Array, Array, Array, PointsHeldBack] | None = None  # of the last spread
-        if interface is not None:
-            self._Sᵀ = np.ascontiguousarray((interface.rows @ model.coordinates).T)
+        rows = np.empty((0, len(model.coordinates))) if interface is None else interface.rows
+        self._Sᵀ = np.ascontiguousarray((rows @ model.coordinates).T)
 
     @property
     def energy(self) -> float:
@@ -307,6 +307,11 @@ class BookedKernel(Kernel):
             return contact, np.zeros(len(z)) if contact is None else X.T.dot(contact.forces.ravel())
 
         return self._actuators.solve(u, columns.T.dot(free), W, targets, touch, angles)
+
+    def start_pulled_back(self, q: Array, r: Array, after: StateAdjoint) -> tuple[Array, Array]:
+        """As in Kernel."""
+        by_e, by_r = after.state.reshape(2, -1)
+        return np.concatenate([after.rigid, (self._ω * by_e)[len(after.rigid) :]]), by_r
 
     def _with_carried_energy(self, energy: float) -> float:
         """An energy with what is stored in the residual part and in branches, too, J."""

@@ -24,7 +24,7 @@ from numpy import ndarray as Array
 from fenics_rom.mechanics.actuator_forces import ActuatorForces
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion
 from fenics_rom.rom.midpoint_map import compliance
-from fenics_rom.runtime.steppers.adjoint import StateAdjoint, check_forces_are_given
+from fenics_rom.runtime.steppers.adjoint import check_is_differentiated, contact_adjoint, contact_solved
 from fenics_rom.runtime.steppers.kernel import BookedKernel, StepWork, symmetric
 from fenics_rom.runtime.steppers.residual_motion import operator_of
 
@@ -38,6 +38,7 @@ class _Step(NamedTuple):
 
 
 if TYPE_CHECKING:
+    from fenics_rom.runtime.steppers.balance_adjoint import BalanceAdjoint
     from fenics_rom.runtime.steppers.midpoint_adjoint import MidpointAdjoint
 
 
@@ -135,29 +136,24 @@ class ContactMidpoint(BookedKernel):
 
     def check_differentiable(self) -> None:
         """As in Kernel."""
-        check_forces_are_given(self._actuators, self.branches)
-
-    def start_pulled_back(self, q: Array, r: Array, after: StateAdjoint) -> tuple[Array, Array]:
-        """As in Kernel."""
-        by_e, by_r = after.state.reshape(2, -1)
-        return np.concatenate([after.rigid, (self._ω * by_e)[len(after.rigid) :]]), by_r
+        check_is_differentiated(self._actuators, self.branches)
 
     def adjoint(self, u: Array) -> "MidpointAdjoint":
         """As in Kernel."""
-        from fenics_rom.mechanics.contact_adjoint import (  # here, as few runs are differentiated
-            ContactAdjoint,
-            is_at_kink,
-        )
-        from fenics_rom.runtime.steppers.midpoint_adjoint import MidpointAdjoint, MidpointMaps
+        from fenics_rom.runtime.steppers.midpoint_adjoint import MidpointAdjoint, MidpointMaps, MidpointStrokes
 
-        points, contact, is_kink = np.empty((self._model.order, 0)), None, False
-        if self._interface is not None:
-            solver = self._interface.solver
-            points, contact, is_kink = self._Sᵀ, ContactAdjoint.of(solver), is_at_kink(solver)
+        contact, is_kink = contact_adjoint(self._interface, contact_solved(self._interface))
         residual, rows = None, None
         if self.residual is not None:
             residual, rows = self.residual.maps, self.residual.state.reshape(4, -1).copy()
-        maps = MidpointMaps(self._model, self.h, self._a, points, residual)
+        a, strokes = self._a, None
+        if self._actuators is not None:
+            held = self._actuators.held(self.reactions)
+            columns, spread = self._columns[:, held], self._spread[:, held]
+            targets = np.linalg.solve(columns.T @ spread, spread.T)
+            a = (np.diag(a) if a.ndim == 1 else a) - spread @ targets
+            strokes = MidpointStrokes(self._actuators.columns + len(u), held, columns, targets)
+        maps = MidpointMaps(self._model, self.h, a, self._Sᵀ, residual, strokes)
         return MidpointAdjoint(maps, self._state_before.copy(), self.state.copy(), rows, contact, is_kink)
 
 
@@ -206,6 +202,32 @@ class QuasiStatic(BookedKernel):
         self._e += change
         self.contact, self.reactions = contact, found
         return 2 * self.energy
+
+    def check_differentiable(self) -> None:
+        """As in Kernel."""
+        check_is_differentiated(self._actuators, self.branches)
+
+    def adjoint(self, u: Array) -> "BalanceAdjoint":
+        """As in Kernel."""
+        from fenics_rom.runtime.steppers.balance_adjoint import BalanceAdjoint, BalancedPart, HeldStrokes, StrokesGiven
+
+        h, γ, m = self.h, self._model.eigenvalues, self._model.order
+        B, places, held = np.empty((m, 0)), np.empty(0, dtype=int), np.empty(0, dtype=int)
+        if self._actuators is not None:
+            B, places, held = self._columns, self._actuators.columns + len(u), self._actuators.held(self.reactions)
+        columns = B[:, held]
+        strokes = HeldStrokes(columns, h * columns.T, columns.T, 0 * columns.T, -1.0)  # strokes are what is given
+        contact, is_kink = contact_adjoint(self._interface, contact_solved(self._interface))
+        residual, rows = None, None
+        if self.residual is not None:
+            residual, rows = self.residual.maps, self.residual.state.reshape(4, -1).copy()
+        part = BalancedPart(
+            h, 0.0, np.diag(h * γ), np.diag(γ), self._model.inputs, strokes, self._Sᵀ, contact, residual
+        )
+        q, q_after = self._state_before[:m] * self._inverse_ω, self._e * self._inverse_ω
+        of_stored = self._ω * self._e
+        given = StrokesGiven(places, B)
+        return BalanceAdjoint([part], [held], given, self._ω, of_stored, q, q_after, 0 * q, rows, is_kink, True)
 
 
 def _applied(matrix: Array, columns: Array) -> Array:

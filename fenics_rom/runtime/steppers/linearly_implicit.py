@@ -20,7 +20,7 @@ from fenics_rom.mechanics.hyperelastic import energy_density, linear_stress, str
 from fenics_rom.rom.carried_strains import carried_strains
 from fenics_rom.rom.deformation import ReducedDeformation
 from fenics_rom.rom.rom import Rom
-from fenics_rom.runtime.steppers.adjoint import NONE, StateAdjoint, check_forces_are_given
+from fenics_rom.runtime.steppers.adjoint import NONE, StateAdjoint, contact_adjoint, contact_solved
 from fenics_rom.runtime.steppers.deformation_maps import Expected, LinearlyImplicitMaps, Taken
 from fenics_rom.runtime.steppers.finite_strain import FiniteStrainKernel, definite_inverse
 from fenics_rom.runtime.steppers.kernel import StepWork, symmetric
@@ -171,7 +171,8 @@ class LinearlyImplicit(FiniteStrainKernel):
             self.tangent = NONE
 
         rates, after = around.rates(v), q + h * v
-        self._taken = Taken(expected, matrix, rates)
+        held = np.empty(0, dtype=int) if self._actuators is None else self._actuators.held(reactions)
+        self._taken = Taken(expected, matrix, rates, reactions, held)
         ε_after = self._strains.at(after)
         stressed, σ_after = self._strains.stressed(np.stack([rates, ε_after], axis=1)).T  # together: it reads much
         heat = h * float(v.dot(body.external_damping.dot(v)) + (self._strains.viscosity * stressed).dot(rates))
@@ -196,22 +197,15 @@ class LinearlyImplicit(FiniteStrainKernel):
         self._note_mismatch(strained, gap)
         return 2 * self._energy(after)
 
-    def check_differentiable(self) -> None:
-        """As in Kernel."""
-        check_forces_are_given(self._actuators, self.branches)
-
     def adjoint(self, u: Array) -> "LinearlyImplicitAdjoint":
         """As in Kernel."""
-        from fenics_rom.mechanics.contact_adjoint import ContactAdjoint, is_at_kink  # here, as few are differentiated
         from fenics_rom.runtime.steppers.linearly_implicit_adjoint import LinearlyImplicitAdjoint
 
-        contact, is_kink, residual = None, False, None
-        if self._interface is not None:
-            contact, is_kink = ContactAdjoint.of(self._interface.solver), is_at_kink(self._interface.solver)
-        if self.residual is not None:
-            residual = self.residual.state.reshape(4, -1).copy()
+        contact, is_kink = contact_adjoint(self._interface, contact_solved(self._interface))
+        residual = None if self.residual is None else self.residual.state.reshape(4, -1).copy()
         before, after = (self._state_before, self._carried_before), (self.state, self._carried)
         states = [part.copy() for part in (*before, *after)]
+        u = u if self._actuators is None else self._actuators.split(u)[0]
         return LinearlyImplicitAdjoint(self._maps, u, self._taken, states, residual, contact, is_kink)
 
     def start_pulled_back(self, q: Array, r: Array, after: StateAdjoint) -> tuple[Array, Array]:
@@ -227,10 +221,12 @@ class LinearlyImplicit(FiniteStrainKernel):
             self._strains,
             self.h,
             self._fixed,
-            np.empty((self._model.order, 0)) if self._interface is None else self._Sᵀ,
+            self._Sᵀ,
             self._ω,
             self._dead_loads,
             self._active_followers,
+            self._found,
+            self._stroke_places,
             None if self.residual is None else self.residual.maps,
             self._st_venant,
             self._most,
@@ -271,7 +267,7 @@ class LinearlyImplicit(FiniteStrainKernel):
             value = np.zeros_like(q)
         else:  # it can hardly go further than it was trained
             value = whole if far <= body.training_radius else whole * (body.training_radius / far)
-        return Expected(v.copy(), middle, σ, residual, self.tangent, is_new, whole, value)
+        return Expected(v.copy(), self.reactions, middle, σ, residual, self.tangent, is_new, whole, value)
 
     def _energy(self, q: Array) -> float:
         stored = float(self._σ.dot(self._ε))

@@ -1,7 +1,8 @@
 """Back through a linearly implicit step of large deformation; see linearly_implicit.py, whose symbols these are.
 
-The step is one linear system M v̂ = R around the shape that was expected. With y = M⁻¹ (what J owes to v̂), J owes y to R
-and -y v̂ᵀ to M, contact or not. Strains are of second degree in q: with G(z) = ∂(Aᵀz)/∂q, which is symmetric,
+The step is one linear system M v̂ = R around the shape that was expected; with strokes that are held M v̂ = R + B z and
+Bᵀv̂ = c. With y = M⁻¹ (what J owes to v̂), J owes y to R and -y v̂ᵀ to M, contact or not. Strains are of second degree
+in q: with G(z) = ∂(Aᵀz)/∂q, which is symmetric,
 
     w·Aᵀz owes G(z) w to q and A w to z,    z·A v owes G(z) v to q and Aᵀz to v,
     w·AᵀC₀A v owes G(C₀A v) w + G(C₀A w) v to q.
@@ -16,6 +17,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.mechanics.actuator_forces import SHARE
 from fenics_rom.mechanics.contact_adjoint import ContactAdjoint
 from fenics_rom.runtime.steppers.adjoint import NONE, Reads, StateAdjoint, StepSlopes
 from fenics_rom.runtime.steppers.deformation_maps import LinearlyImplicitMaps, Slope, Taken
@@ -38,7 +40,7 @@ class LinearlyImplicitAdjoint(NamedTuple):
         """As in StepAdjoint."""
         maps, ω, size = self.maps, self.maps.ω, self.maps.strains.size
         body, strains, h, residual = maps.body, maps.strains, maps.h, maps.residual
-        rates, matrix = self.taken.rates, self.taken.matrix
+        rates = self.taken.rates
         before, carried_before, after_state, carried_after = self.states
         (e, r), (e_after, r_after) = before.reshape(2, -1), after_state.reshape(2, -1)
         q, q_after, v = e / ω, e_after / ω, (r + r_after) / 2
@@ -80,14 +82,18 @@ class LinearlyImplicitAdjoint(NamedTuple):
             rows[0] += strained_back(residual.part, reads.beyond)
             rows, of_residual = residual.pull_back(rows)
             by_force = by_force + of_residual
+        system = _HeldSystem.of(self, middle, after.reactions)
         if self.contact is not None:
-            φ = np.linalg.solve(matrix, v_) @ maps.Sᵀ + by_force
+            φ = system.solve(v_)[0] @ maps.Sᵀ + by_force
             moved = np.reshape(self.contact.pull_back(φ.reshape(-1, 3)), (3, -1))
             by_place, by_start, push = moved @ maps.Sᵀ.T
             q_, r_, v_ = q_ + by_place, r_ + by_start, v_ + push
             rows = rows if residual is None else rows + residual.of_points(moved)
-        y = np.linalg.solve(matrix, v_)
+        y, c_ = system.solve(v_)
         inputs, by_middle = maps.loads_back(self.u, middle, y)
+        by_strokes, of_middle, by_place, by_start = system.targets_back(q, r, v, y, c_)
+        inputs[maps.places] = by_strokes
+        by_middle, q_, r_ = by_middle + of_middle, q_ + by_place, r_ + by_start
         scale, strained = h / 2 + strains.viscosity, around.rates(y)
         middle_ += by_middle - strains.geometric(σ + strains.stressed(scale * rates)) @ y
         middle_ -= strains.geometric(strains.stressed(scale * strained)) @ v
@@ -104,8 +110,58 @@ class LinearlyImplicitAdjoint(NamedTuple):
         auxiliary = np.concatenate([ε_, σ_ - strained, start.velocity, rest_, rows.ravel()])
         state = np.concatenate([q_ / ω, r_])
         return StepSlopes(
-            StateAdjoint(state, NONE, auxiliary, start.forces, start.tangent), inputs + start.inputs, NONE, NONE
+            StateAdjoint(state, NONE, auxiliary, start.forces, start.tangent, start.reactions),
+            inputs + _without(start.inputs, maps.places),
+            NONE,
+            NONE,
         )
+
+
+class _HeldSystem(NamedTuple):
+    """The linear system of a step whose strokes are held, Bᵀv̂ = c, transposed."""
+
+    maps: LinearlyImplicitMaps
+    matrix: Array  # M (m, m)
+    middle: Array  # where its forces act (m,)
+    reactions: Array  # z (k,) of all strokes
+    held: Array  # (n,)
+    columns: Array  # B (m, n) of those that are held
+    z_: Array  # (n,)
+
+    @staticmethod
+    def of(step: "LinearlyImplicitAdjoint", middle: Array, reactions_: Array) -> "_HeldSystem":
+        """Of a step, and of what later ones owe to its reactions (k,)."""
+        maps, taken = step.maps, step.taken
+        z_ = reactions_[taken.held] if len(reactions_) else np.zeros(len(taken.held))
+        columns = np.array([maps.strokes[stroke].force(middle) for stroke in taken.held])
+        columns = columns.reshape(-1, len(middle)).T
+        return _HeldSystem(maps, taken.matrix, middle, taken.reactions, taken.held, columns, z_)
+
+    def solve(self, v_: Array) -> tuple[Array, Array]:
+        """What is owed to R (m,), and to c (n,)."""
+        y = np.linalg.solve(self.matrix, v_)
+        if not len(self.held):
+            return y, self.z_
+        spread = np.linalg.solve(self.matrix, self.columns)
+        c_ = np.linalg.solve(self.columns.T @ spread, self.columns.T @ y + self.z_)
+        return y - spread @ c_, c_
+
+    def targets_back(self, q: Array, r: Array, v: Array, y: Array, c_: Array) -> tuple[Array, Array, Array, Array]:
+        """What is owed to strokes (k,), and to the middle, q and r, (m,) each, of B z and of Bᵀv̂ = c."""
+        h, (by_strokes, of_middle, q_, r_) = self.maps.h, (np.zeros(len(self.reactions)), *np.zeros((3, len(q))))
+        for place, owed in zip(self.held, c_, strict=True):
+            stroke = self.maps.strokes[place]
+            by_strokes[place] = SHARE / h * owed
+            of_middle += stroke.pull_back(self.middle, self.reactions[place] * y - owed * v)
+            q_ += (1 - SHARE) * owed * stroke.pull_back(q, r) - SHARE / h * owed * stroke.stroke_slope(q)
+            r_ += (1 - SHARE) * owed * stroke.force(q)
+        return by_strokes, of_middle, q_, r_
+
+
+def _without(values: Array, places: Array) -> Array:
+    """The same with 0 at some places."""
+    values[places] = 0.0
+    return values
 
 
 class _TakenBack(NamedTuple):

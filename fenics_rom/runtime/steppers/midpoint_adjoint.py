@@ -6,6 +6,9 @@ With derivatives μ after the step and ψ of the law of contact (mechanics.conta
 
 and what the contact points' displacement and velocity at its start owe is added. As S v̂ = free + W f with the v̂ that
 the step came to, -y v̂ᵀ is what J owes to A, contact or not.
+
+Strokes that are held, Bᵀv̂ = c, have forces z of their own, so that A⁻¹ - A⁻¹B (BᵀA⁻¹B)⁻¹ BᵀA⁻¹ is in place of A⁻¹; what
+J owes to c is (BᵀA⁻¹B)⁻¹ BᵀA⁻¹ times what it owes to v̂.
 """
 
 from typing import NamedTuple
@@ -13,6 +16,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.mechanics.actuator_forces import SHARE
 from fenics_rom.mechanics.contact_adjoint import ContactAdjoint
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.residual_part import ResidualPart
@@ -20,14 +24,24 @@ from fenics_rom.runtime.steppers.adjoint import NONE, Reads, StateAdjoint, StepS
 from fenics_rom.runtime.steppers.residual_motion import ResidualMaps, carried_back, strained_back
 
 
+class MidpointStrokes(NamedTuple):
+    """Strokes that are given (k,), of which n are held."""
+
+    places: Array  # of all of them in the input (k,)
+    held: Array  # which (n,)
+    columns: Array  # B (m, n)
+    targets: Array  # (BᵀA⁻¹B)⁻¹ BᵀA⁻¹ (n, m)
+
+
 class MidpointMaps(NamedTuple):
     """Of one contact mode and step size."""
 
     model: ContactModel
     h: float  # s
-    a: Array  # A⁻¹, (m,) or (m, m)
+    a: Array  # A⁻¹, (m,) or (m, m); where strokes are held, of what they let go
     Sᵀ: Array  # (m, 3P); (m, 0) where nothing can touch
     residual: ResidualMaps | None
+    strokes: MidpointStrokes | None
 
 
 class MidpointAdjoint(NamedTuple):
@@ -42,7 +56,7 @@ class MidpointAdjoint(NamedTuple):
 
     def pull_back(self, after: StateAdjoint, reads: Reads) -> StepSlopes:
         """As in StepAdjoint."""
-        (model, h, a, Sᵀ, residual), rigid = self.maps, len(after.rigid)
+        (model, h, a, Sᵀ, residual, strokes), rigid = self.maps, len(after.rigid)
         ω, inverse_ω = np.sqrt(model.eigenvalues), 1 / model.safe_frequencies
         (e, r), (e_after, r_after) = self.before.reshape(2, -1), self.after.reshape(2, -1)
         μ_e, μ_r = (after.state + reads.energy * self.after).reshape(2, -1)
@@ -66,11 +80,18 @@ class MidpointAdjoint(NamedTuple):
             if residual is not None:
                 rows += residual.of_points(moved)
         y = a * to_v if a.ndim == 1 else a @ to_v
+        by_inputs = model.inputs.T @ y
+        if strokes is not None:
+            by_targets = strokes.targets @ to_v
+            by_inputs[strokes.places] = 0.0
+            by_inputs[strokes.places[strokes.held]] = SHARE / h * by_targets
+            to_q = to_q - SHARE / h * (strokes.columns @ by_targets)
+            to_r = to_r + (1 - SHARE) * (strokes.columns @ by_targets)
         start = np.concatenate([μ_e - ω * y, 2 / h * y - μ_r + to_r])
         start[rigid : len(e)] += (to_q * inverse_ω)[rigid:]
         along_ω = h * μ_e * v̂ - y * (e + h * ω * v̂) - (reads.q * e_after + to_q * e) * inverse_ω**2
         before = StateAdjoint(start, along_rigid + to_q[:rigid], rows.ravel())
-        return StepSlopes(before, model.inputs.T @ y, along_ω, spread((y, v̂), model.damping))
+        return StepSlopes(before, by_inputs, along_ω, spread((y, v̂), model.damping))
 
 
 class ResidualSwitch(NamedTuple):

@@ -2,15 +2,30 @@
 
 import math
 from contextlib import ExitStack
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
+from fenics_rom.mechanics.actuator_forces import SHARE
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion
-from fenics_rom.mechanics.hyperelastic import discrete_gradient_stress, linear_stress, moduli
+from fenics_rom.mechanics.hyperelastic import (
+    discrete_gradient_slopes,
+    discrete_gradient_stress,
+    linear_stress,
+    moduli,
+    strain,
+)
+from fenics_rom.runtime.steppers.adjoint import contact_adjoint, contact_solved
 from fenics_rom.runtime.steppers.finite_strain import FiniteStrainKernel, definite_inverse
 from fenics_rom.runtime.steppers.kernel import ContactWorks, StepWork, symmetric
+
+if TYPE_CHECKING:
+    from fenics_rom.mechanics.contact_adjoint import ContactAdjoint
+    from fenics_rom.runtime.steppers.adjoint import ContactSolved
+    from fenics_rom.runtime.steppers.balance_adjoint import BalanceAdjoint, BalancedPart
+    from fenics_rom.runtime.steppers.residual_motion import ResidualMaps
 
 CONVERGENCE_TOLERANCE = 1e-12  # of the largest force in a step
 STAGNATION_TOLERANCE = 1e-8  # of it: from here on round-off may be what is left
@@ -22,11 +37,24 @@ FAST_CONTRACTION = 0.1  # up to which the tangent of an earlier iteration will d
 Solution = tuple[Array, Array, ContactSolution | None, Array, StepWork]
 
 
+class Part(NamedTuple):
+    """A part of a step, as it was solved."""
+
+    h: float  # s
+    q: Array  # at its start
+    r: Array
+    v: Array  # v̂
+    reactions: Array
+    contact: "ContactSolved"
+    residual: "ResidualMaps | None"
+
+
 class Newton(FiniteStrainKernel):
     """Newton's iteration in every step. Arguments and attributes as in FiniteStrainKernel."""
 
     NOTES = ("distance", "cut")  # cut: how many steps
     _inverse: Array | None = None  # of the last tangent
+    _taken: tuple[Part, ...] = ()  # of the last step
 
     @property
     def energy(self) -> float:
@@ -101,7 +129,7 @@ class Newton(FiniteStrainKernel):
         q, r, h = self._coordinates().copy(), self._r.copy(), self.h / parts
         strokes, reactions = self._strokes_at(q), self.reactions
         u, given = (u, strokes) if self._actuators is None else self._actuators.split(u)
-        supplied = dissipated = 0.0
+        supplied, dissipated, taken = 0.0, 0.0, list[Part]()
         contact: ContactSolution | None = None
         contacts: ContactWorks = ()
         for part in range(parts):
@@ -111,10 +139,13 @@ class Newton(FiniteStrainKernel):
                 self._inverse = None  # it is of another length
                 return None
             v, force, heat, contact, reactions = solution
+            maps = None if self.residual is None else self.residual.maps
+            taken.append(Part(h, q, r, v, reactions, contact_solved(self._interface), maps))
             residual, heat_of_residual = self._step_residual(contact)
             supplied, dissipated = supplied + h * float(force.dot(v)), dissipated + heat + heat_of_residual
             contacts += self._contacts(v, contact, h, residual)
             q, r = q + h * v, 2 * v - r
+        self._taken = tuple(taken)
         return q, r, contact, reactions, StepWork(supplied, dissipated, contacts)
 
     def _solved(
@@ -194,6 +225,56 @@ class Newton(FiniteStrainKernel):
         if self._interface is not None:
             self._delassus = self._with_residual(symmetric(self._Sᵀ.T @ inverse @ self._Sᵀ))
         return inverse
+
+    def adjoint(self, u: Array) -> "BalanceAdjoint":
+        """As in Kernel."""
+        u = u if self._actuators is None else self._actuators.split(u)[0]
+        solved = [contact_adjoint(self._interface, part.contact) for part in self._taken]
+        parts = [self._balanced_part(u, part, contact) for part, (contact, _) in zip(self._taken, solved, strict=True)]
+        reactions = [part.reactions for part in self._taken]
+        is_kink = any(kink for _, kink in solved)
+        return self._balance_adjoint(parts[::-1], reactions[::-1], self._taken[0].q, is_kink)
+
+    def _balanced_part(self, u: Array, part: Part, contact: "ContactAdjoint | None") -> "BalancedPart":
+        """A part of a step under forces u (p,), as the linear map that it is nearby."""
+        from fenics_rom.runtime.steppers.balance_adjoint import BalancedPart, HeldStrokes
+
+        body, (h, q, r, v, reactions, _, residual), m = self._body, part, self._model.order
+        middle, end = q + h / 2 * v, q + h * v
+        H, H_start, H_end = (body.displacement_gradients(at) for at in (middle, q, end))
+        E, E_end = strain(H_start), strain(H_end)
+        viscous = moduli("st_venant_kirchhoff", E, body.viscosity * body.first_lame, body.viscosity * body.shear) / h
+        rates = linear_stress((E_end - E) / h, body.viscosity * body.first_lame, body.viscosity * body.shear)
+        S = body.weights * (discrete_gradient_stress(body.law, E, E_end, body.first_lame, body.shear) + rates)
+        A = body.strain_rates(H).reshape(-1, m)
+        of_start, of_end = discrete_gradient_slopes(body.law, E, E_end, body.first_lame, body.shear)
+        by_start, by_end = (
+            A.T @ np.einsum("cdp,dpk->cpk", body.weights * slope, body.strain_rates(at)).reshape(-1, m)
+            for slope, at in ((of_start - viscous, H_start), (of_end + viscous, H_end))
+        )
+        turned = body.springs + body.geometric(S) - self._load_slopes(u, reactions, middle)
+        _, strokes = self._held_strokes(reactions)
+        slopes = [stroke.slope(middle).T @ v for stroke in strokes]  # of Bᵀv̂ with the middle
+        at_start = [stroke.force(q) for stroke in strokes]
+        moved = [stroke.stroke_slope(q) for stroke in strokes]
+        bent = [stroke.slope(q).T @ r for stroke in strokes]
+        columns = _rows([stroke.force(middle) for stroke in strokes], m)
+        held = HeldStrokes(
+            columns.T,
+            columns + h / 2 * _rows(slopes, m),
+            _rows(slopes, m) + SHARE / h * _rows(moved, m) - (1 - SHARE) * _rows(bent, m),
+            (SHARE - 1) * _rows(at_start, m),
+            -SHARE / h,
+        )
+        by_velocity = 2 / h * np.eye(m) + body.external_damping + h / 2 * turned + h * by_end
+        by_shape = turned + by_start + by_end
+        inputs = self._input_columns(middle)
+        return BalancedPart(h, 2 / h, by_velocity, by_shape, inputs, held, self._Sᵀ, contact, residual)
+
+
+def _rows(vectors: list[Array], m: int) -> Array:
+    """Vectors (m,) as rows, (n, m)."""
+    return np.array(vectors).reshape(-1, m)
 
 
 def is_solved(error: float, before: float, scale: float) -> bool:

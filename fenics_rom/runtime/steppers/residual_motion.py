@@ -61,6 +61,11 @@ class ResidualMaps(NamedTuple):
         rows = self.step[:4].T @ after
         return rows[:4], rows[4] + self.part.compliance @ rows[5]
 
+    @property
+    def delassus(self) -> Array:
+        """As ResidualMotion.delassus."""
+        return self.step[5, 5] * self.part.compliance
+
     def of_points(self, moved: Array) -> Array:
         """Those of what it adds to displacement, velocity and free mid-step velocity of the points, (3, 3P)."""
         return self.added.T @ moved

@@ -271,6 +271,12 @@ class FiniteStrainStepper(ReducedStepper):
         self._enter(contact)
         return 0.0
 
+    def switch_adjoint(self, contact: str) -> "SwitchAdjoint":
+        """As in ReducedStepper."""
+        from fenics_rom.runtime.steppers.adjoint import SameBasis
+
+        return SameBasis()
+
     def _kernel_of(self, contact: str) -> Kernel:
         self._only_kernel.enter(self._rom.contact_models[contact])
         return self._only_kernel
