@@ -28,12 +28,14 @@ def simulate(
     profile: bool = False,
     rate: bool = False,
     stepper: str | None = None,
+    arc_length: bool = False,
     report: Report = silent,
 ) -> Trajectory:
     """Runs a model through a load history from rest.
 
     A scene, or the system assembled from it, is run at full order, which every MPI rank must call; a ROM is run
-    reduced, and a world with its ROMs. `scene`, `profile`, `rate` and `stepper` are for ROMs; a world has `rate`, too.
+    reduced, and a world with its ROMs. `scene`, `profile`, `rate` and `stepper` are for ROMs; a world has `rate`, too;
+    `arc_length` is for full order.
 
     Args:
         model: what to run, or the name of the file of a scene, a world or a ROM.
@@ -46,6 +48,10 @@ def simulate(
         rate: whether to run it once more to measure the wall clock of its steps, `settings["seconds"]`; a run at
             full order always measures it.
         stepper: of a body with large deformation, as in Simulator.
+        arc_length: whether loads are to grow and shrink along the equilibrium path of a body that deforms largely and
+            has no inertia, on beyond its limit points: from nothing to what the run has at its end, in as many steps as
+            the run has, or fewer, the first with about an equal share. Beside them there is what always acts; `inputs`
+            tells how much there was of each, and `warnings` of limit points.
         report: called with the stage, how much of it is done, and of how much.
 
     Raises:
@@ -65,7 +71,7 @@ def simulate(
             reader = ("scene.world_file", "read_world")
         model = load(*reader)(model)
     if isinstance(model, WorldScene):
-        refused = {"scene": scene, "signals": signals, "profile": profile, "stepper": stepper}
+        refused = {"scene": scene, "signals": signals, "profile": profile, "stepper": stepper, "arc_length": arc_length}
         given = [name for name, value in refused.items() if value]
         if given:
             raise SceneError(f"simulate: {', '.join(given)} cannot be used with a WorldScene")
@@ -75,6 +81,8 @@ def simulate(
     of_any: dict[str, Any] = {"dt": dt, "every": every, "signals": signals, "report": report}
     of_roms: dict[str, Any] = {"scene": scene, "profile": profile, "rate": rate, "stepper": stepper}
     if isinstance(model, Rom):
+        if arc_length:
+            raise SceneError("simulate: arc_length cannot be used with a Rom; allowed with a Scene or a System")
         from fenics_rom.runtime.simulate import simulate as simulate_rom
 
         return simulate_rom(model, **of_roms, **of_any)
@@ -88,7 +96,7 @@ def simulate(
             f"simulate: {', '.join(given)} cannot be used with a {type(model).__name__}, which is run at full order; "
             "allowed with a Rom"
         )
-    trajectory: Trajectory = load("fem.simulate", "simulate")(model, **of_any)
+    trajectory: Trajectory = load("fem.simulate", "simulate")(model, arc_length=arc_length, **of_any)
     return trajectory
 
 

@@ -23,6 +23,7 @@ from dynamics import flag_that_falls, twisted_column
 from plain_newton import time_beside_plain_newton
 from rubber import cook, pressed_cube
 from solids import LARGE, MIDDLE, PLANE_STRAIN, Row, bar, mesh_of, tip_under
+from toggle import toggle
 
 from fenics_rom.errors import FenicsRomWarning
 from fenics_rom.io.markdown import markdown
@@ -125,7 +126,7 @@ def tapered_membrane(quick: bool) -> Iterator[Row]:
 
 
 CASES = (princeton, curved_cantilever, heavy_cantilever, flag, tapered_membrane, cook, pressed_cube, flag_that_falls,
-         twisted_column)  # fmt: skip
+         twisted_column, toggle)  # fmt: skip
 
 
 def main() -> int:

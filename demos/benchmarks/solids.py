@@ -35,7 +35,7 @@ class Row(NamedTuple):
 
 def bar(bricks: tuple[int, int, int], place: Callable[[Array], Array], young: float, poisson: float, density: float,
         effects: str = LARGE, supports: str = "", clamped: str = '"left"',
-        integration: str = "full", corner: Sequence[float] = ()) -> fr.System:  # fmt: skip
+        integration: str = "full", corner: Sequence[float] = (), run: str = "") -> fr.System:  # fmt: skip
     """A bar of quadratic tetrahedra: bricks of a unit cube that are put in place, clamped where x was 0.
 
     A corner is a material point that is read, too.
@@ -63,6 +63,7 @@ surface = "right"
 force = "resultant"
 [outputs.tip]
 surface = "right"
+{f"[run]{chr(10)}{run}" if run else ""}
 {f"[outputs.corner]{chr(10)}points = [{list(map(float, corner))}]" if len(corner) else ""}
 [effects]
 {effects}"""

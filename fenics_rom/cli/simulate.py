@@ -23,6 +23,11 @@ def add_options(command: argparse.ArgumentParser) -> None:
     add_output(command, "RUN.h5")
     command.add_argument("--dt", type=float, metavar="S", help="time step instead of the scene's, s")
     command.add_argument("--every", type=int, metavar="N", help="keep every N-th step alone, instead of the scene's")
+    command.add_argument(
+        "--arc-length",
+        action="store_true",
+        help="of a scene without inertia: follow loads along the path of equilibria, beyond limit points",
+    )
     group = command.add_argument_group("of a ROM")
     group.add_argument("--scene", metavar="SCENE", help="take load history and effects of this scene")
     group.add_argument("--order", type=int, metavar="M", help="run at a lower order than the ROM's")
@@ -39,6 +44,9 @@ def run(choice: argparse.Namespace) -> None:
     """Simulates, and writes the run."""
     check_output(choice.output, choice.model, choice.scene)
     with progress() as report:
+        is_scene = not (is_rom_file(choice.model) or is_world_file(choice.model))
+        if choice.arc_length and not is_scene:
+            choice.wrong_usage(f"--arc-length: for a scene, run at full order; {choice.model} is none")
         if is_rom_file(choice.model):
             if choice.petsc_words:
                 choice.wrong_usage(f"{choice.petsc_words[0]} is for a scene; {choice.model} is a ROM")
@@ -61,7 +69,8 @@ def run(choice: argparse.Namespace) -> None:
             from fenics_rom.reduction.rigid_mode_deflation import first_frequency
 
             system = fr.assemble(fr.read_scene(choice.model))
-            trajectory = fr.simulate(system, dt=choice.dt, every=choice.every, report=report)
+            chosen = {name: getattr(choice, name) for name in ("dt", "every", "arc_length")}
+            trajectory = fr.simulate(system, **chosen, report=report)
             settings = {**trajectory.settings, "first_frequency": first_frequency(system)}
             trajectory = replace(trajectory, settings=settings)
     fr.write_trajectory(choice.output, trajectory)

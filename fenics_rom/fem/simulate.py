@@ -6,8 +6,9 @@ from collections.abc import Iterator, Mapping
 
 from numpy import ndarray as Array
 
-from fenics_rom.errors import FenicsRomWarning
+from fenics_rom.errors import FenicsRomWarning, SceneError
 from fenics_rom.fem.assemble import assemble
+from fenics_rom.fem.finite_strain.arc_length import ArcLength
 from fenics_rom.fem.finite_strain.stepper import FiniteStrainStepper
 from fenics_rom.fem.simulator import FullOrderSimulator
 from fenics_rom.io.progress import Report, silent
@@ -28,6 +29,7 @@ def simulate(
     dt: float | None = None,
     every: int | None = None,
     signals: Mapping[str, SignalLike] | None = None,
+    arc_length: bool = False,
     report: Report = silent,
 ) -> Trajectory:
     """Runs the full-order model through the load history from rest; every rank must call it.
@@ -37,18 +39,22 @@ def simulate(
     system = assemble(scene) if isinstance(scene, Scene) else scene
     environment, history = _run_of(system, dt, every)
     assert environment.run is not None
+    if arc_length:
+        check_arc_length(environment)
     body = FullOrderSimulator(system, history.dt, environment, signals)
     recorder = TrajectoryRecorder(
         system, environment, history.steps, history.dt, snapshots=environment.run.snapshots, every=history.every
     )
     body.switch(history.first_contact())
     lost = body.begin(environment.run.initial, history) if environment.run.initial else []
+    path = ArcLength(1 / history.steps, report) if arc_length else None
+    steps = _steps(body, history) if path is None else _steps_along(body, history, path)
     recorder.sample(0, body)
     monitor: SurfaceMonitor | InversionMonitor = SurfaceMonitor(system)
     if isinstance(body.stepper, FiniteStrainStepper):
         monitor, body.stepper.report = InversionMonitor(body.stepper), report
     seconds = 0.0
-    for step, (u, spent) in enumerate(_steps(body, history), start=1):
+    for step, (u, spent) in enumerate(steps, start=1):
         seconds += spent
         if step % MONITOR_INTERVAL == 0:
             monitor.look(body.stepper.shape, body.time)
@@ -61,8 +67,33 @@ def simulate(
         model="full",
         settings={"dt": history.dt, "seconds": seconds, "order": system.size},
         tendons=system.scene.environment.tendons,
-        warnings=(*system.warnings, *lost, *filter(None, [monitor.summary]), *body.stepper.diagnostics()),
+        warnings=(
+            *system.warnings,
+            *lost,
+            *filter(None, [monitor.summary]),
+            *body.stepper.diagnostics(),
+            *([] if path is None else path.diagnostics),
+        ),
+        stepping="" if path is None else "arc-length: it was asked for",
     )
+
+
+def check_arc_length(environment: Environment) -> None:
+    """A SceneError where a scene has no equilibrium path that loads could be put on along."""
+    effects, run = environment.effects, environment.run
+    wrong = {
+        "no effects.large_deformation, without which a path is straight": "large_deformation" not in effects,
+        "effects.inertia, so that it moves": environment.has_inertia,
+        "effects.contact, which makes paths with kinks": environment.contact_law is not None,
+        "actuators by stroke or tendons with friction, whose forces are found": environment.finds_forces,
+        "no run.load that could grow": run is None or not run.loads,
+    }
+    has = next((what for what, is_so in wrong.items() if is_so), None)
+    if has:
+        raise SceneError(
+            f"{environment.source}: arc_length: the scene has {has}; allowed are equilibria of a body that deforms "
+            "largely, under forces of [[run.load]] and what is always there"
+        )
 
 
 def plain_rate(system: System, dt: float, seconds: float = 0.02, windows: int = 25) -> float:
@@ -139,6 +170,20 @@ def _run_of(system: System, dt: float | None, every: int | None = None) -> tuple
         {name: B.shape[1] for name, B in blocks.items()} for blocks in (system.contacts, system.actuators)
     )
     return environment, LoadHistory(environment, contacts, actuators, dt, every)
+
+
+def _steps_along(body: FullOrderSimulator, history: LoadHistory, path: ArcLength) -> Iterator[tuple[Array, float]]:
+    """Takes steps along the path of the loads at the end of a history; inputs and wall clock, s, of each.
+
+    A path that ends sooner than the history is stayed at the end of.
+    """
+    contact, u = history.at((history.steps - 0.5) * history.dt, history.first_contact())
+    body.switch(contact)
+    for _ in range(history.steps):
+        start = time.perf_counter()
+        if not path.is_complete:
+            body.step_along(path, u, history.steps * history.dt)
+        yield path.factor * u, time.perf_counter() - start
 
 
 def _steps(body: FullOrderSimulator, history: LoadHistory) -> Iterator[tuple[Array, float]]:

@@ -7,6 +7,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError, check_known
+from fenics_rom.fem.finite_strain.arc_length import ArcLength
 from fenics_rom.fem.finite_strain.stepper import FiniteStrainStepper
 from fenics_rom.fem.frame_stepper import MovingFrameStepper
 from fenics_rom.fem.linear_stepper import FullOrderStepper
@@ -16,6 +17,7 @@ from fenics_rom.mechanics.environment import Environment
 from fenics_rom.mechanics.initial_state import InitialState, lost_messages, missing_share
 from fenics_rom.mechanics.load_history import LoadHistory
 from fenics_rom.mechanics.signals import SignalLike
+from fenics_rom.mechanics.step import StepInput
 from fenics_rom.system.system import System
 
 
@@ -126,6 +128,20 @@ class FullOrderSimulator:
             stepper.switch(before)
             raise
         self.environment.commit(inputs, stepper.dt)
+
+    def step_along(self, path: ArcLength, u: Array, end: float) -> None:
+        """Takes a step along the equilibrium path of u, of contact columns and actuators, that grows from nothing.
+
+        Beside it there is what acts by itself at the end of a run, s. Only without inertia, contact and given strokes.
+        """
+        assert isinstance(self.stepper, FiniteStrainStepper)
+
+        def inputs_at(factor: float) -> StepInput:
+            return self.environment.step_input(factor * u, end, 0.0)
+
+        if not path.steps:
+            self.stepper.equilibrium(inputs_at(0.0))
+        self.stepper.step_along(path, inputs_at)
 
     def reading(self, name: str) -> Array:
         """A reading of the scene as it is now; of contact pressure in the last step. Its shape and unit: see Readings.

@@ -98,7 +98,8 @@ class FactoredTangent:
         place = nodes[np.square(model.nodal_field(φ)).sum(axis=1).argmax()]
         return (
             f", as the body comes to a limit point: the tangent keeps {share:.2g} of its stiffness without stress "
-            f"against a motion that is largest at ({', '.join(f'{x:.3g}' for x in place)}) m"
+            f"against a motion that is largest at ({', '.join(f'{x:.3g}' for x in place)}) m; "
+            "`arc_length` follows its equilibria beyond it"
         )
 
     def _weakest(self, trial: TrialStep, model: FiniteStrainModel) -> tuple[float, Array]:

@@ -1,5 +1,6 @@
 """Steps of a full-order body that deforms largely: energy-consistent midpoint steps, or equilibria without inertia."""
 
+from collections.abc import Callable
 from contextlib import suppress
 from typing import Any
 
@@ -9,6 +10,7 @@ from numpy import ndarray as Array
 from fenics_rom.errors import SolverError, StepError
 from fenics_rom.fem.direct import PetscFactor
 from fenics_rom.fem.finite_strain.account import book_equilibrium, book_motion
+from fenics_rom.fem.finite_strain.arc_length import ArcLength, PathStart
 from fenics_rom.fem.finite_strain.equilibria import FactoredTangent, solve_equilibrium
 from fenics_rom.fem.finite_strain.follower_loads import FollowerLoad, TendonPull
 from fenics_rom.fem.finite_strain.found_forces import ForcesInNewton, FoundForces
@@ -145,6 +147,26 @@ class FiniteStrainStepper(FullOrderBody):
         """Brings the body to rest, under inputs put on in as many parts as it takes."""
         self._predictor.forget()
         self._advance(inputs, quasi_static=True)
+
+    def step_along(self, path: ArcLength, inputs_at: Callable[[float], StepInput]) -> None:
+        """Goes on along the equilibrium path of inputs, which are given by load factor, as far as a step of it goes.
+
+        Raises:
+            StepError: an input is not finite.
+            SolverError: as ArcLength.step.
+        """
+        assert self._tangent is not None
+
+        def load(factor: float) -> ExternalForce:
+            return self._load(inputs_at(factor).u)[0]
+
+        equation, solution = path.step(PathStart(self._model, self._start, load, self.dt, self._tangent))
+        book_equilibrium(self, equation, solution, None)
+        self.newton, self.negative_pivots = solution.iterations, self._tangent.negative_pivots
+        self._following = equation.external.following
+        x, v = self.x + self.dt * solution.trial.v, np.zeros_like(self.x)
+        self._arrive(x, v, solution.trial.stresses.F_end - IDENTITY)
+        self.time += self.dt
 
     def rollback(self) -> None:
         """See Stepper."""
@@ -307,7 +329,8 @@ class FiniteStrainStepper(FullOrderBody):
             self._unstable = self._unstable or (
                 f"at t = {self.time:.6g} s, at {done:.3g} to {done + share:.3g} of the step's change of load, the body "
                 f"comes to a limit point or buckles: from there on its equilibrium is not stable ({negative_pivots} "
-                "negative pivots of the tangent), and a real one would leave it; a run with inertia tells where to"
+                "negative pivots of the tangent), and a real one would leave it; a run with inertia tells where to; "
+                "`arc_length` goes on along equilibria"
             )
         self.negative_pivots = negative_pivots
 
