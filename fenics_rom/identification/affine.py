@@ -230,6 +230,14 @@ class AffineSystem:
             outputs={name: inner(C, basis) for name, C in plain.outputs.items()},
         )
 
+    def strained(self, material: int, columns: Array) -> tuple[Array, Array]:
+        """Λ_i and G_i of a material times columns (rows here, k)."""
+        plain = self.plain.stiffness @ columns
+        dilated = self._dilated[material].stiffness @ columns - plain
+        if material:
+            return dilated, self._sheared[material - 1].stiffness @ columns - plain
+        return dilated, plain - sum(s.stiffness @ columns - plain for s in self._sheared)
+
     def _gravity(self, basis: Array, acceleration: Sequence[float], column: int) -> GravityParts:
         """Of an acceleration, m/s², among the inputs in a column, from behind."""
         weighed, *heavier = (self.plain.algebra.inner(basis, weight_columns(s)) for s in (self.plain, *self._dilated))

@@ -11,18 +11,17 @@ Derivatives are differences of runs at slightly other values, all at once (`defo
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.fem.assemble import assemble
-from fenics_rom.identification.affine import AffineDecomposition, AffineSystem, weight_columns
+from fenics_rom.identification.affine import AffineDecomposition, AffineSystem, lame_parameters, weight_columns
 from fenics_rom.identification.deformable_bodies import DeformableBodies, DeformablePoints
 from fenics_rom.identification.experiment import Experiment, interpolate_instants
 from fenics_rom.identification.full_order import FullOrderAnswer
-from fenics_rom.identification.parameters import FIRST_CLOCK, POISSON, YOUNG, scene_with
+from fenics_rom.identification.parameters import FIRST_CLOCK, POISSON, YOUNG
 from fenics_rom.reduction.balancing import choose_order
 from fenics_rom.reduction.common_basis import significant_eigenpairs
 from fenics_rom.reduction.hyperreduction.cubature import fit_cubature
@@ -139,7 +138,7 @@ def make_deformable_model(
     assert scene is not None
     assert deformation is not None
     fields = np.zeros((system.local_size, 2)) if experiment.start is None else experiment.start.fields
-    columns = np.hstack([answer.shapes, *_changed_shapes(system, θ, answer.shapes, tilting)])
+    columns = np.hstack([answer.shapes, *_changed_shapes(affine, system, θ, answer.shapes, tilting)])
     w, E = significant_eigenpairs(inner(columns, system.mass @ columns))
     m = choose_order(np.sqrt(w), None, BASIS_TOLERANCE)
     W = columns @ (E[:, :m] / np.sqrt(w[:m]))
@@ -178,21 +177,22 @@ def make_deformable_model(
     )
 
 
-def _changed_shapes(system: System, θ: Array, shapes: Array, tilting: bool) -> Iterator[Array]:
+def _changed_shapes(affine: AffineSystem, system: System, θ: Array, shapes: Array, tilting: bool) -> Iterator[Array]:
     """How shapes (rows here, s) change with Poisson's ratio of each material and, where there are several, with E.
 
-    That is at small strain, under the forces that hold them: (K⁻¹ K' - 1) x of another stiffness K'. And how weight
+    That is at small strain, under the forces that hold them: K⁻¹ (K' - K) x of another stiffness K'. And how weight
     changes them where gravity is tilting.
     """
     assert system.scene is not None
-    linear = replace(system.scene, effects=replace(system.scene.effects, large_deformation=None))
     kinds = {POISSON: -POISSON_CHANGE} | ({YOUNG: YOUNG_CHANGE} if len(θ) > 2 else {})
+    moduli, gravity = np.array(lame_parameters(θ)), system.scene.effects.gravity
     with closing(system.algebra.factor((1.0, system.stiffness))) as factor:
         for row in range(len(θ) - 1):
+            dilated, sheared = affine.strained(row, shapes)
             for column, change in kinds.items():
                 other = θ.copy()
                 other[row, column] += change * (1.0 if column == POISSON else θ[row, column])
-                yield factor.solve(assemble(scene_with(linear, other)).stiffness @ shapes) - shapes
-        if tilting and system.scene.effects.gravity is not None:
-            size = np.linalg.norm(system.scene.effects.gravity.acceleration)
-            yield factor.solve(TILT_CHANGE * size * weight_columns(system))
+                dλ, dμ = (lame_parameters(other) - moduli)[:, row]
+                yield factor.solve(dλ * dilated + dμ * sheared)
+        if tilting and gravity is not None:
+            yield factor.solve(TILT_CHANGE * np.linalg.norm(gravity.acceleration) * weight_columns(system))

@@ -27,6 +27,8 @@ SPAN_TOLERANCE = 1e-4  # of q, before all of it is looked at
 PRIOR_WEIGHT = 0.01  # share of what is measured that a factor of e is worth, before all of it is looked at
 CONVERGENCE_TOLERANCE = 0.02  # share of the 95 % interval by which a new basis may move a parameter
 MIN_MOVE = 1e-8  # of q, where the interval is shorter than that
+NEAR = 0.03  # of q, that models are followed to where the full order has the last steps
+MAX_FULL_ORDER_STEPS = 8
 
 
 @dataclass(frozen=True)
@@ -50,14 +52,36 @@ class FitProblem:
     experiment: Experiments  # all that was measured
     model_at: Callable[[Array], JointModel]  # makes the model whose basis is best at θ
     comm: Any  # of the ranks, of which the first searches, so that all decide alike
+    # The full order's derivatives where a model was made; None: the model's own are those.
+    derivatives_at: Callable[[JointModel, Array, Sequence[Array]], Array] | None = None
 
     def values(self, q: Array) -> Array:
         """θ at q."""
         return values_at(self.start, self.parameters, q)
 
+    def directions(self, q: Array) -> list[Array]:
+        """dθ/dq of each parameter."""
+        return directions_at(self.start, self.parameters, q)
+
+    def step(self, q: Array, predicted: Array, jacobian: Array) -> tuple[Array, float]:
+        """The step of Gauss and Newton from q, (p,), and how many times what is negligible it is."""
+
+        def search() -> Array:
+            newton = np.linalg.lstsq(jacobian, self.experiment.measured - predicted, rcond=None)[0]
+            lowest = [parameter.lowest for parameter in self.parameters]
+            return np.maximum(q + np.clip(newton, -TRUST_RADIUS, TRUST_RADIUS), lowest) - q
+
+        step = run_on_rank_0(self.comm, search)
+        return step, float(np.max(np.abs(step) / self.negligible(predicted, jacobian)))
+
+    def negligible(self, predicted: Array, jacobian: Array) -> Array:
+        """Moves of q (p,) that nobody would care for."""
+        widths = interval_half_widths(self.experiment.measured - predicted, jacobian)
+        return np.maximum(CONVERGENCE_TOLERANCE * widths, MIN_MOVE)
+
     def linearize(self, model: JointModel, experiment: Experiments, q: Array) -> tuple[Array, Array]:
         """What a model says of an experiment, and its Jacobian."""
-        return model.linearize(experiment, self.values(q), directions_at(self.start, self.parameters, q))
+        return model.linearize(experiment, self.values(q), self.directions(q))
 
 
 def fit_parameters(problem: FitProblem, q: Array, model: JointModel, report: Callable[[int, int], None]) -> Fit:
@@ -76,10 +100,8 @@ def fit_parameters(problem: FitProblem, q: Array, model: JointModel, report: Cal
             predicted, jacobian = problem.linearize(model, part, q)
             moved = np.abs(q - centre)
             if last:
-                negligible = np.maximum(
-                    CONVERGENCE_TOLERANCE * interval_half_widths(part.measured - predicted, jacobian), MIN_MOVE
-                )
-                converged = bool((moved <= negligible).all())
+                near = 0.0 if problem.derivatives_at is None else NEAR
+                converged = bool((moved <= np.maximum(problem.negligible(predicted, jacobian), near)).all())
                 if converged or bases >= MAX_BASES:
                     report(len(spans), len(spans))
                     return Fit(q, model, predicted, jacobian, bases, converged)
@@ -87,6 +109,30 @@ def fit_parameters(problem: FitProblem, q: Array, model: JointModel, report: Cal
                 break
             model, centre, bases = problem.model_at(problem.values(q)), q, bases + 1
     raise AssertionError("unreachable")
+
+
+def finish_at_full_order(
+    problem: FitProblem, fit: Fit, derivatives_at: Callable[[JointModel, Array, Sequence[Array]], Array]
+) -> Fit:
+    """Gauss and Newton's steps at full order, from where models have brought a fit whose derivatives are but near.
+
+    Where a model was made it says what the full order says. Derivatives are kept while steps shrink by half each time.
+    """
+    q, jacobian, before = fit.q, None, np.inf
+    for bases in range(fit.bases + 1, fit.bases + MAX_FULL_ORDER_STEPS + 1):
+        θ = problem.values(q)
+        model = problem.model_at(θ)
+        predicted = model.predict(problem.experiment, θ)
+        if jacobian is not None:
+            step, size = problem.step(q, predicted, jacobian)
+        if jacobian is None or size > before / 2:
+            jacobian = derivatives_at(model, θ, problem.directions(q))
+            step, size = problem.step(q, predicted, jacobian)
+        fit = Fit(q, model, predicted, jacobian, bases, converged=size <= 1)
+        if fit.converged:
+            break
+        q, before = q + step, size
+    return fit
 
 
 def time_spans(experiment: Experiments) -> list[float]:

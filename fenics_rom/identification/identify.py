@@ -10,7 +10,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.errors import DataError, FenicsRomWarning, SolverError
 from fenics_rom.identification.experiment import Experiments
-from fenics_rom.identification.fit import MAX_BASES, Fit, FitProblem, fit_parameters
+from fenics_rom.identification.fit import MAX_BASES, Fit, FitProblem, finish_at_full_order, fit_parameters
 from fenics_rom.identification.marker_data import Data, Motion, clocks_of, read_markers
 from fenics_rom.identification.parameters import (
     Parameter,
@@ -82,12 +82,17 @@ def identify(
     def model_at(θ: Array) -> JointModel:
         return JointModel(tuple(recording.model_at(θ, report) for recording in recordings))
 
+    def derivatives_at(model: JointModel, θ: Array, directions: Sequence[Array]) -> Array:
+        pairs = zip(recordings, model.models, strict=True)
+        return experiment.joined([one.derivatives_at(θ, directions, own, report) for one, own in pairs])
+
     comm = recordings[0].system.algebra.comm  # type: ignore[attr-defined]
-    problem = FitProblem(values_of(scene, len(motions)), sought, experiment, model_at, comm)
+    deforms_largely = any(recording.deforms_largely for recording in recordings)
+    at_full_order = derivatives_at if deforms_largely else None
+    problem = FitProblem(values_of(scene, len(motions)), sought, experiment, model_at, comm, at_full_order)
     problem, fit, unidentifiable = _fit_determined(problem, lambda done, of: report("time spans", done, of))
     θ = problem.values(fit.q)
-    with warnings.catch_warnings(action="ignore", category=FenicsRomWarning):  # they are among the messages
-        answers = [recording.answer_at(θ, report) for recording in recordings]
+    answers = [recording.answer_at(θ, report) for recording in recordings]
     full = [answer.predictions(part, θ) for answer, part in zip(answers, experiment.parts, strict=True)]
     finer = Experiments(tuple(recording.finer for recording in recordings))
     result = Identification(
@@ -100,6 +105,7 @@ def identify(
         full=experiment.joined(full),
         finer=fit.model.predict(finer, θ),
         jacobian=fit.jacobian,
+        full_order_jacobian=deforms_largely,
         order=fit.model.order,
         bases=fit.bases,
     )
@@ -142,6 +148,8 @@ def _fit_determined(
         problem, q = _fix(problem, q, blind, unidentifiable)
     while True:
         fit = fit_parameters(problem, q, model, report)
+        if fit.converged and problem.derivatives_at is not None:
+            fit = finish_at_full_order(problem, fit, problem.derivatives_at)
         residual = problem.experiment.measured - fit.predicted
         p = len(problem.parameters)
         uncertainty = t_quantile(len(residual) - p) * noise_deviation(residual, p)

@@ -11,13 +11,13 @@ from numpy import ndarray as Array
 from fenics_rom.errors import FenicsRomWarning, SceneError
 from fenics_rom.fem.assemble import assemble
 from fenics_rom.identification.affine import AffineSystem
-from fenics_rom.identification.deformable_model import make_deformable_model
+from fenics_rom.identification.deformable_model import DIFFERENCE, make_deformable_model
 from fenics_rom.identification.experiment import Experiment, Experiments, make_experiment
 from fenics_rom.identification.full_order import FullOrderAnswer, answer_of
 from fenics_rom.identification.marker_data import Data, Equilibria, Motion
-from fenics_rom.identification.parameters import scene_with, values_of
+from fenics_rom.identification.parameters import FIRST_CLOCK, scene_with, values_of
 from fenics_rom.identification.reduced_model import ReducedModel, make_basis
-from fenics_rom.io.progress import Report
+from fenics_rom.io.progress import Report, silent
 from fenics_rom.scene.scene import Scene
 from fenics_rom.system.system import System
 
@@ -124,12 +124,34 @@ class Recording:
         return ReducedModel(parts, None if start is None else system.algebra.inner(basis, start.fields))
 
     def answer_at(self, θ: Array, report: Report) -> FullOrderAnswer:
-        """What the full order says."""
-        return answer_of(self._system_at(θ), self.experiment, report)
+        """What the full order says; what it warns of is in the answer."""
+        with warnings.catch_warnings(action="ignore", category=FenicsRomWarning):
+            return answer_of(self._system_at(θ), self.experiment, report)
+
+    def derivatives_at(self, θ: Array, directions: Sequence[Array], model: Model, report: Report) -> Array:
+        """How what the full order says changes in directions of θ, (N, directions), where a model was made at θ.
+
+        Of a linear body they are the model's own; of one that deforms largely differences of full-order runs, one for
+        each direction but of clocks.
+        """
+        said, slopes = model.linearize(self.experiment, θ, directions)
+        if self.deforms_largely:
+            for k, dθ in enumerate(directions):
+                report("full-order derivatives", k, len(directions))
+                if dθ[:, :FIRST_CLOCK].any():
+                    after = self.answer_at(θ + DIFFERENCE * dθ, silent)
+                    slopes[:, k] = (after.predictions(self.experiment, θ) - said) / DIFFERENCE
+            report("full-order derivatives", len(directions), len(directions))
+        return slopes
+
+    @property
+    def deforms_largely(self) -> bool:
+        """Whether the body does."""
+        return self._scene.effects.large_deformation is not None
 
     def _system_at(self, θ: Array) -> System:
         scene = scene_with(self._scene, θ)
-        if scene.run is not None and scene.effects.large_deformation is not None:
+        if scene.run is not None and self.deforms_largely:
             scene = replace(scene, run=replace(scene.run, snapshots=max(scene.run.snapshots, LEAST_SNAPSHOTS)))
         return assemble(scene)
 

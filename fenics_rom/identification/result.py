@@ -67,6 +67,8 @@ class Identification:
         full: by the full order, (N,), m.
         finer: by the reduced model with steps half as long, (N,), m.
         jacobian: of the predictions, with respect to the coordinates q of those found, (N, p), m.
+        full_order_jacobian: whether it is of differences of full-order runs, as where a body deforms largely; otherwise
+            it is exact, of the reduced model.
         order: displacements of the reduced model.
         bases: how many were made on the way.
         warnings: what the user should know.
@@ -87,6 +89,7 @@ class Identification:
     full: Array
     finer: Array
     jacobian: Array
+    full_order_jacobian: bool
     order: int
     bases: int
     warnings: tuple[str, ...] = ()

@@ -120,6 +120,7 @@ def summary_lines(result: Identification) -> dict[str, str]:
         "residual, full order": f"{result.full_residual:.4g} m",
         "noise": f"{result.noise:.4g} m (standard deviation of a value)",
         "reduced model": f"{result.order} displacements, {result.bases} bases",
+        "intervals": "by differences of full-order runs" if result.full_order_jacobian else "by exact derivatives",
         "reduction moves": f"at most {shifts['reduction']:.1g} of half an interval",
         "time step moves": f"at most {shifts['time step']:.1g} of half an interval" if moving else "-",
     }
