@@ -11,17 +11,14 @@ import argparse
 import cProfile
 import pstats
 import sys
-from collections.abc import Callable
 from dataclasses import replace
-from functools import lru_cache
 from pathlib import Path
 from time import process_time
 
 import numpy as np
 
 import fenics_rom as fr
-from fenics_rom.mechanics.base_path import quaternion_product
-from fenics_rom.mechanics.frame_motion import quaternion_of, quaternion_of_vector, rotation_matrix
+from fenics_rom.mechanics.frame_motion import quaternion_of, quaternion_of_vector
 from fenics_rom.world.recorder import WorldRecorder
 from fenics_rom.world.records import RigidBody, SoftBody
 from fenics_rom.world.shapes import Box, HalfSpace
@@ -30,7 +27,8 @@ from fenics_rom.world.world import World
 HERE = Path(__file__).parent
 DT = 2e-3  # s
 EDGE, DENSITY, GRAVITY = 0.03, 400.0, 9.81  # m, kg/m3, m/s2
-HEIGHT, ASIDE = 0.108, EDGE / 2 + 0.0115  # m: of the palm; of the fingers' axes from the middle, 1.5 mm of air
+HEIGHT, ASIDE = 0.108, EDGE / 2 + 0.0115  # m: of the fingers' roots; of their axes from the middle, 1.5 mm of air
+PALM = 0.012  # m, thick
 TENSION = 4.0  # N
 CLOSED, LIFTED, SHAKEN, TURNED, BACK, DOWN, OPENED, END = 0.4, 0.9, 1.7, 2.3, 2.9, 3.4, 3.7, 4.0  # s, when each is done
 LIFT, SHAKE, FREQUENCY = 0.08, 0.004, 5.0  # m, m, Hz: 0.4 g
@@ -69,32 +67,33 @@ def main() -> None:
     fr.export(run, out / "gripper.gif", seconds=run.times[-1])
     fr.export(run, out / "gripper.png", time=None if quick else TURNED)
     fr.plot(run, out / "account.png", what=["energy", "forces"])
-    measure_held_fingers()
+    measure_rates(rom)
     report(run, quick)
 
 
 def gripper(rom: fr.Rom) -> World:
     """The world where it begins."""
-    palm = lru_cache(maxsize=2)(path())  # what is mounted on it asks, too
     bodies: dict[str, RigidBody | SoftBody] = {
         "ground": RigidBody(HalfSpace(), motion=still()),
-        "palm": RigidBody(Box((2 * ASIDE + 0.03, 0.03, 0.01)), motion=moved(palm, np.array([0, 0, 0.012]), np.eye(3))),
+        "palm": RigidBody(Box((2 * ASIDE + 0.03, 0.03, PALM)), motion=path()),
         "box": RigidBody(Box((EDGE, EDGE, EDGE)), density=DENSITY, position=(0, 0, EDGE / 2)),
     }
     for side, sign in SIDES.items():
-        # a finger's axis x hangs down, and its lower side, -z, looks at the other one
-        mount = np.array([[0, 0, sign], [0, sign, 0], [-1, 0, 0]], dtype=float)
-        at = np.array([sign * ASIDE, 0, 0])
-        bodies[side] = RigidBody(Box((0.004, 0.02, 0.02)), motion=moved(palm, at, mount))
-        bodies[f"{side}_finger"] = SoftBody(rom, on=side)
-    fingers = [*(f"{side}_finger" for side in SIDES), *SIDES, "palm"]
+        place = (sign * ASIDE, 0, -PALM / 2)
+        bodies[f"{side}_finger"] = SoftBody(rom, on="palm", position=place, rotation=hanging(sign))
+    fingers = [f"{side}_finger" for side in SIDES]
     return World(
         bodies,
         DT,
         gravity=(0, 0, -GRAVITY),
         friction=0.8,
-        apart=[fingers, ["ground", *fingers], ["box", "palm", *SIDES]],
+        apart=[["palm", *fingers], ["ground", *fingers], ["box", "palm"]],
     )
+
+
+def hanging(sign: float) -> Array:
+    """How a finger is turned whose axis x hangs down, and whose lower side, -z, looks at the other one."""
+    return quaternion_of(np.array([[0, 0, sign], [0, sign, 0], [-1, 0, 0]], dtype=float))
 
 
 def rise(time: float | Array, begin: float, end: float) -> Array:
@@ -110,7 +109,7 @@ def path() -> fr.BasePath:
     fading = rise(t, LIFTED, LIFTED + 0.2) * (1 - rise(t, SHAKEN - 0.2, SHAKEN))
     shake = SHAKE * fading * np.sin(2 * np.pi * FREQUENCY * (t - LIFTED))
     angle = np.pi / 2 * rise(t, SHAKEN, TURNED) * (1 - rise(t, TURNED, BACK))
-    positions = np.stack([0 * t, 0 * t, HEIGHT + up + shake], axis=1)
+    positions = np.stack([0 * t, 0 * t, HEIGHT + PALM / 2 + up + shake], axis=1)
     return fr.BasePath(t, positions, np.array([quaternion_of_vector((a, 0, 0)) for a in angle]))
 
 
@@ -119,46 +118,40 @@ def still() -> fr.BaseState:
     return fr.BaseState(np.zeros(3), np.array([1.0, 0, 0, 0]), np.zeros(3), np.zeros(3))
 
 
-def moved(palm: Callable[[float], fr.BaseState], at: Array, mount: Array) -> Callable[[float], fr.BaseState]:
-    """The motion of what is mounted on the palm at a place, by a rotation."""
-    turn = quaternion_of(mount)
+def measure_rates(carried: fr.Rom) -> None:
+    """Says how fast two fingers hold the box, and what a step of theirs consists of.
 
-    def motion(time: float) -> fr.BaseState:
-        state = palm(time)
-        arm = rotation_matrix(state.rotation) @ at
-        velocity = state.velocity + np.cross(state.angular_velocity, arm)
-        rotation = quaternion_product(state.rotation, turn)
-        return fr.BaseState(state.position + arm, rotation, velocity, state.angular_velocity)
-
-    return motion
-
-
-def measure_held_fingers() -> None:
-    """Says how fast two fingers that stand still hold the box, and what a step of theirs consists of."""
+    Fingers that close from a distance touch with their tips; those that begin at the box lie on it with more points.
+    """
     scene = fr.read_scene(HERE / "finger.toml")
     scene = replace(scene, frame="fixed", effects=replace(scene.effects, gravity=None))
-    rom = fr.reduce(fr.assemble(scene))
-    bodies: dict[str, RigidBody | SoftBody] = {
-        "box": RigidBody(Box((EDGE,) * 3), density=DENSITY, position=(0, 0, 0.015))
-    }
-    for side, sign in SIDES.items():
-        mount = quaternion_of(np.array([[0, 0, sign], [0, sign, 0], [-1, 0, 0]], dtype=float))
-        bodies[side] = SoftBody(rom, position=(sign * ASIDE, 0, HEIGHT), rotation=mount)
-    world = World(bodies, DT, friction=0.8, apart=[list(SIDES)])
+    held = fr.reduce(fr.assemble(scene))
+    print("| fingers | points that push | steps per s of processor time, best | median of 16 times 25 |")
+    print("|---|---|---|---|")
+    for name, rom, aside, tension in (
+        ("held, by their tips", held, ASIDE, TENSION),
+        ("held, flat", held, EDGE / 2 + 0.0101, TENSION / 4),
+        ("carried and shaken, by their tips", carried, ASIDE, TENSION),
+        ("carried and shaken, flat", carried, EDGE / 2 + 0.0101, TENSION / 4),
+    ):
+        world = grip(rom, aside)
 
-    def step(count: int) -> float:
-        begin = process_time()
-        for _ in range(count):
-            pull = [TENSION * min(world.time / 0.2, 1.0)]
-            world.step({side: {"flexor": pull} for side in SIDES})
-        return count / (process_time() - begin)
+        def step(count: int, world: World = world, tension: float = tension) -> float:
+            begin = process_time()
+            for _ in range(count):
+                pull = [tension * min(world.time / 0.2, 1.0)]
+                world.step({f"{side}_finger": {"flexor": pull} for side in SIDES})
+            return count / (process_time() - begin)
 
-    step(200)
-    rates = sorted(step(50) for _ in range(9))
-    print(f"two fingers of order 40 that stand still hold the box, {world.touching} points push:")
-    print(f"  {rates[-1]:.0f} steps per s of processor time at best, {rates[4]:.0f} as the median of nine times 50")
-    profile = cProfile.Profile()
-    profile.runcall(step, 200)
+        step(350)
+        touching, rates = list[int](), list[float]()
+        for _ in range(16):
+            rates.append(step(25))
+            touching.append(world.touching)
+        rates.sort()
+        print(f"| {name} | {np.mean(touching):.0f} | {rates[-1]:.0f} | {rates[8]:.0f} |")
+        profile = cProfile.Profile()
+        profile.runcall(step, 200)
     spent = {f"{Path(file).stem}.{name}": row[3] for (file, _, name), row in pstats.Stats(profile).stats.items()}  # type: ignore[attr-defined]
     parts = {
         "bodies begin": spent["world._begin"] - spent["step_pairs.of_step"],
@@ -167,7 +160,29 @@ def measure_held_fingers() -> None:
         "how bodies answer": spent["contact_step._attempt"] + spent.get("contact_step._guide", 0.0),
         "bodies end": spent["soft.close"] + spent["soft.commit"] + spent["rigid.commit"],
     }
-    print("  of a step:", ", ".join(f"{name} {share / spent['world.step']:.0%}" for name, share in parts.items()))
+    print("of the last: ", ", ".join(f"{name} {share / spent['world.step']:.0%}" for name, share in parts.items()))
+
+
+def grip(rom: fr.Rom, aside: float) -> World:
+    """Two fingers, held or on a palm that is shaken, and the box between them, without weight."""
+    is_carried = rom.moving_frame is not None
+    bodies: dict[str, RigidBody | SoftBody] = {
+        "box": RigidBody(Box((EDGE,) * 3), density=DENSITY, position=(0, 0, EDGE / 2))
+    }
+    if is_carried:
+        bodies["palm"] = RigidBody(Box((2 * aside + 0.03, 0.03, PALM)), motion=shaken)
+    for side, sign in SIDES.items():
+        on, height = ("palm", -PALM / 2) if is_carried else (None, HEIGHT)
+        bodies[f"{side}_finger"] = SoftBody(rom, on=on, position=(sign * aside, 0, height), rotation=hanging(sign))
+    others = [name for name in bodies if name != "box"]
+    return World(bodies, DT, friction=0.8, apart=[others] + [["box", "palm"]] * is_carried)
+
+
+def shaken(time: float) -> fr.BaseState:
+    """The palm at 5 Hz with 0.4 g, from rest on."""
+    ω, still = 2 * np.pi * FREQUENCY, np.array([1.0, 0, 0, 0])
+    height, speed = SHAKE * (1 - np.cos(ω * time)), SHAKE * ω * np.sin(ω * time)
+    return fr.BaseState(np.array([0, 0, HEIGHT + PALM / 2 + height]), still, np.array([0, 0, speed]), np.zeros(3))
 
 
 def report(run: fr.Trajectory, quick: bool) -> None:

@@ -79,6 +79,17 @@ def turned(quaternion: Numbers, t: Numbers) -> Quaternion:
     return w / size, x / size, y / size, z / size
 
 
+def composed(a: Quaternion, b: Quaternion) -> Quaternion:
+    """The rotation b, then a."""
+    (s, t, u, v), (w, x, y, z) = a, b
+    return (
+        s * w - t * x - u * y - v * z,
+        s * x + t * w + u * z - v * y,
+        s * y + u * w + v * x - t * z,
+        s * z + v * w + t * y - u * x,
+    )
+
+
 def cayley(t: Numbers) -> Array:
     """cay(t), (3, 3)."""
     return rotation_matrix(turned((1.0, 0.0, 0.0, 0.0), t))

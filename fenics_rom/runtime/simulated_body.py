@@ -52,6 +52,7 @@ class SimulatedBody:
     _order: int
     _width: int
     _safe_frequencies: Array
+    _slices: tuple[str, dict[str, slice]] | None = None  # where inputs are, of a contact mode
 
     def __repr__(self) -> str:
         model, steps = self._stepper.model, f"{self.steps} step{'' if self.steps == 1 else 's'}"
@@ -146,11 +147,7 @@ class SimulatedBody:
             if len(given):
                 raise StepError(f"step {self.steps}: inputs were given by position and by name; allowed is one of both")
             given = {}
-        u, starts, column = np.zeros(self._width), dict[str, slice](), 0
-        for name, columns in self.rom.input_columns(self.contact).items():
-            if name not in self.rom.loads:
-                starts[name] = slice(column, column + columns)
-            column += columns
+        u, starts = np.zeros(self._width), self._input_slices()
         for name, value in {**given, **named}.items():
             if name not in starts:
                 hint = "; switch to that contact mode first" if name in self.rom.contact_models else ""
@@ -164,6 +161,17 @@ class SimulatedBody:
                 raise StepError(f"step {self.steps}: input {name!r} = {value!r}: allowed are {allowed}")
             u[starts[name]] = numbers
         return u
+
+    def _input_slices(self) -> dict[str, slice]:
+        """Where each input but loads is, in the active contact mode."""
+        if self._slices is None or self._slices[0] != self.contact:
+            starts, column = dict[str, slice](), 0
+            for name, columns in self.rom.input_columns(self.contact).items():
+                if name not in self.rom.loads:
+                    starts[name] = slice(column, column + columns)
+                column += columns
+            self._slices = self.contact, starts
+        return self._slices[1]
 
     def displacement(self, output: str | None = None) -> Array:
         """Displacement, m: of a named output (points, 3), or of every mesh node (nodes, 3).

@@ -36,14 +36,16 @@ class WorldBody:
     density: Annotated[float | None, Number(above=0.0, unit="kg/m3"), "of a rigid body that moves; this or mass"] = None
     mass: Annotated[float | None, Number(above=0.0, unit="kg"), "of a rigid body that moves; this or density"] = None
     position: Annotated[
-        Point, "of the centre of mass; of a half-space a point of its face; of a soft body that is held, of its axes"
+        Point,
+        "of the centre of mass; of a half-space a point of its face; of a soft body that is held, of its axes; of one "
+        "that is carried, of its frame, from the carrier's centre of mass in its axes, as its rotation is from theirs",
     ] = ZERO
     rotation: Annotated[
         tuple[Angle, Angle, Angle], Items(3), "a rotation vector; the face of a half-space looks along z where it is 0"
     ] = ZERO
     velocity: Annotated[tuple[Speed, Speed, Speed], Items(3), "of the centre of mass"] = ZERO
     spin: Annotated[tuple[AngularVelocity, AngularVelocity, AngularVelocity], Items(3), "about it"] = ZERO
-    on: Annotated[str | None, Text(), "of a soft body that is carried: the rigid body that carries it"] = None
+    on: Annotated[str | None, Text(), "of a soft body that is carried: the rigid body on which it is mounted"] = None
     path: Annotated[
         BasePath | None,
         PoseTable(),

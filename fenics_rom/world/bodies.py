@@ -61,8 +61,8 @@ class Body(Protocol):
     def placed(self) -> PlacedShape | PlacedSurface | None:
         """As it is expected in the middle of the step; None: nothing touches it."""
 
-    def reach(self) -> float:
-        """How far a point of it may go in the step, m."""
+    def travel(self) -> tuple[Array, float]:
+        """How far it goes as a whole in the step, (3,), and how far a point of it may go beside that, m."""
 
     @property
     def lead(self) -> Array:

@@ -25,7 +25,7 @@ STAGNATION = 1e-12  # of them: as near as round-off lets some come
 MOST_SWEEPS = 200
 PATIENCE = 150  # sweeps, after which forces may stay that lack no more than what any contact forces may lack
 PROXIMAL = 1e-6  # of each pair's own compliance, added to W where no point yields by itself: it only guides the sweeps
-REDUNDANT = 1e-9  # of the largest eigenvalue: what joints hold twice
+REDUNDANT = 1e-9  # of the largest singular value: what joints hold twice
 STEADY = 1e-5  # of what a sweep changes: by so much two of them differ that change the same
 SHARES = (1 - 1e-6, 1 - 1e-4, 0.99, 0.9, 0.5, 0.0)  # of forces of contact that would do work
 WORK_ROUND_OFF = 1e-12  # of force times velocity: work that is no work
@@ -76,7 +76,7 @@ class Guide:
     """W of pairs, by which sweeps are guided, and what is kept with it.
 
     Args:
-        W: (3 (C + J), 3 (C + J)), symmetric positive semidefinite.
+        W: (3 (C + J), 3 (C + J)), symmetric but for what a step turns bodies by, and positive semidefinite.
         yields: of each of the C contacts whether a point of it yields by itself, so that W tells its forces apart.
 
     Attributes:
@@ -85,7 +85,6 @@ class Guide:
     """
 
     def __init__(self, W: Array, yields: Array):
-        W = (W + W.T) / 2
         self.W, self._C = W, 3 * len(yields)
         C = self._C
         if not yields.all():
@@ -158,9 +157,7 @@ class Guide:
 
 def _pseudo_inverse(W: Array) -> Array:
     """Of joints: points on one axis, or on one body, hold more than there is to hold."""
-    λ, V = np.linalg.eigh(W)
-    regular = λ > REDUNDANT * λ.max(initial=0.0)
-    inverse: Array = (V[:, regular] / λ[regular]).dot(V[:, regular].T)
+    inverse: Array = np.linalg.pinv(W, rcond=REDUNDANT)
     return inverse
 
 

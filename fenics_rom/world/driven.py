@@ -8,14 +8,15 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
-from fenics_rom.mechanics.base_path import CONJUGATE, BaseState, checked_base, quaternion_product
+from fenics_rom.mechanics.base_path import BaseState, checked_base
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
-from fenics_rom.mechanics.frame_motion import cayley, cross_matrix, rotation_matrix
+from fenics_rom.mechanics.frame_motion import cayley, composed, cross_matrix, rotation_matrix
 from fenics_rom.world.bodies import Points
 from fenics_rom.world.collision.contacts import PlacedShape
 from fenics_rom.world.shapes import Shape
 
 MOST_TURNED = 2.0  # rad in a step: beyond it nobody knows which way
+LEAST_COSINE = math.cos(MOST_TURNED / 2)
 
 
 class Driven:
@@ -68,11 +69,12 @@ class Driven:
         start, end = self._start, checked_base(given, f"its motion at {self.time + h:g} s")
         self._given = given
         self._end = end
-        between = quaternion_product(start.rotation * CONJUGATE, end.rotation)
-        if not 2 * math.acos(min(1.0, abs(float(between[0])))) <= MOST_TURNED:
+        w, x, y, z = start.rotation.tolist()
+        cosine, *sines = composed((w, -x, -y, -z), end.rotation.tolist())
+        if not abs(cosine) >= LEAST_COSINE:
             raise StepError(f"it is told to turn by more than {MOST_TURNED:g} rad in a step of {h:g} s")
         R, R_end = self._R, rotation_matrix(end.rotation)
-        turn = 2 * between[1:] / between[0]  # Cayley's, of the step
+        turn = np.array(sines) * (2 / cosine)  # Cayley's, of the step
         self._mean, self._middle_rotation, self._R_end = (R + R_end) / 2, R.dot(cayley(turn / 2)), R_end
         self._v̂, self._ω̂ = (end.position - start.position) / h, R.dot(turn / h)
         self._middle = (start.position + end.position) / 2
@@ -82,10 +84,10 @@ class Driven:
         """As in Body."""
         return None if self._shape is None else PlacedShape(self._shape, self._middle, self._middle_rotation)
 
-    def reach(self) -> float:
+    def travel(self) -> tuple[Array, float]:
         """As in Body: what touches a half-space that turns is near to where it begins."""
         size = 1.0 if self.size == np.inf else self.size
-        return self._h * (math.hypot(*self._v̂) + math.hypot(*self._ω̂) * size) if self._h else 0.0
+        return self._h * self._v̂, self._h * math.hypot(*self._ω̂) * size
 
     def start_velocities(self, points: Points, places: Array) -> Array:
         """As in Body."""

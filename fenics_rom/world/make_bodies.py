@@ -9,6 +9,7 @@ from fenics_rom.errors import SceneError, check_known
 from fenics_rom.mechanics.base_path import BaseState, given_base
 from fenics_rom.rom.given_rom import given_rom
 from fenics_rom.world.driven import Driven
+from fenics_rom.world.mount import Mount
 from fenics_rom.world.records import RigidBody, SoftBody
 from fenics_rom.world.rigid import Rigid
 from fenics_rom.world.soft import Soft
@@ -57,7 +58,7 @@ def _rigid(name: str, record: RigidBody, gravity: Array) -> Rigid | Driven:
 def _soft(
     name: str, record: SoftBody, records: Mapping[str, RigidBody | SoftBody], bodies: Mapping[str, AnyBody], dt: float
 ) -> Soft:
-    carrier = None
+    mount, where = None, f"body {name!r}"
     if record.on is not None:
         if record.on == name:
             raise SceneError(f"body {name!r}: on = {name!r}: allowed is another body, no body carries itself")
@@ -76,6 +77,10 @@ def _soft(
                 f"body {name!r}: on = {record.on!r}: allowed is a rigid body with a motion; to one that moves freely "
                 "a free soft body can be joined"
             )
-        carrier = found
+        mount = Mount(found, record.pose(where))
     rom = given_rom("SoftBody", record.rom)
-    return Soft(name, rom, dt, record.pose(f"body {name!r}"), carrier, record.signals, len(records) == 1)
+    is_free = mount is None and rom.environment is not None and rom.environment.is_moving
+    if not is_free and (any(record.velocity) or any(record.angular_velocity)):
+        given = f"velocity = {record.velocity!r}, angular_velocity = {record.angular_velocity!r}"
+        raise SceneError(f"{where}: {given}: allowed is 0 of a body that is held or carried; a free one has its own")
+    return Soft(name, rom, dt, record.pose(where), mount, record.signals, len(records) == 1)

@@ -93,10 +93,11 @@ class SoftBody:
 
     Args:
         rom: the reduced model, or the name of its file.
-        position: where the axes of a held body are put; of a free one its centre of mass; m.
-        rotation: of its axes, a unit quaternion w x y z.
+        position: where the axes of a held body are put; of a free one its centre of mass; of a carried one its frame,
+            from the carrier's centre of mass and in its axes; m.
+        rotation: of its axes, a unit quaternion w x y z; of a carried body from those of the carrier.
         velocity, angular_velocity: of a free one, m/s and rad/s.
-        on: name of the rigid body that carries it, one with a motion; the pose is then that of the carrier.
+        on: name of the rigid body that carries it, one with a motion.
         signals: as of a Simulator: of loads by name.
 
     Example:

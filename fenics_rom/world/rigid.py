@@ -103,10 +103,10 @@ class Rigid:
         """As in Body."""
         return PlacedShape(self._shape, self._middle, self._R.dot(cayley(self._h / 2 * self._ω)))
 
-    def reach(self) -> float:
+    def travel(self) -> tuple[Array, float]:
         """As in Body."""
-        v, ω, g = (float(np.sqrt(vector.dot(vector))) for vector in (self._v, self._ω, self._gravity))
-        return self._h * (v + ω * self.size + self._h * g)
+        ω, g = (math.sqrt(vector.dot(vector)) for vector in (self._ω, self._gravity))
+        return self._h * self._v, self._h * (ω * self.size + self._h * g)
 
     @property
     def lead(self) -> Array:
@@ -200,18 +200,27 @@ class Rigid:
         return ω̂, whole, mean
 
     def delassus(self, points: Points, places: Array) -> Array:
-        """As in Body."""
-        arms = places - self._middle
-        arms[len(arms) - len(points.arms) :] = points.arms.dot(self._R.T)
-        return self._h / 2 * self._moved_by(arms)
+        """As in Body: the derivative of the last attempt, but for how joints turn with the body.
 
-    def _moved_by(self, arms: Array) -> Array:
-        """Velocities of points per impulse, (3 k, 3 k), s/kg."""
-        maps = cross_maps(arms).reshape(-1, 3)
-        moved: Array = maps.dot(self._R.dot(self._inverse).dot(self._R.T)).dot(maps.T)
-        blocks = moved.reshape(len(arms), 3, len(arms), 3)
-        for axis in range(3):
-            blocks[:, axis, :, axis] += 1 / self.mass
+        A force f at an arm a moves the centre, so that F has other arms, and the body, which in turn moves the point:
+
+            δv̂ = h/2m δf,    δ(R ω̂) = R A⁻¹ (1 - h/2 ω̂~) Rᵀ (a × δf - h/2 δv̂ × F)
+            δu = (1 - h/2 (R ω̂)~) δv̂ + δ(R ω̂) × a
+        """
+        h, R, (force, torque, v̂, ω̂) = self._h, self._R, self._try
+        k = len(places) - len(points.arms)
+        arms = places - (self._p + h / 2 * v̂)
+        arms[k:] = points.arms.dot(R.T)
+        spin, per_force = cross_matrix(ω̂), h / 2 / self.mass
+        w = self._inertia.dot(ω̂) + h / 2 * R.T.dot(torque)
+        A = 2 / h * self._inertia + spin.dot(self._inertia) - cross_matrix(w)
+        answers = np.zeros((6, 6))
+        answers[:3, :3] = per_force * (np.eye(3) - h / 2 * R.dot(spin).dot(R.T))
+        answers[3:, 3:] = R.dot(np.linalg.solve(A, R.T - h / 2 * spin.dot(R.T)))
+        maps = _maps(arms)
+        levers = maps.copy()
+        levers[: 3 * k, 3:] -= np.tile(per_force * h / 2 * cross_matrix(force), (k, 1))
+        moved: Array = maps.dot(answers).dot(levers.T)
         return moved
 
     def points_at(self, places: Array, where: str) -> Points:
@@ -221,7 +230,11 @@ class Rigid:
 
     def inverse_mass(self, points: Points) -> Array:
         """As in Body."""
-        return self._moved_by(points.arms.dot(self._R.T))
+        answers = np.zeros((6, 6))
+        answers[:3, :3], answers[3:, 3:] = np.eye(3) / self.mass, self._R.dot(self._inverse).dot(self._R.T)
+        maps = _maps(points.arms.dot(self._R.T))
+        moved: Array = maps.dot(answers).dot(maps.T)
+        return moved
 
     def end_velocities(self, points: Points) -> Array:
         """As in Body."""
@@ -253,3 +266,10 @@ class Rigid:
 
     def undo(self) -> None:
         """As in Body: nothing was changed."""
+
+
+def _maps(arms: Array) -> Array:
+    """Velocities (3 k, 6) of points at arms (k, 3) from the centre of a body that moves, and turns, at unit rates."""
+    maps = np.empty((len(arms), 3, 6))
+    maps[:, :, :3], maps[:, :, 3:] = np.eye(3), cross_maps(arms)
+    return maps.reshape(-1, 6)

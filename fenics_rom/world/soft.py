@@ -10,7 +10,7 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from functools import partial
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
@@ -32,7 +32,7 @@ from fenics_rom.world.collision.contacts import PlacedSurface
 
 if TYPE_CHECKING:
     from fenics_rom.mechanics.signals import SignalLike
-    from fenics_rom.world.driven import Driven
+    from fenics_rom.world.mount import Mount
 
 CLOSED = 1e-6  # of a body's size: so near to the point of a joint one of its own is to be
 
@@ -49,6 +49,15 @@ def _handed(forces: Array, reached: Array) -> _Handed:
     """Forces (P, 3) on all contact points, and which they may act on."""
     pushed = forces[reached]
     return _Handed(forces, 0, reached, 0 * pushed, pushed, np.zeros((0, 3)), None)
+
+
+class _Reached(NamedTuple):
+    """Contact points that forces at some points of the surface act on."""
+
+    points: Points
+    nodes: Array  # (s,)
+    are_nodes: bool  # whether each of the points is a contact point, and none is between them
+    is_each_once: bool  # and no two are the same
 
 
 class _HandedForces(ContactSolver):
@@ -99,8 +108,8 @@ class Soft(Simulator):
         name: of the body, for messages.
         rom: the reduced model.
         dt: s.
-        pose: of its frame: of the axes of a held body, of a free body its centre of mass, else of the base.
-        carrier: the rigid body that carries it, whose pose is given; None: nothing does.
+        pose: of its frame: of the axes of a held body, of a free body its centre of mass.
+        mount: where another body carries it; None: nothing does.
         is_alone: whether there is no other body: then it is a Simulator, with the obstacles of its scene.
         signals: as of a Simulator.
     """
@@ -114,12 +123,12 @@ class Soft(Simulator):
         rom: Rom,
         dt: float,
         pose: BaseState,
-        carrier: "Driven | None",
+        mount: "Mount | None",
         signals: "Mapping[str, SignalLike] | None",
         is_alone: bool = False,
     ):
         acting = rom.environment
-        self.name, self._carrier, self._fixed = name, carrier, not acting.is_moving
+        self.name, self._mount, self._fixed = name, mount, not acting.is_moving
         self._R, self._held_at = rotation_matrix(pose.rotation), pose
         if is_alone:
             self._solver_of = None
@@ -134,18 +143,16 @@ class Soft(Simulator):
                 f"body {name!r}: ROM {rom.name!r} was made without {lacks}: allowed is a ROM whose scene has it, as "
                 "other bodies may touch it; the obstacles of its scene are left out"
             )
-        if (carrier is not None) != (rom.moving_frame is not None and acting.is_moving and rom.moving_frame.carried):
+        if (mount is not None) != (rom.moving_frame is not None and acting.is_moving and rom.moving_frame.carried):
             needs = (
-                "is carried: allowed is on = BODY, one that moves as it is told"
-                if carrier is None
-                else "is not carried"
+                "is carried: allowed is on = BODY, one that moves as it is told" if mount is None else "is not carried"
             )
             raise SceneError(f"body {name!r}: ROM {rom.name!r} {needs}")
         super().__init__(rom, dt, scene=replace(acting, obstacles={}, run=None), signals=signals)
         assert self._stepper.interface is not None
         self._handed: _HandedForces = self._stepper.interface.solver  # type: ignore[assignment]
         if not self._fixed:
-            self.place(pose if carrier is None else carrier.pose)
+            self.place(pose if mount is None else mount.start)
         elif acting.loads.get("gravity") is not None and not np.allclose(self._R, np.eye(3)):
             raise SceneError(
                 f"body {name!r}: ROM {rom.name!r} has gravity along axes of its own: allowed is a rotation of a ROM "
@@ -154,10 +161,10 @@ class Soft(Simulator):
         self._given: Mapping[str, Any] = {}
         self.keeps_contact_mode = False  # whoever is near
         self._asked: tuple[Points, Array, Array] | None = None  # points, their velocities without forces, and per force
-        self._reached: tuple[Points, Array, bool] | None = None  # points, their nodes, and whether each is one of them
+        self._reached = _Reached(Points(*np.empty((3, 0, 3))), np.empty(0, dtype=int), False, False)
         self._turned_operator = np.empty((0, 0)), np.empty((0, 0))  # in axes of its own, and in the world's
         self._forces = np.empty((0, 3))
-        self._tried, self._is_open = False, False
+        self._tried, self._is_open, self._twice = False, False, 0.0
         surface = self._stepper.interface.points.nodes
         number = np.full(len(rom.nodes), -1)
         number[surface] = np.arange(len(surface))
@@ -200,7 +207,7 @@ class Soft(Simulator):
 
     def places(self) -> Array:
         """Of the contact points now, (P, 3) in world axes, m."""
-        return self._to_world(self.contact_coordinates + self._stepper.point_displacement())
+        return self._to_world(self._kernel.point_places())
 
     def node_places(self) -> Array:
         """Of all nodes now, (N, 3) in world axes, m."""
@@ -223,8 +230,8 @@ class Soft(Simulator):
         if h == 0:
             return
         assert self._source is not None
-        if self._carrier is not None:
-            self._take_base(self._carrier.end)
+        if self._mount is not None:
+            self._base = self._mount.end
         u = self._by_name((), self._given)
         self._inputs = inputs = self._with_base(self._source.step_input(u, self._width, self.time, self._dt))
         self._handed.point_gaps = np.full(len(self._everywhere), np.inf)
@@ -246,13 +253,15 @@ class Soft(Simulator):
         """As in Body."""
         return PlacedSurface(self._start + self._h / 2 * self._velocity, self._triangles, self._everywhere)
 
-    def reach(self) -> float:
+    def travel(self) -> tuple[Array, float]:
         """As in Body."""
-        return 2 * self._h * float(np.sqrt((self._velocity**2).sum(axis=1).max(initial=0.0)))
+        whole = self._velocity.sum(axis=0) / len(self._velocity)
+        beside = self._velocity - whole
+        return self._h * whole, 2 * self._h * math.sqrt((beside * beside).sum(axis=1).max())
 
     def start_velocities(self, points: Points, places: Array) -> Array:
         """As in Body."""
-        return _mean(points, self._velocity)
+        return self._mean(points, self._velocity)
 
     def attempt(self, points: Points, places: Array, forces: Array) -> Array:
         """As in Body; places of points that answer linearly are those that were expected."""
@@ -268,32 +277,43 @@ class Soft(Simulator):
         contact = self._hand(points, forces)
         self._handed.forces, self._handed.reached = contact.forces, contact.pairs
         result = self._stepper.step(self._inputs)
-        self._tried = True
-        if not np.isfinite(result.energy):
+        self._tried, self._twice = True, 2 * result.energy
+        if not math.isfinite(result.energy):
             self._leave_finite(self._inputs.u)
         if not len(forces):
             return forces
-        velocities = _mean(points, self._turned(self._kernel.touched))
-        places[:] = _mean(points, self._start) + self._h / 2 * velocities
+        velocities = self._mean(points, self._turned(self._kernel.touched))
+        places[:] = self._mean(points, self._start) + self._h / 2 * velocities
         return velocities
 
     def _hand(self, points: Points, forces: Array) -> _Handed:
         """Forces at points, as the stepper has them of its contact points."""
-        spread = np.zeros((len(self._everywhere), 3))
-        if self._reached is None or self._reached[0] is not points:
-            reached = np.unique(points.nodes[points.weights != 0])
-            self._reached = points, reached, len(reached) == len(points.nodes) and _are_nodes(points)
-        _, reached, is_each_once = self._reached
-        if is_each_once:
+        spread, reached = np.zeros((len(self._everywhere), 3)), self._reach(points)
+        if reached.is_each_once:
             spread[points.nodes[:, 0]] = forces
         else:
             np.add.at(spread, points.nodes, points.weights[:, :, None] * forces[:, None, :])
-        return _handed(self._into_frame(spread), reached)
+        return _handed(self._into_frame(spread), reached.nodes)
+
+    def _reach(self, points: Points) -> _Reached:
+        """Of these points; kept as long as they are the same."""
+        if self._reached.points is not points:
+            nodes = np.unique(points.nodes[points.weights != 0])
+            are_nodes = bool(points.weights.shape[1]) and bool((points.weights[:, 0] == 1.0).all())
+            self._reached = _Reached(points, nodes, are_nodes, are_nodes and len(nodes) == len(points.nodes))
+        return self._reached
+
+    def _mean(self, points: Points, values: Array) -> Array:
+        """Of values (P, 3) at points."""
+        if self._reach(points).are_nodes:
+            mean: Array = values[points.nodes[:, 0]]
+            return mean
+        return (points.weights[:, :, None] * values[points.nodes]).sum(axis=1)
 
     def _answer(self, points: Points) -> tuple[Array, Array]:
         """Velocities of points without forces, and per force."""
         if self._asked is None or self._asked[0] is not points:
-            self._asked = points, _mean(points, self._free), self._operator(points, self._kernel.answer)
+            self._asked = points, self._mean(points, self._free), self._operator(points, self._kernel.answer)
         return self._asked[1:]
 
     def delassus(self, points: Points, places: Array) -> Array:
@@ -304,7 +324,7 @@ class Soft(Simulator):
 
     def _operator(self, points: Points, of_nodes: Callable[[Array], Array]) -> Array:
         """Of points, (3 k, 3 k), in world axes, from that of their nodes; of nodes the same array while it is so."""
-        if _are_nodes(points):
+        if self._reach(points).are_nodes:
             known = of_nodes(points.nodes[:, 0])
             if not self._fixed:
                 return known
@@ -324,7 +344,8 @@ class Soft(Simulator):
             return
         contact = self._hand(self._asked[0], self._forces) if self._asked is not None and len(self._forces) else None
         self._tried = True
-        if not math.isfinite(self._kernel.close(contact)):
+        self._twice = self._kernel.close(contact)
+        if not math.isfinite(self._twice):
             self._leave_finite(self._inputs.u)
 
     def points_at(self, places: Array, where: str) -> Points:
@@ -344,7 +365,7 @@ class Soft(Simulator):
 
     def end_velocities(self, points: Points) -> Array:
         """As in Body."""
-        return _mean(points, self._turned(self._kernel.start_velocities()))
+        return self._mean(points, self._turned(self._kernel.start_velocities()))
 
     def inverse_mass(self, points: Points) -> Array | None:
         """As in Body: what is left at joints stays."""
@@ -359,11 +380,10 @@ class Soft(Simulator):
         assert self._source is not None
         self._tried = False
         self._source.environment.commit(self._inputs, self._dt)
-        twice = 2 * self._stepper.energy
-        if twice <= self._monitor_threshold:
+        if self._twice <= self._monitor_threshold:
             self.steps += 1
         else:
-            self._step_high(self._inputs.u, twice)
+            self._step_high(self._inputs.u, self._twice)
 
     def undo(self) -> None:
         """As in Body."""
@@ -381,14 +401,3 @@ class Soft(Simulator):
     def _into_frame(self, vectors: Array) -> Array:
         turned: Array = vectors.dot(self._R) if self._fixed else vectors
         return turned
-
-
-def _are_nodes(points: Points) -> bool:
-    """Whether each is a contact point, and none is between them."""
-    return points.weights.shape[1] > 0 and bool((points.weights[:, 0] == 1.0).all())
-
-
-def _mean(points: Points, values: Array) -> Array:
-    """Of values (P, 3) at points."""
-    mean: Array = (points.weights[:, :, None] * values[points.nodes]).sum(axis=1)
-    return mean

@@ -1,5 +1,6 @@
 """The pairs of points of a step, and what later steps begin with: forces of the same pairs, and what guided them."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
@@ -33,7 +34,6 @@ class StepPairs:
         self._contacts: list[tuple[int, Contacts]] = []
         self._pairs: Pairs | None = None
         self._middle_gaps = np.empty(0)
-        self._forces = dict[tuple[int, int], Array]()  # by meeting and feature
         self._joint_forces = np.zeros((sum(len(joint.points) for joint in joints), 3))
         self._guide: tuple[Guide, float, list[tuple[Array, Array]]] | None = None
         self._fewest = 0  # sweeps, with the guide
@@ -65,18 +65,22 @@ class StepPairs:
             now = body.placed()
             if not is_still(now, self._placed[number], self._sizes[number]):
                 self._placed[number] = now
-        placed, reaches, found = self._placed, [body.reach() for body in self._bodies], []
+        placed, travels, found = self._placed, [body.travel() for body in self._bodies], []
         for number, meeting in enumerate(self._meetings):
             one, other = placed[meeting.first], placed[meeting.second]
             assert one is not None
             assert other is not None
-            meeting.look(one, other, reaches[meeting.first] + reaches[meeting.second] + NEAR * meeting.size)
+            (whole, beside), (other_whole, other_beside) = travels[meeting.first], travels[meeting.second]
+            nearer = 2 * math.hypot(*(whole - other_whole))
+            meeting.look(one, other, nearer + beside + other_beside + NEAR * meeting.size)
             if meeting.contacts is not None:
                 found.append((number, meeting.contacts))
         return found
 
     def _gather(self, contacts: list[tuple[int, Contacts]]) -> None:
         """Makes the pairs of these contacts, and takes over the forces of those that were there."""
+        features = [(meeting, each) for meeting, seen in self._contacts for each in seen.first.feature.tolist()]
+        before = dict(zip(features, self._start, strict=False))
         rows = [list[tuple[Array, float, Points]]() for _ in self._bodies]
         normals, gaps, places, laws = [np.empty((0, 3))], [np.empty(0)], [np.empty((0, 3))], [np.empty((2, 0))]
         count = 0
@@ -90,7 +94,7 @@ class StepPairs:
             gaps.append(found.gaps)
             places.append(found.first.arms)
             laws.append(np.repeat([[meeting.law.restitution], [meeting.law.friction]], k, axis=1))
-            start += [self._forces.get((number, feature), np.zeros(3)) for feature in found.first.feature.tolist()]
+            start += [before.get((number, feature), np.zeros(3)) for feature in found.first.feature.tolist()]
             count += k
         for joint in self._joints:
             k = len(joint.points)
@@ -101,9 +105,9 @@ class StepPairs:
             count += k
         e, μ = np.concatenate(laws, axis=1)
         parts = [_part(body, mine) for body, mine in zip(self._bodies, rows, strict=True)]
-        soft_first = sorted(parts, key=lambda part: part.points.nodes.shape[1] == 0)
         self._contacts, self._middle_gaps, self._guide = contacts, np.concatenate(gaps), None
         parts = [part for part in parts if len(part.pairs) or not part.body.is_driven]
+        soft_first = sorted(parts, key=lambda part: part.points.nodes.shape[1] == 0)
         everywhere = np.concatenate(places)
         self._pairs = Pairs(
             tuple(soft_first), everywhere, 0 * everywhere, np.concatenate(normals), self._middle_gaps, e, μ
@@ -123,11 +127,7 @@ class StepPairs:
         self._lie = self._where()
         if self._guide is None or self._guide[1] != h:
             return None
-        self._guide[0].is_right = all(
-            np.abs(rotation - rotation_then).max() <= GUIDES
-            and np.abs(arms - arms_then).max(initial=0.0) <= GUIDES * np.abs(arms_then).max(initial=0.0)
-            for (arms, rotation), (arms_then, rotation_then) in zip(self._lie, self._guide[2], strict=True)
-        )
+        self._guide[0].is_right = all(map(_lies_as, self._lie, self._guide[2]))
         return self._guide[0]
 
     def _where(self) -> list[tuple[Array, Array]]:
@@ -140,11 +140,6 @@ class StepPairs:
         """Takes note of the forces of a step of h s that was taken, and of what guided them."""
         C = len(found.forces) - len(self._joint_forces)
         self._start, self._joint_forces = found.forces, found.forces[C:]
-        self._forces, row = {}, 0
-        for number, contacts in self._contacts:
-            for feature in contacts.first.feature.tolist():
-                self._forces[number, feature] = found.forces[row]
-                row += 1
         if self._guide is None or self._guide[0] is not guide:
             self._guide, self._fewest = (guide, h, self._lie), found.sweeps
         elif found.sweeps > self._fewest + MORE_SWEEPS:
@@ -211,10 +206,22 @@ def _are_same(now: tuple[int, Contacts], then: tuple[int, Contacts]) -> bool:
     """Whether contacts of a meeting are of the same points of the bodies."""
     if now[0] != then[0] or now[1] is then[1]:
         return now[0] == then[0]
-    pairs = [(getattr(now[1], side), getattr(then[1], side)) for side in ("first", "second")]
-    return np.array_equal(now[1].first.feature, then[1].first.feature) and all(
-        np.array_equal(a.nodes, b.nodes) and np.array_equal(a.weights, b.weights) for a, b in pairs
+    sides = (now[1].first, then[1].first), (now[1].second, then[1].second)
+    return _equal(now[1].first.feature, then[1].first.feature) and all(
+        _equal(a.nodes, b.nodes) and _equal(a.weights, b.weights) for a, b in sides
     )
+
+
+def _equal(a: Array, b: Array) -> bool:
+    return a is b or (a.shape == b.shape and bool((a == b).all()))
+
+
+def _lies_as(now: tuple[Array, Array], then: tuple[Array, Array]) -> bool:
+    """Whether arms and rotation of a body are those of before."""
+    arms, arms_then = now[0], then[0]
+    if np.abs(now[1] - then[1]).max() > GUIDES:
+        return False
+    return bool(np.abs(arms - arms_then).max(initial=0.0) <= GUIDES * np.abs(arms_then).max(initial=0.0))
 
 
 def _points(spots: Spots) -> Points:

@@ -4,6 +4,8 @@ import numpy as np
 import pytest
 
 import fenics_rom as fr
+from fenics_rom.world.bodies import Points
+from fenics_rom.world.rigid import Rigid
 from fenics_rom.world.shapes import Box, HalfSpace, Sphere
 
 G = 9.81
@@ -31,6 +33,27 @@ def momenta(world):
         linear += mass * pose.velocity
         angular += mass * np.cross(pose.position, pose.velocity) + R @ inertia @ R.T @ pose.angular_velocity
     return linear, angular
+
+
+def test_points_of_a_body_that_turns_answer_forces_by_its_operator():
+    """Against central differences of tries, which are exact but for their squares; the operator is not symmetric."""
+    random = np.random.default_rng(0)
+    body, h = fr.RigidBody(Box((0.1, 0.2, 0.3)), density=500, rotation=(0.6, 0, 0.8, 0)), 0.01
+    mass, inertia = body.mass_and_inertia()
+    pose = body.pose("")._replace(velocity=random.standard_normal(3), angular_velocity=5 * random.standard_normal(3))
+    rigid, points = Rigid(body.shape, mass, inertia, pose, np.zeros(3)), Points(*np.empty((3, 2, 0)))
+    points = points._replace(arms=np.empty((0, 3)))
+    rigid.begin(h)
+    places, forces = pose.position + 0.1 * random.standard_normal((2, 3)), 10 * random.standard_normal((2, 3))
+    rigid.attempt(points, places, forces)
+    operator, step = rigid.delassus(points, places), 1e-3
+    columns = [
+        (rigid.attempt(points, places, forces + change) - rigid.attempt(points, places, forces - change)).ravel()
+        for change in step * np.eye(6).reshape(6, 2, 3)
+    ]
+    tried = np.array(columns).T / (2 * step)
+    np.testing.assert_allclose(operator, tried, rtol=0, atol=1e-8 * np.abs(tried).max())
+    assert np.abs(operator - operator.T).max() > 1e-3 * np.abs(operator).max()
 
 
 @pytest.mark.parametrize("steps", [2000, pytest.param(100_000, marks=pytest.mark.slow)])

@@ -7,7 +7,9 @@ import pytest
 from bodies import box_arrays, scene_text, write_arrays
 
 import fenics_rom as fr
+from fenics_rom.mechanics.base_path import quaternion_product
 from fenics_rom.mechanics.contact import ContactSolution
+from fenics_rom.mechanics.frame_motion import rotation_matrix
 from fenics_rom.scene.file import parse_scene
 from fenics_rom.world.shapes import Box, Sphere
 
@@ -148,6 +150,46 @@ def test_a_carried_beam_lifts_a_box(roms):
     assert gap < 1e-12
 
 
+def test_a_mounted_beam_moves_as_one_whose_carrier_is_where_the_mount_is(roms):
+    """On a palm that turns and rises it is where a carrier of its own would be, and strikes a box alike."""
+    at, mounted = np.array([0.02, -0.01, 0.03]), np.array([0.8, 0, 0.6, 0])
+    spin, rises = np.array([0, -3.0, 0]), np.array([0, 0, 0.2])
+
+    def palm(t):
+        return fr.BaseState(t * rises, np.array([np.cos(1.5 * t), 0, -np.sin(1.5 * t), 0]), rises, spin)
+
+    def root(t):
+        state = palm(t)
+        arm = rotation_matrix(state.rotation) @ at
+        turned = quaternion_product(state.rotation, mounted)
+        return fr.BaseState(state.position + arm, turned, rises + np.cross(spin, arm), spin)
+
+    middle = at + rotation_matrix(mounted) @ (0.2, 0, 0.0256)
+    box = fr.RigidBody(**BOX, position=middle, rotation=mounted)
+    worlds = [
+        fr.World(
+            {"palm": fr.RigidBody(Sphere(0.001), motion=motion), "beam": beam, "box": box},
+            1e-3,
+            apart=[("palm", "beam")],
+        )
+        for motion, beam in (
+            (palm, fr.SoftBody(roms["carried"], on="palm", position=at, rotation=mounted)),
+            (root, fr.SoftBody(roms["carried"], on="palm")),
+        )
+    ]
+    for _ in range(30):
+        for world in worlds:
+            world.step()
+    one, other = worlds
+    assert np.linalg.norm(other.velocity("box")[0]) > 0.5
+    for velocities in zip(one.velocity("box"), other.velocity("box"), strict=True):
+        np.testing.assert_allclose(*velocities, rtol=0, atol=1e-11)
+    places = [world.simulator("beam").places() for world in worlds]
+    np.testing.assert_allclose(*places, rtol=0, atol=1e-13)
+    for numbers in zip(one.pose("beam"), other.pose("beam"), strict=True):
+        np.testing.assert_allclose(*numbers, rtol=0, atol=1e-13)
+
+
 @pytest.mark.parametrize("kind", ["held", "carried"])
 def test_points_answer_forces_as_they_then_move(roms, kind):
     """Also on a base that turns and speeds up: to round-off of the velocities, which the sweeps of a step rely on."""
@@ -177,6 +219,13 @@ def test_what_a_world_refuses_of_soft_bodies(roms):
         fr.World({"beam": fr.SoftBody(roms["held"], on="palm"), "palm": fr.RigidBody(Sphere(0.1), motion=LIES)}, 1e-3)
     with pytest.raises(fr.SceneError, match="on = 'box': allowed is a rigid body with a motion"):
         fr.World({"beam": fr.SoftBody(roms["carried"], on="box"), "box": fr.RigidBody(**BOX)}, 1e-3)
+    for kind, on in (("held", None), ("carried", "palm")):
+        thrown = {
+            "beam": fr.SoftBody(roms[kind], on=on, velocity=(0, 0, 1)),
+            "palm": fr.RigidBody(Sphere(1), motion=LIES),
+        }
+        with pytest.raises(fr.SceneError, match=r"velocity = \(0, 0, 1\).*: allowed is 0 of a body that is held or"):
+            fr.World(thrown, 1e-3)
     world = fr.World({"beam": fr.SoftBody(roms["held"]), "box": fr.RigidBody(**BOX, position=(0, 0, 1))}, 1e-3)
     with pytest.raises(fr.StepError, match="body 'box': no input 'push'; there is force, torque"):
         world.step({"box": {"push": 1.0}})

@@ -142,8 +142,8 @@ class FramedDelassus:
         return matrix
 
     def moved(self, forces: Array) -> Array:
-        """W f (3, C) of forces (3, C); where normals differ, and so with every step, without W in the frames."""
-        if len(self.frames.axes) == 1:
+        """W f (3, C) of forces (3, C); where normals differ, and so with every step, without W in frames if need be."""
+        if len(self.frames.axes) == 1 or "matrix" in self.__dict__:
             moved: Array = self.matrix.dot(forces.ravel())
             return moved.reshape(forces.shape)
         (moved,) = self.frames.turned(self.operator.matrix.dot(self.frames.in_space(forces).ravel()).reshape(-1, 3))

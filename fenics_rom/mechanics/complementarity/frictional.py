@@ -32,8 +32,8 @@ _FIRST_ITERATIONS = 8  # of Newton's method, with it
 _PATH_RESIDUAL = 1e-6  # below it following a path, the slowest method, is not worth its time
 _PATHS = ((0.3, 10), (0.6, 30))  # of shrinking compliance: the factor, and Gauss-Seidel sweeps where Newton cycles
 _PATH_TOLERANCE = 1e-6  # of Newton's method on a path
-_MOST_STEPS = 4  # with a kept inverse, before Newton's method
-_SLOWEST, _SLOW = 0.1, 3e-3  # reduction of the error by such a step that is worth another, and a new inverse
+_MOST_STEPS = 6  # with a kept inverse, before Newton's method
+_SLOWEST = 3e-3  # reduction of the error by such a step: where it is less, the inverse is found anew
 
 
 class _Law(NamedTuple):
@@ -63,18 +63,25 @@ class FrictionalProblem:
 
     def __init__(self, operator: FramedDelassus, q: Array, friction: float):
         self.operator, self.q, self.μ = operator, q, friction
-        self._take_share(_SHARES[not operator.operator.is_regular])
+        self._take_share(_SHARES[0])
         self.speed = largest(np.abs(q))
         self.best, self.velocities, self.error, self.iterations = q, q, np.inf, 0
         self._law: _Law  # at the forces that were looked at last
 
     def solve(self, start: Array, kept: KeptLaw | None = None) -> Solution:
         """See `complementarity.solve`."""
-        if kept is not None and kept.inverse is not None:
-            followed = self._follow(kept, kept.inverse)
+        last = kept
+        if last is not None:
+            kept = last.nearest(self.q)
+            if kept is not last:
+                start = kept.forces
+            followed = None if kept.inverse is None else self._follow(kept, kept.inverse)
             if followed is not None:
+                followed = followed.after(last)
                 return Solution(self.best, self.velocities, self.iterations, self.error / self.speed, followed)
-            start = self.best
+            start = start if kept.inverse is None else self.best
+        if not self.operator.operator.is_regular:
+            self._take_share(_SHARES[1])
         found = self.search_newton(start, _FIRST_COMPLIANCE, _FIRST_ITERATIONS)
         if not found:
             self._take_share(_SHARES[self.operator.operator.is_regular])
@@ -87,7 +94,9 @@ class FrictionalProblem:
                         converged = any(self.follow_path(*path) for path in _PATHS)
             if not converged:
                 check_residual(self.error / self.speed, self.q.shape[1], self.iterations)
-        return Solution(self.best, self.velocities, self.iterations, self.error / self.speed, self._to_keep(kept))
+        law = self._to_keep(kept)
+        law = None if law is None else law.after(last)
+        return Solution(self.best, self.velocities, self.iterations, self.error / self.speed, law)
 
     def _take_share(self, share: float) -> None:
         """Sets ρ, and 1/ρ, in the law that Newton's method solves: the solution is the same."""
@@ -124,15 +133,15 @@ class FrictionalProblem:
         f, before = linear + kept.lacking, np.inf
         for _ in range(_MOST_STEPS):
             if self._arrives_at(f, CONVERGENCE_TOLERANCE):
-                if not kept.slips:
-                    return kept
-                lacking = self.best - linear
-                if self.error > _SLOW * before:
-                    with suppress(np.linalg.LinAlgError):
-                        inverse, lacking = self._linearised(self._law).inverse(), 0 * lacking
+                lacking = self.best - linear if inverse is kept.inverse else 0 * kept.lacking
                 return kept._replace(inverse=inverse, q=self.q, forces=self.best, lacking=lacking)
             if not self.error < _SLOWEST * before:
-                break
+                if self._law.statuses != kept.statuses:
+                    break
+                try:
+                    inverse = self._linearised(self._law).inverse()
+                except np.linalg.LinAlgError:
+                    break
             before = self.error
             off = f - self._law.projected  # by W off less than with f, and by ρ⁻¹ off more than the law has it
             moves = self.compliance * off - self.operator.moved(off)
@@ -178,8 +187,7 @@ class FrictionalProblem:
         if kept is not None and kept.statuses == statuses:
             with suppress(np.linalg.LinAlgError):
                 inverse = self._linearised(self._law).inverse()
-        law = KeptLaw(statuses, inverse, *np.zeros((3, *self.q.shape)))
-        return law._replace(q=self.q, forces=self.best) if law.slips else law  # without slip it is linear
+        return KeptLaw(statuses, inverse, self.q, self.best, np.zeros_like(self.q))
 
     def search_interior(self) -> bool:
         """Whether Newton's method arrives from an approximation by an interior-point method."""
@@ -198,6 +206,7 @@ class FrictionalProblem:
         f, path_compliance = np.zeros_like(self.q), 10.0
         while path_compliance > PROXIMAL_COMPLIANCE:
             softer = FrictionalProblem(self.operator.softened(path_compliance), self.q, self.μ)
+            softer._take_share(_SHARES[not softer.operator.operator.is_regular])
             if not softer.search_newton(f, tolerance=_PATH_TOLERANCE):
                 softer.search_newton(softer.sweep_pairs(softer.best, sweeps), tolerance=_PATH_TOLERANCE)
             self.iterations += softer.iterations

@@ -2,6 +2,7 @@
 
 from typing import NamedTuple
 
+import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
@@ -17,6 +18,7 @@ INTERIOR_POINT_ITERATIONS = 40  # where they suffice they are rarely more than f
 INTERIOR_POINT_ACCURACY = 1e-14  # no interior-point method gets further
 FIRST_FINISH_RESIDUAL = 1e-3  # of an interior-point method: from here on Newton's method may finish, and
 FINISH_REDUCTION = 100  # tries again each time the residual has fallen by this factor
+MOST_KEPT = 3  # linearised laws besides that of the last step
 STEP_FRACTION = 0.9  # of the way to the border of the cones that an interior-point method goes
 
 
@@ -33,6 +35,17 @@ class KeptLaw(NamedTuple):
     q: Array  # of the last step (3, C), m/s
     forces: Array  # which were found for it (3, C), N
     lacking: Array  # what they lack by the inverse and the q of the time step before (3, C), N
+    earlier: "tuple[KeptLaw, ...]" = ()  # those of the steps before: what rubs often does the same in every other step
+
+    def nearest(self, q: Array) -> "KeptLaw":
+        """Of this and those before the one whose q is nearest."""
+        return self if not self.earlier else min((self, *self.earlier), key=lambda law: largest(np.abs(law.q - q)))
+
+    def after(self, earlier: "KeptLaw | None") -> "KeptLaw":
+        """The same with those of the steps before."""
+        if earlier is None or not (self.slips or earlier.earlier or earlier.slips):
+            return self
+        return self._replace(earlier=(earlier._replace(earlier=()), *earlier.earlier)[:MOST_KEPT])
 
     @property
     def slips(self) -> bool:

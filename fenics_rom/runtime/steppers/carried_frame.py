@@ -27,7 +27,7 @@ from numpy import ndarray as Array
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion
 from fenics_rom.mechanics.frame_contact import touch
-from fenics_rom.mechanics.frame_geometry import Geometry, Push, turned_operator, vector
+from fenics_rom.mechanics.frame_geometry import Geometry, Push, arms_of, turned_operator, vector
 from fenics_rom.mechanics.frame_motion import (
     ZERO,
     Quaternion,
@@ -42,7 +42,7 @@ from fenics_rom.mechanics.frame_motion import (
     rotation_of,
 )
 from fenics_rom.runtime.steppers.carried_base import Motion, frame_state, misfit, motion_of
-from fenics_rom.runtime.steppers.frame_kernel import MOMENTS, TURNED, FrameKernel, FrameState, check_turn
+from fenics_rom.runtime.steppers.frame_kernel import MOMENTS, TURNED, FrameKernel, FrameState, check_turn, in_frame
 from fenics_rom.runtime.steppers.frame_loads import FrameForces
 from fenics_rom.runtime.steppers.frame_points import FramePoints
 from fenics_rom.runtime.steppers.inertia import pairs
@@ -64,6 +64,17 @@ class _Step(NamedTuple):
     ω_end: Vector
     forces: FrameForces
     modal: Array  # (m,) of them
+
+    @property
+    def spin(self) -> Array:
+        """(R* ω̂)~ (3, 3)."""
+        return cross_matrix(self.turn.middle.dot(self.ω̂))
+
+    @property
+    def origin(self) -> Array:
+        """R* v̂ (3,), of the frame's origin."""
+        origin: Array = self.turn.middle.dot(self.v̂)
+        return origin
 
 
 class CarriedFrame(FrameKernel):
@@ -173,13 +184,9 @@ class CarriedFrame(FrameKernel):
 
     def open(self, u: Array) -> Array:
         """As in Kernel."""
-        self._free = r̂ = self._begin_step(u)
+        self._free = self._begin_step(u)
         assert self._taken is not None
-        turn = self._taken.turn
-        yielding = self.yielding(turn, None)
-        velocities = self.velocities(turn, self.arms(turn, r̂, yielding), r̂, yielding)
-        free: Array = velocities + self.translation(turn, ZERO)
-        return free
+        return self._carried_points(self._taken, self._free, self.yielding(self._taken.turn, None))[1]
 
     def answer(self, some: Array) -> Array:
         """As in Kernel."""
@@ -194,7 +201,7 @@ class CarriedFrame(FrameKernel):
             self._inside_of, self._answered = (step.A, key, inside), None
         # R* and by how the arms change with the way that points go; R*ᵀ f is what the frame sees of a force
         middle = step.turn.middle
-        outward = middle + self.h / 2 * cross_matrix(middle.dot(step.ω̂)).dot(step.turn.end)
+        outward = middle + self.h / 2 * step.spin.dot(step.turn.end)
         turns = outward.tobytes() + middle.tobytes()
         if self._answered is None or self._answered[0] != turns:
             self._answered = turns, turned_operator(outward, self._inside_of[2], middle)
@@ -233,12 +240,13 @@ class CarriedFrame(FrameKernel):
         """Takes the step that has begun, to the velocities that it was found to have."""
         h, now, start, step = self.h, self._now, self.frame, self._taken
         assert step is not None
-        turn, touched, push = step.turn, None, None
+        turn, touched, push, heat = step.turn, None, None, 0.0
+        if self._interface is not None:
+            self.places()  # where the step begins, as the residual part now goes on
+            yielding, heat = self._step_residual(in_frame(turn, contact))
         if contact is not None:
-            yielding = self.yielding(turn, contact)
-            arms = self.arms(turn, r̂, yielding)
+            arms, touched = self._carried_points(step, r̂, yielding)
             push = self.push(contact.forces, turn, arms)
-            touched = self.velocities(turn, arms, r̂, yielding) + self.translation(turn, push.force)
         e, r = self._e + self._travel * r̂, r̂ + r̂ - self._r
         q, v̂, ω̂ = e * self._inverse_ω, step.v̂, step.ω̂
         after = motion_of(q, self._shape_at(q, r), turn.after, step.v_end, step.ω_end, self._mass)
@@ -246,12 +254,22 @@ class CarriedFrame(FrameKernel):
         supplied = of_base + h * float(step.modal.dot(r̂))
         if push is not None:  # the work of contact forces is booked as theirs
             supplied -= h * (dot(turn.seen(push.force), v̂) + dot(push.turning, ω̂))
-        self._finish(contact, turn, touched, supplied, h * float(r̂.dot(self._damped(r̂))))
+        self._finish(contact, touched, supplied, h * float(r̂.dot(self._damped(r̂))) + heat)
         self._look_at_base(start, step.end, turn, v̂)
         self._wrench_before, self._now_before = self._wrench, now
         self._wrench = partial(self._wrench_of, h, step, r̂, now, after, push)
         self._now, self.frame = after, step.end
         return self._arrive(e, r)
+
+    def _carried_points(self, step: _Step, r̂: Array, yielding: Array | None) -> tuple[Array, Array]:
+        """Arms of the contact points from the origin in the middle of the step, m, and velocities, m/s, (P, 3)."""
+        start, inside = self.places(), self.points.moved(r̂)
+        if yielding is not None:
+            inside += yielding
+        arms = arms_of(step.turn, start, start + self.h * inside)
+        velocities: Array = arms.dot(step.spin.T) + inside.dot(step.turn.middle.T)
+        velocities += step.origin
+        return arms, velocities
 
     def _solved(self, A: Array, right: Array) -> Array:
         """A⁻¹ of a vector or columns."""
@@ -360,10 +378,8 @@ class CarriedFrame(FrameKernel):
 
     def translation(self, turn: Geometry, contact: Vector) -> Array:
         """Mid-step velocity (3,) of the origin."""
-        step = self._taken
-        assert step is not None
-        translation: Array = turn.middle.dot(step.v̂)
-        return translation
+        assert self._taken is not None
+        return self._taken.origin
 
     def kept_translation(self, turn: Geometry) -> Vector:
         """As in FrameKernel."""

@@ -136,6 +136,7 @@ class FrameKernel(BookedKernel):
         self.frame = self._frame_before = self._at_rest = FrameState((x, y, z), (1.0, 0.0, 0.0, 0.0), ZERO, ZERO)
         self._dense_damping = model.damping.ndim == 2
         self._terms = np.empty((2, m))
+        self._places: Array | None = None  # of the contact points in this state
         if interface is not None:
             self.points = FramePoints(interface.points.coordinates - frame.origin, self._Sᵀ)
 
@@ -154,7 +155,7 @@ class FrameKernel(BookedKernel):
         if self._works:
             self._works.pop()
         super().rollback()
-        self.frame = self._frame_before
+        self.frame, self._places = self._frame_before, None
 
     def flush(self) -> None:
         """As in Kernel."""
@@ -180,13 +181,25 @@ class FrameKernel(BookedKernel):
     def point_displacement(self) -> Array:
         """As in Kernel."""
         assert self._interface is not None
-        position, R = np.array(self.frame.position), rotation_matrix(self.frame.rotation)
-        return position + self.places().dot(R.T) - self._interface.points.coordinates
+        return self.point_places() - self._interface.points.coordinates
+
+    def point_places(self) -> Array:
+        """As in BookedKernel."""
+        places: Array = self.places().dot(rotation_matrix(self.frame.rotation).T)
+        places += np.array(self.frame.position)
+        return places
 
     def places(self) -> Array:
-        """Of the contact points in the frame, (P, 3), m."""
-        places = self.points.rest + self.points.moved(self._coordinates())
-        return places if self.residual is None else places + self.residual.displacement
+        """Of the contact points in the frame, (P, 3), m; not to be changed."""
+        if self._places is None:
+            places = self.points.rest + self.points.moved(self._coordinates())
+            self._places = places if self.residual is None else places + self.residual.displacement
+        return self._places
+
+    def resume(self, auxiliary: Array) -> None:
+        """As in Kernel."""
+        super().resume(auxiliary)
+        self._places = None
 
     def _shape_at(self, q: Array, r: Array) -> Shape:
         """The inertia there, which the table is of from now on."""
@@ -247,7 +260,7 @@ class FrameKernel(BookedKernel):
         """Mid-step velocity (P, 3) in the frame of the points in the residual part; None where there is none."""
         if self.residual is None or (contact is None and self.residual.is_at_rest):
             return None
-        return self.residual.velocity(_in_frame(turn, contact))
+        return self.residual.velocity(in_frame(turn, contact))
 
     def arms(self, turn: Geometry, rate: Array, yielding: Array | None) -> Array:
         """Of the contact points from the origin in the middle of a step, (P, 3), m."""
@@ -313,17 +326,9 @@ class FrameKernel(BookedKernel):
         return self.frame.velocity
 
     def _finish(
-        self,
-        contact: ContactSolution | None,
-        turn: Geometry,
-        velocities: Array | None,
-        supplied: float,
-        dissipated: float,
+        self, contact: ContactSolution | None, velocities: Array | None, supplied: float, dissipated: float
     ) -> None:
-        """The end of a step but for the state: of the residual part, and what is to be booked."""
-        if self._interface is not None:
-            _, heat = self._step_residual(_in_frame(turn, contact))
-            dissipated += heat
+        """The end of a step but for the state: what is to be booked."""
         if contact is not None and velocities is not None:
             self.touched = velocities
             self._leave(StepWork(supplied, dissipated, (partial(contact.work, velocities, self.h),)))
@@ -336,13 +341,13 @@ class FrameKernel(BookedKernel):
 
     def _arrive(self, e: Array, r: Array) -> float:
         """Where a step led, but for the frame; twice the stored energy, J."""
-        self._e[:], self._r[:] = e, r
+        self._e[:], self._r[:], self._places = e, r, None
         self._square = float(self.state.dot(self.state))
         self._watch.look(e, self._square, self.angular_velocity, self.notes)
         return 2 * self.energy
 
 
-def _in_frame(turn: Geometry, contact: ContactSolution | None) -> ContactSolution | None:
+def in_frame(turn: Geometry, contact: ContactSolution | None) -> ContactSolution | None:
     """The same with forces as the frame sees them."""
     return None if contact is None else contact._replace(forces=contact.forces.dot(turn.middle))
 

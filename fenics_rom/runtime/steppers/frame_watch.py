@@ -35,6 +35,7 @@ class FrameWatch:
         self._farthest, self._limit = float(farthest), LARGEST_DEFLECTION * self._length
         slow = QUASI_RIGID if detail != "full" else np.inf if self._is_stiffened else UNSTIFFENED
         self._fastest = slow * self._first
+        self._looked_at = np.zeros(model.order), 0.0  # last, and how far it was bent there
 
     @property
     def notes(self) -> dict[str, float]:
@@ -48,9 +49,14 @@ class FrameWatch:
         """
         if dot(ω, ω) > notes[TURNED] ** 2:
             notes[TURNED] = dot(ω, ω) ** 0.5
-        if self._farthest * square > max(self._limit, notes[BENT]) ** 2:  # else it is no farther than it was
-            bent = float(np.sqrt(np.square(self._rows.dot(e).reshape(-1, 3)).sum(axis=1).max()))
-            notes[BENT] = max(notes[BENT], bent)
+        most = max(self._limit, notes[BENT])
+        if self._farthest * square > most**2:  # else it is no farther than it was
+            there, bent = self._looked_at
+            change = e - there
+            if bent + (self._farthest * float(change.dot(change))) ** 0.5 > most:  # else it has not got so far since
+                bent = float(np.sqrt(np.square(self._rows.dot(e).reshape(-1, 3)).sum(axis=1).max()))
+                self._looked_at = e.copy(), bent
+                notes[BENT] = max(notes[BENT], bent)
 
     def distrusts(self, e: Array, speed: Array) -> Array:
         """Which of bodies (B,) in states √γ q (B, m), that turn at a speed (B,), rad/s, go too far."""

@@ -54,6 +54,7 @@ from fenics_rom.runtime.steppers.frame_kernel import (
     FrameState,
     Shape,
     check_turn,
+    in_frame,
     turn_of,
 )
 from fenics_rom.runtime.steppers.frame_points import FramePoints
@@ -375,7 +376,8 @@ class FreeFrame(FrameKernel):
         e, r = self._e + self._travel * r̂, r̂ + r̂ - self._r
         q = e * self._inverse_ω
         motion = self._moving(q, self._shape_at(q, r), turn.after, frame.turning, e)
-        self._finish(contact, turn, touched, h * supplied, h * float(r̂.dot(self._damped(r̂))))
+        _, heat = self._step_residual(in_frame(turn, contact))
+        self._finish(contact, touched, h * supplied, h * float(r̂.dot(self._damped(r̂))) + heat)
         self._passed = h, x
         self.frame, self._now_before, self._now = frame, self._now, motion
         return self._arrive(e, r)

@@ -195,6 +195,12 @@ class BookedKernel(Kernel):
         displacement = self._coordinates().dot(self._Sᵀ).reshape(-1, 3)
         return displacement if self.residual is None else displacement + self.residual.displacement
 
+    def point_places(self) -> Array:
+        """Of the contact points now, (P, 3), m."""
+        assert self._interface is not None
+        places: Array = self._interface.points.coordinates + self.point_displacement()
+        return places
+
     def start_velocities(self) -> Array:
         """Velocities (P, 3) of the contact points, m/s."""
         velocities = self._r.dot(self._Sᵀ).reshape(-1, 3)

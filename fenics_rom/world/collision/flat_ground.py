@@ -4,7 +4,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import SceneError
-from fenics_rom.world.collision.contacts import Contacts, PlacedShape, rigid_contacts
+from fenics_rom.world.collision.contacts import Contacts, PlacedShape, no_contacts, rigid_contacts
 from fenics_rom.world.collision.manifold import thinned
 from fenics_rom.world.shapes import Capsule, Cylinder, HalfSpace, Polytope, Shape, Sphere
 
@@ -15,6 +15,8 @@ _QUARTERS = np.array([[1.0, 0, 0], [0, 1, 0], [-1, 0, 0], [0, -1, 0]])
 def contacts_on_ground(first: PlacedShape, ground: PlacedShape, margin: float) -> Contacts:
     """Pairs of a shape and a half-space that are nearer than a margin, m."""
     normal = ground.rotation[:, 2]
+    if float((first.position - ground.position).dot(normal)) > first.shape.radius_around + margin:
+        return no_contacts()
     local, radius, feature = _lowest(first.shape, first.rotation.T.dot(normal))
     places = local.dot(first.rotation.T) + first.position - radius * normal
     gaps = (places - ground.position).dot(normal)

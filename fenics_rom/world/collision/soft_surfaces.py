@@ -1,5 +1,8 @@
 """Surfaces of soft bodies against rigid shapes, and against one another."""
 
+from functools import lru_cache
+from typing import NamedTuple
+
 import numpy as np
 from numpy import ndarray as Array
 
@@ -17,13 +20,13 @@ def soft_on_rigid(first: PlacedSurface, second: PlacedShape, margin: float) -> C
     points = first.points[first.touching]
     beside = points - second.position
     reach = second.shape.radius_around + margin
-    row = np.flatnonzero((beside * beside).sum(axis=1) <= reach * reach)
+    row = ((beside * beside).sum(axis=1) <= reach * reach).nonzero()[0]
     gaps, normals = distance_of(second, points[row])
-    near = gaps <= margin
-    row = first.touching[row[near]]
-    none = np.zeros((len(row), 0))
-    rigid = Spots(first.points[row], none.astype(int), none, row)
-    return Contacts(_vertices(first, row), rigid, normals[near], gaps[near])
+    near = (gaps <= margin).nonzero()[0]
+    kept = _kept_rows(first.touching[row[near]].tobytes())
+    places = points[row[near]]
+    soft, rigid = Spots(places, kept.nodes, kept.weights, kept.row), Spots(places, kept.none, kept.none, kept.row)
+    return Contacts(soft, rigid, normals[near], gaps[near])
 
 
 def soft_on_soft(first: PlacedSurface, second: PlacedSurface, margin: float) -> Contacts:
@@ -60,6 +63,23 @@ def _points_on(first: PlacedSurface, second: PlacedSurface, margin: float, numbe
     normals[clear] = (sign / np.where(clear, away[best], 1.0))[clear, None] * offsets[best][clear]
     foot = Spots(feet[best], second.triangles[triangle[best]], weights[best], row[best] + numbers)
     return Contacts(_vertices(first, row[best], numbers), foot, normals, sign * away[best])
+
+
+class _KeptRows(NamedTuple):
+    """What is the same as long as the same points of a surface are near."""
+
+    row: Array  # (k,)
+    nodes: Array  # as in Spots, of the points, and none of a rigid body
+    weights: Array
+    none: Array
+
+
+@lru_cache(maxsize=256)
+def _kept_rows(row_bytes: bytes) -> _KeptRows:
+    row = np.frombuffer(row_bytes, dtype=int)
+    weights = np.zeros((len(row), 3))
+    weights[:, 0] = 1.0
+    return _KeptRows(row, np.repeat(row[:, None], 3, axis=1), weights, np.zeros((len(row), 0), dtype=int))
 
 
 def _vertices(surface: PlacedSurface, row: Array, numbers: int = 0) -> Spots:
