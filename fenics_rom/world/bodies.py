@@ -23,6 +23,7 @@ class Points(NamedTuple):
     nodes: Array  # (k + j, 3) of a soft body, among its contact points
     weights: Array  # (k + j, 3) of these
     arms: Array  # (j, 3) of a rigid body, in its axes from its centre of mass, m
+    follows: Array  # (k + j,) where a soft body is pushed at the point of another one, which moves with its frame
 
 
 class Body(Protocol):
@@ -47,6 +48,10 @@ class Body(Protocol):
     @property
     def yields(self) -> bool:
         """Whether each of its points yields by itself, beyond what the motions of the whole body allow."""
+
+    @property
+    def takes_couples(self) -> bool:
+        """Whether it is soft and moves freely: two such bodies are pushed at the same places, so that momenta stay."""
 
     def take(self, inputs: Mapping[str, Any]) -> None:
         """Inputs of the next step by name; what is not named is 0. Raises StepError where there is no such input."""

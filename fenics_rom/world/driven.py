@@ -27,7 +27,7 @@ class Driven:
         motion: its pose and twist at a time, s.
     """
 
-    is_driven, yields, energy = True, False, 0.0
+    is_driven, yields, takes_couples, energy = True, False, False, 0.0
     lead = np.zeros(3)
 
     def __init__(self, shape: Shape | None, motion: Callable[[float], BaseState]):
@@ -111,7 +111,7 @@ class Driven:
     def points_at(self, places: Array, where: str) -> Points:
         """As in Body."""
         arms = (places - self._start.position).dot(self._R)
-        return Points(np.empty((len(arms), 0), dtype=int), np.empty((len(arms), 0)), arms)
+        return Points(np.empty((len(arms), 0), dtype=int), np.empty((len(arms), 0)), arms, np.zeros(len(arms), bool))
 
     def inverse_mass(self, points: Points) -> Array:
         """As in Body: nothing moves it."""

@@ -64,7 +64,7 @@ class Rigid:
         gravity: (3,), m/s².
     """
 
-    is_driven, yields = False, False
+    is_driven, yields, takes_couples = False, False, False
 
     def __init__(self, shape: Shape, mass: float, inertia: Array, pose: BaseState, gravity: Array):
         self.account, self._shape, self.size = EnergyLedger(), shape, shape.radius_around
@@ -226,7 +226,7 @@ class Rigid:
     def points_at(self, places: Array, where: str) -> Points:
         """As in Body."""
         arms = (places - self._p).dot(self._R)
-        return Points(np.empty((len(arms), 0), dtype=int), np.empty((len(arms), 0)), arms)
+        return Points(np.empty((len(arms), 0), dtype=int), np.empty((len(arms), 0)), arms, np.zeros(len(arms), bool))
 
     def inverse_mass(self, points: Points) -> Array:
         """As in Body."""

@@ -17,38 +17,25 @@ from numpy import ndarray as Array
 
 from fenics_rom.errors import SceneError
 from fenics_rom.mechanics.base_path import BaseState
-from fenics_rom.mechanics.contact import ContactSolution, ContactWork, ObstacleMotion, PointMotion
-from fenics_rom.mechanics.contact_solver import ContactSolver, Settled
+from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
-from fenics_rom.mechanics.frame_geometry import turned_operator
-from fenics_rom.mechanics.frame_motion import rotation_matrix
+from fenics_rom.mechanics.frame_geometry import turned_operator, vector
+from fenics_rom.mechanics.frame_motion import ZERO, cross_matrix, rotation_matrix
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.simulator import Simulator
 from fenics_rom.runtime.steppers.carried_frame import CarriedFrame
+from fenics_rom.runtime.steppers.free_frame import FreeFrame
 from fenics_rom.runtime.steppers.kernel import BookedKernel
 from fenics_rom.runtime.steppers.residual_motion import operator_of
-from fenics_rom.world.bodies import Points
+from fenics_rom.world.bodies import Points, torque_of
 from fenics_rom.world.collision.contacts import PlacedSurface
+from fenics_rom.world.handed_forces import Handed, HandedForces, handed
 
 if TYPE_CHECKING:
     from fenics_rom.mechanics.signals import SignalLike
     from fenics_rom.world.mount import Mount
 
 CLOSED = 1e-6  # of a body's size: so near to the point of a joint one of its own is to be
-
-
-class _Handed(ContactSolution):
-    """Forces of other bodies: what work they do is supplied, and what contact dissipates is not this body's."""
-
-    def work(self, velocity: Array, dt: float) -> ContactWork:
-        """See ContactSolution."""
-        return ContactWork(dt * float(self.forces.ravel().dot(velocity.ravel())), 0.0, 0.0)
-
-
-def _handed(forces: Array, reached: Array) -> _Handed:
-    """Forces (P, 3) on all contact points, and which they may act on."""
-    pushed = forces[reached]
-    return _Handed(forces, 0, reached, 0 * pushed, pushed, np.zeros((0, 3)), None)
 
 
 class _Reached(NamedTuple):
@@ -58,47 +45,7 @@ class _Reached(NamedTuple):
     nodes: Array  # (s,)
     are_nodes: bool  # whether each of the points is a contact point, and none is between them
     is_each_once: bool  # and no two are the same
-
-
-class _HandedForces(ContactSolver):
-    """In place of what finds the forces of obstacles.
-
-    Attributes:
-        reached: contact points (s,) that forces may act on in this step.
-        forces: (P, 3) that do, N.
-        point_gaps: (P,), m; infinite of points that nothing is near to.
-        delassus: W (3 P, 3 P) that the stepper gave last.
-    """
-
-    reached: Array = np.empty(0, dtype=int)
-    forces: Array = np.empty((0, 3))
-
-    def gaps(self, displacement: Array, offsets: Array) -> Array:
-        """See ContactSolver."""
-        return self.point_gaps
-
-    def check_start(self, displacement: Array, offsets: Array, names: Any) -> None:
-        """See ContactSolver: the world checks it."""
-        self.point_gaps = np.full(len(self.points), np.inf)
-
-    def within_reach(self, points: PointMotion, dt: float, obstacles: ObstacleMotion) -> Array:
-        """See ContactSolver."""
-        return self.reached
-
-    def solve(
-        self,
-        points: PointMotion,
-        delassus: Array,
-        dt: float,
-        obstacles: ObstacleMotion,
-        quasi_static: bool = False,
-        settled: Settled | None = None,
-    ) -> ContactSolution | None:
-        """See ContactSolver."""
-        self.delassus = delassus
-        if not len(self.reached):
-            return None
-        return _handed(self.forces, self.reached)
+    follow: bool  # whether some of them do
 
 
 class Soft(Simulator):
@@ -115,7 +62,7 @@ class Soft(Simulator):
     """
 
     is_driven = False
-    _solver_of: type[ContactSolver] | None = _HandedForces
+    _solver_of: type[ContactSolver] | None = HandedForces
 
     def __init__(
         self,
@@ -150,7 +97,7 @@ class Soft(Simulator):
             raise SceneError(f"body {name!r}: ROM {rom.name!r} {needs}")
         super().__init__(rom, dt, scene=replace(acting, obstacles={}, run=None), signals=signals)
         assert self._stepper.interface is not None
-        self._handed: _HandedForces = self._stepper.interface.solver  # type: ignore[assignment]
+        self._handed: HandedForces = self._stepper.interface.solver  # type: ignore[assignment]
         if not self._fixed:
             self.place(pose if mount is None else mount.start)
         elif acting.loads.get("gravity") is not None and not np.allclose(self._R, np.eye(3)):
@@ -161,7 +108,8 @@ class Soft(Simulator):
         self._given: Mapping[str, Any] = {}
         self.keeps_contact_mode = False  # whoever is near
         self._asked: tuple[Points, Array, Array] | None = None  # points, their velocities without forces, and per force
-        self._reached = _Reached(Points(*np.empty((3, 0, 3))), np.empty(0, dtype=int), False, False)
+        self._reached = _Reached(Points(*np.empty((4, 0, 3))), np.empty(0, dtype=int), False, False, False)
+        self._own_places, self._by_couples = np.empty((0, 3)), 0.0  # of the points in the last try, m; work, J
         self._turned_operator = np.empty((0, 0)), np.empty((0, 0))  # in axes of its own, and in the world's
         self._forces = np.empty((0, 3))
         self._tried, self._is_open, self._twice = False, False, 0.0
@@ -201,6 +149,17 @@ class Soft(Simulator):
         return self._kernel.residual is not None
 
     @property
+    def takes_couples(self) -> bool:
+        """As in Body."""
+        return isinstance(self._stepper.kernel, FreeFrame)
+
+    @property
+    def _free_frame(self) -> FreeFrame:
+        kernel = self._stepper.kernel
+        assert isinstance(kernel, FreeFrame)
+        return kernel
+
+    @property
     def size(self) -> float:
         """As in Body."""
         return float(np.linalg.norm(np.ptp(self.contact_coordinates, axis=0))) / 2
@@ -224,6 +183,9 @@ class Soft(Simulator):
             if self.contact != (nearest := self._source.nearest(self._stepper)):
                 self.switch(nearest)
         self._h, self._tried, self._is_open = h, False, h > 0 and self._kernel.answers_linearly
+        self._by_couples = 0.0
+        if self.takes_couples:
+            self._free_frame.couple = ZERO
         self._start = self.places()
         self._velocity = self._turned(self._kernel.start_velocities())
         self._handed.reached = np.empty(0, dtype=int)
@@ -261,7 +223,12 @@ class Soft(Simulator):
 
     def start_velocities(self, points: Points, places: Array) -> Array:
         """As in Body."""
-        return self._mean(points, self._velocity)
+        velocities = self._mean(points, self._velocity)
+        self._own_places = self._mean(points, self._start) + self._h / 2 * velocities
+        if self._reach(points).follow:
+            spin = cross_matrix(self._free_frame.world_angular_velocity)
+            velocities[points.follows] += (places - self._own_places)[points.follows].dot(spin.T)
+        return velocities
 
     def attempt(self, points: Points, places: Array, forces: Array) -> Array:
         """As in Body; places of points that answer linearly are those that were expected."""
@@ -274,8 +241,12 @@ class Soft(Simulator):
         if self._tried:
             self._stepper.rollback()
             self._tried = False
-        contact = self._hand(points, forces)
+        contact, follow = self._hand(points, forces), self._reach(points).follow
         self._handed.forces, self._handed.reached = contact.forces, contact.pairs
+        if follow:  # at the places of others, which move with the frame, as far as they are off the own points
+            off = np.where(points.follows[:, None], places - self._own_places, 0.0)
+            couple = torque_of(off.T.dot(forces))
+            self._free_frame.couple = vector(couple)
         result = self._stepper.step(self._inputs)
         self._tried, self._twice = True, 2 * result.energy
         if not math.isfinite(result.energy):
@@ -283,24 +254,31 @@ class Soft(Simulator):
         if not len(forces):
             return forces
         velocities = self._mean(points, self._turned(self._kernel.touched))
-        places[:] = self._mean(points, self._start) + self._h / 2 * velocities
-        return velocities
+        self._own_places = self._mean(points, self._start) + self._h / 2 * velocities
+        if not follow:
+            places[:] = self._own_places
+            return velocities
+        places[~points.follows] = self._own_places[~points.follows]
+        spin = self._free_frame.spin
+        self._by_couples = self._h * float(couple.dot(spin))
+        return velocities + off.dot(cross_matrix(spin).T)
 
-    def _hand(self, points: Points, forces: Array) -> _Handed:
+    def _hand(self, points: Points, forces: Array) -> Handed:
         """Forces at points, as the stepper has them of its contact points."""
         spread, reached = np.zeros((len(self._everywhere), 3)), self._reach(points)
         if reached.is_each_once:
             spread[points.nodes[:, 0]] = forces
         else:
             np.add.at(spread, points.nodes, points.weights[:, :, None] * forces[:, None, :])
-        return _handed(self._into_frame(spread), reached.nodes)
+        return handed(self._into_frame(spread), reached.nodes)
 
     def _reach(self, points: Points) -> _Reached:
         """Of these points; kept as long as they are the same."""
         if self._reached.points is not points:
             nodes = np.unique(points.nodes[points.weights != 0])
             are_nodes = bool(points.weights.shape[1]) and bool((points.weights[:, 0] == 1.0).all())
-            self._reached = _Reached(points, nodes, are_nodes, are_nodes and len(nodes) == len(points.nodes))
+            is_each_once, follow = are_nodes and len(nodes) == len(points.nodes), bool(points.follows.any())
+            self._reached = _Reached(points, nodes, are_nodes, is_each_once, follow)
         return self._reached
 
     def _mean(self, points: Points, values: Array) -> Array:
@@ -361,7 +339,7 @@ class Soft(Simulator):
             )
         nodes, weights = np.zeros((len(places), 3), dtype=int), np.zeros((len(places), 3))
         nodes[:, 0], weights[:, 0] = nearest, 1.0
-        return Points(nodes, weights, np.zeros((len(places), 3)))
+        return Points(nodes, weights, np.zeros((len(places), 3)), np.zeros(len(places), bool))
 
     def end_velocities(self, points: Points) -> Array:
         """As in Body."""
@@ -379,6 +357,8 @@ class Soft(Simulator):
         """As in Body."""
         assert self._source is not None
         self._tried = False
+        if self._by_couples:  # booked as supplied already
+            self.account.book_parts(self._by_couples, 0.0, 0.0)
         self._source.environment.commit(self._inputs, self._dt)
         if self._twice <= self._monitor_threshold:
             self.steps += 1

@@ -89,7 +89,8 @@ class StepPairs:
             meeting, k = self._meetings[number], len(found.gaps)
             own = np.arange(count, count + k)
             rows[meeting.first].append((own, 1.0, _points(found.first)))
-            rows[meeting.second].append((own, -1.0, _points(found.second)))
+            both = self._bodies[meeting.first].takes_couples and self._bodies[meeting.second].takes_couples
+            rows[meeting.second].append((own, -1.0, _points(found.second, both)))
             normals.append(found.normals)
             gaps.append(found.gaps)
             places.append(found.first.arms)
@@ -158,7 +159,9 @@ class StepPairs:
                         body,
                         rows[held] - C,
                         signs[held],
-                        points._replace(nodes=points.nodes[held], weights=points.weights[held]),
+                        points._replace(
+                            nodes=points.nodes[held], weights=points.weights[held], follows=points.follows[held]
+                        ),
                     )
                 )
         size = len(self._joint_forces)
@@ -224,13 +227,13 @@ def _lies_as(now: tuple[Array, Array], then: tuple[Array, Array]) -> bool:
     return bool(np.abs(arms - arms_then).max(initial=0.0) <= GUIDES * np.abs(arms_then).max(initial=0.0))
 
 
-def _points(spots: Spots) -> Points:
-    return Points(spots.nodes, spots.weights, np.empty((0, 3)))
+def _points(spots: Spots, follows: bool = False) -> Points:
+    return Points(spots.nodes, spots.weights, np.empty((0, 3)), np.full(len(spots.arms), follows))
 
 
 def _part(body: Body, mine: list[tuple[Array, float, Points]]) -> Part:
     if not mine:
-        none = Points(np.empty((0, 0), int), np.empty((0, 0)), np.empty((0, 3)))
+        none = Points(np.empty((0, 0), int), np.empty((0, 0)), np.empty((0, 3)), np.empty(0, bool))
         return Part(body, np.empty(0, int), slice(0, 0), np.empty((0, 1)), none)
     pairs = np.concatenate([pairs for pairs, _, _ in mine])
     signs = np.concatenate([np.full((len(own), 1), sign) for own, sign, _ in mine])

@@ -41,7 +41,7 @@ def test_points_of_a_body_that_turns_answer_forces_by_its_operator():
     body, h = fr.RigidBody(Box((0.1, 0.2, 0.3)), density=500, rotation=(0.6, 0, 0.8, 0)), 0.01
     mass, inertia = body.mass_and_inertia()
     pose = body.pose("")._replace(velocity=random.standard_normal(3), angular_velocity=5 * random.standard_normal(3))
-    rigid, points = Rigid(body.shape, mass, inertia, pose, np.zeros(3)), Points(*np.empty((3, 2, 0)))
+    rigid, points = Rigid(body.shape, mass, inertia, pose, np.zeros(3)), Points(*np.empty((4, 2, 0)))
     points = points._replace(arms=np.empty((0, 3)))
     rigid.begin(h)
     places, forces = pose.position + 0.1 * random.standard_normal((2, 3)), 10 * random.standard_normal((2, 3))

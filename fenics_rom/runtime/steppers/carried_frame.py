@@ -267,9 +267,7 @@ class CarriedFrame(FrameKernel):
         if yielding is not None:
             inside += yielding
         arms = arms_of(step.turn, start, start + self.h * inside)
-        velocities: Array = arms.dot(step.spin.T) + inside.dot(step.turn.middle.T)
-        velocities += step.origin
-        return arms, velocities
+        return arms, arms.dot(step.spin.T) + inside.dot(step.turn.middle.T) + step.origin
 
     def _solved(self, A: Array, right: Array) -> Array:
         """A⁻¹ of a vector or columns."""

@@ -106,6 +106,7 @@ class FreeFrame(FrameKernel):
         self._forces = self._loads.at(np.zeros(self._loads.width))  # of the step
         self._steps, self._iterations, self._last = 0, 0, 0  # with it, and in the last step
         self._passed: tuple[float, Array] | None = None  # the last step: of h s, by ω̂ and r̂
+        self.couple: Vector = ZERO  # on the frame in the next step, in world axes, N m, beside its loads
         self.resume(np.empty(0))
 
     @property
@@ -124,6 +125,15 @@ class FreeFrame(FrameKernel):
         """Linear and, about the centre of mass, angular, in world axes."""
         x, y, z = self.frame.velocity
         return (self._mass * x, self._mass * y, self._mass * z), self.frame.turning
+
+    @property
+    def spin(self) -> Array:
+        """R* ω̂ (3,) of the last step, in world axes, rad/s."""
+        assert self._passed is not None
+        _, x = self._passed
+        turn = Geometry(self._now_before.R, self._now.R, vector(self.h * x[:3]))
+        spin: Array = turn.middle.dot(x[:3])
+        return spin
 
     @property
     def world_angular_velocity(self) -> Array:
@@ -269,6 +279,8 @@ class FreeFrame(FrameKernel):
                 if each is not None:
                     t = added(t, 1.0, each.turning)
                     along -= each.modal
+        if self.couple != ZERO:
+            t = added(t, 1.0, self.turn_at(x)[0].seen(self.couple))
         x_, y_, z_ = cross(ω̂, added(L, 1.0, L_end))
         ρ[0] = (L_end[0] - L[0]) / h + x_ / 2 - t[0]
         ρ[1] = (L_end[1] - L[1]) / h + y_ / 2 - t[1]
@@ -356,7 +368,8 @@ class FreeFrame(FrameKernel):
         turn, rotation = self.turn_at(x)
         torque = self._torque(r̂)
         supplied = dot(torque, (a, b, c)) + float(forces.modal.dot(r̂))
-        τ, pushed = turn.mean(torque), ZERO
+        τ, pushed = added(turn.mean(torque), 1.0, self.couple), ZERO
+        supplied += dot(turn.seen(self.couple), (a, b, c))
         prescribed = self._prescribed(forces, turn, self._now.q, r̂, h)
         if prescribed is not None:
             τ = added(τ, 1.0, prescribed.torque)

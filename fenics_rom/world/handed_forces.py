@@ -1,0 +1,64 @@
+"""Contact forces that a world hands to the stepper of a soft body, in place of a search among obstacles."""
+
+from typing import Any
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.mechanics.contact import ContactSolution, ContactWork, ObstacleMotion, PointMotion
+from fenics_rom.mechanics.contact_solver import ContactSolver, Settled
+
+
+class Handed(ContactSolution):
+    """Forces of other bodies: what work they do is supplied, and what contact dissipates is not this body's."""
+
+    def work(self, velocity: Array, dt: float) -> ContactWork:
+        """See ContactSolution."""
+        return ContactWork(dt * float(self.forces.ravel().dot(velocity.ravel())), 0.0, 0.0)
+
+
+def handed(forces: Array, reached: Array) -> Handed:
+    """Forces (P, 3) on all contact points, and which they may act on."""
+    pushed = forces[reached]
+    return Handed(forces, 0, reached, 0 * pushed, pushed, np.zeros((0, 3)), None)
+
+
+class HandedForces(ContactSolver):
+    """In place of what finds the forces of obstacles.
+
+    Attributes:
+        reached: contact points (s,) that forces may act on in this step.
+        forces: (P, 3) that do, N.
+        point_gaps: (P,), m; infinite of points that nothing is near to.
+        delassus: W (3 P, 3 P) that the stepper gave last.
+    """
+
+    reached: Array = np.empty(0, dtype=int)
+    forces: Array = np.empty((0, 3))
+
+    def gaps(self, displacement: Array, offsets: Array) -> Array:
+        """See ContactSolver."""
+        return self.point_gaps
+
+    def check_start(self, displacement: Array, offsets: Array, names: Any) -> None:
+        """See ContactSolver: the world checks it."""
+        self.point_gaps = np.full(len(self.points), np.inf)
+
+    def within_reach(self, points: PointMotion, dt: float, obstacles: ObstacleMotion) -> Array:
+        """See ContactSolver."""
+        return self.reached
+
+    def solve(
+        self,
+        points: PointMotion,
+        delassus: Array,
+        dt: float,
+        obstacles: ObstacleMotion,
+        quasi_static: bool = False,
+        settled: Settled | None = None,
+    ) -> ContactSolution | None:
+        """See ContactSolver."""
+        self.delassus = delassus
+        if not len(self.reached):
+            return None
+        return handed(self.forces, self.reached)
