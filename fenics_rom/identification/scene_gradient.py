@@ -20,7 +20,7 @@ from fenics_rom.fem.assemble import assemble
 from fenics_rom.identification.affine import AffineSystem, Matrices
 from fenics_rom.identification.experiment import Experiment, run_experiment
 from fenics_rom.identification.marker_data import Marker
-from fenics_rom.identification.parameters import select_parameters, values_of
+from fenics_rom.identification.parameters import is_tilting, select_parameters, values_of
 from fenics_rom.identification.reduced_model import ReducedModel, make_basis, step_operator
 from fenics_rom.runtime.differentiation.gradient import Objective, checked_slopes
 from fenics_rom.scene.scene import Scene
@@ -60,7 +60,7 @@ def differentiate_scene(
     Args:
         scene: linear, with a run that begins at rest.
         objective: as in `differentiate`, of what is there after each step.
-        parameters: names as in `identify`: "young", "rubber.beta", ...; None: all that a motion depends on.
+        parameters: names as in `identify`: "young", "rubber.beta", "tilt", ...; None: all that a motion depends on.
         outputs: names of those that the objective gets; None: all.
 
     Raises:
@@ -86,7 +86,7 @@ def differentiate_scene(
     rows = {name: affine.plain.outputs[name].shape[1] for name in names}
     markers = [Marker(name, row // 3, row % 3) for name, count in rows.items() for row in range(count)]
     experiment = run_experiment(scene, affine.plain, markers)
-    model = ReducedModel(affine.parts(make_basis(assemble(scene), experiment)))
+    model = ReducedModel(affine.parts(make_basis(assemble(scene), experiment, tilting=is_tilting(sought))))
     directions = []
     for parameter in sought:
         dθ = np.zeros_like(θ)

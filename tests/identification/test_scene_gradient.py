@@ -13,6 +13,8 @@ from fenics_rom.identification.experiment import run_experiment
 from fenics_rom.identification.parameters import select_parameters, values_of
 from fenics_rom.identification.reduced_model import ReducedModel
 from fenics_rom.identification.scene_gradient import gradient_of
+from fenics_rom.identification.tilt import tilted
+from fenics_rom.scene.effects import Gravity
 
 LOADS = "gravity = { acceleration = [0.0, 0.0, -0.1] }"
 SHORT = RUN.replace("duration = 0.6", "duration = 0.3")
@@ -71,6 +73,18 @@ def test_gradient_is_that_of_the_full_order(scene):
     for name, start in TRUTH.items():
         difference = (value(name, 1.0005) - value(name, 0.9995)) / (1e-3 * start)
         assert gradient.derivatives[name] == pytest.approx(difference, rel=1e-4)  # ν of the reduced one: 4e-5
+
+
+def test_gradient_with_gravitys_direction_is_that_of_the_full_order(scene):
+    gradient, g = fr.differentiate_scene(scene, squares, parameters=["tilt"]), np.array([0.0, 0.0, -0.1])
+
+    def value(tilt):
+        gravity = Gravity(tuple(tilted(g, np.array(tilt)).tolist()))
+        run = fr.simulate(replace(scene, effects=replace(scene.effects, gravity=gravity)))
+        return squares({n: rows[1:] for n, rows in run.outputs.items()}, run.energy[1:])[0]
+
+    differences = [(value(h) - value([-angle for angle in h])) / 0.02 for h in ([0.01, 0.0], [0.0, 0.01])]
+    assert list(gradient.derivatives.values()) == pytest.approx(differences, rel=1e-4)
 
 
 def test_what_cannot_be_differentiated_is_refused(scene):

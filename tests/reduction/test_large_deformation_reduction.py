@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 import scipy.optimize
-from bodies import assembled
+from bodies import assembled, box_arrays, write_arrays
 from soft_box import SoftStepper, soft_box
 
 import fenics_rom as fr
@@ -410,6 +410,19 @@ def test_choices_that_do_not_fit_are_refused(system, choices, message):
 def test_trained_goes_with_the_effect_alone(box_file):
     with pytest.raises(SceneError, match="method = 'trained'"):
         fr.reduce(assembled(box_file), order=8, method="trained")
+
+
+@pytest.mark.parametrize("method", METHODS)
+def test_a_body_that_gravity_alone_bends_is_trained_with_gravity(tmp_path, method):
+    """It comes as the run begins, so the body swings: from nothing to twice what it does at rest."""
+    mesh = write_arrays(tmp_path / "bar.msh", *box_arrays((0.3, 0.02, 0.02), (4, 1, 1)))
+    effects = "inertia = {}\ngravity = { acceleration = [0, 0, -3] }\nlarge_deformation = {}"
+    parts = {"run": "dt = 0.02\nduration = 0.6", "outputs.tip": "points = [[0.3, 0.02, 0.02]]"}
+    system = assembled(mesh, effects=f"{effects}\ndamping = {{ alpha = 0.5, beta = 5e-3 }}", **parts)
+    rom = fr.reduce(system, order=8, method=method)
+    whole, reduced = (fr.simulate(model).outputs["tip"] for model in (system, rom))
+    assert rom.deformation.trained.inputs == {"gravity": pytest.approx(1.0)}
+    assert np.abs(reduced - whole).max() < 0.05 * np.abs(whole).max()
 
 
 def test_a_scene_must_say_how_far_to_train():

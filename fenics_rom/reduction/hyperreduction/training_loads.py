@@ -81,6 +81,8 @@ def load_extremes(problem: ReductionProblem, period: float) -> LoadExtremes:
     constant = (acting == acting[0]).all(axis=0)
     of_loads = np.arange(shared) >= sum(B.shape[1] for B in system.actuators.values())
     resting = np.where(constant & of_loads, acting[0], 0.0)
+    if (acting == resting).all() and not any(u[: len(u) - shared].any() for _, u in signals):
+        resting = np.zeros(shared)  # what is always there is all there is: it comes as the run begins
     parts = np.split(acting, np.cumsum(list(system.widths.values()))[:-1], axis=1)
     inputs = {n: float(np.linalg.norm(u, axis=1).max()) for n, u in zip(system.widths, parts, strict=False)}
     width = max(1, min(len(signals), round(SMOOTHING_PERIODS * period / run.dt)))
@@ -92,7 +94,7 @@ def load_extremes(problem: ReductionProblem, period: float) -> LoadExtremes:
     extremes = np.array([np.minimum(acting.min(axis=0), 0.0), np.maximum(acting.max(axis=0), 0.0)])
     pushes = {name: forces[np.linalg.norm(forces, axis=1).argmax()] for name, forces in pushing.items()}
     if not extremes.any() and not any(push.any() for push in pushes.values()):
-        raise SceneError(f"{scene.source}: run: nothing acts but what is always there: there is nothing to train with")
+        raise SceneError(f"{scene.source}: run: nothing acts, so there is nothing to train with")
     pushes, worst = _completed(problem, extremes, pushes), _worst(problem, acting, pushing)
     return LoadExtremes(resting, extremes, pushes, inputs, SMOOTHING_PERIODS * period, worst)
 
