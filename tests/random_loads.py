@@ -1,7 +1,8 @@
-"""`python tests/random_loads.py [COUNT]`: equilibria of soft fingers under random loads of up to twice the demos'.
+"""`python tests/random_loads.py [COUNT]`: equilibria of soft robots under random loads of up to twice the demos'.
 
-Each is reached, or the limit point that the body comes to is named. Fingers are those of the demos finger and bending,
-of degree 1, without obstacles and inertia; half of the loads also push one of the contacts, in any direction.
+Each is reached, or the limit point that the body comes to is named. They are the fingers of the demos finger and
+bending and the trunk of robots, an arm on eight cables, of degree 1, without obstacles and inertia; half of the loads
+also push one of the contacts, in any direction.
 """
 
 import sys
@@ -19,15 +20,19 @@ from fenics_rom.scene.effects import LargeDeformation
 
 DEMOS = Path(__file__).parents[1] / "demos"
 LARGEST = {  # N and Pa, twice the demo's; forces of contact are the larger the softer the other loads make it
-    "finger": {"air": 2e4, "flexor": 5.8, "extensor": 4.4, "push": 4.0},
-    "bending": {"air": 1e4, "flexor": 24.0, "push": 4.0},
+    "finger/finger": {"air": 2e4, "flexor": 5.8, "extensor": 4.4, "push": 4.0},
+    "bending/bending": {"air": 1e4, "flexor": 24.0, "push": 4.0},
+    "robots/trunk": dict.fromkeys(
+        (f"{length}_{side}" for length in ("long", "short") for side in ("north", "west", "south", "east")), 1.0
+    )
+    | {"push": 0.1},
 }
 MATERIALS = ("neo_hookean", "st_venant_kirchhoff")
 
 
-def finger(demo: str, law: str) -> fr.System:
-    """The finger of a demo."""
-    scene = fr.read_scene(DEMOS / demo / f"{demo}.toml")
+def robot(demo: str, law: str) -> fr.System:
+    """That of a demo."""
+    scene = fr.read_scene(DEMOS / f"{demo}.toml")
     left_out = dict.fromkeys(("inertia", "damping", "contact", "friction"))
     effects = replace(scene.effects, **left_out, large_deformation=LargeDeformation(law))
     return fr.assemble(replace(scene, degree=1, effects=effects))
@@ -46,7 +51,7 @@ def random_loads(system: fr.System, largest: dict[str, float], count: int) -> It
 
 def outcomes(demo: str, law: str, count: int) -> Iterator[str]:
     """What became of each load: "converged", "limit point", or what it failed with."""
-    system = finger(demo, law)
+    system = robot(demo, law)
     body = system.deformation.stepper(1.0)
     for contact, u in random_loads(system, LARGEST[demo], count):
         body.switch(contact)
@@ -63,4 +68,4 @@ if __name__ == "__main__":
     count = int(sys.argv[1]) if len(sys.argv) > 1 else 200
     for demo in LARGEST:
         for law in MATERIALS:
-            print(demo, law, dict(Counter(outcomes(demo, law, count // 4))), flush=True)
+            print(demo, law, dict(Counter(outcomes(demo, law, -(-count // (2 * len(LARGEST)))))), flush=True)

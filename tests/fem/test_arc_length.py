@@ -1,12 +1,13 @@
 """Equilibrium paths by their arc length: a closed form, a beam that snaps through, and what is told on the way."""
 
 import re
+import sys
+from pathlib import Path
 
 import numpy as np
 import pytest
 from bodies import acted_on, box_arrays, box_surfaces, scene_text, write_arrays
 from ranks import run_ranks
-from scipy.integrate import solve_bvp
 from scipy.optimize import minimize_scalar
 from soft_rom import soft_rom
 
@@ -16,6 +17,10 @@ from fenics_rom.errors import SceneError, SolverError
 from fenics_rom.fem.finite_strain.arc_length import ArcLength
 from fenics_rom.fem.finite_strain.newton import NotConvergedError
 from fenics_rom.mechanics.step import StepInput
+
+sys.path.append(str(Path(__file__).parents[2] / "demos" / "benchmarks"))
+from toggle import RISE, SPAN, THICK, WIDE, load_of_beams
+from toggle import YOUNG as STEEL
 
 LARGE = "large_deformation = {}\n"
 RIGHT = '[contacts.right]\nsurface = "right"'
@@ -150,8 +155,6 @@ def test_path_ends_where_the_whole_load_at_once_leads(beam):
 
 # --- Williams' toggle ------------------------------------------------------------------------------------------------
 
-SPAN, RISE, WIDE, THICK, STEEL = 0.3287522, 0.0098044, 0.0191262, 0.0061722, 71.016e9  # m, Pa; of half of it
-
 
 def toggle_scene(folder, bricks, steps=30):
     """Half of two bars that lean on each other, both ends clamped, under a force in its middle (Williams, 1964)."""
@@ -173,40 +176,18 @@ def toggle_scene(folder, bricks, steps=30):
     )
 
 
-def toggle_load(w):
-    """Force (N) that holds the middle of a toggle of beams (Reissner, 1972) at w (m) below its rest."""
-    EA, GA, EI = STEEL * WIDE * THICK, 5 / 12 * STEEL * WIDE * THICK, STEEL * WIDE * THICK**3 / 12
-    angle, length = np.arctan2(RISE, SPAN), np.hypot(SPAN, RISE)
-
-    def rates(_, y, p):
-        θ, M = y[2:]
-        H, V = p * EI / length**2
-        N, Q = H * np.cos(θ) + V * np.sin(θ), V * np.cos(θ) - H * np.sin(θ)
-        e, g = 1 + N / EA, Q / GA
-        return np.array([e * np.cos(θ) - g * np.sin(θ), e * np.sin(θ) + g * np.cos(θ), M / EI, g * N - e * Q])
-
-    def ends(a, b, _):
-        return np.array([a[0], a[1], a[2] - angle, b[0] - SPAN, b[1] - RISE + w, b[2] - angle])
-
-    s = np.linspace(0, length, 41)
-    guess = np.array([s * np.cos(angle), s * np.sin(angle) * (1 - w / RISE), np.full(41, angle), 0 * s])
-    solution = solve_bvp(rates, ends, s, guess, np.zeros(2), tol=1e-7)
-    assert solution.success
-    return -2 * solution.p[1] * EI / length**2
-
-
 def test_toggle_snaps_through_at_the_loads_of_beam_theory(tmp_path):
     """Both limits, 150.6 N and 139.0 N, and the load on its way between and beyond them."""
     (tmp_path / "toggle.toml").write_text(toggle_scene(tmp_path, (12, 1, 1)))
     run = fr.simulate(fr.read_scene(tmp_path / "toggle.toml"), arc_length=True)
-    most = -minimize_scalar(lambda w: -toggle_load(w), bounds=(4e-3, 8e-3), method="bounded").fun
-    least = minimize_scalar(toggle_load, bounds=(8e-3, 12e-3), method="bounded").fun
+    most = -minimize_scalar(lambda w: -load_of_beams(w), bounds=(4e-3, 8e-3), method="bounded").fun
+    least = minimize_scalar(load_of_beams, bounds=(8e-3, 12e-3), method="bounded").fun
     found = limits(run)
     assert 200 * found["largest"] == pytest.approx(most, rel=0.01)
     assert 200 * found["smallest"] == pytest.approx(least, rel=0.01)
     force, w = -4 * run.inputs["right"].values[:, 1], -run.outputs["tip"].mean(axis=1)[:, 1]
     for instant in np.flatnonzero((w > 1e-3) & (w < 14e-3))[::3]:
-        assert force[instant] == pytest.approx(toggle_load(w[instant]), rel=0.02)
+        assert force[instant] == pytest.approx(load_of_beams(w[instant]), rel=0.02)
     unstable = [text for text in run.warnings if "gets 1 negative pivots, where it had 0" in text]
     assert len(unstable) == 1
     assert w[-1] > RISE

@@ -107,7 +107,11 @@ def test_factored_matrix_is_the_tangent(tmp_path, law, degree):
 
 @pytest.mark.parametrize(
     ("demo", "law", "count"),
-    [("finger", "neo_hookean", 4), pytest.param("bending", "st_venant_kirchhoff", 2, marks=pytest.mark.slow)],
+    [
+        ("finger/finger", "neo_hookean", 4),
+        pytest.param("bending/bending", "st_venant_kirchhoff", 2, marks=pytest.mark.slow),
+        pytest.param("robots/trunk", "neo_hookean", 2, marks=pytest.mark.slow),
+    ],
 )
 def test_random_loads_are_followed_or_end_at_a_limit_point_that_is_named(demo, law, count):
     """All 200: python tests/random_loads.py."""

@@ -597,10 +597,11 @@ def test_steps_that_newton_does_not_solve_are_halved_and_told(beam):
     body.close()
 
 
-def test_parts_of_a_step_are_steps(beam):
+@pytest.mark.parametrize("relaxing", ["", "[effects.viscoelasticity]\nratios = [0.8, 0.4]\ntimes = [5e-3, 0.1]\n"])
+def test_parts_of_a_step_are_steps(beam, relaxing):
     """A step of 8 ms of which Newton's method solves no more than a quarter at once is four of 2 ms, or none at all."""
-    system, u = assembled(beam, f"inertia = {{}}\n{large('neo_hookean')}"), np.array([0.0, 0.0, 50.0])
-    fine, body = (system.deformation.stepper(h) for h in (2e-3, 8e-3))
+    system, u = assembled(beam, f"inertia = {{}}\n{large('neo_hookean')}{relaxing}"), np.array([0.0, 0.0, 50.0])
+    fine, body = (system.deformation.stepper(h, ActiveEnvironment(system.scene.environment)) for h in (2e-3, 8e-3))
     part, reached = body._part, 1.0
 
     def at_most_a_quarter(done, share, *others):
@@ -615,12 +616,18 @@ def test_parts_of_a_step_are_steps(beam):
             fine.step(StepInput(u))
     np.testing.assert_allclose(body.x, fine.x, atol=1e-9 * np.abs(fine.x).max())
     assert body.ledger.supplied == pytest.approx(fine.ledger.supplied, rel=1e-9)
+    assert body.energy == pytest.approx(fine.energy, rel=1e-9)
+    assert bool(body.ledger.dissipated) == bool(relaxing)
     assert (body.parted, body.finest) == (2, 0.25)
-    kept, supplied, reached = body.x.copy(), body.ledger.supplied, 0.5
+    kept, energy, supplied, reached = body.x.copy(), body.energy, body.ledger.supplied, 0.5
     with pytest.raises(SolverError):
         body.step(StepInput(u))
     np.testing.assert_array_equal(body.x, kept)
-    assert (body.ledger.supplied, body.time) == (supplied, 16e-3)
+    assert (body.energy, body.ledger.supplied, body.time) == (energy, supplied, 16e-3)
+    reached = 1.0
+    body.step(StepInput(u))
+    body.rollback()
+    assert body.energy == energy
     fine.close()
     body.close()
 

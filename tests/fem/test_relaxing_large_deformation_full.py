@@ -9,7 +9,6 @@ from bodies import acted_on, box_arrays, dense, write_arrays
 
 import fenics_rom as fr
 from fenics_rom.fem.finite_strain.model import ExternalForce
-from fenics_rom.fem.finite_strain.newton import NotConvergedError
 from fenics_rom.fem.finite_strain.residuals import MidpointResidual, StepStart
 from fenics_rom.fem.simulator import FullOrderSimulator
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
@@ -202,37 +201,6 @@ def test_small_loads_give_the_linear_effect(beam):
             body.close()
     assert gaps[1] < 0.01 * size_of_motion
     assert gaps[0] / gaps[1] > 3.8
-
-
-def test_parts_of_a_step_are_steps(beam):
-    """Branches relax part by part; and where none is taken they are as they were."""
-    system, u = assembled(beam, DAMPED + large(LAWS[1]) + BRANCHES), np.array([0.0, 0.0, 5.0])
-    fine, body = (stepper_of(system, h) for h in (2e-3, 8e-3))
-    part, reached = body._part, 1.0
-
-    def at_most_a_quarter(done, share, *others):
-        if share > 0.25 or done >= reached:
-            raise NotConvergedError
-        part(done, share, *others)
-
-    body._part = at_most_a_quarter
-    for _ in range(3):
-        body.step(StepInput(u))
-        for _ in range(4):
-            fine.step(StepInput(u))
-    np.testing.assert_allclose(body.x, fine.x, atol=1e-9 * np.abs(fine.x).max())
-    assert body.energy == pytest.approx(fine.energy, rel=1e-9)
-    assert body.ledger.dissipated == pytest.approx(fine.ledger.dissipated, rel=1e-9)
-    energy, reached = body.energy, 0.5
-    with pytest.raises(fr.FenicsRomError):
-        body.step(StepInput(u))
-    assert body.energy == energy
-    reached = 1.0
-    body.step(StepInput(u))
-    body.rollback()
-    assert body.energy == energy
-    for each in (fine, body):
-        each.close()
 
 
 @pytest.mark.slow
