@@ -33,7 +33,7 @@ from fenics_rom.mechanics.frame_geometry import (
     turning_maps,
     vector,
 )
-from fenics_rom.mechanics.frame_motion import Rotation, Vector, cayley, rotation_matrix
+from fenics_rom.mechanics.frame_motion import ZERO, Rotation, Vector, cayley, rotation_matrix
 from fenics_rom.mechanics.hyperelastic import VOIGT_PAIRS
 
 TOLERANCE = 1e-15  # of the velocities: what is left of a step's corrections
@@ -81,13 +81,13 @@ class FrameStep:
             StepError: none were found.
         """
         x, size = np.concatenate([self._now.ω[: self._free], self._now.r.ravel()]), np.inf
-        scale = self.scale(x)
+        scale = self._speed(x)
         for _ in range(MOST_ITERATIONS):
             change = self.corrected(x, None) - x
             x, before, size = x + change, size, self.size(change)
             if not np.isfinite(size):
                 break
-            scale = max(scale, self.scale(x))
+            scale = max(scale, self._speed(x))
             if size <= TOLERANCE * scale or (size <= NO_PROGRESS * scale and size > before / 2):
                 return x
         raise StepError(
@@ -196,9 +196,12 @@ class FrameStep:
         return math.sqrt(abs(squares))
 
     def scale(self, x: Array) -> float:
-        """Of the velocities of the step at its start and at x, those of the base included."""
-        now = self._now
-        return self.size(x) + self._body.speed(now) + math.sqrt(self._body.mass) * float(np.linalg.norm(now.v))
+        """As in FrameBody of mechanics.frame_contact."""
+        return self._speed(x) + math.sqrt(self._body.mass) * math.hypot(*self.translation(self.geometry(x), ZERO))
+
+    def _speed(self, x: Array) -> float:
+        """Of the velocities of the step at its start and at x, but for translation."""
+        return self.size(x) + self._body.speed(self._now)
 
     def push(self, forces: Array, turn: Geometry, arms: Array) -> Push:
         """What forces (P, 3) on the contact points do, N in world axes."""

@@ -100,7 +100,8 @@ class FrameBody(Protocol):
         """Of velocities x, as √(2 J)."""
 
     def scale(self, x: Array) -> float:
-        """Of the velocities of the step at its start and at x."""
+        """Of the velocities of the step at its start and at x, with that of the origin without contact: what rests
+        under its weight is stopped from falling."""
 
 
 def touch(

@@ -21,6 +21,10 @@ force = [1e-3, 2e-3, 0.0]
 [effects.prescribed.beside]
 point = [0.02, 0.01, 0.01]  # where a base, if there is one, bears most of it
 force = [3e-3, 1e-3, 2e-3]
+[effects.tendon.rope]
+points = [[0.01, 0.015, 0.015], [0.15, 0.015, 0.015], [0.29, 0.015, 0.015]]
+[effects.pressure.air]
+surface = "top"
 [effects.damping]
 beta = 1e-3
 """
@@ -62,7 +66,7 @@ def test_energy_and_momenta_balance_at_any_step(mesh, supports):
     start, turnover = body.energy, 0.0
     for step in range(20):
         body.stepper.set_time_step((1e-3, 1e-2)[step // 10])
-        body.step(np.array([0.0, 0.0, 0.01 * np.sin(step)]))
+        body.step(np.array([0.0, 0.0, 0.01 * np.sin(step), 0.1, 5.0 * np.cos(step)]))
         turnover = max(turnover, abs(body.energy), abs(body.ledger.supplied))
     assert body.ledger.dissipated > 1e-6
     assert abs(body.energy - start - body.ledger.supplied + body.ledger.dissipated) <= 1e-12 * turnover
@@ -85,7 +89,7 @@ def test_reduced_in_all_modes_is_full_order(mesh, supports):
     bodies[1].place(start)
     for step in range(15):
         for body in bodies:
-            body.step(np.array([0.01, 0.0, 0.02 * np.sin(0.3 * step)]))
+            body.step(np.array([0.01, 0.0, 0.02 * np.sin(0.3 * step), 0.1, 5.0 * np.cos(step)]))
     full, reduced = bodies
     assert np.abs(full.stepper.shape).max() > 1e-5
     np.testing.assert_allclose(reduced.displacement(), full.displacement(), rtol=0, atol=1e-12)

@@ -336,7 +336,7 @@ def test_forces_that_do_not_settle_stay_passive(tmp_path):
 
 
 def test_a_bar_that_lands_flat_and_rubs_settles(tmp_path):
-    """On few modes, which do not tell the forces of 14 points apart: they are found, and the account closes."""
+    """On few modes, which do not tell the forces of 14 points apart: they are found to 1e-5 in the worst of steps."""
     rom = reduced(tmp_path, effects=FLOOR, contacts='[contacts.bottom]\nsurface = "bottom"')
     random = np.random.default_rng(8)
     for dt, friction in ((1e-3, 0.5), (1e-2, 0.2)):
@@ -353,7 +353,7 @@ def test_a_bar_that_lands_flat_and_rubs_settles(tmp_path):
             assert account.contact - before[0] >= -LEFT * scale
             assert account.friction - before[1] >= -LEFT * scale
         assert account.friction > 0
-        assert not [line for line in body.warnings if "contact forces" in line]
+        assert body._stepper.interface.solver.search.residual.residual <= 1e-5  # of what the floor stops
         assert abs(body.energy - start - account.supplied + account.dissipated) <= 1e-12 * scale
 
 

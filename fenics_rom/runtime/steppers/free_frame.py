@@ -217,7 +217,7 @@ class FreeFrame(FrameKernel):
             size = self.size(change)
             if not math.isfinite(size):
                 raise StepError("the inputs lead out of the finite numbers; the state was left as it was")
-            scale, ratio = scale or self.scale(x), size / before
+            scale, ratio = scale or self._speed(x), size / before
             if (0 < ratio < 1 and size * ratio <= TOLERANCE * scale) or size <= ROUND_OFF * scale:
                 self._last, self._iterations, self._steps = iteration, self._iterations + iteration, self._steps + 1
                 return x
@@ -254,7 +254,11 @@ class FreeFrame(FrameKernel):
         return math.sqrt(change.dot(self._weights * change))
 
     def scale(self, x: Array) -> float:
-        """Of the velocities of the step at its start and at x."""
+        """As in FrameBody of mechanics.frame_contact."""
+        return self._speed(x) + math.sqrt(self._mass) * math.hypot(*self.translation(self.geometry(x), ZERO))
+
+    def _speed(self, x: Array) -> float:
+        """Of the velocities of the step at its start and at x, but for translation."""
         ω = self._now.ω
         return self.size(x) + (self._weights[0] * dot(ω, ω) + float(self._r.dot(self._r))) ** 0.5
 
