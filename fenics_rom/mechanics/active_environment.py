@@ -9,7 +9,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.errors import SceneError, StepError, check_known
 from fenics_rom.mechanics.base_path import BASE_PATH, BaseState, given_base
-from fenics_rom.mechanics.contact import ObstacleMotion
+from fenics_rom.mechanics.contact import ObstacleMotion, is_zero
 from fenics_rom.mechanics.environment import Environment
 from fenics_rom.mechanics.signals import CheckedSignal, SignalLike
 from fenics_rom.mechanics.step import StepInput
@@ -55,6 +55,7 @@ class ActiveEnvironment:
         self.columns = {name: load.columns for name, load in environment.loads.items()} if columns is None else columns
         self.obstacles = {name: obstacle.shape for name, obstacle in environment.obstacles.items()}
         self.mark: Callable[[str], None] | None = None
+        self._still: ObstacleMotion | None = None  # as long as obstacles stay where they are
         self.signals: dict[str, SignalLike] = dict(signals or {})
         defined: dict[str, SignalLike | None] = {name: load.signal for name, load in environment.loads.items()}
         defined |= {name: obstacle.displacement for name, obstacle in environment.obstacles.items()}
@@ -147,17 +148,22 @@ class ActiveEnvironment:
         loads = self.loads_at(time + dt / 2 if self.environment.has_inertia else time + dt)
         motion = None
         if self.environment.contact_law is not None:
-            motion = ObstacleMotion(self.state.offsets, self.offsets_at(time + dt), self.state.velocities)
+            motion, (start, before) = self._still, self.state
+            if motion is None or motion.start is not start or motion.velocities_before is not before:
+                motion = ObstacleMotion(start, self.offsets_at(time + dt), before)
+                is_still = self._constant_offsets is not None and motion.end is motion.start
+                self._still = motion if is_still and is_zero(motion.velocities_before) else None
         return StepInput(np.concatenate([u, loads]) if len(loads) else u, motion, self.base_at(time + dt))
 
     def commit(self, inputs: StepInput, dt: float) -> None:
         """Ends a step of dt, s, that was taken: the obstacles are where they were to be."""
         self.loads = inputs.u[len(inputs.u) - len(self.loads) :]
-        if inputs.obstacles is not None and self.obstacles:
+        if inputs.obstacles is not None and inputs.obstacles is not self._still:
             self.state = ObstacleState(inputs.obstacles.end, inputs.obstacles.velocities(dt))
 
     def _keep_constants(self) -> None:
         """What does not depend on time is put together once."""
+        self._still = None
         self._constant_loads: Array | None = None
         self._constant_offsets: Array | None = None
         if all(self._signals[name].is_constant for name in self.columns if name in self._signals):

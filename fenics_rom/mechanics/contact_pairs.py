@@ -24,7 +24,7 @@ class PairsProblem(NamedTuple):
     sliding: Array | None  # c_t (2, C), m/s; None where nothing slides
 
 
-@dataclass
+@dataclass(slots=True)
 class Pairs:
     """What the law says of every pair in one step, obstacle after obstacle, in their frames; velocities in m/s."""
 
@@ -37,8 +37,8 @@ class Pairs:
     sliding: Array | None  # c_t (2, O P); None where nothing slides
     unasked: Array | None = None  # (O P,) those whose c_t was set to 0; None: no pair's was
 
-    def problem(self, active: Array, operator: Delassus, forces: Array) -> PairsProblem:
-        """Of active pairs, which begins with forces of all pairs (O P, 3)."""
+    def problem(self, active: Array, operator: Delassus, forces: Array, are_kept: bool) -> PairsProblem:
+        """Of active pairs, which begins with forces of all pairs (O P, 3); `are_kept`: see FramedDelassus."""
         frames, free, target, sliding = self.frames, self.free, self.target, self.sliding
         if len(active) < len(target):
             frames, free, target = frames.of(active), free.take(active, axis=1), target.take(active)
@@ -47,9 +47,8 @@ class Pairs:
         q[0] -= target
         if sliding is not None:
             q[1:] -= sliding
-        return PairsProblem(
-            frames, operator.framed(frames, self.compliance), free, q, frames.turned(forces)[0], target, sliding
-        )
+        framed = operator.framed(frames, self.compliance, are_kept)
+        return PairsProblem(frames, framed, free, q, frames.turned(forces)[0], target, sliding)
 
     def stop_asking_friction(self, active: Array) -> bool:
         """Sets c_t = 0 for all active pairs; whether it was not.
@@ -98,6 +97,24 @@ class SolvedPairs(NamedTuple):
     is_loose: bool  # whether they solve the problem but for a residual
 
 
+class Settled:
+    """What sweeps of one step decided: what takes part, or may not be stopped, stays so, or they never end."""
+
+    def __init__(self) -> None:
+        self._chosen: Array | None = None  # (O P,)
+        self._sliding: Array | None = None  # c_t (2, O P)
+
+    def take_part(self, chosen: Array, pairs: Pairs) -> None:
+        """Adds pairs that took part before, with the c_t that they had."""
+        if self._chosen is not None:
+            chosen |= self._chosen
+            pairs.sliding = self._sliding
+
+    def keep(self, chosen: Array, pairs: Pairs) -> None:
+        """Takes note of a sweep."""
+        self._chosen, self._sliding = chosen, pairs.sliding
+
+
 class NormalLaw(NamedTuple):
     """What the law says of the normal velocities of all pairs (O P,), m/s."""
 
@@ -107,7 +124,7 @@ class NormalLaw(NamedTuple):
 
 
 def normal_law(
-    law: ContactLaw, gaps: Array, gap: float, approach: Array, w: Array, dt: float, quasi_static: bool
+    law: ContactLaw, gaps: Array, gap: float, approach: Array, w: Array | None, dt: float, quasi_static: bool
 ) -> NormalLaw:
     """The law in a step of dt, s.
 
@@ -115,7 +132,7 @@ def normal_law(
         law: rigid, with restitution, or a spring and a dashpot.
         gaps: of all pairs, (O P,), m; `gap` is the smallest.
         approach: a = n·(v - w) of all pairs, (O P,), m/s.
-        w: velocities of the obstacles, (O, 3), m/s.
+        w: velocities of the obstacles, (O, 3), m/s; None: they are at rest.
         dt, quasi_static: as in ContactSolver.solve.
     """
     if law.stiffness is not None:
@@ -127,12 +144,13 @@ def normal_law(
         return NormalLaw(level, level)
     e = law.restitution
     closing, half = gaps / -dt, (1 - e) / 2 * approach
-    level, target = np.maximum(closing, (closing + half) / (2 - e)), np.minimum(half, 0.0)
+    level = np.maximum(closing, (closing + half) / (2 - e))
     if gap < 0.0:  # no deeper than a step's motion of the obstacle or of the body
         shallowest = closing - np.abs(approach)
-        shallowest -= np.sqrt((w * w).sum(axis=1)).repeat(len(gaps) // len(w))
-        target = np.maximum(target, np.minimum(shallowest, 0.0))
-    return NormalLaw(level, target)
+        if w is not None:
+            shallowest -= np.sqrt((w * w).sum(axis=1)).repeat(len(gaps) // len(w))
+        np.maximum(half, shallowest, half)
+    return NormalLaw(level, np.minimum(half, 0.0, half))
 
 
 def target_slopes(

@@ -22,20 +22,33 @@ pairs that do it; for all of them where no forces make it stop, as where a point
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
+from functools import partial
 
 import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.complementarity import NEGLIGIBLE_RESIDUAL, Delassus, Frames, solve
-from fenics_rom.mechanics.complementarity.solution import largest
-from fenics_rom.mechanics.contact import ContactLaw, ContactSearch, ContactSolution, ObstacleMotion, PointMotion
-from fenics_rom.mechanics.contact_pairs import Pairs, SolvedPairs, normal_law, passive_forces
+from fenics_rom.mechanics.complementarity.solution import ADVICE, largest
+from fenics_rom.mechanics.contact import (
+    ContactLaw,
+    ContactSearch,
+    ContactSolution,
+    ObstacleMotion,
+    PointMotion,
+    is_zero,
+)
+from fenics_rom.mechanics.contact_pairs import Pairs, Settled, SolvedPairs, normal_law, passive_forces
+from fenics_rom.mechanics.followed_contact import FollowedContact
 from fenics_rom.mechanics.obstacles import Obstacle
 
 _ONES, _ROOT_3 = np.ones(3), math.sqrt(3.0)
 PENETRATION_TOLERANCE = 1e-9  # of the size of the body: as deep in an obstacle as round-off may have put a point
+WEDGED = (
+    "; a point is wedged between obstacles: where these close on it, and friction is more than the tangent of half the "
+    "angle between them, there are none at any dt; less friction or the penalty variant (stiffness) helps"
+)
 _MOST_KEPT = 4  # operators of pairs, of those that were active last
 
 
@@ -49,20 +62,19 @@ class ContactSolver:
 
     Attributes:
         search: all that it keeps of the past, to begin the next search with.
-        considered: what the law asked of all pairs in the last step; None where none could be due.
-        solved: how its forces were found; None where nothing touched. Those who differentiate ask for both.
     """
 
-    considered: Pairs | None = None
-    solved: SolvedPairs | None = None
+    _considered: Pairs | None = None
+    _solved: SolvedPairs | None = None
 
     def __init__(self, points: Array, obstacles: Sequence[Obstacle], law: ContactLaw):
         self.points, self.obstacles, self.law = np.array(points, dtype=float), tuple(obstacles), law
         self.search = self.first_search
         self._touches = True
-        self._delassus, self._operators = np.empty((0, 0)), dict[bytes, Delassus]()
-        self._frames: tuple[bytes, Frames] | None = None
+        self._delassus, self._operators = np.empty((0, 0)), dict[bytes, tuple[Array, Delassus]]()
         self._offsets, self._placed = np.empty((0, 3)), list[Array]()  # the points at rest, less these
+        self._followed_steps: FollowedContact | None = None
+        self._followed: Callable[[], tuple[Pairs, SolvedPairs]] | None = None  # tells of the last step, if it was
 
     @property
     def first_search(self) -> ContactSearch:
@@ -107,7 +119,7 @@ class ContactSolver:
         dt: float,
         obstacles: ObstacleMotion,
         quasi_static: bool = False,
-        settled: "Settled | None" = None,
+        settled: Settled | None = None,
     ) -> ContactSolution | None:
         """Contact forces of one step; None where nothing touches.
 
@@ -124,33 +136,37 @@ class ContactSolver:
         Raises:
             StepError: no forces found; the next step begins as this one did.
         """
-        self.considered, self.solved, w = None, None, obstacles.velocities(dt)
+        self._considered, self._solved, self._followed, search = None, None, None, self.search
         gaps, normals = self._distances(points.displacement, obstacles.start)
         gap = gaps.item(gaps.argmin())
+        if search.laws and settled is None and not quasi_static:
+            followed = self._follow(search, points, delassus, dt, obstacles, gaps, gap, normals)
+            if followed is not None:
+                return followed
+        w = obstacles.velocities(dt)
         is_near = self._touches or self.law.stiffness is not None  # where the last step touched, it hardly pays to ask
         if not is_near and out_of_reach(gap, points, obstacles, dt):
             return None
         pairs = self._all_pairs(gaps, gap, normals, points, dt, obstacles, w, quasi_static)
-        self.considered = pairs
+        self._considered = pairs
         chosen = pairs.free[0] < pairs.level
         if settled is not None:
             settled.take_part(chosen, pairs)
-        active = chosen.nonzero()[0]
-        self._touches = len(active) > 0
+        key = chosen.tobytes()
+        self._touches = b"\x01" in key
         if not self._touches:
             return None
-        iterations, search = 0, self.search
+        iterations, are_kept = 0, pairs.frames is search.frames
         while True:
-            key = active.tobytes()
-            problem = pairs.problem(active, self._operator(delassus, active, key), search.forces)
-            kept = search.kept if search.pairs == key else None
+            active, operator = self._operator(delassus, chosen, key)
+            problem = pairs.problem(active, operator, search.forces, are_kept)
             try:
-                solution = solve(problem.operator, problem.q, self.law.friction, problem.start, kept)
+                solution = solve(problem.operator, problem.q, self.law.friction, problem.start, search.law_of(key))
             except StepError as error:
                 if pairs.stop_asking_friction(active):
                     continue
-                told = "; a point is wedged between obstacles, where friction may leave none"
-                raise StepError(f"{error}{told if self._wedges(active) else ''}") from error
+                told = str(error)
+                raise StepError(told.replace(ADVICE, WEDGED) if self._wedges(active) else told) from error
             is_loose = solution.residual > NEGLIGIBLE_RESIDUAL
             if is_loose and self._wedges(active) and pairs.stop_asking_friction(active):
                 continue
@@ -163,7 +179,7 @@ class ContactSolver:
             if len(active) < len(chosen):
                 start = np.zeros(normals.shape)
                 start[active] = pair_forces
-            search = ContactSearch(start, search.residual, key, solution.kept)
+            search = ContactSearch(start, search.residual, search.with_law(key, solution.kept), pairs.frames)
             point_forces = self._at_points(start)
             repeat = pairs.stop_helping_friction(active, forces, velocities, problem)
             if len(active) < len(chosen):
@@ -174,17 +190,69 @@ class ContactSolver:
                     repeat = True
             if not repeat:
                 break
-            active = chosen.nonzero()[0]
+            key = chosen.tobytes()
         if settled is not None:
             settled.keep(chosen, pairs)
         if is_loose:
             search = search._replace(residual=search.residual.with_step(solution.residual))
         found = pairs, gaps, active, problem, forces, velocities, is_loose
-        self.search, self.solved = search, SolvedPairs(points, obstacles.start, delassus, dt, quasi_static, *found)
+        solved = SolvedPairs(points, obstacles.start, delassus, dt, quasi_static, *found)
+        self.search, self._solved = search, solved
         power = None
         if self.law.friction:
-            power = float(forces[0].dot(velocities[0] + problem.target - pairs.compliance * forces[0]))
+            closing = velocities[0] + problem.target
+            power = float(forces[0].dot(closing - pairs.compliance * forces[0] if pairs.compliance else closing))
         return ContactSolution(point_forces, iterations, active, _of(normals, active), pair_forces, w, power)
+
+    def _follow(
+        self,
+        search: ContactSearch,
+        points: PointMotion,
+        delassus: Array,
+        dt: float,
+        obstacles: ObstacleMotion,
+        gaps: Array,
+        gap: float,
+        normals: Array,
+    ) -> ContactSolution | None:
+        """Contact of one obstacle at rest, where all pairs do what they did in the step before; None elsewhere."""
+        frames, w = search.frames, obstacles.velocities_before
+        is_at_rest = obstacles.end is obstacles.start and is_zero(w)
+        if not is_at_rest or len(self.obstacles) > 1 or self.law.stiffness is not None or frames is None:
+            return None
+        if self._followed_steps is None or self._followed_steps.dt != dt:
+            self._followed_steps = FollowedContact(self.law, len(gaps), dt)
+        are_kept = frames.are_along(normals)
+        frames, operators = frames if are_kept else Frames(normals), partial(self._operator, delassus)
+        found = self._followed_steps.step(points, gaps, gap, frames, are_kept, search, operators, delassus)
+        if found is None:
+            return None
+        key, active, operator, solution, forces, power = found
+        self.search = ContactSearch(forces, search.residual, search.with_law(key, solution.kept), frames)
+
+        def known() -> tuple[Pairs, SolvedPairs]:
+            pairs = self._all_pairs(gaps, gap, normals, points, dt, obstacles, w, False)
+            problem = pairs.problem(active, operator, forces, False)
+            found_so = pairs, gaps, active, problem, solution.forces, solution.velocities, False
+            return pairs, SolvedPairs(points, obstacles.start, delassus, dt, False, *found_so)
+
+        self._followed, n, among = known, _of(normals, active), _of(forces, active)
+        return ContactSolution(forces, solution.iterations, active, n, among, w, power)
+
+    @property
+    def follows(self) -> bool:
+        """Whether the last step took no search."""
+        return self._followed is not None
+
+    @property
+    def considered(self) -> Pairs | None:
+        """What the law asked of all pairs in the last step; None where none could be due."""
+        return self._considered if self._followed is None else self._followed()[0]
+
+    @property
+    def solved(self) -> SolvedPairs | None:
+        """How its forces were found; None where nothing touched."""
+        return self._solved if self._followed is None else self._followed()[1]
 
     def _all_pairs(
         self,
@@ -205,21 +273,21 @@ class ContactSolver:
             points, dt, obstacles, quasi_static: as in `solve`.
             w: (O, 3) velocities of the obstacles, m/s.
         """
-        law, key = self.law, normals.tobytes()
+        law, frames = self.law, self.search.frames
         free, relative = self._of_pairs(points.free_velocity), self._of_pairs(points.velocity)
-        if obstacles.end is not obstacles.start:
+        moves = obstacles.end is not obstacles.start
+        if moves:
             motion = self._of_obstacles(w)
             free, relative = free - motion, relative - motion
-        if w.tobytes() != obstacles.velocities_before.tobytes():  # six times as fast as to compare numbers
+        if w.tobytes() != obstacles.velocities_before.tobytes():
             # What keeps touching an obstacle that accelerates has its velocity between the steps, and not yet the mean
             # one of this step. Taken for an approach, the difference would let it sink in further in every step.
             pushed = self.search.forces.any(axis=1)
             relative = relative + pushed[:, None] * self._of_obstacles((w - obstacles.velocities_before) / 2)
-        if self._frames is None or self._frames[0] != key:
-            self._frames = key, Frames(normals)
-        frames = self._frames[1]
+        if frames is None or not frames.are_along(normals):
+            frames = Frames(normals)
         free, relative = frames.turned(free, relative)
-        level, target, compliance = normal_law(law, gaps, gap, relative[0], w, dt, quasi_static)
+        level, target, compliance = normal_law(law, gaps, gap, relative[0], w if moves else None, dt, quasi_static)
         slides = law.friction > 0 and not quasi_static  # what sticks is to stop within the step
         return Pairs(frames, free, relative, level, target, compliance, relative[1:] / 2 if slides else None)
 
@@ -249,37 +317,19 @@ class ContactSolver:
         """Forces of all pairs (O P, 3) together on the points (P, 3)."""
         return forces if len(self.obstacles) == 1 else forces.reshape(-1, len(self.points), 3).sum(axis=0)
 
-    def _operator(self, delassus: Array, active: Array, key: bytes) -> Delassus:
-        """Relative velocities of the active pairs per force of theirs; kept while both, known by key, stay the same."""
+    def _operator(self, delassus: Array, chosen: Array, key: bytes) -> tuple[Array, Delassus]:
+        """The active pairs, and their relative velocities per force; kept as long as both stay the same."""
         if delassus is not self._delassus:
             self._delassus, self._operators = delassus, {}
         if key not in self._operators:
-            P = len(self.points)
+            P, active = len(self.points), chosen.nonzero()[0]
             if len(active) == P and len(self.obstacles) == 1:
                 part = delassus
             else:
                 rows = (3 * (active % P)[:, None] + np.arange(3)).ravel()
                 part = delassus[rows[:, None], rows]
-            self._operators = dict(list(self._operators.items())[1 - _MOST_KEPT :]) | {key: Delassus(part)}
+            self._operators = dict(list(self._operators.items())[1 - _MOST_KEPT :]) | {key: (active, Delassus(part))}
         return self._operators[key]
-
-
-class Settled:
-    """What sweeps of one step decided: what takes part, or may not be stopped, stays so, or they never end."""
-
-    def __init__(self) -> None:
-        self._chosen: Array | None = None  # (O P,)
-        self._sliding: Array | None = None  # c_t (2, O P)
-
-    def take_part(self, chosen: Array, pairs: Pairs) -> None:
-        """Adds pairs that took part before, with the c_t that they had."""
-        if self._chosen is not None:
-            chosen |= self._chosen
-            pairs.sliding = self._sliding
-
-    def keep(self, chosen: Array, pairs: Pairs) -> None:
-        """Takes note of a sweep."""
-        self._chosen, self._sliding = chosen, pairs.sliding
 
 
 def out_of_reach(gap: float, points: PointMotion, obstacles: ObstacleMotion, dt: float) -> bool:

@@ -1,7 +1,10 @@
 """The energy account of a run, J: running sums that together with the stored energy must close to round-off."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+
+# Supplied, dissipated, what tells the parts that contact has in both, and numerical.
+StepWork = tuple[float, float, tuple[Callable[[], tuple[float, float, float, float]], ...], float]
 
 
 class EnergyLedger:
@@ -51,6 +54,14 @@ class EnergyLedger:
     def friction(self) -> float:
         """Of what was dissipated: by sliding, never negative."""
         return self.sums[6][0]
+
+    def book_steps(self, steps: Sequence[StepWork]) -> None:
+        """Adds the works of some steps, J, with those of contact as they are told."""
+        supplied, dissipated, contacts, numerical = zip(*steps, strict=True)
+        works = [work() for of_step in contacts for work in of_step]
+        if works:
+            self.book_contact(*map(math.fsum, zip(*works, strict=True)))
+        self.book(supplied=math.fsum(supplied), dissipated=math.fsum(dissipated), numerical=math.fsum(numerical))
 
     def book_contact(self, obstacles: float, contact: float, friction: float, numerical: float) -> None:
         """Adds what obstacles supplied and what contact and friction dissipated, J, to their sums and to the whole."""

@@ -20,7 +20,8 @@ from numpy import ndarray as Array
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.complementarity.solution import LARGEST_RESIDUAL, NEGLIGIBLE_RESIDUAL
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointMotion
-from fenics_rom.mechanics.contact_solver import ContactSolver, Settled
+from fenics_rom.mechanics.contact_pairs import Settled
+from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.frame_geometry import Geometry, Push
 from fenics_rom.mechanics.frame_motion import Vector
 

@@ -34,7 +34,7 @@ class LinearityMonitor:
     def begin(self, peak: SurfaceStrainPeak) -> None:
         """Goes on from a peak, with a look as soon as there is need."""
         self.peak = peak
-        self._margin, self._last = 0.0, np.empty(0)
+        self._margin, self._last = 0.0, (np.empty(0), np.empty(0))
         self._since = max(LOOK_INTERVAL.values())
 
     def enter(self, contact: str, model: ContactModel) -> float:
@@ -58,13 +58,14 @@ class LinearityMonitor:
         self._since += 1
         if self._since < LOOK_INTERVAL[self.peak.beyond]:
             return
-        if self._margin and np.square(e - self._last).sum() / 2 < self._margin:
+        self._since, s = 0, self._rigid()
+        if self._margin and self._gauge.largest_change(e - self._last[0], s - self._last[1]) < self._margin:
             return
-        q, s = e / self._safe_frequencies, self._rigid()
+        q = e / self._safe_frequencies
         q[: len(s)] = s
         before, now = self.peak, SurfaceStrainPeak(*self._gauge.read(q), time)
         self.peak = before.joined(now)
-        self._margin, self._last, self._since = self._gauge.safe_change(now.severity), e.copy(), 0
+        self._margin, self._last = max(1 - now.severity, 0.0), (e.copy(), s.copy())
         if now.beyond and not before.beyond:
             warnings.warn(now.warning, FenicsRomWarning, stacklevel=4)
 
@@ -87,6 +88,7 @@ class ReducedGauges:
     With q = diag(1/√γ) y, |y|² = qᵀ diag(γ) q is at most 2 E. So no triangle turns by more than ρ √(2E), ρ the largest
     spectral norm of (its rows of ω) diag(1/√γ), and some state does; for strain, whose |ε| bounds the principal
     strains to a factor of at most √2, likewise. No energy bounds a rigid rotation: where there is one, none is safe.
+    It turns all triangles alike.
 
     Args:
         rows: (6g, m) components of the basis W of the contact mode.
@@ -99,6 +101,7 @@ class ReducedGauges:
     def __init__(self, rows: Array, eigenvalues: Array):
         self._rows = rows
         self.safe_energy = _safe_energy((rows / safe_frequencies(eigenvalues)).reshape(-1, 2, 3, len(eigenvalues)))
+        self._strained_at, self._turns = math.sqrt(2 * self.safe_energy), rows[:3, eigenvalues == 0]
         slopes = np.abs(rows)
         if slopes[:, eigenvalues == 0].max(initial=0.0) > ROTATION_ROUND_OFF * slopes.max(initial=0.0):
             self.safe_energy = 0.0  # translations turn nothing but by round-off
@@ -107,9 +110,11 @@ class ReducedGauges:
         """Largest |ω|, rad, and largest |principal strain|, of the state q (m,)."""
         return measure_peaks((self._rows @ q).reshape(-1, 6))
 
-    def safe_change(self, severity: float) -> float:
-        """From a state of this severity, the energy ½ δᵀ diag(γ) δ of a change δ of q that leads beyond no limit, J."""
-        return (1 - severity) ** 2 * self.safe_energy if severity < 1 else 0.0
+    def largest_change(self, e: Array, s: Array) -> float:
+        """The most by which severity changes with energy coordinates, by e (m,), and along rigid motions, by s (ρ,)."""
+        strained, turned = math.sqrt(e.dot(e)), self._turns.dot(s)
+        by_strain = strained / self._strained_at if self._strained_at else math.inf
+        return by_strain + math.sqrt(turned.dot(turned)) / ROTATION_LIMIT
 
 
 def _safe_energy(components: Array) -> float:

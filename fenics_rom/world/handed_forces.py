@@ -6,15 +6,16 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.contact import ContactSolution, ContactWork, ObstacleMotion, PointMotion
-from fenics_rom.mechanics.contact_solver import ContactSolver, Settled
+from fenics_rom.mechanics.contact_pairs import Settled
+from fenics_rom.mechanics.contact_solver import ContactSolver
 
 
 class Handed(ContactSolution):
     """Forces of other bodies: what work they do is supplied, and what contact dissipates is not this body's."""
 
-    def work(self, velocity: Array, dt: float) -> ContactWork:
+    def work_at(self, power: float, dt: float) -> ContactWork:
         """See ContactSolution."""
-        return ContactWork(dt * float(self.forces.ravel().dot(velocity.ravel())), 0.0, 0.0)
+        return ContactWork(dt * power, 0.0, 0.0)
 
 
 def handed(forces: Array, reached: Array) -> Handed:

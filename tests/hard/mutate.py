@@ -78,7 +78,7 @@ MUTATIONS = [
     ("runtime/steppers/linear_kernels.py", "self.branches.step((self._ω * v)[None])", "self.branches.step(v[None])"),
     ("runtime/steppers/stepper.py", "b[:] = b_start @ potential.T", "b[:] = 0"),
     ("runtime/steppers/residual_motion.py", "self._rows[4:] -= self._branches.pull", "pass"),
-    ("runtime/steppers/residual_motion.py", "added[2] -= self._branches.pull[1]", "added[2] += self._branches.pull[1]"),
+    ("runtime/steppers/residual_motion.py", "free -= (self._branches.pull[1]", "free += (self._branches.pull[1]"),
     (
         "runtime/steppers/midpoint.py",
         "self._ledger.book(supplied=float(supplied.sum()), dissipated=float(dissipated.sum()))",

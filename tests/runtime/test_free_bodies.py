@@ -15,6 +15,7 @@ from test_energy_laws import CLOSES_TO, NONE_ADDED, rough_ride
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning, StepError, StructureError
 from fenics_rom.fem.linear_stepper import FullOrderStepper
+from fenics_rom.mechanics.linearity import SurfaceStrainPeak
 from fenics_rom.rom.rom import check_rom
 from fenics_rom.runtime.linearity_monitor import ReducedGauges, gauge_basis
 from fenics_rom.runtime.steppers.midpoint import FusedMidpoint, StagedMidpoint
@@ -260,6 +261,16 @@ def test_translations_alone_leave_the_safe_energy_as_it_is(rom, system):
     with_shifts = ReducedGauges(np.hstack([moves, elastic]), np.concatenate([np.zeros(3), mode.eigenvalues[6:]]))
     assert 0 < with_shifts.safe_energy == pytest.approx(alone.safe_energy, rel=1e-12)
     assert with_shifts.read(np.array([5.0, 5.0, 5.0] + [0.0] * (mode.order - 6))) == pytest.approx((0, 0), abs=1e-9)
+    assert with_shifts.largest_change(np.zeros(mode.order - 3), np.full(3, 5.0)) == pytest.approx(0.0, abs=1e-9)
+
+
+def test_a_rigid_rotation_changes_severity_as_the_surface_sees_it(rom, system):
+    mode = rom.contact_models["right"]
+    gauge = ReducedGauges(gauge_basis(rom) @ mode.coordinates, mode.eigenvalues)
+    spin = np.cross([0.01, -0.02, 0.03], system.body.nodes).reshape(-1, 1)
+    s = (system.rigid.T @ (system.mass @ spin))[:, 0]
+    severity = SurfaceStrainPeak(*gauge.read(np.concatenate([s, np.zeros(mode.order - 6)]))).severity
+    assert 0.1 < severity == pytest.approx(gauge.largest_change(np.zeros(mode.order), s), rel=1e-9)
 
 
 def test_lower_orders_keep_the_rigid_motions(rom, system):

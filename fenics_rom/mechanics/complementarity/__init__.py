@@ -18,7 +18,13 @@ from fenics_rom.mechanics.complementarity.frictional import FrictionalProblem
 from fenics_rom.mechanics.complementarity.frictionless import FrictionlessProblem
 from fenics_rom.mechanics.complementarity.solution import NEGLIGIBLE_RESIDUAL, KeptLaw, Solution
 
-__all__ = ["NEGLIGIBLE_RESIDUAL", "Delassus", "FramedDelassus", "Frames", "KeptLaw", "Solution", "solve"]
+__all__ = ["NEGLIGIBLE_RESIDUAL", "Delassus", "FramedDelassus", "Frames", "KeptLaw", "Solution", "follow", "solve"]
+
+
+def follow(operator: FramedDelassus, q: Array, friction: float, kept: KeptLaw) -> Solution | None:
+    """The same by the inverse that was kept, without a search; None where the law is another."""
+    problem = FrictionalProblem(operator, q, friction) if friction else FrictionlessProblem(operator, q)
+    return problem.follow(kept)
 
 
 def solve(operator: FramedDelassus, q: Array, friction: float, start: Array, kept: KeptLaw | None = None) -> Solution:
@@ -35,5 +41,5 @@ def solve(operator: FramedDelassus, q: Array, friction: float, start: Array, kep
         StepError: no method came to a solution.
     """
     if friction == 0:
-        return FrictionlessProblem(operator, q).solve(start)
+        return FrictionlessProblem(operator, q).solve(start, kept)
     return FrictionalProblem(operator, q, friction).solve(start, kept)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 _AXES = np.eye(3)
+_ROUND_OFF = 4 * np.finfo(float).eps  # of unit vectors
 _LARGEST_CONDITION = 1e8  # of what counts as regular: Newton's steps correct what a solution lacks
 
 
@@ -18,19 +19,36 @@ class Frames:
     """Frames of pairs with unit normals (C, 3): of each its normal, and two tangents.
 
     Attributes:
+        normals: as given.
         axes: (C, 3, 3), whose columns these are; (1, 3, 3) where all normals are alike.
     """
 
     def __init__(self, normals: Array):
+        self.normals, self._bytes = normals, normals.tobytes()
         self.axes = axes_along(normals[:1] if (normals == normals[0]).all() else normals)
+        self._picked: tuple[Array, Frames] | None = None
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Frames) and self._bytes == other._bytes
+
+    def __hash__(self) -> int:
+        return hash(self._bytes)
+
+    def are_along(self, normals: Array) -> bool:
+        """Whether other normals (C, 3) are these, to round-off."""
+        if normals.tobytes() == self._bytes:  # six times as fast as to compare numbers
+            return True
+        if normals.shape != self.normals.shape:
+            return False
+        return bool(np.abs(normals - self.normals).max() <= _ROUND_OFF)
 
     def of(self, pairs: Array) -> "Frames":
-        """Of some pairs."""
+        """Of some pairs; the same as long as these are the same array."""
         if len(self.axes) == 1:
             return self
-        picked = object.__new__(Frames)
-        picked.axes = self.axes[pairs]
-        return picked
+        if self._picked is None or self._picked[0] is not pairs:
+            self._picked = pairs, Frames(self.normals[pairs])
+        return self._picked[1]
 
     def turned(self, *vectors: Array) -> list[Array]:
         """Vectors (C, 3) along the axes of space as (3, C) each in the frames."""
@@ -83,10 +101,14 @@ class Delassus:
         """W⁻¹ (3C, 3C), N s/m, of a regular W."""
         return np.linalg.inv(self.matrix)
 
-    def framed(self, frames: Frames, compliance: float = 0.0) -> "FramedDelassus":
-        """The same in frames, with a compliance along each normal, m/s/N; kept as long as they are given again."""
+    def framed(self, frames: Frames, compliance: float = 0.0, are_kept: bool = False) -> "FramedDelassus":
+        """The same in frames, with a compliance along each normal, m/s/N; kept as long as they are given again.
+
+        `are_kept`: see FramedDelassus.
+        """
         if self._framed is None or self._framed.frames is not frames or self._framed.added != compliance:
             self._framed = FramedDelassus(self, frames, compliance)
+        self._framed.are_kept = are_kept or len(frames.axes) == 1
         return self._framed
 
     @cached_property
@@ -112,10 +134,12 @@ class FramedDelassus:
     Attributes:
         compliance: (C,) of each pair by itself, m/s/N, > 0.
         stiffness: (C,) one by it, N s/m.
+        are_kept: whether the frames are those of the step before, so that it pays to have W in them.
     """
 
     def __init__(self, operator: Delassus, frames: Frames, added: float):
         self.operator, self.frames, self.added = operator, frames, added
+        self.are_kept, self._scaled = len(frames.axes) == 1, dict[float, tuple[Array, Array]]()
         self.compliance, self.stiffness = operator.compliance, operator.stiffness
         if added:
             self.compliance = self.compliance + added / 3
@@ -141,9 +165,15 @@ class FramedDelassus:
             matrix = np.matmul(turn, matrix.T.reshape(C, 3, 3 * C)).transpose(1, 0, 2).reshape(3 * C, 3 * C)
         return matrix
 
+    def scaled(self, share: float) -> tuple[Array, Array]:
+        """ρ (C,), a share of the stiffness of each pair, N s/m, and 1/ρ."""
+        if share not in self._scaled:
+            self._scaled[share] = share * self.stiffness, self.compliance / share
+        return self._scaled[share]
+
     def moved(self, forces: Array) -> Array:
-        """W f (3, C) of forces (3, C); where normals differ, and so with every step, without W in frames if need be."""
-        if len(self.frames.axes) == 1 or "matrix" in self.__dict__:
+        """W f (3, C) of forces (3, C); where normals are others in every step, without W in their frames if need be."""
+        if self.are_kept or "matrix" in self.__dict__:
             moved: Array = self.matrix.dot(forces.ravel())
             return moved.reshape(forces.shape)
         (moved,) = self.frames.turned(self.operator.matrix.dot(self.frames.in_space(forces).ravel()).reshape(-1, 3))

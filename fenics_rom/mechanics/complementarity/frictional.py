@@ -26,7 +26,7 @@ from fenics_rom.mechanics.complementarity.solution import (
     largest,
 )
 
-_SHARES = 0.4, 1.0  # ρ in parts of each pair's stiffness, of regular W first; where one share cycles, another may not
+SHARES = 0.4, 1.0  # ρ in parts of each pair's stiffness, of regular W first; where one share cycles, another may not
 _FIRST_COMPLIANCE = 1e-4  # proximal, to begin with: where W hardly tells forces apart, Newton's method would cycle
 _FIRST_ITERATIONS = 8  # of Newton's method, with it
 _PATH_RESIDUAL = 1e-6  # below it following a path, the slowest method, is not worth its time
@@ -51,6 +51,20 @@ class _Law(NamedTuple):
         return (closed & (self.length > self.cone)).tobytes() + closed.tobytes()
 
 
+def look_at(
+    f: Array, u: Array, ρ: Array, compliance: Array, friction: float
+) -> tuple[Array, Array, Array, Array, float]:
+    """What _Law has of forces f with velocities u (3, C), and how far f is from P(z), m/s; compliance is 1/ρ."""
+    z = f - ρ * u
+    length, cone = np.hypot(z[1], z[2]), friction * z[0]
+    if not largest(length >= cone):  # all stick
+        return z, length, cone, z, largest(np.abs(u))
+    np.maximum(cone, 0.0, out=cone)
+    projected = z * (cone / (np.maximum(length, cone) + 1e-300))
+    np.maximum(z[0], 0.0, out=projected[0])
+    return z, length, cone, projected, largest(np.abs((f - projected) * compliance))
+
+
 class FrictionalProblem:
     """The conditions of C pairs as in `complementarity.solve`, and the best forces found so far.
 
@@ -63,28 +77,26 @@ class FrictionalProblem:
 
     def __init__(self, operator: FramedDelassus, q: Array, friction: float):
         self.operator, self.q, self.μ = operator, q, friction
-        self._take_share(_SHARES[0])
+        self._take_share(SHARES[0])
         self.speed = largest(np.abs(q))
         self.best, self.velocities, self.error, self.iterations = q, q, np.inf, 0
         self._law: _Law  # at the forces that were looked at last
 
     def solve(self, start: Array, kept: KeptLaw | None = None) -> Solution:
         """See `complementarity.solve`."""
-        last = kept
-        if last is not None:
-            kept = last.nearest(self.q)
-            if kept is not last:
-                start = kept.forces
-            followed = None if kept.inverse is None else self._follow(kept, kept.inverse)
+        if kept is not None:
+            followed = self.follow(kept)
             if followed is not None:
-                followed = followed.after(last)
-                return Solution(self.best, self.velocities, self.iterations, self.error / self.speed, followed)
-            start = start if kept.inverse is None else self.best
+                return followed
         if not self.operator.operator.is_regular:
-            self._take_share(_SHARES[1])
+            self._take_share(SHARES[1])
+        elif np.isfinite(self.error):
+            start = self.best
+        else:
+            start = self._nearer(start if kept is None else kept.nearest(self.q).forces)
         found = self.search_newton(start, _FIRST_COMPLIANCE, _FIRST_ITERATIONS)
         if not found:
-            self._take_share(_SHARES[self.operator.operator.is_regular])
+            self._take_share(SHARES[self.operator.operator.is_regular])
             found = self.search_newton(self.best)
         if not found:
             with np.errstate(all="ignore"):  # what diverges ends
@@ -94,13 +106,13 @@ class FrictionalProblem:
                         converged = any(self.follow_path(*path) for path in _PATHS)
             if not converged:
                 check_residual(self.error / self.speed, self.q.shape[1], self.iterations)
-        law = self._to_keep(kept)
-        law = None if law is None else law.after(last)
+        law = self._to_keep(None if kept is None else kept.nearest(self.q))
+        law = None if law is None else law.after(kept)
         return Solution(self.best, self.velocities, self.iterations, self.error / self.speed, law)
 
     def _take_share(self, share: float) -> None:
         """Sets ρ, and 1/ρ, in the law that Newton's method solves: the solution is the same."""
-        self.ρ, self.compliance = share * self.operator.stiffness, self.operator.compliance / share
+        self.ρ, self.compliance = self.operator.scaled(share)
 
     def search_newton(
         self,
@@ -123,18 +135,32 @@ class FrictionalProblem:
                 return False
         return False
 
-    def _follow(self, kept: KeptLaw, inverse: Array) -> KeptLaw | None:
-        """Whether steps with the inverse of a law that was linearised before lead to the forces: then what to keep.
+    def _nearer(self, start: Array) -> Array:
+        """Forces with which all pairs would stick, brought into their cones, if nearer than those to start with."""
+        sticking = -self.operator.inverse.dot(self.q.ravel()).reshape(self.q.shape)
+        within = look_at(sticking, np.zeros_like(sticking), self.ρ, self.compliance, self.μ)[3]
+        off = [look_at(f, self._velocities(f), self.ρ, self.compliance, self.μ)[-1] for f in (start, within)]
+        return within if off[1] < off[0] else start
+
+    def follow(self, last: KeptLaw) -> Solution | None:
+        """What steps with the inverse of a law that was linearised before lead to; None where they do not.
 
         What the first of them lacks is of second order in what has changed since the last time step; where motion is
         steady it lacks the same in the next.
         """
+        kept = last.nearest(self.q)
+        inverse, before = kept.inverse, np.inf
+        if inverse is None:
+            return None
         linear = kept.forces + inverse.dot((self.q - kept.q).ravel()).reshape(self.q.shape)
-        f, before = linear + kept.lacking, np.inf
+        f = linear + kept.lacking
         for _ in range(_MOST_STEPS):
             if self._arrives_at(f, CONVERGENCE_TOLERANCE):
                 lacking = self.best - linear if inverse is kept.inverse else 0 * kept.lacking
-                return kept._replace(inverse=inverse, q=self.q, forces=self.best, lacking=lacking)
+                law = KeptLaw(kept.statuses, inverse, self.q, self.best, lacking)
+                if before < np.inf or kept is not last:  # else steps go on as the last one did
+                    law = law.after(last)
+                return Solution(self.best, self.velocities, self.iterations, self.error / self.speed, law)
             if not self.error < _SLOWEST * before:
                 if self._law.statuses != kept.statuses:
                     break
@@ -151,18 +177,11 @@ class FrictionalProblem:
     def _arrives_at(self, f: Array, tolerance: float) -> bool:
         """Looks at forces f, and whether they solve the problem."""
         u = self._velocities(f)
-        z = f - self.ρ * u
-        length = np.hypot(z[1], z[2])
-        cone = self.μ * np.maximum(z[0], 0.0)
-        if largest(length >= cone):  # something slips or is open
-            projected = z * (cone / (np.maximum(length, cone) + 1e-300))
-            np.maximum(z[0], 0.0, out=projected[0])
-            error = largest(np.abs((f - projected) * self.compliance))
-        else:
-            projected, error = z, largest(np.abs(u))
-        self._law, before = _Law(z, length, cone, projected), self.error
+        before = self.error
+        *law, error = look_at(f, u, self.ρ, self.compliance, self.μ)
+        self._law = _Law(*law)
         if error < before:
-            self.best, self.velocities, self.error = projected, u, error
+            self.best, self.velocities, self.error = self._law.projected, u, error
         return error <= tolerance * self.speed or before / 2 < self.error <= STAGNATION_RESIDUAL * self.speed
 
     def _velocities(self, f: Array) -> Array:
@@ -184,10 +203,16 @@ class FrictionalProblem:
         if not self.operator.operator.is_regular:
             return None
         statuses, inverse = self._law.statuses, None
-        if kept is not None and kept.statuses == statuses:
+        if kept is not None and (kept.statuses == statuses or self._are_nearly(kept.statuses)):
             with suppress(np.linalg.LinAlgError):
                 inverse = self._linearised(self._law).inverse()
         return KeptLaw(statuses, inverse, self.q, self.best, np.zeros_like(self.q))
+
+    def _are_nearly(self, statuses: bytes) -> bool:
+        """Whether pairs do what they did but for those at the border of their cones, where round-off decides."""
+        differ = np.frombuffer(statuses, dtype=bool) != np.frombuffer(self._law.statuses, dtype=bool)
+        off = np.abs(self._law.length - self._law.cone) * differ.reshape(2, -1).any(axis=0)
+        return largest(off) <= NEGLIGIBLE_RESIDUAL * largest(self._law.cone)
 
     def search_interior(self) -> bool:
         """Whether Newton's method arrives from an approximation by an interior-point method."""
@@ -206,7 +231,7 @@ class FrictionalProblem:
         f, path_compliance = np.zeros_like(self.q), 10.0
         while path_compliance > PROXIMAL_COMPLIANCE:
             softer = FrictionalProblem(self.operator.softened(path_compliance), self.q, self.μ)
-            softer._take_share(_SHARES[not softer.operator.operator.is_regular])
+            softer._take_share(SHARES[not softer.operator.operator.is_regular])
             if not softer.search_newton(f, tolerance=_PATH_TOLERANCE):
                 softer.search_newton(softer.sweep_pairs(softer.best, sweeps), tolerance=_PATH_TOLERANCE)
             self.iterations += softer.iterations

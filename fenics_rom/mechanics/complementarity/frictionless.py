@@ -15,9 +15,11 @@ from fenics_rom.mechanics.complementarity.solution import (
     PROXIMAL_COMPLIANCE,
     STAGNATION_RESIDUAL,
     STEP_FRACTION,
+    KeptLaw,
     Solution,
     centering,
     check_residual,
+    largest,
 )
 
 
@@ -29,40 +31,67 @@ class FrictionlessProblem:
         self.operator, self.q = operator, q
         self.M, self.r = operator.matrix[:C, :C], q[0]
         self.compliance = np.maximum(self.M.diagonal(), 1e-12 * operator.compliance)
-        self.speed = float(np.abs(self.r).max())
+        self.speed = largest(np.abs(self.r))
         self.best, self.error, self.iterations = self.r, np.inf, 0
 
-    def solve(self, start: Array) -> Solution:
+    def solve(self, start: Array, kept: KeptLaw | None = None) -> Solution:
         """See `complementarity.solve`."""
         if not self.search_active_set(start[0]):
             with np.errstate(all="ignore"):  # what diverges ends
                 converged = self.search_interior()
             if not converged:
                 check_residual(self.error / self.speed, len(self.r), self.iterations)
+        return self._solution(self._to_keep(kept))
+
+    def follow(self, kept: KeptLaw) -> Solution | None:
+        """What the inverse of the pairs that pushed before leads to; None where others push."""
+        if kept.inverse is None:
+            return None
+        λ = kept.inverse.dot(self.q.ravel())[: len(self.r)]
+        return self._solution(kept) if self._arrives_at(λ) else None
+
+    def _solution(self, kept: KeptLaw | None) -> Solution:
         f = np.zeros_like(self.q)
         f[0] = self.best
         u = self.operator.moved(f) + self.q
-        return Solution(f, u, self.iterations, self.error / self.speed)
+        return Solution(f, u, self.iterations, self.error / self.speed, kept)
+
+    def _to_keep(self, kept: KeptLaw | None) -> KeptLaw | None:
+        """What to begin the next search with: an inverse where the same pairs push as in the search before this."""
+        closed = self.best > 0
+        statuses = closed.tobytes()
+        if kept is None or kept.statuses != statuses:
+            zero = np.zeros(self.q.shape)
+            return KeptLaw(statuses, None, zero, zero, zero) if self.operator.operator.is_regular else None
+        if kept.inverse is not None:
+            return kept
+        inverse, among = np.zeros((self.q.size, self.q.size)), closed.nonzero()[0]
+        inverse[among[:, None], among] = -np.linalg.inv(self.M[among[:, None], among])
+        return kept._replace(inverse=inverse)
 
     def search_active_set(self, λ: Array) -> bool:
         """Whether the active set settles, beginning with that of λ (Hintermüller, Ito & Kunisch, 2002)."""
         for _ in range(NEWTON_ITERATIONS):
-            z = λ - (self.M.dot(λ) + self.r) / self.compliance
-            projected = np.maximum(z, 0.0)
-            error, before = float(np.abs((λ - projected) * self.compliance).max()), self.error
-            if error < before:
-                self.best, self.error = projected, error
-            stagnates = before / 2 < self.error <= STAGNATION_RESIDUAL * self.speed
-            if error <= CONVERGENCE_TOLERANCE * self.speed or stagnates:
+            if self._arrives_at(λ):
                 return True
             self.iterations += 1
-            closed = np.flatnonzero(z > 0)
+            closed = np.flatnonzero(self._z > 0)
             M = self.M[closed[:, None], closed]
             residual = M.dot(λ[closed]) + self.r[closed]
             M.ravel()[:: len(closed) + 1] += PROXIMAL_COMPLIANCE * self.compliance[closed]
             λ, previous = np.zeros_like(λ), λ
             λ[closed] = previous[closed] - np.linalg.solve(M, residual)
         return False
+
+    def _arrives_at(self, λ: Array) -> bool:
+        """Looks at forces λ, and whether they solve the problem."""
+        self._z = λ - (self.M.dot(λ) + self.r) / self.compliance
+        projected = np.maximum(self._z, 0.0)
+        error, before = largest(np.abs((λ - projected) * self.compliance)), self.error
+        if error < before:
+            self.best, self.error = projected, error
+        stagnates = before / 2 < self.error <= STAGNATION_RESIDUAL * self.speed
+        return error <= CONVERGENCE_TOLERANCE * self.speed or stagnates
 
     def search_interior(self) -> bool:
         """Whether the active set settles from an approximation by Mehrotra's predictor-corrector method (1992)."""

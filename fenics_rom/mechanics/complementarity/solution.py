@@ -11,6 +11,7 @@ from fenics_rom.errors import StepError
 CONVERGENCE_TOLERANCE = 1e-12  # near what round-off leaves
 NEGLIGIBLE_RESIDUAL = 1e-9  # as good as solved
 STAGNATION_RESIDUAL = NEGLIGIBLE_RESIDUAL / 100  # where an iteration that no longer halves it has met round-off
+ADVICE = "; a smaller dt, less friction or the penalty variant (stiffness) may help"  # where no forces are found
 LARGEST_RESIDUAL = 1e-3  # accepted, and told, where no method gets further: there may be no solution at all
 PROXIMAL_COMPLIANCE = 1e-9  # added to a system, in parts of each pair's own
 NEWTON_ITERATIONS = 12  # where they suffice they are rarely more than five
@@ -24,7 +25,8 @@ STEP_FRACTION = 0.9  # of the way to the border of the cones that an interior-po
 
 def largest(values: Array) -> float:
     """The largest of some numbers, not a number where one is none; three times as fast as `max` of a short array."""
-    return float(values.item(values.argmax()))
+    value: float = values.item(values.argmax())
+    return value
 
 
 class KeptLaw(NamedTuple):
@@ -72,8 +74,7 @@ def check_residual(residual: float, pairs: int, iterations: int) -> None:
     if not residual <= LARGEST_RESIDUAL:
         raise StepError(
             f"contact of {pairs} pairs: no forces found that stop them: after {iterations} iterations the residual is "
-            f"{residual:.1e} of the velocities, allowed is {LARGEST_RESIDUAL:.0e}; a smaller dt, less friction or the "
-            "penalty variant (stiffness) may help"
+            f"{residual:.1e} of the velocities, allowed is {LARGEST_RESIDUAL:.0e}{ADVICE}"
         )
 
 

@@ -7,8 +7,9 @@ from numpy import ndarray as Array
 
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointMotion
+from fenics_rom.mechanics.contact_pairs import Settled
 from fenics_rom.mechanics.contact_points import ContactPoints
-from fenics_rom.mechanics.contact_solver import ContactSolver, Settled
+from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.rom.rom import Rom
 
 MOTION = "inertia, damping, elasticity"  # what of a step is not loads and contact

@@ -13,7 +13,6 @@ Every balance is a sum of few vectors, the rows of one table, whose factors are 
 factors with the table is what the coordinates balance, and the products of its rows with a rate make up the momenta.
 """
 
-import math
 from functools import partial
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -43,13 +42,12 @@ from fenics_rom.runtime.steppers.frame_loads import FrameForces, FrameLoads
 from fenics_rom.runtime.steppers.frame_points import FramePoints
 from fenics_rom.runtime.steppers.frame_watch import FrameWatch
 from fenics_rom.runtime.steppers.inertia import Inertia
-from fenics_rom.runtime.steppers.kernel import BookedKernel, StepWork
+from fenics_rom.runtime.steppers.kernel import BookedKernel, ContactWorks, StepWork
 
 if TYPE_CHECKING:
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
     from fenics_rom.runtime.steppers.residual_motion import ResidualMotion
 
-BOOKED_TOGETHER = 64  # steps
 LARGEST_TURN = 1.5  # rad in a step, h |ω|: beyond it there may be no step, or another one than that of the body
 
 
@@ -131,7 +129,6 @@ class FrameKernel(BookedKernel):
         self._inertia0, self._first_moment = frame.inertia0.tolist(), frame.first_moment.tolist()
         x, y, z = frame.origin.tolist()
         self.base: BaseState | None = None
-        self._works = list[tuple[float, float]]()  # supplied and dissipated in steps without contact, to be booked
         self._square = 0.0  # of the state
         self.frame = self._frame_before = self._at_rest = FrameState((x, y, z), (1.0, 0.0, 0.0, 0.0), ZERO, ZERO)
         self._dense_damping = model.damping.ndim == 2
@@ -152,18 +149,8 @@ class FrameKernel(BookedKernel):
 
     def rollback(self) -> None:
         """As in Kernel."""
-        if self._works:
-            self._works.pop()
         super().rollback()
         self.frame, self._places = self._frame_before, None
-
-    def flush(self) -> None:
-        """As in Kernel."""
-        if self._works and self._ledger is not None:
-            supplied, dissipated = map(math.fsum, zip(*self._works, strict=True))
-            self._ledger.book(supplied=supplied, dissipated=dissipated)
-        self._works.clear()
-        super().flush()
 
     @property
     def model(self) -> ContactModel:
@@ -305,6 +292,11 @@ class FrameKernel(BookedKernel):
         """The same, of the basis alone."""
         raise NotImplementedError
 
+    @property
+    def touched(self) -> Array:
+        """As in BookedKernel, in world axes."""
+        return self._touched
+
     def start_velocities(self) -> Array:
         """Velocities (P, 3) of the contact points in world axes, m/s."""
         inside = self.points.moved(self._r) + self.places().dot(cross_matrix(self.angular_velocity).T)
@@ -329,14 +321,11 @@ class FrameKernel(BookedKernel):
         self, contact: ContactSolution | None, velocities: Array | None, supplied: float, dissipated: float
     ) -> None:
         """The end of a step but for the state: what is to be booked."""
+        contacts: ContactWorks = ()
         if contact is not None and velocities is not None:
-            self.touched = velocities
-            self._leave(StepWork(supplied, dissipated, (partial(contact.work, velocities, self.h),)))
-        else:
-            if self._owed is not None or len(self._works) == BOOKED_TOGETHER:
-                self.flush()
-            self._remember()
-            self._works.append((supplied, dissipated))
+            self._touched = velocities
+            contacts = (partial(contact.work, velocities, self.h),)
+        self._leave(StepWork(supplied, dissipated, contacts))
         self.contact, self._frame_before = contact, self.frame
 
     def _arrive(self, e: Array, r: Array) -> float:

@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from fenics_rom.runtime.steppers.residual_motion import ResidualMotion
 
 ContactWorks = tuple[Callable[[], ContactWork], ...]  # of each part of a step
+BOOKED_TOGETHER = 64  # steps
 
 
 class Kernel(GoneBackThrough):
@@ -136,12 +137,11 @@ class BookedKernel(Kernel):
         actuators: those whose forces are found, if there are any.
         residual: how the contact points yield beyond the basis, if that is known.
         branches: how the material relaxes, if it does.
-
-    Attributes:
-        touched: mid-step velocities (P, 3) of the contact points, m/s, in the last step under contact forces.
     """
 
-    touched: Array
+    _at_touch: tuple[
+        Array, Array | None
+    ]  # v̂ of the last step under contact forces: (m,), and the residual part's (P, 3)
 
     def __init__(
         self,
@@ -158,17 +158,21 @@ class BookedKernel(Kernel):
         self.residual, self.branches = residual, branches
         self._rigid_displacement, self._rigid_before = rigid_displacement, rigid_displacement.copy()
         self._contact_before: ContactSolution | None = None
-        self._owed: StepWork | None = None
+        self._owed = list[StepWork]()  # of the last steps, to be booked
         self.notes, self._notes_before = {}, dict[str, float]()
         self._ω, self._inverse_ω = np.sqrt(model.eigenvalues), 1 / model.safe_frequencies
         self.state, self._state_before = np.zeros(2 * model.order), np.zeros(2 * model.order)
-        self._halves = self.state.reshape(2, -1)
-        self._e, self._r = self._halves
-        self._motion = np.zeros((3, model.order))  # q, r and v̂, of which the points' are read together
+        self._e, self._r = self._halves = self.state.reshape(2, -1)
         self._delassus = np.empty((0, 0))  # W (3P, 3P)
         self._stroke_operators: tuple[Array, Array, Array, PointsHeldBack] | None = None  # of the last spread
         rows = np.empty((0, len(model.coordinates))) if interface is None else interface.rows
-        self._Sᵀ = np.ascontiguousarray((rows @ model.coordinates).T)
+        self._Sᵀ = self._of_points = np.ascontiguousarray((rows @ model.coordinates).T)
+        if residual is not None:  # what the points do is one product with what they do in and beyond the basis
+            self._of_points = np.vstack([self._Sᵀ, np.zeros((6, self._Sᵀ.shape[1]))])
+            self._Sᵀ = self._of_points[: model.order]
+            residual.stand_in(self._of_points[model.order :])
+        self._motion = np.zeros((3, len(self._of_points)))
+        self._motions = self._motion[:, : model.order]  # q, r and v̂
 
     @property
     def energy(self) -> float:
@@ -187,6 +191,7 @@ class BookedKernel(Kernel):
         self.h = h
         if self.residual is not None:
             self.residual.set_time_step(h)
+            self._motion[:, -6:-2] = self.residual.added
         if self.branches is not None:
             self.branches.set_time_step(h)
 
@@ -200,6 +205,11 @@ class BookedKernel(Kernel):
         assert self._interface is not None
         places: Array = self._interface.points.coordinates + self.point_displacement()
         return places
+
+    @property
+    def touched(self) -> Array:
+        """Mid-step velocities (P, 3) of the contact points, m/s, in the last step under contact forces."""
+        return self._at_points(*self._at_touch)
 
     def start_velocities(self) -> Array:
         """Velocities (P, 3) of the contact points, m/s."""
@@ -223,28 +233,19 @@ class BookedKernel(Kernel):
         if self.branches is not None:
             self.branches.rollback()
         self._rigid_displacement[:] = self._rigid_before
-        self._owed, self.contact, self.reactions = None, self._contact_before, self._reactions_before
+        del self._owed[-1:]
+        self.contact, self.reactions = self._contact_before, self._reactions_before
         self.notes = self._notes_before
 
     def flush(self) -> None:
         """As in Kernel."""
-        owed, self._owed = self._owed, None
-        if owed is None or self._ledger is None:
-            return
-        supplied, dissipated, contacts, numerical = owed
-        for contact_work in contacts:
-            by_obstacles, contact, friction, missed = contact_work()
-            self._ledger.book_parts(by_obstacles, contact, friction)
-            supplied, dissipated, numerical = (
-                supplied + by_obstacles,
-                dissipated + contact + friction,
-                numerical + missed,
-            )
-        self._ledger.book(supplied=supplied, dissipated=dissipated, numerical=numerical)
+        owed, self._owed = self._owed, []
+        if owed and self._ledger is not None:
+            self._ledger.book_steps(owed)
 
     def _coordinates(self) -> Array:
         """q (m,), which a later call overwrites."""
-        q = self._motion[0]
+        q = self._motions[0]
         np.multiply(self._e, self._inverse_ω, q)
         if len(self._rigid_displacement):
             q[: len(self._rigid_displacement)] = self._rigid_displacement
@@ -266,13 +267,12 @@ class BookedKernel(Kernel):
         """
         if self._interface is None or obstacles is None:
             return None
-        self._motion[0], self._motion[1], self._motion[2] = q, r, free
-        motion = self._motion.dot(self._Sᵀ).reshape(3, -1, 3)
-        if self.residual is not None:
-            motion += self.residual.points
-        points = PointMotion(*motion)
+        self._motions[0], self._motions[1], self._motions[2] = q, r, free
+        motion = self._motion.dot(self._of_points).reshape(3, -1, 3)
+        if self.branches is not None and self.residual is not None:
+            self.residual.relax(motion[2])
         operator = self._delassus if delassus is None else delassus
-        return self._interface.solve(points, operator, h, obstacles, quasi_static)
+        return self._interface.solve(PointMotion(*motion), operator, h, obstacles, quasi_static)
 
     def _solve_actuators(
         self,
@@ -358,7 +358,7 @@ class BookedKernel(Kernel):
         """
         if contact is None:
             return ()
-        self.touched = self._at_points(v, residual)
+        self._at_touch = v, residual
         return (partial(contact.work, self.touched, h),)
 
     def _contacts_at_rest(
@@ -381,9 +381,10 @@ class BookedKernel(Kernel):
 
     def _leave(self, work: StepWork) -> None:
         """Notes what is there before a step, and what is to be booked after it."""
-        self.flush()
+        if len(self._owed) == BOOKED_TOGETHER:
+            self.flush()
         self._remember()
-        self._owed = work
+        self._owed.append(work)
 
     def _remember(self) -> None:
         """Notes what is there before a step."""

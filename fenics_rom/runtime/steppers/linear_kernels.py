@@ -16,7 +16,8 @@ Branches of a material that relaxes (mechanics/viscoelasticity.py) have energy c
 with -ω Σ g (ω w)/(1 + θ h/τ), and add their stiffening time to h/2 in A: modes that are apart stay so.
 """
 
-from typing import TYPE_CHECKING, NamedTuple
+from functools import partial
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy import ndarray as Array
@@ -25,17 +26,11 @@ from fenics_rom.mechanics.actuator_forces import ActuatorForces
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion
 from fenics_rom.rom.midpoint_map import compliance
 from fenics_rom.runtime.steppers.adjoint import check_is_differentiated, contact_adjoint, contact_solved
-from fenics_rom.runtime.steppers.kernel import BookedKernel, StepWork, symmetric
+from fenics_rom.runtime.steppers.kernel import BookedKernel, ContactWorks, StepWork, symmetric
 from fenics_rom.runtime.steppers.residual_motion import operator_of
 
-
-class _Step(NamedTuple):
-    """A step of passive midpoint integration without contact."""
-
-    pushed: Array  # G u (m,), N kg^-1/2
-    right: Array  # with elasticity and inertia
-    velocity: Array  # v̂
-
+# A step without contact: G u, the same with elasticity and inertia, N kg^-1/2, and v̂, (m,) each.
+_Step = tuple[Array, Array, Array]
 
 if TYPE_CHECKING:
     from fenics_rom.runtime.steppers.balance_adjoint import BalanceAdjoint
@@ -61,6 +56,7 @@ class ContactMidpoint(BookedKernel):
         if self._actuators is not None:
             self._columns = self._model.inputs[:, self._actuators.columns]
             self._spread = _applied(self._a, self._columns)
+        self._pushed_by, self._heat_of = (A.__mul__ if A.ndim == 1 else A.dot for A in (self._a, self._Ra))
         self._elastic_and_inertial = np.stack([-self._ω, np.full(self._model.order, 2 / h)])
         self._travel = h * self._ω
 
@@ -69,12 +65,12 @@ class ContactMidpoint(BookedKernel):
         if self._actuators is not None:
             return self._step_by_strokes(self._actuators, u, obstacles)
         step = self._begin_step(u)
-        return self._end_step(step, self._solve_contact(self._coordinates(), self._r, step.velocity, self.h, obstacles))
+        return self._end_step(step, self._solve_contact(self._coordinates(), self._r, step[2], self.h, obstacles))
 
     def open(self, u: Array) -> Array:
         """As in Kernel."""
         self._opened = self._begin_step(u)
-        free: Array = self._opened.velocity.dot(self._Sᵀ).reshape(-1, 3)
+        free: Array = self._opened[2].dot(self._Sᵀ).reshape(-1, 3)
         return free if self.residual is None else free + self.residual.points[2]
 
     def answer(self, some: Array) -> Array:
@@ -91,26 +87,33 @@ class ContactMidpoint(BookedKernel):
     def _begin_step(self, u: Array) -> _Step:
         pushed = self._model.inputs.dot(u)
         elastic, inertial = self._elastic_and_inertial * self._halves
-        right = pushed + elastic + inertial
+        right = pushed + elastic
+        right += inertial
         if self.branches is not None:
             right -= self._ω * self.branches.pull[0]
-        return _Step(pushed, right, _applied(self._a, right))
+        return pushed, right, self._pushed_by(right)
 
     def _end_step(self, step: _Step, contact: ContactSolution | None, rubbed: Array | None = None) -> float:
         """Takes a step under contact forces; rubbed (m,): forces of guides, which dissipate, but for contact."""
         pushed, right, v = step
         if contact is not None:
-            right += self._pushed(contact)
+            by_contact = self._pushed(contact)
+            right += by_contact
         if contact is not None or rubbed is not None:
-            v = _applied(self._a, right)
-        heat = _applied(self._Ra, right)
+            v = self._pushed_by(right)
+        heat = self._heat_of(right)
         h, supplied, dissipated = self.h, float(pushed.dot(v)), float(heat.dot(heat))
         if rubbed is not None:
             dissipated -= float(rubbed.dot(v))
         residual, relaxed = self._step_residual(contact)
         if self.branches is not None:
             relaxed += self.branches.step((self._ω * v)[None])
-        contacts = self._contacts(v, contact, h, residual)
+        contacts: ContactWorks = ()
+        if contact is not None:
+            power, self._at_touch = float(by_contact.dot(v)), (v, residual)
+            if residual is not None:
+                power += float(contact.forces.ravel().dot(residual.ravel()))
+            contacts = (partial(contact.work_at, power, h),)
         self._leave(StepWork(h * supplied, h * dissipated + relaxed, contacts))
         if len(self._rigid_displacement):
             self._rigid_displacement += h * v[: len(self._rigid_displacement)]
@@ -129,8 +132,7 @@ class ContactMidpoint(BookedKernel):
         motion = q, self._r, v, self.h, obstacles
         found, contact = self._solve_actuators(u, self._columns, self._spread, targets, *motion)
         by_strokes, rubbed = actuators.parts(self._columns, found)
-        step = _Step(pushed + by_strokes, right + by_strokes + rubbed, v)
-        square = self._end_step(step, contact, rubbed)
+        square = self._end_step((pushed + by_strokes, right + by_strokes + rubbed, v), contact, rubbed)
         self.reactions = found
         return square
 

@@ -110,10 +110,16 @@ class ResidualMotion:
         self._branches = branches
         self._part, self._R = part, part.compliance
         self._τ, self._β = (part.time_constant, β) if has_inertia else (0.0, 0.0)
-        self._rows = np.zeros((6, len(self._R)))  # and f and R f of a step, so that all is one product with these rows
-        self.state = self._rows[:4].reshape(-1)
-        self._g, self._y, self._ġ, self._ẏ, self._f, self._Rf = self._rows
+        self.stand_in(np.zeros((6, len(self._R))))
         self._before = self.state.copy()
+
+    def stand_in(self, rows: Array) -> None:
+        """Has the state from now on in the first of these rows (6, 3P).
+
+        Then f and R f of a step, so that all is one product with these rows.
+        """
+        self._rows, self.state = rows, rows[:4].reshape(-1)
+        self._g, self._y, self._ġ, self._ẏ, self._f, self._Rf = rows
 
     def set_time_step(self, h: float) -> None:
         """Makes the coefficients for a time step, s."""
@@ -166,7 +172,7 @@ class ResidualMotion:
     @property
     def stored(self) -> float:
         """½ gᵀ R g + ½ τ² ġᵀ R ġ, and what branches store, J."""
-        stored = self._strain_energy + self._kinetic_energy
+        stored = float(self._g.dot(self._y) + self._τ**2 * self._ġ.dot(self._ẏ)) / 2
         return stored if self._branches is None else stored + self._branches.stored
 
     @property
@@ -178,12 +184,21 @@ class ResidualMotion:
         return self._τ**2 * float(self._ġ.dot(self._ẏ)) / 2
 
     @property
+    def added(self) -> Array:
+        """(3, 4): what `points` are of the first rows, but for branches."""
+        return self._added
+
+    @property
     def points(self) -> Array:
         """What it adds to the points' displacement, velocity and free mid-step velocity, (3, P, 3)."""
-        added: Array = self._added.dot(self._rows[:4])
+        added: Array = self._added.dot(self._rows[:4]).reshape(3, -1, 3)
+        self.relax(added[2])
+        return added
+
+    def relax(self, free: Array) -> None:
+        """Adds to the free mid-step velocity (P, 3) what the branches do."""
         if self._branches is not None:
-            added[2] -= self._branches.pull[1] / self._relaxation.whole
-        return added.reshape(3, -1, 3)
+            free -= (self._branches.pull[1] / self._relaxation.whole).reshape(-1, 3)
 
     @property
     def displacement(self) -> Array:

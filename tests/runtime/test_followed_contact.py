@@ -1,0 +1,90 @@
+"""Contact steps in which all pairs do what they did before take no search, and lead where a search leads."""
+
+import numpy as np
+import pytest
+from bodies import acted_on, box_arrays, write_arrays
+
+import fenics_rom as fr
+from fenics_rom.mechanics.contact_adjoint import ContactAdjoint
+from fenics_rom.mechanics.contact_solver import ContactSolver
+
+LENGTHS, ORDER, STEPS = (0.3, 0.2, 0.1), 8, 240
+FLOOR = '[effects.contact.obstacles.floor]\nshape = "half-space"\npoint = [0, 0, -1e-4]\nnormal = [0, 0, 1]\n'
+BALL = '[effects.contact.obstacles.ball]\nshape = "sphere"\ncenter = [0.15, 0.1, -0.5001]\nradius = 0.5\n'
+BODY = "inertia = {}\ndamping = { alpha = 5.0, beta = 2e-3 }\ngravity = { acceleration = [0, 0, -9.81] }\n"
+PUSH = "[effects.prescribed.push]\nsurface = 'top'\n[effects.contact]\nrestitution = RESTITUTION\n"
+ROUGH = "[effects.friction]\ncoefficient = 0.4\n"
+PARTS = {"outputs": "", "contacts": '[contacts.bottom]\nsurface = "bottom"', "supports": None}
+
+pytestmark = pytest.mark.filterwarnings("ignore:the surface is", "ignore:.*contact points leave")
+
+
+@pytest.fixture(scope="module")
+def mesh(tmp_path_factory):
+    return write_arrays(tmp_path_factory.mktemp("followed") / "box.msh", *box_arrays(LENGTHS, (3, 2, 1), shake=0.2))
+
+
+@pytest.fixture(scope="module")
+def roms(mesh):
+    """By restitution, obstacle and friction."""
+
+    def rom(e, obstacle, rough):
+        effects = BODY + PUSH.replace("RESTITUTION", str(e)) + obstacle + (ROUGH if rough else "")
+        return fr.reduce(fr.assemble(acted_on(mesh, effects, **PARTS)), order=ORDER)
+
+    cases = {"floor": (0.0, FLOOR, True), "smooth": (0.5, FLOOR, False), "ball": (0.0, BALL, True)}
+    return {name: rom(*case) for name, case in cases.items()}
+
+
+def pushes(rng, weight):
+    """Forces that hold for some steps each: down, aside up to what makes the body slide, and sometimes up."""
+    held = rng.uniform(-1, 1, (STEPS // 20, 3)) * weight * [0.4, 0.4, 1.0] - [0, 0, 0.3 * weight]
+    return lambda t: held[min(round(t / 1e-3 - 0.5) // 20, len(held) - 1)]
+
+
+def run(rom, signal):
+    """States and accounts after each step, and how many steps took no search."""
+    body, ways = fr.Simulator(rom, 1e-3, signals={"push": signal}), []
+    solver = body.integrator.interface.solver
+    for _ in range(STEPS):
+        body.step()
+        ways.append((np.concatenate(body.state), [total[0] for total in body.ledger.sums], solver.follows))
+    states, sums, followed = zip(*ways, strict=True)
+    scale = max(body.energy, np.abs(sums).max())
+    assert abs(body.energy - body.ledger.supplied + body.ledger.dissipated) <= 1e-12 * scale
+    return np.array(states), np.array(sums), np.count_nonzero(followed)
+
+
+@pytest.mark.parametrize("case", ["floor", "smooth", "ball"])
+def test_steps_that_are_followed_lead_where_searches_lead(roms, case, monkeypatch):
+    """To 1e-9, where a search itself is exact to 1e-12 of the velocities; and both accounts are the same."""
+    rom, weight, followed = roms[case], 20.0, []
+    for seed in range(4):
+        signal = pushes(np.random.default_rng(seed), weight)
+        states, sums, count = run(rom, signal)
+        with monkeypatch.context() as without:
+            without.setattr(ContactSolver, "_follow", lambda *_: None)
+            searched, sums_searched, none = run(rom, signal)
+        assert none == 0
+        followed.append(count)
+        np.testing.assert_allclose(states, searched, atol=1e-9 * np.abs(searched).max(), rtol=0)
+        np.testing.assert_allclose(sums, sums_searched, atol=1e-9 * np.abs(sums_searched).max(), rtol=0)
+    assert min(followed) > STEPS / 4
+
+
+def test_what_a_followed_step_found_is_told_as_that_of_a_search(roms, monkeypatch):
+    """What those who differentiate ask for: the pairs, how their forces were found, and the adjoint."""
+    rom, told = roms["floor"], []
+    for way in (ContactSolver._follow, lambda *_: None):
+        with monkeypatch.context() as changed:
+            changed.setattr(ContactSolver, "_follow", way)
+            body = fr.Simulator(rom, 1e-3, signals={"push": lambda t: [2.0, 0.0, -20.0]})
+            for _ in range(100):
+                body.step()
+            solver = body.integrator.interface.solver
+            found = solver.solved
+            φ = np.random.default_rng(0).normal(size=solver.points.shape)
+            told.append([found.forces, found.velocities, found.problem.q, solver.considered.free])
+            told[-1] += list(ContactAdjoint.of(solver, found).pull_back(φ))
+    for one, other in zip(*told, strict=True):
+        np.testing.assert_allclose(one, other, atol=1e-8 * np.abs(other).max(), rtol=0)
