@@ -46,10 +46,9 @@ class Ringing:
     middle: float  # after 1 s, m
     creep: float  # of the middle in each e-fold of time, m
 
-    @property
-    def damping_ratio(self) -> float:
-        """Share of the critical damping."""
-        return self.decay / (2 * np.pi * self.frequency)
+    def middle_at(self, time: float) -> float:
+        """About which it vibrates, m."""
+        return self.middle + self.creep * float(np.log(time))
 
     @classmethod
     def of(cls, times: Array, height: Array, start: float, stop: float) -> "Ringing":

@@ -36,18 +36,16 @@ class Law:
         """Its branches."""
         return PronySeries((self.ratio,) * len(self.times), self.times)
 
-    def vibrating(self, frequency: float) -> tuple[float, float]:
-        """Modulus (Pa) and β (s) of the elastic solid that vibrates alike at a frequency (Hz)."""
-        ω = 2 * np.pi * frequency
-        complex_modulus = self.young * (self.series.modulus(ω) + 1j * ω * self.beta)
-        return float(complex_modulus.real), float(complex_modulus.imag / complex_modulus.real / ω)
+    def vibrating(self, frequency: float) -> float:
+        """Modulus of a vibration (Hz), Pa."""
+        return self.young * float(np.real(self.series.modulus(2 * np.pi * frequency)))
 
     def remaining(self, time: float) -> float:
         """Number of branches that still pull after a time, s."""
         return float(np.exp(-time / np.array(self.times)).sum())
 
     def after(self, time: float) -> float:
-        """Modulus under a load that has acted for a time, Pa: to first order in g, as it creeps as it relaxes."""
+        """Modulus under a load that has acted for a time, Pa: to first order in g, it creeps as it relaxes."""
         return self.young * (1 + self.ratio * self.remaining(time))
 
     @classmethod
