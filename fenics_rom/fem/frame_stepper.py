@@ -18,8 +18,10 @@ from fenics_rom.fem.frame_step import FrameStep
 from fenics_rom.fem.full_order_body import FullOrderBody
 from fenics_rom.fem.nodal_frame import Motion, NodalFrame
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
+from fenics_rom.mechanics.base_fit import misfit, misfit_message
 from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.frame_contact import touch
+from fenics_rom.mechanics.frame_geometry import vector
 from fenics_rom.mechanics.frame_motion import quaternion_of, rotation_matrix, world_displacement, world_velocity
 from fenics_rom.mechanics.step import MOVING_FRAME, StepInput, StepResult
 from fenics_rom.system.system import System
@@ -45,6 +47,7 @@ class MovingFrameStepper(FullOrderBody):
         self.wrench = np.zeros((2, 3)) if self._frame.carried else None
         self._now = self._body.at_rest()
         self._before: tuple[Any, ...] = ()
+        self._misfit = 0.0, 0.0  # how far a base went otherwise than its twists say, at most, m and rad
         if self._frame.carried and (base := environment.base_at(0.0)) is not None:
             self.place(base)
         self.check_start()
@@ -84,9 +87,8 @@ class MovingFrameStepper(FullOrderBody):
         """
         now, h = self._now, self.dt
         loads = FrameLoads.of(self.system, self.contact_mode, self.input_matrix, inputs.u, self._environment)
-        step = FrameStep(
-            self._body, now, h, loads, self._base_at_end() if self._frame.carried else None, self.interface
-        )
+        base = self._base_at_end() if self._frame.carried else None
+        step = FrameStep(self._body, now, h, loads, base, self.interface)
         x, contact = step.solve(), None
         if self.interface is not None and inputs.obstacles is not None:
             x, contact = touch(step, self.interface, x, inputs.obstacles)
@@ -97,6 +99,9 @@ class MovingFrameStepper(FullOrderBody):
             push = step.push(contact.forces, turn, arms)
             touched = step.velocities(turn, arms, x) + step.translation(turn, push.force)
         after = step.after(x, rate, push)
+        if base is not None:
+            gaps = misfit(self.pose, base, turn, vector((now.v + after.v) / 2), h, self._body.size)
+            self._misfit = max(self._misfit[0], gaps[0]), max(self._misfit[1], gaps[1])
         supplied, wrench = step.balances(turn, after, rate, push)
         self._before = now, self.wrench, self.contact, None if self.ledger is None else self.ledger.sums
         self.wrench, self.contact, self.time = wrench, contact, self.time + h
@@ -130,6 +135,10 @@ class MovingFrameStepper(FullOrderBody):
         assert self.interface is not None
         rest = self.interface.points.coordinates
         return world_displacement(self.pose, self._frame.origin, rest, super().point_displacement())
+
+    def diagnostics(self) -> tuple[str, ...]:
+        """See Stepper."""
+        return *super().diagnostics(), *misfit_message(*self._misfit)
 
     def close(self) -> None:
         """Gives the factor's memory back."""

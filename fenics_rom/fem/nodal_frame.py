@@ -51,6 +51,7 @@ class NodalFrame:
     Attributes:
         frame: of the system.
         mass: kg.
+        size: radius of gyration of the body at rest about its origin, m.
         mass_of_nodes, mass_times_arms: M 1 (n, 1) and M X (n, 3) of the nodes here.
     """
 
@@ -58,6 +59,7 @@ class NodalFrame:
         assert system.moving_frame is not None
         self.frame, self._system = system.moving_frame, system
         self.mass, self._first = float(self.frame.moments[0, 0]), self.frame.moments[0, 1:]
+        self.size = float(np.sqrt(np.trace(self.frame.moments[1:, 1:]) / self.mass))
         self.mass_of_nodes, self.mass_times_arms = self.frame.mass_times[:, :1], self.frame.mass_times[:, 1:]
         self._resisting = (ExtendedMatrix(system.stiffness.mat), *centrifugal_stiffness(system))  # type: ignore[attr-defined]
         self._MR = system.mass @ system.rigid

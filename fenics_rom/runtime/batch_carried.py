@@ -10,13 +10,13 @@ from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError, check_known
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
+from fenics_rom.mechanics.base_fit import NEGLIGIBLE
 from fenics_rom.mechanics.base_path import CONJUGATE, UNIT_TOLERANCE, BaseState, quaternion_product, rotation_vectors
 from fenics_rom.mechanics.environment import DETAILS
 from fenics_rom.mechanics.frame_motion import rotation_of, world_displacement
 from fenics_rom.mechanics.signals import real_numbers
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.batch_carried_step import CarriedMode, CarriedStep, lengths, products_of, turned_by
-from fenics_rom.runtime.steppers.carried_base import NEGLIGIBLE
 from fenics_rom.runtime.steppers.frame_kernel import LARGEST_TURN
 from fenics_rom.runtime.steppers.moving_frame import quasi_rigid
 

@@ -176,6 +176,24 @@ def test_base_that_stands_still_bears_the_weight(mesh):
     np.testing.assert_allclose(body.base_wrench, in_frame @ to_world.T, atol=1e-10)
 
 
+def test_a_base_whose_twists_do_not_fit_its_poses_is_told(mesh):
+    """With how far, as reduced; one whose do is not."""
+    scene = moving(mesh)
+
+    def slides(time, speed):
+        velocity = np.array([speed, 0.0, 0.0])
+        return fr.BaseState(np.array([time, 0.0, 0.0]), np.array([1.0, 0.0, 0.0, 0.0]), velocity, np.zeros(3))
+
+    for speed, told in ((1.0, ()), (3.0, ("base: in a step it went 0.02 m and turned 0 rad otherwise than",))):
+        path = {"base_path": lambda t, v=speed: slides(t, v)}
+        body = FullOrderSimulator(fr.assemble(scene), 1e-2, scene.environment, path)
+        for _ in range(3):
+            body.step(np.zeros(3))
+        lines = body.stepper.diagnostics()
+        assert len(lines) == len(told)
+        assert all(line.startswith(words) for line, words in zip(lines, told, strict=True))
+
+
 def test_run_of_a_scene_has_the_frame_in_it(mesh):
     run = "dt = 0.01\nduration = 0.1\nsnapshots = 2\ninitial = { rotation = [0.0, 0.0, 2.0], spin = [0.0, 0.0, 3.0] }"
     trajectory = fr.simulate(moving(mesh, supports=None, run=run))

@@ -200,6 +200,7 @@ MUTATIONS = [
     ("fem/frame_step.py", "now.ω, inside) + along", "now.ω, inside)"),
     ("fem/frame_step.py", "cross(ω_end, My_end) - np", "cross(ω_end, My_end) + np"),
     ("fem/nodal_frame.py", "inertia -= np.array", "inertia += np.array"),
+    ("mechanics/base_fit.py", "added(v̂, 0.5, cross", "added(v̂, -0.5, cross"),
     ("runtime/steppers/moving_frame.py", "self._carried_along = _holding(", "self._carried_along = None and _holding("),
     (
         "runtime/steppers/inertia.py",

@@ -512,6 +512,16 @@ def test_a_base_that_jumps_is_told(carried):
     np.testing.assert_array_equal(body.pose.position, before)
 
 
+def test_a_base_that_turns_far_in_a_step_as_its_twists_say_is_not_told(carried):
+    body, random = fr.Simulator(carried, 0.05), np.random.default_rng(11)
+    base = body.pose._replace(velocity=np.array((1.0, 0.0, 0.0)), angular_velocity=np.array((0.0, 0.0, 12.0)))
+    body.place(base)
+    for _ in range(4):
+        base = some_way_on(base, body.dt, random)
+        body.step(base=base)
+    assert not [line for line in body.warnings if line.startswith("base:")]
+
+
 def test_a_base_whose_twist_does_not_fit_its_turn_is_told(carried):
     """With how far; one that turns too fast for a step is refused, and the state stays."""
     body = fr.Simulator(carried, 1e-2)

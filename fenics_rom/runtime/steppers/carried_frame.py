@@ -25,6 +25,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
+from fenics_rom.mechanics.base_fit import misfit, misfit_message
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion
 from fenics_rom.mechanics.frame_contact import touch
 from fenics_rom.mechanics.frame_geometry import Geometry, Push, arms_of, turned_operator, vector
@@ -41,7 +42,7 @@ from fenics_rom.mechanics.frame_motion import (
     rotated_back,
     rotation_of,
 )
-from fenics_rom.runtime.steppers.carried_base import Motion, frame_state, misfit, motion_of
+from fenics_rom.runtime.steppers.carried_base import Motion, frame_state, motion_of
 from fenics_rom.runtime.steppers.frame_kernel import MOMENTS, TURNED, FrameKernel, FrameState, check_turn, in_frame
 from fenics_rom.runtime.steppers.frame_loads import FrameForces
 from fenics_rom.runtime.steppers.frame_points import FramePoints
@@ -134,14 +135,7 @@ class CarriedFrame(FrameKernel):
     @property
     def messages(self) -> tuple[str, ...]:
         """As in Kernel."""
-        away, turned = self.notes["misfit"], self.notes["misfit of turn"]
-        if not (away or turned):
-            return super().messages
-        return (
-            *super().messages,
-            f"base: in a step it went {away:.2g} m and turned {turned:.2g} rad otherwise than its velocities at both "
-            "ends say: it jumps, or twists and poses do not fit; the account closes, but the forces are of the twists",
-        )
+        return *super().messages, *misfit_message(self.notes["misfit"], self.notes["misfit of turn"])
 
     def set_time_step(self, h: float) -> None:
         """As in Kernel."""

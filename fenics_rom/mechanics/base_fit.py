@@ -1,0 +1,61 @@
+"""Whether the poses of a base that carries a body fit its twists."""
+
+import math
+from typing import Protocol
+
+import numpy as np
+
+from fenics_rom.mechanics.frame_geometry import Geometry, vector
+from fenics_rom.mechanics.frame_motion import Numbers, Vector, added, cross, rotated, turned
+
+MISFIT = 0.1  # of what the base moves by in a step: so far off may be what its twists say
+NEGLIGIBLE = 1e-6  # rad, and of the size of the body: what is no motion
+
+
+class Placed(Protocol):
+    """A base: where it is, m, and its unit quaternion."""
+
+    @property
+    def position(self) -> Numbers:
+        """(3,)."""
+
+    @property
+    def rotation(self) -> Numbers:
+        """(4,)."""
+
+
+def misfit(start: Placed, end: Placed, turn: Geometry, v̂: Vector, h: float, size: float) -> tuple[float, float]:
+    """How far a base went, m, and turned, rad, in a step of h s otherwise than its twists say; 0 where that is little.
+
+    Args:
+        start, end: of the step.
+        turn: how the frame turns by its twists.
+        v̂: mean velocity, in the frame's axes, m/s.
+        h: s.
+        size: of the body, m.
+    """
+    moved = vector(np.subtract(end.position, start.position))
+    said = rotated(turn.before, added(v̂, 0.5, cross(turn.turn, v̂)))
+    away = math.hypot(*added(moved, -h, said))
+    if away <= NEGLIGIBLE * size or away <= MISFIT * max(math.hypot(*moved), h * math.hypot(*said)):
+        away = 0.0
+    turned_by, most = 2 * _apart(turned(start.rotation, turn.turn), end.rotation), math.hypot(*turn.turn)
+    if turned_by <= NEGLIGIBLE or turned_by <= MISFIT * max(2 * _apart(start.rotation, end.rotation), most):
+        turned_by = 0.0
+    return away, turned_by
+
+
+def misfit_message(away: float, turned_by: float) -> tuple[str, ...]:
+    """What to say of a run in whose steps a base went so far otherwise at most, m and rad; nothing where it did not."""
+    if not (away or turned_by):
+        return ()
+    return (
+        f"base: in a step it went {away:.2g} m and turned {turned_by:.2g} rad otherwise than its velocities at both "
+        "ends say: it jumps, or twists and poses do not fit; the account closes, but the forces are of the twists",
+    )
+
+
+def _apart(a: Numbers, b: Numbers) -> float:
+    """Sine of half of the angle, rad, between two rotations."""
+    (s, t, u, v), (w, x, y, z) = a, b
+    return math.dist((s, t, u, v), (w, x, y, z) if s * w + t * x + u * y + v * z > 0 else (-w, -x, -y, -z))
