@@ -24,7 +24,8 @@ ROUND_OFF = 1e-13  # of them: a change that is none
 STAGNATION = 1e-12  # of them: as near as round-off lets some come
 MOST_SWEEPS = 200
 PATIENCE = 150  # sweeps, after which forces may stay that lack no more than what any contact forces may lack
-PROXIMAL = 1e-6  # of each pair's own compliance, added to W where no point yields by itself: it only guides the sweeps
+PROXIMAL, LARGEST_PROXIMAL = 1e-6, 1e-2  # of each pair's own compliance, added to W where no point yields by itself
+STEADIER = 30.0  # times as much, where sweeps lead away: it only guides them
 REDUNDANT = 1e-9  # of the largest singular value: what joints hold twice
 STEADY = 1e-5  # of what a sweep changes: by so much two of them differ that change the same
 SHARES = (1 - 1e-6, 1 - 1e-4, 0.99, 0.9, 0.5, 0.0)  # of forces of contact that would do work
@@ -78,19 +79,20 @@ class Guide:
     Args:
         W: (3 (C + J), 3 (C + J)), symmetric but for what a step turns bodies by, and positive semidefinite.
         yields: of each of the C contacts whether a point of it yields by itself, so that W tells its forces apart.
+        proximal: compliance that is added where it does not, in parts of each pair's own.
 
     Attributes:
         is_right: whether bodies lie as they did when W was found.
         soft, of_soft: the operators of bodies that yield, and their part of W.
     """
 
-    def __init__(self, W: Array, yields: Array):
+    def __init__(self, W: Array, yields: Array, proximal: float = PROXIMAL):
         self.W, self._C = W, 3 * len(yields)
         C = self._C
         if not yields.all():
             own = W.diagonal().reshape(-1, 3).mean(axis=1)
             added = np.maximum(own, 1e-12 * own.max(initial=0.0))[: len(yields)] * ~yields
-            W.ravel()[: C * (len(W) + 1) : len(W) + 1] += PROXIMAL * np.repeat(added, 3)
+            W.ravel()[: C * (len(W) + 1) : len(W) + 1] += proximal * np.repeat(added, 3)
         self.yields, self.is_right = yields, True
         self.soft, self.of_soft = list[Array](), np.empty((0, 0))
         self._kept: _Kept | None = None
@@ -202,11 +204,11 @@ def find_forces(pairs: Pairs, h: float, start: Array, guide: Guide | None) -> tu
     sliding = (before[:C] - a[:, None] * n) / 2  # what sticks is to stop within the step
     sliding[pairs.friction == 0] = 0.0
     chosen, f = np.zeros(C, dtype=bool), start
-    size_before, scale = 0.0, float(np.abs(before).max(initial=0.0))
+    size_before, proximal, scale = 0.0, PROXIMAL, float(np.abs(before).max(initial=0.0))
     u, fastest = _attempt(pairs, f)
     for sweep in range(1, MOST_SWEEPS + 1):
         if guide is None or not guide.is_right:
-            guide = _guide(pairs, guide)
+            guide = _guide(pairs, guide, proximal)
         scale = max(scale, fastest)
         free = u - guide.W.dot(f.ravel()).reshape(-1, 3)
         scale = max(scale, float(np.abs(free).max(initial=0.0)))
@@ -229,6 +231,9 @@ def find_forces(pairs: Pairs, h: float, start: Array, guide: Guide | None) -> tu
             u, _ = _attempt(pairs, f)
             f, u = _passive(pairs, f, u, scale)
             return Found(f, u, sweep, size / scale if size > STAGNATION * scale else 0.0), guide
+        if size > size_before > 0 and proximal < LARGEST_PROXIMAL and not guide.yields.all():
+            proximal *= STEADIER
+            guide.is_right = False
         f, u, size_before = found, u_found, size
     raise StepError(
         f"contact of {C} pairs of points: after {MOST_SWEEPS} sweeps forces still change by {size / scale:.1e} of the "
@@ -250,8 +255,8 @@ def _attempt(pairs: Pairs, forces: Array) -> tuple[Array, float]:
     return u, fastest
 
 
-def _guide(pairs: Pairs, known: Guide | None) -> Guide:
-    """W of the pairs; known: of an earlier step with the same pairs."""
+def _guide(pairs: Pairs, known: Guide | None, proximal: float) -> Guide:
+    """W of the pairs; known: of an earlier step with the same pairs; proximal: as of a Guide."""
     C = len(pairs.normals)
     parts = [part for part in pairs.parts if len(part.pairs) and not part.body.is_driven]
     operators = [body.delassus(points, pairs.places[rows]) for body, _, rows, _, points in parts]
@@ -269,7 +274,7 @@ def _guide(pairs: Pairs, known: Guide | None) -> Guide:
     for part, operator in zip(parts, operators, strict=True):
         if not part.body.yields:
             _add(W, part, operator)
-    guide = Guide(W, yields)
+    guide = Guide(W, yields, proximal)
     guide.soft, guide.of_soft = soft, of_soft
     if known is not None:
         guide.begin_like(known)

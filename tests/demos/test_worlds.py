@@ -11,7 +11,16 @@ DEMOS = Path(__file__).parents[2] / "demos"
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    "script", ["stack/stack", "gripper/gripper", "gripper/full_order", "robot/robot", "hold/hold", "account/account"]
+    "script",
+    [
+        "stack/stack",
+        "gripper/gripper",
+        "gripper/full_order",
+        "gripper/ball",
+        "robot/robot",
+        "hold/hold",
+        "account/account",
+    ],
 )
 def test_what_the_demo_claims_holds(script):
     script = DEMOS / f"{script}.py"

@@ -1,5 +1,7 @@
 """Joints: what they hold stays together to round-off, momenta stay, and nothing gains energy."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from test_rigid_motion import GROUND, G, momenta
@@ -92,3 +94,22 @@ def test_joints_that_cannot_be_are_refused():
         Joint("a", "b", ((0, 0, np.nan),))
     with pytest.raises(fr.SceneError, match="hinge: axis"):
         hinge("a", "b", (0, 0, 0), (0, 0, 0))
+
+
+@pytest.mark.parametrize(("restitution", "dt"), [(0.0, 2e-3), (0.5, 1e-3), (0.5, 2e-3), (1.0, 2e-3)])
+def test_hinged_boxes_land_flat(restitution, dt):
+    """On eight corners with friction, more than the boxes have freedoms: forces are found, and the account closes."""
+    side = fr.RigidBody(Box((0.1, 0.1, 0.1)), density=500, position=(0, 0, 0.1))
+    boxes = {"ground": GROUND, "a": side, "b": replace(side, position=(0.1, 0, 0.1))}
+    joints = [hinge("a", "b", (0.05, 0, 0.1), (0, 1, 0))]
+    world = fr.World(boxes, dt, gravity=(0, 0, -G), friction=0.5, restitution=restitution, joints=joints)
+    touched, sweeps, scale = 0, 0, 0.1 * G
+    for _ in range(round(0.3 / dt)):
+        world.step()
+        touched, sweeps = max(touched, world.touching), max(sweeps, world.sweeps)
+        gone = world.ledger
+        assert world.energy - gone.supplied + gone.dissipated + gone.numerical == pytest.approx(0, abs=1e-12 * scale)
+    assert touched == 8
+    assert sweeps < 50
+    for name in "ab":
+        assert world.pose(name).rotation[0] == pytest.approx(1, abs=1e-6)

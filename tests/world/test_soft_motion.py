@@ -11,6 +11,7 @@ from fenics_rom.mechanics.base_path import quaternion_product
 from fenics_rom.mechanics.contact import ContactSolution
 from fenics_rom.mechanics.frame_motion import rotation_matrix
 from fenics_rom.scene.file import parse_scene
+from fenics_rom.world.joints import Joint
 from fenics_rom.world.shapes import Box, Sphere
 
 pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
@@ -121,6 +122,28 @@ def test_two_free_beams_that_meet_keep_both_momenta(roms, friction):
     assert gap < 1e-13
     assert np.abs(momenta(world)[0] - P).max() < 1e-13
     assert np.abs(momenta(world)[1] - L).max() < 1e-15
+
+
+@pytest.mark.parametrize("dt", [1e-3, 5e-3])
+def test_the_face_of_a_beam_is_welded_to_a_box_that_flies(roms, dt):
+    """All nodes of the face stay where they are on the box, to round-off, and both momenta and the account do."""
+    places = fr.Simulator(roms["free"], dt).contact_coordinates
+    places = places - roms["free"].moving_frame.origin
+    face = np.flatnonzero(places[:, 0] > places[:, 0].max() - 1e-9)
+    middle = (places[face[0], 0] + 0.03, 0, 0)
+    box = fr.RigidBody(
+        Box((0.06, 0.06, 0.06)), density=500, position=middle, velocity=(0, 0.1, 0.2), angular_velocity=(0, 2, 1)
+    )
+    weld = Joint("beam", "box", tuple(map(tuple, places[face].tolist())))
+    world = fr.World({"beam": fr.SoftBody(roms["free"]), "box": box}, dt, joints=[weld])
+    (P, L), (gap, _) = momenta(world), ride(world, 60)
+    assert gap < 1e-13
+    for now, then in zip(momenta(world), (P, L), strict=True):
+        assert np.abs(now - then).max() < 1e-14
+    pose = world.pose("box")
+    on_box = pose.position + (places[face] - middle) @ rotation_matrix(pose.rotation).T
+    np.testing.assert_allclose(world.simulator("beam").places()[face], on_box, rtol=0, atol=1e-13)
+    assert np.linalg.norm(world.force_between("beam", "box")) > 1e-3
 
 
 @pytest.mark.parametrize("kind", ["held", "free"])
