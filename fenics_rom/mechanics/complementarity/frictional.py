@@ -33,6 +33,7 @@ _PATH_RESIDUAL = 1e-6  # below it following a path, the slowest method, is not w
 _PATHS = ((0.3, 10), (0.6, 30))  # of shrinking compliance: the factor, and Gauss-Seidel sweeps where Newton cycles
 _PATH_TOLERANCE = 1e-6  # of Newton's method on a path
 _MOST_STEPS = 6  # with a kept inverse, before Newton's method
+_MOST_CORRECTIONS = 6  # by an inverse, in all steps: they take as long as to find it anew
 _SLOWEST = 3e-3  # reduction of the error by such a step: where it is less, the inverse is found anew
 
 
@@ -154,10 +155,15 @@ class FrictionalProblem:
             return None
         linear = kept.forces + inverse.dot((self.q - kept.q).ravel()).reshape(self.q.shape)
         f = linear + kept.lacking
-        for _ in range(_MOST_STEPS):
+        for step in range(_MOST_STEPS):
             if self._arrives_at(f, CONVERGENCE_TOLERANCE):
+                corrections = kept.corrections + step
+                if corrections >= _MOST_CORRECTIONS and self.error > _SLOWEST * before:
+                    corrections = 0
+                    with suppress(np.linalg.LinAlgError):
+                        inverse = self._linearised(self._law).inverse()
                 lacking = self.best - linear if inverse is kept.inverse else 0 * kept.lacking
-                law = KeptLaw(kept.statuses, inverse, self.q, self.best, lacking)
+                law = KeptLaw(kept.statuses, inverse, self.q, self.best, lacking, corrections)
                 if before < np.inf or kept is not last:  # else steps go on as the last one did
                     law = law.after(last)
                 return Solution(self.best, self.velocities, self.iterations, self.error / self.speed, law)

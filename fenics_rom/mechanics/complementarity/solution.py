@@ -37,6 +37,7 @@ class KeptLaw(NamedTuple):
     q: Array  # of the last step (3, C), m/s
     forces: Array  # which were found for it (3, C), N
     lacking: Array  # what they lack by the inverse and the q of the time step before (3, C), N
+    corrections: int = 0  # that the inverse has taken in all steps
     earlier: "tuple[KeptLaw, ...]" = ()  # those of the steps before: what rubs often does the same in every other step
 
     def nearest(self, q: Array) -> "KeptLaw":
