@@ -15,6 +15,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.fem.assemble import assemble
+from fenics_rom.identification.experiment import output_columns
 from fenics_rom.identification.parameters import ALPHA, BETA, DENSITY, POISSON, TILTS, YOUNG
 from fenics_rom.identification.tilt import tilted, tilted_slope
 from fenics_rom.scene.effects import Damping
@@ -227,7 +228,7 @@ class AffineSystem:
             inputs=inputs,
             weights=weights,
             gravity=None if gravity is None or column is None else self._gravity(basis, gravity.acceleration, column),
-            outputs={name: inner(C, basis) for name, C in plain.outputs.items()},
+            outputs={name: inner(C, basis) for name, C in output_columns(plain).items()},
         )
 
     def strained(self, material: int, columns: Array) -> tuple[Array, Array]:

@@ -11,7 +11,7 @@ Derivatives are differences of runs at slightly other values, all at once (`defo
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 
 import numpy as np
@@ -22,6 +22,7 @@ from fenics_rom.identification.deformable_bodies import DeformableBodies, Deform
 from fenics_rom.identification.experiment import Experiment, interpolate_instants
 from fenics_rom.identification.full_order import FullOrderAnswer
 from fenics_rom.identification.parameters import FIRST_CLOCK, POISSON, YOUNG
+from fenics_rom.mechanics.readings import MarkerReading
 from fenics_rom.reduction.balancing import choose_order
 from fenics_rom.reduction.common_basis import significant_eigenpairs
 from fenics_rom.reduction.hyperreduction.cubature import fit_cubature
@@ -44,6 +45,7 @@ class DeformableModel:
     parts: AffineDecomposition  # on W
     body: ReducedDeformation  # of the values where it was made
     points: DeformablePoints
+    readings: Mapping[str, MarkerReading]  # on W, of markers off the surface
     start: Array  # WᵀM of the displacement and velocity that a run begins with beside an equilibrium, (m, 2)
     answer: FullOrderAnswer  # where it was made
     shapes: Array  # Wᵀ M of its shapes, (m, s + R)
@@ -104,7 +106,6 @@ class DeformableModel:
 
     def _answers(self, experiment: Experiment, values: Sequence[Array]) -> tuple[Array, Array]:
         """Markers at all step ends (steps + 1, n, B) and in all equilibria (R, n, B), at B values of θ."""
-        C = np.array([self.parts.outputs[m.output][m.row] for m in experiment.markers])
         bodies = DeformableBodies(self.parts, self.body, self.points, values)
         run = np.zeros((1, self.order, len(values)))
         if experiment.steps:
@@ -119,7 +120,17 @@ class DeformableModel:
             pushes = self._forces(experiment.rest_inputs, count, values)
             guesses = self.shapes.T[-count:]
             rest = np.stack([bodies.equilibrium(*each) for each in zip(pushes, guesses, strict=True)])
-        return C @ run, C @ rest
+        return self._seen(experiment, run), self._seen(experiment, rest)
+
+    def _seen(self, experiment: Experiment, states: Array) -> Array:
+        """Markers (T, n, B) of displacements (T, m, B)."""
+        seen = np.array([self.parts.outputs[m.output][m.row] for m in experiment.markers]) @ states
+        for k, marker in enumerate(experiment.markers):
+            reading = self.readings.get(marker.output)
+            if reading is not None:
+                moved = (reading.operator @ states).swapaxes(1, 2)
+                seen[:, k] = reading.turned(moved.reshape(*moved.shape[:2], 3, 3))[..., marker.axis]
+        return seen
 
     def _forces(self, inputs: Mapping[str, Array], count: int, values: Sequence[Array]) -> Array:
         """(count, m, B)."""
@@ -147,7 +158,7 @@ def make_deformable_model(
     gradients, shapes = deformation.gradients(W), inner(W, system.mass @ answer.shapes)
     cubature = fit_cubature(deformation, system.algebra, gradients, γ, shapes, CUBATURE_TOLERANCE)
     material, dilation, shear = affine.points
-    here, parts = cubature.points, affine.parts(W)
+    here, parts, whole = cubature.points, affine.parts(W), system.algebra.gather(W)
 
     def gathered(values: Array) -> Array:
         """Values (K here, ...) of the kept points of all ranks."""
@@ -169,6 +180,11 @@ def make_deformable_model(
             cubature_error=cubature.error,
         ),
         points=DeformablePoints(gathered(material[here]).astype(int), gathered(dilation[here]), gathered(shear[here])),
+        readings={
+            name: replace(reading, operator=reading.operator @ whole)
+            for name, reading in system.readings.items()
+            if isinstance(reading, MarkerReading)
+        },
         start=inner(W, system.mass @ fields),
         answer=answer,
         shapes=shapes,

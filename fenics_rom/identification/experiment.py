@@ -12,6 +12,7 @@ from fenics_rom.identification.marker_data import Data, Equilibria, Marker, Moti
 from fenics_rom.identification.parameters import FIRST_CLOCK
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.load_history import LoadHistory
+from fenics_rom.mechanics.readings import MarkerReading
 from fenics_rom.reduction.hyperreduction.training_loads import scene_history
 from fenics_rom.scene.scene import Scene
 from fenics_rom.system.system import System
@@ -100,7 +101,17 @@ class Experiment:
 
     def marker_columns(self, system: System) -> Array:
         """Those of a system's output columns that are measured, (rows here, n)."""
-        return np.stack([system.outputs[m.output][:, m.row] for m in self.markers], axis=1)
+        columns = output_columns(system)
+        return np.stack([columns[m.output][:, m.row] for m in self.markers], axis=1)
+
+
+def output_columns(system: System) -> dict[str, Array]:
+    """C of all outputs, and of readings that are markers off the surface while these turn little, (rows here, any)."""
+    readings = {name: reading for name, reading in system.readings.items() if isinstance(reading, MarkerReading)}
+    turning = {
+        name: (reading.operator.T @ reading.small_motion.T)[system.algebra.rows()] for name, reading in readings.items()
+    }
+    return {**system.outputs, **turning}
 
 
 def make_experiment(scene: Scene, data: Sequence[Data], system: System, first: int = 0) -> Experiment:

@@ -9,6 +9,7 @@ from numpy import ndarray as Array
 from fenics_rom.fem.simulate import simulate
 from fenics_rom.identification.experiment import Experiment
 from fenics_rom.io.progress import Report
+from fenics_rom.mechanics.readings import MarkerReading
 from fenics_rom.mechanics.step import StepInput
 from fenics_rom.system.system import System
 
@@ -33,11 +34,19 @@ def answer_of(system: System, experiment: Experiment, report: Report) -> FullOrd
     run, shapes, messages = np.zeros((1, len(experiment.markers))), columns[:, :0], system.warnings
     if experiment.steps:
         record = simulate(system, every=1, report=report)
-        run = np.stack([record.outputs[m.output][:, m.point, m.axis] for m in experiment.markers], axis=1)
+        seen = {**record.outputs, **{name: series.values[:, None] for name, series in record.readings.items()}}
+        run = np.stack([seen[m.output][:, m.point, m.axis] for m in experiment.markers], axis=1)
         fields = record.snapshots.reshape(len(record.snapshots), -1)
         shapes, messages = fields[:, system.body.free].T[system.algebra.rows()], record.warnings
     at_rest = equilibria_of(system, experiment)
-    return FullOrderAnswer(run, system.algebra.inner(at_rest, columns), np.hstack([shapes, at_rest]), messages)
+    resting = system.algebra.inner(at_rest, columns)
+    if system.deformation is not None:
+        fields = system.algebra.gather(at_rest)
+        for k, marker in enumerate(experiment.markers):
+            reading = system.readings.get(marker.output)
+            if isinstance(reading, MarkerReading):
+                resting[:, k] = reading.turned((reading.operator @ fields).T.reshape(-1, 3, 3))[:, marker.axis]
+    return FullOrderAnswer(run, resting, np.hstack([shapes, at_rest]), messages)
 
 
 def equilibria_of(system: System, experiment: Experiment) -> Array:

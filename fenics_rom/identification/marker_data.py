@@ -24,7 +24,7 @@ from numpy import ndarray as Array
 from fenics_rom.errors import DataError, unknown
 from fenics_rom.io.tables import Table, read_table
 from fenics_rom.io.units import UNITS
-from fenics_rom.scene.scene import Output, Scene
+from fenics_rom.scene.scene import Scene
 
 FORCES = {"resultant": ("force.x", "force.y", "force.z"), "normal": ("force.normal",)}  # of contact modes
 AXES = ("x", "y", "z")
@@ -36,7 +36,7 @@ END_TOLERANCE = 1e-9  # share of the run by which a time may be beyond its end, 
 class Marker:
     """One component of the displacement of one point."""
 
-    output: str
+    output: str  # or reading of a marker
     point: int
     axis: int
 
@@ -173,7 +173,8 @@ def _read_displacements(table: Table, columns: Sequence[str], scene: Scene) -> D
     """What both kinds of data have."""
     if not columns:
         raise DataError(f"{table.file}, line 1: no marker was given; allowed are columns such as 'NAME.x (m)'")
-    markers = tuple(_marker(table, column, scene.outputs) for column in columns)
+    seen = _points_of(scene)
+    markers = tuple(_marker(table, column, seen) for column in columns)
     for k, marker in enumerate(markers):
         if marker in markers[:k]:
             table.refuse(1, columns[k], f"is the same marker as {columns[markers.index(marker)]!r}")
@@ -188,7 +189,13 @@ def _read_displacements(table: Table, columns: Sequence[str], scene: Scene) -> D
     )
 
 
-def _marker(table: Table, column: str, outputs: Mapping[str, Output]) -> Marker:
+def _points_of(scene: Scene) -> dict[str, int]:
+    """Outputs and readings that markers can be, and how many points each has."""
+    outputs = {name: len(output.points or output.markers or [()]) for name, output in scene.outputs.items()}
+    return outputs | {name: 1 for name, reading in scene.readings.items() if reading.quantity == "marker"}
+
+
+def _marker(table: Table, column: str, seen: Mapping[str, int]) -> Marker:
     name, _ = table.unit(column, UNITS["m"])
     match = MARKER_PATTERN.fullmatch(name)
     if match is None:
@@ -196,9 +203,9 @@ def _marker(table: Table, column: str, outputs: Mapping[str, Output]) -> Marker:
             1, column, "allowed are 'NAME.x (m)' and 'NAME[2].x (m)', with x, y or z, of an output of the scene"
         )
     output = match["output"]
-    if output not in outputs:
-        table.refuse(1, column, unknown("output", output, outputs))
-    points = len(outputs[output].points or [()])
+    if output not in seen:
+        table.refuse(1, column, unknown("output", output, seen))
+    points = seen[output]
     if match["point"] is None and points > 1:
         table.refuse(
             1, column, f"output {output!r} has {points} points; allowed are {output}[0] to {output}[{points - 1}]"

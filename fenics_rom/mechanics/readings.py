@@ -172,14 +172,20 @@ class MarkerReading:
         if body.law is None:
             displacement: Array = self.small_motion @ moved.ravel()
             return displacement
-        t = self.tangents + moved[1:]
-        frame, moved_frame = (np.vstack([pair, _unit(np.cross(*pair))]) for pair in (self.tangents, t))
-        U, _, V = np.linalg.svd(moved_frame.T @ frame)
-        return moved[0] + U @ V @ self.offset - self.offset
+        return self.turned(moved)
+
+    def turned(self, moved: Array) -> Array:
+        """Displacements (..., 3), m, however far it turns, from u, ∂u/∂t₁ and ∂u/∂t₂ (..., 3, 3)."""
+        frame, moved_frame = (_with_normal(pair) for pair in (self.tangents, self.tangents + moved[..., 1:, :]))
+        U, _, V = np.linalg.svd(moved_frame.swapaxes(-1, -2) @ frame)
+        there: Array = moved[..., 0, :] + U @ V @ self.offset - self.offset
+        return there
 
 
-def _unit(vector: Array) -> Array:
-    return vector / np.linalg.norm(vector)
+def _with_normal(pair: Array) -> Array:
+    """Two vectors (..., 2, 3) and the unit one that is normal to them, (..., 3, 3)."""
+    normal = np.cross(pair[..., 0, :], pair[..., 1, :])
+    return np.concatenate([pair, (normal / np.linalg.norm(normal, axis=-1, keepdims=True))[..., None, :]], axis=-2)
 
 
 OfDisplacement = SurfaceReading | MarkerReading  # with an operator on the body's coordinates

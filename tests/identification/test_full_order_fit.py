@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import scipy.optimize
 from bodies import box_arrays, box_surfaces, write_arrays
-from measuring import TRUTH, box_mesh, film, found_by, scene_of, text_of
+from measuring import TRUTH, box_mesh, film, found_by, scene_of, text_of, write
 from ranks import run_ranks
 
 import fenics_rom as fr
@@ -96,3 +96,42 @@ def test_several_materials_that_deform_largely_are_told_apart_on_two_ranks(tmp_p
     assert found.materials["soft"].young == pytest.approx(2e4, rel=1e-6)
     assert found.materials["hard"].young == pytest.approx(6e4, rel=1e-6)
     assert found.effects.damping.materials["soft"].beta == pytest.approx(8e-3, rel=1e-5)
+
+
+OFF = [[1.0, 0.2, 0.4], [1.1, 0.2, 0.1]]  # m, above the tip and before it
+AXES = ("x", "y", "z")
+
+
+@pytest.mark.slow
+def test_markers_off_a_body_that_bends_far_are_readings_that_turn_with_it(tmp_path):
+    """From a motion and an equilibrium without noise."""
+    mesh = box_mesh(tmp_path)
+    parts = {f"readings.ball{k}": f'quantity = "marker"\npoint = {place}' for k, place in enumerate(OFF)}
+    run = fr.simulate(scene_of(mesh, TRUTH, BENDS, run=HARD, **parts))
+    seen = 1e3 * np.hstack([run.readings[f"ball{k}"].values for k in range(2)])[2::2]
+    rows = np.column_stack([run.times[2::2], seen]).tolist()
+    write(tmp_path / "film.csv", ["time (s)", *(f"ball{k}.{axis} (mm)" for k in range(2) for axis in AXES)], rows)
+    still = 'dt = 0.1\nduration = 0.1\nload = [{ contact = "right", force = [0.0, 0.0, 90.0] }]'
+    rest = fr.simulate(scene_of(mesh, TRUTH, run=still, **parts, effects=BENDS)).readings
+    columns = [f"ball{k}.{axis} (m)" for k in range(2) for axis in AXES]
+    seen = np.concatenate([rest[f"ball{k}"].values[-1] for k in range(2)]).tolist()
+    write(tmp_path / "rest.csv", ["contact", "force.z (N)", *columns], [["right", 90.0, *seen]])
+    files, start = [tmp_path / "film.csv", tmp_path / "rest.csv"], {**TRUTH, "young": 1.8e4}
+    result = found_by(scene_of(mesh, start, BENDS, run=HARD, **parts), files, parameters=["young"])
+    assert result.values["young"] == pytest.approx(TRUTH["young"], rel=1e-6)
+
+
+@pytest.mark.parametrize("name", ["balls", "ball"])
+def test_markers_off_a_linear_body_are_outputs_or_readings(tmp_path, name):
+    """Of an output of several each counts as itself."""
+    mesh = box_mesh(tmp_path)
+    outputs = {"outputs.balls": f"markers = {OFF}"}
+    parts = outputs if name == "balls" else {"readings.ball": f'quantity = "marker"\npoint = {OFF[1]}'}
+    run = fr.simulate(scene_of(mesh, TRUTH, **outputs))
+    label = "balls[1]" if name == "balls" else "ball"
+    rows = np.column_stack([run.times[2::2], 1e3 * run.outputs["balls"][2::2, 1]]).tolist()
+    write(tmp_path / "film.csv", ["time (s)", *(f"{label}.{axis} (mm)" for axis in AXES)], rows)
+    result = found_by(
+        scene_of(mesh, {**TRUTH, "young": 1.6e4}, **parts), [tmp_path / "film.csv"], parameters=["young", "beta"]
+    )
+    assert result.values == pytest.approx({"young": TRUTH["young"], "beta": TRUTH["beta"]}, rel=1e-6)
