@@ -24,6 +24,7 @@ RUNTIME = [
         "relaxing_large_deformation",
     )
 ] + ["tests/reduction/test_moving_frame_accuracy.py", "tests/fem/test_frame_contact.py"]
+RUNTIME += [f"tests/world/test_{name}.py" for name in ("rigid_motion", "joints", "soft_motion")]
 WANTED = 0.95
 HUNG = 300  # s; a fault that makes a loop endless is found, too
 
@@ -207,6 +208,12 @@ MUTATIONS = [
         "(2 / (a + np.sqrt(a**2 + 4 * c))) ** 2",
         "1e3 * (2 / (a + np.sqrt(a**2 + 4 * c))) ** 2",
     ),
+    ("world/mount.py", "1.0, cross(ω, arm)", "-1.0, cross(ω, arm)"),
+    ("world/soft.py", "couple = vector(couple)", "couple = vector(-couple)"),
+    ("world/soft.py", "book_parts(self._by_couples", "book_parts(-self._by_couples"),
+    ("runtime/steppers/free_frame.py", "supplied += dot(turn.seen(self", "supplied -= dot(turn.seen(self"),
+    ("world/contact_step.py", "proximal *= STEADIER", "proximal *= 1.0"),
+    ("world/rigid.py", "levers[: 3 * k, 3:] -=", "levers[: 3 * k, 3:] +="),
 ]
 
 
