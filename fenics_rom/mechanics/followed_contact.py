@@ -65,7 +65,7 @@ class FollowedContact:
         chosen = free[0] < level
         key = chosen.tobytes()
         kept = search.law_of(key)
-        if kept is None or (kept.inverse is None and not kept.earlier):
+        if kept is None or not kept.has_inverse:
             return None
         if gap < 0.0:
             np.maximum(half, closing - np.abs(relative[0]), half)

@@ -156,7 +156,8 @@ class FramedDelassus:
     @cached_property
     def inverse(self) -> Array:
         """W⁻¹ (3C, 3C), N s/m, of a regular W."""
-        return np.linalg.inv(self.matrix) if self.added else self._turned(self.operator.inverse)
+        keeps_matrix = self.added or len(self.frames.axes) == 1  # elsewhere W⁻¹ along the axes of space is kept
+        return np.linalg.inv(self.matrix) if keeps_matrix else self._turned(self.operator.inverse)
 
     def _turned(self, matrix: Array) -> Array:
         """A symmetric matrix (3C, 3C) along the axes of space, in the frames."""

@@ -85,8 +85,9 @@ class FrictionalProblem:
 
     def solve(self, start: Array, kept: KeptLaw | None = None) -> Solution:
         """See `complementarity.solve`."""
-        if kept is not None:
-            followed = self.follow(kept)
+        near = None if kept is None else kept.nearest(self.q)
+        if kept is not None and near is not None:
+            followed = self._follow(near, kept)
             if followed is not None:
                 return followed
         if not self.operator.operator.is_regular:
@@ -94,7 +95,7 @@ class FrictionalProblem:
         elif np.isfinite(self.error):
             start = self.best
         else:
-            start = self._nearer(start if kept is None else kept.nearest(self.q).forces)
+            start = self._nearer(start if near is None or near is kept else near.forces)
         found = self.search_newton(start, _FIRST_COMPLIANCE, _FIRST_ITERATIONS)
         if not found:
             self._take_share(SHARES[self.operator.operator.is_regular])
@@ -107,7 +108,7 @@ class FrictionalProblem:
                         converged = any(self.follow_path(*path) for path in _PATHS)
             if not converged:
                 check_residual(self.error / self.speed, self.q.shape[1], self.iterations)
-        law = self._to_keep(None if kept is None else kept.nearest(self.q))
+        law = self._to_keep(near)
         law = None if law is None else law.after(kept)
         return Solution(self.best, self.velocities, self.iterations, self.error / self.speed, law)
 
@@ -149,7 +150,9 @@ class FrictionalProblem:
         What the first of them lacks is of second order in what has changed since the last time step; where motion is
         steady it lacks the same in the next.
         """
-        kept = last.nearest(self.q)
+        return self._follow(last.nearest(self.q), last)
+
+    def _follow(self, kept: KeptLaw, last: KeptLaw) -> Solution | None:
         inverse, before = kept.inverse, np.inf
         if inverse is None:
             return None

@@ -40,6 +40,11 @@ class KeptLaw(NamedTuple):
     corrections: int = 0  # that the inverse has taken in all steps
     earlier: "tuple[KeptLaw, ...]" = ()  # those of the steps before: what rubs often does the same in every other step
 
+    @property
+    def has_inverse(self) -> bool:
+        """Whether this or one of those before does."""
+        return self.inverse is not None or any(law.inverse is not None for law in self.earlier)
+
     def nearest(self, q: Array) -> "KeptLaw":
         """Of this and those before the one whose q is nearest."""
         return self if not self.earlier else min((self, *self.earlier), key=lambda law: largest(np.abs(law.q - q)))
