@@ -134,6 +134,20 @@ def stress(law: str, E: Array, λ: Array, μ: Array) -> Array:
     return S
 
 
+def stress_change(law: str, E: Array, dE: Array, λ: Array, μ: Array) -> Array:
+    """∂S/∂E dE (6, P), Pa; for neo-Hookean points in a fifth of the time of `moduli`."""
+    if law == "st_venant_kirchhoff":
+        return linear_stress(dE, λ, μ)
+    if law != "neo_hookean":
+        return np.einsum("cdp,dp->cp", moduli(law, E, λ, μ), dE)
+    c, lnJ = _inverse_metric(E)
+    inverse = c[VOIGT_INDEX].transpose(2, 0, 1)
+    turned = inverse @ (dE / VOIGT_SHEAR)[VOIGT_INDEX].transpose(2, 0, 1) @ inverse
+    i, j = VOIGT_PAIRS.T
+    change: Array = λ * (c * dE).sum(axis=0) * c + 2 * (μ - λ * lnJ) * turned[:, i, j].T
+    return change
+
+
 def linear_stress(E: Array, λ: Array, μ: Array) -> Array:
     """λ tr(E) I + 2 μ E (6, P), Pa."""
     S = 2 * μ * E / VOIGT_SHEAR

@@ -1,14 +1,15 @@
 """Back through steps that were taken one by one: with contact, or of bodies that deform largely.
 
-The run is taken once, and saved at the beginning of each block of steps. Then, the last block first, each is taken
-again with its steps recorded, and gone back through: each kernel tells how (`Kernel.adjoint`).
+The run is taken once, its steps recorded as long as there is memory for that, and then saved at the beginning of each
+block of steps. Then, the last block first, each is taken again with its steps recorded, and gone back through: each
+kernel tells how (`Kernel.adjoint`). Nothing of it keeps an account, so that it costs less than the run itself.
 """
 
 import math
 import warnings
 from collections.abc import Iterator, Sequence
-from copy import copy
-from typing import NamedTuple
+from dataclasses import replace
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
@@ -21,7 +22,9 @@ from fenics_rom.runtime.simulated_body import SimulatorState
 from fenics_rom.runtime.simulator import Simulator
 from fenics_rom.runtime.steppers.adjoint import Reads, StateAdjoint, StepAdjoint, SwitchAdjoint
 
-LEAST_BLOCK = 4096  # steps that are recorded at once; of long runs as many as there are blocks
+MEMORY = 512e6  # bytes of the steps that are recorded at once, beside a block
+BLOCKS = 8  # that hold as many steps; of very long runs there are as many blocks as steps in each
+MEASURED = 16  # one of so many records
 KINKS_SHOWN = 5
 NONE = np.empty(0)
 
@@ -45,36 +48,43 @@ class _Run:
     def __init__(
         self, body: Simulator, u: Array, plan: Sequence[ConstantInterval], names: Sequence[str], switches: bool
     ):
-        self.body, self._u, self._names, self._switches = copy(body), u, names, switches
+        self.body, self._u, self._names, self._switches = _without_account(body), u, names, switches
         self._of_step = [interval for interval in plan for _ in range(interval.start, interval.stop)]
-        self._block = max(LEAST_BLOCK, math.isqrt(len(u)))
-        self._saved: list[tuple[SimulatorState, Array]] = []
-        self._recorded: list[_Recorded] = []  # of the last block that was taken
+        self._saved: list[tuple[SimulatorState, Array]] = []  # where blocks begin
+        self._recorded: list[_Recorded] = []  # the first steps, or those of the last block that was taken
 
     def forwards(self) -> tuple[Array, Array]:
         """Takes all steps; what outputs show after each, (steps, rows), and the energies (steps,)."""
         steps, body = len(self._u), self.body
         rows, energies = np.empty((steps, sum(len(body.output_rows(name)) for name in self._names))), np.empty(steps)
-        for start in range(0, steps, self._block):
-            self._save()
-            is_last = start + self._block >= steps
-            for step in range(start, min(start + self._block, steps)):
-                self._take(step, is_last)
-                rows[step] = np.concatenate([NONE, *(body.displacement(name).ravel() for name in self._names)])
-                energies[step] = body.energy
+        self._first = steps  # that is not recorded
+        memory, known = MEMORY, set[int]()
+        for step in range(steps):
+            if memory <= 0 and step < self._first:
+                self._first, self._block = step, max(step // BLOCKS, math.isqrt(steps))
+            records = step < self._first
+            if not records and (step - self._first) % self._block == 0:
+                self._save()
+            self._take(step, records)
+            if records and step % MEASURED == 0:
+                size, known = _size_of(self._recorded[-1], known)
+                memory -= MEASURED * size if step else 0  # all share much with the first one
+            rows[step] = np.concatenate([NONE, *(body.displacement(name).ravel() for name in self._names)])
+            energies[step] = body.energy
         return rows, energies
 
     def backwards(self) -> Iterator[tuple[int, _Recorded]]:
         """All steps and their numbers, the last one first."""
+        first_ones, self._recorded = self._recorded, []
         for block in reversed(range(len(self._saved))):
-            start = block * self._block
-            if block < len(self._saved) - 1:
-                self._go_back(block)
-                for step in range(start, start + self._block):
-                    self._take(step, records=True)
-            recorded, self._recorded = self._recorded, []
-            while recorded:
-                yield start + len(recorded) - 1, recorded.pop()
+            start = self._first + block * self._block
+            self._go_back(block)
+            for step in range(start, min(start + self._block, len(self._u))):
+                self._take(step, records=True)
+            while self._recorded:
+                yield start + len(self._recorded) - 1, self._recorded.pop()
+        while first_ones:
+            yield len(first_ones) - 1, first_ones.pop()
 
     def _save(self) -> None:
         """Notes where a block begins; steps go on as if it had not been asked."""
@@ -95,7 +105,8 @@ class _Run:
         body.dt = interval.dt
         if self._switches:
             switches += self._switched_to(interval.contact)
-        switches += self._switched_to(body.nearest_contact)
+        if records:  # else the step itself asks
+            switches += self._switched_to(body.nearest_contact)
         body.step(self._u[step])
         if records:
             loads = NONE if body.environment is None else body.environment.loads
@@ -153,6 +164,32 @@ def differentiate_taken(
     along_γ = {name: _by_eigenvalues(rom, name, along) for name, along in along_ω.items()}
     _tell(kinks[::-1], len(u))
     return RolloutGradient(value, inputs, state, along_γ, along_D, tuple(kinks[::-1]))
+
+
+def _without_account(body: Simulator) -> Simulator:
+    """A copy, which keeps no energy account."""
+    revived, (*given, state) = body.__reduce__()
+    copied: Simulator = revived(*given, replace(state, sums=None))
+    return copied
+
+
+def _size_of(record: Any, known: set[int]) -> tuple[int, set[int]]:
+    """Bytes of the arrays of a record but for known ones, which it shares, and which of its parts are known then."""
+    size, parts, left = 0, set[int](), [record]
+    while left:
+        part = left.pop()
+        if id(part) in parts:
+            continue
+        parts.add(id(part))
+        if id(part) in known:
+            continue
+        if isinstance(part, np.ndarray):
+            size += part.nbytes
+        elif isinstance(part, (tuple, list)):
+            left += part
+        elif hasattr(part, "__dict__"):
+            left += vars(part).values()
+    return size, parts
 
 
 def _rows(rom: Rom, contact: str, names: Sequence[str]) -> tuple[Array, Array]:

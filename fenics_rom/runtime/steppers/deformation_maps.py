@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.mechanics.hyperelastic import linear_stress, moduli, strain, strain_rate, stress
+from fenics_rom.mechanics.hyperelastic import linear_stress, strain, strain_rate, stress, stress_change
 from fenics_rom.rom.carried_strains import MonomialStrains, PointStrains
 from fenics_rom.rom.deformation import ReducedDeformation
 from fenics_rom.runtime.steppers.finite_strain import Follower
@@ -43,12 +43,12 @@ class Taken(NamedTuple):
 
 
 class Material(NamedTuple):
-    """The points at a shape: stresses and moduli hold the weights."""
+    """The points at a shape."""
 
     H: Array  # (3, 3, P)
     E: Array  # (6, P)
-    S: Array  # (6, P)
-    D: Array  # (6, 6, P)
+    S: Array  # (6, P) with the weights
+    is_beyond: bool  # whether S lacks that of linear elasticity
 
 
 class LinearlyImplicitMaps(NamedTuple):
@@ -81,36 +81,31 @@ class LinearlyImplicitMaps(NamedTuple):
     def material(self, q: Array) -> Material:
         """At q."""
         body, H = self.body, self.body.displacement_gradients(q)
-        E, of_law = strain(H), (body.first_lame, body.shear)
-        return Material(H, E, body.weights * stress(body.law, E, *of_law), body.weights * moduli(body.law, E, *of_law))
+        E = strain(H)
+        return Material(H, E, body.weights * stress(body.law, E, body.first_lame, body.shear), False)
 
     def stiffened(self, at: Material, w: Array) -> Array:
-        """(AᵀDA + G(S)) w (m,)."""
-        dH = self.body.displacement_gradients(w)
-        of_rates = self.body.resultant(at.H, np.einsum("cdp,dp->cp", at.D, strain_rate(at.H + UNIT, dH)))
-        return of_rates + self.body.resultant(dH - UNIT, at.S)
+        """(AᵀDA + G(S)) w (m,), D = ∂S/∂E."""
+        body, dH = self.body, self.body.displacement_gradients(w)
+        dE = strain_rate(at.H + UNIT, dH)
+        dS = stress_change(body.law, at.E, dE, body.first_lame, body.shear)
+        if at.is_beyond:
+            dS -= linear_stress(dE, body.first_lame, body.shear)
+        return body.resultant(at.H, body.weights * dS) + body.resultant(dH - UNIT, at.S)
 
-    def left(self, q: Array) -> tuple[float, Array]:
-        """Energy at q that is not ½ E:C₀E, J, and ∂/∂q of it (m,)."""
-        body, H = self.body, self.body.displacement_gradients(q)
-        E = strain(H)
-        S = body.weights * stress(body.law, E, body.first_lame, body.shear)
-        S_linear = body.weights * linear_stress(E, body.first_lame, body.shear)
-        left = float(body.elastic_energy(E) - (S_linear * E).sum() / 2)
-        return left, body.resultant(H, S - S_linear)
-
-    def beyond_linear(self, q: Array) -> Material:
-        """At q, without C₀."""
+    def left(self, q: Array) -> tuple[float, Array, Material]:
+        """Energy at q that is not ½ E:C₀E, J, ∂/∂q of it (m,), and the points without C₀."""
         body, at = self.body, self.material(q)
-        λ, μ = body.weights * body.first_lame, body.weights * body.shear
-        return at._replace(S=at.S - linear_stress(at.E, λ, μ), D=at.D - moduli("st_venant_kirchhoff", at.E, λ, μ))
+        S_linear = body.weights * linear_stress(at.E, body.first_lame, body.shear)
+        left, S = float(body.elastic_energy(at.E) - (S_linear * at.E).sum() / 2), at.S - S_linear
+        return left, body.resultant(at.H, S), at._replace(S=S, is_beyond=True)
 
 
 class Slope(NamedTuple):
     """b = ∂√(2 (Ψ + c))/∂q, as LinearlyImplicit makes it."""
 
     maps: LinearlyImplicitMaps
-    q: Array
+    at: Material
     numerator: Array  # ∂Ψ/∂q (m,)
     denominator: float
     is_flat: bool  # where Ψ + c is taken to be c/4
@@ -123,7 +118,7 @@ class Slope(NamedTuple):
     @staticmethod
     def at_shape(maps: LinearlyImplicitMaps, q: Array, c: float) -> "Slope":
         """At q, with the c before, J."""
-        left, numerator = maps.left(q)
+        left, numerator, at = maps.left(q)
         c_by_c, c_by_left = 1.0, 0.0
         if left + c < c / 2:
             grown = c + 4 * abs(left)
@@ -133,7 +128,7 @@ class Slope(NamedTuple):
         denominator = math.sqrt(2 * max(left + c, c / 4))
         steep = numerator / denominator
         share = min(1.0, maps.steepest / math.sqrt(steep @ steep)) if steep.any() else 1.0
-        return Slope(maps, q, numerator, denominator, is_flat, c, c_by_c, c_by_left, steep, share * steep)
+        return Slope(maps, at, numerator, denominator, is_flat, c, c_by_c, c_by_left, steep, share * steep)
 
     def pull_back(self, b_: Array, c_: float) -> tuple[Array, float]:
         """What b and the c after owe to q (m,), and to the c before."""
@@ -144,5 +139,5 @@ class Slope(NamedTuple):
         left_ = 0.0 if self.is_flat else twice
         c_ += twice / 4 if self.is_flat else twice
         left_ += self.c_by_left * c_
-        by_q = self.maps.stiffened(self.maps.beyond_linear(self.q), b_ / self.denominator) + left_ * self.numerator
+        by_q = self.maps.stiffened(self.at, b_ / self.denominator) + left_ * self.numerator
         return by_q, self.c_by_c * c_

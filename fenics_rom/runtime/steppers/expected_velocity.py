@@ -6,6 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.mechanics.hyperelastic import stress_change
 from fenics_rom.runtime.steppers.adjoint import NONE
 from fenics_rom.runtime.steppers.deformation_maps import Expected, LinearlyImplicitMaps, Material
 from fenics_rom.runtime.steppers.finite_strain import is_definite
@@ -72,6 +73,7 @@ class ExpectedVelocity(NamedTuple):
         if not is_definite(maps.fixed + around.stiffness(h / 2) + h / 2 * geometric):
             return np.zeros(strains.size), middle_
         if at is not None:
-            of_strains = np.einsum("cdp,dp->cp", at.D, h / 2 * body.geometric_back(N))
-            middle_ = middle_ + body.resultant(at.H, of_strains)
+            of_strains = h / 2 * body.geometric_back(N)
+            dS = stress_change(body.law, at.E, of_strains, body.first_lame, body.shear)  # D is symmetric
+            middle_ = middle_ + body.resultant(at.H, body.weights * dS)
         return h / 2 * strains.geometric_back(N), middle_

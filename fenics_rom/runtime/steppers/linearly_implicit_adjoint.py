@@ -198,7 +198,7 @@ class _TakenBack(NamedTuple):
         if not maps.st_venant:
             grown = h * float(b @ v)
             s = math.sqrt(2 * max(carried[-3] + grown * (s + grown / 2) + c, 0.0))
-            left, slope_left = maps.left(q)
+            left, slope_left, _ = maps.left(q)
             s_shape = math.sqrt(2 * max(left + c, 0.0))
         square = float(stressed @ gap) + (s_shape - s) ** 2
         slope = float(stressed @ ε) + (s_shape - s) * s
@@ -253,7 +253,7 @@ def start_pulled_back(maps: LinearlyImplicitMaps, q: Array, after: StateAdjoint)
     by_e, by_r = after.state.reshape(2, -1)
     by_q = maps.ω * by_e + maps.strains.around(q).pulled(ε_ + maps.strains.stressed(σ_))
     if not maps.st_venant:
-        left, slope_left = maps.left(q)
+        left, slope_left, _ = maps.left(q)
         left_, c_, _ = own[2 * size + len(q) :][:3]
         grows = 1e-4 * maps.most + 4 * abs(left) < maps.most
         by_q = by_q + (left_ + (math.copysign(4.0, left) * c_ if grows else 0.0)) * slope_left
