@@ -15,6 +15,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import FenicsRomWarning
+from fenics_rom.mechanics.frame_motion import rotation_matrix
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.differentiation.gradient import Objective, RolloutGradient, evaluate
 from fenics_rom.runtime.rollout import ConstantInterval
@@ -35,6 +36,7 @@ class _Recorded(NamedTuple):
     step: StepAdjoint
     contact: str
     switches: list[SwitchAdjoint]
+    rotation: Array | None  # of a moving frame after it (3, 3)
 
 
 class _Run:
@@ -111,7 +113,8 @@ class _Run:
         if records:
             loads = NONE if body.environment is None else body.environment.loads
             taken = body.integrator.kernel.adjoint(np.concatenate([self._u[step], loads]))
-            self._recorded.append(_Recorded(taken, body.contact, switches))
+            rotation = None if body.pose is None else rotation_matrix(body.pose.rotation)
+            self._recorded.append(_Recorded(taken, body.contact, switches, rotation))
 
     def _switched_to(self, contact: str) -> list[SwitchAdjoint]:
         """Makes a contact mode active; the switch, if it was not."""
@@ -146,9 +149,10 @@ def differentiate_taken(
     rows = {name: _rows(rom, name, names) for name in rom.contact_models}
     inputs, kinks, last = np.zeros(u.shape), list[int](), run.body.integrator.kernel
     μ = StateAdjoint(0 * last.state, np.zeros(rom.rigid), 0 * last.auxiliary)
-    for step, (taken, contact, switches_before) in run.backwards():
+    for step, (taken, contact, switches_before, rotation) in run.backwards():
         of_q, of_beyond = rows[contact]
-        reads = Reads(slopes[step] @ of_q, slopes[step] @ of_beyond, float(energy_slopes[step]))
+        shown = slopes[step] if rotation is None else (slopes[step].reshape(-1, 3) @ rotation).ravel()
+        reads = Reads(shown @ of_q, shown @ of_beyond, float(energy_slopes[step]))
         μ, by_inputs, by_frequencies, by_damping = taken.pull_back(μ, reads)
         inputs[step] = by_inputs[: u.shape[1]]
         if models:

@@ -42,6 +42,7 @@ from fenics_rom.mechanics.frame_motion import (
     rotated_back,
     rotation_of,
 )
+from fenics_rom.runtime.steppers.carried_adjoint import Carried, CarriedAdjoint
 from fenics_rom.runtime.steppers.carried_base import Motion, frame_state, motion_of
 from fenics_rom.runtime.steppers.frame_kernel import MOMENTS, TURNED, FrameKernel, FrameState, check_turn, in_frame
 from fenics_rom.runtime.steppers.frame_loads import FrameForces
@@ -221,7 +222,7 @@ class CarriedFrame(FrameKernel):
         check_turn(h, ω_end)
         v̂, ω̂ = mean(now.v, v_end), mean(now.ω, ω_end)
         turn = Geometry(now.R, R, (h * ω̂[0], h * ω̂[1], h * ω̂[2]))
-        modal = self._modal(forces, turn)
+        modal = self._loads.modal(forces, turn, self._constants)
         A, right = self._equations(modal, ω̂, v_end, ω_end)
         before, self._taken = self._taken, _Step(A, right, turn, end, v̂, ω̂, v_end, ω_end, forces, modal)
         if A.ndim == 2 and before is not None and A is before.A:  # of a base that turns steadily
@@ -291,15 +292,6 @@ class CarriedFrame(FrameKernel):
             return self._A, right
         return self._products[9] if self._dense_damping else self._diagonal, right
 
-    def _modal(self, forces: FrameForces, turn: Geometry) -> Array:
-        """Forces (m,) on the coordinates, but for contact."""
-        modal = forces.modal
-        if forces.acceleration != ZERO:
-            modal = modal + np.array(turn.seen(forces.acceleration)).dot(self._constants.moment_modes)
-        if forces.at_points is not None:
-            modal = modal + self._loads.points.rows.dot(forces.at_points.dot(turn.middle).ravel())
-        return modal
-
     def _wrench_of(self, h: float, step: _Step, r̂: Array, now: Motion, after: Motion, push: Push | None) -> Wrench:
         """Of the base on the body in a step of h s that led from one motion to another; in world axes."""
         v̂, ω̂, turn = step.v̂, step.ω̂, step.turn
@@ -335,6 +327,13 @@ class CarriedFrame(FrameKernel):
         away, turned_by = misfit(start, end, turn, v̂, self.h, self._size)
         self.notes["misfit"] = max(self.notes["misfit"], away)
         self.notes["misfit of turn"] = max(self.notes["misfit of turn"], turned_by)
+
+    def adjoint(self, u: Array) -> CarriedAdjoint:
+        """As in Kernel."""
+        step, body = self._taken, Carried(self._model, self._constants, self._second, self.h)
+        assert step is not None
+        states, by_input = (self._state_before.copy(), self.state.copy()), self._loads.columns_of(step.turn, body.frame)
+        return CarriedAdjoint.of(body, (self._now_before, self._now), states, step.A, by_input)
 
     # What contact asks for; see frame_contact.
 

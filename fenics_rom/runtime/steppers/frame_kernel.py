@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.errors import StepError
+from fenics_rom.errors import StepError, StructureError
 from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.contact import ContactSolution
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
@@ -151,6 +151,16 @@ class FrameKernel(BookedKernel):
         """As in Kernel."""
         super().rollback()
         self.frame, self._places = self._frame_before, None
+
+    def check_differentiable(self) -> None:
+        """As in Kernel."""
+        refused = {
+            "a free body in a moving frame": not self._constants.carried,
+            "contact in a moving frame": self._interface is not None,
+        }
+        for what, there in refused.items():
+            if there:
+                raise StructureError(f"{what}: its steps are not differentiated")
 
     @property
     def model(self) -> ContactModel:

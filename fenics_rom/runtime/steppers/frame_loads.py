@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.mechanics.frame_geometry import Geometry, vector
 from fenics_rom.mechanics.frame_motion import ZERO, Vector
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.moving_frame import MovingFrame
@@ -81,6 +82,26 @@ class FrameLoads:
         if u.tobytes() != self._last[0]:
             self._last = u.tobytes(), self._of(u)
         return self._last[1]
+
+    def modal(self, forces: FrameForces, turn: Geometry, frame: MovingFrame) -> Array:
+        """Forces (m,) on the coordinates, in a step that turns so."""
+        modal = forces.modal
+        if forces.acceleration != ZERO:
+            modal = modal + np.array(turn.seen(forces.acceleration)).dot(frame.moment_modes)
+        if forces.at_points is not None:
+            modal = modal + self.points.rows.dot(forces.at_points.dot(turn.middle).ravel())
+        return modal
+
+    def columns_of(self, turn: Geometry, frame: MovingFrame) -> Array:
+        """The same (m, p) of inputs of 1."""
+        columns = np.zeros((self._order, self.width))
+        columns[:, : self.turning] = self.push[: self._order]
+        if self.gravity >= 0:
+            columns[:, self.gravity] = np.array(turn.seen(vector(self.acceleration))) @ frame.moment_modes
+        if len(self.columns):
+            rows = self.points.rows.reshape(self._order, -1, 3)
+            columns[:, self.columns] = (rows @ turn.middle.T).reshape(self._order, -1)
+        return columns
 
     def _of(self, u: Array) -> FrameForces:
         push = self.push.dot(u[: self.turning])

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.errors import StepError
+from fenics_rom.errors import StepError, StructureError
 from fenics_rom.mechanics.contact import ContactSolution
 from fenics_rom.mechanics.step import StepInput, StepperState, StepResult
 from fenics_rom.rom.contact_model import ContactModel
@@ -81,8 +81,12 @@ class ReducedStepper:
         raise NotImplementedError
 
     def switch_adjoint(self, contact: str) -> "SwitchAdjoint":
-        """A switch to a contact mode from here, to go back through."""
-        raise NotImplementedError
+        """A switch to a contact mode from here, to go back through.
+
+        Raises:
+            StructureError: switches of its kind are not differentiated.
+        """
+        raise StructureError(f"{self.kind}: switches of contact modes are not differentiated")
 
     def set_time_step(self, dt: float) -> None:
         """See Stepper."""
