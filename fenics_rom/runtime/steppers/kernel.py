@@ -170,8 +170,9 @@ class BookedKernel(Kernel):
         if residual is not None:  # what the points do is one product with what they do in and beyond the basis
             self._of_points = np.vstack([self._Sᵀ, np.zeros((6, self._Sᵀ.shape[1]))])
             self._Sᵀ = self._of_points[: model.order]
-            residual.stand_in(self._of_points[model.order :])
         self._motion = np.zeros((3, len(self._of_points)))
+        if residual is not None:
+            residual.stand_in(self._of_points[model.order :], self._motion[:, -6:-2])
         self._motions = self._motion[:, : model.order]  # q, r and v̂
 
     @property
@@ -191,7 +192,6 @@ class BookedKernel(Kernel):
         self.h = h
         if self.residual is not None:
             self.residual.set_time_step(h)
-            self._motion[:, -6:-2] = self.residual.added
         if self.branches is not None:
             self.branches.set_time_step(h)
 

@@ -110,14 +110,16 @@ class ResidualMotion:
         self._branches = branches
         self._part, self._R = part, part.compliance
         self._τ, self._β = (part.time_constant, β) if has_inertia else (0.0, 0.0)
-        self.stand_in(np.zeros((6, len(self._R))))
+        self.stand_in(np.zeros((6, len(self._R))), np.zeros((3, 4)))
         self._before = self.state.copy()
 
-    def stand_in(self, rows: Array) -> None:
-        """Has the state from now on in the first of these rows (6, 3P).
+    def stand_in(self, rows: Array, added: Array) -> None:
+        """Has the state from now on in the first of these rows (6, 3P), and what `points` are of these in (3, 4).
 
-        Then f and R f of a step, so that all is one product with these rows.
+        After the state come f and R f of a step, so that all is one product with these rows. What is added follows the
+        time step, also where that is cut into parts.
         """
+        self._added = added
         self._rows, self.state = rows, rows[:4].reshape(-1)
         self._g, self._y, self._ġ, self._ẏ, self._f, self._Rf = rows
 
@@ -132,7 +134,7 @@ class ResidualMotion:
         g, y, ġ, ẏ, f, Rf = np.eye(6)
         ġ_mid, ẏ_mid = (inertia * ġ - g + f) / a, (inertia * ẏ - y + Rf) / a
         self._step = np.array([g + h * ġ_mid, y + h * ẏ_mid, 2 * ġ_mid - ġ, 2 * ẏ_mid - ẏ, ġ_mid, ẏ_mid])
-        self._added = np.array([y, ẏ, (inertia * ẏ - y) / a])[:, :4].copy()
+        self._added[:] = np.array([y, ẏ, (inertia * ẏ - y) / a])[:, :4]
 
     @property
     def part(self) -> ResidualPart:
@@ -142,7 +144,7 @@ class ResidualMotion:
     @property
     def maps(self) -> "ResidualMaps":
         """What steps of this length do."""
-        return ResidualMaps(self._step, self._added, self._part, self._τ)
+        return ResidualMaps(self._step, self._added.copy(), self._part, self._τ)
 
     @property
     def delassus(self) -> Array:
@@ -182,11 +184,6 @@ class ResidualMotion:
     @property
     def _kinetic_energy(self) -> float:
         return self._τ**2 * float(self._ġ.dot(self._ẏ)) / 2
-
-    @property
-    def added(self) -> Array:
-        """(3, 4): what `points` are of the first rows, but for branches."""
-        return self._added
 
     @property
     def points(self) -> Array:
