@@ -102,7 +102,7 @@ class GradientCost(NamedTuple):
     steps: int
     times: float  # as long as its steps
     times_read: float  # as long as these with the tip read after each
-    memory: float  # for a million steps, B
+    memory: float  # for a million steps, B; with `quick` by what few of them take
 
 
 def gradient_cost(rom: fr.Rom, h: float, quick: bool) -> GradientCost:
@@ -134,9 +134,10 @@ def gradient_cost(rom: fr.Rom, h: float, quick: bool) -> GradientCost:
         lambda: forwards(reads=True),
     )
     back, there, read = np.array([[seconds(run) for run in runs] for _ in range(5)]).min(axis=0)
+    long = np.tile(u, (1 if quick else 50, 1))
     tracemalloc.start()
-    fr.differentiate(body, u, end, outputs=["tip"])
-    memory = tracemalloc.get_traced_memory()[1] / steps * 1e6
+    fr.differentiate(body, long, end, outputs=["tip"])
+    memory = tracemalloc.get_traced_memory()[1] / len(long) * 1e6
     tracemalloc.stop()
     return GradientCost(steps, back / there, back / read, memory)
 

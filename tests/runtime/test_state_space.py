@@ -75,6 +75,20 @@ def test_scipy_simulates_it(plate_rom):
     assert not read[0].any()
 
 
+def test_python_control_and_casadi_take_it_as_it_is(plate_rom):
+    control, casadi = pytest.importorskip("control"), pytest.importorskip("casadi")
+    plant, body, u = plate_rom.state_space("middle", ["tip"], 1e-3), fr.Simulator(plate_rom, 1e-3), np.eye(3)[2]
+    body.switch("middle")
+    expected = body.rollout(np.tile(u, (100, 1)))["tip"].reshape(100, -1)
+    found = control.forced_response(control.ss(*plant, plant.dt), 1e-3 * np.arange(101), np.tile(u, (101, 1)).T)
+    assert np.abs(found.outputs.T[1:] - expected).max() <= EXACT * np.abs(expected).max()
+    (A, B, C, _), x, read = map(casadi.DM, plant), casadi.DM.zeros(len(plant.A)), []
+    for _ in expected:
+        x = A @ x + B @ u
+        read.append(np.array(C @ x).ravel())
+    assert np.abs(read - expected).max() <= EXACT * np.abs(expected).max()
+
+
 def test_names_and_units(box_file):
     scene = acted_on(box_file, EFFECTS, **{**PARTS, "outputs.tip": "points = [[1.0, 0.4, 0.3]]"})
     plant = fr.reduce(fr.assemble(scene), order=2).state_space("right", ["end", "tip"])
