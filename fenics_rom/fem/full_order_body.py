@@ -1,6 +1,7 @@
 """What the full-order steppers share: a state on many ranks, how it is read, and where it can be touched."""
 
 import numpy as np
+import scipy.sparse
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
@@ -29,6 +30,7 @@ class FullOrderInterface:
         self.solver = ContactSolver(self.points.coordinates, list(environment.obstacles.values()), law)
         self.solve, self._environment = self.solver.solve, environment
         self.Sᵀ = self.points.columns(system.at_nodes)
+        self._sparse = scipy.sparse.csr_matrix(self.Sᵀ)
 
     def check_start(self, displacement: Array) -> None:
         """A StepError where points that have moved by (P, 3), m, are in an obstacle."""
@@ -37,17 +39,18 @@ class FullOrderInterface:
 
     def at_points(self, x: Array) -> Array:
         """What a field (rows here, 1) is at the contact points, (P, 3)."""
-        return self._algebra.inner(self.Sᵀ, x).reshape(-1, 3)
+        return self._algebra.inner(self._sparse, x).reshape(-1, 3)
 
     def force(self, contact: ContactSolution | None) -> Array:
         """The contact force (rows here, 1), N."""
         if contact is None:
             return np.zeros((len(self.Sᵀ), 1))
-        return self.Sᵀ @ contact.forces.reshape(-1, 1)
+        force: Array = self._sparse @ contact.forces.reshape(-1, 1)
+        return force
 
     def delassus(self, solved: Array) -> Array:
         """W (3P, 3P), m/s/N, from A⁻¹ Sᵀ (rows here, 3P)."""
-        W = self._algebra.inner(self.Sᵀ, solved)
+        W = self._algebra.inner(self._sparse, solved)
         return (W + W.T) / 2
 
 

@@ -155,16 +155,19 @@ def linear_stress(E: Array, λ: Array, μ: Array) -> Array:
     return S
 
 
-def discrete_gradient_stress(law: str, E: Array, after: Array, λ: Array, μ: Array) -> Array:
+def discrete_gradient_stress(
+    law: str, E: Array, after: Array, λ: Array, μ: Array, stored: Array | None = None
+) -> Array:
     """A stress Ŝ (6, P) with Ŝ:(E⁺ - E) = W(E⁺) - W(E), of second order: so a step with it balances energy exactly.
 
     The stress of the averaged strain (Simo & Tarnow, 1992), with Gonzalez' correction (2000) where W is not quadratic.
+    W(E) (P,) may be known already, as `stored`.
     """
     S = stress(law, (E + after) / 2, λ, μ)
     if law == "st_venant_kirchhoff":
         return S
     ΔE = after - E
-    ΔW = energy_density(law, after, λ, μ) - energy_density(law, E, λ, μ)
+    ΔW = energy_density(law, after, λ, μ) - (energy_density(law, E, λ, μ) if stored is None else stored)
     defect = ΔW - (S * ΔE).sum(axis=0)
     return S + defect / ((ΔE**2 / VOIGT_SHEAR).sum(axis=0) + ROUND_OFF_STRAIN**2) * (ΔE / VOIGT_SHEAR)
 

@@ -18,7 +18,7 @@ from fenics_rom.errors import FenicsRomWarning, SolverError, StepError
 from fenics_rom.fem.assemble import dolfinx_nodes
 from fenics_rom.fem.dolfinx_compat import create_tetrahedra, vector_space
 from fenics_rom.fem.finite_strain.model import ExternalForce
-from fenics_rom.fem.finite_strain.newton import NotConvergedError, Secants
+from fenics_rom.fem.finite_strain.newton import NotConvergedError
 from fenics_rom.fem.finite_strain.predictor import Predictor
 from fenics_rom.fem.finite_strain.residuals import MidpointResidual, QuasiStaticResidual, StepStart
 from fenics_rom.fem.mesh import read_mesh
@@ -75,10 +75,7 @@ def motion_of(system, start, load, h):
 
 def start_at(system, x, v=None):
     """The start of a step at local rows x."""
-    model = system.deformation.model
-    u = model.nodal_field(x)
-    H = model.points.gradients(u)
-    return StepStart(x, np.zeros_like(x) if v is None else v, u, H, strain(H))
+    return StepStart.at(system.deformation.model, x, np.zeros_like(x) if v is None else v)
 
 
 def state(system, size, seed=0):
@@ -335,20 +332,6 @@ def test_smooth_motion_is_foreseen(beam, monkeypatch):
     more, same = run()
     assert work < 0.9 * more
     assert np.abs(x - same).max() <= 1e-9 * np.abs(x).max()
-
-
-def test_secants_save_iterations(beam, monkeypatch):
-    """Without them the factor alone says where to go: then steps take more iterations, or more factors."""
-    body = assembled(beam, f"inertia = {{}}\n{large(LAWS[0])}").deformation.stepper(0.02)
-
-    def iterations():
-        body.set_state(0 * body.x, 0 * body.x)
-        return [(body.step(StepInput(np.array([0.0, 0.0, 3.0]))), body.newton)[1] for _ in range(15)]
-
-    by_secants = sum(iterations())
-    monkeypatch.setattr(Secants, "direction", lambda _, answer: answer)
-    assert by_secants < 0.85 * sum(iterations())
-    body.close()
 
 
 # --- rotations, inversion ---------------------------------------------------------------------------------------------

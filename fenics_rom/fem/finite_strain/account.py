@@ -42,7 +42,7 @@ def book_equilibrium(
     start = equation.evaluate(np.zeros_like(x), body.reactions)
     elastic = equation.elastic_force(start) + equation.elastic_force(trial)
     stored = m.elastic_energy(strain(trial.stresses.F_end - IDENTITY)) + m.dot(x, multiply(m.spring, x)) / 2
-    stored -= m.elastic_energy(equation.start.E) + m.dot(x_start, multiply(m.spring, x_start)) / 2
+    stored -= m.points.integrate(equation.start.W) + m.dot(x_start, multiply(m.spring, x_start)) / 2
     before, _ = _rubbed(body.actuators, equation, 0 * x, body.reactions)
     after, power = _rubbed(body.actuators, equation, trial.v, solution.found.actuators)
     loads = elastic - before - after

@@ -63,7 +63,7 @@ class FullOrderDeformation:
         """As in `system.Deformation`."""
         components = self.model.free[self.model.algebra.rows()]
         return {
-            name: (follower.points, np.kron(follower.shapes.T, np.eye(3))[components])
+            name: (follower.points, np.kron(follower.shapes.toarray().T, np.eye(3))[components])
             for name, follower in self.model.followers.items()
             if isinstance(follower, TendonPull)
         }

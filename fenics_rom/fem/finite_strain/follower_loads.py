@@ -70,7 +70,7 @@ class TendonPull:
     """A tension of 1 N in a cable through points (K, 3) at rest, shape functions (K, N): -∂ℓ/∂x of its length ℓ."""
 
     def __init__(self, points: Array, shapes: Array):
-        self.points, self.shapes = points, shapes
+        self.points, self.shapes = points, scipy.sparse.csr_matrix(shapes)
 
     def force(self, u: Array) -> Array:
         """As of PressureLoad."""
@@ -88,7 +88,7 @@ class TendonPull:
         pieces, lengths = measure_segments(self.points + self.shapes @ u)
         directions = pieces / lengths
         across = (np.eye(3) - directions[:, :, None] * directions[:, None, :]) / lengths[:, :, None]
-        differences = scipy.sparse.kron(scipy.sparse.csr_matrix(np.diff(self.shapes, axis=0)), np.eye(3)).tocsr()
+        differences = scipy.sparse.kron(self.shapes[1:] - self.shapes[:-1], np.eye(3)).tocsr()
         return (differences.T @ scipy.sparse.block_diag(across) @ differences).tocsr()
 
     def stroke(self, u: Array) -> float:

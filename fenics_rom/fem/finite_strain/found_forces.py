@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.fem.direct import PetscFactor
 from fenics_rom.fem.finite_strain.residuals import StepResidual
+from fenics_rom.fem.finite_strain.turned_factor import TurnedFactor
 from fenics_rom.fem.full_order_body import FullOrderInterface
 from fenics_rom.mechanics.actuator_forces import ActuatorForces, PointsHeldBack
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointMotion
@@ -38,8 +38,9 @@ class ForcesInNewton:
     def __init__(self, interface: FullOrderInterface | None, actuators: ActuatorForces | None):
         self._interface, self._actuators = interface, actuators
         self._is_rigid = interface is not None and not interface.solver.law.stiffness
-        self._factor: PetscFactor | None = None
-        self._delassus: Array | None = None
+        self._factor: TurnedFactor | None = None
+        self._spread: Array | None = None  # A⁻¹ Sᵀ
+        self._delassus = np.empty((0, 0))
 
     def begin(self, equation: StepResidual, obstacles: ObstacleMotion | None, u: Array, given: Array) -> None:
         """Notes where a part of a step begins, its input (p,) and the strokes (n,) that are given at its end."""
@@ -52,10 +53,13 @@ class ForcesInNewton:
             self._before = solver.search
             self._gap = float(solver.gaps(self._x, obstacles.start).min())
 
-    def use(self, factor: PetscFactor) -> None:
-        """The factor of A; W (3P, 3P), m/s/N, is made of it as soon as an obstacle is within reach."""
-        if self._factor is not factor:
-            self._factor, self._delassus = factor, None
+    def use(self, factor: TurnedFactor) -> None:
+        """The factor of A, as it is now; W (3P, 3P), m/s/N, is made of it as soon as an obstacle is within reach."""
+        self._factor, self._spread = factor, None
+
+    def depend_on(self, factor: TurnedFactor) -> bool:
+        """Whether W was made of a factor, as dear as a good part of it."""
+        return self._factor is factor and self._spread is not None
 
     def resolve(self, v: Array, last: FoundForces) -> FoundForces:
         """Forces at a mid-step velocity (rows here, 1) that was found with the last ones of this step."""
@@ -96,6 +100,24 @@ class ForcesInNewton:
         """(rows here, 1), N."""
         return np.zeros_like(self._equation.start.x) if self._interface is None else self._interface.force(contact)
 
+    def spread(self, found: FoundForces, before: FoundForces) -> Array:
+        """A⁻¹ times the change (rows here, 1) of forces that were found before."""
+        if self._actuators is not None:
+            assert self._factor is not None
+            return self._factor.solve(self.force(found) - self.force(before))
+        change = np.zeros(1)
+        if found.contact is not None:
+            change = change + found.contact.forces.ravel()
+        if before.contact is not None:
+            change = change - before.contact.forces.ravel()
+        pushed = np.flatnonzero(change)
+        if not len(pushed):
+            return np.zeros_like(self._equation.start.x)
+        self._points_operator()
+        assert self._spread is not None
+        moved: Array = self._spread[:, pushed] @ change[pushed, None]
+        return moved
+
     def rollback(self) -> None:
         """Forgets the contact that was found since `begin`."""
         if self._interface is not None and self._obstacles is not None:
@@ -104,8 +126,9 @@ class ForcesInNewton:
     def _points_operator(self) -> Array:
         assert self._factor is not None
         assert self._interface is not None
-        if self._delassus is None:
-            self._delassus = self._interface.delassus(self._factor.solve(self._interface.Sᵀ))
+        if self._spread is None:
+            self._spread = np.asfortranarray(self._factor.solve(self._interface.Sᵀ))
+            self._delassus = self._interface.delassus(self._spread)
         return self._delassus
 
     def _touched(self, free: Array, last: ContactSolution | None, W: Array | None = None) -> ContactSolution | None:

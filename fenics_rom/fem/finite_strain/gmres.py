@@ -7,6 +7,7 @@ from numpy import ndarray as Array
 from petsc4py import PETSc
 
 from fenics_rom.fem.direct import PetscFactor
+from fenics_rom.fem.finite_strain.turned_factor import TurnedFactor
 
 MAX_PRODUCTS = 60  # for one solution
 
@@ -22,7 +23,7 @@ class Gmres:
     def __init__(self, local: int, size: int, comm: Any):
         sizes = ((local, size), (local, size))
         self._apply: Callable[[Array], Array] = lambda column: column
-        self._factor: PetscFactor | None = None
+        self._factor: PetscFactor | TurnedFactor | None = None
         self.products, self.converged = 0, True
         self._matrix = PETSc.Mat().createPython(sizes, context=self, comm=comm)
         self._matrix.setUp()
@@ -39,7 +40,7 @@ class Gmres:
     def solve(
         self,
         apply: Callable[[Array], Array],
-        factor: PetscFactor,
+        factor: PetscFactor | TurnedFactor,
         right: Array,
         residual: float,
         max_products: int = MAX_PRODUCTS,

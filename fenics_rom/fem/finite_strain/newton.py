@@ -1,7 +1,7 @@
 """Newton's method for a step, and forces found in every iteration.
 
 Directions are secants: what the kept factor of A makes of the residual, combined with those before so that it would be
-least if it changed as it has so far (Anderson, 1965; Fang & Saad, 2009). Where that does not halve the residual, the
+least if it changed as it has so far (`secants.py`). Where that does not halve the residual, the
 consistent tangent is solved with, by a Krylov method. Residuals r are measured by √(rᵀ A⁻¹ r): the energy norm of the
 correction that they ask for. With it the line search sees bending as well as stretching (natural monotonicity:
 Deuflhard, 2004).
@@ -15,18 +15,19 @@ from functools import partial
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.fem.direct import PetscFactor
 from fenics_rom.fem.finite_strain.found_forces import ForcesInNewton, FoundForces
 from fenics_rom.fem.finite_strain.gmres import Gmres
 from fenics_rom.fem.finite_strain.residuals import StepResidual, TrialStep
+from fenics_rom.fem.finite_strain.secants import Secants
+from fenics_rom.fem.finite_strain.turned_factor import TurnedFactor
 
 CONVERGENCE_TOLERANCE = 1e-12  # share of the forces in a step
 STAGNATION_TOLERANCE = 1e-8  # share of them that may be left where round-off lets it get no smaller
+ROUND_OFF = 1e-11  # share of them where secants that get it no smaller have come to round-off
+NOISE = 1e-10  # share of them below which changes say nothing of the tangent
 MAX_ITERATIONS = 25  # with tangents
 MAX_SECANT_ITERATIONS = 50  # with secants or tangents
-SECANTS = 10  # that are kept
 SLOW_SECANTS = 2  # in a row that do not halve the residual, after which tangents are tried
-SECANT_INDEPENDENCE = 1e-14  # of their products
 MIN_STEP_SHARE = 1 / 32  # of a Newton step
 SUFFICIENT_DECREASE = 0.1  # share of what a Newton step promises that it must keep
 MAX_FORCING, MIN_FORCING = 0.01, 1e-6  # residuals that linear systems are solved to, at first and at best
@@ -57,38 +58,11 @@ class NewtonIterate:
     iterations: int
 
 
-class Secants:
-    """How A⁻¹ r, without forces that are found, has changed with the velocity."""
-
-    def __init__(self, inner: Callable[[Array, Array], Array]):
-        self._inner = inner
-        self._last: tuple[Array, Array] | None = None
-        self._steps: list[Array] = []
-        self._changes: list[Array] = []
-
-    def note(self, v: Array, answer: Array) -> None:
-        """Keeps a velocity and the answer to it, (rows here, 1) each."""
-        if self._last is not None:
-            self._steps = [*self._steps[1 - SECANTS :], v - self._last[0]]
-            self._changes = [*self._changes[1 - SECANTS :], answer - self._last[1]]
-        self._last = v, answer
-
-    def direction(self, answer: Array) -> Array:
-        """Where a velocity with this answer (rows here, 1) is to go."""
-        if not self._steps:
-            return answer
-        steps, changes = np.hstack(self._steps), np.hstack(self._changes)
-        products = self._inner(changes, np.hstack([changes, answer]))
-        lengths = np.sqrt(np.diag(products))
-        scaled = products[:, :-1] / lengths / lengths[:, None]
-        weights = np.linalg.lstsq(scaled, products[:, -1] / lengths, rcond=SECANT_INDEPENDENCE)[0] / lengths
-        return answer - (steps + changes) @ weights[:, None]
-
-
 def solve_step(
     equation: StepResidual,
     guesses: list[Array],
-    factor: PetscFactor,
+    factor: TurnedFactor,
+    secants: Secants,
     gmres: Gmres,
     forces: ForcesInNewton | None,
     dot: Callable[[Array, Array], float],
@@ -101,6 +75,7 @@ def solve_step(
         equation: of the step.
         guesses: of its mid-step velocity (rows here, 1); the best is where the search begins.
         factor: of a symmetric positive definite matrix that stands for the tangent.
+        secants: of this factor.
         gmres: what solves with the tangent itself.
         forces: those that are found in the step; None: there are none.
         dot: product of columns (rows here, 1).
@@ -123,14 +98,18 @@ def solve_step(
     if current.size == math.inf:
         raise NotConvergedError
     terms = equation.terms(current.trial)
-    scale = math.sqrt(max(dot(terms[:, [k]], column[:, None]) for k, column in enumerate(factor.solve(terms).T)))
+    largest = terms[:, [np.diag(equation.model.algebra.inner(terms, terms)).argmax()]]
+    scale = math.sqrt(max(dot(largest, factor.solve(largest)), 0.0))
     forcing, forces_resolved, tangents, may_use_secants = MAX_FORCING, forces is None, 0, by_secants
-    secants, slow = Secants(equation.model.algebra.inner), 0
+    slow, unpushed = 0, forces is not None
+    secants.begin()
     spread = np.zeros_like(current.answer)  # of forces since the start
+    previous = current
     for iteration in range(MAX_SECANT_ITERATIONS):
         if forces_resolved and current.size <= CONVERGENCE_TOLERANCE * scale:
             return current
-        secants.note(current.trial.v, current.answer - spread)
+        if previous.size > NOISE * scale:
+            secants.note(current.trial.v, current.answer - spread)
         share, previous, spread_before = 1.0, current, spread
         direction = secants.direction(current.answer)
         while True:
@@ -143,17 +122,18 @@ def solve_step(
             v, found = previous.trial.v + share * direction, previous.found
             if forces is not None:
                 found = forces.resolve(v, previous.found)
-                change = factor.solve(forces.force(found) - forces.force(previous.found))
+                change = forces.spread(found, previous.found)
                 v, spread = v + change, spread_before + change
             current = iterate_at(v, found, iteration + 1)
-            if forces is not None and found.act:  # of a body at rest it is the only force
-                pushed = forces.force(found)
+            if unpushed and forces is not None and found.act:  # of a body at rest it is the only force
+                pushed, unpushed = forces.force(found), False
                 scale = max(scale, math.sqrt(max(dot(pushed, factor.solve(pushed)), 0.0)))
             decreased = current.size <= (1 - SUFFICIENT_DECREASE * share) * previous.size
             if decreased or (forces is not None and current.size < math.inf):
                 break
             if by_secants:
                 by_secants = False
+                secants.forget()
                 continue
             if forces_resolved and previous.size <= STAGNATION_TOLERANCE * scale:
                 return previous
@@ -162,7 +142,7 @@ def solve_step(
                 raise NotConvergedError
         halved = current.size <= previous.size / 2
         slow = 0 if halved else slow + 1
-        if not by_secants and not halved and current.size <= STAGNATION_TOLERANCE * scale:
+        if not halved and current.size <= (ROUND_OFF if by_secants else STAGNATION_TOLERANCE) * scale:
             return current
         forces_resolved = True
         by_secants = (halved or (by_secants and slow < SLOW_SECANTS)) and may_use_secants

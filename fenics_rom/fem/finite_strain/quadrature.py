@@ -3,6 +3,7 @@
 The rules are exact for products of two gradients, so that small strains meet the linear stiffness.
 """
 
+from functools import cached_property
 from typing import Any
 
 import basix
@@ -66,7 +67,7 @@ class QuadraturePoints:
         self.weights = np.outer(np.linalg.det(edges), reference_weights).ravel()
         self._comm, self.node_count = comm, len(nodes.coordinates)
         self.gradient_matrix = self._gradient_matrix()
-        self._gradientᵀ = self.gradient_matrix.T.tocsr()
+        self._divergence = (self.gradient_matrix.T @ scipy.sparse.diags(np.tile(self.weights, 3))).tocsr()
 
     def _gradient_matrix(self) -> scipy.sparse.csr_matrix:
         """∂/∂X_j at the points of a scalar field, (3 P here, N), the points of j = 0 first."""
@@ -90,13 +91,26 @@ class QuadraturePoints:
 
     def gradients(self, u: Array) -> Array:
         """H (3, 3, P here, ...) of displacements of all nodes (N, 3, ...), H[i, j] = ∂u_i/∂X_j."""
-        slopes = (self.gradient_matrix @ u.reshape(len(u), -1)).reshape(3, len(self.weights), *u.shape[1:])
-        return np.ascontiguousarray(np.moveaxis(slopes, 2, 0))
+        shape = 3, len(self.weights), *u.shape[2:]
+        return np.stack([(self.gradient_matrix @ u[:, i]).reshape(shape) for i in range(3)])  # faster than all at once
+
+    @cached_property
+    def _nodal_shares(self) -> scipy.sparse.csr_matrix:
+        """(N, P here): which part of the volume around each node every point here has."""
+        C, Q, A, _ = self.shape_gradients.shape
+        points = np.repeat(np.arange(C * Q), A)
+        entries = self.weights[points], (np.repeat(self.cell_nodes, Q, axis=0).ravel(), points)
+        volumes = scipy.sparse.coo_matrix(entries, shape=(self.node_count, C * Q)).tocsr()
+        around = self.sum_over_ranks(np.asarray(volumes.sum(axis=1))[:, 0])
+        return scipy.sparse.diags(1 / np.where(around > 0, around, 1.0)) @ volumes
+
+    def nodal_means(self, values: Array) -> Array:
+        """Means (N, any) of values at the points here (P here, any), of the cells around each node."""
+        return self.sum_over_ranks(self._nodal_shares @ values)
 
     def internal_force(self, P: Array) -> Array:
         """∫ P : ∇δ on all nodes (N, 3), N, of first Piola-Kirchhoff stresses (3, 3, P here), Pa; summed over ranks."""
-        weighted = (P * self.weights).reshape(3, -1).T
-        return self.sum_over_ranks(self._gradientᵀ @ weighted)
+        return self.sum_over_ranks(np.stack([self._divergence @ row.ravel() for row in P], axis=1))
 
     def integrate(self, density: Array) -> float:
         """∫ of a density (P here,) over the body; the same bits on every rank."""

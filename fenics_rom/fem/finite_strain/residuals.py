@@ -16,6 +16,7 @@ from fenics_rom.fem.finite_strain.model import ExternalForce, FiniteStrainModel,
 from fenics_rom.fem.finite_strain.stresses import EquilibriumStresses, MidpointStresses, Stresses
 from fenics_rom.fem.finite_strain.tangent_matrix import TangentCoefficients, TangentMatrix
 from fenics_rom.mechanics.actuator_forces import ActuatorForces
+from fenics_rom.mechanics.hyperelastic import strain
 from fenics_rom.mechanics.viscoelasticity import MaxwellBranches
 
 NONE_FOUND = np.empty(0)
@@ -29,6 +30,7 @@ class StepStart:
         x, v: displacement and velocity (rows here, 1), m and m/s.
         u: displacements of all nodes (N, 3), m.
         H, E: displacement gradients (3, 3, P here) and Green strains (6, P here).
+        W: stored energy density (P here,), J/m³.
     """
 
     x: Array
@@ -36,6 +38,15 @@ class StepStart:
     u: Array
     H: Array
     E: Array
+    W: Array
+
+    @classmethod
+    def at(cls, model: FiniteStrainModel, x: Array, v: Array, H: Array | None = None) -> "StepStart":
+        """Where x and v (rows here, 1) are, of which H may be known; every rank must call it."""
+        u = model.nodal_field(x)
+        H = model.points.gradients(u) if H is None else H
+        E = strain(H)
+        return cls(x, v, u, H, E, model.material.energy_density(E))
 
 
 @dataclass(frozen=True)
@@ -92,7 +103,7 @@ class MidpointResidual:
         m, start, h, pushes = self.model, self.start, self.h, self.external.with_found(found)
         u_end = m.nodal_field(start.x + h * v)
         u_middle = (start.u + u_end) / 2
-        stresses = MidpointStresses(m.material, start.H, start.E, m.points.gradients(u_end), h, self._branches)
+        stresses = MidpointStresses(m.material, start.H, start.E, start.W, m.points.gradients(u_end), h, self._branches)
         internal, external = m.internal_force(stresses.P), pushes.at(m, u_middle)
         residual = external + self._at_start - internal - self._linear @ v
         return TrialStep(v, residual, pushes, external, internal, stresses, u_middle)

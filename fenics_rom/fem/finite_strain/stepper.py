@@ -8,24 +8,23 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import SolverError, StepError
-from fenics_rom.fem.direct import PetscFactor
 from fenics_rom.fem.finite_strain.account import book_equilibrium, book_motion
 from fenics_rom.fem.finite_strain.arc_length import ArcLength, PathStart
 from fenics_rom.fem.finite_strain.equilibria import FactoredTangent, solve_equilibrium
 from fenics_rom.fem.finite_strain.follower_loads import FollowerLoad, TendonPull
 from fenics_rom.fem.finite_strain.found_forces import ForcesInNewton, FoundForces
 from fenics_rom.fem.finite_strain.gmres import Gmres
+from fenics_rom.fem.finite_strain.kept_factor import KeptFactor
 from fenics_rom.fem.finite_strain.model import ExternalForce, FiniteStrainModel, multiply
 from fenics_rom.fem.finite_strain.newton import MAX_ITERATIONS, NewtonIterate, NotConvergedError, solve_step
 from fenics_rom.fem.finite_strain.predictor import Predictor
 from fenics_rom.fem.finite_strain.residuals import MidpointResidual, QuasiStaticResidual, StepResidual, StepStart
-from fenics_rom.fem.finite_strain.stresses import IDENTITY, EquilibriumStresses, MidpointStresses
-from fenics_rom.fem.finite_strain.tangent_matrix import TangentCoefficients, TangentMatrix
+from fenics_rom.fem.finite_strain.stresses import IDENTITY, MidpointStresses
+from fenics_rom.fem.finite_strain.tangent_matrix import TangentMatrix
 from fenics_rom.fem.full_order_body import FullOrderBody
 from fenics_rom.io.progress import Report, silent
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.contact import ObstacleMotion
-from fenics_rom.mechanics.hyperelastic import strain
 from fenics_rom.mechanics.step import StepInput, StepResult
 from fenics_rom.mechanics.viscoelasticity import MaxwellBranches
 from fenics_rom.system.system import System
@@ -33,8 +32,6 @@ from fenics_rom.system.system import System
 SMALLEST_PART = 1 / 64  # share of a step below which none is tried
 SMALLEST_LOAD = 1 / 1024  # the same of what the load of an equilibrium changes by
 EASY_ITERATIONS = 6  # that lead to an equilibrium, after which a larger part is tried
-STEPS_AHEAD = 4  # of which shape a factor of smooth motion is, as it serves some twice that
-MAX_WORK = 12  # iterations and products with the tangent in a step, more than a new factor is worth
 
 
 class FiniteStrainStepper(FullOrderBody):
@@ -92,7 +89,7 @@ class FiniteStrainStepper(FullOrderBody):
         self._matrix = TangentMatrix(model.points, model.material, model.free, here, terms)
         self._krylov = Gmres(len(self.x), system.size, model.mass.mat.comm)
         self._predictor = Predictor(model.dot)
-        self._factored: tuple[TangentCoefficients, PetscFactor] | None = None
+        self._kept: KeptFactor | None = None
         self._tangent = FactoredTangent(self._matrix, self._krylov) if self._forces_in_newton is None else None
         self.set_state(self.x, self.v)
         self.check_start()
@@ -102,7 +99,7 @@ class FiniteStrainStepper(FullOrderBody):
         """Stored energy ½ vᵀMv + ½ xᵀK_s x + ∫W and that of branches, J."""
         m, x, v = self._model, self.x, self.v
         quadratic = m.dot(v, m.mass @ v) + m.dot(x, multiply(m.spring, x))
-        energy = quadratic / 2 + m.elastic_energy(self._start.E)
+        energy = quadratic / 2 + m.points.integrate(self._start.W)
         return energy if self._branches is None else energy + self._branches.stored
 
     @property
@@ -199,15 +196,13 @@ class FiniteStrainStepper(FullOrderBody):
 
     def _forget(self) -> None:
         """Gives the factor back."""
-        if self._factored is not None:
-            self._factored[1].close()
-            self._factored = None
+        if self._kept is not None:
+            self._kept.close()
+            self._kept = None
 
     def _arrive(self, x: Array, v: Array, H: Array | None = None) -> None:
         """Makes x and v (rows here, 1) the state, whose displacement gradients (3, 3, P here) may be known."""
-        u = self._model.nodal_field(x)
-        H = self._model.points.gradients(u) if H is None else H
-        self.x, self.v, self._start = x, v, StepStart(x, v, u, H, strain(H))
+        self.x, self.v, self._start = x, v, StepStart.at(self._model, x, v, H)
 
     def _load(self, u: Array) -> tuple[ExternalForce, Array, Array]:
         """The force of inputs u in the active contact mode, inputs without what is found, and strokes (n,)."""
@@ -345,10 +340,10 @@ class FiniteStrainStepper(FullOrderBody):
             found = FoundForces(self.contact, self.reactions)
             return solve_equilibrium(equation, self._tangent, found, self._model.dot, tell)
         guesses, products = self._guesses(equation), self._krylov.products
-        if self._factored is not None and self._factored[0] == equation.coefficients:
+        if self._kept is not None and self._kept.serves(equation):
             with suppress(NotConvergedError):
                 solution = self._tried(equation, guesses)
-                if solution.iterations + self._krylov.products - products > MAX_WORK:
+                if not self._kept.is_worth_keeping(solution.iterations + self._krylov.products - products):
                     self._forget()
                 return solution
         with suppress(NotConvergedError, SolverError):
@@ -361,33 +356,24 @@ class FiniteStrainStepper(FullOrderBody):
         return self._tried(equation, guesses, by_secants=False)
 
     def _tried(self, equation: StepResidual, guesses: list[Array], by_secants: bool = True) -> NewtonIterate:
-        assert self._factored is not None
-        forces, last = self._forces_in_newton, FoundForces(self.contact, self.reactions)
-        if forces is not None:
-            forces.use(self._factored[1])
+        kept, forces, last = self._kept, self._forces_in_newton, FoundForces(self.contact, self.reactions)
+        assert kept is not None
+        is_dear = forces is not None and forces.depend_on(kept.factor)
+        if kept.turn(equation, guesses[-1], is_dear) and forces is not None:
+            forces.use(kept.factor)
         try:
-            factor, dot = self._factored[1], self._model.dot
-            return solve_step(equation, guesses, factor, self._krylov, forces, dot, last, by_secants)
+            return solve_step(
+                equation, guesses, kept.factor, kept.secants, self._krylov, forces, self._model.dot, last, by_secants
+            )
         except NotConvergedError:
             if forces is not None:
                 forces.rollback()
             raise
 
     def _factor(self, equation: StepResidual, stressed: bool) -> None:
-        """Factors the matrix of the shape of the body, soon if with stresses; SolverError if these make it indefinite.
-
-        A matrix of a shape some steps ahead serves more steps than one of the shape that the body leaves.
-        """
+        """Makes a factor, soon if with stresses; SolverError if these make its matrix indefinite."""
         self._forget()
-        coefficients, start = equation.coefficients, self._start
-        if stressed:
-            ahead = STEPS_AHEAD * equation.h if self._predictor.is_smooth else 0.0
-            u = start.u + self._model.nodal_field(ahead * start.v)
-            stresses = EquilibriumStresses(self._model.material, self._model.points.gradients(u))
-            matrix = self._matrix.stressed(stresses, coefficients, equation.external.stiffness(u))
-        else:
-            matrix = self._matrix.definite(start.H, coefficients)
-        self._factored = coefficients, PetscFactor(matrix, one_by_one=True)
+        self._kept = KeptFactor(self._matrix, equation, stressed, self._predictor.is_smooth)
         self.factors += 1
 
     def _guesses(self, equation: StepResidual) -> list[Array]:

@@ -93,7 +93,7 @@ class Stresses:
 
 
 class MidpointStresses(Stresses):
-    """Of a midpoint step of h, s, from H (3, 3, P) and E (6, P) to H⁺, with branches as they are before it, if any.
+    """Of a midpoint step of h, s, from H (3, 3, P), E (6, P) and W (P,) to H⁺, with branches as they are before it.
 
     Attributes, beside those of Stresses:
         rate: of the strain, and C₀ times it, (2, 6, P), 1/s and Pa/s.
@@ -106,14 +106,15 @@ class MidpointStresses(Stresses):
         material: HyperelasticMaterial,
         H: Array,
         E: Array,
+        W: Array,
         H_end: Array,
         h: float,
         branches: MaxwellBranches | None = None,
     ):
         self._material, self._h = material, h
         self.F, self.F_end = IDENTITY + (H + H_end) / 2, IDENTITY + H_end
-        self.E, self.E_end = E, strain(H_end)
-        elastic = discrete_gradient_stress(material.law, E, self.E_end, material.first_lame, material.shear)
+        self.E, self.E_end, self._W = E, strain(H_end), W
+        elastic = discrete_gradient_stress(material.law, E, self.E_end, material.first_lame, material.shear, W)
         Ė = (self.E_end - E) / h
         self.rate = np.stack([Ė, material.linear_stress(Ė)])
         self._viscosity = material.viscosity if branches is None else material.viscosity + branches.stiffening_time
@@ -142,7 +143,7 @@ class MidpointStresses(Stresses):
         S_mean = stress(m.law, (self.E + self.E_end) / 2, m.first_lame, m.shear)
         S_end = stress(m.law, self.E_end, m.first_lame, m.shear)
         squared_length = (ΔE**2 / VOIGT_SHEAR).sum(axis=0) + ROUND_OFF_STRAIN**2
-        stored = m.energy_density(self.E_end) - m.energy_density(self.E)
+        stored = m.energy_density(self.E_end) - self._W
         c = (stored - (S_mean * ΔE).sum(axis=0)) / squared_length
         dc = (S_end - S_mean - D_ΔE / 2 - 2 * c * ΔE / VOIGT_SHEAR) / squared_length  # ∂c/∂E⁺
         D = (ΔE / VOIGT_SHEAR)[:, None] * dc[None, :]
