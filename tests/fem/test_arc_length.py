@@ -14,6 +14,7 @@ from soft_rom import soft_rom
 import fenics_rom as fr
 from fenics_rom.cli.main import main
 from fenics_rom.errors import SceneError, SolverError
+from fenics_rom.fem.finite_strain import arc_length
 from fenics_rom.fem.finite_strain.arc_length import ArcLength
 from fenics_rom.fem.finite_strain.newton import NotConvergedError
 from fenics_rom.mechanics.step import StepInput
@@ -151,6 +152,15 @@ def test_path_ends_where_the_whole_load_at_once_leads(beam):
     assert path.inputs["cable"].values[-1, 0] == 6.0
     assert not limits(path)
     assert path.balance_error < 1e-9
+
+
+def test_step_on_which_the_path_bends_too_much_is_taken_shorter(beam, monkeypatch):
+    system = fr.assemble(acted_on(beam, LARGE, **parts_of(run=pushed(1, 0.0, 0.0, 10.0), degree=2)))
+    tips = []
+    for bend in (0.3, 0.1):
+        monkeypatch.setattr(arc_length, "MAX_BEND", bend)
+        tips.append(np.abs(fr.simulate(system, arc_length=True).outputs["tip"][-1]).max())
+    assert 0.01 < tips[1] < 0.7 * tips[0]
 
 
 # --- Williams' toggle ------------------------------------------------------------------------------------------------
