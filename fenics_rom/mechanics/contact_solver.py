@@ -245,14 +245,22 @@ class ContactSolver:
         return self._followed is not None
 
     @property
+    def last_step(self) -> Callable[[], tuple[Pairs | None, SolvedPairs | None]]:
+        """Tells what `considered` and `solved` are now, also when other steps followed."""
+        if self._followed is not None:
+            return self._followed
+        known = self._considered, self._solved
+        return lambda: known
+
+    @property
     def considered(self) -> Pairs | None:
         """What the law asked of all pairs in the last step; None where none could be due."""
-        return self._considered if self._followed is None else self._followed()[0]
+        return self.last_step()[0]
 
     @property
     def solved(self) -> SolvedPairs | None:
         """How its forces were found; None where nothing touched."""
-        return self._solved if self._followed is None else self._followed()[1]
+        return self.last_step()[1]
 
     def _all_pairs(
         self,

@@ -1,5 +1,6 @@
 """What goes backwards through steps: the derivatives of a number J with all that they carry along."""
 
+from collections.abc import Callable
 from typing import TYPE_CHECKING, NamedTuple, Protocol
 
 import numpy as np
@@ -13,7 +14,7 @@ if TYPE_CHECKING:
     from fenics_rom.mechanics.contact_pairs import Pairs, SolvedPairs
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
 
-    ContactSolved = tuple[Pairs | None, SolvedPairs | None]  # what the law asked, and how forces were found
+    ContactStep = Callable[[], tuple[Pairs | None, SolvedPairs | None]]  # as `ContactSolver.last_step`
 
 NONE = np.empty(0)
 
@@ -106,20 +107,16 @@ def check_is_differentiated(actuators: ActuatorForces | None, branches: object) 
             raise StructureError(f"{what}: their steps are not differentiated")
 
 
-def contact_solved(interface: "ContactInterface | None") -> "ContactSolved":
-    """How contact was solved last."""
-    return (None, None) if interface is None else (interface.solver.considered, interface.solver.solved)
-
-
 def contact_adjoint(
-    interface: "ContactInterface | None", solved: "ContactSolved"
+    interface: "ContactInterface | None", step: "ContactStep | None" = None
 ) -> "tuple[ContactAdjoint | None, bool]":
-    """Contact of a step as it was solved, to go back through, and whether that is a kink."""
+    """Contact of a step, the last one unless given, to go back through, and whether that is a kink."""
     if interface is None:
         return None, False
     from fenics_rom.mechanics.contact_adjoint import ContactAdjoint, is_at_kink  # here, as few are differentiated
 
-    return ContactAdjoint.of(interface.solver, solved[1]), is_at_kink(interface.solver.law, *solved)
+    considered, solved = (step or interface.solver.last_step)()
+    return ContactAdjoint.of(interface.solver, solved), is_at_kink(interface.solver.law, considered, solved)
 
 
 def spread(vectors: "tuple[Array, Array]", like: Array) -> Array:

@@ -13,7 +13,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion
-from fenics_rom.runtime.steppers.adjoint import contact_adjoint, contact_solved
+from fenics_rom.runtime.steppers.adjoint import contact_adjoint
 from fenics_rom.runtime.steppers.finite_strain import FiniteStrainKernel, is_definite
 from fenics_rom.runtime.steppers.kernel import StepWork, symmetric
 from fenics_rom.runtime.steppers.newton import MAX_ITERATIONS, MAX_PARTS, Part, is_solved
@@ -81,7 +81,7 @@ class Equilibrium(FiniteStrainKernel):
             residual, of_residual = self._step_residual_at_rest(contact)
             contacts = self._contacts_at_rest(moved, contact, obstacles, residual)
             self._leave(StepWork(supplied + of_residual, rubbed_away, contacts, numerical))
-            self._taken = Part(self.h, start, self._r, moved / self.h, reactions, contact_solved(self._interface), maps)
+            self._taken = Part(self.h, start, self._r, moved / self.h, reactions, self._contact_step, maps)
             np.multiply(q, self._ω, self._e)
             self.contact, self.reactions = contact, reactions
             self._note(q, E, self._acting(u))

@@ -31,6 +31,7 @@ from fenics_rom.runtime.steppers.training_watch import TrainingWatch
 
 if TYPE_CHECKING:
     from fenics_rom.mechanics.viscoelasticity import MaxwellBranches
+    from fenics_rom.runtime.steppers.adjoint import ContactStep
     from fenics_rom.runtime.steppers.balance_adjoint import BalanceAdjoint, BalancedPart
     from fenics_rom.runtime.steppers.contact_interface import ContactInterface
     from fenics_rom.runtime.steppers.residual_motion import ResidualMotion
@@ -210,6 +211,11 @@ class FiniteStrainKernel(BookedKernel):
             is_kink,
             False,
         )
+
+    @property
+    def _contact_step(self) -> "ContactStep | None":
+        """Tells how contact was solved last; None where nothing can touch."""
+        return None if self._interface is None else self._interface.solver.last_step
 
     def _note(self, q: Array, E: Array | None, u: Array) -> None:
         """Notes how far a step under u has led, to q and strains E if known, and warns where it is beyond training."""

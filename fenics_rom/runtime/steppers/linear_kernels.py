@@ -25,7 +25,7 @@ from numpy import ndarray as Array
 from fenics_rom.mechanics.actuator_forces import ActuatorForces
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion
 from fenics_rom.rom.midpoint_map import compliance
-from fenics_rom.runtime.steppers.adjoint import check_is_differentiated, contact_adjoint, contact_solved
+from fenics_rom.runtime.steppers.adjoint import check_is_differentiated, contact_adjoint
 from fenics_rom.runtime.steppers.kernel import BookedKernel, ContactWorks, StepWork, symmetric
 from fenics_rom.runtime.steppers.residual_motion import operator_of
 
@@ -144,7 +144,7 @@ class ContactMidpoint(BookedKernel):
         """As in Kernel."""
         from fenics_rom.runtime.steppers.midpoint_adjoint import MidpointAdjoint, MidpointMaps, MidpointStrokes
 
-        contact, is_kink = contact_adjoint(self._interface, contact_solved(self._interface))
+        contact, is_kink = contact_adjoint(self._interface)
         residual, rows = None, None
         if self.residual is not None:
             residual, rows = self.residual.maps, self.residual.state.reshape(4, -1).copy()
@@ -219,7 +219,7 @@ class QuasiStatic(BookedKernel):
             B, places, held = self._columns, self._actuators.columns + len(u), self._actuators.held(self.reactions)
         columns = B[:, held]
         strokes = HeldStrokes(columns, h * columns.T, columns.T, 0 * columns.T, -1.0)  # strokes are what is given
-        contact, is_kink = contact_adjoint(self._interface, contact_solved(self._interface))
+        contact, is_kink = contact_adjoint(self._interface)
         residual, rows = None, None
         if self.residual is not None:
             residual, rows = self.residual.maps, self.residual.state.reshape(4, -1).copy()

@@ -20,7 +20,7 @@ from fenics_rom.mechanics.hyperelastic import energy_density, linear_stress, str
 from fenics_rom.rom.carried_strains import carried_strains
 from fenics_rom.rom.deformation import ReducedDeformation
 from fenics_rom.rom.rom import Rom
-from fenics_rom.runtime.steppers.adjoint import NONE, StateAdjoint, contact_adjoint, contact_solved
+from fenics_rom.runtime.steppers.adjoint import NONE, StateAdjoint, contact_adjoint
 from fenics_rom.runtime.steppers.deformation_maps import Expected, LinearlyImplicitMaps, Taken
 from fenics_rom.runtime.steppers.finite_strain import FiniteStrainKernel, definite_inverse
 from fenics_rom.runtime.steppers.kernel import StepWork, symmetric
@@ -201,7 +201,7 @@ class LinearlyImplicit(FiniteStrainKernel):
         """As in Kernel."""
         from fenics_rom.runtime.steppers.linearly_implicit_adjoint import LinearlyImplicitAdjoint
 
-        contact, is_kink = contact_adjoint(self._interface, contact_solved(self._interface))
+        contact, is_kink = contact_adjoint(self._interface)
         residual = None if self.residual is None else self.residual.state.reshape(4, -1).copy()
         before, after = (self._state_before, self._carried_before), (self.state, self._carried)
         states = [part.copy() for part in (*before, *after)]

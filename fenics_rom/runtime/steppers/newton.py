@@ -17,13 +17,13 @@ from fenics_rom.mechanics.hyperelastic import (
     moduli,
     strain,
 )
-from fenics_rom.runtime.steppers.adjoint import contact_adjoint, contact_solved
+from fenics_rom.runtime.steppers.adjoint import contact_adjoint
 from fenics_rom.runtime.steppers.finite_strain import FiniteStrainKernel, definite_inverse
 from fenics_rom.runtime.steppers.kernel import ContactWorks, StepWork, symmetric
 
 if TYPE_CHECKING:
     from fenics_rom.mechanics.contact_adjoint import ContactAdjoint
-    from fenics_rom.runtime.steppers.adjoint import ContactSolved
+    from fenics_rom.runtime.steppers.adjoint import ContactStep
     from fenics_rom.runtime.steppers.balance_adjoint import BalanceAdjoint, BalancedPart
     from fenics_rom.runtime.steppers.residual_motion import ResidualMaps
 
@@ -45,7 +45,7 @@ class Part(NamedTuple):
     r: Array
     v: Array  # v̂
     reactions: Array
-    contact: "ContactSolved"
+    contact: "ContactStep | None"
     residual: "ResidualMaps | None"
 
 
@@ -140,7 +140,7 @@ class Newton(FiniteStrainKernel):
                 return None
             v, force, heat, contact, reactions = solution
             maps = None if self.residual is None else self.residual.maps
-            taken.append(Part(h, q, r, v, reactions, contact_solved(self._interface), maps))
+            taken.append(Part(h, q, r, v, reactions, self._contact_step, maps))
             residual, heat_of_residual = self._step_residual(contact)
             supplied, dissipated = supplied + h * float(force.dot(v)), dissipated + heat + heat_of_residual
             contacts += self._contacts(v, contact, h, residual)
