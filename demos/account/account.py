@@ -1,6 +1,6 @@
 """The energy account of a world over many steps with impacts, friction, switches and joints.
 
-    python demos/account/account.py --few --steps 50000       # 3 min
+    python demos/account/account.py --few --steps 100000      # 5 min
     python demos/account/account.py                     # 20,000 of them, 5 min
     python demos/account/account.py --quick             # a thousand
 
