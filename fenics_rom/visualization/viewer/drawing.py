@@ -61,8 +61,8 @@ class BandedBody:
             scene.add_mesh_simple(f"{name}/{k}", *nothing, color=colour, position=position, **options)
             for k, colour in enumerate([*band_colours(), HIGHLIGHT_COLOUR])
         ]
-        for mesh in self._meshes:  # a gesture that nobody makes: what is behind the body is not met through it
-            mesh.on_drag("middle", modifier="cmd/ctrl+alt+shift")(_nothing)
+        for mesh in self._meshes:
+            hide_what_is_behind(mesh)
         self._room = np.zeros(BANDS + 1, dtype=int)
 
     def draw(self, moved: Array, values: Array, largest: float, highlighted: Array | None = None) -> None:
@@ -89,6 +89,11 @@ class BandedBody:
         padded = np.empty((max(self._room[k], 3), 3), dtype=np.float32)
         padded[:count], padded[count:] = corners, somewhere
         mesh.vertices = padded
+
+
+def hide_what_is_behind(mesh: Any) -> None:
+    """Keeps the mouse from meeting what is behind a mesh, by a gesture that nobody makes."""
+    mesh.on_drag("middle", modifier="cmd/ctrl+alt+shift")(_nothing)
 
 
 async def _nothing(_: Any) -> None:

@@ -20,6 +20,7 @@ from fenics_rom.visualization.viewer.drawing import (
     OBSTACLE_COLOUR,
     DrawnBody,
     PickSurface,
+    hide_what_is_behind,
     set_camera_and_light,
 )
 from fenics_rom.visualization.viewer.live_loop import LiveLoop
@@ -68,7 +69,10 @@ class WorldPage(LiveLoop):
             vertices, triangles = body.shape.surface()
         colour = OBSTACLE_COLOUR if body.motion is not None else FREE_COLOUR
         mesh = scene.add_mesh_simple(f"/{name}", self.scale * vertices, triangles, color=colour, **options)
-        self.let_drag(mesh, partial(self.live.grab_rigid, name))
+        if body.motion is None:
+            self.let_drag(mesh, partial(self.live.grab_rigid, name))
+        else:
+            hide_what_is_behind(mesh)
         return mesh
 
     def _draw(self) -> None:
@@ -105,8 +109,8 @@ class _SoftBody:
         self._live, self._name, self._rom = page.live, name, rom
         self._surface = Surface(rom.nodes, rom.triangles)
         self._fields = surface_fields(self._surface, None)
-        scale, tendons = page.scale, rom.environment.tendons
-        self._picture = DrawnBody(scene, f"/{name}", rom.nodes, self._surface, tendons, {}, scale)
+        scale = page.scale
+        self._picture = DrawnBody(scene, f"/{name}", rom.nodes, self._surface, {}, {}, scale)  # not seen through
         self._triangles = divide_contact_triangles(rom)
         self._pick_surfaces = {}
         for contact, triangles in self._triangles.items():
@@ -128,10 +132,11 @@ class _SoftBody:
 
     def field(self, what: str) -> Array:
         """What colours show, of all pieces: of what strains it, and not of where it is."""
-        on = self._surface.nodes
-        strained = elastic_part(self._whole(), self._rom.nodes, self._rom.node_mass)[on]
-        velocity = self._live.world.simulator(self._name).velocity()[on] if what == "speed" else strained
-        return self._fields[what](strained, velocity)
+        body, on = self._live.world.simulator(self._name), self._surface.nodes
+        strained = body.displacement()
+        if self._rom.environment.is_moving:
+            strained = elastic_part(strained, self._rom.nodes, self._rom.node_mass)
+        return self._fields[what](strained[on], body.velocity()[on] if what == "speed" else strained[on])
 
     def draw(self, values: Array, largest: float) -> None:
         """Draws it in these colours."""
