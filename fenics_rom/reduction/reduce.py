@@ -106,7 +106,7 @@ def reduce(
         report: called with the stage, how much of it is done, and of how much.
 
     Raises:
-        SceneError: a choice that does not exist or does not fit the system.
+        SceneError: no system, or a choice that does not exist or does not fit it.
         SolverError: undamped motions, or a solver that did not deliver.
         FileError: a checkpoint of something else, or one that cannot be written.
 
@@ -115,6 +115,9 @@ def reduce(
         >>> rom.validation["middle"]["transfer_error"] < 1e-3
         True
     """
+    if not isinstance(system, System):
+        kind = type(system).__name__
+        raise SceneError(f"reduce: something of type {kind} was given; allowed is a System, as of fr.assemble(scene)")
     chosen = system.scene.reduction if system.scene else Reduction()
     if order is None and tolerance is None:
         order, tolerance = chosen.order, chosen.tolerance

@@ -239,6 +239,11 @@ def test_choices_that_do_not_fit_are_refused(box_system, choice, message):
         fr.reduce(box_system, **choice)
 
 
+def test_what_is_no_system_is_refused(box_system):
+    with pytest.raises(SceneError, match=r"type Scene was given; allowed is a System, as of fr.assemble\(scene\)"):
+        fr.reduce(box_system.scene)
+
+
 def test_undamped_motion_has_no_gramian_and_the_error_says_what_to_do(box_system):
     with pytest.raises(SolverError, match=r"needs damping.*alpha or beta above 0"):
         fr.reduce(with_damping(box_system, 0.0, 0.0), order=4)
