@@ -40,12 +40,14 @@ from fenics_rom.fem.springs import dashpots_of, springs_of, with_attached
 from fenics_rom.fem.supports import unknowns_of
 from fenics_rom.io.stages import Stages
 from fenics_rom.mechanics.body_facts import implausible, quality_of
+from fenics_rom.mechanics.hyperelastic import strain_of_excess_damping
 from fenics_rom.scene.scene import Scene
 from fenics_rom.system.body import Body, Unknowns
 from fenics_rom.system.moving_frame import check_motions
 from fenics_rom.system.rigid_modes import mass_orthonormal, without_energy
 from fenics_rom.system.system import System
 
+SMALL_STRAIN = 0.05  # what bends a body far strains it by, at least
 STRAIGHT = 1e-6  # share of the body's length that the middle of an edge may be off, as files hold few digits
 
 
@@ -160,8 +162,25 @@ def _warnings(scene: Scene, mesh: Mesh, rigid: np.ndarray) -> Iterator[str]:
             f"Poisson's ratio {exactly(stiffest)} on degree 2 tetrahedra: they are too stiff, and their pressure "
             'oscillates; mesh.integration = "selective" is the cure'
         )
+    yield from _overdamped(scene)
     if (scene.clamped or scene.held) and rigid.shape[1]:
         yield f"supports leave {rigid.shape[1]} rigid motions: the body, or a part of it, is not wholly held"
+
+
+def _overdamped(scene: Scene) -> Iterator[str]:
+    """Of materials whose viscosity resists what it takes for changes of volume, where their elasticity has none."""
+    effects = scene.effects
+    if effects.large_deformation is None or effects.large_deformation.law == "st_venant_kirchhoff":
+        return
+    for name, material in scene.materials.items():
+        damping = effects.damped.materials.get(name, effects.damped)
+        strain = strain_of_excess_damping(material.poisson)
+        if strain < SMALL_STRAIN and (damping.beta or effects.viscoelasticity is not None):
+            yield (
+                f"materials.{name}: with Poisson's ratio {exactly(material.poisson)} it is damped by a tenth more than "
+                f"effects say where it is strained by {100 * strain:.2g} %, and by the strain's square, as damping "
+                "acts on Green's strain; st_venant_kirchhoff as large_deformation.material is free of it"
+            )
 
 
 def _obstacles_too_small(system: System) -> list[str]:

@@ -19,6 +19,7 @@ A strain is kept as its six components (xx, yy, zz, yz, xz, xy), the shears twic
 stress in the same order. Arrays have the components first, (6, P) of P points, Lamé's moduli are (P,) each, Pa.
 """
 
+import math
 from functools import cache
 from typing import NamedTuple
 
@@ -153,6 +154,16 @@ def linear_stress(E: Array, λ: Array, μ: Array) -> Array:
     S = 2 * μ * E / VOIGT_SHEAR
     S[:3] += λ * E[:3].sum(axis=0)
     return S
+
+
+def strain_of_excess_damping(poisson: float, share: float = 0.1) -> float:
+    """Strain at which `linear_stress` of a rate takes a share more power than shear does, though the volume stays.
+
+    Green's strain (e^2ε - 1)/2, twice (e^-ε - 1)/2 of such a stretch has a trace of 3/2 ε², which λ takes for a change
+    of volume: (λ (3 ε ε̇)²) / (2 μ 3/2 ε̇²) = 3 λ/μ ε². Infinite of materials that are as soft against it as in shear.
+    """
+    ratio = 2 * poisson / (1 - 2 * poisson)
+    return math.sqrt(share / (3 * ratio)) if ratio > 1 else math.inf
 
 
 def discrete_gradient_stress(

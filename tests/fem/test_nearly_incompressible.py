@@ -72,6 +72,22 @@ def test_a_cube_that_is_pressed_to_half_its_height_is_the_closed_form(tmp_path, 
     assert abs(volume(system, u) - 1) < 0.01
 
 
+@pytest.mark.parametrize(
+    ("law", "damping", "warns"),
+    [
+        ("neo_hookean", "damping = { beta = 1e-3 }", True),
+        ("neo_hookean", "damping = { alpha = 1.0 }", False),
+        ("st_venant_kirchhoff", "damping = { beta = 1e-3 }", False),
+    ],
+)
+def test_damping_of_more_than_is_asked_for_is_told(tmp_path, law, damping, warns):
+    mesh = write_arrays(tmp_path / "bar.msh", *box_arrays((0.1, 0.02, 0.02), (2, 1, 1)))
+    effects = f"inertia = {{}}\n{damping}\nlarge_deformation = {{ material = '{law}' }}"
+    said = [text for text in silicone(mesh, effects, TIP).warnings if "it is damped by a tenth more" in text]
+    assert bool(said) == warns
+    assert not warns or "strained by 0.82 %" in said[0]
+
+
 def test_bending_does_not_lock(tmp_path):
     """FL³/3EI + FL/κGA of a cantilever, which on the same mesh is too stiff by a tenth by full integration."""
     (length, side), force = (0.1, 0.02), 0.01

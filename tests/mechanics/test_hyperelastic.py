@@ -11,6 +11,7 @@ from fenics_rom.mechanics.hyperelastic import (
     linear_stress,
     moduli,
     strain,
+    strain_of_excess_damping,
     strain_rate,
     stress,
 )
@@ -37,6 +38,16 @@ def test_stress_and_moduli_are_derivatives(law):
     np.testing.assert_allclose((stress(law, E, λ, μ) * e).sum(axis=0), slope, rtol=1e-7, atol=1e-8)
     slope = (stress(law, E + t * e, λ, μ) - stress(law, E - t * e, λ, μ)) / (2 * t)
     np.testing.assert_allclose(np.einsum("cdp,dp->cp", moduli(law, E, λ, μ), e), slope, rtol=1e-6, atol=1e-7)
+
+
+@pytest.mark.parametrize("poisson", [0.48, 0.499])
+def test_viscosity_takes_more_power_of_a_body_that_keeps_its_volume(poisson):
+    """By the share that is said, to the next order of the strain."""
+    ε, ratio = strain_of_excess_damping(poisson), np.array([2 * poisson / (1 - 2 * poisson)])
+    rate = np.array([np.exp(2 * ε), *[-np.exp(-ε) / 2] * 2, 0, 0, 0])[:, None]  # of (e^2ε - 1)/2 and (e^-ε - 1)/2
+    power = [float((linear_stress(rate, λ, np.ones(1)) * rate).sum()) for λ in (ratio, np.zeros(1))]
+    assert power[0] / power[1] - 1 == pytest.approx(0.1, rel=3 * ε)
+    assert strain_of_excess_damping(0.2) == np.inf
 
 
 def test_neo_hookean_is_what_textbooks_print():
