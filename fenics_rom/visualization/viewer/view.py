@@ -172,7 +172,7 @@ def _page(viser: Any, models: Sequence[Model], dt: float | None) -> Callable[[An
 
 def _is_world(model: Model) -> bool:
     if isinstance(model, str | PathLike):
-        return Path(model).suffix == ".toml"
+        return Path(model).suffix == ".toml" and bool(load("scene.world_file", "is_world_file")(model))
     return isinstance(model, World | WorldScene)
 
 
@@ -184,11 +184,6 @@ def _live_world(model: Any, dt: float | None) -> tuple[LiveWorld, str]:
             live.dt = dt
         return live, "world"
     if not isinstance(model, WorldScene):
-        if not load("scene.world_file", "is_world_file")(model):
-            raise SceneError(
-                f"{model}: allowed are a world file, with bodies, a ROM and a run; `fenics-rom reduce` makes a ROM of "
-                "a scene"
-            )
         model = load("scene.world_file", "read_world")(model)
     return LiveWorld(make_world(model, dt), partial(inputs_at, model)), model.file.name
 

@@ -100,12 +100,6 @@ def test_a_world_is_stepped_anew_beside_the_program(tmp_path):
         fr.view(file, file, **BESIDE)
 
 
-def test_a_scene_is_no_world(tmp_path):
-    (tmp_path / "scene.toml").write_text('[mesh]\nfile = "box.msh"\n')
-    with pytest.raises(SceneError, match="allowed are a world file, with bodies, a ROM and a run; `fenics-rom reduce`"):
-        fr.view(tmp_path / "scene.toml", **BESIDE)
-
-
 @pytest.mark.parametrize(
     ("given", "options", "error", "says"),
     [
