@@ -10,6 +10,8 @@ from numpy import ndarray as Array
 
 from fenics_rom.visualization.viewer.actuators import Actuator
 
+ROUND_OFF = 1e-9  # of a force
+
 
 class Account(NamedTuple):
     """Where the energy is, J: stored grows by supplied - dissipated - lost in switching - numerical, to round-off."""
@@ -73,8 +75,13 @@ class Live(ABC):
 
     @property
     @abstractmethod
+    def largest_force(self) -> float:
+        """That the mouse may pull with, N; infinite where it holds nothing."""
+
+    @property
     def pulls_its_most(self) -> bool:
         """Whether the mouse would pull harder if it were let."""
+        return float(np.linalg.norm(self.force)) > (1 - ROUND_OFF) * self.largest_force
 
     @abstractmethod
     def release(self) -> None:

@@ -167,9 +167,9 @@ class LiveBody(Live):
         return None if self._pull is None else self._pull.place(self.simulator)
 
     @property
-    def pulls_its_most(self) -> bool:
+    def largest_force(self) -> float:
         """As in Live."""
-        return self._pull is not None and self._pull.spring.is_most(self.force)
+        return math.inf if self._pull is None else self._pull.spring.largest
 
     def _take_step(self) -> float:
         simulator, u = self.simulator, self._input()

@@ -1,5 +1,6 @@
 """A world that is stepped while somebody pulls at one of its bodies. No picture."""
 
+import math
 from collections.abc import Callable, Mapping
 from time import perf_counter
 from typing import Any
@@ -129,10 +130,10 @@ class LiveWorld(Live):
         return p + R @ self._spring.place(self.world.simulator(self.held))
 
     @property
-    def pulls_its_most(self) -> bool:
+    def largest_force(self) -> float:
         """As in Live."""
         spring = self._spring.spring if isinstance(self._spring, MouseSpringStep) else self._spring
-        return spring is not None and spring.is_most(self.force)
+        return math.inf if spring is None else spring.largest
 
     def _axes(self, name: str) -> tuple[Array, Array]:
         """Of a soft body in the world, which its steps are in: rotation (3, 3) and origin (3,), m."""

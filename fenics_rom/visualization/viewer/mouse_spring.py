@@ -16,7 +16,6 @@ from fenics_rom.runtime.simulator import Simulator
 RELATIVE_STIFFNESS = 2.0  # of the spring, as a multiple of the body's at rest: the body follows two thirds of the way
 RANK_TOLERANCE = 1e-8  # relative singular value below which two columns do the same to the shape at rest
 OVERSHOOT = 2.0  # a force that begins at once leads this much further than at rest
-ROUND_OFF = 1e-9
 FINITE_STRAIN_REACH = 10.0  # times as far as a linear model can follow, a body of large deformation may be pulled
 
 
@@ -57,10 +56,6 @@ class MouseSpring:
         f = np.linalg.solve(np.eye(3) / self.stiffness + flexibility, target - self.place - y)
         length = float(np.linalg.norm(f))
         return f if length <= self.largest else f * (self.largest / length)
-
-    def is_most(self, force: Array) -> bool:
-        """Whether it would be a larger force, (3,), N, if it were let."""
-        return float(np.linalg.norm(force)) > (1 - ROUND_OFF) * self.largest
 
 
 def attach_spring(rom: Rom, contact: str, nodes: Array, weights: Array) -> MouseSpring | None:

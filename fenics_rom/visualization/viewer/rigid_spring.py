@@ -14,7 +14,6 @@ from fenics_rom.mechanics.frame_motion import cross_matrix, rotation_matrix
 SAG = 0.2  # of the body's radius that it hangs below the mouse, on the ground's gravity
 STANDARD_GRAVITY = 9.80665  # m/s2: also of a world without it
 MOST_WEIGHTS = 10.0  # that the mouse pulls with
-ROUND_OFF = 1e-9
 
 
 class RigidMouseSpring:
@@ -56,7 +55,3 @@ class RigidMouseSpring:
         if (size := float(np.linalg.norm(f))) > self.largest:
             f *= self.largest / size
         return f, np.cross(arm, f)
-
-    def is_most(self, force: Array) -> bool:
-        """Whether it would be a larger force, (3,), N, if it were let."""
-        return float(np.linalg.norm(force)) > (1 - ROUND_OFF) * self.largest
