@@ -42,6 +42,7 @@ from fenics_rom.world.shapes import Shape
 TOLERANCE = 1e-16  # of the angular velocity: what the next correction may be
 STAGNATION = 1e-12  # of it: as near as round-off of large forces of joints lets it come
 MOST_ITERATIONS = 50
+NOTHING = np.zeros(3)  # of a force or a torque that nobody gives
 
 
 class _Try(NamedTuple):
@@ -71,7 +72,7 @@ class Rigid:
         self.mass, self._inertia, self._inverse = mass, inertia, np.linalg.inv(inertia)
         one, two, three = map(vector, inertia)
         self._columns: Rotation = one, two, three  # of a symmetric matrix, its rows, too
-        self._gravity, self._force, self._torque = gravity, np.zeros(3), np.zeros(3)
+        self._gravity, self._force, self._torque = gravity, NOTHING, NOTHING
         self.place(pose)
 
     def place(self, pose: BaseState) -> None:
@@ -121,7 +122,7 @@ class Rigid:
 
     def take(self, inputs: Mapping[str, Any]) -> None:
         """As in Body: `force`, N, and `torque` about the centre of mass, N m, in world axes."""
-        given = {"force": np.zeros(3), "torque": np.zeros(3)}
+        given = {"force": NOTHING, "torque": NOTHING}
         for name, value in inputs.items():
             check_known("input", name, given, StepError)
             try:
