@@ -20,6 +20,7 @@ stress in the same order. Arrays have the components first, (6, P) of P points, 
 """
 
 import math
+from collections.abc import Iterator
 from functools import cache
 from typing import NamedTuple
 
@@ -183,24 +184,26 @@ def discrete_gradient_stress(
     return S + defect / ((ΔE**2 / VOIGT_SHEAR).sum(axis=0) + ROUND_OFF_STRAIN**2) * (ΔE / VOIGT_SHEAR)
 
 
-def discrete_gradient_slopes(law: str, E: Array, after: Array, λ: Array, μ: Array) -> tuple[Array, Array]:
-    """∂Ŝ/∂E and ∂Ŝ/∂E⁺ (6, 6, P) of the discrete gradient's stress, Pa."""
+def discrete_gradient_slopes(
+    law: str, E: Array, after: Array, λ: Array, μ: Array, stored: Array | None = None
+) -> Iterator[Array]:
+    """∂Ŝ/∂E⁺, then ∂Ŝ/∂E, (6, 6, P), Pa, of the discrete gradient's stress; W(E) may be known, as `stored`."""
     mean = (E + after) / 2
     C = moduli(law, mean, λ, μ) / 2
     if law == "st_venant_kirchhoff":
-        return C, C
+        yield from (C, C)
+        return
     ΔE, S = after - E, stress(law, mean, λ, μ)
     along = ΔE / VOIGT_SHEAR
-    defect = energy_density(law, after, λ, μ) - energy_density(law, E, λ, μ) - (S * ΔE).sum(axis=0)
+    before = energy_density(law, E, λ, μ) if stored is None else stored
+    defect = energy_density(law, after, λ, μ) - before - (S * ΔE).sum(axis=0)
     square = (ΔE * along).sum(axis=0) + ROUND_OFF_STRAIN**2
     bent = np.einsum("cdp,cp->dp", C, ΔE)
-    slopes = []
-    for side, at in ((-1, E), (1, after)):
+    for side, at in ((1, after), (-1, E)):
         by_defect = side * (stress(law, at, λ, μ) - S) - bent - side * 2 * defect / square * along
         slope = C + along[:, None] * (by_defect / square)
         slope[np.arange(6), np.arange(6)] += side * defect / square / VOIGT_SHEAR
-        slopes.append(slope)
-    return slopes[0], slopes[1]
+        yield slope
 
 
 def _adjugate(E: Array) -> tuple[Array, Array, Array]:

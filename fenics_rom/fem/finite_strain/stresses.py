@@ -16,9 +16,8 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.hyperelastic import (
-    ROUND_OFF_STRAIN,
     VOIGT_INDEX,
-    VOIGT_SHEAR,
+    discrete_gradient_slopes,
     discrete_gradient_stress,
     energy_density,
     linear_stress,
@@ -131,24 +130,10 @@ class MidpointStresses(Stresses):
     def moduli(self) -> Array:
         """As in Stresses."""
         m = self._material
-        D = m.moduli((self.E + self.E_end) / 2) / 2 + self._viscosity / self._h * m.linear_moduli
+        viscous = self._viscosity / self._h * m.linear_moduli
         if m.law == "st_venant_kirchhoff":
-            return D
-        return D + self._correction_moduli()
-
-    def _correction_moduli(self) -> Array:
-        """∂/∂E⁺ of Gonzalez' correction c ΔE, c = (W(E⁺) - W(E) - S(Ē):ΔE)/(ΔE:ΔE + ε²)."""
-        m, ΔE = self._material, self.E_end - self.E
-        D_ΔE = np.einsum("cdp,dp->cp", m.moduli((self.E + self.E_end) / 2), ΔE)
-        S_mean = stress(m.law, (self.E + self.E_end) / 2, m.first_lame, m.shear)
-        S_end = stress(m.law, self.E_end, m.first_lame, m.shear)
-        squared_length = (ΔE**2 / VOIGT_SHEAR).sum(axis=0) + ROUND_OFF_STRAIN**2
-        stored = m.energy_density(self.E_end) - self._W
-        c = (stored - (S_mean * ΔE).sum(axis=0)) / squared_length
-        dc = (S_end - S_mean - D_ΔE / 2 - 2 * c * ΔE / VOIGT_SHEAR) / squared_length  # ∂c/∂E⁺
-        D = (ΔE / VOIGT_SHEAR)[:, None] * dc[None, :]
-        D[np.arange(6), np.arange(6)] += c / VOIGT_SHEAR
-        return D
+            return m.linear_moduli / 2 + viscous
+        return viscous + next(discrete_gradient_slopes(m.law, self.E, self.E_end, m.first_lame, m.shear, self._W))
 
 
 class EquilibriumStresses(Stresses):

@@ -247,7 +247,7 @@ class Newton(FiniteStrainKernel):
         rates = linear_stress((E_end - E) / h, body.viscosity * body.first_lame, body.viscosity * body.shear)
         S = body.weights * (discrete_gradient_stress(body.law, E, E_end, body.first_lame, body.shear) + rates)
         A = body.strain_rates(H).reshape(-1, m)
-        of_start, of_end = discrete_gradient_slopes(body.law, E, E_end, body.first_lame, body.shear)
+        of_end, of_start = discrete_gradient_slopes(body.law, E, E_end, body.first_lame, body.shear)
         by_start, by_end = (
             A.T @ np.einsum("cdp,dpk->cpk", body.weights * slope, body.strain_rates(at)).reshape(-1, m)
             for slope, at in ((of_start - viscous, H_start), (of_end + viscous, H_end))
