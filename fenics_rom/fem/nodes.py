@@ -215,6 +215,8 @@ def patch_columns(nodes: Nodes, patch: Patch, unknowns: Unknowns, where: str) ->
         columns = _inward_pressure(nodes, triangles).reshape(-1, 1)
     elif patch.force == "resultant":
         columns = np.kron(mean_over(nodes, triangles)[:, None], np.eye(3))
+    elif patch.force == "wrench":
+        columns = wrench_columns(nodes.coordinates, mean_over(nodes, triangles))
     else:
         touched_nodes = patch_nodes(nodes, patch, where)
         components = np.intersect1d(3 * touched_nodes[:, None] + np.arange(3), unknowns.free)
@@ -223,6 +225,20 @@ def patch_columns(nodes: Nodes, patch: Patch, unknowns: Unknowns, where: str) ->
     if not np.any(unknowns.restrict(columns)):
         raise SceneError(f"{where}: the whole patch is clamped, so no force on it can move the body")
     return columns
+
+
+def wrench_columns(coordinates: np.ndarray, weights: np.ndarray) -> np.ndarray:
+    """Nodal forces (3 N, 6) of unit forces, and of unit moments about the mean place, of weights (N,) whose sum is 1.
+
+    w_i (F + J⁻¹ τ × d_i) with J = Σ w_i (|d_i|² - d_i d_iᵀ): what does the work of F and τ on w's mean motion.
+    """
+    arms = coordinates - weights @ coordinates
+    spread = (weights[:, None] * arms).T @ arms
+    J = np.trace(spread) * np.eye(3) - spread
+    turns = np.cross(np.linalg.inv(J).T, arms[:, None, :])  # (N, 3 moments, 3): J⁻¹ e_k × d_i
+    return np.hstack(
+        [np.kron(weights[:, None], np.eye(3)), (weights[:, None, None] * turns).swapaxes(1, 2).reshape(-1, 3)]
+    )
 
 
 def _inward_pressure(nodes: Nodes, triangles: np.ndarray) -> np.ndarray:

@@ -1,15 +1,17 @@
-"""What supports leave of the displacement components: clamped pieces, rollers and planes of symmetry."""
+"""What supports leave of the displacement components: clamped pieces, rollers, planes of symmetry, rigid surfaces."""
 
 from collections import defaultdict
 
 import numpy as np
+import scipy.linalg
 import scipy.sparse
 
 from fenics_rom.errors import SceneError
-from fenics_rom.fem.nodes import Nodes, clamped_nodes, patch_nodes
+from fenics_rom.fem.nodes import Nodes, clamped_nodes, patch_nodes, surface_triangles
 from fenics_rom.scene.places import Held
 from fenics_rom.scene.scene import Scene
 from fenics_rom.system.body import Unknowns
+from fenics_rom.system.rigid_modes import rigid_fields
 
 SAME_POINT = 1e-6  # share of the size of the body within which a node is at a point
 DEPENDENT = 1e-9  # length that is left of a normal of 1 beside others, below which it says what they say
@@ -42,6 +44,17 @@ def unknowns_of(scene: Scene, nodes: Nodes) -> Unknowns:
         fixed, weights = eliminate(np.array(along))
         is_free[node, fixed] = False
         ties += [(3 * node + i, 3 * node + j, w) for i, row in zip(fixed, weights, strict=True) for j, w in row.items()]
+    for name in scene.rigid:
+        where = f"{scene.source}: supports.rigid: surface {name!r}"
+        numbers = np.unique(nodes.triangle_nodes(surface_triangles(nodes, name)))
+        if not is_free[numbers].all():
+            raise SceneError(f"{where} has nodes that are held, or on another rigid surface: allowed are free ones")
+        components, leaders, shares = rigid_ties(nodes.coordinates[numbers])
+        components, leaders = (3 * numbers[part // 3] + part % 3 for part in (components, leaders))
+        is_free.ravel()[components] = False
+        ties += [
+            (i, j, w) for i, row in zip(components, shares, strict=True) for j, w in zip(leaders, row, strict=True)
+        ]
     free = np.flatnonzero(is_free)
     if not ties:
         return Unknowns(3 * count, free)
@@ -49,6 +62,22 @@ def unknowns_of(scene: Scene, nodes: Nodes) -> Unknowns:
     tied, row = np.unique(follower, return_inverse=True)
     places = row, np.searchsorted(free, leader)
     return Unknowns(3 * count, free, tied, scipy.sparse.csr_array((weight, places), shape=(len(tied), len(free))))
+
+
+def rigid_ties(places: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """What components of nodes that move as a rigid body follow, of small motions.
+
+    Args:
+        places: (s, 3), not on one line, m.
+
+    Returns:
+        The components (3 s - 6,) that follow, the six that lead, and the weights (3 s - 6, 6) of these: six that tell
+        the motion best, by pivoting, so that no weight is large.
+    """
+    motions = rigid_fields(places, np.ones(len(places)))
+    leaders = np.sort(scipy.linalg.qr(motions.T, mode="r", pivoting=True)[1][:6])
+    components = np.setdiff1d(np.arange(len(motions)), leaders)
+    return components, leaders, np.linalg.solve(motions[leaders].T, motions[components].T).T
 
 
 def held_nodes(nodes: Nodes, held: Held, where: str) -> np.ndarray:

@@ -155,7 +155,8 @@ def _equilibria(table: Table, scene: Scene) -> Equilibria:
         kind = scene.contacts[contact].force
         if kind not in FORCES:
             allowed = " and ".join(map(repr, FORCES))
-            table.refuse(line, "contact", f"{contact!r} has a force at every node; allowed are {allowed}")
+            has = "moments" if kind == "wrench" else "a force at every node"
+            table.refuse(line, "contact", f"{contact!r} has {has}; allowed are {allowed}")
         pushed = {name: column[k] for name, column in values.items() if not np.isnan(column[k])}
         has = f"contact mode {contact!r} has {', '.join(FORCES[kind])}"
         for name in pushed:

@@ -37,6 +37,8 @@ def check_consistency(file: SceneFile) -> None:
     for k, held in enumerate(file.supports.held):
         if held.normal is not None and not any(held.normal):
             raise SceneError(f"supports.held[{k}].normal: allowed is any but zero")
+    if file.supports.rigid and file.effects.large_deformation is not None:
+        raise SceneError("supports.rigid: turns but a little; allowed is without effects.large_deformation")
     if (file.material is None) == (file.materials is None):
         raise SceneError("give either [material] or [materials.NAME]")
     if file.materials == {}:
@@ -205,6 +207,11 @@ def _check_frame(file: SceneFile) -> None:
                 f"supports.held[{k}].normal: slides on the ground; allowed with frame = 'moving' is to be clamped, and "
                 "all that is clamped is one rigid base"
             )
+    if file.supports.rigid:
+        raise SceneError(
+            "supports.rigid: turns but a little, with all of the body; allowed is with frame = 'fixed'. In a world any "
+            "surface is welded at its contact points"
+        )
     if effects.base_path is not None and not carried:
         raise SceneError("effects.base_path: carries what is clamped, and nothing is; name supports, or leave it out")
 

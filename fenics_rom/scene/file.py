@@ -122,6 +122,7 @@ def _scene(raw: dict[str, Any], text: str, folder: Path, given: Mapping[str, np.
         frame=file.frame,
         clamped=file.supports.clamped,
         held=file.supports.held,
+        rigid=file.supports.rigid,
         contacts=file.contacts,
         actuators=file.actuators,
         outputs=file.outputs,

@@ -50,6 +50,11 @@ class Supports:
 
     clamped: Annotated[tuple[SurfaceName, ...], Items(), "named surfaces that do not move"] = ()
     held: Annotated[tuple[Held, ...], Items(), "rollers and planes of symmetry, and pieces without a name"] = ()
+    rigid: Annotated[
+        tuple[SurfaceName, ...],
+        Items(),
+        "named surfaces that move as rigid bodies do, as where a plate is glued on; they turn but a little",
+    ] = ()
 
 
 @dataclass(frozen=True)

@@ -56,9 +56,10 @@ class Patch(Place):
 
     force: Annotated[
         str,
-        Text(choices=("resultant", "normal", "nodal")),
-        '"resultant" (3 columns: a force spread uniformly over the patch), "normal" (1 column: a uniform pressure along'
-        ' the inward normals, scaled so that 1 N is pressure times area) or "nodal" (3 columns a node)',
+        Text(choices=("resultant", "wrench", "normal", "nodal")),
+        '"resultant" (3 columns: a force spread uniformly over the patch), "wrench" (6 columns: that, and a moment'
+        ' about its centre, in N m), "normal" (1 column: a uniform pressure along inward normals, scaled so that 1 N'
+        ' is pressure times area) or "nodal" (3 columns a node)',
     ] = "resultant"
 
 

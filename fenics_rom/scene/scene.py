@@ -134,6 +134,7 @@ class Scene:
         frame: "fixed", or "moving": the body turns as far as it likes.
         clamped: names of surfaces.
         held: pieces of the body that do not move, or do not move along a normal.
+        rigid: names of surfaces that move as rigid bodies do.
         text: of the file.
         tables: by the names of their files: time in s and what it is a signal of, (times, 1 + columns).
         source: for messages.
@@ -154,6 +155,7 @@ class Scene:
     frame: str
     clamped: tuple[str, ...]
     held: tuple[Held, ...]
+    rigid: tuple[str, ...]
     contacts: Mapping[str, Patch]
     actuators: Mapping[str, Patch]
     outputs: Mapping[str, Output]
@@ -173,7 +175,8 @@ class Scene:
         records |= {f"readings.{name}": entry for name, entry in self.readings.items()}
         built_in = {place: json.dumps(asdict(record), sort_keys=True) for place, record in records.items()}
         built_in |= {place: as_text(getattr(self, place)) for place in ("contacts", "actuators", "outputs")}
-        built_in["supports"] = as_text({"clamped": sorted(self.clamped), "held": self.held})
+        supports: dict[str, Any] = {"clamped": sorted(self.clamped), "held": self.held}
+        built_in["supports"] = as_text(supports | ({"rigid": sorted(self.rigid)} if self.rigid else {}))
         built_in["mesh"] = as_text(self._mesh)
         return replace(environment, built_in={**environment.built_in, **built_in})
 

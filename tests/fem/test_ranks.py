@@ -109,6 +109,7 @@ def write_scenes(folder):
     (folder / "floating.toml").write_text(slow)
     for name, effects in {"effects": MOVING + EFFECTS, "still": EFFECTS}.items():
         parts = {"effects": effects, "run": ACTING, "outputs.tip": TIP["outputs.tip"]} | READINGS
+        parts |= {"supports": 'clamped = ["left"]' + ('\nrigid = ["right"]' if name == "effects" else "")}
         (folder / f"{name}.toml").write_text(scene_text(folder / "box.msh", **bottom, **parts))
     parts |= {"effects": MOVING + EFFECTS, "supports": None}
     (folder / "rolling.toml").write_text(ROLLERS + scene_text(folder / "box.msh", **bottom, **parts))

@@ -139,7 +139,7 @@ surface = "middle" | surface = "m"⏎near = {point = [0, 0, 0], radius = 1} | fa
 surface = "middle" | near = {point = [0, 0, 0]} | contacts.middle.near: radius is missing
 surface = "middle" | near = {point = [0, 0, 0], radius = 0} | contacts.middle.near.radius = 0: allowed is
 surface = "middle" | near = {point = [0, 0], radius = 1} | near.point is a list of 2: allowed is a list of 3
-surface = "middle"⏎force = "resultant" | force = "x" | force: no choice 'x'; there is nodal, normal, resultant
+surface = "middle"⏎force = "resultant" | force = "x" | force: no choice 'x'; there is nodal, normal, resultant, wrench
 [contacts.middle] | [contacts."mid/dle"] | contacts: name 'mid/dle': allowed are letters, digits, _ and -, at most 100
 [outputs.tip] | [outputs.".."] | outputs: name '..': allowed are letters, digits, _ and -, at most 100
 points = [[0.5, 0.2, 0.01], [0.5, 0.0, 0.01]] | | outputs.tip: give exactly one of points, markers, surface; given: none

@@ -1,0 +1,103 @@
+"""Surfaces that move as rigid bodies do, and the six columns that push and turn them: against dense algebra."""
+
+import numpy as np
+import pytest
+import scipy.linalg
+from bodies import box_arrays, dense, scene_text, write_arrays
+
+import fenics_rom as fr
+from fenics_rom.errors import SceneError
+from fenics_rom.scene.file import parse_scene
+
+RIGID = 'clamped = ["left"]\nrigid = ["right"]'
+WRENCH = '[contacts.right]\nsurface = "right"\nforce = "wrench"\n[contacts.top]\nsurface = "top"'
+
+
+def text_of(folder, supports=RIGID, degree=1, **parts):
+    mesh = write_arrays(folder / "box.msh", *box_arrays((1.0, 0.4, 0.3), (4, 2, 2), shake=0.2))
+    return scene_text(mesh, supports=supports, degree=degree, **({"contacts": WRENCH} | parts))
+
+
+def body(folder, *given, **parts):
+    return fr.assemble(parse_scene(text_of(folder, *given, **parts)))
+
+
+def rigid_motions(places, middle):
+    """(3 s, 6) of nodes: translations, then rotations about the middle."""
+    arms = places - middle
+    turns = np.stack([np.cross(axis, arms) for axis in np.eye(3)], axis=2)
+    return np.concatenate([np.broadcast_to(np.eye(3), turns.shape), turns], axis=2).reshape(-1, 6)
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_a_rigid_surface_is_six_unknowns(tmp_path, degree):
+    """Frequencies, and the answer to forces and moments, are those of a basis that has the six motions as columns."""
+    held, rigid = body(tmp_path, 'clamped = ["left"]', degree), body(tmp_path, degree=degree)
+    nodes, free = held.body.nodes, held.body.free
+    face = np.flatnonzero(nodes[:, 0] > 1 - 1e-9)
+    on_face = np.isin(free // 3, face)
+    middle = np.array([1.0, 0.2, 0.15])
+    Z = np.zeros((len(free), rigid.size))
+    Z[np.flatnonzero(~on_face), np.arange(rigid.size - 6)] = 1.0
+    Z[on_face, -6:] = rigid_motions(nodes[face], middle)
+    assert rigid.size == held.size - 3 * len(face) + 6
+    K, M = (Z.T @ dense(A, held.size) @ Z for A in (held.stiffness, held.mass))
+    K_given, M_given = (dense(A, rigid.size) for A in (rigid.stiffness, rigid.mass))
+    λ, λ_given = (scipy.linalg.eigh(*pair, eigvals_only=True) for pair in ((K, M), (K_given, M_given)))
+    np.testing.assert_allclose(λ_given, λ, rtol=0, atol=1e-13 * λ[-1])
+    B = rigid.contacts["right"]
+    np.testing.assert_allclose(
+        B.T @ np.linalg.solve(K_given, B),
+        np.linalg.inv(K)[-6:, -6:],
+        rtol=0,
+        atol=1e-10 * np.linalg.inv(K)[-6:, -6:].max(),
+    )
+    moves = rigid.body.unknowns.expand(np.linalg.solve(K_given, B)).reshape(-1, 3, 6)[face].reshape(-1, 6)
+    motion = np.linalg.lstsq(rigid_motions(nodes[face], middle), moves, rcond=None)[0]
+    np.testing.assert_allclose(rigid_motions(nodes[face], middle) @ motion, moves, atol=1e-13 * np.abs(moves).max())
+
+
+@pytest.mark.parametrize("degree", [1, 2])
+def test_a_wrench_has_the_forces_and_moments_that_it_is_called_by(tmp_path, degree):
+    """On a surface that bends, too."""
+    system = body(tmp_path, 'clamped = ["left"]', degree)
+    columns, nodes = system.contacts["right"], system.body.nodes
+    forces = np.zeros((3 * len(nodes), 6))
+    forces[system.body.free] = columns
+    about = rigid_motions(nodes, np.array([1.0, 0.2, 0.15]))
+    np.testing.assert_allclose(about.T @ forces, np.eye(6), atol=1e-13)
+
+
+@pytest.mark.parametrize(
+    ("parts", "said"),
+    [
+        ({"supports": 'clamped = ["left"]\nrigid = ["top"]'}, "supports.rigid: surface 'top' has nodes that are held"),
+        ({"supports": 'clamped = ["left"]\nrigid = ["right", "right"]'}, "or on another rigid surface"),
+        ({"supports": 'clamped = ["left"]\nrigid = ["rihgt"]'}, "no surface 'rihgt'.*did you mean 'right'"),
+        ({"effects": "inertia = {}\nlarge_deformation = {}"}, "supports.rigid: .* without effects.large_deformation"),
+    ],
+)
+def test_rigid_surfaces_that_cannot_be_are_refused(tmp_path, parts, said):
+    with pytest.raises(fr.FenicsRomError, match=said):
+        body(tmp_path, **parts)
+
+
+def test_a_rigid_surface_is_not_of_a_moving_frame(tmp_path):
+    with pytest.raises(SceneError, match=r"supports.rigid: turns but a little.*allowed is with frame = 'fixed'"):
+        parse_scene('frame = "moving"\n' + text_of(tmp_path, effects="inertia = {}"))
+
+
+def test_a_model_knows_its_rigid_surfaces(tmp_path):
+    """No run of one that has them is taken for a run of one that has not."""
+    rom = fr.reduce(body(tmp_path), order=8)
+    assert rom.contacts == {"right": 6, "top": 3}
+    assert '"rigid": ["right"]' in rom.environment.built_in["supports"]
+    assert "rigid" not in fr.reduce(body(tmp_path, 'clamped = ["left"]'), order=8).environment.built_in["supports"]
+    sim = fr.Simulator(rom, 1e-3)
+    sim.switch("right")
+    for _ in range(20):
+        sim.step([0, 0, 1.0, 0, 0.1, 0])
+    face = rom.nodes[:, 0] > 1 - 1e-9
+    moved = sim.displacement()[face].ravel()
+    motions = rigid_motions(rom.nodes[face], np.zeros(3))
+    assert np.abs(moved - motions @ np.linalg.lstsq(motions, moved, rcond=None)[0]).max() < 1e-13 * np.abs(moved).max()
