@@ -32,8 +32,9 @@ LAWS_WITH_CONSTANTS = ("mooney_rivlin", "yeoh", "ogden")
 VOIGT_PAIRS = np.array([[0, 0], [1, 1], [2, 2], [1, 2], [0, 2], [0, 1]])  # of the six components
 VOIGT_INDEX = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])  # which component each entry of a symmetric matrix is
 VOIGT_SHEAR = np.array([1.0, 1, 1, 2, 2, 2])[:, None]  # how often each counts in S:E
+_COUNTS = 1 / VOIGT_SHEAR[:, 0]  # of their squares in E:E
 _ONE, _OTHER = VOIGT_PAIRS[3:].T  # of the shears
-_NEXT, _LAST = np.array([1, 2, 0]), np.array([2, 0, 1])  # of x, y, z
+_NEXT, _LAST = np.array([1, 2, 0, 4, 5, 3]), np.array([2, 0, 1, 5, 3, 4])  # of x, y, z, and of the shears
 UNIT = np.array([1.0, 1, 1, 0, 0, 0])[:, None]  # the unit matrix
 ROUND_OFF_STRAIN = 1e-7  # change of strain below which W(E⁺) - W(E) is round-off
 SAME_STRETCH = 1e-5  # difference of the eigenvalues of C below which a difference quotient is a derivative
@@ -113,7 +114,7 @@ def energy_density(law: str, E: Array, λ: Array, μ: Array) -> Array:
     trace = E[:3].sum(axis=0)
     if law == "st_venant_kirchhoff":
         return λ / 2 * trace**2 + μ * (E * E / VOIGT_SHEAR).sum(axis=0)
-    change = _adjugate(E)[2]
+    change = _adjugate(E)[1]
     lnJ = np.log1p(change) / 2
     if law == "neo_hookean":
         return μ * (trace - lnJ) + λ / 2 * lnJ**2
@@ -129,11 +130,43 @@ def stress(law: str, E: Array, λ: Array, μ: Array) -> Array:
         return linear_stress(E, λ, μ)
     inverse, lnJ = _inverse_metric(E)
     if law == "neo_hookean":
-        return μ * (UNIT - inverse) + λ * lnJ * inverse
+        return _neo_hookean_stress(inverse, lnJ, λ, μ)
     S = (λ + 2 / 3 * μ) / 2 * np.expm1(2 * lnJ) * inverse
     for k, β, n in isochoric_terms(law):
         S += k * μ * n * _power_trace(E, β, lnJ) ** (n - 1) * _power_trace_slope(E, β, inverse, lnJ)
     return S
+
+
+def energy_beyond_linear(law: str, E: Array, λ: Array, μ: Array) -> Array:
+    """What W (P,) is beyond ½ E:C₀E of small strains, J/m³."""
+    if law == "neo_hookean":
+        return _neo_hookean_beyond_linear(E, np.log1p(_adjugate(E)[1]) / 2, λ, μ)
+    return energy_density(law, E, λ, μ) - energy_density("st_venant_kirchhoff", E, λ, μ)
+
+
+def beyond_linear(law: str, E: Array, λ: Array, μ: Array) -> tuple[Array, Array]:
+    """The same and what S (6, P) is beyond C₀E, Pa."""
+    if law != "neo_hookean":
+        return energy_beyond_linear(law, E, λ, μ), stress(law, E, λ, μ) - linear_stress(E, λ, μ)
+    inverse, lnJ = _inverse_metric(E)
+    S = _neo_hookean_stress(inverse, lnJ, λ, μ)
+    S -= linear_stress(E, λ, μ)
+    return _neo_hookean_beyond_linear(E, lnJ, λ, μ), S
+
+
+def _neo_hookean_beyond_linear(E: Array, lnJ: Array, λ: Array, μ: Array) -> Array:
+    """μ (tr E - ln J - E:E) + λ/2 (ln²J - tr²E) (P,)."""
+    trace = E[0] + E[1] + E[2]
+    W: Array = μ * (trace - lnJ - _COUNTS.dot(E * E))
+    W += λ / 2 * (lnJ - trace) * (lnJ + trace)
+    return W
+
+
+def _neo_hookean_stress(inverse: Array, lnJ: Array, λ: Array, μ: Array) -> Array:
+    """μ (1 - C⁻¹) + λ ln J C⁻¹, in the place of C⁻¹ (6, P)."""
+    inverse *= λ * lnJ - μ
+    inverse[:3] += μ
+    return inverse
 
 
 def stress_change(law: str, E: Array, dE: Array, λ: Array, μ: Array) -> Array:
@@ -152,8 +185,9 @@ def stress_change(law: str, E: Array, dE: Array, λ: Array, μ: Array) -> Array:
 
 def linear_stress(E: Array, λ: Array, μ: Array) -> Array:
     """λ tr(E) I + 2 μ E (6, P), Pa."""
-    S = 2 * μ * E / VOIGT_SHEAR
-    S[:3] += λ * E[:3].sum(axis=0)
+    S = μ * E
+    S[:3] *= 2
+    S[:3] += λ * (E[0] + E[1] + E[2])
     return S
 
 
@@ -206,33 +240,33 @@ def discrete_gradient_slopes(
         yield slope
 
 
-def _adjugate(E: Array) -> tuple[Array, Array, Array]:
-    """Of C = I + 2E: adj(C) but for the 1 of its diagonal, (3, P), and beside it, (3, P); and det C - 1 (P,).
+def _adjugate(E: Array) -> tuple[Array, Array]:
+    """Of C = I + 2E: adj(C) but for the 1 of its diagonal, (6, P), and det C - 1 (P,).
 
     Without the cancellation of large terms. J is √det C.
     """
-    on, off = 2 * E[:3], E[3:]  # of C - I
-    one, other = on.take(_NEXT, axis=0), on.take(_LAST, axis=0)
-    diagonal = one * other
-    diagonal += one
-    diagonal += other
-    diagonal -= off * off
-    beside = off.take(_NEXT, axis=0) * off.take(_LAST, axis=0)
-    beside -= off
-    beside -= off * on
-    change = on[0] * diagonal[0]
+    X = E.copy()  # C - I
+    X[:3] *= 2
+    on, off = X[:3], X[3:]
+    adjugate, last = X.take(_NEXT, axis=0), X.take(_LAST, axis=0)
+    beside = adjugate[:3] + last[:3]
+    adjugate *= last
+    adjugate[:3] += beside
+    adjugate[:3] -= off * off
+    adjugate[3:] -= off
+    adjugate[3:] -= off * on
+    change = on[0] * adjugate[0]
     change += on[0]
-    change += diagonal[0]
-    change += off[1] * beside[1]
-    change += off[2] * beside[2]
-    return diagonal, beside, change
+    change += adjugate[0]
+    change += off[1] * adjugate[4]
+    change += off[2] * adjugate[5]
+    return adjugate, change
 
 
 def _inverse_metric(E: Array) -> tuple[Array, Array]:
     """C⁻¹ (6, P) and ln J (P,)."""
-    diagonal, beside, change = _adjugate(E)
-    diagonal += 1
-    inverse = np.concatenate([diagonal, beside])
+    inverse, change = _adjugate(E)
+    inverse[:3] += 1
     inverse /= 1 + change
     return inverse, np.log1p(change) / 2
 

@@ -27,7 +27,8 @@ class StrainTables(NamedTuple):
         half: ½ of squares, 1 of other products.
         place: (m, m) which product i and j make.
         gram: (r, r) 𝒢, of the energy ½ ηᵀ𝒢η, J.
-        stiffness: (m (m+1)/2, 1 + r) upper triangle of AᵀC₀A, row by row, from 1 and η.
+        stiffness: (m (m+1)/2, r) upper triangle of AᵀC₀A, row by row, from η, but for that at rest.
+        at_rest: (m (m+1)/2,) of that.
     """
 
     first: Array
@@ -36,6 +37,7 @@ class StrainTables(NamedTuple):
     place: Array
     gram: Array
     stiffness: Array
+    at_rest: Array
 
     def __deepcopy__(self, memo: object) -> "StrainTables":
         return self  # nobody writes to it
@@ -65,7 +67,7 @@ class StrainTables(NamedTuple):
         by_one = gram[i_, at[k, j_]] + gram[j_, at[k, i_]]
         by_two = gram[at[i, i_], at[j, j_]] + gram[at[j, i_], at[i, j_]]
         half = np.where(i == j, 0.5, 1.0)
-        return StrainTables(i, j, half, place, gram, np.hstack([gram[i, j][:, None], by_one, by_two]))
+        return StrainTables(i, j, half, place, gram, np.hstack([by_one, by_two]), gram[i, j])
 
     def at(self, q: Array) -> Array:
         """η (r,) of q (m,), or of bodies (m, B)."""
@@ -116,16 +118,14 @@ class MonomialStrains:
         return self._tables.rates(q, v)
 
     def stressed(self, y: Array) -> Array:
-        """C₀ y; of several, in the columns of (size, n)."""
+        """C₀ y."""
         z: Array = self._tables.gram.dot(y)
         return z
 
-    def stiffness(self, y: Array, weight: float) -> Array:
-        """AᵀC₀A (m, m), times a weight, at y of a shape."""
-        table = self._tables.stiffness
-        upper = table[:, 1:].dot(y)
-        upper += table[:, 0]
-        upper *= weight
+    def stiffness(self, y: Array) -> Array:
+        """AᵀC₀A (m, m), at y of a shape."""
+        upper = self._tables.stiffness.dot(y)
+        upper += self._tables.at_rest
         return upper.take(self._tables.place)
 
     def geometric(self, z: Array) -> Array:
@@ -140,8 +140,15 @@ class MonomialStrains:
 class MonomialsAround:
     """What strains of shapes near q are by their rates; y are those at q."""
 
+    _stiffness: Array  # AᵀC₀A, once it was asked for
+
     def __init__(self, strains: MonomialStrains, q: Array):
-        self._strains, self._q, self.y = strains, q, strains.at(q)
+        self._strains, self._q = strains, q
+
+    @property
+    def y(self) -> Array:
+        """At q."""
+        return self._strains.at(self._q)
 
     def rates(self, v: Array) -> Array:
         """A v."""
@@ -152,9 +159,25 @@ class MonomialsAround:
         force: Array = z[: len(self._q)] + self._strains.geometric(z).dot(self._q)
         return force
 
+    def damped(self, v: Array, relaxation: float, is_elastic: bool) -> Array:
+        """(β + relaxation) A v (size,), and y with it where that is elastic."""
+        time = self._strains.viscosity + relaxation
+        if not is_elastic:
+            return time * self.rates(v)
+        half = self._q / 2
+        both = self._strains.rates(self._q, half + time * v)  # as y is linear in q, and half of its rates with q
+        both[: len(half)] += half
+        return both
+
     def stiffness(self, elastic: float) -> Array:
         """Aᵀ (elastic + β) C₀ A (m, m)."""
-        return self._strains.stiffness(self.y, elastic + self._strains.viscosity)
+        self._stiffness = self._strains.stiffness(self.y)
+        return (elastic + self._strains.viscosity) * self._stiffness
+
+    def squares(self, v: Array) -> tuple[float, float]:
+        """Of A v by C₀, and by β C₀; `stiffness` was found before."""
+        square = float(v.dot(self._stiffness.dot(v)))
+        return square, self._strains.viscosity * square
 
 
 class PointStrains:
@@ -174,9 +197,7 @@ class PointStrains:
         return self.body.strains(q).ravel()
 
     def stressed(self, y: Array) -> Array:
-        """C₀ y; of several, in the columns of (6 P, n)."""
-        if y.ndim == 2:
-            return np.stack([self.stressed(column) for column in y.T], axis=1)
+        """C₀ y."""
         return linear_stress(y.reshape(6, -1), self._λ, self._μ).ravel()
 
     def geometric(self, z: Array) -> Array:
@@ -204,9 +225,20 @@ class PointsAround:
         """A v."""
         return strain_rate(self._H + np.eye(3)[:, :, None], self._body.displacement_gradients(v)).ravel()
 
+    def damped(self, v: Array, relaxation: float, is_elastic: bool) -> Array:
+        """(β + relaxation) A v (6 P,), and y with it where that is elastic."""
+        damped: Array = (self._strains.viscosity + relaxation) * self.rates(v)
+        return damped + self.y if is_elastic else damped
+
     def pulled(self, z: Array) -> Array:
         """Aᵀz (m,)."""
         return self._body.resultant(self._H, z.reshape(6, -1))
+
+    def squares(self, v: Array) -> tuple[float, float]:
+        """Of A v by C₀, and by β C₀."""
+        rates = self.rates(v)
+        stressed = self._strains.stressed(rates)
+        return float(stressed.dot(rates)), float(stressed.dot(self._strains.viscosity * rates))
 
     def stiffness(self, elastic: float) -> Array:
         """Aᵀ (elastic + β) C₀ A (m, m)."""

@@ -23,13 +23,7 @@ from fenics_rom.mechanics.hyperelastic import (
     strain,
     stress,
 )
-from fenics_rom.mechanics.tendon import (
-    cable_length,
-    measure_segments,
-    turning_angles,
-    unit_tension_forces,
-    unit_tension_slopes,
-)
+from fenics_rom.mechanics.tendon import cable_length, measure_segments, turning_angles, unit_tension_slopes
 from fenics_rom.rom.content import ByContent
 
 
@@ -42,7 +36,11 @@ class ReducedTendon(ByContent):
 
     def force(self, q: Array) -> Array:
         """Of a tension of 1 N, (m,): -∂ℓ/∂q of its length ℓ."""
-        return unit_tension_forces(self._moved(q)).ravel() @ self.shapes
+        at_rest, shapes = self._segments
+        segments = shapes.dot(q).reshape(at_rest.shape)
+        segments += at_rest
+        segments /= np.sqrt(np.einsum("ki,ki->k", segments, segments))[:, None]
+        return -segments.ravel().dot(shapes)
 
     def pull_back(self, q: Array, w: Array) -> Array:
         """∂(w·force)/∂q (m,)."""
@@ -52,7 +50,7 @@ class ReducedTendon(ByContent):
     def slope(self, q: Array) -> Array:
         """∂force/∂q (m, m), symmetric."""
         segments, lengths = measure_segments(self._moved(q))
-        directions, moves = segments / lengths, np.diff(self.shapes.reshape(len(self.points), 3, -1), axis=0)
+        directions, moves = segments / lengths, self._segments[1].reshape(*segments.shape, -1)
         across = moves - directions[:, :, None] * np.einsum("ki,kim->km", directions, moves)[:, None]
         stretched = (across / lengths[:, :, None]).reshape(-1, moves.shape[2])
         return -moves.reshape(stretched.shape).T @ stretched
@@ -68,6 +66,11 @@ class ReducedTendon(ByContent):
     def up_to(self, guide: int) -> "ReducedTendon":
         """From its anchor to a guide, the first of which is 1."""
         return ReducedTendon(self.points[: guide + 1], self.shapes[: 3 * guide + 3])
+
+    @cached_property
+    def _segments(self) -> tuple[Array, Array]:
+        """Between neighbours: at rest (K - 1, 3), m, and their shapes (3 (K - 1), m)."""
+        return np.diff(self.points, axis=0), self.shapes[3:] - self.shapes[:-3]
 
     def _moved(self, q: Array) -> Array:
         return self.points + (self.shapes @ q).reshape(-1, 3)
@@ -193,8 +196,11 @@ def resultant(push: Array) -> float:
 
 def monomials(q: Array) -> Array:
     """1, q_i and q_i q_j (i <= j), (1 + m + m (m+1)/2,)."""
-    i, j = _upper_triangle(len(q))
-    return np.concatenate([[1.0], q, q.take(i) * q.take(j)])
+    m, (i, j) = len(q), _upper_triangle(len(q))
+    η = np.empty(1 + m + len(i))
+    η[0], η[1 : m + 1] = 1.0, q
+    np.multiply(q.take(i), q.take(j), η[m + 1 :])
+    return η
 
 
 def monomial_slopes(q: Array) -> Array:

@@ -11,9 +11,9 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
-from fenics_rom.mechanics.hyperelastic import VOIGT_INDEX, energy_density, linear_stress, strain, stress
 from fenics_rom.rom.carried_strains import StrainTables
-from fenics_rom.rom.deformation import ReducedDeformation, ReducedTendon
+from fenics_rom.rom.deformation import ReducedTendon
+from fenics_rom.rom.material_points import MaterialPoints
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.steppers.finite_strain import TRUSTED_EXTENT, definite_inverse
 from fenics_rom.runtime.steppers.linearly_implicit import STEEPEST_FREQUENCY, TANGENT_RENEWAL
@@ -67,7 +67,7 @@ class BatchDeformation:
                 f"ROM {rom.name!r} has large deformation of materials with several damping ratios: allowed in a batch "
                 "is one; Simulator steps such bodies, one by one"
             )
-        self._points = None if body.law == "st_venant_kirchhoff" else _Points(body)
+        self._points = None if body.law == "st_venant_kirchhoff" else MaterialPoints(body)
         self._steepest = STEEPEST_FREQUENCY * math.sqrt(rom.stiffness[-1])
         self._tables, self._β = StrainTables.of(body), float(body.viscosity[0])
         self._dead = inputs.copy()
@@ -112,7 +112,7 @@ class BatchDeformation:
         now.velocity[:, bodies], now.tank[:, bodies], now.stale[:, bodies] = r.T, 0.0, True
         if self._points is not None:
             left = self._points.left(self._points.strains(q.T)[1])
-            now.rest[:, bodies] = left, self._points.room(np.zeros_like(left), left, 1e-4 * self._points.most)
+            now.rest[:, bodies] = left, np.minimum(1e-4 * self._points.most + 4 * np.abs(left), self._points.most)
         now.strained[:, bodies] = now.mismatch[:, bodies] = self.distance[bodies] = 0.0
 
     def energy(self, bodies: Array, q: Array, r: Array) -> Array:
@@ -246,12 +246,12 @@ class BatchDeformation:
         expected[:, ~np.isfinite(far)] = 0.0
         return expected
 
-    def _slope(self, points: "_Points", rest: Array, q: Array) -> Array:
+    def _slope(self, points: MaterialPoints, rest: Array, q: Array) -> Array:
         """b (m, B) at q (m, B), as `LinearlyImplicit._slope`; what is in `rest` (2, B) grows where it must."""
         F, E = points.strains(q)
-        left = points.left(E)
-        rest[1] = np.where(left + rest[1] < rest[1] / 2, points.room(rest[1], left), rest[1])
-        b = points.resultant(F, points.stress(E) - points.linear_stress(E))
+        left, S = points.beyond_linear(E)
+        rest[1] = np.where(left + rest[1] < rest[1] / 2, np.minimum(rest[1] + 4 * np.abs(left), points.most), rest[1])
+        b = points.resultant(F, S)
         b /= np.sqrt(2 * np.maximum(left + rest[1], rest[1] / 4))
         steep = np.sqrt(_dot(b, b))
         b *= np.where(steep > self._steepest, self._steepest / steep, 1.0)
@@ -266,9 +266,8 @@ class BatchDeformation:
 
     def _matrices(self, strains: Array) -> Array:
         """2/h + D + h/2 K (B, m, m) but for stresses."""
-        table = self._tables.stiffness
-        upper = strains.T @ table[:, 1:].T
-        upper += table[:, 0]
+        upper = strains.T @ self._tables.stiffness.T
+        upper += self._tables.at_rest
         upper *= self._h / 2 + self._β
         matrices: Array = upper.take(self._tables.place, axis=1)
         matrices += self._fixed
@@ -300,54 +299,3 @@ def _root(rest: Array) -> Array:
     """s (B,)."""
     root: Array = np.sqrt(2 * np.maximum(rest[0] + rest[1], 0.0))
     return root
-
-
-class _Points:
-    """The points of a body, for many shapes at once: arrays (.., P B). Stresses hold the weights."""
-
-    def __init__(self, body: ReducedDeformation):
-        self._law, self._P = body.law, len(body.weights)
-        self._rows = np.ascontiguousarray(body.gradients).reshape(-1, body.order)
-        self._moduli = body.weights * body.first_lame, body.weights * body.shear
-        self.most = float(self._moduli[1].sum())
-
-    def strains(self, q: Array) -> tuple[Array, Array]:
-        """F (3, 3, P B) and E (6, P B) at q (m, B)."""
-        F = (self._rows @ q).reshape(3, 3, -1)
-        E = strain(F)
-        F[np.arange(3), np.arange(3)] += 1.0
-        return F, E
-
-    def stress(self, E: Array) -> Array:
-        """Of strains."""
-        return stress(self._law, E, *self._each(E))
-
-    def linear_stress(self, E: Array) -> Array:
-        """The same of small strains."""
-        return linear_stress(E, *self._each(E))
-
-    def left(self, E: Array) -> Array:
-        """Energy (B,) that is not ½ E:C₀E, J."""
-        λ, μ = self._each(E)
-        W = energy_density(self._law, E, λ, μ) - (linear_stress(E, λ, μ) * E).sum(axis=0) / 2
-        left: Array = W.reshape(self._P, -1).sum(axis=0)
-        return left
-
-    def room(self, c: Array, left: Array, least: float = 0.0) -> Array:
-        """A larger c (B,), J, for an energy that is left."""
-        room: Array = np.minimum(c + least + 4 * np.abs(left), self.most)
-        return room
-
-    def resultant(self, F: Array, S: Array) -> Array:
-        """Forces (m, B) of stresses (6, P B)."""
-        S = S[VOIGT_INDEX]
-        FS = F[:, 0, None] * S[0]
-        FS += F[:, 1, None] * S[1]
-        FS += F[:, 2, None] * S[2]
-        force: Array = self._rows.T @ FS.reshape(len(self._rows), -1)
-        return force
-
-    def _each(self, E: Array) -> tuple[Array, Array]:
-        """λ and μ (P B,) times the weights."""
-        λ, μ = (np.repeat(part, E.shape[1] // self._P) for part in self._moduli)
-        return λ, μ

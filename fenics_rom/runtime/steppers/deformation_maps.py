@@ -37,7 +37,6 @@ class Taken(NamedTuple):
 
     expected: Expected
     matrix: Array  # M (m, m)
-    rates: Array  # A v̂
     reactions: Array  # of strokes (k,)
     held: Array  # which of them are not of slack cables (n,)
 

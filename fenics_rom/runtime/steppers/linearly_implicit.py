@@ -8,6 +8,7 @@ before, and what remains is the mismatch that a run reports.
 """
 
 import math
+from collections.abc import Callable
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -16,9 +17,9 @@ from numpy import ndarray as Array
 from fenics_rom.mechanics.actuator_forces import ActuatorForces
 from fenics_rom.mechanics.contact import ObstacleMotion
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
-from fenics_rom.mechanics.hyperelastic import energy_density, linear_stress, strain, stress
 from fenics_rom.rom.carried_strains import carried_strains
 from fenics_rom.rom.deformation import ReducedDeformation
+from fenics_rom.rom.material_points import MaterialPoints
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.steppers.adjoint import NONE, StateAdjoint, contact_adjoint
 from fenics_rom.runtime.steppers.deformation_maps import Expected, LinearlyImplicitMaps, Taken
@@ -57,9 +58,7 @@ class LinearlyImplicit(FiniteStrainKernel):
     ):
         super().__init__(rom, ledger, interface, actuators, residual, branches)
         body = self._body
-        self._λ, self._μ = body.weights * body.first_lame, body.weights * body.shear
-        self._most = float(self._μ.sum())  # c where strains are of order 1
-        self._st_venant = body.law == "st_venant_kirchhoff"
+        self._points = None if body.law == "st_venant_kirchhoff" else MaterialPoints(body)
         self._strains = carried_strains(body)
         size, m = self._strains.size, body.order
         self._carried = np.zeros(2 * size + m + 3)
@@ -86,9 +85,9 @@ class LinearlyImplicit(FiniteStrainKernel):
         self._σ[:] = self._strains.stressed(self._ε)
         self._previous_velocity[:] = self._r
         self._rest[:] = 0.0
-        if not self._st_venant:
-            left = self._left(self._body.strains(q))
-            self._rest[:2] = left, min(1e-4 * self._most + 4 * abs(left), self._most)
+        if self._points is not None:
+            (left,) = self._points.left(self._points.strains(q)[1])
+            self._rest[:2] = left, min(1e-4 * self._points.most + 4 * abs(left), self._points.most)
 
     @property
     def energy(self) -> float:
@@ -137,17 +136,19 @@ class LinearlyImplicit(FiniteStrainKernel):
         self._carried_before[:] = self._carried
         q, r = self._coordinates().copy(), self._r
         u, given = (u, None) if self._actuators is None else self._actuators.split(u)
-        expected = self._expected(u, q)
+        start = 2 / h * r - body.springs.dot(q)
+        expected = self._expected(u, q, start)
         middle = q + h / 2 * expected.value
         pushed = self._loads(u, middle)
         around = self._strains.around(middle)
         relaxation, history = self._relaxation
         matrix = self._fixed + around.stiffness(h / 2 + relaxation)
-        right = pushed + 2 / h * r - body.springs.dot(q) - around.pulled(self._σ + history)
-        b, s = None if self._st_venant else self._slope(middle), 0.0
+        pulled = around.pulled(self._σ + history)
+        right = start + pushed - pulled
+        b, s = None if self._points is None else self._slope(self._points, middle), 0.0
         if b is not None:
             s = self._s
-            matrix += np.outer(h / 2 * b, b)
+            matrix += np.multiply.outer(h / 2 * b, b)
             right -= s * b
         contact, reactions, v = None, self.reactions, np.linalg.solve(matrix, right)
         if self._interface is not None:
@@ -170,22 +171,26 @@ class LinearlyImplicit(FiniteStrainKernel):
         if missed.dot(missed) > TANGENT_RENEWAL**2 * v.dot(v):
             self.tangent = NONE
 
-        rates, after = around.rates(v), q + h * v
         held = np.empty(0, dtype=int) if self._actuators is None else self._actuators.held(reactions)
-        self._taken = Taken(expected, matrix, rates, reactions, held)
-        ε_after = self._strains.at(after)
-        stressed, σ_after = self._strains.stressed(np.stack([rates, ε_after], axis=1)).T  # together: it reads much
-        heat = h * float(v.dot(body.external_damping.dot(v)) + (self._strains.viscosity * stressed).dot(rates))
+        self._taken = Taken(expected, matrix, reactions, held)
+
+        def rates() -> Array:
+            """Of ε and of C₀ε (2, size)."""
+            of_strains = around.rates(v)
+            return np.stack([of_strains, self._strains.stressed(of_strains)])
+
+        square, viscous = around.squares(v)
+        heat = h * (float(v.dot(body.external_damping.dot(v))) + viscous)
         if self.branches is not None:
-            heat += self.branches.step(np.stack([rates, stressed]))
+            heat += self.branches.step(rates())
         self._previous_velocity[:] = v
-        self._ε += h * rates
-        self._σ += h * stressed
         if b is not None:
             grown = h * float(b.dot(v))
             self._rest[0] += grown * (s + grown / 2)
-        E = None if self._st_venant else body.strains(after)
-        taken_back, strained, gap = self._taken_back(ε_after, σ_after, E, heat)
+        after = q + h * v
+        E = None if self._points is None else self._points.strains(after)[1]
+        strained_more = h * (float(v.dot(pulled)) + h / 2 * square)
+        taken_back, strained, gap = self._taken_back(self._strains.at(after), E, strained_more, heat, rates)
         dissipated = heat - taken_back - (0.0 if given is None else h * float(rubbed.dot(v)))
         residual, heat_of_residual = self._step_residual(contact)
         contacts = self._contacts(v, contact, h, residual)
@@ -228,33 +233,32 @@ class LinearlyImplicit(FiniteStrainKernel):
             self._found,
             self._stroke_places,
             None if self.residual is None else self.residual.maps,
-            self._st_venant,
-            self._most,
+            self._points is None,
+            0.0 if self._points is None else self._points.most,
             STEEPEST_FREQUENCY * float(self._ω[-1]),
         )
 
-    def _expected(self, u: Array, q: Array) -> Expected:
+    def _expected(self, u: Array, q: Array, start: Array) -> Expected:
         """v̂ of this step, from that of the step before by one iteration of Newton's, with a tangent that may be older.
 
         Any A balances energy, but where stresses make a motion stiff, one that is not of this step would let it grow.
+        `start` is 2/h r less the springs' pull at q.
         """
-        h, body, v = self.h, self._body, self._previous_velocity
+        h, body, v, points = self.h, self._body, self._previous_velocity, self._points
         middle = q + h / 2 * v
         around = self._strains.around(middle)
         relaxation, history = self._relaxation
-        damped = (self._strains.viscosity + relaxation) * around.rates(v)
-        σ = self._strains.stressed(around.y + damped if self._st_venant else damped) + history
-        residual = 2 / h * (v - self._r) + body.external_damping.dot(v) + body.springs.dot(middle) + around.pulled(σ)
-        if not self._st_venant:
-            H = body.displacement_gradients(middle)
-            S = body.weights * stress(body.law, strain(H), body.first_lame, body.shear)
-            residual += body.resultant(H, S)
+        σ = self._strains.stressed(around.damped(v, relaxation, points is None)) + history
+        residual = self._fixed.dot(v) - start + around.pulled(σ)
+        if points is not None:
+            F, E = points.strains(middle)
+            S = points.stress(E)
+            residual += points.resultant(F, S)[:, 0]
         is_new = not len(self.tangent)
         if is_new:
-            matrix = self._fixed + around.stiffness(h / 2 + relaxation)
-            geometric = (
-                self._strains.geometric(σ) if self._st_venant else body.geometric(S) + self._strains.geometric(σ)
-            )
+            matrix, geometric = self._fixed + around.stiffness(h / 2 + relaxation), self._strains.geometric(σ)
+            if points is not None:
+                geometric = body.geometric(S) + geometric
             self.tangent = definite_inverse(matrix + h / 2 * geometric, matrix)
         residual -= self._loads(u, middle)
         if self._actuators is not None:
@@ -281,59 +285,54 @@ class LinearlyImplicit(FiniteStrainKernel):
 
     @property
     def _s(self) -> float:
-        return math.sqrt(2 * max(self._rest[0] + self._rest[1], 0.0))
+        return math.sqrt(2 * max(float(self._rest[0] + self._rest[1]), 0.0))
 
-    def _left(self, E: Array) -> float:
-        """Energy of strains E that is not ½ E:C₀E, J."""
-        body = self._body
-        W = energy_density(body.law, E, body.first_lame, body.shear)
-        return float(body.weights.dot(W) - (linear_stress(E, self._λ, self._μ) * E).sum() / 2)
-
-    def _slope(self, q: Array) -> Array:
+    def _slope(self, points: MaterialPoints, q: Array) -> Array:
         """b = ∂√(2 (Ψ + c))/∂q (m,) of the energy Ψ that is left at q; c grows where Ψ comes near -c.
 
         Up to a bound, as what is in s and what is in ε must not grow against each other. Any b balances energy; one
         much steeper than the stiffest mode, as where a point is all but flat, would drown it in round-off.
         """
-        body, H = self._body, self._body.displacement_gradients(q)
-        E = strain(H)
-        left = self._left(E)
-        if left + self._rest[1] < self._rest[1] / 2:
-            self._rest[1] = min(self._rest[1] + 4 * abs(left), self._most)  # ½ s² - c stays what it was
-        S = body.weights * stress(body.law, E, body.first_lame, body.shear) - linear_stress(E, self._λ, self._μ)
-        b = body.resultant(H, S) / math.sqrt(2 * max(left + self._rest[1], self._rest[1] / 4))
+        F, E = points.strains(q)
+        lefts, S = points.beyond_linear(E)
+        left, c, steepest = float(lefts[0]), float(self._rest[1]), STEEPEST_FREQUENCY * float(self._ω[-1])
+        if left + c < c / 2:
+            self._rest[1] = c = min(c + 4 * abs(left), points.most)  # ½ s² - c stays what it was
+        b = points.resultant(F, S)[:, 0] / math.sqrt(2 * max(left + c, c / 4))
         steep = math.sqrt(b.dot(b))
-        return b if steep <= STEEPEST_FREQUENCY * self._ω[-1] else b * (STEEPEST_FREQUENCY * self._ω[-1] / steep)
+        return b if steep <= steepest else b * (steepest / steep)
 
-    def _taken_back(self, ε: Array, σ: Array, E: Array | None, dissipated: float) -> tuple[float, float, float]:
-        """Moves strains, also of branches, and s towards ε, σ = C₀ε and s of E.
+    def _taken_back(
+        self, ε: Array, E: Array | None, strained_more: float, dissipated: float, rates: Callable[[], Array]
+    ) -> tuple[float, float, float]:
+        """Moves strains, also of branches, and s to ε and s of E; by A v̂ they went at `rates`, and stored more by that.
 
         Energies, J: added (< 0: taken), of ε, of the gap.
 
         At most what is in the tank, which holds what was dissipated in this and the steps before, up to what strains
         store (as in teleoperation: Franken et al., 2011): a step may give back, and the run never more than it got.
         """
-        s = self._s
-        gap, stressed, gap_s = ε - self._ε, σ - self._σ, 0.0
-        if E is not None:
-            gap_s = math.sqrt(2 * max(self._left(E) + self._rest[1], 0.0)) - s
-        square = gap_square = float(stressed.dot(gap)) + gap_s**2
-        slope = float(stressed.dot(self._ε)) + gap_s * s
-        if self.branches is not None:
-            moved = np.stack([gap, stressed])
-            of_branches = self.branches.growth(moved)
-            slope, square = slope + of_branches[0], square + of_branches[1]
-        strained = float(σ.dot(ε))
-        budget = float(self._rest[2]) + dissipated
-        share = 1.0
-        if slope + square / 2 > budget and square > 0:
-            root = math.sqrt(max(slope**2 + 2 * square * budget, 0.0))
-            share = min(2 * budget / (slope + root) if slope > 0 else (root - slope) / square, 1.0)
-        added = share * slope + share**2 * square / 2
-        self._ε += share * gap
-        self._σ += share * stressed
-        if self.branches is not None:
-            self.branches.move(share * moved)
+        σ, s, gap_s, share, gap_square = self._strains.stressed(ε), self._s, 0.0, 1.0, 0.0
+        if E is not None and self._points is not None:
+            gap_s = math.sqrt(2 * max(float(self._points.left(E)[0] + self._rest[1]), 0.0)) - s
+        strained, budget = float(σ.dot(ε)), float(self._rest[2]) + dissipated
+        added = (strained - float(self._σ.dot(self._ε))) / 2 - strained_more + gap_s * (s + gap_s / 2)
+        if self.branches is not None or added > budget:
+            went = self._carried[: 2 * len(ε)].reshape(2, -1) + self.h * rates()
+            gap = np.stack([ε, σ]) - went
+            square = gap_square = float(gap[1].dot(gap[0])) + gap_s**2
+            slope = float(gap[1].dot(went[0])) + gap_s * s
+            if self.branches is not None:
+                of_branches = self.branches.growth(gap)
+                slope, square = slope + of_branches[0], square + of_branches[1]
+            if slope + square / 2 > budget and square > 0:
+                root = math.sqrt(max(slope**2 + 2 * square * budget, 0.0))
+                share = min(2 * budget / (slope + root) if slope > 0 else (root - slope) / square, 1.0)
+            added = share * slope + share**2 * square / 2
+            ε, σ = went + share * gap
+            if self.branches is not None:
+                self.branches.move(share * gap)
+        self._ε[:], self._σ[:] = ε, σ
         self._rest[0] += share * gap_s * (s + share * gap_s / 2)
         self._rest[2] = min(max(budget - added, 0.0), strained)
         return added, strained, (1 - share) ** 2 * gap_square

@@ -40,7 +40,6 @@ class LinearlyImplicitAdjoint(NamedTuple):
         """As in StepAdjoint."""
         maps, ω, size = self.maps, self.maps.ω, self.maps.strains.size
         body, strains, h, residual = maps.body, maps.strains, maps.h, maps.residual
-        rates = self.taken.rates
         before, carried_before, after_state, carried_after = self.states
         (e, r), (e_after, r_after) = before.reshape(2, -1), after_state.reshape(2, -1)
         q, q_after, v = e / ω, e_after / ω, (r + r_after) / 2
@@ -55,6 +54,7 @@ class LinearlyImplicitAdjoint(NamedTuple):
         q_ = ω * by_e + reads.q + reads.energy * (body.springs @ q_after)
         middle = q + h / 2 * self.taken.expected.value
         around, σ, slope, b, s = strains.around(middle), carried_before[size : 2 * size], None, NONE, 0.0
+        rates = around.rates(v)
         rest, c, _ = carried_before[-3:]
         if not maps.st_venant:
             slope = Slope.at_shape(maps, middle, c)

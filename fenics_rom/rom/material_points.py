@@ -1,0 +1,77 @@
+"""The points of a body whose stress is not linear in the strain, at one shape or at those of many bodies.
+
+Of one shape q (m,) arrays are (..., P), of B of them (m, B) they are (..., P B). Stresses hold the weights of points.
+"""
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.mechanics.hyperelastic import (
+    VOIGT_INDEX,
+    VOIGT_PAIRS,
+    beyond_linear,
+    energy_beyond_linear,
+    small_strain,
+    stress,
+)
+from fenics_rom.rom.deformation import ReducedDeformation
+
+_I, _J = VOIGT_PAIRS.T
+
+
+class MaterialPoints:
+    """The points of a body.
+
+    Attributes:
+        most: energy of strains of order 1, J.
+    """
+
+    def __init__(self, body: ReducedDeformation):
+        self._law, self._P, G = body.law, len(body.weights), body.gradients
+        self._rows = np.concatenate([G.reshape(-1, body.order), small_strain(G).reshape(-1, body.order)])
+        self._gradients = self._rows[: 9 * self._P]
+        self._moduli = self._each = body.weights * body.first_lame, body.weights * body.shear
+        self.most = float(self._moduli[1].sum())
+
+    def strains(self, q: Array) -> tuple[Array, Array]:
+        """F (3, 3, P) and E (6, P) at q."""
+        moved = self._rows.dot(q)
+        F, E = moved[: len(self._gradients)].reshape(3, 3, -1), moved[len(self._gradients) :].reshape(6, -1)
+        products = F.take(_I, 1)
+        products *= F.take(_J, 1)
+        square = products[0]
+        square += products[1]
+        square += products[2]
+        square[:3] /= 2
+        E += square
+        F.reshape(9, -1)[::4] += 1.0
+        if E.shape[1] != len(self._each[0]):
+            λ, μ = self._moduli
+            self._each = np.repeat(λ, E.shape[1] // self._P), np.repeat(μ, E.shape[1] // self._P)
+        return F, E
+
+    def stress(self, E: Array) -> Array:
+        """S (6, P) of strains that `strains` found."""
+        return stress(self._law, E, *self._each)
+
+    def left(self, E: Array) -> Array:
+        """Energy that is not ½ E:C₀E, of each body (1,) or (B,), J."""
+        return self._summed(energy_beyond_linear(self._law, E, *self._each))
+
+    def beyond_linear(self, E: Array) -> tuple[Array, Array]:
+        """The same energy, and the stress of it (6, P)."""
+        W, S = beyond_linear(self._law, E, *self._each)
+        return self._summed(W), S
+
+    def resultant(self, F: Array, S: Array) -> Array:
+        """Forces (m, B) of stresses S (6, P), of one body (m, 1)."""
+        S = S.take(VOIGT_INDEX, 0)
+        FS = F[:, 0, None] * S[0]
+        FS += F[:, 1, None] * S[1]
+        FS += F[:, 2, None] * S[2]
+        force: Array = self._gradients.T.dot(FS.reshape(len(self._gradients), -1))
+        return force
+
+    def _summed(self, W: Array) -> Array:
+        summed: Array = np.add.reduce(W.reshape(self._P, -1), 0)
+        return summed
