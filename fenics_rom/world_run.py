@@ -12,7 +12,7 @@ from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.contact import ContactLaw
 from fenics_rom.mechanics.frame_motion import quaternion_of_vector, rotation_matrix
 from fenics_rom.rom.rom import Rom
-from fenics_rom.scene.world_format import WorldBody, WorldScene
+from fenics_rom.scene.world_format import JointEntry, WorldBody, WorldScene
 from fenics_rom.trajectory.trajectory import Trajectory
 from fenics_rom.world import joints, shapes
 from fenics_rom.world.recorder import WorldRecorder
@@ -147,7 +147,10 @@ def _rom(body: WorldBody, scene: WorldScene) -> Rom:
     return reduced
 
 
-def _joint(joint: Any) -> joints.Joint:
-    if joint.kind == "hinge":
+def _joint(joint: JointEntry) -> joints.Joint | joints.SurfaceJoint:
+    if joint.surface is not None:
+        return joints.SurfaceJoint(joint.first, joint.second, joint.surface, joint.kind, joint.axis)
+    assert joint.point is not None
+    if joint.axis is not None:
         return joints.hinge(joint.first, joint.second, joint.point, joint.axis)
     return {"ball": joints.ball, "weld": joints.weld}[joint.kind](joint.first, joint.second, joint.point)

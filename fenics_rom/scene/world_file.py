@@ -70,6 +70,7 @@ def _check(file: WorldFile) -> None:
         raise SceneError("bodies: at least one is needed, as [bodies.NAME]")
     for name, body in file.bodies.items():
         _check_body(name, body, file)
+    soft = [name for name, body in file.bodies.items() if body.shape is None]
     for k, pair in enumerate(file.pairs):
         _check_names(pair.bodies, file.bodies, f"pairs[{k}].bodies")
     for k, group in enumerate(file.apart):
@@ -81,13 +82,17 @@ def _check(file: WorldFile) -> None:
             raise SceneError(f"{where}.axis: a hinge has one, and no other joint; this is a {joint.kind}")
         if joint.axis is not None and not any(joint.axis):
             raise SceneError(f"{where}.axis: allowed is any but zero")
+        if joint.surface is not None and joint.first not in soft:
+            raise SceneError(
+                f"{where}.surface = {joint.surface!r}: allowed is that of a soft body, as the first; given: "
+                f"{joint.first!r}, which is rigid"
+            )
     if file.run is None:
         return
     if file.run.dt > file.run.duration:
         raise SceneError(
             f"run.dt = {exactly(file.run.dt)}: allowed is at most the duration, {exactly(file.run.duration)} s"
         )
-    soft = [name for name, body in file.bodies.items() if body.shape is None]
     for k, each in enumerate(file.run.input):
         check_known("soft body", each.body, soft, SceneError, f"run.input[{k}].body: ")
         if each.stop is not None and each.stop <= each.start:

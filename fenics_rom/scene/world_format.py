@@ -75,10 +75,17 @@ class PairEntry:
 class JointEntry:
     """What holds two bodies together; they do not touch one another."""
 
+    ONE_OF: ClassVar = (("point", "surface"),)
     kind: Annotated[str, Text(choices=("ball", "hinge", "weld")), "which motions it leaves"]
     first: Annotated[str, Text(), "a body"]
     second: Annotated[str, Text(), 'another one, or "world", which stands still'] = "world"
-    point: Annotated[Point, "of the joint, where the bodies begin"]
+    point: Annotated[Point | None, "of the joint, where the bodies begin; this or surface"] = None
+    surface: Annotated[
+        str | None,
+        Text(),
+        "of the first body, a soft one: the contact mode whose surface is held; a weld holds all of it (a rigid one by "
+        "three forces and three couples), a ball joint its mean place, a hinge a line in it; this or point",
+    ] = None
     axis: Annotated[Direction | None, "of a hinge, of any length but zero"] = None
 
 

@@ -16,14 +16,20 @@ from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.world.collision.contacts import PlacedShape, PlacedSurface
 
+NO_ROWS = np.empty(0, dtype=int)
+
 
 class Points(NamedTuple):
-    """Where forces act on a body in a step: k places of contact, then j points of the body that joints hold."""
+    """Where forces act on a body in a step: k places of contact, then j points of the body that joints hold.
 
-    nodes: Array  # (k + j, 3) of a soft body, among its contact points
-    weights: Array  # (k + j, 3) of these
+    A joint that holds how bodies turn has couples, N m, for forces, and angular velocities, rad/s, for velocities.
+    """
+
+    nodes: Array  # (k + j, c) of a soft body, among its contact points
+    weights: Array  # (k + j, c) of these
     arms: Array  # (j, 3) of a rigid body, in its axes from its centre of mass, m
     follows: Array  # (k + j,) where a soft body is pushed at the point of another one, which moves with its frame
+    couples: Array = NO_ROWS  # (any,) rows of what are couples
 
 
 class Body(Protocol):
@@ -85,7 +91,7 @@ class Body(Protocol):
     def delassus(self, points: Points, places: Array) -> Array:
         """Mid-step velocities per force, (3 (k + j), 3 (k + j)), m/s/N."""
 
-    def points_at(self, places: Array, where: str) -> Points:
+    def points_at(self, places: Array, where: str, couples: Array = NO_ROWS) -> Points:
         """Of a joint, where the body begins (j, 3), m; a SceneError, which begins with `where`, if it has none."""
 
     def inverse_mass(self, points: Points) -> Array | None:
@@ -117,3 +123,17 @@ def torque_of(moment: Array) -> Array:
     """Σ a × f from Σ a fᵀ (3, 3)."""
     m = moment
     return np.array((m[1, 2] - m[2, 1], m[2, 0] - m[0, 2], m[0, 1] - m[1, 0]))
+
+
+def split_couples(points: Points, forces: Array) -> tuple[Array, Array]:
+    """Forces (k + j, 3) without the couples among them, and the sum of these, (3,), N m."""
+    alone = forces.copy()
+    alone[points.couples] = 0.0
+    couple: Array = forces[points.couples].sum(axis=0)
+    return alone, couple
+
+
+def rigid_points(arms: Array, couples: Array) -> Points:
+    """Of joints at arms (j, 3) from the centre of mass of a rigid body, in its axes, m."""
+    j = len(arms)
+    return Points(np.empty((j, 0), dtype=int), np.empty((j, 0)), arms, np.zeros(j, bool), couples)

@@ -11,7 +11,7 @@ from fenics_rom.errors import StepError
 from fenics_rom.mechanics.base_path import BaseState, checked_base
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.frame_motion import cayley, composed, cross_matrix, rotation_matrix
-from fenics_rom.world.bodies import Points
+from fenics_rom.world.bodies import NO_ROWS, Points, rigid_points
 from fenics_rom.world.collision.contacts import PlacedShape
 from fenics_rom.world.shapes import Shape
 
@@ -94,6 +94,7 @@ class Driven:
         arms = places - self._middle
         arms[len(arms) - len(points.arms) :] = points.arms.dot(self._R.T)
         velocities: Array = self._start.velocity + arms.dot(cross_matrix(self._start.angular_velocity).T)
+        velocities[points.couples] = self._start.angular_velocity
         return velocities
 
     def attempt(self, points: Points, places: Array, forces: Array) -> Array:
@@ -101,6 +102,7 @@ class Driven:
         arms = places - self._middle
         arms[len(arms) - len(points.arms) :] = points.arms.dot(self._mean.T)
         velocities: Array = self._v̂ + arms.dot(cross_matrix(self._ω̂).T)
+        velocities[points.couples] = self._ω̂
         self._power = float(forces.ravel().dot(velocities.ravel()))
         return velocities
 
@@ -108,10 +110,9 @@ class Driven:
         """As in Body: nothing moves it."""
         return np.zeros((3 * len(places), 3 * len(places)))
 
-    def points_at(self, places: Array, where: str) -> Points:
+    def points_at(self, places: Array, where: str, couples: Array = NO_ROWS) -> Points:
         """As in Body."""
-        arms = (places - self._start.position).dot(self._R)
-        return Points(np.empty((len(arms), 0), dtype=int), np.empty((len(arms), 0)), arms, np.zeros(len(arms), bool))
+        return rigid_points((places - self._start.position).dot(self._R), couples)
 
     def inverse_mass(self, points: Points) -> Array:
         """As in Body: nothing moves it."""

@@ -1,5 +1,7 @@
 """Joints: points of two bodies that stay together; one is a ball joint, two a hinge, three a weld.
 
+Where one of them is soft, a surface of it may be held instead.
+
 Each point has u = 0 in the middle of every step. As a point goes by h ŝ exactly, it stays where the other one is, to
 round-off: nothing needs to be pulled back. After a step an impulse takes what relative velocity is left at its end,
 which would change sign in every step: it keeps momenta and can only take energy.
@@ -13,8 +15,10 @@ from numpy import ndarray as Array
 
 from fenics_rom.errors import SceneError, check_known
 from fenics_rom.world.bodies import Body
+from fenics_rom.world.soft import Soft
+from fenics_rom.world.surface_joint import surface_points
 
-LARGEST_GAP = 1e-6  # of the distance of the bodies' centres: what a joint may be apart where it begins
+KINDS = ("ball", "hinge", "weld")
 
 
 @dataclass(frozen=True)
@@ -36,8 +40,38 @@ class Joint:
             raise SceneError(
                 f"joint of {self.first!r} and {self.second!r}: allowed are points of three finite numbers, m"
             )
-        if self.first == self.second:
-            raise SceneError(f"joint: allowed are two bodies, given: {self.first!r} with itself")
+        _check_pair(self.first, self.second)
+
+
+@dataclass(frozen=True)
+class SurfaceJoint:
+    """A surface of a soft body that another body holds.
+
+    A weld holds each of its contact points; one that `rigid` in the supports of its scene names as a whole, by three
+    forces and three couples, which are exact as such a surface turns but a little. A ball joint holds its mean place, a
+    hinge a line through that. The body begins in the surface's contact mode.
+
+    Args:
+        first: the soft body.
+        second: the other one.
+        surface: name of a contact mode of the first.
+        kind: "weld", "ball" or "hinge".
+        axis: of a hinge, in the surface, in world axes, of any length but zero.
+    """
+
+    first: str
+    second: str
+    surface: str
+    kind: str = "weld"
+    axis: tuple[float, float, float] | None = None
+
+    def __post_init__(self) -> None:
+        check_known("kind of joint", self.kind, KINDS, SceneError)
+        _check_pair(self.first, self.second)
+        if (self.axis is not None) != (self.kind == "hinge"):
+            raise SceneError(f"joint of {self.first!r} and {self.second!r}: a hinge has an axis, and no other joint")
+        if self.axis is not None:
+            _direction(self.axis)
 
 
 def ball(first: str, second: str, point: Sequence[float]) -> Joint:
@@ -57,6 +91,11 @@ def weld(first: str, second: str, point: Sequence[float], size: float = 0.1) -> 
     return Joint(
         first, second, tuple(_vector(np.array(_vector(point)) + corner - corners.mean(axis=0)) for corner in corners)
     )
+
+
+def _check_pair(first: str, second: str) -> None:
+    if first == second:
+        raise SceneError(f"joint: allowed are two bodies, given: {first!r} with itself")
 
 
 def _vector(numbers: Sequence[float] | Array) -> tuple[float, float, float]:
@@ -85,18 +124,29 @@ class JointPoints:
         first, second: numbers of the bodies.
         points: (k, 3) where they begin, m.
         on_first, on_second: the same on either.
+        are_forces: (k,) of which points: the others stand for how the bodies turn, and have couples.
 
     Raises:
         SceneError: nobody has these names, nothing can move, or the joint cannot be closed.
     """
 
-    def __init__(self, joint: Joint, bodies: Mapping[str, Body]):
+    def __init__(self, joint: Joint | SurfaceJoint, bodies: Mapping[str, Body]):
         names, where = list(bodies), f"joint of {joint.first!r} and {joint.second!r}: "
         for name in (joint.first, joint.second):
             check_known("body", name, names, SceneError, where)
         self.first, self.second = names.index(joint.first), names.index(joint.second)
-        self.points = np.array(joint.points, dtype=float)
         one, other = bodies[joint.first], bodies[joint.second]
         if one.is_driven and other.is_driven:
             raise SceneError(f"{where}allowed is a body that can move, and both move as they are told")
-        self.on_first, self.on_second = one.points_at(self.points, where), other.points_at(self.points, where)
+        if isinstance(joint, Joint):
+            self.points = np.array(joint.points, dtype=float)
+            self.on_first = one.points_at(self.points, where)
+        else:
+            if not isinstance(one, Soft):
+                raise SceneError(f"{where}surface {joint.surface!r}: allowed is one of a soft body, which comes first")
+            axis = None if joint.axis is None else np.array(joint.axis)
+            whole = not isinstance(other, Soft)
+            self.points, self.on_first = surface_points(one, joint.surface, joint.kind, axis, whole, where)
+        self.on_second = other.points_at(self.points, where, self.on_first.couples)
+        self.are_forces = np.ones(len(self.points), dtype=bool)
+        self.are_forces[self.on_first.couples] = False

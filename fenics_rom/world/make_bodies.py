@@ -20,9 +20,11 @@ AT_REST = BaseState(np.zeros(3), np.array([1.0, 0.0, 0.0, 0.0]), np.zeros(3), np
 
 
 def make_bodies(
-    records: Mapping[str, RigidBody | SoftBody], dt: float, gravity: Sequence[float] | Array
+    records: Mapping[str, RigidBody | SoftBody], dt: float, gravity: Sequence[float] | Array, joined: bool = False
 ) -> dict[str, AnyBody]:
     """Bodies that begin as their records say, those first that carry others; and the one that stands still.
+
+    `joined`: whether one of them is joined to this.
 
     Raises:
         SceneError: a record that is none, or that names who cannot carry it.
@@ -41,7 +43,7 @@ def make_bodies(
             raise SceneError(f"body {name!r}: allowed are a RigidBody and a SoftBody, given: {record!r}"[:200])
     for name, record in records.items():
         if isinstance(record, SoftBody):
-            bodies[name] = _soft(name, record, records, bodies, dt)
+            bodies[name] = _soft(name, record, records, bodies, dt, len(records) == 1 and not joined)
     return {name: bodies[name] for name in (FIXED, *records)}
 
 
@@ -56,7 +58,12 @@ def _rigid(name: str, record: RigidBody, gravity: Array) -> Rigid | Driven:
 
 
 def _soft(
-    name: str, record: SoftBody, records: Mapping[str, RigidBody | SoftBody], bodies: Mapping[str, AnyBody], dt: float
+    name: str,
+    record: SoftBody,
+    records: Mapping[str, RigidBody | SoftBody],
+    bodies: Mapping[str, AnyBody],
+    dt: float,
+    is_alone: bool,
 ) -> Soft:
     mount, where = None, f"body {name!r}"
     if record.on is not None:
@@ -83,4 +90,4 @@ def _soft(
     if not is_free and (any(record.velocity) or any(record.angular_velocity)):
         given = f"velocity = {record.velocity!r}, angular_velocity = {record.angular_velocity!r}"
         raise SceneError(f"{where}: {given}: allowed is 0 of a body that is held or carried; a free one has its own")
-    return Soft(name, rom, dt, record.pose(where), mount, record.signals, len(records) == 1)
+    return Soft(name, rom, dt, record.pose(where), mount, record.signals, is_alone)

@@ -35,7 +35,7 @@ from fenics_rom.mechanics.frame_motion import (
 )
 from fenics_rom.mechanics.signals import real_numbers
 from fenics_rom.runtime.steppers.frame_kernel import check_turn
-from fenics_rom.world.bodies import Points, cross_maps, torque_of
+from fenics_rom.world.bodies import NO_ROWS, Points, cross_maps, rigid_points, split_couples, torque_of
 from fenics_rom.world.collision.contacts import PlacedShape
 from fenics_rom.world.shapes import Shape
 
@@ -135,22 +135,30 @@ class Rigid:
         """As in Body."""
         arms = places - self._middle
         arms[len(arms) - len(points.arms) :] = points.arms.dot(self._R.T)
-        velocities: Array = self._v + arms.dot(cross_matrix(self._R.dot(self._ω)).T)
+        turning = self._R.dot(self._ω)
+        velocities: Array = self._v + arms.dot(cross_matrix(turning).T)
+        if len(points.couples):
+            velocities[points.couples] = turning
         return velocities
 
     def attempt(self, points: Points, places: Array, forces: Array) -> Array:
         """As in Body."""
-        h, k = self._h, len(places) - len(points.arms)
+        h, k, τ_given = self._h, len(places) - len(points.arms), self._torque
+        if len(points.couples):
+            forces, couple = split_couples(points, forces)
+            τ_given = τ_given + couple
         force = forces.sum(axis=0)
         v̂ = self._v + h / 2 * ((force + self._force) / self.mass + self._gravity)
         arms = places - (self._p + h / 2 * v̂)
-        τ = torque_of(arms[:k].T.dot(forces[:k])) + self._torque
+        τ = torque_of(arms[:k].T.dot(forces[:k])) + τ_given
         held = points.arms.T.dot(forces[k:]) if len(points.arms) else None
         ω̂, τ, mean = self._turning(τ, held)
         if held is not None:
             arms[k:] = points.arms.dot(mean.T)
-        self._try = _Try(force, τ, v̂, ω̂)
-        velocities: Array = v̂ + arms.dot(cross_matrix(self._R.dot(ω̂)).T)
+        self._try, turning = _Try(force, τ, v̂, ω̂), self._R.dot(ω̂)
+        velocities: Array = v̂ + arms.dot(cross_matrix(turning).T)
+        if len(points.couples):
+            velocities[points.couples] = turning
         return velocities
 
     def _turning(self, τ: Array, held: Array | None) -> tuple[Array, Array, Array]:
@@ -219,15 +227,16 @@ class Rigid:
         answers[:3, :3] = per_force * (np.eye(3) - h / 2 * R.dot(spin).dot(R.T))
         answers[3:, 3:] = R.dot(np.linalg.solve(A, R.T - h / 2 * spin.dot(R.T)))
         maps = _maps(arms)
+        if len(points.couples):
+            maps.reshape(-1, 3, 6)[points.couples] = np.eye(3, 6, 3)
         levers = maps.copy()
         levers[: 3 * k, 3:] -= np.tile(per_force * h / 2 * cross_matrix(force), (k, 1))
         moved: Array = maps.dot(answers).dot(levers.T)
         return moved
 
-    def points_at(self, places: Array, where: str) -> Points:
+    def points_at(self, places: Array, where: str, couples: Array = NO_ROWS) -> Points:
         """As in Body."""
-        arms = (places - self._p).dot(self._R)
-        return Points(np.empty((len(arms), 0), dtype=int), np.empty((len(arms), 0)), arms, np.zeros(len(arms), bool))
+        return rigid_points((places - self._p).dot(self._R), couples)
 
     def inverse_mass(self, points: Points) -> Array:
         """As in Body."""

@@ -27,9 +27,10 @@ from fenics_rom.runtime.steppers.carried_frame import CarriedFrame
 from fenics_rom.runtime.steppers.free_frame import FreeFrame
 from fenics_rom.runtime.steppers.kernel import BookedKernel
 from fenics_rom.runtime.steppers.residual_motion import operator_of
-from fenics_rom.world.bodies import Points, torque_of
+from fenics_rom.world.bodies import NO_ROWS, Points, torque_of
 from fenics_rom.world.collision.contacts import PlacedSurface
 from fenics_rom.world.handed_forces import Handed, HandedForces, handed
+from fenics_rom.world.surfaces import nearest_carriers, soft_points, spread_of, turning_maps
 
 if TYPE_CHECKING:
     from fenics_rom.mechanics.signals import SignalLike
@@ -43,7 +44,7 @@ class _Reached(NamedTuple):
 
     points: Points
     nodes: Array  # (s,)
-    are_nodes: bool  # whether each of the points is a contact point, and none is between them
+    are_nodes: bool  # whether each of the points is a contact point, and none is between them, or a couple
     is_each_once: bool  # and no two are the same
     follow: bool  # whether some of them do
 
@@ -112,12 +113,13 @@ class Soft(Simulator):
         self._own_places, self._by_couples = np.empty((0, 3)), 0.0  # of the points in the last try, m; work, J
         self._turned_operator = np.empty((0, 0)), np.empty((0, 0))  # in axes of its own, and in the world's
         self._forces = np.empty((0, 3))
+        self._turning = np.empty((0, 3, 3, 3))  # how surfaces that couples act on turn, per velocity of their points
         self._tried, self._is_open, self._twice = False, False, 0.0
         surface = self._stepper.interface.points.nodes
         number = np.full(len(rom.nodes), -1)
         number[surface] = np.arange(len(surface))
         triangles = number[rom.triangles]
-        self._triangles = triangles[(triangles >= 0).all(axis=1)]
+        self.contact_triangles = triangles[(triangles >= 0).all(axis=1)]
         self._everywhere = np.arange(len(self.contact_coordinates))
         self.lead = np.zeros(3)
 
@@ -213,7 +215,7 @@ class Soft(Simulator):
 
     def placed(self) -> PlacedSurface:
         """As in Body."""
-        return PlacedSurface(self._start + self._h / 2 * self._velocity, self._triangles, self._everywhere)
+        return PlacedSurface(self._start + self._h / 2 * self._velocity, self.contact_triangles, self._everywhere)
 
     def travel(self) -> tuple[Array, float]:
         """As in Body."""
@@ -223,6 +225,7 @@ class Soft(Simulator):
 
     def start_velocities(self, points: Points, places: Array) -> Array:
         """As in Body."""
+        self._turn(points, self._start + self._h / 2 * self._velocity)
         velocities = self._mean(points, self._velocity)
         self._own_places = self._mean(points, self._start) + self._h / 2 * velocities
         if self._reach(points).follow:
@@ -253,7 +256,9 @@ class Soft(Simulator):
             self._leave_finite(self._inputs.u)
         if not len(forces):
             return forces
-        velocities = self._mean(points, self._turned(self._kernel.touched))
+        touched = self._turned(self._kernel.touched)
+        velocities = self._mean(points, touched)
+        self._turn(points, self._start + self._h / 2 * touched)
         self._own_places = self._mean(points, self._start) + self._h / 2 * velocities
         if not follow:
             places[:] = self._own_places
@@ -269,7 +274,10 @@ class Soft(Simulator):
         if reached.is_each_once:
             spread[points.nodes[:, 0]] = forces
         else:
-            np.add.at(spread, points.nodes, points.weights[:, :, None] * forces[:, None, :])
+            shares, couples = points.weights[:, :, None] * forces[:, None, :], points.couples
+            if len(couples):
+                shares[couples] = np.matmul(forces[couples, None, None], self._turning)[:, :, 0]
+            np.add.at(spread, points.nodes, shares)
         return handed(self._into_frame(spread), reached.nodes)
 
     def _reach(self, points: Points) -> _Reached:
@@ -277,6 +285,7 @@ class Soft(Simulator):
         if self._reached.points is not points:
             nodes = np.unique(points.nodes[points.weights != 0])
             are_nodes = bool(points.weights.shape[1]) and bool((points.weights[:, 0] == 1.0).all())
+            are_nodes = are_nodes and not len(points.couples)
             is_each_once, follow = are_nodes and len(nodes) == len(points.nodes), bool(points.follows.any())
             self._reached = _Reached(points, nodes, are_nodes, is_each_once, follow)
         return self._reached
@@ -286,7 +295,16 @@ class Soft(Simulator):
         if self._reach(points).are_nodes:
             mean: Array = values[points.nodes[:, 0]]
             return mean
-        return (points.weights[:, :, None] * values[points.nodes]).sum(axis=1)
+        mean = (points.weights[:, :, None] * values[points.nodes]).sum(axis=1)
+        if len(points.couples):
+            mean[points.couples] = np.einsum("cnij,cnj->ci", self._turning, values[points.nodes[points.couples]])
+        return mean
+
+    def _turn(self, points: Points, places: Array) -> None:
+        """Takes note of how the surfaces that couples act on turn, as their points (P, 3) are."""
+        if len(points.couples):
+            held = zip(places[points.nodes[points.couples]], points.weights[points.couples], strict=True)
+            self._turning = np.array([turning_maps(own - weights.dot(own), weights) for own, weights in held])
 
     def _answer(self, points: Points) -> tuple[Array, Array]:
         """Velocities of points without forces, and per force."""
@@ -309,10 +327,7 @@ class Soft(Simulator):
             if known is not self._turned_operator[0]:
                 self._turned_operator = known, turned_operator(self._R, known, self._R)
             return self._turned_operator[1]
-        nodes, row = np.unique(points.nodes, return_inverse=True)
-        share = np.zeros((len(points.nodes), len(nodes)))
-        np.add.at(share, (np.arange(len(share))[:, None], row.reshape(points.nodes.shape)), points.weights)
-        spread = np.kron(share, np.eye(3))
+        nodes, spread = spread_of(points, self._turning)
         W = spread.dot(of_nodes(nodes)).dot(spread.T)
         return turned_operator(self._R, W, self._R) if self._fixed else W
 
@@ -326,20 +341,17 @@ class Soft(Simulator):
         if not math.isfinite(self._twice):
             self._leave_finite(self._inputs.u)
 
-    def points_at(self, places: Array, where: str) -> Points:
-        """As in Body."""
-        apart = np.linalg.norm(places[:, None] - self.places()[None], axis=2)
-        nearest = apart.argmin(axis=1)
-        gaps = apart[np.arange(len(places)), nearest]
+    def points_at(self, places: Array, where: str, couples: Array = NO_ROWS) -> Points:
+        """As in Body: contact points that are there, or else triangles of the contact surface."""
+        own = self.places()
+        nodes, weights, gaps = nearest_carriers(places, own, self.contact_triangles, CLOSED * self.size)
         if gaps.max() > CLOSED * self.size:
             worst = int(gaps.argmax())
             raise SceneError(
-                f"{where}cannot be closed: body {self.name!r} has no contact point at {places[worst].tolist()}, the "
-                f"nearest is {gaps[worst]:.3g} m away at {self.places()[nearest[worst]].tolist()}"
+                f"{where}cannot be closed: body {self.name!r} has no contact surface at {places[worst].tolist()}, the "
+                f"nearest is {gaps[worst]:.3g} m away; to hold a whole surface, name it"
             )
-        nodes, weights = np.zeros((len(places), 3), dtype=int), np.zeros((len(places), 3))
-        nodes[:, 0], weights[:, 0] = nearest, 1.0
-        return Points(nodes, weights, np.zeros((len(places), 3)), np.zeros(len(places), bool))
+        return soft_points(nodes, weights)
 
     def end_velocities(self, points: Points) -> Array:
         """As in Body."""

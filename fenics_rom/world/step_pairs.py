@@ -187,7 +187,7 @@ class StepPairs:
             force += _sign(self._meetings[number], first, second) * forces[row : row + len(contacts.gaps)].sum(axis=0)
             row += len(contacts.gaps)
         for joint in self._joints:
-            force += _sign(joint, first, second) * forces[row : row + len(joint.points)].sum(axis=0)
+            force += _sign(joint, first, second) * forces[row : row + len(joint.points)][joint.are_forces].sum(axis=0)
             row += len(joint.points)
         return force
 
@@ -237,10 +237,29 @@ def _part(body: Body, mine: list[tuple[Array, float, Points]]) -> Part:
         return Part(body, np.empty(0, int), slice(0, 0), np.empty((0, 1)), none)
     pairs = np.concatenate([pairs for pairs, _, _ in mine])
     signs = np.concatenate([np.full((len(own), 1), sign) for own, sign, _ in mine])
-    points = Points(*(np.concatenate(part) for part in zip(*(points for _, _, points in mine), strict=True)))
+    points = _concatenated([points for _, _, points in mine])
     first, last = int(pairs[0]), int(pairs[-1])
     in_one_piece = last - first == len(pairs) - 1
     return Part(body, pairs, slice(first, last + 1) if in_one_piece else pairs, signs, points)
+
+
+def _concatenated(points: list[Points]) -> Points:
+    """Points of a body in several meetings and joints."""
+    wide = max(part.nodes.shape[1] for part in points)
+    starts = np.cumsum([0, *(len(part.nodes) for part in points)])
+    nodes, weights, arms, follows, _ = (
+        list(rows) for rows in zip(*(_widened(part, wide) for part in points), strict=True)
+    )
+    couples = [part.couples + start for part, start in zip(points, starts[:-1], strict=True)]
+    return Points(*map(np.concatenate, (nodes, weights, arms, follows, couples)))
+
+
+def _widened(points: Points, wide: int) -> Points:
+    """The same with so many nodes to a point, some of them without weight."""
+    more = ((0, 0), (0, wide - points.nodes.shape[1]))
+    if not more[1][1]:
+        return points
+    return points._replace(nodes=np.pad(points.nodes, more, mode="edge"), weights=np.pad(points.weights, more))
 
 
 def _block(rows: Array) -> tuple[Array, Array, Array, Array]:

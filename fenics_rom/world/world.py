@@ -14,7 +14,7 @@ from fenics_rom.mechanics.contact import ContactLaw
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.rom.midpoint_map import checked_dt
 from fenics_rom.world.contact_step import Found, Guide, Pairs, find_forces
-from fenics_rom.world.joints import Joint, JointPoints
+from fenics_rom.world.joints import Joint, JointPoints, SurfaceJoint
 from fenics_rom.world.make_bodies import FIXED, AnyBody, make_bodies
 from fenics_rom.world.meetings import Meeting, check_apart
 from fenics_rom.world.records import RigidBody, SoftBody
@@ -28,7 +28,8 @@ class World:
     Args:
         bodies: by name. Rigid ones with a `motion` move as it says, the ground for example.
         dt: time step, s.
-        joints: points of bodies that stay together; "world" is what stands still. Bodies that are joined do not touch.
+        joints: points of bodies that stay together, surfaces of soft ones that are held; "world" is what stands still.
+            Bodies that are joined do not touch.
         gravity: on rigid bodies, m/s²; soft ones have that of their scene.
         friction, restitution: of all bodies.
         pairs: other laws of two bodies, by their names.
@@ -57,7 +58,7 @@ class World:
         bodies: Mapping[str, RigidBody | SoftBody],
         dt: float,
         *,
-        joints: Sequence[Joint] = (),
+        joints: Sequence[Joint | SurfaceJoint] = (),
         gravity: Sequence[float] = (0.0, 0.0, 0.0),
         friction: float = 0.0,
         restitution: float = 0.0,
@@ -74,8 +75,9 @@ class World:
             "apart": apart,
         }
         self._steps, self._time = 0, 0.0
-        self._bodies = make_bodies(self.bodies, self._dt, gravity)
-        if not any(FIXED in (joint.first, joint.second) for joint in joints):
+        joined = any(FIXED in (joint.first, joint.second) for joint in joints)
+        self._bodies = make_bodies(self.bodies, self._dt, gravity, joined)
+        if not joined:
             del self._bodies[FIXED]
         self._names = list(self._bodies)
         law, laws = ContactLaw(restitution, friction), _laws(pairs or {}, self._bodies)
@@ -175,7 +177,10 @@ class World:
         return self._step_pairs.force_between(self._names.index(first), self._names.index(second), self._found.forces)
 
     def joint_forces(self, number: int) -> Array:
-        """Forces at the points of a joint on its first body in the last step, (k, 3), N."""
+        """Forces at the points of a joint on its first body in the last step, (k, 3), N.
+
+        Of a rigid surface that is welded the force on it, N, and the couple about its middle, N m, (2, 3).
+        """
         return self._step_pairs.forces_of_joint(number, self._found.forces)
 
     @property
@@ -308,7 +313,7 @@ def _laws(pairs: Mapping[tuple[str, str], ContactLaw], bodies: Collection[str]) 
 
 
 def _pairs_apart(
-    apart: Sequence[Collection[str]], joints: Sequence[Joint], bodies: Collection[str]
+    apart: Sequence[Collection[str]], joints: Sequence[Joint | SurfaceJoint], bodies: Collection[str]
 ) -> set[frozenset[str]]:
     for group in apart:
         for name in group:

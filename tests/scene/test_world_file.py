@@ -89,6 +89,8 @@ def test_bodies_joints_and_tables_are_read(folder):
         ('bodies = ["lower", "upper"]', 'bodies = ["lower", "lower"]', r"allowed are different bodies, given: lower"),
         ("axis = [0, 0, 1]", "", r"joints\[0\].axis: a hinge has one, and no other joint"),
         ("axis = [0, 0, 1]", "axis = [0, 0, 0]", r"joints\[0\].axis: allowed is any but zero"),
+        ("point = [0, 0, 0]", "", r"joints\[0\]: give exactly one of point, surface; given: none"),
+        ("point = [0, 0, 0]", 'surface = "tip"', r"joints\[0\].surface = 'tip': allowed is .* soft body.*'lower'"),
         ('kind = "hinge"', 'kind = "slider"', r"joints\[0\].kind: no choice 'slider'"),
         ('body = "finger"', 'body = "lower"', r"run.input\[0\].body: no soft body 'lower'"),
         ('"pull.csv"', '"push.csv"', r"table .*push.csv: cannot be read"),

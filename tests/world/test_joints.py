@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from test_rigid_motion import GROUND, G, momenta
+from test_rigid_motion import GROUND, LIES, G, momenta
 
 import fenics_rom as fr
 from fenics_rom.world.joints import Joint, ball, hinge, weld
@@ -113,3 +113,30 @@ def test_hinged_boxes_land_flat(restitution, dt):
     assert sweeps < 50
     for name in "ab":
         assert world.pose(name).rotation[0] == pytest.approx(1, abs=1e-6)
+
+
+def wall(point, slope):
+    """A half-space whose face rises by a slope along x."""
+    half = -np.arctan(slope) / 2
+    return replace(GROUND, motion=LIES._replace(position=np.array(point), rotation=(np.cos(half), 0, np.sin(half), 0)))
+
+
+@pytest.mark.parametrize("friction", [0.0, 0.5])
+@pytest.mark.parametrize("restitution", [0.0, 0.5, 1.0])
+def test_hinged_boxes_land_on_two_walls(restitution, friction):
+    """In a wedge of 90 degrees, fold about the hinge, and jump: forces are found, and the account closes."""
+    side = fr.RigidBody(Box((0.1, 0.1, 0.1)), density=500, position=(0, 0, 0.22), velocity=(0.2, 0, 0))
+    boxes = {"a": side, "b": replace(side, position=(0.1, 0, 0.22))}
+    walls = {"left": wall((0.05, 0, -0.05), -1.0), "right": wall((0.05, 0, -0.05), 1.0)}
+    joints = [hinge("a", "b", (0.05, 0, 0.22), (0, 1, 0))]
+    world = fr.World(walls | boxes, 2e-3, gravity=(0, 0, -G), friction=friction, restitution=restitution, joints=joints)
+    start, touched, folded = world.energy, 0, 0.0
+    for _ in range(200):
+        world.step()
+        gone = world.ledger
+        assert world.energy - gone.supplied + gone.dissipated + gone.numerical == pytest.approx(start, abs=1e-12)
+        touched = max(touched, world.touching)
+        folded = max(folded, abs(2 * world.pose("a").rotation[2]))
+    assert touched >= 2
+    assert folded > 0.05
+    assert world.sweeps < 20
