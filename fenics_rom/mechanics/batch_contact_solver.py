@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.mechanics.body_axis import in_one_piece, put, taken
 from fenics_rom.mechanics.complementarity.problems import Problems
 from fenics_rom.mechanics.complementarity.splitting import Splitting
 from fenics_rom.mechanics.contact import ContactLaw
@@ -27,9 +28,9 @@ class BatchObstacles(NamedTuple):
     velocities: Array  # in it, (O, 3, B), m/s
     velocities_before: Array  # in the step before, (O, 3, B), m/s
 
-    def of(self, bodies: Array) -> "BatchObstacles":
+    def of(self, bodies: Array | slice) -> "BatchObstacles":
         """Beside some of the bodies."""
-        return BatchObstacles(*(part[..., bodies] for part in self))
+        return BatchObstacles(*(taken(part, bodies) for part in self))
 
 
 class BatchMotion(NamedTuple):
@@ -41,7 +42,7 @@ class BatchMotion(NamedTuple):
 
     def of(self, bodies: Array) -> "BatchMotion":
         """Of some of the bodies."""
-        return BatchMotion(*(part[..., bodies] for part in self))
+        return BatchMotion(*(taken(part, bodies) for part in self))
 
 
 class BatchForces(NamedTuple):
@@ -109,8 +110,8 @@ class BatchContactSolver:
             return None
         if len(touching) < len(friction):
             motion, obstacles, approaches = motion.of(touching), obstacles.of(touching), approaches.of(touching)
-            distances = distances[0][..., touching], distances[1][..., touching]
-            friction, z = friction[touching], z[..., touching]
+            distances = taken(distances[0], touching), taken(distances[1], touching)
+            friction, z = friction[touching], taken(z, touching)
         pairs = self._pairs(motion, distances, dt, obstacles, approaches)
         chosen = _Chosen.of_pairs(pairs, friction)
         crowded = np.count_nonzero(pairs.due, axis=0).max(axis=0) > 1
@@ -118,11 +119,13 @@ class BatchContactSolver:
         forces, moved, z, unsettled = np.empty_like(z), np.empty_like(z), z.copy(), np.zeros(T, bool)
         pending, part = np.arange(T), chosen
         while len(pending):
-            found, z_found, failed = operator.solve(part.problems, z[..., pending])
+            places = in_one_piece(pending)
+            found, z_found, failed = operator.solve(part.problems, taken(z, places))
             velocities = operator.moved(found)
-            forces[..., pending], z[..., pending], moved[..., pending] = found, z_found, velocities
+            for whole, values in ((forces, found), (z, z_found), (moved, velocities)):
+                put(whole, places, values)
             unsettled[pending[failed]] = True
-            again = part.stop_helping_friction(found, velocities) | part.add_missed(velocities)
+            again = (part.stop_helping_friction(found, velocities) | part.add_missed(velocities)).nonzero()[0]
             pending, part = pending[again], part.of(again)
         if len(self._obstacles) > 1:
             crowded |= pairs.others_due(moved, chosen.obstacle)
@@ -182,7 +185,7 @@ class _Approaches(NamedTuple):
 
     def of(self, bodies: Array) -> "_Approaches":
         """Those of some of the bodies."""
-        return _Approaches(*(part[..., bodies] for part in self))
+        return _Approaches(*(taken(part, bodies) for part in self))
 
 
 class _Pairs(NamedTuple):
@@ -198,7 +201,7 @@ class _Pairs(NamedTuple):
 
     def of(self, bodies: Array) -> "_Pairs":
         """Those of some of the bodies."""
-        return _Pairs(*(part[..., bodies] for part in self))
+        return _Pairs(*(taken(part, bodies) for part in self))
 
     def others_due(self, moved: Array, chosen: Array) -> Array:
         """Bodies (B,) with a pair that comes too close under the forces of the pairs that were chosen."""
@@ -235,7 +238,7 @@ class _Chosen(NamedTuple):
 
     def of(self, bodies: Array) -> "_Chosen":
         """Those of some of the bodies."""
-        return _Chosen(self.problems.of(bodies), *(part[..., bodies] for part in self[1:]))
+        return _Chosen(self.problems.of(bodies), *(taken(part, bodies) for part in self[1:]))
 
     def add_missed(self, moved: Array) -> Array:
         """Has pairs take part that come too close under the forces; bodies (B,) with such."""
@@ -253,12 +256,12 @@ class _Chosen(NamedTuple):
         if not len(suspects):
             return helped
         part = self.of(suspects)
-        f, c_t = forces[..., suspects], part.tangential_target
+        f, c_t = taken(forces, suspects), part.tangential_target
         tangential = f - _along(f, part.normals) * part.normals
-        work = _along(tangential, moved[..., suspects] + part.problems.q + c_t)
+        work = _along(tangential, taken(moved, suspects) + part.problems.q + c_t)
         helps = (work > negligible[suspects]) & c_t.any(axis=0) & (work.sum(axis=0) > negligible[suspects])
-        q[..., suspects] += c_t * helps
-        self.tangential_target[..., suspects] = c_t * ~helps
+        put(q, suspects, part.problems.q + c_t * helps)
+        put(self.tangential_target, suspects, c_t * ~helps)
         helped[suspects] = helps.any(axis=0)
         return helped
 

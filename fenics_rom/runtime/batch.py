@@ -26,7 +26,7 @@ from fenics_rom.mechanics.signals import real_numbers
 from fenics_rom.rom.given_rom import given_rom
 from fenics_rom.rom.midpoint_map import checked_dt
 from fenics_rom.rom.rom import Rom
-from fenics_rom.runtime.batch_arrays import BatchLayout, Bodies, PaddedModels
+from fenics_rom.runtime.batch_arrays import BatchLayout, Bodies, PaddedModels, keep_freed_memory
 from fenics_rom.runtime.batch_step import SteppedBodies
 from fenics_rom.runtime.batched_bodies import LOST, TIME
 from fenics_rom.runtime.environment_inputs import fit_batch
@@ -89,6 +89,7 @@ class Batch(SteppedBodies):
             raise StepError(f"size = {size!r}: allowed is a whole number > 0")
         if np.dtype(dtype) not in (np.float64, np.float32):
             raise StepError(f"dtype = {dtype!r}: allowed are float64 and float32")
+        keep_freed_memory()
         rom, self._environment = fit_batch(rom, signals)
         self.rom, self.size, self.dtype = rom, int(size), np.dtype(dtype)
         self._models = PaddedModels(rom, self.dtype)

@@ -20,6 +20,16 @@ from fenics_rom.runtime.switching import Projections
 Bodies = int | Sequence[int] | Sequence[bool] | Array | None
 
 CHUNK_BYTES = 1 << 19  # that the six arrays of a chunk may fill: half of a usual second-level cache
+KEPT_BYTES = 31 << 20  # as large as arrays of a step, or larger; glibc heeds less than 32 MB
+
+
+def keep_freed_memory() -> None:
+    """Has the C library keep memory that a step frees, and the next one asks for again.
+
+    glibc returns it to the system, which clears its pages anew for every step, a quarter of the time of one; but not
+    where so large an array was freed before.
+    """
+    np.empty(KEPT_BYTES, np.uint8)
 
 
 class StepCoefficients(NamedTuple):

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike
 from fenics_rom.errors import StepError, check_known
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.batch_contact_solver import BatchContactSolver, BatchForces, BatchMotion, BatchObstacles
+from fenics_rom.mechanics.body_axis import in_one_piece, put, taken
 from fenics_rom.mechanics.complementarity.splitting import Splitting
 from fenics_rom.mechanics.contact import ContactSearch, ObstacleMotion, PointMotion
 from fenics_rom.mechanics.contact_points import NEARNESS
@@ -142,7 +143,7 @@ class BatchContact:
 
     def inside(self, bodies: Array, mode: Array, q: Array) -> Array:
         """Which (B,) of the bodies are inside an obstacle, in contact modes (B,) at q (B, m), without residual part."""
-        return self._deep(self._points_of(mode, q), self.offsets[..., bodies])
+        return self._deep(self._points_of(mode, q), taken(self.offsets, bodies))
 
     def inside_at_rest(self, bodies: Array) -> Array:
         """The same of bodies that begin anew."""
@@ -159,11 +160,11 @@ class BatchContact:
         points = np.empty((*self.forces.shape[:2], len(q)))
         for k in np.unique(mode):
             bodies = np.flatnonzero(mode == k)
-            points[..., bodies] = (self._modes[k].S @ q[bodies].T).reshape(3, -1, len(bodies))
+            put(points, bodies, self._modes[k].S @ q[bodies].T)
         return points
 
     def _offsets_at_start(self, bodies: Array) -> Array:
-        placed, scene = self._placed[..., bodies], self._environment.offsets_at(0.0)[:, :, None]
+        placed, scene = taken(self._placed, bodies), self._environment.offsets_at(0.0)[:, :, None]
         return np.where(np.isnan(placed), scene, placed)
 
     def begin(self, bodies: Array, frozen: Array) -> None:
@@ -180,7 +181,7 @@ class BatchContact:
 
     def stored(self, bodies: Array, mode: Array) -> Array:
         """Energy (B,) in the residual parts of bodies in contact modes (B,), J."""
-        g, y, ġ, ẏ = self._residual[..., bodies]
+        g, y, ġ, ẏ = taken(self._residual, bodies)
         τ = np.array([kind.part.time_constant for kind in self._modes])[mode]
         stored: Array = (np.einsum("pb,pb->b", g, y) + τ**2 * np.einsum("pb,pb->b", ġ, ẏ)) / 2
         return stored
@@ -194,7 +195,7 @@ class BatchContact:
             strained: (B, m) energy coordinates √γ q in the mode before; those (B, m_end - rigid) in the next return.
         """
         there, here = self._modes[start].part, self._modes[end].part
-        e_start, (g, y, ġ, ẏ) = strained[:, self._rigid : self._modes[start].model.order], self._residual[..., bodies]
+        e_start, (g, y, ġ, ẏ) = strained[:, self._rigid : self._modes[start].model.order], taken(self._residual, bodies)
         shared = g.T @ here.points[:, : len(here.basis)] - g.T @ there.basis_points @ there.basis.T
         e = (e_start @ there.basis.T + shared) @ here.basis
         stored = np.square(e_start).sum(axis=1) + np.einsum("pb,pb->b", g, y) - np.square(e).sum(axis=1)
@@ -206,7 +207,8 @@ class BatchContact:
             over = square > most
             root[:, over] *= np.sqrt(np.maximum(most[over], 0.0) / square[over])
             carried = here.inverse_root.T @ root
-            self._residual[place][:, bodies], self._residual[place + 1][:, bodies] = carried, here.compliance @ carried
+            put(self._residual[place], bodies, carried)
+            put(self._residual[place + 1], bodies, here.compliance @ carried)
         self._moves[bodies] = True
         return e
 
@@ -214,8 +216,9 @@ class BatchContact:
 
     def nearest_modes(self, mode: Array, q: Array, bodies: Array) -> Array:
         """The contact modes (B,) that bodies are to be in, from those they are in and q (B, m)."""
-        points = self._points_of(mode, q) + self._residual[1][:, bodies].reshape(3, -1, len(bodies))
-        gaps, _ = self._solver.distances(points, self.offsets[..., bodies])
+        points = self._points_of(mode, q)
+        points += taken(self._residual[1], bodies).reshape(points.shape)
+        gaps, _ = self._solver.distances(points, taken(self.offsets, bodies))
         return self._points.nearest_modes(gaps.min(axis=0), mode)
 
     def watched(self) -> Array:
@@ -266,45 +269,46 @@ class BatchContact:
             w: (B, m) 2 v̂ without contact.
             energy: (B,) stored in the basis at the start, J.
         """
-        h, kind, B, own = self._h, self._modes[mode], len(bodies), _in_one_piece(bodies)
+        h, kind, B, own = self._h, self._modes[mode], len(bodies), in_one_piece(bodies)
         inertia, whole, _ = kind.relaxation
         P = len(kind.S) // 3
         displacement, velocity, free = ((kind.S @ part.T).reshape(3, P, B) for part in (h / 2 * x, r, w / 2))
         moves = self._moves[own]
-        some = _in_one_piece(moves.nonzero()[0])
-        y, ẏ = self._residual[1::2, :, _in_one_piece(bodies[some])].reshape(2, 3, P, -1 if moves.any() else 0)
-        displacement[..., some] += y
-        velocity[..., some] += ẏ
-        free[..., some] += (inertia * ẏ - y) / whole
+        if moves.any():
+            some = in_one_piece(moves.nonzero()[0])
+            y, ẏ = taken(self._residual[1::2], in_one_piece(bodies[some])).reshape(2, 3, P, -1)
+            for part, yields in ((displacement, y), (velocity, ẏ), (free, (inertia * ẏ - y) / whole)):
+                put(part, some, taken(part, some) + yields)
         motion = BatchMotion(displacement, velocity, free)
-        distances = self._solver.distances(displacement, self.offsets[..., own])
-        obstacles = BatchObstacles(*(part[..., own] for part in (self.offsets, self._speed, self._velocities)))
+        obstacles = BatchObstacles(self.offsets, self._speed, self._velocities).of(own)
+        distances = self._solver.distances(displacement, obstacles.start)
         self._clear[own] = distances[0].min(axis=(0, 1)) - h * (
             self._reach / 2 * np.sqrt(np.einsum("bm,bm->b", w, w)) + self._fastest[own]
         )
-        pushed = self._pushed[..., own].copy()
+        pushed = taken(self._pushed, own).copy()
         problem = motion, distances, kind.operator, h, obstacles
-        found = self._solver.solve(*problem, self.friction[own], pushed, self._z[..., own])
+        found = self._solver.solve(*problem, self.friction[own], pushed, taken(self._z, own))
         works, forces, touching = np.zeros((3, B)), np.zeros(displacement.shape), np.empty(0, int)
-        self.forces[..., own] = self.resultants[..., own] = 0
+        put(self.resultants, own, np.zeros((len(self.names), 3, B)))
         if found is not None:
-            touching = found.touching
-            works[:2, touching] = self._note(found, obstacles.of(touching), _in_one_piece(bodies[touching]))
+            touching, place = found.touching, in_one_piece(found.touching)
+            among = in_one_piece(bodies[place])
+            works[:2, place] = self._note(found, obstacles.of(place), among)
             for body in found.alone:
                 points = PointMotion(*(part[..., body].T.copy() for part in motion))
                 works[:2, body] = self._solve_alone(
                     kind, found, body, points, obstacles.of(body), int(bodies[body]), pushed[..., body]
                 )
-            forces[..., touching] = found.forces
-            self.forces[..., own] = forces
-            self._z[..., _in_one_piece(bodies[touching])] = found.z
+            put(forces, place, found.forces)
+            put(self._z, among, found.z)
+        put(self.forces, own, forces)
         rests = ~moves
         rests[touching] = False
-        some = _in_one_piece((~rests).nonzero()[0])
+        some = in_one_piece((~rests).nonzero()[0])
         touches = np.zeros(B, bool)
         touches[touching] = True
-        works[2, some] = self._step_residual(kind, bodies[some], forces[..., some], touches[some], energy[some])
-        push = forces[..., touching].reshape(len(kind.S), -1).T @ kind.push
+        works[2, some] = self._step_residual(kind, bodies[some], taken(forces, some), touches[some], energy[some])
+        push = taken(forces, in_one_piece(touching)).reshape(len(kind.S), -1).T @ kind.push
         return ContactStep(touching, push, works)
 
     def _note(self, found: BatchForces, obstacles: BatchObstacles, bodies: Array | slice) -> Array:
@@ -312,9 +316,9 @@ class BatchContact:
         pushed = found.forces.any(axis=0)
         for k in range(len(self.names)):
             own = pushed & (found.obstacle == k)
-            self._pushed[k][:, bodies] = own
-            self.resultants[k][:, bodies] = (found.forces * own).sum(axis=1)
-        supplied = np.einsum("oab,oab->b", self.resultants[..., bodies], obstacles.velocities)
+            put(self._pushed[k], bodies, own)
+            put(self.resultants[k], bodies, (found.forces * own).sum(axis=1))
+        supplied = np.einsum("oab,oab->b", taken(self.resultants, bodies), obstacles.velocities)
         given = np.einsum("apb,apb->b", found.forces, found.relative + found.moved)
         return self._h * np.stack([supplied, -given])
 
@@ -363,8 +367,8 @@ class BatchContact:
 
     def _step_residual(self, kind: _Mode, bodies: Array, forces: Array, touches: Array, energy: Array) -> Array:
         """Takes the step of the residual parts of bodies (B,) under the forces; what they dissipate, J, (B,)."""
-        h, (inertia, whole, heat), B, own = self._h, kind.relaxation, len(bodies), _in_one_piece(bodies)
-        state = self._residual[..., own].copy()
+        h, (inertia, whole, heat), B, own = self._h, kind.relaxation, len(bodies), in_one_piece(bodies)
+        state = taken(self._residual, own).copy()
         f, (g, y, ġ, ẏ) = forces.reshape(len(kind.S), B), state
         moved = inertia * ẏ - y
         moved += kind.part.compliance @ f
@@ -382,7 +386,7 @@ class BatchContact:
         rests = stored <= np.maximum(2 * FORGOTTEN, NEGLIGIBLE * energy)
         rests &= ~touches
         state[..., rests] = 0.0
-        self._residual[..., own] = state
+        put(self._residual, own, state)
         self._moves[own] = ~rests
         return dissipated
 
@@ -390,10 +394,3 @@ class BatchContact:
 def _by_axis(rows: Array) -> Array:
     """Rows (3P, n) of points one after the other as all x, all y, all z."""
     return rows.reshape(-1, 3, rows.shape[1]).transpose(1, 0, 2).reshape(rows.shape)
-
-
-def _in_one_piece(bodies: Array) -> Array | slice:
-    """Distinct bodies in rising order as a slice, where they are one after the other: views cost nothing."""
-    if len(bodies) and bodies[-1] - bodies[0] == len(bodies) - 1 and (np.diff(bodies) == 1).all():
-        return slice(int(bodies[0]), int(bodies[-1]) + 1)
-    return bodies

@@ -1,6 +1,8 @@
 """Many bodies among obstacles, against bodies that are simulated one by one, and the exact laws for each of them."""
 
 import pickle
+import subprocess
+import sys
 import warnings
 from copy import copy
 from dataclasses import replace
@@ -256,6 +258,28 @@ def test_what_cannot_be_done_is_said(rom):
     ):
         with pytest.raises(StepError, match=message):
             attempt()
+
+
+def test_steps_ask_the_system_for_little_memory(rom, tmp_path):
+    """Less than one page in a step, of some 1,300 where what is freed is not kept; in a process of its own."""
+    fr.write_rom(tmp_path / "rom.h5", rom)
+    told = subprocess.run([sys.executable, "-c", PAGES_OF_A_STEP, tmp_path / "rom.h5"], capture_output=True, check=True)
+    assert float(told.stdout) <= 40
+
+
+PAGES_OF_A_STEP = """
+import resource, sys, warnings
+import numpy as np, fenics_rom as fr
+warnings.simplefilter("ignore")
+signals = {"push": [0.0, 0.0, -30.0], "floor": np.zeros(3), "ball": np.zeros(3)}
+bodies = fr.Batch(sys.argv[1], 512, 1e-3, signals=signals)
+for step in range(80):
+    if step == 60:
+        before = resource.getrusage(resource.RUSAGE_SELF).ru_minflt
+    bodies.step(np.random.default_rng(step).uniform(-20, 20, (512, 3)))
+assert bodies.point_forces.any()
+print((resource.getrusage(resource.RUSAGE_SELF).ru_minflt - before) / 20)
+"""
 
 
 def test_a_body_takes_as_much_memory_as_the_page_says(rom):

@@ -4,6 +4,8 @@ from typing import NamedTuple
 
 from numpy import ndarray as Array
 
+from fenics_rom.mechanics.body_axis import taken
+
 
 class Problems(NamedTuple):
     """What is known of B bodies with P pairs each."""
@@ -15,4 +17,4 @@ class Problems(NamedTuple):
 
     def of(self, bodies: Array | slice) -> "Problems":
         """Those of some of the bodies."""
-        return Problems(*(part[..., bodies] for part in self))
+        return Problems(*(taken(part, bodies) for part in self))

@@ -18,13 +18,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.mechanics.body_axis import put, taken
 from fenics_rom.mechanics.complementarity.batched_newton import BatchedNewton
 from fenics_rom.mechanics.complementarity.problems import Problems
 
 RELAXATION = 1.85  # α
 TOLERANCE = 5e-7  # residual, as a share of the velocities that the forces have to stop
 FLOOR = 1e-3  # of λmax, that λmin is taken to be at least
-FIRST_CHECK, CHECKS_EVERY, MOST_ITERATIONS = 5, 3, 80
+CHECKS_EVERY, MOST_ITERATIONS = 2, 80
 GROUP = 256  # bodies that go through the iterations together, so that their arrays stay in the cache
 LEAVES_AT = 0.75  # of a group: when so few go on, the others are taken out of the arrays
 POOLED_AT = 0.3  # of a group: when so few go on, they wait for those of the other groups
@@ -76,9 +77,10 @@ class Splitting:
         for bodies in (few.nonzero()[0], unsettled):
             if not len(bodies):
                 continue
-            found, left = self._newton.solve(problems, forces[..., bodies], bodies, max(1, int(counts[bodies].max())))
-            forces[..., bodies] = found
-            z[..., bodies] = self.ρ * found - problems.q[..., bodies] - self.moved(found)
+            slots = max(1, int(counts[bodies].max()))
+            found, left = self._newton.solve(problems, taken(forces, bodies), bodies, slots)
+            put(forces, bodies, found)
+            put(z, bodies, self.ρ * found - taken(problems.q, bodies) - self.moved(found))
             failed.append(bodies[left])
         return forces, z, np.concatenate(failed) if failed else unsettled
 
@@ -107,12 +109,12 @@ class Splitting:
 
         `begun`: iterations that were taken before.
         """
-        own, part, iteration = s[:, bodies], problems.of(bodies), begun
+        own, part, iteration = taken(s, bodies), problems.of(bodies), begun
         speed = np.abs(part.q).max(axis=(0, 1))
         spare = _Spare.of(part)
         while iteration < MOST_ITERATIONS:
             iteration += 1
-            looks = iteration >= FIRST_CHECK and (iteration - FIRST_CHECK) % CHECKS_EVERY == 0
+            looks = iteration % CHECKS_EVERY == 0
             before = own.copy() if looks else own
             w, moved = spare.w, spare.moved
             np.subtract(own.reshape(w.shape), part.q, out=w)
@@ -131,15 +133,15 @@ class Splitting:
                 continue
             before -= own
             goes_on = np.abs(before, out=before).max(axis=0) > self._stop * speed
-            left = int(np.count_nonzero(goes_on))
-            if left <= max(least, LEAVES_AT * len(bodies)):
-                s[:, bodies] = own
-                bodies = bodies[goes_on]
-                if left <= least:
+            left = goes_on.nonzero()[0]
+            if len(left) <= max(least, LEAVES_AT * len(bodies)):
+                put(s, bodies, own)
+                bodies = bodies[left]
+                if len(left) <= least:
                     return bodies, iteration
-                own, part, speed = own[:, goes_on], part.of(goes_on), speed[goes_on]
+                own, part, speed = taken(own, left), part.of(left), speed[left]
                 spare = _Spare.of(part)
-        s[:, bodies] = own
+        put(s, bodies, own)
         return bodies, iteration
 
 
