@@ -3,9 +3,7 @@
 import math
 from typing import Protocol
 
-import numpy as np
-
-from fenics_rom.mechanics.frame_geometry import Geometry, vector
+from fenics_rom.mechanics.frame_geometry import Geometry
 from fenics_rom.mechanics.frame_motion import Numbers, Vector, added, cross, rotated, turned
 
 MISFIT = 0.1  # of what the base moves by in a step: so far off may be what its twists say
@@ -34,7 +32,8 @@ def misfit(start: Placed, end: Placed, turn: Geometry, v̂: Vector, h: float, si
         h: s.
         size: of the body, m.
     """
-    moved = vector(np.subtract(end.position, start.position))
+    (a, b, c), (x, y, z) = start.position, end.position
+    moved = x - a, y - b, z - c
     said = rotated(turn.before, added(v̂, 0.5, cross(turn.turn, v̂)))
     away = math.hypot(*added(moved, -h, said))
     if away <= NEGLIGIBLE * size or away <= MISFIT * max(math.hypot(*moved), h * math.hypot(*said)):

@@ -114,7 +114,7 @@ class ContactAdjoint(NamedTuple):
         if μ:
             length, cone = np.hypot(z[1], z[2]), μ * np.maximum(z[0], 0.0)
             law = Linearisation(operator.matrix, μ, operator.compliance, z, length, cone)
-            return law.pull_back(φ, operator.operator.is_regular)
+            return law.pull_back(φ, operator.is_regular)
         ψ, closed = np.zeros(φ.shape), np.flatnonzero(z[0] > 0)
         ψ[0, closed] = -least_solution(operator.matrix[closed, closed[:, None]], φ[0, closed])
         return ψ

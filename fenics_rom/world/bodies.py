@@ -88,6 +88,9 @@ class Body(Protocol):
         `places`: (k + j, 3), m, of all points in the middle of the step; a soft body, whose points are its own, writes.
         """
 
+    def known_delassus(self, points: Points) -> Array | None:
+        """`delassus` where it is known when a step begins, the same array as long as it is the same; else None."""
+
     def delassus(self, points: Points, places: Array) -> Array:
         """Mid-step velocities per force, (3 (k + j), 3 (k + j)), m/s/N."""
 

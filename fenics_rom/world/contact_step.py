@@ -15,8 +15,8 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
-from fenics_rom.mechanics.complementarity import Delassus, Frames, KeptLaw, solve
-from fenics_rom.mechanics.complementarity.solution import LARGEST_RESIDUAL, NEGLIGIBLE_RESIDUAL
+from fenics_rom.mechanics.complementarity import Delassus, FramedDelassus, Frames, KeptLaw, solve
+from fenics_rom.mechanics.complementarity.solution import LARGEST_RESIDUAL, NEGLIGIBLE_RESIDUAL, largest
 from fenics_rom.world.bodies import Body, Points
 
 TOLERANCE = 1e-15  # of the velocities: what the next sweep may change
@@ -30,6 +30,7 @@ REDUNDANT = 1e-9  # of the largest singular value: what joints hold twice
 STEADY = 1e-5  # of what a sweep changes: by so much two of them differ that change the same
 SHARES = (1 - 1e-6, 1 - 1e-4, 0.99, 0.9, 0.5, 0.0)  # of forces of contact that would do work
 WORK_ROUND_OFF = 1e-12  # of force times velocity: work that is no work
+_ONES = np.ones(3)  # to sum components by a product: a third of the time
 
 
 class Part(NamedTuple):
@@ -66,10 +67,13 @@ class Found(NamedTuple):
 class _Kept(NamedTuple):
     """Of the pairs that were active last."""
 
-    pairs: tuple[bytes, bytes]  # which, and their friction
-    normals: Array
+    pairs: bytes  # which
+    rows: Array  # theirs in W
+    μ: float  # the largest friction
+    share: Array | None  # of it that each of them has; None where they all have the same
     frames: Frames
-    operator: Delassus | None  # None where that has changed
+    framed: FramedDelassus
+    is_right: bool  # whether that is still the operator, but for frames
     law: KeptLaw | None  # as it was linearised
 
 
@@ -105,7 +109,7 @@ class Guide:
     def begin_like(self, known: "Guide") -> None:
         """Begins with the law as another guide of the same pairs has linearised it."""
         if known._kept is not None:
-            self._kept = known._kept._replace(operator=None)
+            self._kept = known._kept._replace(is_right=False)
 
     def without_contact(self, u: Array) -> tuple[Array, Array]:
         """Forces (J, 3) that hold joints where contacts have none, and the velocities (C, 3) of contacts then."""
@@ -127,34 +131,47 @@ class Guide:
 
     def solve(self, active: Array, q: Array, normals: Array, friction: Array, start: Array) -> tuple[Array, Array]:
         """Forces (a, 3) of active contacts, and u - targets, from velocities less targets q (a, 3)."""
-        pairs, frames, operator, law = (active.tobytes(), friction.tobytes()), None, None, None
-        μ = float(friction.max())
-        if self._kept is not None and self._kept.pairs == pairs:
-            _, kept_normals, frames, operator, law = self._kept
-            if not np.array_equal(normals, kept_normals):  # the law as it was linearised is near enough
-                frames, operator = None, operator if (friction == μ).all() else None
-        if operator is None:
-            rows = (3 * active[:, None] + np.arange(3)).ravel()
-            W = self._contacts[rows[:, None], rows] if len(rows) < self._C else self._contacts
-            operator = Delassus(_scaled(W, normals, friction))
-        frames = frames or Frames(normals)
-        self._kept = _Kept(pairs, normals, frames, operator, law)
+        kept = self._kept_for(active, normals, friction)
+        self._kept = kept
+        _, rows, μ, share, frames, framed, _, law = kept
         q_in, f_in = frames.turned(q, start)
         if not (q_in if μ else q_in[0]).any():
             return np.zeros_like(q), q  # nothing to stop
-        share = friction / μ if μ else friction  # pairs with less friction: as if they all had μ
-        same = not μ or bool((share == 1).all())
-        if not same:
+        if share is not None:  # pairs with less friction: as if they all had μ
             q_in[1:] *= share
             f_in[1:] /= np.maximum(share, 1e-300)
             f_in[1:, share == 0] = 0.0
-        solution = solve(operator.framed(frames), q_in, μ, f_in, law)
-        self._kept = self._kept._replace(law=solution.kept)
+        solution = solve(framed, q_in, μ, f_in, law)
+        self._kept = kept._replace(law=solution.kept)
         f, u = solution.forces, solution.velocities
-        if not same:
+        if share is not None:
             f[1:] *= share
-            u = operator_velocities(frames, self._contacts, active, f, q)
+            moved = self._operator_of(rows).dot(frames.in_space(f).ravel()).reshape(-1, 3)
+            return frames.in_space(f), moved + q
         return frames.in_space(f), frames.in_space(u)
+
+    def _kept_for(self, active: Array, normals: Array, friction: Array) -> _Kept:
+        """What is kept, of these contacts; of others nothing is."""
+        kept, pairs = self._kept, active.tobytes()
+        if kept is not None and kept.pairs == pairs:
+            frames = kept.frames if kept.frames.are(normals) else Frames(normals)
+            if kept.is_right and frames is kept.frames:
+                return kept
+            if kept.is_right and kept.share is None:
+                operator = kept.framed.operator
+            else:
+                operator = Delassus(_scaled(self._operator_of(kept.rows), normals, kept.share))
+            framed = operator.framed(frames, known=kept.framed)
+            return kept._replace(frames=frames, framed=framed, is_right=True)
+        rows, μ, share = (3 * active[:, None] + np.arange(3)).ravel(), float(friction.max()), None
+        if μ and (friction != μ).any():
+            share = friction / μ
+        frames = Frames(normals)
+        framed = Delassus(_scaled(self._operator_of(rows), normals, share)).framed(frames)
+        return _Kept(pairs, rows, μ, share, frames, framed, True, None)
+
+    def _operator_of(self, rows: Array) -> Array:
+        return self._contacts.take(rows, axis=0).take(rows, axis=1) if len(rows) < self._C else self._contacts
 
 
 def _pseudo_inverse(W: Array) -> Array:
@@ -163,19 +180,10 @@ def _pseudo_inverse(W: Array) -> Array:
     return inverse
 
 
-def operator_velocities(frames: Frames, W: Array, active: Array, forces: Array, q: Array) -> Array:
-    """W f + q in frames, (3, a)."""
-    rows = (3 * active[:, None] + np.arange(3)).ravel()
-    moved = W[rows[:, None], rows].dot(frames.in_space(forces).ravel()).reshape(-1, 3) + q
-    return frames.turned(moved)[0]
-
-
-def _scaled(W: Array, normals: Array, friction: Array) -> Array:
-    """D W D with D = 1 along normals and μ/max μ across: |f_t| <= μ_r λ is |f_t'| <= max μ λ for f = D f'."""
-    μ = friction.max()
-    if not μ or (friction == μ).all():
+def _scaled(W: Array, normals: Array, share: Array | None) -> Array:
+    """D W D with D = 1 along normals and a share across: |f_t| <= share μ λ is |f_t'| <= μ λ for f = D f'."""
+    if share is None:
         return W
-    share = friction / μ
     D = share[:, None, None] * np.eye(3) + (1 - share)[:, None, None] * normals[:, :, None] * normals[:, None, :]
     k = len(share)
     for _ in range(2):
@@ -197,7 +205,7 @@ def find_forces(pairs: Pairs, h: float, start: Array, guide: Guide | None) -> tu
     """
     C, n = len(pairs.normals), pairs.normals
     before = pairs.before
-    a = (n * before[:C]).sum(axis=1)
+    a = (n * before[:C]).dot(_ONES)
     half, closing = (1 - pairs.restitution) / 2 * a, pairs.gaps / -h
     level = np.maximum(closing, (closing + half) / (2 - pairs.restitution))
     target = np.minimum(half, 0.0)[:, None] * n
@@ -251,7 +259,7 @@ def _attempt(pairs: Pairs, forces: Array) -> tuple[Array, float]:
             pairs.places[rows] = places
         u[rows] += signs * velocities
         if len(velocities):
-            fastest = max(fastest, -float(velocities.min()), float(velocities.max()))
+            fastest = max(fastest, largest(np.abs(velocities)))
     return u, fastest
 
 
@@ -303,7 +311,7 @@ def _law(
     C, n = len(level), pairs.normals
     z, free_contacts = guide.without_contact(free)
     forces = f[:C].copy()
-    speed = (n * free_contacts).sum(axis=1)
+    speed = (n * free_contacts).dot(_ONES)
     chosen |= speed < level
     while chosen.any():
         active = chosen.nonzero()[0]
@@ -313,7 +321,7 @@ def _law(
         forces = np.zeros_like(forces)
         forces[active] = f_active
         repeat = _stop_helping_friction(active, n[active], f_active, u, q, sliding)
-        missed = ((n * guide.moved(forces)).sum(axis=1) + speed < level) & ~chosen
+        missed = ((n * guide.moved(forces)).dot(_ONES) + speed < level) > chosen
         if missed.any():
             chosen |= missed
             repeat = True
@@ -327,8 +335,8 @@ def _law(
 def _stop_helping_friction(active: Array, n: Array, f: Array, u: Array, q: Array, sliding: Array) -> bool:
     """Sets c_t = 0 where friction, having turned the motion round, would do work; whether it does so anywhere."""
     c = sliding[active]
-    friction = f - (n * f).sum(axis=1)[:, None] * n
-    if not c.any() or float(friction.ravel().dot(c.ravel())) <= 0:
+    friction = f - (n * f).dot(_ONES)[:, None] * n
+    if friction.ravel().dot(c.ravel()) <= 0:
         return False
     negligible = WORK_ROUND_OFF * float(np.abs(f).max()) * float(np.abs(q).max())
     work = (friction * (u + c)).sum(axis=1)

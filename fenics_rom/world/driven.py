@@ -106,6 +106,9 @@ class Driven:
         self._power = float(forces.ravel().dot(velocities.ravel()))
         return velocities
 
+    def known_delassus(self, points: Points) -> None:
+        """As in Body: nobody asks."""
+
     def delassus(self, points: Points, places: Array) -> Array:
         """As in Body: nothing moves it."""
         return np.zeros((3 * len(places), 3 * len(places)))

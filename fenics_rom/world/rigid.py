@@ -43,6 +43,7 @@ TOLERANCE = 1e-16  # of the angular velocity: what the next correction may be
 STAGNATION = 1e-12  # of it: as near as round-off of large forces of joints lets it come
 MOST_ITERATIONS = 50
 NOTHING = np.zeros(3)  # of a force or a torque that nobody gives
+_EYE = np.eye(3)
 
 
 class _Try(NamedTuple):
@@ -208,6 +209,9 @@ class Rigid:
             whole = τ + torque_of(mean.dot(held))
         return ω̂, whole, mean
 
+    def known_delassus(self, points: Points) -> None:
+        """As in Body: it depends on how the body moves."""
+
     def delassus(self, points: Points, places: Array) -> Array:
         """As in Body: the derivative of the last attempt, but for how joints turn with the body.
 
@@ -223,15 +227,19 @@ class Rigid:
         spin, per_force = cross_matrix(ω̂), h / 2 / self.mass
         w = self._inertia.dot(ω̂) + h / 2 * R.T.dot(torque)
         A = 2 / h * self._inertia + spin.dot(self._inertia) - cross_matrix(w)
+        bent = _EYE - h / 2 * spin
         answers = np.zeros((6, 6))
-        answers[:3, :3] = per_force * (np.eye(3) - h / 2 * R.dot(spin).dot(R.T))
-        answers[3:, 3:] = R.dot(np.linalg.solve(A, R.T - h / 2 * spin.dot(R.T)))
+        answers[:3, :3] = per_force * R.dot(bent).dot(R.T)
+        answers[3:, 3:] = R.dot(np.linalg.inv(A)).dot(bent.dot(R.T))
         maps = _maps(arms)
         if len(points.couples):
             maps.reshape(-1, 3, 6)[points.couples] = np.eye(3, 6, 3)
-        levers = maps.copy()
-        levers[: 3 * k, 3:] -= np.tile(per_force * h / 2 * cross_matrix(force), (k, 1))
-        moved: Array = maps.dot(answers).dot(levers.T)
+        by_joints = maps.dot(answers).dot(maps[3 * k :].T) if len(points.arms) else None
+        # Forces of contact, which stay in place, lose the lever h/2 δv̂ by which the centre goes.
+        answers[3:, :3] = answers[3:, 3:].dot(cross_matrix(per_force * h / 2 * force))
+        moved: Array = maps.dot(answers).dot(maps.T)
+        if by_joints is not None:
+            moved[:, 3 * k :] = by_joints
         return moved
 
     def points_at(self, places: Array, where: str, couples: Array = NO_ROWS) -> Points:
@@ -281,5 +289,5 @@ class Rigid:
 def _maps(arms: Array) -> Array:
     """Velocities (3 k, 6) of points at arms (k, 3) from the centre of a body that moves, and turns, at unit rates."""
     maps = np.empty((len(arms), 3, 6))
-    maps[:, :, :3], maps[:, :, 3:] = np.eye(3), cross_maps(arms)
+    maps[:, :, :3], maps[:, :, 3:] = _EYE, cross_maps(arms)
     return maps.reshape(-1, 6)

@@ -312,6 +312,10 @@ class Soft(Simulator):
             self._asked = points, self._mean(points, self._free), self._operator(points, self._kernel.answer)
         return self._asked[1:]
 
+    def known_delassus(self, points: Points) -> Array | None:
+        """As in Body."""
+        return self._answer(points)[1] if self._is_open else None
+
     def delassus(self, points: Points, places: Array) -> Array:
         """As in Body; after an attempt."""
         if self._is_open:

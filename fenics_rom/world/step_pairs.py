@@ -15,6 +15,7 @@ from fenics_rom.world.meetings import Meeting, Placed, is_still
 NEAR = 0.01  # of the smaller body: what is nearer is looked at in every step, besides what can be reached
 LARGEST = 1.0  # m: of a half-space, of how far it moves
 GUIDES = 1e-9  # of arms, and rad: by so much bodies may have moved since W was found
+_ONES = np.ones(3)
 MORE_SWEEPS = 1  # than at first: if there are more W is found anew
 
 
@@ -35,9 +36,9 @@ class StepPairs:
         self._pairs: Pairs | None = None
         self._middle_gaps = np.empty(0)
         self._joint_forces = np.zeros((sum(len(joint.points) for joint in joints), 3))
-        self._guide: tuple[Guide, float, list[tuple[Array, Array]]] | None = None
+        self._guide: tuple[Guide, float, list[Array | tuple[Array, Array]]] | None = None
         self._fewest = 0  # sweeps, with the guide
-        self._lie = list[tuple[Array, Array]]()  # the bodies in the step, as `_where`
+        self._lie = list[Array | tuple[Array, Array]]()  # the bodies in the step, as `_where`
         self._start = np.empty((0, 3))
 
     def of_step(self, h: float) -> tuple[Pairs, Array, Guide | None]:
@@ -50,14 +51,15 @@ class StepPairs:
             self._refresh(contacts)
         pairs = self._pairs
         assert pairs is not None
-        places = pairs.places.copy()
-        before, lead = np.zeros_like(places), np.zeros_like(places)
+        places, C = pairs.places.copy(), len(pairs.normals)
+        before = np.zeros(places.shape)
+        gone = np.zeros(places.shape)
         for body, _, rows, signs, points in pairs.parts:
             before[rows] += signs * body.start_velocities(points, places[rows])
-            lead[rows] += signs * body.lead
-        C = len(pairs.normals)
-        gone = h / 2 * before[:C] + lead[:C]
-        gaps = self._middle_gaps - (pairs.normals * gone).sum(axis=1)
+            if (lead := body.lead).any():
+                gone[rows] += signs * lead
+        gone += h / 2 * before
+        gaps = self._middle_gaps - (pairs.normals * gone[:C]).dot(_ONES)
         return pairs._replace(places=places, before=before, gaps=gaps), self._start, self._known_guide(h)
 
     def _look(self) -> list[tuple[int, Contacts]]:
@@ -131,11 +133,20 @@ class StepPairs:
         self._guide[0].is_right = all(map(_lies_as, self._lie, self._guide[2]))
         return self._guide[0]
 
-    def _where(self) -> list[tuple[Array, Array]]:
-        """Of each body that others move its arms and its rotation."""
+    def _where(self) -> list[Array | tuple[Array, Array]]:
+        """What the operator of each body that others move depends on: itself, if it is known, or arms and rotation."""
         assert self._pairs is not None
-        poses = [(part, part.body.pose) for part in self._pairs.parts if not part.body.is_driven]
-        return [(self._pairs.places[part.pairs] - pose.position, pose.rotation) for part, pose in poses]
+        lie = list[Array | tuple[Array, Array]]()
+        for body, pairs, rows, _, points in self._pairs.parts:
+            if body.is_driven or not len(pairs):
+                continue
+            known = body.known_delassus(points)
+            if known is None:
+                pose = body.pose
+                lie.append((self._pairs.places[rows] - pose.position, pose.rotation))
+            else:
+                lie.append(known)
+        return lie
 
     def keep(self, found: Found, guide: Guide, h: float) -> None:
         """Takes note of the forces of a step of h s that was taken, and of what guided them."""
@@ -219,12 +230,14 @@ def _equal(a: Array, b: Array) -> bool:
     return a is b or (a.shape == b.shape and bool((a == b).all()))
 
 
-def _lies_as(now: tuple[Array, Array], then: tuple[Array, Array]) -> bool:
-    """Whether arms and rotation of a body are those of before."""
-    arms, arms_then = now[0], then[0]
-    if np.abs(now[1] - then[1]).max() > GUIDES:
+def _lies_as(now: Array | tuple[Array, Array], then: Array | tuple[Array, Array]) -> bool:
+    """Whether the operator of a body, or its arms and rotation, are those of before."""
+    if not (isinstance(now, tuple) and isinstance(then, tuple)):
+        return now is then
+    (arms, rotation), (arms_then, rotation_then) = now, then
+    if np.abs(rotation - rotation_then).max() > GUIDES:
         return False
-    return bool(np.abs(arms - arms_then).max(initial=0.0) <= GUIDES * np.abs(arms_then).max(initial=0.0))
+    return bool(np.abs(arms - arms_then).max() <= GUIDES * np.abs(arms_then).max())
 
 
 def _points(spots: Spots, follows: bool = False) -> Points:

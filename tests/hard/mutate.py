@@ -234,7 +234,8 @@ MUTATIONS = [
     ("world/soft.py", "book_parts(self._by_couples", "book_parts(-self._by_couples"),
     ("runtime/steppers/free_frame.py", "supplied += dot(turn.seen(self", "supplied -= dot(turn.seen(self"),
     ("world/contact_step.py", "proximal *= STEADIER", "proximal *= 1.0"),
-    ("world/rigid.py", "levers[: 3 * k, 3:] -=", "levers[: 3 * k, 3:] +="),
+    ("world/rigid.py", "answers[3:, :3] = answers[3:, 3:]", "answers[3:, :3] = -answers[3:, 3:]"),
+    ("mechanics/complementarity/delassus.py", "+ turned < _NEARLY", "< _NEARLY"),
 ]
 
 

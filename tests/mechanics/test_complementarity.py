@@ -224,6 +224,25 @@ def test_what_was_solved_before_changes_no_bit():
     assert followed
 
 
+def test_an_operator_guides_searches_of_those_that_are_nearly_it_alone():
+    """They need no inverse of their own, and find what obeys their own law; of others nothing is taken."""
+    rng = np.random.default_rng(15)
+    W, q, n = random_problem(rng, 6, 30)
+    first = Delassus(W).framed(Frames(n))
+    near, far = W + 1e-8 * np.abs(W).max() * np.diag(rng.random(18)), W + 0.5 * np.diag(W.diagonal())
+    turned = n + 1e-8 * rng.standard_normal(n.shape)
+    for operator, normals, guided in ((near, turned, True), (far, n, False), (W, -n, False)):
+        frames = Frames(normals / np.linalg.norm(normals, axis=1)[:, None])
+        framed = Delassus(operator).framed(frames, known=first)
+        assert (framed.guide is first) == guided
+        assert Delassus(operator).framed(frames, known=framed).guide is framed.guide
+        solution = solve_pairs(framed, *frames.turned(q), 0.5, np.zeros((3, 6)))
+        assert violation(operator, q, frames.normals, 0.5, frames.in_space(solution.forces)) < 1e-9
+        assert not (guided and "inverse" in vars(framed.operator))
+    singular = Delassus(W[:6, :6].repeat(3, axis=0).repeat(3, axis=1)).framed(Frames(n))
+    assert Delassus(singular.operator.matrix).framed(singular.frames, known=singular).guide is not singular
+
+
 def test_what_a_kept_inverse_lacks_is_foreseen_where_motion_is_steady(monkeypatch):
     """Forces by an inverse are off by the square of what changes in a step, the more the older it is: but for that."""
     W, q, n = random_problem(np.random.default_rng(1), 6, 30)

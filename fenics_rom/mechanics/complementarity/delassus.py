@@ -1,8 +1,8 @@
 """The Delassus operator of some pairs, in the frames of their normals, and what of it is kept for later steps.
 
 In a frame a vector of every pair is (3, C): along its normal, and along its two tangents; flattened, (3C,) has all
-normal parts first. All that is kept here follows from the operator alone, so that no result depends on what was solved
-before.
+normal parts first. What is kept here follows from the operator alone, so that no result depends on what was solved
+before; only where an operator nearly is one of before its searches may be guided by that one's inverse.
 """
 
 from functools import cached_property
@@ -13,6 +13,7 @@ from numpy import ndarray as Array
 _AXES = np.eye(3)
 _ROUND_OFF = 4 * np.finfo(float).eps  # of unit vectors
 _LARGEST_CONDITION = 1e8  # of what counts as regular: Newton's steps correct what a solution lacks
+_NEARLY = 1e-2  # of the least pivot: operators that differ by less guide each other's searches
 
 
 class Frames:
@@ -34,9 +35,13 @@ class Frames:
     def __hash__(self) -> int:
         return hash(self._bytes)
 
+    def are(self, normals: Array) -> bool:
+        """Whether other normals (C, 3) are these, to the last bit."""
+        return normals.tobytes() == self._bytes
+
     def are_along(self, normals: Array) -> bool:
         """Whether other normals (C, 3) are these, to round-off."""
-        if normals.tobytes() == self._bytes:  # six times as fast as to compare numbers
+        if self.are(normals):  # six times as fast as to compare numbers
             return True
         if normals.shape != self.normals.shape:
             return False
@@ -87,27 +92,35 @@ class Delassus:
         self.matrix = matrix
         self._framed: FramedDelassus | None = None
 
-    @cached_property
+    @property
     def is_regular(self) -> bool:
-        """Whether W tells all forces apart; judged by its Cholesky factor, which takes a fifth of an inverse's time."""
+        """Whether W tells all forces apart."""
+        return bool(self.least_pivot)
+
+    @cached_property
+    def least_pivot(self) -> float:
+        """Of a regular W, m/s/N, else 0; by its Cholesky factor, which takes a fifth of an inverse's time."""
         try:
-            pivots = np.linalg.cholesky(self.matrix).diagonal()
+            roots = np.linalg.cholesky(self.matrix).diagonal()
         except np.linalg.LinAlgError:
-            return False
-        return bool(pivots.min() ** 2 * _LARGEST_CONDITION > pivots.max() ** 2)
+            return 0.0
+        least, most = float(roots.min()) ** 2, float(roots.max()) ** 2
+        return least if least * _LARGEST_CONDITION > most else 0.0
 
     @cached_property
     def inverse(self) -> Array:
         """W⁻¹ (3C, 3C), N s/m, of a regular W."""
         return np.linalg.inv(self.matrix)
 
-    def framed(self, frames: Frames, compliance: float = 0.0, are_kept: bool = False) -> "FramedDelassus":
+    def framed(
+        self, frames: Frames, compliance: float = 0.0, are_kept: bool = False, known: "FramedDelassus | None" = None
+    ) -> "FramedDelassus":
         """The same in frames, with a compliance along each normal, m/s/N; kept as long as they are given again.
 
-        `are_kept`: see FramedDelassus.
+        `are_kept`, `known`: see FramedDelassus.
         """
         if self._framed is None or self._framed.frames is not frames or self._framed.added != compliance:
-            self._framed = FramedDelassus(self, frames, compliance)
+            self._framed = FramedDelassus(self, frames, compliance, known)
         self._framed.are_kept = are_kept or len(frames.axes) == 1
         return self._framed
 
@@ -130,16 +143,27 @@ class FramedDelassus:
         operator: the same along the axes of space.
         frames: these.
         added: a compliance of each pair along its normal, m/s/N.
+        known: of before: where that nearly is this one it guides.
 
     Attributes:
-        compliance: (C,) of each pair by itself, m/s/N, > 0.
+        guide: what is near enough to guide searches: this one, or what guided the one of before.
+        compliance: (C,) of each pair by itself in the guide, m/s/N, > 0.
         stiffness: (C,) one by it, N s/m.
         are_kept: whether the frames are those of the step before, so that it pays to have W in them.
     """
 
-    def __init__(self, operator: Delassus, frames: Frames, added: float):
-        self.operator, self.frames, self.added = operator, frames, added
-        self.are_kept, self._scaled = len(frames.axes) == 1, dict[float, tuple[Array, Array]]()
+    guide: "FramedDelassus"
+    compliance: Array
+    stiffness: Array
+    _scaled: dict[float, tuple[Array, Array]]
+
+    def __init__(self, operator: Delassus, frames: Frames, added: float, known: "FramedDelassus | None" = None):
+        self.operator, self.frames, self.added, self.are_kept = operator, frames, added, len(frames.axes) == 1
+        if known is not None and self._is_nearly(known.guide):
+            self.guide = known.guide
+            self._scaled, self.compliance, self.stiffness = known._scaled, known.compliance, known.stiffness
+            return
+        self.guide, self._scaled = self, {}
         self.compliance, self.stiffness = operator.compliance, operator.stiffness
         if added:
             self.compliance = self.compliance + added / 3
@@ -153,9 +177,25 @@ class FramedDelassus:
         W.ravel()[: C * (3 * C + 1) : 3 * C + 1] += self.added
         return W
 
-    @cached_property
+    def _is_nearly(self, other: "FramedDelassus") -> bool:
+        W, axes, other_W, other_axes = self.operator.matrix, self.frames.axes, other.operator.matrix, other.frames.axes
+        if W.shape != other_W.shape or axes.shape != other_axes.shape or self.added != other.added:
+            return False
+        turned = float(np.abs(axes - other_axes).max()) * float(other.compliance.max())
+        return float(np.abs(W - other_W).max()) + turned < _NEARLY * other.operator.least_pivot
+
+    @property
+    def is_regular(self) -> bool:
+        """Whether W, or what guides in its place, tells all forces apart."""
+        return self.guide.operator.is_regular
+
+    @property
     def inverse(self) -> Array:
-        """W⁻¹ (3C, 3C), N s/m, of a regular W."""
+        """W⁻¹ (3C, 3C), N s/m, of a regular W, or of what guides in its place."""
+        return self.guide._inverse
+
+    @cached_property
+    def _inverse(self) -> Array:
         keeps_matrix = self.added or len(self.frames.axes) == 1  # elsewhere W⁻¹ along the axes of space is kept
         return np.linalg.inv(self.matrix) if keeps_matrix else self._turned(self.operator.inverse)
 

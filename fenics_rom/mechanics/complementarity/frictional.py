@@ -90,7 +90,7 @@ class FrictionalProblem:
             followed = self._follow(near, kept)
             if followed is not None:
                 return followed
-        if not self.operator.operator.is_regular:
+        if not self.operator.is_regular:
             self._take_share(SHARES[1])
         elif np.isfinite(self.error):
             start = self.best
@@ -98,7 +98,7 @@ class FrictionalProblem:
             start = self._nearer(start if near is None or near is kept else near.forces)
         found = self.search_newton(start, _FIRST_COMPLIANCE, _FIRST_ITERATIONS)
         if not found:
-            self._take_share(SHARES[self.operator.operator.is_regular])
+            self._take_share(SHARES[self.operator.is_regular])
             found = self.search_newton(self.best)
         if not found:
             with np.errstate(all="ignore"):  # what diverges ends
@@ -124,7 +124,7 @@ class FrictionalProblem:
         tolerance: float = CONVERGENCE_TOLERANCE,
     ) -> bool:
         """Whether Newton's method arrives from f within so many iterations; the best forces are kept."""
-        if self.operator.operator.is_regular:
+        if self.operator.is_regular:
             proximal = 0.0
         for _ in range(iterations):
             if self._arrives_at(f, tolerance):
@@ -202,14 +202,14 @@ class FrictionalProblem:
     def _linearised(self, law: _Law, proximal: float = 0.0) -> Linearisation | LinearisationByVelocities:
         """By its forces, or by velocities where these are fewer unknowns."""
         few = np.count_nonzero(law.length > law.cone) < np.count_nonzero(law.cone)  # slip or are open, than are closed
-        if few and self.operator.operator.is_regular:
+        if few and self.operator.is_regular:
             inverse = self.operator.inverse
             return LinearisationByVelocities(inverse, self.μ, self.compliance, law.z, law.length, law.cone)
         return Linearisation(self.operator.matrix, self.μ, self.compliance, law.z, law.length, law.cone, proximal)
 
     def _to_keep(self, kept: KeptLaw | None) -> KeptLaw | None:
         """What to begin the next search with: an inverse where pairs stick and slip as in the search before this."""
-        if not self.operator.operator.is_regular:
+        if not self.operator.is_regular:
             return None
         statuses, inverse = self._law.statuses, None
         if kept is not None and (kept.statuses == statuses or self._are_nearly(kept.statuses)):
@@ -240,7 +240,7 @@ class FrictionalProblem:
         f, path_compliance = np.zeros_like(self.q), 10.0
         while path_compliance > PROXIMAL_COMPLIANCE:
             softer = FrictionalProblem(self.operator.softened(path_compliance), self.q, self.μ)
-            softer._take_share(SHARES[not softer.operator.operator.is_regular])
+            softer._take_share(SHARES[not softer.operator.is_regular])
             if not softer.search_newton(f, tolerance=_PATH_TOLERANCE):
                 softer.search_newton(softer.sweep_pairs(softer.best, sweeps), tolerance=_PATH_TOLERANCE)
             self.iterations += softer.iterations

@@ -62,7 +62,7 @@ class FrictionlessProblem:
         statuses = closed.tobytes()
         if kept is None or kept.statuses != statuses:
             zero = np.zeros(self.q.shape)
-            return KeptLaw(statuses, None, zero, zero, zero) if self.operator.operator.is_regular else None
+            return KeptLaw(statuses, None, zero, zero, zero) if self.operator.is_regular else None
         if kept.inverse is not None:
             return kept
         inverse, among = np.zeros((self.q.size, self.q.size)), closed.nonzero()[0]

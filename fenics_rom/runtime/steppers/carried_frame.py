@@ -28,14 +28,13 @@ from fenics_rom.errors import StepError
 from fenics_rom.mechanics.base_fit import misfit, misfit_message
 from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion
 from fenics_rom.mechanics.frame_contact import touch
-from fenics_rom.mechanics.frame_geometry import Geometry, Push, arms_of, turned_operator, vector
+from fenics_rom.mechanics.frame_geometry import Geometry, Push, turned_operator, vector
 from fenics_rom.mechanics.frame_motion import (
     ZERO,
     Quaternion,
     Vector,
     added,
     cross,
-    cross_matrix,
     dot,
     mean,
     rotated,
@@ -44,6 +43,7 @@ from fenics_rom.mechanics.frame_motion import (
 )
 from fenics_rom.runtime.steppers.carried_adjoint import Carried, CarriedAdjoint
 from fenics_rom.runtime.steppers.carried_base import Motion, frame_state, motion_of
+from fenics_rom.runtime.steppers.carried_points import CarriedPoints
 from fenics_rom.runtime.steppers.frame_kernel import MOMENTS, TURNED, FrameKernel, FrameState, check_turn, in_frame
 from fenics_rom.runtime.steppers.frame_loads import FrameForces
 from fenics_rom.runtime.steppers.frame_points import FramePoints
@@ -66,11 +66,6 @@ class _Step(NamedTuple):
     ω_end: Vector
     forces: FrameForces
     modal: Array  # (m,) of them
-
-    @property
-    def spin(self) -> Array:
-        """(R* ω̂)~ (3, 3)."""
-        return cross_matrix(self.turn.middle.dot(self.ω̂))
 
     @property
     def origin(self) -> Array:
@@ -101,7 +96,8 @@ class CarriedFrame(FrameKernel):
         self._taken: _Step | None = None
         self._free = np.empty(0)
         self._inside_of: tuple[Array, bytes, Array] | None = None  # A, points, and their answer in the frame's axes
-        self._answered: tuple[bytes, Array] | None = None  # how the frame turns, and the same in the world's
+        self._answered: tuple[CarriedPoints, Array] | None = None  # how the frame turns, and the same in the world's
+        self._carried: CarriedPoints | None = None  # the points, in the step
         self._size = (sum(self._inertia0[:3]) / 2 / self._mass) ** 0.5
         self.resume(np.empty(0))
 
@@ -194,12 +190,10 @@ class CarriedFrame(FrameKernel):
             if self.residual is not None:
                 inside += self.residual.delassus_of(some)
             self._inside_of, self._answered = (step.A, key, inside), None
-        # R* and by how the arms change with the way that points go; R*ᵀ f is what the frame sees of a force
-        middle = step.turn.middle
-        outward = middle + self.h / 2 * step.spin.dot(step.turn.end)
-        turns = outward.tobytes() + middle.tobytes()
-        if self._answered is None or self._answered[0] != turns:
-            self._answered = turns, turned_operator(outward, self._inside_of[2], middle)
+        turns = self._carried
+        assert turns is not None
+        if self._answered is None or self._answered[0] is not turns:  # R*ᵀ f is what the frame sees of a force
+            self._answered = turns, turned_operator(turns.outward, self._inside_of[2], turns.middle)
         return self._answered[1]
 
     def close(self, contact: ContactSolution | None) -> float:
@@ -235,34 +229,34 @@ class CarriedFrame(FrameKernel):
         """Takes the step that has begun, to the velocities that it was found to have."""
         h, now, start, step = self.h, self._now, self.frame, self._taken
         assert step is not None
-        turn, touched, push, heat = step.turn, None, None, 0.0
+        turn, touched, pushed, heat = step.turn, None, None, 0.0
         if self._interface is not None:
             self.places()  # where the step begins, as the residual part now goes on
             yielding, heat = self._step_residual(in_frame(turn, contact))
         if contact is not None:
             arms, touched = self._carried_points(step, r̂, yielding)
-            push = self.push(contact.forces, turn, arms)
+            pushed = _seen(contact.forces, arms, turn)
         e, r = self._e + self._travel * r̂, r̂ + r̂ - self._r
         q, v̂, ω̂ = e * self._inverse_ω, step.v̂, step.ω̂
         after = motion_of(q, self._shape_at(q, r), turn.after, step.v_end, step.ω_end, self._mass)
         of_base = dot(added(after.P, -1.0, now.P), v̂) + dot(added(after.L, -1.0, now.L), ω̂)
         supplied = of_base + h * float(step.modal.dot(r̂))
-        if push is not None:  # the work of contact forces is booked as theirs
-            supplied -= h * (dot(turn.seen(push.force), v̂) + dot(push.turning, ω̂))
+        if pushed is not None:  # the work of contact forces is booked as theirs
+            supplied -= h * (dot(pushed[0], v̂) + dot(pushed[1], ω̂))
         self._finish(contact, touched, supplied, h * float(r̂.dot(self._damped(r̂))) + heat)
         self._look_at_base(start, step.end, turn, v̂)
         self._wrench_before, self._now_before = self._wrench, now
-        self._wrench = partial(self._wrench_of, h, step, r̂, now, after, push)
+        self._wrench = partial(self._wrench_of, h, step, r̂, now, after, pushed)
         self._now, self.frame = after, step.end
         return self._arrive(e, r)
 
     def _carried_points(self, step: _Step, r̂: Array, yielding: Array | None) -> tuple[Array, Array]:
         """Arms of the contact points from the origin in the middle of the step, m, and velocities, m/s, (P, 3)."""
-        start, inside = self.places(), self.points.moved(r̂)
+        inside = self.points.moved(r̂)
         if yielding is not None:
             inside += yielding
-        arms = arms_of(step.turn, start, start + self.h * inside)
-        return arms, arms.dot(step.spin.T) + inside.dot(step.turn.middle.T) + step.origin
+        self._carried = CarriedPoints.of(step.turn, self.h, self._carried)
+        return self._carried.moved(self.places(), inside, step.origin)
 
     def _solved(self, A: Array, right: Array) -> Array:
         """A⁻¹ of a vector or columns."""
@@ -292,16 +286,19 @@ class CarriedFrame(FrameKernel):
             return self._A, right
         return self._products[9] if self._dense_damping else self._diagonal, right
 
-    def _wrench_of(self, h: float, step: _Step, r̂: Array, now: Motion, after: Motion, push: Push | None) -> Wrench:
-        """Of the base on the body in a step of h s that led from one motion to another; in world axes."""
+    def _wrench_of(self, h: float, step: _Step, r̂: Array, now: Motion, after: Motion, pushed: Wrench | None) -> Wrench:
+        """Of the base on the body in a step of h s that led from one motion to another; in world axes.
+
+        `pushed`: of contact, as the frame sees it.
+        """
         v̂, ω̂, turn = step.v̂, step.ω̂, step.turn
         P̂, L̂ = mean(now.P, after.P), mean(now.L, after.L)
         # ΔP/h + ω̂ × P̂ and ΔL/h + ω̂ × L̂ + v̂ × P̂, of which the base has not what else acts
         force = added(cross(ω̂, P̂), 1 / h, added(after.P, -1.0, now.P))
         torque = added(added(cross(ω̂, L̂), 1.0, cross(v̂, P̂)), 1 / h, added(after.L, -1.0, now.L))
         others = [self._external(h, step, r̂, now, after)]
-        if push is not None:
-            others.append((turn.seen(push.force), push.turning))
+        if pushed is not None:
+            others.append(pushed)
         for other in others:
             force, torque = added(force, -1.0, other[0]), added(torque, -1.0, other[1])
         return turn.mean(force), turn.mean(torque)
@@ -390,3 +387,9 @@ class CarriedFrame(FrameKernel):
         if self._inverse is None:
             self._inverse = np.linalg.inv(step.A) if step.A.ndim == 2 else np.diag(1 / step.A)
         return self._inverse
+
+
+def _seen(forces: Array, arms: Array, turn: Geometry) -> Wrench:
+    """Force, N, and torque about the origin, N m, of forces (P, 3) at arms (P, 3), as the frame sees them."""
+    (_, xy, xz), (yx, _, yz), (zx, zy, _) = arms.T.dot(forces).tolist()
+    return turn.seen(vector(forces.sum(axis=0))), turn.seen((yz - zy, zx - xz, xy - yx))
