@@ -7,7 +7,7 @@ The paper's silicone cylinder, 0.6 m long and 1.5 cm thick, is held at both ends
 reduced model of its own; which one is active follows from the gaps, as the ball goes from place to place. The script
 
 1. writes the motion of the ball, ball.csv, that the scene names;
-2. runs the scene at full order, also at half the step and with the mesh turned about the axis of the cylinder, and at
+2. runs the scene at full order, also at smaller steps and with the mesh turned about the axis of the cylinder, and at
    several reduced orders, also without residual compliance, and tables errors and rates, of the whole run and by poke;
 3. tables what a reduced step spends its time on;
 4. draws the cylinder under each poke, to scale, and the force on it.
@@ -84,9 +84,9 @@ def main() -> None:
 
     rom = fr.reduce(system, order=orders[-1])
     roms = {order: fr.truncate(rom, order) for order in orders}
-    runs = compare_orders(system, roms, half_the_step=not quick)
+    runs = compare_orders(system, roms, sensitivity=not quick)
     if not quick:
-        runs = replace(runs, turned=run_turned(scene, runs.full, out / "turned.msh"))
+        runs.sensitive["full order, mesh turned by 1°"] = run_turned(scene, runs.full, out / "turned.msh")
     full, best = runs.full, runs.reduced[own]
     seconds = sum(stage.seconds for stage in rom.stages)
 
@@ -107,9 +107,9 @@ def main() -> None:
         **laws(full, scene, points),
         **laws(best, scene, points),
     }
-    if runs.finer is not None:
+    if runs.step is not None:
         more = f"at order {own} the shape is off by less than the step itself makes"
-        claims[more] = errors(best, full).shape < errors(runs.finer, full).shape
+        claims[more] = errors(best, full).shape < runs.step.shape
     print(f"\nReduced in {seconds:.0f} s\n")
     check(claims)
 
@@ -171,16 +171,9 @@ def by_poke(run: fr.Trajectory, full: fr.Trajectory, pokes: int) -> tuple[Array,
 def table_by_poke(runs: Comparison, pokes: int, file: Path) -> None:
     """Errors of the first poke, which is from rest, and of a usual one: stick and slip have a history in later ones."""
     rows = []
-    for name, several in (
-        *((name, {runs.full.settings["order"]: run}) for name, run in runs.of_full_order.items()),
-        ("reduced", runs.reduced),
-        ("without residual compliance", runs.without),
-    ):
-        for order, run in several.items():
-            cells = (
-                f"{of(each):.1e}" for of in (lambda one: one[0], np.median) for each in by_poke(run, runs.full, pokes)
-            )
-            rows.append((name, order, *cells))
+    for name, order, run in runs.rows:
+        cells = (f"{of(each):.1e}" for of in (lambda one: one[0], np.median) for each in by_poke(run, runs.full, pokes))
+        rows.append((name, order, *cells))
     heading = ("model", "order", "first poke: shape", "force", f"median of {pokes} pokes: shape", "force")
     table = markdown(heading, rows)
     file.write_text(table)

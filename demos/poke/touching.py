@@ -2,7 +2,7 @@
 
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -17,8 +17,7 @@ from fenics_rom.scene.scene import Scene
 
 Array = np.ndarray
 
-LACKING = 3e-3  # of the largest displacement, that the shape of a reduced model may lack at its contact points
-
+FINER = {2: "full order at half the step", 4: "full order at a quarter of it"}  # by parts of a step
 LIGHT = np.array([-0.35, -0.65, 0.68])  # where it comes from; of length 1
 BODY = "#d9d4c7"  # silicone
 OUTLINE = "0.25"
@@ -58,34 +57,46 @@ class Comparison:
 
     Attributes:
         full: the reference, at the step of the reduced runs.
-        finer: full order at half that step, if asked for. What it differs by from `full` is what the step itself
-            makes: a reduced error below that is no accuracy that one could use.
-        turned: full order on a mesh that says the same of the body, if there is one, with the shapes on the nodes of
-            `full`.
-        reduced, without: by order; the same without residual compliance.
+        sensitive: what else full order says of the scene, by how it was asked: at smaller steps, or on a mesh that says
+            the same of the body, with the shapes on the nodes of `full`. A reduced error below that is no accuracy that
+            one could use.
+        reduced, without: by order; the same, or of another basis, without residual compliance.
+        others: of other bases, by what is to be said of them and by order.
     """
 
     full: fr.Trajectory
-    finer: fr.Trajectory | None
+    sensitive: dict[str, fr.Trajectory]
     reduced: dict[int, fr.Trajectory]
     without: dict[int, fr.Trajectory]
-    turned: fr.Trajectory | None = None
+    others: dict[str, dict[int, fr.Trajectory]] = field(default_factory=dict)
 
     @property
-    def of_full_order(self) -> dict[str, fr.Trajectory]:
-        """What else full order says of the scene: reduced runs cannot be told to be closer than that."""
-        runs = {"full order at half the step": self.finer, "full order, mesh turned by 1°": self.turned}
-        return {name: run for name, run in runs.items() if run is not None}
+    def stiff(self) -> str:
+        """What is said of runs without residual compliance."""
+        return "without residual compliance" + (" too" if self.others else "")
+
+    @property
+    def step(self) -> Errors | None:
+        """What the step itself makes; None where it was not asked for."""
+        finer = self.sensitive.get(FINER[2])
+        return None if finer is None else errors(finer, self.full)
+
+    @property
+    def rows(self) -> list[tuple[str, int, fr.Trajectory]]:
+        """All that is told apart from full order: what it is, its order, the run."""
+        groups = {"reduced": self.reduced, **self.others, self.stiff: self.without}
+        of_full = [(name, self.full.settings["order"], run) for name, run in self.sensitive.items()]
+        return of_full + [(name, order, run) for name, runs in groups.items() for order, run in runs.items()]
 
     def table(self, file: Path) -> None:
         """Prints and writes errors and rates."""
-        full_rate, size = rate(self.full), self.full.settings["order"]
-        rows = [("full order", size, "", "", *("" for _ in self.full.forces), f"{full_rate:,.0f}", "1")]
-        rows += [(name, size, *errors(run, self.full).cells, "", "") for name, run in self.of_full_order.items()]
-        for order, run in self.reduced.items():
-            speed = f"{rate(run):,.0f}", f"{rate(run) / full_rate:.1f}"
-            rows += [("reduced", order, *errors(run, self.full).cells, *speed)]
-            rows += [("without residual compliance", order, *errors(self.without[order], self.full).cells, "", "")]
+        full_rate = rate(self.full)
+        blank = ("", "", *("" for _ in self.full.forces))
+        rows = [("full order", self.full.settings["order"], *blank, f"{full_rate:,.0f}", "1")]
+        for name, order, run in self.rows:
+            timed = name == "reduced"
+            speed = (f"{rate(run):,.0f}", f"{rate(run) / full_rate:.1f}") if timed else ("", "")
+            rows.append((name, order, *errors(run, self.full).cells, *speed))
         heading = ("model", "order", "shape", "any node", *(f"force of {name}" for name in self.full.forces))
         table = markdown((*heading, "steps per second", "times full order"), rows)
         file.write_text(table)
@@ -93,20 +104,36 @@ class Comparison:
         print(f"""{self.full.steps} steps of {dt} with contact and friction, one thread
 
 Errors against full order at the same step: of the shape in mass and of forces in the 2-norm over the run, and the
-largest of any node at any instant. Those of half the step, at the same instants, say what {dt} make by themselves.
+largest of any node at any instant. Those of smaller steps, at the same instants, say what {dt} make by themselves.
 
 {table}""")
 
 
-def compare_orders(system: fr.System, roms: Mapping[int, fr.Rom], *, half_the_step: bool) -> Comparison:
-    """Runs the scene of ROMs, by order, at full order, also at half the step if asked for, and reduced."""
+def compare_orders(
+    system: fr.System,
+    roms: Mapping[int, fr.Rom],
+    *,
+    sensitivity: bool,
+    others: Mapping[str, Mapping[int, fr.Rom]] | None = None,
+) -> Comparison:
+    """Runs the scene of ROMs, by order, at full order and reduced.
+
+    Args:
+        system: the full-order model.
+        roms: those that are compared; without residual compliance are the last of the others, if there are any.
+        sensitivity: whether full order is run at half and at a quarter of the step, too.
+        others: of other bases, by what is to be said of them.
+    """
     full = fr.simulate(system)
-    finer = fr.simulate(system, dt=full.settings["dt"] / 2) if half_the_step else None
-    reduced, without = {}, {}
-    for order, rom in roms.items():
-        reduced[order] = fr.simulate(rom, profile=True, rate=True)
-        without[order] = fr.simulate(rom, scene=replace(rom.environment, residual_compliance=False))
-    return Comparison(full, finer, reduced, without)
+    finer = {name: fr.simulate(system, dt=full.settings["dt"] / n) for n, name in FINER.items() if sensitivity}
+    reduced = {order: fr.simulate(rom, profile=True, rate=True) for order, rom in roms.items()}
+    beside = {name: {order: fr.simulate(rom) for order, rom in each.items()} for name, each in (others or {}).items()}
+    stiff = list((others or {"": roms}).values())[-1]
+    without = {
+        order: fr.simulate(rom, scene=replace(rom.environment, residual_compliance=False))
+        for order, rom in stiff.items()
+    }
+    return Comparison(full, finer, reduced, without, beside)
 
 
 def rate(run: fr.Trajectory) -> float:
@@ -139,15 +166,8 @@ def within_linear(run: fr.Trajectory) -> bool:
 
 
 def laws(run: fr.Trajectory, scene: Scene, points: Array) -> dict[str, bool]:
-    """What holds of every run among obstacles, reduced or not.
-
-    The shape of a reduced run lacks what its contact points yield beyond the shared basis.
-    """
+    """What holds of every run among obstacles, reduced or not."""
     depth, motion = deepest(run, scene, points)
-    deep, allowed = "no point is deeper in an obstacle than both move in a step", motion
-    if run.model == "reduced":
-        deep += f", or {LACKING:.1%} of the largest displacement"
-        allowed = max(motion, LACKING * float(np.linalg.norm(run.snapshots, axis=2).max()))
     contact, friction = (run.contact_account[name] for name in ("contact", "friction"))
     rounding = 1e-12 * max(np.abs(run.supplied).max(), run.dissipated[-1])
     print(
@@ -159,7 +179,7 @@ def laws(run: fr.Trajectory, scene: Scene, points: Array) -> dict[str, bool]:
         f"{run.model}: the energy account is closed to 1e-12": run.balance_error < 1e-12,
         f"{run.model}: contact never adds energy": bool(np.diff(contact).min() >= -rounding),
         f"{run.model}: friction never adds energy": bool(np.diff(friction).min() >= -rounding),
-        f"{run.model}: {deep}": depth <= allowed,
+        f"{run.model}: no point is deeper in an obstacle than both move in a step": depth <= motion,
     }
 
 

@@ -86,9 +86,10 @@ def reduce(
         tolerance: instead of an order: share of the sum of singular values that may be left out.
         method: "balanced" (by the Gramians), "eigenvector-selection" (the paper's: eigenvectors that hold a share of
             the balanced basis' covariance), "modal" (the lowest eigenvectors), "modal+static" (with the static
-            shapes of the inputs), "pod" (of full-order runs), "static" (the shapes at rest alone; what a scene without
-            inertia gets), or a function of a `ReductionProblem`. With large deformation "trained" (by full-order runs;
-            what such a scene gets) or "modal+derivatives" (without runs).
+            shapes of the inputs; of actuators and loads alone where contact points keep their residual compliance, for
+            which it is often the best), "pod" (of full-order runs), "static" (the shapes at rest alone; what a scene
+            without inertia gets), or a function of a `ReductionProblem`. With large deformation "trained" (by
+            full-order runs; what such a scene gets) or "modal+derivatives" (without runs).
         switching: "energy": the bases themselves, switched by energy-orthogonal projection (any order, no loss of
             accuracy); "oblique": standard balanced truncation as the paper's (5)-(8) stand, from dense Gramians with
             their round-off, switched by their oblique projections, which can create energy: for comparison only.

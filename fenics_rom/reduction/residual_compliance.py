@@ -20,12 +20,19 @@ NOTHING_LACKS = 1e-6  # of the static compliance: a residual compliance that sma
 POINTS_COMPARED = 8  # of which the Delassus operator is compared with the full model's
 
 
+def has_residual_compliance(problem: ReductionProblem) -> bool:
+    """Whether contact points keep what the basis lacks: those of a scene with contact, unless it says otherwise."""
+    scene = problem.system.scene
+    if scene is None or not problem.system.contact_points or problem.switching == "oblique":
+        return False
+    return scene.environment.contact_law is not None and scene.environment.residual_compliance
+
+
 def with_residual_compliance(problem: ReductionProblem, rom: Rom) -> Rom:
     """The ROM (of the elastic part) with the residual compliance of its contact points, where its scene wants it."""
-    environment, system = rom.environment, problem.system
-    wanted = environment.contact_law is not None and environment.residual_compliance
-    if not wanted or not system.contact_points or problem.switching == "oblique":
+    if not has_residual_compliance(problem):
         return rom
+    system = problem.system
     with problem.stages("residual compliance"):
         algebra, κ = system.algebra, rom.stiffness
         Q = rom.basis[algebra.rows()]

@@ -176,12 +176,18 @@ class SimulatedBody:
     def displacement(self, output: str | None = None) -> Array:
         """Displacement, m: of a named output (points, 3), or of every mesh node (nodes, 3).
 
-        Without a mesh: the rows of the output, or all n displacements.
+        Without a mesh: the rows of the output, or all n displacements. Nodes that can be touched are where obstacles
+        find them, with all that they yield; outputs have what of it lies in the shared basis.
 
         Raises:
             StepError: no such output.
         """
-        return self._field(self._q, output, self._beyond)
+        field = self._field(self._q, output, self._beyond)
+        residual, interface = self._stepper.kernel.residual, self._stepper.interface
+        if output is None and residual is not None and interface is not None:
+            nodes = interface.points.nodes
+            field[nodes] += residual.beyond_shared[: len(nodes)]
+        return field
 
     def velocity(self, output: str | None = None) -> Array:
         """Velocity, m/s: of a named output (points, 3), or of every mesh node (nodes, 3).

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy.linalg
 from bodies import acted_on, box_arrays, write_arrays
 
 import fenics_rom as fr
@@ -139,6 +140,34 @@ def test_delassus_operator_is_nearer_that_of_the_full_model(mesh):
         assert beside < (0.5 if h > 1e-4 else 1.0) * without
         if h == models.rom.residual_compliance.dt:
             assert models.rom.residual_compliance.errors["bottom"] == pytest.approx((without, beside), rel=0.3)
+
+
+def test_beside_eigenvectors_it_moves_by_itself(mesh):
+    """Then static shapes are of loads alone, and no mass couples eigenvectors to it: W is nearer that of full order.
+
+    Other bases share mass with what contact points yield beyond them, which is neglected.
+    """
+    order = 24
+    models = Models(mesh, MOVING + PUSH + FLOOR, order, run="dt = 2e-3\nduration = 0.1")
+    with warnings.catch_warnings(action="ignore", category=FenicsRomWarning):
+        rom = fr.reduce(models.system, method="modal+static", order=order)
+    M, _, K = matrices(models)
+    static = np.linalg.solve(K, models.system.loads["push"])
+    Φ = scipy.linalg.eigh(K, M)[1][:, : order - static.shape[1]]
+    for model in rom.contact_models.values():
+        W = rom.basis @ model.coordinates
+        for expected in (static, Φ):
+            lacking = expected - W @ (W.T @ M @ expected)
+            assert np.linalg.norm(lacking) < 1e-9 * np.linalg.norm(expected)
+    beside = rom.residual_compliance.errors["bottom"][1]
+    assert beside < 0.75 * models.rom.residual_compliance.errors["bottom"][1]
+
+    def shared(of):
+        """Of mass of the basis' own motions and the residual shapes, relative."""
+        X = shapes_lacking(models, of, "bottom")
+        return np.linalg.norm(Φ.T @ M @ X) / np.sqrt(np.trace(X.T @ M @ X))
+
+    assert shared(rom) < 1e-9 < 1e-2 < shared(models.rom)
 
 
 def test_damping_of_other_kinds_dissipates_alike(mesh):
@@ -275,6 +304,22 @@ def test_without_inertia_contact_is_that_of_the_full_model_at_any_order(mesh):
     runs = [fr.simulate(models.rom, scene=scene, signals=rises) for scene in (None, models.without)]
     off, off_without = (np.abs(run.forces["floor"] - full.forces["floor"]).max() for run in runs)
     assert off <= 1e-5 * np.abs(full.forces["floor"]).max() <= 1e-3 * off_without
+    moved = full.snapshots[:, models.system.points_of_contact().nodes]
+    off, off_without = (np.abs(run.snapshots[:, models.system.points_of_contact().nodes] - moved).max() for run in runs)
+    assert off <= 1e-5 * np.abs(moved).max() <= 1e-3 * off_without
+
+
+def test_shapes_have_the_points_where_obstacles_find_them(models):
+    """Also after switches, which move no point; nodes that nothing can touch are in the shared basis."""
+    run = Reduced(models.rom)
+    run.shake(60, seed=5)
+    body, nodes = run.body, run.body.contact_points
+    there = body._stepper.point_displacement()[: len(nodes)]
+    np.testing.assert_allclose(body.displacement()[nodes], there, rtol=0, atol=1e-12 * np.abs(there).max())
+    others = np.setdiff1d(np.arange(len(models.rom.nodes)), nodes)
+    shape = models.rom.reconstruct(body._shape)
+    np.testing.assert_array_equal(body.displacement()[others], shape[others])
+    assert np.abs(shape[nodes] - there).max() > 1e-9 * np.abs(there).max()
 
 
 def test_forces_and_shape_of_several_patches_are_nearer_the_full_model(mesh):

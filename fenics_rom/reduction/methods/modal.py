@@ -8,6 +8,7 @@ from fenics_rom.errors import SceneError
 from fenics_rom.reduction.common_basis import orthogonal_complement, pad_rows
 from fenics_rom.reduction.eigenvectors import share_eigenvectors
 from fenics_rom.reduction.problem import RankedBasis, ReductionProblem
+from fenics_rom.reduction.residual_compliance import has_residual_compliance
 
 
 def modal(problem: ReductionProblem) -> Iterator[tuple[str, RankedBasis]]:
@@ -18,11 +19,17 @@ def modal(problem: ReductionProblem) -> Iterator[tuple[str, RankedBasis]]:
 
 
 def modal_static(problem: ReductionProblem) -> Iterator[tuple[str, RankedBasis]]:
-    """K⁻¹B first, so that loads at rest are exact, then the lowest eigenvectors (Craig & Bampton 1968 do likewise)."""
+    """K⁻¹B first, so that loads at rest are exact, then the lowest eigenvectors (Craig & Bampton 1968 do likewise).
+
+    Contact points that keep their residual compliance need no static shapes: beside eigenvectors it is exact at rest,
+    and moves by itself, as nothing couples the two by mass (MacNeal 1971, Rubin 1975).
+    """
     share_eigenvectors(problem, _highest_order(problem))
+    system, yields = problem.system, has_residual_compliance(problem)
     for name in problem.contacts:
+        B = np.hstack([*system.actuators.values(), *system.loads.values(), system.contacts[name][:, :0]])
         with problem.stages("solves with K"):
-            statics = problem.factor.solve(problem.system.forces(name))
+            statics = problem.factor.solve(B if yields else system.forces(name))
         shapes = problem.space.add(statics)
         V = pad_rows(np.eye(problem.space.eigenvectors), len(shapes))
         yield name, RankedBasis(np.hstack([orthogonal_complement(shapes, shapes[:, :0]), V]))

@@ -214,6 +214,13 @@ class ResidualMotion:
         in_shared -= part.basis.dot(g.dot(part.basis_points))
         return in_shared
 
+    @property
+    def beyond_shared(self) -> Array:
+        """What of the points' displacement no shape of the shared basis has, (P, 3), m."""
+        strained = self.strained
+        beyond: Array = self._y - self._part.points[:, : len(strained)].dot(strained)
+        return beyond.reshape(-1, 3)
+
     def velocity(self, contact: ContactSolution | None) -> Array:
         """Mid-step velocity (P, 3), m/s, that it adds to the points' under contact forces."""
         return self._after(contact)[5].reshape(-1, 3)
