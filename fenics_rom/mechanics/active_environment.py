@@ -98,6 +98,12 @@ class ActiveEnvironment:
         found = acting.contact_law is not None or acting.finds_forces
         return acting.has_inertia and not (self.columns or found or self._base)
 
+    @property
+    def stands_still(self) -> bool:
+        """Whether all obstacles stay where they are as long as no signal is set, and did in the last step."""
+        rest = self._constant_offsets
+        return rest is not None and np.array_equal(self.state.offsets, rest) and is_zero(self.state.velocities)
+
     def stroke_names(self, actuators: Collection[str]) -> tuple[str, ...]:
         """Those of the actuators whose strokes are given."""
         return tuple(name for name in actuators if name in self.environment.controls)

@@ -176,20 +176,22 @@ class EnvironmentInputs:
 
     Attributes:
         needs_each_step: whether what happens in a step is not known before it is taken.
+        allows_rollout: whether all that is not known is contact of a body whose steps are else linear.
+        switches: whether the contact mode follows the obstacles.
     """
 
     def __init__(self, rom: Rom, environment: ActiveEnvironment):
         self.environment = environment
         acting = environment.environment
-        found = acting.contact_law is not None or acting.finds_forces
-        self.needs_each_step = not acting.has_inertia or acting.is_moving or found
-        self._switches = acting.switches_itself and len(rom.contact_models) > 1
+        self.allows_rollout = acting.has_inertia and not (acting.is_moving or acting.finds_forces)
+        self.needs_each_step = not self.allows_rollout or acting.contact_law is not None
+        self.switches = acting.switches_itself and len(rom.contact_models) > 1
         self._actuator_columns = sum(rom.actuators.values())
 
     def nearest(self, stepper: ReducedStepper) -> str:
         """The contact mode to be in."""
         interface = stepper.interface
-        if not self._switches or interface is None:
+        if not self.switches or interface is None:
             return stepper.contact_mode
         gaps = interface.solver.gaps(stepper.point_displacement(), self.environment.state.offsets)
         nearest = interface.points.nearest(gaps, stepper.contact_mode)

@@ -50,12 +50,12 @@ class LinearityMonitor:
         self._gauge = self._gauges[contact][1]
         return min(2 * self._gauge.safe_energy, sys.float_info.max)  # infinite is never safe
 
-    def look(self, e: Array, time: float) -> None:
+    def look(self, e: Array, time: float, steps: int = 1) -> None:
         """Looks at the state e = ω q (m,) of an energy that is not safe in itself, unless the last look says it is.
 
-        Warns of the first one beyond the limits.
+        Warns of the first one beyond the limits. `steps`: how many led there since the last such state.
         """
-        self._since += 1
+        self._since += steps
         if self._since < LOOK_INTERVAL[self.peak.beyond]:
             return
         self._since, s = 0, self._rigid()

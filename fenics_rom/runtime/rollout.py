@@ -12,7 +12,7 @@ account are read off for all blocks at once. The map of many steps is composed o
 import math
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
@@ -21,6 +21,9 @@ from fenics_rom.errors import StepError, check_known
 from fenics_rom.mechanics.signals import real_numbers
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.midpoint_map import checked_dt, matrices
+
+if TYPE_CHECKING:
+    from fenics_rom.runtime.contact_rollout import ContactRollout
 
 Simulator = Any  # fenics_rom.runtime.simulator's, which imports this file
 
@@ -194,6 +197,7 @@ class Rollout:
     def __init__(self, body: Simulator) -> None:
         self._body = body
         self._propagators: dict[tuple[Any, ...], list[BlockPropagator]] = {}
+        self._among_obstacles: ContactRollout | None = None
 
     def take(
         self,
@@ -207,9 +211,15 @@ class Rollout:
         body = self._body
         if body.rom.deformation is not None:
             raise StepError("rollout: is for linear models; with large deformation take each step by itself")
-        if body.needs_each_step:
+        if not body.allows_rollout:
             raise StepError(
-                "rollout: is for known forces; among obstacles, by strokes or at rest take each step by itself"
+                "rollout: is for known forces and contact; by strokes, without inertia or in a moving frame take each "
+                "step by itself"
+            )
+        if contact is not None and body.switches_itself:
+            raise StepError(
+                "rollout: contact: obstacles say which contact mode is active; allowed is None, or contact_switching = "
+                "'scene' in the scene"
             )
         if not (isinstance(every, int | np.integer) and every >= 1):
             raise StepError(f"every = {every!r}: allowed is a whole number of steps, at least 1")
@@ -221,7 +231,8 @@ class Rollout:
             with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is told as a StepError
                 for interval in plan:
                     body.dt = interval.dt
-                    body.switch(interval.contact)
+                    if contact is not None:
+                        body.switch(interval.contact)
                     interval_inputs = u[interval.start : interval.stop]
                     rows += self._read(interval_inputs, interval.start, every if names else 1, names)
         except BaseException:
@@ -238,6 +249,12 @@ class Rollout:
             q = body.state[0]
             rows.append(np.concatenate([body.output_rows(name) @ q for name in names])[None])
 
+        if body.needs_each_step:
+            if self._among_obstacles is None:
+                from fenics_rom.runtime.contact_rollout import ContactRollout  # here, as few bodies have obstacles
+
+                self._among_obstacles = ContactRollout(body)
+            return self._among_obstacles.take(u, taken, every, names)
         if body.rom.rigid or body.relaxes:  # there is more than energy coordinates hold
             for count, row in enumerate(u, start=taken + 1):
                 body.step(row[: body.inputs])  # its loads act by themselves

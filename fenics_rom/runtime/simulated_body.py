@@ -86,6 +86,21 @@ class SimulatedBody:
         return self.contact if self._source is None else self._source.nearest(self._stepper)
 
     @property
+    def needs_each_step(self) -> bool:
+        """Whether what happens in a step is not known before it is taken."""
+        return self._source is not None and self._source.needs_each_step
+
+    @property
+    def allows_rollout(self) -> bool:
+        """Whether `rollout` can take steps: all that it does not know of them is contact."""
+        return self._source is None or self._source.allows_rollout
+
+    @property
+    def switches_itself(self) -> bool:
+        """Whether the contact mode follows the obstacles."""
+        return self._source is not None and self._source.switches
+
+    @property
     def integrator(self) -> ReducedStepper:
         """What takes the steps; see mechanics.step."""
         return self._stepper

@@ -166,11 +166,6 @@ class Simulator(MovingBody):
             warnings.warn(message, FenicsRomWarning, stacklevel=2)
         return lost
 
-    @property
-    def needs_each_step(self) -> bool:
-        """Whether what happens in a step is not known before it is taken."""
-        return self._source is not None and self._source.needs_each_step
-
     def switch(self, contact: str) -> None:
         """Makes another contact mode active; the state is projected, and never gains energy by it.
 
@@ -279,10 +274,10 @@ class Simulator(MovingBody):
         self.steps += 1
         self._look(self.time)
 
-    def watch(self, e: Array, square: float, time: float) -> None:
-        """Looks at a state √γ q (m,) that a rollout passed at a time, s, with twice the stored energy `square`, J."""
+    def watch(self, e: Array, square: float, time: float, steps: int = 1) -> None:
+        """Looks at a state √γ q (m,) that some steps of a rollout led to; `square` is twice its stored energy, J."""
         if square > self._monitor_threshold:
-            self._monitor.look(e, time)
+            self._monitor.look(e, time, steps)
 
     def _leave_finite(self, u: Array) -> None:
         self._stepper.rollback()
@@ -306,10 +301,13 @@ class Simulator(MovingBody):
     ) -> dict[str, Array]:
         """Takes many steps under known inputs at once, as products of matrices; the same as stepping, to round-off.
 
+        Among obstacles blocks of steps in which all contact pairs do what they did are taken so, and the steps between
+        by themselves: the same as stepping, to the tolerance of contact forces.
+
         Args:
             inputs: (steps, p) N, of each step.
-            contact: contact mode to be in from the first step on, or (steps,) in each; None: the active one. All must
-                take p inputs.
+            contact: contact mode to be in from the first step on, or (steps,) in each; None: the active one, or those
+                that obstacles ask for. All must take p inputs.
             dt: time step from the first step on, or (steps,) of each, s; None: the one that is set.
             every: the outputs are read after every so many steps.
             outputs: names of those that are read; None: all. Readings are of `step` and `fr.simulate` alone.
@@ -318,7 +316,8 @@ class Simulator(MovingBody):
             Displacement of each output, m: (steps // every, points, 3); without a mesh (steps // every, rows).
 
         Raises:
-            StepError: wrong shapes, unknown names, or numbers that are not finite; everything is as it was.
+            StepError: wrong shapes, unknown names, or numbers that are not finite; a contact mode where obstacles say
+                which; strokes, a moving frame, large deformation or no inertia; everything is as it was.
         """
         if self._rollout is None:
             from fenics_rom.runtime.rollout import Rollout  # here, as not everyone knows all inputs

@@ -20,7 +20,16 @@ HARD = ["tests/hard/test_hard_cases.py", "-k", "every_claim and not material and
 RUNTIME = [
     f"tests/runtime/test_{name}.py"
     for name in (
-        *("midpoint", "rollout", "energy_laws", "simulator", "free_bodies", "viscoelasticity", "moving_frame"),
+        *(
+            "midpoint",
+            "rollout",
+            "contact_rollout",
+            "energy_laws",
+            "simulator",
+            "free_bodies",
+            "viscoelasticity",
+            "moving_frame",
+        ),
         *("relaxing_large_deformation", "differentiation_deformation", "differentiation_frames", "followed_contact"),
     )
 ] + ["tests/reduction/test_moving_frame_accuracy.py", "tests/fem/test_frame_contact.py"]
@@ -183,6 +192,41 @@ MUTATIONS = [
     ("runtime/rollout.py", "state[:] = states[-1]", "state[:] = states[-2]"),
     ("runtime/rollout.py", "| (sizes[1:] != sizes[:-1])", ""),
     ("runtime/rollout.py", "names[1:] != names[:-1]) | (", "names[1:] != names[1:]) | ("),
+    ("runtime/kept_contact.py", "((normal < level) == self.pairs.chosen).all(axis=1)", "np.full(L, True)"),
+    ("runtime/kept_contact.py", "(normal < level) == self.pairs.chosen", "(normal < level) <= self.pairs.chosen"),
+    (
+        "runtime/kept_contact.py",
+        "leading(look.is_due & (look.error <= CONV",
+        "leading(look.is_due | (look.error <= CONV",
+    ),
+    ("runtime/kept_contact.py", "leading(look.is_due & (look.error <= STAGNATION_RESIDUAL)", "leading(look.is_due"),
+    ("runtime/kept_contact.py", "law.friction * np.maximum(z[:, 0], 0.0)", "np.inf * np.maximum(z[:, 0], 0.0)"),
+    ("runtime/kept_contact.py", "max(axis=(1, 2)) <= SAME_NORMALS", "max(axis=(1, 2)) <= 1.0"),
+    (
+        "runtime/kept_contact.py",
+        "is_due &= ((moved < level) <= self.pairs.chosen)",
+        "0 * ((moved < level) <= self.pairs.chosen)",
+    ),
+    ("runtime/kept_contact.py", "is_due &= by_friction <=", "by_friction <="),
+    ("runtime/kept_contact.py", "targets[:A] *= 1 - law.restitution", "pass"),
+    ("runtime/kept_contact.py", "states[:-1:2] @ power + first", "states[:-1:2] @ power + second"),
+    ("runtime/kept_contact.py", "first @ power + second", "second @ power + first"),
+    ("runtime/kept_contact.py", "dissipated, -h * normal, h * (normal", "dissipated, 0.0, h * (normal"),
+    (
+        "runtime/kept_contact.py",
+        "float(np.vdot(heat, heat)) + self._heat",
+        "float(np.vdot(heat, heat)) + 0 * self._heat",
+    ),
+    ("runtime/contact_rollout.py", "kernel.state[:rigid] = 0.0", "pass"),
+    (
+        "runtime/contact_rollout.py",
+        "return leading(points.nearest_modes",
+        "return len(steps.inputs) or (points.nearest_modes",
+    ),
+    ("runtime/contact_rollout.py", "self._block(u[taken:-1])", "self._block(u[taken:])"),
+    ("runtime/contact_rollout.py", "g.any(axis=1) | ġ.any(axis=1)", "g.any(axis=1) & False"),
+    ("runtime/contact_rollout.py", "every - 1 - (first + taken) % every", "every - 1"),
+    ("runtime/contact_rollout.py", "min(2 * self._wait, LONGEST_WAIT)", "FIRST_WAIT"),
     ("runtime/steppers/free_frame.py", "x_ / 2 - t[0]", "x_ / 2 + t[0]"),
     ("runtime/steppers/free_frame.py", "1.0, 2 / h * (a - A)", "1.0, 1 / h * (a - A)"),
     ("runtime/steppers/free_frame.py", "τ = added(τ, 1.0, prescribed.torque)", "τ = added(τ, -1.0, prescribed.torque)"),

@@ -55,6 +55,7 @@ class ResidualMaps(NamedTuple):
     added: Array  # (3, 4): displacement, velocity and free mid-step velocity of the points from the rows
     part: ResidualPart
     τ: float  # s
+    heat: float  # of ġ̂ᵀ R ġ̂, that a step dissipates, s²
 
     def pull_back(self, after: Array) -> tuple[Array, Array]:
         """Those before a step, and those with the forces (3P,), from those after it."""
@@ -144,7 +145,8 @@ class ResidualMotion:
     @property
     def maps(self) -> "ResidualMaps":
         """What steps of this length do."""
-        return ResidualMaps(self._step, self._added.copy(), self._part, self._τ)
+        heat = self._h * self._relaxation.heat
+        return ResidualMaps(self._step, self._added.copy(), self._part, self._τ, heat)
 
     @property
     def delassus(self) -> Array:
