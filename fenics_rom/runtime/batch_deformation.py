@@ -18,8 +18,7 @@ from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.steppers.finite_strain import TRUSTED_EXTENT, definite_inverse
 from fenics_rom.runtime.steppers.linearly_implicit import STEEPEST_FREQUENCY, TANGENT_RENEWAL
 
-# Bodies that go through a step together, without and with points, so that their arrays stay in the cache.
-TOGETHER, TOGETHER_AT_POINTS = 128, 64
+TOGETHER = 128  # bodies that go through a step together, so that their arrays stay in the cache
 
 
 class _Carried(NamedTuple):
@@ -141,9 +140,8 @@ class BatchDeformation:
         """
         v, works = np.empty_like(q), np.empty((2, q.shape[1]))
         with np.errstate(over="ignore", invalid="ignore", divide="ignore"):
-            together = TOGETHER if self._points is None else TOGETHER_AT_POINTS
-            for start in range(0, len(mode), together):
-                part = slice(start, min(start + together, len(mode)))
+            for start in range(0, len(mode), TOGETHER):
+                part = slice(start, min(start + TOGETHER, len(mode)))
                 dead = np.empty((len(q), part.stop - start))
                 for k in np.unique(mode[part]):
                     own = mode[part] == k
@@ -160,21 +158,23 @@ class BatchDeformation:
 
     def _stepped(self, part: slice, dead: Array, q: Array, r: Array, u: Array) -> tuple[Array, Array]:
         """As `step`, of some bodies under dead loads (m, B); what is carried along goes to `_next`."""
-        h, β, body, gram = self._h, self._β, self._body, self._tables.gram
+        h, β, body, tables, points = self._h, self._β, self._body, self._tables, self._points
         now, then, B = self._now.of(part), self._next.of(part), q.shape[1]
         expected = self._expected(now, then, dead, q, r, u)
         middle = q + h / 2 * expected
-        strains = self._tables.at(middle)
-        pushed = self._loads(dead, u, middle, strains)
-        right = pushed + 2 / h * r - body.springs @ q - self._pulled(middle, now.stressed)
-        matrices = self._matrices(strains)
-        then.rest[:], points = now.rest, self._points
+        strains = tables.at(middle)
+        pushed, pulled = self._loads(dead, u, middle, strains), self._pulled(middle, now.stressed)
+        right = pushed + 2 / h * r - body.springs @ q - pulled
+        stiffness = self._stiffness(strains)
+        matrices = (h / 2 + β) * stiffness
+        matrices += self._fixed
+        then.rest[:], gap_s, s = now.rest, np.zeros(B), np.zeros(B)
         if points is not None:
             b = self._slope(points, then.rest, middle)
             s = _root(then.rest)
             matrices += h / 2 * np.einsum("ib,jb->bij", b, b)
             right -= s * b
-        lost = ~np.isfinite(matrices).all(axis=(1, 2))
+        lost = ~np.isfinite(matrices.reshape(B, -1).sum(axis=1))
         matrices[lost] = np.eye(len(q))
         v = np.linalg.solve(matrices, right.T[:, :, None])[:, :, 0].T
         v[:, lost] = math.nan
@@ -182,38 +182,29 @@ class BatchDeformation:
         then.stale[0] = (missed * missed).sum(axis=0) > TANGENT_RENEWAL**2 * (v * v).sum(axis=0)
         then.velocity[:] = v
 
-        rates, after = self._tables.rates(middle, v), self._tables.at(q + h * v)
-        stressed, stressed_after = np.hsplit(gram @ np.hstack([rates, after]), [B])
-        drawn = h * (_dot(v, body.external_damping @ v) + β * _dot(rates, stressed))
-        np.multiply(rates, h, out=rates)
-        rates += now.strains
-        stressed *= h
-        stressed += now.stressed
-        # The strains are taken back to those of the shape, as `LinearlyImplicit._taken_back` says.
-        gap, gap_stressed = after - rates, stressed_after - stressed
-        square, slope, strained = _dot(gap, gap_stressed), _dot(gap_stressed, rates), _dot(after, stressed_after)
+        after = q + h * v
+        then.strains[:] = tables.at(after)
+        then.stressed[:] = tables.gram @ then.strains
+        square = _dot(v, (stiffness @ v.T[:, :, None])[:, :, 0].T)
+        drawn = h * (_dot(v, body.external_damping @ v) + β * square)
+        strained = _dot(then.strains, then.stressed)
+        added = (strained - _dot(now.strains, now.stressed)) / 2 - h * (_dot(v, pulled) + h / 2 * square)
         if points is not None:
             grown = h * _dot(b, v)
             then.rest[0] += grown * (s + grown / 2)
-            s, left = _root(then.rest), points.left(points.strains(q + h * v)[1])
+            s, left = _root(then.rest), points.left(points.strains(after)[1])
             gap_s = np.sqrt(2 * np.maximum(left + then.rest[1], 0.0)) - s
-            square += gap_s**2
-            slope += gap_s * s
-        budget = now.tank[0] + drawn
-        share = np.ones(B)
-        over = (slope + square / 2 > budget) & (square > 0)
-        root = np.sqrt(np.maximum(slope**2 + 2 * square * budget, 0.0))
-        limited = np.where(slope > 0, 2 * budget / (slope + root), (root - slope) / square)
-        share[over] = np.minimum(limited[over], 1.0)
-        added = share * slope + share**2 * square / 2
-        np.add(rates, share * gap, out=then.strains)
-        np.add(stressed, share * gap_stressed, out=then.stressed)
-        if points is not None:
-            then.rest[0] += share * gap_s * (s + share * gap_s / 2)
+            added += gap_s * (s + gap_s / 2)
+        budget, share = now.tank[0] + drawn, np.ones(B)
+        then.strained[0] = np.maximum(now.strained[0], strained)
+        then.mismatch[:] = now.mismatch
+        over = (added > budget).nonzero()[0]
+        if len(over):
+            rates = tables.rates(middle[:, over], v[:, over])
+            moved = h * rates, h * (tables.gram @ rates)
+            share[over], added[over] = _held_back(now, then, over, moved, (s[over], gap_s[over]), budget[over])
+        then.rest[0] += share * gap_s * (s + share * gap_s / 2)
         then.tank[0] = np.minimum(np.maximum(budget - added, 0.0), strained)
-        then.strained[0] = most = np.maximum(now.strained[0], strained)
-        off = np.sqrt((1 - share) ** 2 * square / np.where(most > 0, most, 1.0))
-        then.mismatch[0] = np.maximum(now.mismatch[0], off)
         return v, np.stack([h * _dot(pushed, v), drawn - added])
 
     def _expected(self, now: _Carried, then: _Carried, dead: Array, q: Array, r: Array, u: Array) -> Array:
@@ -238,7 +229,8 @@ class BatchDeformation:
             if points is not None:
                 S = S.reshape(6, -1, q.shape[1])
                 geometric = geometric + [body.geometric(S[:, :, body_]) for body_ in stale]
-            for body_, matrix, stiff in zip(stale, self._matrices(strains[:, stale]), geometric, strict=True):
+            matrices = (h / 2 + self._β) * self._stiffness(strains[:, stale]) + self._fixed
+            for body_, matrix, stiff in zip(stale, matrices, geometric, strict=True):
                 then.inverse[:, body_] = definite_inverse(matrix + h / 2 * stiff, matrix).ravel()
         expected: Array = v - np.einsum("ijb,jb->ib", then.inverse.reshape(m, m, -1), residual)
         far = h / 2 * np.sqrt(_dot(expected, expected))
@@ -264,14 +256,12 @@ class BatchDeformation:
         force += stressed[:m]
         return force
 
-    def _matrices(self, strains: Array) -> Array:
-        """2/h + D + h/2 K (B, m, m) but for stresses."""
+    def _stiffness(self, strains: Array) -> Array:
+        """AᵀC₀A (B, m, m) of shapes of strains (r, B)."""
         upper = strains.T @ self._tables.stiffness.T
         upper += self._tables.at_rest
-        upper *= self._h / 2 + self._β
-        matrices: Array = upper.take(self._tables.place, axis=1)
-        matrices += self._fixed
-        return matrices
+        stiffness: Array = upper.take(self._tables.place, axis=1)
+        return stiffness
 
     def _loads(self, dead: Array, u: Array, q: Array, strains: Array) -> Array:
         """Generalized forces (m, B) of the inputs (p, B) on bodies at q (m, B)."""
@@ -287,6 +277,39 @@ class BatchDeformation:
             forces[1:] -= pulls
             force += tendon.shapes.T @ forces.reshape(-1, q.shape[1])
         return force
+
+
+def _held_back(
+    now: _Carried, then: _Carried, bodies: Array, moved: tuple[Array, Array], of_s: tuple[Array, Array], budget: Array
+) -> tuple[Array, Array]:
+    """Moves strains of bodies (B,) only so far to those of their shapes as a budget (B,), J, lets them.
+
+    As `LinearlyImplicit._taken_back` says.
+
+    Args:
+        now, then: before the step, and after it: with the strains of the shapes, which become those that are carried.
+        bodies: which.
+        moved: what ε and C₀ε did in the step (r, B).
+        of_s: s (B,), and what it lacks of that of the shape.
+        budget: what may be added.
+
+    Returns:
+        By which share they were moved (B,), and what that added, J.
+    """
+    (s, gap_s), ε, σ = of_s, then.strains[:, bodies], then.stressed[:, bodies]
+    most = then.strained[0, bodies]
+    went, went_stressed = now.strains[:, bodies] + moved[0], now.stressed[:, bodies] + moved[1]
+    gap, gap_stressed = ε - went, σ - went_stressed
+    square = _dot(gap, gap_stressed) + gap_s**2
+    slope = _dot(gap_stressed, went) + gap_s * s
+    root = np.sqrt(np.maximum(slope**2 + 2 * square * budget, 0.0))
+    limited = np.minimum(np.where(slope > 0, 2 * budget / (slope + root), (root - slope) / square), 1.0)
+    share = np.where((slope + square / 2 > budget) & (square > 0), limited, 1.0)
+    then.strains[:, bodies] = went + share * gap
+    then.stressed[:, bodies] = went_stressed + share * gap_stressed
+    off = np.sqrt((1 - share) ** 2 * square / np.where(most > 0, most, 1.0))
+    then.mismatch[0, bodies] = np.maximum(now.mismatch[0, bodies], off)
+    return share, share * slope + share**2 * square / 2
 
 
 def _dot(one: Array, other: Array) -> Array:
