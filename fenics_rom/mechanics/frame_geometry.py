@@ -95,11 +95,16 @@ def carried_along(turn: Geometry, arms: Array, ω: Numbers, inside: Array) -> Ar
 
 def turning_maps(turn: Geometry, arms: Array) -> Array:
     """Velocities (3 P, 3) of points at arms (P, 3) per unit of ω̂."""
-    crossed = np.zeros((len(arms), 3, 3))  # -a~
+    return crossed(arms).dot(turn.middle).reshape(-1, 3)
+
+
+def crossed(arms: Array) -> Array:
+    """-a~ (k, 3, 3) of arms (k, 3): velocities of points of a body that turns."""
+    maps = np.zeros((len(arms), 3, 3))
     x, y, z = arms.T
-    crossed[:, 0, 1], crossed[:, 0, 2], crossed[:, 1, 2] = z, -y, x
-    crossed -= crossed.transpose(0, 2, 1)
-    return crossed.dot(turn.middle).reshape(-1, 3)
+    maps[:, 0, 1], maps[:, 0, 2], maps[:, 1, 2] = z, -y, x
+    maps -= maps.transpose(0, 2, 1)
+    return maps
 
 
 def turned_operator(left: Array, operator: Array, right: Array) -> Array:

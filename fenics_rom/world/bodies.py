@@ -113,15 +113,6 @@ class Body(Protocol):
         """Forgets what was attempted."""
 
 
-def cross_maps(arms: Array) -> Array:
-    """-a~ (k, 3, 3) of arms (k, 3): velocities of points of a body that turns."""
-    maps = np.zeros((len(arms), 3, 3))
-    x, y, z = arms.T
-    maps[:, 0, 1], maps[:, 0, 2], maps[:, 1, 2] = z, -y, x
-    maps -= maps.transpose(0, 2, 1)
-    return maps
-
-
 def torque_of(moment: Array) -> Array:
     """Σ a × f from Σ a fᵀ (3, 3)."""
     m = moment

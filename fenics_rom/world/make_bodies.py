@@ -9,6 +9,7 @@ from fenics_rom.errors import SceneError, check_known
 from fenics_rom.mechanics.base_path import BaseState, given_base
 from fenics_rom.rom.given_rom import given_rom
 from fenics_rom.world.driven import Driven
+from fenics_rom.world.free_soft import FreeSoft
 from fenics_rom.world.mount import Mount
 from fenics_rom.world.records import RigidBody, SoftBody
 from fenics_rom.world.rigid import Rigid
@@ -90,4 +91,5 @@ def _soft(
     if not is_free and (any(record.velocity) or any(record.angular_velocity)):
         given = f"velocity = {record.velocity!r}, angular_velocity = {record.angular_velocity!r}"
         raise SceneError(f"{where}: {given}: allowed is 0 of a body that is held or carried; a free one has its own")
-    return Soft(name, rom, dt, record.pose(where), mount, record.signals, is_alone)
+    kind = FreeSoft if is_free and rom.moving_frame is not None and not rom.moving_frame.carried else Soft
+    return kind(name, rom, dt, record.pose(where), mount, record.signals, is_alone)

@@ -20,7 +20,7 @@ from numpy import ndarray as Array
 from fenics_rom.errors import StepError, check_known
 from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
-from fenics_rom.mechanics.frame_geometry import vector
+from fenics_rom.mechanics.frame_geometry import crossed, vector
 from fenics_rom.mechanics.frame_motion import (
     ZERO,
     Rotation,
@@ -35,7 +35,7 @@ from fenics_rom.mechanics.frame_motion import (
 )
 from fenics_rom.mechanics.signals import real_numbers
 from fenics_rom.runtime.steppers.frame_kernel import check_turn
-from fenics_rom.world.bodies import NO_ROWS, Points, cross_maps, rigid_points, split_couples, torque_of
+from fenics_rom.world.bodies import NO_ROWS, Points, rigid_points, split_couples, torque_of
 from fenics_rom.world.collision.contacts import PlacedShape
 from fenics_rom.world.shapes import Shape
 
@@ -289,5 +289,5 @@ class Rigid:
 def _maps(arms: Array) -> Array:
     """Velocities (3 k, 6) of points at arms (k, 3) from the centre of a body that moves, and turns, at unit rates."""
     maps = np.empty((len(arms), 3, 6))
-    maps[:, :, :3], maps[:, :, 3:] = _EYE, cross_maps(arms)
+    maps[:, :, :3], maps[:, :, 3:] = _EYE, crossed(arms)
     return maps.reshape(-1, 6)

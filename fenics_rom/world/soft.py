@@ -1,9 +1,9 @@
 """A soft body in a step of several: its own stepper, to which contact hands the forces that are tried.
 
 Held or carried, linear: its points answer forces by an operator that is known when the step begins, exactly, and the
-step is taken once, under the forces that were found. Free or of large deformation: the stepper asks for contact forces
-as it does among obstacles, and gets those of the try. How its contact points move then, it tells by itself; a try is a
-step that is taken back.
+step is taken once, under the forces that were found; a free one is a `FreeSoft`. Of large deformation: the stepper
+asks for contact forces as it does among obstacles, and gets those of the try. How its contact points move then, it
+tells by itself; a try is a step that is taken back.
 """
 
 import math
@@ -19,15 +19,14 @@ from fenics_rom.errors import SceneError
 from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
-from fenics_rom.mechanics.frame_geometry import turned_operator, vector
-from fenics_rom.mechanics.frame_motion import ZERO, cross_matrix, rotation_matrix
+from fenics_rom.mechanics.frame_geometry import turned_operator
+from fenics_rom.mechanics.frame_motion import rotation_matrix
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.simulator import Simulator
 from fenics_rom.runtime.steppers.carried_frame import CarriedFrame
-from fenics_rom.runtime.steppers.free_frame import FreeFrame
 from fenics_rom.runtime.steppers.kernel import BookedKernel
 from fenics_rom.runtime.steppers.residual_motion import operator_of
-from fenics_rom.world.bodies import NO_ROWS, Points, torque_of
+from fenics_rom.world.bodies import NO_ROWS, Points
 from fenics_rom.world.collision.contacts import PlacedSurface
 from fenics_rom.world.handed_forces import Handed, HandedForces, handed
 from fenics_rom.world.surfaces import nearest_carriers, soft_points, spread_of, turning_maps
@@ -46,7 +45,6 @@ class _Reached(NamedTuple):
     nodes: Array  # (s,)
     are_nodes: bool  # whether each of the points is a contact point, and none is between them, or a couple
     is_each_once: bool  # and no two are the same
-    follow: bool  # whether some of them do
 
 
 class Soft(Simulator):
@@ -62,7 +60,7 @@ class Soft(Simulator):
         signals: as of a Simulator.
     """
 
-    is_driven = False
+    is_driven, takes_couples = False, False
     _solver_of: type[ContactSolver] | None = HandedForces
 
     def __init__(
@@ -109,8 +107,7 @@ class Soft(Simulator):
         self._given: Mapping[str, Any] = {}
         self.keeps_contact_mode = False  # whoever is near
         self._asked: tuple[Points, Array, Array] | None = None  # points, their velocities without forces, and per force
-        self._reached = _Reached(Points(*np.empty((4, 0, 3))), np.empty(0, dtype=int), False, False, False)
-        self._own_places, self._by_couples = np.empty((0, 3)), 0.0  # of the points in the last try, m; work, J
+        self._reached = _Reached(Points(*np.empty((4, 0, 3))), np.empty(0, dtype=int), False, False)
         self._turned_operator = np.empty((0, 0)), np.empty((0, 0))  # in axes of its own, and in the world's
         self._forces = np.empty((0, 3))
         self._turning = np.empty((0, 3, 3, 3))  # how surfaces that couples act on turn, per velocity of their points
@@ -151,17 +148,6 @@ class Soft(Simulator):
         return self._kernel.residual is not None
 
     @property
-    def takes_couples(self) -> bool:
-        """As in Body."""
-        return isinstance(self._stepper.kernel, FreeFrame)
-
-    @property
-    def _free_frame(self) -> FreeFrame:
-        kernel = self._stepper.kernel
-        assert isinstance(kernel, FreeFrame)
-        return kernel
-
-    @property
     def size(self) -> float:
         """As in Body."""
         return float(np.linalg.norm(np.ptp(self.contact_coordinates, axis=0))) / 2
@@ -185,9 +171,6 @@ class Soft(Simulator):
             if self.contact != (nearest := self._source.nearest(self._stepper)):
                 self.switch(nearest)
         self._h, self._tried, self._is_open = h, False, h > 0 and self._kernel.answers_linearly
-        self._by_couples = 0.0
-        if self.takes_couples:
-            self._free_frame.couple = ZERO
         self._start = self.places()
         self._velocity = self._turned(self._kernel.start_velocities())
         self._handed.reached = np.empty(0, dtype=int)
@@ -197,9 +180,13 @@ class Soft(Simulator):
         if self._mount is not None:
             self._base = self._mount.end
         u = self._by_name((), self._given)
-        self._inputs = inputs = self._with_base(self._source.step_input(u, self._width, self.time, self._dt))
+        self._inputs = self._with_base(self._source.step_input(u, self._width, self.time, self._dt))
         self._handed.point_gaps = np.full(len(self._everywhere), np.inf)
-        kernel, self._asked = self._kernel, None
+        self._open()
+
+    def _open(self) -> None:
+        """Opens the step of a body that answers linearly."""
+        kernel, inputs, self._asked = self._kernel, self._inputs, None
         if self._is_open:
             if isinstance(kernel, CarriedFrame):
                 kernel.base = inputs.base
@@ -226,12 +213,7 @@ class Soft(Simulator):
     def start_velocities(self, points: Points, places: Array) -> Array:
         """As in Body."""
         self._turn(points, self._start + self._h / 2 * self._velocity)
-        velocities = self._mean(points, self._velocity)
-        self._own_places = self._mean(points, self._start) + self._h / 2 * velocities
-        if self._reach(points).follow:
-            spin = cross_matrix(self._free_frame.world_angular_velocity)
-            velocities[points.follows] += (places - self._own_places)[points.follows].dot(spin.T)
-        return velocities
+        return self._mean(points, self._velocity)
 
     def attempt(self, points: Points, places: Array, forces: Array) -> Array:
         """As in Body; places of points that answer linearly are those that were expected."""
@@ -244,12 +226,8 @@ class Soft(Simulator):
         if self._tried:
             self._stepper.rollback()
             self._tried = False
-        contact, follow = self._hand(points, forces), self._reach(points).follow
+        contact = self._hand(points, forces)
         self._handed.forces, self._handed.reached = contact.forces, contact.pairs
-        if follow:  # at the places of others, which move with the frame, as far as they are off the own points
-            off = np.where(points.follows[:, None], places - self._own_places, 0.0)
-            couple = torque_of(off.T.dot(forces))
-            self._free_frame.couple = vector(couple)
         result = self._stepper.step(self._inputs)
         self._tried, self._twice = True, 2 * result.energy
         if not math.isfinite(result.energy):
@@ -259,14 +237,8 @@ class Soft(Simulator):
         touched = self._turned(self._kernel.touched)
         velocities = self._mean(points, touched)
         self._turn(points, self._start + self._h / 2 * touched)
-        self._own_places = self._mean(points, self._start) + self._h / 2 * velocities
-        if not follow:
-            places[:] = self._own_places
-            return velocities
-        places[~points.follows] = self._own_places[~points.follows]
-        spin = self._free_frame.spin
-        self._by_couples = self._h * float(couple.dot(spin))
-        return velocities + off.dot(cross_matrix(spin).T)
+        places[:] = self._mean(points, self._start) + self._h / 2 * velocities
+        return velocities
 
     def _hand(self, points: Points, forces: Array) -> Handed:
         """Forces at points, as the stepper has them of its contact points."""
@@ -286,8 +258,7 @@ class Soft(Simulator):
             nodes = np.unique(points.nodes[points.weights != 0])
             are_nodes = bool(points.weights.shape[1]) and bool((points.weights[:, 0] == 1.0).all())
             are_nodes = are_nodes and not len(points.couples)
-            is_each_once, follow = are_nodes and len(nodes) == len(points.nodes), bool(points.follows.any())
-            self._reached = _Reached(points, nodes, are_nodes, is_each_once, follow)
+            self._reached = _Reached(points, nodes, are_nodes, are_nodes and len(nodes) == len(points.nodes))
         return self._reached
 
     def _mean(self, points: Points, values: Array) -> Array:
@@ -373,8 +344,6 @@ class Soft(Simulator):
         """As in Body."""
         assert self._source is not None
         self._tried = False
-        if self._by_couples:  # booked as supplied already
-            self.account.book_parts(self._by_couples, 0.0, 0.0)
         self._source.environment.commit(self._inputs, self._dt)
         if self._twice <= self._monitor_threshold:
             self.steps += 1

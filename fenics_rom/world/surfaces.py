@@ -13,8 +13,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.mechanics.frame_geometry import crossed
 from fenics_rom.mechanics.triangles import nearest_on_triangles
-from fenics_rom.world.bodies import Points, cross_maps
+from fenics_rom.world.bodies import Points
 
 RIGID = 1e-9  # of what a surface does: as much may be no rigid motion of one that is called rigid
 
@@ -85,13 +86,13 @@ def turning_maps(arms: Array, weights: Array) -> Array:
     """J⁻¹ w_i d_i~ (n, 3, 3) of arms from the mean place (n, 3): velocities of nodes to how the surface turns."""
     weighed = weights[:, None] * arms
     J = np.eye(3) * (weighed * arms).sum() - weighed.T @ arms
-    return np.linalg.solve(J, -weights[:, None, None] * cross_maps(arms))
+    return np.linalg.solve(J, -weights[:, None, None] * crossed(arms))
 
 
 def is_rigid(places: Array, rows: Array) -> bool:
     """Whether nodes at rest (n, 3) that move by rows (n, 3, k) of coordinates move as a rigid body does."""
     arms = places - places.mean(axis=0)
-    motions = np.concatenate([np.broadcast_to(np.eye(3), (len(arms), 3, 3)), cross_maps(arms)], axis=2).reshape(-1, 6)
+    motions = np.concatenate([np.broadcast_to(np.eye(3), (len(arms), 3, 3)), crossed(arms)], axis=2).reshape(-1, 6)
     moved = rows.reshape(len(motions), -1)
     left = moved - motions @ np.linalg.lstsq(motions, moved, rcond=None)[0]
     return len(arms) > 2 and bool(np.abs(left).max() <= RIGID * np.abs(moved).max())

@@ -10,7 +10,9 @@ import fenics_rom as fr
 from fenics_rom.mechanics.base_path import quaternion_product
 from fenics_rom.mechanics.contact import ContactSolution
 from fenics_rom.mechanics.frame_motion import rotation_matrix
+from fenics_rom.runtime.steppers.pushed_step import PushedPoints, PushedStep
 from fenics_rom.scene.file import parse_scene
+from fenics_rom.world.handed_forces import handed
 from fenics_rom.world.joints import Joint
 from fenics_rom.world.shapes import Box, Sphere
 
@@ -239,6 +241,44 @@ def test_points_answer_forces_as_they_then_move(roms, kind):
         contact = ContactSolution(forces, 0, some, 0 * forces[some], forces[some], np.zeros((1, 3)), None)
         kernel.close(contact)
         np.testing.assert_allclose(kernel.touched[some], answered, rtol=0, atol=1e-13 * np.abs(kernel.touched).max())
+
+
+def test_points_of_a_free_body_answer_forces_as_they_then_move(roms):
+    """As a body that whirls is pushed at places of its own and of others: W is what differences say, momenta and
+    the account grow by what forces do there, and points of its own go as they answered."""
+    h, random = 5e-3, np.random.default_rng(0)
+    body = fr.Simulator(roms["free"], h)
+    spin, speed = np.array([20.0, -10, 15]), np.array([0.1, 0.2, -0.3])
+    body.place(LIES._replace(velocity=speed, angular_velocity=spin))
+    kernel, follows = body._stepper.kernel, np.array([False, True, False, True])
+    nodes, weights = np.array([[0, 1, 2], [3, 3, 3], [1, 1, 1], [4, 5, 2]]), np.tile([0.2, 0.3, 0.5], (4, 1))
+    points = PushedPoints.of(kernel, nodes, weights, follows)
+    for _ in range(3):
+        step = PushedStep(kernel, np.zeros(body.inputs))
+        step.begin_at(points)
+        forces, places = 2 * random.standard_normal((4, 3)), 0.1 * random.standard_normal((4, 3))
+        step.velocities(forces, places)
+        W = step.operator()
+        small = 1e-3 * np.eye(12).reshape(12, 4, 3)
+        answers = [step.velocities(forces + s, places) - step.velocities(forces - s, places) for s in small]
+        np.testing.assert_allclose(W, np.reshape(answers, (12, 12)).T / 2e-3, rtol=0, atol=1e-8 * np.abs(W).max())
+        before, energy, (P, L), p = kernel.point_places(), kernel.energy, kernel.momenta, kernel.frame.position
+        supplied, heat = body.ledger.supplied, body.ledger.dissipated
+        moved, spread = step.velocities(forces, places), np.zeros(before.shape)
+        np.add.at(spread, nodes, weights[:, :, None] * forces[:, None])
+        step.close(handed(spread, np.unique(nodes)))
+        kernel.flush()
+        went = points.mean(kernel.point_places() - before) / h
+        np.testing.assert_allclose(went[~follows], moved[~follows], rtol=0, atol=1e-15 / h)
+        (P_end, L_end), p_end = kernel.momenta, kernel.frame.position
+        np.testing.assert_allclose(P_end, P + h * forces.sum(axis=0), rtol=0, atol=1e-14)
+        about = L_end + np.cross(p_end, P_end) - L - np.cross(p, P)
+        np.testing.assert_allclose(about, h * np.cross(places, forces).sum(axis=0), rtol=0, atol=1e-15)
+        by_forces = h * float((forces * moved).sum())
+        assert body.ledger.supplied - supplied == pytest.approx(by_forces, rel=1e-12)
+        gone = body.ledger.dissipated - heat
+        assert kernel.energy - energy == pytest.approx(by_forces - gone, abs=1e-14)
+        assert abs(by_forces) > 1e-3
 
 
 def test_what_a_world_refuses_of_soft_bodies(roms):

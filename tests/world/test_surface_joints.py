@@ -6,9 +6,9 @@ from bodies import dense
 from test_soft_motion import CLAMPED, TOUCHED, assembled_beam, momenta, reduced, ride
 
 import fenics_rom as fr
+from fenics_rom.mechanics.frame_geometry import crossed
 from fenics_rom.mechanics.frame_motion import cayley, rotation_matrix
 from fenics_rom.mechanics.triangles import nearest_on_triangles
-from fenics_rom.world.bodies import cross_maps
 from fenics_rom.world.joints import Joint, SurfaceJoint
 from fenics_rom.world.shapes import Box
 from fenics_rom.world.surfaces import area_shares, carried
@@ -37,7 +37,7 @@ def test_a_box_that_is_welded_to_a_rigid_surface_is_a_mass_that_is_glued_to_the_
     system, rom = stiff
     mass, inertia = block().mass_and_inertia()
     a = np.array(block().position) - TIP
-    A = cross_maps(a[None])[0]  # velocities at a of what turns
+    A = crossed(a[None])[0]  # velocities at a of what turns
     glued = np.block([[mass * np.eye(3), mass * A], [mass * A.T, inertia + mass * A.T @ A]])
     B = system.contacts["right"]
     M, D, K = (dense(part, system.size) for part in (system.mass, system.damping, system.stiffness))
@@ -79,7 +79,7 @@ def test_a_welded_box_stays_on_a_rigid_surface_that_goes_round_in_circles(stiff)
         gap = max(gap, abs(world.energy - gone.supplied + gone.dissipated + gone.numerical + gone.lost_in_switching))
         supplied = max(supplied, gone.supplied)
         moved = beam.displacement()[face].ravel()
-        motions = np.concatenate([np.broadcast_to(np.eye(3), (len(arms), 3, 3)), cross_maps(arms)], axis=2)
+        motions = np.concatenate([np.broadcast_to(np.eye(3), (len(arms), 3, 3)), crossed(arms)], axis=2)
         motion = np.linalg.lstsq(motions.reshape(-1, 6), moved, rcond=None)[0]
         turned = max(turned, np.linalg.norm(motion[3:]))
         pose = world.pose("box")

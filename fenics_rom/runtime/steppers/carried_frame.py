@@ -229,13 +229,13 @@ class CarriedFrame(FrameKernel):
         """Takes the step that has begun, to the velocities that it was found to have."""
         h, now, start, step = self.h, self._now, self.frame, self._taken
         assert step is not None
-        turn, touched, pushed, heat = step.turn, None, None, 0.0
+        turn, power, pushed, heat = step.turn, 0.0, None, 0.0
         if self._interface is not None:
             self.places()  # where the step begins, as the residual part now goes on
             yielding, heat = self._step_residual(in_frame(turn, contact))
         if contact is not None:
-            arms, touched = self._carried_points(step, r̂, yielding)
-            pushed = _seen(contact.forces, arms, turn)
+            arms, self._touched = self._carried_points(step, r̂, yielding)
+            pushed, power = _seen(contact.forces, arms, turn), float(contact.forces.ravel().dot(self._touched.ravel()))
         e, r = self._e + self._travel * r̂, r̂ + r̂ - self._r
         q, v̂, ω̂ = e * self._inverse_ω, step.v̂, step.ω̂
         after = motion_of(q, self._shape_at(q, r), turn.after, step.v_end, step.ω_end, self._mass)
@@ -243,7 +243,7 @@ class CarriedFrame(FrameKernel):
         supplied = of_base + h * float(step.modal.dot(r̂))
         if pushed is not None:  # the work of contact forces is booked as theirs
             supplied -= h * (dot(pushed[0], v̂) + dot(pushed[1], ω̂))
-        self._finish(contact, touched, supplied, h * float(r̂.dot(self._damped(r̂))) + heat)
+        self._finish(contact, power, supplied, h * float(r̂.dot(self._damped(r̂))) + heat)
         self._look_at_base(start, step.end, turn, v̂)
         self._wrench_before, self._now_before = self._wrench, now
         self._wrench = partial(self._wrench_of, h, step, r̂, now, after, pushed)

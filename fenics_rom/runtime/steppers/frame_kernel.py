@@ -302,6 +302,8 @@ class FrameKernel(BookedKernel):
         """The same, of the basis alone."""
         raise NotImplementedError
 
+    _touched: Array
+
     @property
     def touched(self) -> Array:
         """As in BookedKernel, in world axes."""
@@ -327,14 +329,9 @@ class FrameKernel(BookedKernel):
         """The same of the origin, (3,)."""
         return self.frame.velocity
 
-    def _finish(
-        self, contact: ContactSolution | None, velocities: Array | None, supplied: float, dissipated: float
-    ) -> None:
-        """The end of a step but for the state: what is to be booked."""
-        contacts: ContactWorks = ()
-        if contact is not None and velocities is not None:
-            self._touched = velocities
-            contacts = (partial(contact.work, velocities, self.h),)
+    def _finish(self, contact: ContactSolution | None, power: float, supplied: float, dissipated: float) -> None:
+        """The end of a step but for the state: what is to be booked; contact forces had a power, W."""
+        contacts: ContactWorks = () if contact is None else (partial(contact.work_at, power, self.h),)
         self._leave(StepWork(supplied, dissipated, contacts))
         self.contact, self._frame_before = contact, self.frame
 

@@ -13,12 +13,10 @@ Two identities make it exact at any h, for any symmetric I2 and antisymmetric G:
 
 so that energy grows by h (F·p'^ + τ·R ω̂ + f·r̂) - h r̂ᵀ D r̂ and momenta by nothing but F and τ. After the iteration ω⁺ is
 what the angular momentum says, which no tolerance is in.
-
-The iteration is Newton's with a kept Jacobian, which is found anew when a step takes longer than the mean of all steps
-with it, what it cost included.
 """
 
 import math
+from collections.abc import Callable
 from functools import partial
 from struct import Struct
 from typing import Any, NamedTuple
@@ -60,9 +58,6 @@ from fenics_rom.runtime.steppers.frame_kernel import (
 from fenics_rom.runtime.steppers.frame_points import FramePoints
 from fenics_rom.runtime.steppers.inertia import (
     MOST_ITERATIONS,
-    ROUND_OFF,
-    SLOW,
-    TOLERANCE,
     Inertia,
     check_definite,
     contraction,
@@ -72,8 +67,7 @@ from fenics_rom.runtime.steppers.inertia import (
     times_inertia,
     turn_of_top,
 )
-
-JACOBIAN = 4  # iterations that it takes the time of to find one
+from fenics_rom.runtime.steppers.kept_newton import KeptNewton
 
 
 class _Motion(NamedTuple):
@@ -102,12 +96,15 @@ class FreeFrame(FrameKernel):
         frame, ω = self._constants, self._ω
         parts = frame.inertia1 / ω, self._second / ω / ω[:, None], frame.coupling / ω
         self._surely_definite = definite_up_to(frame.inertia0, *parts)
-        self._inverse: Array | None = None
+        self.newton = KeptNewton()
         self._forces = self._loads.at(np.zeros(self._loads.width))  # of the step
-        self._steps, self._iterations, self._last = 0, 0, 0  # with it, and in the last step
         self._passed: tuple[float, Array] | None = None  # the last step: of h s, by ω̂ and r̂
-        self.couple: Vector = ZERO  # on the frame in the next step, in world axes, N m, beside its loads
         self.resume(np.empty(0))
+
+    @property
+    def mass(self) -> float:
+        """Of the body, kg."""
+        return self._mass
 
     @property
     def energy(self) -> float:
@@ -127,15 +124,6 @@ class FreeFrame(FrameKernel):
         return (self._mass * x, self._mass * y, self._mass * z), self.frame.turning
 
     @property
-    def spin(self) -> Array:
-        """R* ω̂ (3,) of the last step, in world axes, rad/s."""
-        assert self._passed is not None
-        _, x = self._passed
-        turn = Geometry(self._now_before.R, self._now.R, vector(self.h * x[:3]))
-        spin: Array = turn.middle.dot(x[:3])
-        return spin
-
-    @property
     def world_angular_velocity(self) -> Array:
         """In world axes, (3,), rad/s."""
         return np.array(rotated(self._now.R, self._now.ω))
@@ -143,35 +131,35 @@ class FreeFrame(FrameKernel):
     def set_time_step(self, h: float) -> None:
         """As in Kernel."""
         super().set_time_step(h)
-        self._inverse = None
+        self.newton.inverse = None
 
     def reset_buffer(self) -> None:
         """As in Kernel."""
         super().reset_buffer()
-        self._forget()
+        self.forget()
 
     def rollback(self) -> None:
         """As in Kernel."""
         super().rollback()
         self._now = self._now_before
-        self._forget()
+        self.forget()
 
     def resume(self, auxiliary: Array) -> None:
         """As in Kernel; the angular velocity is what the angular momentum says."""
         super().resume(auxiliary)
-        q, shape, R = self._coordinates().copy(), self._forget(), rotation_of(*self.frame.rotation)
+        q, shape, R = self._coordinates().copy(), self.forget(), rotation_of(*self.frame.rotation)
         self._now = self._now_before = self._moving(q, shape, R, self.frame.turning, self._e)
 
     def place(self, frame: FrameState) -> None:
         """Puts the frame where it is to be; `turning` is here the angular velocity in world axes, rad/s."""
-        R, shape = rotation_of(*frame.rotation), self._forget()
+        R, shape = rotation_of(*frame.rotation), self.forget()
         L = added(times_inertia(shape.inertia, rotated_back(R, frame.turning)), 1.0, shape.moved)
         self.frame = frame._replace(turning=rotated(R, L))
         self.resume(self.auxiliary)
 
-    def _forget(self) -> Shape:
-        """What was kept of steps that led elsewhere; the shape that the body has."""
-        self._inverse = self._passed = None
+    def forget(self) -> Shape:
+        """Forgets what was kept of steps that led elsewhere; the shape that the body has."""
+        self.newton.inverse = self._passed = None
         self._square = float(self.state.dot(self.state))
         return self._shape_at(self._coordinates(), self._r)
 
@@ -185,46 +173,49 @@ class FreeFrame(FrameKernel):
 
     def step(self, u: Array, obstacles: ObstacleMotion | None = None) -> float:
         """As in Kernel."""
+        x, contact, push, power = self.begin_step(u), None, None, 0.0
+        try:
+            x = self.iterate(x)
+            if self._interface is not None and obstacles is not None:
+                x, contact = touch(self, self._interface, x, obstacles)
+            if contact is not None:
+                push, power = self._pushed_by(contact, x)
+            return self.end_step(x, contact, push, power)
+        except StepError:
+            self.forget()
+            raise
+
+    def begin_step(self, u: Array) -> Array:
+        """Expected mid-step velocities ω̂, r̂ (3 + m,) of a step under u."""
         check_turn(self.h, self._now.ω)
         self._forces = self._loads.at(u)
         self._give(self._forces.modal)
-        try:
-            x = self._iterate()
-            contact = None
-            if self._interface is not None and obstacles is not None:
-                x, contact = touch(self, self._interface, x, obstacles)
-            return self._end(x, contact)
-        except StepError:
-            self._forget()
-            raise
-
-    def _iterate(self) -> Array:
-        """The mid-step velocities ω̂, r̂ (3 + m,) without contact."""
         h, x = self.h, np.empty(len(self._weights))
         x[:3], x[3:] = self._now.ω, self._r
         if self._passed is not None and h <= 2 * self._passed[0]:  # else it says too little of this step
             x += (h / self._passed[0]) * (x - self._passed[1])
+        return x
+
+    def iterate(self, x: Array, push_at: Callable[[Array], Push] | None = None, forces: float = 0.0) -> Array:
+        """The mid-step velocities of the step, near x, which is overwritten.
+
+        Args:
+            x: ω̂, r̂ (3 + m,).
+            push_at: what forces on points do at such velocities; None: there are none.
+            forces: the sum of their sizes, N: of what they move, round-off may be.
+        """
         if not self._couples and self._interface is None and self._forces.at_points is None:
             return self._as_a_top(x)
-        scale, before = 0.0, math.inf
-        if self._last * self._steps > self._iterations:
-            self._inverse = None
-        for iteration in range(1, MOST_ITERATIONS + 1):
-            if self._inverse is None:
-                self._inverse, self._iterations, self._steps = self._jacobian_inverse(x), JACOBIAN, 0
-            change = self._inverse.dot(self._residual(x, None))
-            x -= change
-            size = self.size(change)
-            if not math.isfinite(size):
-                raise StepError("the inputs lead out of the finite numbers; the state was left as it was")
-            scale, ratio = scale or self._speed(x), size / before
-            if (0 < ratio < 1 and size * ratio <= TOLERANCE * scale) or size <= ROUND_OFF * scale:
-                self._last, self._iterations, self._steps = iteration, self._iterations + iteration, self._steps + 1
-                return x
-            before = size
-            if ratio > SLOW and iteration > 1:
-                self._inverse, before = None, math.inf
-        raise self._unsolved(size / scale)
+        left = self.newton.solve(
+            x,
+            lambda x: self._residual(x, None if push_at is None else push_at(x)),
+            self.jacobian,
+            self.size,
+            self._speed if push_at is None else lambda x: self.scale(x) + self.h / 2 * forces / math.sqrt(self._mass),
+        )
+        if left:
+            raise self._unsolved(left)
+        return x
 
     def _as_a_top(self, x: Array) -> Array:
         """The same into x, near it, where shape and rotation leave each other alone."""
@@ -283,8 +274,6 @@ class FreeFrame(FrameKernel):
                 if each is not None:
                     t = added(t, 1.0, each.turning)
                     along -= each.modal
-        if self.couple != ZERO:
-            t = added(t, 1.0, self.turn_at(x)[0].seen(self.couple))
         x_, y_, z_ = cross(ω̂, added(L, 1.0, L_end))
         ρ[0] = (L_end[0] - L[0]) / h + x_ / 2 - t[0]
         ρ[1] = (L_end[1] - L[1]) / h + y_ / 2 - t[1]
@@ -299,7 +288,8 @@ class FreeFrame(FrameKernel):
         inertia = xx + s * α, yy + s * β, zz + s * γ, yz + s * δ, xz + s * ε, xy + s * ζ
         return inertia, added(times_inertia(inertia, ω), 1.0, (2 * u - x, 2 * v - y, 2 * w - z))
 
-    def _jacobian_inverse(self, x: Array) -> Array:
+    def jacobian(self, x: Array) -> Array:
+        """Of the residual without contact, (3 + m, 3 + m)."""
         h, now, table, r̂, m = self.h, self._now, self._table, x[3:], len(x) - 3
         (A, B, C), (a, b, c) = now.ω, vector(x[:3])
         ω_end = 2 * a - A, 2 * b - B, 2 * c - C
@@ -315,11 +305,7 @@ class FreeFrame(FrameKernel):
         J[3:, :3] = (2 / h * turned + 2 * table[TURNED_BY_RATE] - contraction(2.0, now.ω).dot(bent)).T
         factors = np.array((*(-p for p in pairs(now.ω, ω_end)), 2 * a, 2 * b, 2 * c, 1.0))
         J[3:, 3:] = factors.dot(self._flat_products).reshape(m, m)
-        try:
-            inverse: Array = np.linalg.inv(J)
-        except np.linalg.LinAlgError as error:
-            raise StepError(f"no step of {h:g} s was found: its equations are singular; a smaller dt helps") from error
-        return inverse
+        return J
 
     # What contact asks for; see frame_contact.
 
@@ -330,21 +316,21 @@ class FreeFrame(FrameKernel):
 
     def corrected(self, x: Array, push: Push | None) -> Array:
         """Velocities nearer to those of the step, under contact forces that push."""
-        assert self._inverse is not None
-        corrected: Array = x - self._inverse.dot(self._residual(x, push))
+        assert self.newton.inverse is not None
+        corrected: Array = x - self.newton.inverse.dot(self._residual(x, push))
         return corrected
 
     def spread(self, change: Push) -> Array:
         """What x changes by, where contact forces change by so much."""
-        assert self._inverse is not None
-        spread: Array = self._inverse.dot(np.concatenate([change.turning, change.modal]))
+        assert self.newton.inverse is not None
+        spread: Array = self.newton.inverse.dot(np.concatenate([change.turning, change.modal]))
         return spread
 
     def _delassus_of(self, points: FramePoints, turn: Geometry, arms: Array) -> Array:
         """As in FrameKernel."""
-        assert self._inverse is not None
+        assert self.newton.inverse is not None
         maps = np.hstack(points.maps(turn, arms))
-        W = maps.dot(self._inverse).dot(maps.T)
+        W = maps.dot(self.newton.inverse).dot(maps.T)
         blocks = W.reshape(len(arms), 3, len(arms), 3)
         for k in range(3):
             blocks[:, k, :, k] += self.h / 2 / self._mass
@@ -365,26 +351,29 @@ class FreeFrame(FrameKernel):
             force = added(force, 1.0, vector(self._forces.at_points.sum(axis=0)))
         return added(force, 1.0, turn.mean(self._forces.force))
 
-    def _end(self, x: Array, contact: ContactSolution | None) -> float:
+    def _pushed_by(self, contact: ContactSolution, x: Array) -> tuple[Push, float]:
+        """What contact forces do at the velocities x, and their power, W."""
+        turn = self.geometry(x)
+        yielding = self.yielding(turn, contact)
+        arms = self.arms(turn, x[3:], yielding)
+        push = self.push(contact.forces, turn, arms)
+        self._touched = self.velocities(turn, arms, x, yielding) + self.translation(turn, push.force)
+        return push, float(contact.forces.ravel().dot(self._touched.ravel()))
+
+    def end_step(self, x: Array, contact: ContactSolution | None, push: Push | None, power: float) -> float:
         """Takes the step with these velocities; twice the stored energy, J."""
         h, forces, r̂, before = self.h, self._forces, x[3:], self.frame
         a, b, c = x[:3].tolist()
         turn, rotation = self.turn_at(x)
         torque = self._torque(r̂)
         supplied = dot(torque, (a, b, c)) + float(forces.modal.dot(r̂))
-        τ, pushed = added(turn.mean(torque), 1.0, self.couple), ZERO
-        supplied += dot(turn.seen(self.couple), (a, b, c))
+        τ, pushed = turn.mean(torque), ZERO
         prescribed = self._prescribed(forces, turn, self._now.q, r̂, h)
         if prescribed is not None:
             τ = added(τ, 1.0, prescribed.torque)
             supplied += dot(prescribed.turning, (a, b, c)) + float(prescribed.modal.dot(r̂))
-        touched = None
-        if contact is not None:
-            yielding = self.yielding(turn, contact)
-            arms = self.arms(turn, r̂, yielding)
-            push = self.push(contact.forces, turn, arms)
+        if push is not None:
             τ, pushed = added(τ, 1.0, push.torque), push.force
-            touched = self.velocities(turn, arms, x, yielding) + self.translation(turn, pushed)
         force = self._force(turn, pushed)
         v = added(before.velocity, h / self._mass, force)
         v̂ = added(before.velocity, h / 2 / self._mass, force)
@@ -394,7 +383,7 @@ class FreeFrame(FrameKernel):
         q = e * self._inverse_ω
         motion = self._moving(q, self._shape_at(q, r), turn.after, frame.turning, e)
         _, heat = self._step_residual(in_frame(turn, contact))
-        self._finish(contact, touched, h * supplied, h * float(r̂.dot(self._damped(r̂))) + heat)
+        self._finish(contact, power, h * supplied, h * float(r̂.dot(self._damped(r̂))) + heat)
         self._passed = h, x
         self.frame, self._now_before, self._now = frame, self._now, motion
         return self._arrive(e, r)

@@ -1,0 +1,77 @@
+"""Newton's method with a Jacobian that is kept while it pays.
+
+It is found anew when a step took longer than the mean of all steps with it, what it cost included, and where
+corrections shrink slowly.
+"""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.errors import StepError
+from fenics_rom.runtime.steppers.inertia import MOST_ITERATIONS, ROUND_OFF, SLOW, TOLERANCE
+
+JACOBIAN = 4  # iterations that it takes the time of to find one
+
+
+class KeptNewton:
+    """Attributes:
+    inverse: of the Jacobian that is kept; None: there is none.
+    """
+
+    def __init__(self) -> None:
+        self.inverse: Array | None = None
+        self._steps, self._iterations, self._last = 0, 0, 0  # with it, and in the last step
+
+    def keep(self, J: Array) -> Array:
+        """J⁻¹, which is kept from now on.
+
+        Raises:
+            StepError: J is singular.
+        """
+        try:
+            self.inverse = np.linalg.inv(J)
+        except np.linalg.LinAlgError as error:
+            raise StepError("no step was found: its equations are singular; a smaller dt helps") from error
+        self._iterations, self._steps = JACOBIAN, 0
+        return self.inverse
+
+    def solve(
+        self,
+        x: Array,
+        residual: Callable[[Array], Array],
+        jacobian: Callable[[Array], Array],
+        size_of: Callable[[Array], float],
+        scale_at: Callable[[Array], float],
+    ) -> float:
+        """Corrects x until nothing changes; how much still does where that does not end, as a share, else 0.
+
+        Args:
+            x: near the solution; overwritten.
+            residual, jacobian: at x.
+            size_of: a correction.
+            scale_at: x after the first correction: what corrections are small beside.
+
+        Raises:
+            StepError: x leaves the finite numbers, or a Jacobian is singular.
+        """
+        if self._last * self._steps > self._iterations:
+            self.inverse = None
+        scale, before = 0.0, math.inf
+        for iteration in range(1, MOST_ITERATIONS + 1):
+            inverse = self.keep(jacobian(x)) if self.inverse is None else self.inverse
+            change = inverse.dot(residual(x))
+            x -= change
+            size = size_of(change)
+            if not math.isfinite(size):
+                raise StepError("the inputs lead out of the finite numbers; the state was left as it was")
+            scale, ratio = scale or scale_at(x), size / before
+            if (0 < ratio < 1 and size * ratio <= TOLERANCE * scale) or size <= ROUND_OFF * scale:
+                self._last, self._iterations, self._steps = iteration, self._iterations + iteration, self._steps + 1
+                return 0.0
+            before = size
+            if ratio > SLOW and iteration > 1:
+                self.inverse, before = None, math.inf
+        return size / scale

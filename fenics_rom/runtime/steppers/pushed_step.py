@@ -1,0 +1,177 @@
+"""A step of a free body whose points others push: under forces that are tried, until they fit.
+
+Under forces f on k points a step is one whose balance lacks ρ = Sᵀ f, with the S of `frame_contact`, and is found to
+round-off: so are the velocities u(f) of the points. With R* = R (1 + h/2 ω̂~), n = 1 + h²|ω̂|²/4, g the forces as the
+frame sees them and the residual part's compliance C, they change as
+
+    δu = δv̂ - (R⁺y⁺)~ R* δω̂/n + R⁺ (V δr̂ + C δg),    δg = R*ᵀ δf + h/2 (Rᵀf)~ δω̂,    δv̂ = h/2m Σ δf,
+
+as R⁺ y⁺ - R y = h (u - v̂), and Sᵀ f with its arms a, δa = h/2 (δu - δv̂), and R*ᵀ. So W = ∂u/∂f is exact, too, and not
+quite symmetric where the body turns. Of two free bodies the second is pushed at the place X of the first one's point,
+which goes with the frame: at the arm X - p̂, with u = v̂ + (R* ω̂) × (X - p̂) + R* û of its own point.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy import ndarray as Array
+
+from fenics_rom.mechanics.contact import ContactSolution
+from fenics_rom.mechanics.frame_geometry import Geometry, Push, arms_of, crossed, vector
+from fenics_rom.mechanics.frame_motion import cross_matrix
+from fenics_rom.runtime.steppers.free_frame import FreeFrame
+
+
+class PushedPoints(NamedTuple):
+    """Contact points of a body, or places between them, that others push: k of them."""
+
+    nodes: Array  # (k, n) among the contact points
+    weights: Array  # (k, n) of these
+    follows: Array  # (k,) where it is pushed at the point of another body
+    rows: Array  # Vᵀ of the points, (m, 3 k)
+    compliance: Array | None  # C (3 k, 3 k), m/s/N, in the frame's axes
+
+    @staticmethod
+    def of(body: FreeFrame, nodes: Array, weights: Array, follows: Array) -> "PushedPoints":
+        """Those of a body in steps of its length."""
+        some, row = np.unique(nodes, return_inverse=True)
+        share = np.zeros((len(nodes), len(some)))
+        np.add.at(share, (np.arange(len(nodes))[:, None], row.reshape(nodes.shape)), weights)
+        spread, compliance = np.kron(share, np.eye(3)), None
+        if body.residual is not None:
+            compliance = spread.dot(body.residual.delassus_of(some)).dot(spread.T)
+        return PushedPoints(nodes, weights, follows, body.points.of(some).rows.dot(spread.T), compliance)
+
+    def mean(self, values: Array) -> Array:
+        """Of values (P, 3) at the contact points, (k, 3)."""
+        mean: Array = (self.weights[:, :, None] * values[self.nodes]).sum(axis=1)
+        return mean
+
+
+class _Try(NamedTuple):
+    """What forces do at velocities x."""
+
+    turn: Geometry
+    middle: Array  # p̂ (3,)
+    translation: Array  # v̂ (3,)
+    inside: Array  # û (k, 3) in the frame
+    arms: Array  # (k, 3) from p̂
+    push: Push
+
+
+class PushedStep:
+    """A step that a body begins under inputs u.
+
+    Raises:
+        StepError: the body would turn too far.
+    """
+
+    def __init__(self, body: FreeFrame, u: Array):
+        self._body, self._x = body, body.begin_step(u)
+        self._points: PushedPoints | None = None
+        self._try: _Try | None = None
+
+    def begin_at(self, points: PushedPoints) -> None:
+        """The points that are pushed from now on."""
+        body, self._points = self._body, points
+        self._start, self._free = points.mean(body.places()), np.zeros((len(points.nodes), 3))
+        if body.residual is not None:
+            self._free = points.mean(body.residual.points[2])
+
+    def velocities(self, forces: Array, places: Array) -> Array:
+        """Mid-step velocities (k, 3) under forces (k, 3), N, in world axes.
+
+        Args:
+            forces: on the points.
+            places: (k, 3), m, where they act; those of points of its own are written.
+
+        Raises:
+            StepError: no step was found.
+        """
+        body, self._forces, self._places = self._body, forces, places
+        body.iterate(self._x, self._push_at if len(forces) else None, float(np.abs(forces).sum()))
+        if not len(forces):
+            return forces
+        assert self._points is not None
+        self._try = now = self._tried(self._x)
+        own = ~self._points.follows
+        places[own] = (now.middle + now.arms)[own]
+        return self._velocities(now)
+
+    def _velocities(self, now: _Try) -> Array:
+        spin = now.turn.middle.dot(self._x[:3])
+        velocities: Array = now.arms.dot(cross_matrix(spin).T) + now.inside.dot(now.turn.middle.T) + now.translation
+        return velocities
+
+    def _push_at(self, x: Array) -> Push:
+        return self._tried(x).push
+
+    def _tried(self, x: Array) -> _Try:
+        body, points, f, h = self._body, self._points, self._forces, self._body.h
+        assert points is not None
+        turn = body.geometry(x)
+        seen = f.dot(turn.middle)
+        inside = x[3:].dot(points.rows).reshape(-1, 3) + self._free
+        if points.compliance is not None:
+            inside += points.compliance.dot(seen.ravel()).reshape(-1, 3)
+        arms = arms_of(turn, self._start, self._start + h * inside)
+        v̂ = body.translation(turn, vector(f.sum(axis=0)))
+        middle = body.frame.position + h / 2 * v̂
+        if points.follows.any():
+            arms[points.follows] = (self._places - middle)[points.follows]
+        push = Push.of(f, turn, arms, lambda forces: points.rows.dot(forces.ravel()))
+        return _Try(turn, middle, v̂, inside, arms, push)
+
+    def operator(self) -> Array:
+        """W = ∂u/∂f at the last forces, (3 k, 3 k), in world axes."""
+        now, points, x, f, body, h = self._try, self._points, self._x, self._forces, self._body, self._body.h
+        assert now is not None
+        assert points is not None
+        R, middle, follows, k = now.turn.start, now.turn.middle, points.follows[:, None, None], len(f)
+        per_mass, by_turn = h / 2 / body.mass, -h / 2 * crossed(f.dot(R)).reshape(-1, 3)  # of ∂v̂/∂f; ∂g/∂ω̂
+        by_x, by_force = self._parts_of_velocity(now, points, by_turn)
+        # The torque Σ a × f, of arms that move, too: by half of what points do, or against the centre
+        twists = crossed(f)
+        of_arms = h / 2 * np.where(follows, 0.0, twists)
+        torque = np.matmul(of_arms, by_force).sum(axis=0) - crossed(now.arms).transpose(1, 0, 2).reshape(3, -1)
+        torque -= np.tile(h / 2 * per_mass * twists[points.follows].sum(axis=0), k)
+        levers = np.concatenate([middle.T.dot(torque), _of_world_forces(points.rows, middle)])
+        J = body.jacobian(x)
+        J[:3] -= middle.T.dot(np.matmul(of_arms, by_x).sum(axis=0))
+        J[:3, :3] -= h / 2 * cross_matrix(np.array(now.push.torque).dot(R))
+        J[3:, :3] -= points.rows.dot(by_turn)
+        W: Array = by_x.reshape(3 * k, -1).dot(body.newton.keep(J).dot(levers)) + by_force.reshape(3 * k, 3 * k)
+        by_translation = np.where(follows, np.eye(3) - h / 2 * cross_matrix(middle.dot(x[:3])), np.eye(3))
+        W += np.tile(per_mass * by_translation.reshape(3 * k, 3), k)
+        return W
+
+    def _parts_of_velocity(self, now: _Try, points: PushedPoints, by_turn: Array) -> tuple[Array, Array]:
+        """∂(u - v̂) of each point by ω̂ and r̂, (k, 3, 3 + m), and by f where these stay, (k, 3, 3 k)."""
+        turn, follows, k = now.turn, points.follows[:, None, None], len(points.nodes)
+        n = 1 + sum(part * part for part in turn.turn) / 4
+        by_ω = crossed(2 * now.arms - self._start.dot(turn.start.T)).dot(turn.middle) / n
+        outward, h = turn.end, self._body.h
+        if follows.any():
+            of_others = crossed(now.arms).dot(turn.start) + h / 2 * np.matmul(turn.start, crossed(now.inside))
+            by_ω, outward = np.where(follows, of_others, by_ω), np.where(follows, turn.middle, outward)
+        inside, by_force = np.concatenate([np.zeros((3 * k, 3)), points.rows.T], axis=1), np.zeros((k, 3, 3 * k))
+        if points.compliance is not None:
+            inside[:, :3] = points.compliance.dot(by_turn)
+            by_force = np.matmul(outward, _of_world_forces(points.compliance, turn.middle).reshape(k, 3, -1))
+        by_x = np.matmul(outward, inside.reshape(k, 3, -1))
+        by_x[:, :, :3] += by_ω
+        return by_x, by_force
+
+    def close(self, contact: ContactSolution | None) -> float:
+        """Takes the step under the forces that were tried last; `contact` has them on all contact points."""
+        push, power = None, 0.0
+        if contact is not None:
+            assert self._try is not None
+            push, power = self._try.push, float(self._forces.ravel().dot(self._velocities(self._try).ravel()))
+        return self._body.end_step(self._x, contact, push, power)
+
+
+def _of_world_forces(operator: Array, middle: Array) -> Array:
+    """An operator (n, 3 k) on forces as the frame sees them, on those in world axes."""
+    turned: Array = operator.reshape(len(operator), -1, 3).dot(middle.T).reshape(operator.shape)
+    return turned
