@@ -101,7 +101,8 @@ class World:
         self._found = Found(np.empty((0, 3)), np.empty((0, 3)), 0, 0.0)
         self._residuals = 0, 0.0
         if joints:
-            self._begin({})
+            _, forces, _ = self._begin({})
+            self._found = self._found._replace(forces=0.0 * forces)
             self._met.book(dissipated=self._step_pairs.stop_joints())
 
     def _may_touch(self, a: int, b: int) -> bool:

@@ -20,6 +20,7 @@ DEMOS = Path(__file__).parents[2] / "demos"
         "robot/robot",
         "hold/hold",
         "account/account",
+        "weld/weld",
     ],
 )
 def test_what_the_demo_claims_holds(script):

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from bodies import dense
+from bodies import box_arrays, dense, scene_text, write_arrays
 from test_soft_motion import CLAMPED, TOUCHED, assembled_beam, momenta, reduced, ride
 
 import fenics_rom as fr
@@ -176,6 +176,42 @@ def test_two_beams_that_fly_are_welded_where_their_nodes_do_not_meet(soft):
         _, there = nearest_on_triangles(np.broadcast_to(place, (len(corners), 3)), corners)
         assert np.linalg.norm(there - place, axis=1).min() < 1e-13
     assert np.linalg.norm(world.force_between("a", "b")) > 1e-3
+
+
+WORLD = """
+gravity = [0, 0, -9.81]
+[bodies.beam]
+scene = "beam.toml"
+[bodies.box]
+shape = "box"
+size = [0.06, 0.05, 0.04]
+density = 500
+position = [0.33, 0.015, 0.01]
+[[joints]]
+kind = "weld"
+first = "beam"
+surface = "right"
+second = "box"
+[run]
+dt = 2e-3
+duration = 0.1
+"""
+
+
+def test_a_world_file_welds_a_surface_by_its_name(tmp_path):
+    """Its run has the force of the weld: in the end, after some swings are damped, nearly the weight."""
+    mesh = write_arrays(tmp_path / "beam.msh", *box_arrays((0.3, 0.03, 0.02), (6, 1, 1)))
+    parts = RIGID | TOUCHED | {"material": "young = 5e7\npoisson = 0.4\ndensity = 1100.0"}
+    (tmp_path / "beam.toml").write_text(scene_text(mesh, damping="alpha = 200.0, beta = 1e-3", **parts))
+    (tmp_path / "world.toml").write_text(WORLD)
+    run = fr.simulate(fr.read_world(tmp_path / "world.toml"))
+    assert run.balance_error < 1e-12
+    force = run.forces["beam-box"]
+    assert not force[0].any()
+    assert force[-1, 2] == pytest.approx(-500 * 0.06 * 0.05 * 0.04 * 9.81, rel=0.01)
+    (tmp_path / "world.toml").write_text(WORLD.replace('"right"', '"left"'))
+    with pytest.raises(fr.SceneError, match=r"world.toml: joint of 'beam' and 'box': no contact mode 'left'"):
+        fr.simulate(fr.read_world(tmp_path / "world.toml"))
 
 
 @pytest.mark.parametrize(
