@@ -8,6 +8,7 @@ hold, whatever W is: the sum of the bodies' Delassus operators, and a little mor
 from step to step as long as it is nearly right, and with it the law as it was linearised.
 """
 
+from dataclasses import dataclass
 from operator import is_
 from typing import NamedTuple
 
@@ -51,8 +52,10 @@ class Pairs(NamedTuple):
     before: Array  # u (C + J, 3) when the step begins, m/s
     normals: Array  # (C, 3) from the second to the first
     gaps: Array  # (C,) when the step begins, m
-    restitution: Array  # e (C,)
     friction: Array  # μ (C,)
+    rebound: Array  # (1 - e)/2 (C,) of the restitution e
+    rebound_rate: Array  # 1/(2 - e) (C,)
+    halves: Array  # (C, 1): 1/2 where there is friction, else 0
 
 
 class Found(NamedTuple):
@@ -74,7 +77,18 @@ class _Kept(NamedTuple):
     frames: Frames
     framed: FramedDelassus
     is_right: bool  # whether that is still the operator, but for frames
-    law: KeptLaw | None  # as it was linearised
+    laws: dict[int, KeptLaw | None]  # as it was linearised, by `_Asked.rounds`
+
+
+@dataclass
+class _Asked:
+    """What a step asks of the C contacts. Who takes part, or may not be stopped, stays so, or sweeps never end."""
+
+    level: Array  # (C,) speed along normals that is to be reached, m/s
+    target: Array  # (C, 3) that is bounced to
+    sliding: Array  # (C, 3) that what sticks is to have, so that it stops within the step
+    chosen: Array  # (C,) who takes part
+    rounds: int = 0  # how often `sliding` has been taken back
 
 
 class Guide:
@@ -129,11 +143,13 @@ class Guide:
         moved: Array = self._contacts.dot(f.ravel()).reshape(-1, 3)
         return moved
 
-    def solve(self, active: Array, q: Array, normals: Array, friction: Array, start: Array) -> tuple[Array, Array]:
-        """Forces (a, 3) of active contacts, and u - targets, from velocities less targets q (a, 3)."""
+    def solve(
+        self, active: Array, q: Array, normals: Array, friction: Array, start: Array, rounds: int
+    ) -> tuple[Array, Array]:
+        """Forces (a, 3) of active contacts, and u - targets, from velocities less targets q (a, 3), in a round."""
         kept = self._kept_for(active, normals, friction)
         self._kept = kept
-        _, rows, μ, share, frames, framed, _, law = kept
+        _, rows, μ, share, frames, framed, _, laws = kept
         q_in, f_in = frames.turned(q, start)
         if not (q_in if μ else q_in[0]).any():
             return np.zeros_like(q), q  # nothing to stop
@@ -141,8 +157,8 @@ class Guide:
             q_in[1:] *= share
             f_in[1:] /= np.maximum(share, 1e-300)
             f_in[1:, share == 0] = 0.0
-        solution = solve(framed, q_in, μ, f_in, law)
-        self._kept = kept._replace(law=solution.kept)
+        solution = solve(framed, q_in, μ, f_in, laws.get(rounds))
+        laws[rounds] = solution.kept
         f, u = solution.forces, solution.velocities
         if share is not None:
             f[1:] *= share
@@ -168,7 +184,7 @@ class Guide:
             share = friction / μ
         frames = Frames(normals)
         framed = Delassus(_scaled(self._operator_of(rows), normals, share)).framed(frames)
-        return _Kept(pairs, rows, μ, share, frames, framed, True, None)
+        return _Kept(pairs, rows, μ, share, frames, framed, True, {})
 
     def _operator_of(self, rows: Array) -> Array:
         return self._contacts.take(rows, axis=0).take(rows, axis=1) if len(rows) < self._C else self._contacts
@@ -206,12 +222,11 @@ def find_forces(pairs: Pairs, h: float, start: Array, guide: Guide | None) -> tu
     C, n = len(pairs.normals), pairs.normals
     before = pairs.before
     a = (n * before[:C]).dot(_ONES)
-    half, closing = (1 - pairs.restitution) / 2 * a, pairs.gaps / -h
-    level = np.maximum(closing, (closing + half) / (2 - pairs.restitution))
+    half, closing = pairs.rebound * a, pairs.gaps / -h
+    level = np.maximum(closing, (closing + half) * pairs.rebound_rate)
     target = np.minimum(half, 0.0)[:, None] * n
-    sliding = (before[:C] - a[:, None] * n) / 2  # what sticks is to stop within the step
-    sliding[pairs.friction == 0] = 0.0
-    chosen, f = np.zeros(C, dtype=bool), start
+    sliding = (before[:C] - a[:, None] * n) * pairs.halves  # what sticks is to stop within the step
+    asked, f = _Asked(level, target, sliding, np.zeros(C, dtype=bool)), start
     size_before, proximal, scale = 0.0, PROXIMAL, float(np.abs(before).max(initial=0.0))
     u, fastest = _attempt(pairs, f)
     for sweep in range(1, MOST_SWEEPS + 1):
@@ -220,15 +235,15 @@ def find_forces(pairs: Pairs, h: float, start: Array, guide: Guide | None) -> tu
         scale = max(scale, fastest)
         free = u - guide.W.dot(f.ravel()).reshape(-1, 3)
         scale = max(scale, float(np.abs(free).max(initial=0.0)))
-        found = _law(pairs, guide, free, f, level, target, sliding, chosen)
+        found = _law(pairs, guide, free, f, asked)
         moved = guide.W.dot((found - f).ravel()).reshape(-1, 3)
         size = float(np.abs(moved).max(initial=0.0))
         if not np.isfinite(size):
             raise StepError("forces of contact lead out of the finite numbers; a smaller dt may help")
         if size <= ROUND_OFF * scale:
             return Found(f, u, sweep, 0.0), guide
-        asked, (u_found, fastest) = u + moved, _attempt(pairs, found)
-        missed = float(np.abs(u_found - asked).max(initial=0.0))
+        expected, (u_found, fastest) = u + moved, _attempt(pairs, found)
+        missed = float(np.abs(u_found - expected).max(initial=0.0))
         if size * size <= TOLERANCE * scale * size_before or missed <= ROUND_OFF * scale:
             return Found(found, u_found, sweep, 0.0), guide  # what the next sweep would change is none
         # Where size stays the same, only forces change that move nothing: the law has no solution that is more exact.
@@ -301,50 +316,43 @@ def _add(W: Array, part: Part, operator: Array) -> None:
         W[rows[:, None], rows] += signed
 
 
-def _law(
-    pairs: Pairs, guide: Guide, free: Array, f: Array, level: Array, target: Array, sliding: Array, chosen: Array
-) -> Array:
-    """Forces (C + J, 3) of pairs that would move by free (C + J, 3) without; `chosen` and `sliding` take note.
-
-    What takes part, or may not be stopped, stays so, or sweeps never end.
-    """
-    C, n = len(level), pairs.normals
+def _law(pairs: Pairs, guide: Guide, free: Array, f: Array, asked: _Asked) -> Array:
+    """Forces (C + J, 3) of pairs that would move by free (C + J, 3) without; `asked` takes note."""
+    n, level, chosen = pairs.normals, asked.level, asked.chosen
     z, free_contacts = guide.without_contact(free)
-    forces = f[:C].copy()
+    forces = f[: len(level)].copy()
     speed = (n * free_contacts).dot(_ONES)
     chosen |= speed < level
     while chosen.any():
         active = chosen.nonzero()[0]
-        c = target[active] + sliding[active]
-        q = free_contacts[active] - c
-        f_active, u = guide.solve(active, q, n[active], pairs.friction[active], forces[active])
-        forces = np.zeros_like(forces)
+        c = asked.sliding[active]
+        q = free_contacts[active] - asked.target[active] - c
+        f_active, u = guide.solve(active, q, n[active], pairs.friction[active], forces[active], asked.rounds)
+        forces = np.zeros(forces.shape)
         forces[active] = f_active
-        repeat = _stop_helping_friction(active, n[active], f_active, u, q, sliding)
+        helps = _helping_friction(n[active], f_active, u, q, c)
+        if helps is not None:
+            asked.sliding[active[helps]] = 0.0
+            asked.rounds += 1
         missed = ((n * guide.moved(forces)).dot(_ONES) + speed < level) > chosen
         if missed.any():
             chosen |= missed
-            repeat = True
-        if not repeat:
+        elif helps is None:
             break
     else:
-        forces = np.zeros_like(forces)
+        forces = np.zeros(forces.shape)
     return guide.joined(z, forces)
 
 
-def _stop_helping_friction(active: Array, n: Array, f: Array, u: Array, q: Array, sliding: Array) -> bool:
-    """Sets c_t = 0 where friction, having turned the motion round, would do work; whether it does so anywhere."""
-    c = sliding[active]
+def _helping_friction(n: Array, f: Array, u: Array, q: Array, c: Array) -> Array | None:
+    """Where friction, having turned the motion round, would do work, (a,); None where the pairs' friction does none."""
     friction = f - (n * f).dot(_ONES)[:, None] * n
     if friction.ravel().dot(c.ravel()) <= 0:
-        return False
+        return None
     negligible = WORK_ROUND_OFF * float(np.abs(f).max()) * float(np.abs(q).max())
-    work = (friction * (u + c)).sum(axis=1)
-    helps = (work > negligible) & c.any(axis=1)
-    if not (work.sum() > negligible and helps.any()):
-        return False
-    sliding[active[helps]] = 0.0
-    return True
+    work = (friction * (u + c)).dot(_ONES)
+    helps: Array = (work > negligible) & c.any(axis=1)
+    return helps if work.sum() > negligible and helps.any() else None
 
 
 def _passive(pairs: Pairs, f: Array, u: Array, scale: float) -> tuple[Array, Array]:

@@ -17,6 +17,7 @@ from fenics_rom.world.shapes import Shape
 
 MOST_TURNED = 2.0  # rad in a step: beyond it nobody knows which way
 LEAST_COSINE = math.cos(MOST_TURNED / 2)
+_NOTHING = np.zeros(3)
 
 
 class Driven:
@@ -73,11 +74,13 @@ class Driven:
         cosine, *sines = composed((w, -x, -y, -z), end.rotation.tolist())
         if not abs(cosine) >= LEAST_COSINE:
             raise StepError(f"it is told to turn by more than {MOST_TURNED:g} rad in a step of {h:g} s")
-        R, R_end = self._R, rotation_matrix(end.rotation)
-        turn = np.array(sines) * (2 / cosine)  # Cayley's, of the step
-        self._mean, self._middle_rotation, self._R_end = (R + R_end) / 2, R.dot(cayley(turn / 2)), R_end
-        self._v̂, self._ω̂ = (end.position - start.position) / h, R.dot(turn / h)
+        R = self._mean = self._middle_rotation = self._R_end = self._R
+        self._v̂, self._ω̂ = (end.position - start.position) / h, _NOTHING
         self._middle = (start.position + end.position) / 2
+        if any(sines):
+            turn = np.array(sines) * (2 / cosine)  # Cayley's, of the step
+            self._R_end, self._middle_rotation = rotation_matrix(end.rotation), R.dot(cayley(turn / 2))
+            self._mean, self._ω̂ = (R + self._R_end) / 2, R.dot(turn / h)
         self._is_still = not (self._v̂.any() or self._ω̂.any())
 
     def placed(self) -> PlacedShape | None:

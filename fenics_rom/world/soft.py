@@ -17,6 +17,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.errors import SceneError
 from fenics_rom.mechanics.base_path import BaseState
+from fenics_rom.mechanics.complementarity.solution import largest
 from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.frame_geometry import turned_operator
@@ -35,6 +36,7 @@ if TYPE_CHECKING:
     from fenics_rom.mechanics.signals import SignalLike
     from fenics_rom.world.mount import Mount
 
+_ONES = np.ones(3)
 CLOSED = 1e-6  # of a body's size: so near to the point of a joint one of its own is to be
 
 
@@ -208,7 +210,8 @@ class Soft(Simulator):
         """As in Body."""
         whole = self._velocity.sum(axis=0) / len(self._velocity)
         beside = self._velocity - whole
-        return self._h * whole, 2 * self._h * math.sqrt((beside * beside).sum(axis=1).max())
+        beside *= beside
+        return self._h * whole, 2 * self._h * math.sqrt(largest(beside.dot(_ONES)))
 
     def start_velocities(self, points: Points, places: Array) -> Array:
         """As in Body."""

@@ -30,6 +30,7 @@ class StepPairs:
 
     def __init__(self, bodies: Sequence[Body], meetings: Sequence[Meeting], joints: Sequence[JointPoints]):
         self._bodies, self._meetings, self._joints = bodies, meetings, joints
+        self._touching = sorted({number for meeting in meetings for number in (meeting.first, meeting.second)})
         self._placed: list[Placed | None] = [None] * len(bodies)  # where what lies still was seen first
         self._sizes = [min(body.size, LARGEST) for body in bodies]
         self._contacts: list[tuple[int, Contacts]] = []
@@ -63,11 +64,12 @@ class StepPairs:
         return pairs._replace(places=places, before=before, gaps=gaps), self._start, self._known_guide(h)
 
     def _look(self) -> list[tuple[int, Contacts]]:
-        for number, body in enumerate(self._bodies):
-            now = body.placed()
-            if not is_still(now, self._placed[number], self._sizes[number]):
-                self._placed[number] = now
-        placed, travels, found = self._placed, [body.travel() for body in self._bodies], []
+        placed, travels, found = self._placed, dict[int, tuple[Array, float]](), []
+        for number in self._touching:
+            body = self._bodies[number]
+            now, travels[number] = body.placed(), body.travel()
+            if not is_still(now, placed[number], self._sizes[number]):
+                placed[number] = now
         for number, meeting in enumerate(self._meetings):
             one, other = placed[meeting.first], placed[meeting.second]
             assert one is not None
@@ -113,7 +115,8 @@ class StepPairs:
         soft_first = sorted(parts, key=lambda part: part.points.nodes.shape[1] == 0)
         everywhere = np.concatenate(places)
         self._pairs = Pairs(
-            tuple(soft_first), everywhere, 0 * everywhere, np.concatenate(normals), self._middle_gaps, e, μ
+            *(tuple(soft_first), everywhere, 0 * everywhere, np.concatenate(normals), self._middle_gaps, μ),
+            *((1 - e) / 2, 1 / (2 - e), (μ > 0)[:, None] / 2),
         )
         self._start = np.concatenate([np.array(start).reshape(-1, 3), self._joint_forces])
 

@@ -21,6 +21,8 @@ from fenics_rom.world.records import RigidBody, SoftBody
 from fenics_rom.world.soft import Soft
 from fenics_rom.world.step_pairs import StepPairs
 
+_ONES = np.ones(3)
+
 
 class World:
     """Bodies that touch and hold one another.
@@ -288,7 +290,7 @@ class World:
             self._met.book(numerical=-self._dt * work)
         f, u = found.forces[:C], found.velocities[:C]
         whole = float(f.ravel().dot(u.ravel()))
-        normal = float(((n * f).sum(axis=1) * (n * u).sum(axis=1)).sum())
+        normal = float((n * f).dot(_ONES).dot((n * u).dot(_ONES)))
         self._met.book_contact(0.0, -self._dt * normal, self._dt * (normal - whole), 0.0)
 
     def _body(self, name: str) -> AnyBody:

@@ -126,6 +126,7 @@ class FrictionalProblem:
         """Whether Newton's method arrives from f within so many iterations; the best forces are kept."""
         if self.operator.is_regular:
             proximal = 0.0
+        self.operator.are_kept = True  # there are products enough for it to pay
         for _ in range(iterations):
             if self._arrives_at(f, tolerance):
                 return True
@@ -173,6 +174,7 @@ class FrictionalProblem:
             if not self.error < _SLOWEST * before:
                 if self._law.statuses != kept.statuses:
                     break
+                self.operator.are_kept = True
                 try:
                     inverse = self._linearised(self._law).inverse()
                 except np.linalg.LinAlgError:

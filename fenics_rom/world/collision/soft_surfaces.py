@@ -12,6 +12,7 @@ from fenics_rom.world.collision.round_shapes import distance_of
 
 _REACH = 0.5  # of the longest side of a triangle's box: points that are deeper inside have passed it
 _SIDEWAYS = 0.5  # cosine: points behind a triangle that are farther to its side are beside an open surface, not inside
+_ONES = np.ones(3)
 _CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
 
 
@@ -20,7 +21,8 @@ def soft_on_rigid(first: PlacedSurface, second: PlacedShape, margin: float) -> C
     points = first.points[first.touching]
     beside = points - second.position
     reach = second.shape.radius_around + margin
-    row = ((beside * beside).sum(axis=1) <= reach * reach).nonzero()[0]
+    beside *= beside
+    row = (beside.dot(_ONES) <= reach * reach).nonzero()[0]
     gaps, normals = distance_of(second, points[row])
     near = (gaps <= margin).nonzero()[0]
     kept = _kept_rows(first.touching[row[near]].tobytes())
