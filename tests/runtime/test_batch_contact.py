@@ -130,6 +130,30 @@ def test_bodies_move_as_those_that_are_simulated_one_by_one(rom, switching):
     np.testing.assert_allclose(bodies.supplied_by_obstacles, [one.ledger.obstacles for one in singles], rtol=1e-3)
 
 
+@pytest.mark.slow
+def test_a_thousand_steps_are_those_of_single_bodies(rom):
+    """Of the first two: through impacts and loss of contact, errors do not pile up; contact takes energy all along."""
+    scene = Scene(7)
+    bodies, singles = scene.batch(rom), [scene.single(rom, k) for k in range(2)]
+    worst = largest = taken = 0.0
+    pushing = []
+    for _ in range(1000):
+        u = scene.input(bodies.time)
+        scene.step(bodies)
+        for own, given in zip(singles, u[:2], strict=True):
+            own.step(given)
+        off = bodies.state([0, 1])[0] - [own.state[0] for own in singles]
+        worst, largest = max(worst, np.abs(off).max()), max(largest, *(np.abs(own.state[0]).max() for own in singles))
+        gap, scale = gap_and_scale(bodies)
+        assert (gap <= CLOSES_TO * scale.max()).all()
+        assert (bodies.dissipated_in_contact - taken >= -CLOSES_TO * scale.max()).all()
+        taken = bodies.dissipated_in_contact
+        pushing.append(bodies.point_forces[:2].any(axis=(1, 2)))
+    assert worst <= FOLLOWS * largest
+    assert 100 < np.count_nonzero(pushing) < 1900
+    assert (bodies.inexact == 0).all()
+
+
 @pytest.mark.parametrize("iterations", [200, 3])
 def test_contact_adds_no_energy_at_any_step_nor_with_forces_left_inexact(rom, monkeypatch, iterations):
     """Steps from 1e-5 to 0.03 s, switches in between; also where the iteration is cut off and no other method helps."""
