@@ -101,7 +101,7 @@ def main() -> None:
     resultant = [np.abs(system.actuators["air"][axis::3].sum()) / pressed for axis in range(3)]
     close = errors(best, full)
     claims = {
-        f"at order {own} no node is ever off by 0.3 % of the largest displacement": close.node < 0.003,
+        f"at order {own} no node is ever off by 1 % of the largest displacement": close.node < 0.01,
         f"at order {own} every force is right to 2 %": max(close.forces.values()) < 0.02,
         "there is an instant at which all three objects are touched": bool(np.min(forces, axis=0).max() > 0),
         "pressure on the closed chamber has no resultant": max(resultant) < 1e-12,

@@ -87,7 +87,10 @@ def print_rom(rom: "fr.Rom", file: Path | str) -> None:
 
 def _residual_compliance(residual: ResidualCompliance) -> str:
     """How much of the contact points' compliance the bases lack, and what is left when it is added."""
-    directions = f"{residual.factor.shape[1]} directions beyond the shared basis"
+    points, kept = residual.factor.shape
+    directions = f"{kept} directions beyond the shared basis"
+    if kept < points:
+        directions += f", and in {points - kept} that lack less {residual.floor:.1e} m/N each"
     if not residual.errors:
         return directions
     name, (without, beside) = max(residual.errors.items(), key=lambda item: item[1][1])

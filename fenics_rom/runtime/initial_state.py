@@ -1,15 +1,15 @@
 """The state in which a reduced run begins."""
 
-import warnings
 from dataclasses import replace
 
 import numpy as np
+from numpy import ndarray as Array
 
-from fenics_rom.errors import FenicsRomWarning
 from fenics_rom.mechanics.environment import Environment
 from fenics_rom.mechanics.initial_state import lost_messages
 from fenics_rom.mechanics.load_history import LoadHistory
 from fenics_rom.rom.rom import Rom
+from fenics_rom.runtime.shape_projection import project_fields
 from fenics_rom.runtime.simulator import Simulator
 
 
@@ -33,16 +33,22 @@ def begin(body: Simulator, rom: Rom, environment: Environment, history: LoadHist
             body.place(initial.pose(rom.moving_frame.origin))
         return []
     initial.check_supports(rom.rigid)
-    if initial.equilibrium:
-        _settle(body, rom, environment, history)
+    yielded = _settle(body, rom, environment, history) if initial.equilibrium else None
     displacement, velocity = initial.fields(rom.nodes, rom.node_mass)
-    with warnings.catch_warnings(action="ignore", category=FenicsRomWarning):  # it stays with the trajectory
-        lost = body.set_shape(body.displacement() + displacement, velocity)
-    return lost_messages(lost, f"ROM {rom.name!r}")
+    displacement += rom.reconstruct(body.model.coordinates @ body.state[0])
+    fields = {"displacement": displacement, "velocity": velocity}
+    coordinates, lost = project_fields(rom, body.contact, fields)
+    messages = lost_messages(lost, f"ROM {rom.name!r}")
+    body.state = coordinates["displacement"], coordinates["velocity"]
+    residual = body.integrator.kernel.residual
+    if residual is not None and yielded is not None:
+        residual.state[:] = yielded
+    body._check_outside_obstacles()
+    return messages
 
 
-def _settle(body: Simulator, rom: Rom, environment: Environment, history: LoadHistory) -> None:
-    """Puts a body in equilibrium under what acts at time 0."""
+def _settle(body: Simulator, rom: Rom, environment: Environment, history: LoadHistory) -> Array | None:
+    """Puts a body in equilibrium under what acts at time 0; what contact points yield beyond the basis, if they do."""
     still, signals = replace(environment, has_inertia=False), None
     if body.environment is not None:
         still, signals = body.environment.frozen_at(0.0)
@@ -52,3 +58,5 @@ def _settle(body: Simulator, rom: Rom, environment: Environment, history: LoadHi
     settled.step(u)
     body.switch(settled.contact)
     body.state = settled.state[0], np.zeros_like(settled.state[1])
+    residual = settled.integrator.kernel.residual
+    return None if residual is None else residual.state * np.repeat([1.0, 1.0, 0.0, 0.0], residual.state.size // 4)

@@ -31,7 +31,7 @@ RUNTIME = [
             "moving_frame",
         ),
         *("relaxing_large_deformation", "differentiation_deformation", "differentiation_frames", "followed_contact"),
-        *("batch_deformation", "large_deformation_steps"),
+        *("batch_deformation", "large_deformation_steps", "residual_compliance", "initial_state"),
     )
 ] + ["tests/reduction/test_moving_frame_accuracy.py", "tests/fem/test_frame_contact.py"]
 RUNTIME += [
@@ -118,6 +118,17 @@ MUTATIONS = [
     ("mechanics/followed_contact.py", "if by_friction > 0 and", "if by_friction > 1e9 and"),
     ("mechanics/followed_contact.py", "dot(u[0] + targets[0])", "dot(u[0])"),
     ("runtime/steppers/stepper.py", "b[:] = b_start @ potential.T", "b[:] = 0"),
+    ("runtime/steppers/residual_motion.py", "max(h / 2, h - β)", "h / 2"),
+    ("runtime/steppers/residual_motion.py", "inertia + β + elastic + stiffening_time, β", "inertia + elastic, β"),
+    ("runtime/steppers/residual_motion.py", "β + elastic - h / 2)", "β)"),
+    ("runtime/steppers/residual_motion.py", "(inertia * ẏ - y + Rf) / a", "(inertia * ẏ + Rf) / a"),
+    ("runtime/steppers/residual_motion.py", "2 * ẏ_mid - ẏ, ġ_mid", "ẏ_mid, ġ_mid"),
+    ("runtime/steppers/residual_motion.py", "beyond: Array = self._y - ", "beyond: Array = self._y + "),
+    ("runtime/steppers/residual_motion.py", "+ y - here.basis_points.dot(e)", "+ y"),
+    ("rom/residual_part.py", "lacking[:, : len(Y)] -= HY @ Y.T", "pass"),
+    ("reduction/residual_compliance.py", "shapes = shapes - Q @ (SQ[columns] / κ).T", "pass"),
+    ("reduction/methods/modal.py", "B if yields else system.forces(name)", "system.forces(name)"),
+    ("runtime/initial_state.py", "np.repeat([1.0, 1.0, 0.0, 0.0]", "np.repeat([0.0, 0.0, 0.0, 0.0]"),
     ("runtime/steppers/residual_motion.py", "self._rows[4:] -= self._branches.pull", "pass"),
     ("runtime/steppers/residual_motion.py", "free -= (self._branches.pull[1]", "free += (self._branches.pull[1]"),
     (

@@ -44,6 +44,19 @@ def test_body_that_begins_in_equilibrium_stays_there(mesh):
         assert run.balance_error <= 1e-11
 
 
+def test_body_that_lies_on_something_in_equilibrium_stays_there(mesh):
+    """With what its contact points yield beyond the basis, without which they would begin in the floor."""
+    stands = '[effects.contact.obstacles.floor]\nshape = "half-space"\npoint = [0, 0, -1e-5]\nnormal = [0, 0, 1]\n'
+    parts = {"effects": f"{GRAVITY}\n{stands}", "contacts": '[contacts.bottom]\nsurface = "bottom"\n'}
+    full, reduced = runs(scene(mesh, 'shape = "equilibrium"', **parts), order=12)
+    for run in (full, reduced):
+        force = run.forces["floor"][1:]
+        assert np.abs(force - force[0]).max() <= 1e-9 * np.abs(force[0]).max()
+        assert np.abs(run.snapshots - run.snapshots[0]).max() <= 1e-9 * np.abs(run.snapshots[0]).max()
+        assert run.balance_error <= 1e-11
+    assert reduced.forces["floor"][1, 2] == pytest.approx(full.forces["floor"][1, 2], rel=0.02)
+
+
 @pytest.mark.parametrize("stepper", ["newton", "linearly-implicit"])
 def test_large_equilibrium_stays_too(mesh, stepper):
     effects = GRAVITY + "\nlarge_deformation = {}"

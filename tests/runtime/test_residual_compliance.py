@@ -10,6 +10,7 @@ import scipy.linalg
 from bodies import acted_on, box_arrays, write_arrays
 
 import fenics_rom as fr
+from fenics_rom.cli.main import main
 from fenics_rom.errors import FenicsRomWarning, SceneError
 from fenics_rom.rom.residual_part import residual_part, strained_points
 from fenics_rom.runtime.environment_inputs import fit_environment
@@ -364,3 +365,17 @@ def test_it_is_saved_reset_and_copied(held, tmp_path):
     run.body.reset()
     assert run.body.energy == 0.0
     assert not run.body._stepper.point_displacement().any()
+
+
+def test_info_says_what_is_kept_and_what_is_left_out(held, tmp_path, capsys):
+    residual = held.rom.residual_compliance
+    less = replace(residual, factor=residual.factor[:, :-4])
+    points, kept = residual.factor.shape
+    for known, said in (
+        (residual, f"{kept} directions beyond the shared basis"),
+        (less, f"in {points - kept + 4} that lack less {residual.floor:.1e} m/N each"),
+    ):
+        fr.write_rom(tmp_path / "rom.h5", replace(held.rom, residual_compliance=known))
+        with pytest.raises(SystemExit, match="0"):
+            main(["info", str(tmp_path / "rom.h5")])
+        assert said in " ".join(capsys.readouterr().out.split())
