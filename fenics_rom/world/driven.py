@@ -128,6 +128,7 @@ class Driven:
         """As in Body."""
         arms = points.arms.dot(self._R.T)
         velocities: Array = self._start.velocity + arms.dot(cross_matrix(self._start.angular_velocity).T)
+        velocities[points.couples] = self._start.angular_velocity
         return velocities
 
     def kick(self, points: Points, impulses: Array) -> None:

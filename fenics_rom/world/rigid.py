@@ -251,19 +251,23 @@ class Rigid:
         answers = np.zeros((6, 6))
         answers[:3, :3], answers[3:, 3:] = np.eye(3) / self.mass, self._R.dot(self._inverse).dot(self._R.T)
         maps = _maps(points.arms.dot(self._R.T))
+        maps.reshape(-1, 3, 6)[points.couples] = np.eye(3, 6, 3)
         moved: Array = maps.dot(answers).dot(maps.T)
         return moved
 
     def end_velocities(self, points: Points) -> Array:
         """As in Body."""
-        velocities: Array = self._v + points.arms.dot(self._R.T).dot(cross_matrix(self._R.dot(self._ω)).T)
+        turning = self._R.dot(self._ω)
+        velocities: Array = self._v + points.arms.dot(self._R.T).dot(cross_matrix(turning).T)
+        velocities[points.couples] = turning
         return velocities
 
     def kick(self, points: Points, impulses: Array) -> None:
         """As in Body."""
         before = self.energy
+        impulses, couple = split_couples(points, impulses)
         self._v = self._v + impulses.sum(axis=0) / self.mass
-        self._ℓ = self._ℓ + torque_of(self._R.dot(points.arms.T).dot(impulses))
+        self._ℓ = self._ℓ + torque_of(self._R.dot(points.arms.T).dot(impulses)) + couple
         self._ω = self._inverse.dot(self._R.T.dot(self._ℓ))
         self.account.book_contact(self.energy - before, 0.0, 0.0, 0.0)
 

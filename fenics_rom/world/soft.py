@@ -26,6 +26,7 @@ from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.simulator import Simulator
 from fenics_rom.runtime.steppers.carried_frame import CarriedFrame
 from fenics_rom.runtime.steppers.kernel import BookedKernel
+from fenics_rom.runtime.steppers.linear_kernels import ContactMidpoint
 from fenics_rom.runtime.steppers.residual_motion import operator_of
 from fenics_rom.world.bodies import NO_ROWS, Points
 from fenics_rom.world.collision.contacts import PlacedSurface
@@ -333,15 +334,23 @@ class Soft(Simulator):
 
     def end_velocities(self, points: Points) -> Array:
         """As in Body."""
-        return self._mean(points, self._turned(self._kernel.start_velocities()))
+        kernel = self._kernel
+        assert isinstance(kernel, ContactMidpoint)
+        return self._mean(points, self._turned(kernel.basis_velocities))
 
     def inverse_mass(self, points: Points) -> Array | None:
-        """As in Body: what is left at joints stays."""
-        return None
+        """As in Body: of a linear body that is held; of others what is left at joints stays."""
+        kernel = self._kernel
+        if not (self._fixed and isinstance(kernel, ContactMidpoint)):
+            return None
+        return self._operator(points, partial(operator_of, kernel.inverse_mass))
 
     def kick(self, points: Points, impulses: Array) -> None:
-        """As in Body: not of a soft one."""
-        raise NotImplementedError
+        """As in Body."""
+        before, kernel = self.energy, self._kernel
+        assert isinstance(kernel, ContactMidpoint)
+        kernel.kick(self._hand(points, impulses).forces)
+        self.account.book_contact(self.energy - before, 0.0, 0.0, 0.0)
 
     def commit(self) -> None:
         """As in Body."""

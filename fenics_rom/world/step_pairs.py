@@ -39,6 +39,7 @@ class StepPairs:
         self._joint_forces = np.zeros((sum(len(joint.points) for joint in joints), 3))
         self._guide: tuple[Guide, float, list[Array | tuple[Array, Array]]] | None = None
         self._fewest = 0  # sweeps, with the guide
+        self._held: tuple[tuple[Part, ...], list[tuple[Body, Array, Array, Points]]] = (), []
         self._lie = list[Array | tuple[Array, Array]]()  # the bodies in the step, as `_where`
         self._start = np.empty((0, 3))
 
@@ -162,22 +163,7 @@ class StepPairs:
 
     def stop_joints(self) -> float:
         """Stops by impulses what joints still move by when a step ends; what that takes, J."""
-        parts = []
-        assert self._pairs is not None
-        C = len(self._pairs.normals)
-        for body, rows, _, signs, points in self._pairs.parts:
-            held = rows >= C
-            if held.any():
-                parts.append(
-                    (
-                        body,
-                        rows[held] - C,
-                        signs[held],
-                        points._replace(
-                            nodes=points.nodes[held], weights=points.weights[held], follows=points.follows[held]
-                        ),
-                    )
-                )
+        parts = self._parts_of_joints()
         size = len(self._joint_forces)
         u, W = np.zeros((size, 3)), np.zeros((size, 3, size, 3))
         for body, rows, signs, points in parts:
@@ -193,6 +179,24 @@ class StepPairs:
         for body, rows, signs, points in parts:
             body.kick(points, signs * impulses[rows])
         return -float(impulses.ravel().dot(u.ravel())) / 2
+
+    def _parts_of_joints(self) -> list[tuple[Body, Array, Array, Points]]:
+        """Of each body that joints hold: which of their points, its signs, and where they are on it."""
+        assert self._pairs is not None
+        if self._held[0] is not self._pairs.parts:
+            C, found = len(self._pairs.normals), []
+            for body, rows, _, signs, points in self._pairs.parts:
+                held = (rows >= C).nonzero()[0]
+                if len(held):
+                    kept = points._replace(
+                        nodes=points.nodes[held],
+                        weights=points.weights[held],
+                        follows=points.follows[held],
+                        couples=np.searchsorted(held, points.couples),
+                    )
+                    found.append((body, rows[held] - C, signs[held], kept))
+            self._held = self._pairs.parts, found
+        return self._held[1]
 
     def force_between(self, first: int, second: int, forces: Array) -> Array:
         """Of a step on the first, (3,), N."""

@@ -39,7 +39,7 @@ RUNTIME += [
     "tests/rom/test_carried_strains.py",
     "tests/mechanics/test_hyperelastic.py",
 ]
-RUNTIME += [f"tests/world/test_{name}.py" for name in ("rigid_motion", "joints", "soft_motion")]
+RUNTIME += [f"tests/world/test_{name}.py" for name in ("rigid_motion", "joints", "surface_joints", "soft_motion")]
 WANTED = 0.95
 HUNG = 300  # s; a fault that makes a loop endless is found, too
 
@@ -52,6 +52,12 @@ MUTATIONS = [
     ("runtime/steppers/carried_adjoint.py", "- spun / h", "+ spun / h"),
     ("runtime/steppers/carried_adjoint.py", "np.cross(v, ω) @ drift", "np.cross(ω, v) @ drift"),
     ("runtime/steppers/carried_adjoint.py", "np.linalg.solve(self.A.T, to_v)", "np.linalg.solve(self.A, to_v)"),
+    ("world/surfaces.py", "np.linalg.solve(J, ", "np.linalg.solve(J.T + J, "),
+    ("world/surfaces.py", "shares * (moments @", "(moments @"),
+    ("world/surfaces.py", "-weights[:, None, None] * crossed(arms)", "weights[:, None, None] * crossed(arms)"),
+    ("world/rigid.py", "τ_given = τ_given + couple", "pass"),
+    ("world/step_pairs.py", "[joint.are_forces].sum(axis=0)", ".sum(axis=0)"),
+    ("runtime/steppers/linear_kernels.py", "self._r += self._Sᵀ.dot(impulses.ravel())", "pass"),
     ("mechanics/hyperelastic.py", "side * 2 * defect / square", "side * defect / square"),
     ("rom/midpoint_map.py", "S = mode.damping_root, 2 / h + (h", "S = mode.damping_root, 1 / h + (h"),
     ("rom/midpoint_map.py", "(h / 2 + stiffening_time)", "(h + stiffening_time)"),

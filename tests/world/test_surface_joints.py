@@ -31,17 +31,22 @@ def block(**given):
     return fr.RigidBody(Box(tuple(SIZE)), density=500, position=TIP + np.array((SIZE[0] / 2, 0.004, 0.003)), **given)
 
 
+def glued_mass(system):
+    """M of the mesh with the mass of the block, and that of the block at the surface (6, 6)."""
+    mass, inertia = block().mass_and_inertia()
+    A = crossed((block().position - TIP)[None])[0]  # velocities of the block's centre where the surface turns
+    glued = np.block([[mass * np.eye(3), mass * A], [mass * A.T, inertia + mass * A.T @ A]])
+    B = system.contacts["right"]
+    return dense(system.mass, system.size) + B @ glued @ B.T, glued
+
+
 @pytest.mark.parametrize("dt", [1e-3, 5e-3])
 def test_a_box_that_is_welded_to_a_rigid_surface_is_a_mass_that_is_glued_to_the_mesh(stiff, dt):
     """All displacements of the mesh under a force on the box, but for what turning changes: as its square."""
     system, rom = stiff
-    mass, inertia = block().mass_and_inertia()
-    a = np.array(block().position) - TIP
-    A = crossed(a[None])[0]  # velocities at a of what turns
-    glued = np.block([[mass * np.eye(3), mass * A], [mass * A.T, inertia + mass * A.T @ A]])
-    B = system.contacts["right"]
-    M, D, K = (dense(part, system.size) for part in (system.mass, system.damping, system.stiffness))
-    M = M + B @ glued @ B.T
+    a, B = block().position - TIP, system.contacts["right"]
+    D, K = (dense(part, system.size) for part in (system.damping, system.stiffness))
+    M, _ = glued_mass(system)
     force = np.array((0.3, -0.5, 1.0))
     errors = []
     for scale in (1e-5, 1e-4):
@@ -63,6 +68,32 @@ def test_a_box_that_is_welded_to_a_rigid_surface_is_a_mass_that_is_glued_to_the_
         errors.append(worst)
     assert errors[1] < 1e-5
     assert errors[1] == pytest.approx(10 * errors[0], rel=1e-2)  # by 5e-5 of it: nothing else is left
+
+
+def test_a_box_that_comes_with_a_velocity_hands_it_on(stiff):
+    """By the impulse of a mass that is glued to the mesh; between two steps both ends of a weld move alike."""
+    system, rom = stiff
+    M, glued = glued_mass(system)
+    v, B = np.array((0.1, -0.2, 0.3)), system.contacts["right"]
+    a = block().position - TIP
+    mesh = np.linalg.solve(M, B @ glued @ np.concatenate([v, np.zeros(3)]))
+    world = fr.World(
+        {"beam": fr.SoftBody(rom), "box": block(velocity=v)}, 1e-3, joints=[SurfaceJoint("beam", "box", "right")]
+    )
+    then, mass = B.T @ mesh, block().mass_and_inertia()[0]
+    velocity, turning = world.velocity("box")
+    np.testing.assert_allclose(turning, then[3:], rtol=0, atol=1e-9 * np.abs(then).max())
+    np.testing.assert_allclose(velocity, then[:3] + np.cross(then[3:], a), rtol=0, atol=1e-9 * np.abs(v).max())
+    lost = mass * v @ v / 2 - mesh @ M @ mesh / 2
+    assert world.ledger.dissipated == pytest.approx(lost, rel=1e-9)
+    face = np.flatnonzero(rom.nodes[:, 0] > LENGTHS[0] - 1e-9)
+    for _ in range(20):
+        world.step()
+        nodes = world.simulator("beam").velocity()[face]
+        velocity, turning = world.velocity("box")
+        on_box = velocity + np.cross(turning, rotation_matrix(world.pose("box").rotation) @ (TIP - block().position))
+        np.testing.assert_allclose(nodes.mean(axis=0), on_box, rtol=0, atol=1e-12)
+    assert world.energy + world.ledger.dissipated == pytest.approx(mass * v @ v / 2, rel=1e-12)
 
 
 def test_a_welded_box_stays_on_a_rigid_surface_that_goes_round_in_circles(stiff):

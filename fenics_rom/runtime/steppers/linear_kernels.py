@@ -40,6 +40,8 @@ if TYPE_CHECKING:
 class ContactMidpoint(BookedKernel):
     """The midpoint step with contact. Arguments and attributes as in BookedKernel."""
 
+    _inverse_mass: Array | None = None
+
     @property
     def answers_linearly(self) -> bool:  # type: ignore[override]
         """As in Kernel: not where forces of actuators are found with those of contact."""
@@ -83,6 +85,23 @@ class ContactMidpoint(BookedKernel):
     def close(self, contact: ContactSolution | None) -> float:
         """As in Kernel."""
         return self._end_step(self._opened, contact)
+
+    @property
+    def inverse_mass(self) -> Array:
+        """Velocities within the basis of the contact points per impulse on them between two steps, (3P, 3P), 1/kg."""
+        if self._inverse_mass is None:
+            self._inverse_mass = symmetric(self._Sᵀ.T @ self._Sᵀ)
+        return self._inverse_mass
+
+    @property
+    def basis_velocities(self) -> Array:
+        """Of the contact points (P, 3), m/s, within the basis: what they yield beyond it has next to no mass."""
+        velocities: Array = self._r.dot(self._Sᵀ).reshape(-1, 3)
+        return velocities
+
+    def kick(self, impulses: Array) -> None:
+        """Adds impulses (P, 3), N s, on the contact points between two steps; they are not booked."""
+        self._r += self._Sᵀ.dot(impulses.ravel())
 
     def _begin_step(self, u: Array) -> _Step:
         pushed = self._model.inputs.dot(u)
