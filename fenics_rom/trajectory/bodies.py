@@ -48,6 +48,11 @@ class BodyTrack:
         """Of the run, that are its."""
         return slice(*self.rows)
 
+    @property
+    def stands_still(self) -> bool:
+        """Whether its frame does, as that of a body which is held."""
+        return bool((self.pose == self.pose[0]).all())
+
 
 def put_bodies(h5: Any, bodies: Mapping[str, BodyTrack], sizes: Sizes) -> None:
     """Writes the bodies of a world."""

@@ -32,13 +32,16 @@ def rigid_and_elastic(snapshots: Array, nodes: Array, node_mass: Array) -> tuple
 def deformation(run: Trajectory, snapshots: Array) -> Array:
     """Of displacements of a run (s, N, 3), m, in world axes: what strains its bodies, each for itself.
 
-    In a fixed frame it is all.
+    In a frame that stands still it is all.
     """
     if run.pose is None and not run.bodies:
         return snapshots
     strained = np.zeros_like(snapshots)
-    soft = [body.nodes for body in run.bodies.values() if body.kind == "soft"]
-    for rows in soft if run.bodies else [slice(None)]:
+    pieces = [(body.nodes, body.stands_still) for body in run.bodies.values() if body.kind == "soft"]
+    for rows, stands_still in pieces if run.bodies else [(slice(None), False)]:
+        if stands_still:
+            strained[:, rows] = snapshots[:, rows]
+            continue
         R, elastic = rigid_and_elastic(snapshots[:, rows], run.nodes[rows], run.node_mass[rows])
         strained[:, rows] = elastic @ R.swapaxes(1, 2)
     return strained

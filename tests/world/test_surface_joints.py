@@ -9,6 +9,7 @@ import fenics_rom as fr
 from fenics_rom.mechanics.frame_geometry import crossed
 from fenics_rom.mechanics.frame_motion import cayley, rotation_matrix
 from fenics_rom.mechanics.triangles import nearest_on_triangles
+from fenics_rom.trajectory.elastic_part import deformation
 from fenics_rom.world.joints import Joint, SurfaceJoint
 from fenics_rom.world.shapes import Box
 from fenics_rom.world.surfaces import area_shares, carried
@@ -240,6 +241,8 @@ def test_a_world_file_welds_a_surface_by_its_name(tmp_path):
     force = run.forces["beam-box"]
     assert not force[0].any()
     assert force[-1, 2] == pytest.approx(-500 * 0.06 * 0.05 * 0.04 * 9.81, rel=0.01)
+    beam, strained = run.bodies["beam"].nodes, deformation(run, run.snapshots)
+    np.testing.assert_array_equal(strained[:, beam], run.snapshots[:, beam])  # it is held: all that moves strains it
     (tmp_path / "world.toml").write_text(WORLD.replace('"right"', '"left"'))
     with pytest.raises(fr.SceneError, match=r"world.toml: joint of 'beam' and 'box': no contact mode 'left'"):
         fr.simulate(fr.read_world(tmp_path / "world.toml"))
