@@ -87,11 +87,11 @@ class Soft(Simulator):
             return
         law = acting.contact_law
         if law is None or not acting.has_inertia or law.stiffness is not None:
-            lacks = "inertia" if not acting.has_inertia else "effects.contact with the rigid law"
-            raise SceneError(
-                f"body {name!r}: ROM {rom.name!r} was made without {lacks}: allowed is a ROM whose scene has it, as "
-                "other bodies may touch it; the obstacles of its scene are left out"
-            )
+            lacks = "inertia" if not acting.has_inertia else "effects.contact"
+            said = f"made without {lacks}: allowed is a ROM whose scene has it, as other bodies may touch it"
+            if law is not None and law.stiffness is not None:
+                said = "made with effects.contact.method = 'penalty': allowed is 'rigid', as bodies meet by that law"
+            raise SceneError(f"body {name!r}: ROM {rom.name!r} was {said}; obstacles of its scene are left out")
         if (mount is not None) != (rom.moving_frame is not None and acting.is_moving and rom.moving_frame.carried):
             needs = (
                 "is carried: allowed is on = BODY, one that moves as it is told" if mount is None else "is not carried"

@@ -1,9 +1,12 @@
 """Rigid bodies by themselves, and on the ground: closed forms, and momenta and energy to round-off."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 import fenics_rom as fr
+from fenics_rom.mechanics.contact import ContactLaw
 from fenics_rom.world.bodies import Points
 from fenics_rom.world.rigid import Rigid
 from fenics_rom.world.shapes import Box, HalfSpace, Sphere
@@ -247,6 +250,30 @@ def test_a_box_that_friction_holds_does_not_creep_when_shaken_with_1_g(seconds):
             assert slipped < 1e-5  # what poses and twists, as they are told, differ by in a step
         rubbed.append(world.ledger.friction / duration)
     assert rubbed[1] > 1.2 * rubbed[0]
+
+
+def test_pairs_have_laws_of_their_own_and_groups_do_not_touch():
+    """Two blocks slide on one ground, each with its own friction, and one ball bounces where another does not."""
+    block = fr.RigidBody(Box((0.2, 0.2, 0.1)), density=500, position=(0, 0, 0.05), velocity=(1.0, 0, 0))
+    ball = fr.RigidBody(Sphere(0.05), mass=0.1, position=(0, 0, 0.25))
+    bodies = {"ground": GROUND, "rough": block, "ice": replace(block, position=(0.05, 0, 0.05))}
+    bodies |= {"bounces": replace(ball, position=(0, 2, 0.25)), "falls": replace(ball, position=(0, 3, 0.25))}
+    bodies["ghost"] = replace(ball, position=(0, 3, 0.15))
+    laws = {("ice", "ground"): ContactLaw(0.0, 0.05), ("ground", "bounces"): ContactLaw(0.8, 0.0)}
+    apart = [("rough", "ice"), ("ground", "ghost", "falls")]
+    world = fr.World(bodies, 1e-3, gravity=(0, 0, -G), friction=0.2, pairs=laws, apart=apart)
+    steps = 260
+    for _ in range(steps):
+        world.step()
+    for name, μ in (("rough", 0.2), ("ice", 0.05)):
+        assert world.velocity(name)[0][0] == pytest.approx(1 - μ * G * steps * 1e-3, rel=1e-9)
+        assert world.pose(name).position[2] == pytest.approx(0.05, abs=1e-12)
+    landed = np.sqrt(2 * 0.2 / G)
+    rises = 0.8 * G * landed - G * (steps * 1e-3 - landed)
+    assert world.velocity("bounces")[0][2] == pytest.approx(rises, abs=3 * G * 1e-3)
+    for name in ("falls", "ghost"):  # through the ground, and one of them behind the other, which it does not meet
+        assert world.velocity(name)[0][2] == pytest.approx(-G * steps * 1e-3, rel=1e-12)
+    assert not world.force_between("rough", "ice").any()
 
 
 def test_what_cannot_be_is_refused_with_where_and_how_much():

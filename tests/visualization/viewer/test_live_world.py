@@ -9,6 +9,7 @@ from bodies import box_arrays, scene_text, write_arrays
 import fenics_rom as fr
 from fenics_rom.scene.file import parse_scene
 from fenics_rom.visualization.viewer.live_world import LiveWorld
+from fenics_rom.world.joints import SurfaceJoint
 from fenics_rom.world.shapes import Box, HalfSpace, Sphere
 
 pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
@@ -152,6 +153,22 @@ def test_a_free_beam_follows_the_mouse_and_pushes_a_box(roms):
         live.step()
     assert live.world.pose("box").velocity[0] > 1e-3
     assert abs(gap(live)) < 1e-10 * live.account.supplied
+
+
+def test_a_box_that_is_welded_to_a_beam_is_pulled_by_the_mouse(roms):
+    """It takes the beam with it, and is where it was after a reset; the account closes."""
+    box = fr.RigidBody(Box((0.06,) * 3), density=300, position=(0.33, 0.015, 0.01))
+    joints = [SurfaceJoint("beam", "box", "right")]
+    live = LiveWorld(fr.World({"beam": fr.SoftBody(roms["fixed"]), "box": box}, 2e-3, joints=joints))
+    assert live.grab_rigid("box", np.array((0.36, 0.015, 0.01)))
+    live.mouse = live.held_at + np.array((0, 0, 5e-3))
+    for _ in range(100):
+        live.step()
+    assert live.world.pose("box").position[2] > 0.011
+    assert np.abs(live.world.simulator("beam").displacement()).max() > 1e-3
+    assert abs(gap(live)) < 1e-10 * live.account.supplied
+    live.reset()
+    np.testing.assert_array_equal(live.world.pose("box").position, box.position)
 
 
 def test_actuators_of_all_soft_bodies_and_the_history_act_together(roms):
