@@ -252,7 +252,7 @@ class BatchDeformation:
     def _pulled(self, q: Array, stressed: Array) -> Array:
         """Forces (m, B) of stresses (r, B) at q (m, B)."""
         m = len(q)
-        force: Array = np.einsum("ijb,jb->ib", stressed[m:][self._tables.place], q)
+        force: Array = np.einsum("ijb,jb->ib", stressed[m:].take(self._tables.place, 0), q)
         force += stressed[:m]
         return force
 

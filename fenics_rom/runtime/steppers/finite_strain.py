@@ -126,10 +126,10 @@ class FiniteStrainKernel(BookedKernel):
 
     def _loads(self, u: Array, q: Array) -> Array:
         """Generalized forces (m,) of the inputs on the body at q."""
-        force = self._dead_loads.dot(u)
+        force: Array = self._dead_loads.dot(u)
         for column, follower in self._active_followers:
             if u[column]:
-                force = force + u[column] * follower.force(q)
+                force += u[column] * follower.force(q)
         return force
 
     def _input_columns(self, q: Array) -> Array:
@@ -269,7 +269,8 @@ def _follower(body: ReducedDeformation, name: str) -> Follower:
     polynomial = body.pressures[name]
 
     def force(q: Array) -> Array:
-        return polynomial @ monomials(q)
+        at_one: Array = polynomial.dot(monomials(q))
+        return at_one
 
     def pull_back(q: Array, w: Array) -> Array:
         return monomials_back(q, w @ polynomial)
