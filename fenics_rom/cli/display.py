@@ -92,7 +92,7 @@ def _residual_compliance(residual: ResidualCompliance) -> str:
     if kept < points:
         directions += f", and in {points - kept} that lack less {residual.floor:.1e} m/N each"
     if not residual.errors:
-        return directions
+        return f"{directions}; what that leaves is measured where a scene with a run is reduced, not truncated"
     name, (without, beside) = max(residual.errors.items(), key=lambda item: item[1][1])
     return (
         f"{directions}; at steps of {residual.dt:g} s it is off by {beside:.1e}, without them by {without:.1e} "

@@ -374,6 +374,8 @@ def test_info_says_what_is_kept_and_what_is_left_out(held, tmp_path, capsys):
     for known, said in (
         (residual, f"{kept} directions beyond the shared basis"),
         (less, f"in {points - kept + 4} that lack less {residual.floor:.1e} m/N each"),
+        (replace(residual, dt=1e-3, errors={"right": (0.4, 0.05)}), "steps of 0.001 s it is off by 5.0e-02, without"),
+        (fr.truncate(held.rom, 3).residual_compliance, "is reduced, not truncated"),
     ):
         fr.write_rom(tmp_path / "rom.h5", replace(held.rom, residual_compliance=known))
         with pytest.raises(SystemExit, match="0"):
