@@ -200,6 +200,7 @@ class ContactSearch(NamedTuple):
     residual: ContactResidual = ContactResidual()
     laws: tuple[tuple[bytes, KeptLaw], ...] = ()  # of those pairs that took part then, and of others before them
     frames: Frames | None = None  # of all pairs then
+    is_steady: bool = False  # whether that step took no search
 
     def law_of(self, key: bytes) -> KeptLaw | None:
         """The law of those pairs of which the key tells that they take part, as booleans."""

@@ -1,5 +1,6 @@
 """Pairs of a point and an obstacle in one step, and what the contact law asks of each; see `contact_solver`."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import NamedTuple
 
@@ -123,40 +124,56 @@ class NormalLaw(NamedTuple):
     compliance: float = 0.0  # by which they are lower per force, m/s/N
 
 
-def normal_law(
-    law: ContactLaw, gaps: Array, gap: float, approach: Array, w: Array | None, dt: float, quasi_static: bool
-) -> NormalLaw:
-    """The law in a step of dt, s.
+Asked = Callable[[Array], NormalLaw]  # what the law says of all pairs, from how fast they come near (O P,), m/s
+
+
+class NormalRule:
+    """The law in steps of dt, s, with arrays for its numbers, as in every step a number takes longer.
 
     Args:
         law: rigid, with restitution, or a spring and a dashpot.
-        gaps: of all pairs, (O P,), m; `gap` is the smallest.
-        approach: a = n·(v - w) of all pairs, (O P,), m/s.
-        w: velocities of the obstacles, (O, 3), m/s; None: they are at rest.
+        pairs: O P, their number.
         dt, quasi_static: as in ContactSolver.solve.
     """
-    if law.stiffness is not None:
-        damper = law.stiffness * dt / 2 + law.damping
-        level = gaps * (-law.stiffness / damper)
-        return NormalLaw(level, level, 1 / damper)
-    if quasi_static:
-        level = np.maximum(gaps, 0.0) / -dt
-        return NormalLaw(level, level)
-    e = law.restitution
-    closing, half = gaps / -dt, (1 - e) / 2 * approach
-    level = np.maximum(closing, (closing + half) / (2 - e))
-    if gap < 0.0:  # no deeper than a step's motion of the obstacle or of the body
-        shallowest = closing - np.abs(approach)
-        if w is not None:
-            shallowest -= np.sqrt((w * w).sum(axis=1)).repeat(len(gaps) // len(w))
-        np.maximum(half, shallowest, half)
-    return NormalLaw(level, np.minimum(half, 0.0, half))
+
+    def __init__(self, law: ContactLaw, pairs: int, dt: float, quasi_static: bool):
+        self.key = law, dt, quasi_static
+        self._spring, self._quasi_static, self._compliance = law.stiffness is not None, quasi_static, 0.0
+        e, rate = law.restitution, -1 / dt
+        if law.stiffness is not None:
+            damper = law.stiffness * dt / 2 + law.damping
+            rate, self._compliance = -law.stiffness / damper, 1 / damper
+        self._rate, self._half, self._share = (np.full(pairs, x) for x in (rate, (1 - e) / 2, 1 / (2 - e)))
+        self._zeros = np.zeros(pairs)
+
+    def asks(self, gaps: Array, gap: float, w: Array | None, approach: Array) -> NormalLaw:
+        """What the law says.
+
+        Args:
+            gaps: of all pairs, (O P,), m; `gap` is the smallest.
+            w: velocities of the obstacles, (O, 3), m/s; None: they are at rest.
+            approach: a = n·(v - w) of all pairs, (O P,), m/s.
+        """
+        closing = gaps * self._rate
+        if self._spring:
+            return NormalLaw(closing, closing, self._compliance)
+        if self._quasi_static:
+            level = np.minimum(closing, self._zeros)
+            return NormalLaw(level, level)
+        half = approach * self._half
+        level = np.maximum(closing, (closing + half) * self._share)
+        if gap < 0.0:  # no deeper than a step's motion of the obstacle or of the body
+            shallowest = closing - np.abs(approach)
+            if w is not None:
+                shallowest -= np.sqrt((w * w).sum(axis=1)).repeat(len(gaps) // len(w))
+            np.maximum(half, shallowest, half)
+        return NormalLaw(level, np.minimum(half, self._zeros, half))
 
 
 def target_slopes(
     law: ContactLaw, target: Array, approach: Array, dt: float, quasi_static: bool = False
 ) -> tuple[Array, Array]:
-    """∂c/∂g, 1/s, and ∂c/∂a of pairs whose c and a are these, (C,) each; see `normal_law`."""
+    """∂c/∂g, 1/s, and ∂c/∂a of pairs whose c and a are these, (C,) each; see `NormalRule`."""
     if law.stiffness is not None:
         return np.full(len(target), -law.stiffness / (law.stiffness * dt / 2 + law.damping)), np.zeros(len(target))
     if quasi_static:

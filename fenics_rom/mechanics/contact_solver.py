@@ -31,16 +31,9 @@ from numpy import ndarray as Array
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.complementarity import NEGLIGIBLE_RESIDUAL, Delassus, Frames, solve
 from fenics_rom.mechanics.complementarity.solution import ADVICE, largest
-from fenics_rom.mechanics.contact import (
-    ContactLaw,
-    ContactSearch,
-    ContactSolution,
-    ObstacleMotion,
-    PointMotion,
-    is_zero,
-)
-from fenics_rom.mechanics.contact_pairs import Pairs, Settled, SolvedPairs, normal_law, passive_forces
-from fenics_rom.mechanics.followed_contact import FollowedContact
+from fenics_rom.mechanics.contact import ContactLaw, ContactSearch, ContactSolution, ObstacleMotion, PointMotion
+from fenics_rom.mechanics.contact_pairs import Asked, NormalRule, Pairs, Settled, SolvedPairs, passive_forces
+from fenics_rom.mechanics.followed_contact import follow_contact
 from fenics_rom.mechanics.obstacles import Obstacle
 
 _ONES, _ROOT_3 = np.ones(3), math.sqrt(3.0)
@@ -72,8 +65,8 @@ class ContactSolver:
         self.search = self.first_search
         self._touches = True
         self._delassus, self._operators = np.empty((0, 0)), dict[bytes, tuple[Array, Delassus]]()
+        self._rule: NormalRule | None = None
         self._offsets, self._placed = np.empty((0, 3)), list[Array]()  # the points at rest, less these
-        self._followed_steps: FollowedContact | None = None
         self._followed: Callable[[], tuple[Pairs, SolvedPairs]] | None = None  # tells of the last step, if it was
 
     @property
@@ -137,17 +130,24 @@ class ContactSolver:
             StepError: no forces found; the next step begins as this one did.
         """
         self._considered, self._solved, self._followed, search = None, None, None, self.search
+        was_steady = search.is_steady
         gaps, normals = self._distances(points.displacement, obstacles.start)
         gap = gaps.item(gaps.argmin())
-        if search.laws and settled is None and not quasi_static:
-            followed = self._follow(search, points, delassus, dt, obstacles, gaps, gap, normals)
+        w = obstacles.velocities(dt)
+        motion = None if obstacles.end is obstacles.start else w
+        if self._rule is None or self._rule.key != (self.law, dt, quasi_static):
+            self._rule = NormalRule(self.law, len(gaps), dt, quasi_static)
+        asked = partial(self._rule.asks, gaps, gap, motion)
+        may_follow = bool(search.laws) and settled is None
+        if may_follow:
+            followed = self._follow(points, delassus, dt, obstacles, w, gaps, normals, asked, quasi_static)
             if followed is not None:
                 return followed
-        w = obstacles.velocities(dt)
         is_near = self._touches or self.law.stiffness is not None  # where the last step touched, it hardly pays to ask
         if not is_near and out_of_reach(gap, points, obstacles, dt):
             return None
-        pairs = self._all_pairs(gaps, gap, normals, points, dt, obstacles, w, quasi_static)
+        slides = self.law.friction > 0 and not quasi_static
+        pairs = self._all_pairs(*self._relative(points, obstacles, w), normals, asked, slides)
         self._considered = pairs
         chosen = pairs.free[0] < pairs.level
         if settled is not None:
@@ -161,7 +161,8 @@ class ContactSolver:
             active, operator = self._operator(delassus, chosen, key)
             problem = pairs.problem(active, operator, search.forces, are_kept)
             try:
-                solution = solve(problem.operator, problem.q, self.law.friction, problem.start, search.law_of(key))
+                given = problem.operator, problem.q, self.law.friction, problem.start
+                solution = solve(*given, search.law_of(key), not may_follow, was_steady)
             except StepError as error:
                 if pairs.stop_asking_friction(active):
                     continue
@@ -190,6 +191,7 @@ class ContactSolver:
                     repeat = True
             if not repeat:
                 break
+            may_follow = False  # others than those that did not do what they did
             key = chosen.tobytes()
         if settled is not None:
             settled.keep(chosen, pairs)
@@ -206,38 +208,46 @@ class ContactSolver:
 
     def _follow(
         self,
-        search: ContactSearch,
         points: PointMotion,
         delassus: Array,
         dt: float,
         obstacles: ObstacleMotion,
+        w: Array,
         gaps: Array,
-        gap: float,
         normals: Array,
+        asked: Asked,
+        quasi_static: bool,
     ) -> ContactSolution | None:
-        """Contact of one obstacle at rest, where all pairs do what they did in the step before; None elsewhere."""
-        frames, w = search.frames, obstacles.velocities_before
-        is_at_rest = obstacles.end is obstacles.start and is_zero(w)
-        if not is_at_rest or len(self.obstacles) > 1 or self.law.stiffness is not None or frames is None:
-            return None
-        if self._followed_steps is None or self._followed_steps.dt != dt:
-            self._followed_steps = FollowedContact(self.law, len(gaps), dt)
-        are_kept = frames.are_along(normals)
-        frames, operators = frames if are_kept else Frames(normals), partial(self._operator, delassus)
-        found = self._followed_steps.step(points, gaps, gap, frames, are_kept, search, operators, delassus)
+        """Contact where all pairs do what they did in the step before; None elsewhere.
+
+        Args:
+            points, delassus, dt, obstacles, quasi_static: as in `solve`.
+            w: velocities of the obstacles, (O, 3), m/s.
+            gaps: of all pairs, (O P,), m.
+            normals, asked: as in `_all_pairs`.
+        """
+        search, law = self.search, self.law
+        free, relative = self._relative(points, obstacles, w)
+        frames = search.frames
+        if frames is None or not frames.are_along(normals):
+            frames = Frames(normals)
+        slides, operators = law.friction > 0 and not quasi_static, partial(self._operator, delassus)
+        moved = partial(self._moved, delassus)
+        found = follow_contact(law, search, free, relative, frames, asked, slides, operators, moved)
         if found is None:
             return None
-        key, active, operator, solution, forces, power = found
-        self.search = ContactSearch(forces, search.residual, search.with_law(key, solution.kept), frames)
+        key, active, own, solution, forces, power = found
+        self.search = ContactSearch(forces, search.residual, search.with_law(key, solution.kept), frames, True)
 
         def known() -> tuple[Pairs, SolvedPairs]:
-            pairs = self._all_pairs(gaps, gap, normals, points, dt, obstacles, w, False)
-            problem = pairs.problem(active, operator, forces, False)
-            found_so = pairs, gaps, active, problem, solution.forces, solution.velocities, False
-            return pairs, SolvedPairs(points, obstacles.start, delassus, dt, False, *found_so)
+            pairs = self._all_pairs(free, relative, normals, asked, slides)
+            problem = pairs.problem(active, operators(np.empty(0), key)[1], forces, False)
+            f, u = own.turned(*map(own.from_lasting_axes, solution[:2]))
+            found_so = pairs, gaps, active, problem, f, u, False
+            return pairs, SolvedPairs(points, obstacles.start, delassus, dt, quasi_static, *found_so)
 
-        self._followed, n, among = known, _of(normals, active), _of(forces, active)
-        return ContactSolution(forces, solution.iterations, active, n, among, w, power)
+        self._followed, among = known, _of(forces, active)
+        return ContactSolution(self._at_points(forces), 0, active, _of(normals, active), among, w, power)
 
     @property
     def follows(self) -> bool:
@@ -262,29 +272,10 @@ class ContactSolver:
         """How its forces were found; None where nothing touched."""
         return self.last_step()[1]
 
-    def _all_pairs(
-        self,
-        gaps: Array,
-        gap: float,
-        normals: Array,
-        points: PointMotion,
-        dt: float,
-        obstacles: ObstacleMotion,
-        w: Array,
-        quasi_static: bool,
-    ) -> Pairs:
-        """What the law says of every pair of a point and an obstacle.
-
-        Args:
-            gaps, normals: (O P,), m, and (O P, 3).
-            gap: the smallest, m.
-            points, dt, obstacles, quasi_static: as in `solve`.
-            w: (O, 3) velocities of the obstacles, m/s.
-        """
-        law, frames = self.law, self.search.frames
+    def _relative(self, points: PointMotion, obstacles: ObstacleMotion, w: Array) -> tuple[Array, Array]:
+        """Velocities of all pairs (O P, 3), m/s, in the middle of the step without contact, and at its start."""
         free, relative = self._of_pairs(points.free_velocity), self._of_pairs(points.velocity)
-        moves = obstacles.end is not obstacles.start
-        if moves:
+        if obstacles.end is not obstacles.start:
             motion = self._of_obstacles(w)
             free, relative = free - motion, relative - motion
         if w.tobytes() != obstacles.velocities_before.tobytes():
@@ -292,12 +283,22 @@ class ContactSolver:
             # one of this step. Taken for an approach, the difference would let it sink in further in every step.
             pushed = self.search.forces.any(axis=1)
             relative = relative + pushed[:, None] * self._of_obstacles((w - obstacles.velocities_before) / 2)
+        return free, relative
+
+    def _all_pairs(self, free: Array, relative: Array, normals: Array, asked: Asked, slides: bool) -> Pairs:
+        """What the law says of every pair of a point and an obstacle.
+
+        Args:
+            free, relative: as `_relative` gives them.
+            normals: (O P, 3).
+            asked: the normal law, of how fast pairs come near.
+            slides: whether what sticks is to stop within the step.
+        """
+        frames = self.search.frames
         if frames is None or not frames.are_along(normals):
             frames = Frames(normals)
         free, relative = frames.turned(free, relative)
-        level, target, compliance = normal_law(law, gaps, gap, relative[0], w if moves else None, dt, quasi_static)
-        slides = law.friction > 0 and not quasi_static  # what sticks is to stop within the step
-        return Pairs(frames, free, relative, level, target, compliance, relative[1:] / 2 if slides else None)
+        return Pairs(frames, free, relative, *asked(relative[0]), relative[1:] / 2 if slides else None)
 
     def _distances(self, displacement: Array, offsets: Array) -> tuple[Array, Array]:
         """Gaps (O P,), m, and normals (O P, 3), obstacle after obstacle."""
@@ -320,6 +321,10 @@ class ContactSolver:
     def _of_obstacles(self, values: Array) -> Array:
         """Values of the obstacles (O, 3), of each pair (O P, 3)."""
         return values.repeat(len(self.points), axis=0)
+
+    def _moved(self, delassus: Array, forces: Array) -> Array:
+        """Velocities of all pairs (O P, 3), m/s, that forces of all pairs cause."""
+        return self._of_pairs(delassus.dot(self._at_points(forces).ravel()).reshape(-1, 3))
 
     def _at_points(self, forces: Array) -> Array:
         """Forces of all pairs (O P, 3) together on the points (P, 3)."""

@@ -14,20 +14,33 @@ determine near where it was.
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.complementarity.delassus import Delassus, FramedDelassus, Frames
+from fenics_rom.mechanics.complementarity.following import FollowedLaw, follow
 from fenics_rom.mechanics.complementarity.frictional import FrictionalProblem
 from fenics_rom.mechanics.complementarity.frictionless import FrictionlessProblem
 from fenics_rom.mechanics.complementarity.solution import NEGLIGIBLE_RESIDUAL, KeptLaw, Solution
 
-__all__ = ["NEGLIGIBLE_RESIDUAL", "Delassus", "FramedDelassus", "Frames", "KeptLaw", "Solution", "follow", "solve"]
+__all__ = [
+    "NEGLIGIBLE_RESIDUAL",
+    "Delassus",
+    "FollowedLaw",
+    "FramedDelassus",
+    "Frames",
+    "KeptLaw",
+    "Solution",
+    "follow",
+    "solve",
+]
 
 
-def follow(operator: FramedDelassus, q: Array, friction: float, kept: KeptLaw) -> Solution | None:
-    """The same by the inverse that was kept, without a search; None where the law is another."""
-    problem = FrictionalProblem(operator, q, friction) if friction else FrictionlessProblem(operator, q)
-    return problem.follow(kept)
-
-
-def solve(operator: FramedDelassus, q: Array, friction: float, start: Array, kept: KeptLaw | None = None) -> Solution:
+def solve(
+    operator: FramedDelassus,
+    q: Array,
+    friction: float,
+    start: Array,
+    kept: KeptLaw | None = None,
+    may_follow: bool = True,
+    is_steady: bool = False,
+) -> Solution:
     """The contact forces of C pairs.
 
     Args:
@@ -36,10 +49,21 @@ def solve(operator: FramedDelassus, q: Array, friction: float, start: Array, kep
         friction: μ >= 0.
         start: (3, C) forces to begin with, N: the better, the sooner it is solved.
         kept: of the step before, if the same pairs took part.
+        may_follow: whether to try that first (`follow`), as has not been done yet.
+        is_steady: whether the step before took no search: then the next may need none, too.
 
     Raises:
         StepError: no method came to a solution.
     """
+    frames = operator.frames
+    if may_follow and kept is not None and kept.has_inverse and (frames.are_alike or not operator.added):
+        (lasting,) = frames.to_lasting_axes(frames.in_space(q))
+        axes, normals = operator.operator.lasting(frames, operator.added), frames.lasting_normals
+        law = FollowedLaw(operator if normals is None else axes, lasting, friction, normals, operator)
+        followed = follow(law, kept)
+        if followed is not None:
+            forces, velocities = frames.turned(*map(frames.from_lasting_axes, followed[:2]))
+            return followed._replace(forces=forces, velocities=velocities)
     if friction == 0:
         return FrictionlessProblem(operator, q).solve(start, kept)
-    return FrictionalProblem(operator, q, friction).solve(start, kept)
+    return FrictionalProblem(operator, q, friction).solve(start, kept, is_steady)

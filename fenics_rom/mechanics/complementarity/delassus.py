@@ -10,7 +10,7 @@ from functools import cached_property
 import numpy as np
 from numpy import ndarray as Array
 
-_AXES = np.eye(3)
+_AXES, _ONES = np.eye(3), np.ones(3)
 _ROUND_OFF = 4 * np.finfo(float).eps  # of unit vectors
 _LARGEST_CONDITION = 1e8  # of what counts as regular: Newton's steps correct what a solution lacks
 _NEARLY = 1e-2  # of the least pivot: operators that differ by less guide each other's searches
@@ -19,14 +19,17 @@ _NEARLY = 1e-2  # of the least pivot: operators that differ by less guide each o
 class Frames:
     """Frames of pairs with unit normals (C, 3): of each its normal, and two tangents.
 
+    Axes that last are those of the frame where all normals are alike, and elsewhere those of space: in them W stays the
+    same from step to step, even where normals turn with the points.
+
     Attributes:
         normals: as given.
-        axes: (C, 3, 3), whose columns these are; (1, 3, 3) where all normals are alike.
+        are_alike: whether all of them are the same.
     """
 
     def __init__(self, normals: Array):
         self.normals, self._bytes = normals, normals.tobytes()
-        self.axes = axes_along(normals[:1] if (normals == normals[0]).all() else normals)
+        self.are_alike = bool((normals == normals[0]).all())
         self._picked: tuple[Array, Frames] | None = None
 
     def __eq__(self, other: object) -> bool:
@@ -34,6 +37,16 @@ class Frames:
 
     def __hash__(self) -> int:
         return hash(self._bytes)
+
+    @cached_property
+    def axes(self) -> Array:
+        """(C, 3, 3), whose columns these are; (1, 3, 3) where all normals are alike."""
+        return axes_along(self.normals[:1] if self.are_alike else self.normals)
+
+    @cached_property
+    def lasting_normals(self) -> Array | None:
+        """(3, C) in axes that last; None where they are the first of these."""
+        return None if self.are_alike else np.ascontiguousarray(self.normals.T)
 
     def are(self, normals: Array) -> bool:
         """Whether other normals (C, 3) are these, to the last bit."""
@@ -49,25 +62,38 @@ class Frames:
 
     def of(self, pairs: Array) -> "Frames":
         """Of some pairs; the same as long as these are the same array."""
-        if len(self.axes) == 1:
+        if self.are_alike:
             return self
         if self._picked is None or self._picked[0] is not pairs:
             self._picked = pairs, Frames(self.normals[pairs])
         return self._picked[1]
 
+    def along_normals(self, vectors: Array) -> Array:
+        """n·v (C,) of vectors (C, 3) along the axes of space."""
+        parts: Array = vectors.dot(self.normals[0]) if self.are_alike else (vectors * self.normals).dot(_ONES)
+        return parts
+
     def turned(self, *vectors: Array) -> list[Array]:
         """Vectors (C, 3) along the axes of space as (3, C) each in the frames."""
-        if len(self.axes) == 1:
+        if self.are_alike:
             turn = self.axes[0].T
             return [turn.dot(vector.T) for vector in vectors]
         return [np.einsum("cij,ci->jc", self.axes, vector, order="C") for vector in vectors]
 
     def in_space(self, vectors: Array) -> Array:
         """What is (3, C) in the frames, (C, 3) along the axes of space."""
-        if len(self.axes) == 1:
+        if self.are_alike:
             turned: Array = vectors.T.dot(self.axes[0].T)
             return turned
         return np.einsum("cij,jc->ci", self.axes, vectors, order="C")
+
+    def to_lasting_axes(self, *vectors: Array) -> list[Array]:
+        """Vectors (C, 3) along the axes of space as (3, C) each in axes that last."""
+        return self.turned(*vectors) if self.are_alike else [vector.T.copy() for vector in vectors]
+
+    def from_lasting_axes(self, vectors: Array) -> Array:
+        """The other way."""
+        return self.in_space(vectors) if self.are_alike else vectors.T.copy()
 
 
 def axes_along(n: Array) -> Array:
@@ -79,6 +105,10 @@ def axes_along(n: Array) -> Array:
     axes -= sign[:, None, None] * _AXES
     axes[:, :, 0] = n  # to the last bit
     return axes
+
+
+_SPACE = Frames(_AXES[:1])
+_SPACE.axes = _AXES[None]
 
 
 class Delassus:
@@ -121,7 +151,7 @@ class Delassus:
         """
         if self._framed is None or self._framed.frames is not frames or self._framed.added != compliance:
             self._framed = FramedDelassus(self, frames, compliance, known)
-        self._framed.are_kept = are_kept or len(frames.axes) == 1
+        self._framed.are_kept = are_kept or frames.are_alike
         return self._framed
 
     @cached_property
@@ -134,6 +164,16 @@ class Delassus:
     def stiffness(self) -> Array:
         """One by it, N s/m."""
         return 1 / self.compliance
+
+    def lasting(self, frames: Frames, compliance: float = 0.0) -> "FramedDelassus":
+        """The same in axes that last (see Frames); where these are those of space, without the compliance."""
+        return self.framed(frames, compliance) if frames.are_alike else self._in_space
+
+    @cached_property
+    def _in_space(self) -> "FramedDelassus":
+        framed, C = FramedDelassus(self, _SPACE, 0.0), len(self.matrix) // 3
+        framed.matrix = self.matrix.reshape(C, 3, C, 3).transpose(1, 0, 3, 2).reshape(3 * C, 3 * C)
+        return framed
 
 
 class FramedDelassus:
@@ -158,7 +198,7 @@ class FramedDelassus:
     _scaled: dict[float, tuple[Array, Array]]
 
     def __init__(self, operator: Delassus, frames: Frames, added: float, known: "FramedDelassus | None" = None):
-        self.operator, self.frames, self.added, self.are_kept = operator, frames, added, len(frames.axes) == 1
+        self.operator, self.frames, self.added, self.are_kept = operator, frames, added, frames.are_alike
         if known is not None and self._is_nearly(known.guide):
             self.guide = known.guide
             self._scaled, self.compliance, self.stiffness = known._scaled, known.compliance, known.stiffness
@@ -196,7 +236,7 @@ class FramedDelassus:
 
     @cached_property
     def _inverse(self) -> Array:
-        keeps_matrix = self.added or len(self.frames.axes) == 1  # elsewhere W⁻¹ along the axes of space is kept
+        keeps_matrix = self.added or self.frames.are_alike  # elsewhere W⁻¹ along the axes of space is kept
         return np.linalg.inv(self.matrix) if keeps_matrix else self._turned(self.operator.inverse)
 
     def _turned(self, matrix: Array) -> Array:
@@ -204,6 +244,16 @@ class FramedDelassus:
         C, turn = len(matrix) // 3, self.frames.axes.transpose(0, 2, 1)
         for _ in range(2):  # rows, then columns, which are put in order of components
             matrix = np.matmul(turn, matrix.T.reshape(C, 3, 3 * C)).transpose(1, 0, 2).reshape(3 * C, 3 * C)
+        return matrix
+
+    def in_lasting_axes(self, matrix: Array) -> Array:
+        """A matrix (3C, 3C) in the frames, in axes that last."""
+        if self.frames.are_alike:
+            return matrix
+        C = len(matrix) // 3
+        for _ in range(2):  # rows, then columns
+            parts = np.matmul(self.frames.axes, matrix.T.reshape(3, C, 3 * C).transpose(1, 0, 2))
+            matrix = parts.transpose(1, 0, 2).reshape(3 * C, 3 * C)
         return matrix
 
     def scaled(self, share: float) -> tuple[Array, Array]:

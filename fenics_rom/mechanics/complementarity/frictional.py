@@ -13,28 +13,27 @@ from numpy import ndarray as Array
 
 from fenics_rom.mechanics.complementarity.delassus import FramedDelassus
 from fenics_rom.mechanics.complementarity.interior_point import find_interior_point
-from fenics_rom.mechanics.complementarity.linearised import Linearisation, LinearisationByVelocities
+from fenics_rom.mechanics.complementarity.linearised import Linearisation, LinearisationByVelocities, linearised
 from fenics_rom.mechanics.complementarity.solution import (
     CONVERGENCE_TOLERANCE,
     NEGLIGIBLE_RESIDUAL,
     NEWTON_ITERATIONS,
     PROXIMAL_COMPLIANCE,
+    REGULAR_SHARE,
     STAGNATION_RESIDUAL,
     KeptLaw,
     Solution,
     check_residual,
     largest,
+    statuses_of,
 )
 
-SHARES = 0.4, 1.0  # ρ in parts of each pair's stiffness, of regular W first; where one share cycles, another may not
+SHARES = REGULAR_SHARE, 1.0  # ρ in parts of each pair's stiffness; where one share cycles, another may not
 _FIRST_COMPLIANCE = 1e-4  # proximal, to begin with: where W hardly tells forces apart, Newton's method would cycle
 _FIRST_ITERATIONS = 8  # of Newton's method, with it
 _PATH_RESIDUAL = 1e-6  # below it following a path, the slowest method, is not worth its time
 _PATHS = ((0.3, 10), (0.6, 30))  # of shrinking compliance: the factor, and Gauss-Seidel sweeps where Newton cycles
 _PATH_TOLERANCE = 1e-6  # of Newton's method on a path
-_MOST_STEPS = 6  # with a kept inverse, before Newton's method
-_MOST_CORRECTIONS = 6  # by an inverse, in all steps: they take as long as to find it anew
-_SLOWEST = 3e-3  # reduction of the error by such a step: where it is less, the inverse is found anew
 
 
 class _Law(NamedTuple):
@@ -48,8 +47,7 @@ class _Law(NamedTuple):
     @property
     def statuses(self) -> bytes:
         """Of each pair whether it is open, sticks or slips."""
-        closed = self.cone > 0
-        return (closed & (self.length > self.cone)).tobytes() + closed.tobytes()
+        return statuses_of(self.length, self.cone)
 
 
 def look_at(
@@ -83,19 +81,17 @@ class FrictionalProblem:
         self.best, self.velocities, self.error, self.iterations = q, q, np.inf, 0
         self._law: _Law  # at the forces that were looked at last
 
-    def solve(self, start: Array, kept: KeptLaw | None = None) -> Solution:
+    def solve(self, start: Array, kept: KeptLaw | None = None, is_steady: bool = False) -> Solution:
         """See `complementarity.solve`."""
-        near = None if kept is None else kept.nearest(self.q)
-        if kept is not None and near is not None:
-            followed = self._follow(near, kept)
-            if followed is not None:
-                return followed
+        near, frames = None, self.operator.frames
+        if kept is not None:
+            near = kept.nearest(frames.to_lasting_axes(frames.in_space(self.q))[0])
         if not self.operator.is_regular:
             self._take_share(SHARES[1])
-        elif np.isfinite(self.error):
-            start = self.best
         else:
-            start = self._nearer(start if near is None or near is kept else near.forces)
+            start = self._nearer(
+                start if near is None or near is kept else frames.turned(frames.from_lasting_axes(near.forces))[0]
+            )
         found = self.search_newton(start, _FIRST_COMPLIANCE, _FIRST_ITERATIONS)
         if not found:
             self._take_share(SHARES[self.operator.is_regular])
@@ -108,7 +104,7 @@ class FrictionalProblem:
                         converged = any(self.follow_path(*path) for path in _PATHS)
             if not converged:
                 check_residual(self.error / self.speed, self.q.shape[1], self.iterations)
-        law = self._to_keep(near)
+        law = self._to_keep(near, is_steady)
         law = None if law is None else law.after(kept)
         return Solution(self.best, self.velocities, self.iterations, self.error / self.speed, law)
 
@@ -145,46 +141,6 @@ class FrictionalProblem:
         off = [look_at(f, self._velocities(f), self.ρ, self.compliance, self.μ)[-1] for f in (start, within)]
         return within if off[1] < off[0] else start
 
-    def follow(self, last: KeptLaw) -> Solution | None:
-        """What steps with the inverse of a law that was linearised before lead to; None where they do not.
-
-        What the first of them lacks is of second order in what has changed since the last time step; where motion is
-        steady it lacks the same in the next.
-        """
-        return self._follow(last.nearest(self.q), last)
-
-    def _follow(self, kept: KeptLaw, last: KeptLaw) -> Solution | None:
-        inverse, before = kept.inverse, np.inf
-        if inverse is None:
-            return None
-        linear = kept.forces + inverse.dot((self.q - kept.q).ravel()).reshape(self.q.shape)
-        f = linear + kept.lacking
-        for step in range(_MOST_STEPS):
-            if self._arrives_at(f, CONVERGENCE_TOLERANCE):
-                corrections = kept.corrections + step
-                if corrections >= _MOST_CORRECTIONS and self.error > _SLOWEST * before:
-                    corrections = 0
-                    with suppress(np.linalg.LinAlgError):
-                        inverse = self._linearised(self._law).inverse()
-                lacking = self.best - linear if inverse is kept.inverse else 0 * kept.lacking
-                law = KeptLaw(kept.statuses, inverse, self.q, self.best, lacking, corrections)
-                if before < np.inf or kept is not last:  # else steps go on as the last one did
-                    law = law.after(last)
-                return Solution(self.best, self.velocities, self.iterations, self.error / self.speed, law)
-            if not self.error < _SLOWEST * before:
-                if self._law.statuses != kept.statuses:
-                    break
-                self.operator.are_kept = True
-                try:
-                    inverse = self._linearised(self._law).inverse()
-                except np.linalg.LinAlgError:
-                    break
-            before = self.error
-            off = f - self._law.projected  # by W off less than with f, and by ρ⁻¹ off more than the law has it
-            moves = self.compliance * off - self.operator.moved(off)
-            f = self._law.projected + inverse.dot(moves.ravel()).reshape(f.shape)
-        return None
-
     def _arrives_at(self, f: Array, tolerance: float) -> bool:
         """Looks at forces f, and whether they solve the problem."""
         u = self._velocities(f)
@@ -202,22 +158,22 @@ class FrictionalProblem:
         return u
 
     def _linearised(self, law: _Law, proximal: float = 0.0) -> Linearisation | LinearisationByVelocities:
-        """By its forces, or by velocities where these are fewer unknowns."""
-        few = np.count_nonzero(law.length > law.cone) < np.count_nonzero(law.cone)  # slip or are open, than are closed
-        if few and self.operator.is_regular:
-            inverse = self.operator.inverse
-            return LinearisationByVelocities(inverse, self.μ, self.compliance, law.z, law.length, law.cone)
-        return Linearisation(self.operator.matrix, self.μ, self.compliance, law.z, law.length, law.cone, proximal)
+        return linearised(self.operator, self.μ, self.compliance, law.z, law.length, law.cone, proximal)
 
-    def _to_keep(self, kept: KeptLaw | None) -> KeptLaw | None:
-        """What to begin the next search with: an inverse where pairs stick and slip as in the search before this."""
+    def _to_keep(self, kept: KeptLaw | None, is_steady: bool) -> KeptLaw | None:
+        """What to begin the next search with: an inverse where the next step may need none.
+
+        That is where motion has been steady, or pairs stick and slip as in the search before this.
+        """
         if not self.operator.is_regular:
             return None
         statuses, inverse = self._law.statuses, None
-        if kept is not None and (kept.statuses == statuses or self._are_nearly(kept.statuses)):
+        if is_steady or (kept is not None and (kept.statuses == statuses or self._are_nearly(kept.statuses))):
             with suppress(np.linalg.LinAlgError):
-                inverse = self._linearised(self._law).inverse()
-        return KeptLaw(statuses, inverse, self.q, self.best, np.zeros_like(self.q))
+                inverse = self.operator.in_lasting_axes(self._linearised(self._law).inverse())
+        frames = self.operator.frames
+        q, best = frames.to_lasting_axes(frames.in_space(self.q), frames.in_space(self.best))
+        return KeptLaw(statuses, inverse, q, best)
 
     def _are_nearly(self, statuses: bytes) -> bool:
         """Whether pairs do what they did but for those at the border of their cones, where round-off decides."""

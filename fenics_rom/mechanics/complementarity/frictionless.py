@@ -43,13 +43,6 @@ class FrictionlessProblem:
                 check_residual(self.error / self.speed, len(self.r), self.iterations)
         return self._solution(self._to_keep(kept))
 
-    def follow(self, kept: KeptLaw) -> Solution | None:
-        """What the inverse of the pairs that pushed before leads to; None where others push."""
-        if kept.inverse is None:
-            return None
-        λ = kept.inverse.dot(self.q.ravel())[: len(self.r)]
-        return self._solution(kept) if self._arrives_at(λ) else None
-
     def _solution(self, kept: KeptLaw | None) -> Solution:
         f = np.zeros_like(self.q)
         f[0] = self.best
@@ -62,12 +55,12 @@ class FrictionlessProblem:
         statuses = closed.tobytes()
         if kept is None or kept.statuses != statuses:
             zero = np.zeros(self.q.shape)
-            return KeptLaw(statuses, None, zero, zero, zero) if self.operator.is_regular else None
+            return KeptLaw(statuses, None, zero, zero) if self.operator.is_regular else None
         if kept.inverse is not None:
             return kept
         inverse, among = np.zeros((self.q.size, self.q.size)), closed.nonzero()[0]
         inverse[among[:, None], among] = -np.linalg.inv(self.M[among[:, None], among])
-        return kept._replace(inverse=inverse)
+        return kept._replace(inverse=self.operator.in_lasting_axes(inverse))
 
     def search_active_set(self, λ: Array) -> bool:
         """Whether the active set settles, beginning with that of λ (Hintermüller, Ito & Kunisch, 2002)."""

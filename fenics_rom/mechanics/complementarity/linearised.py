@@ -9,6 +9,8 @@ slips, and Tᵀ (u + W E y) + c θ = 0 with n, d, p and n, p in place of these.
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.mechanics.complementarity.delassus import FramedDelassus
+
 LEAST_SINGULAR = 1e-13  # of the largest singular value, of what counts as determined
 
 
@@ -16,6 +18,22 @@ def least_solution(matrix: Array, right: Array) -> Array:
     """x of matrix x = right, without what the matrix does not determine."""
     solution: Array = np.linalg.lstsq(matrix, right, rcond=LEAST_SINGULAR)[0]
     return solution
+
+
+def linearised(
+    operator: FramedDelassus,
+    friction: float,
+    compliance: Array,
+    z: Array,
+    length: Array,
+    cone: Array,
+    proximal: float = 0.0,
+) -> "Linearisation | LinearisationByVelocities":
+    """The law by its forces, or by velocities where these are fewer unknowns; arguments as in Linearisation."""
+    few = np.count_nonzero(length > cone) < np.count_nonzero(cone)  # slip or are open, than are closed
+    if few and operator.is_regular:
+        return LinearisationByVelocities(operator.inverse, friction, compliance, z, length, cone)
+    return Linearisation(operator.matrix, friction, compliance, z, length, cone, proximal)
 
 
 class Linearisation:

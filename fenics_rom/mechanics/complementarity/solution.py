@@ -19,6 +19,8 @@ INTERIOR_POINT_ITERATIONS = 40  # where they suffice they are rarely more than f
 INTERIOR_POINT_ACCURACY = 1e-14  # no interior-point method gets further
 FIRST_FINISH_RESIDUAL = 1e-3  # of an interior-point method: from here on Newton's method may finish, and
 FINISH_REDUCTION = 100  # tries again each time the residual has fallen by this factor
+REGULAR_SHARE = 0.4  # ρ in parts of each pair's stiffness, where W is regular
+NEAR = 1e-2  # q of a step and of the next, as a share of the velocities, between which no other law is looked for
 MOST_KEPT = 3  # linearised laws besides that of the last step
 STEP_FRACTION = 0.9  # of the way to the border of the cones that an interior-point method goes
 
@@ -29,14 +31,21 @@ def largest(values: Array) -> float:
     return value
 
 
+def statuses_of(length: Array, cone: Array) -> bytes:
+    """Of each pair whether it slips, and whether it is closed, from |z_t| and μ z_n (C,); see `frictional`."""
+    closed = cone > 0
+    return (closed & (length > cone)).tobytes() + closed.tobytes()
+
+
 class KeptLaw(NamedTuple):
-    """Coulomb's law as it was linearised in an earlier step."""
+    """Coulomb's law as it was linearised in an earlier step, in axes that last when normals turn (see Frames)."""
 
     statuses: bytes  # of each pair whether it was open, stuck or slipped
     inverse: Array | None  # (3C, 3C), of where they were the same twice, N s/m: `Linearisation.inverse`
     q: Array  # of the last step (3, C), m/s
     forces: Array  # which were found for it (3, C), N
-    lacking: Array  # what they lack by the inverse and the q of the time step before (3, C), N
+    lacking: Array | float = 0.0  # what they will lack by the inverse and the q of the next time step (3, C), N
+    lacked: tuple[Array, ...] = ()  # what they did in the last two
     corrections: int = 0  # that the inverse has taken in all steps
     earlier: "tuple[KeptLaw, ...]" = ()  # those of the steps before: what rubs often does the same in every other step
 
@@ -45,9 +54,17 @@ class KeptLaw(NamedTuple):
         """Whether this or one of those before does."""
         return self.inverse is not None or any(law.inverse is not None for law in self.earlier)
 
+    def foreseen(self, lacking: Array, was_corrected: bool) -> tuple[Array, tuple[Array, ...]]:
+        """`lacking` and `lacked` after a step that has lacked so much: a trend goes on, and what alternates."""
+        if not was_corrected or len(self.lacked) < 2:
+            return lacking, (lacking, *self.lacked)[:2] if was_corrected else ()
+        return lacking + self.lacked[0] - self.lacked[1], (lacking, self.lacked[0])
+
     def nearest(self, q: Array) -> "KeptLaw":
-        """Of this and those before the one whose q is nearest."""
-        return self if not self.earlier else min((self, *self.earlier), key=lambda law: largest(np.abs(law.q - q)))
+        """Of this and those before the one whose q is nearest; this, where it is near."""
+        if not self.earlier or largest(np.abs(self.q - q)) <= NEAR * largest(np.abs(q)):
+            return self
+        return min((self, *self.earlier), key=lambda law: largest(np.abs(law.q - q)))
 
     def after(self, earlier: "KeptLaw | None") -> "KeptLaw":
         """The same with those of the steps before."""
