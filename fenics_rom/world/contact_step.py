@@ -41,6 +41,7 @@ class Part(NamedTuple):
     pairs: Array  # (k + j,) among all pairs: those of contact, then joints
     rows: slice | Array  # the same, a slice where they lie in one piece
     signs: Array  # (k + j, 1): 1 where it is the first, -1 where the second
+    is_one_sided: bool  # whether it is the same everywhere
     points: Points
 
 
@@ -267,7 +268,7 @@ def find_forces(pairs: Pairs, h: float, start: Array, guide: Guide | None) -> tu
 def _attempt(pairs: Pairs, forces: Array) -> tuple[Array, float]:
     """Velocities u (C + J, 3) under forces, and the fastest of a body, m/s."""
     u, fastest = np.zeros(forces.shape), 0.0
-    for body, _, rows, signs, points in pairs.parts:
+    for body, _, rows, signs, _, points in pairs.parts:
         places = pairs.places[rows]
         velocities = body.attempt(points, places, signs * forces[rows])
         if type(rows) is not slice:  # else that was a view
@@ -282,7 +283,7 @@ def _guide(pairs: Pairs, known: Guide | None, proximal: float) -> Guide:
     """W of the pairs; known: of an earlier step with the same pairs; proximal: as of a Guide."""
     C = len(pairs.normals)
     parts = [part for part in pairs.parts if len(part.pairs) and not part.body.is_driven]
-    operators = [body.delassus(points, pairs.places[rows]) for body, _, rows, _, points in parts]
+    operators = [part.body.delassus(part.points, pairs.places[part.rows]) for part in parts]
     soft = [operator for part, operator in zip(parts, operators, strict=True) if part.body.yields]
     if known is None or len(known.soft) != len(soft) or not all(map(is_, soft, known.soft)):
         W, yields = np.zeros((3 * len(pairs.places),) * 2), np.zeros(C, dtype=bool)
@@ -306,8 +307,8 @@ def _guide(pairs: Pairs, known: Guide | None, proximal: float) -> Guide:
 
 def _add(W: Array, part: Part, operator: Array) -> None:
     """Adds the operator of a body's points to that of all pairs."""
-    sign = np.repeat(part.signs, 3)
-    signed = operator if (sign == sign[0]).all() else sign[:, None] * operator * sign
+    sign = None if part.is_one_sided else np.repeat(part.signs, 3)
+    signed = operator if sign is None else sign[:, None] * operator * sign
     if type(part.rows) is slice:
         axes = slice(3 * part.rows.start, 3 * part.rows.stop)
         W[axes, axes] += signed

@@ -56,7 +56,7 @@ class StepPairs:
         places, C = pairs.places.copy(), len(pairs.normals)
         before = np.zeros(places.shape)
         gone = np.zeros(places.shape)
-        for body, _, rows, signs, points in pairs.parts:
+        for body, _, rows, signs, _, points in pairs.parts:
             before[rows] += signs * body.start_velocities(points, places[rows])
             if (lead := body.lead).any():
                 gone[rows] += signs * lead
@@ -141,7 +141,7 @@ class StepPairs:
         """What the operator of each body that others move depends on: itself, if it is known, or arms and rotation."""
         assert self._pairs is not None
         lie = list[Array | tuple[Array, Array]]()
-        for body, pairs, rows, _, points in self._pairs.parts:
+        for body, pairs, rows, _, _, points in self._pairs.parts:
             if body.is_driven or not len(pairs):
                 continue
             known = body.known_delassus(points)
@@ -185,7 +185,7 @@ class StepPairs:
         assert self._pairs is not None
         if self._held[0] is not self._pairs.parts:
             C, found = len(self._pairs.normals), []
-            for body, rows, _, signs, points in self._pairs.parts:
+            for body, rows, _, signs, _, points in self._pairs.parts:
                 held = (rows >= C).nonzero()[0]
                 if len(held):
                     kept = points._replace(
@@ -254,13 +254,15 @@ def _points(spots: Spots, follows: bool = False) -> Points:
 def _part(body: Body, mine: list[tuple[Array, float, Points]]) -> Part:
     if not mine:
         none = Points(np.empty((0, 0), int), np.empty((0, 0)), np.empty((0, 3)), np.empty(0, bool))
-        return Part(body, np.empty(0, int), slice(0, 0), np.empty((0, 1)), none)
+        return Part(body, np.empty(0, int), slice(0, 0), np.empty((0, 1)), True, none)
     pairs = np.concatenate([pairs for pairs, _, _ in mine])
     signs = np.concatenate([np.full((len(own), 1), sign) for own, sign, _ in mine])
     points = _concatenated([points for _, _, points in mine])
     first, last = int(pairs[0]), int(pairs[-1])
     in_one_piece = last - first == len(pairs) - 1
-    return Part(body, pairs, slice(first, last + 1) if in_one_piece else pairs, signs, points)
+    return Part(
+        body, pairs, slice(first, last + 1) if in_one_piece else pairs, signs, bool((signs == signs[0]).all()), points
+    )
 
 
 def _concatenated(points: list[Points]) -> Points:

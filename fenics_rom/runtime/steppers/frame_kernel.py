@@ -133,6 +133,7 @@ class FrameKernel(BookedKernel):
         self.frame = self._frame_before = self._at_rest = FrameState((x, y, z), (1.0, 0.0, 0.0, 0.0), ZERO, ZERO)
         self._dense_damping = model.damping.ndim == 2
         self._terms = np.empty((2, m))
+        self._turned_to = self.frame.rotation, np.eye(3)
         self._places: Array | None = None  # of the contact points in this state
         if interface is not None:
             self.points = FramePoints(interface.points.coordinates - frame.origin, self._Sᵀ)
@@ -182,9 +183,16 @@ class FrameKernel(BookedKernel):
 
     def point_places(self) -> Array:
         """As in BookedKernel."""
-        places: Array = self.places().dot(rotation_matrix(self.frame.rotation).T)
+        places: Array = self.places().dot(self._rotation.T)
         places += np.array(self.frame.position)
         return places
+
+    @property
+    def _rotation(self) -> Array:
+        """R (3, 3), kept as long as the frame does not turn."""
+        if self._turned_to[0] != self.frame.rotation:
+            self._turned_to = self.frame.rotation, rotation_matrix(self.frame.rotation)
+        return self._turned_to[1]
 
     def places(self) -> Array:
         """Of the contact points in the frame, (P, 3), m; not to be changed."""
@@ -314,7 +322,7 @@ class FrameKernel(BookedKernel):
         inside = self.points.moved(self._r) + self.places().dot(cross_matrix(self.angular_velocity).T)
         if self.residual is not None:
             inside += self.residual.points[1]
-        velocities: Array = inside.dot(rotation_matrix(self.frame.rotation).T) + self.frame.velocity
+        velocities: Array = inside.dot(self._rotation.T) + self.frame.velocity
         return velocities
 
     def kept_velocities(self, turn: Geometry, arms: Array) -> Array:
