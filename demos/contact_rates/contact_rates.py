@@ -16,8 +16,8 @@ The script
 3. tables how far forces are off while it settles, with and without residual compliance, beside what the step itself
    makes at full order (not with --quick);
 4. splits a step into its effects;
-5. tables what a `Batch` makes of many pads that are each pushed about at random, beside a single one, and by how much
-   these two differ;
+5. tables what a `Batch` makes of many pads with 8, 20 and 40 points that rest or are each pushed about at random,
+   beside a single one, and by how much these two differ;
 6. tables the rate of a world that has such a pad alone, beside that of its simulator;
 7. checks that the scene without contact steps as if there was no such thing: in the same form, to the same bits.
 
@@ -49,6 +49,7 @@ OUT = Path(__file__).parent / "out"
 ONE_THREAD = {"OMP_NUM_THREADS": "1", "OPENBLAS_NUM_THREADS": "1"}
 
 SIZE, BRICKS, MORE_BRICKS = (0.20, 0.15, 0.10), (4, 3, 2), (7, 4, 2)  # m; 5 x 4 and 8 x 5 nodes at the bottom
+POINTS = {8: (3, 1, 2), 20: BRICKS, 40: MORE_BRICKS}  # that touch, of pads in a batch
 ORDER = 24  # and six rigid motions
 DENSITY, GRAVITY = 200.0, 9.81
 WEIGHT = DENSITY * SIZE[0] * SIZE[1] * SIZE[2] * GRAVITY
@@ -56,7 +57,14 @@ NEAR = 1e-4  # m; a point stops up to one step before the ground, and need not b
 PRESSED = 4 * WEIGHT  # N, with the weight itself
 COEFFICIENT = 0.5
 STEP = 1e-3  # s
-TOGETHER = (16, 256, 1024)  # pads that are stepped together; the first with --quick
+TOGETHER = 1024  # pads that are stepped together
+FEW_TOGETHER = 16  # with --quick
+ORDER_TOGETHER = 14  # and six rigid motions
+PUSHED = {  # anew after so many steps, with at most that share of what moves it
+    "at rest": (0, 0.0),
+    "pushed anew every ten steps": (10, 0.25),
+    "in every step, four times as hard": (1, 1.0),
+}
 WANTED = 5000.0  # steps a second with all points touching and friction
 
 GROUND = 'ground = { shape = "half-space", point = [0, 0, 0], normal = [0, 0, 1] }'
@@ -173,7 +181,7 @@ def main() -> None:
     table_of_rates(rates, seen, out)
     table_beside_full_order(out, settle, steps, rounds)
     table_of_effects(whole, {name: scenes[name] for name in ("sticks", "in part slides", "slides", "no friction")}, out)
-    off = table_of_batches(whole, TOGETHER[:1] if quick else TOGETHER, steps, out)
+    off = table_of_batches(FEW_TOGETHER if quick else TOGETHER, steps // 2, out)
     table_of_worlds({"sticks": whole, "neither": bare}, steps, rounds, out)
     errors = {} if quick else table_of_errors(whole, {name: scenes[name] for name in COMPARED}, out)
     check(rates, seen, bodies, whole, bare, scenes, errors, off)
@@ -347,33 +355,43 @@ def table_of_errors(rom: fr.Rom, scenes: dict[str, fr.Scene], out: Path) -> dict
     return errors
 
 
-def table_of_batches(rom: fr.Rom, sizes: tuple[int, ...], steps: int, out: Path) -> float:
+def table_of_batches(size: int, steps: int, out: Path) -> float:
     """Section 5: rates of pads that are stepped together, each pushed at random; how far one is from a single one."""
     rows, worst = [], 0.0
-    for size in sizes:
-        random, seconds = np.random.default_rng(0), np.zeros((2, 4))
-        bodies, single = fr.Batch(rom, size, STEP), fr.Simulator(rom, STEP, ledger=False)
-        for part in range(5):  # the first of them is for settling
-            for step in range(steps):
-                if step % 10 == 0:
-                    u = random.uniform(-1, 1, (size, bodies.inputs)) * COEFFICIENT * PRESSED / 4
-                started = time.process_time()
-                bodies.step(u)
-                between = time.process_time()
-                single.step(u[0])
-                if part:
-                    seconds[:, part - 1] += between - started, time.process_time() - between
-        together, alone = steps / seconds.min(axis=1)
-        touching = np.count_nonzero(bodies.point_forces.any(axis=2)) / size
-        off = np.abs(bodies.state(0)[0][0] - single.state[0]).max() / np.abs(single.state[0]).max()
-        worst = max(worst, off)
-        ratio = size * together / alone
-        rows.append((size, f"{touching:.0f}", f"{size * together:,.0f}", f"{alone:,.0f}", f"{ratio:.1f}", f"{off:.0e}"))
-    heading = ("pads", "points that push", "steps of a pad per second", "of a single one", "ratio", "difference")
-    table = markdown(heading, rows)
+    for points, bricks in POINTS.items():
+        file = out / f"pads-{points}.msh"
+        mesh(file, bricks)
+        rom = fr.reduce(fr.assemble(scene(CASES["at rest"], file, STEP)), order=ORDER_TOGETHER)
+        for name, (every, share) in PUSHED.items():
+            bodies, single = fr.Batch(rom, size, STEP), fr.Simulator(rom, STEP, ledger=False)
+            together, alone = pushed_about(bodies, single, every, share, steps)
+            touching = np.count_nonzero(bodies.point_forces.any(axis=2)) / size
+            off = np.abs(bodies.state(0)[0][0] - single.state[0]).max() / np.abs(single.state[0]).max()
+            worst = max(worst, off)
+            rates = f"{size * together:,.0f}", f"{alone:,.0f}", f"{size * together / alone:.1f}"
+            rows.append((points, name, f"{touching:.1f}", *rates, f"{off:.0e}"))
+    heading = ("points", f"{size} pads", "points that push", "steps of a pad per second", "of a single one", "ratio")
+    table = markdown((*heading, "difference"), rows)
     (out / "batches.md").write_text(table)
     print(table)
     return worst
+
+
+def pushed_about(bodies: fr.Batch, single: fr.Simulator, every: int, share: float, steps: int) -> tuple[float, float]:
+    """Steps per second of all bodies, and of a single one that is pushed like the first; best of parts in turns."""
+    random, seconds, u = np.random.default_rng(0), np.zeros((2, 4)), np.zeros((bodies.size, bodies.inputs))
+    for part in range(5):  # the first of them is for settling
+        for step in range(steps):
+            if every and step % every == 0:
+                u = random.uniform(-1, 1, u.shape) * share * COEFFICIENT * PRESSED
+            started = time.process_time()
+            bodies.step(u)
+            between = time.process_time()
+            single.step(u[0])
+            if part:
+                seconds[:, part - 1] += between - started, time.process_time() - between
+    together, alone = steps / seconds.min(axis=1)
+    return float(together), float(alone)
 
 
 def table_of_worlds(roms: dict[str, fr.Rom], steps: int, rounds: int, out: Path) -> None:

@@ -17,7 +17,7 @@ from fenics_rom.errors import FenicsRomWarning
 from fenics_rom.io.markdown import markdown
 
 ENVIRONMENTS, WARM_UP, STEPS = 512, 5, 30
-TASKS = "ArmFollow", "ArmPegs", "ArmNest"
+TASKS = "ArmFollow", "ArmReach", "ArmPegs", "ArmNest", "FingerLift"
 
 
 def main() -> None:
