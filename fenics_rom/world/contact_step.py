@@ -22,7 +22,7 @@ from fenics_rom.world.bodies import Body, Points
 
 TOLERANCE = 1e-15  # of the velocities: what the next sweep may change
 ROUND_OFF = 1e-13  # of them: a change that is none
-STAGNATION = 1e-12  # of them: as near as round-off lets some come
+STAGNATION = 1e-11  # of them: as near as round-off lets some come
 MOST_SWEEPS = 200
 PATIENCE = 150  # sweeps, after which forces may stay that lack no more than what any contact forces may lack
 PROXIMAL, LARGEST_PROXIMAL = 1e-6, 1e-2  # of each pair's own compliance, added to W where no point yields by itself

@@ -279,6 +279,16 @@ def test_singular_operators_are_told():
     assert Delassus(W).is_regular
 
 
+def test_an_operator_of_bodies_that_turn_is_regular_where_its_symmetric_part_is():
+    """Its lower half, mirrored, may not be definite."""
+    rng = np.random.default_rng(0)
+    S, A = np.diag(10.0 ** -np.arange(6)), 1e-2 * rng.standard_normal((6, 6))
+    W = S + A - A.T
+    mirrored = np.tril(W) + np.tril(W, -1).T
+    assert np.linalg.eigvalsh(mirrored).min() < 0
+    assert Delassus(W).is_regular
+
+
 def test_units_do_not_matter():
     """Forces and velocities scale with those given, to round-off."""
     rng = np.random.default_rng(9)

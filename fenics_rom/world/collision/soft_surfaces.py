@@ -13,6 +13,7 @@ from fenics_rom.world.collision.round_shapes import distance_of
 _REACH = 0.5  # of the longest side of a triangle's box: points that are deeper inside have passed it
 _SIDEWAYS = 0.5  # cosine: points behind a triangle that are farther to its side are beside an open surface, not inside
 _ONES = np.ones(3)
+_FEW = 1 << 14  # pairs of a point and a box: so many are all looked at
 _CORNERS = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
 
 
@@ -39,32 +40,41 @@ def soft_on_soft(first: PlacedSurface, second: PlacedSurface, margin: float) -> 
 
 def _points_on(first: PlacedSurface, second: PlacedSurface, margin: float, numbers: int) -> Contacts:
     """Points of the first, each with what is nearest of the second; numbers: what is added to their features."""
-    corners = second.points[second.triangles]
-    low, high = corners.min(axis=1), corners.max(axis=1)
+    corners = second.points[second.triangles.T]
+    low, high = np.minimum(np.minimum(*corners[:2]), corners[2]), np.maximum(np.maximum(*corners[:2]), corners[2])
     size = float((high - low).max(initial=0.0))
     reach = margin + _REACH * size
     row, triangle = _near(first.points[first.touching], low - reach, high + reach)
     row = first.touching[row]
-    points, corners = first.points[row], corners[triangle]
+    points, corners = first.points[row], corners[:, triangle].transpose(1, 0, 2)
     weights, feet = nearest_on_triangles(points, corners)
-    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
-    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    normals = _normals(corners)
     offsets = points - feet
-    away = np.linalg.norm(offsets, axis=1)
-    above = (offsets * normals).sum(axis=1)
+    away, above = np.sqrt(_dot(offsets, offsets)), _dot(offsets, normals)
     # of triangles that share the nearest point, the one that the point is most above or below knows which it is
     order = np.lexsort((away - 1e-6 * np.abs(above), row))
-    best = order[np.unique(row[order], return_index=True)[1]]
-    outside = above[best] >= 0
-    best = best[
-        np.where(outside, away[best] <= margin, (above[best] < -_SIDEWAYS * away[best]) & (away[best] <= reach))
-    ]
-    sign = np.where(above[best] < 0, -1.0, 1.0)
-    clear = away[best] > 1e-9 * size
+    ordered = row[order]
+    best = order[np.concatenate([ordered[:1] >= 0, ordered[1:] != ordered[:-1]])]
+    away, above = away[best], above[best]
+    kept = np.where(above >= 0, away <= margin, (above < -_SIDEWAYS * away) & (away <= reach))
+    best, away, sign = best[kept], away[kept], np.where(above[kept] < 0, -1.0, 1.0)
+    clear = away > 1e-9 * size
     normals = normals[best]
-    normals[clear] = (sign / np.where(clear, away[best], 1.0))[clear, None] * offsets[best][clear]
+    normals[clear] = (sign / np.where(clear, away, 1.0))[clear, None] * offsets[best][clear]
     foot = Spots(feet[best], second.triangles[triangle[best]], weights[best], row[best] + numbers)
-    return Contacts(_vertices(first, row[best], numbers), foot, normals, sign * away[best])
+    return Contacts(_vertices(first, row[best], numbers), foot, normals, sign * away)
+
+
+def _normals(corners: Array) -> Array:
+    """Units (k, 3) of triangles (k, 3, 3)."""
+    (a, b, c), (x, y, z) = ((corners[:, k] - corners[:, 0]).T for k in (1, 2))
+    normals = np.stack([b * z - c * y, c * x - a * z, a * y - b * x], axis=1)
+    normals /= np.sqrt(_dot(normals, normals))[:, None]
+    return normals
+
+
+def _dot(a: Array, b: Array) -> Array:
+    return np.einsum("ij,ij->i", a, b)
 
 
 class _KeptRows(NamedTuple):
@@ -92,14 +102,28 @@ def _vertices(surface: PlacedSurface, row: Array, numbers: int = 0) -> Spots:
 
 
 def _near(points: Array, low: Array, high: Array) -> tuple[Array, Array]:
-    """Pairs of points (P, 3) and boxes low to high, (T, 3), that hold them, as rows of either; by a uniform grid."""
-    inside = ((points >= low.min(axis=0, initial=np.inf)) & (points <= high.max(axis=0, initial=-np.inf))).all(axis=1)
-    candidates = np.flatnonzero(inside)
-    if not len(candidates):
-        return np.zeros(0, dtype=int), np.zeros(0, dtype=int)
-    points, begin = points[candidates], low.min(axis=0)
+    """Pairs of points (P, 3) and boxes low to high, (T, 3), that hold them, as rows of either; by points."""
+    near = _meet(points, points, low.min(axis=0, initial=np.inf), high.max(axis=0, initial=-np.inf))
+    points = points[near]
+    boxes = _meet(low, high, points.min(axis=0, initial=np.inf), points.max(axis=0, initial=-np.inf))
+    low, high = low[boxes], high[boxes]
+    if len(points) * len(boxes) <= _FEW:
+        point, box = ((points[:, None] >= low) & (points[:, None] <= high)).all(axis=2).nonzero()
+    else:
+        point, box = _near_by_grid(points, low, high)
+    return near[point], boxes[box]
+
+
+def _meet(low: Array, high: Array, begin: Array, end: Array) -> Array:
+    """Rows of boxes (T, 3) that another one from begin to end, (3,), touches."""
+    return ((low <= end) & (high >= begin)).all(axis=1).nonzero()[0]
+
+
+def _near_by_grid(points: Array, low: Array, high: Array) -> tuple[Array, Array]:
+    """The same of points and boxes that are all near one another; by a uniform grid."""
+    begin, end = np.minimum(low.min(axis=0), points.min(axis=0)), np.maximum(high.max(axis=0), points.max(axis=0))
     cell = (high - low).max()  # so that a box meets at most two cells along each axis
-    shape = ((high.max(axis=0) - begin) // cell).astype(np.int64) + 2
+    shape = ((end - begin) // cell).astype(np.int64) + 2
     keys = np.ravel_multi_index(((points - begin) // cell).astype(np.int64).T, shape)
     order = np.argsort(keys)
     touched = ((low - begin) // cell).astype(np.int64)[:, None] + _CORNERS
@@ -110,5 +134,5 @@ def _near(points: Array, low: Array, high: Array) -> tuple[Array, Array]:
     first_of = np.repeat(start - np.concatenate([[0], np.cumsum(counts)[:-1]]), counts)
     point, box = order[first_of + np.arange(counts.sum())], np.repeat(owner, counts)
     held = ((points[point] >= low[box]) & (points[point] <= high[box])).all(axis=1)
-    pairs = np.unique(np.stack([candidates[point[held]], box[held]]), axis=1)
+    pairs = np.unique(np.stack([point[held], box[held]]), axis=1)
     return pairs[0], pairs[1]
