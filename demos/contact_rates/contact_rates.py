@@ -69,6 +69,7 @@ WANTED = 5000.0  # steps a second with all points touching and friction
 
 GROUND = 'ground = { shape = "half-space", point = [0, 0, 0], normal = [0, 0, 1] }'
 BALL = 'ball = { shape = "sphere", center = [0.1, 0.075, -10.0], radius = 10.0 }'
+WALL = 'wall = { shape = "half-space", point = [0.9, 0, 0], normal = [-1, 0, 0] }'
 FAR = 'ground = { shape = "half-space", point = [0, 0, -1000.0], normal = [0, 0, 1] }'
 
 BODY = """
@@ -144,6 +145,8 @@ CASES = {
     "slides": Case(push=1.5),
     "on a ball, sticks": Case(BALL, push=0.5),
     "on a ball, slides": Case(BALL, push=1.2),
+    "the same, and a wall is there": Case(f"{BALL}\n{WALL}", push=1.2),
+    "on a ball, no friction": Case(BALL, friction=False),
     "sticks, without residual compliance": Case(push=0.5, law=STIFF),
     "in part slides, without it": Case(push=0.96, law=STIFF),
     "no friction": Case(friction=False),
