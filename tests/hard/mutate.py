@@ -310,7 +310,6 @@ MUTATIONS = [
     ("runtime/steppers/pushed_step.py", "now.push.torque).dot(R)", "now.push.torque).dot(middle)"),
     ("world/contact_step.py", "proximal *= STEADIER", "proximal *= 1.0"),
     ("world/rigid.py", "answers[3:, :3] = answers[3:, 3:]", "answers[3:, :3] = -answers[3:, 3:]"),
-    ("mechanics/complementarity/delassus.py", "+ turned < _NEARLY", "< _NEARLY"),
 ]
 
 
