@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from fenics_rom.world.mount import Mount
 
 _ONES = np.ones(3)
+KICKED = ContactMidpoint, CarriedFrame  # steppers of what takes impulses of joints
 CLOSED = 1e-6  # of a body's size: so near to the point of a joint one of its own is to be
 
 
@@ -335,22 +336,22 @@ class Soft(Simulator):
     def end_velocities(self, points: Points) -> Array:
         """As in Body."""
         kernel = self._kernel
-        assert isinstance(kernel, ContactMidpoint)
+        assert isinstance(kernel, KICKED)
         return self._mean(points, self._turned(kernel.basis_velocities))
 
     def inverse_mass(self, points: Points) -> Array | None:
-        """As in Body: of a linear body that is held; of others what is left at joints stays."""
+        """As in Body: of a linear body that is held or carried; of others what is left at joints stays."""
         kernel = self._kernel
-        if not (self._fixed and isinstance(kernel, ContactMidpoint)):
-            return None
-        return self._operator(points, partial(operator_of, kernel.inverse_mass))
+        return self._operator(points, partial(operator_of, kernel.inverse_mass)) if isinstance(kernel, KICKED) else None
 
     def kick(self, points: Points, impulses: Array) -> None:
-        """As in Body."""
-        before, kernel = self.energy, self._kernel
-        assert isinstance(kernel, ContactMidpoint)
+        """As in Body; what a base takes of it is supplied."""
+        kernel, energy, velocities = self._kernel, self.energy, self.end_velocities(points)
+        assert isinstance(kernel, KICKED)
         kernel.kick(self._hand(points, impulses).forces)
-        self.account.book_contact(self.energy - before, 0.0, 0.0, 0.0)
+        work = float((impulses * (velocities + self.end_velocities(points))).sum()) / 2
+        self.account.book_contact(work, 0.0, 0.0, 0.0)
+        self.account.book(supplied=self.energy - energy - work)
 
     def commit(self) -> None:
         """As in Body."""

@@ -165,7 +165,7 @@ class StepPairs:
         """Stops by impulses what joints still move by when a step ends; what that takes, J."""
         parts = self._parts_of_joints()
         size = len(self._joint_forces)
-        u, W = np.zeros((size, 3)), np.zeros((size, 3, size, 3))
+        u, left, W = np.zeros((size, 3)), np.zeros((size, 3)), np.zeros((size, 3, size, 3))
         for body, rows, signs, points in parts:
             own = body.inverse_mass(points)
             if own is None:
@@ -178,7 +178,8 @@ class StepPairs:
         impulses = -np.linalg.lstsq(W, u.ravel(), rcond=1e-12)[0].reshape(-1, 3)
         for body, rows, signs, points in parts:
             body.kick(points, signs * impulses[rows])
-        return -float(impulses.ravel().dot(u.ravel())) / 2
+            left[rows] += signs * body.end_velocities(points)
+        return -float(impulses.ravel().dot((u + left).ravel())) / 2
 
     def _parts_of_joints(self) -> list[tuple[Body, Array, Array, Points]]:
         """Of each body that joints hold: which of their points, its signs, and where they are on it."""

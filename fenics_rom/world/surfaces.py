@@ -17,6 +17,7 @@ from fenics_rom.mechanics.frame_geometry import crossed
 from fenics_rom.mechanics.triangles import nearest_on_triangles
 from fenics_rom.world.bodies import Points
 
+FLAT = 1e-6  # of its size: a surface that reaches no farther along an axis does not reach along it
 RIGID = 1e-9  # of what a surface does: as much may be no rigid motion of one that is called rigid
 
 
@@ -54,8 +55,9 @@ def hold_surface(kind: str, axis: Array | None, places: Array, triangles: Array,
         return HeldSurface(middle[None], everyone[None], shares[None], none, 0.0)
     assert axis is not None
     along = axis / np.linalg.norm(axis)
+    size = np.abs(places - middle).max()
     reach = np.abs((places - middle) @ along).max()
-    reach = reach or np.abs(places - middle).max()  # of an axis across it, to which it does not reach
+    reach = reach if reach > FLAT * size else size  # of an axis across it, to which it does not reach
     ends = middle + reach * np.array([[-1.0], [1.0]]) * along
     weights, gaps = zip(*(carried(places, shares, end) for end in ends), strict=True)
     return HeldSurface(ends, np.array([everyone] * 2), np.array(weights), none, max(gaps))

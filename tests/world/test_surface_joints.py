@@ -168,6 +168,42 @@ def test_a_box_swings_on_the_surface_of_a_beam(tmp_path, kind):
         np.testing.assert_allclose(weights @ ends, on_box, rtol=0, atol=1e-12)
 
 
+@pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
+def test_a_box_is_welded_to_a_beam_that_an_arm_swings(tmp_path):
+    """It strikes a wall; the account closes, both ends of the weld move alike, and its force does not alternate."""
+    rom = reduced(tmp_path, frame="moving", **CLAMPED, **TOUCHED)
+
+    def swung(time):
+        angle, rate = 0.3 * np.sin(6 * time), 1.8 * np.cos(6 * time)
+        turned = np.array((np.cos(angle / 2), 0, np.sin(angle / 2), 0))
+        return fr.BaseState(np.array((0, 0, 0.05 * time)), turned, np.array((0, 0, 0.05)), np.array((0, rate, 0)))
+
+    lies = fr.BaseState(np.array((0.4, 0, -0.08)), np.array((1.0, 0, 0, 0)), np.zeros(3), np.zeros(3))
+    bodies = {
+        "arm": fr.RigidBody(Box((1e-3,) * 3), motion=swung),
+        "beam": fr.SoftBody(rom, on="arm"),
+        "box": fr.RigidBody(Box((0.06,) * 3), density=300, position=(0.33, 0, 0)),
+        "wall": fr.RigidBody(Box((0.1, 0.3, 0.02)), motion=lies),
+    }
+    joints, apart = [SurfaceJoint("beam", "box", "right")], [("arm", "beam", "box")]
+    world = fr.World(bodies, 1e-3, gravity=(0, 0, -9.81), friction=0.4, joints=joints, apart=apart)
+    start, touched, forces = world.energy - world.ledger.supplied + world.ledger.dissipated, 0, []
+    for _ in range(250):
+        world.step()
+        gone = world.ledger
+        left = world.energy - start - gone.supplied + gone.dissipated + gone.numerical + gone.lost_in_switching
+        assert abs(left) < 1e-13
+        touched = max(touched, world.touching)
+        forces.append(world.force_between("beam", "box"))
+        beam, pose = world.simulator("beam"), world.pose("box")
+    assert touched >= 1
+    face = np.searchsorted(beam.contact_points, rom.contact_models["right"].contact_points)
+    on_box = pose.velocity + np.cross(pose.angular_velocity, beam.places()[face] - pose.position)
+    np.testing.assert_allclose(beam._kernel.basis_velocities[face], on_box, rtol=0, atol=1e-5)  # as 12 modes let it
+    jumps = np.abs(np.diff(forces, axis=0)).max(axis=1)
+    assert np.median(jumps) < 0.05 * np.abs(forces).max()
+
+
 def test_the_surface_of_a_beam_goes_where_a_driven_body_takes_it(stiff):
     """Rigid or not; and one that is welded to the world stays."""
     up = np.array((0, 0, 2e-3))

@@ -319,11 +319,27 @@ class FrameKernel(BookedKernel):
 
     def start_velocities(self) -> Array:
         """Velocities (P, 3) of the contact points in world axes, m/s."""
+        if self.residual is None:
+            return self.basis_velocities
+        beyond: Array = self.residual.points[1].dot(self._rotation.T)
+        return self.basis_velocities + beyond
+
+    @property
+    def basis_velocities(self) -> Array:
+        """The same (P, 3) within the basis: what the points yield beyond it has next to no mass."""
         inside = self.points.moved(self._r) + self.places().dot(cross_matrix(self.angular_velocity).T)
-        if self.residual is not None:
-            inside += self.residual.points[1]
         velocities: Array = inside.dot(self._rotation.T) + self.frame.velocity
         return velocities
+
+    @property
+    def inverse_mass(self) -> Array:
+        """Velocities (3P, 3P), 1/kg, that impulses on the contact points give the shape in a frame that is moved."""
+        return turned_operator(self._rotation, self.points.rows.T.dot(self.points.rows), self._rotation)
+
+    def kick(self, impulses: Array) -> None:
+        """Adds these (P, 3), N s, between two steps, without booking them."""
+        self._r += self.points.rows.dot(impulses.dot(self._rotation).ravel())
+        self.resume(self.auxiliary)
 
     def kept_velocities(self, turn: Geometry, arms: Array) -> Array:
         """What `velocities` and that of the origin are with the body's velocities at the start of the step, (P, 3)."""
