@@ -128,9 +128,9 @@ def stress(law: str, E: Array, λ: Array, μ: Array) -> Array:
     """Second Piola-Kirchhoff stress S = ∂W/∂E (6, P), Pa."""
     if law == "st_venant_kirchhoff":
         return linear_stress(E, λ, μ)
-    inverse, lnJ = _inverse_metric(E)
     if law == "neo_hookean":
-        return _neo_hookean_stress(inverse, lnJ, λ, μ)
+        return _neo_hookean_stress(E, λ, μ)[0]
+    inverse, lnJ = _inverse_metric(E)
     S = (λ + 2 / 3 * μ) / 2 * np.expm1(2 * lnJ) * inverse
     for k, β, n in isochoric_terms(law):
         S += k * μ * n * _power_trace(E, β, lnJ) ** (n - 1) * _power_trace_slope(E, β, inverse, lnJ)
@@ -148,8 +148,7 @@ def beyond_linear(law: str, E: Array, λ: Array, μ: Array) -> tuple[Array, Arra
     """The same and what S (6, P) is beyond C₀E, Pa."""
     if law != "neo_hookean":
         return energy_beyond_linear(law, E, λ, μ), stress(law, E, λ, μ) - linear_stress(E, λ, μ)
-    inverse, lnJ = _inverse_metric(E)
-    S = _neo_hookean_stress(inverse, lnJ, λ, μ)
+    S, lnJ = _neo_hookean_stress(E, λ, μ)
     S -= linear_stress(E, λ, μ)
     return _neo_hookean_beyond_linear(E, lnJ, λ, μ), S
 
@@ -162,11 +161,15 @@ def _neo_hookean_beyond_linear(E: Array, lnJ: Array, λ: Array, μ: Array) -> Ar
     return W
 
 
-def _neo_hookean_stress(inverse: Array, lnJ: Array, λ: Array, μ: Array) -> Array:
-    """μ (1 - C⁻¹) + λ ln J C⁻¹, in the place of C⁻¹ (6, P)."""
-    inverse *= λ * lnJ - μ
-    inverse[:3] += μ
-    return inverse
+def _neo_hookean_stress(E: Array, λ: Array, μ: Array) -> tuple[Array, Array]:
+    """μ (1 - C⁻¹) + λ ln J C⁻¹ (6, P), where 1 - C⁻¹ = (det C - adj C)/det C cancels nothing, and ln J (P,)."""
+    S, change = _adjugate(E)
+    lnJ = np.log1p(change) / 2
+    volumetric = λ * lnJ
+    shear = (μ - volumetric) / (1 + change)
+    S *= -shear
+    S[:3] += shear * change + volumetric
+    return S, lnJ
 
 
 def stress_change(law: str, E: Array, dE: Array, λ: Array, μ: Array) -> Array:

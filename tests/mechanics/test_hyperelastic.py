@@ -54,6 +54,12 @@ def test_what_is_beyond_linear_elasticity_is_of_third_order(law):
     assert np.abs(8 * smaller - larger).max() <= 0.05 * np.abs(larger).max()
 
 
+def test_stress_of_the_smallest_strains_keeps_its_digits():
+    E = 1e-12 * strain(gradients(1.0))
+    found, linear = stress("neo_hookean", E, λ, μ), linear_stress(E, λ, μ)
+    assert np.abs(found - linear).max() <= 1e-10 * np.abs(linear).max()
+
+
 @pytest.mark.parametrize("poisson", [0.48, 0.499])
 def test_viscosity_takes_more_power_of_a_body_that_keeps_its_volume(poisson):
     """By the share that is said, to the next order of the strain."""
