@@ -236,12 +236,12 @@ class ContactSolver:
         found = follow_contact(law, search, free, relative, frames, asked, slides, operators, moved)
         if found is None:
             return None
-        key, active, own, solution, forces, power = found
+        key, active, operator, own, solution, forces, power = found
         self.search = ContactSearch(forces, search.residual, search.with_law(key, solution.kept), frames, True)
 
         def known() -> tuple[Pairs, SolvedPairs]:
             pairs = self._all_pairs(free, relative, normals, asked, slides)
-            problem = pairs.problem(active, operators(np.empty(0), key)[1], forces, False)
+            problem = pairs.problem(active, operator, forces, False)
             f, u = own.turned(*map(own.from_lasting_axes, solution[:2]))
             found_so = pairs, gaps, active, problem, f, u, False
             return pairs, SolvedPairs(points, obstacles.start, delassus, dt, quasi_static, *found_so)
