@@ -24,6 +24,7 @@ TOLERANCE = 1e-15  # of the velocities: what the next sweep may change
 ROUND_OFF = 1e-13  # of them: a change that is none
 STAGNATION = 1e-11  # of them: as near as round-off lets some come
 MOST_SWEEPS = 200
+MOST_SETS = 2  # of pairs, of which the law is kept as it was linearised: some take part in every step, but not at once
 PATIENCE = 150  # sweeps, after which forces may stay that lack no more than what any contact forces may lack
 PROXIMAL, LARGEST_PROXIMAL = 1e-6, 1e-2  # of each pair's own compliance, added to W where no point yields by itself
 STEADIER = 30.0  # times as much, where sweeps lead away: it only guides them
@@ -69,7 +70,7 @@ class Found(NamedTuple):
 
 
 class _Kept(NamedTuple):
-    """Of the pairs that were active last."""
+    """Of a set of pairs that were active."""
 
     pairs: bytes  # which
     rows: Array  # theirs in W
@@ -114,7 +115,7 @@ class Guide:
             W.ravel()[: C * (len(W) + 1) : len(W) + 1] += proximal * np.repeat(added, 3)
         self.yields, self.is_right = yields, True
         self.soft, self.of_soft = list[Array](), np.empty((0, 0))
-        self._kept: _Kept | None = None
+        self._kept = dict[bytes, _Kept]()  # of the last sets of pairs
         self._contacts = W
         if len(W) > C:
             self._joined = _pseudo_inverse(W[C:, C:])
@@ -123,8 +124,7 @@ class Guide:
 
     def begin_like(self, known: "Guide") -> None:
         """Begins with the law as another guide of the same pairs has linearised it."""
-        if known._kept is not None:
-            self._kept = known._kept._replace(is_right=False)
+        self._kept = {pairs: kept._replace(is_right=False) for pairs, kept in known._kept.items()}
 
     def without_contact(self, u: Array) -> tuple[Array, Array]:
         """Forces (J, 3) that hold joints where contacts have none, and the velocities (C, 3) of contacts then."""
@@ -149,7 +149,10 @@ class Guide:
     ) -> tuple[Array, Array]:
         """Forces (a, 3) of active contacts, and u - targets, from velocities less targets q (a, 3), in a round."""
         kept = self._kept_for(active, normals, friction)
-        self._kept = kept
+        self._kept.pop(kept.pairs, None)
+        self._kept[kept.pairs] = kept
+        if len(self._kept) > MOST_SETS:
+            del self._kept[next(iter(self._kept))]
         _, rows, μ, share, frames, framed, _, laws = kept
         q_in, f_in = frames.turned(q, start)
         if not (q_in if μ else q_in[0]).any():
@@ -169,8 +172,9 @@ class Guide:
 
     def _kept_for(self, active: Array, normals: Array, friction: Array) -> _Kept:
         """What is kept, of these contacts; of others nothing is."""
-        kept, pairs = self._kept, active.tobytes()
-        if kept is not None and kept.pairs == pairs:
+        pairs = active.tobytes()
+        kept = self._kept.get(pairs)
+        if kept is not None:
             frames = kept.frames if kept.frames.are(normals) else Frames(normals)
             if kept.is_right and frames is kept.frames:
                 return kept
