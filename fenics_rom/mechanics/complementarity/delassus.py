@@ -159,7 +159,7 @@ class Delassus:
     def compliance(self) -> Array:
         """Of each pair by itself, (C,), m/s/N, > 0."""
         mean: Array = self.matrix.diagonal().reshape(-1, 3).sum(axis=1) / 3
-        return mean if mean.min() > 0 else np.maximum(mean, 1e-12 * mean.max() or 1.0)
+        return mean if mean.min(initial=1.0) > 0 else np.maximum(mean, 1e-12 * mean.max() or 1.0)
 
     @cached_property
     def stiffness(self) -> Array:
