@@ -10,8 +10,8 @@ counts; so do pads with 20 and with 40 points, beside their full order, also und
 The script
 
 1. tables steps per second beside how many points touch, how many of them slide and how many systems of equations a
-   step takes, also with the penalty method, without friction, without residual compliance, out of reach, and without
-   contact in the scene;
+   step takes, one by one and in a rollout, also with the penalty method, without friction, without residual
+   compliance, out of reach, and without contact in the scene;
 2. tables them at rest, sticking, sliding and under random pushes, with 20 and with 40 points, beside full order;
 3. tables how far forces are off while it settles, with and without residual compliance, beside what the step itself
    makes at full order (not with --quick);
@@ -179,9 +179,9 @@ def main() -> None:
     whole, bare = (fr.reduce(fr.assemble(scenes[name]), order=ORDER) for name in ("sticks", "neither"))
     print(f"Pad: order {next(iter(whole.contact_models.values())).order}, dt {STEP:g} s, one thread\n")
     bodies = {name: settled(bare if name == "neither" else whole, scenes[name], settle) for name in CASES}
-    rates = in_turns(bodies, steps, rounds)
+    rates, rolled_out = in_turns(bodies, steps, rounds)
     seen = {name: look(body) for name, body in bodies.items() if CASES[name].obstacle is not None}
-    table_of_rates(rates, seen, out)
+    table_of_rates(rates, rolled_out, seen, out)
     table_beside_full_order(out, settle, steps, rounds)
     table_of_effects(whole, {name: scenes[name] for name in ("sticks", "in part slides", "slides", "no friction")}, out)
     off = table_of_batches(FEW_TOGETHER if quick else TOGETHER, steps // 2, out)
@@ -225,21 +225,33 @@ def settled(rom: fr.Rom, scene: fr.Scene, steps: int) -> fr.Simulator:
     return body
 
 
-def in_turns(bodies: dict[str, fr.Simulator], steps: int, rounds: int) -> dict[str, float]:
-    """Steps per second of each, median of rounds in which they take turns; each round begins from the settled state."""
+def in_turns(bodies: dict[str, fr.Simulator], steps: int, rounds: int) -> tuple[dict[str, float], dict[str, float]]:
+    """Steps per second of each, one by one and in rollouts of ten times as many, median of rounds of all in turns.
+
+    Each round begins from the settled state.
+    """
     starts = {name: body.save() for name, body in bodies.items()}
-    found: dict[str, list[float]] = {name: [] for name in bodies}
+    one_by_one: dict[str, list[float]] = {name: [] for name in bodies}
+    rolled_out: dict[str, list[float]] = {name: [] for name in bodies}
     for _ in range(rounds):
         for name, body in bodies.items():
-            u = np.zeros(body.inputs) if body.environment is None else np.empty(0)
-            body.restore(starts[name])
-            start = time.process_time()
-            for _ in range(steps):
-                body.step(u)
+            u, known = np.zeros(body.inputs), np.zeros((10 * steps, body.inputs))
+            u = u if body.environment is None else np.empty(0)
             assert body.ledger is not None
-            body.ledger.supplied  # noqa: B018, it is booked by this
-            found[name].append(steps / (time.process_time() - start))
-    return {name: statistics.median(values) for name, values in found.items()}
+            for found, count in ((one_by_one, steps), (rolled_out, len(known))):
+                body.restore(starts[name])
+                start = time.process_time()
+                if found is rolled_out:
+                    body.rollout(known, outputs=[])
+                else:
+                    for _ in range(count):
+                        body.step(u)
+                body.ledger.supplied  # noqa: B018, it is booked by this
+                found[name].append(count / (time.process_time() - start))
+    first, second = (
+        {name: statistics.median(values) for name, values in found.items()} for found in (one_by_one, rolled_out)
+    )
+    return first, second
 
 
 def table_beside_full_order(out: Path, settle: int, steps: int, rounds: int) -> None:
@@ -318,15 +330,19 @@ def look(body: fr.Simulator, steps: int = 20) -> Seen:
     return Seen(counts[0], counts[1], counts[2], np.mean(force, axis=0))
 
 
-def table_of_rates(rates: dict[str, float], seen: dict[str, Seen], out: Path) -> None:
+def table_of_rates(rates: dict[str, float], rolled_out: dict[str, float], seen: dict[str, Seen], out: Path) -> None:
     """Section 1."""
     rows: list[tuple[object, ...]] = []
     for name, rate in rates.items():
         known = seen.get(name)
         counts = (known.touching, known.pushing, known.sliding) if known else ()
         contact = [f"{count:.3g}" for count in counts] or [""] * 3
-        rows.append((name, *contact, f"{rate:,.0f}", f"{1e6 / rate:.0f} µs", f"{rates['neither'] / rate:.1f}"))
-    heading = ("case", "points that touch", "push", "slide", "steps per second", "each", "times a step of neither")
+        each = f"{1e6 / rate:.0f} µs", f"{rates['neither'] / rate:.1f}"
+        rows.append((name, *contact, f"{rate:,.0f}", *each, f"{rolled_out[name]:,.0f}"))
+    heading = (
+        *("case", "points that touch", "push", "slide", "steps per second", "each", "times a step of neither"),
+        "in a rollout",
+    )
     table = markdown(heading, rows)
     (out / "rates.md").write_text(table)
     print(f"{table}")

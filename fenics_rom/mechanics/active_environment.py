@@ -100,9 +100,8 @@ class ActiveEnvironment:
 
     @property
     def stands_still(self) -> bool:
-        """Whether all obstacles stay where they are as long as no signal is set, and did in the last step."""
-        rest = self._constant_offsets
-        return rest is not None and np.array_equal(self.state.offsets, rest) and is_zero(self.state.velocities)
+        """Whether obstacles stayed where they are in the last step, and will until a signal is set."""
+        return self._still is not None
 
     def stroke_names(self, actuators: Collection[str]) -> tuple[str, ...]:
         """Those of the actuators whose strokes are given."""

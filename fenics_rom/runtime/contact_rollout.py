@@ -12,7 +12,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.complementarity import Frames, KeptLaw
-from fenics_rom.runtime.kept_contact import KeptContactMap, KeptPairs, KeptSteps, Meeting, leading
+from fenics_rom.runtime.kept_contact import SAME_NORMALS, KeptContactMap, KeptPairs, KeptSteps, Meeting, leading
 from fenics_rom.runtime.steppers.residual_motion import strained_back
 
 if TYPE_CHECKING:
@@ -35,6 +35,7 @@ class ContactRollout:
         self._interface: ContactInterface = interface
         self._maps: dict[tuple[Any, ...], KeptContactMap] = {}
         self._last: tuple[Any, ...] = ()
+        self._frames: Frames | None = None
         self._same, self._wait, self._length = 0, FIRST_WAIT, FIRST_BLOCK
 
     def take(self, u: Array, first: int, every: int, names: tuple[str, ...]) -> list[Array]:
@@ -86,7 +87,16 @@ class ContactRollout:
         if not solver.follows:
             return ()
         chosen, law = solver.search.laws[0]
-        return () if law.inverse is None else (*known, chosen, law.statuses)
+        if law.inverse is None or not self._keeps_normals(np.frombuffer(chosen, dtype=bool)):
+            return ()
+        return (*known, chosen, law.statuses)
+
+    def _keeps_normals(self, chosen: Array) -> bool:
+        """Whether pairs (P,) have the normals of the step before; those that slip on what is round do not."""
+        before, self._frames = self._frames, self._interface.solver.search.frames
+        if before is None or self._frames is None or before is self._frames:
+            return before is self._frames
+        return bool(np.abs((before.normals - self._frames.normals)[chosen]).max() <= SAME_NORMALS)
 
     def _block(self, u: Array) -> tuple[KeptContactMap, KeptSteps] | None:
         """Takes some of the steps under inputs u at once; None where none was."""
@@ -99,7 +109,7 @@ class ContactRollout:
         kept_map = self._map(law)
         found = None
         if kept_map is not None:
-            φ = kept_map.guess(*((law.forces, law.q) if law is not None else np.empty((2, 3, 0))))
+            φ = kept_map.guess(*((law.forces, law.q) if law is not None else np.empty((2, 0))))
             found = kept_map.take(self._state(kept_map.carried), u[:steps], φ)
         count = 0 if found is None else self._in_mode(found)
         if count == steps:
@@ -107,8 +117,10 @@ class ContactRollout:
         else:
             self._same, self._length = 0, FIRST_BLOCK
             self._wait = FIRST_WAIT if count >= FIRST_BLOCK else min(2 * self._wait, LONGEST_WAIT)
-        if not count or found is None or kept_map is None:
+        is_old = kept_map is not None and law is not None and kept_map.pairs.inverse is not law.inverse
+        if not count or (count < steps and is_old):
             self._maps.pop(self._last, None)  # the next one is of the law as it is then
+        if not count or found is None or kept_map is None:
             return None
         found = found.first(count)
         self._commit(kept_map, found, law)
@@ -182,7 +194,8 @@ class ContactRollout:
             kernel.resume(rows.ravel())
         if law is not None:
             (key, _), *others = solver.search.laws
-            last = law._replace(q=steps.q[-1], forces=steps.forces[-1], lacking=np.zeros_like(law.q))
+            q, forces = (kept_map.in_lasting_axes(values[-1]) for values in (steps.q, steps.forces))
+            last = law._replace(q=q, forces=forces, lacking=0 * q)
             solver.search = solver.search._replace(laws=((key, last), *others))
         body.steps += len(steps.inputs)
         body.watch(kernel.state[:m], 2 * body.energy, body.time, len(steps.inputs))

@@ -32,7 +32,7 @@ MOST_CORRECTIONS = 5  # of the forces of all steps
 LEAST_REDUCTION = 0.1  # of the error of the first step that is not solved, for another correction to pay
 SAME_NORMALS = 1e-13  # by which normals may turn: forces are then off by less than they may lack
 FEWEST_TOGETHER = 4  # steps that are taken as pairs; fewer one by one
-_TINY = 1e-300
+_ONES, _TINY = np.ones(3), 1e-300
 
 
 class Meeting(NamedTuple):
@@ -49,7 +49,7 @@ class KeptPairs(NamedTuple):
 
     chosen: Array  # (P,) which
     frames: Frames | None  # theirs, A of them; None where no pair does
-    inverse: Array  # J (3A, 3A), N s/m
+    inverse: Array  # J (3A, 3A) in axes that last (see Frames), N s/m
 
 
 class KeptSteps(NamedTuple):
@@ -57,8 +57,8 @@ class KeptSteps(NamedTuple):
 
     states: Array  # x (K + 1, n), from the start on
     inputs: Array  # (K, p)
-    forces: Array  # f (K, 3, A) in the frames, N
-    q: Array  # what they have to stop (K, 3, A), m/s
+    forces: Array  # f (K, 3A) in the frames, N
+    q: Array  # what they have to stop (K, 3A), m/s
     gaps: Array  # at the start of each (K, P), m
 
     def first(self, count: int) -> "KeptSteps":
@@ -82,8 +82,8 @@ class _Look(NamedTuple):
     is_due: Array  # (L,) whether those pairs take part that are said to, and friction does not help
     error: Array  # (L,) of the law, as a share of the velocities that forces have to stop
     gaps: Array  # (L, P), m
-    q: Array  # (L, 3, A), m/s
-    forces: Array  # (L, 3, A), N
+    q: Array  # (L, 3A), m/s
+    forces: Array  # (L, 3A), N
     corrected: Array  # φ (L, 3A) with which it would be fulfilled, but for what is of second order, N
 
 
@@ -113,65 +113,66 @@ class KeptContactMap:
         pairs: KeptPairs,
     ):
         self.carried, self.pairs, self._meeting, self._h = carried, pairs, meeting, h
-        self._active = pairs.chosen.nonzero()[0]
-        m, p, rows, law = model.order, model.inputs.shape[1], meeting.rows, meeting.law
+        self._model, self._residual, self._active = model, residual, pairs.chosen.nonzero()[0]
+        m, p, rows, A = model.order, model.inputs.shape[1], meeting.rows, len(self._active)
         of_carried, of_active = _components(carried), _components(self._active)
-        among = np.flatnonzero(np.isin(of_carried, of_active))
+        self._components = of_active
+        self._among = np.flatnonzero(np.isin(of_carried, of_active))
+        self._S, R = rows[of_active], np.empty((len(rows), 0))
+        self._compliance = compliance(model, h)
         bounds = np.cumsum([m, m, len(of_carried), len(of_carried), p])
         n, self._parts = int(bounds[3]), bounds[:3]
-        # All that follows is linear in z = [x, u, f]; these rows pick its parts.
-        e, r, g, ġ, u, f = np.split(np.eye(bounds[4] + len(of_active)), bounds)
-        f_carried = np.zeros_like(g)
-        f_carried[among] = f
-        rigid, ω = np.arange(m) < model.rigid, np.sqrt(model.eigenvalues)[:, None]
-        self.by_state = np.where(rigid, 1.0, 1 / model.safe_frequencies)
-        a, heat = compliance(model, h)
-        right = model.inputs @ u + 2 / h * r - ω * e + rows[of_active].T @ f
-        v = np.diag(a) @ right if a.ndim == 1 else a @ right
-        R, ġ_mid = np.empty((len(rows), 0)), g
+
+        # All that follows is linear in z = [x, u, f]; these columns pick its parts, as states are rows.
+        e, r, g, ġ, u, f = np.split(np.eye(bounds[4] + 3 * A), bounds, axis=1)
+        v, _ = self._rates(self._forces(e, r, u, f))
+        ġ_mid = self._residual_rates(g, ġ, f)
         if residual is not None:
             R = residual.part.compliance[:, of_carried]
-            ġ_mid = residual.step[4, 0] * g + residual.step[4, 2] * ġ + residual.step[4, 4] * f_carried
-        after = np.vstack([e + h * np.where(rigid[:, None], 1.0, ω) * v, 2 * v - r, g + h * ġ_mid, 2 * ġ_mid - ġ])
-        displacement, velocity = (rows * self.by_state) @ e + R @ g, rows @ r + R @ ġ
-        middle = rows @ v + R @ ġ_mid
-        given = slice(n + p)  # x and u, without forces
-        self._motion = np.vstack([displacement, velocity, middle])[:, given].T.copy()
-        self._answer = middle[:, n + p :].T.copy()
+        self._R = R[of_carried]
+        rigid, ω = np.arange(m) < model.rigid, np.sqrt(model.eigenvalues)
+        self.by_state = np.where(rigid, 1.0, 1 / model.safe_frequencies)
+        after = np.hstack([e + h * np.where(rigid, 1.0, ω) * v, 2 * v - r, g + h * ġ_mid, 2 * ġ_mid - ġ])
+        displacement, velocity = e @ (rows * self.by_state).T + g @ R.T, r @ rows.T + ġ @ R.T
+        middle = v @ rows.T + ġ_mid @ R.T
+        given, forces = slice(n + p), slice(n + p, None)  # without forces, and by them
+        self._motion = np.hstack([displacement, velocity, middle])[given].copy()
+        self._answer = middle[forces].copy()
 
-        # What the law looks at, in the frames.
-        self._F = F = _turn(pairs.frames, len(self._active))
-        A, by_forces = len(self._active), (np.diag(heat) @ right if heat.ndim == 1 else heat @ right)
-        of_pairs, targets = F @ middle[of_active], F @ velocity[of_active] / 2
-        q = of_pairs[:, given].copy()
-        # Pairs that stay in touch have no approach but of round-off, which is to end and not to be thrown back.
-        targets[:A] *= 1 - law.restitution
-        if not law.friction:
-            q[A:] = targets[A:] = 0
-        q -= targets[:, given]
-        self._q, self._Jq, self._target = q.T.copy(), (pairs.inverse @ q).T.copy(), targets[A:, given].T.copy()
-        self._W = of_pairs[:, n + p :] @ F.T
-        self._by_force = self._W.diagonal().reshape(3, A).sum(axis=0) / (3 * SHARES[0])  # 1/ρ (A,)
-        self._push = F @ after[:, n + p :].T
-        step = after[:, given] + self._push.T @ (pairs.inverse @ q)
-        self._powers, self._step_u = [step[:, :n].T.copy()], step[:, n:].T.copy()
-
-        # What the account asks for.
-        self._account = np.vstack([v, by_forces, ġ_mid]).T.copy()
-        self._G, self._S, self._R, self._among = model.inputs.T, rows[of_active], R[of_carried], among
-        self._heat = 0.0 if residual is None else residual.heat
+        # Pairs that stay in touch have no approach but of round-off: it is to end, as where it is towards the obstacle.
+        law, part = meeting.law, np.full((3, A), 0.5 if meeting.law.friction else 0.0)
+        part[0] = (1 - law.restitution) / 2
+        self._part = part.ravel()
+        self._asked = np.repeat([True, law.friction > 0, law.friction > 0], A)  # tangents only where there is friction
+        self._F = F = _turn(pairs.frames, A)
+        self._lasting = np.eye(3 * A)  # from axes that last to the frames
+        if pairs.frames is not None and not pairs.frames.are_alike:
+            self._lasting = F[:, np.arange(3 * A).reshape(A, 3).T.ravel()]
+        self._J = self._lasting @ pairs.inverse @ self._lasting.T
+        q = (middle[given][:, of_active] @ F.T - velocity[given][:, of_active] @ F.T * self._part) * self._asked
+        self._W = F @ self._answer[:, of_active] @ F.T
+        self._by_force = np.tile(self._W.diagonal().reshape(3, A).sum(axis=0) / (3 * SHARES[0]), 3)  # 1/ρ (3A,)
+        self._push = F @ after[forces]
+        step = after[given] + q @ self._J.T @ self._push
+        self._drift = np.zeros(3 * A)  # of φ in a step, as it was in the last block
+        self._powers, self._step_u = [step[:n].copy()], step[n:].copy()
 
     def split(self, x: Array) -> list[Array]:
         """e, r (m,), g and ġ (3c,) of a state."""
         return np.split(x, self._parts)
 
     def guess(self, forces: Array, q: Array) -> Array:
-        """φ (1, 3A), N, that goes on with forces that were found for q, (3, A) each, N and m/s."""
+        """φ (1, 3A), N, that goes on with forces that were found for q, (3, A) each in axes that last, N and m/s."""
         if not q.size:
             return np.empty((1, 0))
-        u = self._W @ forces.ravel() + q.ravel()
-        φ: Array = self._corrected(forces[None], u.reshape(1, *q.shape))[0] - self.pairs.inverse @ q.ravel()
+        forces, q = self._lasting @ forces.ravel(), self._lasting @ q.ravel()
+        φ: Array = self._corrected(forces[None], (self._W @ forces + q)[None])[0] - self._J @ q
         return φ
+
+    def in_lasting_axes(self, vectors: Array) -> Array:
+        """Of pairs in the frames (3A,), (3, A) in axes that last."""
+        lasting: Array = (vectors @ self._lasting).reshape(3, -1)
+        return lasting
 
     def take(self, start: Array, inputs: Array, φ: Array) -> KeptSteps | None:
         """The steps from a state x (n,) that fulfil the law; None where the first does not.
@@ -182,34 +183,62 @@ class KeptContactMap:
             φ: (1, 3A) or (L, 3A), N, to begin with.
         """
         L = len(inputs)
+        if self._drift.any():  # it is likely to go on
+            φ = φ + np.arange(1, L + 1)[:, None] * self._drift
         known = inputs[:1] if (inputs == inputs[0]).all() else inputs  # one row is of all steps
         count, before = -1, np.inf
         for _ in range(1 + MOST_CORRECTIONS):
-            x = self._carry(start, known @ self._step_u + φ @ self._push, L)
-            look = self._look(np.hstack([x[:-1], inputs]), φ)
+            with np.errstate(over="ignore", invalid="ignore"):  # steps that are not finite are not taken
+                x = self._carry(start, known @ self._step_u + φ @ self._push, L)
+                look = self._look(np.hstack([x[:-1], inputs]), φ)
             solved = leading(look.is_due & (look.error <= CONVERGENCE_TOLERANCE))
             if solved == L or not (solved > count or look.error[solved] <= LEAST_REDUCTION * before):
                 break
             count, before, φ = solved, look.error[solved], look.corrected
         K = leading(look.is_due & (look.error <= STAGNATION_RESIDUAL) & np.isfinite(x[1:]).all(axis=1))
-        return KeptSteps(x, inputs, look.forces, look.q, look.gaps).first(K) if K else None
+        if not K:
+            return None
+        drift = (look.corrected[K - 1] - look.corrected[0]) / K
+        matters = L * np.abs(drift @ self._W).max(initial=0.0) > CONVERGENCE_TOLERANCE * np.abs(look.q).max(initial=0.0)
+        self._drift = drift if matters and K == L else 0 * drift
+        return KeptSteps(x, inputs, look.forces, look.q, look.gaps).first(K)
 
     def works(self, steps: KeptSteps) -> Works:
         """What these steps did."""
-        x, u, h, A = steps.states[:-1], steps.inputs, self._h, len(self._active)
-        f = steps.forces.reshape(len(u), -1)
-        forces = f @ self._F
-        m = self._S.shape[1]
-        v, heat, ġ_mid = np.split(np.hstack([x, u, forces]) @ self._account, [m, 2 * m], axis=1)
+        e, r, g, ġ = np.split(steps.states[:-1], self._parts, axis=1)
+        f, u, h, A = steps.forces, steps.inputs, self._h, len(self._active)
+        in_space = f @ self._F
+        v, heat = self._rates(self._forces(e, r, u, in_space))
+        ġ_mid = self._residual_rates(g, ġ, in_space)
         ẏ_mid = ġ_mid @ self._R
-        by_contact = forces @ self._S
-        power = float(np.vdot(by_contact, v) + np.vdot(forces, ẏ_mid[:, self._among]))
-        normal = power
+        moved = v @ self._S.T + ẏ_mid[:, self._among]
+        power = normal = float(np.vdot(in_space, moved))
         if self._meeting.law.friction:
-            closing = (v @ self._S.T + ẏ_mid[:, self._among]) @ self._F.T
-            normal = float(np.vdot(f[:, :A], closing[:, :A]))
-        dissipated = h * float(np.vdot(heat, heat)) + self._heat * float(np.vdot(ġ_mid, ẏ_mid))
-        return Works(h * float(np.vdot(u @ self._G, v)), dissipated, -h * normal, h * (normal - power))
+            normal = float(np.vdot(f[:, :A], (moved @ self._F.T)[:, :A]))
+        dissipated = h * float(np.vdot(heat, heat))
+        if self._residual is not None:
+            dissipated += self._residual.heat * float(np.vdot(ġ_mid, ẏ_mid))
+        supplied = h * float(np.vdot(u @ self._model.inputs.T, v))
+        return Works(supplied, dissipated, -h * normal, h * (normal - power))
+
+    def _forces(self, e: Array, r: Array, u: Array, f: Array) -> Array:
+        """What acts in steps from states with inputs and forces in space, (L, m) N kg^-1/2; arguments have L rows."""
+        forces: Array = u @ self._model.inputs.T + f @ self._S + 2 / self._h * r - np.sqrt(self._model.eigenvalues) * e
+        return forces
+
+    def _rates(self, forces: Array) -> tuple[Array, Array]:
+        """v̂ (L, m) under forces (L, m), and that whose square is dissipated per time, (L, m)."""
+        a, heat = self._compliance
+        return (forces * a, forces * heat) if a.ndim == 1 else (forces @ a, forces @ heat.T)
+
+    def _residual_rates(self, g: Array, ġ: Array, f: Array) -> Array:
+        """ġ̂ (L, 3c) from g, ġ (L, 3c) and forces in space (L, 3A)."""
+        if self._residual is None:
+            return g
+        by_g, _, by_rate, _, by_force, _ = self._residual.step[4]
+        rates: Array = by_g * g + by_rate * ġ
+        rates[:, self._among] += by_force * f
+        return rates
 
     def _carry(self, start: Array, push: Array, steps: int, level: int = 0) -> Array:
         """States (steps + 1, n) of x⁺ = x Sᵀ + push, with S to the power of 2^level; push is (steps, n), or (1, n)."""
@@ -228,48 +257,64 @@ class KeptContactMap:
 
     def _look(self, z: Array, φ: Array) -> _Look:
         """Asks the law of steps that begin at states with inputs z = [x, u] (L, n + p)."""
-        law, P, A, L = self._meeting.law, len(self._meeting.points), len(self._active), len(z)
-        displacement, velocity, free = (z @ self._motion).reshape(L, 3, P, 3).swapaxes(0, 1)
-        gaps, n = self._meeting.obstacle.distance((self._meeting.points + displacement).reshape(-1, 3))
-        gaps, n = gaps.reshape(L, P), n.reshape(L, P, 3)
-        approach, normal = (n * velocity).sum(axis=2), (n * free).sum(axis=2)
+        law, chosen, A, L = self._meeting.law, self.pairs.chosen, len(self._active), len(z)
+        displacement, velocity, free = np.split(z @ self._motion, 3, axis=1)
+        places = displacement.reshape(L, -1, 3) + self._meeting.points
+        gaps, n = self._meeting.obstacle.distance(places.reshape(-1, 3))
+        gaps, n = gaps.reshape(L, -1), n.reshape(L, -1)
+        approach, normal = _along(n, velocity), _along(n, free)
 
         # All as in contact_pairs.normal_law.
         closing, half = gaps / -self._h, (1 - law.restitution) / 2 * approach
         level = np.maximum(closing, (closing + half) / (2 - law.restitution))
         asked = np.minimum(np.where(gaps < 0, np.maximum(half, closing - np.abs(approach)), half), 0.0)
-        is_due = ((normal < level) == self.pairs.chosen).all(axis=1)
+        is_due = ((normal < level) == chosen).all(axis=1)
         if self.pairs.frames is None:
-            nothing = np.zeros((L, 3, 0))
-            return _Look(is_due, np.zeros(L), gaps, nothing, nothing, φ)
-        q, Jq, target = z @ self._q, z @ self._Jq, z @ self._target
-        q[:, :A] += (half - asked)[:, self._active]
+            nothing = np.zeros((L, 0))
+            return _Look(is_due, np.zeros(L), gaps, nothing, nothing, nothing)
+        own = self._components
+        targets = velocity[:, own] @ self._F.T * self._part
+        q = (free[:, own] @ self._F.T - targets) * self._asked
+        Jq = q @ self._J.T
+        thrown = (half - asked)[:, self._active]
+        q[:, :A] += thrown
         f = Jq + φ
-        u, f, q = ((f @ self._W + q).reshape(L, 3, A), f.reshape(L, 3, A), q.reshape(L, 3, A))
-        if A < P:
-            moved = normal + (n * (f.reshape(L, -1) @ self._F @ self._answer).reshape(L, P, 3)).sum(axis=2)
-            is_due &= ((moved < level) <= self.pairs.chosen).all(axis=1)  # none is missed
-        speed = np.abs(q).max(axis=(1, 2))
-        by_friction = np.einsum("li,li->l", f[:, 1:].reshape(L, -1), target)
-        is_due &= by_friction <= WORK_ROUND_OFF * np.abs(f).max(axis=(1, 2)) * speed
-        is_due &= np.abs(n[:, self._active] - self.pairs.frames.normals).max(axis=(1, 2)) <= SAME_NORMALS
-
+        u, speed = f @ self._W + q, np.abs(q).max(axis=1) + _TINY
+        if not chosen.all():
+            moved = normal + _along(n, f @ self._F @ self._answer)
+            is_due &= ((moved < level) <= chosen).all(axis=1)  # none is missed
+        by_friction = (f[:, A:] * targets[:, A:]).sum(axis=1)
+        is_due &= by_friction <= WORK_ROUND_OFF * np.abs(f).max(axis=1) * speed
+        is_due &= np.abs(n[:, own] - self.pairs.frames.normals.ravel()).max(axis=1) <= SAME_NORMALS
         corrected, error = self._corrected(f, u)
-        return _Look(is_due, error / (speed + _TINY), gaps, q, f, corrected - Jq)
+        round_off = np.abs(thrown) <= STAGNATION_RESIDUAL * speed[:, None]
+        if round_off.any():  # what is there of it goes with the error of the step before
+            u[:, :A] -= thrown * round_off
+            corrected, _ = self._corrected(f, u)
+        return _Look(is_due, error / speed, gaps, q, f, corrected - Jq)
 
     def _corrected(self, f: Array, u: Array) -> tuple[Array, Array]:
-        """Forces (L, 3A) that fulfil the linearised law, from f that cause u (L, 3, A), and what those lack (L,), m/s.
+        """Forces (L, 3A) that fulfil the linearised law, from f that cause u (L, 3A), and what those lack (L,), m/s.
 
         As in complementarity.frictional: f is to be P(z), z = f - ρ u.
         """
-        z = f - u / self._by_force
-        cone = self._meeting.law.friction * np.maximum(z[:, 0], 0.0)
-        share = cone / (np.maximum(np.hypot(z[:, 1], z[:, 2]), cone) + _TINY)
-        projected = np.stack([np.maximum(z[:, 0], 0.0), share * z[:, 1], share * z[:, 2]], axis=1)
+        A = len(self._active)
+        projected = f - u / self._by_force
+        pressure, first, second = projected[:, :A], projected[:, A : 2 * A], projected[:, 2 * A :]
+        np.maximum(pressure, 0.0, out=pressure)
+        cone, length = self._meeting.law.friction * pressure, np.sqrt(first * first + second * second)
+        share = cone / (np.maximum(length, cone) + _TINY)
+        first *= share
+        second *= share
         off = f - projected
-        lacking, flat = self._by_force * off, (len(f), -1)
-        moves = lacking.reshape(flat) - off.reshape(flat) @ self._W
-        return projected.reshape(flat) + moves @ self.pairs.inverse.T, np.abs(lacking).max(axis=(1, 2))
+        lacking = off * self._by_force
+        return projected + (lacking - off @ self._W) @ self._J.T, np.abs(lacking).max(axis=1)
+
+
+def _along(normals: Array, vectors: Array) -> Array:
+    """Parts (L, P) of vectors along unit normals, both (L, 3P)."""
+    along: Array = (normals * vectors).reshape(-1, 3).dot(_ONES)
+    return along.reshape(len(normals), -1)
 
 
 def _components(points: Array) -> Array:

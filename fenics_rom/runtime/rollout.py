@@ -228,13 +228,12 @@ class Rollout:
         widths = [len(body.output_rows(name)) for name in names]
         start, rows = body.save(), [np.empty((0, sum(widths)))]
         try:
-            with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is told as a StepError
-                for interval in plan:
-                    body.dt = interval.dt
-                    if contact is not None:
-                        body.switch(interval.contact)
-                    interval_inputs = u[interval.start : interval.stop]
-                    rows += self._read(interval_inputs, interval.start, every if names else 1, names)
+            for interval in plan:
+                body.dt = interval.dt
+                if contact is not None:
+                    body.switch(interval.contact)
+                interval_inputs = u[interval.start : interval.stop]
+                rows += self._read(interval_inputs, interval.start, every if names else 1, names)
         except BaseException:
             body.restore(start)
             raise
@@ -243,18 +242,24 @@ class Rollout:
 
     def _read(self, u: Array, taken: int, every: int, names: tuple[str, ...]) -> list[Array]:
         """Takes the steps of one interval, `taken` steps after the rollout began; what is read, in rows."""
-        body, rows = self._body, list[Array]()
-
-        def read() -> None:
-            q = body.state[0]
-            rows.append(np.concatenate([body.output_rows(name) @ q for name in names])[None])
-
+        body = self._body
         if body.needs_each_step:
             if self._among_obstacles is None:
                 from fenics_rom.runtime.contact_rollout import ContactRollout  # here, as few bodies have obstacles
 
                 self._among_obstacles = ContactRollout(body)
             return self._among_obstacles.take(u, taken, every, names)
+        with np.errstate(over="ignore", invalid="ignore"):  # what is not finite is told as a StepError
+            return self._read_known(u, taken, every, names)
+
+    def _read_known(self, u: Array, taken: int, every: int, names: tuple[str, ...]) -> list[Array]:
+        """The same where nothing touches the body."""
+        body, rows = self._body, list[Array]()
+
+        def read() -> None:
+            q = body.state[0]
+            rows.append(np.concatenate([body.output_rows(name) @ q for name in names])[None])
+
         if body.rom.rigid or body.relaxes:  # there is more than energy coordinates hold
             for count, row in enumerate(u, start=taken + 1):
                 body.step(row[: body.inputs])  # its loads act by themselves
