@@ -243,6 +243,22 @@ def test_an_operator_guides_searches_of_those_that_are_nearly_it_alone():
     assert Delassus(singular.operator.matrix).framed(singular.frames, known=singular).guide is not singular
 
 
+def test_the_law_along_the_axes_of_space_is_that_in_frames():
+    """Where pairs are open, stick and slip: what it says of forces, and what it is linearised to."""
+    rng = np.random.default_rng(16)
+    W, q, n = random_problem(rng, 12, 60)
+    framed, f = Delassus(W).framed(Frames(n)), rng.standard_normal((12, 3)) / np.abs(W).max()
+    frames = framed.frames
+    in_frames = FollowedLaw(framed, *frames.turned(q), 0.5, None)
+    in_space = FollowedLaw(framed.operator.lasting(frames), q.T.copy(), 0.5, frames.lasting_normals)
+    one, other = in_frames.at(frames.turned(f)[0]), in_space.at(f.T.copy())
+    closed, slips = one.cone > 0, one.length > one.cone
+    assert {(bool(a), bool(b)) for a, b in zip(closed, slips, strict=True)} >= {(True, True), (False, True)}
+    np.testing.assert_allclose(other.projected, frames.in_space(one.projected).T, atol=1e-12 * np.abs(f).max())
+    expected = in_frames.inverse(one)
+    np.testing.assert_allclose(in_space.inverse(other), expected, atol=1e-9 * np.abs(expected).max())
+
+
 def test_what_a_kept_inverse_lacks_is_foreseen_where_motion_is_steady(monkeypatch):
     """Forces by an inverse are off by the square of what changes in a step, the more the older it is: but for that."""
     W, q, n = random_problem(np.random.default_rng(1), 6, 30)
