@@ -17,6 +17,11 @@ class Handed(ContactSolution):
         """See ContactSolution."""
         return ContactWork(dt * power, 0.0, 0.0)
 
+    @property
+    def by_obstacle(self) -> Array:
+        """See ContactSolution: of all other bodies together, (1, 3), N."""
+        return self.forces.sum(axis=0, keepdims=True)
+
 
 def handed(forces: Array, reached: Array) -> Handed:
     """Forces (P, 3) on all contact points, and which they may act on."""

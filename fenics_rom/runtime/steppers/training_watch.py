@@ -50,13 +50,15 @@ class TrainingWatch:
             **dict.fromkeys(rom.environment.guides, math.inf),
         }  # guides rub as tensions let them
         self._pushed = trained.pushes
-        self._obstacles = [] if interface is None else list(interface.environment.obstacles)
+        self._pushers: list[str] = []
+        if interface is not None:  # without obstacles the body is in a world
+            self._pushers = [f"obstacle {name!r}" for name in interface.environment.obstacles] or ["other bodies"]
         most = max(trained.pushes.values(), default=0.0)
         self._ranges = {f"input {name!r}": (inputs.get(name, 0.0), units.get(name, "N")) for name in widths}
         ends = np.cumsum([0, *widths.values()]).tolist()
         self._inputs = dict(zip(self._ranges, map(slice, ends, ends[1:]), strict=True))  # of those after the pushes
         self._ranges |= {f"the push on {name!r}": (trained.pushes.get(name, 0.0), "N") for name in rom.contact_models}
-        self._ranges |= {f"the force of obstacle {name!r}": (most, "N") for name in self._obstacles}
+        self._ranges |= {f"the force of {name}": (most, "N") for name in self._pushers}
         limits = [max(self._ranges[name][0], NEVER) for name in self._inputs]
         self._limits = np.repeat(limits, list(widths.values()))
         assert rom.deformation is not None
@@ -66,7 +68,7 @@ class TrainingWatch:
         self._reach = np.sqrt(np.square(self._body.gradients).sum(axis=(0, 1)))  # |∇W_k| (P, m)
         # |ΔH| up to which, from the shape that was looked at, no point's strain is beyond training.
         self._looked_at, self._clear = np.zeros(self._body.order), np.full(len(strains), -1.0)
-        self._means = [f"mean force of {name}, {axis}" for name in self._obstacles for axis in "xyz"]
+        self._means = [f"mean force of {name}, {axis}" for name in self._pushers for axis in "xyz"]
         self._smoothing_time = trained.smoothing_time
         self.notes = (*self._ranges, STRAIN, TOUCHED, *self._means)
 
@@ -142,8 +144,8 @@ class TrainingWatch:
         mean += h / (h + self._smoothing_time) * (forces - mean)
         notes.update(zip(self._means, mean.ravel().tolist(), strict=True))
         notes[TOUCHED] = 1.0
-        for name, size in zip(self._obstacles, np.sqrt((mean**2).sum(axis=1)).tolist(), strict=True):
-            what = f"the force of obstacle {name!r}"
+        for name, size in zip(self._pushers, np.sqrt((mean**2).sum(axis=1)).tolist(), strict=True):
+            what = f"the force of {name}"
             if size > TRUSTED_STRAIN * self._ranges[what][0]:
                 self._note(notes, what, size)
 
