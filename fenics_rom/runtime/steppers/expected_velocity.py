@@ -67,8 +67,9 @@ class ExpectedVelocity(NamedTuple):
         N = -T @ (tangent_ + tangent_.T) @ T / 2
         around = strains.around(self.was.middle)
         A = np.stack([around.rates(unit) for unit in np.eye(m)], axis=1)
-        stressed = strains.stressed(((h / 2 + strains.viscosity) * A.T).T @ N)
-        middle_ = 2 * np.sum([strains.geometric(column)[k] for k, column in enumerate(stressed.T)], axis=0)
+        strained = ((h / 2 + strains.viscosity) * A.T).T @ N
+        rows = [strains.geometric(strains.stressed(column))[k] for k, column in enumerate(strained.T)]
+        middle_ = 2 * np.sum(rows, axis=0)
         geometric = strains.geometric(self.was.σ) + (0.0 if at is None else body.geometric(at.S))
         if not is_definite(maps.fixed + around.stiffness(h / 2) + h / 2 * geometric):
             return np.zeros(strains.size), middle_
