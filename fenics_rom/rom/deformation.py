@@ -26,6 +26,8 @@ from fenics_rom.mechanics.hyperelastic import (
 from fenics_rom.mechanics.tendon import cable_length, measure_segments, turning_angles, unit_tension_slopes
 from fenics_rom.rom.content import ByContent
 
+_SUMS = np.ones((3, 3))  # (K, 3) times this: the sum of each row, in all its places
+
 
 @dataclass(frozen=True, eq=False)
 class ReducedTendon(ByContent):
@@ -39,7 +41,7 @@ class ReducedTendon(ByContent):
         at_rest, shapes = self._segments
         segments = shapes.dot(q).reshape(at_rest.shape)
         segments += at_rest
-        segments /= np.sqrt(np.einsum("ki,ki->k", segments, segments))[:, None]
+        segments /= np.sqrt((segments * segments).dot(_SUMS))
         return -segments.ravel().dot(shapes)
 
     def pull_back(self, q: Array, w: Array) -> Array:

@@ -259,7 +259,12 @@ def test_free_body_is_thrown_with_the_mouse(folder, views, browser, bar_rom):
     window.page.mouse.move(5, 5)
     until(lambda: not window.lit, "does not let go")
     thrown = window.energies
-    until(lambda: window.body.size < 1000 or np.abs(window.body.mean(axis=1) - middle).max() > 40, "it does not fly")
+
+    def has_flown():
+        body = window.body
+        return body.size < 1000 or np.abs(body.mean(axis=1) - middle).max() > 40
+
+    until(has_flown, "it does not fly")
     stored, supplied, dissipated, lost = window.energies
     assert (stored, supplied, dissipated, lost) == (pytest.approx(supplied, rel=0.01), thrown[1], 0.0, 0.0)
     window.press("reset")
