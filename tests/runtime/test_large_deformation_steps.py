@@ -247,8 +247,9 @@ def pushed_about(rom, stepper, seed, steps, scene=None):
         ledger = body.ledger
         scale = max(scale, body.energy, abs(ledger.supplied), ledger.dissipated)
         gap = max(gap, abs(body.energy - ledger.supplied + ledger.dissipated + ledger.numerical))
-        assert ledger.contact >= contact - 1e-12 * scale
-        assert ledger.friction >= friction - 1e-12 * scale
+        # Work of 1e-12 of force times velocity is no work to the law (WORK_ROUND_OFF): ten times that.
+        assert ledger.contact >= contact - 1e-11 * scale
+        assert ledger.friction >= friction - 1e-11 * scale
         contact, friction, touched = ledger.contact, ledger.friction, touched + body.contact_forces().any()
     assert touched > 3
     return body, gap / scale
