@@ -73,7 +73,7 @@ def test_factor_that_turns_saves_work(beam, monkeypatch):
     begin = Secants.begin
     for owner, name, less, share in (
         (TurnedFactor, "turn", lambda self, H: None, 0.75),
-        (Secants, "begin", lambda self: (self.forget(), begin(self)), 0.95),
+        (Secants, "begin", lambda self: (self.forget(), begin(self)), 0.99),
         (Secants, "direction", lambda self, answer: answer, 0.7),
     ):
         with monkeypatch.context() as patch:
