@@ -38,6 +38,7 @@ RUNTIME += [
     "tests/rom/test_material_points.py",
     "tests/rom/test_carried_strains.py",
     "tests/mechanics/test_hyperelastic.py",
+    "tests/mechanics/test_complementarity.py",
 ]
 RUNTIME += [f"tests/world/test_{name}.py" for name in ("rigid_motion", "joints", "surface_joints", "soft_motion")]
 WANTED = 0.95
