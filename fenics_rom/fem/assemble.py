@@ -41,6 +41,7 @@ from fenics_rom.fem.supports import unknowns_of
 from fenics_rom.io.stages import Stages
 from fenics_rom.mechanics.body_facts import implausible, quality_of
 from fenics_rom.mechanics.hyperelastic import strain_of_excess_damping
+from fenics_rom.mechanics.obstacles import smallest_radius
 from fenics_rom.scene.scene import Scene
 from fenics_rom.system.body import Body, Unknowns
 from fenics_rom.system.moving_frame import check_motions
@@ -193,8 +194,8 @@ def _obstacles_too_small(system: System) -> list[str]:
             f"contact: {len(body.points_between.nodes)} points between nodes can be touched, as an obstacle fits in "
             "there; what it presses in is narrower than an element: a finer mesh at the contact surface shows it"
         ]
-    shapes = {name: obstacle.shape for name, obstacle in system.scene.environment.obstacles.items()}
-    passing = system.points_of_contact().describe_passing(shapes, body.triangles, body.nodes)
+    radii = {name: smallest_radius(of.shape) for name, of in system.scene.environment.obstacles.items()}
+    passing = system.points_of_contact().describe_passing(radii, body.triangles, body.nodes)
     return [passing] if passing else []
 
 

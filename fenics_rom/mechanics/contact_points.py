@@ -7,7 +7,6 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.contact import ContactSolution
-from fenics_rom.mechanics.obstacles import Obstacle, smallest_radius
 
 NEARNESS = 0.05  # of the size of the contact surfaces: an obstacle that far away begins to matter
 MOST_BETWEEN = 700  # with more than these every step is slow; a finer mesh, or a smaller contact surface, is better
@@ -94,15 +93,14 @@ class ContactPoints:
         closer = closest[best, bodies] < closest[active, bodies] - HYSTERESIS * self._size
         return np.where(near & closer, best, active)
 
-    def describe_passing(self, obstacles: Mapping[str, Obstacle], triangles: Array, coordinates: Array) -> str:
+    def describe_passing(self, radii: Mapping[str, float], triangles: Array, coordinates: Array) -> str:
         """What to say of obstacles that fit between the points; empty where none does.
 
         Args:
-            obstacles: by name.
+            radii: of what passes where they do, by name, m (see `smallest_radius`).
             triangles: of the surface, between all nodes, (F, 3).
             coordinates: of all nodes at rest, (N, 3), m.
         """
-        radii = {name: smallest_radius(obstacle) for name, obstacle in obstacles.items()}
         if not radii or min(radii.values()) == np.inf:
             return ""
         if self._between is not None:

@@ -188,6 +188,13 @@ class HalfSpace(Shape):
         return np.array([[-1.0, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]]), np.array([[0, 1, 2], [0, 2, 3]])
 
 
+def passing_radius(shape: Shape) -> float:
+    """Radius of what passes where a shape passes, m, as `obstacles.smallest_radius`; infinite of a half-space."""
+    if isinstance(shape, Polytope):
+        return float(np.sort(np.ptp(shape.vertices, axis=0))[1]) / 2
+    return float(getattr(shape, "radius", math.inf))
+
+
 @dataclass(frozen=True)
 class Polytope(Shape):
     """A shape with flat faces."""

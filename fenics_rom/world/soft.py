@@ -164,6 +164,11 @@ class Soft(Simulator):
         """Of all nodes now, (N, 3) in world axes, m."""
         return self._to_world(self.rom.nodes + self.displacement())
 
+    def describe_passing(self, radii: Mapping[str, float]) -> str:
+        """What to say of rigid bodies with such radii, m, by name, that fit between its points; or nothing."""
+        assert self._stepper.interface is not None
+        return self._stepper.interface.points.describe_passing(radii, self.rom.triangles, self.rom.nodes)
+
     def take(self, inputs: Mapping[str, Any]) -> None:
         """As in Body: as of a Simulator, by name."""
         self._given = inputs

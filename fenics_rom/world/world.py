@@ -18,6 +18,7 @@ from fenics_rom.world.joints import Joint, JointPoints, SurfaceJoint
 from fenics_rom.world.make_bodies import FIXED, AnyBody, make_bodies
 from fenics_rom.world.meetings import Meeting, check_apart
 from fenics_rom.world.records import RigidBody, SoftBody
+from fenics_rom.world.shapes import passing_radius
 from fenics_rom.world.soft import Soft
 from fenics_rom.world.step_pairs import StepPairs
 
@@ -99,6 +100,9 @@ class World:
             self.step = self._step_alone  # type: ignore[method-assign]
         if self._meetings:
             check_apart(everyone, self._names, self._meetings)
+        of_soft = {body: self._met_by(body) for body in self._soft}
+        said = {body.name: body.describe_passing(radii) for body, radii in of_soft.items() if radii}
+        self._passing = [f"{name}: {text}" for name, text in said.items() if text]
         self._step_pairs = StepPairs([] if self._lone else everyone, self._meetings, self._joints)
         self._found = Found(np.empty((0, 3)), np.empty((0, 3)), 0, 0.0)
         self._residuals = 0, 0.0
@@ -110,6 +114,13 @@ class World:
     def _may_touch(self, a: int, b: int) -> bool:
         first, second = (self._bodies[self._names[number]] for number in (a, b))
         return FIXED not in (self._names[a], self._names[b]) and not (first.is_driven and second.is_driven)
+
+    def _met_by(self, body: Soft) -> dict[str, float]:
+        """Radii, m, by name, of the rigid bodies that a soft one may meet."""
+        pairs = [{self._names[meeting.first], self._names[meeting.second]} for meeting in self._meetings]
+        others = {name for pair in pairs if body.name in pair for name in pair}
+        rigid = {name: record for name, record in self.bodies.items() if name in others}
+        return {name: passing_radius(record.shape) for name, record in rigid.items() if isinstance(record, RigidBody)}
 
     def _smaller(self, a: int, b: int) -> float:
         return min(self._bodies[self._names[number]].size for number in (a, b))
@@ -201,7 +212,7 @@ class World:
         """What the user should know of the run so far."""
         steps, residual = self._residuals
         soft = {name: body for name, body in self._bodies.items() if isinstance(body, Soft)}
-        said = [f"{name}: {text}" for name, body in soft.items() for text in body.warnings]
+        said = [*self._passing, *(f"{name}: {text}" for name, body in soft.items() for text in body.warnings)]
         if steps:
             said.append(f"in {steps} steps forces were found only to {residual:.0e} of the velocities that they stop")
         return tuple(said)

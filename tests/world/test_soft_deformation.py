@@ -1,11 +1,13 @@
 """Soft bodies that deform largely, among others."""
 
+import re
+
 import numpy as np
 import pytest
 from test_soft_motion import BOX, CLAMPED, LIES, reduced, ride
 
 import fenics_rom as fr
-from fenics_rom.world.shapes import HalfSpace
+from fenics_rom.world.shapes import Box, HalfSpace
 
 pytestmark = pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
 DEPTH = 0.01  # m, of a floor below the beam
@@ -49,3 +51,14 @@ def test_a_box_falls_on_it_and_the_account_closes(rom):
     assert gap < 1e-13
     surface = world.simulator("beam").displacement()
     assert np.linalg.norm(surface, axis=1).max() > 0.03  # a tenth of its length
+
+
+def test_a_box_that_fits_between_the_points_is_told(rom):
+    """Of 24 mm, where points are up to 50 mm apart."""
+    said = []
+    for size in (0.024, 0.08):
+        box = fr.RigidBody(Box((size,) * 3), density=500, position=(0.25, 0.015, 0.1))
+        world = fr.World({"beam": fr.SoftBody(rom), "box": box}, 1e-3)
+        said.append(world.warnings)
+    assert said[1] == ()
+    assert re.search(r"beam: contact: obstacle 'box' is 0.024 m across, and .* gaps of 0.0\d+ m", said[0][0])

@@ -10,6 +10,7 @@ from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointM
 from fenics_rom.mechanics.contact_pairs import Settled
 from fenics_rom.mechanics.contact_points import ContactPoints
 from fenics_rom.mechanics.contact_solver import ContactSolver
+from fenics_rom.mechanics.obstacles import smallest_radius
 from fenics_rom.rom.rom import Rom
 
 MOTION = "inertia, damping, elasticity"  # what of a step is not loads and contact
@@ -63,5 +64,6 @@ def contact_interface(
     points = ContactPoints(nodes, rom.contact_surfaces, rom.nodes, rom.points_between)
     solver = (solver_of or ContactSolver)(points.coordinates, list(environment.obstacles.values()), law)
     rows = points.columns(lambda nodes: rom.rows_of(nodes).reshape(-1, rom.basis.shape[1]).T).T
-    passing = points.describe_passing(environment.obstacles, rom.triangles, rom.nodes)
+    radii = {name: smallest_radius(obstacle) for name, obstacle in environment.obstacles.items()}
+    passing = points.describe_passing(radii, rom.triangles, rom.nodes)
     return ContactInterface(points, solver, rows, environment, passing)
