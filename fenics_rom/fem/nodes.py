@@ -12,6 +12,7 @@ import scipy.sparse
 from fenics_rom.errors import MeshError, SceneError
 from fenics_rom.fem.mesh import Mesh
 from fenics_rom.fem.mesh_quality import CELL_EDGES, CELL_FACES
+from fenics_rom.mechanics.surface_points import mean_turning_maps
 from fenics_rom.scene.places import Facing, Near, Patch, Place, Plane
 from fenics_rom.system.body import Unknowns
 
@@ -230,15 +231,10 @@ def patch_columns(nodes: Nodes, patch: Patch, unknowns: Unknowns, where: str) ->
 def wrench_columns(coordinates: np.ndarray, weights: np.ndarray) -> np.ndarray:
     """Nodal forces (3 N, 6) of unit forces, and of unit moments about the mean place, of weights (N,) whose sum is 1.
 
-    w_i (F + J⁻¹ τ × d_i) with J = Σ w_i (|d_i|² - d_i d_iᵀ): what does the work of F and τ on w's mean motion.
+    See mechanics/surface_points.py; moments in N m.
     """
-    arms = coordinates - weights @ coordinates
-    spread = (weights[:, None] * arms).T @ arms
-    J = np.trace(spread) * np.eye(3) - spread
-    turns = np.cross(np.linalg.inv(J).T, arms[:, None, :])  # (N, 3 moments, 3): J⁻¹ e_k × d_i
-    return np.hstack(
-        [np.kron(weights[:, None], np.eye(3)), (weights[:, None, None] * turns).swapaxes(1, 2).reshape(-1, 3)]
-    )
+    turning = mean_turning_maps(coordinates - weights @ coordinates, weights)
+    return np.hstack([np.kron(weights[:, None], np.eye(3)), turning.swapaxes(1, 2).reshape(-1, 3)])
 
 
 def _inward_pressure(nodes: Nodes, triangles: np.ndarray) -> np.ndarray:

@@ -22,6 +22,7 @@ from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.frame_geometry import turned_operator
 from fenics_rom.mechanics.frame_motion import rotation_matrix
+from fenics_rom.mechanics.surface_points import mean_turning_maps
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.simulator import Simulator
 from fenics_rom.runtime.steppers.carried_frame import CarriedFrame
@@ -31,7 +32,7 @@ from fenics_rom.runtime.steppers.residual_motion import operator_of
 from fenics_rom.world.bodies import NO_ROWS, Points
 from fenics_rom.world.collision.contacts import PlacedSurface
 from fenics_rom.world.handed_forces import Handed, HandedForces, handed
-from fenics_rom.world.surfaces import nearest_carriers, soft_points, spread_of, turning_maps
+from fenics_rom.world.surfaces import nearest_carriers, soft_points, spread_of
 
 if TYPE_CHECKING:
     from fenics_rom.mechanics.signals import SignalLike
@@ -285,7 +286,7 @@ class Soft(Simulator):
         """Takes note of how the surfaces that couples act on turn, as their points (P, 3) are."""
         if len(points.couples):
             held = zip(places[points.nodes[points.couples]], points.weights[points.couples], strict=True)
-            self._turning = np.array([turning_maps(own - weights.dot(own), weights) for own, weights in held])
+            self._turning = np.array([mean_turning_maps(own - weights.dot(own), weights) for own, weights in held])
 
     def _answer(self, points: Points) -> tuple[Array, Array]:
         """Velocities of points without forces, and per force."""

@@ -1,11 +1,6 @@
 """A surface of a soft body as joints hold it: at each of its nodes, at points that these carry, or as a whole.
 
-Of a whole surface with weights w_i of its nodes at x_i, their mean x̄ and arms d_i = x_i - x̄,
-
-    s = Σ w_i ŝ_i,    ω = J⁻¹ Σ w_i d_i × ŝ_i,    J = Σ w_i (|d_i|² - d_i d_iᵀ)
-
-say how it moves and turns, and a force F and a couple τ on it are w_i (F + J⁻¹τ × d_i) on the nodes, which do the work
-of F and τ on s and ω, and have their momenta.
+How a whole surface moves and turns is in mechanics/surface_points.py.
 """
 
 from typing import NamedTuple
@@ -14,6 +9,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.frame_geometry import crossed
+from fenics_rom.mechanics.surface_points import spread_matrix
 from fenics_rom.mechanics.triangles import nearest_on_triangles
 from fenics_rom.world.bodies import Points
 
@@ -84,13 +80,6 @@ def carried(places: Array, shares: Array, point: Array) -> tuple[Array, float]:
     return weights, float(np.linalg.norm(weights @ places - point))
 
 
-def turning_maps(arms: Array, weights: Array) -> Array:
-    """J⁻¹ w_i d_i~ (n, 3, 3) of arms from the mean place (n, 3): velocities of nodes to how the surface turns."""
-    weighed = weights[:, None] * arms
-    J = np.eye(3) * (weighed * arms).sum() - weighed.T @ arms
-    return np.linalg.solve(J, -weights[:, None, None] * crossed(arms))
-
-
 def is_rigid(places: Array, rows: Array) -> bool:
     """Whether nodes at rest (n, 3) that move by rows (n, 3, k) of coordinates move as a rigid body does."""
     arms = places - places.mean(axis=0)
@@ -125,15 +114,11 @@ def soft_points(nodes: Array, weights: Array) -> Points:
 def spread_of(points: Points, turning: Array) -> tuple[Array, Array]:
     """Contact points (n,) that others depend on, and by which maps (3 (k + j), 3 n) of their velocities.
 
-    `turning`: `turning_maps` of each couple.
+    `turning`: `mean_turning_maps` of each couple.
     """
-    nodes, row = np.unique(points.nodes, return_inverse=True)
-    row = row.reshape(points.nodes.shape)
-    share = np.zeros((len(row), len(nodes)))
-    np.add.at(share, (np.arange(len(share))[:, None], row), points.weights)
-    spread: Array = np.kron(share, np.eye(3))
+    nodes, spread = spread_matrix(points.nodes, points.weights)
     for couple, own in zip(points.couples, turning, strict=False):  # which are of before, where there is no couple
         maps = np.zeros((len(nodes), 3, 3))
-        np.add.at(maps, row[couple], own)
+        np.add.at(maps, np.searchsorted(nodes, points.nodes[couple]), own)
         spread[3 * couple : 3 * couple + 3] = maps.transpose(1, 0, 2).reshape(3, -1)
     return nodes, spread

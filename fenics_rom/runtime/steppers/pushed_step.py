@@ -19,6 +19,7 @@ from numpy import ndarray as Array
 from fenics_rom.mechanics.contact import ContactSolution
 from fenics_rom.mechanics.frame_geometry import Geometry, Push, arms_of, crossed, vector
 from fenics_rom.mechanics.frame_motion import cross_matrix
+from fenics_rom.mechanics.surface_points import spread_matrix
 from fenics_rom.runtime.steppers.free_frame import FreeFrame
 
 
@@ -34,10 +35,7 @@ class PushedPoints(NamedTuple):
     @staticmethod
     def of(body: FreeFrame, nodes: Array, weights: Array, follows: Array) -> "PushedPoints":
         """Those of a body in steps of its length."""
-        some, row = np.unique(nodes, return_inverse=True)
-        share = np.zeros((len(nodes), len(some)))
-        np.add.at(share, (np.arange(len(nodes))[:, None], row.reshape(nodes.shape)), weights)
-        spread, compliance = np.kron(share, np.eye(3)), None
+        (some, spread), compliance = spread_matrix(nodes, weights), None
         if body.residual is not None:
             compliance = spread.dot(body.residual.delassus_of(some)).dot(spread.T)
         return PushedPoints(nodes, weights, follows, body.points.of(some).rows.dot(spread.T), compliance)
