@@ -22,7 +22,7 @@ from fenics_rom.mechanics.complementarity import Frames
 from fenics_rom.mechanics.complementarity.frictional import SHARES
 from fenics_rom.mechanics.complementarity.solution import CONVERGENCE_TOLERANCE, STAGNATION_RESIDUAL
 from fenics_rom.mechanics.contact import ContactLaw
-from fenics_rom.mechanics.contact_pairs import WORK_ROUND_OFF
+from fenics_rom.mechanics.contact_pairs import WORK_ROUND_OFF, NormalRule
 from fenics_rom.mechanics.obstacles import Obstacle
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.midpoint_map import compliance
@@ -113,6 +113,7 @@ class KeptContactMap:
         pairs: KeptPairs,
     ):
         self.carried, self.pairs, self._meeting, self._h = carried, pairs, meeting, h
+        self._rule = NormalRule(meeting.law, len(meeting.points), h, quasi_static=False)
         self._model, self._residual, self._active = model, residual, pairs.chosen.nonzero()[0]
         m, p, rows, A = model.order, model.inputs.shape[1], meeting.rows, len(self._active)
         of_carried, of_active = _components(carried), _components(self._active)
@@ -264,10 +265,7 @@ class KeptContactMap:
         gaps, n = gaps.reshape(L, -1), n.reshape(L, -1)
         approach, normal = _along(n, velocity), _along(n, free)
 
-        # All as in contact_pairs.normal_law.
-        closing, half = gaps / -self._h, (1 - law.restitution) / 2 * approach
-        level = np.maximum(closing, (closing + half) / (2 - law.restitution))
-        asked = np.minimum(np.where(gaps < 0, np.maximum(half, closing - np.abs(approach)), half), 0.0)
+        level, asked, _ = self._rule.asks(gaps, -np.inf, None, approach)  # what is said of gaps < 0 changes no others
         is_due = ((normal < level) == chosen).all(axis=1)
         if self.pairs.frames is None:
             nothing = np.zeros((L, 0))
@@ -276,7 +274,7 @@ class KeptContactMap:
         targets = velocity[:, own] @ self._F.T * self._part
         q = (free[:, own] @ self._F.T - targets) * self._asked
         Jq = q @ self._J.T
-        thrown = (half - asked)[:, self._active]
+        thrown = ((1 - law.restitution) / 2 * approach - asked)[:, self._active]
         q[:, :A] += thrown
         f = Jq + φ
         u, speed = f @ self._W + q, np.abs(q).max(axis=1) + _TINY

@@ -55,7 +55,11 @@ MUTATIONS = [
     ("runtime/steppers/carried_adjoint.py", "np.linalg.solve(self.A.T, to_v)", "np.linalg.solve(self.A, to_v)"),
     ("mechanics/surface_points.py", "np.linalg.solve(J, ", "np.linalg.solve(J.T + J, "),
     ("world/surfaces.py", "shares * (moments @", "(moments @"),
-    ("mechanics/surface_points.py", "-weights[:, None, None] * crossed(arms)", "weights[:, None, None] * crossed(arms)"),
+    (
+        "mechanics/surface_points.py",
+        "-weights[:, None, None] * crossed(arms)",
+        "weights[:, None, None] * crossed(arms)",
+    ),
     ("world/rigid.py", "τ_given = τ_given + couple", "pass"),
     ("world/step_pairs.py", "[joint.are_forces].sum(axis=0)", ".sum(axis=0)"),
     ("runtime/steppers/linear_kernels.py", "self._r += self._Sᵀ.dot(impulses.ravel())", "pass"),
