@@ -17,8 +17,10 @@ JACOBIAN = 4  # iterations that it takes the time of to find one
 
 
 class KeptNewton:
-    """Attributes:
-    inverse: of the Jacobian that is kept; None: there is none.
+    """One such method for all steps of a body.
+
+    Attributes:
+        inverse: of the Jacobian that is kept; None: there is none.
     """
 
     def __init__(self) -> None:
