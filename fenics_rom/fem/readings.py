@@ -191,4 +191,4 @@ def readable(system: System, body: FullOrderBody) -> ReadableBody:
         )
 
     law, points = None if deformation is None else deformation.law, None if interface is None else interface.points
-    return ReadableBody(law, coordinates, stroke, points, body.contact)
+    return ReadableBody(law, coordinates, stroke, points, body.contact and body.contact.normal_forces)

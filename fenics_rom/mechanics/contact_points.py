@@ -6,8 +6,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.mechanics.contact import ContactSolution
-
 NEARNESS = 0.05  # of the size of the contact surfaces: an obstacle that far away begins to matter
 MOST_BETWEEN = 700  # with more than these every step is slow; a finer mesh, or a smaller contact surface, is better
 HYSTERESIS = 1e-3  # of it: by so much another contact mode must be closer, so that two do not take turns
@@ -63,17 +61,15 @@ class ContactPoints:
         corners = zip(self._between.nodes.T, self._between.weights.T, strict=True)
         return np.hstack([columns, sum(of_nodes(nodes) * np.repeat(weights, 3) for nodes, weights in corners)])
 
-    def normal_forces(self, contact: ContactSolution | None, nodes: Array) -> Array:
-        """Of a step on nodes of the body (s,), N, (s,); 0 on those that cannot be touched."""
+    def on_nodes(self, pressing: Array, nodes: Array) -> Array:
+        """Of forces on the points (P,), those on nodes of the body (s,), N; 0 on nodes that cannot be touched."""
         forces = np.zeros(len(nodes))
-        if contact is None:
-            return forces
         _, among, points = np.intersect1d(nodes, self.nodes, return_indices=True)
-        forces[among] = contact.normal_forces[points]
+        forces[among] = pressing[points]
         if self._between is not None:
             order = np.argsort(nodes)
             row = order[np.minimum(np.searchsorted(nodes, self._between.nodes, sorter=order), len(nodes) - 1)]
-            spread = self._between.weights * contact.normal_forces[len(self.nodes) :, None]
+            spread = self._between.weights * pressing[len(self.nodes) :, None]
             np.add.at(forces, row, np.where(nodes[row] == self._between.nodes, spread, 0.0))
         return forces
 

@@ -18,7 +18,6 @@ from typing import Any, ClassVar, NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.mechanics.contact import ContactSolution
 from fenics_rom.mechanics.contact_points import ContactPoints
 from fenics_rom.mechanics.hyperelastic import (
     VOIGT_INDEX,
@@ -48,18 +47,20 @@ class ReadableBody(NamedTuple):
             (c,).
         stroke: what 1 of an actuator's input does work on: how much shorter a tendon is (m), or larger a chamber (m³).
         points: what obstacles can touch; None where there are none.
-        contact: what they did in the last step; None where nothing touched.
+        pressing: normal forces of obstacles on them in the last step, (P,), N; None where nothing touched.
     """
 
     law: str | None
     coordinates: Callable[[], Array]
     stroke: Callable[[str], float]
     points: ContactPoints | None = None
-    contact: ContactSolution | None = None
+    pressing: Array | None = None
 
     def normal_forces(self, nodes: Array) -> Array:
         """Of obstacles in the last step, on nodes of the body (s,), N, (s,); 0 where none can touch."""
-        return np.zeros(len(nodes)) if self.points is None else self.points.normal_forces(self.contact, nodes)
+        if self.points is None or self.pressing is None:
+            return np.zeros(len(nodes))
+        return self.points.on_nodes(self.pressing, nodes)
 
 
 @dataclass(frozen=True)

@@ -38,6 +38,11 @@ class ResidualPart:
         inverse: Array = np.linalg.inv(np.linalg.cholesky(self.compliance))
         return inverse
 
+    def strained(self, g: Array) -> Array:
+        """What of it lies in the shared basis under forces g (..., 3P), N, in K-orthonormal coordinates, J^1/2."""
+        within: Array = g @ self.points[:, : len(self.basis)] - g @ self.basis_points @ self.basis.T
+        return within
+
 
 def strained_coordinates(κ: Array, model: ContactModel) -> Array:
     """Y (k - rigid, m - rigid): the mode's K-orthonormal vectors in those of the shared basis, orthonormal columns."""

@@ -17,17 +17,16 @@ from fenics_rom.errors import StepError, check_known
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.batch_contact_solver import BatchContactSolver, BatchForces, BatchMotion, BatchObstacles
 from fenics_rom.mechanics.body_axis import in_one_piece, put, taken
-from fenics_rom.mechanics.complementarity.splitting import Splitting
 from fenics_rom.mechanics.contact import ContactSearch, ObstacleMotion, PointMotion
 from fenics_rom.mechanics.contact_points import NEARNESS
 from fenics_rom.mechanics.contact_solver import PENETRATION_TOLERANCE, ContactSolver
+from fenics_rom.mechanics.readings import ContactPressure
 from fenics_rom.mechanics.signals import real_numbers
-from fenics_rom.rom.contact_model import ContactModel
-from fenics_rom.rom.midpoint_map import compliance
-from fenics_rom.rom.residual_part import ResidualPart, residual_part, strained_points
+from fenics_rom.rom.residual_part import residual_part, strained_points
 from fenics_rom.rom.rom import Rom
+from fenics_rom.runtime.batch_contact_mode import BatchContactMode, by_axis
 from fenics_rom.runtime.steppers.contact_interface import contact_interface
-from fenics_rom.runtime.steppers.residual_motion import FORGOTTEN, Relaxation, relaxation
+from fenics_rom.runtime.steppers.residual_motion import FORGOTTEN
 
 _LEAST = 1e-100  # N: forces to begin a search with, where there were some
 NEGLIGIBLE = 1e-20  # of a body's energy: what is stored in its residual part no more
@@ -39,31 +38,6 @@ class ContactStep(NamedTuple):
     bodies: Array  # (T,) among them
     push: Array  # (T, m) what it adds to what drives them, as `StepCoefficients.push` does
     works: Array  # (3, B) supplied by obstacles, dissipated by contact, and in residual parts, J
-
-
-class _Mode:
-    """A contact mode, its residual part, and what a time step makes of them."""
-
-    operator: Splitting
-    push: Array  # (3P, m)
-    relaxation: Relaxation
-
-    def __init__(self, model: ContactModel, rows: Array, part: ResidualPart, order: int):
-        self.model, self.part = model, part
-        self.S = np.zeros((len(rows), order))  # filled up to the order of the largest model
-        self.S[:, : model.order] = rows @ model.coordinates
-
-    def set_time_step(self, h: float, β: float) -> None:
-        a, _ = compliance(self.model, h)
-        m = self.model.order
-        S, self.push = self.S[:, :m], h / 2 * self.S
-        spread = S * a if a.ndim == 1 else S @ a
-        if a.ndim == 1:
-            self.push = np.zeros(self.S.shape)
-            self.push[:, :m] = 2 * spread  # with 4/h of the batch's a
-        self.relaxation = relaxation(h, self.part.time_constant, β)
-        W = spread @ S.T
-        self.operator = Splitting((W + W.T) / 2 + self.part.compliance / self.relaxation.whole)
 
 
 class BatchContact:
@@ -81,8 +55,10 @@ class BatchContact:
         inexact: (size,) steps whose forces no method found.
         forces: (3, P, size) on the points in the last step, N.
         resultants: (O, 3, size) of each obstacle on the body, N.
+        normal_forces: (P, size) of all obstacles on the points, N; zero where no reading asks for them.
         offsets: (O, 3, size) displacements of the obstacles now, m.
         names: of the obstacles.
+        points: the contact points.
     """
 
     def __init__(self, rom: Rom, environment: ActiveEnvironment, order: int, size: int):
@@ -92,14 +68,14 @@ class BatchContact:
         assert residual is not None
         assert law is not None
         interface.check_start()
-        self.names, self._environment, self._points = list(environment.obstacles), environment, interface.points
+        self.names, self._environment, self.points = list(environment.obstacles), environment, interface.points
         coordinates, obstacles = interface.points.coordinates, list(environment.obstacles.values())
         self._solver = BatchContactSolver(coordinates, obstacles, law)
         self._coordinates, self._obstacles, self._law = coordinates, obstacles, law
-        rows = _by_axis(interface.rows)
-        H = _by_axis(strained_points(rom.stiffness, interface.rows, residual))
+        rows = by_axis(interface.rows)
+        H = by_axis(strained_points(rom.stiffness, interface.rows, residual))
         self._modes = [
-            _Mode(model, rows, residual_part(rom.stiffness, model, H, residual), order)
+            BatchContactMode(model, rows, residual_part(rom.stiffness, model, H, residual), order)
             for model in rom.contact_models.values()
         ]
         self._β, self._rigid = residual.damping, rom.rigid
@@ -114,6 +90,8 @@ class BatchContact:
         self.friction, self.frozen = np.full(size, law.friction), np.zeros(size, bool)
         self.inexact = np.zeros(size, int)
         self.forces, self._z = np.zeros((2, 3, P, size))
+        self._is_read = any(isinstance(reading, ContactPressure) for reading in rom.readings.values())
+        self.normal_forces = np.zeros((P, size))
         self.resultants, self._pushed = np.zeros((count, 3, size)), np.zeros((count, P, size), bool)
         self._residual = np.zeros((4, 3 * P, size))  # g, y, ġ, ẏ
         self._moves = np.zeros(size, bool)  # whether the residual part does
@@ -169,7 +147,7 @@ class BatchContact:
 
     def begin(self, bodies: Array, frozen: Array) -> None:
         """Bodies are where they were put, and nothing touches; some of them are inside an obstacle."""
-        for part in (self.forces, self._z, self.resultants, self._pushed, self._residual):
+        for part in (self.forces, self.normal_forces, self._z, self.resultants, self._pushed, self._residual):
             part[..., bodies] = 0
         self._clear[bodies], self._moves[bodies], self.frozen[bodies] = -np.inf, False, frozen
 
@@ -196,8 +174,7 @@ class BatchContact:
         """
         there, here = self._modes[start].part, self._modes[end].part
         e_start, (g, y, ġ, ẏ) = strained[:, self._rigid : self._modes[start].model.order], taken(self._residual, bodies)
-        shared = g.T @ here.points[:, : len(here.basis)] - g.T @ there.basis_points @ there.basis.T
-        e = (e_start @ there.basis.T + shared) @ here.basis
+        e = (e_start @ there.basis.T + there.strained(g.T)) @ here.basis
         stored = np.square(e_start).sum(axis=1) + np.einsum("pb,pb->b", g, y) - np.square(e).sum(axis=1)
         moving = there.time_constant**2 * np.einsum("pb,pb->b", ġ, ẏ) / here.time_constant**2
         y = y + there.basis_points @ e_start.T - here.basis_points @ e.T
@@ -212,6 +189,20 @@ class BatchContact:
         self._moves[bodies] = True
         return e
 
+    def strained(self, mode: Array, bodies: Array) -> Array:
+        """What residual parts of bodies in contact modes (B,) add in the shared basis; see ResidualPart.strained."""
+        strained = np.zeros((len(bodies), len(self._modes[0].part.basis)))
+        for k in np.unique(mode[self._moves[bodies]]):
+            own = (mode == k).nonzero()[0]
+            strained[own] = self._modes[k].part.strained(taken(self._residual[0], bodies[own]).T)
+        return strained
+
+    def beyond_shared(self, body: int, mode: int) -> Array:
+        """What no shape of the shared basis has of the displacement of nodes that can be touched, (nodes, 3), m."""
+        part, (g, y) = self._modes[mode].part, self._residual[:2, :, body]
+        beyond: Array = (y - part.points[:, : len(part.basis)] @ part.strained(g)).reshape(3, -1).T
+        return beyond[: len(self.points.nodes)]
+
     # --- a step ------------------------------------------------------------------------------------------------------
 
     def nearest_modes(self, mode: Array, q: Array, bodies: Array) -> Array:
@@ -219,7 +210,7 @@ class BatchContact:
         points = self._points_of(mode, q)
         points += taken(self._residual[1], bodies).reshape(points.shape)
         gaps, _ = self._solver.distances(points, taken(self.offsets, bodies))
-        return self._points.nearest_modes(gaps.min(axis=0), mode)
+        return self.points.nearest_modes(gaps.min(axis=0), mode)
 
     def watched(self) -> Array:
         """Bodies that may be so near an obstacle that their contact mode changes, but for those held."""
@@ -290,6 +281,8 @@ class BatchContact:
         found = self._solver.solve(*problem, self.friction[own], pushed, taken(self._z, own))
         works, forces, touching = np.zeros((3, B)), np.zeros(displacement.shape), np.empty(0, int)
         put(self.resultants, own, np.zeros((len(self.names), 3, B)))
+        if self._is_read:
+            put(self.normal_forces, own, np.zeros((P, B)))
         if found is not None:
             touching, place = found.touching, in_one_piece(found.touching)
             among = in_one_piece(bodies[place])
@@ -318,13 +311,15 @@ class BatchContact:
             own = pushed & (found.obstacle == k)
             put(self._pushed[k], bodies, own)
             put(self.resultants[k], bodies, (found.forces * own).sum(axis=1))
+        if self._is_read:
+            put(self.normal_forces, bodies, np.einsum("apb,apb->pb", found.forces, found.normals))
         supplied = np.einsum("oab,oab->b", taken(self.resultants, bodies), obstacles.velocities)
         given = np.einsum("apb,apb->b", found.forces, found.relative + found.moved)
         return self._h * np.stack([supplied, -given])
 
     def _solve_alone(
         self,
-        kind: _Mode,
+        kind: BatchContactMode,
         found: BatchForces,
         body: int,
         points: PointMotion,
@@ -359,13 +354,15 @@ class BatchContact:
             given = float((found.forces * (found.relative + found.moved))[..., at].sum())
             return h * float((self.resultants[..., among] * speed).sum()), -h * given
         found.forces[..., at], found.z[..., at] = contact.forces.T, kind.operator.ρ * contact.forces.T
-        self.resultants[..., among] = contact.by_obstacle
+        self.resultants[..., among], self.normal_forces[:, among] = contact.by_obstacle, contact.normal_forces
         self._pushed[..., among] = solver.search.forces.any(axis=1).reshape(-1, P)
         moved = W.dot(contact.forces.ravel()).reshape(P, 3)
         work = contact.work(points.free_velocity + moved, h)
         return work.supplied, work.contact + work.friction
 
-    def _step_residual(self, kind: _Mode, bodies: Array, forces: Array, touches: Array, energy: Array) -> Array:
+    def _step_residual(
+        self, kind: BatchContactMode, bodies: Array, forces: Array, touches: Array, energy: Array
+    ) -> Array:
         """Takes the step of the residual parts of bodies (B,) under the forces; what they dissipate, J, (B,)."""
         h, (inertia, whole, heat), B, own = self._h, kind.relaxation, len(bodies), in_one_piece(bodies)
         state = taken(self._residual, own).copy()
@@ -389,8 +386,3 @@ class BatchContact:
         put(self._residual, own, state)
         self._moves[own] = ~rests
         return dissipated
-
-
-def _by_axis(rows: Array) -> Array:
-    """Rows (3P, n) of points one after the other as all x, all y, all z."""
-    return rows.reshape(-1, 3, rows.shape[1]).transpose(1, 0, 2).reshape(rows.shape)

@@ -196,10 +196,14 @@ class BatchedBodies:
     def displacement(self, output: str) -> Array:
         """Displacements of a named output, (size, points, 3), m, in world axes. Without a mesh: (size, rows).
 
+        With what contact points yield, as of a simulator.
+
         Raises:
             StepError: no such output.
         """
         field = self._dt / 2 * self._read_output(0, output)
+        if self._contacts is not None:
+            field += (self._beyond(np.arange(self.size)) @ self.rom.outputs[output].T).reshape(field.shape)
         return field if self._carried is None else self._carried.world_displacement(output, field)
 
     def velocity(self, output: str) -> Array:
@@ -219,9 +223,10 @@ class BatchedBodies:
         Raises:
             StepError: no such body.
         """
-        q, _ = self.state(body)
-        coordinates = list(self.rom.contact_models.values())[self._layout.mode[body]].coordinates
-        field = self.rom.reconstruct(coordinates @ q[0, : coordinates.shape[1]])
+        (own,) = self._layout.select([body])
+        field = self.rom.reconstruct(self._shape(own))
+        if self._contacts is not None:
+            field[self._contacts.points.nodes] += self._contacts.beyond_shared(own, self._layout.mode[own])
         return field if self._carried is None else self._carried.world_shape(body, field)
 
     def reading(self, name: str) -> Array:
@@ -230,9 +235,29 @@ class BatchedBodies:
         Raises:
             StepError: no such reading.
         """
-        from fenics_rom.runtime.readings import read_each  # here, as few bodies have readings
+        from fenics_rom.runtime.readings import named_reading, readable  # here, as few bodies have readings
 
-        return read_each(self.rom, name, self.contact, self.state()[0])
+        reading, contacts, read = named_reading(self.rom, name), self._contacts, []
+        points, pressing = (None, None) if contacts is None else (contacts.points, contacts.normal_forces)
+        for body, (contact, q) in enumerate(zip(self.contact, self.state()[0], strict=True)):
+            own, order = pressing if pressing is None else pressing[:, body], self.rom.contact_models[contact].order
+            read.append(reading.read(readable(self.rom, contact, q[:order], self._shape(body), points, own)))
+        return np.array(read)
+
+    def _beyond(self, bodies: Array) -> Array:
+        """What contact points of bodies (B,) yield beyond the contact mode, in the shared basis, (B, k)."""
+        κ, rigid = self.rom.stiffness, self.rom.rigid
+        beyond = np.zeros((len(bodies), len(κ)))
+        if self._contacts is not None:
+            beyond[:, rigid:] = self._contacts.strained(self._layout.mode[bodies], bodies) / np.sqrt(κ[rigid:])
+        return beyond
+
+    def _shape(self, body: int) -> Array:
+        """The displacement of a body in the shared basis, (k,)."""
+        (q,), _ = self.state([body])
+        C = list(self.rom.contact_models.values())[self._layout.mode[body]].coordinates
+        shape: Array = C @ q[: C.shape[1]] + self._beyond(np.array([body]))[0]
+        return shape
 
     def _read_account(self, entry: int) -> Array:
         if not self._ledger:

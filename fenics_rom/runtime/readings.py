@@ -1,17 +1,14 @@
 """A reduced body as readings ask for it."""
 
-from collections.abc import Iterable
 from itertools import takewhile
 
-import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError, check_known
-from fenics_rom.mechanics.contact import ContactSolution
+from fenics_rom.mechanics.contact_points import ContactPoints
 from fenics_rom.mechanics.readings import ReadableBody, Reading, swept_volume
 from fenics_rom.rom.deformation import monomials
 from fenics_rom.rom.rom import Rom
-from fenics_rom.runtime.steppers.contact_interface import ContactInterface
 
 
 def named_reading(rom: Rom, name: str) -> Reading:
@@ -24,20 +21,13 @@ def named_reading(rom: Rom, name: str) -> Reading:
     return rom.readings[name]
 
 
-def read_each(rom: Rom, name: str, contact_modes: Iterable[str], states: Array) -> Array:
-    """A reading of bodies that nothing touches, of their contact modes and reduced displacements (bodies, m)."""
-    reading, models = named_reading(rom, name), rom.contact_models
-    bodies = zip(contact_modes, states, strict=True)
-    return np.array([reading.read(readable(rom, mode, q[: models[mode].order])) for mode, q in bodies])
-
-
 def readable(
     rom: Rom,
     contact_mode: str,
     q: Array,
-    interface: ContactInterface | None = None,
-    contact: ContactSolution | None = None,
-    shape: Array | None = None,
+    shape: Array,
+    points: ContactPoints | None = None,
+    pressing: Array | None = None,
 ) -> ReadableBody:
     """A state of a ROM, as readings ask for it.
 
@@ -45,9 +35,9 @@ def readable(
         rom: the reduced model.
         contact_mode: the active one.
         q: (m,) in its basis.
-        interface: the contact points; None where nothing can touch.
-        contact: of the last step; None where nothing touched.
-        shape: (k,) in the shared basis; None: that of q.
+        shape: (k,) in the shared basis, with what contact points yield beyond the contact mode.
+        points: what obstacles can touch; None where there are none.
+        pressing: normal forces on them in the last step, (P,), N; None where nothing touched.
     """
     model, body = rom.contact_models[contact_mode], rom.deformation
 
@@ -61,5 +51,4 @@ def readable(
         return swept_volume(lambda q: body.pressures[actuator] @ monomials(q), q)
 
     law = None if body is None else body.law
-    coordinates = model.coordinates @ q if shape is None else shape
-    return ReadableBody(law, lambda: coordinates, stroke, interface and interface.points, contact)
+    return ReadableBody(law, lambda: shape, stroke, points, pressing)

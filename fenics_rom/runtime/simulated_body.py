@@ -225,7 +225,8 @@ class SimulatedBody:
         from fenics_rom.runtime.readings import named_reading, readable  # here, as few bodies have readings
 
         interface, contact = self._stepper.interface, self._stepper.contact
-        body = readable(self.rom, self.contact, self._q, interface, contact, self._shape)
+        points, pressing = interface and interface.points, contact and contact.normal_forces
+        body = readable(self.rom, self.contact, self._q, self._shape, points, pressing)
         return named_reading(self.rom, name).read(body)
 
     def output_rows(self, output: str) -> Array:

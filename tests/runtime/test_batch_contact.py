@@ -30,6 +30,10 @@ shape = "half-space"
 point = [0.4005, 0, 0]
 normal = [-1, 0, 0]
 """
+READINGS = {
+    "readings.sole": 'quantity = "contact_pressure"\nof = "bottom"',
+    "readings.gauge": 'quantity = "strain"\nof = "bottom"',
+}
 
 pytestmark = pytest.mark.filterwarnings("ignore:the surface is", "ignore:switching", "ignore:.*contact points leave")
 
@@ -38,7 +42,7 @@ pytestmark = pytest.mark.filterwarnings("ignore:the surface is", "ignore:switchi
 def rom(tmp_path_factory):
     """A box held on its left, over a floor, before a ball and a wall; two contact modes."""
     mesh = write_arrays(tmp_path_factory.mktemp("many") / "box.msh", *box_arrays(LENGTHS, (4, 2, 2)))
-    scene = acted_on(mesh, MOVING + PUSH + BOUNCING + FLOOR + BALL_AND_WALL + ROUGH, **PARTS)
+    scene = acted_on(mesh, MOVING + PUSH + BOUNCING + FLOOR + BALL_AND_WALL + ROUGH, **PARTS, **READINGS)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", FenicsRomWarning)
         return fr.reduce(fr.assemble(scene), order=8)
@@ -128,6 +132,32 @@ def test_bodies_move_as_those_that_are_simulated_one_by_one(rom, switching):
     assert min(touched, crowded) > 20
     np.testing.assert_allclose(taken, [one.ledger.contact + one.ledger.friction for one in singles], rtol=1e-4)
     np.testing.assert_allclose(bodies.supplied_by_obstacles, [one.ledger.obstacles for one in singles], rtol=1e-3)
+
+
+def test_what_is_read_of_bodies_is_what_is_read_of_single_ones(rom):
+    """Outputs, shapes and readings, with what contact points yield; in both contact modes, and after a reset."""
+    scene = Scene(2)
+    bodies, singles = scene.batch(rom), [scene.single(rom, k) for k in range(SIZE)]
+    off, largest, used, yields = dict.fromkeys("tsrp", 0.0), dict.fromkeys("tsrp", 0.0), set(), 0.0
+    for _ in range(40):
+        u = scene.input(bodies.time)
+        scene.step(bodies)
+        tips, strains, pressures = bodies.displacement("tip"), bodies.reading("gauge"), bodies.reading("sole")
+        used.update(bodies.contact)
+        for k, own in enumerate(singles):
+            own.step(u[k])
+            seen = tips[k], bodies.shape(k), strains[k], pressures[k]
+            exact = own.displacement("tip"), own.displacement(), own.reading("gauge"), own.reading("sole")
+            for name, mine, its in zip("tsrp", seen, exact, strict=True):
+                off[name] = max(off[name], np.abs(mine - its).max())
+                largest[name] = max(largest[name], np.abs(its).max())
+            yields = max(yields, np.abs(tips[k] - own.output_rows("tip") @ own.state[0]).max())
+    assert all(off[name] <= 10 * FOLLOWS * largest[name] for name in off)
+    assert len(used) == 2
+    assert yields > 0.01 * largest["t"]
+    bodies.place_obstacle("ball", np.zeros(3))
+    bodies.reset()
+    assert not any(part.any() for part in (bodies.shape(0), bodies.displacement("tip"), bodies.reading("sole")))
 
 
 @pytest.mark.slow

@@ -207,14 +207,7 @@ class ResidualMotion:
     @property
     def strained(self) -> Array:
         """What of it lies in the shared basis, in K-orthonormal coordinates of that, (k - rigid,) J^1/2."""
-        return self._strained(self._g)
-
-    def _strained(self, g: Array) -> Array:
-        """The same of any force (3P,) that it carries."""
-        part = self._part
-        in_shared = g.dot(part.points[:, : len(part.basis)])
-        in_shared -= part.basis.dot(g.dot(part.basis_points))
-        return in_shared
+        return self._part.strained(self._g)
 
     @property
     def beyond_shared(self) -> Array:
@@ -323,7 +316,7 @@ class ResidualMotion:
     def _projected(self, e: Array, start: "ResidualMotion", e_start: Array, g: Array, y: Array) -> tuple[Array, Array]:
         """Sets e of a displacement that was e_start and, in the residual part of before, g and y; those here (3P,)."""
         here, there = self._part, start._part
-        e[:] = here.basis.T.dot(there.basis.dot(e_start) + start._strained(g))
+        e[:] = here.basis.T.dot(there.basis.dot(e_start) + there.strained(g))
         strained = float(e_start.dot(e_start)) + float(g.dot(y))
         y = there.basis_points.dot(e_start) + y - here.basis_points.dot(e)
         return self._carried(y, strained - float(e.dot(e)))
