@@ -12,6 +12,7 @@ from bodies import acted_on, box_arrays, write_arrays
 import fenics_rom as fr
 from fenics_rom.cli.main import main
 from fenics_rom.errors import FenicsRomWarning, SceneError
+from fenics_rom.reduction import residual_compliance as offline
 from fenics_rom.rom.residual_part import residual_part, strained_points
 from fenics_rom.runtime.environment_inputs import fit_environment
 from fenics_rom.runtime.steppers import residual_motion
@@ -34,6 +35,7 @@ shape = "sphere"
 center = [0.2, 0.1, -0.05]
 radius = 0.045
 """
+SPRINGS = "[effects.contact]\nmethod = 'penalty'\nstiffness = 2e3\n"
 ROUGH = "[effects.friction]\ncoefficient = 0.3\n"
 MOVING = "inertia = {}\ndamping = { alpha = 0.5, beta = 1e-3 }\n"
 PUSH = "[effects.prescribed.push]\nsurface = 'top'\n"
@@ -123,6 +125,17 @@ def test_compliance_and_inertia_are_those_of_dense_matrices(models, order):
         assert np.linalg.eigvalsh(part.compliance)[0] > 0
         τ2 = np.trace(X.T @ matrices(models)[0] @ X) / np.trace(R)
         assert part.time_constant**2 == pytest.approx(τ2, rel=0.1)
+
+
+def test_columns_are_solved_for_in_blocks_of_any_size(held, monkeypatch):
+    """To what the floor leaves open, and round-off of a sum."""
+    monkeypatch.setattr(offline, "COLUMNS_AT_ONCE", 10)
+    with warnings.catch_warnings(action="ignore", category=FenicsRomWarning):
+        blocks, whole = fr.reduce(held.system, order=ORDER).residual_compliance, held.rom.residual_compliance
+    assert len(whole.factor) > 3 * 10
+    change = blocks.factor @ blocks.factor.T - whole.factor @ whole.factor.T
+    assert np.abs(change).max() <= 2 * whole.floor
+    assert blocks.inertia == pytest.approx(whole.inertia, rel=1e-9)
 
 
 def test_delassus_operator_is_nearer_that_of_the_full_model(mesh):
@@ -223,6 +236,7 @@ class Reduced:
         """Largest gap of the account, and of energy gained in switches, as shares of the scale; steps of any length."""
         random, body = np.random.default_rng(seed), self.body
         gap = scale = gained = jump = friction = contact = 0.0
+        is_rigid = self.rom.environment.contact_law.stiffness is None  # springs give back
         for step in range(steps):
             body.dt = np.exp(random.uniform(np.log(least), np.log(most)))
             body.step()
@@ -232,30 +246,42 @@ class Reduced:
                 body.switch(self.modes[step % len(self.modes)])
                 gained = max(gained, body.energy - before)
                 jump = max(jump, np.abs(body._stepper.point_displacement() - points).max() / np.abs(points).max())
-            gap = max(gap, abs(body.energy - account.supplied + account.dissipated + account.lost_in_switching))
+            spent = account.dissipated + account.lost_in_switching + account.numerical
+            gap = max(gap, abs(body.energy - account.supplied + spent))
             scale = max(scale, body.energy, abs(account.supplied), account.dissipated)
             assert account.friction >= friction - 1e-9 * scale
-            assert account.contact >= contact - 1e-9 * scale
+            assert not is_rigid or account.contact >= contact - 1e-9 * scale
             friction, contact = account.friction, account.contact
-        assert contact > 0
+        assert friction > 0
         return gap / scale, gained / scale, jump
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_account_closes_and_switches_neither_add_energy_nor_move_points(models, seed):
     """Steps from 1e-6 to 0.1 s, a switch at every step; impacts and friction only take."""
-    gap, gained, jump = Reduced(models.rom, seed=seed).shake(150, seed)
+    run = Reduced(models.rom, seed=seed)
+    gap, gained, jump = run.shake(150, seed)
+    assert run.body.ledger.contact > 0
     assert gap <= CLOSES_TO
     assert gained <= CLOSES_TO
     assert jump <= 1e-9  # C⁻¹ of R = C Cᵀ has round-off times the root of its condition, some 1e4
 
 
+@pytest.mark.parametrize("law", ["rigid", "springs"])
+@pytest.mark.parametrize("moving", [MOVING, ""], ids=["inertia", "equilibria"])
+def test_account_closes_with_springs_and_without_inertia(mesh, moving, law):
+    """The same, of a body that two obstacles touch on other patches than the floor's."""
+    obstacles = FLOOR + BALLS if law == "rigid" else (FLOOR + BALLS).replace("[effects", SPRINGS + "[effects", 1)
+    run = Reduced(Models(mesh, moving + PUSH + obstacles + ROUGH).rom)
+    gap, gained, jump = run.shake(150, seed=0)
+    assert gap <= CLOSES_TO
+    assert gained <= CLOSES_TO
+    assert jump <= 1e-9
+
+
 def test_springs_in_place_of_the_rigid_law_see_it_too(mesh):
     """Penalty contact under a push that comes and goes: the account, and forces nearer the full model's."""
-    springs = FLOOR.replace(
-        "[effects.contact.obs", "[effects.contact]\nmethod = 'penalty'\nstiffness = 2e3\n[effects.contact.obs"
-    )
-    models = Models(mesh, MOVING + PUSH + springs + ROUGH, run="dt = 2e-3\nduration = 0.2\nsnapshots = 20")
+    models = Models(mesh, MOVING + PUSH + SPRINGS + FLOOR + ROUGH, run="dt = 2e-3\nduration = 0.2\nsnapshots = 20")
     signals = {"push": lambda t: [0.0, 0.0, -200 * np.sin(15 * t) ** 2]}
     full = fr.simulate(models.system, signals=signals)
     runs = [fr.simulate(models.rom, scene=scene, signals=signals) for scene in (None, models.without)]
