@@ -156,6 +156,31 @@ def test_delassus_operator_is_nearer_that_of_the_full_model(mesh):
             assert models.rom.residual_compliance.errors["bottom"] == pytest.approx((without, beside), rel=0.3)
 
 
+RELAXING = "[effects.viscoelasticity]\nratios = [0.5, 0.3]\ntimes = [2e-3, 0.1]\n"
+
+
+@pytest.mark.parametrize("moving", [MOVING, MOVING + RELAXING, ""], ids=["moving", "relaxing", "equilibria"])
+def test_errors_that_are_told_are_those_of_dense_matrices(mesh, moving, monkeypatch):
+    """Of all columns; between equilibria nothing is off but for the floor."""
+    monkeypatch.setattr(offline, "POINTS_COMPARED", 1000)
+    h, models = 2e-3, Models(mesh, moving + FLOOR, run="dt = 2e-3\nduration = 0.1")
+    (M, D, K), S, rom, series = matrices(models), models.rows, models.rom, models.rom.environment.viscoelasticity
+    stiffening = 0.0 if series is None else series.stiffening_time(h)
+    full = S @ np.linalg.solve(2 / h * M + D + (h / 2 + stiffening) * K if moving else h * K, S.T)
+    assert list(rom.residual_compliance.errors) == list(rom.contact_models)
+    for contact, (without, beside) in rom.residual_compliance.errors.items():
+        model, part = rom.contact_models[contact], models.part(contact)
+        W, γ, β = S @ rom.basis @ model.coordinates, model.eigenvalues, rom.residual_compliance.damping
+        reduced = W / (2 / h + model.damping + (h / 2 + stiffening) * γ if moving else h * γ) @ W.T
+        a = residual_motion.relaxation(h, part.time_constant, β, stiffening).whole if moving else h
+        off, off_beside = (
+            np.linalg.norm(W - full) / np.linalg.norm(full) for W in (reduced, reduced + part.compliance / a)
+        )
+        assert without == pytest.approx(off, rel=1e-6)
+        assert beside == pytest.approx(off_beside, rel=1e-6, abs=1e-9)
+        assert moving or beside < 1e-5 < 1e-2 < without
+
+
 def test_beside_eigenvectors_it_moves_by_itself(mesh):
     """Then static shapes are of loads alone, and no mass couples eigenvectors to it: W is nearer that of full order.
 
