@@ -209,6 +209,8 @@ class BatchedBodies:
     def velocity(self, output: str) -> Array:
         """Velocities of a named output, (size, points, 3), m/s, in world axes. Without a mesh: (size, rows).
 
+        Of the basis, as of a simulator.
+
         Raises:
             StepError: no such output.
         """

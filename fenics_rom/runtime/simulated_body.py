@@ -207,6 +207,8 @@ class SimulatedBody:
     def velocity(self, output: str | None = None) -> Array:
         """Velocity, m/s: of a named output (points, 3), or of every mesh node (nodes, 3).
 
+        Of the basis: without the rate of what contact points yield beyond it, which has next to no mass.
+
         Raises:
             StepError: no such output.
         """
