@@ -361,6 +361,18 @@ def test_without_inertia_contact_is_that_of_the_full_model_at_any_order(mesh):
     assert off <= 1e-5 * np.abs(moved).max() <= 1e-3 * off_without
 
 
+def test_without_inertia_loads_are_those_of_the_full_model_at_an_order_of_as_many(mesh):
+    """Forces on nodes that obstacles can touch bend the body more, and took the places of the shapes of loads."""
+    weight = "[effects.gravity]\nacceleration = [0.0, 0.0, -9.81]\n"
+    models = Models(mesh, PUSH + weight + FLOOR + ROUGH, order=4, run="dt = 0.1\nduration = 0.5\nsnapshots = 5")
+    signals = {"push": lambda t: [10 * t, 5 * t, -30 * t]}
+    full, reduced = (fr.simulate(model, signals=signals) for model in (models.system, models.rom))
+    forces, points = full.forces["floor"], models.system.points_of_contact().nodes
+    assert np.abs(reduced.forces["floor"] - forces).max() <= 1e-5 * np.abs(forces).max()
+    moved = full.snapshots[:, points]
+    assert np.abs(reduced.snapshots[:, points] - moved).max() <= 1e-5 * np.abs(moved).max()
+
+
 def test_shapes_have_the_points_where_obstacles_find_them(models):
     """Also after switches, which move no point; nodes that nothing can touch are in the shared basis."""
     run = Reduced(models.rom)

@@ -13,11 +13,25 @@ def static(problem: ReductionProblem) -> Iterator[tuple[str, RankedBasis]]:
 
     They are stiffness-orthogonal, and what r of them leave out of the displacement energy of any force of length 1 is
     at most Λ_(r+1). All of them are exact.
+
+    Where obstacles can touch the body, those of actuators and loads come first: they are few, and forces on hundreds of
+    nodes, many of them more compliant, would take their places, although these nodes keep their residual compliance.
     """
+    system = problem.system
+    shared = sum(system.widths.values())
     for name in problem.contacts:
-        B = problem.system.forces(name)
+        B = system.forces(name)
         with problem.stages("solves with K"):
             shapes = problem.factor.solve(B)
-        compliance = problem.system.algebra.inner(B, shapes)
-        Λ, U = significant_eigenpairs((compliance + compliance.T) / 2)
-        yield name, problem.directions(shapes @ (U / np.sqrt(Λ)), Λ)
+        compliance = system.algebra.inner(B, shapes)
+        compliance = (compliance + compliance.T) / 2
+        first = np.zeros((len(compliance), 0))  # such combinations of forces that their shapes are K-orthonormal
+        if name in system.contact_points and shared:
+            columns = slice(system.contacts[name].shape[1], system.contacts[name].shape[1] + shared)
+            Λ, U = significant_eigenpairs(compliance[columns, columns])
+            first = np.zeros((len(compliance), len(Λ)))
+            first[columns] = U / np.sqrt(Λ)
+        along = compliance @ first
+        Λ, U = significant_eigenpairs(compliance - along @ along.T)
+        combinations = np.hstack([first, (U - first @ (along.T @ U)) / np.sqrt(Λ)])
+        yield name, problem.directions(shapes @ combinations, np.hstack([np.full(first.shape[1], Λ[0]), Λ]))
