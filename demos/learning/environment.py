@@ -26,20 +26,20 @@ class PlateReach(VectorEnv):
     next episode, as is Gymnasium's custom.
 
     Args:
-        rom: of a plate with two contact modes and the output "tip".
+        rom: of a plate with two contact modes and the output "tip", or the name of its file.
         num_envs: how many plates.
     """
 
     metadata = {"autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012, as Gymnasium has it
 
-    def __init__(self, rom: Rom, num_envs: int):
+    def __init__(self, rom: Rom | str, num_envs: int):
         self.num_envs = num_envs
         self.single_observation_space = Box(np.float32([-np.inf, -np.inf, -1, 0]), np.float32([np.inf, np.inf, 1, 1]))
         self.single_action_space = Box(-1, 1, (1,))
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
         self.batch = Batch(rom, num_envs, STEP, dtype=np.float32)
-        self.contacts = np.array(list(rom.contact_models))
+        self.contacts = np.array(list(self.batch.rom.contact_models))
         self.target, self.place, self.age = np.zeros(num_envs), np.zeros(num_envs, int), np.zeros(num_envs, int)
 
     def reset(self, *, seed=None, options=None):

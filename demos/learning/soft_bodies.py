@@ -1,15 +1,12 @@
 """The bodies that are learned with: a soft arm with tendons that bends far, the same among pegs, a finger that lifts.
 
 The arm is that of Elastica's benchmarks in size, stiffness and density (1 m long, 8 cm wide, 10 MPa, 1000 kg/m³), with
-eight tendons in place of muscles: four end in its middle, four at its tip. Needs FEniCSx and Gmsh.
+eight tendons in place of muscles: four end in its middle, four at its tip. Making them needs FEniCSx and Gmsh.
 """
 
 from pathlib import Path
 
-import gmsh
-
 import fenics_rom as fr
-from fenics_rom.scene.file import parse_scene
 
 LENGTH, WIDTH = 1.0, 0.08  # m
 BRICKS = 12  # along the arm, of six tetrahedra each
@@ -103,6 +100,8 @@ def make(kind: str, folder: Path) -> Path:
 
 def scene(kind: str, folder: Path) -> fr.Scene:
     """The scene of a body."""
+    from fenics_rom.scene.file import parse_scene  # here, as environments need the numbers above where there is none
+
     if kind == "finger":
         text = FINGER.format(file=Path(__file__).parents[2] / "meshes" / "finger.msh", height=LOAD_HEIGHT)
         return parse_scene(text, folder=folder, source=kind)
@@ -134,6 +133,8 @@ def cable(name: str) -> list[list[float]]:
 
 def write_mesh(file: Path) -> None:
     """Writes the mesh of the arm, with the surface "root"."""
+    import gmsh
+
     gmsh.initialize([], readConfigFiles=False)
     try:
         gmsh.option.setNumber("General.Terminal", 0)

@@ -27,8 +27,9 @@ class SoftBodies(VectorEnv):
     """Many soft bodies of one ROM under the actions of a learner, whose steps are 0.1 s long.
 
     As is Gymnasium's custom (NEXT_STEP), the step after the last one of an episode ignores its action and returns the
-    first observation of the next. A body that no step can be found for ends its episode (terminated, with the reward
-    FAILURE); the others go on. `episode` holds what an environment knows beside the body, arrays of (num_envs, ..).
+    first observation of the next. A body that no step can be found for, or whose action is not finite, ends its episode
+    (terminated, with the reward FAILURE); the others go on. `episode` holds what an environment knows beside the body,
+    arrays of (num_envs, ..).
 
     A task says: `begin` (which episodes begin), `inputs` of an action, `observe`, `reward`, and what `moves`.
 
@@ -77,7 +78,8 @@ class SoftBodies(VectorEnv):
         """What 0.1 s under the actions lead to."""
         episode, over = self.episode, self.episode["over"].copy()
         actions = np.clip(actions, -1, 1).astype(float)
-        u, failed = self.inputs(actions), np.zeros(self.num_envs, bool)
+        failed = ~np.isfinite(actions).all(axis=1)
+        u = self.inputs(np.where(failed[:, None], 0.0, actions))
         for part in range(self.skip):
             self.moves(part)
             failed[self.batch.step(u, on_error="reset")] = True

@@ -1,5 +1,6 @@
 """The soft tasks of the learning demo: Gymnasium's customs, seeds, save and restore, and bodies that fail."""
 
+import subprocess
 import sys
 import warnings
 from pathlib import Path
@@ -9,9 +10,17 @@ import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 
+import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning
 
 FOLDER = Path(__file__).parents[2] / "demos" / "learning"
+WITHOUT_FEM = """
+import sys
+for name in ("gmsh", "dolfinx", "pydantic", "scipy"):
+    sys.modules[name] = None
+import gymnasium, soft_tasks
+gymnasium.make_vec("fenics_rom/ArmReach-v0", num_envs=2, rom=sys.argv[1]).reset(seed=1)
+"""
 TASKS = ("ArmFollow", "ArmReach", "ArmPegs", "ArmNest", pytest.param("FingerLift", marks=pytest.mark.slow))
 
 
@@ -30,7 +39,7 @@ def make(tmp_path_factory):
             return gymnasium.make_vec(f"fenics_rom/{task}-v0", num_envs=size, rom=str(rom), **choices)
 
         yield made
-        for name in ("soft_bodies", "soft_tasks", "arms", "lifting", "vector", "picture"):
+        for name in ("soft_bodies", "soft_tasks", "arms", "lifting", "vector", "environment", "picture"):
             sys.modules.pop(name, None)
 
 
@@ -86,6 +95,39 @@ def test_a_body_that_fails_ends_its_episode_alone(make):
     assert reward[1] == 0
     assert not terminated.any()
     assert not env.batch.state(1)[0].any()
+
+
+@pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
+def test_an_action_that_is_not_finite_ends_its_episode_alone(make):
+    """Its observation stays finite, as learners take values of the last one, too."""
+    env, other = (make("ArmPegs", 3) for _ in range(2))
+    actions = np.full((3, 4), 0.5, np.float32)
+    bad = actions.copy()
+    bad[1, 2] = np.nan
+    for one in (env, other):
+        one.reset(seed=3)
+    observation, reward, terminated, *_ = env.step(bad)
+    expected = other.step(actions)
+    assert np.isfinite(observation).all()
+    assert terminated.tolist() == [False, True, False]
+    assert reward[1] == -10
+    np.testing.assert_array_equal(observation[[0, 2]], expected[0][[0, 2]])
+
+
+def test_the_plate_is_made_by_its_id_from_a_file(make, plate_rom, tmp_path):
+    fr.write_rom(tmp_path / "plate.h5", plate_rom)
+    env = gymnasium.make_vec("fenics_rom/PlateReach-v0", num_envs=3, rom=str(tmp_path / "plate.h5"))
+    from environment import PlateReach
+
+    np.testing.assert_array_equal(env.reset(seed=4)[0], PlateReach(plate_rom, 3).reset(seed=4)[0])
+
+
+def test_tasks_are_made_where_there_is_neither_gmsh_nor_what_reads_scenes(make, tmp_path):
+    """From the file of the body, with NumPy, h5py and Gymnasium alone."""
+    rom = make("ArmReach", 1).rom
+    fr.write_rom(tmp_path / "far.h5", rom)
+    told = subprocess.run([sys.executable, "-c", WITHOUT_FEM, tmp_path / "far.h5"], cwd=FOLDER, capture_output=True)
+    assert told.returncode == 0, told.stderr.decode()
 
 
 @pytest.mark.filterwarnings("ignore::fenics_rom.errors.FenicsRomWarning")
