@@ -144,13 +144,12 @@ def energy_beyond_linear(law: str, E: Array, λ: Array, μ: Array) -> Array:
     return energy_density(law, E, λ, μ) - energy_density("st_venant_kirchhoff", E, λ, μ)
 
 
-def beyond_linear(law: str, E: Array, λ: Array, μ: Array) -> tuple[Array, Array]:
-    """The same and what S (6, P) is beyond C₀E, Pa."""
+def stress_and_beyond_linear(law: str, E: Array, λ: Array, μ: Array) -> tuple[Array, Array]:
+    """S (6, P), Pa, and what W (P,) is beyond ½ E:C₀E, J/m³."""
     if law != "neo_hookean":
-        return energy_beyond_linear(law, E, λ, μ), stress(law, E, λ, μ) - linear_stress(E, λ, μ)
+        return stress(law, E, λ, μ), energy_beyond_linear(law, E, λ, μ)
     S, lnJ = _neo_hookean_stress(E, λ, μ)
-    S -= linear_stress(E, λ, μ)
-    return _neo_hookean_beyond_linear(E, lnJ, λ, μ), S
+    return S, _neo_hookean_beyond_linear(E, lnJ, λ, μ)
 
 
 def _neo_hookean_beyond_linear(E: Array, lnJ: Array, λ: Array, μ: Array) -> Array:

@@ -122,6 +122,15 @@ class MonomialStrains:
         z: Array = self._tables.gram.dot(y)
         return z
 
+    def with_next(
+        self, q: Array, middle: Array, v: Array, relaxation: float, is_elastic: bool
+    ) -> tuple[Array, Array, "MonomialsAround", Array]:
+        """y and C₀y at q, and around another shape, `middle`, C₀ times what is `damped` there: in one product."""
+        y, around = np.empty((2, self.size)), self.around(middle)
+        y[0], y[1] = self.at(q), around.damped(v, relaxation, is_elastic)
+        z = self._tables.gram.dot(y.T)
+        return y[0], z[:, 0], around, z[:, 1]
+
     def stiffness(self, y: Array) -> Array:
         """AᵀC₀A (m, m), at y of a shape."""
         upper = self._tables.stiffness.dot(y)
@@ -161,12 +170,11 @@ class MonomialsAround:
 
     def damped(self, v: Array, relaxation: float, is_elastic: bool) -> Array:
         """(β + relaxation) A v (size,), and y with it where that is elastic."""
-        time = self._strains.viscosity + relaxation
+        strains, moved = self._strains, (self._strains.viscosity + relaxation) * v
         if not is_elastic:
-            return time * self.rates(v)
-        half = self._q / 2
-        both = self._strains.rates(self._q, half + time * v)  # as y is linear in q, and half of its rates with q
-        both[: len(half)] += half
+            return strains.rates(self._q, moved)
+        both = strains.at(self._q + moved)  # but for the squares of what is moved
+        both[len(v) :] -= strains.at(moved)[len(v) :]
         return both
 
     def stiffness(self, elastic: float) -> Array:
@@ -199,6 +207,13 @@ class PointStrains:
     def stressed(self, y: Array) -> Array:
         """C₀ y."""
         return linear_stress(y.reshape(6, -1), self._λ, self._μ).ravel()
+
+    def with_next(
+        self, q: Array, middle: Array, v: Array, relaxation: float, is_elastic: bool
+    ) -> tuple[Array, Array, "PointsAround", Array]:
+        """As in MonomialStrains."""
+        y, around = self.at(q), self.around(middle)
+        return y, self.stressed(y), around, self.stressed(around.damped(v, relaxation, is_elastic))
 
     def geometric(self, z: Array) -> Array:
         """∂(Aᵀz)/∂q (m, m)."""

@@ -38,11 +38,11 @@ class ReducedTendon(ByContent):
 
     def force(self, q: Array) -> Array:
         """Of a tension of 1 N, (m,): -∂ℓ/∂q of its length ℓ."""
-        at_rest, shapes = self._segments
+        at_rest, shapes, pulled = self._segments
         segments = shapes.dot(q).reshape(at_rest.shape)
         segments += at_rest
         segments /= np.sqrt((segments * segments).dot(_SUMS))
-        return -segments.ravel().dot(shapes)
+        return segments.ravel().dot(pulled)
 
     def pull_back(self, q: Array, w: Array) -> Array:
         """∂(w·force)/∂q (m,)."""
@@ -70,9 +70,10 @@ class ReducedTendon(ByContent):
         return ReducedTendon(self.points[: guide + 1], self.shapes[: 3 * guide + 3])
 
     @cached_property
-    def _segments(self) -> tuple[Array, Array]:
-        """Between neighbours: at rest (K - 1, 3), m, and their shapes (3 (K - 1), m)."""
-        return np.diff(self.points, axis=0), self.shapes[3:] - self.shapes[:-3]
+    def _segments(self) -> tuple[Array, Array, Array]:
+        """Between neighbours: at rest (K - 1, 3), m, their shapes (3 (K - 1), m), and these the other way."""
+        shapes = self.shapes[3:] - self.shapes[:-3]
+        return np.diff(self.points, axis=0), shapes, -shapes
 
     def _moved(self, q: Array) -> Array:
         return self.points + (self.shapes @ q).reshape(-1, 3)

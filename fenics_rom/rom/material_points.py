@@ -9,10 +9,11 @@ from numpy import ndarray as Array
 from fenics_rom.mechanics.hyperelastic import (
     VOIGT_INDEX,
     VOIGT_PAIRS,
-    beyond_linear,
     energy_beyond_linear,
+    linear_stress,
     small_strain,
     stress,
+    stress_and_beyond_linear,
 )
 from fenics_rom.rom.deformation import ReducedDeformation
 
@@ -30,8 +31,8 @@ class MaterialPoints:
         self._law, self._P, G = body.law, len(body.weights), body.gradients
         self._rows = np.concatenate([G.reshape(-1, body.order), small_strain(G).reshape(-1, body.order)])
         self._gradients = self._rows[: 9 * self._P]
-        self._moduli = self._each = body.weights * body.first_lame, body.weights * body.shear
-        self.most = float(self._moduli[1].sum())
+        self._moduli = {1: (body.weights * body.first_lame, body.weights * body.shear)}  # for so many bodies
+        self.most = float(self._moduli[1][1].sum())
 
     def strains(self, q: Array) -> tuple[Array, Array]:
         """F (3, 3, P) and E (6, P) at q."""
@@ -45,22 +46,27 @@ class MaterialPoints:
         square[:3] /= 2
         E += square
         F.reshape(9, -1)[::4] += 1.0
-        if E.shape[1] != len(self._each[0]):
-            λ, μ = self._moduli
-            self._each = np.repeat(λ, E.shape[1] // self._P), np.repeat(μ, E.shape[1] // self._P)
         return F, E
+
+    def with_next(self, q: Array, soon: Array) -> tuple[Array, float, Array, Array]:
+        """E (6, P) and what `left` says at one shape (m,), F and S (6, P) at another one."""
+        F, E = self.strains(np.array([q, soon]).T)
+        S, W = stress_and_beyond_linear(self._law, E, *self._each(E))
+        return E[:, ::2], float(self._summed(W)[0]), F[:, :, 1::2], S[:, 1::2]
 
     def stress(self, E: Array) -> Array:
         """S (6, P) of strains that `strains` found."""
-        return stress(self._law, E, *self._each)
+        return stress(self._law, E, *self._each(E))
 
     def left(self, E: Array) -> Array:
         """Energy that is not ½ E:C₀E, of each body (1,) or (B,), J."""
-        return self._summed(energy_beyond_linear(self._law, E, *self._each))
+        return self._summed(energy_beyond_linear(self._law, E, *self._each(E)))
 
     def beyond_linear(self, E: Array) -> tuple[Array, Array]:
         """The same energy, and the stress of it (6, P)."""
-        W, S = beyond_linear(self._law, E, *self._each)
+        λ, μ = self._each(E)
+        S, W = stress_and_beyond_linear(self._law, E, λ, μ)
+        S -= linear_stress(E, λ, μ)
         return self._summed(W), S
 
     def resultant(self, F: Array, S: Array) -> Array:
@@ -71,6 +77,14 @@ class MaterialPoints:
         FS += F[:, 2, None] * S[2]
         force: Array = self._gradients.T.dot(FS.reshape(len(self._gradients), -1))
         return force
+
+    def _each(self, E: Array) -> tuple[Array, Array]:
+        """λ and μ with the weights, of each column of E."""
+        bodies = E.shape[1] // self._P
+        if bodies not in self._moduli:
+            λ, μ = self._moduli[1]
+            self._moduli[bodies] = np.repeat(λ, bodies), np.repeat(μ, bodies)
+        return self._moduli[bodies]
 
     def _summed(self, W: Array) -> Array:
         summed: Array = np.add.reduce(W.reshape(self._P, -1), 0)

@@ -99,10 +99,10 @@ MUTATIONS = [
     ("runtime/steppers/newton.py", "* linear + history", "* linear"),
     ("runtime/steppers/newton.py", "heat += self.branches.step", "self.branches.step"),
     ("runtime/steppers/newton.py", "for part in (self.residual, self.branches)", "for part in (self.residual,)"),
-    ("runtime/steppers/linearly_implicit.py", "around.pulled(self._σ + history)", "around.pulled(self._σ)"),
+    ("runtime/steppers/linearly_implicit.py", "around.pulled(self._with_history(self._σ))", "around.pulled(self._σ)"),
     (
         "runtime/steppers/linearly_implicit.py",
-        "matrix = self._fixed + around.stiffness(h / 2 + relaxation)\n        pulled",
+        "matrix = self._fixed + around.stiffness(h / 2 + self._stiffening_time)\n        pulled",
         "matrix = self._fixed + around.stiffness(h / 2)\n        pulled",
     ),
     ("runtime/steppers/linearly_implicit.py", "heat += self.branches.step", "self.branches.step"),
@@ -116,7 +116,7 @@ MUTATIONS = [
     ("mechanics/hyperelastic.py", "λ / 2 * (lnJ - trace) * (lnJ + trace)", "λ / 2 * (lnJ - trace) * lnJ"),
     ("mechanics/hyperelastic.py", "S[:3] += shear * change + volumetric", "S[:3] += shear * change"),
     ("rom/material_points.py", "F.reshape(9, -1)[::4] += 1.0", "pass"),
-    ("rom/carried_strains.py", "both[: len(half)] += half", "pass"),
+    ("rom/carried_strains.py", "both[len(v) :] -= strains.at(moved)[len(v) :]", "pass"),
     ("rom/deformation.py", "self.shapes[3:] - self.shapes[:-3]", "self.shapes[3:]"),
     (
         "runtime/steppers/linear_kernels.py",

@@ -9,7 +9,8 @@ from fenics_rom.errors import FenicsRomWarning
 from fenics_rom.mechanics.step import FINITE_STRAIN_STEPPERS
 from fenics_rom.rom import carried_strains
 from fenics_rom.rom.carried_strains import MonomialStrains, PointStrains
-from fenics_rom.rom.deformation import ReducedDeformation, TrainingRange
+from fenics_rom.rom.deformation import TrainingRange
+from fenics_rom.rom.material_points import MaterialPoints
 from fenics_rom.runtime.steppers.training_watch import STRAIN
 
 LAWS = ("st_venant_kirchhoff", "neo_hookean")
@@ -38,11 +39,23 @@ def test_monomials_have_the_energy_forces_and_stiffness_of_all_points(bodies):
                 near.pulled(strains.stressed(near.damped(v, 1e-3, is_elastic=False))),
                 np.array(near.squares(v)),
                 strains.geometric(strains.stressed(strains.at(carried))),
+                *after_and_next(strains, carried, q, v),
             )
             for strains, near in ((monomials, one), (points, other))
         ]
         for part, expected in zip(*found, strict=True):
             assert np.abs(part - expected).max() <= ROUND_OFF * np.abs(expected).max()
+
+
+def after_and_next(strains, q, middle, v):
+    """The energy at q, and forces by what is damped around another shape, elastic and not: as if found one by one."""
+    for is_elastic in (True, False):
+        y, z, near, damped = strains.with_next(q, middle, v, 1e-3, is_elastic)
+        expected = strains.at(q), strains.stressed(y), strains.stressed(near.damped(v, 1e-3, is_elastic))
+        for found, alone in zip((y, z, damped), expected, strict=True):
+            assert np.abs(found - alone).max() <= ROUND_OFF * np.abs(alone).max()
+        yield y @ z
+        yield near.pulled(damped)
 
 
 @pytest.mark.parametrize("law", LAWS)
@@ -65,8 +78,8 @@ def test_of_strains_beyond_training_none_is_missed(bodies, monkeypatch):
     """The strains of the points are looked at only where they may be beyond training."""
     body = bodies[LAWS[0]].deformation
     asked = []
-    strains_of = ReducedDeformation.strains
-    monkeypatch.setattr(ReducedDeformation, "strains", lambda self, q: asked.append(1) or strains_of(self, q))
+    strains_of = MaterialPoints.strains
+    monkeypatch.setattr(MaterialPoints, "strains", lambda self, q: asked.append(1) or strains_of(self, q))
 
     def largest(limit):
         trained = TrainingRange({}, {"tip": 1.0}, np.full(len(body.weights), limit), 0.1)
@@ -75,7 +88,7 @@ def test_of_strains_beyond_training_none_is_missed(bodies, monkeypatch):
         told, true = [], 0.0
         for _ in range(100):
             simulator.step([0.0, 0.0, 0.2, 0.0, 0.0])
-            E = strains_of(body, simulator.state[0])
+            E = body.strains(simulator.state[0])
             true = max(true, np.sqrt(((E**2).T / [1, 1, 1, 2, 2, 2]).sum(axis=1).max()))
             told.append(simulator._stepper.kernel.notes[STRAIN])
         return told, true

@@ -43,3 +43,11 @@ def test_one_shape_may_be_given_alone_after_many(body):
     F, E = points.strains(q[:, 0])
     assert points.left(E) == pytest.approx(many[:1], rel=1e-10)
     near(points.resultant(F, points.stress(E))[:, 0], body.force(q[:, 0]) - body.springs @ q[:, 0])
+
+
+def test_a_shape_and_the_next_one_are_found_together(body):
+    points, (q, soon) = MaterialPoints(body), 0.01 * np.random.default_rng(2).standard_normal((2, body.order))
+    E, left, F, S = points.with_next(q, soon)
+    near(E, body.strains(q))
+    assert left == pytest.approx(points.left(points.strains(q)[1])[0], rel=1e-10)
+    near(points.resultant(F, S)[:, 0], body.force(soon) - body.springs @ soon)

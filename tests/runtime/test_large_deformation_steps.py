@@ -160,6 +160,26 @@ def test_a_force_beyond_the_numbers_leaves_the_state_as_it_was(roms, stepper):
 
 
 @pytest.mark.parametrize("law", LAWS)
+def test_what_a_step_finds_of_the_next_one_serves_no_other_step(roms, law):
+    """Neither one after a step that was refused, nor one of another size."""
+    simulator, u = swing(roms[law], 4e-3, "linearly-implicit", duration=0.08), [0.0, 0.1, 0.0, 50.0, 0.1]
+    simulator.save()
+    other = copy.copy(simulator)
+    for each in (simulator, other):
+        each.step(u)
+    with pytest.raises(StepError):
+        simulator.step([1e200, 0.0, 0.0, 0.0, 0.0])
+    for each in (simulator, other):
+        each.step(u)
+    np.testing.assert_array_equal(simulator.state, other.state)
+    anew = copy.copy(simulator)  # which knows nothing of its next step
+    for each in (simulator, anew):
+        each.dt = 1e-3
+        each.step(u)
+    assert apart(simulator, anew) <= 1e-12
+
+
+@pytest.mark.parametrize("law", LAWS)
 def test_followers_pull_where_the_body_is(roms, law):
     rom = roms[law]
     bent = swing(rom, 4e-3, "newton", force=0.3)

@@ -128,8 +128,8 @@ class FiniteStrainKernel(BookedKernel):
         """Generalized forces (m,) of the inputs on the body at q."""
         force: Array = self._dead_loads.dot(u)
         for column, follower in self._active_followers:
-            if u[column]:
-                force += u[column] * follower.force(q)
+            if size := u.item(column):
+                force += size * follower.force(q)
         return force
 
     def _input_columns(self, q: Array) -> Array:

@@ -9,7 +9,7 @@ before, and what remains is the mismatch that a run reports.
 
 import math
 from collections.abc import Callable
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
@@ -17,7 +17,7 @@ from numpy import ndarray as Array
 from fenics_rom.mechanics.actuator_forces import ActuatorForces
 from fenics_rom.mechanics.contact import ObstacleMotion
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
-from fenics_rom.rom.carried_strains import carried_strains
+from fenics_rom.rom.carried_strains import MonomialsAround, PointsAround, carried_strains
 from fenics_rom.rom.deformation import ReducedDeformation
 from fenics_rom.rom.material_points import MaterialPoints
 from fenics_rom.rom.rom import Rom
@@ -32,15 +32,36 @@ if TYPE_CHECKING:
     from fenics_rom.runtime.steppers.linearly_implicit_adjoint import LinearlyImplicitAdjoint
     from fenics_rom.runtime.steppers.residual_motion import ResidualMotion
 
+NONE_HELD = np.empty(0, dtype=int)
 TANGENT_RENEWAL = 0.05  # of v̂, by which a step may differ from what was expected before the tangent is made anew
 STEEPEST_FREQUENCY = 10.0  # times that of the stiffest mode
 MISMATCH_LIMIT = 0.03  # of the largest strain, in the energy norm
+
+
+class Shape(NamedTuple):
+    """What a step leads to."""
+
+    ε: Array
+    σ: Array  # C₀ε
+    E: Array | None  # of the points (6, P), where the material needs them
+    left: float  # energy that is not ½ E:C₀E, J
+
+
+class Middle(NamedTuple):
+    """That of the next step, if v̂ stays."""
+
+    q: Array
+    around: MonomialsAround | PointsAround
+    σ: Array  # of what is strained and damped, but for what of branches is there before the step
+    points: tuple[Array, Array]  # F (3, 3, P) and S (6, P) of the points; empty where the material needs them not
 
 
 class LinearlyImplicit(FiniteStrainKernel):
     """One linear system a step. Arguments and attributes as in FiniteStrainKernel."""
 
     NOTES = ("distance", "strained", "mismatch")  # strained: energy of the strains at most, J
+    _next: Middle | None = None  # None: not known
+    _next_before: Middle | None = None
 
     @staticmethod
     def strain_count(body: ReducedDeformation) -> int:
@@ -58,6 +79,7 @@ class LinearlyImplicit(FiniteStrainKernel):
     ):
         super().__init__(rom, ledger, interface, actuators, residual, branches)
         body = self._body
+        self._springs = body.springs if body.springs.any() else None
         self._points = None if body.law == "st_venant_kirchhoff" else MaterialPoints(body)
         self._strains = carried_strains(body)
         size, m = self._strains.size, body.order
@@ -77,6 +99,7 @@ class LinearlyImplicit(FiniteStrainKernel):
         """As in Kernel."""
         own = len(self._carried)
         super().resume(auxiliary[own:])
+        self._next = None
         if len(auxiliary):
             self._carried[:] = auxiliary[:own]
             return
@@ -111,16 +134,17 @@ class LinearlyImplicit(FiniteStrainKernel):
         """As in Kernel."""
         super().rollback()
         self._carried[:] = self._carried_before
+        self._next = self._next_before
 
     def set_time_step(self, h: float) -> None:
         """As in Kernel."""
         super().set_time_step(h)
         self._fixed = 2 / h * np.eye(self._model.order) + self._body.external_damping + h / 2 * self._body.springs
-        self.tangent = NONE
+        self.tangent, self._next = NONE, None
 
     def reset_buffer(self) -> None:
-        """As in Kernel: forgets the tangent."""
-        self.tangent = NONE
+        """As in Kernel: forgets the tangent, and what was found of the next step."""
+        self.tangent, self._next = NONE, None
         super().reset_buffer()
 
     def step(self, u: Array, obstacles: ObstacleMotion | None = None) -> float:
@@ -136,14 +160,13 @@ class LinearlyImplicit(FiniteStrainKernel):
         self._carried_before[:] = self._carried
         q, r = self._coordinates().copy(), self._r
         u, given = (u, None) if self._actuators is None else self._actuators.split(u)
-        start = 2 / h * r - body.springs.dot(q)
+        start = 2 / h * r if self._springs is None else 2 / h * r - self._springs.dot(q)
         expected = self._expected(u, q, start)
         middle = q + h / 2 * expected.value
         pushed = self._loads(u, middle)
         around = self._strains.around(middle)
-        relaxation, history = self._relaxation
-        matrix = self._fixed + around.stiffness(h / 2 + relaxation)
-        pulled = around.pulled(self._σ + history)
+        matrix = self._fixed + around.stiffness(h / 2 + self._stiffening_time)
+        pulled = around.pulled(self._with_history(self._σ))
         right = start + pushed - pulled
         b, s = None if self._points is None else self._slope(self._points, middle), 0.0
         if b is not None:
@@ -171,7 +194,7 @@ class LinearlyImplicit(FiniteStrainKernel):
         if missed.dot(missed) > TANGENT_RENEWAL**2 * v.dot(v):
             self.tangent = NONE
 
-        held = np.empty(0, dtype=int) if self._actuators is None else self._actuators.held(reactions)
+        held = NONE_HELD if self._actuators is None else self._actuators.held(reactions)
         self._taken = Taken(expected, matrix, reactions, held)
 
         def rates() -> Array:
@@ -183,14 +206,14 @@ class LinearlyImplicit(FiniteStrainKernel):
         heat = h * (float(v.dot(body.external_damping.dot(v))) + viscous)
         if self.branches is not None:
             heat += self.branches.step(rates())
-        self._previous_velocity[:] = v
+        self._previous_velocity[:], self._next_before = v, self._next
         if b is not None:
             grown = h * float(b.dot(v))
             self._rest[0] += grown * (s + grown / 2)
         after = q + h * v
-        E = None if self._points is None else self._points.strains(after)[1]
         strained_more = h * (float(v.dot(pulled)) + h / 2 * square)
-        taken_back, strained, gap = self._taken_back(self._strains.at(after), E, strained_more, heat, rates)
+        shape, self._next = self._looked_ahead(after, v)
+        taken_back, strained, gap = self._taken_back(shape, strained_more, heat, rates)
         dissipated = heat - taken_back - (0.0 if given is None else h * float(rubbed.dot(v)))
         residual, heat_of_residual = self._step_residual(contact)
         contacts = self._contacts(v, contact, h, residual)
@@ -198,7 +221,7 @@ class LinearlyImplicit(FiniteStrainKernel):
         np.multiply(after, self._ω, self._e)
         np.subtract(v + v, r, r)
         self.contact, self.reactions = contact, reactions
-        self._note(after, E, self._acting(u))
+        self._note(after, shape.E, self._acting(u))
         self._note_mismatch(strained, gap)
         return 2 * self._energy(after)
 
@@ -245,14 +268,10 @@ class LinearlyImplicit(FiniteStrainKernel):
         `start` is 2/h r less the springs' pull at q.
         """
         h, body, v, points = self.h, self._body, self._previous_velocity, self._points
-        middle = q + h / 2 * v
-        around = self._strains.around(middle)
-        relaxation, history = self._relaxation
-        σ = self._strains.stressed(around.damped(v, relaxation, points is None)) + history
+        middle, around, σ, (F, S) = self._next or self._looked_ahead(q, v)[1]
+        relaxation, σ = self._stiffening_time, self._with_history(σ)
         residual = self._fixed.dot(v) - start + around.pulled(σ)
         if points is not None:
-            F, E = points.strains(middle)
-            S = points.stress(E)
             residual += points.resultant(F, S)[:, 0]
         is_new = not len(self.tangent)
         if is_new:
@@ -273,15 +292,29 @@ class LinearlyImplicit(FiniteStrainKernel):
             value = whole if far <= body.training_radius else whole * (body.training_radius / far)
         return Expected(v.copy(), self.reactions, middle, σ, residual, self.tangent, is_new, whole, value)
 
+    def _looked_ahead(self, q: Array, v: Array) -> tuple[Shape, Middle]:
+        """The shape that a step with v̂ leads to, and the middle of the next one: what both need is found together."""
+        points, middle = self._points, q + self.h / 2 * v
+        ε, σ, around, stressed = self._strains.with_next(q, middle, v, self._stiffening_time, points is None)
+        if points is None:
+            return Shape(ε, σ, None, 0.0), Middle(middle, around, stressed, (NONE, NONE))
+        E, left, F, S = points.with_next(q, middle)
+        return Shape(ε, σ, E, left), Middle(middle, around, stressed, (F, S))
+
     def _energy(self, q: Array) -> float:
-        stored = float(self._σ.dot(self._ε))
-        kinetic, springs = float(self._r.dot(self._r)), float(q.dot(self._body.springs.dot(q)))
-        return self._with_carried_energy((stored + kinetic + springs) / 2 + float(self._rest[0]))
+        twice = float(self._σ.dot(self._ε)) + float(self._r.dot(self._r))
+        if self._springs is not None:
+            twice += float(q.dot(self._springs.dot(q)))
+        return self._with_carried_energy(twice / 2 + float(self._rest[0]))
 
     @property
-    def _relaxation(self) -> tuple[float, Array | float]:
-        """Stiffening time of branches, s, and C₀ times what of their strains is left to pull in a step."""
-        return (0.0, 0.0) if self.branches is None else (self.branches.stiffening_time, self.branches.pull[1])
+    def _stiffening_time(self) -> float:
+        """Of branches, s."""
+        return 0.0 if self.branches is None else self.branches.stiffening_time
+
+    def _with_history(self, σ: Array) -> Array:
+        """σ with C₀ times what of the strains of branches is left to pull in a step."""
+        return σ if self.branches is None else σ + self.branches.pull[1]
 
     @property
     def _s(self) -> float:
@@ -303,18 +336,19 @@ class LinearlyImplicit(FiniteStrainKernel):
         return b if steep <= steepest else b * (steepest / steep)
 
     def _taken_back(
-        self, ε: Array, E: Array | None, strained_more: float, dissipated: float, rates: Callable[[], Array]
+        self, shape: Shape, strained_more: float, dissipated: float, rates: Callable[[], Array]
     ) -> tuple[float, float, float]:
-        """Moves strains, also of branches, and s to ε and s of E; by A v̂ they went at `rates`, and stored more by that.
+        """Moves strains, also of branches, and s to those of a shape; by A v̂ they went at `rates`, and stored more.
 
         Energies, J: added (< 0: taken), of ε, of the gap.
 
         At most what is in the tank, which holds what was dissipated in this and the steps before, up to what strains
         store (as in teleoperation: Franken et al., 2011): a step may give back, and the run never more than it got.
         """
-        σ, s, gap_s, share, gap_square = self._strains.stressed(ε), self._s, 0.0, 1.0, 0.0
-        if E is not None and self._points is not None:
-            gap_s = math.sqrt(2 * max(float(self._points.left(E)[0] + self._rest[1]), 0.0)) - s
+        (ε, σ, _, left), s, gap_s, share, gap_square = shape, 0.0, 0.0, 1.0, 0.0
+        if self._points is not None:
+            s = self._s
+            gap_s = math.sqrt(2 * max(left + float(self._rest[1]), 0.0)) - s
         strained, budget = float(σ.dot(ε)), float(self._rest[2]) + dissipated
         added = (strained - float(self._σ.dot(self._ε))) / 2 - strained_more + gap_s * (s + gap_s / 2)
         if self.branches is not None or added > budget:
@@ -333,7 +367,8 @@ class LinearlyImplicit(FiniteStrainKernel):
             if self.branches is not None:
                 self.branches.move(share * gap)
         self._ε[:], self._σ[:] = ε, σ
-        self._rest[0] += share * gap_s * (s + share * gap_s / 2)
+        if gap_s:
+            self._rest[0] += share * gap_s * (s + share * gap_s / 2)
         self._rest[2] = min(max(budget - added, 0.0), strained)
         return added, strained, (1 - share) ** 2 * gap_square
 

@@ -14,6 +14,7 @@ from fenics_rom.errors import FenicsRomWarning
 from fenics_rom.mechanics.contact import ContactSolution
 from fenics_rom.mechanics.hyperelastic import VOIGT_SHEAR
 from fenics_rom.rom.deformation import TrainingRange, resultant
+from fenics_rom.rom.material_points import MaterialPoints
 from fenics_rom.rom.rom import Rom
 
 if TYPE_CHECKING:
@@ -61,13 +62,14 @@ class TrainingWatch:
         self._ranges |= {f"the force of {name}": (most, "N") for name in self._pushers}
         limits = [max(self._ranges[name][0], NEVER) for name in self._inputs]
         self._limits = np.repeat(limits, list(widths.values()))
+        self._whose = np.repeat(1 + np.arange(len(widths)), list(widths.values()))
         assert rom.deformation is not None
-        self._body = rom.deformation
+        body, self._points = rom.deformation, MaterialPoints(rom.deformation)
         strains = np.maximum(trained.strains, LOCAL_STRAIN * trained.strains.max(initial=NEVER))
-        self._inverse_squares, self._trusted = strains**-2.0, TRUSTED_STRAIN * strains
-        self._reach = np.sqrt(np.square(self._body.gradients).sum(axis=(0, 1)))  # |∇W_k| (P, m)
+        self._inverse_squares, self._stretched = strains**-2.0, np.sqrt(1 + 2 * TRUSTED_STRAIN * strains)
+        self._reach = np.sqrt(np.square(body.gradients).sum(axis=(0, 1)))  # |∇W_k| (P, m)
         # |ΔH| up to which, from the shape that was looked at, no point's strain is beyond training.
-        self._looked_at, self._clear = np.zeros(self._body.order), np.full(len(strains), -1.0)
+        self._looked_at, self._clear = np.zeros(body.order), np.full(len(strains), -1.0)
         self._means = [f"mean force of {name}, {axis}" for name in self._pushers for axis in "xyz"]
         self._smoothing_time = trained.smoothing_time
         self.notes = (*self._ranges, STRAIN, TOUCHED, *self._means)
@@ -77,6 +79,8 @@ class TrainingWatch:
         self._contact, self._columns = contact, columns
         push = max(self._pushed.get(contact, 0.0), NEVER) / math.sqrt(max(columns / 3, 1.0))  # of each column
         self._inverse_limits = 1 / np.concatenate([np.full(columns, push), self._limits])
+        whose = np.concatenate([np.zeros(columns, int), self._whose])  # 0: the push
+        self._of_each = np.equal.outer(np.arange(1 + len(self._inputs)), whose).astype(float)
 
     def message(self, notes: Notes) -> str:
         """What to say of a run; empty where nothing went beyond training."""
@@ -102,7 +106,9 @@ class TrainingWatch:
         """
         shares = u * self._inverse_limits
         if shares.dot(shares) > TRUSTED_LOAD**2:  # else none of them is beyond
-            self._look_at_loads(notes, u)
+            of_each = self._of_each.dot(shares * shares)
+            if not (of_each <= TRUSTED_LOAD**2).all():
+                self._look_at_loads(notes, u)
         if E is None:
             self._look_at_shape(notes, q)
         else:
@@ -115,10 +121,11 @@ class TrainingWatch:
 
         |E + ΔE| <= |E| + |F| |ΔH| + ½ |ΔH|², |F|² <= 1 + 2 |E|.
         """
-        if (self._reach.dot(np.abs(q - self._looked_at)) <= self._clear).all():
+        is_clear = self._reach.dot(np.abs(q - self._looked_at)) <= self._clear
+        if np.count_nonzero(is_clear) == len(is_clear):  # all of them, in a third of the time
             return
-        strains = np.sqrt(self._look_at_strains(notes, self._body.strains(q)))
-        self._looked_at, self._clear = q.copy(), np.sqrt(1 + 2 * self._trusted) - np.sqrt(1 + 2 * strains)
+        strains = np.sqrt(self._look_at_strains(notes, self._points.strains(q)[1]))
+        self._looked_at, self._clear = q.copy(), self._stretched - np.sqrt(1 + 2 * strains)
 
     def _look_at_strains(self, notes: Notes, E: Array) -> Array:
         """Squares |E|² (P,)."""
