@@ -15,6 +15,7 @@ import scipy.linalg
 from numpy import ndarray as Array
 
 from fenics_rom.errors import SceneError
+from fenics_rom.mechanics.readings import projected
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.rom import Rom
 from fenics_rom.system.protocols import DENSE_SHARE, NO_DOFS, Factor
@@ -71,7 +72,7 @@ def with_rigid_modes(rom: Rom, system: System) -> Rom:
     if system.rayleigh is None:  # dampers may couple rigid and elastic motions
         DR = system.damping @ R
         coupled = np.hstack([algebra.inner(R, DR), algebra.inner(DR, rom.basis[algebra.rows()])])
-    whole_R = algebra.gather(np.ascontiguousarray(R))
+    basis = np.hstack([algebra.gather(np.ascontiguousarray(R)), rom.basis])
     return replace(
         rom,
         contact_models={
@@ -85,7 +86,8 @@ def with_rigid_modes(rom: Rom, system: System) -> Rom:
             )
             for name, model in rom.contact_models.items()
         },
-        basis=np.hstack([whole_R, rom.basis]),
+        basis=basis,
+        readings={name: projected(reading, basis) for name, reading in system.readings.items()},
         stiffness=np.concatenate([np.zeros(rigid), rom.stiffness]),
         outputs={name: np.hstack([algebra.inner(system.outputs[name], R), C]) for name, C in rom.outputs.items()},
     )
