@@ -209,7 +209,13 @@ class ContactSearch(NamedTuple):
                 return law
         return None
 
+    def frames_along(self, normals: Array) -> Frames:
+        """Of all pairs, (O P, 3): those of then, where the normals are the same."""
+        return Frames(normals) if self.frames is None or not self.frames.are_along(normals) else self.frames
+
     def with_law(self, key: bytes, law: KeptLaw | None) -> tuple[tuple[bytes, KeptLaw], ...]:
         """`laws`, with that of pairs that have taken part now, and of one other set: of points that hardly touch."""
+        if law is not None and self.laws and self.laws[0][0] == key:
+            return (key, law), *self.laws[1:2]
         others = [known for known in self.laws if known[0] != key]
         return (*([] if law is None else [(key, law)]), *others[:1])

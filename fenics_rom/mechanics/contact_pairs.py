@@ -146,6 +146,11 @@ class NormalRule:
         self._rate, self._half, self._share = (np.full(pairs, x) for x in (rate, (1 - e) / 2, 1 / (2 - e)))
         self._zeros = np.zeros(pairs)
 
+    def linear(self, gaps: Array, approach: Array) -> tuple[Array, Array, Array]:
+        """Closing, half and later of `of` from rows (P, n) of gaps and approach."""
+        closing, half = self._rate[:, None] * gaps, self._half[:, None] * approach
+        return closing, half, self._share[:, None] * (closing + half)
+
     def asks(self, gaps: Array, gap: float, w: Array | None, approach: Array) -> NormalLaw:
         """What the law says.
 
@@ -161,11 +166,22 @@ class NormalRule:
             level = np.minimum(closing, self._zeros)
             return NormalLaw(level, level)
         half = approach * self._half
-        level = np.maximum(closing, (closing + half) * self._share)
+        return self.of(closing, half, (closing + half) * self._share, approach, gap, w)
+
+    def of(self, closing: Array, half: Array, later: Array, approach: Array, gap: float, w: Array | None) -> NormalLaw:
+        """The same of rigid pairs with inertia, from numbers (O P,) that are linear in gaps and approach.
+
+        Args:
+            closing: -g/h, m/s.
+            half: (1 - e)/2 a, which is overwritten, m/s.
+            later: (closing + half)/(2 - e), m/s.
+            approach, gap, w: as in `asks`; of the gap only the sign is looked at.
+        """
+        level = np.maximum(closing, later)
         if gap < 0.0:  # no deeper than a step's motion of the obstacle or of the body
             shallowest = closing - np.abs(approach)
             if w is not None:
-                shallowest -= np.sqrt((w * w).sum(axis=1)).repeat(len(gaps) // len(w))
+                shallowest -= np.sqrt((w * w).sum(axis=1)).repeat(len(closing) // len(w))
             np.maximum(half, shallowest, half)
         return NormalLaw(level, np.minimum(half, self._zeros, half))
 

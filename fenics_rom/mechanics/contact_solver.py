@@ -29,11 +29,11 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
-from fenics_rom.mechanics.complementarity import NEGLIGIBLE_RESIDUAL, Delassus, Frames, solve
+from fenics_rom.mechanics.complementarity import NEGLIGIBLE_RESIDUAL, Delassus, solve
 from fenics_rom.mechanics.complementarity.solution import ADVICE, largest
 from fenics_rom.mechanics.contact import ContactLaw, ContactSearch, ContactSolution, ObstacleMotion, PointMotion
 from fenics_rom.mechanics.contact_pairs import Asked, NormalRule, Pairs, Settled, SolvedPairs, passive_forces
-from fenics_rom.mechanics.followed_contact import follow_contact
+from fenics_rom.mechanics.followed_contact import PairsMotion, follow_contact
 from fenics_rom.mechanics.obstacles import Obstacle
 
 _ONES, _ROOT_3 = np.ones(3), math.sqrt(3.0)
@@ -113,6 +113,7 @@ class ContactSolver:
         obstacles: ObstacleMotion,
         quasi_static: bool = False,
         settled: Settled | None = None,
+        may_follow: bool = True,
     ) -> ContactSolution | None:
         """Contact forces of one step; None where nothing touches.
 
@@ -125,6 +126,7 @@ class ContactSolver:
             quasi_static: without impacts: a gap may close within the step but not beyond, s >= -max(g, 0)/h, and what
                 sticks does not move.
             settled: of the step, where it is solved in sweeps; this one adds to it.
+            may_follow: whether `follow` was not tried.
 
         Raises:
             StepError: no forces found; the next step begins as this one did.
@@ -132,21 +134,19 @@ class ContactSolver:
         self._considered, self._solved, self._followed, search = None, None, None, self.search
         was_steady = search.is_steady
         gaps, normals = self._distances(points.displacement, obstacles.start)
-        gap = gaps.item(gaps.argmin())
-        w = obstacles.velocities(dt)
-        motion = None if obstacles.end is obstacles.start else w
-        if self._rule is None or self._rule.key != (self.law, dt, quasi_static):
-            self._rule = NormalRule(self.law, len(gaps), dt, quasi_static)
-        asked = partial(self._rule.asks, gaps, gap, motion)
-        may_follow = bool(search.laws) and settled is None
+        gap, w = gaps.item(gaps.argmin()), obstacles.velocities(dt)
+        asked = self._asked(gaps, gap, obstacles, dt, quasi_static)
+        may_follow = may_follow and bool(search.laws) and settled is None
+        slides = self.law.friction > 0 and not quasi_static
         if may_follow:
-            followed = self._follow(points, delassus, dt, obstacles, w, gaps, normals, asked, quasi_static)
+            known = free, relative = self._relative(points, obstacles, w)
+            motion = PairsMotion.of(search.frames_along(normals), free, relative, asked, slides)
+            followed = self._follow(motion, lambda: (points, *known), delassus, dt, obstacles, quasi_static)
             if followed is not None:
                 return followed
         is_near = self._touches or self.law.stiffness is not None  # where the last step touched, it hardly pays to ask
         if not is_near and out_of_reach(gap, points, obstacles, dt):
             return None
-        slides = self.law.friction > 0 and not quasi_static
         pairs = self._all_pairs(*self._relative(points, obstacles, w), normals, asked, slides)
         self._considered = pairs
         chosen = pairs.free[0] < pairs.level
@@ -206,48 +206,54 @@ class ContactSolver:
             power = float(forces[0].dot(closing - pairs.compliance * forces[0] if pairs.compliance else closing))
         return ContactSolution(point_forces, iterations, active, _of(normals, active), pair_forces, w, power)
 
+    def follow(
+        self, motion: PairsMotion, points: Callable[[], PointMotion], delassus: Array, dt: float, still: ObstacleMotion
+    ) -> ContactSolution | None:
+        """Contact of a step with inertia in which all pairs do what they did in the step before; None elsewhere.
+
+        Args:
+            motion: what pairs do, which is overwritten.
+            points: tells what the points do, if someone asks.
+            delassus, dt: as in `solve`.
+            still: obstacles that rest.
+        """
+
+        def told() -> tuple[PointMotion, Array, Array]:
+            known = points()
+            return known, self._of_pairs(known.free_velocity), self._of_pairs(known.velocity)
+
+        return self._follow(motion, told, delassus, dt, still, False)
+
     def _follow(
         self,
-        points: PointMotion,
+        motion: PairsMotion,
+        told: Callable[[], tuple[PointMotion, Array, Array]],
         delassus: Array,
         dt: float,
         obstacles: ObstacleMotion,
-        w: Array,
-        gaps: Array,
-        normals: Array,
-        asked: Asked,
         quasi_static: bool,
     ) -> ContactSolution | None:
-        """Contact where all pairs do what they did in the step before; None elsewhere.
-
-        Args:
-            points, delassus, dt, obstacles, quasi_static: as in `solve`.
-            w: velocities of the obstacles, (O, 3), m/s.
-            gaps: of all pairs, (O P,), m.
-            normals, asked: as in `_all_pairs`.
-        """
-        search, law = self.search, self.law
-        free, relative = self._relative(points, obstacles, w)
-        frames = search.frames
-        if frames is None or not frames.are_along(normals):
-            frames = Frames(normals)
-        slides, operators = law.friction > 0 and not quasi_static, partial(self._operator, delassus)
-        moved = partial(self._moved, delassus)
-        found = follow_contact(law, search, free, relative, frames, asked, slides, operators, moved)
+        """The same; `told`: what the points do, and what `_relative` says of that."""
+        search, law, frames = self.search, self.law, motion.frames
+        operators, moved = partial(self._operator, delassus), partial(self._moved, delassus)
+        found = follow_contact(law, search, motion, operators, moved)
         if found is None:
             return None
         key, active, operator, own, solution, forces, power = found
         self.search = ContactSearch(forces, search.residual, search.with_law(key, solution.kept), frames, True)
 
         def known() -> tuple[Pairs, SolvedPairs]:
-            pairs = self._all_pairs(free, relative, normals, asked, slides)
+            points, free, relative = told()
+            gaps, _ = self._distances(points.displacement, obstacles.start)
+            asked = self._asked(gaps, gaps.min(), obstacles, dt, quasi_static)
+            pairs = self._all_pairs(free, relative, frames.normals, asked, law.friction > 0 and not quasi_static)
             problem = pairs.problem(active, operator, forces, False)
             f, u = own.turned(*map(own.from_lasting_axes, solution[:2]))
             found_so = pairs, gaps, active, problem, f, u, False
             return pairs, SolvedPairs(points, obstacles.start, delassus, dt, quasi_static, *found_so)
 
-        self._followed, among = known, _of(forces, active)
-        return ContactSolution(self._at_points(forces), 0, active, _of(normals, active), among, w, power)
+        self._followed, among, w = known, _of(forces, active), obstacles.velocities(dt)
+        return ContactSolution(self._at_points(forces), 0, active, _of(frames.normals, active), among, w, power)
 
     @property
     def follows(self) -> bool:
@@ -294,11 +300,20 @@ class ContactSolver:
             asked: the normal law, of how fast pairs come near.
             slides: whether what sticks is to stop within the step.
         """
-        frames = self.search.frames
-        if frames is None or not frames.are_along(normals):
-            frames = Frames(normals)
+        frames = self.search.frames_along(normals)
         free, relative = frames.turned(free, relative)
         return Pairs(frames, free, relative, *asked(relative[0]), relative[1:] / 2 if slides else None)
+
+    def _asked(self, gaps: Array, gap: float, obstacles: ObstacleMotion, dt: float, quasi_static: bool) -> Asked:
+        """The normal law of a step, of all pairs with these gaps (O P,), m, of which one is the smallest."""
+        w = None if obstacles.end is obstacles.start else obstacles.velocities(dt)
+        return partial(self.rule(dt, quasi_static).asks, gaps, gap, w)
+
+    def rule(self, dt: float, quasi_static: bool = False) -> NormalRule:
+        """The normal law in steps of dt, s."""
+        if self._rule is None or self._rule.key != (self.law, dt, quasi_static):
+            self._rule = NormalRule(self.law, len(self.obstacles) * len(self.points), dt, quasi_static)
+        return self._rule
 
     def _distances(self, displacement: Array, offsets: Array) -> tuple[Array, Array]:
         """Gaps (O P,), m, and normals (O P, 3), obstacle after obstacle."""

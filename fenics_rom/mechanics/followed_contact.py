@@ -13,11 +13,62 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.complementarity import Delassus, FollowedLaw, Frames, Solution, follow
-from fenics_rom.mechanics.complementarity.solution import largest
+from fenics_rom.mechanics.complementarity.solution import is_none, largest
 from fenics_rom.mechanics.contact import ContactLaw, ContactSearch
-from fenics_rom.mechanics.contact_pairs import WORK_ROUND_OFF, Asked
+from fenics_rom.mechanics.contact_pairs import WORK_ROUND_OFF, Asked, NormalLaw
 
-_ONES = np.ones(3)
+_ONES, _HALF = np.ones(3), np.array(0.5)
+
+
+class PairsMotion(NamedTuple):
+    """What all pairs of a point and an obstacle do in one step without contact, in axes that last (see Frames)."""
+
+    frames: Frames
+    normals: Array | None  # (3, O P); None where all are the first of the axes
+    asked: NormalLaw  # of all pairs
+    outwards: Array  # mid-step velocity along the normals, (O P,), m/s
+    free: Array  # mid-step velocity less `sliding`, (3, O P), m/s, which is overwritten
+    sliding: Array | None  # half the velocity at the start, c_t and `across`, (3, O P), m/s; None where nothing slides
+    across: Array | None  # along the normals of that, (O P,), m/s; None where it was left out
+
+    @classmethod
+    def of(cls, frames: Frames, free: Array, relative: Array, asked: Asked, slides: bool) -> "PairsMotion":
+        """From mid-step velocities without contact and velocities at the start, (O P, 3), m/s.
+
+        Args:
+            frames: of all pairs.
+            free, relative: these.
+            asked: what the normal law says.
+            slides: whether what sticks is to stop within the step.
+        """
+        n = frames.lasting_normals
+        free, relative = frames.to_lasting_axes(free, relative)
+        approach, outwards = (relative[0], free[0]) if n is None else (_ONES.dot(relative * n), _ONES.dot(free * n))
+        if not slides:
+            return cls(frames, n, asked(approach), outwards, free, None, None)
+        sliding, across = _HALF * relative, None if n is None else _HALF * approach
+        if n is None:
+            sliding[0] = 0.0
+        return cls(frames, n, asked(approach), outwards, free - sliding, sliding, across)
+
+    def among(self, pairs: Array) -> "PairsMotion":
+        """Of some pairs (C,), but for `outwards` and the level that is asked, which stay those of all."""
+        (level, target, compliance), sliding, n = self.asked, self.sliding, self.normals
+        asked = NormalLaw(level, target.take(pairs), compliance)
+        frames, outwards, free = self.frames.of(pairs), self.outwards, self.free.take(pairs, axis=1)
+        if sliding is not None:
+            sliding = sliding.take(pairs, axis=1)
+        if n is None:
+            return PairsMotion(frames, None, asked, outwards, free, sliding, None)
+        across, n = None if self.across is None else self.across.take(pairs), frames.lasting_normals
+        if n is None:  # alike, other than those of all
+            (free,) = frames.turned(free.T)
+            free[0] = outwards.take(pairs)
+            if sliding is not None:
+                (sliding,) = frames.turned(sliding.T)
+                sliding[0] = 0.0
+            across = None
+        return PairsMotion(frames, n, asked, outwards, free, sliding, across)
 
 
 class Followed(NamedTuple):
@@ -35,11 +86,7 @@ class Followed(NamedTuple):
 def follow_contact(
     law: ContactLaw,
     search: ContactSearch,
-    free: Array,
-    relative: Array,
-    frames: Frames,
-    asked: Asked,
-    slides: bool,
+    motion: PairsMotion,
     operators: Callable[[Array, bytes], tuple[Array, Delassus]],
     moved: Callable[[Array], Array],
 ) -> Followed | None:
@@ -48,40 +95,25 @@ def follow_contact(
     Args:
         law: of contact.
         search: what the step before left.
-        free: relative mid-step velocity of all pairs without contact, (O P, 3), m/s.
-        relative: relative velocity at the start of the step, (O P, 3), m/s.
-        frames: of all pairs.
-        asked: what the normal law says, from n·relative (O P,).
-        slides: whether what sticks is to stop within the step.
+        motion: what pairs do.
         operators: gives, of those that take part (O P,), and of their key, which they are (C,), and their operator.
         moved: gives the velocities (O P, 3), m/s, that forces of all pairs cause.
     """
-    free, relative = frames.to_lasting_axes(free, relative)
-    n = frames.lasting_normals
-    approach, outwards = (relative[0], free[0]) if n is None else (_ONES.dot(relative * n), _ONES.dot(free * n))
-    level, target, compliance = asked(approach)
+    frames, level, outwards = motion.frames, motion.asked.level, motion.outwards
     chosen = outwards < level
     key = chosen.tobytes()
     kept = search.law_of(key)
     if kept is None or not kept.has_inverse:
         return None
     active, operator = operators(chosen, key)
-    own, are_all = frames, len(active) == len(chosen)
-    if not are_all:
-        own, target, approach = frames.of(active), target.take(active), approach.take(active)
-        free, relative = free.take(active, axis=1), relative.take(active, axis=1)
-        if n is not None:
-            n = own.lasting_normals
-            if n is None:
-                free, relative = own.turned(free.T, relative.T)
-    if compliance and n is not None:
-        return None
-    targets = relative * 0.5 if slides else np.zeros(relative.shape)  # c n and c_t
+    are_all = len(active) == len(chosen)
+    own, n, (_, target, compliance), _, q, sliding, across = motion if are_all else motion.among(active)
     if n is None:
-        targets[0] = target
+        q[0] -= target
+    elif compliance:
+        return None
     else:
-        targets += (target - 0.5 * approach if slides else target) * n
-    q = free - targets
+        q -= (target if across is None else target - across) * n
     solution = follow(FollowedLaw(operator.lasting(own, compliance), q, law.friction, n), kept)
     if solution is None:
         return None
@@ -89,15 +121,17 @@ def follow_contact(
     power = None
     if law.friction:
         λ, closing = (f[0], u[0]) if n is None else (_ONES.dot(f * n), _ONES.dot(u * n))
-        closing = closing + target
-        power = float(λ.dot(closing - compliance * λ if compliance else closing))
-        by_friction = f.ravel().dot(targets.ravel()) - λ.dot(target)  # see contact_pairs.helping_pairs
-        if by_friction > 0 and by_friction > WORK_ROUND_OFF * largest(np.abs(f)) * largest(np.abs(q)):
-            return None
+        power = float(λ.dot(closing - compliance * λ if compliance else closing) + λ.dot(target))
+        if sliding is not None:
+            by_friction = f.ravel().dot(sliding.ravel())  # see contact_pairs.helping_pairs
+            if across is not None:
+                by_friction -= λ.dot(across)
+            if by_friction > 0 and by_friction > WORK_ROUND_OFF * largest(np.abs(f)) * largest(np.abs(q)):
+                return None
     forces = own.from_lasting_axes(f)
     if not are_all:
         forces, among = np.zeros((len(chosen), 3)), forces
         forces[active] = among
-        if largest((frames.along_normals(moved(forces)) + outwards < level) > chosen):
+        if not is_none((frames.along_normals(moved(forces)) + outwards < level) > chosen):
             return None  # one is missed
     return Followed(key, active, operator, own, solution, forces, power)

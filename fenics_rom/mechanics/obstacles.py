@@ -190,7 +190,7 @@ class Box:
 def _normalise(vectors: Array, fallback: Array) -> tuple[Array, Array]:
     """Lengths (P,) and directions (P, 3); where there is no direction, `fallback`."""
     length = np.sqrt((vectors * vectors).dot(_ONES))
-    if not length.min(initial=np.inf) > _SHORTEST_DIRECTION:
+    if len(length) and not length.item(length.argmin()) > _SHORTEST_DIRECTION:
         short = ~(length > _SHORTEST_DIRECTION)
         directions = vectors / np.where(short, 1.0, length)[:, None]
         directions[short] = fallback

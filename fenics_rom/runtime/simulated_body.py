@@ -327,6 +327,6 @@ class SimulatedBody:
 
     def _rigid_displacement(self) -> Array:
         """Along the rigid motions (ρ,), up to date."""
-        if len(self._stepper.rigid_displacement):
+        if len(self._stepper.rigid_displacement) and self._stepper.kernel.holds_steps:  # others add to it in each step
             self._stepper.flush()
         return self._stepper.rigid_displacement

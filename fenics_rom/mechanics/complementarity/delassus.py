@@ -10,8 +10,10 @@ from functools import cached_property
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.mechanics.complementarity.solution import REGULAR_SHARE, largest
+
 _AXES, _ONES = np.eye(3), np.ones(3)
-_ROUND_OFF = 4 * np.finfo(float).eps  # of unit vectors
+_ROUND_OFF = 4 * float(np.finfo(float).eps)  # of unit vectors
 _LARGEST_CONDITION = 1e8  # of what counts as regular: Newton's steps correct what a solution lacks
 _NEARLY = 1e-2  # of the least pivot: operators that differ by less guide each other's searches
 
@@ -29,7 +31,7 @@ class Frames:
 
     def __init__(self, normals: Array):
         self.normals, self._bytes = normals, normals.tobytes()
-        self.are_alike = bool((normals == normals[0]).all())
+        self.are_alike = self._bytes == self._bytes[:24] * len(normals)
         self._picked: tuple[Array, Frames] | None = None
 
     def __eq__(self, other: object) -> bool:
@@ -42,6 +44,11 @@ class Frames:
     def axes(self) -> Array:
         """(C, 3, 3), whose columns these are; (1, 3, 3) where all normals are alike."""
         return axes_along(self.normals[:1] if self.are_alike else self.normals)
+
+    @cached_property
+    def _turn(self) -> Array:
+        """(3, 3) from space to the frame of all, where normals are alike."""
+        return self.axes[0].T
 
     @cached_property
     def lasting_normals(self) -> Array | None:
@@ -58,7 +65,7 @@ class Frames:
             return True
         if normals.shape != self.normals.shape:
             return False
-        return bool(np.abs(normals - self.normals).max() <= _ROUND_OFF)
+        return largest(np.abs(normals - self.normals)) <= _ROUND_OFF
 
     def of(self, pairs: Array) -> "Frames":
         """Of some pairs; the same as long as these are the same array."""
@@ -76,14 +83,13 @@ class Frames:
     def turned(self, *vectors: Array) -> list[Array]:
         """Vectors (C, 3) along the axes of space as (3, C) each in the frames."""
         if self.are_alike:
-            turn = self.axes[0].T
-            return [turn.dot(vector.T) for vector in vectors]
+            return [self._turn.dot(vector.T) for vector in vectors]
         return [np.einsum("cij,ci->jc", self.axes, vector, order="C") for vector in vectors]
 
     def in_space(self, vectors: Array) -> Array:
         """What is (3, C) in the frames, (C, 3) along the axes of space."""
         if self.are_alike:
-            turned: Array = vectors.T.dot(self.axes[0].T)
+            turned: Array = vectors.T.dot(self._turn)
             return turned
         return np.einsum("cij,jc->ci", self.axes, vectors, order="C")
 
@@ -197,6 +203,7 @@ class FramedDelassus:
     compliance: Array
     stiffness: Array
     _scaled: dict[float, tuple[Array, Array]]
+    _law_arrays: tuple[float, tuple[Array, Array, Array, Array, Array]] | None = None
 
     def __init__(self, operator: Delassus, frames: Frames, added: float, known: "FramedDelassus | None" = None):
         self.operator, self.frames, self.added, self.are_kept = operator, frames, added, frames.are_alike
@@ -262,6 +269,17 @@ class FramedDelassus:
         if share not in self._scaled:
             self._scaled[share] = share * self.stiffness, self.compliance / share
         return self._scaled[share]
+
+    def law_arrays(self, friction: float) -> tuple[Array, Array, Array, Array, Array]:
+        """By what a kept law is looked at: W (3C, 3C), ρ and 1/ρ (3, C), μ and 0 (C,), as numbers would take longer.
+
+        They are kept for the friction coefficient that was given last.
+        """
+        if self._law_arrays is None or self._law_arrays[0] != friction:
+            ρ, compliance = (np.tile(each, (3, 1)) for each in self.scaled(REGULAR_SHARE))
+            arrays = self.matrix, ρ, compliance, np.full(ρ.shape[1], friction), np.zeros(ρ.shape[1])
+            self._law_arrays = friction, arrays
+        return self._law_arrays[1]
 
     def moved(self, forces: Array) -> Array:
         """W f (3, C) of forces (3, C); where normals are others in every step, without W in their frames if need be."""

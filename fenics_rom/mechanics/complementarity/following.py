@@ -13,19 +13,18 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.complementarity.delassus import FramedDelassus, Frames
-from fenics_rom.mechanics.complementarity.frictional import look_at
 from fenics_rom.mechanics.complementarity.linearised import linearised
 from fenics_rom.mechanics.complementarity.solution import (
     CONVERGENCE_TOLERANCE,
-    REGULAR_SHARE,
     STAGNATION_RESIDUAL,
     KeptLaw,
     Solution,
+    is_none,
     largest,
     statuses_of,
 )
 
-_ONES = np.ones(3)
+_ONES, _TINY = np.ones(3), np.array(1e-300)
 _MOST_STEPS = 6  # with a kept inverse, before Newton's method
 _MOST_CORRECTIONS = 6  # by an inverse, in all steps: they take as long as to find it anew
 _SLOWEST = 3e-3  # reduction of the error by such a step: where it is less, the inverse is found anew
@@ -65,38 +64,54 @@ class FollowedLaw:
     ):
         self._framed = framed
         self.operator, self.q, self.friction, self._normals = operator, q, friction, normals
-        self._ρ, self._compliance = operator.scaled(REGULAR_SHARE)
+        self._W, self._ρ, self._compliance, self._μ, self._zeros = operator.law_arrays(friction)
 
     def at(self, f: Array) -> _Looked:
         """Looks at forces f (3, C)."""
-        u = self.operator.moved(f)
+        u = self._W.dot(f.ravel()).reshape(f.shape)
         u += self.q
-        if self._normals is None and not self.friction:
-            z = f - self._ρ * u
-            projected = np.zeros(f.shape)
-            np.maximum(z[0], 0.0, projected[0])
-            return _Looked(u, z, z[1], z[2], projected, largest(np.abs((f[0] - projected[0]) * self._compliance)))
+        z = self._ρ * u
+        np.subtract(f, z, z)
         if self._normals is None:
-            return _Looked(u, *look_at(f, u, self._ρ, self._compliance, self.friction))
-        z = f - self._ρ * u
-        pressure = _ONES.dot(z * self._normals)
-        normal = pressure * self._normals
-        across = z - normal
-        length, cone = np.sqrt(_ONES.dot(across * across)), self.friction * pressure
-        if not largest(length >= cone):  # all stick
+            if not self.friction:
+                projected = np.zeros(f.shape)
+                np.maximum(z[0], self._zeros, projected[0])
+                return _Looked(u, z, z[1], z[2], projected, self._off(f[0] - projected[0]))
+            pressure, length = z[0], np.hypot(z[1], z[2])
+        else:
+            pressure = _ONES.dot(z * self._normals)
+            normal = pressure * self._normals
+            across = z - normal
+            length = np.sqrt(_ONES.dot(across * across))
+        cone = self._μ * pressure
+        if is_none(length >= cone):  # all stick
             return _Looked(u, z, length, cone, z, largest(np.abs(u)))
-        if pressure.item(pressure.argmin()) < 0.0:
-            np.maximum(cone, 0.0, cone)
-            normal = np.maximum(pressure, 0.0) * self._normals
-        across *= cone / (np.maximum(length, cone) + 1e-300)
-        across += normal
-        return _Looked(u, z, length, cone, across, largest(np.abs((f - across) * self._compliance)))
+        np.maximum(cone, self._zeros, cone)
+        share = np.maximum(length, cone)
+        share += _TINY
+        np.divide(cone, share, share)
+        if self._normals is None:
+            projected = z * share
+            np.maximum(pressure, self._zeros, projected[0])
+        else:
+            if pressure.item(pressure.argmin()) < 0.0:
+                normal = np.maximum(pressure, self._zeros) * self._normals
+            projected = across
+            projected *= share
+            projected += normal
+        return _Looked(u, z, length, cone, projected, self._off(f - projected))
+
+    def _off(self, forces: Array) -> float:
+        """The largest velocity, m/s, that forces are off by, of all pairs (3, C) or of their normal parts (C,)."""
+        return largest(np.abs(forces * (self._compliance if forces.ndim > 1 else self._compliance[0])))
 
     def corrected(self, f: Array, looked: _Looked, inverse: Array) -> Array:
         """Forces (3, C) by a linearised law, after f was looked at."""
         off = f - looked.projected  # by W off less than with f, and by ρ⁻¹ off more than the law has it
-        moves = self._compliance * off - self.operator.moved(off)
-        corrected: Array = looked.projected + inverse.dot(moves.ravel()).reshape(f.shape)
+        moves = self._compliance * off
+        moves -= self._W.dot(off.ravel()).reshape(f.shape)
+        corrected: Array = inverse.dot(moves.ravel()).reshape(f.shape)
+        corrected += looked.projected
         return corrected
 
     def inverse(self, looked: _Looked) -> Array:
@@ -112,7 +127,7 @@ class FollowedLaw:
             framed = self._framed or framed.operator.framed(Frames(self._normals.T.copy()))
             framed.are_kept = True
             (z,) = framed.frames.turned(z.T)
-        there = linearised(framed, self.friction, self._compliance, z, looked.length, looked.cone)
+        there = linearised(framed, self.friction, self._compliance[0], z, looked.length, looked.cone)
         return framed.in_lasting_axes(there.inverse())
 
 
@@ -126,12 +141,14 @@ def follow(law: FollowedLaw, last: KeptLaw) -> Solution | None:
         law: of now.
         last: of the step before, if the same pairs took part.
     """
-    q, kept = law.q, last.nearest(law.q)
+    q, speed, before = law.q, largest(np.abs(law.q)), np.inf
+    kept = last.nearest(q, speed)
     inverse, found = kept.inverse, None
     if inverse is None:
         return None
-    linear = kept.forces + inverse.dot((q - kept.q).ravel()).reshape(q.shape)
-    f, speed, before = linear + kept.lacking, largest(np.abs(q)), np.inf
+    linear = inverse.dot((q - kept.q).ravel()).reshape(q.shape)
+    linear += kept.forces
+    f = linear + kept.lacking
     statuses = kept.statuses
     for step in range(_MOST_STEPS):
         looked = law.at(f)

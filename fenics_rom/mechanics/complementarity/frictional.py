@@ -85,7 +85,7 @@ class FrictionalProblem:
         """See `complementarity.solve`."""
         near, frames = None, self.operator.frames
         if kept is not None:
-            near = kept.nearest(frames.to_lasting_axes(frames.in_space(self.q))[0])
+            near = kept.nearest(frames.to_lasting_axes(frames.in_space(self.q))[0], self.speed)
         if not self.operator.is_regular:
             self._take_share(SHARES[1])
         else:

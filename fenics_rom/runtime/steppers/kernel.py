@@ -139,9 +139,7 @@ class BookedKernel(Kernel):
         branches: how the material relaxes, if it does.
     """
 
-    _at_touch: tuple[
-        Array, Array | None
-    ]  # v̂ of the last step under contact forces: (m,), and the residual part's (P, 3)
+    _at_touch: tuple[Array, Array | None]  # v̂ (m,) of the last step under contact forces, and that beyond it (P, 3)
 
     def __init__(
         self,
@@ -158,7 +156,7 @@ class BookedKernel(Kernel):
         self.residual, self.branches = residual, branches
         self._rigid_displacement, self._rigid_before = rigid_displacement, rigid_displacement.copy()
         self._contact_before: ContactSolution | None = None
-        self._owed = list[StepWork]()  # of the last steps, to be booked
+        self._owed = list[Any]()  # StepWork of the last steps, or what that is worked out from
         self.notes, self._notes_before = {}, dict[str, float]()
         self._ω, self._inverse_ω = np.sqrt(model.eigenvalues), 1 / model.safe_frequencies
         self.state, self._state_before = np.zeros(2 * model.order), np.zeros(2 * model.order)
@@ -260,10 +258,11 @@ class BookedKernel(Kernel):
         obstacles: ObstacleMotion | None,
         quasi_static: bool = False,
         delassus: Array | None = None,
+        may_follow: bool = True,
     ) -> ContactSolution | None:
         """Contact of a step of h s from q and r, by its mid-step velocity without it and the Delassus operator.
 
-        `delassus` where actuators hold the points back.
+        `delassus` where actuators hold the points back; `may_follow` as in ContactSolver.solve.
         """
         if self._interface is None or obstacles is None:
             return None
@@ -272,7 +271,8 @@ class BookedKernel(Kernel):
         if self.branches is not None and self.residual is not None:
             self.residual.relax(motion[2])
         operator = self._delassus if delassus is None else delassus
-        return self._interface.solve(PointMotion(*motion), operator, h, obstacles, quasi_static)
+        motion = PointMotion(*motion)
+        return self._interface.solve(motion, operator, h, obstacles, quasi_static, None, may_follow)
 
     def _solve_actuators(
         self,
@@ -379,7 +379,7 @@ class BookedKernel(Kernel):
         velocity: Array = v.dot(self._Sᵀ).reshape(-1, 3)
         return velocity if residual is None else velocity + residual
 
-    def _leave(self, work: StepWork) -> None:
+    def _leave(self, work: Any) -> None:
         """Notes what is there before a step, and what is to be booked after it."""
         if len(self._owed) == BOOKED_TOGETHER:
             self.flush()

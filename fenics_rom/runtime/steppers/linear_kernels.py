@@ -16,6 +16,7 @@ Branches of a material that relaxes (mechanics/viscoelasticity.py) have energy c
 with -ω Σ g (ω w)/(1 + θ h/τ), and add their stiffening time to h/2 in A: modes that are apart stay so.
 """
 
+import math
 from functools import partial
 from typing import TYPE_CHECKING
 
@@ -23,9 +24,10 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.actuator_forces import ActuatorForces
-from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion
+from fenics_rom.mechanics.contact import ContactSolution, ContactWork, ObstacleMotion, is_zero
 from fenics_rom.rom.midpoint_map import compliance
 from fenics_rom.runtime.steppers.adjoint import check_is_differentiated, contact_adjoint
+from fenics_rom.runtime.steppers.followed_points import FollowedPoints, FollowedWork
 from fenics_rom.runtime.steppers.kernel import BookedKernel, ContactWorks, StepWork, symmetric
 from fenics_rom.runtime.steppers.residual_motion import operator_of
 
@@ -41,6 +43,7 @@ class ContactMidpoint(BookedKernel):
     """The midpoint step with contact. Arguments and attributes as in BookedKernel."""
 
     _inverse_mass: Array | None = None
+    _points: FollowedPoints | None = None
 
     @property
     def answers_linearly(self) -> bool:  # type: ignore[override]
@@ -50,6 +53,7 @@ class ContactMidpoint(BookedKernel):
     def set_time_step(self, h: float) -> None:
         """As in Kernel."""
         super().set_time_step(h)
+        self._points = None
         stiffening_time = 0.0 if self.branches is None else self.branches.stiffening_time
         self._a, self._Ra = compliance(self._model, h, stiffening_time)
         self._answered = b"", np.empty((0, 0))  # of which points, and how
@@ -66,8 +70,79 @@ class ContactMidpoint(BookedKernel):
         """As in Kernel."""
         if self._actuators is not None:
             return self._step_by_strokes(self._actuators, u, obstacles)
+        points = self._points_to_follow(obstacles)
+        if points is not None:
+            right, contact = self._follow(points, u)
+            if contact is not None:
+                return self._end_followed_step(u, right, contact)
         step = self._begin_step(u)
-        return self._end_step(step, self._solve_contact(self._coordinates(), self._r, step[2], self.h, obstacles))
+        motion = self._coordinates(), self._r, step[2], self.h, obstacles
+        return self._end_step(step, self._solve_contact(*motion, may_follow=points is None))
+
+    def _points_to_follow(self, obstacles: ObstacleMotion | None) -> FollowedPoints | None:
+        """The contact points, where pairs may do what they did in the step before."""
+        interface = self._interface
+        if obstacles is None or interface is None or not interface.solver.search.is_steady:
+            return None
+        known, residual, solver = self._points, self.residual, interface.solver
+        if known is not None and known.still is obstacles:
+            return known
+        rests = obstacles.end is obstacles.start and is_zero(obstacles.velocities_before)
+        alone = len(solver.obstacles) == 1 and solver.law.stiffness is None
+        if residual is None or self.branches is not None or not (rests and alone):
+            return None
+        if known is not None and np.array_equal(known.still.start, obstacles.start):
+            known.still = obstacles
+            return known
+        body = self._model, self.h, partial(_applied, self._a), self._Sᵀ.T, residual
+        self._points = FollowedPoints(*body, self.state, self._rigid_displacement, solver, obstacles)
+        self._answers = np.concatenate([self._Sᵀ, residual.part.compliance])
+        return self._points
+
+    def _follow(self, points: FollowedPoints, u: Array) -> tuple[Array, ContactSolution | None]:
+        """What drives the body in a step in which all pairs do what they did, and contact; none where they do not."""
+        assert self._interface is not None
+        motion, right = points.motion(u)
+        if motion is None:
+            return right, None
+        return right, self._interface.follow(motion, points.points(), self._delassus, self.h, points.still)
+
+    def _end_followed_step(self, u: Array, right: Array, contact: ContactSolution) -> float:
+        """The same as `_end_step`; the work is worked out together with that of other steps."""
+        assert self.residual is not None
+        forces, m = contact.forces.ravel(), len(right)
+        moved = self._answers.dot(forces)
+        right += moved[:m]
+        v, rates = self._pushed_by(right), self.residual.move(forces, moved[m:])
+        self._leave(FollowedWork(u, right, moved[:m], v, forces, rates, contact.normal_power))
+        self._at_touch = v, rates[1].reshape(-1, 3)
+        if len(self._rigid_displacement):
+            self._rigid_displacement += self.h * v[: len(self._rigid_displacement)]
+        self._e += self._travel * v
+        np.subtract(v + v, self._r, self._r)
+        self.contact = contact
+        return float(self.state.dot(self.state)) + 2 * self.residual.stored
+
+    def flush(self) -> None:
+        """As in Kernel."""
+        followed = [work for work in self._owed if isinstance(work, FollowedWork)]
+        if followed and self.residual is not None:
+            others = [work for work in self._owed if not isinstance(work, FollowedWork)]
+            self._owed = [*others, self._work_of(followed, self.residual.heat)]
+        super().flush()
+
+    def _work_of(self, followed: list[FollowedWork], heat_of_residual: float) -> StepWork:
+        """What followed steps are to be booked for together."""
+        *parts, normal = zip(*followed, strict=True)
+        inputs, right, by_contact, v, forces, rates = map(np.array, parts)
+        heat = right * self._Ra if self._Ra.ndim == 1 else right @ self._Ra.T
+        ġ, ẏ = rates.swapaxes(0, 1)
+        power = float(np.vdot(by_contact, v) + np.vdot(forces, ẏ))
+        by_normals = power if None in normal else math.fsum(normal)
+        of_contact = ContactWork(0.0, -self.h * by_normals, self.h * (by_normals - power))
+        supplied = self.h * float(np.vdot(inputs @ self._model.inputs.T, v))
+        dissipated = self.h * float(np.vdot(heat, heat)) + heat_of_residual * float(np.vdot(ġ, ẏ))
+        return StepWork(supplied, dissipated, (lambda: of_contact,))
 
     def open(self, u: Array) -> Array:
         """As in Kernel."""

@@ -234,6 +234,22 @@ class ResidualMotion:
         heat = self._h * self._relaxation.heat * float(after[4].dot(after[5]))
         return after[5].reshape(-1, 3), heat if self._branches is None else heat + self._branches.step(after[4:])
 
+    def move(self, forces: Array, moved: Array) -> Array:
+        """Takes a step under contact forces f (3P,) with R f, as `step`, but without branches.
+
+        Returns ġ̂ and R ġ̂, (2, 3P); `heat` times their product is lost.
+        """
+        self._f[:], self._Rf[:] = forces, moved
+        after: Array = self._step.dot(self._rows)
+        self._before[:] = self.state
+        self._rows[:4] = after[:4]
+        return after[4:]
+
+    @property
+    def heat(self) -> float:
+        """What a step dissipates of ġ̂ᵀ R ġ̂, s²."""
+        return self._h * self._relaxation.heat
+
     def _after(self, contact: ContactSolution | None) -> Array:
         """The state after a step under contact forces, then the rates of g and y in it, (6, 3P)."""
         self._rows[4:] = 0.0
