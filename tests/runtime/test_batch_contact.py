@@ -289,6 +289,34 @@ def test_bodies_out_of_reach_are_not_looked_at(rom, monkeypatch):
         bodies.step(np.ones(3))
 
 
+def test_what_comes_from_afar_is_met_and_what_leaves_goes_on_yielding(rom):
+    """A ball that is 0.2 m away, then within some steps at the body, hits it and is gone: as of single bodies."""
+    rom, speeds = replace(rom, environment=replace(rom.environment, contact_switching="scene")), np.array([3.0, 7.0])
+    away = {"floor": [0.0, 0.0, -5.0], "wall": [5.0, 0.0, 0.0], "push": [0.0, 0.0, 0.0]}
+
+    def ball(t):
+        return np.outer(np.abs(0.2 - speeds * t % 0.4) - 0.012, [1.0, 0.0, 0.0])
+
+    singles = [fr.Simulator(rom, STEP, signals=away | {"ball": lambda t, k=k: ball(t)[k]}) for k in range(2)]
+    bodies = fr.Batch(rom, 2, STEP, signals=away)
+    bodies.place_obstacle("ball", ball(0.0))
+    bodies.reset()
+    off, largest, hits = np.zeros(2), np.zeros(2), 0
+    for _ in range(200):
+        bodies.place_obstacle("ball", ball(bodies.time[0] + STEP))
+        bodies.step(np.zeros(bodies.inputs))
+        hits += np.count_nonzero(bodies.point_forces.any(axis=(1, 2)))
+        for k, own in enumerate(singles):
+            own.step(np.zeros(bodies.inputs))
+            tip = own.displacement("tip")
+            off = np.maximum(
+                off, [np.abs(bodies.displacement("tip")[k] - tip).max(), abs(bodies.energy[k] - own.energy)]
+            )
+            largest = np.maximum(largest, [np.abs(tip).max(), own.energy])
+    assert (off <= FOLLOWS * largest).all()
+    assert 6 <= hits < 40
+
+
 def test_what_cannot_be_done_is_said(rom):
     bodies, signals = Scene().batch(rom), Scene().signals
     springs = replace(rom.environment.contact_law, restitution=0.0, stiffness=1e3)
