@@ -64,6 +64,14 @@ def real_numbers(value: "ArrayLike") -> Array:
     return array.astype(float)
 
 
+def real_numbers_or_nan(value: "ArrayLike") -> Array:
+    """The same; NaN where it is not of real numbers, for those who then refuse what is not finite."""
+    try:
+        return real_numbers(value)
+    except (TypeError, ValueError):
+        return np.array(np.nan)
+
+
 class CheckedSignal:
     """A signal that must give so many finite numbers, wherever they come from, or be refused by its name.
 

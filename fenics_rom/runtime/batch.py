@@ -22,7 +22,7 @@ from numpy import ndarray as Array
 from numpy.typing import ArrayLike, DTypeLike
 
 from fenics_rom.errors import StepError, check_known
-from fenics_rom.mechanics.signals import real_numbers
+from fenics_rom.mechanics.signals import real_numbers_or_nan
 from fenics_rom.rom.given_rom import given_rom
 from fenics_rom.rom.midpoint_map import checked_dt
 from fenics_rom.rom.rom import Rom
@@ -171,7 +171,7 @@ class Batch(SteppedBodies):
         selected = self._layout.select(bodies)
         ω, modes = self._models.frequencies, self._layout.mode[selected]
         shape = (len(selected), ω.shape[1])
-        parts = [real_numbers(part) for part in (q, r)]
+        parts = [real_numbers_or_nan(part) for part in (q, r)]
         if any(part.shape not in (shape, shape[1:]) for part in parts):
             raise StepError(f"state: allowed are two arrays of shape {shape}, given: {[part.shape for part in parts]}")
         state = np.stack([np.broadcast_to(part, shape) for part in parts])
@@ -315,15 +315,13 @@ class Batch(SteppedBodies):
         """
         check_known("choice of on_error", on_error, ON_ERROR, StepError)
         u, held = self._check_input(u, on_error)
+        if self._environment is not None:
+            u = np.hstack([u, self._loads(self._environment)])
         contacts = self._contacts
         if contacts is not None:
             held = np.union1d(held, contacts.frozen.nonzero()[0])
             contacts.begin_step(self._account[TIME], held)
             self._follow_obstacles(contacts)
-        if self._environment is not None:
-            times, which = np.unique(self._account[TIME], return_inverse=True)
-            loads = np.array([self._environment.loads_at(time + self._dt / 2) for time in times])
-            u = np.hstack([u, loads[which]])
         if self._carried is not None:
             held = np.union1d(held, self._carried.move_base(base, self._account[TIME], f"step {self.steps}", on_error))
         elif base is not None:

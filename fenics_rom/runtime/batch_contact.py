@@ -21,13 +21,14 @@ from fenics_rom.mechanics.contact import ContactSearch, ObstacleMotion, PointMot
 from fenics_rom.mechanics.contact_points import NEARNESS
 from fenics_rom.mechanics.contact_solver import PENETRATION_TOLERANCE, ContactSolver
 from fenics_rom.mechanics.readings import ContactPressure
-from fenics_rom.mechanics.signals import real_numbers
+from fenics_rom.mechanics.signals import real_numbers_or_nan
 from fenics_rom.rom.residual_part import residual_part, strained_points
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.batch_contact_mode import BatchContactMode, by_axis
 from fenics_rom.runtime.steppers.contact_interface import contact_interface
 from fenics_rom.runtime.steppers.residual_motion import FORGOTTEN
 
+FARTHEST = 1e50  # m, that obstacles are placed away: what the bodies do then stays within the finite numbers
 _LEAST = 1e-100  # N: forces to begin a search with, where there were some
 NEGLIGIBLE = 1e-20  # of a body's energy: what is stored in its residual part no more
 
@@ -111,11 +112,11 @@ class BatchContact:
     def place(self, name: str, displacement: ArrayLike, bodies: Array) -> None:
         """Has an obstacle be displaced by (bodies, 3) or (3,), m, at the end of the next steps."""
         check_known("obstacle", name, self.names, StepError)
-        given = real_numbers(displacement)
-        if given.shape not in ((3,), (len(bodies), 3)) or not np.isfinite(given).all():
+        given = real_numbers_or_nan(displacement)
+        if given.shape not in ((3,), (len(bodies), 3)) or not (np.abs(given) <= FARTHEST).all():
             raise StepError(
-                f"{name}: allowed are three finite numbers, in m, for each of {len(bodies)} bodies, or for all; given: "
-                f"an array of shape {given.shape}"
+                f"{name}: allowed are three finite numbers within {FARTHEST:.0e}, in m, for each of {len(bodies)} "
+                f"bodies, or for all; given: an array of shape {given.shape}"
             )
         self._placed[self.names.index(name), :, bodies] = given
 
@@ -227,6 +228,10 @@ class BatchContact:
         if follows.any():
             instants, which = np.unique(times, return_inverse=True)
             scene = np.stack([self._environment.offsets_at(time + h) for time in instants], axis=-1)
+            if not (np.abs(scene) <= FARTHEST).all():
+                raise StepError(
+                    f"obstacles: allowed are displacements within {FARTHEST:.0e} m; all bodies were left as they were"
+                )
             np.copyto(ends, scene[..., which], where=follows)
         ends[..., held] = self.offsets[..., held]
         self._ends, self._speed = ends, (ends - self.offsets) / h

@@ -7,7 +7,7 @@ from numpy import ndarray as Array
 from numpy.typing import ArrayLike
 
 from fenics_rom.errors import StepError, check_known
-from fenics_rom.mechanics.signals import real_numbers
+from fenics_rom.mechanics.signals import real_numbers_or_nan
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.batch_arrays import BatchLayout, Bodies, PaddedModels, StepCoefficients
 
@@ -112,7 +112,7 @@ class BatchedBodies:
 
     @friction.setter
     def friction(self, μ: ArrayLike) -> None:
-        contacts, given = self._with_contact(), real_numbers(μ)
+        contacts, given = self._with_contact(), real_numbers_or_nan(μ)
         if given.shape not in ((), (self.size,)) or not (np.isfinite(given) & (given >= 0)).all():
             raise StepError(f"friction: allowed is a finite number >= 0, or one of each of {self.size} bodies")
         contacts.friction[:] = given
@@ -296,9 +296,24 @@ class BatchedBodies:
         field = np.take(field, layout.row, axis=0)
         return field.reshape(self.size, -1, 3) if len(self.rom.nodes) else field
 
+    def _loads(self, environment: "ActiveEnvironment") -> Array:
+        """What acts by itself in the step of each body, in the middle of it, (size, loads)."""
+        times, which = np.unique(self._account[TIME] + self._dt / 2, return_inverse=True)
+        loads = np.array([environment.loads_at(time) for time in times])
+        bad = np.flatnonzero(~(np.abs(loads) <= self._input_limit).all(axis=1))
+        if len(bad):
+            raise StepError(
+                f"loads at {times[bad[0]]:g} s: {loads[bad[0]].tolist()}: allowed are numbers within "
+                f"{self._input_limit:.0e}; all bodies were left as they were"
+            )
+        return loads[which]
+
     def _check_input(self, u: ArrayLike, on_error: str) -> tuple[Array, Array]:
         """Inputs (size, p), and the bodies to hold still; theirs are zero then."""
-        u = np.asarray(u)
+        try:
+            u = np.asarray(u)
+        except ValueError:
+            raise StepError(f"input: allowed are {self.inputs} numbers in N, given: rows of several lengths") from None
         if u.shape not in ((self.size, self.inputs), (self.inputs,)):
             raise StepError(
                 f"input: allowed are {self.inputs} numbers in N for each of {self.size} bodies, or for all; "

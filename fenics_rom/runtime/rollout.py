@@ -185,7 +185,7 @@ def plan_steps(
             )
     environment = body.environment
     if environment is not None:
-        steps = np.concatenate([np.full(interval.stop - interval.start, interval.dt) for interval in plan])
+        steps = np.array([interval.dt for interval in plan for _ in range(interval.start, interval.stop)])
         middles = body.time + np.cumsum(steps) - steps / 2
         u = np.hstack([u, np.array([environment.loads_at(t) for t in middles]).reshape(len(u), load_columns)])
     return u, plan
@@ -218,8 +218,8 @@ class Rollout:
             )
         if contact is not None and body.switches_itself:
             raise StepError(
-                "rollout: contact: obstacles say which contact mode is active; allowed is None, or contact_switching = "
-                "'scene' in the scene"
+                "rollout: contact: obstacles say which contact mode is active; allowed is None, or "
+                "effects.contact.switching = 'scene' in the scene"
             )
         if not (isinstance(every, int | np.integer) and every >= 1):
             raise StepError(f"every = {every!r}: allowed is a whole number of steps, at least 1")

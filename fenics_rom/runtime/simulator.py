@@ -13,7 +13,7 @@ from fenics_rom.errors import FenicsRomWarning, StepError, check_known, unknown
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
 from fenics_rom.mechanics.initial_state import lost_messages
 from fenics_rom.mechanics.linearity import SurfaceStrainPeak
-from fenics_rom.mechanics.signals import real_numbers
+from fenics_rom.mechanics.signals import real_numbers, real_numbers_or_nan
 from fenics_rom.rom.given_rom import given_rom
 from fenics_rom.rom.midpoint_map import checked_dt
 from fenics_rom.rom.rom import Rom
@@ -129,7 +129,7 @@ class Simulator(MovingBody):
 
     @state.setter
     def state(self, state: tuple[Sequence[float] | Array, Sequence[float] | Array]) -> None:
-        given = [real_numbers(part) for part in state]
+        given = [real_numbers_or_nan(part) for part in state]
         shape = (self._order,)
         if len(given) != 2 or any(part.shape != shape or not np.isfinite(part).all() for part in given):
             raise StepError(f"state: allowed are two finite arrays of shape {shape}, given: {[p.shape for p in given]}")

@@ -328,6 +328,11 @@ def test_what_cannot_be_done_is_said(rom):
         ),
         ("three finite numbers", lambda: bodies.place_obstacle("floor", np.zeros(2))),
         ("three finite numbers", lambda: bodies.place_obstacle("floor", [0.0, np.nan, 0.0])),
+        ("three finite numbers within 1e.50", lambda: bodies.place_obstacle("floor", [0.0, 0.0, 1e200])),
+        ("three finite numbers", lambda: bodies.place_obstacle("floor", "up")),
+        ("friction", lambda: setattr(bodies, "friction", "high")),
+        ("two arrays of shape", lambda: bodies.set_state("here", "there")),
+        ("rows of several lengths", lambda: bodies.step([[0.0] * 3, [0.0]])),
         ("no obstacle 'flor'", lambda: bodies.contact_force("flor")),
         ("friction", lambda: setattr(bodies, "friction", -1.0)),
         ("friction", lambda: setattr(bodies, "friction", np.ones(2))),
@@ -340,6 +345,21 @@ def test_what_cannot_be_done_is_said(rom):
     ):
         with pytest.raises(StepError, match=message):
             attempt()
+
+
+@pytest.mark.parametrize(
+    ("signal", "message"), [({"push": [0, 0, 1e200]}, "loads at 0.0015 s: "), ({"floor": [0, 0, 1e200]}, "obstacles: ")]
+)
+def test_what_leads_out_of_the_finite_numbers_is_refused_and_changes_nothing(rom, signal, message):
+    """Signals, too: of those that came so far, the states were not numbers in silence."""
+    late = {name: lambda t, value=value: value if t > STEP else [0, 0, 0] for name, value in signal.items()}
+    bodies = fr.Batch(rom, 2, STEP, ledger=True, signals=Scene().signals | late)
+    bodies.step(np.ones(3))
+    before = everything(bodies)
+    with pytest.raises(StepError, match=f"{message}.*allowed are .*as they were"):
+        bodies.step(np.ones(3))
+    for part, then in zip(everything(bodies), before, strict=True):
+        np.testing.assert_array_equal(part, then)
 
 
 def test_steps_ask_the_system_for_little_memory(rom, tmp_path):

@@ -224,7 +224,7 @@ def test_mode_follows_the_obstacles_and_is_not_asked_for(mesh):
     assert set(modes) == {"left", "right"}
     assert_same(body, rolled, np.abs(body.displacement()).max())
     before = rolled.save()
-    with pytest.raises(StepError, match="obstacles say which contact mode"):
+    with pytest.raises(StepError, match=r"obstacles say .* effects\.contact\.switching = 'scene'"):
         rolled.rollout(forces, contact="left")
     assert rolled.steps == before.steps
     by_scene = replace(rom, environment=replace(rom.environment, contact_switching="scene"))
@@ -234,6 +234,13 @@ def test_mode_follows_the_obstacles_and_is_not_asked_for(mesh):
     for u in forces:
         other.step(u)
     assert_same(one, other, np.abs(other.displacement()).max())
+
+
+def test_no_steps_are_a_rollout_too(roms):
+    body = fr.Simulator(roms["floor"], DT)
+    read = body.rollout(np.empty((0, 3)))
+    assert read["corner"].shape == (0, *body.displacement("corner").shape)
+    assert body.steps == 0
 
 
 def test_rollouts_that_fail_leave_everything_as_it_was(roms):
