@@ -165,9 +165,9 @@ def _neo_hookean_stress(E: Array, λ: Array, μ: Array) -> tuple[Array, Array]:
     S, change = _adjugate(E)
     lnJ = np.log1p(change) / 2
     volumetric = λ * lnJ
-    shear = (μ - volumetric) / (1 + change)
-    S *= -shear
-    S[:3] += shear * change + volumetric
+    shear = (volumetric - μ) / (1 + change)
+    S *= shear
+    S[:3] += volumetric - shear * change
     return S, lnJ
 
 

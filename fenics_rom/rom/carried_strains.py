@@ -73,10 +73,14 @@ class StrainTables(NamedTuple):
         """η (r,) of q (m,), or of bodies (m, B)."""
         η = np.empty((len(self.gram), *q.shape[1:]))
         η[: len(q)] = q
-        products = η[len(q) :]
-        np.multiply(q.take(self.first, 0), q.take(self.second, 0), products)
-        np.multiply(products.T, self.half, products.T)
+        self.products(q, η[len(q) :])
         return η
+
+    def products(self, q: Array, products: Array | None = None) -> Array:
+        """What of η are products (m (m+1)/2,), of q (m,) or of bodies (m, B); written where they are to be."""
+        products = np.multiply(q.take(self.first, 0), q.take(self.second, 0), products)
+        np.multiply(products.T, self.half, products.T)
+        return products
 
     def rates(self, q: Array, v: Array) -> Array:
         """What η change by at q (m,), or of bodies (m, B), with v."""
@@ -112,6 +116,10 @@ class MonomialStrains:
     def at(self, q: Array) -> Array:
         """y of E(q)."""
         return self._tables.at(q)
+
+    def products(self, q: Array) -> Array:
+        """What of y are products."""
+        return self._tables.products(q)
 
     def rates(self, q: Array, v: Array) -> Array:
         """Of y at q, by the velocity v."""
@@ -174,7 +182,7 @@ class MonomialsAround:
         if not is_elastic:
             return strains.rates(self._q, moved)
         both = strains.at(self._q + moved)  # but for the squares of what is moved
-        both[len(v) :] -= strains.at(moved)[len(v) :]
+        both[len(v) :] -= strains.products(moved)
         return both
 
     def stiffness(self, elastic: float) -> Array:

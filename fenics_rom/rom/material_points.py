@@ -11,13 +11,13 @@ from fenics_rom.mechanics.hyperelastic import (
     VOIGT_PAIRS,
     energy_beyond_linear,
     linear_stress,
-    small_strain,
     stress,
     stress_and_beyond_linear,
 )
 from fenics_rom.rom.deformation import ReducedDeformation
 
 _I, _J = VOIGT_PAIRS.T
+_TRANSPOSED = 3 * _J + _I
 
 
 class MaterialPoints:
@@ -29,23 +29,23 @@ class MaterialPoints:
 
     def __init__(self, body: ReducedDeformation):
         self._law, self._P, G = body.law, len(body.weights), body.gradients
-        self._rows = np.concatenate([G.reshape(-1, body.order), small_strain(G).reshape(-1, body.order)])
-        self._gradients = self._rows[: 9 * self._P]
+        self._gradients = G.reshape(-1, body.order).copy()
         self._moduli = {1: (body.weights * body.first_lame, body.weights * body.shear)}  # for so many bodies
         self.most = float(self._moduli[1][1].sum())
 
     def strains(self, q: Array) -> tuple[Array, Array]:
         """F (3, 3, P) and E (6, P) at q."""
-        moved = self._rows.dot(q)
-        F, E = moved[: len(self._gradients)].reshape(3, 3, -1), moved[len(self._gradients) :].reshape(6, -1)
+        moved = self._gradients.dot(q).reshape(9, -1)  # H, with which FᵀH + Hᵀ is twice the strain
+        F = moved.copy()
+        F[::4] += 1.0
+        F = F.reshape(3, 3, -1)
         products = F.take(_I, 1)
-        products *= F.take(_J, 1)
-        square = products[0]
-        square += products[1]
-        square += products[2]
-        square[:3] /= 2
-        E += square
-        F.reshape(9, -1)[::4] += 1.0
+        products *= moved.reshape(F.shape).take(_J, 1)
+        E: Array = moved.take(_TRANSPOSED, 0)
+        E += products[0]
+        E += products[1]
+        E += products[2]
+        E[:3] /= 2
         return F, E
 
     def with_next(self, q: Array, soon: Array) -> tuple[Array, float, Array, Array]:

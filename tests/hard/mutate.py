@@ -114,9 +114,9 @@ MUTATIONS = [
     ("runtime/batch_deformation.py", "then.strains[:, bodies] = went + share * gap", "pass"),
     ("runtime/batch_deformation.py", "slope**2 + 2 * square * budget", "slope**2 + square * budget"),
     ("mechanics/hyperelastic.py", "λ / 2 * (lnJ - trace) * (lnJ + trace)", "λ / 2 * (lnJ - trace) * lnJ"),
-    ("mechanics/hyperelastic.py", "S[:3] += shear * change + volumetric", "S[:3] += shear * change"),
-    ("rom/material_points.py", "F.reshape(9, -1)[::4] += 1.0", "pass"),
-    ("rom/carried_strains.py", "both[len(v) :] -= strains.at(moved)[len(v) :]", "pass"),
+    ("mechanics/hyperelastic.py", "S[:3] += volumetric - shear * change", "S[:3] -= shear * change"),
+    ("rom/material_points.py", "F[::4] += 1.0", "pass"),
+    ("rom/carried_strains.py", "both[len(v) :] -= strains.products(moved)", "pass"),
     ("rom/deformation.py", "self.shapes[3:] - self.shapes[:-3]", "self.shapes[3:]"),
     (
         "runtime/steppers/linear_kernels.py",

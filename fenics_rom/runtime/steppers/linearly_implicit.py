@@ -158,7 +158,7 @@ class LinearlyImplicit(FiniteStrainKernel):
     def _stepped(self, u: Array, obstacles: ObstacleMotion | None) -> float:
         h, body = self.h, self._body
         self._carried_before[:] = self._carried
-        q, r = self._coordinates().copy(), self._r
+        q, r = self._e * self._inverse_ω, self._r
         u, given = (u, None) if self._actuators is None else self._actuators.split(u)
         start = 2 / h * r if self._springs is None else 2 / h * r - self._springs.dot(q)
         expected = self._expected(u, q, start)
