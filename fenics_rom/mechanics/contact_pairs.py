@@ -147,9 +147,9 @@ class NormalRule:
         self._zeros = np.zeros(pairs)
 
     def linear(self, gaps: Array, approach: Array) -> tuple[Array, Array, Array]:
-        """Closing, half and later of `of` from rows (P, n) of gaps and approach."""
-        closing, half = self._rate[:, None] * gaps, self._half[:, None] * approach
-        return closing, half, self._share[:, None] * (closing + half)
+        """Closing, half and later of `of`, of any pairs, from their gaps and approach, or derivatives of these."""
+        closing, half = self._rate[0] * gaps, self._half[0] * approach
+        return closing, half, self._share[0] * (closing + half)
 
     def asks(self, gaps: Array, gap: float, w: Array | None, approach: Array) -> NormalLaw:
         """What the law says.

@@ -33,8 +33,9 @@ from fenics_rom.mechanics.complementarity import NEGLIGIBLE_RESIDUAL, Delassus, 
 from fenics_rom.mechanics.complementarity.solution import ADVICE, largest
 from fenics_rom.mechanics.contact import ContactLaw, ContactSearch, ContactSolution, ObstacleMotion, PointMotion
 from fenics_rom.mechanics.contact_pairs import Asked, NormalRule, Pairs, Settled, SolvedPairs, passive_forces
-from fenics_rom.mechanics.followed_contact import PairsMotion, follow_contact
+from fenics_rom.mechanics.followed_contact import Followed, PairsMotion, follow_contact
 from fenics_rom.mechanics.obstacles import Obstacle
+from fenics_rom.mechanics.steady_contact import SteadyPairs
 
 _ONES, _ROOT_3 = np.ones(3), math.sqrt(3.0)
 PENETRATION_TOLERANCE = 1e-9  # of the size of the body: as deep in an obstacle as round-off may have put a point
@@ -67,6 +68,7 @@ class ContactSolver:
         self._delassus, self._operators = np.empty((0, 0)), dict[bytes, tuple[Array, Delassus]]()
         self._rule: NormalRule | None = None
         self._offsets, self._placed = np.empty((0, 3)), list[Array]()  # the points at rest, less these
+        self._steady: SteadyPairs | None = None
         self._followed: Callable[[], tuple[Pairs, SolvedPairs]] | None = None  # tells of the last step, if it was
 
     @property
@@ -212,7 +214,7 @@ class ContactSolver:
         """Contact of a step with inertia in which all pairs do what they did in the step before; None elsewhere.
 
         Args:
-            motion: what pairs do, which is overwritten.
+            motion: what pairs do.
             points: tells what the points do, if someone asks.
             delassus, dt: as in `solve`.
             still: obstacles that rest.
@@ -222,7 +224,7 @@ class ContactSolver:
             known = points()
             return known, self._of_pairs(known.free_velocity), self._of_pairs(known.velocity)
 
-        return self._follow(motion, told, delassus, dt, still, False)
+        return self._follow(motion, told, delassus, dt, still, False, self._look(motion, delassus))
 
     def _follow(
         self,
@@ -232,11 +234,13 @@ class ContactSolver:
         dt: float,
         obstacles: ObstacleMotion,
         quasi_static: bool,
+        found: Followed | None = None,
     ) -> ContactSolution | None:
-        """The same; `told`: what the points do, and what `_relative` says of that."""
+        """The same; `told`: what the points do, and what `_relative` says of that; `found`: by a first look."""
         search, law, frames = self.search, self.law, motion.frames
-        operators, moved = partial(self._operator, delassus), partial(self._moved, delassus)
-        found = follow_contact(law, search, motion, operators, moved)
+        if found is None:
+            operators, moved = partial(self._operator, delassus), partial(self._moved, delassus)
+            found = follow_contact(law, search, motion, operators, moved)
         if found is None:
             return None
         key, active, operator, own, solution, forces, power = found
@@ -254,6 +258,18 @@ class ContactSolver:
 
         self._followed, among, w = known, _of(forces, active), obstacles.velocities(dt)
         return ContactSolution(self._at_points(forces), 0, active, _of(frames.normals, active), among, w, power)
+
+    def _look(self, motion: PairsMotion, delassus: Array) -> Followed | None:
+        """A first look at what pairs do that met one flat obstacle in the last step; None where that does not do."""
+        (key, kept), *_ = self.search.laws
+        frames, steady = motion.frames, self._steady
+        if kept.inverse is None or not frames.are_alike:
+            return None
+        if steady is None or not steady.is_of(kept.inverse, delassus, frames):
+            active, operator = self._operator(delassus, np.frombuffer(key, dtype=bool), key)
+            pairs = key, active, operator, frames, self.law.friction
+            self._steady = steady = SteadyPairs(*pairs, kept.inverse, delassus)
+        return steady.look(kept, motion)
 
     @property
     def follows(self) -> bool:

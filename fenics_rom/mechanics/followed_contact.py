@@ -27,7 +27,7 @@ class PairsMotion(NamedTuple):
     normals: Array | None  # (3, O P); None where all are the first of the axes
     asked: NormalLaw  # of all pairs
     outwards: Array  # mid-step velocity along the normals, (O P,), m/s
-    free: Array  # mid-step velocity less `sliding`, (3, O P), m/s, which is overwritten
+    free: Array  # mid-step velocity less `sliding`, (3, O P), m/s
     sliding: Array | None  # half the velocity at the start, c_t and `across`, (3, O P), m/s; None where nothing slides
     across: Array | None  # along the normals of that, (O P,), m/s; None where it was left out
 
@@ -108,12 +108,13 @@ def follow_contact(
     active, operator = operators(chosen, key)
     are_all = len(active) == len(chosen)
     own, n, (_, target, compliance), _, q, sliding, across = motion if are_all else motion.among(active)
-    if n is None:
-        q[0] -= target
-    elif compliance:
+    if compliance and n is not None:
         return None
+    if n is None:
+        q = q.copy()
+        q[0] -= target
     else:
-        q -= (target if across is None else target - across) * n
+        q = q - (target if across is None else target - across) * n
     solution = follow(FollowedLaw(operator.lasting(own, compliance), q, law.friction, n), kept)
     if solution is None:
         return None

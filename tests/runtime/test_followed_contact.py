@@ -110,6 +110,26 @@ def test_steps_that_are_followed_lead_where_searches_lead(roms, case, monkeypatc
     assert min(followed) > STEPS / 8
 
 
+@pytest.mark.parametrize("case", ["floor", "smooth", "ball"])
+def test_followed_steps_of_a_restored_body_are_the_same_to_the_bit(roms, case):
+    """What is kept besides to take them faster says nothing that the state does not."""
+    signals, ways = {"push": pushes(np.random.default_rng(0), 20.0)}, []
+    body = fr.Simulator(roms[case], 1e-3, signals=signals)
+    for _ in range(STEPS // 4):
+        body.step()
+    start, fresh = body.save(), fr.Simulator(roms[case], 1e-3, signals=signals)
+    for each in (body, fresh, body):
+        each.restore(start)
+        states = []
+        for _ in range(STEPS // 2):
+            each.step()
+            states.append(np.concatenate([*each.state, each.contact_forces().ravel()]))
+        ways.append([np.array(states), each.ledger.sums])
+    for states, sums in ways[1:]:
+        assert np.array_equal(states, ways[0][0])
+        assert sums == ways[0][1]
+
+
 def test_what_a_followed_step_found_is_told_as_that_of_a_search(roms, monkeypatch):
     """What those who differentiate ask for: the pairs, how their forces were found, and the adjoint.
 

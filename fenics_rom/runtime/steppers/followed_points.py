@@ -1,8 +1,8 @@
-"""What the contact points of a linear body do in a step at an obstacle that rests, by one product.
+"""What the contact points of a linear body do in a step at an obstacle that rests, by few products.
 
-With x = [e, r, s, u, 1, y, ẏ] of the state, the displacement s along rigid motions, the inputs, and what the residual
-part adds to the points, all that a step begins with is linear: what drives the body, where points are, and their
-velocities, along axes that last (see Frames). So is what the normal law makes of it, where the obstacle is flat.
+With x = [e, r, s, u, 1] of the state, the displacement s along rigid motions and the inputs, and with what the residual
+part adds to each point, y and ẏ, all that a step begins with is linear: what drives the body, where points are and
+their velocities, along axes that last (see Frames); where the obstacle is flat, what the normal law makes of them, too.
 """
 
 from collections.abc import Callable
@@ -66,69 +66,91 @@ class FollowedPoints:
     ):
         self.still, self._solver, self._rule, self._obstacle = still, solver, solver.rule(h), solver.obstacles[0]
         placed, (m, p), ρ, P = solver.points - still.start[0], model.inputs.shape, len(rigid), len(solver.points)
-        ends = np.cumsum([m, m, ρ, p, 1, 3 * P, 3 * P])
-        e, r, s, u, one, y, ẏ = (slice(*bound) for bound in pairwise((0, *ends)))
+        gaps, normals = self._obstacle.distance(placed)
+        self._frames = Frames(normals) if isinstance(self._obstacle, HalfSpace) else None
+        self._slides = solver.law.friction > 0
+
+        ends = np.cumsum([m, m, ρ, p, 1])
+        e, r, s, u, one = (slice(*bound) for bound in pairwise((0, *ends)))
         right, motion = np.zeros((m, ends[-1])), np.zeros((3, 3 * P, ends[-1]))
         right[:, e], right[:, r], right[:, u] = np.diag(-np.sqrt(model.eigenvalues)), 2 / h * np.eye(m), model.inputs
         motion[0, :, e], motion[0, :, :ρ], motion[0, :, s] = rows / model.safe_frequencies, 0.0, rows[:, :ρ]
         motion[1, :, r], motion[2] = rows, rows @ applied(right)
-        for part, (_, by_y, _, by_ẏ) in zip(motion, residual.maps.added, strict=True):
-            part[:, y] += by_y * np.eye(3 * P)
-            part[:, ẏ] += by_ẏ * np.eye(3 * P)
-        self._motion = motion
+        turn, added = np.eye(3) if self._frames is None else self._frames.axes[0].T, residual.maps.added[:, 1::2]
+        self._motion, self._added = motion, added
 
-        gaps, normals = self._obstacle.distance(placed)
-        self._frames = Frames(normals) if isinstance(self._obstacle, HalfSpace) else None
-        turn = np.eye(3) if self._frames is None else self._frames.axes[0].T
         places, velocities, free = np.einsum("ij,kpjn->kipn", turn, motion.reshape(3, P, 3, -1))
-        places[:, :, one], self._slides = placed.T[:, :, None], solver.law.friction > 0
-        sliding = velocities / 2 if self._slides else np.zeros((3, 0, ends[-1]))
-        of_law = [places, velocities]
+        places[:, :, one] = placed.T[:, :, None]
         if self._frames is not None:
-            places[0, :, one], approach = gaps[:, None], velocities[0]
-            of_law = [*self._rule.linear(places[0], approach), approach]
-            sliding[0] = 0.0
-        blocks = [free - sliding if self._slides else free, sliding, *of_law, right]
-        blocks = [block.reshape(-1, ends[-1]) for block in blocks]
-        self._product, bounds = np.concatenate(blocks), np.cumsum([0, *map(len, blocks)]).tolist()
-        self._blocks = [slice(*bound) for bound in pairwise(bounds)]
-        self._x = x = np.zeros(ends[-1])
-        x[one] = 1.0
-        beyond = residual.state.reshape(4, -1)[1::2]  # y and ẏ
-        self._inputs, self._followed = x[u], [(x[: 2 * m], state), (x[s], rigid), (x[ends[4] :].reshape(2, -1), beyond)]
+            places[0, :, one] = gaps[:, None]
+        of_x = self._of_pairs(places, velocities, free)
+        self._by_beyond = self._of_pairs(*np.einsum("ka,ij->kiaj", added, turn).reshape(3, 3, 6))
+        self._product = np.concatenate([of_x.reshape(-1, ends[-1]), right])
+
+        self._x, self._begin, self._beyond = np.zeros(ends[-1]), np.empty(len(self._product)), np.empty((6, P))
+        self._x[one] = 1.0
+        self._inputs, self._followed = (
+            self._x[u],
+            [
+                (self._x[: 2 * m], state),
+                (self._x[s], rigid),
+                (self._beyond.reshape(2, 3, P), residual.state.reshape(4, P, 3)[1::2].swapaxes(1, 2)),  # y and ẏ
+            ],
+        )
+        self._pairs, self._right = self._begin[: len(of_x) * P].reshape(-1, P), self._begin[len(of_x) * P :]
+        self._free, self._outwards, of_law = self._pairs[:3], self._pairs[0], 6 if self._slides else 3
+        self._sliding, self._of_law = self._pairs[3:6] if self._slides else None, list(self._pairs[of_law:])
+
+    def _of_pairs(self, places: Array, velocities: Array, free: Array) -> Array:
+        """What `motion` asks of pairs, (k, ...), from where they are and their velocities in axes that last, (3, ...).
+
+        That is PairsMotion.free, `sliding`, and what the normal law makes of them or, of what is not flat, the places
+        and velocities.
+        """
+        sliding, of_law = velocities / 2, [*places, *velocities]
+        if self._frames is not None:
+            sliding[0], of_law = 0.0, [*self._rule.linear(places[0], velocities[0]), velocities[0]]
+        return np.array([*free - sliding, *sliding, *of_law] if self._slides else [*free, *of_law])
 
     def motion(self, u: Array) -> tuple[PairsMotion | None, Array]:
-        """What pairs do in a step under u (p,), and what drives the body (m,), N kg^-1/2.
+        """What pairs do in a step under u (p,), and what drives the body (m,), N kg^-1/2; the next step overwrites it.
 
         No pairs where the obstacle is not flat, but all normals are alike.
         """
         self._inputs[:] = u
         for own, values in self._followed:
             own[:] = values
-        begin = self._product.dot(self._x)
-        free, sliding, *of_law, right = [begin[block] for block in self._blocks]
-        free, sliding = free.reshape(3, -1), sliding.reshape(3, -1) if self._slides else None
+        np.dot(self._product, self._x, self._begin)
+        pairs = self._pairs
+        pairs += self._by_beyond.dot(self._beyond)
         if self._frames is None:
-            return self._of_round(free, sliding, *of_law), right
-        closing, half, later, approach = of_law
+            return self._of_round(), self._right
+        closing, half, later, approach = self._of_law
         asked = self._rule.of(closing, half, later, approach, -closing.item(closing.argmax()), None)
-        return PairsMotion(self._frames, None, asked, free[0], free, sliding, None), right
+        return PairsMotion(self._frames, None, asked, self._outwards, self._free, self._sliding, None), self._right
 
-    def _of_round(self, free: Array, sliding: Array | None, places: Array, velocities: Array) -> PairsMotion | None:
-        """The motion of pairs whose normals differ, from what the product says."""
-        gaps, normals = self._obstacle.distance(places.reshape(3, -1).T)
+    def _of_round(self) -> PairsMotion | None:
+        """The motion of pairs whose normals differ, from what the products say."""
+        own = len(self._pairs) - 6
+        places, velocities, free = self._pairs[own : own + 3], self._pairs[own + 3 :], self._free
+        gaps, normals = self._obstacle.distance(places.T)
         frames = self._solver.search.frames_along(normals)
         n = frames.lasting_normals
         if n is None:
             return None
-        approach, outwards, across = _ONES.dot(velocities.reshape(3, -1) * n), _ONES.dot(free * n), None
-        if sliding is not None:
+        approach, outwards, across = _ONES.dot(velocities * n), _ONES.dot(free * n), None
+        if self._slides:
             across = _HALF * approach
             outwards += across
         asked = self._rule.asks(gaps, gaps.item(gaps.argmin()), None, approach)
-        return PairsMotion(frames, n, asked, outwards, free, sliding, across)
+        return PairsMotion(frames, n, asked, outwards, free, self._sliding, across)
 
     def points(self) -> Callable[[], PointMotion]:
         """Tells what the points do in the step for which `motion` was asked last."""
-        x, rows = self._x.copy(), self._motion
-        return lambda: PointMotion(*rows.dot(x).reshape(3, -1, 3))
+        x, beyond, rows, added = self._x.copy(), self._beyond.copy(), self._motion, self._added
+
+        def told() -> PointMotion:
+            by_point = beyond.reshape(2, 3, -1).swapaxes(1, 2)
+            return PointMotion(*rows.dot(x).reshape(3, -1, 3) + np.tensordot(added, by_point, 1))
+
+        return told

@@ -87,7 +87,7 @@ class ContactMidpoint(BookedKernel):
         known, residual, solver = self._points, self.residual, interface.solver
         if known is not None and known.still is obstacles:
             return known
-        rests = obstacles.end is obstacles.start and is_zero(obstacles.velocities_before)
+        rests = np.array_equal(obstacles.end, obstacles.start) and is_zero(obstacles.velocities_before)
         alone = len(solver.obstacles) == 1 and solver.law.stiffness is None
         if residual is None or self.branches is not None or not (rests and alone):
             return None
@@ -96,7 +96,6 @@ class ContactMidpoint(BookedKernel):
             return known
         body = self._model, self.h, partial(_applied, self._a), self._Sᵀ.T, residual
         self._points = FollowedPoints(*body, self.state, self._rigid_displacement, solver, obstacles)
-        self._answers = np.concatenate([self._Sᵀ, residual.part.compliance])
         return self._points
 
     def _follow(self, points: FollowedPoints, u: Array) -> tuple[Array, ContactSolution | None]:
@@ -110,11 +109,10 @@ class ContactMidpoint(BookedKernel):
     def _end_followed_step(self, u: Array, right: Array, contact: ContactSolution) -> float:
         """The same as `_end_step`; the work is worked out together with that of other steps."""
         assert self.residual is not None
-        forces, m = contact.forces.ravel(), len(right)
-        moved = self._answers.dot(forces)
-        right += moved[:m]
-        v, rates = self._pushed_by(right), self.residual.move(forces, moved[m:])
-        self._leave(FollowedWork(u, right, moved[:m], v, forces, rates, contact.normal_power))
+        by_contact = self._pushed(contact)
+        right = right + by_contact
+        v, rates = self._pushed_by(right), self.residual.move(contact)
+        self._leave(FollowedWork(u, right, by_contact, v, contact.forces.ravel(), rates, contact.normal_power))
         self._at_touch = v, rates[1].reshape(-1, 3)
         if len(self._rigid_displacement):
             self._rigid_displacement += self.h * v[: len(self._rigid_displacement)]

@@ -234,12 +234,9 @@ class ResidualMotion:
         heat = self._h * self._relaxation.heat * float(after[4].dot(after[5]))
         return after[5].reshape(-1, 3), heat if self._branches is None else heat + self._branches.step(after[4:])
 
-    def move(self, forces: Array, moved: Array) -> Array:
-        """Takes a step under contact forces f (3P,) with R f, as `step`, but without branches.
-
-        Returns ġ̂ and R ġ̂, (2, 3P); `heat` times their product is lost.
-        """
-        self._f[:], self._Rf[:] = forces, moved
+    def move(self, contact: ContactSolution) -> Array:
+        """Takes a step under contact forces, as `step` without branches: ġ̂ and R ġ̂ (2, 3P), of which `heat` is lost."""
+        self._push(contact)
         after: Array = self._step.dot(self._rows)
         self._before[:] = self.state
         self._rows[:4] = after[:4]
@@ -254,17 +251,21 @@ class ResidualMotion:
         """The state after a step under contact forces, then the rates of g and y in it, (6, 3P)."""
         self._rows[4:] = 0.0
         if contact is not None:
-            self._f[:] = contact.forces.ravel()
-            if 2 * len(contact.pairs) < len(contact.forces):
-                touched = contact.forces.any(axis=1).nonzero()[0]  # R is symmetric, and its rows lie in one piece
-                rows = self._R.reshape(-1, 3, len(self._R))[touched].reshape(-1, len(self._R))
-                np.dot(contact.forces[touched].ravel(), rows, out=self._Rf)
-            else:
-                np.dot(self._R, self._f, out=self._Rf)
+            self._push(contact)
         if self._branches is not None:
             self._rows[4:] -= self._branches.pull
         after: Array = self._step.dot(self._rows)
         return after
+
+    def _push(self, contact: ContactSolution) -> None:
+        """Sets f and R f."""
+        self._f[:] = contact.forces.ravel()
+        if 2 * len(contact.pairs) < len(contact.forces):
+            touched = contact.forces.any(axis=1).nonzero()[0]  # R is symmetric, and its rows lie in one piece
+            rows = self._R.reshape(-1, 3, len(self._R))[touched].reshape(-1, len(self._R))
+            np.dot(contact.forces[touched].ravel(), rows, out=self._Rf)
+        else:
+            np.dot(self._R, self._f, out=self._Rf)
 
     def work_of_start(self, before: ContactSolution | None, velocity: Array) -> float:
         """Work, J, in the last step, between equilibria, of what held it at its start besides contact forces before.
