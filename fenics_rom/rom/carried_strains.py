@@ -6,15 +6,15 @@
 with them. `PointStrains` are the strains of the points themselves, which of many modes are fewer.
 """
 
-from functools import cached_property
 from typing import NamedTuple
 from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.mechanics.hyperelastic import VOIGT_SHEAR, linear_stress, strain, strain_rate
+from fenics_rom.mechanics.hyperelastic import VOIGT_SHEAR, linear_stress
 from fenics_rom.rom.deformation import ReducedDeformation
+from fenics_rom.rom.material_points import MaterialPoints
 
 MOST_MODES = 30  # beyond, their tables outgrow the caches, and points are as fast
 
@@ -200,17 +200,17 @@ class PointStrains:
     """Strains (6 P,) of the points of a body. Attributes as in MonomialStrains; β is of each strain."""
 
     def __init__(self, body: ReducedDeformation):
-        self.body, self.size = body, 6 * len(body.weights)
+        self.body, self.points, self.size = body, MaterialPoints(body), 6 * len(body.weights)
         self.viscosity = np.tile(body.viscosity, 6)
         self._λ, self._μ = body.weights * body.first_lame, body.weights * body.shear
 
     def around(self, q: Array) -> "PointsAround":
         """Of shapes near q."""
-        return PointsAround(self, q)
+        return PointsAround(self, *self.points.strains(q))
 
     def at(self, q: Array) -> Array:
         """y of E(q)."""
-        return self.body.strains(q).ravel()
+        return self.points.strains(q)[1].ravel()
 
     def stressed(self, y: Array) -> Array:
         """C₀ y."""
@@ -233,20 +233,14 @@ class PointStrains:
 
 
 class PointsAround:
-    """What strains of shapes near q are by their rates."""
+    """What strains of shapes near q are by their rates; F (3, 3, P) and E (6, P) are those at q."""
 
-    def __init__(self, strains: PointStrains, q: Array):
-        self._strains, self._body = strains, strains.body
-        self._H = self._body.displacement_gradients(q)
-
-    @cached_property
-    def y(self) -> Array:
-        """At q."""
-        return strain(self._H).ravel()
+    def __init__(self, strains: PointStrains, F: Array, E: Array):
+        self._strains, self._F, self.y = strains, F, E.ravel()
 
     def rates(self, v: Array) -> Array:
         """A v."""
-        return strain_rate(self._H + np.eye(3)[:, :, None], self._body.displacement_gradients(v)).ravel()
+        return self._strains.points.rates(self._F, v).ravel()
 
     def damped(self, v: Array, relaxation: float, is_elastic: bool) -> Array:
         """(β + relaxation) A v (6 P,), and y with it where that is elastic."""
@@ -255,7 +249,7 @@ class PointsAround:
 
     def pulled(self, z: Array) -> Array:
         """Aᵀz (m,)."""
-        return self._body.resultant(self._H, z.reshape(6, -1))
+        return self._strains.points.resultant(self._F, z.reshape(6, -1))[:, 0]
 
     def squares(self, v: Array) -> tuple[float, float]:
         """Of A v by C₀, and by β C₀."""
@@ -265,8 +259,8 @@ class PointsAround:
 
     def stiffness(self, elastic: float) -> Array:
         """Aᵀ (elastic + β) C₀ A (m, m)."""
-        body, A = self._body, self._body.strain_rates(self._H)
-        weights = (elastic + body.viscosity) * body.weights
+        body = self._strains.body
+        A, weights = body.metric_rates(self._F), (elastic + body.viscosity) * body.weights
         CA = (2 * weights * body.shear / VOIGT_SHEAR)[:, :, None] * A
         CA[:3] += (weights * body.first_lame)[:, None] * A[:3].sum(axis=0)
         K: Array = A.reshape(-1, body.order).T.dot(CA.reshape(-1, body.order))

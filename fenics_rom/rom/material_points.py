@@ -48,6 +48,19 @@ class MaterialPoints:
         E[:3] /= 2
         return F, E
 
+    def rates(self, F: Array, v: Array) -> Array:
+        """What E (6, P) changes by at F (3, 3, P) with v."""
+        moves = self._gradients.dot(v).reshape(F.shape)
+        products, others = F.take(_I, 1), F.take(_J, 1)
+        products *= moves.take(_J, 1)
+        others *= moves.take(_I, 1)
+        products += others
+        rates: Array = products[0]
+        rates += products[1]
+        rates += products[2]
+        rates[:3] /= 2
+        return rates
+
     def with_next(self, q: Array, soon: Array) -> tuple[Array, float, Array, Array]:
         """E (6, P) and what `left` says at one shape (m,), F and S (6, P) at another one."""
         F, E = self.strains(np.array([q, soon]).T)

@@ -45,6 +45,12 @@ def test_one_shape_may_be_given_alone_after_many(body):
     near(points.resultant(F, points.stress(E))[:, 0], body.force(q[:, 0]) - body.springs @ q[:, 0])
 
 
+def test_rates_are_the_slopes_of_a_parabola(body):
+    points, (q, v) = MaterialPoints(body), 0.01 * np.random.default_rng(3).standard_normal((2, body.order))
+    (_, after), (_, before) = points.strains(q + v), points.strains(q - v)
+    near(points.rates(points.strains(q)[0], v), (after - before) / 2)
+
+
 def test_a_shape_and_the_next_one_are_found_together(body):
     points, (q, soon) = MaterialPoints(body), 0.01 * np.random.default_rng(2).standard_normal((2, body.order))
     E, left, F, S = points.with_next(q, soon)
