@@ -45,6 +45,8 @@ class ActiveEnvironment:
         StepError: a signal of the wrong width, or not finite.
     """
 
+    _unchanged: tuple[Array | None, ObstacleState | None, StepInput]  # a step's input, of what it was made
+
     def __init__(
         self,
         environment: Environment,
@@ -150,6 +152,9 @@ class ActiveEnvironment:
         Raises:
             StepError: a signal gave something else than finite numbers.
         """
+        u_before, state, known = self._unchanged
+        if u is u_before and state is self.state and self.mark is None:
+            return known
         loads = self.loads_at(time + dt / 2 if self.environment.has_inertia else time + dt)
         motion = None
         if self.environment.contact_law is not None:
@@ -158,7 +163,10 @@ class ActiveEnvironment:
                 motion = ObstacleMotion(start, self.offsets_at(time + dt), before)
                 is_still = self._constant_offsets is not None and motion.end is motion.start
                 self._still = motion if is_still and is_zero(motion.velocities_before) else None
-        return StepInput(np.concatenate([u, loads]) if len(loads) else u, motion, self.base_at(time + dt))
+        inputs = StepInput(np.concatenate([u, loads]) if len(loads) else u, motion, self.base_at(time + dt))
+        if self._constant_loads is not None and motion is self._still and self._base is None and not u.flags.writeable:
+            self._unchanged = u, self.state, inputs
+        return inputs
 
     def commit(self, inputs: StepInput, dt: float) -> None:
         """Ends a step of dt, s, that was taken: the obstacles are where they were to be."""
@@ -169,6 +177,7 @@ class ActiveEnvironment:
     def _keep_constants(self) -> None:
         """What does not depend on time is put together once."""
         self._still = None
+        self._unchanged = None, None, StepInput(np.empty(0))
         self._constant_loads: Array | None = None
         self._constant_offsets: Array | None = None
         if all(self._signals[name].is_constant for name in self.columns if name in self._signals):

@@ -243,7 +243,7 @@ class ContactSolver:
             found = follow_contact(law, search, motion, operators, moved)
         if found is None:
             return None
-        key, active, operator, own, solution, forces, power = found
+        key, active, operator, solution, forces, power = found
         self.search = ContactSearch(forces, search.residual, search.with_law(key, solution.kept), frames, True)
 
         def known() -> tuple[Pairs, SolvedPairs]:
@@ -252,6 +252,7 @@ class ContactSolver:
             asked = self._asked(gaps, gaps.min(), obstacles, dt, quasi_static)
             pairs = self._all_pairs(free, relative, frames.normals, asked, law.friction > 0 and not quasi_static)
             problem = pairs.problem(active, operator, forces, False)
+            own = frames.of(active)
             f, u = own.turned(*map(own.from_lasting_axes, solution[:2]))
             found_so = pairs, gaps, active, problem, f, u, False
             return pairs, SolvedPairs(points, obstacles.start, delassus, dt, quasi_static, *found_so)
@@ -260,10 +261,10 @@ class ContactSolver:
         return ContactSolution(self._at_points(forces), 0, active, _of(frames.normals, active), among, w, power)
 
     def _look(self, motion: PairsMotion, delassus: Array) -> Followed | None:
-        """A first look at what pairs do that met one flat obstacle in the last step; None where that does not do."""
+        """A first look at what pairs do that met one obstacle in the last step; None where that does not do."""
         (key, kept), *_ = self.search.laws
         frames, steady = motion.frames, self._steady
-        if kept.inverse is None or not frames.are_alike:
+        if kept.inverse is None or kept.lacked:  # what was corrected in the last step most likely will be in this
             return None
         if steady is None or not steady.is_of(kept.inverse, delassus, frames):
             active, operator = self._operator(delassus, np.frombuffer(key, dtype=bool), key)

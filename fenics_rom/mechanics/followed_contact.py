@@ -77,7 +77,6 @@ class Followed(NamedTuple):
     key: bytes  # of which pairs take part
     active: Array  # (C,) these
     operator: Delassus  # theirs
-    frames: Frames  # theirs
     solution: Solution  # theirs, in axes that last
     forces: Array  # of all pairs, (O P, 3), N
     power: float | None  # Σ λ s, W; None without friction
@@ -135,4 +134,4 @@ def follow_contact(
         forces[active] = among
         if not is_none((frames.along_normals(moved(forces)) + outwards < level) > chosen):
             return None  # one is missed
-    return Followed(key, active, operator, own, solution, forces, power)
+    return Followed(key, active, operator, solution, forces, power)

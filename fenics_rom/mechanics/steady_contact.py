@@ -1,4 +1,4 @@
-"""A first look at contact forces, where all pairs are on flat ground and do what they did in the step before.
+"""A first look at contact forces, where all pairs do at one obstacle what they did in the step before.
 
 What `followed_contact` does with them is gathered here for one set of pairs, one linearised law and one operator: the
 forces by the kept law, what the law itself makes of them, and whether it is the same, to the tolerance of a search. If
@@ -13,11 +13,11 @@ from fenics_rom.mechanics.complementarity.solution import CONVERGENCE_TOLERANCE,
 from fenics_rom.mechanics.contact_pairs import WORK_ROUND_OFF
 from fenics_rom.mechanics.followed_contact import Followed, PairsMotion
 
-_TINY = np.array(1e-300)
+_ONES, _TINY = np.ones(3), np.array(1e-300)
 
 
 class SteadyPairs:
-    """Pairs whose normals are alike, and what they are looked at with.
+    """Pairs that take part, and what they are looked at with, in axes that last (see Frames).
 
     Args:
         key: which of N pairs take part, as booleans.
@@ -41,69 +41,110 @@ class SteadyPairs:
     ):
         self._of, self._key, self._chosen = (inverse, delassus, frames), key, np.frombuffer(key, dtype=bool)
         self._active, self._operator, self._friction = active, operator, friction
-        self._are_all = len(active) == len(key)
+        self._are_all, self._fastest, N = len(active) == len(key), 0, len(key)
         self._W, ρ, compliance, self._μ, self._zeros = operator.lasting(frames).law_arrays(friction)
         self._ρ, self._compliance = ρ.ravel(), compliance.ravel()
-        self._among = (np.arange(3)[:, None] * len(key) + active).ravel()  # of (3, N)
-        if not self._are_all:  # normal velocities of all follow those of these
-            N, turn = len(key), frames.axes[0]
-            answers = np.einsum("i,pijk->pjk", turn[:, 0], delassus.reshape(N, 3, N, 3)[:, :, active]) @ turn
-            self._W = np.concatenate([self._W, answers.swapaxes(1, 2).reshape(N, -1)])
+        self._among = (np.arange(3)[:, None] * N + active).ravel()  # of (3, N)
+        if not self._are_all:  # velocities of all follow those of these: along the normals, where these are alike
+            answers = delassus.reshape(N, 3, N, 3)[:, :, active].transpose(1, 0, 3, 2)
+            if frames.are_alike:
+                turn = frames.axes[0]
+                answers = np.einsum("ij,jnkc,kl->inlc", turn[:, :1].T, answers, turn, optimize=True)
+            self._W = np.concatenate([self._W, answers.reshape(-1, 3 * len(active))])
 
     def is_of(self, inverse: Array, delassus: Array, frames: Frames) -> bool:
-        """Whether this is of a law with this inverse, and of this operator and these frames."""
-        return self._of[0] is inverse and self._of[1] is delassus and self._of[2] == frames
+        """Whether this is of a law with this inverse, of this operator, and of the axes of these frames."""
+        known = self._of[2]
+        return (
+            self._of[0] is inverse
+            and self._of[1] is delassus
+            and (known == frames if frames.are_alike else not known.are_alike)
+        )
 
     def look(self, kept: KeptLaw, motion: PairsMotion) -> Followed | None:
         """The step; None where the kept law does not lead to forces that fulfil the law."""
-        level, target, _ = motion.asked
-        inverse, _, frames = self._of
-        if (motion.outwards < level).tobytes() != self._key:
+        frames, n, (level, target, _), outwards, free, sliding, across = motion
+        if (outwards < level).tobytes() != self._key:
             return None
-        C, q, sliding = len(self._active), motion.free.take(self._among), motion.sliding
+        (inverse, _, _), C, q, n_of_all = self._of, len(self._active), free.take(self._among), n
         if not self._are_all:
             target = target.take(self._active)
-        q[:C] -= target
-        change, speed = q - kept.q.ravel(), largest(np.abs(q))
-        if kept.earlier and largest(np.abs(change)) > NEAR * speed:
+            n = None if n is None else n.take(self._among).reshape(3, C)
+            across = None if across is None else across.take(self._active)
+        if n is None:
+            q[:C] -= target
+        elif _are_alike(n):
+            return None
+        else:
+            q -= ((target if across is None else target - across) * n).ravel()
+        change, lacking = q - kept.q.ravel(), kept.lacking
+        if kept.earlier and largest(np.abs(change)) > NEAR * largest(np.abs(q)):
             return None
         linear = inverse.dot(change)
         linear += kept.forces.ravel()
-        f = linear + kept.flat_lacking
+        f = linear + lacking.ravel() if isinstance(lacking, np.ndarray) else linear
         moved = self._W.dot(f)
         u = moved[: 3 * C] + q
         z = self._ρ * u
         np.subtract(f, z, z)
-        parts = z.reshape(3, C)
-        if self._friction:
-            length, cone = np.hypot(parts[1], parts[2]), self._μ * parts[0]
-            np.maximum(cone, self._zeros, cone)
-            np.maximum(length, cone, length)
-            length += _TINY
-            projected = parts * np.divide(cone, length, cone)
-        else:
-            projected = np.zeros(parts.shape)
-        np.maximum(parts[0], self._zeros, projected[0])
+        projected, pressure = self._projected(z.reshape(3, C), n)
         forces = projected.ravel()
         off = f - forces
         off *= self._compliance
-        error = largest(np.abs(off))
-        if not error <= CONVERGENCE_TOLERANCE * speed:
-            return None
+        error, speed = largest(np.abs(off)), abs(q.item(self._fastest))
+        if not error <= CONVERGENCE_TOLERANCE * speed:  # the largest is elsewhere
+            fastest = int(np.abs(q).argmax())
+            self._fastest, speed = fastest, abs(q.item(fastest))
+            if not error <= CONVERGENCE_TOLERANCE * speed:
+                return None
         power = None
         if self._friction:
-            λ = projected[0]
-            power = float(λ.dot(u[:C]) + λ.dot(target))
+            power = float(pressure.dot(target))  # pairs that push have their target
             if sliding is not None:
                 by_friction = forces.dot(sliding.ravel() if self._are_all else sliding.take(self._among))
+                if across is not None:
+                    by_friction -= pressure.dot(across)
                 if by_friction > 0 and by_friction > WORK_ROUND_OFF * largest(np.abs(forces)) * speed:
                     return None
-        in_space = frames.in_space(projected)
+        in_space = frames.from_lasting_axes(projected)
         if not self._are_all:
-            if not is_none((moved[3 * C :] + motion.outwards < level) > self._chosen):
+            away = moved[3 * C :]
+            if n_of_all is not None:
+                away = _ONES.dot(away.reshape(3, -1) * n_of_all)
+            if not is_none((away + outwards < level) > self._chosen):
                 return None
             in_space, among = np.zeros((len(level), 3)), in_space
             in_space[self._active] = among
-        now = kept.after_look(q.reshape(3, C), projected, (forces - linear).reshape(3, C))
+        lacked, q = (forces - linear).reshape(3, C), q.reshape(3, C)
+        now = KeptLaw(kept.statuses, inverse, q, projected, lacked, (), kept.corrections, kept.earlier)
         solution = Solution(projected, u.reshape(3, C), 0, error / speed, now)
-        return Followed(self._key, self._active, self._operator, frames, solution, in_space, power)
+        return Followed(self._key, self._active, self._operator, solution, in_space, power)
+
+    def _projected(self, z: Array, n: Array | None) -> tuple[Array, Array]:
+        """P(z) (3, C) and its normal parts (C,), N; see `complementarity.following`. z is overwritten."""
+        if n is None:
+            pressure, across = z[0], z
+        else:
+            pressure = _ONES.dot(z * n)
+            across = z
+            across -= pressure * n
+        λ = np.maximum(pressure, self._zeros)
+        if not self._friction:
+            across = np.zeros(z.shape)
+        else:
+            length = np.hypot(z[1], z[2]) if n is None else np.sqrt(_ONES.dot(across * across))
+            cone = self._μ * λ
+            np.maximum(length, cone, length)
+            length += _TINY
+            across = across * np.divide(cone, length, cone)
+        if n is None:
+            across[0] = λ
+        else:
+            across += λ * n
+        return across, λ
+
+
+def _are_alike(n: Array) -> bool:
+    """Whether the first and the last of some normals (3, C) are: if all are, another frame is theirs."""
+    C = n.shape[1]
+    return all(n.item(C * i) == n.item(C * (i + 1) - 1) for i in range(3))

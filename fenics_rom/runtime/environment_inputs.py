@@ -186,6 +186,7 @@ class EnvironmentInputs:
         self.allows_rollout = acting.has_inertia and not (acting.is_moving or acting.finds_forces)
         self.needs_each_step = not self.allows_rollout or acting.contact_law is not None
         self.switches = acting.switches_itself and len(rom.contact_models) > 1
+        self._no_input = np.empty(0)  # zeros, the same array as long as nothing is put in
         self._actuator_columns = sum(rom.actuators.values())
 
     def nearest(self, stepper: ReducedStepper) -> str:
@@ -218,6 +219,11 @@ class EnvironmentInputs:
             return u
         if u.shape != (self._actuator_columns,):
             raise ValueError
+        if not len(u) and len(self._no_input) == width:
+            return self._no_input
         full = np.zeros(width)
         full[width - len(u) :] = u
+        if not len(u):
+            full.flags.writeable = False
+            self._no_input = full
         return full

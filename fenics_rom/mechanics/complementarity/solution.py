@@ -65,15 +65,6 @@ class KeptLaw(NamedTuple):
             return lacking, (lacking, *self.lacked)[:2] if was_corrected else ()
         return lacking + self.lacked[0] - self.lacked[1], (lacking, self.lacked[0])
 
-    @property
-    def flat_lacking(self) -> Array | float:
-        """`lacking`, (3C,)."""
-        return self.lacking.ravel() if isinstance(self.lacking, np.ndarray) else self.lacking
-
-    def after_look(self, q: Array, forces: Array, lacking: Array) -> "KeptLaw":
-        """After a step in which it led to forces that fulfil the law, (3, C) each; see the attributes."""
-        return KeptLaw(self.statuses, self.inverse, q, forces, lacking, (), self.corrections, self.earlier)
-
     def nearest(self, q: Array, speed: float) -> "KeptLaw":
         """Of this and those before the one whose q is nearest; this, where it is near. `speed`: largest |q|, m/s."""
         if not self.earlier or largest(np.abs(self.q - q)) <= NEAR * speed:
