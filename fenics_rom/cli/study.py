@@ -10,7 +10,7 @@ from fenics_rom.cli.output import add_output
 from fenics_rom.io.atomic_write import check_folder
 from fenics_rom.io.mpi_ranks import is_rank_0, is_root_process
 from fenics_rom.studies.method_configs import METHOD_CONFIGS
-from fenics_rom.studies.pareto import describe_choice, select_per_decade
+from fenics_rom.studies.pareto import describe_choice, describe_full_steps, select_per_decade
 from fenics_rom.studies.report import COST_HEADING, FORCE_HEADING, cost_rows, force_rows, remarks, write_report
 from fenics_rom.studies.study_results import PICTURES, StudyResults
 from fenics_rom.visualization.figure import figure_class
@@ -99,7 +99,7 @@ def _print_results(results: StudyResults, folder: Path) -> None:
     if results.reference_forces:
         print_table("contact forces: errors as shares of the reference's", FORCE_HEADING, force_rows(results))
     lines = {
-        "full order": f"{results.size:,} unknowns, {results.full_rate:,.0f} steps/s without account",
+        "full order": f"{results.size:,} unknowns, {results.full_rate:,.0f} steps/s {describe_full_steps(results)}",
         "reference": f"steps of {results.reference_step:.3g} s, own error {results.reference_error:.1e}",
         "tables": f"{folder / 'study.md'}, {folder / 'study.csv'}",
         "pictures": ", ".join(str(folder / f"{name}.png") for name in PICTURES),

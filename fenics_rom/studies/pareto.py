@@ -60,12 +60,19 @@ def largest_model(rows: Sequence[BenchmarkRow]) -> list[BenchmarkRow]:
 
 def describe_choice(results: StudyResults, tolerance: float, row: BenchmarkRow) -> str:
     """The choice in words."""
+    step = "the same step" if results.full_step is None else f"steps of {format_step(results.full_step)}"
     return (
         f"For {tolerance:.0e} of the whole shape: {METHOD_CONFIGS[row.method].label}, order {row.order}, "
         f"step {format_step(row.dt)}; "
         f"{format_factor(row.real_time)} {'faster than' if row.real_time >= 1 else 'of'} real time and "
-        f"{format_factor(row.rate / results.full_rate)} as fast as full order at the same step."
+        f"{format_factor(row.rate / results.full_rate)} as fast as full order at {step}."
     ).replace("e-0", "e-")
+
+
+def describe_full_steps(results: StudyResults) -> str:
+    """Of which steps the rate at full order is, in words."""
+    step = results.full_step
+    return "without account" if step is None else f"at steps of {format_step(step)} in the whole run"
 
 
 def format_factor(factor: float) -> str:

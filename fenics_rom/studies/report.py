@@ -8,7 +8,14 @@ from fenics_rom.io.atomic_write import write_whole
 from fenics_rom.io.markdown import markdown
 from fenics_rom.io.mpi_ranks import is_rank_0
 from fenics_rom.studies.method_configs import METHOD_CONFIGS
-from fenics_rom.studies.pareto import describe_choice, format_step, largest_model, pareto_front, select_per_decade
+from fenics_rom.studies.pareto import (
+    describe_choice,
+    describe_full_steps,
+    format_step,
+    largest_model,
+    pareto_front,
+    select_per_decade,
+)
 from fenics_rom.studies.study_results import StudyResults
 from fenics_rom.trajectory.comparison import FORCE_MEASURES
 
@@ -110,7 +117,7 @@ def _settings(results: StudyResults) -> str:
         f"whole run, in the mass norm, as a share of its size; the reference is the full order at steps of "
         f"{format_step(results.reference_step)}, whose own error is {results.reference_error:.1e} (from a run at twice "
         f"the step). Rates are of single steps with the energy account kept, one thread, {runs}; the "
-        f"full order, without account, makes {results.full_rate:,.0f} steps a second."
+        f"full order, {describe_full_steps(results)}, makes {results.full_rate:,.0f} steps a second."
     )
 
 

@@ -195,6 +195,8 @@ class _StudyRun:
             raise SceneError(f"{self._scene.source}: nothing moves in {part}its run, so there is nothing to measure")
         divisor = reference.richardson_divisor(self._scene)
         own = compare(coarse_run, full)
+        touches = self._scene.effects.contact is not None  # then steps cost what happens in them
+        of_run = coarse / coarse_run.settings["seconds"]
         fr.write_trajectory(self._folder / REFERENCE_FILE, full)
         self._reference = full
         return StudyResults(
@@ -210,7 +212,8 @@ class _StudyRun:
                 for name, errors in force_errors(own).items()
             },
             divisor=divisor,
-            full_rate=plain_rate(self._system, self._run.dt),
+            full_rate=of_run if touches else plain_rate(self._system, self._run.dt),
+            full_step=2 * step if touches else None,
             rate_runs=self._grid.rate_runs,
             notes=(*full.warnings, *self._settings(full)),
         )

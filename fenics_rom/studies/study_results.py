@@ -100,7 +100,9 @@ class StudyResults(Record):
         divisor: see there.
         reference_forces: the same of the forces of each obstacle: over the run, peak, impulse.
         rate_runs: runs of which the fastest tells the rate of a reduced model.
-        full_rate: steps per second at full order, of steps without an account.
+        full_rate: steps per second at full order: without an account, where all steps cost the same; with contact those
+            of a whole run, with one.
+        full_step: of these, s, where it matters; None: it does not.
         tried: methods and orders that are done, as they were asked for.
         rows: reduced models at each step.
         meshes: the scene's mesh and finer ones, the finest last; empty where none was given.
@@ -117,6 +119,7 @@ class StudyResults(Record):
     reference_error: float
     divisor: float
     full_rate: float
+    full_step: float | None = None
     rate_runs: int = RATE_RUNS
     tried: tuple[tuple[str, int], ...] = ()
     rows: tuple[BenchmarkRow, ...] = ()

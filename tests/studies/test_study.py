@@ -15,6 +15,7 @@ from fenics_rom.scene.file import parse_scene
 from fenics_rom.studies import method_configs
 from fenics_rom.studies.json_record import read_record
 from fenics_rom.studies.method_configs import METHOD_CONFIGS, STUDIED_ORDERS, make_grid
+from fenics_rom.studies.pareto import describe_choice
 from fenics_rom.studies.report import csv_table, markdown_report, remarks, write_report
 from fenics_rom.studies.study import study_for_tolerance
 from fenics_rom.studies.study_results import PICTURES, StudyResults
@@ -291,6 +292,11 @@ def test_statics_and_contact_can_be_studied(box_file, tmp_path):
     assert all(0 < error < 0.5 for error in touched.reference_forces["floor"])
     assert read_record(tmp_path / "contact" / "study.json", StudyResults, "a study") == touched
     assert "| floor    | full order, by its step |       | 2.5 ms |" in markdown_report(touched, "study")
+    assert static.full_step is None
+    assert touched.full_step == 5e-3  # steps cost what happens in them: no rate of those before it touches
+    assert "order 60, step 10 ms; " in (said := describe_choice(touched, 0.1, touched.rows[0]))
+    assert said.endswith("as fast as full order at steps of 5 ms.")
+    assert "full order, at steps of 5 ms in the whole run, makes" in markdown_report(touched, "study")
     (row,) = csv.DictReader(csv_table(touched).splitlines())
     assert float(row["error of peak force of floor"]) == pytest.approx(errors[1], rel=1e-3)
     worse = replace(touched, rows=(replace(touched.rows[0], forces={"floor": (0.01, 0.18, 0.01)}),))
