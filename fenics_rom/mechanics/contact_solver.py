@@ -60,6 +60,7 @@ class ContactSolver:
 
     _considered: Pairs | None = None
     _solved: SolvedPairs | None = None
+    _is_refused: bool = False  # whether `follow` found forces, but friction would do work, or another pair take part
 
     def __init__(self, points: Array, obstacles: Sequence[Obstacle], law: ContactLaw):
         self.points, self.obstacles, self.law = np.array(points, dtype=float), tuple(obstacles), law
@@ -138,9 +139,9 @@ class ContactSolver:
         gaps, normals = self._distances(points.displacement, obstacles.start)
         gap, w = gaps.item(gaps.argmin()), obstacles.velocities(dt)
         asked = self._asked(gaps, gap, obstacles, dt, quasi_static)
-        may_follow = may_follow and bool(search.laws) and settled is None
-        slides = self.law.friction > 0 and not quasi_static
-        if may_follow:
+        is_tried, slides = not (may_follow or self._is_refused), self.law.friction > 0 and not quasi_static
+        if may_follow and search.laws and settled is None:
+            is_tried = True
             known = free, relative = self._relative(points, obstacles, w)
             motion = PairsMotion.of(search.frames_along(normals), free, relative, asked, slides)
             followed = self._follow(motion, lambda: (points, *known), delassus, dt, obstacles, quasi_static)
@@ -164,7 +165,7 @@ class ContactSolver:
             problem = pairs.problem(active, operator, search.forces, are_kept)
             try:
                 given = problem.operator, problem.q, self.law.friction, problem.start
-                solution = solve(*given, search.law_of(key), not may_follow, was_steady)
+                solution = solve(*given, search.law_of(key), not is_tried, was_steady)
             except StepError as error:
                 if pairs.stop_asking_friction(active):
                     continue
@@ -193,7 +194,7 @@ class ContactSolver:
                     repeat = True
             if not repeat:
                 break
-            may_follow = False  # others than those that did not do what they did
+            is_tried = False  # others than those that did not do what they did
             key = chosen.tobytes()
         if settled is not None:
             settled.keep(chosen, pairs)
@@ -224,7 +225,9 @@ class ContactSolver:
             known = points()
             return known, self._of_pairs(known.free_velocity), self._of_pairs(known.velocity)
 
-        return self._follow(motion, told, delassus, dt, still, False, self._look(motion, delassus))
+        is_solved, found = self._look(motion, delassus)
+        self._is_refused = is_solved and found is None
+        return None if self._is_refused else self._follow(motion, told, delassus, dt, still, False, found)
 
     def _follow(
         self,
@@ -239,8 +242,8 @@ class ContactSolver:
         """The same; `told`: what the points do, and what `_relative` says of that; `found`: by a first look."""
         search, law, frames = self.search, self.law, motion.frames
         if found is None:
-            operators, moved = partial(self._operator, delassus), partial(self._moved, delassus)
-            found = follow_contact(law, search, motion, operators, moved)
+            of_delassus = partial(self._operator, delassus), partial(self._moved, delassus)
+            found = follow_contact(law, search, motion, *of_delassus)
         if found is None:
             return None
         key, active, operator, solution, forces, power = found
@@ -260,17 +263,16 @@ class ContactSolver:
         self._followed, among, w = known, _of(forces, active), obstacles.velocities(dt)
         return ContactSolution(self._at_points(forces), 0, active, _of(frames.normals, active), among, w, power)
 
-    def _look(self, motion: PairsMotion, delassus: Array) -> Followed | None:
-        """A first look at what pairs do that met one obstacle in the last step; None where that does not do."""
+    def _look(self, motion: PairsMotion, delassus: Array) -> tuple[bool, Followed | None]:
+        """As SteadyPairs.look, of pairs that met one obstacle in the last step."""
         (key, kept), *_ = self.search.laws
-        frames, steady = motion.frames, self._steady
-        if kept.inverse is None or kept.lacked:  # what was corrected in the last step most likely will be in this
-            return None
-        if steady is None or not steady.is_of(kept.inverse, delassus, frames):
+        if kept.inverse is None:
+            return False, None
+        if self._steady is None or not self._steady.is_of(kept.inverse, delassus, motion.frames):
             active, operator = self._operator(delassus, np.frombuffer(key, dtype=bool), key)
-            pairs = key, active, operator, frames, self.law.friction
-            self._steady = steady = SteadyPairs(*pairs, kept.inverse, delassus)
-        return steady.look(kept, motion)
+            pairs = key, active, operator, motion.frames, self.law.friction
+            self._steady = SteadyPairs(*pairs, kept.inverse, delassus)
+        return self._steady.look(kept, motion)
 
     @property
     def follows(self) -> bool:

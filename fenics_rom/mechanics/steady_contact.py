@@ -5,15 +5,28 @@ forces by the kept law, what the law itself makes of them, and whether it is the
 it is not, nothing is lost but the time.
 """
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.complementarity import Delassus, Frames, KeptLaw, Solution
+from fenics_rom.mechanics.complementarity.following import LOOKED_INTO, MOST_CORRECTIONS, SLOWEST
 from fenics_rom.mechanics.complementarity.solution import CONVERGENCE_TOLERANCE, NEAR, is_none, largest
 from fenics_rom.mechanics.contact_pairs import WORK_ROUND_OFF
 from fenics_rom.mechanics.followed_contact import Followed, PairsMotion
 
 _ONES, _TINY = np.ones(3), np.array(1e-300)
+_MOST_CORRECTIONS = 3  # where it takes more, there is a change that is to be looked into
+
+
+class _Solved(NamedTuple):
+    """Forces that fulfil the law."""
+
+    forces: Array  # (3, C), N
+    pressure: Array  # their normal parts (C,), N
+    moved: Array  # of all pairs, if not all take part, the velocities by them, (N,) along normals or (3N,), m/s
+    solution: Solution
 
 
 class SteadyPairs:
@@ -41,7 +54,7 @@ class SteadyPairs:
     ):
         self._of, self._key, self._chosen = (inverse, delassus, frames), key, np.frombuffer(key, dtype=bool)
         self._active, self._operator, self._friction = active, operator, friction
-        self._are_all, self._fastest, N = len(active) == len(key), 0, len(key)
+        self._are_all, N = len(active) == len(key), len(key)
         self._W, ρ, compliance, self._μ, self._zeros = operator.lasting(frames).law_arrays(friction)
         self._ρ, self._compliance = ρ.ravel(), compliance.ravel()
         self._among = (np.arange(3)[:, None] * N + active).ravel()  # of (3, N)
@@ -61,64 +74,87 @@ class SteadyPairs:
             and (known == frames if frames.are_alike else not known.are_alike)
         )
 
-    def look(self, kept: KeptLaw, motion: PairsMotion) -> Followed | None:
-        """The step; None where the kept law does not lead to forces that fulfil the law."""
+    def look(self, kept: KeptLaw, motion: PairsMotion) -> tuple[bool, Followed | None]:
+        """Whether the kept law leads to forces that fulfil the law, and the step.
+
+        No step where there are none, or where friction would do work on the body or another pair take part.
+        """
         frames, n, (level, target, _), outwards, free, sliding, across = motion
         if (outwards < level).tobytes() != self._key:
-            return None
-        (inverse, _, _), C, q, n_of_all = self._of, len(self._active), free.take(self._among), n
+            return False, None
+        C, q, n_of_all = len(self._active), free.take(self._among), n
         if not self._are_all:
-            target = target.take(self._active)
+            target, sliding = target.take(self._active), None if sliding is None else sliding.take(self._among)
             n = None if n is None else n.take(self._among).reshape(3, C)
             across = None if across is None else across.take(self._active)
         if n is None:
             q[:C] -= target
         elif _are_alike(n):
-            return None
+            return False, None
         else:
             q -= ((target if across is None else target - across) * n).ravel()
-        change, lacking = q - kept.q.ravel(), kept.lacking
-        if kept.earlier and largest(np.abs(change)) > NEAR * largest(np.abs(q)):
-            return None
-        linear = inverse.dot(change)
-        linear += kept.forces.ravel()
-        f = linear + lacking.ravel() if isinstance(lacking, np.ndarray) else linear
-        moved = self._W.dot(f)
-        u = moved[: 3 * C] + q
-        z = self._ρ * u
-        np.subtract(f, z, z)
-        projected, pressure = self._projected(z.reshape(3, C), n)
-        forces = projected.ravel()
-        off = f - forces
-        off *= self._compliance
-        error, speed = largest(np.abs(off)), abs(q.item(self._fastest))
-        if not error <= CONVERGENCE_TOLERANCE * speed:  # the largest is elsewhere
-            fastest = int(np.abs(q).argmax())
-            self._fastest, speed = fastest, abs(q.item(fastest))
-            if not error <= CONVERGENCE_TOLERANCE * speed:
-                return None
+        found = self._solve(q, n, kept)
+        if found is None:
+            return False, None
+        projected, pressure, moved, solution = found
         power = None
         if self._friction:
             power = float(pressure.dot(target))  # pairs that push have their target
             if sliding is not None:
-                by_friction = forces.dot(sliding.ravel() if self._are_all else sliding.take(self._among))
+                by_friction = projected.ravel().dot(sliding.ravel())  # see contact_pairs.helping_pairs
                 if across is not None:
                     by_friction -= pressure.dot(across)
-                if by_friction > 0 and by_friction > WORK_ROUND_OFF * largest(np.abs(forces)) * speed:
-                    return None
-        in_space = frames.from_lasting_axes(projected)
+                if by_friction > 0 and by_friction > WORK_ROUND_OFF * largest(np.abs(projected)) * largest(np.abs(q)):
+                    return True, None
+        forces = frames.from_lasting_axes(projected)
         if not self._are_all:
-            away = moved[3 * C :]
-            if n_of_all is not None:
-                away = _ONES.dot(away.reshape(3, -1) * n_of_all)
+            away = moved if n_of_all is None else _ONES.dot(moved.reshape(3, -1) * n_of_all)
             if not is_none((away + outwards < level) > self._chosen):
+                return True, None
+            forces, among = np.zeros((len(level), 3)), forces
+            forces[self._active] = among
+        return True, Followed(self._key, self._active, self._operator, solution, forces, power)
+
+    def _solve(self, q: Array, n: Array | None, kept: KeptLaw) -> "_Solved | None":
+        """Forces by the kept law, and by what it makes of what they lack; None where there is more to look into.
+
+        Args:
+            q: (3C,) velocities without contact, less the targets, m/s.
+            n: normals (3, C) of what is round, else None.
+            kept: the law.
+        """
+        inverse, C, lacking = self._of[0], len(self._active), kept.lacking
+        change, speed, before, corrections = q - kept.q.ravel(), largest(np.abs(q)), np.inf, 0
+        if kept.earlier and largest(np.abs(change)) > NEAR * speed:
+            return None
+        linear = inverse.dot(change)
+        linear += kept.forces.ravel()
+        f = linear + lacking.ravel() if isinstance(lacking, np.ndarray) else linear
+        while True:
+            moved = self._W.dot(f)
+            u = moved[: 3 * C] + q
+            z = self._ρ * u
+            np.subtract(f, z, z)
+            projected, pressure = self._projected(z.reshape(3, C), n)
+            off = f - projected.ravel()
+            moves = self._compliance * off
+            error = largest(np.abs(moves))
+            if error <= CONVERGENCE_TOLERANCE * speed:
+                break
+            if corrections == _MOST_CORRECTIONS or not error < min(SLOWEST * before, LOOKED_INTO * speed):
                 return None
-            in_space, among = np.zeros((len(level), 3)), in_space
-            in_space[self._active] = among
-        lacked, q = (forces - linear).reshape(3, C), q.reshape(3, C)
-        now = KeptLaw(kept.statuses, inverse, q, projected, lacked, (), kept.corrections, kept.earlier)
+            moves -= self._W[: 3 * C].dot(off)  # as FollowedLaw.corrected
+            f, before = inverse.dot(moves), error
+            f += projected.ravel()
+            corrections += 1
+        of_inverse = kept.corrections + corrections
+        if of_inverse >= MOST_CORRECTIONS and error > SLOWEST * before:
+            return None  # it is time to find the inverse anew
+        foreseen = kept.foreseen((projected.ravel() - linear).reshape(3, C), corrections > 0)
+        q, earlier = q.reshape(3, C), kept.earlier if corrections else ()
+        now = KeptLaw(kept.statuses, inverse, q, projected, *foreseen, of_inverse, earlier)
         solution = Solution(projected, u.reshape(3, C), 0, error / speed, now)
-        return Followed(self._key, self._active, self._operator, solution, in_space, power)
+        return _Solved(projected, pressure, moved[3 * C :], solution)
 
     def _projected(self, z: Array, n: Array | None) -> tuple[Array, Array]:
         """P(z) (3, C) and its normal parts (C,), N; see `complementarity.following`. z is overwritten."""

@@ -26,9 +26,9 @@ from fenics_rom.mechanics.complementarity.solution import (
 
 _ONES, _TINY = np.ones(3), np.array(1e-300)
 _MOST_STEPS = 6  # with a kept inverse, before Newton's method
-_MOST_CORRECTIONS = 6  # by an inverse, in all steps: they take as long as to find it anew
-_SLOWEST = 3e-3  # reduction of the error by such a step: where it is less, the inverse is found anew
-_LOOKED_INTO = 1e-5  # error, as a share of the velocities, at which pairs may do something else
+MOST_CORRECTIONS = 6  # by an inverse, in all steps: they take as long as to find it anew
+SLOWEST = 3e-3  # reduction of the error by such a step: where it is less, the inverse is found anew
+LOOKED_INTO = 1e-5  # error, as a share of the velocities, at which pairs may do something else
 _MOST_CHANGED = 2  # pairs that do, for which it pays to go on
 
 
@@ -160,8 +160,8 @@ def follow(law: FollowedLaw, last: KeptLaw) -> Solution | None:
         if error <= CONVERGENCE_TOLERANCE * speed or before / 2 < found.error <= STAGNATION_RESIDUAL * speed:
             now = _to_keep(law, found, before, step, last, kept, statuses, inverse, linear)
             return Solution(found.projected, found.velocities, 0, found.error / speed, now)
-        is_slow = not error < _SLOWEST * before
-        if law.friction and (is_slow or error > _LOOKED_INTO * speed):
+        is_slow = not error < SLOWEST * before
+        if law.friction and (is_slow or error > LOOKED_INTO * speed):
             others = statuses_of(looked.length, looked.cone)
             if others != statuses:
                 if statuses != kept.statuses or _changed(others, statuses) > _MOST_CHANGED:
@@ -196,7 +196,7 @@ def _to_keep(
 ) -> KeptLaw:
     """After forces were found in so many corrections, of which the last began with an error of `before`."""
     corrections, forces = kept.corrections + step, found.projected
-    if corrections >= _MOST_CORRECTIONS and found.error > _SLOWEST * before:
+    if corrections >= MOST_CORRECTIONS and found.error > SLOWEST * before:
         corrections = 0
         with suppress(np.linalg.LinAlgError):
             inverse = law.inverse(found)
