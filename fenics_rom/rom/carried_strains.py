@@ -111,19 +111,11 @@ class MonomialStrains:
 
     def around(self, q: Array) -> "MonomialsAround":
         """Of shapes near q."""
-        return MonomialsAround(self, q)
+        return MonomialsAround(self._tables, self.viscosity, q)
 
     def at(self, q: Array) -> Array:
         """y of E(q)."""
         return self._tables.at(q)
-
-    def products(self, q: Array) -> Array:
-        """What of y are products."""
-        return self._tables.products(q)
-
-    def rates(self, q: Array, v: Array) -> Array:
-        """Of y at q, by the velocity v."""
-        return self._tables.rates(q, v)
 
     def stressed(self, y: Array) -> Array:
         """C₀ y."""
@@ -139,12 +131,6 @@ class MonomialStrains:
         z = self._tables.gram.dot(y.T)
         return y[0], z[:, 0], around, z[:, 1]
 
-    def stiffness(self, y: Array) -> Array:
-        """AᵀC₀A (m, m), at y of a shape."""
-        upper = self._tables.stiffness.dot(y)
-        upper += self._tables.at_rest
-        return upper.take(self._tables.place)
-
     def geometric(self, z: Array) -> Array:
         """∂(Aᵀz)/∂q (m, m)."""
         return z[self._m :].take(self._tables.place)
@@ -159,41 +145,45 @@ class MonomialsAround:
 
     _stiffness: Array  # AᵀC₀A, once it was asked for
 
-    def __init__(self, strains: MonomialStrains, q: Array):
-        self._strains, self._q = strains, q
+    def __init__(self, tables: StrainTables, viscosity: float, q: Array):
+        self._tables, self._β, self._q = tables, viscosity, q
 
     @property
     def y(self) -> Array:
         """At q."""
-        return self._strains.at(self._q)
+        return self._tables.at(self._q)
 
     def rates(self, v: Array) -> Array:
         """A v."""
-        return self._strains.rates(self._q, v)
+        return self._tables.rates(self._q, v)
 
     def pulled(self, z: Array) -> Array:
         """Aᵀz (m,)."""
-        force: Array = z[: len(self._q)] + self._strains.geometric(z).dot(self._q)
+        m = len(self._q)
+        force: Array = z[m:].take(self._tables.place).dot(self._q)
+        force += z[:m]
         return force
 
     def damped(self, v: Array, relaxation: float, is_elastic: bool) -> Array:
         """(β + relaxation) A v (size,), and y with it where that is elastic."""
-        strains, moved = self._strains, (self._strains.viscosity + relaxation) * v
+        tables, moved = self._tables, (self._β + relaxation) * v
         if not is_elastic:
-            return strains.rates(self._q, moved)
-        both = strains.at(self._q + moved)  # but for the squares of what is moved
-        both[len(v) :] -= strains.products(moved)
+            return tables.rates(self._q, moved)
+        both = tables.at(self._q + moved)  # but for the squares of what is moved
+        both[len(v) :] -= tables.products(moved)
         return both
 
     def stiffness(self, elastic: float) -> Array:
         """Aᵀ (elastic + β) C₀ A (m, m)."""
-        self._stiffness = self._strains.stiffness(self.y)
-        return (elastic + self._strains.viscosity) * self._stiffness
+        upper = self._tables.stiffness.dot(self.y)
+        upper += self._tables.at_rest
+        self._stiffness = upper.take(self._tables.place)
+        return (elastic + self._β) * self._stiffness
 
     def squares(self, v: Array) -> tuple[float, float]:
         """Of A v by C₀, and by β C₀; `stiffness` was found before."""
         square = float(v.dot(self._stiffness.dot(v)))
-        return square, self._strains.viscosity * square
+        return square, self._β * square
 
 
 class PointStrains:

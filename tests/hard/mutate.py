@@ -117,7 +117,7 @@ MUTATIONS = [
     ("mechanics/hyperelastic.py", "S[:3] += volumetric - shear * change", "S[:3] -= shear * change"),
     ("rom/material_points.py", "F[::4] += 1.0", "pass"),
     ("rom/material_points.py", "others *= moves.take(_I, 1)", "pass"),
-    ("rom/carried_strains.py", "both[len(v) :] -= strains.products(moved)", "pass"),
+    ("rom/carried_strains.py", "both[len(v) :] -= tables.products(moved)", "pass"),
     ("rom/deformation.py", "self.shapes[3:] - self.shapes[:-3]", "self.shapes[3:]"),
     (
         "runtime/steppers/linear_kernels.py",
