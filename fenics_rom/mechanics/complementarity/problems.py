@@ -3,6 +3,7 @@
 from typing import NamedTuple
 
 from numpy import ndarray as Array
+from numpy.typing import DTypeLike
 
 from fenics_rom.mechanics.body_axis import taken
 
@@ -18,3 +19,7 @@ class Problems(NamedTuple):
     def of(self, bodies: Array | slice) -> "Problems":
         """Those of some of the bodies."""
         return Problems(*(taken(part, bodies) for part in self))
+
+    def astype(self, dtype: DTypeLike) -> "Problems":
+        """The same in another precision."""
+        return Problems(*(part.astype(dtype, copy=False) for part in self))
