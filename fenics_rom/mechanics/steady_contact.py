@@ -54,7 +54,7 @@ class SteadyPairs:
     ):
         self._of, self._key, self._chosen = (inverse, delassus, frames), key, np.frombuffer(key, dtype=bool)
         self._active, self._operator, self._friction = active, operator, friction
-        self._are_all, N = len(active) == len(key), len(key)
+        self._are_all, self._fastest, N = len(active) == len(key), 0, len(key)  # of q the fastest part, or so
         self._W, ρ, compliance, self._μ, self._zeros = operator.lasting(frames).law_arrays(friction)
         self._ρ, self._compliance = ρ.ravel(), compliance.ravel()
         self._among = (np.arange(3)[:, None] * N + active).ravel()  # of (3, N)
@@ -124,8 +124,8 @@ class SteadyPairs:
             kept: the law.
         """
         inverse, C, lacking = self._of[0], len(self._active), kept.lacking
-        change, speed, before, corrections = q - kept.q.ravel(), largest(np.abs(q)), np.inf, 0
-        if kept.earlier and largest(np.abs(change)) > NEAR * speed:
+        change, speed, before, corrections = q - kept.q.ravel(), abs(q.item(self._fastest)), np.inf, 0
+        if kept.earlier and largest(np.abs(change)) > NEAR * largest(np.abs(q)):
             return None
         linear = inverse.dot(change)
         linear += kept.forces.ravel()
@@ -141,6 +141,11 @@ class SteadyPairs:
             error = largest(np.abs(moves))
             if error <= CONVERGENCE_TOLERANCE * speed:
                 break
+            if not corrections:  # another may be the fastest now
+                self._fastest = int(np.abs(q).argmax())
+                speed = abs(q.item(self._fastest))
+                if error <= CONVERGENCE_TOLERANCE * speed:
+                    break
             if corrections == _MOST_CORRECTIONS or not error < min(SLOWEST * before, LOOKED_INTO * speed):
                 return None
             moves -= self._W[: 3 * C].dot(off)  # as FollowedLaw.corrected
@@ -150,9 +155,12 @@ class SteadyPairs:
         of_inverse = kept.corrections + corrections
         if of_inverse >= MOST_CORRECTIONS and error > SLOWEST * before:
             return None  # it is time to find the inverse anew
-        foreseen = kept.foreseen((projected.ravel() - linear).reshape(3, C), corrections > 0)
-        q, earlier = q.reshape(3, C), kept.earlier if corrections else ()
-        now = KeptLaw(kept.statuses, inverse, q, projected, *foreseen, of_inverse, earlier)
+        lacked, q = (projected.ravel() - linear).reshape(3, C), q.reshape(3, C)
+        if corrections:
+            lacking, trend = kept.foreseen(lacked, True)
+            now = KeptLaw(kept.statuses, inverse, q, projected, lacking, trend, of_inverse, kept.earlier)
+        else:
+            now = KeptLaw(kept.statuses, inverse, q, projected, lacked, (), of_inverse)
         solution = Solution(projected, u.reshape(3, C), 0, error / speed, now)
         return _Solved(projected, pressure, moved[3 * C :], solution)
 

@@ -5,6 +5,7 @@ import pytest
 from bodies import acted_on, box_arrays, write_arrays
 
 import fenics_rom as fr
+from fenics_rom.mechanics import contact_solver
 from fenics_rom.mechanics.contact_adjoint import ContactAdjoint
 from fenics_rom.mechanics.contact_solver import ContactSolver
 
@@ -108,6 +109,22 @@ def test_steps_that_are_followed_lead_where_searches_lead(roms, case, monkeypatc
         np.testing.assert_allclose(states, searched, atol=1e-9 * np.abs(searched).max(), rtol=0)
         np.testing.assert_allclose(sums, sums_searched, atol=1e-8 * np.abs(sums_searched).max(), rtol=0)
     assert min(followed) > STEPS / 8
+
+
+STEADY = {"floor": [0.3, 0.1, -5], "smooth": [2, 0, -20], "ball": [2, 0, -20], "smooth ball": [0, 0, -20]}
+
+
+@pytest.mark.parametrize("case", STEADY)
+def test_steady_contact_takes_a_first_look_alone(roms, case, monkeypatch):
+    """Neither a search nor any other way to follow, once all has settled."""
+    body, others = fr.Simulator(roms[case], 1e-3, signals={"push": STEADY[case]}), []
+    follow = contact_solver.follow_contact
+    monkeypatch.setattr(contact_solver, "follow_contact", lambda *given: others.append(body.steps) or follow(*given))
+    for _ in range(3 * STEPS):
+        body.step()
+    assert body.integrator.interface.solver.follows
+    assert others[0] < STEPS
+    assert others[-1] < 2 * STEPS
 
 
 @pytest.mark.parametrize("case", ["floor", "smooth", "ball"])
