@@ -164,7 +164,8 @@ class ActiveEnvironment:
                 is_still = self._constant_offsets is not None and motion.end is motion.start
                 self._still = motion if is_still and is_zero(motion.velocities_before) else None
         inputs = StepInput(np.concatenate([u, loads]) if len(loads) else u, motion, self.base_at(time + dt))
-        if self._constant_loads is not None and motion is self._still and self._base is None and not u.flags.writeable:
+        is_constant = self._constant_loads is not None and motion is self._still and self._base is None
+        if is_constant and u.base is None and not u.flags.writeable:  # then u stays what it is
             self._unchanged = u, self.state, inputs
         return inputs
 

@@ -134,6 +134,7 @@ MUTATIONS = [
     ),
     ("runtime/steppers/followed_points.py", "velocities / 2, [", "velocities / 3, ["),
     ("runtime/steppers/followed_points.py", "outwards += across", "pass"),
+    ("mechanics/active_environment.py", "is_constant and u.base is None and not", "is_constant and not"),
     ("mechanics/steady_contact.py", "q[:C] -= target", "pass"),
     ("mechanics/steady_contact.py", "moves = self._compliance * off", "moves = 0.0 * off"),
     ("mechanics/steady_contact.py", "across += λ * n", "pass"),

@@ -1,13 +1,19 @@
 """Contact steps in which all pairs do what they did before take no search, and lead where a search leads."""
 
+from functools import partial
+
 import numpy as np
 import pytest
 from bodies import acted_on, box_arrays, write_arrays
 
 import fenics_rom as fr
 from fenics_rom.mechanics import contact_solver
+from fenics_rom.mechanics.complementarity import Frames
+from fenics_rom.mechanics.contact import ContactLaw, ObstacleMotion, PointMotion
 from fenics_rom.mechanics.contact_adjoint import ContactAdjoint
 from fenics_rom.mechanics.contact_solver import ContactSolver
+from fenics_rom.mechanics.followed_contact import PairsMotion
+from fenics_rom.mechanics.obstacles import HalfSpace, Sphere
 
 LENGTHS, ORDER, STEPS = (0.3, 0.2, 0.1), 8, 240
 FLOOR = '[effects.contact.obstacles.floor]\nshape = "half-space"\npoint = [0, 0, -1e-4]\nnormal = [0, 0, 1]\n'
@@ -127,6 +133,39 @@ def test_steady_contact_takes_a_first_look_alone(roms, case, monkeypatch):
     assert others[-1] < 2 * STEPS
 
 
+@pytest.mark.parametrize("obstacle", [HalfSpace([0, 0, 0], [0, 0, 1]), Sphere([0.5, 0, -100.0], 100.0)])
+def test_a_first_look_misses_no_point_that_forces_on_others_push_down(obstacle):
+    """A see-saw: two of its points are pressed on the ground, and what holds them brings down the third."""
+    arms = np.array([-1.0, -0.8, 1.0])
+    W = 0.01 * np.eye(9)
+    W[2::3, 2::3] += 1 + 2 * np.outer(arms, arms)
+    points, h, still = np.array([[0, 0, 0], [1, 0, 0], [3, 0, 0]], dtype=float), 1e-3, np.zeros((1, 3))
+    gaps, normals = obstacle.distance(points)
+    points += (np.array([0, 0, 1e-3]) - gaps)[:, None] * normals
+    solver, still = ContactSolver(points, [obstacle], ContactLaw(friction=0.5)), ObstacleMotion(still, still, still)
+
+    def motion(speed):
+        return PointMotion(0 * points, 0 * points, np.array([[0.01, 0, -4], [0.01, 0, -4], [0, 0, speed]]))
+
+    def looked_at(speed):
+        gaps, normals = obstacle.distance(points)
+        asked, moves = partial(solver.rule(h).asks, gaps, gaps.min(), None), motion(speed)
+        pairs = PairsMotion.of(Frames(normals), moves.free_velocity, moves.velocity, asked, slides=True)
+        return solver.follow(pairs, lambda: moves, W, h, still)
+
+    for _ in range(6):
+        contact = solver.solve(motion(2.0), W, h, still)
+    assert solver.follows
+    assert contact.pairs.tolist() == [0, 1]
+    begin, brought_down = solver.search, (W @ contact.forces.ravel())[8]
+    assert brought_down < -0.5
+    border = -0.5 - brought_down  # at -0.5 m/s it comes as near in this step as it can be stopped in the next
+    assert looked_at(border + 0.01).pairs.tolist() == [0, 1]
+    solver.search = begin
+    assert looked_at(border - 0.01) is None
+    assert solver.solve(motion(border - 0.01), W, h, still, may_follow=False).pairs.tolist() == [0, 1, 2]
+
+
 @pytest.mark.parametrize("case", ["floor", "smooth", "ball"])
 def test_followed_steps_of_a_restored_body_are_the_same_to_the_bit(roms, case):
     """What is kept besides to take them faster says nothing that the state does not."""
@@ -145,6 +184,21 @@ def test_followed_steps_of_a_restored_body_are_the_same_to_the_bit(roms, case):
     for states, sums in ways[1:]:
         assert np.array_equal(states, ways[0][0])
         assert sums == ways[0][1]
+
+
+def test_inputs_that_are_seen_through_a_view_are_those_of_now(roms):
+    """What a step is given is kept where nothing changes: not where only who looks cannot change it."""
+    bodies, states = [fr.Simulator(roms["floor"], 1e-3, signals={"push": [0.3, 0.1, -5]}) for _ in range(2)], []
+    u = np.zeros(bodies[0].inputs)
+    view = u.view()
+    view.flags.writeable = False
+    for force in np.random.default_rng(0).standard_normal((20, len(u))):
+        u[:] = force
+        bodies[0].step(view)
+        bodies[1].step(force)
+        states.append([np.concatenate(body.state) for body in bodies])
+    assert len(u)
+    assert all(np.array_equal(*pair) for pair in states)
 
 
 def test_what_a_followed_step_found_is_told_as_that_of_a_search(roms, monkeypatch):
