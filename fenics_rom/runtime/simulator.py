@@ -288,7 +288,8 @@ class Simulator(MovingBody):
     def _wrong_input(self, u: object) -> str:
         given = f"an array of shape {u.shape}" if isinstance(u, np.ndarray) else repr(u)[:80]
         allowed = f"input of contact mode {self.contact!r}: allowed are {self.inputs} numbers in N"
-        return f"step {self.steps}: {allowed}, given: {given}"
+        alone = f", or the {n} of actuators" if self._source and (n := sum(self.rom.actuators.values())) else ""
+        return f"step {self.steps}: {allowed}{alone}, given: {given}"
 
     def rollout(
         self,

@@ -471,6 +471,10 @@ def test_wrong_inputs_leave_the_state_as_it_was(tabled):
         with pytest.raises(StepError):
             body.step(u)
         assert bits(body) == first
+    with pytest.raises(
+        StepError, match=rf"allowed are {body.inputs} numbers in N, or the \d+ of actuators, given: \[1\.0\]"
+    ):
+        body.step([1.0])
     with pytest.raises(StepError, match="inputs of contact mode"):
         body.rollout(np.zeros((3, 2)))
     assert bits(body) == first
