@@ -255,12 +255,11 @@ class _Chosen(NamedTuple):
         helped = np.zeros(len(negligible), bool)
         if not len(suspects):
             return helped
-        part = self.of(suspects)
-        f, c_t = taken(forces, suspects), part.tangential_target
-        tangential = f - _along(f, part.normals) * part.normals
-        work = _along(tangential, taken(moved, suspects) + part.problems.q + c_t)
+        f, moved, n, c_t, own = (taken(part, suspects) for part in (forces, moved, self.normals, c_t, q))
+        tangential = f - _along(f, n) * n
+        work = _along(tangential, moved + own + c_t)
         helps = (work > negligible[suspects]) & c_t.any(axis=0) & (work.sum(axis=0) > negligible[suspects])
-        put(q, suspects, part.problems.q + c_t * helps)
+        put(q, suspects, own + c_t * helps)
         put(self.tangential_target, suspects, c_t * ~helps)
         helped[suspects] = helps.any(axis=0)
         return helped

@@ -370,7 +370,7 @@ class BatchContact:
     ) -> Array:
         """Takes the step of the residual parts of bodies (B,) under the forces; what they dissipate, J, (B,)."""
         h, (inertia, whole, heat), B, own = self._h, kind.relaxation, len(bodies), in_one_piece(bodies)
-        state = taken(self._residual, own).copy()
+        state = taken(self._residual, own)  # itself, if they are a slice
         f, (g, y, ġ, ẏ) = forces.reshape(len(kind.S), B), state
         moved = inertia * ẏ - y
         moved += kind.part.compliance @ f
@@ -388,6 +388,7 @@ class BatchContact:
         rests = stored <= np.maximum(2 * FORGOTTEN, NEGLIGIBLE * energy)
         rests &= ~touches
         state[..., rests] = 0.0
-        put(self._residual, own, state)
+        if not isinstance(own, slice):
+            put(self._residual, own, state)
         self._moves[own] = ~rests
         return dissipated

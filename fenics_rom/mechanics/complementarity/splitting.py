@@ -24,7 +24,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.mechanics.body_axis import put, taken
+from fenics_rom.mechanics.body_axis import in_one_piece, put, taken
 from fenics_rom.mechanics.complementarity.batched_newton import BatchedNewton
 from fenics_rom.mechanics.complementarity.problems import Problems
 
@@ -33,7 +33,7 @@ TOLERANCE = 5e-7  # residual, as a share of the velocities that the forces have 
 FLOOR = 1e-3  # of λmax, that λmin is taken to be at least
 MOST_ITERATIONS = 80
 ROUND_OFF = 2  # times that of single precision: changes at which iterations in it stop
-GROUP_BYTES = 1 << 18  # of an array of bodies that go through the iterations together: all of them stay in the cache
+GROUP_BYTES = 1 << 19  # of an array of bodies that go through the iterations together: all of them stay in the cache
 LEAVES_AT = 0.75  # of a group: when so few go on, the others are taken out of the arrays
 POOLED_AT = 0.3  # of a group: when so few go on, they wait for those of the other groups
 FEW = 8  # pairs, that Newton's method is faster for, where it leaves out most of the points
@@ -101,7 +101,7 @@ class Splitting:
         """Has the points of these bodies move at u = Π(z) - z; those that this does not settle."""
         left = [bodies[:0]]
         for group in _groups(bodies, self.W):
-            part, own = problems.of(group), taken(s, group)
+            part, own = problems.of(group), taken(s, in_one_piece(group))
             spare = _Spare.of(part)
             change = _projected(own, part, spare) - own
             left.append(group[self._move(part, s, group, change, spare)])
@@ -111,7 +111,7 @@ class Splitting:
         """Sets s of bodies whose points change their velocities by u - q (3, P, B); which that does not settle."""
         y = _times(self._stiffness, change, np.empty_like(change))  # ρ f
         own = np.subtract(y, change, out=change)
-        put(s, bodies, own)
+        put(s, in_one_piece(bodies), own)
         y -= _projected(own, part, spare)
         settled = np.abs(y, out=y).max(axis=(0, 1)) <= TOLERANCE * np.abs(part.q).max(axis=(0, 1))
         return ~settled
@@ -148,12 +148,12 @@ class _Iteration(NamedTuple):
                 own += self._change(own, part, spare, change)
             first -= second
             share = np.einsum("apb,apb->b", first, second)
-            share /= np.maximum(np.einsum("apb,apb->b", first, first), np.finfo(self.K.dtype).tiny)
+            share /= np.maximum(np.einsum("apb,apb->b", first, first), spare.tiny)
             own += np.multiply(second, share, out=first)
             goes_on = np.abs(second, out=second).max(axis=(0, 1)) > self.stop * speed
             left = goes_on.nonzero()[0]
             if len(left) <= max(least, LEAVES_AT * len(bodies)):
-                put(s, bodies, own)
+                put(s, in_one_piece(bodies), own)
                 bodies = bodies[left]
                 if len(left) <= least:
                     return bodies, count
@@ -180,13 +180,15 @@ class _Spare(NamedTuple):
     second: Array  # (3, P, B)
     pairs: Array  # (4, P, B)
     all_due: bool
+    tiny: float  # the least number that is not rounded to fewer digits
 
     @staticmethod
     def of(problems: Problems) -> "_Spare":
         """For some bodies."""
         dtype = problems.q.dtype
         w, first, second = np.empty((3, *problems.q.shape), dtype)
-        return _Spare(w, first, second, np.empty((4, *problems.due.shape), dtype), bool(problems.due.all()))
+        pairs = np.empty((4, *problems.due.shape), dtype)
+        return _Spare(w, first, second, pairs, bool(problems.due.all()), float(np.finfo(dtype).tiny))
 
 
 def _groups(bodies: Array, matrix: Array) -> Iterator[Array]:
@@ -224,7 +226,7 @@ def factors_of_projection(z: Array, problems: Problems, spare: _Spare) -> tuple[
         pressure *= problems.due
     np.multiply(zn, zn, out=ratio)
     length -= ratio
-    np.maximum(length, np.finfo(length.dtype).tiny, out=length)  # round-off of a z along n: it sticks in any case
+    np.maximum(length, spare.tiny, out=length)  # round-off of a z along n: it sticks in any case
     np.sqrt(length, out=length)
     np.multiply(pressure, problems.friction, out=ratio)
     np.maximum(length, ratio, out=length)
