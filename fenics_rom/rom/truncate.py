@@ -33,7 +33,7 @@ def truncate(rom: "Rom | str | PathLike[str]", order: int) -> Rom:
     """
     rom = given_rom("truncate", rom)
     most = max(mode.order - mode.rigid for mode in rom.contact_models.values())
-    if not 1 <= order <= most:
+    if not (isinstance(order, int | np.integer) and 1 <= order <= most):
         raise StructureError(f"order {order}: allowed are 1 to {most}, the largest order in the ROM")
     if rom.deformation is not None:
         raise StructureError("a ROM with large deformation cannot be truncated; reduce to that order instead")

@@ -768,6 +768,8 @@ CALLS = {
     "a contact that there is not": (lambda: simulator().switch("tap"), "no contact mode 'tap'; there is tip"),
     "an output that there is not": (lambda: simulator().displacement("tap"), "no output 'tap'; there is tip"),
     "an order of zero": (lambda: fr.truncate(rom(), 0), "order 0: allowed are 1 to "),
+    "half an order": (lambda: fr.truncate(rom(), 2.5), "order 2.5: allowed are 1 to "),
+    "an order of each contact mode": (lambda: fr.truncate(rom(), {"tip": 2}), "order {'tip': 2}: allowed are 1 to "),
     "a signal of nothing": (lambda: fr.simulate(rom(), signals={"wind": 1.0}), "wind"),
     "a signal that is nan": (lambda: fr.simulate(rom(), signals={"gravity": np.nan}), "gravity"),
     "a place that is not there": (lambda: fr.write_rom("none/out.h5", rom()), "folder none does not exist"),
