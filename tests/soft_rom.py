@@ -114,8 +114,9 @@ def yielding(system, W, γ, touched, beta) -> ResidualCompliance:
     Sᵀ = np.zeros((system.size, 3 * len(touched)))
     Sᵀ[np.searchsorted(system.deformation.free, (3 * touched[:, None] + np.arange(3)).ravel()), range(len(Sᵀ.T))] = 1.0
     X = np.linalg.solve(system.stiffness.toarray(), Sᵀ) - W / γ @ (W.T @ Sᵀ)
-    λ, U = np.linalg.eigh(Sᵀ.T @ X)
-    return ResidualCompliance(U * np.sqrt(λ), 1e-6 * λ[-1], np.trace(X.T @ (system.mass @ X)), beta)
+    R = Sᵀ.T @ X
+    τ2, V = scipy.linalg.eigh(X.T @ (system.mass @ X), (R + R.T) / 2)
+    return ResidualCompliance(R @ V, np.sqrt(τ2), 1e-6 * np.linalg.eigvalsh(R)[-1], beta)
 
 
 def linear(rom: Rom) -> Rom:

@@ -38,15 +38,14 @@ def with_residual_compliance(problem: ReductionProblem, rom: Rom) -> Rom:
         Q = rom.basis[algebra.rows()]
         Sᵀ = system.points_of_contact().columns(system.at_nodes)
         SQ = algebra.inner(Sᵀ, Q)
-        static, inertia, heat = np.empty((Sᵀ.shape[1],) * 2), 0.0, 0.0
-        for first in range(0, Sᵀ.shape[1], COLUMNS_AT_ONCE):
-            columns = slice(first, first + COLUMNS_AT_ONCE)
-            shapes = problem.factor.solve(Sᵀ[:, columns])
-            static[:, columns] = algebra.inner(Sᵀ, shapes)
-            shapes = shapes - Q @ (SQ[columns] / κ).T
-            inertia += float(algebra.total(np.vdot(shapes, system.mass @ shapes)))
+        blocks = [slice(first, first + COLUMNS_AT_ONCE) for first in range(0, Sᵀ.shape[1], COLUMNS_AT_ONCE)]
+        static, shapes, heat = np.empty((Sᵀ.shape[1],) * 2), np.empty(Sᵀ.shape), 0.0
+        for columns in blocks:
+            solved = problem.factor.solve(Sᵀ[:, columns])
+            static[:, columns] = algebra.inner(Sᵀ, solved)
+            shapes[:, columns] = solved - Q @ (SQ[columns] / κ).T
             if system.rayleigh is None:
-                heat += float(algebra.total(np.vdot(shapes, system.damping @ shapes)))
+                heat += float(algebra.total(np.vdot(shapes[:, columns], system.damping @ shapes[:, columns])))
         lacking = static - (SQ / κ) @ SQ.T
         λ, U = np.linalg.eigh((lacking + lacking.T) / 2)
         largest = max(float(λ[-1]), NOTHING_LACKS * float(np.diag(static).max()))
@@ -54,8 +53,11 @@ def with_residual_compliance(problem: ReductionProblem, rom: Rom) -> Rom:
         # Where D is not β K in the residual shapes, β is what dissipates as much in all of them together.
         stored = float(np.trace(lacking)) + KEPT * largest * len(λ)
         β = system.rayleigh[1] if system.rayleigh is not None else heat / stored
-        factor = U[:, kept] * np.sqrt(λ[kept])
-        residual = ResidualCompliance(factor, floor=KEPT * largest, inertia=inertia, damping=max(β, 0.0))
+        inertia = np.hstack([algebra.inner(shapes, system.mass @ shapes[:, columns]) for columns in blocks])
+        forces = U[:, kept] / np.sqrt(λ[kept])  # that make K-orthonormal shapes
+        τ2, V = np.linalg.eigh(forces.T @ inertia @ forces)
+        factor, τ = (U[:, kept] * np.sqrt(λ[kept]) @ V)[:, ::-1], np.sqrt(np.maximum(τ2, 0.0))[::-1]
+        residual = ResidualCompliance(factor, τ, floor=KEPT * largest, damping=max(β, 0.0))
         return replace(rom, residual_compliance=_compared(problem, rom, residual, Sᵀ, SQ, static))
 
 

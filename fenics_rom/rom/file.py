@@ -48,7 +48,7 @@ p input columns, r Hankel singular values, f sampled frequencies; P points of an
         time_step/NAME (3,)          obstacles/NAME (2, 3) of the reduction and of the reduced model's time step
     residual_compliance/             what contact points yield beyond the shared basis; absent where it is not known
         factor (3P, r) m^1/2/N^1/2   L of L Lᵀ + floor, points as in the order of the nodes, then those between
-        floor (1,) m/N, inertia (1,) kg m^2/N^2, damping (1,) s
+        time_constants (r,) s, floor (1,) m/N, damping (1,) s
         dt (1,) s, errors/NAME (2,)  of the Delassus operator at dt by contact mode, without and with it
     moving_frame/                    of a body that moves as far as it likes, else absent; K = k less rigid motions
         carried (1,)                 1: by a base; 0: the body is free
@@ -65,7 +65,8 @@ p input columns, r Hankel singular values, f sampled frequencies; P points of an
         triangles (P,), operator (3, 3, P, k) kg^-1/2/m, first_lame, shear (P,) Pa          of strain, von_mises_stress
         foot (3, k) kg^-1/2, gradients (2, 3, k) kg^-1/2/m, tangents (2, 3), offset (3,) m  of marker
 
-Files of format 2.2 have no base path and moving_frame; those of 2.1 no residual_compliance; those of 2.0 no readings,
+Files of format 2.4 have an inertia in residual_compliance, which is not read, and no time_constants: these are 0 then.
+Those of 2.2 have no base path and moving_frame; those of 2.1 no residual_compliance; those of 2.0 no readings,
 cells and force_validation, and nothing in trained; those of format 1.x are read, too: rom.format_1 makes them such.
 """
 

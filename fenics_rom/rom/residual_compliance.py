@@ -21,9 +21,9 @@ class ResidualCompliance(ByContent):
     """Of all contact points of a body.
 
     Attributes:
-        factor: L (3P, r), (m/N)^1/2, points in the order of `ContactPoints`.
+        factor: L (3P, r), (m/N)^1/2, of K- and M-orthogonal shapes, points in the order of `ContactPoints`.
+        time_constants: τ (r,), s, of these shapes, descending; τ² is the ratio of their inertia to their stiffness.
         floor: ε, m/N, in every direction, in place of the eigenvalues of R_Q that are smaller.
-        inertia: tr XᵀMX, kg m²/N², of the displacements X under unit forces on the points, but for those within Q.
         damping: β, s, ratio of damping to stiffness.
         dt: s, at which the errors are; 0 where they were not measured.
         errors: by contact mode, of the Delassus operator against that of the full model, relative in the Frobenius
@@ -31,8 +31,8 @@ class ResidualCompliance(ByContent):
     """
 
     factor: Array
+    time_constants: Array
     floor: float
-    inertia: float
     damping: float
     dt: float = 0.0
     errors: Mapping[str, tuple[float, float]] = field(default_factory=dict)

@@ -10,8 +10,8 @@ from fenics_rom.rom.rom import Rom
 
 ARRAYS = {
     "factor": Entry("m^1/2/N^1/2", ("3P", "r")),
+    "time_constants": Entry("s", ("r",), optional=True),
     "floor": Entry("m/N", (1,)),
-    "inertia": Entry("kg m^2/N^2", (1,)),
     "damping": Entry("s", (1,)),
     "dt": Entry("s", (1,)),
 }
@@ -30,7 +30,10 @@ def take_residual_compliance(h5: h5py.File) -> ResidualCompliance:
     """Reads the group."""
     group = get_group(h5, "residual_compliance")
     errors = get_each(get_group(group, "errors"), ERRORS)
-    return ResidualCompliance(**get_record(group, ARRAYS, others=("errors",)), errors=errors)
+    record = get_record(group, ARRAYS, {}, ("errors", "inertia"))
+    if record["time_constants"] is None:
+        record["time_constants"] = np.zeros(record["factor"].shape[1])
+    return ResidualCompliance(**record, errors=errors)
 
 
 def check_residual_compliance(rom: Rom) -> None:
@@ -43,7 +46,9 @@ def check_residual_compliance(rom: Rom) -> None:
     if len(residual.factor) != 3 * points:
         given = f"{len(residual.factor) / 3:g}"
         raise FileError(f"/residual_compliance/factor is of {given} points, and {points} can be touched")
-    if residual.floor <= 0 or min(residual.inertia, residual.damping, residual.dt) < 0:
-        raise FileError("/residual_compliance: floor must be positive, inertia, damping and dt must not be negative")
+    if residual.floor <= 0 or min(residual.time_constants.min(initial=0.0), residual.damping, residual.dt) < 0:
+        raise FileError(
+            "/residual_compliance: floor must be positive, time_constants, damping and dt must not be negative"
+        )
     if any(name not in rom.contact_models or min(pair) < 0 for name, pair in residual.errors.items()):
         raise FileError("/residual_compliance/errors are negative, or of a contact mode that is not there")
