@@ -25,15 +25,33 @@ class RetainedBasis:
     left_inverse: Array | None = None  # (m, k) oblique projection; only for switching = "oblique"
 
 
-def assemble_rom(problem: ReductionProblem, retained: Mapping[str, RetainedBasis], *, method: str) -> Rom:
-    """Puts all contact modes into one M-orthonormal Q that diagonalizes K, with a validation for each."""
+def joint_span(problem: ReductionProblem, retained: Mapping[str, RetainedBasis]) -> Array:
+    """Orthonormal coordinates (k, r) of what the contact modes keep together, in the shared space."""
+    size = problem.space.size
+    joint = np.empty((size, 0))
+    for basis in retained.values():
+        if joint.shape[1] < size:
+            joint = np.hstack([joint, orthogonal_complement(pad_rows(basis.span, size), joint)])
+    return joint
+
+
+def assemble_rom(
+    problem: ReductionProblem, retained: Mapping[str, RetainedBasis], beyond: Array | None = None, *, method: str
+) -> Rom:
+    """Puts all contact modes into one M-orthonormal Q that diagonalizes K, with a validation for each.
+
+    Args:
+        problem: what is reduced.
+        retained: of each contact mode.
+        beyond: coordinates (k, s) of what Q is to hold besides, if there is something.
+        method: its name.
+    """
     system, space = problem.system, problem.space
     algebra, scene = system.algebra, system.scene
     with problem.stages("shared basis"):
-        joint = np.empty((space.size, 0))
-        for basis in retained.values():
-            if joint.shape[1] < space.size:
-                joint = np.hstack([joint, orthogonal_complement(pad_rows(basis.span, space.size), joint)])
+        joint = joint_span(problem, retained)
+        if beyond is not None and joint.shape[1] < space.size:
+            joint = np.hstack([joint, orthogonal_complement(beyond, joint)])
         whole = space.subspace(np.eye(space.size))
         common = whole if joint.shape[1] == space.size else space.subspace(joint)
         U, κ = common.coordinates, common.eigenvalues

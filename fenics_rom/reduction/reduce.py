@@ -26,7 +26,7 @@ from fenics_rom.reduction.methods.static import static
 from fenics_rom.reduction.moving_frame import with_moving_frame
 from fenics_rom.reduction.problem import Method, RankedBasis, ReductionProblem, scale_inputs
 from fenics_rom.reduction.projection import RetainedBasis, assemble_rom
-from fenics_rom.reduction.residual_compliance import with_residual_compliance
+from fenics_rom.reduction.residual_compliance import contact_shapes, static_displacements, with_residual_compliance
 from fenics_rom.reduction.rigid_mode_deflation import elastic_part, require_loads, with_rigid_modes
 from fenics_rom.rom.rom import Rom, check_rom
 from fenics_rom.scene.scene import (
@@ -175,13 +175,13 @@ def reduce(
             stages=stages,
             messages=[*system.warnings, *filter(None, [factor.notice])],
         )
-        finished = Checkpoint(checkpoint, problem, named, resume)
+        finished, static = Checkpoint(checkpoint, problem, named, resume), static_displacements(problem)
         if method is None:
             rom = hyperreduce(problem, named, cubature, finished)
         else:
             retained = _retained_bases(problem, method, finished, named == SELECTION)
-            rom = assemble_rom(problem, retained, method=named)
-        rom = with_moving_frame(problem, with_residual_compliance(problem, rom), whole)
+            rom = assemble_rom(problem, retained, contact_shapes(problem, retained, static), method=named)
+        rom = with_moving_frame(problem, with_residual_compliance(problem, rom, static), whole)
         rom = with_rigid_modes(rom, whole)
     rom = _with_tied_components(rom, whole.body.unknowns)
     for message in problem.messages:

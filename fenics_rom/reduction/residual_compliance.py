@@ -1,5 +1,6 @@
 """Residual compliance of a ROM's contact points, from the factor of K that is there; see rom.residual_compliance."""
 
+from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import replace
 from typing import Any
@@ -7,16 +8,20 @@ from typing import Any
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.reduction.common_basis import significant_eigenpairs
 from fenics_rom.reduction.problem import ReductionProblem
+from fenics_rom.reduction.projection import RetainedBasis, joint_span
 from fenics_rom.rom.midpoint_map import compliance
 from fenics_rom.rom.residual_compliance import ResidualCompliance
 from fenics_rom.rom.residual_part import residual_part, strained_points
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.steppers.residual_motion import relaxation
+from fenics_rom.system.system import System
 
 COLUMNS_AT_ONCE = 96  # of solves
 KEPT = 1e-6  # of the largest eigenvalue of the residual compliance: smaller ones are raised to it
 NOTHING_LACKS = 1e-6  # of the static compliance: a residual compliance that small is as good as none
+UNSEEN = 1e-4  # of the displacements under forces on contact points, in mass: what the shared basis may lack
 POINTS_COMPARED = 8  # of which the Delassus operator is compared with the full model's
 
 
@@ -28,37 +33,75 @@ def has_residual_compliance(problem: ReductionProblem) -> bool:
     return scene.environment.contact_law is not None and scene.environment.residual_compliance
 
 
-def with_residual_compliance(problem: ReductionProblem, rom: Rom) -> Rom:
-    """The ROM (of the elastic part) with the residual compliance of its contact points, where its scene wants it."""
+def static_displacements(problem: ReductionProblem) -> Array:
+    """K⁻¹Sᵀ (rows here, 3P), m/N: under unit forces on contact points; (rows here, 0) where they keep no compliance."""
     if not has_residual_compliance(problem):
+        return np.empty((problem.system.local_size, 0))
+    with problem.stages("residual compliance"):
+        Sᵀ = problem.system.points_of_contact().columns(problem.system.at_nodes)
+        displacements = np.empty(Sᵀ.shape)
+        for columns in _blocks(Sᵀ):
+            displacements[:, columns] = problem.factor.solve(Sᵀ[:, columns])
+    return displacements
+
+
+def contact_shapes(problem: ReductionProblem, retained: Mapping[str, RetainedBasis], static: Array) -> Array:
+    """Coordinates (k, s) of the shapes with most mass in which contact points yield beyond what contact modes keep.
+
+    The shared basis is to hold them, so that a run can tell how the body yields around its contact points.
+
+    Args:
+        problem: what is reduced.
+        retained: of each contact mode.
+        static: `static_displacements`.
+    """
+    if not static.size:
+        return np.empty((problem.space.size, 0))
+    system, space, inner = problem.system, problem.space, problem.system.algebra.inner
+    with problem.stages("residual compliance"):
+        kept = space.subspace(joint_span(problem, retained))
+        W, Sᵀ = space.basis @ kept.coordinates, system.points_of_contact().columns(system.at_nodes)
+        shapes = static - W @ (inner(W, Sᵀ) / kept.eigenvalues[:, None])
+        w, E = significant_eigenpairs(_gram(system, shapes))
+        whole = sum(np.trace(inner(static[:, of], system.mass @ static[:, of])) for of in _blocks(static))
+        missing = np.sqrt(np.append(np.cumsum(w[::-1])[::-1], 0.0) / whole)  # where so many are taken
+        return space.add(shapes @ E[:, : int(np.argmax(missing <= UNSEEN))])
+
+
+def with_residual_compliance(problem: ReductionProblem, rom: Rom, static: Array) -> Rom:
+    """The ROM (of the elastic part) with the residual compliance of its contact points, where its scene wants it."""
+    if not static.size:
         return rom
     system = problem.system
     with problem.stages("residual compliance"):
         algebra, κ = system.algebra, rom.stiffness
         Q = rom.basis[algebra.rows()]
         Sᵀ = system.points_of_contact().columns(system.at_nodes)
-        SQ = algebra.inner(Sᵀ, Q)
-        blocks = [slice(first, first + COLUMNS_AT_ONCE) for first in range(0, Sᵀ.shape[1], COLUMNS_AT_ONCE)]
-        static, shapes, heat = np.empty((Sᵀ.shape[1],) * 2), np.empty(Sᵀ.shape), 0.0
-        for columns in blocks:
-            solved = problem.factor.solve(Sᵀ[:, columns])
-            static[:, columns] = algebra.inner(Sᵀ, solved)
-            shapes[:, columns] = solved - Q @ (SQ[columns] / κ).T
-            if system.rayleigh is None:
-                heat += float(algebra.total(np.vdot(shapes[:, columns], system.damping @ shapes[:, columns])))
-        lacking = static - (SQ / κ) @ SQ.T
+        SQ, whole = algebra.inner(Sᵀ, Q), algebra.inner(Sᵀ, static)
+        shapes, lacking = static - Q @ (SQ / κ).T, whole - (SQ / κ) @ SQ.T
         λ, U = np.linalg.eigh((lacking + lacking.T) / 2)
-        largest = max(float(λ[-1]), NOTHING_LACKS * float(np.diag(static).max()))
+        largest = max(float(λ[-1]), NOTHING_LACKS * float(np.diag(whole).max()))
         kept = λ > KEPT * largest
-        # Where D is not β K in the residual shapes, β is what dissipates as much in all of them together.
-        stored = float(np.trace(lacking)) + KEPT * largest * len(λ)
-        β = system.rayleigh[1] if system.rayleigh is not None else heat / stored
-        inertia = np.hstack([algebra.inner(shapes, system.mass @ shapes[:, columns]) for columns in blocks])
+        if system.rayleigh is not None:
+            β = system.rayleigh[1]
+        else:  # D is not β K in the residual shapes: what dissipates as much in all of them together
+            heat = sum(np.trace(algebra.inner(shapes[:, of], system.damping @ shapes[:, of])) for of in _blocks(shapes))
+            β = heat / (float(np.trace(lacking)) + KEPT * largest * len(λ))
         forces = U[:, kept] / np.sqrt(λ[kept])  # that make K-orthonormal shapes
-        τ2, V = np.linalg.eigh(forces.T @ inertia @ forces)
+        τ2, V = np.linalg.eigh(forces.T @ _gram(system, shapes) @ forces)
         factor, τ = (U[:, kept] * np.sqrt(λ[kept]) @ V)[:, ::-1], np.sqrt(np.maximum(τ2, 0.0))[::-1]
-        residual = ResidualCompliance(factor, τ, floor=KEPT * largest, damping=max(β, 0.0))
-        return replace(rom, residual_compliance=_compared(problem, rom, residual, Sᵀ, SQ, static))
+        residual = ResidualCompliance(factor, τ, floor=KEPT * largest, damping=max(float(β), 0.0))
+        return replace(rom, residual_compliance=_compared(problem, rom, residual, Sᵀ, SQ, whole))
+
+
+def _gram(system: System, shapes: Array) -> Array:
+    """XᵀMX (s, s) of shapes (rows here, s)."""
+    return np.hstack([system.algebra.inner(shapes, system.mass @ shapes[:, columns]) for columns in _blocks(shapes)])
+
+
+def _blocks(columns: Array) -> list[slice]:
+    """Some columns at once."""
+    return [slice(first, first + COLUMNS_AT_ONCE) for first in range(0, columns.shape[1], COLUMNS_AT_ONCE)]
 
 
 def _compared(

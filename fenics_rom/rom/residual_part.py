@@ -23,7 +23,7 @@ class ResidualPart:
         basis: Y (k - rigid, m - rigid), orthonormal columns: the mode's in the shared basis, both K-orthonormal.
         basis_points: H Y (3P, m - rigid).
         compliance: R (3P, 3P), m/N.
-        time_constant: τ, s; τ² is the mean ratio of inertia to stiffness of orthogonal shapes, each of which counts alike.
+        time_constant: τ, s; τ² is the mean ratio of inertia to stiffness of orthogonal shapes that count alike.
     """
 
     points: Array
@@ -62,8 +62,8 @@ def residual_part(κ: Array, model: ContactModel, H: Array, residual: ResidualCo
     lacking = H.copy()
     lacking[:, : len(Y)] -= HY @ Y.T
     R = lacking @ lacking.T + residual.floor * np.eye(len(lacking))
-    # Inertia that shapes within Q share with those beyond is neglected. Each shape counts alike, however much it yields:
-    # the few that yield most are slow, and what yields between neighbours, on which friction depends, is not.
+    # Inertia that shapes within Q share with those beyond is neglected. Each shape counts alike, however much it
+    # yields: the few that yield most are slow, but what yields between neighbours, on which friction depends, is not.
     τ2 = np.concatenate([1 / κ[model.rigid :], residual.time_constants**2])
     inertia = (lacking * τ2) @ lacking.T
     τ = np.sqrt(np.trace(np.linalg.solve(R, inertia)) / len(R))
