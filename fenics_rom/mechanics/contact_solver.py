@@ -210,21 +210,20 @@ class ContactSolver:
         return ContactSolution(point_forces, iterations, active, _of(normals, active), pair_forces, w, power)
 
     def follow(
-        self, motion: PairsMotion, points: Callable[[], PointMotion], delassus: Array, dt: float, still: ObstacleMotion
+        self,
+        motion: PairsMotion,
+        told: Callable[[], tuple[PointMotion, Array, Array]],
+        delassus: Array,
+        dt: float,
+        still: ObstacleMotion,
     ) -> ContactSolution | None:
         """Contact of a step with inertia in which all pairs do what they did in the step before; None elsewhere.
 
         Args:
             motion: what pairs do.
-            points: tells what the points do, if someone asks.
-            delassus, dt: as in `solve`.
-            still: obstacles that rest.
+            told: tells, if someone asks, what the points do, and what `_relative` says of that.
+            delassus, dt, still: as in `solve`, of one obstacle, which rests.
         """
-
-        def told() -> tuple[PointMotion, Array, Array]:
-            known = points()
-            return known, self._of_pairs(known.free_velocity), self._of_pairs(known.velocity)
-
         is_solved, found = self._look(motion, delassus)
         self._is_refused = is_solved and found is None
         return None if self._is_refused else self._follow(motion, told, delassus, dt, still, False, found)
@@ -239,7 +238,7 @@ class ContactSolver:
         quasi_static: bool,
         found: Followed | None = None,
     ) -> ContactSolution | None:
-        """The same; `told`: what the points do, and what `_relative` says of that; `found`: by a first look."""
+        """The same, also without inertia; `found`: by a first look."""
         search, law, frames = self.search, self.law, motion.frames
         if found is None:
             of_delassus = partial(self._operator, delassus), partial(self._moved, delassus)
@@ -260,8 +259,10 @@ class ContactSolver:
             found_so = pairs, gaps, active, problem, f, u, False
             return pairs, SolvedPairs(points, obstacles.start, delassus, dt, quasi_static, *found_so)
 
-        self._followed, among, w = known, _of(forces, active), obstacles.velocities(dt)
-        return ContactSolution(self._at_points(forces), 0, active, _of(frames.normals, active), among, w, power)
+        self._followed, among, normals, w = known, forces, frames.normals, obstacles.velocities(dt)
+        if len(active) < len(forces):
+            among, normals = forces.take(active, axis=0), normals.take(active, axis=0)
+        return ContactSolution(self._at_points(forces), 0, active, normals, among, w, power)
 
     def _look(self, motion: PairsMotion, delassus: Array) -> tuple[bool, Followed | None]:
         """As SteadyPairs.look, of pairs that met one obstacle in the last step."""
@@ -269,9 +270,8 @@ class ContactSolver:
         if kept.inverse is None:
             return False, None
         if self._steady is None or not self._steady.is_of(kept.inverse, delassus, motion.frames):
-            active, operator = self._operator(delassus, np.frombuffer(key, dtype=bool), key)
-            pairs = key, active, operator, motion.frames, self.law.friction
-            self._steady = SteadyPairs(*pairs, kept.inverse, delassus)
+            pairs = self._operator(delassus, np.frombuffer(key, dtype=bool), key)
+            self._steady = SteadyPairs(key, *pairs, motion.frames, self.law.friction, kept.inverse, delassus)
         return self._steady.look(kept, motion)
 
     @property

@@ -71,7 +71,7 @@ class SteadyPairs:
         return (
             self._of[0] is inverse
             and self._of[1] is delassus
-            and (known == frames if frames.are_alike else not known.are_alike)
+            and (known is frames or (known == frames if frames.are_alike else not known.are_alike))
         )
 
     def look(self, kept: KeptLaw, motion: PairsMotion) -> tuple[bool, Followed | None]:
@@ -136,7 +136,8 @@ class SteadyPairs:
             z = self._ρ * u
             np.subtract(f, z, z)
             projected, pressure = self._projected(z.reshape(3, C), n)
-            off = f - projected.ravel()
+            forces = projected.ravel()
+            off = f - forces
             moves = self._compliance * off
             error = largest(np.abs(moves))
             if error <= CONVERGENCE_TOLERANCE * speed:
@@ -150,12 +151,12 @@ class SteadyPairs:
                 return None
             moves -= self._W[: 3 * C].dot(off)  # as FollowedLaw.corrected
             f, before = inverse.dot(moves), error
-            f += projected.ravel()
+            f += forces
             corrections += 1
         of_inverse = kept.corrections + corrections
         if of_inverse >= MOST_CORRECTIONS and error > SLOWEST * before:
             return None  # it is time to find the inverse anew
-        lacked, q = (projected.ravel() - linear).reshape(3, C), q.reshape(3, C)
+        lacked, q = (forces - linear).reshape(3, C), q.reshape(3, C)
         if corrections:
             lacking, trend = kept.foreseen(lacked, True)
             now = KeptLaw(kept.statuses, inverse, q, projected, lacking, trend, of_inverse, kept.earlier)

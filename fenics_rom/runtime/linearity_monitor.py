@@ -33,7 +33,7 @@ class LinearityMonitor:
 
     def begin(self, peak: SurfaceStrainPeak) -> None:
         """Goes on from a peak, with a look as soon as there is need."""
-        self.peak = peak
+        self.peak, self._interval = peak, LOOK_INTERVAL[peak.beyond]
         self._margin, self._last = 0.0, (np.empty(0), np.empty(0))
         self._since = max(LOOK_INTERVAL.values())
 
@@ -56,7 +56,7 @@ class LinearityMonitor:
         Warns of the first one beyond the limits. `steps`: how many led there since the last such state.
         """
         self._since += steps
-        if self._since < LOOK_INTERVAL[self.peak.beyond]:
+        if self._since < self._interval:
             return
         self._since, s = 0, self._rigid()
         if self._margin and self._gauge.largest_change(e - self._last[0], s - self._last[1]) < self._margin:
@@ -65,6 +65,7 @@ class LinearityMonitor:
         q[: len(s)] = s
         before, now = self.peak, SurfaceStrainPeak(*self._gauge.read(q), time)
         self.peak = before.joined(now)
+        self._interval = LOOK_INTERVAL[self.peak.beyond]
         self._margin, self._last = max(1 - now.severity, 0.0), (e.copy(), s.copy())
         if now.beyond and not before.beyond:
             warnings.warn(now.warning, FenicsRomWarning, stacklevel=4)

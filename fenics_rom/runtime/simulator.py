@@ -251,8 +251,7 @@ class Simulator(MovingBody):
         """Takes a step with what acts by itself; twice the stored energy, J."""
         source, before = self._source, None
         assert source is not None
-        nearest = source.nearest(self._stepper)
-        if nearest != self.contact:
+        if source.switches and (nearest := source.nearest(self._stepper)) != self.contact:
             before = self.save()
             self.switch(nearest)
         try:

@@ -151,7 +151,7 @@ def test_a_first_look_misses_no_point_that_forces_on_others_push_down(obstacle):
         gaps, normals = obstacle.distance(points)
         asked, moves = partial(solver.rule(h).asks, gaps, gaps.min(), None), motion(speed)
         pairs = PairsMotion.of(Frames(normals), moves.free_velocity, moves.velocity, asked, slides=True)
-        return solver.follow(pairs, lambda: moves, W, h, still)
+        return solver.follow(pairs, lambda: (moves, moves.free_velocity, moves.velocity), W, h, still)
 
     for _ in range(6):
         contact = solver.solve(motion(2.0), W, h, still)

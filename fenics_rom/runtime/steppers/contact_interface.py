@@ -48,13 +48,18 @@ class ContactInterface(NamedTuple):
         return contact
 
     def follow(
-        self, motion: PairsMotion, points: Callable[[], PointMotion], delassus: Array, dt: float, still: ObstacleMotion
+        self,
+        motion: PairsMotion,
+        told: Callable[[], tuple[PointMotion, Array, Array]],
+        delassus: Array,
+        dt: float,
+        still: ObstacleMotion,
     ) -> ContactSolution | None:
         """The same where all pairs do what they did in the step before; see ContactSolver.follow."""
         mark = self.environment.mark
         if mark is not None:
             mark(MOTION)
-        contact = self.solver.follow(motion, points, delassus, dt, still)
+        contact = self.solver.follow(motion, told, delassus, dt, still)
         if mark is not None:
             mark(CONTACT)
         return contact

@@ -87,7 +87,8 @@ class FollowedPoints:
         self._by_beyond = self._of_pairs(*np.einsum("ka,ij->kiaj", added, turn).reshape(3, 3, 6))
         self._product = np.concatenate([of_x.reshape(-1, ends[-1]), right])
 
-        self._x, self._begin, self._beyond = np.zeros(ends[-1]), np.empty(len(self._product)), np.empty((6, P))
+        self._numbers, self._begin = np.zeros(ends[-1] + 6 * P), np.empty(len(self._product))
+        self._x, self._beyond = self._numbers[: ends[-1]], self._numbers[ends[-1] :].reshape(6, P)
         self._x[one] = 1.0
         self._inputs, self._followed = (
             self._x[u],
@@ -120,7 +121,7 @@ class FollowedPoints:
         self._inputs[:] = u
         for own, values in self._followed:
             own[:] = values
-        np.dot(self._product, self._x, self._begin)
+        self._product.dot(self._x, self._begin)
         pairs = self._pairs
         pairs += self._by_beyond.dot(self._beyond)
         if self._frames is None:
@@ -145,12 +146,13 @@ class FollowedPoints:
         asked = self._rule.asks(gaps, gaps.item(gaps.argmin()), None, approach)
         return PairsMotion(frames, n, asked, outwards, free, self._sliding, across)
 
-    def points(self) -> Callable[[], PointMotion]:
-        """Tells what the points do in the step for which `motion` was asked last."""
-        x, beyond, rows, added = self._x.copy(), self._beyond.copy(), self._motion, self._added
+    def told(self) -> Callable[[], tuple[PointMotion, Array, Array]]:
+        """Tells what the points do in the step for which `motion` was asked last, and ContactSolver.follow's `told`."""
+        numbers, own, rows, added = self._numbers.copy(), len(self._x), self._motion, self._added
 
-        def told() -> PointMotion:
-            by_point = beyond.reshape(2, 3, -1).swapaxes(1, 2)
-            return PointMotion(*rows.dot(x).reshape(3, -1, 3) + np.tensordot(added, by_point, 1))
+        def told() -> tuple[PointMotion, Array, Array]:
+            by_point = numbers[own:].reshape(2, 3, -1).swapaxes(1, 2)
+            points = PointMotion(*rows.dot(numbers[:own]).reshape(3, -1, 3) + np.tensordot(added, by_point, 1))
+            return points, points.free_velocity, points.velocity
 
         return told

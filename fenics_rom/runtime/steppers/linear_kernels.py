@@ -104,18 +104,19 @@ class ContactMidpoint(BookedKernel):
         motion, right = points.motion(u)
         if motion is None:
             return right, None
-        return right, self._interface.follow(motion, points.points(), self._delassus, self.h, points.still)
+        return right, self._interface.follow(motion, points.told(), self._delassus, self.h, points.still)
 
     def _end_followed_step(self, u: Array, right: Array, contact: ContactSolution) -> float:
         """The same as `_end_step`; the work is worked out together with that of other steps."""
         assert self.residual is not None
-        by_contact = self._pushed(contact)
+        forces, ρ = contact.forces.ravel(), len(self._rigid_displacement)
+        by_contact = self._Sᵀ.dot(forces)
         right = right + by_contact
         v, rates = self._pushed_by(right), self.residual.move(contact)
-        self._leave(FollowedWork(u, right, by_contact, v, contact.forces.ravel(), rates, contact.normal_power))
+        self._leave(FollowedWork(u, right, by_contact, v, forces, rates, contact.normal_power))
         self._at_touch = v, rates[1].reshape(-1, 3)
-        if len(self._rigid_displacement):
-            self._rigid_displacement += self.h * v[: len(self._rigid_displacement)]
+        if ρ:
+            self._rigid_displacement += self.h * v[:ρ]
         self._e += self._travel * v
         np.subtract(v + v, self._r, self._r)
         self.contact = contact

@@ -263,9 +263,9 @@ class ResidualMotion:
         if 2 * len(contact.pairs) < len(contact.forces):
             touched = contact.forces.any(axis=1).nonzero()[0]  # R is symmetric, and its rows lie in one piece
             rows = self._R.reshape(-1, 3, len(self._R))[touched].reshape(-1, len(self._R))
-            np.dot(contact.forces[touched].ravel(), rows, out=self._Rf)
+            contact.forces[touched].ravel().dot(rows, self._Rf)
         else:
-            np.dot(self._R, self._f, out=self._Rf)
+            self._R.dot(self._f, self._Rf)
 
     def work_of_start(self, before: ContactSolution | None, velocity: Array) -> float:
         """Work, J, in the last step, between equilibria, of what held it at its start besides contact forces before.
