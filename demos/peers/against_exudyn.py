@@ -37,7 +37,7 @@ SCHEME = (
 )
 ENDS = np.array([-1, 0, 1])  # and the middle, in halves of the length
 AS_GOOD = 0.5  # of the error of its best basis, at 9 modes
-AS_FAST = 3.0  # times the rate of its fastest basis that is as right as 9 modes here, or nearly
+AS_FAST = 2.5  # times the rate of its fastest basis that is as right as 9 modes here, or nearly
 NEARLY = 1.5  # times the error
 
 Array = np.ndarray
