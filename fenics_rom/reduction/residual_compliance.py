@@ -3,7 +3,7 @@
 from collections.abc import Mapping
 from contextlib import closing
 from dataclasses import replace
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
@@ -55,22 +55,22 @@ def contact_shapes(problem: ReductionProblem, retained: Mapping[str, RetainedBas
         retained: of each contact mode.
         static: `static_displacements`.
     """
-    if not static.size:
+    if not static.shape[1]:
         return np.empty((problem.space.size, 0))
     system, space, inner = problem.system, problem.space, problem.system.algebra.inner
     with problem.stages("residual compliance"):
         kept = space.subspace(joint_span(problem, retained))
         W, Sᵀ = space.basis @ kept.coordinates, system.points_of_contact().columns(system.at_nodes)
-        shapes = static - W @ (inner(W, Sᵀ) / kept.eigenvalues[:, None])
-        w, E = significant_eigenpairs(_gram(system, shapes))
-        whole = sum(np.trace(inner(static[:, of], system.mass @ static[:, of])) for of in _blocks(static))
+        shapes = _Residual(static, W, inner(W, Sᵀ) / kept.eigenvalues[:, None])
+        w, E = significant_eigenpairs(shapes.gram(system, system.mass))
+        whole = np.trace(_Residual(static, W[:, :0], np.empty((0, len(static.T)))).gram(system, system.mass))
         missing = np.sqrt(np.append(np.cumsum(w[::-1])[::-1], 0.0) / whole)  # where so many are taken
-        return space.add(shapes @ E[:, : int(np.argmax(missing <= UNSEEN))])
+        return space.add(shapes.of(E[:, : int(np.argmax(missing <= UNSEEN))]))
 
 
 def with_residual_compliance(problem: ReductionProblem, rom: Rom, static: Array) -> Rom:
     """The ROM (of the elastic part) with the residual compliance of its contact points, where its scene wants it."""
-    if not static.size:
+    if not static.shape[1]:
         return rom
     system = problem.system
     with problem.stages("residual compliance"):
@@ -78,25 +78,41 @@ def with_residual_compliance(problem: ReductionProblem, rom: Rom, static: Array)
         Q = rom.basis[algebra.rows()]
         Sᵀ = system.points_of_contact().columns(system.at_nodes)
         SQ, whole = algebra.inner(Sᵀ, Q), algebra.inner(Sᵀ, static)
-        shapes, lacking = static - Q @ (SQ / κ).T, whole - (SQ / κ) @ SQ.T
+        shapes, lacking = _Residual(static, Q, (SQ / κ).T), whole - (SQ / κ) @ SQ.T
         λ, U = np.linalg.eigh((lacking + lacking.T) / 2)
         largest = max(float(λ[-1]), NOTHING_LACKS * float(np.diag(whole).max()))
         kept = λ > KEPT * largest
         if system.rayleigh is not None:
             β = system.rayleigh[1]
         else:  # D is not β K in the residual shapes: what dissipates as much in all of them together
-            heat = sum(np.trace(algebra.inner(shapes[:, of], system.damping @ shapes[:, of])) for of in _blocks(shapes))
+            heat = np.trace(shapes.gram(system, system.damping))
             β = heat / (float(np.trace(lacking)) + KEPT * largest * len(λ))
         forces = U[:, kept] / np.sqrt(λ[kept])  # that make K-orthonormal shapes
-        τ2, V = np.linalg.eigh(forces.T @ _gram(system, shapes) @ forces)
+        τ2, V = np.linalg.eigh(forces.T @ shapes.gram(system, system.mass) @ forces)
         factor, τ = (U[:, kept] * np.sqrt(λ[kept]) @ V)[:, ::-1], np.sqrt(np.maximum(τ2, 0.0))[::-1]
         residual = ResidualCompliance(factor, τ, floor=KEPT * largest, damping=max(float(β), 0.0))
         return replace(rom, residual_compliance=_compared(problem, rom, residual, Sᵀ, SQ, whole))
 
 
-def _gram(system: System, shapes: Array) -> Array:
-    """XᵀMX (s, s) of shapes (rows here, s)."""
-    return np.hstack([system.algebra.inner(shapes, system.mass @ shapes[:, columns]) for columns in _blocks(shapes)])
+class _Residual(NamedTuple):
+    """Shapes X = K⁻¹Sᵀ - W C, (rows here, 3P), of which there are never more than some at once."""
+
+    static: Array  # K⁻¹Sᵀ
+    W: Array  # (rows here, k)
+    C: Array  # (k, 3P)
+
+    def of(self, forces: Array) -> Array:
+        """X f of forces (3P, s)."""
+        shapes: Array = self.static @ forces - self.W @ (self.C @ forces)
+        return shapes
+
+    def gram(self, system: System, matrix: Any) -> Array:
+        """XᵀAX (3P, 3P) of M or D."""
+        inner, gram = system.algebra.inner, np.empty((self.static.shape[1],) * 2)
+        for columns in _blocks(gram):
+            product = matrix @ (self.static[:, columns] - self.W @ self.C[:, columns])
+            gram[:, columns] = inner(self.static, product) - self.C.T @ inner(self.W, product)
+        return gram
 
 
 def _blocks(columns: Array) -> list[slice]:

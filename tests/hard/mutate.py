@@ -155,7 +155,7 @@ MUTATIONS = [
     ("runtime/steppers/residual_motion.py", "beyond: Array = self._y - ", "beyond: Array = self._y + "),
     ("runtime/steppers/residual_motion.py", "+ y - here.basis_points.dot(e)", "+ y"),
     ("rom/residual_part.py", "lacking[:, : len(Y)] -= HY @ Y.T", "pass"),
-    ("reduction/residual_compliance.py", "static - Q @ (SQ / κ).T, whole", "static, whole"),
+    ("reduction/residual_compliance.py", "self.static[:, columns] - self.W @", "self.static[:, columns] + self.W @"),
     ("reduction/residual_compliance.py", "np.sqrt(np.maximum(τ2, 0.0))[::-1]", "np.sqrt(np.maximum(τ2, 0.0))"),
     ("rom/residual_part.py", "[1 / κ[model.rigid :], residual", "[0 / κ[model.rigid :], residual"),
     ("reduction/methods/modal.py", "B if yields else system.forces(name)", "system.forces(name)"),
