@@ -41,7 +41,7 @@ def check_gradient(
         difference = (value(ε, along) - value(-ε, along)) / (2 * ε)
         assert slope == pytest.approx(difference, rel=AGREES, abs=AGREES * max(map(abs, owed)))
     slopes = []
-    for ε in (1e-3, 2e-4, 5e-5):  # across a kink of contact the first are none, and the last is where steps are round-off
+    for ε in (1e-3, 2e-4, 5e-5):  # across a kink of contact the first are none; round-off may take the last
         left = [abs(value(step, directions) - gradient.value - step * sum(owed)) for step in (ε, ε / 2)]
         slopes.append(np.log2(left[0] / left[1]))
     assert any(1.9 < slope < 2.1 for slope in slopes), slopes
