@@ -217,7 +217,7 @@ def test_effects_do_not_depend_on_the_number_of_ranks(results, name, ranks):
     one, other = (rom.residual_compliance for rom in roms)
     change = other.factor @ other.factor.T - one.factor @ one.factor.T
     assert np.abs(change).max() <= 2 * one.floor == pytest.approx(2 * other.floor, rel=1e-6)
-    assert other.time_constants[0] == pytest.approx(one.time_constants[0], rel=1e-6)
+    np.testing.assert_allclose(other.time_constants[:1], one.time_constants[:1], rtol=1e-6)
     for one, other in (full, [fr.simulate(rom) for rom in roms]):
         scale = np.abs(one.snapshots).max()
         assert scale > 1e-3
