@@ -5,7 +5,6 @@ H = [S Q diag(κ)^-½, L], a contact mode spans orthonormal columns Y_i, and R_i
 """
 
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy import ndarray as Array
@@ -22,7 +21,8 @@ class ResidualPart:
         points: H (3P, k + r - rigid), (m/N)^1/2; the same of all contact modes.
         basis: Y (k - rigid, m - rigid), orthonormal columns: the mode's in the shared basis, both K-orthonormal.
         basis_points: H Y (3P, m - rigid).
-        compliance: R (3P, 3P), m/N.
+        compliance: R = C Cᵀ (3P, 3P), m/N.
+        inverse_root: C⁻¹ (3P, 3P), (N/m)^1/2.
         time_constant: τ, s; τ² is the mean ratio of inertia to stiffness of orthogonal shapes that count alike.
     """
 
@@ -30,13 +30,8 @@ class ResidualPart:
     basis: Array
     basis_points: Array
     compliance: Array
+    inverse_root: Array
     time_constant: float
-
-    @cached_property
-    def inverse_root(self) -> Array:
-        """C⁻¹ (3P, 3P) of R = C Cᵀ, (N/m)^1/2."""
-        inverse: Array = np.linalg.inv(np.linalg.cholesky(self.compliance))
-        return inverse
 
     def strained(self, g: Array) -> Array:
         """What of it lies in the shared basis under forces g (..., 3P), N, in K-orthonormal coordinates, J^1/2."""
@@ -64,7 +59,7 @@ def residual_part(κ: Array, model: ContactModel, H: Array, residual: ResidualCo
     R = lacking @ lacking.T + residual.floor * np.eye(len(lacking))
     # Inertia that shapes within Q share with those beyond is neglected. Each shape counts alike, however much it
     # yields: the few that yield most are slow, but what yields between neighbours, on which friction depends, is not.
+    inverse_root = np.linalg.inv(np.linalg.cholesky(R))
+    shares = np.square(inverse_root @ lacking).sum(axis=0)
     τ2 = np.concatenate([1 / κ[model.rigid :], residual.time_constants**2])
-    inertia = (lacking * τ2) @ lacking.T
-    τ = np.sqrt(np.trace(np.linalg.solve(R, inertia)) / len(R))
-    return ResidualPart(H, Y, HY, R, float(τ))
+    return ResidualPart(H, Y, HY, R, inverse_root, float(np.sqrt(shares @ τ2 / len(R))))

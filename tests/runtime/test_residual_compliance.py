@@ -320,7 +320,6 @@ def broken_sign(monkeypatch):
 
     def of(*given):
         part = good(*given)
-        part.inverse_root  # noqa: B018, of the sign that has one
         object.__setattr__(part, "compliance", -part.compliance)
         return part
 
