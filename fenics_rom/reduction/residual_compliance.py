@@ -63,7 +63,8 @@ def contact_shapes(problem: ReductionProblem, retained: Mapping[str, RetainedBas
         W, Sᵀ = space.basis @ kept.coordinates, system.points_of_contact().columns(system.at_nodes)
         shapes = _Residual(static, W, inner(W, Sᵀ) / kept.eigenvalues[:, None])
         w, E = significant_eigenpairs(shapes.gram(system, system.mass))
-        whole = np.trace(_Residual(static, W[:, :0], np.empty((0, len(static.T)))).gram(system, system.mass))
+        whole = sum(np.vdot(static[:, of], system.mass @ static[:, of]) for of in _blocks(static))
+        whole = float(system.algebra.total(whole))
         missing = np.sqrt(np.append(np.cumsum(w[::-1])[::-1], 0.0) / whole)  # where so many are taken
         return space.add(shapes.of(E[:, : int(np.argmax(missing <= UNSEEN))]))
 
