@@ -34,6 +34,7 @@ mpl.use("Agg")
 import matplotlib.pyplot as plt
 import numpy as np
 from matplotlib.collections import PolyCollection
+from numpy.linalg import norm
 
 sys.path.append(str(Path(__file__).parents[1] / "poke"))
 
@@ -61,6 +62,7 @@ VARIANTS: dict[str, dict[str, float | None]] = {  # what differs from the scene;
 }
 HEIGHTS = (OWN, "no friction, restitution 0", "no friction, restitution 1", LOSSLESS)  # what is drawn where
 WAYS = (OWN, "little friction", "no friction")
+LANDING = 120  # steps from the first touch on
 APART = 0.1  # m between the pictures of the ring
 OBLIQUE = (0.35, 0.25)  # where the third direction points
 LIGHT = np.array([0.3, -0.8, 0.9]) / sqrt(1.54)
@@ -108,6 +110,7 @@ def main() -> None:
     roms = {order: fr.reduce(system, order=order) for order in orders}
     runs = compare_orders(system, roms, sensitivity=None if quick else ANOTHER_MESH)
     runs.table(out / "accuracy.md")
+    table_of_landing(runs, out / "landing.md")
     fr.write_rom(out / "drop.h5", roms[own])
     falls = {OWN: Fall(scene, runs.full, runs.reduced[own])}
     falls |= {
@@ -120,6 +123,22 @@ def main() -> None:
     fr.write_trajectory(out / "reduced.h5", falls[OWN].run)
     picture(falls, out)
     check(falls, runs)
+
+
+def table_of_landing(runs: Comparison, file: Path) -> None:
+    """Errors of the force on the ground and of its impulse from the first touch on, before facets make a difference."""
+    full = runs.full.forces["ground"]
+    first = int(np.flatnonzero(full.any(axis=1))[0])
+    landing = slice(first, first + LANDING)
+    rows = []
+    for name, order, run in runs.rows:
+        if run.steps == runs.full.steps:
+            off = (run.forces["ground"] - full)[landing]
+            parts = (norm(off) / norm(full[landing]), norm(off.sum(axis=0)) / norm(full[landing].sum(axis=0)))
+            rows.append((name, order, *(f"{part:.1e}" for part in parts)))
+    table = markdown(("model", "order", "force", "impulse"), rows)
+    file.write_text(table)
+    print(f"The first {1e3 * LANDING * runs.full.settings['dt']:g} ms on the ground\n\n{table}")
 
 
 def variant(scene: fr.Scene, changes: dict[str, float | None]) -> fr.Scene:

@@ -1,6 +1,6 @@
 """A ball pokes a soft cylinder at ten places: contact modes that follow an obstacle, and the force it feels.
 
-    python demos/poke/poke.py                  # two minutes
+    python demos/poke/poke.py                  # three minutes
     python demos/poke/poke.py --quick          # two pokes at one order
 
 The paper's silicone cylinder, 0.6 m long and 1.5 cm thick, is held at both ends. Each of its ten contact modes has a
@@ -10,7 +10,7 @@ reduced model of its own; which one is active follows from the gaps, as the ball
 2. runs the scene at full order, also at smaller steps and with the mesh turned about the axis of the cylinder, and at
    several reduced orders, also of balanced truncation, with and without residual compliance, and tables errors and
    rates, of the whole run and by poke;
-3. tables what a reduced step spends its time on;
+3. tables the first poke at shorter steps, and what a reduced step spends its time on;
 4. draws the cylinder under each poke, to scale, and the force on it.
 
 Everything else is written to demos/poke/out/. The checks at the end fail if a claim does not hold.
@@ -46,6 +46,7 @@ from touching import (
 import fenics_rom as fr
 from fenics_rom.errors import FenicsRomWarning
 from fenics_rom.io.markdown import markdown
+from fenics_rom.scene.scene import Scene
 
 HERE = Path(__file__).parent
 
@@ -58,6 +59,7 @@ DEPTHS = 0.003 + 0.007 * np.sin(np.pi * PLACES / 0.6)  # m
 SAMPLES = 20  # of the motion in a ramp
 ORDERS = (20, 30, 60)  # and the scene's own is one of them
 ANOTHER_MESH = {"full order, mesh turned by 1°": partial(turned, axis=0)}
+SHORTER = (2e-3, 1e-3)  # s, steps of the first poke alone
 QUICK = 2  # pokes, at the scene's own order
 
 Array = np.ndarray
@@ -92,6 +94,8 @@ def main() -> None:
 
     runs.table(out / "accuracy.md")
     table_by_poke(runs, pokes, out / "pokes.md")
+    if not quick:
+        table_shorter_steps(scene, {"reduced": roms, "by balanced truncation": others}, out / "steps.md")
     table_of_parts(best, out / "profile.md")
     picture(best, system.contact_points, pokes, out / "poke.png")
     poked, active = contact_modes(best)
@@ -161,6 +165,28 @@ def table_by_poke(runs: Comparison, pokes: int, file: Path) -> None:
     table = markdown(("model", "order", *heading), rows)
     file.write_text(table)
     print(f"By poke, 2-norms over each\n\n{table}")
+
+
+def table_shorter_steps(scene: Scene, models: Mapping[str, Mapping[int, fr.Rom]], file: Path) -> None:
+    """Errors of the first poke at shorter steps, of models by what they are and by order; of the last stiff, too."""
+    assert scene.run is not None
+    rows = []
+    for dt in SHORTER:
+        run = replace(scene.run, dt=dt, duration=EACH, snapshots=round(EACH / dt))
+        system = fr.assemble(replace(scene, run=run))
+        full, finer = fr.simulate(system), fr.simulate(system, dt=dt / 2)
+        told = [("full order at half of it", full.settings["order"], finer)]
+        for name, roms in models.items():
+            acting = {order: replace(rom.environment, run=run) for order, rom in roms.items()}
+            told += [(name, order, fr.simulate(rom, scene=acting[order])) for order, rom in roms.items()]
+        order, rom = list(roms.items())[-1]
+        stiff = replace(acting[order], residual_compliance=False)
+        told.append(("without residual compliance too", order, fr.simulate(rom, scene=stiff)))
+        for name, order, each in told:
+            rows.append((f"{1e3 * dt:g} ms", name, order, *(f"{error[0]:.1e}" for error in by_poke(each, full, 1))))
+    table = markdown(("step", "model", "order", "shape", "force", "impulse"), rows)
+    file.write_text(table)
+    print(f"The first poke at shorter steps\n\n{table}")
 
 
 def contact_modes(run: fr.Trajectory) -> tuple[Array, Array]:
