@@ -1,0 +1,57 @@
+"""What many pads cost that are stepped together."""
+
+import time
+from pathlib import Path
+
+import numpy as np
+from pads import BRICKS, CASES, COEFFICIENT, MORE_BRICKS, PRESSED, STEP, mesh, scene
+
+import fenics_rom as fr
+from fenics_rom.io.markdown import markdown
+
+POINTS = {8: (3, 1, 2), 20: BRICKS, 40: MORE_BRICKS}  # that touch
+ORDER = 14  # and six rigid motions
+PUSHED = {  # anew after so many steps, with at most that share of what moves it
+    "at rest": (0, 0.0),
+    "pushed anew every ten steps": (10, 0.25),
+    "in every step, four times as hard": (1, 1.0),
+}
+
+
+def table_of_batches(size: int, steps: int, out: Path) -> float:
+    """Rates of pads that are stepped together, each pushed at random; how far one is from a single one."""
+    rows, worst = [], 0.0
+    for points, bricks in POINTS.items():
+        file = out / f"pads-{points}.msh"
+        mesh(file, bricks)
+        rom = fr.reduce(fr.assemble(scene(CASES["at rest"], file, STEP)), order=ORDER)
+        for name, (every, share) in PUSHED.items():
+            bodies, single = fr.Batch(rom, size, STEP), fr.Simulator(rom, STEP, ledger=False)
+            together, alone = pushed_about(bodies, single, every, share, steps)
+            touching = np.count_nonzero(bodies.point_forces.any(axis=2)) / size
+            off = np.abs(bodies.state(0)[0][0] - single.state[0]).max() / np.abs(single.state[0]).max()
+            worst = max(worst, off)
+            rates = f"{size * together:,.0f}", f"{alone:,.0f}", f"{size * together / alone:.1f}"
+            rows.append((points, name, f"{touching:.1f}", *rates, f"{off:.0e}"))
+    heading = ("points", f"{size} pads", "points that push", "steps of a pad per second", "of a single one", "ratio")
+    table = markdown((*heading, "difference"), rows)
+    (out / "batches.md").write_text(table)
+    print(table)
+    return worst
+
+
+def pushed_about(bodies: fr.Batch, single: fr.Simulator, every: int, share: float, steps: int) -> tuple[float, float]:
+    """Steps per second of all bodies, and of a single one that is pushed like the first; best of parts in turns."""
+    random, seconds, u = np.random.default_rng(0), np.zeros((2, 4)), np.zeros((bodies.size, bodies.inputs))
+    for part in range(5):  # the first of them is for settling
+        for step in range(steps):
+            if every and step % every == 0:
+                u = random.uniform(-1, 1, u.shape) * share * COEFFICIENT * PRESSED
+            started = time.process_time()
+            bodies.step(u)
+            between = time.process_time()
+            single.step(u[0])
+            if part:
+                seconds[:, part - 1] += between - started, time.process_time() - between
+    together, alone = steps / seconds.min(axis=1)
+    return float(together), float(alone)
