@@ -3,20 +3,22 @@
 Every point of a body is paired with the obstacle that it has to be stopped from first. Bodies with a point that two
 obstacles press on at once, and those that the splitting does not settle, are left to `ContactSolver`, one by one.
 
-Arrays hold bodies along their last axis and axes x, y, z along the first but for that of obstacles: (O, 3, P, B).
+Arrays hold bodies along their last axis and axes x, y, z along the first but for that of obstacles: (O, 3, P, B). On
+flat ground whose normal is the last axis, normals are None (`complementarity.normals`): a third less to be done.
 """
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.mechanics.body_axis import in_one_piece, put, taken
+from fenics_rom.mechanics.body_axis import put, taken
+from fenics_rom.mechanics.complementarity.normals import NORMAL, along, subtract_along
 from fenics_rom.mechanics.complementarity.problems import Problems
 from fenics_rom.mechanics.complementarity.splitting import Splitting
 from fenics_rom.mechanics.contact import ContactLaw
-from fenics_rom.mechanics.obstacles import Obstacle
+from fenics_rom.mechanics.obstacles import HalfSpace, Obstacle
 
 HELPING = 1e-9  # of force times velocity: work of friction on a body that is looked at; less is left to `make_passive`
 
@@ -45,15 +47,38 @@ class BatchMotion(NamedTuple):
         return BatchMotion(*(taken(part, bodies) for part in self))
 
 
+class Response(NamedTuple):
+    """What T bodies do under contact forces."""
+
+    moved: Array  # (3, P, T) W f, m/s
+    push: Array  # (T, m) what that adds to what drives them
+    yields: Array  # (3, P, T) what it adds to the velocities of their residual parts, m/s
+
+    def scale(self, share: Array) -> None:
+        """That of forces that are such shares (T,) of these."""
+        self.push[:] *= share[:, None]
+        for part in (self.moved, self.yields):
+            np.multiply(part, share, out=part)
+
+
+class TouchingBodies(Protocol):
+    """Bodies of one kind, and how forces move them."""
+
+    operator: Splitting
+
+    def respond(self, forces: Array) -> Response:
+        """To forces (3, P, T) on the points, N."""
+
+
 class BatchForces(NamedTuple):
     """What contact does in a step; of the T bodies that touch."""
 
     touching: Array  # (T,) which they are
     forces: Array  # (3, P, T) on the points, N
-    moved: Array  # (3, P, T) W f, m/s
+    response: Response
+    work: Array  # (T,) of the forces, relative to the obstacles, W
     obstacle: Array  # (P, T) that each point is paired with
-    normals: Array  # (3, P, T)
-    relative: Array  # (3, P, T) free velocities relative to these obstacles, m/s
+    normals: Array | None  # (3, P, T)
     z: Array  # (3, P, T) to begin the next search with, m/s
     alone: Array  # (A,) which of the B bodies are to be solved one by one
 
@@ -69,9 +94,17 @@ class BatchContactSolver:
 
     def __init__(self, points: Array, obstacles: Sequence[Obstacle], law: ContactLaw):
         self._points, self._obstacles, self._law = points.T[:, :, None].copy(), tuple(obstacles), law
+        flat = [obstacle.height for obstacle in obstacles if isinstance(obstacle, HalfSpace)]
+        self._heights = None  # (P, 1) of the points above flat ground, m, if that is all there is
+        if len(flat) == len(obstacles) == 1 and flat[0] is not None:
+            self._heights = self._points[NORMAL] - flat[0]
 
-    def distances(self, displacement: Array, offsets: Array) -> tuple[Array, Array]:
+    def distances(self, displacement: Array, offsets: Array) -> tuple[Array, Array | None]:
         """Gaps (O, P, B), m, and normals (O, 3, P, B) of points that moved by (3, P, B), obstacles by (O, 3, B), m."""
+        if self._heights is not None:
+            gap = displacement[NORMAL] + self._heights
+            gap -= offsets[0, NORMAL]
+            return gap[None], None
         gaps, normals = [], []
         for obstacle, offset in zip(self._obstacles, offsets, strict=True):
             places = self._points + displacement
@@ -84,8 +117,8 @@ class BatchContactSolver:
     def solve(
         self,
         motion: BatchMotion,
-        distances: tuple[Array, Array],
-        operator: Splitting,
+        distances: tuple[Array, Array | None],
+        bodies: TouchingBodies,
         dt: float,
         obstacles: BatchObstacles,
         friction: Array,
@@ -97,7 +130,7 @@ class BatchContactSolver:
         Args:
             motion: what the points do, and would do without contact.
             distances: at the start of the step.
-            operator: W of the points.
+            bodies: how forces move them.
             dt: h, s.
             obstacles: how they move.
             friction: μ (B,).
@@ -110,43 +143,51 @@ class BatchContactSolver:
             return None
         if len(touching) < len(friction):
             motion, obstacles, approaches = motion.of(touching), obstacles.of(touching), approaches.of(touching)
-            distances = taken(distances[0], touching), taken(distances[1], touching)
+            distances = taken(distances[0], touching), _of(distances[1], touching)
             friction, z = friction[touching], taken(z, touching)
         pairs = self._pairs(motion, distances, dt, obstacles, approaches)
         chosen = _Chosen.of_pairs(pairs, friction)
-        crowded = np.count_nonzero(pairs.due, axis=0).max(axis=0) > 1
-        T = len(touching)
-        forces, moved, z, unsettled = np.empty_like(z), np.empty_like(z), z.copy(), np.zeros(T, bool)
-        pending, part = np.arange(T), chosen
+        ρ = bodies.operator.ρ
+        forces, z, failed = bodies.operator.solve(chosen.problems, z)
+        unsettled = np.zeros(len(touching), bool)
+        unsettled[failed] = True
+        pending = chosen.to_solve_again(forces, z, ρ).nonzero()[0]
+        part = chosen.of(pending)
         while len(pending):
-            places = in_one_piece(pending)
-            found, z_found, failed = operator.solve(part.problems, taken(z, places))
-            velocities = operator.moved(found)
-            for whole, values in ((forces, found), (z, z_found), (moved, velocities)):
-                put(whole, places, values)
+            found, z_found, failed = bodies.operator.solve(part.problems, taken(z, pending))
+            put(forces, pending, found)
+            put(z, pending, z_found)
             unsettled[pending[failed]] = True
-            again = (part.stop_helping_friction(found, velocities) | part.add_missed(velocities)).nonzero()[0]
+            again = part.to_solve_again(found, z_found, ρ).nonzero()[0]
             pending, part = pending[again], part.of(again)
+        response = bodies.respond(forces)
+        alone = unsettled
         if len(self._obstacles) > 1:
-            crowded |= pairs.others_due(moved, chosen.obstacle)
-        chosen.make_passive(forces, moved)
-        alone = touching[crowded | unsettled]
-        return BatchForces(touching, forces, moved, chosen.obstacle, chosen.normals, chosen.free, z, alone)
+            crowded = np.count_nonzero(pairs.due, axis=0).max(axis=0) > 1
+            alone = unsettled | crowded | pairs.others_due(response.moved, chosen.obstacle)
+        work = chosen.make_passive(forces, response)
+        return BatchForces(
+            touching, forces, response, work, chosen.obstacle, chosen.problems.normals, z, touching[alone]
+        )
 
     def _approaches(
-        self, motion: BatchMotion, distances: tuple[Array, Array], dt: float, obstacles: BatchObstacles, pushed: Array
+        self,
+        motion: BatchMotion,
+        distances: tuple[Array, Array | None],
+        dt: float,
+        obstacles: BatchObstacles,
+        pushed: Array,
     ) -> "_Approaches":
         """How fast every pair comes near, and whether it is due; see ContactSolver._all_pairs."""
         (gaps, normals), e = distances, self._law.restitution
-        approach, normal_velocity = (_along(part, normals) for part in (motion.velocity, motion.free_velocity))
+        approach, normal_velocity = (along(part[None], normals) for part in (motion.velocity, motion.free_velocity))
         if obstacles.velocities.any():
-            moving = _along(obstacles.velocities[:, :, None], normals)
-            approach -= moving
-            normal_velocity -= moving
+            moving = along(obstacles.velocities[:, :, None], normals)
+            approach, normal_velocity = approach - moving, normal_velocity - moving
         half_change = (obstacles.velocities - obstacles.velocities_before) / 2
         if half_change.any():
             half_change = half_change[:, :, None] * pushed[:, None]
-            approach += _along(half_change, normals)
+            approach = approach + along(half_change, normals)
         level = gaps / -dt
         np.maximum(level, (level + (1 - e) / 2 * approach) / (2 - e), out=level)
         return _Approaches(normal_velocity, approach, level, normal_velocity < level, half_change)
@@ -154,7 +195,7 @@ class BatchContactSolver:
     def _pairs(
         self,
         motion: BatchMotion,
-        distances: tuple[Array, Array],
+        distances: tuple[Array, Array | None],
         dt: float,
         obstacles: BatchObstacles,
         approaches: "_Approaches",
@@ -166,12 +207,18 @@ class BatchContactSolver:
         if gaps.min(initial=0.0) < 0:
             speed = np.sqrt(np.square(obstacles.velocities).sum(axis=1))[:, None]
             np.maximum(target, -np.maximum(gaps / dt + np.abs(approach) + speed, 0.0), out=target)
-        relative = motion.velocity - w
+        relative, free = (motion.velocity / 2)[None], motion.free_velocity[None]
+        if len(w) > 1 or w.any():
+            relative, free = relative - w / 2, free - w
         if half_change.ndim == 4:
-            relative += half_change
-        relative -= approach[:, None] * normals
-        relative /= 2
-        return _Pairs(normals, motion.free_velocity - w, normal_velocity, level, target, relative, due)
+            relative = relative + half_change / 2
+        subtract_along(relative, approach / 2, normals)
+        return _Pairs(normals, free, normal_velocity, level, target, relative, due)
+
+
+def _of(normals: Array | None, bodies: Array) -> Array | None:
+    """Normals of some of the bodies."""
+    return None if normals is None else taken(normals, bodies)
 
 
 class _Approaches(NamedTuple):
@@ -191,7 +238,7 @@ class _Approaches(NamedTuple):
 class _Pairs(NamedTuple):
     """What the law says of every pair in one step; velocities in m/s."""
 
-    normals: Array  # (O, 3, P, B)
+    normals: Array | None  # (O, 3, P, B)
     free: Array  # relative mid-step velocity without contact, (O, 3, P, B)
     normal_velocity: Array  # its normal part, (O, P, B)
     level: Array  # normal velocities below which a pair takes part, (O, P, B)
@@ -199,55 +246,62 @@ class _Pairs(NamedTuple):
     tangential_target: Array  # c_t, (O, 3, P, B)
     due: Array  # whether it takes part without contact forces, (O, P, B)
 
-    def of(self, bodies: Array) -> "_Pairs":
-        """Those of some of the bodies."""
-        return _Pairs(*(taken(part, bodies) for part in self))
-
     def others_due(self, moved: Array, chosen: Array) -> Array:
         """Bodies (B,) with a pair that comes too close under the forces of the pairs that were chosen."""
-        due = self.normal_velocity + _along(self.normals, moved) < self.level
+        due = self.normal_velocity + along(moved[None], self.normals) < self.level
         np.put_along_axis(due, chosen[None], False, axis=0)
         return due.any(axis=(0, 1))
 
 
 class _Chosen(NamedTuple):
-    """The pair of every point that takes part first, as in _Pairs; arrays are its own."""
+    """The pair of every point that takes part first, as in _Pairs; arrays are its own but for `free`."""
 
     problems: Problems
     obstacle: Array  # (P, B)
-    normals: Array  # (3, P, B)
     free: Array  # (3, P, B)
-    normal_velocity: Array  # (P, B)
     level: Array  # (P, B)
+    target: Array  # (P, B)
     tangential_target: Array  # (3, P, B)
 
     @staticmethod
     def of_pairs(pairs: _Pairs, friction: Array) -> "_Chosen":
         """Of every point the pair that is furthest below its level; with friction (B,)."""
+        parts = pairs.free, pairs.level, pairs.target, pairs.tangential_target, pairs.due
         if len(pairs.level) == 1:
             obstacle = np.zeros(pairs.level.shape[1:], np.int8)
-            normals, free, normal_velocity, level, target, c_t, due = (part[0] for part in pairs)
+            free, level, target, c_t, due = (part[0] for part in parts)
+            normals = None if pairs.normals is None else pairs.normals[0]
         else:
             obstacle = (pairs.normal_velocity - pairs.level).argmin(axis=0).astype(np.int8)
-            normals, free, normal_velocity, level, target, c_t, due = (_picked(part, obstacle) for part in pairs)
-        c_t = c_t * (friction > 0)
-        q = free - target * normals
-        q -= c_t
-        problems = Problems(q, normals, due.astype(float), friction)
-        return _Chosen(problems, obstacle, normals, free, normal_velocity, level, c_t)
+            free, level, target, c_t, due = (_picked(part, obstacle) for part in parts)
+            normals = None if pairs.normals is None else _picked(pairs.normals, obstacle)
+        if not friction.all():
+            c_t = c_t * (friction > 0)
+        q = free - c_t
+        subtract_along(q, target, normals)
+        return _Chosen(Problems(q, normals, due.astype(float), friction), obstacle, free, level, target, c_t)
 
     def of(self, bodies: Array) -> "_Chosen":
         """Those of some of the bodies."""
         return _Chosen(self.problems.of(bodies), *(taken(part, bodies) for part in self[1:]))
 
-    def add_missed(self, moved: Array) -> Array:
+    def to_solve_again(self, forces: Array, z: Array, ρ: float) -> Array:
+        """Bodies (B,) with pairs that were missed, or which friction would help, where z led to forces (3, P, B).
+
+        They are made to take part, and not to be helped.
+        """
+        return self._stop_helping_friction(forces, z, ρ) | self._add_missed(z)
+
+    def _add_missed(self, z: Array) -> Array:
         """Has pairs take part that come too close under the forces; bodies (B,) with such."""
         due = self.problems.due
-        missed = (self.normal_velocity + _along(self.normals, moved) < self.level) & (due == 0)
+        if due.all():
+            return np.zeros(due.shape[1], bool)
+        missed = (self.target - along(z, self.problems.normals) < self.level) & (due == 0)  # without forces u is -z
         due[missed] = 1.0
         return missed.any(axis=0)
 
-    def stop_helping_friction(self, forces: Array, moved: Array) -> Array:
+    def _stop_helping_friction(self, forces: Array, z: Array, ρ: float) -> Array:
         """Sets c_t = 0 where friction would do work on a body; bodies (B,) with such."""
         c_t, q = self.tangential_target, self.problems.q
         negligible = HELPING * np.abs(forces).max(axis=(0, 1)) * np.abs(q).max(axis=(0, 1))
@@ -255,30 +309,29 @@ class _Chosen(NamedTuple):
         helped = np.zeros(len(negligible), bool)
         if not len(suspects):
             return helped
-        f, moved, n, c_t, own = (taken(part, suspects) for part in (forces, moved, self.normals, c_t, q))
-        tangential = f - _along(f, n) * n
-        work = _along(tangential, moved + own + c_t)
+        normals = None if self.problems.normals is None else taken(self.problems.normals, suspects)
+        f, velocity, c_t = (taken(part, suspects) for part in (forces, z, c_t))
+        np.subtract(ρ * f, velocity, out=velocity)
+        velocity += c_t
+        tangential = f
+        subtract_along(tangential, along(f, normals), normals)
+        work = np.einsum("apb,apb->pb", tangential, velocity)
         helps = (work > negligible[suspects]) & c_t.any(axis=0) & (work.sum(axis=0) > negligible[suspects])
-        put(q, suspects, own + c_t * helps)
-        put(self.tangential_target, suspects, c_t * ~helps)
         helped[suspects] = helps.any(axis=0)
+        put(q, suspects, taken(q, suspects) + c_t * helps)
+        put(self.tangential_target, suspects, c_t * ~helps)
         return helped
 
-    def make_passive(self, forces: Array, moved: Array) -> None:
-        """Makes forces, and what they move, smaller where together they would do work on a body."""
-        spent, given = (np.einsum("apb,apb->b", forces, velocity) for velocity in (moved, self.free))
+    def make_passive(self, forces: Array, response: Response) -> Array:
+        """Makes forces, and their response, smaller where they would do work on a body; that which they do, (B,), W."""
+        spent, given = (np.einsum("apb,apb->b", forces, velocity) for velocity in (response.moved, self.free))
         with np.errstate(divide="ignore", invalid="ignore"):
             share = np.where(spent > 0, np.clip(-given / spent, 0.0, 1.0), 1.0)
-        forces *= share
-        moved *= share
-
-
-def _along(vectors: Array, directions: Array) -> Array:
-    """Scalar products (..., P, B) of (..., 3, P, B)."""
-    product = vectors * directions
-    along: Array = product[..., 0, :, :] + product[..., 1, :, :]
-    along += product[..., 2, :, :]
-    return along
+        if (share < 1).any():
+            np.multiply(forces, share, out=forces)
+            response.scale(share)
+        work: Array = share * (given + share * spent)
+        return work
 
 
 def _picked(part: Array, obstacle: Array) -> Array:

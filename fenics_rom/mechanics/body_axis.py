@@ -20,6 +20,14 @@ def taken(part: Array, bodies: Array | slice) -> Array:
     return part[..., bodies] if isinstance(bodies, slice) else part.take(bodies, axis=-1)
 
 
+def add(part: Array, bodies: Array | slice, values: Array) -> None:
+    """Adds values (..., B) to those of some of the bodies of a whole array, contiguous."""
+    if isinstance(bodies, slice):
+        part[..., bodies] += values
+    else:
+        put(part, bodies, taken(part, bodies) + values)
+
+
 def put(part: Array, bodies: Array | slice, values: Array) -> None:
     """Puts values (..., B) into a whole array, contiguous, as those of some of the bodies."""
     if isinstance(bodies, slice):

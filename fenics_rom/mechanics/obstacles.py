@@ -55,6 +55,21 @@ class HalfSpace:
         n /= math.hypot(*n)
         _keep(self, _n=n, _level=float(point.dot(n)))
 
+    @property
+    def axes(self) -> Array:
+        """Right-handed axes, orthonormal rows (3, 3), of which the last is the normal."""
+        n = self._n
+        if n[2] == 1:
+            return np.identity(3)
+        aside = np.cross(n, np.identity(3)[np.abs(n).argmin()])
+        aside /= math.hypot(*aside)
+        return np.array([aside, np.cross(n, aside), n])
+
+    @property
+    def height(self) -> float | None:
+        """Of its plane, if its normal is the third axis, m."""
+        return self._level if self._n[2] == 1 else None
+
     def distance(self, points: Array) -> tuple[Array, Array]:
         """Signed distance (P,), m, negative inside, of points (P, 3), m, and its gradient: unit normals (P, 3)."""
         normals = np.empty(points.shape)

@@ -286,7 +286,7 @@ class Batch(SteppedBodies):
             state[:, moved] = state[:, moved] @ self._models.switch_map(first, second)
             if self._contacts is not None:
                 elastic = slice(self.rom.rigid, self._models.orders[second])
-                e = self._contacts.carry_over(first, second, selected[pairs == pair], strained)
+                e = self._contacts.residual.carry_over(first, second, selected[pairs == pair], strained)
                 state[0, moved, elastic] = 2 / self._dt * e / self._models.frequencies[second, elastic]
         self._layout.enter(selected, end)
         if self._stepper is not None:

@@ -3,6 +3,7 @@
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.mechanics.batch_contact_solver import Response
 from fenics_rom.mechanics.complementarity.splitting import Splitting
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.rom.midpoint_map import compliance
@@ -21,8 +22,8 @@ class BatchContactMode:
     """
 
     operator: Splitting
-    push: Array  # (3P, m)
     relaxation: Relaxation
+    h: float
 
     def __init__(self, model: ContactModel, rows: Array, part: ResidualPart, order: int):
         self.model, self.part = model, part
@@ -31,18 +32,35 @@ class BatchContactMode:
 
     def set_time_step(self, h: float, β: float) -> None:
         """Makes what depends on the time step, s, with residual parts that are damped by β, s."""
+        self.h = h
         a, _ = compliance(self.model, h)
         m = self.model.order
-        S, self.push = self.S[:, :m], h / 2 * self.S
-        spread = S * a if a.ndim == 1 else S @ a
-        if a.ndim == 1:
-            self.push = np.zeros(self.S.shape)
-            self.push[:, :m] = 2 * spread  # with 4/h of the batch's a
+        S, spread = self.S[:, :m], np.zeros(self.S.shape)
+        spread[:, :m] = S * a if a.ndim == 1 else S @ a
+        # With 4/h of the batch's a, which is yet to come where it is dense.
+        self._push, self._moves = (2 * spread, self.S / 2) if a.ndim == 1 else (h / 2 * self.S, 2 / h * spread)
         self.relaxation = relaxation(h, self.part.time_constant, β)
-        W = spread @ S.T
-        self.operator = Splitting((W + W.T) / 2 + self.part.compliance / self.relaxation.whole)
+        self._yields = self.part.compliance / self.relaxation.whole
+        W = spread @ self.S.T
+        self.operator = Splitting((W + W.T) / 2 + self._yields)
+
+    def unforced(self, place: Array, rate: Array) -> Array:
+        """Mid-step rates of residual parts from places and rates at the start, all of one shape, if no forces act."""
+        inertia, whole, _ = self.relaxation
+        middle = rate * (inertia / whole)
+        middle -= place / whole
+        return middle
+
+    def respond(self, forces: Array) -> Response:
+        """As `TouchingBodies` has it."""
+        f = forces.reshape(len(self.S), -1)
+        push, yields = f.T @ self._push, self._yields @ f
+        moved = self._moves @ push.T
+        moved += yields
+        return Response(moved.reshape(forces.shape), push, yields.reshape(forces.shape))
 
 
-def by_axis(rows: Array) -> Array:
-    """Rows (3P, n) of points one after the other as all x, all y, all z."""
-    return rows.reshape(-1, 3, rows.shape[1]).transpose(1, 0, 2).reshape(rows.shape)
+def by_axis(rows: Array, axes: Array) -> Array:
+    """Rows (3P, n) of points one after the other, along x, y and z, as all along the first of the axes (3, 3), ..."""
+    turned = np.einsum("ab,pbn->apn", axes, rows.reshape(-1, 3, rows.shape[1]))
+    return turned.reshape(rows.shape)

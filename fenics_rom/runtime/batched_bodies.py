@@ -6,7 +6,7 @@ import numpy as np
 from numpy import ndarray as Array
 from numpy.typing import ArrayLike
 
-from fenics_rom.errors import StepError, check_known
+from fenics_rom.errors import StepError
 from fenics_rom.mechanics.signals import real_numbers_or_nan
 from fenics_rom.rom.rom import Rom
 from fenics_rom.runtime.batch_arrays import BatchLayout, Bodies, PaddedModels, StepCoefficients
@@ -175,14 +175,12 @@ class BatchedBodies:
         Raises:
             StepError: no such obstacle.
         """
-        contacts = self._with_contact()
-        check_known("obstacle", obstacle, contacts.names, StepError)
-        return contacts.resultants[contacts.names.index(obstacle)].T.copy()
+        return self._with_contact().resultant(obstacle)
 
     @property
     def point_forces(self) -> Array:
         """Contact forces on the points of every body in the last step, (size, P, 3), N."""
-        return self._with_contact().forces.transpose(2, 1, 0).copy()
+        return self._with_contact().point_forces
 
     def state(self, bodies: Bodies = None) -> tuple[Array, Array]:
         """Reduced displacements q and velocities r, (bodies, m) each; zero beyond the order of a body's contact mode.
@@ -228,7 +226,8 @@ class BatchedBodies:
         (own,) = self._layout.select([body])
         field = self.rom.reconstruct(self._shape(own))
         if self._contacts is not None:
-            field[self._contacts.points.nodes] += self._contacts.beyond_shared(own, self._layout.mode[own])
+            nodes = self._contacts.points.nodes
+            field[nodes] += self._contacts.residual.beyond_shared(own, self._layout.mode[own])[: len(nodes)]
         return field if self._carried is None else self._carried.world_shape(body, field)
 
     def reading(self, name: str) -> Array:
@@ -251,7 +250,7 @@ class BatchedBodies:
         κ, rigid = self.rom.stiffness, self.rom.rigid
         beyond = np.zeros((len(bodies), len(κ)))
         if self._contacts is not None:
-            beyond[:, rigid:] = self._contacts.strained(self._layout.mode[bodies], bodies) / np.sqrt(κ[rigid:])
+            beyond[:, rigid:] = self._contacts.residual.strained(self._layout.mode[bodies], bodies) / np.sqrt(κ[rigid:])
         return beyond
 
     def _shape(self, body: int) -> Array:
@@ -274,7 +273,7 @@ class BatchedBodies:
         modes = self._layout.mode[bodies]
         x *= self._dt / 2 * self._models.frequencies[modes]
         energy: Array = (np.einsum("bm,bm->b", x, x) + np.einsum("bm,bm->b", r, r)) / 2
-        return energy if self._contacts is None else energy + self._contacts.stored(bodies, modes)
+        return energy if self._contacts is None else energy + self._contacts.residual.stored(bodies, modes)
 
     def _with_contact(self) -> "BatchContact":
         if self._contacts is None:

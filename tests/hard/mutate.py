@@ -31,7 +31,7 @@ RUNTIME = [
             "moving_frame",
         ),
         *("relaxing_large_deformation", "differentiation_deformation", "differentiation_frames", "followed_contact"),
-        *("batch_deformation", "large_deformation_steps", "residual_compliance", "initial_state"),
+        *("batch_deformation", "large_deformation_steps", "residual_compliance", "initial_state", "batch_contact"),
     )
 ] + ["tests/reduction/test_moving_frame_accuracy.py", "tests/fem/test_frame_contact.py"]
 RUNTIME += [
@@ -110,6 +110,15 @@ MUTATIONS = [
     ("runtime/steppers/linearly_implicit.py", "self.branches is not None or added > budget", "False"),
     ("runtime/steppers/linearly_implicit.py", "+ gap_s * (s + gap_s / 2)\n        if", "\n        if"),
     ("runtime/batch_deformation.py", "h * (_dot(v, pulled) + h / 2 * square)", "h * _dot(v, pulled)"),
+    ("runtime/batch_contact.py", "transpose(2, 1, 0) @ self._axes", "transpose(2, 1, 0)"),
+    ("runtime/batch_contact.py", ".offsets_at(time) @ self._axes.T", ".offsets_at(time)"),
+    ("runtime/batch_residual.py", ".reshape(3, -1).T @ self._axes", ".reshape(3, -1).T"),
+    ("runtime/batch_contact_mode.py", "moved += yields", "pass"),
+    ("mechanics/batch_contact_solver.py", "response.scale(share)", "pass"),
+    ("mechanics/batch_contact_solver.py", "share * (given + share * spent)", "given + share * spent"),
+    ("mechanics/batch_contact_solver.py", "(self.target - along(z", "(self.target + along(z"),
+    ("mechanics/complementarity/splitting.py", "w[NORMAL] = pressure", "w[NORMAL] = zn"),
+    ("mechanics/complementarity/batched_newton.py", " - 1, STIFFEST)", " - 1, np.inf)"),
     ("runtime/batch_deformation.py", "over = (added > budget)", "over = (added > 2 * budget + 1)"),
     ("runtime/batch_deformation.py", "then.strains[:, bodies] = went + share * gap", "pass"),
     ("runtime/batch_deformation.py", "slope**2 + 2 * square * budget", "slope**2 + square * budget"),

@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-from fenics_rom.mechanics.body_axis import in_one_piece, put, taken
+from fenics_rom.mechanics.body_axis import add, in_one_piece, put, taken
 
 SOME = np.array([3, 4, 5]), np.array([6, 0, 2]), np.array([], int), np.array([4])
 
 
 @pytest.mark.parametrize("bodies", SOME)
-def test_bodies_are_taken_and_put_as_by_indices(bodies):
+def test_bodies_are_taken_put_and_added_to_as_by_indices(bodies):
     part = np.random.default_rng(0).standard_normal((2, 3, 7))
     expected, values = part.copy(), np.random.default_rng(1).standard_normal((2, 3, len(bodies)))
     for places in (bodies, in_one_piece(bodies)):
@@ -20,6 +20,8 @@ def test_bodies_are_taken_and_put_as_by_indices(bodies):
         whole = part.copy()
         put(whole, places, values)
         np.testing.assert_array_equal(whole, expected)
+        add(whole, places, values)
+        np.testing.assert_array_equal(whole[..., bodies], 2 * values)
 
 
 def test_only_bodies_in_a_row_are_one_piece():

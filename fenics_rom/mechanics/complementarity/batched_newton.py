@@ -13,12 +13,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.mechanics.complementarity.normals import written_out
 from fenics_rom.mechanics.complementarity.problems import Problems
 
 MOST_ITERATIONS = 15
 SHARE = 0.4  # of each point's stiffness: 1/ρ
 TOGETHER = 1 << 19  # numbers in the systems of bodies that go through an iteration together
-_TINY = 1e-300
+STIFFEST = 1e12  # of ρ: c where there is no friction, or hardly any
+_TINY = 1e-200
 
 
 class _Slots(NamedTuple):
@@ -49,28 +51,27 @@ class BatchedNewton:
         self._blocks = np.ascontiguousarray(W.reshape(3, P, 3, P).transpose(1, 3, 0, 2))  # (P, P, 3, 3)
         self._ρ = np.einsum("ppaa->p", self._blocks) / 3 / SHARE
 
-    def solve(self, problems: Problems, forces: Array, bodies: Array, slots: int) -> tuple[Array, Array]:
-        """Forces (3, P, B) of some bodies (B,), in their cones, N, and which of the bodies did not settle.
+    def solve(self, problems: Problems, forces: Array, slots: int) -> tuple[Array, Array]:
+        """Forces (3, P, B) in their cones, N, and which of the bodies did not settle.
 
         Args:
-            problems: of all bodies.
-            forces: (3, P, B) of these to begin with, N.
-            bodies: with at most so many pairs that may push.
+            problems: of B bodies, with at most so many pairs that may push.
+            forces: (3, P, B) to begin with, N.
             slots: K.
         """
-        found, unsettled = np.zeros(forces.shape), np.zeros(len(bodies), bool)
+        B, normals = len(problems.friction), written_out(problems.normals, forces.shape)
+        found, unsettled = np.zeros(forces.shape), np.zeros(B, bool)
         together = max(1, TOGETHER // (3 * slots) ** 2)
-        for first in range(0, len(bodies), together):
-            part = slice(first, min(first + together, len(bodies)))
-            due = problems.due[:, bodies[part]] > 0
+        for first in range(0, B, together):
+            own = np.arange(first, min(first + together, B))
+            due = problems.due[:, own] > 0
             points = np.argsort(~due, axis=0, kind="stable")[:slots].T  # (B, K)
-            own = np.arange(part.stop - first)[:, None]
             W = self._blocks[points[:, :, None], points[:, None]].transpose(0, 1, 3, 2, 4)
-            q, normals = (each[:, points, bodies[part][:, None]].transpose(1, 2, 0) for each in problems[:2])
-            μ = problems.friction[bodies[part]][:, None]
-            given = _Slots(q, normals, due[points, own], μ, self._ρ[points], W)
-            f, unsettled[part] = self._iterate(given, forces[:, points, first + own].transpose(1, 2, 0))
-            found[:, points, first + own] = f.transpose(2, 0, 1)
+            at = points, own[:, None]
+            q, n, f = (each[:, *at].transpose(1, 2, 0) for each in (problems.q, normals, forces))
+            given = _Slots(q, n, problems.due[at] > 0, problems.friction[own, None], self._ρ[points], W)
+            f, unsettled[own] = self._iterate(given, f)
+            found[:, *at] = f.transpose(2, 0, 1)
         return found, unsettled
 
     def _iterate(self, given: _Slots, f: Array) -> tuple[Array, Array]:
@@ -97,7 +98,7 @@ class BatchedNewton:
                 goes_on = goes_on[left]
                 break
             goes_on, part = goes_on[left], part.of(left)
-            c = part.ρ * (length[left] / np.maximum(cone[left], _TINY) - 1)
+            c = part.ρ * np.minimum(length[left] / np.maximum(cone[left], _TINY) - 1, STIFFEST)
             try:
                 f = p[left] + _change(part, p[left], d[left], closed[left], slips[left], np.where(slips[left], c, 0.0))
             except np.linalg.LinAlgError:

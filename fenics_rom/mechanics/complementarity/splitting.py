@@ -5,10 +5,10 @@ is a fixed point z = ρ f - u of
 
     z ← z + α (N (2 Π(z) - z - q) - Π(z)),    N = ρ (W + ρ)⁻¹,    f = Π(z)/ρ,    u = Π(z) - z.
 
-N is inverted once; an iteration is one product for all bodies and some thirty elementwise operations. With s = z + q
-it is s ← s + α (N - ½) (2 Π(z) - s) - α/2 s. ρ = √(λmin λmax) of W makes it settle in some 16 iterations where W has a
-condition of a few hundred. That W has one at all is owed to the residual compliance. After every two iterations s goes
-as far again along the second change g₂ as g₂ - g₁ tells: Anderson's extrapolation, of which two changes are enough.
+N is inverted once; an iteration is one product for all bodies and some twenty elementwise operations.
+ρ = √(λmin λmax) of W makes it settle in some 16 iterations where W has a condition of a few hundred. That W has one at
+all is owed to the residual compliance. After every two iterations z goes as far again along the second change g₂ as
+g₂ - g₁ tells: Anderson's extrapolation, of which two changes are enough.
 
 What all points moved at is tried first. Forces under which they move at u are W⁻¹ (u - q): where all pairs stick, as
 they did, these are the solution. All others are iterated in single precision, as far as it goes, and once more go on
@@ -26,6 +26,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.mechanics.body_axis import in_one_piece, put, taken
 from fenics_rom.mechanics.complementarity.batched_newton import BatchedNewton
+from fenics_rom.mechanics.complementarity.normals import NORMAL
 from fenics_rom.mechanics.complementarity.problems import Problems
 
 RELAXATION = 1.4  # α
@@ -56,14 +57,13 @@ class Splitting:
         λ = np.linalg.eigvalsh(W)
         root = 1 / np.sqrt(max(FLOOR, float(λ[0] / λ[-1])))  # of the condition
         self.ρ = float(λ[-1]) / root
-        identity = np.eye(len(W))
         self._stiffness = self.ρ * np.linalg.inv(W)
         self._newton = BatchedNewton(W, TOLERANCE)
         # What an iteration changes bounds the residual by this, in the metric in which it contracts. z may be longer
         # than velocities by the root, and has its own round-off.
         stop, coarse = RELAXATION * TOLERANCE * 2 / (1 + root), ROUND_OFF * float(np.finfo(np.float32).eps) * root
-        K = RELAXATION * (np.linalg.inv(W / self.ρ + identity) - identity / 2)
-        self._coarse, self._fine = _Iteration(K.astype(np.float32), coarse), _Iteration(K, stop)
+        N = np.linalg.inv(W / self.ρ + np.identity(len(W)))
+        self._coarse, self._fine = _Iteration((2 * N).astype(np.float32), coarse), _Iteration(2 * N, stop)
 
     def solve(self, problems: Problems, z: Array) -> tuple[Array, Array, Array]:
         """Forces (3, P, B), exactly in their cones, N; z (3, P, B) that led to them; bodies that did not settle.
@@ -74,102 +74,100 @@ class Splitting:
         """
         counts = np.count_nonzero(problems.due, axis=0)
         few = counts <= min(FEW, FEW_AT * len(problems.due))
-        s = z + problems.q
-        unsettled = self._go_on(problems, s, (~few).nonzero()[0])
-        self._iterate(self._coarse, problems, s, unsettled)
-        unsettled = self._go_on(problems, s, unsettled)
-        unsettled = self._iterate(self._fine, problems, s, unsettled)
-        z = s - problems.q
-        forces = _projected(s, problems, _Spare.of(problems))
-        forces /= self.ρ
+        z, pushed = z.copy(), np.empty_like(z)  # Π(z)
+        unsettled = self._go_on(problems, z, pushed, (~few).nonzero()[0])
+        self._iterate(self._coarse, problems, z, unsettled)
+        iterated = self._go_on(problems, z, pushed, unsettled)
+        unsettled = self._iterate(self._fine, problems, z, iterated)
+        if len(iterated):
+            put(pushed, iterated, _projected(taken(z, iterated), problems.of(iterated)))
+        pushed /= self.ρ
         failed = []
         for bodies in (few.nonzero()[0], unsettled):
             if not len(bodies):
                 continue
-            slots = max(1, int(counts[bodies].max()))
-            found, left = self._newton.solve(problems, taken(forces, bodies), bodies, slots)
-            put(forces, bodies, found)
-            put(z, bodies, self.ρ * found - taken(problems.q, bodies) - self.moved(found))
+            part, slots = problems.of(bodies), max(1, int(counts[bodies].max()))
+            begun = _projected(taken(z, bodies), part) / self.ρ
+            found, left = self._newton.solve(part, begun, slots)
+            put(pushed, bodies, found)
+            put(z, bodies, self.ρ * found - part.q - self.moved(found))
             failed.append(bodies[left])
-        return forces, z, np.concatenate(failed) if failed else unsettled
+        return pushed, z, np.concatenate(failed) if failed else unsettled
 
     def moved(self, forces: Array) -> Array:
         """W f (3, P, B), m/s."""
         return _times(self.W, forces, np.empty_like(forces))
 
-    def _go_on(self, problems: Problems, s: Array, bodies: Array) -> Array:
-        """Has the points of these bodies move at u = Π(z) - z; those that this does not settle."""
+    def _go_on(self, problems: Problems, z: Array, pushed: Array, bodies: Array) -> Array:
+        """Has the points of these bodies move at u = Π(z) - z, to another z and Π(z); which that does not settle."""
         left = [bodies[:0]]
         for group in _groups(bodies, self.W):
-            part, own = problems.of(group), taken(s, in_one_piece(group))
+            places = in_one_piece(group)
+            part, own = problems.of(places), taken(z, places)
             spare = _Spare.of(part)
             change = _projected(own, part, spare) - own
-            left.append(group[self._move(part, s, group, change, spare)])
+            change -= part.q
+            y = _times(self._stiffness, change, spare.first)  # ρ f
+            own = np.subtract(y, change, out=change)
+            own -= part.q
+            found = _projected(own, part, spare)
+            put(z, places, own)
+            put(pushed, places, found)
+            y -= found
+            settled = _largest(y, y) <= TOLERANCE * _largest(part.q, own)
+            left.append(group[~settled])
         return np.concatenate(left)
 
-    def _move(self, part: Problems, s: Array, bodies: Array, change: Array, spare: "_Spare") -> Array:
-        """Sets s of bodies whose points change their velocities by u - q (3, P, B); which that does not settle."""
-        y = _times(self._stiffness, change, np.empty_like(change))  # ρ f
-        own = np.subtract(y, change, out=change)
-        put(s, in_one_piece(bodies), own)
-        y -= _projected(own, part, spare)
-        settled = np.abs(y, out=y).max(axis=(0, 1)) <= TOLERANCE * np.abs(part.q).max(axis=(0, 1))
-        return ~settled
-
-    def _iterate(self, iteration: "_Iteration", problems: Problems, s: Array, bodies: Array) -> Array:
-        """Iterates s (3, P, B) of these bodies; those that did not settle."""
+    def _iterate(self, iteration: "_Iteration", problems: Problems, z: Array, bodies: Array) -> Array:
+        """Iterates z (3, P, B) of these bodies; those that did not settle."""
         waiting, begun = [bodies[:0]], MOST_ITERATIONS
-        for group in _groups(bodies, iteration.K):
-            left, count = iteration.run(problems, s, group, int(POOLED_AT * len(group)), 0)
+        for group in _groups(bodies, iteration.N2):
+            left, count = iteration.run(problems, z, group, int(POOLED_AT * len(group)), 0)
             waiting.append(left)
             begun = min(begun, count)
         pooled = np.concatenate(waiting)
-        unsettled = [iteration.run(problems, s, group, 0, begun)[0] for group in _groups(pooled, iteration.K)]
+        unsettled = [iteration.run(problems, z, group, 0, begun)[0] for group in _groups(pooled, iteration.N2)]
         return np.concatenate([pooled[:0], *unsettled])
 
 
 class _Iteration(NamedTuple):
-    """Of s, in one precision."""
+    """Of z, in one precision."""
 
-    K: Array  # α (N - ½), (3P, 3P)
+    N2: Array  # 2 N, (3P, 3P)
     stop: float  # at changes that are so small a share of the velocities
 
-    def run(self, problems: Problems, s: Array, bodies: Array, least: int, begun: int) -> tuple[Array, int]:
-        """Iterates s (3, P, B) of bodies until no more than `least` go on; those, and how many iterations it took.
+    def run(self, problems: Problems, z: Array, bodies: Array, least: int, begun: int) -> tuple[Array, int]:
+        """Iterates z (3, P, B) of bodies until no more than `least` go on; those, and how many iterations it took.
 
         `begun`: iterations that were taken before.
         """
-        own, part, count = taken(s, bodies).astype(self.K.dtype), problems.of(bodies).astype(self.K.dtype), begun
-        speed, spare = np.abs(part.q).max(axis=(0, 1)), _Spare.of(part)
+        own, part, count = taken(z, bodies).astype(self.N2.dtype), problems.of(bodies).astype(self.N2.dtype), begun
+        spare, half = _Spare.of(part), RELAXATION / 2
+        still = self.stop / half * _largest(part.q, spare.w)
         while count < MOST_ITERATIONS:
             count += 2
             first, second = spare.first, spare.second
             for change in (first, second):
-                own += self._change(own, part, spare, change)
+                twice = _projected(own, part, spare, times=2)
+                direction = np.subtract(twice, own, out=change)
+                direction -= part.q
+                np.subtract(_times(self.N2, direction, spare.product), twice, out=change)  # 2/α of it
+                own += np.multiply(change, half, out=twice)
             first -= second
             share = np.einsum("apb,apb->b", first, second)
             share /= np.maximum(np.einsum("apb,apb->b", first, first), spare.tiny)
+            share *= half
             own += np.multiply(second, share, out=first)
-            goes_on = np.abs(second, out=second).max(axis=(0, 1)) > self.stop * speed
-            left = goes_on.nonzero()[0]
+            left = (_largest(second, second) > still).nonzero()[0]
             if len(left) <= max(least, LEAVES_AT * len(bodies)):
-                put(s, in_one_piece(bodies), own)
+                put(z, in_one_piece(bodies), own)
                 bodies = bodies[left]
                 if len(left) <= least:
                     return bodies, count
-                own, part, speed = taken(own, left), part.of(left), speed[left]
+                own, part, still = taken(own, left), part.of(left), still[left]
                 spare = _Spare.of(part)
-        put(s, bodies, own)
+        put(z, bodies, own)
         return bodies, count
-
-    def _change(self, s: Array, part: Problems, spare: "_Spare", change: Array) -> Array:
-        """What one iteration changes s by."""
-        w = _projected(s, part, spare)
-        w *= 2
-        w -= s
-        _times(self.K, w, change)
-        change -= np.multiply(s, RELAXATION / 2, out=w)
-        return change
 
 
 class _Spare(NamedTuple):
@@ -178,6 +176,7 @@ class _Spare(NamedTuple):
     w: Array  # (3, P, B)
     first: Array  # (3, P, B)
     second: Array  # (3, P, B)
+    product: Array  # (3, P, B)
     pairs: Array  # (4, P, B)
     all_due: bool
     tiny: float  # the least number that is not rounded to fewer digits
@@ -186,9 +185,9 @@ class _Spare(NamedTuple):
     def of(problems: Problems) -> "_Spare":
         """For some bodies."""
         dtype = problems.q.dtype
-        w, first, second = np.empty((3, *problems.q.shape), dtype)
+        w, first, second, product = np.empty((4, *problems.q.shape), dtype)
         pairs = np.empty((4, *problems.due.shape), dtype)
-        return _Spare(w, first, second, pairs, bool(problems.due.all()), float(np.finfo(dtype).tiny))
+        return _Spare(w, first, second, product, pairs, bool(problems.due.all()), float(np.finfo(dtype).tiny))
 
 
 def _groups(bodies: Array, matrix: Array) -> Iterator[Array]:
@@ -204,33 +203,44 @@ def _times(matrix: Array, vectors: Array, out: Array) -> Array:
     return out
 
 
-def _projected(s: Array, problems: Problems, spare: _Spare) -> Array:
-    """Π(s - q) (3, P, B), which the next call overwrites."""
-    z, along = np.subtract(s, problems.q, out=spare.w), spare.second
-    normal, tangential = factors_of_projection(z, problems, spare)
-    z *= tangential
-    z += np.multiply(problems.normals, normal, out=along)
-    return z
+def _largest(vectors: Array, spare: Array) -> Array:
+    """The largest of the numbers (3, P, B) of each body, (B,); the spare array may be the vectors'."""
+    largest: Array = np.abs(vectors, out=spare).max(axis=(0, 1))
+    return largest
 
 
-def factors_of_projection(z: Array, problems: Problems, spare: _Spare) -> tuple[Array, Array]:
-    """a and b (P, B), which a later call overwrites, of Π(z) = a n + b z = z_n⁺ n + min(1, μ z_n⁺/|z_t|) z_t.
+def _projected(z: Array, problems: Problems, spare: _Spare | None = None, times: int = 1) -> Array:
+    """Π(z) (3, P, B), so many times, which the next call overwrites.
 
-    Where a pair is not due both are 0. z_t is z - z_n n, and b z_n is taken out of a.
+    Π(z) = z_n⁺ n + min(1, μ z_n⁺/|z_t|) z_t, and 0 where a pair is not due; z_t is z - z_n n.
     """
+    spare = spare or _Spare.of(problems)
     zn, length, pressure, ratio = spare.pairs
-    np.einsum("apb,apb->pb", z, problems.normals, out=zn)
-    np.einsum("apb,apb->pb", z, z, out=length)
+    w, normals = spare.w, problems.normals
+    if normals is None:
+        zn, tangents = z[NORMAL], z[:NORMAL]
+        np.einsum("apb,apb->pb", tangents, tangents, out=length)
+    else:
+        np.einsum("apb,apb->pb", z, normals, out=zn)
+        np.einsum("apb,apb->pb", z, z, out=length)
+        np.multiply(zn, zn, out=ratio)
+        length -= ratio
     np.maximum(zn, 0.0, out=pressure)
     if not spare.all_due:
         pressure *= problems.due
-    np.multiply(zn, zn, out=ratio)
-    length -= ratio
     np.maximum(length, spare.tiny, out=length)  # round-off of a z along n: it sticks in any case
     np.sqrt(length, out=length)
     np.multiply(pressure, problems.friction, out=ratio)
     np.maximum(length, ratio, out=length)
     ratio /= length
-    zn *= ratio
-    pressure -= zn
-    return pressure, ratio
+    if times != 1:
+        ratio *= times
+        pressure *= times
+    if normals is None:
+        np.multiply(tangents, ratio, out=w[:NORMAL])
+        w[NORMAL] = pressure
+        return w
+    pressure -= np.multiply(zn, ratio, out=zn)
+    np.multiply(z, ratio, out=w)
+    w += np.multiply(normals, pressure, out=spare.product)
+    return w
