@@ -68,11 +68,20 @@ def check_known(kind: str, given: str, allowed: Iterable[str], error: type[Fenic
         raise error(f"{where}{unknown(kind, given, names)}")
 
 
+def check_type(where: str, given: Any, allowed: type, made_by: str) -> None:
+    """Raises SceneError of something else than one allows `where` it was given, with what makes one."""
+    if not isinstance(given, allowed):
+        raise SceneError(
+            f"{where}: something of type {type(given).__name__} was given; allowed is a {allowed.__name__}, "
+            f"as of {made_by}"
+        )
+
+
 def did_you_mean(given: str, names: Iterable[str]) -> str:
     """The end of a sentence about a name that does not exist: the nearest that does."""
     import difflib  # here, as of no use to a program that makes no mistake: every import delays the runtime's start
 
-    near = difflib.get_close_matches(given, list(names), n=1)
+    near = difflib.get_close_matches(str(given), list(names), n=1)
     return f"; did you mean {near[0]!r}?" if near else ""
 
 

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 
-from fenics_rom.errors import SceneError
+from fenics_rom.errors import SceneError, check_type
 from fenics_rom.io.progress import Report, silent
 from fenics_rom.lazy_import import load
 from fenics_rom.mechanics.base_path import BaseState
@@ -45,6 +45,7 @@ def make_world(scene: WorldScene, dt: float | None = None) -> World:
         >>> fr.make_world(fr.read_world("stack.toml")).names
         ('ground', 'lower', 'upper')
     """
+    check_type("make_world", scene, WorldScene, "fr.read_world(file)")
     file = scene.file
     if dt is None and file.run is None:
         raise SceneError(f"{scene.source}: has no [run], so there is no time step; add one, or give dt")

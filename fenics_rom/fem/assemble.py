@@ -11,7 +11,7 @@ from dolfinx.fem.petsc import assemble_matrix
 from mpi4py import MPI
 from petsc4py import PETSc
 
-from fenics_rom.errors import MeshError, SceneError, check_known, exactly
+from fenics_rom.errors import MeshError, SceneError, check_known, check_type, exactly
 from fenics_rom.fem.attached_masses import attached_masses
 from fenics_rom.fem.contact_points import contact_points_of, points_between
 from fenics_rom.fem.dolfinx_compat import (
@@ -68,6 +68,7 @@ def assemble(scene: Scene, comm: Any = None) -> System:
         >>> fr.assemble(fr.read_scene("plate.toml")).size  # unknowns
         180
     """
+    check_type("assemble", scene, Scene, "fr.read_scene(file)")
     require_real(PETSc.ScalarType)
     comm = MPI.COMM_WORLD if comm is None else comm
     stages = Stages(lambda value: comm.allreduce(value, MPI.MAX))

@@ -31,7 +31,8 @@ def fill_surface(file: Path, output: Path, size: float, scale: float = 1.0) -> t
         raise MeshError(f"mesh file {file}: allowed endings are {', '.join(SURFACES)}")
     if not file.is_file():
         raise MeshError(f"mesh file {file}: not found")
-    scale = scale if file.suffix.lower() == ".stl" else 1.0
+    if scale != 1.0 and file.suffix.lower() != ".stl":
+        raise MeshError(f"mesh file {file}: says its unit; a scale is allowed of .stl")
     arrays = foreign_file.fill_surface(file, size / scale)
     points, cells = scale * arrays["points"].reshape(-1, 3), arrays["cells"].reshape(-1, 4)
     check_cells(points, cells, file)

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.errors import DataError, FenicsRomWarning, SolverError
+from fenics_rom.errors import DataError, FenicsRomWarning, SolverError, check_type
 from fenics_rom.identification.experiment import Experiments
 from fenics_rom.identification.fit import MAX_BASES, Fit, FitProblem, finish_at_full_order, fit_parameters
 from fenics_rom.identification.marker_data import Data, Motion, clocks_of, read_markers
@@ -64,6 +64,7 @@ def identify(
         >>> f"{result.estimates[0].value:.2e}"  # Pa
         '1.00e+06'
     """
+    check_type("identify", scene, Scene, "fr.read_scene(file)")
     check_identifiable(scene, ())
     read = [read_markers(part, scene) if isinstance(part, str | Path) else part for part in data]
     if not read:

@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.errors import SceneError, StepError, check_known
+from fenics_rom.errors import SceneError, StepError, check_known, check_type
 from fenics_rom.fem.assemble import assemble
 from fenics_rom.identification.affine import AffineSystem, Matrices
 from fenics_rom.identification.experiment import Experiment, run_experiment
@@ -72,6 +72,7 @@ def differentiate_scene(
         >>> fr.differentiate_scene(scene, swing, parameters=["density"]).order > 0
         True
     """
+    check_type("differentiate_scene", scene, Scene, "fr.read_scene(file)")
     for effect in NOT_LINEAR:
         if getattr(scene.effects, effect):
             raise SceneError(f"{scene.source}: effects.{effect}: allowed are linear bodies without")

@@ -155,7 +155,8 @@ def _check_seal(path: Path) -> None:
     with path.open("rb", buffering=0) as stream:
         seal = stream.read(SEAL_SIZE)
         if not seal.startswith(f"{FORMAT} ".encode()):
-            raise FileError("is not a fenics-rom file")
+            hint = "; of a scene `reduce` makes a ROM and `simulate` a run" if path.suffix == ".toml" else ""
+            raise FileError(f"is not a fenics-rom file{hint}")
         if seal != _seal(hashlib.file_digest(stream, "sha256").hexdigest()):  # of what is still to be read
             raise FileError("is damaged: its content is not what was written (the checksum differs)")
 

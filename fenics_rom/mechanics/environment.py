@@ -221,6 +221,17 @@ class HasEnvironment(Protocol):
         """What acts."""
 
 
+def given_environment(scene: HasEnvironment) -> Environment:
+    """That of what a caller gave as `scene`; SceneError where it has none."""
+    environment = getattr(scene, "environment", None)
+    if not isinstance(environment, Environment):
+        raise SceneError(
+            f"scene: something of type {type(scene).__name__} was given; allowed are a Scene, as of "
+            "fr.read_scene(file), and an Environment"
+        )
+    return environment
+
+
 GRAVITY_SIGNAL = Signal(np.ones(1))  # multiples of the scene's acceleration
 STANDS_STILL = Signal(np.zeros(3))  # an obstacle where the scene puts it, m
 NOTHING = Signal(np.zeros(1))  # of a load that is found in the step

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fenics_rom.errors import FenicsRomWarning, SceneError, StepError
+from fenics_rom.errors import FenicsRomWarning, SceneError, StepError, check_type
 from fenics_rom.io.progress import Report, silent
 from fenics_rom.io.stages import Stages
 from fenics_rom.mechanics.contact_solver import ContactSolver
@@ -116,9 +116,7 @@ def reduce(
         >>> rom.validation["middle"]["transfer_error"] < 1e-3
         True
     """
-    if not isinstance(system, System):
-        kind = type(system).__name__
-        raise SceneError(f"reduce: something of type {kind} was given; allowed is a System, as of fr.assemble(scene)")
+    check_type("reduce", system, System, "fr.assemble(scene)")
     chosen = system.scene.reduction if system.scene else Reduction()
     if order is None and tolerance is None:
         order, tolerance = chosen.order, chosen.tolerance

@@ -12,7 +12,7 @@ from numpy import ndarray as Array
 from fenics_rom.errors import FenicsRomWarning, SceneError, StepError
 from fenics_rom.mechanics.active_environment import ActiveEnvironment
 from fenics_rom.mechanics.base_path import BASE_PATH
-from fenics_rom.mechanics.environment import PERMANENT_EFFECTS, Environment
+from fenics_rom.mechanics.environment import PERMANENT_EFFECTS, Environment, HasEnvironment, given_environment
 from fenics_rom.mechanics.signals import SignalLike
 from fenics_rom.mechanics.step import StepInput
 from fenics_rom.rom.rom import Rom
@@ -23,17 +23,18 @@ LONGEST_SHOWN = 60  # letters of what a scene says otherwise than a ROM
 
 
 def fit_environment(
-    rom: Rom, environment: Environment | None, signals: Mapping[str, SignalLike] | None
+    rom: Rom, scene: HasEnvironment | None, signals: Mapping[str, SignalLike] | None
 ) -> tuple[Rom, ActiveEnvironment | None]:
-    """The ROM without what an environment does not name, and what acts on it; None where nothing but inputs does.
+    """The ROM without what a scene's environment does not name, and what acts; None where nothing but inputs does.
 
-    Without an environment it is the one that the ROM was made for.
+    Without a scene it is the environment that the ROM was made for.
 
     Raises:
-        SceneError: an effect that the ROM was not made with.
+        SceneError: no scene, or an effect that the ROM was not made with.
         StepError: as ActiveEnvironment.
     """
     made_for = rom.environment
+    environment = None if scene is None else given_environment(scene)
     if not made_for.is_of_scene:
         if set(signals or ()) - {BASE_PATH} or (environment and set(environment.effects) - {"inertia", "damping"}):
             raise SceneError(f"ROM {rom.name!r} was made from matrices, so that it knows of no loads and obstacles")

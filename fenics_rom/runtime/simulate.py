@@ -10,7 +10,7 @@ from numpy import ndarray as Array
 
 from fenics_rom.errors import FenicsRomWarning, SceneError
 from fenics_rom.io.progress import Report, silent
-from fenics_rom.mechanics.environment import Environment, HasEnvironment
+from fenics_rom.mechanics.environment import Environment, HasEnvironment, given_environment
 from fenics_rom.mechanics.load_history import LoadHistory
 from fenics_rom.mechanics.signals import SignalLike
 from fenics_rom.mechanics.time_step_monitor import TimeStepMonitor
@@ -146,7 +146,7 @@ def _prepared(
     """What acts in the run, the inputs of its steps, and what makes a simulator at its start, and says what it lost."""
     if len(rom.nodes) == 0:
         raise SceneError(f"ROM {rom.name!r} has no mesh, so no scene goes with it; step it with Simulator")
-    environment = rom.environment if scene is None else scene.environment
+    environment = rom.environment if scene is None else given_environment(scene)
     history = LoadHistory(environment, rom.contacts, rom.actuators, dt, every)
 
     def fresh() -> tuple[Simulator, list[str]]:

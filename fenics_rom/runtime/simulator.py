@@ -90,7 +90,7 @@ class Simulator(MovingBody):
         if not rom.environment.is_plain or scene is not None or signals:  # others start sooner without this import
             from fenics_rom.runtime.environment_inputs import EnvironmentInputs, fit_environment
 
-            rom, self.environment = fit_environment(rom, None if scene is None else scene.environment, signals)
+            rom, self.environment = fit_environment(rom, scene, signals)
             self._source = None if self.environment is None else EnvironmentInputs(rom, self.environment)
         self.rom, self.steps = rom, 0
         self._dt, self._since = checked_dt(dt), (0.0, 0)

@@ -82,6 +82,8 @@ def parse_scene(
         SceneError: as `read_scene`.
     """
     raw = toml_of(text, source)
+    if "bodies" in raw:
+        raise SceneError(f"{source}: is a world, as it has bodies, which fr.read_world reads; allowed is a scene")
     try:
         return _scene(raw, text, folder, tables, source)
     except ValidationError as error:

@@ -51,6 +51,8 @@ def read_world(file: str | Path) -> WorldScene:
     path = Path(file)
     source = str(path)
     raw = toml_of(text_of(path), source)
+    if "mesh" in raw and "bodies" not in raw:
+        raise SceneError(f"{source}: is a scene, as it has a mesh, which fr.read_scene reads; allowed is a world")
     try:
         parsed = _ADAPTER.validate_python(raw, context=UnreadTables())
         _check(parsed)

@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.errors import SceneError, StepError, check_known
+from fenics_rom.errors import SceneError, StepError, check_known, shown
 from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.contact import ContactLaw
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
@@ -235,8 +235,8 @@ class World:
             StepError: no such body or input, or no forces were found; everything is as it was.
         """
         h, bodies = self._dt, self._bodies
-        for name in inputs or ():
-            self._body(name)
+        if inputs:
+            self._check_inputs(inputs)
         try:
             pairs, start, guide = self._begin(inputs or {})
             found, guide = find_forces(pairs, h, start, guide)
@@ -293,6 +293,12 @@ class World:
             if isinstance(part.body, Soft):
                 part.body.note_gaps(part.points, pairs.gaps[part.pairs[part.pairs < len(pairs.gaps)]])
         return pairs, start, guide
+
+    def _check_inputs(self, inputs: Mapping[str, Any]) -> None:
+        for name in inputs:
+            self._body(name)
+            if not isinstance(given := inputs[name], Mapping):
+                raise StepError(f"body {name!r}: allowed are inputs by name, a mapping; given: {shown(given)}")
 
     def _book(self, pairs: Pairs, found: Found) -> None:
         C, n = len(pairs.normals), pairs.normals

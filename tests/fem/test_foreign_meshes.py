@@ -214,6 +214,8 @@ def test_bodies_of_step_files_are_filled_in_metres(tmp_path):
     assert signed_volumes(mesh.points, mesh.cells).sum() == pytest.approx(3e-6, rel=1e-9)
     assert quality.count == len(mesh.cells)
     assert quality.near_flat == 0
+    with pytest.raises(MeshError, match=r"part\.step: says its unit; a scale is allowed of \.stl"):
+        fill_surface(tmp_path / "part.step", tmp_path / "part.msh", 6e-3, scale=1e-3)
 
 
 def test_surfaces_that_cannot_be_filled_are_told(skin, tmp_path):

@@ -67,8 +67,26 @@ def test_what_is_neither_is_told_what_to_do(give, says, tmp_path):
         give(tmp_path / "x.pdf")
 
 
+@pytest.mark.parametrize(
+    ("give", "says"),
+    [
+        (lambda rom: fr.assemble("plate.toml"), "assemble: .* type str .* a Scene, as of fr.read_scene"),
+        (fr.reduce, "reduce: something of type Rom was given; allowed is a System, as of fr.assemble"),
+        (lambda rom: fr.make_world(fr.read_scene(PLATE)), "make_world: .* Scene .* a WorldScene, as of fr.read_world"),
+        (lambda rom: fr.Simulator(rom, 1e-3, scene="plate.toml"), "scene: .* type str .* a Scene, as of fr.read_scene"),
+        (lambda rom: fr.simulate(rom, scene=rom.name), "scene: something of type str"),
+        (lambda rom: fr.differentiate(rom, np.zeros((3, 3)), len), "differentiate: .* Rom .* as of fr.Simulator"),
+        (lambda rom: fr.differentiate_scene("plate.toml", len), "differentiate_scene: .* type str .* a Scene"),
+        (lambda rom: fr.identify("plate.toml", []), "identify: .* type str .* a Scene"),
+    ],
+)
+def test_what_stands_for_another_thing_is_told_what_makes_that(give, says, plate_rom):
+    with pytest.raises(SceneError, match=says):
+        give(plate_rom)
+
+
 def test_a_file_of_something_else_is_told(files):
     with pytest.raises(FileError, match=r"plate\.h5: holds a rom, not a run"):
         fr.compare(files / "plate.h5", files / "run.h5")
-    with pytest.raises(FileError, match="is not a fenics-rom file"):
+    with pytest.raises(FileError, match="is not a fenics-rom file; of a scene `reduce` makes a ROM"):
         fr.view(PLATE, wait=False)

@@ -141,6 +141,15 @@ def test_states_are_kept_of_few_steps(plate_rom):
     assert peak < everything / 2  # of it are inputs, their derivatives, energies: a sixth
 
 
+def test_a_gradient_says_in_a_line_what_it_is(plate_rom):
+    gradient = fr.differentiate(fr.Simulator(plate_rom, H), np.zeros((5, 3)), squares)
+    order = len(gradient.state[0])
+    assert repr(gradient) == (
+        f"RolloutGradient: J = 0, with 3 inputs of 5 steps, the start of order {order}, γ and D of "
+        f"{', '.join(plate_rom.contact_models)}; 0 kinks"
+    )
+
+
 def test_what_cannot_be_differentiated_is_refused(plate_rom):
     body, inputs = fr.Simulator(plate_rom, H), np.zeros((5, 3))
     with pytest.raises(StepError, match="no output 'top'"):
@@ -148,3 +157,6 @@ def test_what_cannot_be_differentiated_is_refused(plate_rom):
     for slopes, energies in (({"tip": np.zeros(3)}, None), ({}, np.full(5, np.nan)), ({"top": 0.0}, None)):
         with pytest.raises(StepError, match=r"derivatives with|no output 'top'"):
             fr.differentiate(body, inputs, lambda *_, given=(slopes, energies): (0.0, *given))
+    for returned in (1.0, (1.0, {}), (np.nan, {}, None), (np.ones(3), {}, None), (1.0, None, None), ("a", {}, None)):
+        with pytest.raises(StepError, match="objective: allowed are a finite J"):
+            fr.differentiate(body, inputs, lambda *_, given=returned: given)

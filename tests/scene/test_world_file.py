@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from bodies import PLATE
 
 import fenics_rom as fr
 from fenics_rom.errors import SceneError
@@ -118,3 +119,8 @@ def test_what_is_no_toml_or_no_world_is_told(folder):
         read(folder, "bodies = {}")
     with pytest.raises(SceneError, match=r"world\.toml: bodies is missing"):
         read(folder, "")
+    with pytest.raises(SceneError, match=r"world\.toml: is a scene, .* which fr.read_scene reads"):
+        read(folder, PLATE.read_text())
+    read(folder, GIVEN)
+    with pytest.raises(SceneError, match=r"world\.toml: is a world, .* which fr.read_world reads"):
+        fr.read_scene(folder / "world.toml")

@@ -101,6 +101,8 @@ def test_a_world_begins_anew():
         ({"body": {"forse": (1, 0, 0)}}, "body 'body': no input 'forse'; there is force, torque; did you mean 'force'"),
         ({"body": {"force": (1, 0)}}, r"body 'body': input 'force' = \(1, 0\): allowed are 3 real numbers"),
         ({"ground": {"force": (1, 0, 0)}}, "body 'ground': it moves as it is told"),
+        ({"body": [1, 0, 0]}, r"body 'body': allowed are inputs by name, a mapping; given: \[1, 0, 0\]"),
+        ([1, 0], "no body 1; there is body, ground"),
         ({"boddy": {}}, "no body 'boddy'; there is body, ground; did you mean 'body'"),
     ],
 )

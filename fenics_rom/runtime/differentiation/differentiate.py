@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 from numpy import ndarray as Array
 
-from fenics_rom.errors import StepError, check_known
+from fenics_rom.errors import StepError, check_known, check_type
 from fenics_rom.runtime.differentiation.gradient import Objective, RolloutGradient
 from fenics_rom.runtime.differentiation.linear_steps import differentiate_linear
 from fenics_rom.runtime.rollout import plan_steps
@@ -34,8 +34,9 @@ def differentiate(
         outputs: names of those that the objective gets; None: all.
 
     Raises:
+        SceneError: something else than a Simulator was given.
         StructureError: steps of its kind are not differentiated.
-        StepError: as in `Simulator.rollout`, or derivatives of another shape, or that are not finite.
+        StepError: as in `Simulator.rollout`, or an objective that returns something else, or what is not finite.
 
     Example:
         >>> body, target = fr.Simulator(rom, dt=1e-3), np.array([0.0, 0.0, 1e-3])
@@ -48,6 +49,7 @@ def differentiate(
         >>> gradient.value, gradient.inputs.shape, bool(gradient.inputs[:, 2].sum() < 0)
         (2e-06, (200, 3), True)
     """
+    check_type("differentiate", body, Simulator, "fr.Simulator(rom, dt)")
     names = tuple(body.rom.outputs if outputs is None else outputs)
     for name in names:
         check_known("output", name, body.rom.outputs, StepError)

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.errors import StepError, check_known
+from fenics_rom.errors import StepError, check_known, shown
 
 if TYPE_CHECKING:
     from fenics_rom.runtime.simulator import Simulator
@@ -45,6 +45,14 @@ class RolloutGradient:
     damping: Mapping[str, Array]
     kinks: tuple[int, ...] = ()
 
+    def __repr__(self) -> str:
+        steps, width = self.inputs.shape
+        models = f"γ and D of {', '.join(self.eigenvalues)}" if self.eigenvalues else "no γ and D"
+        return (
+            f"RolloutGradient: J = {self.value:.6g}, with {width} inputs of {steps} steps, the start of order "
+            f"{len(self.state[0])}, {models}; {len(self.kinks)} kinks"
+        )
+
 
 def evaluate(
     objective: Objective, body: "Simulator", names: Sequence[str], rows: Array, energies: Array
@@ -59,9 +67,18 @@ def checked_slopes(objective: Objective, given: dict[str, Array], energies: Arra
     """J, and its derivatives with all rows of the outputs (steps, rows), and with the energies (steps,).
 
     Raises:
-        StepError: they are of another shape, or not finite, or of an output that is not given.
+        StepError: J is no finite number, or they are of another shape, not finite, or of an output that is not given.
     """
-    value, by_output, by_energy = objective(given, energies)
+    returned = objective(given, energies)
+    try:
+        value, by_output, by_energy = returned
+        if not (np.ndim(value) == 0 and np.isfinite(value) and isinstance(by_output, Mapping)):
+            raise ValueError
+    except (TypeError, ValueError):
+        raise StepError(
+            "objective: allowed are a finite J, its derivatives by name of an output, and those with the energies or "
+            f"None; given: {shown(returned)}"
+        ) from None
     for name in by_output:
         check_known("output", name, given, StepError)
     steps = len(energies)
