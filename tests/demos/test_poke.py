@@ -32,6 +32,8 @@ def test_tables_and_picture_are_written(run):
     for file, heads in ("accuracy.md", ["full order"]), ("pokes.md", []):
         rows = [row.split("|")[1].strip() for row in (OUT / file).read_text().splitlines()[2:]]
         assert rows == [*heads, "reduced", "by balanced truncation", "without residual compliance too"]
+    rows = [row.split("|")[2].strip() for row in (OUT / "from_rest.md").read_text().splitlines()[2:]]
+    assert rows == ["full order at half the step", "reduced", "without residual compliance"]
     assert "contact, friction" in (OUT / "profile.md").read_text()
     assert (OUT / "poke.png").stat().st_size > 10_000
 
