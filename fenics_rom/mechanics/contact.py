@@ -14,6 +14,7 @@ from fenics_rom.errors import SceneError
 from fenics_rom.mechanics.complementarity import Frames, KeptLaw
 
 _ONES = np.ones(3)
+_MOST_SETS = 3  # of pairs that took part, of which laws are kept: points that slide on what is round hop
 
 
 def is_zero(values: Array) -> bool:
@@ -214,8 +215,8 @@ class ContactSearch(NamedTuple):
         return Frames(normals) if self.frames is None or not self.frames.are_along(normals) else self.frames
 
     def with_law(self, key: bytes, law: KeptLaw | None) -> tuple[tuple[bytes, KeptLaw], ...]:
-        """`laws`, with that of pairs that have taken part now, and of one other set: of points that hardly touch."""
+        """`laws`, with that of pairs that have taken part now, and of other sets: of points that hardly touch."""
         if law is not None and self.laws and self.laws[0][0] == key:
-            return (key, law), *self.laws[1:2]
+            return (key, law), *self.laws[1:]
         others = [known for known in self.laws if known[0] != key]
-        return (*([] if law is None else [(key, law)]), *others[:1])
+        return (*([] if law is None else [(key, law)]), *others[: _MOST_SETS - 1])

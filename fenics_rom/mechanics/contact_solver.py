@@ -33,7 +33,7 @@ from fenics_rom.mechanics.complementarity import NEGLIGIBLE_RESIDUAL, Delassus, 
 from fenics_rom.mechanics.complementarity.solution import ADVICE, largest
 from fenics_rom.mechanics.contact import ContactLaw, ContactSearch, ContactSolution, ObstacleMotion, PointMotion
 from fenics_rom.mechanics.contact_pairs import Asked, NormalRule, Pairs, Settled, SolvedPairs, passive_forces
-from fenics_rom.mechanics.followed_contact import Followed, PairsMotion, follow_contact
+from fenics_rom.mechanics.followed_contact import Followed, LawToFollow, PairsMotion, follow_contact
 from fenics_rom.mechanics.obstacles import Obstacle
 from fenics_rom.mechanics.steady_contact import SteadyPairs
 
@@ -69,7 +69,7 @@ class ContactSolver:
         self._delassus, self._operators = np.empty((0, 0)), dict[bytes, tuple[Array, Delassus]]()
         self._rule: NormalRule | None = None
         self._offsets, self._placed = np.empty((0, 3)), list[Array]()  # the points at rest, less these
-        self._steady: SteadyPairs | None = None
+        self._steady = dict[bytes, SteadyPairs]()
         self._followed: Callable[[], tuple[Pairs, SolvedPairs]] | None = None  # tells of the last step, if it was
 
     @property
@@ -144,7 +144,8 @@ class ContactSolver:
             is_tried = True
             known = free, relative = self._relative(points, obstacles, w)
             motion = PairsMotion.of(search.frames_along(normals), free, relative, asked, slides)
-            followed = self._follow(motion, lambda: (points, *known), delassus, dt, obstacles, quasi_static)
+            given = LawToFollow.of(search, motion), motion, lambda: (points, *known)
+            followed = self._follow(*given, delassus, dt, obstacles, quasi_static)
             if followed is not None:
                 return followed
         is_near = self._touches or self.law.stiffness is not None  # where the last step touched, it hardly pays to ask
@@ -164,8 +165,8 @@ class ContactSolver:
             active, operator = self._operator(delassus, chosen, key)
             problem = pairs.problem(active, operator, search.forces, are_kept)
             try:
-                given = problem.operator, problem.q, self.law.friction, problem.start
-                solution = solve(*given, search.law_of(key), not is_tried, was_steady)
+                of_pairs = problem.operator, problem.q, self.law.friction, problem.start
+                solution = solve(*of_pairs, search.law_of(key), not is_tried, was_steady)
             except StepError as error:
                 if pairs.stop_asking_friction(active):
                     continue
@@ -174,8 +175,7 @@ class ContactSolver:
             is_loose = solution.residual > NEGLIGIBLE_RESIDUAL
             if is_loose and self._wedges(active) and pairs.stop_asking_friction(active):
                 continue
-            iterations += solution.iterations
-            forces, velocities = solution.forces, solution.velocities
+            forces, velocities, iterations = solution.forces, solution.velocities, iterations + solution.iterations
             if is_loose:
                 forces, velocities = passive_forces(forces, problem)
             pair_forces = problem.frames.in_space(forces)
@@ -201,13 +201,13 @@ class ContactSolver:
         if is_loose:
             search = search._replace(residual=search.residual.with_step(solution.residual))
         found = pairs, gaps, active, problem, forces, velocities, is_loose
-        solved = SolvedPairs(points, obstacles.start, delassus, dt, quasi_static, *found)
-        self.search, self._solved = search, solved
+        self._solved = SolvedPairs(points, obstacles.start, delassus, dt, quasi_static, *found)
+        self.search = search
         power = None
         if self.law.friction:
             closing = velocities[0] + problem.target
             power = float(forces[0].dot(closing - pairs.compliance * forces[0] if pairs.compliance else closing))
-        return ContactSolution(point_forces, iterations, active, _of(normals, active), pair_forces, w, power)
+        return ContactSolution(point_forces, iterations, active, normals.take(active, axis=0), pair_forces, w, power)
 
     def follow(
         self,
@@ -224,12 +224,14 @@ class ContactSolver:
             told: tells, if someone asks, what the points do, and what `_relative` says of that.
             delassus, dt, still: as in `solve`, of one obstacle, which rests.
         """
-        is_solved, found = self._look(motion, delassus)
+        law = LawToFollow.of(self.search, motion)
+        is_solved, found = (False, None) if law is None else self._look(law, motion, delassus)
         self._is_refused = is_solved and found is None
-        return None if self._is_refused else self._follow(motion, told, delassus, dt, still, False, found)
+        return None if self._is_refused else self._follow(law, motion, told, delassus, dt, still, False, found)
 
     def _follow(
         self,
+        given: LawToFollow | None,
         motion: PairsMotion,
         told: Callable[[], tuple[PointMotion, Array, Array]],
         delassus: Array,
@@ -240,9 +242,10 @@ class ContactSolver:
     ) -> ContactSolution | None:
         """The same, also without inertia; `found`: by a first look."""
         search, law, frames = self.search, self.law, motion.frames
-        if found is None:
-            of_delassus = partial(self._operator, delassus), partial(self._moved, delassus)
-            found = follow_contact(law, search, motion, *of_delassus)
+        if found is None and given is not None:
+            found = follow_contact(
+                law, given, motion, partial(self._operator, delassus), partial(self._moved, delassus)
+            )
         if found is None:
             return None
         key, active, operator, solution, forces, power = found
@@ -264,15 +267,14 @@ class ContactSolver:
             among, normals = forces.take(active, axis=0), normals.take(active, axis=0)
         return ContactSolution(self._at_points(forces), 0, active, normals, among, w, power)
 
-    def _look(self, motion: PairsMotion, delassus: Array) -> tuple[bool, Followed | None]:
-        """As SteadyPairs.look, of pairs that met one obstacle in the last step."""
-        (key, kept), *_ = self.search.laws
-        if kept.inverse is None:
-            return False, None
-        if self._steady is None or not self._steady.is_of(kept.inverse, delassus, motion.frames):
-            pairs = self._operator(delassus, np.frombuffer(key, dtype=bool), key)
-            self._steady = SteadyPairs(key, *pairs, motion.frames, self.law.friction, kept.inverse, delassus)
-        return self._steady.look(kept, motion)
+    def _look(self, law: LawToFollow, motion: PairsMotion, delassus: Array) -> tuple[bool, Followed | None]:
+        """As SteadyPairs.look, of pairs that meet one obstacle."""
+        (chosen, key, kept), frames = law, motion.frames
+        pairs = self._steady.get(key)
+        if pairs is None or not pairs.is_of(delassus, frames):
+            pairs = SteadyPairs(key, *self._operator(delassus, chosen, key), frames, self.law.friction, delassus)
+            self._steady = dict(list(self._steady.items())[1 - _MOST_KEPT :]) | {key: pairs}
+        return pairs.look(kept, motion)
 
     @property
     def follows(self) -> bool:
@@ -393,8 +395,3 @@ def _reach(points: PointMotion, obstacles: ObstacleMotion, dt: float) -> float:
     w = max(np.abs(obstacles.velocities(dt)).max(), np.abs(obstacles.velocities_before).max())
     fastest = 2 * np.abs(points.free_velocity).max() + np.abs(points.velocity).max() + 3 * w
     return float(dt * _ROOT_3 * fastest)
-
-
-def _of(values: Array, active: Array) -> Array:
-    """Those of the active pairs (C,); where these are all, nothing needs to be picked."""
-    return values if len(active) == len(values) else values.take(active, axis=0)

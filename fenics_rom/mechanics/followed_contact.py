@@ -12,12 +12,21 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.mechanics.complementarity import Delassus, FollowedLaw, Frames, Solution, follow
+from fenics_rom.mechanics.complementarity import (
+    Delassus,
+    FollowedLaw,
+    Frames,
+    KeptLaw,
+    Solution,
+    follow,
+    of_other_pairs,
+)
 from fenics_rom.mechanics.complementarity.solution import is_none, largest
 from fenics_rom.mechanics.contact import ContactLaw, ContactSearch
 from fenics_rom.mechanics.contact_pairs import WORK_ROUND_OFF, Asked, NormalLaw
 
 _ONES, _HALF = np.ones(3), np.array(0.5)
+_MOST_OTHERS = 3  # pairs that take part, and did not, or the other way round, for which it pays to go on
 
 
 class PairsMotion(NamedTuple):
@@ -71,6 +80,32 @@ class PairsMotion(NamedTuple):
         return PairsMotion(frames, n, asked, outwards, free, sliding, across)
 
 
+class LawToFollow(NamedTuple):
+    """The law of those pairs that take part in a step, as an earlier step left it."""
+
+    chosen: Array  # (O P,) which
+    key: bytes  # the same
+    kept: KeptLaw
+
+    @classmethod
+    def of(cls, search: ContactSearch, motion: PairsMotion) -> "LawToFollow | None":
+        """That of a step in which they did so, too, or, where steps take no search, all but a few; None elsewhere."""
+        chosen, frames = motion.outwards < motion.asked.level, motion.frames
+        key = chosen.tobytes()
+        own = search.law_of(key)
+        if own is not None and own.has_inverse:
+            return cls(chosen, key, own)
+        known = [(np.frombuffer(pairs, dtype=bool), law) for pairs, law in search.laws if law.inverse is not None]
+        if not known or not search.is_steady or is_none(chosen):
+            return None
+        before, law = min(known, key=lambda each: np.count_nonzero(each[0] != chosen))
+        if np.count_nonzero(before != chosen) > _MOST_OTHERS:
+            return None
+        if not frames.are_alike and any(frames.of(pairs.nonzero()[0]).are_alike for pairs in (before, chosen)):
+            return None  # they are in other axes
+        return cls(chosen, key, of_other_pairs(law, before, chosen))
+
+
 class Followed(NamedTuple):
     """What a step has that was followed."""
 
@@ -84,7 +119,7 @@ class Followed(NamedTuple):
 
 def follow_contact(
     law: ContactLaw,
-    search: ContactSearch,
+    given: LawToFollow,
     motion: PairsMotion,
     operators: Callable[[Array, bytes], tuple[Array, Delassus]],
     moved: Callable[[Array], Array],
@@ -93,17 +128,12 @@ def follow_contact(
 
     Args:
         law: of contact.
-        search: what the step before left.
+        given: what an earlier step left.
         motion: what pairs do.
         operators: gives, of those that take part (O P,), and of their key, which they are (C,), and their operator.
         moved: gives the velocities (O P, 3), m/s, that forces of all pairs cause.
     """
-    frames, level, outwards = motion.frames, motion.asked.level, motion.outwards
-    chosen = outwards < level
-    key = chosen.tobytes()
-    kept = search.law_of(key)
-    if kept is None or not kept.has_inverse:
-        return None
+    frames, level, outwards, (chosen, key, kept) = motion.frames, motion.asked.level, motion.outwards, given
     active, operator = operators(chosen, key)
     are_all = len(active) == len(chosen)
     own, n, (_, target, compliance), _, q, sliding, across = motion if are_all else motion.among(active)

@@ -11,13 +11,13 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.complementarity import Delassus, Frames, KeptLaw, Solution
-from fenics_rom.mechanics.complementarity.following import LOOKED_INTO, MOST_CORRECTIONS, SLOWEST
-from fenics_rom.mechanics.complementarity.solution import CONVERGENCE_TOLERANCE, NEAR, is_none, largest
+from fenics_rom.mechanics.complementarity.following import SLOWEST
+from fenics_rom.mechanics.complementarity.solution import CONVERGENCE_TOLERANCE, is_none, largest
 from fenics_rom.mechanics.contact_pairs import WORK_ROUND_OFF
 from fenics_rom.mechanics.followed_contact import Followed, PairsMotion
 
 _ONES, _TINY = np.ones(3), np.array(1e-300)
-_MOST_CORRECTIONS = 3  # where it takes more, there is a change that is to be looked into
+_MOST_CORRECTIONS = 6  # where it takes more, there is a change that is to be looked into
 
 
 class _Solved(NamedTuple):
@@ -38,21 +38,11 @@ class SteadyPairs:
         operator: theirs.
         frames: of all.
         friction: μ.
-        inverse: of the kept law, (3C, 3C), N s/m.
         delassus: of all points, (3N, 3N), m/s/N.
     """
 
-    def __init__(
-        self,
-        key: bytes,
-        active: Array,
-        operator: Delassus,
-        frames: Frames,
-        friction: float,
-        inverse: Array,
-        delassus: Array,
-    ):
-        self._of, self._key, self._chosen = (inverse, delassus, frames), key, np.frombuffer(key, dtype=bool)
+    def __init__(self, key: bytes, active: Array, operator: Delassus, frames: Frames, friction: float, delassus: Array):
+        self._of, self._key, self._chosen = (delassus, frames), key, np.frombuffer(key, dtype=bool)
         self._active, self._operator, self._friction = active, operator, friction
         self._are_all, self._fastest, N = len(active) == len(key), 0, len(key)  # of q the fastest part, or so
         self._W, ρ, compliance, self._μ, self._zeros = operator.lasting(frames).law_arrays(friction)
@@ -65,14 +55,10 @@ class SteadyPairs:
                 answers = np.einsum("ij,jnkc,kl->inlc", turn[:, :1].T, answers, turn, optimize=True)
             self._W = np.concatenate([self._W, answers.reshape(-1, 3 * len(active))])
 
-    def is_of(self, inverse: Array, delassus: Array, frames: Frames) -> bool:
-        """Whether this is of a law with this inverse, of this operator, and of the axes of these frames."""
-        known = self._of[2]
-        return (
-            self._of[0] is inverse
-            and self._of[1] is delassus
-            and (known is frames or (known == frames if frames.are_alike else not known.are_alike))
-        )
+    def is_of(self, delassus: Array, frames: Frames) -> bool:
+        """Whether this is of this operator, and of the axes of these frames."""
+        own, known = self._of
+        return own is delassus and (known is frames or (known == frames if frames.are_alike else not known.are_alike))
 
     def look(self, kept: KeptLaw, motion: PairsMotion) -> tuple[bool, Followed | None]:
         """Whether the kept law leads to forces that fulfil the law, and the step.
@@ -80,8 +66,6 @@ class SteadyPairs:
         No step where there are none, or where friction would do work on the body or another pair take part.
         """
         frames, n, (level, target, _), outwards, free, sliding, across = motion
-        if (outwards < level).tobytes() != self._key:
-            return False, None
         C, q, n_of_all = len(self._active), free.take(self._among), n
         if not self._are_all:
             target, sliding = target.take(self._active), None if sliding is None else sliding.take(self._among)
@@ -115,18 +99,20 @@ class SteadyPairs:
             forces[self._active] = among
         return True, Followed(self._key, self._active, self._operator, solution, forces, power)
 
-    def _solve(self, q: Array, n: Array | None, kept: KeptLaw) -> "_Solved | None":
+    def _solve(self, q: Array, n: Array | None, last: KeptLaw) -> "_Solved | None":
         """Forces by the kept law, and by what it makes of what they lack; None where there is more to look into.
 
         Args:
             q: (3C,) velocities without contact, less the targets, m/s.
             n: normals (3, C) of what is round, else None.
-            kept: the law.
+            last: the law as the last step left it.
         """
-        inverse, C, lacking = self._of[0], len(self._active), kept.lacking
-        change, speed, before, corrections = q - kept.q.ravel(), abs(q.item(self._fastest)), np.inf, 0
-        if kept.earlier and largest(np.abs(change)) > NEAR * largest(np.abs(q)):
+        C, corrections, speed = len(self._active), 0, abs(q.item(self._fastest))
+        kept = last.nearest(q.reshape(3, C), largest(np.abs(q))) if last.earlier else last
+        inverse, before = kept.inverse, np.inf
+        if inverse is None or kept.is_worn:
             return None
+        change, lacking = q - kept.q.ravel(), kept.lacking
         linear = inverse.dot(change)
         linear += kept.forces.ravel()
         f = linear + lacking.ravel() if isinstance(lacking, np.ndarray) else linear
@@ -144,24 +130,20 @@ class SteadyPairs:
                 break
             if not corrections:  # another may be the fastest now
                 self._fastest = int(np.abs(q).argmax())
-                speed = abs(q.item(self._fastest))
+                speed = before = abs(q.item(self._fastest))
                 if error <= CONVERGENCE_TOLERANCE * speed:
                     break
-            if corrections == _MOST_CORRECTIONS or not error < min(SLOWEST * before, LOOKED_INTO * speed):
+            if corrections == _MOST_CORRECTIONS or not error < SLOWEST * before:
                 return None
             moves -= self._W[: 3 * C].dot(off)  # as FollowedLaw.corrected
             f, before = inverse.dot(moves), error
             f += forces
             corrections += 1
-        of_inverse = kept.corrections + corrections
-        if of_inverse >= MOST_CORRECTIONS and error > SLOWEST * before:
-            return None  # it is time to find the inverse anew
         lacked, q = (forces - linear).reshape(3, C), q.reshape(3, C)
-        if corrections:
-            lacking, trend = kept.foreseen(lacked, True)
-            now = KeptLaw(kept.statuses, inverse, q, projected, lacking, trend, of_inverse, kept.earlier)
-        else:
-            now = KeptLaw(kept.statuses, inverse, q, projected, lacked, (), of_inverse)
+        foreseen, wear = kept.foreseen(lacked, corrections > 0), kept.wear + max(corrections - 1, 0) ** 3
+        now = KeptLaw(kept.statuses, inverse, q, projected, *foreseen, wear, last.earlier if corrections else ())
+        if kept is not last:
+            now = now.after(last)
         solution = Solution(projected, u.reshape(3, C), 0, error / speed, now)
         return _Solved(projected, pressure, moved[3 * C :], solution)
 

@@ -13,6 +13,7 @@ determine near where it was.
 
 from numpy import ndarray as Array
 
+from fenics_rom.mechanics.complementarity.changed_pairs import of_other_pairs
 from fenics_rom.mechanics.complementarity.delassus import Delassus, FramedDelassus, Frames
 from fenics_rom.mechanics.complementarity.following import FollowedLaw, follow
 from fenics_rom.mechanics.complementarity.frictional import FrictionalProblem
@@ -28,6 +29,7 @@ __all__ = [
     "KeptLaw",
     "Solution",
     "follow",
+    "of_other_pairs",
     "solve",
 ]
 
@@ -59,7 +61,7 @@ def solve(
     if may_follow and kept is not None and kept.has_inverse and (frames.are_alike or not operator.added):
         (lasting,) = frames.to_lasting_axes(frames.in_space(q))
         axes, normals = operator.operator.lasting(frames, operator.added), frames.lasting_normals
-        law = FollowedLaw(operator if normals is None else axes, lasting, friction, normals, operator)
+        law = FollowedLaw(operator if normals is None else axes, lasting, friction, normals)
         followed = follow(law, kept)
         if followed is not None:
             forces, velocities = frames.turned(*map(frames.from_lasting_axes, followed[:2]))

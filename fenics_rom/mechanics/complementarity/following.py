@@ -12,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.mechanics.complementarity.delassus import FramedDelassus, Frames
-from fenics_rom.mechanics.complementarity.linearised import linearised
+from fenics_rom.mechanics.complementarity.delassus import FramedDelassus
+from fenics_rom.mechanics.complementarity.linearised import inverse_in_space, linearised
 from fenics_rom.mechanics.complementarity.solution import (
     CONVERGENCE_TOLERANCE,
     STAGNATION_RESIDUAL,
@@ -25,9 +25,8 @@ from fenics_rom.mechanics.complementarity.solution import (
 )
 
 _ONES, _TINY = np.ones(3), np.array(1e-300)
-_MOST_STEPS = 6  # with a kept inverse, before Newton's method
-MOST_CORRECTIONS = 6  # by an inverse, in all steps: they take as long as to find it anew
-SLOWEST = 3e-3  # reduction of the error by such a step: where it is less, the inverse is found anew
+_MOST_STEPS = 8  # with a kept inverse, before Newton's method
+SLOWEST = 3e-2  # reduction of the error by such a step: where it is less, the inverse is found anew
 LOOKED_INTO = 1e-5  # error, as a share of the velocities, at which pairs may do something else
 _MOST_CHANGED = 2  # pairs that do, for which it pays to go on
 
@@ -51,18 +50,9 @@ class FollowedLaw:
         q: (3, C) velocities without contact, less the targets, m/s.
         friction: μ >= 0.
         normals: (3, C); None where all are the first of the axes.
-        framed: W in frames of these, if that is there.
     """
 
-    def __init__(
-        self,
-        operator: FramedDelassus,
-        q: Array,
-        friction: float,
-        normals: Array | None,
-        framed: FramedDelassus | None = None,
-    ):
-        self._framed = framed
+    def __init__(self, operator: FramedDelassus, q: Array, friction: float, normals: Array | None):
         self.operator, self.q, self.friction, self._normals = operator, q, friction, normals
         self._W, self._ρ, self._compliance, self._μ, self._zeros = operator.law_arrays(friction)
 
@@ -122,13 +112,10 @@ class FollowedLaw:
         """
         if not self.friction:
             raise np.linalg.LinAlgError
-        framed, z = self.operator, looked.z
-        if self._normals is not None:
-            framed = self._framed or framed.operator.framed(Frames(self._normals.T.copy()))
-            framed.are_kept = True
-            (z,) = framed.frames.turned(z.T)
-        there = linearised(framed, self.friction, self._compliance[0], z, looked.length, looked.cone)
-        return framed.in_lasting_axes(there.inverse())
+        compliance, z, length, cone = self._compliance[0], looked.z, looked.length, looked.cone
+        if self._normals is None:
+            return linearised(self.operator, self.friction, compliance, z, length, cone).inverse()
+        return inverse_in_space(self._W, self.friction, compliance, self._normals, z, length, cone)
 
 
 def follow(law: FollowedLaw, last: KeptLaw) -> Solution | None:
@@ -195,15 +182,15 @@ def _to_keep(
     linear: Array,
 ) -> KeptLaw:
     """After forces were found in so many corrections, of which the last began with an error of `before`."""
-    corrections, forces = kept.corrections + step, found.projected
-    if corrections >= MOST_CORRECTIONS and found.error > SLOWEST * before:
-        corrections = 0
+    wear, forces = kept.wear + max(step - 1, 0) ** 3, found.projected
+    if kept.is_worn:
+        wear = 0
         with suppress(np.linalg.LinAlgError):
             inverse = law.inverse(found)
     if inverse is not kept.inverse:
         linear = kept.forces + inverse.dot((law.q - kept.q).ravel()).reshape(forces.shape)
     lacking = kept.foreseen(forces - linear, step > 0 and inverse is kept.inverse)
-    now = KeptLaw(statuses, inverse, law.q, forces, *lacking, corrections)
+    now = KeptLaw(statuses, inverse, law.q, forces, *lacking, wear)
     if kept is not last or inverse is not kept.inverse:
         return now.after(last)
     return now._replace(earlier=last.earlier) if step else now  # where the last one does at once, it is enough

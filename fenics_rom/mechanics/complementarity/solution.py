@@ -21,6 +21,8 @@ FIRST_FINISH_RESIDUAL = 1e-3  # of an interior-point method: from here on Newton
 FINISH_REDUCTION = 100  # tries again each time the residual has fallen by this factor
 REGULAR_SHARE = 0.4  # ρ in parts of each pair's stiffness, where W is regular
 NEAR = 1e-2  # q of a step and of the next, as a share of the velocities, between which no other law is looked for
+_MOST_LACKED = 6  # steps from which is told what forces will lack
+_MOST_WEAR = 64  # of an inverse, see KeptLaw
 MOST_KEPT = 3  # linearised laws besides that of the last step
 STEP_FRACTION = 0.9  # of the way to the border of the cones that an interior-point method goes
 
@@ -50,8 +52,8 @@ class KeptLaw(NamedTuple):
     q: Array  # of the last step (3, C), m/s
     forces: Array  # which were found for it (3, C), N
     lacking: Array | float = 0.0  # what they will lack by the inverse and the q of the next time step (3, C), N
-    lacked: tuple[Array, ...] = ()  # what they did in the last two
-    corrections: int = 0  # that the inverse has taken in all steps
+    lacked: tuple[Array, ...] = ()  # what they did in the last steps, the last one first
+    wear: int = 0  # of the inverse: (k - 1)³ for k corrections in a step
     earlier: "tuple[KeptLaw, ...]" = ()  # those of the steps before: what rubs often does the same in every other step
 
     @property
@@ -59,11 +61,22 @@ class KeptLaw(NamedTuple):
         """Whether this or one of those before does."""
         return self.inverse is not None or any(law.inverse is not None for law in self.earlier)
 
+    @property
+    def is_worn(self) -> bool:
+        """Whether the inverse is to be found anew."""
+        return self.wear >= _MOST_WEAR
+
     def foreseen(self, lacking: Array, was_corrected: bool) -> tuple[Array, tuple[Array, ...]]:
-        """`lacking` and `lacked` after a step that has lacked so much: a trend goes on, and what alternates."""
-        if not was_corrected or len(self.lacked) < 2:
-            return lacking, (lacking, *self.lacked)[:2] if was_corrected else ()
-        return lacking + self.lacked[0] - self.lacked[1], (lacking, self.lacked[0])
+        """`lacking` and `lacked` after a step that has lacked so much: polynomials through every other step go on.
+
+        Of lower degrees as long as that was right, as they add less round-off.
+        """
+        lacked = (lacking, *self.lacked)[: _MOST_LACKED if was_corrected else max(len(self.lacked) - 2, 0)]
+        if len(lacked) < 4:
+            return lacking, lacked
+        if len(lacked) < 6:
+            return 2 * lacked[1] - lacked[3], lacked
+        return 3 * (lacked[1] - lacked[3]) + lacked[5], lacked
 
     def nearest(self, q: Array, speed: float) -> "KeptLaw":
         """Of this and those before the one whose q is nearest; this, where it is near. `speed`: largest |q|, m/s."""
