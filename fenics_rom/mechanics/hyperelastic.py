@@ -32,10 +32,15 @@ LAWS_WITH_CONSTANTS = ("mooney_rivlin", "yeoh", "ogden")
 VOIGT_PAIRS = np.array([[0, 0], [1, 1], [2, 2], [1, 2], [0, 2], [0, 1]])  # of the six components
 VOIGT_INDEX = np.array([[0, 5, 4], [5, 1, 3], [4, 3, 2]])  # which component each entry of a symmetric matrix is
 VOIGT_SHEAR = np.array([1.0, 1, 1, 2, 2, 2])[:, None]  # how often each counts in S:E
-_COUNTS = 1 / VOIGT_SHEAR[:, 0]  # of their squares in E:E
 _ONE, _OTHER = VOIGT_PAIRS[3:].T  # of the shears
 _NEXT, _LAST = np.array([1, 2, 0, 4, 5, 3]), np.array([2, 0, 1, 5, 3, 4])  # of x, y, z, and of the shears
 UNIT = np.array([1.0, 1, 1, 0, 0, 0])[:, None]  # the unit matrix
+# Of matrices as nine rows: whose products less whose products are the cofactors, the transposed, and sums of entries.
+_COFACTORS = np.array(
+    [np.roll(np.arange(9).reshape(3, 3), t, (0, 1)).ravel() for t in ((2, 2), (1, 1), (2, 1), (1, 2))]
+)
+_TRANSPOSED = np.arange(9).reshape(3, 3).T.ravel()
+_DIAGONAL, _THIRDS, _HALVES = np.eye(3).ravel(), np.full(9, 1 / 3), np.full(9, 0.5)
 ROUND_OFF_STRAIN = 1e-7  # change of strain below which W(E⁺) - W(E) is round-off
 SAME_STRETCH = 1e-5  # difference of the eigenvalues of C below which a difference quotient is a derivative
 
@@ -129,7 +134,7 @@ def stress(law: str, E: Array, λ: Array, μ: Array) -> Array:
     if law == "st_venant_kirchhoff":
         return linear_stress(E, λ, μ)
     if law == "neo_hookean":
-        return _neo_hookean_stress(E, λ, μ)[0]
+        return _neo_hookean_stress(E, λ, μ)
     inverse, lnJ = _inverse_metric(E)
     S = (λ + 2 / 3 * μ) / 2 * np.expm1(2 * lnJ) * inverse
     for k, β, n in isochoric_terms(law):
@@ -137,38 +142,51 @@ def stress(law: str, E: Array, λ: Array, μ: Array) -> Array:
     return S
 
 
-def energy_beyond_linear(law: str, E: Array, λ: Array, μ: Array) -> Array:
-    """What W (P,) is beyond ½ E:C₀E of small strains, J/m³."""
-    if law == "neo_hookean":
-        return _neo_hookean_beyond_linear(E, np.log1p(_adjugate(E)[1]) / 2, λ, μ)
-    return energy_density(law, E, λ, μ) - energy_density("st_venant_kirchhoff", E, λ, μ)
-
-
-def stress_and_beyond_linear(law: str, E: Array, λ: Array, μ: Array) -> tuple[Array, Array]:
-    """S (6, P), Pa, and what W (P,) is beyond ½ E:C₀E, J/m³."""
-    if law != "neo_hookean":
-        return stress(law, E, λ, μ), energy_beyond_linear(law, E, λ, μ)
-    S, lnJ = _neo_hookean_stress(E, λ, μ)
-    return S, _neo_hookean_beyond_linear(E, lnJ, λ, μ)
-
-
-def _neo_hookean_beyond_linear(E: Array, lnJ: Array, λ: Array, μ: Array) -> Array:
-    """μ (tr E - ln J - E:E) + λ/2 (ln²J - tr²E) (P,)."""
-    trace = E[0] + E[1] + E[2]
-    W: Array = μ * (trace - lnJ - _COUNTS.dot(E * E))
-    W += λ / 2 * (lnJ - trace) * (lnJ + trace)
-    return W
-
-
-def _neo_hookean_stress(E: Array, λ: Array, μ: Array) -> tuple[Array, Array]:
-    """μ (1 - C⁻¹) + λ ln J C⁻¹ (6, P), where 1 - C⁻¹ = (det C - adj C)/det C cancels nothing, and ln J (P,)."""
+def _neo_hookean_stress(E: Array, λ: Array, μ: Array) -> Array:
+    """μ (1 - C⁻¹) + λ ln J C⁻¹ (6, P), where 1 - C⁻¹ = (det C - adj C)/det C cancels nothing."""
     S, change = _adjugate(E)
-    lnJ = np.log1p(change) / 2
-    volumetric = λ * lnJ
+    volumetric = λ * (np.log1p(change) / 2)
     shear = (volumetric - μ) / (1 + change)
     S *= shear
     S[:3] += volumetric - shear * change
-    return S, lnJ
+    return S
+
+
+def energy_and_piola(law: str, H: Array, λ: Array, μ: Array) -> tuple[Array, Array]:
+    """W (P,), J/m³, and the first Piola-Kirchhoff stress ∂W/∂H (9, P), Pa, of H (9, P), row by row."""
+    if law == "neo_hookean":
+        return _neo_hookean_energy_and_piola(H, λ, μ)
+    H = H.reshape(3, 3, -1)
+    E, F = strain(H), H + np.eye(3)[:, :, None]
+    S = stress(law, E, λ, μ)[VOIGT_INDEX]
+    return energy_density(law, E, λ, μ), np.einsum("ijp,jkp->ikp", F, S).reshape(9, -1)
+
+
+def _neo_hookean_energy_and_piola(H: Array, λ: Array, μ: Array) -> tuple[Array, Array]:
+    """μ (tr E - ln J) + λ/2 ln²J and μ (F - F⁻ᵀ) + λ ln J F⁻ᵀ, where X = 1 - cof F, small as H, cancels nothing."""
+    factors = H.take(_COFACTORS, 0)
+    cofactors = factors[0] * factors[1]
+    factors[2] *= factors[3]
+    cofactors -= factors[2]
+    trace = _DIAGONAL.dot(H)
+    change = _DIAGONAL.dot(cofactors)  # J - 1
+    change += trace
+    change += _THIRDS.dot(H * cofactors)
+    J = 1 + change
+    lnJ = np.log1p(change * (1 + J)) / 2  # of |J|, where a point is turned inside out
+    volumetric = λ * lnJ
+    W: Array = trace - lnJ
+    W += _HALVES.dot(H * H)
+    W *= μ
+    W += volumetric * lnJ / 2
+    X = H.take(_TRANSPOSED, 0)
+    X -= cofactors
+    X[::4] -= trace
+    X *= (μ - volumetric) / J
+    P: Array = μ * H
+    P += X
+    P[::4] += (μ * change + volumetric) / J
+    return W, P
 
 
 def stress_change(law: str, E: Array, dE: Array, λ: Array, μ: Array) -> Array:

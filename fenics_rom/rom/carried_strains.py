@@ -2,12 +2,11 @@
 
     E(q) is of second degree in q,   dE/dt = A(q) v,   energy ½ yᵀz of z = C₀ y, forces Aᵀz, stiffness AᵀC₀A
 
-`MonomialStrains` are coordinates of the monomials of q: tables replace the points, and a step needs but three products
-with them. `PointStrains` are the strains of the points themselves, which of many modes are fewer.
+`MonomialStrains` are coordinates of the monomials of q: tables replace the points (`strain_tables.py`). `PointStrains`
+are the strains of the points themselves, which of many modes are fewer.
 """
 
 from typing import NamedTuple
-from weakref import WeakKeyDictionary
 
 import numpy as np
 from numpy import ndarray as Array
@@ -15,85 +14,9 @@ from numpy import ndarray as Array
 from fenics_rom.mechanics.hyperelastic import VOIGT_SHEAR, linear_stress
 from fenics_rom.rom.deformation import ReducedDeformation
 from fenics_rom.rom.material_points import MaterialPoints
+from fenics_rom.rom.strain_tables import StrainTables
 
 MOST_MODES = 30  # beyond, their tables outgrow the caches, and points are as fast
-
-
-class StrainTables(NamedTuple):
-    """What strains are of the r monomials η = (q_i, then q_i q_j of i < j and q_i²/2, row by row), with C₀.
-
-    Attributes:
-        first, second: i and j of the products.
-        half: ½ of squares, 1 of other products.
-        place: (m, m) which product i and j make.
-        gram: (r, r) 𝒢, of the energy ½ ηᵀ𝒢η, J.
-        stiffness: (m (m+1)/2, r) upper triangle of AᵀC₀A, row by row, from η, but for that at rest.
-        at_rest: (m (m+1)/2,) of that.
-    """
-
-    first: Array
-    second: Array
-    half: Array
-    place: Array
-    gram: Array
-    stiffness: Array
-    at_rest: Array
-
-    def __deepcopy__(self, memo: object) -> "StrainTables":
-        return self  # nobody writes to it
-
-    @staticmethod
-    def of(body: ReducedDeformation) -> "StrainTables":
-        """Of a body, made once."""
-        if body not in _tables:
-            _tables[body] = StrainTables._made(body)
-        return _tables[body]
-
-    @staticmethod
-    def _made(body: ReducedDeformation) -> "StrainTables":
-        m, gradients = body.order, body.gradients
-        i, j = np.triu_indices(m)
-        place = np.zeros((m, m), int)
-        place[i, j] = place[j, i] = np.arange(len(i))
-        linear = body.metric_rates(np.broadcast_to(np.eye(3)[:, :, None], gradients.shape[:3]))
-        products = [body.metric_rates(gradients[..., k])[..., k:] for k in range(m)]
-        C = np.concatenate([linear, *products], axis=2).reshape(6, len(body.weights), -1)
-        stressed = (2 * body.weights * body.shear / VOIGT_SHEAR)[:, :, None] * C
-        stressed[:3] += (body.weights * body.first_lame)[:, None] * C[:3].sum(axis=0)
-        r = C.shape[2]
-        gram = C.reshape(-1, r).T @ stressed.reshape(-1, r)
-        gram = (gram + gram.T) / 2
-        at, k, i_, j_ = place + m, np.arange(m), i[:, None], j[:, None]
-        by_one = gram[i_, at[k, j_]] + gram[j_, at[k, i_]]
-        by_two = gram[at[i, i_], at[j, j_]] + gram[at[j, i_], at[i, j_]]
-        half = np.where(i == j, 0.5, 1.0)
-        return StrainTables(i, j, half, place, gram, np.hstack([by_one, by_two]), gram[i, j])
-
-    def at(self, q: Array) -> Array:
-        """η (r,) of q (m,), or of bodies (m, B)."""
-        η = np.empty((len(self.gram), *q.shape[1:]))
-        η[: len(q)] = q
-        self.products(q, η[len(q) :])
-        return η
-
-    def products(self, q: Array, products: Array | None = None) -> Array:
-        """What of η are products (m (m+1)/2,), of q (m,) or of bodies (m, B); written where they are to be."""
-        products = np.multiply(q.take(self.first, 0), q.take(self.second, 0), products)
-        np.multiply(products.T, self.half, products.T)
-        return products
-
-    def rates(self, q: Array, v: Array) -> Array:
-        """What η change by at q (m,), or of bodies (m, B), with v."""
-        rates = np.empty((len(self.gram), *q.shape[1:]))
-        rates[: len(q)] = v
-        products = rates[len(q) :]
-        np.multiply(q.take(self.first, 0), v.take(self.second, 0), products)
-        products += q.take(self.second, 0) * v.take(self.first, 0)
-        np.multiply(products.T, self.half, products.T)
-        return rates
-
-
-_tables: WeakKeyDictionary[ReducedDeformation, StrainTables] = WeakKeyDictionary()
 
 
 class MonomialStrains:
@@ -105,85 +28,140 @@ class MonomialStrains:
     """
 
     def __init__(self, body: ReducedDeformation):
-        self._tables, self._m = StrainTables.of(body), body.order
-        self.size = len(self._tables.gram)
+        self._tables = tables = StrainTables.of(body)
+        self.size = len(tables.gram)
         self.viscosity = float(body.viscosity[0])
-
-    def around(self, q: Array) -> "MonomialsAround":
-        """Of shapes near q."""
-        return MonomialsAround(self._tables, self.viscosity, q)
+        self._places = tables.place - 1  # of the products of coordinates in y (m, m),
+        self._two_places = np.stack([tables.place, tables.place + 1 + self.size])  # and in two rows of ½ K(x)
+        self._x = np.ones((2, 1 + body.order))
 
     def at(self, q: Array) -> Array:
         """y of E(q)."""
         return self._tables.at(q)
 
+    def rates(self, q: Array, v: Array) -> Array:
+        """A v at q."""
+        return self._tables.rates(q, v)
+
     def stressed(self, y: Array) -> Array:
-        """C₀ y."""
-        z: Array = self._tables.gram.dot(y)
+        """C₀ y, of one or of each row."""
+        z: Array = y.dot(self._tables.gram)
         return z
+
+    def around(self, q: Array) -> "MonomialsAround":
+        """Of shapes near q."""
+        x = self._x
+        x[:, 0], x[:, 1:] = 1.0, q
+        upper, K = self._stiffnesses(self._products(x))
+        return MonomialsAround(self, q, upper[0], K[0])
 
     def with_next(
         self, q: Array, middle: Array, v: Array, relaxation: float, is_elastic: bool
-    ) -> tuple[Array, Array, "MonomialsAround", Array]:
-        """y and C₀y at q, and around another shape, `middle`, C₀ times what is `damped` there: in one product."""
-        y, around = np.empty((2, self.size)), self.around(middle)
-        y[0], y[1] = self.at(q), around.damped(v, relaxation, is_elastic)
-        z = self._tables.gram.dot(y.T)
-        return y[0], z[:, 0], around, z[:, 1]
+    ) -> "tuple[MonomialShape, MonomialsAround, Array]":
+        """What is strained at q, what is around another shape, `middle`, and there Aᵀ of what is `damped`."""
+        x = self._x
+        x[1, 0], x[0, 1:], x[1, 1:] = 1.0, q, middle
+        products = self._products(x)
+        upper, K = self._stiffnesses(products)
+        around = MonomialsAround(self, middle, upper[1], K[1])
+        moved = (2 * (self.viscosity + relaxation)) * v
+        if is_elastic:
+            moved += middle
+        damped = K[1].dot(moved)
+        if is_elastic:
+            damped += around.linear
+        return MonomialShape(self, q, K[0], float((products[0] * upper[0]).dot(self._tables.half)) / 2), around, damped
+
+    def around_another(self, q: Array, shape: "MonomialShape") -> "tuple[MonomialsAround, Array]":
+        """Of shapes near q, and Aᵀ there of the stresses at another one."""
+        x = self._x
+        x[1, 0], x[0, 1:] = 0.0, q
+        change = np.subtract(q, shape.q, x[1, 1:])
+        products = self._products(x)
+        np.subtract(products[0], products[1], products[1])
+        upper, K = self._stiffnesses(products)
+        pulled = K[1].dot(shape.q)
+        pulled += upper[1, 1 : len(x[0])]
+        pulled -= shape.K.dot(change)
+        return MonomialsAround(self, q, upper[0], K[0]), pulled
 
     def geometric(self, z: Array) -> Array:
         """∂(Aᵀz)/∂q (m, m)."""
-        return z[self._m :].take(self._tables.place)
+        return z.take(self._places)
 
     def geometric_back(self, N: Array) -> Array:
         """What a matrix N (m, m) times `geometric` owes to z."""
-        return np.bincount(self._m + self._tables.place.ravel(), N.ravel(), self.size)
+        return np.bincount(self._places.ravel(), N.ravel(), self.size)
+
+    def _products(self, x: Array) -> Array:
+        """Of each of two x (2, n)."""
+        products = x.take(self._tables.first, 1)
+        products *= x.take(self._tables.second, 1)
+        return products
+
+    def _stiffnesses(self, products: Array) -> tuple[Array, Array]:
+        """The upper triangles of ½ K(x), from products (2, 1 + r), and what they have of q (2, m, m)."""
+        upper = products.dot(self._tables.stiffness.T)
+        return upper, upper.take(self._two_places)
 
 
-class MonomialsAround:
-    """What strains of shapes near q are by their rates; y are those at q."""
+class MonomialShape(NamedTuple):
+    """What is strained at a shape."""
 
-    _stiffness: Array  # AᵀC₀A, once it was asked for
+    strains: MonomialStrains
+    q: Array
+    K: Array  # ½ K(x) of q (m, m)
+    energy: float  # J
 
-    def __init__(self, tables: StrainTables, viscosity: float, q: Array):
-        self._tables, self._β, self._q = tables, viscosity, q
+    def around(self, q: Array) -> "tuple[MonomialsAround, Array]":
+        """Of shapes near q, and Aᵀ there of the stresses here."""
+        return self.strains.around_another(q, self)
+
+
+class MonomialsAround(NamedTuple):
+    """What strains of shapes near one are by their rates."""
+
+    strains: MonomialStrains
+    q: Array
+    upper: Array  # triangle of ½ K(x) there
+    K: Array  # what it has of q (m, m)
 
     @property
-    def y(self) -> Array:
-        """At q."""
-        return self._tables.at(self._q)
+    def linear(self) -> Array:
+        """What ½ K(x) has of 1 and q (m,)."""
+        return self.upper[1 : 1 + len(self.q)]
+
+    @property
+    def elastic(self) -> tuple[float, Array]:
+        """Energy of these strains, J, and its slope (m,)."""
+        slope = self.K.dot(self.q)
+        slope += self.linear
+        energy = float((slope + self.linear).dot(self.q)) + self.upper.item(0)
+        return energy / 4, slope
 
     def rates(self, v: Array) -> Array:
         """A v."""
-        return self._tables.rates(self._q, v)
+        return self.strains.rates(self.q, v)
 
     def pulled(self, z: Array) -> Array:
         """Aᵀz (m,)."""
-        m = len(self._q)
-        force: Array = z[m:].take(self._tables.place).dot(self._q)
-        force += z[:m]
+        force: Array = self.strains.geometric(z).dot(self.q)
+        force += z[: len(force)]
         return force
 
     def damped(self, v: Array, relaxation: float, is_elastic: bool) -> Array:
         """(β + relaxation) A v (size,), and y with it where that is elastic."""
-        tables, moved = self._tables, (self._β + relaxation) * v
-        if not is_elastic:
-            return tables.rates(self._q, moved)
-        both = tables.at(self._q + moved)  # but for the squares of what is moved
-        both[len(v) :] -= tables.products(moved)
-        return both
+        rates = self.rates((self.strains.viscosity + relaxation) * v)
+        return rates + self.strains.at(self.q) if is_elastic else rates
 
     def stiffness(self, elastic: float) -> Array:
         """Aᵀ (elastic + β) C₀ A (m, m)."""
-        upper = self._tables.stiffness.dot(self.y)
-        upper += self._tables.at_rest
-        self._stiffness = upper.take(self._tables.place)
-        return (elastic + self._β) * self._stiffness
+        return (2 * (elastic + self.strains.viscosity)) * self.K
 
     def squares(self, v: Array) -> tuple[float, float]:
-        """Of A v by C₀, and by β C₀; `stiffness` was found before."""
-        square = float(v.dot(self._stiffness.dot(v)))
-        return square, self._β * square
+        """Of A v by C₀, and by β C₀."""
+        square = 2 * float(v.dot(self.K.dot(v)))
+        return square, self.strains.viscosity * square
 
 
 class PointStrains:
@@ -194,24 +172,31 @@ class PointStrains:
         self.viscosity = np.tile(body.viscosity, 6)
         self._λ, self._μ = body.weights * body.first_lame, body.weights * body.shear
 
-    def around(self, q: Array) -> "PointsAround":
-        """Of shapes near q."""
-        return PointsAround(self, *self.points.strains(q))
-
     def at(self, q: Array) -> Array:
         """y of E(q)."""
         return self.points.strains(q)[1].ravel()
 
+    def rates(self, q: Array, v: Array) -> Array:
+        """A v at q."""
+        return self.around(q).rates(v)
+
     def stressed(self, y: Array) -> Array:
-        """C₀ y."""
-        return linear_stress(y.reshape(6, -1), self._λ, self._μ).ravel()
+        """C₀ y, of one or of each row."""
+        by_component = y.reshape(-1, 6, len(self._μ)).swapaxes(0, 1)
+        return linear_stress(by_component, self._λ, self._μ).swapaxes(0, 1).reshape(y.shape)
+
+    def around(self, q: Array) -> "PointsAround":
+        """Of shapes near q."""
+        return PointsAround(self, *self.points.strains(q))
 
     def with_next(
         self, q: Array, middle: Array, v: Array, relaxation: float, is_elastic: bool
-    ) -> tuple[Array, Array, "PointsAround", Array]:
+    ) -> "tuple[PointShape, PointsAround, Array]":
         """As in MonomialStrains."""
         y, around = self.at(q), self.around(middle)
-        return y, self.stressed(y), around, self.stressed(around.damped(v, relaxation, is_elastic))
+        z = self.stressed(y)
+        damped = around.pulled(self.stressed(around.damped(v, relaxation, is_elastic)))
+        return PointShape(self, z, float(z.dot(y)) / 2), around, damped
 
     def geometric(self, z: Array) -> Array:
         """∂(Aᵀz)/∂q (m, m)."""
@@ -222,11 +207,30 @@ class PointStrains:
         return self.body.geometric_back(N).ravel()
 
 
+class PointShape(NamedTuple):
+    """What is strained at a shape."""
+
+    strains: PointStrains
+    z: Array  # C₀ y
+    energy: float  # J
+
+    def around(self, q: Array) -> "tuple[PointsAround, Array]":
+        """Of shapes near q, and Aᵀ there of the stresses here."""
+        around = self.strains.around(q)
+        return around, around.pulled(self.z)
+
+
 class PointsAround:
     """What strains of shapes near q are by their rates; F (3, 3, P) and E (6, P) are those at q."""
 
     def __init__(self, strains: PointStrains, F: Array, E: Array):
         self._strains, self._F, self.y = strains, F, E.ravel()
+
+    @property
+    def elastic(self) -> tuple[float, Array]:
+        """Energy of these strains, J, and its slope (m,)."""
+        z = self._strains.stressed(self.y)
+        return float(z.dot(self.y)) / 2, self.pulled(z)
 
     def rates(self, v: Array) -> Array:
         """A v."""

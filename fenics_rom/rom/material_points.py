@@ -6,14 +6,7 @@ Of one shape q (m,) arrays are (..., P), of B of them (m, B) they are (..., P B)
 import numpy as np
 from numpy import ndarray as Array
 
-from fenics_rom.mechanics.hyperelastic import (
-    VOIGT_INDEX,
-    VOIGT_PAIRS,
-    energy_beyond_linear,
-    linear_stress,
-    stress,
-    stress_and_beyond_linear,
-)
+from fenics_rom.mechanics.hyperelastic import VOIGT_INDEX, VOIGT_PAIRS, energy_and_piola, stress
 from fenics_rom.rom.deformation import ReducedDeformation
 
 _I, _J = VOIGT_PAIRS.T
@@ -61,26 +54,16 @@ class MaterialPoints:
         rates[:3] /= 2
         return rates
 
-    def with_next(self, q: Array, soon: Array) -> tuple[Array, float, Array, Array]:
-        """E (6, P) and what `left` says at one shape (m,), F and S (6, P) at another one."""
-        F, E = self.strains(np.array([q, soon]).T)
-        S, W = stress_and_beyond_linear(self._law, E, *self._each(E))
-        return E[:, ::2], float(self._summed(W)[0]), F[:, :, 1::2], S[:, 1::2]
+    def energies_and_forces(self, q: Array) -> tuple[Array, Array]:
+        """Of each body (1,) or (B,), J, and what they are with q (m, 1) or (m, B), at q (m,) or (m, B)."""
+        H = self._gradients.dot(q).reshape(9, -1)
+        W, P = energy_and_piola(self._law, H, *self._each(H))
+        forces: Array = self._gradients.T.dot(P.reshape(len(self._gradients), -1))
+        return self._summed(W), forces
 
     def stress(self, E: Array) -> Array:
         """S (6, P) of strains that `strains` found."""
         return stress(self._law, E, *self._each(E))
-
-    def left(self, E: Array) -> Array:
-        """Energy that is not ½ E:C₀E, of each body (1,) or (B,), J."""
-        return self._summed(energy_beyond_linear(self._law, E, *self._each(E)))
-
-    def beyond_linear(self, E: Array) -> tuple[Array, Array]:
-        """The same energy, and the stress of it (6, P)."""
-        λ, μ = self._each(E)
-        S, W = stress_and_beyond_linear(self._law, E, λ, μ)
-        S -= linear_stress(E, λ, μ)
-        return self._summed(W), S
 
     def resultant(self, F: Array, S: Array) -> Array:
         """Forces (m, B) of stresses S (6, P), of one body (m, 1)."""

@@ -11,10 +11,10 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
-from fenics_rom.rom.carried_strains import StrainTables
 from fenics_rom.rom.deformation import ReducedTendon
 from fenics_rom.rom.material_points import MaterialPoints
 from fenics_rom.rom.rom import Rom
+from fenics_rom.rom.strain_tables import StrainTables
 from fenics_rom.runtime.steppers.finite_strain import TRUSTED_EXTENT, definite_inverse
 from fenics_rom.runtime.steppers.linearly_implicit import STEEPEST_FREQUENCY, TANGENT_RENEWAL
 
@@ -69,6 +69,11 @@ class BatchDeformation:
         self._points = None if body.law == "st_venant_kirchhoff" else MaterialPoints(body)
         self._steepest = STEEPEST_FREQUENCY * math.sqrt(rom.stiffness[-1])
         self._tables, self._β = StrainTables.of(body), float(body.viscosity[0])
+        tables, m = self._tables, body.order
+        others = m + 1 if self._points is None else 0  # entries of K(x) that are used only beside points
+        table, self._upper = tables.stiffness[others:], tables.place - others
+        self._at_rest, self._by_strains = table[:, 0].copy(), table[:, 1:] / tables.half[1:]
+        self._places = tables.place - 1  # of the products of coordinates in strains
         self._dead = inputs.copy()
         self._pressures: list[tuple[int, Array, Array]] = []
         self._tendons: list[tuple[int, ReducedTendon]] = []
@@ -76,7 +81,7 @@ class BatchDeformation:
         for name, columns in rom.actuators.items():
             if name in body.pressures:
                 force = body.pressures[name]
-                by_strains = np.hstack([force[:, 1 : m + 1], force[:, m + 1 :] / self._tables.half])
+                by_strains = np.hstack([force[:, 1 : m + 1], force[:, m + 1 :] / self._tables.half[m + 1 :]])
                 self._pressures.append((column, force[:, :1], by_strains))
             elif name in body.tendons:
                 self._tendons.append((column, body.tendons[name]))
@@ -110,7 +115,7 @@ class BatchDeformation:
         now.strains[:, bodies], now.stressed[:, bodies] = strains, self._tables.gram @ strains
         now.velocity[:, bodies], now.tank[:, bodies], now.stale[:, bodies] = r.T, 0.0, True
         if self._points is not None:
-            left = self._points.left(self._points.strains(q.T)[1])
+            left = self._points.energies_and_forces(q.T)[0] - _dot(strains, now.stressed[:, bodies]) / 2
             now.rest[:, bodies] = left, np.minimum(1e-4 * self._points.most + 4 * np.abs(left), self._points.most)
         now.strained[:, bodies] = now.mismatch[:, bodies] = self.distance[bodies] = 0.0
 
@@ -165,12 +170,12 @@ class BatchDeformation:
         strains = tables.at(middle)
         pushed, pulled = self._loads(dead, u, middle, strains), self._pulled(middle, now.stressed)
         right = pushed + 2 / h * r - body.springs @ q - pulled
-        stiffness = self._stiffness(strains)
-        matrices = (h / 2 + β) * stiffness
+        upper, stiffness = self._stiffness(strains)
+        matrices = (h + 2 * β) * stiffness
         matrices += self._fixed
         then.rest[:], gap_s, s = now.rest, np.zeros(B), np.zeros(B)
         if points is not None:
-            b = self._slope(points, then.rest, middle)
+            b = self._slope(points, then.rest, middle, upper, stiffness)
             s = _root(then.rest)
             matrices += h / 2 * np.einsum("ib,jb->bij", b, b)
             right -= s * b
@@ -185,14 +190,14 @@ class BatchDeformation:
         after = q + h * v
         then.strains[:] = tables.at(after)
         then.stressed[:] = tables.gram @ then.strains
-        square = _dot(v, (stiffness @ v.T[:, :, None])[:, :, 0].T)
+        square = 2 * _dot(v, _times(stiffness, v))
         drawn = h * (_dot(v, body.external_damping @ v) + β * square)
         strained = _dot(then.strains, then.stressed)
         added = (strained - _dot(now.strains, now.stressed)) / 2 - h * (_dot(v, pulled) + h / 2 * square)
         if points is not None:
             grown = h * _dot(b, v)
             then.rest[0] += grown * (s + grown / 2)
-            s, left = _root(then.rest), points.left(points.strains(after)[1])
+            s, left = _root(then.rest), points.energies_and_forces(after)[0] - strained / 2
             gap_s = np.sqrt(2 * np.maximum(left + then.rest[1], 0.0)) - s
             added += gap_s * (s + gap_s / 2)
         budget, share = now.tank[0] + drawn, np.ones(B)
@@ -219,17 +224,15 @@ class BatchDeformation:
         residual = 2 / h * (v - r) + body.external_damping @ v + body.springs @ middle + self._pulled(middle, stressed)
         residual -= self._loads(dead, u, middle, strains)
         if points is not None:
-            F, E = points.strains(middle)
-            S = points.stress(E)
-            residual += points.resultant(F, S)
+            residual += points.energies_and_forces(middle)[1]
         then.inverse[:] = now.inverse
         stale = now.stale[0].nonzero()[0]
         if len(stale):
-            geometric = stressed[m:, stale].T[:, self._tables.place]
+            geometric = stressed[:, stale].T[:, self._places]
             if points is not None:
-                S = S.reshape(6, -1, q.shape[1])
-                geometric = geometric + [body.geometric(S[:, :, body_]) for body_ in stale]
-            matrices = (h / 2 + self._β) * self._stiffness(strains[:, stale]) + self._fixed
+                S = points.stress(points.strains(middle[:, stale])[1]).reshape(6, -1, len(stale))
+                geometric = geometric + [body.geometric(each) for each in S.transpose(2, 0, 1)]
+            matrices = (h + 2 * self._β) * self._stiffness(strains[:, stale])[1] + self._fixed
             for body_, matrix, stiff in zip(stale, matrices, geometric, strict=True):
                 then.inverse[:, body_] = definite_inverse(matrix + h / 2 * stiff, matrix).ravel()
         expected: Array = v - np.einsum("ijb,jb->ib", then.inverse.reshape(m, m, -1), residual)
@@ -238,12 +241,14 @@ class BatchDeformation:
         expected[:, ~np.isfinite(far)] = 0.0
         return expected
 
-    def _slope(self, points: MaterialPoints, rest: Array, q: Array) -> Array:
+    def _slope(self, points: MaterialPoints, rest: Array, q: Array, upper: Array, stiffness: Array) -> Array:
         """b (m, B) at q (m, B), as `LinearlyImplicit._slope`; what is in `rest` (2, B) grows where it must."""
-        F, E = points.strains(q)
-        left, S = points.beyond_linear(E)
+        stored, b = points.energies_and_forces(q)
+        linear = upper[:, 1 : len(q) + 1].T
+        force = _times(stiffness, q) + linear
+        left = stored - (_dot(force + linear, q) + upper[:, 0]) / 4
+        b -= force
         rest[1] = np.where(left + rest[1] < rest[1] / 2, np.minimum(rest[1] + 4 * np.abs(left), points.most), rest[1])
-        b = points.resultant(F, S)
         b /= np.sqrt(2 * np.maximum(left + rest[1], rest[1] / 4))
         steep = np.sqrt(_dot(b, b))
         b *= np.where(steep > self._steepest, self._steepest / steep, 1.0)
@@ -252,16 +257,15 @@ class BatchDeformation:
     def _pulled(self, q: Array, stressed: Array) -> Array:
         """Forces (m, B) of stresses (r, B) at q (m, B)."""
         m = len(q)
-        force: Array = np.einsum("ijb,jb->ib", stressed[m:].take(self._tables.place, 0), q)
+        force: Array = np.einsum("ijb,jb->ib", stressed.take(self._places, 0), q)
         force += stressed[:m]
         return force
 
-    def _stiffness(self, strains: Array) -> Array:
-        """AᵀC₀A (B, m, m) of shapes of strains (r, B)."""
-        upper = strains.T @ self._tables.stiffness.T
-        upper += self._tables.at_rest
-        stiffness: Array = upper.take(self._tables.place, axis=1)
-        return stiffness
+    def _stiffness(self, strains: Array) -> tuple[Array, Array]:
+        """Upper triangles (B, ...) of ½ K(x), as far as they are used, and ½ AᵀC₀A (B, m, m), of strains (r, B)."""
+        upper = strains.T @ self._by_strains.T
+        upper += self._at_rest
+        return upper, upper.take(self._upper, axis=1)
 
     def _loads(self, dead: Array, u: Array, q: Array, strains: Array) -> Array:
         """Generalized forces (m, B) of the inputs (p, B) on bodies at q (m, B)."""
@@ -316,6 +320,12 @@ def _dot(one: Array, other: Array) -> Array:
     """Scalar products (B,) of columns."""
     product: Array = np.einsum("rb,rb->b", one, other)
     return product
+
+
+def _times(matrices: Array, vectors: Array) -> Array:
+    """Products (m, B) of matrices (B, m, m) with columns."""
+    products: Array = (matrices @ vectors.T[:, :, None])[:, :, 0].T
+    return products
 
 
 def _root(rest: Array) -> Array:

@@ -32,8 +32,10 @@ def test_monomials_have_the_energy_forces_and_stiffness_of_all_points(bodies):
         found = [
             (
                 strains.at(carried) @ strains.stressed(strains.at(carried)),
-                near.pulled(strains.stressed(near.y)),
+                *near.elastic,
+                near.pulled(strains.stressed(strains.at(carried))),
                 near.pulled(strains.viscosity * strains.stressed(near.rates(v))),
+                near.pulled(strains.stressed(strains.rates(carried, v))),
                 near.stiffness(1e-3),
                 near.pulled(strains.stressed(near.damped(v, 1e-3, is_elastic=True))),
                 near.pulled(strains.stressed(near.damped(v, 1e-3, is_elastic=False))),
@@ -48,14 +50,29 @@ def test_monomials_have_the_energy_forces_and_stiffness_of_all_points(bodies):
 
 
 def after_and_next(strains, q, middle, v):
-    """The energy at q, and forces by what is damped around another shape, elastic and not: as if found one by one."""
+    """Energy at q, forces by what is damped around another shape, elastic and not, and there by the stresses at q."""
+
+    def as_found_alone(found, alone):
+        assert np.abs(found - alone).max() <= ROUND_OFF * np.abs(alone).max()
+        return found
+
+    stresses, alone = strains.stressed(strains.at(q)), strains.around(middle)
     for is_elastic in (True, False):
-        y, z, near, damped = strains.with_next(q, middle, v, 1e-3, is_elastic)
-        expected = strains.at(q), strains.stressed(y), strains.stressed(near.damped(v, 1e-3, is_elastic))
-        for found, alone in zip((y, z, damped), expected, strict=True):
-            assert np.abs(found - alone).max() <= ROUND_OFF * np.abs(alone).max()
-        yield y @ z
-        yield near.pulled(damped)
+        shape, near, damped = strains.with_next(q, middle, v, 1e-3, is_elastic)
+        yield as_found_alone(shape.energy, strains.at(q) @ stresses / 2)
+        yield as_found_alone(damped, alone.pulled(strains.stressed(alone.damped(v, 1e-3, is_elastic))))
+        yield as_found_alone(near.stiffness(0.0), alone.stiffness(0.0))
+    near, pulled = shape.around(middle)
+    yield as_found_alone(pulled, alone.pulled(stresses))
+    yield as_found_alone(near.stiffness(0.0), alone.stiffness(0.0))
+
+
+def test_stresses_of_rows_are_those_of_each(bodies):
+    body = bodies[LAWS[0]].deformation
+    for strains in (MonomialStrains(body), PointStrains(body)):
+        rows = np.array([strains.at(q) for q in 0.01 * np.random.default_rng(0).standard_normal((3, body.order))])
+        for row, found in zip(rows, strains.stressed(rows), strict=True):
+            np.testing.assert_allclose(found, strains.stressed(row), rtol=0, atol=ROUND_OFF * np.abs(found).max())
 
 
 @pytest.mark.parametrize("law", LAWS)

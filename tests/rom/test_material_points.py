@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from soft_rom import soft_rom
 
-from fenics_rom.mechanics.hyperelastic import energy_density, linear_stress
 from fenics_rom.rom.material_points import MaterialPoints
 
 BODIES, ROUND_OFF = 7, 1e-10  # relative; of strains that a rotation hides most of
@@ -19,29 +18,20 @@ def near(found, expected):
     assert np.abs(found - expected).max() <= ROUND_OFF * np.abs(expected).max()
 
 
-def test_energies_and_forces_of_many_shapes_are_those_of_each(body):
+def test_strains_and_forces_of_many_shapes_are_those_of_each(body):
     points, q = MaterialPoints(body), 0.01 * np.random.default_rng(0).standard_normal((body.order, BODIES))
     F, E = points.strains(q)
-    left, S = points.beyond_linear(E)
-    forces, beyond = points.resultant(F, points.stress(E)), points.resultant(F, S)
-    λ, μ = body.weights * body.first_lame, body.weights * body.shear
+    forces = points.resultant(F, points.stress(E))
     for k, shape in enumerate(q.T):
-        H, strains = body.displacement_gradients(shape), body.strains(shape)
-        near(F.reshape(3, 3, -1, BODIES)[..., k], H + np.eye(3)[:, :, None])
-        near(E.reshape(6, -1, BODIES)[..., k], strains)
+        near(F.reshape(3, 3, -1, BODIES)[..., k], body.displacement_gradients(shape) + np.eye(3)[:, :, None])
+        near(E.reshape(6, -1, BODIES)[..., k], body.strains(shape))
         near(forces[:, k], body.force(shape) - body.springs @ shape)
-        linear = linear_stress(strains, λ, μ)
-        near(forces[:, k] - beyond[:, k], body.resultant(H, linear))
-        energy = energy_density(body.law, strains, λ, μ)
-        assert left[k] == pytest.approx((energy - (linear * strains).sum(axis=0) / 2).sum(), rel=1e-10)
-    np.testing.assert_array_equal(points.left(E), left)
 
 
 def test_one_shape_may_be_given_alone_after_many(body):
     points, q = MaterialPoints(body), 0.01 * np.random.default_rng(1).standard_normal((body.order, BODIES))
-    many = points.left(points.strains(q)[1])
+    points.stress(points.strains(q)[1])
     F, E = points.strains(q[:, 0])
-    assert points.left(E) == pytest.approx(many[:1], rel=1e-10)
     near(points.resultant(F, points.stress(E))[:, 0], body.force(q[:, 0]) - body.springs @ q[:, 0])
 
 
@@ -51,9 +41,12 @@ def test_rates_are_the_slopes_of_a_parabola(body):
     near(points.rates(points.strains(q)[0], v), (after - before) / 2)
 
 
-def test_a_shape_and_the_next_one_are_found_together(body):
-    points, (q, soon) = MaterialPoints(body), 0.01 * np.random.default_rng(2).standard_normal((2, body.order))
-    E, left, F, S = points.with_next(q, soon)
-    near(E, body.strains(q))
-    assert left == pytest.approx(points.left(points.strains(q)[1])[0], rel=1e-10)
-    near(points.resultant(F, S)[:, 0], body.force(soon) - body.springs @ soon)
+def test_energies_and_forces_are_those_of_the_body(body):
+    points, q = MaterialPoints(body), 0.01 * np.random.default_rng(2).standard_normal((body.order, BODIES))
+    energies, forces = points.energies_and_forces(q)
+    for k, shape in enumerate(q.T):
+        assert energies[k] == pytest.approx(body.elastic_energy(body.strains(shape)), rel=1e-10)
+        near(forces[:, k], body.force(shape) - body.springs @ shape)
+    alone = points.energies_and_forces(q[:, 0])
+    near(alone[0], energies[:1])
+    near(alone[1], forces[:, :1])

@@ -24,7 +24,6 @@ class Expected(NamedTuple):
     before: Array  # v̂ of the step before
     reactions: Array  # of strokes then (n,)
     middle: Array  # with that
-    σ: Array  # there
     residual: Array  # forces out of balance there
     tangent: Array  # T
     made_tangent: bool  # whether in this step

@@ -33,7 +33,7 @@ class ExpectedVelocity(NamedTuple):
 
     def pull_back(self, value_: Array, tangent_: Array) -> Expectation:
         """What is owed to the value (m,), and by later steps to T, goes to what both came of."""
-        maps, (v, reactions, middle, σ, residual, T, made_tangent, whole, value) = self.maps, self.was
+        maps, (v, reactions, middle, residual, T, made_tangent, whole, value) = self.maps, self.was
         body, strains, h = maps.body, maps.strains, maps.h
         if value is not whole:
             square = float(whole @ whole)
@@ -42,9 +42,10 @@ class ExpectedVelocity(NamedTuple):
         w = -T @ value_
         tangent_ = -np.outer(value_, residual) + (tangent_ if len(tangent_) else 0.0)
         around, at = strains.around(middle), None if maps.st_venant else maps.material(middle)
+        σ = strains.stressed(around.damped(v, 0.0, maps.st_venant))
         σ_, middle_ = around.rates(w), strains.geometric(σ) @ w + body.springs @ w
         if made_tangent:
-            of_σ, of_middle = self._tangent_back(tangent_, at)
+            of_σ, of_middle = self._tangent_back(tangent_, σ, at)
             σ_, middle_, tangent_ = σ_ + of_σ, middle_ + of_middle, NONE
         if at is not None:
             middle_ = middle_ + maps.stiffened(at, w)
@@ -60,7 +61,7 @@ class ExpectedVelocity(NamedTuple):
         v_ = value_ + 2 / h * w + body.external_damping @ w + around.pulled(rates_) + h / 2 * middle_
         return Expectation(-inputs, middle_, -2 / h * w, v_, -(w @ maps.Sᵀ), of_reactions, tangent_)
 
-    def _tangent_back(self, tangent_: Array, at: Material | None) -> tuple[Array, Array]:
+    def _tangent_back(self, tangent_: Array, σ: Array, at: Material | None) -> tuple[Array, Array]:
         """What T, made here, owes to σ, and to the middle (m,): T⁻¹ = fixed + AᵀC₀A (h/2 + β) + h/2 G."""
         maps, T, m = self.maps, self.was.tangent, len(self.was.tangent)
         body, strains, h = maps.body, maps.strains, maps.h
@@ -70,7 +71,7 @@ class ExpectedVelocity(NamedTuple):
         strained = ((h / 2 + strains.viscosity) * A.T).T @ N
         rows = [strains.geometric(strains.stressed(column))[k] for k, column in enumerate(strained.T)]
         middle_ = 2 * np.sum(rows, axis=0)
-        geometric = strains.geometric(self.was.σ) + (0.0 if at is None else body.geometric(at.S))
+        geometric = strains.geometric(σ) + (0.0 if at is None else body.geometric(at.S))
         if not is_definite(maps.fixed + around.stiffness(h / 2) + h / 2 * geometric):
             return np.zeros(strains.size), middle_
         if at is not None:

@@ -8,7 +8,6 @@ before, and what remains is the mismatch that a run reports.
 """
 
 import math
-from collections.abc import Callable
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
@@ -17,7 +16,7 @@ from numpy import ndarray as Array
 from fenics_rom.mechanics.actuator_forces import ActuatorForces
 from fenics_rom.mechanics.contact import ObstacleMotion
 from fenics_rom.mechanics.energy_ledger import EnergyLedger
-from fenics_rom.rom.carried_strains import MonomialsAround, PointsAround, carried_strains
+from fenics_rom.rom.carried_strains import MonomialsAround, MonomialShape, PointsAround, PointShape, carried_strains
 from fenics_rom.rom.deformation import ReducedDeformation
 from fenics_rom.rom.material_points import MaterialPoints
 from fenics_rom.rom.rom import Rom
@@ -41,9 +40,7 @@ MISMATCH_LIMIT = 0.03  # of the largest strain, in the energy norm
 class Shape(NamedTuple):
     """What a step leads to."""
 
-    ε: Array
-    σ: Array  # C₀ε
-    E: Array | None  # of the points (6, P), where the material needs them
+    strains: MonomialShape | PointShape
     left: float  # energy that is not ½ E:C₀E, J
 
 
@@ -52,16 +49,15 @@ class Middle(NamedTuple):
 
     q: Array
     around: MonomialsAround | PointsAround
-    σ: Array  # of what is strained and damped, but for what of branches is there before the step
-    points: tuple[Array, Array]  # F (3, 3, P) and S (6, P) of the points; empty where the material needs them not
+    force: Array  # of what is strained and damped, but for what of branches is there before the step (m,)
 
 
 class LinearlyImplicit(FiniteStrainKernel):
     """One linear system a step. Arguments and attributes as in FiniteStrainKernel."""
 
     NOTES = ("distance", "strained", "mismatch")  # strained: energy of the strains at most, J
-    _next: Middle | None = None  # None: not known
-    _next_before: Middle | None = None
+    _next: tuple[Shape, Middle] | None = None  # None: not known
+    _next_before: tuple[Shape, Middle] | None = None
 
     @staticmethod
     def strain_count(body: ReducedDeformation) -> int:
@@ -83,11 +79,12 @@ class LinearlyImplicit(FiniteStrainKernel):
         self._points = None if body.law == "st_venant_kirchhoff" else MaterialPoints(body)
         self._strains = carried_strains(body)
         size, m = self._strains.size, body.order
-        self._carried = np.zeros(2 * size + m + 3)
+        self._carried = np.zeros(2 * size + m + 5)
         self._carried_before = self._carried.copy()
-        # ε and C₀ε; v̂ of the step before; the energy ½ s² - c, c, and the energy tank, J.
-        self._ε, self._σ = self._carried[: 2 * size].reshape(2, size)
-        self._previous_velocity, self._rest = self._carried[2 * size : -3], self._carried[-3:]
+        # ε and C₀ε where ε is not E(q), else 0; v̂ of the step before; the energy ½ s² - c, c, the energy tank and the
+        # energy of ε, J, and whether ε is not E(q).
+        self._strained = self._carried[: 2 * size].reshape(2, size)
+        self._previous_velocity, self._rest = self._carried[2 * size : -5], self._carried[-5:]
         self.resume(np.empty(0))
 
     @property
@@ -103,13 +100,12 @@ class LinearlyImplicit(FiniteStrainKernel):
         if len(auxiliary):
             self._carried[:] = auxiliary[:own]
             return
-        q = self._coordinates()
-        self._ε[:] = self._strains.at(q)
-        self._σ[:] = self._strains.stressed(self._ε)
+        self._carried[:] = 0.0
         self._previous_velocity[:] = self._r
-        self._rest[:] = 0.0
+        q = self._coordinates()
+        self._rest[3] = energy = self._strains.around(q).elastic[0]
         if self._points is not None:
-            (left,) = self._points.left(self._points.strains(q)[1])
+            left = float(self._points.energies_and_forces(q)[0][0]) - energy
             self._rest[:2] = left, min(1e-4 * self._points.most + 4 * abs(left), self._points.most)
 
     @property
@@ -161,14 +157,18 @@ class LinearlyImplicit(FiniteStrainKernel):
         q, r = self._e * self._inverse_ω, self._r
         u, given = (u, None) if self._actuators is None else self._actuators.split(u)
         start = 2 / h * r if self._springs is None else 2 / h * r - self._springs.dot(q)
-        expected = self._expected(u, q, start)
+        shape, soon = self._next or self._looked_ahead(q, self._previous_velocity)
+        expected = self._expected(u, soon, start)
         middle = q + h / 2 * expected.value
         pushed = self._loads(u, middle)
-        around = self._strains.around(middle)
+        around, pulled = shape.strains.around(middle)
         matrix = self._fixed + around.stiffness(h / 2 + self._stiffening_time)
-        pulled = around.pulled(self._with_history(self._σ))
+        if self._rest[4]:
+            pulled = around.pulled(self._strained[1])
+        if self.branches is not None:
+            pulled += around.pulled(self.branches.pull[1])
         right = start + pushed - pulled
-        b, s = None if self._points is None else self._slope(self._points, middle), 0.0
+        b, s = None if self._points is None else self._slope(self._points, around, middle), 0.0
         if b is not None:
             s = self._s
             matrix += np.multiply.outer(h / 2 * b, b)
@@ -197,32 +197,28 @@ class LinearlyImplicit(FiniteStrainKernel):
         held = NONE_HELD if self._actuators is None else self._actuators.held(reactions)
         self._taken = Taken(expected, matrix, reactions, held)
 
-        def rates() -> Array:
-            """Of ε and of C₀ε (2, size)."""
-            of_strains = around.rates(v)
-            return np.stack([of_strains, self._strains.stressed(of_strains)])
-
         square, viscous = around.squares(v)
         heat = h * (float(v.dot(body.external_damping.dot(v))) + viscous)
         if self.branches is not None:
-            heat += self.branches.step(rates())
+            heat += self.branches.step(self._with_stress(around.rates(v)))
         self._previous_velocity[:], self._next_before = v, self._next
         if b is not None:
             grown = h * float(b.dot(v))
             self._rest[0] += grown * (s + grown / 2)
-        after = q + h * v
+        e = (q + h * v) * self._ω
+        after = e * self._inverse_ω  # as the next step, or one that goes on from a saved state, will have it
         strained_more = h * (float(v.dot(pulled)) + h / 2 * square)
-        shape, self._next = self._looked_ahead(after, v)
-        taken_back, strained, gap = self._taken_back(shape, strained_more, heat, rates)
+        self._next = shape, _ = self._looked_ahead(after, v)
+        taken_back, gap = self._taken_back(shape, strained_more, heat, (q, after, around, v))
         dissipated = heat - taken_back - (0.0 if given is None else h * float(rubbed.dot(v)))
         residual, heat_of_residual = self._step_residual(contact)
         contacts = self._contacts(v, contact, h, residual)
         self._leave(StepWork(h * float(pushed.dot(v)), dissipated + heat_of_residual, contacts))
-        np.multiply(after, self._ω, self._e)
+        self._e[:] = e
         np.subtract(v + v, r, r)
         self.contact, self.reactions = contact, reactions
-        self._note(after, shape.E, self._acting(u))
-        self._note_mismatch(strained, gap)
+        self._note(after, None, self._acting(u))
+        self._note_mismatch(2 * shape.strains.energy, gap)
         return 2 * self._energy(after)
 
     def adjoint(self, u: Array) -> "LinearlyImplicitAdjoint":
@@ -232,7 +228,9 @@ class LinearlyImplicit(FiniteStrainKernel):
         contact, is_kink = contact_adjoint(self._interface)
         residual = None if self.residual is None else self.residual.state.reshape(4, -1).copy()
         before, after = (self._state_before, self._carried_before), (self.state, self._carried)
-        states = [part.copy() for part in (*before, *after)]
+        states = [
+            part for state, carried in (before, after) for part in (state.copy(), self._with_strains(state, carried))
+        ]
         u = u if self._actuators is None else self._actuators.split(u)[0]
         return LinearlyImplicitAdjoint(self._maps, u, self._taken, states, residual, contact, is_kink)
 
@@ -241,6 +239,13 @@ class LinearlyImplicit(FiniteStrainKernel):
         from fenics_rom.runtime.steppers.linearly_implicit_adjoint import start_pulled_back
 
         return start_pulled_back(self._maps, q, after)
+
+    def _with_strains(self, state: Array, carried: Array) -> Array:
+        """What is carried beside a state, with ε and C₀ε wherever ε is E(q)."""
+        if carried[-1]:
+            return carried.copy()
+        strains = self._with_stress(self._strains.at(state[: self._model.order] * self._inverse_ω))
+        return np.concatenate([strains.ravel(), carried[strains.size :]])
 
     @property
     def _maps(self) -> LinearlyImplicitMaps:
@@ -261,23 +266,24 @@ class LinearlyImplicit(FiniteStrainKernel):
             STEEPEST_FREQUENCY * float(self._ω[-1]),
         )
 
-    def _expected(self, u: Array, q: Array, start: Array) -> Expected:
+    def _expected(self, u: Array, soon: Middle, start: Array) -> Expected:
         """v̂ of this step, from that of the step before by one iteration of Newton's, with a tangent that may be older.
 
         Any A balances energy, but where stresses make a motion stiff, one that is not of this step would let it grow.
         `start` is 2/h r less the springs' pull at q.
         """
-        h, body, v, points = self.h, self._body, self._previous_velocity, self._points
-        middle, around, σ, (F, S) = self._next or self._looked_ahead(q, v)[1]
-        relaxation, σ = self._stiffening_time, self._with_history(σ)
-        residual = self._fixed.dot(v) - start + around.pulled(σ)
-        if points is not None:
-            residual += points.resultant(F, S)[:, 0]
+        h, body, v = self.h, self._body, self._previous_velocity
+        middle, around, force = soon
+        residual = self._fixed.dot(v) - start + force
+        if self.branches is not None:
+            residual += around.pulled(self.branches.pull[1])
         is_new = not len(self.tangent)
         if is_new:
-            matrix, geometric = self._fixed + around.stiffness(h / 2 + relaxation), self._strains.geometric(σ)
-            if points is not None:
-                geometric = body.geometric(S) + geometric
+            matrix = self._fixed + around.stiffness(h / 2 + self._stiffening_time)
+            σ = self._strains.stressed(around.damped(v, self._stiffening_time, self._points is None))
+            geometric = self._strains.geometric(σ if self.branches is None else σ + self.branches.pull[1])
+            if self._points is not None:
+                geometric = body.geometric(self._points.stress(self._points.strains(middle)[1])) + geometric
             self.tangent = definite_inverse(matrix + h / 2 * geometric, matrix)
         residual -= self._loads(u, middle)
         if self._actuators is not None:
@@ -287,22 +293,22 @@ class LinearlyImplicit(FiniteStrainKernel):
         whole = v - self.tangent.dot(residual)
         far = h / 2 * math.sqrt(whole.dot(whole))
         if not math.isfinite(far):
-            value = np.zeros_like(q)
+            value = np.zeros_like(v)
         else:  # it can hardly go further than it was trained
             value = whole if far <= body.training_radius else whole * (body.training_radius / far)
-        return Expected(v.copy(), self.reactions, middle, σ, residual, self.tangent, is_new, whole, value)
+        return Expected(v.copy(), self.reactions, middle, residual, self.tangent, is_new, whole, value)
 
     def _looked_ahead(self, q: Array, v: Array) -> tuple[Shape, Middle]:
         """The shape that a step with v̂ leads to, and the middle of the next one: what both need is found together."""
         points, middle = self._points, q + self.h / 2 * v
-        ε, σ, around, stressed = self._strains.with_next(q, middle, v, self._stiffening_time, points is None)
+        strains, around, force = self._strains.with_next(q, middle, v, self._stiffening_time, points is None)
         if points is None:
-            return Shape(ε, σ, None, 0.0), Middle(middle, around, stressed, (NONE, NONE))
-        E, left, F, S = points.with_next(q, middle)
-        return Shape(ε, σ, E, left), Middle(middle, around, stressed, (F, S))
+            return Shape(strains, 0.0), Middle(middle, around, force)
+        stored, forces = points.energies_and_forces(np.array([q, middle]).T)
+        return Shape(strains, float(stored[0]) - strains.energy), Middle(middle, around, force + forces[:, 1])
 
     def _energy(self, q: Array) -> float:
-        twice = float(self._σ.dot(self._ε)) + float(self._r.dot(self._r))
+        twice = 2 * float(self._rest[3]) + float(self._r.dot(self._r))
         if self._springs is not None:
             twice += float(q.dot(self._springs.dot(q)))
         return self._with_carried_energy(twice / 2 + float(self._rest[0]))
@@ -312,48 +318,54 @@ class LinearlyImplicit(FiniteStrainKernel):
         """Of branches, s."""
         return 0.0 if self.branches is None else self.branches.stiffening_time
 
-    def _with_history(self, σ: Array) -> Array:
-        """σ with C₀ times what of the strains of branches is left to pull in a step."""
-        return σ if self.branches is None else σ + self.branches.pull[1]
+    def _with_stress(self, strains: Array) -> Array:
+        """(2, size): some strains, and C₀ times them."""
+        return np.stack([strains, self._strains.stressed(strains)])
 
     @property
     def _s(self) -> float:
         return math.sqrt(2 * max(float(self._rest[0] + self._rest[1]), 0.0))
 
-    def _slope(self, points: MaterialPoints, q: Array) -> Array:
+    def _slope(self, points: MaterialPoints, around: MonomialsAround | PointsAround, q: Array) -> Array:
         """b = ∂√(2 (Ψ + c))/∂q (m,) of the energy Ψ that is left at q; c grows where Ψ comes near -c.
 
         Up to a bound, as what is in s and what is in ε must not grow against each other. Any b balances energy; one
         much steeper than the stiffest mode, as where a point is all but flat, would drown it in round-off.
         """
-        F, E = points.strains(q)
-        lefts, S = points.beyond_linear(E)
-        left, c, steepest = float(lefts[0]), float(self._rest[1]), STEEPEST_FREQUENCY * float(self._ω[-1])
+        (stored,), forces = points.energies_and_forces(q)
+        of_strains, force = around.elastic
+        left, c, steepest = float(stored) - of_strains, float(self._rest[1]), STEEPEST_FREQUENCY * float(self._ω[-1])
         if left + c < c / 2:
             self._rest[1] = c = min(c + 4 * abs(left), points.most)  # ½ s² - c stays what it was
-        b = points.resultant(F, S)[:, 0] / math.sqrt(2 * max(left + c, c / 4))
+        b: Array = (forces[:, 0] - force) / math.sqrt(2 * max(left + c, c / 4))
         steep = math.sqrt(b.dot(b))
         return b if steep <= steepest else b * (steepest / steep)
 
     def _taken_back(
-        self, shape: Shape, strained_more: float, dissipated: float, rates: Callable[[], Array]
-    ) -> tuple[float, float, float]:
-        """Moves strains, also of branches, and s to those of a shape; by A v̂ they went at `rates`, and stored more.
+        self,
+        shape: Shape,
+        strained_more: float,
+        dissipated: float,
+        moved: tuple[Array, Array, MonomialsAround | PointsAround, Array],
+    ) -> tuple[float, float]:
+        """Moves strains, also of branches, and s to those of a shape; by A v̂ they `went`, and stored more.
 
-        Energies, J: added (< 0: taken), of ε, of the gap.
+        Energies, J: added (< 0: taken), of the gap.
 
         At most what is in the tank, which holds what was dissipated in this and the steps before, up to what strains
         store (as in teleoperation: Franken et al., 2011): a step may give back, and the run never more than it got.
         """
-        (ε, σ, _, left), s, gap_s, share, gap_square = shape, 0.0, 0.0, 1.0, 0.0
+        (strains, left), s, gap_s, share, gap_square = shape, 0.0, 0.0, 1.0, 0.0
         if self._points is not None:
             s = self._s
             gap_s = math.sqrt(2 * max(left + float(self._rest[1]), 0.0)) - s
-        strained, budget = float(σ.dot(ε)), float(self._rest[2]) + dissipated
-        added = (strained - float(self._σ.dot(self._ε))) / 2 - strained_more + gap_s * (s + gap_s / 2)
+        energy, budget = strains.energy, float(self._rest[2]) + dissipated
+        added = energy - float(self._rest[3]) - strained_more + gap_s * (s + gap_s / 2)
         if self.branches is not None or added > budget:
-            went = self._carried[: 2 * len(ε)].reshape(2, -1) + self.h * rates()
-            gap = np.stack([ε, σ]) - went
+            q, after, around, v = moved
+            aimed = self._strains.at(after)
+            went = (self._strained[0] if self._rest[4] else self._strains.at(q)) + self.h * around.rates(v)
+            went, gap = self._with_stress(went), self._with_stress(aimed - went)
             square = gap_square = float(gap[1].dot(gap[0])) + gap_s**2
             slope = float(gap[1].dot(went[0])) + gap_s * s
             if self.branches is not None:
@@ -363,14 +375,17 @@ class LinearlyImplicit(FiniteStrainKernel):
                 root = math.sqrt(max(slope**2 + 2 * square * budget, 0.0))
                 share = min(2 * budget / (slope + root) if slope > 0 else (root - slope) / square, 1.0)
             added = share * slope + share**2 * square / 2
-            ε, σ = went + share * gap
+            if share < 1:
+                self._strained[:] = went + share * gap
+                energy = float(self._strained[1].dot(self._strained[0])) / 2
             if self.branches is not None:
                 self.branches.move(share * gap)
-        self._ε[:], self._σ[:] = ε, σ
+        if self._rest[4] and share == 1:
+            self._strained[:] = 0.0
         if gap_s:
             self._rest[0] += share * gap_s * (s + share * gap_s / 2)
-        self._rest[2] = min(max(budget - added, 0.0), strained)
-        return added, strained, (1 - share) ** 2 * gap_square
+        self._rest[2:] = min(max(budget - added, 0.0), 2 * strains.energy), energy, share < 1
+        return added, (1 - share) ** 2 * gap_square
 
     def _note_mismatch(self, strained: float, gap: float) -> None:
         """Notes the energies of strains, and of what those that are carried along lack of them, J."""
