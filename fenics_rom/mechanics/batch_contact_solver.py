@@ -325,9 +325,10 @@ class _Chosen(NamedTuple):
     def make_passive(self, forces: Array, response: Response) -> Array:
         """Makes forces, and their response, smaller where they would do work on a body; that which they do, (B,), W."""
         spent, given = (np.einsum("apb,apb->b", forces, velocity) for velocity in (response.moved, self.free))
-        with np.errstate(divide="ignore", invalid="ignore"):
-            share = np.where(spent > 0, np.clip(-given / spent, 0.0, 1.0), 1.0)
-        if (share < 1).any():
+        added = ((given + spent > 0) & (spent > 0)).nonzero()[0]
+        share = np.ones(len(spent))
+        if len(added):
+            share[added] = np.maximum(-given[added] / spent[added], 0.0)
             np.multiply(forces, share, out=forces)
             response.scale(share)
         work: Array = share * (given + share * spent)

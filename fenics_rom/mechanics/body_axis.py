@@ -10,7 +10,7 @@ from numpy import ndarray as Array
 
 def in_one_piece(bodies: Array) -> Array | slice:
     """Distinct bodies in rising order as a slice, where they are one after the other: views cost nothing."""
-    if len(bodies) and bodies[-1] - bodies[0] == len(bodies) - 1 and (np.diff(bodies) == 1).all():
+    if len(bodies) and bodies[-1] - bodies[0] == len(bodies) - 1 and (bodies[1:] - bodies[:-1]).min(initial=1) == 1:
         return slice(int(bodies[0]), int(bodies[-1]) + 1)
     return bodies
 

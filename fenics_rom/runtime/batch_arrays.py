@@ -32,6 +32,14 @@ def keep_freed_memory() -> None:
     np.empty(KEPT_BYTES, np.uint8)
 
 
+def distinct(times: Array) -> tuple[Array, Array]:
+    """The instants among times (size,), and which of them each is; mostly one, as of bodies that began together."""
+    if times.min() == times.max():
+        return times[:1], np.zeros(len(times), int)
+    instants, which = np.unique(times, return_inverse=True)
+    return instants, which
+
+
 class StepCoefficients(NamedTuple):
     """What a step of one length multiplies with, for each of c contact models."""
 

@@ -27,6 +27,7 @@ from fenics_rom.mechanics.readings import ContactPressure
 from fenics_rom.mechanics.signals import real_numbers_or_nan
 from fenics_rom.rom.residual_part import residual_part, strained_points
 from fenics_rom.rom.rom import Rom
+from fenics_rom.runtime.batch_arrays import distinct
 from fenics_rom.runtime.batch_contact_mode import BatchContactMode, by_axis
 from fenics_rom.runtime.batch_residual import BatchResidual
 from fenics_rom.runtime.steppers.contact_interface import contact_interface
@@ -201,7 +202,7 @@ class BatchContact:
         ends, h = self._placed.copy(), self._h
         follows = np.isnan(ends)
         if follows.any():
-            instants, which = np.unique(times, return_inverse=True)
+            instants, which = distinct(times)
             scene = np.stack([self._offsets_at(time + h) for time in instants], axis=-1)
             if not (np.abs(scene) <= FARTHEST).all():
                 raise StepError(
@@ -230,7 +231,7 @@ class BatchContact:
         self._clear[bodies] = clear - h * (fast + fastest)
         return near
 
-    def step(self, mode: int, bodies: Array, x: Array, r: Array, w: Array, energy: Array) -> ContactStep:
+    def step(self, mode: int, bodies: Array, x: Array, r: Array, w: Array) -> ContactStep:
         """Contact of bodies in one contact mode.
 
         Args:
@@ -238,7 +239,6 @@ class BatchContact:
             bodies: (B,) which.
             x, r: (B, m) at the start, x = 2 q/h.
             w: (B, m) 2 v̂ without contact.
-            energy: (B,) stored in the basis at the start, J.
         """
         h, kind, B, own = self._h, self._modes[mode], len(bodies), in_one_piece(bodies)
         P = len(kind.S) // 3
@@ -284,7 +284,7 @@ class BatchContact:
         if len(some):
             put(self._forces, bodies[some], np.zeros((3, P, len(some))))
             works[2, some] = self.residual.step(kind, in_one_piece(bodies[some]))
-            self.residual.forget(kind, bodies[some], energy[some])
+            self.residual.forget(kind, bodies[some], kind.stored(x[some], r[some]))
         return ContactStep(touching, push, works)
 
     def _note(self, found: BatchForces, obstacles: BatchObstacles, bodies: Array | slice) -> Array:

@@ -44,6 +44,12 @@ class BatchContactMode:
         W = spread @ self.S.T
         self.operator = Splitting((W + W.T) / 2 + self._yields)
 
+    def stored(self, x: Array, r: Array) -> Array:
+        """Energy (B,) in the basis, of x = 2 q/h and r (B, m), J."""
+        strained = x[:, : self.model.order] * (self.h / 2 * np.sqrt(self.model.eigenvalues))
+        energy: Array = (np.square(strained).sum(axis=1) + np.square(r).sum(axis=1)) / 2
+        return energy
+
     def unforced(self, place: Array, rate: Array) -> Array:
         """Mid-step rates of residual parts from places and rates at the start, all of one shape, if no forces act."""
         inertia, whole, _ = self.relaxation

@@ -7,6 +7,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
+from fenics_rom.mechanics.body_axis import in_one_piece
 from fenics_rom.runtime.batch_arrays import Segment
 from fenics_rom.runtime.batched_bodies import BY_CONTACT, BY_OBSTACLES, DISSIPATED, SUPPLIED, TIME, BatchedBodies
 
@@ -74,12 +75,13 @@ class SteppedBodies(BatchedBodies):
             np.add(w, spare, out=w)
             np.multiply(inertial, r, out=spare)
             np.add(w, spare, out=w)
+            driven = w if contacts is None or not any(couplings) else w.copy()
             for segment in segments:
                 self._respond(segment, couplings[segment.mode], self._works[:, segment.rows])
             if contacts is not None:
                 first, last = segments[0].rows.start, segments[-1].rows.stop
                 found = contacts.look(layout.body[first:last], w, r).nonzero()[0]
-                near.append((first + found, x[found], r[found]))
+                near.append((first + found, *(np.take(part, found, axis=0) for part in (x, r, driven))))
             np.add(x, w, out=x)
             np.subtract(w, r, out=r)
         self._account[TIME] += self._dt
@@ -136,22 +138,28 @@ class SteppedBodies(BatchedBodies):
             nearest = contacts.nearest_modes(self._layout.mode[bodies], self.state(bodies)[0], bodies)
             self.switch(np.array(self._models.names)[nearest], bodies)
 
-    def _meet_obstacles(self, contacts: "BatchContact", rows: Array, x: Array, r: Array) -> None:
-        """Takes the step of rows (B,) again, from where they were, x and r (B, m), with contact."""
-        layout, (factors, push, couplings) = self._layout, self._coefficients
+    def _meet_obstacles(self, contacts: "BatchContact", rows: Array, x: Array, r: Array, driven: Array) -> None:
+        """Takes the step of rows (B,) again, with contact.
+
+        Args:
+            contacts: of all bodies.
+            rows: which.
+            x, r: (B, m) where they were.
+            driven: (B, m) what drives them without contact, as `StepCoefficients.push` has it; made another.
+        """
+        layout, couplings = self._layout, self._coefficients.coupling
         modes = layout.mode[layout.body[rows]]
         for mode in np.unique(modes).tolist():
             inside = (modes == mode).nonzero()[0]
             for part in np.array_split(inside, math.ceil(len(inside) / MOST_TOGETHER)):
-                own, x_own, r_own, ω = rows[part], x[part], r[part], self._models.frequencies[mode]
-                u, bodies, works = layout.inputs[own], layout.body[own], np.zeros((2, len(own)))
-                driven = u @ push[mode] + factors[0, mode] * x_own + factors[1, mode] * r_own
-                w = driven if couplings[mode] is None else driven @ couplings[mode][0]
-                stored = (np.square(self._dt / 2 * ω * x_own).sum(axis=1) + np.square(r_own).sum(axis=1)) / 2
-                touched, pushed, done = contacts.step(mode, bodies, x_own, r_own, w, stored)
-                driven[touched] += pushed
-                self._respond(Segment(mode, slice(0), u, driven, np.empty_like(w)), couplings[mode], works)
-                layout.state[:, own] = x_own + driven, driven - r_own
+                within, own = in_one_piece(part), in_one_piece(rows[part])
+                x_own, r_own, w, coupling = x[within], r[within], driven[within], couplings[mode]
+                u, bodies, works = layout.inputs[own], layout.body[own], np.zeros((2, len(x_own)))
+                free = w if coupling is None else w @ coupling[0]
+                touched, pushed, done = contacts.step(mode, bodies, x_own, r_own, free)
+                w[in_one_piece(touched)] += pushed
+                self._respond(Segment(mode, slice(0), u, w, np.empty_like(w)), coupling, works)
+                layout.state[0, own], layout.state[1, own] = x_own + w, w - r_own
                 if self._ledger:
                     self._works[:, own] = works
                     self._account[BY_OBSTACLES : BY_CONTACT + 1, bodies] += done[:2]

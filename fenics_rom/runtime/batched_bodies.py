@@ -9,7 +9,7 @@ from numpy.typing import ArrayLike
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.signals import real_numbers_or_nan
 from fenics_rom.rom.rom import Rom
-from fenics_rom.runtime.batch_arrays import BatchLayout, Bodies, PaddedModels, StepCoefficients
+from fenics_rom.runtime.batch_arrays import BatchLayout, Bodies, PaddedModels, StepCoefficients, distinct
 
 if TYPE_CHECKING:
     from fenics_rom.mechanics.active_environment import ActiveEnvironment
@@ -297,7 +297,7 @@ class BatchedBodies:
 
     def _loads(self, environment: "ActiveEnvironment") -> Array:
         """What acts by itself in the step of each body, in the middle of it, (size, loads)."""
-        times, which = np.unique(self._account[TIME] + self._dt / 2, return_inverse=True)
+        times, which = distinct(self._account[TIME] + self._dt / 2)
         loads = np.array([environment.loads_at(time) for time in times])
         bad = np.flatnonzero(~(np.abs(loads) <= self._input_limit).all(axis=1))
         if len(bad):

@@ -31,6 +31,9 @@ shape = "half-space"
 point = [0.4005, 0, 0]
 normal = [-1, 0, 0]
 """
+OILED = """inertia = {}
+damping = { alpha = 0.5, beta = 1e-3, dashpots.oil = { surface = "bottom", coefficient = 30.0 } }
+"""
 READINGS = {
     "readings.sole": 'quantity = "contact_pressure"\nof = "bottom"',
     "readings.gauge": 'quantity = "strain"\nof = "bottom"',
@@ -42,8 +45,18 @@ pytestmark = pytest.mark.filterwarnings("ignore:the surface is", "ignore:switchi
 @pytest.fixture(scope="module")
 def rom(tmp_path_factory):
     """A box held on its left, over a floor, before a ball and a wall; two contact modes."""
+    return reduced(tmp_path_factory, MOVING + PUSH + BOUNCING + FLOOR + BALL_AND_WALL + ROUGH)
+
+
+@pytest.fixture(scope="module")
+def oiled(tmp_path_factory):
+    """The same box over a floor alone, with a dashpot below it: its damping is dense."""
+    return reduced(tmp_path_factory, OILED + PUSH + BOUNCING + FLOOR + ROUGH)
+
+
+def reduced(tmp_path_factory, effects):
     mesh = write_arrays(tmp_path_factory.mktemp("many") / "box.msh", *box_arrays(LENGTHS, (4, 2, 2)))
-    scene = acted_on(mesh, MOVING + PUSH + BOUNCING + FLOOR + BALL_AND_WALL + ROUGH, **PARTS, **READINGS)
+    scene = acted_on(mesh, effects, **PARTS, **READINGS)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", FenicsRomWarning)
         return fr.reduce(fr.assemble(scene), order=8)
@@ -136,9 +149,15 @@ def test_bodies_move_as_those_that_are_simulated_one_by_one(rom, switching):
     np.testing.assert_allclose(bodies.supplied_by_obstacles, [one.ledger.obstacles for one in singles], rtol=1e-3)
 
 
-@pytest.mark.parametrize("normal", [[0.0, 0.0, 1.0], [0.003, 0.002, 1.0]], ids=["flat", "slope"])
-def test_on_one_plane_alone_bodies_move_as_single_ones(rom, normal):
+@pytest.mark.parametrize(
+    ("which", "normal"),
+    [("rom", [0.0, 0.0, 1.0]), ("rom", [0.003, 0.002, 1.0]), ("oiled", [0.0, 0.0, 1.0])],
+    ids=["flat", "slope", "oiled"],
+)
+def test_on_one_plane_alone_bodies_move_as_single_ones(request, which, normal):
     """A plane has axes of its own: forces, shapes and readings are along those of space; accounts close."""
+    rom = request.getfixturevalue(which)
+    assert all((model.damping.ndim == 2) == (which == "oiled") for model in rom.contact_models.values())
     floor, scene = replace(rom.environment.obstacles["floor"], shape=HalfSpace([0.0, 0.0, -2e-3], normal)), Scene(6)
     rom = replace(rom, environment=replace(rom.environment, obstacles={"floor": floor}))
     bodies, singles = scene.batch(rom), [scene.single(rom, k) for k in range(SIZE)]
