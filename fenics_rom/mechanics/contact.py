@@ -217,6 +217,8 @@ class ContactSearch(NamedTuple):
     def with_law(self, key: bytes, law: KeptLaw | None) -> tuple[tuple[bytes, KeptLaw], ...]:
         """`laws`, with that of pairs that have taken part now, and of other sets: of points that hardly touch."""
         if law is not None and self.laws and self.laws[0][0] == key:
+            if self.laws[0][1] is law:
+                return self.laws
             return (key, law), *self.laws[1:]
         others = [known for known in self.laws if known[0] != key]
         return (*([] if law is None else [(key, law)]), *others[: _MOST_SETS - 1])

@@ -151,6 +151,13 @@ class NormalRule:
         closing, half = self._rate[0] * gaps, self._half[0] * approach
         return closing, half, self._share[0] * (closing + half)
 
+    def level(self, gaps: Array, approach: Array) -> Array:
+        """NormalLaw.level of all rigid pairs with inertia alone; arguments as in `asks`."""
+        closing, later = gaps * self._rate, approach * self._half
+        later += closing
+        later *= self._share
+        return np.maximum(closing, later, later)
+
     def asks(self, gaps: Array, gap: float, w: Array | None, approach: Array) -> NormalLaw:
         """What the law says.
 

@@ -29,13 +29,12 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.errors import StepError
-from fenics_rom.mechanics.complementarity import NEGLIGIBLE_RESIDUAL, Delassus, solve
+from fenics_rom.mechanics.complementarity import NEGLIGIBLE_RESIDUAL, Delassus, Frames, solve
 from fenics_rom.mechanics.complementarity.solution import ADVICE, largest
 from fenics_rom.mechanics.contact import ContactLaw, ContactSearch, ContactSolution, ObstacleMotion, PointMotion
 from fenics_rom.mechanics.contact_pairs import Asked, NormalRule, Pairs, Settled, SolvedPairs, passive_forces
 from fenics_rom.mechanics.followed_contact import Followed, LawToFollow, PairsMotion, follow_contact
 from fenics_rom.mechanics.obstacles import Obstacle
-from fenics_rom.mechanics.steady_contact import SteadyPairs
 
 _ONES, _ROOT_3 = np.ones(3), math.sqrt(3.0)
 PENETRATION_TOLERANCE = 1e-9  # of the size of the body: as deep in an obstacle as round-off may have put a point
@@ -60,7 +59,6 @@ class ContactSolver:
 
     _considered: Pairs | None = None
     _solved: SolvedPairs | None = None
-    _is_refused: bool = False  # whether `follow` found forces, but friction would do work, or another pair take part
 
     def __init__(self, points: Array, obstacles: Sequence[Obstacle], law: ContactLaw):
         self.points, self.obstacles, self.law = np.array(points, dtype=float), tuple(obstacles), law
@@ -69,7 +67,6 @@ class ContactSolver:
         self._delassus, self._operators = np.empty((0, 0)), dict[bytes, tuple[Array, Delassus]]()
         self._rule: NormalRule | None = None
         self._offsets, self._placed = np.empty((0, 3)), list[Array]()  # the points at rest, less these
-        self._steady = dict[bytes, SteadyPairs]()
         self._followed: Callable[[], tuple[Pairs, SolvedPairs]] | None = None  # tells of the last step, if it was
 
     @property
@@ -116,7 +113,6 @@ class ContactSolver:
         obstacles: ObstacleMotion,
         quasi_static: bool = False,
         settled: Settled | None = None,
-        may_follow: bool = True,
     ) -> ContactSolution | None:
         """Contact forces of one step; None where nothing touches.
 
@@ -129,7 +125,6 @@ class ContactSolver:
             quasi_static: without impacts: a gap may close within the step but not beyond, s >= -max(g, 0)/h, and what
                 sticks does not move.
             settled: of the step, where it is solved in sweeps; this one adds to it.
-            may_follow: whether `follow` was not tried.
 
         Raises:
             StepError: no forces found; the next step begins as this one did.
@@ -139,15 +134,18 @@ class ContactSolver:
         gaps, normals = self._distances(points.displacement, obstacles.start)
         gap, w = gaps.item(gaps.argmin()), obstacles.velocities(dt)
         asked = self._asked(gaps, gap, obstacles, dt, quasi_static)
-        is_tried, slides = not (may_follow or self._is_refused), self.law.friction > 0 and not quasi_static
-        if may_follow and search.laws and settled is None:
+        is_tried, slides = False, self.law.friction > 0 and not quasi_static
+        if search.laws and settled is None:
             is_tried = True
             known = free, relative = self._relative(points, obstacles, w)
             motion = PairsMotion.of(search.frames_along(normals), free, relative, asked, slides)
-            given = LawToFollow.of(search, motion), motion, lambda: (points, *known)
-            followed = self._follow(*given, delassus, dt, obstacles, quasi_static)
+            followed, law = None, LawToFollow.of(search, motion.frames, motion.outwards < motion.asked.level)
+            if law is not None:
+                of_delassus = partial(self.operator_of, delassus), partial(self._moved, delassus)
+                followed = follow_contact(self.law, law, motion, *of_delassus)
             if followed is not None:
-                return followed
+                step = delassus, dt, obstacles, quasi_static
+                return self.keep_followed(followed, motion.frames, lambda: (points, *known), *step)
         is_near = self._touches or self.law.stiffness is not None  # where the last step touched, it hardly pays to ask
         if not is_near and out_of_reach(gap, points, obstacles, dt):
             return None
@@ -162,7 +160,7 @@ class ContactSolver:
             return None
         iterations, are_kept = 0, pairs.frames is search.frames
         while True:
-            active, operator = self._operator(delassus, chosen, key)
+            active, operator = self.operator_of(delassus, chosen, key)
             problem = pairs.problem(active, operator, search.forces, are_kept)
             try:
                 of_pairs = problem.operator, problem.q, self.law.friction, problem.start
@@ -209,46 +207,26 @@ class ContactSolver:
             power = float(forces[0].dot(closing - pairs.compliance * forces[0] if pairs.compliance else closing))
         return ContactSolution(point_forces, iterations, active, normals.take(active, axis=0), pair_forces, w, power)
 
-    def follow(
+    def keep_followed(
         self,
-        motion: PairsMotion,
-        told: Callable[[], tuple[PointMotion, Array, Array]],
-        delassus: Array,
-        dt: float,
-        still: ObstacleMotion,
-    ) -> ContactSolution | None:
-        """Contact of a step with inertia in which all pairs do what they did in the step before; None elsewhere.
-
-        Args:
-            motion: what pairs do.
-            told: tells, if someone asks, what the points do, and what `_relative` says of that.
-            delassus, dt, still: as in `solve`, of one obstacle, which rests.
-        """
-        law = LawToFollow.of(self.search, motion)
-        is_solved, found = (False, None) if law is None else self._look(law, motion, delassus)
-        self._is_refused = is_solved and found is None
-        return None if self._is_refused else self._follow(law, motion, told, delassus, dt, still, False, found)
-
-    def _follow(
-        self,
-        given: LawToFollow | None,
-        motion: PairsMotion,
+        found: Followed,
+        frames: Frames,
         told: Callable[[], tuple[PointMotion, Array, Array]],
         delassus: Array,
         dt: float,
         obstacles: ObstacleMotion,
-        quasi_static: bool,
-        found: Followed | None = None,
-    ) -> ContactSolution | None:
-        """The same, also without inertia; `found`: by a first look."""
-        search, law, frames = self.search, self.law, motion.frames
-        if found is None and given is not None:
-            found = follow_contact(
-                law, given, motion, partial(self._operator, delassus), partial(self._moved, delassus)
-            )
-        if found is None:
-            return None
+        quasi_static: bool = False,
+    ) -> ContactSolution:
+        """Contact of a step in which all pairs did what they did in the step before; the next search begins with it.
+
+        Args:
+            found: what they did.
+            frames: of all.
+            told: tells, if someone asks, what the points do, and what `_relative` says of that.
+            delassus, dt, obstacles, quasi_static: as in `solve`.
+        """
         key, active, operator, solution, forces, power = found
+        search, law = self.search, self.law
         self.search = ContactSearch(forces, search.residual, search.with_law(key, solution.kept), frames, True)
 
         def known() -> tuple[Pairs, SolvedPairs]:
@@ -266,15 +244,6 @@ class ContactSolver:
         if len(active) < len(forces):
             among, normals = forces.take(active, axis=0), normals.take(active, axis=0)
         return ContactSolution(self._at_points(forces), 0, active, normals, among, w, power)
-
-    def _look(self, law: LawToFollow, motion: PairsMotion, delassus: Array) -> tuple[bool, Followed | None]:
-        """As SteadyPairs.look, of pairs that meet one obstacle."""
-        (chosen, key, kept), frames = law, motion.frames
-        pairs = self._steady.get(key)
-        if pairs is None or not pairs.is_of(delassus, frames):
-            pairs = SteadyPairs(key, *self._operator(delassus, chosen, key), frames, self.law.friction, delassus)
-            self._steady = dict(list(self._steady.items())[1 - _MOST_KEPT :]) | {key: pairs}
-        return pairs.look(kept, motion)
 
     @property
     def follows(self) -> bool:
@@ -366,7 +335,7 @@ class ContactSolver:
         """Forces of all pairs (O P, 3) together on the points (P, 3)."""
         return forces if len(self.obstacles) == 1 else forces.reshape(-1, len(self.points), 3).sum(axis=0)
 
-    def _operator(self, delassus: Array, chosen: Array, key: bytes) -> tuple[Array, Delassus]:
+    def operator_of(self, delassus: Array, chosen: Array, key: bytes) -> tuple[Array, Delassus]:
         """The active pairs, and their relative velocities per force; kept as long as both stay the same."""
         if delassus is not self._delassus:
             self._delassus, self._operators = delassus, {}

@@ -88,9 +88,14 @@ class LawToFollow(NamedTuple):
     kept: KeptLaw
 
     @classmethod
-    def of(cls, search: ContactSearch, motion: PairsMotion) -> "LawToFollow | None":
-        """That of a step in which they did so, too, or, where steps take no search, all but a few; None elsewhere."""
-        chosen, frames = motion.outwards < motion.asked.level, motion.frames
+    def of(cls, search: ContactSearch, frames: Frames, chosen: Array) -> "LawToFollow | None":
+        """That of a step in which they did so, too, or, where steps take no search, all but a few; None elsewhere.
+
+        Args:
+            search: what the step before left.
+            frames: of all pairs.
+            chosen: (O P,) those that take part.
+        """
         key = chosen.tobytes()
         own = search.law_of(key)
         if own is not None and own.has_inverse:

@@ -195,7 +195,7 @@ class ContactRollout:
         if law is not None:
             (key, _), *others = solver.search.laws
             q, forces = (kept_map.in_lasting_axes(values[-1]) for values in (steps.q, steps.forces))
-            last = law._replace(q=q, forces=forces, lacking=0 * q)
+            last = law._replace(q=q, forces=forces, lacking=0.0)
             solver.search = solver.search._replace(laws=((key, last), *others))
         body.steps += len(steps.inputs)
         body.watch(kernel.state[:m], 2 * body.energy, body.time, len(steps.inputs))

@@ -62,7 +62,6 @@ class HandedForces(ContactSolver):
         obstacles: ObstacleMotion,
         quasi_static: bool = False,
         settled: Settled | None = None,
-        may_follow: bool = True,
     ) -> ContactSolution | None:
         """See ContactSolver."""
         self.delassus = delassus

@@ -1,6 +1,6 @@
 """Contact steps in which all pairs do what they did before take no search, and lead where a search leads."""
 
-from functools import partial
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -13,8 +13,11 @@ from fenics_rom.mechanics.complementarity.solution import CONVERGENCE_TOLERANCE
 from fenics_rom.mechanics.contact import ContactLaw, ObstacleMotion, PointMotion
 from fenics_rom.mechanics.contact_adjoint import ContactAdjoint
 from fenics_rom.mechanics.contact_solver import ContactSolver
-from fenics_rom.mechanics.followed_contact import PairsMotion
 from fenics_rom.mechanics.obstacles import HalfSpace, Sphere
+from fenics_rom.rom.contact_model import ContactModel
+from fenics_rom.runtime.steppers.followed_points import LinearBody, PairsBegun
+from fenics_rom.runtime.steppers.linear_kernels import ContactMidpoint
+from fenics_rom.runtime.steppers.steady_pairs import SteadyPairs
 
 LENGTHS, ORDER, STEPS = (0.3, 0.2, 0.1), 8, 240
 FLOOR = '[effects.contact.obstacles.floor]\nshape = "half-space"\npoint = [0, 0, -1e-4]\nnormal = [0, 0, 1]\n'
@@ -88,6 +91,12 @@ def run(rom, signals):
     return np.array(states), np.array(sums), np.count_nonzero(followed)
 
 
+def search_always(changed):
+    """Has no step follow the one before."""
+    changed.setattr(contact_solver, "follow_contact", lambda *_: None)
+    changed.setattr(ContactMidpoint, "_follow_pairs", lambda *_: None)
+
+
 SEVERAL_RUNS = ["floor", "smooth", "ball", "shaken"]
 ONE_RUN = ["smooth ball", "corner", "ball and wall", "springs", "resting", "resting on a ball"]
 MOVED = {"carried": ("floor", "floor"), "rolled": ("ball", "ball"), "lifted": ("ball and wall", "ball")}
@@ -109,7 +118,7 @@ def test_steps_that_are_followed_lead_where_searches_lead(roms, case, monkeypatc
             signals[moved] = MOTION[case]
         states, sums, count = run(rom, signals)
         with monkeypatch.context() as without:
-            without.setattr(ContactSolver, "_follow", lambda *_: None)
+            search_always(without)
             searched, sums_searched, none = run(rom, signals)
         assert none == 0
         followed.append(count)
@@ -150,21 +159,28 @@ def test_a_first_look_misses_no_point_that_forces_on_others_push_down(obstacle):
 
     def looked_at(speed):
         gaps, normals = obstacle.distance(points)
-        asked, moves = partial(solver.rule(h).asks, gaps, gaps.min(), None), motion(speed)
-        pairs = PairsMotion.of(Frames(normals), moves.free_velocity, moves.velocity, asked, slides=True)
-        return solver.follow(pairs, lambda: (moves, moves.free_velocity, moves.velocity), W, h, still)
+        frames, none, (key, kept) = Frames(normals), np.empty(0), solver.search.laws[0]
+        n, (free,) = frames.lasting_normals, frames.to_lasting_axes(motion(speed).free_velocity)
+        outwards, still_yet = free[0] if n is None else (free * n).sum(axis=0), np.zeros(3)
+        margin = outwards - solver.rule(h).level(gaps, still_yet)
+        begun = PairsBegun(frames, n, margin, np.vstack([free, 0 * free]), still_yet, None)
+        model = ContactModel(none, none, np.empty((0, 0)), np.empty((0, 0)), np.empty((0, 0)), none)
+        residual = SimpleNamespace(part=SimpleNamespace(compliance=np.zeros((9, 9))))
+        body = LinearBody(model, h, none, np.empty((9, 0)), W, residual, none, none)
+        of_points = SimpleNamespace(body=body, solver=solver, share=0.5)
+        chosen = np.frombuffer(key, dtype=bool)
+        return SteadyPairs(of_points, key, *solver.operator_of(W, chosen, key), begun).step(begun, kept)
 
     for _ in range(6):
         contact = solver.solve(motion(2.0), W, h, still)
     assert solver.follows
     assert contact.pairs.tolist() == [0, 1]
-    begin, brought_down = solver.search, (W @ contact.forces.ravel())[8]
+    brought_down = (W @ contact.forces.ravel())[8]
     assert brought_down < -0.5
     border = -0.5 - brought_down  # at -0.5 m/s it comes as near in this step as it can be stopped in the next
-    assert looked_at(border + 0.01).pairs.tolist() == [0, 1]
-    solver.search = begin
+    assert looked_at(border + 0.01).active.tolist() == [0, 1]
     assert looked_at(border - 0.01) is None
-    assert solver.solve(motion(border - 0.01), W, h, still, may_follow=False).pairs.tolist() == [0, 1, 2]
+    assert solver.solve(motion(border - 0.01), W, h, still).pairs.tolist() == [0, 1, 2]
 
 
 @pytest.mark.parametrize("case", ["floor", "smooth", "ball"])
@@ -208,9 +224,10 @@ def test_what_a_followed_step_found_is_told_as_that_of_a_search(roms, monkeypatc
     Of springs, as round-off tells which way points go that the rigid law has stopped, and what is derived goes by that.
     """
     rom, told = roms["springs"], []
-    for way in (ContactSolver._follow, lambda *_: None):
+    for searches in (False, True):
         with monkeypatch.context() as changed:
-            changed.setattr(ContactSolver, "_follow", way)
+            if searches:
+                search_always(changed)
             body = fr.Simulator(rom, 1e-3, signals={"push": lambda t: [2.0, 0.0, -20.0]})
             for _ in range(100):
                 body.step()

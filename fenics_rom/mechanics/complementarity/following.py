@@ -1,9 +1,9 @@
 """Contact forces by the law as it was linearised in an earlier step, without a search.
 
-Where normals turn with the points, all is along the axes of space, in which W stays the same, and
-P(z) = z_n⁺ n + z_t min(1, μ z_n⁺/|z_t|) with z = f - ρ u is taken apart by the normals (see `frictional`); where all
-normals are alike, in their frame. What the law was linearised to is kept as the matrix by which it multiplies
-velocities. Steps with it are products, and each is looked at by the law itself.
+Where normals turn with the points, all is along the axes of space, in which W stays the same, and P(z) with
+z = f - ρ u (see `frictional`) is taken apart by the normals (`cones`); where all normals are alike, in their frame.
+What the law was linearised to is kept as the matrix by which it multiplies velocities. Steps with it are products, and
+each is looked at by the law itself.
 """
 
 from contextlib import suppress
@@ -12,6 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy import ndarray as Array
 
+from fenics_rom.mechanics.complementarity.cones import project
 from fenics_rom.mechanics.complementarity.delassus import FramedDelassus
 from fenics_rom.mechanics.complementarity.linearised import inverse_in_space, linearised
 from fenics_rom.mechanics.complementarity.solution import (
@@ -19,12 +20,10 @@ from fenics_rom.mechanics.complementarity.solution import (
     STAGNATION_RESIDUAL,
     KeptLaw,
     Solution,
-    is_none,
     largest,
     statuses_of,
 )
 
-_ONES, _TINY = np.ones(3), np.array(1e-300)
 _MOST_STEPS = 8  # with a kept inverse, before Newton's method
 SLOWEST = 3e-2  # reduction of the error by such a step: where it is less, the inverse is found anew
 LOOKED_INTO = 1e-5  # error, as a share of the velocities, at which pairs may do something else
@@ -62,38 +61,10 @@ class FollowedLaw:
         u += self.q
         z = self._ρ * u
         np.subtract(f, z, z)
-        if self._normals is None:
-            if not self.friction:
-                projected = np.zeros(f.shape)
-                np.maximum(z[0], self._zeros, projected[0])
-                return _Looked(u, z, z[1], z[2], projected, self._off(f[0] - projected[0]))
-            pressure, length = z[0], np.hypot(z[1], z[2])
-        else:
-            pressure = _ONES.dot(z * self._normals)
-            normal = pressure * self._normals
-            across = z - normal
-            length = np.sqrt(_ONES.dot(across * across))
-        cone = self._μ * pressure
-        if is_none(length >= cone):  # all stick
+        projected, length, cone = project(z, self._normals, self._μ, self._zeros)
+        if projected is z:  # all stick
             return _Looked(u, z, length, cone, z, largest(np.abs(u)))
-        np.maximum(cone, self._zeros, cone)
-        share = np.maximum(length, cone)
-        share += _TINY
-        np.divide(cone, share, share)
-        if self._normals is None:
-            projected = z * share
-            np.maximum(pressure, self._zeros, projected[0])
-        else:
-            if pressure.item(pressure.argmin()) < 0.0:
-                normal = np.maximum(pressure, self._zeros) * self._normals
-            projected = across
-            projected *= share
-            projected += normal
-        return _Looked(u, z, length, cone, projected, self._off(f - projected))
-
-    def _off(self, forces: Array) -> float:
-        """The largest velocity, m/s, that forces are off by, of all pairs (3, C) or of their normal parts (C,)."""
-        return largest(np.abs(forces * (self._compliance if forces.ndim > 1 else self._compliance[0])))
+        return _Looked(u, z, length, cone, projected, largest(np.abs((f - projected) * self._compliance)))
 
     def corrected(self, f: Array, looked: _Looked, inverse: Array) -> Array:
         """Forces (3, C) by a linearised law, after f was looked at."""

@@ -1,6 +1,5 @@
 """Where a reduced body can be touched, and what finds the forces there."""
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -11,7 +10,6 @@ from fenics_rom.mechanics.contact import ContactSolution, ObstacleMotion, PointM
 from fenics_rom.mechanics.contact_pairs import Settled
 from fenics_rom.mechanics.contact_points import ContactPoints
 from fenics_rom.mechanics.contact_solver import ContactSolver
-from fenics_rom.mechanics.followed_contact import PairsMotion
 from fenics_rom.mechanics.obstacles import smallest_radius
 from fenics_rom.rom.rom import Rom
 
@@ -36,30 +34,12 @@ class ContactInterface(NamedTuple):
         obstacles: ObstacleMotion,
         quasi_static: bool = False,
         settled: Settled | None = None,
-        may_follow: bool = True,
     ) -> ContactSolution | None:
         """Forces on the points of a body that would do this without them; see ContactSolver.solve."""
         mark = self.environment.mark
         if mark is not None:
             mark(MOTION)
-        contact = self.solver.solve(points, delassus, dt, obstacles, quasi_static, settled, may_follow)
-        if mark is not None:
-            mark(CONTACT)
-        return contact
-
-    def follow(
-        self,
-        motion: PairsMotion,
-        told: Callable[[], tuple[PointMotion, Array, Array]],
-        delassus: Array,
-        dt: float,
-        still: ObstacleMotion,
-    ) -> ContactSolution | None:
-        """The same where all pairs do what they did in the step before; see ContactSolver.follow."""
-        mark = self.environment.mark
-        if mark is not None:
-            mark(MOTION)
-        contact = self.solver.follow(motion, told, delassus, dt, still)
+        contact = self.solver.solve(points, delassus, dt, obstacles, quasi_static, settled)
         if mark is not None:
             mark(CONTACT)
         return contact

@@ -139,7 +139,7 @@ class BookedKernel(Kernel):
         branches: how the material relaxes, if it does.
     """
 
-    _at_touch: tuple[Array, Array | None]  # v̂ (m,) of the last step under contact forces, and that beyond it (P, 3)
+    _at_touch: tuple[Array | None, Array | None]  # v̂ (m,) in the last contact, or None, and beyond (P, 3)
 
     def __init__(
         self,
@@ -207,7 +207,8 @@ class BookedKernel(Kernel):
     @property
     def touched(self) -> Array:
         """Mid-step velocities (P, 3) of the contact points, m/s, in the last step under contact forces."""
-        return self._at_points(*self._at_touch)
+        v, residual = self._at_touch
+        return self._at_points((self._r + self._state_before[len(self._r) :]) / 2 if v is None else v, residual)
 
     def start_velocities(self) -> Array:
         """Velocities (P, 3) of the contact points, m/s."""
@@ -258,11 +259,10 @@ class BookedKernel(Kernel):
         obstacles: ObstacleMotion | None,
         quasi_static: bool = False,
         delassus: Array | None = None,
-        may_follow: bool = True,
     ) -> ContactSolution | None:
         """Contact of a step of h s from q and r, by its mid-step velocity without it and the Delassus operator.
 
-        `delassus` where actuators hold the points back; `may_follow` as in ContactSolver.solve.
+        `delassus` where actuators hold the points back.
         """
         if self._interface is None or obstacles is None:
             return None
@@ -272,7 +272,7 @@ class BookedKernel(Kernel):
             self.residual.relax(motion[2])
         operator = self._delassus if delassus is None else delassus
         motion = PointMotion(*motion)
-        return self._interface.solve(motion, operator, h, obstacles, quasi_static, None, may_follow)
+        return self._interface.solve(motion, operator, h, obstacles, quasi_static)
 
     def _solve_actuators(
         self,

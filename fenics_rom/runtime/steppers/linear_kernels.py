@@ -18,25 +18,40 @@ with -ω Σ g (ω w)/(1 + θ h/τ), and add their stiffening time to h/2 in A: m
 
 import math
 from functools import partial
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.actuator_forces import ActuatorForces
+from fenics_rom.mechanics.complementarity import Frames
 from fenics_rom.mechanics.contact import ContactSolution, ContactWork, ObstacleMotion, is_zero
+from fenics_rom.mechanics.followed_contact import Followed, LawToFollow
 from fenics_rom.rom.midpoint_map import compliance
 from fenics_rom.runtime.steppers.adjoint import check_is_differentiated, contact_adjoint
-from fenics_rom.runtime.steppers.followed_points import FollowedPoints, FollowedWork
+from fenics_rom.runtime.steppers.contact_interface import CONTACT, MOTION
+from fenics_rom.runtime.steppers.followed_points import FollowedPoints, LinearBody, PairsBegun
 from fenics_rom.runtime.steppers.kernel import BookedKernel, ContactWorks, StepWork, symmetric
 from fenics_rom.runtime.steppers.residual_motion import operator_of
+from fenics_rom.runtime.steppers.steady_pairs import SteadyPairs
 
 # A step without contact: G u, the same with elasticity and inertia, N kg^-1/2, and v̂, (m,) each.
 _Step = tuple[Array, Array, Array]
 
+MOST_KEPT_PAIRS = 4
+
 if TYPE_CHECKING:
     from fenics_rom.runtime.steppers.balance_adjoint import BalanceAdjoint
     from fenics_rom.runtime.steppers.midpoint_adjoint import MidpointAdjoint
+
+
+class FollowedWork(NamedTuple):
+    """Of a step, what its work is worked out from."""
+
+    numbers: Array  # FollowedPoints.numbers
+    forces: Array  # of contact (3P,), N
+    rates: Array  # of what carries a force beyond the basis, and of the points there, (2, 3P)
+    normal_power: float | None  # as in ContactSolution
 
 
 class ContactMidpoint(BookedKernel):
@@ -44,6 +59,7 @@ class ContactMidpoint(BookedKernel):
 
     _inverse_mass: Array | None = None
     _points: FollowedPoints | None = None
+    _pairs: dict[bytes, SteadyPairs]  # of these, of those sets of pairs that were followed last
 
     @property
     def answers_linearly(self) -> bool:  # type: ignore[override]
@@ -71,13 +87,10 @@ class ContactMidpoint(BookedKernel):
         if self._actuators is not None:
             return self._step_by_strokes(self._actuators, u, obstacles)
         points = self._points_to_follow(obstacles)
-        if points is not None:
-            right, contact = self._follow(points, u)
-            if contact is not None:
-                return self._end_followed_step(u, right, contact)
+        if points is not None and (found := self._follow(points, u)) is not None:
+            return self._end_followed_step(points, *found)
         step = self._begin_step(u)
-        motion = self._coordinates(), self._r, step[2], self.h, obstacles
-        return self._end_step(step, self._solve_contact(*motion, may_follow=points is None))
+        return self._end_step(step, self._solve_contact(self._coordinates(), self._r, step[2], self.h, obstacles))
 
     def _points_to_follow(self, obstacles: ObstacleMotion | None) -> FollowedPoints | None:
         """The contact points, where pairs may do what they did in the step before."""
@@ -94,31 +107,50 @@ class ContactMidpoint(BookedKernel):
         if known is not None and np.array_equal(known.still.start, obstacles.start):
             known.still = obstacles
             return known
-        body = self._model, self.h, partial(_applied, self._a), self._Sᵀ.T, residual
-        self._points = FollowedPoints(*body, self.state, self._rigid_displacement, solver, obstacles)
+        changed = self.state, self._rigid_displacement
+        body = LinearBody(self._model, self.h, self._a, self._Sᵀ.T, self._delassus, residual, *changed)
+        self._points, self._pairs = FollowedPoints(body, solver, obstacles), {}
         return self._points
 
-    def _follow(self, points: FollowedPoints, u: Array) -> tuple[Array, ContactSolution | None]:
-        """What drives the body in a step in which all pairs do what they did, and contact; none where they do not."""
+    def _follow(self, points: FollowedPoints, u: Array) -> tuple[SteadyPairs, Followed, Frames] | None:
+        """A step in which all pairs do what they did; None where they do not."""
         assert self._interface is not None
-        motion, right = points.motion(u)
-        if motion is None:
-            return right, None
-        return right, self._interface.follow(motion, points.told(), self._delassus, self.h, points.still)
+        mark = self._interface.environment.mark
+        begun = points.begin(u)
+        if mark is not None:
+            mark(MOTION)
+        found = None if begun is None else self._follow_pairs(points, begun)
+        if mark is not None:
+            mark(CONTACT)
+        return found
 
-    def _end_followed_step(self, u: Array, right: Array, contact: ContactSolution) -> float:
+    def _follow_pairs(self, points: FollowedPoints, begun: PairsBegun) -> tuple[SteadyPairs, Followed, Frames] | None:
+        """The same from what pairs do but for contact."""
+        assert self._interface is not None
+        solver = self._interface.solver
+        law = LawToFollow.of(solver.search, begun.frames, begun.margin < 0.0)
+        if law is None:
+            return None
+        pairs = self._pairs.get(law.key)
+        if pairs is None:
+            of_pairs = solver.operator_of(self._delassus, law.chosen, law.key)
+            pairs = SteadyPairs(points, law.key, *of_pairs, begun)
+            self._pairs = dict(list(self._pairs.items())[1 - MOST_KEPT_PAIRS :]) | {law.key: pairs}
+        found = pairs.step(begun, law.kept)
+        return None if found is None else (pairs, found, begun.frames)
+
+    def _end_followed_step(self, points: FollowedPoints, pairs: SteadyPairs, found: Followed, frames: Frames) -> float:
         """The same as `_end_step`; the work is worked out together with that of other steps."""
+        assert self._interface is not None
         assert self.residual is not None
-        forces, ρ = contact.forces.ravel(), len(self._rigid_displacement)
-        by_contact = self._Sᵀ.dot(forces)
-        right = right + by_contact
-        v, rates = self._pushed_by(right), self.residual.move(contact)
-        self._leave(FollowedWork(u, right, by_contact, v, forces, rates, contact.normal_power))
-        self._at_touch = v, rates[1].reshape(-1, 3)
-        if ρ:
-            self._rigid_displacement += self.h * v[:ρ]
-        self._e += self._travel * v
-        np.subtract(v + v, self._r, self._r)
+        numbers = points.numbers.copy()
+        told = partial(points.told, numbers), self._delassus, self.h, points.still
+        contact = self._interface.solver.keep_followed(found, frames, *told)
+        rates = self.residual.move(pairs.beyond)
+        self._leave(FollowedWork(numbers, contact.forces.ravel(), rates, contact.normal_power))
+        self._at_touch = None, rates[1].reshape(-1, 3)
+        np.add(points.after_state, pairs.after_state, self.state)
+        np.add(points.after_rigid, pairs.after_rigid, self._rigid_displacement)
         self.contact = contact
         return float(self.state.dot(self.state)) + 2 * self.residual.stored
 
@@ -133,8 +165,13 @@ class ContactMidpoint(BookedKernel):
     def _work_of(self, followed: list[FollowedWork], heat_of_residual: float) -> StepWork:
         """What followed steps are to be booked for together."""
         *parts, normal = zip(*followed, strict=True)
-        inputs, right, by_contact, v, forces, rates = map(np.array, parts)
-        heat = right * self._Ra if self._Ra.ndim == 1 else right @ self._Ra.T
+        numbers, forces, rates = map(np.array, parts)
+        m, (_, p) = self._model.order, self._model.inputs.shape
+        start = 2 * m + len(self._rigid_displacement)
+        e, r, inputs = numbers[:, :m], numbers[:, m : 2 * m], numbers[:, start : start + p]
+        by_contact = forces @ self._Sᵀ.T
+        right = inputs @ self._model.inputs.T + 2 / self.h * r - self._ω * e + by_contact
+        v, heat = (right * A if A.ndim == 1 else right @ A.T for A in (self._a, self._Ra))
         ġ, ẏ = rates.swapaxes(0, 1)
         power = float(np.vdot(by_contact, v) + np.vdot(forces, ẏ))
         by_normals = power if None in normal else math.fsum(normal)

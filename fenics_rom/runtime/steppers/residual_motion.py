@@ -234,11 +234,11 @@ class ResidualMotion:
         heat = self._h * self._relaxation.heat * float(after[4].dot(after[5]))
         return after[5].reshape(-1, 3), heat if self._branches is None else heat + self._branches.step(after[4:])
 
-    def move(self, contact: ContactSolution) -> Array:
-        """Takes a step under contact forces, as `step` without branches: ġ̂ and R ġ̂ (2, 3P), of which `heat` is lost."""
-        self._push(contact)
-        after: Array = self._step.dot(self._rows)
+    def move(self, pushed: Array) -> Array:
+        """Takes a step under f and R f, as `step` without branches: ġ̂ and R ġ̂, which lose `heat`; (2, 3P) each."""
         self._before[:] = self.state
+        self._rows[4:] = pushed
+        after: Array = self._step.dot(self._rows)
         self._rows[:4] = after[:4]
         return after[4:]
 
