@@ -12,7 +12,7 @@ from dolfinx.mesh import CellType
 from petsc4py import PETSc
 
 from fenics_rom.errors import StructureError
-from fenics_rom.fem.assemble import assemble_form, dolfinx_nodes, node_masses
+from fenics_rom.fem.body_matrices import assemble_form, dolfinx_nodes, node_masses
 from fenics_rom.fem.dolfinx_compat import cell_nodes, input_nodes, quiet_compiler, vector_space
 from fenics_rom.fem.mesh import Mesh, oriented
 from fenics_rom.fem.mesh_quality import check_filling, radius_ratios

@@ -18,7 +18,7 @@ import fenics_rom as fr
 from fenics_rom.cli.main import main
 from fenics_rom.errors import FenicsRomError
 from fenics_rom.fem import foreign_file
-from fenics_rom.fem.assemble import dolfinx_nodes
+from fenics_rom.fem.body_matrices import dolfinx_nodes
 from fenics_rom.fem.dolfinx_compat import create_tetrahedra, vector_space
 from fenics_rom.fem.mesh import read_mesh
 from fenics_rom.fem.nodes import canonical_nodes

@@ -15,7 +15,7 @@ from scipy.integrate import solve_bvp
 import fenics_rom as fr
 from fenics_rom.cli.main import main
 from fenics_rom.errors import FenicsRomWarning, SolverError, StepError
-from fenics_rom.fem.assemble import dolfinx_nodes
+from fenics_rom.fem.body_matrices import dolfinx_nodes
 from fenics_rom.fem.dolfinx_compat import create_tetrahedra, vector_space
 from fenics_rom.fem.finite_strain.model import ExternalForce
 from fenics_rom.fem.finite_strain.newton import NotConvergedError

@@ -159,13 +159,13 @@ linear_in_the_hardest_case = elements(
 
 def one_material_for_all(patch, demo):
     """The mean of all materials everywhere."""
-    right = assemble._material_of_cells
+    right = assemble.material_of_cells
 
     def mean(scene, mesh):
         values = right(scene, mesh)
         return np.tile(np.sqrt(values.min(0) * values.max(0)), (len(values), 1))
 
-    patch.setattr(assemble, "_material_of_cells", mean)
+    patch.setattr(assemble, "material_of_cells", mean)
 
 
 def mass_for_safety(patch, demo):

@@ -1,0 +1,69 @@
+"""What a scene's assembly warns of: elements that lock, supports that leave motions, obstacles that pass through."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from fenics_rom.errors import exactly
+from fenics_rom.fem.mesh import Mesh
+from fenics_rom.mechanics.hyperelastic import strain_of_excess_damping
+from fenics_rom.mechanics.obstacles import smallest_radius
+from fenics_rom.scene.scene import Scene
+from fenics_rom.system.system import System
+
+SMALL_STRAIN = 0.05  # what bends a body far strains it by, at least
+STRAIGHT = 1e-6  # share of the body's length that the middle of an edge may be off, as files hold few digits
+
+
+def warnings_of(scene: Scene, mesh: Mesh, rigid: np.ndarray) -> Iterator[str]:
+    """Of elements that lock, and of supports: whoever clamps a body may not know that some of it still moves freely."""
+    if mesh.straightened > STRAIGHT * np.ptp(mesh.points, axis=0).max():
+        yield (
+            f"curved edges of second-order cells were made straight: nodes on them are up to {mesh.straightened:.3g} m "
+            "off; a finer mesh follows the curve"
+        )
+    stiffest = max(material.poisson for material in scene.materials.values())
+    if scene.degree == 1 and stiffest > 0.45:
+        yield (
+            f"Poisson's ratio {exactly(stiffest)} on degree 1 tetrahedra: they lock (too stiff, in bending most of "
+            "all); mesh.degree = 2 is the cure"
+        )
+    if scene.degree == 2 and scene.integration == "full" and stiffest > 0.49:
+        yield (
+            f"Poisson's ratio {exactly(stiffest)} on degree 2 tetrahedra: they are too stiff, and their pressure "
+            'oscillates; mesh.integration = "selective" is the cure'
+        )
+    yield from _overdamped(scene)
+    if (scene.clamped or scene.held) and rigid.shape[1]:
+        yield f"supports leave {rigid.shape[1]} rigid motions: the body, or a part of it, is not wholly held"
+
+
+def _overdamped(scene: Scene) -> Iterator[str]:
+    """Of materials whose viscosity resists what it takes for changes of volume, where their elasticity has none."""
+    effects = scene.effects
+    if effects.large_deformation is None or effects.large_deformation.law == "st_venant_kirchhoff":
+        return
+    for name, material in scene.materials.items():
+        damping = effects.damped.materials.get(name, effects.damped)
+        strain = strain_of_excess_damping(material.poisson)
+        if strain < SMALL_STRAIN and (damping.beta or effects.viscoelasticity is not None):
+            yield (
+                f"materials.{name}: with Poisson's ratio {exactly(material.poisson)} it is damped by a tenth more than "
+                f"effects say where it is strained by {100 * strain:.2g} %, and by the strain's square, as damping "
+                "acts on Green's strain; st_venant_kirchhoff as large_deformation.material is free of it"
+            )
+
+
+def obstacles_too_small(system: System) -> list[str]:
+    """What to say of obstacles that pass between contact points, or did before there were more of them."""
+    if not system.contact_points or system.scene is None:
+        return []
+    body = system.body
+    if body.points_between is not None:
+        return [
+            f"contact: {len(body.points_between.nodes)} points between nodes can be touched, as an obstacle fits in "
+            "there; what it presses in is narrower than an element: a finer mesh at the contact surface shows it"
+        ]
+    radii = {name: smallest_radius(of.shape) for name, of in system.scene.environment.obstacles.items()}
+    passing = system.points_of_contact().describe_passing(radii, body.triangles, body.nodes)
+    return [passing] if passing else []

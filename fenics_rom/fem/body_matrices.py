@@ -1,0 +1,219 @@
+"""The matrices M, D and K of a scene: linear elasticity by dolfinx, and what is on surfaces, on the unknowns."""
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import ufl
+from dolfinx import fem
+from dolfinx.fem.petsc import assemble_matrix
+from petsc4py import PETSc
+
+from fenics_rom.errors import MeshError, SceneError, check_known
+from fenics_rom.fem.attached_masses import attached_masses
+from fenics_rom.fem.dolfinx_compat import (
+    cell_constants,
+    cell_dofs,
+    cell_nodes,
+    create_tetrahedra,
+    input_nodes,
+    quiet_compiler,
+    vector_space,
+)
+from fenics_rom.fem.mesh import Mesh
+from fenics_rom.fem.moving_frame import frame_origin, mass_times
+from fenics_rom.fem.nodes import CELL_EDGES, Nodes
+from fenics_rom.fem.petsc_matrix import PetscMatrix, ZeroMatrix, combination
+from fenics_rom.fem.restriction import restrict_matrices
+from fenics_rom.fem.springs import dashpots_of, springs_of, with_attached
+from fenics_rom.scene.scene import Scene
+from fenics_rom.system.body import Unknowns
+
+
+@dataclass(frozen=True)
+class BodyMatrices:
+    """What dolfinx and surfaces make of a scene.
+
+    Attributes:
+        mass, damping, stiffness: on the unknowns.
+        node_mass: (N,) as in Body.
+        weight: (N,) kg, what weighs at each node: ∫ρ of its shape function, and what is fixed to the body.
+        translations: (3 N, 3) kg, M times unit translations: as the weight, but for weights on threads.
+        external_damping, spring: for large deformation, what of D and K does not strain the body; None: nothing.
+        frame_masses: for a moving frame, as `assemble_frame` takes them; None: it does not move.
+    """
+
+    mass: PetscMatrix
+    damping: PetscMatrix | ZeroMatrix
+    stiffness: PetscMatrix
+    node_mass: np.ndarray
+    weight: np.ndarray
+    translations: np.ndarray
+    external_damping: PetscMatrix | None
+    spring: PetscMatrix | None
+    frame_masses: tuple[np.ndarray, ...] | None
+
+
+@quiet_compiler()
+def body_matrices(
+    comm: Any, mesh: Mesh, nodes: Nodes, scene: Scene, material: np.ndarray, unknowns: Unknowns
+) -> BodyMatrices:
+    """The matrices of a scene; every rank must call it.
+
+    Args:
+        comm: of the ranks that share the cells.
+        mesh: as read, on rank 0.
+        nodes: in canonical order.
+        scene: whose effects are in the matrices.
+        material: of each cell, as of `material_of_cells`.
+        unknowns: that supports leave.
+    """
+    root = comm.rank == 0
+    domain = create_tetrahedra(
+        comm, mesh.cells if root else np.empty((0, 4)), mesh.points if root else np.empty((0, 3))
+    )
+    space = vector_space(domain, scene.degree)
+    full = {name: assemble_form(form) for name, form in _forms(space, scene, mesh, material).items()}
+
+    dolfinx_number = dolfinx_nodes(space, scene.degree, nodes)
+    node_mass, translated = node_masses(full["mass"], dolfinx_number)
+    frame_masses = None
+    if scene.environment.is_moving:
+        origin = frame_origin(scene, nodes, unknowns, translated)
+        frame_masses = translated, mass_times(full["mass"], nodes.coordinates - origin, dolfinx_number), origin
+    reduced = restrict_matrices(full, unknowns, dolfinx_number, nodes.coordinates)
+    springs, (fixed, weight) = springs_of(scene, nodes), attached_masses(scene, nodes)
+    reduced["mass"] = with_attached(reduced["mass"], fixed, unknowns)
+    reduced["stiffness"] = with_attached(reduced["stiffness"], springs, unknowns)
+    damping, external_damping, spring = _dampings(scene, nodes, reduced, springs, unknowns)
+    unit = np.eye(3)
+    translations = np.kron(translated[:, None], unit)
+    if fixed is not None:
+        translations += fixed @ np.tile(unit, (len(translated), 1))
+    whole = reduced["mass"], damping or ZeroMatrix(), reduced["stiffness"]
+    loaded = node_mass, translated + weight, translations
+    return BodyMatrices(*whole, *loaded, external_damping, spring, frame_masses)
+
+
+def _forms(space: Any, scene: Scene, mesh: Mesh, material: np.ndarray) -> dict[str, Any]:
+    """Weak forms of M and K; where materials damp each in its way of D, and what of it strains nothing."""
+    λ, μ, ρ = (_cell_function(space.mesh, column) for column in material.T)
+    u, v = ufl.TrialFunction(space), ufl.TestFunction(space)
+    ε_u, ε_v = ufl.sym(ufl.grad(u)), ufl.sym(ufl.grad(v))
+    inertia, dilation = ρ * ufl.inner(u, v), λ * ufl.tr(ε_u) * ufl.tr(ε_v)
+    stress = λ * ufl.tr(ε_u) * ufl.Identity(3) + 2 * μ * ε_u
+    selective = scene.integration == "selective"
+    elasticity = 2 * μ * ufl.inner(ε_u, ε_v) if selective else ufl.inner(stress, ε_v)
+    middle = ufl.dx(metadata={"quadrature_degree": 1})  # as QuadraturePoints
+    forms = {"mass": inertia * ufl.dx, "stiffness": elasticity * ufl.dx}
+    if selective:
+        forms["stiffness"] += dilation * middle
+    if scene.effects.damped.materials:
+        α, β = (_cell_function(space.mesh, column) for column in damping_of_cells(scene, mesh).T)
+        forms["damping"] = (α * inertia + β * elasticity) * ufl.dx
+        if selective:
+            forms["damping"] += β * dilation * middle
+        if scene.effects.large_deformation is not None:
+            forms["external_damping"] = α * inertia * ufl.dx
+    return forms
+
+
+def _dampings(
+    scene: Scene, nodes: Nodes, reduced: dict[str, PetscMatrix], springs: Any, unknowns: Unknowns
+) -> tuple[PetscMatrix | None, PetscMatrix | None, PetscMatrix | None]:
+    """D = α M + β K with springs and dashpots; for large deformation also what of D and K does not strain the body."""
+    mass, stiffness, dashpots = reduced["mass"], reduced["stiffness"], dashpots_of(scene, nodes)
+    α, β = scene.effects.damped.alpha, scene.effects.damped.beta
+    damped_springs = β * springs if β and springs is not None else None
+
+    def total(*terms: tuple[float, PetscMatrix]) -> PetscMatrix | None:
+        present = [(coefficient, matrix) for coefficient, matrix in terms if coefficient]
+        return PetscMatrix(combination(*present)) if present else None
+
+    def added(to: PetscMatrix | None, surfaces: Any) -> PetscMatrix | None:
+        if surfaces is None:
+            return to
+        return with_attached(PetscMatrix(combination((0.0, mass))) if to is None else to, surfaces, unknowns)
+
+    if "damping" in reduced:  # K has the springs in it already, what is damped by material has not
+        damping = added(added(reduced["damping"], damped_springs), dashpots)
+    else:
+        damping = added(total((α, mass), (β, stiffness)), dashpots)
+    if scene.effects.large_deformation is None:
+        return damping, None, None
+    external_damping = added(reduced.get("external_damping") or total((α, mass)), damped_springs)
+    return damping, added(external_damping, dashpots), added(None, springs)
+
+
+def material_of_cells(scene: Scene, mesh: Mesh) -> np.ndarray:
+    """λ, μ (Pa) and ρ (kg/m3) of every cell of the mesh file, (C, 3)."""
+    values = np.full((len(mesh.cells), 3), np.nan)
+    for name, m in scene.materials.items():
+        cells = slice(None) if m.cells is None else mesh.region(m.cells)
+        if not np.isnan(values[cells]).all():
+            raise SceneError(f"{scene.source}: materials.{name}: some cells of {m.cells!r} already have a material")
+        shear = m.young / (2 * (1 + m.poisson))
+        values[cells] = 2 * shear * m.poisson / (1 - 2 * m.poisson), shear, m.density
+    unassigned = np.isnan(values[:, 0])
+    if unassigned.any():
+        raise SceneError(f"{scene.source}: materials: {unassigned.sum()} of {len(unassigned)} cells have no material")
+    return values
+
+
+def damping_of_cells(scene: Scene, mesh: Mesh) -> np.ndarray:
+    """α (1/s) and β (s) of every cell of the mesh file, (C, 2)."""
+    rayleigh = scene.effects.damped
+    values = np.tile([rayleigh.alpha, rayleigh.beta], (len(mesh.cells), 1))
+    for name, of_material in scene.effects.damped.materials.items():
+        check_known("material", name, scene.materials, SceneError, f"{scene.source}: effects.damping.materials: ")
+        cells = scene.materials[name].cells
+        values[slice(None) if cells is None else mesh.region(cells)] = of_material.alpha, of_material.beta
+    return values
+
+
+def assemble_form(form: Any) -> PETSc.Mat:
+    """The matrix of a bilinear form, with all degrees of freedom."""
+    matrix = assemble_matrix(fem.form(form))
+    matrix.assemble()
+    return matrix
+
+
+def _cell_function(domain: Any, values: np.ndarray) -> Any:
+    function = fem.Function(cell_constants(domain))
+    original = np.asarray(domain.topology.original_cell_index, dtype=np.int64)
+    dofs = cell_dofs(function.function_space).ravel()
+    function.x.array[dofs] = values[original[: len(dofs)]]
+    function.x.scatter_forward()
+    return function
+
+
+def dolfinx_nodes(space: Any, degree: int, nodes: Nodes) -> np.ndarray:
+    """Global dolfinx number of every canonical node."""
+    domain, dofs = space.mesh, cell_dofs(space)
+    index_map = space.dofmap.index_map
+    points = input_nodes(domain)[cell_nodes(domain)]
+    keys = np.full((index_map.size_local + index_map.num_ghosts, 2), -1, dtype=np.int64)
+    keys[dofs[:, :4].ravel(), 0] = points.ravel()
+    if degree == 2:
+        keys[dofs[:, 4:].ravel()] = np.sort(points[:, CELL_EDGES], axis=2).reshape(-1, 2)
+    keys = np.concatenate(domain.comm.allgather(keys[: index_map.size_local]))
+    order = np.lexsort((keys[:, 1], keys[:, 0], keys[:, 1] >= 0))
+    if not np.array_equal(keys[order], nodes.keys):
+        raise MeshError(f"{nodes.mesh.source}: dolfinx numbers other nodes than the mesh file has")
+    return order
+
+
+def node_masses(mass: PETSc.Mat, dolfinx_number: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Two masses of each node (N,), kg, whose sums are the body's.
+
+    The diagonal of M, scaled to it; and ∫ρ of each shape function, which is M times a unit translation.
+    """
+    ones, diagonal = mass.createVecRight(), mass.getDiagonal()
+    product = ones.duplicate()
+    ones.set(1.0)
+    mass.mult(ones, product)
+    local = np.stack([vector.array.reshape(-1, 3)[:, 0] for vector in (diagonal, product)], axis=1)
+    for vector in (ones, diagonal, product):
+        vector.destroy()
+    values, translated = np.concatenate(mass.comm.tompi4py().allgather(local))[dolfinx_number].T
+    return values * (translated.sum() / values.sum()), translated.copy()
