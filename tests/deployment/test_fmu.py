@@ -73,6 +73,11 @@ class Unit:
     def set_contact(self, number):
         return self("SetInteger", (ctypes.c_uint * 1)(0), ctypes.c_size_t(1), (ctypes.c_int * 1)(number))
 
+    def get_contact(self):
+        number = (ctypes.c_int * 1)()
+        assert self("GetInteger", (ctypes.c_uint * 1)(0), ctypes.c_size_t(1), number) == OK
+        return number[0]
+
     def step(self, h=H):
         return self("DoStep", ctypes.c_double(0.0), ctypes.c_double(h), 1)
 
@@ -100,9 +105,20 @@ def test_compiled_code_takes_the_steps_of_the_simulator(rom, folder, description
     read = []
     for u, mode in zip(given, modes, strict=True):
         assert unit.set_reals(u) == unit.set_contact(mode) == unit.step() == OK
+        assert unit.get_contact() == mode
         read.append(unit.get_reals()[len(u) :])
     assert_same(np.array(read), expected)
     assert not unit.said
+
+
+def test_communication_steps_are_those_of_a_clock_that_rounds(folder, description):
+    unit, clock = Unit(folder, description), H * np.arange(20)
+    steps = np.diff(clock)
+    assert min(steps) < H < max(steps)
+    assert [unit.step(h) for h in steps] == [OK] * len(steps)
+    other = Unit(folder, description)
+    assert other.step(clock[-1]) == OK
+    np.testing.assert_array_equal(other.get_reals(), unit.get_reals())
 
 
 def test_states_are_saved_and_a_communication_step_is_many_steps(rom, folder, description):
