@@ -56,6 +56,8 @@ class LinearlyImplicit(FiniteStrainKernel):
     """One linear system a step. Arguments and attributes as in FiniteStrainKernel."""
 
     NOTES = ("distance", "strained", "mismatch")  # strained: energy of the strains at most, J
+    _strained: Array | None = None  # ε and C₀ε (2, size), which a step replaces; None: ε is E(q)
+    _strained_before: Array | None = None
     _next: tuple[Shape, Middle] | None = None  # None: not known
     _next_before: tuple[Shape, Middle] | None = None
 
@@ -78,27 +80,26 @@ class LinearlyImplicit(FiniteStrainKernel):
         self._springs = body.springs if body.springs.any() else None
         self._points = None if body.law == "st_venant_kirchhoff" else MaterialPoints(body)
         self._strains = carried_strains(body)
-        size, m = self._strains.size, body.order
-        self._carried = np.zeros(2 * size + m + 5)
+        # v̂ of the step before; the energy ½ s² - c, c, the energy tank and the energy of ε, J; beside them ε and C₀ε.
+        self._carried = np.zeros(body.order + 4)
         self._carried_before = self._carried.copy()
-        # ε and C₀ε where ε is not E(q), else 0; v̂ of the step before; the energy ½ s² - c, c, the energy tank and the
-        # energy of ε, J, and whether ε is not E(q).
-        self._strained = self._carried[: 2 * size].reshape(2, size)
-        self._previous_velocity, self._rest = self._carried[2 * size : -5], self._carried[-5:]
+        self._previous_velocity, self._rest = self._carried[:-4], self._carried[-4:]
         self.resume(np.empty(0))
 
     @property
     def auxiliary(self) -> Array:
         """As in Kernel."""
-        return np.concatenate([self._carried, super().auxiliary])
+        return np.concatenate([self._in_one(self._strained, self._carried), super().auxiliary])
 
     def resume(self, auxiliary: Array) -> None:
         """As in Kernel."""
-        own = len(self._carried)
+        strains, own = 2 * self._strains.size, 2 * self._strains.size + len(self._carried)
         super().resume(auxiliary[own:])
-        self._next = None
+        self._strained = self._next = None
         if len(auxiliary):
-            self._carried[:] = auxiliary[:own]
+            self._carried[:] = auxiliary[strains:own]
+            if auxiliary[:strains].any():
+                self._strained = auxiliary[:strains].reshape(2, -1).copy()
             return
         self._carried[:] = 0.0
         self._previous_velocity[:] = self._r
@@ -130,7 +131,7 @@ class LinearlyImplicit(FiniteStrainKernel):
         """As in Kernel."""
         super().rollback()
         self._carried[:] = self._carried_before
-        self._next = self._next_before
+        self._strained, self._next = self._strained_before, self._next_before
 
     def set_time_step(self, h: float) -> None:
         """As in Kernel."""
@@ -153,7 +154,7 @@ class LinearlyImplicit(FiniteStrainKernel):
 
     def _stepped(self, u: Array, obstacles: ObstacleMotion | None) -> float:
         h, body = self.h, self._body
-        self._carried_before[:] = self._carried
+        self._carried_before[:], self._strained_before = self._carried, self._strained
         q, r = self._e * self._inverse_ω, self._r
         u, given = (u, None) if self._actuators is None else self._actuators.split(u)
         start = 2 / h * r if self._springs is None else 2 / h * r - self._springs.dot(q)
@@ -163,7 +164,7 @@ class LinearlyImplicit(FiniteStrainKernel):
         pushed = self._loads(u, middle)
         around, pulled = shape.strains.around(middle)
         matrix = self._fixed + around.stiffness(h / 2 + self._stiffening_time)
-        if self._rest[4]:
+        if self._strained is not None:
             pulled = around.pulled(self._strained[1])
         if self.branches is not None:
             pulled += around.pulled(self.branches.pull[1])
@@ -227,10 +228,9 @@ class LinearlyImplicit(FiniteStrainKernel):
 
         contact, is_kink = contact_adjoint(self._interface)
         residual = None if self.residual is None else self.residual.state.reshape(4, -1).copy()
-        before, after = (self._state_before, self._carried_before), (self.state, self._carried)
-        states = [
-            part for state, carried in (before, after) for part in (state.copy(), self._with_strains(state, carried))
-        ]
+        before = self._state_before, self._strained_before, self._carried_before
+        after = self.state, self._strained, self._carried
+        states = [part for each in (before, after) for part in (each[0].copy(), self._with_strains(*each))]
         u = u if self._actuators is None else self._actuators.split(u)[0]
         return LinearlyImplicitAdjoint(self._maps, u, self._taken, states, residual, contact, is_kink)
 
@@ -240,12 +240,16 @@ class LinearlyImplicit(FiniteStrainKernel):
 
         return start_pulled_back(self._maps, q, after)
 
-    def _with_strains(self, state: Array, carried: Array) -> Array:
+    def _with_strains(self, state: Array, strained: Array | None, carried: Array) -> Array:
         """What is carried beside a state, with ε and C₀ε wherever ε is E(q)."""
-        if carried[-1]:
-            return carried.copy()
-        strains = self._with_stress(self._strains.at(state[: self._model.order] * self._inverse_ω))
-        return np.concatenate([strains.ravel(), carried[strains.size :]])
+        if strained is None:
+            strained = self._with_stress(self._strains.at(state[: self._model.order] * self._inverse_ω))
+        return self._in_one(strained, carried)
+
+    def _in_one(self, strained: Array | None, carried: Array) -> Array:
+        """ε and C₀ε, 0 for None, and what is carried beside."""
+        strains = np.zeros(2 * self._strains.size) if strained is None else strained.ravel()
+        return np.concatenate([strains, carried])
 
     @property
     def _maps(self) -> LinearlyImplicitMaps:
@@ -364,7 +368,7 @@ class LinearlyImplicit(FiniteStrainKernel):
         if self.branches is not None or added > budget:
             q, after, around, v = moved
             aimed = self._strains.at(after)
-            went = (self._strained[0] if self._rest[4] else self._strains.at(q)) + self.h * around.rates(v)
+            went = (self._strains.at(q) if self._strained is None else self._strained[0]) + self.h * around.rates(v)
             went, gap = self._with_stress(went), self._with_stress(aimed - went)
             square = gap_square = float(gap[1].dot(gap[0])) + gap_s**2
             slope = float(gap[1].dot(went[0])) + gap_s * s
@@ -376,15 +380,15 @@ class LinearlyImplicit(FiniteStrainKernel):
                 share = min(2 * budget / (slope + root) if slope > 0 else (root - slope) / square, 1.0)
             added = share * slope + share**2 * square / 2
             if share < 1:
-                self._strained[:] = went + share * gap
+                self._strained = went + share * gap
                 energy = float(self._strained[1].dot(self._strained[0])) / 2
             if self.branches is not None:
                 self.branches.move(share * gap)
-        if self._rest[4] and share == 1:
-            self._strained[:] = 0.0
+        if share == 1:
+            self._strained = None
         if gap_s:
             self._rest[0] += share * gap_s * (s + share * gap_s / 2)
-        self._rest[2:] = min(max(budget - added, 0.0), 2 * strains.energy), energy, share < 1
+        self._rest[2:] = min(max(budget - added, 0.0), 2 * strains.energy), energy
         return added, (1 - share) ** 2 * gap_square
 
     def _note_mismatch(self, strained: float, gap: float) -> None:

@@ -28,7 +28,7 @@ from fenics_rom.runtime.steppers.residual_motion import strained_back
 class LinearlyImplicitAdjoint(NamedTuple):
     """A step of LinearlyImplicit.
 
-    Carried: [ε, C₀ε, v̂ before, ½ s² - c, c, tank, what follows from ε (2)], and the residual's rows (4, 3P).
+    Carried: [ε, C₀ε, v̂ before, ½ s² - c, c, tank, ½ ε:C₀ε], and the residual's rows (4, 3P).
     """
 
     maps: LinearlyImplicitMaps
@@ -50,15 +50,15 @@ class LinearlyImplicitAdjoint(NamedTuple):
         ε_after, σ_after = carried_after[: 2 * size].reshape(2, -1)
         ε_ = own[:size] + reads.energy / 2 * σ_after
         σ_ = own[size : 2 * size] + reads.energy / 2 * ε_after
-        rest_ = own[-5:-2] + np.array([reads.energy, 0.0, 0.0])
+        rest_ = own[-4:-1] + np.array([reads.energy, 0.0, 0.0])
         by_e, by_r = after.state.reshape(2, -1)
         r_ = by_r + reads.energy * r_after
-        v_ = own[2 * size : -5] + 2 * r_
+        v_ = own[2 * size : -4] + 2 * r_
         q_ = ω * by_e + reads.q + reads.energy * (body.springs @ q_after)
         middle = q + h / 2 * self.taken.expected.value
         around, σ, slope, b, s = strains.around(middle), carried_before[size : 2 * size], None, NONE, 0.0
         rates = around.rates(v)
-        rest, c, *_ = carried_before[-5:]
+        rest, c, *_ = carried_before[-4:]
         if not maps.st_venant:
             slope = Slope.at_shape(maps, middle, c)
             c, b = slope.c, slope.b
@@ -110,7 +110,7 @@ class LinearlyImplicitAdjoint(NamedTuple):
         start = ExpectedVelocity(maps, self.u, self.taken.expected).pull_back(h / 2 * middle_, after.tangent)
         q_ = q_ - body.springs @ y + middle_ + start.q
         r_ = r_ + 2 / h * y + start.r
-        auxiliary = np.concatenate([ε_, σ_ - strained, start.velocity, rest_, np.zeros(2), rows.ravel()])
+        auxiliary = np.concatenate([ε_, σ_ - strained, start.velocity, rest_, [0.0], rows.ravel()])
         state = np.concatenate([q_ / ω, r_])
         return StepSlopes(
             StateAdjoint(state, NONE, auxiliary, start.forces, start.tangent, start.reactions),
@@ -200,12 +200,12 @@ class _TakenBack(NamedTuple):
         gap, stressed, s_shape, slope_left = ε_shape - ε, σ_shape - σ, 0.0, np.zeros(len(q))
         if not maps.st_venant:
             grown = h * float(b @ v)
-            s = math.sqrt(2 * max(carried[-5] + grown * (s + grown / 2) + c, 0.0))
+            s = math.sqrt(2 * max(carried[-4] + grown * (s + grown / 2) + c, 0.0))
             left, slope_left, _ = maps.left(q)
             s_shape = math.sqrt(2 * max(left + c, 0.0))
         square = float(stressed @ gap) + (s_shape - s) ** 2
         slope = float(stressed @ ε) + (s_shape - s) * s
-        budget, share = float(carried[-3]) + h * drawn, 1.0
+        budget, share = float(carried[-2]) + h * drawn, 1.0
         if slope + square / 2 > budget and square > 0:
             root = math.sqrt(max(slope**2 + 2 * square * budget, 0.0))
             share = min(2 * budget / (slope + root) if slope > 0 else (root - slope) / square, 1.0)
