@@ -14,7 +14,7 @@ from numpy import ndarray as Array
 from fenics_rom.mechanics.complementarity import Delassus, KeptLaw
 from fenics_rom.mechanics.complementarity.cones import project
 from fenics_rom.mechanics.complementarity.following import SLOWEST
-from fenics_rom.mechanics.complementarity.solution import CONVERGENCE_TOLERANCE, Solution, largest
+from fenics_rom.mechanics.complementarity.solution import CONVERGENCE_TOLERANCE, STAGNATION_RESIDUAL, Solution, largest
 from fenics_rom.mechanics.contact_pairs import WORK_ROUND_OFF
 from fenics_rom.mechanics.followed_contact import Followed
 from fenics_rom.runtime.steppers.followed_points import FollowedPoints, PairsBegun
@@ -120,10 +120,10 @@ class SteadyPairs:
     def _is_round_off(self, approach: Array, q: Array) -> bool:
         """Whether pairs come near or leave by no more than what forces may lack: then that is to end, either way."""
         length = math.sqrt(approach.dot(approach))
-        if length <= CONVERGENCE_TOLERANCE * abs(q.item(self._fastest)):  # no component is larger
+        if length <= STAGNATION_RESIDUAL * abs(q.item(self._fastest)):  # no component is larger
             return True
         self._fastest = int(np.abs(q).argmax())  # another may be now
-        return length <= CONVERGENCE_TOLERANCE * abs(q.item(self._fastest))
+        return length <= STAGNATION_RESIDUAL * abs(q.item(self._fastest))
 
     def _is_work(self, by_friction: float, f: Array, q: Array) -> bool:
         """Whether it is more than round-off; see contact_pairs.helping_pairs.
