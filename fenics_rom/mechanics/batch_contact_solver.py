@@ -20,7 +20,7 @@ from fenics_rom.mechanics.complementarity.splitting import Splitting
 from fenics_rom.mechanics.contact import ContactLaw
 from fenics_rom.mechanics.obstacles import HalfSpace, Obstacle
 
-HELPING = 1e-9  # of force times velocity: work of friction on a body that is looked at; less is left to `make_passive`
+HELPING = 1e-9  # of that of velocities to be stopped: work of friction on a body that is looked at; less is let pass
 
 
 class BatchObstacles(NamedTuple):
@@ -304,7 +304,7 @@ class _Chosen(NamedTuple):
     def _stop_helping_friction(self, forces: Array, z: Array, ρ: float) -> Array:
         """Sets c_t = 0 where friction would do work on a body; bodies (B,) with such."""
         c_t, q = self.tangential_target, self.problems.q
-        negligible = HELPING * np.abs(forces).max(axis=(0, 1)) * np.abs(q).max(axis=(0, 1))
+        negligible = HELPING * np.abs(np.einsum("apb,apb->b", forces, q))
         suspects = (np.einsum("apb,apb->b", forces, c_t) > negligible).nonzero()[0]
         helped = np.zeros(len(negligible), bool)
         if not len(suspects):

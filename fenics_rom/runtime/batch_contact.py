@@ -244,11 +244,11 @@ class BatchContact:
         P = len(kind.S) // 3
         displacement, velocity, free = ((kind.S @ part.T).reshape(3, P, B) for part in (h / 2 * x, r, w / 2))
         moves = self.residual.moves[own]
-        if moves.any():
-            some = in_one_piece(moves.nonzero()[0])
-            yields = self.residual.yields(kind, in_one_piece(bodies[some]))
-            for part, more in zip((displacement, velocity, free), yields, strict=True):
-                add(part, some, more.reshape(3, P, -1))
+        residual, rates = taken(self.residual.state, own), np.zeros((2, 3 * P, B))
+        if moves.any():  # those that rest have zeros
+            rates = kind.unforced(residual)
+            for part, yields in ((displacement, residual[1]), (velocity, residual[3]), (free, rates[1])):
+                part += yields.reshape(part.shape)
         motion = BatchMotion(displacement, velocity, free)
         obstacles = BatchObstacles(self._offsets, self._speed, self._velocities).of(own)
         distances = self._solver.distances(displacement, obstacles.start)
@@ -262,7 +262,6 @@ class BatchContact:
         put(self._resultants, own, np.zeros((len(self.names), 3, B)))
         if self._is_read:
             put(self.normal_forces, own, np.zeros((P, B)))
-        rests = ~moves
         if found is not None:
             touching, place = found.touching, in_one_piece(found.touching)
             among, response = in_one_piece(bodies[place]), found.response
@@ -277,13 +276,16 @@ class BatchContact:
             push = response.push
             put(self._z, among, found.z)
             put(self._forces, among, found.forces)
-            forces = (part.reshape(len(kind.S), -1) for part in (found.forces, response.yields))
-            works[2, place] = self.residual.step(kind, among, *forces)
-            rests[touching] = True
-        some = (~rests).nonzero()[0]
+            for rate, part in zip(rates, (found.forces / kind.relaxation.whole, response.yields), strict=True):
+                add(rate, place, part.reshape(3 * P, -1))
+        goes = moves.copy()
+        goes[touching] = True
+        some = in_one_piece(goes.nonzero()[0])
+        works[2, some] = self.residual.step(kind, in_one_piece(bodies[some]), taken(rates, some))
+        goes[touching] = False
+        some = goes.nonzero()[0]
         if len(some):
             put(self._forces, bodies[some], np.zeros((3, P, len(some))))
-            works[2, some] = self.residual.step(kind, in_one_piece(bodies[some]))
             self.residual.forget(kind, bodies[some], kind.stored(x[some], r[some]))
         return ContactStep(touching, push, works)
 

@@ -40,6 +40,8 @@ class BatchContactMode:
         # With 4/h of the batch's a, which is yet to come where it is dense.
         self._push, self._moves = (2 * spread, self.S / 2) if a.ndim == 1 else (h / 2 * self.S, 2 / h * spread)
         self.relaxation = relaxation(h, self.part.time_constant, β)
+        inertia, whole, _ = self.relaxation
+        self._rates = np.kron([[-1 / whole, inertia / whole]], np.identity(2))
         self._yields = self.part.compliance / self.relaxation.whole
         W = spread @ self.S.T
         self.operator = Splitting((W + W.T) / 2 + self._yields)
@@ -50,12 +52,10 @@ class BatchContactMode:
         energy: Array = (np.square(strained).sum(axis=1) + np.square(r).sum(axis=1)) / 2
         return energy
 
-    def unforced(self, place: Array, rate: Array) -> Array:
-        """Mid-step rates of residual parts from places and rates at the start, all of one shape, if no forces act."""
-        inertia, whole, _ = self.relaxation
-        middle = rate * (inertia / whole)
-        middle -= place / whole
-        return middle
+    def unforced(self, residual: Array) -> Array:
+        """Mid-step ġ and ẏ (2, 3P, B), if no forces act, of residual parts (4, 3P, B): g, y, ġ and ẏ at the start."""
+        rates = np.matmul(self._rates, residual.reshape(4, -1))
+        return rates.reshape(2, *residual.shape[1:])
 
     def respond(self, forces: Array) -> Response:
         """As `TouchingBodies` has it."""

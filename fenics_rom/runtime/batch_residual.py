@@ -87,33 +87,14 @@ class BatchResidual:
 
     # --- a step ------------------------------------------------------------------------------------------------------
 
-    def yields(self, kind: BatchContactMode, bodies: Array | slice) -> tuple[Array, Array, Array]:
-        """What it adds to displacements, velocities and free mid-step velocities of the points of bodies, (3P, B)."""
-        y, ẏ = taken(self.state[1::2], bodies)
-        return y, ẏ, kind.unforced(y, ẏ)
-
-    def step(
-        self, kind: BatchContactMode, bodies: Array | slice, forces: Array | None = None, yields: Array | None = None
-    ) -> Array:
-        """Takes the step of the residual parts of bodies (B,); what they dissipate, J, (B,).
-
-        Args:
-            kind: the contact mode.
-            bodies: which.
-            forces: on the points, (3P, B), N; None where nothing touches.
-            yields: the velocities that are due to them, (3P, B), m/s.
-        """
+    def step(self, kind: BatchContactMode, bodies: Array | slice, rates: Array) -> Array:
+        """Takes the step of bodies (B,) with mid-step ġ and ẏ (2, 3P, B), which it spends; what they dissipate, J."""
         state = taken(self.state, bodies)  # itself, if they are a slice
-        g, y, ġ, ẏ = state
-        moved, change = kind.unforced(y, ẏ), kind.unforced(g, ġ)
-        if forces is not None and yields is not None:
-            moved += yields
-            change += forces / kind.relaxation.whole
-        dissipated: Array = kind.h * kind.relaxation.heat * np.einsum("pb,pb->b", change, moved)
-        for place, rate, middle in ((g, ġ, change), (y, ẏ, moved)):
-            np.subtract(2 * middle, rate, out=rate)
-            middle *= kind.h
-            place += middle
+        dissipated: Array = kind.h * kind.relaxation.heat * np.einsum("pb,pb->b", *rates)
+        rates *= 2
+        np.subtract(rates, state[2:], out=state[2:])
+        rates *= kind.h / 2
+        state[:2] += rates
         if not isinstance(bodies, slice):
             put(self.state, bodies, state)
         self.moves[bodies] = True
