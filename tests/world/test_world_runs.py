@@ -6,10 +6,36 @@ import pytest
 import fenics_rom as fr
 from fenics_rom.cli.main import main
 from fenics_rom.errors import FenicsRomError, SceneError
+from fenics_rom.mechanics.frame_motion import rotation_matrix
 from fenics_rom.scene.reference import WORLD_EXAMPLE
 from fenics_rom.trajectory.elastic_part import deformation
 
 WORLD = WORLD_EXAMPLE.read_text().replace("duration = 1.0", "duration = 0.2\nevery = 3\nsnapshots = 10")
+
+POSES = "position.x,position.y,position.z,rotation.w,rotation.x,rotation.y,rotation.z"
+TWISTS = "velocity.x,velocity.y,velocity.z,angular_velocity.x,angular_velocity.y,angular_velocity.z"
+SINKS = f"time,{POSES},{TWISTS}\n0,0,0,-1,1,0,0,0,0,0,-0.5,0,0,0\n1,0,0,-1.5,1,0,0,0,0,0,-0.5,0,0,0\n"
+THROWN = """
+gravity = [0, 0, -9.81]
+[bodies.floor]
+shape = "half-space"
+path = "floor.csv"
+[bodies.ball]
+shape = "sphere"
+radius = 0.05
+mass = 0.5
+velocity = [2, 0, 0.5]
+spin = [0, 3, 0]
+[bodies.box]
+shape = "box"
+size = [0.1, 0.2, 0.3]
+mass = 0.25
+position = [0.25, 0.04, 0]
+velocity = [0, 0, 0.5]
+[run]
+dt = 2e-3
+duration = 0.2
+"""
 
 
 @pytest.fixture(scope="module")
@@ -33,6 +59,35 @@ def test_a_run_keeps_poses_forces_and_accounts(run):
     assert not deformation(run, run.snapshots).any()  # of rigid bodies
     gain = lower.energy - lower.energy[0] - lower.supplied - lower.exchanged + lower.dissipated
     assert np.abs(gain).max() < 1e-12
+
+
+def test_tracks_of_bodies_that_fly_are_those_of_the_textbook(tmp_path):
+    """A turning ball is thrown at a box, above a floor that sinks; without friction it keeps its spin."""
+    (tmp_path / "floor.csv").write_text(SINKS)
+    (tmp_path / "world.toml").write_text(THROWN)
+    run = fr.simulate(tmp_path / "world.toml")
+    ball, box, t = run.bodies["ball"], run.bodies["box"], run.times
+    np.testing.assert_allclose(t, 2e-3 * np.arange(101), atol=1e-15)
+    np.testing.assert_array_equal(ball.velocity[0], [2.0, 0.0, 0.5, 0.0, 3.0, 0.0])
+    np.testing.assert_allclose(ball.velocity[:, 2], 0.5 - 9.81 * t, atol=1e-12)
+    np.testing.assert_allclose(ball.velocity[:, 3:], [[0.0, 3.0, 0.0]] * len(t), atol=1e-4)  # hit where it was expected
+    assert box.velocity[-1, 0] > 0.5  # it was hit, beside its middle,
+    assert abs(box.velocity[-1, 5]) > 1  # and turns
+    for body, mass in ((ball, 0.5), (box, 0.25)):
+        fallen = body.pose[0, 2] - body.pose[:, 2]
+        np.testing.assert_allclose(body.supplied, mass * 9.81 * fallen, atol=1e-13)
+        np.testing.assert_allclose(body.energy - body.energy[0], body.supplied + body.exchanged, atol=1e-13)
+        assert not body.dissipated.any()  # in itself
+        assert run.node_mass[body.nodes].sum() == pytest.approx(mass, rel=1e-14)
+        R = rotation_matrix(body.pose[-1, 3:])
+        started = run.nodes[body.nodes] - body.pose[0, :3]
+        ended = (run.nodes + run.snapshots[-1])[body.nodes] - body.pose[-1, :3]
+        np.testing.assert_allclose(ended, started @ R.T, atol=1e-14)
+    assert ball.exchanged[-1] < -0.1
+    impulse = 2e-3 * run.forces["ball-box"].sum(axis=0)  # on the first
+    np.testing.assert_allclose(impulse[:2], -0.25 * box.velocity[-1, :2], atol=1e-12)
+    np.testing.assert_allclose(run.obstacle_motion["floor"][:, 2], -0.5 * run.snapshot_times, atol=1e-12)
+    assert run.triangles[-1].min() >= box.nodes.start
 
 
 def test_a_run_is_written_and_read(run, tmp_path):
