@@ -11,6 +11,7 @@ from fenics_rom.lazy_import import load
 from fenics_rom.mechanics.base_path import BaseState
 from fenics_rom.mechanics.contact import ContactLaw
 from fenics_rom.mechanics.frame_motion import quaternion_of_vector, rotation_matrix
+from fenics_rom.mechanics.load_history import count_steps
 from fenics_rom.rom.rom import Rom
 from fenics_rom.scene.world_format import JointEntry, WorldBody, WorldScene
 from fenics_rom.trajectory.trajectory import Trajectory
@@ -72,11 +73,13 @@ def run_world(
     scene: WorldScene, dt: float | None = None, every: int | None = None, rate: bool = False, report: Report = silent
 ) -> Trajectory:
     """Runs a world file through its load history, as `simulate` does."""
-    world, run = make_world(scene, dt), scene.file.run
+    run = scene.file.run
     if run is None:
         raise SceneError(f"{scene.source}: has no [run], so there is no load history to simulate; add one")
-    steps = max(1, round(run.duration / world.dt))
-    recorder = WorldRecorder(world, steps, snapshots=run.snapshots, every=every or run.every)
+    every = run.every if every is None else every
+    steps = count_steps(run.duration, run.dt if dt is None else dt, every)
+    world = make_world(scene, dt)
+    recorder = WorldRecorder(world, steps, snapshots=run.snapshots, every=every)
     seconds = 0.0
     for step in range(steps):
         inputs = inputs_at(scene, (step + 0.5) * world.dt)

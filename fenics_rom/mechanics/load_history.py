@@ -19,6 +19,18 @@ def check_width(load: AppliedLoad, columns: int, where: str) -> None:
         raise SceneError(f"{where}: numbers in its force: given {load.signal.width}, allowed {columns}")
 
 
+def count_steps(duration: float, dt: float, every: int) -> int:
+    """How many steps of dt, s, a run takes; SceneError where it takes none, or cannot be kept every so many."""
+    if not (np.isfinite(dt) and 0 < dt <= duration):
+        raise SceneError(f"dt = {dt!r}: allowed is more than 0 and at most the duration, {exactly(duration)} s")
+    steps = duration / dt
+    if steps > MOST_STEPS:
+        raise SceneError(f"dt = {dt:g}: a run of {steps:.3g} steps; allowed are at most {MOST_STEPS:,}")
+    if not (isinstance(every, int | np.integer) and every >= 1):
+        raise SceneError(f"every = {every!r}: allowed is a whole number of steps, at least 1")
+    return round(steps)
+
+
 class LoadHistory:
     """The inputs of a run, sampled at the middle of each step (as the midpoint rule wants them).
 
@@ -52,17 +64,8 @@ class LoadHistory:
                 f"{source}: has no [run], so there is no load history to simulate; add one, with its dt and duration"
             )
         self.dt = run.dt if dt is None else dt
-        if not (np.isfinite(self.dt) and 0 < self.dt <= run.duration):
-            raise SceneError(
-                f"dt = {self.dt!r}: allowed is more than 0 and at most the duration, {exactly(run.duration)} s"
-            )
-        steps = run.duration / self.dt
-        if steps > MOST_STEPS:
-            raise SceneError(f"dt = {self.dt:g}: a run of {steps:.3g} steps; allowed are at most {MOST_STEPS:,}")
-        self.steps = round(steps)
         self.every = run.every if every is None else every
-        if not (isinstance(self.every, int | np.integer) and self.every >= 1):
-            raise SceneError(f"every = {self.every!r}: allowed is a whole number of steps, at least 1")
+        self.steps = count_steps(run.duration, self.dt, self.every)
         self.automatic = environment.switches_itself
         self._loads, self._contact_columns = run.loads, dict(contact_columns)
         starts = dict(zip(actuator_columns, np.cumsum([0, *actuator_columns.values()]), strict=False))

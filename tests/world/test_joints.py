@@ -37,6 +37,25 @@ def test_a_pendulum_on_a_hinge_has_its_period():
     assert world.joint_forces(0).shape == (2, 3)
 
 
+def test_a_bob_stays_on_an_arm_that_is_turned():
+    """At the end of an arm that goes round by 3 rad, in steps of 60 mrad: together to round-off."""
+    ω, h = 3.0, 0.02
+
+    def swung(t):
+        turned = np.array([np.cos(ω * t / 2), 0, 0, np.sin(ω * t / 2)])
+        return fr.BaseState(np.zeros(3), turned, np.zeros(3), np.array([0, 0, ω]))
+
+    arm = fr.RigidBody(Box((0.4, 0.02, 0.02)), motion=swung)
+    bob = box((0.2, 0, -0.15), velocity=(0, ω * 0.2, 0))
+    world = fr.World({"arm": arm, "bob": bob}, h, gravity=(0, 0, -G), joints=[ball("bob", "arm", (0.2, 0, -0.05))])
+    for step in range(1, 51):
+        world.step()
+        pose, (cos, sin) = world.pose("bob"), (np.cos(ω * h * step), np.sin(ω * h * step))
+        w, x, y, z = pose.rotation
+        upright = np.array([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x * x + y * y)])
+        np.testing.assert_allclose(pose.position + 0.1 * upright, [0.2 * cos, 0.2 * sin, -0.05], atol=1e-13)
+
+
 @pytest.mark.parametrize("first", [ball("a", "b", (0, 0, 0.1)), weld("a", "b", (0, 0, 0.1))])
 def test_a_chain_that_flies_keeps_momenta_and_holds_together(first):
     """With steps of any length; what impulses at their ends take is booked, and never negative."""

@@ -179,6 +179,26 @@ def test_a_cylinder_stands_rolls_and_leans():
     assert np.ptp(on_box.first.arms[:, 0]) == pytest.approx(0.2, rel=3e-3)
 
 
+def test_a_cylinder_leans_on_the_deepest_point_of_its_rim_however_it_is_turned():
+    """Below its centre by r sin + l/2 cos of its tilt; the place is halfway between it and the ground."""
+    radius, length, rng = 0.12, 0.3, np.random.default_rng(3)
+    for _ in range(10):
+        tilt, height = rng.uniform(0.1, 1.4), 0.25
+        turn = Rotation.from_euler("zyz", [*rng.uniform(-3, 3, 1), tilt, *rng.uniform(-3, 3, 1)])
+        below = radius * np.sin(tilt) + length / 2 * np.cos(tilt)
+        found = find_contacts(placed(Cylinder(radius, length), (0.1, 0.2, height), turn.as_rotvec()), GROUND, 0.2)
+        deepest = found.gaps.argmin()
+        assert found.gaps[deepest] == pytest.approx(height - below, abs=1e-14)
+        assert found.first.arms[deepest, 2] == pytest.approx((height - below) / 2, abs=1e-14)
+
+
+def test_a_ball_near_another_shape_is_touched_halfway():
+    for other in (Sphere(0.2), Box((0.4, 0.4, 0.4))):
+        found = find_contacts(placed(Sphere(0.1), (0, 0, 0.36)), placed(other, (0, 0, 0)), 0.1)
+        assert found.gaps == pytest.approx([0.06], abs=1e-14)
+        np.testing.assert_allclose(found.first.arms, [[0, 0, 0.23]], atol=1e-14)
+
+
 def test_ground_carries_a_box_at_its_corners_and_has_no_other_ground():
     box = Box((0.2, 0.3, 0.4))
     found = find_contacts(GROUND, placed(box, (1.0, 2.0, 0.199)), 0.01)

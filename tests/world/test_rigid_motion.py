@@ -95,6 +95,53 @@ def test_a_world_begins_anew():
     assert np.array_equal(again.pose("body").velocity, world.pose("body").velocity)
 
 
+def test_a_torque_that_is_given_supplies_its_work_and_nobody_else_does():
+    """About a principal axis it turns faster and faster: I ω = τ t, and ½ I ω² is supplied."""
+    rod, torque = fr.RigidBody(Box((0.1, 0.2, 0.3)), mass=2.0), 0.01
+    world = fr.World({"rod": rod}, 1e-2)
+    for _ in range(50):
+        world.step({"rod": {"torque": (0, 0, torque)}})
+    inertia = rod.mass_and_inertia()[1][2, 2]
+    assert world.pose("rod").angular_velocity[2] == pytest.approx(torque * 0.5 / inertia, rel=1e-12)
+    account, energy = world.account("rod"), inertia * (torque * 0.5 / inertia) ** 2 / 2
+    assert (account.supplied, account.obstacles) == (pytest.approx(energy, rel=1e-12), 0.0)
+
+
+def test_the_end_of_a_rod_that_turns_stops_at_the_ground():
+    """Its centre hardly falls; that its end comes nearer by 20 mm a step is foreseen, wherever it was before."""
+    for height in np.linspace(0.1, 0.12, 8):
+        rod = fr.RigidBody(Box((1.0, 0.02, 0.02)), mass=1.0, position=(0, 0, height), angular_velocity=(0, 10.0, 0))
+        world = fr.World({"ground": GROUND, "rod": rod}, 4e-3)
+        lowest = []
+        for _ in range(12):
+            world.step()
+            w, x, y, z = world.pose("rod").rotation
+            lowest.append(world.pose("rod").position[2] - (w * y - x * z) - 0.01 * (1 - 2 * (x * x + y * y)))
+        assert world.pose("rod").velocity[2] > 0.1  # it was hit
+        assert min(lowest) > -1e-3
+
+
+@pytest.mark.parametrize("steps", [100, 400])
+def test_a_ball_slides_off_a_plane_that_turns(steps):
+    """As r e^(ωt), a bead on a wire; it sinks by what the plane turns in a step on its way, and by no more."""
+    ω, r, ρ, h = 1.0, 0.3, 0.05, 1.0 / steps
+
+    def turning(t):
+        """Below its axis by the radius of the ball, so that the ball's centre is on a line through it."""
+        along, out = np.array([np.cos(ω * t), 0, np.sin(ω * t)]), np.array([-np.sin(ω * t), 0, np.cos(ω * t)])
+        turned = np.array([np.cos(ω * t / 2), 0, -np.sin(ω * t / 2), 0])
+        return fr.BaseState(-ρ * out, turned, ω * ρ * along, np.array([0, -ω, 0]))
+
+    ball = fr.RigidBody(Sphere(ρ), mass=1.0, position=(r, 0, 0), velocity=(ω * r, 0, ω * r))
+    world = fr.World({"plane": fr.RigidBody(HalfSpace(), motion=turning), "ball": ball}, h)
+    for _ in range(steps):
+        world.step()
+    along, out = np.array([np.cos(ω), 0, np.sin(ω)]), np.array([-np.sin(ω), 0, np.cos(ω)])
+    place, sinks = world.pose("ball").position, h * ω * r * (np.e - 1)
+    assert place @ along == pytest.approx(r * np.e, abs=sinks)
+    assert -sinks < place @ out < 0
+
+
 @pytest.mark.parametrize(
     ("inputs", "says"),
     [

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 import fenics_rom as fr
+from fenics_rom import world_run
 from fenics_rom.cli.main import main
 from fenics_rom.errors import FenicsRomError, SceneError
 from fenics_rom.mechanics.frame_motion import rotation_matrix
@@ -104,9 +105,24 @@ def test_a_run_is_written_and_read(run, tmp_path):
 def test_a_step_of_its_own_and_what_a_world_has_not(tmp_path):
     file = tmp_path / "world.toml"
     file.write_text(WORLD)
-    assert fr.simulate(file, dt=0.01, every=1).steps == 20
+    assert fr.simulate(file, dt=0.01, every=1).times == pytest.approx(0.01 * np.arange(21), abs=1e-15)
+    for given, said in (
+        ({"every": 0}, "every = 0: allowed"),
+        ({"every": 1.5}, "every = 1.5"),
+        ({"dt": 1.0}, "dt = 1.0"),
+    ):
+        with pytest.raises(SceneError, match=said):
+            fr.simulate(file, **given)
     with pytest.raises(SceneError, match="stepper cannot be used with a WorldScene"):
         fr.simulate(file, stepper="newton")
+
+
+def test_inputs_are_those_of_the_middle_of_a_step(tmp_path, monkeypatch):
+    asked = []
+    monkeypatch.setattr(world_run, "inputs_at", lambda scene, time: asked.append(time) or {})
+    (tmp_path / "world.toml").write_text(WORLD)
+    fr.simulate(tmp_path / "world.toml", dt=0.05)
+    assert asked == pytest.approx([0.025, 0.075, 0.125, 0.175], abs=1e-15)
 
 
 @pytest.mark.parametrize(
