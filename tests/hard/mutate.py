@@ -103,6 +103,12 @@ MUTATIONS = [
     ("runtime/steppers/linearly_implicit.py", "pulled += around.pulled(self.branches.pull[1])", "pass"),
     ("runtime/steppers/linearly_implicit.py", "pulled = around.pulled(self._strained[1])", "pass"),
     ("runtime/steppers/linearly_implicit.py", "residual += around.pulled(self.branches.pull[1])", "pass"),
+    ("runtime/steppers/linearly_implicit.py", "self._strained = auxiliary[:strains].reshape(2, -1).copy()", "pass"),
+    (
+        "runtime/steppers/linearly_implicit.py",
+        "self._strained, self._next = self._strained_before,",
+        "_, self._next = 0,",
+    ),
     (
         "runtime/steppers/linearly_implicit.py",
         "(middle)\n        matrix = self._fixed + around.stiffness(h / 2 + self._stiffening_time)",

@@ -160,6 +160,25 @@ def test_a_force_beyond_the_numbers_leaves_the_state_as_it_was(roms, stepper):
 
 
 @pytest.mark.parametrize("law", LAWS)
+def test_strains_that_are_not_those_of_the_shape_come_back_too(undamped, law):
+    """After a step that was refused, and where a run goes on from a state that was saved."""
+    simulator, u = swing(undamped[law], 1e-3, "linearly-implicit", duration=0.004), [0.0, 0.1, 0.0, 50.0, 0.1]
+    while simulator._stepper.kernel._strained is None and simulator.steps < 10:
+        simulator.step(u)
+    assert simulator._stepper.kernel._strained is not None
+    saved = simulator.save()
+    with pytest.raises(StepError):
+        simulator.step([1e200, 0.0, 0.0, 0.0, 0.0])
+    other = fr.Simulator(undamped[law], 1e-3, stepper="linearly-implicit")
+    other.restore(saved)
+    for each in (simulator, other):
+        each.step(u)
+    np.testing.assert_array_equal(simulator.state, other.state)
+    assert simulator.energy == other.energy
+    assert imbalance(simulator) < 1e-10
+
+
+@pytest.mark.parametrize("law", LAWS)
 def test_what_a_step_finds_of_the_next_one_serves_no_other_step(roms, law):
     """Neither one after a step that was refused, nor one of another size."""
     simulator, u = swing(roms[law], 4e-3, "linearly-implicit", duration=0.08), [0.0, 0.1, 0.0, 50.0, 0.1]

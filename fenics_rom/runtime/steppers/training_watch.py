@@ -68,10 +68,8 @@ class TrainingWatch:
         strains = np.maximum(trained.strains, LOCAL_STRAIN * trained.strains.max(initial=NEVER))
         self._inverse_squares, self._stretched = strains**-2.0, np.sqrt(1 + 2 * TRUSTED_STRAIN * strains)
         self._reach = np.sqrt(np.square(body.gradients).sum(axis=(0, 1)))  # |∇W_k| (P, m)
-        self._reaches = np.sqrt(np.square(self._reach).sum(axis=1))
-        # |ΔH| up to which, from the shape that was looked at, no point's strain is beyond training, and |Δq|² where
-        # none can be.
-        self._looked_at, self._clear, self._near = np.zeros(body.order), np.full(len(strains), -1.0), -1.0
+        # |ΔH| up to which, from the shape that was looked at, no point's strain is beyond training.
+        self._looked_at, self._clear = np.zeros(body.order), np.full(len(strains), -1.0)
         self._means = [f"mean force of {name}, {axis}" for name in self._pushers for axis in "xyz"]
         self._smoothing_time = trained.smoothing_time
         self.notes = (*self._ranges, STRAIN, TOUCHED, *self._means)
@@ -123,16 +121,11 @@ class TrainingWatch:
 
         |E + ΔE| <= |E| + |F| |ΔH| + ½ |ΔH|², |F|² <= 1 + 2 |E|.
         """
-        moved = q - self._looked_at
-        if moved.dot(moved) <= self._near:
-            return
-        is_clear = self._reach.dot(np.abs(moved)) <= self._clear
+        is_clear = self._reach.dot(np.abs(q - self._looked_at)) <= self._clear
         if np.count_nonzero(is_clear) == len(is_clear):  # all of them, in a third of the time
             return
         strains = np.sqrt(self._look_at_strains(notes, self._points.strains(q)[1]))
         self._looked_at, self._clear = q.copy(), self._stretched - np.sqrt(1 + 2 * strains)
-        near = float((self._clear / self._reaches).min())
-        self._near = near * abs(near)
 
     def _look_at_strains(self, notes: Notes, E: Array) -> Array:
         """Squares |E|² (P,)."""
