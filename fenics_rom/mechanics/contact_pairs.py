@@ -158,6 +158,13 @@ class NormalRule:
         later *= self._share
         return np.maximum(closing, later, later)
 
+    def target(self, gaps: Array, approach: Array) -> Array:
+        """NormalLaw.target of the same, of obstacles that rest."""
+        half = approach * self._half
+        if gaps.item(gaps.argmin()) < 0.0:
+            np.maximum(half, gaps * self._rate - np.abs(approach), half)
+        return np.minimum(half, self._zeros, half)
+
     def asks(self, gaps: Array, gap: float, w: Array | None, approach: Array) -> NormalLaw:
         """What the law says.
 

@@ -61,10 +61,10 @@ class Frames:
 
     def are_along(self, normals: Array) -> bool:
         """Whether other normals (C, 3) are these, to round-off."""
+        if normals.shape != self.normals.shape or abs(normals.item(0) - self.normals.item(0)) > _ROUND_OFF:
+            return False  # to see it of one number takes a tenth of the time
         if self.are(normals):  # six times as fast as to compare numbers
             return True
-        if normals.shape != self.normals.shape:
-            return False
         return largest(np.abs(normals - self.normals)) <= _ROUND_OFF
 
     def of(self, pairs: Array) -> "Frames":

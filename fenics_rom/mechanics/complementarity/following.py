@@ -153,7 +153,7 @@ def _to_keep(
     linear: Array,
 ) -> KeptLaw:
     """After forces were found in so many corrections, of which the last began with an error of `before`."""
-    wear, forces = kept.wear + max(step - 1, 0) ** 3, found.projected
+    wear, forces = kept.worn(step), found.projected
     if kept.is_worn:
         wear = 0
         with suppress(np.linalg.LinAlgError):

@@ -22,7 +22,7 @@ FINISH_REDUCTION = 100  # tries again each time the residual has fallen by this 
 REGULAR_SHARE = 0.4  # ρ in parts of each pair's stiffness, where W is regular
 NEAR = 1e-2  # q of a step and of the next, as a share of the velocities, between which no other law is looked for
 _MOST_LACKED = 6  # steps from which is told what forces will lack
-_MOST_WEAR = 64  # of an inverse, see KeptLaw
+_MOST_WEAR = 256  # of an inverse, see KeptLaw.worn
 MOST_KEPT = 3  # linearised laws besides that of the last step
 STEP_FRACTION = 0.9  # of the way to the border of the cones that an interior-point method goes
 
@@ -53,13 +53,17 @@ class KeptLaw(NamedTuple):
     forces: Array  # which were found for it (3, C), N
     lacking: Array | float = 0.0  # what they will lack by the inverse and the q of the next time step (3, C), N
     lacked: tuple[Array, ...] = ()  # what they did in the last steps, the last one first
-    wear: int = 0  # of the inverse: (k - 1)³ for k corrections in a step
+    wear: int = 0  # of the inverse
     earlier: "tuple[KeptLaw, ...]" = ()  # those of the steps before: what rubs often does the same in every other step
 
     @property
     def has_inverse(self) -> bool:
         """Whether this or one of those before does."""
         return self.inverse is not None or any(law.inverse is not None for law in self.earlier)
+
+    def worn(self, corrections: int) -> int:
+        """`wear` after a step with so many: one more hardly pays to find the inverse anew, several do."""
+        return self.wear + (1 + 4 * (corrections - 1) ** 3 if corrections else 0)
 
     @property
     def is_worn(self) -> bool:

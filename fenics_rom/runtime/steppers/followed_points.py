@@ -16,7 +16,6 @@ from numpy import ndarray as Array
 
 from fenics_rom.mechanics.complementarity import Frames
 from fenics_rom.mechanics.contact import ObstacleMotion, PointMotion
-from fenics_rom.mechanics.contact_pairs import NormalLaw
 from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.obstacles import HalfSpace
 from fenics_rom.rom.contact_model import ContactModel
@@ -56,7 +55,7 @@ class PairsBegun(NamedTuple):
     moves: Array  # (6, P): what forces have to stop, if an approach is to end that is away from the obstacle, too,
     #               and the velocity at the start, m/s
     approach: Array  # along the normals of that (P,), m/s
-    asked: Callable[[], NormalLaw]  # tells what the normal law says
+    target: Callable[[], Array]  # tells NormalLaw.target (P,), m/s
 
 
 class FollowedPoints:
@@ -137,7 +136,7 @@ class FollowedPoints:
         moves, last = self._moves, self._last
         if self._frames is not None:
             margin = np.minimum(last[0], last[1])
-            return PairsBegun(self._frames, None, margin, moves, self._velocity[0], self._flat_law)
+            return PairsBegun(self._frames, None, margin, moves, self._velocity[0], self._flat_target)
         gaps, normals = self._obstacle.distance(last.T)
         frames = self.solver.search.frames_along(normals)
         n = frames.lasting_normals
@@ -147,14 +146,13 @@ class FollowedPoints:
         margin -= self._rule.level(gaps, approach)
         if self.share:
             margin += self._share * approach
-        asked = partial(self._rule.asks, gaps, gaps.item(gaps.argmin()), None, approach)
-        return PairsBegun(frames, n, margin, moves, approach, asked)
+        return PairsBegun(frames, n, margin, moves, approach, partial(self._rule.target, gaps, approach))
 
-    def _flat_law(self) -> NormalLaw:
-        """What the normal law says of pairs at a flat obstacle in the step that was begun last."""
+    def _flat_target(self) -> Array:
+        """PairsBegun.target at a flat obstacle in the step that was begun last."""
         approach = self._velocity[0]
         closing = self._q[0] + self._share * approach - self._last[0]
-        return self._rule.asks(-self.body.h * closing, -closing.item(closing.argmax()), None, approach)
+        return self._rule.target(-self.body.h * closing, approach)
 
     def told(self, numbers: Array) -> tuple[PointMotion, Array, Array]:
         """Of a step with these `numbers`, what the points do, as ContactSolver.keep_followed asks for."""

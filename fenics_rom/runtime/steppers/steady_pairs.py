@@ -14,13 +14,20 @@ from numpy import ndarray as Array
 from fenics_rom.mechanics.complementarity import Delassus, KeptLaw
 from fenics_rom.mechanics.complementarity.cones import project
 from fenics_rom.mechanics.complementarity.following import SLOWEST
-from fenics_rom.mechanics.complementarity.solution import CONVERGENCE_TOLERANCE, STAGNATION_RESIDUAL, Solution, largest
+from fenics_rom.mechanics.complementarity.solution import (
+    CONVERGENCE_TOLERANCE,
+    NEAR,
+    STAGNATION_RESIDUAL,
+    Solution,
+    largest,
+)
 from fenics_rom.mechanics.contact_pairs import WORK_ROUND_OFF
 from fenics_rom.mechanics.followed_contact import Followed
 from fenics_rom.runtime.steppers.followed_points import FollowedPoints, PairsBegun
 
 _ONES, _FIRST = np.ones(3), np.array([[1.0], [0.0], [0.0]])
 NEGLIGIBLE = 0.1  # of what forces may lack: what they lack in every step may as well add up
+_NEARLY = 30.0  # of vectors: where their lengths are no more than so many times what may be left, components are asked
 _MOST_CORRECTIONS = 6  # where it takes more, there is a change that is to be looked into
 
 
@@ -77,7 +84,7 @@ class SteadyPairs:
                 return None
         target = None
         if not self._share or not self._is_round_off(approach, q):
-            q, target = q.copy(), self._of(begun.asked().target)
+            q, target = q.copy(), self._of(begun.target())
             off = self._share * approach - target
             q.reshape(3, C)[:] += off * (_FIRST if n is None else n)
         law = self._solve(q, n, kept)
@@ -112,9 +119,12 @@ class SteadyPairs:
     def _normals_of_active(self, normals: Array) -> Array | None:
         """Of all, (3, P), those of the pairs that take part; None where these are alike: another frame is theirs."""
         if normals is not self._normals:
-            n = normals[:, self._active]
-            self._normals, self._active_normals, self._idle_normals = normals, n, normals[:, self._idle]
-            self._are_alike = bool((n == n[:, :1]).all())
+            n = normals
+            if len(self._idle):
+                n, self._idle_normals = normals.take(self._active, axis=1), normals.take(self._idle, axis=1)
+            self._normals, self._active_normals = normals, n
+            ends = n[:, 0].tobytes(), n[:, -1].tobytes()
+            self._are_alike = ends[0] == ends[1] and bool((n == n[:, :1]).all())
         return None if self._are_alike else self._active_normals
 
     def _is_round_off(self, approach: Array, q: Array) -> bool:
@@ -122,8 +132,15 @@ class SteadyPairs:
         length = math.sqrt(approach.dot(approach))
         if length <= STAGNATION_RESIDUAL * abs(q.item(self._fastest)):  # no component is larger
             return True
+        if length > STAGNATION_RESIDUAL * math.sqrt(q.dot(q)):
+            return False
         self._fastest = int(np.abs(q).argmax())  # another may be now
         return length <= STAGNATION_RESIDUAL * abs(q.item(self._fastest))
+
+    def _is_solved(self, off: Array, q: Array) -> bool:
+        """Whether forces are off by no more than they may be."""
+        self._fastest = int(np.abs(q).argmax())  # another may be now
+        return largest(np.abs(self._compliance * off)) <= CONVERGENCE_TOLERANCE * abs(q.item(self._fastest))
 
     def _is_work(self, by_friction: float, f: Array, q: Array) -> bool:
         """Whether it is more than round-off; see contact_pairs.helping_pairs.
@@ -146,46 +163,56 @@ class SteadyPairs:
         Returns:
             The law to go on with; None where there is more to look into.
         """
-        kept = last.nearest(q.reshape(3, -1), largest(np.abs(q))) if last.earlier else last
+        kept, length = last, math.sqrt(q.dot(q))
+        if last.earlier:
+            change = q - last.q.ravel()
+            if math.sqrt(change.dot(change)) > NEAR * abs(q.item(self._fastest)):  # else no component is, either
+                kept = last.nearest(q.reshape(3, -1), largest(np.abs(q)))
         inverse = kept.inverse
-        if inverse is None or kept.is_worn:
+        if inverse is None or (kept.is_worn and self._friction):  # without friction there is none to be found anew
             return None
         if kept is not self._law:
             self._law, self._φ = kept, (kept.forces + kept.lacking).ravel() - inverse.dot(kept.q.ravel())
-        foreseen = f = inverse.dot(q)
-        f += self._φ
-        speed, before, corrections = abs(q.item(self._fastest)), math.inf, 0
-        self._acts.dot(f, self._does)
+        Jq = inverse.dot(q)
+        foreseen = f = Jq + self._φ
+        allowed, before, corrections = CONVERGENCE_TOLERANCE * abs(q.item(self._fastest)), length, 0
+        nearly = _NEARLY * CONVERGENCE_TOLERANCE * length
+        is_last = not kept.lacked  # where forces were corrected in the last step, they are likely to be in this one
+        if is_last:
+            self._acts.dot(f, self._does)
+        else:
+            self._W.dot(f, self._moved)
         while True:
             u = self._moved + q
             z = self._ρ * u
             np.subtract(f, z, z)
             projected = project(z.reshape(3, -1), n, self._μ, self._zeros).forces.ravel()
             off = f - projected
-            if math.sqrt(off.dot(off)) * self._softest <= CONVERGENCE_TOLERANCE * speed:  # no component is larger
-                break
-            moves = self._compliance * off
-            error = largest(np.abs(moves))
-            if not corrections:  # another may be the fastest now
-                self._fastest = int(np.abs(q).argmax())
-                speed = before = abs(q.item(self._fastest))
-            if error <= CONVERGENCE_TOLERANCE * speed:
+            error = math.sqrt(off.dot(off)) * self._softest  # no component is larger
+            if error <= allowed or (error <= nearly and self._is_solved(off, q)):
                 break
             if corrections == _MOST_CORRECTIONS or not error < SLOWEST * before:
                 return None
+            moves = self._compliance * off
             moves -= self._W.dot(off)  # as FollowedLaw.corrected
             f, before = inverse.dot(moves), error
             f += projected
             self._W.dot(f, self._moved)
             corrections += 1
-        if corrections:
+        if corrections or not is_last:
             self._acts.dot(f, self._does)
         self._f, self._velocities = f, u
         if not (corrections or last.earlier or last.lacked) and isinstance(last.lacking, float):
             return last  # it says the same of the next step
         lacking, lacked = kept.foreseen((projected - foreseen).reshape(3, -1) + kept.lacking, corrections > 0)
-        size, wear = math.sqrt(np.vdot(lacking, lacking)) * self._softest, kept.wear + max(corrections - 1, 0) ** 3
-        is_negligible = not (corrections or lacked) and size <= NEGLIGIBLE * CONVERGENCE_TOLERANCE * largest(np.abs(q))
+        is_negligible = False
+        if not (corrections or lacked):
+            size = math.sqrt(np.vdot(lacking, lacking)) * self._softest
+            is_negligible = size <= NEGLIGIBLE * CONVERGENCE_TOLERANCE * largest(np.abs(q))
         at = q.reshape(3, -1).copy(), projected.reshape(3, -1), 0.0 if is_negligible else lacking
-        now = KeptLaw(kept.statuses, inverse, *at, lacked, wear, last.earlier if corrections else ())
-        return now if kept is last else now.after(last)
+        earlier = last.earlier if corrections else ()
+        now = KeptLaw(kept.statuses, inverse, *at, lacked, kept.worn(corrections), earlier)
+        if kept is not last:
+            return now.after(last)
+        self._law, self._φ = now, (now.forces + now.lacking).ravel() - Jq
+        return now
