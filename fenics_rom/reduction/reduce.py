@@ -143,16 +143,7 @@ def reduce(
     _require_start(system)
     whole, system = system, elastic_part(system)
     if system is not whole:
-        if system.deformation is not None:
-            raise SceneError(
-                "effects.large_deformation: a body that is not wholly held turns as far as it likes, which no fixed "
-                "basis follows; hold it by supports or springs, or solve it at full order"
-            )
-        if lyapunov in ("as-printed", "bartels-stewart"):
-            raise SceneError(
-                "bodies that are not wholly held have no dense Gramians of the first-order form; allowed are "
-                "lyapunov = 'closed-form', 'krylov' and 'adi', and switching = 'energy'"
-            )
+        _require_linear_motions(system, lyapunov)
         require_loads(system)
     stages = Stages(lambda value: float(system.algebra.maximum(value)), system.stages, report)
     with stages("factorisation of K"):
@@ -205,6 +196,20 @@ def _require_start(system: System) -> None:
         solver.check_start(np.zeros_like(points), np.array(offsets), list(environment.obstacles))
     except StepError as error:
         raise SceneError(f"{environment.source}: {error}") from error
+
+
+def _require_linear_motions(system: System, lyapunov: str) -> None:
+    """Refuses of a body with rigid motions what these do not allow."""
+    if system.deformation is not None:
+        raise SceneError(
+            "effects.large_deformation: a body that is not wholly held turns as far as it likes, which no fixed "
+            "basis follows; hold it by supports or springs, or solve it at full order"
+        )
+    if lyapunov in ("as-printed", "bartels-stewart"):
+        raise SceneError(
+            "bodies that are not wholly held have no dense Gramians of the first-order form; allowed are "
+            "lyapunov = 'closed-form', 'krylov' and 'adi', and switching = 'energy'"
+        )
 
 
 def _with_tied_components(rom: Rom, unknowns: Unknowns) -> Rom:
