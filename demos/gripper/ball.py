@@ -68,14 +68,16 @@ def coarse(file: Path) -> fr.Scene:
 
 def compare(systems: list[fr.System], runs: dict[int, fr.Trajectory]) -> bool:
     """Tables runs beside that at full order; whether the last of them is near it."""
-    full = pick_up(*(fr.reduce(system, order=system.elastic_size, method="modal") for system in systems), END)
+    whole = [fr.reduce(system, order=system.elastic_size, method="modal") for system in systems]
+    full, finer = (pick_up(*whole, END, DT / n) for n in (1, 2))
     print("| order | grip, left | grip, right | force on the ground | motion of the ball | steps/s |")
     print("|---|---|---|---|---|---|")
     worst = np.inf
-    for order, run in (*runs.items(), ("full", full)):
-        errors = [share(run.forces[name], full.forces[name]) for name in NAMES]
+    for order, run in (("full, at half the step", finer), *runs.items(), ("full", full)):
+        kept = slice(None, None, (len(run.times) - 1) // (len(full.times) - 1))  # at instants that full order has, too
+        errors = [share(run.forces[name][kept], full.forces[name]) for name in NAMES]
         places = [of.bodies["ball"].pose[:, :3] - of.bodies["ball"].pose[0, :3] for of in (run, full)]
-        errors.append(share(*places))
+        errors.append(share(places[0][kept], places[1]))
         if run is not full:
             worst = max(errors)
         cells = " | ".join("" if run is full else f"{100 * error:.2g} %" for error in errors)
@@ -86,8 +88,8 @@ def compare(systems: list[fr.System], runs: dict[int, fr.Trajectory]) -> bool:
 NAMES = ["ball-left_finger", "ball-right_finger", "ground-ball"]
 
 
-def pick_up(finger: fr.Rom, ball: fr.Rom, end: float) -> fr.Trajectory:
-    """A run until the end, s."""
+def pick_up(finger: fr.Rom, ball: fr.Rom, end: float, dt: float = DT) -> fr.Trajectory:
+    """A run until the end, s, in steps of dt, s."""
     t = np.linspace(0, END, round(END / 0.01) + 1)
     up = LIFT * rise(t, CLOSED, LIFTED)
     fading = rise(t, LIFTED, LIFTED + 0.2) * (1 - rise(t, END - 0.2, END))
@@ -104,9 +106,9 @@ def pick_up(finger: fr.Rom, ball: fr.Rom, end: float) -> fr.Trajectory:
         bodies[f"{side}_finger"] = fr.SoftBody(finger, on="palm", position=place, rotation=hanging(sign))
     hand = ["palm", *(f"{side}_finger" for side in SIDES)]
     apart = [hand, ["ground", *hand], ["ball", "palm"]]
-    world = fr.World(bodies, DT, gravity=(0, 0, -GRAVITY), friction=0.8, apart=apart)
-    steps = round(end / DT)
-    recorder, begin = WorldRecorder(world, steps, snapshots=steps // 10), process_time()
+    world = fr.World(bodies, dt, gravity=(0, 0, -GRAVITY), friction=0.8, apart=apart)
+    steps = round(end / dt)
+    recorder, begin = WorldRecorder(world, steps, snapshots=round(end / DT) // 10), process_time()
     for step in range(steps):
         pull = TENSION * rise(world.time, 0.1, CLOSED)
         world.step({f"{side}_finger": {"flexor": [pull]} for side in SIDES})
