@@ -248,7 +248,7 @@ def springs_that_count_for_nothing(patch, demo):
 
 def warnings_that_nobody_gives(patch, demo):
     patch.setattr(reduction, "warnings", SimpleNamespace(warn=lambda *given, **more: None))
-    patch.setattr(assemble, "_warnings", lambda scene, mesh, rigid: ())
+    patch.setattr(assemble, "warnings_of", lambda scene, mesh, rigid: ())
 
 
 def light_parts_that_nobody_misses(patch, demo):
