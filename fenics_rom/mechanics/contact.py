@@ -194,6 +194,14 @@ class ContactResidual(NamedTuple):
         return ContactResidual(self.steps + 1, max(self.residual, residual))
 
 
+class TangentPlanes(NamedTuple):
+    """Of a round obstacle at points (P,) that hardly move: to round-off it is as flat."""
+
+    places: Array  # of the points, (P, 3), m, as seen from where the obstacle was at rest
+    gaps: Array  # there, (P,), m
+    frames: Frames  # along the normals there
+
+
 class ContactSearch(NamedTuple):
     """What a search for contact forces begins with: all that a solver keeps of the past; not to be changed."""
 
@@ -202,6 +210,8 @@ class ContactSearch(NamedTuple):
     laws: tuple[tuple[bytes, KeptLaw], ...] = ()  # of those pairs that took part then, and of others before them
     frames: Frames | None = None  # of all pairs then
     is_steady: bool = False  # whether that step took no search
+    unturned: int = 0  # number of steps before it that took none, either, had these frames and left no planes
+    planes: TangentPlanes | None = None  # where points have not moved since they were taken
 
     def law_of(self, key: bytes) -> KeptLaw | None:
         """The law of those pairs of which the key tells that they take part, as booleans."""

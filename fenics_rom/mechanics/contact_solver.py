@@ -31,7 +31,14 @@ from numpy import ndarray as Array
 from fenics_rom.errors import StepError
 from fenics_rom.mechanics.complementarity import NEGLIGIBLE_RESIDUAL, Delassus, Frames, solve
 from fenics_rom.mechanics.complementarity.solution import ADVICE, largest
-from fenics_rom.mechanics.contact import ContactLaw, ContactSearch, ContactSolution, ObstacleMotion, PointMotion
+from fenics_rom.mechanics.contact import (
+    ContactLaw,
+    ContactSearch,
+    ContactSolution,
+    ObstacleMotion,
+    PointMotion,
+    TangentPlanes,
+)
 from fenics_rom.mechanics.contact_pairs import Asked, NormalRule, Pairs, Settled, SolvedPairs, passive_forces
 from fenics_rom.mechanics.followed_contact import Followed, LawToFollow, PairsMotion, follow_contact
 from fenics_rom.mechanics.obstacles import Obstacle
@@ -216,6 +223,7 @@ class ContactSolver:
         dt: float,
         obstacles: ObstacleMotion,
         quasi_static: bool = False,
+        planes: TangentPlanes | None = None,
     ) -> ContactSolution:
         """Contact of a step in which all pairs did what they did in the step before; the next search begins with it.
 
@@ -224,10 +232,13 @@ class ContactSolver:
             frames: of all.
             told: tells, if someone asks, what the points do, and what `_relative` says of that.
             delassus, dt, obstacles, quasi_static: as in `solve`.
+            planes: those of round obstacles that points have not left.
         """
-        key, active, operator, solution, forces, power = found
+        key, active, operator, solution, forces, power, are_framed = found
         search, law = self.search, self.law
-        self.search = ContactSearch(forces, search.residual, search.with_law(key, solution.kept), frames, True)
+        laws, have_left = search.with_law(key, solution.kept), search.planes is not None and planes is None
+        unturned = search.unturned + 1 if frames is search.frames and not have_left else 0
+        self.search = ContactSearch(forces, search.residual, laws, frames, True, unturned, planes)
 
         def known() -> tuple[Pairs, SolvedPairs]:
             points, free, relative = told()
@@ -236,7 +247,9 @@ class ContactSolver:
             pairs = self._all_pairs(free, relative, frames.normals, asked, law.friction > 0 and not quasi_static)
             problem = pairs.problem(active, operator, forces, False)
             own = frames.of(active)
-            f, u = own.turned(*map(own.from_lasting_axes, solution[:2]))
+            f, u = solution[:2]
+            if not are_framed:
+                f, u = own.turned(own.from_lasting_axes(f), own.from_lasting_axes(u))
             found_so = pairs, gaps, active, problem, f, u, False
             return pairs, SolvedPairs(points, obstacles.start, delassus, dt, quasi_static, *found_so)
 

@@ -120,6 +120,7 @@ class Followed(NamedTuple):
     solution: Solution  # theirs, in axes that last
     forces: Array  # of all pairs, (O P, 3), N
     power: float | None  # Σ λ s, W; None without friction
+    are_framed: bool = False  # whether what the solution has is in their frames
 
 
 def follow_contact(

@@ -22,9 +22,11 @@ from fenics_rom.runtime.steppers.steady_pairs import SteadyPairs
 LENGTHS, ORDER, STEPS = (0.3, 0.2, 0.1), 8, 240
 FLOOR = '[effects.contact.obstacles.floor]\nshape = "half-space"\npoint = [0, 0, -1e-4]\nnormal = [0, 0, 1]\n'
 BALL = '[effects.contact.obstacles.ball]\nshape = "sphere"\ncenter = [0.15, 0.1, -0.5001]\nradius = 0.5\n'
+BIG_BALL = BALL.replace("-0.5001", "-20.0001").replace("radius = 0.5", "radius = 20")
 WALL = '[effects.contact.obstacles.wall]\nshape = "half-space"\npoint = [0.3001, 0, 0]\nnormal = [-1, 0, 0]\n'
 GRAVITY = "gravity = { acceleration = [0, 0, -9.81] }\n"
 BODY = "inertia = {}\ndamping = { alpha = 5.0, beta = 2e-3 }\n" + GRAVITY
+DAMPED = BODY.replace("alpha = 5.0, beta = 2e-3", "alpha = 100.0, beta = 1e-2")
 PUSH = "[effects.prescribed.push]\nsurface = 'top'\n[effects.contact]\nLAW\n"
 SPRINGS = 'method = "penalty"\nstiffness = 2e4\ndamping = 5.0'
 ROUGH = "[effects.friction]\ncoefficient = 0.4\n"
@@ -54,6 +56,7 @@ def roms(mesh):
         "smooth": (0.5, FLOOR, False),
         "ball": (0.0, BALL, True),
         "smooth ball": (0.0, BALL, False),
+        "big ball": (0.0, BIG_BALL, True, DAMPED),
         "shaken": (0.5, BALL, True),
         "corner": (0.0, FLOOR + WALL, True),
         "ball and wall": (0.3, BALL + WALL, True),
@@ -143,6 +146,50 @@ def test_steady_contact_takes_a_first_look_alone(roms, case, monkeypatch):
     assert others[-1] < 2 * STEPS
 
 
+@pytest.mark.parametrize("push", [[0.3, 0.1, -20], [8, 0, -20], [0.3, 0.1, 30]], ids=["stays", "slides", "leaves"])
+def test_where_points_stay_a_ball_is_as_flat_as_its_tangent_planes(roms, push, monkeypatch):
+    """To where searches lead, also once they go on, and to the bit after a restart."""
+    signals, ways, planes = {"push": [0.3, 0.1, -20]}, [], []
+    body = fr.Simulator(roms["big ball"], 1e-3, signals=signals)
+    for _ in range(2 * STEPS):
+        body.step()
+    start, fresh = body.save(), fr.Simulator(roms["big ball"], 1e-3, signals=signals)
+    assert start.stepper.search.planes is not None
+    for each in (body, fresh, body):
+        with monkeypatch.context() as changed:
+            if len(ways) == 2:
+                search_always(changed)
+            each.restore(start)
+            each.set_signal("push", push)
+            states = []
+            for _ in range(STEPS // 2):
+                each.step()
+                states.append(np.concatenate([*each.state, each.contact_forces().ravel()]))
+        ways.append(np.array(states))
+        planes.append(each.integrator.interface.solver.search.planes)
+    assert (planes[0] is start.stepper.search.planes) == (push == signals["push"])
+    assert np.array_equal(ways[0], ways[1])
+    np.testing.assert_allclose(ways[0], ways[2], atol=1e-9 * np.abs(ways[2]).max(), rtol=0)
+
+
+def test_points_that_went_are_no_more_at_tangent_planes(roms):
+    """Were they, a body that slides steadily would go on along these, and not around the ball."""
+    body = fr.Simulator(roms["big ball"], 1e-3, signals={"push": [0.3, 0.1, -20]})
+    for _ in range(2 * STEPS):
+        body.step()
+    points, u = body.integrator.kernel._at_planes, np.zeros(body.model.inputs.shape[1])
+    assert points.begin(u) is not None
+    while points.begin(u) is not None:
+        body.integrator.rigid_displacement[0] += 1e-15
+    counts = []
+    for _ in range(3):
+        body.step()
+        search = body.integrator.interface.solver.search
+        assert search.planes is None
+        counts.append(search.unturned)
+    assert counts == [0, 1, 2], "else planes would be made anew in every other step"
+
+
 @pytest.mark.parametrize("obstacle", [HalfSpace([0, 0, 0], [0, 0, 1]), Sphere([0.5, 0, -100.0], 100.0)])
 def test_a_first_look_misses_no_point_that_forces_on_others_push_down(obstacle):
     """A see-saw: two of its points are pressed on the ground, and what holds them brings down the third."""
@@ -163,7 +210,7 @@ def test_a_first_look_misses_no_point_that_forces_on_others_push_down(obstacle):
         n, (free,) = frames.lasting_normals, frames.to_lasting_axes(motion(speed).free_velocity)
         outwards, still_yet = free[0] if n is None else (free * n).sum(axis=0), np.zeros(3)
         margin = outwards - solver.rule(h).level(gaps, still_yet)
-        begun = PairsBegun(frames, n, margin, np.vstack([free, 0 * free]), still_yet, None)
+        begun = PairsBegun(frames, n, margin, np.vstack([free, 0 * free]), still_yet, None, None)
         model = ContactModel(none, none, np.empty((0, 0)), np.empty((0, 0)), np.empty((0, 0)), none)
         residual = SimpleNamespace(part=SimpleNamespace(compliance=np.zeros((9, 9))))
         body = LinearBody(model, h, none, np.empty((9, 0)), W, residual, none, none)

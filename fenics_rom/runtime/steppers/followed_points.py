@@ -15,12 +15,15 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.complementarity import Frames
-from fenics_rom.mechanics.contact import ObstacleMotion, PointMotion
+from fenics_rom.mechanics.contact import ObstacleMotion, PointMotion, TangentPlanes
 from fenics_rom.mechanics.contact_solver import ContactSolver
 from fenics_rom.mechanics.obstacles import HalfSpace
 from fenics_rom.rom.contact_model import ContactModel
 from fenics_rom.runtime.steppers.residual_motion import ResidualMotion
 
+ROUND_OFF = 4 * float(np.finfo(float).eps)  # of normals that stay
+SHORT_WAY = 1e-13  # of the size of the body, that points which stay may go
+STEPS_UNTURNED = 64  # after which points are taken to stay where they are: planes take as long to make as ten steps
 _ONES = np.ones(3)
 
 
@@ -56,6 +59,7 @@ class PairsBegun(NamedTuple):
     #               and the velocity at the start, m/s
     approach: Array  # along the normals of that (P,), m/s
     target: Callable[[], Array]  # tells NormalLaw.target (P,), m/s
+    planes: TangentPlanes | None  # that the points are at, to go on with
 
 
 class FollowedPoints:
@@ -65,21 +69,27 @@ class FollowedPoints:
         body: that has them.
         solver: of the rigid contact law.
         still: the obstacle, which does not move.
+        planes: where points are on what is round, if they stay there.
 
     Attributes:
-        body, solver, still: as given.
+        body, solver, still, planes: as given.
         share: of the velocity along normals at the start that pairs are to have in the middle.
         numbers: [x, y, ẏ] of the last step, which the next one overwrites.
         after_state, after_rigid: [e⁺, r⁺] (2m,) and s⁺ (ρ,) but for contact, in the same way.
     """
 
-    def __init__(self, body: LinearBody, solver: ContactSolver, still: ObstacleMotion):
-        self.body, self.solver, self.still = body, solver, still
+    def __init__(
+        self, body: LinearBody, solver: ContactSolver, still: ObstacleMotion, planes: TangentPlanes | None = None
+    ):
+        self.body, self.solver, self.still, self.planes = body, solver, still, planes
         self._rule, self._obstacle, law = solver.rule(body.h), solver.obstacles[0], solver.law
         model, h, rows, rigid = body.model, body.h, body.rows, body.rigid
         placed, (m, p), ρ, P = solver.points - still.start[0], model.inputs.shape, len(rigid), len(solver.points)
-        gaps, normals = self._obstacle.distance(placed)
-        self._frames = Frames(normals) if isinstance(self._obstacle, HalfSpace) else None
+        at = planes
+        if at is None and isinstance(self._obstacle, HalfSpace):
+            gaps, normals = self._obstacle.distance(placed)
+            at = TangentPlanes(placed, gaps, Frames(normals))
+        self._frames = None if at is None else at.frames
 
         ends = np.cumsum([m, m, ρ, p, 1])
         e, r, s, u, one = (slice(*bound) for bound in pairwise((0, *ends)))
@@ -88,20 +98,24 @@ class FollowedPoints:
         v, state[r] = body.applied(right), -state[r]
         motion[0, :, e], motion[0, :, :ρ], motion[0, :, s] = rows / model.safe_frequencies, 0.0, rows[:, :ρ]
         motion[1, :, r], motion[2] = rows, rows @ v
-        turn, added = np.eye(3) if self._frames is None else self._frames.axes[0].T, body.residual.maps.added[:, 1::2]
-        self._motion, self._added = motion, added
+        self._motion, self._added = motion, body.residual.maps.added[:, 1::2]
 
         # What of the velocity at the start pairs are to have in the middle, along normals and tangents.
         self._shares = np.full(3, 0.5 if law.friction else 0.0)
         if self._frames is not None:
             self._shares[0] = (1 - law.restitution) / 2
         self.share, self._share = float(self._shares[0]), self._shares[0]
-        places, velocities, free = np.einsum("ij,kpjn->kipn", turn, motion.reshape(3, P, 3, -1))
-        places[:, :, one] = placed.T[:, :, None]
-        if self._frames is not None:
-            places[0, :, one] = gaps[:, None]
+        axes = np.broadcast_to(np.eye(3) if at is None else at.frames.axes, (P, 3, 3))
+        places, velocities, free = np.einsum("pji,kpjn->kipn", axes, motion.reshape(3, P, 3, -1))
+        places[:, :, one] = np.einsum("pji,pj->ip", axes, placed if at is None else placed - at.places)[:, :, None]
+        if at is not None:
+            places[0, :, one] += at.gaps[:, None]
         of_x = self._of_pairs(places, velocities, free)
-        self._by_beyond = self._of_pairs(*np.einsum("ka,ij->kiaj", added, turn).reshape(3, 3, 6))
+        if planes is not None:
+            of_x[8, :, one] -= planes.gaps[:, None]
+        by_beyond = self._of_pairs(*np.einsum("ka,pji->kipaj", self._added, axes).reshape(3, 3, P, 6))
+        # It is the same of all pairs, where these have the same axes.
+        self._by_beyond = by_beyond[:, 0].copy() if planes is None else by_beyond.transpose(2, 0, 1).copy()
         self._product = np.concatenate([of_x.reshape(-1, ends[-1]), state + body.after(v)])
 
         self.numbers, begun = np.zeros(ends[-1] + 6 * P), np.empty(len(self._product))
@@ -114,16 +128,21 @@ class FollowedPoints:
         self._pairs = pairs.reshape(-1, P)
         self._moves, self._last = self._pairs[:6], self._pairs[6:]
         self._q, self._velocity = self._pairs[:3], self._pairs[3:6]
+        if planes is not None:
+            self._way = self._pairs[8:].ravel()  # that the points are from the planes' places
+            curvature, size = np.abs(self._obstacle.curvature(planes.places)).max(), np.ptp(solver.points, axis=0).max()
+            self._farthest = float(min(ROUND_OFF / max(curvature, 1e-300), SHORT_WAY * size) ** 2)
 
     def _of_pairs(self, places: Array, velocities: Array, free: Array) -> Array:
         """What is asked of pairs, (k, ...), from where they are and their velocities in axes that last, (3, ...).
 
-        That is PairsBegun.moves, and of flat obstacles both parts of `margin`, else the places.
+        That is PairsBegun.moves, of what is flat both parts of `margin`, and of what is round the places.
         """
         q, last = free - self._shares.reshape(3, *(1,) * (free.ndim - 1)) * velocities, places
         if self._frames is not None:
             closing, _, later = self._rule.linear(places[0], velocities[0])
-            last = np.array([free[0] - closing, free[0] - later])
+            margins = free[0] - closing, free[0] - later
+            last = np.array(margins if self.planes is None else [*margins, *places])
         return np.concatenate([q, velocities, last])
 
     def begin(self, u: Array) -> PairsBegun | None:
@@ -132,11 +151,16 @@ class FollowedPoints:
         self._along[:], self._added_before[:] = self.body.rigid, self._carried
         self._product.dot(self._x, self._begun)
         pairs = self._pairs
-        pairs += self._by_beyond.dot(self._beyond)
+        if self.planes is None:
+            pairs += self._by_beyond.dot(self._beyond)
+        else:
+            pairs += np.einsum("akp,ap->kp", self._by_beyond, self._beyond)
+            if not self._way.dot(self._way) <= self._farthest:
+                return None  # they turn
         moves, last = self._moves, self._last
         if self._frames is not None:
             margin = np.minimum(last[0], last[1])
-            return PairsBegun(self._frames, None, margin, moves, self._velocity[0], self._flat_target)
+            return PairsBegun(self._frames, None, margin, moves, self._velocity[0], self._flat_target, self.planes)
         gaps, normals = self._obstacle.distance(last.T)
         frames = self.solver.search.frames_along(normals)
         n = frames.lasting_normals
@@ -146,7 +170,10 @@ class FollowedPoints:
         margin -= self._rule.level(gaps, approach)
         if self.share:
             margin += self._share * approach
-        return PairsBegun(frames, n, margin, moves, approach, partial(self._rule.target, gaps, approach))
+        planes, target = None, partial(self._rule.target, gaps, approach)
+        if self.solver.search.unturned >= STEPS_UNTURNED and frames is self.solver.search.frames:
+            planes = TangentPlanes(last.T.copy(), gaps, frames)
+        return PairsBegun(frames, n, margin, moves, approach, target, planes)
 
     def _flat_target(self) -> Array:
         """PairsBegun.target at a flat obstacle in the step that was begun last."""

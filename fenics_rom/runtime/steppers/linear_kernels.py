@@ -24,8 +24,7 @@ import numpy as np
 from numpy import ndarray as Array
 
 from fenics_rom.mechanics.actuator_forces import ActuatorForces
-from fenics_rom.mechanics.complementarity import Frames
-from fenics_rom.mechanics.contact import ContactSolution, ContactWork, ObstacleMotion, is_zero
+from fenics_rom.mechanics.contact import ContactSolution, ContactWork, ObstacleMotion, TangentPlanes, is_zero
 from fenics_rom.mechanics.followed_contact import Followed, LawToFollow
 from fenics_rom.rom.midpoint_map import compliance
 from fenics_rom.runtime.steppers.adjoint import check_is_differentiated, contact_adjoint
@@ -50,7 +49,7 @@ class FollowedWork(NamedTuple):
 
     numbers: Array  # FollowedPoints.numbers
     forces: Array  # of contact (3P,), N
-    rates: Array  # of what carries a force beyond the basis, and of the points there, (2, 3P)
+    rates: Array  # of what carries a force beyond the basis, and of the points there, (6P,)
     normal_power: float | None  # as in ContactSolution
 
 
@@ -59,7 +58,8 @@ class ContactMidpoint(BookedKernel):
 
     _inverse_mass: Array | None = None
     _points: FollowedPoints | None = None
-    _pairs: dict[bytes, SteadyPairs]  # of these, of those sets of pairs that were followed last
+    _at_planes: FollowedPoints | None = None  # the same where they stay on what is round
+    _pairs: dict[tuple[FollowedPoints, bytes], SteadyPairs]  # of these, of those sets that were followed last
 
     @property
     def answers_linearly(self) -> bool:  # type: ignore[override]
@@ -87,6 +87,8 @@ class ContactMidpoint(BookedKernel):
         if self._actuators is not None:
             return self._step_by_strokes(self._actuators, u, obstacles)
         points = self._points_to_follow(obstacles)
+        if points is not None and points.solver.search.planes is not None:
+            points = self._points_at_planes(points, points.solver.search.planes)
         if points is not None and (found := self._follow(points, u)) is not None:
             return self._end_followed_step(points, *found)
         step = self._begin_step(u)
@@ -112,7 +114,15 @@ class ContactMidpoint(BookedKernel):
         self._points, self._pairs = FollowedPoints(body, solver, obstacles), {}
         return self._points
 
-    def _follow(self, points: FollowedPoints, u: Array) -> tuple[SteadyPairs, Followed, Frames] | None:
+    def _points_at_planes(self, points: FollowedPoints, planes: TangentPlanes) -> FollowedPoints:
+        """The same as long as they stay there."""
+        known = self._at_planes
+        if known is None or known.planes is not planes or known.body is not points.body:
+            self._at_planes = known = FollowedPoints(points.body, points.solver, points.still, planes)
+        known.still = points.still
+        return known
+
+    def _follow(self, points: FollowedPoints, u: Array) -> tuple[SteadyPairs, Followed, PairsBegun] | None:
         """A step in which all pairs do what they did; None where they do not."""
         assert self._interface is not None
         mark = self._interface.environment.mark
@@ -124,30 +134,34 @@ class ContactMidpoint(BookedKernel):
             mark(CONTACT)
         return found
 
-    def _follow_pairs(self, points: FollowedPoints, begun: PairsBegun) -> tuple[SteadyPairs, Followed, Frames] | None:
+    def _follow_pairs(
+        self, points: FollowedPoints, begun: PairsBegun
+    ) -> tuple[SteadyPairs, Followed, PairsBegun] | None:
         """The same from what pairs do but for contact."""
         assert self._interface is not None
         solver = self._interface.solver
         law = LawToFollow.of(solver.search, begun.frames, begun.margin < 0.0)
         if law is None:
             return None
-        pairs = self._pairs.get(law.key)
+        pairs = self._pairs.get((points, law.key))
         if pairs is None:
             of_pairs = solver.operator_of(self._delassus, law.chosen, law.key)
             pairs = SteadyPairs(points, law.key, *of_pairs, begun)
-            self._pairs = dict(list(self._pairs.items())[1 - MOST_KEPT_PAIRS :]) | {law.key: pairs}
+            self._pairs = dict(list(self._pairs.items())[1 - MOST_KEPT_PAIRS :]) | {(points, law.key): pairs}
         found = pairs.step(begun, law.kept)
-        return None if found is None else (pairs, found, begun.frames)
+        return None if found is None else (pairs, found, begun)
 
-    def _end_followed_step(self, points: FollowedPoints, pairs: SteadyPairs, found: Followed, frames: Frames) -> float:
+    def _end_followed_step(
+        self, points: FollowedPoints, pairs: SteadyPairs, found: Followed, begun: PairsBegun
+    ) -> float:
         """The same as `_end_step`; the work is worked out together with that of other steps."""
         assert self._interface is not None
         assert self.residual is not None
         numbers = points.numbers.copy()
         told = partial(points.told, numbers), self._delassus, self.h, points.still
-        contact = self._interface.solver.keep_followed(found, frames, *told)
+        contact = self._interface.solver.keep_followed(found, begun.frames, *told, planes=begun.planes)
         rates = self.residual.move(pairs.beyond)
-        self._leave(FollowedWork(numbers, contact.forces.ravel(), rates, contact.normal_power))
+        self._leave(FollowedWork(numbers, contact.forces.ravel(), rates.ravel(), contact.normal_power))
         self._at_touch = None, rates[1].reshape(-1, 3)
         np.add(points.after_state, pairs.after_state, self.state)
         np.add(points.after_rigid, pairs.after_rigid, self._rigid_displacement)
@@ -165,18 +179,18 @@ class ContactMidpoint(BookedKernel):
     def _work_of(self, followed: list[FollowedWork], heat_of_residual: float) -> StepWork:
         """What followed steps are to be booked for together."""
         *parts, normal = zip(*followed, strict=True)
-        numbers, forces, rates = map(np.array, parts)
+        numbers, forces, rates = (np.concatenate(part).reshape(len(followed), -1) for part in parts)
         m, (_, p) = self._model.order, self._model.inputs.shape
         start = 2 * m + len(self._rigid_displacement)
         e, r, inputs = numbers[:, :m], numbers[:, m : 2 * m], numbers[:, start : start + p]
-        by_contact = forces @ self._Sᵀ.T
-        right = inputs @ self._model.inputs.T + 2 / self.h * r - self._ω * e + by_contact
+        pushed, by_contact = inputs @ self._model.inputs.T, forces @ self._Sᵀ.T
+        right = pushed + 2 / self.h * r - self._ω * e + by_contact
         v, heat = (right * A if A.ndim == 1 else right @ A.T for A in (self._a, self._Ra))
-        ġ, ẏ = rates.swapaxes(0, 1)
+        ġ, ẏ = np.split(rates, 2, axis=1)
         power = float(np.vdot(by_contact, v) + np.vdot(forces, ẏ))
         by_normals = power if None in normal else math.fsum(normal)
         of_contact = ContactWork(0.0, -self.h * by_normals, self.h * (by_normals - power))
-        supplied = self.h * float(np.vdot(inputs @ self._model.inputs.T, v))
+        supplied = self.h * float(np.vdot(pushed, v))
         dissipated = self.h * float(np.vdot(heat, heat)) + heat_of_residual * float(np.vdot(ġ, ẏ))
         return StepWork(supplied, dissipated, (lambda: of_contact,))
 

@@ -53,14 +53,19 @@ class SteadyPairs:
         self.key, self._active, self._operator = key, active, operator
         self._friction, self._idle = friction, np.flatnonzero(~np.frombuffer(key, dtype=bool))
         self._among = (np.arange(6)[:, None] * P + active).ravel()  # of (6, P)
-        self._W, ρ, compliance, self._μ, self._zeros = operator.lasting(frames).law_arrays(friction)
+        is_flat, own = begun.normals is None, frames.of(active)
+        framed = operator.framed(own) if is_flat else operator.lasting(frames)
+        self._W, ρ, compliance, self._μ, self._zeros = framed.law_arrays(friction)
         self._ρ, self._compliance, self._softest = ρ.ravel(), compliance.ravel(), float(compliance.max())
-        turn = frames.axes[0] if frames.are_alike else np.eye(3)
-        spread = np.zeros((P, 3, 3, C))  # forces along axes that last, on all points along the axes of space
-        spread[active, :, :, np.arange(C)] = turn
+        axes = np.broadcast_to(frames.axes if is_flat else np.eye(3), (P, 3, 3))  # of the frames, or those that last
+        spread = np.zeros((P, 3, 3, C))  # forces along these, on all points along the axes of space
+        spread[active, :, :, np.arange(C)] = axes[active]
+        self._turn = None  # from axes that last
+        if is_flat and not frames.are_alike:
+            self._turn = spread[active].transpose(2, 3, 1, 0).reshape(3 * C, 3 * C)
         spread = spread.reshape(3 * P, 3 * C)
-        moved = np.einsum("pif,ij->jpf", (body.delassus @ spread).reshape(P, 3, -1)[self._idle], turn)
-        moved = moved[: 1 if frames.are_alike else 3].reshape(-1, 3 * C)  # of idle pairs, along normals that are alike
+        moved = np.einsum("pif,pij->jpf", (body.delassus @ spread).reshape(P, 3, -1)[self._idle], axes[self._idle])
+        moved = moved[: 1 if is_flat else 3].reshape(-1, 3 * C)  # of idle pairs, along normals that stay
         after = body.after(body.applied(body.rows.T @ spread))
         self._acts = np.concatenate([self._W, moved, spread, body.residual.part.compliance @ spread, after])
         self._does, ends = np.empty(len(self._acts)), np.cumsum([3 * C, len(moved), 3 * P, 3 * P, 2 * body.model.order])
@@ -110,7 +115,7 @@ class SteadyPairs:
             if away.item(away.argmin()) < 0.0:
                 return None  # one is missed
         solution = Solution(f.reshape(3, -1), self._velocities.reshape(3, -1), 0, 0.0, law)
-        return Followed(self.key, self._active, self._operator, solution, self._forces.copy(), power)
+        return Followed(self.key, self._active, self._operator, solution, self._forces.copy(), power, n is None)
 
     def _of(self, values: Array) -> Array:
         """Those of the pairs that take part, of values of all (P,)."""
@@ -168,11 +173,17 @@ class SteadyPairs:
             change = q - last.q.ravel()
             if math.sqrt(change.dot(change)) > NEAR * abs(q.item(self._fastest)):  # else no component is, either
                 kept = last.nearest(q.reshape(3, -1), largest(np.abs(q)))
-        inverse = kept.inverse
-        if inverse is None or (kept.is_worn and self._friction):  # without friction there is none to be found anew
+        if kept.inverse is None or (kept.is_worn and self._friction):  # without friction there is none to be found anew
+            return None
+        is_steady = not (last.earlier or last.lacked) and isinstance(last.lacking, float)
+        if not (is_steady or self._turn is None):
             return None
         if kept is not self._law:
-            self._law, self._φ = kept, (kept.forces + kept.lacking).ravel() - inverse.dot(kept.q.ravel())
+            self._law, self._inverse = kept, kept.inverse
+            self._φ = (kept.forces + kept.lacking).ravel() - kept.inverse.dot(kept.q.ravel())
+            if self._turn is not None:
+                self._inverse, self._φ = self._turn @ kept.inverse @ self._turn.T, self._turn @ self._φ
+        inverse = self._inverse
         Jq = inverse.dot(q)
         foreseen = f = Jq + self._φ
         allowed, before, corrections = CONVERGENCE_TOLERANCE * abs(q.item(self._fastest)), length, 0
@@ -202,8 +213,10 @@ class SteadyPairs:
         if corrections or not is_last:
             self._acts.dot(f, self._does)
         self._f, self._velocities = f, u
-        if not (corrections or last.earlier or last.lacked) and isinstance(last.lacking, float):
+        if is_steady and not corrections:
             return last  # it says the same of the next step
+        if self._turn is not None:
+            return None  # it is not as steady as that
         lacking, lacked = kept.foreseen((projected - foreseen).reshape(3, -1) + kept.lacking, corrections > 0)
         is_negligible = False
         if not (corrections or lacked):
