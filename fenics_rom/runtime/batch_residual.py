@@ -61,13 +61,15 @@ class BatchResidual:
         moving = there.time_constant**2 * np.einsum("pb,pb->b", ġ, ẏ) / here.time_constant**2
         y = y + there.basis_points @ e_start.T - here.basis_points @ e.T
         for place, points, most in ((0, y, stored), (2, ẏ, moving)):
-            root = here.inverse_root @ points
-            square = np.einsum("pb,pb->b", root, root)
-            over = square > most
-            root[:, over] *= np.sqrt(np.maximum(most[over], 0.0) / square[over])
-            carried = here.inverse_root.T @ root
+            carried = here.inverse_root.T @ (here.inverse_root @ points)
+            points = here.compliance @ carried
+            held = np.einsum("pb,pb->b", carried, points)  # not |C⁻¹ y|²; see ResidualMotion
+            over = held > most
+            share = np.sqrt(np.maximum(most[over], 0.0) / held[over])
+            carried[:, over] *= share
+            points[:, over] *= share
             put(self.state[place], bodies, carried)
-            put(self.state[place + 1], bodies, here.compliance @ carried)
+            put(self.state[place + 1], bodies, points)
         self.moves[bodies] = True
         return e
 

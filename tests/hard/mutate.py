@@ -186,6 +186,8 @@ MUTATIONS = [
     ("runtime/steppers/residual_motion.py", "2 * ẏ_mid - ẏ, ġ_mid", "ẏ_mid, ġ_mid"),
     ("runtime/steppers/residual_motion.py", "beyond: Array = self._y - ", "beyond: Array = self._y + "),
     ("runtime/steppers/residual_motion.py", "+ y - here.basis_points.dot(e)", "+ y"),
+    ("runtime/steppers/residual_motion.py", "if stored > most else 1.0", "if stored > 2 * most else 1.0"),
+    ("runtime/batch_residual.py", "over = held > most", "over = held > 2 * most"),
     ("rom/residual_part.py", "lacking[:, : len(Y)] -= HY @ Y.T", "pass"),
     ("reduction/residual_compliance.py", "self.static[:, columns] - self.W @", "self.static[:, columns] + self.W @"),
     ("reduction/residual_compliance.py", "np.sqrt(np.maximum(τ2, 0.0))[::-1]", "np.sqrt(np.maximum(τ2, 0.0))"),

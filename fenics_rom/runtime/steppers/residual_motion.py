@@ -16,6 +16,7 @@ Without inertia every step is an equilibrium: τ = β = 0, θ = 1 and g⁺ = f. 
 (mechanics/viscoelasticity.py) are beside g, too: f is less by Σ g_k w/(1 + θ h/τ_k), a more by their stiffening time.
 """
 
+import math
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from typing import TYPE_CHECKING, NamedTuple
@@ -348,12 +349,11 @@ class ResidualMotion:
 
     def _carried(self, y: Array, most: float) -> tuple[Array, Array]:
         """g and R g = y (3P,), made smaller where gᵀ R g would be more than `most`."""
-        w = self._part.inverse_root.dot(y)
-        square = float(w.dot(w))
-        if square > most:
-            w *= np.sqrt(max(most, 0.0) / square)
-        g = w.dot(self._part.inverse_root)
-        return g, self._R.dot(g)
+        g = self._part.inverse_root.dot(y).dot(self._part.inverse_root)
+        y = self._R.dot(g)
+        stored = float(g.dot(y))  # not |C⁻¹ y|², which round-off may make less where R is nearly singular
+        share = math.sqrt(max(most, 0.0) / stored) if stored > most else 1.0
+        return share * g, share * y
 
 
 def residual_motions(
