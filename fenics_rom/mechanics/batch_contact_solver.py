@@ -285,7 +285,7 @@ class _Chosen(NamedTuple):
         """Those of some of the bodies."""
         return _Chosen(self.problems.of(bodies), *(taken(part, bodies) for part in self[1:]))
 
-    def to_solve_again(self, forces: Array, z: Array, ρ: float) -> Array:
+    def to_solve_again(self, forces: Array, z: Array, ρ: Array) -> Array:
         """Bodies (B,) with pairs that were missed, or which friction would help, where z led to forces (3, P, B).
 
         They are made to take part, and not to be helped.
@@ -301,7 +301,7 @@ class _Chosen(NamedTuple):
         due[missed] = 1.0
         return missed.any(axis=0)
 
-    def _stop_helping_friction(self, forces: Array, z: Array, ρ: float) -> Array:
+    def _stop_helping_friction(self, forces: Array, z: Array, ρ: Array) -> Array:
         """Sets c_t = 0 where friction would do work on a body; bodies (B,) with such."""
         c_t, q = self.tangential_target, self.problems.q
         negligible = HELPING * np.abs(np.einsum("apb,apb->b", forces, q))

@@ -338,7 +338,7 @@ class BatchContact:
             self.inexact[among] += 1
         if contact is None:
             return h * float((self._resultants[..., among] * speed).sum()), -h * float(found.work[at])
-        found.forces[..., at], found.z[..., at] = contact.forces.T, kind.operator.ρ * contact.forces.T
+        found.forces[..., at], found.z[..., at] = contact.forces.T, kind.operator.ρ[:, 0] * contact.forces.T
         self._resultants[..., among], self.normal_forces[:, among] = contact.by_obstacle, contact.normal_forces
         self._pushed[..., among] = solver.search.forces.any(axis=1).reshape(-1, P)
         moved = W.dot(contact.forces.ravel()).reshape(P, 3)

@@ -5,10 +5,12 @@ is a fixed point z = ρ f - u of
 
     z ← z + α (N (2 Π(z) - z - q) - Π(z)),    N = ρ (W + ρ)⁻¹,    f = Π(z)/ρ,    u = Π(z) - z.
 
-N is inverted once; an iteration is one product for all bodies and some twenty elementwise operations.
-ρ = √(λmin λmax) of W makes it settle in some 16 iterations where W has a condition of a few hundred. That W has one at
-all is owed to the residual compliance. After every two iterations z goes as far again along the second change g₂ as
-g₂ - g₁ tells: Anderson's extrapolation, of which two changes are enough.
+N is inverted once; an iteration is one product for all bodies and some twenty elementwise operations. Every point has a
+ρ of its own, some share of how far it yields by itself, as points at a rim yield further than others: that takes half
+of the condition of W away. √(λmin λmax) of what is left would be the share where as many pairs are open as stick, with
+which it settles in some 16 iterations where W has a condition of a few hundred; less of it is better where most stick.
+That W has a condition at all is owed to the residual compliance. After every two iterations z goes as far again along
+the second change g₂ as g₂ - g₁ tells: Anderson's extrapolation, of which two changes are enough.
 
 What all points moved at is tried first. Forces under which they move at u are W⁻¹ (u - q): where all pairs stick, as
 they did, these are the solution. All others are iterated in single precision, as far as it goes, and once more go on
@@ -30,10 +32,11 @@ from fenics_rom.mechanics.complementarity.normals import NORMAL
 from fenics_rom.mechanics.complementarity.problems import Problems
 
 RELAXATION = 1.4  # α
-TOLERANCE = 5e-7  # residual, as a share of the velocities that the forces have to stop
+STICKING = 0.6  # times ρ that is best if any pair may do anything: that for pairs of which most stick
+TOLERANCE = 4e-7  # residual, as a share of the velocities that the forces have to stop
 FLOOR = 1e-3  # of λmax, that λmin is taken to be at least
 MOST_ITERATIONS = 80
-ROUND_OFF = 2  # times that of single precision: changes at which iterations in it stop
+ROUND_OFF = 0.7  # times that of single precision: changes at which iterations in it stop
 GROUP_BYTES = 1 << 19  # of an array of bodies that go through the iterations together: all of them stay in the cache
 LEAVES_AT = 0.75  # of a group: when so few go on, the others are taken out of the arrays
 POOLED_AT = 0.3  # of a group: when so few go on, they wait for those of the other groups
@@ -49,20 +52,26 @@ class Splitting:
 
     Attributes:
         W: as given.
-        ρ: m/s/N.
+        ρ: of each point (P, 1), m/s/N.
     """
 
     def __init__(self, W: Array):
-        self.W = W
-        λ = np.linalg.eigvalsh(W)
-        root = 1 / np.sqrt(max(FLOOR, float(λ[0] / λ[-1])))  # of the condition
-        self.ρ = float(λ[-1]) / root
-        self._stiffness = self.ρ * np.linalg.inv(W)
+        self.W, P = W, len(W) // 3
+        own = np.einsum("apap->p", W.reshape(3, P, 3, P))
+        scale = np.tile(1 / np.sqrt(own), 3)
+        λ = np.linalg.eigvalsh(scale[:, None] * W * scale)
+        λ = np.maximum(λ, FLOOR * λ[-1])
+        share, root = STICKING * np.sqrt(λ[0] * λ[-1]), np.sqrt(λ[-1] / λ[0])
+        self.ρ = share * own[:, None]
+        ρ = np.tile(self.ρ, (3, 1))
+        self._stiffness = ρ * np.linalg.inv(W)
         self._newton = BatchedNewton(W, TOLERANCE)
-        # What an iteration changes bounds the residual by this, in the metric in which it contracts. z may be longer
-        # than velocities by the root, and has its own round-off.
-        stop, coarse = RELAXATION * TOLERANCE * 2 / (1 + root), ROUND_OFF * float(np.finfo(np.float32).eps) * root
-        N = np.linalg.inv(W / self.ρ + np.identity(len(W)))
+        # What an iteration changes bounds the residual by this; it contracts in a metric in which points differ as much
+        # as they yield. z may be longer than velocities by the root, and has its own round-off.
+        stop = RELAXATION * TOLERANCE * 2 * min(share / (λ[-1] + share), λ[0] / (λ[0] + share))
+        stop *= np.sqrt(own.min() / own.max())
+        coarse = ROUND_OFF * float(np.finfo(np.float32).eps) * root
+        N = np.linalg.inv(W / ρ.T + np.identity(3 * P))
         self._coarse, self._fine = _Iteration((2 * N).astype(np.float32), coarse), _Iteration(2 * N, stop)
 
     def solve(self, problems: Problems, z: Array) -> tuple[Array, Array, Array]:
