@@ -20,7 +20,7 @@ from fenics_rom.system.system import System
 
 COLUMNS_AT_ONCE = 96  # of solves
 KEPT = 1e-6  # of the largest eigenvalue of the residual compliance: smaller ones are raised to it
-NOTHING_LACKS = 1e-6  # of the static compliance: a residual compliance that small is as good as none
+LEAST = 1e-9  # of the static compliance: a residual compliance that small is as good as none, and raised to it
 UNSEEN = 1e-4  # of the displacements under forces on contact points, in mass: what the shared basis may lack
 POINTS_COMPARED = 8  # of which the Delassus operator is compared with the full model's
 
@@ -81,17 +81,17 @@ def with_residual_compliance(problem: ReductionProblem, rom: Rom, static: Array)
         SQ, whole = algebra.inner(Sᵀ, Q), algebra.inner(Sᵀ, static)
         shapes, lacking = _Residual(static, Q, (SQ / κ).T), whole - (SQ / κ) @ SQ.T
         λ, U = np.linalg.eigh((lacking + lacking.T) / 2)
-        largest = max(float(λ[-1]), NOTHING_LACKS * float(np.diag(whole).max()))
-        kept = λ > KEPT * largest
+        floor = max(KEPT * float(λ[-1]), LEAST * float(np.diag(whole).max()))
+        kept = λ > floor
         if system.rayleigh is not None:
             β = system.rayleigh[1]
         else:  # D is not β K in the residual shapes: what dissipates as much in all of them together
             heat = np.trace(shapes.gram(system, system.damping))
-            β = heat / (float(np.trace(lacking)) + KEPT * largest * len(λ))
+            β = heat / (float(np.trace(lacking)) + floor * len(λ))
         forces = U[:, kept] / np.sqrt(λ[kept])  # that make K-orthonormal shapes
         τ2, V = np.linalg.eigh(forces.T @ shapes.gram(system, system.mass) @ forces)
         factor, τ = (U[:, kept] * np.sqrt(λ[kept]) @ V)[:, ::-1], np.sqrt(np.maximum(τ2, 0.0))[::-1]
-        residual = ResidualCompliance(factor, τ, floor=KEPT * largest, damping=max(float(β), 0.0))
+        residual = ResidualCompliance(factor, τ, floor=floor, damping=max(float(β), 0.0))
         return replace(rom, residual_compliance=_compared(problem, rom, residual, Sᵀ, SQ, whole))
 
 
