@@ -20,7 +20,7 @@ from fenics_rom.system.system import System
 
 COLUMNS_AT_ONCE = 96  # of solves
 KEPT = 1e-6  # of the largest eigenvalue of the residual compliance: smaller ones are raised to it
-LEAST = 1e-9  # of the static compliance: a residual compliance that small is as good as none, and raised to it
+LEAST = 1e-12  # of the static compliance: a residual compliance that small is as good as none, and raised to it
 UNSEEN = 1e-4  # of the displacements under forces on contact points, in mass: what the shared basis may lack
 POINTS_COMPARED = 8  # of which the Delassus operator is compared with the full model's
 

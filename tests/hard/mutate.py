@@ -192,6 +192,7 @@ MUTATIONS = [
     ("reduction/residual_compliance.py", "self.static[:, columns] - self.W @", "self.static[:, columns] + self.W @"),
     ("reduction/residual_compliance.py", "np.sqrt(np.maximum(τ2, 0.0))[::-1]", "np.sqrt(np.maximum(τ2, 0.0))"),
     ("rom/residual_part.py", "[1 / κ[model.rigid :], residual", "[0 / κ[model.rigid :], residual"),
+    ("reduction/residual_compliance.py", "LEAST = 1e-12", "LEAST = 1e-16"),
     ("reduction/methods/modal.py", "B if yields else system.forces(name)", "system.forces(name)"),
     ("runtime/initial_state.py", "np.repeat([1.0, 1.0, 0.0, 0.0]", "np.repeat([0.0, 0.0, 0.0, 0.0]"),
     ("runtime/steppers/residual_motion.py", "self._rows[4:] -= self._branches.pull", "pass"),
